@@ -13,6 +13,7 @@
 #include "fuzz/fuzz.h"
 #include "fuzz/svol_mutator.h"
 #include "renderer/cpu/tile_rasterizer.h"
+#include "renderer/slice_values.h"
 #include "streamer/default_scene.h"
 #include "streamer/streamer.h"
 
@@ -117,9 +118,19 @@ Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings&
   }
   if (settings.light & 4)
     scene.clip_box = Box{info.cube.origin + 0.2 * info.cube.edge, info.cube.origin + 0.7 * info.cube.edge};
+  if (settings.light & 128) {
+    const dvec3 middle = info.cube.origin + 0.45 * info.cube.edge;
+    scene.slices = {{middle, {0.3, -0.7, 0.5}}};
+    scene.clip_planes = {{middle, {1, 0.25, 0}}};
+  }
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
 
   SPLATVOL_TRY_ASSIGN(frame, frame_of(*streamer, view, scene.transfer_function, settings));
+  for (const Slice& slice : view.slices) {
+    const std::vector<double> depths(static_cast<std::size_t>(view.width) * view.height, info.cube.edge);
+    const auto values = slice_values(frame->sliced, streamer->units(), view, slice.plane, depths);
+    require(std::ranges::none_of(values, [](double value) { return std::isinf(value); }), "values are numbers");
+  }
   SPLATVOL_TRY_ASSIGN(rasterizer, rasterizer_for(options.kernel, scene.transfer_function, streamer->units()));
   rasterizer->set_lighting(settings.light & 1 ? std::optional(Lighting{}) : std::nullopt);
   const bool slabs = options.kernel == KernelKind::moments && (settings.drawing & 1);

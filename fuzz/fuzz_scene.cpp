@@ -20,7 +20,8 @@ bool is_finite(const dvec3& v) { return std::isfinite(v.x) && std::isfinite(v.y)
 bool is_same(const Scene& a, const Scene& b) {
   return a.camera == b.camera && a.width == b.width && a.height == b.height && a.background == b.background &&
          a.attribute == b.attribute && a.transfer_function == b.transfer_function && a.lighting == b.lighting &&
-         a.clip_box == b.clip_box && a.outline == b.outline;
+         a.clip_box == b.clip_box && a.outline == b.outline && a.surfaces == b.surfaces && a.slices == b.slices &&
+         a.clip_planes == b.clip_planes;
 }
 
 void check_function(const TransferFunction& function) {
@@ -92,6 +93,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   require_ok(view, "a scene has a view");
   require(is_finite(view->right) && is_finite(view->up) && is_finite(view->forward) && std::isfinite(view->focal),
           "a view is finite");
+  for (const Slice& slice : view->slices)
+    require(std::abs(glm::length(slice.plane.normal) - 1) < 1e-9, "normals of slices have length 1");
+  for (const Plane& plane : view->clip.planes)
+    require(std::abs(glm::length(plane.normal) - 1) < 1e-9, "normals of clip planes have length 1");
   check_function(scene->transfer_function);
   if (scene->transfer_function.densities.size() + scene->transfer_function.colors.size() < 64)
     check_tables(scene->transfer_function);

@@ -147,6 +147,8 @@ Status add_scenes(Seeds& seeds) {
   scene.lighting = Lighting{};
   scene.clip_box = Box{{0, 0, 0}, {1, 1, 1}};
   scene.outline = true;
+  scene.slices = {{.point = {1, 2, 3}, .normal = {0, 0, 1}}, {.normal = {1, -1, 2}, .opacity = 0.5, .shown = false}};
+  scene.clip_planes = {{.point = {0.5, 0, 0}, .normal = {1, 1, 0}}};
   SPLATVOL_TRY(seeds.add("fuzz_scene", scene_to_json(scene)));
   scene.transfer_function.axis = ValueAxis::asinh;
   scene.transfer_function.lo = -1000;

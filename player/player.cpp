@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <limits>
 #include <utility>
 
@@ -9,6 +10,7 @@
 #include "base/interruption.h"
 #include "player/step_ahead.h"
 #include "renderer/sampling.h"
+#include "renderer/slice_values.h"
 #include "streamer/domain.h"
 
 namespace splatvol {
@@ -27,7 +29,8 @@ Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& 
 }
 
 tl::unexpected<Error> fail_two_surfaces() {
-  return fail(ErrorCode::invalid_argument, "depths of surfaces, and a scene that shows surfaces: give one of them");
+  return fail(ErrorCode::invalid_argument,
+              "depths of surfaces, and a scene that shows surfaces or slices: give one of them");
 }
 
 DetailOptions detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
@@ -142,9 +145,11 @@ Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options) 
   };
 }
 
-// Depths of another program, and surfaces of the scene: only one of them.
+// Depths of another program, and surfaces or slices of the scene: only one of them.
 Status Player::check_surfaces(const Scene& scene) const {
-  if (surface_depths_ && std::ranges::any_of(scene.surfaces, &SceneSurface::shown)) return fail_two_surfaces();
+  if (!surface_depths_) return {};
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
+  if (!view.slices.empty() || std::ranges::any_of(scene.surfaces, &SceneSurface::shown)) return fail_two_surfaces();
   return {};
 }
 
@@ -202,7 +207,9 @@ Status Player::open_again(std::size_t step) {
   return replace(std::move(file));
 }
 
-bool Player::shows_surfaces() const { return std::ranges::any_of(surfaces_, &Surface::is_visible); }
+bool Player::shows_surfaces() const {
+  return !view_.slices.empty() || std::ranges::any_of(surfaces_, &Surface::is_visible);
+}
 
 Status Player::set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) {
   if (depths && shows_surfaces()) return fail_two_surfaces();
@@ -329,10 +336,16 @@ Result<FrameTimes> Player::draw_volume(const View& view) {
 
 // Draws the volume in front of each layer of surfaces, and joins all.
 Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
-  if (surfaces_view_ != view) {
-    surface_layers_ = draw_surfaces(surfaces_, view);
+  const auto start = Clock::now();
+  double volume_seconds = 0;
+  if (!view.slices.empty()) {
+    surface_layers_ = draw_surfaces(surfaces_, draw_slices(view), view);
+    surfaces_view_.reset();
+  } else if (surfaces_view_ != view) {
+    surface_layers_ = draw_surfaces(surfaces_, {}, view);
     surfaces_view_ = view;
   }
+  times_.surfaces = seconds_since(start);
   if (surface_layers_.layers.empty()) return draw_volume(view);
   picture_.reset();
   FrameTimes sum;
@@ -342,7 +355,9 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
       // The layer outlives the drawing: it need not be shared.
       SPLATVOL_TRY(rasterizer_->set_surface_depths({std::shared_ptr<void>(), &layer.depths}));
       sample_spacing_ = 1;
+      const auto volume_start = Clock::now();
       SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, sort_, sample_spacing_));
+      volume_seconds += seconds_since(volume_start);
       SPLATVOL_TRY_ASSIGN(volume, rasterizer_->read_image());
       composite.add(volume, layer);
       sum.sort += times.sort, sum.upload += times.upload, sum.draw += times.draw;
@@ -353,7 +368,20 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
   SPLATVOL_TRY(rasterizer_->set_surface_depths(nullptr));
   if (!drawn) return tl::unexpected(drawn.error());
   picture_ = composite.finish();
+  times_.surfaces = seconds_since(start) - volume_seconds;
   return sum;
+}
+
+// The values on the slices, as the chosen splats have them.
+std::vector<SlicePicture> Player::draw_slices(const View& view) const {
+  std::vector<SlicePicture> pictures;
+  for (const Slice& slice : view.slices) {
+    std::vector<double> depths = slice_depths(view, slice.plane);
+    if (std::ranges::none_of(depths, [](double depth) { return std::isfinite(depth); })) continue;
+    const auto values = slice_values(frame_->sliced, streamer_->units(), view, slice.plane, depths);
+    pictures.push_back(color_slice(view, slice, std::move(depths), values, scene_.transfer_function));
+  }
+  return pictures;
 }
 
 Result<Image> Player::image() const {

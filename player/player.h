@@ -75,7 +75,8 @@ struct PlayerTimes {
   double cut = 0;    // choosing the splats
   double fetch = 0;  // reading and decoding them
   FrameTimes draw;
-  double frame = 0;  // all of it
+  double frame = 0;     // all of it
+  double surfaces = 0;  // of it, for surfaces and slices: fewer splats would hardly change it
 };
 
 /// What comparing pictures found out (ErrorControl).
@@ -140,7 +141,7 @@ class Player {
 
   /// Hides what lies behind opaque surfaces (Rasterizer::set_surface_depths), in all pictures until the next call: they
   /// must have the size of the depths. Null: no surfaces. If it fails, all stays as it was. Fails if the scene shows
-  /// surfaces of its own.
+  /// surfaces or slices.
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths);
 
   /// Returns a scene that fits the data; for the best attribute if `attribute` is empty.
@@ -203,10 +204,10 @@ class Player {
   [[nodiscard]] int sample_spacing() const { return sample_spacing_; }
   [[nodiscard]] const PlayerTimes& times() const { return times_; }
 
-  /// Returns the picture of the last `draw` with its surfaces, in linear premultiplied RGBA.
+  /// Returns the picture of the last `draw` with its surfaces and slices, in linear premultiplied RGBA.
   [[nodiscard]] Result<Image> image() const;
 
-  /// Whether surfaces were in the last picture. Then the rasterizer has only a part of it.
+  /// Whether surfaces or slices were in the last picture. Then the rasterizer has only a part of it.
   [[nodiscard]] bool has_drawn_surfaces() const { return picture_.has_value(); }
 
   /// Whether layers of translucent surfaces were joined in the last picture (draw_surfaces).
@@ -233,6 +234,7 @@ class Player {
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
   [[nodiscard]] bool shows_surfaces() const;
+  [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;
 
   format::Steps steps_;
   std::size_t step_;
@@ -246,8 +248,8 @@ class Player {
   std::unique_ptr<Rasterizer> rasterizer_;
   std::shared_ptr<const SurfaceDepths> surface_depths_;  // of another program
   std::vector<Surface> surfaces_;                        // of the scene
-  SurfaceLayers surface_layers_;                         // as `surfaces_view_` shows them
-  std::optional<View> surfaces_view_;                    // none: to be drawn
+  SurfaceLayers surface_layers_;                         // of the last picture with surfaces or slices
+  std::optional<View> surfaces_view_;                    // shows the layers; none: they are to be drawn
   std::optional<Image> picture_;                         // the last one, if surfaces were in it
   bool can_mix_ = false;                                 // whether it draws in slabs
   std::uint64_t room_ = 0;                               // splats that the device took, as far as is known

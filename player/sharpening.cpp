@@ -28,14 +28,14 @@ void Sharpening::ask() {
     done_ = true;
 }
 
-Status Sharpening::add(const FrameSplats& frame, const Rasterizer& renderer) {
+Status Sharpening::add(const FrameSplats& frame, const std::function<Result<Image>()>& picture) {
   if (done_) return {};
   if (!control_) {
     done_ = detail_.tolerance_percent == *options_.tolerance;
     detail_.tolerance_percent = std::max(*options_.tolerance, detail_.tolerance_percent / 2);
     return {};
   }
-  SPLATVOL_TRY_ASSIGN(image, renderer.read_image());
+  SPLATVOL_TRY_ASSIGN(image, picture());
   const std::uint64_t allowed = frame.detail.goal.value_or(ErrorGoal{}).max_splats;
   control_->add({image, frame.splats, frame.goal_error, frame.finest, allowed});
   ask();

@@ -2,10 +2,11 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 
 #include "base/error.h"
-#include "renderer/rasterizer.h"
+#include "scene/image.h"
 #include "streamer/error_control.h"
 #include "streamer/streamer.h"
 
@@ -27,8 +28,9 @@ class Sharpening {
   /// Returns the detail of the next picture, or of the last one if all are drawn.
   [[nodiscard]] const DetailOptions& detail() const { return detail_; }
 
-  /// Adds a frame of `detail` that has settled, and that `renderer` drew last. Fails if its picture cannot be read.
-  [[nodiscard]] Status add(const FrameSplats& frame, const Rasterizer& renderer);
+  /// Adds a frame of `detail` that has settled and was drawn. `picture` returns its picture, and is called if that is
+  /// needed. Fails if it fails.
+  [[nodiscard]] Status add(const FrameSplats& frame, const std::function<Result<Image>()>& picture);
 
   /// Whether the last picture is there.
   [[nodiscard]] bool is_done() const { return done_; }

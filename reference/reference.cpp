@@ -32,18 +32,6 @@ constexpr std::size_t kept_capacity = 4096;
 /// overflow.
 constexpr double largest_value = 1e100;
 
-Status check_mesh(const TetMesh& mesh) {
-  const std::size_t expected = mesh.constant ? mesh.tetrahedra.size() : mesh.points.size();
-  if (expected != mesh.values.size())
-    return fail(ErrorCode::invalid_argument, "{} {} and {} values", expected, mesh.constant ? "tetrahedra" : "points",
-                mesh.values.size());
-  for (std::size_t cell = 0; cell < mesh.tetrahedra.size(); ++cell)
-    for (const std::uint32_t point : mesh.tetrahedra[cell])
-      if (point >= mesh.points.size())
-        return fail(ErrorCode::invalid_data, "tetrahedron {}: point {} of {}", cell, point, mesh.points.size());
-  return {};
-}
-
 /// Draws the picture tile by tile; each tile needs only the cells whose bounds touch it.
 class CellProjection {
  public:
@@ -237,15 +225,24 @@ void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, S
   }
 }
 
-/// Returns the depths between which a ray is in front of the eye and in the clip box.
+/// Returns the depths between which a ray is in front of the eye and in the clip region.
 std::array<double, 2> CellProjection::visible_depths(const PixelRay& ray) const {
   double from = 0, to = std::numeric_limits<double>::infinity();
-  if (!view_.clip_box) return {from, to};
+  if (view_.clip.is_all()) return {from, to};
   const dvec3 aside = ray.a * view_.right + ray.b * view_.up;
   const dvec3 origin = view_.orthographic ? view_.eye + aside : view_.eye;
   const dvec3 along = view_.orthographic ? view_.forward : view_.forward + aside;
-  for (int axis = 0; axis < 3; ++axis) {
-    const double low = view_.clip_box->low[axis] - origin[axis], high = view_.clip_box->high[axis] - origin[axis];
+  for (const Plane& plane : view_.clip.planes) {
+    const double distance = plane.distance(origin), rise = glm::dot(plane.normal, along);
+    if (rise > 0)
+      from = std::max(from, -distance / rise);
+    else if (rise < 0)
+      to = std::min(to, -distance / rise);
+    else if (distance < 0)
+      to = 0;
+  }
+  for (int axis = 0; axis < 3 && view_.clip.box; ++axis) {
+    const double low = view_.clip.box->low[axis] - origin[axis], high = view_.clip.box->high[axis] - origin[axis];
     if (along[axis] == 0) {
       if (low > 0 || high < 0) to = 0;
       continue;
@@ -289,6 +286,18 @@ vec4 CellProjection::integrate(const PixelRay& ray, double surface, std::vector<
 }
 
 }  // namespace
+
+Status check_mesh(const TetMesh& mesh) {
+  const std::size_t expected = mesh.constant ? mesh.tetrahedra.size() : mesh.points.size();
+  if (expected != mesh.values.size())
+    return fail(ErrorCode::invalid_argument, "{} {} and {} values", expected, mesh.constant ? "tetrahedra" : "points",
+                mesh.values.size());
+  for (std::size_t cell = 0; cell < mesh.tetrahedra.size(); ++cell)
+    for (const std::uint32_t point : mesh.tetrahedra[cell])
+      if (point >= mesh.points.size())
+        return fail(ErrorCode::invalid_data, "tetrahedron {}: point {} of {}", cell, point, mesh.points.size());
+  return {};
+}
 
 Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
                                           const ReferenceOptions& options) try {

@@ -22,6 +22,9 @@ struct TetMesh {
   bool constant = false;                                     // values: one for each tetrahedron instead
 };
 
+/// Fails if arrays differ in length, or if an index is out of range.
+[[nodiscard]] Status check_mesh(const TetMesh& mesh);
+
 struct ReferenceOptions {
   int threads = 0;  // at most; 0: as many as the machine has
 

@@ -40,6 +40,44 @@ struct UsedScene {
 [[nodiscard]] Result<UsedScene> load_used_scene(const std::string& path_or_json);
 [[nodiscard]] std::string to_json(const UsedScene& used, int indent = 1);
 
+/// A plane in world units.
+struct Plane {
+  dvec3 point;
+  dvec3 normal;  // of length 1
+
+  /// Returns the distance of a position from the plane, positive on the side of the normal.
+  [[nodiscard]] double distance(const dvec3& position) const { return glm::dot(normal, position - point); }
+
+  [[nodiscard]] bool operator==(const Plane&) const = default;
+};
+
+/// Returns the plane through a point. Requires finite numbers and a normal that is not 0.
+[[nodiscard]] Plane make_plane(const dvec3& point, const dvec3& normal);
+
+/// The part of space that is drawn: the inside of a box, and the sides of planes to which their normals point.
+struct ClipRegion {
+  std::optional<Box> box;
+  std::vector<Plane> planes;
+
+  [[nodiscard]] bool is_all() const { return !box && planes.empty(); }
+
+  /// Whether a position is inside, or at most `margin` outside.
+  [[nodiscard]] bool contains(const dvec3& position, double margin = 0) const;
+
+  /// Whether all of a box is outside; never wrongly true.
+  [[nodiscard]] bool excludes(const Box& other) const;
+
+  [[nodiscard]] bool operator==(const ClipRegion&) const = default;
+};
+
+/// A slice of the scene.
+struct Slice {
+  Plane plane;
+  double opacity;  // (0, 1]
+
+  [[nodiscard]] bool operator==(const Slice&) const = default;
+};
+
 /// The camera as axes. View coordinates are x to the right, y up, z forwards, in world units, the eye at the origin.
 ///
 /// A view point (x, y, z) appears at pixels (f x / z + W / 2, f y / z + H / 2) in perspective and (f x + W / 2,
@@ -51,7 +89,8 @@ struct View {
   bool orthographic = false;
   int width = 0;
   int height = 0;
-  std::optional<Box> clip_box;  // of the scene; make_view(Camera) sets none
+  ClipRegion clip;            // of the scene, and
+  std::vector<Slice> slices;  // those that are shown; make_view(Camera) sets none
 
   [[nodiscard]] dvec3 to_view(dvec3 world) const {
     const dvec3 d = world - eye;
@@ -68,7 +107,7 @@ struct View {
 /// Fails if the camera's axes are degenerate: the position equals the focal point, or up lies along the line of sight.
 [[nodiscard]] Result<View> make_view(const Camera& camera, int width, int height);
 
-/// Returns the view of the scene's camera, with the scene's clip box.
+/// Returns the view of the scene's camera, with its clip box, active clip planes, and slices that are shown.
 [[nodiscard]] Result<View> make_view(const Scene& scene);
 
 }  // namespace splatvol

@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "base/file.h"
+#include "scene/isovalue.h"
 #include "scene/scene.h"
 
 namespace splatvol {
@@ -240,9 +241,26 @@ Status read_axis(const Field& field, const Field& domain, TransferFunction& func
   return {};
 }
 
+/// Reads the peak that takes the density's place. The domain and the axis have been read.
+Result<Isovalue> read_isovalue(const Field& function_field, const TransferFunction& function) {
+  SPLATVOL_TRY_ASSIGN(field, function_field.member("isovalue"));
+  SPLATVOL_TRY(field.check_names({"value", "width", "density"}));
+  SPLATVOL_TRY_ASSIGN(value_field, field.member("value"));
+  SPLATVOL_TRY_ASSIGN(value, value_field.number());
+  if (value < function.lo || value > function.hi)
+    return value_field.wrong("{} is outside of the domain [{}, {}]; widen the domain", value, function.lo, function.hi);
+  SPLATVOL_TRY_ASSIGN(width_field, field.member("width"));
+  SPLATVOL_TRY_ASSIGN(width, width_field.number());
+  if (!(width > 0)) return width_field.wrong("not above 0");
+  SPLATVOL_TRY_ASSIGN(density_field, field.member("density"));
+  SPLATVOL_TRY_ASSIGN(density, density_field.number());
+  if (density < 0) return density_field.wrong("{} is negative", density);
+  return Isovalue{value, width, density};
+}
+
 Result<TransferFunction> read_transfer_function(const Field& scene) {
   SPLATVOL_TRY_ASSIGN(field, scene.member("transfer_function"));
-  SPLATVOL_TRY(field.check_names({"domain", "axis", "linear_width", "colors", "density"}));
+  SPLATVOL_TRY(field.check_names({"domain", "axis", "linear_width", "colors", "density", "isovalue"}));
   SPLATVOL_TRY_ASSIGN(domain_field, field.member("domain"));
   SPLATVOL_TRY_ASSIGN(domain, domain_field.numbers(2));
   if (!(domain[0] < domain[1])) return domain_field.wrong("[{}, {}] is not an interval", domain[0], domain[1]);
@@ -252,8 +270,15 @@ Result<TransferFunction> read_transfer_function(const Field& scene) {
   function.hi = domain[1];
   SPLATVOL_TRY(read_axis(field, domain_field, function));
   SPLATVOL_TRY_ASSIGN(colors, read_curve(field, "colors", 3));
-  SPLATVOL_TRY_ASSIGN(densities, read_curve(field, "density", 1));
   for (const auto& row : colors) function.colors.push_back({row[0], {row[1], row[2], row[3]}});
+  if (field.has("isovalue")) {
+    if (field.has("density"))
+      return fail(ErrorCode::invalid_data, "transfer_function: both density and isovalue; leave one of them out");
+    SPLATVOL_TRY_ASSIGN(isovalue, read_isovalue(field, function));
+    function.densities = densities_of(function, isovalue);
+    return function;
+  }
+  SPLATVOL_TRY_ASSIGN(densities, read_curve(field, "density", 1));
   for (const auto& row : densities) function.densities.push_back({row[0], row[1]});
   return function;
 }
@@ -275,6 +300,15 @@ Status read_truth(const Field& parent, const char* name, bool& truth) {
   return {};
 }
 
+Status read_opacity(const Field& parent, double& opacity) {
+  if (!parent.has("opacity")) return {};
+  SPLATVOL_TRY_ASSIGN(field, parent.member("opacity"));
+  SPLATVOL_TRY_ASSIGN(number, field.number());
+  if (number < 0 || number > 1) return field.wrong("{} is outside [0, 1]", number);
+  opacity = number;
+  return {};
+}
+
 Result<SceneSurface> read_surface(const Field& field) {
   SPLATVOL_TRY(field.check_names({"file", "color", "opacity", "shown", "edges"}));
   SceneSurface surface;
@@ -286,15 +320,53 @@ Result<SceneSurface> read_surface(const Field& field) {
     SPLATVOL_TRY_ASSIGN(color, color_at(field, "color"));
     surface.color = color;
   }
-  if (field.has("opacity")) {
-    SPLATVOL_TRY_ASSIGN(opacity_field, field.member("opacity"));
-    SPLATVOL_TRY_ASSIGN(opacity, opacity_field.number());
-    if (opacity < 0 || opacity > 1) return opacity_field.wrong("{} is outside [0, 1]", opacity);
-    surface.opacity = opacity;
-  }
+  SPLATVOL_TRY(read_opacity(field, surface.opacity));
   SPLATVOL_TRY(read_truth(field, "shown", surface.shown));
   SPLATVOL_TRY(read_truth(field, "edges", surface.edges));
   return surface;
+}
+
+Status read_plane(const Field& field, dvec3& point, dvec3& normal) {
+  SPLATVOL_TRY_ASSIGN(at, vector_at(field, "point"));
+  SPLATVOL_TRY_ASSIGN(direction, vector_at(field, "normal"));
+  if (direction == dvec3(0)) return field.wrong("the normal has no direction; give one that is not [0, 0, 0]");
+  point = at, normal = direction;
+  return {};
+}
+
+Result<SceneSlice> read_slice(const Field& field) {
+  SPLATVOL_TRY(field.check_names({"point", "normal", "opacity", "shown"}));
+  SceneSlice slice;
+  SPLATVOL_TRY(read_plane(field, slice.point, slice.normal));
+  SPLATVOL_TRY(read_opacity(field, slice.opacity));
+  SPLATVOL_TRY(read_truth(field, "shown", slice.shown));
+  return slice;
+}
+
+Result<SceneClipPlane> read_clip_plane(const Field& field) {
+  SPLATVOL_TRY(field.check_names({"point", "normal", "active"}));
+  SceneClipPlane plane;
+  SPLATVOL_TRY(read_plane(field, plane.point, plane.normal));
+  SPLATVOL_TRY(read_truth(field, "active", plane.active));
+  return plane;
+}
+
+// Each costs time in every pixel.
+constexpr std::size_t most_planes = 64;
+
+template <class Element>
+Result<std::vector<Element>> read_planes(const Field& scene, const char* name,
+                                         Result<Element> (*read)(const Field& field)) {
+  std::vector<Element> planes;
+  if (!scene.has(name)) return planes;
+  SPLATVOL_TRY_ASSIGN(field, scene.member(name));
+  if (!field.is_list()) return field.wrong("not a list");
+  if (field.size() > most_planes) return field.wrong("{} planes; at most {} are drawn", field.size(), most_planes);
+  for (std::size_t i = 0; i < field.size(); ++i) {
+    SPLATVOL_TRY_ASSIGN(plane, read(field.element(i)));
+    planes.push_back(plane);
+  }
+  return planes;
 }
 
 constexpr std::size_t most_surfaces = 4096;
@@ -337,7 +409,7 @@ Result<Scene> read_scene(const json& document) {
   const Field field(document, "");
   SPLATVOL_TRY(field.check_names({"file", "step", "max_error", "tolerance", "kernel", "camera", "image", "background",
                                   "attribute", "transfer_function", "clip_box", "lighting", "outline", "surfaces",
-                                  "scalar_bar"}));
+                                  "slices", "clip_planes", "scalar_bar"}));
   Scene scene;
   SPLATVOL_TRY_ASSIGN(camera_field, field.member("camera"));
   SPLATVOL_TRY_ASSIGN(camera, read_camera(camera_field));
@@ -380,6 +452,10 @@ Result<Scene> read_scene(const json& document) {
     SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(surfaces_field));
     scene.surfaces = std::move(surfaces);
   }
+  SPLATVOL_TRY_ASSIGN(slices, read_planes(field, "slices", &read_slice));
+  scene.slices = std::move(slices);
+  SPLATVOL_TRY_ASSIGN(clip_planes, read_planes(field, "clip_planes", &read_clip_plane));
+  scene.clip_planes = std::move(clip_planes);
   return scene;
 }
 
@@ -501,7 +577,13 @@ std::string to_json(const UsedScene& used, int indent) {
         std::ranges::find(axes, scene.transfer_function.axis, [](auto& axis) { return axis.second; })->first;
   if (scene.transfer_function.axis == ValueAxis::asinh) function["linear_width"] = scene.transfer_function.linear_width;
   for (const auto& [t, rgb] : scene.transfer_function.colors) function["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
-  for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
+  // By its name only if it comes back to the last bit.
+  const auto isovalue = isovalue_of(scene.transfer_function);
+  if (isovalue && densities_of(scene.transfer_function, *isovalue) == scene.transfer_function.densities)
+    function["isovalue"] = {{"value", isovalue->value}, {"width", isovalue->width}, {"density", isovalue->density}};
+  else
+    for (const auto& [t, extinction] : scene.transfer_function.densities)
+      function["density"].push_back({t, extinction});
   document["lighting"] = false;
   if (scene.lighting)
     document["lighting"] = {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
@@ -516,6 +598,14 @@ std::string to_json(const UsedScene& used, int indent) {
                                     {"opacity", surface.opacity},
                                     {"shown", surface.shown},
                                     {"edges", surface.edges}});
+  for (const SceneSlice& slice : scene.slices)
+    document["slices"].push_back({{"point", json_of(slice.point)},
+                                  {"normal", json_of(slice.normal)},
+                                  {"opacity", slice.opacity},
+                                  {"shown", slice.shown}});
+  for (const SceneClipPlane& plane : scene.clip_planes)
+    document["clip_planes"].push_back(
+        {{"point", json_of(plane.point)}, {"normal", json_of(plane.normal)}, {"active", plane.active}});
   return text_of(document, indent);
 }
 

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -12,6 +13,27 @@ constexpr double smallest_tilt = 1e-9;
 bool is_finite(dvec3 v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
 
 }  // namespace
+
+// Components near 1 have squares that neither overflow nor vanish.
+Plane make_plane(const dvec3& point, const dvec3& normal) {
+  const dvec3 size = glm::abs(normal);
+  return {point, glm::normalize(normal / std::max({size.x, size.y, size.z}))};
+}
+
+bool ClipRegion::contains(const dvec3& position, double margin) const {
+  if (box && (glm::any(glm::lessThan(position, box->low - margin)) ||
+              glm::any(glm::greaterThan(position, box->high + margin))))
+    return false;
+  return std::ranges::all_of(planes, [&](const Plane& plane) { return plane.distance(position) >= -margin; });
+}
+
+bool ClipRegion::excludes(const Box& other) const {
+  if (box && (glm::any(glm::greaterThan(box->low, other.high)) || glm::any(glm::lessThan(box->high, other.low))))
+    return true;
+  const dvec3 centre = 0.5 * (other.low + other.high), half = 0.5 * other.extent();
+  return std::ranges::any_of(
+      planes, [&](const Plane& plane) { return plane.distance(centre) + glm::dot(glm::abs(plane.normal), half) < 0; });
+}
 
 unsigned nearest_octant(const View& view, const Cube& node) {
   const dvec3 towards_eye = view.orthographic ? -view.forward : view.eye - (node.origin + 0.5 * node.edge);
@@ -50,7 +72,12 @@ Result<View> make_view(const Camera& camera, int width, int height) {
 
 Result<View> make_view(const Scene& scene) {
   SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, scene.width, scene.height));
-  view.clip_box = scene.clip_box;
+  view.clip.box = scene.clip_box;
+  for (const SceneClipPlane& plane : scene.clip_planes)
+    if (plane.active) view.clip.planes.push_back(make_plane(plane.point, plane.normal));
+  for (const SceneSlice& slice : scene.slices)
+    if (slice.shown && slice.opacity > 0)
+      view.slices.push_back({make_plane(slice.point, slice.normal), std::min(slice.opacity, 1.0)});
   return view;
 }
 

@@ -80,8 +80,15 @@ bool cut(Cutting& cutting, const dvec3& outwards, double distance) {
   return true;
 }
 
-bool contains(const Box& box, const dvec3& position) {
-  return glm::all(glm::greaterThanEqual(position, box.low)) && glm::all(glm::lessThanEqual(position, box.high));
+// Whether all positions in a box are at least `margin` inside of the region.
+bool lies_within(const ClipRegion& region, const Box& box, double margin) {
+  if (region.box && !(glm::all(glm::greaterThanEqual(box.low, region.box->low + margin)) &&
+                      glm::all(glm::lessThanEqual(box.high, region.box->high - margin))))
+    return false;
+  const dvec3 centre = 0.5 * (box.low + box.high), half = 0.5 * box.extent();
+  return std::ranges::all_of(region.planes, [&](const Plane& plane) {
+    return plane.distance(centre) - glm::dot(glm::abs(plane.normal), half) >= margin;
+  });
 }
 
 // Boxes of the centres of a range, relative to its block, and how far its splats reach beyond them.
@@ -128,20 +135,21 @@ bool draws(const OctantSplat& splat) { return !std::isnan(splat.value); }
 
 }  // namespace
 
-bool clip(Material& splat, const Box& box) {
+bool clip(Material& splat, const ClipRegion& region) {
   if (!(splat.mass > 0)) return false;
   // Most splats are so far inside that no face matters.
   const double reach = farthest * std::max({splat.deviations.x, splat.deviations.y, splat.deviations.z});
-  const dvec3 below = splat.center - box.low, above = box.high - splat.center;
-  if (std::min({below.x, below.y, below.z, above.x, above.y, above.z}) > reach) return false;
+  if (lies_within(region, {splat.center, splat.center}, reach)) return false;
   Cutting cutting = begin_cutting(splat);
   bool left = true;
-  for (int axis = 0; axis < 3 && left; ++axis) {
+  for (int axis = 0; axis < 3 && left && region.box; ++axis) {
     dvec3 outwards(0);
     outwards[axis] = 1;
-    left = cut(cutting, outwards, box.high[axis] - cutting.splat.center[axis]) &&
-           cut(cutting, -outwards, cutting.splat.center[axis] - box.low[axis]);
+    left = cut(cutting, outwards, region.box->high[axis] - cutting.splat.center[axis]) &&
+           cut(cutting, -outwards, cutting.splat.center[axis] - region.box->low[axis]);
   }
+  for (std::size_t i = 0; i < region.planes.size() && left; ++i)
+    left = cut(cutting, -region.planes[i].normal, region.planes[i].distance(cutting.splat.center));
   if (left)
     splat = end_cutting(cutting);
   else
@@ -149,24 +157,22 @@ bool clip(Material& splat, const Box& box) {
   return true;
 }
 
-bool clip(OctantSplat& splat, const Box& box) {
-  if (std::isnan(splat.value) || contains(box, dvec3(splat.position))) return false;
+bool clip(OctantSplat& splat, const ClipRegion& region) {
+  if (std::isnan(splat.value) || region.contains(dvec3(splat.position))) return false;
   splat.value = std::numeric_limits<float>::quiet_NaN();
   return true;
 }
 
-ClippedRange clip(const DrawRange& range, const Box& box, double length) {
+ClippedRange clip(const DrawRange& range, const ClipRegion& region, double length) {
   const dvec3& origin = range.row.shapes->blocks()[range.block].origin;
-  const Box relative{(box.low - origin) / length, (box.high - origin) / length};
+  ClipRegion relative = region;
+  if (region.box) relative.box = Box{(region.box->low - origin) / length, (region.box->high - origin) / length};
+  for (Plane& plane : relative.planes) plane.point = (plane.point - origin) / length;
   const auto clip_shapes = [&](const auto& records) -> ClippedRange {
     const auto shapes = std::span(records).subspan(range.begin, range.count);
     const auto [centers, beyond] = reach_of(range, shapes);
-    if (contains({relative.low + beyond, relative.high - beyond}, centers.low) &&
-        contains({relative.low + beyond, relative.high - beyond}, centers.high))
-      return {ClippedRange::Part::all, {}};
-    if (glm::any(glm::lessThan(centers.high + beyond, relative.low)) ||
-        glm::any(glm::greaterThan(centers.low - beyond, relative.high)))
-      return {ClippedRange::Part::none, {}};
+    if (lies_within(relative, centers, beyond)) return {ClippedRange::Part::all, {}};
+    if (relative.excludes({centers.low - beyond, centers.high + beyond})) return {ClippedRange::Part::none, {}};
     auto splats = unpacked(range, shapes);
     bool changed = false;
     for (auto& splat : splats) changed = clip(splat, relative) || changed;

@@ -217,7 +217,8 @@ class CutSelector {
     const std::uint64_t splats = node.splat_count(resolution);
     const ErrorModel::OfNode model = model_.of(node);
     cut.items.push_back({node.cube, cut.ranges.size(), static_cast<std::uint32_t>(resolution),
-                         options_.goal ? saved_by_a_splat(node, model, splats) : covered_visibly(node, resolution)});
+                         options_.goal ? saved_by_a_splat(node, model, splats) : covered_visibly(node, resolution),
+                         tree_.slice_weight(node, resolution) > 0});
     std::ranges::copy(ranges_of(node, resolution), std::back_inserter(cut.ranges));
     cut.splats += splats;
     cut.squared_error += model.at(resolution, splats).error;
@@ -240,7 +241,9 @@ class CutSelector {
   float covered_visibly(const Node& node, std::size_t resolution) const {
     const std::uint64_t occupied = node.summary().occupancy;
     const double visible =
-        std::popcount(occupied & tree_.visibility().bins()) / std::max(1.0, 1.0 * std::popcount(occupied));
+        tree_.slice_weight(node, resolution) > 0
+            ? 1
+            : std::popcount(occupied & tree_.visibility().bins()) / std::max(1.0, 1.0 * std::popcount(occupied));
     return static_cast<float>(std::clamp(tree_.covered_percent(node, resolution) * visible, 1e-30, 1e6));
   }
 

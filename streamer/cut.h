@@ -80,6 +80,7 @@ struct CutItem {
   float error;  // items with a larger error are read first. Per cent of the image that a splat covers, times the share
                 // of its values that is visible; for an ErrorGoal, the squared error that a splat saves. 0: not to be
                 // read, because an index page is missing, and only the page tells what to read instead
+  bool sliced = false;  // its splats may show on a slice of the view
 };
 
 /// Nodes and resolutions chosen for a view, back to front: no item hides one that comes after it.

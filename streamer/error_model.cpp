@@ -12,6 +12,7 @@ constexpr double calibration = 1.0 / 110;
 
 constexpr double shape_share = 1.0 / 50;
 constexpr double seam_share = 1.0 / 200;
+constexpr double slice_share = 10;       // of the contrast on slices
 constexpr double smallest_pixels = 0.5;  // splats of this width show half of their error
 
 // At least this share of a node counts, even if less is in view: its splats reach out of its cube.
@@ -68,6 +69,8 @@ ErrorModel::ErrorModel(const NodeTree& tree)
 
 ErrorModel::OfNode::OfNode(const ErrorModel& model, const Node& node)
     : model_(model), node_(node), values_(model.tree_.visibility().contrast().of(node.summary())) {
+  if (model.tree_.visibility().slice_contrast())
+    slice_values_ = model.tree_.visibility().slice_contrast()->of(node.summary());
   const Footprint footprint = footprint_of(model.tree_.view(), node.cube, model.samples_);
   area_ = footprint.area;
   pixels_per_edge_ = footprint.scale * node.cube.edge;
@@ -80,10 +83,12 @@ ErrorModel::Terms ErrorModel::OfNode::at(std::size_t resolution, std::uint64_t s
   const double share = std::min(std::exp2((bound - 2.0 / 3 * std::log2(count)) / 3), 1.0);  // h / L
   const double pixels = share * pixels_per_edge_, pixels_squared = pixels * pixels;
   const double damping = 1 + values_.extinction * share * edge;
-  const double geometry = model_.scaling_ * area_ * edge * edge * share / damping * pixels_squared /
-                          (pixels_squared + smallest_pixels * smallest_pixels);
+  const double seen = pixels_squared / (pixels_squared + smallest_pixels * smallest_pixels);
+  const double geometry = model_.scaling_ * area_ * edge * edge * share / damping * seen;
+  const double slices = model_.tree_.slice_weight(node_, resolution) * slice_share * model_.scaling_ * area_ * seen *
+                        slice_values_.variance(share);
   // fmin also replaces what is no number: a product of 0 and an overflow.
-  return {std::fmin(geometry * (values_.variance(share) + shape_share * values_.squares), largest_error),
+  return {std::fmin(geometry * (values_.variance(share) + shape_share * values_.squares) + slices, largest_error),
           std::fmin(geometry * seam_share * values_.squares, largest_error)};
 }
 

@@ -18,6 +18,8 @@ namespace splatvol {
 /// extinction among such values. The errors of the L / h splats along a ray are independent, and add up over all pixels
 /// of the node:
 ///   E = area (L / h) h^2 (contrast + squares / 50) / (1 + extinction h).
+/// A slice through the node adds the area that splats cover on it, times opacity^2, times the contrast of colours among
+/// such values.
 /// Splats smaller than pixels have a smaller error. The term `squares` is for the splats' shape: they do not add up to
 /// the material exactly.
 class ErrorModel {
@@ -42,6 +44,7 @@ class ErrorModel {
     double area_;             // pixels that a section of the cube covers
     double pixels_per_edge_;  // of the cube
     ValueContrast::Node values_;
+    ValueContrast::Node slice_values_;
   };
 
   /// Keeps a reference.

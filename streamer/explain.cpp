@@ -37,13 +37,11 @@ EmptyReason why_empty(const View& view, const TransferFunction& function, const 
   const ValueVisibility visibility(function, attribute);
   const auto low = static_cast<float>(attribute.stored(attribute.min));
   const auto high = static_cast<float>(attribute.stored(attribute.max));
-  if (!visibility.shows(low, high, ~std::uint64_t{0}))
+  if (view.slices.empty() && !visibility.shows(low, high, ~std::uint64_t{0}))
     return {"the transfer function hides every value", "raise the density, or widen the domain"};
-  if (const auto& box = view.clip_box) {
-    const bool apart =
-        glm::any(glm::greaterThan(box->low, bounds.high)) || glm::any(glm::lessThan(box->high, bounds.low));
-    if (apart) return {"the clip box excludes all of the data", "move it, or leave it out"};
-  }
+  if (ClipRegion{view.clip.box, {}}.excludes(bounds))
+    return {"the clip box excludes all of the data", "move it, or leave it out"};
+  if (view.clip.excludes(bounds)) return {"a clip plane excludes all of the data", "move it, turn it, or leave it out"};
   return {};
 }
 

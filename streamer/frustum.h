@@ -8,8 +8,14 @@
 
 namespace splatvol {
 
-/// The part of space that may appear in the image. It is in front of the eye, and inside the clip box if there is one.
-/// It projects into the image, or no farther outside than a splat without size reaches.
+/// Whether all of a cube is on the side of the plane to which its normal points.
+[[nodiscard]] bool lies_inside(const Cube& cube, const Plane& plane);
+
+/// Whether a ball of radius `reach` round a position in the cube may meet the plane. Never wrongly false.
+[[nodiscard]] bool meets(const Cube& cube, double reach, const Plane& plane);
+
+/// The part of space that may appear in the image. It is in front of the eye, and inside of the view's clip region. It
+/// projects into the image, or no farther outside than a splat without size reaches.
 class Frustum {
  public:
   /// `smallest_reach_pixels`: how far from its centre a splat without size is drawn.
@@ -26,14 +32,14 @@ class Frustum {
   [[nodiscard]] double covered_percent(double length, double depth) const;
 
  private:
-  struct Plane {
+  struct Side {
     dvec3 normal;   // inwards, length 1
     double offset;  // signed distance of the eye
   };
-  [[nodiscard]] double farthest(const Plane& plane, const Cube& cube) const;
+  [[nodiscard]] double farthest(const Side& side, const Cube& cube) const;
 
   View view_;
-  std::array<Plane, 5> planes_;
+  std::array<Side, 5> sides_;
 };
 
 }  // namespace splatvol

@@ -12,9 +12,28 @@ using format::IndexPage;
 // Share of a splat's size. Rounding may move a point out of its node, and a splat beyond its size, by less than this.
 constexpr double position_slack = 1.0 / 16;
 
-bool is_clipped(const Cube& cube, const std::optional<Box>& box) {
-  return box && !(glm::all(glm::greaterThanEqual(cube.origin, box->low)) &&
-                  glm::all(glm::lessThanEqual(cube.origin + cube.edge, box->high)));
+// The least section that counts: splats cover some of a plane beside their node, too.
+constexpr double least_section = 0.05;
+
+// Returns the area of a plane in a cube, in faces of the cube: the density of the sum of three uniform distributions.
+double section_of(const Cube& cube, const Plane& plane) {
+  const dvec3 widths = glm::max(glm::abs(plane.normal), dvec3(1e-3));
+  const double end = plane.distance(cube.origin + 0.5 * cube.edge) / cube.edge + 0.5 * (widths.x + widths.y + widths.z);
+  double sum = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    double from = end, sign = 1;
+    for (int axis = 0; axis < 3; ++axis)
+      if (corner >> axis & 1) from -= widths[axis], sign = -sign;
+    if (from > 0) sum += sign * from * from;
+  }
+  return std::max(sum / (2 * widths.x * widths.y * widths.z), 0.0);
+}
+
+bool is_clipped(const Cube& cube, const ClipRegion& clip) {
+  if (clip.box && !(glm::all(glm::greaterThanEqual(cube.origin, clip.box->low)) &&
+                    glm::all(glm::lessThanEqual(cube.origin + cube.edge, clip.box->high))))
+    return true;
+  return !std::ranges::all_of(clip.planes, [&](const Plane& plane) { return lies_inside(cube, plane); });
 }
 
 // Returns the cube, larger by `by` on each side.
@@ -147,23 +166,53 @@ Status NodeTree::hide_behind(Finding& finding, const Node& node, std::size_t pag
         SPLATVOL_TRY(hide_behind(finding, *child, page, is_filled));
     return {};
   }
-  if (is_filled && least > 0 && !is_clipped(node.cube, view_.clip_box)) occlusion_.add(node.cube, least);
+  if (is_filled && least > 0 && !is_clipped(node.cube, view_.clip)) occlusion_.add(node.cube, least);
   return {};
 }
 
 bool NodeTree::is_visible(const Node& node) const {
-  const format::ValueSummary& summary = node.summary();
-  if (!visibility_.shows(summary.min, summary.max, summary.occupancy) || occlusion_.hides(node.cube)) return false;
+  if ((view_.slices.empty() && !shows(node)) || occlusion_.hides(node.cube)) return false;
   if (is_within_reach(node)) return true;
   for (std::size_t r = node.first_resolution(); r <= finest(); ++r)
     if (is_within_reach(node, r)) return true;
   return false;
 }
 
+bool NodeTree::shows(const Node& node) const {
+  const format::ValueSummary& summary = node.summary();
+  return visibility_.shows(summary.min, summary.max, summary.occupancy);
+}
+
+// The sections of a node's children add up to its own.
+double NodeTree::weight_within(const Node& node, double reach) const {
+  double sum = 0;
+  if (!(node.summary().min <= node.summary().max)) return sum;
+  for (const Slice& slice : view_.slices) {
+    if (!meets(node.cube, reach, slice.plane)) continue;
+    sum += std::max(section_of(node.cube, slice.plane), least_section) * slice.opacity * slice.opacity;
+  }
+  return sum;
+}
+
+double NodeTree::reach_of(const Node& node, std::size_t resolution) const {
+  const double reach = kernel_ == KernelKind::octant ? octant_reach : moments_reach;
+  return (reach + position_slack) * splat_bound(node, resolution);
+}
+
+double NodeTree::slice_weight(const Node& node, std::size_t resolution) const {
+  return view_.slices.empty() ? 0 : weight_within(node, reach_of(node, resolution));
+}
+
+bool NodeTree::is_within_reach(const Node& node) const {
+  if (!frustum_.touches(node.cube, 0)) return false;
+  return view_.slices.empty() || shows(node) || weight_within(node, 0) > 0;
+}
+
 bool NodeTree::is_within_reach(const Node& node, std::size_t resolution) const {
-  const double size = splat_bound(node, resolution);
-  if (kernel_ == KernelKind::octant) return frustum_.touches(node.cube, (octant_reach + position_slack) * size);
-  return frustum_.touches(grown(node.cube, (moments_reach + position_slack) * size), 0);
+  const double reach = reach_of(node, resolution);
+  const bool touches =
+      kernel_ == KernelKind::octant ? frustum_.touches(node.cube, reach) : frustum_.touches(grown(node.cube, reach), 0);
+  return touches && (view_.slices.empty() || shows(node) || weight_within(node, reach) > 0);
 }
 
 }  // namespace splatvol

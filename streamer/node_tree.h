@@ -92,8 +92,13 @@ class NodeTree {
   /// Whether something of the node may be visible.
   [[nodiscard]] bool is_visible(const Node& node) const;
 
-  /// Whether the node's cube may reach into the picture, or its splats at a resolution.
-  [[nodiscard]] bool is_within_reach(const Node& node) const { return frustum_.touches(node.cube, 0); }
+  /// Returns the sum of the squared opacities of the slices on which splats of the node may show, each times the
+  /// area that they cover there, in faces of the cube.
+  [[nodiscard]] double slice_weight(const Node& node, std::size_t resolution) const;
+
+  /// Whether the node's cube may reach into the picture, or its splats at a resolution. A node without visible values
+  /// must also meet a slice.
+  [[nodiscard]] bool is_within_reach(const Node& node) const;
   [[nodiscard]] bool is_within_reach(const Node& node, std::size_t resolution) const;
 
  private:
@@ -104,6 +109,9 @@ class NodeTree {
     bool complete = true;
   };
   [[nodiscard]] Status hide_behind(Finding& finding, const Node& node, std::size_t page, bool parent_filled);
+  [[nodiscard]] bool shows(const Node& node) const;
+  [[nodiscard]] double reach_of(const Node& node, std::size_t resolution) const;
+  [[nodiscard]] double weight_within(const Node& node, double reach) const;
   [[nodiscard]] Result<bool> holds_still(const KeptOcclusion& kept) const;
 
   const format::VolumeInfo& info_;

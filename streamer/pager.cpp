@@ -158,7 +158,7 @@ void Pager::look_up(const RowName& name, Row& row) {
   if (!page) return;
   const format::ChunkEntry& entry = paged_.volume().find_chunk(*page, value.row, value.column).entry;
   row.state = State::hidden;
-  if (!visibility_->shows(entry.min, entry.max, entry.occupancy)) return;
+  if (!visibility_->shows_row(entry.min, entry.max, entry.occupancy)) return;
 
   row.held = {cache_.find(reader_.shapes_key(name)), cache_.find(reader_.values_key(name))};
   row.state = row.held.is_whole() ? State::ready : State::missing;

@@ -114,7 +114,7 @@ Result<std::vector<RowPart>> RowReader::plan(const Cut& cut, const ValueVisibili
     if (!added) return entry->second;
     const ChunkName chunk = value_chunk(name);
     SPLATVOL_TRY_ASSIGN(location, volume_->find_chunk(chunk.row, chunk.column));
-    return entry->second = visibility.shows(location.entry.min, location.entry.max, location.entry.occupancy);
+    return entry->second = visibility.shows_row(location.entry.min, location.entry.max, location.entry.occupancy);
   };
 
   for (std::uint32_t i = 0; i < cut.items.size(); ++i) {

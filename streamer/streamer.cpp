@@ -45,8 +45,9 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::shared_ptr<const format::V
   return streamer;
 }
 
-ValueVisibility Streamer::visibility_of(const TransferFunction& function) const {
-  return {function, info().attributes[static_cast<std::size_t>(paged_.attribute())], units().length};
+ValueVisibility Streamer::visibility_of(const TransferFunction& function, const View& view) const {
+  return {function, info().attributes[static_cast<std::size_t>(paged_.attribute())], units().length,
+          !view.slices.empty()};
 }
 
 Status Streamer::set_step(std::size_t step) {
@@ -165,12 +166,13 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
 Result<const FrameSplats*> Streamer::request(const View& view, const TransferFunction& function,
                                              const DetailOptions& detail) {
   SPLATVOL_TRY(check_detail(detail));
-  clip_box_ = view.clip_box;
+  clip_ = view.clip;
+  slices_ = view.slices;
   aim_.reset();
   pager_.reset();
   coarsest_frame_.reset();
   cut_seconds_ = fetch_seconds_ = 0;
-  const ValueVisibility visibility = visibility_of(function);
+  const ValueVisibility visibility = visibility_of(function, view);
   for (DetailOptions tried = detail;;) {
     const auto cut_start = std::chrono::steady_clock::now();
     auto choice = choose(view, visibility, tried);

@@ -62,6 +62,7 @@ struct FrameProgress {
 /// counts them. Rows that the caller still holds when another frame has taken its place are the caller's memory.
 struct FrameSplats {
   DrawList list;
+  DrawList sliced;           // the splats near the view's slices, some perhaps not in `list`; not clipped
   std::uint64_t serial = 0;  // changes when the list changes, besides its weights
 
   // The chosen cut. A coarser detail than the one asked for is what the budget allows.
@@ -184,7 +185,7 @@ class Streamer {
   // A range of records: the ids of its shapes and values, its first record and its number of records.
   using RangeName = std::tuple<std::uint64_t, std::uint64_t, std::uint32_t, std::uint32_t>;
   Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options);
-  [[nodiscard]] ValueVisibility visibility_of(const TransferFunction& function) const;
+  [[nodiscard]] ValueVisibility visibility_of(const TransferFunction& function, const View& view) const;
 
   // Budget and choice (streamer_choice.cpp).
   [[nodiscard]] Status set_memory_aside();
@@ -216,6 +217,7 @@ class Streamer {
   void add_ranges(Frame& frame, std::span<const RowPart> plan, const HeldRows& rows) const;
   void clip_ranges(Frame& frame, std::map<RangeName, ClippedRange> before) const;
   void count_splats(Frame& frame);
+  void add_sliced(Frame& frame) const;
   void set_weights(FadingCut fading);
 
   // Steps (streamer.cpp).
@@ -258,7 +260,8 @@ class Streamer {
   std::optional<Reservation> coarsest_frame_;  // while there is a pager: for a frame when memory is spent
   std::unique_ptr<Frame> frame_;
   std::map<RangeName, ClippedRange> clipped_before_;  // of the frame before, while a frame is made
-  std::optional<Box> clip_box_;                       // of the view that is asked for
+  ClipRegion clip_;                                   // of the view that is asked for
+  std::vector<Slice> slices_;                         // of the same view
   std::unique_ptr<StepPrefetch> prefetch_;
   std::uint64_t next_serial_ = 1;
   double cut_seconds_ = 0;

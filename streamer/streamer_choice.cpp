@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "streamer/frustum.h"
 #include "streamer/row_bytes.h"
 #include "streamer/streamer.h"
 #include "streamer/streamer_frame.h"
@@ -23,11 +24,14 @@ std::uint64_t directory_page_bytes(const format::Volume& volume) {
   return volume.most_chunks_of_directory_pages() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkLocation));
 }
 
-// Whether the splats of a node may reach beyond a box. A splat's material lies in its node but for its tails, which
+// Whether the splats of a node may reach beyond a region. A splat's material lies in its node but for its tails, which
 // reach less than the node's edge beyond.
-bool may_cut(const Box& box, const Cube& cube) {
-  return !(glm::all(glm::greaterThanEqual(cube.origin - cube.edge, box.low)) &&
-           glm::all(glm::lessThanEqual(cube.origin + 2 * cube.edge, box.high)));
+bool may_cut(const ClipRegion& clip, const Cube& cube) {
+  const Cube round{cube.origin - cube.edge, 3 * cube.edge};
+  if (clip.box && !(glm::all(glm::greaterThanEqual(round.origin, clip.box->low)) &&
+                    glm::all(glm::lessThanEqual(round.origin + round.edge, clip.box->high))))
+    return true;
+  return !std::ranges::all_of(clip.planes, [&](const Plane& plane) { return lies_inside(round, plane); });
 }
 
 }  // namespace
@@ -75,16 +79,17 @@ std::uint64_t Streamer::list_bytes(const Cut& cut) const {
     for (std::size_t s = 0; s < ranges.size(); ++s)
       if (ranges[s].count > 0) parts += ranges[s].count / info().points_per_chunk[s] + 2;
   }
-  const std::uint64_t each = part_bytes + (clip_box_ ? clipped_entry_bytes : 0);
+  const std::uint64_t each = part_bytes + (clip_.is_all() ? 0 : clipped_entry_bytes) +
+                             (slices_.empty() ? 0 : sizeof(DrawRange) + sizeof(std::uint32_t));
   return cut.memory_bytes() + cut.items.size() * item_bytes + parts * each;
 }
 
 // Returns a bound on the bytes of clipped rows.
 std::uint64_t Streamer::clipped_bytes(const Cut& cut) const {
-  if (!clip_box_) return 0;
+  if (clip_.is_all()) return 0;
   std::uint64_t bytes = 0;
   for (const CutItem& item : cut.items) {
-    if (!may_cut(*clip_box_, item.cube)) continue;
+    if (!may_cut(clip_, item.cube)) continue;
     for (const PointRange& range : cut.ranges_of(item)) bytes += most_clipped_bytes(kernel_, range.count);
   }
   return bytes;
@@ -92,8 +97,9 @@ std::uint64_t Streamer::clipped_bytes(const Cut& cut) const {
 
 // Returns a bound on the bytes of a frame of resolution 0 alone, besides its rows. A splat may be a range of its own.
 std::uint64_t Streamer::coarsest_frame_bytes() const {
-  return info().resolution_counts[0] * (sizeof(CutItem) + sizeof(PointRange) + item_bytes + part_bytes +
-                                        clipped_entry_bytes + most_clipped_bytes(kernel_, 1));
+  return info().resolution_counts[0] *
+         (sizeof(CutItem) + sizeof(PointRange) + item_bytes + part_bytes + clipped_entry_bytes +
+          most_clipped_bytes(kernel_, 1) + sizeof(DrawRange) + sizeof(std::uint32_t));
 }
 
 // Returns a bound on what select_cut counts of a cut of resolution 0 alone.

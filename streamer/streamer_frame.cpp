@@ -1,4 +1,4 @@
-// From a cut to a frame: its rows, its draw list, and the rows that a clip box cuts.
+// From a cut to a frame: its rows, its draw list, and the rows that a clip region cuts.
 #include "streamer/streamer_frame.h"
 
 #include <tbb/parallel_for.h>
@@ -9,14 +9,14 @@
 #include "streamer/row_bytes.h"
 
 namespace splatvol {
-// Whether the frame was made for these visible values, and for the present clip box.
+// Whether the frame was made for these visible values, and for the present clip region and slices.
 bool Streamer::shows(const ValueVisibility& visibility) const {
-  return frame_ && frame_->visibility == visibility && frame_->clip_box == clip_box_;
+  return frame_ && frame_->visibility == visibility && frame_->clip == clip_ && frame_->slices == slices_;
 }
 
-// Clipped ranges of the same box are kept for the next frame.
+// Clipped ranges of the same region are kept for the next frame.
 void Streamer::drop_frame() {
-  if (frame_ && clip_box_ && frame_->clip_box == clip_box_) clipped_before_ = std::move(frame_->clipped);
+  if (frame_ && !clip_.is_all() && frame_->clip == clip_) clipped_before_ = std::move(frame_->clipped);
   frame_.reset();
 }
 
@@ -31,14 +31,15 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
   SPLATVOL_TRY_ASSIGN(plan, reader_->plan(fading.cut, visibility));
   SPLATVOL_TRY_ASSIGN(rows, reader_->hold(plan));
   auto frame = std::make_unique<Frame>(
-      Frame{std::move(fading), visibility, clip_box_, std::move(reservation), {}, {}, {}, {}, {}});
+      Frame{std::move(fading), visibility, clip_, slices_, std::move(reservation), {}, {}, {}, {}, {}, {}});
   for (const auto& [number, row] : rows) {
     frame->rows.push_back(row.shapes);
     frame->rows.push_back(row.values);
   }
   add_ranges(*frame, plan, rows);
   auto before = std::exchange(clipped_before_, {});
-  if (clip_box_) clip_ranges(*frame, std::move(before));
+  if (!slices_.empty()) add_sliced(*frame);
+  if (!clip_.is_all()) clip_ranges(*frame, std::move(before));
   const std::uint64_t bytes = frame->memory_bytes();
   if (!cache_.extend(frame->reservation, bytes))
     return fail(ErrorCode::out_of_budget, "{}: no memory for a list of {} bytes", volume_->name(), bytes);
@@ -55,7 +56,19 @@ void Streamer::add_ranges(Frame& frame, std::span<const RowPart> plan, const Hel
   }
 }
 
-// Replaces ranges that the box cuts, and leaves out those outside. `before`: clipped by the same box.
+// Keeps the ranges near a slice, as they are before they are clipped.
+void Streamer::add_sliced(Frame& frame) const {
+  const DrawList& list = frame.splats.list;
+  for (std::size_t i = 0; i < list.ranges.size(); ++i) {
+    const std::uint32_t item = frame.range_items[i];
+    if (!frame.fading.cut.items[item].sliced) continue;
+    frame.splats.sliced.ranges.push_back(list.ranges[i]);
+    frame.splats.sliced.splats += list.ranges[i].count;
+    frame.sliced_items.push_back(item);
+  }
+}
+
+// Replaces ranges that the region cuts, and leaves out those outside. `before`: clipped by the same region.
 void Streamer::clip_ranges(Frame& frame, std::map<RangeName, ClippedRange> before) const {
   const std::vector<DrawRange> whole = std::exchange(frame.splats.list, {}).ranges;
   const std::vector<std::uint32_t> items = std::exchange(frame.range_items, {});
@@ -74,7 +87,7 @@ void Streamer::clip_ranges(Frame& frame, std::map<RangeName, ClippedRange> befor
   before.clear();
   tbb::parallel_for(std::size_t{0}, unknown.size(), [&](std::size_t k) {
     const DrawRange& range = whole[unknown[k]];
-    *clipped[unknown[k]] = clip(range, *clip_box_, units().length);
+    *clipped[unknown[k]] = clip(range, clip_, units().length);
   });
   DrawList& list = frame.splats.list;
   for (std::size_t i = 0; i < whole.size(); ++i) {
@@ -114,13 +127,16 @@ void Streamer::set_weights(FadingCut fading) {
   frame_->fading = std::move(fading);
   for (std::size_t i = 0; i < frame_->range_items.size(); ++i)
     frame_->splats.list.ranges[i].weight = frame_->fading.weight_of(frame_->range_items[i]);
+  for (std::size_t i = 0; i < frame_->sliced_items.size(); ++i)
+    frame_->splats.sliced.ranges[i].weight = frame_->fading.weight_of(frame_->sliced_items[i]);
 }
 
 std::uint64_t Streamer::Frame::memory_bytes() const {
-  std::uint64_t bytes = fading.cut.memory_bytes() + fading.roles.size() * sizeof(FadingCut::Role) +
-                        fading.fades.size() * sizeof(Fade) + rows.size() * sizeof(Cache::Pointer) +
-                        splats.list.ranges.size() * (sizeof(DrawRange) + sizeof(std::uint32_t)) +
-                        drawn_items.size() * sizeof(std::uint32_t);
+  std::uint64_t bytes =
+      fading.cut.memory_bytes() + fading.roles.size() * sizeof(FadingCut::Role) + fading.fades.size() * sizeof(Fade) +
+      rows.size() * sizeof(Cache::Pointer) +
+      (splats.list.ranges.size() + splats.sliced.ranges.size()) * (sizeof(DrawRange) + sizeof(std::uint32_t)) +
+      drawn_items.size() * sizeof(std::uint32_t);
   for (const auto& [name, range] : clipped) {
     bytes += sizeof(name) + sizeof(range) + 4 * sizeof(void*);
     if (range.part == ClippedRange::Part::some) bytes += held_bytes(*range.row.shapes) + held_bytes(*range.row.values);

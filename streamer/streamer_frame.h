@@ -15,11 +15,13 @@ namespace splatvol {
 struct Streamer::Frame {
   FadingCut fading;
   ValueVisibility visibility;
-  std::optional<Box> clip_box;
+  ClipRegion clip;
+  std::vector<Slice> slices;
   Reservation reservation;
   std::vector<Cache::Pointer> rows;           // held
-  std::map<RangeName, ClippedRange> clipped;  // with a clip box: of all ranges in or near it
+  std::map<RangeName, ClippedRange> clipped;  // with a clip region: of all ranges in or near it
   std::vector<std::uint32_t> range_items;     // [range of the list]: of the cut
+  std::vector<std::uint32_t> sliced_items;    // [range of FrameSplats::sliced]: of the cut
   std::vector<std::uint32_t> drawn_items;     // items that have splats
   FrameSplats splats;
 

@@ -32,14 +32,15 @@ Status Streamer::start_paging() {
 Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFunction& function,
                                              const DetailOptions& detail, double wait_seconds, double change) {
   SPLATVOL_TRY(check_detail(detail));
-  clip_box_ = view.clip_box;
+  clip_ = view.clip;
+  slices_ = view.slices;
   if (!(change > 0 && change <= 1)) return fail(ErrorCode::invalid_argument, "{} is no share of a change", change);
   const auto start = std::chrono::steady_clock::now();
   const auto deadline = start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
                                     std::chrono::duration<double>(std::min(wait_seconds, 1e6)));
   SPLATVOL_TRY(start_paging());
   if (frame_) frame_->splats.progress.errors.clear();
-  const ValueVisibility visibility = visibility_of(function);
+  const ValueVisibility visibility = visibility_of(function, view);
   const bool steady = aim_ && aim_->view == view && aim_->visibility == visibility && aim_->asked == detail;
   if (!steady) {
     view_before_ = aim_ ? std::optional(aim_->view) : std::nullopt;

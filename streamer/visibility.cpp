@@ -81,12 +81,19 @@ double ValueContrast::Node::variance(double share) const {
   return (1 - part) * static_cast<double>(variances[below]) + part * static_cast<double>(variances[below + 1]);
 }
 
-ValueVisibility::ValueVisibility(const TransferFunction& function, const format::Attribute& attribute, double length)
+ValueVisibility::ValueVisibility(const TransferFunction& function, const format::Attribute& attribute, double length,
+                                 bool sliced)
     : function_(function),
       offset_(attribute.offset),
       scale_(attribute.scale),
       length_(length),
+      sliced_(sliced),
       contrast_(function, attribute, length) {
+  if (sliced) {
+    TransferFunction opaque = function;
+    opaque.densities = {{0, 1}};
+    slice_contrast_.emplace(opaque, attribute);
+  }
   if (std::isnan(attribute.min)) return;
 
   // By rounding, values near a border may be in either bin.
@@ -121,7 +128,7 @@ ValueVisibility::Extinctions ValueVisibility::extinctions(float min, float max) 
 }
 
 bool ValueVisibility::operator==(const ValueVisibility& other) const {
-  return bins_ == other.bins_ && offset_ == other.offset_ && scale_ == other.scale_ &&
+  return bins_ == other.bins_ && sliced_ == other.sliced_ && offset_ == other.offset_ && scale_ == other.scale_ &&
          function_.lo == other.function_.lo && function_.hi == other.function_.hi &&
          function_.axis == other.function_.axis && function_.linear_width == other.function_.linear_width &&
          function_.densities == other.function_.densities;

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 
 #include "format/volume_info.h"
 #include "scene/scene.h"
@@ -47,8 +48,9 @@ class ValueContrast {
 /// A transfer function, seen through the 64 bins of an attribute (spec/svol-1.md, section 7).
 class ValueVisibility {
  public:
-  /// `length`: of `contrast`.
-  ValueVisibility(const TransferFunction& function, const format::Attribute& attribute, double length = 1);
+  /// `length`: of `contrast`. `sliced`: slices show values of any extinction.
+  ValueVisibility(const TransferFunction& function, const format::Attribute& attribute, double length = 1,
+                  bool sliced = false);
 
   /// Returns the visible bins: bit b is set if a value of bin b, or at its borders, may have extinction above 0.
   [[nodiscard]] std::uint64_t bins() const { return bins_; }
@@ -57,6 +59,11 @@ class ValueVisibility {
   /// empty range (min > max) means that all values are missing, and gives false.
   [[nodiscard]] bool shows(float min, float max, std::uint64_t occupancy) const;
 
+  /// The same for a row of the file, which may be on a slice.
+  [[nodiscard]] bool shows_row(float min, float max, std::uint64_t occupancy) const {
+    return sliced_ ? min <= max : shows(min, max, occupancy);
+  }
+
   struct Extinctions {
     double least = 0, most = 0;
   };
@@ -64,6 +71,9 @@ class ValueVisibility {
   [[nodiscard]] Extinctions extinctions(float min, float max) const;
 
   [[nodiscard]] const ValueContrast& contrast() const { return contrast_; }
+
+  /// Returns the contrast of the colours alone, as slices show them. None without slices.
+  [[nodiscard]] const std::optional<ValueContrast>& slice_contrast() const { return slice_contrast_; }
 
   /// Returns the unit of length of `contrast`, in world units.
   [[nodiscard]] double length() const { return length_; }
@@ -75,8 +85,10 @@ class ValueVisibility {
   TransferFunction function_;
   double offset_, scale_;
   double length_;
+  bool sliced_;
   std::uint64_t bins_ = 0;
   ValueContrast contrast_;
+  std::optional<ValueContrast> slice_contrast_;
 };
 
 }  // namespace splatvol

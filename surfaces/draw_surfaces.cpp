@@ -111,6 +111,17 @@ class TriangleOnRays {
   std::array<double, 3> w_{}, u_{}, v_{};
 };
 
+// Returns whether a position on a pixel's ray is outside of the clip region.
+bool is_clipped(const View& view, double a, double b, double depth) {
+  if (view.clip.is_all()) return false;
+  const double w = view.orthographic ? 1 : depth;
+  const dvec3 position = view.eye + a * w * view.right + b * w * view.up + depth * view.forward;
+  // A surface in a face of the region is inside.
+  double size = std::abs(depth) + 1e-6 * glm::length(view.eye);
+  if (view.clip.box) size += glm::length(view.clip.box->extent());
+  return !view.clip.contains(position, 1e-9 * size);
+}
+
 // A surface in view coordinates.
 struct ViewedSurface {
   const Surface* surface;
@@ -126,8 +137,8 @@ struct ViewedSurface {
 // Draws triangles tile by tile.
 class SurfaceDrawing {
  public:
-  SurfaceDrawing(std::span<const Surface> surfaces, const View& view)
-      : view_(view), tiles_(tile_side, view.width, view.height) {
+  SurfaceDrawing(std::span<const Surface> surfaces, std::span<const SlicePicture> slices, const View& view)
+      : view_(view), slices_(slices), tiles_(tile_side, view.width, view.height) {
     std::uint64_t first = 0;
     for (const Surface& surface : surfaces) {
       if (!surface.is_visible()) continue;
@@ -137,6 +148,7 @@ class SurfaceDrawing {
                         [&](std::size_t i) { viewed.points[i] = view.to_view(points[i]); });
       first += surface.mesh->triangles.size();
     }
+    first_slice_ = first;
   }
 
   SurfaceLayers draw(std::size_t most_layers);
@@ -152,7 +164,8 @@ class SurfaceDrawing {
   template <class Visit>
   void visit_tile(const ViewedSurface& surface, std::size_t first, std::span<const std::uint32_t> triangles,
                   std::span<const PixelRectangle> bounds, const PixelRectangle& tile, const Visit& visit) const;
-  [[nodiscard]] bool is_clipped(double a, double b, double depth) const;
+  template <class Visit>
+  void visit_slices(bool opaque, const Visit& visit) const;
   [[nodiscard]] SurfaceLayer layer_of(const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const;
   void join(SurfaceLayer& layer, const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const;
   [[nodiscard]] vec4 shade(const Hit& hit, int x, int y) const;
@@ -165,12 +178,18 @@ class SurfaceDrawing {
   }
 
   const View& view_;
+  std::span<const SlicePicture> slices_;
   TileGrid tiles_;
   std::vector<ViewedSurface> surfaces_;
+  std::uint64_t first_slice_ = 0;  // slices are numbered behind the triangles
 };
 
 bool SurfaceDrawing::has_translucent() const {
-  return std::ranges::any_of(surfaces_, [](const ViewedSurface& one) { return one.surface->style.opacity < 1; });
+  const auto is_translucent = [](const vec4& light) { return light.a > 0 && light.a < 1; };
+  return std::ranges::any_of(surfaces_, [](const ViewedSurface& one) { return one.surface->style.opacity < 1; }) ||
+         std::ranges::any_of(slices_, [&](const SlicePicture& slice) {
+           return std::ranges::any_of(slice.light.pixels, is_translucent);
+         });
 }
 
 // Returns the pixels whose centres may show a triangle; never too few.
@@ -201,16 +220,6 @@ PixelRectangle SurfaceDrawing::bounds_of(const std::array<dvec3, 3>& corners) co
   return {first(low.x, view_.width), last(high.x, view_.width), first(low.y, view_.height), last(high.y, view_.height)};
 }
 
-bool SurfaceDrawing::is_clipped(double a, double b, double depth) const {
-  if (!view_.clip_box) return false;
-  const double w = view_.orthographic ? 1 : depth;
-  const dvec3 position = view_.eye + a * w * view_.right + b * w * view_.up + depth * view_.forward;
-  // A surface in a face of the box is inside.
-  const dvec3 rounding = 1e-9 * (view_.clip_box->high - view_.clip_box->low);
-  return glm::any(glm::lessThan(position, view_.clip_box->low - rounding)) ||
-         glm::any(glm::greaterThan(position, view_.clip_box->high + rounding));
-}
-
 template <class Visit>
 void SurfaceDrawing::visit_tile(const ViewedSurface& surface, std::size_t first,
                                 std::span<const std::uint32_t> triangles, std::span<const PixelRectangle> bounds,
@@ -222,7 +231,7 @@ void SurfaceDrawing::visit_tile(const ViewedSurface& surface, std::size_t first,
       triangle.select_row(b_of(y));
       for (int x = std::max(all.x0, tile.x0); x <= std::min(all.x1, tile.x1); ++x) {
         const double depth = triangle.depth(a_of(x));
-        if (depth > 0 && depth < infinity && !is_clipped(a_of(x), b_of(y), depth))
+        if (depth > 0 && depth < infinity && !is_clipped(view_, a_of(x), b_of(y), depth))
           visit(pixel(x, y), Hit{depth, surface.first + first + i});
       }
     }
@@ -258,11 +267,25 @@ void SurfaceDrawing::visit_hits(const ViewedSurface& surface, const Visit& visit
   }
 }
 
+// Calls `visit` with each pixel of the slices that are opaque, or of those that are not: in parallel.
+template <class Visit>
+void SurfaceDrawing::visit_slices(bool opaque, const Visit& visit) const {
+  for (std::size_t k = 0; k < slices_.size(); ++k) {
+    const SlicePicture& slice = slices_[k];
+    tbb::parallel_for(std::size_t{0}, pixels(), [&](std::size_t i) {
+      const float alpha = slice.light.pixels[i].a;
+      if (slice.depths[i] < infinity && alpha > 0 && (alpha >= 1) == opaque)
+        visit(i, Hit{slice.depths[i], first_slice_ + k});
+    });
+  }
+}
+
 std::vector<Hit> SurfaceDrawing::nearest_opaque() const {
   std::vector<Hit> nearest(pixels());
   for (const ViewedSurface& surface : surfaces_)
     if (surface.surface->style.opacity >= 1)
       visit_hits(surface, [&](std::size_t pixel, const Hit& hit) { nearest[pixel] = std::min(nearest[pixel], hit); });
+  visit_slices(true, [&](std::size_t pixel, const Hit& hit) { nearest[pixel] = std::min(nearest[pixel], hit); });
   return nearest;
 }
 
@@ -271,19 +294,20 @@ std::vector<Hit> SurfaceDrawing::nearest_opaque() const {
 std::vector<Hit> SurfaceDrawing::next_translucent(const std::vector<Hit>& opaque,
                                                   const std::vector<Hit>& before) const {
   std::vector<Hit> nearest(pixels());
-  for (const ViewedSurface& surface : surfaces_) {
-    if (surface.surface->style.opacity >= 1) continue;
-    visit_hits(surface, [&](std::size_t pixel, const Hit& hit) {
-      if (hit < nearest[pixel] && hit.depth < opaque[pixel].depth && (before.empty() || before[pixel] < hit))
-        nearest[pixel] = hit;
-    });
-  }
+  const auto visit = [&](std::size_t pixel, const Hit& hit) {
+    if (hit < nearest[pixel] && hit.depth < opaque[pixel].depth && (before.empty() || before[pixel] < hit))
+      nearest[pixel] = hit;
+  };
+  for (const ViewedSurface& surface : surfaces_)
+    if (surface.surface->style.opacity < 1) visit_hits(surface, visit);
+  visit_slices(false, visit);
   return nearest;
 }
 
 // Returns the light of a surface in a pixel.
 vec4 SurfaceDrawing::shade(const Hit& hit, int x, int y) const {
   if (!hit.is_one()) return vec4(0);
+  if (hit.triangle >= first_slice_) return slices_[hit.triangle - first_slice_].light.pixels[pixel(x, y)];
   const ViewedSurface& surface = *(std::ranges::upper_bound(surfaces_, hit.triangle, {}, &ViewedSurface::first) - 1);
   const SceneSurface& style = surface.surface->style;
   const auto corners = surface.corners(static_cast<std::size_t>(hit.triangle - surface.first));
@@ -333,7 +357,7 @@ void SurfaceDrawing::join(SurfaceLayer& layer, const std::vector<Hit>& hits, con
 
 SurfaceLayers SurfaceDrawing::draw(std::size_t most_layers) {
   SurfaceLayers result;
-  if (surfaces_.empty()) return result;
+  if (surfaces_.empty() && slices_.empty()) return result;
   const std::vector<Hit> opaque = nearest_opaque();
   std::vector<Hit> hits;
   while (has_translucent()) {
@@ -355,8 +379,40 @@ SurfaceLayers SurfaceDrawing::draw(std::size_t most_layers) {
 
 }  // namespace
 
-SurfaceLayers draw_surfaces(std::span<const Surface> surfaces, const View& view, std::size_t most_layers) {
-  return SurfaceDrawing(surfaces, view).draw(most_layers);
+std::vector<double> slice_depths(const View& view, const Plane& plane) {
+  std::vector<double> depths(static_cast<std::size_t>(view.width) * view.height, infinity);
+  const dvec3 normal(glm::dot(plane.normal, view.right), glm::dot(plane.normal, view.up),
+                     glm::dot(plane.normal, view.forward));
+  const double distance = -plane.distance(view.eye);
+  tbb::parallel_for(0, view.height, [&](int row) {
+    const double b = (0.5 * view.height - row - 0.5) / view.focal;
+    for (int x = 0; x < view.width; ++x) {
+      const double a = (x + 0.5 - 0.5 * view.width) / view.focal;
+      const double depth = view.orthographic ? (distance - a * normal.x - b * normal.y) / normal.z
+                                             : distance / (a * normal.x + b * normal.y + normal.z);
+      if (depth > 0 && depth < largest_depth && !is_clipped(view, a, b, depth))
+        depths[static_cast<std::size_t>(row) * view.width + x] = depth;
+    }
+  });
+  return depths;
+}
+
+SlicePicture color_slice(const View& view, const Slice& slice, std::vector<double> depths,
+                         std::span<const double> values, const TransferFunction& function) {
+  SlicePicture picture{std::move(depths), {view.width, view.height, std::vector<vec4>(values.size(), vec4(0))}};
+  tbb::parallel_for(std::size_t{0}, values.size(), [&](std::size_t i) {
+    if (!std::isfinite(values[i]))
+      picture.depths[i] = infinity;
+    else if (picture.depths[i] < infinity)
+      picture.light.pixels[i] =
+          vec4(vec3(slice.opacity * function.color(values[i])), static_cast<float>(slice.opacity));
+  });
+  return picture;
+}
+
+SurfaceLayers draw_surfaces(std::span<const Surface> surfaces, std::span<const SlicePicture> slices, const View& view,
+                            std::size_t most_layers) {
+  return SurfaceDrawing(surfaces, slices, view).draw(most_layers);
 }
 
 void SurfaceComposite::add(const Image& volume, const SurfaceLayer& layer) {
@@ -364,12 +420,12 @@ void SurfaceComposite::add(const Image& volume, const SurfaceLayer& layer) {
     light_ = {volume.width, volume.height, std::vector<vec4>(volume.pixels.size(), vec4(0, 0, 0, 1))};
     volume_ = {volume.width, volume.height, std::vector<vec4>(volume.pixels.size(), vec4(0))};
   }
-  for (std::size_t i = 0; i < volume.pixels.size(); ++i) {
+  tbb::parallel_for(std::size_t{0}, volume.pixels.size(), [&](std::size_t i) {
     vec4& light = light_.pixels[i];
     const vec4 &front = volume.pixels[i], &surface = layer.light.pixels[i];
     const vec3 between = vec3(front) - vec3(volume_.pixels[i]);
     light = vec4(vec3(light) + light.a * (between + (1 - front.a) * vec3(surface)), light.a * (1 - surface.a));
-  }
+  });
   volume_ = volume;
 }
 

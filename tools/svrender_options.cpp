@@ -222,6 +222,7 @@ void add_series_options(CLI::App& app, RenderOptions& options) {
 
 void add_options(CLI::App& app, RenderOptions& options) {
   add_file_options(app, options);
+  add_plane_options(app, options.planes);
   add_page_options(app, options);
   add_detail_options(app, options);
   add_drawing_options(app, options);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "streamer/streamer.h"
+#include "tools/plane_options.h"
 #include "tools/steps.h"
 #include "tools/tool.h"
 
@@ -28,6 +29,7 @@ struct RenderOptions {
   std::string movie;  // .mp4; empty: none
   double frames_per_second = 30;
   std::string background;  // see parse_color; empty: the scene's
+  PlaneOptions planes;
   std::string title;
   bool color_bar = false;
   std::optional<int> ticks;         // of the colour bar

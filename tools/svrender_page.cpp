@@ -1,6 +1,7 @@
 #include "tools/svrender_page.h"
 
 #include <charconv>
+#include <cmath>
 #include <memory>
 
 #include "scene/contrast.h"
@@ -18,6 +19,11 @@ void set_bar(const RenderOptions& options, Scene& scene) {
   if (options.unit) scene.scalar_bar.unit = *options.unit;
 }
 
+// Adds what the options show besides the scene. All data are about as large as their cube.
+Status add_planes(const RenderOptions& options, const format::Volume& volume, Scene& scene) {
+  return apply(options.planes, std::sqrt(3.0) * volume.info().cube.edge, scene);
+}
+
 Result<Scene> make_scene(const RenderOptions& options, const format::Volume& volume, std::array<int, 2> size) {
   FirstPicture picture{size[0], size[1], dvec3(0), options.turntable > 0};
   if (!options.background.empty()) {
@@ -26,6 +32,7 @@ Result<Scene> make_scene(const RenderOptions& options, const format::Volume& vol
   }
   SPLATVOL_TRY_ASSIGN(scene, default_scene(volume, options.attribute, picture));
   set_bar(options, scene);
+  SPLATVOL_TRY(add_planes(options, volume, scene));
   return scene;
 }
 
@@ -113,8 +120,8 @@ Result<Composition> compose(const RenderOptions& options) {
     SPLATVOL_TRY_ASSIGN(scene, read_scene(options));
     composition.scene = std::move(scene);
   }
-  const bool needs_volume = options.scene.empty() || options.color_bar || options.turntable > 0 ||
-                            (composition.scene.outline && !composition.data);
+  const bool needs_volume = options.scene.empty() || options.planes.are_given() || options.color_bar ||
+                            options.turntable > 0 || (composition.scene.outline && !composition.data);
   std::shared_ptr<const format::Volume> volume;
   if (needs_volume) {
     SPLATVOL_TRY_ASSIGN(opened, open_step(options.volume, options.step));
@@ -123,6 +130,7 @@ Result<Composition> compose(const RenderOptions& options) {
   if (options.scene.empty()) {
     SPLATVOL_TRY(fit_scene(options, *volume, composition));
   } else {
+    if (options.planes.are_given()) SPLATVOL_TRY(add_planes(options, *volume, composition.scene));
     if (options.color_bar) {
       SPLATVOL_TRY(add_bar(*volume, composition));
     }

@@ -7,6 +7,7 @@
 
 #include "builder/open_own.h"
 #include "reference/reference.h"
+#include "reference/slice.h"
 #include "scene/image.h"
 #include "scene/scene.h"
 #include "surfaces/draw_surfaces.h"
@@ -81,13 +82,25 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string&
   return mesh;
 }
 
+// The exact values on the slices of the view.
+Result<std::vector<SlicePicture>> draw_slices(const TetMesh& mesh, const View& view, const TransferFunction& function) {
+  std::vector<SlicePicture> pictures;
+  for (const Slice& slice : view.slices) {
+    std::vector<double> depths = slice_depths(view, slice.plane);
+    SPLATVOL_TRY_ASSIGN(values, exact_slice(mesh, view, slice.plane, depths));
+    pictures.push_back(color_slice(view, slice, std::move(depths), values, function));
+  }
+  return pictures;
+}
+
 // Draws the volume in front of each layer of surfaces, and joins all.
 Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& scene, std::span<const Surface> surfaces,
                                               unsigned threads) {
   ProgressBar bar("draw");
   const TetMesh tet_mesh{mesh.points, mesh.values, mesh.tetrahedra, mesh.constant};
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
-  const SurfaceLayers drawn = draw_surfaces(surfaces, view, std::numeric_limits<std::size_t>::max());
+  SPLATVOL_TRY_ASSIGN(slices, draw_slices(tet_mesh, view, scene.transfer_function));
+  const SurfaceLayers drawn = draw_surfaces(surfaces, slices, view, std::numeric_limits<std::size_t>::max());
   const auto render = [&](std::size_t done, const SurfaceDepths* depths) {
     const double pictures = std::max<double>(1, static_cast<double>(drawn.layers.size()));
     return render_reference(

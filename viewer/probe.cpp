@@ -11,6 +11,8 @@
 #include "base/splat_kernel.h"
 #include "renderer/transfer_table.h"
 
+#include "renderer/slice_values.h"
+
 namespace splatvol {
 namespace {
 
@@ -305,6 +307,31 @@ std::optional<Probe> ProbedFrame::probe(const TransferFunction& function, const 
                  opacity, samples_of(chords, extinctions)};
   }
   return {};
+}
+
+std::optional<Probe> probe_slices(const DrawList& sliced, const DrawingUnits& units, const View& view,
+                                  const Ray& ray) {
+  // A picture of one pixel, whose ray is this one.
+  View pixel = view;
+  pixel.width = pixel.height = 1;
+  pixel.eye = ray.origin;
+  pixel.forward = ray.direction;
+  const dvec3 right = view.right - glm::dot(view.right, ray.direction) * ray.direction;
+  if (!(glm::length(right) > 0)) return {};
+  pixel.right = glm::normalize(right);
+  pixel.up = glm::cross(pixel.right, pixel.forward);
+  std::optional<Probe> nearest;
+  double least = std::numeric_limits<double>::infinity();
+  for (const Slice& slice : view.slices) {
+    const double depth = -slice.plane.distance(ray.origin) / glm::dot(slice.plane.normal, ray.direction);
+    const dvec3 position = ray.origin + depth * ray.direction;
+    if (!(depth > 0 && depth < least) || !view.clip.contains(position, 1e-6 * depth)) continue;
+    const double value = slice_values(sliced, units, pixel, slice.plane, std::span(&depth, 1)).front();
+    if (std::isnan(value)) continue;
+    least = depth;
+    nearest = Probe{value, position, slice.opacity, {}};
+  }
+  return nearest;
 }
 
 }  // namespace splatvol

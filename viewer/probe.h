@@ -72,4 +72,9 @@ class ProbedFrame {
   std::vector<Chunk> chunks_;
 };
 
+/// Returns the value where a ray meets the nearest slice of the view that has one there, without samples; none without
+/// such a slice. `sliced`: FrameSplats::sliced.
+[[nodiscard]] std::optional<Probe> probe_slices(const DrawList& sliced, const DrawingUnits& units, const View& view,
+                                                const Ray& ray);
+
 }  // namespace splatvol

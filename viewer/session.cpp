@@ -88,6 +88,7 @@ bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& 
 // Lists of splats are large, and hold rows.
 FrameSplats without_list(const FrameSplats& frame) {
   return {{},
+          {},
           frame.serial,
           frame.nodes,
           frame.splats,
@@ -105,6 +106,10 @@ constexpr double fade_seconds = 0.2;
 
 // The first picture at rest for an error has at least so many splats: it costs little.
 constexpr std::uint64_t least_first_splats = std::uint64_t{1} << 13;
+
+// With surfaces or slices, a moving picture has at least so many splats. Fewer are no faster: each is larger, and
+// surfaces are compared with each of its pixels.
+constexpr std::uint64_t least_among_surfaces = std::uint64_t{1} << 15;
 
 // Longest time that the picture of the step before stays. Then the new one is drawn as coarse as it is.
 constexpr double longest_wait_seconds = 2;
@@ -372,7 +377,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
                        .change = moves ? 1 : std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
   if (moves)
-    request.detail.goal = ErrorGoal{0, std::min(pacer_.splats(), player_->device_splats())};
+    request.detail.goal = ErrorGoal{0, std::min(moving_splats(), player_->device_splats())};
   else
     request.detail = sharpening_->detail();
   // Slabs take several times as long: a hand that turns the data gets more splats instead.
@@ -390,13 +395,18 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   SPLATVOL_TRY(player_->draw(options));
   note_drawn();
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
-  if (moves) pacer_.add(request.detail.goal->max_splats, player_->times().frame);
+  const PlayerTimes& times = player_->times();
+  if (moves) pacer_.add(request.detail.goal->max_splats, times.frame - times.surfaces);
   return moves || !frame()->progress.settled ? Status{} : finish_picture();
 }
 
 // Keeps the errors of parts of the frame that was chosen.
 void Session::note_frame() {
   for (const Error& error : player_->frame()->progress.errors) troubles_.push_back(error.message);
+}
+
+std::uint64_t Session::moving_splats() const {
+  return player_->has_drawn_surfaces() ? std::max(pacer_.splats(), least_among_surfaces) : pacer_.splats();
 }
 
 void Session::note_drawn() {
@@ -463,7 +473,7 @@ void Session::begin_rest() {
 
 // Goes on to a finer picture, unless this one is the last.
 Status Session::finish_picture() {
-  SPLATVOL_TRY(sharpening_->add(*frame(), player_->rasterizer()));
+  SPLATVOL_TRY(sharpening_->add(*frame(), [this] { return player_->image(); }));
   settled_ = sharpening_->is_done();
   if (settled_) read_ahead(step() + 1);
   return {};

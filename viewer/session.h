@@ -221,6 +221,7 @@ class Session {
   void interrupt_drawing();
   void note_frame();
   void stop_drawing();
+  [[nodiscard]] std::uint64_t moving_splats() const;
   void note_drawn();
   [[nodiscard]] Status finish_picture();
 

@@ -109,6 +109,7 @@ void Viewer::show(std::unique_ptr<Session> session) {
   put(path_name_, stem + "-path.json");
   put(movie_name_, stem + ".mp4");
   path_ = {};
+  planes_.reset();
   playing_.reset();
   step_seconds_.reset();
 }
@@ -188,7 +189,7 @@ void Viewer::handle(const Event& event) {
   if (const auto* button = std::get_if<ButtonChanged>(&event); button && button->button >= 0 && button->button < 3) {
     if (button->down && !is_held()) remember();
     buttons_[static_cast<std::size_t>(button->button)] = button->down;
-    if (button->down && !drag_ && !gui_->has_pointer()) {
+    if (button->down && !drag_ && !gui_->has_pointer() && !grab_plane(button->button)) {
       drag_ = button->button;
       pressed_at_ = pointer_;
     }
@@ -196,11 +197,15 @@ void Viewer::handle(const Event& event) {
       drag_.reset();
       if (button->button == 0 && glm::length(pointer_ - pressed_at_) < 3 * window_.content_scale) pin(pointer_);
     }
+    if (!button->down && button->button == 0) planes_.release();
   }
   if (const auto* moved = std::get_if<PointerMoved>(&event)) {
     const dvec2 position(moved->x, moved->y), drag = position - pointer_;
     pointer_ = position;
-    if (session_ && drag_) drag_camera(drag);
+    if (session_ && planes_.is_held())
+      planes_.drag(session_->scene, session_->view(), picture_area(), drag);
+    else if (session_ && drag_)
+      drag_camera(drag);
   }
   const auto* scrolled = std::get_if<Scrolled>(&event);
   if (scrolled && session_ && !gui_->has_pointer()) scroll(dvec2(scrolled->x, scrolled->y));
@@ -217,6 +222,12 @@ void Viewer::scroll(const dvec2& notches) {
          least_distance * extent_of(*session_));
   playing_.reset();
   moved_seconds_ = 0;
+}
+
+// Takes a handle of a slice or a clip plane, where the pointer is over one.
+bool Viewer::grab_plane(int button) {
+  return button == 0 && session_ && session_->frame() &&
+         planes_.grab(session_->scene, session_->view(), picture_area(), pointer_);
 }
 
 void Viewer::drag_camera(const dvec2& drag) {
@@ -283,6 +294,9 @@ void Viewer::handle_scene_key(int code) {
       break;
     case 'L':
       scene.lighting = scene.lighting ? std::nullopt : std::optional(Lighting());
+      break;
+    case 'X':
+      planes_.add_slice(scene, session_->view(), session_->bounds());
       break;
     case '1':
       look_from({-sign, 0, 0});
@@ -498,6 +512,7 @@ void Viewer::draw_overlays() {
     draw_cut(view, session_->drawn_nodes(), session_->info().resolutions(), picture_area());
   if (session_->scene.outline) draw_box(view, session_->bounds(), {150, 150, 150}, picture_area());
   if (session_->scene.clip_box) draw_box(view, *session_->scene.clip_box, {255, 210, 80}, picture_area());
+  planes_.draw_handles(session_->scene, view, session_->bounds(), picture_area(), pointer_);
   if (axes_) draw_axes(view, picture_area());
   if (scalar_bar_)
     draw_scalar_bar(session_->drawn_scene().transfer_function, session_->attribute(), session_->scene.scalar_bar.ticks,

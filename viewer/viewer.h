@@ -22,6 +22,7 @@
 #include "viewer/recent_files.h"
 #include "viewer/screen.h"
 #include "viewer/session.h"
+#include "viewer/slice_controls.h"
 #include "viewer/transfer_editor.h"
 
 namespace splatvol {
@@ -75,6 +76,7 @@ class Viewer {
   void handle(const Event& event);
   void handle_key(int code);
   void handle_scene_key(int code);
+  [[nodiscard]] bool grab_plane(int button);
   void drag_camera(const dvec2& drag);
   void scroll(const dvec2& notches);
   void move_camera(const FrameInput& input);
@@ -125,6 +127,7 @@ class Viewer {
   [[nodiscard]] dvec2 pixel_at(const dvec2& position) const;
   [[nodiscard]] Prober::Question question_about(const Looking& looking) const;
   void pin(const dvec2& position);
+  [[nodiscard]] std::optional<Probe> with_slices(const std::optional<Probe>& volume, const Ray& ray) const;
   void draw_hovered();
   void draw_pinned();
   void report(const std::string& path, const Status& saved);
@@ -153,6 +156,7 @@ class Viewer {
   FileDialog dialog_;
   RecentFiles recent_files_;
   TransferEditor editor_;
+  SliceControls planes_;
   std::optional<History<Scene>> history_;      // of the session's scene, without its size; none before a picture
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held
 

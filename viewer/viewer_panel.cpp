@@ -149,6 +149,10 @@ void Viewer::draw_panel() {
     if (ImGui::CollapsingHeader("view", ImGuiTreeNodeFlags_DefaultOpen)) draw_view_section();
     if (ImGui::CollapsingHeader("camera path")) draw_path_section();
     if (ImGui::CollapsingHeader("save")) draw_file_section();
+    if (ImGui::CollapsingHeader("slices, clip planes, isovalue")) {
+      planes_.draw_panel(session_->scene, session_->view(), session_->bounds());
+      planes_.draw_isovalue(session_->scene, fitting_function(), session_->bounds());
+    }
   } else {
     ImGui::TextWrapped("Drop a .svol file on this window, or open one.");
   }
@@ -522,6 +526,7 @@ void Viewer::draw_help() {
       {"P", "perspective or orthographic"},
       {"F", "fly: W A S D E Q, arrows and left drag to look, shift for speed"},
       {"L", "lighting"},
+      {"X", "add a slice; drag its balls to move and turn it"},
       {"space", "play the steps of a time series, or stop"},
       {"left, right", "step before, next step"},
       {"B C H", "bounding box, octree cut, numbers"},

@@ -96,6 +96,13 @@ Prober::Question Viewer::question_about(const Looking& looking) const {
   return question;
 }
 
+// A slice in front of the volume's middle takes its place.
+std::optional<Probe> Viewer::with_slices(const std::optional<Probe>& volume, const Ray& ray) const {
+  auto on_slice = probe_slices(session_->frame()->sliced, session_->units(), session_->view(), ray);
+  const auto distance = [&](const Probe& probe) { return glm::length(probe.position - ray.origin); };
+  return on_slice && (!volume || distance(*on_slice) < distance(*volume)) ? on_slice : volume;
+}
+
 // Pins the line of sight at a position in the window.
 void Viewer::pin(const dvec2& position) {
   if (!probe_ || !session_ || !session_->frame()) return;
@@ -107,13 +114,14 @@ void Viewer::pin(const dvec2& position) {
 void Viewer::draw_probes() {
   const FrameSplats* frame = session_->frame();
   if (!frame || session_->is_drawing()) return draw_pinned();
-  const bool is_at_rest = !drag_ && !is_busy() && frame->progress.fading == 0 && !session_->is_reading();
+  const bool is_at_rest =
+      !drag_ && !planes_.is_held() && !is_busy() && frame->progress.fading == 0 && !session_->is_reading();
   if (!is_at_rest) prober_.forget();
   if (pin_ && is_at_rest) {
     const Prober::Question question = question_about(pin_->looking);
     if (const auto* answer = prober_.answer_to(question)) {
       pin_->asked = question;
-      pin_->probe = *answer;
+      pin_->probe = with_slices(*answer, pin_->looking.ray);
       if (!pin_->probe) pin_.reset();  // nothing is there
     } else if (pin_->asked != question) {
       prober_.ask(question, *frame, session_->units());
@@ -130,7 +138,8 @@ void Viewer::draw_hovered() {
   const Prober::Question question = question_about(looking_through(session_->view(), pixel.x, pixel.y));
   const auto* answer = prober_.answer_to(question);
   if (!answer) return prober_.ask(question, *session_->frame(), session_->units());
-  if (*answer) ImGui::SetTooltip("%s", words_of(**answer, session_->attribute()).c_str());
+  if (const auto found = with_slices(*answer, question.looking.ray))
+    ImGui::SetTooltip("%s", words_of(*found, session_->attribute()).c_str());
 }
 
 // Shows the pinned probe: a ring where its value is, and a window.

@@ -44,7 +44,7 @@ class SPLATVOL_EXPORT GlRenderer {
 
   /// Hides what lies behind the host's surfaces, exactly: the part of each splat that is in front is drawn. Copies the
   /// depths, by way of the processor, and holds them until the next call. Needs a scene of the texture's size, with the
-  /// camera of the host. None: no surfaces. If it fails, all stays as it was.
+  /// camera of the host. None: no surfaces. If it fails, all stays as it was. Fails if the scene shows slices.
   [[nodiscard]] Status set_surface_depths(const std::optional<DepthTexture>& depths);
 
   /// Draw as Renderer::render, render_within and render_now do, into the texture.

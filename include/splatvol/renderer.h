@@ -75,7 +75,8 @@ class SPLATVOL_EXPORT Renderer {
   [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute = "", int width = 512, int height = 512) const;
 
   /// Hides what lies behind surfaces of another program, exactly: the part of each splat that is in front is drawn.
-  /// Holds for pictures of this size, until the next call. None: no surfaces. If it fails, all stays as it was.
+  /// Holds for pictures of this size, until the next call. None: no surfaces. If it fails, all stays as it was. Fails
+  /// if the scene shows slices.
   [[nodiscard]] Status set_surface_depths(std::optional<SurfaceDepths> depths);
 
   /// Returns the times of the steps, which rise; none if the file is no time series.

@@ -60,6 +60,25 @@ struct ScalarBar {
   [[nodiscard]] bool operator==(const ScalarBar&) const = default;
 };
 
+/// A plane that shows the values on it, by the colours of the transfer function.
+struct SceneSlice {
+  dvec3 point{0};         // of the plane
+  dvec3 normal{1, 0, 0};  // any length but 0
+  double opacity = 1;     // [0, 1]; 1 hides what lies behind
+  bool shown = true;
+
+  [[nodiscard]] bool operator==(const SceneSlice&) const = default;
+};
+
+/// A plane that cuts off all behind it. The side to which the normal points stays.
+struct SceneClipPlane {
+  dvec3 point{0};         // of the plane
+  dvec3 normal{1, 0, 0};  // any length but 0
+  bool active = true;     // else it cuts nothing off
+
+  [[nodiscard]] bool operator==(const SceneClipPlane&) const = default;
+};
+
 struct Scene {
   [[nodiscard]] bool operator==(const Scene&) const = default;
 
@@ -74,6 +93,8 @@ struct Scene {
   bool outline = false;         // the edges of the domain's box are drawn over and behind the volume
   std::vector<SceneSurface> surfaces = {};
   ScalarBar scalar_bar = {};
+  std::vector<SceneSlice> slices = {};
+  std::vector<SceneClipPlane> clip_planes = {};
 };
 
 /// Reads a scene from JSON text. The error names the field that is missing or out of range.

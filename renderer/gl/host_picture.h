@@ -23,6 +23,9 @@ class HostPicture {
   /// Shows the rasterizer's last picture, until its next one.
   [[nodiscard]] Status show(const Rasterizer& rasterizer);
 
+  /// Shows a picture that no rasterizer has.
+  [[nodiscard]] Status show(Image image);
+
   /// Returns OpenGL's name of the texture, lower left pixel first. 0 before the first picture.
   [[nodiscard]] GLuint texture() const { return texture_; }
 

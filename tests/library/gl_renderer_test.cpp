@@ -195,6 +195,19 @@ std::vector<GLint64> snapshot() {
   return all;
 }
 
+TEST_P(HostedDrawing, SlicesAreInThePicture) {
+  scene_.slices = {{.point = scene_.camera.focal_point, .normal = {0.3, 1, 0.2}, .opacity = 0.5}};
+  GlRenderer renderer = open();
+  ASSERT_TRUE(renderer.draw());
+  Renderer apart = open_apart();
+  const Image with_slice = apart.render().value();
+  EXPECT_LT(difference(pixels_of(renderer.texture()), with_slice), 1e-6F);
+  scene_.slices.clear();
+  ASSERT_TRUE(renderer.set_scene(scene_));
+  ASSERT_TRUE(renderer.draw());
+  EXPECT_GT(difference(pixels_of(renderer.texture()), with_slice), 0.1F);
+}
+
 TEST_P(HostedDrawing, LeavesTheStateAsItWasAndDoesNotCareForIt) {
   const Image expected = open_apart().render().value();
   const HostObjects host;

@@ -7,18 +7,10 @@ namespace splatvol {
 namespace {
 
 // Shows one pixel, of a given grey.
-class OnePixel final : public Rasterizer {
- public:
-  Status set_transfer_function(const TransferFunction&, const DrawingUnits&) override { return {}; }
-  void set_lighting(const std::optional<Lighting>&) override {}
-  Status set_draw_list(const DrawList&) override { return {}; }
-  Status set_surface_depths(std::shared_ptr<const SurfaceDepths>) override { return {}; }
-  Result<FrameTimes> draw(const View&, SortMode, int) override { return FrameTimes{}; }
-  Result<Image> read_image() const override { return Image{1, 1, {vec4(grey, grey, grey, 1)}}; }
-  std::uint64_t device_bytes() const override { return 0; }
-  std::string description() const override { return "one pixel"; }
-
+struct OnePixel {
   float grey = 0;
+
+  Result<Image> operator()() const { return Image{1, 1, {vec4(grey, grey, grey, 1)}}; }
 };
 
 FrameSplats frame_of(std::uint64_t splats, const DetailOptions& detail) {

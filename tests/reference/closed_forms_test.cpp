@@ -117,6 +117,36 @@ TEST(Slab, AClipBoxCutsRaysWhereItsFacesAre) {
   for (const vec4& pixel : render(mesh, scene).image.pixels) EXPECT_EQ(pixel.a, 0);
 }
 
+// Two half spaces cut the mesh in two parts, as two clip boxes do. A plane along an axis is a face of a box.
+TEST(Slab, ClipPlanesCutRaysWhereTheyAre) {
+  const Mesh mesh = make_box(4, constant);
+  for (const bool orthographic : {false, true}) {
+    Scene scene = make_scene(slab_extinction, 40, 30);
+    look(scene, {1.7, 2.1, 2.9}, dvec3(0.5));
+    if (orthographic) scene.camera.projection = Camera::Projection::orthographic;
+    scene.camera.parallel_height = 2;
+    const Image whole = render(mesh, scene).image;
+    for (const dvec3 normal : {dvec3(1, 2, -0.5), dvec3(0, 0, -3), scene.camera.position - dvec3(0.5)}) {
+      scene.clip_planes = {{dvec3(0.4), normal}};
+      const Image first = render(mesh, scene).image;
+      scene.clip_planes[0].normal = -normal;
+      const Image second = render(mesh, scene).image;
+      for (std::size_t i = 0; i < whole.pixels.size(); ++i)
+        EXPECT_NEAR((1 - first.pixels[i].a) * (1 - second.pixels[i].a), 1 - whole.pixels[i].a, exact);
+      EXPECT_GT(compare_images(first, second)->rmse, 0.02);
+      scene.clip_planes.push_back({dvec3(0.4), normal});
+      for (const vec4& pixel : render(mesh, scene).image.pixels) EXPECT_NEAR(pixel.a, 0, exact) << "nothing is between";
+    }
+    scene.clip_planes = {{{0, 0, 0.37}, {0, 0, 2}, false}};
+    EXPECT_EQ(compare_images(render(mesh, scene).image, whole)->max, 0) << "it is not active";
+    scene.clip_planes[0].active = true;
+    const Image cut = render(mesh, scene).image;
+    scene.clip_planes.clear();
+    scene.clip_box = Box{{-1, -1, 0.37}, dvec3(2)};
+    EXPECT_LT(compare_images(render(mesh, scene).image, cut)->max, 1e-6);
+  }
+}
+
 TEST(Slab, RaysOnTheOuterFacesCountOnceOrNotAtAll) {
   const Mesh mesh = make_box(4, constant);
   Scene scene = make_scene(slab_extinction, 17, 17);

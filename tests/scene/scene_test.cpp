@@ -54,7 +54,7 @@ TEST(ParseScene, ReadsWhatItWrites) {
   ASSERT_TRUE(again) << again.error().message;
   EXPECT_EQ(again->clip_box, scene.clip_box);
   EXPECT_EQ(scene_to_json(*again), scene_to_json(scene));
-  EXPECT_EQ(make_view(*again)->clip_box, scene.clip_box);
+  EXPECT_EQ(make_view(*again)->clip.box, scene.clip_box);
   const auto camera = parse_camera(camera_to_json(scene.camera));
   ASSERT_TRUE(camera);
   EXPECT_EQ(camera->position, scene.camera.position);
@@ -110,6 +110,68 @@ TEST(ParseScene, NamesTheFieldNearestToAnUnknownOne) {
               StartsWith("lighting.difuse: no such field; the nearest is lighting.diffuse ("));
   EXPECT_TRUE(parse_scene(changed("/camera/x-name", "front")));
   EXPECT_THAT(error_of(changed("/outline", 1)), StartsWith("outline: "));
+}
+
+TEST(ParseScene, SlicesAndClipPlanesAreReadAndWrittenBack) {
+  json text = json::parse(
+      changed("/slices",
+              {{{"point", {1, 2, 3}}, {"normal", {0, 0, 2}}},
+               {{"point", {1e7, 0, 0}}, {"normal", {1e-200, 2e-200, -1e-200}}, {"opacity", 0.25}, {"shown", false}}}));
+  text["clip_planes"] = {{{"point", {0, 0, 0}}, {"normal", {3, 0, 4}}},
+                         {{"point", {0, 1, 0}}, {"normal", {0, 1, 0}}, {"active", false}}};
+  const auto scene = parse_scene(text.dump());
+  ASSERT_TRUE(scene) << scene.error().message;
+  const std::vector<SceneSlice> slices{
+      {.point = {1, 2, 3}, .normal = {0, 0, 2}},
+      {.point = {1e7, 0, 0}, .normal = {1e-200, 2e-200, -1e-200}, .opacity = 0.25, .shown = false}};
+  const std::vector<SceneClipPlane> planes{{.point = dvec3(0), .normal = {3, 0, 4}},
+                                           {.point = {0, 1, 0}, .normal = {0, 1, 0}, .active = false}};
+  EXPECT_EQ(scene->slices, slices);
+  EXPECT_EQ(scene->clip_planes, planes);
+  const auto again = parse_scene(scene_to_json(*scene)).value();
+  EXPECT_EQ(again.slices, slices);
+  EXPECT_EQ(again.clip_planes, planes);
+
+  // Views have those that count, with normals of length 1.
+  View view = make_view(again).value();
+  ASSERT_EQ(view.slices.size(), 1U);
+  EXPECT_EQ(view.slices[0].plane, (Plane{{1, 2, 3}, {0, 0, 1}}));
+  ASSERT_EQ(view.clip.planes.size(), 1U);
+  EXPECT_NEAR(glm::length(view.clip.planes[0].normal - dvec3(0.6, 0, 0.8)), 0, 1e-15);
+  Scene shown = again;
+  shown.slices[1].shown = true;
+  view = make_view(shown).value();
+  ASSERT_EQ(view.slices.size(), 2U);
+  EXPECT_NEAR(glm::length(view.slices[1].plane.normal), 1, 1e-15);
+  shown.slices[1].opacity = 0;
+  EXPECT_EQ(make_view(shown)->slices.size(), 1U) << "nothing of it is seen";
+}
+
+TEST(ParseScene, NamesTheWrongPartOfAPlane) {
+  const json point = {0, 0, 0}, normal = {0, 0, 1};
+  for (const std::string name : {"slices", "clip_planes"}) {
+    const auto refuses = [&](const json& value, const std::string& message) {
+      EXPECT_THAT(error_of(changed("/" + name, value)), StartsWith(name + message));
+    };
+    refuses({{{"point", point}, {"normal", {0, 0, 0}}}}, "[0]: the normal has no direction; give one that is not");
+    refuses({{{"point", point}}}, "[0].normal: missing");
+    refuses({{{"normal", normal}}}, "[0].point: missing");
+    refuses({{{"point", point}, {"normal", normal}}, 1}, "[1]: not an object");
+    refuses({{{"point", {0, 0}}, {"normal", normal}}}, "[0].point: not a list of 3 numbers");
+    refuses({{{"point", {0, 0, "nan"}}, {"normal", normal}}}, "[0].point[2]: not a number");
+    refuses({{{"point", {0, 0, 2e100}}, {"normal", normal}}}, "[0].point[2]: beyond");
+    refuses({{{"point", point}, {"normal", normal}, {"pint", 1}}}, "[0].pint: no such field");
+    refuses({{"point", point}, {"normal", normal}}, ": not a list");
+    refuses(json(std::vector<json>(65, {{"point", point}, {"normal", normal}})), ": 65 planes; at most 64");
+  }
+  const auto slice = [&](const char* field, const json& value) {
+    return error_of(changed("/slices", {{{"point", point}, {"normal", normal}, {field, value}}}));
+  };
+  EXPECT_THAT(slice("opacity", 1.5), StartsWith("slices[0].opacity: 1.5 is outside [0, 1]"));
+  EXPECT_THAT(slice("shown", 1), StartsWith("slices[0].shown: neither true nor false"));
+  EXPECT_THAT(slice("active", true), StartsWith("slices[0].active: no such field"));
+  EXPECT_THAT(error_of(changed("/clip_planes", {{{"point", point}, {"normal", normal}, {"active", 0}}})),
+              StartsWith("clip_planes[0].active: neither true nor false"));
 }
 
 TEST(ParseScene, SurfacesAreReadAndWrittenBack) {

@@ -40,7 +40,7 @@ Box half_space(int axis, double from, double to) {
 }
 
 Material clipped(Material splat, const dvec3& origin, const Box& box) {
-  clip(splat, {box.low - origin, box.high - origin});
+  clip(splat, {Box{box.low - origin, box.high - origin}, {}});
   return splat;
 }
 
@@ -90,7 +90,7 @@ TEST(Clip, LeavesWhatIsInsideAndNothingOfWhatIsOutside) {
   for (int i = 0; i < 100; ++i) {
     const Material splat = random_splat(random);
     Material inside = splat;
-    EXPECT_FALSE(clip(inside, {dvec3(-5), dvec3(5)}));
+    EXPECT_FALSE(clip(inside, {Box{dvec3(-5), dvec3(5)}, {}}));
     EXPECT_EQ(inside.center, splat.center);
     EXPECT_EQ(inside.mass, splat.mass);
     EXPECT_EQ(clipped(splat, dvec3(5), {dvec3(20), dvec3(30)}).mass, 0);
@@ -113,10 +113,47 @@ TEST(Clip, TakesThinAndEmptySplats) {
 
 TEST(Clip, OctantsGoByTheirPoint) {
   OctantSplat inside{{0, 0, 0}, 1, 1, 0}, outside{{2, 0, 0}, 1, 1, 0};
-  EXPECT_FALSE(clip(inside, {dvec3(-1), dvec3(1)}));
-  EXPECT_TRUE(clip(outside, {dvec3(-1), dvec3(1)}));
+  EXPECT_FALSE(clip(inside, {Box{dvec3(-1), dvec3(1)}, {}}));
+  EXPECT_TRUE(clip(outside, {Box{dvec3(-1), dvec3(1)}, {}}));
   EXPECT_EQ(inside.value, 1);
   EXPECT_TRUE(std::isnan(outside.value));
+}
+
+// Planes of any direction cut as faces of a box do.
+TEST(Clip, TwoSidesOfAPlaneMakeTheWhole) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  int cut = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const Material whole = random_splat(random);
+    const Plane plane =
+        make_plane(whole.center + test::random_vector(unit, random), test::random_vector(unit, random) + 1e-3);
+    Material front = whole, behind = whole;
+    clip(front, {std::nullopt, {plane}});
+    clip(behind, {std::nullopt, {make_plane(plane.point, -plane.normal)}});
+    ASSERT_NEAR(front.mass + behind.mass, whole.mass, 2e-3 * whole.mass);
+    for (int k = 0; k < 3; ++k)
+      ASSERT_NEAR(front.mass * front.center[k] + behind.mass * behind.center[k], whole.mass * whole.center[k],
+                  6e-3 * whole.mass);
+    ASSERT_NEAR(front.mass * front.value + behind.mass * behind.value, whole.mass * whole.value, 4e-3 * whole.mass);
+    ASSERT_TRUE(front.mass == 0 || plane.distance(front.center) >= -1e-12);
+    cut += front.mass > 0.1 * whole.mass && behind.mass > 0.1 * whole.mass ? 1 : 0;
+  }
+  EXPECT_GT(cut, 500);
+
+  // Along an axis: the same numbers as a box.
+  for (int axis = 0; axis < 3; ++axis) {
+    const Material whole = random_splat(random);
+    dvec3 normal(0);
+    normal[axis] = 1;
+    Material by_plane = whole, by_box = whole;
+    clip(by_plane, {std::nullopt, {{whole.center + 0.05, normal}}});
+    clip(by_box, {half_space(axis, whole.center[axis] + 0.05, infinity), {}});
+    EXPECT_NEAR(by_plane.mass, by_box.mass, 1e-12);
+    EXPECT_NEAR(glm::length(by_plane.center - by_box.center), 0, 1e-12);
+    EXPECT_NEAR(glm::length(by_plane.boundary - by_box.boundary), 0, 1e-9);
+    EXPECT_NEAR(by_plane.value, by_box.value, 1e-12);
+  }
 }
 
 // Ranges inside are drawn as they are, ranges outside not at all, others as a row of as many records.
@@ -129,7 +166,9 @@ TEST(Clip, RangesAreDrawnWholeOrNotAtAllOrAsClippedRows) {
   DrawList list;
   append(list, pack_row(splats, origin, length), 0, 100, 0.25f);
   ASSERT_EQ(list.ranges.size(), 1u);
-  const auto box = [&](double low, double high) { return Box{origin + length * low, origin + length * high}; };
+  const auto box = [&](double low, double high) {
+    return ClipRegion{Box{origin + length * low, origin + length * high}, {}};
+  };
   using Part = ClippedRange::Part;
   EXPECT_EQ(clip(list.ranges[0], box(-9, 9), length).part, Part::all);
   EXPECT_EQ(clip(list.ranges[0], box(9, 11), length).part, Part::none);
@@ -148,6 +187,12 @@ TEST(Clip, RangesAreDrawnWholeOrNotAtAllOrAsClippedRows) {
   append(octants, pack_row(points, origin, length), 0, 2, 1);
   EXPECT_EQ(clip(octants.ranges[0], box(-3, 3), length).part, Part::all);
   EXPECT_EQ(clip(octants.ranges[0], box(3, 4), length).part, Part::none);
+  const auto beyond = [&](double at) {
+    return ClipRegion{std::nullopt, {make_plane(origin + length * at, {1, 0, 0})}};
+  };
+  EXPECT_EQ(clip(list.ranges[0], beyond(-9), length).part, Part::all);
+  EXPECT_EQ(clip(list.ranges[0], beyond(9), length).part, Part::none);
+  EXPECT_EQ(clip(list.ranges[0], beyond(0), length).part, Part::some);
   const ClippedRange half = clip(octants.ranges[0], box(-1, 1), length);
   ASSERT_EQ(half.part, Part::some);
   EXPECT_EQ(unpack_octant(half.row, 0).value, 1);
@@ -169,12 +214,12 @@ TEST(ClipBox, WhatIsOutsideIsNeitherReadNorDrawn) {
   const double whole = mass_of(**streamer->request(view, test::opaque(), all));
   double parts = 0;
   for (const double low : {-infinity, 0.3}) {
-    view.clip_box = half_space(0, low, low < 0 ? 0.3 : infinity);
+    view.clip.box = half_space(0, low, low < 0 ? 0.3 : infinity);
     parts += mass_of(**streamer->request(view, test::opaque(), all));
   }
   EXPECT_NEAR(parts / whole, 1, 1e-3);
 
-  view.clip_box = Box{dvec3(0.6), dvec3(0.7)};
+  view.clip.box = Box{dvec3(0.6), dvec3(0.7)};
   const auto other = Streamer::open(test::source_of(volume), options).value();
   const auto splats = other->request(view, test::opaque(), all).value()->splats;
   EXPECT_LT(splats, 20000 / 5);  // a thousandth of the space, with nodes that reach into it
@@ -188,7 +233,7 @@ TEST(ClipBox, WhatIsOutsideIsNeitherReadNorDrawn) {
   EXPECT_TRUE(frame->progress.complete);
   EXPECT_EQ(mass_of(*frame), mass_of(**other->request(view, test::opaque(), all)));
   // Another box gives another frame.
-  view.clip_box = Box{dvec3(0.6), dvec3(0.69)};
+  view.clip.box = Box{dvec3(0.6), dvec3(0.69)};
   const double before = mass_of(*frame);
   EXPECT_LT(mass_of(**paging->advance(view, test::opaque(), all, 60)), before);
 }

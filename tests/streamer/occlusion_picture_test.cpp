@@ -135,9 +135,9 @@ void RendererTestOcclusion::with_the_eye_inside() const {
 
 void RendererTestOcclusion::with_a_clip_box() const {
   View clipped = view(camera({5, 4, 8}));
-  clipped.clip_box = Box{{-1.9, -1.8, -1}, {1.7, 1.9, 0.8}};
+  clipped.clip.box = Box{{-1.9, -1.8, -1}, {1.7, 1.9, 0.8}};
   EXPECT_LT(check(clipped, "value"), 1);
-  clipped.clip_box = Box{{-2, -2, 0.57}, {2, 2, 0.6}};
+  clipped.clip.box = Box{{-2, -2, 0.57}, {2, 2, 0.6}};
   EXPECT_EQ(check(clipped, "value", 60), 1) << "a slab that is seen through";
 }
 

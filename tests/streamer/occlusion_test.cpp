@@ -206,11 +206,13 @@ TEST_F(OpaqueMesh, NothingIsHiddenByWhatCanBeSeenThrough) {
 
 TEST_F(OpaqueMesh, NorByWhatAClipBoxTakesAway) {
   View clipped = view({0, 0, 12});
-  clipped.clip_box = Box{{-2, -2, -1}, {2, 2, -0.8}};
+  clipped.clip.box = Box{{-2, -2, -1}, {2, 2, -0.8}};
   CutOptions options;
   const Cut all = cut(clipped, 30, options);
   options.filled = &filled_;
   EXPECT_EQ(cut(clipped, 30, options), all) << "a slab of optical depth 6";
+  clipped.clip = {std::nullopt, {make_plane({0, 0, -0.8}, {0, 0, -1})}};
+  EXPECT_EQ(cut(clipped, 30, options), all) << "the same by a clip plane";
 }
 
 TEST_F(OpaqueMesh, WhatIsKeptIsTakenForTheSameViewAndValuesOnly) {
@@ -220,7 +222,7 @@ TEST_F(OpaqueMesh, WhatIsKeptIsTakenForTheSameViewAndValuesOnly) {
   std::optional<KeptOcclusion> kept;
   keeping.kept_occlusion = &kept;
   View clipped = view({5, 4, 8});
-  clipped.clip_box = Box{{-2, -2, -1}, {2, 2, -0.8}};
+  clipped.clip.box = Box{{-2, -2, -1}, {2, 2, -0.8}};
   for (const View& from : {view({5, 4, 8}), view({5, 4, 8.001}), clipped, view({5, 4, 8})})
     for (const double extinction : {20.0, 1.0, 40.0, 40.0})
       EXPECT_EQ(cut(from, extinction, keeping), cut(from, extinction, options)) << extinction;

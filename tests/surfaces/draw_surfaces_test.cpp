@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <oneapi/tbb/global_control.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -31,7 +32,7 @@ Surface surface_of(TriangleMesh mesh, double opacity = 1, dvec3 color = dvec3(1)
 
 SurfaceLayers draw(const std::vector<Surface>& surfaces, const View& view,
                    std::size_t most_layers = most_surface_layers) {
-  return draw_surfaces(surfaces, view, most_layers);
+  return draw_surfaces(surfaces, {}, view, most_layers);
 }
 
 // A pixel's ray in world coordinates; `direction` has length 1 along the view's axis.
@@ -154,7 +155,7 @@ TEST(DrawSurfaces, NothingIsBehindTheEyeOrHidden) {
 
 TEST(DrawSurfaces, AClipBoxCutsThem) {
   View view = view_from({0, 0, 4}, dvec3(0), false);
-  view.clip_box = Box{{0, -5, -5}, {5, 5, 0}};
+  view.clip.box = Box{{0, -5, -5}, {5, 5, 0}};
   const TriangleMesh mesh = test::plate({-1, -1, 0}, {2, 0, 0}, {0, 2, 0});  // in a face of the box
   const auto drawn = draw({surface_of(mesh)}, view);
   ASSERT_EQ(drawn.layers.size(), 1u);
@@ -164,6 +165,109 @@ TEST(DrawSurfaces, AClipBoxCutsThem) {
     hit += depth < infinity ? 1 : 0;
   });
   EXPECT_GT(hit, 500);
+}
+
+// A slice with one value everywhere, of a grey function.
+SlicePicture slice_of(const View& view, const Plane& plane, double opacity, double value) {
+  TransferFunction function;
+  function.colors = {{0, dvec3(0)}, {1, dvec3(1)}};
+  function.densities = {{0, 0}};
+  std::vector<double> depths = slice_depths(view, plane);
+  const std::vector<double> values(depths.size(), value);
+  return color_slice(view, {plane, opacity}, std::move(depths), values, function);
+}
+
+TEST(Slices, DepthsAreThoseOfThePlane) {
+  for (const bool orthographic : {false, true})
+    for (const dvec3 centre : {dvec3(0), dvec3(1e7, -1e7, 1e6)}) {
+      const View view = view_from(centre + dvec3(0.3, 0.5, 4), centre, orthographic);
+      const Plane plane = make_plane(centre + dvec3(0.1, 0, 0), {0.3, -5, 1});
+      const std::vector<double> depths = slice_depths(view, plane);
+      int met = 0;
+      for (int row = 0; row < view.height; ++row)
+        for (int x = 0; x < view.width; ++x) {
+          const Ray ray = ray_of(view, x, row);
+          const double depth = depths[static_cast<std::size_t>(row) * view.width + x];
+          const bool before = plane.distance(ray.origin) * glm::dot(plane.normal, ray.direction) < 0;
+          ASSERT_EQ(std::isfinite(depth), before);
+          if (!before) continue;
+          ++met;
+          // Rounding of the eye's coordinates, over the sine of the angle between ray and plane.
+          EXPECT_NEAR(plane.distance(ray.origin + depth * ray.direction), 0, 1e-8 * (1 + std::abs(depth)));
+        }
+      EXPECT_GT(met, 3000);
+    }
+}
+
+TEST(Slices, APlaneThroughTheEyeOrBehindItShowsNothing) {
+  const View view = view_from({0, 0, 4}, dvec3(0), false), parallel = view_from({0, 0, 4}, dvec3(0), true);
+  const auto shows = [](const View& from, const Plane& plane) {
+    const std::vector<double> depths = slice_depths(from, plane);
+    return std::ranges::any_of(depths, [](double depth) { return std::isfinite(depth); });
+  };
+  EXPECT_FALSE(shows(view, make_plane({0, 0, 4}, {1, 2, 3})));
+  EXPECT_FALSE(shows(view, make_plane({0, 0, 4.5}, {0, 0, 1})));
+  EXPECT_FALSE(shows(parallel, make_plane({0, 0.2, 0}, {0, 1, 0}))) << "edge on";
+  EXPECT_FALSE(shows(parallel, make_plane({0, 0, 4.5}, {0, 0, 1})));
+  EXPECT_TRUE(shows(view, make_plane({0, 0.2, 0}, {0, 1, 0})));
+  EXPECT_TRUE(shows(parallel, make_plane({0, 0, 4.5}, {0, 1, 1}))) << "a part in front of the eye";
+}
+
+TEST(Slices, AreCutByTheClipRegionAndShowInItsFaces) {
+  View view = view_from({0, 0, 4}, dvec3(0), false);
+  const Plane face = make_plane({0.2, 0.1, 0}, {0.1, -0.2, -1});
+  view.clip.planes = {face, make_plane({0, 0, 0}, {1, 0, 0})};
+  const SlicePicture slice = slice_of(view, face, 1, 0.5);
+  const auto drawn = draw_surfaces({}, std::span(&slice, 1), view);
+  ASSERT_EQ(drawn.layers.size(), 1u);
+  for_each_pixel(view, drawn.layers[0], [&](const Ray& ray, float depth, const vec4& light) {
+    if (std::abs(ray.direction.x) < 1e-9) return;  // in the other plane
+    const double x = (ray.origin + static_cast<double>(depth) * ray.direction).x;
+    EXPECT_EQ(std::isfinite(depth), ray.direction.x > 0) << "the other plane cuts it";
+    EXPECT_TRUE(depth == infinity || x > -1e-6);
+    EXPECT_EQ(light.r, ray.direction.x > 0 ? 0.5F : 0);
+  });
+}
+
+TEST(Slices, TheyAndSurfacesAreSortedByDepth) {
+  const View view = view_from({0, 0, 4}, dvec3(0), true);
+  // Two slices that cross each other, one translucent, with a translucent plate behind both and an opaque one between.
+  const std::vector<SlicePicture> slices{slice_of(view, make_plane(dvec3(0), {1, 0, 1}), 0.5, 1),
+                                         slice_of(view, make_plane(dvec3(0), {-1, 0, 1}), 1, 0.25)};
+  const Surface plate = surface_of(test::plate({-9, -9, 0.5}, {18, 0, 0}, {0, 18, 0}), 0.5, {0, 1, 0});
+  const auto drawn = draw_surfaces(std::span(&plate, 1), slices, view);
+  ASSERT_GE(drawn.layers.size(), 2u);
+  for (int row = 5; row < view.height; row += 11)
+    for (int x = 0; x < view.width; x += 7) {
+      const double at = ray_of(view, x, row).origin.x;  // depths: 4 + at, 4 - at, 3.5
+      std::vector<std::pair<double, float>> expected{{4 + at, 0.5F}, {3.5, 0.5F}};
+      if (at < 0) expected = {{4 + at, 0.5F}, {3.5, 0.5F}};
+      std::ranges::sort(expected);
+      std::erase_if(expected, [&](const auto& hit) { return hit.first > 4 - at; });  // behind the opaque one
+      expected.emplace_back(4 - at, 1.0F);
+      ASSERT_GE(drawn.layers.size(), expected.size());
+      for (std::size_t i = 0; i < expected.size(); ++i) {
+        const auto pixel = static_cast<std::size_t>(row) * view.width + x;
+        EXPECT_NEAR(static_cast<double>(drawn.layers[i].depths.depths[pixel]), expected[i].first, 1e-5);
+        EXPECT_EQ(drawn.layers[i].light.at(x, row).a, expected[i].second);
+      }
+    }
+}
+
+TEST(Slices, ColoursAreThoseOfTheFunctionTimesTheOpacity) {
+  const View view = view_from({0, 0, 4}, dvec3(0), false, 4, 1);
+  TransferFunction function;
+  function.lo = 10, function.hi = 20;
+  function.colors = {{0, {1, 0, 0}}, {1, {0, 0, 1}}};
+  function.densities = {{0, 0}, {1, 0}};
+  const Plane plane = make_plane(dvec3(0), {0, 0, 1});
+  const std::vector<double> values{5, 15, std::numeric_limits<double>::quiet_NaN(), 20};
+  const SlicePicture slice = color_slice(view, {plane, 0.5}, slice_depths(view, plane), values, function);
+  EXPECT_EQ(slice.light.at(0, 0), vec4(0.5F, 0, 0, 0.5F));
+  EXPECT_EQ(slice.light.at(1, 0), vec4(0.25F, 0, 0.25F, 0.5F));
+  EXPECT_EQ(slice.light.at(2, 0), vec4(0));
+  EXPECT_TRUE(std::isinf(slice.depths[2]));
+  EXPECT_EQ(slice.light.at(3, 0), vec4(0, 0, 0.5F, 0.5F));
 }
 
 TEST(DrawSurfaces, EdgesAreDarkLines) {

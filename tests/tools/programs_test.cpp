@@ -516,6 +516,42 @@ TEST_F(RealData, SurfacesAreSortedInAsInTheExactPicture) {
   }
 }
 
+// Slices in two directions, one translucent, and a clip plane. The error is mostly that of pixels at the slices' edges.
+TEST_F(RealData, SlicesAndClipPlanesAreAsInTheExactPicture) {
+  struct Bound {
+    std::string view;
+    double slices, planes;  // root mean square of linear RGB
+  };
+  std::string built;
+  for (const Bound& bound : {Bound{"bluntfin", 0.013, 0.006}, Bound{"bluntfin-ortho", 0.012, 0.006},
+                             Bound{"post", 0.016, 0.006}, Bound{"wing", 0.012, 0.006}}) {
+    const std::string name = bound.view.substr(0, bound.view.find('-'));
+    if (name != built) expect_success("svbuild " + mesh(name) + " -o " + path("volume.svol"));
+    built = name;
+    json text = json::parse(*read_text_file(scene(bound.view)));
+    const json focus = text.at("camera").at("focal_point");
+    const auto error = [&](const std::string& way) {
+      expect_success("svrender " + path("volume.svol") + " --scene " + path("s.json") + " --tolerance 0 -o " +
+                     path("picture.exr") + " " + way);
+      return compare_images(*read_exr(path("exact.exr")), *read_exr(path("picture.exr")))->rmse;
+    };
+    const auto draw_exact = [&] {
+      write("s.json", text.dump());
+      expect_success("svtruth " + mesh(name) + " --scene " + path("s.json") + " -o " + path("exact.exr"));
+    };
+    text["clip_planes"] = {{{"point", focus}, {"normal", {0.2, -0.3, -1}}}};
+    draw_exact();
+    for (const char* way : {"--device cpu", "--device cpu --raster splats", "--device gl"})
+      EXPECT_LT(error(way), bound.planes) << bound.view << ", " << way;
+    text["slices"] = {{{"point", focus}, {"normal", {0.2, -0.3, -1}}},
+                      {{"point", focus}, {"normal", {0.1, 1, 0.2}}, {"opacity", 0.5}}};
+    draw_exact();
+    EXPECT_GT(std::ranges::count(read_exr(path("exact.exr"))->pixels, 1.0F, &vec4::a), 3000) << bound.view;
+    for (const char* way : {"--device cpu", "--device gl"})
+      EXPECT_LT(error(way), bound.slices) << bound.view << ", " << way;
+  }
+}
+
 TEST_F(Programs, SurfacesThatCannotBeReadAreRefused) {
   write("mesh.vtu", small_mesh(small_data));
   expect_success("svbuild " + path("mesh.vtu") + " -o " + path("v.svol"));

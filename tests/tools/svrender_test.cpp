@@ -97,6 +97,30 @@ TEST_F(Svrender, TakesOneGoalOnly) {
   }
 }
 
+TEST_F(Svrender, SlicesClipPlanesAndIsovaluesAreOptions) {
+  const auto picture = [&](const std::string& options) {
+    const Outcome outcome = run("v.svol --scene s.json -o out.exr --tolerance 0 " + options);
+    EXPECT_EQ(outcome.code, 0) << outcome.text;
+    return read_exr(path("out.exr")).value();
+  };
+  const auto opaque = [](const Image& image) { return std::ranges::count(image.pixels, 1.0F, &vec4::a); };
+  const Image plain = picture("");
+  EXPECT_EQ(opaque(plain), 0);
+  EXPECT_GT(opaque(picture("--slice 0.5,0.5,0.5:0,0,1")), 100);
+  EXPECT_GT(opaque(picture("--slice 0.5,0.5,0.5:0,0,1 --slice 0.5,0.5,0.5:1,0,0")), 100);
+  EXPECT_EQ(opaque(picture("--slice 0.5,0.5,5:0,0,1")), 0);
+  EXPECT_GT(compare_images(picture("--clip-plane 0.5,0.5,0.5:0.1,0,1"), plain)->rmse, 0.01);
+  EXPECT_GT(compare_images(picture("--isovalue 0.5"), plain)->rmse, 0.01);
+  EXPECT_GT(compare_images(picture("--isovalue 0.5:0.2"), picture("--isovalue 0.5:0.01"))->rmse, 1e-3);
+  for (const char* options : {"--slice 1,2:0,0,1", "--slice 1,2,3", "--slice 1,2,3:0,0,0", "--slice 1,2,3:0,0,nan",
+                              "--slice 1,2,3:0,0,1,", "--clip-plane a,b,c:0,0,1", "--clip-plane 1,2,2e100:0,0,1",
+                              "--isovalue x", "--isovalue 1:0", "--isovalue 1:"}) {
+    const Outcome outcome = run(fmt::format("v.svol --scene s.json -o no.png {}", options));
+    EXPECT_EQ(outcome.code, 2) << options;
+    EXPECT_LT(outcome.text.size(), 250u) << outcome.text;
+  }
+}
+
 TEST_F(Svrender, SlabsNeedTheProcessorAndMoments) {
   expect_refusal("v.svol --scene s.json -o out.png --raster slabs --device gl", "cpu");
   expect_refusal("v.svol --scene s.json -o out.png --raster slabs --kernel octant", "take the kernel moments");

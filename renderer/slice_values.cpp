@@ -1,0 +1,289 @@
+#include "renderer/slice_values.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <variant>
+
+#include "base/splat_kernel.h"
+
+namespace splatvol {
+namespace {
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+constexpr int band_rows = 16;
+constexpr std::uint64_t batch_records = std::uint64_t{1} << 18;  // whose splats are held at once
+
+// A splat that is thinner across than this share of its length counts as so thick: the plane still meets it.
+constexpr double thinnest = 1e-6;
+
+// Material has a density of 1 on average. A place with less than this has none, as if boundary planes cut nothing off.
+// Ripple must not leave holes. Splats with boundaries are near the material's edge, where the limit is higher.
+constexpr double least_whole = 0.3, least_of_bounded = 0.5;
+constexpr double least_of_octants = 0.05;  // their sizes fit the material less
+
+// The boundary planes must leave this density, or this share of it.
+constexpr double least_left = 0.3, least_share = 0.5;
+
+// A plane as a picture's rays see it. The ray of a pixel is d = (a, b, 1); it meets the plane at K d / (w . d) in view
+// coordinates.
+struct PlaneOnRays {
+  dmat3 k;
+  dvec3 w;
+
+  PlaneOnRays(const View& view, const Plane& plane) {
+    const dvec3 n(glm::dot(plane.normal, view.right), glm::dot(plane.normal, view.up),
+                  glm::dot(plane.normal, view.forward));
+    const double distance = -plane.distance(view.eye);
+    k = view.orthographic ? dmat3(n.z, 0, -n.x, 0, n.z, -n.y, 0, 0, distance) : dmat3(distance);
+    w = view.orthographic ? dvec3(0, 0, n.z) : n;
+  }
+};
+
+// A splat that meets the plane. In its coordinates u = G d / (w . d) the ellipsoid is the unit ball.
+struct SplatOnPlane {
+  dmat3 g;
+  dvec3 gradient;   // of the value, along u
+  dvec3 outwards;   // normal of the boundary plane, which goes through the centre; 0: no boundary
+  double value;     // stored value at the centre
+  double density;   // at the centre
+  int first, last;  // rows of pixels, from the lowest
+
+  [[nodiscard]] bool has_boundary() const { return outwards != dvec3(0); }
+};
+
+// Sums over the splats at a pixel's place on the plane.
+struct Sums {
+  std::vector<float> weight, value;  // of the splats that have material there
+  std::vector<float> whole;          // weight, as if nothing were cut off at boundaries
+  std::vector<float> bounded;        // the same of splats with a boundary
+  explicit Sums(std::size_t pixels) : weight(pixels), value(pixels), whole(pixels), bounded(pixels) {}
+};
+
+// The directions along a plane.
+std::array<dvec3, 2> along(const dvec3& normal) {
+  const dvec3 size = glm::abs(normal);
+  const dvec3 other = size.x <= size.y && size.x <= size.z ? dvec3(1, 0, 0)
+                      : size.y <= size.z                   ? dvec3(0, 1, 0)
+                                                           : dvec3(0, 0, 1);
+  const dvec3 first = glm::normalize(glm::cross(normal, other));
+  return {first, glm::cross(normal, first)};
+}
+
+// Returns a number of pixels, within [0, count]. Damaged splats may give NaN.
+int pixel_in(double number, int count) { return number > 0 ? static_cast<int>(std::min(number, 1.0 * count)) : 0; }
+
+// Draws the splats of some ranges.
+class SliceDrawing {
+ public:
+  SliceDrawing(const DrawingUnits& units, const View& view, const Plane& plane)
+      : units_(units),
+        view_(view),
+        plane_(plane),
+        rays_(view, plane),
+        along_(along(plane.normal)),
+        sums_(static_cast<std::size_t>(view.width) * view.height) {}
+
+  void add(std::span<const DrawRange> ranges) {
+    std::vector<std::vector<SplatOnPlane>> found(ranges.size());
+    tbb::parallel_for(std::size_t{0}, ranges.size(), [&](std::size_t i) { find_splats(ranges[i], found[i]); });
+    const int bands = (view_.height + band_rows - 1) / band_rows;
+    tbb::parallel_for(0, bands, [&](int band) {
+      const int first = band * band_rows, last = std::min(first + band_rows, view_.height) - 1;
+      for (const auto& splats : found)
+        for (const SplatOnPlane& splat : splats) draw_rows(splat, first, last);
+    });
+  }
+
+  [[nodiscard]] std::vector<double> values(std::span<const double> depths, double least) const {
+    std::vector<double> values(depths.size(), std::numeric_limits<double>::quiet_NaN());
+    tbb::parallel_for(std::size_t{0}, depths.size(), [&](std::size_t i) {
+      const double weight = sums_.weight[i], whole = sums_.whole[i];
+      if (!(depths[i] < infinity && weight > 0)) return;
+      const double limit = least + (least_of_bounded - least) * static_cast<double>(sums_.bounded[i]) / whole;
+      if (whole >= limit && weight >= std::min(least_left, least_share * whole))
+        values[i] = units_.value(static_cast<double>(sums_.value[i]) / weight);
+      if (!std::isfinite(values[i])) values[i] = std::numeric_limits<double>::quiet_NaN();
+    });
+    return values;
+  }
+
+ private:
+  void find_splats(const DrawRange& range, std::vector<SplatOnPlane>& found) const;
+  void add_splat(const Material& splat, const dvec3& origin, float weight, std::vector<SplatOnPlane>& found) const;
+  [[nodiscard]] bool find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnPlane& found) const;
+  void draw_rows(const SplatOnPlane& splat, int first, int last);
+
+  const DrawingUnits& units_;
+  const View& view_;
+  const Plane& plane_;
+  const PlaneOnRays rays_;
+  const std::array<dvec3, 2> along_;
+  Sums sums_;
+};
+
+// Bound on how far a splat reaches from its centre, drawing units.
+double reach_of(const MomentsShape& shape, double deviation_scale) {
+  const double longest = log_number(shape.deviations[0], deviation_scale);
+  if (shape.boundary == 0) return moments_half_width * longest;
+  dvec3 foot;
+  for (int k = 0; k < 3; ++k)
+    foot[k] = static_cast<double>(static_cast<std::int32_t>(shape.boundary << (22 - 10 * k)) >> 22) / 128;
+  const double far = glm::length(foot);
+  return longest * (moments_half_width * std::sqrt(1 + far * far) + far);
+}
+
+// A ball with the octant splat's reach.
+Material material_of(const OctantSplat& splat) {
+  Material material;
+  const auto size = static_cast<double>(splat.size);
+  material.center = dvec3(splat.position);
+  material.mass = std::isnan(splat.value) ? 0 : size * size * size;
+  material.deviations = dvec3(octant_reach * size / moments_half_width);
+  material.value = splat.value;
+  return material;
+}
+
+void SliceDrawing::find_splats(const DrawRange& range, std::vector<SplatOnPlane>& found) const {
+  if (!(range.weight > 0)) return;
+  const ShapeRow& row = *range.row.shapes;
+  const RecordBlock& block = row.blocks()[range.block];
+  const auto visit = [&](const auto& shapes, const auto& reach, const auto& unpack_one) {
+    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
+      const dvec3 centre = block.origin + units_.length * block.step * dvec3(shapes[i].position.offset());
+      if (std::abs(plane_.distance(centre)) <= units_.length * reach(shapes[i]))
+        add_splat(unpack_one(range.row, i), block.origin, range.weight, found);
+    }
+  };
+  if (const auto* octants = std::get_if<std::vector<OctantShape>>(&row.records()))
+    visit(
+        *octants, [](const OctantShape& shape) { return octant_reach * static_cast<double>(shape.size); },
+        [](const RecordRow& of, std::uint32_t i) { return material_of(unpack_octant(of, i)); });
+  else
+    visit(
+        std::get<std::vector<MomentsShape>>(row.records()),
+        [&](const MomentsShape& shape) { return reach_of(shape, row.deviation_scale()); },
+        [](const RecordRow& of, std::uint32_t i) { return unpack(of, i); });
+}
+
+// Adds a splat if it meets the plane. Material with a boundary is half of an ellipsoid that is stretched across the
+// boundary, with its centre in it (docs/design.md).
+void SliceDrawing::add_splat(const Material& m, const dvec3& origin, float weight,
+                             std::vector<SplatOnPlane>& found) const {
+  if (!(m.mass > 0) || !(m.deviations.x > 0)) return;
+  const dvec3 deviations = glm::max(m.deviations, dvec3(thinnest * m.deviations.x));
+  const dmat3 axes = glm::mat3_cast(m.orientation);
+  const double far = glm::length(m.boundary), stretch = std::sqrt(1 + far * far);
+  const dvec3 outwards = far > 0 ? m.boundary / far : dvec3(0);
+  const auto stretched = [&](const dvec3& v, double by) { return v + (by - 1) * glm::dot(outwards, v) * outwards; };
+
+  SplatOnPlane splat;
+  const dvec3 centre = origin + units_.length * (m.center + axes * (deviations * m.boundary));
+  dmat3 to_ball;  // from world directions
+  for (int k = 0; k < 3; ++k) {
+    const dvec3 across(axes[0][k], axes[1][k], axes[2][k]);
+    to_ball[k] = stretched(across / (units_.length * deviations), 1 / stretch) / moments_half_width;
+  }
+  if (!find_rows(to_ball, centre, splat)) return;
+  const dmat3 from_view = to_ball * dmat3(view_.right, view_.up, view_.forward);
+  splat.g = from_view * (rays_.k - glm::outerProduct(view_.to_view(centre), rays_.w));
+  splat.value = m.value + m.value_deviation * glm::dot(m.correlations, m.boundary);
+  splat.gradient = moments_half_width * m.value_deviation * stretched(m.correlations, stretch);
+  splat.outwards = outwards;
+  const double volume = std::pow(moments_half_width, 3) * stretch * deviations.x * deviations.y * deviations.z;
+  splat.density = (far > 0 ? 2 : 1) * moments_peak * weight * m.mass / volume;
+  found.push_back(splat);
+}
+
+// The plane cuts a splat in an ellipse. Finds the rows of pixels that may show it. Returns false if there are none.
+bool SliceDrawing::find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnPlane& found) const {
+  // |k0 + k1 s + k2 t| < 1, from the foot of the perpendicular on the plane.
+  const double distance = plane_.distance(centre);
+  const dvec3 foot = centre - distance * plane_.normal;
+  const dvec3 k0 = to_ball * (-distance * plane_.normal), k1 = to_ball * along_[0], k2 = to_ball * along_[1];
+  const double k11 = glm::dot(k1, k1), k12 = glm::dot(k1, k2);
+  const dvec3 minors = glm::cross(k1, k2);
+  const double determinant = glm::dot(minors, minors);
+  const double nearest = glm::dot(minors, k0) / std::sqrt(determinant);  // to the ball's centre
+  if (!(std::abs(nearest) < 1)) return false;
+
+  // A parallelogram of conjugate diameters holds the ellipse.
+  const double r1 = -glm::dot(k1, k0), r2 = -glm::dot(k2, k0), k22 = glm::dot(k2, k2);
+  const double radius = std::sqrt(1 - nearest * nearest);
+  const dvec3 middle =
+      foot + (k22 * r1 - k12 * r2) / determinant * along_[0] + (k11 * r2 - k12 * r1) / determinant * along_[1];
+  const dvec3 first = radius / std::sqrt(k11) * along_[0];
+  const dvec3 second = radius / std::sqrt(determinant * k11) * (k11 * along_[1] - k12 * along_[0]);
+  double low = infinity, high = -infinity;
+  for (int corner = 0; corner < 4; ++corner) {
+    const dvec3 p =
+        view_.to_view(middle + ((corner & 1) != 0 ? first : -first) + ((corner & 2) != 0 ? second : -second));
+    if (!view_.orthographic && !(p.z > 0)) {
+      low = -infinity, high = infinity;
+      break;
+    }
+    const double y = view_.orthographic ? p.y : p.y / p.z;
+    low = std::min(low, y), high = std::max(high, y);
+  }
+  constexpr double margin = 1e-6;  // pixels
+  found.first = pixel_in(std::ceil(view_.focal * low + 0.5 * view_.height - 0.5 - margin), view_.height);
+  found.last = pixel_in(std::floor(view_.focal * high + 0.5 * view_.height + 0.5 + margin), view_.height) - 1;
+  return found.first <= found.last;
+}
+
+void SliceDrawing::draw_rows(const SplatOnPlane& splat, int first, int last) {
+  const dvec3 &q = splat.g[0], &w = rays_.w;
+  const bool bounded = splat.has_boundary();
+  const double step = 1 / view_.focal, left = (0.5 - 0.5 * view_.width) / view_.focal;
+  for (int y = std::max(first, splat.first); y <= std::min(last, splat.last); ++y) {
+    const double b = (y + 0.5 - 0.5 * view_.height) / view_.focal;
+    const dvec3 p = splat.g[1] * b + splat.g[2];
+    const double s = w.y * b + w.z, t = w.x;
+
+    // |p + q a| < |s + t a|: between two roots, unless the ellipse reaches the eye's plane.
+    const double square = glm::dot(q, q) - t * t, half = glm::dot(p, q) - s * t, rest = glm::dot(p, p) - s * s;
+    int begin = 0, end = view_.width;
+    if (square > 0) {
+      const double discriminant = half * half - square * rest;
+      if (!(discriminant > 0)) continue;
+      const double root = std::sqrt(discriminant);
+      begin = pixel_in(std::ceil(((-half - root) / square - left) / step), view_.width);
+      end = pixel_in(std::floor(((-half + root) / square - left) / step) + 1, view_.width);
+    }
+    const std::size_t row = static_cast<std::size_t>(view_.height - 1 - y) * view_.width;
+    for (int x = begin; x < end; ++x) {
+      const double a = left + step * x;
+      const dvec3 u = (p + q * a) / (s + t * a);
+      const double inside = std::max(1 - glm::dot(u, u), 0.0);
+      const double weight = splat.density * inside * std::sqrt(inside);
+      const bool counts = !(glm::dot(splat.outwards, u) > 0);
+      sums_.whole[row + x] += static_cast<float>(weight);
+      if (bounded) sums_.bounded[row + x] += static_cast<float>(weight);
+      if (!counts) continue;
+      sums_.weight[row + x] += static_cast<float>(weight);
+      sums_.value[row + x] += static_cast<float>(weight * (splat.value + glm::dot(splat.gradient, u)));
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<double> slice_values(const DrawList& list, const DrawingUnits& units, const View& view, const Plane& plane,
+                                 std::span<const double> depths) {
+  SliceDrawing drawing(units, view, plane);
+  for (std::size_t begin = 0, end = 0; begin < list.ranges.size(); begin = end) {
+    std::uint64_t records = 0;
+    for (; end < list.ranges.size() && records < batch_records; ++end) records += list.ranges[end].count;
+    drawing.add(std::span(list.ranges).subspan(begin, end - begin));
+  }
+  const bool octants =
+      !list.ranges.empty() && std::holds_alternative<std::vector<OctantShape>>(list.ranges[0].row.shapes->records());
+  return drawing.values(depths, octants ? least_of_octants : least_whole);
+}
+
+}  // namespace splatvol

@@ -1,0 +1,171 @@
+// Slices, clip planes and the isovalue in the viewer, by events.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+
+#include "builder/build.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/target.h"
+#include "scene/isovalue.h"
+#include "tests/builder/support/meshes.h"
+#include "tests/builder/support/piece_source.h"
+#include "viewer/probe.h"
+#include "viewer/viewer.h"
+
+namespace splatvol {
+namespace {
+
+constexpr int width = 1100, height = 800;
+constexpr double panel = 336;
+
+double linear(dvec3 p) { return 3 + p.x - 2 * p.y + 0.5 * p.z; }
+
+class ViewerSlices : public testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(context_);
+    ASSERT_NE(::mkdtemp(folder_.data()), nullptr);
+    test::PieceSource source({test::mesh_piece(test::lattice(12), linear)});
+    ASSERT_TRUE(build_volume(source, folder_ + "/m.svol", {}, [](const char*, double) {}));
+    ASSERT_TRUE(target_.resize(width, height));
+    ViewerOptions options;
+    options.volume = folder_ + "/m.svol";
+    viewer_ = Viewer::create(options).value();
+    frame({WindowResized{width, height, width, height, 1}});
+    settle();
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+
+  void frame(std::vector<Event> events) {
+    target_.use();
+    const Status status = viewer_->frame({1, std::move(events)});
+    ASSERT_TRUE(status) << status.error().message;
+  }
+  void settle() {
+    int frames = 0;
+    do {
+      frame({});
+      ASSERT_LT(++frames, 100000);
+    } while (!viewer_->is_settled());
+  }
+  void press(int code) {
+    frame({KeyChanged{code, true}});
+    frame({KeyChanged{code, false}});
+  }
+  void undo() {
+    frame({KeyChanged{key::left_control, true}});
+    press('Z');
+    frame({KeyChanged{key::left_control, false}});
+    settle();
+  }
+  void click(double x, double y) {
+    frame({PointerMoved{x, y}});
+    frame({});
+    frame({ButtonChanged{0, true}});
+    frame({ButtonChanged{0, false}});
+    settle();
+  }
+  void drag(const dvec2& from, const dvec2& to) {
+    frame({PointerMoved{from.x, from.y}});
+    frame({});
+    frame({ButtonChanged{0, true}});
+    for (const double share : {0.25, 0.5, 1.0}) {
+      const dvec2 at = from + share * (to - from);
+      frame({PointerMoved{at.x, at.y}});
+    }
+    frame({ButtonChanged{0, false}});
+    settle();
+  }
+  const Scene& scene() const { return viewer_->session()->scene; }
+  const View& view() const { return viewer_->session()->view(); }
+
+  // Where a position is in the window.
+  dvec2 at(const dvec3& position) const {
+    const dvec3 p = view().to_view(position);
+    return {panel + 0.5 * view().width + view().focal * p.x / p.z, 0.5 * view().height - view().focal * p.y / p.z};
+  }
+  // The handle at the arrow's tip, 70 units from the point.
+  dvec2 tip() const {
+    const SceneSlice& slice = scene().slices.back();
+    const double world = view().to_view(slice.point).z / view().focal;
+    return at(slice.point + 70 * world * glm::normalize(slice.normal));
+  }
+
+  Result<std::unique_ptr<HeadlessContext>> context_ = HeadlessContext::create();
+  std::string folder_ = (std::filesystem::temp_directory_path() / "splatvol-viewer-slices-XXXXXX").string();
+  Target target_;
+  std::unique_ptr<Viewer> viewer_;
+};
+
+TEST_F(ViewerSlices, HandlesMoveAndTurnTheSliceAndUndoGoesBack) {
+  const Camera camera = scene().camera;
+  const Image before = viewer_->session()->image().value();
+  press('X');
+  settle();
+  ASSERT_EQ(scene().slices.size(), 1U);
+  const SceneSlice added = scene().slices[0];
+  EXPECT_EQ(added.point, camera.focal_point);
+  EXPECT_LT(glm::dot(added.normal, view().forward), -0.5) << "it faces the eye";
+  const Image sliced = viewer_->session()->image().value();
+  EXPECT_GT(compare_images(sliced, before)->rmse, 0.05);
+  EXPECT_EQ(sliced.at(view().width / 2, view().height / 2).a, 1);
+
+  // The ball in the middle moves the plane along its normal.
+  const dvec2 middle = at(added.point), arrow = tip() - middle;
+  drag(middle, middle + 0.5 * arrow);
+  const SceneSlice moved = scene().slices[0];
+  const double along = glm::dot(moved.point - added.point, added.normal);
+  EXPECT_GT(along, 0.02);
+  EXPECT_NEAR(glm::length(moved.point - added.point - along * added.normal), 0, 1e-9);
+  EXPECT_EQ(moved.normal, added.normal);
+  EXPECT_LT(glm::length(at(moved.point) - middle - 0.5 * arrow), 8) << "it follows the pointer";
+
+  // The one at the tip turns it.
+  const dvec2 from = tip();
+  drag(from, from + dvec2(25, 10));
+  const SceneSlice turned = scene().slices[0];
+  EXPECT_EQ(turned.point, moved.point);
+  EXPECT_NEAR(glm::length(turned.normal), 1, 1e-9);
+  EXPECT_LT(glm::dot(turned.normal, moved.normal), 0.99);
+  EXPECT_LT(glm::length(tip() - from - dvec2(25, 10)), 5);
+  EXPECT_EQ(scene().camera, camera) << "the camera stays";
+  EXPECT_GT(compare_images(viewer_->session()->image().value(), sliced)->rmse, 0.01);
+
+  // Beside the handles a drag turns the camera.
+  drag({panel + 60, 700}, {panel + 120, 700});
+  EXPECT_NE(scene().camera, camera);
+  EXPECT_EQ(scene().slices[0], turned);
+
+  undo();
+  EXPECT_EQ(scene().camera, camera);
+  undo();
+  EXPECT_EQ(scene().slices[0], moved);
+  undo();
+  EXPECT_EQ(scene().slices[0], added);
+  undo();
+  EXPECT_TRUE(scene().slices.empty());
+  EXPECT_EQ(compare_images(viewer_->session()->image().value(), before)->max, 0);
+}
+
+TEST_F(ViewerSlices, TheProbeReadsTheValue) {
+  press('X');
+  settle();
+  const FrameSplats& shown = *viewer_->session()->frame();
+  const DrawingUnits units = viewer_->session()->units();
+  const double x = 0.5 * view().width + 11, y = 0.5 * view().height - 7;
+  const auto found = probe_slices(shown.sliced, units, view(), looking_through(view(), x, y).ray);
+  ASSERT_TRUE(found);
+  EXPECT_NEAR(found->value, linear(found->position), 0.01);
+  EXPECT_NEAR(view().slices[0].plane.distance(found->position), 0, 1e-9);
+  EXPECT_EQ(found->opacity, 1);
+  EXPECT_LT(glm::length(at(found->position) - dvec2(panel + x, y)), 1e-6);
+  EXPECT_FALSE(probe_slices(shown.sliced, units, view(), looking_through(view(), 1, 1).ray)) << "beside the data";
+  View none = view();
+  none.slices.clear();
+  EXPECT_FALSE(probe_slices(shown.sliced, units, none, looking_through(none, x, y).ray));
+}
+
+}  // namespace
+}  // namespace splatvol

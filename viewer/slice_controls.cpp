@@ -1,0 +1,308 @@
+#include "viewer/slice_controls.h"
+
+#include <fmt/format.h>
+#include <imgui.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "scene/isovalue.h"
+#include "viewer/gui_units.h"
+
+namespace splatvol {
+namespace {
+
+constexpr float handle_radius = 7, grip = 11, arrow_length = 70;  // window units, at scale 1
+constexpr std::size_t most_planes = 64;                           // of each kind, as in a scene file
+constexpr double nearest_share = 1e-6;                            // of the distance; a point nearer than this is behind
+
+void hint(const char* text) {
+  if (ImGui::IsItemHovered()) ImGui::SetTooltip("%s", text);
+}
+
+// From world coordinates to the window.
+class Projection {
+ public:
+  Projection(const View& view, const PictureArea& area) : view_(view), area_(area) {}
+
+  [[nodiscard]] std::optional<ImVec2> at(const dvec3& position) const {
+    const dvec3 p = view_.to_view(position);
+    if (!view_.orthographic && !(p.z > nearest_share * glm::length(p))) return {};
+    const double f = view_.focal / (view_.orthographic ? 1 : p.z), limit = 1e5;
+    return ImVec2(
+        static_cast<float>(area_.left + area_.unit_x * std::clamp(0.5 * view_.width + f * p.x, -limit, limit)),
+        static_cast<float>(area_.unit_y * std::clamp(0.5 * view_.height - f * p.y, -limit, limit)));
+  }
+
+  /// Returns the world units of a window unit, at the depth of a position.
+  [[nodiscard]] double world_per_unit(const dvec3& position) const {
+    const double depth = view_.orthographic ? 1 : std::max(view_.to_view(position).z, 1e-300);
+    return depth / (view_.focal * area_.unit_x);
+  }
+
+ private:
+  const View& view_;
+  const PictureArea& area_;
+};
+
+// The end of the arrow along a plane's normal.
+dvec3 tip_of(const Plane& plane, const Projection& projection) {
+  return plane.point + arrow_length * gui_unit() * projection.world_per_unit(plane.point) * plane.normal;
+}
+
+// A plane cuts a box in a polygon. Returns its corners, in order round its middle.
+std::vector<dvec3> section_of(const Plane& plane, const Box& box) {
+  const auto corner = [&](int c) {
+    return dvec3(c & 1 ? box.high.x : box.low.x, c & 2 ? box.high.y : box.low.y, c & 4 ? box.high.z : box.low.z);
+  };
+  std::vector<dvec3> corners;
+  for (int c = 0; c < 8; ++c)
+    for (const int axis : {1, 2, 4}) {
+      if (c & axis) continue;
+      const dvec3 from = corner(c), to = corner(c | axis);
+      const double a = plane.distance(from), b = plane.distance(to);
+      if (a != b && (a <= 0) != (b <= 0)) corners.push_back(from + a / (a - b) * (to - from));
+    }
+  if (corners.empty()) return corners;
+  dvec3 middle(0);
+  for (const dvec3& p : corners) middle += p / static_cast<double>(corners.size());
+  const dvec3 x = corners.front() - middle, y = glm::cross(plane.normal, x);
+  std::ranges::sort(corners, {},
+                    [&](const dvec3& p) { return std::atan2(glm::dot(p - middle, y), glm::dot(p - middle, x)); });
+  return corners;
+}
+
+dvec3 middle_of(const Box& bounds) { return 0.5 * (bounds.low + bounds.high); }
+
+// The point that the camera turns about, if it is in the data.
+dvec3 point_in_sight(const Scene& scene, const Box& bounds) {
+  const dvec3& point = scene.camera.focal_point;
+  return ClipRegion{bounds, {}}.contains(point) ? point : middle_of(bounds);
+}
+
+// The axis that is nearest to the line of sight, towards the eye.
+dvec3 towards_eye(const View& view) {
+  dvec3 direction(0);
+  const int axis = longest_axis(glm::abs(view.forward));
+  direction[axis] = view.forward[axis] > 0 ? -1 : 1;
+  return direction;
+}
+
+double size_of(const Box& bounds) { return std::max(glm::length(bounds.extent()), 1e-300); }
+
+// A slider along the normal. The point moves within the plane, next to the middle of the data.
+void draw_offset(dvec3& point, const dvec3& normal, const Box& bounds) {
+  const Plane plane = make_plane(point, normal);
+  const dvec3 middle = middle_of(bounds);
+  const double half = std::max(0.5 * glm::dot(glm::abs(plane.normal), bounds.extent()), 1e-300);
+  double offset = 0.0 - plane.distance(middle);  // never -0
+  const double least = -half, most = half;
+  if (ImGui::SliderScalar("position", ImGuiDataType_Double, &offset, &least, &most, "%.4g"))
+    point = middle + offset * plane.normal;
+  hint(
+      "From the middle of the data, along the normal, in the units of the file's coordinates.\n"
+      "Control click: type a number.");
+}
+
+}  // namespace
+
+std::optional<SliceControls::Selected> SliceControls::selected(Scene& scene) const {
+  if (!selected_) return {};
+  const auto [is_slice, i] = *selected_;
+  if (is_slice && i < scene.slices.size()) return Selected{&scene.slices[i].point, &scene.slices[i].normal};
+  if (!is_slice && i < scene.clip_planes.size())
+    return Selected{&scene.clip_planes[i].point, &scene.clip_planes[i].normal};
+  return {};
+}
+
+// The selected plane, if it is shown.
+std::optional<Plane> SliceControls::plane(const Scene& scene) const {
+  if (!selected_) return {};
+  const auto [is_slice, i] = *selected_;
+  if (is_slice && i < scene.slices.size() && scene.slices[i].shown)
+    return make_plane(scene.slices[i].point, scene.slices[i].normal);
+  if (!is_slice && i < scene.clip_planes.size() && scene.clip_planes[i].active)
+    return make_plane(scene.clip_planes[i].point, scene.clip_planes[i].normal);
+  return {};
+}
+
+// Draws the controls of one plane. Returns whether it is to be removed.
+bool SliceControls::draw_plane(const Selection& which, dvec3& point, dvec3& normal, bool& shown, const View& view,
+                               const Box& bounds) {
+  ImGui::Checkbox("##shown", &shown);
+  hint(which.is_slice ? "Shows the slice." : "Cuts the data.");
+  ImGui::SameLine();
+  const bool is_selected = selected_ == which;
+  const std::string name = fmt::format("{} {}", which.is_slice ? "slice" : "clip plane", which.index + 1);
+  if (ImGui::RadioButton(name.c_str(), is_selected)) selected_ = is_selected ? std::nullopt : std::optional(which);
+  hint("Shows its handles: drag the ball in its middle to move it, the one at the arrow's tip to turn it.");
+  ImGui::SameLine();
+  const bool removed = ImGui::SmallButton("remove");
+  if (selected_ != which) return removed;
+
+  draw_offset(point, normal, bounds);
+  for (int axis = 0; axis < 3; ++axis) {
+    dvec3 along(0);
+    along[axis] = 1;
+    if (ImGui::SmallButton(std::string(1, "xyz"[axis]).c_str())) normal = along;
+    hint("Turns the normal to this axis.");
+    ImGui::SameLine();
+  }
+  if (ImGui::SmallButton("flip")) normal = -normal;
+  hint(which.is_slice ? "Turns the normal round." : "Cuts off the other side.");
+  ImGui::SameLine();
+  if (ImGui::SmallButton("face me")) normal = -view.forward;
+  hint("Turns the normal to the eye.");
+  std::array<double, 3> numbers{normal.x, normal.y, normal.z};
+  if (ImGui::DragScalarN("normal", ImGuiDataType_Double, numbers.data(), 3, 0.01F, nullptr, nullptr, "%.3f")) {
+    const dvec3 changed(numbers[0], numbers[1], numbers[2]);
+    const double length = glm::length(changed);
+    if (std::isfinite(length) && length > 1e-6) normal = changed;
+  }
+  hint("Of any length.\nDrag, or control click: type a number.");
+  return removed;
+}
+
+void SliceControls::draw_panel(Scene& scene, const View& view, const Box& bounds) {
+  for (std::size_t i = 0; i < scene.slices.size(); ++i) {
+    SceneSlice& slice = scene.slices[i];
+    ImGui::PushID(static_cast<int>(i));
+    const bool removed = draw_plane({true, i}, slice.point, slice.normal, slice.shown, view, bounds);
+    if (selected_ == Selection{true, i}) {
+      const double clear = 0, opaque = 1;
+      ImGui::SliderScalar("opacity##slice", ImGuiDataType_Double, &slice.opacity, &clear, &opaque, "%.2f");
+      slice.opacity = std::clamp(slice.opacity, clear, opaque);
+    }
+    ImGui::PopID();
+    if (!removed) continue;
+    scene.slices.erase(scene.slices.begin() + static_cast<std::ptrdiff_t>(i--));
+    reset();
+  }
+  for (std::size_t i = 0; i < scene.clip_planes.size(); ++i) {
+    SceneClipPlane& clip = scene.clip_planes[i];
+    ImGui::PushID(static_cast<int>(1000 + i));
+    const bool removed = draw_plane({false, i}, clip.point, clip.normal, clip.active, view, bounds);
+    ImGui::PopID();
+    if (!removed) continue;
+    scene.clip_planes.erase(scene.clip_planes.begin() + static_cast<std::ptrdiff_t>(i--));
+    reset();
+  }
+  ImGui::BeginDisabled(scene.slices.size() >= most_planes);
+  if (ImGui::SmallButton("add slice")) add_slice(scene, view, bounds);
+  ImGui::EndDisabled();
+  hint("A plane that shows the values on it. Key X.");
+  ImGui::SameLine();
+  ImGui::BeginDisabled(scene.clip_planes.size() >= most_planes);
+  if (ImGui::SmallButton("add clip plane")) {
+    selected_ = {false, scene.clip_planes.size()};
+    scene.clip_planes.push_back({.point = point_in_sight(scene, bounds), .normal = -towards_eye(view)});
+  }
+  ImGui::EndDisabled();
+  hint("Hides all on one side of a plane.");
+}
+
+void SliceControls::add_slice(Scene& scene, const View& view, const Box& bounds) {
+  if (scene.slices.size() >= most_planes) return;
+  selected_ = {true, scene.slices.size()};
+  scene.slices.push_back({.point = point_in_sight(scene, bounds), .normal = towards_eye(view)});
+}
+
+void SliceControls::draw_isovalue(Scene& scene, const TransferFunction& fitting, const Box& bounds) {
+  TransferFunction& function = scene.transfer_function;
+  auto isovalue = isovalue_of(function);
+  bool shown = isovalue.has_value();
+  if (ImGui::Checkbox("isovalue", &shown)) {
+    if (shown) {
+      before_ = function.densities;
+      static_cast<void>(show_isovalue(scene, function.value_at(0.5), std::nullopt, size_of(bounds)));
+    } else {
+      function.densities = before_.value_or(fitting.densities);
+    }
+    isovalue = isovalue_of(function);
+  }
+  hint("Shows a shell of one value, lit: a narrow peak of the opacity.");
+  if (!isovalue) return;
+  // The opacity of the shell stays: what is narrower is denser.
+  const double least = function.lo, most = function.hi, narrowest = 1e-4 * (most - least), widest = most - least;
+  Isovalue changed = *isovalue;
+  const auto flags = ImGuiSliderFlags_AlwaysClamp;
+  const bool moved = ImGui::SliderScalar("value", ImGuiDataType_Double, &changed.value, &least, &most, "%.5g", flags);
+  hint("In the attribute's unit, within the range.\nControl click: type a number.");
+  const bool widened = ImGui::SliderScalar("width", ImGuiDataType_Double, &changed.width, &narrowest, &widest, "%.3g",
+                                           flags | ImGuiSliderFlags_Logarithmic);
+  hint("Of the peak, in the attribute's unit.\nControl click: type a number.");
+  if (widened && changed.width > 0) changed.density *= isovalue->width / changed.width;
+  if (moved || widened) function.densities = densities_of(function, changed);
+}
+
+void SliceControls::draw_handles(const Scene& scene, const View& view, const Box& bounds, const PictureArea& area,
+                                 const dvec2& pointer) const {
+  const auto shown = plane(scene);
+  if (!shown) return;
+  const Projection projection(view, area);
+  ImDrawList& canvas = *ImGui::GetBackgroundDrawList();
+  const ImU32 color = IM_COL32(255, 210, 80, 255), dark = IM_COL32(0, 0, 0, 160);
+  const float unit = gui_unit();
+  const std::vector<dvec3> section = section_of(*shown, bounds);
+  for (std::size_t i = 0; i < section.size(); ++i) {
+    const auto from = projection.at(section[i]), to = projection.at(section[(i + 1) % section.size()]);
+    if (from && to) canvas.AddLine(*from, *to, IM_COL32(255, 210, 80, 180), unit);
+  }
+  const auto point = projection.at(shown->point), tip = projection.at(tip_of(*shown, projection));
+  if (!point || !tip) return;
+  canvas.AddLine(*point, *tip, dark, 4 * unit);
+  canvas.AddLine(*point, *tip, color, 2 * unit);
+  const auto under = held_ ? held_ : handle_at(scene, view, area, pointer);
+  for (const auto& [at, handle] : {std::pair{*point, Handle::point}, std::pair{*tip, Handle::tip}}) {
+    const float radius = handle_radius * unit * (under == handle ? 1.3F : 1.0F);
+    canvas.AddCircleFilled(at, radius + unit, dark);
+    canvas.AddCircleFilled(at, radius, handle == Handle::point ? color : IM_COL32(255, 255, 255, 255));
+  }
+}
+
+// The tip comes first: it lies over the point if the normal faces the eye.
+std::optional<SliceControls::Handle> SliceControls::handle_at(const Scene& scene, const View& view,
+                                                              const PictureArea& area, const dvec2& pointer) const {
+  const auto shown = plane(scene);
+  if (!shown) return {};
+  const Projection projection(view, area);
+  const auto is_near = [&](const std::optional<ImVec2>& at) {
+    return at && std::hypot(at->x - pointer.x, at->y - pointer.y) <= static_cast<double>(grip * gui_unit());
+  };
+  if (is_near(projection.at(tip_of(*shown, projection)))) return Handle::tip;
+  if (is_near(projection.at(shown->point))) return Handle::point;
+  return {};
+}
+
+bool SliceControls::grab(const Scene& scene, const View& view, const PictureArea& area, const dvec2& pointer) {
+  held_ = handle_at(scene, view, area, pointer);
+  return held_.has_value();
+}
+
+void SliceControls::drag(Scene& scene, const View& view, const PictureArea& area, const dvec2& moved) {
+  const auto held = selected(scene);
+  if (!held || !held_) return release();
+  const Plane plane = make_plane(*held->point, *held->normal);
+  const Projection projection(view, area);
+  const double world = projection.world_per_unit(plane.point);
+  const dvec3 in_view(glm::dot(plane.normal, view.right), glm::dot(plane.normal, view.up),
+                      glm::dot(plane.normal, view.forward));
+  const dvec2 seen(in_view.x, -in_view.y);  // of the normal, in the window
+  if (*held_ == Handle::point) {
+    // A normal that faces the eye has no direction in the window: up is along it.
+    constexpr double least = 0.2;
+    const double square = glm::dot(seen, seen);
+    const double along = square > least * least ? glm::dot(moved, seen) / square : -moved.y;
+    *held->point = plane.point + along * world * plane.normal;
+    return;
+  }
+  // The tip is on a ball round the point.
+  const double radius = static_cast<double>(arrow_length * gui_unit());
+  const dvec2 at = radius * seen + moved;
+  const double square = glm::dot(at, at);
+  const double depth = std::sqrt(std::max(radius * radius - square, 0.0)) * (in_view.z > 0 ? 1 : -1);
+  *held->normal = glm::normalize(at.x * view.right - at.y * view.up + depth * view.forward);
+}
+
+}  // namespace splatvol
