@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <chrono>
+#include <iterator>
 #include <limits>
 #include <utility>
 
 #include "base/http_source.h"
 #include "base/interruption.h"
+#include "base/names.h"
 #include "player/step_ahead.h"
 #include "renderer/sampling.h"
 
@@ -27,6 +29,16 @@ Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& 
 
 tl::unexpected<Error> fail_two_surfaces() {
   return fail(ErrorCode::invalid_argument, "depths of surfaces, and a scene that shows surfaces: give one of them");
+}
+
+Result<TriangleMesh> read_boundary(const format::Volume& volume, const std::string& pattern) {
+  if (!volume.info().boundary)
+    return fail(ErrorCode::invalid_argument, "{}: holds no boundary, and so no patch \"{}\": svbuild --boundary keeps it",
+                volume.name(), pattern);
+  std::vector<std::string> names;
+  for (const format::PatchInfo& patch : volume.info().boundary->patches) names.push_back(patch.name);
+  SPLATVOL_TRY_ASSIGN(patches, find_patches(volume.name(), pattern, names));
+  return volume.read_boundary(patches);
 }
 
 DetailOptions detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
@@ -134,7 +146,12 @@ Status Player::use(const Scene& scene, const PlayerOptions& options) {
   std::vector<Surface> surfaces;
   if (other_surfaces) {
     if (surface_depths_ && std::ranges::any_of(scene.surfaces, &SceneSurface::shown)) return fail_two_surfaces();
-    SPLATVOL_TRY_ASSIGN(read, read_surfaces(scene.surfaces, options.read_surface, surfaces_));
+    const ReadSurface boundary = [&](const std::string& pattern) -> Result<TriangleMesh> {
+      if (streamer_) return read_boundary(streamer_->volume(), pattern);
+      SPLATVOL_TRY_ASSIGN(volume, steps_.volume(step_));
+      return read_boundary(*volume, pattern);
+    };
+    SPLATVOL_TRY_ASSIGN(read, read_surfaces(scene.surfaces, {options.read_surface, boundary}, surfaces_));
     surfaces = std::move(read);
   }
   const bool other_parts = !streamer_ || options.memory != options_.memory || options.kernel != options_.kernel ||
@@ -201,7 +218,7 @@ Status Player::show_step(std::size_t step) {
     const std::size_t before = std::exchange(step_, step);
     Status opened = open_streamer(scene_, options_);
     if (!opened) step_ = before;
-    return opened;
+    return opened ? read_boundary_of(streamer_->volume()) : opened;
   }
   Status changed = change_step(step);
   if (!changed) {
@@ -222,10 +239,24 @@ Status Player::change_step(std::size_t step) {
     ahead_.reset();
     SPLATVOL_TRY_ASSIGN(file, std::move(opened));
     volume = std::move(file);
+    SPLATVOL_TRY(read_boundary_of(*volume));
   }
   is_lost_ = true;
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
   is_lost_ = false;
+  return {};
+}
+
+// The files of a series have boundaries of their own.
+Status Player::read_boundary_of(const format::Volume& volume) {
+  const auto is_of_file = [](const Surface& surface) { return surface.style.boundary.empty(); };
+  if (!steps_.are_files() || std::ranges::all_of(surfaces_, is_of_file)) return {};
+  std::vector<Surface> of_files;
+  std::ranges::copy_if(surfaces_, std::back_inserter(of_files), is_of_file);
+  const auto boundary = [&](const std::string& pattern) { return read_boundary(volume, pattern); };
+  SPLATVOL_TRY_ASSIGN(read, read_surfaces(scene_.surfaces, {options_.read_surface, boundary}, of_files));
+  surfaces_ = std::move(read);
+  surfaces_view_.reset();
   return {};
 }
 

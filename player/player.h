@@ -38,7 +38,7 @@ struct PlayerOptions {
   /// the player, and must not call it: to wake the thread that draws.
   std::function<void()> on_data = {};
 
-  /// Reads the files of a scene's surfaces. Empty: scenes that show surfaces are refused.
+  /// Reads the files of a scene's surfaces. Empty: scenes that show such surfaces are refused. The boundary needs none.
   ReadSurface read_surface = {};
 };
 
@@ -199,6 +199,7 @@ class Player {
   [[nodiscard]] Status use(const Scene& scene, const PlayerOptions& options);
   [[nodiscard]] Status open_streamer(const Scene& scene, const PlayerOptions& options);
   [[nodiscard]] Status change_step(std::size_t step);
+  [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
   [[nodiscard]] View view_now() const;
   [[nodiscard]] Status set_draw_list();
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);

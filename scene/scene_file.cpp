@@ -276,12 +276,14 @@ Status read_truth(const Field& parent, const char* name, bool& truth) {
 }
 
 Result<SceneSurface> read_surface(const Field& field) {
-  SPLATVOL_TRY(field.check_names({"file", "color", "opacity", "shown", "edges"}));
+  SPLATVOL_TRY(field.check_names({"file", "boundary", "color", "opacity", "shown", "edges"}));
   SceneSurface surface;
-  SPLATVOL_TRY_ASSIGN(file_field, field.member("file"));
-  SPLATVOL_TRY_ASSIGN(file, file_field.text());
-  if (file.empty()) return file_field.wrong("empty");
-  surface.file = file;
+  if (field.has("file") && field.has("boundary")) return field.wrong("give \"file\" or \"boundary\", not both");
+  const char* name = field.has("boundary") ? "boundary" : "file";
+  SPLATVOL_TRY_ASSIGN(name_field, field.member(name));
+  SPLATVOL_TRY_ASSIGN(text, name_field.text());
+  if (text.empty()) return name_field.wrong("empty");
+  (field.has("boundary") ? surface.boundary : surface.file) = text;
   if (field.has("color")) {
     SPLATVOL_TRY_ASSIGN(color, color_at(field, "color"));
     surface.color = color;
@@ -419,7 +421,9 @@ std::string scene_to_json(const Scene& scene) {
   if (scene.clip_box)
     document["clip_box"] = {{"low", json_of(scene.clip_box->low)}, {"high", json_of(scene.clip_box->high)}};
   for (const SceneSurface& surface : scene.surfaces)
-    document["surfaces"].push_back({{"file", surface.file},
+    document["surfaces"].push_back({surface.boundary.empty()
+                                        ? nlohmann::ordered_json::array({"file", surface.file})
+                                        : nlohmann::ordered_json::array({"boundary", surface.boundary}),
                                     {"color", json_of(surface.color)},
                                     {"opacity", surface.opacity},
                                     {"shown", surface.shown},
@@ -433,7 +437,8 @@ Result<Scene> load_scene(const std::string& path) {
   if (!scene) return fail_in(path, scene.error());
   std::error_code error;
   const std::filesystem::path folder = std::filesystem::absolute(path, error).parent_path();
-  for (SceneSurface& surface : scene->surfaces) surface.file = (folder / surface.file).lexically_normal().string();
+  for (SceneSurface& surface : scene->surfaces)
+    if (surface.boundary.empty()) surface.file = (folder / surface.file).lexically_normal().string();
   return scene;
 }
 

@@ -73,10 +73,17 @@ class ExodusReader final : public BlockReader {
     for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
       for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
         reader_->SetObjectArrayStatus(type, i, wants_array(selection, reader_->GetObjectArrayName(type, i)));
+    select_others(false);
+  }
+
+  void want_patches() override { wants_patches_ = true; }
+
+  void select_others(bool side_sets) {
     for (const int type : {vtkExodusIIReader::EDGE_BLOCK, vtkExodusIIReader::FACE_BLOCK, vtkExodusIIReader::NODE_SET,
                            vtkExodusIIReader::EDGE_SET, vtkExodusIIReader::FACE_SET, vtkExodusIIReader::SIDE_SET,
                            vtkExodusIIReader::ELEM_SET})
-      for (int i = 0; i < reader_->GetNumberOfObjects(type); ++i) reader_->SetObjectStatus(type, i, 0);
+      for (int i = 0; i < reader_->GetNumberOfObjects(type); ++i)
+        reader_->SetObjectStatus(type, i, side_sets && type == vtkExodusIIReader::SIDE_SET);
   }
 
   std::vector<ArrayShape> arrays() override {
@@ -93,10 +100,12 @@ class ExodusReader final : public BlockReader {
   void read(int portion, std::optional<double> time) override {
     for (int block = 0; block < portions(); ++block)
       reader_->SetObjectStatus(vtkExodusIIReader::ELEM_BLOCK, block, block == portion);
+    select_others(wants_patches_ && portion == 0);
     update(*reader_, time, 0, 1);
   }
 
  private:
+  bool wants_patches_ = false;
   vtkNew<vtkExodusIIReader> reader_;
 };
 
@@ -134,11 +143,21 @@ class OpenFoamReader final : public BlockReader {
     return *reader_;
   }
 
-  /// Chooses the mesh of each region, without its patches. Fields may differ between time steps, so all are read.
+  void want_patches() override { wants_patches_ = true; }
+
+  /// Patches between processors lie inside. Those of a region have the name of the region in front.
+  std::string patch_name(const std::vector<std::string>& path) const override {
+    if (path.back().starts_with("procBoundary")) return {};
+    return path.size() > 2 ? path.front() + "/" + path.back() : path.back();
+  }
+
+  /// Chooses the mesh of each region, and its patches if they are wanted. Fields may differ between time steps, so all are read.
   void select(const std::vector<std::string>&) override {
     for (int i = 0; i < reader_->GetNumberOfPatchArrays(); ++i) {
       const std::string name = reader_->GetPatchArrayName(i);
-      reader_->SetPatchArrayStatus(name.c_str(), name == "internalMesh" || name.ends_with("/internalMesh"));
+      const bool is_patch = name.starts_with("patch/") || name.find("/patch/") != std::string::npos;
+      reader_->SetPatchArrayStatus(
+          name.c_str(), name == "internalMesh" || name.ends_with("/internalMesh") || (wants_patches_ && is_patch));
     }
   }
 
@@ -161,6 +180,7 @@ class OpenFoamReader final : public BlockReader {
   }
 
  private:
+  bool wants_patches_ = false;
   vtkNew<ProcessorReader> reader_;
   std::vector<std::string> processors_;  // folders of a decomposed case; none: the case itself is read
   std::map<std::string, std::string> units_;
@@ -208,6 +228,8 @@ class CgnsReader final : public BlockReader {
     reader_->LoadBndPatchOff();
     return *reader_;
   }
+
+  void want_patches() override { reader_->LoadBndPatchOn(); }
 
   /// Selects by VTK's names of arrays, including those of zones after the first.
   void select(const std::vector<std::string>& selection) override {
