@@ -82,8 +82,8 @@ Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const
       SPLATVOL_TRY_ASSIGN(stored, finish_boundary(*faces, options, progress));
       boundary.emplace(std::move(stored));
     }
-    SPLATVOL_TRY_ASSIGN(
-        written, write(std::move(file), std::move(reduced), boundary ? &*boundary : nullptr, folder, progress));
+    SPLATVOL_TRY_ASSIGN(written,
+                        write(std::move(file), std::move(reduced), boundary ? &*boundary : nullptr, folder, progress));
     bytes = written;
     return {};
   };

@@ -84,8 +84,8 @@ using BuildProgress = std::function<void(const char* stage, double fraction)>;
 /// Reads the whole source, reduces it and writes `output`, which appears whole or not at all. Bytes depend on the
 /// points, their order and the options, never on threads or memory. Fails if leaf_points is under 8 (a node that is
 /// split must lose points even if each of its octants keeps one), and if cells are asked for and there are none. Fails
-/// also if a unit is given for an attribute that is not there, or if a boundary is asked for and no cell has a volume. The
-/// unit of a vector is that of its components too.
+/// also if a unit is given for an attribute that is not there, or if a boundary is asked for and no cell has a volume.
+/// The unit of a vector is that of its components too.
 [[nodiscard]] Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                                const BuildProgress& progress);
 

@@ -242,7 +242,8 @@ BoundaryInfo read_boundary(const json& node) {
   boundary.error = bounded(member(node, "error"), "error", largest_length);
   require(boundary.quantisation_step >= 0 && boundary.error >= 0, "'boundary' has a number below 0");
   const json& patches = list(node, "patches");
-  require(!patches.empty() && patches.size() <= max_patches, fmt::format("'patches' has not 1 to {} entries", max_patches));
+  require(!patches.empty() && patches.size() <= max_patches,
+          fmt::format("'patches' has not 1 to {} entries", max_patches));
   std::vector<std::string> names;
   for (const json& patch : patches) {
     boundary.patches.push_back(read_patch(patch));

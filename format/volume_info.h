@@ -116,7 +116,7 @@ struct VolumeInfo {
   std::vector<std::string> size_bounds = {"octant"};
   std::string provenance = "{}";  // a JSON object
   std::optional<BoundaryInfo> boundary = std::nullopt;
-  int up = -1;                    // axis that points upwards in pictures: 0 x, 1 y, 2 z; -1: not known
+  int up = -1;  // axis that points upwards in pictures: 0 x, 1 y, 2 z; -1: not known
 
   // Of a time series: the attributes that every step has. The file's own `attributes` are then empty, and its columns
   // are those that all steps share.

@@ -68,8 +68,7 @@ Status VolumeWriter::reserve_front(std::uint64_t bytes_before, std::uint64_t las
   metadata_ = pack_metadata(metadata_raw_);
 
   const bool padded = last_bytes >= padded_rows_bytes;
-  const std::uint64_t sections =
-      section_count + (padded ? 1 : 0) - (info_.series ? 1 : 0) + (info_.boundary ? 1 : 0);
+  const std::uint64_t sections = section_count + (padded ? 1 : 0) - (info_.series ? 1 : 0) + (info_.boundary ? 1 : 0);
   front_bytes_ = sizeof(Superblock) + sections * sizeof(SectionEntry);
   padding_offset_ = front_bytes_ + metadata_.size() + index_.root.bytes.size() + directory_.root_bytes();
   const std::uint64_t unpadded = padding_offset_ + bytes_before, unit = AtomicFile::insertable_bytes;

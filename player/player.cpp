@@ -33,8 +33,8 @@ tl::unexpected<Error> fail_two_surfaces() {
 
 Result<TriangleMesh> read_boundary(const format::Volume& volume, const std::string& pattern) {
   if (!volume.info().boundary)
-    return fail(ErrorCode::invalid_argument, "{}: holds no boundary, and so no patch \"{}\": svbuild --boundary keeps it",
-                volume.name(), pattern);
+    return fail(ErrorCode::invalid_argument,
+                "{}: holds no boundary, and so no patch \"{}\": svbuild --boundary keeps it", volume.name(), pattern);
   std::vector<std::string> names;
   for (const format::PatchInfo& patch : volume.info().boundary->patches) names.push_back(patch.name);
   SPLATVOL_TRY_ASSIGN(patches, find_patches(volume.name(), pattern, names));

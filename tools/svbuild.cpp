@@ -225,12 +225,9 @@ Result<std::vector<std::string>> selection_of(const Options& options) {
 }
 
 SourceOptions source_options_of(const Options& options, const std::vector<std::string>& selection) {
-  return {selection,
-          options.columns,
-          options.time,
-          cell_values_of(options.cells),
-          options.missing,
-          options.boundary || options.boundary_triangles > 0};
+  return {selection,       options.columns,
+          options.time,    cell_values_of(options.cells),
+          options.missing, options.boundary || options.boundary_triangles > 0};
 }
 
 Result<std::vector<SeriesStep>> steps_of(const Options& options, const OpenSource& open) {
@@ -535,10 +532,11 @@ void add_boundary_options(CLI::App& app, Options& options) {
                "Keep the boundary of the mesh in the file, for scenes that draw it: the faces of one cell only, by the "
                "patches of OpenFOAM, the side sets of Exodus, the boundary sections of CGNS and the surface parts of "
                "EnSight. All other faces are the patch \"outer\"");
-  app.add_option("--boundary-triangles", options.boundary_triangles,
-                 fmt::format("Most triangles of the boundary: if it has more, it is simplified, and the result says how "
-                             "far the triangles are from it (default: {}). Implies --boundary",
-                             usual_boundary_triangles))
+  app.add_option(
+         "--boundary-triangles", options.boundary_triangles,
+         fmt::format("Most triangles of the boundary: if it has more, it is simplified, and the result says how "
+                     "far the triangles are from it (default: {}). Implies --boundary",
+                     usual_boundary_triangles))
       ->type_name("N")
       ->check(CLI::Range(std::uint64_t{1000}, std::uint64_t{100000000}));
 }

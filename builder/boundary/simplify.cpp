@@ -44,13 +44,13 @@ dvec3 area_of(const Surface& surface, const Triangle& triangle) {
 }
 
 // Whether the middle of a triangle lies on another one that faces the other way: both have a cell, so it is inside.
-bool is_covered(const Surface& surface, const TriangleTree& tree, const std::vector<bool>& sides, std::uint32_t number) {
+bool is_covered(const Surface& surface, const TriangleTree& tree, const std::vector<bool>& sides,
+                std::uint32_t number) {
   const Triangle& triangle = surface.triangles[number];
   const dvec3 area = area_of(surface, triangle);
   const double tolerance = plane_tolerance * std::sqrt(glm::length(area));
   if (!sides[number] || !(tolerance > 0)) return false;
-  const dvec3 middle =
-      (surface.points[triangle[0]] + surface.points[triangle[1]] + surface.points[triangle[2]]) / 3.0;
+  const dvec3 middle = (surface.points[triangle[0]] + surface.points[triangle[1]] + surface.points[triangle[2]]) / 3.0;
   return tree.any_near(middle, tolerance, [&](std::uint32_t other) {
     if (other == number || !sides[other]) return false;
     const dvec3 beyond = area_of(surface, surface.triangles[other]);
@@ -137,8 +137,7 @@ void collapse_edges(std::uint64_t most, Surface& surface) {
   surface.triangles.clear();
   surface.patches.clear();
   for (std::size_t i = 0; i < left.size(); i += 3) {
-    surface.triangles.push_back(
-        {wedges.points[left[i]], wedges.points[left[i + 1]], wedges.points[left[i + 2]]});
+    surface.triangles.push_back({wedges.points[left[i]], wedges.points[left[i + 1]], wedges.points[left[i + 2]]});
     surface.patches.push_back(wedges.patches[left[i]]);
   }
 }
@@ -150,8 +149,7 @@ Status join_points(std::uint64_t most, Surface& surface) {
   WeldedSurface welded(box, most);
   for (std::size_t i = 0; i < surface.triangles.size(); ++i) {
     const auto& [a, b, c] = surface.triangles[i];
-    SPLATVOL_TRY(
-        welded.add({{surface.points[a], surface.points[b], surface.points[c]}, surface.patches[i], false}));
+    SPLATVOL_TRY(welded.add({{surface.points[a], surface.points[b], surface.points[c]}, surface.patches[i], false}));
   }
   surface = {welded.points(), welded.triangles(), welded.patches()};
   return {};
@@ -211,8 +209,8 @@ std::vector<Patch> make_patches(const Surface& surface, const std::vector<std::s
     const auto begin = std::ranges::lower_bound(surface.patches, number) - surface.patches.begin();
     const auto end = std::ranges::upper_bound(surface.patches, number) - surface.patches.begin();
     if (number == 0 && begin == end && names.size() > 1) continue;
-    const auto triangles = std::span(surface.triangles).subspan(static_cast<std::size_t>(begin),
-                                                                static_cast<std::size_t>(end - begin));
+    const auto triangles =
+        std::span(surface.triangles).subspan(static_cast<std::size_t>(begin), static_cast<std::size_t>(end - begin));
     patches.push_back({names[number], make_mesh(surface, triangles, numbers)});
   }
   const auto rank = [&](const Patch& patch) { return std::pair(patch.name == names.front(), patch.name); };

@@ -24,7 +24,8 @@ TriangleMesh square(std::uint32_t side, double x, bool reversed = false) {
   TriangleMesh mesh;
   const std::uint32_t row = side + 1;
   for (std::uint32_t j = 0; j < row; ++j)
-    for (std::uint32_t i = 0; i < row; ++i) mesh.points.emplace_back(x, i / double{side}, j / double{side});
+    for (std::uint32_t i = 0; i < row; ++i)
+      mesh.points.emplace_back(x, static_cast<double>(i) / side, static_cast<double>(j) / side);
   for (std::uint32_t j = 0; j < side; ++j)
     for (std::uint32_t i = 0; i < side; ++i) {
       const std::uint32_t a = i + row * j;

@@ -151,7 +151,8 @@ class OpenFoamReader final : public BlockReader {
     return path.size() > 2 ? path.front() + "/" + path.back() : path.back();
   }
 
-  /// Chooses the mesh of each region, and its patches if they are wanted. Fields may differ between time steps, so all are read.
+  /// Chooses the mesh of each region, and its patches if they are wanted. Fields may differ between time steps, so all
+  /// are read.
   void select(const std::vector<std::string>&) override {
     for (int i = 0; i < reader_->GetNumberOfPatchArrays(); ++i) {
       const std::string name = reader_->GetPatchArrayName(i);

@@ -105,7 +105,8 @@ void append_surface_cells(vtkDataSet& data, TriangleMesh& mesh) {
   for (const auto& [type, points] : cells) {
     if (!std::ranges::all_of(points, [&](std::uint32_t p) { return is_usable_position(mesh.points[p]); })) continue;
     for (const Face& part : parts_of(type, points))
-      for (const TetrahedronSplitter::Triangle& triangle : splitter.split_face(part)) mesh.triangles.push_back(triangle);
+      for (const TetrahedronSplitter::Triangle& triangle : splitter.split_face(part))
+        mesh.triangles.push_back(triangle);
   }
   // No triangle has the others.
   for (dvec3& point : mesh.points)

@@ -78,7 +78,8 @@ std::size_t open_edges(const Boundary& boundary) {
   for (const Patch& patch : boundary.patches)
     for (const auto& triangle : patch.mesh.triangles)
       for (std::size_t k = 0; k < 3; ++k) {
-        const Corner a = corner_of(patch.mesh.points[triangle[k]]), b = corner_of(patch.mesh.points[triangle[(k + 1) % 3]]);
+        const Corner a = corner_of(patch.mesh.points[triangle[k]]),
+                     b = corner_of(patch.mesh.points[triangle[(k + 1) % 3]]);
         edges[{std::min(a, b), std::max(a, b)}] += a < b ? 1 : -1;
       }
   return static_cast<std::size_t>(std::ranges::count_if(edges, [](const auto& edge) { return edge.second != 0; }));
