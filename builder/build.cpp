@@ -103,12 +103,13 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   const std::string folder = temp_folder_of(output, options);
   SPLATVOL_TRY(check_reduction(options));
   const auto read = [&](double fraction) { progress("reading", fraction); };
-  SPLATVOL_TRY_ASSIGN(faces, start_boundary(options, folder));
+  SPLATVOL_TRY_ASSIGN(faces, start_boundary(source, options, folder));
   std::optional<BoundarySource> watched;
   if (faces) watched.emplace(source, *faces);
   Source& input = watched ? *watched : source;
   SPLATVOL_TRY_ASSIGN(points, PointStream::create(input, uses_cells(options), options.memory / 2, folder, read,
                                                   options.gradients, joined_attributes(options)));
+  if (faces) SPLATVOL_TRY(faces->check_any());
   return build_from_points(std::move(points), std::move(file), folder, options, progress, faces.get());
 }
 

@@ -172,7 +172,7 @@ class SeriesBuild {
   Result<BuiltGroup> run_group() {
     SPLATVOL_TRY_ASSIGN(source, StepGroup::open(group_));
     if (target_.file) {
-      SPLATVOL_TRY_ASSIGN(faces, start_boundary(options_, folder_));
+      SPLATVOL_TRY_ASSIGN(faces, start_boundary(*source, options_, folder_));
       faces_ = std::move(faces);
     }
     std::optional<BoundarySource> watched;

@@ -7,8 +7,11 @@
 
 namespace splatvol {
 
-Result<std::unique_ptr<BoundaryFaces>> start_boundary(const BuildOptions& options, const std::string& folder) {
+Result<std::unique_ptr<BoundaryFaces>> start_boundary(const Source& source, const BuildOptions& options,
+                                                      const std::string& folder) {
   if (options.boundary_triangles == 0) return nullptr;
+  if (!source.may_have_cells() || source.brings_material())
+    return fail(ErrorCode::invalid_argument, "the input has no cells, and so no boundary: leave the boundary out");
   const std::size_t memory = std::max<std::size_t>(options.memory / 16, BoundaryFaces::least_memory());
   SPLATVOL_TRY_ASSIGN(faces, BoundaryFaces::create(memory, folder));
   return std::make_unique<BoundaryFaces>(std::move(faces));

@@ -7,12 +7,14 @@
 #include "base/error.h"
 #include "builder/boundary/boundary_faces.h"
 #include "builder/build.h"
+#include "builder/sources/source.h"
 #include "format/boundary.h"
 
 namespace splatvol {
 
-/// Makes an empty boundary for the pieces to come, with a part of the memory; null if the options ask for none.
-[[nodiscard]] Result<std::unique_ptr<BoundaryFaces>> start_boundary(const BuildOptions& options,
+/// Makes an empty boundary for the pieces to come, with a part of the memory; null if the options ask for none. Fails
+/// if the source cannot have cells.
+[[nodiscard]] Result<std::unique_ptr<BoundaryFaces>> start_boundary(const Source& source, const BuildOptions& options,
                                                                     const std::string& folder);
 
 /// A boundary that is ready for the file.

@@ -64,6 +64,7 @@ struct Options {
 };
 
 constexpr std::uint64_t usual_boundary_triangles = 200000;
+constexpr double boundary_triangle_bytes = 6;  // in the file
 
 using StageTimes = std::vector<std::pair<std::string, double>>;  // seconds of each stage
 
@@ -324,6 +325,10 @@ Result<Estimate> make_estimate(const Options& options) {
   estimate.threads = options.threads > 0 ? options.threads : static_cast<unsigned>(tbb::info::default_concurrency());
   const std::size_t in_a_file = options.series_of_files ? 1 : estimate.steps;
   estimate.build = estimate_build(estimate.input, build_options, in_a_file, estimate.threads);
+  // At most: how many triangles a boundary has is not known.
+  const double boundary = boundary_triangle_bytes * static_cast<double>(build_options.boundary_triangles);
+  estimate.build.file.high += boundary;
+  estimate.build.disk.high += boundary;
   const double files = options.series_of_files ? static_cast<double>(estimate.steps) : 1;
   BuildEstimate& build = estimate.build;
   for (double Range::*end : {&Range::low, &Range::high}) {

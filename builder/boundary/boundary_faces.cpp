@@ -70,6 +70,12 @@ Status BoundaryFaces::add_outer(const std::vector<dvec3>& points,
   return faces_.add(std::as_bytes(std::span(faces)));
 }
 
+Status BoundaryFaces::check_any() const {
+  if (std::ranges::any_of(counts_, [](std::uint64_t count) { return count > 0; })) return {};
+  return fail(ErrorCode::invalid_data,
+              "the input has no cells with a volume, and so no boundary: leave the boundary out");
+}
+
 std::uint32_t BoundaryFaces::number_of(const std::string& name) {
   const auto found = std::ranges::find(names_, name);
   if (found != names_.end()) return static_cast<std::uint32_t>(found - names_.begin());

@@ -38,6 +38,9 @@ class BoundaryFaces {
   /// Adds the outer faces and the patches of a piece.
   [[nodiscard]] Status add(const Piece& piece);
 
+  /// Fails if there is no face so far.
+  [[nodiscard]] Status check_any() const;
+
   /// Calls visit for each triangle, each once. Their order does not depend on memory and threads. Called once, after
   /// the last piece.
   [[nodiscard]] Status visit(const std::function<Status(const BoundaryTriangle&)>& visit);

@@ -220,14 +220,12 @@ std::vector<Patch> make_patches(const Surface& surface, const std::vector<std::s
 
 // `most`: triangles to hold at once.
 Result<WeldedSurface> weld(BoundaryFaces& faces, std::uint64_t most, std::uint64_t& count) {
+  SPLATVOL_TRY(faces.check_any());
   WeldedSurface welded(faces.box(), most);
   SPLATVOL_TRY(faces.visit([&](const BoundaryTriangle& triangle) {
     ++count;
     return welded.add(triangle);
   }));
-  if (count == 0)
-    return fail(ErrorCode::invalid_data,
-                "the input has no cells with a volume, and so no boundary: leave the boundary out");
   return welded;
 }
 

@@ -39,7 +39,7 @@ TEST_F(ReadSurfaces, EachFileThatIsShownIsReadOnce) {
 }
 
 TEST_F(ReadSurfaces, PatchesHaveAReaderOfTheirOwn) {
-  const std::vector<SceneSurface> styles{{.boundary = "a"}, {.boundary = "a"}, {.boundary = "b", .shown = false}};
+  const std::vector<SceneSurface> styles{{.boundary = "a"}, {.boundary = "a"}, {.shown = false, .boundary = "b"}};
   const auto surfaces = read_surfaces(styles, {{}, reader()});
   ASSERT_TRUE(surfaces) << surfaces.error().message;
   EXPECT_THAT(asked_, ElementsAre("a"));
