@@ -535,7 +535,7 @@ void add_format_options(CLI::App& app, Options& options) {
 void add_boundary_options(CLI::App& app, Options& options) {
   app.add_flag("--boundary", options.boundary,
                "Keep the boundary of the mesh in the file, for scenes that draw it: the faces of one cell only, by the "
-               "patches of OpenFOAM, the side sets of Exodus, the boundary sections of CGNS and the surface parts of "
+               "patches of OpenFOAM, the side sets of Exodus, the boundary conditions of CGNS and the surface parts of "
                "EnSight. All other faces are the patch \"outer\"");
   app.add_option(
          "--boundary-triangles", options.boundary_triangles,

@@ -561,7 +561,7 @@ TEST_F(Programs, PatchesThatAreNotThereAreRefused) {
   text["surfaces"] = {{{"boundary", "motorBike*"}}};
   write("s.json", text.dump());
   const std::string there = "no patch \"motorBike*\" in its boundary; there are: outer";
-  for (const std::string command : {"svrender " + path("v.svol"), "svtruth " + path("mesh.vtu")})
+  for (const std::string& command : {"svrender " + path("v.svol"), "svtruth " + path("mesh.vtu")})
     expect_refused(command + " --scene " + path("s.json") + " -o " + path("out.png"), there, "out");
   expect_refused("svrender " + path("plain.svol") + " --scene " + path("s.json") + " -o " + path("out.png"),
                  "svbuild --boundary keeps it", "out");

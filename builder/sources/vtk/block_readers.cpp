@@ -19,6 +19,7 @@
 #include VTK_CGNS(cgns_io.h)
 #include VTK_CGNS(cgnslib.h)
 #include "builder/sources/vtk/attributes.h"
+#include "builder/sources/vtk/cgns_patches.h"
 #include "builder/sources/vtk/cgns_units.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/openfoam_reader.h"
@@ -222,7 +223,8 @@ std::vector<std::string> cgns_fields(const std::string& path, std::map<std::stri
 class CgnsReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
-    cgio_error_abort(0);                  // keeps the library from ending the program at an error
+    cgio_error_abort(0);  // keeps the library from ending the program at an error
+    path_ = path;
     fields_ = cgns_fields(path, units_);  // throws where VTK's reader would end the program
     reader_->SetFileName(path.c_str());
     reader_->DoublePrecisionMeshOn();
@@ -230,7 +232,9 @@ class CgnsReader final : public BlockReader {
     return *reader_;
   }
 
-  void want_patches() override { reader_->LoadBndPatchOn(); }
+  /// VTK 9.1 gives neither sections of surfaces nor boundary conditions.
+  void want_patches() override { patches_ = read_cgns_patches(path_); }
+  std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
 
   /// Selects by VTK's names of arrays, including those of zones after the first.
   void select(const std::vector<std::string>& selection) override {
@@ -281,7 +285,9 @@ class CgnsReader final : public BlockReader {
   vtkNew<vtkCGNSReader> reader_;
   std::vector<std::string> fields_;
   std::map<std::string, std::string> units_;  // of fields_
-  int portions_ = 1;                          // the number of zones, once one has been read
+  std::string path_;
+  std::vector<Patch> patches_;  // not taken yet
+  int portions_ = 1;            // the number of zones, once one has been read
 };
 
 }  // namespace

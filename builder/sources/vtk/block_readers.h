@@ -29,6 +29,9 @@ class BlockReader {
   /// surface is none.
   [[nodiscard]] virtual std::string patch_name(const std::vector<std::string>& path) const { return path.back(); }
 
+  /// Returns patches that are no surfaces of the output, once.
+  virtual std::vector<Patch> take_patches() { return {}; }
+
   /// All arrays of a file that has several portions, before any of them is read. Other readers may return none.
   virtual std::vector<ArrayShape> arrays() { return {}; }
 

@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <iterator>
 #include <utility>
 
 #include "builder/sources/time_steps.h"
@@ -136,6 +137,7 @@ class BlockDataSets final : public VtkDataSets {
         collect(*tree);
         tree->Initialize();
       }
+      std::ranges::move(reader_->take_patches(), std::back_inserter(patches_));
       for (auto& block : blocks_)
         for (const bool of_cells : {false, true}) learn_arrays(*block, of_cells);
       for (auto& block : blocks_) add_missing(*block, shapes_, cells_);

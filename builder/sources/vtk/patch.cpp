@@ -85,20 +85,7 @@ class NamedPoints {
 
 }  // namespace
 
-void append_surface_cells(vtkDataSet& data, TriangleMesh& mesh) {
-  NamedPoints named(data, mesh);
-  const vtkNew<vtkIdList> ids;
-  std::vector<std::pair<int, Face>> cells;
-  for (vtkIdType cell = 0; cell < data.GetNumberOfCells(); ++cell) {
-    data.GetCellPoints(cell, ids);
-    const std::span<const vtkIdType> points(ids->GetPointer(0), static_cast<std::size_t>(ids->GetNumberOfIds()));
-    if (std::ranges::any_of(points, [&](vtkIdType id) { return id < 0 || id >= data.GetNumberOfPoints(); })) continue;
-    Face face;
-    for (const vtkIdType id : points) face.push_back(named.number_of(id));
-    cells.emplace_back(data.GetCellType(cell), std::move(face));
-  }
-
-  // The splitter wants all points first.
+void append_cells(std::span<const SurfaceCell> cells, TriangleMesh& mesh) {
   std::vector<TetrahedronSplitter::Tetrahedron> no_tetrahedra;
   CellCensus census;
   TetrahedronSplitter splitter(mesh.points, no_tetrahedra, census);
@@ -108,9 +95,23 @@ void append_surface_cells(vtkDataSet& data, TriangleMesh& mesh) {
       for (const TetrahedronSplitter::Triangle& triangle : splitter.split_face(part))
         mesh.triangles.push_back(triangle);
   }
-  // No triangle has the others.
   for (dvec3& point : mesh.points)
     if (!is_usable_position(point)) point = dvec3(0);
+}
+
+void append_surface_cells(vtkDataSet& data, TriangleMesh& mesh) {
+  NamedPoints named(data, mesh);
+  const vtkNew<vtkIdList> ids;
+  std::vector<SurfaceCell> cells;
+  for (vtkIdType cell = 0; cell < data.GetNumberOfCells(); ++cell) {
+    data.GetCellPoints(cell, ids);
+    const std::span<const vtkIdType> points(ids->GetPointer(0), static_cast<std::size_t>(ids->GetNumberOfIds()));
+    if (std::ranges::any_of(points, [&](vtkIdType id) { return id < 0 || id >= data.GetNumberOfPoints(); })) continue;
+    Face face;
+    for (const vtkIdType id : points) face.push_back(named.number_of(id));
+    cells.push_back({data.GetCellType(cell), std::move(face)});
+  }
+  append_cells(cells, mesh);
 }
 
 }  // namespace splatvol

@@ -1,6 +1,10 @@
 // Surfaces of VTK's data sets as patches of a boundary.
 #pragma once
 
+#include <cstdint>
+#include <span>
+#include <vector>
+
 #include "base/error.h"
 #include "base/triangle_mesh.h"
 
@@ -8,8 +12,18 @@ class vtkDataSet;
 
 namespace splatvol {
 
-/// Appends the surface cells of a data set as triangles: those that the faces of volume cells are split into, so that
-/// both are found equal. Cells that name points which are not there, or positions that are not finite, are left out.
+/// A cell of a surface, by VTK's number of its type and its points.
+struct SurfaceCell {
+  int vtk_type;
+  std::vector<std::uint32_t> points;
+};
+
+/// Appends cells to a mesh that has their points: the triangles that the faces of volume cells are split into, so that
+/// both are found equal. Cells at positions that are not finite are left out, and these positions become 0. Requires
+/// indices in range.
+void append_cells(std::span<const SurfaceCell> cells, TriangleMesh& mesh);
+
+/// Appends the surface cells of a data set, with their points. Cells that name points which are not there are left out.
 /// Call it inside run_vtk. Throws if there are too many points.
 void append_surface_cells(vtkDataSet& data, TriangleMesh& mesh);
 

@@ -534,7 +534,7 @@ TEST_F(BlocksTest, Cgns) {
 }
 
 // A section of quadrilaterals, whose cells stand behind those with a volume.
-TEST_F(BlocksTest, CgnsSectionsOfSurfacesArePatches) {
+TEST_F(BlocksTest, CgnsSectionsAndConditionsArePatches) {
   write_cgns(path("mesh.cgns"));
   int file = 0, ignored = 0;
   ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_MODIFY, &file), 0) << cg_get_error();
@@ -549,6 +549,25 @@ TEST_F(BlocksTest, CgnsSectionsOfSurfacesArePatches) {
   ASSERT_EQ(cg_close(file), 0) << cg_get_error();
   expect_two_blocks("mesh.cgns", 1e-12);
   EXPECT_THAT(patches_of("mesh.cgns"), UnorderedElementsAre(Pair("Inlet", 18), Pair("outer", 162)));
+
+  // A condition for some cells of the section, one with a family for points of the structured zone, and one for points
+  // of the other zone, which tells no faces.
+  ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_MODIFY, &file), 0) << cg_get_error();
+  const std::array<cgsize_t, 2> range = {block_cells + 2, block_cells + 4};
+  cg_boco_write(file, 1, 1, "Slot", CGNS_ENUMV(BCWall), CGNS_ENUMV(PointRange), 2, range.data(), &ignored);
+  cg_boco_gridlocation_write(file, 1, 1, ignored, CGNS_ENUMV(FaceCenter));
+  const std::array<cgsize_t, 3> list = {1, 2, 3};
+  cg_boco_write(file, 1, 1, "Points", CGNS_ENUMV(BCWall), CGNS_ENUMV(PointList), 3, list.data(), &ignored);
+  const std::array<cgsize_t, 6> corners = {1, 1, side, side, side, side};
+  cg_boco_write(file, 1, 2, "Lid", CGNS_ENUMV(BCWall), CGNS_ENUMV(PointRange), 2, corners.data(), &ignored);
+  cg_goto(file, 1, "Zone_t", 2, "ZoneBC_t", 1, "BC_t", ignored, "end");
+  cg_famname_write("Top");
+  const std::array<cgsize_t, 6> edge = {1, 1, 1, 1, side, 1};
+  cg_boco_write(file, 1, 2, "Edge", CGNS_ENUMV(BCWall), CGNS_ENUMV(PointRange), 2, edge.data(), &ignored);
+  ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+  expect_two_blocks("mesh.cgns", 1e-12);
+  EXPECT_THAT(patches_of("mesh.cgns"),
+              UnorderedElementsAre(Pair("Inlet", 12), Pair("Slot", 6), Pair("Top", 18), Pair("outer", 144)));
 }
 
 TEST_F(BlocksTest, CgnsUnits) {
