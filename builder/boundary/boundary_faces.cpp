@@ -96,7 +96,7 @@ Status BoundaryFaces::add_patch(const Patch& patch) {
   return faces_.add(std::as_bytes(std::span(faces)));
 }
 
-// Of the faces at one place, returns the triangle that bounds the mesh there, if any does.
+// Returns the triangle that bounds the mesh where some faces coincide; nothing if they lie inside.
 std::optional<BoundaryTriangle> BoundaryFaces::choose(std::vector<Face>& same) const {
   if (same.front().is_degenerate()) return std::nullopt;
   const auto outer = std::ranges::find_if(same, [](const Face& face) { return face.is_outer != 0; });

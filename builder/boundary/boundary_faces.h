@@ -25,7 +25,7 @@ struct BoundaryTriangle {
 
 /// Collects the faces of all pieces that bound the mesh: those of one cell only, and those of the patches. Faces are
 /// matched by their positions, so a face that two pieces have lies inside. A face of several patches belongs to the one
-/// with the fewest triangles; of those, to the one that came first.
+/// with the fewest triangles; if two have as many, to the first.
 class BoundaryFaces {
  public:
   /// The name of the patch of all faces that no patch of the input has.

@@ -25,7 +25,7 @@ using Triangle = WeldedSurface::Triangle;
 constexpr std::uint64_t least_held = std::uint64_t{1} << 21;  // triangles
 constexpr std::uint32_t none = std::numeric_limits<std::uint32_t>::max();
 
-// What meshoptimizer and the search for hanging nodes take for each triangle, about.
+// Bytes that meshoptimizer and the search for hanging nodes take for each triangle, about.
 constexpr std::uint64_t work_bytes = 250;
 
 // A triangle within another one, of a mesh with hanging nodes, lies in its plane up to this share of its own size.
@@ -237,7 +237,7 @@ Result<Boundary> make_boundary(BoundaryFaces& faces, std::uint64_t most_held, st
     SPLATVOL_TRY_ASSIGN(welded, weld(faces, most_held, boundary.triangles));
     moved = welded.moved();
     surface = {welded.points(), welded.triangles(), welded.patches()};
-    boundary.held_bytes = surface.triangles.size() * (WeldedSurface::triangle_bytes + work_bytes);
+    boundary.held_bytes = std::min(boundary.triangles, most_held) * (WeldedSurface::triangle_bytes + work_bytes);
     if (moved == 0) {
       remove_covered(welded.sides(), surface);
       boundary.triangles = surface.triangles.size();

@@ -18,9 +18,9 @@ struct SurfaceCell {
   std::vector<std::uint32_t> points;
 };
 
-/// Appends cells to a mesh that has their points: the triangles that the faces of volume cells are split into, so that
-/// both are found equal. Cells at positions that are not finite are left out, and these positions become 0. Requires
-/// indices in range.
+/// Appends cells to a mesh that has their points. Splits them into triangles as faces of volume cells are split: so a
+/// cell and the face at its place have equal triangles. Cells at positions that are not finite are left out, and these
+/// positions become 0. Requires indices in range.
 void append_cells(std::span<const SurfaceCell> cells, TriangleMesh& mesh);
 
 /// Appends the surface cells of a data set, with their points. Cells that name points which are not there are left out.
