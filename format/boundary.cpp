@@ -60,6 +60,7 @@ Bytes make_payload(const TriangleMesh& mesh, const Grid& grid, PatchInfo& info) 
   info.points = points.size();
   info.triangles = mesh.triangles.size();
   Bytes payload;
+  if (codes.empty()) return payload;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     std::vector<std::uint32_t> differences;
     std::int64_t before = 0;
@@ -149,6 +150,7 @@ Status append_patch(const BoundaryInfo& boundary, std::size_t patch, const Patch
                     std::span<const std::byte> packed, TriangleMesh& mesh, std::string_view what) {
   const PatchInfo& info = boundary.patches[patch];
   SPLATVOL_TRY_ASSIGN(payload, unpack_checked(part, packed, what));
+  if (info.triangles == 0) return {};  // and so no points
   std::span<const std::byte> planes = payload;
   SPLATVOL_TRY(append_points(boundary, info.points, planes, mesh, what));
   return append_triangles(info, planes, mesh, what);

@@ -222,7 +222,7 @@ Status Player::show_step(std::size_t step) {
   }
   Status changed = change_step(step);
   if (!changed) {
-    if (is_lost_) static_cast<void>(open_streamer(scene_, options_));
+    if (is_lost_ && open_streamer(scene_, options_)) static_cast<void>(read_boundary_of(streamer_->volume()));
     return changed;
   }
   step_ = step;

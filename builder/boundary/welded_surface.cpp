@@ -24,7 +24,7 @@ std::size_t WeldedSurface::Hash::operator()(const T& key) const {
 
 double WeldedSurface::cell_edge() const {
   const dvec3 extent = box_.extent();
-  return std::ldexp(extent[longest_axis(extent)], -*depth_);
+  return std::max(std::ldexp(extent[longest_axis(extent)], -*depth_), std::numeric_limits<double>::min());
 }
 
 double WeldedSurface::moved() const { return depth_ ? std::sqrt(3.0) * cell_edge() : 0; }
