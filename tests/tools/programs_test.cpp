@@ -539,7 +539,7 @@ TEST_F(RealData, TheBoundaryIsDrawnAsInTheExactPicture) {
     write("s.json", text.dump());
     expect_success("svtruth " + mesh(name) + " --scene " + path("s.json") + " -o " + path("exact.exr"));
     const Image exact = *read_exr(path("exact.exr"));
-    for (const auto& [option, most] : {std::pair{"--boundary", 0.001}, std::pair{"--boundary-triangles 5000", 0.01}}) {
+    for (const auto& [option, most] : {std::pair{"--boundary", 0.002}, std::pair{"--boundary-triangles 5000", 0.01}}) {
       expect_success("svbuild " + mesh(name) + " " + option + " -o " + path("volume.svol"));
       expect_success("svrender " + path("volume.svol") + " --scene " + path("s.json") + " --tolerance 0 -o " +
                      path("picture.exr") + " --device cpu");
