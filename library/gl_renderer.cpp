@@ -24,7 +24,9 @@ struct GlRenderer::Contents {
   Status draw(Draw draw) {
     return run([&](const Player& player) -> Status {
       SPLATVOL_TRY(draw(*core));
-      return picture->show(player.rasterizer());
+      if (!player.has_drawn_surfaces()) return picture->show(player.rasterizer());
+      SPLATVOL_TRY_ASSIGN(image, player.image());
+      return picture->show(std::move(image));
     });
   }
 

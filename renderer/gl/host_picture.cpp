@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "renderer/gl/flip_rows.h"
 #include "renderer/gl/gl_rasterizer.h"
@@ -84,6 +85,10 @@ Status HostPicture::show(const Rasterizer& rasterizer) {
     return {};
   }
   SPLATVOL_TRY_ASSIGN(image, rasterizer.read_image());
+  return show(std::move(image));
+}
+
+Status HostPicture::show(Image image) {
   flip_rows(image.pixels, image.width);
   SPLATVOL_TRY(uploaded_.upload(image));
   texture_ = uploaded_.name();
