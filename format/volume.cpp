@@ -14,6 +14,9 @@ namespace {
 // read.
 constexpr std::uint64_t one_read_bytes = 4u << 10;
 
+// Several patches are read at once up to this size.
+constexpr std::uint64_t most_patch_bytes = 4u << 20;
+
 constexpr const char* untiled = "the summary pages do not tile their section [R20]";
 
 bool has_valid_range(const ChunkEntry& entry, ColumnKind kind) {
@@ -460,10 +463,18 @@ Result<TriangleMesh> Volume::read_boundary(std::span<const std::size_t> patches)
   std::vector<std::uint64_t> offsets = {file_->find_section(SectionKind::boundary)->offset + sizeof(std::uint64_t) +
                                         count * sizeof(PatchPart)};
   for (const PatchPart& part : parts) offsets.push_back(offsets.back() + part.packed_bytes);
-  for (const std::size_t patch : patches) {
-    SPLATVOL_TRY_ASSIGN(packed, file_->read_bytes(offsets[patch], parts[patch].packed_bytes));
-    const std::string what = fmt::format("{}: patch \"{}\"", name(), info_.boundary->patches[patch].name);
-    SPLATVOL_TRY(append_patch(*info_.boundary, patch, parts[patch], packed, mesh, what));
+  // Patches that follow each other are one read: from a server, each has a price.
+  for (std::size_t begin = 0, end = 0; begin < patches.size(); begin = end) {
+    const std::uint64_t first = offsets[patches[begin]];
+    for (end = begin + 1; end < patches.size() && patches[end] == patches[end - 1] + 1; ++end)
+      if (offsets[patches[end] + 1] - first > most_patch_bytes) break;
+    SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(first, offsets[patches[end - 1] + 1] - first));
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t patch = patches[i];
+      const auto packed = std::span(bytes).subspan(offsets[patch] - first, parts[patch].packed_bytes);
+      const std::string what = fmt::format("{}: patch \"{}\"", name(), info_.boundary->patches[patch].name);
+      SPLATVOL_TRY(append_patch(*info_.boundary, patch, parts[patch], packed, mesh, what));
+    }
   }
   return mesh;
 }

@@ -96,6 +96,11 @@ TEST(Boundary, ComesBackWithinItsError) {
   EXPECT_EQ(joined->triangles.size(), 98u + 32u);
   EXPECT_EQ(joined->points.size(), 64u + 25u);
   EXPECT_EQ(corners_of(*joined).back().x, 0);
+  const std::size_t all[] = {0, 1, 2}, turned[] = {2, 1, 0};
+  const std::uint64_t read = volume->bytes_read();
+  EXPECT_EQ(corners_of(*volume->read_boundary(all)).back().x, 3);
+  EXPECT_EQ(corners_of(*volume->read_boundary(turned)), corners_of(*joined));
+  EXPECT_EQ(volume->bytes_read(), read) << "the first read has all of a small file";
   const std::size_t other = 3;
   EXPECT_THAT(volume->read_boundary({&other, 1}).error().message, HasSubstr("no patch 3"));
 }
@@ -116,6 +121,10 @@ TEST(Boundary, IsReadOnDemandOnly) {
   const std::size_t small = 1;
   ASSERT_TRUE(volume->read_boundary({&small, 1}));
   EXPECT_LT(volume->bytes_read() - opened, 500u);
+  const std::size_t both[] = {0, 1};
+  const auto joined = volume->read_boundary(both);
+  ASSERT_TRUE(joined) << joined.error().message;
+  EXPECT_EQ(joined->triangles.size(), 10000u + 8u);
 }
 
 TEST(Boundary, CoarserTrianglesTakeFewerBytes) {

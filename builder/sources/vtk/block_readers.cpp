@@ -79,6 +79,7 @@ class ExodusReader final : public BlockReader {
 
   void want_patches() override { wants_patches_ = true; }
 
+  /// Chooses among all but the blocks of cells: the side sets, or nothing.
   void select_others(bool side_sets) {
     for (const int type : {vtkExodusIIReader::EDGE_BLOCK, vtkExodusIIReader::FACE_BLOCK, vtkExodusIIReader::NODE_SET,
                            vtkExodusIIReader::EDGE_SET, vtkExodusIIReader::FACE_SET, vtkExodusIIReader::SIDE_SET,
