@@ -4,6 +4,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "base/error.h"
@@ -14,6 +15,14 @@ namespace splatvol {
 /// `a.vtu: no attribute "x"; there are: p, q`.
 [[nodiscard]] tl::unexpected<Error> fail_no_attribute(const std::string& file, const std::string& name,
                                                       std::span<const std::string> available);
+
+/// Whether a name is as a pattern says, in which `*` stands for any characters, or none.
+[[nodiscard]] bool matches(std::string_view name, std::string_view pattern);
+
+/// Returns the indices of the names that match a pattern. Fails with invalid_argument if there is none; the message
+/// begins with `file`, and lists the names.
+[[nodiscard]] Result<std::vector<std::size_t>> find_patches(const std::string& file, const std::string& pattern,
+                                                            std::span<const std::string> names);
 
 /// Returns a name that appears at least twice, or nothing. If several do, returns the lowest of them, byte by byte.
 [[nodiscard]] std::optional<std::string> find_duplicate(std::vector<std::string> names);

@@ -18,6 +18,12 @@ struct TriangleMesh {
   std::vector<std::array<std::uint32_t, 3>> triangles;  // indices into points, in any orientation
 };
 
+/// A patch: a part of a mesh's boundary that has a name.
+struct Patch {
+  std::string name;
+  TriangleMesh mesh;
+};
+
 /// Reads the triangles of a file. Errors begin with the path.
 using ReadSurface = std::function<Result<TriangleMesh>(const std::string& path)>;
 

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -18,6 +19,8 @@
 #include "builder/sources/source.h"
 
 namespace splatvol {
+
+class BoundaryFaces;
 
 struct BuildOptions {
   Reduction reduction = Reduction::octree;              // how coarser resolutions are chosen
@@ -36,12 +39,22 @@ struct BuildOptions {
   std::string builder = "splatvol";                             // name and version of the program
   int up = -1;                                                  // format::VolumeInfo::up
   bool strict = false;                                          // fail if the input would change (check_unchanged)
+  std::uint64_t boundary_triangles = 0;                         // most triangles of the mesh's boundary; 0: none
 };
 
 /// Numbers that lose their detail in the file.
 struct PrecisionWarning {
   std::string attribute;  // empty: the positions
   std::string words;
+};
+
+/// The boundary that a file holds.
+struct BoundaryReport {
+  std::vector<std::pair<std::string, std::uint64_t>> patches;  // and their triangles
+  std::uint64_t kept = 0;                                      // triangles
+  std::uint64_t triangles = 0;                                 // of the mesh's boundary
+  double error = 0;                                            // no point of it is farther from those that are kept
+  std::uint64_t bytes = 0;                                     // in the file
 };
 
 struct BuildReport {
@@ -56,6 +69,7 @@ struct BuildReport {
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
   std::vector<std::pair<std::string, std::uint64_t>> fills = {};    // attribute, fill values among the numbers read
   std::vector<PrecisionWarning> warnings = {};                      // precision_warnings()
+  std::optional<BoundaryReport> boundary = {};
 };
 
 /// The name as in options and provenance: "auto", "mesh", "delaunay", "none".
@@ -70,7 +84,8 @@ using BuildProgress = std::function<void(const char* stage, double fraction)>;
 /// Reads the whole source, reduces it and writes `output`, which appears whole or not at all. Bytes depend on the
 /// points, their order and the options, never on threads or memory. Fails if leaf_points is under 8 (a node that is
 /// split must lose points even if each of its octants keeps one), and if cells are asked for and there are none. Fails
-/// also if a unit is given for an attribute that is not there. The unit of a vector is that of its components too.
+/// also if a unit is given for an attribute that is not there, or if a boundary is asked for and no cell has a volume.
+/// The unit of a vector is that of its components too.
 [[nodiscard]] Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                                const BuildProgress& progress);
 
@@ -80,8 +95,10 @@ using BuildProgress = std::function<void(const char* stage, double fraction)>;
 /// The folder for temporary files of an output.
 [[nodiscard]] std::string temp_folder_of(const std::string& output, const BuildOptions& options);
 
-/// The same as build_volume for points that are sorted. `file`: gets all.
+/// The same as build_volume for points that are sorted. `file`: gets all. `faces`: of all pieces; null if the file gets
+/// no boundary.
 [[nodiscard]] Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const std::string& folder,
-                                                    const BuildOptions& options, const BuildProgress& progress);
+                                                    const BuildOptions& options, const BuildProgress& progress,
+                                                    BoundaryFaces* faces = nullptr);
 
 }  // namespace splatvol

@@ -179,6 +179,7 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
   }
   if (paths != inputs) drop_repeated(files);
   if (files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
+  for (VtkFile& file : files) file.patches = options.patches;
   return open_vtk_files(std::move(files), options.selection, options.time, options.cells, missing, step);
 }
 

@@ -7,9 +7,11 @@
 #include <utility>
 
 #include "base/file.h"
+#include "builder/boundary/boundary_source.h"
 #include "builder/describe.h"
 #include "builder/memory_plan.h"
 #include "builder/reduce_source.h"
+#include "builder/store_boundary.h"
 #include "format/series_writer.h"
 #include "format/volume.h"
 #include "format/volume_writer.h"
@@ -169,16 +171,34 @@ class SeriesBuild {
 
   Result<BuiltGroup> run_group() {
     SPLATVOL_TRY_ASSIGN(source, StepGroup::open(group_));
+    if (target_.file) {
+      SPLATVOL_TRY_ASSIGN(faces, start_boundary(*source, options_, folder_));
+      faces_ = std::move(faces);
+    }
+    std::optional<BoundarySource> watched;
+    if (faces_) watched.emplace(*source, *faces_);
+    Source& input = watched ? static_cast<Source&>(*watched) : *source;
     RowFiles files(folder_);
-    SPLATVOL_TRY_ASSIGN(report, reduce_source(*source, options_, files, folder_, progress_, [&](ReducedSource reduced) {
+    SPLATVOL_TRY_ASSIGN(report, reduce_source(input, options_, files, folder_, progress_, [&](ReducedSource reduced) {
                           return write(*source, std::move(reduced));
                         }));
+    if (boundary_) {
+      report.least_memory = std::max(report.least_memory, boundary_->held_bytes);
+      report.boundary = std::move(boundary_->report);
+      boundary_.reset();
+    }
     return BuiltGroup{std::move(report), source->conversions()};
   }
 
   // Writes what all steps share, or checks that it is the same as before; then the steps of the group.
   Status write(const StepGroup& source, ReducedSource reduced) {
     const std::vector<std::string>& names = source.step_attributes();
+    if (faces_) {
+      SPLATVOL_TRY_ASSIGN(boundary, finish_boundary(*faces_, options_, progress_));
+      reduced.info.boundary = boundary.packed.info;
+      boundary_.emplace(std::move(boundary));
+      faces_.reset();
+    }
     if (!target_.info) {
       SPLATVOL_TRY_ASSIGN(info, describe_series(reduced.info, names, series_provenance(reduced.report)));
       target_.info = std::move(info);
@@ -200,6 +220,7 @@ class SeriesBuild {
       SPLATVOL_TRY_ASSIGN(
           writer, format::VolumeWriter::create(std::move(*target_.file), 0, *target_.info, std::move(index), folder_));
       target_.writer = std::move(writer);
+      if (boundary_) target_.writer->set_boundary(std::move(boundary_->packed.section));
     }
     SPLATVOL_TRY(write_rows(reduced, writers, index_hash));
     target_.file.reset();
@@ -291,6 +312,8 @@ class SeriesBuild {
   const BuildProgress& progress_;
   Target& target_;
   std::vector<SeriesStep> group_;
+  std::unique_ptr<BoundaryFaces> faces_;    // of the first group, if the file gets a boundary
+  std::optional<StoredBoundary> boundary_;  // of the first group
   std::optional<bool> has_times_;
   double number_;  // of the next step without a time
 };
@@ -345,6 +368,9 @@ Result<SeriesReport> append_to_series(std::vector<SeriesStep> steps, const std::
   SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
   if (!volume->series())
     return fail(ErrorCode::invalid_argument, "{}: not a time series: build it with --series or --times first", path);
+  if (options.boundary_triangles > 0)
+    return fail(ErrorCode::invalid_argument,
+                "{}: an append does not change the boundary: leave it out, or build the series anew", path);
   SPLATVOL_TRY(check_attributes(*volume, steps.front()));
   const VolumeInfo& info = volume->file_info();
   for (const Reduction reduction : {Reduction::octree, Reduction::mis, Reduction::kdtree})

@@ -12,7 +12,7 @@ constexpr std::array required_sections = {SectionKind::metadata,       SectionKi
                                           SectionKind::index_pages,    SectionKind::directory_pages};
 
 bool is_known(SectionKind kind) {
-  return kind == SectionKind::histograms || kind == SectionKind::summary_table ||
+  return kind == SectionKind::histograms || kind == SectionKind::summary_table || kind == SectionKind::boundary ||
          std::ranges::find(required_sections, kind) != required_sections.end();
 }
 
@@ -32,7 +32,8 @@ bool has_valid_codec(const SectionEntry& section) {
       break;
   }
   return section.codec == Codec::zstd && !is_extent(section.kind) && section.kind != SectionKind::directory_root &&
-         section.kind != SectionKind::summary_table && section.unpacked_bytes > section.packed_bytes &&
+         section.kind != SectionKind::summary_table && section.kind != SectionKind::boundary &&
+         section.unpacked_bytes > section.packed_bytes &&
          (section.kind != SectionKind::metadata || section.unpacked_bytes <= max_metadata_bytes(section.packed_bytes));
 }
 
@@ -51,7 +52,8 @@ void seal(Superblock& superblock) {
 Bytes pack_front(Superblock superblock, bool is_step, std::span<const SectionEntry> sections) {
   std::ranges::copy(is_step ? step_magic : magic, superblock.magic);
   superblock.major_version = major_version;
-  superblock.minor_version = minor_version;
+  const bool has_boundary = std::ranges::find(sections, SectionKind::boundary, &SectionEntry::kind) != sections.end();
+  superblock.minor_version = has_boundary ? boundary_minor_version : minor_version;
   superblock.section_count = static_cast<std::uint32_t>(sections.size());
   superblock.section_table_hash = hash_bytes(std::as_bytes(sections));
   seal(superblock);
@@ -157,6 +159,8 @@ Status Container::check_section_kinds() const {
     return broken("histograms appear twice [R8]");
   if (std::ranges::count(sections_, SectionKind::summary_table, &SectionEntry::kind) != (kind_ == Kind::step ? 1 : 0))
     return broken("a section is absent or appears twice [R8]");
+  if (std::ranges::count(sections_, SectionKind::boundary, &SectionEntry::kind) > (kind_ == Kind::step ? 0 : 1))
+    return broken("a boundary appears twice, or in a step [R8]");
   for (const SectionKind kind : {SectionKind::metadata, SectionKind::index_root, SectionKind::directory_root}) {
     const SectionEntry& section = *find_section(kind);
     if (section.offset + section.packed_bytes > preamble_bytes()) return broken("a section passes the preamble [R1]");

@@ -14,6 +14,7 @@ inline constexpr std::uint8_t step_magic[8] = {0x89, 'S', 'V', 'S', 'T', 0x0D, 0
 inline constexpr std::uint8_t footer_magic[8] = {'S', 'V', 'O', 'L', 'E', 'N', 'D', '\n'};
 inline constexpr std::uint16_t major_version = 1;
 inline constexpr std::uint16_t minor_version = 0;
+inline constexpr std::uint16_t boundary_minor_version = 1;  // of a file with the section `boundary`
 inline constexpr std::uint64_t max_preamble_bytes = 1u << 20;
 inline constexpr std::uint64_t min_first_read_bytes = 32u << 10;
 inline constexpr std::uint64_t max_first_read_bytes = 512u << 10;
@@ -24,6 +25,7 @@ inline constexpr std::size_t max_octant_depth = 64;  // of the column
 inline constexpr std::size_t max_node_depth = 42;    // of the index: deeper nodes have no Morton key
 inline constexpr std::uint64_t max_page_nodes = 4096;
 inline constexpr std::uint64_t max_step_entries = 1u << 20;  // of a step directory
+inline constexpr std::size_t max_patches = 4096;             // of a boundary
 inline constexpr std::uint32_t series_feature = 1;           // of Superblock::critical_features
 
 struct Superblock {                  // spec 2
@@ -51,6 +53,7 @@ enum class SectionKind : std::uint32_t {
   histograms = 7,
   padding = 8,
   summary_table = 9,  // of a step
+  boundary = 10,
 };
 
 /// Returns the largest unpacked size of metadata of `packed_bytes` (rule R7). JSON takes many times its length in
@@ -151,6 +154,13 @@ struct SummaryPageRef {      // spec 11
   std::uint64_t hash;        // 16: of the part table
 };
 static_assert(sizeof(SummaryPageRef) == 24);
+
+struct PatchPart {               // spec 13
+  std::uint64_t hash;            //  0: of the packed bytes
+  std::uint32_t packed_bytes;    //  8
+  std::uint32_t unpacked_bytes;  // 12
+};
+static_assert(sizeof(PatchPart) == 16);
 
 struct StepDirectoryHead {   // spec 11
   std::uint64_t hash;        //  0: of all bytes of the step directory behind it

@@ -24,6 +24,7 @@ class Volume::Verifier {
     SPLATVOL_TRY(check_footer());
     SPLATVOL_TRY(check_dead_parts());
     SPLATVOL_TRY(check_sections(*volume_.file_));
+    SPLATVOL_TRY(check_boundary());
     SPLATVOL_TRY(check_index());
     SPLATVOL_TRY(check_rows(0));
     SPLATVOL_TRY(check_nodes(no_attribute));
@@ -79,6 +80,15 @@ class Volume::Verifier {
       SPLATVOL_TRY_ASSIGN(hash, hash_of(container, section.offset, section.packed_bytes));
       if (hash != section.hash)
         return container.broken(fmt::format("section {}: checksum mismatch", static_cast<std::uint32_t>(section.kind)));
+    }
+    return {};
+  }
+
+  Status check_boundary() const {
+    const std::size_t patches = info_.boundary ? info_.boundary->patches.size() : 0;
+    for (std::size_t patch = 0; patch < patches; ++patch) {
+      SPLATVOL_TRY_ASSIGN(mesh, volume_.read_boundary({&patch, 1}));
+      SPLATVOL_TRY(check_interruption());
     }
     return {};
   }

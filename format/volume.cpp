@@ -5,12 +5,17 @@
 #include <cmath>
 #include <numeric>
 
+#include "format/boundary.h"
+
 namespace splatvol::format {
 namespace {
 
 // An index page up to this size is read at once. Of a larger page, only the structure and the part of one attribute are
 // read.
 constexpr std::uint64_t one_read_bytes = 4u << 10;
+
+// Several patches are read at once up to this size.
+constexpr std::uint64_t most_patch_bytes = 4u << 20;
 
 constexpr const char* untiled = "the summary pages do not tile their section [R20]";
 
@@ -117,6 +122,8 @@ Status Volume::read_metadata() {
   if (!info) return fail_in(name(), info.error());
   if (info->series.has_value() != (file_->superblock().step_directory != 0))
     return broken("its superblock does not say whether it has steps [R18]");
+  if (info->boundary.has_value() != (file_->find_section(SectionKind::boundary) != nullptr))
+    return broken("its metadata do not say whether it has a boundary [R21]");
   info_ = file_info_ = std::move(*info);
   rows_ = RowLayout(info_);
   return {};
@@ -421,6 +428,55 @@ Result<Histograms> Volume::read_histograms() const {
   SPLATVOL_TRY_ASSIGN(raw, values().read_section(*section));
   std::ranges::copy(raw, out.begin());
   return histograms;
+}
+
+// The parts follow the table without gaps.
+Result<std::vector<PatchPart>> Volume::read_patch_table() const {
+  const std::vector<PatchInfo>& patches = info_.boundary->patches;
+  const SectionEntry& section = *file_->find_section(SectionKind::boundary);
+  const std::uint64_t bytes = sizeof(std::uint64_t) + patches.size() * sizeof(PatchPart);
+  if (bytes > section.packed_bytes) return broken("the boundary is too short [R21]");
+  SPLATVOL_TRY_ASSIGN(table, file_->read_bytes(section.offset, bytes));
+  if (hash_bytes(std::span(table).subspan(sizeof(std::uint64_t))) != read_record<std::uint64_t>(table, 0))
+    return broken("table of patches: checksum mismatch [R21]");
+  std::vector<PatchPart> parts;
+  std::uint64_t left = section.packed_bytes - bytes;
+  for (std::size_t i = 0; i < patches.size(); ++i) {
+    const auto part = read_record<PatchPart>(table, sizeof(std::uint64_t) + i * sizeof(PatchPart));
+    if (part.packed_bytes > part.unpacked_bytes || part.unpacked_bytes != payload_bytes(patches[i]))
+      return broken("a patch has the wrong length [R21]");
+    if (part.packed_bytes > left) return broken("the patches do not tile their section [R21]");
+    left -= part.packed_bytes;
+    parts.push_back(part);
+  }
+  if (left > 0) return broken("the patches do not tile their section [R21]");
+  return parts;
+}
+
+Result<TriangleMesh> Volume::read_boundary(std::span<const std::size_t> patches) const {
+  const std::size_t count = info_.boundary ? info_.boundary->patches.size() : 0;
+  for (const std::size_t patch : patches)
+    if (patch >= count) return fail(ErrorCode::invalid_argument, "{}: no patch {}", name(), patch);
+  TriangleMesh mesh;
+  if (patches.empty()) return mesh;
+  SPLATVOL_TRY_ASSIGN(parts, read_patch_table());
+  std::vector<std::uint64_t> offsets = {file_->find_section(SectionKind::boundary)->offset + sizeof(std::uint64_t) +
+                                        count * sizeof(PatchPart)};
+  for (const PatchPart& part : parts) offsets.push_back(offsets.back() + part.packed_bytes);
+  // Patches that follow each other are one read: from a server, each has a price.
+  for (std::size_t begin = 0, end = 0; begin < patches.size(); begin = end) {
+    const std::uint64_t first = offsets[patches[begin]];
+    for (end = begin + 1; end < patches.size() && patches[end] == patches[end - 1] + 1; ++end)
+      if (offsets[patches[end] + 1] - first > most_patch_bytes) break;
+    SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(first, offsets[patches[end - 1] + 1] - first));
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t patch = patches[i];
+      const auto packed = std::span(bytes).subspan(offsets[patch] - first, parts[patch].packed_bytes);
+      const std::string what = fmt::format("{}: patch \"{}\"", name(), info_.boundary->patches[patch].name);
+      SPLATVOL_TRY(append_patch(*info_.boundary, patch, parts[patch], packed, mesh, what));
+    }
+  }
+  return mesh;
 }
 
 Result<std::uint64_t> Volume::geometry_hash() const {

@@ -10,6 +10,7 @@
 
 #include "base/error.h"
 #include "base/file.h"
+#include "base/triangle_mesh.h"
 #include "format/columns.h"
 #include "format/container.h"
 #include "format/layout.h"
@@ -143,6 +144,10 @@ class Volume {
   /// Reads the counts of values for each attribute. Returns none if the file has no such section.
   [[nodiscard]] Result<Histograms> read_histograms() const;
 
+  /// Reads triangles of the boundary: those of some patches, by their indices in info().boundary, as one mesh. Reads
+  /// nothing else besides the table of all patches. Fails if there is no such patch.
+  [[nodiscard]] Result<TriangleMesh> read_boundary(std::span<const std::size_t> patches) const;
+
   /// Returns a hash of everything that does not depend on the step: of the chunks that all steps share and the
   /// structure of the index. Reads the directory and the index pages.
   [[nodiscard]] Result<std::uint64_t> geometry_hash() const;
@@ -185,6 +190,7 @@ class Volume {
   Volume() = default;
   [[nodiscard]] tl::unexpected<Error> broken(std::string_view rule) const { return file_->broken(rule); }
   [[nodiscard]] Status read_metadata();
+  [[nodiscard]] Result<std::vector<PatchPart>> read_patch_table() const;
   [[nodiscard]] Status read_series();
   [[nodiscard]] Status check_entries(const Series& series) const;
   [[nodiscard]] Status open_step(std::size_t step);

@@ -221,6 +221,39 @@ std::vector<std::uint32_t> read_points_per_chunk(const json& nodes, std::size_t 
   return points;
 }
 
+// Positions beyond this magnitude are no positions of a mesh (is_usable_position).
+constexpr double largest_position = 1e50;
+
+PatchInfo read_patch(const json& node) {
+  constexpr std::uint64_t most = std::numeric_limits<std::uint32_t>::max() / patch_element_bytes;
+  PatchInfo patch{text(node, "name"), whole_member(node, "points", 0, most), whole_member(node, "triangles", 0, most)};
+  require(patch.points <= 3 * patch.triangles && patch.points + patch.triangles <= most,
+          fmt::format("patch '{}' has too many points", patch.name));
+  return patch;
+}
+
+BoundaryInfo read_boundary(const json& node) {
+  BoundaryInfo boundary;
+  const json& origin = list(node, "origin");
+  require(origin.size() == 3, "'origin' is not a list of three numbers");
+  for (int axis = 0; axis < 3; ++axis)
+    boundary.origin[axis] = bounded(origin[static_cast<std::size_t>(axis)], "origin", largest_position);
+  boundary.quantisation_step = bounded(member(node, "quantisation_step"), "quantisation_step", largest_position);
+  boundary.error = bounded(member(node, "error"), "error", largest_length);
+  require(boundary.quantisation_step >= 0 && boundary.error >= 0, "'boundary' has a number below 0");
+  const json& patches = list(node, "patches");
+  require(!patches.empty() && patches.size() <= max_patches,
+          fmt::format("'patches' has not 1 to {} entries", max_patches));
+  std::vector<std::string> names;
+  for (const json& patch : patches) {
+    boundary.patches.push_back(read_patch(patch));
+    names.push_back(boundary.patches.back().name);
+  }
+  if (const auto duplicate = find_duplicate(std::move(names)))
+    throw RuleBroken(fmt::format("patch '{}' appears twice", *duplicate));
+  return boundary;
+}
+
 int read_axis(const std::string& name) {
   require(name == "x" || name == "y" || name == "z", "'up' is none of x, y, z");
   return name[0] - 'x';
@@ -256,6 +289,7 @@ VolumeInfo read_info(const json& root) {
   require(info.size_bounds.size() <= max_size_bounds, fmt::format("more than {} size bounds", max_size_bounds));
   require(member(root, "provenance").is_object(), "'provenance' is not an object");
   info.provenance = root.at("provenance").dump();
+  if (root.contains("boundary")) info.boundary = read_boundary(root.at("boundary"));
   if (root.contains("up")) info.up = read_axis(text(root, "up"));
   return info;
 }
@@ -284,6 +318,16 @@ json to_json(const Column& column) {
                {"critical", column.kind == ColumnKind::position}};
   if (column.attribute >= 0) node["attribute"] = column.attribute;
   return node;
+}
+
+json to_json(const BoundaryInfo& boundary) {
+  json root = {{"origin", {boundary.origin.x, boundary.origin.y, boundary.origin.z}},
+               {"quantisation_step", boundary.quantisation_step},
+               {"error", boundary.error},
+               {"patches", json::array()}};
+  for (const PatchInfo& patch : boundary.patches)
+    root["patches"].push_back({{"name", patch.name}, {"points", patch.points}, {"triangles", patch.triangles}});
+  return root;
 }
 
 json to_json(const StepInfo& step) {
@@ -331,6 +375,7 @@ json to_json(const VolumeInfo& info) {
   for (const Column& column : info.columns) root["columns"].push_back(to_json(column));
   root["size_bounds"] = info.size_bounds;
   root["provenance"] = parse_shallow(info.provenance);
+  if (info.boundary) root["boundary"] = to_json(*info.boundary);
   require(info.up >= -1 && info.up < 3, "'up' is no axis");
   if (info.up >= 0) root["up"] = std::string(1, "xyz"[info.up]);
   if (!info.series) return root;

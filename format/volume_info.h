@@ -19,6 +19,9 @@ inline constexpr double largest_length = 1e60;  // magnitude of coordinates of t
 inline constexpr double least_length = 1e-60;   // of the edge
 inline constexpr double largest_time = 1e300;   // magnitude
 
+/// Bytes of a point, and of a triangle, in the payload of a patch (spec 13).
+inline constexpr std::uint64_t patch_element_bytes = 12;
+
 /// Bounds of VolumeInfo::points_per_chunk (spec 4).
 inline constexpr std::uint32_t min_points_per_chunk = 64, max_points_per_chunk = 65536;
 
@@ -68,6 +71,25 @@ struct SeriesAttribute {
   [[nodiscard]] bool operator==(const SeriesAttribute&) const = default;
 };
 
+/// A part of the mesh's boundary that has a name.
+struct PatchInfo {
+  std::string name;
+  std::uint64_t points = 0;
+  std::uint64_t triangles = 0;
+
+  [[nodiscard]] bool operator==(const PatchInfo&) const = default;
+};
+
+/// The mesh's boundary (spec 13). Its triangles are read on demand.
+struct BoundaryInfo {
+  dvec3 origin{0};               // of the grid that positions are on
+  double quantisation_step = 0;  // of this grid; >= 0
+  double error = 0;              // no point of the input's boundary is farther from the triangles
+  std::vector<PatchInfo> patches;
+
+  [[nodiscard]] bool operator==(const BoundaryInfo&) const = default;
+};
+
 enum class ColumnKind { position, value, octant, centroid, moments, value_moments, gradient, unknown };
 enum class ColumnScope { segment, resolution };
 
@@ -93,7 +115,8 @@ struct VolumeInfo {
   std::vector<Column> columns;
   std::vector<std::string> size_bounds = {"octant"};
   std::string provenance = "{}";  // a JSON object
-  int up = -1;                    // axis that points upwards in pictures: 0 x, 1 y, 2 z; -1: not known
+  std::optional<BoundaryInfo> boundary = std::nullopt;
+  int up = -1;  // axis that points upwards in pictures: 0 x, 1 y, 2 z; -1: not known
 
   // Of a time series: the attributes that every step has. The file's own `attributes` are then empty, and its columns
   // are those that all steps share.

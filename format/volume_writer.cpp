@@ -68,7 +68,7 @@ Status VolumeWriter::reserve_front(std::uint64_t bytes_before, std::uint64_t las
   metadata_ = pack_metadata(metadata_raw_);
 
   const bool padded = last_bytes >= padded_rows_bytes;
-  const std::uint64_t sections = section_count + (padded ? 1 : 0) - (info_.series ? 1 : 0);
+  const std::uint64_t sections = section_count + (padded ? 1 : 0) - (info_.series ? 1 : 0) + (info_.boundary ? 1 : 0);
   front_bytes_ = sizeof(Superblock) + sections * sizeof(SectionEntry);
   padding_offset_ = front_bytes_ + metadata_.size() + index_.root.bytes.size() + directory_.root_bytes();
   const std::uint64_t unpadded = padding_offset_ + bytes_before, unit = AtomicFile::insertable_bytes;
@@ -143,6 +143,8 @@ Status VolumeWriter::check_and_commit(const Checking& checking) {
 Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps) {
   if (directory_.next_row() != rows().row_count())
     return fail(ErrorCode::invalid_argument, "{} of {} rows were written", directory_.next_row(), rows().row_count());
+  if (info_.boundary.has_value() == boundary_.empty())
+    return fail(ErrorCode::invalid_argument, "the triangles of the boundary are not those that are described");
 
   // The preamble comes last: only now is every offset known.
   SPLATVOL_TRY_ASSIGN(tail, append_tail(histograms));
@@ -194,6 +196,8 @@ Result<VolumeWriter::Tail> VolumeWriter::append_tail(const Histograms& histogram
   SPLATVOL_TRY(move_bytes(index_.pages, append));
   tail.directory_offset = file_.position();
   SPLATVOL_TRY(move_bytes(directory_.tail(), append));
+  tail.boundary_offset = file_.position();
+  SPLATVOL_TRY(file_.append(boundary_));
   tail.end = file_.position();
   return tail;
 }
@@ -217,7 +221,9 @@ void VolumeWriter::add_sections(const Tail& tail, const Bytes& directory_root, c
     add_section(SectionKind::histograms, false, rows_end_, tail.histograms, tail.histogram_bytes,
                 codec_of(tail.histogram_bytes, tail.histograms.size()));
   add_extent(SectionKind::index_pages, tail.index_offset, tail.directory_offset - tail.index_offset);
-  add_extent(SectionKind::directory_pages, tail.directory_offset, tail.end - tail.directory_offset);
+  add_extent(SectionKind::directory_pages, tail.directory_offset, tail.boundary_offset - tail.directory_offset);
+  if (info_.boundary)
+    add_section(SectionKind::boundary, false, tail.boundary_offset, boundary_, boundary_.size(), Codec::raw);
 }
 
 // The superblock and the section table.

@@ -59,6 +59,10 @@ class VolumeWriter {
   /// Adds the entries of the next row, whose bytes were in the file from the beginning.
   [[nodiscard]] Status add_written_row(std::span<const ChunkEntry> entries);
 
+  /// Adds the triangles of `info.boundary`, as pack_boundary returns them. Called before the file is finished if there
+  /// is a boundary, and only then.
+  void set_boundary(Bytes section) { boundary_ = std::move(section); }
+
   /// Called while the finished file is checked, with the fraction that is done.
   using Checking = std::function<void(double)>;
 
@@ -91,12 +95,13 @@ class VolumeWriter {
                    std::uint64_t unpacked_bytes, Codec codec);
   void add_extent(SectionKind kind, std::uint64_t offset, std::uint64_t bytes);
 
-  // The sections behind the rows: histograms, index pages, directory pages.
+  // The sections behind the rows: histograms, index pages, directory pages, boundary.
   struct Tail {
     Bytes histograms;
     std::uint64_t histogram_bytes = 0;  // unpacked
     std::uint64_t index_offset = 0;
     std::uint64_t directory_offset = 0;
+    std::uint64_t boundary_offset = 0;
     std::uint64_t end = 0;
   };
   [[nodiscard]] Result<Tail> append_tail(const Histograms& histograms);
@@ -117,6 +122,7 @@ class VolumeWriter {
   Bytes metadata_raw_;
   Bytes metadata_;
   PackedIndex index_;
+  Bytes boundary_;
   std::vector<SectionEntry> sections_;
 };
 

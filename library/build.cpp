@@ -30,6 +30,7 @@ Result<BuildOptions> build_options_of(const MeshBuildOptions& options) {
   result.temp_folder = options.temp_folder;
   result.exact = {.positions = options.exact, .values = options.exact};
   result.strict = options.strict;
+  result.boundary_triangles = options.boundary_triangles;
   result.inputs = {options.name};
   result.builder = "splatvol " SPLATVOL_VERSION;
   return result;

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <utility>
 
 #include "base/http_source.h"
 #include "base/interruption.h"
+#include "base/names.h"
 #include "player/step_ahead.h"
 #include "renderer/sampling.h"
 #include "renderer/slice_values.h"
@@ -31,6 +33,20 @@ Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& 
 tl::unexpected<Error> fail_two_surfaces() {
   return fail(ErrorCode::invalid_argument,
               "depths of surfaces, and a scene that shows surfaces or slices: give one of them");
+}
+
+Result<TriangleMesh> read_boundary(const format::Volume& volume, const std::string& pattern) {
+  if (!volume.info().boundary)
+    return fail(ErrorCode::invalid_argument,
+                "{}: holds no boundary, and so no patch \"{}\": svbuild --boundary keeps it", volume.name(), pattern);
+  std::vector<std::string> names;
+  for (const format::PatchInfo& patch : volume.info().boundary->patches) names.push_back(patch.name);
+  SPLATVOL_TRY_ASSIGN(patches, find_patches(volume.name(), pattern, names));
+  return volume.read_boundary(patches);
+}
+
+ReadSurface boundary_reader(std::shared_ptr<const format::Volume> volume) {
+  return [volume = std::move(volume)](const std::string& pattern) { return read_boundary(*volume, pattern); };
 }
 
 DetailOptions detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
@@ -95,9 +111,9 @@ Result<std::unique_ptr<Player>> Player::open(PlayerFile file) {
 Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std::optional<Scene>& scene,
                                 const PlayerOptions& options, std::span<const Surface> before) {
   if (scene) SPLATVOL_TRY(make_view(*scene));
-  SPLATVOL_TRY_ASSIGN(
-      surfaces, read_surfaces(scene ? scene->surfaces : std::vector<SceneSurface>(), options.read_surface, before));
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
+  SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(scene ? scene->surfaces : std::vector<SceneSurface>(),
+                                              {options.read_surface, boundary_reader(volume)}, before));
   PlayerFile file{std::move(steps), step, {}, options, nullptr, std::move(surfaces)};
   if (scene) {
     file.scene = *scene;
@@ -140,7 +156,9 @@ Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options) 
     return [=, steps = steps_, step = step_, before = surfaces_] { return read(steps, step, scene, options, before); };
   if (scene.surfaces == scene_.surfaces) return {};
   return [=, steps = steps_, step = step_, before = surfaces_]() -> Result<PlayerFile> {
-    SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(scene.surfaces, options.read_surface, before));
+    SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
+    SPLATVOL_TRY_ASSIGN(surfaces,
+                        read_surfaces(scene.surfaces, {options.read_surface, boundary_reader(volume)}, before));
     return PlayerFile{steps, step, scene, options, nullptr, std::move(surfaces)};
   };
 }
@@ -190,7 +208,8 @@ Status Player::replace(PlayerFile file) {
     can_mix_ = rasterizer_->set_compositing(Compositing::slabs).has_value();
     room_ = std::numeric_limits<std::uint64_t>::max();
   }
-  if (file.scene.surfaces != scene_.surfaces) {
+  const auto is_same = [](const Surface& a, const Surface& b) { return a.style == b.style && a.mesh == b.mesh; };
+  if (!std::ranges::equal(surfaces_, file.surfaces, is_same)) {
     surfaces_ = std::move(file.surfaces);
     surfaces_view_.reset();
   }
@@ -203,7 +222,7 @@ Status Player::replace(PlayerFile file) {
 
 // Opens a step as if none were open.
 Status Player::open_again(std::size_t step) {
-  SPLATVOL_TRY_ASSIGN(file, read(steps_, step, scene_, options_, surfaces_));
+  SPLATVOL_TRY_ASSIGN(file, read(steps_, step, scene_, options_, surfaces_of_all_steps()));
   return replace(std::move(file));
 }
 
@@ -242,10 +261,30 @@ Status Player::change_step(std::size_t step) {
     ahead_.reset();
     SPLATVOL_TRY_ASSIGN(file, std::move(opened));
     volume = std::move(file);
+    SPLATVOL_TRY(read_boundary_of(*volume));
   }
   is_lost_ = true;
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
   is_lost_ = false;
+  return {};
+}
+
+// The files of a series have boundaries of their own.
+std::vector<Surface> Player::surfaces_of_all_steps() const {
+  if (!steps_.are_files()) return surfaces_;
+  std::vector<Surface> of_files;
+  std::ranges::copy_if(surfaces_, std::back_inserter(of_files),
+                       [](const Surface& surface) { return surface.style.boundary.empty(); });
+  return of_files;
+}
+
+Status Player::read_boundary_of(const format::Volume& volume) {
+  const std::vector<Surface> kept = surfaces_of_all_steps();
+  if (kept.size() == surfaces_.size()) return {};
+  const auto boundary = [&](const std::string& pattern) { return read_boundary(volume, pattern); };
+  SPLATVOL_TRY_ASSIGN(read, read_surfaces(scene_.surfaces, {options_.read_surface, boundary}, kept));
+  surfaces_ = std::move(read);
+  surfaces_view_.reset();
   return {};
 }
 

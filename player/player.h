@@ -42,7 +42,7 @@ struct PlayerOptions {
   /// Of a file that is opened without a scene: what its scene is to fit.
   FirstPicture first_picture = {};
 
-  /// Reads the files of a scene's surfaces. Empty: scenes that show surfaces are refused.
+  /// Reads the files of a scene's surfaces. Empty: scenes that show such surfaces are refused. The boundary needs none.
   ReadSurface read_surface = {};
 };
 
@@ -229,6 +229,8 @@ class Player {
   [[nodiscard]] Status check_surfaces(const Scene& scene) const;
   [[nodiscard]] Status open_again(std::size_t step);
   [[nodiscard]] Status change_step(std::size_t step);
+  [[nodiscard]] std::vector<Surface> surfaces_of_all_steps() const;
+  [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
   [[nodiscard]] View view_now() const;
   [[nodiscard]] Status set_draw_list();
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);

@@ -310,12 +310,14 @@ Status read_opacity(const Field& parent, double& opacity) {
 }
 
 Result<SceneSurface> read_surface(const Field& field) {
-  SPLATVOL_TRY(field.check_names({"file", "color", "opacity", "shown", "edges"}));
+  SPLATVOL_TRY(field.check_names({"file", "boundary", "color", "opacity", "shown", "edges"}));
   SceneSurface surface;
-  SPLATVOL_TRY_ASSIGN(file_field, field.member("file"));
-  SPLATVOL_TRY_ASSIGN(file, file_field.text());
-  if (file.empty()) return file_field.wrong("empty");
-  surface.file = file;
+  if (field.has("file") && field.has("boundary")) return field.wrong("give \"file\" or \"boundary\", not both");
+  const char* name = field.has("boundary") ? "boundary" : "file";
+  SPLATVOL_TRY_ASSIGN(name_field, field.member(name));
+  SPLATVOL_TRY_ASSIGN(text, name_field.text());
+  if (text.empty()) return name_field.wrong("empty");
+  (field.has("boundary") ? surface.boundary : surface.file) = text;
   if (field.has("color")) {
     SPLATVOL_TRY_ASSIGN(color, color_at(field, "color"));
     surface.color = color;
@@ -593,7 +595,9 @@ std::string to_json(const UsedScene& used, int indent) {
   if (scene.clip_box)
     document["clip_box"] = {{"low", json_of(scene.clip_box->low)}, {"high", json_of(scene.clip_box->high)}};
   for (const SceneSurface& surface : scene.surfaces)
-    document["surfaces"].push_back({{"file", surface.file},
+    document["surfaces"].push_back({surface.boundary.empty()
+                                        ? nlohmann::ordered_json::array({"file", surface.file})
+                                        : nlohmann::ordered_json::array({"boundary", surface.boundary}),
                                     {"color", json_of(surface.color)},
                                     {"opacity", surface.opacity},
                                     {"shown", surface.shown},
@@ -622,7 +626,8 @@ Result<UsedScene> load_used_scene(const std::string& path_or_json) {
   const std::filesystem::path folder =
       is_text ? std::filesystem::current_path(error) : std::filesystem::absolute(path_or_json, error).parent_path();
   const auto make_absolute = [&](std::string& path) { path = (folder / path).lexically_normal().string(); };
-  for (SceneSurface& surface : used->scene.surfaces) make_absolute(surface.file);
+  for (SceneSurface& surface : used->scene.surfaces)
+    if (surface.boundary.empty()) make_absolute(surface.file);
   if (!used->use.file.empty() && !is_url(used->use.file)) make_absolute(used->use.file);
   return used;
 }

@@ -20,10 +20,16 @@ struct Surface {
   [[nodiscard]] bool is_visible() const { return style.shown && style.opacity > 0 && mesh; }
 };
 
-/// Returns the surfaces of a scene, and reads the files of those that are shown. A file that `before` has is not read
-/// again, and a file of two surfaces is read once. Fails if a file cannot be read, or if `read` is empty and there is a
-/// file to read.
-[[nodiscard]] Result<std::vector<Surface>> read_surfaces(std::span<const SceneSurface> styles, const ReadSurface& read,
+/// Where triangles come from.
+struct SurfaceReaders {
+  ReadSurface file;      // by its path; empty: files are refused
+  ReadSurface boundary;  // of SceneSurface::boundary
+};
+
+/// Returns the surfaces of a scene, and reads those that are shown. Triangles that `before` has are not read again, and
+/// those of two surfaces are read once. Fails if they cannot be read.
+[[nodiscard]] Result<std::vector<Surface>> read_surfaces(std::span<const SceneSurface> styles,
+                                                         const SurfaceReaders& readers,
                                                          std::span<const Surface> before = {});
 
 }  // namespace splatvol

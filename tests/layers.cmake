@@ -5,7 +5,7 @@ cmake_minimum_required(VERSION 3.25)
 set(layers
     splatvol base scene surfaces reference format
     builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process builder/sources/vtk
-    builder/output builder/points builder/reduction builder builder/distributed
+    builder/boundary builder/output builder/points builder/reduction builder builder/distributed
     exporter streamer renderer renderer/cpu renderer/gl renderer/device player library viewer tools)
 
 # What each layer may include, besides itself and the public face. That is include/splatvol/, and knows none of them.
@@ -21,11 +21,12 @@ set(builder/scattered_knows base format builder/mesh)
 set(builder/sources_knows base format builder/mesh builder/sorting)
 set(builder/sources/process_knows base format builder/mesh builder/sources)
 set(builder/sources/vtk_knows base format builder/mesh builder/sources)
+set(builder/boundary_knows base format builder/mesh builder/sorting builder/sources)
 set(builder/output_knows base format builder/mesh builder/sorting)
 set(builder/points_knows base format builder/sorting builder/mesh builder/scattered builder/sources)
 set(builder/reduction_knows base format builder/sorting builder/mesh builder/scattered builder/output builder/points)
 set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process
-                  builder/sources/vtk builder/output builder/points builder/reduction)
+                  builder/sources/vtk builder/boundary builder/output builder/points builder/reduction)
 set(builder_knows base format ${builder_rooms})
 set(builder/distributed_knows base format ${builder_rooms} builder)
 set(exporter_knows base format)

@@ -47,6 +47,8 @@ struct Options {
   bool gradients = false;
   bool exact = false;
   bool strict = false;
+  bool boundary = false;
+  std::uint64_t boundary_triangles = 0;  // 0: the default, if there is a boundary
   std::string cells = "averaged";
   std::string up;  // x, y, z; empty: as is usual for the input
   std::vector<double> missing;
@@ -60,6 +62,9 @@ struct Options {
   ReadingOptions reading;
   bool json = false;
 };
+
+constexpr std::uint64_t usual_boundary_triangles = 200000;
+constexpr double boundary_triangle_bytes = 6;  // in the file
 
 using StageTimes = std::vector<std::pair<std::string, double>>;  // seconds of each stage
 
@@ -125,6 +130,15 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
     document["time_step"] = {
         {"time", notes.step->time}, {"number", notes.step->index + 1}, {"of", notes.step->times.size()}};
   if (!notes.times.empty()) document["times"] = notes.times;
+  if (const auto& boundary = report.boundary) {
+    document["boundary"] = {{"triangles", boundary->triangles},
+                            {"kept", boundary->kept},
+                            {"error", boundary->error},
+                            {"bytes", boundary->bytes},
+                            {"patches", nlohmann::ordered_json::array()}};
+    for (const auto& [name, triangles] : boundary->patches)
+      document["boundary"]["patches"].push_back({{"name", name}, {"triangles", triangles}});
+  }
   for (const auto& [stage, time] : notes.stages) document["stages"][stage] = time;
   const JointWork& work = notes.work;
   if (work.ranks > 1)
@@ -132,6 +146,12 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
         {"count", work.ranks},           {"ranges", work.ranges},     {"record_bytes", work.record_bytes},
         {"sent_bytes", work.sent_bytes}, {"owned_bytes", work.owned}, {"peak_memory", work.peaks}};
   fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
+}
+
+void print_boundary(const BoundaryReport& boundary) {
+  print_out("  {:>12} triangles of the boundary's {}, within {:.3g}, in {} bytes\n", boundary.kept, boundary.triangles,
+            boundary.error, boundary.bytes);
+  for (const auto& [name, triangles] : boundary.patches) print_out("  {:>12} of patch \"{}\"\n", triangles, name);
 }
 
 void print_text(const Options& options, const InputNotes& notes, const BuildReport& report, double seconds) {
@@ -153,6 +173,7 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
   if (notes.work.ranks > 1)
     print_out("  {:>12} processes, {} of which reduced points; {} bytes sent for {} bytes of records\n",
               notes.work.ranks, notes.work.ranges, notes.work.sent_bytes, notes.work.record_bytes);
+  if (report.boundary) print_boundary(*report.boundary);
   if (notes.memory < report.least_memory)
     print_out("  {:>12} bytes were held, more than --memory grants: input and attributes need so many\n",
               report.least_memory);
@@ -165,6 +186,9 @@ Result<BuildOptions> build_options_of(const Options& options) {
   build_options.gradients = options.gradients;
   build_options.strict = options.strict;
   build_options.exact = {.positions = options.exact, .values = options.exact};
+  if (options.boundary || options.boundary_triangles > 0)
+    build_options.boundary_triangles =
+        options.boundary_triangles > 0 ? options.boundary_triangles : usual_boundary_triangles;
   build_options.connectivity = parse_connectivity(options.connectivity).value();
   build_options.builder = "svbuild " SPLATVOL_VERSION;
   build_options.memory = memory_limit() / 4 / processes_here();
@@ -202,7 +226,9 @@ Result<std::vector<std::string>> selection_of(const Options& options) {
 }
 
 SourceOptions source_options_of(const Options& options, const std::vector<std::string>& selection) {
-  return {selection, options.columns, options.time, cell_values_of(options.cells), options.missing};
+  return {selection,       options.columns,
+          options.time,    cell_values_of(options.cells),
+          options.missing, options.boundary || options.boundary_triangles > 0};
 }
 
 Result<std::vector<SeriesStep>> steps_of(const Options& options, const OpenSource& open) {
@@ -299,6 +325,10 @@ Result<Estimate> make_estimate(const Options& options) {
   estimate.threads = options.threads > 0 ? options.threads : static_cast<unsigned>(tbb::info::default_concurrency());
   const std::size_t in_a_file = options.series_of_files ? 1 : estimate.steps;
   estimate.build = estimate_build(estimate.input, build_options, in_a_file, estimate.threads);
+  // At most: how many triangles a boundary has is not known.
+  const double boundary = boundary_triangle_bytes * static_cast<double>(build_options.boundary_triangles);
+  estimate.build.file.high += boundary;
+  estimate.build.disk.high += boundary;
   const double files = options.series_of_files ? static_cast<double>(estimate.steps) : 1;
   BuildEstimate& build = estimate.build;
   for (double Range::*end : {&Range::low, &Range::high}) {
@@ -502,6 +532,20 @@ void add_format_options(CLI::App& app, Options& options) {
       ->allow_extra_args(false);
 }
 
+void add_boundary_options(CLI::App& app, Options& options) {
+  app.add_flag("--boundary", options.boundary,
+               "Keep the boundary of the mesh in the file, for scenes that draw it: the faces of one cell only, by the "
+               "patches of OpenFOAM, the side sets of Exodus, the boundary conditions of CGNS and the surface parts of "
+               "EnSight. All other faces are the patch \"outer\"");
+  app.add_option(
+         "--boundary-triangles", options.boundary_triangles,
+         fmt::format("Most triangles of the boundary: if it has more, it is simplified, and the result says how "
+                     "far the triangles are from it (default: {}). Implies --boundary",
+                     usual_boundary_triangles))
+      ->type_name("N")
+      ->check(CLI::Range(std::uint64_t{1000}, std::uint64_t{100000000}));
+}
+
 void add_series_options(CLI::App& app, Options& options) {
   auto* times = app.add_option("--times", options.times,
                                "Build a time series: the steps of an input from time A to B, or all of them; mesh and "
@@ -568,6 +612,7 @@ int main(int argc, char** argv) {
   add_input_options(app, options);
   add_reduction_options(app, options);
   add_format_options(app, options);
+  add_boundary_options(app, options);
   add_series_options(app, options);
   add_estimate_option(app, options);
   add_unit_option(app, options);

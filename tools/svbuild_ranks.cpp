@@ -79,6 +79,7 @@ void leave_ranks() { all_ranks.reset(); }
 Result<BuildReport> build_in_ranks(const std::function<Result<std::unique_ptr<Source>>()>& open,
                                    std::unique_ptr<Source>& source, const std::string& output,
                                    const BuildOptions& options, const BuildProgress& progress, JointWork& work) try {
+  if (options.boundary_triangles > 0) SPLATVOL_TRY(require_one_rank("--boundary"));
   const BuildProgress silent = [](const char*, double) {};
   SPLATVOL_TRY_ASSIGN(report, build_volume_together(*all_ranks, open, source, output, options,
                                                     all_ranks->is_first() ? progress : silent));

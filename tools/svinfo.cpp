@@ -62,6 +62,8 @@ const char* name_of(format::SectionKind kind) {
       return "padding";
     case format::SectionKind::summary_table:
       return "summary_table";
+    case format::SectionKind::boundary:
+      return "boundary";
   }
   return "unknown";
 }
@@ -179,6 +181,13 @@ json series_json(const Volume& volume, const format::Steps& steps, std::size_t s
   return {{"step", shown}, {"time", steps.times()[shown]}, {"steps", list}, {"attributes", ranges}};
 }
 
+json boundary_json(const format::BoundaryInfo& boundary) {
+  json patches = json::array();
+  for (const format::PatchInfo& patch : boundary.patches)
+    patches.push_back({{"name", patch.name}, {"points", patch.points}, {"triangles", patch.triangles}});
+  return {{"error", boundary.error}, {"patches", patches}};
+}
+
 json to_json(const Volume& volume, const format::Steps& steps, std::size_t step, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
   json document;
@@ -204,6 +213,7 @@ json to_json(const Volume& volume, const format::Steps& steps, std::size_t step,
   for (const format::SectionEntry& section : volume.sections())
     document["sections"].push_back(
         {{"kind", name_of(section.kind)}, {"offset", section.offset}, {"bytes", section.packed_bytes}});
+  if (info.boundary) document["boundary"] = boundary_json(*info.boundary);
   if (info.up >= 0) document["up"] = std::string(1, "xyz"[info.up]);
   document["provenance"] = json::parse(info.provenance);
   if (!steps.times().empty()) document["series"] = series_json(volume, steps, step);
@@ -225,6 +235,14 @@ void print_attributes(const Volume& volume, const Survey& survey) {
   }
   for (const format::Alias& alias : info.aliases)
     print_out("{:<24} the same as {}\n", alias.name, info.attributes[static_cast<std::size_t>(alias.attribute)].name);
+}
+
+void print_boundary(const Volume& volume) {
+  const auto& boundary = volume.info().boundary;
+  if (!boundary) return;
+  print_out("\n{:<24} {:>13}   boundary within {:.3g}, {}\n", "patch", "triangles", boundary->error,
+            readable_bytes(section_bytes(volume, format::SectionKind::boundary)));
+  for (const format::PatchInfo& patch : boundary->patches) print_out("{:<24} {:>13}\n", patch.name, patch.triangles);
 }
 
 // Prints the bytes of each kind of column, of all attributes together, and of the index and the directory.
@@ -296,6 +314,7 @@ void print_text(const Volume& volume, const format::Steps& steps, std::size_t st
             per(survey.index.bytes, survey.index.nodes), per(survey.index.structure_bytes, survey.index.nodes));
   print_out("{:<24} {}, at most {} points in a leaf\n", "reduction", info.reduction_method, info.leaf_points);
   print_attributes(volume, survey);
+  print_boundary(volume);
   print_bytes(volume, survey);
   print_steps(volume, steps, step);
   print_out("\n");

@@ -5,6 +5,11 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "base/file.h"
+#include "base/memory_limit.h"
+#include "base/names.h"
+#include "builder/boundary/boundary_faces.h"
+#include "builder/boundary/simplify.h"
 #include "builder/open_own.h"
 #include "reference/reference.h"
 #include "reference/slice.h"
@@ -61,20 +66,18 @@ Status append_piece(const Piece& piece, Mesh& mesh) {
   return {};
 }
 
-Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string& attribute, CellValues cells,
-                       const std::vector<double>& missing, const ReaderProcessOptions& reader_options) {
-  SourceOptions source_options;
-  source_options.selection = {attribute};
-  source_options.cells = cells;
-  source_options.missing = missing;
+/// `boundary`: gets the faces of all pieces; may be null.
+Result<Mesh> read_mesh(const std::vector<std::string>& paths, const SourceOptions& source_options,
+                       const ReaderProcessOptions& reader_options, BoundaryFaces* boundary) {
   ReaderProcess reader(reader_options);
   SPLATVOL_TRY_ASSIGN(source, open_safely(reader, paths, source_options));
   ProgressBar bar("read");
   Mesh mesh;
-  mesh.constant = cells == CellValues::own;
+  mesh.constant = source_options.cells == CellValues::own;
   for (std::size_t read = 1;; ++read) {
     SPLATVOL_TRY_ASSIGN(piece, source->next());
     if (!piece) break;
+    if (boundary) SPLATVOL_TRY(boundary->add(*piece));
     if (auto status = append_piece(*piece, mesh); !status) return fail_in(paths.front(), status.error());
     bar.update(static_cast<double>(read) / static_cast<double>(source->piece_count()));
   }
@@ -91,6 +94,24 @@ Result<std::vector<SlicePicture>> draw_slices(const TetMesh& mesh, const View& v
     pictures.push_back(color_slice(view, slice, std::move(depths), values, function));
   }
   return pictures;
+}
+
+/// Returns the patches that a scene names.
+Result<TriangleMesh> join_patches(const std::string& path, const std::string& pattern, const Boundary& boundary) {
+  std::vector<std::string> names;
+  for (const Patch& patch : boundary.patches) names.push_back(patch.name);
+  SPLATVOL_TRY_ASSIGN(found, find_patches(path, pattern, names));
+  TriangleMesh joined;
+  for (const std::size_t number : found) {
+    const TriangleMesh& mesh = boundary.patches[number].mesh;
+    const auto first = static_cast<std::uint32_t>(joined.points.size());
+    joined.points.insert(joined.points.end(), mesh.points.begin(), mesh.points.end());
+    for (auto triangle : mesh.triangles) {
+      for (std::uint32_t& corner : triangle) corner += first;
+      joined.triangles.push_back(triangle);
+    }
+  }
+  return joined;
 }
 
 // Draws the volume in front of each layer of surfaces, and joins all.
@@ -148,14 +169,23 @@ Status draw(const Options& options) {
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
-  SPLATVOL_TRY_ASSIGN(
-      mesh, read_mesh(options.meshes, scene.attribute, cell_values_of(options.cells), options.missing, reader_options));
-
-  std::vector<Surface> surfaces;
-  if (!scene.surfaces.empty()) {
-    SPLATVOL_TRY_ASSIGN(read, read_surfaces(scene.surfaces, surface_reader(reader_options)));
-    surfaces = std::move(read);
+  SourceOptions source_options;
+  source_options.selection = {scene.attribute};
+  source_options.cells = cell_values_of(options.cells);
+  source_options.missing = options.missing;
+  source_options.patches = std::ranges::any_of(
+      scene.surfaces, [](const SceneSurface& surface) { return surface.shown && !surface.boundary.empty(); });
+  std::optional<BoundaryFaces> faces;
+  if (source_options.patches) {
+    SPLATVOL_TRY_ASSIGN(created, BoundaryFaces::create(memory_limit() / 16, folder_of(options.output)));
+    faces.emplace(std::move(created));
   }
+  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, source_options, reader_options, faces ? &*faces : nullptr));
+  SPLATVOL_TRY_ASSIGN(boundary, faces ? whole_boundary(*faces) : Result<Boundary>(Boundary()));
+  SPLATVOL_TRY_ASSIGN(surfaces,
+                      read_surfaces(scene.surfaces, {surface_reader(reader_options), [&](const std::string& pattern) {
+                                                       return join_patches(options.meshes.front(), pattern, boundary);
+                                                     }}));
 
   Result<ReferencePicture> picture;
   std::vector<double> seconds;

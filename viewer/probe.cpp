@@ -309,8 +309,7 @@ std::optional<Probe> ProbedFrame::probe(const TransferFunction& function, const 
   return {};
 }
 
-std::optional<Probe> probe_slices(const DrawList& sliced, const DrawingUnits& units, const View& view,
-                                  const Ray& ray) {
+std::optional<Probe> probe_slices(const DrawList& sliced, const DrawingUnits& units, const View& view, const Ray& ray) {
   // A picture of one pixel, whose ray is this one.
   View pixel = view;
   pixel.width = pixel.height = 1;

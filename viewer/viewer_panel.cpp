@@ -254,20 +254,6 @@ void Viewer::draw_clip_box_controls() {
   }
 }
 
-// The scene's surfaces, on and off.
-void Viewer::draw_surface_controls() {
-  std::vector<SceneSurface>& surfaces = session_->scene.surfaces;
-  if (!surfaces.empty()) ImGui::TextUnformatted("surfaces");
-  for (std::size_t i = 0; i < surfaces.size(); ++i) {
-    ImGui::PushID(static_cast<int>(i));
-    const std::string name = std::filesystem::path(surfaces[i].file).filename().string();
-    ImGui::Checkbox("##shown", &surfaces[i].shown);
-    ImGui::SameLine();
-    ImGui::TextUnformatted(name.c_str());
-    ImGui::PopID();
-  }
-}
-
 void Viewer::draw_view_section() {
   draw_detail_controls();
   draw_lighting_controls();

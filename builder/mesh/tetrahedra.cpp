@@ -169,6 +169,13 @@ void TetrahedronSplitter::split_polyhedron(std::span<const std::uint32_t> faces)
   split_faces(true);
 }
 
+std::span<const TetrahedronSplitter::Triangle> TetrahedronSplitter::split_face(std::span<const std::uint32_t> face) {
+  faces_.assign(1, static_cast<std::uint32_t>(face.size()));
+  faces_.insert(faces_.end(), face.begin(), face.end());
+  triangulate_faces();
+  return triangles_;
+}
+
 void TetrahedronSplitter::split_faces(bool either_orientation) {
   collect_vertices();
   triangulate_faces();

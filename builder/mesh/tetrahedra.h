@@ -69,8 +69,12 @@ class TetrahedronSplitter {
   /// in range. Turns faces round that run against their neighbours.
   void split_polyhedron(std::span<const std::uint32_t> faces);
 
- private:
+  /// Returns the triangles into which a face with these vertices is split, in whichever cell. Valid until the next
+  /// call. Requires indices in range, and finite positions.
   using Triangle = std::array<std::uint32_t, 3>;
+  [[nodiscard]] std::span<const Triangle> split_face(std::span<const std::uint32_t> face);
+
+ private:
   struct Volumes {
     double positive = 0;
     double negative = 0;  // absolute value

@@ -16,6 +16,7 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "base/triangle_mesh.h"
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/cell_census.h"
 #include "builder/mesh/moments.h"
@@ -64,6 +65,7 @@ struct Piece {
   std::optional<PointMaterial> material;                 // instead of tetrahedra; only if Source::brings_material()
   std::optional<PointCells> cells;                       // instead of tetrahedra
   std::vector<std::uint64_t> fills;  // [attribute]: finite numbers that stood for none; may be empty
+  std::vector<Patch> patches;        // of the boundary, if SourceOptions::patches asks for them
   CellCensus census;
 };
 
@@ -188,6 +190,7 @@ struct SourceOptions {
   std::optional<double> time = {};     // the step nearest to it is read; empty: the last
   CellValues cells = CellValues::averaged;
   std::vector<double> missing = {};  // values that stand for none, besides the plain fill values
+  bool patches = false;              // pieces bring the patches that the input names
 };
 
 /// Opens an input. Contract as open_source (builder/open_source.h).

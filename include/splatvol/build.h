@@ -58,6 +58,10 @@ struct MeshBuildOptions {
   char up = 0;                       // 'x', 'y' or 'z': the axis that points upwards in pictures
   std::string name = "arrays";       // of the input, for messages and the file's provenance
   std::function<void(const char* stage, double share)> progress = {};  // share of the stage that is done, in [0, 1]
+
+  /// Most triangles of the mesh's boundary, which the file then holds: all faces that one cell has, as the patch
+  /// "outer", for scenes that draw it (SceneSurface::boundary). If there are more, they are simplified. 0: none.
+  std::uint64_t boundary_triangles = 0;
 };
 
 /// What was built.

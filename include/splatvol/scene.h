@@ -41,13 +41,17 @@ struct Lighting {
   [[nodiscard]] bool operator==(const Lighting&) const = default;
 };
 
-/// A surface of triangles, from a file.
+/// A surface of triangles: from a file, or a part of the boundary that the .svol file holds.
 struct SceneSurface {
-  std::string file;    // .stl, .obj, .ply, .gltf, .glb, .vtp or .vtk; positions in the data's world units
-  dvec3 color{0.8};    // linear
-  double opacity = 1;  // [0, 1]; 1 hides what lies behind
-  bool shown = true;   // else the file is not read
-  bool edges = false;  // the triangles' edges are drawn
+  std::string file = {};  // .stl, .obj, .ply, .gltf, .glb, .vtp or .vtk; positions in the data's world units
+  dvec3 color{0.8};       // linear
+  double opacity = 1;     // [0, 1]; 1 hides what lies behind
+  bool shown = true;      // else the triangles are not read
+  bool edges = false;     // the triangles' edges are drawn
+
+  /// Instead of `file`: a patch of the boundary, by its name. `*` stands for any characters, so that one surface may
+  /// be several patches.
+  std::string boundary = {};
 
   [[nodiscard]] bool operator==(const SceneSurface&) const = default;
 };

@@ -157,6 +157,7 @@ void add_build(nb::module_& module) {
       .def_rw("memory", &MeshBuildOptions::memory)
       .def_rw("temp_folder", &MeshBuildOptions::temp_folder)
       .def_rw("name", &MeshBuildOptions::name)
+      .def_rw("boundary_triangles", &MeshBuildOptions::boundary_triangles)
       .def_prop_rw(
           "up", [](const MeshBuildOptions& o) { return o.up == 0 ? std::string() : std::string(1, o.up); },
           [](MeshBuildOptions& o, const std::string& up) { o.up = up.empty() ? '\0' : up[0]; });

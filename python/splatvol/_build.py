@@ -112,6 +112,7 @@ def build(
     memory: int = 0,
     temp_folder: Union[None, str, "os.PathLike[str]"] = None,
     up: str = "",
+    boundary_triangles: int = 0,
     progress: Optional[Progress] = None,
 ) -> BuildReport:
     """Builds a .svol file from a mesh or from scattered points. It appears whole or not at all.
@@ -130,7 +131,8 @@ def build(
     stand for missing values. ``exact``: rounds nothing, but values to single precision unless they have it. ``strict``:
     fails if the file would not be the input as it is. ``memory``: bytes to hold besides the arrays; 0: a quarter of the
     machine's. ``temp_folder``: None: the output's folder. ``up``: "x", "y" or "z", upwards in pictures.
-    ``progress(stage, share)``: called now and then, with the share of the stage that is done.
+    ``boundary_triangles``: most triangles of the mesh's boundary, kept as the patch "outer" for scenes that draw it; 0:
+    none. ``progress(stage, share)``: called now and then, with the share of the stage that is done.
 
     Raises ``InvalidArgumentError`` or ``InvalidDataError`` if arrays do not fit each other, ``UnsupportedError`` for
     cells of other types, ``FileError`` if the disk refuses. Then, and after Ctrl-C, a file that was there stays.
@@ -139,6 +141,7 @@ def build(
     options = dict(
         units=units, own_cells=own_cells, connectivity=connectivity, reduction=reduction, missing=missing, exact=exact,
         strict=strict, memory=memory, temp_folder=temp_folder, up=up,
+        boundary_triangles=boundary_triangles,
     )
     return _build(mesh, path, options, progress)
 
@@ -225,7 +228,10 @@ def _core_mesh(mesh: MeshArrays, units: Mapping[str, str]) -> Any:
     )
 
 
-_OPTIONS = {"own_cells", "connectivity", "reduction", "missing", "exact", "strict", "memory", "temp_folder", "up"}
+_OPTIONS = {
+    "own_cells", "connectivity", "reduction", "missing", "exact", "strict", "memory", "temp_folder", "up",
+    "boundary_triangles",
+}
 
 
 def _core_options(options: Mapping[str, Any]) -> Any:

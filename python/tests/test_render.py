@@ -87,6 +87,17 @@ def test_errors_of_scenes(ball_file, tmp_path):
     assert ball_file.render(scene).shape == (64, 64, 4)
 
 
+def test_the_boundary_of_the_file_is_drawn(ball_mesh, ball_file, tmp_path):
+    points, cells = ball_mesh
+    splatvol.build(points, cells, {"T": points[:, 0]}, tmp_path / "a.svol", boundary_triangles=1000)
+    scene = constant_scene()
+    scene["surfaces"] = [{"boundary": "out*", "color": [0, 0, 1]}]
+    picture = splatvol.open(tmp_path / "a.svol").render(scene)
+    assert picture[32, 32, 3] == 1 and picture[32, 32, 2] > .9
+    with pytest.raises(splatvol.InvalidArgumentError, match="--boundary"):
+        ball_file.render(scene)
+
+
 def test_surfaces_hide_what_lies_behind_them(ball_file):
     scene = constant_scene()
     half = np.full((64, 64), np.nan, np.float32)

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "renderer/gl/flip_rows.h"
 #include "renderer/gl/gl_rasterizer.h"

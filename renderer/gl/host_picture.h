@@ -5,6 +5,7 @@
 #include "renderer/gl/gl_objects.h"
 #include "renderer/gl/picture_texture.h"
 #include "renderer/rasterizer.h"
+#include "scene/image.h"
 #include "splatvol/depth_texture.h"
 #include "splatvol/surface_depths.h"
 
@@ -23,7 +24,7 @@ class HostPicture {
   /// Shows the rasterizer's last picture, until its next one.
   [[nodiscard]] Status show(const Rasterizer& rasterizer);
 
-  /// Shows a picture that no rasterizer has.
+  /// Shows a picture that is not the rasterizer's alone.
   [[nodiscard]] Status show(Image image);
 
   /// Returns OpenGL's name of the texture, lower left pixel first. 0 before the first picture.

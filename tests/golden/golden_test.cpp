@@ -97,7 +97,7 @@ TEST(Golden, EveryFeatureHasAFile) {
   std::set<std::string> names;
   for (const std::filesystem::path& path : golden_files()) names.insert(path.stem());
   for (const char* name : {"mesh", "points", "octree", "kdtree", "mis", "gradients", "cells_own", "exact", "series",
-                           "large_values", "small_lengths", "aliases", "one_point", "pages"})
+                           "large_values", "small_lengths", "aliases", "one_point", "pages", "boundary"})
     EXPECT_TRUE(names.contains(name)) << name;
 }
 

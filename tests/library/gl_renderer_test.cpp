@@ -330,6 +330,21 @@ TEST_P(HostedDrawing, EndsAtTheHostsDepths) {
   }
 }
 
+// The boundary of the file lies round the volume, and hides it, or lets half of the light through.
+TEST_P(HostedDrawing, DrawsTheBoundaryOfTheFile) {
+  ASSERT_TRUE(build(test::Lattice(12).mesh(), path_, {.boundary_triangles = 1000}));
+  const Image without = open_apart().render({.tolerance_percent = 0}).value();
+  for (const double opacity : {1.0, 0.5}) {
+    scene_.surfaces = {{.color = {0, 0, 1}, .opacity = opacity, .boundary = "outer"}};
+    GlRenderer hosted = open();
+    ASSERT_TRUE(hosted.draw({.tolerance_percent = 0}));
+    const std::vector<vec4> pixels = pixels_of(hosted.texture());
+    const Image apart = open_apart().render({.tolerance_percent = 0}).value();
+    EXPECT_LT(difference(pixels, apart), 1e-5F);
+    EXPECT_GT(difference(pixels, without), 0.1F);
+  }
+}
+
 TEST_P(HostedDrawing, RefusesOtherTextures) {
   GlRenderer renderer = open();
   const auto error_of = [&](const DepthTexture& texture) {

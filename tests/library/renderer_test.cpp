@@ -118,6 +118,13 @@ TEST_F(DrawFile, ScenesThatShowSurfacesAreRefused) {
   EXPECT_TRUE(renderer.set_scene(scene));
 }
 
+TEST_F(DrawFile, ScenesThatShowAPatchNeedABoundary) {
+  Renderer renderer = open();
+  Scene scene = renderer.scene();
+  scene.surfaces = {{.boundary = "outer"}};
+  EXPECT_THAT(renderer.set_scene(scene).error().message, HasSubstr("holds no boundary, and so no patch \"outer\""));
+}
+
 TEST_F(DrawFile, CallsComeFromAnyThread) {
   Renderer renderer = open();
   std::vector<std::thread> threads;

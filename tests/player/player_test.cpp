@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <future>
 #include <limits>
 
@@ -207,6 +208,75 @@ TEST_F(PlayerOfALattice, SurfacesOfTheSceneAreSortedIn) {
   wrong.surfaces = {{.file = "none"}};
   EXPECT_EQ(player->set_scene(wrong).error().message, "none: gone");
   EXPECT_EQ(player->scene().surfaces, with_plate.surfaces) << "what is refused changes nothing";
+}
+
+// Builds a lattice of 24^3 cells, moved along x, with its boundary.
+void build_with_boundary(const std::string& path, double moved) {
+  const test::Mesh mesh = test::lattice(24, [&](dvec3 p) { return p + dvec3(moved, 0, 0); });
+  test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return p.y; })});
+  BuildOptions options;
+  options.boundary_triangles = 1000;
+  const auto built = build_volume(source, path, options, [](const char*, double) {});
+  ASSERT_TRUE(built) << built.error().message;
+}
+
+TEST_F(PlayerOfALattice, TheBoundaryOfTheFileIsRead) {
+  const std::string file = folder + "/boundary.svol";
+  build_with_boundary(file, 0);
+  const auto player = Player::open(file, std::nullopt, on_processor()).value();
+  Scene scene = player->scene();
+  scene.width = 120;
+  scene.height = 90;
+  scene.camera.position = {0.5, 0.5, 4};
+  scene.camera.focal_point = dvec3(0.5);
+  scene.camera.up = {0, 1, 0};
+  scene.camera.vertical_fov_degrees = 30;
+  ASSERT_TRUE(player->set_scene(scene));
+  (void)drawn(*player);
+  const std::uint64_t read = player->streamer().volume().bytes_read();
+  scene.surfaces = {{.color = {0, 0, 1}, .boundary = "out*"}};
+  ASSERT_TRUE(player->set_scene(scene));
+  EXPECT_GT(player->streamer().volume().bytes_read(), read) << "only now";
+  const Image image = drawn(*player);
+  EXPECT_EQ(image.at(60, 45).a, 1);
+  EXPECT_NEAR(image.at(60, 45).b, 1, 0.01) << "the front is opaque, and nothing lies before it";
+  EXPECT_EQ(image.at(2, 2).a, 0);
+
+  scene.surfaces[0].boundary = "inlet";
+  EXPECT_THAT(player->set_scene(scene).error().message,
+              HasSubstr("no patch \"inlet\" in its boundary; there are: outer"));
+  scene.surfaces[0].boundary = "outer";
+  const auto other = open();
+  EXPECT_THAT(other->set_scene(scene).error().message, HasSubstr("svbuild --boundary"));
+}
+
+// Each file of a series has a boundary of its own.
+TEST_F(PlayerOfALattice, TheBoundaryIsThatOfTheStep) {
+  build_with_boundary(folder + "/s-0.svol", 0);
+  build_with_boundary(folder + "/s-1.svol", 0.5);
+  std::ofstream(folder + "/s.svols") << R"({"steps": [{"time": 0, "file": "s-0.svol"}, {"time": 1, "file": "s-1.svol"}],
+    "attributes": [{"name": "value", "unit": "", "min": 0, "max": 1}]})";
+  Scene scene = open()->scene();
+  scene.attribute = "value";
+  scene.camera.position = {0.75, 0.5, 6};
+  scene.camera.focal_point = {0.75, 0.5, 0.5};
+  scene.camera.up = {0, 1, 0};
+  scene.surfaces = {{.boundary = "outer"}};
+  const auto player = Player::open(folder + "/s.svols", scene, on_processor()).value();
+  const auto leftmost = [&] {
+    const Image image = drawn(*player);
+    for (int x = 0; x < image.width; ++x)
+      if (image.at(x, image.height / 2).a == 1) return x;
+    return -1;
+  };
+  const int last = leftmost();
+  EXPECT_GT(last, 0);
+  ASSERT_TRUE(player->show_step(0));
+  const int first = leftmost();
+  EXPECT_GT(first, 0);
+  EXPECT_LT(first, last - 3);
+  ASSERT_TRUE(player->show_step(1));
+  EXPECT_EQ(leftmost(), last);
 }
 
 TEST_F(PlayerOfALattice, WithoutAReaderSurfacesAreRefused) {

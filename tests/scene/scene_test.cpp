@@ -178,10 +178,13 @@ TEST(ParseScene, SurfacesAreReadAndWrittenBack) {
   const auto scene = parse_scene(
       changed("/surfaces",
               {{{"file", "a.stl"}},
-               {{"file", "/b/c.obj"}, {"color", {1, 0.5, 0}}, {"opacity", 0.25}, {"shown", false}, {"edges", true}}}));
+               {{"file", "/b/c.obj"}, {"color", {1, 0.5, 0}}, {"opacity", 0.25}, {"shown", false}, {"edges", true}},
+               {{"boundary", "wing*"}, {"opacity", 0.5}}}));
   ASSERT_TRUE(scene) << scene.error().message;
   const std::vector<SceneSurface> expected{
-      {.file = "a.stl"}, {.file = "/b/c.obj", .color = {1, 0.5, 0}, .opacity = 0.25, .shown = false, .edges = true}};
+      {.file = "a.stl"},
+      {.file = "/b/c.obj", .color = {1, 0.5, 0}, .opacity = 0.25, .shown = false, .edges = true},
+      {.opacity = 0.5, .boundary = "wing*"}};
   EXPECT_EQ(scene->surfaces, expected);
   EXPECT_EQ(parse_scene(scene_to_json(*scene))->surfaces, expected);
   EXPECT_TRUE(parse_scene(valid_scene().dump())->surfaces.empty());
@@ -234,6 +237,8 @@ TEST(ParseScene, RefusesWrongSurfaces) {
   const auto error = [](const json& surface) { return error_of(changed("/surfaces", json::array({surface}))); };
   EXPECT_THAT(error({{"color", {1, 1, 1}}}), StartsWith("surfaces[0].file: missing"));
   EXPECT_THAT(error({{"file", ""}}), StartsWith("surfaces[0].file: empty"));
+  EXPECT_THAT(error({{"boundary", ""}}), StartsWith("surfaces[0].boundary: empty"));
+  EXPECT_THAT(error({{"file", "a"}, {"boundary", "b"}}), StartsWith("surfaces[0]: give \"file\" or \"boundary\""));
   EXPECT_THAT(error({{"file", "a"}, {"colour", {1, 1, 1}}}), StartsWith("surfaces[0].colour: no such field"));
   EXPECT_THAT(error({{"file", "a"}, {"color", {1, -1, 1}}}), StartsWith("surfaces[0].color: negative"));
   EXPECT_THAT(error({{"file", "a"}, {"opacity", 1.5}}), StartsWith("surfaces[0].opacity: 1.5"));
@@ -418,12 +423,14 @@ TEST(LoadScene, MessagesBeginWithThePath) {
 TEST(LoadScene, FilesOfSurfacesBeginAtItsFolder) {
   const std::string folder = testing::TempDir();
   const std::string path = folder + "surfaces_test.json";
-  std::ofstream(path) << changed("/surfaces", {{{"file", "parts/../a.stl"}}, {{"file", "/b.stl"}}});
+  std::ofstream(path) << changed("/surfaces",
+                                 {{{"file", "parts/../a.stl"}}, {{"file", "/b.stl"}}, {{"boundary", "outer"}}});
   const auto scene = load_scene(path);
   std::filesystem::remove(path);
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_EQ(scene->surfaces[0].file, (std::filesystem::absolute(folder) / "a.stl").lexically_normal().string());
   EXPECT_EQ(scene->surfaces[1].file, "/b.stl");
+  EXPECT_EQ(scene->surfaces[2], (SceneSurface{.boundary = "outer"}));
 }
 
 TEST(LoadScene, ReadsTheSharedScenes) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -12,6 +13,7 @@ using namespace format;
 namespace {
 
 constexpr std::uint64_t most_rows = 500;
+constexpr std::size_t most_patches = 20;
 
 class Explorer {
  public:
@@ -24,6 +26,7 @@ class Explorer {
       if (root) walk(*root, attribute, 0);
     }
     note(volume_.read_histograms().has_value());
+    read_patches();
     const std::uint64_t rows = std::min(volume_.rows().row_count(), most_rows);
     for (std::uint64_t row = 0; row < rows; ++row)
       for (const int column : volume_.rows().columns_of_row(row)) read_chunk(row, column);
@@ -34,6 +37,21 @@ class Explorer {
   void note(bool read) { result_.all_read = result_.all_read && read; }
   void require(bool holds, const char* promise) {
     if (!holds) result_.broken = promise;
+  }
+
+  void read_patches() {
+    const std::size_t count = volume_.info().boundary ? volume_.info().boundary->patches.size() : 0;
+    for (std::size_t patch = 0; patch < std::min<std::size_t>(count, most_patches); ++patch) {
+      const auto mesh = volume_.read_boundary({&patch, 1});
+      note(mesh.has_value());
+      if (!mesh) continue;
+      require(std::ranges::all_of(mesh->triangles,
+                                  [&](const auto& corners) { return std::ranges::max(corners) < mesh->points.size(); }),
+              "triangles name points that are there");
+      require(std::ranges::all_of(mesh->points,
+                                  [](const dvec3& p) { return std::abs(p.x) <= 1e50 && std::abs(p.y) <= 1e50; }),
+              "positions are in range");
+    }
   }
 
   void walk(const IndexPage& page, int attribute, int pages_deep) {

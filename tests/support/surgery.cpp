@@ -86,6 +86,7 @@ class Dissected::Reader {
         body_.plain[section.kind] = section.codec == Codec::raw
                                         ? copy_of(bytes_of(section))
                                         : unpack_or_copy(bytes_of(section), section.unpacked_bytes);
+    read_patches();
     return find(SectionKind::metadata) && find(SectionKind::rows) && read_pages() && read_directory();
   }
 
@@ -97,6 +98,27 @@ class Dissected::Reader {
 
   [[nodiscard]] View bytes_of(const SectionEntry& section) const {
     return bytes_.subspan(section.offset, section.packed_bytes);
+  }
+
+  // A boundary whose patches are not found stays one section.
+  void read_patches() {
+    const SectionEntry* const section = find(SectionKind::boundary);
+    const Bytes& metadata = body_.plain[SectionKind::metadata];
+    const auto info = metadata_from_json({reinterpret_cast<const char*>(metadata.data()), metadata.size()});
+    if (!section || body_.is_step || !info || !info->boundary) return;
+    const View bytes = bytes_of(*section);
+    const std::size_t count = info->boundary->patches.size();
+    std::uint64_t at = sizeof(std::uint64_t) + count * sizeof(PatchPart);
+    std::vector<Bytes> patches;
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto part = record_at<PatchPart>(bytes, sizeof(std::uint64_t) + i * sizeof(PatchPart));
+      const auto packed = part ? range_of(bytes, at, part->packed_bytes) : std::nullopt;
+      if (!packed) return;
+      patches.push_back(unpack_or_copy(*packed, part->unpacked_bytes));
+      at += packed->size();
+    }
+    body_.patches = std::move(patches);
+    body_.plain.erase(SectionKind::boundary);
   }
 
   // Reads the pages in file order: each tells its length.
@@ -338,10 +360,30 @@ class Dissected::Assembler {
       sections[kind] = packed(bytes);
       unpacked_bytes[kind] = bytes.size();
     }
+    if (!body.patches.empty()) unpacked_bytes[SectionKind::boundary] = pack_patches(body, sections);
     const IndexPageRef root = pack_pages(body, sections);
     const std::vector<ChunkEntry> entries = pack_chunks(body, sections);
     pack_directory(body, entries, sections);
     return pack_sections(body, sections, unpacked_bytes, root, table);
+  }
+
+  // Returns the bytes of the section, which is not packed as a whole.
+  std::uint64_t pack_patches(const Body& body, Packed& sections) {
+    Bytes table, parts;
+    for (const Bytes& patch : body.patches) {
+      Bytes payload = patch;
+      operate(Part::patch, payload);
+      const Bytes bytes = packed(payload);
+      append_record(table, PatchPart{hash_bytes(bytes), static_cast<std::uint32_t>(bytes.size()),
+                                     static_cast<std::uint32_t>(payload.size())});
+      append(parts, bytes);
+    }
+    operate(Part::patch_table, table);
+    Bytes& section = sections[SectionKind::boundary];
+    append_record(section, hash_bytes(table));
+    append(section, table);
+    append(section, parts);
+    return section.size();
   }
 
   // Returns a reference to the root page.

@@ -34,9 +34,11 @@ enum class Part {
   step_directory,  // of a series, all but its hash
   dead_part,       // of a series
   other_section,   // padding, and kinds that are not known; unpacked
+  patch,           // of the boundary, unpacked
+  patch_table,     // of the boundary, all but its hash
 };
 inline constexpr std::size_t part_count = 11;  // of the kinds that every file has
-inline constexpr std::size_t all_part_count = 15;
+inline constexpr std::size_t all_part_count = 17;
 
 /// May change a part before it is packed and hashed. `index` counts the parts of one kind in file order.
 using Surgeon = std::function<void(Part part, std::size_t index, format::Bytes& bytes)>;
@@ -84,6 +86,7 @@ class Dissected {
     std::vector<Page> pages;                             // file order; the root's is the last
     std::vector<Chunk> chunks;
     std::vector<std::size_t> directory_pages;  // chunks in each
+    std::vector<format::Bytes> patches;        // unpacked
   };
   /// A step, or a dead part.
   struct SeriesPart {

@@ -524,7 +524,10 @@ TestVolume make_test_volume(const std::vector<dvec3>& positions, const std::vect
 
 Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& volume, const std::string& path) {
   SPLATVOL_TRY_ASSIGN(index, pack_tree(volume.tree));
-  return format::VolumeWriter::create(path, volume.info, std::move(index), std::filesystem::temp_directory_path());
+  auto writer =
+      format::VolumeWriter::create(path, volume.info, std::move(index), std::filesystem::temp_directory_path());
+  if (writer) (*writer)->set_boundary(volume.boundary);
+  return writer;
 }
 
 Status write_test_volume(const TestVolume& volume, const std::string& path) {

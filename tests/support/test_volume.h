@@ -50,6 +50,7 @@ struct TestVolume {
   std::vector<std::vector<std::uint32_t>>
       representatives;  // [resolution][point]: the one of the first n_r that stands for it
   double position_error = 0;
+  format::Bytes boundary;  // the section, if `info` has a boundary
 
   // The material of a point is a few parcels at random positions in an ellipsoid round the point. Some points have one
   // parcel, some have parcels in a plane, some have none. The numbers of a splat are those of all parcels of its

@@ -38,6 +38,7 @@ class Dump {
     line("size bounds: {}", fmt::join(info.size_bounds, " "));
     line("up: {}", info.up);
     line("provenance: {}", info.provenance);
+    SPLATVOL_TRY(add_boundary());
     if (!volume_->series()) {
       SPLATVOL_TRY(add_columns());
       return text_;
@@ -68,6 +69,23 @@ class Dump {
     if (all_) return line("{}:\n{}", what, numbers);
     const std::string first = numbers.substr(0, numbers.find('\n')).substr(0, shown_bytes);
     line("{}: {:016x}, first {}", what, format::hash_bytes(std::as_bytes(std::span(numbers))), first);
+  }
+
+  Status add_boundary() {
+    const auto& boundary = volume_->info().boundary;
+    if (!boundary) return {};
+    line("boundary: origin {}, step {}, error {}", vector(boundary->origin), number(boundary->quantisation_step),
+         number(boundary->error));
+    for (std::size_t patch = 0; patch < boundary->patches.size(); ++patch) {
+      SPLATVOL_TRY_ASSIGN(mesh, volume_->read_boundary({&patch, 1}));
+      std::string numbers;
+      for (const dvec3& point : mesh.points) numbers += vector(point) + "\n";
+      for (const auto& [a, b, c] : mesh.triangles) numbers += fmt::format("{} {} {}\n", a, b, c);
+      add(fmt::format("patch {}, {} points, {} triangles", boundary->patches[patch].name, mesh.points.size(),
+                      mesh.triangles.size()),
+          numbers);
+    }
+    return {};
   }
 
   Status add_columns() {

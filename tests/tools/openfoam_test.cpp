@@ -93,6 +93,25 @@ class OpenFoamSeries : public test::ProgramTest {
   }
 };
 
+TEST_F(OpenFoamSeries, PatchesAreTheBoundary) {
+  const auto expect_patches = [&](int lid, int walls) {
+    const test::Outcome outcome = run("svbuild flow --boundary -o one.svol");
+    EXPECT_EQ(outcome.code, 0) << outcome.text;
+    EXPECT_THAT(outcome.text, testing::HasSubstr(fmt::format("{} of patch \"lid\"", lid)));
+    EXPECT_THAT(outcome.text, testing::HasSubstr(fmt::format("{} of patch \"walls\"", walls)));
+    EXPECT_THAT(outcome.text, testing::Not(testing::HasSubstr("outer")));
+    expect_done("svinfo one.svol --verify");
+  };
+  compute("icoFoam");
+  expect_patches(72, 360);
+  expect_done("svbuild flow --boundary --times all -o all.svol");
+  EXPECT_THAT(run("svinfo all.svol --verify").text, testing::HasSubstr("walls"));
+  expect_refusal("svbuild flow --boundary --times 0.02: --append -o all.svol",
+                 "an append does not change the boundary");
+  decompose();
+  expect_patches(72, 360);
+}
+
 TEST_F(OpenFoamSeries, OfHexahedra) {
   compute("icoFoam");
   expect_steps();
@@ -103,6 +122,9 @@ TEST_F(OpenFoamSeries, OfHexahedra) {
 TEST_F(OpenFoamSeries, OfPolyhedra) {
   compute("polyDualMesh 75 -overwrite");
   compute("icoFoam");
+  const std::string patches = run("svbuild flow --boundary -o one.svol").text;
+  EXPECT_THAT(patches, testing::HasSubstr("158 of patch \"lid\""));
+  EXPECT_THAT(patches, testing::Not(testing::HasSubstr("outer")));
   expect_steps();
   decompose();
   expect_steps();

@@ -567,6 +567,38 @@ TEST_F(Programs, SurfacesThatCannotBeReadAreRefused) {
                  "out");
 }
 
+// The boundary of the file, simplified, against that of the mesh.
+TEST_F(RealData, TheBoundaryIsDrawnAsInTheExactPicture) {
+  for (const auto& [name, opacity] : {std::pair{"bluntfin", 1.0}, std::pair{"bluntfin", 0.2}, std::pair{"wing", 1.0}}) {
+    json text = json::parse(*read_text_file(scene(name)));
+    text["surfaces"] = {{{"boundary", "outer"}, {"color", {0.2, 0.3, 0.4}}, {"opacity", opacity}}};
+    write("s.json", text.dump());
+    expect_success("svtruth " + mesh(name) + " --scene " + path("s.json") + " -o " + path("exact.exr"));
+    const Image exact = *read_exr(path("exact.exr"));
+    for (const auto& [option, most] : {std::pair{"--boundary", 0.002}, std::pair{"--boundary-triangles 5000", 0.01}}) {
+      expect_success("svbuild " + mesh(name) + " " + option + " -o " + path("volume.svol"));
+      expect_success("svrender " + path("volume.svol") + " --scene " + path("s.json") + " --tolerance 0 -o " +
+                     path("picture.exr") + " --device cpu");
+      EXPECT_LT(compare_images(exact, *read_exr(path("picture.exr")))->rmse, most)
+          << name << ", " << option << ", opacity " << opacity;
+    }
+  }
+}
+
+TEST_F(Programs, PatchesThatAreNotThereAreRefused) {
+  write("mesh.vtu", small_mesh(small_data));
+  expect_success("svbuild " + path("mesh.vtu") + " -o " + path("plain.svol"));
+  expect_success("svbuild " + path("mesh.vtu") + " --boundary -o " + path("v.svol"));
+  json text = small_scene;
+  text["surfaces"] = {{{"boundary", "motorBike*"}}};
+  write("s.json", text.dump());
+  const std::string there = "no patch \"motorBike*\" in its boundary; there are: outer";
+  for (const std::string& command : {"svrender " + path("v.svol"), "svtruth " + path("mesh.vtu")})
+    expect_refused(command + " --scene " + path("s.json") + " -o " + path("out.png"), there, "out");
+  expect_refused("svrender " + path("plain.svol") + " --scene " + path("s.json") + " -o " + path("out.png"),
+                 "svbuild --boundary keeps it", "out");
+}
+
 TEST_F(RealData, OctantKernelHasTheErrorOfThePaper) {
   for (const auto& [name, low, high] : {std::tuple{"bluntfin", 0.03, 0.08}, std::tuple{"post", 0.02, 0.06}}) {
     expect_success("svbuild " + mesh(name) + " -o " + path("volume.svol"));

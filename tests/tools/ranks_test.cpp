@@ -248,6 +248,8 @@ TEST_F(RanksTest, FailTogetherIfTheDiskOfOneIsFull) {
 
 TEST_F(RanksTest, RefuseWhatOneProcessDoes) {
   expect_one_failure(folder_, ranks(2, "gen:points:count=100 --series -o out/a.svol"), "work of one process");
+  expect_one_failure(folder_, ranks(2, "gen:mesh:cells=1000 --boundary -o out/a.svol"),
+                     "--boundary is work of one process: start svbuild without MPI");
 }
 
 TEST_F(RanksTest, SayOnceWhatIsWrongWithTheCommand) {

@@ -27,7 +27,7 @@ Status get_all(Channel& channel, Members&... members) {
 
 template <class Options>
 auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Options>, SourceOptions> {
-  return std::tie(options.selection, options.columns, options.time, options.cells, options.missing);
+  return std::tie(options.selection, options.columns, options.time, options.cells, options.missing, options.patches);
 }
 
 template <class State>
@@ -177,6 +177,17 @@ Status get(Channel& channel, SourceState& state) {
   return get_all(channel, state.step->time, state.step->index, state.step->times);
 }
 
+Status put(Channel& channel, const TriangleMesh& mesh) { return put_all(channel, mesh.points, mesh.triangles); }
+
+Status get(Channel& channel, TriangleMesh& mesh) {
+  SPLATVOL_TRY(get_all(channel, mesh.points, mesh.triangles));
+  const bool fits = std::ranges::all_of(
+      mesh.triangles, [&](const auto& corners) { return std::ranges::max(corners) < mesh.points.size(); });
+  if (!fits || !std::ranges::all_of(mesh.points, is_usable_position))
+    return fail(ErrorCode::invalid_data, "the reader process sent a surface whose points do not fit");
+  return {};
+}
+
 Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attributes) {
   const std::size_t points = piece->points.size();
   SPLATVOL_TRY(put_members(channel, piece->census));
@@ -192,6 +203,11 @@ Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attribute
   }
   if (piece->material) SPLATVOL_TRY(put_members(channel, *piece->material));
   if (piece->cells) SPLATVOL_TRY(put_members(channel, *piece->cells));
+  SPLATVOL_TRY(channel.put(std::uint64_t{piece->patches.size()}));
+  for (const Patch& patch : piece->patches) {
+    SPLATVOL_TRY(channel.put(patch.name));
+    SPLATVOL_TRY(put(channel, patch.mesh));
+  }
   return {};
 }
 
@@ -212,18 +228,15 @@ Status get(Channel& channel, Piece& piece, std::size_t attributes) {
   }
   if (has_material) SPLATVOL_TRY(get_members(channel, piece.material.emplace()));
   if (has_cells) SPLATVOL_TRY(get_members(channel, piece.cells.emplace()));
+  std::uint64_t patches = 0;
+  SPLATVOL_TRY(channel.get(patches));
+  for (std::uint64_t i = 0; i < patches; ++i) {
+    Patch patch;
+    SPLATVOL_TRY(channel.get(patch.name));
+    SPLATVOL_TRY(get(channel, patch.mesh));
+    piece.patches.push_back(std::move(patch));
+  }
   return check_piece(piece, attributes);
-}
-
-Status put(Channel& channel, const TriangleMesh& mesh) { return put_all(channel, mesh.points, mesh.triangles); }
-
-Status get(Channel& channel, TriangleMesh& mesh) {
-  SPLATVOL_TRY(get_all(channel, mesh.points, mesh.triangles));
-  const bool fits = std::ranges::all_of(
-      mesh.triangles, [&](const auto& corners) { return std::ranges::max(corners) < mesh.points.size(); });
-  if (!fits || !std::ranges::all_of(mesh.points, is_usable_position))
-    return fail(ErrorCode::invalid_data, "the reader process sent a surface whose points do not fit");
-  return {};
 }
 
 }  // namespace splatvol

@@ -19,6 +19,7 @@
 #include VTK_CGNS(cgns_io.h)
 #include VTK_CGNS(cgnslib.h)
 #include "builder/sources/vtk/attributes.h"
+#include "builder/sources/vtk/cgns_patches.h"
 #include "builder/sources/vtk/cgns_units.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/openfoam_reader.h"
@@ -73,10 +74,18 @@ class ExodusReader final : public BlockReader {
     for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
       for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
         reader_->SetObjectArrayStatus(type, i, wants_array(selection, reader_->GetObjectArrayName(type, i)));
+    select_others(false);
+  }
+
+  void want_patches() override { wants_patches_ = true; }
+
+  /// Chooses among all but the blocks of cells: the side sets, or nothing.
+  void select_others(bool side_sets) {
     for (const int type : {vtkExodusIIReader::EDGE_BLOCK, vtkExodusIIReader::FACE_BLOCK, vtkExodusIIReader::NODE_SET,
                            vtkExodusIIReader::EDGE_SET, vtkExodusIIReader::FACE_SET, vtkExodusIIReader::SIDE_SET,
                            vtkExodusIIReader::ELEM_SET})
-      for (int i = 0; i < reader_->GetNumberOfObjects(type); ++i) reader_->SetObjectStatus(type, i, 0);
+      for (int i = 0; i < reader_->GetNumberOfObjects(type); ++i)
+        reader_->SetObjectStatus(type, i, side_sets && type == vtkExodusIIReader::SIDE_SET);
   }
 
   std::vector<ArrayShape> arrays() override {
@@ -93,10 +102,12 @@ class ExodusReader final : public BlockReader {
   void read(int portion, std::optional<double> time) override {
     for (int block = 0; block < portions(); ++block)
       reader_->SetObjectStatus(vtkExodusIIReader::ELEM_BLOCK, block, block == portion);
+    select_others(wants_patches_ && portion == 0);
     update(*reader_, time, 0, 1);
   }
 
  private:
+  bool wants_patches_ = false;
   vtkNew<vtkExodusIIReader> reader_;
 };
 
@@ -134,11 +145,22 @@ class OpenFoamReader final : public BlockReader {
     return *reader_;
   }
 
-  /// Chooses the mesh of each region, without its patches. Fields may differ between time steps, so all are read.
+  void want_patches() override { wants_patches_ = true; }
+
+  /// Patches between processors lie inside. Those of a region have the name of the region in front.
+  std::string patch_name(const std::vector<std::string>& path) const override {
+    if (path.back().starts_with("procBoundary")) return {};
+    return path.size() > 2 ? path.front() + "/" + path.back() : path.back();
+  }
+
+  /// Chooses the mesh of each region, and its patches if they are wanted. Fields may differ between time steps, so all
+  /// are read.
   void select(const std::vector<std::string>&) override {
     for (int i = 0; i < reader_->GetNumberOfPatchArrays(); ++i) {
       const std::string name = reader_->GetPatchArrayName(i);
-      reader_->SetPatchArrayStatus(name.c_str(), name == "internalMesh" || name.ends_with("/internalMesh"));
+      const bool is_patch = name.starts_with("patch/") || name.find("/patch/") != std::string::npos;
+      reader_->SetPatchArrayStatus(
+          name.c_str(), name == "internalMesh" || name.ends_with("/internalMesh") || (wants_patches_ && is_patch));
     }
   }
 
@@ -161,6 +183,7 @@ class OpenFoamReader final : public BlockReader {
   }
 
  private:
+  bool wants_patches_ = false;
   vtkNew<ProcessorReader> reader_;
   std::vector<std::string> processors_;  // folders of a decomposed case; none: the case itself is read
   std::map<std::string, std::string> units_;
@@ -201,13 +224,18 @@ std::vector<std::string> cgns_fields(const std::string& path, std::map<std::stri
 class CgnsReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
-    cgio_error_abort(0);                  // keeps the library from ending the program at an error
+    cgio_error_abort(0);  // keeps the library from ending the program at an error
+    path_ = path;
     fields_ = cgns_fields(path, units_);  // throws where VTK's reader would end the program
     reader_->SetFileName(path.c_str());
     reader_->DoublePrecisionMeshOn();
     reader_->LoadBndPatchOff();
     return *reader_;
   }
+
+  /// VTK 9.1 gives neither sections of surfaces nor boundary conditions.
+  void want_patches() override { patches_ = read_cgns_patches(path_); }
+  std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
 
   /// Selects by VTK's names of arrays, including those of zones after the first.
   void select(const std::vector<std::string>& selection) override {
@@ -258,7 +286,9 @@ class CgnsReader final : public BlockReader {
   vtkNew<vtkCGNSReader> reader_;
   std::vector<std::string> fields_;
   std::map<std::string, std::string> units_;  // of fields_
-  int portions_ = 1;                          // the number of zones, once one has been read
+  std::string path_;
+  std::vector<Patch> patches_;  // not taken yet
+  int portions_ = 1;            // the number of zones, once one has been read
 };
 
 }  // namespace

@@ -22,6 +22,16 @@ class BlockReader {
   /// Chooses arrays and blocks, after the file's header has been read.
   virtual void select(const std::vector<std::string>& selection) = 0;
 
+  /// Lets read() bring the patches along too, as surfaces. Called before select().
+  virtual void want_patches() {}
+
+  /// The name of the patch that a surface is; `path`: the names of the blocks that it lies in, and its own. Empty: the
+  /// surface is none.
+  [[nodiscard]] virtual std::string patch_name(const std::vector<std::string>& path) const { return path.back(); }
+
+  /// Returns patches that are no surfaces of the output, once.
+  virtual std::vector<Patch> take_patches() { return {}; }
+
   /// All arrays of a file that has several portions, before any of them is read. Other readers may return none.
   virtual std::vector<ArrayShape> arrays() { return {}; }
 

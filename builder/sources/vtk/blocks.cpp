@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <iterator>
 #include <utility>
 
 #include "builder/sources/time_steps.h"
@@ -20,6 +21,7 @@
 #include "builder/sources/vtk/block_readers.h"
 #include "builder/sources/vtk/cell_counts.h"
 #include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/patch.h"
 #include "builder/sources/vtk/piece.h"
 #include "builder/sources/vtk/shared_points.h"
 
@@ -53,6 +55,7 @@ class BlockDataSets final : public VtkDataSets {
     vtkMultiBlockDataSetAlgorithm* algorithm = nullptr;
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm = &reader_->open(file_.path);
+      if (file_.patches) reader_->want_patches();
       algorithm->UpdateInformation();
       reader_->select(selection_);
       step_ = choose_step(times_of(*algorithm), time);
@@ -72,6 +75,7 @@ class BlockDataSets final : public VtkDataSets {
   std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
+  std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
   bool averages_by_data_set() const override { return !reader_->portions_share_points(); }
   void share_means(vtkDataSet& data, const std::string& array, int component, std::span<double> means) const override {
     shared_.apply(data, block_name_, array, component, means);
@@ -105,6 +109,7 @@ class BlockDataSets final : public VtkDataSets {
       }
       blocks_.clear();
       block_names_.clear();
+      patches_.clear();
     }
     left_out_ = {};
     shared_.finish();
@@ -132,6 +137,7 @@ class BlockDataSets final : public VtkDataSets {
         collect(*tree);
         tree->Initialize();
       }
+      std::ranges::move(reader_->take_patches(), std::back_inserter(patches_));
       for (auto& block : blocks_)
         for (const bool of_cells : {false, true}) learn_arrays(*block, of_cells);
       for (auto& block : blocks_) add_missing(*block, shapes_, cells_);
@@ -147,11 +153,34 @@ class BlockDataSets final : public VtkDataSets {
       if (!data || data->GetNumberOfPoints() == 0) continue;
       if (is_surface(*data)) {
         left_out_ += census_of(*data);
+        if (file_.patches) add_patch(tree, *data);
         continue;
       }
       blocks_.push_back(copy_sharing_arrays(*data));
       block_names_.push_back(name_of_top(tree, *data));
     }
+  }
+
+  void add_patch(vtkMultiBlockDataSet& tree, vtkDataSet& data) {
+    std::vector<std::string> path;
+    if (!find_path(tree, data, path)) return;
+    const std::string name = reader_->patch_name(path);
+    if (name.empty()) return;
+    Patch patch{name, {}};
+    append_surface_cells(data, patch.mesh);
+    if (!patch.mesh.triangles.empty()) patches_.push_back(std::move(patch));
+  }
+
+  /// Appends the names of the blocks that hold a data set, and its own. Returns whether there is one.
+  static bool find_path(vtkMultiBlockDataSet& tree, vtkDataSet& data, std::vector<std::string>& path) {
+    for (unsigned int i = 0; i < tree.GetNumberOfBlocks(); ++i) {
+      if (!contains(tree.GetBlock(i), data)) continue;
+      const char* name = tree.HasMetaData(i) ? tree.GetMetaData(i)->Get(vtkCompositeDataSet::NAME()) : nullptr;
+      path.emplace_back(name && *name ? name : "unnamed");
+      auto* inner = vtkMultiBlockDataSet::SafeDownCast(tree.GetBlock(i));
+      return !inner || find_path(*inner, data, path);
+    }
+    return false;
   }
 
   /// The name of the top block that holds a data set: in OpenFOAM, its region.
@@ -205,6 +234,7 @@ class BlockDataSets final : public VtkDataSets {
   CellCensus left_out_;
   std::deque<vtkSmartPointer<vtkDataSet>> blocks_;  // read and not returned yet
   std::deque<std::string> block_names_;             // of blocks_
+  std::vector<Patch> patches_;                      // read and not taken yet
   std::string block_name_;                          // of the last one that was returned
   SharedPoints shared_;
 };

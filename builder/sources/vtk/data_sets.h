@@ -38,6 +38,7 @@ struct VtkFile {
   Kind kind;
   std::vector<VtkFile> blocks = {};  // of a composite file: what it names
   std::string values = {};           // SU2: a .csv file with the values at the points; may be empty
+  bool patches = false;              // VtkDataSets::take_patches() is wanted
 };
 
 /// The data sets of an input, one after the other. Not thread-safe.
@@ -66,6 +67,9 @@ class VtkDataSets {
 
   /// Counts the cells of blocks that were left out so far, because they are surfaces.
   [[nodiscard]] virtual CellCensus left_out() const { return {}; }
+
+  /// Returns the patches that were read since the last call, if VtkFile::patches asks for them.
+  [[nodiscard]] virtual std::vector<Patch> take_patches() { return {}; }
 
   /// Changes means of cells at the points of the last data set. Such a point belongs to other data sets of the same
   /// mesh, too: it gets the mean over the cells of all. `means`: those of a component, of the cells of this data set.

@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <iterator>
 #include <optional>
 #include <utility>
 
@@ -51,6 +52,12 @@ class FileDataSets final : public VtkDataSets {
   }
   void share_means(vtkDataSet& data, const std::string& array, int component, std::span<double> means) const override {
     if (blocks_) blocks_->share_means(data, array, component, means);
+  }
+
+  std::vector<Patch> take_patches() override {
+    std::vector<Patch> patches = std::exchange(patches_, {});
+    if (blocks_) std::ranges::move(blocks_->take_patches(), std::back_inserter(patches));
+    return patches;
   }
 
   bool averages_by_data_set() const override { return !blocks_ || blocks_->averages_by_data_set(); }
@@ -98,6 +105,7 @@ class FileDataSets final : public VtkDataSets {
       if (block) return block;
       extra_pieces_ += std::max<std::size_t>(blocks_->count(), 1) - 1;
       left_out_ += blocks_->left_out();
+      std::ranges::move(blocks_->take_patches(), std::back_inserter(patches_));
       blocks_ = nullptr;
     }
     if (reader_) return next_piece();
@@ -212,6 +220,7 @@ class FileDataSets final : public VtkDataSets {
   std::size_t extra_pieces_ = 0;                        // of opened files, besides one for each
   std::string path_;                                    // of the current file
   CellCensus left_out_;                                 // of the files before the current one
+  std::vector<Patch> patches_;                          // of these files, not taken yet
   std::unique_ptr<VtkDataSets> blocks_;                 // of the current file, while it has blocks left
   vtkSmartPointer<vtkXMLReader> reader_;                // of the current file, while it has pieces left
   int piece_ = 0;                                       // the next one

@@ -86,6 +86,7 @@ class VtkSource final : public Source {
                                      data_sets_->share_means(*data, array, component, means);
                                    },
                                    lends_));
+    piece->patches = data_sets_->take_patches();
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
     note_conversions(*data);

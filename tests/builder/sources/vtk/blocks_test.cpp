@@ -9,6 +9,8 @@
 #include <map>
 
 #include "base/file.h"
+#include "builder/boundary/boundary_faces.h"
+#include "builder/boundary/simplify.h"
 #include "builder/build.h"
 #include "builder/open_source.h"
 #include "tests/builder/sources/folder_test.h"
@@ -26,6 +28,7 @@ using test::Input;
 using test::read_input;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Pair;
 using ::testing::StartsWith;
 using ::testing::UnorderedElementsAre;
 
@@ -131,6 +134,21 @@ class BlocksTest : public test::FolderTest {
     EXPECT_EQ(report->resolution_counts.back(), 2 * block_points - side * side);
   }
 
+  /// The triangles of each patch of the boundary.
+  [[nodiscard]] std::map<std::string, std::size_t> patches_of(const std::string& name,
+                                                              SourceOptions options = {}) const {
+    options.patches = true;
+    const auto input = read_input({path(name)}, options);
+    EXPECT_TRUE(input) << input.error().message;
+    auto faces = BoundaryFaces::create(BoundaryFaces::least_memory(), folder_);
+    for (const Piece& piece : input->pieces) EXPECT_TRUE(faces->add(piece));
+    const auto boundary = whole_boundary(*faces);
+    EXPECT_TRUE(boundary) << boundary.error().message;
+    std::map<std::string, std::size_t> triangles;
+    for (const Patch& patch : boundary->patches) triangles[patch.name] = patch.mesh.triangles.size();
+    return triangles;
+  }
+
   static constexpr std::size_t all_cuts = ~std::size_t{0};  // as `fewest_errors`
 
   /// Cuts a file after every `stride` bytes. Expects no crash, no hang and no output, but an error of one line or a
@@ -172,8 +190,8 @@ ExodusMesh exodus_mesh() {
   return mesh;
 }
 
-void put_mesh(int id, const ExodusMesh& mesh) {
-  ex_put_init(id, "two cubes", 3, static_cast<std::int64_t>(mesh.points.size()), 2 * block_cells, 2, 0, 0);
+void put_mesh(int id, const ExodusMesh& mesh, int side_sets = 0) {
+  ex_put_init(id, "two cubes", 3, static_cast<std::int64_t>(mesh.points.size()), 2 * block_cells, 2, 0, side_sets);
   std::array<std::vector<double>, 3> coordinates;
   for (const dvec3& p : mesh.points)
     for (std::size_t axis = 0; axis < 3; ++axis) coordinates[axis].push_back(p[static_cast<int>(axis)]);
@@ -231,6 +249,29 @@ TEST_F(BlocksTest, Exodus) {
   for (const double value : input->pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this block";
   for (std::size_t i = 0; i < block_points; ++i)
     EXPECT_NEAR(input->pieces[1].values[0][i], averaged(input->pieces[1].points[i], 1, 2), 1e-5);
+}
+
+// The upper sides of the first block, and a side of one cell of the second.
+TEST_F(BlocksTest, ExodusSideSetsArePatches) {
+  int computer = 8, file = 8;
+  const int id = ex_create(path("mesh.e").c_str(), EX_CLOBBER, &computer, &file);
+  ASSERT_GE(id, 0);
+  const ExodusMesh mesh = exodus_mesh();
+  put_mesh(id, mesh, 2);
+  std::vector<int> upper, sides(9, 6);
+  for (int cell = 0; cell < 9; ++cell) upper.push_back(static_cast<int>(block_cells) - 8 + cell);
+  ex_put_set_param(id, EX_SIDE_SET, 7, 9, 0);
+  ex_put_set(id, EX_SIDE_SET, 7, upper.data(), sides.data());
+  ex_put_name(id, EX_SIDE_SET, 7, "lid");
+  const int cell = block_cells + 1, lower = 5;
+  ex_put_set_param(id, EX_SIDE_SET, 8, 1, 0);
+  ex_put_set(id, EX_SIDE_SET, 8, &cell, &lower);
+  put_names(id);
+  for (int step = 0; step < 2; ++step) put_values(id, step, mesh.points);
+  ex_close(id);
+  expect_two_blocks("mesh.e", 1e-5);
+  EXPECT_THAT(patches_of("mesh.e"),
+              UnorderedElementsAre(Pair("lid", 18), Pair("Unnamed set ID: 8", 2), Pair("outer", 160)));
 }
 
 // NetCDF's own format is known by its first bytes. Names of the parts of a mesh end in numbers.
@@ -367,6 +408,11 @@ TEST_F(BlocksTest, EnSight) {
       EXPECT_NEAR(input->pieces[b].values[0][i], averaged(cubes[b].points[i], static_cast<double>(b), 2), 3e-5);
 }
 
+TEST_F(BlocksTest, EnSightSurfacesArePatches) {
+  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  EXPECT_THAT(patches_of("mesh.case"), UnorderedElementsAre(Pair("wall", 2), Pair("outer", 180)));
+}
+
 TEST_F(BlocksTest, EnSightCasesThatCannotBeRead) {
   write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
   const std::string whole = read_text_file(path("mesh.case")).value();
@@ -485,6 +531,43 @@ TEST_F(BlocksTest, Cgns) {
   for (const double value : input->pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this zone";
   for (std::size_t i = 0; i < block_points; ++i)
     EXPECT_DOUBLE_EQ(input->pieces[1].values[0][i], field(cubes[1].points[i], 2));
+}
+
+// A section of quadrilaterals, whose cells stand behind those with a volume.
+TEST_F(BlocksTest, CgnsSectionsAndConditionsArePatches) {
+  write_cgns(path("mesh.cgns"));
+  int file = 0, ignored = 0;
+  ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_MODIFY, &file), 0) << cg_get_error();
+  std::vector<cgsize_t> connectivity;
+  for (cgsize_t k = 0; k < cells; ++k)
+    for (cgsize_t j = 0; j < cells; ++j) {
+      const cgsize_t a = 1 + side * (j + side * k);
+      connectivity.insert(connectivity.end(), {a, a + side * side, a + side * side + side, a + side});
+    }
+  cg_section_write(file, 1, 1, "Inlet", CGNS_ENUMV(QUAD_4), block_cells + 1, block_cells + cells * cells, 0,
+                   connectivity.data(), &ignored);
+  ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+  expect_two_blocks("mesh.cgns", 1e-12);
+  EXPECT_THAT(patches_of("mesh.cgns"), UnorderedElementsAre(Pair("Inlet", 18), Pair("outer", 162)));
+
+  // A condition for some cells of the section, one with a family for points of the structured zone, and one for points
+  // of the other zone, which tells no faces.
+  ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_MODIFY, &file), 0) << cg_get_error();
+  const std::array<cgsize_t, 2> range = {block_cells + 2, block_cells + 4};
+  cg_boco_write(file, 1, 1, "Slot", CGNS_ENUMV(BCWall), CGNS_ENUMV(PointRange), 2, range.data(), &ignored);
+  cg_boco_gridlocation_write(file, 1, 1, ignored, CGNS_ENUMV(FaceCenter));
+  const std::array<cgsize_t, 3> list = {1, 2, 3};
+  cg_boco_write(file, 1, 1, "Points", CGNS_ENUMV(BCWall), CGNS_ENUMV(PointList), 3, list.data(), &ignored);
+  const std::array<cgsize_t, 6> corners = {1, 1, side, side, side, side};
+  cg_boco_write(file, 1, 2, "Lid", CGNS_ENUMV(BCWall), CGNS_ENUMV(PointRange), 2, corners.data(), &ignored);
+  cg_goto(file, 1, "Zone_t", 2, "ZoneBC_t", 1, "BC_t", ignored, "end");
+  cg_famname_write("Top");
+  const std::array<cgsize_t, 6> edge = {1, 1, 1, 1, side, 1};
+  cg_boco_write(file, 1, 2, "Edge", CGNS_ENUMV(BCWall), CGNS_ENUMV(PointRange), 2, edge.data(), &ignored);
+  ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+  expect_two_blocks("mesh.cgns", 1e-12);
+  EXPECT_THAT(patches_of("mesh.cgns"),
+              UnorderedElementsAre(Pair("Inlet", 12), Pair("Slot", 6), Pair("Top", 18), Pair("outer", 144)));
 }
 
 TEST_F(BlocksTest, CgnsUnits) {
@@ -648,6 +731,7 @@ TEST_F(BlocksTest, OpenFoam) {
   ASSERT_TRUE(last) << last.error().message;
   EXPECT_EQ(last->step->time, 2);
   test::expect_series(path("case.foam"), folder_, 2);
+  EXPECT_THAT(patches_of("case.foam"), UnorderedElementsAre(Pair("walls", 108)));
 }
 
 TEST_F(BlocksTest, OpenFoamUnits) {

@@ -1,0 +1,394 @@
+// The boundary of meshes: its faces, its patches, and fewer triangles of it.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "base/file.h"
+#include "builder/boundary/boundary_faces.h"
+#include "builder/boundary/simplify.h"
+#include "builder/boundary/triangle_tree.h"
+#include "builder/boundary/welded_surface.h"
+#include "builder/build.h"
+#include "format/volume.h"
+#include "tests/builder/support/meshes.h"
+#include "tests/builder/support/piece_source.h"
+
+namespace splatvol {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+Piece piece_of(const test::Mesh& mesh) {
+  Piece piece;
+  piece.points = mesh.points;
+  piece.tetrahedra = mesh.tetrahedra;
+  piece.values = {test::sample(mesh, [](dvec3 p) { return p.x; })};
+  return piece;
+}
+
+// Triangles of the plane `axis` = `value` that bound a mesh, as a patch.
+Patch patch_at(const std::string& name, const test::Mesh& mesh, int axis, double value) {
+  Patch patch{name, {mesh.points, {}}};
+  for (const OuterFace& face : find_outer_faces(mesh.points, mesh.tetrahedra)) {
+    std::array<std::uint32_t, 3> corners{};
+    for (std::size_t k = 0; k < 3; ++k) corners[k] = static_cast<std::uint32_t>(face.corners[k]);
+    if (std::ranges::all_of(corners, [&](std::uint32_t c) { return std::abs(mesh.points[c][axis] - value) < 1e-9; }))
+      patch.mesh.triangles.push_back(corners);
+  }
+  return patch;
+}
+
+BoundaryFaces faces_of(const std::vector<Piece>& pieces, std::size_t memory = BoundaryFaces::least_memory()) {
+  auto faces = BoundaryFaces::create(memory, testing::TempDir());
+  EXPECT_TRUE(faces) << faces.error().message;
+  for (const Piece& piece : pieces) {
+    const Status added = faces->add(piece);
+    EXPECT_TRUE(added) << added.error().message;
+  }
+  return std::move(*faces);
+}
+
+Boundary whole(const std::vector<Piece>& pieces) {
+  BoundaryFaces faces = faces_of(pieces);
+  auto boundary = whole_boundary(faces);
+  EXPECT_TRUE(boundary) << boundary.error().message;
+  return std::move(*boundary);
+}
+
+Boundary simplified(const std::vector<Piece>& pieces, std::uint64_t most) {
+  BoundaryFaces faces = faces_of(pieces);
+  auto boundary = simplified_boundary(faces, most);
+  EXPECT_TRUE(boundary) << boundary.error().message;
+  return std::move(*boundary);
+}
+
+using Corner = std::tuple<double, double, double>;
+Corner corner_of(const dvec3& p) { return {p.x, p.y, p.z}; }
+
+// How often each edge is there, by the positions of its ends, in all patches together. Every edge of a closed surface
+// is there twice, once in each direction.
+std::size_t open_edges(const Boundary& boundary) {
+  std::map<std::pair<Corner, Corner>, int> edges;
+  for (const Patch& patch : boundary.patches)
+    for (const auto& triangle : patch.mesh.triangles)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const Corner a = corner_of(patch.mesh.points[triangle[k]]),
+                     b = corner_of(patch.mesh.points[triangle[(k + 1) % 3]]);
+        edges[{std::min(a, b), std::max(a, b)}] += a < b ? 1 : -1;
+      }
+  return static_cast<std::size_t>(std::ranges::count_if(edges, [](const auto& edge) { return edge.second != 0; }));
+}
+
+// Six times the volume that closed triangles enclose.
+double volume_6(const Boundary& boundary) {
+  double sum = 0;
+  for (const Patch& patch : boundary.patches)
+    for (const auto& [a, b, c] : patch.mesh.triangles)
+      sum += glm::dot(patch.mesh.points[a], glm::cross(patch.mesh.points[b], patch.mesh.points[c]));
+  return sum;
+}
+
+// A ball of radius 1.
+test::Mesh ball(std::uint32_t cells) {
+  return test::lattice(cells, [](dvec3 p) {
+    const dvec3 q = 2.0 * p - 1.0;
+    const double largest = std::max({std::abs(q.x), std::abs(q.y), std::abs(q.z)});
+    return largest > 0 ? q * largest / glm::length(q) : q;
+  });
+}
+
+TEST(BoundaryOfMeshes, ACubeHasTwelveTriangles) {
+  const Boundary boundary = whole({piece_of(test::lattice(1))});
+  ASSERT_EQ(boundary.patches.size(), 1u);
+  EXPECT_EQ(boundary.patches[0].name, "outer");
+  EXPECT_EQ(boundary.patches[0].mesh.triangles.size(), 12u);
+  EXPECT_EQ(boundary.patches[0].mesh.points.size(), 8u);
+  EXPECT_EQ(boundary.triangles, 12u);
+  EXPECT_EQ(boundary.error, 0);
+  EXPECT_EQ(open_edges(boundary), 0u);
+  EXPECT_NEAR(volume_6(boundary), 6, 1e-12) << "corners run counterclockwise from outside";
+}
+
+TEST(BoundaryOfMeshes, PiecesHaveNoFaceInside) {
+  const auto right = test::lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); });
+  const Boundary boundary = whole({piece_of(test::lattice(3)), piece_of(right)});
+  EXPECT_EQ(boundary.triangles, 2u * 9 * 10);
+  EXPECT_EQ(open_edges(boundary), 0u);
+  EXPECT_NEAR(volume_6(boundary), 12, 1e-12);
+}
+
+TEST(BoundaryOfMeshes, CellsOfTheirOwnHaveTheSame) {
+  const test::Mesh mesh = test::lattice(3);
+  Piece piece;
+  piece.cells.emplace();
+  piece.cells->corners = mesh.points;
+  piece.cells->tetrahedra = mesh.tetrahedra;
+  EXPECT_EQ(whole({piece}).triangles, 9u * 12);
+}
+
+// Four faces lie in one, and neither they nor it bound the mesh.
+TEST(BoundaryOfMeshes, HangingNodesAreInside) {
+  const auto right = test::lattice(4, [](dvec3 p) { return p + dvec3(1, 0, 0); });
+  const Boundary boundary = whole({piece_of(test::lattice(2)), piece_of(right)});
+  EXPECT_EQ(boundary.triangles, 5u * 8 + 5u * 32);
+  for (const auto& [a, b, c] : boundary.patches[0].mesh.triangles) {
+    const auto& points = boundary.patches[0].mesh.points;
+    EXPECT_FALSE(points[a].x == 1 && points[b].x == 1 && points[c].x == 1);
+  }
+}
+
+TEST(BoundaryOfMeshes, AGapIsNoHangingNode) {
+  const auto right = test::lattice(4, [](dvec3 p) { return p + dvec3(1.001, 0, 0); });
+  EXPECT_EQ(whole({piece_of(test::lattice(2)), piece_of(right)}).triangles, 6u * 8 + 6u * 32);
+}
+
+TEST(BoundaryOfMeshes, PatchesHaveTheirFaces) {
+  const test::Mesh mesh = test::lattice(3);
+  Piece piece = piece_of(mesh);
+  piece.patches = {patch_at("top", mesh, 2, 1), patch_at("bottom", mesh, 2, 0), patch_at("inside", mesh, 2, 0.5)};
+  // A wall between two cells, of which no cell is the only one.
+  piece.patches.push_back({"wall", {{dvec3(1, 0, 0) / 3.0, dvec3(1, 1, 0) / 3.0, dvec3(1, 1, 1) / 3.0}, {{0, 1, 2}}}});
+  const Boundary boundary = whole({piece});
+  std::map<std::string, std::size_t> triangles;
+  std::vector<std::string> names;
+  for (const Patch& patch : boundary.patches) {
+    names.push_back(patch.name);
+    triangles[patch.name] = patch.mesh.triangles.size();
+  }
+  EXPECT_THAT(names, ElementsAre("bottom", "inside", "top", "wall", "outer"));
+  EXPECT_EQ(triangles["top"], 18u);
+  EXPECT_EQ(triangles["bottom"], 18u);
+  EXPECT_EQ(triangles["inside"], 0u);
+  EXPECT_EQ(triangles["wall"], 1u);
+  EXPECT_EQ(triangles["outer"], 4u * 18);
+}
+
+TEST(BoundaryOfMeshes, OfPatchesOnlyTheRestIsLeftOut) {
+  const test::Mesh mesh = test::lattice(2);
+  Piece piece = piece_of(mesh);
+  for (int side = 0; side < 6; ++side)
+    piece.patches.push_back(patch_at(fmt::format("side {}", side), mesh, side / 2, side % 2));
+  const Boundary boundary = whole({piece});
+  EXPECT_EQ(boundary.patches.size(), 6u);
+  EXPECT_EQ(boundary.triangles, 48u);
+  EXPECT_EQ(open_edges(boundary), 0u);
+}
+
+TEST(BoundaryOfMeshes, AFaceOfTwoPatchesBelongsToTheSmaller) {
+  const test::Mesh mesh = test::lattice(2);
+  Piece piece = piece_of(mesh);
+  piece.patches = {patch_at("all", mesh, 2, 1), patch_at("top", mesh, 2, 1)};
+  const Patch bottom = patch_at("all", mesh, 2, 0);
+  piece.patches[0].mesh.triangles.insert(piece.patches[0].mesh.triangles.end(), bottom.mesh.triangles.begin(),
+                                         bottom.mesh.triangles.end());
+  const Boundary boundary = whole({piece});
+  EXPECT_EQ(boundary.patches[0].name, "all");
+  EXPECT_EQ(boundary.patches[0].mesh.triangles.size(), 8u);
+  EXPECT_EQ(boundary.patches[1].name, "top");
+  EXPECT_EQ(boundary.patches[1].mesh.triangles.size(), 8u);
+}
+
+TEST(BoundaryOfMeshes, APatchWithADamagedPointChangesNothing) {
+  const test::Mesh mesh = test::lattice(2);
+  Piece piece = piece_of(mesh);
+  piece.patches = {patch_at("top", mesh, 2, 1)};
+  piece.patches[0].mesh.points.push_back(dvec3(1e30));
+  piece.patches[0].mesh.triangles.push_back({0, 1, static_cast<std::uint32_t>(mesh.points.size())});
+  EXPECT_EQ(whole({piece}).triangles, 48u);
+}
+
+TEST(BoundaryOfMeshes, PointsWithoutCellsHaveNone) {
+  Piece piece = piece_of(test::lattice(2));
+  piece.tetrahedra.clear();
+  BoundaryFaces faces = faces_of({piece});
+  EXPECT_THAT(whole_boundary(faces).error().message, HasSubstr("no cells with a volume"));
+}
+
+TEST(SimplifiedBoundary, OfAPlaneIsExact) {
+  const Boundary boundary = simplified({piece_of(test::lattice(20))}, 100);
+  EXPECT_EQ(boundary.triangles, 6u * 800);
+  EXPECT_LE(boundary.kept, 100u);
+  EXPECT_LT(boundary.error, 1e-6);
+  EXPECT_EQ(open_edges(boundary), 0u);
+  EXPECT_NEAR(volume_6(boundary), 6, 1e-9);
+}
+
+// Distances from a sphere that are found in another way.
+TEST(SimplifiedBoundary, OfABallIsClosedAndWithinItsError) {
+  const Boundary full = whole({piece_of(ball(24))});
+  double before = 1;
+  for (const std::uint64_t most : {100, 400, 1600}) {
+    const Boundary boundary = simplified({piece_of(ball(24))}, most);
+    EXPECT_LE(boundary.kept, most);
+    EXPECT_GT(boundary.kept, most / 2);
+    EXPECT_EQ(open_edges(boundary), 0u);
+    ASSERT_EQ(boundary.patches.size(), 1u);
+    const TriangleMesh& mesh = boundary.patches[0].mesh;
+    const TriangleTree tree(mesh.points, mesh.triangles);
+    double largest = 0;
+    for (const dvec3& p : full.patches[0].mesh.points) largest = std::max(largest, tree.distance(p));
+    EXPECT_NEAR(largest, boundary.error, 1e-12);
+    // All corners lie on the sphere, so a point of it is as far as its triangle's height, or less.
+    double height = 0;
+    for (const auto& [a, b, c] : mesh.triangles)
+      height = std::max(height, 1 - glm::length(mesh.points[a] + mesh.points[b] + mesh.points[c]) / 3);
+    EXPECT_LT(boundary.error, 2 * height);
+    EXPECT_LT(boundary.error, before / 2);
+    before = boundary.error;
+  }
+}
+
+TEST(SimplifiedBoundary, PatchesStayJoined) {
+  const test::Mesh mesh = ball(24);
+  Piece piece = piece_of(mesh);
+  // Halves and quarters of the ball: three of them meet in a point.
+  const auto take = [&](const std::string& name, const std::function<bool(dvec3)>& holds) {
+    Patch patch{name, {mesh.points, {}}};
+    for (const OuterFace& face : find_outer_faces(mesh.points, mesh.tetrahedra)) {
+      std::array<std::uint32_t, 3> corners{};
+      dvec3 middle(0);
+      for (std::size_t k = 0; k < 3; ++k) {
+        corners[k] = static_cast<std::uint32_t>(face.corners[k]);
+        middle += mesh.points[corners[k]] / 3.0;
+      }
+      if (holds(middle)) patch.mesh.triangles.push_back(corners);
+    }
+    piece.patches.push_back(patch);
+  };
+  take("left", [](dvec3 p) { return p.x < 0; });
+  take("upper right", [](dvec3 p) { return p.x >= 0 && p.y >= 0; });
+  const Boundary boundary = simplified({piece}, 1000);
+  EXPECT_EQ(boundary.patches.size(), 3u);
+  EXPECT_LE(boundary.kept, 1000u);
+  EXPECT_EQ(open_edges(boundary), 0u);
+  EXPECT_NEAR(volume_6(boundary), 6 * 4.18879, 0.5);
+  for (const Patch& patch : boundary.patches) EXPECT_GT(patch.mesh.triangles.size(), 100u) << patch.name;
+}
+
+// Tetrahedra without neighbours: no edge can be collapsed, and points are joined.
+TEST(SimplifiedBoundary, IsNeverLargerThanAsked) {
+  const Boundary boundary = simplified({piece_of(test::random_tetrahedra(2000))}, 500);
+  EXPECT_EQ(boundary.triangles, 8000u);
+  EXPECT_LE(boundary.kept, 500u);
+  EXPECT_GT(boundary.error, 0);
+  EXPECT_LT(boundary.error, std::sqrt(3.0));
+}
+
+TEST(SimplifiedBoundary, DoesNotDependOnMemoryAndThreads) {
+  const std::vector<Piece> pieces = {piece_of(ball(20)), piece_of(test::lattice(20, [](dvec3 p) { return p + 1.5; }))};
+  const auto bytes = [&](std::size_t memory, int threads) {
+    const tbb::global_control control(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
+    BoundaryFaces faces = faces_of(pieces, memory);
+    const Boundary boundary = simplified_boundary(faces, 2000).value();
+    const TriangleMesh& mesh = boundary.patches[0].mesh;
+    return std::pair(mesh.points, mesh.triangles);
+  };
+  const auto first = bytes(BoundaryFaces::least_memory(), 1);
+  EXPECT_EQ(first, bytes(BoundaryFaces::least_memory() * 64, 2));
+}
+
+TEST(WeldedSurfaces, HaveTheSmallestCellsThatFit) {
+  const test::Mesh mesh = ball(20);
+  const auto weld = [&](std::uint64_t most, bool backwards) {
+    std::vector<BoundaryTriangle> triangles;
+    BoundaryFaces faces = faces_of({piece_of(mesh)});
+    EXPECT_TRUE(faces.visit([&](const BoundaryTriangle& triangle) {
+      triangles.push_back(triangle);
+      return Status();
+    }));
+    if (backwards) std::ranges::reverse(triangles);
+    WeldedSurface welded(faces.box(), most);
+    for (const BoundaryTriangle& triangle : triangles) EXPECT_TRUE(welded.add(triangle));
+    return welded;
+  };
+  const WeldedSurface exact = weld(4800, false);
+  EXPECT_EQ(exact.triangles().size(), 4800u);
+  EXPECT_EQ(exact.points().size(), 2402u);
+  EXPECT_EQ(exact.moved(), 0);
+  const WeldedSurface coarse = weld(1000, false), other = weld(1000, true);
+  EXPECT_LE(coarse.triangles().size(), 1000u);
+  EXPECT_GT(coarse.triangles().size(), 100u);
+  EXPECT_EQ(coarse.triangles().size(), other.triangles().size());
+  EXPECT_EQ(coarse.moved(), other.moved());
+  for (const dvec3& p : coarse.points()) EXPECT_NEAR(glm::length(p), 1, coarse.moved());
+}
+
+TEST(TriangleTrees, FindTheNearestTriangle) {
+  const dvec3 a(0), b(1, 0, 0), c(0, 2, 0);
+  EXPECT_DOUBLE_EQ(squared_distance({0.2, 0.2, 3}, a, b, c), 9);
+  EXPECT_DOUBLE_EQ(squared_distance({-3, -4, 0}, a, b, c), 25);
+  EXPECT_DOUBLE_EQ(squared_distance({0.5, -2, 0}, a, b, c), 4);
+  EXPECT_DOUBLE_EQ(squared_distance({3, 0, 0}, a, b, b), 4) << "of an edge";
+  const Boundary boundary = whole({piece_of(ball(8))});
+  const TriangleMesh& mesh = boundary.patches[0].mesh;
+  const TriangleTree tree(mesh.points, mesh.triangles);
+  std::mt19937_64 random(4);
+  std::uniform_real_distribution<double> uniform(-2, 2);
+  for (int i = 0; i < 200; ++i) {
+    const dvec3 p = test::random_vector(uniform, random);
+    double least = 1e9;
+    for (const auto& [d, e, f] : mesh.triangles)
+      least = std::min(least, squared_distance(p, mesh.points[d], mesh.points[e], mesh.points[f]));
+    EXPECT_EQ(tree.distance(p), std::sqrt(least));
+  }
+  EXPECT_EQ(TriangleTree({}, {}).distance(dvec3(0)), std::numeric_limits<double>::infinity());
+}
+
+// Whole builds.
+class BuildsWithABoundary : public testing::Test {
+ protected:
+  Result<BuildReport> build(const std::string& name, std::uint64_t triangles, std::uint64_t memory, bool cells = true) {
+    Piece piece = piece_of(ball(12));
+    if (cells) piece.patches = {patch_at("none", ball(12), 2, 9)};
+    if (!cells) piece.tetrahedra.clear();
+    test::PieceSource source({piece});
+    BuildOptions options;
+    options.boundary_triangles = triangles;
+    options.memory = memory;
+    return build_volume(source, path(name), options, [](const char*, double) {});
+  }
+  static std::string path(const std::string& name) { return testing::TempDir() + "/" + name; }
+  static std::string bytes(const std::string& name) { return read_text_file(path(name)).value(); }
+};
+
+TEST_F(BuildsWithABoundary, HoldItInTheFile) {
+  const auto report = build("boundary.svol", 500, std::uint64_t{1} << 30);
+  ASSERT_TRUE(report) << report.error().message;
+  ASSERT_TRUE(report->boundary.has_value());
+  EXPECT_EQ(report->boundary->triangles, 12u * 144);
+  EXPECT_LE(report->boundary->kept, 500u);
+  const auto volume = format::Volume::open(open_file(path("boundary.svol")).value()).value();
+  ASSERT_TRUE(volume->info().boundary.has_value());
+  EXPECT_EQ(volume->info().boundary->patches.size(), 2u);
+  EXPECT_EQ(volume->info().boundary->error, report->boundary->error);
+  const std::size_t outer = 1;
+  EXPECT_EQ(volume->read_boundary({&outer, 1})->triangles.size(), report->boundary->kept);
+
+  ASSERT_TRUE(build("less.svol", 500, std::uint64_t{1} << 24));
+  EXPECT_TRUE(bytes("boundary.svol") == bytes("less.svol")) << "whatever the memory";
+}
+
+TEST_F(BuildsWithABoundary, AreTheSameBesides) {
+  ASSERT_TRUE(build("with.svol", 500, std::uint64_t{1} << 30));
+  ASSERT_TRUE(build("without.svol", 0, std::uint64_t{1} << 30));
+  const auto with = format::Volume::open(open_file(path("with.svol")).value()).value();
+  const auto without = format::Volume::open(open_file(path("without.svol")).value()).value();
+  EXPECT_FALSE(without->info().boundary.has_value());
+  EXPECT_EQ(with->geometry_hash().value(), without->geometry_hash().value());
+  EXPECT_EQ(with->info().provenance, without->info().provenance);
+}
+
+TEST_F(BuildsWithABoundary, NeedCells) {
+  const auto refused = build("none.svol", 500, std::uint64_t{1} << 30, false);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("no cells with a volume"));
+}
+
+}  // namespace
+}  // namespace splatvol
