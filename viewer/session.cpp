@@ -101,6 +101,13 @@ FrameSplats without_list(const FrameSplats& frame) {
           frame.progress};
 }
 
+// Surfaces and slices need a sample for each pixel: while they move, there are fewer pixels.
+Scene half_as_large(Scene scene) {
+  scene.width = (scene.width + 1) / 2;
+  scene.height = (scene.height + 1) / 2;
+  return scene;
+}
+
 // Duration of a change of resolution.
 constexpr double fade_seconds = 0.2;
 
@@ -327,6 +334,7 @@ Status Session::apply() {
                     player_->options().kernel == used_settings_.kernel &&
                     settings.tolerance == used_settings_.tolerance && settings.max_error == used_settings_.max_error &&
                     settings.mixes == used_settings_.mixes && drawn == before;
+  view_ = player_->view();
   used_scene_ = std::move(drawn);
   used_settings_ = settings;
   used_settings_.memory = player_->options().memory;
@@ -385,6 +393,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   DrawOptions options{.sort = settings.sort, .raster = mixes ? Raster::automatic : Raster::splats};
   if (!moves && !awaits_step_ && can_draw_aside()) return draw_aside(request, options);
 
+  if (moves && player_->has_drawn_surfaces()) SPLATVOL_TRY(player_->set_scene(half_as_large(used_scene_)));
   SPLATVOL_TRY(player_->choose(request));
   note_frame();
   awaited_seconds_ += seconds;

@@ -169,7 +169,9 @@ class Session {
   [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const {
     return is_drawing() ? before_.nodes : player_->streamer().drawn_nodes();
   }
-  [[nodiscard]] const View& view() const { return player_->view(); }
+
+  /// Returns the view of the last draw, in the size of the window's picture.
+  [[nodiscard]] const View& view() const { return view_; }
 
   /// Returns the picture of the last draw for Screen::show. Needs a current context of OpenGL.
   [[nodiscard]] Result<ShownPicture> shown_picture();
@@ -237,9 +239,10 @@ class Session {
   Box bounds_;
   Scene fitting_;  // fits the attribute that is drawn
 
-  // The settings and scene of the last draw.
+  // The settings, scene and view of the last draw.
   ViewSettings used_settings_;
   Scene used_scene_;
+  View view_;
 
   // A change of scene and settings whose parts of the file are read.
   struct Reading {

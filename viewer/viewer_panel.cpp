@@ -151,7 +151,7 @@ void Viewer::draw_panel() {
     if (ImGui::CollapsingHeader("save")) draw_file_section();
     if (ImGui::CollapsingHeader("slices, clip planes, isovalue")) {
       planes_.draw_panel(session_->scene, session_->view(), session_->bounds());
-      planes_.draw_isovalue(session_->scene, fitting_function(), session_->bounds());
+      planes_.draw_isovalue(session_->scene, session_->fitting_function(), session_->bounds());
     }
   } else {
     ImGui::TextWrapped("Drop a .svol file on this window, or open one.");

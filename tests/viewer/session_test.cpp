@@ -190,6 +190,27 @@ TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
   }
 }
 
+// With a slice, a moving picture has half of the size. The window stretches it.
+TEST_F(SessionAtRest, SlicesMoveInHalfOfTheSize) {
+  const auto session = open(on_processor());
+  session->scene.slices = {{.point = dvec3(0.5), .normal = {0, 0, 1}}};
+  EXPECT_EQ(settled(*session).width, 200);
+  session->scene.camera.position += 0.1 * (session->scene.camera.focal_point - session->scene.camera.position);
+  draw(*session, 0);
+  const Image moving = session->image().value();
+  EXPECT_EQ(moving.width, 100);
+  EXPECT_EQ(moving.height, 75);
+  EXPECT_EQ(session->view().width, 200);
+  const Image at_rest = settled(*session);
+  EXPECT_EQ(at_rest.width, 200);
+  Image smaller{100, 75, std::vector<vec4>(100 * 75)};
+  for (int y = 0; y < 75; ++y)
+    for (int x = 0; x < 100; ++x)
+      smaller.at(x, y) = 0.25F * (at_rest.at(2 * x, 2 * y) + at_rest.at(2 * x + 1, 2 * y) +
+                                  at_rest.at(2 * x, 2 * y + 1) + at_rest.at(2 * x + 1, 2 * y + 1));
+  EXPECT_LT(compare_images(moving, smaller)->rmse, 0.05) << "the same view";
+}
+
 // The opacity that the probe tells is the picture's: all over the picture, also for a peak of values and for octants.
 TEST_F(SessionAtRest, TheProbeHasThePicturesOpacity) {
   for (const KernelKind kernel : {KernelKind::moments, KernelKind::octant}) {
