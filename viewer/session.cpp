@@ -414,6 +414,11 @@ void Session::note_frame() {
   for (const Error& error : player_->frame()->progress.errors) troubles_.push_back(error.message);
 }
 
+void Session::set_window_seconds(double seconds) {
+  constexpr double frame_seconds = 1.0 / 60, reserve = 0.001, shortest = 0.004;
+  pacer_.set_seconds(std::max(frame_seconds - reserve - seconds, shortest));
+}
+
 std::uint64_t Session::moving_splats() const {
   return player_->has_drawn_surfaces() ? std::max(pacer_.splats(), least_among_surfaces) : pacer_.splats();
 }
@@ -424,10 +429,12 @@ void Session::note_drawn() {
   device_bytes_ = player_->rasterizer().device_bytes();
 }
 
-// A context of OpenGL belongs to this thread.
-bool Session::can_draw_aside() const {
-  return settings.hurries && dynamic_cast<const TileRasterizer*>(&player_->rasterizer());
+bool Session::is_drawn_by_processor() const {
+  return dynamic_cast<const TileRasterizer*>(&player_->rasterizer()) != nullptr;
 }
+
+// A context of OpenGL belongs to this thread.
+bool Session::can_draw_aside() const { return settings.hurries && is_drawn_by_processor(); }
 
 Status Session::draw_aside(const FrameRequest& request, const DrawOptions& options) {
   before_ = {{}, player_->streamer().drawn_nodes(), player_->streamer().statistics(), player_->is_reading_ahead()};

@@ -86,6 +86,10 @@ class Session {
   /// finer picture: none is drawn.
   [[nodiscard]] Status draw(int width, int height, double seconds, bool is_busy = false);
 
+  /// Tells how long the window takes for a frame besides its picture. While something moves, both together take a
+  /// sixtieth of a second.
+  void set_window_seconds(double seconds);
+
   /// Whether a thread chooses splats and draws a picture at rest: calls of `draw` do not wait for it long. Then
   /// `shown_picture`, `image` and `page` must not be called; the picture before stays.
   [[nodiscard]] bool is_drawing() const { return drawing_.valid(); }
@@ -181,6 +185,8 @@ class Session {
   /// `is_drawing`.
   [[nodiscard]] std::optional<double> opacity_at(int x, int y) const;
 
+  [[nodiscard]] bool is_drawn_by_processor() const;
+
   /// Returns the device that draws, in words.
   [[nodiscard]] std::string device_text() const { return player_->rasterizer().description(); }
 
@@ -255,9 +261,9 @@ class Session {
   bool fits_function_ = false;  // the scene's attribute is to get the function that fits it
 
   bool settled_ = false;
-  Status failure_;            // of the last draw
-  double still_seconds_ = 0;  // since the scene changed last
-  FramePacer pacer_{0.011};   // seconds of a frame while something moves: 60 frames a second with the window's share
+  Status failure_;                        // of the last draw
+  double still_seconds_ = 0;              // since the scene changed last
+  FramePacer pacer_{0.011};               // of pictures while something moves
   std::optional<Sharpening> sharpening_;  // at rest
   std::vector<std::string> troubles_;
 

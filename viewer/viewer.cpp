@@ -436,6 +436,21 @@ void Viewer::play_steps(double seconds) {
 }
 
 Status Viewer::frame(const FrameInput& given) {
+  const auto start = std::chrono::steady_clock::now();
+  picture_seconds_ = 0;
+  SPLATVOL_TRY(draw_frame(given));
+  note_window_seconds(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  return {};
+}
+
+// Where the processor draws the window too, it is not drawn before somebody waits for it.
+void Viewer::note_window_seconds(double seconds) {
+  if (!session_ || !session_->is_drawn_by_processor()) return;
+  window_seconds_ = 0.9 * window_seconds_ + 0.1 * (seconds - picture_seconds_);
+  session_->set_window_seconds(window_seconds_);
+}
+
+Status Viewer::draw_frame(const FrameInput& given) {
   for (const Event& event : given.events)
     if (const auto* resized = std::get_if<WindowResized>(&event)) window_ = *resized;
   events_.add(given.events);
@@ -468,7 +483,9 @@ Status Viewer::frame(const FrameInput& given) {
   if (session_ && !session_->is_settled()) pending_frames_ = 2;
   if (!is_held() && moved_seconds_ >= burst_seconds) remember();
   draw_overlays();
-  return gui_->draw();
+  SPLATVOL_TRY(gui_->draw());
+  if (session_ && session_->is_drawn_by_processor()) glFinish();
+  return {};
 }
 
 Status Viewer::draw_picture(double seconds) {
@@ -479,6 +496,7 @@ Status Viewer::draw_picture(double seconds) {
   ShownPicture picture;
   dvec3 background(0.02);
   if (session_) {
+    const auto start = std::chrono::steady_clock::now();
     // A picture that is saved in another size fills the window until it is there.
     if (saving_)
       drawn_ = session_->draw(saving_->width, saving_->height, seconds);
@@ -486,6 +504,7 @@ Status Viewer::draw_picture(double seconds) {
       drawn_ = session_->draw(filming_->width, filming_->height, pause_seconds);
     else
       drawn_ = session_->draw(width, height, seconds, is_busy());
+    picture_seconds_ = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     if (drawn_) {
       if (!session_->is_drawing()) {
         SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());

@@ -89,7 +89,9 @@ class Viewer {
   void play_steps(double seconds);
   void toggle_steps();
   void show_step(std::size_t step);
+  [[nodiscard]] Status draw_frame(const FrameInput& input);
   [[nodiscard]] Status draw_picture(double seconds);
+  void note_window_seconds(double seconds);
 
   void draw_panel();
   void draw_panel_button();
@@ -179,9 +181,11 @@ class Viewer {
   int up_ = 1;                // the axis that views along an axis have upwards
   bool flying_ = false;
   bool closing_ = false;
-  int pending_frames_ = 0;  // the interface settles a frame after a change
-  double frame_seconds_ = 0;
-  Status drawn_;  // of the last picture
+  int pending_frames_ = 0;      // the interface settles a frame after a change
+  double frame_seconds_ = 0;    // from one frame to the next
+  double window_seconds_ = 0;   // of a frame, besides its picture
+  double picture_seconds_ = 0;  // of the picture of this frame
+  Status drawn_;                // of the last picture
   ShownPicture picture_;
   std::string message_;  // the last error, or the last file saved
 
