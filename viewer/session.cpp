@@ -15,6 +15,7 @@
 #include "streamer/default_scene.h"
 #include "streamer/domain.h"
 #include "streamer/explain.h"
+#include "viewer/low_priority.h"
 
 namespace splatvol {
 namespace {
@@ -443,6 +444,7 @@ Status Session::draw_aside(const FrameRequest& request, const DrawOptions& optio
   stop_ = std::stop_source();
   const auto draw = [this, request, options, stop = stop_.get_token()]() -> Status {
     const Interruptible interruptible(stop);
+    const LowPriority low;
     SPLATVOL_TRY(player_->choose(request));
     return player_->draw(options);
   };
