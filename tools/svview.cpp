@@ -1,8 +1,10 @@
 // svview: a .svol file in a window.
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <thread>
 #include <tuple>
 
 #include "base/file.h"
@@ -40,6 +42,7 @@ struct Options {
 };
 
 constexpr double frame_seconds = 1.0 / 60;
+constexpr double picture_wait_seconds = 0.002;  // from one look for a picture to the next
 
 Result<ViewerOptions> viewer_options(const Options& options) {
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
@@ -88,9 +91,17 @@ Status look(const Options& options) {
     SPLATVOL_TRY_ASSIGN(file, RecordingFile::create(options.record));
     recording.emplace(std::move(file));
   }
+  double skipped_seconds = 0;  // while a picture was awaited
   while (!window->should_close() && !viewer->wants_to_close()) {
-    const FrameInput input = window->take_input(viewer->is_settled() ? 1 : 0);
+    FrameInput input = window->take_input(viewer->is_settled()       ? 1
+                                          : viewer->awaits_picture() ? picture_wait_seconds
+                                                                     : 0);
     if (input.events.empty() && viewer->is_settled()) continue;
+    if (input.events.empty() && viewer->awaits_picture()) {
+      skipped_seconds += input.seconds;
+      continue;
+    }
+    input.seconds += std::exchange(skipped_seconds, 0);
     if (recording) SPLATVOL_TRY(recording->add(input));
     SPLATVOL_TRY(viewer->frame(input));
     window->swap();
@@ -186,6 +197,10 @@ Result<WindowResized> draw_inputs(const std::vector<FrameInput>& inputs, double 
   const double rest_start = seconds_now();
   SPLATVOL_TRY(draw(idle));
   while (!viewer.is_settled()) {
+    if (viewer.awaits_picture()) {
+      std::this_thread::sleep_for(std::chrono::duration<double>(picture_wait_seconds));
+      continue;
+    }
     stage.end();
     SPLATVOL_TRY(draw(idle));
   }

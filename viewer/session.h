@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <future>
 #include <memory>
@@ -93,6 +94,11 @@ class Session {
   /// Whether a thread chooses splats and draws a picture at rest: calls of `draw` do not wait for it long. Then
   /// `shown_picture`, `image` and `page` must not be called; the picture before stays.
   [[nodiscard]] bool is_drawing() const { return drawing_.valid(); }
+
+  /// Whether it is still at work.
+  [[nodiscard]] bool awaits_picture() const {
+    return is_drawing() && drawing_.wait_for(std::chrono::seconds(0)) == std::future_status::timeout;
+  }
 
   /// Whether a thread reads what a change needs: another attribute, kernel or memory, or surfaces. Until it is there,
   /// pictures are drawn without the change.

@@ -177,6 +177,11 @@ bool Viewer::is_settled() const {
          (!session_ || session_->is_settled());
 }
 
+bool Viewer::awaits_picture() const {
+  return session_ && session_->awaits_picture() && events_.is_empty() && pending_frames_ == 0 && !is_busy() &&
+         !opening_ && !prober_.is_busy() && !session_->is_reading() && moved_seconds_ >= burst_seconds;
+}
+
 void Viewer::handle(const Event& event) {
   if (const auto* dropped = std::get_if<FilesDropped>(&event))
     for (const std::string& path : dropped->paths) open(path);
@@ -480,7 +485,7 @@ Status Viewer::draw_frame(const FrameInput& given) {
   SPLATVOL_TRY(draw_picture(input.seconds));
   save_drawn_picture();
   film();
-  if (session_ && !session_->is_settled()) pending_frames_ = 2;
+  if (session_ && !session_->is_settled() && !session_->is_drawing()) pending_frames_ = 2;
   if (!is_held() && moved_seconds_ >= burst_seconds) remember();
   draw_overlays();
   SPLATVOL_TRY(gui_->draw());

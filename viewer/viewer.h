@@ -51,6 +51,10 @@ class Viewer {
   /// Returns whether a frame without events would be the same. If not, the next frame should come soon.
   [[nodiscard]] bool is_settled() const;
 
+  /// Returns whether a frame without events would be the same until a thread has drawn a picture. Frames would only
+  /// take the thread's time.
+  [[nodiscard]] bool awaits_picture() const;
+
   /// Returns the error of the last picture, if it could not be drawn.
   [[nodiscard]] const Status& drawn() const { return drawn_; }
 
