@@ -88,12 +88,18 @@ double finite_or_null(const json& object, const char* key) {
   return node.is_null() ? std::numeric_limits<double>::quiet_NaN() : finite(node, key);
 }
 
+dvec3 read_origin(const json& node, double largest) {
+  const json& list_of_three = list(node, "origin");
+  require(list_of_three.size() == 3, "'origin' is not a list of three numbers");
+  dvec3 origin;
+  for (int axis = 0; axis < 3; ++axis)
+    origin[axis] = bounded(list_of_three[static_cast<std::size_t>(axis)], "origin", largest);
+  return origin;
+}
+
 Cube read_cube(const json& node) {
   Cube cube;
-  const json& origin = list(node, "origin");
-  require(origin.size() == 3, "'origin' is not a list of three numbers");
-  for (int axis = 0; axis < 3; ++axis)
-    cube.origin[axis] = bounded(origin[static_cast<std::size_t>(axis)], "origin", largest_length);
+  cube.origin = read_origin(node, largest_length);
   cube.edge = bounded(member(node, "edge"), "edge", largest_length);
   require(cube.edge >= least_length, fmt::format("'edge' is below {:g}", least_length));
   return cube;
@@ -234,10 +240,7 @@ PatchInfo read_patch(const json& node) {
 
 BoundaryInfo read_boundary(const json& node) {
   BoundaryInfo boundary;
-  const json& origin = list(node, "origin");
-  require(origin.size() == 3, "'origin' is not a list of three numbers");
-  for (int axis = 0; axis < 3; ++axis)
-    boundary.origin[axis] = bounded(origin[static_cast<std::size_t>(axis)], "origin", largest_position);
+  boundary.origin = read_origin(node, largest_position);
   boundary.quantisation_step = bounded(member(node, "quantisation_step"), "quantisation_step", largest_position);
   boundary.error = bounded(member(node, "error"), "error", largest_length);
   require(boundary.quantisation_step >= 0 && boundary.error >= 0, "'boundary' has a number below 0");

@@ -112,22 +112,14 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
                                 const PlayerOptions& options, std::span<const Surface> before) {
   if (scene) SPLATVOL_TRY(make_view(*scene));
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
-  SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(scene ? scene->surfaces : std::vector<SceneSurface>(),
-                                              {options.read_surface, boundary_reader(volume)}, before));
-  PlayerFile file{std::move(steps), step, {}, options, nullptr, std::move(surfaces)};
-  if (scene) {
-    file.scene = *scene;
-  } else {
-    SPLATVOL_TRY_ASSIGN(fitting, default_scene(*volume, "", options.first_picture));
-    file.scene = std::move(fitting);
-  }
+  SPLATVOL_TRY_ASSIGN(used, scene ? Result<Scene>(*scene) : default_scene(*volume, "", options.first_picture));
+  SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(used.surfaces, {options.read_surface, boundary_reader(volume)}, before));
   SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {.memory_bytes = options.memory,
-                                                                   .attribute = file.scene.attribute,
+                                                                   .attribute = used.attribute,
                                                                    .kernel = options.kernel,
-                                                                   .gradients = file.scene.lighting.has_value(),
+                                                                   .gradients = used.lighting.has_value(),
                                                                    .on_data = options.on_data}));
-  file.streamer = std::move(streamer);
-  return file;
+  return PlayerFile{std::move(steps), step, std::move(used), options, std::move(streamer), std::move(surfaces)};
 }
 
 Result<Scene> Player::fitting_scene(const std::string& attribute, const FirstPicture& picture) const {
@@ -164,57 +156,62 @@ Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options) 
 }
 
 // Depths of another program, and surfaces or slices of the scene: only one of them.
-Status Player::check_surfaces(const Scene& scene) const {
+Status Player::check_surfaces(const Scene& scene, const View& view) const {
   if (!surface_depths_) return {};
-  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   if (!view.slices.empty() || std::ranges::any_of(scene.surfaces, &SceneSurface::shown)) return fail_two_surfaces();
   return {};
 }
 
 Status Player::use(const Scene& scene, const PlayerOptions& options) {
-  SPLATVOL_TRY(make_view(scene));
-  SPLATVOL_TRY(check_surfaces(scene));
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
+  SPLATVOL_TRY(check_surfaces(scene, view));
   const Reader reader = this->reader(scene, options);
-  if (!reader) return replace({steps_, step_, scene, options, nullptr, surfaces_});
+  if (!reader) return take_over(scene, options, nullptr, view);
   SPLATVOL_TRY_ASSIGN(file, reader());
   return replace(std::move(file));
 }
 
 Status Player::replace(PlayerFile file) {
   SPLATVOL_TRY_ASSIGN(view, make_view(file.scene));
-  SPLATVOL_TRY(check_surfaces(file.scene));
+  SPLATVOL_TRY(check_surfaces(file.scene, view));
+  const bool is_read = file.streamer != nullptr;
+  SPLATVOL_TRY(take_over(file.scene, file.options, std::move(file.streamer), view));
+  if (is_read) step_ = file.step;
+  const auto is_same = [](const Surface& a, const Surface& b) { return a.style == b.style && a.mesh == b.mesh; };
+  if (std::ranges::equal(surfaces_, file.surfaces, is_same)) return {};
+  surfaces_ = std::move(file.surfaces);
+  surfaces_view_.reset();
+  return {};
+}
+
+// Takes over a scene, options and a streamer that fits both; null: the streamer stays. Surfaces stay.
+Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::unique_ptr<Streamer> streamer,
+                         const View& view) {
   std::unique_ptr<Rasterizer> other;
-  if (!rasterizer_ || file.options.kernel != options_.kernel) {
-    SPLATVOL_TRY_ASSIGN(made,
-                        make_rasterizer(file.options.device, {.kernel = file.options.kernel,
-                                                              .gpu_bytes = file.options.gpu_memory,
-                                                              .in_current_context = file.options.in_current_context}));
+  if (!rasterizer_ || options.kernel != options_.kernel) {
+    SPLATVOL_TRY_ASSIGN(made, make_rasterizer(options.device, {.kernel = options.kernel,
+                                                               .gpu_bytes = options.gpu_memory,
+                                                               .in_current_context = options.in_current_context}));
     other = std::move(made);
     SPLATVOL_TRY(other->set_surface_depths(surface_depths_));
   }
   Rasterizer& rasterizer = other ? *other : *rasterizer_;
-  if (file.streamer || file.scene.transfer_function != scene_.transfer_function)
-    SPLATVOL_TRY(set_function(rasterizer, file.scene, file.streamer ? *file.streamer : *streamer_));
-  rasterizer.set_lighting(file.scene.lighting);
-  if (file.streamer) {
-    if (streamer_) file.streamer->share_shapes(*streamer_);
+  if (streamer || scene.transfer_function != scene_.transfer_function)
+    SPLATVOL_TRY(set_function(rasterizer, scene, streamer ? *streamer : *streamer_));
+  rasterizer.set_lighting(scene.lighting);
+  if (streamer) {
+    if (streamer_) streamer->share_shapes(*streamer_);
     frame_ = nullptr;
     is_lost_ = false;
-    streamer_ = std::move(file.streamer);
-    step_ = file.step;
+    streamer_ = std::move(streamer);
   }
   if (other) {
     rasterizer_ = std::move(other);
     can_mix_ = rasterizer_->set_compositing(Compositing::slabs).has_value();
     room_ = std::numeric_limits<std::uint64_t>::max();
   }
-  const auto is_same = [](const Surface& a, const Surface& b) { return a.style == b.style && a.mesh == b.mesh; };
-  if (!std::ranges::equal(surfaces_, file.surfaces, is_same)) {
-    surfaces_ = std::move(file.surfaces);
-    surfaces_view_.reset();
-  }
-  scene_ = std::move(file.scene);
-  options_ = std::move(file.options);
+  scene_ = scene;
+  options_ = options;
   view_ = view;
   is_nudged_ = false;
   return {};

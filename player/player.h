@@ -169,8 +169,8 @@ class Player {
   /// Chooses and draws.
   [[nodiscard]] Status draw_frame(const FrameRequest& request, const DrawOptions& options = {});
 
-  /// Draws the best picture that can be there in `seconds` from now: with the splats that the device can draw in the
-  /// time, of parts that are there or come in time. Learns the device's speed from call to call, so that the first
+  /// Draws the best picture that can be there in `seconds` from now. It has as many splats as the device can draw in the
+  /// time. They are of parts that are there or come in time. Learns the device's speed from call to call, so that the first
   /// calls may take longer, or do less. Waits for the coarsest parts, whatever their time. Raster::automatic: splats.
   [[nodiscard]] Status draw_within(double seconds, const DrawOptions& options = {});
 
@@ -226,7 +226,9 @@ class Player {
 
   Player(format::Steps steps, std::size_t step);
   [[nodiscard]] Status use(const Scene& scene, const PlayerOptions& options);
-  [[nodiscard]] Status check_surfaces(const Scene& scene) const;
+  [[nodiscard]] Status check_surfaces(const Scene& scene, const View& view) const;
+  [[nodiscard]] Status take_over(const Scene& scene, const PlayerOptions& options, std::unique_ptr<Streamer> streamer,
+                                 const View& view);
   [[nodiscard]] Status open_again(std::size_t step);
   [[nodiscard]] Status change_step(std::size_t step);
   [[nodiscard]] std::vector<Surface> surfaces_of_all_steps() const;

@@ -269,14 +269,14 @@ void Session::end_reading() {
 
 // Sees to it that what the scene and the settings need is read.
 Status Session::read_change() {
-  const Player::Reader reader = player_->reader(scene, player_options(settings));
-  if (!reader || (reading_ && !need_the_same(reading_->scene, reading_->settings, scene, settings))) end_reading();
-  if (!reader) {
-    fits_function_ = false;
-    return {};
-  }
+  if (reading_ && !need_the_same(reading_->scene, reading_->settings, scene, settings)) end_reading();
   const bool is_aside = settings.reads_aside && settings.hurries;
   if (!reading_) {
+    const Player::Reader reader = player_->reader(scene, player_options(settings));
+    if (!reader) {
+      fits_function_ = false;
+      return {};
+    }
     reading_.emplace(Reading{scene, settings, {}, {}});
     const auto read = [reader, path = path_, fits = fits_function_,
                        stop = reading_->stop.get_token()]() -> Result<SessionFile> {

@@ -85,6 +85,17 @@ class ViewerTest : public testing::Test {
     frame({ButtonChanged{0, true}});
     frame({ButtonChanged{0, false}});
   }
+  // Opens the file again, with a clipboard that `copied` holds.
+  void open_with_clipboard(std::string& copied, const std::string& scene_text = "") {
+    ViewerOptions options;
+    options.volume = path("v.svol");
+    options.scene = scene_text;
+    options.settings.reads_aside = false;
+    options.clipboard.copy = [&](const std::string& text) { copied = text; };
+    viewer.reset();
+    viewer = Viewer::create(options).value();
+    frame({WindowResized{width, height, width, height, 1}});
+  }
   Image screen() {
     target.use();
     return read_framebuffer(width, height).value();
@@ -677,13 +688,7 @@ TEST_F(ViewerTest, AnotherAttributeComesWithItsOwnTransferFunction) {
 
 TEST_F(ViewerTest, AClickPinsTheLineOfSight) {
   std::string copied;
-  ViewerOptions options;
-  options.volume = path("v.svol");
-  options.settings.reads_aside = false;
-  options.clipboard.copy = [&](const std::string& text) { copied = text; };
-  viewer.reset();
-  viewer = Viewer::create(options).value();
-  frame({WindowResized{width, height, width, height, 1}});
+  open_with_clipboard(copied);
   press('H');  // numbers change from frame to frame
   settle();
   const Image before = screen();
@@ -713,13 +718,7 @@ TEST_F(ViewerTest, AClickPinsTheLineOfSight) {
 
 TEST_F(ViewerTest, ACommandShowsTheSame) {
   std::string copied;
-  ViewerOptions options;
-  options.volume = path("v.svol");
-  options.settings.reads_aside = false;
-  options.clipboard.copy = [&](const std::string& text) { copied = text; };
-  viewer.reset();
-  viewer = Viewer::create(options).value();
-  frame({WindowResized{width, height, width, height, 1}});
+  open_with_clipboard(copied);
   press('P');
   settle();
   frame({KeyChanged{key::left_control, true}, KeyChanged{'C', true}});
@@ -730,10 +729,7 @@ TEST_F(ViewerTest, ACommandShowsTheSame) {
   const std::string text = copied.substr(begin.size(), copied.size() - begin.size() - 1);
   const Image before = viewer->session()->image().value();
 
-  options.scene = text;
-  viewer.reset();
-  viewer = Viewer::create(options).value();
-  frame({WindowResized{width, height, width, height, 1}});
+  open_with_clipboard(copied, text);
   settle();
   EXPECT_EQ(scene(), load_used_scene(text)->scene);
   EXPECT_LT(compare_images(viewer->session()->image().value(), before)->max, 1e-6);
