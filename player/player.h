@@ -169,9 +169,10 @@ class Player {
   /// Chooses and draws.
   [[nodiscard]] Status draw_frame(const FrameRequest& request, const DrawOptions& options = {});
 
-  /// Draws the best picture that can be there in `seconds` from now. It has as many splats as the device can draw in the
-  /// time. They are of parts that are there or come in time. Learns the device's speed from call to call, so that the first
-  /// calls may take longer, or do less. Waits for the coarsest parts, whatever their time. Raster::automatic: splats.
+  /// Draws the best picture that can be there in `seconds` from now. It has as many splats as the device can draw in
+  /// the time. They are of parts that are there or come in time. Learns the device's speed from call to call, so that
+  /// the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time. Raster::automatic:
+  /// splats.
   [[nodiscard]] Status draw_within(double seconds, const DrawOptions& options = {});
 
   /// Draws picture after picture, each with all of its parts, until one has the wanted error against the exact picture

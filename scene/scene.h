@@ -17,8 +17,8 @@ namespace splatvol {
 [[nodiscard]] Result<Camera> parse_camera(const std::string& json);
 [[nodiscard]] std::string camera_to_json(const Camera& camera);
 
-/// How a scene is used. Its file may tell it: the volume, and how finely the volume is drawn. The names are those of the
-/// programs' options.
+/// How a scene is used. Its file may tell it: the volume, and how finely the volume is drawn. The names are those of
+/// the programs' options.
 struct SceneUse {
   std::string file = {};                 // path or address of the volume; empty: not told
   std::optional<std::size_t> step = {};  // of a time series
