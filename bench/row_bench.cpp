@@ -82,7 +82,7 @@ Result<RecordRow> decode(const format::Volume& volume, KernelKind kernel, const 
   SPLATVOL_TRY_ASSIGN(shape_row, decode_shapes(kernel, {row.positions.entry, positions}, {row.shapes.entry, shapes},
                                                row.points, volume.info().cube, volume.name()));
   const double shaped = processor_seconds();
-  SPLATVOL_TRY_ASSIGN(value_row, decode_values(kernel, {row.values.entry, values}, nullptr, row.points, volume.name()));
+  SPLATVOL_TRY_ASSIGN(value_row, decode_values(kernel, {{row.values.entry, values}}, row.points, volume.name()));
   times.read += read - start;
   times.shapes += shaped - read;
   times.values += processor_seconds() - shaped;

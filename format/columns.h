@@ -37,6 +37,11 @@ struct ValueSummary {
   }
 };
 
+/// Returns the range and the bins of a chunk of values.
+[[nodiscard]] inline ValueSummary summary_of(const ChunkEntry& entry) {
+  return {entry.min, entry.max, entry.occupancy};
+}
+
 /// The 64 bins of an attribute's stored values (spec 7).
 struct ValueBins {
   double min = 0;

@@ -177,7 +177,8 @@ Status connect_children(IndexPage& page, std::string_view what) {
 std::uint64_t IndexPage::memory_bytes() const {
   return sizeof(IndexPage) + nodes.size() * (2 + 2 * sizeof(std::uint32_t)) +
          nodes.counts.size() * sizeof(std::uint64_t) + nodes.size_codes.size() +
-         nodes.summaries.size() * sizeof(ValueSummary) + pages.size() * sizeof(IndexPageRef);
+         (nodes.summaries.size() + nodes.opacity_summaries.size()) * sizeof(ValueSummary) +
+         pages.size() * sizeof(IndexPageRef);
 }
 
 Status IndexPacker::begin_node(unsigned octant) {
@@ -359,13 +360,6 @@ Result<std::vector<ValueSummary>> unpack_summaries(const IndexPagePart& part, st
   if (!std::ranges::all_of(summaries, &ValueSummary::is_valid))
     return fail(ErrorCode::invalid_data, "{}: a range of values is out of range [R13]", what);
   return summaries;
-}
-
-Status unpack_summaries(const IndexPagePart& part, std::span<const std::byte> packed, std::string_view what,
-                        IndexPage& page) {
-  SPLATVOL_TRY_ASSIGN(summaries, unpack_summaries(part, packed, page.nodes.size(), what));
-  page.nodes.summaries = std::move(summaries);
-  return {};
 }
 
 }  // namespace splatvol::format

@@ -41,6 +41,12 @@ struct NodeShape {
   return code > 0 && size_bound(code, edge) < size ? static_cast<std::uint8_t>(code - 1) : code;
 }
 
+/// The attributes of which the summaries of nodes are read; -1: none.
+struct SummaryAttributes {
+  int values = -1;
+  int opacity = -1;
+};
+
 /// Nodes in memory, as arrays over the nodes. Those of a page are in breadth-first order.
 struct NodeArrays {
   NodeShape shape;
@@ -49,6 +55,7 @@ struct NodeArrays {
   std::vector<std::uint64_t> counts;     // [node][segment]
   std::vector<std::uint8_t> size_codes;  // [node][bound][resolution]; below first_resolution not stored, 0
   std::vector<ValueSummary> summaries;   // [node]: of the attribute that was read
+  std::vector<ValueSummary> opacity_summaries;  // [node]: of SummaryAttributes::opacity; empty: none
 
   [[nodiscard]] std::size_t size() const { return child_masks.size(); }
   [[nodiscard]] std::span<const std::uint64_t> counts_of(std::size_t node) const {
@@ -183,9 +190,5 @@ struct SummaryPart {
 
 /// Finds the part of an attribute. Requires a front that unpack_index_page accepted, and attribute < shape.attributes.
 [[nodiscard]] SummaryPart find_summary_part(std::span<const std::byte> front, std::size_t attribute, NodeShape shape);
-
-/// Checks and unpacks the part of an attribute into the page's summaries. Safe on untrusted bytes.
-[[nodiscard]] Status unpack_summaries(const IndexPagePart& part, std::span<const std::byte> packed,
-                                      std::string_view what, IndexPage& page);
 
 }  // namespace splatvol::format

@@ -21,7 +21,7 @@ constexpr const char* untiled = "the summary pages do not tile their section [R2
 
 bool has_valid_range(const ChunkEntry& entry, ColumnKind kind) {
   if (kind != ColumnKind::value && kind != ColumnKind::value_moments) return true;
-  return ValueSummary{entry.min, entry.max, entry.occupancy}.is_valid();
+  return summary_of(entry).is_valid();
 }
 
 }  // namespace
@@ -249,30 +249,45 @@ Status Volume::check_top_counts(const IndexPage& page, std::span<const std::uint
 }
 
 Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offset, std::uint32_t top_nodes,
-                                    std::uint64_t links_end, int attribute) const {
+                                    std::uint64_t links_end, const SummaryAttributes& attributes) const {
   const std::string what = name() + ": index page";
-  const bool in_page = attribute >= 0 && !series_;
+  const bool in_page = attributes.values >= 0 && !series_;
   const bool whole = in_page && ref.page_bytes <= one_read_bytes;
   SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(offset, whole ? ref.page_bytes : ref.front_bytes));
   const auto front = std::span<const std::byte>(bytes).first(ref.front_bytes);
   SPLATVOL_TRY_ASSIGN(page, unpack_index_page(ref, front, node_shape(), top_nodes, links_end, what));
-  if (attribute >= 0 && series_)
-    SPLATVOL_TRY(read_step_summaries(page.number, static_cast<std::size_t>(attribute), page));
+  if (series_) SPLATVOL_TRY(add_step_summaries(attributes, page));
   if (!in_page) return page;
 
-  const auto [part_offset, part] = find_summary_part(front, static_cast<std::size_t>(attribute), node_shape());
-  if (whole) {
-    SPLATVOL_TRY(
-        unpack_summaries(part, std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes), what, page));
-  } else {
+  const auto read = [&](int attribute) -> Result<std::vector<ValueSummary>> {
+    const auto [part_offset, part] = find_summary_part(front, static_cast<std::size_t>(attribute), node_shape());
+    if (whole)
+      return unpack_summaries(part, std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes),
+                              page.nodes.size(), what);
     SPLATVOL_TRY_ASSIGN(packed, file_->read_bytes(offset + part_offset, part.packed_bytes));
-    SPLATVOL_TRY(unpack_summaries(part, packed, what, page));
-  }
+    return unpack_summaries(part, packed, page.nodes.size(), what);
+  };
+  SPLATVOL_TRY_ASSIGN(values, read(attributes.values));
+  page.nodes.summaries = std::move(values);
+  if (attributes.opacity < 0) return page;
+  SPLATVOL_TRY_ASSIGN(opacity, read(attributes.opacity));
+  page.nodes.opacity_summaries = std::move(opacity);
   return page;
 }
 
+Status Volume::add_step_summaries(const SummaryAttributes& attributes, IndexPage& page) const {
+  if (attributes.values < 0) return {};
+  SPLATVOL_TRY_ASSIGN(values, read_step_summaries(page, static_cast<std::size_t>(attributes.values)));
+  page.nodes.summaries = std::move(values);
+  if (attributes.opacity < 0) return {};
+  SPLATVOL_TRY_ASSIGN(opacity, read_step_summaries(page, static_cast<std::size_t>(attributes.opacity)));
+  page.nodes.opacity_summaries = std::move(opacity);
+  return {};
+}
+
 // Reads the part of an attribute from the step's summaries of an index page.
-Status Volume::read_step_summaries(std::uint32_t number, std::size_t attribute, IndexPage& page) const {
+Result<std::vector<ValueSummary>> Volume::read_step_summaries(const IndexPage& page, std::size_t attribute) const {
+  const std::uint32_t number = page.number;
   const std::string what = fmt::format("{}: summaries of index page {}", name(), number);
   if (number >= summaries_.size() || summaries_[number].node_count != page.nodes.size())
     return fail(ErrorCode::invalid_data, "{}: not there [R20]", what);
@@ -299,10 +314,10 @@ Status Volume::read_step_summaries(std::uint32_t number, std::size_t attribute, 
 
   const auto part = read_record<IndexPagePart>(bytes, attribute * sizeof(IndexPagePart));
   if (whole)
-    return unpack_summaries(part, std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes), what,
-                            page);
+    return unpack_summaries(part, std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes),
+                            page.nodes.size(), what);
   SPLATVOL_TRY_ASSIGN(packed, step_part_->read_bytes(offset + part_offset, part.packed_bytes));
-  return unpack_summaries(part, packed, what, page);
+  return unpack_summaries(part, packed, page.nodes.size(), what);
 }
 
 IndexPageRef Volume::root_ref() const {
@@ -311,25 +326,26 @@ IndexPageRef Volume::root_ref() const {
           section.hash};
 }
 
-Result<IndexPage> Volume::read_index_root(int attribute) const {
+Result<IndexPage> Volume::read_index_root(const SummaryAttributes& attributes) const {
   const std::uint64_t links_end = file_->find_section(SectionKind::index_pages)->packed_bytes;
   SPLATVOL_TRY_ASSIGN(
-      page, read_page(root_ref(), file_->find_section(SectionKind::index_root)->offset, 1, links_end, attribute));
+      page, read_page(root_ref(), file_->find_section(SectionKind::index_root)->offset, 1, links_end, attributes));
   SPLATVOL_TRY(check_top_counts(page, segment_counts()));
   return page;
 }
 
 Result<IndexPage> Volume::read_index_page(const IndexPageRef& ref, std::uint8_t child_mask,
-                                          std::span<const std::uint64_t> parent_counts, int attribute) const {
+                                          std::span<const std::uint64_t> parent_counts,
+                                          const SummaryAttributes& attributes) const {
   const std::uint64_t offset = file_->find_section(SectionKind::index_pages)->offset + ref.offset;
   const auto children = static_cast<std::uint32_t>(std::popcount(child_mask));
-  SPLATVOL_TRY_ASSIGN(page, read_page(ref, offset, children, ref.offset, attribute));
+  SPLATVOL_TRY_ASSIGN(page, read_page(ref, offset, children, ref.offset, attributes));
   SPLATVOL_TRY(check_top_counts(page, parent_counts));
   return page;
 }
 
-Result<IndexPage> Volume::with_summaries(IndexPage page, int attribute) const {
-  SPLATVOL_TRY(read_step_summaries(page.number, static_cast<std::size_t>(attribute), page));
+Result<IndexPage> Volume::with_summaries(IndexPage page, const SummaryAttributes& attributes) const {
+  SPLATVOL_TRY(add_step_summaries(attributes, page));
   return page;
 }
 

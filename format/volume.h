@@ -98,17 +98,18 @@ class Volume {
   /// Returns how many bytes were read from the source so far, at all steps.
   [[nodiscard]] std::uint64_t bytes_read() const { return source_->bytes_read; }
 
-  /// Reads the page with the root node, and its summaries of `attribute`; -1: no summaries.
-  [[nodiscard]] Result<IndexPage> read_index_root(int attribute) const;
+  /// Reads the page with the root node, and its summaries of these attributes.
+  [[nodiscard]] Result<IndexPage> read_index_root(const SummaryAttributes& attributes) const;
 
   /// Reads a page that a node links to. `child_mask` and `parent_counts` are those of the linking node: fails if the
   /// counts of its children do not add up to `parent_counts`.
   [[nodiscard]] Result<IndexPage> read_index_page(const IndexPageRef& ref, std::uint8_t child_mask,
-                                                  std::span<const std::uint64_t> parent_counts, int attribute) const;
+                                                  std::span<const std::uint64_t> parent_counts,
+                                                  const SummaryAttributes& attributes) const;
 
   /// Returns an index page as at this step: the structure of `page`, which was read at another step of the same series,
-  /// and the summaries of `attribute` at this one. Reads these summaries only. Requires a series.
-  [[nodiscard]] Result<IndexPage> with_summaries(IndexPage page, int attribute) const;
+  /// and the summaries of these attributes at this one. Reads these summaries only. Requires a series.
+  [[nodiscard]] Result<IndexPage> with_summaries(IndexPage page, const SummaryAttributes& attributes) const;
 
   /// Returns the number of the directory page that has the chunk of a column in a row. Without a column: of the first
   /// column that all steps share. The pages of a step follow those of the file.
@@ -203,8 +204,9 @@ class Volume {
   [[nodiscard]] const Container& values() const { return step_part_ ? *step_part_ : *file_; }
   [[nodiscard]] IndexPageRef root_ref() const;
   [[nodiscard]] Result<IndexPage> read_page(const IndexPageRef& ref, std::uint64_t offset, std::uint32_t top_nodes,
-                                            std::uint64_t links_end, int attribute) const;
-  [[nodiscard]] Status read_step_summaries(std::uint32_t number, std::size_t attribute, IndexPage& page) const;
+                                            std::uint64_t links_end, const SummaryAttributes& attributes) const;
+  [[nodiscard]] Status add_step_summaries(const SummaryAttributes& attributes, IndexPage& page) const;
+  [[nodiscard]] Result<std::vector<ValueSummary>> read_step_summaries(const IndexPage& page, std::size_t attribute) const;
   [[nodiscard]] Result<std::uint64_t> summary_page_offset(std::uint32_t number, const SummaryPageRef& ref) const;
   [[nodiscard]] Status check_top_counts(const IndexPage& page, std::span<const std::uint64_t> expected) const;
   [[nodiscard]] std::vector<std::uint64_t> segment_counts() const;

@@ -71,29 +71,34 @@ Scene common_scene(const Settings& settings, const format::VolumeInfo& info, con
 }
 
 // Returns a rasterizer with this transfer function.
-Result<TileRasterizer*> rasterizer_for(KernelKind kernel, const TransferFunction& function, const DrawingUnits& units) {
+Result<TileRasterizer*> rasterizer_for(KernelKind kernel, const Scene& scene, const DrawingUnits& units) {
   struct Kept {
     KernelKind kernel;
     TransferFunction function;
+    std::optional<SceneOpacity> opacity;
     DrawingUnits units;
     std::unique_ptr<TileRasterizer> rasterizer;
   };
   static std::vector<Kept> all;
   for (const Kept& kept : all)
-    if (kept.kernel == kernel && kept.function == function && kept.units == units) return kept.rasterizer.get();
+    if (kept.kernel == kernel && kept.function == scene.transfer_function && kept.opacity == scene.opacity &&
+        kept.units == units)
+      return kept.rasterizer.get();
   if (all.size() == 16) all.erase(all.begin());
   auto rasterizer = std::make_unique<TileRasterizer>(kernel);
-  SPLATVOL_TRY(rasterizer->set_transfer_function(function, units));
-  return all.emplace_back(Kept{kernel, function, units, std::move(rasterizer)}).rasterizer.get();
+  SPLATVOL_TRY(rasterizer->set_transfer_function(transfer_of(scene), units));
+  return all
+      .emplace_back(Kept{kernel, scene.transfer_function, scene.opacity, units, std::move(rasterizer)})
+      .rasterizer.get();
 }
 
 // The splats at once, or part by part.
-Result<const FrameSplats*> frame_of(Streamer& streamer, const View& view, const TransferFunction& function,
+Result<const FrameSplats*> frame_of(Streamer& streamer, const View& view, const Transfer& transfer,
                                     const Settings& settings) {
   const DetailOptions detail = detail_of(settings);
-  if (!(settings.kernel & 2)) return streamer.request(view, function, detail);
+  if (!(settings.kernel & 2)) return streamer.request(view, transfer, detail);
   for (int call = 0;; ++call) {
-    SPLATVOL_TRY_ASSIGN(frame, streamer.advance(view, function, detail, 0.005, settings.kernel & 4 ? 0.5 : 1));
+    SPLATVOL_TRY_ASSIGN(frame, streamer.advance(view, transfer, detail, 0.005, settings.kernel & 4 ? 0.5 : 1));
     if (frame->progress.settled || call == 8) return frame;
   }
 }
@@ -108,8 +113,15 @@ Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings&
   options.memory_bytes = std::uint64_t{64} << 20;
   options.gradients = settings.light & 1;
   options.threads = 1;
+  const bool fades = settings.drawing & 32;
+  const format::Attribute& opacity = info.attributes[((settings.attribute & 127) + 1) % info.attributes.size()];
+  if (fades) options.opacity_attribute = opacity.name;
   SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(volume, options));
   Scene scene = common_scene(settings, info, attribute);
+  if (fades) {
+    scene.opacity = SceneOpacity{opacity.name, common_scene(settings, info, opacity).transfer_function};
+    scene.opacity->function.densities = {{0, 0.1}, {0.5, 1}, {0.5, 0}, {1, 0.7}};
+  }
   if (settings.light & 8) {
     SPLATVOL_TRY_ASSIGN(first, default_scene(*volume, attribute.name, {side, side, dvec3(0), false}));
     require(make_view(first).has_value(), "the first scene has a view");
@@ -125,13 +137,13 @@ Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings&
   }
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
 
-  SPLATVOL_TRY_ASSIGN(frame, frame_of(*streamer, view, scene.transfer_function, settings));
+  SPLATVOL_TRY_ASSIGN(frame, frame_of(*streamer, view, transfer_of(scene), settings));
   for (const Slice& slice : view.slices) {
     const std::vector<double> depths(static_cast<std::size_t>(view.width) * view.height, info.cube.edge);
     const auto values = slice_values(frame->sliced, streamer->units(), view, slice.plane, depths);
     require(std::ranges::none_of(values, [](double value) { return std::isinf(value); }), "values are numbers");
   }
-  SPLATVOL_TRY_ASSIGN(rasterizer, rasterizer_for(options.kernel, scene.transfer_function, streamer->units()));
+  SPLATVOL_TRY_ASSIGN(rasterizer, rasterizer_for(options.kernel, scene, streamer->units()));
   rasterizer->set_lighting(settings.light & 1 ? std::optional(Lighting{}) : std::nullopt);
   const bool slabs = options.kernel == KernelKind::moments && (settings.drawing & 1);
   SPLATVOL_TRY(rasterizer->set_compositing(slabs ? Compositing::slabs : Compositing::splats));

@@ -26,9 +26,11 @@ double seconds_since(Clock::time_point start) { return std::chrono::duration<dou
 constexpr double drawing_share = 0.7;
 
 Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& streamer) {
-  const Status set = rasterizer.set_transfer_function(scene.transfer_function, streamer.units());
+  const Status set = rasterizer.set_transfer_function(transfer_of(scene), streamer.units());
   return set ? set : Status(fail_in(streamer.volume().name(), set.error()));
 }
+
+std::string opacity_attribute(const Scene& scene) { return scene.opacity ? scene.opacity->attribute : ""; }
 
 tl::unexpected<Error> fail_two_surfaces() {
   return fail(ErrorCode::invalid_argument,
@@ -116,6 +118,7 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
   SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(used.surfaces, {options.read_surface, boundary_reader(volume)}, before));
   SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {.memory_bytes = options.memory,
                                                                    .attribute = used.attribute,
+                                                                   .opacity_attribute = opacity_attribute(used),
                                                                    .kernel = options.kernel,
                                                                    .gradients = used.lighting.has_value(),
                                                                    .on_data = options.on_data}));
@@ -143,6 +146,7 @@ Status Player::set_kernel(KernelKind kernel) {
 Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options) const {
   const bool other_parts = options.memory != options_.memory || options.kernel != options_.kernel ||
                            scene.attribute != scene_.attribute ||
+                           opacity_attribute(scene) != opacity_attribute(scene_) ||
                            (scene.lighting && !scene_.lighting && options.kernel == KernelKind::octant);
   if (other_parts)
     return [=, steps = steps_, step = step_, before = surfaces_] { return read(steps, step, scene, options, before); };
@@ -196,7 +200,7 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
     SPLATVOL_TRY(other->set_surface_depths(surface_depths_));
   }
   Rasterizer& rasterizer = other ? *other : *rasterizer_;
-  if (streamer || scene.transfer_function != scene_.transfer_function)
+  if (streamer || scene.transfer_function != scene_.transfer_function || scene.opacity != scene_.opacity)
     SPLATVOL_TRY(set_function(rasterizer, scene, streamer ? *streamer : *streamer_));
   rasterizer.set_lighting(scene.lighting);
   if (streamer) {
@@ -317,9 +321,9 @@ Status Player::choose(const FrameRequest& request) {
   if (detail.device_splats == 0)
     return fail(ErrorCode::out_of_budget, "{} bytes of GPU memory are too few for a picture of {} x {} pixels",
                 options_.gpu_memory, scene_.width, scene_.height);
-  auto chosen = request.wait_seconds ? streamer_->advance(view_now(), scene_.transfer_function, detail,
+  auto chosen = request.wait_seconds ? streamer_->advance(view_now(), transfer_of(scene_), detail,
                                                           *request.wait_seconds, request.change)
-                                     : streamer_->request(view_now(), scene_.transfer_function, detail);
+                                     : streamer_->request(view_now(), transfer_of(scene_), detail);
   SPLATVOL_TRY(call.check());
   if (!chosen) return tl::unexpected(chosen.error());
   frame_ = *chosen;

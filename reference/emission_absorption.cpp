@@ -73,31 +73,66 @@ PiecewiseTransfer::Sample PiecewiseTransfer::Piece::sample(double value) const {
           at_low.extinction + share * (at_high.extinction - at_low.extinction)};
 }
 
-void PiecewiseTransfer::add(double front, double back, double length, RayLight& light) const {
-  const bool ascending = front < back;
-  const double span = std::abs(back - front);
-  auto piece = static_cast<std::size_t>(std::ranges::upper_bound(breaks_, front) - breaks_.begin());
-  while (true) {
+// Calls visit(piece, values in it, shares of the stretch at both ends), front to back.
+template <class Visit>
+void PiecewiseTransfer::visit_pieces(const Ends& values, const Visit& visit) const {
+  const auto [first, back] = values;
+  const bool ascending = first < back;
+  const double span = std::abs(back - first);
+  auto piece = static_cast<std::size_t>(std::ranges::upper_bound(breaks_, first) - breaks_.begin());
+  for (double front = first;;) {
     const double end = ascending ? std::min(back, pieces_[piece].high) : std::max(back, pieces_[piece].low);
-    const double part = span == 0 ? length : std::abs(end - front) / span * length;
-    add_in_piece(pieces_[piece], front, end, part, light);
+    const Ends shares = span == 0 ? Ends{0, 1} : Ends{std::abs(front - first) / span, std::abs(end - first) / span};
+    visit(pieces_[piece], Ends{front, end}, shares);
     if (end == back) return;
     front = end;
     piece += ascending ? 1 : -1;
   }
 }
 
-void PiecewiseTransfer::add_in_piece(const Piece& piece, double front, double back, double length,
-                                     RayLight& light) const {
-  if (piece.is_transparent || length == 0) return;
-  Sample near = piece.sample(front);
-  const Sample last = piece.sample(back);
+void PiecewiseTransfer::add(const Ends& values, double length, RayLight& light, const Ends& factor) const {
+  visit_pieces(values, [&](const Piece& piece, const Ends& in_piece, const Ends& shares) {
+    const double span = std::abs(values.back - values.front);
+    const double share = span == 0 ? 1 : std::abs(in_piece.back - in_piece.front) / span;
+    add_in_piece(piece, in_piece, share * length, light,
+                 {factor.at(shares.front), factor.at(shares.back)});
+  });
+}
+
+void PiecewiseTransfer::add(const Ends& values, const PiecewiseTransfer& opacity, const Ends& opacity_values,
+                            double length, RayLight& light) const {
+  opacity.visit_pieces(opacity_values, [&](const Piece& piece, const Ends& in_piece, const Ends& shares) {
+    if (piece.is_transparent) return;
+    const int steps = opacity.steps_in(piece, in_piece);
+    const Ends factor{piece.sample(in_piece.front).extinction, piece.sample(in_piece.back).extinction};
+    for (int step = 0; step < steps; ++step) {
+      const Ends part{static_cast<double>(step) / steps, static_cast<double>(step + 1) / steps};
+      const Ends share{shares.at(part.front), shares.at(part.back)};
+      add({values.at(share.front), values.at(share.back)}, (share.back - share.front) * length, light,
+          {factor.at(part.front), factor.at(part.back)});
+    }
+  });
+}
+
+int PiecewiseTransfer::steps_in(const Piece& piece, const Ends& values) const {
   const bool is_constant = piece.low == -infinity || piece.high == infinity;
-  const int steps = is_constant ? 1 : std::max(1, static_cast<int>(std::ceil(std::abs(back - front) / largest_step_)));
-  const dvec3 rgb_step = (last.rgb - near.rgb) / static_cast<double>(steps);
-  const double extinction_step = (last.extinction - near.extinction) / steps;
+  return is_constant ? 1 : std::max(1, static_cast<int>(std::ceil(std::abs(values.back - values.front) / largest_step_)));
+}
+
+void PiecewiseTransfer::add_in_piece(const Piece& piece, const Ends& values, double length, RayLight& light,
+                                     const Ends& factor) const {
+  if (piece.is_transparent || length == 0) return;
+  const Sample first = piece.sample(values.front), last = piece.sample(values.back);
+  const int steps = steps_in(piece, values);
+  const dvec3 rgb_step = (last.rgb - first.rgb) / static_cast<double>(steps);
+  const double extinction_step = (last.extinction - first.extinction) / steps;
+  dvec3 rgb = first.rgb;
+  double extinction = first.extinction;
+  Sample near{rgb, extinction * factor.front};
   for (int step = 0; step < steps; ++step) {
-    const Sample far{near.rgb + rgb_step, std::max(near.extinction + extinction_step, 0.0)};
+    rgb += rgb_step;
+    extinction = std::max(extinction + extinction_step, 0.0);
+    const Sample far{rgb, extinction * factor.at(static_cast<double>(step + 1) / steps)};
     add_step(near, far, length / steps, light);
     near = far;
   }

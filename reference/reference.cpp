@@ -40,6 +40,7 @@ class CellProjection {
         view_(view),
         surfaces_(surfaces),
         transfer_(scene.transfer_function),
+        opacity_(scene.opacity ? std::optional<PiecewiseTransfer>(scene.opacity->function) : std::nullopt),
         lighting_(scene.lighting),
         tiles_(tile_side, view.width, view.height) {
     image_.width = view.width;
@@ -57,7 +58,8 @@ class CellProjection {
 
  private:
   struct Segment : Crossing {
-    double lighting;  // factor of the colour
+    double lighting;         // factor of the colour
+    Ends opacity_values{};  // if the scene has an opacity
   };
 
   /// The segments of a part of a tile, by pixel; kept between tiles for its memory.
@@ -70,7 +72,7 @@ class CellProjection {
   void bound_cells();
   [[nodiscard]] bool is_missing(std::size_t cell) const;
   [[nodiscard]] CellCorners corners(std::size_t cell) const;
-  [[nodiscard]] std::array<double, 4> values(std::size_t cell) const;
+  [[nodiscard]] std::array<double, 4> values(std::size_t cell, std::span<const double> all) const;
   [[nodiscard]] dvec3 gradient(std::size_t cell) const;
   [[nodiscard]] dvec3 direction(const PixelRay& ray) const;
 
@@ -87,6 +89,7 @@ class CellProjection {
   const View& view_;
   const SurfaceDepths* surfaces_;
   PiecewiseTransfer transfer_;
+  std::optional<PiecewiseTransfer> opacity_;
   std::optional<Lighting> lighting_;
   Image image_;
   TileGrid tiles_;
@@ -106,7 +109,9 @@ void CellProjection::transform_points() {
 bool CellProjection::is_missing(std::size_t cell) const {
   return std::ranges::any_of(mesh_.tetrahedra[cell], [&](std::uint32_t point) {
     const dvec3& p = points_[point];
-    return !std::isfinite(mesh_.values[mesh_.constant ? cell : point]) || !std::isfinite(p.x + p.y + p.z);
+    const std::size_t number = mesh_.constant ? cell : point;
+    return !std::isfinite(mesh_.values[number]) || (opacity_ && !std::isfinite(mesh_.opacity_values[number])) ||
+           !std::isfinite(p.x + p.y + p.z);
   });
 }
 
@@ -115,9 +120,9 @@ CellCorners CellProjection::corners(std::size_t cell) const {
   return {points_[a], points_[b], points_[c], points_[d]};
 }
 
-std::array<double, 4> CellProjection::values(std::size_t cell) const {
+std::array<double, 4> CellProjection::values(std::size_t cell, std::span<const double> all) const {
   const auto& [a, b, c, d] = mesh_.tetrahedra[cell];
-  const auto value = [&](std::size_t i) { return std::clamp(mesh_.values[i], -largest_value, largest_value); };
+  const auto value = [&](std::size_t i) { return std::clamp(all[i], -largest_value, largest_value); };
   if (mesh_.constant) return {value(cell), value(cell), value(cell), value(cell)};
   return {value(a), value(b), value(c), value(d)};
 }
@@ -127,7 +132,7 @@ std::array<double, 4> CellProjection::values(std::size_t cell) const {
 dvec3 CellProjection::gradient(std::size_t cell) const {
   const auto& [a, b, c, d] = mesh_.tetrahedra[cell];
   const CellCorners corners{mesh_.points[a], mesh_.points[b], mesh_.points[c], mesh_.points[d]};
-  const dvec3 world = gradient_direction(corners, values(cell));
+  const dvec3 world = gradient_direction(corners, values(cell, mesh_.values));
   return {glm::dot(world, view_.right), glm::dot(world, view_.up), glm::dot(world, view_.forward)};
 }
 
@@ -209,17 +214,26 @@ void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, S
                               std::min(area.y1, bounds.y1)};
   if (common.is_empty()) return;
 
-  CellCrosser crosser(view_.orthographic, corners(cell), values(cell));
+  CellCrosser crosser(view_.orthographic, corners(cell), values(cell, mesh_.values));
+  // It crosses on the same segment.
+  std::optional<CellCrosser> opacity_crosser;
+  if (opacity_) opacity_crosser.emplace(view_.orthographic, corners(cell), values(cell, mesh_.opacity_values));
   const dvec3 cell_gradient = lighting_ ? gradient(cell) : dvec3(0);
   const int width = area.x1 - area.x0 + 1;
   for (int y = common.y0; y <= common.y1; ++y) {
-    if (!crosser.select_row(pixel_ray(view_, 0, y).b)) continue;
+    const double b = pixel_ray(view_, 0, y).b;
+    if (!crosser.select_row(b) || (opacity_crosser && !opacity_crosser->select_row(b))) continue;
     auto* row = &scratch.pixels[static_cast<std::size_t>(y - area.y0) * width];
     for (int x = common.x0; x <= common.x1; ++x) {
       const PixelRay ray = pixel_ray(view_, x, y);
       const auto crossing = crosser.cross(ray.a);
       if (!crossing || crossing->leave <= std::max(crossing->enter, 0.0)) continue;
-      row[x - area.x0].push_back({*crossing, lighting_ ? lighting_->factor(direction(ray), cell_gradient) : 1});
+      Segment segment{*crossing, lighting_ ? lighting_->factor(direction(ray), cell_gradient) : 1};
+      if (opacity_crosser) {
+        const auto of_opacity = opacity_crosser->cross(ray.a);
+        segment.opacity_values = {of_opacity->value_enter, of_opacity->value_leave};
+      }
+      row[x - area.x0].push_back(segment);
       ++scratch.count;
     }
   }
@@ -274,13 +288,17 @@ vec4 CellProjection::integrate(const PixelRay& ray, double surface, std::vector<
     // The invisible part is cut off only here: the order above is the order of whole cells.
     const double enter = std::max(segment.enter, from), leave = std::min(segment.leave, to);
     if (!(enter < leave)) continue;
-    const auto value_at = [&](double depth) {
-      const double share = (depth - segment.enter) / (segment.leave - segment.enter);
-      return segment.value_enter + share * (segment.value_leave - segment.value_enter);
+    const auto between = [&](const Ends& ends) {
+      const auto at = [&](double depth) { return ends.at((depth - segment.enter) / (segment.leave - segment.enter)); };
+      return Ends{at(enter), leave == segment.leave ? ends.back : at(leave)};
     };
     light.lighting = segment.lighting;
-    transfer_.add(value_at(enter), leave == segment.leave ? segment.value_leave : value_at(leave),
-                  (leave - enter) * world_per_depth, light);
+    const Ends values = between({segment.value_enter, segment.value_leave});
+    const double length = (leave - enter) * world_per_depth;
+    if (opacity_)
+      transfer_.add(values, *opacity_, between(segment.opacity_values), length, light);
+    else
+      transfer_.add(values, length, light);
   }
   return light.rgba();
 }
@@ -292,6 +310,8 @@ Status check_mesh(const TetMesh& mesh) {
   if (expected != mesh.values.size())
     return fail(ErrorCode::invalid_argument, "{} {} and {} values", expected, mesh.constant ? "tetrahedra" : "points",
                 mesh.values.size());
+  if (!mesh.opacity_values.empty() && mesh.opacity_values.size() != expected)
+    return fail(ErrorCode::invalid_argument, "{} values and {} of the opacity", expected, mesh.opacity_values.size());
   for (std::size_t cell = 0; cell < mesh.tetrahedra.size(); ++cell)
     for (const std::uint32_t point : mesh.tetrahedra[cell])
       if (point >= mesh.points.size())
@@ -302,6 +322,8 @@ Status check_mesh(const TetMesh& mesh) {
 Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
                                           const ReferenceOptions& options) try {
   SPLATVOL_TRY(check_mesh(mesh));
+  if (scene.opacity && mesh.opacity_values.size() != mesh.values.size())
+    return fail(ErrorCode::invalid_argument, "no values of the opacity's attribute '{}'", scene.opacity->attribute);
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   const SurfaceDepths* surfaces = options.surface_depths;
   if (surfaces && (surfaces->width != view.width || surfaces->height != view.height ||

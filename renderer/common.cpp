@@ -5,6 +5,16 @@
 #include <limits>
 
 namespace splatvol {
+namespace {
+
+Status check_function(const TransferFunction& function) {
+  if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi) ||
+      (function.axis == ValueAxis::log && !(function.lo > 0)))
+    return fail(ErrorCode::invalid_argument, "transfer function: no control points, or an empty domain");
+  return {};
+}
+
+}  // namespace
 
 float nearest_float(double number) {
   constexpr double largest = std::numeric_limits<float>::max();
@@ -15,24 +25,39 @@ Result<TransferFunction> in_drawing_units(TransferFunction function, const Drawi
   constexpr double most_extinction = 1e20;
   for (TransferFunction::Density& density : function.densities)
     density.extinction = std::min(density.extinction * units.length, most_extinction);
-  if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi) ||
-      (function.axis == ValueAxis::log && !(function.lo > 0)))
-    return fail(ErrorCode::invalid_argument, "transfer function: no control points, or an empty domain");
+  SPLATVOL_TRY(check_function(function));
   return function;
 }
 
-StoredAxis stored_axis(const TransferFunction& function, const DrawingUnits& units) {
+Result<OpacityTable> make_opacity_table(const TransferFunction* opacity, const DrawingUnits& units) {
+  if (!opacity) return OpacityTable{};
+  TransferFunction function = *opacity;
+  function.colors = {{0, dvec3(0)}};
+  SPLATVOL_TRY(check_function(function));
+  for (const TransferFunction::Density& factor : function.densities)
+    if (!(factor.extinction >= 0 && factor.extinction <= 1))
+      return fail(ErrorCode::invalid_argument, "opacity: a factor of {} is outside [0, 1]", factor.extinction);
+  const TableSize size = table_size(KernelKind::moments);
+  const TransferTable averaged = make_transfer_table(function, size.columns, size.rows);
+  OpacityTable table{stored_axis(function, units.opacity_offset, units.opacity_scale), size.columns, size.rows, {}, {}};
+  for (const vec4& entry : averaged.entries) table.factors.push_back(entry.a);
+  for (std::size_t row = 0; row < size.rows; ++row)
+    table.row_spreads.push_back(static_cast<float>(averaged.spread(row)));
+  return table;
+}
+
+StoredAxis stored_axis(const TransferFunction& function, double value_offset, double value_scale) {
   StoredAxis axis;
-  axis.zero = nearest_float(-units.value_offset / units.value_scale);
-  double low = (function.lo - units.value_offset) / units.value_scale;
-  double width = (function.hi - function.lo) / units.value_scale;
+  axis.zero = nearest_float(-value_offset / value_scale);
+  double low = (function.lo - value_offset) / value_scale;
+  double width = (function.hi - function.lo) / value_scale;
   if (function.axis == ValueAxis::log) {
     axis.kind = 1;
-    low = std::log(function.lo / units.value_scale);
+    low = std::log(function.lo / value_scale);
     width = std::log(function.hi / function.lo);
   } else if (function.axis == ValueAxis::asinh) {
     axis.kind = 2;
-    axis.unit = nearest_float(units.value_scale / function.linear_width);
+    axis.unit = nearest_float(value_scale / function.linear_width);
     low = std::asinh(function.lo / function.linear_width);
     width = std::asinh(function.hi / function.linear_width) - low;
   }

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstddef>
 #include <utility>
+#include <vector>
 
 #include "base/error.h"
 #include "renderer/transfer_table.h"
@@ -20,7 +21,7 @@ namespace splatvol {
 /// points or an empty domain.
 [[nodiscard]] Result<TransferFunction> in_drawing_units(TransferFunction function, const DrawingUnits& units);
 
-/// A transfer function's axis for stored values x, in single precision: t = start + (x - low) * inverse_domain.
+/// A function's axis for stored values x, in single precision: t = start + (x - low) * inverse_domain.
 struct StoredAxis {
   int kind = 0;              // 0: x itself; 1: log(x - zero); 2: asinh((x - zero) * unit)
   float low = 0;             // the beginning of the domain, on the axis; 0 if single precision cannot hold it
@@ -29,7 +30,19 @@ struct StoredAxis {
   float zero = 0;            // the stored value of 0
   float unit = 1;
 };
-[[nodiscard]] StoredAxis stored_axis(const TransferFunction& function, const DrawingUnits& units);
+[[nodiscard]] StoredAxis stored_axis(const TransferFunction& function, double value_offset, double value_scale);
+
+/// The mean factors of an opacity, by mean and spread of its attribute's values as in TransferTable.
+struct OpacityTable {
+  StoredAxis axis;
+  std::size_t columns = 0, rows = 0;
+  std::vector<float> factors;      // row by row; empty: there is no opacity
+  std::vector<float> row_spreads;  // in units of the domain
+};
+
+/// Returns the table of SceneOpacity::function; an empty one for null. Fails if the function has no control points, an
+/// empty domain, or a factor outside of [0, 1].
+[[nodiscard]] Result<OpacityTable> make_opacity_table(const TransferFunction* opacity, const DrawingUnits& units);
 
 /// The size of a kernel's transfer table.
 struct TableSize {

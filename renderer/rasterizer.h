@@ -44,9 +44,10 @@ class Rasterizer {
 
   /// Sets colour and extinction of the splats; `moments` averages them over each splat's values (transfer_table.h).
   /// Call it before the first draw. `units`: of the splats that are drawn. Views, origins of blocks and the function
-  /// are in world units; only their relation to the splats is rounded to single precision. Fails if the function has
-  /// no control points or an empty domain.
-  [[nodiscard]] virtual Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units) = 0;
+  /// are in world units; only their relation to the splats is rounded to single precision. The opacity counts where all
+  /// splats have values of its attribute; the factor of a splat is the mean over its values. Fails if a function has no
+  /// control points or an empty domain, or a factor is not in [0, 1].
+  [[nodiscard]] virtual Status set_transfer_function(const Transfer& transfer, const DrawingUnits& units) = 0;
 
   /// Sets a light at the eye, or none: colours as they are.
   virtual void set_lighting(const std::optional<Lighting>& lighting) = 0;

@@ -40,6 +40,11 @@ struct UsedScene {
 [[nodiscard]] Result<UsedScene> load_used_scene(const std::string& path_or_json);
 [[nodiscard]] std::string to_json(const UsedScene& used, int indent = 1);
 
+/// Returns the functions of a scene. They belong to the scene.
+[[nodiscard]] inline Transfer transfer_of(const Scene& scene) {
+  return {scene.transfer_function, scene.opacity ? &scene.opacity->function : nullptr};
+}
+
 /// A plane in world units.
 struct Plane {
   dvec3 point;

@@ -233,7 +233,8 @@ Status read_axis(const Field& field, const Field& domain, TransferFunction& func
     if (width < 1e-100) return width_field.wrong("not at least 1e-100");
     function.linear_width = width;
   } else if (field.has("linear_width")) {
-    return fail(ErrorCode::invalid_data, "transfer_function.linear_width: only the axis asinh has one");
+    SPLATVOL_TRY_ASSIGN(width_field, field.member("linear_width"));
+    return width_field.wrong("only the axis asinh has one");
   }
   // Neighbours on the axis must differ: rounding could make them one.
   if (!(function.t_of(function.hi) > 0))
@@ -258,17 +259,20 @@ Result<Isovalue> read_isovalue(const Field& function_field, const TransferFuncti
   return Isovalue{value, width, density};
 }
 
-Result<TransferFunction> read_transfer_function(const Field& scene) {
-  SPLATVOL_TRY_ASSIGN(field, scene.member("transfer_function"));
-  SPLATVOL_TRY(field.check_names({"domain", "axis", "linear_width", "colors", "density", "isovalue"}));
+Status read_domain(const Field& field, TransferFunction& function) {
   SPLATVOL_TRY_ASSIGN(domain_field, field.member("domain"));
   SPLATVOL_TRY_ASSIGN(domain, domain_field.numbers(2));
   if (!(domain[0] < domain[1])) return domain_field.wrong("[{}, {}] is not an interval", domain[0], domain[1]);
-
-  TransferFunction function;
   function.lo = domain[0];
   function.hi = domain[1];
-  SPLATVOL_TRY(read_axis(field, domain_field, function));
+  return read_axis(field, domain_field, function);
+}
+
+Result<TransferFunction> read_transfer_function(const Field& scene) {
+  SPLATVOL_TRY_ASSIGN(field, scene.member("transfer_function"));
+  SPLATVOL_TRY(field.check_names({"domain", "axis", "linear_width", "colors", "density", "isovalue"}));
+  TransferFunction function;
+  SPLATVOL_TRY(read_domain(field, function));
   SPLATVOL_TRY_ASSIGN(colors, read_curve(field, "colors", 3));
   for (const auto& row : colors) function.colors.push_back({row[0], {row[1], row[2], row[3]}});
   if (field.has("isovalue")) {
@@ -281,6 +285,23 @@ Result<TransferFunction> read_transfer_function(const Field& scene) {
   SPLATVOL_TRY_ASSIGN(densities, read_curve(field, "density", 1));
   for (const auto& row : densities) function.densities.push_back({row[0], row[1]});
   return function;
+}
+
+Result<SceneOpacity> read_opacity_function(const Field& field) {
+  SPLATVOL_TRY(field.check_names({"attribute", "domain", "axis", "linear_width", "factor"}));
+  SPLATVOL_TRY_ASSIGN(name_field, field.member("attribute"));
+  SPLATVOL_TRY_ASSIGN(name, name_field.text());
+  if (name.empty()) return name_field.wrong("empty");
+  SceneOpacity opacity{name, {}};
+  SPLATVOL_TRY(read_domain(field, opacity.function));
+  SPLATVOL_TRY_ASSIGN(factors_field, field.member("factor"));
+  SPLATVOL_TRY_ASSIGN(factors, read_curve(field, "factor", 1));
+  for (std::size_t i = 0; i < factors.size(); ++i) {
+    if (factors[i][1] > 1) return factors_field.element(i).wrong("{} is above 1", factors[i][1]);
+    opacity.function.densities.push_back({factors[i][0], factors[i][1]});
+  }
+  opacity.function.colors = {{0, dvec3(1)}};
+  return opacity;
 }
 
 Result<std::optional<Lighting>> read_lighting(const Field& field) {
@@ -411,7 +432,7 @@ Result<Scene> read_scene(const json& document) {
   const Field field(document, "");
   SPLATVOL_TRY(field.check_names({"file", "step", "max_error", "tolerance", "kernel", "camera", "image", "background",
                                   "attribute", "transfer_function", "clip_box", "lighting", "outline", "surfaces",
-                                  "slices", "clip_planes", "scalar_bar"}));
+                                  "slices", "clip_planes", "scalar_bar", "opacity"}));
   Scene scene;
   SPLATVOL_TRY_ASSIGN(camera_field, field.member("camera"));
   SPLATVOL_TRY_ASSIGN(camera, read_camera(camera_field));
@@ -425,6 +446,11 @@ Result<Scene> read_scene(const json& document) {
   scene.attribute = name;
   SPLATVOL_TRY_ASSIGN(transfer_function, read_transfer_function(field));
   scene.transfer_function = std::move(transfer_function);
+  if (field.has("opacity")) {
+    SPLATVOL_TRY_ASSIGN(opacity_field, field.member("opacity"));
+    SPLATVOL_TRY_ASSIGN(opacity, read_opacity_function(opacity_field));
+    scene.opacity = std::move(opacity);
+  }
 
   if (field.has("background")) {
     SPLATVOL_TRY_ASSIGN(background, color_at(field, "background"));
@@ -524,6 +550,14 @@ nlohmann::ordered_json json_of(const Camera& camera) {
   return document;
 }
 
+/// Writes the domain and its axis.
+void add_domain(const TransferFunction& function, nlohmann::ordered_json& document) {
+  document["domain"] = {function.lo, function.hi};
+  if (function.axis != ValueAxis::linear)
+    document["axis"] = std::ranges::find(axes, function.axis, [](auto& axis) { return axis.second; })->first;
+  if (function.axis == ValueAxis::asinh) document["linear_width"] = function.linear_width;
+}
+
 std::string text_of(const nlohmann::ordered_json& document, int indent = 1) {
   return document.dump(indent, ' ', false, json::error_handler_t::replace) + (indent < 0 ? "" : "\n");
 }
@@ -573,11 +607,7 @@ std::string to_json(const UsedScene& used, int indent) {
   document["background"] = json_of(scene.background);
   document["attribute"] = scene.attribute;
   nlohmann::ordered_json& function = document["transfer_function"];
-  function["domain"] = {scene.transfer_function.lo, scene.transfer_function.hi};
-  if (scene.transfer_function.axis != ValueAxis::linear)
-    function["axis"] =
-        std::ranges::find(axes, scene.transfer_function.axis, [](auto& axis) { return axis.second; })->first;
-  if (scene.transfer_function.axis == ValueAxis::asinh) function["linear_width"] = scene.transfer_function.linear_width;
+  add_domain(scene.transfer_function, function);
   for (const auto& [t, rgb] : scene.transfer_function.colors) function["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
   // By its name only if it comes back to the last bit.
   const auto isovalue = isovalue_of(scene.transfer_function);
@@ -586,6 +616,12 @@ std::string to_json(const UsedScene& used, int indent) {
   else
     for (const auto& [t, extinction] : scene.transfer_function.densities)
       function["density"].push_back({t, extinction});
+  if (scene.opacity) {
+    nlohmann::ordered_json& opacity = document["opacity"];
+    opacity["attribute"] = scene.opacity->attribute;
+    add_domain(scene.opacity->function, opacity);
+    for (const auto& [t, factor] : scene.opacity->function.densities) opacity["factor"].push_back({t, factor});
+  }
   document["lighting"] = false;
   if (scene.lighting)
     document["lighting"] = {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};

@@ -8,6 +8,16 @@
 
 namespace splatvol {
 
+/// How values look: the transfer function of the attribute that is shown, and the factor on its extinction by the values
+/// of another attribute. Refers to both.
+struct Transfer {
+  Transfer(const TransferFunction& shown, const TransferFunction* factor = nullptr)  // NOLINT: mostly there is one only
+      : function(shown), opacity(factor) {}
+
+  const TransferFunction& function;
+  const TransferFunction* opacity;  // SceneOpacity::function; null: the factor is 1
+};
+
 /// Returns the t of every control point, clamped to [0, 1], with 0 and 1: rising, no two equal. Between two neighbours
 /// the function is linear.
 [[nodiscard]] std::vector<double> bends(const TransferFunction& function);

@@ -130,6 +130,14 @@ std::vector<OctantSplat> unpacked(const DrawRange& range, std::span<const Octant
   return splats;
 }
 
+// The values that give the opacity of a range.
+OpacityValues opacity_of(const DrawRange& range) {
+  const OpacityValues& whole = range.row.values->opacity();
+  if (whole.records.empty()) return {};
+  const auto part = std::span(whole.records).subspan(range.begin, range.count);
+  return {{part.begin(), part.end()}, whole.deviation_scale};
+}
+
 bool draws(const Material& splat) { return splat.mass > 0; }
 bool draws(const OctantSplat& splat) { return !std::isnan(splat.value); }
 
@@ -179,7 +187,7 @@ ClippedRange clip(const DrawRange& range, const ClipRegion& region, double lengt
     if (!changed) return {ClippedRange::Part::all, {}};
     if (std::ranges::none_of(splats, [](const auto& splat) { return draws(splat); }))
       return {ClippedRange::Part::none, {}};
-    return {ClippedRange::Part::some, pack_row(splats, origin, length)};
+    return {ClippedRange::Part::some, pack_row(splats, origin, length, opacity_of(range))};
   };
   return std::visit(clip_shapes, range.row.shapes->records());
 }

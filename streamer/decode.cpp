@@ -172,7 +172,30 @@ std::int8_t correlation_code(int code) {
   return static_cast<std::int8_t>((2 * packed_most * (code + most) + most) / (2 * most) - packed_most);
 }
 
-Result<ValueRow> decode_value_moments(const ChunkBytes& values, std::uint32_t points, std::string_view what) {
+Result<OpacityValues> decode_opacity(KernelKind kernel, const ChunkBytes& chunk, std::uint32_t points,
+                                     std::string_view what) {
+  OpacityValues opacity;
+  opacity.records.resize(points);
+  if (kernel == KernelKind::octant) {
+    thread_local std::vector<float> stored;
+    stored.resize(points);
+    SPLATVOL_TRY(format::unpack_values(chunk.entry, chunk.packed, stored, what));
+    for (std::size_t i = 0; i < points; ++i)
+      if (!std::isnan(stored[i])) opacity.records[i] = {stored[i], 0, 255};
+    return opacity;
+  }
+  thread_local format::ValueMomentCodes codes;
+  SPLATVOL_TRY(format::unpack_value_moment_codes(chunk.entry, chunk.packed, points, what, codes));
+  for (std::size_t i = 0; i < points; ++i)
+    if (codes.coverages[i] > 0)
+      opacity.records[i] = {static_cast<float>(codes.means[i]), deviation_code(codes.deviations[i]),
+                            codes.coverages[i]};
+  opacity.deviation_scale = codes.deviation_scale;
+  return opacity;
+}
+
+Result<ValueRow> decode_value_moments(const ChunkBytes& values, OpacityValues opacity, std::uint32_t points,
+                                      std::string_view what) {
   thread_local format::ValueMomentCodes codes;
   SPLATVOL_TRY(format::unpack_value_moment_codes(values.entry, values.packed, points, what, codes));
   const auto& c = codes.correlations;
@@ -185,7 +208,7 @@ Result<ValueRow> decode_value_moments(const ChunkBytes& values, std::uint32_t po
                   {correlation_code(c[0][i]), correlation_code(c[1][i]), correlation_code(c[2][i])}};
     if (codes.coverages[i] == 0) records[i] = {};
   }
-  return ValueRow(std::vector(records.begin(), records.end()), codes.deviation_scale);
+  return ValueRow(std::vector(records.begin(), records.end()), codes.deviation_scale, std::move(opacity));
 }
 
 }  // namespace
@@ -196,9 +219,15 @@ Result<ShapeRow> decode_shapes(KernelKind kernel, const ChunkBytes& positions, c
                                       : decode_moments(positions, shapes, points, cube, what);
 }
 
-Result<ValueRow> decode_values(KernelKind kernel, const ChunkBytes& values, const ChunkBytes* gradients,
-                               std::uint32_t points, std::string_view what) {
-  if (kernel == KernelKind::moments) return decode_value_moments(values, points, what);
+Result<ValueRow> decode_values(KernelKind kernel, const ValueChunks& chunks, std::uint32_t points,
+                               std::string_view what) {
+  const auto& [values, gradients, opacity_chunk] = chunks;
+  OpacityValues opacity;
+  if (opacity_chunk) {
+    SPLATVOL_TRY_ASSIGN(decoded, decode_opacity(kernel, *opacity_chunk, points, what));
+    opacity = std::move(decoded);
+  }
+  if (kernel == KernelKind::moments) return decode_value_moments(values, std::move(opacity), points, what);
   thread_local std::vector<float> stored;
   thread_local std::vector<std::uint32_t> directions;
   stored.resize(points);
@@ -207,7 +236,7 @@ Result<ValueRow> decode_values(KernelKind kernel, const ChunkBytes& values, cons
   if (gradients) SPLATVOL_TRY(format::unpack_gradient_codes(gradients->entry, gradients->packed, directions, what));
   std::vector<OctantValue> records(points);
   for (std::size_t i = 0; i < points; ++i) records[i] = {stored[i], directions[i]};
-  return ValueRow(std::move(records));
+  return ValueRow(std::move(records), 0, std::move(opacity));
 }
 
 }  // namespace splatvol

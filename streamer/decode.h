@@ -24,8 +24,15 @@ struct ChunkBytes {
 [[nodiscard]] Result<ShapeRow> decode_shapes(KernelKind kernel, const ChunkBytes& positions, const ChunkBytes& shapes,
                                              std::uint32_t points, const Cube& cube, std::string_view what);
 
-/// Decodes the values of a row's records from its chunk `value_moments`, or `value` and, unless it is null, `gradient`.
-[[nodiscard]] Result<ValueRow> decode_values(KernelKind kernel, const ChunkBytes& values, const ChunkBytes* gradients,
-                                             std::uint32_t points, std::string_view what);
+/// The chunks of a row's values.
+struct ValueChunks {
+  ChunkBytes values;                      // `value_moments`, or `value`
+  const ChunkBytes* gradients = nullptr;  // `gradient`, of the kernel octant; null: none
+  const ChunkBytes* opacity = nullptr;    // as `values`, of the attribute that gives the opacity; null: none
+};
+
+/// Decodes the values of a row's records.
+[[nodiscard]] Result<ValueRow> decode_values(KernelKind kernel, const ValueChunks& chunks, std::uint32_t points,
+                                             std::string_view what);
 
 }  // namespace splatvol

@@ -242,6 +242,22 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
   return scene;
 }
 
+Result<FittingOpacity> fitting_opacity(const format::Volume& volume, const std::string& attribute,
+                                       const FirstPicture& picture) {
+  SPLATVOL_TRY_ASSIGN(scene, default_scene(volume, attribute, picture));
+  FittingOpacity fitting{{scene.attribute, std::move(scene.transfer_function)}, 0};
+  TransferFunction& factors = fitting.opacity.function;
+  for (const auto& density : factors.densities) fitting.density = std::max(fitting.density, density.extinction);
+  for (auto& density : factors.densities) density.extinction /= fitting.density > 0 ? fitting.density : 1;
+  factors.colors = {{0, dvec3(1)}};
+  return fitting;
+}
+
+void show_opacity(Scene& scene, FittingOpacity fitting) {
+  scene.transfer_function.densities = {{0, fitting.density}};
+  scene.opacity = std::move(fitting.opacity);
+}
+
 Result<dvec3> middle_of_visible(const format::Volume& volume, const Scene& scene) {
   SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, scene.attribute));
   SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_splats));

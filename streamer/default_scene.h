@@ -23,6 +23,19 @@ struct FirstPicture {
 [[nodiscard]] Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute,
                                           const FirstPicture& picture = {});
 
+/// Factors on the extinction by the values of an attribute, and the density with which they fit the data.
+struct FittingOpacity {
+  SceneOpacity opacity;
+  double density;  // extinction per world unit
+};
+
+/// Makes an opacity that shows of an attribute what default_scene shows of it. Fails as default_scene.
+[[nodiscard]] Result<FittingOpacity> fitting_opacity(const format::Volume& volume, const std::string& attribute,
+                                                     const FirstPicture& picture = {});
+
+/// Gives a scene this opacity. Then all values that are shown have one density.
+void show_opacity(Scene& scene, FittingOpacity fitting);
+
 /// Returns the middle of what a scene shows. Fails if the file cannot be read or lacks the scene's attribute.
 [[nodiscard]] Result<dvec3> middle_of_visible(const format::Volume& volume, const Scene& scene);
 

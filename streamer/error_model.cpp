@@ -68,7 +68,7 @@ ErrorModel::ErrorModel(const NodeTree& tree)
 }
 
 ErrorModel::OfNode::OfNode(const ErrorModel& model, const Node& node)
-    : model_(model), node_(node), values_(model.tree_.visibility().contrast().of(node.summary())) {
+    : model_(model), node_(node), values_(model.tree_.visibility().contrast(node.values())) {
   if (model.tree_.visibility().slice_contrast())
     slice_values_ = model.tree_.visibility().slice_contrast()->of(node.summary());
   const Footprint footprint = footprint_of(model.tree_.view(), node.cube, model.samples_);
@@ -82,14 +82,14 @@ ErrorModel::Terms ErrorModel::OfNode::at(std::size_t resolution, std::uint64_t s
   const double count = std::max(static_cast<double>(splats), 1.0);
   const double share = std::min(std::exp2((bound - 2.0 / 3 * std::log2(count)) / 3), 1.0);  // h / L
   const double pixels = share * pixels_per_edge_, pixels_squared = pixels * pixels;
-  const double damping = 1 + values_.extinction * share * edge;
+  const double damping = 1 + values_.extinction() * share * edge;
   const double seen = pixels_squared / (pixels_squared + smallest_pixels * smallest_pixels);
   const double geometry = model_.scaling_ * area_ * edge * edge * share / damping * seen;
   const double slices = model_.tree_.slice_weight(node_, resolution) * slice_share * model_.scaling_ * area_ * seen *
                         slice_values_.variance(share);
   // fmin also replaces what is no number: a product of 0 and an overflow.
-  return {std::fmin(geometry * (values_.variance(share) + shape_share * values_.squares) + slices, largest_error),
-          std::fmin(geometry * seam_share * values_.squares, largest_error)};
+  return {std::fmin(geometry * (values_.variance(share) + shape_share * values_.squares()) + slices, largest_error),
+          std::fmin(geometry * seam_share * values_.squares(), largest_error)};
 }
 
 }  // namespace splatvol

@@ -43,7 +43,7 @@ class ErrorModel {
     const Node& node_;
     double area_;             // pixels that a section of the cube covers
     double pixels_per_edge_;  // of the cube
-    ValueContrast::Node values_;
+    ShownContrast values_;
     ValueContrast::Node slice_values_;
   };
 

@@ -30,15 +30,24 @@ bool is_in_sight(const View& view, const Box& box) {
 
 }  // namespace
 
-EmptyReason why_empty(const View& view, const TransferFunction& function, const format::Attribute& attribute,
+EmptyReason why_empty(const View& view, const Transfer& transfer, const ShownAttributes& attributes,
                       const Box& bounds) {
-  if (!(attribute.min <= attribute.max)) return {"no point has a value of the attribute", "choose another one"};
+  const auto has_values = [](const format::Attribute& attribute) { return attribute.min <= attribute.max; };
+  if (!has_values(attributes.values)) return {"no point has a value of the attribute", "choose another one"};
   if (!is_in_sight(view, bounds)) return {"the data lies outside of the view", "turn the camera to the data"};
-  const ValueVisibility visibility(function, attribute);
-  const auto low = static_cast<float>(attribute.stored(attribute.min));
-  const auto high = static_cast<float>(attribute.stored(attribute.max));
-  if (view.slices.empty() && !visibility.shows(low, high, ~std::uint64_t{0}))
+  const auto hides_all = [&](const TransferFunction& function, const format::Attribute& attribute) {
+    const auto low = static_cast<float>(attribute.stored(attribute.min));
+    const auto high = static_cast<float>(attribute.stored(attribute.max));
+    return view.slices.empty() && !ValueVisibility(function, attribute).shows(low, high, ~std::uint64_t{0});
+  };
+  if (hides_all(transfer.function, attributes.values))
     return {"the transfer function hides every value", "raise the density, or widen the domain"};
+  if (transfer.opacity && attributes.opacity) {
+    if (!has_values(*attributes.opacity) && view.slices.empty())
+      return {"no point has a value of the opacity's attribute", "choose another one"};
+    if (hides_all(*transfer.opacity, *attributes.opacity))
+      return {"the opacity's factors hide every value", "raise them, or widen their domain"};
+  }
   if (ClipRegion{view.clip.box, {}}.excludes(bounds))
     return {"the clip box excludes all of the data", "move it, or leave it out"};
   if (view.clip.excludes(bounds)) return {"a clip plane excludes all of the data", "move it, turn it, or leave it out"};

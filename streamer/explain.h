@@ -15,8 +15,8 @@ struct EmptyReason {
 };
 
 /// Finds out from the scene alone why a view shows nothing of the material in `bounds`.
-[[nodiscard]] EmptyReason why_empty(const View& view, const TransferFunction& function,
-                                    const format::Attribute& attribute, const Box& bounds);
+[[nodiscard]] EmptyReason why_empty(const View& view, const Transfer& transfer, const ShownAttributes& attributes,
+                                    const Box& bounds);
 
 /// Finds out whether the points of a file stand for any material: they do not if all of their cells are flat. Reads
 /// some hundred KiB. Fails if the file cannot be read.

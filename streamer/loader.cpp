@@ -36,6 +36,10 @@ std::string name_of(const format::Volume& volume, const ChunkLoad& chunk) {
   return fmt::format("chunk '{}' of row {}", column_kind_name(kind), chunk.row);
 }
 
+bool is_of_gradients(const format::Volume& volume, const ChunkLoad& chunk) {
+  return volume.info().columns[static_cast<std::size_t>(chunk.column)].kind == format::ColumnKind::gradient;
+}
+
 std::string describe(const format::Volume& volume, const PartLoad& part) {
   if (const auto* row = std::get_if<RowLoad>(&part.what)) {
     std::string text = fmt::format("{}: {}", volume.name(), name_of(volume, row->chunks.front()));
@@ -53,9 +57,9 @@ tl::unexpected<Error> fail_in_part(const format::Volume& volume, const PartLoad&
   return fail(error.code, "{}: {}", what, error.message);
 }
 
-Result<format::IndexPage> read_index_page(const format::Volume& volume, int attribute, const IndexPageLoad& load) {
-  if (load.structure) return volume.with_summaries(*load.structure, attribute);
-  return volume.read_index_page(load.ref, load.child_mask, load.parent_counts, attribute);
+Result<format::IndexPage> read_index_page(const format::Volume& volume, const format::SummaryAttributes& attributes, const IndexPageLoad& load) {
+  if (load.structure) return volume.with_summaries(*load.structure, attributes);
+  return volume.read_index_page(load.ref, load.child_mask, load.parent_counts, attributes);
 }
 
 template <class Page>
@@ -101,8 +105,10 @@ Result<CacheData> decode(const format::Volume& volume, const PartLoad& part, std
     SPLATVOL_TRY_ASSIGN(shapes, decode_shapes(row.kernel, chunks[0], chunks[1], row.points, volume.info().cube, what));
     return CacheData(std::make_shared<const ShapeRow>(std::move(shapes)));
   }
-  const ChunkBytes* gradients = chunks.size() > 1 ? &chunks[1] : nullptr;
-  SPLATVOL_TRY_ASSIGN(values, decode_values(row.kernel, chunks[0], gradients, row.points, what));
+  ValueChunks of_values{chunks[0]};
+  for (std::size_t i = 1; i < chunks.size(); ++i)
+    (is_of_gradients(volume, row.chunks[i]) ? of_values.gradients : of_values.opacity) = &chunks[i];
+  SPLATVOL_TRY_ASSIGN(values, decode_values(row.kernel, of_values, row.points, what));
   return CacheData(std::make_shared<const ValueRow>(std::move(values)));
 }
 
@@ -131,7 +137,7 @@ PartLoad row_load(const CacheKey& key, RowLoad what) { return {key, std::move(wh
 std::uint64_t decoded_bytes(const PartLoad& part) {
   const RowLoad& row = part.row();
   return part.key.kind == CacheKey::Kind::shapes ? shape_row_bytes(row.kernel, row.points)
-                                                 : value_row_bytes(row.kernel, row.points);
+                                                 : value_row_bytes(row.kernel, row.points, row.opacity);
 }
 
 std::uint64_t working_bytes(const format::Volume& volume, const PartLoad& part) {
@@ -187,10 +193,10 @@ std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad>
 
 namespace {
 
-void read_parts(const format::Volume& volume, int attribute, LoadRun& run) {
+void read_parts(const format::Volume& volume, const format::SummaryAttributes& attributes, LoadRun& run) {
   PartLoad& first = run.front();
   if (const auto* page = std::get_if<IndexPageLoad>(&first.what)) {
-    first.data = as_data(volume, first, read_index_page(volume, attribute, *page));
+    first.data = as_data(volume, first, read_index_page(volume, attributes, *page));
     return;
   }
   if (std::holds_alternative<DirectoryPageLoad>(first.what)) {
@@ -205,9 +211,9 @@ void read_parts(const format::Volume& volume, int attribute, LoadRun& run) {
 }  // namespace
 
 // The system may have less memory than the budget grants. An exception must not leave a thread.
-void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
+void read_run(const format::Volume& volume, const format::SummaryAttributes& attributes, LoadRun& run) {
   try {
-    read_parts(volume, attribute, run);
+    read_parts(volume, attributes, run);
   } catch (const std::bad_alloc&) {
     // Of so few letters that they need no memory.
     for (PartLoad& part : run) part.data = tl::unexpected(Error{ErrorCode::out_of_budget, "out of memory"});
@@ -222,13 +228,13 @@ void cancel(LoadRun& run) {
 
 }  // namespace
 
-void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs) {
+void read_runs(const format::Volume& volume, const format::SummaryAttributes& attributes, std::span<LoadRun> runs) {
   std::atomic<std::size_t> next = 0;
   const std::stop_token stop = stop_of_thread();
   const auto work = [&] {
     const Interruptible interruptible(stop);
     for (std::size_t i = next++; i < runs.size(); i = next++)
-      stop.stop_requested() ? cancel(runs[i]) : read_run(volume, attribute, runs[i]);
+      stop.stop_requested() ? cancel(runs[i]) : read_run(volume, attributes, runs[i]);
   };
   std::vector<std::jthread> others;
   try {
@@ -239,8 +245,8 @@ void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> r
   work();
 }
 
-Loader::Loader(const format::Volume& volume, int attribute, unsigned threads, std::function<void()> on_data)
-    : volume_(volume), attribute_(attribute), on_data_(std::move(on_data)) {
+Loader::Loader(const format::Volume& volume, const format::SummaryAttributes& attributes, unsigned threads, std::function<void()> on_data)
+    : volume_(volume), attributes_(attributes), on_data_(std::move(on_data)) {
   threads_.reserve(threads);
   try {
     for (unsigned i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
@@ -304,7 +310,7 @@ void Loader::work() {
     run.splice(run.begin(), queue_, queue_.begin());
     ++begun_;
     lock.unlock();
-    read_run(volume_, attribute_, run.front());
+    read_run(volume_, attributes_, run.front());
     for (PartLoad& part : run.front()) part.working = Reservation();
     lock.lock();
     --begun_;

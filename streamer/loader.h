@@ -41,7 +41,8 @@ struct ChunkLoad {
 struct RowLoad {
   KernelKind kernel;
   std::uint32_t points;
-  std::vector<ChunkLoad> chunks;  // of shapes: positions first; of values: gradients last, if any
+  bool opacity;                   // of values: with those of the attribute that gives the opacity
+  std::vector<ChunkLoad> chunks;  // of shapes: positions first; of values: those of the attribute that is shown first
 };
 
 /// A part of the file on its way into the cache.
@@ -75,18 +76,18 @@ using LoadRun = std::vector<PartLoad>;
 [[nodiscard]] std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad> parts,
                                            std::uint64_t run_bytes);
 
-/// Reads and decodes a load run; sets `data` of each part. `attribute` selects the summaries of index pages. Errors
+/// Reads and decodes a load run; sets `data` of each part. `attributes` selects the summaries of index pages. Errors
 /// name the file and the part. Thread-safe.
-void read_run(const format::Volume& volume, int attribute, LoadRun& run);
+void read_run(const format::Volume& volume, const format::SummaryAttributes& attributes, LoadRun& run);
 
 /// The same for several load runs, read_threads at a time. Those that were not begun fail if the caller is interrupted.
-void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs);
+void read_runs(const format::Volume& volume, const format::SummaryAttributes& attributes, std::span<LoadRun> runs);
 
 /// Threads that read and decode load runs, in the order of `submit`. All calls must come from one thread.
 class Loader {
  public:
   /// Keeps a reference to the volume. Calls `on_data`, if there is one, on its threads after each load run.
-  Loader(const format::Volume& volume, int attribute, unsigned threads, std::function<void()> on_data);
+  Loader(const format::Volume& volume, const format::SummaryAttributes& attributes, unsigned threads, std::function<void()> on_data);
   Loader(const Loader&) = delete;
   Loader& operator=(const Loader&) = delete;
 
@@ -110,7 +111,7 @@ class Loader {
   void work();
 
   const format::Volume& volume_;
-  const int attribute_;
+  const format::SummaryAttributes attributes_;
   const std::function<void()> on_data_;
   std::mutex mutex_;
   std::condition_variable submitted_;

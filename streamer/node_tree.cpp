@@ -141,8 +141,7 @@ Result<bool> NodeTree::holds_still(const KeptOcclusion& kept) const {
 // nodes the children are tried, which may be denser. `page`: number of the node's page, as in KeptOcclusion::Link.
 Status NodeTree::hide_behind(Finding& finding, const Node& node, std::size_t page, bool parent_filled) {
   // Material of too low an extinction closes no ray, even if it fills the cube.
-  const format::ValueSummary& summary = node.summary();
-  const auto [least, most] = visibility_.extinctions(summary.min, summary.max);
+  const auto [least, most] = visibility_.extinctions(node.values());
   if (!(most * info_.cube.edge >= Occlusion::closed) || !is_visible(node)) return {};
 
   const bool in_root_page = node.page.get() == finding.root_page;
@@ -178,10 +177,7 @@ bool NodeTree::is_visible(const Node& node) const {
   return false;
 }
 
-bool NodeTree::shows(const Node& node) const {
-  const format::ValueSummary& summary = node.summary();
-  return visibility_.shows(summary.min, summary.max, summary.occupancy);
-}
+bool NodeTree::shows(const Node& node) const { return visibility_.shows(node.values()); }
 
 // The sections of a node's children add up to its own.
 double NodeTree::weight_within(const Node& node, double reach) const {

@@ -52,6 +52,10 @@ struct Node {
   [[nodiscard]] std::size_t first_resolution() const { return page->nodes.first_resolutions[index]; }
   [[nodiscard]] std::span<const std::uint64_t> counts() const { return page->nodes.counts_of(index); }
   [[nodiscard]] const format::ValueSummary& summary() const { return page->nodes.summaries[index]; }
+  [[nodiscard]] ShownValues values() const {
+    const auto& opacity = page->nodes.opacity_summaries;
+    return {summary(), opacity.empty() ? nullptr : &opacity[index]};
+  }
 
   /// Returns how many splats the node has at a resolution.
   [[nodiscard]] std::uint64_t splat_count(std::size_t resolution) const;

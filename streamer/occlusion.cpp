@@ -80,10 +80,13 @@ std::optional<Masses> find_masses(const format::Volume& volume, int column) {
 
 }  // namespace
 
-FilledNodes FilledNodes::find(const format::Volume& volume, const format::IndexPage& root, int attribute) {
+FilledNodes FilledNodes::find(const format::Volume& volume, const format::IndexPage& root,
+                              const format::SummaryAttributes& attributes) {
   const format::VolumeInfo& info = volume.info();
   const int column = info.find_column(ColumnKind::moments);
-  if (column < 0 || info.attributes[static_cast<std::size_t>(attribute)].missing > 0) return {};
+  if (column < 0) return {};
+  for (const int attribute : {attributes.values, attributes.opacity})
+    if (attribute >= 0 && info.attributes[static_cast<std::size_t>(attribute)].missing > 0) return {};
   const std::optional<Masses> masses = find_masses(volume, column);
   if (!masses) return {};
 

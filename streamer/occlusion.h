@@ -20,10 +20,11 @@ class FilledNodes {
   /// No nodes.
   FilledNodes() = default;
 
-  /// Finds the filled nodes. Finds none if the file has no moments, or if points lack a value of the attribute, because
+  /// Finds the filled nodes. Finds none if the file has no moments, or if points lack a value of an attribute, because
   /// these hide nothing. Reads only the preamble. Finds none if the preamble is damaged: reading it for a picture
   /// reports the damage.
-  static FilledNodes find(const format::Volume& volume, const format::IndexPage& root, int attribute);
+  static FilledNodes find(const format::Volume& volume, const format::IndexPage& root,
+                          const format::SummaryAttributes& attributes);
 
   [[nodiscard]] bool any() const { return !filled_.empty(); }
   [[nodiscard]] bool has(std::uint32_t node) const { return filled_[node]; }

@@ -27,7 +27,7 @@ Result<std::shared_ptr<const Page>> PagedVolume::page(CacheKey key, std::uint64_
 
 Result<IndexPage> PagedVolume::read_root() const {
   const auto structure = structure_of(root_key());
-  return structure ? volume_->with_summaries(*structure, attribute_) : volume_->read_index_root(attribute_);
+  return structure ? volume_->with_summaries(*structure, attributes_) : volume_->read_index_root(attributes_);
 }
 
 std::shared_ptr<const IndexPage> PagedVolume::structure_of(CacheKey key) const {
@@ -51,8 +51,8 @@ Result<std::shared_ptr<const IndexPage>> PagedVolume::linked(const IndexPage& pa
   const CacheKey key = index_key(ref.offset);
   const auto read = [&] {
     const auto structure = structure_of(key);
-    if (structure) return volume_->with_summaries(*structure, attribute_);
-    return volume_->read_index_page(ref, parent.nodes.child_masks[node], parent.nodes.counts_of(node), attribute_);
+    if (structure) return volume_->with_summaries(*structure, attributes_);
+    return volume_->read_index_page(ref, parent.nodes.child_masks[node], parent.nodes.counts_of(node), attributes_);
   };
   return note_used(key, page<IndexPage>(key, ref.page_bytes, read));
 }

@@ -14,24 +14,25 @@
 
 namespace splatvol {
 
-/// A volume, seen through one attribute. Reading a page waits for the file. Not thread-safe.
+/// A volume, seen through one attribute, or through a second one for the opacity, too. Reading a page waits for the file.
+/// Not thread-safe.
 class PagedVolume final : public IndexPages {
  public:
-  /// `attribute` is an index into volume.info().attributes. Keeps references to both.
-  PagedVolume(const format::Volume& volume, int attribute, Cache& cache)
-      : volume_(&volume), attribute_(attribute), cache_(cache) {}
+  /// Keeps references to the volume and the cache.
+  PagedVolume(const format::Volume& volume, const format::SummaryAttributes& attributes, Cache& cache)
+      : volume_(&volume), attributes_(attributes), cache_(cache) {}
 
   /// Changes to another step, or to another file. Keeps a reference. If it is a step of the same series, index pages of
   /// the step before are used for their structure while the cache has them.
-  void set_step(const format::Volume& volume, int attribute) {
+  void set_step(const format::Volume& volume, const format::SummaryAttributes& attributes) {
     step_before_ = volume.is_same_file(*volume_) ? step_key() : 0;
     volume_ = &volume;
-    attribute_ = attribute;
+    attributes_ = attributes;
     used_ = {};
   }
 
   [[nodiscard]] const format::Volume& volume() const { return *volume_; }
-  [[nodiscard]] int attribute() const { return attribute_; }
+  [[nodiscard]] const format::SummaryAttributes& attributes() const { return attributes_; }
 
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> root() override;
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
@@ -83,7 +84,7 @@ class PagedVolume final : public IndexPages {
   [[nodiscard]] std::uint64_t step_key() const { return volume_->series() ? volume_->step() + 1 : 0; }
 
   const format::Volume* volume_;
-  int attribute_;
+  format::SummaryAttributes attributes_;
   std::uint64_t step_before_ = 0;  // the step of keys; 0: none
   Used used_;
   Cache& cache_;

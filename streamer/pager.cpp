@@ -37,7 +37,7 @@ Pager::Pager(PagedVolume& paged, Cache& cache, const RowReader& reader, std::uin
       cache_(cache),
       reader_(reader),
       most_in_flight_(bytes_in_flight),
-      loader_(paged.volume(), paged.attribute(), threads, std::move(on_data)) {}
+      loader_(paged.volume(), paged.attributes(), threads, std::move(on_data)) {}
 
 Status Pager::pin_coarsest() {
   SPLATVOL_TRY(paged_.root());
@@ -65,7 +65,7 @@ Status Pager::pin_part(const RowName& name, const CacheKey& key) {
       return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume.name());
     };
     if (!decoded || !working) return too_little();
-    read_run(volume, paged_.attribute(), run);
+    read_run(volume, paged_.attributes(), run);
     SPLATVOL_TRY_ASSIGN(data, std::move(run.front().data));
     if (!cache_.extend(*decoded, held_bytes(data))) return too_little();
     held = cache_.insert(key, std::move(data), std::move(*decoded));
@@ -156,9 +156,18 @@ void Pager::look_up(const RowName& name, Row& row) {
   const RowReader::ChunkName value = reader_.value_chunk(name);
   const DirectoryPage* page = find_directory_page(value);
   if (!page) return;
-  const format::ChunkEntry& entry = paged_.volume().find_chunk(*page, value.row, value.column).entry;
+  const auto summary_in = [&](const DirectoryPage& directory, const RowReader::ChunkName& chunk) {
+    return format::summary_of(paged_.volume().find_chunk(directory, chunk.row, chunk.column).entry);
+  };
+  const format::ValueSummary values = summary_in(*page, value);
+  std::optional<format::ValueSummary> opacity;
+  if (const auto chunk = reader_.opacity_chunk(name)) {
+    const DirectoryPage* opacity_page = find_directory_page(*chunk);
+    if (!opacity_page) return;
+    opacity = summary_in(*opacity_page, *chunk);
+  }
   row.state = State::hidden;
-  if (!visibility_->shows_row(entry.min, entry.max, entry.occupancy)) return;
+  if (!visibility_->shows_row({values, opacity ? &*opacity : nullptr})) return;
 
   row.held = {cache_.find(reader_.shapes_key(name)), cache_.find(reader_.values_key(name))};
   row.state = row.held.is_whole() ? State::ready : State::missing;

@@ -160,15 +160,19 @@ std::uint64_t ShapeRow::memory_bytes() const {
          blocks_.size() * sizeof(RecordBlock);
 }
 
-ValueRow::ValueRow(Records records, double deviation_scale)
-    : id_(next_id()), records_(std::move(records)), deviation_scale_(deviation_scale) {}
+ValueRow::ValueRow(Records records, double deviation_scale, OpacityValues opacity)
+    : id_(next_id()),
+      records_(std::move(records)),
+      deviation_scale_(deviation_scale),
+      opacity_(std::move(opacity)) {}
 
 std::size_t ValueRow::size() const {
   return std::visit([](const auto& records) { return records.size(); }, records_);
 }
 
 std::uint64_t ValueRow::memory_bytes() const {
-  return std::visit([](const auto& records) { return std::uint64_t{sizeof(records[0])} * records.size(); }, records_);
+  return std::visit([](const auto& records) { return std::uint64_t{sizeof(records[0])} * records.size(); }, records_) +
+         sizeof(OpacityValue) * opacity_.records.size();
 }
 
 std::uint32_t block_of(const ShapeRow& row, std::uint32_t record) {
@@ -212,7 +216,7 @@ BlockedPositions make_blocks(std::span<const dvec3> positions, std::span<const f
   return result;
 }
 
-RecordRow pack_row(std::span<const Material> materials, const dvec3& origin, double length) {
+RecordRow pack_row(std::span<const Material> materials, const dvec3& origin, double length, OpacityValues opacity) {
   const auto mass_scale = largest_of(materials, [](const Material& m) { return m.mass; });
   const auto deviation_scale = largest_of(materials, [](const Material& m) { return m.deviations.x; });
   const auto value_scale = largest_of(materials, [](const Material& m) { return m.value_deviation; });
@@ -244,10 +248,10 @@ RecordRow pack_row(std::span<const Material> materials, const dvec3& origin, dou
     values.push_back(value);
   }
   return {std::make_shared<ShapeRow>(std::move(shapes), std::move(blocked.blocks), mass_scale, deviation_scale),
-          std::make_shared<ValueRow>(std::move(values), value_scale)};
+          std::make_shared<ValueRow>(std::move(values), value_scale, std::move(opacity))};
 }
 
-RecordRow pack_row(std::span<const OctantSplat> splats, const dvec3& origin, double length) {
+RecordRow pack_row(std::span<const OctantSplat> splats, const dvec3& origin, double length, OpacityValues opacity) {
   std::vector<dvec3> positions;
   std::vector<float> limits;
   for (const OctantSplat& splat : splats) {
@@ -262,7 +266,7 @@ RecordRow pack_row(std::span<const OctantSplat> splats, const dvec3& origin, dou
     values.push_back({splats[i].value, splats[i].gradient});
   }
   return {std::make_shared<ShapeRow>(std::move(shapes), std::move(blocked.blocks)),
-          std::make_shared<ValueRow>(std::move(values))};
+          std::make_shared<ValueRow>(std::move(values), 0, std::move(opacity))};
 }
 
 Material unpack(const RecordRow& row, std::uint32_t record) {

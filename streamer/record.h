@@ -77,6 +77,15 @@ struct OctantValue {
 };
 static_assert(sizeof(OctantValue) == 8);
 
+/// The value of the attribute that gives a splat's opacity, as stored. Of either kernel.
+struct OpacityValue {
+  float mean;
+  std::uint16_t deviation;  // log code
+  std::uint8_t coverage;    // / 255: share of the mass that has a value
+  std::uint8_t unused = 0;
+};
+static_assert(sizeof(OpacityValue) == 8);
+
 /// Bytes of a record: shape and value.
 [[nodiscard]] constexpr std::size_t record_bytes(KernelKind kernel) {
   return kernel == KernelKind::octant ? sizeof(OctantShape) + sizeof(OctantValue)
@@ -130,12 +139,18 @@ class ShapeRow {
   double mass_scale_, deviation_scale_;
 };
 
+/// The values of the attribute that gives the opacity of a row's records.
+struct OpacityValues {
+  std::vector<OpacityValue> records;  // empty: there is no such attribute
+  double deviation_scale = 0;         // of log codes, in stored values
+};
+
 /// Values of the records of a row. Never changes.
 class ValueRow {
  public:
   using Records = std::variant<std::vector<MomentsValue>, std::vector<OctantValue>>;
 
-  explicit ValueRow(Records records, double deviation_scale = 0);
+  explicit ValueRow(Records records, double deviation_scale = 0, OpacityValues opacity = {});
 
   /// Different for any two rows of a process, shapes or values.
   [[nodiscard]] std::uint64_t id() const { return id_; }
@@ -145,12 +160,15 @@ class ValueRow {
   /// Scale of log codes, in stored values.
   [[nodiscard]] double deviation_scale() const { return deviation_scale_; }
 
+  [[nodiscard]] const OpacityValues& opacity() const { return opacity_; }
+
   [[nodiscard]] std::uint64_t memory_bytes() const;
 
  private:
   std::uint64_t id_;
   Records records_;
   double deviation_scale_;
+  OpacityValues opacity_;
 };
 
 /// Shapes and values of the same records.
@@ -192,12 +210,14 @@ struct BlockedPositions {
 [[nodiscard]] BlockedPositions make_blocks(std::span<const dvec3> positions, std::span<const float> limits,
                                            double length);
 
-/// Packs materials whose centres are relative to `origin` (world units). Numbers come back as precisely as codes hold
+/// Packs materials whose centres are relative to `origin` (world units), with their values of the opacity's attribute. Numbers come back as precisely as codes hold
 /// them: the largest mass and deviation exactly in single precision, others within a factor 2^(1/256).
-[[nodiscard]] RecordRow pack_row(std::span<const Material> materials, const dvec3& origin, double length);
+[[nodiscard]] RecordRow pack_row(std::span<const Material> materials, const dvec3& origin, double length,
+                                 OpacityValues opacity = {});
 
 /// The same for splats of the kernel octant.
-[[nodiscard]] RecordRow pack_row(std::span<const OctantSplat> splats, const dvec3& origin, double length);
+[[nodiscard]] RecordRow pack_row(std::span<const OctantSplat> splats, const dvec3& origin, double length,
+                                 OpacityValues opacity = {});
 
 /// Returns a record in numbers, relative to the origin of its block. Requires a row of the kernel moments.
 [[nodiscard]] Material unpack(const RecordRow& row, std::uint32_t record);

@@ -7,6 +7,8 @@ namespace {
 
 constexpr std::uint64_t records_per_block = 16;  // at least, in nearly all rows
 
+constexpr std::uint64_t opacity_bytes(bool opacity) { return opacity ? sizeof(OpacityValue) : 0; }
+
 constexpr std::uint64_t shape_bytes(KernelKind kernel) {
   return kernel == KernelKind::octant ? sizeof(OctantShape) : sizeof(MomentsShape);
 }
@@ -17,8 +19,8 @@ std::uint64_t shape_row_bytes(KernelKind kernel, std::uint64_t points) {
   return sizeof(ShapeRow) + points * shape_bytes(kernel) + (points / records_per_block + 1) * sizeof(RecordBlock);
 }
 
-std::uint64_t value_row_bytes(KernelKind kernel, std::uint64_t points) {
-  return sizeof(ValueRow) + points * (record_bytes(kernel) - shape_bytes(kernel));
+std::uint64_t value_row_bytes(KernelKind kernel, std::uint64_t points, bool opacity) {
+  return sizeof(ValueRow) + points * (record_bytes(kernel) - shape_bytes(kernel) + opacity_bytes(opacity));
 }
 
 std::uint64_t held_bytes(const ShapeRow& row) { return sizeof(ShapeRow) + row.memory_bytes(); }
@@ -35,8 +37,9 @@ std::uint64_t value_decoding_bytes(KernelKind kernel, std::uint64_t points, std:
   return unpacked_bytes + points * (each + sizeof(std::uint64_t));
 }
 
-std::uint64_t most_clipped_bytes(KernelKind kernel, std::uint64_t splats) {
-  return sizeof(ShapeRow) + sizeof(ValueRow) + splats * (record_bytes(kernel) + sizeof(RecordBlock));
+std::uint64_t most_clipped_bytes(KernelKind kernel, std::uint64_t splats, bool opacity) {
+  return sizeof(ShapeRow) + sizeof(ValueRow) +
+         splats * (record_bytes(kernel) + opacity_bytes(opacity) + sizeof(RecordBlock));
 }
 
 }  // namespace splatvol

@@ -45,30 +45,40 @@ struct RowReader::Wave {
 
 Result<RowReader> RowReader::create(PagedVolume& volume, Cache& cache, KernelKind kernel, bool gradients) {
   const format::VolumeInfo& info = volume.volume().info();
-  const int attribute = volume.attribute();
+  const auto [attribute, opacity] = volume.attributes();
   const std::string& file = volume.volume().name();
-  const std::string& name = info.attributes[static_cast<std::size_t>(attribute)].name;
+  const auto name_of = [&](int index) { return info.attributes[static_cast<std::size_t>(index)].name; };
   if (kernel == KernelKind::moments) {
     const std::vector<int> shapes{info.find_column(ColumnKind::centroid), info.find_column(ColumnKind::moments)};
-    const std::vector<int> values{info.find_column(ColumnKind::value_moments, attribute)};
-    if (std::min(std::ranges::min(shapes), values.front()) < 0)
-      return fail(ErrorCode::unsupported,
-                  "{}: no splat moments of '{}' in it: svbuild of this version writes them, and --kernel octant draws "
-                  "without",
-                  file, name);
-    return RowReader(volume, cache, kernel, shapes, values);
+    std::vector<int> values;
+    for (const int shown : {attribute, opacity}) {
+      if (shown < 0) continue;
+      values.push_back(info.find_column(ColumnKind::value_moments, shown));
+      if (std::min(std::ranges::min(shapes), values.back()) < 0)
+        return fail(ErrorCode::unsupported,
+                    "{}: no splat moments of '{}' in it: svbuild of this version writes them, and --kernel octant "
+                    "draws without",
+                    file, name_of(shown));
+    }
+    return RowReader(volume, cache, kernel, false, shapes, std::move(values));
   }
   const std::vector<int> shapes{info.find_column(ColumnKind::position), info.find_column(ColumnKind::octant)};
-  std::vector<int> values{info.find_column(ColumnKind::value, attribute)};
-  if (values.front() < 0) return fail(ErrorCode::unsupported, "{}: no values of attribute '{}'", file, name);
+  std::vector<int> values;
+  const auto add_values = [&](int shown) -> Status {
+    values.push_back(info.find_column(ColumnKind::value, shown));
+    if (values.back() >= 0) return {};
+    return fail(ErrorCode::unsupported, "{}: no values of attribute '{}'", file, name_of(shown));
+  };
+  SPLATVOL_TRY(add_values(attribute));
   if (shapes.back() < 0) return fail(ErrorCode::unsupported, "{}: no octants, which the octant kernel draws", file);
   if (gradients) values.push_back(info.find_column(ColumnKind::gradient, attribute));
   if (values.back() < 0)  // the gradients
     return fail(
         ErrorCode::unsupported,
         "{}: no gradients of '{}' in it, which --kernel octant needs for lighting: svbuild --gradients keeps them",
-        file, name);
-  return RowReader(volume, cache, kernel, shapes, values);
+        file, name_of(attribute));
+  if (opacity >= 0) SPLATVOL_TRY(add_values(opacity));
+  return RowReader(volume, cache, kernel, gradients, shapes, std::move(values));
 }
 
 const format::Column& RowReader::column(int index) const {
@@ -101,7 +111,7 @@ std::vector<RowReader::ChunkName> RowReader::chunks(const RowName& name, CacheKe
 }
 
 PartLoad RowReader::load_of(const RowName& name, const CacheKey& key) const {
-  RowLoad load{kernel_, volume_->volume().rows().group(name.group).count, {}};
+  RowLoad load{kernel_, volume_->volume().rows().group(name.group).count, has_opacity(), {}};
   for (const ChunkName& chunk : chunks(name, key.kind)) load.chunks.push_back({chunk.row, chunk.column, {}});
   return row_load(key, std::move(load));
 }
@@ -112,9 +122,15 @@ Result<std::vector<RowPart>> RowReader::plan(const Cut& cut, const ValueVisibili
   const auto shows = [&](const RowName& name) -> Result<bool> {
     const auto [entry, added] = shown.try_emplace(name.number(), false);
     if (!added) return entry->second;
-    const ChunkName chunk = value_chunk(name);
-    SPLATVOL_TRY_ASSIGN(location, volume_->find_chunk(chunk.row, chunk.column));
-    return entry->second = visibility.shows_row(location.entry.min, location.entry.max, location.entry.occupancy);
+    const auto summary_of = [&](const ChunkName& chunk) -> Result<format::ValueSummary> {
+      SPLATVOL_TRY_ASSIGN(location, volume_->find_chunk(chunk.row, chunk.column));
+      return format::summary_of(location.entry);
+    };
+    SPLATVOL_TRY_ASSIGN(values, summary_of(value_chunk(name)));
+    const std::optional<ChunkName> opacity_chunk = this->opacity_chunk(name);
+    if (!opacity_chunk) return entry->second = visibility.shows_row({values});
+    SPLATVOL_TRY_ASSIGN(opacity, summary_of(*opacity_chunk));
+    return entry->second = visibility.shows_row({values, &opacity});
   };
 
   for (std::uint32_t i = 0; i < cut.items.size(); ++i) {
@@ -137,7 +153,7 @@ std::uint64_t RowReader::working_bytes() const {
   const std::uint64_t points = volume_->volume().info().largest_group();
   std::uint64_t bytes = 0;
   for (const CacheKey::Kind kind : {CacheKey::Kind::shapes, CacheKey::Kind::values}) {
-    RowLoad load{kernel_, static_cast<std::uint32_t>(points), {}};
+    RowLoad load{kernel_, static_cast<std::uint32_t>(points), has_opacity(), {}};
     for (const int index : columns(kind)) {
       ChunkLoad chunk{0, index, {}};
       const auto payload = static_cast<std::uint32_t>(largest_payload(column(index).kind, points));
@@ -160,7 +176,8 @@ std::uint64_t RowReader::row_bytes(const Cut& cut) const {
       if (!rows.insert(name.number()).second) return true;
       const std::uint64_t points = volume.rows().group(part.group).count;
       bytes += shape_row_bytes(kernel_, points);
-      if (values.insert(row_of(name, value_columns_.front())).second) bytes += value_row_bytes(kernel_, points);
+      if (values.insert(row_of(name, value_columns_.front())).second) 
+        bytes += value_row_bytes(kernel_, points, has_opacity());
       for (const CacheKey::Kind kind : {CacheKey::Kind::shapes, CacheKey::Kind::values})
         for (const int index : columns(kind)) pages.insert(volume.directory_page_of_row(row_of(name, index), index));
       return true;

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <span>
 #include <unordered_map>
 #include <vector>
@@ -72,7 +73,8 @@ struct HeldRow {
 };
 using HeldRows = std::unordered_map<std::uint64_t, HeldRow>;  // [RowName::number]
 
-/// Reads the rows of cuts. Not thread-safe; reads and decodes on its own threads.
+/// Reads the rows of cuts. Values come with those of the volume's second attribute, if it has one. Not thread-safe; reads
+/// and decodes on its own threads.
 class RowReader {
  public:
   /// `gradients`: reads gradients too, for the kernel octant. Fails with unsupported if the file lacks a column that is
@@ -108,24 +110,31 @@ class RowReader {
   [[nodiscard]] std::array<CacheKey, 2> keys(const RowName& name) const { return {shapes_key(name), values_key(name)}; }
   [[nodiscard]] std::vector<ChunkName> chunks(const RowName& name, CacheKey::Kind kind) const;
 
-  /// The chunk whose values tell whether anything of a row is visible.
+  /// The chunks whose values tell whether anything of a row is visible: of the attribute that is shown, and of that which
+  /// gives the opacity.
   [[nodiscard]] ChunkName value_chunk(const RowName& name) const { return chunk_name(name, value_columns_.front()); }
+  [[nodiscard]] std::optional<ChunkName> opacity_chunk(const RowName& name) const {
+    return has_opacity() ? std::optional(chunk_name(name, value_columns_.back())) : std::nullopt;
+  }
 
   /// Returns a part of a row, without reservations and without the locations of its chunks.
   [[nodiscard]] PartLoad load_of(const RowName& name, const CacheKey& key) const;
 
   [[nodiscard]] KernelKind kernel() const { return kernel_; }
-  [[nodiscard]] bool has_gradients() const { return kernel_ == KernelKind::octant && value_columns_.size() > 1; }
+  [[nodiscard]] bool has_gradients() const { return gradients_; }
+  [[nodiscard]] bool has_opacity() const { return volume_->attributes().opacity >= 0; }
   [[nodiscard]] const std::vector<int>& columns(CacheKey::Kind kind) const {
     return kind == CacheKey::Kind::shapes ? shape_columns_ : value_columns_;
   }
 
  private:
   struct Wave;
-  RowReader(PagedVolume& volume, Cache& cache, KernelKind kernel, std::vector<int> shapes, std::vector<int> values)
+  RowReader(PagedVolume& volume, Cache& cache, KernelKind kernel, bool gradients, std::vector<int> shapes,
+            std::vector<int> values)
       : volume_(&volume),
         cache_(&cache),
         kernel_(kernel),
+        gradients_(gradients),
         shape_columns_(std::move(shapes)),
         value_columns_(std::move(values)) {}
   [[nodiscard]] const format::Column& column(int index) const;
@@ -137,8 +146,9 @@ class RowReader {
   PagedVolume* volume_;
   Cache* cache_;
   KernelKind kernel_;
+  bool gradients_;
   std::vector<int> shape_columns_;  // position, octant; or centroid, moments
-  std::vector<int> value_columns_;  // value, perhaps gradient; or value_moments
+  std::vector<int> value_columns_;  // value, perhaps gradient; or value_moments. Last, if there is one, of the opacity
 };
 
 }  // namespace splatvol

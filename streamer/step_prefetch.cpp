@@ -11,11 +11,11 @@ namespace splatvol {
 
 using format::DirectoryPage;
 
-StepPrefetch::StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step, int attribute,
+StepPrefetch::StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step, const format::SummaryAttributes& attributes,
                            std::vector<PartLoad> pages, std::vector<PartLoad> rows, Reservation working)
     : from_(std::move(from)),
       step_(step),
-      attribute_(attribute),
+      attributes_(attributes),
       pages_(std::move(pages)),
       rows_(std::move(rows)),
       working_(std::move(working)),
@@ -64,7 +64,7 @@ void StepPrefetch::read_pages() {
   for (PartLoad& part : pages_) {
     if (stop_.stop_requested()) return;
     if (const auto* index = std::get_if<IndexPageLoad>(&part.what)) {
-      auto page = result_.volume->with_summaries(*index->structure, attribute_);
+      auto page = result_.volume->with_summaries(*index->structure, attributes_);
       if (!page || page->memory_bytes() > part.decoded.bytes()) continue;
       part.data = CacheData(std::move(*page));
     } else {
@@ -98,7 +98,7 @@ void StepPrefetch::read_rows() {
   std::vector<LoadRun> runs = runs_of(*result_.volume, std::move(rows_), run_bytes);
   for (LoadRun& run : runs) {
     if (stop_.stop_requested()) return;
-    read_run(*result_.volume, attribute_, run);
+    read_run(*result_.volume, attributes_, run);
     for (PartLoad& part : run)
       if (part.data && held_bytes(*part.data) <= part.decoded.bytes()) result_.parts.push_back(std::move(part));
   }

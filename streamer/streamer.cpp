@@ -18,7 +18,21 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
 
 }  // namespace
 
-Streamer::Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options)
+namespace {
+
+// Finds the attributes by their names; `opacity` empty: none.
+Result<format::SummaryAttributes> find_attributes(const format::Volume& volume, const std::string& values,
+                                                  const std::string& opacity) {
+  SPLATVOL_TRY_ASSIGN(values_index, format::find_attribute(volume.info(), values, volume.name()));
+  if (opacity.empty()) return format::SummaryAttributes{values_index};
+  SPLATVOL_TRY_ASSIGN(opacity_index, format::find_attribute(volume.info(), opacity, volume.name()));
+  return format::SummaryAttributes{values_index, opacity_index};
+}
+
+}  // namespace
+
+Streamer::Streamer(std::shared_ptr<const format::Volume> volume, const format::SummaryAttributes& attributes,
+                   const StreamerOptions& options)
     : volume_(std::move(volume)),
       kernel_(options.kernel),
       threads_(std::max(options.threads, 1U)),
@@ -26,7 +40,7 @@ Streamer::Streamer(std::shared_ptr<const format::Volume> volume, int attribute, 
       on_data_(options.on_data),
       budget_(options.memory_bytes),
       cache_(budget_),
-      paged_(*volume_, attribute, cache_) {}
+      paged_(*volume_, attributes, cache_) {}
 
 Streamer::~Streamer() = default;
 
@@ -37,17 +51,23 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> sou
 
 Result<std::unique_ptr<Streamer>> Streamer::open(std::shared_ptr<const format::Volume> volume,
                                                  const StreamerOptions& options) {
-  SPLATVOL_TRY_ASSIGN(attribute, format::find_attribute(volume->info(), options.attribute, volume->name()));
-  std::unique_ptr<Streamer> streamer(new Streamer(std::move(volume), attribute, options));
+  SPLATVOL_TRY_ASSIGN(attributes, find_attributes(*volume, options.attribute, options.opacity_attribute));
+  std::unique_ptr<Streamer> streamer(new Streamer(std::move(volume), attributes, options));
   SPLATVOL_TRY_ASSIGN(reader, RowReader::create(streamer->paged_, streamer->cache_, options.kernel, options.gradients));
   streamer->reader_ = std::move(reader);
   SPLATVOL_TRY(streamer->set_memory_aside());
   return streamer;
 }
 
-ValueVisibility Streamer::visibility_of(const TransferFunction& function, const View& view) const {
-  return {function, info().attributes[static_cast<std::size_t>(paged_.attribute())], units().length,
-          !view.slices.empty()};
+ShownAttributes Streamer::shown_attributes() const {
+  const auto [values, opacity] = paged_.attributes();
+  const auto& attributes = info().attributes;
+  return {attributes[static_cast<std::size_t>(values)],
+          opacity < 0 ? nullptr : &attributes[static_cast<std::size_t>(opacity)]};
+}
+
+ValueVisibility Streamer::visibility_of(const Transfer& transfer, const View& view) const {
+  return {transfer, shown_attributes(), units().length, !view.slices.empty()};
 }
 
 Status Streamer::set_step(std::size_t step) {
@@ -134,7 +154,7 @@ void Streamer::prefetch_step(std::size_t step) {
     rows.push_back(std::move(row));
   }
   try {
-    prefetch_ = std::make_unique<StepPrefetch>(volume_, step, paged_.attribute(), std::move(pages), std::move(rows),
+    prefetch_ = std::make_unique<StepPrefetch>(volume_, step, paged_.attributes(), std::move(pages), std::move(rows),
                                                std::move(*working));
   } catch (const std::system_error&) {
     // No thread starts: the step is read when it is shown.
@@ -143,8 +163,8 @@ void Streamer::prefetch_step(std::size_t step) {
 
 // The pager, the frame and what hides others belong to the step before.
 Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
-  const std::string& name = info().attributes[static_cast<std::size_t>(paged_.attribute())].name;
-  SPLATVOL_TRY_ASSIGN(attribute, format::find_attribute(volume->info(), name, volume->name()));
+  const auto [values, opacity] = shown_attributes();
+  SPLATVOL_TRY_ASSIGN(attributes, find_attributes(*volume, values.name, opacity ? opacity->name : ""));
   const bool gradients = reader_->has_gradients();
   prefetch_.reset();
   pager_.reset();
@@ -156,14 +176,14 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
   view_before_.reset();
   if (!volume->is_same_file(*volume_)) cache_.clear();
   const auto before = std::exchange(volume_, std::move(volume));  // paged_ and reader_ still refer to it
-  paged_.set_step(*volume_, attribute);
+  paged_.set_step(*volume_, attributes);
   SPLATVOL_TRY_ASSIGN(reader, RowReader::create(paged_, cache_, kernel_, gradients));
   reader_ = std::move(reader);
   fixed_ = Reservation();
   return set_memory_aside();
 }
 
-Result<const FrameSplats*> Streamer::request(const View& view, const TransferFunction& function,
+Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& transfer,
                                              const DetailOptions& detail) {
   SPLATVOL_TRY(check_detail(detail));
   clip_ = view.clip;
@@ -172,7 +192,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const TransferFun
   pager_.reset();
   coarsest_frame_.reset();
   cut_seconds_ = fetch_seconds_ = 0;
-  const ValueVisibility visibility = visibility_of(function, view);
+  const ValueVisibility visibility = visibility_of(transfer, view);
   for (DetailOptions tried = detail;;) {
     const auto cut_start = std::chrono::steady_clock::now();
     auto choice = choose(view, visibility, tried);

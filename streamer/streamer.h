@@ -34,6 +34,7 @@ namespace splatvol {
 struct StreamerOptions {
   std::uint64_t memory_bytes = std::uint64_t{512} << 20;
   std::string attribute;
+  std::string opacity_attribute = {};  // whose values give a factor on the extinction; empty: none
   KernelKind kernel = KernelKind::moments;
   bool gradients = false;           // kernel octant: with gradients, for lighting; moments always have them
   unsigned threads = read_threads;  // for reading and decoding in `advance`
@@ -92,7 +93,7 @@ struct StreamerStatistics {
   double fetch_seconds = 0;
 };
 
-/// An open file, seen through one attribute. All its memory counts against the budget: preamble, pages, rows of
+/// An open file, seen through one attribute, and perhaps another that gives the opacity. All its memory counts against the budget: preamble, pages, rows of
 /// records, packed bytes that are being read, and draw lists. A row is decoded once, and stays until its memory is
 /// needed.
 ///
@@ -102,7 +103,7 @@ struct StreamerStatistics {
 /// Not thread-safe; uses all processors, and its own threads for `advance`.
 class Streamer {
  public:
-  /// Reads the preamble. Fails if the file is damaged, does not have the attribute (the message lists those that it
+  /// Reads the preamble. Fails if the file is damaged, does not have an attribute (the message lists those that it
   /// has), or lacks columns for the kernel, and if the preamble alone passes the budget.
   [[nodiscard]] static Result<std::unique_ptr<Streamer>> open(std::unique_ptr<ByteSource> source,
                                                               const StreamerOptions& options);
@@ -121,7 +122,7 @@ class Streamer {
   /// be read or is damaged.
   ///
   /// The result stays valid until the next request, even if that fails.
-  [[nodiscard]] Result<const FrameSplats*> request(const View& view, const TransferFunction& function,
+  [[nodiscard]] Result<const FrameSplats*> request(const View& view, const Transfer& transfer,
                                                    const DetailOptions& detail);
 
   /// Returns the best splats for a view that are resident now, or within `wait_seconds`. Until the next call, reads
@@ -139,7 +140,7 @@ class Streamer {
   /// of the first call cannot be read, and if not even the coarsest picture fits.
   ///
   /// The result stays valid until the next call or request.
-  [[nodiscard]] Result<const FrameSplats*> advance(const View& view, const TransferFunction& function,
+  [[nodiscard]] Result<const FrameSplats*> advance(const View& view, const Transfer& transfer,
                                                    const DetailOptions& detail, double wait_seconds = 0,
                                                    double change = 1);
 
@@ -168,9 +169,14 @@ class Streamer {
 
   /// Returns the units of the splats.
   [[nodiscard]] DrawingUnits units() const {
-    const format::Attribute& attribute = info().attributes[static_cast<std::size_t>(paged_.attribute())];
+    const auto [values, opacity] = shown_attributes();
     const double length = drawing_length(info().cube.edge);
-    return {length, attribute.offset, attribute.scale, info().cube.edge / length};
+    return {length,
+            values.offset,
+            values.scale,
+            info().cube.edge / length,
+            opacity ? opacity->offset : 0,
+            opacity ? opacity->scale : 1};
   }
 
   [[nodiscard]] KernelKind kernel() const { return kernel_; }
@@ -184,8 +190,10 @@ class Streamer {
 
   // A range of records: the ids of its shapes and values, its first record and its number of records.
   using RangeName = std::tuple<std::uint64_t, std::uint64_t, std::uint32_t, std::uint32_t>;
-  Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options);
-  [[nodiscard]] ValueVisibility visibility_of(const TransferFunction& function, const View& view) const;
+  Streamer(std::shared_ptr<const format::Volume> volume, const format::SummaryAttributes& attributes,
+           const StreamerOptions& options);
+  [[nodiscard]] ShownAttributes shown_attributes() const;
+  [[nodiscard]] ValueVisibility visibility_of(const Transfer& transfer, const View& view) const;
 
   // Budget and choice (streamer_choice.cpp).
   [[nodiscard]] Status set_memory_aside();

@@ -42,7 +42,7 @@ Status Streamer::set_memory_aside() {
   SPLATVOL_TRY_ASSIGN(root, paged_.read_root());
   working_bytes_ = reader_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
   coarsest_bytes_ = reader_->coarsest_row_bytes() + root.memory_bytes() + coarsest_frame_bytes();
-  if (kernel_ == KernelKind::moments && hide_) filled_ = FilledNodes::find(*volume_, root, paged_.attribute());
+  if (kernel_ == KernelKind::moments && hide_) filled_ = FilledNodes::find(*volume_, root, paged_.attributes());
   auto fixed = cache_.reserve(fixed_bytes());
   if (!fixed || cut_limit() == 0)
     return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even opening it needs {}",
@@ -90,7 +90,7 @@ std::uint64_t Streamer::clipped_bytes(const Cut& cut) const {
   std::uint64_t bytes = 0;
   for (const CutItem& item : cut.items) {
     if (!may_cut(clip_, item.cube)) continue;
-    for (const PointRange& range : cut.ranges_of(item)) bytes += most_clipped_bytes(kernel_, range.count);
+    for (const PointRange& range : cut.ranges_of(item)) bytes += most_clipped_bytes(kernel_, range.count, reader_->has_opacity());
   }
   return bytes;
 }
@@ -99,7 +99,7 @@ std::uint64_t Streamer::clipped_bytes(const Cut& cut) const {
 std::uint64_t Streamer::coarsest_frame_bytes() const {
   return info().resolution_counts[0] *
          (sizeof(CutItem) + sizeof(PointRange) + item_bytes + part_bytes + clipped_entry_bytes +
-          most_clipped_bytes(kernel_, 1) + sizeof(DrawRange) + sizeof(std::uint32_t));
+          most_clipped_bytes(kernel_, 1, reader_->has_opacity()) + sizeof(DrawRange) + sizeof(std::uint32_t));
 }
 
 // Returns a bound on what select_cut counts of a cut of resolution 0 alone.

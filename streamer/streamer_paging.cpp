@@ -29,7 +29,7 @@ Status Streamer::start_paging() {
   return {};
 }
 
-Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFunction& function,
+Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& transfer,
                                              const DetailOptions& detail, double wait_seconds, double change) {
   SPLATVOL_TRY(check_detail(detail));
   clip_ = view.clip;
@@ -40,7 +40,7 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
                                     std::chrono::duration<double>(std::min(wait_seconds, 1e6)));
   SPLATVOL_TRY(start_paging());
   if (frame_) frame_->splats.progress.errors.clear();
-  const ValueVisibility visibility = visibility_of(function, view);
+  const ValueVisibility visibility = visibility_of(transfer, view);
   const bool steady = aim_ && aim_->view == view && aim_->visibility == visibility && aim_->asked == detail;
   if (!steady) {
     view_before_ = aim_ ? std::optional(aim_->view) : std::nullopt;

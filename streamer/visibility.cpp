@@ -81,18 +81,34 @@ double ValueContrast::Node::variance(double share) const {
   return (1 - part) * static_cast<double>(variances[below]) + part * static_cast<double>(variances[below + 1]);
 }
 
-ValueVisibility::ValueVisibility(const TransferFunction& function, const format::Attribute& attribute, double length,
+// Contrasts of black have half of the squared extinction. For a factor this is all that counts.
+double ShownContrast::extinction() const { return values.extinction * (opacity ? opacity->extinction : 1); }
+
+double ShownContrast::squares() const { return values.squares * (opacity ? 2 * opacity->squares : 1); }
+
+double ShownContrast::variance(double share) const {
+  if (!opacity) return values.variance(share);
+  return values.variance(share) * 2 * opacity->squares + values.squares * 2 * opacity->variance(share);
+}
+
+ValueVisibility::ValueVisibility(const Transfer& transfer, const ShownAttributes& attributes, double length,
                                  bool sliced)
-    : function_(function),
-      offset_(attribute.offset),
-      scale_(attribute.scale),
+    : function_(transfer.function),
+      offset_(attributes.values.offset),
+      scale_(attributes.values.scale),
       length_(length),
       sliced_(sliced),
-      contrast_(function, attribute, length) {
+      contrast_(function_, attributes.values, length) {
+  const format::Attribute& attribute = attributes.values;
   if (sliced) {
-    TransferFunction opaque = function;
+    TransferFunction opaque = function_;
     opaque.densities = {{0, 1}};
     slice_contrast_.emplace(opaque, attribute);
+  }
+  if (transfer.opacity && attributes.opacity) {
+    TransferFunction black = *transfer.opacity;
+    black.colors = {{0, dvec3(0)}};
+    opacity_ = std::make_shared<const ValueVisibility>(black, *attributes.opacity);
   }
   if (std::isnan(attribute.min)) return;
 
@@ -102,7 +118,7 @@ ValueVisibility::ValueVisibility(const TransferFunction& function, const format:
   const double margin = 1e-6 * width + 8 * std::numeric_limits<double>::epsilon() * largest;
   for (int b = 0; b < 64; ++b) {
     const double low = attribute.min + b * width;
-    if (extinction_within(function, low - margin, low + width + margin)) bins_ |= std::uint64_t{1} << b;
+    if (extinction_within(function_, low - margin, low + width + margin)) bins_ |= std::uint64_t{1} << b;
   }
 }
 
@@ -110,6 +126,25 @@ bool ValueVisibility::shows(float min, float max, std::uint64_t occupancy) const
   if (!(min <= max) || (occupancy & bins_) == 0) return false;
   return extinction_within(function_, offset_ + scale_ * static_cast<double>(min),
                            offset_ + scale_ * static_cast<double>(max));
+}
+
+bool ValueVisibility::shows(const ShownValues& shown) const {
+  const auto& [values, opacity] = shown;
+  if (opacity_ && opacity && !opacity_->shows(opacity->min, opacity->max, opacity->occupancy)) return false;
+  return shows(values.min, values.max, values.occupancy);
+}
+
+ShownContrast ValueVisibility::contrast(const ShownValues& shown) const {
+  ShownContrast contrast{contrast_.of(shown.values)};
+  if (opacity_ && shown.opacity) contrast.opacity = opacity_->contrast_.of(*shown.opacity);
+  return contrast;
+}
+
+ValueVisibility::Extinctions ValueVisibility::extinctions(const ShownValues& shown) const {
+  Extinctions result = extinctions(shown.values.min, shown.values.max);
+  if (!opacity_ || !shown.opacity) return result;
+  const Extinctions factor = opacity_->extinctions(shown.opacity->min, shown.opacity->max);
+  return {result.least * factor.least, result.most * factor.most};
 }
 
 // The function is linear between control points, so it is least and largest at control points or at the ends.
@@ -128,7 +163,9 @@ ValueVisibility::Extinctions ValueVisibility::extinctions(float min, float max) 
 }
 
 bool ValueVisibility::operator==(const ValueVisibility& other) const {
-  return bins_ == other.bins_ && sliced_ == other.sliced_ && offset_ == other.offset_ && scale_ == other.scale_ &&
+  const bool same_opacity =
+      opacity_ && other.opacity_ ? *opacity_ == *other.opacity_ : opacity_ == other.opacity_;  // else both are null
+  return same_opacity && bins_ == other.bins_ && sliced_ == other.sliced_ && offset_ == other.offset_ && scale_ == other.scale_ &&
          function_.lo == other.function_.lo && function_.hi == other.function_.hi &&
          function_.axis == other.function_.axis && function_.linear_width == other.function_.linear_width &&
          function_.densities == other.function_.densities;

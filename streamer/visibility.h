@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 
 #include "format/volume_info.h"
@@ -45,12 +46,37 @@ class ValueContrast {
   double bin_width_ = 0;
 };
 
-/// A transfer function, seen through the 64 bins of an attribute (spec/svol-1.md, section 7).
+/// The values of a node or of a row: of the attribute that is shown, and of that which gives the opacity.
+struct ShownValues {
+  const format::ValueSummary& values;
+  const format::ValueSummary* opacity = nullptr;  // null: there is no such attribute
+};
+
+/// The contrast of what a node shows. The values of the two attributes count as independent.
+struct ShownContrast {
+  ValueContrast::Node values;
+  std::optional<ValueContrast::Node> opacity = {};
+
+  /// As those of ValueContrast::Node, times the opacity.
+  [[nodiscard]] double extinction() const;
+  [[nodiscard]] double squares() const;
+  [[nodiscard]] double variance(double share) const;
+};
+
+/// The attributes that a scene shows.
+struct ShownAttributes {
+  ShownAttributes(const format::Attribute& shown, const format::Attribute* factor = nullptr)  // NOLINT: mostly one only
+      : values(shown), opacity(factor) {}
+
+  const format::Attribute& values;
+  const format::Attribute* opacity;  // null: there is none
+};
+
+/// A scene's functions, seen through the 64 bins of its attributes (spec/svol-1.md, section 7).
 class ValueVisibility {
  public:
-  /// `length`: of `contrast`. `sliced`: slices show values of any extinction.
-  ValueVisibility(const TransferFunction& function, const format::Attribute& attribute, double length = 1,
-                  bool sliced = false);
+  /// `length`: of `contrast`. `sliced`: slices show values of any extinction. An opacity counts if both have it.
+  ValueVisibility(const Transfer& transfer, const ShownAttributes& attributes, double length = 1, bool sliced = false);
 
   /// Returns the visible bins: bit b is set if a value of bin b, or at its borders, may have extinction above 0.
   [[nodiscard]] std::uint64_t bins() const { return bins_; }
@@ -59,9 +85,11 @@ class ValueVisibility {
   /// empty range (min > max) means that all values are missing, and gives false.
   [[nodiscard]] bool shows(float min, float max, std::uint64_t occupancy) const;
 
+  [[nodiscard]] bool shows(const ShownValues& shown) const;
+
   /// The same for a row of the file, which may be on a slice.
-  [[nodiscard]] bool shows_row(float min, float max, std::uint64_t occupancy) const {
-    return sliced_ ? min <= max : shows(min, max, occupancy);
+  [[nodiscard]] bool shows_row(const ShownValues& shown) const {
+    return sliced_ ? shown.values.min <= shown.values.max : shows(shown);
   }
 
   struct Extinctions {
@@ -69,8 +97,9 @@ class ValueVisibility {
   };
   /// Returns the range of extinction, per world unit, over the stored values in [min, max]; 0 for an empty range.
   [[nodiscard]] Extinctions extinctions(float min, float max) const;
+  [[nodiscard]] Extinctions extinctions(const ShownValues& shown) const;
 
-  [[nodiscard]] const ValueContrast& contrast() const { return contrast_; }
+  [[nodiscard]] ShownContrast contrast(const ShownValues& shown) const;
 
   /// Returns the contrast of the colours alone, as slices show them. None without slices.
   [[nodiscard]] const std::optional<ValueContrast>& slice_contrast() const { return slice_contrast_; }
@@ -89,6 +118,7 @@ class ValueVisibility {
   std::uint64_t bins_ = 0;
   ValueContrast contrast_;
   std::optional<ValueContrast> slice_contrast_;
+  std::shared_ptr<const ValueVisibility> opacity_;  // of the factors; null: there are none
 };
 
 }  // namespace splatvol

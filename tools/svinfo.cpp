@@ -103,7 +103,7 @@ Result<IndexSize> survey_index(const Volume& volume) {
   IndexSize size{0, root_section.packed_bytes + page_bytes, root_section.unpacked_bytes};
   std::uint64_t seen_bytes = 0;
   std::vector<format::IndexPage> pages;
-  SPLATVOL_TRY_ASSIGN(root, volume.read_index_root(-1));
+  SPLATVOL_TRY_ASSIGN(root, volume.read_index_root({}));
   pages.push_back(std::move(root));
   while (!pages.empty()) {
     const format::IndexPage page = std::move(pages.back());
@@ -116,7 +116,7 @@ Result<IndexSize> survey_index(const Volume& volume) {
         return fail(ErrorCode::invalid_data, "{}: index pages do not tile their section [R16]", volume.name());
       size.structure_bytes += ref.front_bytes;
       SPLATVOL_TRY_ASSIGN(child,
-                          volume.read_index_page(ref, page.nodes.child_masks[node], page.nodes.counts_of(node), -1));
+                          volume.read_index_page(ref, page.nodes.child_masks[node], page.nodes.counts_of(node), {}));
       pages.push_back(std::move(child));
     }
   }

@@ -30,6 +30,10 @@ void add_file_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--attribute", options.attribute, "Without a scene: the attribute to show")
       ->type_name("NAME")
       ->excludes(scene);
+  app.add_option("--opacity-attribute", options.opacity_attribute,
+                 "Without a scene: the attribute whose values give the opacity, instead of the one that is shown")
+      ->type_name("NAME")
+      ->excludes(scene);
   app.add_option("-o,--output", options.output, "Picture to write: .exr or .png; with --movie it may be left out")
       ->type_name("OUT")
       ->check(check_image_path);

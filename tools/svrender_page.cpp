@@ -31,6 +31,10 @@ Result<Scene> make_scene(const RenderOptions& options, const format::Volume& vol
     picture.background = background;
   }
   SPLATVOL_TRY_ASSIGN(scene, default_scene(volume, options.attribute, picture));
+  if (!options.opacity_attribute.empty()) {
+    SPLATVOL_TRY_ASSIGN(opacity, fitting_opacity(volume, options.opacity_attribute, picture));
+    show_opacity(scene, std::move(opacity));
+  }
   set_bar(options, scene);
   SPLATVOL_TRY(add_planes(options, volume, scene));
   return scene;

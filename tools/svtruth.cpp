@@ -43,22 +43,33 @@ struct Mesh {
   std::vector<dvec3> points;
   std::vector<double> values;
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;
-  bool constant = false;  // values: of the tetrahedra
+  bool constant = false;               // values: of the tetrahedra
+  std::vector<double> opacity_values;  // as values; none without an opacity
 };
 
-Status append_piece(const Piece& piece, Mesh& mesh) {
+void append_values(const Piece& piece, std::size_t attribute, std::vector<double>& values) {
+  const std::vector<double>& all = piece.values[attribute];
+  if (!piece.cells) {
+    values.insert(values.end(), all.begin(), all.end());
+    return;
+  }
+  for (const auto point : piece.cells->points)
+    if (point != PointCells::no_point) values.push_back(all[point]);
+}
+
+/// `opacity`: of Piece::values; none without an opacity.
+Status append_piece(const Piece& piece, std::optional<std::size_t> opacity, Mesh& mesh) {
   const std::vector<dvec3>& points = piece.cells ? piece.cells->corners : piece.points;
   const auto& tetrahedra = piece.cells ? piece.cells->tetrahedra : piece.tetrahedra;
   if (points.size() > std::numeric_limits<std::uint32_t>::max() - mesh.points.size())
     return fail(ErrorCode::unsupported, "more than 4294967295 points");
   const auto offset = static_cast<std::uint32_t>(mesh.points.size());
   mesh.points.insert(mesh.points.end(), points.begin(), points.end());
-  const std::vector<double>& values = piece.values.front();
-  if (!piece.cells) mesh.values.insert(mesh.values.end(), values.begin(), values.end());
+  append_values(piece, 0, mesh.values);
+  if (opacity) append_values(piece, *opacity, mesh.opacity_values);
   mesh.tetrahedra.reserve(mesh.tetrahedra.size() + tetrahedra.size());
   for (std::size_t t = 0; t < tetrahedra.size(); ++t) {
     if (piece.cells && piece.cells->points[t] == PointCells::no_point) continue;
-    if (piece.cells) mesh.values.push_back(values[piece.cells->points[t]]);
     auto tetrahedron = tetrahedra[t];
     for (std::uint32_t& point : tetrahedron) point += offset;
     mesh.tetrahedra.push_back(tetrahedron);
@@ -66,9 +77,15 @@ Status append_piece(const Piece& piece, Mesh& mesh) {
   return {};
 }
 
-/// `boundary`: gets the faces of all pieces; may be null.
-Result<Mesh> read_mesh(const std::vector<std::string>& paths, const SourceOptions& source_options,
+/// Reads the attributes of a scene. `boundary`: gets the faces of all pieces; may be null.
+Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene, SourceOptions source_options,
                        const ReaderProcessOptions& reader_options, BoundaryFaces* boundary) {
+  source_options.selection = {scene.attribute};
+  std::optional<std::size_t> opacity;
+  if (scene.opacity) {
+    opacity = scene.opacity->attribute == scene.attribute ? 0 : 1;
+    if (*opacity == 1) source_options.selection.push_back(scene.opacity->attribute);
+  }
   ReaderProcess reader(reader_options);
   SPLATVOL_TRY_ASSIGN(source, open_safely(reader, paths, source_options));
   ProgressBar bar("read");
@@ -78,7 +95,7 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const SourceOption
     SPLATVOL_TRY_ASSIGN(piece, source->next());
     if (!piece) break;
     if (boundary) SPLATVOL_TRY(boundary->add(*piece));
-    if (auto status = append_piece(*piece, mesh); !status) return fail_in(paths.front(), status.error());
+    if (auto status = append_piece(*piece, opacity, mesh); !status) return fail_in(paths.front(), status.error());
     bar.update(static_cast<double>(read) / static_cast<double>(source->piece_count()));
   }
   if (mesh.tetrahedra.empty()) return fail(ErrorCode::invalid_data, "{}: no cells with a volume", paths.front());
@@ -118,7 +135,7 @@ Result<TriangleMesh> join_patches(const std::string& path, const std::string& pa
 Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& scene, std::span<const Surface> surfaces,
                                               unsigned threads) {
   ProgressBar bar("draw");
-  const TetMesh tet_mesh{mesh.points, mesh.values, mesh.tetrahedra, mesh.constant};
+  const TetMesh tet_mesh{mesh.points, mesh.values, mesh.tetrahedra, mesh.constant, mesh.opacity_values};
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   SPLATVOL_TRY_ASSIGN(slices, draw_slices(tet_mesh, view, scene.transfer_function));
   const SurfaceLayers drawn = draw_surfaces(surfaces, slices, view, std::numeric_limits<std::size_t>::max());
@@ -170,7 +187,6 @@ Status draw(const Options& options) {
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
   SourceOptions source_options;
-  source_options.selection = {scene.attribute};
   source_options.cells = cell_values_of(options.cells);
   source_options.missing = options.missing;
   source_options.patches = std::ranges::any_of(
@@ -180,7 +196,7 @@ Status draw(const Options& options) {
     SPLATVOL_TRY_ASSIGN(created, BoundaryFaces::create(memory_limit() / 16, folder_of(options.output)));
     faces.emplace(std::move(created));
   }
-  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, source_options, reader_options, faces ? &*faces : nullptr));
+  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene, source_options, reader_options, faces ? &*faces : nullptr));
   SPLATVOL_TRY_ASSIGN(boundary, faces ? whole_boundary(*faces) : Result<Boundary>(Boundary()));
   SPLATVOL_TRY_ASSIGN(surfaces,
                       read_surfaces(scene.surfaces, {surface_reader(reader_options), [&](const std::string& pattern) {

@@ -77,6 +77,7 @@ struct Chord {
   bool is_gaussian = false;  // `half` is a deviation; else density falls as (1 - u^2)^(3/2)
   double value, slope;       // at u = 0, and per u
   double deviation;          // of the values about this
+  double factor = 1;         // of the opacity, on the extinction
   double optical_depth = 0;
 
   [[nodiscard]] double density_at(double distance) const {
@@ -92,8 +93,8 @@ void add_depth(Chord& chord, const Extinctions& extinctions) {
   const double middle = 0.5 * (chord.begin + chord.end), half = 0.5 * (chord.end - chord.begin);
   for (const auto& [node, weight] : chord_nodes) {
     const double distance = middle + node * half;
-    chord.optical_depth +=
-        weight * half * chord.density_at(distance) * extinctions.of(chord.value_at(distance), chord.deviation);
+    chord.optical_depth += weight * half * chord.factor * chord.density_at(distance) *
+                           extinctions.of(chord.value_at(distance), chord.deviation);
   }
 }
 
@@ -177,6 +178,16 @@ std::optional<Chord> chord_of(const OctantSplat& splat, const dvec3& origin, con
   return chord;
 }
 
+// The mean factor over a splat's values of the opacity's attribute.
+double factor_of(const Extinctions& factors, const ValueRow& row, std::uint32_t record, const DrawingUnits& units) {
+  if (row.opacity().records.empty()) return 1;
+  const OpacityValue& value = row.opacity().records[record];
+  const double deviation = log_number(value.deviation, row.opacity().deviation_scale);
+  return value.coverage / 255.0 *
+         factors.of(units.opacity_offset + units.opacity_scale * static_cast<double>(value.mean),
+                    units.opacity_scale * deviation);
+}
+
 dvec3 position_of(const RecordBlock& block, const PackedPosition& position, const DrawingUnits& units) {
   return block.origin + units.length * block.step * dvec3(position.offset());
 }
@@ -202,7 +213,7 @@ std::vector<Probe::Sample> samples_of(const std::vector<Chord>& chords, const Ex
       const double d = chord.density_at(distance), v = chord.value_at(distance);
       density[i] += d;
       value[i] += d * v;
-      depth[i] += d * extinctions.of(v, chord.deviation);
+      depth[i] += d * chord.factor * extinctions.of(v, chord.deviation);
     }
   }
   double total = 0, sampled = 0;
@@ -263,9 +274,11 @@ void ProbedFrame::add_chunks(std::uint32_t number, const std::vector<Shape>& sha
   }
 }
 
-std::optional<Probe> ProbedFrame::probe(const TransferFunction& function, const Looking& looking,
+std::optional<Probe> ProbedFrame::probe(const Transfer& transfer, const Looking& looking,
                                         std::optional<double> picture_opacity) const {
-  const Extinctions extinctions(function);
+  const Extinctions extinctions(transfer.function);
+  std::optional<Extinctions> factors;
+  if (transfer.opacity) factors.emplace(*transfer.opacity);
   const auto& [ray, pixel, orthographic] = looking;
   std::vector<Chord> chords;
   for (const Chunk& chunk : chunks_) {
@@ -278,6 +291,7 @@ std::optional<Probe> ProbedFrame::probe(const TransferFunction& function, const 
       auto chord = is_octant ? chord_of(unpack_octant(range.row, i), block.origin, units_, range.weight, looking)
                              : chord_of(unpack(range.row, i), block.origin, units_, range.weight, looking);
       if (!chord) continue;
+      if (factors) chord->factor = factor_of(*factors, *range.row.values, i, units_);
       add_depth(*chord, extinctions);
       chords.push_back(*chord);
     }

@@ -54,7 +54,7 @@ class ProbedFrame {
   /// rasterizers round; a splat of the kernel octant is a round Gaussian. Splats count one by one: where slabs mix
   /// them, or octants are flat, the `opacity` of the picture tells how much all optical depths are to be scaled. None
   /// if the ray meets nothing visible.
-  [[nodiscard]] std::optional<Probe> probe(const TransferFunction& function, const Looking& looking,
+  [[nodiscard]] std::optional<Probe> probe(const Transfer& transfer, const Looking& looking,
                                            std::optional<double> opacity = {}) const;
 
  private:

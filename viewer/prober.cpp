@@ -23,7 +23,8 @@ void Prober::ask(const Question& question, const FrameSplats& frame, const Drawi
   const auto answer = [question, units, known = is_known ? frame_ : nullptr,
                        list = is_known ? DrawList() : frame.list]() mutable -> Answer {
     if (!known) known = std::make_shared<const ProbedFrame>(std::move(list), units);
-    auto probe = known->probe(question.function, question.looking, question.opacity);
+    const auto& factors = question.opacity_function;
+    auto probe = known->probe({question.function, factors ? &*factors : nullptr}, question.looking, question.opacity);
     return {std::move(known), std::move(probe)};
   };
   frame_.reset();

@@ -17,6 +17,7 @@ class Prober {
   struct Question {
     std::uint64_t serial = 0;  // FrameSplats::serial
     TransferFunction function;
+    std::optional<TransferFunction> opacity_function;
     Looking looking;
     std::optional<double> opacity;  // as in ProbedFrame::probe
 

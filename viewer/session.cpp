@@ -12,7 +12,6 @@
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/gl_rasterizer.h"
 #include "scene/contrast.h"
-#include "streamer/default_scene.h"
 #include "streamer/domain.h"
 #include "streamer/explain.h"
 #include "viewer/low_priority.h"
@@ -38,10 +37,19 @@ Result<std::array<std::uint64_t, 64>> histogram_of(const format::Volume& volume,
 
 // Adds what a session shows besides splats. Reads the coarsest splats, too. Unless it `must_fit`, the scene takes the
 // place of one that fits a file which is damaged.
-Result<SessionFile> with_data(SessionFile read, bool must_fit) {
+Result<SessionFile> with_data(SessionFile read, bool must_fit, bool fits_opacity = false) {
   Streamer& streamer = *read.file.streamer;
   const Scene& scene = read.file.scene;
   SPLATVOL_TRY_ASSIGN(histogram, histogram_of(streamer.volume(), scene.attribute));
+  if (scene.opacity) {
+    SPLATVOL_TRY_ASSIGN(of_opacity, histogram_of(streamer.volume(), scene.opacity->attribute));
+    read.opacity_histogram = of_opacity;
+  }
+  if (fits_opacity) {
+    SPLATVOL_TRY_ASSIGN(fitting_opacity, splatvol::fitting_opacity(streamer.volume(), scene.opacity->attribute,
+                                                                   {512, 512, scene.background}));
+    read.fitting_opacity = std::move(fitting_opacity);
+  }
   SPLATVOL_TRY_ASSIGN(bounds, find_domain(streamer));
   read.histogram = histogram;
   read.bounds = bounds;
@@ -83,7 +91,8 @@ tl::unexpected<Error> fail_no_step(const format::Steps& steps, std::size_t step)
 // Whether two changes need the same parts of the file.
 bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& b, const ViewSettings& b_settings) {
   return a_settings.memory == b_settings.memory && a_settings.kernel == b_settings.kernel &&
-         a.attribute == b.attribute && a.surfaces == b.surfaces && a.lighting.has_value() == b.lighting.has_value();
+         a.attribute == b.attribute && a.opacity.has_value() == b.opacity.has_value() &&
+         (!a.opacity || a.opacity->attribute == b.opacity->attribute) && a.surfaces == b.surfaces && a.lighting.has_value() == b.lighting.has_value();
 }
 
 // Lists of splats are large, and hold rows.
@@ -168,6 +177,7 @@ Result<std::unique_ptr<Session>> Session::open(SessionFile file) {
   session->settings = session->used_settings_ = std::move(file.settings);
   session->scene = session->first_scene_ = session->used_scene_ = file.file.scene;
   session->histogram_ = file.histogram;
+  session->opacity_histogram_ = file.opacity_histogram;
   session->bounds_ = file.bounds;
   session->fitting_ = std::move(file.fitting);
   SPLATVOL_TRY_ASSIGN(player, Player::open(std::move(file.file)));
@@ -184,6 +194,10 @@ Session::~Session() {
 Status Session::use_step() {
   SPLATVOL_TRY_ASSIGN(histogram, histogram_of(player_->streamer().volume(), used_scene_.attribute));
   histogram_ = histogram;
+  if (used_scene_.opacity) {
+    SPLATVOL_TRY_ASSIGN(of_opacity, histogram_of(player_->streamer().volume(), used_scene_.opacity->attribute));
+    opacity_histogram_ = of_opacity;
+  }
   if (!player_->steps().are_files()) return {};
   SPLATVOL_TRY_ASSIGN(bounds, player_->find_domain());  // a file may have another mesh
   bounds_ = bounds;
@@ -194,6 +208,11 @@ format::Attribute Session::attribute() const {
   format::Attribute shown = info().attributes[static_cast<std::size_t>(info().find_attribute(used_scene_.attribute))];
   if (!scene.scalar_bar.unit.empty()) shown.unit = scene.scalar_bar.unit;
   return shown;
+}
+
+std::optional<format::Attribute> Session::opacity_attribute() const {
+  if (!used_scene_.opacity) return {};
+  return info().attributes[static_cast<std::size_t>(info().find_attribute(used_scene_.opacity->attribute))];
 }
 
 Result<Camera> Session::fitting_camera() const {
@@ -231,6 +250,18 @@ void Session::show_attribute(const std::string& name) {
   fits_function_ = true;
 }
 
+// Until the values are known, the factor is 1.
+void Session::show_opacity(const std::string& name) {
+  if (name.empty()) {
+    scene.opacity.reset();
+    if (scene.transfer_function.densities.size() == 1)
+      scene.transfer_function.densities = fitting_function().densities;
+    return;
+  }
+  scene.opacity = SceneOpacity{name, {.colors = {{0, dvec3(1)}}, .densities = {{0, 1}}}};
+  fits_opacity_ = true;
+}
+
 Status Session::show_step(std::size_t step) {
   stop_drawing();
   cancel_reading();
@@ -248,6 +279,7 @@ Scene Session::scene_without_change() const {
   Scene drawn = scene;
   drawn.attribute = used_scene_.attribute;
   drawn.transfer_function = used_scene_.transfer_function;
+  drawn.opacity = used_scene_.opacity;
   drawn.lighting = used_scene_.lighting;
   drawn.surfaces = used_scene_.surfaces;
   return drawn;
@@ -274,16 +306,16 @@ Status Session::read_change() {
   if (!reading_) {
     const Player::Reader reader = player_->reader(scene, player_options(settings));
     if (!reader) {
-      fits_function_ = false;
+      fits_function_ = fits_opacity_ = false;
       return {};
     }
     reading_.emplace(Reading{scene, settings, {}, {}});
-    const auto read = [reader, path = path_, fits = fits_function_,
+    const auto read = [reader, path = path_, fits = fits_function_, fits_opacity = fits_opacity_,
                        stop = reading_->stop.get_token()]() -> Result<SessionFile> {
       const Interruptible interruptible(stop);
       SPLATVOL_TRY_ASSIGN(file, reader());
       SessionFile change{.path = path, .file = std::move(file)};
-      if (change.file.streamer) return with_data(std::move(change), fits);
+      if (change.file.streamer) return with_data(std::move(change), fits, fits_opacity);
       return change;
     };
     reading_->file = std::async(is_aside ? std::launch::async | std::launch::deferred : std::launch::deferred, read);
@@ -300,17 +332,23 @@ Status Session::take_change(Result<SessionFile> change) {
   if (change) {
     PlayerFile& file = change->file;
     const bool is_whole = file.streamer != nullptr;
-    if (fits_function_ && is_whole) scene.transfer_function = change->fitting.transfer_function;
+    if (fits_function_ && is_whole) {
+      TransferFunction function = change->fitting.transfer_function;
+      if (scene.opacity) function.densities = scene.transfer_function.densities;
+      scene.transfer_function = std::move(function);
+    }
+    if (change->fitting_opacity) splatvol::show_opacity(scene, std::move(*change->fitting_opacity));
     file.scene = scene;
     taken = player_->replace(std::move(file));
     if (taken && is_whole) {
       histogram_ = change->histogram;
+      opacity_histogram_ = change->opacity_histogram;
       fitting_ = std::move(change->fitting);
     }
   } else {
     taken = tl::unexpected(change.error());
   }
-  fits_function_ = false;
+  fits_function_ = fits_opacity_ = false;
   if (taken) return {};
   troubles_.push_back(taken.error().message);
   settings = used_settings_;
@@ -546,7 +584,10 @@ std::string Session::explain() const {
     text[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(text[0])));
     return text;
   };
-  if (const EmptyReason why = why_empty(view(), used_scene_.transfer_function, attribute(), bounds_)) {
+  const format::Attribute shown = attribute();
+  const std::optional<format::Attribute> opacity = opacity_attribute();
+  const ShownAttributes attributes{shown, opacity ? &*opacity : nullptr};
+  if (const EmptyReason why = why_empty(view(), transfer_of(used_scene_), attributes, bounds_)) {
     const bool outside = std::string_view(why.reason).ends_with("outside of the view");
     return sentence(why, outside ? "press R to see all of it" : why.remedy);
   }

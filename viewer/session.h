@@ -20,6 +20,7 @@
 #include "renderer/gl/picture_texture.h"
 #include "scene/page.h"
 #include "scene/scene.h"
+#include "streamer/default_scene.h"
 #include "streamer/frame_pacer.h"
 #include "viewer/screen.h"
 
@@ -57,6 +58,8 @@ struct SessionFile {
   Box bounds = {};                            // of the material
   std::array<std::uint64_t, 64> histogram{};  // of the scene's attribute
   Scene fitting = {};                         // fits the scene's attribute, on the scene's background
+  std::array<std::uint64_t, 64> opacity_histogram{};  // of the attribute that gives the opacity, if there is one
+  std::optional<FittingOpacity> fitting_opacity = {};  // if it is to fit
 };
 
 /// Draws one file. Draws only after a change. Needs the context that was current at `open`, if
@@ -119,6 +122,9 @@ class Session {
   /// Shows another attribute of the file, with a transfer function that fits it. The camera stays.
   void show_attribute(const std::string& name);
 
+  /// Gives the scene an opacity by an attribute that fits the data; empty: none. What it needs is read as for any change.
+  void show_opacity(const std::string& name);
+
   /// Returns the times of the steps of a time series, in one file or in several; none for another file.
   [[nodiscard]] const std::vector<double>& times() const { return player_->steps().times(); }
 
@@ -153,7 +159,11 @@ class Session {
   [[nodiscard]] const format::VolumeInfo& info() const { return player_->info(); }
   /// Returns the attribute that is drawn, with the unit that the scene tells.
   [[nodiscard]] format::Attribute attribute() const;
+
+  /// Returns the attribute that gives the opacity of the picture, if there is one.
+  [[nodiscard]] std::optional<format::Attribute> opacity_attribute() const;
   [[nodiscard]] const std::array<std::uint64_t, 64>& histogram() const { return histogram_; }
+  [[nodiscard]] const std::array<std::uint64_t, 64>& opacity_histogram() const { return opacity_histogram_; }
   [[nodiscard]] const std::string& path() const { return path_; }
   [[nodiscard]] std::uint64_t file_bytes() const { return player_->streamer().volume().file_bytes(); }
   [[nodiscard]] const Scene& first_scene() const { return first_scene_; }
@@ -247,7 +257,7 @@ class Session {
   double awaited_seconds_ = 0;  // since the step was asked for
   PictureTexture texture_;      // of a picture that the processor drew
   bool texture_is_old_ = true;
-  std::array<std::uint64_t, 64> histogram_{};
+  std::array<std::uint64_t, 64> histogram_{}, opacity_histogram_{};
   Box bounds_;
   Scene fitting_;  // fits the attribute that is drawn
 
@@ -265,6 +275,7 @@ class Session {
   };
   std::optional<Reading> reading_;
   bool fits_function_ = false;  // the scene's attribute is to get the function that fits it
+  bool fits_opacity_ = false;   // the opacity likewise
 
   bool settled_ = false;
   Status failure_;                        // of the last draw

@@ -139,7 +139,9 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
                           const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram,
                           const format::StepRange& all) {
   choose_preset(function);
-  edit_densities(function, attribute, histogram);
+  // A dragged point must not move the axis that it is dragged along.
+  if (!density_) top_ = std::max(1.25 * largest_density(function), 1e-30);
+  edit_densities(function, attribute, histogram, "extinction", " per unit of length");
   edit_colors(function);
 
   edit_range(function, attribute);
@@ -164,6 +166,15 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
     }
     if (ImGui::IsItemHovered()) ImGui::SetTooltip("1: the opacity that fits the data.\nControl click: type a number.");
   }
+}
+
+void TransferEditor::draw_factors(TransferFunction& factors, const format::Attribute& attribute,
+                                  const std::array<std::uint64_t, 64>& histogram) {
+  ImGui::PushID("factors");
+  top_ = 1;
+  edit_densities(factors, attribute, histogram, "factor", "");
+  edit_range(factors, attribute);
+  ImGui::PopID();
 }
 
 // The axis, and the range that t = 0 to 1 stands for.
@@ -212,9 +223,8 @@ void TransferEditor::draw_histogram(const Area& area, const TransferFunction& fu
 }
 
 void TransferEditor::edit_densities(TransferFunction& function, const format::Attribute& attribute,
-                                    const std::array<std::uint64_t, 64>& histogram) {
-  // A dragged point must not move the axis that it is dragged along.
-  if (!density_) top_ = std::max(1.25 * largest_density(function), 1e-30);
+                                    const std::array<std::uint64_t, 64>& histogram, const char* name,
+                                    const char* unit) {
   Area area = Area::make("##densities", 110 * gui_unit());
   area.top = top_;
   area.logarithmic = log_opacity_;
@@ -243,8 +253,8 @@ void TransferEditor::edit_densities(TransferFunction& function, const format::At
   if (density_ && *density_ < points.size())
     points[*density_] = {area.dragged_t(points, *density_), area.pointer_density()};
   if (area.hovered && !area.active)
-    ImGui::SetTooltip("%.5g %s\nextinction %.3g per unit of length\nclick: add or drag, right click: remove",
-                      function.value_at(area.pointer_t()), attribute.unit.c_str(), area.pointer_density());
+    ImGui::SetTooltip("%.5g %s\n%s %.3g%s\nclick: add or drag, right click: remove",
+                      function.value_at(area.pointer_t()), attribute.unit.c_str(), name, area.pointer_density(), unit);
 }
 
 void TransferEditor::pick_color(TransferFunction& function) const {

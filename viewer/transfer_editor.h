@@ -22,6 +22,10 @@ class TransferEditor {
   void draw(TransferFunction& function, const TransferFunction& fitting, const format::Attribute& attribute,
             const std::array<std::uint64_t, 64>& histogram, const format::StepRange& all);
 
+  /// Draws the editor of an opacity's factors, and changes them.
+  void draw_factors(TransferFunction& factors, const format::Attribute& attribute,
+                    const std::array<std::uint64_t, 64>& histogram);
+
   /// Adds colour maps to the presets. One of the same name takes the other's place.
   void add_presets(std::vector<NamedColorMap> maps);
 
@@ -31,8 +35,9 @@ class TransferEditor {
   void draw_histogram(const Area& area, const TransferFunction& function, const format::Attribute& attribute,
                       const std::array<std::uint64_t, 64>& histogram) const;
   static void edit_range(TransferFunction& function, const format::Attribute& attribute);
+  // `name`, `unit`: of the densities.
   void edit_densities(TransferFunction& function, const format::Attribute& attribute,
-                      const std::array<std::uint64_t, 64>& histogram);
+                      const std::array<std::uint64_t, 64>& histogram, const char* name, const char* unit);
   void edit_colors(TransferFunction& function);
   void pick_color(TransferFunction& function) const;
 

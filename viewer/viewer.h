@@ -101,6 +101,7 @@ class Viewer {
   void draw_panel_button();
   void draw_history_buttons();
   void draw_attribute_menu();
+  void draw_opacity_controls();
   void draw_step_controls();
   void draw_view_section();
   void draw_detail_controls();
@@ -162,6 +163,7 @@ class Viewer {
   FileDialog dialog_;
   RecentFiles recent_files_;
   TransferEditor editor_;
+  TransferEditor opacity_editor_;
   SliceControls planes_;
   std::optional<History<Scene>> history_;      // of the session's scene, without its size; none before a picture
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held

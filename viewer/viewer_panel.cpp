@@ -102,6 +102,23 @@ void Viewer::draw_attribute_menu() {
   ImGui::EndCombo();
 }
 
+// The attribute whose values give the opacity, and its factors.
+void Viewer::draw_opacity_controls() {
+  std::optional<SceneOpacity>& opacity = session_->scene.opacity;
+  if (ImGui::BeginCombo("opacity by", opacity ? opacity->attribute.c_str() : "the same attribute")) {
+    if (ImGui::Selectable("the same attribute", !opacity) && opacity) session_->show_opacity("");
+    for (const auto& attribute : session_->info().attributes) {
+      const bool is_shown = opacity && opacity->attribute == attribute.name;
+      if (ImGui::Selectable(attribute.name.c_str(), is_shown) && !is_shown) session_->show_opacity(attribute.name);
+    }
+    ImGui::EndCombo();
+  }
+  hint("The attribute that is shown gives the colours.\nAnother one may give the opacity.");
+  const std::optional<format::Attribute> drawn = session_->opacity_attribute();
+  if (opacity && drawn && drawn->name == opacity->attribute && !session_->is_reading())
+    opacity_editor_.draw_factors(opacity->function, *drawn, session_->opacity_histogram());
+}
+
 // The step of a time series, and how fast steps play.
 void Viewer::draw_step_controls() {
   const std::vector<double>& times = session_->times();
@@ -145,6 +162,7 @@ void Viewer::draw_panel() {
       editor_.draw(session_->is_reading() ? drawn : session_->scene.transfer_function, session_->fitting_function(),
                    session_->attribute(), session_->histogram(), session_->range_of_all_steps());
       ImGui::EndDisabled();
+      draw_opacity_controls();
     }
     if (ImGui::CollapsingHeader("view", ImGuiTreeNodeFlags_DefaultOpen)) draw_view_section();
     if (ImGui::CollapsingHeader("camera path")) draw_path_section();

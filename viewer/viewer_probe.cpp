@@ -83,7 +83,9 @@ dvec2 Viewer::pixel_at(const dvec2& position) const {
 
 // The picture tells the opacity of lines of sight from its eye.
 Prober::Question Viewer::question_about(const Looking& looking) const {
-  Prober::Question question{session_->frame()->serial, session_->drawn_scene().transfer_function, looking, {}};
+  const Scene& drawn = session_->drawn_scene();
+  Prober::Question question{session_->frame()->serial, drawn.transfer_function, {}, looking, {}};
+  if (drawn.opacity) question.opacity_function = drawn.opacity->function;
   const View& view = session_->view();
   const dvec3 at = view.to_view(looking.ray.origin + looking.ray.direction);
   const dvec3 from = view.to_view(looking.ray.origin);

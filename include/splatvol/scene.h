@@ -83,6 +83,15 @@ struct SceneClipPlane {
   [[nodiscard]] bool operator==(const SceneClipPlane&) const = default;
 };
 
+/// A factor on the extinction by the values of another attribute: colour by one, opacity by the other. Points without a
+/// value of it are not drawn.
+struct SceneOpacity {
+  std::string attribute;
+  TransferFunction function;  // its `densities` are the factors, 0 to 1, without unit; its colours are not used
+
+  [[nodiscard]] bool operator==(const SceneOpacity&) const = default;
+};
+
 struct Scene {
   [[nodiscard]] bool operator==(const Scene&) const = default;
 
@@ -99,6 +108,7 @@ struct Scene {
   ScalarBar scalar_bar = {};
   std::vector<SceneSlice> slices = {};
   std::vector<SceneClipPlane> clip_planes = {};
+  std::optional<SceneOpacity> opacity = {};
 };
 
 /// Reads a scene from JSON text. The error names the field that is missing or out of range.

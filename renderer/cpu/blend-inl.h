@@ -21,7 +21,8 @@ struct TableColumn {
   Float share;  // of the entry to the right
 };
 
-HWY_INLINE TableColumn column_at(const TableView& table, Float column) {
+template <class Table>
+HWY_INLINE TableColumn column_at(const Table& table, Float column) {
   const Float at = clamp(column, 0.0F, static_cast<float>(table.columns - 1));
   const Int left = max(min(truncate(at), Int(table.columns - 2)), Int(0));
   return {left, at - to_float(left)};

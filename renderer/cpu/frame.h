@@ -47,6 +47,17 @@ struct TableView {
 /// Largest relative error that a coarser level may have.
 inline constexpr float most_level_error = 4e-3F;
 
+/// The mean factors of an opacity (OpacityTable).
+struct OpacityView {
+  StoredAxis axis;
+  const float* factors = nullptr;  // [row][column]; null: there is no opacity
+  int columns = 0, rows = 0;
+  const float* row_spreads = nullptr;
+
+  /// Returns the columns between the margins, less one.
+  [[nodiscard]] float inner_columns() const { return static_cast<float>(columns - 1 - 2 * TableView::margin); }
+};
+
 /// The constants of a frame. View coordinates: x to the right, y up, z forwards, in drawing units, the eye at the
 /// origin. Pixels count from the lower left corner.
 struct FrameConstants {
@@ -57,6 +68,7 @@ struct FrameConstants {
   float ambient = 1, diffuse = 0;  // factor on colours: ambient + diffuse * cosine
   StoredAxis axis;
   TableView table;
+  OpacityView opacity;  // the splats have values of its attribute
   const float* peaks = nullptr;        // make_peak_levels, one level after another
   const Surfaces* surfaces = nullptr;  // null: there are none
 };
@@ -67,6 +79,7 @@ struct RangeInView {
   const MomentsValue* values = nullptr;
   const OctantShape* octants = nullptr;
   const OctantValue* octant_values = nullptr;
+  const OpacityValue* opacities = nullptr;  // null: there are none
   std::uint32_t first = 0;  // number of its first splat in the draw list
   std::uint32_t count = 0;
   float x = 0, y = 0, z = 0;  // origin of its block, view coordinates
@@ -75,6 +88,7 @@ struct RangeInView {
   float mass_scale = 0;  // with the weight and the unit of coverage
   float deviation_scale = 0;
   float value_deviation_scale = 0;
+  float opacity_deviation_scale = 0;
 };
 
 /// By what splats are sorted.
@@ -149,8 +163,9 @@ struct NearSplat {
   float stretch;
   float spread, light;  // of all pixels, for an ellipse; negative: each pixel has its own
   float inverse_depth;  // 1 / depth of k = 1
+  float opacity;        // factor on the extinction, in slabs; else the strength has it
 };
-static_assert(sizeof(NearSplat) == 176);
+static_assert(sizeof(NearSplat) == 180);
 
 inline constexpr int coarsest_samples = 8;
 

@@ -37,6 +37,7 @@ constexpr int shape_words = sizeof(MomentsShape) / 4, value_words = sizeof(Momen
 struct Records {
   alignas(64) std::array<std::array<std::int32_t, most_lanes>, shape_words + value_words> words;
   RangesInLanes ranges;
+  OpacityInLanes opacity;
 
   void set_shape(int lane, const MomentsShape& shape) {
     std::array<std::int32_t, shape_words> copy;
@@ -52,24 +53,10 @@ struct Records {
     set_shape(lane, range.shapes[index]);
     set_value(lane, range.values[index]);
     ranges.set(lane, range);
+    opacity.set(lane, range, index);
   }
   [[nodiscard]] HWY_INLINE Int word(int i) const { return load(words[i].data()); }
 };
-
-/// Returns 2^((code - 65535) / 128), or 0 for 0 and for less than single precision holds.
-HWY_INLINE Float log_number(Int code) {
-  const Int octave = shift_right<7>(code);  // 0 to 511
-  const Float f = to_float(code & Int(127)) * (1.0F / 128) - 0.4921875F;
-  // 2^(f + 63/128 - 127/128): f lies in [-63/128, 1/2].
-  Float p = fma(f, 0.00015453163F, 0.0013390863F);
-  p = fma(f, p, 0.0096180826F);
-  p = fma(f, p, 0.055503571F);
-  p = fma(f, p, 0.24022651F);
-  p = fma(f, p, 0.69314719F);
-  p = fma(f, p, 1.0F) * 0.70710678F;
-  const Int exponent = max(octave - Int(511 - 127), Int(0));
-  return p * bits_as_float(shift_left<23>(exponent));
-}
 
 HWY_INLINE Vector3 position_in_view(const FrameConstants& frame, const Records& records) {
   return unpack_position(frame, records.word(0), records.word(1), records.ranges);
@@ -107,35 +94,6 @@ HWY_INLINE Axes principal_axes(const FrameConstants& frame, const Records& recor
   const Vector3 y{two * fnma(qz, qw, qx * qy), one - two * fma(qx, qx, qz * qz), two * fma(qy, qz, qx * qw)};
   const Vector3 e_1 = rotate_to_view(frame, x), e_2 = rotate_to_view(frame, y);
   return {e_1, e_2, rotate_to_view(frame, cross(x, y))};
-}
-
-struct Moments {
-  Float mean, deviation;
-};
-
-/// Mean and deviation of t of normally distributed stored values: axis_moments of frame.glsl.
-HWY_INLINE Moments axis_moments(const FrameConstants& frame, Float mean, Float deviation) {
-  const Float inverse_domain(frame.axis.inverse_domain);
-  if (frame.axis.kind == 0) {
-    const Float from_low = mean - frame.axis.low;
-    const Float factor = min(inverse_domain, Float(largest_t_deviation) / deviation);
-    return {clamp(from_low * factor, -farthest_t, farthest_t) + frame.axis.start, deviation * factor};
-  }
-  const Float t = axis_position(frame, mean);
-  if (frame.axis.kind == 1) {
-    const Float x = mean - frame.axis.zero;
-    const Mask positive = x > Float(0.0F);
-    const Float share = min(deviation / max(x, 1.2e-38F), 1e9F);
-    const Float square = share * share;
-    const Float variance = select(share < Float(0.01F), square, natural_log(square + 1.0F));
-    return {select(positive, t - variance * inverse_domain * 0.5F, -1.0F),
-            only(positive, sqrt(variance) * inverse_domain)};
-  }
-  const Float low = axis_position(frame, fnma(deviation, 1.73205081F, mean));
-  const Float high = axis_position(frame, fma(deviation, 1.73205081F, mean));
-  const Float average = (low + t * 4.0F + high) * (1.0F / 6);
-  const Float a = low - average, b = t - average, c = high - average;
-  return {average, sqrt(fma(a, a, fma(b * 4.0F, b, c * c)) * (1.0F / 6))};
 }
 
 /// The ellipsoid. Lengths are in pixels, of the size that they have in the middle of its visible part.
@@ -225,7 +183,7 @@ HWY_INLINE Value value_of(const FrameConstants& frame, const Records& records, V
   const Vector3 correlations = correlations_of(records);
   const Float deviation =
       log_number(bits_of<0, 16>(records.word(8))) * load(records.ranges.value_deviation_scale.data());
-  const Moments t = axis_moments(frame, bits_as_float(records.word(7)), only(deviation > Float(0.0F), deviation));
+  const Moments t = axis_moments(frame.axis, bits_as_float(records.word(7)), only(deviation > Float(0.0F), deviation));
   const Vector3 squares = correlations * correlations;
   const Float rest = max(Float(1.0F) - (squares.x + squares.y + squares.z), 0.0F);
   const Float smoothed = fma(squares.x, fnma(kept.x, kept.x, 1.0F),
@@ -657,7 +615,7 @@ HWY_INLINE void add_linear(Vector3 constant, Vector3 by_x, Vector3 by_y, const T
 HWY_INLINE Float unit_depth(const Body& body, const Rays& rays) { return rays.scale * body.pixel_size; }
 
 HWY_INLINE void set_near_fields(const Body& body, const Value& value, const Rays& rays, const Middle& middle,
-                                Float strength, const Screen& screen, NearFields& fields) {
+                                Float strength, Float opacity, const Screen& screen, NearFields& fields) {
   add_outline(screen, body.near, fields);
   const ToPixels& m = screen.to_pixels;
   add_linear(rays.d_0, rays.d_1, rays.d_2, m, fields);
@@ -675,6 +633,7 @@ HWY_INLINE void set_near_fields(const Body& body, const Value& value, const Rays
   fields.add(select(body.near, -1.0F, middle.spread));
   fields.add(select(body.near, -1.0F, middle.light));
   fields.add(Float(1.0F) / unit_depth(body, rays));
+  fields.add(opacity);
 }
 
 /// Returns where single precision holds all of the splat: else it is so large or so near that it overflows.
@@ -801,6 +760,15 @@ HWY_INLINE void set_slab_fields(const Body& body, const Rays& rays, Float streng
 void project(const FrameConstants& frame, const Records& records, bool in_slabs, Projection& result) {
   Float mass;
   Mask drawn = masses_of(records, mass);
+  Float opacity(1.0F);
+  if (frame.opacity.factors) {
+    opacity = opacity_factor(frame, records.opacity);
+    // Slabs tell by the masses where material is.
+    if (!in_slabs) {
+      mass = mass * opacity;
+      drawn = both(drawn, mass > Float(0.0F));
+    }
+  }
   const Vector3 centre = position_in_view(frame, records);
   drawn = both(drawn, is_finite(centre.x + centre.y + centre.z));
 
@@ -857,9 +825,9 @@ void project(const FrameConstants& frame, const Records& records, bool in_slabs,
   store(select_int(near, near_form, select_int(far, static_cast<int>(Form::far), 0)), result.forms.data());
   const Middle middle = make_middle(frame, body, value, rays, terms);
   result.far.used = result.near.used = result.slab.used = 0;
-  if (in_slabs) set_slab_fields(body, rays, strength, peak, spacing, result.slab);
+  if (in_slabs) set_slab_fields(body, rays, strength, peak * opacity, spacing, result.slab);
   if (any(far)) set_far_fields(frame, body, value, rays, terms, middle, screen, result.far);
-  if (any(near)) set_near_fields(body, value, rays, middle, strength, screen, result.near);
+  if (any(near)) set_near_fields(body, value, rays, middle, strength, opacity, screen, result.near);
 }
 
 void write_splat(const Projection& projection, int lane, const ScreenSplats& screen, std::size_t slot) {

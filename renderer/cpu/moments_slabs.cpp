@@ -157,7 +157,8 @@ void classify(const FrameConstants& frame, const TileArea& area, const Neighbour
       const float centre = static_cast<float>(x + area.left) + 0.5F - 0.5F * frame.width;
       const Float tangent_x = (lane_numbers() + centre) * by_focal;
       const Float ray = sqrt(fma(tangent_x, tangent_x, tangent_y * tangent_y + 1.0F));
-      const Float depth = length * ray * material.extinction;
+      Float depth = length * ray * material.extinction;
+      if (frame.opacity.factors) depth = depth * (load(n.slab->opacity + at) * by_mass);
       const Mask sound = both(filled, is_finite(depth));
       const Float light = frame.diffuse != 0 ? load(n.slab->light + at) * by_mass : Float(frame.ambient);
       blend(only(sound, opacity(max(depth, 0.0F))), select(sound, light, 0.0F), material, pixels.values.data() + at);
@@ -246,7 +247,15 @@ void make_slabs(const Slab& depths, SlabWorkspace& work) {
 class SlabSequence {
  public:
   SlabSequence(const FrameConstants& frame, const ScreenSplats& screen, const TileArea& area, SlabWorkspace& work)
-      : frame_(frame), screen_(screen), area_(area), work_(work), slabs_(work.slabs), lit_(frame.diffuse != 0) {
+      : frame_(frame),
+        screen_(screen),
+        area_(area),
+        work_(work),
+        slabs_(work.slabs),
+        lit_(frame.diffuse != 0),
+        fades_(frame.opacity.factors != nullptr) {
+    if (lit_) sums_[sum_count_++] = &SlabPlanes::light;
+    if (fades_) sums_[sum_count_++] = &SlabPlanes::opacity;
     constexpr std::size_t numbers_each = std::size_t{SlabPlanes::count} * plane + row_stride;
     work.planes.resize(numbers_each * ring_.size());
     for (std::size_t i = 0; i < ring_.size(); ++i) ring_[i] = SlabPlanes(work.planes.data() + i * numbers_each);
@@ -306,7 +315,7 @@ class SlabSequence {
       const SampleGrid& grid = sample_grids[splat.grid];
       const Part part = samples_of(frame_, screen_.bounds[splat.slot], area_, grid.spacing);
       if (part.left >= part.right || part.bottom >= part.top) continue;
-      mix_splat({screen_.near[splat.slot], screen_.slab[splat.slot], area_, grid, part, lit_,
+      mix_splat({screen_.near[splat.slot], screen_.slab[splat.slot], area_, grid, part, lit_, fades_,
                  slabs.subspan(begin, back - begin), fronts.data() + begin,
                  std::span(planes).subspan(begin, back - begin), splat.partial ? frame_.surfaces : nullptr});
     }
@@ -317,12 +326,8 @@ class SlabSequence {
 
   /// What slabs gather.
   [[nodiscard]] std::span<float * SlabPlanes::*const> sums(bool bounded) const {
-    using Sum = float* SlabPlanes::*;
-    static constexpr std::array<Sum, 8> all{&SlabPlanes::leave,    &SlabPlanes::leave_at, &SlabPlanes::enter,
-                                            &SlabPlanes::enter_at, &SlabPlanes::mass,     &SlabPlanes::value,
-                                            &SlabPlanes::residual, &SlabPlanes::light};
     const std::size_t begin = bounded ? 0 : 4;
-    return std::span(all).subspan(begin, (lit_ ? 8 : 7) - begin);
+    return std::span(sums_).subspan(begin, sum_count_ - begin);
   }
 
   void clear(const SlabPlanes& planes, std::size_t coarsest, bool bounded) const {
@@ -371,7 +376,13 @@ class SlabSequence {
   std::array<bool, slabs_at_once + 2> bounded_{};  // whether a slab of the ring may have boundaries
   std::array<bool, slabs_at_once + 2> partial_{};  // whether surfaces may hide a part of it
   std::size_t entered_ = 0;
-  bool lit_;
+  bool lit_, fades_;
+
+  // What slabs gather: first at boundaries, last what depends on the frame.
+  std::array<float * SlabPlanes::*, SlabPlanes::count> sums_{
+      &SlabPlanes::leave, &SlabPlanes::leave_at, &SlabPlanes::enter,   &SlabPlanes::enter_at,
+      &SlabPlanes::mass,  &SlabPlanes::value,    &SlabPlanes::residual};
+  std::size_t sum_count_ = 7;
 };
 
 bool blend_in_slabs(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,

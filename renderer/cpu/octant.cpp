@@ -38,6 +38,7 @@ struct Records {
     std::memcpy(&copy[shape_words], &range.octant_values[index], sizeof(OctantValue));
     for (int i = 0; i < words_of_record; ++i) words[i][lane] = copy[i];
     ranges.set(lane, range);
+    opacity.set(lane, range, index);
   }
   [[nodiscard]] HWY_INLINE Int word(int i) const { return load(words[i].data()); }
   [[nodiscard]] HWY_INLINE Float number(int i) const { return bits_as_float(word(i)); }
@@ -104,10 +105,12 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   const Vector3 centre = position_in_view(frame, records);
   const Distance distance = distance_to_eye(frame, records, centre);
   const Float size = records.number(2);
-  const Float t = clamp(axis_position(frame, records.number(3)), -1.0F, 2.0F);
+  const Float t = clamp(axis_position(frame.axis, records.number(3)), -1.0F, 2.0F);
   const Float column = fma(t, frame.table.inner_columns(), static_cast<float>(TableView::margin));
   const Material material = gather_from(frame.table, column);
-  Float alpha = opacity(min(max(material.extinction * size, 0.0F), 1e30F));
+  Float extinction = material.extinction;
+  if (frame.opacity.factors) extinction = extinction * opacity_factor(frame, records.opacity);
+  Float alpha = opacity(min(max(extinction * size, 0.0F), 1e30F));
 
   // A splat too small for the raster spreads the same light over more of it.
   const Float pixel_size = max((frame.orthographic ? Float(1.0F) : centre.z) * (1.0F / frame.focal), smallest_float);

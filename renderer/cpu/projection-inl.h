@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "renderer/cpu/blend-inl.h"
 #include "renderer/cpu/vector-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -47,17 +48,32 @@ HWY_INLINE Vector3 unpack_position(const FrameConstants& frame, Int low, Int hig
              {load(ranges.x.data()), load(ranges.y.data()), load(ranges.z.data())});
 }
 
+/// Returns 2^((code - 65535) / 128), or 0 for 0 and for less than single precision holds.
+HWY_INLINE Float log_number(Int code) {
+  const Int octave = shift_right<7>(code);  // 0 to 511
+  const Float f = to_float(code & Int(127)) * (1.0F / 128) - 0.4921875F;
+  // 2^(f + 63/128 - 127/128): f lies in [-63/128, 1/2].
+  Float p = fma(f, 0.00015453163F, 0.0013390863F);
+  p = fma(f, p, 0.0096180826F);
+  p = fma(f, p, 0.055503571F);
+  p = fma(f, p, 0.24022651F);
+  p = fma(f, p, 0.69314719F);
+  p = fma(f, p, 1.0F) * 0.70710678F;
+  const Int exponent = max(octave - Int(511 - 127), Int(0));
+  return p * bits_as_float(shift_left<23>(exponent));
+}
+
 /// t of a stored value: axis_position of frame.glsl.
-HWY_INLINE Float axis_position(const FrameConstants& frame, Float stored) {
+HWY_INLINE Float axis_position(const StoredAxis& axis, Float stored) {
   Float x = stored;
-  if (frame.axis.kind == 1) {
-    x = x - frame.axis.zero;
+  if (axis.kind == 1) {
+    x = x - axis.zero;
     const Mask positive = x > Float(0.0F);
-    x = (natural_log(max(x, 1.2e-38F)) - frame.axis.low) * frame.axis.inverse_domain;
+    x = (natural_log(max(x, 1.2e-38F)) - axis.low) * axis.inverse_domain;
     return select(positive, x, -1.0F);
   }
-  if (frame.axis.kind == 2) {
-    x = (x - frame.axis.zero) * frame.axis.unit;
+  if (axis.kind == 2) {
+    x = (x - axis.zero) * axis.unit;
     const Float size = abs(x);
     const Float sum = select(size > Float(1e4F), size + size, size + sqrt(fma(size, size, 1.0F)));
     // Near 0 the logarithm of 1 + size would lose its digits.
@@ -65,7 +81,66 @@ HWY_INLINE Float axis_position(const FrameConstants& frame, Float stored) {
     const Float bent = select(size < Float(0.02F), small, natural_log(sum));
     x = hn::CopySign(bent.v, x.v);
   }
-  return fma(x - frame.axis.low, frame.axis.inverse_domain, frame.axis.start);
+  return fma(x - axis.low, axis.inverse_domain, axis.start);
+}
+
+struct Moments {
+  Float mean, deviation;
+};
+
+/// Mean and deviation of t of normally distributed stored values: axis_moments of frame.glsl.
+HWY_INLINE Moments axis_moments(const StoredAxis& axis, Float mean, Float deviation) {
+  const Float inverse_domain(axis.inverse_domain);
+  if (axis.kind == 0) {
+    const Float from_low = mean - axis.low;
+    const Float factor = min(inverse_domain, Float(largest_t_deviation) / deviation);
+    return {clamp(from_low * factor, -farthest_t, farthest_t) + axis.start, deviation * factor};
+  }
+  const Float t = axis_position(axis, mean);
+  if (axis.kind == 1) {
+    const Float x = mean - axis.zero;
+    const Mask positive = x > Float(0.0F);
+    const Float share = min(deviation / max(x, 1.2e-38F), 1e9F);
+    const Float square = share * share;
+    const Float variance = select(share < Float(0.01F), square, natural_log(square + 1.0F));
+    return {select(positive, t - variance * inverse_domain * 0.5F, -1.0F),
+            only(positive, sqrt(variance) * inverse_domain)};
+  }
+  const Float low = axis_position(axis, fnma(deviation, 1.73205081F, mean));
+  const Float high = axis_position(axis, fma(deviation, 1.73205081F, mean));
+  const Float average = (low + t * 4.0F + high) * (1.0F / 6);
+  const Float a = low - average, b = t - average, c = high - average;
+  return {average, sqrt(fma(a, a, fma(b * 4.0F, b, c * c)) * (1.0F / 6))};
+}
+
+/// The values that give the opacity of splats; one in each lane.
+struct OpacityInLanes {
+  alignas(64) std::array<float, most_lanes> mean, deviation_scale;
+  alignas(64) std::array<std::int32_t, most_lanes> codes;  // of the deviation, and the coverage above it
+
+  void set(int lane, const RangeInView& range, std::uint32_t index) {
+    if (!range.opacities) return;
+    const OpacityValue& value = range.opacities[index];
+    mean[lane] = value.mean;
+    codes[lane] = value.deviation | value.coverage << 16;
+    deviation_scale[lane] = range.opacity_deviation_scale;
+  }
+};
+
+/// Returns the factors on the extinction. Requires a frame with an opacity.
+HWY_INLINE Float opacity_factor(const FrameConstants& frame, const OpacityInLanes& values) {
+  const OpacityView& opacity = frame.opacity;
+  const Float mean = load(values.mean.data());
+  const Int codes = load(values.codes.data());
+  const Float deviation = log_number(bits_of<0, 16>(codes)) * load(values.deviation_scale.data());
+  const Moments t = axis_moments(opacity.axis, mean, only(deviation > Float(0.0F), deviation));
+  const TableRow row = table_row(opacity, t.deviation);
+  const TableColumn at = column_at(
+      opacity, fma(clamp(t.mean, -farthest_t, farthest_t) - 0.5F, row.columns, 0.5F * static_cast<float>(opacity.columns - 1)));
+  const Int index = row.row * Int(opacity.columns) + at.left;
+  const Float left = gather(opacity.factors, index);
+  const Float factor = fma(gather(opacity.factors + 1, index) - left, at.share, left);
+  return only(is_finite(mean), clamp(factor, 0.0F, 1.0F) * to_float(bits_of<16, 8>(codes)) * (1.0F / 255));
 }
 
 /// Returns where a ball round a point surely has no pixel. Side planes of the picture go through the eye; the raster
@@ -108,6 +183,7 @@ struct RecordPlaces {
         hwy::Prefetch(&range.octants[indices[lane]]);
         hwy::Prefetch(&range.octant_values[indices[lane]]);
       }
+      if (range.opacities) hwy::Prefetch(&range.opacities[indices[lane]]);
     }
   }
 };

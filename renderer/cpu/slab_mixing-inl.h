@@ -36,12 +36,13 @@ constexpr int plane = (sample_grids.back().first_row + grid_rows(sample_grids.ba
 
 /// What the pixels of a slab gather. Lengths are depths: a ray is longer by its own factor.
 struct SlabPlanes {
-  static constexpr int count = 8;
+  static constexpr int count = 9;
 
   float* mass = nullptr;      // density times length
   float* value = nullptr;     // times mass
   float* residual = nullptr;  // times mass
   float* light = nullptr;     // times mass
+  float* opacity = nullptr;   // factor on the extinction, times mass
   // Of the boundaries in the slab: the density that ends (leave) or begins (enter) there, and times its distance to the
   // slab's front.
   float *leave = nullptr, *leave_at = nullptr, *enter = nullptr, *enter_at = nullptr;
@@ -55,7 +56,8 @@ struct SlabPlanes {
         leave(first + 4 * plane),
         leave_at(first + 5 * plane),
         enter(first + 6 * plane),
-        enter_at(first + 7 * plane) {}
+        enter_at(first + 7 * plane),
+        opacity(first + 8 * plane) {}
 };
 
 template <bool paired>
@@ -119,7 +121,7 @@ struct SplatPart {
   const TileArea& area;
   const SampleGrid& grid;
   Part part;  // in samples
-  bool lit;
+  bool lit, fades;  // by the light; by an opacity
   std::span<const Slab> slabs;
   const float* fronts;  // of the slabs, and of what follows in the group; then infinity
   std::span<const SlabPlanes> planes;
@@ -226,6 +228,7 @@ HWY_INLINE void add_chords(const SplatPart& at, const PlacedChords<whole>& place
     add<paired>(fma(mass, chords.value, moment * chords.slope), planes.value + placed.sample);
     add<paired>(mass * at.splat.residual, planes.residual + placed.sample);
     if (at.lit) add<paired>(mass * at.splat.light, planes.light + placed.sample);
+    if (at.fades) add<paired>(mass * at.splat.opacity, planes.opacity + placed.sample);
     if constexpr (!whole)
       if (at.slab.stretch > 0) add_boundaries<paired>(chords, slab, planes, placed.sample);
   }

@@ -49,6 +49,9 @@ RangeInView make_range(const DrawRange& range, std::uint32_t first) {
     result.octants = std::get<std::vector<OctantShape>>(range.row.shapes->records()).data() + range.begin;
     result.octant_values = std::get<std::vector<OctantValue>>(range.row.values->records()).data() + range.begin;
   }
+  const OpacityValues& opacity = range.row.values->opacity();
+  if (!opacity.records.empty()) result.opacities = opacity.records.data() + range.begin;
+  result.opacity_deviation_scale = nearest_float(opacity.deviation_scale);
   result.first = first;
   result.count = range.count;
   result.step = nearest_float(range.row.shapes->blocks()[range.block].step);
@@ -72,6 +75,7 @@ RangeInView part_of(RangeInView range, std::uint32_t begin, std::uint32_t end) {
     range.octants += skipped;
     range.octant_values += skipped;
   }
+  if (range.opacities) range.opacities += skipped;
   return range;
 }
 
@@ -121,11 +125,13 @@ TileRasterizer::TileRasterizer(KernelKind kernel) : kernel_(kernel), workspaces_
 
 TileRasterizer::~TileRasterizer() = default;
 
-Status TileRasterizer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
-  SPLATVOL_TRY_ASSIGN(function, in_drawing_units(world_function, units));
+Status TileRasterizer::set_transfer_function(const Transfer& transfer, const DrawingUnits& units) {
+  SPLATVOL_TRY_ASSIGN(function, in_drawing_units(transfer.function, units));
+  SPLATVOL_TRY_ASSIGN(opacity, make_opacity_table(transfer.opacity, units));
+  opacity_ = std::move(opacity);
   if (units.length != units_.length) surfaces_.reset();
   units_ = units;
-  frame_.axis = stored_axis(function, units);
+  frame_.axis = stored_axis(function, units.value_offset, units.value_scale);
   ordered_view_.reset();
   set_tables(function);
   return {};
@@ -237,6 +243,10 @@ void TileRasterizer::set_view(const View& view) {
   frame_.orthographic = view.orthographic;
   frame_.ambient = lighting_ ? static_cast<float>(lighting_->ambient) : 1.0F;
   frame_.diffuse = lighting_ ? static_cast<float>(lighting_->diffuse) : 0.0F;
+  frame_.opacity = {};
+  if (!opacity_.factors.empty() && std::ranges::all_of(ranges_, &RangeInView::opacities))
+    frame_.opacity = {opacity_.axis, opacity_.factors.data(), static_cast<int>(opacity_.columns),
+                      static_cast<int>(opacity_.rows), opacity_.row_spreads.data()};
 
   // Subtracted in double: far from the world's origin, only differences fit into single precision.
   std::size_t number = 0;
@@ -426,7 +436,7 @@ Result<Image> TileRasterizer::read_image() const {
 }
 
 std::uint64_t TileRasterizer::device_bytes() const {
-  std::uint64_t bytes = table_.memory_bytes() + bytes_of(peaks_) + bytes_of(ranges_) + bytes_of(first_ranges_) +
+  std::uint64_t bytes = table_.memory_bytes() + bytes_of(peaks_) + bytes_of(opacity_.factors) + bytes_of(ranges_) + bytes_of(first_ranges_) +
                         bytes_of(keys_) + sorter_.memory_bytes() + bytes_of(numbers_) + bytes_of(bounds_) +
                         bytes_of(forms_) + far_.memory_bytes() + near_.memory_bytes() + gaussians_.memory_bytes() +
                         bins_.memory_bytes() + bytes_of(closed_);

@@ -53,7 +53,7 @@ class TileRasterizer final : public Rasterizer {
   TileRasterizer& operator=(const TileRasterizer&) = delete;
   ~TileRasterizer() override;
 
-  [[nodiscard]] Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units) override;
+  [[nodiscard]] Status set_transfer_function(const Transfer& transfer, const DrawingUnits& units) override;
   void set_lighting(const std::optional<Lighting>& lighting) override;
   /// Slabs have no order of splats: `draw` then ignores its sort mode.
   [[nodiscard]] Status set_compositing(Compositing compositing) override;
@@ -107,6 +107,7 @@ class TileRasterizer final : public Rasterizer {
   std::optional<Lighting> lighting_;
   tiles::FrameConstants frame_;
   tiles::PackedTable table_;
+  OpacityTable opacity_;
   std::vector<float> peaks_;
   std::shared_ptr<const SurfaceDepths> surface_depths_;
   std::optional<Surfaces> surfaces_;  // made of the depths when first drawn with

@@ -208,7 +208,8 @@ struct TableRow {
   Int row;
   Float columns;
 };
-HWY_INLINE TableRow table_row(const TableView& table, Float spread) {
+template <class Table>
+HWY_INLINE TableRow table_row(const Table& table, Float spread) {
   constexpr float rows_per_octave = 1.0F / 9.00281502F;  // 1 / log2(513)
   const int last = table.rows - 1;
   const Float share = min(log2(fma(spread, 64.0F, 1.0F)) * rows_per_octave, 1.0F);

@@ -32,8 +32,9 @@ struct alignas(16) FrameBlock {
   float inverse_domain;
   float ambient, diffuse;
   float value_axis, value_zero, value_unit, value_start;
+  float opacity_low, opacity_inverse_domain, opacity_kind, opacity_zero, opacity_unit, opacity_start;
 };
-static_assert(sizeof(FrameBlock) == 96 && offsetof(FrameBlock, focal) == 56 && offsetof(FrameBlock, value_low) == 64);
+static_assert(sizeof(FrameBlock) == 128 && offsetof(FrameBlock, focal) == 56 && offsetof(FrameBlock, value_low) == 64);
 
 /// DrawCommand of project.comp.
 struct DrawCommand {
@@ -108,11 +109,12 @@ Status GlRasterizer::prepare_quads() {
   return {};
 }
 
-Status GlRasterizer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
-  SPLATVOL_TRY_ASSIGN(function, in_drawing_units(world_function, units));
+Status GlRasterizer::set_transfer_function(const Transfer& transfer, const DrawingUnits& units) {
+  SPLATVOL_TRY_ASSIGN(function, in_drawing_units(transfer.function, units));
+  SPLATVOL_TRY_ASSIGN(opacity, make_opacity_table(transfer.opacity, units));
   if (units.length != units_.length) forget_surfaces();
   units_ = units;
-  axis_ = stored_axis(function, units);
+  axis_ = stored_axis(function, units.value_offset, units.value_scale);
   ordered_view_.reset();
 
   const TransferTable table = make_transfer_table(function, kernel_.table.columns, kernel_.table.rows);
@@ -136,6 +138,23 @@ Status GlRasterizer::set_transfer_function(const TransferFunction& world_functio
   for (const std::vector<float>& peaks : make_peak_levels(function, peak_entries))
     glTextureSubImage1D(peak_table_.name(), level++, 0, static_cast<GLsizei>(peaks.size()), GL_RED, GL_FLOAT,
                         peaks.data());
+  return set_opacity_table(opacity);
+}
+
+Status GlRasterizer::set_opacity_table(const OpacityTable& table) {
+  opacity_axis_.reset();
+  if (!table.factors.empty()) {
+    const auto columns = static_cast<GLsizei>(table.columns), rows = static_cast<GLsizei>(table.rows);
+    if (opacity_table_.name() == 0) {
+      GLuint name = 0;
+      glCreateTextures(GL_TEXTURE_1D_ARRAY, 1, &name);
+      opacity_table_ = Texture(name);
+      glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+      glTextureStorage2D(name, 1, GL_R32F, columns, rows);
+    }
+    glTextureSubImage2D(opacity_table_.name(), 0, 0, 0, columns, rows, GL_RED, GL_FLOAT, table.factors.data());
+    opacity_axis_ = table.axis;
+  }
   return check_gl("setting the transfer function");
 }
 
@@ -168,7 +187,9 @@ std::uint64_t GlRasterizer::free_bytes() const {
 }
 
 // Returns the bytes of a splat's record. Slots that are not full take a quarter more, for ranges of some 60 splats.
-std::uint64_t GlRasterizer::padded_record_bytes() const { return record_bytes(kernel_.kind) * 5 / 4; }
+std::uint64_t GlRasterizer::padded_record_bytes() const {
+  return (record_bytes(kernel_.kind) + (opacity_axis_ ? sizeof(OpacityValue) : 0)) * 5 / 4;
+}
 
 // Returns the bytes of a splat: its record, and its share of keys, order, entries and ranges.
 std::uint64_t GlRasterizer::splat_bytes() const { return padded_record_bytes() + 2 * sizeof(std::uint32_t) + 4; }
@@ -238,7 +259,8 @@ void GlRasterizer::add_ranges(const DrawList& list) {
     range_keys_.push_back(key_of(range));
     range_origins_.push_back(block.origin);
     ranges_.push_back({vec4(0, 0, 0, range.weight), nearest_float(block.step), nearest_float(shapes.mass_scale()),
-                       nearest_float(shapes.deviation_scale()), nearest_float(range.row.values->deviation_scale())});
+                       nearest_float(shapes.deviation_scale()), nearest_float(range.row.values->deviation_scale()),
+                       nearest_float(range.row.values->opacity().deviation_scale)});
     if (range.count > 0)
       pages_.for_each_part(range, [&](std::uint32_t page, std::uint32_t first, std::uint32_t count) {
         entries_.push_back({first, count | page << page_shift, number});
@@ -358,6 +380,7 @@ Status GlRasterizer::upload_surfaces(const View& view) {
 
 Status GlRasterizer::upload_frame(const View& view) {
   const auto row = [](dvec3 axis) { return vec4(vec3(axis), 0.0F); };
+  const StoredAxis opacity = opacity_axis_.value_or(StoredAxis{});
   const FrameBlock block{.rotation = {row(view.right), row(view.up), row(view.forward)},
                          .image_width = static_cast<float>(view.width),
                          .image_height = static_cast<float>(view.height),
@@ -370,7 +393,13 @@ Status GlRasterizer::upload_frame(const View& view) {
                          .value_axis = static_cast<float>(axis_.kind),
                          .value_zero = axis_.zero,
                          .value_unit = axis_.unit,
-                         .value_start = axis_.start};
+                         .value_start = axis_.start,
+                         .opacity_low = opacity.low,
+                         .opacity_inverse_domain = opacity.inverse_domain,
+                         .opacity_kind = static_cast<float>(opacity.kind),
+                         .opacity_zero = opacity.zero,
+                         .opacity_unit = opacity.unit,
+                         .opacity_start = opacity.start};
   frame_.write(&block, sizeof(block));
 
   // Subtracted in double: far from the world's origin, only differences fit into single precision.
@@ -383,6 +412,7 @@ Status GlRasterizer::upload_frame(const View& view) {
   bind(entry_buffer_, Binding::entries);
   glBindTextureUnit(0, transfer_table_.name());
   glBindTextureUnit(1, peak_table_.name());
+  glBindTextureUnit(5, opacity_table_.name());
   return check_gl("uploading the view");
 }
 
@@ -480,6 +510,9 @@ Status GlRasterizer::prepare_runs(std::size_t count) {
 void GlRasterizer::bind_page(std::size_t page) const {
   bind(pages_.shapes(page), Binding::shapes);
   bind(pages_.values(page), Binding::values);
+  const std::size_t opacity = opacity_axis_ ? pages_.opacity_offset(page) / sizeof(std::uint32_t) : 0;
+  for (const Program* program : {&kernel_.key, &kernel_.project})
+    glProgramUniform1ui(program->name(), location::opacity_offset, static_cast<GLuint>(opacity));
 }
 
 // Draws elements [first, first + count) of a sequence's order, through the same small buffer of quads as all runs: it

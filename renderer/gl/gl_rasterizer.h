@@ -45,7 +45,7 @@ class GlRasterizer : public Rasterizer {
   static constexpr std::uint64_t default_bytes = std::uint64_t{1} << 30;
   static constexpr std::uint64_t default_page_bytes = std::uint64_t{1} << 29;
 
-  [[nodiscard]] Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units) override;
+  [[nodiscard]] Status set_transfer_function(const Transfer& transfer, const DrawingUnits& units) override;
   void set_lighting(const std::optional<Lighting>& lighting) override;
   [[nodiscard]] Status set_draw_list(const DrawList& list) override;
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) override;
@@ -71,7 +71,8 @@ class GlRasterizer : public Rasterizer {
   };
   struct Range {
     vec4 origin;
-    float step, mass_scale, deviation_scale, value_scale;
+    float step, mass_scale, deviation_scale, value_scale, opacity_scale;
+    std::array<float, 3> unused = {};  // std430 aligns to vec4
   };
   // A range of the list without its weight. Rows of other ids are other rows.
   struct RangeKey {
@@ -112,6 +113,7 @@ class GlRasterizer : public Rasterizer {
   [[nodiscard]] Status make_order(bool by_depth, Order& order, FrameTimes& times);
   [[nodiscard]] Status compute_keys(bool by_depth);
   [[nodiscard]] Status prepare_runs(std::size_t count);
+  [[nodiscard]] Status set_opacity_table(const OpacityTable& table);
   void bind_page(std::size_t page) const;
   void draw_run(const Sequence& sequence, std::size_t first, std::size_t count) const;
   void draw_quads(const Sequence& sequence) const;
@@ -137,8 +139,10 @@ class GlRasterizer : public Rasterizer {
 
   Texture transfer_table_;
   Texture peak_table_;
+  Texture opacity_table_;  // none until the first function with an opacity
   DrawingUnits units_;
   StoredAxis axis_;
+  std::optional<StoredAxis> opacity_axis_;  // none: there is no opacity
   std::optional<Lighting> lighting_;
 
   std::shared_ptr<const SurfaceDepths> surface_depths_;

@@ -7,7 +7,7 @@ namespace splatvol {
 namespace {
 
 // What shaders of the renderer are bound to: `binding` in shaders/.
-constexpr GLuint texture_units = 5, storage_buffers = 8, uniform_buffers = 1;
+constexpr GLuint texture_units = 6, storage_buffers = 8, uniform_buffers = 1;
 
 GLint integer(GLenum name) {
   GLint value = 0;

@@ -48,6 +48,7 @@ inline constexpr GLint by_depth = 2;  // of `key`
 inline constexpr GLint page = 3;
 inline constexpr GLint run = 4;
 inline constexpr GLint surface_levels = 5;
+inline constexpr GLint opacity_offset = 6;
 }  // namespace location
 
 /// Invocations in a work group of `key` and `project`.

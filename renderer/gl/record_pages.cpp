@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <initializer_list>
 
 namespace splatvol {
 
@@ -21,14 +22,19 @@ RecordPages::RecordPages(KernelKind kind, std::uint64_t page_bytes)
     : shape_bytes_(kind == KernelKind::octant ? sizeof(OctantShape) : sizeof(MomentsShape)),
       value_bytes_(kind == KernelKind::octant ? sizeof(OctantValue) : sizeof(MomentsValue)),
       slots_per_page_(static_cast<std::uint32_t>(
-          std::max<std::uint64_t>(std::min(page_bytes, largest_buffer()) / (slot_records * shape_bytes_), 1))) {}
+          std::max<std::uint64_t>(std::min(page_bytes, largest_buffer()) / (slot_records * largest_bytes()), 1))) {}
 
 std::uint32_t RecordPages::capacity() const {
   return pages_.empty() ? 0 : (static_cast<std::uint32_t>(pages_.size()) - 1) * slots_per_page_ + pages_.back().slots;
 }
 
 Status RecordPages::hold(std::span<const DrawRange> ranges, std::uint64_t budget) {
-  if (bytes() > budget) {  // a picture has become larger: pages do not shrink
+  const bool has_opacity = !ranges.empty() && std::ranges::all_of(ranges, [](const DrawRange& range) {
+    return !range.row.values->opacity().records.empty();
+  });
+  const bool same_layout = has_opacity == this->has_opacity();
+  opacity_bytes_ = has_opacity ? sizeof(OpacityValue) : 0;
+  if (!same_layout || bytes() > budget) {  // a picture has become larger: pages do not shrink
     forget_rows();
     pages_.clear();
   }
@@ -109,16 +115,23 @@ Status RecordPages::grow(std::uint64_t count, std::uint64_t budget) {
 
 // Enlarges a page, which keeps what it holds.
 Status RecordPages::resize(Page& page, std::uint32_t slots) {
-  const auto enlarge = [&](Buffer& buffer, std::uint32_t record_bytes) -> Status {
+  struct Copy {
+    std::size_t from, to, bytes;
+  };
+  const auto enlarge = [&](Buffer& buffer, std::uint32_t record_bytes, std::initializer_list<Copy> copies) -> Status {
     Buffer larger(buffer.name());
     SPLATVOL_TRY(larger.reserve(std::size_t{slots} * slot_records * record_bytes));
-    if (buffer.bytes() > 0)
-      glCopyNamedBufferSubData(buffer.object(), larger.object(), 0, 0, static_cast<GLsizeiptr>(buffer.bytes()));
+    for (const auto& [from, to, bytes] : copies)
+      if (bytes > 0)
+        glCopyNamedBufferSubData(buffer.object(), larger.object(), static_cast<GLintptr>(from),
+                                 static_cast<GLintptr>(to), static_cast<GLsizeiptr>(bytes));
     buffer = std::move(larger);
     return {};
   };
-  SPLATVOL_TRY(enlarge(page.shapes, shape_bytes_));
-  SPLATVOL_TRY(enlarge(page.values, value_bytes_));
+  const std::size_t records = std::size_t{page.slots} * slot_records, values = values_offset(page.slots);
+  SPLATVOL_TRY(enlarge(page.shapes, shape_bytes_, {{0, 0, records * shape_bytes_}}));
+  SPLATVOL_TRY(enlarge(page.values, value_bytes_ + opacity_bytes_,
+                       {{0, 0, values}, {values, values_offset(slots), records * opacity_bytes_}}));
   page.slots = slots;
   return {};
 }
@@ -184,7 +197,10 @@ void RecordPages::write(const Missing& first, std::uint32_t slots) {
   const std::size_t count = std::min(std::size_t{slots} * slot_records, first.row->shapes->size() - record);
   page.shapes.write_at(at * shape_bytes_, bytes_of(*first.row->shapes) + record * shape_bytes_, count * shape_bytes_);
   page.values.write_at(at * value_bytes_, bytes_of(*first.row->values) + record * value_bytes_, count * value_bytes_);
-  uploaded_bytes_ += count * (shape_bytes_ + value_bytes_);
+  if (opacity_bytes_ > 0)
+    page.values.write_at(values_offset(page.slots) + at * opacity_bytes_,
+                         first.row->values->opacity().records.data() + record, count * opacity_bytes_);
+  uploaded_bytes_ += count * (shape_bytes_ + value_bytes_ + opacity_bytes_);
 }
 
 }  // namespace splatvol

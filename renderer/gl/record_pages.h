@@ -1,6 +1,7 @@
 // Drawing records in the device's memory. Internal to the rasterizer.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -13,7 +14,8 @@
 
 namespace splatvol {
 
-/// Keeps the records of rows in pages: pairs of large buffers, one of shapes and one of values. A page consists of
+/// Keeps the records of rows in pages: pairs of large buffers, one of shapes and one of values. If all rows have values
+/// that give the opacity, these follow the values of all slots. A page consists of
 /// slots, each with room for some consecutive records of a row. A record goes up once, and stays until other rows need
 /// its slot; the rows that were drawn least recently leave first.
 class RecordPages {
@@ -43,6 +45,12 @@ class RecordPages {
   [[nodiscard]] std::size_t page_count() const { return pages_.size(); }
   [[nodiscard]] const Buffer& shapes(std::size_t page) const { return pages_[page].shapes; }
   [[nodiscard]] const Buffer& values(std::size_t page) const { return pages_[page].values; }
+
+  /// Returns where a page's buffer of values has the first value that gives the opacity, in bytes; 0: it has none.
+  [[nodiscard]] std::size_t opacity_offset(std::size_t page) const {
+    return opacity_bytes_ > 0 ? values_offset(pages_[page].slots) : 0;
+  }
+  [[nodiscard]] bool has_opacity() const { return opacity_bytes_ > 0; }
 
   /// Returns the bytes that were uploaded so far.
   [[nodiscard]] std::uint64_t uploaded_bytes() const { return uploaded_bytes_; }
@@ -77,7 +85,15 @@ class RecordPages {
   };
 
   static RowKey key_of(const DrawRange& range) { return {range.row.shapes->id(), range.row.values->id()}; }
-  [[nodiscard]] std::uint32_t slot_bytes() const { return slot_records * (shape_bytes_ + value_bytes_); }
+  [[nodiscard]] std::uint32_t slot_bytes() const {
+    return slot_records * (shape_bytes_ + value_bytes_ + opacity_bytes_);
+  }
+  [[nodiscard]] std::uint32_t largest_bytes() const {  // of a record in one buffer
+    return std::max<std::uint32_t>(shape_bytes_, value_bytes_ + sizeof(OpacityValue));
+  }
+  [[nodiscard]] std::size_t values_offset(std::uint32_t slots) const {
+    return std::size_t{slots} * slot_records * value_bytes_;
+  }
   [[nodiscard]] std::uint32_t capacity() const;
   [[nodiscard]] std::uint64_t available() const { return free_.size() + capacity() - end_; }
   [[nodiscard]] std::vector<Missing> find_missing(std::span<const DrawRange> ranges);
@@ -93,6 +109,7 @@ class RecordPages {
   void write(const Missing& first, std::uint32_t slots);
 
   const std::uint32_t shape_bytes_, value_bytes_;
+  std::uint32_t opacity_bytes_ = 0;  // of a record; 0: there is no opacity
   const std::uint32_t slots_per_page_;
   std::vector<Page> pages_;  // full, but for the last
   std::unordered_map<RowKey, HeldRow, RowKeyHash> rows_;

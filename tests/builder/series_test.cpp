@@ -96,7 +96,7 @@ TEST_F(Series, AStepIsTheFileThatIsBuiltFromIt) {
     EXPECT_EQ(at_step->read_histograms().value(), single->read_histograms().value());
     EXPECT_EQ(test::chunks_of(*at_step), test::chunks_of(*single));
 
-    const auto root = at_step->read_index_root(0).value(), expected = single->read_index_root(0).value();
+    const auto root = at_step->read_index_root({0}).value(), expected = single->read_index_root({0}).value();
     EXPECT_EQ(root.nodes.summaries[0].min, expected.nodes.summaries[0].min);
     EXPECT_EQ(root.nodes.summaries[0].occupancy, expected.nodes.summaries[0].occupancy);
   }

@@ -171,7 +171,7 @@ std::size_t expect_same_nodes(const Volume& file, const IndexPage& page, std::ui
     return at;
   }
   const auto linked = file.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node],
-                                           page.nodes.counts_of(node), attribute);
+                                           page.nodes.counts_of(node), {attribute});
   EXPECT_TRUE(linked) << linked.error().message;
   for (std::uint32_t c = 0; c < children; ++c) at = expect_same_nodes(file, *linked, c, attribute, tree, at);
   return at;
@@ -186,7 +186,7 @@ void expect_comes_back(const TestVolume& volume) {
   EXPECT_EQ(file->info().resolution_counts, volume.info.resolution_counts);
   expect_same_columns(*file, volume);
   for (int attribute = -1; attribute < static_cast<int>(volume.stored.size()); ++attribute) {
-    const IndexPage root = file->read_index_root(attribute).value();
+    const IndexPage root = file->read_index_root({attribute}).value();
     EXPECT_EQ(expect_same_nodes(*file, root, 0, attribute, volume.tree, 0), volume.tree.size());
   }
   const Histograms histograms = file->read_histograms().value();
@@ -339,7 +339,7 @@ TEST(Reads, OpeningTakesOneRead) {
     EXPECT_EQ((*volume)->bytes_read(), std::min<std::uint64_t>(bytes.size(), min_first_read_bytes));
 
     // The first picture too: root page, and the chunks of the coarsest resolution.
-    ASSERT_TRUE((*volume)->read_index_root(0));
+    ASSERT_TRUE((*volume)->read_index_root({0}));
     const DirectoryPage page = (*volume)->read_directory_page(0).value();
     for (const int column : (*volume)->rows().columns_of_row(0)) {
       const ChunkLocation& location = (*volume)->find_chunk(page, 0, column);
@@ -365,13 +365,13 @@ TEST(Reads, OneAttributeOfManyIsReadByItself) {
   const TestVolume volume = small_volume(600, 150, options);
   const Bytes bytes = test_volume_bytes(volume);
   const auto file = open_bytes(bytes);
-  const IndexPage root = file->read_index_root(7).value();
+  const IndexPage root = file->read_index_root({7}).value();
   ASSERT_FALSE(root.pages.empty());
   const auto node = static_cast<std::size_t>(std::ranges::find(root.links, 0u) - root.links.begin());
   const IndexPageRef& ref = root.pages[0];
   ASSERT_GT(ref.page_bytes, 64u << 10);
   const std::uint64_t before = file->bytes_read();
-  ASSERT_TRUE(file->read_index_page(ref, root.nodes.child_masks[node], root.nodes.counts_of(node), 7));
+  ASSERT_TRUE(file->read_index_page(ref, root.nodes.child_masks[node], root.nodes.counts_of(node), {7}));
   EXPECT_LT(file->bytes_read() - before, ref.page_bytes / 4);
   EXPECT_EQ(expect_same_nodes(*file, root, 0, 7, volume.tree, 0), volume.tree.size());
 }

@@ -16,6 +16,7 @@
 #include "builder/build.h"
 #include "player/statistics.h"
 #include "scene/image.h"
+#include "streamer/default_scene.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/require.h"
@@ -362,7 +363,8 @@ TEST_F(PlayerOfALattice, ACallThatWaitsForAServerCanBeCancelled) {
 }
 
 // Another attribute needs its values only: the shapes of the same splats stay.
-TEST_F(PlayerOfALattice, AnotherAttributeKeepsTheShapes) {
+// Waves, and the height.
+std::string build_two_attributes(const std::string& folder) {
   const test::Mesh mesh = test::lattice(24, [](dvec3 p) { return p; });
   Piece piece = test::mesh_piece(mesh, [](dvec3 p) { return std::sin(9 * p.x) * std::cos(7 * p.y); });
   piece.values.push_back(test::mesh_piece(mesh, [](dvec3 p) { return p.z; }).values[0]);
@@ -375,8 +377,13 @@ TEST_F(PlayerOfALattice, AnotherAttributeKeepsTheShapes) {
     std::vector<std::string> names_ = {"waves", "height"};
   };
   TwoAttributes source({std::move(piece)});
-  const std::string two = folder + "/two.svol";
-  ASSERT_TRUE(build_volume(source, two, {}, [](const char*, double) {}));
+  std::string path = folder + "/two.svol";
+  test::require(build_volume(source, path, {}, [](const char*, double) {}));
+  return path;
+}
+
+TEST_F(PlayerOfALattice, AnotherAttributeKeepsTheShapes) {
+  const std::string two = build_two_attributes(folder);
   const auto open_with = [&](const std::string& attribute) {
     auto player = Player::open(two, std::nullopt, on_processor()).value();
     Scene scene = player->fitting_scene(attribute).value();
@@ -396,6 +403,64 @@ TEST_F(PlayerOfALattice, AnotherAttributeKeepsTheShapes) {
   ASSERT_TRUE(player->set_scene(fresh->scene()));
   EXPECT_EQ(compare_images(drawn(*player), expected)->max, 0);
   EXPECT_LT(bytes_of(*player) - before, before / 2) << "values, and pages of the index";
+}
+
+// An opacity that hides the lower half is a clip plane, but for the cells at it. Slices show all values.
+TEST_F(PlayerOfALattice, AnotherAttributeGivesTheOpacity) {
+  const std::string two = build_two_attributes(folder);
+  auto player = Player::open(two, std::nullopt, on_processor()).value();
+  Scene scene = player->fitting_scene("waves").value();
+  scene.width = 120;
+  scene.height = 90;
+  scene.transfer_function.densities = {{0, 5}};
+  ASSERT_TRUE(player->set_scene(scene));
+  const Image whole = drawn(*player);
+  const std::uint64_t before = player->streamer().statistics().bytes_read;
+
+  Scene faded = scene;
+  faded.opacity = SceneOpacity{"height", {.colors = {{0, dvec3(1)}}, .densities = {{0.5, 0}, {0.5, 1}}}};
+  ASSERT_TRUE(player->set_scene(faded));
+  const Image image = drawn(*player);
+  EXPECT_LT(player->streamer().statistics().bytes_read, before) << "the shapes are there";
+  Scene clipped = scene;
+  clipped.clip_planes = {{.point = dvec3(0.5), .normal = {0, 0, 1}}};
+  ASSERT_TRUE(player->set_scene(clipped));
+  EXPECT_LT(compare_images(image, drawn(*player))->rmse, 0.02);
+  EXPECT_GT(compare_images(image, whole)->rmse, 0.1);
+
+  // Changes of the factors read nothing.
+  ASSERT_TRUE(player->set_scene(faded));
+  static_cast<void>(drawn(*player));
+  const std::uint64_t read = player->streamer().statistics().bytes_read;
+  faded.opacity->function.densities = {{0.6, 0}, {0.6, 1}};
+  ASSERT_TRUE(player->set_scene(faded));
+  EXPECT_GT(compare_images(image, drawn(*player))->rmse, 0.01);
+  EXPECT_EQ(player->streamer().statistics().bytes_read, read);
+
+  // Without it, all is as before.
+  ASSERT_TRUE(player->set_scene(scene));
+  EXPECT_EQ(compare_images(drawn(*player), whole)->max, 0);
+
+  faded.opacity->attribute = "pressure";
+  const Status refused = player->set_scene(faded);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("pressure"));
+  EXPECT_EQ(compare_images(drawn(*player), whole)->max, 0);
+}
+
+TEST_F(PlayerOfALattice, AnOpacityFitsTheData) {
+  const auto player = Player::open(build_two_attributes(folder), std::nullopt, on_processor()).value();
+  Scene scene = player->fitting_scene("waves").value();
+  const FittingOpacity fitting = fitting_opacity(player->streamer().volume(), "height").value();
+  EXPECT_EQ(fitting.opacity.attribute, "height");
+  const auto factors = fitting.opacity.function.densities;
+  EXPECT_EQ(std::ranges::max_element(factors, {}, &TransferFunction::Density::extinction)->extinction, 1);
+  show_opacity(scene, fitting);
+  ASSERT_TRUE(parse_scene(scene_to_json(scene)));
+  ASSERT_TRUE(player->set_scene(scene));
+  const Image image = drawn(*player);
+  EXPECT_GT(std::ranges::max_element(image.pixels, {}, &vec4::a)->a, 0.3F);
+  EXPECT_FALSE(fitting_opacity(player->streamer().volume(), "pressure"));
 }
 
 TEST_F(PlayerOfALattice, StatisticsNameTheFrame) {

@@ -112,6 +112,32 @@ TEST(ParseScene, NamesTheFieldNearestToAnUnknownOne) {
   EXPECT_THAT(error_of(changed("/outline", 1)), StartsWith("outline: "));
 }
 
+TEST(ParseScene, AnOpacityIsReadAndWrittenBack) {
+  const json opacity = {{"attribute", "T"}, {"domain", {1, 100}}, {"axis", "log"}, {"factor", {{0, 0}, {0.5, 1}}}};
+  const auto scene = parse_scene(changed("/opacity", opacity));
+  ASSERT_TRUE(scene) << scene.error().message;
+  ASSERT_TRUE(scene->opacity);
+  EXPECT_EQ(scene->opacity->attribute, "T");
+  EXPECT_EQ(scene->opacity->function.extinction(10), 1);
+  EXPECT_EQ(scene->opacity->function.extinction(1), 0);
+  EXPECT_EQ(parse_scene(scene_to_json(*scene)).value(), *scene);
+
+  const auto refuses = [&](const char* field, const json& value, const std::string& message) {
+    json wrong = opacity;
+    wrong[field] = value;
+    EXPECT_THAT(error_of(changed("/opacity", wrong)), StartsWith(message)) << field;
+  };
+  refuses("attribute", "", "opacity.attribute: empty");
+  refuses("domain", {2, 1}, "opacity.domain: [2, 1] is not an interval");
+  refuses("domain", {-1, 1}, "opacity.domain: ");
+  refuses("factor", {{0, 0}, {0.5, 1.5}}, "opacity.factor[1]: 1.5 is above 1");
+  refuses("factor", {{0, -1}}, "opacity.factor[0]: ");
+  refuses("factor", json::array(), "opacity.factor: not a list");
+  refuses("linear_width", 1, "opacity.linear_width: only the axis asinh");
+  refuses("density", {{0, 1}}, "opacity.density: no such field");
+  EXPECT_THAT(error_of(changed("/opacity", 0.5)), StartsWith("opacity"));
+}
+
 TEST(ParseScene, SlicesAndClipPlanesAreReadAndWrittenBack) {
   json text = json::parse(
       changed("/slices",

@@ -27,7 +27,7 @@ struct Bench {
       : kernel(kind),
         volume(std::move(made)),
         opened(format::Volume::open(test::source_of(volume)).value()),
-        paged(*opened, attribute, cache),
+        paged(*opened, {attribute}, cache),
         visibility(function, volume.info.attributes[static_cast<std::size_t>(attribute)]) {}
 
   Cut cut(const View& view, CutOptions options) {

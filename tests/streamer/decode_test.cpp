@@ -60,7 +60,7 @@ Decoded decode(const Points& points, double error) {
   const format::PackedChunk values = format::pack_value_moments(points.values, 1e-6, {0, 1, 1});
   const auto size = static_cast<std::uint32_t>(count);
   auto shape_row = decode_shapes(KernelKind::moments, bytes_of(positions), bytes_of(shapes), size, cube, "test");
-  auto value_row = decode_values(KernelKind::moments, bytes_of(values), nullptr, size, "test");
+  auto value_row = decode_values(KernelKind::moments, {bytes_of(values)}, size, "test");
   EXPECT_TRUE(shape_row && value_row);
   Decoded decoded{
       {std::make_shared<ShapeRow>(std::move(*shape_row)), std::make_shared<ValueRow>(std::move(*value_row))},
@@ -156,7 +156,7 @@ TEST(DecodeRows, RefusesWhatTheFormatRefuses) {
   const Cube small{cube.origin, edge / 1000};
   EXPECT_FALSE(decode_shapes(KernelKind::moments, bytes_of(positions), bytes_of(shapes), 100, small, "test"));
   EXPECT_FALSE(decode_shapes(KernelKind::moments, bytes_of(positions), bytes_of(shapes), 99, cube, "test"));
-  EXPECT_FALSE(decode_values(KernelKind::moments, bytes_of(values), nullptr, 101, "test"));
+  EXPECT_FALSE(decode_values(KernelKind::moments, {bytes_of(values)}, 101, "test"));
   shapes.bytes[shapes.bytes.size() / 2] ^= std::byte{1};
   EXPECT_FALSE(decode_shapes(KernelKind::moments, bytes_of(positions), bytes_of(shapes), 100, cube, "test"));
 }
@@ -178,7 +178,7 @@ TEST(DecodeRows, GivesOctantSplats) {
   const format::PackedChunk directions = format::pack_gradients(gradients);
   auto shape_row = decode_shapes(KernelKind::octant, bytes_of(positions), bytes_of(octants), 300, cube, "test");
   const ChunkBytes gradient_bytes = bytes_of(directions);
-  auto value_row = decode_values(KernelKind::octant, bytes_of(values), &gradient_bytes, 300, "test");
+  auto value_row = decode_values(KernelKind::octant, {bytes_of(values), &gradient_bytes}, 300, "test");
   ASSERT_TRUE(shape_row && value_row);
   const RecordRow row{std::make_shared<ShapeRow>(std::move(*shape_row)),
                       std::make_shared<ValueRow>(std::move(*value_row))};

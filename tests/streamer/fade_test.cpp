@@ -65,7 +65,7 @@ class FadeTest : public testing::Test {
   std::shared_ptr<const format::Volume> opened = format::Volume::open(test::source_of(volume)).value();
   MemoryBudget budget{1u << 30};
   Cache cache{budget};
-  PagedVolume paged{*opened, 1, cache};
+  PagedVolume paged{*opened, {1}, cache};
   ValueVisibility visibility{test::opaque(), volume.info.attributes[1]};
   Shelf shelf;
   FadingCut shown;
@@ -223,7 +223,7 @@ TEST_F(FadeTest, OfFewAndOfCoincidentPoints) {
   for (const std::size_t count : {1u, 700u}) {
     volume = test::make_test_volume(std::vector<dvec3>(count, dvec3(0.3)), {std::vector<double>(count, 1.0)}, {});
     opened = format::Volume::open(test::source_of(volume)).value();
-    PagedVolume pages(*opened, 0, cache);
+    PagedVolume pages(*opened, {0}, cache);
     const View view = view_of_all(67);
     CutOptions options;
     options.kernel = KernelKind::octant;

@@ -119,8 +119,8 @@ class OpaqueMesh : public testing::Test {
     const auto report = build_volume(**source, path_, {}, [](const char*, double) {});
     ASSERT_TRUE(report) << report.error().message;
     volume_ = format::Volume::open(open_file(path_).value()).value();
-    paged_ = std::make_unique<PagedVolume>(*volume_, 0, cache_);
-    filled_ = FilledNodes::find(*volume_, *paged_->root().value(), 0);
+    paged_ = std::make_unique<PagedVolume>(*volume_, format::SummaryAttributes{0}, cache_);
+    filled_ = FilledNodes::find(*volume_, *paged_->root().value(), {0});
   }
   void TearDown() override { std::filesystem::remove(path_); }
   virtual const char* input() const { return "gen:mesh:cells=2e5"; }

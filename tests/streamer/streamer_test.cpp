@@ -540,6 +540,123 @@ TEST_P(StreamerOf, AnUnknownAttributeListsTheOthers) {
               testing::AllOf(HasSubstr("test.svol"), HasSubstr("\"pressure\""), HasSubstr("a0, a1")));
 }
 
+// --- An opacity by another attribute.
+std::vector<double> opacities_of(const FrameSplats& frame, const DrawingUnits& units) {
+  std::vector<double> values;
+  for (const DrawRange& range : frame.list.ranges)
+    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
+      const OpacityValue& value = range.row.values->opacity().records[i];
+      values.push_back(value.coverage == 0 ? std::numeric_limits<double>::quiet_NaN()
+                                           : units.opacity_offset + units.opacity_scale * double{value.mean});
+    }
+  return values;
+}
+
+StreamerOptions by_both(KernelKind kernel, std::uint64_t memory = plenty) {
+  return {.memory_bytes = memory, .attribute = "a1", .opacity_attribute = "a0", .kernel = kernel};
+}
+
+TEST_P(StreamerOf, HandsOnTheValuesThatGiveTheOpacity) {
+  test::TestVolumeOptions options;
+  options.value_offset = 20;
+  const TestVolume volume = test::sample_volume(4000, 31, options);
+  const auto streamer = splatvol::open(volume, by_both(GetParam())).value();
+  const auto other = open(volume, "a0").value();
+  for (const std::size_t resolution : {std::size_t{1}, volume.info.resolutions() - 1}) {
+    const TransferFunction all = test::opaque();
+    const FrameSplats& frame = *streamer->request(front_view(), {all, &all}, fixed(resolution)).value();
+    // The same cut, through the other attribute. Its splats without values are not left out: all of its rows have some.
+    const FrameSplats& of_other = *other->request(front_view(), all, fixed(resolution)).value();
+    const std::vector<double> values = opacities_of(frame, streamer->units());
+    const std::vector<Placed> expected = [&] {
+      std::vector<Placed> placed;
+      for (const DrawRange& range : of_other.list.ranges)
+        for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
+          Placed splat{};
+          if (GetParam() == KernelKind::octant) {
+            splat.value = static_cast<double>(unpack_octant(range.row, i).value);
+          } else {
+            splat.material = unpack(range.row, i);
+            splat.value = splat.material.mass > 0 ? splat.material.value : std::numeric_limits<double>::quiet_NaN();
+          }
+          placed.push_back(splat);
+        }
+      return placed;
+    }();
+    ASSERT_EQ(values.size(), expected.size());
+    std::size_t missing = 0;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      if (std::isnan(expected[i].value)) {
+        ++missing;
+        ASSERT_TRUE(std::isnan(values[i]));
+      } else {
+        ASSERT_EQ(values[i], other->units().value(expected[i].value)) << i;
+      }
+    }
+    EXPECT_LT(missing, values.size() / 4);
+  }
+}
+
+// Whatever is left out has no visible factor, and much is left out.
+TEST_P(StreamerOf, LeavesOutWhatTheOpacityHides) {
+  const TestVolume volume = test::sample_volume(20000, 32);
+  const TransferFunction all = test::opaque(), factors = test::window(2.4, 2.8);
+  const auto frame_of = [&](Streamer& streamer, const TransferFunction* opacity) {
+    return streamer.request(front_view(), {all, opacity}, percent(0)).value();
+  };
+  const auto whole = splatvol::open(volume, by_both(GetParam())).value();
+  const auto streamer = splatvol::open(volume, by_both(GetParam())).value();
+  const auto visible_of = [&](const FrameSplats& frame) {
+    return std::ranges::count_if(opacities_of(frame, streamer->units()),
+                                 [&](double value) { return factors.extinction(value) > 0; });
+  };
+  const FrameSplats& with = *frame_of(*streamer, &factors);
+  const FrameSplats& without = *frame_of(*whole, &all);
+  EXPECT_EQ(visible_of(with), visible_of(without));
+  EXPECT_GT(visible_of(with), 100);
+  EXPECT_LT(with.splats, without.splats / 3);
+  EXPECT_LT(streamer->statistics().bytes_read, whole->statistics().bytes_read / 2);
+
+  // Another function, and back.
+  EXPECT_EQ(frame_of(*streamer, nullptr)->splats, without.splats);
+  EXPECT_LT(frame_of(*streamer, &factors)->splats, without.splats / 3);
+
+  // Reading piece by piece ends in the same frame.
+  const auto paging = splatvol::open(volume, by_both(GetParam())).value();
+  const FrameSplats* frame = nullptr;
+  for (int turns = 0; !frame || !frame->progress.complete; ++turns) {
+    ASSERT_LT(turns, 10000);
+    frame = paging->advance(front_view(), {all, &factors}, percent(0), 1).value();
+  }
+  EXPECT_EQ(test::bytes_of(frame->list), test::bytes_of(frame_of(*streamer, &factors)->list));
+}
+
+TEST_P(StreamerOf, AnOpacityStaysWithinTheBudget) {
+  const TestVolume volume = test::sample_volume(20000, 33);
+  const TransferFunction all = test::opaque(), factors = test::window(0.5, 2.5);
+  for (const std::uint64_t memory : {least_memory(volume) * 2, least_memory(volume) + 1000000}) {
+    const auto streamer = splatvol::open(volume, by_both(GetParam(), memory)).value();
+    std::mt19937 random(33);
+    for (int step = 0; step < 20; ++step) {
+      View view = test::random_view(random);
+      if (step % 3 == 0) view.clip.box = Box{dvec3(0.2), dvec3(0.7)};
+      const auto frame = streamer->request(view, {all, &factors}, percent(std::exp2(step % 7 - 3)));
+      ASSERT_TRUE(frame) << frame.error().message;
+      for (const DrawRange& range : (*frame)->list.ranges)
+        ASSERT_EQ(range.row.values->opacity().records.size(), range.row.values->size());
+    }
+    EXPECT_LE(streamer->statistics().bytes_resident_peak, memory);
+  }
+}
+
+TEST_P(StreamerOf, AnUnknownOpacityListsTheOthers) {
+  StreamerOptions options = by_both(GetParam());
+  options.opacity_attribute = "pressure";
+  const auto streamer = splatvol::open(test::sample_volume(100, 10), options);
+  ASSERT_FALSE(streamer);
+  EXPECT_THAT(streamer.error().message, testing::AllOf(HasSubstr("\"pressure\""), HasSubstr("a0, a1")));
+}
+
 TEST_P(StreamerOf, RefusesATolerance) {
   const auto streamer = open(test::sample_volume(100, 11)).value();
   EXPECT_EQ(streamer->request(front_view(), test::opaque(), percent(-1)).error().code, ErrorCode::invalid_argument);

@@ -154,5 +154,80 @@ TEST(ValueContrast, IsTheVarianceAmongNeighbouringValues) {
   EXPECT_EQ(ValueContrast(function, attribute(7, 7)).of({7, 7, 1}).variance(1), 0);
 }
 
+// --- An opacity by another attribute.
+TransferFunction factor_window(double low, double high) {
+  TransferFunction factors = test::window(low, high);
+  factors.colors = {{0, dvec3(1)}};
+  return factors;
+}
+
+TEST(ValueVisibility, AnOpacityHidesToo) {
+  const format::Attribute shown = attribute(0, 64), other = attribute(-10, 10);
+  const TransferFunction function = test::opaque(), factors = factor_window(2, 3);
+  const ValueVisibility visibility({function, &factors}, {shown, &other});
+  const format::ValueSummary values{0, 64, ~std::uint64_t{0}};
+  const auto shows = [&](float low, float high) {
+    const format::ValueSummary opacity{low, high, ~std::uint64_t{0}};
+    return visibility.shows({values, &opacity});
+  };
+  EXPECT_TRUE(shows(-10, 10));
+  EXPECT_TRUE(shows(2.9F, 10));
+  EXPECT_FALSE(shows(3.1F, 10));
+  EXPECT_FALSE(shows(-10, 1.9F));
+  EXPECT_TRUE(visibility.shows({values})) << "without values, the factor counts as 1";
+  const format::ValueSummary none;
+  EXPECT_FALSE(visibility.shows({values, &none}));
+  EXPECT_FALSE(visibility.shows({none, &values}));
+
+  // Slices show values of any factor.
+  const ValueVisibility sliced({function, &factors}, {shown, &other}, 1, true);
+  const format::ValueSummary hidden{5, 6, ~std::uint64_t{0}};
+  EXPECT_FALSE(sliced.shows({values, &hidden}));
+  EXPECT_TRUE(sliced.shows_row({values, &hidden}));
+}
+
+TEST(ValueVisibility, ExtinctionsAreMultipliedByFactors) {
+  const format::Attribute shown = attribute(0, 1), other = attribute(0, 1);
+  TransferFunction function = test::opaque(), factors = test::opaque();
+  function.densities = {{0, 2}, {1, 6}};
+  factors.densities = {{0, 0.25}, {1, 0.75}};
+  const ValueVisibility visibility({function, &factors}, {shown, &other});
+  const format::ValueSummary values{0.25F, 0.5F, 1}, opacity{0.5F, 1, 1};
+  const auto [least, most] = visibility.extinctions({values, &opacity});
+  EXPECT_NEAR(least, 3 * 0.5, 1e-6);
+  EXPECT_NEAR(most, 4 * 0.75, 1e-6);
+}
+
+// Of independent values, the mean and the variance of products are known.
+TEST(ValueVisibility, ContrastIsThatOfTheProduct) {
+  const format::Attribute shown = attribute(0, 64), other = attribute(0, 64);
+  TransferFunction function = test::opaque(), factors = test::opaque();
+  function.lo = factors.lo = 0;
+  function.hi = factors.hi = 64;
+  function.densities = {{0, 1}, {1, 3}};
+  factors.densities = {{0, 0}, {1, 1}};
+  const ValueVisibility visibility({function, &factors}, {shown, &other});
+  const format::ValueSummary all{0, 64, ~std::uint64_t{0}};
+  const ShownContrast plain = visibility.contrast({all}), product = visibility.contrast({all, &all});
+  EXPECT_NEAR(product.extinction(), plain.extinction() * 0.5, 0.01);
+  EXPECT_NEAR(product.squares(), plain.squares() / 3, 0.01 * plain.squares());
+  for (const double share : {0.01, 0.1, 0.5}) {
+    const double of_factors = product.opacity->variance(share) * 2;
+    EXPECT_NEAR(product.variance(share), plain.variance(share) / 3 + plain.squares() * of_factors,
+                0.01 * product.variance(share));
+    EXPECT_NEAR(of_factors, share * share / 12, 0.2 * share * share / 12 + 1e-6) << share;
+  }
+}
+
+TEST(ValueVisibility, EqualityIsThatOfFactorsToo) {
+  const format::Attribute a = attribute(0, 1);
+  const TransferFunction function = test::opaque(), some = factor_window(0.2, 0.4), others = factor_window(0.2, 0.5);
+  const ValueVisibility with({function, &some}, {a, &a});
+  EXPECT_EQ(with, ValueVisibility({function, &some}, {a, &a}));
+  EXPECT_NE(with, ValueVisibility({function, &others}, {a, &a}));
+  EXPECT_NE(with, ValueVisibility(function, a));
+  EXPECT_EQ(ValueVisibility({function, &some}, a), ValueVisibility(function, a));
+}
+
 }  // namespace
 }  // namespace splatvol

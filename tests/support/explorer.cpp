@@ -21,7 +21,7 @@ class Explorer {
 
   Exploration read_everything() {
     for (int attribute = -1; attribute < static_cast<int>(volume_.info().attributes.size()); ++attribute) {
-      const auto root = volume_.read_index_root(attribute);
+      const auto root = volume_.read_index_root({attribute});
       note(root.has_value());
       if (root) walk(*root, attribute, 0);
     }
@@ -65,7 +65,7 @@ class Explorer {
       }
       if (page.links[node] == IndexPage::no_node || pages_deep > 100 || ++pages_ > 200) continue;
       const auto child = volume_.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node],
-                                                 page.nodes.counts_of(node), attribute);
+                                                 page.nodes.counts_of(node), {attribute});
       note(child.has_value());
       if (child) walk(*child, attribute, pages_deep + 1);
     }

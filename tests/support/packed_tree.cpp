@@ -120,7 +120,7 @@ Status add_node(const format::Volume& volume, int attribute, const format::Index
     return {};
   }
   SPLATVOL_TRY_ASSIGN(linked, volume.read_index_page(page.pages[page.links[node]], nodes.child_masks[node],
-                                                     nodes.counts_of(node), attribute));
+                                                     nodes.counts_of(node), {attribute}));
   for (std::uint32_t c = 0; c < children; ++c) SPLATVOL_TRY(add_node(volume, attribute, linked, c, tree));
   return {};
 }
@@ -128,7 +128,7 @@ Status add_node(const format::Volume& volume, int attribute, const format::Index
 }  // namespace
 
 Result<Tree> read_tree(const format::Volume& volume, int attribute) {
-  SPLATVOL_TRY_ASSIGN(root, volume.read_index_root(attribute));
+  SPLATVOL_TRY_ASSIGN(root, volume.read_index_root({attribute}));
   Tree tree;
   tree.shape = root.nodes.shape;
   SPLATVOL_TRY(add_node(volume, attribute, root, 0, tree));

@@ -106,7 +106,7 @@ class Dump {
   }
 
   Status add_index(int attribute) {
-    SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root(attribute));
+    SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root({attribute}));
     std::string nodes;
     std::size_t count = 0;
     SPLATVOL_TRY(add_nodes(root, 0, attribute, nodes, count));
@@ -136,7 +136,7 @@ class Dump {
       return {};
     }
     SPLATVOL_TRY_ASSIGN(linked, volume_->read_index_page(page.pages[page.links[node]], arrays.child_masks[node],
-                                                         arrays.counts_of(node), attribute));
+                                                         arrays.counts_of(node), {attribute}));
     for (std::uint32_t c = 0; c < children; ++c) SPLATVOL_TRY(add_nodes(linked, c, attribute, nodes, count));
     return {};
   }

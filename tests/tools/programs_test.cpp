@@ -552,6 +552,27 @@ TEST_F(RealData, SlicesAndClipPlanesAreAsInTheExactPicture) {
   }
 }
 
+// Colours by the scene's attribute, opacity by another one. Bounds: about twice the error without it.
+TEST_F(RealData, OpacityByAnotherAttributeIsAsInTheExactPicture) {
+  struct Case {
+    std::string view, attribute;
+    double low, high, bound;  // root mean square of linear RGB
+  };
+  for (const Case& of : {Case{"bluntfin", "StagnationEnergy", 0.6, 9, 0.006}, Case{"post", "Momentum", 0, 1, 0.006}}) {
+    expect_success("svbuild " + mesh(of.view) + " -o " + path("volume.svol"));
+    json text = json::parse(*read_text_file(scene(of.view)));
+    text["opacity"] = {{"attribute", of.attribute}, {"domain", {of.low, of.high}}, {"factor", {{0, 0.02}, {0.5, 1}}}};
+    write("s.json", text.dump());
+    expect_success("svtruth " + mesh(of.view) + " --scene " + path("s.json") + " -o " + path("exact.exr"));
+    for (const char* way : {"--device cpu", "--device cpu --raster splats", "--device gl"}) {
+      expect_success("svrender " + path("volume.svol") + " --scene " + path("s.json") + " --tolerance 0 -o " +
+                     path("picture.exr") + " " + way);
+      EXPECT_LT(compare_images(*read_exr(path("exact.exr")), *read_exr(path("picture.exr")))->rmse, of.bound)
+          << of.view << ", " << way;
+    }
+  }
+}
+
 TEST_F(Programs, SurfacesThatCannotBeReadAreRefused) {
   write("mesh.vtu", small_mesh(small_data));
   expect_success("svbuild " + path("mesh.vtu") + " -o " + path("v.svol"));

@@ -71,6 +71,27 @@ TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
   EXPECT_NEAR(found->opacity, 1 - std::exp(-depth), 1e-4);
 }
 
+TEST(Probe, KnowsTheOpacityOfAnotherAttribute) {
+  const std::vector<Material> splats = {ball({0, 0, 0}, 0.3, 0.02, 1)};
+  TransferFunction factors = constant(1);
+  factors.lo = 0;
+  factors.hi = 10;
+  factors.densities = {{0, 0}, {1, 1}};
+  const DrawingUnits units{.opacity_offset = 1, .opacity_scale = 2};
+  DrawList list;
+  append(list, pack_row(std::span(splats), {1e6, 0, 0}, 1, {{{0.75F, 0, 255}}, 0}), 0, 1, 1);  // 2.5: a factor of 1/4
+  const TransferFunction function = constant(8), weaker = constant(2);
+  const Looking looking = looking_through(view_along_z(true), 100, 50);
+  const auto found = ProbedFrame(list, units).probe({function, &factors}, looking);
+  const auto expected = ProbedFrame(list, units).probe(weaker, looking);
+  ASSERT_TRUE(found && expected);
+  EXPECT_NEAR(found->opacity, expected->opacity, 1e-4);
+  EXPECT_EQ(found->value, expected->value);
+  EXPECT_NEAR(found->samples[100].opacity, expected->samples[100].opacity, 1e-4);
+  factors.densities = {{0, 0}};
+  EXPECT_FALSE(ProbedFrame(list, units).probe({function, &factors}, looking));
+}
+
 TEST(Probe, MeetsNothingBesideOrBehind) {
   const std::vector<Material> splats = {ball({1.5, 0, 0}, 0.1, 10, 1), ball({0, 0, 20}, 0.1, 10, 5)};
   const auto at = [&](double x) { return probe(list_of(splats), constant(1000), {}, view_along_z(true), x, 50); };

@@ -15,47 +15,73 @@ layout(std140, binding = 0) uniform FrameBlock {
   float value_axis;  // 0: the stored value x itself; 1: log(x - value_zero); 2: asinh((x - value_zero) * value_unit)
   float value_zero;  // the stored value of 0
   float value_unit;
-  float value_start;  // t of value_low
+  float value_start;     // t of value_low
+  float opacity_low;     // the same of the opacity's function
+  float opacity_inverse_domain;
+  float opacity_kind;
+  float opacity_zero;
+  float opacity_unit;
+  float opacity_start;
 } frame;
+
+// The axis of a function of stored values.
+struct Axis {
+  float kind, low, start, inverse_domain, zero, unit;
+};
+
+Axis value_axis() {
+  return Axis(frame.value_axis, frame.value_low, frame.value_start, frame.inverse_domain, frame.value_zero,
+              frame.value_unit);
+}
 
 const int table_margin = 16;  // TransferTable::margin
 const float largest_t_deviation = 1e16, farthest_t = 3e17;  // common.h
 
 // Returns t of a stored value.
-float axis_position(float stored) {
+float axis_position(Axis axis, float stored) {
   float x = stored;
-  if (frame.value_axis == 1.0) {
-    x -= frame.value_zero;
+  if (axis.kind == 1.0) {
+    x -= axis.zero;
     if (!(x > 0.0)) return -1.0;
     x = log(x);
-  } else if (frame.value_axis == 2.0) {
-    x = (x - frame.value_zero) * frame.value_unit;
+  } else if (axis.kind == 2.0) {
+    x = (x - axis.zero) * axis.unit;
     float size = min(abs(x), 1e38);
     x = sign(x) * (size > 1e4 ? log(2.0 * size) : log(size + sqrt(size * size + 1.0)));
   }
-  return frame.value_start + (x - frame.value_low) * frame.inverse_domain;
+  return axis.start + (x - axis.low) * axis.inverse_domain;
 }
 
 // Returns mean and deviation of t of normally distributed stored values: TransferFunction::moments_of.
-vec2 axis_moments(float mean, float deviation) {
-  if (frame.value_axis == 0.0) {
-    float from_low = mean - frame.value_low;
-    float factor = min(frame.inverse_domain, largest_t_deviation / max(deviation, 1e-22));
-    return vec2(frame.value_start + clamp(from_low * factor, -farthest_t, farthest_t), deviation * factor);
+vec2 axis_moments(Axis axis, float mean, float deviation) {
+  if (axis.kind == 0.0) {
+    float from_low = mean - axis.low;
+    float factor = min(axis.inverse_domain, largest_t_deviation / max(deviation, 1e-22));
+    return vec2(axis.start + clamp(from_low * factor, -farthest_t, farthest_t), deviation * factor);
   }
-  float t = axis_position(mean);
-  if (frame.value_axis == 1.0) {
-    float x = mean - frame.value_zero;
+  float t = axis_position(axis, mean);
+  if (axis.kind == 1.0) {
+    float x = mean - axis.zero;
     if (!(x > 0.0)) return vec2(-1.0, 0.0);
     float share = min(deviation / x, 1e9);
     float variance = log(1.0 + share * share);
     if (share < 0.01) variance = share * share;
-    return vec2(t - 0.5 * variance * frame.inverse_domain, sqrt(variance) * frame.inverse_domain);
+    return vec2(t - 0.5 * variance * axis.inverse_domain, sqrt(variance) * axis.inverse_domain);
   }
-  float low = axis_position(mean - 1.73205081 * deviation), high = axis_position(mean + 1.73205081 * deviation);
+  float low = axis_position(axis, mean - 1.73205081 * deviation);
+  float high = axis_position(axis, mean + 1.73205081 * deviation);
   float average = (low + 4.0 * t + high) / 6.0;
   vec3 away = vec3(low, t, high) - average;
   return vec2(average, sqrt(dot(away * away, vec3(1.0, 4.0, 1.0)) / 6.0));
+}
+
+// Returns the row of a table of averages (transfer_table.h) for a spread; `scale` gets the columns that a unit of the
+// mean takes there. A spread beyond the last row uses this row on a larger scale. `last`: column and row of the table.
+float table_row(float spread, ivec2 last, out float scale) {
+  int row = int(min(log2(1.0 + 64.0 * spread) / log2(513.0), 1.0) * float(last.y) + 0.5);
+  float row_spread = (exp2(float(row) / float(last.y) * log2(513.0)) - 1.0) / 64.0;
+  scale = float(last.x - 2 * table_margin) / (1.0 + 8.0 * (row == last.y ? max(spread, row_spread) : row_spread));
+  return float(row);
 }
 
 vec3 rotate_to_view(vec3 direction) {

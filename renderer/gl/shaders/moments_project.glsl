@@ -98,7 +98,7 @@ Splat read_splat(uint number) {
   Splat splat;
   splat.position = position_of(shape, range);
   splat.mass = log_number(mass_word & 0xffffu, range.mass_scale) * range.origin.w;
-  splat.mass *= float((value_word >> 16) & 0xffu) / 255.0;
+  splat.mass *= float((value_word >> 16) & 0xffu) / 255.0 * opacity_factor(number);
   splat.deviations = vec3(log_number(mass_word >> 16, range.deviation_scale),
                           log_number(deviation_word & 0xffffu, range.deviation_scale),
                           log_number(deviation_word >> 16, range.deviation_scale));
@@ -167,7 +167,7 @@ bool make_body(Splat splat, out Body body, out Value value) {
 
   vec3 correlations = splat.correlations;
   float unexplained = max(1.0 - dot(correlations, correlations), 0.0);
-  vec2 of_axis = axis_moments(splat.value, splat.value_deviation);
+  vec2 of_axis = axis_moments(value_axis(), splat.value, splat.value_deviation);
   float value_deviation = of_axis.y;
   vec3 gradient = half_axis * value_deviation * correlations * kept;
   vec3 smoothed = correlations * correlations * (1.0 - kept * kept);

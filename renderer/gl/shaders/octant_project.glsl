@@ -67,7 +67,7 @@ bool project(uint number, out Quad quad, out float distance_to_eye, out vec2 dep
   if (!(centre.z > 0.0)) return false;
 
   vec4 material = transfer(value);
-  float alpha = opacity(material.a * size);
+  float alpha = opacity(material.a * opacity_factor(number) * size);
 
   // A splat too small for the raster spreads the same light over more of it.
   float pixel_size = max((orthographic ? 1.0 : centre.z) / frame.focal, smallest_float);

@@ -16,12 +16,16 @@ struct Range {
   float mass_scale;       // of log codes, drawing units
   float deviation_scale;  //
   float value_scale;      // of log codes, stored values
+  float opacity_scale;    // the same of the values that give the opacity
 };
 
 layout(std430, binding = 0) restrict readonly buffer ShapeBlock { uint shape_words[]; };
 layout(std430, binding = 1) restrict readonly buffer ValueBlock { uint value_words[]; };
 layout(std430, binding = 6) restrict readonly buffer EntryBlock { Entry entries[]; };
 layout(std430, binding = 7) restrict readonly buffer RangeBlock { Range ranges[]; };
+
+layout(location = 6) uniform uint opacity_offset;             // word of value_words; 0: there is no opacity
+layout(binding = 5) uniform sampler1DArray opacity_table;  // mean factors, as transfer_table of moments_common.glsl
 
 bool is_in_entry(uint number) {
   return number % records_of_entry < (entries[number / records_of_entry].count_and_page & 63u);
@@ -41,4 +45,22 @@ vec3 position_of(uint at, Range range) {
   uint low = shape_words[at], high = shape_words[at + 1u];
   ivec3 biased = ivec3(low & 0x1fffffu, (low >> 21) | ((high & 0x3ffu) << 11), (high >> 10) & 0x1fffffu);
   return range.origin.xyz + rotate_to_view(range.step * vec3(biased - 1048576));
+}
+
+// Returns the factor on a splat's extinction: the mean over its values of the opacity's attribute.
+float opacity_factor(uint number) {
+  if (opacity_offset == 0u) return 1.0;
+  uint at = opacity_offset + 2u * record_of(number), codes = value_words[at + 1u];
+  float mean = uintBitsToFloat(value_words[at]);
+  Axis axis = Axis(frame.opacity_kind, frame.opacity_low, frame.opacity_start, frame.opacity_inverse_domain,
+                   frame.opacity_zero, frame.opacity_unit);
+  vec2 t = axis_moments(axis, mean, log_number(codes & 0xffffu, range_of(number).opacity_scale));
+  ivec2 last = textureSize(opacity_table, 0) - 1;
+  float scale;
+  int row = int(table_row(t.y, last, scale));
+  float column = clamp((clamp(t.x, -farthest_t, farthest_t) - 0.5) * scale + 0.5 * float(last.x), 0.0, float(last.x));
+  int left = min(int(column), last.x - 1);
+  float factor = mix(texelFetch(opacity_table, ivec2(left, row), 0).r,
+                     texelFetch(opacity_table, ivec2(left + 1, row), 0).r, column - float(left));
+  return clamp(factor, 0.0, 1.0) * float((codes >> 16) & 0xffu) / 255.0;
 }
