@@ -52,9 +52,9 @@ struct NodeArrays {
   NodeShape shape;
   std::vector<std::uint8_t> child_masks;
   std::vector<std::uint8_t> first_resolutions;
-  std::vector<std::uint64_t> counts;     // [node][segment]
-  std::vector<std::uint8_t> size_codes;  // [node][bound][resolution]; below first_resolution not stored, 0
-  std::vector<ValueSummary> summaries;   // [node]: of the attribute that was read
+  std::vector<std::uint64_t> counts;            // [node][segment]
+  std::vector<std::uint8_t> size_codes;         // [node][bound][resolution]; below first_resolution not stored, 0
+  std::vector<ValueSummary> summaries;          // [node]: of the attribute that was read
   std::vector<ValueSummary> opacity_summaries;  // [node]: of SummaryAttributes::opacity; empty: none
 
   [[nodiscard]] std::size_t size() const { return child_masks.size(); }

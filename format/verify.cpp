@@ -112,15 +112,16 @@ class Volume::Verifier {
   Status check_step_summaries() const {
     for (std::uint32_t number = 0; number < volume_.summaries_.size(); ++number) {
       IndexPage page;
+      page.number = number;
       page.nodes.child_masks.resize(volume_.summaries_[number].node_count);
       for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute)
-        SPLATVOL_TRY(volume_.read_step_summaries(number, attribute, page));
+        SPLATVOL_TRY(volume_.read_step_summaries(page, attribute));
     }
     return {};
   }
 
   Status check_index() {
-    SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root(-1));
+    SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({}));
     SPLATVOL_TRY(
         check_summaries(volume_.root_ref(), volume_.file_->find_section(SectionKind::index_root)->offset, root));
     SPLATVOL_TRY(check_forest(root, 0));
@@ -158,18 +159,18 @@ class Volume::Verifier {
     pages_.emplace_back(ref.offset, ref.page_bytes);
     page_bytes_ += ref.page_bytes;
     if (page_bytes_ > index_section().packed_bytes) return volume_.broken(untiled_index);
-    SPLATVOL_TRY_ASSIGN(forest, volume_.read_index_page(ref, mask, counts, -1));
+    SPLATVOL_TRY_ASSIGN(forest, volume_.read_index_page(ref, mask, counts, {}));
     SPLATVOL_TRY(check_summaries(ref, index_section().offset + ref.offset, forest));
     return check_forest(forest, depth);
   }
 
-  Status check_summaries(const IndexPageRef& ref, std::uint64_t offset, IndexPage& page) const {
+  Status check_summaries(const IndexPageRef& ref, std::uint64_t offset, const IndexPage& page) const {
     if (volume_.series_) return check_number(page);
     SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(offset, ref.page_bytes));
     for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute) {
       const auto [part_offset, part] = find_summary_part(bytes, attribute, volume_.node_shape());
       const auto packed = std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes);
-      SPLATVOL_TRY(unpack_summaries(part, packed, volume_.name() + ": index page", page));
+      SPLATVOL_TRY(unpack_summaries(part, packed, page.nodes.size(), volume_.name() + ": index page"));
     }
     return {};
   }
@@ -334,7 +335,7 @@ class Volume::Verifier {
     std::vector<Cursor> cursors(info_.resolutions());
     for (std::size_t segment = 0; segment < cursors.size(); ++segment)
       cursors[segment].group = volume_.rows_.group_at(segment, 0);
-    SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root(attribute));
+    SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({attribute}));
     return check_node(root, 0, info_.cube, attribute, cursors);
   }
 
@@ -346,7 +347,7 @@ class Volume::Verifier {
     std::optional<IndexPage> linked;
     if (page.links[node] != IndexPage::no_node) {
       SPLATVOL_TRY_ASSIGN(
-          read, volume_.read_index_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), attribute));
+          read, volume_.read_index_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), {attribute}));
       linked = std::move(read);
     }
     const IndexPage& below = linked ? *linked : page;

@@ -206,7 +206,8 @@ class Volume {
   [[nodiscard]] Result<IndexPage> read_page(const IndexPageRef& ref, std::uint64_t offset, std::uint32_t top_nodes,
                                             std::uint64_t links_end, const SummaryAttributes& attributes) const;
   [[nodiscard]] Status add_step_summaries(const SummaryAttributes& attributes, IndexPage& page) const;
-  [[nodiscard]] Result<std::vector<ValueSummary>> read_step_summaries(const IndexPage& page, std::size_t attribute) const;
+  [[nodiscard]] Result<std::vector<ValueSummary>> read_step_summaries(const IndexPage& page,
+                                                                      std::size_t attribute) const;
   [[nodiscard]] Result<std::uint64_t> summary_page_offset(std::uint32_t number, const SummaryPageRef& ref) const;
   [[nodiscard]] Status check_top_counts(const IndexPage& page, std::span<const std::uint64_t> expected) const;
   [[nodiscard]] std::vector<std::uint64_t> segment_counts() const;

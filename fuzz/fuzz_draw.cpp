@@ -87,8 +87,7 @@ Result<TileRasterizer*> rasterizer_for(KernelKind kernel, const Scene& scene, co
   if (all.size() == 16) all.erase(all.begin());
   auto rasterizer = std::make_unique<TileRasterizer>(kernel);
   SPLATVOL_TRY(rasterizer->set_transfer_function(transfer_of(scene), units));
-  return all
-      .emplace_back(Kept{kernel, scene.transfer_function, scene.opacity, units, std::move(rasterizer)})
+  return all.emplace_back(Kept{kernel, scene.transfer_function, scene.opacity, units, std::move(rasterizer)})
       .rasterizer.get();
 }
 

@@ -67,7 +67,9 @@ void check_round_trip(const IndexPage& page) {
 void check_summaries(std::span<const std::byte> bytes, IndexPage& page) {
   const IndexPagePart part{static_cast<std::uint32_t>(bytes.size()), static_cast<std::uint32_t>(bytes.size()),
                            hash_bytes(bytes)};
-  if (!unpack_summaries(part, bytes, "fuzz", page)) return;
+  auto summaries = unpack_summaries(part, bytes, page.nodes.size(), "fuzz");
+  if (!summaries) return;
+  page.nodes.summaries = std::move(*summaries);
   require(page.nodes.summaries.size() == page.nodes.size(), "a summary for each node");
   require(std::ranges::all_of(page.nodes.summaries, &ValueSummary::is_valid), "summaries are ranges");
   const Bytes again = pack_summaries(page.nodes.summaries);

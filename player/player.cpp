@@ -118,10 +118,10 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
   SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(used.surfaces, {options.read_surface, boundary_reader(volume)}, before));
   SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {.memory_bytes = options.memory,
                                                                    .attribute = used.attribute,
-                                                                   .opacity_attribute = opacity_attribute(used),
                                                                    .kernel = options.kernel,
                                                                    .gradients = used.lighting.has_value(),
-                                                                   .on_data = options.on_data}));
+                                                                   .on_data = options.on_data,
+                                                                   .opacity_attribute = opacity_attribute(used)}));
   return PlayerFile{std::move(steps), step, std::move(used), options, std::move(streamer), std::move(surfaces)};
 }
 
@@ -321,9 +321,9 @@ Status Player::choose(const FrameRequest& request) {
   if (detail.device_splats == 0)
     return fail(ErrorCode::out_of_budget, "{} bytes of GPU memory are too few for a picture of {} x {} pixels",
                 options_.gpu_memory, scene_.width, scene_.height);
-  auto chosen = request.wait_seconds ? streamer_->advance(view_now(), transfer_of(scene_), detail,
-                                                          *request.wait_seconds, request.change)
-                                     : streamer_->request(view_now(), transfer_of(scene_), detail);
+  auto chosen = request.wait_seconds
+                    ? streamer_->advance(view_now(), transfer_of(scene_), detail, *request.wait_seconds, request.change)
+                    : streamer_->request(view_now(), transfer_of(scene_), detail);
   SPLATVOL_TRY(call.check());
   if (!chosen) return tl::unexpected(chosen.error());
   frame_ = *chosen;

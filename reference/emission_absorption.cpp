@@ -94,8 +94,7 @@ void PiecewiseTransfer::add(const Ends& values, double length, RayLight& light, 
   visit_pieces(values, [&](const Piece& piece, const Ends& in_piece, const Ends& shares) {
     const double span = std::abs(values.back - values.front);
     const double share = span == 0 ? 1 : std::abs(in_piece.back - in_piece.front) / span;
-    add_in_piece(piece, in_piece, share * length, light,
-                 {factor.at(shares.front), factor.at(shares.back)});
+    add_in_piece(piece, in_piece, share * length, light, {factor.at(shares.front), factor.at(shares.back)});
   });
 }
 
@@ -116,7 +115,8 @@ void PiecewiseTransfer::add(const Ends& values, const PiecewiseTransfer& opacity
 
 int PiecewiseTransfer::steps_in(const Piece& piece, const Ends& values) const {
   const bool is_constant = piece.low == -infinity || piece.high == infinity;
-  return is_constant ? 1 : std::max(1, static_cast<int>(std::ceil(std::abs(values.back - values.front) / largest_step_)));
+  return is_constant ? 1
+                     : std::max(1, static_cast<int>(std::ceil(std::abs(values.back - values.front) / largest_step_)));
 }
 
 void PiecewiseTransfer::add_in_piece(const Piece& piece, const Ends& values, double length, RayLight& light,

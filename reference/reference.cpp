@@ -58,7 +58,7 @@ class CellProjection {
 
  private:
   struct Segment : Crossing {
-    double lighting;         // factor of the colour
+    double lighting;        // factor of the colour
     Ends opacity_values{};  // if the scene has an opacity
   };
 

@@ -48,14 +48,16 @@ struct ReferencePicture {
 /// integration step spans at most 1/512 of the transfer function's domain and no bend of it. Only the part in front of
 /// the eye counts, in orthographic projection too. In a lit scene the colour on each segment is multiplied by the
 /// factor for the ray and the tetrahedron's gradient. If the scene has an opacity, the extinction is multiplied by its
-/// factor; a step then also spans at most 1/512 of its domain and no bend of it. Exact arithmetic decides which tetrahedra a ray crosses, so a ray
-/// inside a face, through an edge or a vertex counts once. All tetrahedra that overlap count.
+/// factor; a step then also spans at most 1/512 of its domain and no bend of it. Exact arithmetic decides which
+/// tetrahedra a ray crosses, so a ray inside a face, through an edge or a vertex counts once. All tetrahedra that
+/// overlap count.
 ///
-/// A tetrahedron contributes nothing if a value or a position of it, or of one of its vertices, is missing (not finite).
-/// Requires coordinates relative to the eye that are 0 or between 1e-100 and 1e100 in size; values beyond 1e100 count
-/// as 1e100. The result does not depend on threads. Needs 24 bytes for each point, 20 to 30 for each tetrahedron, and
-/// about 100 MiB for each thread. Fails if memory is too small, an index is out of range, arrays differ in length, the
-/// opacity has no values, the camera is degenerate, or depths of surfaces do not have the picture's size.
+/// A tetrahedron contributes nothing if a value or a position of it, or of one of its vertices, is missing (not
+/// finite). Requires coordinates relative to the eye that are 0 or between 1e-100 and 1e100 in size; values beyond
+/// 1e100 count as 1e100. The result does not depend on threads. Needs 24 bytes for each point, 20 to 30 for each
+/// tetrahedron, and about 100 MiB for each thread. Fails if memory is too small, an index is out of range, arrays
+/// differ in length, the opacity has no values, the camera is degenerate, or depths of surfaces do not have the
+/// picture's size.
 [[nodiscard]] Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
                                                         const ReferenceOptions& options = {});
 

@@ -8,8 +8,8 @@
 
 namespace splatvol {
 
-/// How values look: the transfer function of the attribute that is shown, and the factor on its extinction by the values
-/// of another attribute. Refers to both.
+/// How values look: the transfer function of the attribute that is shown, and the factor on its extinction by the
+/// values of another attribute. Refers to both.
 struct Transfer {
   Transfer(const TransferFunction& shown, const TransferFunction* factor = nullptr)  // NOLINT: mostly there is one only
       : function(shown), opacity(factor) {}

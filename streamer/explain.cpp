@@ -4,7 +4,6 @@
 #include <array>
 
 #include "streamer/survey.h"
-#include "streamer/visibility.h"
 
 namespace splatvol {
 namespace {

@@ -3,6 +3,7 @@
 
 #include "format/volume.h"
 #include "scene/scene.h"
+#include "streamer/visibility.h"
 
 namespace splatvol {
 

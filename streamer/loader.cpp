@@ -57,7 +57,8 @@ tl::unexpected<Error> fail_in_part(const format::Volume& volume, const PartLoad&
   return fail(error.code, "{}: {}", what, error.message);
 }
 
-Result<format::IndexPage> read_index_page(const format::Volume& volume, const format::SummaryAttributes& attributes, const IndexPageLoad& load) {
+Result<format::IndexPage> read_index_page(const format::Volume& volume, const format::SummaryAttributes& attributes,
+                                          const IndexPageLoad& load) {
   if (load.structure) return volume.with_summaries(*load.structure, attributes);
   return volume.read_index_page(load.ref, load.child_mask, load.parent_counts, attributes);
 }
@@ -245,7 +246,8 @@ void read_runs(const format::Volume& volume, const format::SummaryAttributes& at
   work();
 }
 
-Loader::Loader(const format::Volume& volume, const format::SummaryAttributes& attributes, unsigned threads, std::function<void()> on_data)
+Loader::Loader(const format::Volume& volume, const format::SummaryAttributes& attributes, unsigned threads,
+               std::function<void()> on_data)
     : volume_(volume), attributes_(attributes), on_data_(std::move(on_data)) {
   threads_.reserve(threads);
   try {

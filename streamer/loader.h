@@ -87,7 +87,8 @@ void read_runs(const format::Volume& volume, const format::SummaryAttributes& at
 class Loader {
  public:
   /// Keeps a reference to the volume. Calls `on_data`, if there is one, on its threads after each load run.
-  Loader(const format::Volume& volume, const format::SummaryAttributes& attributes, unsigned threads, std::function<void()> on_data);
+  Loader(const format::Volume& volume, const format::SummaryAttributes& attributes, unsigned threads,
+         std::function<void()> on_data);
   Loader(const Loader&) = delete;
   Loader& operator=(const Loader&) = delete;
 

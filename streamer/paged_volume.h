@@ -14,8 +14,8 @@
 
 namespace splatvol {
 
-/// A volume, seen through one attribute, or through a second one for the opacity, too. Reading a page waits for the file.
-/// Not thread-safe.
+/// A volume, seen through one attribute, or through a second one for the opacity, too. Reading a page waits for the
+/// file. Not thread-safe.
 class PagedVolume final : public IndexPages {
  public:
   /// Keeps references to the volume and the cache.

@@ -161,10 +161,7 @@ std::uint64_t ShapeRow::memory_bytes() const {
 }
 
 ValueRow::ValueRow(Records records, double deviation_scale, OpacityValues opacity)
-    : id_(next_id()),
-      records_(std::move(records)),
-      deviation_scale_(deviation_scale),
-      opacity_(std::move(opacity)) {}
+    : id_(next_id()), records_(std::move(records)), deviation_scale_(deviation_scale), opacity_(std::move(opacity)) {}
 
 std::size_t ValueRow::size() const {
   return std::visit([](const auto& records) { return records.size(); }, records_);

@@ -210,8 +210,9 @@ struct BlockedPositions {
 [[nodiscard]] BlockedPositions make_blocks(std::span<const dvec3> positions, std::span<const float> limits,
                                            double length);
 
-/// Packs materials whose centres are relative to `origin` (world units), with their values of the opacity's attribute. Numbers come back as precisely as codes hold
-/// them: the largest mass and deviation exactly in single precision, others within a factor 2^(1/256).
+/// Packs materials whose centres are relative to `origin` (world units), with their values of the opacity's attribute.
+/// Numbers come back as precisely as codes hold them: the largest mass and deviation exactly in single precision,
+/// others within a factor 2^(1/256).
 [[nodiscard]] RecordRow pack_row(std::span<const Material> materials, const dvec3& origin, double length,
                                  OpacityValues opacity = {});
 

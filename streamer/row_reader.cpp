@@ -176,7 +176,7 @@ std::uint64_t RowReader::row_bytes(const Cut& cut) const {
       if (!rows.insert(name.number()).second) return true;
       const std::uint64_t points = volume.rows().group(part.group).count;
       bytes += shape_row_bytes(kernel_, points);
-      if (values.insert(row_of(name, value_columns_.front())).second) 
+      if (values.insert(row_of(name, value_columns_.front())).second)
         bytes += value_row_bytes(kernel_, points, has_opacity());
       for (const CacheKey::Kind kind : {CacheKey::Kind::shapes, CacheKey::Kind::values})
         for (const int index : columns(kind)) pages.insert(volume.directory_page_of_row(row_of(name, index), index));
@@ -257,7 +257,7 @@ Status RowReader::add_row(const RowName& name, Wave& wave) {
 // Reads and decodes the missing parts, in load runs.
 Status RowReader::load(Wave& wave, HeldRows& rows) {
   std::vector<LoadRun> runs = runs_of(volume_->volume(), std::move(wave.missing), run_bytes);
-  read_runs(volume_->volume(), volume_->attribute(), runs);
+  read_runs(volume_->volume(), volume_->attributes(), runs);
 
   // Of several failures, reports the first in file order, so that the message does not depend on threads.
   for (const LoadRun& run : runs)

@@ -73,8 +73,8 @@ struct HeldRow {
 };
 using HeldRows = std::unordered_map<std::uint64_t, HeldRow>;  // [RowName::number]
 
-/// Reads the rows of cuts. Values come with those of the volume's second attribute, if it has one. Not thread-safe; reads
-/// and decodes on its own threads.
+/// Reads the rows of cuts. Values come with those of the volume's second attribute, if it has one. Not thread-safe;
+/// reads and decodes on its own threads.
 class RowReader {
  public:
   /// `gradients`: reads gradients too, for the kernel octant. Fails with unsupported if the file lacks a column that is
@@ -110,8 +110,8 @@ class RowReader {
   [[nodiscard]] std::array<CacheKey, 2> keys(const RowName& name) const { return {shapes_key(name), values_key(name)}; }
   [[nodiscard]] std::vector<ChunkName> chunks(const RowName& name, CacheKey::Kind kind) const;
 
-  /// The chunks whose values tell whether anything of a row is visible: of the attribute that is shown, and of that which
-  /// gives the opacity.
+  /// The chunks whose values tell whether anything of a row is visible: of the attribute that is shown, and of that
+  /// which gives the opacity.
   [[nodiscard]] ChunkName value_chunk(const RowName& name) const { return chunk_name(name, value_columns_.front()); }
   [[nodiscard]] std::optional<ChunkName> opacity_chunk(const RowName& name) const {
     return has_opacity() ? std::optional(chunk_name(name, value_columns_.back())) : std::nullopt;

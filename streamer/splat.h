@@ -16,10 +16,10 @@ enum class KernelKind {
 
 /// The units of splats. Single precision holds numbers near 1 best, whatever the units of the file.
 struct DrawingUnits {
-  double length = 1;        // in world units
-  double value_offset = 0;  // of the attribute
-  double value_scale = 1;   // of the attribute
-  double cube = 1;          // edge of the file's cube, in units of `length`
+  double length = 1;          // in world units
+  double value_offset = 0;    // of the attribute
+  double value_scale = 1;     // of the attribute
+  double cube = 1;            // edge of the file's cube, in units of `length`
   double opacity_offset = 0;  // of the attribute that gives the opacity
   double opacity_scale = 1;
 

@@ -11,8 +11,9 @@ namespace splatvol {
 
 using format::DirectoryPage;
 
-StepPrefetch::StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step, const format::SummaryAttributes& attributes,
-                           std::vector<PartLoad> pages, std::vector<PartLoad> rows, Reservation working)
+StepPrefetch::StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step,
+                           const format::SummaryAttributes& attributes, std::vector<PartLoad> pages,
+                           std::vector<PartLoad> rows, Reservation working)
     : from_(std::move(from)),
       step_(step),
       attributes_(attributes),

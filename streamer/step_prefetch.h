@@ -25,8 +25,9 @@ class StepPrefetch {
   /// `pages` and `rows` (parts of rows) have the keys of `step`, and reservations for their data. Index pages have
   /// their structure. The locations of chunks are not known yet; the directory pages must have them. `working` is for
   /// all else: the step's preamble and a load run.
-  StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step, const format::SummaryAttributes& attributes, std::vector<PartLoad> pages,
-               std::vector<PartLoad> rows, Reservation working);
+  StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step,
+               const format::SummaryAttributes& attributes, std::vector<PartLoad> pages, std::vector<PartLoad> rows,
+               Reservation working);
   StepPrefetch(const StepPrefetch&) = delete;
   StepPrefetch& operator=(const StepPrefetch&) = delete;
 

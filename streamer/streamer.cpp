@@ -183,8 +183,7 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
   return set_memory_aside();
 }
 
-Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& transfer,
-                                             const DetailOptions& detail) {
+Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& transfer, const DetailOptions& detail) {
   SPLATVOL_TRY(check_detail(detail));
   clip_ = view.clip;
   slices_ = view.slices;

@@ -34,7 +34,6 @@ namespace splatvol {
 struct StreamerOptions {
   std::uint64_t memory_bytes = std::uint64_t{512} << 20;
   std::string attribute;
-  std::string opacity_attribute = {};  // whose values give a factor on the extinction; empty: none
   KernelKind kernel = KernelKind::moments;
   bool gradients = false;           // kernel octant: with gradients, for lighting; moments always have them
   unsigned threads = read_threads;  // for reading and decoding in `advance`
@@ -42,6 +41,8 @@ struct StreamerOptions {
 
   /// Called on the threads of `advance` when a part was read: another call would use it. Must not call the streamer.
   std::function<void()> on_data = {};
+
+  std::string opacity_attribute = {};  // whose values give a factor on the extinction; empty: none
 };
 
 /// How far a frame is from the picture that its view asks for.
@@ -93,9 +94,9 @@ struct StreamerStatistics {
   double fetch_seconds = 0;
 };
 
-/// An open file, seen through one attribute, and perhaps another that gives the opacity. All its memory counts against the budget: preamble, pages, rows of
-/// records, packed bytes that are being read, and draw lists. A row is decoded once, and stays until its memory is
-/// needed.
+/// An open file, seen through one attribute, and perhaps another that gives the opacity. All its memory counts against
+/// the budget: preamble, pages, rows of records, packed bytes that are being read, and draw lists. A row is decoded
+/// once, and stays until its memory is needed.
 ///
 /// One rule tells which cuts fit, for `request` and `advance`. A cut costs the rows that it touches, their directory
 /// pages, the index pages from which it was chosen, its draw list, and its clipped rows. This is at most three quarters

@@ -90,7 +90,8 @@ std::uint64_t Streamer::clipped_bytes(const Cut& cut) const {
   std::uint64_t bytes = 0;
   for (const CutItem& item : cut.items) {
     if (!may_cut(clip_, item.cube)) continue;
-    for (const PointRange& range : cut.ranges_of(item)) bytes += most_clipped_bytes(kernel_, range.count, reader_->has_opacity());
+    for (const PointRange& range : cut.ranges_of(item))
+      bytes += most_clipped_bytes(kernel_, range.count, reader_->has_opacity());
   }
   return bytes;
 }

@@ -29,8 +29,8 @@ Status Streamer::start_paging() {
   return {};
 }
 
-Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& transfer,
-                                             const DetailOptions& detail, double wait_seconds, double change) {
+Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& transfer, const DetailOptions& detail,
+                                             double wait_seconds, double change) {
   SPLATVOL_TRY(check_detail(detail));
   clip_ = view.clip;
   slices_ = view.slices;

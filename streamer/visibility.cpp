@@ -165,8 +165,8 @@ ValueVisibility::Extinctions ValueVisibility::extinctions(float min, float max) 
 bool ValueVisibility::operator==(const ValueVisibility& other) const {
   const bool same_opacity =
       opacity_ && other.opacity_ ? *opacity_ == *other.opacity_ : opacity_ == other.opacity_;  // else both are null
-  return same_opacity && bins_ == other.bins_ && sliced_ == other.sliced_ && offset_ == other.offset_ && scale_ == other.scale_ &&
-         function_.lo == other.function_.lo && function_.hi == other.function_.hi &&
+  return same_opacity && bins_ == other.bins_ && sliced_ == other.sliced_ && offset_ == other.offset_ &&
+         scale_ == other.scale_ && function_.lo == other.function_.lo && function_.hi == other.function_.hi &&
          function_.axis == other.function_.axis && function_.linear_width == other.function_.linear_width &&
          function_.densities == other.function_.densities;
 }

@@ -16,7 +16,7 @@ namespace splatvol {
 
 struct RenderOptions {
   std::string volume;
-  std::string scene;      // empty: one that fits the data
+  std::string scene;              // empty: one that fits the data
   std::string attribute;          // without a scene; empty: the best
   std::string opacity_attribute;  // likewise; empty: the opacity is that of the same attribute
   std::string output;

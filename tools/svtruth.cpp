@@ -196,7 +196,8 @@ Status draw(const Options& options) {
     SPLATVOL_TRY_ASSIGN(created, BoundaryFaces::create(memory_limit() / 16, folder_of(options.output)));
     faces.emplace(std::move(created));
   }
-  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene, source_options, reader_options, faces ? &*faces : nullptr));
+  SPLATVOL_TRY_ASSIGN(mesh,
+                      read_mesh(options.meshes, scene, source_options, reader_options, faces ? &*faces : nullptr));
   SPLATVOL_TRY_ASSIGN(boundary, faces ? whole_boundary(*faces) : Result<Boundary>(Boundary()));
   SPLATVOL_TRY_ASSIGN(surfaces,
                       read_surfaces(scene.surfaces, {surface_reader(reader_options), [&](const std::string& pattern) {

@@ -92,7 +92,8 @@ tl::unexpected<Error> fail_no_step(const format::Steps& steps, std::size_t step)
 bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& b, const ViewSettings& b_settings) {
   return a_settings.memory == b_settings.memory && a_settings.kernel == b_settings.kernel &&
          a.attribute == b.attribute && a.opacity.has_value() == b.opacity.has_value() &&
-         (!a.opacity || a.opacity->attribute == b.opacity->attribute) && a.surfaces == b.surfaces && a.lighting.has_value() == b.lighting.has_value();
+         (!a.opacity || a.opacity->attribute == b.opacity->attribute) && a.surfaces == b.surfaces &&
+         a.lighting.has_value() == b.lighting.has_value();
 }
 
 // Lists of splats are large, and hold rows.
@@ -254,8 +255,7 @@ void Session::show_attribute(const std::string& name) {
 void Session::show_opacity(const std::string& name) {
   if (name.empty()) {
     scene.opacity.reset();
-    if (scene.transfer_function.densities.size() == 1)
-      scene.transfer_function.densities = fitting_function().densities;
+    if (scene.transfer_function.densities.size() == 1) scene.transfer_function.densities = fitting_function().densities;
     return;
   }
   scene.opacity = SceneOpacity{name, {.colors = {{0, dvec3(1)}}, .densities = {{0, 1}}}};

@@ -55,10 +55,10 @@ struct SessionFile {
   bool fits = false;  // the scene is one that fits the data
   ViewSettings settings = {};
   PlayerFile file;
-  Box bounds = {};                            // of the material
-  std::array<std::uint64_t, 64> histogram{};  // of the scene's attribute
-  Scene fitting = {};                         // fits the scene's attribute, on the scene's background
-  std::array<std::uint64_t, 64> opacity_histogram{};  // of the attribute that gives the opacity, if there is one
+  Box bounds = {};                                     // of the material
+  std::array<std::uint64_t, 64> histogram{};           // of the scene's attribute
+  Scene fitting = {};                                  // fits the scene's attribute, on the scene's background
+  std::array<std::uint64_t, 64> opacity_histogram{};   // of the attribute that gives the opacity, if there is one
   std::optional<FittingOpacity> fitting_opacity = {};  // if it is to fit
 };
 
@@ -122,7 +122,8 @@ class Session {
   /// Shows another attribute of the file, with a transfer function that fits it. The camera stays.
   void show_attribute(const std::string& name);
 
-  /// Gives the scene an opacity by an attribute that fits the data; empty: none. What it needs is read as for any change.
+  /// Gives the scene an opacity by an attribute that fits the data; empty: none. What it needs is read as for any
+  /// change.
   void show_opacity(const std::string& name);
 
   /// Returns the times of the steps of a time series, in one file or in several; none for another file.

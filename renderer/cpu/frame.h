@@ -68,7 +68,7 @@ struct FrameConstants {
   float ambient = 1, diffuse = 0;  // factor on colours: ambient + diffuse * cosine
   StoredAxis axis;
   TableView table;
-  OpacityView opacity;  // the splats have values of its attribute
+  OpacityView opacity;                 // the splats have values of its attribute
   const float* peaks = nullptr;        // make_peak_levels, one level after another
   const Surfaces* surfaces = nullptr;  // null: there are none
 };
@@ -80,7 +80,7 @@ struct RangeInView {
   const OctantShape* octants = nullptr;
   const OctantValue* octant_values = nullptr;
   const OpacityValue* opacities = nullptr;  // null: there are none
-  std::uint32_t first = 0;  // number of its first splat in the draw list
+  std::uint32_t first = 0;                  // number of its first splat in the draw list
   std::uint32_t count = 0;
   float x = 0, y = 0, z = 0;  // origin of its block, view coordinates
   float step = 0;

@@ -37,7 +37,7 @@ constexpr int shape_words = sizeof(MomentsShape) / 4, value_words = sizeof(Momen
 struct Records {
   alignas(64) std::array<std::array<std::int32_t, most_lanes>, shape_words + value_words> words;
   RangesInLanes ranges;
-  OpacityInLanes opacity;
+  OpacityInLanes opacities;
 
   void set_shape(int lane, const MomentsShape& shape) {
     std::array<std::int32_t, shape_words> copy;
@@ -53,7 +53,7 @@ struct Records {
     set_shape(lane, range.shapes[index]);
     set_value(lane, range.values[index]);
     ranges.set(lane, range);
-    opacity.set(lane, range, index);
+    opacities.set(lane, range, index);
   }
   [[nodiscard]] HWY_INLINE Int word(int i) const { return load(words[i].data()); }
 };
@@ -762,7 +762,7 @@ void project(const FrameConstants& frame, const Records& records, bool in_slabs,
   Mask drawn = masses_of(records, mass);
   Float opacity(1.0F);
   if (frame.opacity.factors) {
-    opacity = opacity_factor(frame, records.opacity);
+    opacity = opacity_factor(frame, records.opacities);
     // Slabs tell by the masses where material is.
     if (!in_slabs) {
       mass = mass * opacity;

@@ -31,6 +31,7 @@ constexpr int shape_words = sizeof(OctantShape) / 4, words_of_record = shape_wor
 struct Records {
   alignas(64) std::array<std::array<std::int32_t, most_lanes>, words_of_record> words;
   RangesInLanes ranges;
+  OpacityInLanes opacities;
 
   void set(int lane, const RangeInView& range, std::uint32_t index) {
     std::array<std::int32_t, words_of_record> copy;
@@ -38,7 +39,7 @@ struct Records {
     std::memcpy(&copy[shape_words], &range.octant_values[index], sizeof(OctantValue));
     for (int i = 0; i < words_of_record; ++i) words[i][lane] = copy[i];
     ranges.set(lane, range);
-    opacity.set(lane, range, index);
+    opacities.set(lane, range, index);
   }
   [[nodiscard]] HWY_INLINE Int word(int i) const { return load(words[i].data()); }
   [[nodiscard]] HWY_INLINE Float number(int i) const { return bits_as_float(word(i)); }
@@ -109,7 +110,7 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   const Float column = fma(t, frame.table.inner_columns(), static_cast<float>(TableView::margin));
   const Material material = gather_from(frame.table, column);
   Float extinction = material.extinction;
-  if (frame.opacity.factors) extinction = extinction * opacity_factor(frame, records.opacity);
+  if (frame.opacity.factors) extinction = extinction * opacity_factor(frame, records.opacities);
   Float alpha = opacity(min(max(extinction * size, 0.0F), 1e30F));
 
   // A splat too small for the raster spreads the same light over more of it.

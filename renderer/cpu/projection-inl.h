@@ -135,8 +135,8 @@ HWY_INLINE Float opacity_factor(const FrameConstants& frame, const OpacityInLane
   const Float deviation = log_number(bits_of<0, 16>(codes)) * load(values.deviation_scale.data());
   const Moments t = axis_moments(opacity.axis, mean, only(deviation > Float(0.0F), deviation));
   const TableRow row = table_row(opacity, t.deviation);
-  const TableColumn at = column_at(
-      opacity, fma(clamp(t.mean, -farthest_t, farthest_t) - 0.5F, row.columns, 0.5F * static_cast<float>(opacity.columns - 1)));
+  const TableColumn at = column_at(opacity, fma(clamp(t.mean, -farthest_t, farthest_t) - 0.5F, row.columns,
+                                                0.5F * static_cast<float>(opacity.columns - 1)));
   const Int index = row.row * Int(opacity.columns) + at.left;
   const Float left = gather(opacity.factors, index);
   const Float factor = fma(gather(opacity.factors + 1, index) - left, at.share, left);

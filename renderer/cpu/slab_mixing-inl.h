@@ -53,11 +53,11 @@ struct SlabPlanes {
         value(first + plane),
         residual(first + 2 * plane),
         light(first + 3 * plane),
-        leave(first + 4 * plane),
-        leave_at(first + 5 * plane),
-        enter(first + 6 * plane),
-        enter_at(first + 7 * plane),
-        opacity(first + 8 * plane) {}
+        opacity(first + 4 * plane),
+        leave(first + 5 * plane),
+        leave_at(first + 6 * plane),
+        enter(first + 7 * plane),
+        enter_at(first + 8 * plane) {}
 };
 
 template <bool paired>
@@ -120,7 +120,7 @@ struct SplatPart {
   const SlabSplat& slab;
   const TileArea& area;
   const SampleGrid& grid;
-  Part part;  // in samples
+  Part part;        // in samples
   bool lit, fades;  // by the light; by an opacity
   std::span<const Slab> slabs;
   const float* fronts;  // of the slabs, and of what follows in the group; then infinity

@@ -436,10 +436,10 @@ Result<Image> TileRasterizer::read_image() const {
 }
 
 std::uint64_t TileRasterizer::device_bytes() const {
-  std::uint64_t bytes = table_.memory_bytes() + bytes_of(peaks_) + bytes_of(opacity_.factors) + bytes_of(ranges_) + bytes_of(first_ranges_) +
-                        bytes_of(keys_) + sorter_.memory_bytes() + bytes_of(numbers_) + bytes_of(bounds_) +
-                        bytes_of(forms_) + far_.memory_bytes() + near_.memory_bytes() + gaussians_.memory_bytes() +
-                        bins_.memory_bytes() + bytes_of(closed_);
+  std::uint64_t bytes = table_.memory_bytes() + bytes_of(peaks_) + bytes_of(opacity_.factors) + bytes_of(ranges_) +
+                        bytes_of(first_ranges_) + bytes_of(keys_) + sorter_.memory_bytes() + bytes_of(numbers_) +
+                        bytes_of(bounds_) + bytes_of(forms_) + far_.memory_bytes() + near_.memory_bytes() +
+                        gaussians_.memory_bytes() + bins_.memory_bytes() + bytes_of(closed_);
   bytes += slab_.memory_bytes() + depths_of_gaussians_.memory_bytes() + (surfaces_ ? surfaces_->memory_bytes() : 0);
   for (const SlabWorkspace& workspace : workspaces_->of_threads) bytes += workspace.memory_bytes();
   for (const std::vector<std::uint32_t>& order : axis_orders_) bytes += bytes_of(order);

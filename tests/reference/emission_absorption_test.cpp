@@ -136,10 +136,12 @@ TEST(EmissionAbsorption, FactorsMatchBruteForce) {
   for (const ValueAxis axis : {ValueAxis::linear, ValueAxis::log}) {
     factors.axis = axis;
     const PiecewiseTransfer opacity(factors);
-    for (const auto& [values, opacity_values, length] :
-         {std::tuple{Ends{-2, 3}, Ends{-20, 130}, 1.0}, {Ends{3, -2}, Ends{0, 100}, 1.0},
-          {Ends{-5, 9}, Ends{90, 2}, 3.0}, {Ends{0.5, 0.5}, Ends{120, -50}, 2.0}, {Ends{-2, 3}, Ends{30, 30}, 4.0},
-          {Ends{-2, 3}, Ends{1, 100}, 60.0}}) {
+    for (const auto& [values, opacity_values, length] : {std::tuple{Ends{-2, 3}, Ends{-20, 130}, 1.0},
+                                                         {Ends{3, -2}, Ends{0, 100}, 1.0},
+                                                         {Ends{-5, 9}, Ends{90, 2}, 3.0},
+                                                         {Ends{0.5, 0.5}, Ends{120, -50}, 2.0},
+                                                         {Ends{-2, 3}, Ends{30, 30}, 4.0},
+                                                         {Ends{-2, 3}, Ends{1, 100}, 60.0}}) {
       SCOPED_TRACE(testing::Message() << values.front << " to " << values.back << ", " << opacity_values.front << " to "
                                       << opacity_values.back << ", length " << length);
       RayLight light;
@@ -149,8 +151,7 @@ TEST(EmissionAbsorption, FactorsMatchBruteForce) {
       double depth = 0;
       for (int i = 0; i < samples; ++i) {
         const double share = (i + 0.5) / samples, value = values.at(share);
-        const double t =
-            function.extinction(value) * factors.extinction(opacity_values.at(share)) * length / samples;
+        const double t = function.extinction(value) * factors.extinction(opacity_values.at(share)) * length / samples;
         color += std::exp(-depth) * -std::expm1(-t) * function.color(value);
         depth += t;
       }

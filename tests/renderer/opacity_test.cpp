@@ -151,7 +151,7 @@ TEST(Opacity, AHiddenBodyIsNotThere) {
 
 // The mean over the values of a splat, as a step has it: the share of a normal distribution above the step.
 TEST(Opacity, IsTheMeanOverASplatsValues) {
-  const std::vector<Material> splat = {{.mass = 0.02, .deviations = dvec3(0.3)}};
+  const std::vector<Material> splat = {{.mass = 1.2, .deviations = dvec3(0.3)}};
   TransferFunction step = ramp();
   step.densities = {{0, 0}, {0.5, 0}, {0.5, 1}, {1, 1}};
   const auto depth = [](const Image& image) {
@@ -170,16 +170,15 @@ TEST(Opacity, IsTheMeanOverASplatsValues) {
       const double held = log_number(value.deviation, 64);
       const double expected = held > 0 ? 0.5 * std::erfc((2.5 - mean) / held / std::numbers::sqrt2) : 0;
       Drawing drawing(way);
-      const double whole = depth(drawing.picture(list_of(splat, {}), uniform(20), {}, view));
-      const double faded =
-          depth(drawing.picture(list_of(splat, {value}, 64), {uniform(20), &step}, units, view));
+      const double whole = depth(drawing.picture(list_of(splat, {}), uniform(0.5), {}, view));
+      const double faded = depth(drawing.picture(list_of(splat, {value}, 64), {uniform(0.5), &step}, units, view));
       ASSERT_GT(whole, 0.05);
       EXPECT_NEAR(faded / whole, expected, 0.02);
     }
 }
 
 TEST(Opacity, KnowsTheAxes) {
-  const std::vector<Material> splat = {{.mass = 0.02, .deviations = dvec3(0.3)}};
+  const std::vector<Material> splat = {{.mass = 1.2, .deviations = dvec3(0.3)}};
   const auto depth = [](const Image& image) {
     return -std::log1p(-static_cast<double>(image.at(image.width / 2, image.height / 2).a));
   };
@@ -194,9 +193,9 @@ TEST(Opacity, KnowsTheAxes) {
         factors.linear_width = 0.1;
         SCOPED_TRACE(testing::Message() << way.name << ", axis " << static_cast<int>(axis) << ", value " << value);
         Drawing drawing(way);
-        const double whole = depth(drawing.picture(list_of(splat, {}), uniform(20), {}, view));
-        const double faded = depth(drawing.picture(list_of(splat, same(1, static_cast<float>(value))),
-                                                   {uniform(20), &factors}, {}, view));
+        const double whole = depth(drawing.picture(list_of(splat, {}), uniform(0.5), {}, view));
+        const double faded = depth(
+            drawing.picture(list_of(splat, same(1, static_cast<float>(value))), {uniform(0.5), &factors}, {}, view));
         EXPECT_NEAR(faded / whole, factors.extinction(value), 0.004);
       }
 }

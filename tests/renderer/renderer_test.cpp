@@ -655,7 +655,7 @@ TEST_P(RendererTest, RefusesWhatItCannotDraw) {
   const View view = orthographic_view(8, 8);
   EXPECT_THAT(renderer_->draw(view, SortMode::none, 1).error().message, HasSubstr("transfer function"));
   EXPECT_THAT(renderer_->read_image().error().message, HasSubstr("no picture"));
-  EXPECT_FALSE(renderer_->set_transfer_function({}, {}));
+  EXPECT_FALSE(renderer_->set_transfer_function(TransferFunction{}, {}));
   ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1), {}));
 
   for (const int size : {0, -5, 1 << 20}) {

@@ -553,7 +553,7 @@ std::vector<double> opacities_of(const FrameSplats& frame, const DrawingUnits& u
 }
 
 StreamerOptions by_both(KernelKind kernel, std::uint64_t memory = plenty) {
-  return {.memory_bytes = memory, .attribute = "a1", .opacity_attribute = "a0", .kernel = kernel};
+  return {.memory_bytes = memory, .attribute = "a1", .kernel = kernel, .opacity_attribute = "a0"};
 }
 
 TEST_P(StreamerOf, HandsOnTheValuesThatGiveTheOpacity) {

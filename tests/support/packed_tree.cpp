@@ -37,7 +37,9 @@ class TreeReader {
       SPLATVOL_TRY_ASSIGN(page, unpack_index_page(ref, front, tree_.shape, top_nodes, links_end, "test"));
       if (a < tree_.shape.attributes) {
         const auto [offset, part] = find_summary_part(front, a, tree_.shape);
-        SPLATVOL_TRY(unpack_summaries(part, bytes.subspan(offset, part.packed_bytes), "test", page));
+        SPLATVOL_TRY_ASSIGN(
+            summaries, unpack_summaries(part, bytes.subspan(offset, part.packed_bytes), page.nodes.size(), "test"));
+        page.nodes.summaries = std::move(summaries);
       }
       pages.push_back(std::move(page));
     }

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <filesystem>
 #include <fstream>
@@ -213,6 +214,67 @@ TEST_F(SlowFiles, AnotherAttributeIsReadAside) {
   EXPECT_GT(compare_images(settled(), nearer)->rmse, 0.01);
   EXPECT_EQ(session->attribute().name, "a1");
   EXPECT_NE(session->scene.transfer_function.hi, session->first_scene().transfer_function.hi);
+}
+
+// The attribute that gives the opacity is read aside, too. Until it is there, the picture stays.
+TEST_F(SlowFiles, OpacityByAnotherAttributeIsReadAside) {
+  std::atomic<bool> stalls = false;
+  std::atomic<int> waiting = 0;
+  const auto open_stalled = [&](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
+    SPLATVOL_TRY_ASSIGN(content, open_file(file));
+    return std::make_unique<test::StalledSource>(std::move(content), stalls, waiting);
+  };
+  ViewSettings settings;
+  settings.device = Device::cpu;
+  settings.in_current_context = false;
+  auto read = Session::read({.file = path("v.svol")}, "", settings, open_stalled);
+  ASSERT_TRUE(read) << read.error().message;
+  const auto session = Session::open(std::move(*read)).value();
+  const auto draw = [&] { ASSERT_TRUE(session->draw(200, 150, 1)); };
+  const auto settled = [&] {
+    do draw();
+    while (!session->is_settled());
+    return session->image().value();
+  };
+  const Image first = settled();
+  EXPECT_FALSE(session->opacity_attribute());
+
+  stalls = true;
+  session->show_opacity("a1");
+  draw();
+  while (waiting == 0) std::this_thread::yield();
+  EXPECT_TRUE(session->is_reading());
+  EXPECT_FALSE(session->opacity_attribute()) << "of the picture";
+  session->cancel_reading();
+  EXPECT_FALSE(session->scene.opacity);
+  EXPECT_EQ(compare_images(settled(), first)->max, 0);
+  stalls = false;
+
+  session->show_opacity("a1");
+  const Image faded = settled();
+  EXPECT_TRUE(session->troubles().empty());
+  ASSERT_TRUE(session->scene.opacity);
+  EXPECT_EQ(session->opacity_attribute()->name, "a1");
+  EXPECT_EQ(session->scene.transfer_function.densities.size(), 1U) << "the opacity is that of a1 alone";
+  EXPECT_LE(session->scene.opacity->function.hi, 1);
+  EXPECT_GT(std::ranges::max_element(session->opacity_histogram())[0], 0U);
+  EXPECT_GT(compare_images(faded, first)->rmse, 0.01);
+  EXPECT_EQ(session->explain(), "");
+
+  // Another attribute for the colours: the opacity stays.
+  session->show_attribute("a1");
+  static_cast<void>(settled());
+  EXPECT_EQ(session->scene.transfer_function.densities.size(), 1U);
+  session->show_attribute("a0");
+  static_cast<void>(settled());
+
+  // Factors of 0 hide all, and the window says so.
+  session->scene.opacity->function.densities = {{0, 0}};
+  static_cast<void>(settled());
+  EXPECT_THAT(session->explain(), HasSubstr("factors hide every value"));
+
+  session->show_opacity("");
+  EXPECT_EQ(compare_images(settled(), first)->max, 0);
 }
 
 }  // namespace

@@ -52,6 +52,7 @@ float opacity_factor(uint number) {
   if (opacity_offset == 0u) return 1.0;
   uint at = opacity_offset + 2u * record_of(number), codes = value_words[at + 1u];
   float mean = uintBitsToFloat(value_words[at]);
+  if ((value_words[at] & 0x7f800000u) == 0x7f800000u) return 0.0;  // no number
   Axis axis = Axis(frame.opacity_kind, frame.opacity_low, frame.opacity_start, frame.opacity_inverse_domain,
                    frame.opacity_zero, frame.opacity_unit);
   vec2 t = axis_moments(axis, mean, log_number(codes & 0xffffu, range_of(number).opacity_scale));
