@@ -14,6 +14,7 @@
 #include "scene/contrast.h"
 #include "streamer/domain.h"
 #include "streamer/explain.h"
+#include "viewer/camera_control.h"
 #include "viewer/low_priority.h"
 
 namespace splatvol {
@@ -189,6 +190,7 @@ Result<std::unique_ptr<Session>> Session::open(SessionFile file) {
 Session::~Session() {
   stop_drawing();
   end_reading();
+  end_fitting();
 }
 
 // Takes over histogram and domain of the step that is shown.
@@ -216,9 +218,42 @@ std::optional<format::Attribute> Session::opacity_attribute() const {
   return info().attributes[static_cast<std::size_t>(info().find_attribute(used_scene_.opacity->attribute))];
 }
 
-Result<Camera> Session::fitting_camera() const {
-  SPLATVOL_TRY_ASSIGN(fitting, player_->fitting_scene(scene.attribute, {scene.width, scene.height}));
-  return fitting.camera;
+void Session::show_all() {
+  end_fitting();
+  const bool is_aside = settings.reads_aside && settings.hurries;
+  fitting_camera_.emplace(FittingCamera{scene.camera, {}, {}});
+  const auto fit = [steps = player_->steps(), step = step(), attribute = scene.attribute,
+                    picture = FirstPicture{scene.width, scene.height},
+                    stop = fitting_camera_->stop.get_token()]() -> Result<Camera> {
+    const Interruptible interruptible(stop);
+    SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
+    SPLATVOL_TRY_ASSIGN(fitting, default_scene(*volume, attribute, picture));
+    return fitting.camera;
+  };
+  fitting_camera_->fitted =
+      std::async(is_aside ? std::launch::async | std::launch::deferred : std::launch::deferred, fit);
+  take_fitted();
+}
+
+// Waits for the thread.
+void Session::end_fitting() {
+  if (fitting_camera_) fitting_camera_->stop.request_stop();
+  fitting_camera_.reset();
+}
+
+// Takes over the camera that shows all, if it is there.
+void Session::take_fitted() {
+  if (!fitting_camera_ || fitting_camera_->fitted.wait_for(std::chrono::seconds(0)) == std::future_status::timeout)
+    return;
+  Result<Camera> fitted = fitting_camera_->fitted.get();
+  const bool has_moved = scene.camera != fitting_camera_->before;
+  fitting_camera_.reset();
+  if (!fitted) {
+    troubles_.push_back(fitted.error().message);
+  } else if (!has_moved) {
+    set_projection(*fitted, scene.camera.projection);
+    scene.camera = *fitted;
+  }
 }
 
 TransferFunction Session::fitting_function() const {
@@ -286,6 +321,7 @@ Scene Session::scene_without_change() const {
 }
 
 void Session::cancel_reading() {
+  end_fitting();
   if (!reading_) return;
   scene = scene_without_change();
   settings.memory = used_settings_.memory;
@@ -391,8 +427,8 @@ Status Session::fit_camera() {
   fits_ = false;
   const bool fits_size = scene.width == first_scene_.width && scene.height == first_scene_.height;
   if (fits_size || scene.camera != first_scene_.camera) return {};
-  SPLATVOL_TRY_ASSIGN(fitted, fitting_camera());
-  scene.camera = first_scene_.camera = fitted;
+  SPLATVOL_TRY_ASSIGN(fitted, player_->fitting_scene(scene.attribute, {scene.width, scene.height}));
+  scene.camera = first_scene_.camera = fitted.camera;
   return {};
 }
 
@@ -406,6 +442,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   scene.width = width;
   scene.height = height;
   SPLATVOL_TRY(fit_camera());
+  take_fitted();
   SPLATVOL_TRY(make_view(scene));
   still_seconds_ += seconds;
   undrawn_seconds_ += seconds;
@@ -445,7 +482,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   const PlayerTimes& times = player_->times();
   if (moves) pacer_.add(request.detail.goal->max_splats, times.frame - times.surfaces);
-  return moves || !frame()->progress.settled ? Status{} : finish_picture();
+  return moves || !frame()->progress.settled ? Status{} : finish_picture({});
 }
 
 // Keeps the errors of parts of the frame that was chosen.
@@ -484,7 +521,10 @@ Status Session::draw_aside(const FrameRequest& request, const DrawOptions& optio
     const Interruptible interruptible(stop);
     const LowPriority low;
     SPLATVOL_TRY(player_->choose(request));
-    return player_->draw(options);
+    SPLATVOL_TRY(player_->draw(options));
+    SPLATVOL_TRY_ASSIGN(drawn, player_->image());  // a copy: here, nobody waits for it
+    drawn_aside_ = std::move(drawn);
+    return {};
   };
   try {
     drawing_ = std::async(std::launch::async, draw);
@@ -500,11 +540,12 @@ Status Session::end_drawing(bool is_busy) {
   constexpr std::chrono::milliseconds patience{8};  // half of a frame at 60 frames a second
   if (drawing_.wait_for(is_busy ? std::chrono::milliseconds{0} : patience) == std::future_status::timeout) return {};
   const Status drawn = drawing_.get();
+  std::optional<Image> image = std::exchange(drawn_aside_, std::nullopt);
   if (!drawn && drawn.error().code == ErrorCode::cancelled) return {};
   SPLATVOL_TRY(drawn);
   note_frame();
   note_drawn();
-  return frame()->progress.settled ? finish_picture() : Status{};
+  return frame()->progress.settled ? finish_picture(std::move(image)) : Status{};
 }
 
 // Ends a picture that nobody will see.
@@ -512,6 +553,7 @@ void Session::stop_drawing() {
   if (!is_drawing()) return;
   interrupt_drawing();
   static_cast<void>(drawing_.get());
+  drawn_aside_.reset();
 }
 
 void Session::interrupt_drawing() {
@@ -527,9 +569,12 @@ void Session::begin_rest() {
   sharpening_.emplace(options);
 }
 
-// Goes on to a finer picture, unless this one is the last.
-Status Session::finish_picture() {
-  SPLATVOL_TRY(sharpening_->add(*frame(), [this] { return player_->image(); }));
+// Goes on to a finer picture, unless this one is the last. `drawn`: this one, unless the player still has to copy it.
+Status Session::finish_picture(std::optional<Image> drawn) {
+  SPLATVOL_TRY(sharpening_->add(*frame(), [&]() -> Result<Image> {
+    if (drawn) return *std::move(drawn);
+    return player_->image();
+  }));
   settled_ = sharpening_->is_done();
   if (settled_) read_ahead(step() + 1);
   return {};

@@ -107,17 +107,19 @@ class Session {
   /// pictures are drawn without the change.
   [[nodiscard]] bool is_reading() const { return reading_.has_value(); }
 
-  /// Takes back the change that is_reading() tells of.
+  /// Takes back the change that is_reading() tells of, or that of is_fitting().
   void cancel_reading();
 
   /// Returns whether another call without a change would draw the same.
-  [[nodiscard]] bool is_settled() const { return settled_ && !reading_; }
+  [[nodiscard]] bool is_settled() const { return settled_ && !reading_ && !fitting_camera_; }
 
   /// Returns the transfer function that fits the attribute that is drawn, on the background of `scene`.
   [[nodiscard]] TransferFunction fitting_function() const;
 
-  /// Returns a camera that sees all that the file shows, in the size of the last picture.
-  [[nodiscard]] Result<Camera> fitting_camera() const;
+  /// Gives the scene a camera that sees all that the file shows, in the size of the last picture. Coarse splats are read
+  /// for it, on a thread of their own where changes are read aside. A camera that moves meanwhile stays.
+  void show_all();
+  [[nodiscard]] bool is_fitting() const { return fitting_camera_.has_value(); }
 
   /// Shows another attribute of the file, with a transfer function that fits it. The camera stays.
   void show_attribute(const std::string& name);
@@ -236,6 +238,8 @@ class Session {
   [[nodiscard]] Status apply();
   [[nodiscard]] Status read_change();
   void end_reading();
+  void end_fitting();
+  void take_fitted();
   [[nodiscard]] Status take_change(Result<SessionFile> change);
   [[nodiscard]] Scene scene_without_change() const;
   [[nodiscard]] Status fit_camera();
@@ -248,7 +252,7 @@ class Session {
   void stop_drawing();
   [[nodiscard]] std::uint64_t moving_splats() const;
   void note_drawn();
-  [[nodiscard]] Status finish_picture();
+  [[nodiscard]] Status finish_picture(std::optional<Image> drawn);
 
   std::string path_;
   Scene first_scene_;
@@ -275,6 +279,14 @@ class Session {
     std::future<Result<SessionFile>> file;
   };
   std::optional<Reading> reading_;
+
+  // A camera that is to show all.
+  struct FittingCamera {
+    Camera before;
+    std::stop_source stop;
+    std::future<Result<Camera>> fitted;
+  };
+  std::optional<FittingCamera> fitting_camera_;
   bool fits_function_ = false;  // the scene's attribute is to get the function that fits it
   bool fits_opacity_ = false;   // the opacity likewise
 
@@ -293,6 +305,7 @@ class Session {
   double undrawn_seconds_ = 0;  // since the last picture began
   std::stop_source stop_;
   std::future<Status> drawing_;
+  std::optional<Image> drawn_aside_;  // by drawing_
 
   // What is told meanwhile.
   struct Before {

@@ -291,7 +291,7 @@ void Viewer::handle_scene_key(int code) {
   const double sign = has_shift() ? 1 : -1;
   switch (code) {
     case 'R':
-      show_all();
+      session_->show_all();
       break;
     case 'P':
       set_projection(camera,
@@ -318,16 +318,6 @@ void Viewer::handle_scene_key(int code) {
 }
 
 // Shows all, from the first direction. The projection stays.
-void Viewer::show_all() {
-  auto camera = session_->fitting_camera();
-  if (!camera) {
-    message_ = camera.error().message;
-    return;
-  }
-  set_projection(*camera, session_->scene.camera.projection);
-  session_->scene.camera = *camera;
-}
-
 // Looks at the focal point from an axis's side. From the axis that is up, the picture is a plan: x or y goes right.
 void Viewer::look_from(const dvec3& direction) {
   static constexpr std::array<dvec3, 3> plan_up = {dvec3(0, 0, 1), dvec3(0, 0, -1), dvec3(0, 1, 0)};
@@ -469,6 +459,7 @@ Status Viewer::draw_frame(const FrameInput& given) {
   for (const Event& event : input.events) handle(event);
   if (prober_.take_answer()) pending_frames_ = 3;  // a new tooltip appears a frame later
   opening_seconds_ += input.seconds;
+  fitting_seconds_ = session_ && session_->is_fitting() ? fitting_seconds_ + input.seconds : 0;
   if (const Status opened = take_opened(std::chrono::milliseconds(0)); !opened) message_ = opened.error().message;
   move_camera(input);
   play(input.seconds);
@@ -548,9 +539,9 @@ void Viewer::draw_overlays() {
 
 // Tells of what is being read, and lets the user cancel it.
 void Viewer::draw_opening() {
-  const bool reads = session_ && session_->is_reading();
-  if (!opening_ && !reads) return;
   constexpr double patience = 0.3;  // seconds: what is there sooner needs no words
+  const bool reads = (session_ && session_->is_reading()) || fitting_seconds_ > patience;
+  if (!opening_ && !reads) return;
   if (opening_ && opening_seconds_ < patience && session_) return;
   const PictureArea area = picture_area();
   const float scale = static_cast<float>(window_.content_scale);

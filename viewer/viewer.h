@@ -142,7 +142,6 @@ class Viewer {
   [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(picture_area().left, 0); }
   [[nodiscard]] PictureArea picture_area() const;
   [[nodiscard]] std::array<int, 2> picture_size() const;
-  void show_all();
   void look_from(const dvec3& direction);
   void set_up_axis(int axis);
 
@@ -160,6 +159,7 @@ class Viewer {
   std::unique_ptr<Session> session_;
   std::unique_ptr<Opening> opening_;  // of the file that is to replace the session's
   double opening_seconds_ = 0;
+  double fitting_seconds_ = 0;  // since the camera that shows all was asked for
   FileDialog dialog_;
   RecentFiles recent_files_;
   TransferEditor editor_;

@@ -241,7 +241,7 @@ void Viewer::draw_camera_controls() {
   ImGui::SameLine();
   ImGui::Checkbox("fly", &flying_);
   ImGui::SameLine();
-  if (ImGui::SmallButton("see all")) show_all();
+  if (ImGui::SmallButton("see all")) session_->show_all();
   for (int axis = 0; axis < 3; ++axis)
     for (const double sign : {1.0, -1.0}) {
       const std::string name = fmt::format("{}{}", sign > 0 ? '+' : '-', "xyz"[axis]);

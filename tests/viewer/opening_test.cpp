@@ -14,6 +14,7 @@
 #include "tests/support/scripted_server.h"
 #include "tests/support/stalled_source.h"
 #include "tests/support/test_volume.h"
+#include "viewer/camera_control.h"
 #include "viewer/viewer.h"
 
 namespace splatvol {
@@ -214,6 +215,61 @@ TEST_F(SlowFiles, AnotherAttributeIsReadAside) {
   EXPECT_GT(compare_images(settled(), nearer)->rmse, 0.01);
   EXPECT_EQ(session->attribute().name, "a1");
   EXPECT_NE(session->scene.transfer_function.hi, session->first_scene().transfer_function.hi);
+}
+
+TEST_F(SlowFiles, TheCameraThatShowsAllIsFoundAside) {
+  std::atomic<bool> stalls = false;
+  std::atomic<int> waiting = 0;
+  const auto open_stalled = [&](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
+    SPLATVOL_TRY_ASSIGN(content, open_file(file));
+    return std::make_unique<test::StalledSource>(std::move(content), stalls, waiting);
+  };
+  ViewSettings settings;
+  settings.device = Device::cpu;
+  settings.in_current_context = false;
+  auto read = Session::read({.file = path("v.svol")}, "", settings, open_stalled);
+  ASSERT_TRUE(read) << read.error().message;
+  const auto session = Session::open(std::move(*read)).value();
+  const auto draw = [&] { ASSERT_TRUE(session->draw(200, 150, 1)); };
+  const auto settle = [&] {
+    do draw();
+    while (!session->is_settled());
+  };
+  settle();
+  session->show_all();
+  settle();
+  const Camera all = session->scene.camera;
+  session->scene.camera.position += 0.5 * (all.position - all.focal_point);
+  set_projection(session->scene.camera, Camera::Projection::orthographic);
+  settle();
+  const Camera away = session->scene.camera;
+
+  stalls = true;
+  const int before = waiting;
+  session->show_all();
+  while (waiting == before) std::this_thread::yield();
+  for (int i = 0; i < 20; ++i) draw();
+  EXPECT_TRUE(session->is_fitting());
+  EXPECT_EQ(session->scene.camera, away);
+  session->cancel_reading();
+  EXPECT_FALSE(session->is_fitting());
+  settle();
+  EXPECT_EQ(session->scene.camera, away);
+  EXPECT_TRUE(session->troubles().empty());
+
+  // A camera that moves meanwhile stays.
+  session->show_all();
+  session->scene.camera.position += 0.1 * (away.position - away.focal_point);
+  const Camera moved = session->scene.camera;
+  stalls = false;
+  settle();
+  EXPECT_EQ(session->scene.camera, moved);
+
+  session->show_all();
+  settle();
+  EXPECT_EQ(session->scene.camera.projection, Camera::Projection::orthographic);
+  EXPECT_LT(glm::distance(session->scene.camera.focal_point, all.focal_point), 1e-9);
+  EXPECT_TRUE(session->troubles().empty());
 }
 
 // The attribute that gives the opacity is read aside, too. Until it is there, the picture stays.
