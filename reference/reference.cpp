@@ -323,7 +323,7 @@ Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scen
                                           const ReferenceOptions& options) try {
   SPLATVOL_TRY(check_mesh(mesh));
   if (scene.opacity && mesh.opacity_values.size() != mesh.values.size())
-    return fail(ErrorCode::invalid_argument, "no values of the opacity's attribute '{}'", scene.opacity->attribute);
+    return fail(ErrorCode::invalid_argument, "no values of the opacity attribute '{}'", scene.opacity->attribute);
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   const SurfaceDepths* surfaces = options.surface_depths;
   if (surfaces && (surfaces->width != view.width || surfaces->height != view.height ||

@@ -11,7 +11,8 @@ namespace splatvol {
 /// How values look: the transfer function of the attribute that is shown, and the factor on its extinction by the
 /// values of another attribute. Refers to both.
 struct Transfer {
-  Transfer(const TransferFunction& shown, const TransferFunction* factor = nullptr)  // NOLINT: mostly there is one only
+  // Implicit: most scenes have one function only.
+  Transfer(const TransferFunction& shown, const TransferFunction* factor = nullptr)
       : function(shown), opacity(factor) {}
 
   const TransferFunction& function;

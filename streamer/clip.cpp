@@ -130,7 +130,7 @@ std::vector<OctantSplat> unpacked(const DrawRange& range, std::span<const Octant
   return splats;
 }
 
-// The values that give the opacity of a range.
+// The opacity values of a range.
 OpacityValues opacity_of(const DrawRange& range) {
   const OpacityValues& whole = range.row.values->opacity();
   if (whole.records.empty()) return {};

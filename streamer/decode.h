@@ -28,7 +28,7 @@ struct ChunkBytes {
 struct ValueChunks {
   ChunkBytes values;                      // `value_moments`, or `value`
   const ChunkBytes* gradients = nullptr;  // `gradient`, of the kernel octant; null: none
-  const ChunkBytes* opacity = nullptr;    // as `values`, of the attribute that gives the opacity; null: none
+  const ChunkBytes* opacity = nullptr;    // as `values`, of the opacity attribute; null: none
 };
 
 /// Decodes the values of a row's records.

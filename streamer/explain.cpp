@@ -43,7 +43,7 @@ EmptyReason why_empty(const View& view, const Transfer& transfer, const ShownAtt
     return {"the transfer function hides every value", "raise the density, or widen the domain"};
   if (transfer.opacity && attributes.opacity) {
     if (!has_values(*attributes.opacity) && view.slices.empty())
-      return {"no point has a value of the opacity's attribute", "choose another one"};
+      return {"no point has a value of the opacity attribute", "choose another one"};
     if (hides_all(*transfer.opacity, *attributes.opacity))
       return {"the opacity's factors hide every value", "raise them, or widen their domain"};
   }

@@ -41,7 +41,7 @@ struct ChunkLoad {
 struct RowLoad {
   KernelKind kernel;
   std::uint32_t points;
-  bool opacity;                   // of values: with those of the attribute that gives the opacity
+  bool opacity;                   // of values: with those of the opacity attribute
   std::vector<ChunkLoad> chunks;  // of shapes: positions first; of values: those of the attribute that is shown first
 };
 

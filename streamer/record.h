@@ -77,7 +77,7 @@ struct OctantValue {
 };
 static_assert(sizeof(OctantValue) == 8);
 
-/// The value of the attribute that gives a splat's opacity, as stored. Of either kernel.
+/// The value of the opacity attribute of a splat, as stored. Of either kernel.
 struct OpacityValue {
   float mean;
   std::uint16_t deviation;  // log code
@@ -139,7 +139,7 @@ class ShapeRow {
   double mass_scale_, deviation_scale_;
 };
 
-/// The values of the attribute that gives the opacity of a row's records.
+/// The values of the opacity attribute of a row's records.
 struct OpacityValues {
   std::vector<OpacityValue> records;  // empty: there is no such attribute
   double deviation_scale = 0;         // of log codes, in stored values
@@ -210,7 +210,7 @@ struct BlockedPositions {
 [[nodiscard]] BlockedPositions make_blocks(std::span<const dvec3> positions, std::span<const float> limits,
                                            double length);
 
-/// Packs materials whose centres are relative to `origin` (world units), with their values of the opacity's attribute.
+/// Packs materials whose centres are relative to `origin` (world units), with their values of the opacity attribute.
 /// Numbers come back as precisely as codes hold them: the largest mass and deviation exactly in single precision,
 /// others within a factor 2^(1/256).
 [[nodiscard]] RecordRow pack_row(std::span<const Material> materials, const dvec3& origin, double length,

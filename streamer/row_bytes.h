@@ -10,7 +10,7 @@
 namespace splatvol {
 
 /// Return the bytes of a row's shapes and of its values. Few rows have so many blocks that their shapes need more.
-/// `opacity`: with the values of the attribute that gives the opacity.
+/// `opacity`: with the values of the opacity attribute.
 [[nodiscard]] std::uint64_t shape_row_bytes(KernelKind kernel, std::uint64_t points);
 [[nodiscard]] std::uint64_t value_row_bytes(KernelKind kernel, std::uint64_t points, bool opacity);
 

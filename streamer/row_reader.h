@@ -110,8 +110,7 @@ class RowReader {
   [[nodiscard]] std::array<CacheKey, 2> keys(const RowName& name) const { return {shapes_key(name), values_key(name)}; }
   [[nodiscard]] std::vector<ChunkName> chunks(const RowName& name, CacheKey::Kind kind) const;
 
-  /// The chunks whose values tell whether anything of a row is visible: of the attribute that is shown, and of that
-  /// which gives the opacity.
+  /// The chunks that tell whether anything of a row is visible. The second one is of the opacity attribute.
   [[nodiscard]] ChunkName value_chunk(const RowName& name) const { return chunk_name(name, value_columns_.front()); }
   [[nodiscard]] std::optional<ChunkName> opacity_chunk(const RowName& name) const {
     return has_opacity() ? std::optional(chunk_name(name, value_columns_.back())) : std::nullopt;

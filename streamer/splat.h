@@ -20,7 +20,7 @@ struct DrawingUnits {
   double value_offset = 0;    // of the attribute
   double value_scale = 1;     // of the attribute
   double cube = 1;            // edge of the file's cube, in units of `length`
-  double opacity_offset = 0;  // of the attribute that gives the opacity
+  double opacity_offset = 0;  // of the opacity attribute
   double opacity_scale = 1;
 
   /// Returns the value of a stored value.

@@ -94,7 +94,7 @@ struct StreamerStatistics {
   double fetch_seconds = 0;
 };
 
-/// An open file, seen through one attribute, and perhaps another that gives the opacity. All its memory counts against
+/// An open file, seen through one attribute, and perhaps an opacity attribute. All its memory counts against
 /// the budget: preamble, pages, rows of records, packed bytes that are being read, and draw lists. A row is decoded
 /// once, and stays until its memory is needed.
 ///

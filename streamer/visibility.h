@@ -46,7 +46,7 @@ class ValueContrast {
   double bin_width_ = 0;
 };
 
-/// The values of a node or of a row: of the attribute that is shown, and of that which gives the opacity.
+/// The values of a node or of a row: of the attribute that is shown, and of the opacity attribute.
 struct ShownValues {
   const format::ValueSummary& values;
   const format::ValueSummary* opacity = nullptr;  // null: there is no such attribute
@@ -65,7 +65,8 @@ struct ShownContrast {
 
 /// The attributes that a scene shows.
 struct ShownAttributes {
-  ShownAttributes(const format::Attribute& shown, const format::Attribute* factor = nullptr)  // NOLINT: mostly one only
+  // Implicit: most scenes show one only.
+  ShownAttributes(const format::Attribute& shown, const format::Attribute* factor = nullptr)
       : values(shown), opacity(factor) {}
 
   const format::Attribute& values;

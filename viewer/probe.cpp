@@ -178,7 +178,7 @@ std::optional<Chord> chord_of(const OctantSplat& splat, const dvec3& origin, con
   return chord;
 }
 
-// The mean factor over a splat's values of the opacity's attribute.
+// The mean factor over a splat's values of the opacity attribute.
 double factor_of(const Extinctions& factors, const ValueRow& row, std::uint32_t record, const DrawingUnits& units) {
   if (row.opacity().records.empty()) return 1;
   const OpacityValue& value = row.opacity().records[record];

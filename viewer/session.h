@@ -58,7 +58,7 @@ struct SessionFile {
   Box bounds = {};                                     // of the material
   std::array<std::uint64_t, 64> histogram{};           // of the scene's attribute
   Scene fitting = {};                                  // fits the scene's attribute, on the scene's background
-  std::array<std::uint64_t, 64> opacity_histogram{};   // of the attribute that gives the opacity, if there is one
+  std::array<std::uint64_t, 64> opacity_histogram{};   // of the opacity attribute, if there is one
   std::optional<FittingOpacity> fitting_opacity = {};  // if it is to fit
 };
 
@@ -116,8 +116,8 @@ class Session {
   /// Returns the transfer function that fits the attribute that is drawn, on the background of `scene`.
   [[nodiscard]] TransferFunction fitting_function() const;
 
-  /// Gives the scene a camera that sees all that the file shows, in the size of the last picture. Coarse splats are read
-  /// for it, on a thread of their own where changes are read aside. A camera that moves meanwhile stays.
+  /// Gives the scene a camera that sees all that the file shows, in the size of the last picture. Coarse splats are
+  /// read for it, on a thread of their own where changes are read aside. A camera that moves meanwhile stays.
   void show_all();
   [[nodiscard]] bool is_fitting() const { return fitting_camera_.has_value(); }
 
@@ -163,7 +163,7 @@ class Session {
   /// Returns the attribute that is drawn, with the unit that the scene tells.
   [[nodiscard]] format::Attribute attribute() const;
 
-  /// Returns the attribute that gives the opacity of the picture, if there is one.
+  /// Returns the opacity attribute of the picture, if there is one.
   [[nodiscard]] std::optional<format::Attribute> opacity_attribute() const;
   [[nodiscard]] const std::array<std::uint64_t, 64>& histogram() const { return histogram_; }
   [[nodiscard]] const std::array<std::uint64_t, 64>& opacity_histogram() const { return opacity_histogram_; }

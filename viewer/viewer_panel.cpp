@@ -102,7 +102,7 @@ void Viewer::draw_attribute_menu() {
   ImGui::EndCombo();
 }
 
-// The attribute whose values give the opacity, and its factors.
+// The opacity attribute, and its factors.
 void Viewer::draw_opacity_controls() {
   std::optional<SceneOpacity>& opacity = session_->scene.opacity;
   if (ImGui::BeginCombo("opacity by", opacity ? opacity->attribute.c_str() : "the same attribute")) {

@@ -113,7 +113,7 @@ HWY_INLINE Moments axis_moments(const StoredAxis& axis, Float mean, Float deviat
   return {average, sqrt(fma(a, a, fma(b * 4.0F, b, c * c)) * (1.0F / 6))};
 }
 
-/// The values that give the opacity of splats; one in each lane.
+/// The opacity values of splats; one in each lane.
 struct OpacityInLanes {
   alignas(64) std::array<float, most_lanes> mean, deviation_scale;
   alignas(64) std::array<std::int32_t, most_lanes> codes;  // of the deviation, and the coverage above it

@@ -14,8 +14,8 @@
 
 namespace splatvol {
 
-/// Keeps the records of rows in pages: pairs of large buffers, one of shapes and one of values. If all rows have values
-/// that give the opacity, these follow the values of all slots. A page consists of
+/// Keeps the records of rows in pages: pairs of large buffers, one of shapes and one of values. If all rows have
+/// opacity values, these follow the values of all slots. A page consists of
 /// slots, each with room for some consecutive records of a row. A record goes up once, and stays until other rows need
 /// its slot; the rows that were drawn least recently leave first.
 class RecordPages {
@@ -46,7 +46,7 @@ class RecordPages {
   [[nodiscard]] const Buffer& shapes(std::size_t page) const { return pages_[page].shapes; }
   [[nodiscard]] const Buffer& values(std::size_t page) const { return pages_[page].values; }
 
-  /// Returns where a page's buffer of values has the first value that gives the opacity, in bytes; 0: it has none.
+  /// Returns where a page's buffer of values has the first opacity value, in bytes; 0: it has none.
   [[nodiscard]] std::size_t opacity_offset(std::size_t page) const {
     return opacity_bytes_ > 0 ? values_offset(pages_[page].slots) : 0;
   }

@@ -65,7 +65,7 @@ class Drawing {
   std::unique_ptr<Rasterizer> rasterizer_;
 };
 
-/// Packs splats with these values of the opacity's attribute.
+/// Packs splats with these values of the opacity attribute.
 template <class Splat>
 DrawList list_of(const std::vector<Splat>& splats, std::vector<OpacityValue> values, double deviation_scale = 0) {
   DrawList list;

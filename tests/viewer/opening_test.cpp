@@ -272,7 +272,7 @@ TEST_F(SlowFiles, TheCameraThatShowsAllIsFoundAside) {
   EXPECT_TRUE(session->troubles().empty());
 }
 
-// The attribute that gives the opacity is read aside, too. Until it is there, the picture stays.
+// The opacity attribute is read aside, too. Until it is there, the picture stays.
 TEST_F(SlowFiles, OpacityByAnotherAttributeIsReadAside) {
   std::atomic<bool> stalls = false;
   std::atomic<int> waiting = 0;

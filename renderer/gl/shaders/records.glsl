@@ -16,7 +16,7 @@ struct Range {
   float mass_scale;       // of log codes, drawing units
   float deviation_scale;  //
   float value_scale;      // of log codes, stored values
-  float opacity_scale;    // the same of the values that give the opacity
+  float opacity_scale;    // the same of the opacity values
 };
 
 layout(std430, binding = 0) restrict readonly buffer ShapeBlock { uint shape_words[]; };
@@ -47,7 +47,7 @@ vec3 position_of(uint at, Range range) {
   return range.origin.xyz + rotate_to_view(range.step * vec3(biased - 1048576));
 }
 
-// Returns the factor on a splat's extinction: the mean over its values of the opacity's attribute.
+// Returns the factor on a splat's extinction: the mean over its values of the opacity attribute.
 float opacity_factor(uint number) {
   if (opacity_offset == 0u) return 1.0;
   uint at = opacity_offset + 2u * record_of(number), codes = value_words[at + 1u];
