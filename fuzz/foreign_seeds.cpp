@@ -188,6 +188,10 @@ std::string legacy_binary() {
 constexpr std::string_view gmsh_2 = R"($MeshFormat
 2.2 0 8
 $EndMeshFormat
+$PhysicalNames
+1
+2 1 "wall"
+$EndPhysicalNames
 $Nodes
 4
 1 0 0 0
@@ -230,6 +234,13 @@ $EndElementNodeData
 constexpr std::string_view gmsh_4 = R"($MeshFormat
 4.1 0 8
 $EndMeshFormat
+$Entities
+1 1 1 1
+1 0 0 0 0
+1 0 0 0 1 1 1 0 2 1 -1
+1 0 0 0 1 1 1 1 -5 1 1
+1 0 0 0 1 1 1 0 1 1
+$EndEntities
 $Nodes
 1 4 1 4
 3 1 0 4
@@ -243,9 +254,11 @@ $Nodes
 0 0 1
 $EndNodes
 $Elements
-1 1 1 1
+2 2 1 2
 3 1 4 1
 1 1 2 3 4
+2 1 2 1
+2 1 2 3
 $EndElements
 $ElementData
 1

@@ -7,7 +7,7 @@ using splatvol::fuzz::require;
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const fuzz::NamedBytes named(fuzz::bytes_of(data, size));
-  const auto file = read_gmsh(named.path());
+  const auto file = read_gmsh(named.path(), true);
   if (!file) return 0;
   require(file->node_tags.size() == file->points.size(), "a node has a position");
   require(file->elements.types.size() == file->elements.tags.size(), "an element has a tag");
@@ -17,6 +17,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     nodes += *gmsh_node_count(type);
   }
   require(nodes == file->elements.nodes.size(), "an element has its nodes");
+  for (const GmshGroup& group : file->groups)
+    for (const std::size_t element : group.elements)
+      require(element < file->elements.types.size(), "a group has elements of the file");
   for (const GmshView& view : file->views) {
     std::size_t values = view.tags.size();
     if (view.at == GmshView::At::element_nodes) {

@@ -13,6 +13,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const fuzz::NamedBytes mesh(bytes.first(cut)), values(bytes.subspan(std::min(bytes.size(), cut + 1)));
   VtkFile file{mesh.path(), VtkFile::Kind::su2};
   file.values = values.path();
+  file.patches = true;
   const auto sets = open_su2(file, {});
   if (sets) fuzz::require_ok((*sets)->next(), "a mesh that was read is there");
   return 0;

@@ -533,10 +533,12 @@ void add_format_options(CLI::App& app, Options& options) {
 }
 
 void add_boundary_options(CLI::App& app, Options& options) {
-  app.add_flag("--boundary", options.boundary,
-               "Keep the boundary of the mesh in the file, for scenes that draw it: the faces of one cell only, by the "
-               "patches of OpenFOAM, the side sets of Exodus, the boundary conditions of CGNS and the surface parts of "
-               "EnSight. All other faces are the patch \"outer\"");
+  app.add_flag(
+      "--boundary", options.boundary,
+      "Keep the boundary of the mesh in the file, for scenes that draw it: the faces of one cell only, by the "
+      "patches of OpenFOAM, the side sets of Exodus, the boundary conditions of CGNS, the surface parts of "
+      "EnSight, the physical groups of Gmsh and the markers of SU2. All other faces are the patch \"outer\", or "
+      "\"outer 1\", \"outer 2\", ... if they are not connected");
   app.add_option(
          "--boundary-triangles", options.boundary_triangles,
          fmt::format("Most triangles of the boundary: if it has more, it is simplified, and the result says how "

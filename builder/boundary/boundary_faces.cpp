@@ -77,15 +77,17 @@ Status BoundaryFaces::check_any() const {
 }
 
 std::uint32_t BoundaryFaces::number_of(const std::string& name) {
-  const auto found = std::ranges::find(names_, name);
-  if (found != names_.end()) return static_cast<std::uint32_t>(found - names_.begin());
-  names_.push_back(name);
-  counts_.push_back(0);
-  return static_cast<std::uint32_t>(names_.size() - 1);
+  const auto [number, is_new] = numbers_.try_emplace(name, static_cast<std::uint32_t>(names_.size()));
+  if (is_new) {
+    names_.push_back(name);
+    counts_.push_back(0);
+  }
+  return number->second;
 }
 
 Status BoundaryFaces::add_patch(const Patch& patch) {
   const std::uint32_t number = number_of(patch.name);
+  input_names_rest_ = input_names_rest_ || number == 0;
   std::vector<Face> faces;
   for (const auto& triangle : patch.mesh.triangles) {
     std::array<dvec3, 3> corners;

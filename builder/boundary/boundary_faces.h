@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -48,6 +49,9 @@ class BoundaryFaces {
   /// The patches so far, in the order in which they came; `rest_name` is the first, with or without faces.
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
 
+  /// Whether the input has a patch called `rest_name` so far. The rest belongs to it.
+  [[nodiscard]] bool input_names_rest() const { return input_names_rest_; }
+
   /// Box round all outer faces so far.
   [[nodiscard]] const Box& box() const { return box_; }
 
@@ -62,7 +66,9 @@ class BoundaryFaces {
 
   ExternalSorter faces_;
   std::vector<std::string> names_ = {rest_name};
-  std::vector<std::uint64_t> counts_ = {0};  // [patch]: triangles
+  std::map<std::string, std::uint32_t> numbers_ = {{rest_name, 0}};  // of names_
+  std::vector<std::uint64_t> counts_ = {0};                          // [patch]: triangles
+  bool input_names_rest_ = false;
   Box box_;
 };
 

@@ -11,11 +11,14 @@
 #include <numeric>
 #include <optional>
 #include <span>
+#include <tuple>
 #include <utility>
 
 #include "base/interruption.h"
+#include "builder/boundary/rest_parts.h"
 #include "builder/boundary/triangle_tree.h"
 #include "builder/boundary/welded_surface.h"
+#include "format/layout.h"
 
 namespace splatvol {
 namespace {
@@ -201,11 +204,35 @@ TriangleMesh make_mesh(const Surface& surface, std::span<const Triangle> triangl
   return mesh;
 }
 
-// Requires triangles that are grouped by their patches.
-std::vector<Patch> make_patches(const Surface& surface, const std::vector<std::string>& names) {
+// Splits the rest into parts. Returns the names of the patches; those of the parts come last.
+std::vector<std::string> split_rest_of(const BoundaryFaces& faces, Surface& surface) {
+  std::vector<std::string> names = faces.names();
+  // A part must not get the name of a patch that the input has.
+  if (faces.input_names_rest() || std::ranges::any_of(names, is_rest_part)) return names;
+  const std::size_t room = format::max_patches - std::min(names.size() - 1, format::max_patches);
+  const std::vector<std::string> parts = split_rest(surface.points, surface.triangles, std::min(room, most_rest_parts),
+                                                    static_cast<std::uint32_t>(names.size()), surface.patches);
+  names.insert(names.end(), parts.begin(), parts.end());
+  return names;
+}
+
+// Returns the patches of the input by their names, then the rest. `named`: number of the first part of the rest.
+std::vector<std::uint32_t> order_of_patches(std::span<const std::string> names, std::size_t named) {
+  std::vector<std::uint32_t> order(names.size());
+  std::iota(order.begin(), order.end(), 0u);
+  const auto rank = [&](std::uint32_t number) {
+    const bool is_rest = number == 0 || number >= named;
+    return std::tuple(is_rest, is_rest ? std::string() : names[number], number);
+  };
+  std::ranges::sort(order, {}, rank);
+  return order;
+}
+
+// Requires triangles that are grouped by their patches. `named`: number of the first part of the rest.
+std::vector<Patch> make_patches(const Surface& surface, std::span<const std::string> names, std::size_t named) {
   std::vector<Patch> patches;
   std::vector<std::uint32_t> numbers(surface.points.size(), none);
-  for (std::uint32_t number = 0; number < names.size(); ++number) {
+  for (const std::uint32_t number : order_of_patches(names, named)) {
     const auto begin = std::ranges::lower_bound(surface.patches, number) - surface.patches.begin();
     const auto end = std::ranges::upper_bound(surface.patches, number) - surface.patches.begin();
     if (number == 0 && begin == end && names.size() > 1) continue;
@@ -213,8 +240,6 @@ std::vector<Patch> make_patches(const Surface& surface, const std::vector<std::s
         std::span(surface.triangles).subspan(static_cast<std::size_t>(begin), static_cast<std::size_t>(end - begin));
     patches.push_back({names[number], make_mesh(surface, triangles, numbers)});
   }
-  const auto rank = [&](const Patch& patch) { return std::pair(patch.name == names.front(), patch.name); };
-  std::ranges::sort(patches, {}, rank);
   return patches;
 }
 
@@ -243,6 +268,7 @@ Result<Boundary> make_boundary(BoundaryFaces& faces, std::uint64_t most_held, st
       boundary.triangles = surface.triangles.size();
     }
   }
+  const std::vector<std::string> names = split_rest_of(faces, surface);
   group_by_patch(surface);
   SPLATVOL_TRY(check_interruption());
   boundary.error = moved;
@@ -257,7 +283,7 @@ Result<Boundary> make_boundary(BoundaryFaces& faces, std::uint64_t most_held, st
     SPLATVOL_TRY(check_interruption());
   }
   boundary.kept = surface.triangles.size();
-  boundary.patches = make_patches(surface, faces.names());
+  boundary.patches = make_patches(surface, names, faces.names().size());
   return boundary;
 }
 

@@ -60,7 +60,8 @@ struct MeshBuildOptions {
   std::function<void(const char* stage, double share)> progress = {};  // share of the stage that is done, in [0, 1]
 
   /// Most triangles of the mesh's boundary, which the file then holds: all faces that one cell has, as the patch
-  /// "outer", for scenes that draw it (SceneSurface::boundary). If there are more, they are simplified. 0: none.
+  /// "outer", for scenes that draw it (SceneSurface::boundary). Faces that are not connected are the patches "outer 1",
+  /// "outer 2", ..., the largest first. If there are more triangles, they are simplified. 0: none.
   std::uint64_t boundary_triangles = 0;
 };
 

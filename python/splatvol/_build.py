@@ -131,8 +131,9 @@ def build(
     stand for missing values. ``exact``: rounds nothing, but values to single precision unless they have it. ``strict``:
     fails if the file would not be the input as it is. ``memory``: bytes to hold besides the arrays; 0: a quarter of the
     machine's. ``temp_folder``: None: the output's folder. ``up``: "x", "y" or "z", upwards in pictures.
-    ``boundary_triangles``: most triangles of the mesh's boundary, kept as the patch "outer" for scenes that draw it; 0:
-    none. ``progress(stage, share)``: called now and then, with the share of the stage that is done.
+    ``boundary_triangles``: most triangles of the mesh's boundary, kept as the patch "outer" for scenes that draw it, or
+    as "outer 1", "outer 2", ..., the largest first, if it is not connected; 0: none. ``progress(stage, share)``:
+    called now and then, with the share of the stage that is done.
 
     Raises ``InvalidArgumentError`` or ``InvalidDataError`` if arrays do not fit each other, ``UnsupportedError`` for
     cells of other types, ``FileError`` if the disk refuses. Then, and after Ctrl-C, a file that was there stays.

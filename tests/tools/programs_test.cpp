@@ -624,6 +624,39 @@ TEST_F(Programs, PatchesThatAreNotThereAreRefused) {
                  "svbuild --boundary keeps it", "out");
 }
 
+// Two tetrahedra that do not touch, the larger one on the right.
+TEST_F(Programs, ConnectedPartsOfTheBoundaryAreDrawnByTheirNames) {
+  write("mesh.vtu",
+        R"(<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian"><UnstructuredGrid>
+<Piece NumberOfPoints="8" NumberOfCells="2"><PointData>
+<DataArray type="Float32" Name="heat" format="ascii">0 1 2 3 0 1 2 3</DataArray></PointData><Points>
+<DataArray type="Float64" NumberOfComponents="3" format="ascii">
+-0.5 0 0 -0.2 0 0 -0.5 0.3 0 -0.5 0 0.3 0.2 0 0 1.2 0 0 0.2 1 0 0.2 0 1</DataArray></Points>
+<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3 4 5 6 7</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">4 8</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">10 10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>)");
+  expect_success("svbuild " + path("mesh.vtu") + " --boundary -o " + path("v.svol"));
+  const Outcome info = run("svinfo --json " + path("v.svol"));
+  std::vector<std::string> names;
+  for (const json& patch : json::parse(info.out)["boundary"]["patches"]) names.push_back(patch["name"]);
+  EXPECT_THAT(names, testing::ElementsAre("outer 1", "outer 2"));
+  json text = small_scene;
+  std::vector<std::size_t> covered;
+  for (const char* name : {"outer 1", "outer 2", "outer*"}) {
+    text["surfaces"] = {{{"boundary", name}}};
+    write("s.json", text.dump());
+    expect_success("svrender " + path("v.svol") + " --scene " + path("s.json") + " --device cpu -o " + path("v.exr"));
+    expect_success("svtruth " + path("mesh.vtu") + " --scene " + path("s.json") + " -o " + path("t.exr"));
+    const auto opaque = [&](const std::string& file) {
+      return static_cast<std::size_t>(std::ranges::count(read_exr(path(file))->pixels, 1.0F, &vec4::a));
+    };
+    covered.push_back(opaque("v.exr"));
+    EXPECT_NEAR(static_cast<double>(covered.back()), static_cast<double>(opaque("t.exr")), 10) << name;
+  }
+  EXPECT_GT(covered[0], 4 * covered[1]);
+  EXPECT_EQ(covered[2], covered[0] + covered[1]);
+}
+
 TEST_F(RealData, OctantKernelHasTheErrorOfThePaper) {
   for (const auto& [name, low, high] : {std::tuple{"bluntfin", 0.03, 0.08}, std::tuple{"post", 0.02, 0.06}}) {
     expect_success("svbuild " + mesh(name) + " -o " + path("volume.svol"));

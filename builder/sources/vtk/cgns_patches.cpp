@@ -26,6 +26,12 @@ struct Element {
   std::string patch;
 };
 
+/// A section of polygons: the faces of polyhedra, most of them inside the zone.
+struct PolygonSection {
+  cgsize_t first = 0, last = 0;           // numbers of its polygons
+  std::vector<cgsize_t> points, offsets;  // points of polygon i: from offsets[i] to offsets[i + 1]
+};
+
 int vtk_type_of(CGNS_ENUMT(ElementType_t) type) {
   switch (type) {
     case CGNS_ENUMV(TRI_3):
@@ -61,7 +67,7 @@ class ZoneReader {
     for (int condition = 1; condition <= conditions; ++condition) read_condition(condition);
     for (auto& [number, element] : elements_) cells_[element.patch].push_back(std::move(element.cell));
     if (cells_.empty() || !read_points()) return;
-    for (auto& [patch, cells] : cells_) append(std::move(cells), patches[patch]);
+    for (auto& [patch, cells] : cells_) append_cells_of(points_, std::move(cells), patches[patch]);
   }
 
  private:
@@ -78,7 +84,7 @@ class ZoneReader {
     return count;
   }
 
-  /// Reads the sections of surface cells of one type, and the surface cells of mixed ones.
+  /// Reads the sections of surface cells of one type, the surface cells of mixed ones, and polygons.
   void read_sections() {
     int sections = 0;
     cg_nsections(file_, base_, zone_, &sections);
@@ -89,16 +95,21 @@ class ZoneReader {
       int border = 0, has_parents = 0;
       if (cg_section_read(file_, base_, zone_, section, name.data(), &type, &first, &last, &border, &has_parents) !=
               CG_OK ||
-          cg_ElementDataSize(file_, base_, zone_, section, &size) != CG_OK || last < first || size <= 0)
+          cg_ElementDataSize(file_, base_, zone_, section, &size) != CG_OK || first < 1 || last < first ||
+          last - first >= size || last == std::numeric_limits<cgsize_t>::max())
         continue;
-      const bool is_mixed = type == CGNS_ENUMV(MIXED);
-      if (!is_mixed && vtk_type_of(type) == VTK_EMPTY_CELL) continue;
+      const bool is_polygons = type == CGNS_ENUMV(NGON_n), has_offsets = is_polygons || type == CGNS_ENUMV(MIXED);
+      if (!has_offsets && vtk_type_of(type) == VTK_EMPTY_CELL) continue;
       std::vector<cgsize_t> points(static_cast<std::size_t>(size));
-      std::vector<cgsize_t> offsets(is_mixed ? static_cast<std::size_t>(last - first) + 2 : 0);
-      const int read = is_mixed
+      std::vector<cgsize_t> offsets(has_offsets ? static_cast<std::size_t>(last - first) + 2 : 0);
+      const int read = has_offsets
                            ? cg_poly_elements_read(file_, base_, zone_, section, points.data(), offsets.data(), nullptr)
                            : cg_elements_read(file_, base_, zone_, section, points.data(), nullptr);
-      if (read == CG_OK) add_elements(name.data(), type, first, points);
+      if (read != CG_OK) continue;
+      if (is_polygons)
+        polygons_.push_back({first, last, std::move(points), std::move(offsets)});
+      else
+        add_elements(name.data(), type, first, points);
     }
   }
 
@@ -152,14 +163,34 @@ class ZoneReader {
         set == CGNS_ENUMV(ElementRange) || set == CGNS_ENUMV(ElementList) || location == CGNS_ENUMV(FaceCenter);
     if (!of_elements) return;
     if (!is_range) {
-      for (const cgsize_t number : numbers)
-        if (const auto found = elements_.find(number); found != elements_.end()) found->second.patch = patch;
+      for (const cgsize_t number : numbers) assign(number, patch);
       return;
     }
     if (count != 2) return;
     const auto [low, high] = std::minmax(numbers[0], numbers[1]);
     for (auto at = elements_.lower_bound(low); at != elements_.end() && at->first <= high; ++at)
       at->second.patch = patch;
+    for (const PolygonSection& section : polygons_)
+      for (cgsize_t number = std::max(low, section.first); number <= std::min(high, section.last); ++number)
+        assign(number, patch);
+  }
+
+  /// Gives a surface cell to a patch. A polygon has none before.
+  void assign(cgsize_t number, const std::string& patch) {
+    if (const auto found = elements_.find(number); found != elements_.end()) {
+      found->second.patch = patch;
+      return;
+    }
+    for (const PolygonSection& section : polygons_) {
+      if (number < section.first || number > section.last) continue;
+      const auto index = static_cast<std::size_t>(number - section.first);
+      const cgsize_t begin = section.offsets[index], end = section.offsets[index + 1];
+      if (begin < 0 || end < begin || end - begin < 3 || static_cast<std::size_t>(end) > section.points.size())
+        continue;
+      Element& element = elements_[number] = {{VTK_POLYGON, {}}, patch};
+      for (cgsize_t at = begin; at < end; ++at)
+        element.cell.points.push_back(static_cast<std::uint32_t>(section.points[static_cast<std::size_t>(at)] - 1));
+    }
   }
 
   /// Adds the quadrilaterals between the points of a structured zone from one corner to another.
@@ -203,25 +234,11 @@ class ZoneReader {
     return true;
   }
 
-  /// Appends cells to a patch that may have cells of other zones, with the points that they name.
-  void append(std::vector<SurfaceCell> cells, TriangleMesh& patch) const {
-    std::map<std::uint32_t, std::uint32_t> numbers;
-    std::erase_if(cells, [&](const SurfaceCell& cell) {
-      return std::ranges::any_of(cell.points, [&](std::uint32_t point) { return point >= points_.size(); });
-    });
-    for (SurfaceCell& cell : cells)
-      for (std::uint32_t& point : cell.points) {
-        const auto [number, is_new] = numbers.try_emplace(point, static_cast<std::uint32_t>(patch.points.size()));
-        if (is_new) patch.points.push_back(points_[point]);
-        point = number->second;
-      }
-    append_cells(cells, patch);
-  }
-
   int file_, base_, zone_;
   CGNS_ENUMT(ZoneType_t) type_{};
   std::array<cgsize_t, 9> size_{};
-  std::map<cgsize_t, Element> elements_;                   // by their numbers
+  std::map<cgsize_t, Element> elements_;  // by their numbers; polygons of conditions only
+  std::vector<PolygonSection> polygons_;
   std::map<std::string, std::vector<SurfaceCell>> cells_;  // of each patch
   std::vector<dvec3> points_;
 };

@@ -5,7 +5,10 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
+#include <map>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -119,10 +122,19 @@ constexpr std::array<NodeCount, 36> node_counts = {
      {19, 13}, {20, 9},  {21, 10}, {22, 12}, {23, 15}, {24, 15}, {25, 21}, {26, 4},  {27, 5},
      {28, 6},  {29, 20}, {30, 35}, {31, 56}, {36, 16}, {37, 25}, {38, 36}, {92, 64}, {93, 125}}};
 
+constexpr bool is_surface(int type) {
+  return type == 2 || type == 3 || type == 9 || type == 10 || type == 16 || (type >= 20 && type <= 25) ||
+         (type >= 36 && type <= 38);
+}
+
+/// Bounds the memory: every face of a surface is in each of its groups.
+constexpr std::uint64_t most_groups = 64;
+
 /// Reads the sections of a file.
 class GmshReader {
  public:
-  GmshReader(const std::string& path, std::string_view bytes) : path_(path), in_(bytes) {}
+  GmshReader(const std::string& path, std::string_view bytes, bool groups)
+      : path_(path), in_(bytes), wants_groups_(groups) {}
 
   Result<GmshFile> read() {
     SPLATVOL_TRY(read_format());
@@ -135,6 +147,7 @@ class GmshReader {
       if (in_.failed())
         return fail(ErrorCode::invalid_data, "{}: the section ${} is damaged or cut off", path_, section.substr(1, 40));
     }
+    name_groups();
     return std::move(file_);
   }
 
@@ -166,6 +179,10 @@ class GmshReader {
       version_ == 2.2 ? read_nodes_2() : read_nodes_4();
     } else if (name == "Elements") {
       SPLATVOL_TRY(version_ == 2.2 ? read_elements_2() : read_elements_4());
+    } else if (name == "PhysicalNames" && wants_groups_) {
+      read_names();
+    } else if (name == "Entities" && wants_groups_) {
+      SPLATVOL_TRY(read_entities());
     } else if (name == "NodeData") {
       read_view(GmshView::At::nodes);
     } else if (name == "ElementData") {
@@ -178,6 +195,58 @@ class GmshReader {
     }
     if (!in_.failed()) in_.end(name);
     return {};
+  }
+
+  /// Reads the names of physical groups. They are text in binary files too.
+  void read_names() {
+    const auto count = in_.text<std::uint64_t>();
+    for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) {
+      const int dimension = in_.text<int>();
+      const auto tag = in_.text<std::int64_t>();
+      const std::string name = in_.quoted();
+      if (dimension == 2 && !name.empty()) group_names_.try_emplace(tag, name);
+    }
+  }
+
+  /// Reads the physical groups of surfaces.
+  Status read_entities() {
+    std::array<std::uint64_t, 4> counts{};  // [dimension]
+    for (std::uint64_t& count : counts) count = in_.count<std::uint64_t>(4);
+    for (std::size_t dimension = 0; dimension < counts.size(); ++dimension)
+      for (std::uint64_t i = 0; i < counts[dimension] && !in_.failed(); ++i) {
+        const int tag = in_.number<int>();
+        for (int number = dimension == 0 ? 3 : 6; number > 0; --number) in_.number<double>();  // its box
+        std::vector<std::int64_t> groups;
+        const std::uint64_t count = in_.count<std::uint64_t>(2);
+        // The sign tells which way round the surface is.
+        for (std::uint64_t g = 0; g < count && !in_.failed(); ++g)
+          groups.push_back(std::abs(std::int64_t{in_.number<int>()}));
+        const std::uint64_t borders = dimension == 0 ? 0 : in_.count<std::uint64_t>(2);
+        for (std::uint64_t b = 0; b < borders && !in_.failed(); ++b) in_.number<int>();
+        if (dimension != 2) continue;
+        std::ranges::sort(groups);
+        groups.erase(std::ranges::unique(groups).begin(), groups.end());
+        if (groups.size() > most_groups)
+          return fail(ErrorCode::unsupported, "{}: surface {} is in {} physical groups; {} is the limit", path_, tag,
+                      groups.size(), most_groups);
+        groups_of_surface_[tag] = std::move(groups);
+      }
+    return {};
+  }
+
+  /// Notes that the last element is in some physical groups.
+  void add_to_groups(std::span<const std::int64_t> groups) {
+    for (const std::int64_t group : groups) elements_of_group_[group].push_back(file_.elements.types.size() - 1);
+  }
+
+  void name_groups() {
+    std::map<std::string, std::vector<std::size_t>> by_name;
+    for (auto& [tag, elements] : elements_of_group_) {
+      const auto name = group_names_.find(tag);
+      auto& all = by_name[name == group_names_.end() ? fmt::format("physical surface {}", tag) : name->second];
+      all.insert(all.end(), elements.begin(), elements.end());
+    }
+    for (auto& [name, elements] : by_name) file_.groups.push_back({name, std::move(elements)});
   }
 
   void read_point() {
@@ -246,8 +315,13 @@ class GmshReader {
       if (count == 0 || count > left || tags < 0) in_.fail();
       for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) {
         const std::int32_t tag = in_.binary() ? in_.number<std::int32_t>() : first;
-        for (std::int32_t t = 0; t < tags && !in_.failed(); ++t) in_.number<std::int32_t>();
+        std::int64_t group = 0;  // the first tag; 0: none
+        for (std::int32_t t = 0; t < tags && !in_.failed(); ++t) {
+          const auto number = in_.number<std::int32_t>();
+          if (t == 0) group = std::abs(std::int64_t{number});
+        }
         read_element<std::int32_t>(type, static_cast<std::uint64_t>(tag), *nodes);
+        if (wants_groups_ && group != 0 && is_surface(type)) add_to_groups(std::array{group});
       }
       left -= std::min(count, left);
     }
@@ -258,16 +332,20 @@ class GmshReader {
     const std::uint64_t blocks = in_.count<std::uint64_t>(4);
     for (int i = 0; i < 3; ++i) in_.number<std::uint64_t>();
     for (std::uint64_t b = 0; b < blocks && !in_.failed(); ++b) {
-      in_.number<int>();
-      in_.number<int>();
+      const int dimension = in_.number<int>(), entity = in_.number<int>();
       const int type = in_.number<int>();
       const std::uint64_t count = in_.count<std::uint64_t>(4);
       const auto nodes = gmsh_node_count(type);
       if (in_.failed()) break;
       if (!nodes) return fail_type(type);
+      std::span<const std::int64_t> groups;
+      if (const auto found = groups_of_surface_.find(entity);
+          dimension == 2 && is_surface(type) && found != groups_of_surface_.end())
+        groups = found->second;
       for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) {
         const auto tag = in_.number<std::uint64_t>();
         read_element<std::uint64_t>(type, tag, *nodes);
+        add_to_groups(groups);
       }
     }
     return {};
@@ -315,7 +393,11 @@ class GmshReader {
 
   const std::string& path_;
   Scanner in_;
+  bool wants_groups_;
   double version_ = 0;
+  std::map<std::int64_t, std::string> group_names_;                     // of surfaces, by their tags
+  std::map<std::int64_t, std::vector<std::size_t>> elements_of_group_;  // by the group's tag
+  std::map<int, std::vector<std::int64_t>> groups_of_surface_;          // version 4.1: by the surface's tag
   GmshFile file_;
 };
 
@@ -326,10 +408,10 @@ std::optional<std::size_t> gmsh_node_count(int type) {
   return found == node_counts.end() ? std::nullopt : std::optional(found->nodes);
 }
 
-Result<GmshFile> read_gmsh(const std::string& path) {
+Result<GmshFile> read_gmsh(const std::string& path, bool groups) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   SPLATVOL_TRY_ASSIGN(bytes, read_text(*file, 0, file->size()));
-  return GmshReader(path, bytes).read();
+  return GmshReader(path, bytes, groups).read();
 }
 
 }  // namespace splatvol

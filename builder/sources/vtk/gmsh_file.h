@@ -30,20 +30,29 @@ struct GmshElements {
   std::vector<std::uint64_t> nodes;  // tags, of one element after the other
 };
 
-/// A file of version 2.2 or 4.1, ascii or binary. Physical groups, entities and periodic links are left out.
+/// A physical group of surfaces.
+struct GmshGroup {
+  std::string name;
+  std::vector<std::size_t> elements;  // surface elements, by their indices in GmshElements
+};
+
+/// A file of version 2.2 or 4.1, ascii or binary. Periodic links, partitions, and physical groups of other dimensions
+/// are left out.
 struct GmshFile {
   std::vector<std::uint64_t> node_tags;
   std::vector<dvec3> points;
   GmshElements elements;
   std::vector<GmshView> views;
-  bool may_repeat = false;  // version 2.2 repeats an element for each of its physical groups
+  std::vector<GmshGroup> groups;  // by their names, each with an element at least; only if they are asked for
+  bool may_repeat = false;        // version 2.2 repeats an element for each of its physical groups
 };
 
 /// Number of nodes of an element type; empty for types that are not known.
 [[nodiscard]] std::optional<std::size_t> gmsh_node_count(int type);
 
-/// Reads a file. Fails if it is damaged or cut off, or of another version. Safe on untrusted bytes: allocates no more
-/// than a multiple of them.
-[[nodiscard]] Result<GmshFile> read_gmsh(const std::string& path);
+/// Reads a file. `groups`: the physical groups are wanted, too. Those of one name are one group; one without a name is
+/// called "physical surface" and its number. Fails if the file is damaged or cut off, or of another version, and if a
+/// surface is in more than 64 physical groups. Safe on untrusted bytes: allocates no more than a multiple of them.
+[[nodiscard]] Result<GmshFile> read_gmsh(const std::string& path, bool groups);
 
 }  // namespace splatvol

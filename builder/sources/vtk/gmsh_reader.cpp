@@ -13,6 +13,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <tuple>
 #include <unordered_map>
@@ -22,6 +23,7 @@
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/gmsh_file.h"
 #include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/patch.h"
 #include "builder/sources/vtk/single_data_set.h"
 
 namespace splatvol {
@@ -60,6 +62,15 @@ constexpr std::array element_kinds = {
     ElementKind{19, 27, {0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12}, 13},
     ElementKind{14, 27, {0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12}, 13},  // without the middle of its base
 };
+
+/// A surface element of order 2, as a type of VTK's cells with the same order of nodes.
+struct QuadraticFace {
+  int gmsh_type;
+  int vtk_type;
+  std::size_t nodes;
+};
+constexpr std::array<QuadraticFace, 3> quadratic_faces = {
+    {{9, VTK_QUADRATIC_TRIANGLE, 6}, {16, VTK_QUADRATIC_QUAD, 8}, {10, VTK_BIQUADRATIC_QUAD, 9}}};
 
 constexpr bool is_line(int type) { return type == 8 || (type >= 26 && type <= 28); }
 constexpr bool is_quadrilateral(int type) { return type == 10 || type == 16 || (type >= 36 && type <= 38); }
@@ -125,7 +136,34 @@ class GridMaker {
 
   [[nodiscard]] vtkSmartPointer<vtkUnstructuredGrid> grid() const { return grid_; }
 
+  /// The physical groups of surfaces.
+  [[nodiscard]] std::vector<Patch> patches() const {
+    if (!file_.groups.empty() && file_.points.size() > std::numeric_limits<std::uint32_t>::max())
+      throw ReaderError("a mesh of more than 2^32 - 1 nodes");
+    std::vector<Patch> patches;
+    for (const GmshGroup& group : file_.groups) {
+      std::vector<SurfaceCell> cells;
+      for (const std::size_t element : group.elements) cells.push_back(face_of(element));
+      append_cells_of(file_.points, std::move(cells), patches.emplace_back(Patch{group.name, {}}).mesh);
+    }
+    return patches;
+  }
+
  private:
+  /// A surface element as the face of a cell, with the nodes that cells have there.
+  [[nodiscard]] SurfaceCell face_of(std::size_t element) const {
+    const int type = file_.elements.types[element];
+    const auto* quadratic = std::ranges::find(quadratic_faces, type, &QuadraticFace::gmsh_type);
+    const ElementKind* linear = find_kind(type);  // not null: it has no volume
+    SurfaceCell cell{linear->vtk_type, {}};
+    std::size_t nodes = linear->nodes;
+    if (quadratic != quadratic_faces.end()) cell.vtk_type = quadratic->vtk_type, nodes = quadratic->nodes;
+    for (std::size_t n = 0; n < nodes; ++n)
+      cell.points.push_back(
+          static_cast<std::uint32_t>(nodes_.find(file_.elements.nodes[first_node_[element] + n], "node")));
+    return cell;
+  }
+
   /// Finds the elements with the nodes of an element before them.
   [[nodiscard]] std::vector<bool> find_repeated() const {
     const GmshElements& elements = file_.elements;
@@ -253,10 +291,11 @@ bool is_superseded(const GmshFile& file, std::size_t index, double time) {
 
 Result<std::unique_ptr<VtkDataSets>> open_gmsh(const VtkFile& file, const std::vector<std::string>& selection,
                                                std::optional<double> time) {
-  SPLATVOL_TRY_ASSIGN(gmsh, read_gmsh(file.path));
+  SPLATVOL_TRY_ASSIGN(gmsh, read_gmsh(file.path, file.patches));
   if (gmsh.points.empty()) return fail(ErrorCode::invalid_data, "{}: no nodes in it, so no mesh", file.path);
   const std::optional<TimeStep> step = choose_step(gmsh, time);
   vtkSmartPointer<vtkDataSet> data;
+  std::vector<Patch> patches;
   SPLATVOL_TRY(run_vtk(file.path, [&] {
     GridMaker maker(gmsh);
     for (std::size_t i = 0; i < gmsh.views.size(); ++i) {
@@ -264,8 +303,9 @@ Result<std::unique_ptr<VtkDataSets>> open_gmsh(const VtkFile& file, const std::v
       if (used) maker.add_view(gmsh.views[i]);
     }
     data = maker.grid();
+    patches = maker.patches();
   }));
-  return std::make_unique<SingleDataSet>(file.path, data, step);
+  return std::make_unique<SingleDataSet>(file.path, data, step, std::move(patches));
 }
 
 }  // namespace splatvol

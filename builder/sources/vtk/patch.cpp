@@ -99,6 +99,20 @@ void append_cells(std::span<const SurfaceCell> cells, TriangleMesh& mesh) {
     if (!is_usable_position(point)) point = dvec3(0);
 }
 
+void append_cells_of(std::span<const dvec3> points, std::vector<SurfaceCell> cells, TriangleMesh& mesh) {
+  std::erase_if(cells, [&](const SurfaceCell& cell) {
+    return std::ranges::any_of(cell.points, [&](std::uint32_t point) { return point >= points.size(); });
+  });
+  std::unordered_map<std::uint32_t, std::uint32_t> numbers;
+  for (SurfaceCell& cell : cells)
+    for (std::uint32_t& point : cell.points) {
+      const auto [number, is_new] = numbers.try_emplace(point, static_cast<std::uint32_t>(mesh.points.size()));
+      if (is_new) mesh.points.push_back(points[point]);
+      point = number->second;
+    }
+  append_cells(cells, mesh);
+}
+
 void append_surface_cells(vtkDataSet& data, TriangleMesh& mesh) {
   NamedPoints named(data, mesh);
   const vtkNew<vtkIdList> ids;

@@ -23,6 +23,10 @@ struct SurfaceCell {
 /// positions become 0. Requires indices in range.
 void append_cells(std::span<const SurfaceCell> cells, TriangleMesh& mesh);
 
+/// Appends cells, with those of `points` that they name. `mesh` may have other cells, with points of their own. Cells
+/// that name points which are not there are left out.
+void append_cells_of(std::span<const dvec3> points, std::vector<SurfaceCell> cells, TriangleMesh& mesh);
+
 /// Appends the surface cells of a data set, with their points. Cells that name points which are not there are left out.
 /// Call it inside run_vtk. Throws if there are too many points.
 void append_surface_cells(vtkDataSet& data, TriangleMesh& mesh);

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "builder/sources/vtk/data_sets.h"
 
@@ -15,18 +16,21 @@ namespace splatvol {
 /// One data set that is in memory.
 class SingleDataSet final : public VtkDataSets {
  public:
-  SingleDataSet(std::string path, vtkSmartPointer<vtkDataSet> data, std::optional<TimeStep> step)
-      : path_(std::move(path)), data_(std::move(data)), step_(std::move(step)) {}
+  SingleDataSet(std::string path, vtkSmartPointer<vtkDataSet> data, std::optional<TimeStep> step,
+                std::vector<Patch> patches = {})
+      : path_(std::move(path)), data_(std::move(data)), step_(std::move(step)), patches_(std::move(patches)) {}
 
   std::size_t count() const override { return 1; }
   const std::string& path() const override { return path_; }
   std::optional<TimeStep> time_step() const override { return step_; }
+  std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
   Result<vtkSmartPointer<vtkDataSet>> next() override { return std::exchange(data_, nullptr); }
 
  private:
   std::string path_;
   vtkSmartPointer<vtkDataSet> data_;
   std::optional<TimeStep> step_;
+  std::vector<Patch> patches_;
 };
 
 }  // namespace splatvol

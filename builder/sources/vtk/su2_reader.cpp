@@ -14,6 +14,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <map>
 #include <string_view>
 #include <utility>
 
@@ -21,6 +22,7 @@
 #include "builder/sources/csv_source.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/patch.h"
 #include "builder/sources/vtk/single_data_set.h"
 
 namespace splatvol {
@@ -31,9 +33,16 @@ struct Su2Cell {
   std::array<std::uint64_t, 8> nodes;
 };
 
+/// A face of a marker: a triangle, or a quadrilateral.
+struct Su2Face {
+  int vtk_type;
+  std::array<std::uint64_t, 4> nodes;
+};
+
 struct Su2Mesh {
   std::vector<dvec3> points;
   std::vector<Su2Cell> cells;
+  std::map<std::string, std::vector<Su2Face>> markers;  // by their names
 };
 
 /// SU2 uses VTK's numbers and orders.
@@ -51,6 +60,8 @@ constexpr std::size_t corners_of(int vtk_type) {
       return 0;
   }
 }
+
+constexpr std::size_t corners_of_face(int vtk_type) { return vtk_type == 5 ? 3 : vtk_type == 9 ? 4 : 0; }
 
 /// Numbers of a line.
 class Words {
@@ -73,7 +84,9 @@ class Words {
 
 class Su2Reader {
  public:
-  Su2Reader(const std::string& path, std::string_view text) : path_(path), text_(text) {}
+  /// `markers`: they are wanted.
+  Su2Reader(const std::string& path, std::string_view text, bool markers)
+      : path_(path), text_(text), wants_markers_(markers) {}
 
   Result<Su2Mesh> read() {
     std::string_view line;
@@ -94,6 +107,7 @@ class Su2Reader {
         if (cell.nodes[i] >= mesh_.points.size())
           return fail(ErrorCode::invalid_data, "{}: a cell names point {} of {}", path_, cell.nodes[i],
                       mesh_.points.size());
+    SPLATVOL_TRY(check_markers());
     return std::move(mesh_);
   }
 
@@ -128,6 +142,9 @@ class Su2Reader {
     if (key == "NDIME" && !words.next(dimension_)) return fail_line("no number");
     if (key == "NELEM") return read_cells(words);
     if (key == "NPOIN") return read_points(words);
+    if (wants_markers_ && key == "NMARK" && !words.next(markers_)) return fail_line("no number");
+    if (wants_markers_ && key == "MARKER_TAG") return read_tag(value);
+    if (wants_markers_ && key == "MARKER_ELEMS") return read_marker(words);
     if (key == "MARKER_ELEMS" || key == "NCORNERS") return skip_lines(words);
     return {};
   }
@@ -144,6 +161,46 @@ class Su2Reader {
     std::string_view line;
     for (std::uint64_t i = 0; i < count; ++i)
       if (!next_line(line) || line.find('=') != std::string_view::npos) return fail_line("too short a list");
+    return {};
+  }
+
+  Status read_tag(std::string_view tag) {
+    while (!tag.empty() && std::isspace(static_cast<unsigned char>(tag.front())) != 0) tag.remove_prefix(1);
+    if (tag.empty()) return fail_line("a marker without a name");
+    tag_ = tag;
+    return {};
+  }
+
+  /// Reads the faces of the marker that was named last. Nodes and lines, which other lists have, are no faces.
+  Status read_marker(Words& words) {
+    std::uint64_t count = 0;
+    SPLATVOL_TRY(read_count(words, count));
+    if (tag_.empty()) return fail_line("a marker without a name");
+    std::vector<Su2Face>& faces = mesh_.markers[std::exchange(tag_, {})];
+    ++markers_read_;
+    std::string_view line;
+    for (std::uint64_t i = 0; i < count; ++i) {
+      if (!next_line(line) || line.find('=') != std::string_view::npos) return fail_line("too short a list");
+      Words numbers(line);
+      Su2Face face{};
+      if (!numbers.next(face.vtk_type)) return fail_line("no face");
+      for (std::size_t c = 0; c < corners_of_face(face.vtk_type); ++c)
+        if (!numbers.next(face.nodes[c])) return fail_line("no face");
+      if (corners_of_face(face.vtk_type) > 0) faces.push_back(face);
+    }
+    return {};
+  }
+
+  [[nodiscard]] Status check_markers() const {
+    if (markers_read_ < markers_)
+      return fail(ErrorCode::invalid_data, "{}: cut off: {} of its {} markers are there", path_, markers_read_,
+                  markers_);
+    for (const auto& [name, faces] : mesh_.markers)
+      for (const Su2Face& face : faces)
+        for (std::size_t c = 0; c < corners_of_face(face.vtk_type); ++c)
+          if (face.nodes[c] >= mesh_.points.size())
+            return fail(ErrorCode::invalid_data, "{}: the marker \"{}\" names point {} of {}", path_, name,
+                        face.nodes[c], mesh_.points.size());
     return {};
   }
 
@@ -197,6 +254,10 @@ class Su2Reader {
   int dimension_ = 0;
   bool has_points_ = false;
   bool has_cells_ = false;
+  bool wants_markers_;
+  std::uint64_t markers_ = 0;  // that the file declares
+  std::uint64_t markers_read_ = 0;
+  std::string tag_;  // of the marker that comes next
   Su2Mesh mesh_;
 };
 
@@ -215,6 +276,22 @@ vtkSmartPointer<vtkUnstructuredGrid> make_grid(const Su2Mesh& mesh) {
     grid->InsertNextCell(cell.vtk_type, static_cast<vtkIdType>(corners_of(cell.vtk_type)), nodes.data());
   }
   return grid;
+}
+
+/// Markers without faces are no patches.
+std::vector<Patch> make_patches(const Su2Mesh& mesh) {
+  std::vector<Patch> patches;
+  for (const auto& [name, faces] : mesh.markers) {
+    if (faces.empty()) continue;
+    std::vector<SurfaceCell> cells;
+    for (const Su2Face& face : faces) {
+      SurfaceCell& cell = cells.emplace_back(SurfaceCell{face.vtk_type, {}});
+      for (std::size_t c = 0; c < corners_of_face(face.vtk_type); ++c)
+        cell.points.push_back(static_cast<std::uint32_t>(face.nodes[c]));
+    }
+    append_cells_of(mesh.points, std::move(cells), patches.emplace_back(Patch{name, {}}).mesh);
+  }
+  return patches;
 }
 
 /// The largest distance of a position that was written with seven digits from the original.
@@ -264,7 +341,7 @@ Status add_values(const VtkFile& file, const Su2Mesh& mesh, const std::vector<st
 Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file, const std::vector<std::string>& selection) {
   SPLATVOL_TRY_ASSIGN(bytes, open_file(file.path));
   SPLATVOL_TRY_ASSIGN(text, read_text(*bytes, 0, bytes->size()));
-  SPLATVOL_TRY_ASSIGN(mesh, Su2Reader(file.path, text).read());
+  SPLATVOL_TRY_ASSIGN(mesh, Su2Reader(file.path, text, file.patches).read());
   if (file.values.empty())
     return fail(
         ErrorCode::invalid_data,
@@ -279,7 +356,7 @@ Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file, const std::ve
     data = grid;
   }));
   SPLATVOL_TRY(added);
-  return std::make_unique<SingleDataSet>(file.path, data, std::nullopt);
+  return std::make_unique<SingleDataSet>(file.path, data, std::nullopt, make_patches(mesh));
 }
 
 }  // namespace splatvol

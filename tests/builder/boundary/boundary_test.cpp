@@ -10,10 +10,12 @@
 
 #include "base/file.h"
 #include "builder/boundary/boundary_faces.h"
+#include "builder/boundary/rest_parts.h"
 #include "builder/boundary/simplify.h"
 #include "builder/boundary/triangle_tree.h"
 #include "builder/boundary/welded_surface.h"
 #include "builder/build.h"
+#include "format/boundary.h"
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
@@ -21,8 +23,10 @@
 namespace splatvol {
 namespace {
 
+using ::testing::_;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Pair;
 
 Piece piece_of(const test::Mesh& mesh) {
   Piece piece;
@@ -137,6 +141,7 @@ TEST(BoundaryOfMeshes, HangingNodesAreInside) {
   const auto right = test::lattice(4, [](dvec3 p) { return p + dvec3(1, 0, 0); });
   const Boundary boundary = whole({piece_of(test::lattice(2)), piece_of(right)});
   EXPECT_EQ(boundary.triangles, 5u * 8 + 5u * 32);
+  EXPECT_EQ(boundary.patches.size(), 1u) << "and the others stay connected";
   for (const auto& [a, b, c] : boundary.patches[0].mesh.triangles) {
     const auto& points = boundary.patches[0].mesh.points;
     EXPECT_FALSE(points[a].x == 1 && points[b].x == 1 && points[c].x == 1);
@@ -201,6 +206,147 @@ TEST(BoundaryOfMeshes, APatchWithADamagedPointChangesNothing) {
   piece.patches[0].mesh.points.push_back(dvec3(1e30));
   piece.patches[0].mesh.triangles.push_back({0, 1, static_cast<std::uint32_t>(mesh.points.size())});
   EXPECT_EQ(whole({piece}).triangles, 48u);
+}
+
+// The names and numbers of triangles of the patches, in their order.
+std::vector<std::pair<std::string, std::size_t>> sizes_of(const Boundary& boundary) {
+  std::vector<std::pair<std::string, std::size_t>> sizes;
+  for (const Patch& patch : boundary.patches) sizes.emplace_back(patch.name, patch.mesh.triangles.size());
+  return sizes;
+}
+
+// A lattice without the cubes that lie in a box.
+test::Mesh hollow(std::uint32_t cells, const Box& body) {
+  test::Mesh mesh = test::lattice(cells);
+  std::erase_if(mesh.tetrahedra, [&](const auto& tetrahedron) {
+    dvec3 middle(0);
+    for (const std::uint32_t corner : tetrahedron) middle += mesh.points[corner] / 4.0;
+    return squared_distance(body, middle) == 0;
+  });
+  return mesh;
+}
+
+// Cubes of one cell with edges of 0.1, at some places.
+Piece cubes_at(const std::vector<dvec3>& places) {
+  test::Mesh mesh;
+  for (const dvec3& place : places) {
+    const auto first = static_cast<std::uint32_t>(mesh.points.size());
+    const test::Mesh cube = test::lattice(1, [&](dvec3 p) { return place + 0.1 * p; });
+    mesh.points.insert(mesh.points.end(), cube.points.begin(), cube.points.end());
+    for (auto tetrahedron : cube.tetrahedra) {
+      for (std::uint32_t& corner : tetrahedron) corner += first;
+      mesh.tetrahedra.push_back(tetrahedron);
+    }
+  }
+  return piece_of(mesh);
+}
+
+TEST(ConnectedParts, ABodyIsApartFromTheHullRoundIt) {
+  const Boundary boundary = whole({piece_of(hollow(6, {dvec3(0.35), dvec3(0.65)}))});
+  EXPECT_THAT(sizes_of(boundary), ElementsAre(Pair("outer 1", 6u * 72), Pair("outer 2", 6u * 8)));
+  EXPECT_EQ(boundary.patches[1].mesh.points.size(), 26u);
+  EXPECT_EQ(open_edges(boundary), 0u);
+  EXPECT_NEAR(volume_6(boundary), 6 * (1 - 1.0 / 27), 1e-12);
+  const Boundary touching = whole({piece_of(hollow(6, {dvec3(0.35, 0.35, 0), dvec3(0.65)}))});
+  EXPECT_THAT(sizes_of(touching), ElementsAre(Pair("outer", touching.triangles)));
+}
+
+TEST(ConnectedParts, AreInTheOrderOfTheirSizesThenOfTheirPlaces) {
+  // Rounding moves the corners of some.
+  const std::vector<dvec3> places = {{0.3, 0.7, 0.2}, {0.1 + 0.2, 0.2, 0.2}, {0.3, 0.2, 0.7}};
+  std::vector<Piece> pieces = {cubes_at(places), piece_of(test::lattice(1, [](dvec3 p) { return 2.0 * p + 3.0; }))};
+  const Boundary boundary = whole(pieces);
+  EXPECT_THAT(sizes_of(boundary),
+              ElementsAre(Pair("outer 1", 12u), Pair("outer 2", 12u), Pair("outer 3", 12u), Pair("outer 4", 12u)));
+  const auto low = [&](const Boundary& from, std::size_t part) {
+    Box box;
+    for (const dvec3& p : from.patches[part].mesh.points) box.include(p);
+    return box.low;
+  };
+  const std::vector<dvec3> expected = {dvec3(3), {0.3, 0.2, 0.2}, {0.3, 0.2, 0.7}, {0.3, 0.7, 0.2}};
+  for (std::size_t part = 0; part < expected.size(); ++part)
+    EXPECT_LT(glm::distance(low(boundary, part), expected[part]), 1e-9) << part;
+  std::ranges::reverse(pieces);
+  const Boundary other = whole(pieces);
+  for (std::size_t part = 0; part < expected.size(); ++part) {
+    EXPECT_EQ(other.patches[part].name, boundary.patches[part].name);
+    EXPECT_TRUE(other.patches[part].mesh.points == boundary.patches[part].mesh.points) << part;
+  }
+}
+
+TEST(ConnectedParts, BeyondALimitAreOnePatch) {
+  std::vector<dvec3> places;
+  for (int i = 0; i < 32; ++i) places.emplace_back(i, 0, 0);
+  std::vector<std::string> names;
+  for (const auto& [name, triangles] : sizes_of(whole({cubes_at(places)}))) names.push_back(name);
+  ASSERT_EQ(names.size(), most_rest_parts);
+  EXPECT_EQ(names[0], "outer 1");
+  EXPECT_EQ(names[9], "outer 10") << "in the order of their numbers";
+  EXPECT_EQ(names[31], "outer 32");
+  const Boundary boundary =
+      whole({piece_of(test::lattice(3, [](dvec3 p) { return 5.0 * p; })), piece_of(test::random_tetrahedra(2000))});
+  const auto sizes = sizes_of(boundary);
+  ASSERT_EQ(sizes.size(), most_rest_parts);
+  EXPECT_EQ(sizes.front(), std::pair(std::string("outer 1"), std::size_t{108}));
+  EXPECT_EQ(sizes[30], std::pair(std::string("outer 31"), std::size_t{4}));
+  EXPECT_EQ(sizes.back(), std::pair(std::string("outer rest"), std::size_t{4 * 1970}));
+}
+
+// All faces of a patch stay together, and the rest does not get a name that the input uses.
+TEST(ConnectedParts, LeaveTheInputsPatchesAsTheyAre) {
+  const test::Mesh mesh = hollow(6, {dvec3(0.35), dvec3(0.65)});
+  const auto with = [&](const std::vector<std::string>& names) {
+    Piece piece = piece_of(mesh);
+    for (const std::string& name : names) piece.patches.push_back({name, {}});
+    // Two sides that do not touch.
+    for (const double x : {0.0, 1.0}) piece.patches.push_back(patch_at(names[0], mesh, 0, x));
+    return sizes_of(whole({piece}));
+  };
+  EXPECT_THAT(with({"sides"}), ElementsAre(Pair("sides", 144u), Pair("outer 1", 288u), Pair("outer 2", 48u)));
+  EXPECT_THAT(with({"sides", "outer 2"}), ElementsAre(Pair("outer 2", 0u), Pair("sides", 144u), Pair("outer", 336u)));
+  EXPECT_THAT(with({"sides", "outer rest"}),
+              ElementsAre(Pair("outer rest", 0u), Pair("sides", 144u), Pair("outer", 336u)));
+  EXPECT_THAT(with({"outer"}), ElementsAre(Pair("outer", 480u))) << "the rest belongs to it";
+  EXPECT_THAT(with({"outer 99"}), ElementsAre(Pair("outer 99", 144u), Pair("outer 1", 288u), Pair("outer 2", 48u)));
+}
+
+// A file holds 4096 patches.
+TEST(ConnectedParts, FitBesideThePatchesOfTheInput) {
+  Piece piece = cubes_at({{0, 0, 0}, {1, 0, 0}, {2, 0, 0}});
+  for (int i = 0; i < 4094; ++i) piece.patches.push_back({fmt::format("patch {}", i), {}});
+  Boundary boundary = whole({piece});
+  EXPECT_EQ(boundary.patches.size(), 4096u);
+  EXPECT_EQ(boundary.patches[4095].name, "outer rest");
+  EXPECT_EQ(boundary.patches[4095].mesh.triangles.size(), 24u);
+  piece.patches.push_back({"another", {}});
+  boundary = whole({piece});
+  EXPECT_EQ(boundary.patches.size(), 4096u);
+  EXPECT_EQ(boundary.patches[4095].name, "outer");
+}
+
+// Too many triangles to hold: their points are joined first.
+TEST(ConnectedParts, AreThoseOfTheJoinedSurface) {
+  BoundaryFaces faces = faces_of({piece_of(ball(20)), piece_of(test::lattice(20, [](dvec3 p) { return p + 1.5; }))});
+  WeldedSurface welded(faces.box(), 1000);
+  ASSERT_TRUE(faces.visit([&](const BoundaryTriangle& triangle) { return welded.add(triangle); }));
+  ASSERT_GT(welded.moved(), 0);
+  std::vector<std::uint32_t> patches = welded.patches();
+  EXPECT_THAT(split_rest(welded.points(), welded.triangles(), most_rest_parts, 1, patches),
+              ElementsAre("outer 1", "outer 2"));
+  for (std::size_t i = 0; i < patches.size(); ++i) {
+    const dvec3 corner = welded.points()[welded.triangles()[i][0]];
+    ASSERT_EQ(patches[i], corner.x + corner.y + corner.z < 3 ? 1u : 2u);
+  }
+}
+
+TEST(ConnectedParts, ShareNoTriangleOnceSimplified) {
+  const test::Mesh mesh = hollow(30, {dvec3(0.3), dvec3(0.6)});
+  const Boundary boundary = simplified({piece_of(mesh)}, 1000);
+  ASSERT_EQ(boundary.patches.size(), 2u);
+  EXPECT_LE(boundary.kept, 1000u);
+  EXPECT_EQ(open_edges(boundary), 0u);
+  EXPECT_LT(boundary.error, 1e-6);
+  EXPECT_NEAR(volume_6(boundary), 6 * (1 - 0.027), 1e-6);
 }
 
 TEST(BoundaryOfMeshes, PointsWithoutCellsHaveNone) {
@@ -286,8 +432,8 @@ TEST(SimplifiedBoundary, DoesNotDependOnMemoryAndThreads) {
     const tbb::global_control control(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
     BoundaryFaces faces = faces_of(pieces, memory);
     const Boundary boundary = simplified_boundary(faces, 2000).value();
-    const TriangleMesh& mesh = boundary.patches[0].mesh;
-    return std::pair(mesh.points, mesh.triangles);
+    EXPECT_THAT(sizes_of(boundary), ElementsAre(Pair("outer 1", _), Pair("outer 2", _)));
+    return format::pack_boundary(boundary.patches, boundary.error).value().section;
   };
   const auto first = bytes(BoundaryFaces::least_memory(), 1);
   EXPECT_EQ(first, bytes(BoundaryFaces::least_memory() * 64, 2));

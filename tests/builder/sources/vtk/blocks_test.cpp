@@ -7,13 +7,15 @@
 #include <cmath>
 #include <functional>
 #include <map>
+#include <set>
+#include <span>
+#include <utility>
 
 #include "base/file.h"
-#include "builder/boundary/boundary_faces.h"
-#include "builder/boundary/simplify.h"
 #include "builder/build.h"
 #include "builder/open_source.h"
 #include "tests/builder/sources/folder_test.h"
+#include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/builder/support/series_check.h"
 #include VTK_CGNS(cgnslib.h)
@@ -137,16 +139,7 @@ class BlocksTest : public test::FolderTest {
   /// The triangles of each patch of the boundary.
   [[nodiscard]] std::map<std::string, std::size_t> patches_of(const std::string& name,
                                                               SourceOptions options = {}) const {
-    options.patches = true;
-    const auto input = read_input({path(name)}, options);
-    EXPECT_TRUE(input) << input.error().message;
-    auto faces = BoundaryFaces::create(BoundaryFaces::least_memory(), folder_);
-    for (const Piece& piece : input->pieces) EXPECT_TRUE(faces->add(piece));
-    const auto boundary = whole_boundary(*faces);
-    EXPECT_TRUE(boundary) << boundary.error().message;
-    std::map<std::string, std::size_t> triangles;
-    for (const Patch& patch : boundary->patches) triangles[patch.name] = patch.mesh.triangles.size();
-    return triangles;
+    return test::patches_of({path(name)}, folder_, std::move(options));
   }
 
   static constexpr std::size_t all_cuts = ~std::size_t{0};  // as `fewest_errors`
@@ -568,6 +561,79 @@ TEST_F(BlocksTest, CgnsSectionsAndConditionsArePatches) {
   expect_two_blocks("mesh.cgns", 1e-12);
   EXPECT_THAT(patches_of("mesh.cgns"),
               UnorderedElementsAre(Pair("Inlet", 12), Pair("Slot", 6), Pair("Top", 18), Pair("outer", 144)));
+}
+
+/// Writes the first cube as polyhedra: its faces, polygons 1 to 108, then its cells, each with the numbers of its
+/// faces. Returns the numbers of the faces in the plane x = 0.
+std::vector<cgsize_t> write_polyhedra(const std::string& path) {
+  const Block& block = cubes[0];
+  constexpr std::array<std::array<std::size_t, 4>, 6> face_corners = {
+      {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}}};
+  std::map<std::set<std::uint32_t>, cgsize_t> numbers;
+  std::vector<cgsize_t> faces, face_offsets = {0}, polyhedra, cell_offsets = {0}, left;
+  for (const auto& hexahedron : block.hexahedra) {
+    for (const auto& corners : face_corners) {
+      std::set<std::uint32_t> sorted;
+      for (const std::size_t corner : corners) sorted.insert(hexahedron[corner]);
+      const auto [number, is_new] = numbers.try_emplace(sorted, static_cast<cgsize_t>(numbers.size()) + 1);
+      polyhedra.push_back(is_new ? number->second : -number->second);
+      if (!is_new) continue;
+      for (const std::size_t corner : corners) faces.push_back(hexahedron[corner] + 1);
+      face_offsets.push_back(static_cast<cgsize_t>(faces.size()));
+      if (std::ranges::all_of(sorted, [&](std::uint32_t p) { return block.points[p].x == 0; }))
+        left.push_back(number->second);
+    }
+    cell_offsets.push_back(static_cast<cgsize_t>(polyhedra.size()));
+  }
+  int file = 0, base = 0, zone = 0, solution = 0, ignored = 0;
+  EXPECT_EQ(cg_open(path.c_str(), CG_MODE_WRITE, &file), 0) << cg_get_error();
+  cg_base_write(file, "Base", 3, 3, &base);
+  const std::array<cgsize_t, 3> size = {block_points, block_cells, 0};
+  cg_zone_write(file, base, "Zone", size.data(), CGNS_ENUMV(Unstructured), &zone);
+  constexpr std::array<const char*, 3> axes = {"CoordinateX", "CoordinateY", "CoordinateZ"};
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> values;
+    for (const dvec3& p : block.points) values.push_back(p[axis]);
+    cg_coord_write(file, base, zone, CGNS_ENUMV(RealDouble), axes[static_cast<std::size_t>(axis)], values.data(),
+                   &ignored);
+  }
+  const auto count = static_cast<cgsize_t>(numbers.size());
+  cg_poly_section_write(file, base, zone, "Faces", CGNS_ENUMV(NGON_n), 1, count, 0, faces.data(), face_offsets.data(),
+                        &ignored);
+  cg_poly_section_write(file, base, zone, "Cells", CGNS_ENUMV(NFACE_n), count + 1,
+                        count + static_cast<cgsize_t>(block_cells), 0, polyhedra.data(), cell_offsets.data(), &ignored);
+  cg_sol_write(file, base, zone, "Solution", CGNS_ENUMV(Vertex), &solution);
+  std::vector<double> values;
+  for (const dvec3& p : block.points) values.push_back(field(p, 0));
+  cg_field_write(file, base, zone, solution, CGNS_ENUMV(RealDouble), "f", values.data(), &ignored);
+  EXPECT_EQ(cg_close(file), 0) << cg_get_error();
+  return left;
+}
+
+// The polygons of a condition are a patch, and all others are not: most are faces between two polyhedra.
+TEST_F(BlocksTest, CgnsConditionsOfPolygonsArePatches) {
+  const std::vector<cgsize_t> left = write_polyhedra(path("mesh.cgns"));
+  ASSERT_EQ(left.size(), cells * cells);
+  const auto input = read_input({path("mesh.cgns")});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_EQ(input->census.cells.at("polyhedron"), block_cells);
+  EXPECT_THAT(patches_of("mesh.cgns"), UnorderedElementsAre(Pair("outer", 108)));
+
+  // A list, in which a number is no face's; a range of a face between two cells; and a range of many numbers.
+  int file = 0, condition = 0;
+  ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_MODIFY, &file), 0) << cg_get_error();
+  std::vector<cgsize_t> list = left;
+  list.push_back(100'000);
+  const auto put = [&](const char* name, CGNS_ENUMT(PointSetType_t) set, std::span<const cgsize_t> numbers) {
+    cg_boco_write(file, 1, 1, name, CGNS_ENUMV(BCWall), set, static_cast<cgsize_t>(numbers.size()), numbers.data(),
+                  &condition);
+    cg_boco_gridlocation_write(file, 1, 1, condition, CGNS_ENUMV(FaceCenter));
+  };
+  put("Inlet", CGNS_ENUMV(PointList), list);
+  put("Baffle", CGNS_ENUMV(PointRange), std::array<cgsize_t, 2>{2, 2});
+  put("Nothing", CGNS_ENUMV(PointRange), std::array<cgsize_t, 2>{1'000'000, 1'000'000'000'000});
+  ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+  EXPECT_THAT(patches_of("mesh.cgns"), UnorderedElementsAre(Pair("Inlet", 18), Pair("Baffle", 2), Pair("outer", 90)));
 }
 
 TEST_F(BlocksTest, CgnsUnits) {

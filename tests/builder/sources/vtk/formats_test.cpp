@@ -6,12 +6,15 @@
 #include <bit>
 #include <cmath>
 #include <functional>
+#include <map>
+#include <utility>
 #include <vector>
 
 #include "base/file.h"
 #include "builder/sources/vtk/collections.h"
 #include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/folder_test.h"
+#include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/builder/support/series_check.h"
 
@@ -25,6 +28,8 @@ using test::Input;
 using test::read_input;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Pair;
 using ::testing::StartsWith;
 using ::testing::UnorderedElementsAre;
 
@@ -51,6 +56,12 @@ class FormatsTest : public test::FolderTest {
  protected:
   [[nodiscard]] std::string error_of(const std::string& name, const SourceOptions& options = {}) const {
     return test::error_of({path(name)}, options);
+  }
+
+  [[nodiscard]] std::map<std::string, std::size_t> patches_of(const std::vector<std::string>& names) const {
+    std::vector<std::string> paths;
+    for (const std::string& name : names) paths.push_back(path(name));
+    return test::patches_of(paths, folder_);
   }
 
   /// Writes a tetrahedron that is moved by x, with the field times `factor` as `name`.
@@ -491,6 +502,187 @@ TEST_F(FormatsTest, DamagedGmsh) {
   EXPECT_THAT(of(format + nodes), HasSubstr("no arrays of numbers at its points or cells"));
 }
 
+// Gmsh's physical groups: a cube, and some of its faces.
+
+const std::vector<dvec3> cube_corners = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},
+                                         {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}};
+
+/// A surface of the cube: an entity with a quadrilateral, its groups, and a tag of its own.
+struct GmshSurface {
+  std::vector<int> nodes;  // from 1
+  std::vector<int> groups;
+};
+
+/// The bottom is in two groups, the top in one without a name, and a side has a negative tag: it is turned round. The
+/// last one has no group.
+const std::vector<GmshSurface> cube_surfaces = {
+    {{1, 2, 3, 4}, {1, 2}}, {{5, 6, 7, 8}, {7}}, {{1, 2, 6, 5}, {-1}}, {{2, 3, 7, 6}, {}}};
+
+std::string gmsh_names(const std::string& names = "3\n2 1 \"wall\"\n2 2 \"floor\"\n3 1 \"all\"\n") {
+  return "$PhysicalNames\n" + names + "$EndPhysicalNames\n";
+}
+
+void put_cube_values(GmshText& out) {
+  put_view(out, "NodeData", "f", 0, {1, 2, 3, 4, 5, 6, 7, 8}, 1, [&](int, GmshText& to) { to.real(1); });
+}
+
+/// Version 2.2 repeats a face for each of its groups.
+std::string gmsh_cube_2(bool binary, const std::vector<GmshSurface>& surfaces) {
+  GmshText out(binary, false);
+  out.line(fmt::format("$MeshFormat\n2.2 {} 8", binary ? 1 : 0));
+  if (binary) out.integer(1), out.line("");
+  out.line("$EndMeshFormat\n" + gmsh_names() + "$Nodes\n8");
+  for (std::size_t i = 0; i < cube_corners.size(); ++i) {
+    out.integer(static_cast<int>(i) + 1);
+    for (int axis = 0; axis < 3; ++axis) out.real(cube_corners[i][axis]);
+    out.end_of_line();
+  }
+  out.line(binary ? "\n$EndNodes" : "$EndNodes");
+  std::vector<std::pair<GmshElement, int>> elements = {{{5, {1, 2, 3, 4, 5, 6, 7, 8}}, 1}};
+  for (const GmshSurface& surface : surfaces)
+    for (const int group : surface.groups.empty() ? std::vector<int>{0} : surface.groups)
+      elements.push_back({{3, surface.nodes}, group});
+  out.line(fmt::format("$Elements\n{}", elements.size()));
+  for (std::size_t e = 0; e < elements.size(); ++e) {
+    const auto& [element, group] = elements[e];
+    const int number = static_cast<int>(e) + 1;
+    for (const int value : binary ? std::vector<int>{element.type, 1, 2, number, group, 1}
+                                  : std::vector<int>{number, element.type, 2, group, 1})
+      out.integer(value);
+    for (const int node : element.nodes) out.integer(node);
+    out.end_of_line();
+  }
+  out.line(binary ? "\n$EndElements" : "$EndElements");
+  put_cube_values(out);
+  return out.text();
+}
+
+/// In version 4.1 the surfaces have groups, and elements name their surface.
+std::string gmsh_cube_4(bool binary, const std::vector<GmshSurface>& surfaces,
+                        const std::string& names = gmsh_names()) {
+  GmshText out(binary, true);
+  out.line(fmt::format("$MeshFormat\n4.1 {} 8", binary ? 1 : 0));
+  if (binary) out.integer(1), out.line("");
+  out.line("$EndMeshFormat\n" + names + "$Entities");
+  for (const std::uint64_t count : {std::uint64_t{1}, std::uint64_t{1}, surfaces.size(), std::uint64_t{1}})
+    out.count(count);
+  out.end_of_line();
+  const auto put_entity = [&](int tag, int numbers, const std::vector<int>& groups, const std::vector<int>& borders) {
+    out.integer(tag);
+    for (int i = 0; i < numbers; ++i) out.real(0.5);
+    out.count(groups.size());
+    for (const int group : groups) out.integer(group);
+    if (numbers == 6) out.count(borders.size());
+    for (const int border : borders) out.integer(border);
+    out.end_of_line();
+  };
+  // Points, curves and volumes have groups with the numbers of those of surfaces.
+  put_entity(1, 3, {1}, {});
+  put_entity(1, 6, {2}, {1, -1});
+  for (std::size_t s = 0; s < surfaces.size(); ++s)
+    put_entity(static_cast<int>(s) + 11, 6, surfaces[s].groups, {1, 1, 1, 1});
+  put_entity(11, 6, {1}, {11, 12});
+  out.line(binary ? "\n$EndEntities" : "$EndEntities");
+  out.line("$Nodes");
+  for (const int value : {1, 8, 1, 8}) out.count(static_cast<std::uint64_t>(value));
+  for (const int value : {3, 11, 0}) out.integer(value);
+  out.count(8);
+  for (std::uint64_t i = 1; i <= 8; ++i) out.count(i);
+  for (const dvec3& p : cube_corners)
+    for (int axis = 0; axis < 3; ++axis) out.real(p[axis]);
+  out.line("\n$EndNodes\n$Elements");
+  const std::uint64_t elements = surfaces.size() + 1;
+  for (const std::uint64_t value : {elements, elements, std::uint64_t{1}, elements}) out.count(value);
+  const auto put_element = [&](int dimension, int entity, int type, std::uint64_t tag, const std::vector<int>& nodes) {
+    for (const int value : {dimension, entity, type}) out.integer(value);
+    out.count(1);
+    out.count(tag);
+    for (const int node : nodes) out.count(static_cast<std::uint64_t>(node));
+  };
+  put_element(3, 11, 5, 1, {1, 2, 3, 4, 5, 6, 7, 8});
+  for (std::size_t s = 0; s < surfaces.size(); ++s)
+    put_element(2, static_cast<int>(s) + 11, 3, s + 2, surfaces[s].nodes);
+  out.line("\n$EndElements");
+  put_cube_values(out);
+  return out.text();
+}
+
+TEST_F(FormatsTest, GroupsOfGmshArePatches) {
+  for (const bool version4 : {false, true})
+    for (const bool binary : {false, true}) {
+      write("a.msh", version4 ? gmsh_cube_4(binary, cube_surfaces) : gmsh_cube_2(binary, cube_surfaces));
+      EXPECT_THAT(patches_of({"a.msh"}), UnorderedElementsAre(Pair("wall", 2), Pair("floor", 2),
+                                                              Pair("physical surface 7", 2), Pair("outer", 6)))
+          << version4 << binary;
+      const auto input = read_input({path("a.msh")});
+      ASSERT_TRUE(input) << input.error().message;
+      EXPECT_THAT(input->pieces[0].patches, IsEmpty()) << "unless they are wanted";
+      SourceOptions options;
+      options.patches = true;
+      expect_refused_or_equal("a.msh", "a.msh", 7, options);
+    }
+}
+
+// A quadratic face is cut as the cell behind it is.
+TEST_F(FormatsTest, QuadraticGroupsOfGmshArePatches) {
+  std::vector<dvec3> points = cube_corners;
+  for (const auto& [a, b] : std::array<std::array<std::size_t, 2>, 12>{
+           {{0, 1}, {0, 3}, {0, 4}, {1, 2}, {1, 5}, {2, 3}, {2, 6}, {3, 7}, {4, 5}, {4, 7}, {5, 6}, {6, 7}}})
+    points.push_back((cube_corners[a] + cube_corners[b]) / 2.0);
+  for (const dvec3& p : {dvec3(.5, .5, 0), dvec3(.5, 0, .5), dvec3(0, .5, .5), dvec3(1, .5, .5), dvec3(.5, 1, .5),
+                         dvec3(.5, .5, 1), dvec3(.5)})
+    points.push_back(p);
+  const auto patches = [&](const std::string& elements) {
+    std::string text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n27\n";
+    for (std::size_t i = 0; i < 27; ++i) text += fmt::format("{} {} {} {}\n", i, points[i].x, points[i].y, points[i].z);
+    text += "$EndNodes\n$Elements\n2\n" + elements + "$EndElements\n$NodeData\n1\n\"f\"\n1\n0\n3\n0\n1\n27\n";
+    for (std::size_t i = 0; i < 27; ++i) text += fmt::format("{} {}\n", i, i);
+    write("a.msh", text + "$EndNodeData\n");
+    return patches_of({"a.msh"});
+  };
+  const std::string corners_and_edges = "0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19",
+                    bottom = "0 1 2 3 8 11 13 9";
+  EXPECT_THAT(patches("1 17 2 1 1 " + corners_and_edges + "\n2 16 2 5 1 " + bottom + "\n"),
+              UnorderedElementsAre(Pair("physical surface 5", 6), Pair("outer", 30)));
+  EXPECT_THAT(patches("1 12 2 1 1 " + corners_and_edges + " 20 21 22 23 24 25 26\n2 10 2 5 1 " + bottom + " 20\n"),
+              UnorderedElementsAre(Pair("physical surface 5", 8), Pair("outer", 40)));
+  // A tetrahedron at a corner of the cube: nodes 0, 1, 3, 4, and its edges in Gmsh's order.
+  EXPECT_THAT(patches("1 11 2 1 1 0 1 3 4 8 20 9 10 22 21\n2 9 2 5 1 0 1 3 8 20 9\n"),
+              UnorderedElementsAre(Pair("physical surface 5", 4), Pair("outer", 12)));
+}
+
+TEST_F(FormatsTest, DamagedGroupsOfGmsh) {
+  SourceOptions wanted;
+  wanted.patches = true;
+  const auto error_with = [&](const std::string& names, const std::vector<GmshSurface>& surfaces) {
+    write("a.msh", gmsh_cube_4(false, surfaces, gmsh_names(names)));
+    return error_of("a.msh", wanted);
+  };
+  const std::vector<GmshSurface> bottom = {{{1, 2, 3, 4}, {1}}};
+  for (const char* names : {"1\n2 1 wall\n", "1\n2 \"wall\"\n", "9\n2 1 \"wall\"\n", "wall\n"}) {
+    EXPECT_THAT(error_with(names, bottom), HasSubstr("$PhysicalNames is damaged or cut off")) << names;
+    EXPECT_EQ(error_of("a.msh"), "(no error)") << "nobody asks for names";
+  }
+  std::vector<GmshSurface> many = bottom;
+  for (int group = 2; group <= 65; ++group) many[0].groups.push_back(group);
+  EXPECT_THAT(error_with("0\n", many), HasSubstr("surface 11 is in 65 physical groups; 64 is the limit"));
+  EXPECT_THAT(error_with("0\n", {{{1, 2, 3, 99}, {1}}}), HasSubstr("node 99 is named, but not in the file"));
+
+  // Names that repeat are one patch, and so are numbers. A name may be empty, or that of a group that is not there.
+  const auto patches_with = [&](const std::string& names, const std::vector<GmshSurface>& surfaces) {
+    EXPECT_EQ(error_with(names, surfaces), "(no error)");
+    return patches_of({"a.msh"});
+  };
+  EXPECT_THAT(
+      patches_with("4\n2 1 \"a\"\n2 1 \"b\"\n2 7 \"a\"\n2 8 \"c\"\n", {{{1, 2, 3, 4}, {1, 1}}, {{5, 6, 7, 8}, {7}}}),
+      UnorderedElementsAre(Pair("a", 4), Pair("outer", 8)));
+  EXPECT_THAT(patches_with("1\n2 1 \"\"\n", bottom),
+              UnorderedElementsAre(Pair("physical surface 1", 2), Pair("outer", 10)));
+  // A face of no cell belongs to its patch, as a wall inside the mesh does.
+  EXPECT_THAT(patches_with("0\n", {{{1, 2, 7, 8}, {1}}}),
+              UnorderedElementsAre(Pair("physical surface 1", 2), Pair("outer", 12)));
+}
+
 // SU2: a hexahedron and a pyramid on it, with a restart file.
 
 const std::string su2_mesh =
@@ -536,6 +728,59 @@ TEST_F(FormatsTest, Su2) {
       EXPECT_NE(message, "(no error)") << bytes;
     }
   }
+}
+
+TEST_F(FormatsTest, MarkersOfSu2ArePatches) {
+  write("restart.csv", su2_restart());
+  const std::string mesh = su2_mesh.substr(0, su2_mesh.find("NMARK"));
+  const auto patches_with = [&](const std::string& markers) {
+    write("a.su2", mesh + markers);
+    return patches_of({"a.su2", "restart.csv"});
+  };
+  EXPECT_THAT(patches_with("NMARK= 3\nMARKER_TAG= wall % of the room\nMARKER_ELEMS= 1\n9 0 1 2 3\nMARKER_TAG=tip\n"
+                           "MARKER_ELEMS = 2\n5 4 5 8\n5 6 5 8 7\nMARKER_TAG= nothing\nMARKER_ELEMS= 0\n"),
+              UnorderedElementsAre(Pair("wall", 2), Pair("tip", 2), Pair("outer", 10)));
+  EXPECT_THAT(patches_with(""), UnorderedElementsAre(Pair("outer", 14)));
+  // Markers of one name, a face of two markers, and a node and a line.
+  EXPECT_THAT(patches_with("MARKER_TAG= a\nMARKER_ELEMS= 2\n9 0 1 2 3\n5 4 5 8\nMARKER_TAG= b\nMARKER_ELEMS= 3\n"
+                           "5 4 5 8\n1 0\n3 0 1\nMARKER_TAG= a\nMARKER_ELEMS= 1\n5 5 6 8\n"),
+              UnorderedElementsAre(Pair("a", 3), Pair("b", 1), Pair("outer", 10)));
+  // The face between both cells, and one of no cell.
+  EXPECT_THAT(patches_with("MARKER_TAG= inside\nMARKER_ELEMS= 1\n9 4 5 6 7\nMARKER_TAG= none\nMARKER_ELEMS= 1\n"
+                           "5 0 2 8\n"),
+              UnorderedElementsAre(Pair("inside", 2), Pair("none", 1), Pair("outer", 14)));
+  write("a.su2", su2_mesh);
+  const auto input = read_input({path("a.su2"), path("restart.csv")});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_THAT(input->pieces[0].patches, IsEmpty()) << "unless they are wanted";
+}
+
+TEST_F(FormatsTest, DamagedMarkersOfSu2) {
+  write("restart.csv", su2_restart());
+  const std::string mesh = su2_mesh.substr(0, su2_mesh.find("NMARK"));
+  SourceOptions wanted;
+  wanted.patches = true;
+  const auto error_with = [&](const std::string& text) {
+    write("a.su2", text);
+    return test::error_of({path("a.su2"), path("restart.csv")}, wanted);
+  };
+  const std::string wall = "MARKER_TAG= wall\nMARKER_ELEMS= 1\n";
+  EXPECT_THAT(error_with(mesh + wall + "5 0 1 99\n"), HasSubstr("the marker \"wall\" names point 99 of 9"));
+  EXPECT_THAT(error_with(mesh + wall + "5 0 1 99999999999999\n"), HasSubstr("names point 99999999999999 of 9"));
+  EXPECT_THAT(error_with(mesh + wall + "5 0 1 -1\n"), HasSubstr("line 18 is damaged"));
+  EXPECT_THAT(error_with(mesh + wall + "wall\n"), HasSubstr("line 18 is damaged"));
+  EXPECT_THAT(error_with(mesh + wall), HasSubstr("no list"));
+  EXPECT_THAT(error_with(mesh + "MARKER_TAG= wall\nMARKER_ELEMS= 2\n5 0 1 2\nMARKER_TAG= b\nMARKER_ELEMS= 0\n"),
+              HasSubstr("too short a list"));
+  EXPECT_THAT(error_with(mesh + "MARKER_TAG= wall\nMARKER_ELEMS= 99999999999\n5 0 1 2\n"), HasSubstr("no list"));
+  EXPECT_THAT(error_with(mesh + "MARKER_ELEMS= 1\n5 0 1 2\n"), HasSubstr("a marker without a name"));
+  EXPECT_THAT(error_with(mesh + "MARKER_TAG=\nMARKER_ELEMS= 1\n5 0 1 2\n"), HasSubstr("a marker without a name"));
+  EXPECT_THAT(error_with(mesh + "NMARK= 2\n" + wall + "5 0 1 2\n"), HasSubstr("1 of its 2 markers"));
+  // Cut behind NMARK, a file lacks its marker, unless only the last line break is gone.
+  for (std::size_t bytes = mesh.size(); bytes < su2_mesh.size(); ++bytes)
+    EXPECT_EQ(error_with(su2_mesh.substr(0, bytes)) == "(no error)",
+              bytes == mesh.size() || bytes + 1 == su2_mesh.size())
+        << bytes;
 }
 
 // VTKHDF: an unstructured grid in two partitions at two time steps, and an image.
