@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "base/low_priority.h"
 #include "format/columns.h"
 #include "streamer/decode.h"
 #include "streamer/row_bytes.h"
@@ -303,6 +304,7 @@ void Loader::wait_until(std::chrono::steady_clock::time_point deadline) {
 }
 
 void Loader::work() {
+  lower_thread_priority();
   const Interruptible interruptible(stop_.get_token());
   std::unique_lock lock(mutex_);
   for (;;) {

@@ -83,7 +83,8 @@ void read_run(const format::Volume& volume, const format::SummaryAttributes& att
 /// The same for several load runs, read_threads at a time. Those that were not begun fail if the caller is interrupted.
 void read_runs(const format::Volume& volume, const format::SummaryAttributes& attributes, std::span<LoadRun> runs);
 
-/// Threads that read and decode load runs, in the order of `submit`. All calls must come from one thread.
+/// Threads of low priority that read and decode load runs, in the order of `submit`. All calls must come from one
+/// thread.
 class Loader {
  public:
   /// Keeps a reference to the volume. Calls `on_data`, if there is one, on its threads after each load run.

@@ -2,17 +2,16 @@
 #pragma once
 
 #include <oneapi/tbb/task_scheduler_observer.h>
-#include <sys/resource.h>
-#include <unistd.h>
+
+#include "base/low_priority.h"
 
 namespace splatvol {
 
-/// While it lives, this thread and the threads of TBB that help it have a low priority, which they keep. Where nothing
-/// else wants the processors, they are as fast as without.
+/// While it lives, this thread and the threads of TBB that help it have the lowest priority, which they keep.
 class LowPriority : public oneapi::tbb::task_scheduler_observer {
  public:
   LowPriority() {
-    lower();
+    lower_thread_priority();
     observe(true);
   }
   ~LowPriority() override { observe(false); }
@@ -20,12 +19,8 @@ class LowPriority : public oneapi::tbb::task_scheduler_observer {
   LowPriority& operator=(const LowPriority&) = delete;
 
   void on_scheduler_entry(bool is_worker) override {
-    if (is_worker) lower();
+    if (is_worker) lower_thread_priority();
   }
-
- private:
-  // A refusal costs speed only.
-  static void lower() { static_cast<void>(::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), 10)); }
 };
 
 }  // namespace splatvol

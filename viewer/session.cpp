@@ -300,7 +300,7 @@ void Session::show_opacity(const std::string& name) {
 Status Session::show_step(std::size_t step) {
   stop_drawing();
   cancel_reading();
-  settled_ = false;
+  settled_ = moving_is_drawn_ = false;
   sharpening_.reset();
   SPLATVOL_TRY(player_->show_step(step));
   still_seconds_ = awaited_seconds_ = 0;
@@ -416,7 +416,7 @@ Status Session::apply() {
   used_settings_.kernel = player_->options().kernel;
   if (same) return {};
   still_seconds_ = 0;
-  settled_ = false;
+  settled_ = moving_is_drawn_ = false;
   sharpening_.reset();
   return {};
 }
@@ -457,6 +457,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   if (is_busy && sharpening_ && !awaits_step_) return {};  // the picture stays
 
   const bool moves = settings.hurries && (is_busy || still_seconds_ < pause_seconds);
+  if (moves && moving_is_drawn_ && !awaits_step_) return {};  // the picture stays
   if (!moves && !sharpening_) begin_rest();
   FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
                        .change = moves ? 1 : std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
@@ -482,6 +483,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   const PlayerTimes& times = player_->times();
   if (moves) pacer_.add(request.detail.goal->max_splats, times.frame - times.surfaces);
+  moving_is_drawn_ = moves && frame()->progress.settled;
   return moves || !frame()->progress.settled ? Status{} : finish_picture({});
 }
 

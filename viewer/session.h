@@ -291,6 +291,7 @@ class Session {
   bool fits_opacity_ = false;   // the opacity likewise
 
   bool settled_ = false;
+  bool moving_is_drawn_ = false;          // the picture of a movement is that of the present scene, and complete
   Status failure_;                        // of the last draw
   double still_seconds_ = 0;              // since the scene changed last
   FramePacer pacer_{0.011};               // of pictures while something moves

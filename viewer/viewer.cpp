@@ -441,7 +441,9 @@ Status Viewer::frame(const FrameInput& given) {
 // Where the processor draws the window too, it is not drawn before somebody waits for it.
 void Viewer::note_window_seconds(double seconds) {
   if (!session_ || !session_->is_drawn_by_processor()) return;
-  window_seconds_ = 0.9 * window_seconds_ + 0.1 * (seconds - picture_seconds_);
+  constexpr double longest = 0.03;  // longer ones are those of the start
+  const double measured = std::min(seconds - picture_seconds_, longest);
+  window_seconds_ = window_seconds_ > 0 ? 0.9 * window_seconds_ + 0.1 * measured : measured;
   session_->set_window_seconds(window_seconds_);
 }
 
