@@ -636,9 +636,9 @@ TEST_F(Programs, ConnectedPartsOfTheBoundaryAreDrawnByTheirNames) {
 <DataArray type="Int64" Name="offsets" format="ascii">4 8</DataArray>
 <DataArray type="UInt8" Name="types" format="ascii">10 10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>)");
   expect_success("svbuild " + path("mesh.vtu") + " --boundary -o " + path("v.svol"));
-  const Outcome info = run("svinfo --json " + path("v.svol"));
+  const json info = json::parse(run("svinfo --json " + path("v.svol")).out);
   std::vector<std::string> names;
-  for (const json& patch : json::parse(info.out)["boundary"]["patches"]) names.push_back(patch["name"]);
+  for (const json& patch : info["boundary"]["patches"]) names.push_back(patch["name"]);
   EXPECT_THAT(names, testing::ElementsAre("outer 1", "outer 2"));
   json text = small_scene;
   std::vector<std::size_t> covered;
