@@ -186,7 +186,7 @@ TEST(Index, RefusesArraysThatAreNoTree) {
   EXPECT_TRUE(refuses([](NodeArrays& tree) { tree.counts.pop_back(); }));
   EXPECT_TRUE(refuses([](NodeArrays& tree) { tree.summaries.pop_back(); }));
   EXPECT_TRUE(refuses([](NodeArrays& tree) { tree.size_codes.clear(); }));
-  EXPECT_TRUE(refuses([](NodeArrays& tree) { tree = NodeArrays{tree.shape, {}, {}, {}, {}, {}}; }));
+  EXPECT_TRUE(refuses([](NodeArrays& tree) { tree = NodeArrays{tree.shape, {}, {}, {}, {}, {}, {}}; }));
 
   TreeMaker deep({3, 1, 1}, 5);
   deep.add_chain(max_node_depth + 1);
