@@ -30,8 +30,6 @@ Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& 
   return set ? set : Status(fail_in(streamer.volume().name(), set.error()));
 }
 
-std::string opacity_attribute(const Scene& scene) { return scene.opacity ? scene.opacity->attribute : ""; }
-
 tl::unexpected<Error> fail_two_surfaces() {
   return fail(ErrorCode::invalid_argument,
               "depths of surfaces, and a scene that shows surfaces or slices: give one of them");
@@ -121,7 +119,7 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
                                                                    .kernel = options.kernel,
                                                                    .gradients = used.lighting.has_value(),
                                                                    .on_data = options.on_data,
-                                                                   .opacity_attribute = opacity_attribute(used)}));
+                                                                   .opacity_attribute = opacity_attribute_of(used)}));
   return PlayerFile{std::move(steps), step, std::move(used), options, std::move(streamer), std::move(surfaces)};
 }
 
@@ -146,7 +144,7 @@ Status Player::set_kernel(KernelKind kernel) {
 Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options) const {
   const bool other_parts = options.memory != options_.memory || options.kernel != options_.kernel ||
                            scene.attribute != scene_.attribute ||
-                           opacity_attribute(scene) != opacity_attribute(scene_) ||
+                           opacity_attribute_of(scene) != opacity_attribute_of(scene_) ||
                            (scene.lighting && !scene_.lighting && options.kernel == KernelKind::octant);
   if (other_parts)
     return [=, steps = steps_, step = step_, before = surfaces_] { return read(steps, step, scene, options, before); };

@@ -45,6 +45,11 @@ struct UsedScene {
   return {scene.transfer_function, scene.opacity ? &scene.opacity->function : nullptr};
 }
 
+/// Returns the name of a scene's opacity attribute; empty: it has none.
+[[nodiscard]] inline std::string opacity_attribute_of(const Scene& scene) {
+  return scene.opacity ? scene.opacity->attribute : "";
+}
+
 /// A plane in world units.
 struct Plane {
   dvec3 point;

@@ -172,19 +172,30 @@ std::int8_t correlation_code(int code) {
   return static_cast<std::int8_t>((2 * packed_most * (code + most) + most) / (2 * most) - packed_most);
 }
 
+// A thread's buffers, which the values of both attributes use in turn.
+format::ValueMomentCodes& codes_of_thread() {
+  thread_local format::ValueMomentCodes codes;
+  return codes;
+}
+
+std::vector<float>& stored_of_thread() {
+  thread_local std::vector<float> stored;
+  return stored;
+}
+
 Result<OpacityValues> decode_opacity(KernelKind kernel, const ChunkBytes& chunk, std::uint32_t points,
                                      std::string_view what) {
   OpacityValues opacity;
   opacity.records.resize(points);
   if (kernel == KernelKind::octant) {
-    thread_local std::vector<float> stored;
+    std::vector<float>& stored = stored_of_thread();
     stored.resize(points);
     SPLATVOL_TRY(format::unpack_values(chunk.entry, chunk.packed, stored, what));
     for (std::size_t i = 0; i < points; ++i)
       if (!std::isnan(stored[i])) opacity.records[i] = {stored[i], 0, 255};
     return opacity;
   }
-  thread_local format::ValueMomentCodes codes;
+  format::ValueMomentCodes& codes = codes_of_thread();
   SPLATVOL_TRY(format::unpack_value_moment_codes(chunk.entry, chunk.packed, points, what, codes));
   for (std::size_t i = 0; i < points; ++i)
     if (codes.coverages[i] > 0)
@@ -196,7 +207,7 @@ Result<OpacityValues> decode_opacity(KernelKind kernel, const ChunkBytes& chunk,
 
 Result<ValueRow> decode_value_moments(const ChunkBytes& values, OpacityValues opacity, std::uint32_t points,
                                       std::string_view what) {
-  thread_local format::ValueMomentCodes codes;
+  format::ValueMomentCodes& codes = codes_of_thread();
   SPLATVOL_TRY(format::unpack_value_moment_codes(values.entry, values.packed, points, what, codes));
   const auto& c = codes.correlations;
   thread_local std::vector<MomentsValue> records;
@@ -228,7 +239,7 @@ Result<ValueRow> decode_values(KernelKind kernel, const ValueChunks& chunks, std
     opacity = std::move(decoded);
   }
   if (kernel == KernelKind::moments) return decode_value_moments(values, std::move(opacity), points, what);
-  thread_local std::vector<float> stored;
+  std::vector<float>& stored = stored_of_thread();
   thread_local std::vector<std::uint32_t> directions;
   stored.resize(points);
   directions.assign(points, 0);

@@ -37,10 +37,6 @@ std::string name_of(const format::Volume& volume, const ChunkLoad& chunk) {
   return fmt::format("chunk '{}' of row {}", column_kind_name(kind), chunk.row);
 }
 
-bool is_of_gradients(const format::Volume& volume, const ChunkLoad& chunk) {
-  return volume.info().columns[static_cast<std::size_t>(chunk.column)].kind == format::ColumnKind::gradient;
-}
-
 std::string describe(const format::Volume& volume, const PartLoad& part) {
   if (const auto* row = std::get_if<RowLoad>(&part.what)) {
     std::string text = fmt::format("{}: {}", volume.name(), name_of(volume, row->chunks.front()));
@@ -108,8 +104,8 @@ Result<CacheData> decode(const format::Volume& volume, const PartLoad& part, std
     return CacheData(std::make_shared<const ShapeRow>(std::move(shapes)));
   }
   ValueChunks of_values{chunks[0]};
-  for (std::size_t i = 1; i < chunks.size(); ++i)
-    (is_of_gradients(volume, row.chunks[i]) ? of_values.gradients : of_values.opacity) = &chunks[i];
+  if (row.opacity) of_values.opacity = &chunks.back();
+  if (chunks.size() > (row.opacity ? 2 : 1)) of_values.gradients = &chunks[1];
   SPLATVOL_TRY_ASSIGN(values, decode_values(row.kernel, of_values, row.points, what));
   return CacheData(std::make_shared<const ValueRow>(std::move(values)));
 }

@@ -42,7 +42,7 @@ struct RowLoad {
   KernelKind kernel;
   std::uint32_t points;
   bool opacity;                   // of values: with those of the opacity attribute
-  std::vector<ChunkLoad> chunks;  // of shapes: positions first; of values: those of the attribute that is shown first
+  std::vector<ChunkLoad> chunks;  // of shapes: positions first; of values: then perhaps gradients, last the opacity
 };
 
 /// A part of the file on its way into the cache.

@@ -168,6 +168,9 @@ class Streamer {
   /// Returns the nodes of the last frame, back to front; none if there is no frame.
   [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const;
 
+  /// Returns the attributes that the file is seen through. They belong to `info`.
+  [[nodiscard]] ShownAttributes shown_attributes() const;
+
   /// Returns the units of the splats.
   [[nodiscard]] DrawingUnits units() const {
     const auto [values, opacity] = shown_attributes();
@@ -193,7 +196,6 @@ class Streamer {
   using RangeName = std::tuple<std::uint64_t, std::uint64_t, std::uint32_t, std::uint32_t>;
   Streamer(std::shared_ptr<const format::Volume> volume, const format::SummaryAttributes& attributes,
            const StreamerOptions& options);
-  [[nodiscard]] ShownAttributes shown_attributes() const;
   [[nodiscard]] ValueVisibility visibility_of(const Transfer& transfer, const View& view) const;
 
   // Budget and choice (streamer_choice.cpp).

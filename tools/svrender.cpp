@@ -43,14 +43,8 @@ Status write_statistics(std::optional<AtomicFile>& file, const std::string& text
 Status warn_if_empty(const RenderOptions& options, const Player& player, const Image& image) {
   constexpr float least_alpha = 0.5f / 255;  // what 8 bits show
   if (std::ranges::any_of(image.pixels, [](const vec4& pixel) { return pixel.a >= least_alpha; })) return {};
-  const Scene& scene = player.scene();
-  const auto attribute = [&](const std::string& name) {
-    return &player.info().attributes[static_cast<std::size_t>(player.info().find_attribute(name))];
-  };
-  const ShownAttributes attributes{*attribute(scene.attribute),
-                                   scene.opacity ? attribute(scene.opacity->attribute) : nullptr};
   SPLATVOL_TRY_ASSIGN(bounds, domain_of(player.streamer().volume()));
-  EmptyReason why = why_empty(player.view(), transfer_of(scene), attributes, bounds);
+  EmptyReason why = why_empty(player.view(), transfer_of(player.scene()), player.streamer().shown_attributes(), bounds);
   if (!why) {
     SPLATVOL_TRY_ASSIGN(without_material, why_without_material(player.streamer().volume()));
     why = without_material ? without_material : why_empty_in_view(player.frame()->splats > 0);

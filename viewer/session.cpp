@@ -92,8 +92,7 @@ tl::unexpected<Error> fail_no_step(const format::Steps& steps, std::size_t step)
 // Whether two changes need the same parts of the file.
 bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& b, const ViewSettings& b_settings) {
   return a_settings.memory == b_settings.memory && a_settings.kernel == b_settings.kernel &&
-         a.attribute == b.attribute && a.opacity.has_value() == b.opacity.has_value() &&
-         (!a.opacity || a.opacity->attribute == b.opacity->attribute) && a.surfaces == b.surfaces &&
+         a.attribute == b.attribute && opacity_attribute_of(a) == opacity_attribute_of(b) && a.surfaces == b.surfaces &&
          a.lighting.has_value() == b.lighting.has_value();
 }
 
@@ -524,7 +523,9 @@ Status Session::draw_aside(const FrameRequest& request, const DrawOptions& optio
     const LowPriority low;
     SPLATVOL_TRY(player_->choose(request));
     SPLATVOL_TRY(player_->draw(options));
-    SPLATVOL_TRY_ASSIGN(drawn, player_->image());  // a copy: here, nobody waits for it
+    if (!request.detail.goal || !player_->frame()->progress.settled) return {};
+    // What `finish_picture` compares. It is copied here, where nobody waits for it.
+    SPLATVOL_TRY_ASSIGN(drawn, player_->image());
     drawn_aside_ = std::move(drawn);
     return {};
   };
@@ -631,10 +632,8 @@ std::string Session::explain() const {
     text[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(text[0])));
     return text;
   };
-  const format::Attribute shown = attribute();
-  const std::optional<format::Attribute> opacity = opacity_attribute();
-  const ShownAttributes attributes{shown, opacity ? &*opacity : nullptr};
-  if (const EmptyReason why = why_empty(view(), transfer_of(used_scene_), attributes, bounds_)) {
+  const ShownAttributes shown = player_->streamer().shown_attributes();
+  if (const EmptyReason why = why_empty(view(), transfer_of(used_scene_), shown, bounds_)) {
     const bool outside = std::string_view(why.reason).ends_with("outside of the view");
     return sentence(why, outside ? "press R to see all of it" : why.remedy);
   }

@@ -339,10 +339,7 @@ TEST_F(PlayerOfALattice, TellsWhenDataHaveCome) {
 TEST_F(PlayerOfALattice, ACallThatWaitsForAServerCanBeCancelled) {
   std::atomic<bool> stalls = false;
   std::atomic<int> waiting = 0;
-  const auto open_stalled = [&](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
-    SPLATVOL_TRY_ASSIGN(content, open_file(file));
-    return std::make_unique<test::StalledSource>(std::move(content), stalls, waiting);
-  };
+  const auto open_stalled = [&](const std::string& file) { return test::open_stalled(file, stalls, waiting); };
   auto steps = format::Steps::open(path(), open_stalled);
   ASSERT_TRUE(steps);
   const auto player = Player::open(std::move(*steps), 0, open()->scene(), on_processor()).value();

@@ -22,28 +22,19 @@
 #include "tests/renderer/bodies.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/random_splats.h"
+#include "tests/renderer/ways.h"
 
 namespace splatvol {
 namespace {
 
+using test::all_ways;
+using test::by_gl;
+using test::by_slabs;
+using test::by_splats;
+using test::Way;
 using ::testing::HasSubstr;
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
-
-/// A way to draw splats of the kernel `moments`.
-struct Way {
-  const char* name;
-  Device device;
-  Compositing compositing;
-};
-constexpr Way by_splats{"splats", Device::cpu, Compositing::splats}, by_slabs{"slabs", Device::cpu, Compositing::slabs},
-    by_gl{"gl", Device::gl, Compositing::splats};
-
-std::vector<Way> all_ways() {
-  std::vector<Way> ways{by_splats, by_slabs};
-  if (parse_device("gl")) ways.push_back(by_gl);  // else the build has no OpenGL
-  return ways;
-}
 
 /// A rasterizer that draws a list, and what it draws without surfaces.
 class Drawn {
@@ -52,10 +43,7 @@ class Drawn {
       : Drawn(way, KernelKind::moments, list, function, units) {}
   Drawn(const Way& way, KernelKind kernel, const DrawList& list, const TransferFunction& function,
         const DrawingUnits& units = {})
-      : rasterizer_(make_rasterizer(way.device, {.kernel = kernel}).value()) {
-    if (way.compositing == Compositing::slabs) {
-      EXPECT_TRUE(rasterizer_->set_compositing(Compositing::slabs));
-    }
+      : rasterizer_(test::make_rasterizer_for(way, kernel)) {
     EXPECT_TRUE(rasterizer_->set_transfer_function(function, units));
     EXPECT_TRUE(rasterizer_->set_draw_list(list));
   }

@@ -12,43 +12,27 @@
 #include <utility>
 #include <vector>
 
-#include "renderer/device/device.h"
 #include "tests/renderer/bodies.h"
 #include "tests/renderer/random_splats.h"
+#include "tests/renderer/ways.h"
 
 namespace splatvol {
 namespace {
 
+using test::all_ways;
 using test::lively;
 using test::random_splats;
 using test::splats_of;
 using test::uniform;
 using test::view_from;
-
-/// A way to draw splats of the kernel `moments`.
-struct Way {
-  const char* name;
-  Device device;
-  Compositing compositing;
-};
-constexpr Way by_splats{"splats", Device::cpu, Compositing::splats}, by_slabs{"slabs", Device::cpu, Compositing::slabs},
-    by_gl{"gl", Device::gl, Compositing::splats};
-
-std::vector<Way> all_ways() {
-  std::vector<Way> ways{by_splats, by_slabs};
-  if (parse_device("gl")) ways.push_back(by_gl);  // else the build has no OpenGL
-  return ways;
-}
+using test::Way;
 
 /// What draws lists.
 class Drawing {
  public:
   explicit Drawing(const Way& way, KernelKind kernel = KernelKind::moments,
                    const std::optional<Lighting>& lighting = {})
-      : rasterizer_(make_rasterizer(way.device, {.kernel = kernel}).value()) {
-    if (way.compositing == Compositing::slabs) {
-      EXPECT_TRUE(rasterizer_->set_compositing(Compositing::slabs));
-    }
+      : rasterizer_(test::make_rasterizer_for(way, kernel)) {
     rasterizer_->set_lighting(lighting);
   }
 

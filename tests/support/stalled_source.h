@@ -36,4 +36,11 @@ class StalledSource final : public ByteSource {
   std::atomic<int>& waiting_;
 };
 
+/// Opens a file as a StalledSource.
+inline Result<std::unique_ptr<ByteSource>> open_stalled(const std::string& path, std::atomic<bool>& stalls,
+                                                        std::atomic<int>& waiting) {
+  SPLATVOL_TRY_ASSIGN(content, open_file(path));
+  return std::make_unique<StalledSource>(std::move(content), stalls, waiting);
+}
+
 }  // namespace splatvol::test

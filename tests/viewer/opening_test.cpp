@@ -43,6 +43,39 @@ class SlowFiles : public testing::Test {
   fs::path folder = fs::temp_directory_path() / fmt::format("splatvol_slow_files_{}", ::getpid());
 };
 
+// A session without a window, whose reads wait while `stalls`.
+class SlowFilesInASession : public SlowFiles {
+ protected:
+  void SetUp() override {
+    SlowFiles::SetUp();
+    const auto open = [this](const std::string& file) { return test::open_stalled(file, stalls, waiting); };
+    ViewSettings settings;
+    settings.device = Device::cpu;
+    settings.in_current_context = false;
+    auto read = Session::read({.file = path("v.svol")}, "", settings, open);
+    ASSERT_TRUE(read) << read.error().message;
+    session = Session::open(std::move(*read)).value();
+  }
+  void TearDown() override {
+    session.reset();
+    SlowFiles::TearDown();
+  }
+
+  void draw() { ASSERT_TRUE(session->draw(200, 150, 1)); }
+  void settle() {
+    do draw();
+    while (!session->is_settled());
+  }
+  Image settled() {
+    settle();
+    return session->image().value();
+  }
+
+  std::atomic<bool> stalls = false;
+  std::atomic<int> waiting = 0;
+  std::unique_ptr<Session> session;
+};
+
 class SlowFilesInAWindow : public SlowFiles {
  protected:
   void SetUp() override {
@@ -170,25 +203,7 @@ TEST_F(SlowFiles, RecentFilesAreKept) {
 }
 
 // While values of another attribute are read, the picture of the first turns.
-TEST_F(SlowFiles, AnotherAttributeIsReadAside) {
-  std::atomic<bool> stalls = false;
-  std::atomic<int> waiting = 0;
-  const auto open_stalled = [&](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
-    SPLATVOL_TRY_ASSIGN(content, open_file(file));
-    return std::make_unique<test::StalledSource>(std::move(content), stalls, waiting);
-  };
-  ViewSettings settings;
-  settings.device = Device::cpu;
-  settings.in_current_context = false;
-  auto read = Session::read({.file = path("v.svol")}, "", settings, open_stalled);
-  ASSERT_TRUE(read) << read.error().message;
-  const auto session = Session::open(std::move(*read)).value();
-  const auto draw = [&] { ASSERT_TRUE(session->draw(200, 150, 1)); };
-  const auto settled = [&] {
-    do draw();
-    while (!session->is_settled());
-    return session->image().value();
-  };
+TEST_F(SlowFilesInASession, AnotherAttributeIsReadAside) {
   const Image first = settled();
 
   stalls = true;
@@ -217,24 +232,7 @@ TEST_F(SlowFiles, AnotherAttributeIsReadAside) {
   EXPECT_NE(session->scene.transfer_function.hi, session->first_scene().transfer_function.hi);
 }
 
-TEST_F(SlowFiles, TheCameraThatShowsAllIsFoundAside) {
-  std::atomic<bool> stalls = false;
-  std::atomic<int> waiting = 0;
-  const auto open_stalled = [&](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
-    SPLATVOL_TRY_ASSIGN(content, open_file(file));
-    return std::make_unique<test::StalledSource>(std::move(content), stalls, waiting);
-  };
-  ViewSettings settings;
-  settings.device = Device::cpu;
-  settings.in_current_context = false;
-  auto read = Session::read({.file = path("v.svol")}, "", settings, open_stalled);
-  ASSERT_TRUE(read) << read.error().message;
-  const auto session = Session::open(std::move(*read)).value();
-  const auto draw = [&] { ASSERT_TRUE(session->draw(200, 150, 1)); };
-  const auto settle = [&] {
-    do draw();
-    while (!session->is_settled());
-  };
+TEST_F(SlowFilesInASession, TheCameraThatShowsAllIsFoundAside) {
   settle();
   session->show_all();
   settle();
@@ -273,25 +271,7 @@ TEST_F(SlowFiles, TheCameraThatShowsAllIsFoundAside) {
 }
 
 // The opacity attribute is read aside, too. Until it is there, the picture stays.
-TEST_F(SlowFiles, OpacityByAnotherAttributeIsReadAside) {
-  std::atomic<bool> stalls = false;
-  std::atomic<int> waiting = 0;
-  const auto open_stalled = [&](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
-    SPLATVOL_TRY_ASSIGN(content, open_file(file));
-    return std::make_unique<test::StalledSource>(std::move(content), stalls, waiting);
-  };
-  ViewSettings settings;
-  settings.device = Device::cpu;
-  settings.in_current_context = false;
-  auto read = Session::read({.file = path("v.svol")}, "", settings, open_stalled);
-  ASSERT_TRUE(read) << read.error().message;
-  const auto session = Session::open(std::move(*read)).value();
-  const auto draw = [&] { ASSERT_TRUE(session->draw(200, 150, 1)); };
-  const auto settled = [&] {
-    do draw();
-    while (!session->is_settled());
-    return session->image().value();
-  };
+TEST_F(SlowFilesInASession, OpacityByAnotherAttributeIsReadAside) {
   const Image first = settled();
   EXPECT_FALSE(session->opacity_attribute());
 
