@@ -7,7 +7,7 @@
 
 namespace splatvol {
 
-/// While it lives, this thread and the threads of TBB that help it have the lowest priority, which they keep.
+/// While it lives, this thread and the threads of TBB that help it have a low priority, which they keep.
 class LowPriority : public oneapi::tbb::task_scheduler_observer {
  public:
   LowPriority() {
