@@ -90,7 +90,7 @@ void feed(ImGuiIO&, const FilesDropped&) {}
 
 }  // namespace
 
-Result<std::unique_ptr<Gui>> Gui::create(Clipboard clipboard) {
+Result<std::unique_ptr<Gui>> Gui::create(double scale, Clipboard clipboard) {
   std::unique_ptr<Gui> gui(new Gui);
   gui->clipboard_ = std::move(clipboard);
   gui->context_ = ImGui::CreateContext();
@@ -123,6 +123,7 @@ Result<std::unique_ptr<Gui>> Gui::create(Clipboard clipboard) {
   attribute(0, 2, GL_FLOAT, GL_FALSE, offsetof(ImDrawVert, pos));
   attribute(1, 2, GL_FLOAT, GL_FALSE, offsetof(ImDrawVert, uv));
   attribute(2, 4, GL_UNSIGNED_BYTE, GL_TRUE, offsetof(ImDrawVert, col));
+  SPLATVOL_TRY(gui->make_font(scale));
   return gui;
 }
 

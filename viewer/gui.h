@@ -24,7 +24,8 @@ struct Clipboard {
 /// Holds the interface's state and draws it. One at a time; needs the context that was current at `create`.
 class Gui {
  public:
-  [[nodiscard]] static Result<std::unique_ptr<Gui>> create(Clipboard clipboard = {});
+  /// `scale`: of the first window's content, for which the font is made.
+  [[nodiscard]] static Result<std::unique_ptr<Gui>> create(double scale, Clipboard clipboard = {});
   Gui(const Gui&) = delete;
   Gui& operator=(const Gui&) = delete;
   ~Gui();

@@ -34,29 +34,38 @@ void put(std::array<char, 512>& field, const std::string& text) {
   field[length] = 0;
 }
 
+// For the columns beside the picture. A processor would take 2 ms to clear all.
+void clear_columns(int begin, int end, int height) {
+  if (begin >= end) return;
+  glEnable(GL_SCISSOR_TEST);
+  glScissor(begin, 0, end - begin, height);
+  glClearColor(0.1f, 0.1f, 0.11f, 1);
+  glClear(GL_COLOR_BUFFER_BIT);
+  glDisable(GL_SCISSOR_TEST);
+}
+
 double extent_of(const Session& session) {
   return std::max(glm::length(session.bounds().high - session.bounds().low), 1e-300);
 }
 
 }  // namespace
 
-Viewer::Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& options)
-    : gui_(std::move(gui)),
-      screen_(std::move(screen)),
-      settings_(options.settings),
-      recent_files_(options.recent_files),
-      window_(options.window) {}
+Viewer::Viewer(const ViewerOptions& options)
+    : settings_(options.settings), recent_files_(options.recent_files), window_(options.window) {}
 
+// The file is read while the interface is prepared.
 Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
-  SPLATVOL_TRY_ASSIGN(gui, Gui::create(options.clipboard));
-  SPLATVOL_TRY_ASSIGN(screen, Screen::create());
-  std::unique_ptr<Viewer> viewer(new Viewer(std::move(gui), std::move(screen), options));
+  std::unique_ptr<Viewer> viewer(new Viewer(options));
   if (!options.volume.empty() || !options.scene.empty()) {
     SceneUse use = options.use;
     use.file = options.volume;
     viewer->begin_opening(use, options.scene);
-    SPLATVOL_TRY(viewer->take_opened(longest_first_wait));
   }
+  SPLATVOL_TRY_ASSIGN(gui, Gui::create(options.window.content_scale, options.clipboard));
+  SPLATVOL_TRY_ASSIGN(screen, Screen::create());
+  viewer->gui_ = std::move(gui);
+  viewer->screen_ = std::move(screen);
+  SPLATVOL_TRY(viewer->take_opened(longest_first_wait));
   return viewer;
 }
 
@@ -317,7 +326,6 @@ void Viewer::handle_scene_key(int code) {
   }
 }
 
-// Shows all, from the first direction. The projection stays.
 // Looks at the focal point from an axis's side. From the axis that is up, the picture is a plan: x or y goes right.
 void Viewer::look_from(const dvec3& direction) {
   static constexpr std::array<dvec3, 3> plan_up = {dvec3(0, 0, 1), dvec3(0, 0, -1), dvec3(0, 1, 0)};
@@ -515,8 +523,8 @@ Status Viewer::draw_picture(double seconds) {
     }
   }
   glBindFramebuffer(GL_FRAMEBUFFER, static_cast<GLuint>(target));
-  glClearColor(0.1f, 0.1f, 0.11f, 1);
-  glClear(GL_COLOR_BUFFER_BIT);
+  clear_columns(0, left, window_.pixel_height);
+  clear_columns(left + width, window_.pixel_width, window_.pixel_height);
   return screen_.show(picture, background, left, width, height);
 }
 

@@ -68,7 +68,7 @@ class Viewer {
  private:
   static constexpr double panel_width = 336;  // at scale 1
 
-  Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& options);
+  explicit Viewer(const ViewerOptions& options);
   void show(std::unique_ptr<Session> session);
   void open(const std::string& path);
   void begin_opening(const SceneUse& use, const std::string& scene_path);
