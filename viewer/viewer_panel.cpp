@@ -487,8 +487,8 @@ void Viewer::draw_hud() {
   text += detail_text(*session_) + "\n";
   text += fmt::format("{} of {} in use, and {} to draw\n", bytes(statistics.bytes_resident),
                       bytes(session_->settings.memory), bytes(session_->device_bytes()));
-  const std::string device = session_->device_text();
-  text += fmt::format("drawn by {}\n", device.substr(0, device.find(',')));
+  const std::string device = session_->device_text(), name = device.substr(0, device.find(','));
+  text += fmt::format("drawn by {}{}\n", name, name.rfind('(') > name.rfind(')') ? ")" : "");
   text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session_->file_bytes()));
   text += fmt::format("{} parts pending ({})", progress.missing_rows + progress.missing_pages,
                       bytes(progress.missing_bytes));

@@ -25,6 +25,7 @@
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/bad_disk.h"
 #include "tests/support/packed_tree.h"
+#include "tests/support/require.h"
 #include "tests/support/sanitizers.h"
 #include "tests/support/whole_material.h"
 #include "tests/support/whole_points.h"
@@ -53,7 +54,7 @@ double wave(dvec3 p) { return std::sin(6 * p.x) + p.y * p.z; }
 std::string temporary_path(const std::string& name) {
   struct Folder {
     std::string path = (std::filesystem::path(testing::TempDir()) / "splatvol-build-XXXXXX").string();
-    Folder() { static_cast<void>(::mkdtemp(path.data())); }
+    Folder() { test::require(::mkdtemp(path.data()) != nullptr, path); }
     ~Folder() { std::filesystem::remove_all(path); }
   };
   static const Folder folder;

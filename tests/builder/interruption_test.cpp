@@ -12,6 +12,7 @@
 #include "builder/build.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/require.h"
 
 namespace splatvol {
 namespace {
@@ -19,7 +20,7 @@ namespace {
 // An empty folder, removed at the end.
 class Interruption : public testing::TestWithParam<const char*> {
  public:
-  Interruption() { static_cast<void>(::mkdtemp(folder_.data())); }
+  Interruption() { test::require(::mkdtemp(folder_.data()) != nullptr, folder_); }
   ~Interruption() override { std::filesystem::remove_all(folder_); }
 
  protected:

@@ -17,6 +17,7 @@
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/require.h"
 
 namespace splatvol {
 namespace {
@@ -29,7 +30,7 @@ using testing::HasSubstr;
 const Bytes& series_bytes() {
   static const Bytes bytes = [] {
     std::string folder = (std::filesystem::path(testing::TempDir()) / "splatvol-hostile-XXXXXX").string();
-    static_cast<void>(::mkdtemp(folder.data()));
+    test::require(::mkdtemp(folder.data()) != nullptr, folder);
     const std::string path = folder + "/series.svol";
     const auto steps = [](std::size_t begin, std::size_t end) {
       std::vector<SeriesStep> list;

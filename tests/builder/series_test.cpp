@@ -15,6 +15,7 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/builder/support/series_check.h"
+#include "tests/support/require.h"
 
 namespace splatvol {
 namespace {
@@ -23,7 +24,7 @@ using testing::HasSubstr;
 
 class Series : public testing::Test {
  protected:
-  Series() { static_cast<void>(::mkdtemp(folder_.data())); }
+  Series() { test::require(::mkdtemp(folder_.data()) != nullptr, folder_); }
   ~Series() override { std::filesystem::remove_all(folder_); }
 
   [[nodiscard]] std::string path(const std::string& name) const { return folder_ + "/" + name; }

@@ -15,6 +15,7 @@
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/require.h"
 
 namespace splatvol {
 namespace {
@@ -44,7 +45,7 @@ class NamedSource final : public Source {
 
 class StoredValuesTest : public testing::Test {
  protected:
-  StoredValuesTest() { static_cast<void>(::mkdtemp(folder_.data())); }
+  StoredValuesTest() { test::require(::mkdtemp(folder_.data()) != nullptr, folder_); }
   ~StoredValuesTest() override { std::filesystem::remove_all(folder_); }
 
   std::shared_ptr<const format::Volume> build(std::vector<Piece> pieces, std::vector<std::string> names,

@@ -22,7 +22,7 @@ constexpr std::size_t step_count = 4;
 class StepsOfAFile : public testing::TestWithParam<KernelKind> {
  protected:
   static void SetUpTestSuite() {
-    static_cast<void>(::mkdtemp(folder_.data()));
+    test::require(::mkdtemp(folder_.data()) != nullptr, folder_);
     std::vector<SeriesStep> steps;
     BuildOptions options;
     options.index_leaf_points = 255;  // several index pages
