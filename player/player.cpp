@@ -141,15 +141,19 @@ Status Player::set_kernel(KernelKind kernel) {
   return use(scene_, options);
 }
 
-Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options) const {
-  const bool other_parts = options.memory != options_.memory || options.kernel != options_.kernel ||
+Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
+                              std::optional<std::size_t> asked_step) const {
+  const std::size_t step = asked_step.value_or(step_);
+  const bool other_parts = step != step_ || options.memory != options_.memory || options.kernel != options_.kernel ||
                            scene.attribute != scene_.attribute ||
                            opacity_attribute_of(scene) != opacity_attribute_of(scene_) ||
                            (scene.lighting && !scene_.lighting && options.kernel == KernelKind::octant);
   if (other_parts)
-    return [=, steps = steps_, step = step_, before = surfaces_] { return read(steps, step, scene, options, before); };
+    return [=, steps = steps_, before = step == step_ ? surfaces_ : surfaces_of_all_steps()] {
+      return read(steps, step, scene, options, before);
+    };
   if (scene.surfaces == scene_.surfaces) return {};
-  return [=, steps = steps_, step = step_, before = surfaces_]() -> Result<PlayerFile> {
+  return [=, steps = steps_, before = surfaces_]() -> Result<PlayerFile> {
     SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
     SPLATVOL_TRY_ASSIGN(surfaces,
                         read_surfaces(scene.surfaces, {options.read_surface, boundary_reader(volume)}, before));

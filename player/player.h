@@ -125,10 +125,11 @@ class Player {
   /// attribute opens the file anew. Surfaces that are new are read. If it fails, all stays as it was.
   [[nodiscard]] Status set_scene(const Scene& scene);
 
-  /// Returns what reads all that another scene and options need and that is not there; empty if all is there. It may
-  /// run on another thread, and needs no player.
+  /// Returns what reads all that another scene, options and step need and that is not there; empty if all is there. It
+  /// may run on another thread, and needs no player.
   using Reader = std::function<Result<PlayerFile>()>;
-  [[nodiscard]] Reader reader(const Scene& scene, const PlayerOptions& options) const;
+  [[nodiscard]] Reader reader(const Scene& scene, const PlayerOptions& options,
+                              std::optional<std::size_t> step = std::nullopt) const;
 
   /// Takes over what a `reader` of this player has read. If it fails, all stays as it was.
   [[nodiscard]] Status replace(PlayerFile file);

@@ -221,7 +221,7 @@ void Session::show_all() {
   end_fitting();
   const bool is_aside = settings.reads_aside && settings.hurries;
   fitting_camera_.emplace(FittingCamera{scene.camera, {}, {}});
-  const auto fit = [steps = player_->steps(), step = step(), attribute = scene.attribute,
+  const auto fit = [steps = player_->steps(), step = player_->step(), attribute = scene.attribute,
                     picture = FirstPicture{scene.width, scene.height},
                     stop = fitting_camera_->stop.get_token()]() -> Result<Camera> {
     const Interruptible interruptible(stop);
@@ -302,9 +302,18 @@ Status Session::show_step(std::size_t step) {
   settled_ = moving_is_drawn_ = false;
   sharpening_.reset();
   SPLATVOL_TRY(player_->show_step(step));
+  await_step();
+  return use_step();
+}
+
+void Session::ask_step(std::size_t step) { asked_step_ = step == player_->step() ? std::nullopt : std::optional(step); }
+
+// Begins with the picture of another step.
+void Session::await_step() {
+  settled_ = moving_is_drawn_ = false;
+  sharpening_.reset();
   still_seconds_ = awaited_seconds_ = 0;
   awaits_step_ = true;
-  return use_step();
 }
 
 // Returns the scene as it can be drawn until what a change needs has been read.
@@ -321,6 +330,7 @@ Scene Session::scene_without_change() const {
 
 void Session::cancel_reading() {
   end_fitting();
+  asked_step_.reset();
   if (!reading_) return;
   scene = scene_without_change();
   settings.memory = used_settings_.memory;
@@ -336,15 +346,17 @@ void Session::end_reading() {
 
 // Sees to it that what the scene and the settings need is read.
 Status Session::read_change() {
-  if (reading_ && !need_the_same(reading_->scene, reading_->settings, scene, settings)) end_reading();
+  if (reading_ &&
+      (reading_->step != asked_step_ || !need_the_same(reading_->scene, reading_->settings, scene, settings)))
+    end_reading();
   const bool is_aside = settings.reads_aside && settings.hurries;
   if (!reading_) {
-    const Player::Reader reader = player_->reader(scene, player_options(settings));
+    const Player::Reader reader = player_->reader(scene, player_options(settings), asked_step_);
     if (!reader) {
       fits_function_ = fits_opacity_ = false;
       return {};
     }
-    reading_.emplace(Reading{scene, settings, {}, {}});
+    reading_.emplace(Reading{scene, settings, asked_step_, {}, {}});
     const auto read = [reader, path = path_, fits = fits_function_, fits_opacity = fits_opacity_,
                        stop = reading_->stop.get_token()]() -> Result<SessionFile> {
       const Interruptible interruptible(stop);
@@ -364,6 +376,8 @@ Status Session::read_change() {
 // What cannot be read, or does not fit, stays as it was.
 Status Session::take_change(Result<SessionFile> change) {
   Status taken;
+  const bool has_step = asked_step_.has_value();
+  asked_step_.reset();
   if (change) {
     PlayerFile& file = change->file;
     const bool is_whole = file.streamer != nullptr;
@@ -379,6 +393,10 @@ Status Session::take_change(Result<SessionFile> change) {
       histogram_ = change->histogram;
       opacity_histogram_ = change->opacity_histogram;
       fitting_ = std::move(change->fitting);
+    }
+    if (taken && has_step) {
+      bounds_ = change->bounds;
+      await_step();
     }
   } else {
     taken = tl::unexpected(change.error());
@@ -446,7 +464,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   still_seconds_ += seconds;
   undrawn_seconds_ += seconds;
   if (is_drawing()) {
-    if (scene_without_change() != used_scene_) interrupt_drawing();
+    if (asked_step_ || scene_without_change() != used_scene_) interrupt_drawing();
     SPLATVOL_TRY(end_drawing(is_busy));
     if (is_drawing()) return {};  // the picture stays
   }
@@ -457,6 +475,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
 
   const bool moves = settings.hurries && (is_busy || still_seconds_ < pause_seconds);
   if (moves && moving_is_drawn_ && !awaits_step_) return {};  // the picture stays
+  if (!moves && asked_step_) return {};                       // the picture stays
   if (!moves && !sharpening_) begin_rest();
   FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
                        .change = moves ? 1 : std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};

@@ -103,15 +103,15 @@ class Session {
     return is_drawing() && drawing_.wait_for(std::chrono::seconds(0)) == std::future_status::timeout;
   }
 
-  /// Whether a thread reads what a change needs: another attribute, kernel or memory, or surfaces. Until it is there,
-  /// pictures are drawn without the change.
+  /// Whether a thread reads what a change needs: another attribute, kernel, memory or step, or surfaces. Until it is
+  /// there, pictures are drawn without the change.
   [[nodiscard]] bool is_reading() const { return reading_.has_value(); }
 
   /// Takes back the change that is_reading() tells of, or that of is_fitting().
   void cancel_reading();
 
   /// Returns whether another call without a change would draw the same.
-  [[nodiscard]] bool is_settled() const { return settled_ && !reading_ && !fitting_camera_; }
+  [[nodiscard]] bool is_settled() const { return settled_ && !reading_ && !asked_step_ && !fitting_camera_; }
 
   /// Returns the transfer function that fits the attribute that is drawn, on the background of `scene`.
   [[nodiscard]] TransferFunction fitting_function() const;
@@ -131,15 +131,19 @@ class Session {
   /// Returns the times of the steps of a time series, in one file or in several; none for another file.
   [[nodiscard]] const std::vector<double>& times() const { return player_->steps().times(); }
 
-  /// Returns the number of the step that is shown; 0 for a file that is no series.
-  [[nodiscard]] std::size_t step() const { return player_->step(); }
+  /// Returns the number of the step that is shown, or asked for; 0 for a file that is no series.
+  [[nodiscard]] std::size_t step() const { return asked_step_.value_or(player_->step()); }
 
   /// Shows another step of a series. Camera and transfer function stay. The picture stays that of the step before until
   /// there is one as fine as a moving picture is. If the step cannot be read, the one before stays.
   [[nodiscard]] Status show_step(std::size_t step);
 
+  /// The same for a hand that waits for nothing: the step is read like any other change, as is_reading() tells.
+  /// troubles() tell what cannot be read.
+  void ask_step(std::size_t step);
+
   /// Whether the picture is that of `step()`, and so fine.
-  [[nodiscard]] bool is_step_shown() const { return !awaits_step_; }
+  [[nodiscard]] bool is_step_shown() const { return !awaits_step_ && !asked_step_; }
 
   /// Begins to read another step of a series. Does nothing if there is no such step.
   void read_ahead(std::size_t step) {
@@ -235,6 +239,7 @@ class Session {
   Session() = default;
   [[nodiscard]] Status draw_next(int width, int height, double seconds, bool is_busy);
   [[nodiscard]] Status use_step();
+  void await_step();
   [[nodiscard]] Status apply();
   [[nodiscard]] Status read_change();
   void end_reading();
@@ -258,9 +263,10 @@ class Session {
   Scene first_scene_;
   bool fits_ = false;  // the first scene is one that fits the data, and its camera shall fit the first picture's size
   std::unique_ptr<Player> player_;
-  bool awaits_step_ = false;    // no picture of the step yet
-  double awaited_seconds_ = 0;  // since the step was asked for
-  PictureTexture texture_;      // of a picture that the processor drew
+  std::optional<std::size_t> asked_step_;  // still to be read
+  bool awaits_step_ = false;               // no picture of the step yet
+  double awaited_seconds_ = 0;             // since the step was asked for
+  PictureTexture texture_;                 // of a picture that the processor drew
   bool texture_is_old_ = true;
   std::array<std::uint64_t, 64> histogram_{}, opacity_histogram_{};
   Box bounds_;
@@ -271,10 +277,11 @@ class Session {
   Scene used_scene_;
   View view_;
 
-  // A change of scene and settings whose parts of the file are read.
+  // A change of scene, settings and step whose parts of the file are read.
   struct Reading {
     Scene scene;
     ViewSettings settings;
+    std::optional<std::size_t> step;
     std::stop_source stop;
     std::future<Result<SessionFile>> file;
   };

@@ -408,8 +408,7 @@ void Viewer::play(double seconds) {
 // Shows a step by the user's hand: stops playing.
 void Viewer::show_step(std::size_t step) {
   step_seconds_.reset();
-  if (step >= session_->times().size() || step == session_->step()) return;
-  if (const Status shown = session_->show_step(step); !shown) message_ = shown.error().message;
+  if (step < session_->times().size()) session_->ask_step(step);
 }
 
 // At the last step, playing begins with the first one.
@@ -469,7 +468,8 @@ Status Viewer::draw_frame(const FrameInput& given) {
   for (const Event& event : input.events) handle(event);
   if (prober_.take_answer()) pending_frames_ = 3;  // a new tooltip appears a frame later
   opening_seconds_ += input.seconds;
-  fitting_seconds_ = session_ && session_->is_fitting() ? fitting_seconds_ + input.seconds : 0;
+  const bool reads = session_ && (session_->is_reading() || session_->is_fitting());
+  reading_seconds_ = reads ? reading_seconds_ + input.seconds : 0;
   if (const Status opened = take_opened(std::chrono::milliseconds(0)); !opened) message_ = opened.error().message;
   move_camera(input);
   play(input.seconds);
@@ -550,7 +550,7 @@ void Viewer::draw_overlays() {
 // Tells of what is being read, and lets the user cancel it.
 void Viewer::draw_opening() {
   constexpr double patience = 0.3;  // seconds: what is there sooner needs no words
-  const bool reads = (session_ && session_->is_reading()) || fitting_seconds_ > patience;
+  const bool reads = reading_seconds_ > patience;
   if (!opening_ && !reads) return;
   if (opening_ && opening_seconds_ < patience && session_) return;
   const PictureArea area = picture_area();

@@ -159,7 +159,7 @@ class Viewer {
   std::unique_ptr<Session> session_;
   std::unique_ptr<Opening> opening_;  // of the file that is to replace the session's
   double opening_seconds_ = 0;
-  double fitting_seconds_ = 0;  // since the camera that shows all was asked for
+  double reading_seconds_ = 0;  // since a change was asked for that is being read
   FileDialog dialog_;
   RecentFiles recent_files_;
   TransferEditor editor_;

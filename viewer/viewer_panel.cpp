@@ -488,7 +488,8 @@ void Viewer::draw_hud() {
   text += fmt::format("{} of {} in use, and {} to draw\n", bytes(statistics.bytes_resident),
                       bytes(session_->settings.memory), bytes(session_->device_bytes()));
   const std::string device = session_->device_text(), name = device.substr(0, device.find(','));
-  text += fmt::format("drawn by {}{}\n", name, name.rfind('(') > name.rfind(')') ? ")" : "");
+  const bool is_open = name.find('(') != std::string::npos && name.find(')') == std::string::npos;
+  text += fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
   text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session_->file_bytes()));
   text += fmt::format("{} parts pending ({})", progress.missing_rows + progress.missing_pages,
                       bytes(progress.missing_bytes));

@@ -1,9 +1,11 @@
 // A time series in the viewer.
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <thread>
 
 #include "builder/series_build.h"
 #include "builder/series_files.h"
@@ -11,6 +13,7 @@
 #include "renderer/gl/target.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/stalled_source.h"
 #include "viewer/session.h"
 #include "viewer/viewer.h"
 
@@ -126,6 +129,54 @@ TEST_F(ViewerSteps, StayWhileAllFilesAreAway) {
   std::filesystem::rename(folder_ + "/g-0000.svol.away", folder_ + "/g-0000.svol");
   EXPECT_TRUE(series->show_step(0));
   EXPECT_GT(compare_images(settled(*series), last)->rmse, 0.01);
+}
+
+// The window does not wait for a step that a hand asks for.
+TEST_F(ViewerSteps, AreReadAside) {
+  const std::string index = folder_ + "/aside.svols";
+  ASSERT_TRUE(
+      build_series_of_files({step_at(0), step_at(1), step_at(2)}, index, false, {}, [](const char*, double) {}));
+  for (const std::string& file : {path("series"), index}) {
+    std::atomic<bool> stalls = false;
+    std::atomic<int> waiting = 0;
+    const auto open = [&](const std::string& name) { return test::open_stalled(name, stalls, waiting); };
+    const auto session = Session::open(Session::read({.file = file}, "", {}, open).value()).value();
+    const Image last = settled(*session);
+
+    stalls = true;
+    session->ask_step(0);
+    EXPECT_TRUE(session->draw(160, 120, long_time));
+    while (waiting == 0) std::this_thread::yield();
+    for (int i = 0; i < 20; ++i) EXPECT_TRUE(session->draw(160, 120, long_time));
+    EXPECT_TRUE(session->is_reading());
+    EXPECT_FALSE(session->is_settled());
+    EXPECT_FALSE(session->is_step_shown());
+    EXPECT_EQ(session->step(), 0u) << "the slider's";
+    session->ask_step(1);  // the user goes on
+    EXPECT_TRUE(session->draw(160, 120, long_time));
+    EXPECT_EQ(session->step(), 1u);
+    session->cancel_reading();
+    EXPECT_EQ(session->step(), 2u);
+    EXPECT_EQ(compare_images(settled(*session), last)->max, 0);
+
+    stalls = false;
+    session->ask_step(1);
+    const Image middle = settled(*session);
+    EXPECT_EQ(session->step(), 1u);
+    EXPECT_TRUE(session->is_step_shown());
+    EXPECT_TRUE(session->troubles().empty());
+    const auto waits = Session::open(file, "", {}).value();
+    ASSERT_TRUE(waits->show_step(1));
+    EXPECT_EQ(compare_images(settled(*waits), middle)->max, 0);
+    EXPECT_EQ(waits->histogram(), session->histogram());
+  }
+  std::filesystem::remove(folder_ + "/aside-0000.svol");
+  const auto session = Session::open(index, "", {}).value();
+  const Image last = settled(*session);
+  session->ask_step(0);
+  EXPECT_EQ(compare_images(settled(*session), last)->max, 0);
+  EXPECT_EQ(session->step(), 2u);
+  EXPECT_EQ(session->troubles().size(), 1u);
 }
 
 class PlayingSteps : public ViewerSteps {
