@@ -306,12 +306,19 @@ Status Session::show_step(std::size_t step) {
   return use_step();
 }
 
-void Session::ask_step(std::size_t step) { asked_step_ = step == player_->step() ? std::nullopt : std::optional(step); }
+// Of a series of files, only the file itself is opened ahead: the rest would be read here.
+void Session::ask_step(std::size_t step) {
+  asked_step_ = step == player_->step() ? std::nullopt : std::optional(step);
+  const bool is_there = asked_step_ && !player_->steps().are_files() && read_ahead_ == step && !is_reading_ahead();
+  if (!is_there) return;
+  if (const Status shown = show_step(step); !shown) troubles_.push_back(shown.error().message);
+}
 
 // Begins with the picture of another step.
 void Session::await_step() {
   settled_ = moving_is_drawn_ = false;
   sharpening_.reset();
+  read_ahead_.reset();
   still_seconds_ = awaited_seconds_ = 0;
   awaits_step_ = true;
 }

@@ -138,8 +138,8 @@ class Session {
   /// there is one as fine as a moving picture is. If the step cannot be read, the one before stays.
   [[nodiscard]] Status show_step(std::size_t step);
 
-  /// The same for a hand that waits for nothing: the step is read like any other change, as is_reading() tells.
-  /// troubles() tell what cannot be read.
+  /// The same for a hand that waits for nothing: unless it has been read ahead, the step is read like any other change,
+  /// as is_reading() tells. troubles() tell what cannot be read.
   void ask_step(std::size_t step);
 
   /// Whether the picture is that of `step()`, and so fine.
@@ -147,7 +147,9 @@ class Session {
 
   /// Begins to read another step of a series. Does nothing if there is no such step.
   void read_ahead(std::size_t step) {
-    if (!is_drawing()) player_->read_ahead(step);
+    if (is_drawing()) return;
+    player_->read_ahead(step);
+    read_ahead_ = step;
   }
 
   /// Whether `show_step` would wait for what `read_ahead` reads.
@@ -264,6 +266,7 @@ class Session {
   bool fits_ = false;  // the first scene is one that fits the data, and its camera shall fit the first picture's size
   std::unique_ptr<Player> player_;
   std::optional<std::size_t> asked_step_;  // still to be read
+  std::optional<std::size_t> read_ahead_;  // by the player, since the step changed
   bool awaits_step_ = false;               // no picture of the step yet
   double awaited_seconds_ = 0;             // since the step was asked for
   PictureTexture texture_;                 // of a picture that the processor drew

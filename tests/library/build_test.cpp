@@ -112,8 +112,8 @@ TEST_F(BuildArrays, PolyhedraAreCells) {
   mesh.point_values = {{.name = "v", .values = std::span<const double>(values)}};
   const std::vector<std::uint8_t> hexahedron = {12}, polyhedron = {42};
   const auto volume = [&] {
-    const Points points = File::open(path_)->points({.material = true}).value();
-    return std::accumulate(points.volumes.begin(), points.volumes.end(), 0.0);
+    const Points material = File::open(path_)->points({.material = true}).value();
+    return std::accumulate(material.volumes.begin(), material.volumes.end(), 0.0);
   };
   mesh.types = hexahedron;
   ASSERT_TRUE(build(mesh, path_));

@@ -169,6 +169,16 @@ TEST_F(ViewerSteps, AreReadAside) {
     ASSERT_TRUE(waits->show_step(1));
     EXPECT_EQ(compare_images(settled(*waits), middle)->max, 0);
     EXPECT_EQ(waits->histogram(), session->histogram());
+
+    // The next step of one file is there at once: it was read ahead.
+    session->ask_step(0);
+    settled(*session);
+    while (session->is_reading_ahead()) std::this_thread::yield();
+    stalls = true;
+    session->ask_step(1);
+    session->cancel_reading();
+    EXPECT_EQ(session->step(), file == index ? 0u : 1u);
+    stalls = false;
   }
   std::filesystem::remove(folder_ + "/aside-0000.svol");
   const auto session = Session::open(index, "", {}).value();
