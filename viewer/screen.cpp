@@ -19,24 +19,38 @@ void main() {
 }
 )";
 
-constexpr std::string_view fragment_source = R"(
+constexpr std::string_view encode_source = R"(
 in vec2 at;
 layout(binding = 0) uniform sampler2D picture;
 layout(location = 0) uniform vec3 background;
 layout(location = 0) out vec4 result;
 void main() {
   vec4 color = texture(picture, at);
-  result = vec4(srgb_of(color.rgb + (1 - color.a) * background), 1);
+  vec3 c = clamp(color.rgb + (1 - color.a) * background, 0, 1);
+  vec3 curve = 1.055 * pow(c, vec3(1 / 2.4)) - 0.055;
+  result = vec4(mix(12.92 * c, curve, greaterThan(c, vec3(0.0031308))), 1);
 }
+)";
+
+constexpr std::string_view copy_source = R"(
+in vec2 at;
+layout(binding = 0) uniform sampler2D picture;
+layout(location = 0) out vec4 result;
+void main() { result = texture(picture, at); }
 )";
 
 }  // namespace
 
 Result<Screen> Screen::create() {
   Screen screen;
-  SPLATVOL_TRY_ASSIGN(program, build_program("screen", {{GL_VERTEX_SHADER, {version, vertex_source}},
-                                                        {GL_FRAGMENT_SHADER, {version, srgb_glsl, fragment_source}}}));
-  screen.program_ = std::move(program);
+  const auto build = [](std::string_view fragments) {
+    return build_program("screen",
+                         {{GL_VERTEX_SHADER, {version, vertex_source}}, {GL_FRAGMENT_SHADER, {version, fragments}}});
+  };
+  SPLATVOL_TRY_ASSIGN(encode, build(encode_source));
+  SPLATVOL_TRY_ASSIGN(copy, build(copy_source));
+  screen.encode_ = std::move(encode);
+  screen.copy_ = std::move(copy);
   GLuint name = 0;
   glCreateVertexArrays(1, &name);
   screen.vertex_array_ = VertexArray(name);
@@ -49,8 +63,9 @@ Status Screen::show(const ShownPicture& picture, dvec3 background, int left, int
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_CULL_FACE);
   glDisable(GL_SCISSOR_TEST);
-  glUseProgram(program_.name());
-  glUniform3f(0, static_cast<float>(background.r), static_cast<float>(background.g), static_cast<float>(background.b));
+  const auto b = vec3(background);
+  glUseProgram(picture.encoded ? copy_.name() : encode_.name());
+  if (!picture.encoded) glUniform3f(0, b.r, b.g, b.b);
   glUniform1f(1, picture.top_first ? 1.0F : 0.0F);
   glBindTextureUnit(0, picture.texture);
   glBindVertexArray(vertex_array_.name());

@@ -12,6 +12,7 @@ namespace splatvol {
 struct ShownPicture {
   GLuint texture = 0;      // 0: nothing
   bool top_first = false;  // the texture's first row is the picture's highest, not its lowest
+  bool encoded = false;    // holds sRGB bytes over the background, and not linear premultiplied RGBA
 };
 
 /// Draws a picture into the window's framebuffer. Needs the context that was current at `create`.
@@ -19,12 +20,12 @@ class Screen {
  public:
   [[nodiscard]] static Result<Screen> create();
 
-  /// Fills width x height pixels of the framebuffer that is bound, from pixel (left, 0) on, with a picture in linear
-  /// premultiplied RGBA. Stretches a picture of another size. The result looks like a PNG file of the picture.
+  /// Fills width x height pixels of the framebuffer that is bound, from pixel (left, 0) on, with a picture. Stretches a
+  /// picture of another size. The result looks like a PNG file of the picture.
   [[nodiscard]] Status show(const ShownPicture& picture, dvec3 background, int left, int width, int height) const;
 
  private:
-  Program program_;
+  Program encode_, copy_;
   VertexArray vertex_array_;
 };
 

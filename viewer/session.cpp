@@ -7,8 +7,10 @@
 #include <cmath>
 #include <filesystem>
 #include <system_error>
+#include <utility>
 
 #include "base/interruption.h"
+#include "renderer/cpu/srgb_bytes.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/gl_rasterizer.h"
 #include "scene/contrast.h"
@@ -94,6 +96,14 @@ bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& 
   return a_settings.memory == b_settings.memory && a_settings.kernel == b_settings.kernel &&
          a.attribute == b.attribute && opacity_attribute_of(a) == opacity_attribute_of(b) && a.surfaces == b.surfaces &&
          a.lighting.has_value() == b.lighting.has_value();
+}
+
+// Whether the pictures of two scenes are equal, and at most what is round them differs.
+bool have_same_picture(const Scene& a, Scene b) {
+  b.background = a.background;
+  b.outline = a.outline;
+  b.scalar_bar = a.scalar_bar;
+  return a == b;
 }
 
 // Lists of splats are large, and hold rows.
@@ -323,25 +333,32 @@ void Session::await_step() {
   awaits_step_ = true;
 }
 
-// Returns the scene as it can be drawn until what a change needs has been read.
+// Returns the scene as it can be drawn until what a change needs has been read. Other edits show.
 Scene Session::scene_without_change() const {
   if (!reading_) return scene;
   Scene drawn = scene;
-  drawn.attribute = used_scene_.attribute;
-  drawn.transfer_function = used_scene_.transfer_function;
-  drawn.opacity = used_scene_.opacity;
-  drawn.lighting = used_scene_.lighting;
+  if (drawn.attribute != used_scene_.attribute || opacity_attribute_of(drawn) != opacity_attribute_of(used_scene_)) {
+    drawn.attribute = used_scene_.attribute;
+    drawn.transfer_function = used_scene_.transfer_function;
+    drawn.opacity = used_scene_.opacity;
+  }
+  if (drawn.lighting.has_value() != used_scene_.lighting.has_value()) drawn.lighting = used_scene_.lighting;
   drawn.surfaces = used_scene_.surfaces;
   return drawn;
+}
+
+// Goes back to this scene, which needs no reading.
+void Session::take_back(const Scene& without_change) {
+  scene = without_change;
+  settings.memory = used_settings_.memory;
+  settings.kernel = used_settings_.kernel;
 }
 
 void Session::cancel_reading() {
   end_fitting();
   asked_step_.reset();
   if (!reading_) return;
-  scene = scene_without_change();
-  settings.memory = used_settings_.memory;
-  settings.kernel = used_settings_.kernel;
+  take_back(scene_without_change());
   end_reading();
 }
 
@@ -375,13 +392,14 @@ Status Session::read_change() {
     reading_->file = std::async(is_aside ? std::launch::async | std::launch::deferred : std::launch::deferred, read);
   }
   if (is_aside && reading_->file.wait_for(std::chrono::seconds(0)) == std::future_status::timeout) return {};
+  const Scene without_change = scene_without_change();
   Result<SessionFile> change = reading_->file.get();
   reading_.reset();
-  return take_change(std::move(change));
+  return take_change(std::move(change), without_change);
 }
 
 // What cannot be read, or does not fit, stays as it was.
-Status Session::take_change(Result<SessionFile> change) {
+Status Session::take_change(Result<SessionFile> change, const Scene& without_change) {
   Status taken;
   const bool has_step = asked_step_.has_value();
   asked_step_.reset();
@@ -397,6 +415,7 @@ Status Session::take_change(Result<SessionFile> change) {
     file.scene = scene;
     taken = player_->replace(std::move(file));
     if (taken && is_whole) {
+      picture_is_whole_ = false;  // another rasterizer may have none
       histogram_ = change->histogram;
       opacity_histogram_ = change->opacity_histogram;
       fitting_ = std::move(change->fitting);
@@ -411,8 +430,7 @@ Status Session::take_change(Result<SessionFile> change) {
   fits_function_ = fits_opacity_ = false;
   if (taken) return {};
   troubles_.push_back(taken.error().message);
-  settings = used_settings_;
-  scene = used_scene_;
+  take_back(without_change);
   return {};
 }
 
@@ -425,14 +443,10 @@ Status Session::apply() {
     drawn = scene = used_scene_;
     SPLATVOL_TRY(player_->set_scene(scene));
   }
-  Scene before = used_scene_;
-  before.background = drawn.background;  // these are shown round the picture
-  before.outline = drawn.outline;
-  before.scalar_bar = drawn.scalar_bar;
   const bool same = player_->options().memory == used_settings_.memory &&
                     player_->options().kernel == used_settings_.kernel &&
                     settings.tolerance == used_settings_.tolerance && settings.max_error == used_settings_.max_error &&
-                    settings.mixes == used_settings_.mixes && drawn == before;
+                    settings.mixes == used_settings_.mixes && have_same_picture(drawn, used_scene_);
   view_ = player_->view();
   used_scene_ = std::move(drawn);
   used_settings_ = settings;
@@ -471,9 +485,10 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   still_seconds_ += seconds;
   undrawn_seconds_ += seconds;
   if (is_drawing()) {
-    if (asked_step_ || scene_without_change() != used_scene_) interrupt_drawing();
+    if (asked_step_ || !have_same_picture(scene_without_change(), used_scene_)) interrupt_drawing();
     SPLATVOL_TRY(end_drawing(is_busy));
-    if (is_drawing()) return {};  // the picture stays
+    if (is_drawing()) return {};     // the picture stays
+    SPLATVOL_TRY(encode_picture());  // the next one may begin before this one is shown
   }
   SPLATVOL_TRY(apply());
   if (settled_) return failure_;
@@ -527,7 +542,7 @@ std::uint64_t Session::moving_splats() const {
 }
 
 void Session::note_drawn() {
-  texture_is_old_ = true;
+  encoded_is_old_ = picture_is_whole_ = true;
   draw_seconds_ = player_->times().frame;
   device_bytes_ = player_->rasterizer().device_bytes();
 }
@@ -586,6 +601,7 @@ void Session::stop_drawing() {
 }
 
 void Session::interrupt_drawing() {
+  picture_is_whole_ = false;
   stop_.request_stop();
   player_->cancel();  // of choosing the splats
 }
@@ -610,21 +626,35 @@ Status Session::finish_picture(std::optional<Image> drawn) {
 }
 
 Result<ShownPicture> Session::shown_picture() {
-  if (player_->has_drawn_surfaces()) {
-    if (texture_is_old_) {
-      SPLATVOL_TRY_ASSIGN(picture, player_->image());
-      SPLATVOL_TRY(texture_.upload(picture));
-      texture_is_old_ = false;
-    }
-    return ShownPicture{texture_.name(), true};
+  if (!is_drawing()) {
+    if (const auto* gl = dynamic_cast<const GlRasterizer*>(&player_->rasterizer());
+        gl && !player_->has_drawn_surfaces())
+      return ShownPicture{.texture = gl->texture()};
+    SPLATVOL_TRY(encode_picture());
   }
-  if (const auto* gl = dynamic_cast<const GlRasterizer*>(&player_->rasterizer()))
-    return ShownPicture{gl->texture(), false};
-  if (const auto* tiles = dynamic_cast<const TileRasterizer*>(&player_->rasterizer()); tiles && texture_is_old_) {
-    SPLATVOL_TRY(texture_.upload(tiles->image()));
-    texture_is_old_ = false;
+  if (std::exchange(texture_is_old_, false)) SPLATVOL_TRY(texture_.upload(encoded_width_, encoded_height_, encoded_));
+  return ShownPicture{.texture = texture_.name(), .top_first = true, .encoded = true};
+}
+
+// Lays the processor's picture over the background, unless that is done. Needs no context.
+Status Session::encode_picture() {
+  const bool is_encoded = !encoded_is_old_ && encoded_background_ == scene.background;
+  if (is_encoded || !picture_is_whole_) return {};
+  const auto encode = [&](const Image& picture) {
+    encode_srgb(picture, scene.background, encoded_);
+    encoded_width_ = picture.width, encoded_height_ = picture.height;
+  };
+  if (const auto* tiles = dynamic_cast<const TileRasterizer*>(&player_->rasterizer());
+      tiles && !player_->has_drawn_surfaces()) {
+    encode(tiles->image());
+  } else {
+    SPLATVOL_TRY_ASSIGN(picture, player_->image());
+    encode(picture);
   }
-  return ShownPicture{texture_.name(), true};
+  encoded_background_ = scene.background;
+  encoded_is_old_ = false;
+  texture_is_old_ = true;
+  return {};
 }
 
 std::optional<double> Session::opacity_at(int x, int y) const {

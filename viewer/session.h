@@ -95,7 +95,7 @@ class Session {
   void set_window_seconds(double seconds);
 
   /// Whether a thread chooses splats and draws a picture at rest: calls of `draw` do not wait for it long. Then
-  /// `shown_picture`, `image` and `page` must not be called; the picture before stays.
+  /// `image` and `page` must not be called; `shown_picture` is the one before.
   [[nodiscard]] bool is_drawing() const { return drawing_.valid(); }
 
   /// Whether it is still at work.
@@ -130,6 +130,9 @@ class Session {
 
   /// Returns the times of the steps of a time series, in one file or in several; none for another file.
   [[nodiscard]] const std::vector<double>& times() const { return player_->steps().times(); }
+
+  /// Whether each of them is a file.
+  [[nodiscard]] bool steps_are_files() const { return player_->steps().are_files(); }
 
   /// Returns the number of the step that is shown, or asked for; 0 for a file that is no series.
   [[nodiscard]] std::size_t step() const { return asked_step_.value_or(player_->step()); }
@@ -247,7 +250,8 @@ class Session {
   void end_reading();
   void end_fitting();
   void take_fitted();
-  [[nodiscard]] Status take_change(Result<SessionFile> change);
+  [[nodiscard]] Status take_change(Result<SessionFile> change, const Scene& without_change);
+  void take_back(const Scene& without_change);
   [[nodiscard]] Scene scene_without_change() const;
   [[nodiscard]] Status fit_camera();
   void begin_rest();
@@ -260,6 +264,7 @@ class Session {
   [[nodiscard]] std::uint64_t moving_splats() const;
   void note_drawn();
   [[nodiscard]] Status finish_picture(std::optional<Image> drawn);
+  [[nodiscard]] Status encode_picture();
 
   std::string path_;
   Scene first_scene_;
@@ -269,8 +274,16 @@ class Session {
   std::optional<std::size_t> read_ahead_;  // by the player, since the step changed
   bool awaits_step_ = false;               // no picture of the step yet
   double awaited_seconds_ = 0;             // since the step was asked for
-  PictureTexture texture_;                 // of a picture that the processor drew
-  bool texture_is_old_ = true;
+  bool picture_is_whole_ = false;          // the rasterizer's: not interrupted
+
+  // The picture of the processor, as the window shows it.
+  std::vector<std::uint8_t> encoded_;
+  int encoded_width_ = 0, encoded_height_ = 0;
+  dvec3 encoded_background_{0};
+  bool encoded_is_old_ = true;
+  PictureTexture texture_;
+  bool texture_is_old_ = false;
+
   std::array<std::uint64_t, 64> histogram_{}, opacity_histogram_{};
   Box bounds_;
   Scene fitting_;  // fits the attribute that is drawn

@@ -105,7 +105,6 @@ void Viewer::close() {
 void Viewer::show(std::unique_ptr<Session> session) {
   end_film();
   session_ = std::move(session);
-  picture_ = {};
   question_.reset();
   saving_.reset();
   up_ = session_->info().up >= 0 ? session_->info().up : 1;
@@ -417,11 +416,15 @@ void Viewer::toggle_steps() {
   if (step_seconds_ || count < 2) return step_seconds_.reset();
   if (session_->step() + 1 == count) show_step(0);
   step_seconds_ = 0;
+  played_step_.reset();
 }
 
-// Shows the next step once the picture of this one has been there for its time and the next one has been read.
+// Shows the next step once the picture of this one has been there for its time and the next one has been read. A file
+// is read aside: if that fails or is taken back, it is the end.
 void Viewer::play_steps(double seconds) {
   if (!step_seconds_ || !session_ || !session_->is_step_shown()) return;
+  if (const auto asked = std::exchange(played_step_, {}); asked && session_->step() != *asked)
+    return step_seconds_.reset();
   const std::size_t count = session_->times().size();
   const bool is_last = session_->step() + 1 == count;
   if (is_last && !loops_) return step_seconds_.reset();
@@ -431,6 +434,10 @@ void Viewer::play_steps(double seconds) {
   const double period = 1 / steps_per_second_;
   if (*step_seconds_ < period || session_->is_reading_ahead()) return;
   step_seconds_ = std::min(*step_seconds_ - period, period);  // on the average, the rate is kept
+  if (session_->steps_are_files()) {
+    played_step_ = next;
+    return session_->ask_step(next);
+  }
   if (const Status shown = session_->show_step(next); !shown) {
     message_ = shown.error().message;
     step_seconds_.reset();
@@ -512,11 +519,8 @@ Status Viewer::draw_picture(double seconds) {
       drawn_ = session_->draw(width, height, seconds, is_busy());
     picture_seconds_ = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     if (drawn_) {
-      if (!session_->is_drawing()) {
-        SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
-        picture_ = shown;
-      }
-      picture = picture_;
+      SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
+      picture = shown;
       background = session_->scene.background;
     } else {
       message_ = drawn_.error().message;

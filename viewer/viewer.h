@@ -192,14 +192,14 @@ class Viewer {
   double window_seconds_ = 0;   // of a frame, besides its picture
   double picture_seconds_ = 0;  // of the picture of this frame
   Status drawn_;                // of the last picture
-  ShownPicture picture_;
-  std::string message_;  // the last error, or the last file saved
+  std::string message_;         // the last error, or the last file saved
 
   CameraPath path_;
   std::optional<double> playing_;  // seconds since its beginning
 
   // Steps of a time series.
-  std::optional<double> step_seconds_;  // while they play: since the last change
+  std::optional<double> step_seconds_;      // while they play: since the last change
+  std::optional<std::size_t> played_step_;  // a file that is read
   double steps_per_second_ = 5;
   bool loops_ = false;
 

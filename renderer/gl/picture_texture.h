@@ -1,6 +1,9 @@
 // A texture for pictures that were drawn without OpenGL.
 #pragma once
 
+#include <cstdint>
+#include <span>
+
 #include "base/error.h"
 #include "renderer/gl/gl_objects.h"
 #include "scene/image.h"
@@ -13,11 +16,17 @@ class PictureTexture {
   /// Replaces the picture. The texture's first row is the image's.
   [[nodiscard]] Status upload(const Image& image);
 
+  /// The same from the sRGB bytes of red, green, blue and alpha. Requires bytes.size() == 4 * width * height.
+  [[nodiscard]] Status upload(int width, int height, std::span<const std::uint8_t> bytes);
+
   [[nodiscard]] GLuint name() const { return texture_.name(); }
 
  private:
+  [[nodiscard]] Status upload(int width, int height, GLenum stored_format, GLenum type, const void* pixels);
+
   Texture texture_;
   int width_ = 0, height_ = 0;
+  GLenum stored_format_ = 0;
 };
 
 }  // namespace splatvol

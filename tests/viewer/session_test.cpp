@@ -8,10 +8,12 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <utility>
 
 #include "base/file.h"
 #include "builder/build.h"
 #include "format/volume.h"
+#include "renderer/gl/context.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/require.h"
@@ -108,6 +110,52 @@ TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
   EXPECT_FALSE(session->is_settled());
   settled(*session);
   EXPECT_LT(session->frame()->splats, finest);
+}
+
+// A picture that took a while is shown, though the next one is being drawn by then.
+TEST_F(SessionAtRest, EachPictureIsShown) {
+  const auto context = HeadlessContext::create();
+  ASSERT_TRUE(context) << context.error().message;
+  ViewSettings settings = on_processor();
+  settings.max_error = 1e-4;
+  const auto session = open(settings);
+  std::vector<std::uint8_t> before, shown(std::size_t{4} * 900 * 700);
+  DetailOptions detail;
+  int pictures = 0;
+  for (int frames = 0; !session->is_settled() && frames < 10000; ++frames) {
+    ASSERT_TRUE(session->draw(900, 700, long_time));
+    const Result<ShownPicture> picture = session->shown_picture();
+    ASSERT_TRUE(picture) << picture.error().message;
+    const DetailOptions detail_before = std::exchange(detail, session->sharpening()->detail());
+    if (frames == 0 || detail == detail_before) continue;  // none has been finished
+    ASSERT_NE(picture->texture, 0u);
+    glGetTextureImage(picture->texture, 0, GL_RGBA, GL_UNSIGNED_BYTE, static_cast<GLsizei>(shown.size()), shown.data());
+    EXPECT_TRUE(shown != before) << "the picture before stayed";
+    before = shown;
+    ++pictures;
+  }
+  EXPECT_GE(pictures, 2);
+}
+
+// Only what is round the picture changes: it is laid over another background, and not drawn again.
+TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
+  const auto context = HeadlessContext::create();
+  ASSERT_TRUE(context) << context.error().message;
+  const auto session = open(on_processor());
+  settled(*session);
+  const std::uint64_t serial = session->frame()->serial;
+  std::vector<std::uint8_t> shown(std::size_t{4} * 200 * 150);
+  for (const dvec3& background : {dvec3(0), dvec3(1, 0, 1)}) {
+    session->scene.background = background;
+    draw(*session);
+    const Result<ShownPicture> picture = session->shown_picture();
+    ASSERT_TRUE(picture) << picture.error().message;
+    glGetTextureImage(picture->texture, 0, GL_RGBA, GL_UNSIGNED_BYTE, static_cast<GLsizei>(shown.size()), shown.data());
+    EXPECT_EQ(shown[0], background.r == 0 ? 0 : 255);
+    EXPECT_EQ(shown[1], 0);
+    EXPECT_TRUE(session->is_settled());
+    EXPECT_EQ(session->frame()->serial, serial);
+  }
 }
 
 // Pictures at rest are drawn aside, and given up if the view changes.

@@ -152,11 +152,20 @@ TEST_F(ViewerSteps, AreReadAside) {
     EXPECT_FALSE(session->is_settled());
     EXPECT_FALSE(session->is_step_shown());
     EXPECT_EQ(session->step(), 0u) << "the slider's";
-    session->ask_step(1);  // the user goes on
+    const TransferFunction before = session->scene.transfer_function;
+    session->scene.transfer_function.colors = {{0, dvec3(1, 0, 0)}};  // the user edits
+    const TransferFunction edited = session->scene.transfer_function;
+    for (int i = 0; i < 1000 && !(session->drawn_scene().transfer_function == edited); ++i)
+      EXPECT_TRUE(session->draw(160, 120, long_time));
+    EXPECT_EQ(session->drawn_scene().transfer_function, edited);
+    EXPECT_TRUE(session->is_reading());
+    session->ask_step(1);  // and goes on
     EXPECT_TRUE(session->draw(160, 120, long_time));
     EXPECT_EQ(session->step(), 1u);
     session->cancel_reading();
     EXPECT_EQ(session->step(), 2u);
+    EXPECT_EQ(session->scene.transfer_function, edited);
+    session->scene.transfer_function = before;
     EXPECT_EQ(compare_images(settled(*session), last)->max, 0);
 
     stalls = false;
@@ -187,6 +196,12 @@ TEST_F(ViewerSteps, AreReadAside) {
   EXPECT_EQ(compare_images(settled(*session), last)->max, 0);
   EXPECT_EQ(session->step(), 2u);
   EXPECT_EQ(session->troubles().size(), 1u);
+
+  // An edit stays, too.
+  session->scene.transfer_function.colors = {{0, dvec3(1, 0, 0)}};
+  session->ask_step(0);
+  EXPECT_GT(compare_images(settled(*session), last)->rmse, 0.01);
+  EXPECT_EQ(session->scene.transfer_function.colors.size(), 1u);
 }
 
 class PlayingSteps : public ViewerSteps {
@@ -238,6 +253,34 @@ TEST_F(PlayingSteps, GoFromTheFirstToTheLast) {
   }
   EXPECT_EQ(seen, (std::vector<std::size_t>{0, 1, 2}));
   EXPECT_GE(first_change, 0.2 - 0.05) << "5 steps a second";
+}
+
+// Files are read aside. One that cannot be read is the end.
+TEST_F(PlayingSteps, OfFilesGoOnUntilOneCannotBeRead) {
+  const std::string index = folder_ + "/played.svols";
+  ASSERT_TRUE(
+      build_series_of_files({step_at(0), step_at(1), step_at(2)}, index, false, {}, [](const char*, double) {}));
+  ViewerOptions options;
+  options.volume = index;
+  viewer_.reset();
+  viewer_ = Viewer::create(options).value();
+  frame({WindowResized{400, 300, 400, 300, 1}});
+  const auto play = [&] {
+    press(key::space);
+    std::vector<std::size_t> seen;
+    for (int frames = 0; !viewer_->is_settled(); ++frames) {
+      EXPECT_LT(frames, 100000);
+      if (frames == 100000) break;
+      frame({});
+      if (viewer_->session()->is_step_shown() && (seen.empty() || step() != seen.back())) seen.push_back(step());
+    }
+    return seen;
+  };
+  EXPECT_EQ(play(), (std::vector<std::size_t>{0, 1, 2}));
+  EXPECT_TRUE(viewer_->session()->troubles().empty());
+  std::filesystem::remove(folder_ + "/played-0001.svol");
+  EXPECT_EQ(play(), (std::vector<std::size_t>{0}));
+  EXPECT_EQ(viewer_->session()->troubles().size(), 1u);
 }
 
 TEST_F(PlayingSteps, StopAtASecondPress) {
