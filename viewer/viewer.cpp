@@ -452,12 +452,19 @@ Status Viewer::frame(const FrameInput& given) {
   return {};
 }
 
-// Where the processor draws the window too, it is not drawn before somebody waits for it.
+// Where the processor draws the window too, it is not drawn before somebody waits for it. The first frames compile
+// shaders and upload fonts: the shortest of them counts, and then a moving average.
 void Viewer::note_window_seconds(double seconds) {
   if (!session_ || !session_->is_drawn_by_processor()) return;
-  constexpr double longest = 0.03;  // longer ones are those of the start
-  const double measured = std::min(seconds - picture_seconds_, longest);
-  window_seconds_ = window_seconds_ > 0 ? 0.9 * window_seconds_ + 0.1 * measured : measured;
+  constexpr int first_frames = 8;
+  const double measured = seconds - picture_seconds_;
+  if (window_frames_ < first_frames) {
+    window_seconds_ = window_frames_ == 0 ? measured : std::min(window_seconds_, measured);
+    ++window_frames_;
+  } else {
+    constexpr double most = 2;  // times the average: what is longer was something else
+    window_seconds_ = 0.9 * window_seconds_ + 0.1 * std::min(measured, most * window_seconds_);
+  }
   session_->set_window_seconds(window_seconds_);
 }
 

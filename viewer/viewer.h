@@ -190,6 +190,7 @@ class Viewer {
   int pending_frames_ = 0;      // the interface settles a frame after a change
   double frame_seconds_ = 0;    // from one frame to the next
   double window_seconds_ = 0;   // of a frame, besides its picture
+  int window_frames_ = 0;       // of these, up to the first ones
   double picture_seconds_ = 0;  // of the picture of this frame
   Status drawn_;                // of the last picture
   std::string message_;         // the last error, or the last file saved

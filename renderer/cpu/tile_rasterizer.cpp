@@ -109,10 +109,16 @@ std::uint64_t bytes_of(const std::vector<Element>& vector) {
   return sizeof(Element) * vector.capacity();
 }
 
+/// Old pixels stay.
 void resize(Image& image, int width, int height) {
   image.width = width;
   image.height = height;
-  image.pixels.assign(static_cast<std::size_t>(width) * height, vec4(0));
+  image.pixels.resize(static_cast<std::size_t>(width) * height);
+}
+
+void clear(Image& image, int width, int height) {
+  resize(image, width, height);
+  std::ranges::fill(image.pixels, vec4(0));
 }
 
 }  // namespace
@@ -217,17 +223,18 @@ Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sam
   Stopwatch stopwatch;
   SPLATVOL_TRY(prepare_surfaces(view));
   times.upload = stopwatch.lap();
-  resize(picture_, view.width, view.height);
   if (sample_spacing == 1 || frame_.surfaces) {
+    clear(picture_, view.width, view.height);
     draw_samples(view, sort, picture_, times);
     SPLATVOL_TRY(check_interruption());
     return times;
   }
   const View sampled = sampled_view(view, sample_spacing);
-  resize(samples_, sampled.width, sampled.height);
+  clear(samples_, sampled.width, sampled.height);
   draw_samples(sampled, sort, samples_, times);
   SPLATVOL_TRY(check_interruption());
   stopwatch.lap();
+  resize(picture_, view.width, view.height);
   interpolate(samples_, sample_spacing, sample_rows_, picture_);
   times.draw += stopwatch.lap();
   return times;
