@@ -9,6 +9,7 @@
 #include "base/interruption.h"
 #include "base/names.h"
 #include "builder/boundary/boundary_source.h"
+#include "builder/checking.h"
 #include "builder/reduce_source.h"
 #include "builder/store_boundary.h"
 #include "format/volume_writer.h"
@@ -31,7 +32,7 @@ Result<std::uint64_t> write(AtomicFile file, ReducedSource reduced, StoredBounda
     return bytes.empty() ? writer->add_written_row(entries) : writer->append_row(entries, bytes);
   };
   SPLATVOL_TRY(reduced.files.read(reduced.info.resolutions(), append));
-  SPLATVOL_TRY(writer->finish(reduced.histograms, [&](double fraction) { progress("checking", fraction); }));
+  SPLATVOL_TRY(writer->finish(reduced.histograms, checking(progress)));
   return writer->file_bytes();
 }
 

@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "builder/boundary/boundary_source.h"
+#include "builder/checking.h"
 #include "builder/describe.h"
 #include "builder/memory_plan.h"
 #include "builder/reduce_source.h"
@@ -356,7 +357,7 @@ Result<SeriesReport> build_series(std::vector<SeriesStep> steps, const std::stri
   target.file.emplace(std::move(file));
   SPLATVOL_TRY_ASSIGN(report,
                       SeriesBuild(options, folder_for(options, output), progress, target, 0).run(std::move(steps)));
-  SPLATVOL_TRY(target.writer->finish_series(target.steps, [&](double fraction) { progress("checking", fraction); }));
+  SPLATVOL_TRY(target.writer->finish_series(target.steps, checking(progress)));
   report.build.file_bytes = target.writer->file_bytes();
   return report;
 }

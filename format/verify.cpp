@@ -1,9 +1,12 @@
 // Volume::verify: the whole-file check of spec/svol-1.md, section 10.
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cmath>
+#include <future>
 #include <glm/vector_relational.hpp>
 #include <limits>
+#include <numeric>
 #include <optional>
 
 #include "base/interruption.h"
@@ -11,42 +14,59 @@
 #include "format/volume.h"
 
 namespace splatvol::format {
+namespace {
+
+// Calls task(number, thread) for the numbers under `tasks`, in order, on this thread, whose number is 0, and others.
+// Returns the failure of the first task that failed. Later ones may not have been called.
+template <class Task>
+Status run_tasks(std::size_t tasks, std::size_t threads, const Task& task) {
+  std::vector<Status> results(tasks);
+  std::atomic<std::size_t> next = 0;
+  std::atomic<bool> has_failed = false;
+  const auto run = [&](std::size_t thread) {
+    for (std::size_t number = 0; !has_failed && (number = next++) < tasks;) {
+      results[number] = task(number, thread);
+      if (!results[number]) has_failed = true;
+    }
+  };
+  std::vector<std::future<void>> others;
+  for (std::size_t thread = 1; thread < std::min(threads, tasks); ++thread)
+    others.push_back(std::async(std::launch::async | std::launch::deferred, [&, thread, stop = stop_of_thread()] {
+      const Interruptible interruptible(stop);
+      run(thread);
+    }));
+  run(0);
+  for (std::future<void>& other : others) other.get();
+  for (const Status& result : results) SPLATVOL_TRY(result);
+  return {};
+}
+
+}  // namespace
 
 class Volume::Verifier {
  public:
-  Verifier(const Volume& volume, const std::function<void(double)>& progress)
-      : volume_(volume),
-        info_(volume.info_),
-        progress_(progress),
-        values_{std::vector<Histogram>(info_.attributes.size()), std::vector<std::uint64_t>(info_.attributes.size())} {}
+  Verifier(const Volume& volume, const std::function<void(double)>& progress, std::size_t threads)
+      : volume_(volume), info_(volume.info_), progress_(progress), threads_(std::max<std::size_t>(threads, 1)) {}
 
   Status run() {
-    SPLATVOL_TRY(check_footer());
-    SPLATVOL_TRY(check_dead_parts());
-    SPLATVOL_TRY(check_sections(*volume_.file_));
-    SPLATVOL_TRY(check_boundary());
-    SPLATVOL_TRY(check_index());
+    SPLATVOL_TRY(check_parts());
     SPLATVOL_TRY(check_rows(0));
-    SPLATVOL_TRY(check_nodes(no_attribute));
-    return volume_.series_ ? Status{} : check_values_of_nodes();
+    SPLATVOL_TRY_ASSIGN(values, check_chunks(pages_of(0)));
+    return volume_.series_ ? check_nodes({no_attribute}) : check_nodes_and_values(values, {no_attribute});
   }
 
   /// Checks the chunks of some directory pages.
-  Result<CheckedValues> run_chunks(std::uint64_t part, std::uint64_t parts) {
-    const std::uint64_t pages = volume_.directories_[0].refs.size();
-    for (std::uint64_t p = part; p < pages; p += parts) {
-      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(p));
-      const double done = static_cast<double>(p) / static_cast<double>(pages);
-      SPLATVOL_TRY(check_page(page, page.chunks.empty() ? 0 : page.chunks[0].offset, [&](auto) { progress_(done); }));
-    }
-    return std::move(values_);
+  Result<CheckedValues> run_chunks(std::uint64_t part, std::uint64_t parts) const {
+    std::vector<std::uint64_t> pages;
+    for (std::uint64_t page = part; page < volume_.directories_[0].refs.size(); page += parts) pages.push_back(page);
+    return check_chunks(pages);
   }
 
   /// Checks the rest.
-  Status run_rest(CheckedValues values) {
-    values_ = std::move(values);
-    decodes_ = false;
-    return run();
+  Status run_rest(const CheckedValues& values) {
+    SPLATVOL_TRY(check_parts());
+    SPLATVOL_TRY(check_rows(0));
+    return check_nodes_and_values(values, {no_attribute});
   }
 
   /// Checks what the step adds.
@@ -54,10 +74,20 @@ class Volume::Verifier {
     SPLATVOL_TRY(check_sections(*volume_.step_part_));
     SPLATVOL_TRY(check_step_summaries());
     SPLATVOL_TRY(check_rows(1));
-    return check_values_of_nodes();
+    SPLATVOL_TRY_ASSIGN(values, check_chunks(pages_of(1)));
+    return check_nodes_and_values(values, {});
   }
 
  private:
+  // All but rows and nodes.
+  Status check_parts() {
+    SPLATVOL_TRY(check_footer());
+    SPLATVOL_TRY(check_dead_parts());
+    SPLATVOL_TRY(check_sections(*volume_.file_));
+    SPLATVOL_TRY(check_boundary());
+    return check_index();
+  }
+
   Status check_footer() const {
     SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(volume_.file_bytes() - sizeof(Footer), sizeof(Footer)));
     const auto footer = read_record<Footer>(bytes, 0);
@@ -182,52 +212,77 @@ class Volume::Verifier {
     return {};
   }
 
-  // `directory`: 0: the rows of the file; 1: those of the step.
-  Status check_rows(std::size_t directory) {
+  // Returns the numbers of pages. `directory`: 0: the rows of the file; 1: those of the step.
+  [[nodiscard]] std::vector<std::uint64_t> pages_of(std::size_t directory) const {
+    std::vector<std::uint64_t> pages(volume_.directories_[directory].refs.size());
+    std::iota(pages.begin(), pages.end(), directory == 0 ? 0 : volume_.directories_[0].refs.size());
+    return pages;
+  }
+
+  // Calls visit(chunk, its column, its points) for the chunks of a page, in the order of the file.
+  template <class Visit>
+  Status visit_chunks(const DirectoryPage& page, const Visit& visit) const {
+    const RowLayout& rows = volume_.rows_;
+    std::size_t chunk = 0;
+    for (std::uint64_t row = page.first_row; row < volume_.end_row(page); ++row) {
+      const Group group = rows.group(rows.group_of_row(row));
+      for (const int column : volume_.columns_of_row(page, row))
+        SPLATVOL_TRY(visit(page.chunks[chunk++], info_.columns[static_cast<std::size_t>(column)], group.count));
+      SPLATVOL_TRY(check_interruption());
+    }
+    return {};
+  }
+
+  // Chunks follow each other.
+  Status check_rows(std::size_t directory) const {
     const Container& container = *volume_.directories_[directory].container;
     const SectionEntry& section = *container.find_section(SectionKind::rows);
     const std::uint64_t begin = container.begin() + section.offset;
     std::uint64_t next = begin;
-    const auto progress = [&](std::uint64_t end) {
-      progress_(static_cast<double>(end - begin) / static_cast<double>(section.packed_bytes));
-    };
-    const std::uint64_t first = directory == 0 ? 0 : volume_.directories_[0].refs.size();
-    for (std::uint64_t p = 0; p < volume_.directories_[directory].refs.size(); ++p) {
-      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(first + p));
-      SPLATVOL_TRY_ASSIGN(end, check_page(page, next, progress));
-      next = end;
+    for (const std::uint64_t number : pages_of(directory)) {
+      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
+      SPLATVOL_TRY(visit_chunks(page, [&](const ChunkLocation& chunk, const Column&, std::uint32_t) -> Status {
+        if (chunk.offset != next) return volume_.broken("chunks do not tile the rows [R12]");
+        next += chunk.entry.packed_bytes;
+        return {};
+      }));
     }
     if (next != begin + section.packed_bytes) return volume_.broken("chunks do not tile the rows [R12]");
     return {};
   }
 
-  // Returns where the chunks of a page end. They begin at `next`. Calls done(end of a row) after each row.
-  template <class Done>
-  Result<std::uint64_t> check_page(const DirectoryPage& page, std::uint64_t next, const Done& done) {
-    const RowLayout& rows = volume_.rows_;
-    std::size_t chunk = 0;
-    for (std::uint64_t row = page.first_row; row < volume_.end_row(page); ++row) {
-      const Group group = rows.group(rows.group_of_row(row));
-      for (const int column : volume_.columns_of_row(page, row)) {
-        const ChunkLocation& location = page.chunks[chunk++];
-        if (location.offset != next) return volume_.broken("chunks do not tile the rows [R12]");
-        next += location.entry.packed_bytes;
-        if (decodes_) SPLATVOL_TRY(check_chunk(location, info_.columns[static_cast<std::size_t>(column)], group.count));
+  Result<CheckedValues> check_chunks(const std::vector<std::uint64_t>& pages) const {
+    const std::size_t attributes = info_.attributes.size();
+    const CheckedValues none{std::vector<Histogram>(attributes), std::vector<std::uint64_t>(attributes)};
+    std::vector<CheckedValues> of_threads(std::min(threads_, std::max<std::size_t>(pages.size(), 1)), none);
+    const auto check_page = [&](std::size_t number, std::size_t thread) -> Status {
+      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(pages[number]));
+      const auto check = [&](const ChunkLocation& chunk, const Column& column, std::uint32_t points) {
+        return check_chunk(chunk, column, points, of_threads[thread]);
+      };
+      SPLATVOL_TRY(visit_chunks(page, check));
+      if (thread == 0) progress_(static_cast<double>(number + 1) / static_cast<double>(pages.size()));
+      return {};
+    };
+    SPLATVOL_TRY(run_tasks(pages.size(), threads_, check_page));
+    for (std::size_t thread = 1; thread < of_threads.size(); ++thread)
+      for (std::size_t a = 0; a < attributes; ++a) {
+        of_threads[0].missing[a] += of_threads[thread].missing[a];
+        std::ranges::transform(of_threads[0].histograms[a], of_threads[thread].histograms[a],
+                               of_threads[0].histograms[a].begin(), std::plus());
       }
-      done(next);
-      SPLATVOL_TRY(check_interruption());
-    }
-    return next;
+    return std::move(of_threads[0]);
   }
 
-  Status check_chunk(const ChunkLocation& location, const Column& column, std::uint32_t points) {
+  Status check_chunk(const ChunkLocation& location, const Column& column, std::uint32_t points,
+                     CheckedValues& sums) const {
     SPLATVOL_TRY_ASSIGN(packed, volume_.read_bytes(location.offset, location.entry.packed_bytes));
     const std::string what = fmt::format("{}: chunk at {}", volume_.name(), location.offset);
     switch (column.kind) {
       case ColumnKind::position:
         return check_positions(location.entry, packed, points, what);
       case ColumnKind::value:
-        return check_values(location.entry, packed, points, static_cast<std::size_t>(column.attribute), what);
+        return check_values(location.entry, packed, points, static_cast<std::size_t>(column.attribute), what, sums);
       case ColumnKind::octant: {
         std::vector<std::uint8_t> depths(points), counts(points);
         return unpack_octants(location.entry, packed, depths, counts, what);
@@ -267,7 +322,7 @@ class Volume::Verifier {
   }
 
   Status check_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points,
-                      std::size_t attribute, const std::string& what) {
+                      std::size_t attribute, const std::string& what, CheckedValues& sums) const {
     std::vector<float> values(points);
     SPLATVOL_TRY(unpack_values(entry, packed, values, what));
     const ValueBins bins = bins_of(info_.attributes[attribute]);
@@ -279,19 +334,19 @@ class Volume::Verifier {
       return fail(ErrorCode::invalid_data, "{}: has a larger error than the metadata state", what);
     for (const float value : values) {
       if (std::isnan(value))
-        ++values_.missing[attribute];
+        ++sums.missing[attribute];
       else
-        ++values_.histograms[attribute][static_cast<std::size_t>(bins.bin(double{value}))];
+        ++sums.histograms[attribute][static_cast<std::size_t>(bins.bin(double{value}))];
     }
     return {};
   }
 
-  Status check_values_of_nodes() {
-    SPLATVOL_TRY(check_counted_values());
-    for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute)
-      if (info_.find_column(ColumnKind::value, static_cast<int>(attribute)) >= 0)
-        SPLATVOL_TRY(check_nodes(static_cast<int>(attribute)));
-    return {};
+  // Checks the nodes' `contents` and all values.
+  Status check_nodes_and_values(const CheckedValues& values, std::vector<int> contents) const {
+    SPLATVOL_TRY(check_counted_values(values));
+    for (int attribute = 0; attribute < static_cast<int>(info_.attributes.size()); ++attribute)
+      if (info_.find_column(ColumnKind::value, attribute) >= 0) contents.push_back(attribute);
+    return check_nodes(contents);
   }
 
   // The points of a segment, one after the other: their positions, or their values.
@@ -329,14 +384,16 @@ class Volume::Verifier {
     return unpack_values(location.entry, packed, cursor.values, what);
   }
 
-  // Checks the nodes of the index against the points in them: their positions, or their values of an attribute. Points
-  // of a segment are in the order of the leaves.
-  Status check_nodes(int attribute) const {
-    std::vector<Cursor> cursors(info_.resolutions());
-    for (std::size_t segment = 0; segment < cursors.size(); ++segment)
-      cursors[segment].group = volume_.rows_.group_at(segment, 0);
-    SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({attribute}));
-    return check_node(root, 0, info_.cube, attribute, cursors);
+  // Checks the nodes of the index against the points in them: their positions (no_attribute), or their values of
+  // attributes. Points of a segment are in the order of the leaves.
+  Status check_nodes(const std::vector<int>& contents) const {
+    return run_tasks(contents.size(), threads_, [&](std::size_t number, std::size_t) -> Status {
+      std::vector<Cursor> cursors(info_.resolutions());
+      for (std::size_t segment = 0; segment < cursors.size(); ++segment)
+        cursors[segment].group = volume_.rows_.group_at(segment, 0);
+      SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({contents[number]}));
+      return check_node(root, 0, info_.cube, contents[number], cursors);
+    });
   }
 
   // NOLINTNEXTLINE(misc-no-recursion): no node is deeper than max_node_depth.
@@ -405,12 +462,12 @@ class Volume::Verifier {
     return false;
   }
 
-  Status check_counted_values() const {
+  Status check_counted_values(const CheckedValues& values) const {
     SPLATVOL_TRY_ASSIGN(histograms, volume_.read_histograms());
     for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute) {
       if (info_.find_column(ColumnKind::value, static_cast<int>(attribute)) < 0) continue;
-      if (values_.missing[attribute] != info_.attributes[attribute].missing ||
-          (!histograms.empty() && values_.histograms[attribute] != histograms[attribute]))
+      if (values.missing[attribute] != info_.attributes[attribute].missing ||
+          (!histograms.empty() && values.histograms[attribute] != histograms[attribute]))
         return fail(ErrorCode::invalid_data, "{}: histogram or number of missing values of '{}' is wrong",
                     volume_.name(), info_.attributes[attribute].name);
     }
@@ -426,23 +483,22 @@ class Volume::Verifier {
 
   const Volume& volume_;
   const VolumeInfo& info_;
-  const std::function<void(double)>& progress_;
+  const std::function<void(double)>& progress_;  // called by this thread only
+  std::size_t threads_;
   std::vector<std::pair<std::uint64_t, std::uint64_t>> pages_;  // offset, bytes
   std::uint64_t page_bytes_ = 0;                                // of all in pages_
-  CheckedValues values_;                                        // that were read
-  bool decodes_ = true;                                         // chunks; else others have done so
 };
 
 Result<Volume::CheckedValues> Volume::verify_chunks(std::uint64_t part, std::uint64_t parts,
                                                     const std::function<void(double)>& progress) const {
-  return Verifier(*this, progress).run_chunks(part, parts);
+  return Verifier(*this, progress, 1).run_chunks(part, parts);
 }
 
-Status Volume::verify_rest(CheckedValues values, const std::function<void(double)>& progress) const {
-  return Verifier(*this, progress).run_rest(std::move(values));
+Status Volume::verify_rest(const CheckedValues& values, const std::function<void(double)>& progress) const {
+  return Verifier(*this, progress, 1).run_rest(values);
 }
 
-Status Volume::verify(const std::function<void(double)>& progress) const {
+Status Volume::verify(const std::function<void(double)>& progress, std::size_t threads) const {
   const std::size_t steps = series_ ? series_->steps.size() : 0;
   const auto part = [&](std::size_t index) {
     return [&, index](double fraction) {
@@ -452,11 +508,11 @@ Status Volume::verify(const std::function<void(double)>& progress) const {
   const std::function<void(double)> of_file = part(0);
   constexpr double nan = std::numeric_limits<double>::quiet_NaN();
   std::vector<StepRange> ranges(series_ ? series_->ranges.size() : 0, StepRange{nan, nan});
-  SPLATVOL_TRY(Verifier(*this, of_file).run());
+  SPLATVOL_TRY(Verifier(*this, of_file, threads).run());
   for (std::size_t step = 0; step < steps; ++step) {
     SPLATVOL_TRY_ASSIGN(volume, at_step(step));
     const std::function<void(double)> of_step = part(step + 1);
-    SPLATVOL_TRY(Verifier(*volume, of_step).run_step());
+    SPLATVOL_TRY(Verifier(*volume, of_step, threads).run_step());
     for (std::size_t a = 0; a < ranges.size(); ++a)
       include(ranges[a], volume->info().attributes[a].min, volume->info().attributes[a].max);
   }

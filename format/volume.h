@@ -155,9 +155,9 @@ class Volume {
 
   /// Reads and checks every byte of the file: hashes, tiling, every column, counts of the index, values against ranges,
   /// occupancy and histograms, positions against the cube, points against the nodes of the index, footer; of a series,
-  /// all steps. Calls `progress` with the share done, in [0, 1]. Memory does not grow with the number of points. Fails
-  /// if an append was interrupted.
-  [[nodiscard]] Status verify(const std::function<void(double)>& progress) const;
+  /// all steps. Calls `progress` with the share done, in [0, 1], on this thread. Memory does not grow with the number
+  /// of points. Fails if an append was interrupted, and the same way with any number of threads.
+  [[nodiscard]] Status verify(const std::function<void(double)>& progress, std::size_t threads = 1) const;
 
   /// What the chunks of values hold.
   struct CheckedValues {
@@ -171,7 +171,7 @@ class Volume {
                                                     const std::function<void(double)>& progress) const;
 
   /// The rest of verify(). `values`: the sums over all parts. Not for a series.
-  [[nodiscard]] Status verify_rest(CheckedValues values, const std::function<void(double)>& progress) const;
+  [[nodiscard]] Status verify_rest(const CheckedValues& values, const std::function<void(double)>& progress) const;
 
  private:
   // The rows of the file, or those of the step.

@@ -116,7 +116,7 @@ void VolumeWriter::add_extent(SectionKind kind, std::uint64_t offset, std::uint6
   sections_.push_back({kind, 1, offset, bytes, 0, 0, Codec::extent, 0});
 }
 
-Status VolumeWriter::finish(const Histograms& histograms, const Checking& checking) {
+Status VolumeWriter::finish(const Histograms& histograms, const std::optional<Checking>& checking) {
   SPLATVOL_TRY(finish_unchecked(histograms));
   return check_and_commit(checking);
 }
@@ -129,14 +129,15 @@ Status VolumeWriter::finish_unchecked(const Histograms& histograms) {
   return finish_all(histograms, {});
 }
 
-Status VolumeWriter::finish_series(std::span<const std::unique_ptr<StepWriter>> steps, const Checking& checking) {
+Status VolumeWriter::finish_series(std::span<const std::unique_ptr<StepWriter>> steps,
+                                   const std::optional<Checking>& checking) {
   if (!info_.series || steps.empty()) return fail(ErrorCode::invalid_argument, "not a series, or one without steps");
   SPLATVOL_TRY(finish_all({}, steps));
   return check_and_commit(checking);
 }
 
-Status VolumeWriter::check_and_commit(const Checking& checking) {
-  if (checking) SPLATVOL_TRY(check(checking));
+Status VolumeWriter::check_and_commit(const std::optional<Checking>& checking) {
+  if (checking) SPLATVOL_TRY(check(*checking));
   return file_.commit();
 }
 
@@ -167,7 +168,7 @@ Status VolumeWriter::check(const Checking& checking) const {
   Status checked = [&]() -> Status {
     SPLATVOL_TRY_ASSIGN(source, open_file(file_.path_to_write()));
     SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
-    return volume->verify(checking);
+    return volume->verify(checking.progress, checking.threads);
   }();
   if (checked || checked.error().code == ErrorCode::cancelled) return checked;
   return fail(checked.error().code, "the finished file is not kept, as reading it back finds it wrong: {}",

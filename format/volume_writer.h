@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -63,12 +64,15 @@ class VolumeWriter {
   /// is a boundary, and only then.
   void set_boundary(Bytes section) { boundary_ = std::move(section); }
 
-  /// Called while the finished file is checked, with the fraction that is done.
-  using Checking = std::function<void(double)>;
+  /// How a finished file is read back and verified before it gets its name.
+  struct Checking {
+    std::function<void(double)> progress;  // called with the fraction that is done
+    std::size_t threads = 1;
+  };
 
-  /// Writes the sections behind the rows, then the preamble, and gives the file its name. Requires all rows. With
-  /// `checking`, the file is read back and verified before it gets its name.
-  [[nodiscard]] Status finish(const Histograms& histograms, const Checking& checking = {});
+  /// Writes the sections behind the rows, then the preamble, and gives the file its name. Requires all rows.
+  /// Without `checking`, the file is not verified.
+  [[nodiscard]] Status finish(const Histograms& histograms, const std::optional<Checking>& checking = {});
 
   /// The same in two steps, for a file that others check. Between them it can be read by the path that its AtomicFile
   /// has. `commit` gives it its name.
@@ -76,7 +80,8 @@ class VolumeWriter {
   [[nodiscard]] Status commit() { return file_.commit(); }
 
   /// The same for a time series, with all of its steps, in the order of their times.
-  [[nodiscard]] Status finish_series(std::span<const std::unique_ptr<StepWriter>> steps, const Checking& checking = {});
+  [[nodiscard]] Status finish_series(std::span<const std::unique_ptr<StepWriter>> steps,
+                                     const std::optional<Checking>& checking = {});
 
   [[nodiscard]] const RowLayout& rows() const { return directory_.rows(); }
 
@@ -89,7 +94,7 @@ class VolumeWriter {
                                                                    const std::string& temporary_folder);
   [[nodiscard]] Status reserve_front(std::uint64_t bytes_before, std::uint64_t last_bytes);
   [[nodiscard]] Status finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps);
-  [[nodiscard]] Status check_and_commit(const Checking& checking);
+  [[nodiscard]] Status check_and_commit(const std::optional<Checking>& checking);
   [[nodiscard]] Status check(const Checking& checking) const;
   void add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
                    std::uint64_t unpacked_bytes, Codec codec);

@@ -1,6 +1,7 @@
 // svinfo: shows the contents of a .svol file.
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "format/volume.h"
 #include "streamer/default_scene.h"
@@ -331,14 +332,15 @@ Status write_scene(const Volume& volume, const Options& options) {
 // Checks the file; of an index, the files of all steps.
 Status verify(const format::Steps& steps, const Volume& shown) {
   ProgressBar bar("verifying");
+  const std::size_t threads = std::thread::hardware_concurrency();
   const std::size_t files = shown.series() ? 1 : std::max<std::size_t>(1, steps.times().size());
   for (std::size_t file = 0; file < files; ++file) {
     const auto update = [&](double fraction) {
       bar.update((static_cast<double>(file) + fraction) / static_cast<double>(files));
     };
-    if (files == 1) return shown.verify(update);
+    if (files == 1) return shown.verify(update, threads);
     SPLATVOL_TRY_ASSIGN(volume, steps.volume(file));
-    SPLATVOL_TRY(volume->verify(update));
+    SPLATVOL_TRY(volume->verify(update, threads));
   }
   return {};
 }

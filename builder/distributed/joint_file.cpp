@@ -153,7 +153,7 @@ class JointFile {
     SPLATVOL_TRY(agree_on_check(status_of(own)));
     for (format::Histogram& histogram : own->histograms) ranks_.sum(histogram);
     ranks_.sum(own->missing);
-    return agree_on_check(writer_ ? volume->verify_rest(std::move(*own), progress) : Status{});
+    return agree_on_check(writer_ ? volume->verify_rest(*own, progress) : Status{});
   }
 
   Result<std::shared_ptr<const format::Volume>> open_finished() const {

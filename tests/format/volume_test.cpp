@@ -45,9 +45,9 @@ std::shared_ptr<const Volume> open_bytes(const Bytes& bytes) {
   return volume ? *volume : nullptr;
 }
 
-Status verify_bytes(const Bytes& bytes) {
+Status verify_bytes(const Bytes& bytes, std::size_t threads = 1) {
   SPLATVOL_TRY_ASSIGN(volume, Volume::open(memory_source(bytes, "test.svol")));
-  return volume->verify([](double) {});
+  return volume->verify([](double) {}, threads);
 }
 
 // The same by three readers, who share the chunks.
@@ -280,6 +280,25 @@ TEST(Damage, EveryFlippedByteIsFound) {
       EXPECT_THAT(status.error().message, testing::StartsWith("test.svol: "));
     }
     bytes[i] = whole;
+  }
+}
+
+// Many pages of the directory, and two damaged places: the first one is told.
+TEST(Damage, IsToldTheSameWayByAnyNumberOfThreads) {
+  TestVolumeOptions options;
+  options.node_points = 8;
+  Bytes bytes = test_volume_bytes(small_volume(20'000, 3, options));
+  ASSERT_GT(Volume::open(memory_source(bytes, "test.svol")).value()->directory_page_count(), 4u);
+  for (const std::size_t threads : {0u, 1u, 2u, 16u}) EXPECT_TRUE(verify_bytes(bytes, threads)) << threads;
+  std::mt19937 random(2);
+  for (int tries = 0; tries < 100; ++tries) {
+    const std::array<std::size_t, 2> at = {random() % bytes.size(), random() % bytes.size()};
+    for (const std::size_t i : at) bytes[i] ^= std::byte{1};
+    const Status status = verify_bytes(bytes), by_many = verify_bytes(bytes, 4);
+    for (const std::size_t i : at) bytes[i] ^= std::byte{1};
+    ASSERT_FALSE(status) << "bytes " << at[0] << " and " << at[1];
+    ASSERT_FALSE(by_many) << "bytes " << at[0] << " and " << at[1];
+    EXPECT_EQ(by_many.error().message, status.error().message);
   }
 }
 
