@@ -262,7 +262,7 @@ class Volume::Verifier {
       };
       SPLATVOL_TRY(visit_chunks(page, check));
       if (thread == 0) progress_(static_cast<double>(number + 1) / static_cast<double>(pages.size()));
-      return {};
+      return check_interruption();
     };
     SPLATVOL_TRY(run_tasks(pages.size(), threads_, check_page));
     for (std::size_t thread = 1; thread < of_threads.size(); ++thread)
@@ -406,6 +406,7 @@ class Volume::Verifier {
       SPLATVOL_TRY_ASSIGN(
           read, volume_.read_index_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), {attribute}));
       linked = std::move(read);
+      SPLATVOL_TRY(check_interruption());
     }
     const IndexPage& below = linked ? *linked : page;
     std::size_t child = linked ? 0 : page.first_children[node];
