@@ -497,10 +497,13 @@ Status Viewer::draw_frame(const FrameInput& given) {
   draw_question();
   draw_opening();
   if (const auto chosen = dialog_.draw(window_, recent_files_.paths())) open(*chosen);
+  const bool was_settled = session_ && session_->is_settled();
   SPLATVOL_TRY(draw_picture(input.seconds));
   save_drawn_picture();
   film();
-  if (session_ && !session_->is_settled() && !session_->is_drawing()) pending_frames_ = 2;
+  // What the HUD tells of a picture that has come fits into it a frame later.
+  const bool is_settled = session_ && session_->is_settled();
+  if (session_ && !session_->is_drawing() && !(was_settled && is_settled)) pending_frames_ = 2;
   if (!is_held() && moved_seconds_ >= burst_seconds) remember();
   draw_overlays();
   SPLATVOL_TRY(gui_->draw());

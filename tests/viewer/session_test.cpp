@@ -14,9 +14,11 @@
 #include "builder/build.h"
 #include "format/volume.h"
 #include "renderer/gl/context.h"
+#include "renderer/gl/target.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/require.h"
+#include "viewer/viewer.h"
 
 namespace splatvol {
 namespace {
@@ -155,6 +157,26 @@ TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
     EXPECT_EQ(shown[1], 0);
     EXPECT_TRUE(session->is_settled());
     EXPECT_EQ(session->frame()->serial, serial);
+  }
+}
+
+// What the HUD tells of a picture that was drawn aside fits into it a frame after the picture has come.
+TEST_F(SessionAtRest, AFrameFollowsTheLastPicture) {
+  constexpr int width = 400, height = 300;
+  const auto context = HeadlessContext::create();
+  ASSERT_TRUE(context) << context.error().message;
+  Target target;
+  ASSERT_TRUE(target.resize(width, height));
+  ViewerOptions options;
+  options.volume = path();
+  options.settings.device = Device::cpu;
+  options.settings.tolerance = 0;
+  const auto viewer = Viewer::create(options).value();
+  std::vector<Event> events{WindowResized{width, height, width, height, 1}};
+  for (int frames = 0; !viewer->session()->is_settled() && frames < 10000; ++frames) {
+    target.use();
+    ASSERT_TRUE(viewer->frame({long_time, std::exchange(events, {})}));
+    EXPECT_FALSE(viewer->is_settled());
   }
 }
 
