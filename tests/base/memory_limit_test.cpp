@@ -75,6 +75,7 @@ TEST(MemoryLimitHere, IsNoMoreThanTheMachineHas) {
 }
 
 TEST_F(MemoryLimit, TheProcessesOwnLimitsCount) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers take more than the limit";
   rlimit before{};
   ASSERT_EQ(::getrlimit(RLIMIT_DATA, &before), 0);
   rlimit lower = before;

@@ -18,6 +18,7 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/format/allocation_counter.h"
+#include "tests/support/sanitizers.h"
 
 namespace splatvol {
 namespace {
@@ -128,7 +129,7 @@ TEST(HeldBytes, OfSampledCellsAreBounded) {
     options.memory = memory;
     options.held_points = 1;
     options.connectivity = Connectivity::none;
-    const auto source = generate_points({300'000, Distribution::clusters, 1, false});
+    const auto source = generate_points({test::is_sanitized ? 60'000u : 300'000u, Distribution::clusters, 1, false});
     test::start_counting_allocations();
     const auto report = build_volume(*source, path, options, [](const char*, double) {});
     ASSERT_TRUE(report) << report.error().message;
