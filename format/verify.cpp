@@ -254,7 +254,8 @@ class Volume::Verifier {
   Result<CheckedValues> check_chunks(const std::vector<std::uint64_t>& pages) const {
     const std::size_t attributes = info_.attributes.size();
     const CheckedValues none{std::vector<Histogram>(attributes), std::vector<std::uint64_t>(attributes)};
-    std::vector<CheckedValues> of_threads(std::min(threads_, std::max<std::size_t>(pages.size(), 1)), none);
+    const std::size_t with_room = 1 + most_bytes_of_sums / (std::max<std::size_t>(attributes, 1) * sizeof(Histogram));
+    std::vector<CheckedValues> of_threads(std::min(threads_, with_room), none);
     const auto check_page = [&](std::size_t number, std::size_t thread) -> Status {
       SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(pages[number]));
       const auto check = [&](const ChunkLocation& chunk, const Column& column, std::uint32_t points) {
@@ -264,7 +265,7 @@ class Volume::Verifier {
       if (thread == 0) progress_(static_cast<double>(number + 1) / static_cast<double>(pages.size()));
       return check_interruption();
     };
-    SPLATVOL_TRY(run_tasks(pages.size(), threads_, check_page));
+    SPLATVOL_TRY(run_tasks(pages.size(), of_threads.size(), check_page));
     for (std::size_t thread = 1; thread < of_threads.size(); ++thread)
       for (std::size_t a = 0; a < attributes; ++a) {
         of_threads[0].missing[a] += of_threads[thread].missing[a];
@@ -478,6 +479,8 @@ class Volume::Verifier {
   const SectionEntry& index_section() const { return *volume_.file_->find_section(SectionKind::index_pages); }
 
   static constexpr int no_attribute = -1;
+  // Thousands of attributes have fewer threads.
+  static constexpr std::size_t most_bytes_of_sums = std::size_t{1} << 24;
   // A dead part is a step directory and a footer.
   static constexpr std::uint64_t max_dead_bytes = std::uint64_t{1} << 30;
   static constexpr const char* untiled_index = "index pages do not tile their section [R16]";
