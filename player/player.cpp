@@ -213,7 +213,6 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
   }
   if (other) {
     rasterizer_ = std::move(other);
-    can_mix_ = rasterizer_->set_compositing(Compositing::slabs).has_value();
     room_ = std::numeric_limits<std::uint64_t>::max();
   }
   scene_ = scene;
@@ -353,10 +352,7 @@ Status Player::draw(const DrawOptions& options) {
   SPLATVOL_TRY(set_draw_list());
   const double set_seconds = seconds_since(start);
   const View view = view_now();
-  const bool mixes =
-      options.raster == Raster::slabs || (options.raster == Raster::automatic && can_mix_ &&
-                                          options.sort == SortMode::exact && is_worth_mixing(view, frame_->splats));
-  compositing_ = mixes ? Compositing::slabs : Compositing::splats;
+  compositing_ = options.compositing;
   SPLATVOL_TRY(rasterizer_->set_compositing(compositing_));
   sort_ = options.sort;
   sample_spacing_ = options.sample_spacing > 0 ? options.sample_spacing
@@ -450,11 +446,8 @@ Status Player::draw_within(double seconds, const DrawOptions& options) {
     request.wait_seconds = seconds - seconds_since(start) - share * drawing_share * seconds;
     if (*request.wait_seconds > 0) SPLATVOL_TRY(choose(request));
   }
-  // One by one, more splats are drawn in the time, and coarse slabs would show where tiles end.
-  DrawOptions how = options;
-  if (how.raster == Raster::automatic) how.raster = Raster::splats;
   const auto draw_start = Clock::now();
-  SPLATVOL_TRY(draw(how));
+  SPLATVOL_TRY(draw(options));
   // Of a complete frame counts what was allowed: the next finer cut may have many times as many splats.
   pacer_.add(frame_->progress.settled ? allowed : frame_->splats, seconds_since(draw_start));
   return {};

@@ -46,16 +46,9 @@ struct PlayerOptions {
   ReadSurface read_surface = {};
 };
 
-/// How splats that overlap become a picture.
-enum class Raster {
-  automatic,  // slabs where the device has them, for the exact order and not too many splats; else splats
-  splats,
-  slabs,
-};
-
 struct DrawOptions {
   SortMode sort = SortMode::exact;
-  Raster raster = Raster::automatic;
+  Compositing compositing = Compositing::splats;
   int sample_spacing = 0;  // pixels from one sample to the next, up to max_sample_spacing; 0: as many as lose nothing
 };
 
@@ -172,8 +165,7 @@ class Player {
 
   /// Draws the best picture that can be there in `seconds` from now. It has as many splats as the device can draw in
   /// the time. They are of parts that are there or come in time. Learns the device's speed from call to call, so that
-  /// the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time. Raster::automatic:
-  /// splats.
+  /// the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time.
   [[nodiscard]] Status draw_within(double seconds, const DrawOptions& options = {});
 
   /// Draws picture after picture, each with all of its parts, until one has the wanted error against the exact picture
@@ -257,7 +249,6 @@ class Player {
   SurfaceLayers surface_layers_;                         // of the last picture with surfaces or slices
   std::optional<View> surfaces_view_;                    // shows the layers; none: they are to be drawn
   std::optional<Image> picture_;                         // the last one, if surfaces were in it
-  bool can_mix_ = false;                                 // whether it draws in slabs
   std::uint64_t room_ = 0;                               // splats that the device took, as far as is known
   const FrameSplats* frame_ = nullptr;
   FrameRequest request_;

@@ -22,7 +22,7 @@ KernelKind kernel_of(const RenderOptions& options) {
 DrawOptions how_to_draw(const RenderOptions& options) {
   DrawOptions how;
   if (options.sort != "exact") how.sort = options.sort == "none" ? SortMode::none : SortMode::axis;
-  if (options.raster != "auto") how.raster = options.raster == "slabs" ? Raster::slabs : Raster::splats;
+  if (options.raster == "slabs") how.compositing = Compositing::slabs;
   if (options.sampling != "auto") how.sample_spacing = std::atoi(options.sampling.c_str());
   return how;
 }

@@ -105,9 +105,9 @@ void add_drawing_options(CLI::App& app, RenderOptions& options) {
       ->check(CLI::IsMember({"none", "axis", "exact"}))
       ->capture_default_str();
   app.add_option("--raster", options.raster,
-                 "splats: one drawn over the other, in their order; slabs: splats in a slab of depth are mixed, and "
-                 "their density is divided by its sum: no ripple, but slower. auto: slabs by the processor for the "
-                 "kernel moments, the exact order and up to 8 splats a pixel, else splats")
+                 "splats: one drawn over the other, in their order; slabs: the processor mixes the splats in a slab of "
+                 "depth and divides their density by its sum: less ripple, but slower, and false colours where bodies "
+                 "of other values meet. auto: splats")
       ->check(CLI::IsMember({"auto", "splats", "slabs"}))
       ->capture_default_str();
   app.add_option("--sampling", options.sampling,

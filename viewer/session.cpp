@@ -446,7 +446,7 @@ Status Session::apply() {
   const bool same = player_->options().memory == used_settings_.memory &&
                     player_->options().kernel == used_settings_.kernel &&
                     settings.tolerance == used_settings_.tolerance && settings.max_error == used_settings_.max_error &&
-                    settings.mixes == used_settings_.mixes && have_same_picture(drawn, used_scene_);
+                    have_same_picture(drawn, used_scene_);
   view_ = player_->view();
   used_scene_ = std::move(drawn);
   used_settings_ = settings;
@@ -505,9 +505,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
     request.detail.goal = ErrorGoal{0, std::min(moving_splats(), player_->device_splats())};
   else
     request.detail = sharpening_->detail();
-  // Slabs take several times as long: a hand that turns the data gets more splats instead.
-  const bool mixes = settings.mixes && !moves;
-  DrawOptions options{.sort = settings.sort, .raster = mixes ? Raster::automatic : Raster::splats};
+  DrawOptions options{.sort = settings.sort};
   if (!moves && !awaits_step_ && can_draw_aside()) return draw_aside(request, options);
 
   if (moves && player_->has_drawn_surfaces()) SPLATVOL_TRY(player_->set_scene(half_as_large(used_scene_)));

@@ -40,7 +40,6 @@ struct ViewSettings {
   std::optional<double> tolerance = std::nullopt;  // percent, at rest, instead of an error
   bool hurries = true;                             // coarser pictures while something moves; false: nobody waits
   SortMode sort = SortMode::exact;
-  bool mixes = true;                // at rest, in slabs, where the device can
   ReadSurface read_surface = {};    // as in PlayerOptions
   FirstPicture first_picture = {};  // as in PlayerOptions; its size may turn out to be another
 

@@ -219,8 +219,6 @@ void Viewer::draw_detail_controls() {
   int kernel = settings.kernel == KernelKind::moments ? 0 : 1;
   if (ImGui::Combo("kernel", &kernel, "moments\0octant\0"))
     settings.kernel = kernel == 0 ? KernelKind::moments : KernelKind::octant;
-  ImGui::Checkbox("slabs at rest", &settings.mixes);
-  hint("Mixes splats that overlap: a better picture, which takes longer.");
 }
 
 void Viewer::draw_lighting_controls() {

@@ -177,6 +177,53 @@ def two_bodies():
     return mesh.with_values(np.concatenate([large.values["f"], ball(10).values["f"]]))
 
 
+def body_in_another(cells=12):
+    """A lattice whose middle is a body of its own, with value 1; the rest has value 0. No point is in both."""
+    box = lattice(cells)
+    inside = np.abs(box.points[box.cells].mean(1)).max(1) < 0.5
+    points, cells, values = np.zeros((0, 3)), np.zeros((0, 8), int), np.zeros(0)
+    for value, body in ((1.0, box.cells[inside]), (0.0, box.cells[~inside])):
+        used, corners = np.unique(body, return_inverse=True)
+        cells = np.concatenate([cells, corners.reshape(body.shape) + len(points)])
+        points = np.concatenate([points, box.points[used]])
+        values = np.append(values, np.full(len(used), value))
+    return Mesh(points, cells, HEXAHEDRON).with_values(values)
+
+
+def layers_round_a_sphere(layers=10, halvings=3):
+    """Wedges round a sphere of radius 1, in layers as thin as those of an ocean: 1.6e-6 to 2.4e-4."""
+    points, triangles = icosphere(halvings)
+    depths = np.append(0, np.cumsum(np.geomspace(1.6e-6, 2.4e-4, layers)))
+    upper = np.concatenate([triangles + len(points) * layer for layer in range(layers)])
+    all_points = np.concatenate([points * (1 - depth) for depth in depths])
+    return Mesh(all_points, np.hstack([upper + len(points), upper]), WEDGE).with_values(smooth(all_points))
+
+
+def icosphere(halvings):
+    """The points of a sphere of radius 1, and its triangles: an icosahedron's, each divided into four so many times."""
+    g = (1 + math.sqrt(5)) / 2
+    points = [np.roll([0.0, a, b], shift) for shift in range(3) for a in (-1, 1) for b in (-g, g)]
+    points = [p / length(p) for p in points]
+    nearest = 1.1 * min(length(points[0] - p) for p in points[1:])
+    near = [[length(a - b) < nearest for b in points] for a in points]
+    triangles = [(a, b, c) for c in range(12) for b in range(c) for a in range(b) if near[a][b] and near[b][c] and near[a][c]]
+    triangles = [(a, b, c) if np.linalg.det([points[a], points[b], points[c]]) > 0 else (b, a, c) for a, b, c in triangles]
+    for _ in range(halvings):
+        middles, finer = {}, []
+
+        def middle(a, b):
+            if (key := (min(a, b), max(a, b))) not in middles:
+                middles[key] = len(points)
+                points.append((points[a] + points[b]) / length(points[a] + points[b]))
+            return middles[key]
+
+        for a, b, c in triangles:
+            ab, bc, ca = middle(a, b), middle(b, c), middle(c, a)
+            finer += [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
+        triangles = finer
+    return np.array(points), np.array(triangles)
+
+
 def points_only(count):
     return Mesh(np.random.default_rng(2).uniform(-1, 1, (count, 3)), np.zeros((0, 4), int))
 

@@ -18,8 +18,8 @@ from pathlib import Path
 from . import peers, pictures
 
 FRAME_FIELDS = (
-    "part view mesh connectivity device kernel tolerance resolution max_splats sort raster sampling sample_spacing points "
-    "splats nodes bytes_read file_bytes first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s "
+    "part view mesh connectivity device kernel tolerance resolution max_splats max_error sort raster sampling "
+    "sample_spacing points splats nodes bytes_read file_bytes first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s "
     "expected_error rmse psnr max light ripple outline flip"
 ).split()
 BUILD_FIELDS = "mesh connectivity points resolutions seconds seconds_min seconds_max file_bytes input_bytes".split()
@@ -193,8 +193,11 @@ class Splats(Contender):
         self.volume = bench.volume(mesh_of(view), connectivity)
         self.setting = setting
 
+    def arguments(self):
+        return self.setting.arguments()
+
     def draw(self, exr, frames):
-        options = ["--scene", self.scene, "-o", exr, "--repeat", frames, "--stats", "-", *self.setting.arguments()]
+        options = ["--scene", self.scene, "-o", exr, "--repeat", frames, "--stats", "-", *self.arguments()]
         return self.bench.run_json("svrender", self.volume, *options)
 
     def first_picture(self, exr):
@@ -207,6 +210,21 @@ class Splats(Contender):
         stats = self.draw(self.bench.work / "turn.exr", frames)
         names = ("frame", "frame_min", "frame_max", "cut", "sort", "draw")
         return {f"{name}_s": stats["seconds"][name] for name in names} | {"first_image_s": stats["first_image_seconds"]}
+
+
+class ByDefault(Splats):
+    """svrender with no option but the error of a peer's picture. The peer starts first."""
+
+    def __init__(self, bench, view, peer):
+        super().__init__(bench, view, bench.scene(view), bench.truth(view), Setting("moments"))
+        self.peer = peer
+        self.row = {"part": "default", "view": view, "mesh": mesh_of(view), "kernel": "moments"}
+
+    def arguments(self):
+        return ["--max-error", self.peer.row["rmse"]]
+
+    def first_picture(self, exr):
+        return {"max_error": self.peer.row["rmse"], **super().first_picture(exr)}
 
 
 class Exact(Contender):
@@ -303,10 +321,11 @@ def measure_view(bench, view, finest, points, note):
         if "peers" in bench.extras:
             process = stack.enter_context(peers.Peers(bench.mesh(mesh_of(view)), scene))
             contenders += [Peer(bench, view, kind, process) for kind in peers.KINDS]
+            contenders.append(ByDefault(bench, view, contenders[-len(peers.KINDS)]))
         rows = take_turns(bench, "view", points, contenders)
-    note["renderers"] = {c.setting.device: c.renderer for c in contenders if isinstance(c, Splats)}
+    note["renderers"] = {c.setting.device: c.renderer for c in contenders if type(c) is Splats}
     if "peers" in bench.extras:
-        note["peers"] = contenders[-1].renderer
+        note["peers"] = contenders[-1].peer.renderer
     return rows
 
 

@@ -148,16 +148,13 @@ TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   EXPECT_EQ(statistics("--size 20x10").at("width"), 20);
   for (const char* sort : {"none", "axis", "exact"})
     EXPECT_EQ(statistics(fmt::format("--sort {}", sort)).at("sort"), sort);
-  EXPECT_EQ(statistics("--device cpu").at("raster"), "slabs");
-  for (const char* other : {"--raster splats", "--device gl", "--kernel octant", "--sort axis"})
+  for (const char* other : {"", "--device cpu", "--raster auto", "--raster splats", "--device gl", "--kernel octant"})
     EXPECT_EQ(statistics(other).at("raster"), "splats") << other;
   EXPECT_EQ(statistics("--raster slabs --sort none").at("raster"), "slabs");
-  EXPECT_EQ(statistics("--device cpu --size 16x15").at("raster"), "splats") << "2000 splats, over 8 a pixel";
-  EXPECT_EQ(statistics("--raster slabs --size 16x15").at("raster"), "slabs");
   EXPECT_EQ(statistics("--sampling 3").at("sample_spacing"), 3);
   EXPECT_EQ(statistics("").at("sample_spacing"), 1);
-  EXPECT_EQ(statistics("--raster splats --tolerance 12.5 --size 400x500").at("sample_spacing"), 4);  // of 50 pixels
-  EXPECT_EQ(statistics("--raster splats --tolerance 1e30").at("sample_spacing"), 6);
+  EXPECT_EQ(statistics("--tolerance 12.5 --size 400x500").at("sample_spacing"), 4);  // of 50 pixels
+  EXPECT_EQ(statistics("--tolerance 1e30").at("sample_spacing"), 6);
   EXPECT_EQ(statistics("--raster slabs --tolerance 1e30").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("--tolerance 50 --sampling 1").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("--resolution 0").at("sample_spacing"), 1);

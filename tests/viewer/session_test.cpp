@@ -285,7 +285,6 @@ TEST_F(SessionAtRest, SlicesMoveInHalfOfTheSize) {
 TEST_F(SessionAtRest, TheProbeHasThePicturesOpacity) {
   for (const KernelKind kernel : {KernelKind::moments, KernelKind::octant}) {
     ViewSettings settings = on_processor();
-    settings.mixes = false;
     settings.kernel = kernel;
     const auto session = open(settings);
     static_cast<void>(settled(*session));

@@ -129,13 +129,12 @@ TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
   const Scene saved = load_scene(path("scene.json")).value();
   const auto streamer = Streamer::open(open_file(path("v.svol")).value(), {64u << 20, saved.attribute}).value();
   const auto renderer = make_rasterizer(Device::automatic, {.in_current_context = true}).value();
-  ASSERT_TRUE(renderer->set_compositing(Compositing::slabs));
   ASSERT_TRUE(renderer->set_transfer_function(saved.transfer_function, streamer->units()));
   const View view = make_view(saved.camera, saved.width, saved.height).value();
   const auto splats = streamer->request(view, saved.transfer_function, {0.0, {}}).value();
   ASSERT_TRUE(renderer->set_draw_list(splats->list));
   ASSERT_TRUE(
-      renderer->draw(view, SortMode::exact, automatic_sample_spacing(view, splats->detail, Compositing::slabs)));
+      renderer->draw(view, SortMode::exact, automatic_sample_spacing(view, splats->detail, Compositing::splats)));
   const auto difference = compare_images(shown, renderer->read_image().value()).value();
   EXPECT_EQ(difference.max, 0);
 }
@@ -146,7 +145,6 @@ TEST_F(ViewerTest, ShowsTheSamePictureOfBothDevices) {
     ViewerOptions options;
     options.volume = path("v.svol");
     options.settings.device = device;
-    options.settings.mixes = false;  // OpenGL does not
     viewer.reset();
     viewer = Viewer::create(options).value();
     frame({WindowResized{width, height, width, height, 1}});
