@@ -22,6 +22,11 @@ using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
+Status check_time(double seconds) {
+  if (seconds > 0 && std::isfinite(seconds)) return {};
+  return fail(ErrorCode::invalid_argument, "{} seconds are no time to draw in", seconds);
+}
+
 // The part of draw_within's time that the drawing of splats may take. The rest is for choosing them.
 constexpr double drawing_share = 0.7;
 
@@ -438,7 +443,7 @@ Status Player::draw_frame(const FrameRequest& request, const DrawOptions& option
 }
 
 Status Player::draw_within(double seconds, const DrawOptions& options) {
-  if (!(seconds > 0)) return fail(ErrorCode::invalid_argument, "{} seconds are no time to draw in", seconds);
+  SPLATVOL_TRY(check_time(seconds));
   const Call call(*this);
   const auto start = Clock::now();
   pacer_.set_seconds(drawing_share * seconds);
@@ -473,6 +478,7 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows, const Dr
 }
 
 Result<std::vector<std::uint64_t>> Player::draw_at_pace(double seconds, const DrawOptions& options) {
+  SPLATVOL_TRY(check_time(seconds));
   constexpr int most_frames = 8;
   const Call call(*this);
   FramePacer pacer(seconds);

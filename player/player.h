@@ -173,7 +173,7 @@ class Player {
   /// Draws the best picture that can be there in `seconds` from now. It has as many splats as the device can draw in
   /// the time. They are of parts that are there or come in time. Learns the device's speed from call to call, so that
   /// the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time. Raster::automatic:
-  /// splats.
+  /// splats. Fails unless `seconds` is finite and above 0.
   [[nodiscard]] Status draw_within(double seconds, const DrawOptions& options = {});
 
   /// Draws picture after picture, each with all of its parts, until one has the wanted error against the exact picture
@@ -181,7 +181,8 @@ class Player {
   /// the fewest splats (ErrorControl::Options).
   [[nodiscard]] Result<ErrorSearch> draw_to_error(double max_error, bool grows = true, const DrawOptions& options = {});
 
-  /// Finds how many splats can be drawn in `seconds`, in a few frames. Returns the splats of each.
+  /// Finds how many splats can be drawn in `seconds`, in a few frames. Returns the splats of each. Fails unless
+  /// `seconds` is finite and above 0.
   [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds, const DrawOptions& options = {});
 
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.

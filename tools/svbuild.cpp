@@ -510,7 +510,8 @@ void add_format_options(CLI::App& app, Options& options) {
                  "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS, .pvd, ...): take the step nearest to "
                  "this time "
                  "(default: the last)")
-      ->type_name("T");
+      ->type_name("T")
+      ->check(check_finite);
   app.add_flag("--gradients", options.gradients,
                "Keep the direction of each attribute's gradient at the points, about 3 bytes each: svrender --kernel "
                "octant needs it for scenes with lighting");

@@ -1,5 +1,6 @@
 #include "tools/svrender_options.h"
 
+#include <cmath>
 #include <cstdlib>
 
 #include "player/movie.h"
@@ -13,7 +14,8 @@ namespace splatvol {
 namespace {
 
 std::string check_not_negative(const std::string& text) {
-  return std::strtod(text.c_str(), nullptr) >= 0 ? "" : "'" + text + "' is not a number from 0 up";
+  const double number = std::strtod(text.c_str(), nullptr);
+  return number >= 0 && std::isfinite(number) ? "" : "'" + text + "' is not a number from 0 up";
 }
 
 std::string check_sampling(const std::string& text) {
@@ -193,6 +195,7 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
                     ->check(check_movie_path);
   app.add_option("--fps", options.frames_per_second, "Frames for each second of the movie")
       ->check(CLI::Range(0.1, 1000.0))
+      ->check(check_finite)
       ->needs(movie)
       ->capture_default_str();
   app.callback([&app, &options] {

@@ -303,6 +303,7 @@ void add_view_options(CLI::App& app, Options& options) {
                  "Percent of the picture that a splat may cover, at rest, instead of an error; 0: all points")
       ->type_name("PERCENT")
       ->check(CLI::Range(0.0, 100.0))
+      ->check(check_finite)
       ->excludes(max_error);
   add_device_option(app, options.device);
   app.add_option("--kernel", options.kernel, "Shape of a splat, as in svrender")
@@ -331,6 +332,7 @@ void add_recording_options(CLI::App& app, Options& options) {
   path->needs(app.add_option("--frames", options.frames, "Folder for these frames")->type_name("DIR")->needs(path));
   app.add_option("--fps", options.fps, "Frames for each second of the path")
       ->check(CLI::Range(0.01, 1000.0))
+      ->check(check_finite)
       ->capture_default_str();
   record->excludes(replayed)->excludes(screenshot)->excludes(path);
 }

@@ -196,7 +196,8 @@ std::string check_bytes(const std::string& text) { return reason(parse_bytes(tex
 std::string check_image_size(const std::string& text) { return reason(parse_image_size(text)); }
 
 std::string check_positive(const std::string& text) {
-  return std::strtod(text.c_str(), nullptr) > 0 ? "" : "'" + text + "' is not a number above 0";
+  const double number = std::strtod(text.c_str(), nullptr);
+  return number > 0 && std::isfinite(number) ? "" : "'" + text + "' is not a number above 0";
 }
 
 std::string check_finite(const std::string& text) {

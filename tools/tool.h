@@ -67,7 +67,7 @@ class ProgressBar {
 [[nodiscard]] std::string check_json_path(const std::string& text);   // "-" is taken too
 [[nodiscard]] std::string check_bytes(const std::string& text);       // parse_bytes takes it
 [[nodiscard]] std::string check_image_size(const std::string& text);  // parse_image_size takes it
-[[nodiscard]] std::string check_positive(const std::string& text);
+[[nodiscard]] std::string check_positive(const std::string& text);    // and finite
 [[nodiscard]] std::string check_finite(
     const std::string& text);  // neither infinite nor NaN; CLI11 itself refuses words
 

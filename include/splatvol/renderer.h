@@ -90,7 +90,8 @@ class SPLATVOL_EXPORT Renderer {
   /// part of the file cannot be read.
   [[nodiscard]] Result<Image> render(const Quality& quality = {});
 
-  /// Draws the best picture that can be there in `seconds` from now. Learns the device's speed from call to call.
+  /// Draws the best picture that can be there in `seconds` from now. Learns the device's speed from call to call. Fails
+  /// unless `seconds` is finite and above 0.
   [[nodiscard]] Result<Image> render_within(double seconds);
 
   /// Draws the picture of what has been read, and waits up to `wait_seconds` for more. Threads go on reading until the

@@ -280,6 +280,38 @@ TEST_F(Programs, FilesOfOtherKindsAreNeverReplaced) {
   EXPECT_EQ(*read_text_file(mesh), small_mesh(small_data));
 }
 
+// Words that C++ takes for numbers are none for an option. The texts are those of each program's numbers.
+TEST_F(Programs, InfinityAndNanAreNoNumbersOfOptions) {
+  const std::vector<std::pair<std::string, std::vector<std::string>>> options = {
+      {"svrender a.svol -o a.png",
+       {"--milliseconds", "--max-error", "--tolerance", "--splats", "--time", "--fps", "--ticks", "--resolution",
+        "--isovalue", "--sampling", "--memory", "--gpu-memory", "--repeat", "--turntable", "--fade", "--step"}},
+      {"svview a.svol --screenshot a.png",
+       {"--max-error", "--tolerance", "--fps", "--memory", "--gpu-memory", "--step"}},
+      {"svexport a.svol -o a.vdb", {"--voxel", "--time", "--resolution", "--memory", "--step"}},
+      {"svinfo a.svol", {"--time", "--step"}},
+      {"svbuild a.csv -o a.svol",
+       {"--time", "--leaf", "--memory", "--threads", "--boundary-triangles", "--read-memory", "--read-timeout"}},
+      {"svtruth a.vtu --scene a.json -o a.exr", {"--threads", "--repeat", "--read-memory", "--read-timeout"}},
+      {"svgen points -o a.npy", {"--count", "--seed"}},
+      {"svgen mesh -o a", {"--cells", "--pieces"}},
+      {"svgen refine a.vtu -o a", {"--levels", "--read-memory", "--read-timeout"}},
+      {"svdemo -o a.vtu", {"--points"}}};
+  for (const auto& [command, names] : options) {
+    if (!fs::exists(fs::path(SPLATVOL_BIN) / command.substr(0, command.find(' ')))) continue;  // svview needs OpenGL
+    for (const std::string& name : names)
+      for (const std::string number : {"inf", "-inf", "infinity", "nan", "1e999"}) {
+        const Outcome outcome = run(command + " " + name + "=" + number);
+        EXPECT_EQ(outcome.code, 2) << command << " " << name << "=" << number;
+        EXPECT_THAT(outcome.err, HasSubstr(name)) << command << " " << name << "=" << number;
+      }
+  }
+  for (const std::string list :
+       {"svexport a.svol -o a.vtu --box=0,0,0,1,1,", "svrender a.svol --movie a.mp4 --path=9,90,",
+        "svrender a.svol -o a.png --slice=0,0,1:0,0,", "svbuild a.e -o a.svol --times=0:"})
+    for (const std::string number : {"inf", "nan"}) EXPECT_EQ(run(list + number).code, 2) << list << number;
+}
+
 TEST_F(Programs, AFullDiskLeavesNothing) {
   write("mesh.vtu", small_mesh(small_data));
   const std::string limited = "svbuild " + path("mesh.vtu") + " -o " + path("out.svol");
