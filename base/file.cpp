@@ -123,14 +123,14 @@ Result<std::string> read_text_file(const std::string& path) {
   return text;
 }
 
-Result<AtomicFile> AtomicFile::create(const std::string& target, Unnamed unnamed) {
+Result<AtomicFile> AtomicFile::create(const std::string& target, Unnamed unnamed, Replace replace) {
   struct stat status {};
   const bool exists = ::stat(target.c_str(), &status) == 0;
   // Names that are too long, links in a circle, folders without access: better now than after hours of work.
   if (!exists && errno != ENOENT) return fail_errno(target, "cannot create");
   // Renaming would replace a device or a pipe by a regular file.
   if (exists && !S_ISREG(status.st_mode)) return fail(ErrorCode::io, "{}: not a regular file", target);
-  SPLATVOL_TRY(check_replaceable(target));
+  SPLATVOL_TRY(check_replaceable(target, replace));
   // Links are followed, also to a file that is not there yet. Links in a circle were refused above.
   std::filesystem::path path = target;
   std::error_code error;
@@ -139,7 +139,9 @@ Result<AtomicFile> AtomicFile::create(const std::string& target, Unnamed unnamed
 
   std::optional<FileRights> rights;
   if (exists) rights = {status.st_mode & 0777, status.st_uid, status.st_gid};
-  return create_beside(path.string(), unnamed, rights);
+  SPLATVOL_TRY_ASSIGN(file, create_beside(path.string(), unnamed, rights));
+  file.replace_ = replace;
+  return file;
 }
 
 Result<AtomicFile> AtomicFile::create_beside(const std::string& path, Unnamed unnamed,
@@ -175,7 +177,8 @@ AtomicFile::AtomicFile(AtomicFile&& other) noexcept
       temporary_path_(std::move(other.temporary_path_)),
       rights_(other.rights_),
       end_(other.end_),
-      begun_(other.begun_) {}
+      begun_(other.begun_),
+      replace_(other.replace_) {}
 
 AtomicFile::~AtomicFile() {
   if (descriptor_ < 0) return;
@@ -253,8 +256,8 @@ Status AtomicFile::copy_to_named() {
 }
 
 Status AtomicFile::commit() {
-  const std::string folder = folder_of(path_);  // no memory is taken once the file has its name
-  SPLATVOL_TRY(check_replaceable(path_));       // another program may have written it meanwhile
+  const std::string folder = folder_of(path_);       // no memory is taken once the file has its name
+  SPLATVOL_TRY(check_replaceable(path_, replace_));  // another program may have written it meanwhile
   if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
   SPLATVOL_TRY(give_name());
   // Only the owner could read it until now. Where the system does not allow more, that stays.

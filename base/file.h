@@ -11,6 +11,7 @@
 #include <string>
 
 #include "base/error.h"
+#include "base/replaceable.h"
 
 namespace splatvol {
 
@@ -71,10 +72,11 @@ class AtomicFile {
   enum class Unnamed { if_possible, never };
 
   /// Fails if the folder cannot be written to, or if `target` exists and is not a regular file. Fails also if `target`
-  /// is not of the kind that its extension stands for (base/replaceable.h), and so does `commit`. If `target` is a
-  /// link, replaces the file that it points to. A file that is replaced keeps its rights, and its owner and group where
-  /// the system allows it; until `commit`, only the user may read the new one.
-  [[nodiscard]] static Result<AtomicFile> create(const std::string& target, Unnamed unnamed = Unnamed::if_possible);
+  /// may not be replaced (check_replaceable in base/replaceable.h), and so does `commit`. If `target` is a link,
+  /// replaces the file that it points to. A file that is replaced keeps its rights, and its owner and group where the
+  /// system allows it; until `commit`, only the user may read the new one.
+  [[nodiscard]] static Result<AtomicFile> create(const std::string& target, Unnamed unnamed = Unnamed::if_possible,
+                                                 Replace replace = Replace::exports);
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();
@@ -116,6 +118,7 @@ class AtomicFile {
   std::optional<FileRights> rights_;  // of the file that it replaces
   std::uint64_t end_ = 0;
   std::uint64_t begun_ = 0;  // the disk was told to write the bytes before this offset
+  Replace replace_ = Replace::exports;
 };
 
 /// Writes a whole file through an AtomicFile.

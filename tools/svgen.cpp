@@ -34,6 +34,7 @@ struct Options {
   std::string distribution = "uniform";
   std::uint64_t seed = 1;
   bool float32 = false;
+  Replace replace = Replace::exports;
   ReadingOptions reading;
 };
 
@@ -77,8 +78,8 @@ Status write_points(const Options& options) {
   recipe.distribution = static_cast<Distribution>(std::ranges::find(distribution_names(), options.distribution) -
                                                   distribution_names().begin());
 
-  SPLATVOL_TRY(check_outputs({options.output}, {}));
-  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.output));
+  SPLATVOL_TRY(check_outputs({options.output}, {}, options.replace));
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.output, AtomicFile::Unnamed::if_possible, options.replace));
   const std::string header = npy_header(count, options.float32);
   SPLATVOL_TRY(file.append(std::as_bytes(std::span(header))));
   const auto source = generate_points(recipe);
@@ -217,6 +218,7 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   points->add_option("--seed", options.seed, "Another seed gives other points")->capture_default_str();
   points->add_flag("--float32,!--float64", options.float32, "Numbers of 4 bytes, or of 8 (default)");
+  add_force_option(*points, options.replace);
 
   auto* mesh = app.add_subcommand("mesh", "A graded mesh of tetrahedra in pieces, with a .pvtu that names them");
   mesh->add_option("-o,--output", options.output, "The folder to write")

@@ -79,7 +79,6 @@ Status look(const Options& options) {
   SPLATVOL_TRY_ASSIGN(size, window_size(options));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
   setup.recent_files = usual_recent_files_path();
-  if (!options.record.empty()) SPLATVOL_TRY(check_recording(options.record));
   SPLATVOL_TRY_ASSIGN(window, Window::open(size.width, size.height, "svview"));
   setup.clipboard = window->clipboard();
   setup.window = window->size();
@@ -267,6 +266,7 @@ Status play(const Options& options) {
 
 Status run(Options options) {
   if (options.scene.empty() && options.volume.ends_with(".json")) options.scene = std::exchange(options.volume, "");
+  if (!options.record.empty()) SPLATVOL_TRY(check_recording(options.record));
   SPLATVOL_TRY(check_outputs({options.record, options.screenshot, options.stats},
                              {options.volume, options.scene.starts_with('{') ? "" : options.scene, options.replay}));
   if (!options.play.empty()) return play(options);

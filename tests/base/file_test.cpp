@@ -203,15 +203,15 @@ TEST_F(FileTest, OnlyAFileOfTheSameKindIsReplaced) {
       {"a.vtu", "<?xml version=\"1.0\"?>"}};
   for (const auto& [name, start] : starts) {
     write(name, start + " and more");
-    EXPECT_TRUE(check_replaceable(path(name))) << name;
-    EXPECT_TRUE(AtomicFile::create(path(name))) << name;
+    EXPECT_TRUE(check_replaceable(path(name), Replace::any)) << name;
+    EXPECT_TRUE(AtomicFile::create(path(name), AtomicFile::Unnamed::if_possible, Replace::any)) << name;
     for (const std::string other : {"text", "\x89", " "}) {
       write(name, other);
-      const auto status = check_replaceable(path(name));
+      const auto status = check_replaceable(path(name), Replace::any);
       ASSERT_FALSE(status) << name << " holds " << other;
       EXPECT_EQ(status.error().code, ErrorCode::invalid_argument);
       EXPECT_TRUE(status.error().message.starts_with(path(name)));
-      EXPECT_FALSE(AtomicFile::create(path(name))) << name;
+      EXPECT_FALSE(AtomicFile::create(path(name), AtomicFile::Unnamed::if_possible, Replace::any)) << name;
     }
     write(name, "");
     EXPECT_TRUE(check_replaceable(path(name))) << name << ": empty";
@@ -225,6 +225,54 @@ TEST_F(FileTest, OnlyAFileOfTheSameKindIsReplaced) {
   write("late.svol", "a letter");
   EXPECT_FALSE(file.commit());
   EXPECT_EQ(content("late.svol"), "a letter");
+}
+
+// The start of a .vdb file whose metadata have the mark of an export with another UUID, or with its own.
+std::string vdb_with(const std::string& uuid, const std::string& mark) {
+  return std::string(" BDV\0\0\0\0", 8) + std::string(13, '\1') + uuid + std::string(20, '\2') + mark + " more";
+}
+
+// A mesh of the user's has no mark, however near to one its text comes. Marks do not survive a change.
+TEST_F(FileTest, WhatMayBeAnInputIsReplacedIfItHasAMarkOnly) {
+  const std::string uuid(36, 'a'), other_uuid(36, 'b'), declared = "<?xml version=\"1.0\"?>\n";
+  const std::string mark(vtu_export_mark), element = "<VTKFile type=\"UnstructuredGrid\">\n";
+  const std::vector<std::pair<std::string, std::string>> exports = {
+      {"a.vtu", declared + mark + "\n" + element},
+      {"a.VTU", declared + "<!-- mine -->" + mark + element},
+      {"a.vdb", vdb_with(uuid, vdb_export_mark(uuid))}};
+  for (const auto& [name, content] : exports) {
+    write(name, content);
+    EXPECT_TRUE(check_replaceable(path(name))) << name;
+    EXPECT_TRUE(AtomicFile::create(path(name))) << name;
+  }
+
+  const std::vector<std::pair<std::string, std::string>> inputs = {
+      {"a.vtu", declared + element},
+      {"a.vtu", element + mark},
+      {"a.vtu", declared + "<!-- splatvol -->" + element},
+      {"a.vtu", declared + "<!--" + std::string(4096, ' ') + "-->" + mark + element},
+      {"a.vdb", vdb_with(uuid, vdb_export_mark(other_uuid))},
+      {"a.vdb", vdb_with(uuid, "")},
+      {"a.vdb", " BDV"},
+      {"a.npy", "\x93NUMPY" + mark}};
+  for (const auto& [name, content] : inputs) {
+    write(name, content);
+    const auto status = check_replaceable(path(name));
+    ASSERT_FALSE(status) << content;
+    EXPECT_EQ(status.error().code, ErrorCode::invalid_argument);
+    EXPECT_TRUE(status.error().message.starts_with(path(name)));
+    EXPECT_NE(status.error().message.find("--force"), std::string::npos);
+    EXPECT_FALSE(AtomicFile::create(path(name))) << content;
+    EXPECT_TRUE(check_replaceable(path(name), Replace::any)) << content;
+  }
+
+  // A link names what it points to. A file that appears while another is written stays.
+  fs::create_symlink(path("a.npy"), path("link.npy"));
+  EXPECT_FALSE(check_replaceable(path("link.npy")));
+  auto file = AtomicFile::create(path("late.vtu")).value();
+  write("late.vtu", declared + element);
+  EXPECT_FALSE(file.commit());
+  EXPECT_EQ(content("late.vtu"), declared + element);
 }
 
 TEST_F(FileTest, DestroyedWithoutCommitLeavesTheOldFile) {
