@@ -108,6 +108,7 @@ struct InputNotes {
   std::optional<TimeStep> step;          // that was taken of several
   std::vector<double> times;             // of a series
   std::vector<std::string> conversions;  // Source::conversions()
+  std::vector<std::string> warnings;     // SeriesReport::warnings
   JointWork work = {};                   // of several processes
   StageTimes stages = {};                // of a single step
 };
@@ -123,7 +124,8 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
                                      {"seconds", seconds},
                                      {"census", census}};
   if (notes.memory < report.least_memory) document["memory_held_beyond_limit"] = report.least_memory;
-  if (!report.warnings.empty()) document["warnings"] = warning_lines(report);
+  for (const auto& lines : {warning_lines(report), notes.warnings})
+    for (const std::string& warning : lines) document["warnings"].push_back(warning);
   if (!notes.conversions.empty()) document["conversions"] = notes.conversions;
   for (const auto& [name, same] : report.aliases) document["aliases"].push_back({{"name", name}, {"same_as", same}});
   if (notes.step)
@@ -169,7 +171,8 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
   for (const auto& [name, same] : report.aliases)
     print_out("  {} is the same as {}: stored once, found by both names\n", name, same);
   for (const CensusLine& line : census_lines(report)) print_out("  {:>12} {}\n", line.count, line.words);
-  for (const std::string& warning : warning_lines(report)) print_out("  warning: {}\n", warning);
+  for (const auto& lines : {warning_lines(report), notes.warnings})
+    for (const std::string& warning : lines) print_out("  warning: {}\n", warning);
   if (notes.work.ranks > 1)
     print_out("  {:>12} processes, {} of which reduced points; {} bytes sent for {} bytes of records\n",
               notes.work.ranks, notes.work.ranges, notes.work.sent_bytes, notes.work.record_bytes);
@@ -252,6 +255,7 @@ Result<BuildReport> build_steps(const Options& options, const BuildOptions& buil
   if (!report) return tl::unexpected(report.error());
   notes.times = report->times;
   notes.conversions = report->conversions;
+  notes.warnings = report->warnings;
   return report->build;
 }
 
@@ -566,7 +570,9 @@ void add_series_options(CLI::App& app, Options& options) {
                "Build a file for each step and an index of them, OUT.svols: for meshes that change from step to step")
       ->excludes(app.get_option("--time"));
   app.add_flag("--append", options.append,
-               "Append steps to the time series OUT.svol, which stays as it was if this fails or is interrupted")
+               "Append steps to the time series OUT.svol or OUT.svols, which stays as it was if this fails or is "
+               "interrupted. If only the disk's confirmation fails, the steps are there, and a line says so. Several "
+               "programs may append to one OUT.svols at once; OUT.svol takes one at a time")
       ->excludes(app.get_option("--time"));
 }
 

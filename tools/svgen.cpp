@@ -2,12 +2,16 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
 #include <filesystem>
 #include <functional>
 #include <random>
 #include <span>
 #include <utility>
 
+#include "base/descriptor.h"
 #include "base/file.h"
 #include "base/temporary_names.h"
 #include "builder/open_own.h"
@@ -117,9 +121,8 @@ class AtomicFolder {
   [[nodiscard]] std::string file(const std::string& name) const { return (temporary_ / name).string(); }
 
   Status commit() {
-    std::error_code error;
-    fs::rename(temporary_, target_, error);
-    if (error) return fail(ErrorCode::io, "{}: {}", target_.string(), error.message());
+    if (uninterrupted([&] { return ::rename(temporary_.c_str(), target_.c_str()); }) != 0)
+      return fail(ErrorCode::io, "{}: {}", target_.string(), std::strerror(errno));
     forget_temporary(temporary_);
     temporary_.clear();
     return {};

@@ -26,6 +26,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/locked_file.h"
 #include "base/replaceable.h"
 #include "base/temporary_names.h"
 
@@ -458,6 +459,57 @@ TEST_F(FileTest, AFileThatCannotGetItsNameStaysBesideIt) {
   }
 }
 
+TEST_F(FileTest, WithoutConfirmationNothingStaysOfAFileThatCannotGetItsName) {
+  for (const auto unnamed : {AtomicFile::Unnamed::if_possible, AtomicFile::Unnamed::never}) {
+    {
+      auto file = AtomicFile::create(path("taken"), unnamed).value();
+      fs::create_directory(path("taken"));
+      EXPECT_FALSE(file.commit_unconfirmed());
+    }
+    EXPECT_EQ(names(), Names{"taken"});
+    fs::remove(path("taken"));
+  }
+  auto file = AtomicFile::create(path("free")).value();
+  ASSERT_TRUE(file.append(bytes_of("text")));
+  ASSERT_TRUE(file.commit_unconfirmed());
+  ASSERT_TRUE(sync_folder(folder_));
+  EXPECT_EQ(content("free"), "text");
+  EXPECT_FALSE(sync_folder(path("missing")));
+}
+
+TEST_F(FileTest, RenamesToFreeNamesOnly) {
+  write("a", "a");
+  write("b", "b");
+  fs::create_symlink("nowhere", path("link"));
+  for (const char* taken : {"b", "link"}) EXPECT_FALSE(rename_if_free(path("a"), path(taken)).value()) << taken;
+  EXPECT_EQ(content("b"), "b");
+  EXPECT_TRUE(rename_if_free(path("a"), path("c")).value());
+  EXPECT_EQ(content("c"), "a");
+  EXPECT_EQ(names(), (Names{"b", "c", "link"}));
+  const auto missing = rename_if_free(path("a"), path("d"));
+  ASSERT_FALSE(missing);
+  expect_one_line_about(missing.error(), path("a"));
+}
+
+TEST_F(FileTest, AFileIsLockedOnce) {
+  using IfTaken = LockedFile::IfTaken;
+  write("a", "a");
+  {
+    const auto first = LockedFile::open(path("a"), IfTaken::fail);
+    ASSERT_TRUE(first) << first.error().message;
+    EXPECT_TRUE(first->is_locked());
+    const auto second = LockedFile::open(path("a"), IfTaken::fail);
+    ASSERT_FALSE(second);
+    EXPECT_THAT(second.error().message, HasSubstr("another program appends to it"));
+    // The lock is that of the file, and not of the name.
+    ASSERT_TRUE(write_text_file(path("a"), "new"));
+    EXPECT_TRUE(LockedFile::open(path("a"), IfTaken::fail));
+  }
+  EXPECT_TRUE(LockedFile::open(path("a"), IfTaken::wait));
+  EXPECT_FALSE(LockedFile::open(path("missing"), IfTaken::wait));
+  EXPECT_FALSE(LockedFile::open(folder_, IfTaken::wait));
+}
+
 TEST_F(FileTest, WithoutLinksToUnnamedFilesACopyGetsTheName) {
   const pid_t child = ::fork();
   if (child == 0) {
@@ -496,6 +548,14 @@ TEST_F(FileTest, ASignalHandlerRemovesTemporaryNames) {
   note_temporary(path("folder"));
   remove_temporaries();
   forget_temporary(path("folder"));
+  EXPECT_EQ(names(), Names{"first"});
+  // As many as there are.
+  for (int i = 0; i < 200; ++i) {
+    write(fmt::format("file{}", i), "");
+    note_temporary(path(fmt::format("file{}", i)));
+  }
+  remove_temporaries();
+  for (int i = 0; i < 200; ++i) forget_temporary(path(fmt::format("file{}", i)));
   EXPECT_EQ(names(), Names{"first"});
   // A name that is forgotten stays.
   note_temporary(path("first"));

@@ -105,6 +105,48 @@ TEST_F(SeriesPrograms, ASeriesOfFilesPlaysLikeASeries) {
   expect_done("svinfo f.svols --step 0");
 }
 
+// The names of the files of f.svols, each of which is there.
+std::vector<std::string> files_of_index(const std::filesystem::path& folder) {
+  std::vector<std::string> files;
+  const auto index = nlohmann::json::parse(read_text_file((folder / "f.svols").string()).value());
+  for (const auto& step : index["steps"]) files.push_back(step["file"]);
+  for (const std::string& file : files) EXPECT_TRUE(std::filesystem::exists(folder / file)) << file;
+  return files;
+}
+
+TEST_F(SeriesPrograms, TwoAppendsAtOnceLoseNoStep) {
+  for (int round = 0; round < 12; ++round) {
+    for (const auto& entry : std::filesystem::directory_iterator(folder_))
+      if (entry.path().filename().string().find("svol") != std::string::npos) std::filesystem::remove(entry.path());
+    expect_done("svbuild --series-of-files grid_0.vtk -o f.svols");
+    const std::string append = "'" SPLATVOL_BIN "'/svbuild --series-of-files --append -o f.svols ";
+    const test::Outcome both = test::run_in(
+        folder_, fmt::format("{0} grid_1.vtk & sleep 0.0{1}; {0} grid_2.vtk && wait $!", append, round % 4));
+    EXPECT_EQ(both.code, 0) << both.text;
+    EXPECT_EQ(files_of_index(folder_).size(), 3U) << both.text;
+  }
+  expect_done("svinfo f.svols --verify");
+}
+
+// Also one whose end is too sudden to remove anything.
+TEST_F(SeriesPrograms, AnAppendThatWasKilledIsInNoOnesWay) {
+  expect_done("svbuild --series-of-files grid_0.vtk -o f.svols");
+  for (int milliseconds = 5; milliseconds < 200; milliseconds += milliseconds / 5 + 4) {
+    const test::Outcome killed = test::run_in(
+        folder_, fmt::format("timeout -s KILL {} '{}'/svbuild --series-of-files --append grid_1.vtk -o f.svols",
+                             1e-3 * milliseconds, SPLATVOL_BIN));
+    const std::size_t steps = files_of_index(folder_).size();
+    expect_done("svbuild --series-of-files --append grid_2.vtk -o f.svols");
+    EXPECT_EQ(files_of_index(folder_).size(), steps + 1) << killed.text;
+  }
+  const int last = std::stoi(files_of_index(folder_).back().substr(2));
+  std::ofstream(path(fmt::format("f-{:04}.svol", last + 1))) << "left";
+  EXPECT_THAT(run("svbuild --series-of-files --append grid_2.vtk -o f.svols").text,
+              HasSubstr(fmt::format("f-{:04}.svol: is there already", last + 1)));
+  EXPECT_EQ(files_of_index(folder_).back(), fmt::format("f-{:04}.svol", last + 2));
+  expect_done("svinfo f.svols --verify");
+}
+
 // Two attributes that agree at the first step only: each file has both by their own names.
 TEST_F(SeriesPrograms, AFirstStepOfEqualValuesHasAllAttributes) {
   for (int step = 0; step < 2; ++step) {
