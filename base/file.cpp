@@ -293,6 +293,7 @@ Status AtomicFile::commit() {
     return fail(ErrorCode::io, "{}; the finished file is {}", failure.error().message,
                 std::exchange(temporary_path_, {}));
   }
+  if (is_noted_temporary(path_)) return {};
   const Status confirmed = sync_folder(folder);
   if (confirmed) return {};
   return fail(ErrorCode::io, "{}: is complete and has its name, though the disk has not confirmed the name: {}", path_,

@@ -87,6 +87,13 @@ void forget_temporary(const std::string& path) {
   }
 }
 
+bool is_noted_temporary(const std::string& path) {
+  const std::lock_guard lock(mutex);
+  for (Slot* slot = slots; slot; slot = slot->next)
+    if (const char* name = slot->name; name && path == name) return true;
+  return false;
+}
+
 void remove_temporaries() {
   for (Slot* slot = slots; slot; slot = slot->next) {
     char* name = slot->name.exchange(nullptr);  // nobody frees it meanwhile

@@ -11,6 +11,7 @@ namespace splatvol {
 /// Notes a temporary file, or a folder of files, until forget_temporary(). Thread-safe.
 void note_temporary(const std::string& path);
 void forget_temporary(const std::string& path);
+[[nodiscard]] bool is_noted_temporary(const std::string& path);
 
 /// Removes the files and folders that are noted. Safe in a signal handler.
 void remove_temporaries();
