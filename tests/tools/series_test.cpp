@@ -128,6 +128,22 @@ TEST_F(SeriesPrograms, TwoAppendsAtOnceLoseNoStep) {
   expect_done("svinfo f.svols --verify");
 }
 
+// One file takes one append at a time: the other one is refused, or comes later.
+TEST_F(SeriesPrograms, TwoAppendsToOneFileAtOnceTellTheTruth) {
+  for (int round = 0; round < 8; ++round) {
+    expect_done("svbuild --series grid_0.vtk -o s.svol");
+    const std::string append = "'" SPLATVOL_BIN "'/svbuild --append -o s.svol ";
+    const test::Outcome both = test::run_in(
+        folder_, fmt::format("{0} grid_1.vtk & sleep 0.0{1}; {0} grid_2.vtk; a=$?; wait $!; exit $((2 * a + $?))",
+                             append, round % 4));
+    const std::size_t failed = static_cast<std::size_t>(both.code % 2 + both.code / 2);
+    const auto info = nlohmann::json::parse(run("svinfo s.svol --json").text);
+    EXPECT_EQ(info["series"]["steps"].size(), 3 - failed) << both.text;
+    EXPECT_LT(failed, 2U) << both.text;
+    expect_done("svinfo s.svol --verify");
+  }
+}
+
 // Also one whose end is too sudden to remove anything.
 TEST_F(SeriesPrograms, AnAppendThatWasKilledIsInNoOnesWay) {
   expect_done("svbuild --series-of-files grid_0.vtk -o f.svols");
