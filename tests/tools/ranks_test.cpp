@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
@@ -321,6 +322,30 @@ TEST_F(RanksTest, MakeTheSameBytesIfTheFileHasAName) {
   EXPECT_EQ(together.code, 0) << together.err;
   EXPECT_EQ(folder_.run("cmp out/alone.svol out/together.svol").out, "");
   EXPECT_THAT(folder_.outputs(), testing::UnorderedElementsAre("alone.svol", "together.svol"));
+}
+
+// The first rank waits for the disk twice: for the file, and for its name.
+TEST_F(RanksTest, TellWhatADiskThatFailsOnceHas) {
+  const auto build = [&](int call, int error) {
+    return folder_.run("rm -f out/*; " SPLATVOL_MPIEXEC " -n 2 env LD_PRELOAD=" SPLATVOL_FAILING_DISK
+                       " SPLATVOL_FAIL_ONLY=fsync SPLATVOL_FAIL_CALL=" +
+                       std::to_string(call) + " SPLATVOL_FAIL_ERROR=" + std::to_string(error) +
+                       " " SPLATVOL_BIN "/svbuild gen:points:count=1000 -o out/a.svol");
+  };
+  const Outcome lost = build(0, EIO);
+  EXPECT_EQ(lost.code, 1);
+  EXPECT_EQ(lost.lines(), 1u) << lost.err;
+  EXPECT_THAT(folder_.outputs(), testing::IsEmpty());
+
+  const Outcome unconfirmed = build(1, EIO);
+  EXPECT_EQ(unconfirmed.code, 1);
+  EXPECT_THAT(unconfirmed.err, HasSubstr("the disk has not confirmed the name"));
+  EXPECT_EQ(folder_.run(SPLATVOL_BIN "/svinfo --verify out/a.svol").code, 0);
+
+  for (const int call : {0, 1}) {
+    EXPECT_EQ(build(call, EINTR).code, 0);
+    EXPECT_THAT(folder_.outputs(), testing::ElementsAre("a.svol"));
+  }
 }
 
 }  // namespace
