@@ -101,8 +101,8 @@ class AtomicFile {
 
   /// Syncs the file to the disk, gives it its name, and waits until the disk has the name too. Fails if the system
   /// refuses. If it refuses the name, the finished file stays beside `target`, and the message tells where. If the disk
-  /// does not confirm the name, the file has it all the same, and the message tells so. Only destruction is allowed
-  /// afterwards.
+  /// does not confirm the name, the file has it all the same, and the message tells so. A name that is noted as
+  /// temporary (base/temporary_names.h) is not waited for. Only destruction is allowed afterwards.
   [[nodiscard]] Status commit();
 
   /// The same without the last wait: until sync_folder(), a power cut may take the name back. After a failure nothing

@@ -184,7 +184,8 @@ def build_series(
     ``units`` on.
 
     ``append=True`` adds steps to a series that is there, behind its last time. Points, cells, and the options that
-    choose how they are joined, must be as they were. If this fails, or by Ctrl-C, the file stays as it was.
+    choose how they are joined, must be as they were. If this fails, or by Ctrl-C, the file stays as it was, unless
+    the message says that the steps are in the file.
 
     The report is that of the first steps that are built together; warnings are of all. Raises as ``build``, and
     ``InvalidArgumentError`` or ``InvalidDataError`` if times do not rise, steps differ in their names, or the file has
