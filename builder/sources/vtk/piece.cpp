@@ -10,6 +10,7 @@
 #include <vtkIdList.h>
 #include <vtkIdTypeArray.h>
 #include <vtkNew.h>
+#include <vtkPointData.h>
 #include <vtkPolyData.h>
 #include <vtkSmartPointer.h>
 #include <vtkUnsignedCharArray.h>
@@ -27,8 +28,28 @@ namespace {
 
 static_assert(ghost::duplicate == vtkDataSetAttributes::DUPLICATECELL &&
               ghost::duplicate == vtkDataSetAttributes::DUPLICATEPOINT &&
+              ghost::refined_cell == vtkDataSetAttributes::REFINEDCELL &&
               ghost::hidden_cell == vtkDataSetAttributes::HIDDENCELL &&
               ghost::hidden_point == vtkDataSetAttributes::HIDDENPOINT);
+
+/// Returns the ghost flags of points or of cells; none if there are none. Older files give levels (vtkGhostLevels): all
+/// above 0 are copies. VTK itself knows flags of one type only, and levels of old file versions.
+std::vector<std::uint8_t> ghost_flags(vtkDataSetAttributes& arrays) {
+  const auto array_of = [&](const char* name) {
+    vtkDataArray* array = arrays.GetArray(name);
+    return array && array->GetNumberOfComponents() == 1 ? array : nullptr;
+  };
+  vtkDataArray* types = array_of("vtkGhostType");
+  vtkDataArray* levels = types ? nullptr : array_of("vtkGhostLevels");
+  vtkDataArray* array = types ? types : levels;
+  std::vector<std::uint8_t> flags(array ? static_cast<std::size_t>(array->GetNumberOfTuples()) : 0);
+  for (std::size_t i = 0; i < flags.size(); ++i) {
+    const double number = array->GetComponent(static_cast<vtkIdType>(i), 0);
+    if (types) flags[i] = number >= 0 && number < 256 ? static_cast<std::uint8_t>(number) : 0;
+    if (levels) flags[i] = number > 0 ? ghost::duplicate : 0;
+  }
+  return flags;
+}
 
 class VtkArray final : public NumberArray {
  public:
@@ -44,7 +65,11 @@ class VtkArray final : public NumberArray {
 
 class DataSetOfVtk final : public DataSet {
  public:
-  explicit DataSetOfVtk(vtkDataSet& data) : data_(data), grid_(vtkUnstructuredGrid::SafeDownCast(&data)) {}
+  explicit DataSetOfVtk(vtkDataSet& data)
+      : data_(data),
+        grid_(vtkUnstructuredGrid::SafeDownCast(&data)),
+        cell_ghosts_(ghost_flags(*data.GetCellData())),
+        point_ghosts_(ghost_flags(*data.GetPointData())) {}
 
   [[nodiscard]] std::uint64_t point_count() const override {
     return static_cast<std::uint64_t>(data_.GetNumberOfPoints());
@@ -93,10 +118,8 @@ class DataSetOfVtk final : public DataSet {
   }
   [[nodiscard]] std::int64_t face_number(std::int64_t at) const override { return grid_->GetFaces()->GetValue(at); }
 
-  [[nodiscard]] std::span<const std::uint8_t> cell_ghosts() const override { return flags(data_.GetCellGhostArray()); }
-  [[nodiscard]] std::span<const std::uint8_t> point_ghosts() const override {
-    return flags(data_.GetPointGhostArray());
-  }
+  [[nodiscard]] std::span<const std::uint8_t> cell_ghosts() const override { return cell_ghosts_; }
+  [[nodiscard]] std::span<const std::uint8_t> point_ghosts() const override { return point_ghosts_; }
 
   // Of a structured grid.
   [[nodiscard]] bool blanks_cells() const override { return !grid_; }
@@ -144,13 +167,9 @@ class DataSetOfVtk final : public DataSet {
   }
 
  private:
-  static std::span<const std::uint8_t> flags(vtkUnsignedCharArray* array) {
-    if (!array) return {};
-    return {array->GetPointer(0), static_cast<std::size_t>(array->GetNumberOfValues())};
-  }
-
   vtkDataSet& data_;
   vtkUnstructuredGrid* grid_;  // data_, if it is one
+  std::vector<std::uint8_t> cell_ghosts_, point_ghosts_;
   vtkNew<vtkIdList> ids_;
 };
 
