@@ -5,10 +5,12 @@
 #include <cctype>
 #include <charconv>
 #include <filesystem>
+#include <iterator>
 #include <optional>
 #include <string_view>
 
 #include "base/file.h"
+#include "builder/exodus_pieces.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vdb_source.h"
@@ -197,6 +199,10 @@ Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& 
     SPLATVOL_TRY_ASSIGN(files, list_folder(input));
     paths.insert(paths.end(), files.begin(), files.end());
   }
+  std::vector<std::string> exodus;
+  std::ranges::copy_if(paths, std::back_inserter(exodus),
+                       [](const std::string& path) { return multi_block_kind(path) == VtkFile::Kind::exodus; });
+  SPLATVOL_TRY(check_exodus_pieces(exodus));
   return paths;
 }
 

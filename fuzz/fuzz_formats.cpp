@@ -4,6 +4,7 @@
 #include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/ensight_case.h"
 #include "builder/sources/vtk/ensight_checks.h"
+#include "builder/sources/vtk/finer_numbers.h"
 #include "builder/sources/vtk/netcdf_checks.h"
 #include "builder/sources/vtk/plot3d_format.h"
 #include "fuzz/fuzz.h"
@@ -18,6 +19,7 @@ void check_ensight(std::span<const std::byte> bytes) {
   const auto text = bytes.first(static_cast<std::size_t>(cut));
   const EnsightCase files({reinterpret_cast<const char*>(text.data()), text.size()});
   static_cast<void>(files.times());
+  static_cast<void>(has_finer_number({reinterpret_cast<const char*>(text.data()), text.size()}));
   for (const EnsightFiles& variable : files.variables()) static_cast<void>(files.file_at(variable, 0.5));
   const fuzz::NamedBytes named(text);
   static_cast<void>(check_blocks({named.path(), VtkFile::Kind::ensight}, std::nullopt));
@@ -48,6 +50,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (data[0] == 'n') {
     const fuzz::NamedBytes file(rest);
     static_cast<void>(check_file_end(file.path()));
+    static_cast<void>(count_open_records(file.path()));
   }
   return 0;
 }

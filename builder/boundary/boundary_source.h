@@ -28,6 +28,7 @@ class BoundarySource final : public Source {
   std::optional<TimeStep> time_step() const override { return source_.time_step(); }
   std::optional<double> stated_time() const override { return source_.stated_time(); }
   std::vector<std::string> conversions() const override { return source_.conversions(); }
+  std::uint64_t left_out_cells() const override { return source_.left_out_cells(); }
   bool averages_by_piece() const override { return source_.averages_by_piece(); }
   VertexCopies copies() const override { return source_.copies(); }
   bool may_have_cells() const override { return source_.may_have_cells(); }

@@ -161,6 +161,9 @@ class Source {
   /// The attributes of the pieces so far that are not as in the input: "density: of cells, averaged to points".
   [[nodiscard]] virtual std::vector<std::string> conversions() const { return {}; }
 
+  /// Number of cells of blocks that were left out so far, because they are surfaces and no patches.
+  [[nodiscard]] virtual std::uint64_t left_out_cells() const { return 0; }
+
   /// Whether values of cells are averaged in each piece by itself, so that copies of a vertex differ from piece to
   /// piece.
   [[nodiscard]] virtual bool averages_by_piece() const { return false; }

@@ -43,6 +43,7 @@ class StepGroup final : public Source {
   [[nodiscard]] Result<std::optional<Box>> bounds() override { return first_->bounds(); }
   [[nodiscard]] std::optional<std::uint64_t> point_count() const override { return first_->point_count(); }
   [[nodiscard]] std::vector<std::string> conversions() const override { return first_->conversions(); }
+  [[nodiscard]] std::uint64_t left_out_cells() const override { return first_->left_out_cells(); }
   [[nodiscard]] VertexCopies copies() const override { return copies_; }
   [[nodiscard]] bool may_have_cells() const override { return first_->may_have_cells(); }
   [[nodiscard]] bool brings_material() const override { return first_->brings_material(); }

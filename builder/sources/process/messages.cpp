@@ -33,8 +33,8 @@ auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Op
 template <class State>
 auto members_of(State& state) requires std::is_same_v<std::remove_const_t<State>, SourceState> {
   return std::tie(state.attributes, state.units, state.conversions, state.pieces, state.number, state.points,
-                  state.time, state.copies, state.averages_by_piece, state.may_have_cells, state.brings_material,
-                  state.single_precision);
+                  state.time, state.left_out_cells, state.copies, state.averages_by_piece, state.may_have_cells,
+                  state.brings_material, state.single_precision);
 }
 
 template <class Census>
@@ -148,6 +148,7 @@ SourceState state_of(const Source& source) {
   state.points = source.point_count();
   state.step = source.time_step();
   state.time = source.stated_time();
+  state.left_out_cells = source.left_out_cells();
   state.copies = source.copies();
   state.averages_by_piece = source.averages_by_piece();
   state.may_have_cells = source.may_have_cells();

@@ -33,6 +33,7 @@ struct SourceState {
   std::optional<std::uint64_t> points;
   std::optional<TimeStep> step;
   std::optional<double> time;  // stated
+  std::uint64_t left_out_cells = 0;
   VertexCopies copies = VertexCopies::same_values;
   bool averages_by_piece = false;
   bool may_have_cells = true;

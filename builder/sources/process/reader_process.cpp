@@ -234,6 +234,7 @@ class ProcessSource final : public Source {
   std::optional<TimeStep> time_step() const override { return state_.step; }
   std::optional<double> stated_time() const override { return state_.time; }
   std::vector<std::string> conversions() const override { return state_.conversions; }
+  std::uint64_t left_out_cells() const override { return state_.left_out_cells; }
   bool averages_by_piece() const override { return state_.averages_by_piece; }
   VertexCopies copies() const override { return state_.copies; }
   bool may_have_cells() const override { return state_.may_have_cells; }

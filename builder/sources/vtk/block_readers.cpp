@@ -1,119 +1,59 @@
 #include "builder/sources/vtk/block_readers.h"
 
 #include <vtkCGNSReader.h>
-#include <vtkExodusIIReader.h>
 #include <vtkGenericEnSightReader.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkNew.h>
 #include <vtkSmartPointer.h>
 #include <vtk_cgns.h>
-#include <vtk_exodusII.h>
 
 #include <algorithm>
 #include <array>
-#include <cstdint>
 #include <filesystem>
 #include <map>
 #include <utility>
 
 #include VTK_CGNS(cgns_io.h)
 #include VTK_CGNS(cgnslib.h)
+#include "base/file.h"
+#include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/cgns_patches.h"
 #include "builder/sources/vtk/cgns_units.h"
+#include "builder/sources/vtk/ensight_case.h"
+#include "builder/sources/vtk/exodus_reader.h"
+#include "builder/sources/vtk/file_words.h"
+#include "builder/sources/vtk/finer_numbers.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/openfoam_reader.h"
 
 namespace splatvol {
 namespace {
 
-/// Reads one of `pieces` pieces, at a time if there is one.
-void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces) {
-  time ? reader.UpdateTimeStep(*time, piece, pieces) : reader.UpdatePiece(piece, pieces, 0);
+/// Whether single precision, in which VTK's reader gives points, does not keep those of a case: only text may have more
+/// digits. `path`: of the case.
+bool has_finer_ensight_points(const std::string& path, std::optional<double> time) {
+  const auto text = read_text_file(path);
+  if (!text) return false;
+  const EnsightCase files(*text);
+  if (!files.geometry()) return false;
+  const auto step = choose_step(files.times(), time);
+  const auto geometry = files.file_at(*files.geometry(), step ? std::optional(step->time) : std::nullopt);
+  if (!geometry) return false;
+  auto file = open_file(std::filesystem::path(path).parent_path() / geometry->name);
+  if (!file) return false;
+  FileWords words(std::move(*file));
+  const bool binary = words.line().substr(0, 20).find("Binary") != std::string::npos;
+  words.line();  // another description
+  while (!binary && !words.at_end())
+    if (has_finer_number(words.line())) return true;
+  return false;
 }
-
-/// Throws if two blocks or sets of one kind have the same id: VTK 9.1 then reads past the end of its list of ids. Ids
-/// are 0 in a file that is cut off before them.
-void check_exodus_ids(const std::string& path) {
-  const std::uintmax_t file_bytes = std::filesystem::file_size(path);
-  int real_bytes = 8, stored_real_bytes = 0;
-  float version = 0;
-  const int file = ex_open(path.c_str(), EX_READ | EX_ALL_INT64_API, &real_bytes, &stored_real_bytes, &version);
-  if (file < 0) return;  // VTK's reader reports it
-  bool unique = true;
-  for (const auto& [type, count_of_type] : {std::pair{EX_ELEM_BLOCK, EX_INQ_ELEM_BLK},
-                                            {EX_EDGE_BLOCK, EX_INQ_EDGE_BLK},
-                                            {EX_FACE_BLOCK, EX_INQ_FACE_BLK},
-                                            {EX_NODE_SET, EX_INQ_NODE_SETS},
-                                            {EX_EDGE_SET, EX_INQ_EDGE_SETS},
-                                            {EX_FACE_SET, EX_INQ_FACE_SETS},
-                                            {EX_SIDE_SET, EX_INQ_SIDE_SETS},
-                                            {EX_ELEM_SET, EX_INQ_ELEM_SETS}}) {
-    const auto count = ex_inquire_int(file, count_of_type);
-    if (count < 2 || static_cast<std::uintmax_t>(count) > file_bytes) continue;
-    std::vector<std::int64_t> ids(static_cast<std::size_t>(count));
-    if (ex_get_ids(file, type, ids.data()) < 0) continue;
-    std::ranges::sort(ids);
-    unique = unique && std::ranges::adjacent_find(ids) == ids.end();
-  }
-  ex_close(file);
-  if (!unique) throw ReaderError("Exodus: two blocks or two sets have the same id");
-}
-
-class ExodusReader final : public BlockReader {
- public:
-  vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
-    reader_->SetFileName(path.c_str());
-    reader_->GenerateObjectIdCellArrayOff();
-    ex_opts(EX_DEFAULT);  // keeps the library from printing its errors
-    check_exodus_ids(path);
-    return *reader_;
-  }
-
-  void select(const std::vector<std::string>& selection) override {
-    for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
-      for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
-        reader_->SetObjectArrayStatus(type, i, wants_array(selection, reader_->GetObjectArrayName(type, i)));
-    select_others(false);
-  }
-
-  void want_patches() override { wants_patches_ = true; }
-
-  /// Chooses among all but the blocks of cells: the side sets, or nothing.
-  void select_others(bool side_sets) {
-    for (const int type : {vtkExodusIIReader::EDGE_BLOCK, vtkExodusIIReader::FACE_BLOCK, vtkExodusIIReader::NODE_SET,
-                           vtkExodusIIReader::EDGE_SET, vtkExodusIIReader::FACE_SET, vtkExodusIIReader::SIDE_SET,
-                           vtkExodusIIReader::ELEM_SET})
-      for (int i = 0; i < reader_->GetNumberOfObjects(type); ++i)
-        reader_->SetObjectStatus(type, i, side_sets && type == vtkExodusIIReader::SIDE_SET);
-  }
-
-  std::vector<ArrayShape> arrays() override {
-    std::vector<ArrayShape> shapes;
-    for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
-      for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
-        shapes.push_back({reader_->GetObjectArrayName(type, i), reader_->GetNumberOfObjectArrayComponents(type, i),
-                          type == vtkExodusIIReader::ELEM_BLOCK});
-    return shapes;
-  }
-
-  int portions() override { return reader_->GetNumberOfObjects(vtkExodusIIReader::ELEM_BLOCK); }
-
-  void read(int portion, std::optional<double> time) override {
-    for (int block = 0; block < portions(); ++block)
-      reader_->SetObjectStatus(vtkExodusIIReader::ELEM_BLOCK, block, block == portion);
-    select_others(wants_patches_ && portion == 0);
-    update(*reader_, time, 0, 1);
-  }
-
- private:
-  bool wants_patches_ = false;
-  vtkNew<vtkExodusIIReader> reader_;
-};
 
 class EnSightReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    path_ = path;
     reader_->SetCaseFileName(path.c_str());
     return *reader_;
   }
@@ -128,13 +68,18 @@ class EnSightReader final : public BlockReader {
 
   void read(int, std::optional<double> time) override { update(*reader_, time, 0, 1); }
 
+  bool rounds_points() const override { return true; }
+  bool has_finer_points(std::optional<double> time) override { return has_finer_ensight_points(path_, time); }
+
  private:
+  std::string path_;
   vtkNew<vtkGenericEnSightReader> reader_;
 };
 
 class OpenFoamReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    path_ = path;
     processors_ = find_processors(path);  // throws
     if (!processors_.empty()) reader_->set_processor(processors_.front());
     reader_->SetFileName(path.c_str());
@@ -171,6 +116,9 @@ class OpenFoamReader final : public BlockReader {
     return found == units_.end() ? std::string() : found->second;
   }
 
+  bool rounds_points() const override { return true; }
+  bool has_finer_points(std::optional<double>) override { return has_finer_openfoam_points(path_, processors_); }
+
   void read(int portion, std::optional<double> time) override {
     if (!processors_.empty()) {
       reader_->set_processor(processors_[static_cast<std::size_t>(portion)]);
@@ -184,6 +132,7 @@ class OpenFoamReader final : public BlockReader {
 
  private:
   bool wants_patches_ = false;
+  std::string path_;
   vtkNew<ProcessorReader> reader_;
   std::vector<std::string> processors_;  // folders of a decomposed case; none: the case itself is read
   std::map<std::string, std::string> units_;
@@ -293,10 +242,14 @@ class CgnsReader final : public BlockReader {
 
 }  // namespace
 
+void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces) {
+  time ? reader.UpdateTimeStep(*time, piece, pieces) : reader.UpdatePiece(piece, pieces, 0);
+}
+
 std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind) {
   switch (kind) {
     case VtkFile::Kind::exodus:
-      return std::make_unique<ExodusReader>();
+      return make_exodus_reader();
     case VtkFile::Kind::ensight:
       return std::make_unique<EnSightReader>();
     case VtkFile::Kind::openfoam:

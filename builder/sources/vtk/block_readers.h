@@ -9,6 +9,7 @@
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/data_sets.h"
 
+class vtkAlgorithm;
 class vtkMultiBlockDataSetAlgorithm;
 
 namespace splatvol {
@@ -35,11 +36,20 @@ class BlockReader {
   /// All arrays of a file that has several portions, before any of them is read. Other readers may return none.
   virtual std::vector<ArrayShape> arrays() { return {}; }
 
+  /// The times of the steps, if VTK's reader does not find them.
+  virtual std::vector<double> times() const { return {}; }
+
   /// The unit of an array that has been read; empty if the file does not tell.
   virtual std::string unit(const std::string& /*array*/) const { return {}; }
 
   /// Whether the portions are parts of one mesh: points that several of them have are the same points.
   virtual bool portions_share_points() const { return false; }
+
+  /// Whether read() rounds points to single precision, though the file may have more digits.
+  virtual bool rounds_points() const { return false; }
+
+  /// Whether the file has more digits. Reads its points.
+  virtual bool has_finer_points(std::optional<double> /*time*/) { return false; }
 
   /// Number of portions. A portion is read at once: a block, or the whole file.
   virtual int portions() { return 1; }
@@ -47,6 +57,9 @@ class BlockReader {
   /// Reads a portion into the reader's output, at a time, or without one if the file has no time steps.
   virtual void read(int portion, std::optional<double> time) = 0;
 };
+
+/// Lets VTK's reader read one of `pieces` pieces, at a time if there is one.
+void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces);
 
 /// Makes the reader of a format with blocks; null for other kinds of files.
 [[nodiscard]] std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind);

@@ -58,7 +58,8 @@ class BlockDataSets final : public VtkDataSets {
       if (file_.patches) reader_->want_patches();
       algorithm->UpdateInformation();
       reader_->select(selection_);
-      step_ = choose_step(times_of(*algorithm), time);
+      const std::vector<double> times = reader_->times();
+      step_ = choose_step(times.empty() ? times_of(*algorithm) : times, time);
       shapes_ = reader_->arrays();
     }));
     std::erase_if(shapes_, [&](const ArrayShape& shape) { return !wants_array(selection_, shape.name); });
@@ -77,6 +78,12 @@ class BlockDataSets final : public VtkDataSets {
   CellCensus left_out() const override { return left_out_; }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
   bool averages_by_data_set() const override { return !reader_->portions_share_points(); }
+  bool rounds_points() const override { return reader_->rounds_points(); }
+  Result<bool> has_finer_points() override {
+    if (!has_finer_points_)
+      SPLATVOL_TRY(run_vtk(file_.path, [&] { has_finer_points_ = reader_->has_finer_points(time_of(step_)); }));
+    return *has_finer_points_;
+  }
   void share_means(vtkDataSet& data, const std::string& array, int component, std::span<double> means) const override {
     shared_.apply(data, block_name_, array, component, means);
   }
@@ -153,7 +160,10 @@ class BlockDataSets final : public VtkDataSets {
       if (!data || data->GetNumberOfPoints() == 0) continue;
       if (is_surface(*data)) {
         left_out_ += census_of(*data);
-        if (file_.patches) add_patch(tree, *data);
+        if (file_.patches)
+          add_patch(tree, *data);
+        else
+          left_out_.left_out += static_cast<std::uint64_t>(data->GetNumberOfCells());
         continue;
       }
       blocks_.push_back(copy_sharing_arrays(*data));
@@ -228,8 +238,9 @@ class BlockDataSets final : public VtkDataSets {
   std::unique_ptr<BlockReader> reader_;
   vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_
   std::optional<TimeStep> step_;
-  std::vector<ArrayShape> shapes_;  // known so far
-  int portion_ = 0;                 // the next to be read
+  std::vector<ArrayShape> shapes_;        // known so far
+  std::optional<bool> has_finer_points_;  // once it is known
+  int portion_ = 0;                       // the next to be read
   std::size_t returned_ = 0;
   CellCensus left_out_;
   std::deque<vtkSmartPointer<vtkDataSet>> blocks_;  // read and not returned yet

@@ -117,6 +117,8 @@ class CompositeDataSets final : public VtkDataSets {
   }
 
   bool averages_by_data_set() const override { return blocks_->averages_by_data_set(); }
+  bool rounds_points() const override { return blocks_->rounds_points(); }
+  Result<bool> has_finer_points() override { return blocks_->has_finer_points(); }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     if (!learnt_) SPLATVOL_TRY(learn());
@@ -126,7 +128,10 @@ class CompositeDataSets final : public VtkDataSets {
       bool used = false;
       SPLATVOL_TRY(run_vtk(path(), [&] {
         used = data->GetNumberOfPoints() > 0 && !is_surface(*data);
-        if (!used) left_out_ += census_of(*data);
+        if (!used) {
+          left_out_ += census_of(*data);
+          left_out_.left_out += static_cast<std::uint64_t>(data->GetNumberOfCells());
+        }
         if (used) add_missing(*data, shapes_, cells_);
       }));
       if (used) return data;

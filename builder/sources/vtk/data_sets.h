@@ -65,7 +65,8 @@ class VtkDataSets {
   /// The unit of an array of the data sets returned so far; empty if the files do not tell.
   [[nodiscard]] virtual std::string unit(const std::string& /*array*/) const { return {}; }
 
-  /// Counts the cells of blocks that were left out so far, because they are surfaces.
+  /// Counts the cells of blocks that were left out so far, because they are surfaces; CellCensus::left_out: those that
+  /// are no patches.
   [[nodiscard]] virtual CellCensus left_out() const { return {}; }
 
   /// Returns the patches that were read since the last call, if VtkFile::patches asks for them.
@@ -79,6 +80,12 @@ class VtkDataSets {
   /// Whether means of cells at a point that several data sets have differ from one to the other: each has the mean over
   /// its own cells.
   [[nodiscard]] virtual bool averages_by_data_set() const { return true; }
+
+  /// Whether the reader rounds the points of the last data set to single precision.
+  [[nodiscard]] virtual bool rounds_points() const { return false; }
+
+  /// Whether single precision does not keep the points in the file of the last data set. Reads them.
+  [[nodiscard]] virtual Result<bool> has_finer_points() { return false; }
 
   /// As Source::time_step(), for the first file that has been opened.
   [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }

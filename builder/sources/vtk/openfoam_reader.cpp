@@ -11,13 +11,16 @@
 #include <vtkObjectFactory.h>
 #include <vtkPointData.h>
 #include <vtkSmartPointer.h>
+#include <vtk_zlib.h>
 
 #include <algorithm>
 #include <charconv>
 #include <filesystem>
+#include <memory>
 #include <string_view>
 
 #include "builder/sources/units.h"
+#include "builder/sources/vtk/finer_numbers.h"
 #include "builder/sources/vtk/messages.h"
 
 namespace splatvol {
@@ -46,6 +49,40 @@ bool has_mesh(const fs::path& path) {
   if (fs::exists(path / "polyMesh", error)) return true;
   return std::ranges::any_of(folders_in(path),
                              [&](const std::string& region) { return fs::exists(path / region / "polyMesh", error); });
+}
+
+/// The folder of a case. `path`: system/controlDict, or a file in the folder.
+fs::path case_folder(const std::string& path) {
+  fs::path folder = fs::path(path).parent_path();
+  if (path.ends_with("system/controlDict")) folder = folder.parent_path();
+  return folder.empty() ? "." : folder;
+}
+
+/// The beginning of a file, which may be packed by gzip; empty if there is no such file.
+std::string unpacked_start(const fs::path& path) {
+  constexpr std::size_t most = std::size_t{16} << 20, portion = std::size_t{1} << 16;
+  const std::unique_ptr<gzFile_s, int (*)(gzFile)> file(gzopen(path.c_str(), "rb"), gzclose);
+  std::string text;
+  for (int read = 1; file && read > 0 && text.size() < most;) {
+    const std::size_t before = text.size();
+    text.resize(before + portion);
+    read = gzread(file.get(), text.data() + before, portion);
+    text.resize(before + static_cast<std::size_t>(std::max(read, 0)));
+  }
+  return text;
+}
+
+/// Whether the points in a folder of a mesh have more digits than single precision. Binary files tell the bytes of a
+/// number, or have 8.
+bool has_finer_points(const fs::path& mesh) {
+  for (const char* name : {"points", "points.gz"}) {
+    const std::string text = unpacked_start(mesh / "polyMesh" / name);
+    const std::string_view head = std::string_view(text).substr(0, text.find('}'));
+    const bool binary = head.find("binary") != std::string_view::npos;
+    const bool finer = binary ? head.find("scalar=32") == std::string_view::npos : has_finer_number(text);
+    if (finer && !text.empty()) return true;
+  }
+  return false;
 }
 
 /// The time of the last step in a folder; none if there is no step.
@@ -101,9 +138,7 @@ int ProcessorReader::RequestInformation(vtkInformation* request, vtkInformationV
 }
 
 std::vector<std::string> find_processors(const std::string& path) {
-  fs::path folder = fs::path(path).parent_path();
-  if (path.ends_with("system/controlDict")) folder = folder.parent_path();
-  if (folder.empty()) folder = ".";
+  const fs::path folder = case_folder(path);
   std::vector<int> numbers;
   std::string collated, any;
   for (const std::string& name : folders_in(folder)) {
@@ -128,6 +163,20 @@ std::vector<std::string> find_processors(const std::string& path) {
     names.push_back(fmt::format("processor{}", i));
   }
   return names;
+}
+
+bool has_finer_openfoam_points(const std::string& path, const std::vector<std::string>& processors) {
+  std::vector<fs::path> parts;
+  for (const std::string& processor : processors) parts.push_back(case_folder(path) / processor);
+  if (processors.empty()) parts.push_back(case_folder(path));
+  for (const fs::path& part : parts)
+    for (const std::string& name : folders_in(part)) {
+      if (name != "constant" && !number_of<double>(name)) continue;
+      if (has_finer_points(part / name)) return true;
+      for (const std::string& region : folders_in(part / name))
+        if (has_finer_points(part / name / region)) return true;
+    }
+  return false;
 }
 
 void check_openfoam_time(ProcessorReader& reader, std::optional<double> time) {

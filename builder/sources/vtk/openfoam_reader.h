@@ -40,6 +40,10 @@ class ProcessorReader final : public vtkOpenFOAMReader {
 /// Throws if the reader's folder has no such time step. Requires that its information is up to date.
 void check_openfoam_time(ProcessorReader& reader, std::optional<double> time);
 
+/// Whether single precision, in which VTK's reader gives points, does not keep those of the case. `path` and
+/// `processors` as find_processors() takes and returns them. Looks at the first 16 MiB of each file of points.
+[[nodiscard]] bool has_finer_openfoam_points(const std::string& path, const std::vector<std::string>& processors);
+
 /// Cuts the units off the names of all arrays that the reader has read, and adds them to `units`, by name.
 void take_openfoam_units(ProcessorReader& reader, std::map<std::string, std::string>& units);
 

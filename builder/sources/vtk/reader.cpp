@@ -61,6 +61,8 @@ class FileDataSets final : public VtkDataSets {
   }
 
   bool averages_by_data_set() const override { return !blocks_ || blocks_->averages_by_data_set(); }
+  bool rounds_points() const override { return blocks_ && blocks_->rounds_points(); }
+  Result<bool> has_finer_points() override { return blocks_ ? blocks_->has_finer_points() : Result<bool>(false); }
 
   std::vector<std::uint64_t> part_sizes() const override {
     std::vector<std::uint64_t> bytes;

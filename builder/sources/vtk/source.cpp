@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "base/names.h"
+#include "builder/mesh/single_precision.h"
 #include "builder/sources/repeated_pieces.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/piece.h"
@@ -86,6 +87,7 @@ class VtkSource final : public Source {
                                      data_sets_->share_means(*data, array, component, means);
                                    },
                                    lends_));
+    SPLATVOL_TRY(measure_rounding(*piece));
     piece->patches = data_sets_->take_patches();
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
@@ -109,6 +111,8 @@ class VtkSource final : public Source {
            std::ranges::any_of(attributes_, [](const ArrayAttribute& attribute) { return attribute.of_cells; });
   }
 
+  std::uint64_t left_out_cells() const override { return data_sets_->left_out().left_out; }
+
   std::vector<std::string> conversions() const override {
     std::string names;
     for (const std::string& array : names_of(attributes_))
@@ -122,6 +126,21 @@ class VtkSource final : public Source {
     const std::string surfaces = describe_no_volume(data_sets_->left_out());
     if (surfaces.empty()) return fail(ErrorCode::invalid_data, "{}: the mesh has no points", data_sets_->path());
     return fail(ErrorCode::invalid_data, "{}: {}; splatvol draws volumes", data_sets_->path(), surfaces);
+  }
+
+  /// Counts the cells that the reader may have bent, by rounding points to single precision. A file that has no more
+  /// digits loses none.
+  Status measure_rounding(Piece& piece) const {
+    if (!data_sets_->rounds_points()) return {};
+    CellCensus measured;
+    piece.cells ? measure_single_precision(piece.cells->corners, piece.cells->tetrahedra, measured)
+                : measure_single_precision(piece.points, piece.tetrahedra, measured);
+    if (measured.bent + measured.flattened > 0) {
+      SPLATVOL_TRY_ASSIGN(finer, data_sets_->has_finer_points());
+      if (!finer) return {};
+    }
+    piece.census += measured;
+    return {};
   }
 
   /// Notes the attributes whose values are those of cells instead of points, or the other way round. A vector's

@@ -9,6 +9,7 @@
 #include <map>
 #include <set>
 #include <span>
+#include <sstream>
 #include <utility>
 
 #include "base/file.h"
@@ -30,6 +31,7 @@ using test::Input;
 using test::read_input;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using ::testing::Pair;
 using ::testing::StartsWith;
 using ::testing::UnorderedElementsAre;
@@ -134,6 +136,16 @@ class BlocksTest : public test::FolderTest {
     ASSERT_TRUE(report) << report.error().message;
     EXPECT_EQ(report->points.merged, side * side);
     EXPECT_EQ(report->resolution_counts.back(), 2 * block_points - side * side);
+  }
+
+  /// The error of a build that may change nothing, or "(no error)".
+  [[nodiscard]] std::string strict_error_of(const std::string& name) const {
+    auto source = open_source({path(name)}, {});
+    if (!source) return source.error().message;
+    BuildOptions options;
+    options.strict = true;
+    const auto report = build_volume(**source, path("out.svol"), options, [](const char*, double) {});
+    return report ? "(no error)" : report.error().message;
   }
 
   /// The triangles of each patch of the boundary.
@@ -269,7 +281,7 @@ TEST_F(BlocksTest, ExodusSideSetsArePatches) {
 
 // NetCDF's own format is known by its first bytes. Names of the parts of a mesh end in numbers.
 TEST_F(BlocksTest, ExodusByContentAndByPartNumber) {
-  for (const char* name : {"anything.dat", "mesh.exo", "mesh.g", "mesh.e.4.0"}) {
+  for (const char* name : {"anything.dat", "mesh.exo", "mesh.g", "mesh.e.1.0"}) {
     write_exodus(path(name));
     const auto input = read_input({path(name)});
     ASSERT_TRUE(input) << input.error().message;
@@ -403,6 +415,13 @@ TEST_F(BlocksTest, EnSight) {
 
 TEST_F(BlocksTest, EnSightSurfacesArePatches) {
   write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  for (const bool patches : {false, true}) {
+    SourceOptions options;
+    options.patches = patches;
+    const auto input = read_input({path("mesh.case")}, options);
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_EQ(input->census.left_out, patches ? 0u : 1u) << "the wall";
+  }
   EXPECT_THAT(patches_of("mesh.case"), UnorderedElementsAre(Pair("wall", 2), Pair("outer", 180)));
 }
 
@@ -928,6 +947,53 @@ TEST_F(BlocksTest, DecomposedOpenFoamWithCellsOfDifferentVolumes) {
   const auto cells_alone = read_input({path("case.foam")}, own);
   ASSERT_TRUE(cells_alone) << cells_alone.error().message;
   EXPECT_EQ(cells_alone->points, block_cells);
+}
+
+// Where VTK's reader makes points of single precision, a mesh far from the origin is bent, and that is told.
+TEST_F(BlocksTest, RoundedOpenFoamIsTold) {
+  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
+  const Place far_away = [](dvec3 p) { return p + dvec3(5e5, 4.5e6, 0); };
+  const Place on_steps = [](dvec3 p) { return dvec3(8.0, 8.0, 1.0) * glm::round(3.0 * p) + dvec3(5e5, 4.5e6, 0); };
+  write_openfoam_case(writer);
+  for (const std::string& part : {std::string(), std::string("processor0/")}) {
+    write_openfoam_part(part, 0, block_cells, writer, far_away);
+    EXPECT_THAT(strict_error_of("case.foam"), HasSubstr("the reader rounds coordinates to single precision"));
+    EXPECT_EQ(error_of("case.foam"), "(no error)");
+
+    // Numbers that single precision keeps, in thin cells.
+    write_openfoam_part(part, 0, block_cells, writer, on_steps);
+    EXPECT_EQ(strict_error_of("case.foam"), "(no error)");
+    std::filesystem::remove_all(path("constant"));
+  }
+}
+
+TEST_F(BlocksTest, RoundedEnSightIsTold) {
+  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  const std::string geometry = read_text_file(path("mesh.geo")).value();
+  EXPECT_EQ(strict_error_of("mesh.case"), "(no error)");
+  // Moves all points in x, or writes them as a binary file would hold them.
+  for (const bool rounded : {false, true}) {
+    std::string moved;
+    std::istringstream lines(geometry);
+    std::size_t left = 0;
+    for (std::string line, before; std::getline(lines, line); before = line) {
+      const bool is_count = before == "coordinates";
+      if (left > 0) {
+        const double x = std::stod(line) + 4.5e6;
+        line = fmt::format("{:.10g}", rounded ? static_cast<float>(x) : x);
+        line += line.find('.') == std::string::npos ? ".0" : "";
+        --left;
+      }
+      if (is_count) left = std::stoul(line);
+      moved += line + "\n";
+    }
+    write("mesh.geo", moved);
+    const std::string error = strict_error_of("mesh.case");
+    if (rounded)
+      EXPECT_THAT(error, Not(HasSubstr("single precision")));
+    else
+      EXPECT_THAT(error, HasSubstr("the reader rounds coordinates to single precision"));
+  }
 }
 
 TEST_F(BlocksTest, CollatedOpenFoamIsRefused) {

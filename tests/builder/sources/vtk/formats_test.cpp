@@ -199,6 +199,7 @@ TEST_F(FormatsTest, Vtm) {
   const auto input = read_input({path("all.vtm")});
   ASSERT_TRUE(input) << input.error().message;
   EXPECT_EQ(input->pieces.size(), 2u) << "no surface, no empty block";
+  EXPECT_EQ(input->census.left_out, 1u) << "the triangle";
   EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "g"));
   const std::size_t f = input->attributes[0] == "f" ? 0 : 1;
   EXPECT_EQ(input->pieces[0].values[f][0], 1);
