@@ -135,6 +135,16 @@ void read_blocks(const ExodusFile& file, ExodusHeader& header) {
   }
 }
 
+/// VTK's reader skips variables of cells if it finds no time steps, as in a file that leaves their number open.
+void check_open_records(const ExodusHeader& header, std::uint64_t records) {
+  const auto of_cells = header.values.lower_bound("vals_elem_var");
+  if (of_cells == header.values.end() || !of_cells->starts_with("vals_elem_var")) return;
+  throw ReaderError(fmt::format(
+      "Exodus: its number of records is left open, and then VTK's reader skips variables of cells: write {} "
+      "into its header (byte 4 and those that follow, the highest byte first)",
+      records));
+}
+
 }  // namespace
 
 bool ExodusHeader::has_nodal_values(int variable) const {
@@ -157,6 +167,7 @@ ExodusHeader read_exodus_header(const std::string& path) {
   header.single = file.has_single_coordinates();
   const auto records = count_open_records(path);
   if (!records) throw ReaderError(records.error().message);
+  if (*records) check_open_records(header, **records);
   if (*records) header.times = file.times(static_cast<std::size_t>(**records));
   if (*records && header.times.empty()) header.values.clear();
   return header;

@@ -468,6 +468,15 @@ TEST_F(ExodusTest, OpenNumbersOfRecordsAreCounted) {
   }
 }
 
+TEST_F(ExodusTest, OpenNumbersOfRecordsWithVariablesOfCellsAreRefused) {
+  Mesh mesh = cube(2, 1, dvec3(0));
+  mesh.of_cells = {"p"};
+  mesh.write(path("mesh.e"));
+  std::string whole = read_text_file(path("mesh.e")).value();
+  write("mesh.e", whole.replace(4, 4, "\xff\xff\xff\xff"));
+  EXPECT_THAT(test::error_of({path("mesh.e")}), HasSubstr("VTK's reader skips variables of cells: write 2 into"));
+}
+
 TEST_F(ExodusTest, MeshesInPiecesNeedAll) {
   const auto write_pieces = [&](int count, int digits) {
     std::vector<std::string> paths;
