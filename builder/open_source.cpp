@@ -148,6 +148,34 @@ Result<std::optional<TimeStep>> expand_pvd(std::vector<std::string>& paths, cons
   return step;
 }
 
+/// Files for VTK's readers, and the time step that they are.
+struct VtkInput {
+  std::vector<VtkFile> files;
+  std::optional<TimeStep> step;
+};
+
+/// `paths`: `inputs` with the files of folders; `first`: the header of the first.
+Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<std::string>& inputs,
+                            const FileHeader& first, const SourceOptions& options) {
+  VtkInput input;
+  SPLATVOL_TRY_ASSIGN(step, expand_pvd(paths, first, options.time));
+  input.step = step;
+  for (std::size_t i = 0; i < paths.size(); ++i) {
+    SPLATVOL_TRY(append_file(paths[i], input.files));
+    // A .csv behind an SU2 mesh holds its values.
+    if (input.files.back().kind == VtkFile::Kind::su2 && i + 1 < paths.size() && is_csv(paths[i + 1]))
+      input.files.back().values = paths[++i];
+  }
+  if (paths != inputs) drop_repeated(input.files);
+  if (input.files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
+  for (VtkFile& file : input.files) file.patches = options.patches;
+  return input;
+}
+
+bool is_plot3d(const FileHeader& first, const std::string& path) {
+  return first.format == FileHeader::Format::other && !has_vtk_extension(path);
+}
+
 Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs, const SourceOptions& options) {
   SPLATVOL_TRY_ASSIGN(own, open_own(inputs, options));
   if (own) return own;
@@ -156,31 +184,19 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
   if (!options.columns.empty())
     return fail(ErrorCode::invalid_argument, "{}: neither a .npy nor a .csv file, so its columns cannot be named",
                 paths[0]);
-  const MissingValues missing(options.missing);
   if (first.format == FileHeader::Format::vdb) {
     if (options.cells == CellValues::own) return fail_no_cells(paths[0]);
-    return open_vdb_files(paths, options.selection, missing);
+    return open_vdb_files(paths, options);
   }
-  if (first.format == FileHeader::Format::other && !has_vtk_extension(paths[0])) {
-    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options.selection, options.cells, missing);
+  if (is_plot3d(first, paths[0])) {
+    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options);
     return fail(
         ErrorCode::invalid_argument,
         "{}: neither a VTK nor a .npy nor a .vdb file; a PLOT3D grid needs its solution as the second of two files",
         paths[0]);
   }
-
-  SPLATVOL_TRY_ASSIGN(step, expand_pvd(paths, first, options.time));
-  std::vector<VtkFile> files;
-  for (std::size_t i = 0; i < paths.size(); ++i) {
-    SPLATVOL_TRY(append_file(paths[i], files));
-    // A .csv behind an SU2 mesh holds its values.
-    if (files.back().kind == VtkFile::Kind::su2 && i + 1 < paths.size() && is_csv(paths[i + 1]))
-      files.back().values = paths[++i];
-  }
-  if (paths != inputs) drop_repeated(files);
-  if (files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
-  for (VtkFile& file : files) file.patches = options.patches;
-  return open_vtk_files(std::move(files), options.selection, options.time, options.cells, missing, step);
+  SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));
+  return open_vtk_files(std::move(input.files), options, input.step);
 }
 
 }  // namespace
@@ -190,6 +206,22 @@ Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inpu
   if (options.time && !source->time_step())
     return fail(ErrorCode::invalid_argument, "{}: no time steps in it to choose from", inputs[0]);
   return source;
+}
+
+Result<std::optional<std::vector<ArrayShape>>> list_arrays(const std::vector<std::string>& inputs,
+                                                           const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(own, list_own_arrays(inputs, options));
+  if (own) return own;
+  SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
+  SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  if (first.format == FileHeader::Format::vdb) {
+    SPLATVOL_TRY_ASSIGN(grids, list_vdb_grids(paths));
+    return std::optional(std::move(grids));
+  }
+  if (is_plot3d(first, paths[0])) return std::nullopt;
+  SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));
+  SPLATVOL_TRY_ASSIGN(arrays, list_vtk_arrays(input.files, options));
+  return std::optional(std::move(arrays));
 }
 
 }  // namespace splatvol

@@ -32,6 +32,6 @@ int main(int argc, char** argv) {
   confine_reader(socket, limits);
   std::unique_ptr<tbb::global_control> limit;
   if (threads > 0) limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, threads);
-  serve_sources(socket, limits, open_source, read_surface_file);
+  serve_sources(socket, limits, open_source, list_arrays, read_surface_file);
   return 0;
 }

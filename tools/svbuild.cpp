@@ -218,30 +218,43 @@ bool is_series(const Options& options) {
   return options.series || options.series_of_files || options.append || !options.times.empty();
 }
 
-// The attributes to read: when steps are appended, those of the file.
-Result<std::vector<std::string>> selection_of(const Options& options) {
-  if (!options.append || !options.attributes.empty()) return options.attributes;
+// The attributes of the series that steps are appended to; none without such a series.
+Result<std::vector<std::string>> series_attributes(const Options& options) {
+  if (!options.append) return std::vector<std::string>();
   SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(options.output, open_file));
   return steps.times().empty() ? std::vector<std::string>() : steps.attributes();
 }
 
-SourceOptions source_options_of(const Options& options, const std::vector<std::string>& selection) {
-  return {selection,       options.columns,
-          options.time,    cell_values_of(options.cells),
-          options.missing, options.boundary || options.boundary_triangles > 0};
+SourceOptions source_options_of(const Options& options) {
+  return {options.attributes,
+          options.columns,
+          options.time,
+          cell_values_of(options.cells),
+          options.missing,
+          options.boundary || options.boundary_triangles > 0,
+          false};
 }
 
-Result<std::vector<SeriesStep>> steps_of(const Options& options, const OpenSource& open) {
-  SPLATVOL_TRY_ASSIGN(selection, selection_of(options));
-  const SourceOptions source_options = source_options_of(options, selection);
-  if (options.times.empty()) return steps_of_files(options.inputs, source_options, open);
+InputReader input_reader(ReaderProcess& reader) {
+  return {[&](const std::vector<std::string>& inputs, const SourceOptions& options) {
+            return open_safely(reader, inputs, options);
+          },
+          [&](const std::vector<std::string>& inputs, const SourceOptions& options) {
+            return list_safely(reader, inputs, options);
+          }};
+}
+
+Result<std::vector<SeriesStep>> steps_of(const Options& options, const InputReader& reader) {
+  SPLATVOL_TRY_ASSIGN(series, series_attributes(options));
+  const SourceOptions source_options = source_options_of(options);
+  if (options.times.empty()) return steps_of_files(options.inputs, source_options, reader, series);
   SPLATVOL_TRY_ASSIGN(range, parse_times(options.times));
-  return steps_of_input(options.inputs, source_options, range, open);
+  return steps_of_input(options.inputs, source_options, range, reader, series);
 }
 
-Result<BuildReport> build_steps(const Options& options, const BuildOptions& build_options, const OpenSource& open,
+Result<BuildReport> build_steps(const Options& options, const BuildOptions& build_options, const InputReader& reader,
                                 InputNotes& notes) {
-  SPLATVOL_TRY_ASSIGN(steps, steps_of(options, open));
+  SPLATVOL_TRY_ASSIGN(steps, steps_of(options, reader));
   StageBar bar(0);
   const BuildProgress progress = [&](const char* stage, double fraction) { bar.update(stage, fraction); };
   const auto report = options.series_of_files
@@ -260,7 +273,7 @@ Result<BuildReport> build_one(const Options& options, const BuildOptions& build_
   std::unique_ptr<Source> source;
   std::optional<StageBar> bar;
   const auto open_input = [&]() -> Result<std::unique_ptr<Source>> {
-    SPLATVOL_TRY_ASSIGN(opened, open(options.inputs, source_options_of(options, options.attributes)));
+    SPLATVOL_TRY_ASSIGN(opened, open(options.inputs, source_options_of(options)));
     bar.emplace(opened->point_count().value_or(0));
     return opened;
   };
@@ -290,18 +303,16 @@ struct Estimate {
 Result<std::pair<InputSize, std::size_t>> measure(const Options& options, const BuildOptions& build_options) {
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
   ReaderProcess reader(reader_options);
-  const OpenSource open = [&](const std::vector<std::string>& inputs, const SourceOptions& source_options) {
-    return open_safely(reader, inputs, source_options);
-  };
+  const InputReader inputs = input_reader(reader);
   std::unique_ptr<Source> source;
   std::size_t steps = 1;
   if (is_series(options)) {
-    SPLATVOL_TRY_ASSIGN(all, steps_of(options, open));
+    SPLATVOL_TRY_ASSIGN(all, steps_of(options, inputs));
     SPLATVOL_TRY_ASSIGN(last, all.back().open());
     source = std::move(last);
     steps = all.size();
   } else {
-    SPLATVOL_TRY_ASSIGN(only, open(options.inputs, source_options_of(options, options.attributes)));
+    SPLATVOL_TRY_ASSIGN(only, inputs.open(options.inputs, source_options_of(options)));
     source = std::move(only);
   }
   const bool use_cells =
@@ -442,11 +453,9 @@ Status build(const Options& options) {
   notes.memory = build_options.memory;
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
   ReaderProcess reader(reader_options);
-  const OpenSource open = [&](const std::vector<std::string>& inputs, const SourceOptions& source_options) {
-    return open_safely(reader, inputs, source_options);
-  };
-  const auto report = is_series(options) ? build_steps(options, build_options, open, notes)
-                                         : build_one(options, build_options, open, notes);
+  const InputReader inputs = input_reader(reader);
+  const auto report = is_series(options) ? build_steps(options, build_options, inputs, notes)
+                                         : build_one(options, build_options, inputs.open, notes);
   if (!report) {
     // Errors of the output name the output; errors of the data still need the input's name.
     const bool named = report.error().message.starts_with(one_line(options.output)) ||
@@ -559,14 +568,16 @@ void add_series_options(CLI::App& app, Options& options) {
                       return range ? "" : range.error().message;
                     });
   app.add_flag("--series", options.series,
-               "Build a time series: each input is a step, with the time that it states, or 0, 1, 2, ...")
+               "Build a time series: each input is a step, with the time that it states, or 0, 1, 2, ... Each step "
+               "has the attributes of all; where it lacks one, the values are missing")
       ->excludes(app.get_option("--time"))
       ->excludes(times);
   app.add_flag("--series-of-files", options.series_of_files,
                "Build a file for each step and an index of them, OUT.svols: for meshes that change from step to step")
       ->excludes(app.get_option("--time"));
   app.add_flag("--append", options.append,
-               "Append steps to the time series OUT.svol, which stays as it was if this fails or is interrupted")
+               "Append steps to the time series OUT.svol, which stays as it was if this fails or is interrupted. They "
+               "get its attributes; a step that has others needs --attribute")
       ->excludes(app.get_option("--time"));
 }
 

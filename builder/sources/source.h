@@ -191,6 +191,7 @@ struct SourceOptions {
   CellValues cells = CellValues::averaged;
   std::vector<double> missing = {};  // values that stand for none, besides the plain fill values
   bool patches = false;              // pieces bring the patches that the input names
+  bool may_lack = false;             // values of selected attributes that are not there are missing
 };
 
 /// Opens an input. Contract as open_source (builder/open_source.h).

@@ -119,6 +119,28 @@ TEST_F(SeriesPrograms, AFirstStepOfEqualValuesHasAllAttributes) {
   EXPECT_EQ(info["series"]["attributes"][1]["max"], 52);
 }
 
+// An attribute that a step lacks is missing there. Appended steps bring no new ones.
+TEST_F(SeriesPrograms, AttributesOfSomeSteps) {
+  write_grid("named.vtk", 9, 0, "q");
+  for (const std::string kind : {"--series", "--series-of-files"}) {
+    const std::string name = kind == "--series" ? "y.svol" : "y.svols";
+    expect_done(fmt::format("svbuild {} --strict grid_0.vtk named.vtk -o {}", kind, name));
+    for (int step = 0; step < 2; ++step) {
+      const auto info = nlohmann::json::parse(run(fmt::format("svinfo {} --json --step {}", name, step)).text);
+      ASSERT_EQ(info["attributes"].size(), 2U);
+      EXPECT_EQ(info["attributes"][0]["missing"], step == 0 ? 0 : 729);
+      EXPECT_EQ(info["attributes"][1]["missing"], step == 0 ? 729 : 0);
+    }
+    expect_done(fmt::format("svinfo {} --verify", name));
+    expect_done(fmt::format("svrender {} --scene s.json --tolerance 1 --step 1 -o missing.exr", name));
+  }
+  expect_done("svbuild --series grid_0.vtk -o x.svol");
+  expect_done("svbuild --series-of-files grid_0.vtk -o x.svols");
+  expect_refusal("svbuild --append named.vtk -o x.svol", "the series does not have the attribute \"q\"");
+  expect_refusal("svbuild --series-of-files --append named.vtk -o x.svols", "leave it out by --attribute p");
+  EXPECT_FALSE(std::filesystem::exists(path("x-0001.svol")));
+}
+
 TEST_F(SeriesPrograms, WrongCallsAreRefused) {
   write_grid("other.vtk", 8, 0);
   expect_refusal("svbuild --series grid_0.vtk other.vtk -o x.svol", "--series-of-files");
@@ -126,9 +148,6 @@ TEST_F(SeriesPrograms, WrongCallsAreRefused) {
   expect_done("svbuild --series-of-files grid_0.vtk other.vtk -o x.svols");
   expect_done("svbuild grid_0.vtk -o one.svol");
   expect_refusal("svbuild --append grid_1.vtk -o one.svol", "not a time series");
-  write_grid("named.vtk", 9, 0, "q");
-  expect_refusal("svbuild --series-of-files grid_0.vtk named.vtk -o y.svols", "choose common ones by --attribute");
-  EXPECT_FALSE(std::filesystem::exists(path("y.svols")) || std::filesystem::exists(path("y-0000.svol")));
   expect_refusal("svbuild --times all grid_0.vtk -o x.svol", "no time steps in it");
   expect_refusal("svbuild --times 3 grid_0.vtk -o x.svol", "neither \"all\" nor", 2);
   expect_refusal("svbuild --series-of-files grid_0.vtk -o x.svol", "NAME.svols");

@@ -27,7 +27,8 @@ Status get_all(Channel& channel, Members&... members) {
 
 template <class Options>
 auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Options>, SourceOptions> {
-  return std::tie(options.selection, options.columns, options.time, options.cells, options.missing, options.patches);
+  return std::tie(options.selection, options.columns, options.time, options.cells, options.missing, options.patches,
+                  options.may_lack);
 }
 
 template <class State>
@@ -175,6 +176,31 @@ Status get(Channel& channel, SourceState& state) {
   if (!has_step) return {};
   state.step.emplace();
   return get_all(channel, state.step->time, state.step->index, state.step->times);
+}
+
+Status put(Channel& channel, const std::optional<std::vector<ArrayShape>>& arrays) {
+  SPLATVOL_TRY(channel.put(arrays.has_value()));
+  if (!arrays) return {};
+  SPLATVOL_TRY(channel.put(std::uint64_t{arrays->size()}));
+  for (const ArrayShape& array : *arrays)
+    SPLATVOL_TRY(put_all(channel, array.name, array.components, array.of_cells, array.unit));
+  return {};
+}
+
+Status get(Channel& channel, std::optional<std::vector<ArrayShape>>& arrays) {
+  bool has_arrays = false;
+  std::uint64_t count = 0;
+  arrays.reset();
+  SPLATVOL_TRY(channel.get(has_arrays));
+  if (!has_arrays) return {};
+  arrays.emplace();
+  SPLATVOL_TRY(channel.get(count));
+  for (std::uint64_t i = 0; i < count; ++i) {
+    ArrayShape& array = arrays->emplace_back();
+    SPLATVOL_TRY(get_all(channel, array.name, array.components, array.of_cells, array.unit));
+    if (array.components < 1) return fail(ErrorCode::invalid_data, "the reader process sent an array without numbers");
+  }
+  return {};
 }
 
 Status put(Channel& channel, const TriangleMesh& mesh) { return put_all(channel, mesh.points, mesh.triangles); }

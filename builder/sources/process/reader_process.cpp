@@ -277,6 +277,21 @@ Result<std::unique_ptr<Source>> ReaderProcess::open(const std::vector<std::strin
   return source;
 }
 
+Result<std::optional<std::vector<ArrayShape>>> ReaderProcess::list_arrays(const std::vector<std::string>& inputs,
+                                                                          const SourceOptions& options) {
+  SPLATVOL_TRY(start());
+  std::optional<std::vector<ArrayShape>> arrays;
+  const Status answered = process_->ask(
+      inputs.at(0), ReaderRequest::list, 0,
+      [&](Channel& channel) -> Status {
+        SPLATVOL_TRY(channel.put(inputs));
+        return put(channel, options);
+      },
+      [&](Channel& channel) { return get(channel, arrays); });
+  if (!answered) return tl::unexpected(answered.error());
+  return arrays;
+}
+
 Result<TriangleMesh> ReaderProcess::read_surface(const std::string& path) {
   SPLATVOL_TRY(start());
   TriangleMesh mesh;

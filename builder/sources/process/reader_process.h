@@ -4,10 +4,12 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/triangle_mesh.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
@@ -34,6 +36,11 @@ class ReaderProcess {
   /// process crashes, needs more memory, or does not get on.
   [[nodiscard]] Result<std::unique_ptr<Source>> open(const std::vector<std::string>& inputs,
                                                      const SourceOptions& options);
+
+  /// Contract as list_arrays (builder/open_source.h). Fails too if the process crashes, needs more memory, or does not
+  /// get on.
+  [[nodiscard]] Result<std::optional<std::vector<ArrayShape>>> list_arrays(const std::vector<std::string>& inputs,
+                                                                           const SourceOptions& options);
 
   /// Reads the triangles of a file. Contract as read_surface_file (builder/sources/vtk/surface_file.h). Fails too if
   /// the process crashes, needs more memory, or does not get on.

@@ -25,8 +25,9 @@ auto caught(const Call& call) -> decltype(call()) {
 
 class Server {
  public:
-  Server(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadSurface& read_surface)
-      : channel_(socket, limits.memory), open_(open), read_surface_(read_surface) {}
+  Server(int socket, const ReaderLimits& limits, const OpenSource& open, const ListArrays& list,
+         const ReadSurface& read_surface)
+      : channel_(socket, limits.memory), open_(open), list_(list), read_surface_(read_surface) {}
 
   /// Answers one request. Fails when the other side is gone.
   Status answer() {
@@ -57,6 +58,9 @@ class Server {
       case ReaderRequest::surface:
         SPLATVOL_TRY(surface());
         break;
+      case ReaderRequest::list:
+        SPLATVOL_TRY(list());
+        break;
     }
     return channel_.flush();
   }
@@ -73,6 +77,17 @@ class Server {
     SPLATVOL_TRY(put(channel_, state_of(**source)));
     sources_[number] = std::move(*source);
     return {};
+  }
+
+  Status list() {
+    std::vector<std::string> inputs;
+    SourceOptions options;
+    SPLATVOL_TRY(channel_.get(inputs));
+    SPLATVOL_TRY(get(channel_, options));
+    const auto arrays = caught([&] { return list_(inputs, options); });
+    if (!arrays) return refuse(arrays.error());
+    SPLATVOL_TRY(channel_.put(false));
+    return put(channel_, *arrays);
   }
 
   Status next(Source& source) {
@@ -117,14 +132,16 @@ class Server {
 
   Channel channel_;
   const OpenSource& open_;
+  const ListArrays& list_;
   const ReadSurface& read_surface_;
   std::map<std::uint64_t, std::unique_ptr<Source>> sources_;
 };
 
 }  // namespace
 
-void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadSurface& read_surface) {
-  Server server(socket, limits, open, read_surface);
+void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open, const ListArrays& list,
+                   const ReadSurface& read_surface) {
+  Server server(socket, limits, open, list, read_surface);
   while (server.answer()) {
   }
 }

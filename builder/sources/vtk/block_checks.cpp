@@ -165,4 +165,14 @@ Status check_blocks(const VtkFile& file, std::optional<double> time) {
   return check_file_end(file.path);
 }
 
+Result<std::vector<ArrayShape>> ensight_arrays(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(text, read_start(path, largest_case));
+  const std::vector<EnsightFiles> variables = EnsightCase(text).variables();
+  std::vector<ArrayShape> shapes;
+  for (const EnsightFiles& files : variables)
+    if (std::ranges::count(variables, files.variable, &EnsightFiles::variable) == 1)
+      shapes.push_back({files.variable, static_cast<int>(files.components), files.per_element});
+  return shapes;
+}
+
 }  // namespace splatvol

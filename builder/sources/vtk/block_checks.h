@@ -16,4 +16,7 @@ namespace splatvol {
 /// Fails if a case of EnSight declares more time steps than VTK's reader has found. Passes other kinds.
 [[nodiscard]] Status check_steps(const VtkFile& file, std::size_t found);
 
+/// Lists the variables of an EnSight case, but complex ones, which have two files. Fails if the case cannot be read.
+[[nodiscard]] Result<std::vector<ArrayShape>> ensight_arrays(const std::string& path);
+
 }  // namespace splatvol

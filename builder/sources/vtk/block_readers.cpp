@@ -88,7 +88,7 @@ class ExodusReader final : public BlockReader {
         reader_->SetObjectStatus(type, i, side_sets && type == vtkExodusIIReader::SIDE_SET);
   }
 
-  std::vector<ArrayShape> arrays() override {
+  std::vector<ArrayShape> arrays(std::optional<double> /*time*/) override {
     std::vector<ArrayShape> shapes;
     for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
       for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
@@ -135,6 +135,7 @@ class EnSightReader final : public BlockReader {
 class OpenFoamReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    path_ = path;
     processors_ = find_processors(path);  // throws
     if (!processors_.empty()) reader_->set_processor(processors_.front());
     reader_->SetFileName(path.c_str());
@@ -164,6 +165,12 @@ class OpenFoamReader final : public BlockReader {
     }
   }
 
+  // Once the only portion has been read, its blocks tell.
+  std::vector<ArrayShape> arrays(std::optional<double> time) override {
+    if (!time || (has_read_ && portions() == 1)) return {};
+    return openfoam_arrays(path_, processors_, *time);
+  }
+
   int portions() override { return std::max<int>(1, static_cast<int>(processors_.size())); }
   bool portions_share_points() const override { return processors_.size() > 1; }
   std::string unit(const std::string& array) const override {
@@ -179,11 +186,13 @@ class OpenFoamReader final : public BlockReader {
       check_openfoam_time(*reader_, time);
     }
     update(*reader_, time, 0, 1);
+    has_read_ = true;
     take_openfoam_units(*reader_, units_);
   }
 
  private:
-  bool wants_patches_ = false;
+  bool wants_patches_ = false, has_read_ = false;
+  std::string path_;
   vtkNew<ProcessorReader> reader_;
   std::vector<std::string> processors_;  // folders of a decomposed case; none: the case itself is read
   std::map<std::string, std::string> units_;
@@ -240,14 +249,18 @@ class CgnsReader final : public BlockReader {
   /// Selects by VTK's names of arrays, including those of zones after the first.
   void select(const std::vector<std::string>& selection) override {
     reader_->EnableAllBases();
-    for (const ArrayShape& shape : arrays()) {
+    for (const ArrayShape& shape : arrays({})) {
       const bool wanted = wants_array(selection, shape.name);
       reader_->SetPointArrayStatus(shape.name.c_str(), wanted);
       reader_->SetCellArrayStatus(shape.name.c_str(), wanted);
     }
   }
 
-  std::vector<ArrayShape> arrays() override { return merge_vectors(fields_); }
+  std::vector<ArrayShape> arrays(std::optional<double> /*time*/) override {
+    std::vector<ArrayShape> shapes = merge_vectors(fields_);
+    for (ArrayShape& shape : shapes) shape.unit = unit(shape.name);
+    return shapes;
+  }
 
   std::string unit(const std::string& array) const override {
     const auto scalar = units_.find(array), vector = units_.find(array + "X");

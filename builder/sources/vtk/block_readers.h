@@ -32,8 +32,9 @@ class BlockReader {
   /// Returns patches that are no surfaces of the output, once.
   virtual std::vector<Patch> take_patches() { return {}; }
 
-  /// All arrays of a file that has several portions, before any of them is read. Other readers may return none.
-  virtual std::vector<ArrayShape> arrays() { return {}; }
+  /// All arrays of a file that has several portions, at a time, before any of them is read. Other readers may return
+  /// none.
+  virtual std::vector<ArrayShape> arrays(std::optional<double> /*time*/) { return {}; }
 
   /// The unit of an array that has been read; empty if the file does not tell.
   virtual std::string unit(const std::string& /*array*/) const { return {}; }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/source.h"
 
 class vtkDataSet;
@@ -39,6 +40,7 @@ struct VtkFile {
   std::vector<VtkFile> blocks = {};  // of a composite file: what it names
   std::string values = {};           // SU2: a .csv file with the values at the points; may be empty
   bool patches = false;              // VtkDataSets::take_patches() is wanted
+  bool is_block = false;             // of a composite file: surfaces are left out
 };
 
 /// The data sets of an input, one after the other. Not thread-safe.
@@ -51,6 +53,10 @@ class VtkDataSets {
 
   /// Returns the next data set, a null pointer after the last.
   [[nodiscard]] virtual Result<vtkSmartPointer<vtkDataSet>> next() = 0;
+
+  /// Adds the arrays that headers announce, and those of data sets that are in memory. Reads no other data. Called
+  /// before the second next(). What it does not add fails when it turns up later (ArrayUnion::check).
+  [[nodiscard]] virtual Status announce(ArrayUnion& /*arrays*/) { return {}; }
 
   /// As Source::part_sizes() and Source::select(): parts are files. A data set that was returned already stays.
   [[nodiscard]] virtual std::vector<std::uint64_t> part_sizes() const { return {}; }

@@ -32,10 +32,16 @@ void FileWords::skip_white_space() {
 }
 
 std::string FileWords::next() {
+  std::string word = name();
+  std::ranges::transform(word, word.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return word;
+}
+
+std::string FileWords::name() {
   skip_white_space();
   std::string word;
   for (; fill() && !is_white_space(text_[at_]); ++at_)
-    if (word.size() < longest_word) word += static_cast<char>(std::tolower(static_cast<unsigned char>(text_[at_])));
+    if (word.size() < longest_word) word += text_[at_];
   return word;
 }
 

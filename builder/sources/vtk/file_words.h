@@ -29,6 +29,9 @@ class FileWords {
   /// The next word, in lower case; empty at the end.
   std::string next();
 
+  /// The next word as it is; empty at the end.
+  std::string name();
+
   /// The rest of the line, without its end.
   std::string line();
 

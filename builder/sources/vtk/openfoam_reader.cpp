@@ -13,10 +13,15 @@
 #include <vtkSmartPointer.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
+#include <cstdint>
 #include <filesystem>
+#include <sstream>
 #include <string_view>
 
+#include "base/file.h"
+#include "builder/sources/read_text.h"
 #include "builder/sources/units.h"
 #include "builder/sources/vtk/messages.h"
 
@@ -46,6 +51,13 @@ bool has_mesh(const fs::path& path) {
   if (fs::exists(path / "polyMesh", error)) return true;
   return std::ranges::any_of(folders_in(path),
                              [&](const std::string& region) { return fs::exists(path / region / "polyMesh", error); });
+}
+
+/// Whether a region has a mesh, of all times or of this one. The region of no name is the case's own.
+bool has_mesh_of(const fs::path& path, const std::string& step, const std::string& region) {
+  std::error_code error;
+  return fs::exists(path / "constant" / region / "polyMesh", error) ||
+         fs::exists(path / step / region / "polyMesh", error);
 }
 
 /// The time of the last step in a folder; none if there is no step.
@@ -78,6 +90,57 @@ void take_units(vtkDataSetAttributes& arrays, std::map<std::string, std::string>
   }
 }
 
+fs::path case_folder(const std::string& path) {
+  fs::path folder = fs::path(path).parent_path();
+  if (path.ends_with("system/controlDict")) folder = folder.parent_path();
+  return folder.empty() ? fs::path(".") : folder;
+}
+
+struct FieldClass {
+  std::string_view name;
+  int components;
+  bool of_cells;
+};
+constexpr std::array<FieldClass, 10> field_classes = {{{"volScalarField", 1, true},
+                                                       {"volVectorField", 3, true},
+                                                       {"volSphericalTensorField", 1, true},
+                                                       {"volSymmTensorField", 6, true},
+                                                       {"volTensorField", 9, true},
+                                                       {"pointScalarField", 1, false},
+                                                       {"pointVectorField", 3, false},
+                                                       {"pointSphericalTensorField", 1, false},
+                                                       {"pointSymmTensorField", 6, false},
+                                                       {"pointTensorField", 9, false}}};
+
+/// The class that a file's header states; null if it is no field.
+const FieldClass* class_of(const fs::path& path) {
+  constexpr std::uint64_t header_bytes = 4096;
+  const auto file = open_file(path.string());
+  const auto text = file ? read_text(**file, 0, header_bytes) : std::string();
+  const std::size_t at = text ? text->find("FoamFile") : std::string::npos;
+  if (at == std::string::npos) return nullptr;
+  std::istringstream words(text->substr(at));
+  for (std::string word; words >> word && word != "}";) {
+    if (word != "class" || !(words >> word)) continue;
+    const auto* found =
+        std::ranges::find(field_classes, std::string_view(word).substr(0, word.find(';')), &FieldClass::name);
+    return found == field_classes.end() ? nullptr : found;
+  }
+  return nullptr;
+}
+
+/// Adds the fields whose files are in a folder.
+void add_fields(const fs::path& folder, std::vector<ArrayShape>& shapes) {
+  std::error_code error, ignored;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    if (!entry->is_regular_file(ignored)) continue;
+    const std::string name = entry->path().filename();
+    const FieldClass* kind = class_of(entry->path());
+    if (kind && std::ranges::find(shapes, name, &ArrayShape::name) == shapes.end())
+      shapes.push_back({name, kind->components, kind->of_cells});
+  }
+}
+
 }  // namespace
 
 vtkStandardNewMacro(ProcessorReader);
@@ -101,9 +164,7 @@ int ProcessorReader::RequestInformation(vtkInformation* request, vtkInformationV
 }
 
 std::vector<std::string> find_processors(const std::string& path) {
-  fs::path folder = fs::path(path).parent_path();
-  if (path.ends_with("system/controlDict")) folder = folder.parent_path();
-  if (folder.empty()) folder = ".";
+  const fs::path folder = case_folder(path);
   std::vector<int> numbers;
   std::string collated, any;
   for (const std::string& name : folders_in(folder)) {
@@ -136,6 +197,23 @@ void check_openfoam_time(ProcessorReader& reader, std::optional<double> time) {
   for (vtkIdType i = 0; i < times->GetNumberOfTuples(); ++i)
     if (times->GetValue(i) == *time) return;
   throw ReaderError(fmt::format("a processor's folder has no time step {}, which others have", *time));
+}
+
+std::vector<ArrayShape> openfoam_arrays(const std::string& path, const std::vector<std::string>& processors,
+                                        double time) {
+  std::vector<fs::path> meshes = {case_folder(path)};
+  if (!processors.empty()) meshes.clear();
+  for (const std::string& processor : processors) meshes.push_back(case_folder(path) / processor);
+  std::vector<ArrayShape> shapes;
+  for (const fs::path& mesh : meshes)
+    for (const std::string& step : folders_in(mesh)) {
+      if (number_of<double>(step) != time) continue;
+      if (has_mesh_of(mesh, step, "")) add_fields(mesh / step, shapes);
+      for (const std::string& region : folders_in(mesh / step))
+        if (has_mesh_of(mesh, step, region)) add_fields(mesh / step / region, shapes);
+    }
+  std::ranges::sort(shapes, {}, &ArrayShape::name);  // folders have no order
+  return shapes;
 }
 
 void take_openfoam_units(ProcessorReader& reader, std::map<std::string, std::string>& units) {

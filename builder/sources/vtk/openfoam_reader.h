@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "builder/sources/array_union.h"
+
 namespace splatvol {
 
 /// VTK's reader of a case, or of one processor's part of it.
@@ -42,5 +44,10 @@ void check_openfoam_time(ProcessorReader& reader, std::optional<double> time);
 
 /// Cuts the units off the names of all arrays that the reader has read, and adds them to `units`, by name.
 void take_openfoam_units(ProcessorReader& reader, std::map<std::string, std::string>& units);
+
+/// Lists the fields of a case's volume meshes at a time, by the headers of their files: those of all regions, and of
+/// the folders in `processors`; none: the case itself. Compressed files are left out.
+[[nodiscard]] std::vector<ArrayShape> openfoam_arrays(const std::string& path,
+                                                      const std::vector<std::string>& processors, double time);
 
 }  // namespace splatvol

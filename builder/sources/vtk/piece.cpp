@@ -15,6 +15,7 @@
 #include <vtkUnsignedCharArray.h>
 #include <vtkUnstructuredGrid.h>
 
+#include <algorithm>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -42,9 +43,23 @@ class VtkArray final : public NumberArray {
   vtkSmartPointer<vtkDataArray> array_;
 };
 
+/// Stands for an array that a data set does not have.
+class NoArray final : public NumberArray {
+ public:
+  explicit NoArray(int components) : components_(components) {}
+  [[nodiscard]] int components() const override { return components_; }
+  void read(int /*component*/, std::span<const std::uint32_t> /*elements*/, std::span<double> values) const override {
+    std::ranges::fill(values, missing_value);
+  }
+
+ private:
+  int components_;
+};
+
 class DataSetOfVtk final : public DataSet {
  public:
-  explicit DataSetOfVtk(vtkDataSet& data) : data_(data), grid_(vtkUnstructuredGrid::SafeDownCast(&data)) {}
+  DataSetOfVtk(vtkDataSet& data, CellValues cells)
+      : data_(data), grid_(vtkUnstructuredGrid::SafeDownCast(&data)), own_cells_(cells == CellValues::own) {}
 
   [[nodiscard]] std::uint64_t point_count() const override {
     return static_cast<std::uint64_t>(data_.GetNumberOfPoints());
@@ -139,7 +154,10 @@ class DataSetOfVtk final : public DataSet {
 
   [[nodiscard]] Result<FoundArray> find_array(const std::string& name, std::span<const ArrayAttribute> attributes,
                                               std::size_t number) const override {
-    SPLATVOL_TRY_ASSIGN(values, find_values(name, data_, attributes, number));
+    const ArrayAttribute& attribute = attributes[number];
+    SPLATVOL_TRY_ASSIGN(values, find_values(name, data_, attribute));
+    // Missing values are the same of points and of cells: nothing needs to be averaged.
+    if (!values.array) return FoundArray{std::make_shared<NoArray>(attribute.components), own_cells_};
     return FoundArray{std::make_shared<VtkArray>(*values.array), values.of_cells};
   }
 
@@ -151,6 +169,7 @@ class DataSetOfVtk final : public DataSet {
 
   vtkDataSet& data_;
   vtkUnstructuredGrid* grid_;  // data_, if it is one
+  bool own_cells_;
   vtkNew<vtkIdList> ids_;
 };
 
@@ -160,14 +179,15 @@ Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& d
                                           std::span<const ArrayAttribute> attributes, CellValues cells,
                                           const MissingValues& missing, const ChangeMeans& change_means, bool lend) {
   Result<std::unique_ptr<Piece>> piece;
-  SPLATVOL_TRY(run_vtk(
-      path, [&] { piece = make_piece(path, DataSetOfVtk(data), attributes, cells, missing, change_means, lend); }));
+  SPLATVOL_TRY(run_vtk(path, [&] {
+    piece = make_piece(path, DataSetOfVtk(data, cells), attributes, cells, missing, change_means, lend);
+  }));
   return piece;
 }
 
 Result<CellAverages> make_averages(const std::string& path, vtkDataSet& data) {
   std::optional<Result<CellAverages>> averages;
-  SPLATVOL_TRY(run_vtk(path, [&] { averages = make_averages(path, DataSetOfVtk(data)); }));
+  SPLATVOL_TRY(run_vtk(path, [&] { averages = make_averages(path, DataSetOfVtk(data, CellValues::averaged)); }));
   return std::move(*averages);
 }
 

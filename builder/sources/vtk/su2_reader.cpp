@@ -359,4 +359,9 @@ Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file, const std::ve
   return std::make_unique<SingleDataSet>(file.path, data, std::nullopt, make_patches(mesh));
 }
 
+Result<std::vector<ArrayShape>> su2_arrays(const VtkFile& file) {
+  if (file.values.empty()) return std::vector<ArrayShape>();  // open_su2() fails
+  return list_csv_arrays({file.values}, {});
+}
+
 }  // namespace splatvol

@@ -244,6 +244,55 @@ TEST_F(BlocksTest, Exodus) {
     EXPECT_NEAR(input->pieces[1].values[0][i], averaged(input->pieces[1].points[i], 1, 2), 1e-5);
 }
 
+/// The values of an attribute in a piece.
+std::vector<double> values_in(const Input& input, std::size_t piece, const std::string& attribute) {
+  const auto at = std::ranges::find(input.attributes, attribute) - input.attributes.begin();
+  return input.pieces.at(piece).values.at(static_cast<std::size_t>(at));
+}
+
+MATCHER(AreMissing, "") {
+  return std::ranges::all_of(arg, [](double value) { return std::isnan(value); });
+}
+
+MATCHER(AreThere, "") {
+  return std::ranges::none_of(arg, [](double value) { return std::isnan(value); });
+}
+
+/// A tetrahedron at x = 5 with the arrays f and t of points, as a .vtu file.
+std::string tetrahedron_vtu() {
+  const auto array = [](const std::string& name, int components, const std::string& type, const std::string& numbers) {
+    return fmt::format("<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"ascii\">{}</DataArray>",
+                       type, name, components, numbers);
+  };
+  return "<?xml version=\"1.0\"?><VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">"
+         "<UnstructuredGrid><Piece NumberOfPoints=\"4\" NumberOfCells=\"1\"><PointData>" +
+         array("f", 1, "Float64", "1 2 3 4 ") + array("t", 1, "Float64", "5 6 7 8 ") +
+         "</PointData><CellData/><Points>" + array("Points", 3, "Float64", "5 0 0 6 0 0 5 1 0 5 0 1 ") +
+         "</Points><Cells>" + array("connectivity", 1, "Int64", "0 1 2 3 ") + array("offsets", 1, "Int64", "4 ") +
+         array("types", 1, "UInt8", "10 ") + "</Cells></Piece></UnstructuredGrid></VTKFile>";
+}
+
+TEST_F(BlocksTest, ExodusBesideOtherFiles) {
+  write_exodus(path("mesh.e"));
+  write("other.vtu", tetrahedron_vtu());
+  for (const bool exodus_first : {true, false}) {
+    std::vector<std::string> paths = {path("mesh.e"), path("other.vtu")};
+    if (!exodus_first) std::ranges::reverse(paths);
+    const auto input = read_input(paths);
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
+    const std::size_t block = exodus_first ? 0 : 1, other = exodus_first ? 2 : 0;
+    EXPECT_THAT(values_in(*input, block, "t"), AreMissing());
+    EXPECT_THAT(values_in(*input, block, "q"), AreMissing());
+    EXPECT_THAT(values_in(*input, block + 1, "q"), AreThere());
+    EXPECT_THAT(values_in(*input, block + 1, "U[1]"), AreThere());
+    EXPECT_THAT(values_in(*input, other, "q"), AreMissing());
+    EXPECT_THAT(values_in(*input, other, "U[1]"), AreMissing());
+    EXPECT_THAT(values_in(*input, other, "t"), ElementsAre(5, 6, 7, 8));
+    EXPECT_THAT(values_in(*input, other, "f"), ElementsAre(1, 2, 3, 4));
+  }
+}
+
 // The upper sides of the first block, and a side of one cell of the second.
 TEST_F(BlocksTest, ExodusSideSetsArePatches) {
   int computer = 8, file = 8;
@@ -399,6 +448,33 @@ TEST_F(BlocksTest, EnSight) {
   for (std::size_t b = 0; b < 2; ++b)
     for (std::size_t i = 0; i < block_points; ++i)
       EXPECT_NEAR(input->pieces[b].values[0][i], averaged(cubes[b].points[i], static_cast<double>(b), 2), 3e-5);
+}
+
+TEST_F(BlocksTest, EnSightVariablesOfOnePart) {
+  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  write("other.vtu", tetrahedron_vtu());
+  for (std::size_t step = 0; step < 2; ++step)
+    for (const char* name : {"f", "q"}) {
+      const std::string file = fmt::format("{}.{:03}", name, step), whole = read_text_file(path(file)).value();
+      const std::size_t second = whole.find("part", whole.find("part") + 1);
+      write(file, whole.substr(0, whole.find("part")) + whole.substr(second));
+    }
+  for (const bool case_first : {true, false}) {
+    std::vector<std::string> paths = {path("mesh.case"), path("other.vtu")};
+    if (!case_first) std::ranges::reverse(paths);
+    const auto input = read_input(paths);
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
+    const std::size_t part = case_first ? 0 : 1, other = case_first ? 2 : 0;
+    EXPECT_THAT(values_in(*input, part, "f"), AreMissing());
+    EXPECT_THAT(values_in(*input, part, "q"), AreMissing());
+    EXPECT_THAT(values_in(*input, part, "U"), AreThere());
+    EXPECT_THAT(values_in(*input, part + 1, "f"), AreThere());
+    EXPECT_THAT(values_in(*input, part + 1, "q"), AreThere());
+    EXPECT_THAT(values_in(*input, part + 1, "t"), AreMissing());
+    EXPECT_THAT(values_in(*input, other, "q"), AreMissing());
+    EXPECT_THAT(values_in(*input, other, "t"), AreThere());
+  }
 }
 
 TEST_F(BlocksTest, EnSightSurfacesArePatches) {
@@ -847,6 +923,53 @@ TEST_F(BlocksTest, DecomposedOpenFoam) {
   const auto whole = read_input({path("case.foam")});
   ASSERT_TRUE(whole) << whole.error().message;
   EXPECT_EQ(whole->pieces.size(), 1u);
+}
+
+/// A field of one value, in `cells` cells.
+std::string foam_number(const std::string& name, double value) {
+  return foam_file(
+      "volScalarField", name,
+      fmt::format("dimensions [0 0 0 0 0 0 0];\ninternalField uniform {};\nboundaryField\n{{\n  walls\n  {{\n    "
+                  "type zeroGradient;\n  }}\n}}\n",
+                  value));
+}
+
+TEST_F(BlocksTest, OpenFoamFieldsOfOneProcessor) {
+  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
+  write_openfoam_case(writer);
+  write_openfoam_part("processor0/", 0, 13, writer);
+  write_openfoam_part("processor1/", 13, block_cells, writer);
+  write("processor1/2/k", foam_number("k", 7));
+  for (const CellValues kind : {CellValues::averaged, CellValues::own}) {
+    const auto input = read_input({path("case.foam")}, {{}, {}, {}, kind});
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "k"));
+    EXPECT_THAT(values_in(*input, 0, "k"), AreMissing());
+    EXPECT_THAT(values_in(*input, 1, "k"), ::testing::Each(7));
+  }
+  write("processor0/2/k", foam_file("volVectorField", "k",
+                                    "dimensions [0 0 0 0 0 0 0];\ninternalField uniform (1 2 3);\n"
+                                    "boundaryField\n{\n  walls\n  {\n    type zeroGradient;\n  }\n}\n"));
+  for (const CellValues kind : {CellValues::averaged, CellValues::own})
+    EXPECT_THAT(error_of("case.foam", {{}, {}, {}, kind}), HasSubstr("the array \"k\" has "));
+}
+
+TEST_F(BlocksTest, OpenFoamFieldsOfOneStep) {
+  write_openfoam([&](const std::string& name, const std::string& text) { write(name, text); });
+  write("2/k", foam_number("k", 7));
+  const InputReader reader{open_source, list_arrays};
+  auto steps = steps_of_input({path("")}, {}, parse_times("all").value(), reader);
+  ASSERT_TRUE(steps) << steps.error().message;
+  const auto built = build_series(std::move(*steps), path("all.svol"), {}, [](const char*, double) {});
+  ASSERT_TRUE(built) << built.error().message;
+  EXPECT_THAT(built->build.missing, ::testing::Contains(Pair("k", block_points)));
+  // The last step as an append to the first.
+  auto first = steps_of_input({path("")}, {}, parse_times(":1").value(), reader);
+  ASSERT_TRUE(build_series(std::move(first.value()), path("grown.svol"), {}, [](const char*, double) {}));
+  const auto appended =
+      steps_of_input({path("")}, {}, parse_times("1:").value(), reader, {"U", "U[0]", "U[1]", "U[2]", "f"});
+  ASSERT_FALSE(appended);
+  EXPECT_THAT(appended.error().message, HasSubstr("the series does not have the attribute \"k\""));
 }
 
 /// The values of an attribute at all positions; of a position that several pieces have, their values.

@@ -871,6 +871,35 @@ TEST_F(FormatsTest, VtkHdf) {
   expect_refused_or_equal("a.vtkhdf", "a.vtkhdf", 401);
 }
 
+// The arrays of each format are known by its header.
+TEST_F(FormatsTest, BesideFilesWithOtherArrays) {
+  write_tetrahedron("other.vtu", 20, "other");
+  write_vtkhdf(path("a.vtkhdf"));
+  write("text.msh", gmsh_4(false));
+  write("binary.msh", gmsh_2(true));
+  write("a.su2", su2_mesh);
+  write("restart.csv", su2_restart());
+  const std::vector<std::vector<std::string>> inputs = {
+      {path("a.vtkhdf")}, {path("text.msh")}, {path("binary.msh")}, {path("a.su2"), path("restart.csv")}};
+  for (const std::vector<std::string>& format : inputs) {
+    const auto alone = read_input(format);
+    ASSERT_TRUE(alone) << alone.error().message;
+    for (const bool format_first : {true, false}) {
+      std::vector<std::string> paths = format;
+      paths.insert(format_first ? paths.end() : paths.begin(), path("other.vtu"));
+      const auto input = read_input(paths);
+      ASSERT_TRUE(input) << input.error().message;
+      std::vector<std::string> expected = alone->attributes;
+      expected.insert(format_first ? expected.end() : expected.begin(), "other");
+      EXPECT_THAT(input->attributes, ::testing::UnorderedElementsAreArray(expected));
+      for (const Piece& piece : input->pieces)
+        for (std::size_t a = 0; a < input->attributes.size(); ++a)
+          EXPECT_EQ(std::isnan(piece.values[a][0]), (piece.points[0].x >= 20) != (input->attributes[a] == "other"))
+              << input->attributes[a];
+    }
+  }
+}
+
 TEST_F(FormatsTest, VtkHdfImage) {
   const hid_t file = H5Fcreate(path("a.hdf").c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
   const hid_t root = make_group(file, "VTKHDF");
