@@ -159,7 +159,7 @@ Status add_scenes(Seeds& seeds) {
   // Settings, then bytes of control points; settings, then counts of no elements.
   SPLATVOL_TRY(seeds.add("fuzz_transfer_table", std::string(100, '\1')));
   SPLATVOL_TRY(seeds.add("fuzz_transfer_table", std::string(9000, '\5')));
-  for (const char kind : {'\0', '\1', '\2', '\3', '\4'})
+  for (const char kind : {'\0', '\1', '\2', '\3', '\4', '\5'})
     SPLATVOL_TRY(seeds.add("fuzz_messages", kind + std::string(400, '\0')));
 
   Camera camera;
