@@ -64,6 +64,16 @@ class Filter {
     refuse_all(EPERM);
   }
 
+  /// Hands a call over to the process itself, by SIGSYS, if an argument has a value in the bits of `mask`.
+  void hand_over_if(long call, unsigned argument, std::uint32_t mask, std::uint32_t value) {
+    add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<std::uint32_t>(call), 0, 5));
+    load(offsetof(seccomp_data, args) + argument * sizeof(std::uint64_t));
+    add(BPF_STMT(BPF_ALU | BPF_AND | BPF_K, mask));
+    add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, value, 0, 1));
+    add(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_TRAP));
+    load(offsetof(seccomp_data, nr));
+  }
+
   void refuse_all(std::uint32_t error) { add(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | error)); }
 
   /// For all threads. It sets no_new_privs for them, too.
@@ -82,6 +92,7 @@ class Filter {
 constexpr std::uint32_t all_bits = ~std::uint32_t{0};
 
 void allow_files(Filter& filter) {
+  constexpr std::uint32_t writing = O_ACCMODE | O_CREAT | O_TRUNC;
   filter.allow({SYS_read,       SYS_pread64,    SYS_readv,  SYS_preadv, SYS_lseek,   SYS_close,
                 SYS_fstat,      SYS_newfstatat, SYS_statx,  SYS_statfs, SYS_fstatfs, SYS_faccessat,
                 SYS_readlinkat, SYS_getdents64, SYS_getcwd, SYS_chdir,  SYS_fchdir,  SYS_flock,
@@ -91,10 +102,12 @@ void allow_files(Filter& filter) {
 #endif
 #ifdef SYS_open  // older calls, which newer architectures lack
   filter.allow({SYS_stat, SYS_lstat, SYS_access, SYS_readlink, SYS_getdents, SYS_dup2});
-  constexpr std::uint32_t writing = O_ACCMODE | O_CREAT | O_TRUNC;
+  filter.hand_over_if(SYS_open, 1, writing | O_NONBLOCK, O_RDONLY);
   filter.allow_if(SYS_open, 1, writing, {O_RDONLY});
 #endif
-  filter.allow_if(SYS_openat, 2, O_ACCMODE | O_CREAT | O_TRUNC, {O_RDONLY});
+  // An open that may wait is answered by opened_files.h.
+  filter.hand_over_if(SYS_openat, 2, writing | O_NONBLOCK, O_RDONLY);
+  filter.allow_if(SYS_openat, 2, writing, {O_RDONLY});
   // Not the commands that have the kernel send signals.
   filter.allow_if(SYS_fcntl, 1, all_bits,
                   {F_DUPFD, F_DUPFD_CLOEXEC, F_GETFD, F_SETFD, F_GETFL, F_SETFL, F_GETLK, F_SETLK, F_SETLKW});

@@ -11,6 +11,7 @@
 #include <thread>
 
 #include "builder/sources/process/allowed_calls.h"
+#include "builder/sources/process/opened_files.h"
 #include "builder/sources/process/serve_sources.h"
 
 namespace splatvol {
@@ -96,6 +97,7 @@ void confine_reader(int socket, [[maybe_unused]] const ReaderLimits& limits) {
 #endif
   ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
   forbid_writing();
+  answer_opens();
   allow_reading_only();
   // Last: a thread that runs before would be free.
   end_with(socket);

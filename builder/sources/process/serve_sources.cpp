@@ -7,13 +7,14 @@
 #include <utility>
 
 #include "builder/sources/process/messages.h"
+#include "builder/sources/process/opened_files.h"
 
 namespace splatvol {
 namespace {
 
 /// Calls what may throw: libraries of formats do, and memory is limited.
 template <class Call>
-auto caught(const Call& call) -> decltype(call()) {
+auto without_exceptions(const Call& call) -> decltype(call()) {
   try {
     return call();
   } catch (const std::bad_alloc&) {
@@ -21,6 +22,16 @@ auto caught(const Call& call) -> decltype(call()) {
   } catch (const std::exception& error) {
     return fail(ErrorCode::invalid_data, "{}", error.what());
   }
+}
+
+/// The same. Fails also if a file was refused because it is no regular one: some libraries go on without it.
+template <class Call>
+auto caught(const Call& call) -> decltype(call()) {
+  auto result = without_exceptions(call);
+  const std::string refused = take_refused_file();
+  if (!refused.empty())
+    return fail(ErrorCode::invalid_data, "{}: a pipe, a device or a socket, which is not read", refused);
+  return result;
 }
 
 class Server {
@@ -105,7 +116,10 @@ class Server {
     std::string path;
     SPLATVOL_TRY(channel_.get(path));
     const auto mesh = caught([&] { return read_surface_(path); });
-    if (!mesh) return refuse(mesh.error());
+    if (!mesh) {
+      const bool named = mesh.error().message.starts_with(one_line(path));
+      return refuse(named ? mesh.error() : fail_in(path, mesh.error()).value());
+    }
     SPLATVOL_TRY(channel_.put(false));
     return put(channel_, *mesh);
   }
