@@ -71,6 +71,7 @@ std::vector<CensusLine> census_lines(const BuildReport& report) {
   lines.push_back({"points in no cell (kept)", points.in_no_cell});
   lines.push_back({"points in no cell, outside of the box round all cells (dropped)", points.left_out, true});
   lines.push_back({"points joined without all that lies round them", report.uncertain, true});
+  lines.push_back({"values written as stars, too wide for their columns (missing)", cells.unwritten, true});
   for (const auto& [name, count] : report.missing) lines.push_back({"missing values: " + name, count});
   for (const auto& [name, count] : report.fills)
     lines.push_back({"fill values taken as missing: " + name, count, true});
@@ -89,6 +90,11 @@ std::vector<std::string> warning_lines(const BuildReport& report) {
   std::vector<std::string> lines;
   for (const auto& [attribute, words] : report.warnings)
     lines.push_back(attribute.empty() ? words : fmt::format("{}: {}", attribute, words));
+  if (const std::uint64_t files = report.cells.open_ends; files > 0)
+    lines.push_back(
+        fmt::format("no line end follows the last number of {}: it may be cut off; if it is whole, add a "
+                    "line end",
+                    files == 1 ? "a file" : fmt::format("{} files", files)));
   return lines;
 }
 

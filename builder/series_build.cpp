@@ -342,6 +342,9 @@ void add_report(SeriesReport& series, const BuildReport& steps, const std::vecto
     all.fills.clear();
     all.warnings.clear();
     series.conversions = conversions;
+  } else {
+    all.cells.unwritten += steps.cells.unwritten;
+    all.cells.open_ends += steps.cells.open_ends;
   }
   add_counts(steps.missing, all.missing);
   add_counts(steps.fills, all.fills);

@@ -1,10 +1,15 @@
 #include "tools/reading.h"
 
+#include <fmt/ranges.h>
+
+#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <memory>
+#include <span>
 
 #include "base/memory_limit.h"
+#include "builder/input_files.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -46,9 +51,32 @@ Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, un
   return of_process;
 }
 
+std::string describe_left_out(const std::vector<std::string>& inputs) {
+  constexpr std::size_t most_named = 8;
+  const std::vector<std::string> files = files_left_out(inputs);
+  if (files.empty()) return {};
+  const std::span<const std::string> named = std::span(files).first(std::min(files.size(), most_named));
+  const std::string more =
+      files.size() > most_named ? fmt::format(" and {} more", files.size() - most_named) : std::string();
+  return one_line(
+      fmt::format("{}{}: left out of the folder, though their contents look like data: give them by name, "
+                  "or move them",
+                  fmt::join(named, ", "), more));
+}
+
+void warn_of_left_out(const std::vector<std::string>& inputs) {
+  if (const std::string words = describe_left_out(inputs); !words.empty()) fmt::print(stderr, "warning: {}\n", words);
+}
+
 ReadSurface surface_reader(const ReaderProcessOptions& options) {
   return [reader = std::make_shared<ReaderProcess>(options)](const std::string& path) {
-    return reader->read_surface(path);
+    auto mesh = reader->read_surface(path);
+    if (mesh && mesh->open_end)
+      fmt::print(
+          stderr,
+          "warning: {}: no line end follows its last number: it may be cut off; if it is whole, add a line end\n",
+          one_line(path));
+    return mesh;
   };
 }
 

@@ -123,7 +123,7 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
                                      {"seconds", seconds},
                                      {"census", census}};
   if (notes.memory < report.least_memory) document["memory_held_beyond_limit"] = report.least_memory;
-  if (!report.warnings.empty()) document["warnings"] = warning_lines(report);
+  if (const auto warnings = warning_lines(report); !warnings.empty()) document["warnings"] = warnings;
   if (!notes.conversions.empty()) document["conversions"] = notes.conversions;
   for (const auto& [name, same] : report.aliases) document["aliases"].push_back({{"name", name}, {"same_as", same}});
   if (notes.step)
@@ -445,8 +445,10 @@ Status build(const Options& options) {
   const OpenSource open = [&](const std::vector<std::string>& inputs, const SourceOptions& source_options) {
     return open_safely(reader, inputs, source_options);
   };
-  const auto report = is_series(options) ? build_steps(options, build_options, open, notes)
-                                         : build_one(options, build_options, open, notes);
+  const std::string left_out = describe_left_out(options.inputs);
+  if (options.strict && !left_out.empty()) return fail(ErrorCode::invalid_data, "{}", left_out);
+  auto report = is_series(options) ? build_steps(options, build_options, open, notes)
+                                   : build_one(options, build_options, open, notes);
   if (!report) {
     // Errors of the output name the output; errors of the data still need the input's name.
     const bool named = report.error().message.starts_with(one_line(options.output)) ||
@@ -455,6 +457,7 @@ Status build(const Options& options) {
                                        : Status(fail_in(options.inputs[0], report.error()));
   }
   if (!notes.work.tells) return {};
+  if (!left_out.empty()) report->warnings.push_back({"", left_out});
   const double seconds = seconds_now() - start;
   options.json ? print_json(options, notes, *report, seconds) : print_text(options, notes, *report, seconds);
   return {};

@@ -171,6 +171,7 @@ Status write_mesh(const Options& options) {
 
 Status write_refined(const Options& options) {
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
+  warn_of_left_out(options.meshes);
   ReaderProcess reader(reader_options);
   SPLATVOL_TRY_ASSIGN(source, open_safely(reader, options.meshes, {options.attributes, {}}));
   for (const std::string& name : source->attributes())

@@ -23,6 +23,8 @@ struct CellCensus {
   std::uint64_t left_out_flat = 0;             // cells of their own without volume, which are no points
   std::uint64_t non_finite = 0;                // cells left out, as a corner's position is not finite
   std::uint64_t not_star_shaped = 0;           // cells that no vertex sees whole: some of their tetrahedra are inverted
+  std::uint64_t unwritten = 0;                 // values that a text file has stars for, which are missing
+  std::uint64_t open_ends = 0;                 // text files that end with a number: it may be cut off
 
   CellCensus& operator+=(const CellCensus& other);
 };
@@ -32,7 +34,7 @@ template <class Census>
 [[nodiscard]] auto numbers_of(Census& census) {
   return std::tie(census.tetrahedra, census.inverted, census.flat, census.without_volume, census.surfaces, census.lines,
                   census.hidden, census.hidden_points, census.more_nodes, census.left_out_flat, census.non_finite,
-                  census.not_star_shaped);
+                  census.not_star_shaped, census.unwritten, census.open_ends);
 }
 
 /// Describes an input whose cells are surfaces and lines, or none of whose cells has a volume: "only surface cells

@@ -4,6 +4,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -153,12 +154,25 @@ class CsvSource final : public Source {
       drop_far_points(piece->points);
       for (std::vector<double>& values : piece->values) piece->fills.push_back(missing_.replace(values));
       if (at_.offset >= file.bytes) {
+        piece->census.open_ends = ends_openly(file, text) ? 1 : 0;
         ++at_.file;
         start_file();
       }
       if (!lines.empty()) return piece;
     }
     return std::unique_ptr<Piece>();
+  }
+
+  /// Whether the last number of a file, whose text is the last one, may be cut off. White space behind it, or a
+  /// quotation mark, tells that it is whole.
+  static bool ends_openly(const CsvFile& file, std::string_view text) {
+    const char last = text.empty() ? '\n' : text.back();
+    const bool is_closed =
+        last != file.table.separator && (last == '"' || std::isspace(static_cast<unsigned char>(last)));
+    const std::size_t column = file.table.columns.size() - 1;
+    const bool is_read = std::ranges::find(file.values, column) != file.values.end() ||
+                         std::ranges::find(file.table.position, column) != file.table.position.end();
+    return !is_closed && is_read;
   }
 
   /// Reads whole lines.

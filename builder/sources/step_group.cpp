@@ -106,6 +106,8 @@ Status StepGroup::add(std::size_t step, std::unique_ptr<Piece> other, Piece& pie
                 different, series_of_files_hint);
   append(piece.values, other->values);
   append(piece.fills, other->fills);
+  piece.census.unwritten += other->census.unwritten;
+  piece.census.open_ends += other->census.open_ends;
   if (!piece.material) return {};
   append(piece.material->value_moments, other->material->value_moments);
   append(piece.material->gradients, other->material->gradients);

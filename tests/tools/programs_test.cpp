@@ -160,8 +160,43 @@ TEST_F(Programs, StrictBuildsRefuseEveryChange) {
   expect_warning("far.csv", "coordinates reach 1e+15, where double precision has steps of 0.12");
   write("small.csv", diagonal(0, "21,21,21,1e-40\n"));
   expect_warning("small.csv", "heat: values nearer to 0 than 1.2e-38 are stored as 0 beside the largest, 19");
+  write("cut.csv", diagonal(0, "21,21,21,1"));
+  expect_warning("cut.csv", "no line end follows the last number of a file: it may be cut off");
   write("whole.csv", diagonal(1e9, ""));
   expect_success("svbuild --strict " + path("whole.csv") + to);
+}
+
+TEST_F(Programs, StrictSeriesRefuseALaterStepThatMayBeCutOff) {
+  write("step0.csv", diagonal(0, ""));
+  write("step1.csv", diagonal(0, "").substr(0, diagonal(0, "").size() - 1));
+  const std::string inputs = path("step0.csv") + " " + path("step1.csv"), warning = "no line end follows the last";
+  for (const std::string& kind : {" --series -o " + path("out.svol"), " --series-of-files -o " + path("out.svols")}) {
+    expect_refused("svbuild --strict " + inputs + kind, warning, "out");
+    const Outcome outcome = run("svbuild " + inputs + kind);
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    EXPECT_THAT(outcome.out, HasSubstr("warning: " + warning));
+    for (const auto& entry : fs::directory_iterator(folder_))
+      if (entry.path().filename().string().starts_with("out")) fs::remove(entry.path());
+  }
+}
+
+TEST_F(Programs, FilesOfAFolderThatAreLeftOutAreNamed) {
+  fs::create_directories(path("folder"));
+  write("folder/a.csv", diagonal(0, ""));
+  write("folder/notes.txt", "No data.\n");
+  const std::string build = "svbuild " + path("folder") + " -o " + path("out.svol");
+  expect_success(build + " --strict");
+  write("folder/b.CSV", diagonal(20, ""));
+  const Outcome both = run(build + " --strict --json");
+  ASSERT_EQ(both.code, 0) << both.err;
+  EXPECT_EQ(json::parse(both.out)["points"], 38);
+  fs::remove(path("out.svol"));
+  write("folder/solution.h5", "\x89HDF\r\n\x1a\n");
+  write("folder/mesh.old", "# vtk DataFile Version 3.0\nt\nASCII\n");
+  expect_refused(build + " --strict", "folder/mesh.old, " + path("folder/solution.h5") + ": left out", "out");
+  const Outcome warned = run(build + " --json");
+  ASSERT_EQ(warned.code, 0) << warned.err;
+  EXPECT_THAT(json::parse(warned.out)["warnings"].dump(), HasSubstr("left out of the folder"));
 }
 
 TEST_F(Programs, ABuildThatIsKilledLeavesTheOldFileAndNothingElse) {

@@ -177,10 +177,12 @@ Status get(Channel& channel, SourceState& state) {
   return get_all(channel, state.step->time, state.step->index, state.step->times);
 }
 
-Status put(Channel& channel, const TriangleMesh& mesh) { return put_all(channel, mesh.points, mesh.triangles); }
+Status put(Channel& channel, const TriangleMesh& mesh) {
+  return put_all(channel, mesh.points, mesh.triangles, mesh.open_end);
+}
 
 Status get(Channel& channel, TriangleMesh& mesh) {
-  SPLATVOL_TRY(get_all(channel, mesh.points, mesh.triangles));
+  SPLATVOL_TRY(get_all(channel, mesh.points, mesh.triangles, mesh.open_end));
   const bool fits = std::ranges::all_of(
       mesh.triangles, [&](const auto& corners) { return std::ranges::max(corners) < mesh.points.size(); });
   if (!fits || !std::ranges::all_of(mesh.points, is_usable_position))

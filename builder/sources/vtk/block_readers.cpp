@@ -1,6 +1,9 @@
 #include "builder/sources/vtk/block_readers.h"
 
 #include <vtkCGNSReader.h>
+#include <vtkDataArray.h>
+#include <vtkDataSet.h>
+#include <vtkDataSetAttributes.h>
 #include <vtkExodusIIReader.h>
 #include <vtkGenericEnSightReader.h>
 #include <vtkMultiBlockDataSet.h>
@@ -21,6 +24,7 @@
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/cgns_patches.h"
 #include "builder/sources/vtk/cgns_units.h"
+#include "builder/sources/vtk/hdf5_checks.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/openfoam_reader.h"
 
@@ -66,6 +70,7 @@ class ExodusReader final : public BlockReader {
     reader_->SetFileName(path.c_str());
     reader_->GenerateObjectIdCellArrayOff();
     ex_opts(EX_DEFAULT);  // keeps the library from printing its errors
+    check_hdf5_file(path, Hdf5Arrays::any);
     check_exodus_ids(path);
     return *reader_;
   }
@@ -126,10 +131,38 @@ class EnSightReader final : public BlockReader {
       reader_->SetCellArrayStatus(reader_->GetCellArrayName(i), wants_array(selection, reader_->GetCellArrayName(i)));
   }
 
-  void read(int, std::optional<double> time) override { update(*reader_, time, 0, 1); }
+  void set_gaps(std::vector<EnsightGaps> gaps) override { gaps_ = std::move(gaps); }
+  CellCensus take_changes() override { return std::exchange(changes_, {}); }
+
+  void read(int, std::optional<double> time) override {
+    update(*reader_, time, 0, 1);
+    for (const EnsightGaps& of_variable : gaps_)
+      for (const EnsightGaps::Gap& gap : of_variable.gaps) leave_out(of_variable, gap);
+  }
 
  private:
+  /// Replaces a value by a missing one, if its variable was read. VTK may order the components of tensors anew.
+  void leave_out(const EnsightGaps& variable, const EnsightGaps::Gap& gap) {
+    vtkMultiBlockDataSet* parts = reader_->GetOutput();
+    auto* part = parts && gap.part < parts->GetNumberOfBlocks()
+                     ? vtkDataSet::SafeDownCast(parts->GetBlock(static_cast<unsigned>(gap.part)))
+                     : nullptr;
+    vtkDataArray* array = part ? arrays_of(*part, variable.per_element).GetArray(variable.variable.c_str()) : nullptr;
+    const auto index = static_cast<vtkIdType>(gap.index);
+    if (!array || index >= array->GetNumberOfTuples()) return;
+    const bool ordered = variable.components <= 3 && variable.components == component_count(*array);
+    for (std::size_t c = 0; c < component_count(*array); ++c)
+      if (!ordered || c == gap.component) array->SetComponent(index, static_cast<int>(c), missing_value);
+    ++changes_.unwritten;
+  }
+
+  static std::size_t component_count(vtkDataArray& array) {
+    return static_cast<std::size_t>(array.GetNumberOfComponents());
+  }
+
   vtkNew<vtkGenericEnSightReader> reader_;
+  std::vector<EnsightGaps> gaps_;
+  CellCensus changes_;
 };
 
 class OpenFoamReader final : public BlockReader {
@@ -225,6 +258,7 @@ class CgnsReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
     cgio_error_abort(0);  // keeps the library from ending the program at an error
+    check_hdf5_file(path, Hdf5Arrays::all);
     path_ = path;
     fields_ = cgns_fields(path, units_);  // throws where VTK's reader would end the program
     reader_->SetFileName(path.c_str());

@@ -8,6 +8,7 @@
 
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/data_sets.h"
+#include "builder/sources/vtk/ensight_checks.h"
 
 class vtkMultiBlockDataSetAlgorithm;
 
@@ -21,6 +22,12 @@ class BlockReader {
 
   /// Chooses arrays and blocks, after the file's header has been read.
   virtual void select(const std::vector<std::string>& selection) = 0;
+
+  /// Lets read() replace these values by missing ones. Called before read(); only for EnSight.
+  virtual void set_gaps(std::vector<EnsightGaps> /*gaps*/) {}
+
+  /// Counts what read() has changed since the last call.
+  virtual CellCensus take_changes() { return {}; }
 
   /// Lets read() bring the patches along too, as surfaces. Called before select().
   virtual void want_patches() {}

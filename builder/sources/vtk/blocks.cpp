@@ -51,7 +51,10 @@ class BlockDataSets final : public VtkDataSets {
         reader_(make_block_reader(file_.kind)) {}
 
   Status open(std::optional<double> time) {
-    SPLATVOL_TRY(check_blocks(file_, time));
+    SPLATVOL_TRY(check_blocks(file_));
+    SPLATVOL_TRY_ASSIGN(doubts, check_case_files(file_, time));
+    reader_->set_gaps(std::move(doubts.gaps));
+    changes_.open_ends += doubts.open_end ? 1 : 0;
     vtkMultiBlockDataSetAlgorithm* algorithm = nullptr;
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm = &reader_->open(file_.path);
@@ -75,6 +78,11 @@ class BlockDataSets final : public VtkDataSets {
   std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
+  CellCensus take_changes() override {
+    CellCensus changes = std::exchange(changes_, {});
+    changes += reader_->take_changes();
+    return changes;
+  }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
   bool averages_by_data_set() const override { return !reader_->portions_share_points(); }
   void share_means(vtkDataSet& data, const std::string& array, int component, std::span<double> means) const override {
@@ -232,6 +240,7 @@ class BlockDataSets final : public VtkDataSets {
   int portion_ = 0;                 // the next to be read
   std::size_t returned_ = 0;
   CellCensus left_out_;
+  CellCensus changes_;                              // not taken yet
   std::deque<vtkSmartPointer<vtkDataSet>> blocks_;  // read and not returned yet
   std::deque<std::string> block_names_;             // of blocks_
   std::vector<Patch> patches_;                      // read and not taken yet

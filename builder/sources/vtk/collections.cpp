@@ -116,6 +116,7 @@ class CompositeDataSets final : public VtkDataSets {
     blocks_->share_means(data, array, component, means);
   }
 
+  CellCensus take_changes() override { return blocks_->take_changes(); }
   bool averages_by_data_set() const override { return blocks_->averages_by_data_set(); }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {

@@ -68,6 +68,9 @@ class VtkDataSets {
   /// Counts the cells of blocks that were left out so far, because they are surfaces.
   [[nodiscard]] virtual CellCensus left_out() const { return {}; }
 
+  /// Counts what the data sets since the last call have otherwise than their files: CellCensus::open_ends, unwritten.
+  [[nodiscard]] virtual CellCensus take_changes() { return {}; }
+
   /// Returns the patches that were read since the last call, if VtkFile::patches asks for them.
   [[nodiscard]] virtual std::vector<Patch> take_patches() { return {}; }
 

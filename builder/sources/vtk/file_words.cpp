@@ -48,6 +48,21 @@ std::string FileWords::line() {
   return line;
 }
 
+std::optional<std::uint64_t> FileWords::integers_in_line() {
+  std::uint64_t count = 0;
+  bool in_word = false, integers = true;
+  for (; fill() && text_[at_] != '\n'; ++at_) {
+    const char c = text_[at_];
+    const bool is_digit = c >= '0' && c <= '9', is_sign = (c == '-' || c == '+') && !in_word;
+    count += !in_word && !is_white_space(c) ? 1 : 0;
+    in_word = !is_white_space(c);
+    integers = integers && (!in_word || is_digit || is_sign);
+  }
+  ended_line_ = fill();
+  if (ended_line_) ++at_;
+  return integers ? std::optional(count) : std::nullopt;
+}
+
 std::string FileWords::bytes(std::size_t count) {
   std::string bytes;
   for (; bytes.size() < count && fill(); ++at_) bytes += text_[at_];

@@ -188,8 +188,6 @@ Status check_adf(ByteSource& file, const std::string& path, std::string_view sta
 
 }  // namespace
 
-bool is_hdf5(std::string_view start) { return start.starts_with("\x89HDF\r\n\x1a\n"); }
-
 Status check_file_end(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   const Result<std::string> start = read_text(*file, 0, 256);

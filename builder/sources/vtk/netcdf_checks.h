@@ -9,7 +9,7 @@
 namespace splatvol {
 
 /// Whether a file begins like HDF5.
-[[nodiscard]] bool is_hdf5(std::string_view start);
+[[nodiscard]] inline bool is_hdf5(std::string_view start) { return start.starts_with("\x89HDF\r\n\x1a\n"); }
 
 /// Whether a file begins like one of NetCDF's own formats, which Exodus uses.
 [[nodiscard]] inline bool is_netcdf(std::string_view start) {

@@ -20,6 +20,7 @@
 #include "builder/sources/vtk/blocks.h"
 #include "builder/sources/vtk/collections.h"
 #include "builder/sources/vtk/gmsh_reader.h"
+#include "builder/sources/vtk/hdf5_checks.h"
 #include "builder/sources/vtk/legacy_checks.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/su2_reader.h"
@@ -58,6 +59,12 @@ class FileDataSets final : public VtkDataSets {
     std::vector<Patch> patches = std::exchange(patches_, {});
     if (blocks_) std::ranges::move(blocks_->take_patches(), std::back_inserter(patches));
     return patches;
+  }
+
+  CellCensus take_changes() override {
+    CellCensus changes = std::exchange(changes_, {});
+    if (blocks_) changes += blocks_->take_changes();
+    return changes;
   }
 
   bool averages_by_data_set() const override { return !blocks_ || blocks_->averages_by_data_set(); }
@@ -105,6 +112,7 @@ class FileDataSets final : public VtkDataSets {
       if (block) return block;
       extra_pieces_ += std::max<std::size_t>(blocks_->count(), 1) - 1;
       left_out_ += blocks_->left_out();
+      changes_ += blocks_->take_changes();
       std::ranges::move(blocks_->take_patches(), std::back_inserter(patches_));
       blocks_ = nullptr;
     }
@@ -132,6 +140,7 @@ class FileDataSets final : public VtkDataSets {
   }
 
   Result<std::unique_ptr<VtkDataSets>> open_any(const VtkFile& file) const {
+    forbid_hdf5_plugins();
     switch (file.kind) {
       case VtkFile::Kind::composite:
         return read_composite(file, selection_, time_, cells_, missing_);
@@ -220,6 +229,7 @@ class FileDataSets final : public VtkDataSets {
   std::size_t extra_pieces_ = 0;                        // of opened files, besides one for each
   std::string path_;                                    // of the current file
   CellCensus left_out_;                                 // of the files before the current one
+  CellCensus changes_;                                  // of these files, not taken yet
   std::vector<Patch> patches_;                          // of these files, not taken yet
   std::unique_ptr<VtkDataSets> blocks_;                 // of the current file, while it has blocks left
   vtkSmartPointer<vtkXMLReader> reader_;                // of the current file, while it has pieces left

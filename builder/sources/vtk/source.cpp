@@ -87,6 +87,7 @@ class VtkSource final : public Source {
                                    },
                                    lends_));
     piece->patches = data_sets_->take_patches();
+    piece->census += data_sets_->take_changes();
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
     note_conversions(*data);

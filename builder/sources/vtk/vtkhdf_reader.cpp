@@ -42,6 +42,8 @@ std::uint64_t not_negative(std::int64_t number) {
   return static_cast<std::uint64_t>(number);
 }
 
+constexpr std::uint64_t most_components = 1024;
+
 /// Reads the data sets of one time step.
 class HdfFile {
  public:
@@ -149,8 +151,8 @@ class HdfFile {
   /// Reads the arrays of a partition. `before`: its rows before it in the time step; `first`: in the file.
   void read_arrays(const std::string& data, vtkDataSetAttributes& to, std::uint64_t before, std::uint64_t first,
                    std::uint64_t count) const {
-    for (const std::string& name : group_.arrays_in(data)) {
-      if (!wanted(name)) continue;
+    for (const std::string& name : group_.names_in(data)) {
+      if (!wanted(name) || !group_.holds_numbers(fmt::format("{}/{}", data, name))) continue;
       const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
       const bool own = step_ && group_.has("Steps/" + own_offsets);
       const auto values =
@@ -161,7 +163,9 @@ class HdfFile {
 
   static void add_array(const std::string& name, const std::vector<double>& values, std::uint64_t count,
                         vtkDataSetAttributes& to) {
-    if (count == 0 || values.size() % count != 0 || values.size() / count > 1024) return;
+    if (count == 0) return;
+    if (values.size() / count > most_components)
+      throw ReaderError(fmt::format("the array \"{}\" has more than {} components", name, most_components));
     const auto components = static_cast<int>(values.size() / count);
     vtkSmartPointer<vtkDataArray> array = vtkSmartPointer<vtkDoubleArray>::New();
     if (is_ghost_array(name)) array = vtkSmartPointer<vtkUnsignedCharArray>::New();
@@ -202,8 +206,8 @@ class HdfFile {
 
   void read_image_arrays(const std::string& data, const std::array<std::uint64_t, 3>& counts,
                          vtkDataSetAttributes& to) const {
-    for (const std::string& name : group_.arrays_in(data)) {
-      if (!wanted(name)) continue;
+    for (const std::string& name : group_.names_in(data)) {
+      if (!wanted(name) || !group_.holds_numbers(fmt::format("{}/{}", data, name))) continue;
       std::vector<std::uint64_t> shape = group_.shape(fmt::format("{}/{}", data, name));
       const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
       const bool own = step_ && group_.has("Steps/" + own_offsets);

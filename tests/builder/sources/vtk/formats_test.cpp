@@ -16,6 +16,7 @@
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/builder/sources/vtk/hdf5_arrays.h"
 #include "tests/builder/support/series_check.h"
 
 // VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
@@ -25,6 +26,10 @@ namespace splatvol {
 namespace {
 
 using test::Input;
+using test::make_group;
+using test::put_array;
+using test::put_attribute;
+using test::put_type;
 using test::read_input;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -730,6 +735,28 @@ TEST_F(FormatsTest, Su2) {
   }
 }
 
+// Half of a number is no number.
+TEST_F(FormatsTest, NumbersOfSu2) {
+  const std::string cells = "NDIME= 3\nNELEM= 1\n10 0 1 2 3\n", points = "NPOIN= 4\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
+  const std::string csv = "x,y,z,f\n0,0,0,1\n1,0,0,2\n0,1,0,3\n0,0,1,4";
+  const auto input_of = [&](const std::string& mesh, const std::string& values) {
+    return read_input({write("a.su2", mesh), write("a.csv", values)});
+  };
+  const auto error_with = [&](const std::string& mesh) { return input_of(mesh, csv + "\n").error().message; };
+  EXPECT_EQ(input_of(cells + points, csv + "\n")->census.open_ends, 0u);
+  EXPECT_EQ(input_of(cells + points, csv)->census.open_ends, 1u) << "of the values";
+  for (const auto& [from, to] :
+       {std::pair{"0 0 1\n", "0 0 1,5\n"}, {"0 0 1\n", "0 0 1.5D+00\n"}, {"10 0 1 2 3", "10 0 1 2 3,5"}}) {
+    std::string text = cells + points;
+    text.replace(text.find(from), std::string_view(from).size(), to);
+    EXPECT_THAT(error_with(text), HasSubstr("is damaged, cut off or no")) << to;
+  }
+  const std::string last = points + cells;
+  EXPECT_TRUE(input_of(last, csv));
+  EXPECT_THAT(error_with(last.substr(0, last.size() - 1)), HasSubstr("no line end follows its last number"));
+  EXPECT_TRUE(input_of(last.substr(0, last.size() - 1) + " 0", csv)) << "the index of the cell follows";
+}
+
 TEST_F(FormatsTest, MarkersOfSu2ArePatches) {
   write("restart.csv", su2_restart());
   const std::string mesh = su2_mesh.substr(0, su2_mesh.find("NMARK"));
@@ -776,49 +803,12 @@ TEST_F(FormatsTest, DamagedMarkersOfSu2) {
   EXPECT_THAT(error_with(mesh + "MARKER_ELEMS= 1\n5 0 1 2\n"), HasSubstr("a marker without a name"));
   EXPECT_THAT(error_with(mesh + "MARKER_TAG=\nMARKER_ELEMS= 1\n5 0 1 2\n"), HasSubstr("a marker without a name"));
   EXPECT_THAT(error_with(mesh + "NMARK= 2\n" + wall + "5 0 1 2\n"), HasSubstr("1 of its 2 markers"));
-  // Cut behind NMARK, a file lacks its marker, unless only the last line break is gone.
-  for (std::size_t bytes = mesh.size(); bytes < su2_mesh.size(); ++bytes)
-    EXPECT_EQ(error_with(su2_mesh.substr(0, bytes)) == "(no error)",
-              bytes == mesh.size() || bytes + 1 == su2_mesh.size())
-        << bytes;
+  // Cut behind NMARK, a file lacks its marker.
+  for (std::size_t bytes = mesh.size() + 1; bytes < su2_mesh.size(); ++bytes)
+    EXPECT_NE(error_with(su2_mesh.substr(0, bytes)), "(no error)") << bytes;
 }
 
 // VTKHDF: an unstructured grid in two partitions at two time steps, and an image.
-
-void put_attribute(hid_t group, const char* name, hid_t type, const void* values, hsize_t count) {
-  const hid_t space = H5Screate_simple(1, &count, nullptr);
-  const hid_t attribute = H5Acreate2(group, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
-  H5Awrite(attribute, type, values);
-  H5Aclose(attribute);
-  H5Sclose(space);
-}
-
-void put_type(hid_t group, const std::string& type) {
-  const std::array<std::int64_t, 2> version = {2, 0};
-  put_attribute(group, "Version", H5T_NATIVE_INT64, version.data(), 2);
-  const hid_t text = H5Tcopy(H5T_C_S1), space = H5Screate(H5S_SCALAR);
-  H5Tset_size(text, type.size());
-  const hid_t attribute = H5Acreate2(group, "Type", text, space, H5P_DEFAULT, H5P_DEFAULT);
-  H5Awrite(attribute, text, type.data());
-  H5Aclose(attribute);
-  H5Sclose(space);
-  H5Tclose(text);
-}
-
-template <class T>
-void put_array(hid_t group, const char* name, const std::vector<T>& values, std::vector<hsize_t> shape = {}) {
-  const hid_t type = std::is_same_v<T, double> ? H5T_NATIVE_DOUBLE : H5T_NATIVE_INT64;
-  if (shape.empty()) shape = {values.size()};
-  const hid_t space = H5Screate_simple(static_cast<int>(shape.size()), shape.data(), nullptr);
-  const hid_t array = H5Dcreate2(group, name, type, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-  H5Dwrite(array, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data());
-  H5Dclose(array);
-  H5Sclose(space);
-}
-
-hid_t make_group(hid_t parent, const char* name) {
-  return H5Gcreate2(parent, name, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-}
 
 /// Two tetrahedra at x = 0 and x = 2; at the second step the field is ten times as large.
 void write_vtkhdf(const std::string& path) {
