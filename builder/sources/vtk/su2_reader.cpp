@@ -350,7 +350,7 @@ Result<CellCensus> add_values(const VtkFile& file, const Su2Mesh& mesh, const st
   if (at != mesh.points.size())
     return fail(ErrorCode::invalid_data, "{}: values of {} points instead of the {} of {}", file.values, at,
                 mesh.points.size(), file.path);
-  return {};
+  return census;
 }
 
 }  // namespace

@@ -737,10 +737,10 @@ TEST_F(FormatsTest, Su2) {
 
 // Half of a number is no number.
 TEST_F(FormatsTest, NumbersOfSu2) {
-  const std::string cells = "NDIME= 3\nNELEM= 1\n10 0 1 2 3\n", points = "NPOIN= 4\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
+  const std::string cells = "NELEM= 1\n10 0 1 2 3\n", points = "NPOIN= 4\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
   const std::string csv = "x,y,z,f\n0,0,0,1\n1,0,0,2\n0,1,0,3\n0,0,1,4";
   const auto input_of = [&](const std::string& mesh, const std::string& values) {
-    return read_input({write("a.su2", mesh), write("a.csv", values)});
+    return read_input({write("a.su2", "NDIME= 3\n" + mesh), write("a.csv", values)});
   };
   const auto error_with = [&](const std::string& mesh) { return input_of(mesh, csv + "\n").error().message; };
   EXPECT_EQ(input_of(cells + points, csv + "\n")->census.open_ends, 0u);
