@@ -218,7 +218,9 @@ class File:
         return self._file.sample(positions, name, resolution)
 
     def verify(self, progress: Optional[Callable[[float], Any]] = None) -> None:
-        """Checks every byte of the file. Calls ``progress`` with the share that is done, in [0, 1].
+        """Checks every byte of the file; of an index, of the files of all steps, and its units and ranges.
+
+        Calls ``progress`` with the share that is done, in [0, 1].
 
         Raises ``InvalidDataError``, which names the first rule that is broken.
         """
