@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <utility>
 
 #include "base/file.h"
+#include "builder/sources/array_attributes.h"
 #include "format/series_index.h"
 #include "format/volume.h"
 
@@ -69,6 +71,7 @@ class FilesBuild {
     BuildOptions options = options_;
     options.inputs = {step.name};
     options.join_attributes = false;  // what is the same in a step need not be the same in others
+    SPLATVOL_TRY(match_attributes(*source, step.name, options));
     SPLATVOL_TRY_ASSIGN(report, build_volume(*source, path, options, progress_));
     written_.push_back(path);
     SPLATVOL_TRY(add_ranges(path, step.name));
@@ -76,7 +79,22 @@ class FilesBuild {
     return BuiltStep{std::move(report), source->conversions()};
   }
 
-  // The index lists the attributes that all steps have, and their ranges over all steps.
+  // A vector's magnitude is no number of a scalar. A step that tells no unit has that of the steps before.
+  Status match_attributes(const Source& source, const std::string& name, BuildOptions& options) {
+    const std::vector<std::string>& attributes = source.attributes();
+    const std::vector<std::string> units = source.units();
+    const std::vector<int> components = source.components();
+    std::vector<int> expected;
+    for (std::size_t a = 0; a < attributes.size(); ++a) {
+      expected.push_back(components_.try_emplace(attributes[a], components[a]).first->second);
+      const auto known = std::ranges::find(index_.attributes, attributes[a], &SeriesIndex::Attribute::name);
+      if (units[a].empty() && known != index_.attributes.end())
+        options.units.emplace(options.units.begin(), attributes[a], known->unit);
+    }
+    return check_components(name, attributes, components, "the steps before", expected);
+  }
+
+  // The index lists the attributes that all steps have, their units, and their ranges over all steps.
   Status add_ranges(const std::string& path, const std::string& name) {
     SPLATVOL_TRY_ASSIGN(source, open_file(path));
     SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
@@ -91,6 +109,10 @@ class FilesBuild {
     for (SeriesIndex::Attribute& attribute : index_.attributes) {
       const format::Attribute& of_step =
           attributes[static_cast<std::size_t>(volume->info().find_attribute(attribute.name))];
+      if (of_step.unit != attribute.unit)
+        return fail(ErrorCode::invalid_data,
+                    "{}: the unit of \"{}\" is \"{}\", and \"{}\" in the steps before: give the right one by --unit",
+                    name, attribute.name, of_step.unit, attribute.unit);
       format::include(attribute.range, of_step.min, of_step.max);
     }
     return {};
@@ -101,6 +123,7 @@ class FilesBuild {
   const BuildOptions& options_;
   const BuildProgress& progress_;
   std::optional<bool> has_times_;
+  std::map<std::string, int> components_;  // Source::components() of the first step that has the attribute
   std::vector<std::string> written_;
 };
 

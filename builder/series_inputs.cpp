@@ -1,14 +1,24 @@
 #include "builder/series_inputs.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <utility>
 
 #include "builder/input_files.h"
+#include "builder/sources/array_attributes.h"
 
 namespace splatvol {
 namespace {
+
+// How many components of a vector are among attributes.
+int count_components(const std::vector<std::string>& attributes, const std::string& vector) {
+  int count = 0;
+  while (std::ranges::find(attributes, fmt::format("{}[{}]", vector, count)) != attributes.end()) ++count;
+  return count;
+}
 
 bool parse_end(const std::string& text, double& end) {
   if (text.empty()) return true;
@@ -57,6 +67,26 @@ Result<std::vector<SeriesStep>> steps_of_files(const std::vector<std::string>& i
     steps.push_back({std::filesystem::path(path).filename(), std::nullopt,
                      [path, options, open] { return open({path}, options); }});
   return steps;
+}
+
+OpenSource open_for_series(OpenSource open, std::string series) {
+  return [open = std::move(open), series = std::move(series)](
+             const std::vector<std::string>& inputs, const SourceOptions& options) -> Result<std::unique_ptr<Source>> {
+    auto opened = open(inputs, options);
+    if (!opened && opened.error().code == ErrorCode::invalid_argument)
+      return fail(ErrorCode::invalid_argument, "{}: a step that is appended has all attributes of {}",
+                  opened.error().message, series);
+    SPLATVOL_TRY_ASSIGN(source, std::move(opened));
+    const std::vector<std::string>& attributes = source->attributes();
+    const std::vector<int> components = source->components();
+    for (std::size_t a = 0; a < attributes.size(); ++a)
+      if (components[a] > 1 && count_components(attributes, attributes[a]) != components[a])
+        return fail(ErrorCode::invalid_data,
+                    "{}: \"{}\" is {}, which {} does not have: to append the magnitude, name all attributes of the "
+                    "series by --attribute",
+                    inputs[0], attributes[a], components_text(components[a]), series);
+    return source;
+  };
 }
 
 }  // namespace splatvol

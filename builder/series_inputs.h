@@ -26,4 +26,8 @@ struct TimeRange {
 [[nodiscard]] Result<std::vector<SeriesStep>> steps_of_files(const std::vector<std::string>& inputs,
                                                              const SourceOptions& options, const OpenSource& open);
 
+/// Returns `open` for steps that are appended to `series` and have the attributes of it. Opening fails if one of these
+/// is the magnitude of a vector, whose components are not in the series: it is not known to be of a vector there.
+[[nodiscard]] OpenSource open_for_series(OpenSource open, std::string series);
+
 }  // namespace splatvol

@@ -218,9 +218,12 @@ bool is_series(const Options& options) {
   return options.series || options.series_of_files || options.append || !options.times.empty();
 }
 
-// The attributes to read: when steps are appended, those of the file.
+// Whether the attributes to read are those of the file to which steps are appended.
+bool takes_attributes_of_series(const Options& options) { return options.append && options.attributes.empty(); }
+
+// The attributes to read.
 Result<std::vector<std::string>> selection_of(const Options& options) {
-  if (!options.append || !options.attributes.empty()) return options.attributes;
+  if (!takes_attributes_of_series(options)) return options.attributes;
   SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(options.output, open_file));
   return steps.times().empty() ? std::vector<std::string>() : steps.attributes();
 }
@@ -231,8 +234,9 @@ SourceOptions source_options_of(const Options& options, const std::vector<std::s
           options.missing, options.boundary || options.boundary_triangles > 0};
 }
 
-Result<std::vector<SeriesStep>> steps_of(const Options& options, const OpenSource& open) {
+Result<std::vector<SeriesStep>> steps_of(const Options& options, const OpenSource& open_any) {
   SPLATVOL_TRY_ASSIGN(selection, selection_of(options));
+  const OpenSource open = takes_attributes_of_series(options) ? open_for_series(open_any, options.output) : open_any;
   const SourceOptions source_options = source_options_of(options, selection);
   if (options.times.empty()) return steps_of_files(options.inputs, source_options, open);
   SPLATVOL_TRY_ASSIGN(range, parse_times(options.times));

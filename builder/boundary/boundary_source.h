@@ -20,6 +20,7 @@ class BoundarySource final : public Source {
 
   const std::vector<std::string>& attributes() const override { return source_.attributes(); }
   std::vector<std::string> units() const override { return source_.units(); }
+  std::vector<int> components() const override { return source_.components(); }
   void lend_values() override { source_.lend_values(); }
   std::size_t piece_count() const override { return source_.piece_count(); }
   PieceNumber piece_number() const override { return source_.piece_number(); }

@@ -75,6 +75,28 @@ std::vector<std::string> names_of(const std::vector<ArrayAttribute>& attributes)
   return names;
 }
 
+std::vector<int> components_of(const std::vector<ArrayAttribute>& attributes) {
+  std::vector<int> components;
+  for (const ArrayAttribute& attribute : attributes)
+    components.push_back(attribute.component == ArrayAttribute::magnitude ? attribute.components : 1);
+  return components;
+}
+
+std::string components_text(int components) {
+  return components == 1 ? "a number" : fmt::format("a vector of {} components", components);
+}
+
+Status check_components(const std::string& name, const std::vector<std::string>& attributes,
+                        const std::vector<int>& components, const std::string& other,
+                        const std::vector<int>& expected) {
+  for (std::size_t a = 0; a < attributes.size(); ++a)
+    if (components[a] != expected[a])
+      return fail(ErrorCode::invalid_data,
+                  "{}: \"{}\" is {}, and {} in {}: choose attributes that are the same by --attribute", name,
+                  attributes[a], components_text(components[a]), components_text(expected[a]), other);
+  return {};
+}
+
 std::vector<ArrayAttribute> select_attributes(const std::vector<ArrayAttribute>& all,
                                               const std::vector<std::string>& selection, CellValues cells,
                                               std::string& missing) {

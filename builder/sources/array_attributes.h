@@ -72,6 +72,18 @@ inline constexpr std::size_t most_vtk_arrays = 16384;
 /// Returns the names of attributes.
 [[nodiscard]] std::vector<std::string> names_of(const std::vector<ArrayAttribute>& attributes);
 
+/// Returns what Source::components() does.
+[[nodiscard]] std::vector<int> components_of(const std::vector<ArrayAttribute>& attributes);
+
+/// Says what an attribute is by Source::components(): "a vector of 3 components".
+[[nodiscard]] std::string components_text(int components);
+
+/// Fails if an attribute is the magnitude of a vector in one of two inputs, and not of such a vector in the other.
+/// `name` begins the message. `components` are its own, and `expected` those of `other`.
+[[nodiscard]] Status check_components(const std::string& name, const std::vector<std::string>& attributes,
+                                      const std::vector<int>& components, const std::string& other,
+                                      const std::vector<int>& expected);
+
 /// Returns those of `all` that a selection names, in its order; all if it is empty. The array that takes an attribute's
 /// name may not have been read, so full names count too. Sets `missing` to the first name that is not there.
 [[nodiscard]] std::vector<ArrayAttribute> select_attributes(const std::vector<ArrayAttribute>& all,

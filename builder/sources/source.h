@@ -118,6 +118,10 @@ class Source {
   /// The unit of each attribute, in the order of attributes(): "m/s", or empty if the input does not tell.
   [[nodiscard]] virtual std::vector<std::string> units() const { return std::vector<std::string>(attributes().size()); }
 
+  /// The number of components of the vector whose magnitude each attribute is, in the order of attributes(). 1: it is
+  /// no magnitude, but a number or a component.
+  [[nodiscard]] virtual std::vector<int> components() const { return std::vector<int>(attributes().size(), 1); }
+
   /// Allows the pieces to lend their values. Not all sources do so.
   virtual void lend_values() {}
 

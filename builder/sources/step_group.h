@@ -38,6 +38,7 @@ class StepGroup final : public Source {
 
   [[nodiscard]] const std::vector<std::string>& attributes() const override { return attributes_; }
   [[nodiscard]] std::vector<std::string> units() const override;
+  [[nodiscard]] std::vector<int> components() const override;
   [[nodiscard]] std::size_t piece_count() const override { return first_->piece_count(); }
   [[nodiscard]] Result<std::unique_ptr<Piece>> next() override;
   [[nodiscard]] Result<std::optional<Box>> bounds() override { return first_->bounds(); }

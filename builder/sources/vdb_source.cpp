@@ -51,6 +51,7 @@ struct Attribute {
   std::string name;
   std::size_t grid;  // its number in the file
   int component = 0;
+  int components = 1;  // as in Source::components()
 };
 
 /// The active voxels of a brick, which OpenVDB calls a leaf node, or a tile.
@@ -139,7 +140,7 @@ class VdbFile {
         others.push_back(fmt::format("{} ({})", called, grids[g]->valueType()));
         continue;
       }
-      all.push_back({called, g, components == 1 ? 0 : VdbField::magnitude});
+      all.push_back({called, g, components == 1 ? 0 : VdbField::magnitude, components});
       for (int c = 0; c < components && components > 1; ++c) all.push_back({fmt::format("{}[{}]", called, c), g, c});
       if (grids[g]->getMetadata<openvdb::BoolMetadata>(vdb_share_metadata)) share_grid_ = g;
     }
@@ -363,9 +364,11 @@ class VdbSource final : public Source {
       : paths_(std::move(paths)), missing_(missing) {
     use(std::move(first));
     for (const Attribute& attribute : file_->attributes()) attributes_.push_back(attribute.name);
+    components_ = components_of(*file_);
   }
 
   const std::vector<std::string>& attributes() const override { return attributes_; }
+  std::vector<int> components() const override { return components_; }
   std::size_t piece_count() const override { return opened_pieces_ + paths_.size() - opened_; }
   bool brings_material() const override { return true; }
 
@@ -376,6 +379,7 @@ class VdbSource final : public Source {
       if (piece || opened_ == paths_.size()) return piece;
       file_.reset();  // frees its memory before the next file is read
       SPLATVOL_TRY_ASSIGN(file, VdbFile::open(paths_[opened_], attributes_, missing_));
+      SPLATVOL_TRY(check_components(paths_[opened_], attributes_, components_of(*file), paths_[0], components_));
       use(std::move(file));
     }
   }
@@ -391,6 +395,12 @@ class VdbSource final : public Source {
   }
 
  private:
+  static std::vector<int> components_of(const VdbFile& file) {
+    std::vector<int> components;
+    for (const Attribute& attribute : file.attributes()) components.push_back(attribute.components);
+    return components;
+  }
+
   void use(std::unique_ptr<VdbFile> file) {
     file_ = std::move(file);
     opened_pieces_ += file_->piece_count();
@@ -400,6 +410,7 @@ class VdbSource final : public Source {
   std::vector<std::string> paths_;
   MissingValues missing_;
   std::vector<std::string> attributes_;
+  std::vector<int> components_;  // [attribute]
   std::unique_ptr<VdbFile> file_;
   std::size_t opened_ = 0;         // files so far
   std::size_t opened_pieces_ = 0;  // in these files

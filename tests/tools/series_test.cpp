@@ -26,6 +26,15 @@ class SeriesPrograms : public test::ProgramTest {
       "density": [[0, 0.1], [1, 0.3]]}, "lighting": false})";
   }
 
+  // The same lattice with a vector.
+  void write_vectors(const std::string& name, int side, const std::string& attribute = "p") const {
+    std::ofstream file(path(name));
+    file << "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET STRUCTURED_POINTS\n"
+         << fmt::format("DIMENSIONS {0} {0} {0}\nORIGIN 0 0 0\nSPACING 1 1 1\n", side)
+         << fmt::format("POINT_DATA {}\nVECTORS {} double\n", side * side * side, attribute);
+    for (int i = 0; i < side * side * side; ++i) file << i % side << " 1 0\n";
+  }
+
   // A legacy file with a lattice of `side` points along each axis.
   void write_grid(const std::string& name, int side, int step, const std::string& attribute = "p") const {
     std::ofstream file(path(name));
@@ -117,6 +126,49 @@ TEST_F(SeriesPrograms, AFirstStepOfEqualValuesHasAllAttributes) {
   EXPECT_EQ(info["attributes"].size(), 2U);
   EXPECT_EQ(info["series"]["attributes"][1]["name"], "b");
   EXPECT_EQ(info["series"]["attributes"][1]["max"], 52);
+}
+
+TEST_F(SeriesPrograms, AVectorIsAppendedToAVectorOnly) {
+  write_vectors("vectors_0.vtk", 9);
+  write_vectors("vectors_1.vtk", 9);
+  for (const std::string kind : {"--series", "--series-of-files"}) {
+    const std::string numbers = kind == "--series" ? "n.svol" : "n.svols";
+    const std::string vectors = kind == "--series" ? "v.svol" : "v.svols";
+    const std::string append = kind == "--series" ? "--append" : "--series-of-files --append";
+    expect_done(fmt::format("svbuild {} grid_0.vtk grid_1.vtk -o {}", kind, numbers));
+    expect_done(fmt::format("svbuild {} vectors_0.vtk -o {}", kind, vectors));
+    const std::string before = run("svinfo " + numbers + " --json").text;
+    expect_refusal(fmt::format("svbuild {} vectors_1.vtk -o {}", append, numbers), "a vector of 3 components");
+    EXPECT_EQ(run("svinfo " + numbers + " --json").text, before);
+    expect_refusal(fmt::format("svbuild {} grid_1.vtk -o {}", append, vectors), "p[0]");
+    expect_done(fmt::format("svbuild {} vectors_1.vtk -o {}", append, vectors));
+    expect_refusal(fmt::format("svbuild {} --attribute p grid_2.vtk vectors_1.vtk -o x{}", kind, numbers),
+                   "a number in");
+    expect_done(fmt::format("svbuild {} --attribute p vectors_1.vtk -o {}", append, numbers));
+    expect_done(fmt::format("svinfo {} --verify", numbers));
+  }
+}
+
+// An index that is changed by hand.
+TEST_F(SeriesPrograms, VerifyComparesAnIndexWithItsFiles) {
+  expect_done("svbuild --series-of-files --unit p=Pa grid_0.vtk grid_1.vtk -o f.svols");
+  expect_done("svinfo f.svols --verify");
+  const std::string index = read_text_file(path("f.svols")).value();
+  const auto change = [&](const std::string& key, const nlohmann::json& value) {
+    auto document = nlohmann::json::parse(index);
+    document["attributes"][0][key] = value;
+    std::ofstream(path("f.svols")) << document.dump();
+  };
+  change("unit", "kPa");
+  expect_refusal("svinfo f.svols --verify", "the unit of 'p'");
+  change("max", 7);
+  expect_refusal("svinfo f.svols --verify", "the range of 'p'");
+  change("min", -1);
+  expect_refusal("svinfo f.svols --verify", "the range of 'p'");
+  auto document = nlohmann::json::parse(index);
+  document["steps"][1]["file"] = std::string("f-0000.svol\0b", 13);
+  std::ofstream(path("f.svols")) << document.dump();
+  expect_refusal("svinfo f.svols", "step 1");
 }
 
 TEST_F(SeriesPrograms, WrongCallsAreRefused) {

@@ -32,9 +32,9 @@ auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Op
 
 template <class State>
 auto members_of(State& state) requires std::is_same_v<std::remove_const_t<State>, SourceState> {
-  return std::tie(state.attributes, state.units, state.conversions, state.pieces, state.number, state.points,
-                  state.time, state.copies, state.averages_by_piece, state.may_have_cells, state.brings_material,
-                  state.single_precision);
+  return std::tie(state.attributes, state.units, state.conversions, state.components, state.pieces, state.number,
+                  state.points, state.time, state.copies, state.averages_by_piece, state.may_have_cells,
+                  state.brings_material, state.single_precision);
 }
 
 template <class Census>
@@ -143,6 +143,7 @@ SourceState state_of(const Source& source) {
   state.attributes = source.attributes();
   state.units = source.units();
   state.conversions = source.conversions();
+  state.components = source.components();
   state.pieces = source.piece_count();
   state.number = source.piece_number();
   state.points = source.point_count();

@@ -28,6 +28,7 @@ enum class ReaderRequest : std::uint32_t {
 /// What a source tells besides its pieces. Its functions may return something else after each piece.
 struct SourceState {
   std::vector<std::string> attributes, units, conversions;
+  std::vector<int> components;
   std::uint64_t pieces = 0;
   Source::PieceNumber number;  // of the last piece
   std::optional<std::uint64_t> points;

@@ -228,6 +228,7 @@ class ProcessSource final : public Source {
 
   const std::vector<std::string>& attributes() const override { return state_.attributes; }
   std::vector<std::string> units() const override { return state_.units; }
+  std::vector<int> components() const override { return state_.components; }
   void lend_values() override { lends_ = true; }
   std::size_t piece_count() const override { return static_cast<std::size_t>(state_.pieces); }
   std::optional<std::uint64_t> point_count() const override { return state_.points; }
@@ -246,7 +247,8 @@ class ProcessSource final : public Source {
     SourceState state;
     SPLATVOL_TRY(get(channel, state));
     const bool is_first = state_.attributes.empty();
-    if (state.units.size() != state.attributes.size() || (!is_first && state.attributes != state_.attributes))
+    if (state.units.size() != state.attributes.size() || state.components.size() != state.attributes.size() ||
+        (!is_first && state.attributes != state_.attributes))
       return fail(ErrorCode::invalid_data, "the reader process sent other attributes");
     state_ = std::move(state);
     return {};

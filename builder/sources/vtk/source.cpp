@@ -43,6 +43,7 @@ class VtkSource final : public Source {
 
   const std::vector<std::string>& attributes() const override { return names_; }
   std::vector<std::string> units() const override { return units_; }
+  std::vector<int> components() const override { return components_of(attributes_); }
   void lend_values() override { lends_ = true; }
   std::size_t piece_count() const override { return data_sets_->count(); }
   std::optional<TimeStep> time_step() const override { return step_ ? step_ : data_sets_->time_step(); }
