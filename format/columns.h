@@ -93,7 +93,8 @@ struct SplatValue {
   double coverage = 0;   // share of the mass that has a value, [0, 1]; 0: the other numbers mean nothing
 };
 
-/// Stored values near the mean of a splat's material, one of which it has (spec R22). low > high: it has no value.
+/// Stored values near the mean of a splat's material, one of which it has (spec R22) unless its variance is too small
+/// for double precision. low > high: it has no value.
 struct ValueInterval {
   float low = std::numeric_limits<float>::infinity();
   float high = -std::numeric_limits<float>::infinity();

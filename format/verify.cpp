@@ -548,9 +548,11 @@ class Volume::Verifier {
   // Whether a bin is occupied that overlaps the range and the interval.
   bool is_in(const ValueSummary& summary, const ValueInterval& interval, int attribute) const {
     if (interval.low > interval.high) return true;
-    const float low = std::max(interval.low, summary.min), high = std::min(interval.high, summary.max);
-    const ValueBins bins = bins_of(info_.attributes[static_cast<std::size_t>(attribute)]);
-    return low <= high && (bins.between(low, high) & summary.occupancy) != 0;
+    const Attribute& of = info_.attributes[static_cast<std::size_t>(attribute)];
+    const double lost = lost_deviation / of.scale;
+    const double low = std::max(interval.low - lost, double{summary.min});
+    const double high = std::min(interval.high + lost, double{summary.max});
+    return low <= high && (bins_of(of).between(low, high) & summary.occupancy) != 0;
   }
 
   Status check_counted_values(const CheckedValues& values) const {
@@ -570,6 +572,8 @@ class Volume::Verifier {
   static constexpr int no_attribute = -1;
   // That a walk holds at once; one resolution may have more. Files of svbuild take one walk.
   static constexpr std::uint64_t most_held_intervals = std::uint64_t{1} << 20;
+  // A deviation under this, of values, has a variance that is too small for double precision.
+  static constexpr double lost_deviation = 0x1p-500;
   // Thousands of attributes have fewer threads.
   static constexpr std::size_t most_bytes_of_sums = std::size_t{1} << 24;
   // A dead part is a step directory and a footer.
