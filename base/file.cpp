@@ -99,6 +99,9 @@ std::string folder_of(const std::string& path) {
 }
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
+  // The system would end the name there, and open another file.
+  if (path.find('\0') != std::string::npos)
+    return fail(ErrorCode::invalid_argument, "{}: no name of a file holds the character NUL", path);
   // Without O_NONBLOCK, opening a pipe that has no writer would wait for ever.
   const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) return fail_errno(path, "cannot open");

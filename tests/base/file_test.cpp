@@ -165,6 +165,13 @@ TEST_F(FileTest, OpenRefusesWhatIsNoRegularFile) {
   expect_one_line_about(folder.error(), folder_.string());
 }
 
+TEST_F(FileTest, ANameDoesNotEndInItsMiddle) {
+  write("a", "other");
+  const auto opened = open_file(path("a") + std::string("\0b", 2));
+  ASSERT_FALSE(opened);
+  EXPECT_THAT(opened.error().message, HasSubstr("NUL"));
+}
+
 TEST_F(FileTest, ReadTextFileKeepsEveryByte) {
   const std::string text("a\0b\r\n\xff", 6);
   write("text", text);
