@@ -69,6 +69,10 @@ Status RendererCore::take_statistics(double start, const Status& drawn, std::opt
                  .bytes_held = read.bytes_resident_peak,
                  .seconds = seconds_now() - start,
                  .unreadable = frame.progress.errors};
+  if (const auto left_out = player_->left_out()) {
+    statistics_.is_complete = false;
+    statistics_.unreadable.push_back(*left_out);
+  }
   return {};
 }
 

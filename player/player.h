@@ -29,7 +29,7 @@ namespace splatvol {
 class StepAhead;
 
 struct PlayerOptions {
-  std::uint64_t memory = std::uint64_t{512} << 20;    // bytes that the streamer may hold
+  std::uint64_t memory = std::uint64_t{512} << 20;    // bytes that the streamer may hold; patches: a quarter besides
   std::uint64_t gpu_memory = std::uint64_t{1} << 30;  // bytes that OpenGL may take
   Device device = Device::automatic;
   bool in_current_context = false;  // of OpenGL; else the rasterizer makes a context of its own if it needs one
@@ -214,6 +214,10 @@ class Player {
 
   /// Whether layers of translucent surfaces were joined in the last picture (draw_surfaces).
   [[nodiscard]] bool has_joined_surfaces() const { return picture_ && surface_layers_.is_joined; }
+
+  /// Returns the error of patches that the pictures lack: the triangles of the boundary that a scene shows may take a
+  /// quarter of PlayerOptions::memory, and the largest patches beyond are left out. None if all are drawn.
+  [[nodiscard]] std::optional<Error> left_out() const;
 
   /// Returns the splats that the device has room for beside the picture; 2^32 - 1 if it knows no limit.
   [[nodiscard]] std::uint64_t device_splats() const;

@@ -121,7 +121,8 @@ void add_drawing_options(CLI::App& app, RenderOptions& options) {
 void add_budget_options(CLI::App& app, RenderOptions& options) {
   add_device_option(app, options.device);
   app.add_option("--memory", options.memory,
-                 "Bytes that the streamer may hold, such as 512M; a picture that would need more is drawn coarser")
+                 "Bytes that the streamer may hold, such as 512M; a picture that would need more is drawn coarser. "
+                 "Patches of the boundary may take a quarter as much besides: the largest are left out, and named")
       ->type_name("SIZE")
       ->check(check_bytes)
       ->capture_default_str();

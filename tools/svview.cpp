@@ -215,6 +215,11 @@ Status failure_of(const std::vector<std::string>& unreadable) {
               unreadable.front());
 }
 
+void tell_left_out(const Session& session) {
+  if (const auto left_out = session.left_out())
+    fmt::print(stderr, "svview: {}: --memory grants more\n", left_out->message);
+}
+
 // Draws a recording and writes the statistics and the last picture.
 Status replay(const Options& options) {
   const double start = seconds_now();
@@ -238,7 +243,9 @@ Status replay(const Options& options) {
     SPLATVOL_TRY_ASSIGN(image, read_framebuffer(std::max(1, size.pixel_width), std::max(1, size.pixel_height)));
     SPLATVOL_TRY(write_image(options.screenshot, image, dvec3(0), {{"software", "svview " SPLATVOL_VERSION}}));
   }
-  return viewer->session() ? failure_of(viewer->session()->troubles()) : Status{};
+  if (!viewer->session()) return {};
+  tell_left_out(*viewer->session());
+  return failure_of(viewer->session()->troubles());
 }
 
 // Writes the frames of a camera path, each with its finest picture.
@@ -262,6 +269,7 @@ Status play(const Options& options) {
                              {{"software", "svview " SPLATVOL_VERSION}, {"file", session->path()}}));
     bar.update((i + 1.0) / count);
   }
+  tell_left_out(*session);
   return failure_of(session->troubles());
 }
 
@@ -289,7 +297,9 @@ void add_view_options(CLI::App& app, Options& options) {
       ->capture_default_str()
       ->check(check_image_size);
   for (const auto& [name, value, what] :
-       {std::tuple{"--memory", &options.memory, "Memory for the parts of the file that are read"},
+       {std::tuple{"--memory", &options.memory,
+                   "Memory for the parts of the file that are read; patches of "
+                   "the boundary may take a quarter as much besides"},
         std::tuple{"--gpu-memory", &options.gpu_memory, "Memory of the graphics card for splats and picture"}})
     app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check(check_bytes);
   auto* max_error =
