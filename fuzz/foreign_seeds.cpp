@@ -399,6 +399,8 @@ std::vector<std::pair<std::string, std::string>> foreign_seeds() {
       {"fuzz_formats", hdf5()},
       {"fuzz_formats", plot3d(false)},
       {"fuzz_formats", plot3d(true)},
+      {"fuzz_formats",
+       R"(g{"scenes":[{"nodes":[0]}],"nodes":[{"children":[1,1]},{"mesh":0}],"meshes":[{"primitives":[{}]}]})"},
   };
 }
 

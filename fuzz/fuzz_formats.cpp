@@ -1,9 +1,10 @@
-// Our own checks and parsers of formats that others read: EnSight, NetCDF and HDF5, PLOT3D. The first character tells
-// which.
+// Our own checks and parsers of formats that others read: EnSight, NetCDF and HDF5, PLOT3D, glTF. The first character
+// tells which.
 #include "base/file.h"
 #include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/ensight_case.h"
 #include "builder/sources/vtk/ensight_checks.h"
+#include "builder/sources/vtk/gltf_checks.h"
 #include "builder/sources/vtk/netcdf_checks.h"
 #include "builder/sources/vtk/plot3d_format.h"
 #include "fuzz/fuzz.h"
@@ -48,6 +49,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (data[0] == 'n') {
     const fuzz::NamedBytes file(rest);
     static_cast<void>(check_file_end(file.path()));
+  }
+  if (data[0] == 'g') {
+    const fuzz::NamedBytes file(rest);
+    static_cast<void>(check_gltf(file.path()));
   }
   return 0;
 }

@@ -26,6 +26,7 @@
 #include "base/file.h"
 #include "base/replaceable.h"
 #include "builder/mesh/usable_numbers.h"
+#include "builder/sources/vtk/gltf_checks.h"
 #include "builder/sources/vtk/legacy_checks.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/xml_checks.h"
@@ -40,6 +41,8 @@ vtkSmartPointer<vtkAlgorithm> make_reader(const std::string& path) {
   return reader.GetPointer();
 }
 
+bool is_gltf(const std::string& path) { return has_extension(path, ".gltf") || has_extension(path, ".glb"); }
+
 /// Null: a file of another kind.
 vtkSmartPointer<vtkAlgorithm> reader_of(const std::string& path) {
   if (has_extension(path, ".stl")) {
@@ -50,7 +53,7 @@ vtkSmartPointer<vtkAlgorithm> reader_of(const std::string& path) {
   }
   if (has_extension(path, ".obj")) return make_reader<vtkOBJReader>(path);
   if (has_extension(path, ".ply")) return make_reader<vtkPLYReader>(path);
-  if (has_extension(path, ".gltf") || has_extension(path, ".glb")) return make_reader<vtkGLTFReader>(path);
+  if (is_gltf(path)) return make_reader<vtkGLTFReader>(path);
   if (has_extension(path, ".vtp")) return make_reader<vtkXMLPolyDataReader>(path);
   if (has_extension(path, ".vtk")) return make_reader<vtkPolyDataReader>(path);
   return nullptr;
@@ -79,6 +82,7 @@ Status check_file(const std::string& path) {
   if (has_extension(path, ".stl")) return check_stl(*file);
   if (has_extension(path, ".vtp")) return check_xml(path);
   if (has_extension(path, ".vtk")) return check_legacy(path);
+  if (is_gltf(path)) return check_gltf(path);
   return {};
 }
 

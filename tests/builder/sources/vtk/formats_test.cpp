@@ -175,6 +175,28 @@ TEST_F(FormatsTest, DamagedPvd) {
   EXPECT_THAT(of("<DataSet timestep=\"0\" file=\"a.pvd\"/>"), HasSubstr("must be the only input"));
 }
 
+// Eleven files that stand for 16^10 files, with a link in their paths, and one piece that is named too often.
+TEST_F(FormatsTest, FilesThatNameEachOtherTooOftenAreRefused) {
+  const auto text = [](const std::string& type, const std::string& names) {
+    return fmt::format("<VTKFile type=\"{0}\" version=\"1.0\"><{0}>{1}</{0}></VTKFile>\n", type, names);
+  };
+  write_tetrahedron("a.vtu", 0, "f");
+  std::filesystem::create_directory_symlink(".", path("same"));
+  write("10.vtm", text("vtkMultiBlockDataSet", "<DataSet file=\"a.vtu\"/>"));
+  for (int i = 0; i < 10; ++i) {
+    std::string blocks;
+    for (int k = 0; k < 16; ++k) blocks += fmt::format("<DataSet file=\"{}{}.vtm\"/>", k % 2 ? "same/" : "", i + 1);
+    write(fmt::format("{}.vtm", i), text("vtkMultiBlockDataSet", blocks));
+  }
+  EXPECT_THAT(error_of("0.vtm"), HasSubstr("stand for 2.27e+12 files, and at most 1048576 are read"));
+  std::string pieces, blocks;
+  for (int i = 0; i < 1024; ++i) pieces += "<Piece Source=\"a.vtu\"/>";
+  for (int i = 0; i < 1024; ++i) blocks += "<DataSet file=\"a.pvtu\"/>";
+  write("a.pvtu", text("PUnstructuredGrid", pieces));
+  write("a.vtm", text("vtkMultiBlockDataSet", blocks));
+  EXPECT_THAT(error_of("a.vtm"), HasSubstr("stand for 1.05e+06 files"));
+}
+
 // .vtm: nested blocks with different arrays, a surface and an empty block.
 
 TEST_F(FormatsTest, Vtm) {

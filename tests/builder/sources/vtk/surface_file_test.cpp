@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,7 @@
 namespace splatvol {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
 using testing::StartsWith;
 
@@ -127,6 +129,50 @@ TEST_F(SurfaceFiles, ThatAreCutOffAreRefused) {
     for (std::size_t cut = 0; cut < text.size() - last; cut += 1 + text.size() / 40)
       EXPECT_THAT(error_of(write(name, text.substr(0, cut))), StartsWith(path(name) + ": ")) << cut;
   }
+}
+
+/// The square of squares(), shown by these nodes. The scene shows node 0, and mesh 0 is the square.
+std::string square_shown_by(const std::string& nodes) {
+  const auto all = squares();
+  std::string text = std::ranges::find(all, std::string_view("a.gltf"), &SurfaceText::name)->text;
+  const std::string of_square = R"("nodes":[{"mesh":0,"translation":[0,0,3]}],)";
+  return text.replace(text.find(of_square), of_square.size(), R"("nodes":[)" + nodes + "],");
+}
+
+/// Nodes that each show the next one twice, and the last the square.
+std::string doublings(int count) {
+  std::string nodes;
+  for (int i = 1; i <= count; ++i) nodes += fmt::format(R"({{"children":[{0},{0}]}},)", i);
+  return nodes + R"({"mesh":0})";
+}
+
+TEST_F(SurfaceFiles, ThatShowTheirPartsTooOftenAreRefused) {
+  const auto mesh = read(write("a.gltf", square_shown_by(doublings(3))));
+  ASSERT_TRUE(mesh) << mesh.error().message;
+  EXPECT_EQ(mesh->triangles.size(), 16u);
+  for (const int count : {21, 30, 60, 5000})
+    EXPECT_THAT(error_of(write("a.gltf", square_shown_by(doublings(count)))),
+                AllOf(StartsWith(path("a.gltf") + ": its scenes show "), HasSubstr("at most 1048576 parts are read")))
+        << count;
+  EXPECT_THAT(error_of(write("a.gltf", square_shown_by(doublings(30)))), HasSubstr("1.07e+09 parts"));
+  // Nodes without a mesh take as long.
+  std::string empty = doublings(30);
+  empty.replace(empty.find("\"mesh\":0"), 8, "");
+  EXPECT_THAT(error_of(write("a.gltf", square_shown_by(empty))), HasSubstr("nodes with 0 parts"));
+  const std::string json = square_shown_by(doublings(30));
+  const auto size = static_cast<std::uint32_t>(json.size());
+  const auto number = [](std::uint32_t n) { return std::string(reinterpret_cast<const char*>(&n), sizeof(n)); };
+  EXPECT_THAT(error_of(write("a.glb", "glTF" + number(2) + number(size + 20) + number(size) + "JSON" + json)),
+              HasSubstr("1.07e+09 parts"));
+}
+
+TEST_F(SurfaceFiles, WhoseNodesContradictThemselvesAreRefused) {
+  for (const char* nodes : {R"({"children":[0]})", R"({"children":[1]},{"mesh":0,"children":[2]},{"children":[1]})"})
+    EXPECT_THAT(error_of(write("a.gltf", square_shown_by(nodes))), HasSubstr("a node contains itself")) << nodes;
+  for (const char* nodes : {R"({"children":[1]})", R"({"children":[-1]})", R"({"mesh":1})", R"({"children":[0.5]})"})
+    EXPECT_THAT(error_of(write("a.gltf", square_shown_by(nodes))), HasSubstr("that is not there")) << nodes;
+  EXPECT_THAT(error_of(write("a.gltf", square_shown_by(R"({"children":7})"))), HasSubstr("its children are no list"));
+  EXPECT_THAT(error_of(write("a.gltf", std::string(100'000, '['))), HasSubstr("nested deeper"));
 }
 
 // Indices beyond the points, and counts beyond the file.
