@@ -23,7 +23,8 @@ void add_option(CLI::App& app, const std::string& line, std::string& value) {
   const std::string names = line.substr(2, end - 2);
   const std::size_t space = names.find(' ');
   if (names.starts_with('-') && space == std::string::npos) {
-    app.add_flag(names, line.substr(description));
+    const std::string what = line.substr(description);
+    app.add_flag(names, what);
     return;
   }
   auto* option = app.add_option(names.substr(0, space), value, line.substr(description));
