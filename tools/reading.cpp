@@ -31,6 +31,12 @@ void add_reading_options(CLI::App& app, ReadingOptions& options) {
       ->check(CLI::Range(1u, 1u << 20))
       ->capture_default_str()
       ->type_name("S");
+  app.add_option("--read-factor", options.factor,
+                 "Multiplies what may be read, 64 times the bytes of the files and 1 GiB, and how long that may take, "
+                 "1 s for each MB of them and 600 s")
+      ->check(CLI::Range(1e-6, 1e6))
+      ->capture_default_str()
+      ->type_name("N");
 }
 
 Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, unsigned threads) {
@@ -42,6 +48,7 @@ Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, un
     of_process.memory = memory;
   }
   of_process.patience = std::chrono::seconds(options.seconds);
+  of_process.factor = options.factor;
   of_process.threads = static_cast<int>(threads);
   return of_process;
 }
@@ -50,11 +57,6 @@ ReadSurface surface_reader(const ReaderProcessOptions& options) {
   return [reader = std::make_shared<ReaderProcess>(options)](const std::string& path) {
     return reader->read_surface(path);
   };
-}
-
-Result<ReadSurface> usual_surface_reader() {
-  SPLATVOL_TRY_ASSIGN(options, reader_options_of({}, 0));
-  return surface_reader(options);
 }
 
 }  // namespace splatvol

@@ -12,6 +12,7 @@ namespace splatvol {
 struct ReadingOptions {
   std::string memory;  // empty: three quarters of what this process may have
   unsigned seconds = 300;
+  double factor = 1;
 };
 
 void add_reading_options(CLI::App& app, ReadingOptions& options);
@@ -22,8 +23,5 @@ void add_reading_options(CLI::App& app, ReadingOptions& options);
 
 /// Returns a reader of files of surfaces, which reads them in a process of its own. That process ends with the reader.
 [[nodiscard]] ReadSurface surface_reader(const ReaderProcessOptions& options);
-
-/// The same with the usual limits.
-[[nodiscard]] Result<ReadSurface> usual_surface_reader();
 
 }  // namespace splatvol

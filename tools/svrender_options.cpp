@@ -130,6 +130,7 @@ void add_budget_options(CLI::App& app, RenderOptions& options) {
       ->type_name("SIZE")
       ->check(check_bytes)
       ->capture_default_str();
+  add_reading_options(app, options.reading);
 }
 
 // Refuses frames that nobody gets, and a movie without frames.

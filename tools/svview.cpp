@@ -28,6 +28,7 @@ struct Options {
   std::string memory = default_memory(512);
   std::string gpu_memory = "1G";
   std::string device = "auto";
+  ReadingOptions reading;  // of surfaces
   std::optional<std::size_t> step;
   std::optional<std::string> kernel;
   std::optional<double> max_error, tolerance;
@@ -57,8 +58,8 @@ Result<ViewerOptions> viewer_options(const Options& options) {
                .max_error = options.max_error,
                .tolerance = options.tolerance,
                .kernel = options.kernel.value_or("")};
-  SPLATVOL_TRY_ASSIGN(read_surface, usual_surface_reader());
-  setup.settings.read_surface = std::move(read_surface);
+  SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
+  setup.settings.read_surface = surface_reader(reader_options);
   return setup;
 }
 
@@ -292,6 +293,7 @@ void add_view_options(CLI::App& app, Options& options) {
        {std::tuple{"--memory", &options.memory, "Memory for the parts of the file that are read"},
         std::tuple{"--gpu-memory", &options.gpu_memory, "Memory of the graphics card for splats and picture"}})
     app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check(check_bytes);
+  add_reading_options(app, options.reading);
   auto* max_error =
       app.add_option("--max-error", options.max_error,
                      "Error of the picture at rest (root mean square of linear RGB): finer and finer pictures up to "

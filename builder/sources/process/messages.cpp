@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <numeric>
+#include <string_view>
 #include <tuple>
 #include <utility>
 
@@ -32,9 +33,8 @@ auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Op
 
 template <class State>
 auto members_of(State& state) requires std::is_same_v<std::remove_const_t<State>, SourceState> {
-  return std::tie(state.attributes, state.units, state.conversions, state.pieces, state.number, state.points,
-                  state.time, state.copies, state.averages_by_piece, state.may_have_cells, state.brings_material,
-                  state.single_precision);
+  return std::tie(state.attributes, state.units, state.pieces, state.number, state.points, state.time, state.copies,
+                  state.averages_by_piece, state.may_have_cells, state.brings_material, state.single_precision);
 }
 
 template <class Census>
@@ -60,6 +60,22 @@ Status put_members(Channel& channel, const T& value) {
 template <class T>
 Status get_members(Channel& channel, T& value) {
   return std::apply([&](auto&... members) { return get_all(channel, members...); }, members_of(value));
+}
+
+/// Texts that are printed have at most so many bytes.
+constexpr std::size_t most_line_bytes = 4096;
+
+std::string cut(const std::string& line) {
+  constexpr std::string_view end = "...";
+  if (line.size() <= most_line_bytes) return line;
+  return line.substr(0, most_line_bytes - end.size()).append(end);
+}
+
+/// What a file made of the reader process may not write to the terminal.
+Status get_line(Channel& channel, std::string& line) {
+  SPLATVOL_TRY(channel.get(line, most_line_bytes));
+  line = one_line(line);
+  return {};
 }
 
 /// Sends an array, and frees it.
@@ -156,20 +172,30 @@ SourceState state_of(const Source& source) {
   return state;
 }
 
-Status put(Channel& channel, const Error& error) { return put_all(channel, error.code, error.message); }
-Status get(Channel& channel, Error& error) { return get_all(channel, error.code, error.message); }
+Status put(Channel& channel, const Error& error) { return put_all(channel, error.code, cut(error.message)); }
+
+Status get(Channel& channel, Error& error) {
+  SPLATVOL_TRY(channel.get(error.code));
+  SPLATVOL_TRY(get_line(channel, error.message));
+  return error.code <= ErrorCode::cancelled ? Status{} : fail(ErrorCode::invalid_data, "an error of no kind");
+}
 
 Status put(Channel& channel, const SourceOptions& options) { return put_members(channel, options); }
 Status get(Channel& channel, SourceOptions& options) { return get_members(channel, options); }
 
 Status put(Channel& channel, const SourceState& state) {
   SPLATVOL_TRY(put_members(channel, state));
+  SPLATVOL_TRY(channel.put(std::uint64_t{state.conversions.size()}));
+  for (const std::string& line : state.conversions) SPLATVOL_TRY(channel.put(cut(line)));
   SPLATVOL_TRY(channel.put(state.step.has_value()));
   return state.step ? put_all(channel, state.step->time, state.step->index, state.step->times) : Status{};
 }
 
 Status get(Channel& channel, SourceState& state) {
   SPLATVOL_TRY(get_members(channel, state));
+  std::uint64_t conversions = 0;
+  SPLATVOL_TRY(channel.get(conversions));
+  for (std::uint64_t i = 0; i < conversions; ++i) SPLATVOL_TRY(get_line(channel, state.conversions.emplace_back()));
   bool has_step = false;
   SPLATVOL_TRY(channel.get(has_step));
   if (!has_step) return {};

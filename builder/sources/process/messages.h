@@ -42,7 +42,10 @@ struct SourceState {
 
 [[nodiscard]] SourceState state_of(const Source& source);
 
+/// Messages are cut at 4 KiB, and so are the conversions of a state.
 [[nodiscard]] Status put(Channel& channel, const Error& error);
+
+/// The message is one line without control characters. Fails if it is longer, or of no kind.
 [[nodiscard]] Status get(Channel& channel, Error& error);
 [[nodiscard]] Status put(Channel& channel, const SourceOptions& options);
 [[nodiscard]] Status get(Channel& channel, SourceOptions& options);
