@@ -9,7 +9,6 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
-#include <random>
 #include <vector>
 
 #include "base/descriptor.h"
@@ -27,18 +26,20 @@ tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
   return fail(ErrorCode::io, "{}: {}: {}", path, action, std::strerror(errno));
 }
 
-/// A name beside `path`, no longer than the system allows, however long the name of `path` is.
-std::string unpredictable_name(const std::string& path) {
-  std::random_device random;
-  return fmt::format("{}/.splatvol-{:08x}{:08x}", folder_of(path), random(), random());
-}
-
 // The rights for others of a file that replaces one: never more than that one gave, also where it cannot have its
 // group.
 mode_t rights_for(int descriptor, const FileRights& rights) {
-  if (::geteuid() == 0 && ::fchown(descriptor, rights.owner, rights.group) == 0) return rights.mode;
-  if (::fchown(descriptor, static_cast<uid_t>(-1), rights.group) == 0) return rights.mode;
+  const auto give_to = [&](uid_t owner) {
+    return uninterrupted([&] { return ::fchown(descriptor, owner, rights.group); }) == 0;
+  };
+  if (::geteuid() == 0 && give_to(rights.owner)) return rights.mode;
+  if (give_to(static_cast<uid_t>(-1))) return rights.mode;
   return (rights.mode & ~mode_t{070}) | ((rights.mode & 07) << 3);
+}
+
+bool give_rights(int descriptor, const FileRights& rights) {
+  const mode_t mode = rights_for(descriptor, rights);
+  return uninterrupted([&] { return ::fchmod(descriptor, mode); }) == 0;
 }
 
 Status read_exactly(int descriptor, std::uint64_t offset, std::span<std::byte> out, const std::string& path) {
@@ -99,8 +100,11 @@ std::string folder_of(const std::string& path) {
 }
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
+  // The system would end the name there, and open another file.
+  if (path.find('\0') != std::string::npos)
+    return fail(ErrorCode::invalid_argument, "{}: no name of a file holds the character NUL", path);
   // Without O_NONBLOCK, opening a pipe that has no writer would wait for ever.
-  const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  const int descriptor = uninterrupted([&] { return ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK); });
   if (descriptor < 0) return fail_errno(path, "cannot open");
   struct stat status {};
   if (::fstat(descriptor, &status) != 0 || !S_ISREG(status.st_mode)) {
@@ -123,14 +127,14 @@ Result<std::string> read_text_file(const std::string& path) {
   return text;
 }
 
-Result<AtomicFile> AtomicFile::create(const std::string& target, Unnamed unnamed) {
+Result<AtomicFile> AtomicFile::create(const std::string& target, Unnamed unnamed, Replace replace) {
   struct stat status {};
   const bool exists = ::stat(target.c_str(), &status) == 0;
   // Names that are too long, links in a circle, folders without access: better now than after hours of work.
   if (!exists && errno != ENOENT) return fail_errno(target, "cannot create");
   // Renaming would replace a device or a pipe by a regular file.
   if (exists && !S_ISREG(status.st_mode)) return fail(ErrorCode::io, "{}: not a regular file", target);
-  SPLATVOL_TRY(check_replaceable(target));
+  SPLATVOL_TRY(check_replaceable(target, replace));
   // Links are followed, also to a file that is not there yet. Links in a circle were refused above.
   std::filesystem::path path = target;
   std::error_code error;
@@ -139,15 +143,17 @@ Result<AtomicFile> AtomicFile::create(const std::string& target, Unnamed unnamed
 
   std::optional<FileRights> rights;
   if (exists) rights = {status.st_mode & 0777, status.st_uid, status.st_gid};
-  return create_beside(path.string(), unnamed, rights);
+  SPLATVOL_TRY_ASSIGN(file, create_beside(path.string(), unnamed, rights));
+  file.replace_ = replace;
+  return file;
 }
 
 Result<AtomicFile> AtomicFile::create_beside(const std::string& path, Unnamed unnamed,
                                              const std::optional<FileRights>& rights) {
   const mode_t mode = rights ? 0600 : 0666;
-  const int descriptor = unnamed == Unnamed::if_possible
-                             ? ::open(folder_of(path).c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, mode)
-                             : (errno = EOPNOTSUPP, -1);
+  const std::string folder = folder_of(path);
+  const auto open_unnamed = [&] { return ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, mode); };
+  const int descriptor = unnamed == Unnamed::if_possible ? uninterrupted(open_unnamed) : (errno = EOPNOTSUPP, -1);
   if (descriptor >= 0) {
     AtomicFile file(descriptor, path, "", rights);
     // Without /proc, a file without a name could not get one.
@@ -156,8 +162,9 @@ Result<AtomicFile> AtomicFile::create_beside(const std::string& path, Unnamed un
   }
   if (errno != EOPNOTSUPP && errno != EISDIR) return fail_errno(path, "cannot create");
   for (;;) {
-    std::string temporary = unpredictable_name(path);
-    const int named = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, mode);
+    std::string temporary = temporary_name_beside(path);
+    const int named =
+        uninterrupted([&] { return ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, mode); });
     if (named < 0 && errno == EEXIST) continue;
     if (named < 0) return fail_errno(path, "cannot create");
     note_temporary(temporary);
@@ -175,13 +182,13 @@ AtomicFile::AtomicFile(AtomicFile&& other) noexcept
       temporary_path_(std::move(other.temporary_path_)),
       rights_(other.rights_),
       end_(other.end_),
-      begun_(other.begun_) {}
+      begun_(other.begun_),
+      replace_(other.replace_) {}
 
 AtomicFile::~AtomicFile() {
-  if (descriptor_ < 0) return;
-  ::close(descriptor_);
+  if (descriptor_ >= 0) ::close(descriptor_);
   if (temporary_path_.empty()) return;
-  ::unlink(temporary_path_.c_str());
+  (void)uninterrupted([&] { return ::unlink(temporary_path_.c_str()); });
   forget_temporary(temporary_path_);
 }
 
@@ -224,12 +231,13 @@ std::string AtomicFile::path_to_write() const {
 
 // linkat cannot replace a file, rename can: so the file first gets a temporary name. Where the system allows no link to
 // a file without a name, a copy gets it.
-Status AtomicFile::give_name() {
+Status AtomicFile::give_temporary_name() {
   const std::string self = path_to_write();
   while (temporary_path_.empty()) {
-    std::string name = unpredictable_name(path_);
-    if (::linkat(AT_FDCWD, self.c_str(), AT_FDCWD, name.c_str(), AT_SYMLINK_FOLLOW) != 0) {
-      if (errno == EEXIST) continue;
+    std::string name = temporary_name_beside(path_);
+    const auto link = [&] { return ::linkat(AT_FDCWD, self.c_str(), AT_FDCWD, name.c_str(), AT_SYMLINK_FOLLOW); };
+    if (const int error = uninterrupted(link) == 0 ? 0 : errno; error != 0 && !is_named(descriptor_, name)) {
+      if (error == EEXIST) continue;
       return copy_to_named();
     }
     note_temporary(name);
@@ -249,33 +257,80 @@ Status AtomicFile::copy_to_named() {
   }
   std::swap(descriptor_, copy.descriptor_);
   std::swap(temporary_path_, copy.temporary_path_);
-  return ::fsync(descriptor_) == 0 ? Status{} : fail_errno(path_, "cannot sync");
+  return sync_fully(descriptor_) ? Status{} : fail_errno(path_, "cannot sync");
+}
+
+// All but the name.
+Status AtomicFile::complete() {
+  SPLATVOL_TRY(check_replaceable(path_, replace_));  // another program may have written it meanwhile
+  if (!sync_fully(descriptor_)) return fail_errno(path_, "cannot sync");
+  SPLATVOL_TRY(give_temporary_name());
+  // Only the owner could read it until now. Where the system does not allow more, that stays.
+  if (rights_) (void)give_rights(descriptor_, *rights_);
+  return {};
+}
+
+// Returns false, with errno set, if the system refuses. A call that a signal interrupts, or whose answer a server
+// loses, may have done its work all the same.
+bool AtomicFile::rename_to_target() {
+  const auto rename = [&] { return ::rename(temporary_path_.c_str(), path_.c_str()); };
+  if (const int error = uninterrupted(rename) == 0 ? 0 : errno; error != 0 && !is_named(descriptor_, path_)) {
+    errno = error;
+    return false;
+  }
+  forget_temporary(temporary_path_);
+  temporary_path_.clear();
+  ::close(std::exchange(descriptor_, -1));
+  return true;
+}
+
+Status AtomicFile::commit_unconfirmed() {
+  SPLATVOL_TRY(complete());
+  return rename_to_target() ? Status{} : fail_errno(path_, "cannot rename to");
 }
 
 Status AtomicFile::commit() {
   const std::string folder = folder_of(path_);  // no memory is taken once the file has its name
-  SPLATVOL_TRY(check_replaceable(path_));       // another program may have written it meanwhile
-  if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
-  SPLATVOL_TRY(give_name());
-  // Only the owner could read it until now. Where the system does not allow more, that stays.
-  if (rights_) (void)!::fchmod(descriptor_, rights_for(descriptor_, *rights_));
-  if (::rename(temporary_path_.c_str(), path_.c_str()) != 0) {
+  SPLATVOL_TRY(complete());
+  if (!rename_to_target()) {
     // The work of hours is complete: it stays under the name that it has.
     const Status failure = fail_errno(path_, "cannot rename to");
-    ::close(std::exchange(descriptor_, -1));
     forget_temporary(temporary_path_);
-    return fail(ErrorCode::io, "{}; the finished file is {}", failure.error().message, temporary_path_);
+    return fail(ErrorCode::io, "{}; the finished file is {}", failure.error().message,
+                std::exchange(temporary_path_, {}));
   }
-  forget_temporary(temporary_path_);
-  ::close(std::exchange(descriptor_, -1));
+  if (is_noted_temporary(path_)) return {};
+  const Status confirmed = sync_folder(folder);
+  if (confirmed) return {};
+  return fail(ErrorCode::io, "{}: is complete and has its name, though the disk has not confirmed the name: {}", path_,
+              confirmed.error().message);
+}
 
-  // Without syncing the folder, a power cut may undo the rename. Some file systems cannot.
-  const int directory = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (directory < 0) return {};  // a folder that may be written to, but not listed
-  const bool synced = ::fsync(directory) == 0 || errno == EINVAL || errno == ENOTSUP;
-  Status result = synced ? Status{} : fail_errno(path_, "cannot sync the folder of");
+Status sync_folder(const std::string& folder) {
+  const int directory = uninterrupted([&] { return ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); });
+  if (directory < 0 && errno == EACCES) return {};
+  if (directory < 0) return fail_errno(folder, "cannot sync");
+  const Status result =
+      sync_fully(directory) || errno == EINVAL || errno == ENOTSUP ? Status{} : fail_errno(folder, "cannot sync");
   ::close(directory);
   return result;
+}
+
+Result<bool> rename_if_free(const std::string& from, const std::string& to) {
+  const auto exists = [](const std::string& path) {
+    struct stat status {};
+    return ::lstat(path.c_str(), &status) == 0;
+  };
+  const auto rename = [&] { return ::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE); };
+  if (uninterrupted(rename) == 0) return true;
+  // Some file systems, such as NFS, cannot look and rename at once.
+  if ((errno == EINVAL || errno == ENOSYS) && !exists(to) &&
+      uninterrupted([&] { return ::rename(from.c_str(), to.c_str()); }) == 0)
+    return true;
+  const int error = errno;
+  if (exists(to)) return !exists(from);  // an interrupted call may have done its work
+  errno = error;
+  return fail_errno(from, "cannot rename");
 }
 
 Status write_text_file(const std::string& path, const std::string& text) {

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "base/error.h"
+#include "base/replaceable.h"
 
 namespace splatvol {
 
@@ -71,10 +72,11 @@ class AtomicFile {
   enum class Unnamed { if_possible, never };
 
   /// Fails if the folder cannot be written to, or if `target` exists and is not a regular file. Fails also if `target`
-  /// is not of the kind that its extension stands for (base/replaceable.h), and so does `commit`. If `target` is a
-  /// link, replaces the file that it points to. A file that is replaced keeps its rights, and its owner and group where
-  /// the system allows it; until `commit`, only the user may read the new one.
-  [[nodiscard]] static Result<AtomicFile> create(const std::string& target, Unnamed unnamed = Unnamed::if_possible);
+  /// may not be replaced (check_replaceable in base/replaceable.h), and so does `commit`. If `target` is a link,
+  /// replaces the file that it points to. A file that is replaced keeps its rights, and its owner and group where the
+  /// system allows it; until `commit`, only the user may read the new one.
+  [[nodiscard]] static Result<AtomicFile> create(const std::string& target, Unnamed unnamed = Unnamed::if_possible,
+                                                 Replace replace = Replace::exports);
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();
@@ -99,16 +101,24 @@ class AtomicFile {
   /// Path to the file for libraries that open files by name. Valid until `commit`, in this process only.
   [[nodiscard]] std::string path_to_write() const;
 
-  /// Syncs the file to the disk and gives it its name. Fails if the system refuses. If only the last step fails, the
-  /// finished file stays beside `target`, and the message has its name. Only destruction is allowed afterwards.
+  /// Syncs the file to the disk, gives it its name, and waits until the disk has the name too. Fails if the system
+  /// refuses. If it refuses the name, the finished file stays beside `target`, and the message tells where. If the disk
+  /// does not confirm the name, the file has it all the same, and the message tells so. A name that is noted as
+  /// temporary (base/temporary_names.h) is not waited for. Only destruction is allowed afterwards.
   [[nodiscard]] Status commit();
+
+  /// The same without the last wait: until sync_folder(), a power cut may take the name back. After a failure nothing
+  /// has changed, and nothing stays. Only destruction is allowed afterwards.
+  [[nodiscard]] Status commit_unconfirmed();
 
  private:
   AtomicFile(int descriptor, std::string path, std::string temporary_path, const std::optional<FileRights>& rights);
   [[nodiscard]] static Result<AtomicFile> create_beside(const std::string& path, Unnamed unnamed,
                                                         const std::optional<FileRights>& rights);
-  [[nodiscard]] Status give_name();
+  [[nodiscard]] Status complete();
+  [[nodiscard]] Status give_temporary_name();
   [[nodiscard]] Status copy_to_named();
+  [[nodiscard]] bool rename_to_target();
 
   int descriptor_;
   std::string path_;
@@ -116,7 +126,15 @@ class AtomicFile {
   std::optional<FileRights> rights_;  // of the file that it replaces
   std::uint64_t end_ = 0;
   std::uint64_t begun_ = 0;  // the disk was told to write the bytes before this offset
+  Replace replace_ = Replace::exports;
 };
+
+/// Waits until the disk has the names of the files in a folder. Succeeds where the file system cannot, and in a folder
+/// that may not be listed.
+[[nodiscard]] Status sync_folder(const std::string& folder);
+
+/// Renames a file in its folder. Returns false if another file has the name `to`, which stays.
+[[nodiscard]] Result<bool> rename_if_free(const std::string& from, const std::string& to);
 
 /// Writes a whole file through an AtomicFile.
 [[nodiscard]] Status write_text_file(const std::string& path, const std::string& text);

@@ -40,6 +40,13 @@ Result<std::vector<std::size_t>> find_patches(const std::string& file, const std
               fmt::join(names, ", "));
 }
 
+std::string free_name(const std::string& name, const std::function<bool(const std::string&)>& is_taken) {
+  if (!is_taken(name)) return name;
+  std::string other = name + " (splat)";
+  for (int number = 2; is_taken(other); ++number) other = fmt::format("{} (splat {})", name, number);
+  return other;
+}
+
 std::optional<std::string> find_duplicate(std::vector<std::string> names) {
   std::ranges::sort(names);
   const auto duplicate = std::ranges::adjacent_find(names);

@@ -1,6 +1,7 @@
 // Names of attributes, columns and arrays: the checks and the messages that several layers share.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -23,6 +24,10 @@ namespace splatvol {
 /// begins with `file`, and lists the names.
 [[nodiscard]] Result<std::vector<std::size_t>> find_patches(const std::string& file, const std::string& pattern,
                                                             std::span<const std::string> names);
+
+/// Returns `name` if it is free, else the first of `name (splat)`, `name (splat 2)`, `name (splat 3)`, ... that is
+/// free.
+[[nodiscard]] std::string free_name(const std::string& name, const std::function<bool(const std::string&)>& is_taken);
 
 /// Returns a name that appears at least twice, or nothing. If several do, returns the lowest of them, byte by byte.
 [[nodiscard]] std::optional<std::string> find_duplicate(std::vector<std::string> names);

@@ -12,24 +12,41 @@
 namespace splatvol {
 namespace {
 
-constexpr std::uint64_t looked_at = 4096;  // an XML file may begin with a comment
+constexpr std::uint64_t looked_at = 4096;  // an XML file may begin with a comment, a mark stands behind other bytes
 
 using namespace std::string_view_literals;
+
+// Each tells whether the first bytes of a file have the mark of an export.
+using HasMark = bool (*)(std::string_view bytes);
+
+bool vtu_has_mark(std::string_view bytes) {
+  return bytes.substr(0, bytes.find("<VTKFile")).find(vtu_export_mark) != std::string_view::npos;
+}
+
+bool vdb_has_mark(std::string_view bytes) {
+  if (bytes.size() < vdb_uuid_offset + vdb_uuid_bytes) return false;
+  const std::string mark = vdb_export_mark(bytes.substr(vdb_uuid_offset, vdb_uuid_bytes));
+  return bytes.find(mark) != std::string_view::npos;
+}
+
+// The header of a .npy file has room for nothing but the array's description.
+bool npy_has_mark(std::string_view /*bytes*/) { return false; }
 
 /// A kind of file: by its extension and its first bytes. Of a text file, the first characters that are no white space.
 struct FileKind {
   std::string_view extension;
   std::string_view name;
   std::array<std::string_view, 2> starts;
+  HasMark has_mark = nullptr;  // of a kind that is also an input
 };
 constexpr std::array<FileKind, 8> kinds = {{{".svol", "a .svol file", {"\x89SVOL\r\n\x1a"sv}},
                                             {".png", "a PNG picture", {"\x89PNG\r\n\x1a\n"sv}},
                                             {".exr", "an OpenEXR picture", {"\x76\x2f\x31\x01"sv}},
                                             {".json", "JSON", {"{"sv, "["sv}},
                                             {".svols", "an index of .svol files", {"{"sv}},
-                                            {".npy", "a .npy file", {"\x93NUMPY"sv}},
-                                            {".vdb", "an OpenVDB file", {" BDV"sv}},
-                                            {".vtu", "a VTK file", {"<?xml"sv, "<VTKFile"sv}}}};
+                                            {".npy", "a .npy file", {"\x93NUMPY"sv}, npy_has_mark},
+                                            {".vdb", "an OpenVDB file", {" BDV"sv}, vdb_has_mark},
+                                            {".vtu", "a VTK file", {"<?xml"sv, "<VTKFile"sv}, vtu_has_mark}}};
 
 bool is_of(const FileKind& kind, std::string_view bytes) {
   const std::string_view text = bytes.substr(std::min(bytes.find_first_not_of(" \t\r\n"), bytes.size()));
@@ -40,13 +57,15 @@ bool is_of(const FileKind& kind, std::string_view bytes) {
 
 }  // namespace
 
+std::string vdb_export_mark(std::string_view uuid) { return fmt::format("splatvol export {}", uuid); }
+
 bool has_extension(const std::string& path, const std::string& extension) {
   std::string of_path = std::filesystem::path(path).extension().string();
   std::ranges::transform(of_path, of_path.begin(), [](unsigned char c) { return std::tolower(c); });
   return of_path == extension;
 }
 
-Status check_replaceable(const std::string& path) {
+Status check_replaceable(const std::string& path, Replace replace) {
   const auto kind = std::ranges::find_if(
       kinds, [&](const FileKind& known) { return has_extension(path, std::string(known.extension)); });
   std::error_code error;
@@ -55,9 +74,12 @@ Status check_replaceable(const std::string& path) {
   if (file->size() == 0) return {};
   std::string bytes(std::min(file->size(), looked_at), '\0');
   SPLATVOL_TRY(file->read(0, std::as_writable_bytes(std::span(bytes))));
-  if (is_of(*kind, bytes)) return {};
-  return fail(ErrorCode::invalid_argument, "{}: is there and is not {}: remove it, or give another name", path,
-              kind->name);
+  if (!is_of(*kind, bytes))
+    return fail(ErrorCode::invalid_argument, "{}: is there and is not {}: remove it, or give another name", path,
+                kind->name);
+  if (replace == Replace::any || kind->has_mark == nullptr || kind->has_mark(bytes)) return {};
+  return fail(ErrorCode::invalid_argument,
+              "{}: is there and may be an input of yours: give another name, or --force to replace it", path);
 }
 
 }  // namespace splatvol

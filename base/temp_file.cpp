@@ -19,11 +19,11 @@ tl::unexpected<Error> fail_errno(const std::string& folder, const char* action) 
 
 // If the file system has no files without a name, makes one with a name and removes the name at once.
 int open_unnamed(const std::string& folder) {
-  const int descriptor = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+  const int descriptor = uninterrupted([&] { return ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600); });
   if (descriptor >= 0 || (errno != EOPNOTSUPP && errno != EISDIR)) return descriptor;
   std::string path = folder + "/splatvol-XXXXXX";
   const int named = ::mkostemp(path.data(), O_CLOEXEC);
-  if (named >= 0) ::unlink(path.c_str());
+  if (named >= 0) (void)uninterrupted([&] { return ::unlink(path.c_str()); });
   return named;
 }
 

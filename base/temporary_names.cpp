@@ -12,15 +12,23 @@
 #include <cstdlib>
 #include <cstring>
 #include <mutex>
+#include <new>
+#include <random>
+
+#include "base/file.h"
 
 namespace splatvol {
 namespace {
 
-// A handler may run at any moment and may not wait: so each name is a pointer that is set and taken at once. Threads
-// wait for each other.
+// A handler may run at any moment and may not wait: so each name is a pointer that is set and taken at once, and the
+// list only grows. Threads wait for each other.
+struct Slot {
+  std::atomic<char*> name;
+  Slot* next;
+};
 std::mutex mutex;
-constinit std::array<std::atomic<char*>, 64> names{};
-static_assert(std::atomic<char*>::is_always_lock_free);
+constinit std::atomic<Slot*> slots{};
+static_assert(std::atomic<char*>::is_always_lock_free && std::atomic<Slot*>::is_always_lock_free);
 
 // As the kernel gives it: readdir() would allocate, which a handler may not.
 struct FolderEntry {
@@ -49,32 +57,49 @@ void remove_folder(const char* path) {
 
 }  // namespace
 
+std::string temporary_name_beside(const std::string& path) {
+  std::random_device random;
+  return fmt::format("{}/.splatvol-{:08x}{:08x}", folder_of(path), random(), random());
+}
+
 void note_temporary(const std::string& path) {
   const std::lock_guard lock(mutex);
   char* name = ::strdup(path.c_str());
-  for (std::atomic<char*>& slot : names) {
+  if (!name) return;
+  for (Slot* slot = slots; slot; slot = slot->next) {
     char* empty = nullptr;
-    if (name && slot.compare_exchange_strong(empty, name)) return;
+    if (slot->name.compare_exchange_strong(empty, name)) return;
   }
-  std::free(name);
+  Slot* slot = new (std::nothrow) Slot{name, slots};
+  if (slot)
+    slots = slot;
+  else
+    std::free(name);
 }
 
 void forget_temporary(const std::string& path) {
   const std::lock_guard lock(mutex);
-  for (std::atomic<char*>& slot : names) {
-    char* name = slot.load();
-    if (!name || path != name || !slot.compare_exchange_strong(name, nullptr)) continue;
+  for (Slot* slot = slots; slot; slot = slot->next) {
+    char* name = slot->name.load();
+    if (!name || path != name || !slot->name.compare_exchange_strong(name, nullptr)) continue;
     std::free(name);
     return;
   }
 }
 
+bool is_noted_temporary(const std::string& path) {
+  const std::lock_guard lock(mutex);
+  for (Slot* slot = slots; slot; slot = slot->next)
+    if (const char* name = slot->name; name && path == name) return true;
+  return false;
+}
+
 void remove_temporaries() {
-  for (std::atomic<char*>& slot : names) {
-    char* name = slot.exchange(nullptr);  // nobody frees it meanwhile
+  for (Slot* slot = slots; slot; slot = slot->next) {
+    char* name = slot->name.exchange(nullptr);  // nobody frees it meanwhile
     if (!name) continue;
     if (::unlink(name) != 0 && errno == EISDIR) remove_folder(name);
-    slot = name;
+    slot->name = name;
   }
 }
 

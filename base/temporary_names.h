@@ -5,10 +5,13 @@
 
 namespace splatvol {
 
-/// Notes a temporary file, or a folder of files, until forget_temporary(). Thread-safe. At most 64 names are noted at a
-/// time; no program has so many outputs.
+/// Returns a name that no file has, in the folder of `path`, however long the name of `path` is.
+[[nodiscard]] std::string temporary_name_beside(const std::string& path);
+
+/// Notes a temporary file, or a folder of files, until forget_temporary(). Thread-safe.
 void note_temporary(const std::string& path);
 void forget_temporary(const std::string& path);
+[[nodiscard]] bool is_noted_temporary(const std::string& path);
 
 /// Removes the files and folders that are noted. Safe in a signal handler.
 void remove_temporaries();

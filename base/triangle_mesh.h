@@ -16,6 +16,7 @@ namespace splatvol {
 struct TriangleMesh {
   std::vector<dvec3> points;                            // world units
   std::vector<std::array<std::uint32_t, 3>> triangles;  // indices into points, in any orientation
+  bool open_end = false;                                // its text file ends with a number: it may be cut off
 };
 
 /// A patch: a part of a mesh's boundary that has a name.

@@ -34,6 +34,18 @@ void warn_of_positions(const InputSummary& input, std::vector<PrecisionWarning>&
                    farthest, step_at(farthest), spacing)});
 }
 
+// A reader gave coordinates of single precision, though the file has more digits.
+void warn_of_rounding(const InputSummary& input, std::vector<PrecisionWarning>& warnings) {
+  constexpr double bent_share = 1e-6;
+  const CellCensus& cells = input.cells;
+  const bool bent = cells.bent_volume > bent_share * cells.measured_volume;
+  if (!bent && cells.flattened == 0) return;
+  warnings.push_back({"", fmt::format("the reader rounds coordinates to single precision: that bends {} tetrahedra by "
+                                      "more than 1/64 of their heights and makes {} flat: subtract an offset from the "
+                                      "coordinates before they are written",
+                                      bent ? cells.bent : 0, cells.flattened)});
+}
+
 void warn_of_values(const InputSummary& input, std::vector<PrecisionWarning>& warnings) {
   for (std::size_t a = 0; a < input.attributes.size(); ++a) {
     const format::Attribute& attribute = input.attributes[a];
@@ -56,6 +68,7 @@ std::vector<CensusLine> census_lines(const BuildReport& report) {
   lines.push_back({"tetrahedra inverted (absolute volume used)", cells.inverted, true});
   lines.push_back({"tetrahedra flat", cells.flat});
   lines.push_back({"cells without volume", cells.without_volume});
+  lines.push_back({"cells of blocks that are surfaces (left out)", cells.left_out});
   lines.push_back({"cells without volume left out (flat)", cells.left_out_flat, true});
   lines.push_back({"cells hidden (blanked or ghost)", cells.hidden});
   lines.push_back({"points hidden (blanked or ghost)", cells.hidden_points});
@@ -71,6 +84,7 @@ std::vector<CensusLine> census_lines(const BuildReport& report) {
   lines.push_back({"points in no cell (kept)", points.in_no_cell});
   lines.push_back({"points in no cell, outside of the box round all cells (dropped)", points.left_out, true});
   lines.push_back({"points joined without all that lies round them", report.uncertain, true});
+  lines.push_back({"values written as stars, too wide for their columns (missing)", cells.unwritten, true});
   for (const auto& [name, count] : report.missing) lines.push_back({"missing values: " + name, count});
   for (const auto& [name, count] : report.fills)
     lines.push_back({"fill values taken as missing: " + name, count, true});
@@ -81,6 +95,7 @@ std::vector<CensusLine> census_lines(const BuildReport& report) {
 std::vector<PrecisionWarning> precision_warnings(const InputSummary& input) {
   std::vector<PrecisionWarning> warnings;
   warn_of_positions(input, warnings);
+  warn_of_rounding(input, warnings);
   warn_of_values(input, warnings);
   return warnings;
 }
@@ -89,6 +104,11 @@ std::vector<std::string> warning_lines(const BuildReport& report) {
   std::vector<std::string> lines;
   for (const auto& [attribute, words] : report.warnings)
     lines.push_back(attribute.empty() ? words : fmt::format("{}: {}", attribute, words));
+  if (const std::uint64_t files = report.cells.open_ends; files > 0)
+    lines.push_back(
+        fmt::format("no line end follows the last number of {}: it may be cut off; if it is whole, add a "
+                    "line end",
+                    files == 1 ? "a file" : fmt::format("{} files", files)));
   return lines;
 }
 

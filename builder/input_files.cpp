@@ -5,10 +5,13 @@
 #include <cctype>
 #include <charconv>
 #include <filesystem>
+#include <iterator>
 #include <optional>
 #include <string_view>
 
 #include "base/file.h"
+#include "base/replaceable.h"
+#include "builder/exodus_pieces.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vdb_source.h"
@@ -21,11 +24,12 @@ struct MultiBlockExtension {
   std::string_view extension;
   VtkFile::Kind kind;
 };
-constexpr std::array<MultiBlockExtension, 13> multi_block_extensions = {{{".e", VtkFile::Kind::exodus},
+constexpr std::array<MultiBlockExtension, 14> multi_block_extensions = {{{".e", VtkFile::Kind::exodus},
                                                                          {".exo", VtkFile::Kind::exodus},
                                                                          {".exii", VtkFile::Kind::exodus},
                                                                          {".ex2", VtkFile::Kind::exodus},
                                                                          {".g", VtkFile::Kind::exodus},
+                                                                         {".gen", VtkFile::Kind::exodus},
                                                                          {".case", VtkFile::Kind::ensight},
                                                                          {".encas", VtkFile::Kind::ensight},
                                                                          {".foam", VtkFile::Kind::openfoam},
@@ -35,8 +39,23 @@ constexpr std::array<MultiBlockExtension, 13> multi_block_extensions = {{{".e", 
                                                                          {".vtkhdf", VtkFile::Kind::vtkhdf},
                                                                          {".hdf", VtkFile::Kind::vtkhdf}}};
 
-/// Finds the format of a multi-block file by its name: most of these files are HDF5 or plain text. An Exodus file that
-/// holds a part of a mesh has a name such as "mesh.e.4.0".
+std::string in_lower_case(std::string_view text) {
+  std::string lower(text);
+  std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return std::tolower(c); });
+  return lower;
+}
+
+/// Removes `mark` and the digits behind it from the end of a name. Returns whether they were there.
+bool cut_number(std::string_view& name, std::string_view mark) {
+  const std::size_t last = name.find_last_not_of("0123456789");
+  if (last == std::string_view::npos || last + 1 == name.size() || !name.substr(0, last + 1).ends_with(mark))
+    return false;
+  name = name.substr(0, last + 1 - mark.size());
+  return true;
+}
+
+/// Finds the format of a multi-block file by its name, in either case: most of these files are HDF5 or plain text. An
+/// Exodus file that holds a part of a mesh has a name such as "mesh.e.4.0", one of a run that went on "mesh.e-s002".
 std::optional<VtkFile::Kind> multi_block_kind(std::string_view path) {
   const auto kind_of = [](std::string_view name) -> std::optional<VtkFile::Kind> {
     const auto found = std::ranges::find_if(
@@ -44,13 +63,13 @@ std::optional<VtkFile::Kind> multi_block_kind(std::string_view path) {
     return found == multi_block_extensions.end() ? std::nullopt : std::optional(found->kind);
   };
   if (path.ends_with("/system/controlDict")) return VtkFile::Kind::openfoam;
-  if (const auto kind = kind_of(path)) return kind;
-  for (int i = 0; i < 2; ++i) {
-    const std::size_t last = path.find_last_not_of("0123456789");
-    if (last == std::string_view::npos || last + 1 == path.size() || path[last] != '.') return std::nullopt;
-    path = path.substr(0, last);
-  }
-  return kind_of(path) == VtkFile::Kind::exodus ? kind_of(path) : std::nullopt;
+  const std::string lower = in_lower_case(path);
+  std::string_view name = lower;
+  if (const auto kind = kind_of(name)) return kind;
+  const bool is_part = cut_number(name, ".") && cut_number(name, ".");
+  const bool goes_on = cut_number(name, "-s");
+  if (!is_part && !goes_on) return std::nullopt;
+  return kind_of(name) == VtkFile::Kind::exodus ? kind_of(name) : std::nullopt;
 }
 
 std::string xml_attribute(std::string_view element, std::string_view name) {
@@ -116,40 +135,72 @@ bool name_before(std::string_view a, std::string_view b) {
   return a.size() < b.size();
 }
 
-/// Lists the files in a folder that can be read, by their extensions.
-Result<std::vector<std::string>> list_folder(const std::string& folder) {
+bool is_known(const std::string& name) {
+  return has_vtk_extension(name) || multi_block_kind(name) || has_extension(name, ".npy") ||
+         has_extension(name, ".vdb") || is_csv(name);
+}
+
+/// Whether a file that no name tells to be an input holds data nevertheless. Parallel files of VTK's only name others.
+bool holds_data(const std::string& path) {
+  constexpr std::array<std::string_view, 18> extensions = {".h5",  ".hdf5", ".he5", ".h5m", ".xdmf",    ".xmf",
+                                                           ".nc",  ".nc4",  ".cdf", ".med", ".plt",     ".szplt",
+                                                           ".tec", ".frd",  ".inp", ".unv", ".nek5000", ".d3plot"};
+  const auto file = open_file(path);
+  if (!file) return false;
+  const std::string name = in_lower_case(path);
+  if (std::ranges::any_of(extensions, [&](std::string_view extension) { return name.ends_with(extension); }))
+    return true;
+  const auto header = read_header(path);
+  if (header && header->format != FileHeader::Format::other)
+    return !header->type.starts_with('P') || header->type == "PolyData";
+  const auto start = read_text(**file, 0, 64);
+  return start && is_hdf5(*start);
+}
+
+/// The names in a folder.
+struct Folder {
+  std::vector<std::string> inputs;  // by their extensions
+  std::vector<std::string> others;
+};
+
+Result<Folder> list_folder(const std::string& path) {
   std::error_code error;
-  std::vector<std::string> names;
-  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+  Folder folder;
+  for (std::filesystem::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename();
-    const bool known = has_vtk_extension(name) || multi_block_kind(name) || name.ends_with(".npy") ||
-                       name.ends_with(".vdb") || is_csv(name);
-    if (known && !name.starts_with('.')) names.push_back(name);
+    if (!name.starts_with('.')) (is_known(name) ? folder.inputs : folder.others).push_back(name);
   }
-  if (error) return fail(ErrorCode::io, "{}: {}", folder, error.message());
-  if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without files that can be read", folder);
+  if (error) return fail(ErrorCode::io, "{}: {}", path, error.message());
   // A .pvd names the files beside it, and tells their times.
-  const auto is_pvd = [](const std::string& name) { return name.ends_with(".pvd"); };
-  if (std::ranges::count_if(names, is_pvd) == 1) names = {*std::ranges::find_if(names, is_pvd)};
+  const auto is_pvd = [](const std::string& name) { return has_extension(name, ".pvd"); };
+  if (std::ranges::count_if(folder.inputs, is_pvd) == 1) folder = {{*std::ranges::find_if(folder.inputs, is_pvd)}, {}};
   // Names that differ only in leading zeros are compared by their bytes.
-  std::ranges::sort(names, [](const std::string& a, const std::string& b) {
-    return name_before(a, b) || (!name_before(b, a) && a < b);
-  });
-  std::vector<std::string> paths;
-  for (const std::string& name : names) paths.push_back((std::filesystem::path(folder) / name).string());
-  return paths;
+  for (std::vector<std::string>* names : {&folder.inputs, &folder.others})
+    std::ranges::sort(*names, [](const std::string& a, const std::string& b) {
+      return name_before(a, b) || (!name_before(b, a) && a < b);
+    });
+  return folder;
+}
+
+/// Whether an input stands for the files in it.
+bool is_plain_folder(const std::string& input) {
+  std::error_code error;
+  return std::filesystem::is_directory(input, error) &&
+         !std::filesystem::exists(std::filesystem::path(input) / "system" / "controlDict", error);
 }
 
 }  // namespace
 
 bool is_csv(std::string_view path) {
-  return path.ends_with(".csv") || path.ends_with(".CSV") || path.ends_with(".tsv");
+  const std::string name(path);
+  return has_extension(name, ".csv") || has_extension(name, ".tsv");
 }
 
 bool has_vtk_extension(std::string_view path) {
   constexpr std::array<std::string_view, 11> extensions = {".vtu", ".pvtu", ".vtk", ".vts",  ".vtr", ".vti",
                                                            ".vtp", ".pvd",  ".vtm", ".vtpd", ".vtpc"};
-  return std::ranges::any_of(extensions, [&](std::string_view extension) { return path.ends_with(extension); });
+  const std::string name = in_lower_case(path);
+  return std::ranges::any_of(extensions, [&](std::string_view extension) { return name.ends_with(extension); });
 }
 
 Result<FileHeader> read_header(const std::string& path) {
@@ -157,7 +208,7 @@ Result<FileHeader> read_header(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text(*file, 0, 65536));
 
   FileHeader header;
-  if (text.starts_with(npy_magic) || path.ends_with(".npy")) {
+  if (text.starts_with(npy_magic) || has_extension(path, ".npy")) {
     header.format = FileHeader::Format::npy;
     return header;
   }
@@ -165,7 +216,7 @@ Result<FileHeader> read_header(const std::string& path) {
     header.format = FileHeader::Format::csv;
     return header;
   }
-  if (text.starts_with(vdb_magic) || path.ends_with(".vdb")) {
+  if (text.starts_with(vdb_magic) || has_extension(path, ".vdb")) {
     header.format = FileHeader::Format::vdb;
     return header;
   }
@@ -184,18 +235,32 @@ Result<FileHeader> read_header(const std::string& path) {
 Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) {
   std::vector<std::string> paths;
   for (const std::string& input : inputs) {
-    std::error_code error;
-    if (!std::filesystem::is_directory(input, error)) {
-      paths.push_back(input);
+    if (!is_plain_folder(input)) {
+      std::error_code error;
+      const auto control = std::filesystem::path(input) / "system" / "controlDict";
+      paths.push_back(std::filesystem::is_directory(input, error) ? control.string() : input);
       continue;
     }
-    const auto control = std::filesystem::path(input) / "system" / "controlDict";
-    if (std::filesystem::exists(control, error)) {
-      paths.push_back(control.string());
-      continue;
-    }
-    SPLATVOL_TRY_ASSIGN(files, list_folder(input));
-    paths.insert(paths.end(), files.begin(), files.end());
+    SPLATVOL_TRY_ASSIGN(folder, list_folder(input));
+    if (folder.inputs.empty())
+      return fail(ErrorCode::invalid_data, "{}: a folder without files that can be read", input);
+    for (const std::string& name : folder.inputs) paths.push_back((std::filesystem::path(input) / name).string());
+  }
+  std::vector<std::string> exodus;
+  std::ranges::copy_if(paths, std::back_inserter(exodus),
+                       [](const std::string& path) { return multi_block_kind(path) == VtkFile::Kind::exodus; });
+  SPLATVOL_TRY(check_exodus_pieces(exodus));
+  return paths;
+}
+
+std::vector<std::string> files_left_out(const std::vector<std::string>& inputs) {
+  std::vector<std::string> paths;
+  for (const std::string& input : inputs) {
+    if (!is_plain_folder(input)) continue;
+    const auto folder = list_folder(input);
+    if (!folder) continue;  // expand_folders() tells
+    for (const std::string& name : folder->others)
+      if (const auto path = std::filesystem::path(input) / name; holds_data(path)) paths.push_back(path.string());
   }
   return paths;
 }

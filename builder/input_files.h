@@ -22,14 +22,18 @@ struct FileHeader {
 
 [[nodiscard]] Result<FileHeader> read_header(const std::string& path);
 
-/// Whether a name is that of a .csv file.
+/// Whether a name is that of a .csv or .tsv file, in either case.
 [[nodiscard]] bool is_csv(std::string_view path);
 
-/// Whether a name is that of one of VTK's own files.
+/// Whether a name is that of one of VTK's own files, in either case.
 [[nodiscard]] bool has_vtk_extension(std::string_view path);
 
-/// Replaces folders by the files in them that can be read. An OpenFOAM case is a folder, but one input.
+/// Replaces folders by the files in them whose names tell that they can be read. An OpenFOAM case is a folder, but one
+/// input.
 [[nodiscard]] Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs);
+
+/// Returns the files in folders that hold data, but that expand_folders() leaves out for their names.
+[[nodiscard]] std::vector<std::string> files_left_out(const std::vector<std::string>& inputs);
 
 /// Returns the axis that points upwards by the convention of the inputs' format: 2 (z) for OpenFOAM; -1: no convention.
 [[nodiscard]] int usual_up(const std::vector<std::string>& inputs);

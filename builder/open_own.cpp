@@ -31,6 +31,26 @@ Result<std::unique_ptr<Source>> open_own(const std::vector<std::string>& inputs,
   return first.format == FileHeader::Format::npy ? open_npy_files(paths, options) : open_csv_files(paths, options);
 }
 
+Result<std::optional<std::vector<ArrayShape>>> list_own_arrays(const std::vector<std::string>& inputs,
+                                                               const SourceOptions& options) {
+  if (std::ranges::any_of(inputs, is_generated)) return std::nullopt;
+  SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
+  if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
+  SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  const bool is_npy = first.format == FileHeader::Format::npy;
+  if (!is_npy && first.format != FileHeader::Format::csv) return std::nullopt;
+  SPLATVOL_TRY_ASSIGN(arrays, is_npy ? list_npy_arrays(paths, options) : list_csv_arrays(paths, options));
+  return std::optional(std::move(arrays));
+}
+
+Result<std::optional<std::vector<ArrayShape>>> list_safely(ReaderProcess& reader,
+                                                           const std::vector<std::string>& inputs,
+                                                           const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(arrays, list_own_arrays(inputs, options));
+  if (arrays || std::ranges::any_of(inputs, is_generated)) return arrays;
+  return reader.list_arrays(inputs, options);
+}
+
 Result<std::unique_ptr<Source>> open_safely(ReaderProcess& reader, const std::vector<std::string>& inputs,
                                             const SourceOptions& options) {
   SPLATVOL_TRY_ASSIGN(source, open_own(inputs, options));

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/process/reader_process.h"
 #include "builder/sources/source.h"
 
@@ -20,6 +22,15 @@ namespace splatvol {
 /// untrusted files.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_safely(ReaderProcess& reader, const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);
+
+/// As list_arrays (builder/open_source.h), for the inputs that open_own opens; none for others, and for generated ones.
+[[nodiscard]] Result<std::optional<std::vector<ArrayShape>>> list_own_arrays(const std::vector<std::string>& inputs,
+                                                                             const SourceOptions& options);
+
+/// As list_arrays (builder/open_source.h), those of other formats in the reader's process.
+[[nodiscard]] Result<std::optional<std::vector<ArrayShape>>> list_safely(ReaderProcess& reader,
+                                                                         const std::vector<std::string>& inputs,
+                                                                         const SourceOptions& options);
 
 /// The failure of an input whose cells cannot be points.
 [[nodiscard]] tl::unexpected<Error> fail_no_cells(const std::string& input);

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
@@ -30,6 +32,10 @@ namespace splatvol {
 /// Arrays of cells become attributes too, as CellValues tells. An array whose name is taken is called "NAME (cells)",
 /// or "NAME (points)" if cells are points of their own.
 ///
+/// The attributes are those of all files and blocks. Where one of them lacks an attribute, its values are missing.
+/// Arrays of one name have the same number of components, else the input is refused. The headers of all files are read
+/// first for that; next() fails if a file has an array that its header did not announce.
+///
 /// Fails if a file is missing or damaged, or of a kind or version that cannot be read right. Fails also if a file has
 /// no arrays of numbers or lacks a selected attribute; the message lists its attributes. Only .npy
 /// and .csv files may have `columns`, only files with time steps a `time`, and only meshes in files cells of their own.
@@ -37,5 +43,11 @@ namespace splatvol {
 /// untrusted files as VTK's and OpenVDB's readers.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);
+
+/// Lists the arrays that the headers of an input announce, at the time that the options choose, without those that the
+/// selection does not need. Reads no values of points or cells, but walks through text files. None if only open_source
+/// would tell. Fails as open_source, as far as that is read. As safe on untrusted files as open_source.
+[[nodiscard]] Result<std::optional<std::vector<ArrayShape>>> list_arrays(const std::vector<std::string>& inputs,
+                                                                         const SourceOptions& options);
 
 }  // namespace splatvol

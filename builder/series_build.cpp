@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/locked_file.h"
 #include "builder/boundary/boundary_source.h"
 #include "builder/checking.h"
 #include "builder/describe.h"
@@ -342,6 +343,9 @@ void add_report(SeriesReport& series, const BuildReport& steps, const std::vecto
     all.fills.clear();
     all.warnings.clear();
     series.conversions = conversions;
+  } else {
+    all.cells.unwritten += steps.cells.unwritten;
+    all.cells.open_ends += steps.cells.open_ends;
   }
   add_counts(steps.missing, all.missing);
   add_counts(steps.fills, all.fills);
@@ -388,9 +392,9 @@ Result<SeriesReport> append_to_series(std::vector<SeriesStep> steps, const std::
   const double next_number = std::floor(volume->series()->steps.back().time) + 1;
   SPLATVOL_TRY_ASSIGN(
       report, SeriesBuild(options, folder_for(options, path), progress, target, next_number).run(std::move(steps)));
-  SPLATVOL_TRY(format::append_steps(path, *volume, target.steps));
-  SPLATVOL_TRY_ASSIGN(grown, open_file(path));
-  report.build.file_bytes = grown->size();
+  SPLATVOL_TRY_ASSIGN(appended, format::append_steps(path, *volume, target.steps));
+  report.build.file_bytes = appended.file_bytes;
+  if (!appended.is_locked) report.warnings.push_back(without_lock_warning(path));
   return report;
 }
 

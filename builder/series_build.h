@@ -15,6 +15,7 @@ struct SeriesReport {
   BuildReport build;                          // of the first steps, but for what add_report adds, and the file's size
   std::vector<double> times;                  // of the steps that were written
   std::vector<std::string> conversions = {};  // Source::conversions() of the first steps
+  std::vector<std::string> warnings = {};     // about the file or the files, not about the input
 };
 
 /// Adds what the build of further steps tells. By attribute, numbers of values add up, and the first warning stays. Of
@@ -28,9 +29,9 @@ void add_report(SeriesReport& series, const BuildReport& steps, const std::vecto
 [[nodiscard]] Result<SeriesReport> build_series(std::vector<SeriesStep> steps, const std::string& output,
                                                 const BuildOptions& options, const BuildProgress& progress);
 
-/// Appends steps to a series. The file stays as it was if this fails or is interrupted (format::append_steps).
-/// Reduction, leaf size and chunk size are those of the file. Fails as build_series, and if the steps have another mesh
-/// than the file.
+/// Appends steps to a series. The file stays as it was if this fails or is interrupted, unless the last of all writes
+/// fails (format::append_steps). Reduction, leaf size and chunk size are those of the file. Fails as build_series, and
+/// if the steps have another mesh than the file.
 [[nodiscard]] Result<SeriesReport> append_to_series(std::vector<SeriesStep> steps, const std::string& path,
                                                     BuildOptions options, const BuildProgress& progress);
 

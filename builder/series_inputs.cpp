@@ -4,8 +4,10 @@
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <utility>
 
 #include "builder/input_files.h"
+#include "builder/series_attributes.h"
 
 namespace splatvol {
 namespace {
@@ -15,6 +17,13 @@ bool parse_end(const std::string& text, double& end) {
   const char* last = text.data() + text.size();
   const auto parsed = std::from_chars(text.data(), last, end);
   return parsed.ec == std::errc{} && parsed.ptr == last && std::isfinite(end);
+}
+
+StepInput step_input(const std::string& name, std::optional<double> time, const std::vector<std::string>& inputs,
+                     const SourceOptions& options, const InputReader& reader) {
+  return {name, time, options,
+          [inputs, open = reader.open](const SourceOptions& chosen) { return open(inputs, chosen); },
+          [inputs, list = reader.list](const SourceOptions& chosen) { return list(inputs, chosen); }};
 }
 
 }  // namespace
@@ -31,32 +40,32 @@ Result<TimeRange> parse_times(const std::string& text) {
 }
 
 Result<std::vector<SeriesStep>> steps_of_input(const std::vector<std::string>& inputs, const SourceOptions& options,
-                                               const TimeRange& times, const OpenSource& open) {
-  SPLATVOL_TRY_ASSIGN(source, open(inputs, options));
+                                               const TimeRange& times, const InputReader& reader,
+                                               const std::vector<std::string>& series) {
+  SPLATVOL_TRY_ASSIGN(source, reader.open(inputs, options));
   const auto step = source->time_step();
   if (!step) return fail(ErrorCode::invalid_argument, "{}: no time steps in it to choose from", inputs[0]);
-  std::vector<SeriesStep> steps;
+  std::vector<StepInput> steps;
   for (const double time : step->times) {
     if (!(time >= times.first && time <= times.last)) continue;
     SourceOptions at_time = options;
     at_time.time = time;
     const std::string name = fmt::format("{} at {}", std::filesystem::path(inputs[0]).filename().string(), time);
-    steps.push_back({name, time, [inputs, at_time, open] { return open(inputs, at_time); }});
+    steps.push_back(step_input(name, time, inputs, at_time, reader));
   }
   if (steps.empty())
     return fail(ErrorCode::invalid_argument, "{}: none of its {} steps is in this range; they reach from {} to {}",
                 inputs[0], step->times.size(), step->times.front(), step->times.back());
-  return steps;
+  return make_steps(std::move(steps), series);
 }
 
 Result<std::vector<SeriesStep>> steps_of_files(const std::vector<std::string>& inputs, const SourceOptions& options,
-                                               const OpenSource& open) {
+                                               const InputReader& reader, const std::vector<std::string>& series) {
   SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
-  std::vector<SeriesStep> steps;
+  std::vector<StepInput> steps;
   for (const std::string& path : paths)
-    steps.push_back({std::filesystem::path(path).filename(), std::nullopt,
-                     [path, options, open] { return open({path}, options); }});
-  return steps;
+    steps.push_back(step_input(std::filesystem::path(path).filename(), std::nullopt, {path}, options, reader));
+  return make_steps(std::move(steps), series);
 }
 
 }  // namespace splatvol

@@ -5,13 +5,14 @@
 #include <cmath>
 #include <limits>
 
+#include "base/names.h"
 #include "exporter/vdb_grids.h"
 #include "exporter/voxel_sums.h"
 
 namespace splatvol {
 namespace {
 
-constexpr const char* fraction_name = "volume_fraction";
+constexpr const char* usual_fraction_name = "volume_fraction";
 
 // Share of a voxel's volume. A value is written if more material than this has one.
 constexpr double least_fraction = 1e-3;
@@ -46,6 +47,13 @@ VoxelSplat make_splat(const format::SplatGroup& group, std::size_t i, const Voxe
     splat.values.push_back({shape.mass * value.coverage, value.mean, splat.kernel.slope(covariance)});
   }
   return splat;
+}
+
+// An attribute may be called as the grid of the fraction is, and keeps its name.
+std::string fraction_name(const format::SplatSelection& selection) {
+  return free_name(usual_fraction_name, [&](const std::string& name) {
+    return std::ranges::find(selection.names, name) != selection.names.end();
+  });
 }
 
 // Makes one grid for the fraction and one for each attribute.
@@ -85,7 +93,7 @@ class GridBuilder {
   static constexpr float missing = std::numeric_limits<float>::quiet_NaN();
 
   static std::vector<std::string> names_of(const format::SplatSelection& selection) {
-    std::vector<std::string> names = {fraction_name};
+    std::vector<std::string> names = {fraction_name(selection)};
     names.insert(names.end(), selection.names.begin(), selection.names.end());
     return names;
   }
@@ -116,12 +124,12 @@ Status check_range(const format::Volume& volume, const format::Attribute& attrib
 
 Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& path,
                              const format::SplatSelection& selection, double voxel, std::uint64_t memory,
-                             const std::function<void(double)>& progress) {
+                             const std::function<void(double)>& progress, Replace replace) {
   const format::VolumeInfo& info = volume.info();
-  if (std::ranges::find(selection.names, fraction_name) != selection.names.end())
+  if (const auto duplicate = find_duplicate(selection.names))
     return fail(ErrorCode::invalid_argument,
-                "{}: an attribute is called \"{}\" as the grid of the material: leave it out (--attribute)",
-                volume.name(), fraction_name);
+                "{}: two attributes are called \"{}\" in the output: take one (--attribute)", volume.name(),
+                *duplicate);
   for (const std::size_t a : selection.attributes) SPLATVOL_TRY(check_range(volume, info.attributes[a]));
   const VoxelFrame frame{info.cube.origin, voxel};
   if (!(info.cube.edge / voxel < most_voxels) || !(voxel * voxel * voxel > 0) || !std::isfinite(voxel * voxel * voxel))
@@ -154,8 +162,10 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
     grids.add_brick(index, brick, report);
   });
   if (report.voxels == 0) return fail(ErrorCode::invalid_data, "{}: no material to export", volume.name());
-  SPLATVOL_TRY_ASSIGN(bytes, grids.grids().write(path));
+  SPLATVOL_TRY_ASSIGN(bytes, grids.grids().write(path, replace));
   report.file_bytes = bytes;
+  if (const std::string name = fraction_name(selection); name != usual_fraction_name)
+    report.renamed.emplace(usual_fraction_name, name);
   return report;
 }
 

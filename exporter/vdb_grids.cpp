@@ -19,10 +19,7 @@ namespace {
 
 using Leaf = openvdb::FloatTree::LeafNodeType;
 
-// OpenVDB gives every file a random number, of 36 characters, behind magic, versions and a flag. It is replaced by a
-// hash.
-constexpr std::uint64_t uuid_offset = 8 + 4 + 4 + 4 + 1;
-
+// OpenVDB gives every file a random number. It is replaced by a hash.
 std::string uuid_of(std::uint64_t hash) {
   return fmt::format("{:08x}-{:04x}-8{:03x}-8000-{:012x}", hash >> 32, hash >> 16 & 0xFFFF, hash >> 4 & 0xFFF,
                      hash & 0xFFFFFFFFFFFF);
@@ -31,10 +28,12 @@ std::string uuid_of(std::uint64_t hash) {
 // OpenVDB's own file class does not report a full disk. A stream that throws does.
 class Archive final : public openvdb::io::Archive {
  public:
-  void write_file(const std::string& path, const openvdb::GridCPtrVec& grids) const {
+  void write_file(const std::string& path, const openvdb::GridCPtrVec& grids, const std::string& mark) const {
+    openvdb::MetaMap metadata;
+    metadata.insertMeta("export", openvdb::StringMetadata(mark));
     std::ofstream file(path, std::ios::binary);
     file.exceptions(std::ios::failbit | std::ios::badbit);
-    write(file, grids, true);
+    write(file, grids, true, metadata);
     file.close();
   }
 };
@@ -83,10 +82,11 @@ void VdbGrids::set_unit(std::size_t grid, const std::string& unit) {
   grids_->all[grid]->insertMeta("unit", openvdb::StringMetadata(unit));
 }
 
-Result<std::uint64_t> VdbGrids::write(const std::string& path) const {
-  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
+Result<std::uint64_t> VdbGrids::write(const std::string& path, Replace replace) const {
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, replace));
+  const std::string uuid = uuid_of(grids_->hash);
   try {
-    Archive().write_file(file.path_to_write(), {grids_->all.begin(), grids_->all.end()});
+    Archive().write_file(file.path_to_write(), {grids_->all.begin(), grids_->all.end()}, vdb_export_mark(uuid));
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::out_of_budget, "{}: not enough memory to write it", path);
   } catch (const std::ios_base::failure&) {
@@ -94,8 +94,7 @@ Result<std::uint64_t> VdbGrids::write(const std::string& path) const {
   } catch (const std::exception& error) {
     return fail(ErrorCode::io, "{}: cannot write: {}", path, error.what());
   }
-  const std::string uuid = uuid_of(grids_->hash);
-  SPLATVOL_TRY(file.write_at(uuid_offset, std::as_bytes(std::span(uuid))));
+  SPLATVOL_TRY(file.write_at(vdb_uuid_offset, std::as_bytes(std::span(uuid))));
   SPLATVOL_TRY(file.commit());
   std::error_code error;
   return std::filesystem::file_size(path, error);

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "base/replaceable.h"
 
 namespace splatvol {
 
@@ -27,8 +28,9 @@ class VdbGrids {
   /// Notes the unit of a grid's values, as the grid's metadata "unit".
   void set_unit(std::size_t grid, const std::string& unit);
 
-  /// Writes the file and returns its length. The file appears whole or not at all. Equal grids give equal bytes.
-  [[nodiscard]] Result<std::uint64_t> write(const std::string& path) const;
+  /// Writes the file, with the mark of an export, and returns its length. The file appears whole or not at all. Equal
+  /// grids give equal bytes.
+  [[nodiscard]] Result<std::uint64_t> write(const std::string& path, Replace replace = Replace::exports) const;
 
  private:
   struct Grids;

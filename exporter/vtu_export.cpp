@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <span>
 #include <string_view>
 #include <utility>
@@ -105,19 +106,20 @@ class VtuFile {
       attributes_.push_back(info.attributes[selection.attributes[i]]);
       attributes_.back().name = selection.names[i];
       arrays_.push_back({.name = attributes_.back().name, .unit = attributes_.back().unit});
+      taken_.insert(escape(selection.names[i]));
     }
-    arrays_.push_back({.name = "mass"});
-    arrays_.push_back({.name = "centroid", .components = 3});
-    arrays_.push_back({.name = "covariance", .components = 6});
+    add_own({.name = "mass"});
+    add_own({.name = "centroid", .components = 3});
+    add_own({.name = "covariance", .components = 6});
     for (std::size_t i = 0; i < attributes_.size(); ++i) {
       const format::Attribute& attribute = attributes_[i];
-      arrays_.push_back({.name = attribute.name + " mean", .unit = attribute.unit});
-      arrays_.push_back({.name = attribute.name + " deviation", .unit = attribute.unit});
-      arrays_.push_back({.name = attribute.name + " covariance", .components = 3});
-      arrays_.push_back({.name = attribute.name + " gradient", .components = 3});
+      add_own({.name = attribute.name + " mean", .unit = attribute.unit});
+      add_own({.name = attribute.name + " deviation", .unit = attribute.unit});
+      add_own({.name = attribute.name + " covariance", .components = 3});
+      add_own({.name = attribute.name + " gradient", .components = 3});
       const auto index = static_cast<int>(selection.attributes[i]);
       has_direction_.push_back(info.find_column(format::ColumnKind::gradient, index) >= 0);
-      if (has_direction_.back()) arrays_.push_back({.name = attribute.name + " gradient direction", .components = 3});
+      if (has_direction_.back()) add_own({.name = attribute.name + " gradient direction", .components = 3});
     }
     data_arrays_ = arrays_.size();
     arrays_.push_back({.name = "connectivity", .type = "Int64", .number_bytes = sizeof(std::int64_t)});
@@ -125,13 +127,13 @@ class VtuFile {
     arrays_.push_back({.name = "types", .type = "UInt8", .number_bytes = sizeof(std::uint8_t)});
   }
 
+  // VTK keeps one array of a name.
   Status check_names(const std::string& file) const {
     std::vector<std::string> names;
-    for (std::size_t i = 1; i < data_arrays_; ++i) names.push_back(arrays_[i].name);
+    for (const std::string& name : selection_.names) names.push_back(escape(name));
     if (const auto duplicate = find_duplicate(std::move(names)))
       return fail(ErrorCode::invalid_argument,
-                  "{}: an attribute is called \"{}\", as an array of the material: leave it out (--attribute)", file,
-                  *duplicate);
+                  "{}: two attributes are called \"{}\" in the output: take one (--attribute)", file, *duplicate);
     return {};
   }
 
@@ -197,8 +199,18 @@ class VtuFile {
   }
 
   [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+  [[nodiscard]] const std::map<std::string, std::string>& renamed() const { return renamed_; }
 
  private:
+  // Adds an array of the material. Its name may be that of an attribute, which keeps it.
+  void add_own(Array array) {
+    const std::string usual = array.name;
+    array.name = free_name(usual, [&](const std::string& name) { return taken_.contains(escape(name)); });
+    taken_.insert(escape(array.name));
+    if (array.name != usual) renamed_.emplace(usual, array.name);
+    arrays_.push_back(std::move(array));
+  }
+
   [[nodiscard]] std::string header_of(std::uint64_t points) const {
     const auto element = [](const Array& array) {
       // VTK's own key for the unit of an array.
@@ -211,11 +223,11 @@ class VtuFile {
           array.type, escape(array.name), array.components, array.offset, array.unit.empty() ? "/>\n" : unit);
     };
     std::string header = fmt::format(
-        "<?xml version=\"1.0\"?>\n"
+        "<?xml version=\"1.0\"?>\n{1}\n"
         "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n"
         "  <UnstructuredGrid>\n"
         "    <Piece NumberOfPoints=\"{0}\" NumberOfCells=\"{0}\">\n      <Points>\n",
-        points);
+        points, vtu_export_mark);
     header += element(arrays_[0]) + "      </Points>\n      <Cells>\n";
     for (std::size_t i = data_arrays_; i < arrays_.size(); ++i) header += element(arrays_[i]);
     header += "      </Cells>\n      <PointData>\n";
@@ -244,6 +256,8 @@ class VtuFile {
   std::vector<format::Attribute> attributes_;
   std::vector<bool> has_direction_;  // [attribute]
   std::vector<Array> arrays_;        // points and their data, then those of the cells
+  std::set<std::string> taken_;      // names of the points' arrays, as they are in the file
+  std::map<std::string, std::string> renamed_;
   std::size_t data_arrays_;
   std::uint64_t data_ = 0;  // where the appended data begins
   std::uint64_t bytes_ = 0;
@@ -267,7 +281,8 @@ Result<std::uint64_t> count_points(const format::Volume& volume, const format::S
 }  // namespace
 
 Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& path,
-                             const format::SplatSelection& selection, const std::function<void(double)>& progress) {
+                             const format::SplatSelection& selection, const std::function<void(double)>& progress,
+                             Replace replace) {
   for (const std::size_t a : selection.attributes)
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
       return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
@@ -275,7 +290,7 @@ Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& pa
   VtuFile vtu(volume, selection);
   SPLATVOL_TRY(vtu.check_names(volume.name()));
   SPLATVOL_TRY_ASSIGN(points, count_points(volume, selection, [&](double done) { progress(done / 4); }));
-  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, replace));
   SPLATVOL_TRY(vtu.start(file, points));
   VtuReport report;
   Columns columns;
@@ -291,6 +306,7 @@ Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& pa
                               [&](double done) { progress(0.25 + 0.75 * done); }));
   SPLATVOL_TRY(file.commit());
   report.file_bytes = vtu.bytes();
+  report.renamed = vtu.renamed();
   return report;
 }
 

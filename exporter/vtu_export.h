@@ -3,9 +3,11 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <string>
 
 #include "base/error.h"
+#include "base/replaceable.h"
 #include "exporter/splat_groups.h"
 #include "format/volume.h"
 
@@ -15,6 +17,7 @@ struct VtuReport {
   std::uint64_t points = 0;
   double mass = 0;  // of these points
   std::uint64_t file_bytes = 0;
+  std::map<std::string, std::string> renamed;  // arrays whose usual name an attribute has: their names in the file
 };
 
 /// Writes the points in the box, in file order, as vertices with these arrays in double precision:
@@ -28,11 +31,15 @@ struct VtuReport {
 /// - "A gradient direction": the gradient that the file stores for the point (spec 8, gradient), of length 1 or 0. Left
 ///   out if the file has none.
 ///
-/// Writes appended raw data of the file version 1.0. Memory does not grow with the number of points. The file appears
-/// whole or not at all. Output does not depend on threads. Fails if an attribute has the name of another array, or if
-/// no point is in the box.
+/// An attribute keeps its name. Another array that is called so gets the first free one of "mass (splat)", "mass (splat
+/// 2)" and so on.
+///
+/// Writes appended raw data of the file version 1.0, with the mark of an export (base/replaceable.h). Memory does not
+/// grow with the number of points. The file appears whole or not at all. Output does not depend on threads. Fails if
+/// the selection has two attributes of one name, if no point is in the box, or if `path` may not be replaced.
 [[nodiscard]] Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& path,
                                            const format::SplatSelection& selection,
-                                           const std::function<void(double)>& progress);
+                                           const std::function<void(double)>& progress,
+                                           Replace replace = Replace::exports);
 
 }  // namespace splatvol

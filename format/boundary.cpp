@@ -1,9 +1,12 @@
 #include "format/boundary.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
+#include "base/interruption.h"
 #include "base/names.h"
 #include "format/payload.h"
 
@@ -74,45 +77,97 @@ Bytes make_payload(const TriangleMesh& mesh, const Grid& grid, PatchInfo& info) 
   return payload;
 }
 
-Status append_points(const BoundaryInfo& boundary, std::uint64_t count, std::span<const std::byte>& planes,
-                     TriangleMesh& mesh, std::string_view what) {
-  const std::size_t first = mesh.points.size();
-  mesh.points.resize(first + count);
-  std::vector<std::uint32_t> differences;
-  for (int axis = 0; axis < 3; ++axis) {
-    planes = take_planes(planes, differences, count);
-    std::int64_t number = 0;
-    for (std::size_t i = 0; i < count; ++i) {
-      number += unzigzag(differences[i]);
-      const double coordinate = boundary.origin[axis] + boundary.quantisation_step * static_cast<double>(number);
-      if (number < 0 || number >= max_number || !(std::abs(coordinate) <= 1e50))
-        return fail(ErrorCode::invalid_data, "{}: a position is out of range [R21]", what);
-      mesh.points[first + i][axis] = coordinate;
+// Smaller payloads are unpacked at once, which is faster.
+constexpr std::uint64_t most_unpacked_at_once = 1u << 25;
+constexpr std::size_t numbers_at_once = 1u << 14;
+
+// The numbers of a payload, each in four planes, from front to back.
+class NumberReader {
+ public:
+  static Result<NumberReader> open(const PatchPart& part, std::span<const std::byte> packed, std::string_view what) {
+    SPLATVOL_TRY(check_packed(part, packed, what));
+    NumberReader reader(what);
+    if (part.unpacked_bytes <= most_unpacked_at_once) {
+      SPLATVOL_TRY_ASSIGN(payload, unpack(packed, part.unpacked_bytes, what));
+      reader.payload_ = std::move(payload);
+      packed = reader.payload_;
     }
+    for (std::size_t plane = 0; plane < planes; ++plane) reader.planes_.emplace_back(packed, part.unpacked_bytes, what);
+    return reader;
+  }
+
+  // Calls visit(number) with each of the next `count` numbers. It returns the rule that the number breaks, or null.
+  template <class Visit>
+  Status read(std::uint64_t count, const Visit& visit) {
+    for (std::size_t plane = 0; plane < planes; ++plane) SPLATVOL_TRY(planes_[plane].skip_to(begin_ + plane * count));
+    begin_ += planes * count;
+    std::array<std::byte, planes * numbers_at_once> bytes;
+    std::array<std::uint32_t, numbers_at_once> numbers;
+    for (std::uint64_t left = count; left > 0;) {
+      const auto some = std::span(numbers).first(std::min<std::uint64_t>(left, numbers_at_once));
+      left -= some.size();
+      for (std::size_t plane = 0; plane < planes; ++plane)
+        SPLATVOL_TRY(planes_[plane].read(std::span(bytes).subspan(plane * some.size(), some.size())));
+      read_planes<std::uint32_t>(bytes, some);
+      for (const std::uint32_t number : some)
+        if (const char* rule = visit(number)) return fail(ErrorCode::invalid_data, "{}: {} [R21]", what_, rule);
+      SPLATVOL_TRY(check_interruption());
+    }
+    return {};
+  }
+
+  // Fails unless all numbers were read.
+  Status finish() { return planes_.back().finish(); }
+
+ private:
+  static constexpr std::size_t planes = sizeof(std::uint32_t);
+  explicit NumberReader(std::string_view what) : what_(what) {}
+
+  std::string_view what_;
+  Bytes payload_;  // empty: unpacked as it is read
+  std::vector<Unpacker> planes_;
+  std::uint64_t begin_ = 0;  // of the next numbers
+};
+
+// Calls add(axis, number of the point, coordinate).
+template <class Add>
+Status read_points(const BoundaryInfo& boundary, std::uint64_t count, NumberReader& reader, const Add& add) {
+  for (int axis = 0; axis < 3; ++axis) {
+    std::int64_t number = 0;
+    std::size_t point = 0;
+    SPLATVOL_TRY(reader.read(count, [&](std::uint32_t difference) -> const char* {
+      number += unzigzag(difference);
+      const double coordinate = boundary.origin[axis] + boundary.quantisation_step * static_cast<double>(number);
+      if (number < 0 || number >= max_number || !(std::abs(coordinate) <= 1e50)) return "a position is out of range";
+      add(axis, point++, coordinate);
+      return nullptr;
+    }));
   }
   return {};
 }
 
-Status append_triangles(const PatchInfo& patch, std::span<const std::byte> planes, TriangleMesh& mesh,
-                        std::string_view what) {
-  const std::size_t base = mesh.points.size() - patch.points;
-  if (mesh.points.size() > none) return fail(ErrorCode::unsupported, "{}: more than 2^32 - 1 points at once", what);
-  std::vector<std::uint32_t> codes;
-  take_planes(planes, codes, 3 * patch.triangles);
+// Calls add(point) for each corner, triangle by triangle.
+template <class Add>
+Status read_corners(const PatchInfo& patch, NumberReader& reader, const Add& add, std::string_view what) {
   std::uint64_t next = 0;
-  mesh.triangles.reserve(mesh.triangles.size() + patch.triangles);
-  for (std::size_t i = 0; i < codes.size(); i += 3) {
-    std::array<std::uint32_t, 3> corners{};
-    for (std::size_t k = 0; k < 3; ++k) {
-      if (codes[i + k] > next || (codes[i + k] == 0 && next == patch.points))
-        return fail(ErrorCode::invalid_data, "{}: a triangle names a point that is not there [R21]", what);
-      corners[k] = static_cast<std::uint32_t>(base + next - codes[i + k]);
-      next += codes[i + k] == 0 ? 1 : 0;
-    }
-    mesh.triangles.push_back(corners);
-  }
+  SPLATVOL_TRY(reader.read(3 * patch.triangles, [&](std::uint32_t code) -> const char* {
+    if (code > next || (code == 0 && next == patch.points)) return "a triangle names a point that is not there";
+    add(next - code);
+    next += code == 0 ? 1 : 0;
+    return nullptr;
+  }));
   if (next != patch.points) return fail(ErrorCode::invalid_data, "{}: no triangle names a point [R21]", what);
-  return {};
+  return reader.finish();
+}
+
+template <class AddPoint, class AddCorner>
+Status read_patch(const BoundaryInfo& boundary, std::size_t patch, const PatchPart& part,
+                  std::span<const std::byte> packed, const AddPoint& add_point, const AddCorner& add_corner,
+                  std::string_view what) {
+  const PatchInfo& info = boundary.patches[patch];
+  SPLATVOL_TRY_ASSIGN(reader, NumberReader::open(part, packed, what));
+  SPLATVOL_TRY(read_points(boundary, info.points, reader, add_point));
+  return read_corners(info, reader, add_corner, what);
 }
 
 }  // namespace
@@ -149,11 +204,26 @@ Result<PackedBoundary> pack_boundary(std::span<const Patch> patches, double erro
 Status append_patch(const BoundaryInfo& boundary, std::size_t patch, const PatchPart& part,
                     std::span<const std::byte> packed, TriangleMesh& mesh, std::string_view what) {
   const PatchInfo& info = boundary.patches[patch];
-  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(part, packed, what));
-  if (info.triangles == 0) return {};  // and so no points
-  std::span<const std::byte> planes = payload;
-  SPLATVOL_TRY(append_points(boundary, info.points, planes, mesh, what));
-  return append_triangles(info, planes, mesh, what);
+  const std::size_t first = mesh.points.size();
+  if (first + info.points > none) return fail(ErrorCode::unsupported, "{}: more than 2^32 - 1 points at once", what);
+  mesh.points.resize(first + info.points);
+  std::array<std::uint32_t, 3> corners{};
+  std::size_t corner = 0;
+  return read_patch(
+      boundary, patch, part, packed,
+      [&](int axis, std::size_t point, double coordinate) { mesh.points[first + point][axis] = coordinate; },
+      [&](std::uint64_t point) {
+        corners[corner] = static_cast<std::uint32_t>(first + point);
+        corner = (corner + 1) % 3;
+        if (corner == 0) mesh.triangles.push_back(corners);
+      },
+      what);
+}
+
+Status check_patch(const BoundaryInfo& boundary, std::size_t patch, const PatchPart& part,
+                   std::span<const std::byte> packed, std::string_view what) {
+  return read_patch(
+      boundary, patch, part, packed, [](int, std::size_t, double) {}, [](std::uint64_t) {}, what);
 }
 
 }  // namespace splatvol::format

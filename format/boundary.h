@@ -32,9 +32,14 @@ struct PackedBoundary {
   return patch_element_bytes * (patch.points + patch.triangles);
 }
 
-/// Checks and unpacks a patch, and appends it to `mesh`. Requires that part.unpacked_bytes is payload_bytes. `what`
-/// begins the message of an error. Safe on untrusted `packed`.
+/// Checks and unpacks a patch, and appends it to `mesh`. Requires that part.unpacked_bytes is payload_bytes, within
+/// check_ratio. `what` begins the message of an error. Holds at most 48 MiB besides the mesh. Can be interrupted. Safe
+/// on untrusted `packed`. After a failure, `mesh` holds anything.
 [[nodiscard]] Status append_patch(const BoundaryInfo& boundary, std::size_t patch, const PatchPart& part,
                                   std::span<const std::byte> packed, TriangleMesh& mesh, std::string_view what);
+
+/// Checks a patch in the same way, without a mesh.
+[[nodiscard]] Status check_patch(const BoundaryInfo& boundary, std::size_t patch, const PatchPart& part,
+                                 std::span<const std::byte> packed, std::string_view what);
 
 }  // namespace splatvol::format

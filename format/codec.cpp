@@ -4,8 +4,12 @@
 #include <zstd.h>
 #include <zstd_errors.h>
 
+#include <algorithm>
+#include <array>
 #include <memory>
 #include <new>
+
+#include "base/interruption.h"
 
 namespace splatvol::format {
 namespace {
@@ -88,16 +92,13 @@ Bytes pack_planes(std::span<const std::byte> raw, std::size_t header_bytes, std:
 
 namespace {
 
-Status check_ratio(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what) {
-  if (unpacked_bytes < packed.size() || unpacked_bytes > max_ratio * packed.size() + ratio_slack)
-    return fail(ErrorCode::invalid_data, "{}: {} bytes cannot hold {} [R7]", what, packed.size(), unpacked_bytes);
-  return {};
+tl::unexpected<Error> fail_damaged(std::string_view what) {
+  return fail(ErrorCode::invalid_data, "{}: damaged zstd frame [R7]", what);
 }
 
 Status decompress(std::span<const std::byte> packed, std::span<std::byte> raw, std::string_view what) {
   const std::size_t size = ZSTD_decompressDCtx(decompressor(), raw.data(), raw.size(), packed.data(), packed.size());
-  if (ZSTD_isError(size) || size != raw.size())
-    return fail(ErrorCode::invalid_data, "{}: damaged zstd frame [R7]", what);
+  if (ZSTD_isError(size) || size != raw.size()) return fail_damaged(what);
   return {};
 }
 
@@ -120,9 +121,15 @@ class Scratch {
 
 }  // namespace
 
+Status check_ratio(std::uint64_t packed_bytes, std::uint64_t unpacked_bytes, std::string_view what) {
+  if (unpacked_bytes < packed_bytes || unpacked_bytes > max_ratio * packed_bytes + ratio_slack)
+    return fail(ErrorCode::invalid_data, "{}: {} bytes cannot hold {} [R7]", what, packed_bytes, unpacked_bytes);
+  return {};
+}
+
 Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what) {
   if (packed.size() == unpacked_bytes) return Bytes(packed.begin(), packed.end());
-  SPLATVOL_TRY(check_ratio(packed, unpacked_bytes, what));
+  SPLATVOL_TRY(check_ratio(packed.size(), unpacked_bytes, what));
   Bytes raw(unpacked_bytes);
   SPLATVOL_TRY(decompress(packed, raw, what));
   return raw;
@@ -131,11 +138,78 @@ Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_b
 Result<std::span<const std::byte>> unpack_here(std::span<const std::byte> packed, std::uint64_t unpacked_bytes,
                                                std::string_view what) {
   if (packed.size() == unpacked_bytes) return packed;
-  SPLATVOL_TRY(check_ratio(packed, unpacked_bytes, what));
+  SPLATVOL_TRY(check_ratio(packed.size(), unpacked_bytes, what));
   thread_local Scratch scratch;
   const std::span<std::byte> raw = scratch.get(unpacked_bytes);
   SPLATVOL_TRY(decompress(packed, raw, what));
   return std::span<const std::byte>(raw);
+}
+
+// zstd's state, between reads.
+struct Unpacker::Frame {
+  explicit Frame(std::span<const std::byte> packed)
+      : context(not_null(ZSTD_createDCtx()), &ZSTD_freeDCtx), in{packed.data(), packed.size(), 0} {
+    ZSTD_DCtx_setParameter(context.get(), ZSTD_d_windowLogMax, window_log);
+  }
+
+  // Unpacks up to out.size() bytes. Returns how many; fewer at the frame's end.
+  Result<std::size_t> read(std::span<std::byte> out, std::string_view what) {
+    ZSTD_outBuffer buffer = {out.data(), out.size(), 0};
+    while (buffer.pos < buffer.size && !ended) {
+      const std::size_t before = in.pos + buffer.pos;
+      const std::size_t left = ZSTD_decompressStream(context.get(), &buffer, &in);
+      if (ZSTD_getErrorCode(left) == ZSTD_error_frameParameter_windowTooLarge)
+        return fail(ErrorCode::unsupported, "{}: its zstd frame needs a window of more than 8 MiB", what);
+      if (ZSTD_getErrorCode(left) == ZSTD_error_memory_allocation) throw std::bad_alloc();
+      ended = left == 0;
+      if (ZSTD_isError(left) || (!ended && in.pos + buffer.pos == before)) return fail_damaged(what);
+    }
+    return buffer.pos;
+  }
+
+  static constexpr int window_log = 23;
+  std::unique_ptr<ZSTD_DCtx, decltype(&ZSTD_freeDCtx)> context;
+  ZSTD_inBuffer in;
+  bool ended = false;
+};
+
+Unpacker::Unpacker(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what)
+    : packed_(packed), unpacked_bytes_(unpacked_bytes), what_(what) {
+  if (packed.size() != unpacked_bytes) frame_ = std::make_unique<Frame>(packed);
+}
+Unpacker::Unpacker(Unpacker&&) noexcept = default;
+Unpacker& Unpacker::operator=(Unpacker&&) noexcept = default;
+Unpacker::~Unpacker() = default;
+
+Status Unpacker::read(std::span<std::byte> out) {
+  if (out.size() > unpacked_bytes_ - at_) return fail_damaged(what_);
+  if (frame_) {
+    SPLATVOL_TRY_ASSIGN(count, frame_->read(out, what_));
+    if (count < out.size()) return fail_damaged(what_);
+  } else {
+    std::ranges::copy(packed_.subspan(at_, out.size()), out.begin());
+  }
+  at_ += out.size();
+  return {};
+}
+
+Status Unpacker::skip_to(std::uint64_t offset) {
+  if (!frame_) at_ = offset;
+  std::array<std::byte, 1u << 16> skipped;
+  while (at_ < offset) {
+    SPLATVOL_TRY(check_interruption());
+    SPLATVOL_TRY(read(std::span(skipped).first(std::min<std::uint64_t>(skipped.size(), offset - at_))));
+  }
+  return {};
+}
+
+Status Unpacker::finish() {
+  std::byte more{};
+  if (at_ != unpacked_bytes_) return fail_damaged(what_);
+  if (!frame_) return {};
+  SPLATVOL_TRY_ASSIGN(count, frame_->read({&more, 1}, what_));
+  if (count > 0 || !frame_->ended || frame_->in.pos != frame_->in.size) return fail_damaged(what_);
+  return {};
 }
 
 }  // namespace splatvol::format

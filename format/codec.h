@@ -6,7 +6,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <memory>
 #include <span>
+#include <string>
 #include <string_view>
 #include <type_traits>
 #include <utility>
@@ -69,13 +71,51 @@ class PartsHash {
 [[nodiscard]] Result<std::span<const std::byte>> unpack_here(std::span<const std::byte> packed,
                                                              std::uint64_t unpacked_bytes, std::string_view what);
 
-/// Checks length and hash of the packed bytes that `entry` describes (a section, a chunk or an index page part), then
-/// unpacks them. Otherwise as `unpack`.
+/// Undoes `pack` from front to back, in little memory: at most about 8 MiB, whatever the packed bytes say. Safe on
+/// untrusted input.
+class Unpacker {
+ public:
+  /// `packed` outlives it. `what` begins the messages of errors.
+  Unpacker(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what);
+  Unpacker(Unpacker&&) noexcept;
+  Unpacker& operator=(Unpacker&&) noexcept;
+  ~Unpacker();
+
+  /// Unpacks the next bytes. Fails if there are not so many, if the frame is damaged, or if it needs a window of more
+  /// than 8 MiB.
+  [[nodiscard]] Status read(std::span<std::byte> out);
+
+  /// Goes on to an offset of the unpacked bytes, which is not behind. Can be interrupted. Fails as `read`.
+  [[nodiscard]] Status skip_to(std::uint64_t offset);
+
+  /// Fails unless all bytes were read, and no more are packed.
+  [[nodiscard]] Status finish();
+
+ private:
+  struct Frame;
+  std::span<const std::byte> packed_;
+  std::uint64_t unpacked_bytes_, at_ = 0;
+  std::string what_;
+  std::unique_ptr<Frame> frame_;  // null: the bytes are not packed
+};
+
+/// Fails unless `packed_bytes` may hold `unpacked_bytes`, by rule R7.
+[[nodiscard]] Status check_ratio(std::uint64_t packed_bytes, std::uint64_t unpacked_bytes, std::string_view what);
+
+/// Checks length and hash of the packed bytes that `entry` describes (a section, a chunk, a patch or an index page
+/// part).
+template <class Entry>
+[[nodiscard]] Status check_packed(const Entry& entry, std::span<const std::byte> packed, std::string_view what) {
+  if (packed.size() != entry.packed_bytes || hash_bytes(packed) != entry.hash)
+    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+  return {};
+}
+
+/// The same, then unpacks them. Otherwise as `unpack`.
 template <class Entry>
 [[nodiscard]] Result<Bytes> unpack_checked(const Entry& entry, std::span<const std::byte> packed,
                                            std::string_view what) {
-  if (packed.size() != entry.packed_bytes || hash_bytes(packed) != entry.hash)
-    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+  SPLATVOL_TRY(check_packed(entry, packed, what));
   return unpack(packed, entry.unpacked_bytes, what);
 }
 

@@ -36,6 +36,7 @@ struct MomentCodes {
 /// The column `value_moments`. Means are numbers, since each depends on those before it.
 struct ValueMomentCodes {
   double deviation_scale = 0;
+  double least_step = 0;  // of the means; 0: they are exact
   std::vector<double> means;
   std::vector<std::uint16_t> deviations;  // 0, or deviation_scale 2^((1 - code) / 8)
   std::array<std::vector<std::int8_t>, 3> correlations;

@@ -55,6 +55,12 @@ struct ValueBins {
 
   /// Summarizes the present values, which are the finite ones.
   [[nodiscard]] ValueSummary summarize(std::span<const float> stored) const;
+
+  /// Returns the bins from that of `low` to that of `high`, as in an occupancy. Requires low <= high.
+  [[nodiscard]] std::uint64_t between(double low, double high) const {
+    const std::uint64_t all = ~std::uint64_t{0};
+    return all << bin(low) & all >> (63 - bin(high));
+  }
 };
 
 /// Mass and principal axes of a cluster's material, with the two numbers that drawing needs besides: the boundary and
@@ -85,6 +91,13 @@ struct SplatValue {
   dvec3 correlation{0};  // with the position along each principal axis, [-1, 1]
   double residual = 0;   // deviation from the linear field, as a share of `deviation`, [0, 1]
   double coverage = 0;   // share of the mass that has a value, [0, 1]; 0: the other numbers mean nothing
+};
+
+/// Stored values near the mean of a splat's material, one of which it has (spec R22) unless its variance is too small
+/// for double precision. low > high: it has no value.
+struct ValueInterval {
+  float low = std::numeric_limits<float>::infinity();
+  float high = -std::numeric_limits<float>::infinity();
 };
 
 /// Counts of values in each of the 64 bins.
@@ -162,6 +175,10 @@ struct PackedChunk {
                                           std::span<SplatValue> out, std::string_view what);
 [[nodiscard]] Status unpack_gradients(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<vec3> out,
                                       std::string_view what);
+
+/// The same for a chunk of value moments, of which it returns only where material is sure to be.
+[[nodiscard]] Status unpack_value_intervals(const ChunkEntry& entry, std::span<const std::byte> packed,
+                                            std::span<ValueInterval> out, std::string_view what);
 
 /// Returns the bound on the position error that a packed chunk states, in world units.
 [[nodiscard]] Result<double> stated_position_error(const ChunkEntry& entry, std::span<const std::byte> packed);

@@ -230,6 +230,11 @@ constexpr double most_steps = 1 << 23;  // codes then have three bytes
 constexpr int codes_per_octave_of_value = 8;
 constexpr double correlation_scale = 15;
 
+// How far some of the material's values may be from its mean (spec R22): the standard deviation, a code of it, and half
+// a step of the mean; besides, a share of the mean.
+constexpr double deviations_of_interval = 1.16;
+constexpr double interval_rounding = 1e-6;
+
 // Deviations of values: 0 if the code is 0, else scale 2^((1 - code) / 8).
 class ValueDeviations {
  public:
@@ -648,6 +653,7 @@ Status unpack_value_moment_codes(const ChunkEntry& entry, std::span<const std::b
   if (!is_valid(header, entry, payload.size(), points))
     return fail(ErrorCode::invalid_data, "{}: bad header of value moments [R17]", what);
   out.deviation_scale = header.deviation_scale;
+  out.least_step = header.form == form_steps ? header.least_step : 0;
   thread_local std::vector<std::uint32_t> means;
   auto planes = take_planes(payload.subspan(sizeof(ValueMomentsHeader)), means, points, header.width);
   planes = take_planes(planes, out.deviations, points, header.deviation_width);
@@ -669,6 +675,23 @@ Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> 
     const dvec3 correlation = dvec3(c[0][i], c[1][i], c[2][i]) / correlation_scale;
     out[i] = {codes.means[i], deviation(codes.deviations[i]), correlation,
               std::sqrt(std::max(0.0, 1 - squared_length(correlation))), static_cast<double>(codes.coverages[i]) / 255};
+  }
+  return {};
+}
+
+Status unpack_value_intervals(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<ValueInterval> out,
+                              std::string_view what) {
+  ValueMomentCodes codes;
+  SPLATVOL_TRY(unpack_value_moment_codes(entry, packed, out.size(), what, codes));
+  const ValueDeviations deviation(codes.deviation_scale);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    out[i] = {};
+    if (codes.coverages[i] == 0) continue;
+    const double mean = codes.means[i];
+    const double reach = deviations_of_interval * deviation(codes.deviations[i]) + rounding_error * codes.least_step +
+                         interval_rounding * std::abs(mean);
+    out[i] = {static_cast<float>(std::max(mean - reach, double{entry.min})),
+              static_cast<float>(std::min(mean + reach, double{entry.max}))};
   }
   return {};
 }

@@ -15,6 +15,11 @@ using nlohmann::ordered_json;
 // An index of ours has 3 levels.
 constexpr int max_nesting = 32;
 
+// Of a file in the folder of the index. The system would end a name at the character NUL.
+bool is_file_name(const std::string& file) {
+  return !file.empty() && file != "." && file != ".." && file.find_first_of(std::string_view("/\0", 2)) == file.npos;
+}
+
 bool is_step(const ordered_json& step) {
   return step.is_object() && step.contains("time") && step["time"].is_number() && step.contains("file") &&
          step["file"].is_string() && std::isfinite(step["time"].get<double>());
@@ -64,6 +69,11 @@ void include(StepRange& range, double min, double max) {
   range.max = std::fmax(range.max, max);
 }
 
+bool is_same(const StepRange& a, const StepRange& b) {
+  const auto same = [](double x, double y) { return x == y || (std::isnan(x) && std::isnan(y)); };
+  return same(a.min, b.min) && same(a.max, b.max);
+}
+
 std::string to_json(const SeriesIndex& index) {
   ordered_json steps = ordered_json::array();
   for (const SeriesIndex::Step& step : index.steps) steps.push_back({{"time", step.time}, {"file", step.file}});
@@ -89,7 +99,7 @@ Result<SeriesIndex> series_index_from_json(const std::string& text) {
     if (!is_step(step)) return fail(ErrorCode::invalid_data, "step {} lacks a \"time\" or a \"file\"", number);
     index.steps.push_back({step["time"].get<double>(), step["file"].get<std::string>()});
     const std::string& file = index.steps.back().file;
-    if (file.empty() || file == "." || file == ".." || file.find('/') != std::string::npos)
+    if (!is_file_name(file))
       return fail(ErrorCode::invalid_data, "step {}: \"{}\" is not the name of a file in the same folder", number,
                   file);
     if (number > 0 && !(index.steps[number].time > index.steps[number - 1].time))

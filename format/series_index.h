@@ -27,13 +27,16 @@ struct SeriesIndex {
 /// Widens a range that may be empty (NaN).
 void include(StepRange& range, double min, double max);
 
+/// Whether two ranges are equal, or both are empty.
+[[nodiscard]] bool is_same(const StepRange& a, const StepRange& b);
+
 /// Whether a path names such an index.
 [[nodiscard]] inline bool is_series_index(std::string_view path) { return path.ends_with(".svols"); }
 
 [[nodiscard]] std::string to_json(const SeriesIndex& index);
 
-/// Fails if the text is no such index, has no step, times that do not rise, a file name with a folder in it, or an
-/// attribute twice or with a range that is none.
+/// Fails if the text is no such index, has no step, times that do not rise, a file name with a folder or the character
+/// NUL in it, or an attribute twice or with a range that is none.
 [[nodiscard]] Result<SeriesIndex> series_index_from_json(const std::string& text);
 
 }  // namespace splatvol::format

@@ -13,9 +13,10 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-// Appends to a file with this superblock and section table.
-Status append_to(AppendFile& file, const Volume& volume, Bytes table,
-                 std::span<const std::unique_ptr<StepWriter>> steps) {
+// Writes steps behind the end of a file with this superblock and section table. Returns the superblock that makes them
+// its steps, once the disk has all that it needs.
+Result<Superblock> append_behind(AppendFile& file, const Volume& volume, Bytes table,
+                                 std::span<const std::unique_ptr<StepWriter>> steps) {
   const StepEntry& last = volume.series()->entries.back();
   Bytes replaced(volume.file_bytes() - (last.offset + last.bytes));
   SPLATVOL_TRY(file.read(last.offset + last.bytes, replaced));
@@ -33,7 +34,22 @@ Status append_to(AppendFile& file, const Volume& volume, Bytes table,
   std::ranges::copy(std::as_bytes(std::span(&superblock, 1)), table.begin());
   const Footer footer = make_footer(superblock.file_bytes, hash_bytes(table));
   SPLATVOL_TRY(file.append(std::as_bytes(std::span(&footer, 1))));
-  return file.replace_front(std::as_bytes(std::span(&superblock, 1)));
+  SPLATVOL_TRY(file.sync());
+  return superblock;
+}
+
+// Makes what stands behind the file a part of it. Whatever fails here, the file may need these bytes: they stay.
+Status replace_superblock(AppendFile& file, const Superblock& superblock) {
+  const Status replaced = file.replace_front(std::as_bytes(std::span(&superblock, 1)));
+  if (!replaced)
+    return fail(ErrorCode::io, "{}; svinfo tells whether the file has the steps", replaced.error().message);
+  const Status synced = file.sync();
+  if (synced) return {};
+  return fail(
+      ErrorCode::io,
+      "{}; the steps are in the file, though the disk has not confirmed it: check it by svinfo --verify, and do "
+      "not append them again",
+      synced.error().message);
 }
 
 // Reads the superblock and section table that a file has now.
@@ -92,15 +108,20 @@ Footer make_footer(std::uint64_t file_bytes, std::uint64_t table_hash) {
   return footer;
 }
 
-Status append_steps(const std::string& path, const Volume& volume, std::span<const std::unique_ptr<StepWriter>> steps) {
+Result<Appended> append_steps(const std::string& path, const Volume& volume,
+                              std::span<const std::unique_ptr<StepWriter>> steps) {
   if (!volume.series()) return fail(ErrorCode::invalid_argument, "{}: not a time series", path);
   SPLATVOL_TRY_ASSIGN(file, AppendFile::open(path));
   SPLATVOL_TRY_ASSIGN(table, read_table(file, volume));
   if (hash_bytes(table) != volume.table_hash())
     return fail(ErrorCode::io, "{}: was changed meanwhile; try again", path);
-  Status status = append_to(file, volume, std::move(table), steps);
-  if (!status) static_cast<void>(file.cut(volume.file_bytes()));
-  return status;
+  const auto superblock = append_behind(file, volume, std::move(table), steps);
+  if (!superblock) {
+    static_cast<void>(file.cut(volume.file_bytes()));
+    return tl::unexpected(superblock.error());
+  }
+  SPLATVOL_TRY(replace_superblock(file, *superblock));
+  return Appended{superblock->file_bytes, file.is_locked()};
 }
 
 }  // namespace splatvol::format

@@ -40,13 +40,20 @@ class StepDirectory {
 /// Returns the footer of a file with this superblock and section table.
 [[nodiscard]] Footer make_footer(std::uint64_t file_bytes, std::uint64_t table_hash);
 
+/// What an append did.
+struct Appended {
+  std::uint64_t file_bytes;
+  bool is_locked;  // false: the file system has no locks, so that another program could append at the same time
+};
+
 /// Appends steps to the series in a file. Writes them behind the file's end, and then changes the superblock: until
 /// then, and if this is interrupted, the file stays as it was, with bytes behind its end. Cuts off the bytes that an
 /// interrupted append has left. Fails if:
 /// - the file is not the series that `volume` has open, because it was changed, or another program appends to it;
 /// - the first time is not behind that of the last step;
-/// - the file cannot be written.
-[[nodiscard]] Status append_steps(const std::string& path, const Volume& volume,
-                                  std::span<const std::unique_ptr<StepWriter>> steps);
+/// - the file cannot be written. From the first byte of the superblock on, nothing is cut off: the steps may be in the
+///   file, and the message says so.
+[[nodiscard]] Result<Appended> append_steps(const std::string& path, const Volume& volume,
+                                            std::span<const std::unique_ptr<StepWriter>> steps);
 
 }  // namespace splatvol::format

@@ -19,6 +19,11 @@ std::string query_of(const std::string& path) {
   return query == path.npos ? std::string() : path.substr(query);
 }
 
+// Requires that the file has it.
+const Attribute& attribute_of(const Volume& volume, const std::string& name) {
+  return volume.info().attributes[static_cast<std::size_t>(volume.info().find_attribute(name))];
+}
+
 }  // namespace
 
 Result<Steps> Steps::open(const std::string& path, OpenFile open) {
@@ -67,6 +72,7 @@ Status Steps::open_index() {
   }
   for (const SeriesIndex::Attribute& attribute : index->attributes) {
     names_.push_back(attribute.name);
+    units_.push_back(attribute.unit);
     ranges_.push_back(attribute.range);
   }
   return {};
@@ -90,6 +96,39 @@ Result<std::shared_ptr<const Volume>> Steps::volume(std::size_t step) const {
                 name_);
   SPLATVOL_TRY(check_attributes(*volume));
   return volume;
+}
+
+Status Steps::check_units(const Volume& volume) const {
+  for (std::size_t a = 0; a < names_.size(); ++a) {
+    const std::string& unit = attribute_of(volume, names_[a]).unit;
+    if (unit != units_[a])
+      return fail(ErrorCode::invalid_data, "{}: the unit of '{}' is \"{}\", but {} says \"{}\"", volume.name(),
+                  names_[a], unit, name_, units_[a]);
+  }
+  return {};
+}
+
+Status Steps::verify(const std::function<void(double)>& progress, std::size_t threads) const {
+  if (volume_) return volume_->verify(progress, threads);
+  constexpr double none = std::numeric_limits<double>::quiet_NaN();
+  std::vector<StepRange> ranges(names_.size(), StepRange{none, none});
+  for (std::size_t step = 0; step < files_.size(); ++step) {
+    SPLATVOL_TRY_ASSIGN(volume, this->volume(step));
+    SPLATVOL_TRY(check_units(*volume));
+    const auto of_step = [&](double share) {
+      progress((static_cast<double>(step) + share) / static_cast<double>(files_.size()));
+    };
+    SPLATVOL_TRY(volume->verify(of_step, threads));
+    for (std::size_t a = 0; a < names_.size(); ++a) {
+      const Attribute& attribute = attribute_of(*volume, names_[a]);
+      include(ranges[a], attribute.min, attribute.max);
+    }
+  }
+  for (std::size_t a = 0; a < names_.size(); ++a)
+    if (!is_same(ranges[a], ranges_[a]))
+      return fail(ErrorCode::invalid_data, "{}: the range of '{}' is not that of the steps, {} to {}", name_, names_[a],
+                  ranges[a].min, ranges[a].max);
+  return {};
 }
 
 StepRange Steps::range_of(const std::string& attribute) const {

@@ -46,6 +46,10 @@ class Steps {
   /// not what the index says. Thread-safe.
   [[nodiscard]] Result<std::shared_ptr<const Volume>> volume(std::size_t step) const;
 
+  /// Checks every byte of the file, as Volume::verify does. Of an index, checks the files of all steps, and that the
+  /// index gives the units of their attributes and the ranges over all of them.
+  [[nodiscard]] Status verify(const std::function<void(double)>& progress, std::size_t threads = 1) const;
+
   /// Returns the range of an attribute's values over all steps; of a file that is no series, its range. NaN if no value
   /// is present, or there is no such attribute.
   [[nodiscard]] StepRange range_of(const std::string& attribute) const;
@@ -54,6 +58,7 @@ class Steps {
   Steps(std::string path, OpenFile open) : path_(std::move(path)), open_(std::move(open)) {}
   [[nodiscard]] Status open_index();
   [[nodiscard]] Status check_attributes(const Volume& volume) const;
+  [[nodiscard]] Status check_units(const Volume& volume) const;
 
   std::string path_, name_;
   OpenFile open_;
@@ -61,6 +66,7 @@ class Steps {
   std::vector<std::string> files_;        // of an index
   std::shared_ptr<const Volume> volume_;  // of a single file
   std::vector<std::string> names_;        // [attribute]
+  std::vector<std::string> units_;        // [attribute], of an index
   std::vector<StepRange> ranges_;         // [attribute]
 };
 

@@ -52,7 +52,7 @@ class Volume::Verifier {
     SPLATVOL_TRY(check_parts());
     SPLATVOL_TRY(check_rows(0));
     SPLATVOL_TRY_ASSIGN(values, check_chunks(pages_of(0)));
-    return volume_.series_ ? check_nodes({no_attribute}) : check_nodes_and_values(values, {no_attribute});
+    return volume_.series_ ? check_nodes(positions_only()) : check_nodes_and_values(values, positions_only());
   }
 
   /// Checks the chunks of some directory pages.
@@ -66,7 +66,7 @@ class Volume::Verifier {
   Status run_rest(const CheckedValues& values) {
     SPLATVOL_TRY(check_parts());
     SPLATVOL_TRY(check_rows(0));
-    return check_nodes_and_values(values, {no_attribute});
+    return check_nodes_and_values(values, positions_only());
   }
 
   /// Checks what the step adds.
@@ -84,7 +84,7 @@ class Volume::Verifier {
     SPLATVOL_TRY(check_footer());
     SPLATVOL_TRY(check_dead_parts());
     SPLATVOL_TRY(check_sections(*volume_.file_));
-    SPLATVOL_TRY(check_boundary());
+    SPLATVOL_TRY(volume_.check_boundary());
     return check_index();
   }
 
@@ -110,15 +110,6 @@ class Volume::Verifier {
       SPLATVOL_TRY_ASSIGN(hash, hash_of(container, section.offset, section.packed_bytes));
       if (hash != section.hash)
         return container.broken(fmt::format("section {}: checksum mismatch", static_cast<std::uint32_t>(section.kind)));
-    }
-    return {};
-  }
-
-  Status check_boundary() const {
-    const std::size_t patches = info_.boundary ? info_.boundary->patches.size() : 0;
-    for (std::size_t patch = 0; patch < patches; ++patch) {
-      SPLATVOL_TRY_ASSIGN(mesh, volume_.read_boundary({&patch, 1}));
-      SPLATVOL_TRY(check_interruption());
     }
     return {};
   }
@@ -296,10 +287,8 @@ class Volume::Verifier {
         std::vector<SplatShape> shapes(points);
         return unpack_moments(location.entry, packed, shapes, info_.cube.edge, what);
       }
-      case ColumnKind::value_moments: {
-        std::vector<SplatValue> values(points);
-        return unpack_value_moments(location.entry, packed, values, what);
-      }
+      case ColumnKind::value_moments:
+        return check_value_moments(location.entry, packed, points, column.attribute, what);
       case ColumnKind::gradient: {
         std::vector<vec3> directions(points);
         return unpack_gradients(location.entry, packed, directions, what);
@@ -342,66 +331,143 @@ class Volume::Verifier {
     return {};
   }
 
+  Status check_value_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points,
+                             int attribute, const std::string& what) const {
+    std::vector<ValueInterval> intervals(points);
+    SPLATVOL_TRY(unpack_value_intervals(entry, packed, intervals, what));
+    for (const ValueInterval& interval : intervals)
+      if (!is_in(summary_of(entry), interval, attribute))
+        return fail(ErrorCode::invalid_data, "{}: material has values that its range or occupancy leaves out [R22]",
+                    what);
+    return {};
+  }
+
+  // What the nodes of the index are checked against: a column, of value moments at some resolutions.
+  struct Contents {
+    ColumnKind kind = ColumnKind::position;
+    int attribute = no_attribute;
+    std::size_t first_resolution = 0, end_resolution = 0;
+  };
+
+  static std::vector<Contents> positions_only() { return {Contents{}}; }
+
   // Checks the nodes' `contents` and all values.
-  Status check_nodes_and_values(const CheckedValues& values, std::vector<int> contents) const {
+  Status check_nodes_and_values(const CheckedValues& values, std::vector<Contents> contents) const {
     SPLATVOL_TRY(check_counted_values(values));
-    for (int attribute = 0; attribute < static_cast<int>(info_.attributes.size()); ++attribute)
-      if (info_.find_column(ColumnKind::value, attribute) >= 0) contents.push_back(attribute);
+    for (int attribute = 0; attribute < static_cast<int>(info_.attributes.size()); ++attribute) {
+      if (info_.find_column(ColumnKind::value, attribute) >= 0) contents.push_back({ColumnKind::value, attribute});
+      if (info_.find_column(ColumnKind::value_moments, attribute) >= 0) add_resolutions(attribute, contents);
+    }
     return check_nodes(contents);
   }
 
-  // The points of a segment, one after the other: their positions, or their values.
+  // Divides the resolutions of value moments so that each part holds few chunks at once.
+  void add_resolutions(int attribute, std::vector<Contents>& contents) const {
+    std::uint64_t held = most_held_intervals;  // the first resolution begins a part
+    for (std::size_t resolution = 0; resolution < info_.resolutions(); ++resolution) {
+      std::uint64_t points = 0;
+      for (std::size_t segment = 0; segment <= resolution; ++segment) points += info_.points_per_chunk[segment];
+      if (held + points > most_held_intervals) {
+        contents.push_back({ColumnKind::value_moments, attribute, resolution, resolution});
+        held = 0;
+      }
+      held += points;
+      contents.back().end_resolution = resolution + 1;
+    }
+  }
+
+  // The points of a segment, one after the other: their positions, their values, or what a resolution's splats have.
   struct Cursor {
+    std::size_t segment = 0, resolution = 0;
     std::uint64_t group = 0;  // the next one
-    std::vector<dvec3> positions;
-    std::vector<float> values;
-    std::size_t at = 0, count = 0;  // in the chunk
-    std::optional<DirectoryPage> page;
+    std::vector<dvec3> positions = {};
+    std::vector<float> values = {};
+    std::vector<ValueInterval> intervals = {};
+    std::size_t at = 0, count = 0;                   // in the chunk
+    std::shared_ptr<const DirectoryPage> page = {};  // cursors share those that they have in common
     std::uint64_t page_number = 0;
   };
 
-  Status read_group(int attribute, Cursor& cursor) const {
-    const RowLayout& rows = volume_.rows_;
-    const Group group = rows.group(cursor.group);
-    const std::uint64_t row = rows.row(group.segment, cursor.group++);
-    const int column = attribute == no_attribute ? info_.find_column(ColumnKind::position, -1)
-                                                 : info_.find_column(ColumnKind::value, attribute);
-    const std::uint64_t number = volume_.directory_page_of_row(row, column);
-    if (!cursor.page || cursor.page_number != number) {
-      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
-      cursor.page = std::move(page);
-      cursor.page_number = number;
-    }
+  // A walk through the index, and through the points in the order of its leaves.
+  struct Walk {
+    Contents contents;
+    std::vector<Cursor> cursors = {};
+    std::vector<std::pair<std::uint8_t, ValueSummary>> path = {};  // from the root: first_resolution, and what it holds
+  };
+
+  [[nodiscard]] Walk start_walk(const Contents& contents) const {
+    Walk walk{contents};
+    const auto add = [&](std::size_t segment, std::size_t resolution) {
+      walk.cursors.push_back({segment, resolution, volume_.rows_.group_at(segment, 0)});
+    };
+    if (contents.kind != ColumnKind::value_moments)
+      for (std::size_t segment = 0; segment < info_.resolutions(); ++segment) add(segment, segment);
+    for (std::size_t resolution = contents.first_resolution; resolution < contents.end_resolution; ++resolution)
+      for (std::size_t segment = 0; segment <= resolution; ++segment) add(segment, resolution);
+    return walk;
+  }
+
+  Status read_group(const Walk& walk, Cursor& cursor) const {
+    const Contents& contents = walk.contents;
+    const Group group = volume_.rows_.group(cursor.group);
+    const std::uint64_t row = volume_.rows_.row(cursor.resolution, cursor.group++);
+    const int column = info_.find_column(contents.kind, contents.attribute);
+    SPLATVOL_TRY(read_directory_page(walk, volume_.directory_page_of_row(row, column), cursor));
     const ChunkLocation& location = volume_.find_chunk(*cursor.page, row, column);
     SPLATVOL_TRY_ASSIGN(packed, volume_.read_bytes(location.offset, location.entry.packed_bytes));
     const std::string what = fmt::format("{}: chunk at {}", volume_.name(), location.offset);
     cursor.at = 0;
     cursor.count = group.count;
-    if (attribute == no_attribute) {
+    if (contents.kind == ColumnKind::position) {
       cursor.positions.resize(group.count);
       return unpack_positions(location.entry, packed, cursor.positions, info_.cube, what);
+    }
+    if (contents.kind == ColumnKind::value_moments) {
+      cursor.intervals.resize(group.count);
+      return unpack_value_intervals(location.entry, packed, cursor.intervals, what);
     }
     cursor.values.resize(group.count);
     return unpack_values(location.entry, packed, cursor.values, what);
   }
 
-  // Checks the nodes of the index against the points in them: their positions (no_attribute), or their values of
-  // attributes. Points of a segment are in the order of the leaves.
-  Status check_nodes(const std::vector<int>& contents) const {
+  Status read_directory_page(const Walk& walk, std::uint64_t number, Cursor& cursor) const {
+    const auto is_it = [&](const Cursor& other) { return other.page && other.page_number == number; };
+    if (is_it(cursor)) return {};
+    cursor.page.reset();
+    cursor.page_number = number;
+    if (const auto other = std::ranges::find_if(walk.cursors, is_it); other != walk.cursors.end()) {
+      cursor.page = other->page;
+      return {};
+    }
+    SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
+    cursor.page = std::make_shared<const DirectoryPage>(std::move(page));
+    return {};
+  }
+
+  // Checks the nodes of the index against the points in them. Points of a segment are in the order of the leaves.
+  Status check_nodes(const std::vector<Contents>& contents) const {
     return run_tasks(contents.size(), threads_, [&](std::size_t number, std::size_t) -> Status {
-      std::vector<Cursor> cursors(info_.resolutions());
-      for (std::size_t segment = 0; segment < cursors.size(); ++segment)
-        cursors[segment].group = volume_.rows_.group_at(segment, 0);
-      SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({contents[number]}));
-      return check_node(root, 0, info_.cube, contents[number], cursors);
+      Walk walk = start_walk(contents[number]);
+      SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({walk.contents.attribute}));
+      return check_node(root, 0, info_.cube, walk);
     });
   }
 
   // NOLINTNEXTLINE(misc-no-recursion): no node is deeper than max_node_depth.
-  Status check_node(const IndexPage& page, std::size_t node, const Cube& cube, int attribute,
-                    std::vector<Cursor>& cursors) const {
+  Status check_node(const IndexPage& page, std::size_t node, const Cube& cube, Walk& walk) const {
+    const int attribute = walk.contents.attribute;
+    walk.path.emplace_back(page.nodes.first_resolutions[node],
+                           attribute == no_attribute ? ValueSummary{} : page.nodes.summaries[node]);
+    SPLATVOL_TRY(check_children(page, node, cube, walk));
+    walk.path.pop_back();
+    return {};
+  }
+
+  // NOLINTNEXTLINE(misc-no-recursion)
+  Status check_children(const IndexPage& page, std::size_t node, const Cube& cube, Walk& walk) const {
     const std::uint8_t mask = page.nodes.child_masks[node];
-    if (mask == 0) return check_leaf(page, node, cube, attribute, cursors);
+    if (mask == 0) return check_leaf(page.nodes.counts_of(node), cube, walk);
+    const int attribute = walk.contents.attribute;
     std::optional<IndexPage> linked;
     if (page.links[node] != IndexPage::no_node) {
       SPLATVOL_TRY_ASSIGN(
@@ -417,7 +483,7 @@ class Volume::Verifier {
         return volume_.broken("a node of the index has a range that is not in that of its parent");
       const double half = cube.edge / 2;
       const Cube part{cube.origin + half * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), half};
-      SPLATVOL_TRY(check_node(below, child++, part, attribute, cursors));
+      SPLATVOL_TRY(check_node(below, child++, part, walk));
     }
     return {};
   }
@@ -427,22 +493,37 @@ class Volume::Verifier {
            (outer.min <= inner.min && inner.max <= outer.max && (inner.occupancy & ~outer.occupancy) == 0);
   }
 
-  Status check_leaf(const IndexPage& page, std::size_t leaf, const Cube& cube, int attribute,
-                    std::vector<Cursor>& cursors) const {
-    for (std::size_t segment = 0; segment < cursors.size(); ++segment) {
-      Cursor& cursor = cursors[segment];
-      for (std::uint64_t left = page.nodes.counts_of(leaf)[segment]; left > 0; --left, ++cursor.at) {
-        if (cursor.at == cursor.count) SPLATVOL_TRY(read_group(attribute, cursor));
-        const bool fits = attribute == no_attribute
-                              ? is_in(cube, cursor.positions[cursor.at])
-                              : is_in(page.nodes.summaries[leaf], cursor.values[cursor.at], attribute);
-        if (!fits)
-          return volume_.broken(attribute == no_attribute
-                                    ? "a point lies outside of its node of the index"
-                                    : "a value lies outside of the range of its node of the index");
+  Status check_leaf(std::span<const std::uint64_t> counts, const Cube& cube, Walk& walk) const {
+    for (Cursor& cursor : walk.cursors) {
+      const ValueSummary& drawn = drawn_alone(walk, cursor.resolution);
+      for (std::uint64_t left = counts[cursor.segment]; left > 0; --left, ++cursor.at) {
+        if (cursor.at == cursor.count) SPLATVOL_TRY(read_group(walk, cursor));
+        SPLATVOL_TRY(check_point(walk, cursor, cube, drawn));
       }
     }
     return {};
+  }
+
+  // Returns what the smallest node round a leaf holds that may be drawn at a resolution. No cluster crosses its border.
+  static const ValueSummary& drawn_alone(const Walk& walk, std::size_t resolution) {
+    const auto found =
+        std::find_if(walk.path.rbegin(), walk.path.rend(), [&](const auto& node) { return node.first <= resolution; });
+    return found == walk.path.rend() ? walk.path.front().second : found->second;
+  }
+
+  Status check_point(const Walk& walk, const Cursor& cursor, const Cube& cube, const ValueSummary& drawn) const {
+    const int attribute = walk.contents.attribute;
+    switch (walk.contents.kind) {
+      case ColumnKind::position:
+        if (is_in(cube, cursor.positions[cursor.at])) return {};
+        return volume_.broken("a point lies outside of its node of the index");
+      case ColumnKind::value_moments:
+        if (is_in(drawn, cursor.intervals[cursor.at], attribute)) return {};
+        return volume_.broken("material has values that the range or occupancy of its node leaves out [R22]");
+      default:
+        if (is_in(walk.path.back().second, cursor.values[cursor.at], attribute)) return {};
+        return volume_.broken("a value lies outside of the range of its node of the index");
+    }
   }
 
   // Points were sorted before they were rounded.
@@ -464,6 +545,16 @@ class Volume::Verifier {
     return false;
   }
 
+  // Whether a bin is occupied that overlaps the range and the interval.
+  bool is_in(const ValueSummary& summary, const ValueInterval& interval, int attribute) const {
+    if (interval.low > interval.high) return true;
+    const Attribute& of = info_.attributes[static_cast<std::size_t>(attribute)];
+    const double lost = lost_deviation / of.scale;
+    const double low = std::max(interval.low - lost, double{summary.min});
+    const double high = std::min(interval.high + lost, double{summary.max});
+    return low <= high && (bins_of(of).between(low, high) & summary.occupancy) != 0;
+  }
+
   Status check_counted_values(const CheckedValues& values) const {
     SPLATVOL_TRY_ASSIGN(histograms, volume_.read_histograms());
     for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute) {
@@ -479,6 +570,10 @@ class Volume::Verifier {
   const SectionEntry& index_section() const { return *volume_.file_->find_section(SectionKind::index_pages); }
 
   static constexpr int no_attribute = -1;
+  // That a walk holds at once; one resolution may have more. Files of svbuild take one walk.
+  static constexpr std::uint64_t most_held_intervals = std::uint64_t{1} << 20;
+  // A deviation under this, of values, has a variance that is too small for double precision.
+  static constexpr double lost_deviation = 0x1p-500;
   // Thousands of attributes have fewer threads.
   static constexpr std::size_t most_bytes_of_sums = std::size_t{1} << 24;
   // A dead part is a step directory and a footer.
@@ -520,9 +615,8 @@ Status Volume::verify(const std::function<void(double)>& progress, std::size_t t
     for (std::size_t a = 0; a < ranges.size(); ++a)
       include(ranges[a], volume->info().attributes[a].min, volume->info().attributes[a].max);
   }
-  const auto same = [](double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); };
   for (std::size_t a = 0; a < ranges.size(); ++a)
-    if (!same(ranges[a].min, series_->ranges[a].min) || !same(ranges[a].max, series_->ranges[a].max))
+    if (!is_same(ranges[a], series_->ranges[a]))
       return broken("the step directory has a range that is not that of the steps [R18]");
   return {};
 }

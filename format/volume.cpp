@@ -461,12 +461,38 @@ Result<std::vector<PatchPart>> Volume::read_patch_table() const {
     const auto part = read_record<PatchPart>(table, sizeof(std::uint64_t) + i * sizeof(PatchPart));
     if (part.packed_bytes > part.unpacked_bytes || part.unpacked_bytes != payload_bytes(patches[i]))
       return broken("a patch has the wrong length [R21]");
+    SPLATVOL_TRY(check_ratio(part.packed_bytes, part.unpacked_bytes, what_patch(i)));
     if (part.packed_bytes > left) return broken("the patches do not tile their section [R21]");
     left -= part.packed_bytes;
     parts.push_back(part);
   }
   if (left > 0) return broken("the patches do not tile their section [R21]");
   return parts;
+}
+
+std::string Volume::what_patch(std::size_t patch) const {
+  return fmt::format("{}: patch \"{}\"", name(), info_.boundary->patches[patch].name);
+}
+
+// Calls visit(patch, its part, its packed bytes) for patches, in their order. Patches that follow each other are one
+// read: from a server, each has a price.
+template <class Visit>
+Status Volume::visit_patches(std::span<const PatchPart> parts, std::span<const std::size_t> patches,
+                             const Visit& visit) const {
+  std::vector<std::uint64_t> offsets = {file_->find_section(SectionKind::boundary)->offset + sizeof(std::uint64_t) +
+                                        parts.size() * sizeof(PatchPart)};
+  for (const PatchPart& part : parts) offsets.push_back(offsets.back() + part.packed_bytes);
+  for (std::size_t begin = 0, end = 0; begin < patches.size(); begin = end) {
+    const std::uint64_t first = offsets[patches[begin]];
+    for (end = begin + 1; end < patches.size() && patches[end] == patches[end - 1] + 1; ++end)
+      if (offsets[patches[end] + 1] - first > most_patch_bytes) break;
+    SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(first, offsets[patches[end - 1] + 1] - first));
+    for (std::size_t i = begin; i < end; ++i) {
+      const PatchPart& part = parts[patches[i]];
+      SPLATVOL_TRY(visit(patches[i], part, std::span(bytes).subspan(offsets[patches[i]] - first, part.packed_bytes)));
+    }
+  }
+  return {};
 }
 
 Result<TriangleMesh> Volume::read_boundary(std::span<const std::size_t> patches) const {
@@ -476,23 +502,29 @@ Result<TriangleMesh> Volume::read_boundary(std::span<const std::size_t> patches)
   TriangleMesh mesh;
   if (patches.empty()) return mesh;
   SPLATVOL_TRY_ASSIGN(parts, read_patch_table());
-  std::vector<std::uint64_t> offsets = {file_->find_section(SectionKind::boundary)->offset + sizeof(std::uint64_t) +
-                                        count * sizeof(PatchPart)};
-  for (const PatchPart& part : parts) offsets.push_back(offsets.back() + part.packed_bytes);
-  // Patches that follow each other are one read: from a server, each has a price.
-  for (std::size_t begin = 0, end = 0; begin < patches.size(); begin = end) {
-    const std::uint64_t first = offsets[patches[begin]];
-    for (end = begin + 1; end < patches.size() && patches[end] == patches[end - 1] + 1; ++end)
-      if (offsets[patches[end] + 1] - first > most_patch_bytes) break;
-    SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(first, offsets[patches[end - 1] + 1] - first));
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::size_t patch = patches[i];
-      const auto packed = std::span(bytes).subspan(offsets[patch] - first, parts[patch].packed_bytes);
-      const std::string what = fmt::format("{}: patch \"{}\"", name(), info_.boundary->patches[patch].name);
-      SPLATVOL_TRY(append_patch(*info_.boundary, patch, parts[patch], packed, mesh, what));
-    }
+  std::uint64_t points = 0, triangles = 0;
+  for (const std::size_t patch : patches) {
+    points += info_.boundary->patches[patch].points;
+    triangles += info_.boundary->patches[patch].triangles;
   }
+  mesh.points.reserve(points);
+  mesh.triangles.reserve(triangles);
+  SPLATVOL_TRY(visit_patches(
+      parts, patches, [&](std::size_t patch, const PatchPart& part, std::span<const std::byte> packed) -> Status {
+        return append_patch(*info_.boundary, patch, part, packed, mesh, what_patch(patch));
+      }));
   return mesh;
+}
+
+Status Volume::check_boundary() const {
+  if (!info_.boundary) return {};
+  SPLATVOL_TRY_ASSIGN(parts, read_patch_table());
+  std::vector<std::size_t> patches(parts.size());
+  std::iota(patches.begin(), patches.end(), std::size_t{0});
+  return visit_patches(parts, patches,
+                       [&](std::size_t patch, const PatchPart& part, std::span<const std::byte> packed) -> Status {
+                         return check_patch(*info_.boundary, patch, part, packed, what_patch(patch));
+                       });
 }
 
 Result<std::uint64_t> Volume::geometry_hash() const {

@@ -146,7 +146,8 @@ class Volume {
   [[nodiscard]] Result<Histograms> read_histograms() const;
 
   /// Reads triangles of the boundary: those of some patches, by their indices in info().boundary, as one mesh. Reads
-  /// nothing else besides the table of all patches. Fails if there is no such patch.
+  /// nothing else besides the table of all patches, and holds little besides the mesh, whose size the counts in info()
+  /// tell before. Fails if there is no such patch.
   [[nodiscard]] Result<TriangleMesh> read_boundary(std::span<const std::size_t> patches) const;
 
   /// Returns a hash of everything that does not depend on the step: of the chunks that all steps share and the
@@ -192,6 +193,11 @@ class Volume {
   [[nodiscard]] tl::unexpected<Error> broken(std::string_view rule) const { return file_->broken(rule); }
   [[nodiscard]] Status read_metadata();
   [[nodiscard]] Result<std::vector<PatchPart>> read_patch_table() const;
+  [[nodiscard]] std::string what_patch(std::size_t patch) const;
+  template <class Visit>
+  [[nodiscard]] Status visit_patches(std::span<const PatchPart> parts, std::span<const std::size_t> patches,
+                                     const Visit& visit) const;
+  [[nodiscard]] Status check_boundary() const;
   [[nodiscard]] Status read_series();
   [[nodiscard]] Status check_entries(const Series& series) const;
   [[nodiscard]] Status open_step(std::size_t step);

@@ -283,6 +283,15 @@ std::string gmsh_binary() {
   return file.add_text("\n$EndElements\n", 14).text();
 }
 
+constexpr std::string_view obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nvt 0 0\nf 1/1/1 2/1/1 \\\n3/1/1\nf -3 -2 -1\n";
+constexpr std::string_view stl =
+    "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid "
+    "a\n";
+constexpr std::string_view ply = "ply\nformat ";
+constexpr std::string_view ply_header =
+    "element vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+    "property list uchar int vertex_indices\nend_header\n";
+
 constexpr std::string_view su2 =
     "% two cells\nNDIME= 3\nNELEM= 2\n12 0 1 2 3 4 5 6 7 0\n14 4 5 6 7 8 1\nNPOIN= 9\n"
     "0 0 0 0\n1 0 0 1\n1 1 0 2\n0 1 0 3\n0 0 1 4\n1 0 1 5\n1 1 1 6\n0 1 1 7\n0.5 0.5 2 8\nNMARK= 1\n"
@@ -399,6 +408,14 @@ std::vector<std::pair<std::string, std::string>> foreign_seeds() {
       {"fuzz_formats", hdf5()},
       {"fuzz_formats", plot3d(false)},
       {"fuzz_formats", plot3d(true)},
+      {"fuzz_formats",
+       R"(g{"scenes":[{"nodes":[0]}],"nodes":[{"children":[1,1]},{"mesh":0}],"meshes":[{"primitives":[{}]}]})"},
+      {"fuzz_formats", "o" + std::string(obj)},
+      {"fuzz_formats", "s" + std::string(stl)},
+      {"fuzz_formats",
+       "y" + std::string(ply) + "ascii 1.0\n" + std::string(ply_header) + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"},
+      {"fuzz_formats", "y" + std::string(ply) + "binary_little_endian 1.0\n" + std::string(ply_header) +
+                           std::string(36, '\0') + '\3' + std::string(12, '\0')},
   };
 }
 

@@ -203,7 +203,16 @@ void check_value_moments(const Case& c) {
   const Status read = unpack_value_moments(chunk.entry, chunk.bytes, out, "fuzz");
   require(read.has_value() == unpack_value_moment_codes(chunk.entry, chunk.bytes, c.points, "fuzz", codes).has_value(),
           "codes are refused as numbers are");
+  std::vector<ValueInterval> intervals(c.points);
+  require(read.has_value() == unpack_value_intervals(chunk.entry, chunk.bytes, intervals, "fuzz").has_value(),
+          "intervals are refused as numbers are");
   if (!read) return;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    if (out[i].coverage == 0) continue;
+    const auto inside = static_cast<float>(std::clamp(out[i].mean, double{chunk.entry.min}, double{chunk.entry.max}));
+    require(chunk.entry.min <= intervals[i].low && intervals[i].high <= chunk.entry.max, "intervals are in the range");
+    require(intervals[i].low <= inside && inside <= intervals[i].high, "the mean is in its interval");
+  }
   double largest = 0;
   for (const SplatValue& value : out) {
     require(std::isfinite(value.mean) && std::isfinite(value.deviation) && value.deviation >= 0 &&

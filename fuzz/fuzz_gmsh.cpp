@@ -7,6 +7,7 @@ using splatvol::fuzz::require;
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const fuzz::NamedBytes named(fuzz::bytes_of(data, size));
+  static_cast<void>(read_gmsh_views(named.path()));
   const auto file = read_gmsh(named.path(), true);
   if (!file) return 0;
   require(file->node_tags.size() == file->points.size(), "a node has a position");

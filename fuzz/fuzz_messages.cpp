@@ -42,17 +42,20 @@ void read_surface(Channel& channel) {
 }
 
 void read_message(Channel& channel, std::uint8_t kind, std::size_t attributes) {
-  if (kind % 5 == 0) {
+  if (kind % 6 == 0) {
     SourceState state;
     static_cast<void>(get(channel, state));
-  } else if (kind % 5 == 1) {
+  } else if (kind % 6 == 1) {
     Error error;
     static_cast<void>(get(channel, error));
-  } else if (kind % 5 == 2) {
+  } else if (kind % 6 == 2) {
     SourceOptions options;
     static_cast<void>(get(channel, options));
-  } else if (kind % 5 == 3) {
+  } else if (kind % 6 == 3) {
     read_surface(channel);
+  } else if (kind % 6 == 4) {
+    std::optional<std::vector<ArrayShape>> arrays;
+    static_cast<void>(get(channel, arrays));
   } else {
     read_piece(channel, attributes);
   }

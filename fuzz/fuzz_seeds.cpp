@@ -1,7 +1,10 @@
 // fuzz_seeds FOLDER FILE.svol...: writes inputs to begin with, one folder for each fuzzer.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cstring>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
 
@@ -102,6 +105,42 @@ Status add_index(Seeds& seeds, const test::Dissected& file, const format::Volume
   return {};
 }
 
+// Files whose hashes are right: with occupancies that lack what is there, and with a boundary of many triangles.
+Status add_lies(Seeds& seeds, const test::Dissected& file) {
+  const Bytes hiding = file.assemble([](test::Part part, std::size_t, Bytes& bytes) {
+    if (part != test::Part::directory_page) return;
+    for (std::size_t at = sizeof(std::uint64_t); at + sizeof(format::ChunkEntry) <= bytes.size();
+         at += sizeof(format::ChunkEntry)) {
+      auto entry = format::read_record<format::ChunkEntry>(bytes, at);
+      entry.occupancy <<= 1;
+      std::memcpy(bytes.data() + at, &entry, sizeof(entry));
+    }
+  });
+  SPLATVOL_TRY(seeds.add("fuzz_svol", hiding));
+  if (file.count(test::Part::patch) == 0) return {};
+
+  // Codes that repeat themselves, but for some: the ratio of R7 allows no more.
+  static constexpr std::uint64_t points = 200, triangles = 100'000;
+  const Bytes huge = file.assemble([](test::Part part, std::size_t, Bytes& bytes) {
+    if (part == test::Part::patch) {
+      bytes.assign(12 * (points + triangles), std::byte{0});
+      const auto codes = std::span(bytes).subspan(12 * points, 3 * triangles);
+      std::fill(codes.begin() + points, codes.end(), std::byte{1});
+      for (std::size_t i = points; i < codes.size(); i += 300) codes[i] = static_cast<std::byte>(1 + i / 300 % points);
+    }
+    if (part != test::Part::metadata) return;
+    auto document = nlohmann::json::parse(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+    for (nlohmann::json& patch : document["boundary"]["patches"]) {
+      patch["points"] = points;
+      patch["triangles"] = triangles;
+    }
+    const std::string text = document.dump();
+    const auto raw = std::as_bytes(std::span(text));
+    bytes.assign(raw.begin(), raw.end());
+  });
+  return seeds.add("fuzz_svol", huge);
+}
+
 Status add_volume(Seeds& seeds, const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text_file(path));
   const auto raw = std::as_bytes(std::span(text));
@@ -122,6 +161,7 @@ Status add_volume(Seeds& seeds, const std::string& path) {
   }
   SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(memory_source(raw, path)));
   SPLATVOL_TRY(add_columns(seeds, *volume));
+  SPLATVOL_TRY(add_lies(seeds, *file));
   SPLATVOL_TRY(add_index(seeds, *file, volume->info()));
   std::vector<std::string> metadata;
   static_cast<void>(file->assemble([&](test::Part part, std::size_t, Bytes& bytes) {
@@ -159,7 +199,7 @@ Status add_scenes(Seeds& seeds) {
   // Settings, then bytes of control points; settings, then counts of no elements.
   SPLATVOL_TRY(seeds.add("fuzz_transfer_table", std::string(100, '\1')));
   SPLATVOL_TRY(seeds.add("fuzz_transfer_table", std::string(9000, '\5')));
-  for (const char kind : {'\0', '\1', '\2', '\3', '\4'})
+  for (const char kind : {'\0', '\1', '\2', '\3', '\4', '\5'})
     SPLATVOL_TRY(seeds.add("fuzz_messages", kind + std::string(400, '\0')));
 
   Camera camera;
@@ -183,6 +223,8 @@ Status write_seeds(int count, char** arguments) {
   for (int i = 1; i < count; ++i) SPLATVOL_TRY(add_volume(seeds, arguments[i]));
   SPLATVOL_TRY(seeds.add("fuzz_series", R"(i{"steps":[{"time":0,"file":"a.svol"},{"time":1.5,"file":"b.svol"}],
 "attributes":[{"name":"p","unit":"Pa","min":0,"max":1},{"name":"T","unit":"","min":null,"max":null}]})"));
+  SPLATVOL_TRY(seeds.add("fuzz_series", R"(i{"steps":[{"time":0,"file":"a.svol\u0000b.svol"}],
+"attributes":[{"name":"p","unit":"kPa","min":-1e300,"max":1}]})"));
   for (const auto& [fuzzer, text] : foreign_seeds()) SPLATVOL_TRY(seeds.add(fuzzer, text));
   return add_scenes(seeds);
 }

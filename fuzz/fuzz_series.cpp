@@ -39,6 +39,8 @@ void check_index(const std::string& text) {
   const std::string written = to_json(*index);
   const auto again = series_index_from_json(written);
   require_ok(again, "a written index can be read");
+  for (const SeriesIndex::Step& step : index->steps)
+    require(step.file.find('\0') == std::string::npos, "the system takes all of a name");
   require(to_json(*again) == written, "an index comes back");
 
   // Steps that are no files.
@@ -49,6 +51,7 @@ void check_index(const std::string& text) {
   require_ok(steps, "an index can be opened");
   for (std::size_t step = 0; step < std::min<std::size_t>(steps->times().size() + 1, 3); ++step)
     require(!steps->volume(step), "a step that is no file is refused");
+  require(!steps->verify([](double) {}), "steps that are no files are not accepted");
   for (const std::string& name : steps->attributes()) static_cast<void>(steps->range_of(name));
 }
 

@@ -105,7 +105,9 @@ Result<MeshBuildReport> write_series(const MeshArrays& mesh, std::span<const Mes
   }
   const auto built = write(std::move(opened), output, build_options, progress_of(options));
   if (!built) return named(built.error(), output, options);
-  return report_of(built->build, built->conversions);
+  MeshBuildReport report = report_of(built->build, built->conversions);
+  report.warnings.insert(report.warnings.end(), built->warnings.begin(), built->warnings.end());
+  return report;
 }
 
 }  // namespace

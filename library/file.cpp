@@ -166,7 +166,7 @@ Result<std::vector<double>> File::sample(std::span<const dvec3> positions, const
 }
 
 Status File::verify(const std::function<void(double)>& progress) const {
-  return contents_->volume->verify(progress ? progress : [](double) {});
+  return contents_->steps.verify(progress ? progress : [](double) {});
 }
 
 }  // namespace splatvol

@@ -69,6 +69,10 @@ Status RendererCore::take_statistics(double start, const Status& drawn, std::opt
                  .bytes_held = read.bytes_resident_peak,
                  .seconds = seconds_now() - start,
                  .unreadable = frame.progress.errors};
+  if (const auto left_out = player_->left_out()) {
+    statistics_.is_complete = false;
+    statistics_.unreadable.push_back(*left_out);
+  }
   return {};
 }
 
@@ -91,7 +95,7 @@ Status RendererCore::draw_now(double wait_seconds, const Quality& quality) {
   const double start = seconds_now();
   SPLATVOL_TRY(check(quality));
   const DetailOptions detail = detail_of(quality, player_->info().point_count());
-  return take_statistics(start, player_->draw_frame({.detail = detail, .wait_seconds = std::max(wait_seconds, 0.0)}));
+  return take_statistics(start, player_->draw_frame({.detail = detail, .wait_seconds = std::max(0.0, wait_seconds)}));
 }
 
 Result<Scene> RendererCore::fitting_scene(const std::string& attribute, int width, int height) const {

@@ -75,7 +75,7 @@ Status Movie::finish(int first, int count) const {
     return fail(ErrorCode::io, "{}: ffmpeg failed ({}); the {} frames are in {}", movie_, words, count, folder_);
   }
   fs::rename(part, movie_, error);
-  if (error) return fail(ErrorCode::io, "{}: {}", movie_, error.message());
+  if (error) return fail(ErrorCode::io, "{}: {}; the finished movie is {}", movie_, error.message(), part);
   fs::remove(log, error);
   if (own_folder_) discard(first, count);
   return {};

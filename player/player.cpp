@@ -9,7 +9,7 @@
 
 #include "base/http_source.h"
 #include "base/interruption.h"
-#include "base/names.h"
+#include "player/scene_surfaces.h"
 #include "player/step_ahead.h"
 #include "renderer/sampling.h"
 #include "renderer/slice_values.h"
@@ -22,6 +22,11 @@ using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
+Status check_time(double seconds) {
+  if (seconds > 0 && std::isfinite(seconds)) return {};
+  return fail(ErrorCode::invalid_argument, "{} seconds are no time to draw in", seconds);
+}
+
 // The part of draw_within's time that the drawing of splats may take. The rest is for choosing them.
 constexpr double drawing_share = 0.7;
 
@@ -33,20 +38,6 @@ Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& 
 tl::unexpected<Error> fail_two_surfaces() {
   return fail(ErrorCode::invalid_argument,
               "depths of surfaces, and a scene that shows surfaces or slices: give one of them");
-}
-
-Result<TriangleMesh> read_boundary(const format::Volume& volume, const std::string& pattern) {
-  if (!volume.info().boundary)
-    return fail(ErrorCode::invalid_argument,
-                "{}: holds no boundary, and so no patch \"{}\": svbuild --boundary keeps it", volume.name(), pattern);
-  std::vector<std::string> names;
-  for (const format::PatchInfo& patch : volume.info().boundary->patches) names.push_back(patch.name);
-  SPLATVOL_TRY_ASSIGN(patches, find_patches(volume.name(), pattern, names));
-  return volume.read_boundary(patches);
-}
-
-ReadSurface boundary_reader(std::shared_ptr<const format::Volume> volume) {
-  return [volume = std::move(volume)](const std::string& pattern) { return read_boundary(*volume, pattern); };
 }
 
 DetailOptions detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
@@ -113,7 +104,8 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
   if (scene) SPLATVOL_TRY(make_view(*scene));
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   SPLATVOL_TRY_ASSIGN(used, scene ? Result<Scene>(*scene) : default_scene(*volume, "", options.first_picture));
-  SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(used.surfaces, {options.read_surface, boundary_reader(volume)}, before));
+  SPLATVOL_TRY_ASSIGN(surfaces,
+                      read_scene_surfaces(used.surfaces, *volume, options.read_surface, options.memory, before));
   SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {.memory_bytes = options.memory,
                                                                    .attribute = used.attribute,
                                                                    .kernel = options.kernel,
@@ -156,7 +148,7 @@ Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
   return [=, steps = steps_, before = surfaces_]() -> Result<PlayerFile> {
     SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
     SPLATVOL_TRY_ASSIGN(surfaces,
-                        read_surfaces(scene.surfaces, {options.read_surface, boundary_reader(volume)}, before));
+                        read_scene_surfaces(scene.surfaces, *volume, options.read_surface, options.memory, before));
     return PlayerFile{steps, step, scene, options, nullptr, std::move(surfaces)};
   };
 }
@@ -228,6 +220,8 @@ Status Player::open_again(std::size_t step) {
   return replace(std::move(file));
 }
 
+std::optional<Error> Player::left_out() const { return left_out_error(surfaces_, steps_.name()); }
+
 bool Player::shows_surfaces() const {
   return !view_.slices.empty() || std::ranges::any_of(surfaces_, &Surface::is_visible);
 }
@@ -283,8 +277,7 @@ std::vector<Surface> Player::surfaces_of_all_steps() const {
 Status Player::read_boundary_of(const format::Volume& volume) {
   const std::vector<Surface> kept = surfaces_of_all_steps();
   if (kept.size() == surfaces_.size()) return {};
-  const auto boundary = [&](const std::string& pattern) { return read_boundary(volume, pattern); };
-  SPLATVOL_TRY_ASSIGN(read, read_surfaces(scene_.surfaces, {options_.read_surface, boundary}, kept));
+  SPLATVOL_TRY_ASSIGN(read, read_scene_surfaces(scene_.surfaces, volume, options_.read_surface, options_.memory, kept));
   surfaces_ = std::move(read);
   surfaces_view_.reset();
   return {};
@@ -434,7 +427,7 @@ Status Player::draw_frame(const FrameRequest& request, const DrawOptions& option
 }
 
 Status Player::draw_within(double seconds, const DrawOptions& options) {
-  if (!(seconds > 0)) return fail(ErrorCode::invalid_argument, "{} seconds are no time to draw in", seconds);
+  SPLATVOL_TRY(check_time(seconds));
   const Call call(*this);
   const auto start = Clock::now();
   pacer_.set_seconds(drawing_share * seconds);
@@ -466,6 +459,7 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows, const Dr
 }
 
 Result<std::vector<std::uint64_t>> Player::draw_at_pace(double seconds, const DrawOptions& options) {
+  SPLATVOL_TRY(check_time(seconds));
   constexpr int most_frames = 8;
   const Call call(*this);
   FramePacer pacer(seconds);

@@ -29,7 +29,7 @@ namespace splatvol {
 class StepAhead;
 
 struct PlayerOptions {
-  std::uint64_t memory = std::uint64_t{512} << 20;    // bytes that the streamer may hold
+  std::uint64_t memory = std::uint64_t{512} << 20;    // bytes that the streamer may hold; patches: a quarter besides
   std::uint64_t gpu_memory = std::uint64_t{1} << 30;  // bytes that OpenGL may take
   Device device = Device::automatic;
   bool in_current_context = false;  // of OpenGL; else the rasterizer makes a context of its own if it needs one
@@ -165,7 +165,8 @@ class Player {
 
   /// Draws the best picture that can be there in `seconds` from now. It has as many splats as the device can draw in
   /// the time. They are of parts that are there or come in time. Learns the device's speed from call to call, so that
-  /// the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time.
+  /// the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time. Fails unless
+  /// `seconds` is finite and above 0.
   [[nodiscard]] Status draw_within(double seconds, const DrawOptions& options = {});
 
   /// Draws picture after picture, each with all of its parts, until one has the wanted error against the exact picture
@@ -173,7 +174,8 @@ class Player {
   /// the fewest splats (ErrorControl::Options).
   [[nodiscard]] Result<ErrorSearch> draw_to_error(double max_error, bool grows = true, const DrawOptions& options = {});
 
-  /// Finds how many splats can be drawn in `seconds`, in a few frames. Returns the splats of each.
+  /// Finds how many splats can be drawn in `seconds`, in a few frames. Returns the splats of each. Fails unless
+  /// `seconds` is finite and above 0.
   [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds, const DrawOptions& options = {});
 
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
@@ -206,6 +208,10 @@ class Player {
 
   /// Whether layers of translucent surfaces were joined in the last picture (draw_surfaces).
   [[nodiscard]] bool has_joined_surfaces() const { return picture_ && surface_layers_.is_joined; }
+
+  /// Returns the error of patches that the pictures lack: the triangles of the boundary that a scene shows may take a
+  /// quarter of PlayerOptions::memory, and the largest patches beyond are left out. None if all are drawn.
+  [[nodiscard]] std::optional<Error> left_out() const;
 
   /// Returns the splats that the device has room for beside the picture; 2^32 - 1 if it knows no limit.
   [[nodiscard]] std::uint64_t device_splats() const;

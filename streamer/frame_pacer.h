@@ -11,7 +11,9 @@ namespace splatvol {
 /// After a change of view, splats may cover more pixels or fewer: the next frame adapts.
 class FramePacer {
  public:
-  explicit FramePacer(double seconds) : seconds_(seconds), splats_(first_rate * seconds) {}
+  /// Requires `seconds` to be finite and above 0, here and in `set_seconds`.
+  explicit FramePacer(double seconds)
+      : seconds_(seconds), splats_(std::clamp(first_rate * seconds, 1.0, most_splats)) {}
 
   /// Changes the time that frames are to take.
   void set_seconds(double seconds) {
@@ -20,7 +22,7 @@ class FramePacer {
   }
 
   /// Returns the number of splats for the next frame.
-  [[nodiscard]] std::uint64_t splats() const { return static_cast<std::uint64_t>(std::max(splats_, 1.0)); }
+  [[nodiscard]] std::uint64_t splats() const { return static_cast<std::uint64_t>(splats_); }
 
   /// Adds the time of a frame that was drawn with `splats`, all of them resident. Ignores times of 0 or less.
   void add(std::uint64_t splats, double seconds) {

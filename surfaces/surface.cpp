@@ -6,11 +6,12 @@
 namespace splatvol {
 namespace {
 
-std::shared_ptr<const TriangleMesh> find_mesh(std::span<const Surface> surfaces, const SceneSurface& style) {
+// Returns a surface with these triangles, or null.
+const Surface* find_read(std::span<const Surface> surfaces, const SceneSurface& style) {
   const auto found = std::ranges::find_if(surfaces, [&](const Surface& one) {
     return one.mesh && one.style.file == style.file && one.style.boundary == style.boundary;
   });
-  return found == surfaces.end() ? nullptr : found->mesh;
+  return found == surfaces.end() ? nullptr : &*found;
 }
 
 Result<TriangleMesh> read(const SceneSurface& style, const SurfaceReaders& readers) {
@@ -27,13 +28,14 @@ Result<std::vector<Surface>> read_surfaces(std::span<const SceneSurface> styles,
                                            std::span<const Surface> before) {
   std::vector<Surface> surfaces;
   for (const SceneSurface& style : styles) {
-    auto mesh = find_mesh(before, style);
-    if (!mesh) mesh = find_mesh(surfaces, style);
-    if (!mesh && style.shown) {
+    const Surface* same = find_read(before, style);
+    if (!same) same = find_read(surfaces, style);
+    Surface surface{style, same ? same->mesh : nullptr, same ? same->left_out : std::vector<std::string>()};
+    if (!same && style.shown) {
       SPLATVOL_TRY_ASSIGN(triangles, read(style, readers));
-      mesh = std::make_shared<const TriangleMesh>(std::move(triangles));
+      surface.mesh = std::make_shared<const TriangleMesh>(std::move(triangles));
     }
-    surfaces.push_back({style, std::move(mesh)});
+    surfaces.push_back(std::move(surface));
   }
   return surfaces;
 }

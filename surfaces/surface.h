@@ -16,6 +16,7 @@ namespace splatvol {
 struct Surface {
   SceneSurface style;
   std::shared_ptr<const TriangleMesh> mesh;
+  std::vector<std::string> left_out = {};  // patches of the boundary that the mesh lacks, as memory has no room
 
   [[nodiscard]] bool is_visible() const { return style.shown && style.opacity > 0 && mesh; }
 };

@@ -1,10 +1,15 @@
 #include "tools/reading.h"
 
+#include <fmt/ranges.h>
+
+#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <memory>
+#include <span>
 
 #include "base/memory_limit.h"
+#include "builder/input_files.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -31,6 +36,12 @@ void add_reading_options(CLI::App& app, ReadingOptions& options) {
       ->check(CLI::Range(1u, 1u << 20))
       ->capture_default_str()
       ->type_name("S");
+  app.add_option("--read-factor", options.factor,
+                 "Multiplies what may be read, 64 times the bytes of the files and 1 GiB, and how long that may take, "
+                 "1 s for each MB of them and 600 s")
+      ->check(CLI::Range(1e-6, 1e6))
+      ->capture_default_str()
+      ->type_name("N");
 }
 
 Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, unsigned threads) {
@@ -42,19 +53,38 @@ Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, un
     of_process.memory = memory;
   }
   of_process.patience = std::chrono::seconds(options.seconds);
+  of_process.factor = options.factor;
   of_process.threads = static_cast<int>(threads);
   return of_process;
 }
 
-ReadSurface surface_reader(const ReaderProcessOptions& options) {
-  return [reader = std::make_shared<ReaderProcess>(options)](const std::string& path) {
-    return reader->read_surface(path);
-  };
+std::string describe_left_out(const std::vector<std::string>& inputs) {
+  constexpr std::size_t most_named = 8;
+  const std::vector<std::string> files = files_left_out(inputs);
+  if (files.empty()) return {};
+  const std::span<const std::string> named = std::span(files).first(std::min(files.size(), most_named));
+  const std::string more =
+      files.size() > most_named ? fmt::format(" and {} more", files.size() - most_named) : std::string();
+  return one_line(
+      fmt::format("{}{}: left out of the folder, though their contents look like data: give them by name, "
+                  "or move them",
+                  fmt::join(named, ", "), more));
 }
 
-Result<ReadSurface> usual_surface_reader() {
-  SPLATVOL_TRY_ASSIGN(options, reader_options_of({}, 0));
-  return surface_reader(options);
+void warn_of_left_out(const std::vector<std::string>& inputs) {
+  if (const std::string words = describe_left_out(inputs); !words.empty()) fmt::print(stderr, "warning: {}\n", words);
+}
+
+ReadSurface surface_reader(const ReaderProcessOptions& options) {
+  return [reader = std::make_shared<ReaderProcess>(options)](const std::string& path) {
+    auto mesh = reader->read_surface(path);
+    if (mesh && mesh->open_end)
+      fmt::print(
+          stderr,
+          "warning: {}: no line end follows its last number: it may be cut off; if it is whole, add a line end\n",
+          one_line(path));
+    return mesh;
+  };
 }
 
 }  // namespace splatvol

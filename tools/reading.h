@@ -12,6 +12,7 @@ namespace splatvol {
 struct ReadingOptions {
   std::string memory;  // empty: three quarters of what this process may have
   unsigned seconds = 300;
+  double factor = 1;
 };
 
 void add_reading_options(CLI::App& app, ReadingOptions& options);
@@ -20,10 +21,15 @@ void add_reading_options(CLI::App& app, ReadingOptions& options);
 /// installed.
 [[nodiscard]] Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, unsigned threads);
 
-/// Returns a reader of files of surfaces, which reads them in a process of its own. That process ends with the reader.
-[[nodiscard]] ReadSurface surface_reader(const ReaderProcessOptions& options);
+/// Names the files in folders that hold data but are left out (builder/input_files.h), in a line; empty if there are
+/// none.
+[[nodiscard]] std::string describe_left_out(const std::vector<std::string>& inputs);
 
-/// The same with the usual limits.
-[[nodiscard]] Result<ReadSurface> usual_surface_reader();
+/// Prints a warning with describe_left_out(), if there are such files.
+void warn_of_left_out(const std::vector<std::string>& inputs);
+
+/// Returns a reader of files of surfaces, which reads them in a process of its own. That process ends with the reader.
+/// Prints a warning if a file may be cut off.
+[[nodiscard]] ReadSurface surface_reader(const ReaderProcessOptions& options);
 
 }  // namespace splatvol

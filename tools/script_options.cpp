@@ -22,6 +22,11 @@ void add_option(CLI::App& app, const std::string& line, std::string& value) {
   const std::size_t end = line.find("  ", 2), description = line.find_first_not_of(' ', end);
   const std::string names = line.substr(2, end - 2);
   const std::size_t space = names.find(' ');
+  if (names.starts_with('-') && space == std::string::npos) {
+    const std::string what = line.substr(description);
+    app.add_flag(names, what);
+    return;
+  }
   auto* option = app.add_option(names.substr(0, space), value, line.substr(description));
   option->type_name(space == std::string::npos ? names : names.substr(space + 1));
   option->required(!names.starts_with('-'));

@@ -108,6 +108,7 @@ struct InputNotes {
   std::optional<TimeStep> step;          // that was taken of several
   std::vector<double> times;             // of a series
   std::vector<std::string> conversions;  // Source::conversions()
+  std::vector<std::string> warnings;     // SeriesReport::warnings
   JointWork work = {};                   // of several processes
   StageTimes stages = {};                // of a single step
 };
@@ -123,7 +124,8 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
                                      {"seconds", seconds},
                                      {"census", census}};
   if (notes.memory < report.least_memory) document["memory_held_beyond_limit"] = report.least_memory;
-  if (!report.warnings.empty()) document["warnings"] = warning_lines(report);
+  for (const auto& lines : {warning_lines(report), notes.warnings})
+    for (const std::string& warning : lines) document["warnings"].push_back(warning);
   if (!notes.conversions.empty()) document["conversions"] = notes.conversions;
   for (const auto& [name, same] : report.aliases) document["aliases"].push_back({{"name", name}, {"same_as", same}});
   if (notes.step)
@@ -169,7 +171,8 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
   for (const auto& [name, same] : report.aliases)
     print_out("  {} is the same as {}: stored once, found by both names\n", name, same);
   for (const CensusLine& line : census_lines(report)) print_out("  {:>12} {}\n", line.count, line.words);
-  for (const std::string& warning : warning_lines(report)) print_out("  warning: {}\n", warning);
+  for (const auto& lines : {warning_lines(report), notes.warnings})
+    for (const std::string& warning : lines) print_out("  warning: {}\n", warning);
   if (notes.work.ranks > 1)
     print_out("  {:>12} processes, {} of which reduced points; {} bytes sent for {} bytes of records\n",
               notes.work.ranks, notes.work.ranges, notes.work.sent_bytes, notes.work.record_bytes);
@@ -218,30 +221,43 @@ bool is_series(const Options& options) {
   return options.series || options.series_of_files || options.append || !options.times.empty();
 }
 
-// The attributes to read: when steps are appended, those of the file.
-Result<std::vector<std::string>> selection_of(const Options& options) {
-  if (!options.append || !options.attributes.empty()) return options.attributes;
+// The attributes of the series that steps are appended to; none without such a series.
+Result<std::vector<std::string>> series_attributes(const Options& options) {
+  if (!options.append) return std::vector<std::string>();
   SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(options.output, open_file));
   return steps.times().empty() ? std::vector<std::string>() : steps.attributes();
 }
 
-SourceOptions source_options_of(const Options& options, const std::vector<std::string>& selection) {
-  return {selection,       options.columns,
-          options.time,    cell_values_of(options.cells),
-          options.missing, options.boundary || options.boundary_triangles > 0};
+SourceOptions source_options_of(const Options& options) {
+  return {options.attributes,
+          options.columns,
+          options.time,
+          cell_values_of(options.cells),
+          options.missing,
+          options.boundary || options.boundary_triangles > 0,
+          false};
 }
 
-Result<std::vector<SeriesStep>> steps_of(const Options& options, const OpenSource& open) {
-  SPLATVOL_TRY_ASSIGN(selection, selection_of(options));
-  const SourceOptions source_options = source_options_of(options, selection);
-  if (options.times.empty()) return steps_of_files(options.inputs, source_options, open);
+InputReader input_reader(ReaderProcess& reader) {
+  return {[&](const std::vector<std::string>& inputs, const SourceOptions& options) {
+            return open_safely(reader, inputs, options);
+          },
+          [&](const std::vector<std::string>& inputs, const SourceOptions& options) {
+            return list_safely(reader, inputs, options);
+          }};
+}
+
+Result<std::vector<SeriesStep>> steps_of(const Options& options, const InputReader& reader) {
+  SPLATVOL_TRY_ASSIGN(series, series_attributes(options));
+  const SourceOptions source_options = source_options_of(options);
+  if (options.times.empty()) return steps_of_files(options.inputs, source_options, reader, series);
   SPLATVOL_TRY_ASSIGN(range, parse_times(options.times));
-  return steps_of_input(options.inputs, source_options, range, open);
+  return steps_of_input(options.inputs, source_options, range, reader, series);
 }
 
-Result<BuildReport> build_steps(const Options& options, const BuildOptions& build_options, const OpenSource& open,
+Result<BuildReport> build_steps(const Options& options, const BuildOptions& build_options, const InputReader& reader,
                                 InputNotes& notes) {
-  SPLATVOL_TRY_ASSIGN(steps, steps_of(options, open));
+  SPLATVOL_TRY_ASSIGN(steps, steps_of(options, reader));
   StageBar bar(0);
   const BuildProgress progress = [&](const char* stage, double fraction) { bar.update(stage, fraction); };
   const auto report = options.series_of_files
@@ -252,6 +268,7 @@ Result<BuildReport> build_steps(const Options& options, const BuildOptions& buil
   if (!report) return tl::unexpected(report.error());
   notes.times = report->times;
   notes.conversions = report->conversions;
+  notes.warnings = report->warnings;
   return report->build;
 }
 
@@ -260,7 +277,7 @@ Result<BuildReport> build_one(const Options& options, const BuildOptions& build_
   std::unique_ptr<Source> source;
   std::optional<StageBar> bar;
   const auto open_input = [&]() -> Result<std::unique_ptr<Source>> {
-    SPLATVOL_TRY_ASSIGN(opened, open(options.inputs, source_options_of(options, options.attributes)));
+    SPLATVOL_TRY_ASSIGN(opened, open(options.inputs, source_options_of(options)));
     bar.emplace(opened->point_count().value_or(0));
     return opened;
   };
@@ -290,18 +307,16 @@ struct Estimate {
 Result<std::pair<InputSize, std::size_t>> measure(const Options& options, const BuildOptions& build_options) {
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
   ReaderProcess reader(reader_options);
-  const OpenSource open = [&](const std::vector<std::string>& inputs, const SourceOptions& source_options) {
-    return open_safely(reader, inputs, source_options);
-  };
+  const InputReader inputs = input_reader(reader);
   std::unique_ptr<Source> source;
   std::size_t steps = 1;
   if (is_series(options)) {
-    SPLATVOL_TRY_ASSIGN(all, steps_of(options, open));
+    SPLATVOL_TRY_ASSIGN(all, steps_of(options, inputs));
     SPLATVOL_TRY_ASSIGN(last, all.back().open());
     source = std::move(last);
     steps = all.size();
   } else {
-    SPLATVOL_TRY_ASSIGN(only, open(options.inputs, source_options_of(options, options.attributes)));
+    SPLATVOL_TRY_ASSIGN(only, inputs.open(options.inputs, source_options_of(options)));
     source = std::move(only);
   }
   const bool use_cells =
@@ -442,11 +457,11 @@ Status build(const Options& options) {
   notes.memory = build_options.memory;
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
   ReaderProcess reader(reader_options);
-  const OpenSource open = [&](const std::vector<std::string>& inputs, const SourceOptions& source_options) {
-    return open_safely(reader, inputs, source_options);
-  };
-  const auto report = is_series(options) ? build_steps(options, build_options, open, notes)
-                                         : build_one(options, build_options, open, notes);
+  const std::string left_out = describe_left_out(options.inputs);
+  if (options.strict && !left_out.empty()) return fail(ErrorCode::invalid_data, "{}", left_out);
+  const InputReader inputs = input_reader(reader);
+  auto report = is_series(options) ? build_steps(options, build_options, inputs, notes)
+                                   : build_one(options, build_options, inputs.open, notes);
   if (!report) {
     // Errors of the output name the output; errors of the data still need the input's name.
     const bool named = report.error().message.starts_with(one_line(options.output)) ||
@@ -455,6 +470,7 @@ Status build(const Options& options) {
                                        : Status(fail_in(options.inputs[0], report.error()));
   }
   if (!notes.work.tells) return {};
+  if (!left_out.empty()) report->warnings.push_back({"", left_out});
   const double seconds = seconds_now() - start;
   options.json ? print_json(options, notes, *report, seconds) : print_text(options, notes, *report, seconds);
   return {};
@@ -510,7 +526,8 @@ void add_format_options(CLI::App& app, Options& options) {
                  "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS, .pvd, ...): take the step nearest to "
                  "this time "
                  "(default: the last)")
-      ->type_name("T");
+      ->type_name("T")
+      ->check(check_finite);
   app.add_flag("--gradients", options.gradients,
                "Keep the direction of each attribute's gradient at the points, about 3 bytes each: svrender --kernel "
                "octant needs it for scenes with lighting");
@@ -559,14 +576,18 @@ void add_series_options(CLI::App& app, Options& options) {
                       return range ? "" : range.error().message;
                     });
   app.add_flag("--series", options.series,
-               "Build a time series: each input is a step, with the time that it states, or 0, 1, 2, ...")
+               "Build a time series: each input is a step, with the time that it states, or 0, 1, 2, ... Each step "
+               "has the attributes of all; where it lacks one, the values are missing")
       ->excludes(app.get_option("--time"))
       ->excludes(times);
   app.add_flag("--series-of-files", options.series_of_files,
                "Build a file for each step and an index of them, OUT.svols: for meshes that change from step to step")
       ->excludes(app.get_option("--time"));
   app.add_flag("--append", options.append,
-               "Append steps to the time series OUT.svol, which stays as it was if this fails or is interrupted")
+               "Append steps to the time series OUT.svol or OUT.svols, which stays as it was if this fails or is "
+               "interrupted. If only the disk's confirmation fails, the steps are there, and a line says so. They get "
+               "the attributes of the series; a step that has others needs --attribute. Several programs may append to "
+               "one OUT.svols at once; OUT.svol takes one at a time")
       ->excludes(app.get_option("--time"));
 }
 

@@ -83,7 +83,7 @@ Demo make_demo(std::size_t points) {
   return demo;
 }
 
-Status write_mesh(const std::string& path, const Demo& demo) {
+Status write_mesh(const std::string& path, const Demo& demo, Replace replace) {
   PointArray velocity{"velocity", 3, {}};
   PointArray vorticity{"vorticity", 1, {}};
   PointArray pressure{"pressure", 1, {}};
@@ -97,7 +97,7 @@ Status write_mesh(const std::string& path, const Demo& demo) {
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;
   for (std::size_t i = 0; i < demo.mesh.size(); ++i) tetrahedra.push_back(demo.mesh.tetrahedron(i));
   const std::array arrays = {std::move(vorticity), std::move(velocity), std::move(pressure), std::move(temperature)};
-  return write_vtu(path, demo.mesh.points(), tetrahedra, arrays);
+  return write_vtu(path, demo.mesh.points(), tetrahedra, arrays, {.is_export = true, .replace = replace});
 }
 
 Status write_scene(const std::string& path) {
@@ -132,6 +132,7 @@ int main(int argc, char** argv) {
   std::string mesh_path;
   std::string scene_path;
   std::size_t points = 100000;
+  splatvol::Replace replace = splatvol::Replace::exports;
   auto* mesh_option = app.add_option("-o,--output", mesh_path, "The mesh to write (.vtu)")
                           ->type_name("OUT.vtu")
                           ->check([](const std::string& path) {
@@ -143,12 +144,13 @@ int main(int argc, char** argv) {
   auto* scene_option = app.add_option("--scene", scene_path, "The scene file to write (.json)")
                            ->type_name("OUT.json")
                            ->check(splatvol::check_json_path);
+  splatvol::add_force_option(app, replace);
   app.callback([&] {
     if (!*mesh_option && !*scene_option) throw CLI::RequiredError("-o or --scene");
   });
   return splatvol::run_tool(app, argc, argv, [&]() -> splatvol::Status {
-    SPLATVOL_TRY(splatvol::check_outputs({mesh_path, scene_path}, {}));
-    if (*mesh_option) SPLATVOL_TRY(splatvol::write_mesh(mesh_path, splatvol::make_demo(points)));
+    SPLATVOL_TRY(splatvol::check_outputs({mesh_path, scene_path}, {}, replace));
+    if (*mesh_option) SPLATVOL_TRY(splatvol::write_mesh(mesh_path, splatvol::make_demo(points), replace));
     if (*scene_option) SPLATVOL_TRY(splatvol::write_scene(scene_path));
     return {};
   });

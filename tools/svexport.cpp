@@ -22,6 +22,7 @@ struct Options {
   std::vector<double> box;
   double voxel = 0;
   std::string memory;
+  Replace replace = Replace::exports;
   bool json = false;
 
   [[nodiscard]] bool is_vdb() const { return output.ends_with(".vdb"); }
@@ -47,25 +48,25 @@ Result<json> export_voxels(const format::Volume& volume, const format::SplatSele
     memory = granted;
   }
   ProgressBar bar("exporting");
-  SPLATVOL_TRY_ASSIGN(report, export_vdb(volume, options.output, selection, options.voxel, memory,
-                                         [&](double fraction) { bar.update(fraction); }));
+  const auto progress = [&](double fraction) { bar.update(fraction); };
+  SPLATVOL_TRY_ASSIGN(report,
+                      export_vdb(volume, options.output, selection, options.voxel, memory, progress, options.replace));
   return json{{"output", options.output},        {"splats", report.splats},         {"voxels", report.voxels},
-              {"splat_mass", report.splat_mass}, {"voxel_mass", report.voxel_mass}, {"file_bytes", report.file_bytes}};
+              {"splat_mass", report.splat_mass}, {"voxel_mass", report.voxel_mass}, {"file_bytes", report.file_bytes},
+              {"renamed", report.renamed}};
 }
 
 Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
   ProgressBar bar("exporting");
-  SPLATVOL_TRY_ASSIGN(report,
-                      export_vtu(volume, options.output, selection, [&](double fraction) { bar.update(fraction); }));
+  const auto progress = [&](double fraction) { bar.update(fraction); };
+  SPLATVOL_TRY_ASSIGN(report, export_vtu(volume, options.output, selection, progress, options.replace));
   json errors = json::object();
   for (std::size_t i = 0; i < selection.attributes.size(); ++i)
     errors[selection.names[i]] = volume.info().attributes[selection.attributes[i]].error;
-  return json{{"output", options.output},
-              {"points", report.points},
-              {"mass", report.mass},
-              {"file_bytes", report.file_bytes},
-              {"position_error", volume.info().position_error},
+  return json{{"output", options.output},  {"points", report.points},
+              {"mass", report.mass},       {"file_bytes", report.file_bytes},
+              {"renamed", report.renamed}, {"position_error", volume.info().position_error},
               {"value_errors", errors}};
 }
 
@@ -92,12 +93,14 @@ void print_text(const json& report) {
     print_out("{}: {} points, mass {:.9g}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
               report["points"].get<std::uint64_t>(), report["mass"].get<double>(),
               report["file_bytes"].get<std::uint64_t>(), report["seconds"].get<double>());
+  for (const auto& [usual, name] : report["renamed"].items())
+    print_out("  \"{}\" is an attribute: what svexport calls so is \"{}\"\n", usual, name.get<std::string>());
   if (report.contains("value_errors")) print_errors(report);
 }
 
 Status run_export(const Options& options) {
   const double start = seconds_now();
-  SPLATVOL_TRY(check_outputs({options.output}, {options.file}));
+  SPLATVOL_TRY(check_outputs({options.output}, {options.file}, options.replace));
   SPLATVOL_TRY_ASSIGN(volume, open_step(options.file, options.step));
   Box box = format::SplatSelection().box;
   if (!options.box.empty())
@@ -124,8 +127,10 @@ void add_file_options(CLI::App& app, Options& options) {
          "The file to write. .vdb: a grid of each attribute, and one of the share of each voxel that is material. "
          ".vtu: points with their values, and the mass, centroid and covariance of their material; for each "
          "attribute A, \"A mean\", \"A deviation\", \"A covariance\" and \"A gradient\" of its moments, and "
-         "the gradient direction that svbuild --gradients stores for the point, \"A gradient direction\". Positions "
-         "and values are those of the input up to the errors that the result states; svbuild --exact leaves none")
+         "the gradient direction that svbuild --gradients stores for the point, \"A gradient direction\". An "
+         "attribute keeps its name: what svexport calls so becomes \"NAME (splat)\". Positions and values are those of "
+         "the input up to the errors that the result states; svbuild --exact leaves none. Replaces its own exports, "
+         "other files with --force only")
       ->required()
       ->type_name("OUT.vdb|OUT.vtu")
       ->check(check_not_empty);
@@ -155,6 +160,7 @@ void add_selection_options(CLI::App& app, Options& options) {
                  "Bytes that the voxels may take, such as 2G (default: a quarter of the machine's or container's)")
       ->type_name("SIZE")
       ->check(check_bytes);
+  add_force_option(app, options.replace);
   app.add_flag("--json", options.json, "Print the result as JSON");
 }
 

@@ -2,12 +2,16 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
 #include <filesystem>
 #include <functional>
 #include <random>
 #include <span>
 #include <utility>
 
+#include "base/descriptor.h"
 #include "base/file.h"
 #include "base/temporary_names.h"
 #include "builder/open_own.h"
@@ -34,6 +38,7 @@ struct Options {
   std::string distribution = "uniform";
   std::uint64_t seed = 1;
   bool float32 = false;
+  Replace replace = Replace::exports;
   ReadingOptions reading;
 };
 
@@ -77,8 +82,8 @@ Status write_points(const Options& options) {
   recipe.distribution = static_cast<Distribution>(std::ranges::find(distribution_names(), options.distribution) -
                                                   distribution_names().begin());
 
-  SPLATVOL_TRY(check_outputs({options.output}, {}));
-  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.output));
+  SPLATVOL_TRY(check_outputs({options.output}, {}, options.replace));
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.output, AtomicFile::Unnamed::if_possible, options.replace));
   const std::string header = npy_header(count, options.float32);
   SPLATVOL_TRY(file.append(std::as_bytes(std::span(header))));
   const auto source = generate_points(recipe);
@@ -117,9 +122,8 @@ class AtomicFolder {
   [[nodiscard]] std::string file(const std::string& name) const { return (temporary_ / name).string(); }
 
   Status commit() {
-    std::error_code error;
-    fs::rename(temporary_, target_, error);
-    if (error) return fail(ErrorCode::io, "{}: {}", target_.string(), error.message());
+    if (uninterrupted([&] { return ::rename(temporary_.c_str(), target_.c_str()); }) != 0)
+      return fail(ErrorCode::io, "{}: {}", target_.string(), std::strerror(errno));
     forget_temporary(temporary_);
     temporary_.clear();
     return {};
@@ -171,6 +175,7 @@ Status write_mesh(const Options& options) {
 
 Status write_refined(const Options& options) {
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
+  warn_of_left_out(options.meshes);
   ReaderProcess reader(reader_options);
   SPLATVOL_TRY_ASSIGN(source, open_safely(reader, options.meshes, {options.attributes, {}}));
   for (const std::string& name : source->attributes())
@@ -217,6 +222,7 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   points->add_option("--seed", options.seed, "Another seed gives other points")->capture_default_str();
   points->add_flag("--float32,!--float64", options.float32, "Numbers of 4 bytes, or of 8 (default)");
+  add_force_option(*points, options.replace);
 
   auto* mesh = app.add_subcommand("mesh", "A graded mesh of tetrahedra in pieces, with a .pvtu that names them");
   mesh->add_option("-o,--output", options.output, "The folder to write")

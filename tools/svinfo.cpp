@@ -329,20 +329,9 @@ Status write_scene(const Volume& volume, const Options& options) {
   return write_text_file(options.scene, scene_to_json(scene));
 }
 
-// Checks the file; of an index, the files of all steps.
-Status verify(const format::Steps& steps, const Volume& shown) {
+Status verify(const format::Steps& steps) {
   ProgressBar bar("verifying");
-  const std::size_t threads = std::thread::hardware_concurrency();
-  const std::size_t files = shown.series() ? 1 : std::max<std::size_t>(1, steps.times().size());
-  for (std::size_t file = 0; file < files; ++file) {
-    const auto update = [&](double fraction) {
-      bar.update((static_cast<double>(file) + fraction) / static_cast<double>(files));
-    };
-    if (files == 1) return shown.verify(update, threads);
-    SPLATVOL_TRY_ASSIGN(volume, steps.volume(file));
-    SPLATVOL_TRY(volume->verify(update, threads));
-  }
-  return {};
+  return steps.verify([&](double share) { bar.update(share); }, std::thread::hardware_concurrency());
 }
 
 Status show(const Options& options) {
@@ -351,7 +340,7 @@ Status show(const Options& options) {
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   Survey survey;
   if (options.verify) {
-    SPLATVOL_TRY(verify(steps, *volume));
+    SPLATVOL_TRY(verify(steps));
     survey.verified = true;
   }
   if (!options.scene.empty()) return write_scene(*volume, options);
@@ -381,7 +370,7 @@ int main(int argc, char** argv) {
       ->type_name("FILE.svol|URL");
   splatvol::add_step_options(app, options.step);
   app.add_flag("--json", options.json, "Print JSON, with histograms");
-  app.add_flag("--verify", options.verify, "Read and check every byte first");
+  app.add_flag("--verify", options.verify, "Read and check every byte first; of an index, of the files of all steps");
   auto* scene = app.add_option("--scene", options.scene, "Write a scene that shows the data, and print nothing")
                     ->check(splatvol::check_json_path)
                     ->type_name("OUT.json");

@@ -89,6 +89,8 @@ Status render(RenderOptions options) {
   SPLATVOL_TRY_ASSIGN(image, player.image());
   timings.first_image = seconds_now() - start;
   SPLATVOL_TRY(warn_if_empty(options, player, image));
+  if (const auto left_out = player.left_out())
+    fmt::print(stderr, "svrender: {}: --memory grants more\n", left_out->message);
   if (player.has_joined_surfaces())
     fmt::print(stderr,
                "svrender: more than {} translucent surfaces lie one behind the other; the volume between those behind "

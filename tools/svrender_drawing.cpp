@@ -171,8 +171,8 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   setup.gpu_memory = gpu_memory;
   SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
   setup.device = device == Device::automatic && options.raster == "slabs" ? Device::cpu : device;
-  SPLATVOL_TRY_ASSIGN(read_surface, usual_surface_reader());
-  setup.read_surface = std::move(read_surface);
+  SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
+  setup.read_surface = surface_reader(reader_options);
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));
   if (!options.steps.empty() && steps.times().empty())
     return fail(ErrorCode::invalid_argument, "{}: no time series, so it has no steps", steps.name());

@@ -1,5 +1,6 @@
 #include "tools/svrender_options.h"
 
+#include <cmath>
 #include <cstdlib>
 
 #include "player/movie.h"
@@ -13,7 +14,8 @@ namespace splatvol {
 namespace {
 
 std::string check_not_negative(const std::string& text) {
-  return std::strtod(text.c_str(), nullptr) >= 0 ? "" : "'" + text + "' is not a number from 0 up";
+  const double number = std::strtod(text.c_str(), nullptr);
+  return number >= 0 && std::isfinite(number) ? "" : "'" + text + "' is not a number from 0 up";
 }
 
 std::string check_sampling(const std::string& text) {
@@ -121,7 +123,8 @@ void add_drawing_options(CLI::App& app, RenderOptions& options) {
 void add_budget_options(CLI::App& app, RenderOptions& options) {
   add_device_option(app, options.device);
   app.add_option("--memory", options.memory,
-                 "Bytes that the streamer may hold, such as 512M; a picture that would need more is drawn coarser")
+                 "Bytes that the streamer may hold, such as 512M; a picture that would need more is drawn coarser. "
+                 "Patches of the boundary may take a quarter as much besides: the largest are left out, and named")
       ->type_name("SIZE")
       ->check(check_bytes)
       ->capture_default_str();
@@ -130,6 +133,7 @@ void add_budget_options(CLI::App& app, RenderOptions& options) {
       ->type_name("SIZE")
       ->check(check_bytes)
       ->capture_default_str();
+  add_reading_options(app, options.reading);
 }
 
 // Refuses frames that nobody gets, and a movie without frames.
@@ -193,6 +197,7 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
                     ->check(check_movie_path);
   app.add_option("--fps", options.frames_per_second, "Frames for each second of the movie")
       ->check(CLI::Range(0.1, 1000.0))
+      ->check(check_finite)
       ->needs(movie)
       ->capture_default_str();
   app.callback([&app, &options] {

@@ -9,6 +9,7 @@
 
 #include "streamer/streamer.h"
 #include "tools/plane_options.h"
+#include "tools/reading.h"
 #include "tools/steps.h"
 #include "tools/tool.h"
 
@@ -40,6 +41,7 @@ struct RenderOptions {
   std::string memory = default_memory(512);
   std::string gpu_memory = "1G";
   std::string device = "auto";
+  ReadingOptions reading;  // of surfaces
   std::string sort = "exact";
   std::string raster = "auto";
   std::optional<std::string> kernel;

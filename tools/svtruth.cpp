@@ -86,6 +86,7 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene
     opacity = scene.opacity->attribute == scene.attribute ? 0 : 1;
     if (*opacity == 1) source_options.selection.push_back(scene.opacity->attribute);
   }
+  warn_of_left_out(paths);
   ReaderProcess reader(reader_options);
   SPLATVOL_TRY_ASSIGN(source, open_safely(reader, paths, source_options));
   ProgressBar bar("read");

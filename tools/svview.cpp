@@ -28,6 +28,7 @@ struct Options {
   std::string memory = default_memory(512);
   std::string gpu_memory = "1G";
   std::string device = "auto";
+  ReadingOptions reading;  // of surfaces
   std::optional<std::size_t> step;
   std::optional<std::string> kernel;
   std::optional<double> max_error, tolerance;
@@ -57,8 +58,8 @@ Result<ViewerOptions> viewer_options(const Options& options) {
                .max_error = options.max_error,
                .tolerance = options.tolerance,
                .kernel = options.kernel.value_or("")};
-  SPLATVOL_TRY_ASSIGN(read_surface, usual_surface_reader());
-  setup.settings.read_surface = std::move(read_surface);
+  SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
+  setup.settings.read_surface = surface_reader(reader_options);
   return setup;
 }
 
@@ -79,7 +80,6 @@ Status look(const Options& options) {
   SPLATVOL_TRY_ASSIGN(size, window_size(options));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
   setup.recent_files = usual_recent_files_path();
-  if (!options.record.empty()) SPLATVOL_TRY(check_recording(options.record));
   SPLATVOL_TRY_ASSIGN(window, Window::open(size.width, size.height, "svview"));
   setup.clipboard = window->clipboard();
   setup.window = window->size();
@@ -215,6 +215,11 @@ Status failure_of(const std::vector<std::string>& unreadable) {
               unreadable.front());
 }
 
+void tell_left_out(const Session& session) {
+  if (const auto left_out = session.left_out())
+    fmt::print(stderr, "svview: {}: --memory grants more\n", left_out->message);
+}
+
 // Draws a recording and writes the statistics and the last picture.
 Status replay(const Options& options) {
   const double start = seconds_now();
@@ -238,7 +243,9 @@ Status replay(const Options& options) {
     SPLATVOL_TRY_ASSIGN(image, read_framebuffer(std::max(1, size.pixel_width), std::max(1, size.pixel_height)));
     SPLATVOL_TRY(write_image(options.screenshot, image, dvec3(0), {{"software", "svview " SPLATVOL_VERSION}}));
   }
-  return viewer->session() ? failure_of(viewer->session()->troubles()) : Status{};
+  if (!viewer->session()) return {};
+  tell_left_out(*viewer->session());
+  return failure_of(viewer->session()->troubles());
 }
 
 // Writes the frames of a camera path, each with its finest picture.
@@ -262,11 +269,13 @@ Status play(const Options& options) {
                              {{"software", "svview " SPLATVOL_VERSION}, {"file", session->path()}}));
     bar.update((i + 1.0) / count);
   }
+  tell_left_out(*session);
   return failure_of(session->troubles());
 }
 
 Status run(Options options) {
   if (options.scene.empty() && options.volume.ends_with(".json")) options.scene = std::exchange(options.volume, "");
+  if (!options.record.empty()) SPLATVOL_TRY(check_recording(options.record));
   SPLATVOL_TRY(check_outputs({options.record, options.screenshot, options.stats},
                              {options.volume, options.scene.starts_with('{') ? "" : options.scene, options.replay}));
   if (!options.play.empty()) return play(options);
@@ -289,9 +298,12 @@ void add_view_options(CLI::App& app, Options& options) {
       ->capture_default_str()
       ->check(check_image_size);
   for (const auto& [name, value, what] :
-       {std::tuple{"--memory", &options.memory, "Memory for the parts of the file that are read"},
+       {std::tuple{"--memory", &options.memory,
+                   "Memory for the parts of the file that are read; patches of "
+                   "the boundary may take a quarter as much besides"},
         std::tuple{"--gpu-memory", &options.gpu_memory, "Memory of the graphics card for splats and picture"}})
     app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check(check_bytes);
+  add_reading_options(app, options.reading);
   auto* max_error =
       app.add_option("--max-error", options.max_error,
                      "Error of the picture at rest (root mean square of linear RGB): finer and finer pictures up to "
@@ -303,6 +315,7 @@ void add_view_options(CLI::App& app, Options& options) {
                  "Percent of the picture that a splat may cover, at rest, instead of an error; 0: all points")
       ->type_name("PERCENT")
       ->check(CLI::Range(0.0, 100.0))
+      ->check(check_finite)
       ->excludes(max_error);
   add_device_option(app, options.device);
   app.add_option("--kernel", options.kernel, "Shape of a splat, as in svrender")
@@ -331,6 +344,7 @@ void add_recording_options(CLI::App& app, Options& options) {
   path->needs(app.add_option("--frames", options.frames, "Folder for these frames")->type_name("DIR")->needs(path));
   app.add_option("--fps", options.fps, "Frames for each second of the path")
       ->check(CLI::Range(0.01, 1000.0))
+      ->check(check_finite)
       ->capture_default_str();
   record->excludes(replayed)->excludes(screenshot)->excludes(path);
 }

@@ -19,7 +19,6 @@
 #include <string_view>
 
 #include "base/memory_limit.h"
-#include "base/replaceable.h"
 #include "tools/ending.h"
 #include "tools/limits.h"
 #include "tools/program_options.h"
@@ -111,7 +110,7 @@ int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>
   }
 }
 
-Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs) {
+Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs, Replace replace) {
   for (std::size_t i = 0; i < outputs.size(); ++i) {
     if (outputs[i].empty() || outputs[i] == "-") continue;
     std::error_code error;
@@ -120,9 +119,15 @@ Status check_outputs(const std::vector<std::string>& outputs, const std::vector<
         return fail(ErrorCode::invalid_argument, "{}: is the input, and would be overwritten", outputs[i]);
     if (std::ranges::count(outputs, outputs[i]) > 1)
       return fail(ErrorCode::invalid_argument, "{}: is two outputs", outputs[i]);
-    SPLATVOL_TRY(check_replaceable(outputs[i]));
+    SPLATVOL_TRY(check_replaceable(outputs[i], replace));
   }
   return {};
+}
+
+void add_force_option(CLI::App& app, Replace& replace) {
+  app.add_flag_callback(
+      "--force", [&replace] { replace = Replace::any; },
+      "Replace the output even if it is a file that splatvol did not export, and may be an input of yours");
 }
 
 double seconds_now() {
@@ -196,7 +201,8 @@ std::string check_bytes(const std::string& text) { return reason(parse_bytes(tex
 std::string check_image_size(const std::string& text) { return reason(parse_image_size(text)); }
 
 std::string check_positive(const std::string& text) {
-  return std::strtod(text.c_str(), nullptr) > 0 ? "" : "'" + text + "' is not a number above 0";
+  const double number = std::strtod(text.c_str(), nullptr);
+  return number > 0 && std::isfinite(number) ? "" : "'" + text + "' is not a number above 0";
 }
 
 std::string check_finite(const std::string& text) {

@@ -12,6 +12,7 @@
 
 #include "base/error.h"
 #include "base/printable.h"
+#include "base/replaceable.h"
 
 namespace splatvol {
 
@@ -28,8 +29,12 @@ void print_out(fmt::format_string<Args...> format, Args&&... args) {
 }
 
 /// Fails if an output is the same file as an input, even by another name, or if two outputs have the same name. Fails
-/// also if writing would replace a file of another kind (base/replaceable.h). Empty names and "-" are no files.
-[[nodiscard]] Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs);
+/// also if writing would replace a file that it may not (base/replaceable.h). Empty names and "-" are no files.
+[[nodiscard]] Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs,
+                                   Replace replace = Replace::exports);
+
+/// Adds --force, for a program that writes files of a kind that is also an input. It sets `replace` to Replace::any.
+void add_force_option(CLI::App& app, Replace& replace);
 
 /// Shows a bar and the time left on stderr. Prints nothing unless stderr is a terminal.
 class ProgressBar {
@@ -67,7 +72,7 @@ class ProgressBar {
 [[nodiscard]] std::string check_json_path(const std::string& text);   // "-" is taken too
 [[nodiscard]] std::string check_bytes(const std::string& text);       // parse_bytes takes it
 [[nodiscard]] std::string check_image_size(const std::string& text);  // parse_image_size takes it
-[[nodiscard]] std::string check_positive(const std::string& text);
+[[nodiscard]] std::string check_positive(const std::string& text);    // and finite
 [[nodiscard]] std::string check_finite(
     const std::string& text);  // neither infinite nor NaN; CLI11 itself refuses words
 

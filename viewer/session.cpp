@@ -553,7 +553,11 @@ bool Session::is_drawn_by_processor() const {
 bool Session::can_draw_aside() const { return settings.hurries && is_drawn_by_processor(); }
 
 Status Session::draw_aside(const FrameRequest& request, const DrawOptions& options) {
-  before_ = {{}, player_->streamer().drawn_nodes(), player_->streamer().statistics(), player_->is_reading_ahead()};
+  before_ = {{},
+             player_->streamer().drawn_nodes(),
+             player_->streamer().statistics(),
+             player_->is_reading_ahead(),
+             player_->left_out()};
   if (const FrameSplats* frame = player_->frame()) before_.frame = without_list(*frame);
   undrawn_seconds_ = 0;
   stop_ = std::stop_source();

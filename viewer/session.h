@@ -236,6 +236,9 @@ class Session {
   /// Returns the errors of parts that could not be read, the newest last.
   [[nodiscard]] const std::vector<std::string>& troubles() const { return troubles_; }
 
+  /// As Player::left_out.
+  [[nodiscard]] std::optional<Error> left_out() const { return is_drawing() ? before_.left_out : player_->left_out(); }
+
   Scene scene;  // the scene to draw; width and height are those of the last draw
   ViewSettings settings;
 
@@ -336,6 +339,7 @@ class Session {
     std::vector<DrawnNode> nodes;
     StreamerStatistics statistics;
     bool is_reading_ahead = false;
+    std::optional<Error> left_out;
   };
   Before before_;
 };

@@ -54,6 +54,8 @@ void Viewer::draw_surface_controls() {
     if (draw_row(number++, patch, shown)) surfaces.push_back({.boundary = patch});
   }
   if (scrolls) ImGui::EndChild();
+  if (const auto left_out = session_->left_out())
+    ImGui::TextWrapped("%s: svview --memory grants more", left_out->message.c_str());
 }
 
 }  // namespace splatvol

@@ -20,6 +20,7 @@ class BoundarySource final : public Source {
 
   const std::vector<std::string>& attributes() const override { return source_.attributes(); }
   std::vector<std::string> units() const override { return source_.units(); }
+  std::vector<int> components() const override { return source_.components(); }
   void lend_values() override { source_.lend_values(); }
   std::size_t piece_count() const override { return source_.piece_count(); }
   PieceNumber piece_number() const override { return source_.piece_number(); }
@@ -28,6 +29,7 @@ class BoundarySource final : public Source {
   std::optional<TimeStep> time_step() const override { return source_.time_step(); }
   std::optional<double> stated_time() const override { return source_.stated_time(); }
   std::vector<std::string> conversions() const override { return source_.conversions(); }
+  std::uint64_t left_out_cells() const override { return source_.left_out_cells(); }
   bool averages_by_piece() const override { return source_.averages_by_piece(); }
   VertexCopies copies() const override { return source_.copies(); }
   bool may_have_cells() const override { return source_.may_have_cells(); }

@@ -106,6 +106,8 @@ Status PieceTurns::read(const std::function<void(double)>& progress) {
   source_.lend_values();
   SPLATVOL_TRY(select_share());
   SPLATVOL_TRY(ranks_.agree(read_own(progress)));
+  // Without a selection, each rank has seen all blocks.
+  if (selects_ || ranks_.is_first()) reader_.count_left_out();
   SPLATVOL_TRY(check_repeated());
   share_turns();
   InputFacts all(layout_.attributes());

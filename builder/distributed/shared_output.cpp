@@ -8,6 +8,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/descriptor.h"
 #include "base/temporary_names.h"
 
 namespace splatvol {
@@ -69,7 +70,7 @@ Result<SharedOutput> SharedOutput::create(Ranks& ranks, const std::string& targe
 Status SharedOutput::open_on_all(Ranks& ranks, SharedOutput& output, bool named) {
   const std::string path =
       text_of(ranks.broadcast(output.file_ ? bytes_of(path_for_others(output.file_->path_to_write())) : Bytes{}));
-  output.descriptor_ = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
+  output.descriptor_ = uninterrupted([&] { return ::open(path.c_str(), O_RDWR | O_CLOEXEC); });
   Status opened;
   if (output.descriptor_ < 0) opened = fail_errno(output.target_, "another rank's file cannot be opened");
   if (named) {
@@ -86,14 +87,8 @@ Status SharedOutput::open_on_all(Ranks& ranks, SharedOutput& output, bool named)
 }
 
 Status SharedOutput::write_at(std::uint64_t offset, std::span<const std::byte> bytes) {
+  if (!write_fully(descriptor_, offset, bytes)) return fail_errno(target_, "cannot write");
   not_begun_ += bytes.size();
-  while (!bytes.empty()) {
-    const ssize_t written = ::pwrite(descriptor_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
-    if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) return fail_errno(target_, "cannot write");
-    bytes = bytes.subspan(static_cast<std::size_t>(written));
-    offset += static_cast<std::uint64_t>(written);
-  }
   // Without this, the disk might write everything only when the file is committed. A failure costs time only.
   constexpr std::uint64_t begun_together = std::uint64_t{8} << 20;
   if (not_begun_ >= begun_together) {
@@ -106,7 +101,7 @@ Status SharedOutput::write_at(std::uint64_t offset, std::span<const std::byte> b
 Status SharedOutput::sync() const {
   // Rank 0 syncs the whole file when it commits it.
   if (on_one_machine_) return {};
-  return ::fsync(descriptor_) == 0 ? Status{} : fail_errno(target_, "cannot sync");
+  return sync_fully(descriptor_) ? Status{} : fail_errno(target_, "cannot sync");
 }
 
 }  // namespace splatvol

@@ -23,6 +23,15 @@ struct CellCensus {
   std::uint64_t left_out_flat = 0;             // cells of their own without volume, which are no points
   std::uint64_t non_finite = 0;                // cells left out, as a corner's position is not finite
   std::uint64_t not_star_shaped = 0;           // cells that no vertex sees whole: some of their tetrahedra are inverted
+  std::uint64_t left_out = 0;                  // cells of blocks that are surfaces, of which nothing is kept
+  std::uint64_t unwritten = 0;                 // values that a text file has stars for, which are missing
+  std::uint64_t open_ends = 0;                 // text files that end with a number: it may be cut off
+
+  // Only of cells whose corners a reader has rounded to single precision (measure_single_precision).
+  std::uint64_t bent = 0;       // tetrahedra that this may have bent
+  std::uint64_t flattened = 0;  // flat tetrahedra that may have had a volume
+  double bent_volume = 0;
+  double measured_volume = 0;
 
   CellCensus& operator+=(const CellCensus& other);
 };
@@ -32,7 +41,8 @@ template <class Census>
 [[nodiscard]] auto numbers_of(Census& census) {
   return std::tie(census.tetrahedra, census.inverted, census.flat, census.without_volume, census.surfaces, census.lines,
                   census.hidden, census.hidden_points, census.more_nodes, census.left_out_flat, census.non_finite,
-                  census.not_star_shaped);
+                  census.not_star_shaped, census.left_out, census.unwritten, census.open_ends, census.bent,
+                  census.flattened, census.bent_volume, census.measured_volume);
 }
 
 /// Describes an input whose cells are surfaces and lines, or none of whose cells has a volume: "only surface cells

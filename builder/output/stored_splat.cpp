@@ -26,8 +26,7 @@ StoredValue make_stored_value(const ValueMoments& moments, const format::SplatSh
 
 format::ValueSummary summarize_range(float low, float high, const format::ValueBins& bins) {
   if (!(low <= high)) return {};
-  const std::uint64_t all = ~std::uint64_t{0};
-  return {low, high, all << bins.bin(low) & all >> (63 - bins.bin(high))};
+  return {low, high, bins.between(low, high)};
 }
 
 }  // namespace splatvol

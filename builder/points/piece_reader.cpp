@@ -81,6 +81,7 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
     SPLATVOL_TRY_ASSIGN(next, source_.next());
     piece = std::move(next);
   }
+  count_left_out();
   return check_any();
 }
 

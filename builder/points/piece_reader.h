@@ -62,6 +62,9 @@ class PieceReader {
   /// Calls visit(records) for the points of one piece, some at a time. For callers that choose the pieces themselves.
   [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit);
 
+  /// Counts what the source has left out. Call it after the last piece.
+  void count_left_out() { facts_.cells.left_out += source_.left_out_cells(); }
+
   /// Fails if no point is left.
   [[nodiscard]] Status check_any() const;
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 #include <unordered_map>
 #include <unordered_set>
 
@@ -23,16 +24,19 @@ std::vector<ArrayAttribute> attributes_of(const NamedArray& array, std::string_v
   return attributes;
 }
 
-/// Appends the attributes of the points' arrays, or of the cells'. `suffix`: for names that are taken already.
-void append_arrays(std::span<const NamedArray> arrays, bool of_cells, std::string_view suffix,
-                   std::vector<ArrayAttribute>& attributes) {
-  std::unordered_set<std::string> taken;
+/// Appends the attributes of the points' arrays, or of the cells'. `others`: the arrays of the other ones. `suffix`:
+/// for names that are taken already.
+void append_arrays(std::span<const NamedArray> arrays, std::span<const NamedArray> others, bool of_cells,
+                   std::string_view suffix, std::vector<ArrayAttribute>& attributes) {
+  std::unordered_set<std::string> taken, of_others;
   for (const ArrayAttribute& attribute : attributes) taken.insert(attribute.name);
+  for (const NamedArray& array : others) of_others.insert(array.name);
   for (const NamedArray& array : arrays) {
     std::vector<ArrayAttribute> added = attributes_of(array, "", of_cells);
     const bool clashes =
         std::ranges::any_of(added, [&](const ArrayAttribute& attribute) { return taken.contains(attribute.name); });
     if (clashes) added = attributes_of(array, suffix, of_cells);
+    for (ArrayAttribute& attribute : added) attribute.has_twin = of_others.contains(array.name);
     attributes.insert(attributes.end(), added.begin(), added.end());
   }
 }
@@ -56,8 +60,9 @@ std::vector<ArrayAttribute> attributes_of(std::span<const NamedArray> of_points,
                                           CellValues cells) {
   const bool own = cells == CellValues::own;
   std::vector<ArrayAttribute> attributes;
-  append_arrays(own ? of_cells : of_points, own, "", attributes);
-  append_arrays(own ? of_points : of_cells, !own, own ? points_suffix : cells_suffix, attributes);
+  append_arrays(own ? of_cells : of_points, own ? of_points : of_cells, own, "", attributes);
+  append_arrays(own ? of_points : of_cells, own ? of_cells : of_points, !own, own ? points_suffix : cells_suffix,
+                attributes);
   return attributes;
 }
 
@@ -75,13 +80,40 @@ std::vector<std::string> names_of(const std::vector<ArrayAttribute>& attributes)
   return names;
 }
 
+std::vector<int> components_of(const std::vector<ArrayAttribute>& attributes) {
+  std::vector<int> components;
+  for (const ArrayAttribute& attribute : attributes)
+    components.push_back(attribute.component == ArrayAttribute::magnitude ? attribute.components : 1);
+  return components;
+}
+
+std::string components_text(int components) {
+  return components == 1 ? "a number" : fmt::format("a vector of {} components", components);
+}
+
+Status check_components(const std::string& name, const std::vector<std::string>& attributes,
+                        const std::vector<int>& components, const std::string& other,
+                        const std::vector<int>& expected) {
+  for (std::size_t a = 0; a < attributes.size(); ++a)
+    if (components[a] != expected[a])
+      return fail(ErrorCode::invalid_data,
+                  "{}: \"{}\" is {}, and {} in {}: choose attributes that are the same by --attribute", name,
+                  attributes[a], components_text(components[a]), components_text(expected[a]), other);
+  return {};
+}
+
 std::vector<ArrayAttribute> select_attributes(const std::vector<ArrayAttribute>& all,
                                               const std::vector<std::string>& selection, CellValues cells,
-                                              std::string& missing) {
+                                              std::string& missing, bool may_lack) {
   if (selection.empty()) return all;
   const bool own = cells == CellValues::own;
+  const std::unordered_set<std::string_view> selected_names(selection.begin(), selection.end());
   std::unordered_map<std::string_view, std::size_t> numbers;
-  for (std::size_t i = 0; i < all.size(); ++i) numbers.emplace(all[i].name, i);
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    // If both names are selected, others have both arrays, and here the one of the plain name lacks.
+    const bool only_full = may_lack && all[i].of_cells != own && selected_names.contains(full_name(all[i]));
+    if (!only_full) numbers.emplace(all[i].name, i);
+  }
   std::vector<ArrayAttribute> selected;
   for (const std::string& name : selection) {
     const auto number = numbers.find(name);
@@ -90,10 +122,13 @@ std::vector<ArrayAttribute> select_attributes(const std::vector<ArrayAttribute>&
       attribute = std::ranges::find_if(all, [&](const ArrayAttribute& converted) {
         return converted.of_cells != own && full_name(converted) == name;
       });
-    if (attribute == all.end() && missing.empty()) missing = name;
-    if (attribute == all.end()) continue;
-    selected.push_back(*attribute);
-    selected.back().name = name;
+    if (attribute != all.end()) {
+      selected.push_back(*attribute);
+      selected.back().name = name;
+      continue;
+    }
+    if (missing.empty()) missing = name;
+    if (may_lack) selected.push_back({.name = name, .array = name, .of_cells = own, .has_twin = true});
   }
   return selected;
 }

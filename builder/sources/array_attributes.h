@@ -22,6 +22,7 @@ struct ArrayAttribute {
   int components = 1;
   int component = 0;
   bool of_cells = false;
+  bool has_twin = false;  // points and cells both have an array of this name
 };
 
 /// Ends of the names of attributes whose array's name is taken.
@@ -72,11 +73,25 @@ inline constexpr std::size_t most_vtk_arrays = 16384;
 /// Returns the names of attributes.
 [[nodiscard]] std::vector<std::string> names_of(const std::vector<ArrayAttribute>& attributes);
 
+/// Returns what Source::components() does.
+[[nodiscard]] std::vector<int> components_of(const std::vector<ArrayAttribute>& attributes);
+
+/// Says what an attribute is by Source::components(): "a vector of 3 components".
+[[nodiscard]] std::string components_text(int components);
+
+/// Fails if an attribute is the magnitude of a vector in one of two inputs, and not of such a vector in the other.
+/// `name` begins the message. `components` are its own, and `expected` those of `other`.
+[[nodiscard]] Status check_components(const std::string& name, const std::vector<std::string>& attributes,
+                                      const std::vector<int>& components, const std::string& other,
+                                      const std::vector<int>& expected);
+
 /// Returns those of `all` that a selection names, in its order; all if it is empty. The array that takes an attribute's
-/// name may not have been read, so full names count too. Sets `missing` to the first name that is not there.
+/// name may not have been read, so full names count too; a selection that has both names has both attributes. Sets
+/// `missing` to the first name that is not there. With `may_lack`, such names too are in the result, for arrays that
+/// no piece has.
 [[nodiscard]] std::vector<ArrayAttribute> select_attributes(const std::vector<ArrayAttribute>& all,
                                                             const std::vector<std::string>& selection, CellValues cells,
-                                                            std::string& missing);
+                                                            std::string& missing, bool may_lack = false);
 
 /// Returns an attribute's values: `component(c)` returns those of one component.
 [[nodiscard]] std::vector<double> attribute_values(const ArrayAttribute& attribute,

@@ -113,6 +113,7 @@ class ArraysSource final : public Source {
         missing_(options.missing) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
+  std::vector<int> components() const override { return components_of(attributes_); }
   void lend_values() override { lends_ = true; }
   bool may_have_cells() const override { return has_cells(); }
   std::size_t piece_count() const override { return has_cells() ? 1 : divide(points(), max_piece_points); }

@@ -4,8 +4,10 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <unordered_map>
@@ -14,6 +16,7 @@
 #include "base/file.h"
 #include "base/names.h"
 #include "builder/sources/array_attributes.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/csv_table.h"
 #include "builder/sources/far_points.h"
 #include "builder/sources/piece_ahead.h"
@@ -29,7 +32,7 @@ struct CsvFile {
   std::string path;
   std::uint64_t bytes = 0;
   CsvTable table;
-  std::vector<std::size_t> values;  // [attribute]: its column
+  std::vector<std::optional<std::size_t>> values;  // [attribute]: its column; none: the file lacks it
 };
 
 /// A line of values, and its number in the file.
@@ -51,7 +54,7 @@ class LineReader {
   LineReader(const CsvFile& file, std::span<const CsvLine> lines, Piece& piece)
       : file_(file), lines_(lines), piece_(piece) {
     piece_.points.resize(lines.size());
-    piece_.values.assign(file.values.size(), std::vector<double>(lines.size()));
+    piece_.values.assign(file.values.size(), std::vector<double>(lines.size(), missing_value));
   }
 
   /// Fails with the first line that cannot be read.
@@ -84,7 +87,8 @@ class LineReader {
       piece_.points[i][static_cast<int>(axis)] = value;
     }
     for (std::size_t a = 0; a < file_.values.size(); ++a) {
-      SPLATVOL_TRY_ASSIGN(value, number(line, fields[file_.values[a]], file_.values[a]));
+      if (!file_.values[a]) continue;
+      SPLATVOL_TRY_ASSIGN(value, number(line, fields[*file_.values[a]], *file_.values[a]));
       piece_.values[a][i] = value;
     }
     return {};
@@ -104,9 +108,11 @@ class LineReader {
 
 class CsvSource final : public Source {
  public:
-  CsvSource(std::vector<CsvFile> files, std::vector<std::string> attributes, const MissingValues& missing)
+  CsvSource(std::vector<CsvFile> files, std::vector<std::string> attributes, std::vector<std::string> units,
+            const MissingValues& missing)
       : files_(std::move(files)),
         attributes_(std::move(attributes)),
+        units_(std::move(units)),
         missing_(missing),
         pieces_(std::numeric_limits<std::size_t>::max(), [this](std::size_t) { return make_piece(); }) {
     start_file();
@@ -115,10 +121,14 @@ class CsvSource final : public Source {
   const std::vector<std::string>& attributes() const override { return attributes_; }
   bool may_have_cells() const override { return false; }
 
-  std::vector<std::string> units() const override {
-    std::vector<std::string> units;
-    for (const std::size_t column : files_.front().values) units.push_back(files_.front().table.columns[column].unit);
-    return units;
+  std::vector<std::string> units() const override { return units_; }
+
+  std::vector<std::string> conversions() const override {
+    std::vector<std::string> lacking;
+    for (std::size_t a = 0; a < attributes_.size(); ++a)
+      if (std::ranges::any_of(files_, [a](const CsvFile& file) { return !file.values[a]; }))
+        lacking.push_back(attributes_[a]);
+    return lacking.empty() ? lacking : std::vector{describe_lacking(lacking)};
   }
 
   std::size_t piece_count() const override {
@@ -153,12 +163,25 @@ class CsvSource final : public Source {
       drop_far_points(piece->points);
       for (std::vector<double>& values : piece->values) piece->fills.push_back(missing_.replace(values));
       if (at_.offset >= file.bytes) {
+        piece->census.open_ends = ends_openly(file, text) ? 1 : 0;
         ++at_.file;
         start_file();
       }
       if (!lines.empty()) return piece;
     }
     return std::unique_ptr<Piece>();
+  }
+
+  /// Whether the last number of a file, whose text is the last one, may be cut off. White space behind it, or a
+  /// quotation mark, tells that it is whole.
+  static bool ends_openly(const CsvFile& file, std::string_view text) {
+    const char last = text.empty() ? '\n' : text.back();
+    const bool is_closed =
+        last != file.table.separator && (last == '"' || std::isspace(static_cast<unsigned char>(last)));
+    const std::size_t column = file.table.columns.size() - 1;
+    const bool is_read = std::ranges::find(file.values, column) != file.values.end() ||
+                         std::ranges::find(file.table.position, column) != file.table.position.end();
+    return !is_closed && is_read;
   }
 
   /// Reads whole lines.
@@ -190,7 +213,7 @@ class CsvSource final : public Source {
   }
 
   std::vector<CsvFile> files_;
-  std::vector<std::string> attributes_;
+  std::vector<std::string> attributes_, units_;
   MissingValues missing_;
   Progress at_;  // of make_piece()
   std::size_t returned_ = 0;
@@ -213,29 +236,61 @@ tl::unexpected<Error> fail_no_values(const std::string& path, const CsvTable& ta
               column - table.columns.begin() + 1);
 }
 
+Result<std::vector<CsvFile>> open_tables(const std::vector<std::string>& paths, const SourceOptions& options) {
+  std::vector<CsvFile> files;
+  for (const std::string& path : paths) {
+    SPLATVOL_TRY_ASSIGN(file, open_table(path, options.columns));
+    files.push_back(std::move(file));
+  }
+  return files;
+}
+
+Result<ArrayUnion> unite(const std::vector<CsvFile>& files) {
+  std::vector<TableColumns> tables;
+  for (const CsvFile& file : files) {
+    TableColumns& columns = tables.emplace_back(TableColumns{file.path, {}});
+    for (const std::size_t column : attribute_columns(file.table)) {
+      columns.names.push_back(file.table.columns[column].name);
+      columns.units.push_back(file.table.columns[column].unit);
+    }
+  }
+  return unite_columns(tables);
+}
+
+/// Finds the columns of the attributes. A column of texts is none of them.
+Status find_columns(const std::vector<std::string>& attributes, CsvFile& file) {
+  std::unordered_map<std::string_view, std::size_t> column_of;
+  for (const std::size_t column : attribute_columns(file.table))
+    column_of.emplace(file.table.columns[column].name, column);
+  for (const std::string& name : attributes) {
+    const auto found = column_of.find(name);
+    file.values.push_back(found == column_of.end() ? std::nullopt : std::optional(found->second));
+    const auto has_texts = [&](const CsvColumn& column) { return column.name == name && column.is_text; };
+    if (found == column_of.end() && std::ranges::any_of(file.table.columns, has_texts))
+      return fail(ErrorCode::invalid_data, "{}: the column \"{}\" holds texts here, and numbers in another file",
+                  file.path, name);
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_csv_files(const std::vector<std::string>& paths, const SourceOptions& options) {
-  std::vector<CsvFile> files;
-  std::vector<std::string> attributes = options.selection;
-  for (const std::string& path : paths) {
-    SPLATVOL_TRY_ASSIGN(file, open_table(path, options.columns));
-    std::vector<std::string> available;
-    const std::vector<std::size_t> columns = attribute_columns(file.table);
-    for (const std::size_t column : columns) available.push_back(file.table.columns[column].name);
-    if (attributes.empty()) attributes = available;
-    if (attributes.empty()) return fail_no_values(path, file.table);
-    if (attributes.size() > AttributeCount::most) return fail_too_many_attributes(path);
-    std::unordered_map<std::string_view, std::size_t> column_of;
-    for (std::size_t i = 0; i < available.size(); ++i) column_of.emplace(available[i], columns[i]);
-    for (const std::string& name : attributes) {
-      const auto found = column_of.find(name);
-      if (found == column_of.end()) return fail_no_attribute(path, name, available);
-      file.values.push_back(found->second);
-    }
-    files.push_back(std::move(file));
-  }
-  return std::make_unique<CsvSource>(std::move(files), std::move(attributes), MissingValues(options.missing));
+  SPLATVOL_TRY_ASSIGN(files, open_tables(paths, options));
+  SPLATVOL_TRY_ASSIGN(columns, unite(files));
+  SPLATVOL_TRY_ASSIGN(attributes, choose_columns(paths[0], columns, options));
+  if (attributes.empty()) return fail_no_values(paths[0], files[0].table);
+  std::vector<std::string> units;
+  for (const std::string& name : attributes) units.push_back(columns.unit(name));
+  for (CsvFile& file : files) SPLATVOL_TRY(find_columns(attributes, file));
+  return std::make_unique<CsvSource>(std::move(files), std::move(attributes), std::move(units),
+                                     MissingValues(options.missing));
+}
+
+Result<std::vector<ArrayShape>> list_csv_arrays(const std::vector<std::string>& paths, const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(files, open_tables(paths, options));
+  SPLATVOL_TRY_ASSIGN(columns, unite(files));
+  return columns.arrays();
 }
 
 }  // namespace splatvol

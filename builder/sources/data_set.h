@@ -30,11 +30,14 @@ struct FoundArray {
   bool of_cells = false;
 };
 
-/// Bits of a ghost flag, as VTK's vtkGhostType has them.
+/// Bits of a ghost flag, as VTK's vtkGhostType has them. The other bits of cells hide nothing: they tell of more
+/// neighbours than in a regular mesh (2), of fewer (4), and of the outside (16).
 namespace ghost {
 inline constexpr std::uint8_t duplicate = 1;     // another piece has it
 inline constexpr std::uint8_t hidden_point = 2;  // of points
+inline constexpr std::uint8_t refined_cell = 8;  // of cells: finer cells fill the same volume
 inline constexpr std::uint8_t hidden_cell = 32;  // of cells
+inline constexpr std::uint8_t left_out_cell = duplicate | refined_cell | hidden_cell;
 }  // namespace ghost
 
 /// Nothing of what it returns needs to be valid: numbers of points may be out of range.

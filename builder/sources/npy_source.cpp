@@ -6,11 +6,13 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <optional>
 #include <span>
 #include <utility>
 
 #include "base/file.h"
 #include "base/names.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/far_points.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/piece_ahead.h"
@@ -26,14 +28,15 @@ struct NpyFile {
   std::string path;
   NpyTable table;
   std::array<NpyColumn, 3> position;
-  std::vector<NpyColumn> values;  // [attribute]
+  std::vector<std::optional<NpyColumn>> values;  // [attribute]; none: the file lacks it
 
   /// Whether single precision holds every number of the columns that are read.
   [[nodiscard]] bool single_precision() const {
     const auto exact = [](const NpyColumn& column) {
       return column.bytes < 4 || (column.bytes == 4 && column.kind == NpyColumn::Kind::real);
     };
-    return std::ranges::all_of(position, exact) && std::ranges::all_of(values, exact);
+    return std::ranges::all_of(position, exact) &&
+           std::ranges::all_of(values, [&](const auto& column) { return !column || exact(*column); });
   }
 };
 
@@ -162,6 +165,14 @@ class NpySource final : public Source {
     return count;
   }
 
+  std::vector<std::string> conversions() const override {
+    std::vector<std::string> lacking;
+    for (std::size_t a = 0; a < attributes_.size(); ++a)
+      if (std::ranges::any_of(files_, [a](const NpyFile& file) { return !file.values[a]; }))
+        lacking.push_back(attributes_[a]);
+    return lacking.empty() ? lacking : std::vector{describe_lacking(lacking)};
+  }
+
   Result<std::optional<Box>> bounds() override {
     std::vector<Result<Box>> boxes(ranges_.size(), Box{});
     tbb::parallel_for(std::size_t{0}, ranges_.size(), [&](std::size_t r) { boxes[r] = find_box(ranges_[r]); });
@@ -181,9 +192,9 @@ class NpySource final : public Source {
     piece->points.resize(rows.count);
     SPLATVOL_TRY(reader.get_points(file.position, piece->points));
     drop_far_points(piece->points);
-    for (const NpyColumn& column : file.values) {
-      std::vector<double>& values = piece->values.emplace_back(rows.count);
-      SPLATVOL_TRY(reader.get(column, values.data(), 1));
+    for (const std::optional<NpyColumn>& column : file.values) {
+      std::vector<double>& values = piece->values.emplace_back(rows.count, missing_value);
+      if (column) SPLATVOL_TRY(reader.get(*column, values.data(), 1));
       piece->fills.push_back(missing_.replace(values));
     }
     return piece;
@@ -242,15 +253,15 @@ std::vector<std::string> attributes_of(const NpyTable& table) {
   return names;
 }
 
-Result<NpyColumn> find_column(const NpyFile& file, const std::string& name) {
+/// None if there is no such column.
+Result<std::optional<NpyColumn>> find_column(const NpyFile& file, const std::string& name) {
   const auto& columns = file.table.columns;
   const auto column = std::ranges::find(columns, name, &NpyColumn::name);
-  if (column != columns.end() && column->kind != NpyColumn::Kind::other) return *column;
+  if (column != columns.end() && column->kind != NpyColumn::Kind::other) return std::optional(*column);
   if (column != columns.end())
     return fail(ErrorCode::unsupported, "{}: column \"{}\" holds neither floats of 4 or 8 bytes nor integers",
                 file.path, name);
-  if (is_position(name)) return fail(ErrorCode::invalid_data, "{}: no column \"{}\"", file.path, name);
-  return fail_no_attribute(file.path, name, attributes_of(file.table));
+  return std::nullopt;
 }
 
 Result<NpyFile> open_table(const std::string& path, const std::vector<std::string>& names) {
@@ -259,31 +270,71 @@ Result<NpyFile> open_table(const std::string& path, const std::vector<std::strin
   SPLATVOL_TRY(name_columns(path, names, table));
   NpyFile file{path, std::move(table), {}, {}};
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    SPLATVOL_TRY_ASSIGN(column, find_column(file, std::string(1, "xyz"[axis])));
-    file.position[axis] = column;
+    const std::string name(1, "xyz"[axis]);
+    SPLATVOL_TRY_ASSIGN(column, find_column(file, name));
+    if (!column) return fail(ErrorCode::invalid_data, "{}: no column \"{}\"", path, name);
+    file.position[axis] = *column;
   }
   return file;
+}
+
+Result<std::vector<NpyFile>> open_tables(const std::vector<std::string>& paths, const SourceOptions& options) {
+  std::vector<NpyFile> files;
+  for (const std::string& path : paths) {
+    SPLATVOL_TRY_ASSIGN(file, open_table(path, options.columns));
+    files.push_back(std::move(file));
+  }
+  return files;
+}
+
+/// Columns without names are known by their order: all files need as many.
+Status check_unnamed(const std::vector<NpyFile>& files) {
+  const NpyFile* first = nullptr;
+  for (const NpyFile& file : files) {
+    if (file.table.structured) continue;
+    if (!first) first = &file;
+    if (file.table.columns.size() != first->table.columns.size())
+      return fail(ErrorCode::invalid_data,
+                  "{}: {} columns, and {} in {}, and nothing tells which are the same: write them with names (a "
+                  "structured type)",
+                  file.path, file.table.columns.size(), first->table.columns.size(), first->path);
+  }
+  return {};
+}
+
+Result<ArrayUnion> unite(const std::vector<NpyFile>& files) {
+  SPLATVOL_TRY(check_unnamed(files));
+  std::vector<TableColumns> tables;
+  for (const NpyFile& file : files) tables.push_back({file.path, attributes_of(file.table)});
+  return unite_columns(tables);
 }
 
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_npy_files(const std::vector<std::string>& paths, const SourceOptions& options) {
-  std::vector<NpyFile> files;
-  std::vector<std::string> attributes = options.selection;
+  SPLATVOL_TRY_ASSIGN(files, open_tables(paths, options));
+  // Fails if a selected column holds no numbers.
+  for (const std::string& name : options.selection) SPLATVOL_TRY(find_column(files[0], name));
+  SPLATVOL_TRY_ASSIGN(columns, unite(files));
+  SPLATVOL_TRY_ASSIGN(attributes, choose_columns(paths[0], columns, options));
+  if (attributes.empty())
+    return fail(ErrorCode::invalid_data, "{}: the points have no values, only positions", paths[0]);
   std::uint64_t points = 0;
-  for (const std::string& path : paths) {
-    SPLATVOL_TRY_ASSIGN(file, open_table(path, options.columns));
-    if (attributes.empty()) attributes = attributes_of(file.table);
-    if (attributes.empty()) return fail(ErrorCode::invalid_data, "{}: the points have no values, only positions", path);
+  for (NpyFile& file : files) {
     for (const std::string& name : attributes) {
       SPLATVOL_TRY_ASSIGN(column, find_column(file, name));
       file.values.push_back(column);
     }
     points += file.table.rows;
-    files.push_back(std::move(file));
   }
   if (points == 0) return fail(ErrorCode::invalid_data, "{}: no points", paths[0]);
   return std::make_unique<NpySource>(std::move(files), std::move(attributes), MissingValues(options.missing));
+}
+
+Result<std::vector<ArrayShape>> list_npy_arrays(const std::vector<std::string>& paths, const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(files, open_tables(paths, options));
+  SPLATVOL_TRY_ASSIGN(columns, unite(files));
+  return columns.arrays();
 }
 
 }  // namespace splatvol

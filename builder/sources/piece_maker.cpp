@@ -176,7 +176,7 @@ class PieceMaker {
     double& volume = volumes_[cell];
     volume = -1;
     const std::uint8_t flags = cell_ghosts_.empty() ? 0 : cell_ghosts_[cell];
-    if ((flags & ghost::duplicate) == 0 || (flags & ghost::hidden_cell) != 0) return {};
+    if ((flags & ghost::left_out_cell) != ghost::duplicate) return {};
     std::vector<Tetrahedron> tetrahedra;
     CellCensus census;  // of no interest
     TetrahedronSplitter splitter(piece_->points, tetrahedra, census);
@@ -255,7 +255,7 @@ class PieceMaker {
   }
 
   [[nodiscard]] bool is_hidden(std::uint64_t cell, const CellKind& kind) const {
-    if (!cell_ghosts_.empty() && cell_ghosts_[cell] & (ghost::duplicate | ghost::hidden_cell)) return true;
+    if (!cell_ghosts_.empty() && (cell_ghosts_[cell] & ghost::left_out_cell) != 0) return true;
     if (point_ghosts_.empty()) return false;
     bool hidden = false;
     for_each_point(kind,

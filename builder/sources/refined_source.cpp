@@ -115,6 +115,7 @@ class RefinedSource final : public Source {
 
   const std::vector<std::string>& attributes() const override { return source_->attributes(); }
   std::vector<std::string> units() const override { return source_->units(); }
+  std::vector<int> components() const override { return source_->components(); }
   std::size_t piece_count() const override { return made_ + parts_left() + (source_->piece_count() - read_); }
 
   Result<std::unique_ptr<Piece>> next() override {

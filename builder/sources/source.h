@@ -118,6 +118,10 @@ class Source {
   /// The unit of each attribute, in the order of attributes(): "m/s", or empty if the input does not tell.
   [[nodiscard]] virtual std::vector<std::string> units() const { return std::vector<std::string>(attributes().size()); }
 
+  /// The number of components of the vector whose magnitude each attribute is, in the order of attributes(). 1: it is
+  /// no magnitude, but a number or a component.
+  [[nodiscard]] virtual std::vector<int> components() const { return std::vector<int>(attributes().size(), 1); }
+
   /// Allows the pieces to lend their values. Not all sources do so.
   virtual void lend_values() {}
 
@@ -161,6 +165,9 @@ class Source {
   /// The attributes of the pieces so far that are not as in the input: "density: of cells, averaged to points".
   [[nodiscard]] virtual std::vector<std::string> conversions() const { return {}; }
 
+  /// Number of cells of blocks that were left out so far, because they are surfaces and no patches.
+  [[nodiscard]] virtual std::uint64_t left_out_cells() const { return 0; }
+
   /// Whether values of cells are averaged in each piece by itself, so that copies of a vertex differ from piece to
   /// piece.
   [[nodiscard]] virtual bool averages_by_piece() const { return false; }
@@ -191,6 +198,7 @@ struct SourceOptions {
   CellValues cells = CellValues::averaged;
   std::vector<double> missing = {};  // values that stand for none, besides the plain fill values
   bool patches = false;              // pieces bring the patches that the input names
+  bool may_lack = false;             // values of selected attributes that are not there are missing
 };
 
 /// Opens an input. Contract as open_source (builder/open_source.h).

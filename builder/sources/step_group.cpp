@@ -5,6 +5,8 @@
 #include <iterator>
 #include <utility>
 
+#include "builder/sources/array_attributes.h"
+
 namespace splatvol {
 namespace {
 
@@ -65,6 +67,14 @@ std::vector<std::string> StepGroup::units() const {
   return units;
 }
 
+std::vector<int> StepGroup::components() const {
+  const std::vector<int> of_step = first_->components();
+  std::vector<int> components;
+  for (std::size_t step = 0; step < steps_.size(); ++step)
+    components.insert(components.end(), of_step.begin(), of_step.end());
+  return components;
+}
+
 Result<std::unique_ptr<Piece>> StepGroup::next() {
   SPLATVOL_TRY_ASSIGN(piece, first_->next());
   for (std::size_t step = 1; step < steps_.size(); ++step) {
@@ -90,6 +100,7 @@ Status StepGroup::open_other(std::size_t step) {
   if (source->attributes() != step_attributes_)
     return fail(ErrorCode::invalid_data, "{}: its attributes are not those of {}: choose common ones by --attribute",
                 name, steps_[0].name);
+  SPLATVOL_TRY(check_components(name, step_attributes_, source->components(), steps_[0].name, first_->components()));
   if ((first_->single_precision() && !source->single_precision()) ||
       source->brings_material() != first_->brings_material())
     return fail(ErrorCode::invalid_data, "{}: its numbers are of another kind than those of {}", name, steps_[0].name);
@@ -106,6 +117,8 @@ Status StepGroup::add(std::size_t step, std::unique_ptr<Piece> other, Piece& pie
                 different, series_of_files_hint);
   append(piece.values, other->values);
   append(piece.fills, other->fills);
+  piece.census.unwritten += other->census.unwritten;
+  piece.census.open_ends += other->census.open_ends;
   if (!piece.material) return {};
   append(piece.material->value_moments, other->material->value_moments);
   append(piece.material->gradients, other->material->gradients);

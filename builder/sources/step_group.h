@@ -38,11 +38,13 @@ class StepGroup final : public Source {
 
   [[nodiscard]] const std::vector<std::string>& attributes() const override { return attributes_; }
   [[nodiscard]] std::vector<std::string> units() const override;
+  [[nodiscard]] std::vector<int> components() const override;
   [[nodiscard]] std::size_t piece_count() const override { return first_->piece_count(); }
   [[nodiscard]] Result<std::unique_ptr<Piece>> next() override;
   [[nodiscard]] Result<std::optional<Box>> bounds() override { return first_->bounds(); }
   [[nodiscard]] std::optional<std::uint64_t> point_count() const override { return first_->point_count(); }
   [[nodiscard]] std::vector<std::string> conversions() const override { return first_->conversions(); }
+  [[nodiscard]] std::uint64_t left_out_cells() const override { return first_->left_out_cells(); }
   [[nodiscard]] VertexCopies copies() const override { return copies_; }
   [[nodiscard]] bool may_have_cells() const override { return first_->may_have_cells(); }
   [[nodiscard]] bool brings_material() const override { return first_->brings_material(); }

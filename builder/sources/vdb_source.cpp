@@ -1,6 +1,7 @@
 #include "builder/sources/vdb_source.h"
 
 #include <fmt/ranges.h>
+#include <openvdb/io/File.h>
 #include <openvdb/io/Stream.h>
 #include <openvdb/openvdb.h>
 #include <tbb/parallel_for.h>
@@ -11,6 +12,7 @@
 #include <fstream>
 #include <map>
 #include <optional>
+#include <set>
 #include <span>
 #include <utility>
 
@@ -19,6 +21,7 @@
 #include "base/vdb_share.h"
 #include "builder/mesh/material_box.h"
 #include "builder/sources/array_attributes.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/piece_ahead.h"
 #include "builder/sources/repeated_pieces.h"
 #include "builder/sources/vdb_fields.h"
@@ -49,8 +52,9 @@ auto contain(const std::string& path, const Work& work) -> decltype(work()) {
 /// An attribute, and the grid and component that it is read from.
 struct Attribute {
   std::string name;
-  std::size_t grid;  // its number in the file
+  std::optional<std::size_t> grid;  // its number in the file; none: the file lacks it
   int component = 0;
+  int components = 1;  // as in Source::components()
 };
 
 /// The active voxels of a brick, which OpenVDB calls a leaf node, or a tile.
@@ -72,27 +76,46 @@ struct RegionSamples {
 /// The grids of a file, and its points as pieces.
 class VdbFile {
  public:
-  /// Reads the attributes in `selection`, or all if it is empty.
-  static Result<std::unique_ptr<VdbFile>> open(const std::string& path, const std::vector<std::string>& selection,
-                                               const MissingValues& missing) {
-    SPLATVOL_TRY_ASSIGN(bytes, open_file(path));
-    SPLATVOL_TRY(check_vdb_header(*bytes));
+  /// Reads the attributes that the options select, or all.
+  static Result<std::unique_ptr<VdbFile>> open(const std::string& path, const SourceOptions& options) {
+    SPLATVOL_TRY(check(path));
     return contain(path, [&]() -> Result<std::unique_ptr<VdbFile>> {
-      if (!start_vdb())
-        return fail(ErrorCode::unsupported, "{}: not read: this program cannot check the lengths of OpenVDB's blocks",
-                    path);
-      auto file = std::make_unique<VdbFile>(path, missing);
-      SPLATVOL_TRY(file->read(selection));
+      auto file = std::make_unique<VdbFile>(path, options);
+      SPLATVOL_TRY(file->read());
       return file;
     });
   }
 
-  VdbFile(std::string path, const MissingValues& missing)
+  /// Lists the grids of numbers, by the header.
+  static Result<std::vector<ArrayShape>> list(const std::string& path) {
+    SPLATVOL_TRY(check(path));
+    return contain(path, [&]() -> Result<std::vector<ArrayShape>> {
+      openvdb::io::File file(path);
+      file.open(false);
+      std::vector<ArrayShape> shapes;
+      std::map<std::string, int> seen;
+      const openvdb::GridPtrVecPtr grids = file.readAllGridMetadata();
+      for (const openvdb::GridBase::Ptr& grid : *grids) {
+        const std::string name = name_of(*grid, seen);
+        if (const int components = vdb_components(*grid); components > 0) shapes.push_back({name, components, false});
+      }
+      return shapes;
+    });
+  }
+
+  VdbFile(std::string path, const SourceOptions& options)
       : path_(std::move(path)),
-        missing_(missing),
+        selection_(options.selection),
+        may_lack_(options.may_lack),
+        missing_(options.missing),
         pieces_(0, [this](std::size_t piece) { return make_piece(piece); }) {}
 
   [[nodiscard]] const std::vector<Attribute>& attributes() const { return attributes_; }
+  [[nodiscard]] std::vector<std::string> names() const {
+    std::vector<std::string> names;
+    for (const Attribute& attribute : attributes_) names.push_back(attribute.name);
+    return names;
+  }
   [[nodiscard]] std::size_t piece_count() const { return pieces_.count(); }
   [[nodiscard]] std::uint64_t point_count() const { return points_; }
   [[nodiscard]] Result<std::unique_ptr<Piece>> next() { return pieces_.next(); }
@@ -112,13 +135,29 @@ class VdbFile {
   }
 
  private:
-  Status read(const std::vector<std::string>& selection) {
+  static Status check(const std::string& path) {
+    SPLATVOL_TRY_ASSIGN(bytes, open_file(path));
+    SPLATVOL_TRY(check_vdb_header(*bytes));
+    if (start_vdb()) return {};
+    return fail(ErrorCode::unsupported, "{}: not read: this program cannot check the lengths of OpenVDB's blocks",
+                path);
+  }
+
+  /// The name of a grid among others; `seen`: how many had it before.
+  static std::string name_of(const openvdb::GridBase& grid, std::map<std::string, int>& seen) {
+    const std::string name = grid.getName().empty() ? "value" : grid.getName();
+    const int number = seen[name]++;
+    return number > 0 ? fmt::format("{}[{}]", name, number) : name;
+  }
+
+  Status read() {
     // OpenVDB does not check that a read succeeded, so the stream throws at its end.
     std::ifstream file(path_, std::ios::binary);
     file.exceptions(std::ios::failbit | std::ios::badbit | std::ios::eofbit);
     const openvdb::GridPtrVecPtr grids = openvdb::io::Stream(file, false).getGrids();
-    SPLATVOL_TRY(choose_attributes(*grids, selection));
-    for (const Attribute& attribute : attributes_) SPLATVOL_TRY(add_field(*grids, attribute.grid));
+    SPLATVOL_TRY(choose_attributes(*grids));
+    for (const Attribute& attribute : attributes_)
+      if (attribute.grid) SPLATVOL_TRY(add_field(*grids, *attribute.grid));
     if (share_grid_) SPLATVOL_TRY(add_field(*grids, *share_grid_));
     list_regions();
     divide_into_pieces();
@@ -132,14 +171,13 @@ class VdbFile {
     std::vector<std::string> others;
     std::map<std::string, int> seen;
     for (std::size_t g = 0; g < grids.size(); ++g) {
-      std::string called = grids[g]->getName().empty() ? "value" : grids[g]->getName();
-      if (const int number = seen[called]++; number > 0) called += fmt::format("[{}]", number);
+      const std::string called = name_of(*grids[g], seen);
       const int components = vdb_components(*grids[g]);
       if (components == 0) {
         others.push_back(fmt::format("{} ({})", called, grids[g]->valueType()));
         continue;
       }
-      all.push_back({called, g, components == 1 ? 0 : VdbField::magnitude});
+      all.push_back({called, g, components == 1 ? 0 : VdbField::magnitude, components});
       for (int c = 0; c < components && components > 1; ++c) all.push_back({fmt::format("{}[{}]", called, c), g, c});
       if (grids[g]->getMetadata<openvdb::BoolMetadata>(vdb_share_metadata)) share_grid_ = g;
     }
@@ -150,19 +188,21 @@ class VdbFile {
     return all;
   }
 
-  Status choose_attributes(const openvdb::GridPtrVec& grids, const std::vector<std::string>& selection) {
+  Status choose_attributes(const openvdb::GridPtrVec& grids) {
     SPLATVOL_TRY_ASSIGN(all, list_attributes(grids));
     std::vector<std::string> names;
     for (const Attribute& attribute : all) names.push_back(attribute.name);
     if (const auto duplicate = find_duplicate(names))
       return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", path_, *duplicate);
-    if (selection.empty()) attributes_ = all;
-    for (const std::string& name : selection) {
+    if (selection_.empty()) attributes_ = all;
+    for (const std::string& name : selection_) {
       const auto attribute = std::ranges::find(all, name, &Attribute::name);
-      if (attribute == all.end()) return fail_no_attribute(path_, name, names);
-      attributes_.push_back(*attribute);
+      if (attribute == all.end() && !may_lack_) return fail_no_attribute(path_, name, names);
+      attributes_.push_back(attribute == all.end() ? Attribute{name, std::nullopt} : *attribute);
     }
-    return {};
+    // Without any, it has no points.
+    const bool has_any = std::ranges::any_of(attributes_, [](const Attribute& a) { return a.grid.has_value(); });
+    return has_any ? Status{} : fail_no_attribute(path_, selection_.front(), names);
   }
 
   Status add_field(const openvdb::GridPtrVec& grids, std::size_t number) {
@@ -309,9 +349,10 @@ class VdbFile {
   /// one. A vector with a missing component has no magnitude.
   [[nodiscard]] std::vector<double> sample(const RegionSamples& samples, const Attribute& attribute,
                                            std::vector<bool>& filled) const {
+    if (!attribute.grid) return std::vector<double>(samples.voxels.size(), missing_value);
     const auto component = [&](int c) {
       std::vector<double> values(samples.voxels.size());
-      fields_.at(attribute.grid)->sample(samples.voxels, c, values);
+      fields_.at(*attribute.grid)->sample(samples.voxels, c, values);
       for (std::size_t i = 0; i < values.size(); ++i)
         if (missing_.has(values[i])) {
           filled[i] = filled[i] || std::isfinite(values[i]);
@@ -343,6 +384,8 @@ class VdbFile {
   }
 
   std::string path_;
+  std::vector<std::string> selection_;
+  bool may_lack_;
   MissingValues missing_;
   std::vector<Attribute> attributes_;
   std::map<std::size_t, std::unique_ptr<VdbField>> fields_;  // by the number of their grid in the file
@@ -359,13 +402,16 @@ class VdbFile {
 
 class VdbSource final : public Source {
  public:
-  VdbSource(std::vector<std::string> paths, std::unique_ptr<VdbFile> first, const MissingValues& missing)
-      : paths_(std::move(paths)), missing_(missing) {
+  /// `options`: for all files but the first.
+  VdbSource(std::vector<std::string> paths, std::unique_ptr<VdbFile> first, SourceOptions options)
+      : paths_(std::move(paths)), options_(std::move(options)) {
     use(std::move(first));
-    for (const Attribute& attribute : file_->attributes()) attributes_.push_back(attribute.name);
+    attributes_ = file_->names();
+    components_ = components_of(*file_);
   }
 
   const std::vector<std::string>& attributes() const override { return attributes_; }
+  std::vector<int> components() const override { return components_; }
   std::size_t piece_count() const override { return opened_pieces_ + paths_.size() - opened_; }
   bool brings_material() const override { return true; }
 
@@ -375,9 +421,16 @@ class VdbSource final : public Source {
       if (piece && paths_.size() > 1) SPLATVOL_TRY(repeats_.add(paths_[opened_ - 1], *piece));
       if (piece || opened_ == paths_.size()) return piece;
       file_.reset();  // frees its memory before the next file is read
-      SPLATVOL_TRY_ASSIGN(file, VdbFile::open(paths_[opened_], attributes_, missing_));
+      SPLATVOL_TRY_ASSIGN(file, VdbFile::open(paths_[opened_], options_));
+      SPLATVOL_TRY(check_components(paths_[opened_], attributes_, components_of(*file), paths_[0], components_));
       use(std::move(file));
     }
+  }
+
+  std::vector<std::string> conversions() const override {
+    std::vector<std::string> lacking = attributes_;
+    std::erase_if(lacking, [&](const std::string& name) { return !lacking_.contains(name); });
+    return lacking.empty() ? lacking : std::vector{describe_lacking(lacking)};
   }
 
   Result<std::optional<Box>> bounds() override {
@@ -391,28 +444,67 @@ class VdbSource final : public Source {
   }
 
  private:
+  static std::vector<int> components_of(const VdbFile& file) {
+    std::vector<int> components;
+    for (const Attribute& attribute : file.attributes()) components.push_back(attribute.components);
+    return components;
+  }
+
   void use(std::unique_ptr<VdbFile> file) {
     file_ = std::move(file);
     opened_pieces_ += file_->piece_count();
     ++opened_;
+    for (const Attribute& attribute : file_->attributes())
+      if (!attribute.grid) lacking_.insert(attribute.name);
   }
 
   std::vector<std::string> paths_;
-  MissingValues missing_;
+  SourceOptions options_;
   std::vector<std::string> attributes_;
+  std::vector<int> components_;    // [attribute]
+  std::set<std::string> lacking_;  // in files so far
   std::unique_ptr<VdbFile> file_;
   std::size_t opened_ = 0;         // files so far
   std::size_t opened_pieces_ = 0;  // in these files
   RepeatedPieces repeats_;
 };
 
+Result<ArrayUnion> unite_grids(const std::vector<std::string>& paths) {
+  ArrayUnion grids;
+  for (const std::string& path : paths) {
+    SPLATVOL_TRY_ASSIGN(shapes, VdbFile::list(path));
+    SPLATVOL_TRY(grids.add(path, shapes));
+  }
+  return grids;
+}
+
 }  // namespace
 
-Result<std::unique_ptr<Source>> open_vdb_files(const std::vector<std::string>& paths,
-                                               const std::vector<std::string>& selection,
-                                               const MissingValues& missing) {
-  SPLATVOL_TRY_ASSIGN(first, VdbFile::open(paths[0], selection, missing));
-  return std::make_unique<VdbSource>(paths, std::move(first), missing);
+Result<std::unique_ptr<Source>> open_vdb_files(const std::vector<std::string>& paths, const SourceOptions& options) {
+  SourceOptions of_all = options;
+  SPLATVOL_TRY_ASSIGN(grids, unite_grids(paths.size() > 1 ? paths : std::vector<std::string>()));
+  SPLATVOL_TRY_ASSIGN(attributes, grids.attributes(paths[0], CellValues::averaged));
+  const std::vector<std::string> all = names_of(attributes);
+  const auto is_there = [&](const std::string& name) { return std::ranges::find(all, name) != all.end(); };
+  of_all.may_lack = options.may_lack || (paths.size() > 1 && std::ranges::all_of(options.selection, is_there));
+
+  SPLATVOL_TRY_ASSIGN(first, VdbFile::open(paths[0], of_all));
+  of_all.selection = first->names();
+  if (options.selection.empty()) {
+    for (const std::string& name : all)
+      if (std::ranges::find(of_all.selection, name) == of_all.selection.end()) of_all.selection.push_back(name);
+    if (of_all.selection.size() > first->names().size()) {
+      first.reset();  // frees its memory
+      SPLATVOL_TRY_ASSIGN(with_all, VdbFile::open(paths[0], of_all));
+      first = std::move(with_all);
+    }
+  }
+  return std::make_unique<VdbSource>(paths, std::move(first), std::move(of_all));
+}
+
+Result<std::vector<ArrayShape>> list_vdb_grids(const std::vector<std::string>& paths) {
+  SPLATVOL_TRY_ASSIGN(grids, unite_grids(paths));
+  return grids.arrays();
 }
 
 }  // namespace splatvol

@@ -6,6 +6,7 @@
 #include <string_view>
 #include <vector>
 
+#include "builder/sources/array_union.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
@@ -16,7 +17,8 @@ inline constexpr std::string_view vdb_magic{" BDV\0\0\0\0", 8};
 /// Opens files one after the other as one point set. Each active voxel and each active tile is a point at its centre in
 /// the world, with its box as the material.
 ///
-/// The attributes are a file's grids of numbers, in file order. A grid of float, double or integers gives one
+/// The attributes are the grids of numbers of all files, in the order of the first; a file that lacks one has missing
+/// values there, but needs one of them. A grid of float, double or integers gives one
 /// attribute; a grid of vectors gives as many as a vector of a mesh; other grids give none. A grid without a name is
 /// called "value"; the second grid of a name is called "name[1]", and so on. The points are the union of the active
 /// values of the selected grids; a tile is one point if it is a tile in all of them. A value is missing (NaN) if its
@@ -31,7 +33,9 @@ inline constexpr std::string_view vdb_magic{" BDV\0\0\0\0", 8};
 /// All grids of a file are held while it is opened, then the selected ones. Fails as open_source, and if the selected
 /// grids have different transforms, if a transform is not linear, or if nothing is active. `paths` must not be empty.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_vdb_files(const std::vector<std::string>& paths,
-                                                             const std::vector<std::string>& selection,
-                                                             const MissingValues& missing = {});
+                                                             const SourceOptions& options);
+
+/// Lists the grids of numbers of files, by their headers.
+[[nodiscard]] Result<std::vector<ArrayShape>> list_vdb_grids(const std::vector<std::string>& paths);
 
 }  // namespace splatvol

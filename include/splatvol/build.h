@@ -100,8 +100,9 @@ struct MeshStep {
 
 /// Appends steps to a time series that was built from the same mesh, with the same `own_cells` and `connectivity`.
 /// Times must be later than those of the file. `reduction` and `up` are those of the file, and `exact` if all of it is
-/// exact. The file stays as it was if this fails. Fails if the file is no series, if its mesh or its attributes are
-/// others, and as `build_series`.
+/// exact. The file stays as it was if this fails, unless the disk does not confirm the last write: then the message
+/// says that the steps are in the file. Fails if the file is no series, if its mesh or its attributes are others, and
+/// as `build_series`.
 [[nodiscard]] SPLATVOL_EXPORT Result<MeshBuildReport> append_to_series(const MeshArrays& mesh,
                                                                        std::span<const MeshStep> steps,
                                                                        const std::string& path,

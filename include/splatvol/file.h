@@ -102,7 +102,8 @@ class SPLATVOL_EXPORT File {
   [[nodiscard]] Result<std::vector<double>> sample(std::span<const dvec3> positions, const std::string& attribute,
                                                    std::optional<std::size_t> resolution = std::nullopt) const;
 
-  /// Checks every byte of the file. Calls `progress` with the share done, in [0, 1].
+  /// Checks every byte of the file; of an index, of the files of all steps, and its units and ranges. Calls `progress`
+  /// with the share done, in [0, 1].
   [[nodiscard]] Status verify(const std::function<void(double)>& progress = {}) const;
 
   [[nodiscard]] std::uint64_t file_bytes() const;

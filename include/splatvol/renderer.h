@@ -49,7 +49,10 @@ struct RenderStatistics {
   std::uint64_t bytes_read = 0;     // of the file, since it was opened
   std::uint64_t bytes_held = 0;     // of the file, the most at any time
   double seconds = 0;
-  std::vector<Error> unreadable;  // parts that could not be read; each once. Their places are drawn coarser
+
+  /// Errors of parts that could not be read, each once: their places are drawn coarser. ErrorCode::out_of_budget: the
+  /// picture lacks patches of the boundary, for which a quarter of RendererOptions::memory is too little.
+  std::vector<Error> unreadable;
 };
 
 /// An open file, its scene, and a device that draws it. Errors name the file. Calls may come from any thread, one at a
@@ -90,7 +93,8 @@ class SPLATVOL_EXPORT Renderer {
   /// part of the file cannot be read.
   [[nodiscard]] Result<Image> render(const Quality& quality = {});
 
-  /// Draws the best picture that can be there in `seconds` from now. Learns the device's speed from call to call.
+  /// Draws the best picture that can be there in `seconds` from now. Learns the device's speed from call to call. Fails
+  /// unless `seconds` is finite and above 0.
   [[nodiscard]] Result<Image> render_within(double seconds);
 
   /// Draws the picture of what has been read, and waits up to `wait_seconds` for more. Threads go on reading until the

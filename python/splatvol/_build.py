@@ -41,22 +41,38 @@ class Step(NamedTuple):
     cell_values: Mapping[str, ArrayLike] = {}  #: in the cells: (m,) or (m, k)
 
 
+def _array(array: ArrayLike) -> NDArray[Any]:
+    """Returns an array, with its mask if it has one. NumPy drops the masks of arrays in a list."""
+    parts = array if isinstance(array, (list, tuple)) else [array]
+    has_mask = any(isinstance(part, np.ma.MaskedArray) for part in parts)
+    return np.ma.asarray(array) if has_mask else np.asarray(array)
+
+
 def _floats(array: ArrayLike) -> NDArray[Any]:
-    """Returns numbers in single or double precision, row by row; the caller's own array if it is like that."""
-    numbers = np.asarray(array)
+    """Returns numbers in single or double precision, row by row; the caller's own array if it is like that. Masked
+    ones are NaN."""
+    numbers = _array(array)
     if numbers.dtype not in (np.float32, np.float64):
         if numbers.dtype.kind not in "fiub":
             raise InvalidArgumentError(f"numbers are needed, not {numbers.dtype}")
         numbers = numbers.astype(np.float64)
-    return np.ascontiguousarray(numbers)
+    if np.ma.is_masked(numbers):
+        numbers = np.ma.filled(numbers, np.nan)
+    return np.ascontiguousarray(np.ma.getdata(numbers))
+
+
+def _refuse_masked(array: NDArray[Any], what: str) -> None:
+    if np.ma.is_masked(array):
+        raise InvalidArgumentError(f"{what}: masked numbers ({np.ma.count_masked(array)}): leave them out")
 
 
 def _indices(array: ArrayLike, what: str) -> NDArray[np.int64]:
     """Returns integers of 64 bits; the caller's own array if it is like that."""
-    numbers = np.asarray(array)
+    numbers = _array(array)
+    _refuse_masked(numbers, what)
     if numbers.dtype.kind not in "iu" and numbers.size > 0:
         raise InvalidArgumentError(f"{what}: whole numbers are needed, not {numbers.dtype}")
-    return np.ascontiguousarray(numbers, np.int64)
+    return np.ascontiguousarray(np.ma.getdata(numbers), np.int64)
 
 
 def _cells(cells: Cells) -> Tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:
@@ -120,7 +136,7 @@ def build(
     ``points``: (n, 3), world units. ``cells``: None (scattered points), an array of point numbers of one cell type:
     (m, 4) tetrahedra, (m, 5) pyramids, (m, 6) wedges, (m, 8) hexahedra; or the tuple (connectivity, offsets, types) of
     VTK, with m + 1 offsets. Points of cells are in VTK's order. ``values``: arrays at the points by name: (n,), or
-    (n, k) vectors, which give an attribute for the magnitude and one for each component. NaN: missing.
+    (n, k) vectors, which give an attribute for the magnitude and one for each component. NaN, or masked: missing.
 
     Arrays of float32 or float64 (values, points) and int64 (cells) that are contiguous are read where they lie; others
     are copied. They must not change meanwhile.
@@ -135,8 +151,8 @@ def build(
     as "outer 1", "outer 2", ..., the largest first, if it is not connected; 0: none. ``progress(stage, share)``:
     called now and then, with the share of the stage that is done.
 
-    Raises ``InvalidArgumentError`` or ``InvalidDataError`` if arrays do not fit each other, ``UnsupportedError`` for
-    cells of other types, ``FileError`` if the disk refuses. Then, and after Ctrl-C, a file that was there stays.
+    Raises ``InvalidArgumentError`` or ``InvalidDataError`` if arrays do not fit each other, or if a coordinate or a
+    point number is masked, ``UnsupportedError`` for cells of other types, ``FileError`` if the disk refuses. Then, and after Ctrl-C, a file that was there stays.
     """
     mesh = _mesh(points, cells)._replace(point_values=dict(values or {}), cell_values=dict(cell_values or {}))
     options = dict(
@@ -184,7 +200,8 @@ def build_series(
     ``units`` on.
 
     ``append=True`` adds steps to a series that is there, behind its last time. Points, cells, and the options that
-    choose how they are joined, must be as they were. If this fails, or by Ctrl-C, the file stays as it was.
+    choose how they are joined, must be as they were. If this fails, or by Ctrl-C, the file stays as it was, unless
+    the message says that the steps are in the file.
 
     The report is that of the first steps that are built together; warnings are of all. Raises as ``build``, and
     ``InvalidArgumentError`` or ``InvalidDataError`` if times do not rise, steps differ in their names, or the file has
@@ -203,7 +220,9 @@ def build_series(
 
 
 def _mesh(points: ArrayLike, cells: Cells) -> MeshArrays:
-    positions = _floats(points)
+    given = _array(points)
+    _refuse_masked(given, "points")
+    positions = _floats(given)
     if positions.ndim != 2 or positions.shape[1] != 3:
         raise InvalidArgumentError(f"points have the shape (n, 3), not {positions.shape}")
     none = np.empty(0, np.int64)

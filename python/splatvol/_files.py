@@ -143,10 +143,12 @@ class File:
     def show_time(self, time: float) -> None:
         """Changes to the step nearest to a time; of two, the earlier. If it fails, all stays as it was.
 
-        Raises ``InvalidArgumentError`` if the file is no time series.
+        Raises ``InvalidArgumentError`` if the file is no time series, or if the time is not finite.
         """
         if not self.times:
             raise InvalidArgumentError(f"{self.name}: no time series, so it has no steps")
+        if not np.isfinite(time):
+            raise InvalidArgumentError(f"{self.name}: {time} is no time")
         self.show_step(self._file.nearest_step(time))
 
     def range_of(self, attribute: str) -> Tuple[float, float]:
@@ -218,7 +220,9 @@ class File:
         return self._file.sample(positions, name, resolution)
 
     def verify(self, progress: Optional[Callable[[float], Any]] = None) -> None:
-        """Checks every byte of the file. Calls ``progress`` with the share that is done, in [0, 1].
+        """Checks every byte of the file; of an index, of the files of all steps, and its units and ranges.
+
+        Calls ``progress`` with the share that is done, in [0, 1].
 
         Raises ``InvalidDataError``, which names the first rule that is broken.
         """

@@ -107,7 +107,7 @@ def _values(data: Any) -> Dict[str, NDArray[Any]]:
         array = data.GetArray(index)  # none if it is one of texts
         if array is None or not array.GetName():
             continue
-        if array.GetName() != "vtkGhostType":
+        if array.GetName() not in ("vtkGhostType", "vtkGhostLevels"):
             values[array.GetName()] = _numbers(array)
         elif _numbers(array).any():
             raise InvalidArgumentError("the mesh has ghost points or cells: remove them first")

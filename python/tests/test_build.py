@@ -69,6 +69,53 @@ def test_nan_and_fill_values_are_missing(tmp_path, ball_mesh):
     assert np.isnan(file.points().values["T"]).sum() == 10
 
 
+@pytest.mark.parametrize("number", [np.float32, np.float64, np.int32])
+def test_masked_values_are_missing(tmp_path, ball_mesh, number):
+    points, cells = ball_mesh
+    masked = np.ma.masked_array(np.rint(linear(points)).astype(number), fill_value=123)
+    masked.data[:7] = 9999
+    masked[:7] = np.ma.masked
+    vectors = np.ma.masked_array(np.ones((len(points), 3)), mask=False)
+    vectors[3, 1] = np.ma.masked
+    splatvol.build(points, cells, {"T": masked, "U": vectors}, tmp_path / "a.svol")
+    file = splatvol.open(tmp_path / "a.svol")
+    assert {a.name: a.missing for a in file.attributes} == {"T": 7, "U": 1, "U[0]": 0, "U[1]": 1, "U[2]": 0}
+    assert np.nanmax(file.points().values["T"]) < 9999
+    assert masked.data[0] == 9999
+
+
+def test_masks_are_seen_in_cells_lists_and_series(tmp_path):
+    points, cells = lattice(4), hexahedra(4)
+    of_cells = np.ma.masked_less(linear(points[cells].mean(axis=1)), 0)
+    report = splatvol.build(points, cells, None, tmp_path / "a.svol", cell_values={"T": of_cells}, own_cells=True)
+    assert report.census["missing values: T"] == of_cells.mask.sum() > 0
+    rows = [np.ma.masked_array([row, row], mask=[i == 0, False]) for i, row in enumerate(points[:, 0])]
+    splatvol.build(points, cells, {"v": rows}, tmp_path / "b.svol")
+    assert {a.name: a.missing for a in splatvol.open(tmp_path / "b.svol").attributes}["v[0]"] == 1
+    at_points = np.ma.masked_less(points[:, 0], -0.9)
+    steps = [splatvol.Step(0, {"x": at_points}), splatvol.Step(1, {"x": at_points})]
+    splatvol.build_series(points, cells, steps, tmp_path / "c.svol")
+    assert splatvol.open(tmp_path / "c.svol").attributes[0].missing == at_points.mask.sum()
+
+
+def test_masks_that_hide_nothing_copy_nothing():
+    values = np.zeros(10)
+    assert np.shares_memory(_floats(np.ma.masked_array(values, mask=False)), values)
+
+
+def test_masked_positions_and_numbers_of_points_are_refused(tmp_path):
+    points, cells = lattice(2), hexahedra(2)
+    values = {"T": linear(points)}
+    masked_points = np.ma.masked_array(points, mask=np.zeros(points.shape, bool))
+    masked_points[3, 1] = np.ma.masked
+    with pytest.raises(splatvol.InvalidArgumentError, match="points: masked numbers"):
+        splatvol.build(masked_points, cells, values, tmp_path / "a.svol")
+    masked_cells = np.ma.masked_equal(cells, 0)
+    with pytest.raises(splatvol.InvalidArgumentError, match="cells: masked numbers"):
+        splatvol.build(points, masked_cells, values, tmp_path / "a.svol")
+    assert not (tmp_path / "a.svol").exists()
+
+
 def test_values_of_cells_are_averaged_or_kept(tmp_path):
     points, cells = lattice(4), hexahedra(4)
     values = linear(points[cells].mean(axis=1))

@@ -113,9 +113,11 @@ def test_errors_of_meshes(grid, tmp_path):
         splatvol.build_mesh([1, 2], tmp_path / "a.svol")
     with pytest.raises(TypeError, match="colour"):
         splatvol.build_mesh(grid, tmp_path / "a.svol", colour=1)
-    grid.cell_data["vtkGhostType"] = np.ones(grid.n_cells, np.uint8)
-    with pytest.raises(splatvol.InvalidArgumentError, match="ghost"):
-        splatvol.build_mesh(grid, tmp_path / "a.svol")
+    for ghosts in ("vtkGhostType", "vtkGhostLevels"):
+        copy = grid.copy()
+        copy.cell_data[ghosts] = np.ones(grid.n_cells, np.uint8)
+        with pytest.raises(splatvol.InvalidArgumentError, match="ghost"):
+            splatvol.build_mesh(copy, tmp_path / "a.svol")
     with pytest.raises(splatvol.Error):
         splatvol.build_mesh(pv.Sphere(), tmp_path / "a.svol")
 

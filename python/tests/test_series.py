@@ -31,7 +31,7 @@ def test_steps_are_chosen_by_number_and_by_time(series_path):
     assert file.step == 0
     file.show_time(100)
     assert file.step == 1
-    for wrong in (dict(step=2), dict(step=0, time=0.)):
+    for wrong in (dict(step=2), dict(step=0, time=0.), dict(time=float("nan")), dict(time=float("inf"))):
         with pytest.raises(splatvol.InvalidArgumentError):
             splatvol.open(series_path, **wrong)
 

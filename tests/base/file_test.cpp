@@ -26,6 +26,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/locked_file.h"
 #include "base/replaceable.h"
 #include "base/temporary_names.h"
 
@@ -165,6 +166,13 @@ TEST_F(FileTest, OpenRefusesWhatIsNoRegularFile) {
   expect_one_line_about(folder.error(), folder_.string());
 }
 
+TEST_F(FileTest, ANameDoesNotEndInItsMiddle) {
+  write("a", "other");
+  const auto opened = open_file(path("a") + std::string("\0b", 2));
+  ASSERT_FALSE(opened);
+  EXPECT_THAT(opened.error().message, HasSubstr("NUL"));
+}
+
 TEST_F(FileTest, ReadTextFileKeepsEveryByte) {
   const std::string text("a\0b\r\n\xff", 6);
   write("text", text);
@@ -203,15 +211,15 @@ TEST_F(FileTest, OnlyAFileOfTheSameKindIsReplaced) {
       {"a.vtu", "<?xml version=\"1.0\"?>"}};
   for (const auto& [name, start] : starts) {
     write(name, start + " and more");
-    EXPECT_TRUE(check_replaceable(path(name))) << name;
-    EXPECT_TRUE(AtomicFile::create(path(name))) << name;
+    EXPECT_TRUE(check_replaceable(path(name), Replace::any)) << name;
+    EXPECT_TRUE(AtomicFile::create(path(name), AtomicFile::Unnamed::if_possible, Replace::any)) << name;
     for (const std::string other : {"text", "\x89", " "}) {
       write(name, other);
-      const auto status = check_replaceable(path(name));
+      const auto status = check_replaceable(path(name), Replace::any);
       ASSERT_FALSE(status) << name << " holds " << other;
       EXPECT_EQ(status.error().code, ErrorCode::invalid_argument);
       EXPECT_TRUE(status.error().message.starts_with(path(name)));
-      EXPECT_FALSE(AtomicFile::create(path(name))) << name;
+      EXPECT_FALSE(AtomicFile::create(path(name), AtomicFile::Unnamed::if_possible, Replace::any)) << name;
     }
     write(name, "");
     EXPECT_TRUE(check_replaceable(path(name))) << name << ": empty";
@@ -225,6 +233,54 @@ TEST_F(FileTest, OnlyAFileOfTheSameKindIsReplaced) {
   write("late.svol", "a letter");
   EXPECT_FALSE(file.commit());
   EXPECT_EQ(content("late.svol"), "a letter");
+}
+
+// The start of a .vdb file whose metadata have the mark of an export with another UUID, or with its own.
+std::string vdb_with(const std::string& uuid, const std::string& mark) {
+  return std::string(" BDV\0\0\0\0", 8) + std::string(13, '\1') + uuid + std::string(20, '\2') + mark + " more";
+}
+
+// A mesh of the user's has no mark, however near to one its text comes. Marks do not survive a change.
+TEST_F(FileTest, WhatMayBeAnInputIsReplacedIfItHasAMarkOnly) {
+  const std::string uuid(36, 'a'), other_uuid(36, 'b'), declared = "<?xml version=\"1.0\"?>\n";
+  const std::string mark(vtu_export_mark), element = "<VTKFile type=\"UnstructuredGrid\">\n";
+  const std::vector<std::pair<std::string, std::string>> exports = {
+      {"a.vtu", declared + mark + "\n" + element},
+      {"a.VTU", declared + "<!-- mine -->" + mark + element},
+      {"a.vdb", vdb_with(uuid, vdb_export_mark(uuid))}};
+  for (const auto& [name, content] : exports) {
+    write(name, content);
+    EXPECT_TRUE(check_replaceable(path(name))) << name;
+    EXPECT_TRUE(AtomicFile::create(path(name))) << name;
+  }
+
+  const std::vector<std::pair<std::string, std::string>> inputs = {
+      {"a.vtu", declared + element},
+      {"a.vtu", element + mark},
+      {"a.vtu", declared + "<!-- splatvol -->" + element},
+      {"a.vtu", declared + "<!--" + std::string(4096, ' ') + "-->" + mark + element},
+      {"a.vdb", vdb_with(uuid, vdb_export_mark(other_uuid))},
+      {"a.vdb", vdb_with(uuid, "")},
+      {"a.vdb", " BDV"},
+      {"a.npy", "\x93NUMPY" + mark}};
+  for (const auto& [name, content] : inputs) {
+    write(name, content);
+    const auto status = check_replaceable(path(name));
+    ASSERT_FALSE(status) << content;
+    EXPECT_EQ(status.error().code, ErrorCode::invalid_argument);
+    EXPECT_TRUE(status.error().message.starts_with(path(name)));
+    EXPECT_NE(status.error().message.find("--force"), std::string::npos);
+    EXPECT_FALSE(AtomicFile::create(path(name))) << content;
+    EXPECT_TRUE(check_replaceable(path(name), Replace::any)) << content;
+  }
+
+  // A link names what it points to. A file that appears while another is written stays.
+  fs::create_symlink(path("a.npy"), path("link.npy"));
+  EXPECT_FALSE(check_replaceable(path("link.npy")));
+  auto file = AtomicFile::create(path("late.vtu")).value();
+  write("late.vtu", declared + element);
+  EXPECT_FALSE(file.commit());
+  EXPECT_EQ(content("late.vtu"), declared + element);
 }
 
 TEST_F(FileTest, DestroyedWithoutCommitLeavesTheOldFile) {
@@ -458,6 +514,57 @@ TEST_F(FileTest, AFileThatCannotGetItsNameStaysBesideIt) {
   }
 }
 
+TEST_F(FileTest, WithoutConfirmationNothingStaysOfAFileThatCannotGetItsName) {
+  for (const auto unnamed : {AtomicFile::Unnamed::if_possible, AtomicFile::Unnamed::never}) {
+    {
+      auto file = AtomicFile::create(path("taken"), unnamed).value();
+      fs::create_directory(path("taken"));
+      EXPECT_FALSE(file.commit_unconfirmed());
+    }
+    EXPECT_EQ(names(), Names{"taken"});
+    fs::remove(path("taken"));
+  }
+  auto file = AtomicFile::create(path("free")).value();
+  ASSERT_TRUE(file.append(bytes_of("text")));
+  ASSERT_TRUE(file.commit_unconfirmed());
+  ASSERT_TRUE(sync_folder(folder_));
+  EXPECT_EQ(content("free"), "text");
+  EXPECT_FALSE(sync_folder(path("missing")));
+}
+
+TEST_F(FileTest, RenamesToFreeNamesOnly) {
+  write("a", "a");
+  write("b", "b");
+  fs::create_symlink("nowhere", path("link"));
+  for (const char* taken : {"b", "link"}) EXPECT_FALSE(rename_if_free(path("a"), path(taken)).value()) << taken;
+  EXPECT_EQ(content("b"), "b");
+  EXPECT_TRUE(rename_if_free(path("a"), path("c")).value());
+  EXPECT_EQ(content("c"), "a");
+  EXPECT_EQ(names(), (Names{"b", "c", "link"}));
+  const auto missing = rename_if_free(path("a"), path("d"));
+  ASSERT_FALSE(missing);
+  expect_one_line_about(missing.error(), path("a"));
+}
+
+TEST_F(FileTest, AFileIsLockedOnce) {
+  using IfTaken = LockedFile::IfTaken;
+  write("a", "a");
+  {
+    const auto first = LockedFile::open(path("a"), IfTaken::fail);
+    ASSERT_TRUE(first) << first.error().message;
+    EXPECT_TRUE(first->is_locked());
+    const auto second = LockedFile::open(path("a"), IfTaken::fail);
+    ASSERT_FALSE(second);
+    EXPECT_THAT(second.error().message, HasSubstr("another program appends to it"));
+    // The lock is that of the file, and not of the name.
+    ASSERT_TRUE(write_text_file(path("a"), "new"));
+    EXPECT_TRUE(LockedFile::open(path("a"), IfTaken::fail));
+  }
+  EXPECT_TRUE(LockedFile::open(path("a"), IfTaken::wait));
+  EXPECT_FALSE(LockedFile::open(path("missing"), IfTaken::wait));
+  EXPECT_FALSE(LockedFile::open(folder_, IfTaken::wait));
+}
+
 TEST_F(FileTest, WithoutLinksToUnnamedFilesACopyGetsTheName) {
   const pid_t child = ::fork();
   if (child == 0) {
@@ -496,6 +603,14 @@ TEST_F(FileTest, ASignalHandlerRemovesTemporaryNames) {
   note_temporary(path("folder"));
   remove_temporaries();
   forget_temporary(path("folder"));
+  EXPECT_EQ(names(), Names{"first"});
+  // As many as there are.
+  for (int i = 0; i < 200; ++i) {
+    write(fmt::format("file{}", i), "");
+    note_temporary(path(fmt::format("file{}", i)));
+  }
+  remove_temporaries();
+  for (int i = 0; i < 200; ++i) forget_temporary(path(fmt::format("file{}", i)));
   EXPECT_EQ(names(), Names{"first"});
   // A name that is forgotten stays.
   note_temporary(path("first"));

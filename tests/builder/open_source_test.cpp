@@ -13,6 +13,7 @@
 #include <tuple>
 
 #include "base/file.h"
+#include "builder/input_files.h"
 #include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
@@ -457,9 +458,48 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
   const auto several = read_input({third, folder_ + "pieces/1.vtu"});
   ASSERT_TRUE(several) << several.error().message;
   EXPECT_EQ(several->pieces.size(), 3u);
-  moved.point_data[0].name = "other";
-  const std::string other = write("other.vtu", moved.file());
-  EXPECT_THAT(error_of({two, other}), AllOf(StartsWith(other), HasSubstr("\"s\"")));
+}
+
+TEST_F(SourceTest, NamesOfAnyCaseAreKnown) {
+  Mesh mesh = hexahedron_mesh();
+  write("pieces/a.vtu", mesh.file());
+  for (dvec3& p : mesh.points) p.x += 1;
+  write("pieces/B.VTU", mesh.file());
+  for (dvec3& p : mesh.points) p.x += 1;
+  write("pieces/c.Vtu", mesh.file());
+  const auto pieces = read_input({folder_ + "pieces"});
+  ASSERT_TRUE(pieces) << pieces.error().message;
+  EXPECT_EQ(pieces->pieces.size(), 3u);
+  EXPECT_THAT(files_left_out({folder_ + "pieces"}), testing::IsEmpty());
+  for (const char* name : {"a.E", "a.e-s002", "a.e-s002.4.1", "a.exo.4.0", "a.GEN", "a.gen", "a.G"}) {
+    const auto header = read_header(write(name, "\x89HDF\r\n\x1a\n"));
+    ASSERT_TRUE(header);
+    EXPECT_EQ(header->kind, VtkFile::Kind::exodus) << name;
+  }
+  EXPECT_EQ(read_header(write("A.CASE", "FORMAT\n"))->kind, VtkFile::Kind::ensight);
+  EXPECT_EQ(read_header(write("a.NPY", ""))->format, FileHeader::Format::npy);
+  EXPECT_EQ(read_header(write("a.TSV", ""))->format, FileHeader::Format::csv);
+  for (const char* name : {"a.e-s", "a-s002", "s002", "a.vtk-s1"})
+    EXPECT_EQ(read_header(write(name, "x"))->format, FileHeader::Format::other) << name;
+}
+
+TEST_F(SourceTest, DataThatAFolderLeavesOutIsNamed) {
+  const std::string mesh = hexahedron_mesh().file();
+  write("pieces/a.vtu", mesh);
+  for (const char* name : {"pieces/readme.txt", "pieces/picture.png", "pieces/.hidden.h5"}) write(name, "none\n");
+  write("pieces/all.pvti", "<VTKFile type=\"PImageData\" version=\"0.1\"></VTKFile>");
+  EXPECT_THAT(files_left_out({folder_ + "pieces"}), testing::IsEmpty());
+  write("pieces/b.h5", "");
+  write("pieces/c", mesh);
+  write("pieces/d.dat", "CDF\001");
+  EXPECT_THAT(files_left_out({folder_ + "pieces"}),
+              ElementsAre(folder_ + "pieces/b.h5", folder_ + "pieces/c", folder_ + "pieces/d.dat"));
+  EXPECT_THAT(files_left_out({folder_ + "pieces/a.vtu"}), testing::IsEmpty());
+  // A .pvd tells which files belong to it.
+  write("pieces/all.PVD",
+        "<VTKFile type=\"Collection\" version=\"0.1\"><Collection><DataSet timestep=\"0\" "
+        "file=\"a.vtu\"/></Collection></VTKFile>");
+  EXPECT_THAT(files_left_out({folder_ + "pieces"}), testing::IsEmpty());
 }
 
 TEST_F(SourceTest, BadInputIsOneClearLine) {

@@ -189,7 +189,8 @@ TEST(SeriesIndex, RefusesWhatIsNone) {
        {"", "[]", "{}", R"({"steps": 3})", R"({"steps": []})", R"({"steps": [{"time": 0}]})",
         R"({"steps": [{"time": "0", "file": "a"}]})", R"({"steps": [{"time": 0, "file": ""}]})",
         R"({"steps": [{"time": 0, "file": "../a"}]})", R"({"steps": [{"time": 0, "file": "/etc/passwd"}]})",
-        R"({"steps": [{"time": 0, "file": ".."}]})", R"({"steps": [{"time": 1e999, "file": "a"}]})",
+        R"({"steps": [{"time": 0, "file": "a.svol\u0000b"}]})", R"({"steps": [{"time": 0, "file": ".."}]})",
+        R"({"steps": [{"time": 1e999, "file": "a"}]})",
         R"({"steps": [{"time": 1, "file": "a"}, {"time": 1, "file": "b"}]})"})
     EXPECT_FALSE(format::series_index_from_json(text)) << text;
 

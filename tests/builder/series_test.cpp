@@ -10,7 +10,10 @@
 
 #include "base/file.h"
 #include "builder/series_build.h"
+#include "builder/series_files.h"
 #include "builder/series_inputs.h"
+#include "builder/sources/arrays_source.h"
+#include "format/steps.h"
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
@@ -306,6 +309,70 @@ TEST_F(Series, ReportsAttributesOnceWhateverTheMemory) {
     ASSERT_EQ(report->build.warnings.size(), 1U);
     EXPECT_THAT(report->build.warnings[0].words, HasSubstr("nearer to 0"));
   }
+}
+
+// Points with the array U.
+class PointsWithU {
+ public:
+  explicit PointsWithU(int components, std::string unit = "") {
+    for (const dvec3& p : test::random_points(60)) points_.insert(points_.end(), {p.x, p.y, p.z});
+    for (std::size_t i = 0; i < 60 * static_cast<std::size_t>(components); ++i)
+      values_.push_back(std::sin(static_cast<double>(i)));
+    mesh_.points = points_;
+    mesh_.point_values = {{"U", std::span<const double>(values_), components, std::move(unit)}};
+  }
+  PointsWithU(const PointsWithU&) = delete;
+  PointsWithU& operator=(const PointsWithU&) = delete;
+
+  [[nodiscard]] SeriesStep step(double time, const std::vector<std::string>& selection = {}) const {
+    const std::string name = fmt::format("step at {}", time);
+    return {name, time, [this, name, selection] { return open_arrays(name, mesh_, {.selection = selection}); }};
+  }
+
+  [[nodiscard]] const MeshArrays& mesh() const { return mesh_; }
+
+ private:
+  std::vector<double> points_, values_;
+  MeshArrays mesh_;
+};
+
+std::string error_of(const Result<SeriesReport>& report) { return report ? "" : report.error().message; }
+
+// The magnitude of a vector has the name of the vector, and of a number.
+TEST_F(Series, AVectorIsNoNumber) {
+  const PointsWithU number(1), vector(3), plane(2);
+  const std::vector<std::string> u = {"U"};
+  const auto both = [&](const PointsWithU& first, const PointsWithU& second) {
+    const std::vector<SeriesStep> list = {first.step(0, u), second.step(1, u)};
+    const std::string in_one = error_of(build_series(list, path("s.svol"), {}, silent));
+    const std::string in_files = error_of(build_series_of_files(list, path("s.svols"), false, {}, silent));
+    EXPECT_EQ(in_one.empty(), in_files.empty());
+    EXPECT_EQ(std::filesystem::exists(path("s.svols")), in_files.empty());
+    for (const char* file : {"s.svol", "s.svols", "s-0000.svol", "s-0001.svol"}) std::filesystem::remove(path(file));
+    return in_one + in_files;
+  };
+  EXPECT_EQ(both(number, number), "");
+  EXPECT_EQ(both(vector, vector), "");
+  EXPECT_THAT(both(number, vector), HasSubstr("step at 1: \"U\" is a vector of 3 components, and a number in"));
+  EXPECT_THAT(both(vector, number), HasSubstr("step at 1: \"U\" is a number, and a vector of 3 components in"));
+  EXPECT_THAT(both(vector, plane), HasSubstr("step at 1: \"U\" is a vector of 2 components, and a vector of 3"));
+}
+
+// The index has one unit of each attribute.
+TEST_F(Series, AStepOfFilesHasTheUnitsOfTheStepsBefore) {
+  const PointsWithU pascals(1, "Pa"), unknown(1), kilopascals(1, "kPa");
+  ASSERT_EQ(error_of(build_series_of_files({pascals.step(0), unknown.step(1)}, path("s.svols"), false, {}, silent)),
+            "");
+  EXPECT_EQ(open(path("s-0001.svol"))->info().attributes[0].unit, "Pa");
+  const auto append = [&](const PointsWithU& points, const BuildOptions& options) {
+    return error_of(build_series_of_files({points.step(2)}, path("s.svols"), true, options, silent));
+  };
+  EXPECT_THAT(append(kilopascals, {}), HasSubstr("the unit of \"U\" is \"kPa\", and \"Pa\" in the steps before"));
+  EXPECT_EQ(append(kilopascals, {.units = {{"U", "Pa"}}}), "");
+  const auto steps = format::Steps::open(path("s.svols"), open_file).value();
+  EXPECT_EQ(steps.times().size(), 3U);
+  const Status verified = steps.verify([](double) {});
+  EXPECT_TRUE(verified) << verified.error().message;
 }
 
 TEST(SeriesInputs, TimesAreAllOrARange) {

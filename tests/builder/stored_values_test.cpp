@@ -203,6 +203,33 @@ std::vector<std::uint64_t> material_of(const format::Volume& volume) {
   return hashes;
 }
 
+// A check of a file looks for occupied bins near the mean of each splat (spec R22).
+TEST_F(StoredValuesTest, MaterialIsOccupiedNearItsMean) {
+  Piece piece = test::scattered(test::random_points(600));
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  std::uniform_real_distribution<double> uniform(-30, 30);
+  piece.values.assign(6, {});
+  for (std::size_t i = 0; i < piece.points.size(); ++i) {
+    piece.values[0].push_back(piece.points[i].x > 0.5 ? 1 : -1);
+    piece.values[1].push_back(std::pow(10, uniform(random)));
+    piece.values[2].push_back(i % 3 == 0 ? nan : normal(random));
+    piece.values[3].push_back(i % 50 == 7 ? 1e30 : normal(random));
+    piece.values[4].push_back(1e10 + 1e-3 * normal(random));
+    piece.values[5].push_back(1e-300 * normal(random));  // its variance is 0 in double precision
+  }
+  const std::vector<std::string> names = {"bodies", "wide", "missing", "far", "narrow", "small"};
+  for (const Reduction reduction : {Reduction::octree, Reduction::mis, Reduction::kdtree})
+    for (const Connectivity connectivity : {Connectivity::delaunay, Connectivity::none, Connectivity::boxes})
+      for (const bool exact : {false, true}) {
+        BuildOptions options;
+        options.reduction = reduction;
+        options.connectivity = connectivity;
+        options.exact = {.positions = exact, .values = exact};
+        ASSERT_TRUE(build({piece}, names, options)) << reduction_name(reduction) << connectivity_name(connectivity);
+      }
+}
+
 TEST_F(StoredValuesTest, AttributesWithTheSameValuesAreStoredOnce) {
   const auto volume = build(pieces_with_equal_attributes(), three_names);
   ASSERT_TRUE(volume);

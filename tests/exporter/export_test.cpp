@@ -3,11 +3,16 @@
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
 #include <tbb/global_control.h>
+#include <vtkNew.h>
+#include <vtkUnstructuredGrid.h>
+#include <vtkXMLUnstructuredGridReader.h>
+#include <vtkXMLUnstructuredGridWriter.h>
 
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <map>
+#include <numeric>
 
 #include "base/file.h"
 #include "base/vdb_share.h"
@@ -242,19 +247,107 @@ TEST_F(Export, RefusesWhatCannotBe) {
   EXPECT_THAT(export_vtu(*volume, path("out.vtu"), outside, no_progress).error().message, HasSubstr("no points"));
 }
 
-TEST_F(Export, NamesThatClashAreRefused) {
-  test::TestVolume volume = test::make_test_volume(test::random_points(50, 1u), {std::vector<double>(50, 1.0)});
-  volume.info.attributes[0].name = "mass";
-  ASSERT_TRUE(test::write_test_volume(volume, path("mass.svol")));
-  const auto mass = open("mass.svol");
-  const auto selection = format::select_splats(*mass, std::nullopt, {}, format::SplatSelection().box).value();
-  EXPECT_THAT(export_vtu(*mass, path("out.vtu"), selection, no_progress).error().message, HasSubstr("\"mass\""));
-  volume.info.attributes[0].name = "volume_fraction";
-  ASSERT_TRUE(test::write_test_volume(volume, path("fraction.svol")));
-  const auto fraction = open("fraction.svol");
-  const auto other = format::select_splats(*fraction, std::nullopt, {}, format::SplatSelection().box).value();
-  EXPECT_THAT(export_vdb(*fraction, path("out.vdb"), other, 0.1, enough, no_progress).error().message,
-              HasSubstr("\"volume_fraction\""));
+// An attribute keeps its name, whatever it is called; the array or grid of the material gets another.
+TEST_F(Export, AttributesKeepTheirNames) {
+  const auto points = test::random_points(50, 1u);
+  const auto volume_with = [&](const std::vector<std::string>& names) {
+    std::vector<std::vector<double>> values(names.size());
+    for (std::size_t a = 0; a < names.size(); ++a) values[a].assign(points.size(), 100.0 + static_cast<double>(a));
+    test::TestVolume volume = test::make_test_volume(points, values);
+    for (std::size_t a = 0; a < names.size(); ++a) volume.info.attributes[a].name = names[a];
+    EXPECT_TRUE(test::write_test_volume(volume, path("named.svol")));
+    return open("named.svol");
+  };
+  // Those behind "mean" are arrays of the material for the first attribute, or what such an array is called then.
+  const std::vector<std::string> names = {"p",      "mass",        "mass (splat)", "centroid",   "covariance",
+                                          "p mean", "p deviation", "p covariance", "p gradient", "p mean mean"};
+  const auto clashing = volume_with(names);
+  const auto selection = format::select_splats(*clashing, std::nullopt, {}, format::SplatSelection().box).value();
+  const VtuReport report = export_vtu(*clashing, path("out.vtu"), selection, no_progress).value();
+  const std::map<std::string, std::string> renamed = {{"mass", "mass (splat 2)"},
+                                                      {"centroid", "centroid (splat)"},
+                                                      {"covariance", "covariance (splat)"},
+                                                      {"p mean", "p mean (splat)"},
+                                                      {"p deviation", "p deviation (splat)"},
+                                                      {"p covariance", "p covariance (splat)"},
+                                                      {"p gradient", "p gradient (splat)"},
+                                                      {"p mean mean", "p mean mean (splat)"}};
+  EXPECT_EQ(report.renamed, renamed);
+  const auto source = open_source({path("out.vtu")}, {}).value();
+  const auto piece = source->next().value();
+  const auto sum_of = [&](const std::string& name) {
+    const auto found = std::ranges::find(source->attributes(), name);
+    EXPECT_NE(found, source->attributes().end()) << name;
+    const auto& values = piece->values[static_cast<std::size_t>(found - source->attributes().begin())];
+    return std::accumulate(values.begin(), values.end(), 0.0);
+  };
+  for (std::size_t a = 0; a < names.size(); ++a)
+    EXPECT_NEAR(sum_of(names[a]), (100.0 + static_cast<double>(a)) * 50, 1e-3) << names[a];
+  EXPECT_NEAR(sum_of("mass (splat 2)"), report.mass, 1e-9 * report.mass);
+
+  const auto fractions = volume_with({"volume_fraction", "volume_fraction (splat)"});
+  const auto grids = format::select_splats(*fractions, std::nullopt, {}, format::SplatSelection().box).value();
+  const VdbReport voxels = export_vdb(*fractions, path("out.vdb"), grids, 0.1, enough, no_progress).value();
+  EXPECT_EQ(voxels.renamed.at("volume_fraction"), "volume_fraction (splat 2)");
+  EXPECT_NEAR(mass_of(*grid("out.vdb", "volume_fraction (splat 2)")), voxels.voxel_mass, 1e-5 * voxels.voxel_mass);
+  EXPECT_NEAR(grid("out.vdb", "volume_fraction")->cbeginValueOn().getValue(), 100, 1e-3);
+  EXPECT_NEAR(grid("out.vdb", "volume_fraction (splat)")->cbeginValueOn().getValue(), 101, 1e-3);
+  const auto back = open_source({path("out.vdb")}, {}).value();
+  EXPECT_THAT(back->attributes(),
+              testing::UnorderedElementsAre("volume_fraction", "volume_fraction (splat)", "volume_fraction (splat 2)"));
+}
+
+TEST_F(Export, TwoAttributesOfOneNameAreRefused) {
+  const auto volume = random_volume();
+  const auto box = format::SplatSelection().box;
+  const auto twice = format::select_splats(*volume, std::nullopt, {"a0", "a0"}, box).value();
+  EXPECT_THAT(export_vtu(*volume, path("out.vtu"), twice, no_progress).error().message, HasSubstr("\"a0\""));
+  EXPECT_THAT(export_vdb(*volume, path("out.vdb"), twice, 0.1, enough, no_progress).error().message,
+              HasSubstr("\"a0\""));
+  auto alike = format::select_splats(*volume, std::nullopt, {"a0", "a1"}, box).value();
+  alike.names = {"a\x01", "a\x02"};  // XML has neither
+  EXPECT_THAT(export_vtu(*volume, path("out.vtu"), alike, no_progress).error().message, HasSubstr("\"a?\""));
+}
+
+// An export is replaced by the next one. A file that VTK or OpenVDB has written anew may hold work of the user.
+TEST_F(Export, WhatAnotherProgramHasSavedIsNotReplaced) {
+  const auto volume = random_volume();
+  const auto selection = format::select_splats(*volume, 0, {}, format::SplatSelection().box).value();
+  const auto points = [&](Replace replace = Replace::exports) {
+    return export_vtu(*volume, path("out.vtu"), selection, no_progress, replace);
+  };
+  const auto voxels = [&](Replace replace = Replace::exports) {
+    return export_vdb(*volume, path("out.vdb"), selection, 0.2, enough, no_progress, replace);
+  };
+  for (int i = 0; i < 2; ++i) {
+    ASSERT_TRUE(points()) << i;
+    ASSERT_TRUE(voxels()) << i;
+  }
+
+  {
+    const vtkNew<vtkXMLUnstructuredGridReader> reader;
+    reader->SetFileName(path("out.vtu").c_str());
+    reader->Update();
+    const vtkNew<vtkXMLUnstructuredGridWriter> writer;
+    writer->SetFileName(path("out.vtu").c_str());
+    writer->SetInputData(reader->GetOutput());
+    ASSERT_EQ(writer->Write(), 1);
+  }
+  openvdb::initialize();
+  openvdb::io::File file(path("out.vdb"));
+  file.open(false);
+  const openvdb::GridPtrVecPtr grids = file.getGrids();
+  const openvdb::MetaMap::Ptr metadata = file.getMetadata();
+  file.close();
+  EXPECT_EQ(metadata->metaCount(), 1u);
+  openvdb::io::File(path("out.vdb")).write(*grids, *metadata);  // with the metadata, as some programs do
+
+  EXPECT_THAT(points().error().message, HasSubstr("--force"));
+  EXPECT_THAT(voxels().error().message, HasSubstr("--force"));
+  ASSERT_TRUE(points(Replace::any));
+  ASSERT_TRUE(voxels(Replace::any));
+  EXPECT_TRUE(points());
+  EXPECT_TRUE(voxels());
 }
 
 // Reads the export back through open_source, which uses VTK.

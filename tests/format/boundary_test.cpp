@@ -250,6 +250,54 @@ TEST_F(DamagedBoundary, CannotClaimManyTriangles) {
   EXPECT_LT(test::most_bytes_allocated(), std::size_t{16} << 20);
 }
 
+// A file whose only patch has so many triangles between 200 points. Its frame is near the ratio that R7 allows.
+Bytes file_of_many(std::uint32_t triangles) {
+  constexpr std::uint32_t points = 200;
+  Bytes payload(12 * (points + std::size_t{triangles}));
+  const auto codes = std::span(payload).subspan(12 * points, 3 * std::size_t{triangles});
+  std::fill(codes.begin() + points, codes.end(), std::byte{1});
+  std::mt19937 random(3);
+  for (std::size_t i = points; i < codes.size(); i += 300) codes[i] = static_cast<std::byte>(1 + random() % points);
+  return Dissected(file_with({{"one", square(1, 0)}})).assemble([&](Part part, std::size_t, Bytes& bytes) {
+    if (part == Part::patch) bytes = payload;
+    if (part != Part::metadata) return;
+    std::string json(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    const std::string old = R"("points":4,"triangles":2)";
+    json.replace(json.find(old), old.size(), fmt::format(R"("points":{},"triangles":{})", points, triangles));
+    const auto raw = std::as_bytes(std::span(json));
+    bytes.assign(raw.begin(), raw.end());
+  });
+}
+
+TEST(HugeBoundary, IsCheckedInLittleMemory) {
+  const Bytes file = file_of_many(5'000'000);
+  EXPECT_LT(file.size(), std::size_t{1} << 20);
+  const auto volume = open(file).value();
+  test::start_counting_allocations();
+  const Status verified = volume->verify([](double) {});
+  EXPECT_TRUE(verified) << verified.error().message;
+  EXPECT_LT(test::most_bytes_allocated(), std::size_t{8} << 20);
+
+  const std::size_t first = 0;
+  test::start_counting_allocations();
+  EXPECT_EQ(volume->read_boundary({&first, 1})->triangles.size(), 5'000'000U);
+  EXPECT_LT(test::most_bytes_allocated(), std::size_t{66} << 20) << "the mesh, and little besides";
+}
+
+TEST(HugeBoundary, ComesBackAsItWas) {
+  const TriangleMesh large = square(1050, 3);
+  const Bytes file = file_with({{"small", square(2, 1)}, {"large", large}});
+  const auto volume = open(file).value();
+  ASSERT_GT(payload_bytes(volume->info().boundary->patches[1]), std::uint64_t{1} << 25);
+  const std::size_t both[] = {0, 1};
+  const auto joined = volume->read_boundary(both);
+  ASSERT_TRUE(joined) << joined.error().message;
+  std::vector<dvec3> corners = corners_of(*joined);
+  corners.erase(corners.begin(), corners.begin() + 24);
+  EXPECT_LE(largest_distance(corners, corners_of(large)), volume->info().boundary->error);
+  EXPECT_TRUE(verify(file));
+}
+
 TEST_F(DamagedBoundary, EachFlippedByteAndCutIsFound) {
   const auto volume = open(file_).value();
   const auto section = std::ranges::find(volume->sections(), SectionKind::boundary, &SectionEntry::kind);

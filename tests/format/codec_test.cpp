@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <optional>
 #include <random>
 
 namespace splatvol::format {
@@ -98,6 +100,81 @@ TEST(Codec, PlanesOfEveryWidthComeBack) {
     EXPECT_EQ(planes.size(), 100 * width);
     read_planes<std::uint64_t>(planes, back, width);
     EXPECT_EQ(back, numbers);
+  }
+}
+
+// --- From front to back.
+
+// A zstd frame of blocks that repeat a byte. `window`: its descriptor (RFC 8878); none: the window is all of it.
+Bytes frame_of_runs(std::span<const std::byte> raw, std::optional<std::uint8_t> window) {
+  Bytes frame;
+  append_record(frame, std::uint32_t{0xFD2FB528});
+  append_record(frame, static_cast<std::uint8_t>(window ? 0xC0 : 0xE0));
+  if (window) append_record(frame, *window);
+  append_record(frame, std::uint64_t{raw.size()});
+  constexpr std::size_t longest = 1000;
+  for (std::size_t at = 0, count = 0; at < raw.size(); at += count) {
+    for (count = 1; count < longest && at + count < raw.size() && raw[at + count] == raw[at];) ++count;
+    const auto head = static_cast<std::uint32_t>(count << 3 | 1U << 1 | (at + count == raw.size() ? 1 : 0));
+    for (int byte = 0; byte < 3; ++byte) append_record(frame, static_cast<std::uint8_t>(head >> 8 * byte));
+    frame.push_back(raw[at]);
+  }
+  return frame;
+}
+
+constexpr std::uint8_t window_of_8_mib = 0x68, window_of_16_mib = 0x70;
+
+Result<Bytes> unpack_in_pieces(const Bytes& packed, std::size_t bytes, std::size_t piece) {
+  Unpacker unpacker(packed, bytes, "test");
+  Bytes raw(bytes);
+  for (std::size_t at = 0; at < bytes; at += piece)
+    SPLATVOL_TRY(unpacker.read(std::span(raw).subspan(at, std::min(piece, bytes - at))));
+  SPLATVOL_TRY(unpacker.finish());
+  return raw;
+}
+
+TEST(Unpacker, GivesWhatUnpackGives) {
+  Bytes raw(300'000);
+  for (std::size_t i = 0; i < raw.size(); ++i) raw[i] = static_cast<std::byte>(i / 7 % 251 * (i / 100'000));
+  for (const Bytes& packed : {pack(raw), raw, frame_of_runs(raw, window_of_8_mib)}) {
+    for (const std::size_t piece : {1, 1000, 131'072, 300'000})
+      EXPECT_EQ(unpack_in_pieces(packed, raw.size(), piece), raw);
+    Unpacker unpacker(packed, raw.size(), "test");
+    Bytes part(100);
+    for (const std::size_t at : {5, 105, 70'000, 299'900}) {
+      ASSERT_TRUE(unpacker.skip_to(at));
+      ASSERT_TRUE(unpacker.read(part));
+      EXPECT_TRUE(std::ranges::equal(part, std::span(raw).subspan(at, part.size())));
+    }
+    EXPECT_TRUE(unpacker.finish());
+    EXPECT_FALSE(unpacker.read(part)) << "behind the end";
+  }
+}
+
+TEST(Unpacker, FindsDamage) {
+  Bytes raw(3000, std::byte{1});
+  raw[1500] = std::byte{7};
+  const Bytes packed = pack(raw);
+  ASSERT_LT(packed.size(), raw.size());
+  for (std::size_t size = 0; size < packed.size(); ++size)
+    EXPECT_FALSE(unpack_in_pieces(Bytes(packed.begin(), packed.begin() + static_cast<std::ptrdiff_t>(size)), 3000, 64));
+  Bytes longer = packed;
+  longer.push_back(std::byte{0});
+  EXPECT_FALSE(unpack_in_pieces(longer, 3000, 64));
+  longer = packed;
+  longer.insert(longer.end(), packed.begin(), packed.end());
+  EXPECT_FALSE(unpack_in_pieces(longer, 3000, 64)) << "two frames";
+  EXPECT_FALSE(unpack_in_pieces(packed, 2999, 64));
+  EXPECT_FALSE(unpack_in_pieces(packed, 3001, 64));
+}
+
+TEST(Unpacker, TakesNoLargeWindow) {
+  const Bytes raw(std::size_t{17} << 20, std::byte{1});
+  EXPECT_EQ(unpack_in_pieces(frame_of_runs(raw, window_of_8_mib), raw.size(), 1 << 20), raw);
+  for (const auto window : {std::optional(window_of_16_mib), std::optional<std::uint8_t>()}) {
+    const auto refused = unpack_in_pieces(frame_of_runs(raw, window), raw.size(), 1 << 20);
+    ASSERT_FALSE(refused);
+    EXPECT_NE(refused.error().message.find("window"), std::string::npos);
   }
 }
 

@@ -305,7 +305,10 @@ TEST_F(PlayerOfALattice, ReachesAnErrorByComparingPictures) {
 
 TEST_F(PlayerOfALattice, DrawsWhatThereIsTimeFor) {
   const auto player = open();
-  EXPECT_FALSE(player->draw_within(0));
+  for (const double no_time : {0.0, -1.0, std::numeric_limits<double>::infinity(), std::nan("")}) {
+    EXPECT_FALSE(player->draw_within(no_time)) << no_time;
+    EXPECT_FALSE(player->draw_at_pace(no_time)) << no_time;
+  }
   for (int i = 0; i < 30; ++i) ASSERT_TRUE(player->draw_within(1e-6));
   const std::uint64_t few = player->frame()->splats;
   EXPECT_LT(few, player->info().point_count() / 10);

@@ -26,6 +26,8 @@ TEST(FramePacer, StaysWithinBoundsWhateverItIsTold) {
   pacer.add(before, 0);
   pacer.add(0, 1);
   EXPECT_EQ(pacer.splats(), before);
+  EXPECT_EQ(FramePacer(1e-300).splats(), 1u);
+  EXPECT_EQ(FramePacer(1e300).splats(), 1'000'000'000'000'000u) << "a number that 64 bits hold";
 }
 
 }  // namespace

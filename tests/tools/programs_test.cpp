@@ -160,8 +160,43 @@ TEST_F(Programs, StrictBuildsRefuseEveryChange) {
   expect_warning("far.csv", "coordinates reach 1e+15, where double precision has steps of 0.12");
   write("small.csv", diagonal(0, "21,21,21,1e-40\n"));
   expect_warning("small.csv", "heat: values nearer to 0 than 1.2e-38 are stored as 0 beside the largest, 19");
+  write("cut.csv", diagonal(0, "21,21,21,1"));
+  expect_warning("cut.csv", "no line end follows the last number of a file: it may be cut off");
   write("whole.csv", diagonal(1e9, ""));
   expect_success("svbuild --strict " + path("whole.csv") + to);
+}
+
+TEST_F(Programs, StrictSeriesRefuseALaterStepThatMayBeCutOff) {
+  write("step0.csv", diagonal(0, ""));
+  write("step1.csv", diagonal(0, "").substr(0, diagonal(0, "").size() - 1));
+  const std::string inputs = path("step0.csv") + " " + path("step1.csv"), warning = "no line end follows the last";
+  for (const std::string& kind : {" --series -o " + path("out.svol"), " --series-of-files -o " + path("out.svols")}) {
+    expect_refused("svbuild --strict " + inputs + kind, warning, "out");
+    const Outcome outcome = run("svbuild " + inputs + kind);
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    EXPECT_THAT(outcome.out, HasSubstr("warning: " + warning));
+    for (const auto& entry : fs::directory_iterator(folder_))
+      if (entry.path().filename().string().starts_with("out")) fs::remove(entry.path());
+  }
+}
+
+TEST_F(Programs, FilesOfAFolderThatAreLeftOutAreNamed) {
+  fs::create_directories(path("folder"));
+  write("folder/a.csv", diagonal(0, ""));
+  write("folder/notes.txt", "No data.\n");
+  const std::string build = "svbuild " + path("folder") + " -o " + path("out.svol");
+  expect_success(build + " --strict");
+  write("folder/b.CSV", diagonal(20, ""));
+  const Outcome both = run(build + " --strict --json");
+  ASSERT_EQ(both.code, 0) << both.err;
+  EXPECT_EQ(json::parse(both.out)["points"], 38);
+  fs::remove(path("out.svol"));
+  write("folder/solution.h5", "\x89HDF\r\n\x1a\n");
+  write("folder/mesh.old", "# vtk DataFile Version 3.0\nt\nASCII\n");
+  expect_refused(build + " --strict", "folder/mesh.old, " + path("folder/solution.h5") + ": left out", "out");
+  const Outcome warned = run(build + " --json");
+  ASSERT_EQ(warned.code, 0) << warned.err;
+  EXPECT_THAT(json::parse(warned.out)["warnings"].dump(), HasSubstr("left out of the folder"));
 }
 
 TEST_F(Programs, ABuildThatIsKilledLeavesTheOldFileAndNothingElse) {
@@ -256,7 +291,8 @@ TEST_F(Programs, FilesOfOtherKindsAreNeverReplaced) {
     EXPECT_EQ(*read_text_file(path(output)), notes) << command;
     write(output, "");
     EXPECT_EQ(run(command + path(output)).code, 0) << command << ": an empty file may be replaced";
-    EXPECT_EQ(run(command + path(output)).code, 0) << command << ": so may its own";
+    const bool has_mark = !output.ends_with(".npy");
+    EXPECT_EQ(run(command + path(output)).code, has_mark ? 0 : 1) << command << ": so may its own, by its mark";
   };
   const std::string scene = " --scene " + path("scene.json");
   keeps("svbuild " + mesh + " -o ", "a.svol");
@@ -278,6 +314,70 @@ TEST_F(Programs, FilesOfOtherKindsAreNeverReplaced) {
   expect_refused("svinfo " + volume + " --scene " + mesh, "does not end in .json", "none", 2);
   expect_refused("svgen points --count 100 -o " + mesh, "does not end in .npy", "none", 2);
   EXPECT_EQ(*read_text_file(mesh), small_mesh(small_data));
+}
+
+// Files of a kind that is also an input: a mesh, voxels and points that another program has written.
+TEST_F(Programs, InputsOfTheUserAreReplacedByForceOnly) {
+  write("mesh.vtu", small_mesh(small_data));
+  write("voxels.vdb", " BDV of another program");
+  write("points.npy", "\x93NUMPY of another program");
+  expect_success("svbuild " + path("mesh.vtu") + " -o " + path("mesh.svol"));
+  const auto keeps = [&](const std::string& command, const std::string& output) {
+    const std::string before = *read_text_file(path(output));
+    expect_refused(command + path(output), output + ": is there and may be an input of yours", "none");
+    expect_refused(command + path(output), "--force", "none");
+    EXPECT_TRUE(*read_text_file(path(output)) == before) << command;
+    EXPECT_EQ(run(command + path(output) + " --force").code, 0) << command;
+    EXPECT_FALSE(*read_text_file(path(output)) == before) << command;
+    write(output, before);
+  };
+  keeps("svexport " + path("mesh.svol") + " -o ", "mesh.vtu");
+  keeps("svexport " + path("mesh.svol") + " --voxel 0.5 -o ", "voxels.vdb");
+  keeps("svdemo --points 1000 -o ", "mesh.vtu");
+  keeps("svgen points --count 100 -o ", "points.npy");
+
+  // What it may not replace by force either.
+  fs::copy(path("mesh.svol"), path("in-disguise.vtu"));
+  expect_refused("svexport " + path("in-disguise.vtu") + " --force -o " + path("in-disguise.vtu"), "is the input",
+                 "none");
+  write("notes.vtu", "My notes of ten years.\n");
+  expect_refused("svexport " + path("mesh.svol") + " --force -o " + path("notes.vtu"), "and is not a VTK file", "none");
+
+  // A mesh that svdemo made is its own, until another program saves it.
+  expect_success("svdemo --points 1000 -o " + path("flow.vtu"));
+  EXPECT_EQ(run("svexport " + path("mesh.svol") + " -o " + path("flow.vtu")).code, 0);
+}
+
+// Words that C++ takes for numbers are none for an option. The texts are those of each program's numbers.
+TEST_F(Programs, InfinityAndNanAreNoNumbersOfOptions) {
+  const std::vector<std::pair<std::string, std::vector<std::string>>> options = {
+      {"svrender a.svol -o a.png",
+       {"--milliseconds", "--max-error", "--tolerance", "--splats", "--time", "--fps", "--ticks", "--resolution",
+        "--isovalue", "--sampling", "--memory", "--gpu-memory", "--repeat", "--turntable", "--fade", "--step"}},
+      {"svview a.svol --screenshot a.png",
+       {"--max-error", "--tolerance", "--fps", "--memory", "--gpu-memory", "--step"}},
+      {"svexport a.svol -o a.vdb", {"--voxel", "--time", "--resolution", "--memory", "--step"}},
+      {"svinfo a.svol", {"--time", "--step"}},
+      {"svbuild a.csv -o a.svol",
+       {"--time", "--leaf", "--memory", "--threads", "--boundary-triangles", "--read-memory", "--read-timeout"}},
+      {"svtruth a.vtu --scene a.json -o a.exr", {"--threads", "--repeat", "--read-memory", "--read-timeout"}},
+      {"svgen points -o a.npy", {"--count", "--seed"}},
+      {"svgen mesh -o a", {"--cells", "--pieces"}},
+      {"svgen refine a.vtu -o a", {"--levels", "--read-memory", "--read-timeout"}},
+      {"svdemo -o a.vtu", {"--points"}}};
+  for (const auto& [command, names] : options) {
+    if (!fs::exists(fs::path(SPLATVOL_BIN) / command.substr(0, command.find(' ')))) continue;  // svview needs OpenGL
+    for (const std::string& name : names)
+      for (const std::string number : {"inf", "-inf", "infinity", "nan", "1e999"}) {
+        const Outcome outcome = run(command + " " + name + "=" + number);
+        EXPECT_EQ(outcome.code, 2) << command << " " << name << "=" << number;
+        EXPECT_THAT(outcome.err, HasSubstr(name)) << command << " " << name << "=" << number;
+      }
+  }
+  for (const std::string list :
+       {"svexport a.svol -o a.vtu --box=0,0,0,1,1,", "svrender a.svol --movie a.mp4 --path=9,90,",
+        "svrender a.svol -o a.png --slice=0,0,1:0,0,", "svbuild a.e -o a.svol --times=0:"})
+    for (const std::string number : {"inf", "nan"}) EXPECT_EQ(run(list + number).code, 2) << list << number;
 }
 
 TEST_F(Programs, AFullDiskLeavesNothing) {

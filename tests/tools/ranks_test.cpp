@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
@@ -179,6 +180,35 @@ INSTANTIATE_TEST_SUITE_P(
         Input{"files_of_cells", "mesh --cells own", Input::Files::mesh}),
     [](const auto& input) { return input.param.name; });
 
+// A lattice of 20^3 points that begins at x, with these values.
+void write_lattice(const std::string& path, int x, const std::vector<std::string>& arrays) {
+  std::ofstream file(path);
+  file << "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 20 20 20\nORIGIN " << x
+       << " 0 0\nSPACING 1 1 1\nPOINT_DATA 8000\n";
+  for (const std::string& name : arrays) {
+    file << "SCALARS " << name << " double 1\nLOOKUP_TABLE default\n";
+    for (int i = 0; i < 8000; ++i) file << i % 20 + x << "\n";
+  }
+}
+
+// Each rank reads a part of the files, and knows the arrays of all.
+TEST_F(RanksTest, KnowTheArraysOfAllFiles) {
+  write_lattice(folder_ / "a.vtk", 0, {"p"});
+  write_lattice(folder_ / "b.vtk", 19, {"p", "q"});
+  write_lattice(folder_ / "c.vtk", 38, {"r", "p"});
+  const std::string build = "a.vtk b.vtk c.vtk --strict";
+  const Outcome alone = folder_.run(SPLATVOL_BIN "/svbuild " + build + " -o out/alone.svol");
+  ASSERT_EQ(alone.code, 0) << alone.err;
+  EXPECT_THAT(alone.out, HasSubstr("q, r: missing where a part of the input lacks it"));
+  EXPECT_THAT(alone.out, HasSubstr("16000 missing values: q"));
+  for (const int count : {2, 3}) {
+    const Outcome together = folder_.run(ranks(count, build + " -o out/together.svol"));
+    ASSERT_EQ(together.code, 0) << together.err;
+    EXPECT_EQ(folder_.run("cmp out/alone.svol out/together.svol").out, "") << count << " ranks";
+    EXPECT_THAT(together.out, HasSubstr("16000 missing values: q"));
+  }
+}
+
 json build_of(const Folder& folder, int count, const std::string& arguments) {
   const Outcome outcome = folder.run(ranks(count, arguments + " --threads 1 --json -o out/a.svol"));
   EXPECT_EQ(outcome.code, 0) << outcome.err;
@@ -321,6 +351,30 @@ TEST_F(RanksTest, MakeTheSameBytesIfTheFileHasAName) {
   EXPECT_EQ(together.code, 0) << together.err;
   EXPECT_EQ(folder_.run("cmp out/alone.svol out/together.svol").out, "");
   EXPECT_THAT(folder_.outputs(), testing::UnorderedElementsAre("alone.svol", "together.svol"));
+}
+
+// The first rank waits for the disk twice: for the file, and for its name.
+TEST_F(RanksTest, TellWhatADiskThatFailsOnceHas) {
+  const auto build = [&](int call, int error) {
+    return folder_.run("rm -f out/*; " SPLATVOL_MPIEXEC " -n 2 env LD_PRELOAD=" SPLATVOL_FAILING_DISK
+                       " SPLATVOL_FAIL_ONLY=fsync SPLATVOL_FAIL_CALL=" +
+                       std::to_string(call) + " SPLATVOL_FAIL_ERROR=" + std::to_string(error) +
+                       " " SPLATVOL_BIN "/svbuild gen:points:count=1000 -o out/a.svol");
+  };
+  const Outcome lost = build(0, EIO);
+  EXPECT_EQ(lost.code, 1);
+  EXPECT_EQ(lost.lines(), 1u) << lost.err;
+  EXPECT_THAT(folder_.outputs(), testing::IsEmpty());
+
+  const Outcome unconfirmed = build(1, EIO);
+  EXPECT_EQ(unconfirmed.code, 1);
+  EXPECT_THAT(unconfirmed.err, HasSubstr("the disk has not confirmed the name"));
+  EXPECT_EQ(folder_.run(SPLATVOL_BIN "/svinfo --verify out/a.svol").code, 0);
+
+  for (const int call : {0, 1}) {
+    EXPECT_EQ(build(call, EINTR).code, 0);
+    EXPECT_THAT(folder_.outputs(), testing::ElementsAre("a.svol"));
+  }
 }
 
 }  // namespace

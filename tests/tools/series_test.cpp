@@ -26,6 +26,15 @@ class SeriesPrograms : public test::ProgramTest {
       "density": [[0, 0.1], [1, 0.3]]}, "lighting": false})";
   }
 
+  // The same lattice with a vector.
+  void write_vectors(const std::string& name, int side, const std::string& attribute = "p") const {
+    std::ofstream file(path(name));
+    file << "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET STRUCTURED_POINTS\n"
+         << fmt::format("DIMENSIONS {0} {0} {0}\nORIGIN 0 0 0\nSPACING 1 1 1\n", side)
+         << fmt::format("POINT_DATA {}\nVECTORS {} double\n", side * side * side, attribute);
+    for (int i = 0; i < side * side * side; ++i) file << i % side << " 1 0\n";
+  }
+
   // A legacy file with a lattice of `side` points along each axis.
   void write_grid(const std::string& name, int side, int step, const std::string& attribute = "p") const {
     std::ofstream file(path(name));
@@ -105,6 +114,64 @@ TEST_F(SeriesPrograms, ASeriesOfFilesPlaysLikeASeries) {
   expect_done("svinfo f.svols --step 0");
 }
 
+// The names of the files of f.svols, each of which is there.
+std::vector<std::string> files_of_index(const std::filesystem::path& folder) {
+  std::vector<std::string> files;
+  const auto index = nlohmann::json::parse(read_text_file((folder / "f.svols").string()).value());
+  for (const auto& step : index["steps"]) files.push_back(step["file"]);
+  for (const std::string& file : files) EXPECT_TRUE(std::filesystem::exists(folder / file)) << file;
+  return files;
+}
+
+TEST_F(SeriesPrograms, TwoAppendsAtOnceLoseNoStep) {
+  for (int round = 0; round < 12; ++round) {
+    for (const auto& entry : std::filesystem::directory_iterator(folder_))
+      if (entry.path().filename().string().find("svol") != std::string::npos) std::filesystem::remove(entry.path());
+    expect_done("svbuild --series-of-files grid_0.vtk -o f.svols");
+    const std::string append = "'" SPLATVOL_BIN "'/svbuild --series-of-files --append -o f.svols ";
+    const test::Outcome both = test::run_in(
+        folder_, fmt::format("{0} grid_1.vtk & sleep 0.0{1}; {0} grid_2.vtk && wait $!", append, round % 4));
+    EXPECT_EQ(both.code, 0) << both.text;
+    EXPECT_EQ(files_of_index(folder_).size(), 3U) << both.text;
+  }
+  expect_done("svinfo f.svols --verify");
+}
+
+// One file takes one append at a time: the other one is refused, or comes later.
+TEST_F(SeriesPrograms, TwoAppendsToOneFileAtOnceTellTheTruth) {
+  for (int round = 0; round < 8; ++round) {
+    expect_done("svbuild --series grid_0.vtk -o s.svol");
+    const std::string append = "'" SPLATVOL_BIN "'/svbuild --append -o s.svol ";
+    const test::Outcome both = test::run_in(
+        folder_, fmt::format("{0} grid_1.vtk & sleep 0.0{1}; {0} grid_2.vtk; a=$?; wait $!; exit $((2 * a + $?))",
+                             append, round % 4));
+    const std::size_t failed = static_cast<std::size_t>(both.code % 2 + both.code / 2);
+    const auto info = nlohmann::json::parse(run("svinfo s.svol --json").text);
+    EXPECT_EQ(info["series"]["steps"].size(), 3 - failed) << both.text;
+    EXPECT_LT(failed, 2U) << both.text;
+    expect_done("svinfo s.svol --verify");
+  }
+}
+
+// Also one whose end is too sudden to remove anything.
+TEST_F(SeriesPrograms, AnAppendThatWasKilledIsInNoOnesWay) {
+  expect_done("svbuild --series-of-files grid_0.vtk -o f.svols");
+  for (int milliseconds = 5; milliseconds < 200; milliseconds += milliseconds / 5 + 4) {
+    const test::Outcome killed = test::run_in(
+        folder_, fmt::format("timeout -s KILL {} '{}'/svbuild --series-of-files --append grid_1.vtk -o f.svols",
+                             1e-3 * milliseconds, SPLATVOL_BIN));
+    const std::size_t steps = files_of_index(folder_).size();
+    expect_done("svbuild --series-of-files --append grid_2.vtk -o f.svols");
+    EXPECT_EQ(files_of_index(folder_).size(), steps + 1) << killed.text;
+  }
+  const int last = std::stoi(files_of_index(folder_).back().substr(2));
+  std::ofstream(path(fmt::format("f-{:04}.svol", last + 1))) << "left";
+  EXPECT_THAT(run("svbuild --series-of-files --append grid_2.vtk -o f.svols").text,
+              HasSubstr(fmt::format("f-{:04}.svol: is there already", last + 1)));
+  EXPECT_EQ(files_of_index(folder_).back(), fmt::format("f-{:04}.svol", last + 2));
+  expect_done("svinfo f.svols --verify");
+}
+
 // Two attributes that agree at the first step only: each file has both by their own names.
 TEST_F(SeriesPrograms, AFirstStepOfEqualValuesHasAllAttributes) {
   for (int step = 0; step < 2; ++step) {
@@ -119,6 +186,71 @@ TEST_F(SeriesPrograms, AFirstStepOfEqualValuesHasAllAttributes) {
   EXPECT_EQ(info["series"]["attributes"][1]["max"], 52);
 }
 
+// An attribute that a step lacks is missing there. Appended steps bring no new ones.
+TEST_F(SeriesPrograms, AttributesOfSomeSteps) {
+  write_grid("named.vtk", 9, 0, "q");
+  for (const std::string kind : {"--series", "--series-of-files"}) {
+    const std::string name = kind == "--series" ? "y.svol" : "y.svols";
+    expect_done(fmt::format("svbuild {} --strict grid_0.vtk named.vtk -o {}", kind, name));
+    for (int step = 0; step < 2; ++step) {
+      const auto info = nlohmann::json::parse(run(fmt::format("svinfo {} --json --step {}", name, step)).text);
+      ASSERT_EQ(info["attributes"].size(), 2U);
+      EXPECT_EQ(info["attributes"][0]["missing"], step == 0 ? 0 : 729);
+      EXPECT_EQ(info["attributes"][1]["missing"], step == 0 ? 729 : 0);
+    }
+    expect_done(fmt::format("svinfo {} --verify", name));
+    expect_done(fmt::format("svrender {} --scene s.json --tolerance 1 --step 1 -o missing.exr", name));
+  }
+  expect_done("svbuild --series grid_0.vtk -o x.svol");
+  expect_done("svbuild --series-of-files grid_0.vtk -o x.svols");
+  expect_refusal("svbuild --append named.vtk -o x.svol", "the series does not have the attribute \"q\"");
+  expect_refusal("svbuild --series-of-files --append named.vtk -o x.svols", "leave it out by --attribute p");
+  EXPECT_FALSE(std::filesystem::exists(path("x-0001.svol")));
+}
+
+TEST_F(SeriesPrograms, AVectorIsAppendedToAVectorOnly) {
+  write_vectors("vectors_0.vtk", 9);
+  write_vectors("vectors_1.vtk", 9);
+  for (const std::string kind : {"--series", "--series-of-files"}) {
+    const std::string numbers = kind == "--series" ? "n.svol" : "n.svols";
+    const std::string vectors = kind == "--series" ? "v.svol" : "v.svols";
+    const std::string append = kind == "--series" ? "--append" : "--series-of-files --append";
+    expect_done(fmt::format("svbuild {} grid_0.vtk grid_1.vtk -o {}", kind, numbers));
+    expect_done(fmt::format("svbuild {} vectors_0.vtk -o {}", kind, vectors));
+    const std::string before = run("svinfo " + numbers + " --json").text;
+    expect_refusal(fmt::format("svbuild {} vectors_1.vtk -o {}", append, numbers), "a vector of 3 components");
+    EXPECT_EQ(run("svinfo " + numbers + " --json").text, before);
+    expect_refusal(fmt::format("svbuild {} grid_1.vtk -o {}", append, vectors), "p[0]");
+    expect_done(fmt::format("svbuild {} vectors_1.vtk -o {}", append, vectors));
+    expect_refusal(fmt::format("svbuild {} --attribute p grid_2.vtk vectors_1.vtk -o x{}", kind, numbers),
+                   "a number in");
+    expect_done(fmt::format("svbuild {} --attribute p vectors_1.vtk -o {}", append, numbers));
+    expect_done(fmt::format("svinfo {} --verify", numbers));
+  }
+}
+
+// An index that is changed by hand.
+TEST_F(SeriesPrograms, VerifyComparesAnIndexWithItsFiles) {
+  expect_done("svbuild --series-of-files --unit p=Pa grid_0.vtk grid_1.vtk -o f.svols");
+  expect_done("svinfo f.svols --verify");
+  const std::string index = read_text_file(path("f.svols")).value();
+  const auto change = [&](const std::string& key, const nlohmann::json& value) {
+    auto document = nlohmann::json::parse(index);
+    document["attributes"][0][key] = value;
+    std::ofstream(path("f.svols")) << document.dump();
+  };
+  change("unit", "kPa");
+  expect_refusal("svinfo f.svols --verify", "the unit of 'p'");
+  change("max", 7);
+  expect_refusal("svinfo f.svols --verify", "the range of 'p'");
+  change("min", -1);
+  expect_refusal("svinfo f.svols --verify", "the range of 'p'");
+  auto document = nlohmann::json::parse(index);
+  document["steps"][1]["file"] = std::string("f-0000.svol\0b", 13);
+  std::ofstream(path("f.svols")) << document.dump();
+  expect_refusal("svinfo f.svols", "step 1");
+}
+
 TEST_F(SeriesPrograms, WrongCallsAreRefused) {
   write_grid("other.vtk", 8, 0);
   expect_refusal("svbuild --series grid_0.vtk other.vtk -o x.svol", "--series-of-files");
@@ -126,9 +258,6 @@ TEST_F(SeriesPrograms, WrongCallsAreRefused) {
   expect_done("svbuild --series-of-files grid_0.vtk other.vtk -o x.svols");
   expect_done("svbuild grid_0.vtk -o one.svol");
   expect_refusal("svbuild --append grid_1.vtk -o one.svol", "not a time series");
-  write_grid("named.vtk", 9, 0, "q");
-  expect_refusal("svbuild --series-of-files grid_0.vtk named.vtk -o y.svols", "choose common ones by --attribute");
-  EXPECT_FALSE(std::filesystem::exists(path("y.svols")) || std::filesystem::exists(path("y-0000.svol")));
   expect_refusal("svbuild --times all grid_0.vtk -o x.svol", "no time steps in it");
   expect_refusal("svbuild --times 3 grid_0.vtk -o x.svol", "neither \"all\" nor", 2);
   expect_refusal("svbuild --series-of-files grid_0.vtk -o x.svol", "NAME.svols");

@@ -54,6 +54,19 @@ TEST_F(Svexport, WritesVoxelsAndPoints) {
   EXPECT_THAT(message_, HasSubstr("points"));
 }
 
+TEST_F(Svexport, TellsWhatGotAnotherName) {
+  test::TestVolume volume = test::make_test_volume(test::random_points(200, 3), {std::vector<double>(200, 1.0)});
+  for (const auto& [name, output] :
+       {std::pair<std::string, std::string>{"mass", "out.vtu"}, {"volume_fraction", "out.vdb --voxel 0.1"}}) {
+    volume.info.attributes[0].name = name;
+    ASSERT_TRUE(test::write_test_volume(volume, path("in.svol")));
+    ASSERT_EQ(run(output, ""), 0) << message_;
+    EXPECT_THAT(message_, HasSubstr("what svexport calls so is \"" + name + " (splat)\""));
+    ASSERT_EQ(run(output, "--json"), 0) << message_;
+    EXPECT_EQ(nlohmann::json::parse(message_)["renamed"][name], name + " (splat)");
+  }
+}
+
 TEST_F(Svexport, WrongUsageIsTwo) {
   for (const auto& [output, arguments] :
        std::vector<std::pair<std::string, std::string>>{{"out.vdb", ""},

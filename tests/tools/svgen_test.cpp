@@ -67,7 +67,7 @@ void expect_same(Source& a, Source& b) {
 TEST_F(Svgen, PointsAreThoseOfTheLibrary) {
   for (const std::string type : {"float32", "float64"}) {
     const std::string recipe = "count=3e5,distribution=vortex,seed=7,type=" + type;
-    ASSERT_EQ(run("points --count 3e5 --distribution vortex --seed 7 -o " + path("a.npy") + " --" + type), 0);
+    ASSERT_EQ(run("points --count 3e5 --distribution vortex --seed 7 --force -o " + path("a.npy") + " --" + type), 0);
     EXPECT_EQ(message_, "");
     auto file = open_source({path("a.npy")}, {}).value();
     auto made = open_source({"gen:points:" + recipe}, {}).value();
@@ -129,6 +129,21 @@ TEST_F(Svgen, IsThereWholeOrNotAtAll) {
   std::ofstream(path("full/of")) << "work";
   expect_refused("mesh --cells 6000 -o " + path("full"), "no empty folder");
   EXPECT_EQ(*read_text_file(path("full/of")), "work");
+}
+
+// A .npy file has no room for a mark: svgen's own are no exception. Folders are never replaced.
+TEST_F(Svgen, ReplacesByForceOnly) {
+  ASSERT_EQ(run("points --count 100 -o " + path("a.npy")), 0) << message_;
+  const std::string before = *read_text_file(path("a.npy"));
+  expect_refused("points --count 200 -o " + path("a.npy"), "a.npy: is there and may be an input of yours");
+  EXPECT_THAT(message_, HasSubstr("--force"));
+  EXPECT_TRUE(*read_text_file(path("a.npy")) == before);
+  EXPECT_EQ(run("points --count 200 --force -o " + path("a.npy")), 0) << message_;
+  EXPECT_GT(fs::file_size(path("a.npy")), before.size());
+
+  ASSERT_EQ(run("mesh --cells 6000 --pieces 1 -o " + path("m")), 0) << message_;
+  expect_refused("mesh --cells 6000 --pieces 1 -o " + path("m"), "no empty folder");
+  EXPECT_EQ(run("mesh --cells 6000 --force -o " + path("m")), 2);
 }
 
 TEST_F(Svgen, WrongUsageIsTwo) {

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
+#include "format/boundary.h"
 #include "scene/image.h"
 #include "tests/support/programs.h"
 #include "tests/support/test_volume.h"
@@ -56,6 +57,32 @@ class Svrender : public test::ProgramTest {
 
   nlohmann::json scene_;
 };
+
+TEST_F(Svrender, LeavesOutPatchesThatMemoryHasNoRoomFor) {
+  const auto triangles = [](std::uint32_t count) {
+    TriangleMesh mesh;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      for (int k = 0; k < 3; ++k) mesh.points.emplace_back(1e-5 * i, k == 1, k == 2);
+      mesh.triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
+    }
+    return mesh;
+  };
+  test::TestVolume volume = test::make_test_volume(test::random_points(100, 1), {std::vector<double>(100, 0.5)});
+  const auto packed =
+      format::pack_boundary(std::vector<Patch>{{"large", triangles(40'000)}, {"small", triangles(2)}}, 0);
+  volume.info.boundary = packed->info;
+  volume.boundary = packed->section;
+  ASSERT_TRUE(test::write_test_volume(volume, path("b.svol")));
+  scene_["surfaces"] = {{{"boundary", "*"}}};
+  write_scene();
+  const Outcome little = run("b.svol --scene s.json -o out.png --memory 16M");
+  EXPECT_EQ(little.code, 0) << little.text;
+  EXPECT_THAT(little.text, HasSubstr("b.svol: the boundary is drawn without 1 of its patches, large: "));
+  EXPECT_THAT(little.text, HasSubstr("--memory"));
+  const Outcome enough = run("b.svol --scene s.json -o out.png --memory 64M");
+  EXPECT_EQ(enough.code, 0) << enough.text;
+  EXPECT_THAT(enough.text, testing::Not(HasSubstr("without")));
+}
 
 TEST_F(Svrender, DrawsAPictureAndItsStatistics) {
   const Outcome outcome = run("v.svol --scene s.json -o out.exr --tolerance 0 --repeat 3 --stats stats.json");

@@ -5,11 +5,15 @@
 #include <linux/filter.h>
 #include <linux/sched.h>
 #include <linux/seccomp.h>
+#include <sys/auxv.h>
 #include <sys/ioctl.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstddef>
 #include <cstdint>
@@ -55,13 +59,60 @@ class Filter {
     add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<std::uint32_t>(call), 0,
                  static_cast<std::uint8_t>(2 * count + 3)));
     // The kernel takes these arguments as 32 bits, the lower ones.
-    load(offsetof(seccomp_data, args) + argument * sizeof(std::uint64_t));
+    load_argument(argument, false);
     add(BPF_STMT(BPF_ALU | BPF_AND | BPF_K, mask));
     for (const std::uint32_t value : values) {
       add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, value, 0, 1));
       add(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW));
     }
     refuse_all(EPERM);
+  }
+
+  /// Refuses a call if the lower half of an argument has one of the values.
+  void refuse_if(long call, unsigned argument, std::initializer_list<std::uint32_t> values, std::uint32_t error) {
+    const auto count = static_cast<std::uint8_t>(values.size());
+    add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<std::uint32_t>(call), 0,
+                 static_cast<std::uint8_t>(2 * count + 2)));
+    load_argument(argument, false);
+    for (const std::uint32_t value : values) {
+      add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, value, 0, 1));
+      refuse_all(error);
+    }
+    load(offsetof(seccomp_data, nr));
+  }
+
+  /// Refuses a call if an argument of 64 bits is not 0.
+  void refuse_unless_zero(long call, unsigned argument, std::uint32_t error) {
+    add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<std::uint32_t>(call), 0, 7));
+    for (const bool upper_half : {false, true}) {
+      load_argument(argument, upper_half);
+      add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, 0, 1, 0));
+      refuse_all(error);
+    }
+    load(offsetof(seccomp_data, nr));
+  }
+
+  /// Allows a call if an argument is below a number of 64 bits. Else it fails with EPERM.
+  void allow_below(long call, unsigned argument, std::uint64_t limit) {
+    const auto upper = static_cast<std::uint32_t>(limit >> 32), lower = static_cast<std::uint32_t>(limit);
+    add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<std::uint32_t>(call), 0, 7));
+    load_argument(argument, true);
+    add(BPF_JUMP(BPF_JMP | BPF_JGT | BPF_K, upper, 4, 0));
+    add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, upper, 0, 2));
+    load_argument(argument, false);
+    add(BPF_JUMP(BPF_JMP | BPF_JGE | BPF_K, lower, 1, 0));
+    add(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW));
+    refuse_all(EPERM);
+  }
+
+  /// Hands a call over to the process itself, by SIGSYS, if an argument has a value in the bits of `mask`.
+  void hand_over_if(long call, unsigned argument, std::uint32_t mask, std::uint32_t value) {
+    add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<std::uint32_t>(call), 0, 5));
+    load_argument(argument, false);
+    add(BPF_STMT(BPF_ALU | BPF_AND | BPF_K, mask));
+    add(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, value, 0, 1));
+    add(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_TRAP));
+    load(offsetof(seccomp_data, nr));
   }
 
   void refuse_all(std::uint32_t error) { add(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | error)); }
@@ -73,6 +124,9 @@ class Filter {
   }
 
  private:
+  void load_argument(unsigned argument, bool upper_half) {
+    load(offsetof(seccomp_data, args) + argument * sizeof(std::uint64_t) + (upper_half ? sizeof(std::uint32_t) : 0));
+  }
   void load(std::size_t offset) { add(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, static_cast<std::uint32_t>(offset))); }
   void add(sock_filter rule) { rules_.push_back(rule); }
 
@@ -82,30 +136,52 @@ class Filter {
 constexpr std::uint32_t all_bits = ~std::uint32_t{0};
 
 void allow_files(Filter& filter) {
-  filter.allow({SYS_read,       SYS_pread64,    SYS_readv,  SYS_preadv, SYS_lseek,   SYS_close,
-                SYS_fstat,      SYS_newfstatat, SYS_statx,  SYS_statfs, SYS_fstatfs, SYS_faccessat,
-                SYS_readlinkat, SYS_getdents64, SYS_getcwd, SYS_chdir,  SYS_fchdir,  SYS_flock,
-                SYS_fadvise64,  SYS_readahead,  SYS_dup,    SYS_dup3});
+  constexpr std::uint32_t writing = O_ACCMODE | O_CREAT | O_TRUNC;
+  filter.allow({SYS_read,       SYS_pread64, SYS_readv,  SYS_preadv,    SYS_lseek,     SYS_close,      SYS_fstat,
+                SYS_newfstatat, SYS_statx,   SYS_statfs, SYS_fstatfs,   SYS_faccessat, SYS_readlinkat, SYS_getdents64,
+                SYS_getcwd,     SYS_chdir,   SYS_fchdir, SYS_fadvise64, SYS_readahead, SYS_dup,        SYS_dup3});
 #ifdef SYS_faccessat2
   filter.allow({SYS_faccessat2});
 #endif
 #ifdef SYS_open  // older calls, which newer architectures lack
   filter.allow({SYS_stat, SYS_lstat, SYS_access, SYS_readlink, SYS_getdents, SYS_dup2});
-  constexpr std::uint32_t writing = O_ACCMODE | O_CREAT | O_TRUNC;
+  filter.hand_over_if(SYS_open, 1, writing | O_NONBLOCK, O_RDONLY);
   filter.allow_if(SYS_open, 1, writing, {O_RDONLY});
 #endif
-  filter.allow_if(SYS_openat, 2, O_ACCMODE | O_CREAT | O_TRUNC, {O_RDONLY});
+  // An open that may wait is answered by opened_files.h.
+  filter.hand_over_if(SYS_openat, 2, writing | O_NONBLOCK, O_RDONLY);
+  filter.allow_if(SYS_openat, 2, writing, {O_RDONLY});
+  // Other programs would wait for a lock. Libraries take this answer for a file system that has none, and go on.
+  filter.refuse(SYS_flock, ENOSYS);
+  filter.refuse_if(SYS_fcntl, 1, {F_SETLK, F_SETLKW, F_OFD_SETLK, F_OFD_SETLKW}, ENOSYS);
   // Not the commands that have the kernel send signals.
-  filter.allow_if(SYS_fcntl, 1, all_bits,
-                  {F_DUPFD, F_DUPFD_CLOEXEC, F_GETFD, F_SETFD, F_GETFL, F_SETFL, F_GETLK, F_SETLK, F_SETLKW});
+  filter.allow_if(SYS_fcntl, 1, all_bits, {F_DUPFD, F_DUPFD_CLOEXEC, F_GETFD, F_SETFD, F_GETFL, F_SETFL, F_GETLK});
   // Not those that type into a terminal, for example.
   filter.allow_if(SYS_ioctl, 1, all_bits, {TCGETS, FIONREAD});
 }
 
-void allow_memory(Filter& filter) {
-  filter.allow({SYS_mmap, SYS_munmap, SYS_mremap, SYS_mprotect, SYS_madvise, SYS_brk, SYS_mincore, SYS_msync, SYS_mlock,
-                SYS_munlock, SYS_get_mempolicy});
+/// Returns an address below all that the main thread's stack can grow to, and above all other memory.
+std::uint64_t floor_of_stack() {
+  rlimit limit{};
+  ::getrlimit(RLIMIT_STACK, &limit);
+  const std::uint64_t top = ::getauxval(AT_EXECFN);
+  return top - std::min<std::uint64_t>(limit.rlim_cur, top);
 }
+
+/// RLIMIT_DATA counts memory that is private, can be written and is no stack. So no other memory is made, and none
+/// becomes read-only. The main thread's stack stays where it is: moved, it could grow past its limit.
+void allow_private_memory(Filter& filter) {
+  filter.allow_if(SYS_mmap, 3, MAP_TYPE | MAP_GROWSDOWN, {MAP_PRIVATE});
+  filter.allow_if(SYS_mprotect, 2, PROT_WRITE, {PROT_WRITE});
+  filter.allow_below(SYS_mremap, 0, floor_of_stack());
+}
+
+void allow_memory(Filter& filter) {
+  filter.allow({SYS_munmap, SYS_madvise, SYS_brk, SYS_mincore, SYS_msync, SYS_mlock, SYS_munlock, SYS_get_mempolicy});
+}
+
+/// What the sanitizers take besides.
+void allow_sanitizers(Filter& filter) { filter.allow({SYS_mmap, SYS_mprotect, SYS_mremap, SYS_pipe2}); }
 
 /// Threads of this process, but no other process.
 void allow_threads(Filter& filter) {
@@ -137,13 +213,13 @@ void allow_the_rest(Filter& filter) {
                 SYS_clock_gettime, SYS_clock_getres,   SYS_gettimeofday, SYS_nanosleep,     SYS_clock_nanosleep,
                 SYS_times,         SYS_getrusage,      SYS_getrlimit,    SYS_getpriority,   SYS_restart_syscall,
                 SYS_rt_sigaction,  SYS_rt_sigprocmask, SYS_rt_sigreturn, SYS_rt_sigpending, SYS_sigaltstack});
-  filter.allow_if(SYS_prlimit64, 0, all_bits, {0});  // of this process
-  filter.allow({SYS_pipe2});                         // within this process: sanitizers look at memory through them
+  filter.refuse_unless_zero(SYS_prlimit64, 2, EPERM);  // new limits
+  filter.allow_if(SYS_prlimit64, 0, all_bits, {0});    // of this process
 }
 
 }  // namespace
 
-void allow_reading_only() {
+void allow_reading_only(bool limits_memory) {
 #if defined(__x86_64__)
   constexpr std::uint32_t architecture = AUDIT_ARCH_X86_64, end_of_numbers = 0x40000000;  // the same calls again
 #elif defined(__aarch64__)
@@ -153,6 +229,7 @@ void allow_reading_only() {
 #endif
   Filter filter(architecture, end_of_numbers);
   allow_files(filter);
+  limits_memory ? allow_private_memory(filter) : allow_sanitizers(filter);
   allow_memory(filter);
   allow_threads(filter);
   allow_the_rest(filter);

@@ -4,7 +4,10 @@
 namespace splatvol {
 
 /// Lets all threads of this process, now and later, make only the system calls that reading files takes. The others
-/// fail. Files can be opened for reading only. Requires no_new_privs. Does nothing where the kernel has no seccomp.
-void allow_reading_only();
+/// fail. Files can be opened for reading only, and not locked; an open without O_NONBLOCK is answered by
+/// answer_opens(), which must have been called (opened_files.h). `limits_memory`: no memory passes RLIMIT_DATA, and
+/// RLIMIT_STACK no longer changes. Requires no_new_privs. Does nothing where the kernel has no seccomp. Call it in the
+/// main thread.
+void allow_reading_only(bool limits_memory);
 
 }  // namespace splatvol

@@ -1,6 +1,7 @@
 // Numbers, texts and arrays between two processes.
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -19,7 +20,7 @@ namespace splatvol {
 /// the same ones in the same order. After a failure nothing more can be sent or received. Not thread-safe.
 class Channel {
  public:
-  /// Called about once a second while nothing arrives. A failure ends the wait.
+  /// Called about once a second while something is awaited, arrives, or is not taken. A failure ends the wait.
   using Waiting = std::function<Status()>;
 
   /// Takes the descriptor. `most_bytes`: arrays that claim to be larger are refused.
@@ -35,6 +36,9 @@ class Channel {
 
   /// Receives bytes. Fails if the other process has ended.
   [[nodiscard]] Status receive(std::span<std::byte> bytes);
+
+  /// Bytes that have come so far.
+  [[nodiscard]] std::uint64_t received() const { return received_; }
 
   template <class T>
   requires std::is_trivially_copyable_v<T>
@@ -67,6 +71,8 @@ class Channel {
   [[nodiscard]] Status get(T& value) { return receive(std::as_writable_bytes(std::span(&value, 1))); }
   [[nodiscard]] Status get(bool& value);
   [[nodiscard]] Status get(std::string& text);
+  /// Fails if the text has more bytes.
+  [[nodiscard]] Status get(std::string& text, std::uint64_t most_bytes);
   template <class T>
   [[nodiscard]] Status get(std::optional<T>& value) {
     bool has_value = false;
@@ -77,9 +83,9 @@ class Channel {
   template <class T>
   [[nodiscard]] Status get(std::vector<T>& values) {
     SPLATVOL_TRY_ASSIGN(count, get_count(sizeof(T)));
-    values.resize(count);
-    if constexpr (std::is_trivially_copyable_v<T>) return receive(std::as_writable_bytes(std::span(values)));
-    for (T& value : values) SPLATVOL_TRY(get(value));
+    if constexpr (std::is_trivially_copyable_v<T>) return get_elements(values, count);
+    values.clear();
+    for (std::size_t i = 0; i < count; ++i) SPLATVOL_TRY(get(values.emplace_back()));
     return {};
   }
   template <class Key, class T>
@@ -95,13 +101,32 @@ class Channel {
 
  private:
   [[nodiscard]] Result<std::size_t> get_count(std::size_t element_bytes);
-  [[nodiscard]] Status wait();
-  [[nodiscard]] Status send_now(std::span<const std::byte> bytes) const;
+
+  /// Returns the size that an array of `count` elements grows to when `arrived` of them are there.
+  [[nodiscard]] static std::size_t next_size(std::size_t count, std::size_t arrived, std::size_t element_bytes);
+
+  /// Receives elements. An announced count takes no memory before they arrive.
+  template <class Elements>
+  [[nodiscard]] Status get_elements(Elements& elements, std::size_t count) {
+    elements.clear();
+    while (elements.size() < count) {
+      const std::size_t arrived = elements.size();
+      elements.resize(next_size(count, arrived, sizeof(elements[0])));
+      SPLATVOL_TRY(receive(std::as_writable_bytes(std::span(elements).subspan(arrived))));
+    }
+    return {};
+  }
+
+  /// Waits until bytes can be received (POLLIN) or sent (POLLOUT).
+  [[nodiscard]] Status wait(short event);
+  [[nodiscard]] Status send_now(std::span<const std::byte> bytes);
 
   int descriptor_;
   std::uint64_t most_bytes_;
   Waiting waiting_;
+  std::chrono::steady_clock::time_point next_look_;  // when `waiting_` is called next
   std::vector<std::byte> unsent_;
+  std::uint64_t received_ = 0;
 };
 
 }  // namespace splatvol

@@ -6,23 +6,30 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <initializer_list>
 #include <thread>
 
 #include "builder/sources/process/allowed_calls.h"
+#include "builder/sources/process/opened_files.h"
 #include "builder/sources/process/serve_sources.h"
 
 namespace splatvol {
 namespace {
 
-/// Sanitizers reserve address space that the limit would count.
+/// Sanitizers reserve address space that the limits would count.
 #if defined(__SANITIZE_ADDRESS__)
 #define SPLATVOL_UNLIMITED
 #elif defined(__has_feature)
 #if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
 #define SPLATVOL_UNLIMITED
 #endif
+#endif
+#ifdef SPLATVOL_UNLIMITED
+constexpr bool limits_memory = false;
+#else
+constexpr bool limits_memory = true;
 #endif
 
 /// As landlock_ruleset_attr, whose header may be older than the kernel. A kernel takes zeros behind what it knows.
@@ -70,9 +77,18 @@ void close_all_but(int socket) {
 void set_limit(decltype(RLIMIT_CORE) resource, std::uint64_t most) {
   rlimit limit{};
   ::getrlimit(resource, &limit);
-  if (most < limit.rlim_max) limit.rlim_max = most;
-  limit.rlim_cur = limit.rlim_max;
+  limit.rlim_max = std::min<std::uint64_t>(limit.rlim_max, most);
+  limit.rlim_cur = std::min(limit.rlim_cur, limit.rlim_max);
   ::setrlimit(resource, &limit);
+}
+
+/// Besides what can be written, memory takes address space, and the kernel's tables grow with it.
+void limit_memory(std::uint64_t most) {
+  constexpr std::uint64_t stack = std::uint64_t{64} << 20;
+  constexpr std::uint64_t reserved = std::uint64_t{64} << 30;  // by pools and stacks of threads
+  set_limit(RLIMIT_DATA, most);
+  set_limit(RLIMIT_STACK, stack);
+  set_limit(RLIMIT_AS, most < ~reserved ? most + reserved : most);
 }
 
 /// A reader in an endless loop does not see that nobody waits for it.
@@ -87,16 +103,15 @@ void end_with(int socket) {
 
 }  // namespace
 
-void confine_reader(int socket, [[maybe_unused]] const ReaderLimits& limits) {
+void confine_reader(int socket, const ReaderLimits& limits) {
   close_all_but(socket);
   set_limit(RLIMIT_CORE, 0);
   set_limit(RLIMIT_FSIZE, 0);
-#ifndef SPLATVOL_UNLIMITED
-  set_limit(RLIMIT_DATA, limits.memory);
-#endif
+  if (limits_memory) limit_memory(limits.memory);
   ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
   forbid_writing();
-  allow_reading_only();
+  answer_opens();
+  allow_reading_only(limits_memory);
   // Last: a thread that runs before would be free.
   end_with(socket);
 }

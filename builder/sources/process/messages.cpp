@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <numeric>
+#include <string_view>
 #include <tuple>
 #include <utility>
 
@@ -27,14 +28,15 @@ Status get_all(Channel& channel, Members&... members) {
 
 template <class Options>
 auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Options>, SourceOptions> {
-  return std::tie(options.selection, options.columns, options.time, options.cells, options.missing, options.patches);
+  return std::tie(options.selection, options.columns, options.time, options.cells, options.missing, options.patches,
+                  options.may_lack);
 }
 
 template <class State>
 auto members_of(State& state) requires std::is_same_v<std::remove_const_t<State>, SourceState> {
-  return std::tie(state.attributes, state.units, state.conversions, state.pieces, state.number, state.points,
-                  state.time, state.copies, state.averages_by_piece, state.may_have_cells, state.brings_material,
-                  state.single_precision);
+  return std::tie(state.attributes, state.units, state.components, state.pieces, state.number, state.points, state.time,
+                  state.left_out_cells, state.copies, state.averages_by_piece, state.may_have_cells,
+                  state.brings_material, state.single_precision);
 }
 
 template <class Census>
@@ -60,6 +62,22 @@ Status put_members(Channel& channel, const T& value) {
 template <class T>
 Status get_members(Channel& channel, T& value) {
   return std::apply([&](auto&... members) { return get_all(channel, members...); }, members_of(value));
+}
+
+/// Texts that are printed have at most so many bytes.
+constexpr std::size_t most_line_bytes = 4096;
+
+std::string cut(const std::string& line) {
+  constexpr std::string_view end = "...";
+  if (line.size() <= most_line_bytes) return line;
+  return line.substr(0, most_line_bytes - end.size()).append(end);
+}
+
+/// What a file made of the reader process may not write to the terminal.
+Status get_line(Channel& channel, std::string& line) {
+  SPLATVOL_TRY(channel.get(line, most_line_bytes));
+  line = one_line(line);
+  return {};
 }
 
 /// Sends an array, and frees it.
@@ -143,11 +161,13 @@ SourceState state_of(const Source& source) {
   state.attributes = source.attributes();
   state.units = source.units();
   state.conversions = source.conversions();
+  state.components = source.components();
   state.pieces = source.piece_count();
   state.number = source.piece_number();
   state.points = source.point_count();
   state.step = source.time_step();
   state.time = source.stated_time();
+  state.left_out_cells = source.left_out_cells();
   state.copies = source.copies();
   state.averages_by_piece = source.averages_by_piece();
   state.may_have_cells = source.may_have_cells();
@@ -156,20 +176,30 @@ SourceState state_of(const Source& source) {
   return state;
 }
 
-Status put(Channel& channel, const Error& error) { return put_all(channel, error.code, error.message); }
-Status get(Channel& channel, Error& error) { return get_all(channel, error.code, error.message); }
+Status put(Channel& channel, const Error& error) { return put_all(channel, error.code, cut(error.message)); }
+
+Status get(Channel& channel, Error& error) {
+  SPLATVOL_TRY(channel.get(error.code));
+  SPLATVOL_TRY(get_line(channel, error.message));
+  return error.code <= ErrorCode::cancelled ? Status{} : fail(ErrorCode::invalid_data, "an error of no kind");
+}
 
 Status put(Channel& channel, const SourceOptions& options) { return put_members(channel, options); }
 Status get(Channel& channel, SourceOptions& options) { return get_members(channel, options); }
 
 Status put(Channel& channel, const SourceState& state) {
   SPLATVOL_TRY(put_members(channel, state));
+  SPLATVOL_TRY(channel.put(std::uint64_t{state.conversions.size()}));
+  for (const std::string& line : state.conversions) SPLATVOL_TRY(channel.put(cut(line)));
   SPLATVOL_TRY(channel.put(state.step.has_value()));
   return state.step ? put_all(channel, state.step->time, state.step->index, state.step->times) : Status{};
 }
 
 Status get(Channel& channel, SourceState& state) {
   SPLATVOL_TRY(get_members(channel, state));
+  std::uint64_t conversions = 0;
+  SPLATVOL_TRY(channel.get(conversions));
+  for (std::uint64_t i = 0; i < conversions; ++i) SPLATVOL_TRY(get_line(channel, state.conversions.emplace_back()));
   bool has_step = false;
   SPLATVOL_TRY(channel.get(has_step));
   if (!has_step) return {};
@@ -177,10 +207,37 @@ Status get(Channel& channel, SourceState& state) {
   return get_all(channel, state.step->time, state.step->index, state.step->times);
 }
 
-Status put(Channel& channel, const TriangleMesh& mesh) { return put_all(channel, mesh.points, mesh.triangles); }
+Status put(Channel& channel, const std::optional<std::vector<ArrayShape>>& arrays) {
+  SPLATVOL_TRY(channel.put(arrays.has_value()));
+  if (!arrays) return {};
+  SPLATVOL_TRY(channel.put(std::uint64_t{arrays->size()}));
+  for (const ArrayShape& array : *arrays)
+    SPLATVOL_TRY(put_all(channel, array.name, array.components, array.of_cells, array.unit));
+  return {};
+}
+
+Status get(Channel& channel, std::optional<std::vector<ArrayShape>>& arrays) {
+  bool has_arrays = false;
+  std::uint64_t count = 0;
+  arrays.reset();
+  SPLATVOL_TRY(channel.get(has_arrays));
+  if (!has_arrays) return {};
+  arrays.emplace();
+  SPLATVOL_TRY(channel.get(count));
+  for (std::uint64_t i = 0; i < count; ++i) {
+    ArrayShape& array = arrays->emplace_back();
+    SPLATVOL_TRY(get_all(channel, array.name, array.components, array.of_cells, array.unit));
+    if (array.components < 1) return fail(ErrorCode::invalid_data, "the reader process sent an array without numbers");
+  }
+  return {};
+}
+
+Status put(Channel& channel, const TriangleMesh& mesh) {
+  return put_all(channel, mesh.points, mesh.triangles, mesh.open_end);
+}
 
 Status get(Channel& channel, TriangleMesh& mesh) {
-  SPLATVOL_TRY(get_all(channel, mesh.points, mesh.triangles));
+  SPLATVOL_TRY(get_all(channel, mesh.points, mesh.triangles, mesh.open_end));
   const bool fits = std::ranges::all_of(
       mesh.triangles, [&](const auto& corners) { return std::ranges::max(corners) < mesh.points.size(); });
   if (!fits || !std::ranges::all_of(mesh.points, is_usable_position))

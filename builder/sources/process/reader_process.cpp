@@ -6,14 +6,17 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <csignal>
 #include <fstream>
+#include <map>
 #include <optional>
 #include <system_error>
 #include <utility>
 
+#include "builder/sources/process/input_bytes.h"
 #include "builder/sources/process/messages.h"
 
 extern char** environ;
@@ -80,23 +83,28 @@ class ReaderProcess::Process {
              const Get& get_answer) {
     if (!channel_) return fail(ErrorCode::io, "{}: the process that read it has ended", name);
     std::optional<Error> refusal;
+    begin_wait();
     const Status talked = [&]() -> Status {
       SPLATVOL_TRY(channel_->put(request));
       SPLATVOL_TRY(channel_->put(source));
       SPLATVOL_TRY(put_rest(*channel_));
       SPLATVOL_TRY(channel_->flush());
-      begin_wait();
       bool refused = false;
       SPLATVOL_TRY(channel_->get(refused));
       return refused ? get(*channel_, refusal.emplace()) : get_answer(*channel_);
     }();
+    count_time();
     if (!talked) return fail_in(name, explain(talked.error()));
     return refusal ? Status(tl::unexpected(std::move(*refusal))) : Status{};
   }
 
+  /// Says what the next request reads.
+  void add_input(const std::vector<std::string>& inputs) { ++inputs_[inputs].uses; }
+
   /// Says that a source is not used any more.
   void close(std::uint64_t source) {
     if (!channel_) return;
+    begin_wait();
     const bool sent = channel_->put(ReaderRequest::close) && channel_->put(source) && channel_->flush();
     if (!sent) end();
   }
@@ -108,20 +116,63 @@ class ReaderProcess::Process {
         channel_(std::in_place, socket, options.memory, [this] { return wait(); }) {}
 
   void begin_wait() {
-    last_sign_ = std::chrono::steady_clock::now();
-    bytes_read_ = 0;
+    last_look_ = std::chrono::steady_clock::now();
+    silence_ = {};
   }
 
-  /// Bytes that it reads are a sign that it gets on.
+  /// Adds the time since the last look. A program that is stopped for a while does not wait then.
+  void count_time() {
+    using std::chrono::steady_clock;
+    const auto now = steady_clock::now();
+    const auto time = std::min<steady_clock::duration>(now - last_look_, std::chrono::seconds(2));
+    last_look_ = now;
+    waited_ += time;
+    silence_ += time;
+  }
+
+  /// Bytes that it reads or sends are a sign that it gets on.
   Status wait() {
-    const auto now = std::chrono::steady_clock::now();
-    if (const auto bytes = bytes_read_by(process_); bytes && *bytes != bytes_read_) {
-      bytes_read_ = *bytes;
-      last_sign_ = now;
+    count_time();
+    if (const auto bytes = bytes_read_by(process_)) bytes_read_ = *bytes;
+    if (bytes_read_ + channel_->received() != bytes_moved_) silence_ = {};
+    bytes_moved_ = bytes_read_ + channel_->received();
+    if (silence_ >= options_.patience)
+      return fail(ErrorCode::invalid_data, "nothing comes of reading it for {} s: damaged, or its disk does not answer",
+                  options_.patience.count());
+    return check_work();
+  }
+
+  /// Bytes and seconds that the process may take for inputs of so many bytes.
+  struct Work {
+    double bytes, seconds;
+  };
+  [[nodiscard]] Work work_for(double input_bytes) const {
+    return {options_.factor * (0x1p30 + 64 * input_bytes), options_.factor * (600 + input_bytes / 1e6)};
+  }
+
+  /// Looks at the inputs only when it depends on their size: a folder may hold many files.
+  Status check_work() {
+    const Work done{static_cast<double>(bytes_read_), std::chrono::duration<double>(waited_).count()};
+    const auto is_within = [&](const Work& most) { return done.bytes <= most.bytes && done.seconds <= most.seconds; };
+    if (is_within(work_for(0))) return {};
+    const Work most = work_for(bytes_of_inputs());
+    if (is_within(most)) return {};
+    const std::string what = done.bytes > most.bytes
+                                 ? fmt::format("more than {:.3g} MB were read for it", most.bytes / 1e6)
+                                 : fmt::format("reading it takes longer than {:.3g} s", most.seconds);
+    return fail(ErrorCode::invalid_data,
+                "{}, which is too much for its size: damaged, or made to take for ever; if it is sound, add "
+                "'--read-factor {:.3g}'",
+                what, 4 * options_.factor);
+  }
+
+  double bytes_of_inputs() {
+    double sum = 0;
+    for (auto& [inputs, input] : inputs_) {
+      if (!input.bytes) input.bytes = input_bytes(inputs);
+      sum += static_cast<double>(*input.bytes) * input.uses;
     }
-    if (now - last_sign_ < options_.patience) return {};
-    return fail(ErrorCode::invalid_data, "nothing comes of reading it for {} s: damaged, or its disk does not answer",
-                options_.patience.count());
+    return sum;
   }
 
   /// Ends the process, and says why it failed.
@@ -163,8 +214,17 @@ class ReaderProcess::Process {
   ReaderProcessOptions options_;
   pid_t process_;
   std::optional<Channel> channel_;  // none: the process has ended
-  std::chrono::steady_clock::time_point last_sign_;
+
+  struct Input {
+    double uses = 0;
+    std::optional<std::uint64_t> bytes;  // once they are known
+  };
+  std::map<std::vector<std::string>, Input> inputs_;
   std::uint64_t bytes_read_ = 0;
+  std::uint64_t bytes_moved_ = 0;                  // read and sent
+  std::chrono::steady_clock::duration waited_{};   // in all
+  std::chrono::steady_clock::duration silence_{};  // of the current wait: without a byte moved
+  std::chrono::steady_clock::time_point last_look_;
 };
 
 /// A source of the process.
@@ -228,12 +288,14 @@ class ProcessSource final : public Source {
 
   const std::vector<std::string>& attributes() const override { return state_.attributes; }
   std::vector<std::string> units() const override { return state_.units; }
+  std::vector<int> components() const override { return state_.components; }
   void lend_values() override { lends_ = true; }
   std::size_t piece_count() const override { return static_cast<std::size_t>(state_.pieces); }
   std::optional<std::uint64_t> point_count() const override { return state_.points; }
   std::optional<TimeStep> time_step() const override { return state_.step; }
   std::optional<double> stated_time() const override { return state_.time; }
   std::vector<std::string> conversions() const override { return state_.conversions; }
+  std::uint64_t left_out_cells() const override { return state_.left_out_cells; }
   bool averages_by_piece() const override { return state_.averages_by_piece; }
   VertexCopies copies() const override { return state_.copies; }
   bool may_have_cells() const override { return state_.may_have_cells; }
@@ -246,7 +308,8 @@ class ProcessSource final : public Source {
     SourceState state;
     SPLATVOL_TRY(get(channel, state));
     const bool is_first = state_.attributes.empty();
-    if (state.units.size() != state.attributes.size() || (!is_first && state.attributes != state_.attributes))
+    if (state.units.size() != state.attributes.size() || state.components.size() != state.attributes.size() ||
+        (!is_first && state.attributes != state_.attributes))
       return fail(ErrorCode::invalid_data, "the reader process sent other attributes");
     state_ = std::move(state);
     return {};
@@ -273,13 +336,30 @@ Result<std::unique_ptr<Source>> ReaderProcess::open(const std::vector<std::strin
                                                     const SourceOptions& options) {
   SPLATVOL_TRY(start());
   auto source = std::make_unique<ProcessSource>(process_, sources_++, inputs.at(0));
+  process_->add_input(inputs);
   SPLATVOL_TRY(source->open(inputs, options));
   return source;
+}
+
+Result<std::optional<std::vector<ArrayShape>>> ReaderProcess::list_arrays(const std::vector<std::string>& inputs,
+                                                                          const SourceOptions& options) {
+  SPLATVOL_TRY(start());
+  std::optional<std::vector<ArrayShape>> arrays;
+  const Status answered = process_->ask(
+      inputs.at(0), ReaderRequest::list, 0,
+      [&](Channel& channel) -> Status {
+        SPLATVOL_TRY(channel.put(inputs));
+        return put(channel, options);
+      },
+      [&](Channel& channel) { return get(channel, arrays); });
+  if (!answered) return tl::unexpected(answered.error());
+  return arrays;
 }
 
 Result<TriangleMesh> ReaderProcess::read_surface(const std::string& path) {
   SPLATVOL_TRY(start());
   TriangleMesh mesh;
+  process_->add_input({path});
   SPLATVOL_TRY(process_->ask(
       path, ReaderRequest::surface, 0, [&](Channel& channel) { return channel.put(path); },
       [&](Channel& channel) { return get(channel, mesh); }));

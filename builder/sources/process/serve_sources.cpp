@@ -7,13 +7,14 @@
 #include <utility>
 
 #include "builder/sources/process/messages.h"
+#include "builder/sources/process/opened_files.h"
 
 namespace splatvol {
 namespace {
 
 /// Calls what may throw: libraries of formats do, and memory is limited.
 template <class Call>
-auto caught(const Call& call) -> decltype(call()) {
+auto without_exceptions(const Call& call) -> decltype(call()) {
   try {
     return call();
   } catch (const std::bad_alloc&) {
@@ -23,10 +24,21 @@ auto caught(const Call& call) -> decltype(call()) {
   }
 }
 
+/// The same. Fails also if a file was refused because it is no regular one: some libraries go on without it.
+template <class Call>
+auto caught(const Call& call) -> decltype(call()) {
+  auto result = without_exceptions(call);
+  const std::string refused = take_refused_file();
+  if (!refused.empty())
+    return fail(ErrorCode::invalid_data, "{}: a pipe, a device or a socket, which is not read", refused);
+  return result;
+}
+
 class Server {
  public:
-  Server(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadSurface& read_surface)
-      : channel_(socket, limits.memory), open_(open), read_surface_(read_surface) {}
+  Server(int socket, const ReaderLimits& limits, const OpenSource& open, const ListArrays& list,
+         const ReadSurface& read_surface)
+      : channel_(socket, limits.memory), open_(open), list_(list), read_surface_(read_surface) {}
 
   /// Answers one request. Fails when the other side is gone.
   Status answer() {
@@ -57,6 +69,9 @@ class Server {
       case ReaderRequest::surface:
         SPLATVOL_TRY(surface());
         break;
+      case ReaderRequest::list:
+        SPLATVOL_TRY(list());
+        break;
     }
     return channel_.flush();
   }
@@ -73,6 +88,17 @@ class Server {
     SPLATVOL_TRY(put(channel_, state_of(**source)));
     sources_[number] = std::move(*source);
     return {};
+  }
+
+  Status list() {
+    std::vector<std::string> inputs;
+    SourceOptions options;
+    SPLATVOL_TRY(channel_.get(inputs));
+    SPLATVOL_TRY(get(channel_, options));
+    const auto arrays = caught([&] { return list_(inputs, options); });
+    if (!arrays) return refuse(arrays.error());
+    SPLATVOL_TRY(channel_.put(false));
+    return put(channel_, *arrays);
   }
 
   Status next(Source& source) {
@@ -105,7 +131,10 @@ class Server {
     std::string path;
     SPLATVOL_TRY(channel_.get(path));
     const auto mesh = caught([&] { return read_surface_(path); });
-    if (!mesh) return refuse(mesh.error());
+    if (!mesh) {
+      const bool named = mesh.error().message.starts_with(one_line(path));
+      return refuse(named ? mesh.error() : fail_in(path, mesh.error()).value());
+    }
     SPLATVOL_TRY(channel_.put(false));
     return put(channel_, *mesh);
   }
@@ -117,14 +146,16 @@ class Server {
 
   Channel channel_;
   const OpenSource& open_;
+  const ListArrays& list_;
   const ReadSurface& read_surface_;
   std::map<std::uint64_t, std::unique_ptr<Source>> sources_;
 };
 
 }  // namespace
 
-void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadSurface& read_surface) {
-  Server server(socket, limits, open, read_surface);
+void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open, const ListArrays& list,
+                   const ReadSurface& read_surface) {
+  Server server(socket, limits, open, list, read_surface);
   while (server.answer()) {
   }
 }

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "base/triangle_mesh.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
@@ -19,6 +20,7 @@ struct ReaderLimits {
 void confine_reader(int socket, const ReaderLimits& limits);
 
 /// Answers the requests that come from a socket until its other side closes it. Takes the descriptor.
-void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadSurface& read_surface);
+void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open, const ListArrays& list,
+                   const ReadSurface& read_surface);
 
 }  // namespace splatvol

@@ -3,10 +3,8 @@
 #include <vtkCellData.h>
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>
-#include <vtkDoubleArray.h>
 #include <vtkInformation.h>
 #include <vtkInformationStringKey.h>
-#include <vtkNew.h>
 #include <vtkPointData.h>
 #include <vtkSetGet.h>
 
@@ -15,18 +13,15 @@
 namespace splatvol {
 namespace {
 
-/// The arrays of the points, or of the cells, that give attributes.
-std::vector<NamedArray> named_arrays(vtkDataSet& data, bool of_cells) {
+/// Adds the arrays of the points, or of the cells, that give attributes.
+void add_shapes(vtkDataSet& data, bool of_cells, std::vector<ArrayShape>& shapes) {
   vtkDataSetAttributes& arrays = arrays_of(data, of_cells);
-  std::vector<NamedArray> named;
   for (int i = 0; i < arrays.GetNumberOfArrays(); ++i) {
     vtkDataArray* array = arrays.GetArray(i);  // null for strings
     if (!array || !arrays.GetArrayName(i)) continue;
     const std::string name = arrays.GetArrayName(i);
-    if (is_bookkeeping(arrays, i, name) || (of_cells && name == "HigherOrderDegrees")) continue;
-    named.push_back({name, array->GetNumberOfComponents()});
+    if (!is_bookkeeping(arrays, i, name)) shapes.push_back({name, array->GetNumberOfComponents(), of_cells});
   }
-  return named;
 }
 
 }  // namespace
@@ -37,10 +32,14 @@ vtkDataSetAttributes& arrays_of(vtkDataSet& data, bool of_cells) {
 
 bool is_ghost_array(std::string_view name) { return name == "vtkGhostType" || name == "vtkGhostLevels"; }
 
+bool is_bookkeeping(std::string_view name) {
+  return is_ghost_array(name) || name.starts_with("vtkOriginal") || name == "vtkValidPointMask" || name == "IBlank" ||
+         name == "HigherOrderDegrees";
+}
+
 bool is_bookkeeping(vtkDataSetAttributes& data, int index, const std::string& name) {
   const int role = data.IsArrayAnAttribute(index);
-  return is_ghost_array(name) || name.starts_with("vtkOriginal") || name == "vtkValidPointMask" || name == "IBlank" ||
-         role == vtkDataSetAttributes::GLOBALIDS || role == vtkDataSetAttributes::PEDIGREEIDS;
+  return is_bookkeeping(name) || role == vtkDataSetAttributes::GLOBALIDS || role == vtkDataSetAttributes::PEDIGREEIDS;
 }
 
 bool wants_array(const std::vector<std::string>& selection, const std::string& array) {
@@ -54,25 +53,10 @@ bool wants_array(const std::vector<std::string>& selection, const std::string& a
   return selection.empty() || std::ranges::any_of(selection, is_array);
 }
 
-Result<std::vector<ArrayAttribute>> attributes_of(const std::string& path, vtkDataSet& data, CellValues cells) {
-  const std::vector<NamedArray> of_points = named_arrays(data, false), of_cells = named_arrays(data, true);
-  SPLATVOL_TRY(check_attribute_count(path, of_points, of_cells));
-  return attributes_of(of_points, of_cells, cells);
-}
-
-void add_missing(vtkDataSet& data, std::span<const ArrayShape> shapes, CellValues cells) {
-  for (const ArrayShape& shape : shapes) {
-    const bool of_cells = shape.of_cells.value_or(cells == CellValues::own);
-    if (arrays_of(data, of_cells).HasArray(shape.name.c_str())) continue;
-    const bool both = std::ranges::count(shapes, shape.name, &ArrayShape::name) > 1;
-    if (!both && arrays_of(data, !of_cells).HasArray(shape.name.c_str())) continue;
-    const vtkNew<vtkDoubleArray> array;
-    array->SetName(shape.name.c_str());
-    array->SetNumberOfComponents(shape.components);
-    array->SetNumberOfTuples(of_cells ? data.GetNumberOfCells() : data.GetNumberOfPoints());
-    array->Fill(missing_value);
-    arrays_of(data, of_cells).AddArray(array);
-  }
+std::vector<ArrayShape> array_shapes(vtkDataSet& data) {
+  std::vector<ArrayShape> shapes;
+  for (const bool of_cells : {false, true}) add_shapes(data, of_cells, shapes);
+  return shapes;
 }
 
 std::string unit_label(vtkDataSet& data, const std::string& array) {
@@ -85,23 +69,17 @@ std::string unit_label(vtkDataSet& data, const std::string& array) {
   return {};
 }
 
-Result<VtkValues> find_values(const std::string& path, vtkDataSet& data, std::span<const ArrayAttribute> attributes,
-                              std::size_t number) {
-  const ArrayAttribute& attribute = attributes[number];
-  const auto array_of = [&](bool of_cells) {
-    vtkDataArray* array = arrays_of(data, of_cells).GetArray(attribute.array.c_str());
-    return array && array->GetNumberOfComponents() == attribute.components ? array : nullptr;
-  };
-  VtkValues values{array_of(attribute.of_cells), attribute.of_cells};
-  const auto other_taken = [&] {
-    return std::ranges::any_of(attributes, [&](const ArrayAttribute& other) {
-      return other.array == attribute.array && other.of_cells != attribute.of_cells;
-    });
-  };
-  if (!values.array && !other_taken()) values = {array_of(!attribute.of_cells), !attribute.of_cells};
+Result<VtkValues> find_values(const std::string& path, vtkDataSet& data, const ArrayAttribute& attribute) {
+  const auto has = [&](bool of_cells) { return arrays_of(data, of_cells).HasArray(attribute.array.c_str()) != 0; };
+  const bool of_cells = attribute.of_cells != (!has(attribute.of_cells) && !attribute.has_twin);
+  if (!has(of_cells)) return VtkValues{nullptr, attribute.of_cells};
+  const VtkValues values{arrays_of(data, of_cells).GetArray(attribute.array.c_str()), of_cells};
   if (!values.array)
-    return fail(ErrorCode::invalid_data, "{}: the array \"{}\" ({} components) of the first piece is not in this one",
-                path, attribute.array, attribute.components);
+    return fail(ErrorCode::invalid_data, "{}: the array \"{}\" holds texts here, and numbers elsewhere", path,
+                attribute.array);
+  if (values.array->GetNumberOfComponents() != attribute.components)
+    return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has {} components here, and {} elsewhere", path,
+                attribute.array, values.array->GetNumberOfComponents(), attribute.components);
   const vtkIdType expected = values.of_cells ? data.GetNumberOfCells() : data.GetNumberOfPoints();
   if (values.array->GetNumberOfTuples() < expected)
     return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has {} values for {} {}", path, attribute.array,

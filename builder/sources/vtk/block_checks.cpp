@@ -11,7 +11,7 @@
 #include "base/file.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/ensight_case.h"
-#include "builder/sources/vtk/ensight_checks.h"
+#include "builder/sources/vtk/file_words.h"
 #include "builder/sources/vtk/netcdf_checks.h"
 
 namespace splatvol {
@@ -53,15 +53,19 @@ class CaseChecker {
                   "{}: VTK's reader takes no names in quotation marks; remove them: sed 's/\"//g' {} > NEW.case", path_,
                   path_);
     if (line.find_first_not_of("0123456789+-.eE \t") == std::string_view::npos) {
-      if (in_values_) values_ += count_words(line);
-      return {};
+      if (!in_values_) return {};
+      values_ += count_words(line);
+      return check_times(line);
     }
     const std::size_t colon = line.find(':');
     const std::string_view key = line.substr(0, colon);
     const std::string_view value = colon == std::string_view::npos ? "" : bare_case_line(line.substr(colon + 1));
     in_values_ = key == "time values";
-    if (in_values_) values_ += count_words(value);
-    if (in_values_ || key == "filename numbers") return {};
+    if (in_values_) {
+      values_ += count_words(value);
+      return check_times(value);
+    }
+    if (key == "filename numbers") return {};
     if (value.empty() || !belongs(key))
       return fail(ErrorCode::unsupported, "{}: the line \"{}\" is of no kind that VTK's reader of EnSight knows", path_,
                   line.substr(0, 80));
@@ -93,6 +97,17 @@ class CaseChecker {
                                                                                      {"FILE", "number of steps"}}};
     if (section_ == "VARIABLE") return key.find(" per ") != std::string_view::npos;
     return std::ranges::find(keys, std::pair(section_, key)) != keys.end();
+  }
+
+  /// VTK's reader takes the beginning of a time that is no number.
+  [[nodiscard]] Status check_times(std::string_view text) const {
+    for (; !text.empty(); text = bare_case_line(text)) {
+      const std::string_view word = text.substr(0, text.find_first_of(" \t"));
+      text.remove_prefix(word.size());
+      if (!is_number(word))
+        return fail(ErrorCode::invalid_data, "{}: the time value \"{}\" is no number", path_, word.substr(0, 40));
+    }
+    return {};
   }
 
   Status start_steps(std::size_t count) {
@@ -149,12 +164,16 @@ Status check_steps(const VtkFile& file, std::size_t found) {
               file.path, found, declared);
 }
 
-Status check_blocks(const VtkFile& file, std::optional<double> time) {
-  if (file.kind == VtkFile::Kind::ensight) {
-    SPLATVOL_TRY(check_case(file.path));
-    SPLATVOL_TRY_ASSIGN(text, read_start(file.path, largest_case));
-    return check_ensight_files(file.path, EnsightCase(text), time);
-  }
+Result<CaseDoubts> check_case_files(const VtkFile& file, std::optional<double> time) {
+  if (file.kind != VtkFile::Kind::ensight) return CaseDoubts();
+  SPLATVOL_TRY(check_case(file.path));
+  SPLATVOL_TRY_ASSIGN(text, read_start(file.path, largest_case));
+  SPLATVOL_TRY_ASSIGN(gaps, check_ensight_files(file.path, EnsightCase(text), time));
+  return CaseDoubts{std::move(gaps), !text.empty() && std::isdigit(static_cast<unsigned char>(text.back())) != 0};
+}
+
+Status check_blocks(const VtkFile& file) {
+  if (file.kind == VtkFile::Kind::ensight) return {};
   if (file.kind == VtkFile::Kind::openfoam) return {};
   const Result<std::string> start = read_start(file.path, 64);
   if (!start) return tl::unexpected(start.error());
@@ -163,6 +182,16 @@ Status check_blocks(const VtkFile& file, std::optional<double> time) {
   if (file.kind == VtkFile::Kind::cgns && !is_hdf5(*start) && start->find("ADF Database") == std::string::npos)
     return fail(ErrorCode::invalid_data, "{}: not a CGNS file (neither HDF5 nor ADF)", file.path);
   return check_file_end(file.path);
+}
+
+Result<std::vector<ArrayShape>> ensight_arrays(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(text, read_start(path, largest_case));
+  const std::vector<EnsightFiles> variables = EnsightCase(text).variables();
+  std::vector<ArrayShape> shapes;
+  for (const EnsightFiles& files : variables)
+    if (std::ranges::count(variables, files.variable, &EnsightFiles::variable) == 1)
+      shapes.push_back({files.variable, static_cast<int>(files.components), files.per_element});
+  return shapes;
 }
 
 }  // namespace splatvol

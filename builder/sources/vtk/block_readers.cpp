@@ -1,119 +1,63 @@
 #include "builder/sources/vtk/block_readers.h"
 
 #include <vtkCGNSReader.h>
-#include <vtkExodusIIReader.h>
+#include <vtkDataArray.h>
+#include <vtkDataSet.h>
+#include <vtkDataSetAttributes.h>
 #include <vtkGenericEnSightReader.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkNew.h>
 #include <vtkSmartPointer.h>
 #include <vtk_cgns.h>
-#include <vtk_exodusII.h>
 
 #include <algorithm>
 #include <array>
-#include <cstdint>
 #include <filesystem>
 #include <map>
 #include <utility>
 
 #include VTK_CGNS(cgns_io.h)
 #include VTK_CGNS(cgnslib.h)
+#include "base/file.h"
+#include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/cgns_patches.h"
 #include "builder/sources/vtk/cgns_units.h"
+#include "builder/sources/vtk/ensight_case.h"
+#include "builder/sources/vtk/exodus_reader.h"
+#include "builder/sources/vtk/file_words.h"
+#include "builder/sources/vtk/finer_numbers.h"
+#include "builder/sources/vtk/hdf5_checks.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/openfoam_reader.h"
 
 namespace splatvol {
 namespace {
 
-/// Reads one of `pieces` pieces, at a time if there is one.
-void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces) {
-  time ? reader.UpdateTimeStep(*time, piece, pieces) : reader.UpdatePiece(piece, pieces, 0);
+/// Whether single precision, in which VTK's reader gives points, does not keep those of a case: only text may have more
+/// digits. `path`: of the case.
+bool has_finer_ensight_points(const std::string& path, std::optional<double> time) {
+  const auto text = read_text_file(path);
+  if (!text) return false;
+  const EnsightCase files(*text);
+  if (!files.geometry()) return false;
+  const auto step = choose_step(files.times(), time);
+  const auto geometry = files.file_at(*files.geometry(), step ? std::optional(step->time) : std::nullopt);
+  if (!geometry) return false;
+  auto file = open_file(std::filesystem::path(path).parent_path() / geometry->name);
+  if (!file) return false;
+  FileWords words(std::move(*file));
+  const bool binary = words.line().substr(0, 20).find("Binary") != std::string::npos;
+  words.line();  // another description
+  while (!binary && !words.at_end())
+    if (has_finer_number(words.line())) return true;
+  return false;
 }
-
-/// Throws if two blocks or sets of one kind have the same id: VTK 9.1 then reads past the end of its list of ids. Ids
-/// are 0 in a file that is cut off before them.
-void check_exodus_ids(const std::string& path) {
-  const std::uintmax_t file_bytes = std::filesystem::file_size(path);
-  int real_bytes = 8, stored_real_bytes = 0;
-  float version = 0;
-  const int file = ex_open(path.c_str(), EX_READ | EX_ALL_INT64_API, &real_bytes, &stored_real_bytes, &version);
-  if (file < 0) return;  // VTK's reader reports it
-  bool unique = true;
-  for (const auto& [type, count_of_type] : {std::pair{EX_ELEM_BLOCK, EX_INQ_ELEM_BLK},
-                                            {EX_EDGE_BLOCK, EX_INQ_EDGE_BLK},
-                                            {EX_FACE_BLOCK, EX_INQ_FACE_BLK},
-                                            {EX_NODE_SET, EX_INQ_NODE_SETS},
-                                            {EX_EDGE_SET, EX_INQ_EDGE_SETS},
-                                            {EX_FACE_SET, EX_INQ_FACE_SETS},
-                                            {EX_SIDE_SET, EX_INQ_SIDE_SETS},
-                                            {EX_ELEM_SET, EX_INQ_ELEM_SETS}}) {
-    const auto count = ex_inquire_int(file, count_of_type);
-    if (count < 2 || static_cast<std::uintmax_t>(count) > file_bytes) continue;
-    std::vector<std::int64_t> ids(static_cast<std::size_t>(count));
-    if (ex_get_ids(file, type, ids.data()) < 0) continue;
-    std::ranges::sort(ids);
-    unique = unique && std::ranges::adjacent_find(ids) == ids.end();
-  }
-  ex_close(file);
-  if (!unique) throw ReaderError("Exodus: two blocks or two sets have the same id");
-}
-
-class ExodusReader final : public BlockReader {
- public:
-  vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
-    reader_->SetFileName(path.c_str());
-    reader_->GenerateObjectIdCellArrayOff();
-    ex_opts(EX_DEFAULT);  // keeps the library from printing its errors
-    check_exodus_ids(path);
-    return *reader_;
-  }
-
-  void select(const std::vector<std::string>& selection) override {
-    for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
-      for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
-        reader_->SetObjectArrayStatus(type, i, wants_array(selection, reader_->GetObjectArrayName(type, i)));
-    select_others(false);
-  }
-
-  void want_patches() override { wants_patches_ = true; }
-
-  /// Chooses among all but the blocks of cells: the side sets, or nothing.
-  void select_others(bool side_sets) {
-    for (const int type : {vtkExodusIIReader::EDGE_BLOCK, vtkExodusIIReader::FACE_BLOCK, vtkExodusIIReader::NODE_SET,
-                           vtkExodusIIReader::EDGE_SET, vtkExodusIIReader::FACE_SET, vtkExodusIIReader::SIDE_SET,
-                           vtkExodusIIReader::ELEM_SET})
-      for (int i = 0; i < reader_->GetNumberOfObjects(type); ++i)
-        reader_->SetObjectStatus(type, i, side_sets && type == vtkExodusIIReader::SIDE_SET);
-  }
-
-  std::vector<ArrayShape> arrays() override {
-    std::vector<ArrayShape> shapes;
-    for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
-      for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
-        shapes.push_back({reader_->GetObjectArrayName(type, i), reader_->GetNumberOfObjectArrayComponents(type, i),
-                          type == vtkExodusIIReader::ELEM_BLOCK});
-    return shapes;
-  }
-
-  int portions() override { return reader_->GetNumberOfObjects(vtkExodusIIReader::ELEM_BLOCK); }
-
-  void read(int portion, std::optional<double> time) override {
-    for (int block = 0; block < portions(); ++block)
-      reader_->SetObjectStatus(vtkExodusIIReader::ELEM_BLOCK, block, block == portion);
-    select_others(wants_patches_ && portion == 0);
-    update(*reader_, time, 0, 1);
-  }
-
- private:
-  bool wants_patches_ = false;
-  vtkNew<vtkExodusIIReader> reader_;
-};
 
 class EnSightReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    path_ = path;
     reader_->SetCaseFileName(path.c_str());
     return *reader_;
   }
@@ -126,15 +70,48 @@ class EnSightReader final : public BlockReader {
       reader_->SetCellArrayStatus(reader_->GetCellArrayName(i), wants_array(selection, reader_->GetCellArrayName(i)));
   }
 
-  void read(int, std::optional<double> time) override { update(*reader_, time, 0, 1); }
+  void set_gaps(std::vector<EnsightGaps> gaps) override { gaps_ = std::move(gaps); }
+  CellCensus take_changes() override { return std::exchange(changes_, {}); }
+
+  void read(int, std::optional<double> time) override {
+    update(*reader_, time, 0, 1);
+    for (const EnsightGaps& of_variable : gaps_)
+      for (const EnsightGaps::Gap& gap : of_variable.gaps) leave_out(of_variable, gap);
+  }
+
+  bool rounds_points() const override { return true; }
+  bool has_finer_points(std::optional<double> time) override { return has_finer_ensight_points(path_, time); }
 
  private:
+  /// Replaces a value by a missing one, if its variable was read. VTK may order the components of tensors anew.
+  void leave_out(const EnsightGaps& variable, const EnsightGaps::Gap& gap) {
+    vtkMultiBlockDataSet* parts = reader_->GetOutput();
+    auto* part = parts && gap.part < parts->GetNumberOfBlocks()
+                     ? vtkDataSet::SafeDownCast(parts->GetBlock(static_cast<unsigned>(gap.part)))
+                     : nullptr;
+    vtkDataArray* array = part ? arrays_of(*part, variable.per_element).GetArray(variable.variable.c_str()) : nullptr;
+    const auto index = static_cast<vtkIdType>(gap.index);
+    if (!array || index >= array->GetNumberOfTuples()) return;
+    const bool ordered = variable.components <= 3 && variable.components == component_count(*array);
+    for (std::size_t c = 0; c < component_count(*array); ++c)
+      if (!ordered || c == gap.component) array->SetComponent(index, static_cast<int>(c), missing_value);
+    ++changes_.unwritten;
+  }
+
+  static std::size_t component_count(vtkDataArray& array) {
+    return static_cast<std::size_t>(array.GetNumberOfComponents());
+  }
+
+  std::string path_;
   vtkNew<vtkGenericEnSightReader> reader_;
+  std::vector<EnsightGaps> gaps_;
+  CellCensus changes_;
 };
 
 class OpenFoamReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    path_ = path;
     processors_ = find_processors(path);  // throws
     if (!processors_.empty()) reader_->set_processor(processors_.front());
     reader_->SetFileName(path.c_str());
@@ -164,12 +141,21 @@ class OpenFoamReader final : public BlockReader {
     }
   }
 
+  // Once the only portion has been read, its blocks tell.
+  std::vector<ArrayShape> arrays(std::optional<double> time) override {
+    if (!time || (has_read_ && portions() == 1)) return {};
+    return openfoam_arrays(path_, processors_, *time);
+  }
+
   int portions() override { return std::max<int>(1, static_cast<int>(processors_.size())); }
   bool portions_share_points() const override { return processors_.size() > 1; }
   std::string unit(const std::string& array) const override {
     const auto found = units_.find(array);
     return found == units_.end() ? std::string() : found->second;
   }
+
+  bool rounds_points() const override { return true; }
+  bool has_finer_points(std::optional<double>) override { return has_finer_openfoam_points(path_, processors_); }
 
   void read(int portion, std::optional<double> time) override {
     if (!processors_.empty()) {
@@ -179,11 +165,13 @@ class OpenFoamReader final : public BlockReader {
       check_openfoam_time(*reader_, time);
     }
     update(*reader_, time, 0, 1);
+    has_read_ = true;
     take_openfoam_units(*reader_, units_);
   }
 
  private:
-  bool wants_patches_ = false;
+  bool wants_patches_ = false, has_read_ = false;
+  std::string path_;
   vtkNew<ProcessorReader> reader_;
   std::vector<std::string> processors_;  // folders of a decomposed case; none: the case itself is read
   std::map<std::string, std::string> units_;
@@ -225,6 +213,7 @@ class CgnsReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
     cgio_error_abort(0);  // keeps the library from ending the program at an error
+    check_hdf5_file(path, Hdf5Arrays::all);
     path_ = path;
     fields_ = cgns_fields(path, units_);  // throws where VTK's reader would end the program
     reader_->SetFileName(path.c_str());
@@ -240,14 +229,18 @@ class CgnsReader final : public BlockReader {
   /// Selects by VTK's names of arrays, including those of zones after the first.
   void select(const std::vector<std::string>& selection) override {
     reader_->EnableAllBases();
-    for (const ArrayShape& shape : arrays()) {
+    for (const ArrayShape& shape : arrays({})) {
       const bool wanted = wants_array(selection, shape.name);
       reader_->SetPointArrayStatus(shape.name.c_str(), wanted);
       reader_->SetCellArrayStatus(shape.name.c_str(), wanted);
     }
   }
 
-  std::vector<ArrayShape> arrays() override { return merge_vectors(fields_); }
+  std::vector<ArrayShape> arrays(std::optional<double> /*time*/) override {
+    std::vector<ArrayShape> shapes = merge_vectors(fields_);
+    for (ArrayShape& shape : shapes) shape.unit = unit(shape.name);
+    return shapes;
+  }
 
   std::string unit(const std::string& array) const override {
     const auto scalar = units_.find(array), vector = units_.find(array + "X");
@@ -293,10 +286,14 @@ class CgnsReader final : public BlockReader {
 
 }  // namespace
 
+void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces) {
+  time ? reader.UpdateTimeStep(*time, piece, pieces) : reader.UpdatePiece(piece, pieces, 0);
+}
+
 std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind) {
   switch (kind) {
     case VtkFile::Kind::exodus:
-      return std::make_unique<ExodusReader>();
+      return make_exodus_reader();
     case VtkFile::Kind::ensight:
       return std::make_unique<EnSightReader>();
     case VtkFile::Kind::openfoam:

@@ -8,7 +8,9 @@
 
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/data_sets.h"
+#include "builder/sources/vtk/ensight_checks.h"
 
+class vtkAlgorithm;
 class vtkMultiBlockDataSetAlgorithm;
 
 namespace splatvol {
@@ -22,6 +24,12 @@ class BlockReader {
   /// Chooses arrays and blocks, after the file's header has been read.
   virtual void select(const std::vector<std::string>& selection) = 0;
 
+  /// Lets read() replace these values by missing ones. Called before read(); only for EnSight.
+  virtual void set_gaps(std::vector<EnsightGaps> /*gaps*/) {}
+
+  /// Counts what read() has changed since the last call.
+  virtual CellCensus take_changes() { return {}; }
+
   /// Lets read() bring the patches along too, as surfaces. Called before select().
   virtual void want_patches() {}
 
@@ -32,8 +40,12 @@ class BlockReader {
   /// Returns patches that are no surfaces of the output, once.
   virtual std::vector<Patch> take_patches() { return {}; }
 
-  /// All arrays of a file that has several portions, before any of them is read. Other readers may return none.
-  virtual std::vector<ArrayShape> arrays() { return {}; }
+  /// All arrays of a file that has several portions, at a time, before any of them is read. Other readers may return
+  /// none.
+  virtual std::vector<ArrayShape> arrays(std::optional<double> /*time*/) { return {}; }
+
+  /// The times of the steps, if VTK's reader does not find them.
+  virtual std::vector<double> times() const { return {}; }
 
   /// The unit of an array that has been read; empty if the file does not tell.
   virtual std::string unit(const std::string& /*array*/) const { return {}; }
@@ -41,12 +53,21 @@ class BlockReader {
   /// Whether the portions are parts of one mesh: points that several of them have are the same points.
   virtual bool portions_share_points() const { return false; }
 
+  /// Whether read() rounds points to single precision, though the file may have more digits.
+  virtual bool rounds_points() const { return false; }
+
+  /// Whether the file has more digits. Reads its points.
+  virtual bool has_finer_points(std::optional<double> /*time*/) { return false; }
+
   /// Number of portions. A portion is read at once: a block, or the whole file.
   virtual int portions() { return 1; }
 
   /// Reads a portion into the reader's output, at a time, or without one if the file has no time steps.
   virtual void read(int portion, std::optional<double> time) = 0;
 };
+
+/// Lets VTK's reader read one of `pieces` pieces, at a time if there is one.
+void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces);
 
 /// Makes the reader of a format with blocks; null for other kinds of files.
 [[nodiscard]] std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind);

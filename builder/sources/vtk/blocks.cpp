@@ -51,21 +51,30 @@ class BlockDataSets final : public VtkDataSets {
         reader_(make_block_reader(file_.kind)) {}
 
   Status open(std::optional<double> time) {
-    SPLATVOL_TRY(check_blocks(file_, time));
+    SPLATVOL_TRY(check_blocks(file_));
+    SPLATVOL_TRY_ASSIGN(doubts, check_case_files(file_, time));
+    reader_->set_gaps(std::move(doubts.gaps));
+    changes_.open_ends += doubts.open_end ? 1 : 0;
     vtkMultiBlockDataSetAlgorithm* algorithm = nullptr;
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm = &reader_->open(file_.path);
       if (file_.patches) reader_->want_patches();
       algorithm->UpdateInformation();
       reader_->select(selection_);
-      step_ = choose_step(times_of(*algorithm), time);
-      shapes_ = reader_->arrays();
+      const std::vector<double> times = reader_->times();
+      step_ = choose_step(times.empty() ? times_of(*algorithm) : times, time);
     }));
-    std::erase_if(shapes_, [&](const ArrayShape& shape) { return !wants_array(selection_, shape.name); });
     algorithm_ = algorithm;
-    SPLATVOL_TRY(check_steps(file_, step_ ? step_->times.size() : 0));
-    const bool shares = cells_ == CellValues::averaged && reader_->portions_share_points();
-    return shares ? share_points() : Status{};
+    return check_steps(file_, step_ ? step_->times.size() : 0);
+  }
+
+  Status announce(ArrayUnion& arrays) override {
+    std::vector<ArrayShape> announced;
+    SPLATVOL_TRY(run_vtk(file_.path, [&] { announced = reader_->arrays(time_of(step_)); }));
+    SPLATVOL_TRY(arrays.add(file_.path, wanted(std::move(announced))));
+    SPLATVOL_TRY(arrays.add(file_.path, shared_arrays_.arrays()));
+    for (const auto& block : blocks_) SPLATVOL_TRY(arrays.add(file_.path, wanted(array_shapes(*block))));
+    return {};
   }
 
   std::size_t count() const override {
@@ -75,13 +84,26 @@ class BlockDataSets final : public VtkDataSets {
   std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
+  CellCensus take_changes() override {
+    CellCensus changes = std::exchange(changes_, {});
+    changes += reader_->take_changes();
+    return changes;
+  }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
   bool averages_by_data_set() const override { return !reader_->portions_share_points(); }
+  bool rounds_points() const override { return reader_->rounds_points(); }
+  Result<bool> has_finer_points() override {
+    if (!has_finer_points_)
+      SPLATVOL_TRY(run_vtk(file_.path, [&] { has_finer_points_ = reader_->has_finer_points(time_of(step_)); }));
+    return *has_finer_points_;
+  }
   void share_means(vtkDataSet& data, const std::string& array, int component, std::span<double> means) const override {
     shared_.apply(data, block_name_, array, component, means);
   }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
+    if (portion_ == 0 && cells_ == CellValues::averaged && reader_->portions_share_points())
+      SPLATVOL_TRY(share_points());
     while (blocks_.empty() && portion_ < reader_->portions()) SPLATVOL_TRY(read_portion());
     if (blocks_.empty()) return vtkSmartPointer<vtkDataSet>();
     auto block = blocks_.front();
@@ -101,6 +123,7 @@ class BlockDataSets final : public VtkDataSets {
         if (auto* tree = vtkMultiBlockDataSet::SafeDownCast(algorithm_->GetOutputDataObject(0))) collect(*tree);
       }));
       for (std::size_t i = 0; i < blocks_.size(); ++i) {
+        SPLATVOL_TRY(shared_arrays_.add(file_.path, wanted(array_shapes(*blocks_[i]))));
         const std::vector<vtkDataArray*> arrays = arrays_of_cells(*blocks_[i]);
         if (arrays.empty()) continue;
         SPLATVOL_TRY_ASSIGN(averages, make_averages(file_.path, *blocks_[i]));
@@ -129,7 +152,12 @@ class BlockDataSets final : public VtkDataSets {
     return arrays;
   }
 
-  /// Appends a portion's blocks to blocks_, with all arrays.
+  [[nodiscard]] std::vector<ArrayShape> wanted(std::vector<ArrayShape> shapes) const {
+    std::erase_if(shapes, [&](const ArrayShape& shape) { return !wants_array(selection_, shape.name); });
+    return shapes;
+  }
+
+  /// Appends a portion's blocks to blocks_.
   Status read_portion() {
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       reader_->read(portion_++, time_of(step_));
@@ -138,9 +166,6 @@ class BlockDataSets final : public VtkDataSets {
         tree->Initialize();
       }
       std::ranges::move(reader_->take_patches(), std::back_inserter(patches_));
-      for (auto& block : blocks_)
-        for (const bool of_cells : {false, true}) learn_arrays(*block, of_cells);
-      for (auto& block : blocks_) add_missing(*block, shapes_, cells_);
     }));
     return {};
   }
@@ -153,7 +178,10 @@ class BlockDataSets final : public VtkDataSets {
       if (!data || data->GetNumberOfPoints() == 0) continue;
       if (is_surface(*data)) {
         left_out_ += census_of(*data);
-        if (file_.patches) add_patch(tree, *data);
+        if (file_.patches)
+          add_patch(tree, *data);
+        else
+          left_out_.left_out += static_cast<std::uint64_t>(data->GetNumberOfCells());
         continue;
       }
       blocks_.push_back(copy_sharing_arrays(*data));
@@ -199,28 +227,6 @@ class BlockDataSets final : public VtkDataSets {
     return object == &data;
   }
 
-  /// Adds a block's arrays to the known ones. If a name is known already, the block's array counts as the same one,
-  /// unless points and cells both have an array of this name.
-  void learn_arrays(vtkDataSet& data, bool of_cells) {
-    vtkDataSetAttributes& arrays = arrays_of(data, of_cells);
-    for (int i = 0; i < arrays.GetNumberOfArrays(); ++i) {
-      vtkDataArray* array = arrays.GetArray(i);
-      if (!array || !arrays.GetArrayName(i)) continue;
-      const std::string name = arrays.GetArrayName(i);
-      if (is_bookkeeping(arrays, i, name) || name == "HigherOrderDegrees") continue;
-      const auto of_name = [&](const ArrayShape& shape) { return shape.name == name; };
-      const auto known = std::ranges::find_if(shapes_, of_name);
-      const bool both = arrays_of(data, !of_cells).HasArray(name.c_str()) != 0;
-      const bool same = std::ranges::any_of(
-          shapes_, [&](const ArrayShape& shape) { return shape.name == name && shape.of_cells == of_cells; });
-      if (same || (known != shapes_.end() && !both)) continue;
-      if (known != shapes_.end() && !known->of_cells)
-        known->of_cells = of_cells;
-      else
-        shapes_.push_back({name, array->GetNumberOfComponents(), of_cells});
-    }
-  }
-
   VtkFile file_;
   std::vector<std::string> selection_;
   CellValues cells_;
@@ -228,10 +234,12 @@ class BlockDataSets final : public VtkDataSets {
   std::unique_ptr<BlockReader> reader_;
   vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_
   std::optional<TimeStep> step_;
-  std::vector<ArrayShape> shapes_;  // known so far
-  int portion_ = 0;                 // the next to be read
+  ArrayUnion shared_arrays_;              // of portions that were read by share_points()
+  std::optional<bool> has_finer_points_;  // once it is known
+  int portion_ = 0;                       // the next to be read
   std::size_t returned_ = 0;
   CellCensus left_out_;
+  CellCensus changes_;                              // not taken yet
   std::deque<vtkSmartPointer<vtkDataSet>> blocks_;  // read and not returned yet
   std::deque<std::string> block_names_;             // of blocks_
   std::vector<Patch> patches_;                      // read and not taken yet

@@ -24,8 +24,7 @@ struct CollectionStep {
 /// Lists the files of the blocks that a .vtm, .vtpd or .vtpc names, at any depth, in its order.
 [[nodiscard]] Result<std::vector<std::string>> block_files(const std::string& path);
 
-/// Reads files as blocks of one data set: those with only surfaces are left out, and an array that a block lacks is NaN
-/// there. Other contracts as read_vtk_files.
+/// Reads files as blocks of one data set: those with only surfaces are left out. Other contracts as read_vtk_files.
 [[nodiscard]] std::unique_ptr<VtkDataSets> read_composite(const VtkFile& composite, std::vector<std::string> selection,
                                                           std::optional<double> time, CellValues cells,
                                                           const MissingValues& missing);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/source.h"
 
 class vtkDataSet;
@@ -39,6 +40,7 @@ struct VtkFile {
   std::vector<VtkFile> blocks = {};  // of a composite file: what it names
   std::string values = {};           // SU2: a .csv file with the values at the points; may be empty
   bool patches = false;              // VtkDataSets::take_patches() is wanted
+  bool is_block = false;             // of a composite file: surfaces are left out
 };
 
 /// The data sets of an input, one after the other. Not thread-safe.
@@ -51,6 +53,10 @@ class VtkDataSets {
 
   /// Returns the next data set, a null pointer after the last.
   [[nodiscard]] virtual Result<vtkSmartPointer<vtkDataSet>> next() = 0;
+
+  /// Adds the arrays that headers announce, and those of data sets that are in memory. Reads no other data. Called
+  /// before the second next(). What it does not add fails when it turns up later (ArrayUnion::check).
+  [[nodiscard]] virtual Status announce(ArrayUnion& /*arrays*/) { return {}; }
 
   /// As Source::part_sizes() and Source::select(): parts are files. A data set that was returned already stays.
   [[nodiscard]] virtual std::vector<std::uint64_t> part_sizes() const { return {}; }
@@ -65,8 +71,12 @@ class VtkDataSets {
   /// The unit of an array of the data sets returned so far; empty if the files do not tell.
   [[nodiscard]] virtual std::string unit(const std::string& /*array*/) const { return {}; }
 
-  /// Counts the cells of blocks that were left out so far, because they are surfaces.
+  /// Counts the cells of blocks that were left out so far, because they are surfaces; CellCensus::left_out: those that
+  /// are no patches.
   [[nodiscard]] virtual CellCensus left_out() const { return {}; }
+
+  /// Counts what the data sets since the last call have otherwise than their files: CellCensus::open_ends, unwritten.
+  [[nodiscard]] virtual CellCensus take_changes() { return {}; }
 
   /// Returns the patches that were read since the last call, if VtkFile::patches asks for them.
   [[nodiscard]] virtual std::vector<Patch> take_patches() { return {}; }
@@ -79,6 +89,12 @@ class VtkDataSets {
   /// Whether means of cells at a point that several data sets have differ from one to the other: each has the mean over
   /// its own cells.
   [[nodiscard]] virtual bool averages_by_data_set() const { return true; }
+
+  /// Whether the reader rounds the points of the last data set to single precision.
+  [[nodiscard]] virtual bool rounds_points() const { return false; }
+
+  /// Whether single precision does not keep the points in the file of the last data set. Reads them.
+  [[nodiscard]] virtual Result<bool> has_finer_points() { return false; }
 
   /// As Source::time_step(), for the first file that has been opened.
   [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }

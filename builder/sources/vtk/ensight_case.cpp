@@ -184,7 +184,8 @@ std::optional<EnsightFile> EnsightCase::file_at(const EnsightFiles& files, std::
   std::size_t file = 0;
   while (file < several.steps.size() && step >= several.steps[file]) step -= several.steps[file++];
   if (file == several.steps.size() || (numbered && file >= several.indices.size())) return std::nullopt;
-  return EnsightFile{numbered ? with_number(files.name, several.indices[file]) : files.name, several.steps[file], true};
+  return EnsightFile{numbered ? with_number(files.name, several.indices[file]) : files.name, several.steps[file], true,
+                     step};
 }
 
 }  // namespace splatvol

@@ -24,7 +24,8 @@ struct EnsightFiles {
 struct EnsightFile {
   std::string name;
   std::size_t steps = 1;
-  bool marked = false;  // "BEGIN TIME STEP" begins each step
+  bool marked = false;   // "BEGIN TIME STEP" begins each step
+  std::size_t step = 0;  // of the file, that is wanted
 };
 
 class EnsightCase {

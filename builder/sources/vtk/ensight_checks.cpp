@@ -29,7 +29,20 @@ struct EnsightEncoding {
   std::optional<bool> little_endian{};  // once known
 };
 
-/// Numbers and lines of one file, text or binary. `ended()` tells that the file ended before what was read.
+/// Whether a program wrote this instead of a number: Fortran writes stars where a number is wider than its columns,
+/// Microsoft's C library "1.#IND" or "1.#QNAN" for one that is none.
+bool is_unwritten(std::string_view word) {
+  return !word.empty() && (word.find_first_not_of('*') == std::string_view::npos || word.find(".#") < word.size());
+}
+
+std::string_view trimmed(std::string_view text) {
+  while (!text.empty() && is_white_space(text.front())) text.remove_prefix(1);
+  while (!text.empty() && is_white_space(text.back())) text.remove_suffix(1);
+  return text;
+}
+
+/// Numbers and lines of one file, text or binary. `ended()` tells that the file ended before what was read, or that
+/// `odd()` stands where a number must be.
 class EnsightReader {
  public:
   EnsightReader(std::unique_ptr<ByteSource> file, EnsightEncoding encoding)
@@ -49,6 +62,7 @@ class EnsightReader {
 
   [[nodiscard]] bool ended() const { return ended_; }
   [[nodiscard]] bool has_open_end() const { return open_end_; }
+  [[nodiscard]] const std::optional<std::string>& odd() const { return odd_; }
   [[nodiscard]] bool at_end() {
     if (!encoding_.binary) words_.skip_white_space();
     return words_.at_end();
@@ -80,7 +94,7 @@ class EnsightReader {
     return word;
   }
 
-  /// `count` numbers of one record, or line. Numbers that are no counts are 0.
+  /// `count` numbers of one record, or line.
   std::vector<std::uint32_t> counts(std::size_t count) {
     std::vector<std::uint32_t> numbers(count);
     if (!encoding_.binary) {
@@ -88,8 +102,10 @@ class EnsightReader {
       std::string_view rest = line;
       for (std::uint32_t& number : numbers) {
         rest.remove_prefix(std::min(rest.find_first_not_of(" \t"), rest.size()));
-        const auto end = std::from_chars(rest.data(), rest.data() + rest.size(), number).ptr;
+        const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), number);
         rest.remove_prefix(static_cast<std::size_t>(end - rest.data()));
+        const bool whole = error == std::errc() && (rest.empty() || is_white_space(rest.front()));
+        if (!whole && !line.empty() && !ended_) refuse(line);
       }
       ended_ = ended_ || line.empty();
       return numbers;
@@ -112,14 +128,43 @@ class EnsightReader {
     return *encoding_.little_endian ? swapped(number) : number;
   }
 
-  /// Skips `count` numbers of four bytes in one record; in a text file `lines` lines.
-  void skip(std::uint64_t count, std::uint64_t lines) {
-    mark();
-    ended_ = ended_ || count > words_.size() ||
-             !(encoding_.binary ? words_.skip_bytes(4 * count) : words_.skip_lines(lines));
-    mark();
+  /// Skips `count` numbers of four bytes in one record; in a text file a line for each. Returns which of them are not
+  /// written: they pass.
+  std::vector<std::uint64_t> skip_values(std::uint64_t count) {
+    std::vector<std::uint64_t> unwritten;
+    if (encoding_.binary) skip_bytes(count);
+    for (std::uint64_t i = 0; !encoding_.binary && i < count && !ended_; ++i) {
+      const std::string line = next_line();
+      const std::string_view word = trimmed(line);
+      if (ended_ || is_number(word)) continue;
+      is_unwritten(word) ? unwritten.push_back(i) : refuse(word);
+    }
+    return unwritten;
   }
-  void skip(std::uint64_t count) { skip(count, count); }
+
+  /// The same for numbers that must be there.
+  void skip_numbers(std::uint64_t count) {
+    if (!skip_values(count).empty()) refuse("***");
+  }
+
+  /// Skips `count` integers of four bytes in one record; in a text file `lines` lines with as many together.
+  void skip_integers(std::uint64_t count, std::uint64_t lines) {
+    if (encoding_.binary) return skip_bytes(count);
+    std::uint64_t there = 0;
+    for (std::uint64_t i = 0; i < lines && !ended_; ++i) {
+      const auto of_line = words_.integers_in_line();
+      ended_ = ended_ || !words_.ended_line();
+      if (!of_line) refuse("a word");
+      there += of_line.value_or(0);
+    }
+    if (!ended_ && there != count) refuse(fmt::format("one of {} numbers instead of {}", there, count));
+  }
+
+  /// Skips the smallest and largest coordinates.
+  void skip_extents() {
+    if (encoding_.binary) return skip_bytes(6);
+    ended_ = ended_ || !words_.skip_lines(3);
+  }
 
   /// The sum of `count` counts in one record, or in a line for each.
   std::uint64_t sum(std::uint64_t count) {
@@ -131,6 +176,25 @@ class EnsightReader {
   }
 
  private:
+  /// A line of text, which must end.
+  std::string next_line() {
+    std::string line = words_.line();
+    ended_ = ended_ || !words_.ended_line();
+    return line;
+  }
+
+  /// Skips a record of numbers of four bytes.
+  void skip_bytes(std::uint64_t count) {
+    mark();
+    ended_ = ended_ || count > words_.size() || !words_.skip_bytes(4 * count);
+    mark();
+  }
+
+  void refuse(std::string_view word) {
+    ended_ = true;
+    odd_ = std::string(word);
+  }
+
   static std::uint32_t swapped(std::uint32_t number) { return __builtin_bswap32(number); }
 
   /// Skips the length that stands before and after a record of Fortran.
@@ -148,12 +212,26 @@ class EnsightReader {
   EnsightEncoding encoding_;
   bool ended_ = false;
   bool open_end_ = false;
+  std::optional<std::string> odd_;
 };
 
 /// Points and elements of a part.
 struct Part {
+  std::size_t index = 0;  // among the parts of the geometry
   std::uint64_t nodes = 0;
-  std::map<std::string, std::uint64_t, std::less<>> elements;  // of each type; "block" of a structured part
+  std::map<std::string, std::uint64_t, std::less<>> elements;     // of each type; "block" of a structured part
+  std::vector<std::pair<std::string, std::uint64_t>> lists = {};  // of elements, in their order: type and number
+
+  /// The index in the part of an element that is number `element` of its type. VTK leaves out ghosts.
+  [[nodiscard]] std::uint64_t index_of(std::string_view type, std::uint64_t element) const {
+    std::uint64_t before = 0;
+    for (const auto& [of_list, count] : lists) {
+      if (of_list == type && element < count) break;
+      if (of_list == type) element -= count;
+      before += of_list.starts_with("g_") ? 0 : count;
+    }
+    return before + element;
+  }
 };
 using Layout = std::map<std::uint64_t, Part>;  // by the parts' numbers
 
@@ -184,6 +262,11 @@ std::uint64_t nodes_of(std::string_view type) {
 std::string_view first_word(std::string_view line) { return line.substr(0, line.find_first_of(" \t")); }
 bool has_word(std::string_view line, std::string_view word) { return line.find(word) != std::string_view::npos; }
 
+tl::unexpected<Error> fail_open_end(const std::string& path) {
+  return fail(ErrorCode::invalid_data,
+              "{}: no line end follows its last line: the file may be cut off; if it is whole, add a line end", path);
+}
+
 /// The base of walks through geometry and variables. A walk stops, without an error, at something unknown.
 class EnsightWalk {
  public:
@@ -198,19 +281,27 @@ class EnsightWalk {
   /// Fails if the file ended within what was walked through so far.
   [[nodiscard]] Status finish() const {
     if (!file_.ended()) return {};
-    if (file_.has_open_end())
+    if (file_.odd())
       return fail(ErrorCode::invalid_data,
-                  "{}: no line end follows its last line: the file may be cut off; if it is whole, add a line end",
-                  path_);
+                  "{}: \"{}\" stands for a number within {}, which VTK's reader takes for another: damaged, or not "
+                  "written as 1.5e+00",
+                  path_, printable(*file_.odd()), where_);
+    if (file_.has_open_end()) return fail_open_end(path_);
     return fail(ErrorCode::invalid_data, "{}: the file is cut off, or damaged: it ends within {}", path_, where_);
   }
 
   /// Fails unless a line ends a step.
   [[nodiscard]] Status check_last_line(std::string_view line) const {
     if (!goes_on() || line.empty() || line == "END TIME STEP") return {};
+    return fail(ErrorCode::invalid_data, "{}: an unknown line \"{}\" after {}: damaged", path_, printable(line),
+                where_);
+  }
+
+  /// The beginning of a line.
+  [[nodiscard]] static std::string printable(std::string_view line) {
     std::string text(line.substr(0, text_bytes));
     for (char& c : text) c = c >= ' ' && c <= '~' ? c : '?';
-    return fail(ErrorCode::invalid_data, "{}: an unknown line \"{}\" after {}: damaged", path_, text, where_);
+    return text;
   }
 
   [[nodiscard]] tl::unexpected<Error> fail_mark() const {
@@ -232,6 +323,12 @@ class EnsightWalk {
 class GeometryWalk : public EnsightWalk {
  public:
   using EnsightWalk::EnsightWalk;
+
+  /// Finds how the files are written, and no layout.
+  Result<std::vector<Layout>> encoding_only() {
+    file_.find_encoding();
+    return std::vector<Layout>();
+  }
 
   /// Returns the layout at each time step of the file; none if something in it is unknown.
   Result<std::vector<Layout>> walk(const EnsightFile& stated) {
@@ -263,14 +360,17 @@ class GeometryWalk : public EnsightWalk {
     element_ids_ = has_word(line, "given") || has_word(line, "ignore");
     line = file_.keyword();
     if (line.starts_with("extents")) {
-      file_.skip(6, 3);
+      file_.skip_extents();
       line = file_.keyword();
     }
     while (goes_on() && line == "part") {
       const std::uint64_t number = file_.part_number();
       where_ = fmt::format("part {}", number);
       file_.line();  // its description
-      line = walk_part(layout[number]);
+      const std::size_t index = layout.size();
+      Part& part = layout[number];
+      part.index = index;
+      line = walk_part(part);
     }
     SPLATVOL_TRY(check_last_line(line));
     return layout;
@@ -282,8 +382,8 @@ class GeometryWalk : public EnsightWalk {
     if (first_word(line) == "block") return walk_block(part, line);
     if (line == "coordinates") {
       part.nodes = file_.count();
-      if (node_ids_) file_.skip(part.nodes);
-      for (int axis = 0; axis < 3; ++axis) file_.skip(part.nodes);
+      if (node_ids_) (void)file_.skip_values(part.nodes);
+      for (int axis = 0; axis < 3; ++axis) file_.skip_numbers(part.nodes);
       line = file_.keyword();
     }
     for (; goes_on() && nodes_of(line) > 0; line = file_.keyword()) walk_elements(part, line);
@@ -294,14 +394,15 @@ class GeometryWalk : public EnsightWalk {
     where_ += fmt::format(", {}", type);
     const std::uint64_t count = file_.count();
     part.elements[type] += count;
-    if (element_ids_) file_.skip(count);
+    part.lists.emplace_back(type, count);
+    if (element_ids_) (void)file_.skip_values(count);
     if (type.ends_with("nsided")) {
-      file_.skip(file_.sum(count), count);
+      file_.skip_integers(file_.sum(count), count);
     } else if (type.ends_with("nfaced")) {
       const std::uint64_t faces = file_.sum(count);
-      file_.skip(file_.sum(faces), faces);
+      file_.skip_integers(file_.sum(faces), faces);
     } else {
-      file_.skip(count * nodes_of(type), count);
+      file_.skip_integers(count * nodes_of(type), count);
     }
   }
 
@@ -323,13 +424,13 @@ class GeometryWalk : public EnsightWalk {
     }
     part.elements["block"] = cells;
     if (has_word(header, "uniform")) {
-      for (int i = 0; i < 2; ++i) file_.skip(3);
+      for (int i = 0; i < 2; ++i) file_.skip_numbers(3);
     } else if (has_word(header, "rectilinear")) {
-      for (const std::uint64_t side : sides) file_.skip(side);
+      for (const std::uint64_t side : sides) file_.skip_numbers(side);
     } else {
-      for (int axis = 0; axis < 3; ++axis) file_.skip(part.nodes);
+      for (int axis = 0; axis < 3; ++axis) file_.skip_numbers(part.nodes);
     }
-    if (has_word(header, "iblanked")) file_.skip(part.nodes);
+    if (has_word(header, "iblanked")) file_.skip_numbers(part.nodes);
     std::string line = file_.keyword();
     // Lists of ids and ghosts may follow, which VTK does not know.
     stopped_ = stopped_ || !(line.empty() || line == "part" || line == "END TIME STEP");
@@ -344,7 +445,12 @@ class VariableWalk : public EnsightWalk {
  public:
   VariableWalk(std::string path, std::unique_ptr<ByteSource> file, EnsightEncoding encoding,
                const EnsightFiles& variable)
-      : EnsightWalk(std::move(path), std::move(file), encoding), variable_(variable) {}
+      : EnsightWalk(std::move(path), std::move(file), encoding),
+        variable_(variable),
+        gaps_{variable.variable, variable.per_element, variable.components, {}} {}
+
+  /// The values that are not written, of the step that is wanted.
+  EnsightGaps take_gaps() { return std::move(gaps_); }
 
   /// `layouts`: of each step, or one for all.
   Status walk(const std::vector<Layout>& layouts, const EnsightFile& stated) {
@@ -352,6 +458,7 @@ class VariableWalk : public EnsightWalk {
     std::size_t found = 0;
     for (; goes_on() && (found == 0 || !file_.at_end()); ++found) {
       if (found >= layouts.size() && layouts.size() > 1) return {};
+      is_wanted_ = found == stated.step;
       SPLATVOL_TRY(walk_step(layouts[std::min(found, layouts.size() - 1)], stated.marked));
     }
     SPLATVOL_TRY(finish());
@@ -390,7 +497,7 @@ class VariableWalk : public EnsightWalk {
     if (!variable_.per_element) {
       const std::string_view word = first_word(line);
       if (word != "coordinates" && word != "block") return line;
-      walk_values(line, part.nodes);
+      walk_values(line, part, part.nodes);
       return file_.keyword();
     }
     std::size_t types = 0;
@@ -398,23 +505,29 @@ class VariableWalk : public EnsightWalk {
       const auto elements = part.elements.find(first_word(line));
       if (elements == part.elements.end()) break;
       where_ += fmt::format(", {}", elements->first);
-      walk_values(line, elements->second);
+      walk_values(line, part, elements->second);
     }
     if (line.empty() && types < part.elements.size()) file_.end();
     return line;
   }
 
-  void walk_values(std::string_view header, std::uint64_t count) {
-    const bool partial = has_word(header, "partial");
-    if (has_word(header, "undef")) file_.skip(1);
-    if (partial) {
+  void walk_values(std::string_view header, const Part& part, std::uint64_t count) {
+    if (has_word(header, "undef")) file_.skip_numbers(1);
+    if (has_word(header, "partial")) {
       count = file_.count();
-      file_.skip(count);
+      file_.skip_integers(count, count);
+      for (std::size_t c = 0; c < variable_.components; ++c) file_.skip_numbers(count);
+      return;
     }
-    for (std::size_t c = 0; c < variable_.components; ++c) file_.skip(count);
+    for (std::size_t c = 0; c < variable_.components; ++c)
+      for (const std::uint64_t i : file_.skip_values(count))
+        if (is_wanted_)
+          gaps_.gaps.push_back({part.index, c, variable_.per_element ? part.index_of(first_word(header), i) : i});
   }
 
   const EnsightFiles& variable_;
+  bool is_wanted_ = false;  // the current step
+  EnsightGaps gaps_;
   std::size_t parts_ = 0;
 };
 
@@ -431,39 +544,88 @@ Status check_blocks_of_6(const std::string& path, ByteSource& file) {
   return {};
 }
 
-}  // namespace
-
-Status check_ensight_files(const std::string& path, const EnsightCase& files, std::optional<double> time) {
-  if (!files.wrong_line().empty())
-    return fail(ErrorCode::invalid_data, "{}: the line \"{}\" has too few or too many words", path,
-                files.wrong_line().substr(0, 80));
-  if (!files.geometry()) return {};
-  const auto step = choose_step(files.times(), time);
-  const auto at = step ? std::optional(step->time) : std::nullopt;
-  const auto folder = std::filesystem::path(path).parent_path();
-  const auto geometry = files.file_at(*files.geometry(), at);
-  if (!geometry) return {};
-  const std::string geometry_path = folder / geometry->name;
-  auto file = open_file(geometry_path);
-  if (!file) return {};  // VTK's reader tells
-  if (!files.is_gold()) return check_blocks_of_6(geometry_path, **file);
-  GeometryWalk walk(geometry_path, std::move(*file), {});
-  SPLATVOL_TRY_ASSIGN(layouts, walk.walk(*geometry));
-  if (layouts.empty()) return {};
-
-  const bool moves = files.geometry()->name.find('*') != std::string::npos;
-  for (const EnsightFiles& variable : files.variables()) {
-    const auto values = files.file_at(variable, at);
-    // Without the geometry of all steps, a file of several steps cannot be followed.
-    const bool known =
-        layouts.size() > 1 ? values && values->steps == layouts.size() : values && !(moves && values->steps > 1);
-    if (!known) continue;
-    const std::string values_path = folder / values->name;
-    auto opened = open_file(values_path);
-    if (opened)
-      SPLATVOL_TRY(VariableWalk(values_path, std::move(*opened), walk.encoding(), variable).walk(layouts, *values));
+/// Checks a text file of which only the first lines are known, `titles` of them: VTK's reader takes zeros for numbers
+/// that it cannot read, and in EnSight 6 for the others of their line.
+Status check_lines(const std::string& path, std::unique_ptr<ByteSource> file, std::uint64_t titles) {
+  FileWords words(std::move(file));
+  (void)words.skip_lines(titles);
+  while (!words.at_end()) {
+    const std::string line = words.line();
+    const bool of_numbers = line.find_first_not_of("0123456789+-.eE*, \t\r") == std::string::npos;
+    if (of_numbers && line.find_first_of("*,") != std::string::npos)
+      return fail(ErrorCode::invalid_data,
+                  "{}: VTK's reader takes zeros for the line \"{}\": stars stand for a number that is too wide, and a "
+                  "decimal comma is none; write the case anew",
+                  path, line.substr(0, text_bytes));
+    if (!words.ended_line() && of_numbers) return fail_open_end(path);
   }
   return {};
+}
+
+/// The files of a case at a time.
+class CaseFiles {
+ public:
+  CaseFiles(const std::string& path, const EnsightCase& files, std::optional<double> time)
+      : folder_(std::filesystem::path(path).parent_path()), files_(files) {
+    const auto step = choose_step(files.times(), time);
+    if (step) time_ = step->time;
+    if (files.geometry()) geometry_ = files.file_at(*files.geometry(), time_);
+  }
+
+  Result<std::vector<EnsightGaps>> check() {
+    if (geometry_) {
+      auto file = open_file(folder_ / geometry_->name);
+      if (!file) return gaps_;  // VTK's reader tells
+      SPLATVOL_TRY(check_geometry(folder_ / geometry_->name, std::move(*file)));
+    }
+    for (const EnsightFiles& variable : files_.variables()) SPLATVOL_TRY(check_variable(variable));
+    return std::move(gaps_);
+  }
+
+ private:
+  Status check_geometry(const std::string& path, std::unique_ptr<ByteSource> file) {
+    if (!files_.is_gold()) SPLATVOL_TRY(check_blocks_of_6(path, *file));
+    GeometryWalk walk(path, std::move(file), {});
+    SPLATVOL_TRY_ASSIGN(layouts, files_.is_gold() ? walk.walk(*geometry_) : walk.encoding_only());
+    layouts_ = std::move(layouts);
+    encoding_ = walk.encoding();
+    if (!layouts_.empty() || encoding_.binary) return {};
+    SPLATVOL_TRY_ASSIGN(text, open_file(path));
+    return check_lines(path, std::move(text), 2);
+  }
+
+  Status check_variable(const EnsightFiles& variable) {
+    const auto values = files_.file_at(variable, time_);
+    const std::string path = values ? folder_ / values->name : folder_;
+    auto file = open_file(path);
+    if (!values || !file) return {};
+    // Without the geometry of all steps, a file of several steps cannot be followed.
+    const bool moves = geometry_ && files_.geometry()->name.find('*') != std::string::npos;
+    const bool known =
+        layouts_.size() > 1 ? values->steps == layouts_.size() : !layouts_.empty() && !(moves && values->steps > 1);
+    if (!known) return encoding_.binary ? Status{} : check_lines(path, std::move(*file), 1);
+    VariableWalk walk(path, std::move(*file), encoding_, variable);
+    SPLATVOL_TRY(walk.walk(layouts_, *values));
+    if (EnsightGaps gaps = walk.take_gaps(); !gaps.gaps.empty()) gaps_.push_back(std::move(gaps));
+    return {};
+  }
+
+  std::filesystem::path folder_;
+  const EnsightCase& files_;
+  std::optional<double> time_;
+  std::optional<EnsightFile> geometry_;
+  std::vector<Layout> layouts_;  // none: what the geometry holds is not known
+  EnsightEncoding encoding_;
+  std::vector<EnsightGaps> gaps_;
+};
+
+}  // namespace
+
+Result<std::vector<EnsightGaps>> check_ensight_files(const std::string& path, const EnsightCase& files,
+                                                     std::optional<double> time) {
+  if (files.wrong_line().empty()) return CaseFiles(path, files, time).check();
+  return fail(ErrorCode::invalid_data, "{}: the line \"{}\" has too few or too many words", path,
+              files.wrong_line().substr(0, 80));
 }
 
 }  // namespace splatvol

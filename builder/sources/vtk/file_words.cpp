@@ -32,10 +32,16 @@ void FileWords::skip_white_space() {
 }
 
 std::string FileWords::next() {
+  std::string word = name();
+  std::ranges::transform(word, word.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return word;
+}
+
+std::string FileWords::name() {
   skip_white_space();
   std::string word;
   for (; fill() && !is_white_space(text_[at_]); ++at_)
-    if (word.size() < longest_word) word += static_cast<char>(std::tolower(static_cast<unsigned char>(text_[at_])));
+    if (word.size() < longest_word) word += text_[at_];
   return word;
 }
 
@@ -46,6 +52,21 @@ std::string FileWords::line() {
   ended_line_ = fill();
   if (ended_line_) ++at_;
   return line;
+}
+
+std::optional<std::uint64_t> FileWords::integers_in_line() {
+  std::uint64_t count = 0;
+  bool in_word = false, integers = true;
+  for (; fill() && text_[at_] != '\n'; ++at_) {
+    const char c = text_[at_];
+    const bool is_digit = c >= '0' && c <= '9', is_sign = (c == '-' || c == '+') && !in_word;
+    count += !in_word && !is_white_space(c) ? 1 : 0;
+    in_word = !is_white_space(c);
+    integers = integers && (!in_word || is_digit || is_sign);
+  }
+  ended_line_ = fill();
+  if (ended_line_) ++at_;
+  return integers ? std::optional(count) : std::nullopt;
 }
 
 std::string FileWords::bytes(std::size_t count) {

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -29,11 +30,18 @@ class FileWords {
   /// The next word, in lower case; empty at the end.
   std::string next();
 
+  /// The next word as it is; empty at the end.
+  std::string name();
+
   /// The rest of the line, without its end.
   std::string line();
 
-  /// Whether the last line() had an end, and not only the file.
+  /// Whether the last line() or integers_in_line() had an end, and not only the file.
   [[nodiscard]] bool ended_line() const { return ended_line_; }
+
+  /// Skips the rest of the line, of any length, and returns how many integers it holds; nothing if it holds another
+  /// word.
+  std::optional<std::uint64_t> integers_in_line();
 
   /// The next `count` bytes, or fewer at the end of the file.
   std::string bytes(std::size_t count);

@@ -133,8 +133,9 @@ constexpr std::uint64_t most_groups = 64;
 /// Reads the sections of a file.
 class GmshReader {
  public:
-  GmshReader(const std::string& path, std::string_view bytes, bool groups)
-      : path_(path), in_(bytes), wants_groups_(groups) {}
+  /// `groups`: the physical groups are wanted. `headers_only`: nothing but the headers of views is.
+  GmshReader(const std::string& path, std::string_view bytes, bool groups, bool headers_only = false)
+      : path_(path), in_(bytes), wants_groups_(groups), headers_only_(headers_only) {}
 
   Result<GmshFile> read() {
     SPLATVOL_TRY(read_format());
@@ -175,6 +176,11 @@ class GmshReader {
   }
 
   Status read_section(const std::string& name) {
+    const bool is_view = name.ends_with("Data");
+    if (headers_only_ && !is_view) {
+      in_.skip_section(name);
+      return {};
+    }
     if (name == "Nodes") {
       version_ == 2.2 ? read_nodes_2() : read_nodes_4();
     } else if (name == "Elements") {
@@ -193,7 +199,10 @@ class GmshReader {
       in_.skip_section(name);
       return {};
     }
-    if (!in_.failed()) in_.end(name);
+    if (headers_only_)
+      in_.skip_section(name);
+    else if (!in_.failed())
+      in_.end(name);
     return {};
   }
 
@@ -376,7 +385,7 @@ class GmshReader {
     }
     if (in_.binary()) in_.line();
     if (view.components < 1 || view.components > 9 || integers < 3 || count > in_.left() / 4) in_.fail();
-    for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) read_view_values(view);
+    for (std::uint64_t i = 0; i < count && !headers_only_ && !in_.failed(); ++i) read_view_values(view);
     file_.views.push_back(std::move(view));
   }
 
@@ -393,7 +402,7 @@ class GmshReader {
 
   const std::string& path_;
   Scanner in_;
-  bool wants_groups_;
+  bool wants_groups_, headers_only_;
   double version_ = 0;
   std::map<std::int64_t, std::string> group_names_;                     // of surfaces, by their tags
   std::map<std::int64_t, std::vector<std::size_t>> elements_of_group_;  // by the group's tag
@@ -412,6 +421,13 @@ Result<GmshFile> read_gmsh(const std::string& path, bool groups) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   SPLATVOL_TRY_ASSIGN(bytes, read_text(*file, 0, file->size()));
   return GmshReader(path, bytes, groups).read();
+}
+
+Result<std::vector<GmshView>> read_gmsh_views(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  SPLATVOL_TRY_ASSIGN(bytes, read_text(*file, 0, file->size()));
+  SPLATVOL_TRY_ASSIGN(gmsh, GmshReader(path, bytes, false, true).read());
+  return std::move(gmsh.views);
 }
 
 }  // namespace splatvol

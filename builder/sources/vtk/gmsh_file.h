@@ -55,4 +55,8 @@ struct GmshFile {
 /// surface is in more than 64 physical groups. Safe on untrusted bytes: allocates no more than a multiple of them.
 [[nodiscard]] Result<GmshFile> read_gmsh(const std::string& path, bool groups);
 
+/// Reads the headers of the views alone: their names, times, components, and where they are. Finds the ends of all
+/// sections by their last lines. Fails as read_gmsh, as far as that is read.
+[[nodiscard]] Result<std::vector<GmshView>> read_gmsh_views(const std::string& path);
+
 }  // namespace splatvol

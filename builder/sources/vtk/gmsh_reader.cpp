@@ -308,4 +308,16 @@ Result<std::unique_ptr<VtkDataSets>> open_gmsh(const VtkFile& file, const std::v
   return std::make_unique<SingleDataSet>(file.path, data, step, std::move(patches));
 }
 
+Result<std::vector<ArrayShape>> gmsh_arrays(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(views, read_gmsh_views(path));
+  std::vector<ArrayShape> shapes;
+  for (const GmshView& view : views) {
+    const ArrayShape shape{view.name, static_cast<int>(view.components), view.at == GmshView::At::elements};
+    const bool known = std::ranges::any_of(
+        shapes, [&](const ArrayShape& other) { return other.name == shape.name && other.of_cells == shape.of_cells; });
+    if (!known) shapes.push_back(shape);
+  }
+  return shapes;
+}
+
 }  // namespace splatvol

@@ -20,4 +20,7 @@ namespace splatvol {
                                                              const std::vector<std::string>& selection,
                                                              std::optional<double> time);
 
+/// Lists the arrays that open_gmsh() gives. Fails as read_gmsh_views.
+[[nodiscard]] Result<std::vector<ArrayShape>> gmsh_arrays(const std::string& path);
+
 }  // namespace splatvol

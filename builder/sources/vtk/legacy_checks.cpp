@@ -13,6 +13,7 @@
 
 #include "base/file.h"
 #include "builder/sources/array_attributes.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/vtk/file_words.h"
 
 namespace splatvol {
@@ -65,6 +66,9 @@ class LegacyFile {
   /// Whether all is there, except for a line end after the last number.
   [[nodiscard]] bool has_open_end() const { return open_end_; }
 
+  /// The arrays of a file that has been walked through.
+  [[nodiscard]] const std::vector<ArrayShape>& shapes() const { return shapes_; }
+
   /// Names the parts that do not fit together; empty if the file is cut off.
   [[nodiscard]] const std::string& damage() const { return damage_; }
 
@@ -93,8 +97,8 @@ class LegacyFile {
                                                           {"polygons", &LegacyFile::surface_cells},
                                                           {"triangle_strips", &LegacyFile::surface_cells},
                                                           {"cell_types", &LegacyFile::cell_types},
-                                                          {"point_data", &LegacyFile::set_count},
-                                                          {"cell_data", &LegacyFile::set_count},
+                                                          {"point_data", &LegacyFile::begin_data<false>},
+                                                          {"cell_data", &LegacyFile::begin_data<true>},
                                                           {"scalars", &LegacyFile::scalars},
                                                           {"color_scalars", &LegacyFile::color_scalars},
                                                           {"lookup_table", &LegacyFile::lookup_table},
@@ -105,7 +109,7 @@ class LegacyFile {
                                                           {"tensors6", &LegacyFile::tensors6},
                                                           {"global_ids", &LegacyFile::ids},
                                                           {"pedigree_ids", &LegacyFile::ids},
-                                                          {"edge_flags", &LegacyFile::ids},
+                                                          {"edge_flags", &LegacyFile::edge_flags},
                                                           {"field", &LegacyFile::field},
                                                           {"metadata", &LegacyFile::metadata}}};
     const auto* found = std::ranges::find(sections, section_, &Section::keyword);
@@ -191,12 +195,14 @@ class LegacyFile {
     return ++arrays_ <= most_vtk_arrays || refuse(fmt::format("more than {} arrays", most_vtk_arrays));
   }
 
+  static bool is_text(std::string_view type) { return type == "string" || type == "utf8_string"; }
+
   /// Whether `number` values of `parts` numbers each follow, after the rest of the line.
   bool values(std::uint64_t number, std::uint64_t parts, const std::string& type) {
     // More than one for each bit of the file cannot be there.
     if (parts > 0 && number > words_.size() * 8 / parts) return false;
     number *= parts;
-    const bool text = type == "string" || type == "utf8_string";
+    const bool text = is_text(type);
     const bool known = text || type == "bit" || bytes_of(type) > 0;
     if (!known) return !words_.at_end() && refuse("numbers of an unknown type");
     if (words_.line().empty() && words_.at_end() && number > 0) return false;
@@ -371,7 +377,9 @@ class LegacyFile {
     return binary_ || close_text(*number);
   }
 
-  bool set_count() {
+  template <bool of_cells>
+  bool begin_data() {
+    of_cells_ = of_cells;
     const auto number = count();
     data_count_ = number.value_or(0);
     return number.has_value();
@@ -385,29 +393,54 @@ class LegacyFile {
   }
 
   bool named_values(std::uint64_t parts) {
-    return words_.skip_words(1) && add_array(parts) && values(data_count_, parts, words_.next());
+    const std::string name = words_.name(), type = words_.next();
+    return named_values(name, parts, type);
+  }
+  bool named_values(const std::string& name, std::uint64_t parts, const std::string& type) {
+    return !name.empty() && add_array(parts) && note_shape(name, parts, type) && values(data_count_, parts, type);
   }
   bool vectors() { return named_values(3); }
   bool tensors() { return named_values(9); }
   bool tensors6() { return named_values(6); }
-  bool ids() { return named_values(1); }
+  bool ids() { return words_.skip_words(1) && add_array(1) && values(data_count_, 1, words_.next()); }
+  bool edge_flags() { return named_values(1); }
+
+  /// Notes the shape of an array of the points or cells that may give attributes. Returns true.
+  bool note_shape(const std::string& name, std::uint64_t parts, const std::string& type) {
+    if (of_cells_ && !is_text(type))
+      shapes_.push_back({decoded(name), static_cast<int>(std::max<std::uint64_t>(parts, 1)), *of_cells_});
+    return true;
+  }
+
+  /// Names have white space as "%20".
+  static std::string decoded(const std::string& name) {
+    std::string plain;
+    for (std::size_t i = 0; i < name.size(); ++i) {
+      unsigned int code = 0;
+      const char* digits = name.data() + i + 1;
+      const bool coded =
+          name[i] == '%' && i + 2 < name.size() && std::from_chars(digits, digits + 2, code, 16).ptr == digits + 2;
+      plain += coded ? static_cast<char>(code) : name[i];
+      i += coded ? 2 : 0;
+    }
+    return plain;
+  }
 
   /// SCALARS name type [components], then LOOKUP_TABLE name on a line of its own.
   bool scalars() {
-    if (!words_.skip_words(1)) return false;
-    const std::string type = words_.next();
+    const std::string name = words_.name(), type = words_.next();
     const std::string rest = words_.line();
     const std::size_t first = std::min(rest.find_first_not_of(" \t\r"), rest.size());
     std::uint64_t parts = 1;
     if (first < rest.size()) std::from_chars(rest.data() + first, rest.data() + rest.size(), parts);
     if (words_.next() != "lookup_table") return !words_.at_end() && refuse("scalars without a line LOOKUP_TABLE");
-    return words_.skip_words(1) && add_array(parts) && values(data_count_, parts, type);
+    return words_.skip_words(1) && named_values(name, parts, type);
   }
 
   bool color_scalars() {
-    if (!words_.skip_words(1)) return false;
+    const std::string name = words_.name();
     const auto parts = count();
-    return parts && add_array(*parts) && values(data_count_, *parts, "unsigned_char");
+    return parts && named_values(name, *parts, "unsigned_char");
   }
 
   bool lookup_table() {
@@ -417,9 +450,9 @@ class LegacyFile {
   }
 
   bool texture_coordinates() {
-    if (!words_.skip_words(1)) return false;
+    const std::string name = words_.name();
     const auto parts = count();
-    return parts && add_array(*parts) && values(data_count_, *parts, words_.next());
+    return parts && named_values(name, *parts, words_.next());
   }
 
   bool field() {
@@ -427,17 +460,24 @@ class LegacyFile {
     const auto arrays = count();
     if (arrays && *arrays > AttributeCount::most) return add_array(*arrays);
     for (std::uint64_t i = 0; arrays && i < *arrays; ++i) {
-      std::string name = words_.next();
-      if (name == "metadata") {
+      std::string name = words_.name();
+      if (is_metadata(name)) {
         if (!metadata()) return false;
-        name = words_.next();
+        name = words_.name();
       }
       if (name.empty()) return false;
       const auto parts = count();
       const auto number = parts ? count() : std::nullopt;
-      if (!number || !add_array(*parts) || !values(*number, *parts, words_.next())) return false;
+      if (!number || !add_array(*parts)) return false;
+      const std::string type = words_.next();
+      if (!note_shape(name, *parts, type) || !values(*number, *parts, type)) return false;
     }
     return arrays.has_value();
+  }
+
+  static bool is_metadata(std::string_view word) {
+    constexpr std::string_view keyword = "metadata";
+    return std::ranges::equal(word, keyword, [](unsigned char a, char b) { return std::tolower(a) == b; });
   }
 
   /// Ends at an empty line.
@@ -455,6 +495,8 @@ class LegacyFile {
   std::string kind_;              // of the data set
   bool open_end_ = false;         // no white space after the last number
   std::uint64_t data_count_ = 0;  // of POINT_DATA or CELL_DATA
+  std::optional<bool> of_cells_;  // that is CELL_DATA; none before these sections
+  std::vector<ArrayShape> shapes_;
   AttributeCount attributes_;
   std::size_t arrays_ = 0;
   std::string section_;
@@ -468,11 +510,7 @@ class LegacyFile {
   std::vector<bool> bad_faces_;               // [cell]: is no polyhedron
 };
 
-}  // namespace
-
-Status check_legacy(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  LegacyFile legacy(std::move(file));
+Status walk(const std::string& path, LegacyFile& legacy) {
   if (legacy.walk()) return {};
   if (legacy.has_open_end())
     return fail(ErrorCode::invalid_data,
@@ -485,6 +523,21 @@ Status check_legacy(const std::string& path) {
   if (!legacy.damage().empty())
     return fail(ErrorCode::invalid_data, "{}: the file is damaged: {} (section {})", path, legacy.damage(), section);
   return fail(ErrorCode::invalid_data, "{}: the file is cut off: it ends within its section {}", path, section);
+}
+
+}  // namespace
+
+Status check_legacy(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  LegacyFile legacy(std::move(file));
+  return walk(path, legacy);
+}
+
+Result<std::vector<ArrayShape>> legacy_arrays(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  LegacyFile legacy(std::move(file));
+  SPLATVOL_TRY(walk(path, legacy));
+  return legacy.shapes();
 }
 
 }  // namespace splatvol

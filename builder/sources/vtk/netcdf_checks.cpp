@@ -26,26 +26,37 @@ class NetcdfHeader {
  public:
   explicit NetcdfHeader(std::string_view bytes) : bytes_(bytes), version_(static_cast<unsigned char>(bytes[3])) {}
 
-  /// The smallest size of the file that holds all variables; none if the header is cut off or damaged.
-  std::optional<std::uint64_t> stated_bytes() {
+  /// Returns whether the header is whole. Call it first.
+  bool read() {
     at_ = 4;
-    const std::uint64_t streaming = version_ == 5 ? ~std::uint64_t{0} : 0xffffffff;
-    const std::uint64_t records = count();
+    records_ = count();
     read_dimensions();
     skip_attributes();
     read_variables();
-    if (damaged_) return std::nullopt;
-    std::uint64_t end = at_, record_bytes = 0;
-    std::size_t record_variables = 0;
-    for (const Variable& variable : variables_)
-      if (variable.record) record_bytes = add(record_bytes, ++record_variables > 0 ? (variable.bytes + 3) / 4 * 4 : 0);
+    return !damaged_;
+  }
+
+  /// The smallest size of the file that holds all variables.
+  [[nodiscard]] std::uint64_t stated_bytes() const {
+    std::uint64_t end = at_;
     for (const Variable& variable : variables_) {
-      if (variable.record && record_variables == 1) record_bytes = variable.bytes;  // without padding between records
-      if (variable.record && (records == 0 || records == streaming)) continue;
-      const std::uint64_t before = variable.record ? multiply(records - 1, record_bytes) : 0;
+      if (variable.record && (records_ == 0 || is_open())) continue;
+      const std::uint64_t before = variable.record ? multiply(records_ - 1, record_bytes()) : 0;
       end = std::max(end, add(add(variable.begin, before), variable.bytes));
     }
     return end;
+  }
+
+  /// Whether the header leaves the number of records open: whoever wrote it did not know how many would follow.
+  [[nodiscard]] bool is_open() const { return records_ == (version_ == 5 ? ~std::uint64_t{0} : 0xffffffff); }
+
+  /// The number of whole records in a file of this size.
+  [[nodiscard]] std::uint64_t records_in(std::uint64_t file_bytes) const {
+    std::uint64_t first_end = 0;
+    for (const Variable& variable : variables_)
+      if (variable.record) first_end = std::max(first_end, add(variable.begin, variable.bytes));
+    if (record_bytes() == 0 || file_bytes < first_end) return 0;
+    return 1 + (file_bytes - first_end) / record_bytes();
   }
 
  private:
@@ -54,6 +65,19 @@ class NetcdfHeader {
     std::uint64_t bytes = 0;  // of a record, or of all values
     bool record = false;
   };
+
+  /// From one record to the next. The records of a single variable have no padding between them.
+  [[nodiscard]] std::uint64_t record_bytes() const {
+    std::uint64_t padded = 0, bare = 0;
+    std::size_t variables = 0;
+    for (const Variable& variable : variables_) {
+      if (!variable.record) continue;
+      ++variables;
+      bare = variable.bytes;
+      padded = add(padded, add(variable.bytes, 3) / 4 * 4);
+    }
+    return variables == 1 ? bare : padded;
+  }
 
   // Sums and products that overflow become the largest number.
   static std::uint64_t add(std::uint64_t a, std::uint64_t b) { return a + b < a ? ~std::uint64_t{0} : a + b; }
@@ -128,16 +152,18 @@ class NetcdfHeader {
   unsigned version_;
   std::size_t at_ = 0;
   bool damaged_ = false;
+  std::uint64_t records_ = 0;
   std::vector<std::uint64_t> dimensions_;  // 0: of records
   std::vector<Variable> variables_;
 };
 
 Status check_netcdf(ByteSource& file, const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(header, read_text(file, 0, largest_header));
-  const auto stated = NetcdfHeader(header).stated_bytes();
-  if (!stated && file.size() > largest_header) return {};  // the library tells
-  if (!stated) return fail(ErrorCode::invalid_data, "{}: the file is cut off within its header, or damaged", path);
-  return *stated <= file.size() ? Status{} : fail_cut(path, *stated, file.size());
+  SPLATVOL_TRY_ASSIGN(bytes, read_text(file, 0, largest_header));
+  NetcdfHeader header(bytes);
+  const bool whole = header.read();
+  if (!whole && file.size() > largest_header) return {};  // the library tells
+  if (!whole) return fail(ErrorCode::invalid_data, "{}: the file is cut off within its header, or damaged", path);
+  return header.stated_bytes() <= file.size() ? Status{} : fail_cut(path, header.stated_bytes(), file.size());
 }
 
 /// The end that the superblock of an HDF5 file states.
@@ -188,7 +214,14 @@ Status check_adf(ByteSource& file, const std::string& path, std::string_view sta
 
 }  // namespace
 
-bool is_hdf5(std::string_view start) { return start.starts_with("\x89HDF\r\n\x1a\n"); }
+Result<std::optional<std::uint64_t>> count_open_records(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  SPLATVOL_TRY_ASSIGN(bytes, read_text(*file, 0, largest_header));
+  if (!is_netcdf(bytes)) return std::optional<std::uint64_t>();
+  NetcdfHeader header(bytes);
+  if (!header.read() || !header.is_open()) return std::optional<std::uint64_t>();
+  return std::optional(header.records_in(file->size()));
+}
 
 Status check_file_end(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));

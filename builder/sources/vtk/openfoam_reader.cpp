@@ -11,13 +11,21 @@
 #include <vtkObjectFactory.h>
 #include <vtkPointData.h>
 #include <vtkSmartPointer.h>
+#include <vtk_zlib.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
+#include <cstdint>
 #include <filesystem>
+#include <memory>
+#include <sstream>
 #include <string_view>
 
+#include "base/file.h"
+#include "builder/sources/read_text.h"
 #include "builder/sources/units.h"
+#include "builder/sources/vtk/finer_numbers.h"
 #include "builder/sources/vtk/messages.h"
 
 namespace splatvol {
@@ -46,6 +54,47 @@ bool has_mesh(const fs::path& path) {
   if (fs::exists(path / "polyMesh", error)) return true;
   return std::ranges::any_of(folders_in(path),
                              [&](const std::string& region) { return fs::exists(path / region / "polyMesh", error); });
+}
+
+/// The folder of a case. `path`: system/controlDict, or a file in the folder.
+fs::path case_folder(const std::string& path) {
+  fs::path folder = fs::path(path).parent_path();
+  if (path.ends_with("system/controlDict")) folder = folder.parent_path();
+  return folder.empty() ? "." : folder;
+}
+
+/// The beginning of a file, which may be packed by gzip; empty if there is no such file.
+std::string unpacked_start(const fs::path& path) {
+  constexpr std::size_t most = std::size_t{16} << 20, portion = std::size_t{1} << 16;
+  const std::unique_ptr<gzFile_s, int (*)(gzFile)> file(gzopen(path.c_str(), "rb"), gzclose);
+  std::string text;
+  for (int read = 1; file && read > 0 && text.size() < most;) {
+    const std::size_t before = text.size();
+    text.resize(before + portion);
+    read = gzread(file.get(), text.data() + before, portion);
+    text.resize(before + static_cast<std::size_t>(std::max(read, 0)));
+  }
+  return text;
+}
+
+/// Whether the points in a folder of a mesh have more digits than single precision. Binary files tell the bytes of a
+/// number, or have 8.
+bool has_finer_points(const fs::path& mesh) {
+  for (const char* name : {"points", "points.gz"}) {
+    const std::string text = unpacked_start(mesh / "polyMesh" / name);
+    const std::string_view head = std::string_view(text).substr(0, text.find('}'));
+    const bool binary = head.find("binary") != std::string_view::npos;
+    const bool finer = binary ? head.find("scalar=32") == std::string_view::npos : has_finer_number(text);
+    if (finer && !text.empty()) return true;
+  }
+  return false;
+}
+
+/// Whether a region has a mesh, of all times or of this one. The region of no name is the case's own.
+bool has_mesh_of(const fs::path& path, const std::string& step, const std::string& region) {
+  std::error_code error;
+  return fs::exists(path / "constant" / region / "polyMesh", error) ||
+         fs::exists(path / step / region / "polyMesh", error);
 }
 
 /// The time of the last step in a folder; none if there is no step.
@@ -78,6 +127,51 @@ void take_units(vtkDataSetAttributes& arrays, std::map<std::string, std::string>
   }
 }
 
+struct FieldClass {
+  std::string_view name;
+  int components;
+  bool of_cells;
+};
+constexpr std::array<FieldClass, 10> field_classes = {{{"volScalarField", 1, true},
+                                                       {"volVectorField", 3, true},
+                                                       {"volSphericalTensorField", 1, true},
+                                                       {"volSymmTensorField", 6, true},
+                                                       {"volTensorField", 9, true},
+                                                       {"pointScalarField", 1, false},
+                                                       {"pointVectorField", 3, false},
+                                                       {"pointSphericalTensorField", 1, false},
+                                                       {"pointSymmTensorField", 6, false},
+                                                       {"pointTensorField", 9, false}}};
+
+/// The class that a file's header states; null if it is no field.
+const FieldClass* class_of(const fs::path& path) {
+  constexpr std::uint64_t header_bytes = 4096;
+  const auto file = open_file(path.string());
+  const auto text = file ? read_text(**file, 0, header_bytes) : std::string();
+  const std::size_t at = text ? text->find("FoamFile") : std::string::npos;
+  if (at == std::string::npos) return nullptr;
+  std::istringstream words(text->substr(at));
+  for (std::string word; words >> word && word != "}";) {
+    if (word != "class" || !(words >> word)) continue;
+    const auto* found =
+        std::ranges::find(field_classes, std::string_view(word).substr(0, word.find(';')), &FieldClass::name);
+    return found == field_classes.end() ? nullptr : found;
+  }
+  return nullptr;
+}
+
+/// Adds the fields whose files are in a folder.
+void add_fields(const fs::path& folder, std::vector<ArrayShape>& shapes) {
+  std::error_code error, ignored;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    if (!entry->is_regular_file(ignored)) continue;
+    const std::string name = entry->path().filename();
+    const FieldClass* kind = class_of(entry->path());
+    if (kind && std::ranges::find(shapes, name, &ArrayShape::name) == shapes.end())
+      shapes.push_back({name, kind->components, kind->of_cells});
+  }
+}
+
 }  // namespace
 
 vtkStandardNewMacro(ProcessorReader);
@@ -101,9 +195,7 @@ int ProcessorReader::RequestInformation(vtkInformation* request, vtkInformationV
 }
 
 std::vector<std::string> find_processors(const std::string& path) {
-  fs::path folder = fs::path(path).parent_path();
-  if (path.ends_with("system/controlDict")) folder = folder.parent_path();
-  if (folder.empty()) folder = ".";
+  const fs::path folder = case_folder(path);
   std::vector<int> numbers;
   std::string collated, any;
   for (const std::string& name : folders_in(folder)) {
@@ -130,12 +222,43 @@ std::vector<std::string> find_processors(const std::string& path) {
   return names;
 }
 
+bool has_finer_openfoam_points(const std::string& path, const std::vector<std::string>& processors) {
+  std::vector<fs::path> parts;
+  for (const std::string& processor : processors) parts.push_back(case_folder(path) / processor);
+  if (processors.empty()) parts.push_back(case_folder(path));
+  for (const fs::path& part : parts)
+    for (const std::string& name : folders_in(part)) {
+      if (name != "constant" && !number_of<double>(name)) continue;
+      if (has_finer_points(part / name)) return true;
+      for (const std::string& region : folders_in(part / name))
+        if (has_finer_points(part / name / region)) return true;
+    }
+  return false;
+}
+
 void check_openfoam_time(ProcessorReader& reader, std::optional<double> time) {
   vtkDoubleArray* times = reader.GetTimeValues();
   if (!time || !times) return;
   for (vtkIdType i = 0; i < times->GetNumberOfTuples(); ++i)
     if (times->GetValue(i) == *time) return;
   throw ReaderError(fmt::format("a processor's folder has no time step {}, which others have", *time));
+}
+
+std::vector<ArrayShape> openfoam_arrays(const std::string& path, const std::vector<std::string>& processors,
+                                        double time) {
+  std::vector<fs::path> meshes = {case_folder(path)};
+  if (!processors.empty()) meshes.clear();
+  for (const std::string& processor : processors) meshes.push_back(case_folder(path) / processor);
+  std::vector<ArrayShape> shapes;
+  for (const fs::path& mesh : meshes)
+    for (const std::string& step : folders_in(mesh)) {
+      if (number_of<double>(step) != time) continue;
+      if (has_mesh_of(mesh, step, "")) add_fields(mesh / step, shapes);
+      for (const std::string& region : folders_in(mesh / step))
+        if (has_mesh_of(mesh, step, region)) add_fields(mesh / step / region, shapes);
+    }
+  std::ranges::sort(shapes, {}, &ArrayShape::name);  // folders have no order
+  return shapes;
 }
 
 void take_openfoam_units(ProcessorReader& reader, std::map<std::string, std::string>& units) {

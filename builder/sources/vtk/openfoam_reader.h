@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "builder/sources/array_union.h"
+
 namespace splatvol {
 
 /// VTK's reader of a case, or of one processor's part of it.
@@ -40,7 +42,16 @@ class ProcessorReader final : public vtkOpenFOAMReader {
 /// Throws if the reader's folder has no such time step. Requires that its information is up to date.
 void check_openfoam_time(ProcessorReader& reader, std::optional<double> time);
 
+/// Whether single precision, in which VTK's reader gives points, does not keep those of the case. `path` and
+/// `processors` as find_processors() takes and returns them. Looks at the first 16 MiB of each file of points.
+[[nodiscard]] bool has_finer_openfoam_points(const std::string& path, const std::vector<std::string>& processors);
+
 /// Cuts the units off the names of all arrays that the reader has read, and adds them to `units`, by name.
 void take_openfoam_units(ProcessorReader& reader, std::map<std::string, std::string>& units);
+
+/// Lists the fields of a case's volume meshes at a time, by the headers of their files: those of all regions, and of
+/// the folders in `processors`; none: the case itself. Compressed files are left out.
+[[nodiscard]] std::vector<ArrayShape> openfoam_arrays(const std::string& path,
+                                                      const std::vector<std::string>& processors, double time);
 
 }  // namespace splatvol

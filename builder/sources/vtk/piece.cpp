@@ -10,11 +10,13 @@
 #include <vtkIdList.h>
 #include <vtkIdTypeArray.h>
 #include <vtkNew.h>
+#include <vtkPointData.h>
 #include <vtkPolyData.h>
 #include <vtkSmartPointer.h>
 #include <vtkUnsignedCharArray.h>
 #include <vtkUnstructuredGrid.h>
 
+#include <algorithm>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -27,8 +29,28 @@ namespace {
 
 static_assert(ghost::duplicate == vtkDataSetAttributes::DUPLICATECELL &&
               ghost::duplicate == vtkDataSetAttributes::DUPLICATEPOINT &&
+              ghost::refined_cell == vtkDataSetAttributes::REFINEDCELL &&
               ghost::hidden_cell == vtkDataSetAttributes::HIDDENCELL &&
               ghost::hidden_point == vtkDataSetAttributes::HIDDENPOINT);
+
+/// Returns the ghost flags of points or of cells; none if there are none. Older files give levels (vtkGhostLevels): all
+/// above 0 are copies. VTK itself knows flags of one type only, and levels of old file versions.
+std::vector<std::uint8_t> ghost_flags(vtkDataSetAttributes& arrays) {
+  const auto array_of = [&](const char* name) {
+    vtkDataArray* array = arrays.GetArray(name);
+    return array && array->GetNumberOfComponents() == 1 ? array : nullptr;
+  };
+  vtkDataArray* types = array_of("vtkGhostType");
+  vtkDataArray* levels = types ? nullptr : array_of("vtkGhostLevels");
+  vtkDataArray* array = types ? types : levels;
+  std::vector<std::uint8_t> flags(array ? static_cast<std::size_t>(array->GetNumberOfTuples()) : 0);
+  for (std::size_t i = 0; i < flags.size(); ++i) {
+    const double number = array->GetComponent(static_cast<vtkIdType>(i), 0);
+    if (types) flags[i] = number >= 0 && number < 256 ? static_cast<std::uint8_t>(number) : 0;
+    if (levels) flags[i] = number > 0 ? ghost::duplicate : 0;
+  }
+  return flags;
+}
 
 class VtkArray final : public NumberArray {
  public:
@@ -42,9 +64,27 @@ class VtkArray final : public NumberArray {
   vtkSmartPointer<vtkDataArray> array_;
 };
 
+/// Stands for an array that a data set does not have.
+class NoArray final : public NumberArray {
+ public:
+  explicit NoArray(int components) : components_(components) {}
+  [[nodiscard]] int components() const override { return components_; }
+  void read(int /*component*/, std::span<const std::uint32_t> /*elements*/, std::span<double> values) const override {
+    std::ranges::fill(values, missing_value);
+  }
+
+ private:
+  int components_;
+};
+
 class DataSetOfVtk final : public DataSet {
  public:
-  explicit DataSetOfVtk(vtkDataSet& data) : data_(data), grid_(vtkUnstructuredGrid::SafeDownCast(&data)) {}
+  DataSetOfVtk(vtkDataSet& data, CellValues cells)
+      : data_(data),
+        grid_(vtkUnstructuredGrid::SafeDownCast(&data)),
+        own_cells_(cells == CellValues::own),
+        cell_ghosts_(ghost_flags(*data.GetCellData())),
+        point_ghosts_(ghost_flags(*data.GetPointData())) {}
 
   [[nodiscard]] std::uint64_t point_count() const override {
     return static_cast<std::uint64_t>(data_.GetNumberOfPoints());
@@ -93,10 +133,8 @@ class DataSetOfVtk final : public DataSet {
   }
   [[nodiscard]] std::int64_t face_number(std::int64_t at) const override { return grid_->GetFaces()->GetValue(at); }
 
-  [[nodiscard]] std::span<const std::uint8_t> cell_ghosts() const override { return flags(data_.GetCellGhostArray()); }
-  [[nodiscard]] std::span<const std::uint8_t> point_ghosts() const override {
-    return flags(data_.GetPointGhostArray());
-  }
+  [[nodiscard]] std::span<const std::uint8_t> cell_ghosts() const override { return cell_ghosts_; }
+  [[nodiscard]] std::span<const std::uint8_t> point_ghosts() const override { return point_ghosts_; }
 
   // Of a structured grid.
   [[nodiscard]] bool blanks_cells() const override { return !grid_; }
@@ -139,18 +177,18 @@ class DataSetOfVtk final : public DataSet {
 
   [[nodiscard]] Result<FoundArray> find_array(const std::string& name, std::span<const ArrayAttribute> attributes,
                                               std::size_t number) const override {
-    SPLATVOL_TRY_ASSIGN(values, find_values(name, data_, attributes, number));
+    const ArrayAttribute& attribute = attributes[number];
+    SPLATVOL_TRY_ASSIGN(values, find_values(name, data_, attribute));
+    // Missing values are the same of points and of cells: nothing needs to be averaged.
+    if (!values.array) return FoundArray{std::make_shared<NoArray>(attribute.components), own_cells_};
     return FoundArray{std::make_shared<VtkArray>(*values.array), values.of_cells};
   }
 
  private:
-  static std::span<const std::uint8_t> flags(vtkUnsignedCharArray* array) {
-    if (!array) return {};
-    return {array->GetPointer(0), static_cast<std::size_t>(array->GetNumberOfValues())};
-  }
-
   vtkDataSet& data_;
   vtkUnstructuredGrid* grid_;  // data_, if it is one
+  bool own_cells_;
+  std::vector<std::uint8_t> cell_ghosts_, point_ghosts_;
   vtkNew<vtkIdList> ids_;
 };
 
@@ -160,14 +198,15 @@ Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& d
                                           std::span<const ArrayAttribute> attributes, CellValues cells,
                                           const MissingValues& missing, const ChangeMeans& change_means, bool lend) {
   Result<std::unique_ptr<Piece>> piece;
-  SPLATVOL_TRY(run_vtk(
-      path, [&] { piece = make_piece(path, DataSetOfVtk(data), attributes, cells, missing, change_means, lend); }));
+  SPLATVOL_TRY(run_vtk(path, [&] {
+    piece = make_piece(path, DataSetOfVtk(data, cells), attributes, cells, missing, change_means, lend);
+  }));
   return piece;
 }
 
 Result<CellAverages> make_averages(const std::string& path, vtkDataSet& data) {
   std::optional<Result<CellAverages>> averages;
-  SPLATVOL_TRY(run_vtk(path, [&] { averages = make_averages(path, DataSetOfVtk(data)); }));
+  SPLATVOL_TRY(run_vtk(path, [&] { averages = make_averages(path, DataSetOfVtk(data, CellValues::averaged)); }));
   return std::move(*averages);
 }
 

@@ -17,14 +17,17 @@
 #include <utility>
 
 #include "builder/sources/vtk/attributes.h"
+#include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/blocks.h"
 #include "builder/sources/vtk/collections.h"
 #include "builder/sources/vtk/gmsh_reader.h"
+#include "builder/sources/vtk/hdf5_checks.h"
 #include "builder/sources/vtk/legacy_checks.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/su2_reader.h"
 #include "builder/sources/vtk/unstructured_reader.h"
 #include "builder/sources/vtk/vtkhdf_reader.h"
+#include "builder/sources/vtk/xml_arrays.h"
 #include "builder/sources/vtk/xml_checks.h"
 #include "builder/sources/vtk/xml_file.h"
 
@@ -60,7 +63,21 @@ class FileDataSets final : public VtkDataSets {
     return patches;
   }
 
+  Status announce(ArrayUnion& arrays) override {
+    for (std::size_t file = 0; file < files_.size(); ++file)
+      SPLATVOL_TRY(file + 1 == file_ ? announce_rest(arrays) : announce_file(files_[file], arrays));
+    return {};
+  }
+
+  CellCensus take_changes() override {
+    CellCensus changes = std::exchange(changes_, {});
+    if (blocks_) changes += blocks_->take_changes();
+    return changes;
+  }
+
   bool averages_by_data_set() const override { return !blocks_ || blocks_->averages_by_data_set(); }
+  bool rounds_points() const override { return blocks_ && blocks_->rounds_points(); }
+  Result<bool> has_finer_points() override { return blocks_ ? blocks_->has_finer_points() : Result<bool>(false); }
 
   std::vector<std::uint64_t> part_sizes() const override {
     std::vector<std::uint64_t> bytes;
@@ -86,6 +103,43 @@ class FileDataSets final : public VtkDataSets {
   }
 
  private:
+  /// Adds the arrays of what is left of the current file.
+  Status announce_rest(ArrayUnion& arrays) const {
+    if (blocks_) return blocks_->announce(arrays);
+    return reader_ ? announce_file(files_[file_ - 1], arrays) : Status{};
+  }
+
+  Status announce_file(const VtkFile& file, ArrayUnion& arrays) const {
+    if (is_xml(file.kind)) {
+      SPLATVOL_TRY_ASSIGN(pieces, xml_arrays(file.path, file.is_block));
+      for (std::vector<ArrayShape>& piece : pieces) SPLATVOL_TRY(arrays.add(file.path, wanted(std::move(piece))));
+      return {};
+    }
+    if (file.kind == VtkFile::Kind::legacy) return add(file.path, legacy_arrays(file.path), arrays);
+    if (file.kind == VtkFile::Kind::gmsh) return add(file.path, gmsh_arrays(file.path), arrays);
+    if (file.kind == VtkFile::Kind::ensight) return add(file.path, ensight_arrays(file.path), arrays);
+    if (file.kind == VtkFile::Kind::su2) return add(file.path, su2_arrays(file), arrays);
+    SPLATVOL_TRY_ASSIGN(blocks, open_any(file));
+    return blocks->announce(arrays);
+  }
+
+  Status add(const std::string& path, Result<std::vector<ArrayShape>> listed, ArrayUnion& arrays) const {
+    if (!listed) return tl::unexpected(listed.error());
+    return arrays.add(path, wanted(std::move(*listed)));
+  }
+
+  [[nodiscard]] std::vector<ArrayShape> wanted(std::vector<ArrayShape> shapes) const {
+    std::erase_if(shapes, [&](const ArrayShape& shape) {
+      return is_bookkeeping(shape.name) || !wants_array(selection_, shape.name);
+    });
+    return shapes;
+  }
+
+  static bool is_xml(VtkFile::Kind kind) {
+    return kind == VtkFile::Kind::unstructured || kind == VtkFile::Kind::structured ||
+           kind == VtkFile::Kind::rectilinear || kind == VtkFile::Kind::image || kind == VtkFile::Kind::poly;
+  }
+
   [[nodiscard]] bool is_selected(std::size_t file) const {
     return !selected_ || std::ranges::binary_search(*selected_, file);
   }
@@ -105,6 +159,7 @@ class FileDataSets final : public VtkDataSets {
       if (block) return block;
       extra_pieces_ += std::max<std::size_t>(blocks_->count(), 1) - 1;
       left_out_ += blocks_->left_out();
+      changes_ += blocks_->take_changes();
       std::ranges::move(blocks_->take_patches(), std::back_inserter(patches_));
       blocks_ = nullptr;
     }
@@ -115,23 +170,18 @@ class FileDataSets final : public VtkDataSets {
     in_file_ = 0;
     path_ = file.path;
     if (file.kind == VtkFile::Kind::legacy) return read_legacy();
-    if (is_blocks(file.kind)) {
-      SPLATVOL_TRY_ASSIGN(blocks, open_any(file));
-      blocks_ = std::move(blocks);
-      if (!step_) step_ = blocks_->time_step();
-      return next_of_file();
+    if (is_xml(file.kind)) {
+      SPLATVOL_TRY(open_xml(file.kind));
+      return next_piece();
     }
-    SPLATVOL_TRY(open_xml(file.kind));
-    return next_piece();
-  }
-
-  static bool is_blocks(VtkFile::Kind kind) {
-    return kind == VtkFile::Kind::exodus || kind == VtkFile::Kind::ensight || kind == VtkFile::Kind::openfoam ||
-           kind == VtkFile::Kind::cgns || kind == VtkFile::Kind::composite || kind == VtkFile::Kind::gmsh ||
-           kind == VtkFile::Kind::su2 || kind == VtkFile::Kind::vtkhdf;
+    SPLATVOL_TRY_ASSIGN(blocks, open_any(file));
+    blocks_ = std::move(blocks);
+    if (!step_) step_ = blocks_->time_step();
+    return next_of_file();
   }
 
   Result<std::unique_ptr<VtkDataSets>> open_any(const VtkFile& file) const {
+    forbid_hdf5_plugins();
     switch (file.kind) {
       case VtkFile::Kind::composite:
         return read_composite(file, selection_, time_, cells_, missing_);
@@ -220,6 +270,7 @@ class FileDataSets final : public VtkDataSets {
   std::size_t extra_pieces_ = 0;                        // of opened files, besides one for each
   std::string path_;                                    // of the current file
   CellCensus left_out_;                                 // of the files before the current one
+  CellCensus changes_;                                  // of these files, not taken yet
   std::vector<Patch> patches_;                          // of these files, not taken yet
   std::unique_ptr<VtkDataSets> blocks_;                 // of the current file, while it has blocks left
   vtkSmartPointer<vtkXMLReader> reader_;                // of the current file, while it has pieces left

@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/source.h"
 
+#include <fmt/ranges.h>
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>
 #include <vtkFieldData.h>
@@ -12,6 +13,8 @@
 #include <utility>
 
 #include "base/names.h"
+#include "builder/mesh/single_precision.h"
+#include "builder/sources/array_union.h"
 #include "builder/sources/repeated_pieces.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/piece.h"
@@ -33,44 +36,43 @@ std::optional<double> time_in_fields(vtkDataSet& data) {
 
 class VtkSource final : public Source {
  public:
-  VtkSource(std::unique_ptr<VtkDataSets> data_sets, CellValues cells, const MissingValues& missing,
-            std::optional<TimeStep> step = {})
+  VtkSource(std::unique_ptr<VtkDataSets> data_sets, const SourceOptions& options, std::optional<TimeStep> step = {})
       : data_sets_(std::move(data_sets)),
-        own_cells_(cells == CellValues::own),
-        cells_(cells),
-        missing_(missing),
+        selection_(options.selection),
+        may_lack_(options.may_lack),
+        own_cells_(options.cells == CellValues::own),
+        cells_(options.cells),
+        missing_(options.missing),
         step_(std::move(step)) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
   std::vector<std::string> units() const override { return units_; }
+  std::vector<int> components() const override { return components_of(attributes_); }
   void lend_values() override { lends_ = true; }
   std::size_t piece_count() const override { return data_sets_->count(); }
   std::optional<TimeStep> time_step() const override { return step_ ? step_ : data_sets_->time_step(); }
   std::optional<double> stated_time() const override { return time_step() ? Source::stated_time() : time_; }
 
-  /// Reads the first piece with points, which fixes the attributes. Sets `missing` to the first selected name that is
-  /// not among them.
-  Status start(const std::vector<std::string>& selection, std::string& missing) {
+  /// Reads the first piece with points, and the headers of all others. They fix the attributes. Sets `missing` to the
+  /// first selected name that is not among them.
+  Status start(std::string& missing) {
     SPLATVOL_TRY(load());
     if (!pending_) return fail_no_points();
     time_ = time_in_fields(*pending_);
-    SPLATVOL_TRY_ASSIGN(all, attributes_of(data_sets_->path(), *pending_, cells_));
-    if (all.empty() && selection.empty())
-      return fail(ErrorCode::invalid_data, "{}: the mesh has no arrays of numbers at its points or cells",
-                  data_sets_->path());
+    const std::string path = data_sets_->path();
+    SPLATVOL_TRY(arrays_.add(path, array_shapes(*pending_)));
+    SPLATVOL_TRY(data_sets_->announce(arrays_));
+    SPLATVOL_TRY_ASSIGN(all, arrays_.attributes(path, cells_));
+    if (all.empty() && selection_.empty())
+      return fail(ErrorCode::invalid_data, "{}: the mesh has no arrays of numbers at its points or cells", path);
     available_ = names_of(all);
-    if (const auto duplicate = find_duplicate(available_))
-      return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", data_sets_->path(), *duplicate);
-    attributes_ = select_attributes(all, selection, cells_, missing);
+    attributes_ = select_attributes(all, selection_, cells_, missing, may_lack_);
     names_ = names_of(attributes_);
-    for (const ArrayAttribute& attribute : attributes_) {
-      const std::string unit = data_sets_->unit(attribute.array);
-      units_.push_back(unit.empty() ? unit_label(*pending_, attribute.array) : unit);
-    }
+    for (const ArrayAttribute& attribute : attributes_) units_.push_back(unit_of(attribute.array));
     return {};
   }
 
-  /// The names of all attributes that were read of the first piece, selected or not.
+  /// The names of all attributes that are known, selected or not.
   [[nodiscard]] const std::vector<std::string>& available() const { return available_; }
 
   Result<std::unique_ptr<Piece>> next() override {
@@ -80,16 +82,19 @@ class VtkSource final : public Source {
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
     number_ = pending_number_;
+    SPLATVOL_TRY(arrays_.check(data_sets_->path(), wanted(array_shapes(*data))));
     SPLATVOL_TRY_ASSIGN(piece, make_piece(
                                    data_sets_->path(), *data, attributes_, cells_, missing_,
                                    [&](const std::string& array, int component, std::span<double> means) {
                                      data_sets_->share_means(*data, array, component, means);
                                    },
                                    lends_));
+    SPLATVOL_TRY(measure_rounding(*piece));
     piece->patches = data_sets_->take_patches();
+    piece->census += data_sets_->take_changes();
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
-    note_conversions(*data);
+    note_differences(*data);
     return piece;
   }
 
@@ -106,15 +111,20 @@ class VtkSource final : public Source {
 
   bool averages_by_piece() const override {
     return !own_cells_ && data_sets_->averages_by_data_set() &&
-           std::ranges::any_of(attributes_, [](const ArrayAttribute& attribute) { return attribute.of_cells; });
+           std::ranges::any_of(attributes_, [&](const ArrayAttribute& attribute) {
+             return attribute.has_twin ? attribute.of_cells : arrays_.is_of_cells(attribute.array);
+           });
   }
 
+  std::uint64_t left_out_cells() const override { return data_sets_->left_out().left_out; }
+
   std::vector<std::string> conversions() const override {
-    std::string names;
-    for (const std::string& array : names_of(attributes_))
-      if (converted_.contains(array)) names += fmt::format("{}{}", names.empty() ? "" : ", ", array);
-    if (names.empty()) return {};
-    return {names + (own_cells_ ? ": of points, averaged to cells" : ": of cells, averaged to points")};
+    std::vector<std::string> lines;
+    if (!converted_.empty())
+      lines.push_back(fmt::format("{}: of {}", fmt::join(in_order(converted_), ", "),
+                                  own_cells_ ? "points, averaged to cells" : "cells, averaged to points"));
+    if (!lacking_.empty()) lines.push_back(describe_lacking(in_order(lacking_)));
+    return lines;
   }
 
  private:
@@ -124,17 +134,51 @@ class VtkSource final : public Source {
     return fail(ErrorCode::invalid_data, "{}: {}; splatvol draws volumes", data_sets_->path(), surfaces);
   }
 
-  /// Notes the attributes whose values are those of cells instead of points, or the other way round. A vector's
-  /// components go with its magnitude.
-  void note_conversions(vtkDataSet& data) {
+  /// Counts the cells that the reader may have bent, by rounding points to single precision. A file that has no more
+  /// digits loses none.
+  Status measure_rounding(Piece& piece) const {
+    if (!data_sets_->rounds_points()) return {};
+    CellCensus measured;
+    piece.cells ? measure_single_precision(piece.cells->corners, piece.cells->tetrahedra, measured)
+                : measure_single_precision(piece.points, piece.tetrahedra, measured);
+    if (measured.bent + measured.flattened > 0) {
+      SPLATVOL_TRY_ASSIGN(finer, data_sets_->has_finer_points());
+      if (!finer) return {};
+    }
+    piece.census += measured;
+    return {};
+  }
+
+  [[nodiscard]] std::string unit_of(const std::string& array) const {
+    for (std::string unit : {data_sets_->unit(array), unit_label(*pending_, array)})
+      if (!unit.empty()) return unit;
+    return arrays_.unit(array);
+  }
+
+  /// Those that the selection needs. Some readers read all.
+  [[nodiscard]] std::vector<ArrayShape> wanted(std::vector<ArrayShape> shapes) const {
+    std::erase_if(shapes, [&](const ArrayShape& shape) { return !wants_array(selection_, shape.name); });
+    return shapes;
+  }
+
+  /// Those names of attributes that are in a set.
+  [[nodiscard]] std::vector<std::string> in_order(const std::set<std::string>& names) const {
+    std::vector<std::string> ordered = names_;
+    std::erase_if(ordered, [&](const std::string& name) { return !names.contains(name); });
+    return ordered;
+  }
+
+  /// Notes the attributes whose values are those of cells instead of points, or the other way round, and those that a
+  /// piece lacks. A vector's components go with its magnitude.
+  void note_differences(vtkDataSet& data) {
     std::set<std::string> vectors;
-    for (std::size_t a = 0; a < attributes_.size(); ++a) {
-      const auto values = find_values({}, data, attributes_, a);
-      if (!values || values->of_cells == own_cells_) continue;
-      if (attributes_[a].component == ArrayAttribute::magnitude) vectors.insert(attributes_[a].array);
-      if (attributes_[a].components == 1 || attributes_[a].component == ArrayAttribute::magnitude ||
-          !vectors.contains(attributes_[a].array))
-        converted_.insert(attributes_[a].name);
+    for (const ArrayAttribute& attribute : attributes_) {
+      const auto values = find_values({}, data, attribute);
+      if (!values || (values->array && values->of_cells == own_cells_)) continue;
+      if (attribute.component == ArrayAttribute::magnitude) vectors.insert(attribute.array);
+      if (attribute.components == 1 || attribute.component == ArrayAttribute::magnitude ||
+          !vectors.contains(attribute.array))
+        (values->array ? converted_ : lacking_).insert(attribute.name);
     }
   }
 
@@ -149,17 +193,20 @@ class VtkSource final : public Source {
   }
 
   std::unique_ptr<VtkDataSets> data_sets_;
+  std::vector<std::string> selection_;
+  bool may_lack_;  // selected attributes
   bool own_cells_;
   CellValues cells_;
   bool lends_ = false;  // values
   MissingValues missing_;
-  std::uint64_t points_ = 0;         // of the pieces so far
-  std::set<std::string> converted_;  // attributes
-  std::optional<TimeStep> step_;     // instead of that of data_sets_
+  std::uint64_t points_ = 0;                   // of the pieces so far
+  std::set<std::string> converted_, lacking_;  // attributes
+  std::optional<TimeStep> step_;               // instead of that of data_sets_
+  ArrayUnion arrays_;                          // of all pieces
   std::vector<ArrayAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
   std::vector<std::string> units_;      // of attributes_
-  std::vector<std::string> available_;  // of the first piece
+  std::vector<std::string> available_;  // names of attributes
   std::optional<double> time_;          // that the first piece states
   vtkSmartPointer<vtkDataSet> pending_;
   PieceNumber pending_number_, number_;  // of pending_, and of the last piece
@@ -167,31 +214,39 @@ class VtkSource final : public Source {
   RepeatedPieces repeats_;
 };
 
+std::unique_ptr<VtkDataSets> data_sets_of(const std::vector<VtkFile>& files, const SourceOptions& options) {
+  return read_vtk_files(files, options.selection, options.time, options.cells, MissingValues(options.missing));
+}
+
 }  // namespace
 
-Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection,
-                                               std::optional<double> time, CellValues cells,
-                                               const MissingValues& missing_values,
+Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const SourceOptions& options,
                                                const std::optional<TimeStep>& step) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells, missing_values), cells,
-                                            missing_values, step);
+  auto source = std::make_unique<VtkSource>(data_sets_of(files, options), options, step);
   std::string missing;
-  SPLATVOL_TRY(source->start(selection, missing));
-  if (missing.empty()) return source;
+  SPLATVOL_TRY(source->start(missing));
+  if (missing.empty() || options.may_lack) return source;
 
   // Only the selected arrays were read; the message lists all.
   const std::string path = files.front().path;
-  SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}, time, cells, missing_values));
+  SourceOptions without_selection = options;
+  without_selection.selection.clear();
+  SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), without_selection));
   return fail_no_attribute(path, missing, all->attributes());
 }
 
+Result<std::vector<ArrayShape>> list_vtk_arrays(const std::vector<VtkFile>& files, const SourceOptions& options) {
+  ArrayUnion arrays;
+  SPLATVOL_TRY(data_sets_of(files, options)->announce(arrays));
+  return arrays.arrays();
+}
+
 Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::string& solution,
-                                            const std::vector<std::string>& selection, CellValues cells,
-                                            const MissingValues& missing_values) {
+                                            const SourceOptions& options) {
   SPLATVOL_TRY_ASSIGN(blocks, read_plot3d(grid, solution));
-  auto source = std::make_unique<VtkSource>(std::move(blocks), cells, missing_values);
+  auto source = std::make_unique<VtkSource>(std::move(blocks), options);
   std::string missing;
-  SPLATVOL_TRY(source->start(selection, missing));
+  SPLATVOL_TRY(source->start(missing));
   if (!missing.empty()) return fail_no_attribute(grid, missing, source->available());
   return source;
 }

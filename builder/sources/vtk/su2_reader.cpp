@@ -75,8 +75,10 @@ class Words {
     const auto [end, error] = std::from_chars(line_.data(), line_.data() + line_.size(), value);
     if (error != std::errc{}) return false;
     line_.remove_prefix(static_cast<std::size_t>(end - line_.data()));
-    return true;
+    return line_.empty() || std::isspace(static_cast<unsigned char>(line_.front())) != 0;
   }
+
+  [[nodiscard]] bool at_end() const { return line_.empty(); }
 
  private:
   std::string_view line_;
@@ -130,6 +132,17 @@ class Su2Reader {
 
   [[nodiscard]] tl::unexpected<Error> fail_line(const char* what) const {
     return fail(ErrorCode::invalid_data, "{}: line {} is damaged, cut off or {}", path_, line_, what);
+  }
+
+  [[nodiscard]] tl::unexpected<Error> fail_open_end() const {
+    return fail(ErrorCode::invalid_data,
+                "{}: no line end follows its last number: the file may be cut off; if it is whole, add a line end",
+                path_);
+  }
+
+  /// Fails if the file ends right behind the last number that a line needs. An index may follow, cut off or not.
+  [[nodiscard]] Status check_end(const Words& numbers) const {
+    return ended_ && numbers.at_end() ? Status(fail_open_end()) : Status{};
   }
 
   Status read_entry(std::string_view key, std::string_view value) {
@@ -186,6 +199,7 @@ class Su2Reader {
       if (!numbers.next(face.vtk_type)) return fail_line("no face");
       for (std::size_t c = 0; c < corners_of_face(face.vtk_type); ++c)
         if (!numbers.next(face.nodes[c])) return fail_line("no face");
+      SPLATVOL_TRY(check_end(numbers));
       if (corners_of_face(face.vtk_type) > 0) faces.push_back(face);
     }
     return {};
@@ -220,6 +234,7 @@ class Su2Reader {
                     path_, line_, cell.vtk_type);
       for (std::size_t c = 0; c < corners; ++c)
         if (!numbers.next(cell.nodes[c])) return fail_line("no cell");
+      SPLATVOL_TRY(check_end(numbers));
       mesh_.cells.push_back(cell);
     }
     has_cells_ = true;
@@ -239,7 +254,7 @@ class Su2Reader {
         if (!numbers.next(point[axis])) return fail_line("no point");
       // A line that ends with the file may be cut off, unless the index of the point follows.
       std::uint64_t index = 0;
-      if (ended_ && (!numbers.next(index) || index != i)) return fail_line("no point");
+      if (ended_ && (!numbers.next(index) || index != i)) return fail_open_end();
       mesh_.points.push_back(point);
     }
     has_points_ = true;
@@ -301,9 +316,10 @@ double tolerance_of(const std::vector<dvec3>& points) {
   return 1e-5 * largest;
 }
 
-/// Adds the values of a .csv file to the points.
-Status add_values(const VtkFile& file, const Su2Mesh& mesh, const std::vector<std::string>& selection,
-                  vtkUnstructuredGrid& grid) {
+/// Adds the values of a .csv file to the points. Returns the counts of its pieces.
+Result<CellCensus> add_values(const VtkFile& file, const Su2Mesh& mesh, const std::vector<std::string>& selection,
+                              vtkUnstructuredGrid& grid) {
+  CellCensus census;
   SourceOptions options;
   options.selection = selection;
   SPLATVOL_TRY_ASSIGN(source, open_csv_files({file.values}, options));
@@ -321,6 +337,7 @@ Status add_values(const VtkFile& file, const Su2Mesh& mesh, const std::vector<st
   for (;;) {
     SPLATVOL_TRY_ASSIGN(piece, source->next());
     if (!piece) break;
+    census += piece->census;
     for (std::size_t i = 0; i < piece->points.size(); ++i, ++at) {
       const bool same = at < mesh.points.size() && glm::distance(piece->points[i], mesh.points[at]) <= tolerance;
       if (!same)
@@ -333,7 +350,7 @@ Status add_values(const VtkFile& file, const Su2Mesh& mesh, const std::vector<st
   if (at != mesh.points.size())
     return fail(ErrorCode::invalid_data, "{}: values of {} points instead of the {} of {}", file.values, at,
                 mesh.points.size(), file.path);
-  return {};
+  return census;
 }
 
 }  // namespace
@@ -349,14 +366,19 @@ Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file, const std::ve
         ".vtu that SU2 writes",
         file.path, file.path);
   vtkSmartPointer<vtkDataSet> data;
-  Status added;
+  Result<CellCensus> added;
   SPLATVOL_TRY(run_vtk(file.path, [&] {
     const auto grid = make_grid(mesh);
     added = add_values(file, mesh, selection, *grid);
     data = grid;
   }));
-  SPLATVOL_TRY(added);
-  return std::make_unique<SingleDataSet>(file.path, data, std::nullopt, make_patches(mesh));
+  if (!added) return tl::unexpected(added.error());
+  return std::make_unique<SingleDataSet>(file.path, data, std::nullopt, make_patches(mesh), std::move(*added));
+}
+
+Result<std::vector<ArrayShape>> su2_arrays(const VtkFile& file) {
+  if (file.values.empty()) return std::vector<ArrayShape>();  // open_su2() fails
+  return list_csv_arrays({file.values}, {});
 }
 
 }  // namespace splatvol

@@ -18,4 +18,7 @@ namespace splatvol {
 [[nodiscard]] Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file,
                                                             const std::vector<std::string>& selection);
 
+/// Lists the arrays that open_su2() gives, by the heading of the .csv.
+[[nodiscard]] Result<std::vector<ArrayShape>> su2_arrays(const VtkFile& file);
+
 }  // namespace splatvol

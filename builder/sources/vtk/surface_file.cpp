@@ -18,7 +18,6 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
-#include <cstring>
 #include <limits>
 #include <span>
 #include <utility>
@@ -26,8 +25,10 @@
 #include "base/file.h"
 #include "base/replaceable.h"
 #include "builder/mesh/usable_numbers.h"
+#include "builder/sources/vtk/gltf_checks.h"
 #include "builder/sources/vtk/legacy_checks.h"
 #include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/surface_checks.h"
 #include "builder/sources/vtk/xml_checks.h"
 
 namespace splatvol {
@@ -40,6 +41,8 @@ vtkSmartPointer<vtkAlgorithm> make_reader(const std::string& path) {
   return reader.GetPointer();
 }
 
+bool is_gltf(const std::string& path) { return has_extension(path, ".gltf") || has_extension(path, ".glb"); }
+
 /// Null: a file of another kind.
 vtkSmartPointer<vtkAlgorithm> reader_of(const std::string& path) {
   if (has_extension(path, ".stl")) {
@@ -50,36 +53,23 @@ vtkSmartPointer<vtkAlgorithm> reader_of(const std::string& path) {
   }
   if (has_extension(path, ".obj")) return make_reader<vtkOBJReader>(path);
   if (has_extension(path, ".ply")) return make_reader<vtkPLYReader>(path);
-  if (has_extension(path, ".gltf") || has_extension(path, ".glb")) return make_reader<vtkGLTFReader>(path);
+  if (is_gltf(path)) return make_reader<vtkGLTFReader>(path);
   if (has_extension(path, ".vtp")) return make_reader<vtkXMLPolyDataReader>(path);
   if (has_extension(path, ".vtk")) return make_reader<vtkPolyDataReader>(path);
   return nullptr;
 }
 
-/// VTK draws what there is of a binary .stl that is cut off.
-Status check_stl(ByteSource& file) {
-  constexpr std::uint64_t header_bytes = 80, triangle_bytes = 50;
-  std::array<std::byte, 256> begin{};
-  SPLATVOL_TRY(file.read(0, std::span(begin).first(std::min<std::uint64_t>(begin.size(), file.size()))));
-  const bool is_text = std::memcmp(begin.data(), "solid", 5) == 0 &&
-                       std::ranges::all_of(begin, [](std::byte byte) { return byte < std::byte{128}; });
-  if (is_text) return {};
-  std::uint32_t count = 0;  // little-endian
-  const std::uint64_t first = header_bytes + sizeof(count);
-  if (file.size() >= first)
-    for (std::size_t i = 0; i < sizeof(count); ++i)
-      count |= std::to_integer<std::uint32_t>(begin[header_bytes + i]) << 8 * i;
-  if (file.size() >= first + count * triangle_bytes) return {};
-  return fail(ErrorCode::invalid_data, "{}: the file is cut off, or no surface: it states {} triangles", file.name(),
-              count);
-}
-
-Status check_file(const std::string& path) {
+/// Returns whether the file ends with a number, which may be cut off.
+Result<bool> check_file(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));  // whose errors name the reason
-  if (has_extension(path, ".stl")) return check_stl(*file);
-  if (has_extension(path, ".vtp")) return check_xml(path);
-  if (has_extension(path, ".vtk")) return check_legacy(path);
-  return {};
+  if (has_extension(path, ".obj")) return check_obj(path);
+  if (has_extension(path, ".ply")) return check_ply(path);
+  if (has_extension(path, ".gltf") || has_extension(path, ".glb")) SPLATVOL_TRY(check_gltf_buffers(path));
+  if (has_extension(path, ".stl")) SPLATVOL_TRY(check_stl(path));
+  if (has_extension(path, ".vtp")) SPLATVOL_TRY(check_xml(path));
+  if (has_extension(path, ".vtk")) SPLATVOL_TRY(check_legacy(path));
+  if (is_gltf(path)) SPLATVOL_TRY(check_gltf(path));
+  return false;
 }
 
 Status append(vtkPolyData& data, TriangleMesh& mesh) {
@@ -135,8 +125,9 @@ Result<TriangleMesh> read_surface_file(const std::string& path) {
   if (!reader)
     return fail(ErrorCode::unsupported, "{}: no surface: take a .stl, .obj, .ply, .gltf, .glb, .vtp or .vtk file",
                 path);
-  SPLATVOL_TRY(check_file(path));
+  SPLATVOL_TRY_ASSIGN(ends_with_number, check_file(path));
   TriangleMesh mesh;
+  mesh.open_end = ends_with_number;
   Status appended;
   SPLATVOL_TRY(run_vtk(path, [&] {
     reader->Update();

@@ -10,7 +10,8 @@ namespace splatvol {
 
 /// Reads the triangles of a .stl, .obj, .ply, .gltf, .glb, .vtp or legacy .vtk file; polygons and strips are cut into
 /// triangles. Lines and points are left out, and so are triangles at a coordinate that is not finite, beyond 1e50, or a
-/// fill value. Fails if no triangle is left, and where VTK's reader does. Errors begin with the path. Trusts the file
+/// fill value. Fails if no triangle is left, if the file is cut off or names corners that are not there, as far as its
+/// format tells, and where VTK's reader does. Errors begin with the path. Trusts the file
 /// as VTK's readers do: for the reader process.
 [[nodiscard]] Result<TriangleMesh> read_surface_file(const std::string& path);
 

@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/unstructured_reader.h"
 
+#include <vtkDataArraySelection.h>
 #include <vtkIdTypeArray.h>
 #include <vtkObjectFactory.h>
 #include <vtkSmartPointer.h>
@@ -11,18 +12,38 @@
 #include <cstdint>
 #include <filesystem>
 #include <span>
+#include <utility>
 
 namespace splatvol {
 namespace {
 
-/// Extends vtkXMLUnstructuredGridReader to file version 2.3. It lists the points of each face and the faces of each
-/// polyhedron, both as an array of ends and an array of indices. VTK 9.1 knows only the older face stream.
+/// Extends vtkXMLUnstructuredGridReader to pieces with arrays of their own, and to file version 2.3. This lists the
+/// points of each face and the faces of each polyhedron, both as an array of ends and an array of indices. VTK 9.1
+/// knows only the older face stream.
 class UnstructuredReader final : public vtkXMLUnstructuredGridReader {
  public:
   static UnstructuredReader* New();
   vtkTypeMacro(UnstructuredReader, vtkXMLUnstructuredGridReader)
 
-      protected : int ReadPieceData() override {
+      protected : UnstructuredReader() {
+    // The arrays that it knows are those of the first piece.
+    this->PointDataArraySelection->SetUnknownArraySetting(1);
+    this->CellDataArraySelection->SetUnknownArraySetting(1);
+  }
+
+  /// Makes the arrays of the piece that is read. VTK makes those of the first piece for all, and fills them by their
+  /// order. Requires that one piece is read at once.
+  void SetupOutputData() override {
+    const auto swap_pieces = [this] {
+      for (vtkXMLDataElement** elements : {this->PointDataElements, this->CellDataElements, this->PointElements})
+        std::swap(elements[0], elements[this->StartPiece]);
+    };
+    swap_pieces();
+    this->Superclass::SetupOutputData();
+    swap_pieces();
+  }
+
+  int ReadPieceData() override {
     if (!this->Superclass::ReadPieceData()) return 0;
     vtkXMLDataElement* cells = this->CellElements[this->Piece];
     return !this->FindDataArrayWithName(cells, "polyhedron_offsets") || read_faces(cells);

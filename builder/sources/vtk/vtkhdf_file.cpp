@@ -1,33 +1,16 @@
 #include "builder/sources/vtk/vtkhdf_file.h"
 
 #include <fmt/format.h>
-#include <vtk_hdf5.h>
 
 #include <algorithm>
 #include <array>
 #include <utility>
 
+#include "builder/sources/vtk/hdf5_checks.h"
 #include "builder/sources/vtk/messages.h"
 
 namespace splatvol {
 namespace {
-
-/// Closes an object of the library.
-class Handle {
- public:
-  Handle(hid_t id, herr_t (*close)(hid_t)) : id_(id), close_(close) {}
-  ~Handle() {
-    if (id_ >= 0) close_(id_);
-  }
-  Handle(const Handle&) = delete;
-  Handle& operator=(const Handle&) = delete;
-  [[nodiscard]] hid_t id() const { return id_; }
-  [[nodiscard]] bool is_open() const { return id_ >= 0; }
-
- private:
-  hid_t id_;
-  herr_t (*close_)(hid_t);
-};
 
 [[noreturn]] void fail_array(const std::string& name) {
   throw ReaderError(fmt::format("the array \"{}\" is missing, damaged or too short", name));
@@ -59,23 +42,23 @@ bool Hdf5Group::has(const std::string& name) const {
   return H5Lexists(group_, name.c_str(), H5P_DEFAULT) > 0;
 }
 
-std::vector<std::string> Hdf5Group::arrays_in(const std::string& group) const {
+std::vector<std::string> Hdf5Group::names_in(const std::string& group) const {
   std::vector<std::string> names;
   if (!has(group)) return names;
-  const Handle opened(H5Gopen2(group_, group.c_str(), H5P_DEFAULT), H5Gclose);
+  const Hdf5Handle opened(H5Gopen2(group_, group.c_str(), H5P_DEFAULT), H5Gclose);
   H5G_info_t info{};
   if (!opened.is_open() || H5Gget_info(opened.id(), &info) < 0) fail_array(group);
   for (hsize_t i = 0; i < info.nlinks; ++i) {
     std::array<char, 1024> name{};
     if (H5Lget_name_by_idx(opened.id(), ".", H5_INDEX_NAME, H5_ITER_INC, i, name.data(), name.size(), H5P_DEFAULT) < 0)
       fail_array(group);
-    const Handle array(H5Dopen2(opened.id(), name.data(), H5P_DEFAULT), H5Dclose);
-    if (!array.is_open()) continue;
-    const Handle type(H5Dget_type(array.id()), H5Tclose);
-    const H5T_class_t kind = H5Tget_class(type.id());
-    if (kind == H5T_INTEGER || kind == H5T_FLOAT) names.emplace_back(name.data());
+    names.emplace_back(name.data());
   }
   return names;
+}
+
+bool Hdf5Group::holds_numbers(const std::string& array) const {
+  return splatvol::holds_numbers(Hdf5Handle(H5Oopen(group_, array.c_str(), H5P_DEFAULT), H5Oclose), array);
 }
 
 bool Hdf5Group::has_attribute(const std::string& name, const std::string& group) const {
@@ -83,9 +66,9 @@ bool Hdf5Group::has_attribute(const std::string& name, const std::string& group)
 }
 
 std::vector<double> Hdf5Group::attribute(const std::string& name, const std::string& group) const {
-  const Handle attribute(H5Aopen_by_name(group_, group.c_str(), name.c_str(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  const Hdf5Handle attribute(H5Aopen_by_name(group_, group.c_str(), name.c_str(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
   if (!attribute.is_open()) throw ReaderError(fmt::format("the attribute {} is missing", name));
-  const Handle space(H5Aget_space(attribute.id()), H5Sclose);
+  const Hdf5Handle space(H5Aget_space(attribute.id()), H5Sclose);
   const hssize_t count = H5Sget_simple_extent_npoints(space.id());
   if (count < 1 || count > 64) throw ReaderError(fmt::format("the attribute {} is damaged", name));
   std::vector<double> numbers(static_cast<std::size_t>(count));
@@ -95,9 +78,9 @@ std::vector<double> Hdf5Group::attribute(const std::string& name, const std::str
 }
 
 std::string Hdf5Group::text_attribute(const std::string& name) const {
-  const Handle attribute(H5Aopen(group_, name.c_str(), H5P_DEFAULT), H5Aclose);
+  const Hdf5Handle attribute(H5Aopen(group_, name.c_str(), H5P_DEFAULT), H5Aclose);
   if (!attribute.is_open()) throw ReaderError(fmt::format("the attribute {} is missing", name));
-  const Handle type(H5Aget_type(attribute.id()), H5Tclose);
+  const Hdf5Handle type(H5Aget_type(attribute.id()), H5Tclose);
   if (H5Tget_class(type.id()) != H5T_STRING) throw ReaderError(fmt::format("the attribute {} is no text", name));
   if (H5Tis_variable_str(type.id()) > 0) {
     char* text = nullptr;
@@ -115,8 +98,8 @@ std::string Hdf5Group::text_attribute(const std::string& name) const {
 
 std::vector<std::uint64_t> Hdf5Group::shape(const std::string& array) const {
   if (!has(array)) fail_array(array);
-  const Handle opened(H5Dopen2(group_, array.c_str(), H5P_DEFAULT), H5Dclose);
-  const Handle space(opened.is_open() ? H5Dget_space(opened.id()) : -1, H5Sclose);
+  const Hdf5Handle opened(H5Dopen2(group_, array.c_str(), H5P_DEFAULT), H5Dclose);
+  const Hdf5Handle space(opened.is_open() ? H5Dget_space(opened.id()) : -1, H5Sclose);
   const int rank = space.is_open() ? H5Sget_simple_extent_ndims(space.id()) : 0;
   if (rank < 1 || rank > 8) fail_array(array);
   std::vector<hsize_t> extents(static_cast<std::size_t>(rank));
@@ -129,8 +112,9 @@ std::vector<T> Hdf5Group::read(const std::string& array, std::uint64_t first, st
                                std::int64_t type) const {
   const std::vector<std::uint64_t> extents = shape(array);
   if (count > extents[0] || first > extents[0] - count) fail_array(array);
-  const Handle opened(H5Dopen2(group_, array.c_str(), H5P_DEFAULT), H5Dclose);
-  const Handle space(H5Dget_space(opened.id()), H5Sclose);
+  const Hdf5Handle opened(H5Dopen2(group_, array.c_str(), H5P_DEFAULT), H5Dclose);
+  const Hdf5Handle space(H5Dget_space(opened.id()), H5Sclose);
+  if (checked_.insert(array).second) check_values(opened.id(), array);
 
   // Numbers that the file cannot hold are not allocated for.
   std::uint64_t left = H5Dget_storage_size(opened.id()) * most_packing, numbers = count;
@@ -145,7 +129,7 @@ std::vector<T> Hdf5Group::read(const std::string& array, std::uint64_t first, st
   std::vector<hsize_t> start(extents.size()), counts(extents.begin(), extents.end());
   start[0] = first;
   counts[0] = count;
-  const Handle memory(H5Screate_simple(static_cast<int>(counts.size()), counts.data(), nullptr), H5Sclose);
+  const Hdf5Handle memory(H5Screate_simple(static_cast<int>(counts.size()), counts.data(), nullptr), H5Sclose);
   if (H5Sselect_hyperslab(space.id(), H5S_SELECT_SET, start.data(), nullptr, counts.data(), nullptr) < 0 ||
       H5Dread(opened.id(), type, memory.id(), space.id(), H5P_DEFAULT, values.data()) < 0)
     fail_array(array);

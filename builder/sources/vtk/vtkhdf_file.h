@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -19,8 +20,11 @@ class Hdf5Group {
   /// Whether there is an object of this name, such as "PointData/p".
   [[nodiscard]] bool has(const std::string& name) const;
 
-  /// The names of the arrays of numbers in a group; none if there is no such group.
-  [[nodiscard]] std::vector<std::string> arrays_in(const std::string& group) const;
+  /// The names of all that is in a group; none if there is no such group.
+  [[nodiscard]] std::vector<std::string> names_in(const std::string& group) const;
+
+  /// Whether an array holds numbers: not texts. Throws if its link leads nowhere, or if it holds something else.
+  [[nodiscard]] bool holds_numbers(const std::string& array) const;
 
   /// Attributes of the group itself, or of a group in it.
   [[nodiscard]] bool has_attribute(const std::string& name, const std::string& group = ".") const;
@@ -41,6 +45,7 @@ class Hdf5Group {
 
   std::int64_t file_ = -1;
   std::int64_t group_ = -1;
+  mutable std::set<std::string> checked_;  // arrays whose values are there
 };
 
 }  // namespace splatvol

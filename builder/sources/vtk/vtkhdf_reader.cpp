@@ -42,6 +42,8 @@ std::uint64_t not_negative(std::int64_t number) {
   return static_cast<std::uint64_t>(number);
 }
 
+constexpr std::uint64_t most_components = 1024;
+
 /// Reads the data sets of one time step.
 class HdfFile {
  public:
@@ -58,6 +60,21 @@ class HdfFile {
 
   [[nodiscard]] std::optional<TimeStep> step() const { return step_; }
   [[nodiscard]] std::size_t count() const { return type_ == "ImageData" ? 1 : partitions_.size(); }
+
+  /// The arrays of all partitions, without those that read() leaves out.
+  [[nodiscard]] std::vector<ArrayShape> arrays() const {
+    std::vector<ArrayShape> shapes;
+    for (const bool of_cells : {false, true}) {
+      const std::string data = of_cells ? "CellData" : "PointData";
+      for (const std::string& name : group_.names_in(data)) {
+        if (is_bookkeeping(name) || !wanted(name) || !group_.holds_numbers(fmt::format("{}/{}", data, name))) continue;
+        const std::uint64_t components = components_of(data, name);
+        if (components > 0 && components <= most_components)
+          shapes.push_back({name, static_cast<int>(components), of_cells});
+      }
+    }
+    return shapes;
+  }
 
   [[nodiscard]] vtkSmartPointer<vtkDataSet> read(std::size_t index) const {
     return type_ == "ImageData" ? read_image() : read_partition(partitions_[index]);
@@ -146,11 +163,21 @@ class HdfFile {
     return is_ghost_array(name) || wants_array(selection_, name);
   }
 
+  [[nodiscard]] std::uint64_t components_of(const std::string& data, const std::string& name) const {
+    const auto shape = group_.shape(fmt::format("{}/{}", data, name));
+    const bool timed = step_ && shape.size() >= 4 &&
+                       (group_.has(fmt::format("Steps/{}Offsets/{}", data, name)) || shape[0] == step_->times.size());
+    std::uint64_t components = 1;
+    for (std::size_t axis = type_ != "ImageData" ? 1 : timed ? 4 : 3; axis < shape.size(); ++axis)
+      components = std::min(components * std::min(shape[axis], most_components + 1), most_components + 1);
+    return components;
+  }
+
   /// Reads the arrays of a partition. `before`: its rows before it in the time step; `first`: in the file.
   void read_arrays(const std::string& data, vtkDataSetAttributes& to, std::uint64_t before, std::uint64_t first,
                    std::uint64_t count) const {
-    for (const std::string& name : group_.arrays_in(data)) {
-      if (!wanted(name)) continue;
+    for (const std::string& name : group_.names_in(data)) {
+      if (!wanted(name) || !group_.holds_numbers(fmt::format("{}/{}", data, name))) continue;
       const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
       const bool own = step_ && group_.has("Steps/" + own_offsets);
       const auto values =
@@ -161,7 +188,9 @@ class HdfFile {
 
   static void add_array(const std::string& name, const std::vector<double>& values, std::uint64_t count,
                         vtkDataSetAttributes& to) {
-    if (count == 0 || values.size() % count != 0 || values.size() / count > 1024) return;
+    if (count == 0) return;
+    if (values.size() / count > most_components)
+      throw ReaderError(fmt::format("the array \"{}\" has more than {} components", name, most_components));
     const auto components = static_cast<int>(values.size() / count);
     vtkSmartPointer<vtkDataArray> array = vtkSmartPointer<vtkDoubleArray>::New();
     if (is_ghost_array(name)) array = vtkSmartPointer<vtkUnsignedCharArray>::New();
@@ -202,8 +231,8 @@ class HdfFile {
 
   void read_image_arrays(const std::string& data, const std::array<std::uint64_t, 3>& counts,
                          vtkDataSetAttributes& to) const {
-    for (const std::string& name : group_.arrays_in(data)) {
-      if (!wanted(name)) continue;
+    for (const std::string& name : group_.names_in(data)) {
+      if (!wanted(name) || !group_.holds_numbers(fmt::format("{}/{}", data, name))) continue;
       std::vector<std::uint64_t> shape = group_.shape(fmt::format("{}/{}", data, name));
       const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
       const bool own = step_ && group_.has("Steps/" + own_offsets);
@@ -243,6 +272,12 @@ class HdfDataSets final : public VtkDataSets {
   std::size_t count() const override { return file_->count(); }
   const std::string& path() const override { return path_; }
   std::optional<TimeStep> time_step() const override { return file_->step(); }
+
+  Status announce(ArrayUnion& arrays) override {
+    std::vector<ArrayShape> shapes;
+    SPLATVOL_TRY(run_vtk(path_, [&] { shapes = file_->arrays(); }));
+    return arrays.add(path_, shapes);
+  }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     vtkSmartPointer<vtkDataSet> data;

@@ -6,6 +6,7 @@
 #include <vtkFloatArray.h>
 #include <vtkNew.h>
 #include <vtkObject.h>
+#include <vtkObjectFactory.h>
 #include <vtkPointData.h>
 #include <vtkPoints.h>
 #include <vtkUnstructuredGrid.h>
@@ -44,6 +45,27 @@ vtkNew<vtkUnstructuredGrid> make_grid(std::span<const dvec3> points,
   return grid;
 }
 
+// Writes the mark of an export, if the file is one.
+class Writer final : public vtkXMLUnstructuredGridWriter {
+ public:
+  static Writer* New();
+
+  bool is_export = false;
+
+ protected:
+  // VTK's function begins the file with the XML declaration and the first element. The mark stands between them, so the
+  // declaration is written here; VTK writes none for data that are not encoded.
+  int StartFile() override {
+    if (!is_export || EncodeAppendedData == 0) return vtkXMLUnstructuredGridWriter::StartFile();
+    *Stream << "<?xml version=\"1.0\"?>\n" << vtu_export_mark << '\n';
+    EncodeAppendedDataOff();
+    const int started = vtkXMLUnstructuredGridWriter::StartFile();
+    EncodeAppendedDataOn();
+    return started;
+  }
+};
+vtkStandardNewMacro(Writer);
+
 // Keeps VTK from printing dumps of its objects.
 class Silence {
  public:
@@ -59,10 +81,12 @@ class Silence {
 }  // namespace
 
 Status write_vtu(const std::string& path, std::span<const dvec3> points,
-                 std::span<const std::array<std::uint32_t, 4>> tetrahedra, std::span<const PointArray> arrays) {
+                 std::span<const std::array<std::uint32_t, 4>> tetrahedra, std::span<const PointArray> arrays,
+                 const VtuOptions& options) {
   const auto grid = make_grid(points, tetrahedra, arrays);
-  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
-  const vtkNew<vtkXMLUnstructuredGridWriter> writer;
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, options.replace));
+  const vtkNew<Writer> writer;
+  writer->is_export = options.is_export;
   writer->SetFileName(file.path_to_write().c_str());
   writer->SetHeaderTypeToUInt64();
   writer->SetInputData(grid);

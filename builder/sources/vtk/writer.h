@@ -9,6 +9,7 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "base/replaceable.h"
 
 namespace splatvol {
 
@@ -19,10 +20,16 @@ struct PointArray {
   std::vector<float> values;
 };
 
+/// How a file is written.
+struct VtuOptions {
+  bool is_export = false;              // it has the mark of an export (base/replaceable.h)
+  Replace replace = Replace::exports;  // what may be replaced
+};
+
 /// Writes a .vtu file (file version 1.0, compressed, coordinates in double). It appears whole or not at all. The
 /// same input gives the same bytes. Requires values.size() == components * points.size() and indices in range.
 [[nodiscard]] Status write_vtu(const std::string& path, std::span<const dvec3> points,
                                std::span<const std::array<std::uint32_t, 4>> tetrahedra,
-                               std::span<const PointArray> arrays);
+                               std::span<const PointArray> arrays, const VtuOptions& options = {});
 
 }  // namespace splatvol

@@ -297,6 +297,44 @@ Status check_geometry(const std::string& path, vtkXMLDataElement& grid) {
   return {};
 }
 
+/// The arrays of a piece, but those of lists of cells: where they are, their names, types and components.
+std::vector<std::string> arrays_of_piece(vtkXMLDataElement& piece) {
+  constexpr std::array<std::string_view, 4> holders = {"PointData", "CellData", "Points", "Coordinates"};
+  std::vector<std::string> arrays;
+  for (int i = 0; i < piece.GetNumberOfNestedElements(); ++i) {
+    vtkXMLDataElement& holder = *piece.GetNestedElement(i);
+    if (std::ranges::find(holders, std::string_view(holder.GetName())) == holders.end()) continue;
+    for (int k = 0; k < holder.GetNumberOfNestedElements(); ++k) {
+      vtkXMLDataElement& array = *holder.GetNestedElement(k);
+      const char* type = array.GetAttribute("type");
+      arrays.push_back(fmt::format("{} {} {} {}", holder.GetName(), name_of(array), type ? type : "",
+                                   components_of(array).value_or(0)));
+    }
+  }
+  return arrays;
+}
+
+/// Checks that all pieces of a grid have the same arrays. VTK makes those of the first piece, and fills them by their
+/// order. Pieces of unstructured grids are read one by one (builder/sources/vtk/unstructured_reader.cpp).
+Status check_alike(const std::string& path, vtkXMLDataElement& root) {
+  for (const char* name : {"ImageData", "RectilinearGrid", "StructuredGrid", "PolyData"}) {
+    vtkXMLDataElement* grid = root.FindNestedElementWithName(name);
+    std::optional<std::vector<std::string>> first;
+    for (int i = 0; grid && i < grid->GetNumberOfNestedElements(); ++i) {
+      vtkXMLDataElement& piece = *grid->GetNestedElement(i);
+      if (piece.GetName() != std::string_view("Piece")) continue;
+      std::vector<std::string> arrays = arrays_of_piece(piece);
+      if (first && arrays != *first)
+        return fail(ErrorCode::unsupported,
+                    "{}: a piece has other arrays than the first, or in another order: write each piece to a file of "
+                    "its own",
+                    path);
+      if (!first) first = std::move(arrays);
+    }
+  }
+  return {};
+}
+
 Status check_extents(const std::string& path, vtkXMLDataElement& root) {
   for (const char* name : {"ImageData", "RectilinearGrid", "StructuredGrid"}) {
     vtkXMLDataElement* grid = root.FindNestedElementWithName(name);
@@ -475,6 +513,7 @@ Status check_xml(const std::string& path) {
   SPLATVOL_TRY(check_components(path, *root, count));
   SPLATVOL_TRY(check_memory(path, *root));
   SPLATVOL_TRY(check_extents(path, *root));
+  SPLATVOL_TRY(check_alike(path, *root));
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   SPLATVOL_TRY_ASSIGN(text, open_file(path));
   return Arrays(path, *file, std::move(text), *root, static_cast<std::uint64_t>(parser->GetAppendedDataPosition()))

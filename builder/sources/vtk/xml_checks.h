@@ -8,9 +8,9 @@
 namespace splatvol {
 
 /// Checks the elements of the file at `path`. Fails if an array has an unknown type, or if two neighbouring arrays have
-/// the same name. Fails if the header of a compressed array is damaged (builder/sources/vtk/compression.h), or if the
-/// file ends before an array does. Fails if memory cannot hold the cells and points of a piece. Safe on untrusted
-/// files.
+/// the same name. Fails if pieces of a structured grid or of a surface have other arrays than the first. Fails if the
+/// header of a compressed array is damaged (builder/sources/vtk/compression.h), or if the file ends before an array
+/// does. Fails if memory cannot hold the cells and points of a piece. Safe on untrusted files.
 [[nodiscard]] Status check_xml(const std::string& path);
 
 }  // namespace splatvol

@@ -114,6 +114,25 @@ TEST_F(CsvTest, Truncated) {
   }
 }
 
+// A cut within the last number gives another number: only what follows it tells that it is whole.
+TEST_F(CsvTest, OpenEnds) {
+  const auto open_ends = [&](const std::string& text) {
+    const auto input = read_input({write("a.csv", text)});
+    EXPECT_TRUE(input) << text;
+    return input ? input->census.open_ends : 99;
+  };
+  const std::string head = "x,y,z,p\n1,2,3,4\n";
+  for (const char* last : {"5,6,7,80", "5,6,7,8", "5,6,7,", "5,6,7,1e5"}) EXPECT_EQ(open_ends(head + last), 1u) << last;
+  for (const char* last : {"", "5,6,7,8\n", "5,6,7,8\r\n", "5,6,7,8 ", "5,6,7,\"8\"", "5,6,7,8\n\n"})
+    EXPECT_EQ(open_ends(head + last), 0u) << last;
+  EXPECT_EQ(open_ends("x\ty\tz\tp\n1\t2\t3\t4\n5\t6\t7\t"), 1u);
+  EXPECT_EQ(open_ends("p,x,y,z\n1,2,3,40"), 1u);
+  EXPECT_EQ(open_ends("x,y,z,p,name\n1,2,3,4,five"), 0u) << "no number";
+  const auto two = read_input({write("b.csv", head + "5,6,7,8"), write("a.csv", head + "9,6,7,8")});
+  ASSERT_TRUE(two);
+  EXPECT_EQ(two->census.open_ends, 2u);
+}
+
 TEST(Units, Texts) {
   const auto text = [](double kg, double m, double s) {
     const std::array<UnitPower, 3> powers = {{{"kg", kg}, {"m", m}, {"s", s}}};

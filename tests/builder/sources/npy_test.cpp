@@ -276,7 +276,26 @@ TEST_F(NpyTest, SeveralFilesAreOnePointSet) {
   EXPECT_THAT(error_of({a, series}), AllOf(StartsWith(series), HasSubstr("--series")));
   EXPECT_THAT(error_of({empty}), AllOf(StartsWith(empty), HasSubstr("no points")));
   const std::string wide = write("d.npy", npy(header("<f4", 1, 5), numbers<float>({1, 2, 3, 4, 5})));
-  EXPECT_THAT(error_of({a, wide}), AllOf(StartsWith(wide), HasSubstr("no attribute \"value\"")));
+  EXPECT_THAT(error_of({a, wide}), AllOf(StartsWith(wide), HasSubstr("5 columns, and 4 in " + a)));
+}
+
+TEST_F(NpyTest, ColumnsThatOnlySomeFilesHave) {
+  const auto table_of = [](const std::string& names, const std::vector<double>& row) {
+    std::string fields;
+    for (const char name : names) fields += fmt::format("('{}', '<f8'), ", name);
+    return npy(fmt::format("{{'descr': [{}], 'fortran_order': False, 'shape': (1,), }}", fields), numbers<double>(row));
+  };
+  const std::string a = write("a.npy", table_of("xyzp", {0, 0, 0, 1}));
+  const std::string b = write("b.npy", table_of("xyqzp", {1, 0, 2, 0, 3}));
+  const auto source = open_npy_files({a, b}, {}).value();
+  EXPECT_THAT(source->attributes(), ElementsAre("p", "q"));
+  EXPECT_THAT(source->conversions(), ElementsAre("q: missing where a part of the input lacks it"));
+  const auto first = source->next().value(), second = source->next().value();
+  EXPECT_EQ(first->values[0][0], 1);
+  EXPECT_TRUE(std::isnan(first->values[1][0]));
+  EXPECT_THAT(second->values, ElementsAre(ElementsAre(3), ElementsAre(2)));
+  EXPECT_THAT(open_npy_files({b, a}, {{"q"}, {}}).value()->attributes(), ElementsAre("q"));
+  EXPECT_THAT(error_of({a, b}, {{"r"}, {}}), HasSubstr("no attribute \"r\"; there are: p, q"));
 }
 
 TEST_F(NpyTest, BadFilesAreOneClearLine) {

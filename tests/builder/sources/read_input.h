@@ -56,6 +56,7 @@ inline Result<Input> read_input(const std::vector<std::string>& paths, const Sou
     input.pieces.push_back(std::move(*piece));
   }
   EXPECT_GE(source->piece_count(), input.pieces.size());
+  input.census.left_out += source->left_out_cells();
   return input;
 }
 

@@ -47,7 +47,7 @@ class Vdb : public test::FolderTest {
 
   /// Reads a file that has one piece.
   Piece read(const std::vector<std::string>& selection = {}) const {
-    const auto source = open_vdb_files({path()}, selection).value();
+    const auto source = open_vdb_files({path()}, {selection, {}}).value();
     EXPECT_TRUE(source->brings_material());
     Piece all = *source->next().value();
     while (const auto piece = source->next().value()) ADD_FAILURE() << "small files come in one piece";
@@ -56,7 +56,7 @@ class Vdb : public test::FolderTest {
   }
 
   std::string refusal(const std::vector<std::string>& selection = {}) const {
-    const auto source = open_vdb_files({path()}, selection);
+    const auto source = open_vdb_files({path()}, {selection, {}});
     EXPECT_FALSE(source.has_value());
     if (source) return {};
     EXPECT_THAT(source.error().message, HasSubstr(path()));
@@ -257,7 +257,7 @@ TEST_F(Vdb, FillValuesAreMissingAndCounted) {
   }
   u->tree().setValueOn(Coord(5, 0, 0), {std::numeric_limits<float>::quiet_NaN(), 4, 0});
   write({t, u});
-  const auto source = open_vdb_files({path()}, {}, MissingValues({-9999})).value();
+  const auto source = open_vdb_files({path()}, {{}, {}, {}, CellValues::averaged, {-9999}}).value();
   const auto piece = source->next().value();
   EXPECT_THAT(source->attributes(), ElementsAre("t", "U", "U[0]", "U[1]", "U[2]"));
   EXPECT_THAT(piece->fills, ElementsAre(2, 1, 1, 0, 0)) << "NaN is no number that was taken for missing";
@@ -438,6 +438,39 @@ TEST_F(Vdb, FilesFollowEachOther) {
   const auto series = open_source({folder_}, {{"b"}, {}}).value();
   EXPECT_TRUE(series->next().has_value());
   EXPECT_THAT(series->next().error().message, HasSubstr("--series"));
+}
+
+TEST_F(Vdb, GridsThatOnlySomeFilesHave) {
+  const auto grid = [](const std::string& name, int x) {
+    const auto made = make_grid<openvdb::FloatGrid>(name);
+    made->tree().setValueOn(Coord(x, 0, 0), static_cast<float>(x));
+    return made;
+  };
+  write({grid("t", 1)}, "a.vdb");
+  write({grid("u", 20), grid("t", 20)}, "b.vdb");
+  const auto vector = make_grid<openvdb::Vec3SGrid>("t");
+  vector->tree().setValueOn(Coord(40, 0, 0), {3, 4, 0});
+  write({vector}, "c.vdb");
+  for (const bool a_first : {true, false}) {
+    const std::vector<std::string> paths = {path(a_first ? "a.vdb" : "b.vdb"), path(a_first ? "b.vdb" : "a.vdb")};
+    for (const std::vector<std::string>& selection : {std::vector<std::string>{}, {"u", "t"}}) {
+      const auto source = open_vdb_files(paths, {selection, {}}).value();
+      const bool t_first = a_first && selection.empty();
+      EXPECT_THAT(source->attributes(), t_first ? ElementsAre("t", "u") : ElementsAre("u", "t"));
+      for (int file = 0; file < 2; ++file) {
+        const auto piece = source->next().value();
+        const bool is_a = a_first == (file == 0);
+        EXPECT_EQ(piece->values[t_first ? 0 : 1][0], is_a ? 1 : 20);
+        EXPECT_EQ(std::isnan(piece->values[t_first ? 1 : 0][0]), is_a);
+      }
+      EXPECT_THAT(source->conversions(), ElementsAre("u: missing where a part of the input lacks it"));
+    }
+  }
+  const auto mixed = open_vdb_files({path("a.vdb"), path("c.vdb")}, {});
+  ASSERT_FALSE(mixed);
+  EXPECT_THAT(mixed.error().message, HasSubstr("c.vdb: the array \"t\" is a vector of 3 components, and a number in "));
+  EXPECT_EQ(open_vdb_files({path("a.vdb"), path("b.vdb")}, {{"w"}, {}}).error().message,
+            path("a.vdb") + ": no attribute \"w\"; there are: t");
 }
 
 TEST_F(Vdb, PiecesAndPointsDoNotDependOnThreads) {

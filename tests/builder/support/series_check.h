@@ -36,7 +36,7 @@ inline void expect_series(const std::string& input, const std::string& folder, s
                           const std::vector<std::string>& attributes = {}) {
   const auto silent = [](const char*, double) {};
   const std::string path = folder + "/all-steps.svol", single_path = folder + "/single.svol";
-  auto list = steps_of_input({input}, {attributes, {}, {}}, parse_times("all").value(), open_source);
+  auto list = steps_of_input({input}, {attributes, {}, {}}, parse_times("all").value(), {open_source, list_arrays});
   ASSERT_TRUE(list) << list.error().message;
   ASSERT_EQ(list->size(), steps);
   const auto built = build_series(std::move(*list), path, {}, silent);

@@ -2,7 +2,10 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <linux/sched.h>
+#include <sys/auxv.h>
+#include <sys/file.h>
 #include <sys/ioctl.h>
+#include <sys/ipc.h>
 #include <sys/mman.h>
 #include <sys/ptrace.h>
 #include <sys/resource.h>
@@ -19,6 +22,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -121,6 +125,95 @@ std::vector<Escape> escapes_to_processes() {
   };
 }
 
+/// A lock would make other programs wait. Libraries go on only where the answer is that there are no locks.
+bool locks(int result) { return result == 0 || errno != ENOSYS; }
+
+std::vector<Escape> escapes_to_locks(const std::string& victim) {
+  const int file = ::open(victim.c_str(), O_RDONLY | O_CLOEXEC);
+  const auto locks_by = [=](int command, short type) {
+    struct flock lock {};
+    lock.l_type = type;
+    return locks(::fcntl(file, command, &lock));
+  };
+  return {
+      {"flock", [=] { return locks(::flock(file, LOCK_EX | LOCK_NB)); }},
+      {"shared flock", [=] { return locks(::flock(file, LOCK_SH | LOCK_NB)); }},
+      {"F_SETLK", [=] { return locks_by(F_SETLK, F_RDLCK); }},
+      {"F_SETLKW", [=] { return locks_by(F_SETLKW, F_RDLCK); }},
+      {"F_OFD_SETLK", [=] { return locks_by(F_OFD_SETLK, F_RDLCK); }},
+      {"F_OFD_SETLKW", [=] { return locks_by(F_OFD_SETLKW, F_RDLCK); }},
+      {"lease", [=] { return ::fcntl(file, F_SETLEASE, F_RDLCK) == 0; }},
+  };
+}
+
+constexpr std::size_t block = std::size_t{4} << 20;  // bytes
+
+/// Takes a block, and touches it. Returns null if there is none.
+char* take(int protection, int flags, int file = -1) {
+  void* const memory = ::mmap(nullptr, block, protection, flags, file, 0);
+  if (memory == MAP_FAILED) return nullptr;
+  if ((protection & PROT_WRITE) != 0) std::memset(memory, 1, block);
+  return static_cast<char*>(memory);
+}
+
+bool makes_uncounted(int protection) {
+  char* const memory = take(PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS);
+  return memory != nullptr && ::mprotect(memory, block, protection) == 0;
+}
+
+/// A page at the top of the main thread's stack.
+void* page_of_stack() { return reinterpret_cast<void*>(::getauxval(AT_EXECFN) & ~4095ul); }
+
+/// Memory that a limit on data does not count.
+std::vector<Escape> escapes_to_memory(const std::string& victim) {
+  constexpr int both = PROT_READ | PROT_WRITE, nowhere = MAP_ANONYMOUS;
+  const int file = ::open(victim.c_str(), O_RDONLY | O_CLOEXEC);
+  return {
+      {"shared memory", [=] { return take(both, MAP_SHARED | nowhere) != nullptr; }},
+      {"validated shared memory", [=] { return take(both, MAP_SHARED_VALIDATE | nowhere) != nullptr; }},
+      {"droppable memory", [=] { return take(both, 0x08 | nowhere) != nullptr; }},
+      {"shared memory of a file", [=] { return take(PROT_READ, MAP_SHARED, file) != nullptr; }},
+      {"a stack", [=] { return take(both, MAP_PRIVATE | MAP_GROWSDOWN | nowhere) != nullptr; }},
+      {"a larger stack", [] { return ::mremap(page_of_stack(), 4096, block, MREMAP_MAYMOVE) != MAP_FAILED; }},
+      {"memory that is then read-only", [] { return makes_uncounted(PROT_READ); }},
+      {"memory that is then without access", [] { return makes_uncounted(PROT_NONE); }},
+      {"memory that is then code", [] { return makes_uncounted(PROT_READ | PROT_EXEC); }},
+      // Pages that are only read share one page of zeros, but each has an entry in the kernel's tables.
+      {"address space",
+       [] {
+         constexpr std::size_t much = std::size_t{128} << 30;
+         return ::mmap(nullptr, much, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0) != MAP_FAILED;
+       }},
+      {"shmget", [] { return call(SYS_shmget, IPC_PRIVATE, block, 0600); }},
+      {"remap_file_pages", [] { return call(SYS_remap_file_pages, page_of_stack(), 4096, 0, 0, 0); }},
+      {"memfd_secret", [] { return call(447, 0); }},
+      {"pkey_mprotect", [] { return call(SYS_pkey_mprotect, page_of_stack(), 4096, PROT_READ, -1); }},
+      {"pipe",
+       [] {
+         int ends[2];
+         return ::pipe2(ends, O_CLOEXEC) == 0;
+       }},
+      {"limit",
+       [] {
+         rlimit limit{};
+         return ::getrlimit(RLIMIT_NOFILE, &limit) == 0 && ::setrlimit(RLIMIT_NOFILE, &limit) == 0;
+       }},
+  };
+}
+
+/// What readers need besides, and do not get.
+std::string missing_memory(const std::string& victim) {
+  std::string names;
+  const int file = ::open(victim.c_str(), O_RDONLY | O_CLOEXEC);
+  if (take(PROT_READ, MAP_PRIVATE, file) == nullptr) names += "no file in memory; ";
+  char* const memory = take(PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS);
+  if (memory == nullptr || ::mremap(memory, block, 2 * block, MREMAP_MAYMOVE) == MAP_FAILED) names += "no growth; ";
+  void* const reserved = ::mmap(nullptr, block, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (::mprotect(reserved, block, PROT_READ | PROT_WRITE) != 0) names += "no reserved memory; ";
+  std::thread([] {}).join();
+  return names;
+}
+
 std::vector<Escape> escapes_to_programs() {
   static char* const nothing[] = {nullptr};
   return {
@@ -165,7 +258,7 @@ std::string try_all(const std::vector<Escape>& escapes, const std::string& victi
   char text[9] = {};
   const int file = ::open(victim.c_str(), O_RDONLY | O_CLOEXEC);
   if (::read(file, text, 8) != 8 || std::string(text) != "precious") names += "cannot read; ";
-  return names;
+  return names + missing_memory(victim);
 }
 
 class ConfineTest : public test::FolderTest {
@@ -198,7 +291,8 @@ class ConfineTest : public test::FolderTest {
  private:
   std::vector<Escape> all_escapes(const std::string& victim, int inherited) const {
     std::vector<Escape> all = escapes_to_files(folder_, victim, inherited);
-    for (const auto& more : {escapes_to_processes(), escapes_to_programs()})
+    for (const auto& more :
+         {escapes_to_processes(), escapes_to_programs(), escapes_to_locks(victim), escapes_to_memory(victim)})
       all.insert(all.end(), more.begin(), more.end());
     return all;
   }
@@ -230,6 +324,34 @@ TEST_F(ConfineTest, NoThreadCanDoMoreThanRead) {
     EXPECT_EQ(std::string(std::istreambuf_iterator<char>(victim), {}), "precious");
     EXPECT_FALSE(std::filesystem::exists(path("escaped")));
   }
+}
+
+// By all kinds together.
+TEST_F(ConfineTest, NoMemoryPassesTheLimit) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers reserve more memory than any limit";
+  constexpr std::size_t limit = 32 * block;
+  void* const shared = ::mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  auto* const taken = static_cast<std::size_t*>(shared);
+  std::array<int, 2> sockets{};
+  ASSERT_EQ(::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sockets.data()), 0);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    confine_reader(sockets[0], {limit});
+    for (const int flags : {MAP_SHARED, MAP_SHARED_VALIDATE, MAP_PRIVATE | MAP_GROWSDOWN, MAP_PRIVATE})
+      for (int i = 0; i < 64; ++i) {
+        char* const memory = take(PROT_READ | PROT_WRITE, flags | MAP_ANONYMOUS);
+        if (memory == nullptr) break;
+        static_cast<void>(::mprotect(memory, block, PROT_READ));
+        ++*taken;
+      }
+    ::_exit(0);
+  }
+  ::waitpid(child, nullptr, 0);
+  ::close(sockets[0]);
+  ::close(sockets[1]);
+  EXPECT_LE(*taken, 32u);
+  EXPECT_GE(*taken, 16u) << "private memory";
+  ::munmap(shared, 4096);
 }
 
 TEST_F(ConfineTest, AReaderInAnEndlessLoopEndsWithTheProgramThatStartedIt) {

@@ -1,6 +1,7 @@
 #include "builder/sources/process/reader_process.h"
 
 #include <gmock/gmock.h>
+#include <malloc.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -9,7 +10,10 @@
 #include <cerrno>
 #include <cmath>
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <numeric>
+#include <thread>
 
 #include "builder/open_source.h"
 #include "builder/sources/process/held_values.h"
@@ -52,6 +56,12 @@ class ReaderProcessTest : public test::FolderTest {
     return source ? "(no error)" : source.error().message;
   }
 
+  std::string sleeping_program() const {
+    const std::string program = write("reader.sh", "#!/bin/bash\nexec sleep 60");
+    std::filesystem::permissions(program, std::filesystem::perms::owner_all);
+    return program;
+  }
+
   static ReaderProcessOptions options_with(const std::string& program) {
     ReaderProcessOptions options = reader_options();
     options.program = program;
@@ -85,6 +95,47 @@ TEST_F(ReaderProcessTest, AReaderThatDoesNotGetOnIsEnded) {
   EXPECT_THAT(error_of(options_with("/bin/false"), sound_mesh()), HasSubstr("ended too early"));
   EXPECT_THAT(error_of(options_with(path("none")), sound_mesh()),
               AllOf(HasSubstr("cannot start"), HasSubstr(path("none"))));
+}
+
+// Programs in place of the reader, with a small share of what it may read and how long it may take.
+TEST_F(ReaderProcessTest, AReaderThatReadsOrTakesTooMuchIsEnded) {
+  const auto error_of_script = [&](const std::string& script, double factor, int patience) {
+    const std::string program = write("reader.sh", "#!/bin/bash\n" + script);
+    std::filesystem::permissions(program, std::filesystem::perms::owner_all);
+    ReaderProcessOptions options = options_with(program);
+    options.factor = factor;
+    options.patience = std::chrono::seconds(patience);
+    return error_of(options, sound_mesh());
+  };
+  EXPECT_THAT(error_of_script("exec cat /dev/zero > /dev/null", 1e-3, 60),
+              AllOf(StartsWith(path("sound.vtu") + ": more than 1.07 MB were read for it"),
+                    HasSubstr("'--read-factor 0.004'")));
+  EXPECT_THAT(error_of_script("exec sleep 60", 1e-3, 60),
+              AllOf(StartsWith(path("sound.vtu") + ": reading it takes longer than 0.6 s"),
+                    HasSubstr("'--read-factor 0.004'")));
+  // A refusal of 4096 characters, of which one comes now and then.
+  EXPECT_THAT(error_of_script("printf '\\1\\0\\0\\0\\0\\0\\x10\\0\\0\\0\\0\\0\\0' >&3\n"
+                              "while printf x >&3; do sleep 0.1; done",
+                              5e-3, 2),
+              HasSubstr("longer than 3 s"));
+}
+
+// A large input may be read for longer.
+TEST_F(ReaderProcessTest, WhatIsAllowedGrowsWithTheInput) {
+  std::ofstream(path("large.vtu")).close();
+  std::filesystem::resize_file(path("large.vtu"), 1'000'000'000);
+  ReaderProcessOptions options = options_with(sleeping_program());
+  options.patience = std::chrono::seconds(60);
+  options.factor = 1e-3;
+  EXPECT_THAT(error_of(options, path("large.vtu")), HasSubstr("longer than 1.6 s"));
+}
+
+// More than the kernel holds for a socket.
+TEST_F(ReaderProcessTest, AReaderThatDoesNotTakeWhatIsSentIsEnded) {
+  ReaderProcess reader(options_with(sleeping_program()));
+  const auto source = reader.open(std::vector<std::string>(1000, std::string(10'000, 'x')), {});
+  ASSERT_FALSE(source);
+  EXPECT_THAT(source.error().message, HasSubstr("for 2 s"));
 }
 
 TEST_F(ReaderProcessTest, NoProcessIsLeft) {
@@ -242,6 +293,78 @@ TEST(ReaderMessages, PiecesThatContradictThemselvesAreRefused) {
   piece.cells->tetrahedra = {{0, 0, 0, 0}};
   piece.cells->points = {0};
   EXPECT_THAT(sent(piece).error().message, HasSubstr("cells"));
+}
+
+TEST(ReaderMessages, ErrorsAreOneShortLine) {
+  const auto sent_error = [](const Error& error) {
+    Ends ends(plenty);
+    EXPECT_TRUE(put(ends.from, error));
+    EXPECT_TRUE(ends.from.flush());
+    Error received{};
+    EXPECT_TRUE(get(ends.to, received));
+    return received;
+  };
+  EXPECT_EQ(sent_error({ErrorCode::io, "a.vtu: \x1b[2Jgone\n\r\x07"}).message, "a.vtu: ?[2Jgone???");
+  EXPECT_EQ(sent_error({ErrorCode::io, std::string(4096, 'x')}).message, std::string(4096, 'x'));
+  EXPECT_EQ(sent_error({ErrorCode::unsupported, std::string(100'000, 'x')}).message, std::string(4093, 'x') + "...");
+  EXPECT_EQ(sent_error({ErrorCode::unsupported, "x"}).code, ErrorCode::unsupported);
+  SourceState state, received;
+  state.conversions = {"a\nb", std::string(100'000, 'x')};
+  Ends ends(plenty);
+  ASSERT_TRUE(put(ends.from, state));
+  ASSERT_TRUE(ends.from.flush());
+  ASSERT_TRUE(get(ends.to, received));
+  EXPECT_EQ(received.conversions[0], "a?b");
+  EXPECT_EQ(received.conversions[1].size(), 4096u);
+}
+
+// As a reader sends them that a file has taken over.
+TEST(ReaderMessages, ErrorsThatAreNoneAreRefused) {
+  const auto is_refused = [](ErrorCode code, std::uint64_t bytes) {
+    Ends ends(plenty);
+    EXPECT_TRUE(ends.from.put(code));
+    EXPECT_TRUE(ends.from.put(std::string(bytes, 'x')));
+    EXPECT_TRUE(ends.from.flush());
+    Error error{};
+    return !get(ends.to, error);
+  };
+  EXPECT_FALSE(is_refused(ErrorCode::cancelled, 4096));
+  EXPECT_TRUE(is_refused(ErrorCode::io, 4097));
+  EXPECT_TRUE(is_refused(static_cast<ErrorCode>(7), 10));
+}
+
+/// Bytes in large blocks of memory, which the C library asks of the system one by one.
+std::size_t large_blocks() { return ::mallinfo2().hblkhd; }
+
+// A count alone takes no memory, whatever it counts.
+TEST(ReaderMessages, ArraysGrowWithWhatArrives) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers have an allocator of their own";
+  const auto held_after_a_count = [](auto values) {
+    Ends ends(plenty);
+    EXPECT_TRUE(ends.from.put(plenty / 64));
+    EXPECT_TRUE(ends.from.put(std::array<std::uint64_t, 8>{}));
+    EXPECT_TRUE(ends.from.flush());
+    ::shutdown(ends.sockets[0], SHUT_WR);
+    const std::size_t before = large_blocks();
+    EXPECT_FALSE(ends.to.get(values));
+    return large_blocks() - before;
+  };
+  EXPECT_LT(held_after_a_count(std::vector<double>()), std::size_t{1} << 20);
+  EXPECT_LT(held_after_a_count(std::string()), std::size_t{1} << 20);
+  EXPECT_LT(held_after_a_count(std::vector<std::string>()), std::size_t{1} << 20);
+  EXPECT_LT(held_after_a_count(std::vector<std::vector<double>>()), std::size_t{1} << 20);
+}
+
+TEST(ReaderMessages, ArraysOfEverySizeArriveWhole) {
+  for (const std::size_t size : {0u, 1u, 8192u, 8193u, 8194u, 32'771u, 300'000u}) {
+    Ends ends(plenty);
+    std::vector<double> values(size), received(3, 7.0);
+    std::iota(values.begin(), values.end(), 1.0);
+    std::thread sender([&] { EXPECT_TRUE(ends.from.put(values) && ends.from.flush()); });
+    EXPECT_TRUE(ends.to.get(received));
+    sender.join();
+    EXPECT_EQ(received, values) << size;
+  }
 }
 
 TEST(ReaderMessages, ArraysBeyondTheLimitAreRefused) {

@@ -9,6 +9,7 @@
 #include <map>
 #include <set>
 #include <span>
+#include <sstream>
 #include <utility>
 
 #include "base/file.h"
@@ -30,6 +31,7 @@ using test::Input;
 using test::read_input;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using ::testing::Pair;
 using ::testing::StartsWith;
 using ::testing::UnorderedElementsAre;
@@ -134,6 +136,16 @@ class BlocksTest : public test::FolderTest {
     ASSERT_TRUE(report) << report.error().message;
     EXPECT_EQ(report->points.merged, side * side);
     EXPECT_EQ(report->resolution_counts.back(), 2 * block_points - side * side);
+  }
+
+  /// The error of a build that may change nothing, or "(no error)".
+  [[nodiscard]] std::string strict_error_of(const std::string& name) const {
+    auto source = open_source({path(name)}, {});
+    if (!source) return source.error().message;
+    BuildOptions options;
+    options.strict = true;
+    const auto report = build_volume(**source, path("out.svol"), options, [](const char*, double) {});
+    return report ? "(no error)" : report.error().message;
   }
 
   /// The triangles of each patch of the boundary.
@@ -244,6 +256,55 @@ TEST_F(BlocksTest, Exodus) {
     EXPECT_NEAR(input->pieces[1].values[0][i], averaged(input->pieces[1].points[i], 1, 2), 1e-5);
 }
 
+/// The values of an attribute in a piece.
+std::vector<double> values_in(const Input& input, std::size_t piece, const std::string& attribute) {
+  const auto at = std::ranges::find(input.attributes, attribute) - input.attributes.begin();
+  return input.pieces.at(piece).values.at(static_cast<std::size_t>(at));
+}
+
+MATCHER(AreMissing, "") {
+  return std::ranges::all_of(arg, [](double value) { return std::isnan(value); });
+}
+
+MATCHER(AreThere, "") {
+  return std::ranges::none_of(arg, [](double value) { return std::isnan(value); });
+}
+
+/// A tetrahedron at x = 5 with the arrays f and t of points, as a .vtu file.
+std::string tetrahedron_vtu() {
+  const auto array = [](const std::string& name, int components, const std::string& type, const std::string& numbers) {
+    return fmt::format("<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"ascii\">{}</DataArray>",
+                       type, name, components, numbers);
+  };
+  return "<?xml version=\"1.0\"?><VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">"
+         "<UnstructuredGrid><Piece NumberOfPoints=\"4\" NumberOfCells=\"1\"><PointData>" +
+         array("f", 1, "Float64", "1 2 3 4 ") + array("t", 1, "Float64", "5 6 7 8 ") +
+         "</PointData><CellData/><Points>" + array("Points", 3, "Float64", "5 0 0 6 0 0 5 1 0 5 0 1 ") +
+         "</Points><Cells>" + array("connectivity", 1, "Int64", "0 1 2 3 ") + array("offsets", 1, "Int64", "4 ") +
+         array("types", 1, "UInt8", "10 ") + "</Cells></Piece></UnstructuredGrid></VTKFile>";
+}
+
+TEST_F(BlocksTest, ExodusBesideOtherFiles) {
+  write_exodus(path("mesh.e"));
+  write("other.vtu", tetrahedron_vtu());
+  for (const bool exodus_first : {true, false}) {
+    std::vector<std::string> paths = {path("mesh.e"), path("other.vtu")};
+    if (!exodus_first) std::ranges::reverse(paths);
+    const auto input = read_input(paths);
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
+    const std::size_t block = exodus_first ? 0 : 1, other = exodus_first ? 2 : 0;
+    EXPECT_THAT(values_in(*input, block, "t"), AreMissing());
+    EXPECT_THAT(values_in(*input, block, "q"), AreMissing());
+    EXPECT_THAT(values_in(*input, block + 1, "q"), AreThere());
+    EXPECT_THAT(values_in(*input, block + 1, "U[1]"), AreThere());
+    EXPECT_THAT(values_in(*input, other, "q"), AreMissing());
+    EXPECT_THAT(values_in(*input, other, "U[1]"), AreMissing());
+    EXPECT_THAT(values_in(*input, other, "t"), ElementsAre(5, 6, 7, 8));
+    EXPECT_THAT(values_in(*input, other, "f"), ElementsAre(1, 2, 3, 4));
+  }
+}
+
 // The upper sides of the first block, and a side of one cell of the second.
 TEST_F(BlocksTest, ExodusSideSetsArePatches) {
   int computer = 8, file = 8;
@@ -269,7 +330,7 @@ TEST_F(BlocksTest, ExodusSideSetsArePatches) {
 
 // NetCDF's own format is known by its first bytes. Names of the parts of a mesh end in numbers.
 TEST_F(BlocksTest, ExodusByContentAndByPartNumber) {
-  for (const char* name : {"anything.dat", "mesh.exo", "mesh.g", "mesh.e.4.0"}) {
+  for (const char* name : {"anything.dat", "mesh.exo", "mesh.g", "mesh.e.1.0"}) {
     write_exodus(path(name));
     const auto input = read_input({path(name)});
     ASSERT_TRUE(input) << input.error().message;
@@ -401,8 +462,42 @@ TEST_F(BlocksTest, EnSight) {
       EXPECT_NEAR(input->pieces[b].values[0][i], averaged(cubes[b].points[i], static_cast<double>(b), 2), 3e-5);
 }
 
+TEST_F(BlocksTest, EnSightVariablesOfOnePart) {
+  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  write("other.vtu", tetrahedron_vtu());
+  for (std::size_t step = 0; step < 2; ++step)
+    for (const char* name : {"f", "q"}) {
+      const std::string file = fmt::format("{}.{:03}", name, step), whole = read_text_file(path(file)).value();
+      const std::size_t second = whole.find("part", whole.find("part") + 1);
+      write(file, whole.substr(0, whole.find("part")) + whole.substr(second));
+    }
+  for (const bool case_first : {true, false}) {
+    std::vector<std::string> paths = {path("mesh.case"), path("other.vtu")};
+    if (!case_first) std::ranges::reverse(paths);
+    const auto input = read_input(paths);
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
+    const std::size_t part = case_first ? 0 : 1, other = case_first ? 2 : 0;
+    EXPECT_THAT(values_in(*input, part, "f"), AreMissing());
+    EXPECT_THAT(values_in(*input, part, "q"), AreMissing());
+    EXPECT_THAT(values_in(*input, part, "U"), AreThere());
+    EXPECT_THAT(values_in(*input, part + 1, "f"), AreThere());
+    EXPECT_THAT(values_in(*input, part + 1, "q"), AreThere());
+    EXPECT_THAT(values_in(*input, part + 1, "t"), AreMissing());
+    EXPECT_THAT(values_in(*input, other, "q"), AreMissing());
+    EXPECT_THAT(values_in(*input, other, "t"), AreThere());
+  }
+}
+
 TEST_F(BlocksTest, EnSightSurfacesArePatches) {
   write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  for (const bool patches : {false, true}) {
+    SourceOptions options;
+    options.patches = patches;
+    const auto input = read_input({path("mesh.case")}, options);
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_EQ(input->census.left_out, patches ? 0u : 1u) << "the wall";
+  }
   EXPECT_THAT(patches_of("mesh.case"), UnorderedElementsAre(Pair("wall", 2), Pair("outer", 180)));
 }
 
@@ -849,6 +944,53 @@ TEST_F(BlocksTest, DecomposedOpenFoam) {
   EXPECT_EQ(whole->pieces.size(), 1u);
 }
 
+/// A field of one value, in `cells` cells.
+std::string foam_number(const std::string& name, double value) {
+  return foam_file(
+      "volScalarField", name,
+      fmt::format("dimensions [0 0 0 0 0 0 0];\ninternalField uniform {};\nboundaryField\n{{\n  walls\n  {{\n    "
+                  "type zeroGradient;\n  }}\n}}\n",
+                  value));
+}
+
+TEST_F(BlocksTest, OpenFoamFieldsOfOneProcessor) {
+  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
+  write_openfoam_case(writer);
+  write_openfoam_part("processor0/", 0, 13, writer);
+  write_openfoam_part("processor1/", 13, block_cells, writer);
+  write("processor1/2/k", foam_number("k", 7));
+  for (const CellValues kind : {CellValues::averaged, CellValues::own}) {
+    const auto input = read_input({path("case.foam")}, {{}, {}, {}, kind});
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "k"));
+    EXPECT_THAT(values_in(*input, 0, "k"), AreMissing());
+    EXPECT_THAT(values_in(*input, 1, "k"), ::testing::Each(7));
+  }
+  write("processor0/2/k", foam_file("volVectorField", "k",
+                                    "dimensions [0 0 0 0 0 0 0];\ninternalField uniform (1 2 3);\n"
+                                    "boundaryField\n{\n  walls\n  {\n    type zeroGradient;\n  }\n}\n"));
+  for (const CellValues kind : {CellValues::averaged, CellValues::own})
+    EXPECT_THAT(error_of("case.foam", {{}, {}, {}, kind}), HasSubstr("the array \"k\" has "));
+}
+
+TEST_F(BlocksTest, OpenFoamFieldsOfOneStep) {
+  write_openfoam([&](const std::string& name, const std::string& text) { write(name, text); });
+  write("2/k", foam_number("k", 7));
+  const InputReader reader{open_source, list_arrays};
+  auto steps = steps_of_input({path("")}, {}, parse_times("all").value(), reader);
+  ASSERT_TRUE(steps) << steps.error().message;
+  const auto built = build_series(std::move(*steps), path("all.svol"), {}, [](const char*, double) {});
+  ASSERT_TRUE(built) << built.error().message;
+  EXPECT_THAT(built->build.missing, ::testing::Contains(Pair("k", block_points)));
+  // The last step as an append to the first.
+  auto first = steps_of_input({path("")}, {}, parse_times(":1").value(), reader);
+  ASSERT_TRUE(build_series(std::move(first.value()), path("grown.svol"), {}, [](const char*, double) {}));
+  const auto appended =
+      steps_of_input({path("")}, {}, parse_times("1:").value(), reader, {"U", "U[0]", "U[1]", "U[2]", "f"});
+  ASSERT_FALSE(appended);
+  EXPECT_THAT(appended.error().message, HasSubstr("the series does not have the attribute \"k\""));
+}
+
 /// The values of an attribute at all positions; of a position that several pieces have, their values.
 std::map<std::array<double, 3>, std::vector<double>> values_by_position(const Input& input, const std::string& name) {
   const auto at = static_cast<std::size_t>(std::ranges::find(input.attributes, name) - input.attributes.begin());
@@ -928,6 +1070,53 @@ TEST_F(BlocksTest, DecomposedOpenFoamWithCellsOfDifferentVolumes) {
   const auto cells_alone = read_input({path("case.foam")}, own);
   ASSERT_TRUE(cells_alone) << cells_alone.error().message;
   EXPECT_EQ(cells_alone->points, block_cells);
+}
+
+// Where VTK's reader makes points of single precision, a mesh far from the origin is bent, and that is told.
+TEST_F(BlocksTest, RoundedOpenFoamIsTold) {
+  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
+  const Place far_away = [](dvec3 p) { return p + dvec3(5e5, 4.5e6, 0); };
+  const Place on_steps = [](dvec3 p) { return dvec3(8.0, 8.0, 1.0) * glm::round(3.0 * p) + dvec3(5e5, 4.5e6, 0); };
+  write_openfoam_case(writer);
+  for (const std::string& part : {std::string(), std::string("processor0/")}) {
+    write_openfoam_part(part, 0, block_cells, writer, far_away);
+    EXPECT_THAT(strict_error_of("case.foam"), HasSubstr("the reader rounds coordinates to single precision"));
+    EXPECT_EQ(error_of("case.foam"), "(no error)");
+
+    // Numbers that single precision keeps, in thin cells.
+    write_openfoam_part(part, 0, block_cells, writer, on_steps);
+    EXPECT_EQ(strict_error_of("case.foam"), "(no error)");
+    std::filesystem::remove_all(path("constant"));
+  }
+}
+
+TEST_F(BlocksTest, RoundedEnSightIsTold) {
+  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  const std::string geometry = read_text_file(path("mesh.geo")).value();
+  EXPECT_EQ(strict_error_of("mesh.case"), "(no error)");
+  // Moves all points in x, or writes them as a binary file would hold them.
+  for (const bool rounded : {false, true}) {
+    std::string moved;
+    std::istringstream lines(geometry);
+    std::size_t left = 0;
+    for (std::string line, before; std::getline(lines, line); before = line) {
+      const bool is_count = before == "coordinates";
+      if (left > 0) {
+        const double x = std::stod(line) + 4.5e6;
+        line = fmt::format("{:.10g}", rounded ? static_cast<float>(x) : x);
+        line += line.find('.') == std::string::npos ? ".0" : "";
+        --left;
+      }
+      if (is_count) left = std::stoul(line);
+      moved += line + "\n";
+    }
+    write("mesh.geo", moved);
+    const std::string error = strict_error_of("mesh.case");
+    if (rounded)
+      EXPECT_THAT(error, Not(HasSubstr("single precision")));
+    else
+      EXPECT_THAT(error, HasSubstr("the reader rounds coordinates to single precision"));
+  }
 }
 
 TEST_F(BlocksTest, CollatedOpenFoamIsRefused) {

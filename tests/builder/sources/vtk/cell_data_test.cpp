@@ -119,19 +119,103 @@ TEST_F(CellDataTest, LeavesMissingValuesOutOfMeans) {
   EXPECT_EQ(value_at(*input, "p", 6), 1);
 }
 
+// All flags of a cell: as in VTK, those of a copy, of a cell that finer ones fill, and of a hidden one leave it out.
 TEST_F(CellDataTest, OfAGhostCopyCountsAndOfAHiddenCellNot) {
-  constexpr double duplicate = 1, hidden = 32;
-  for (const auto& [flag, expected] : {std::pair{duplicate, 5.0}, {hidden, 2.0}}) {
-    const std::string path =
-        write("a.vtu", Boxes{{0, 1, 4}, "", array("p", {2, 6}) + array("vtkGhostType", {0, flag}, 1, "UInt8")}.file());
-    const auto input = read_input({path});
-    ASSERT_TRUE(input) << input.error().message;
-    EXPECT_EQ(value_at(*input, "p", 1), expected);
-    EXPECT_EQ(input->points, 8u);
-    const auto own = read_input({path}, own_cells());
-    ASSERT_TRUE(own) << own.error().message;
-    EXPECT_EQ(own->points, 1u);
+  constexpr double duplicate = 1, high_connectivity = 2, low_connectivity = 4, refined = 8, exterior = 16, hidden = 32;
+  struct Expected {
+    double flags, mean;
+    bool left_out;
+  };
+  for (const auto& [flags, mean, left_out] : {Expected{0, 5, false},
+                                              {duplicate, 5, true},
+                                              {high_connectivity, 5, false},
+                                              {low_connectivity, 5, false},
+                                              {refined, 2, true},
+                                              {exterior, 5, false},
+                                              {hidden, 2, true},
+                                              {duplicate + refined, 2, true},
+                                              {duplicate + hidden, 2, true},
+                                              {high_connectivity + exterior, 5, false}})
+    for (const char* type : {"UInt8", "Int32", "Float64"}) {
+      const std::string path =
+          write("a.vtu", Boxes{{0, 1, 4}, "", array("p", {2, 6}) + array("vtkGhostType", {0, flags}, 1, type)}.file());
+      const auto input = read_input({path});
+      ASSERT_TRUE(input) << input.error().message;
+      EXPECT_EQ(value_at(*input, "p", 1), mean) << flags;
+      EXPECT_EQ(input->points, left_out ? 8u : 12u) << flags;
+      EXPECT_DOUBLE_EQ(input->volume, left_out ? 1 : 4) << flags;
+      EXPECT_EQ(input->census.hidden, left_out ? 1u : 0u) << flags;
+      const auto own = read_input({path}, own_cells());
+      ASSERT_TRUE(own) << own.error().message;
+      EXPECT_EQ(own->points, left_out ? 1u : 2u) << flags;
+    }
+}
+
+/// Voxels of edge `spacing`, as VTK's writer of AMR meshes writes a block.
+std::string image(int cells, double spacing, const std::string& cell_data) {
+  return fmt::format(
+      "<VTKFile type=\"ImageData\" version=\"0.1\" byte_order=\"LittleEndian\"><ImageData WholeExtent=\"0 {0} 0 {0} 0 "
+      "{0}\" Origin=\"0 0 0\" Spacing=\"{1} {1} {1}\"><Piece Extent=\"0 {0} 0 {0} 0 {0}\"><CellData>\n{2}</CellData>"
+      "</Piece></ImageData></VTKFile>\n",
+      cells, spacing, cell_data);
+}
+
+// A block of 4 x 4 x 4 cells, of which another block fills the lowest octant with cells of half their size.
+TEST_F(CellDataTest, OfCellsThatFinerOnesFillIsLeftOut) {
+  std::vector<double> flags(64), coarse(64, 1);
+  for (std::size_t cell = 0; cell < flags.size(); ++cell) {
+    if (cell % 4 > 1 || cell / 4 % 4 > 1 || cell / 16 > 1) continue;
+    flags[cell] = 8;
+    coarse[cell] = 1000;
   }
+  write("coarse.vti", image(4, 1, array("p", coarse) + array("vtkGhostType", flags, 1, "UInt8")));
+  write("fine.vti", image(4, 0.5, array("p", std::vector<double>(64, 3))));
+  const std::string blocks =
+      write("amr.vtm",
+            "<VTKFile type=\"vtkMultiBlockDataSet\" version=\"1.0\"><vtkMultiBlockDataSet><DataSet index=\"0\" "
+            "file=\"coarse.vti\"/><DataSet index=\"1\" file=\"fine.vti\"/></vtkMultiBlockDataSet></VTKFile>\n");
+  for (const auto& inputs : {std::vector<std::string>{blocks}, {path("coarse.vti"), path("fine.vti")}}) {
+    const auto input = read_input(inputs);
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_NEAR(input->volume, 64, 1e-9);
+    EXPECT_EQ(input->census.hidden, 8u);
+    for (const double value : input->pieces.at(0).values.at(0)) EXPECT_EQ(value, 1);
+    const auto own = read_input(inputs, own_cells());
+    ASSERT_TRUE(own) << own.error().message;
+    EXPECT_EQ(own->points, 64u - 8 + 64);
+  }
+}
+
+TEST_F(CellDataTest, OfALegacyFileHasFlagsToo) {
+  for (const auto& [name, flags] :
+       {std::pair{"vtkGhostType", "0 8"}, {"vtkGhostType", "0 32"}, {"vtkGhostLevels", "0 1"}})
+    for (const char* version : {"3.0", "4.2"}) {
+      const std::string path =
+          write("a.vtk", fmt::format("# vtk DataFile Version {}\nboxes\nASCII\nDATASET STRUCTURED_POINTS\n"
+                                     "DIMENSIONS 3 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\nCELL_DATA 2\n"
+                                     "SCALARS p float 1\nLOOKUP_TABLE default\n2 6\n"
+                                     "SCALARS {} unsigned_char 1\nLOOKUP_TABLE default\n{}\n",
+                                     version, name, flags));
+      const auto input = read_input({path});
+      ASSERT_TRUE(input) << input.error().message;
+      EXPECT_DOUBLE_EQ(input->volume, 1) << name << flags;
+      EXPECT_EQ(input->census.hidden, 1u) << name << flags;
+      EXPECT_THAT(input->attributes, ElementsAre("p"));
+    }
+}
+
+// Levels of older files: 0 for a cell or a point of this piece. VTK itself turns them into flags in old file versions.
+TEST_F(CellDataTest, OfAGhostLevelIsThatOfACopy) {
+  for (const char* version : {"0.1", "1.0", "2.0"})
+    for (const char* type : {"UInt8", "Int32"}) {
+      std::string file = Boxes{{0, 1, 4}, "", array("p", {2, 6}) + array("vtkGhostLevels", {0, 2}, 1, type)}.file();
+      const std::string path = write("a.vtu", file.replace(file.find("0.1"), 3, version));
+      const auto input = read_input({path});
+      ASSERT_TRUE(input) << input.error().message;
+      EXPECT_EQ(value_at(*input, "p", 1), 5) << version << type;
+      EXPECT_DOUBLE_EQ(input->volume, 1) << version << type;
+      EXPECT_THAT(input->attributes, ElementsAre("p"));
+    }
 }
 
 TEST_F(CellDataTest, TakesAnotherNameIfPointsHaveItsName) {

@@ -1,12 +1,14 @@
 // Files of EnSight Gold, text and binary, cut off at many places: none is read as if it were whole.
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/file.h"
@@ -17,7 +19,9 @@ namespace splatvol {
 namespace {
 
 using ::testing::AnyOf;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 enum class Encoding { text, binary, big_endian, fortran };
 
@@ -284,6 +288,149 @@ TEST_F(EnsightTest, ValuesOfAnotherMesh) {
   write("f", values.bytes.replace(values.bytes.find("         2"), 10, "         4"));
   write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
   EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("f: values of part 4, which the geometry lacks"));
+}
+
+/// Texts in which one number of a file is another word.
+class EnsightNumbers : public EnsightTest {
+ protected:
+  /// Writes the parts of the other tests, as text.
+  EnsightNumbers() {
+    EnsightText geometry(Encoding::text);
+    put_geometry(geometry, 0, false);
+    write("geo", geometry.bytes);
+    std::string text = "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\n";
+    for (const Variable& variable : variables) {
+      EnsightText values(Encoding::text);
+      put_variable(values, variable, 0);
+      write(variable.name, values.bytes);
+      text += fmt::format("{} per {}: {} {}\n", variable.components == 1 ? "scalar" : "vector",
+                          variable.per_element ? "element" : "node", variable.name, variable.name);
+    }
+    write("a.case", text);
+  }
+
+  /// Replaces a line of a file. Line 0 is the first.
+  void replace_line(const std::string& name, std::size_t line, const std::string& by) const {
+    std::string text = read_text_file(path(name)).value();
+    std::size_t at = 0;
+    for (; line > 0; --line) at = text.find('\n', at) + 1;
+    write(name, text.replace(at, text.find('\n', at) - at, by));
+  }
+
+  [[nodiscard]] static std::size_t attribute(const test::Input& input, const std::string& name) {
+    return static_cast<std::size_t>(std::ranges::find(input.attributes, name) - input.attributes.begin());
+  }
+};
+
+TEST_F(EnsightNumbers, ThatAreStarsAreMissing) {
+  const auto whole = test::read_input({path("a.case")});
+  ASSERT_TRUE(whole) << whole.error().message;
+  EXPECT_EQ(whole->census.unwritten, 0u);
+  // A point of the first part, one of the block, and a component of a vector.
+  replace_line("f", 4 + 2, "************");
+  replace_line("f", 4 + 8 + 3 + 8 + 3 + 5, " -1.#IND0e+00");
+  replace_line("U", 4 + 8 + 3, "************");
+  const auto input = test::read_input({path("a.case")});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_EQ(input->census.unwritten, 3u);
+  const auto missing = [&](const std::string& name, std::size_t piece) {
+    const std::size_t a = attribute(*input, name), b = attribute(*whole, name);
+    std::vector<std::size_t> points;
+    for (std::size_t i = 0; i < input->pieces[piece].points.size(); ++i) {
+      const double value = input->pieces[piece].values[a][i];
+      if (std::isnan(value))
+        points.push_back(i);
+      else
+        EXPECT_EQ(value, whole->pieces[piece].values[b][i]) << name << i;
+    }
+    return points;
+  };
+  EXPECT_THAT(missing("f", 0), ElementsAre(2));
+  EXPECT_THAT(missing("f", 1), IsEmpty());
+  EXPECT_THAT(missing("f", 2), ElementsAre(5));
+  EXPECT_THAT(missing("U", 0), ElementsAre(3));
+  EXPECT_THAT(missing("U[0]", 0), IsEmpty());
+  EXPECT_THAT(missing("U[1]", 0), ElementsAre(3));
+  EXPECT_THAT(missing("U[1]", 1), IsEmpty());
+}
+
+TEST_F(EnsightNumbers, OfElementsThatAreStarsAreMissing) {
+  // The third tetrahedron and the polyhedron of the second part.
+  replace_line("q", 4 + 1 + 3 + 2, "************");
+  replace_line("q", 4 + 1 + 3 + 4 + 1, "************");
+  SourceOptions own;
+  own.cells = CellValues::own;
+  const auto input = test::read_input({path("a.case")}, own);
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_EQ(input->census.unwritten, 2u);
+  const std::vector<double>& q = input->pieces.at(1).values.at(attribute(*input, "q"));
+  ASSERT_EQ(q.size(), 5u);
+  for (std::size_t cell = 0; cell < q.size(); ++cell) EXPECT_EQ(std::isnan(q[cell]), cell == 2 || cell == 4) << cell;
+  EXPECT_EQ(test::read_input({path("a.case")}, {{"f"}, {}})->census.unwritten, 0u) << "of what was read";
+}
+
+TEST_F(EnsightNumbers, ThatAreNoneAreRefused) {
+  for (const char* word : {"1,5", " 1.5D+03", " 1.5-100", "", " 1.5 2.5", " 1.5e", "x", " 1.5e+0."}) {
+    for (const auto& [file, line] : {std::pair{"f", 5}, {"U", 20}, {"q", 4}, {"geo", 9}}) {
+      const std::string whole = read_text_file(path(file)).value();
+      replace_line(file, static_cast<std::size_t>(line), word);
+      EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr(std::string(file) + ": ")) << word;
+      write(file, whole);
+    }
+  }
+  for (const auto& [line, by] : {std::pair{9, "************"},
+                                 {8, "**********"},
+                                 {35, "********** 2 3 4 5 6 7 8"},
+                                 {35, "1 2 3 4 5 6 78"},
+                                 {35, "1 2 3 4 5 6 7 8,5"}}) {
+    const std::string whole = read_text_file(path("geo")).value();
+    replace_line("geo", static_cast<std::size_t>(line), by);
+    EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("geo: ")) << line << by;
+    write("geo", whole);
+  }
+  EXPECT_EQ(test::error_of({path("a.case")}), "(no error)");
+}
+
+TEST_F(EnsightNumbers, OfTheCase) {
+  const std::string steps = read_text_file(path("a.case")).value() + "TIME\ntime set: 1\nnumber of steps: 1\n";
+  const auto open_ends = [&](const std::string& end) {
+    write("a.case", steps + end);
+    const auto input = test::read_input({path("a.case")});
+    EXPECT_TRUE(input) << end << input.error().message;
+    return input ? input->census.open_ends : 99;
+  };
+  EXPECT_EQ(open_ends("time values: 0.5"), 1u) << "perhaps of 0.57";
+  EXPECT_EQ(open_ends("time values: 0.5\n"), 0u);
+  for (const char* time : {"0,5", "0.5D+00", "0.5 1,5"}) {
+    write("a.case", steps + "time values: " + time + "\n");
+    EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("is no number"));
+  }
+}
+
+TEST_F(EnsightTest, NumbersOfEnsight6) {
+  const std::string geometry =
+      "a\nb\nnode id assign\nelement id assign\ncoordinates\n       4\n 0.00000e+00 0.00000e+00 0.00000e+00\n"
+      " 1.00000e+00 0.00000e+00 0.00000e+00\n 0.00000e+00 1.00000e+00 0.00000e+00\n 0.00000e+00 0.00000e+00 "
+      "1.00000e+00\npart 1\nc\ntetra4\n       1\n       1       2       3       4\n";
+  const std::string values = "f\n 1.00000e+00 2.00000e+00 3.00000e+00 4.00000e+00\n";
+  write("geo", geometry);
+  write("f", values);
+  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
+  const auto input = test::read_input({path("a.case")});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_THAT(input->pieces.at(0).values.at(0), ElementsAre(1, 2, 3, 4));
+  const auto error_with = [&](const std::string& file, std::string text, const std::string& from,
+                              const std::string& to) {
+    const std::string whole = text;
+    write(file, text.replace(text.find(from), from.size(), to));
+    const std::string error = test::error_of({path("a.case")});
+    write(file, whole);
+    return error;
+  };
+  EXPECT_THAT(error_with("f", values, " 3.00000e+00", "************"), HasSubstr("f: VTK's reader takes zeros"));
+  EXPECT_THAT(error_with("f", values, " 3.00000e+00", " 3,00000e+00"), HasSubstr("f: VTK's reader takes zeros"));
+  EXPECT_THAT(error_with("geo", geometry, " 1.00000e+00", "************"), HasSubstr("geo: VTK's reader takes zeros"));
+  EXPECT_THAT(error_with("f", values, "+00\n", "+00"), HasSubstr("f: no line end follows"));
 }
 
 }  // namespace

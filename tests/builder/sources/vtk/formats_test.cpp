@@ -16,6 +16,7 @@
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/builder/sources/vtk/hdf5_arrays.h"
 #include "tests/builder/support/series_check.h"
 
 // VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
@@ -25,6 +26,10 @@ namespace splatvol {
 namespace {
 
 using test::Input;
+using test::make_group;
+using test::put_array;
+using test::put_attribute;
+using test::put_type;
 using test::read_input;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -175,6 +180,28 @@ TEST_F(FormatsTest, DamagedPvd) {
   EXPECT_THAT(of("<DataSet timestep=\"0\" file=\"a.pvd\"/>"), HasSubstr("must be the only input"));
 }
 
+// Eleven files that stand for 16^10 files, with a link in their paths, and one piece that is named too often.
+TEST_F(FormatsTest, FilesThatNameEachOtherTooOftenAreRefused) {
+  const auto text = [](const std::string& type, const std::string& names) {
+    return fmt::format("<VTKFile type=\"{0}\" version=\"1.0\"><{0}>{1}</{0}></VTKFile>\n", type, names);
+  };
+  write_tetrahedron("a.vtu", 0, "f");
+  std::filesystem::create_directory_symlink(".", path("same"));
+  write("10.vtm", text("vtkMultiBlockDataSet", "<DataSet file=\"a.vtu\"/>"));
+  for (int i = 0; i < 10; ++i) {
+    std::string blocks;
+    for (int k = 0; k < 16; ++k) blocks += fmt::format("<DataSet file=\"{}{}.vtm\"/>", k % 2 ? "same/" : "", i + 1);
+    write(fmt::format("{}.vtm", i), text("vtkMultiBlockDataSet", blocks));
+  }
+  EXPECT_THAT(error_of("0.vtm"), HasSubstr("stand for 2.27e+12 files, and at most 1048576 are read"));
+  std::string pieces, blocks;
+  for (int i = 0; i < 1024; ++i) pieces += "<Piece Source=\"a.vtu\"/>";
+  for (int i = 0; i < 1024; ++i) blocks += "<DataSet file=\"a.pvtu\"/>";
+  write("a.pvtu", text("PUnstructuredGrid", pieces));
+  write("a.vtm", text("vtkMultiBlockDataSet", blocks));
+  EXPECT_THAT(error_of("a.vtm"), HasSubstr("stand for 1.05e+06 files"));
+}
+
 // .vtm: nested blocks with different arrays, a surface and an empty block.
 
 TEST_F(FormatsTest, Vtm) {
@@ -199,6 +226,7 @@ TEST_F(FormatsTest, Vtm) {
   const auto input = read_input({path("all.vtm")});
   ASSERT_TRUE(input) << input.error().message;
   EXPECT_EQ(input->pieces.size(), 2u) << "no surface, no empty block";
+  EXPECT_EQ(input->census.left_out, 1u) << "the triangle";
   EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "g"));
   const std::size_t f = input->attributes[0] == "f" ? 0 : 1;
   EXPECT_EQ(input->pieces[0].values[f][0], 1);
@@ -730,6 +758,28 @@ TEST_F(FormatsTest, Su2) {
   }
 }
 
+// Half of a number is no number.
+TEST_F(FormatsTest, NumbersOfSu2) {
+  const std::string cells = "NELEM= 1\n10 0 1 2 3\n", points = "NPOIN= 4\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
+  const std::string csv = "x,y,z,f\n0,0,0,1\n1,0,0,2\n0,1,0,3\n0,0,1,4";
+  const auto input_of = [&](const std::string& mesh, const std::string& values) {
+    return read_input({write("a.su2", "NDIME= 3\n" + mesh), write("a.csv", values)});
+  };
+  const auto error_with = [&](const std::string& mesh) { return input_of(mesh, csv + "\n").error().message; };
+  EXPECT_EQ(input_of(cells + points, csv + "\n")->census.open_ends, 0u);
+  EXPECT_EQ(input_of(cells + points, csv)->census.open_ends, 1u) << "of the values";
+  for (const auto& [from, to] :
+       {std::pair{"0 0 1\n", "0 0 1,5\n"}, {"0 0 1\n", "0 0 1.5D+00\n"}, {"10 0 1 2 3", "10 0 1 2 3,5"}}) {
+    std::string text = cells + points;
+    text.replace(text.find(from), std::string_view(from).size(), to);
+    EXPECT_THAT(error_with(text), HasSubstr("is damaged, cut off or no")) << to;
+  }
+  const std::string last = points + cells;
+  EXPECT_TRUE(input_of(last, csv));
+  EXPECT_THAT(error_with(last.substr(0, last.size() - 1)), HasSubstr("no line end follows its last number"));
+  EXPECT_TRUE(input_of(last.substr(0, last.size() - 1) + " 0", csv)) << "the index of the cell follows";
+}
+
 TEST_F(FormatsTest, MarkersOfSu2ArePatches) {
   write("restart.csv", su2_restart());
   const std::string mesh = su2_mesh.substr(0, su2_mesh.find("NMARK"));
@@ -776,49 +826,12 @@ TEST_F(FormatsTest, DamagedMarkersOfSu2) {
   EXPECT_THAT(error_with(mesh + "MARKER_ELEMS= 1\n5 0 1 2\n"), HasSubstr("a marker without a name"));
   EXPECT_THAT(error_with(mesh + "MARKER_TAG=\nMARKER_ELEMS= 1\n5 0 1 2\n"), HasSubstr("a marker without a name"));
   EXPECT_THAT(error_with(mesh + "NMARK= 2\n" + wall + "5 0 1 2\n"), HasSubstr("1 of its 2 markers"));
-  // Cut behind NMARK, a file lacks its marker, unless only the last line break is gone.
-  for (std::size_t bytes = mesh.size(); bytes < su2_mesh.size(); ++bytes)
-    EXPECT_EQ(error_with(su2_mesh.substr(0, bytes)) == "(no error)",
-              bytes == mesh.size() || bytes + 1 == su2_mesh.size())
-        << bytes;
+  // Cut behind NMARK, a file lacks its marker.
+  for (std::size_t bytes = mesh.size() + 1; bytes < su2_mesh.size(); ++bytes)
+    EXPECT_NE(error_with(su2_mesh.substr(0, bytes)), "(no error)") << bytes;
 }
 
 // VTKHDF: an unstructured grid in two partitions at two time steps, and an image.
-
-void put_attribute(hid_t group, const char* name, hid_t type, const void* values, hsize_t count) {
-  const hid_t space = H5Screate_simple(1, &count, nullptr);
-  const hid_t attribute = H5Acreate2(group, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
-  H5Awrite(attribute, type, values);
-  H5Aclose(attribute);
-  H5Sclose(space);
-}
-
-void put_type(hid_t group, const std::string& type) {
-  const std::array<std::int64_t, 2> version = {2, 0};
-  put_attribute(group, "Version", H5T_NATIVE_INT64, version.data(), 2);
-  const hid_t text = H5Tcopy(H5T_C_S1), space = H5Screate(H5S_SCALAR);
-  H5Tset_size(text, type.size());
-  const hid_t attribute = H5Acreate2(group, "Type", text, space, H5P_DEFAULT, H5P_DEFAULT);
-  H5Awrite(attribute, text, type.data());
-  H5Aclose(attribute);
-  H5Sclose(space);
-  H5Tclose(text);
-}
-
-template <class T>
-void put_array(hid_t group, const char* name, const std::vector<T>& values, std::vector<hsize_t> shape = {}) {
-  const hid_t type = std::is_same_v<T, double> ? H5T_NATIVE_DOUBLE : H5T_NATIVE_INT64;
-  if (shape.empty()) shape = {values.size()};
-  const hid_t space = H5Screate_simple(static_cast<int>(shape.size()), shape.data(), nullptr);
-  const hid_t array = H5Dcreate2(group, name, type, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-  H5Dwrite(array, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data());
-  H5Dclose(array);
-  H5Sclose(space);
-}
-
-hid_t make_group(hid_t parent, const char* name) {
-  return H5Gcreate2(parent, name, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-}
 
 /// Two tetrahedra at x = 0 and x = 2; at the second step the field is ten times as large.
 void write_vtkhdf(const std::string& path) {
@@ -869,6 +882,35 @@ TEST_F(FormatsTest, VtkHdf) {
   }
   test::expect_series(path("a.vtkhdf"), folder_, 2);
   expect_refused_or_equal("a.vtkhdf", "a.vtkhdf", 401);
+}
+
+// The arrays of each format are known by its header.
+TEST_F(FormatsTest, BesideFilesWithOtherArrays) {
+  write_tetrahedron("other.vtu", 20, "other");
+  write_vtkhdf(path("a.vtkhdf"));
+  write("text.msh", gmsh_4(false));
+  write("binary.msh", gmsh_2(true));
+  write("a.su2", su2_mesh);
+  write("restart.csv", su2_restart());
+  const std::vector<std::vector<std::string>> inputs = {
+      {path("a.vtkhdf")}, {path("text.msh")}, {path("binary.msh")}, {path("a.su2"), path("restart.csv")}};
+  for (const std::vector<std::string>& format : inputs) {
+    const auto alone = read_input(format);
+    ASSERT_TRUE(alone) << alone.error().message;
+    for (const bool format_first : {true, false}) {
+      std::vector<std::string> paths = format;
+      paths.insert(format_first ? paths.end() : paths.begin(), path("other.vtu"));
+      const auto input = read_input(paths);
+      ASSERT_TRUE(input) << input.error().message;
+      std::vector<std::string> expected = alone->attributes;
+      expected.insert(format_first ? expected.end() : expected.begin(), "other");
+      EXPECT_THAT(input->attributes, ::testing::UnorderedElementsAreArray(expected));
+      for (const Piece& piece : input->pieces)
+        for (std::size_t a = 0; a < input->attributes.size(); ++a)
+          EXPECT_EQ(std::isnan(piece.values[a][0]), (piece.points[0].x >= 20) != (input->attributes[a] == "other"))
+              << input->attributes[a];
+    }
+  }
 }
 
 TEST_F(FormatsTest, VtkHdfImage) {

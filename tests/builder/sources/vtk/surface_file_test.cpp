@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -16,6 +18,7 @@
 namespace splatvol {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
 using testing::StartsWith;
 
@@ -126,6 +129,116 @@ TEST_F(SurfaceFiles, ThatAreCutOffAreRefused) {
     constexpr std::size_t last = 12;  // bytes that no triangle needs
     for (std::size_t cut = 0; cut < text.size() - last; cut += 1 + text.size() / 40)
       EXPECT_THAT(error_of(write(name, text.substr(0, cut))), StartsWith(path(name) + ": ")) << cut;
+  }
+}
+
+/// The square of squares(), shown by these nodes. The scene shows node 0, and mesh 0 is the square.
+std::string square_shown_by(const std::string& nodes) {
+  const auto all = squares();
+  std::string text = std::ranges::find(all, std::string_view("a.gltf"), &SurfaceText::name)->text;
+  const std::string of_square = R"("nodes":[{"mesh":0,"translation":[0,0,3]}],)";
+  return text.replace(text.find(of_square), of_square.size(), R"("nodes":[)" + nodes + "],");
+}
+
+/// Nodes that each show the next one twice, and the last the square.
+std::string doublings(int count) {
+  std::string nodes;
+  for (int i = 1; i <= count; ++i) nodes += fmt::format(R"({{"children":[{0},{0}]}},)", i);
+  return nodes + R"({"mesh":0})";
+}
+
+TEST_F(SurfaceFiles, ThatShowTheirPartsTooOftenAreRefused) {
+  const auto mesh = read(write("a.gltf", square_shown_by(doublings(3))));
+  ASSERT_TRUE(mesh) << mesh.error().message;
+  EXPECT_EQ(mesh->triangles.size(), 16u);
+  for (const int count : {21, 30, 60, 5000})
+    EXPECT_THAT(error_of(write("a.gltf", square_shown_by(doublings(count)))),
+                AllOf(StartsWith(path("a.gltf") + ": its scenes show "), HasSubstr("at most 1048576 parts are read")))
+        << count;
+  EXPECT_THAT(error_of(write("a.gltf", square_shown_by(doublings(30)))), HasSubstr("1.07e+09 parts"));
+  // Nodes without a mesh take as long.
+  std::string empty = doublings(30);
+  empty.replace(empty.find("\"mesh\":0"), 8, "");
+  EXPECT_THAT(error_of(write("a.gltf", square_shown_by(empty))), HasSubstr("nodes with 0 parts"));
+  const std::string json = square_shown_by(doublings(30));
+  const auto size = static_cast<std::uint32_t>(json.size());
+  const auto number = [](std::uint32_t n) { return std::string(reinterpret_cast<const char*>(&n), sizeof(n)); };
+  EXPECT_THAT(error_of(write("a.glb", "glTF" + number(2) + number(size + 20) + number(size) + "JSON" + json)),
+              HasSubstr("1.07e+09 parts"));
+}
+
+TEST_F(SurfaceFiles, WhoseNodesContradictThemselvesAreRefused) {
+  for (const char* nodes : {R"({"children":[0]})", R"({"children":[1]},{"mesh":0,"children":[2]},{"children":[1]})"})
+    EXPECT_THAT(error_of(write("a.gltf", square_shown_by(nodes))), HasSubstr("a node contains itself")) << nodes;
+  for (const char* nodes : {R"({"children":[1]})", R"({"children":[-1]})", R"({"mesh":1})", R"({"children":[0.5]})"})
+    EXPECT_THAT(error_of(write("a.gltf", square_shown_by(nodes))), HasSubstr("that is not there")) << nodes;
+  EXPECT_THAT(error_of(write("a.gltf", square_shown_by(R"({"children":7})"))), HasSubstr("its children are no list"));
+  EXPECT_THAT(error_of(write("a.gltf", std::string(100'000, '['))), HasSubstr("nested deeper"));
+}
+
+/// A .ply file of the square, in binary.
+std::string binary_ply(bool big_endian) {
+  std::string text = fmt::format(
+      "ply\nformat binary_{}_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+      "element face 1\nproperty list uchar int vertex_indices\nend_header\n",
+      big_endian ? "big" : "little");
+  const auto put = [&](std::uint32_t number) {
+    for (int i = 0; i < 4; ++i) text += static_cast<char>(number >> (big_endian ? 24 - 8 * i : 8 * i));
+  };
+  for (const float number : {0.f, 0.f, 3.f, 2.f, 0.f, 3.f, 2.f, 2.f, 3.f, 0.f, 2.f, 3.f})
+    put(std::bit_cast<std::uint32_t>(number));
+  text += '\4';
+  for (std::uint32_t i = 0; i < 4; ++i) put(i);
+  return text;
+}
+
+TEST_F(SurfaceFiles, OfBinaryPlyAreWhole) {
+  for (const bool big_endian : {false, true}) {
+    const std::string whole = binary_ply(big_endian);
+    const auto mesh = read(write("a.ply", whole));
+    ASSERT_TRUE(mesh) << mesh.error().message;
+    EXPECT_EQ(mesh->triangles.size(), 2u);
+    for (std::size_t bytes = 0; bytes < whole.size(); ++bytes)
+      EXPECT_THAT(error_of(write("a.ply", whole.substr(0, bytes))), StartsWith(path("a.ply") + ": ")) << bytes;
+  }
+}
+
+// Lines of an .obj do not tell how many follow: what is left must be whole by itself.
+TEST_F(SurfaceFiles, OfObjThatAreCutOff) {
+  const std::string obj =
+      "v 0 0 3\nv 2 0 3\nv 2 2 3\nv 0 2 3\nvn 0 0 1\nvt 0 0\nf 1/1/1 2/1/1 3/1/1\n"
+      "f 1/1/1 3/1/1 \\\n4/1/1\nf -4/1/1 -2/1/1 -1/1/1\n# the end\n";
+  const auto mesh = read(write("a.obj", obj));
+  ASSERT_TRUE(mesh) << mesh.error().message;
+  ASSERT_EQ(mesh->triangles.size(), 3u);
+  for (const char* text : {"v 0 0", "v 0 0 x", "v 0 0 1,5", "v 0,5 0 1", "vn 0 0", "vn 0 0 1,5", "vt 0,5", "f 1 2",
+                           "f 1", "f", "v", "f 1 2 5", "f 1 2 0", "f -1 -2 -5", "f 1 2 3.5", "f 1 2 3/x"}) {
+    EXPECT_THAT(error_of(write("b.obj", obj + text + "\n")), StartsWith(path("b.obj") + ": ")) << text;
+    EXPECT_NE(error_of(write("b.obj", obj + text)), "(no error)") << text;
+  }
+  EXPECT_EQ(error_of(write("b.obj", obj + "o a\ng b\nusemtl c\ns off\nl 1 2\nv 0 0 1 0.5 0.5 0.5\n")), "(no error)");
+}
+
+TEST_F(SurfaceFiles, ThatEndWithANumberAreTold) {
+  const auto open_end = [&](const char* name, const std::string& text) { return read(write(name, text))->open_end; };
+  for (const auto& [name, text] : squares()) EXPECT_FALSE(open_end(name, text)) << name;
+  const auto all = squares();
+  for (const char* name : {"a.obj", "a.ply"}) {
+    const std::string& text = std::ranges::find(all, std::string_view(name), &SurfaceText::name)->text;
+    EXPECT_TRUE(open_end(name, text.substr(0, text.size() - 1))) << name;
+    EXPECT_FALSE(open_end(name, text.substr(0, text.size() - 1) + "\r\n")) << name;
+  }
+  EXPECT_FALSE(open_end("a.obj", "v 0 0 3\nv 2 0 3\nv 2 2 3\nf 1 2 3\n# the end"));
+  EXPECT_FALSE(open_end("a.stl", all.front().text.substr(0, all.front().text.size() - 1)));
+}
+
+TEST_F(SurfaceFiles, WithDecimalCommasAreRefused) {
+  for (const auto& [name, text] : squares()) {
+    std::string commas = text;
+    const std::size_t at = commas.find("2 0 3");
+    if (at == std::string::npos) continue;  // no text
+    EXPECT_THAT(error_of(write(name, commas.replace(at, 1, "2,5"))), StartsWith(path(name) + ": ")) << name;
+    EXPECT_THAT(error_of(write(name, commas.replace(at, 7, "2 0 3,5"))), StartsWith(path(name) + ": ")) << name;
   }
 }
 

@@ -1,0 +1,33 @@
+// Checks that an HDF5 file holds what it declares: the library reads zeros for values that are nowhere.
+#pragma once
+
+#include <string>
+
+#include "builder/sources/vtk/hdf5_handle.h"
+
+namespace splatvol {
+
+/// Keeps the library from loading filters, which are programs, from the folder that HDF5_PLUGIN_PATH names. To be
+/// called before a file is read.
+void forbid_hdf5_plugins();
+
+/// Whether an array holds numbers. False for texts, groups and types. Throws a ReaderError if `object` is not open,
+/// because its link leads nowhere, and if it holds something else. `name`: for messages.
+[[nodiscard]] bool holds_numbers(const Hdf5Handle& object, const std::string& name);
+
+/// Throws a ReaderError unless the file has every value of an array: files of raw data must be long enough. A part that
+/// was never written passes if its fill value stands for a missing value. Virtual arrays are refused. `name`: for
+/// messages.
+void check_values(hid_t array, const std::string& name);
+
+/// Which arrays of a file must have been written.
+enum class Hdf5Arrays {
+  all,
+  any  // the library of the format finds those that it needs
+};
+
+/// Throws a ReaderError unless check_values() passes every array of numbers of a file, and every link leads somewhere.
+/// Does not look into other files that it links.
+void check_hdf5_file(const std::string& path, Hdf5Arrays written);
+
+}  // namespace splatvol

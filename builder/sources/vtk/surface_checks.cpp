@@ -1,0 +1,319 @@
+#include "builder/sources/vtk/surface_checks.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "base/file.h"
+#include "base/nesting.h"
+#include "builder/sources/read_text.h"
+#include "builder/sources/vtk/file_words.h"
+
+namespace splatvol {
+namespace {
+
+constexpr const char* cut_or_comma = "damaged, cut off, or with decimal commas";
+
+template <class T>
+std::optional<T> whole_number(std::string_view word) {
+  T number{};
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
+  return error == std::errc() && end == word.data() + word.size() ? std::optional(number) : std::nullopt;
+}
+
+using Words = std::vector<std::string_view>;
+
+/// The words of a line, which must outlive them.
+Words words_of(std::string_view line) {
+  Words words;
+  for (std::size_t at = 0; at < line.size();) {
+    std::size_t end = at;
+    while (end < line.size() && !is_white_space(line[end])) ++end;
+    if (end > at) words.push_back(line.substr(at, end - at));
+    at = end + 1;
+  }
+  return words;
+}
+
+Status check_stl_text(std::unique_ptr<ByteSource> file) {
+  const std::string path = file->name();
+  FileWords words(std::move(file));
+  bool ended = false;
+  for (std::string word = words.next(); !word.empty(); word = words.next()) {
+    ended = word == "endsolid";
+    if (word == "solid" || ended) words.line();  // its name
+    if (word == "vertex" && words.skip_numbers(3) < 3)
+      return fail(ErrorCode::invalid_data, "{}: a vertex is not three numbers: {}", path, cut_or_comma);
+  }
+  if (ended) return {};
+  return fail(ErrorCode::invalid_data, "{}: the file is cut off: it does not end with \"endsolid\"", path);
+}
+
+/// A property of a .ply file.
+struct PlyProperty {
+  std::uint64_t bytes = 0;        // of a number
+  std::uint64_t count_bytes = 0;  // of the number of a list; 0: no list
+};
+
+struct PlyElement {
+  std::uint64_t count = 0;
+  std::vector<PlyProperty> properties;
+};
+
+class PlyFile {
+ public:
+  explicit PlyFile(std::unique_ptr<ByteSource> file) : path_(file->name()), words_(std::move(file)) {}
+
+  Result<bool> check() {
+    SPLATVOL_TRY(read_header());
+    for (const PlyElement& element : elements_) {
+      if (element.properties.empty()) continue;
+      for (std::uint64_t i = 0; i < element.count; ++i)
+        if (!(is_text_ ? skip_line(element) : skip_bytes(element)))
+          return fail(ErrorCode::invalid_data, "{}: it does not hold the numbers that its header states: {}", path_,
+                      cut_or_comma);
+    }
+    return open_end_;
+  }
+
+ private:
+  Status read_header() {
+    if (words_of(words_.line()) != Words{"ply"})
+      return fail(ErrorCode::invalid_data, "{}: not a PLY file: its first line is not \"ply\"", path_);
+    while (words_.ended_line()) {
+      const std::string text = words_.line();
+      const Words line = words_of(text);
+      if (line.empty()) continue;
+      if (line[0] == "end_header" && words_.ended_line()) return {};
+      if (line[0] == "format" && line.size() > 1) {
+        is_text_ = line[1] == "ascii";
+        big_endian_ = line[1] == "binary_big_endian";
+      }
+      const bool known = line[0] == "element" ? add_element(line) : line[0] != "property" || add_property(line);
+      if (!known) return fail(ErrorCode::invalid_data, "{}: the line \"{}\" of its header is damaged", path_, line[0]);
+    }
+    return fail(ErrorCode::invalid_data, "{}: the file is cut off within its header", path_);
+  }
+
+  bool add_element(const Words& line) {
+    const auto count = line.size() == 3 ? whole_number<std::uint64_t>(line[2]) : std::nullopt;
+    if (count) elements_.push_back({*count, {}});
+    return count.has_value();
+  }
+
+  bool add_property(const Words& line) {
+    const bool is_list = line.size() == 5 && line[1] == "list";
+    if (elements_.empty() || (!is_list && line.size() != 3)) return false;
+    const PlyProperty property{bytes_of(line[is_list ? 3 : 1]), is_list ? bytes_of(line[2]) : 0};
+    elements_.back().properties.push_back(property);
+    return property.bytes > 0 && (!is_list || property.count_bytes > 0);
+  }
+
+  static std::uint64_t bytes_of(std::string_view type) {
+    constexpr std::array<std::pair<std::string_view, std::uint64_t>, 16> types = {{{"char", 1},
+                                                                                   {"uchar", 1},
+                                                                                   {"int8", 1},
+                                                                                   {"uint8", 1},
+                                                                                   {"short", 2},
+                                                                                   {"ushort", 2},
+                                                                                   {"int16", 2},
+                                                                                   {"uint16", 2},
+                                                                                   {"int", 4},
+                                                                                   {"uint", 4},
+                                                                                   {"int32", 4},
+                                                                                   {"uint32", 4},
+                                                                                   {"float", 4},
+                                                                                   {"float32", 4},
+                                                                                   {"double", 8},
+                                                                                   {"float64", 8}}};
+    const auto* found = std::ranges::find(types, type, &std::pair<std::string_view, std::uint64_t>::first);
+    return found == types.end() ? 0 : found->second;
+  }
+
+  /// Skips the line of an element. Words behind its numbers do not count.
+  bool skip_line(const PlyElement& element) {
+    constexpr std::size_t longest = 4096;  // is kept of a line
+    const std::string text = words_.line();
+    const Words line = words_of(text);
+    const auto taken = words_taken(line, element);
+    open_end_ = taken == line.size() && !words_.ended_line() && !is_white_space(text.back());
+    return taken || text.size() == longest;
+  }
+
+  /// How many words of its line an element takes; nothing if a number lacks.
+  static std::optional<std::size_t> words_taken(const Words& line, const PlyElement& element) {
+    std::size_t next = 0;
+    for (const PlyProperty& property : element.properties) {
+      std::uint64_t count = 1;
+      if (property.count_bytes > 0) {
+        const auto stated = next < line.size() ? whole_number<std::uint64_t>(line[next++]) : std::nullopt;
+        if (!stated) return std::nullopt;
+        count = *stated;
+      }
+      if (count > line.size() - next || !std::ranges::all_of(std::span(line).subspan(next, count), is_number))
+        return std::nullopt;
+      next += count;
+    }
+    return next;
+  }
+
+  bool skip_bytes(const PlyElement& element) {
+    return std::ranges::all_of(element.properties, [&](const PlyProperty& property) { return skip_bytes(property); });
+  }
+
+  bool skip_bytes(const PlyProperty& property) {
+    if (property.count_bytes == 0) return words_.skip_bytes(property.bytes);
+    const std::string bytes = words_.bytes(property.count_bytes);
+    if (bytes.size() < property.count_bytes) return false;
+    std::uint64_t count = 0;
+    for (std::size_t i = 0; i < bytes.size(); ++i)
+      count = count << 8 | static_cast<unsigned char>(bytes[big_endian_ ? i : bytes.size() - 1 - i]);
+    constexpr std::uint64_t most = std::uint64_t{1} << 32;
+    return count < most && words_.skip_bytes(count * property.bytes);
+  }
+
+  std::string path_;
+  FileWords words_;
+  bool is_text_ = false;
+  bool big_endian_ = false;
+  bool open_end_ = false;
+  std::vector<PlyElement> elements_;
+};
+
+class ObjFile {
+ public:
+  explicit ObjFile(std::unique_ptr<ByteSource> file) : path_(file->name()), words_(std::move(file)) {}
+
+  Result<bool> check() {
+    bool ends_with_number = false;
+    while (!words_.at_end()) {
+      const std::string text = next_line();
+      const Words line = words_of(text);
+      const bool is_face = !line.empty() && line[0] == "f";
+      const bool has_numbers = is_face || (!line.empty() && (line[0] == "v" || line[0] == "vn" || line[0] == "vt"));
+      if (is_face ? !is_polygon(line) : has_numbers && !has_coordinates(line))
+        return fail(ErrorCode::invalid_data, "{}: line {}: too few numbers after \"{}\", or words that are none: {}",
+                    path_, line_, line[0], cut_or_comma);
+      ends_with_number = has_numbers && !words_.ended_line();
+    }
+    if (largest_corner_ > vertices_)
+      return fail(ErrorCode::invalid_data, "{}: a face names vertex {} of {}: damaged or cut off", path_,
+                  largest_corner_, vertices_);
+    return ends_with_number;
+  }
+
+ private:
+  /// A line without its comment, with those that go on with it.
+  std::string next_line() {
+    std::string whole;
+    for (;;) {
+      std::string line = words_.line();
+      ++line_;
+      line.resize(std::min(line.find('#'), line.size()));
+      while (line.ends_with('\r') || line.ends_with(' ')) line.pop_back();
+      if (!line.ends_with('\\') || words_.at_end()) return whole + line;
+      line.back() = ' ';
+      whole += line;
+    }
+  }
+
+  bool has_coordinates(const Words& line) {
+    vertices_ += line[0] == "v" ? 1 : 0;
+    const std::size_t needed = line[0] == "vt" ? 1 : 3;
+    return line.size() > needed && std::ranges::all_of(std::span(line).subspan(1), is_number);
+  }
+
+  /// Notes the corners of a face: vertices by their numbers from 1, or from -1 back.
+  bool is_polygon(const Words& line) {
+    for (std::size_t i = 1; i < line.size(); ++i) {
+      const std::size_t slash = std::min(line[i].find('/'), line[i].size());
+      const auto corner = whole_number<std::int64_t>(line[i].substr(0, slash));
+      const bool is_rest = line[i].find_first_not_of("0123456789-/", slash) == std::string::npos;
+      if (!corner || *corner == 0 || !is_rest) return false;
+      if (*corner < 0 && (*corner < -most_vertices || static_cast<std::uint64_t>(-*corner) > vertices_)) return false;
+      if (*corner > 0) largest_corner_ = std::max(largest_corner_, static_cast<std::uint64_t>(*corner));
+    }
+    return line.size() > 3;
+  }
+
+  static constexpr std::int64_t most_vertices = std::int64_t{1} << 62;
+
+  std::string path_;
+  FileWords words_;
+  std::uint64_t line_ = 0;
+  std::uint64_t vertices_ = 0;
+  std::uint64_t largest_corner_ = 0;
+};
+
+/// The JSON of a .gltf or .glb file; empty if it is too long to name files.
+Result<std::string> gltf_text(ByteSource& file) {
+  constexpr std::uint64_t longest = 16 << 20, header_bytes = 20;  // of a .glb: the length of its text is at 12
+  SPLATVOL_TRY_ASSIGN(start, read_text(file, 0, header_bytes));
+  if (!start.starts_with("glTF")) return file.size() > longest ? std::string() : read_text(file, 0, longest);
+  std::uint64_t length = 0;
+  for (std::size_t i = 16; start.size() == header_bytes && i-- > 12;)
+    length = length << 8 | static_cast<unsigned char>(start[i]);
+  return length > longest ? std::string() : read_text(file, header_bytes, length);
+}
+
+}  // namespace
+
+Status check_stl(const std::string& path) {
+  constexpr std::uint64_t header_bytes = 80, triangle_bytes = 50;
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  std::array<std::byte, 256> begin{};
+  SPLATVOL_TRY(file->read(0, std::span(begin).first(std::min<std::uint64_t>(begin.size(), file->size()))));
+  const bool is_text = std::memcmp(begin.data(), "solid", 5) == 0 &&
+                       std::ranges::all_of(begin, [](std::byte byte) { return byte < std::byte{128}; });
+  if (is_text) return check_stl_text(std::move(file));
+  std::uint32_t count = 0;  // little-endian
+  const std::uint64_t first = header_bytes + sizeof(count);
+  if (file->size() >= first)
+    for (std::size_t i = 0; i < sizeof(count); ++i)
+      count |= std::to_integer<std::uint32_t>(begin[header_bytes + i]) << 8 * i;
+  if (file->size() >= first + count * triangle_bytes) return {};
+  return fail(ErrorCode::invalid_data, "{}: the file is cut off, or no surface: it states {} triangles", path, count);
+}
+
+Status check_gltf_buffers(const std::string& path) {
+  constexpr int deepest = 64;
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  SPLATVOL_TRY_ASSIGN(text, gltf_text(*file));
+  if (is_nested_deeper(text, deepest)) return {};
+  const auto scene = nlohmann::json::parse(text, nullptr, false);
+  const auto buffers = scene.is_object() ? scene.find("buffers") : scene.end();
+  if (!scene.is_object() || buffers == scene.end()) return {};  // VTK's reader tells
+  for (const auto& buffer : *buffers) {
+    const auto uri = buffer.is_object() ? buffer.find("uri") : buffer.end();
+    if (!buffer.is_object() || uri == buffer.end() || !uri->is_string()) continue;
+    const auto& name = uri->get_ref<const std::string&>();
+    if (name.starts_with("data:")) continue;
+    const auto named = open_file(std::filesystem::path(path).parent_path() / name);
+    if (!named) return fail_in(path, named.error());
+  }
+  return {};
+}
+
+Result<bool> check_ply(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  return PlyFile(std::move(file)).check();
+}
+
+Result<bool> check_obj(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  return ObjFile(std::move(file)).check();
+}
+
+}  // namespace splatvol

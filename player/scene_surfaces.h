@@ -1,0 +1,30 @@
+// The surfaces of a scene, as far as memory has room for them.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "base/triangle_mesh.h"
+#include "format/volume.h"
+#include "scene/scene.h"
+#include "surfaces/surface.h"
+
+namespace splatvol {
+
+/// Returns the surfaces of a scene, and reads those that are shown (read_surfaces): files by `read_file`, patches of
+/// the boundary from `volume`. The patches may take a quarter of `memory`, by the counts in the metadata. Those that
+/// would take more are not read, the largest first (Surface::left_out).
+[[nodiscard]] Result<std::vector<Surface>> read_scene_surfaces(std::span<const SceneSurface> styles,
+                                                               const format::Volume& volume,
+                                                               const ReadSurface& read_file, std::uint64_t memory,
+                                                               std::span<const Surface> before);
+
+/// Returns an error with ErrorCode::out_of_budget that names the patches that shown surfaces lack; none if they lack
+/// none. `file` begins the message.
+[[nodiscard]] std::optional<Error> left_out_error(std::span<const Surface> surfaces, const std::string& file);
+
+}  // namespace splatvol
