@@ -310,7 +310,7 @@ Status sync_folder(const std::string& folder) {
   const int directory = uninterrupted([&] { return ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); });
   if (directory < 0 && errno == EACCES) return {};
   if (directory < 0) return fail_errno(folder, "cannot sync");
-  const Status result =
+  Status result =
       sync_fully(directory) || errno == EINVAL || errno == ENOTSUP ? Status{} : fail_errno(folder, "cannot sync");
   ::close(directory);
   return result;

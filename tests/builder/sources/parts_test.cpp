@@ -243,12 +243,12 @@ TEST_F(PartsTest, OtherNumbersOfComponentsAreRefusedByName) {
   write("a.vtu", vtu(piece(0, {{"s", one}, {"U", one}})));
   write("b.vtu", vtu(piece(1, {{"s", two}, {"U", std::vector<double>(12, 1), 3}})));
   for (const auto& paths : {std::vector{path("a.vtu"), path("b.vtu")}, std::vector{path("b.vtu"), path("a.vtu")}})
-    EXPECT_THAT(error_of(paths), AllOf(HasSubstr("the array \"U\" has"), HasSubstr("a.vtu"), HasSubstr("b.vtu"),
+    EXPECT_THAT(error_of(paths), AllOf(HasSubstr("the array \"U\" is a "), HasSubstr("a.vtu"), HasSubstr("b.vtu"),
                                        HasSubstr("--attribute")));
   EXPECT_EQ(error_of({path("a.vtu"), path("b.vtu")}, {{"s"}, {}}), "(no error)");
   const std::string both =
       write("both.vtu", vtu(piece(0, {{"U", one}}) + piece(1, {{"U", std::vector<double>(12, 1), 3}})));
-  EXPECT_THAT(error_of({both}), HasSubstr("the array \"U\" has"));
+  EXPECT_THAT(error_of({both}), HasSubstr("the array \"U\" is a "));
 }
 
 TEST_F(PartsTest, TextsAreNoMissingNumbers) {

@@ -970,7 +970,7 @@ TEST_F(BlocksTest, OpenFoamFieldsOfOneProcessor) {
                                     "dimensions [0 0 0 0 0 0 0];\ninternalField uniform (1 2 3);\n"
                                     "boundaryField\n{\n  walls\n  {\n    type zeroGradient;\n  }\n}\n"));
   for (const CellValues kind : {CellValues::averaged, CellValues::own})
-    EXPECT_THAT(error_of("case.foam", {{}, {}, {}, kind}), HasSubstr("the array \"k\" has "));
+    EXPECT_THAT(error_of("case.foam", {{}, {}, {}, kind}), HasSubstr("the array \"k\" is a "));
 }
 
 TEST_F(BlocksTest, OpenFoamFieldsOfOneStep) {
