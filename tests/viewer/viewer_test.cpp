@@ -110,7 +110,7 @@ class ViewerTest : public testing::Test {
   }
 
   // Where the panel has its check box "lighting".
-  static constexpr PointerMoved lighting_box{17, 546};
+  static constexpr PointerMoved lighting_box{17, 521};
 
   fs::path folder;
   Target target;
@@ -355,8 +355,8 @@ TEST_F(ViewerTest, AnyAxisMayBeUp) {
   frame({WindowResized{width, 900, width, 900, 1}});
   settle();
   for (const int axis : {2, 0, 1}) {
-    click(210, 597);
-    click(210, 622 + 19 * axis);
+    click(210, 572);
+    click(210, 597 + 19 * axis);
     settle();
     dvec3 up(0);
     up[axis] = 1;
@@ -390,10 +390,10 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
   const auto keep = [&] { click_and_settle(435, 540); };
   const auto replace = [&] { click_and_settle(366, 540); };
   const int shown = scene().width;
-  click_and_settle(100, 747);  // the section "save"
+  click_and_settle(100, 722);  // the section "save"
 
   // The picture as it is shown, then another view of it.
-  const auto save_picture = [&] { click_and_settle(60, 982); };
+  const auto save_picture = [&] { click_and_settle(60, 957); };
   save_picture();
   const std::string first = *read_text_file("v.png");
   const auto size_of = [](const std::string& png) {
@@ -414,13 +414,13 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
 
   // Another size. The window's picture comes back.
   fs::remove("v.png");
-  click_and_settle(18, 959);
-  click_and_settle(60, 1007);
+  click_and_settle(18, 934);
+  click_and_settle(60, 982);
   EXPECT_EQ(size_of(*read_text_file("v.png")), std::pair(1920, 1080));
   EXPECT_EQ(scene().width, shown);
 
   // A scene.
-  const auto save_scene = [&] { click_and_settle(40, 793); };
+  const auto save_scene = [&] { click_and_settle(40, 768); };
   save_scene();
   const std::string saved = *read_text_file("v.json");
   EXPECT_EQ(saved, to_json({scene(), {.file = "v.svol", .max_error = default_max_error, .kernel = "moments"}}))
@@ -454,9 +454,9 @@ TEST_F(ViewerTest, FilmsATurn) {
   frame({WindowResized{width, tall, width, tall, 1}});
   settle();
   const Camera before = scene().camera;
-  click(100, 722);  // the section "camera path"
+  click(100, 697);  // the section "camera path"
   settle();
-  const auto save_movie = [&] { click(70, 926); };
+  const auto save_movie = [&] { click(70, 901); };
 
   save_movie();
   for (int i = 0; i < 10; ++i) frame({});
@@ -488,9 +488,9 @@ TEST_F(ViewerTest, CopiesThePicture) {
   ASSERT_TRUE(target.resize(width, tall));
   frame({WindowResized{width, tall, width, tall, 1}});
   settle();
-  click(100, 747);  // the section "save"
+  click(100, 722);  // the section "save"
   settle();
-  click(230, 982);
+  click(230, 957);
   settle();
   const auto copied = read_text_file(path("copied.png"));
   ASSERT_TRUE(copied);
@@ -509,14 +509,14 @@ TEST_F(ViewerTest, ThePanelMayBeAtTheRight) {
     return read_framebuffer(width, tall).value();
   };
   const Image left = shown();
-  click(122, 696);  // the check box "panel at the right"
+  click(122, 671);  // the check box "panel at the right"
   const Image right = shown();
   double difference = 0;
   for (int y = 300; y < 700; ++y)  // the picture, without numbers and axes
     for (int x = 0; x < width - panel; ++x)
       difference = std::max(difference, static_cast<double>(glm::length(left.at(x + panel, y) - right.at(x, y))));
   EXPECT_LT(difference, 0.02);
-  click(width - panel + 17, 546);  // "lighting"
+  click(width - panel + 17, 521);  // "lighting"
   settle();
   EXPECT_TRUE(scene().lighting);
   const Camera before = scene().camera;
