@@ -31,8 +31,8 @@ class Statistics:
     bytes_read: int  #: of the file, since it was opened for drawing
     bytes_held: int  #: of the file, the most at any time
     seconds: float
-    #: errors of parts that could not be read, whose places are drawn coarser, and of patches of the boundary that are
-    #: left out because they need more than a quarter of the memory
+    #: errors of parts that could not be read: their places are drawn coarser. Also of patches of the boundary that are
+    #: left out: they need more than a quarter of the memory
     unreadable: Tuple[str, ...]
 
 

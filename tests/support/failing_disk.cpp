@@ -1,6 +1,6 @@
 // To be preloaded: a disk that fails once. Counts the calls of the system that change files or wait for the disk:
-// - SPLATVOL_FAIL_CALL: the number of the call that fails, from 0. None fails without it.
-// - SPLATVOL_FAIL_EACH: each call fails that counts.
+// - SPLATVOL_FAIL_CALL: the number of the call that fails, from 0. Without it, no call fails.
+// - SPLATVOL_FAIL_EACH: all calls that count fail.
 // - SPLATVOL_FAIL_ERROR: the number of its error, such as 5 for EIO.
 // - SPLATVOL_FAIL_HALF: a pwrite of this number writes half of its bytes, and the call after it fails.
 // - SPLATVOL_FAIL_ONLY: counts the calls of this name only, such as flock, which else does not count.

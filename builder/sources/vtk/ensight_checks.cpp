@@ -41,8 +41,8 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-/// Numbers and lines of one file, text or binary. `ended()` tells that the file ended before what was read, or that
-/// `odd()` stands where a number must be.
+/// Numbers and lines of one file, text or binary. `ended()` tells that a read failed: the file ended, or `odd()` stands
+/// where a number must be.
 class EnsightReader {
  public:
   EnsightReader(std::unique_ptr<ByteSource> file, EnsightEncoding encoding)
