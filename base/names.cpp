@@ -40,6 +40,12 @@ Result<std::vector<std::size_t>> find_patches(const std::string& file, const std
               fmt::join(names, ", "));
 }
 
+std::string in_lower_case(std::string text) {
+  for (char& c : text)
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  return text;
+}
+
 std::string free_name(const std::string& name, const std::function<bool(const std::string&)>& is_taken) {
   if (!is_taken(name)) return name;
   std::string other = name + " (splat)";

@@ -25,6 +25,9 @@ namespace splatvol {
 [[nodiscard]] Result<std::vector<std::size_t>> find_patches(const std::string& file, const std::string& pattern,
                                                             std::span<const std::string> names);
 
+/// Returns a text with its letters A to Z in lower case.
+[[nodiscard]] std::string in_lower_case(std::string text);
+
 /// Returns `name` if it is free, else the first of `name (splat)`, `name (splat 2)`, `name (splat 3)`, ... that is
 /// free.
 [[nodiscard]] std::string free_name(const std::string& name, const std::function<bool(const std::string&)>& is_taken);

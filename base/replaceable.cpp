@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <filesystem>
 #include <span>
 #include <string_view>
 
 #include "base/file.h"
+#include "base/names.h"
 
 namespace splatvol {
 namespace {
@@ -60,9 +60,7 @@ bool is_of(const FileKind& kind, std::string_view bytes) {
 std::string vdb_export_mark(std::string_view uuid) { return fmt::format("splatvol export {}", uuid); }
 
 bool has_extension(const std::string& path, const std::string& extension) {
-  std::string of_path = std::filesystem::path(path).extension().string();
-  std::ranges::transform(of_path, of_path.begin(), [](unsigned char c) { return std::tolower(c); });
-  return of_path == extension;
+  return in_lower_case(std::filesystem::path(path).extension().string()) == extension;
 }
 
 Status check_replaceable(const std::string& path, Replace replace) {

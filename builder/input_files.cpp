@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "base/file.h"
+#include "base/names.h"
 #include "base/replaceable.h"
 #include "builder/exodus_pieces.h"
 #include "builder/sources/npy_header.h"
@@ -39,12 +40,6 @@ constexpr std::array<MultiBlockExtension, 14> multi_block_extensions = {{{".e", 
                                                                          {".vtkhdf", VtkFile::Kind::vtkhdf},
                                                                          {".hdf", VtkFile::Kind::vtkhdf}}};
 
-std::string in_lower_case(std::string_view text) {
-  std::string lower(text);
-  std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return std::tolower(c); });
-  return lower;
-}
-
 /// Removes `mark` and the digits behind it from the end of a name. Returns whether they were there.
 bool cut_number(std::string_view& name, std::string_view mark) {
   const std::size_t last = name.find_last_not_of("0123456789");
@@ -63,7 +58,7 @@ std::optional<VtkFile::Kind> multi_block_kind(std::string_view path) {
     return found == multi_block_extensions.end() ? std::nullopt : std::optional(found->kind);
   };
   if (path.ends_with("/system/controlDict")) return VtkFile::Kind::openfoam;
-  const std::string lower = in_lower_case(path);
+  const std::string lower = in_lower_case(std::string(path));
   std::string_view name = lower;
   if (const auto kind = kind_of(name)) return kind;
   const bool is_part = cut_number(name, ".") && cut_number(name, ".");
@@ -147,7 +142,7 @@ bool holds_data(const std::string& path) {
                                                            ".tec", ".frd",  ".inp", ".unv", ".nek5000", ".d3plot"};
   const auto file = open_file(path);
   if (!file) return false;
-  const std::string name = in_lower_case(path);
+  const std::string name = in_lower_case(std::string(path));
   if (std::ranges::any_of(extensions, [&](std::string_view extension) { return name.ends_with(extension); }))
     return true;
   const auto header = read_header(path);
@@ -199,7 +194,7 @@ bool is_csv(std::string_view path) {
 bool has_vtk_extension(std::string_view path) {
   constexpr std::array<std::string_view, 11> extensions = {".vtu", ".pvtu", ".vtk", ".vts",  ".vtr", ".vti",
                                                            ".vtp", ".pvd",  ".vtm", ".vtpd", ".vtpc"};
-  const std::string name = in_lower_case(path);
+  const std::string name = in_lower_case(std::string(path));
   return std::ranges::any_of(extensions, [&](std::string_view extension) { return name.ends_with(extension); });
 }
 

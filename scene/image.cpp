@@ -1,21 +1,19 @@
 #include "scene/image.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <exception>
 #include <filesystem>
 
 #include "base/file.h"
+#include "base/names.h"
 #include "scene/image_codecs.h"
 
 namespace splatvol {
 namespace {
 
 std::string lower_extension(const std::string& path) {
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
-  return extension;
+  return in_lower_case(std::filesystem::path(path).extension().string());
 }
 
 /// Like std::max, but NaN counts as the largest.

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "base/names.h"
 #include "streamer/survey.h"
 
 namespace splatvol {
@@ -19,11 +19,6 @@ enum class Interest { main, other, component, mostly_missing, whole_numbers, con
 constexpr std::uint64_t enough_points = 5000;  // to tell ids from quantities
 constexpr double least_relative_range = 1e-6;  // of the largest value; below, an attribute counts as constant
 constexpr std::array<std::string_view, 5> id_endings = {"Id", "ID", "Ids", "IDs", "_id"};
-
-std::string in_lower_case(std::string text) {
-  std::ranges::transform(text, text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
-}
 
 bool is_pressure(const std::string& name) {
   const std::string lower = in_lower_case(name);

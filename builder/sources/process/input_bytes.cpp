@@ -1,7 +1,6 @@
 #include "builder/sources/process/input_bytes.h"
 
 #include <algorithm>
-#include <cctype>
 #include <filesystem>
 #include <initializer_list>
 #include <set>
@@ -17,11 +16,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t most_looks = std::size_t{1} << 20;
-
-std::string in_small_letters(std::string text) {
-  std::ranges::transform(text, text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
-}
 
 bool is_one_of(std::string_view word, std::initializer_list<std::string_view> words) {
   return std::ranges::find(words, word) != words.end();
@@ -46,7 +40,7 @@ class InputFiles {
   bool may_look() { return ++looks_ <= most_looks; }
 
   void add_others(const fs::path& path) {
-    const std::string extension = in_small_letters(path.extension().string());
+    const std::string extension = in_lower_case(path.extension().string());
     if (path.filename() == "controlDict") return add_folder(path.parent_path().parent_path());
     if (extension == ".foam") return add_folder(path.parent_path());
     if (is_one_of(extension, {".pvd", ".pvtu", ".vtm", ".vtpd", ".vtpc", ".gltf"})) return add_named(path, "\"'");

@@ -8,6 +8,7 @@
 #include <system_error>
 #include <utility>
 
+#include "base/names.h"
 #include "builder/sources/read_text.h"
 
 namespace splatvol {
@@ -31,11 +32,7 @@ void FileWords::skip_white_space() {
   while (fill() && is_white_space(text_[at_])) ++at_;
 }
 
-std::string FileWords::next() {
-  std::string word = name();
-  std::ranges::transform(word, word.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return word;
-}
+std::string FileWords::next() { return in_lower_case(name()); }
 
 std::string FileWords::name() {
   skip_white_space();
