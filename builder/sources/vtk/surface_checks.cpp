@@ -68,6 +68,7 @@ struct PlyProperty {
 };
 
 struct PlyElement {
+  std::string name;
   std::uint64_t count = 0;
   std::vector<PlyProperty> properties;
 };
@@ -76,16 +77,27 @@ class PlyFile {
  public:
   explicit PlyFile(std::unique_ptr<ByteSource> file) : path_(file->name()), words_(std::move(file)) {}
 
-  Result<bool> check() {
+  Result<LastLine> check() {
     SPLATVOL_TRY(read_header());
+    if (elements_.size() < 2 || elements_[0].name != "vertex" || elements_[1].name != "face")
+      return fail(ErrorCode::unsupported,
+                  "{}: its vertices must come first, then its faces, then all else: write it "
+                  "so by another program",
+                  path_);
     for (const PlyElement& element : elements_) {
       if (element.properties.empty()) continue;
-      for (std::uint64_t i = 0; i < element.count; ++i)
-        if (!(is_text_ ? skip_line(element) : skip_bytes(element)))
+      for (std::uint64_t i = 0; i < element.count; ++i) {
+        const bool skipped = is_text_ ? skip_line(element) : skip_bytes(element);
+        if (line_is_too_long_) return fail_long_line();
+        if (most_in_list_ > most_corners && &element == &elements_[1])
+          return fail(ErrorCode::unsupported, "{}: a face has more than {} corners: split it into triangles", path_,
+                      most_corners);
+        if (!skipped)
           return fail(ErrorCode::invalid_data, "{}: it does not hold the numbers that its header states: {}", path_,
                       cut_or_comma);
+      }
     }
-    return open_end_;
+    return last_line_;
   }
 
  private:
@@ -94,6 +106,7 @@ class PlyFile {
       return fail(ErrorCode::invalid_data, "{}: not a PLY file: its first line is not \"ply\"", path_);
     while (words_.ended_line()) {
       const std::string text = words_.line();
+      if (text.size() > longest_line) return fail_long_line();
       const Words line = words_of(text);
       if (line.empty()) continue;
       if (line[0] == "end_header" && words_.ended_line()) return {};
@@ -109,7 +122,7 @@ class PlyFile {
 
   bool add_element(const Words& line) {
     const auto count = line.size() == 3 ? whole_number<std::uint64_t>(line[2]) : std::nullopt;
-    if (count) elements_.push_back({*count, {}});
+    if (count) elements_.push_back({std::string(line[1]), *count, {}});
     return count.has_value();
   }
 
@@ -144,16 +157,17 @@ class PlyFile {
 
   /// Skips the line of an element. Words behind its numbers do not count.
   bool skip_line(const PlyElement& element) {
-    constexpr std::size_t longest = 4096;  // is kept of a line
     const std::string text = words_.line();
+    line_is_too_long_ = text.size() > longest_line;
     const Words line = words_of(text);
     const auto taken = words_taken(line, element);
-    open_end_ = taken == line.size() && !words_.ended_line() && !is_white_space(text.back());
-    return taken || text.size() == longest;
+    const bool ends_with_number = taken == line.size() && !text.empty() && !is_white_space(text.back());
+    last_line_ = words_.ended_line() ? LastLine::ended : ends_with_number ? LastLine::open_number : LastLine::open;
+    return taken.has_value();
   }
 
   /// How many words of its line an element takes; nothing if a number lacks.
-  static std::optional<std::size_t> words_taken(const Words& line, const PlyElement& element) {
+  std::optional<std::size_t> words_taken(const Words& line, const PlyElement& element) {
     std::size_t next = 0;
     for (const PlyProperty& property : element.properties) {
       std::uint64_t count = 1;
@@ -161,6 +175,7 @@ class PlyFile {
         const auto stated = next < line.size() ? whole_number<std::uint64_t>(line[next++]) : std::nullopt;
         if (!stated) return std::nullopt;
         count = *stated;
+        most_in_list_ = std::max(most_in_list_, count);
       }
       if (count > line.size() - next || !std::ranges::all_of(std::span(line).subspan(next, count), is_number))
         return std::nullopt;
@@ -181,14 +196,26 @@ class PlyFile {
     for (std::size_t i = 0; i < bytes.size(); ++i)
       count = count << 8 | static_cast<unsigned char>(bytes[big_endian_ ? i : bytes.size() - 1 - i]);
     constexpr std::uint64_t most = std::uint64_t{1} << 32;
+    most_in_list_ = std::max(most_in_list_, count);
     return count < most && words_.skip_bytes(count * property.bytes);
   }
+
+  [[nodiscard]] tl::unexpected<Error> fail_long_line() const {
+    return fail(ErrorCode::unsupported, "{}: a line is longer than {} bytes: write the file again, binary", path_,
+                longest_line);
+  }
+
+  // What VTK's reader takes. It loses what is longer, and writes beyond its arrays.
+  static constexpr std::size_t longest_line = 4000;
+  static constexpr std::uint64_t most_corners = 255;
 
   std::string path_;
   FileWords words_;
   bool is_text_ = false;
   bool big_endian_ = false;
-  bool open_end_ = false;
+  LastLine last_line_ = LastLine::ended;
+  bool line_is_too_long_ = false;
+  std::uint64_t most_in_list_ = 0;
   std::vector<PlyElement> elements_;
 };
 
@@ -196,8 +223,8 @@ class ObjFile {
  public:
   explicit ObjFile(std::unique_ptr<ByteSource> file) : path_(file->name()), words_(std::move(file)) {}
 
-  Result<bool> check() {
-    bool ends_with_number = false;
+  Result<LastLine> check() {
+    auto last_line = LastLine::ended;
     while (!words_.at_end()) {
       const std::string text = next_line();
       const Words line = words_of(text);
@@ -206,12 +233,12 @@ class ObjFile {
       if (is_face ? !is_polygon(line) : has_numbers && !has_coordinates(line))
         return fail(ErrorCode::invalid_data, "{}: line {}: too few numbers after \"{}\", or words that are none: {}",
                     path_, line_, line[0], cut_or_comma);
-      ends_with_number = has_numbers && !words_.ended_line();
+      last_line = words_.ended_line() ? LastLine::ended : has_numbers ? LastLine::open_number : LastLine::open;
     }
     if (largest_corner_ > vertices_)
       return fail(ErrorCode::invalid_data, "{}: a face names vertex {} of {}: damaged or cut off", path_,
                   largest_corner_, vertices_);
-    return ends_with_number;
+    return last_line;
   }
 
  private:
@@ -306,12 +333,12 @@ Status check_gltf_buffers(const std::string& path) {
   return {};
 }
 
-Result<bool> check_ply(const std::string& path) {
+Result<LastLine> check_ply(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   return PlyFile(std::move(file)).check();
 }
 
-Result<bool> check_obj(const std::string& path) {
+Result<LastLine> check_obj(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   return ObjFile(std::move(file)).check();
 }

@@ -25,6 +25,7 @@
 #include "base/file.h"
 #include "base/replaceable.h"
 #include "builder/mesh/usable_numbers.h"
+#include "builder/sources/read_text.h"
 #include "builder/sources/vtk/gltf_checks.h"
 #include "builder/sources/vtk/legacy_checks.h"
 #include "builder/sources/vtk/messages.h"
@@ -59,8 +60,7 @@ vtkSmartPointer<vtkAlgorithm> reader_of(const std::string& path) {
   return nullptr;
 }
 
-/// Returns whether the file ends with a number, which may be cut off.
-Result<bool> check_file(const std::string& path) {
+Result<LastLine> check_file(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));  // whose errors name the reason
   if (has_extension(path, ".obj")) return check_obj(path);
   if (has_extension(path, ".ply")) return check_ply(path);
@@ -69,7 +69,17 @@ Result<bool> check_file(const std::string& path) {
   if (has_extension(path, ".vtp")) SPLATVOL_TRY(check_xml(path));
   if (has_extension(path, ".vtk")) SPLATVOL_TRY(check_legacy(path));
   if (is_gltf(path)) SPLATVOL_TRY(check_gltf(path));
-  return false;
+  return LastLine::ended;
+}
+
+/// Gives the reader of a .ply file the file's text with the end of a line, which the file lacks.
+Status end_last_line(const std::string& path, vtkAlgorithm& reader) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  SPLATVOL_TRY_ASSIGN(text, read_text(*file, 0, file->size()));
+  auto& ply = *vtkPLYReader::SafeDownCast(&reader);
+  ply.ReadFromInputStringOn();
+  ply.SetInputString(text + '\n');
+  return {};
 }
 
 Status append(vtkPolyData& data, TriangleMesh& mesh) {
@@ -125,9 +135,10 @@ Result<TriangleMesh> read_surface_file(const std::string& path) {
   if (!reader)
     return fail(ErrorCode::unsupported, "{}: no surface: take a .stl, .obj, .ply, .gltf, .glb, .vtp or .vtk file",
                 path);
-  SPLATVOL_TRY_ASSIGN(ends_with_number, check_file(path));
+  SPLATVOL_TRY_ASSIGN(last_line, check_file(path));
+  if (last_line != LastLine::ended && has_extension(path, ".ply")) SPLATVOL_TRY(end_last_line(path, *reader));
   TriangleMesh mesh;
-  mesh.open_end = ends_with_number;
+  mesh.open_end = last_line == LastLine::open_number;
   Status appended;
   SPLATVOL_TRY(run_vtk(path, [&] {
     reader->Update();

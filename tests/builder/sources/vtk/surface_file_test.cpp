@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/file.h"
@@ -19,7 +20,9 @@ namespace splatvol {
 namespace {
 
 using testing::AllOf;
+using testing::AnyOf;
 using testing::HasSubstr;
+using testing::SizeIs;
 using testing::StartsWith;
 
 /// A square of side 2 at z = 3, as each format writes it.
@@ -220,7 +223,15 @@ TEST_F(SurfaceFiles, OfObjThatAreCutOff) {
 }
 
 TEST_F(SurfaceFiles, ThatEndWithANumberAreTold) {
-  const auto open_end = [&](const char* name, const std::string& text) { return read(write(name, text))->open_end; };
+  const auto open_end = [&](const char* name, const std::string& text) {
+    const auto mesh = read(write(name, text));
+    EXPECT_TRUE(mesh) << mesh.error().message;
+    if (!mesh) return false;
+    EXPECT_THAT(mesh->triangles, SizeIs(AnyOf(1, 2))) << name;
+    for (const auto& triangle : mesh->triangles)
+      for (const std::uint32_t point : triangle) EXPECT_EQ(mesh->points[point].z, 3) << name;
+    return mesh->open_end;
+  };
   for (const auto& [name, text] : squares()) EXPECT_FALSE(open_end(name, text)) << name;
   const auto all = squares();
   for (const char* name : {"a.obj", "a.ply"}) {
@@ -230,6 +241,34 @@ TEST_F(SurfaceFiles, ThatEndWithANumberAreTold) {
   }
   EXPECT_FALSE(open_end("a.obj", "v 0 0 3\nv 2 0 3\nv 2 2 3\nf 1 2 3\n# the end"));
   EXPECT_FALSE(open_end("a.stl", all.front().text.substr(0, all.front().text.size() - 1)));
+}
+
+// VTK's reader takes the first elements for vertices and faces, loses long lines and counts corners in a byte.
+TEST_F(SurfaceFiles, OfPlyThatVtkMisreadsAreRefused) {
+  const auto all = squares();
+  const std::string& text = std::ranges::find(all, std::string_view("a.ply"), &SurfaceText::name)->text;
+  const std::string material = "element material 1\nproperty float r\nproperty float g\nproperty float b\n";
+  const auto changed = [&](std::vector<std::pair<std::string, std::string>> insertions) {
+    std::string all_of_it = text;
+    for (const auto& [before, what] : insertions) all_of_it.insert(all_of_it.find(before), what);
+    return write("a.ply", all_of_it);
+  };
+  EXPECT_THAT(error_of(changed({{"element vertex", material}, {"0 0 3", "9 9 9\n"}})),
+              HasSubstr("vertices must come first"));
+  EXPECT_THAT(error_of(changed({{"element face", material}, {"4 0 1 2 3", "9 9 9\n"}})),
+              HasSubstr("vertices must come first"));
+  EXPECT_EQ(error_of(write("a.ply", text.substr(0, text.find("end_header")) + material +
+                                        text.substr(text.find("end_header")) + "9 9 9\n")),
+            "(no error)");
+  EXPECT_THAT(error_of(changed({{"2 0 3", std::string(5000, ' ')}})), HasSubstr("a line is longer"));
+  EXPECT_THAT(error_of(changed({{"element face", "comment " + std::string(5000, 'a') + "\n"}})),
+              HasSubstr("a line is longer"));
+  std::string corners = "257";
+  for (int i = 0; i < 257; ++i) corners += fmt::format(" {}", i % 4);
+  std::string wide = text;
+  wide.replace(wide.find("list uchar"), 10, "list int");
+  wide.replace(wide.find("4 0 1 2 3"), 9, corners);
+  EXPECT_THAT(error_of(write("a.ply", wide)), HasSubstr("more than 255 corners"));
 }
 
 TEST_F(SurfaceFiles, WithDecimalCommasAreRefused) {
