@@ -1,27 +1,28 @@
 // Makes and passes on errors (splatvol/error.h). Only tools print them.
 #pragma once
 
-#include <fmt/format.h>
+#include <fmt/core.h>
 
 #include <string>
 #include <utility>
 
-#include "base/printable.h"
 #include "splatvol/error.h"
 
 namespace splatvol {
+
+/// Makes the failure of `fail`.
+[[nodiscard]] tl::unexpected<Error> formatted_failure(ErrorCode code, fmt::string_view format,
+                                                      fmt::format_args arguments);
 
 /// Makes a failure, for a function that returns a Result: `return fail(ErrorCode::io, "...", ...)`. `?` stands for the
 /// control characters of names and texts in the message.
 template <class... Args>
 [[nodiscard]] tl::unexpected<Error> fail(ErrorCode code, fmt::format_string<Args...> format, Args&&... args) {
-  return tl::unexpected<Error>(Error{code, one_line(fmt::format(format, std::forward<Args>(args)...))});
+  return formatted_failure(code, format, fmt::make_format_args(args...));
 }
 
 /// Passes an error on, with `where` in front of its message: "mesh.vtu: not XML".
-[[nodiscard]] inline tl::unexpected<Error> fail_in(const std::string& where, const Error& error) {
-  return tl::unexpected<Error>(Error{error.code, one_line(where) + ": " + error.message});
-}
+[[nodiscard]] tl::unexpected<Error> fail_in(const std::string& where, const Error& error);
 
 // Early return of errors. The first form discards the value; the second declares `name` with it.
 #define SPLATVOL_TRY(expression)                                                                                   \

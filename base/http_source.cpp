@@ -2,6 +2,7 @@
 
 #include <curl/curl.h>
 #include <dlfcn.h>
+#include <fmt/format.h>
 #include <pthread.h>
 
 #include <algorithm>

@@ -1,5 +1,7 @@
 #include "base/replaceable.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <filesystem>

@@ -1,6 +1,7 @@
 #include "base/temporary_names.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 

@@ -2,6 +2,8 @@
 // tile_bench FILE.svol SCENE.json [REPEATS [SAMPLE_SPACING [none|axis|exact [OUTPUT]]]]
 // tile_bench --random COUNT PIXELS [REPEATS]: random splats so many pixels wide, drawn by tiles alone
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cstdlib>
 #include <ctime>

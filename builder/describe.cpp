@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "base/json.h"
 #include "builder/reduction/clusters.h"
 
 namespace splatvol {
@@ -70,7 +71,7 @@ std::string describe_provenance(const BuildOptions& options, const BuildReport& 
                              {"left_out_flat", cells.left_out_flat},
                              {"non_finite", cells.non_finite},
                              {"not_star_shaped", cells.not_star_shaped}}}};
-  return provenance.dump(-1, ' ', false, json::error_handler_t::replace);
+  return json_text(provenance);
 }
 
 }  // namespace splatvol

@@ -1,5 +1,7 @@
 #include "builder/input_files.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cctype>

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/printable.h"
 #include "builder/input_files.h"
 #include "builder/open_own.h"
 #include "builder/sources/time_steps.h"

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/locked_file.h"
 #include "builder/boundary/boundary_source.h"
 #include "builder/checking.h"
@@ -306,7 +307,7 @@ class SeriesBuild {
 
   std::string step_provenance(std::size_t s) const {
     const nlohmann::json provenance = {{"builder", options_.builder}, {"inputs", {group_[s].name}}};
-    return provenance.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+    return json_text(provenance);
   }
 
   BuildOptions options_;

@@ -1,5 +1,6 @@
 #include "builder/series_files.h"
 
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include <algorithm>

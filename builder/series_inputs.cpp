@@ -1,5 +1,7 @@
 #include "builder/series_inputs.h"
 
+#include <fmt/format.h>
+
 #include <charconv>
 #include <cmath>
 #include <filesystem>

@@ -1,5 +1,6 @@
 #include "exporter/vdb_grids.h"
 
+#include <fmt/format.h>
 #include <openvdb/openvdb.h>
 
 #include <array>

@@ -1,5 +1,7 @@
 #include "exporter/vtu_export.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <bit>

@@ -1,5 +1,7 @@
 #include "format/container.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 

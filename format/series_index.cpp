@@ -5,6 +5,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "base/json.h"
 #include "base/nesting.h"
 
 namespace splatvol::format {
@@ -20,7 +21,7 @@ bool is_file_name(const std::string& file) {
   return !file.empty() && file != "." && file != ".." && file.find_first_of(std::string_view("/\0", 2)) == file.npos;
 }
 
-bool is_step(const ordered_json& step) {
+bool is_step(const nlohmann::json& step) {
   return step.is_object() && step.contains("time") && step["time"].is_number() && step.contains("file") &&
          step["file"].is_string() && std::isfinite(step["time"].get<double>());
 }
@@ -28,15 +29,15 @@ bool is_step(const ordered_json& step) {
 // A number, or null for none.
 ordered_json bound_to_json(double bound) { return std::isnan(bound) ? ordered_json() : ordered_json(bound); }
 
-bool read_bound(const ordered_json& attribute, const char* key, double& bound) {
+bool read_bound(const nlohmann::json& attribute, const char* key, double& bound) {
   if (!attribute.contains(key)) return false;
-  const ordered_json& number = attribute[key];
+  const nlohmann::json& number = attribute[key];
   if (!number.is_number() && !number.is_null()) return false;
   bound = number.is_null() ? std::numeric_limits<double>::quiet_NaN() : number.get<double>();
   return !std::isinf(bound);
 }
 
-bool read_attribute(const ordered_json& json, SeriesIndex::Attribute& attribute) {
+bool read_attribute(const nlohmann::json& json, SeriesIndex::Attribute& attribute) {
   const auto is_text = [&](const char* key) { return json.contains(key) && json[key].is_string(); };
   if (!json.is_object() || !is_text("name") || !is_text("unit")) return false;
   attribute.name = json["name"].get<std::string>();
@@ -46,10 +47,10 @@ bool read_attribute(const ordered_json& json, SeriesIndex::Attribute& attribute)
   return range.min <= range.max || (std::isnan(range.min) && std::isnan(range.max));
 }
 
-Status read_attributes(const ordered_json& document, SeriesIndex& index) {
+Status read_attributes(const nlohmann::json& document, SeriesIndex& index) {
   if (!document.contains("attributes") || !document["attributes"].is_array())
     return fail(ErrorCode::invalid_data, "not the index of a time series: no list \"attributes\"");
-  for (const ordered_json& json : document["attributes"]) {
+  for (const nlohmann::json& json : document["attributes"]) {
     SeriesIndex::Attribute attribute;
     if (!read_attribute(json, attribute))
       return fail(ErrorCode::invalid_data,
@@ -84,17 +85,17 @@ std::string to_json(const SeriesIndex& index) {
                           {"min", bound_to_json(attribute.range.min)},
                           {"max", bound_to_json(attribute.range.max)}});
   const ordered_json document = {{"steps", steps}, {"attributes", attributes}};
-  return document.dump(1, ' ', false, ordered_json::error_handler_t::replace) + "\n";
+  return json_text(document, 1) + "\n";
 }
 
 Result<SeriesIndex> series_index_from_json(const std::string& text) {
   if (is_nested_deeper(text, max_nesting))
     return fail(ErrorCode::invalid_data, "not the index of a time series: nested deeper than {} levels", max_nesting);
-  const auto document = ordered_json::parse(text, nullptr, false);
+  const nlohmann::json document = parse_json_or_discard(text);
   if (!document.is_object() || !document.contains("steps") || !document["steps"].is_array())
     return fail(ErrorCode::invalid_data, "not the index of a time series: no list \"steps\"");
   SeriesIndex index;
-  for (const ordered_json& step : document["steps"]) {
+  for (const nlohmann::json& step : document["steps"]) {
     const std::size_t number = index.steps.size();
     if (!is_step(step)) return fail(ErrorCode::invalid_data, "step {} lacks a \"time\" or a \"file\"", number);
     index.steps.push_back({step["time"].get<double>(), step["file"].get<std::string>()});

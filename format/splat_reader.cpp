@@ -1,5 +1,7 @@
 #include "format/splat_reader.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <optional>
 #include <utility>

@@ -1,4 +1,6 @@
 // Volume::verify: the whole-file check of spec/svol-1.md, section 10.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <atomic>
 #include <bit>

@@ -1,5 +1,7 @@
 #include "format/volume.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <bit>
 #include <cmath>

@@ -1,5 +1,7 @@
 #include "format/volume_info.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,6 +10,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "base/json.h"
 #include "base/names.h"
 #include "base/nesting.h"
 #include "format/layout.h"
@@ -291,7 +294,7 @@ VolumeInfo read_info(const json& root) {
   }
   require(info.size_bounds.size() <= max_size_bounds, fmt::format("more than {} size bounds", max_size_bounds));
   require(member(root, "provenance").is_object(), "'provenance' is not an object");
-  info.provenance = root.at("provenance").dump();
+  info.provenance = json_text(root.at("provenance"));
   if (root.contains("boundary")) info.boundary = read_boundary(root.at("boundary"));
   if (root.contains("up")) info.up = read_axis(text(root, "up"));
   return info;
@@ -300,7 +303,7 @@ VolumeInfo read_info(const json& root) {
 // (The library's own hook for such checks takes time in proportion to the square of a list's length.)
 json parse_shallow(const std::string& text) {
   require(!is_nested_deeper(text, max_nesting), fmt::format("nested deeper than {} levels", max_nesting));
-  return json::parse(text);
+  return parse_json(text);
 }
 
 json to_json(const Attribute& attribute) {
@@ -358,7 +361,7 @@ StepInfo read_step(const json& root, const VolumeInfo& info) {
     require(column.kind == ColumnKind::unknown || column.attribute >= 0, "a step has a column without an attribute");
   step.rows_per_directory_page = static_cast<std::uint32_t>(whole_member(root, "rows_per_directory_page", 1, 1u << 24));
   require(member(root, "provenance").is_object(), "'provenance' is not an object");
-  step.provenance = root.at("provenance").dump();
+  step.provenance = json_text(root.at("provenance"));
   return step;
 }
 
@@ -431,7 +434,7 @@ Result<int> find_attribute(const VolumeInfo& info, const std::string& name, cons
 Result<std::string> metadata_to_json(const VolumeInfo& info) {
   try {
     // Names come from input files and may not be UTF-8.
-    std::string text = to_json(info).dump(-1, ' ', false, json::error_handler_t::replace);
+    std::string text = json_text(to_json(info));
     read_info(parse_shallow(text));
     return text;
   } catch (const std::exception& error) {
@@ -449,7 +452,7 @@ Result<VolumeInfo> metadata_from_json(const std::string& text) {
 
 Result<std::string> step_to_json(const StepInfo& step, const VolumeInfo& info) {
   try {
-    std::string text = to_json(step).dump(-1, ' ', false, json::error_handler_t::replace);
+    std::string text = json_text(to_json(step));
     read_step(parse_shallow(text), info);
     return text;
   } catch (const std::exception& error) {

@@ -1,5 +1,7 @@
 #include "player/statistics.h"
 
+#include <nlohmann/json.hpp>
+
 namespace splatvol {
 namespace {
 

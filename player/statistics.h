@@ -1,7 +1,7 @@
 // What a frame shows and costs, as JSON.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string_view>
 
 #include "player/player.h"

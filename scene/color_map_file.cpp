@@ -1,5 +1,7 @@
 #include "scene/color_map_file.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -7,6 +9,7 @@
 #include <numbers>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/nesting.h"
 #include "scene/srgb.h"
 
@@ -202,7 +205,7 @@ Result<std::vector<NamedColorMap>> parse_color_maps(const std::string& text) {
     return fail(ErrorCode::invalid_data, "no colour map (nested deeper than {} levels)", max_nesting);
   std::vector<NamedColorMap> maps;
   try {
-    json items = json::parse(text);
+    json items = parse_json(text);
     if (!items.is_array()) items = json::array({items});
     for (const json& item : items) {
       if (!item.contains("RGBPoints")) continue;

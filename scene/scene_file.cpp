@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,6 +10,7 @@
 #include <string_view>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "scene/isovalue.h"
 #include "scene/scene.h"
 
@@ -559,13 +562,13 @@ void add_domain(const TransferFunction& function, nlohmann::ordered_json& docume
 }
 
 std::string text_of(const nlohmann::ordered_json& document, int indent = 1) {
-  return document.dump(indent, ' ', false, json::error_handler_t::replace) + (indent < 0 ? "" : "\n");
+  return json_text(document, indent) + (indent < 0 ? "" : "\n");
 }
 
 // Parses JSON text and calls `read` with the document. Turns exceptions into errors.
 template <class Read>
 auto parse(const std::string& text, const Read& read) -> decltype(read(json())) try {
-  return read(json::parse(text));
+  return read(parse_json(text));
 } catch (const json::exception& error) {
   return fail(ErrorCode::invalid_data, "not JSON: {}", error.what());
 } catch (const std::exception& error) {

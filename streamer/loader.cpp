@@ -1,5 +1,7 @@
 #include "streamer/loader.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <atomic>
 #include <iterator>

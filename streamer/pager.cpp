@@ -1,5 +1,7 @@
 #include "streamer/pager.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <limits>
 #include <tuple>

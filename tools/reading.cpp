@@ -9,6 +9,7 @@
 #include <span>
 
 #include "base/memory_limit.h"
+#include "base/printable.h"
 #include "builder/input_files.h"
 #include "tools/tool.h"
 

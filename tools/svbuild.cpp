@@ -13,7 +13,9 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/memory_limit.h"
+#include "base/printable.h"
 #include "base/temp_file.h"
 #include "builder/build.h"
 #include "builder/census_lines.h"
@@ -147,7 +149,7 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
     document["ranks"] = {
         {"count", work.ranks},           {"ranges", work.ranges},     {"record_bytes", work.record_bytes},
         {"sent_bytes", work.sent_bytes}, {"owned_bytes", work.owned}, {"peak_memory", work.peaks}};
-  fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
+  fmt::print("{}\n", json_text(document, 1));
 }
 
 void print_boundary(const BoundaryReport& boundary) {
@@ -421,7 +423,7 @@ void print_estimate_json(const Estimate& estimate) {
                                      {"seconds", {estimate.build.seconds.low, estimate.build.seconds.high}},
                                      {"threads", estimate.threads}};
   if (estimate.room) document["free_bytes"] = *estimate.room;
-  fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
+  fmt::print("{}\n", json_text(document, 1));
 }
 
 Status print_estimate(const Options& options) {

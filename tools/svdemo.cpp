@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/replaceable.h"
 #include "builder/sources/vtk/writer.h"
 #include "tools/bisection_mesh.h"
@@ -121,7 +122,7 @@ Status write_scene(const std::string& path) {
                                         {1.0, 1.0, 0.10, 0.02}})},
         {"density", ordered_json::array({{0.0, 0.0}, {0.02, 0.05}, {0.1, 0.9}, {0.3, 2.5}, {0.6, 9.0}, {1.0, 24.0}})}}},
       {"lighting", false}};
-  return write_text_file(path, scene.dump(1) + "\n");
+  return write_text_file(path, json_text(scene, 1) + "\n");
 }
 
 }  // namespace

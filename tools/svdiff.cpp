@@ -1,6 +1,9 @@
 // svdiff: the difference between two pictures.
+#include <fmt/format.h>
+
 #include <nlohmann/json.hpp>
 
+#include "base/json.h"
 #include "scene/image.h"
 #include "tools/tool.h"
 
@@ -18,7 +21,7 @@ void print_json(const ImageDifference& difference, const SeenDifference& seen) {
   const nlohmann::ordered_json document = {{"rmse", difference.rmse}, {"psnr", difference.psnr},
                                            {"max", difference.max},   {"mean", {difference.mean_a, difference.mean_b}},
                                            {"ripple", seen.ripple},   {"outline", seen.outline}};
-  fmt::print("{}\n", document.dump(1));
+  fmt::print("{}\n", json_text(document, 1));
 }
 
 Status compare_files(const std::string& path_a, const std::string& path_b, bool json) {

@@ -1,7 +1,10 @@
 // svexport: a .svol file in, voxels (.vdb) or points (.vtu) out.
+#include <fmt/format.h>
+
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "base/json.h"
 #include "base/memory_limit.h"
 #include "exporter/vdb_export.h"
 #include "exporter/vtu_export.h"
@@ -110,7 +113,7 @@ Status run_export(const Options& options) {
                                                : export_points(*volume, selection, options));
   report["seconds"] = seconds_now() - start;
   if (options.json)
-    fmt::print("{}\n", report.dump(1, ' ', false, json::error_handler_t::replace));
+    fmt::print("{}\n", json_text(report, 1));
   else
     print_text(report);
   return {};

@@ -1,4 +1,6 @@
 // svgen: makes point sets and meshes of any size, to test splatvol and other programs.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <bit>

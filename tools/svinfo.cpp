@@ -1,8 +1,11 @@
 // svinfo: shows the contents of a .svol file.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "base/json.h"
 #include "format/volume.h"
 #include "streamer/default_scene.h"
 #include "tools/steps.h"
@@ -216,7 +219,7 @@ json to_json(const Volume& volume, const format::Steps& steps, std::size_t step,
         {{"kind", name_of(section.kind)}, {"offset", section.offset}, {"bytes", section.packed_bytes}});
   if (info.boundary) document["boundary"] = boundary_json(*info.boundary);
   if (info.up >= 0) document["up"] = std::string(1, "xyz"[info.up]);
-  document["provenance"] = json::parse(info.provenance);
+  document["provenance"] = parse_ordered_json(info.provenance);
   if (!steps.times().empty()) document["series"] = series_json(volume, steps, step);
   if (survey.verified) document["verified"] = true;
   return document;
@@ -282,7 +285,7 @@ void print_provenance(const json& value, const std::string& path) {
     return;
   }
   if (value == 0 || value.is_null()) return;
-  fmt::print("{:<24} {}\n", path, value.is_string() ? value.get<std::string>() : value.dump());
+  fmt::print("{:<24} {}\n", path, value.is_string() ? value.get<std::string>() : json_text(value));
 }
 
 // Prints a line for each step of a series, and marks the one whose values are shown.
@@ -319,7 +322,7 @@ void print_text(const Volume& volume, const format::Steps& steps, std::size_t st
   print_bytes(volume, survey);
   print_steps(volume, steps, step);
   print_out("\n");
-  print_provenance(json::parse(info.provenance), "");
+  print_provenance(parse_ordered_json(info.provenance), "");
   if (survey.verified) print_out("\nevery byte checked\n");
 }
 
@@ -352,7 +355,7 @@ Status show(const Options& options) {
   survey.index = index;
   survey.histograms = std::move(histograms);
   if (options.json)
-    fmt::print("{}\n", to_json(*volume, steps, step, survey).dump(1, ' ', false, json::error_handler_t::replace));
+    fmt::print("{}\n", json_text(to_json(*volume, steps, step, survey), 1));
   else
     print_text(*volume, steps, step, survey);
   return {};

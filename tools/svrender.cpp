@@ -1,4 +1,6 @@
 // svrender: a picture of a .svol file.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <filesystem>
 #include <optional>

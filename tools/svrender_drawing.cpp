@@ -1,5 +1,7 @@
 #include "tools/svrender_drawing.h"
 
+#include <fmt/format.h>
+
 #include <cmath>
 #include <cstdlib>
 #include <iterator>

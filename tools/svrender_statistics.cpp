@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "base/json.h"
 #include "player/statistics.h"
 
 namespace splatvol {
@@ -114,7 +115,7 @@ std::string statistics_text(const RenderOptions& options, const Drawing& drawing
   document["first_image_seconds"] = timings.first_image;
   add_frames(timings, document);
   add_detail(options, drawing, timings, document);
-  return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
+  return json_text(document, 1) + "\n";
 }
 
 void print_summary(const RenderOptions& options, const Drawing& drawing, const Timings& timings) {

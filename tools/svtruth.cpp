@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/memory_limit.h"
 #include "base/names.h"
 #include "builder/boundary/boundary_faces.h"
@@ -178,7 +179,7 @@ void print_summary(const Options& options, const Mesh& mesh, const ReferencePict
                                            {"seconds", median},
                                            {"seconds_min", seconds.front()},
                                            {"seconds_max", seconds.back()}};
-  fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
+  fmt::print("{}\n", json_text(document, 1));
 }
 
 Status draw(const Options& options) {

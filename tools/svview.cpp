@@ -1,4 +1,6 @@
 // svview: a .svol file in a window.
+#include <fmt/format.h>
+
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -8,6 +10,7 @@
 #include <tuple>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
 #include "scene/image.h"
@@ -237,7 +240,7 @@ Status replay(const Options& options) {
                                                {"frame_seconds", times.frames},
                                                {"frame_splats", times.splats},
                                                {"rest_seconds", times.rest}};
-    SPLATVOL_TRY(write_text_file(options.stats, statistics.dump(1) + "\n"));
+    SPLATVOL_TRY(write_text_file(options.stats, json_text(statistics, 1) + "\n"));
   }
   if (!options.screenshot.empty()) {
     SPLATVOL_TRY_ASSIGN(image, read_framebuffer(std::max(1, size.pixel_width), std::max(1, size.pixel_height)));

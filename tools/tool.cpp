@@ -1,6 +1,7 @@
 #include "tools/tool.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <malloc.h>
 #include <unistd.h>
 
@@ -19,6 +20,7 @@
 #include <string_view>
 
 #include "base/memory_limit.h"
+#include "base/printable.h"
 #include "tools/ending.h"
 #include "tools/limits.h"
 #include "tools/program_options.h"

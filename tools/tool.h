@@ -1,6 +1,8 @@
 // Shared by all programs: exit codes, one line for an error, a progress bar, sizes such as "2G".
 #pragma once
 
+#include <fmt/format.h>
+
 #include <CLI/CLI.hpp>
 #include <array>
 #include <cstdint>

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/nesting.h"
 #include "viewer/camera_control.h"
 
@@ -46,8 +47,8 @@ Camera camera_at(const CameraPath& path, double part) {
 
 std::string path_to_json(const CameraPath& path) {
   json document = {{"seconds", path.seconds}, {"cameras", json::array()}};
-  for (const Camera& camera : path.cameras) document["cameras"].push_back(json::parse(camera_to_json(camera)));
-  return document.dump(1) + "\n";
+  for (const Camera& camera : path.cameras) document["cameras"].push_back(parse_ordered_json(camera_to_json(camera)));
+  return json_text(document, 1) + "\n";
 }
 
 Result<CameraPath> load_camera_path(const std::string& file) {
@@ -56,10 +57,10 @@ Result<CameraPath> load_camera_path(const std::string& file) {
     return fail(ErrorCode::invalid_data, "{}: not a camera path (nested deeper than {} levels)", file, max_nesting);
   CameraPath path;
   try {
-    const json document = json::parse(text);
+    const json document = parse_ordered_json(text);
     path.seconds = document.at("seconds");
     for (const json& item : document.at("cameras")) {
-      auto camera = parse_camera(item.dump());
+      auto camera = parse_camera(json_text(item));
       if (!camera)
         return fail(camera.error().code, "{}: cameras[{}]: {}", file, path.cameras.size(), camera.error().message);
       path.cameras.push_back(*camera);

@@ -9,6 +9,8 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "base/json.h"
+
 namespace splatvol {
 namespace {
 
@@ -63,7 +65,7 @@ Result<Event> event_of(const json& e) {
 
 Result<FrameInput> parse_line(const std::string& line) {
   try {
-    const json document = json::parse(line);
+    const json document = parse_json(line);
     FrameInput input;
     input.seconds = document.at("seconds");
     if (!(input.seconds >= 0)) return fail(ErrorCode::invalid_data, "negative time");
@@ -126,8 +128,7 @@ std::vector<Event> EventQueue::take_frame() {
 std::string to_line(const FrameInput& input) {
   json events = json::array();
   for (const Event& event : input.events) events.push_back(std::visit([](const auto& e) { return to_json(e); }, event));
-  return json{{"seconds", input.seconds}, {"events", events}}.dump(-1, ' ', false, json::error_handler_t::replace) +
-         "\n";
+  return json_text(json{{"seconds", input.seconds}, {"events", events}}) + "\n";
 }
 
 Result<RecordingFile> RecordingFile::create(const std::string& path) {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/nesting.h"
 
 namespace splatvol {
@@ -19,7 +20,7 @@ constexpr std::size_t most_files = 12;
 std::vector<std::string> read_list(const std::string& path) {
   const auto text = read_text_file(path);
   if (!text || is_nested_deeper(*text, 1)) return {};
-  const auto json = nlohmann::json::parse(*text, nullptr, false);
+  const auto json = parse_json_or_discard(*text);
   std::vector<std::string> paths;
   if (!json.is_array()) return paths;
   for (const auto& entry : json)
@@ -55,7 +56,7 @@ void RecentFiles::add(const std::string& file) {
   if (path_.empty()) return;
   fs::create_directories(fs::path(path_).parent_path(), error);
   const nlohmann::json list = paths_;
-  static_cast<void>(write_text_file(path_, list.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n"));
+  static_cast<void>(write_text_file(path_, json_text(list, 1) + "\n"));
 }
 
 }  // namespace splatvol

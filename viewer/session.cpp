@@ -1,5 +1,7 @@
 #include "viewer/session.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <bit>
 #include <cctype>

@@ -1,5 +1,6 @@
 #include "viewer/viewer.h"
 
+#include <fmt/format.h>
 #include <imgui.h>
 
 #include <algorithm>

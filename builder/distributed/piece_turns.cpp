@@ -1,5 +1,7 @@
 #include "builder/distributed/piece_turns.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <tuple>
 #include <type_traits>

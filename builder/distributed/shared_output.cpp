@@ -1,6 +1,7 @@
 #include "builder/distributed/shared_output.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include <cerrno>

@@ -1,6 +1,8 @@
 // An output file that several ranks write at once.
 #pragma once
 
+#include <fmt/format.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <optional>

@@ -1,5 +1,7 @@
 #include "builder/sources/array_attributes.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <string_view>

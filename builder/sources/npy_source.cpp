@@ -1,5 +1,6 @@
 #include "builder/sources/npy_source.h"
 
+#include <fmt/format.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>

@@ -1,5 +1,7 @@
 #include "builder/sources/step_group.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cstring>
 #include <iterator>

@@ -1,5 +1,6 @@
 #include "renderer/cpu/tile_rasterizer.h"
 
+#include <fmt/format.h>
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 

@@ -2,6 +2,7 @@
 
 // Epoxy's headers go before any other of OpenGL or EGL.
 #include <epoxy/gl.h>
+#include <fmt/format.h>
 
 #include <epoxy/egl.h>
 

@@ -1,5 +1,7 @@
 #include "renderer/gl/gl_objects.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <vector>
 

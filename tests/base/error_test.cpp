@@ -4,6 +4,8 @@
 
 #include <memory>
 
+#include "base/printable.h"
+
 namespace splatvol {
 namespace {
 

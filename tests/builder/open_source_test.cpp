@@ -1,5 +1,6 @@
 #include "builder/open_source.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <algorithm>

@@ -1,4 +1,5 @@
 // Attributes that only some steps of a series have.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <cmath>

@@ -1,4 +1,5 @@
 // What a file keeps of the input's numbers: exactly, within the error that it states, or once for several names.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <bit>

@@ -1,4 +1,5 @@
 // From a file of points through svbuild --exact and svexport, and back.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <bit>

@@ -1,4 +1,5 @@
 // Exports lose no mass and keep fields, and VTK and OpenVDB can read them.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>

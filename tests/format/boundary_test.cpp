@@ -1,5 +1,6 @@
 #include "format/boundary.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -1,5 +1,6 @@
 #include "format/volume.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

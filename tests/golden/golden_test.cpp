@@ -1,5 +1,6 @@
 // Files of version 1.0 as they were when the format was frozen: each is read as it was read then. A failure is a bug
 // of the reader, and no reason to write the files anew (CONTRIBUTING.md).
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

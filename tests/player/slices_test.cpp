@@ -1,4 +1,5 @@
 // Slices and clip planes in pictures of files, against closed forms and exact pictures.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <oneapi/tbb/global_control.h>

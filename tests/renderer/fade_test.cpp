@@ -1,4 +1,5 @@
 // From file to picture along a camera's path: changes of resolution do not show as jumps.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 

@@ -1,5 +1,6 @@
 // From mesh to file to picture: a picture does not depend on the units and zeros of lengths and values, nor on what is
 // stored beside it.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 

@@ -1,4 +1,5 @@
 // The tiles against OpenGL: on shared scenes and on random splats. And what only tiles have: threads, instruction sets.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <hwy/targets.h>

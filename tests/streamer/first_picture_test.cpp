@@ -1,4 +1,5 @@
 // From a mesh to its first picture: what the camera shows, how opaque the material is, and which attribute is chosen.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,4 +1,5 @@
 // Real meshes from end to end: built, opened, streamed.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,4 +1,5 @@
 // From file to picture: leaving out nodes behind an opaque front does not change the picture.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 

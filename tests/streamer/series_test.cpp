@@ -1,4 +1,5 @@
 // Time steps of one file, read one after the other.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -1,5 +1,6 @@
 #include "streamer/streamer.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -1,5 +1,6 @@
 #include "tests/support/test_volume.h"
 
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include <algorithm>

@@ -1,5 +1,6 @@
 // A disk that fails once, at each call that changes it: the output is the old file or the new one, and the exit code
 // tells which. The suite `Long` tries all calls with all errors, the other one a sample.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

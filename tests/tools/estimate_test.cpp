@@ -1,4 +1,5 @@
 // svbuild --estimate beside builds.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -1,4 +1,5 @@
 // Time series of cases that OpenFOAM itself has computed.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cstdlib>

@@ -1,4 +1,5 @@
 // The commands of README.md, as a user would copy them: each works, and none changes a file that was there.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 

@@ -1,4 +1,5 @@
 // The programs on a file of a web server.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,4 +1,5 @@
 // Time steps through the programs: built, appended, shown.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -1,4 +1,5 @@
 // svrender's options and statistics.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -1,5 +1,6 @@
 // svview, started like a user starts it: recordings, screenshots, camera paths, a real window.
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/wait.h>

@@ -1,4 +1,5 @@
 // svrender in a build without OpenGL.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

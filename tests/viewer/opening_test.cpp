@@ -1,4 +1,5 @@
 // Files that open slowly: the window goes on.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,4 +1,5 @@
 // A time series in the viewer.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <atomic>

@@ -1,4 +1,5 @@
 // The viewer without a window: events in, pictures out.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>

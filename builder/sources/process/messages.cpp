@@ -6,6 +6,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/printable.h"
 #include "builder/sources/process/held_values.h"
 
 namespace splatvol {

@@ -1,6 +1,7 @@
 #include "builder/sources/process/reader_process.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <spawn.h>
 #include <sys/socket.h>
 #include <sys/wait.h>

@@ -6,6 +6,7 @@
 #include <new>
 #include <utility>
 
+#include "base/printable.h"
 #include "builder/sources/process/messages.h"
 #include "builder/sources/process/opened_files.h"
 

@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/block_readers.h"
 
+#include <fmt/format.h>
 #include <vtkCGNSReader.h>
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>

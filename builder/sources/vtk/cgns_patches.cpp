@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/cgns_patches.h"
 
+#include <fmt/format.h>
 #include <vtkCellType.h>
 #include <vtk_cgns.h>
 

@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/collections.h"
 
+#include <fmt/format.h>
 #include <vtkDataSet.h>
 #include <vtkSmartPointer.h>
 

@@ -1,5 +1,7 @@
 #include "builder/sources/vtk/ensight_checks.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -12,6 +14,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/printable.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/file_words.h"

@@ -1,5 +1,7 @@
 #include "builder/sources/vtk/gltf_checks.h"
 
+#include <fmt/format.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -9,6 +11,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/nesting.h"
 #include "builder/sources/read_text.h"
 
@@ -123,7 +126,7 @@ Status check_gltf(const std::string& path) try {
   SPLATVOL_TRY_ASSIGN(text, read_json(path));
   if (is_nested_deeper(text, most_nesting))
     return fail(ErrorCode::invalid_data, "{}: its JSON is nested deeper than {} levels", path, most_nesting);
-  const auto shown = count_shown(json::parse(text));
+  const auto shown = count_shown(parse_json(text));
   if (!shown) return fail(ErrorCode::invalid_data, "{}: a node contains itself: damaged", path);
   if (shown->parts <= most_parts && shown->nodes <= most_nodes) return {};
   return fail(ErrorCode::unsupported,

@@ -1,5 +1,7 @@
 #include "builder/sources/vtk/gmsh_file.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cctype>

@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/gmsh_reader.h"
 
+#include <fmt/format.h>
 #include <vtkCellData.h>
 #include <vtkCellType.h>
 #include <vtkDoubleArray.h>

@@ -1,5 +1,7 @@
 #include "builder/sources/vtk/legacy_checks.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cctype>

@@ -1,6 +1,7 @@
 #include "builder/sources/vtk/messages.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <unistd.h>
 #include <vtkLogger.h>
 #include <vtkObjectFactory.h>
@@ -14,6 +15,7 @@
 #include <sstream>
 #include <string_view>
 
+#include "base/printable.h"
 #include "builder/sources/vtk/attributes.h"
 
 namespace splatvol {

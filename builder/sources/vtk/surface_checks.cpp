@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/nesting.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/file_words.h"
@@ -319,7 +320,7 @@ Status check_gltf_buffers(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   SPLATVOL_TRY_ASSIGN(text, gltf_text(*file));
   if (is_nested_deeper(text, deepest)) return {};
-  const auto scene = nlohmann::json::parse(text, nullptr, false);
+  const auto scene = parse_json_or_discard(text);
   const auto buffers = scene.is_object() ? scene.find("buffers") : scene.end();
   if (!scene.is_object() || buffers == scene.end()) return {};  // VTK's reader tells
   for (const auto& buffer : *buffers) {

@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/vtkhdf_reader.h"
 
+#include <fmt/format.h>
 #include <vtkCellArray.h>
 #include <vtkCellData.h>
 #include <vtkCellType.h>

@@ -1,5 +1,7 @@
 #include "builder/sources/vtk/xml_checks.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <charconv>

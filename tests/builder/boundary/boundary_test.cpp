@@ -1,4 +1,5 @@
 // The boundary of meshes: its faces, its patches, and fewer triangles of it.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>

@@ -1,4 +1,5 @@
 // Scattered points from .csv files.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <cmath>

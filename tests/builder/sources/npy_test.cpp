@@ -2,6 +2,7 @@
 #include "builder/open_source.h"
 #include "builder/sources/npy_source.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <algorithm>

@@ -1,4 +1,5 @@
 // Arrays that only some parts of an input have: pieces, files, blocks.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <algorithm>

@@ -1,4 +1,5 @@
 // Files with blocks and time steps. The tests write them: with the formats' own libraries, or as text.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <vtk_cgns.h>
 #include <vtk_exodusII.h>

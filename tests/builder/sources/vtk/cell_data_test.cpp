@@ -1,4 +1,5 @@
 // Arrays of cells: averaged to the points, and as cells that are points of their own.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <algorithm>

@@ -1,4 +1,5 @@
 // Files of EnSight Gold, text and binary, cut off at many places: none is read as if it were whole.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <algorithm>

@@ -1,4 +1,5 @@
 // Exodus files as solvers and their tools write them. The tests write them with the format's own library.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <vtk_exodusII.h>
 

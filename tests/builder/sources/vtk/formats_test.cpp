@@ -1,4 +1,5 @@
 // Files that name other files, and meshes of Gmsh, SU2 and VTKHDF. The tests write them.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <vtk_hdf5.h>
 

@@ -1,4 +1,5 @@
 // Files that name pipes, devices and sockets: these are refused by name, before anything waits for them.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <sys/socket.h>
 #include <sys/stat.h>

@@ -1,4 +1,5 @@
 // Files of surfaces, as programs read them: in the reader's process.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -1,4 +1,5 @@
 // Files of VTK's own formats, cut off or damaged at many places: none is read as if it were whole.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <vtkCellArray.h>
 #include <vtkDataSetWriter.h>
