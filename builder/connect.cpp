@@ -18,9 +18,6 @@
 namespace splatvol {
 namespace {
 
-// Bytes for each scattered point that is joined with all others at once, and for each of its values.
-constexpr std::uint64_t joined_point_bytes = 900, joined_value_bytes = 16;
-
 // Points up to this number are joined whatever the memory.
 constexpr std::uint64_t always_joined = std::uint64_t{1} << 16;
 

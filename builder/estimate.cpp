@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/interruption.h"
+#include "builder/connect.h"
 #include "builder/memory_plan.h"
 #include "builder/points/point_records.h"
 #include "builder/sorting/morton.h"
@@ -12,10 +13,6 @@ namespace splatvol {
 namespace {
 
 constexpr double kibi = 1024, mebi = kibi * kibi;
-
-// As in connect.cpp and reduce_source.cpp.
-constexpr std::uint64_t most_joined_cells = std::uint64_t{1} << 26, most_fitted_points = std::uint64_t{1} << 19;
-constexpr double joined_point_bytes = 900, joined_value_bytes = 16;
 
 Range operator+(const Range& a, const Range& b) { return {a.low + b.low, a.high + b.high}; }
 Range operator*(double factor, const Range& a) { return {factor * a.low, factor * a.high}; }
@@ -43,7 +40,7 @@ Connectivity connectivity_of(const InputSize& size, const BuildOptions& options)
   if (size.has_material) return Connectivity::mesh;
   if (options.connectivity != Connectivity::automatic) return options.connectivity;
   if (size.points <= options.held_points) return Connectivity::delaunay;
-  return size.points > most_joined_cells ? Connectivity::boxes : Connectivity::none;
+  return size.points > most_cells ? Connectivity::boxes : Connectivity::none;
 }
 
 PointRecords records_of(const InputSize& size, const BuildOptions& options, std::size_t attributes) {
@@ -199,7 +196,7 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
   if (!size.has_material && size.points <= options.held_points && estimate.connectivity != Connectivity::boxes)
     estimate.least_memory = std::max(
         estimate.least_memory,
-        static_cast<std::uint64_t>(points * (joined_point_bytes + joined_value_bytes * static_cast<double>(values))));
+        static_cast<std::uint64_t>(points * static_cast<double>(joined_point_bytes + joined_value_bytes * values)));
   const auto least = static_cast<double>(estimate.least_memory), granted = static_cast<double>(options.memory);
   const double all = points * (2 * static_cast<double>(sorted_bytes(records)) +
                                static_cast<double>(bytes_of_batch_point(values, options.gradients)));

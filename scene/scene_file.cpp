@@ -192,9 +192,9 @@ Status read_size(const Field& scene, int& width, int& height) {
   return {};
 }
 
-/// Reads the control points of one curve: rows of t and `channels` values that are not negative.
 constexpr std::size_t most_control_points = 4096;  // the time to make a table grows with them
 
+/// Reads the control points of one curve: rows of t and `channels` values that are not negative.
 Result<std::vector<std::vector<double>>> read_curve(const Field& parent, const char* name, std::size_t channels) {
   SPLATVOL_TRY_ASSIGN(field, parent.member(name));
   if (field.size() == 0) return field.wrong("not a list of control points");

@@ -13,6 +13,9 @@
 namespace splatvol {
 namespace {
 
+// The heading in --help of options that compare ways to draw, and measure them. The defaults are the best.
+constexpr const char* for_measurements = "For measurements";
+
 std::string check_not_negative(const std::string& text) {
   const double number = std::strtod(text.c_str(), nullptr);
   return number >= 0 && std::isfinite(number) ? "" : "'" + text + "' is not a number from 0 up";
@@ -100,24 +103,28 @@ void add_drawing_options(CLI::App& app, RenderOptions& options) {
                  "Shape of a splat: moments: an ellipsoid that matches the material; octant: round, as in the paper of "
                  "2001")
       ->check(CLI::IsMember({"moments", "octant"}))
-      ->default_str("moments");
+      ->default_str("moments")
+      ->group(for_measurements);
   app.add_option("--sort", options.sort,
                  "Order of drawing, back to front: none: by node; axis: along the axis nearest to the line of sight, "
                  "sorted once for all views; exact: for each view")
       ->check(CLI::IsMember({"none", "axis", "exact"}))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->group(for_measurements);
   app.add_option("--raster", options.raster,
                  "splats: one drawn over the other, in their order; slabs: the processor mixes the splats in a slab of "
                  "depth and divides their density by its sum: less ripple, but slower, and false colours where bodies "
                  "of other values meet. auto: splats")
       ->check(CLI::IsMember({"auto", "splats", "slabs"}))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->group(for_measurements);
   app.add_option("--sampling", options.sampling,
                  "Pixels from one sample of the picture to the next, 1 to 64; the rest is interpolated. auto: a "
                  "twelfth of what the tolerance lets a splat cover, at most 6; 1 without a tolerance, and in slabs")
       ->type_name("PIXELS")
       ->check(check_sampling)
-      ->capture_default_str();
+      ->capture_default_str()
+      ->group(for_measurements);
 }
 
 void add_budget_options(CLI::App& app, RenderOptions& options) {
@@ -171,7 +178,8 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
       ->check(check_image_size);
   app.add_option("--repeat", options.repeat, "Frames to draw for the times in the statistics")
       ->check(CLI::Range(1, 1000000))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->group(for_measurements);
   app.add_option("--progress-frames", options.progress_frames,
                  "Draw frames while the file is read, from the parts that are there, and write them into this folder")
       ->type_name("DIR")
@@ -184,7 +192,8 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
       ->excludes(milliseconds)
       ->delimiter(',')
       ->expected(3)
-      ->check(check_finite);
+      ->check(check_finite)
+      ->group(for_measurements);
   app.add_option("--turntable", options.turntable,
                  "Draw N frames of a full turn round the camera's up axis, through the middle of what is visible; "
                  "--progress-frames or --movie takes them")
@@ -207,7 +216,8 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--fade", options.fade,
                  "With --path or --progress-frames: how many frames a change of resolution takes")
       ->check(CLI::Range(1, 1000000))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->group(for_measurements);
   app.add_option("--stats", options.stats, "Write statistics as JSON to this file, - for the terminal")
       ->type_name("OUT.json|-")
       ->check(check_json_path);

@@ -114,8 +114,7 @@ double PieceReader::deviation_of(const Piece& piece) const {
   return largest;
 }
 
-// Returns which of the attributes in `summary` has the same values, and so the same material: that follows from values
-// and cells.
+// Says whether an attribute is stored once with another of the same values: its material follows from values and cells.
 bool PieceReader::may_be_joined(std::size_t attribute, const JoinedAttributes& joined) const {
   const std::string& name = source_.attributes()[attribute];
   const auto is_name = [&](const std::string& apart) { return name == apart || name.starts_with(apart + "["); };
