@@ -2,7 +2,7 @@
 
 import math
 
-from .report import EXACT, NAMES, PEER_NAMES
+from .page import EXACT, NAMES, PEER_NAMES
 
 COLORS = {"moments": "#1f6fb4", "octant": "#e07b00"}
 PEER_MARKS = {"projected-tets": ("*", "#222222", 15), "ray-cast": ("D", "#8a2be2", 8)}

@@ -1,17 +1,14 @@
-#!/usr/bin/env python3
-"""svlook: measures how svview keeps up with a hand that turns the data; prints a table for docs/paging.md.
+"""Measures how svview keeps up with a hand that turns the data; prints a table for docs/paging.md.
 
 Needs Python's standard library only.
 """
 
-import argparse
 import json
 import statistics
-import subprocess
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from .common import add_programs, output_of, table_head, words
 
 
 def recording(path, frames, width, height):
@@ -54,7 +51,7 @@ def look(options, file, device, replayed):
     work = replayed.parent
     command = [options.programs / "svview", file, "--replay", replayed, "--device", device]
     command += ["--stats", work / "stats.json", "--memory", options.memory]
-    subprocess.run(command, check=True)
+    output_of(*command)
     return json.loads((work / "stats.json").read_text())
 
 
@@ -73,13 +70,12 @@ def line(file, device, runs, left_out, waits):
     )
 
 
-def main():
-    parser = argparse.ArgumentParser("svlook", description=__doc__.splitlines()[0])
+def add_options(parser):
     parser.add_argument("files", nargs="+", type=Path, help=".svol files")
-    parser.add_argument("--programs", type=Path, default=ROOT / "build/release/bin", help="folder of svview")
+    add_programs(parser)
     parser.add_argument(
         "--devices",
-        type=lambda text: text.split(","),
+        type=words,
         default=["cpu", "gl"],
         help="--device of svview, comma-separated (default: cpu,gl); they take turns",
     )
@@ -87,12 +83,13 @@ def main():
     parser.add_argument("--frames", type=int, default=120)
     parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("--size", type=lambda text: [int(side) for side in text.split("x")], default=[800, 600])
-    options = parser.parse_args()
+
+
+def run(options):
     titles = ["file", "device", "first picture ms", "frame ms, median", "95 %", "99 %", "frames/s", "splats"]
     titles += ["ms to full detail at rest", "interface ms while it sharpens, 99 %"]
-    print(f"| {' | '.join(titles)} |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    with tempfile.TemporaryDirectory(prefix="svlook-") as work:
+    print("\n".join(table_head(*titles)))
+    with tempfile.TemporaryDirectory(prefix="svbench-") as work:
         drag, pauses = Path(work) / "drag.jsonl", Path(work) / "pauses.jsonl"
         recording(drag, options.frames, *options.size)
         waiting = sharpening(pauses, *options.size)
@@ -106,7 +103,3 @@ def main():
                     waits[device] += [frames[number] for number in waiting]
             for device in options.devices:
                 print(line(file, device, runs[device], 3 + options.frames // 10, waits[device]), flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -6,15 +6,13 @@ Builds meshes of tens of millions of tetrahedra, and 20 million points, by every
 
 import json
 import mmap
-import os
 import shutil
 import struct
-import subprocess
-import time
 from pathlib import Path
 from typing import NamedTuple
 
-from .measure import VIEWS, ProgramError, row, show, table
+from .. import common
+from .measure import VIEWS, row, show, table
 from .sheets import Sheet
 
 SCENE = Path(__file__).resolve().with_name("large.json")
@@ -59,15 +57,7 @@ def large_meshes(paper):
 
 def measured(paper, program, *arguments):
     """Runs a program. Returns its JSON, with wall and CPU seconds and the peak bytes of memory."""
-    command = [str(paper.programs / program), *map(str, arguments)]
-    start = time.monotonic()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        output = process.stdout.read()
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode != 0:
-        raise ProgramError(f"{' '.join(command)}: exit {process.returncode}")
-    took = {"wall": time.monotonic() - start, "cpu": usage.ru_utime + usage.ru_stime, "peak": usage.ru_maxrss * 1024}
+    output, took = common.measured(paper.programs / program, *arguments)
     return json.loads(output) | took
 
 
@@ -92,14 +82,6 @@ def truth(paper, mesh):
     path = folder(paper) / f"{mesh.name}.exr"
     command = ("svtruth", mesh.source, "--scene", mesh.scene, "-o", path, "--json")
     return made_once(path, lambda: measured(paper, *command))
-
-
-def forget(path):
-    """Drops a file from the system's cache."""
-    descriptor = os.open(path, os.O_RDONLY)
-    os.fsync(descriptor)
-    os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
-    os.close(descriptor)
 
 
 def describe(built, file):
@@ -127,7 +109,7 @@ def draw(paper, mesh, kernel, *choice):
     file, _ = build(paper, mesh)
     exact, _ = truth(paper, mesh)
     options = ("--kernel", kernel, *choice, *ROOM)
-    forget(file)
+    common.forget(file)
     _, cold = paper.render(file, mesh.scene, *options)
     picture, steady = paper.render(file, mesh.scene, *options, "--repeat", paper.frames)
     splats = str(cold["splats"])
@@ -166,7 +148,7 @@ def first_pictures(paper):
         for kernel in KERNELS:
             frames = folder(paper) / "frames"
             frames.mkdir()
-            forget(file)
+            common.forget(file)
             _, stats = paper.render(file, mesh.scene, "--kernel", kernel, "--tolerance", 5, "--progress-frames", frames)
             shutil.rmtree(frames)
             first = stats["progress_frames"][0]

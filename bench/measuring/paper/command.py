@@ -1,19 +1,21 @@
-"""svpaper's command line."""
+"""Measures methods and claims of Meredith and Ma (2001); makes the tables and pictures of docs/paper.md.
 
-import argparse
-import importlib.util
+Needs the packages of bench/requirements.txt, except flip-evaluator.
+"""
+
+import importlib
 import io
 import sys
 import tempfile
 from contextlib import redirect_stdout
 from pathlib import Path
 
-from .measure import Paper, ProgramError
+from ..common import ROOT, Failure, add_programs, add_shared, missing
+from .measure import Paper
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/paper.md"
 PACKAGES = ("matplotlib", "numpy", "OpenEXR", "PIL", "vtk")
-END = "<!-- svpaper: end -->"
+END = "<!-- svbench paper: end -->"
 
 # Part: module and function. The function takes a Paper, prints Markdown and writes pictures. A module is imported only
 # when its part is made, since it needs packages.
@@ -40,7 +42,7 @@ class Both(io.StringIO):
 
 
 def begin(part):
-    return f"<!-- svpaper: {part} -->"
+    return f"<!-- svbench paper: {part} -->"
 
 
 def printed(part, paper):
@@ -57,36 +59,29 @@ def put(page, part, text):
     before, found, rest = page.partition(begin(part))
     _, ended, after = rest.partition(END)
     if not found or not ended:
-        raise ValueError(f"{PAGE}: no {begin(part)} ... {END}")
+        raise Failure(f"{PAGE}: no {begin(part)} ... {END}")
     return f"{before}{begin(part)}\n{text}\n{END}{after}"
 
 
-def parser():
-    result = argparse.ArgumentParser("svpaper", description="Methods and claims of Meredith and Ma (2001), measured.")
-    result.add_argument(
-        "--shared", type=Path, required=True, help="folder with data/MESH.vtu, scenes/VIEW.json, truth/VIEW.exr"
-    )
-    result.add_argument(
-        "--programs",
-        type=Path,
-        default=ROOT / "build/release/bin",
-        help="folder of svbuild, svrender, svdiff, svtruth, svexport",
-    )
-    result.add_argument(
+def add_options(parser):
+    add_shared(parser)
+    add_programs(parser)
+    parser.add_argument(
         "--parts", nargs="+", choices=PARTS, default=list(PARTS), help="default: all, which takes half an hour"
     )
-    result.add_argument("--frames", type=int, default=5, help="frames for each time, which is their median")
-    result.add_argument("--pictures", type=Path, help="folder (default: build/paper; --write: docs/pictures)")
-    result.add_argument("--write", action="store_true", help="put the printed tables in docs/paper.md, part by part")
-    return result
+    parser.add_argument("--frames", type=int, default=5, help="frames for each time, which is their median")
+    parser.add_argument("--pictures", type=Path, help="folder (default: build/paper; --write: docs/pictures)")
+    parser.add_argument("--write", action="store_true", help="put the printed tables in docs/paper.md, part by part")
 
 
 def run(options):
+    if lacking := missing(PACKAGES):
+        raise Failure(f"Python package missing: {', '.join(lacking)} (bench/requirements.txt)")
     options.pictures = options.pictures or (ROOT / "docs/pictures" if options.write else ROOT / "build/paper")
     if options.write:
         for part in options.parts:
             put(PAGE.read_text(), part, "")
-    with tempfile.TemporaryDirectory(prefix="svpaper-") as work:
+    with tempfile.TemporaryDirectory(prefix="svbench-") as work:
         paper = Paper(options, Path(work))
         for part in options.parts:
             print(f"\n{begin(part)}")
@@ -94,17 +89,3 @@ def run(options):
             print(END, flush=True)
             if options.write:
                 PAGE.write_text(put(PAGE.read_text(), part, text))
-
-
-def main():
-    options = parser().parse_args()
-    missing = [package for package in PACKAGES if importlib.util.find_spec(package) is None]
-    if missing:
-        print(f"svpaper: Python package missing: {', '.join(missing)} (bench/requirements.txt)", file=sys.stderr)
-        return 1
-    try:
-        run(options)
-    except (ProgramError, OSError, ValueError) as error:
-        print(f"svpaper: {error}", file=sys.stderr)
-        return 1
-    return 0

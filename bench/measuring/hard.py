@@ -1,11 +1,9 @@
-#!/usr/bin/env python3
-"""svhard: draws hard cases and compares them with exact pictures; writes docs/hard-cases.md.
+"""Draws hard cases and compares them with exact pictures; writes docs/hard-cases.md.
 
 Every case ends with a picture within its bound, or with one clear line. Needs NumPy; --vtk also needs the packages of
 bench/requirements.txt.
 """
 
-import argparse
 import json
 import re
 import struct
@@ -17,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from measuring import hard_cases
-from measuring.hard_cases import REFUSED
+from . import hard_cases
+from .common import add_programs, words, wrapped
+from .hard_cases import REFUSED
 
-ROOT = Path(__file__).resolve().parents[1]
 SECONDS = 120  # that a program may take; five times as many for a large picture
 LEAST_LIGHT = 0.01  # of the exact picture's
 WAYS = {
@@ -39,7 +37,7 @@ class Fault(Exception):
     """A program crashed, hung, or failed without a clear line."""
 
 
-def run(command, seconds=SECONDS):
+def printed(command, seconds=SECONDS):
     """Returns what a program printed. Raises a Refusal for one line with exit code 1, or about an empty picture; for
     other failures a Fault."""
     name = Path(command[0]).name
@@ -103,14 +101,14 @@ class Bench:
     def __init__(self, options, work):
         self.options = options
         self.work = work
-        self.ways = {way: words for way, words in WAYS.items() if way in options.ways}
+        self.ways = {way: arguments for way, arguments in WAYS.items() if way in options.ways}
 
     def program(self, name):
         return self.options.programs / name
 
     def difference(self, a, b):
         """Returns the error of picture b, and the mean values of both."""
-        result = json.loads(run([self.program("svdiff"), "--json", a, b]))
+        result = json.loads(printed([self.program("svdiff"), "--json", a, b]))
         return result["rmse"], *result["mean"]
 
     def measure(self, case):
@@ -129,7 +127,7 @@ class Bench:
         made.write(mesh)
         file.unlink(missing_ok=True)
         (self.work / "exact.exr").unlink(missing_ok=True)
-        run([self.program("svbuild"), mesh, "-o", file, *case.build])
+        printed([self.program("svbuild"), mesh, "-o", file, *case.build])
         for projection in case.projections if case.scene else ("perspective",):
             scene, exact = self.work / "scene.json", self.work / "exact.exr"
             if case.scene:
@@ -137,12 +135,12 @@ class Bench:
             by_scene = ["--scene", scene] if case.scene else ["--size", "256x256"]
             if case.exact and case.bound != REFUSED:
                 self.draw_exact(case, projection, mesh, scene, exact, measured)
-            for way, words in self.ways.items():
+            for way, arguments in self.ways.items():
                 if case.ways and way not in case.ways:
                     continue
                 picture = self.work / ("picture.png" if case.large else "picture.exr")
-                run([self.program("svrender"), file, *by_scene, "--tolerance", "0", "-o", picture, *words],
-                    5 * SECONDS if case.large else SECONDS)
+                command = [self.program("svrender"), file, *by_scene, "--tolerance", "0", "-o", picture, *arguments]
+                printed(command, 5 * SECONDS if case.large else SECONDS)
                 if self.options.pictures:
                     name = re.sub(r"\W+", "-", f"{case.group} {case.name} {projection} {way}")[:120]
                     (self.options.pictures / f"{name}{picture.suffix}").write_bytes(picture.read_bytes())
@@ -172,18 +170,18 @@ class Bench:
             base_mesh, base_scene = self.work / "base.vtu", self.work / "base.json"
             base.mesh().write(base_mesh)
             base_scene.write_text(json.dumps(hard_cases.with_projection(base.scene, projection)))
-        run([self.program("svtruth"), base_mesh, "--scene", base_scene, "-o", exact])
+        printed([self.program("svtruth"), base_mesh, "--scene", base_scene, "-o", exact])
         empty, dark = self.work / "empty.exr", json.loads(base_scene.read_text())
         dark["transfer_function"]["density"] = [[0, 0], [1, 0]]
         (self.work / "dark.json").write_text(json.dumps(dark))
-        run([self.program("svtruth"), base_mesh, "--scene", self.work / "dark.json", "-o", empty])
+        printed([self.program("svtruth"), base_mesh, "--scene", self.work / "dark.json", "-o", empty])
         signal = self.difference(exact, empty)[0]
         measured.signal = max(measured.signal, signal)
         if signal == 0:
             raise Fault("the exact picture is empty: the case says nothing")
 
     def draw_by_vtk(self, mesh, scene, exact, measured):
-        from measuring.peers import KINDS, PeerError, Peers
+        from .peers import KINDS, PeerError, Peers
 
         for kind in KINDS:
             with Peers(mesh, scene) as peers:
@@ -213,17 +211,20 @@ def vtk_figure(error):
     return "crashes" if error == float("inf") else f"{error:.4f}"
 
 
+HEAD = """
+`bench/svbench hard` made this page. Each case is a small mesh and a scene; `svrender --tolerance 0` draws all points of
+it in perspective and in parallel projection. The figures are root mean square errors of linear RGB against the exact
+picture (`svtruth`), the larger of the projections. *Signal* is the error of an empty picture. The bound holds for the
+kernel `moments`, one by one and in slabs. `octant`, the paper's kernel, knows neither the shape of cells nor the spread
+of their values: its error is to be below .85 of the signal, and functions have no bound there. Each bound is below half
+of the signal, and each picture has light in it: an empty one would fail. A case is *right* within its bounds. Else it
+ends with one line, which the table shows. **Bold** is neither. Cases in other units are compared with the exact picture
+in units of 1. `bench/svbench hard --quick` draws a part of them; the tests do too.
+"""
+
+
 def page(results, options):
-    lines = ["# Hard cases", "",
-             "`bench/svhard` made this page. Each case is a small mesh and a scene; `svrender --tolerance 0` draws all",
-             "points of it in perspective and in parallel projection. The figures are root mean square errors of linear RGB",
-             "against the exact picture (`svtruth`), the larger of the projections. *Signal* is the error of an empty picture.",
-             "The bound holds for the kernel `moments`, one by one and in slabs. `octant`, the paper's kernel, knows neither the",
-             "shape of cells nor the spread of their values: its error is to be below .85 of the signal, and functions have no",
-             "bound there. Each bound is below half of the signal, and each picture has light in it: an empty one would fail. A case",
-             "is *right* within its bounds. Else it ends with one line, which the table shows. **Bold** is neither. Cases in",
-             "other units are compared with the exact picture in units of 1. `bench/svhard --quick` draws a part of them; the",
-             "tests do too."]
+    lines = ["# Hard cases", "", *wrapped(HEAD)]
     head = f"| case | bound | signal | {' | '.join(WAYS)} | |"
     rule = f"|---|---|---|{'---|' * (len(WAYS) + 1)}"
     for group in dict.fromkeys(result.case.group for result in results):
@@ -283,16 +284,17 @@ functions that are narrow. Where they have not:
 """
 
 
-def main():
-    parser = argparse.ArgumentParser("svhard", description=__doc__.splitlines()[0])
-    parser.add_argument("--programs", type=Path, default=ROOT / "build/release/bin", help="folder of svbuild, svrender, ...")
+def add_options(parser):
+    add_programs(parser)
     parser.add_argument("--cases", default="", help="regular expression of GROUP: CASE (default: all)")
     parser.add_argument("--quick", action="store_true", help="the cases that the tests draw, without OpenGL")
-    parser.add_argument("--ways", type=lambda text: text.split(","), default=list(WAYS), help=f"default: {','.join(WAYS)}")
+    parser.add_argument("--ways", type=words, default=list(WAYS), help=f"default: {','.join(WAYS)}")
     parser.add_argument("--vtk", action="store_true", help="compare narrow and dense functions with VTK's mappers")
     parser.add_argument("--pictures", type=Path, help="keep the pictures in this folder")
     parser.add_argument("-o", "--out", type=Path, help="the page to write, docs/hard-cases.md")
-    options = parser.parse_args()
+
+
+def run(options):
     if options.quick:
         options.ways = [way for way in options.ways if way != "OpenGL"]
     cases = [case for case in hard_cases.all_cases() if case.quick or not options.quick]
@@ -312,7 +314,3 @@ def main():
     for result in red:
         print(f"  {result.case.group}: {result.case.name}: {result.red} {result.refusal}", file=sys.stderr)
     return 1 if red else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -3,8 +3,9 @@
 import json
 
 import numpy
-from measuring import pictures
 from PIL import Image, ImageDraw, ImageFont
+
+from .. import pictures
 
 LABEL = 18  # pixels of the strip above a picture
 COLOURS = 256

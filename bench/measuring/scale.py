@@ -1,25 +1,23 @@
-#!/usr/bin/env python3
-"""svscale: measures how svbuild builds larger and larger volumes; writes docs/scale.md.
+"""Measures how svbuild builds larger and larger volumes; writes docs/scale.md.
 
 Inputs are svgen's and are made while they are read (gen:...), so they take no disk space. The times include making
 them, except for .npy files. Each build runs alone; its files are removed. Needs Python's standard library only.
 """
 
-import argparse
 import json
 import os
-import platform
-import subprocess
-import sys
 import tempfile
-import textwrap
 import threading
-import time
 from contextlib import contextmanager
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from .common import ROOT, add_programs, measured, output_of, processor, table_head, wrapped, write_first_section
+
 POINTS = ["uniform", "vortex", "half-tiny", "equal", "two-clusters", "line", "layer", "clusters"]
+TITLES = (
+    *("input", "`--memory`", "points", "resolutions", "seconds", "speed", "CPU microseconds a point", "peak MiB"),
+    *("disk space while it runs, bytes a point", "bytes a point of the file"),
+)
 
 
 class Disk:
@@ -54,7 +52,7 @@ def make_input(source, svgen, work):
     path = Path(work) / "points.npy"
     count = source.split()[0]
     recipe = ["--count", count, "--distribution", "vortex", "--float32"]
-    subprocess.run([svgen, "points", *recipe, "--force", "-o", path], check=True)
+    output_of(svgen, "points", *recipe, "--force", "-o", path)
     yield str(path)
     path.unlink()
 
@@ -62,21 +60,13 @@ def make_input(source, svgen, work):
 def build(svbuild, source, memory, options, work):
     """Builds `source`. Returns svbuild's report with wall and CPU seconds, peak memory and disk space in bytes."""
     output = Path(work) / "volume.svol"
-    command = [str(svbuild), source, "-o", str(output), "--memory", memory, "--json", *options]
     disk = Disk(work)
-    start = time.monotonic()
-    with open(Path(work) / "report.json", "w+") as report:
-        process = subprocess.Popen(command, stdout=report)
-        _, status, usage = os.wait4(process.pid, 0)
-        seconds = time.monotonic() - start
+    try:
+        report, took = measured(svbuild, source, "-o", output, "--memory", memory, "--json", *options)
+    finally:
         space = disk.stop()
-        if status != 0:
-            sys.exit(f"svscale: {' '.join(command)}: exit {os.waitstatus_to_exitcode(status)}")
-        report.seek(0)
-        said = json.load(report)
     output.unlink()
-    cpu = usage.ru_utime + usage.ru_stime
-    return said | {"wall": seconds, "cpu": cpu, "rss": usage.ru_maxrss * 1024, "space": space}
+    return json.loads(report) | took | {"space": space}
 
 
 def row(source, memory, said):
@@ -86,21 +76,13 @@ def row(source, memory, said):
     cells_text = f", {cells} tetrahedra" if cells else ""
     return (
         f"| `{source}` | {memory} | {points}{cells_text} | {len(said['resolutions'])} | {said['wall']:.1f} | {rate} "
-        f"| {1e6 * said['cpu'] / points:.2f} | {said['rss'] / 2**20:.0f} | {said['space'] / points:.0f} "
+        f"| {1e6 * said['cpu'] / points:.2f} | {said['peak'] / 2**20:.0f} | {said['space'] / points:.0f} "
         f"| {said['file_bytes'] / points:.1f} |"
     )
 
 
-def processor():
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
-        if line.startswith("model name"):
-            return line.split(":", 1)[1].strip()
-    return platform.machine()
-
-
-def main():
-    parser = argparse.ArgumentParser("svscale", description=__doc__.splitlines()[0])
-    parser.add_argument("--programs", type=Path, default=ROOT / "build/release/bin", help="folder of svbuild")
+def add_options(parser):
+    add_programs(parser)
     parser.add_argument("--work", type=Path, help="folder on the disk to measure (default: the one of temporary files)")
     parser.add_argument("--counts", default="1e6,1e7,1e8", help="scattered points, comma-separated")
     parser.add_argument("--npy", default="1e8", help="scattered points in a file, comma-separated")
@@ -109,8 +91,9 @@ def main():
     parser.add_argument("--delaunay", default="4e6", help="scattered points to join by Delaunay tetrahedra")
     parser.add_argument("--memory", default="1G")
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "docs/scale.md")
-    options = parser.parse_args()
 
+
+def run(options):
     scattered = [f"gen:points:count={count},distribution=vortex,type=float32" for count in options.counts.split(",")]
     meshes = [f"gen:mesh:cells={cells}" for cells in options.cells.split(",")] if options.cells else []
     hard = [f"gen:points:count={options.hard},distribution={d}" for d in POINTS if d != "vortex" and options.hard]
@@ -121,36 +104,24 @@ def main():
     runs += [(source, []) for source in meshes]
     runs += [(source, ["--connectivity", "boxes"]) for source in hard]
     runs += [(source, ["--connectivity", "delaunay"]) for source in joined]
-    version = subprocess.run([options.programs / "svbuild", "--version"], capture_output=True, text=True).stdout.strip()
+    version = output_of(options.programs / "svbuild", "--version").strip()
     lines = [
         "# Scale",
         "",
-        *textwrap.wrap(
-            f"Made by `bench/svscale --counts {options.counts} --npy {options.npy} --cells {options.cells} --hard "
-            f"{options.hard} --memory {options.memory} --delaunay {options.delaunay}`: {version}, {os.cpu_count()} "
-            f"cores of {processor()}. Each build ran once, alone. Scattered points have one value, positions and value "
-            "in single precision, and the `--connectivity` in the table. The hard distributions are in double "
-            "precision. Inputs are made while they are read, except for files.",
-            120,
-            break_long_words=False,
-            break_on_hyphens=False,
+        *wrapped(
+            f"""Made by `bench/svbench scale --counts {options.counts} --npy {options.npy} --cells {options.cells}
+            --hard {options.hard} --memory {options.memory} --delaunay {options.delaunay}`: {version}, {os.cpu_count()}
+            cores of {processor()}. Each build ran once, alone. Scattered points have one value, positions and value in
+            single precision, and the `--connectivity` in the table. The hard distributions are in double precision.
+            Inputs are made while they are read, except for files."""
         ),
         "",
-        "| input | `--memory` | points | resolutions | seconds | speed | CPU microseconds a point | peak MiB "
-        "| disk space while it runs, bytes a point | bytes a point of the file |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        *table_head(*TITLES),
     ]
-    with tempfile.TemporaryDirectory(prefix="svscale-", dir=options.work) as work:
+    with tempfile.TemporaryDirectory(prefix="svbench-", dir=options.work) as work:
         for source, connectivity in runs:
             with make_input(source, options.programs / "svgen", work) as made:
                 said = build(options.programs / "svbuild", made, options.memory, connectivity, work)
             lines.append(row(" ".join([source, *connectivity[1:]]), options.memory, said))
             print(lines[-1], flush=True)
-    # People write the sections after the table: they stay.
-    rest = options.out.read_text().partition("\n\n## ") if options.out.exists() else ("", "", "")
-    options.out.write_text("\n".join(lines) + (rest[1] + rest[2] if rest[1] else "\n"))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    write_first_section(options.out, lines)

@@ -1,16 +1,12 @@
-"""Tools for svpaper's parts: builds, pictures, errors, tables."""
+"""Tools for the parts: builds, pictures, errors, tables."""
 
 import json
 import resource
-import subprocess
-import textwrap
+
+from .. import common
 
 MESHES = ("bluntfin", "post", "wing")
 VIEWS = MESHES  # each mesh as a whole, from outside
-
-
-class ProgramError(Exception):
-    """A program failed. The text holds the command and the program's message."""
 
 
 class Paper:
@@ -23,17 +19,10 @@ class Paper:
 
     def attempt(self, program, *arguments):
         """Runs a program. Returns the result of subprocess.run, whatever the exit code."""
-        command = [str(self.programs / program), *map(str, arguments)]
-        try:
-            return subprocess.run(command, capture_output=True, text=True, check=False)
-        except OSError as error:
-            raise ProgramError(f"{command[0]}: {error.strerror}") from error
+        return common.attempt(self.programs / program, *arguments)
 
     def run(self, program, *arguments):
-        done = self.attempt(program, *arguments)
-        if done.returncode != 0:
-            raise ProgramError(f"{' '.join(done.args)}: {done.stderr.strip() or f'exit {done.returncode}'}")
-        return done.stdout
+        return common.output_of(self.programs / program, *arguments)
 
     def mesh(self, name):
         return self.shared / "data" / f"{name}.vtu"
@@ -84,12 +73,11 @@ class Paper:
 
 def paragraph(text):
     """Prints an empty line, then the text in lines of at most 120 characters."""
-    print("\n" + textwrap.fill(" ".join(text.split()), 120, break_long_words=False, break_on_hyphens=False))
+    print("", *common.wrapped(text), sep="\n")
 
 
 def table(*names):
-    print(f"\n| {' | '.join(names)} |")
-    print("|" + "---|" * len(names))
+    print("", *common.table_head(*names), sep="\n")
 
 
 def row(*cells):

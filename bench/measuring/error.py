@@ -1,20 +1,17 @@
-#!/usr/bin/env python3
-"""sverror: measures whether svrender --max-error keeps its word; prints a table for docs/accuracy.md.
+"""Measures whether svrender --max-error keeps its word; prints a table for docs/accuracy.md.
 
 Compares pictures of --max-error with exact ones, and their splats with the fewest that --splats needs for the same
 error. Needs Python's standard library only.
 """
 
-import argparse
 import json
 import math
 import re
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from .common import add_programs, output_of, table_head
+
 FIRST, STEP = 256, math.sqrt(2)  # splats of the sweep
 
 
@@ -26,21 +23,15 @@ class View:
         self.curve = []  # (splats, error, cut seconds), fewer splats first
         self.is_complete = False
 
-    def run(self, program, *arguments):
-        command = [str(part) for part in (self.programs / program, *arguments)]
-        run = subprocess.run(command, capture_output=True, text=True, check=False)
-        if run.returncode != 0:
-            sys.exit(f"sverror: {' '.join(command)}: {run.stderr}")
-        return run.stdout
-
     def draw(self, *detail):
         """Draws a picture. Returns its statistics and its error."""
         picture = Path(self.work) / "picture.exr"
-        stats = json.loads(self.run("svrender", self.file, "--scene", self.scene, "-o", picture, "--stats", "-", *detail))
+        options = [self.file, "--scene", self.scene, "-o", picture, "--stats", "-"]
+        stats = json.loads(output_of(self.programs / "svrender", *options, *detail))
         return stats, self.error_of(picture)
 
     def error_of(self, picture):
-        return float(re.search(r"rmse (\S+)", self.run("svdiff", self.truth, picture)).group(1))
+        return float(re.search(r"rmse (\S+)", output_of(self.programs / "svdiff", self.truth, picture)).group(1))
 
     def extend(self):
         """Adds a point to the sweep over splats. Returns whether there was one to add."""
@@ -67,15 +58,16 @@ class View:
         return None
 
 
-def main():
-    parser = argparse.ArgumentParser("sverror", description=__doc__.splitlines()[0])
+def add_options(parser):
     parser.add_argument("views", nargs="+", help="FILE.svol,SCENE.json,EXACT.exr")
-    parser.add_argument("--programs", type=Path, default=ROOT / "build/release/bin", help="folder of svrender and svdiff")
+    add_programs(parser)
     parser.add_argument("--errors", nargs="+", type=float, default=[0.02, 0.01, 0.005, 0.0025])
-    options = parser.parse_args()
-    print("| view | wanted | error | of the wanted | estimated | splats | of the fewest | pictures | ms to find | ms of a frame |")
-    print("|" + "---|" * 10)
-    with tempfile.TemporaryDirectory(prefix="sverror-") as work:
+
+
+def run(options):
+    titles = ["view", "wanted", "error", "of the wanted", "estimated", "splats", "of the fewest", "pictures"]
+    print("\n".join(table_head(*titles, "ms to find", "ms of a frame")))
+    with tempfile.TemporaryDirectory(prefix="svbench-") as work:
         for names in options.views:
             view = View(options.programs, work, *names.split(","))
             for wanted in options.errors:
@@ -89,7 +81,3 @@ def main():
                     f"| {1000 * stats['seconds']['frame']:.0f} |",
                     flush=True,
                 )
-
-
-if __name__ == "__main__":
-    main()
