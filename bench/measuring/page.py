@@ -4,9 +4,9 @@ import csv
 import json
 import math
 import shutil
-import textwrap
 from dataclasses import dataclass
-from pathlib import Path
+
+from .common import table_head, wrapped
 
 PEER_NAMES = {"projected-tets": "VTK projected tetrahedra", "ray-cast": "VTK ray cast"}
 EXACT = "svtruth"
@@ -35,7 +35,6 @@ class Results:
         self.reference = read_csv(folder / "reference.csv")
         self.note = json.loads((folder / "run.json").read_text())
         self.plan = self.note["plan"]
-        self.prototype = json.loads(Path(__file__).with_name("prototype.json").read_text())
         self.views = list(dict.fromkeys(row.view for row in self.frames if row.part == "view"))
         self.devices = self.plan["devices"]
         self.device = self.devices[0]  # which draws all settings
@@ -56,22 +55,23 @@ class Results:
     def all_points(self, view, kernel, **columns):
         return self.by_tolerance(view, 0, kernel, **columns)
 
-    def counts(self, view):
-        """Points of each resolution of the view's mesh, coarse to fine."""
-        mesh = self.one(view=view).mesh
-        return next([int(n) for n in b.resolutions.split()] for b in self.builds if b.mesh == mesh)
 
 
 # Text.
 
 
 def paragraph(text):
-    return [*textwrap.wrap(" ".join(text.split()), 120, break_long_words=False, break_on_hyphens=False), ""]
+    return [*wrapped(text), ""]
+
+
+def wrapped_item(text):
+    first, *rest = wrapped(text)
+    return [first, *(f"  {line}" for line in rest)]
 
 
 def table(columns, rows):
     """Makes a Markdown table. `columns`: pairs of a title and a function from a row to its cell (None: empty)."""
-    lines = ["| " + " | ".join(title for title, _ in columns) + " |", "|" + "---|" * len(columns)]
+    lines = table_head(*(title for title, _ in columns))
     for row in rows:
         cells = (cell(row) for _, cell in columns)
         lines.append("| " + " | ".join("" if cell is None else str(cell) for cell in cells) + " |")
@@ -138,10 +138,6 @@ class Match:
         return self.peer.frame_s / self.fastest.frame_s if self.fastest else None
 
     @property
-    def finest_gain(self):
-        return self.peer.frame_s / self.finest.frame_s
-
-    @property
     def finest_error(self):
         return self.finest.rmse / self.peer.rmse
 
@@ -173,52 +169,40 @@ def gains(found):
     return f"{geometric_mean(ratios):.1f} times ({reached})" if ratios else reached
 
 
-def against_peer(results, kind):
-    name, found = PEER_NAMES[kind], list(matches(results, kind))
+def against_peers(results):
+    found = {kind: list(matches(results, kind)) for kind in PEER_NAMES}
+    found = {kind: of for kind, of in found.items() if of}
     if not found:
-        return [f"## Against {name}", "", "Not measured in this run.", ""]
+        return ["## Against VTK", "", "Not measured in this run.", ""]
+    lines = []
+    columns = [("view", lambda pair: pair[0].view)]
+    for place, kind in enumerate(found):
+        lines.append(
+            f"- {PEER_NAMES[kind]}: {gains(found[kind])}. Where VTK keeps the light within a fifth: "
+            f"{gains([match for match in found[kind] if keeps_light(match.peer)])}. With a sample for every pixel: "
+            f"{gains(list(matches(results, kind, widest=1)))}. With all points: our RMSE over VTK's "
+            f"{geometric_mean([match.finest_error for match in found[kind]]):.3f}."
+        )
 
-    def fastest(say):
-        return lambda match: match.fastest and say(match.fastest)
+        def fastest(say, place=place):
+            return lambda pair: pair[place].fastest and say(pair[place].fastest)
 
-    peer_columns = [
-        ("VTK: frame ms", lambda match: milliseconds(match.peer)),
-        ("RMSE", lambda match: f"{match.peer.rmse:.4f}"),
-        ("light", lambda match: f"{match.peer.light:.3f}"),
-    ]
-    fastest_columns = [
-        ("view", lambda match: match.view),
-        ("setting", lambda match: setting(match.fastest) if match.fastest else "none"),
-        ("splats", fastest(SPLATS[1])),
-        ("frame ms", fastest(milliseconds)),
-        ("RMSE", fastest(RMSE[1])),
-        *peer_columns,
-        ("times faster", lambda match: match.gain and f"{match.gain:.1f}"),
-    ]
-    finest_columns = [
-        ("view", lambda match: match.view),
-        ("all points: frame ms", lambda match: milliseconds(match.finest)),
-        ("RMSE", lambda match: f"{match.finest.rmse:.4f}"),
-        *peer_columns,
-        ("times faster", lambda match: f"{match.finest_gain:.1f}"),
-        ("RMSE over VTK's", lambda match: f"{match.finest_error:.3f}"),
-    ]
+        columns += [
+            (f"at the RMSE of {PEER_NAMES[kind]}", fastest(setting)),
+            ("splats", fastest(SPLATS[1])),
+            ("frame ms", fastest(milliseconds)),
+            ("RMSE", fastest(RMSE[1])),
+            ("VTK's light", lambda pair, place=place: LIGHT[1](pair[place].peer)),
+            ("times faster", lambda pair, place=place: pair[place].gain and f"{pair[place].gain:.1f}"),
+        ]
     return [
-        f"## Against {name}",
+        "## Against VTK",
         "",
-        *paragraph(
-            f"""The fastest measured setting of `{results.kernel}` with an RMSE of at most that of {name}. Geometric
-            mean of the ratios of frame times:"""
-        ),
-        f"- all views: {gains(found)}",
-        f"- views where VTK keeps the light within a fifth: {gains([m for m in found if keeps_light(m.peer)])}",
-        f"- all views, a sample for every pixel: {gains(list(matches(results, kind, widest=1)))}",
+        *paragraph(f"""The fastest measured setting of `{results.kernel}` with an RMSE of at most that of VTK's picture.
+            Geometric means of the ratios of frame times:"""),
+        *(line for text in lines for line in wrapped_item(text)),
         "",
-        *table(fastest_columns, found),
-        *paragraph(f"""With all points (tolerance 0), geometric means: VTK's time over ours
-            {geometric_mean([match.finest_gain for match in found]):.1f}, our RMSE over VTK's
-            {geometric_mean([match.finest_error for match in found]):.3f}."""),
-        *table(finest_columns, found),
+        *table(columns, list(zip(*found.values()))),
     ]
 
 
@@ -226,8 +210,8 @@ def against_peer(results, kind):
 
 
 def by_default(results):
-    pairs = [(results.one(view=view, kernel="projected-tets"), results.one("default", view=view)) for view in results.views]
-    pairs = [pair for pair in pairs if all(pair)]
+    peers = [(view, results.one(view=view, kernel="projected-tets")) for view in results.views]
+    pairs = [pair for view, peer in peers if all(pair := (peer, results.one("default", view=view)))]
     if not pairs:
         return []
 
@@ -235,7 +219,9 @@ def by_default(results):
         return pair[0].frame_s / pair[1].frame_s
 
     def mean(kept):
-        return f"{geometric_mean([gain(pair) for pair in kept]):.0f} times (of {len(kept)} views)" if kept else "no view"
+        if not kept:
+            return "no view"
+        return f"{geometric_mean([gain(pair) for pair in kept]):.0f} times (of {len(kept)} views)"
 
     columns = [
         ("view", lambda pair: pair[0].view),
@@ -320,120 +306,35 @@ def growth(results):
     ]
 
 
-# Against the prototype.
-
-
 def slabs(results):
     """Splats drawn one over the other beside splats mixed in slabs."""
-    tolerances = [t for t in (0, 5, 10) if t in results.plan["tolerances"]]
     pairs = [
-        [results.by_tolerance(view, t, "moments", raster=raster) for raster in ("splats", "slabs")]
-        for t in tolerances
-        for view in results.views
+        [results.all_points(view, "moments", raster=raster) for raster in ("splats", "slabs")] for view in results.views
     ]
     pairs = [pair for pair in pairs if all(pair)]
     if not pairs:
         return []
 
     def ratio(which):
-        of_all_points = [pair for pair in pairs if pair[0].tolerance == 0 and pair[0][which]]
-        return f"{geometric_mean([mixed[which] / plain[which] for plain, mixed in of_all_points]):.2f}"
+        return f"{geometric_mean([mixed[which] / plain[which] for plain, mixed in pairs if plain[which]]):.2f}"
 
-    columns = [("view", lambda pair: pair[0].view), ("setting", lambda pair: setting(pair[0]))]
+    columns = [("view", lambda pair: pair[0].view)]
     for place, title in enumerate(("splats", "slabs")):
         for name, say in (FRAME, RMSE, RIPPLE, OUTLINE):
             columns.append((f"{title}: {name}", lambda pair, place=place, say=say: say(pair[place])))
     return [
         "## Mixed in slabs",
         "",
-        *paragraph(f"""`--raster splats` draws one splat over the other; `--raster slabs` mixes them (docs/accuracy.md).
-            Ripple is the error beside the outline of the exact picture that is narrower than about 16 pixels, outline
-            the error within 3 pixels of it (`svdiff`). Section Pictures shows the differences. Geometric means with all points, slabs over splats: frame times
-            {ratio("frame_s")}, RMSE {ratio("rmse")}, ripple {ratio("ripple")}, outline {ratio("outline")}."""),
+        *paragraph(f"""`--raster splats` draws one splat over the other; `--raster slabs` mixes them
+            ([accuracy.md](accuracy.md)). Ripple is the error beside the outline of the exact picture that is narrower
+            than about 16 pixels, outline the error within 3 pixels of it (`svdiff`). All points. Geometric means, slabs
+            over splats: frame times {ratio("frame_s")}, RMSE {ratio("rmse")}, ripple {ratio("ripple")}, outline
+            {ratio("outline")}."""),
         *table(columns, pairs),
     ]
 
 
-def beside_prototype(results):
-    """Yields the rows of fixed resolutions for which the prototype has a figure, finest first."""
-    for view in results.views:
-        counts = results.counts(view)
-        for step, (figure, bar) in enumerate(zip(results.prototype["rmse"].get(view, []), results.prototype["bars"])):
-            resolution = len(counts) - 1 - step
-            fixed = results.one(
-                view=view, kernel="moments", resolution=resolution, sampling="auto", device=results.device
-            )
-            if row := fixed if step else results.all_points(view, "moments"):
-                share, ratio = counts[resolution] / counts[-1], row.rmse / figure
-                yield Row(row, resolution=resolution, share=share, figure=figure, ratio=ratio, bar=bar)
-
-
-def verdict(row):
-    return row.bar and (f"{row.bar}, kept" if row.ratio <= row.bar else f"{row.bar}, **missed**")
-
-
-def against_prototype(results):
-    rows = list(beside_prototype(results))
-    if not rows:
-        return ["## Resolutions, against the prototype", "", "Not measured in this run.", ""]
-    barred = [row for row in rows if row.bar]
-    columns = [
-        VIEW,
-        ("resolution", number("resolution")),
-        ("% of points", number("share", ".0f", 100)),
-        SPLATS,
-        FRAME,
-        RMSE,
-        ("prototype", number("figure", ".4f")),
-        ("ratio", number("ratio", ".2f")),
-        ("bar", verdict),
-    ]
-    return [
-        "## Resolutions, against the prototype",
-        "",
-        *paragraph(f"""Fixed resolutions (`--resolution`) of `moments`, beside {results.prototype['source']}. Bars kept:
-            {sum(row.ratio <= row.bar for row in barred)} of {len(barred)}."""),
-        *table(columns, rows),
-    ]
-
-
-# All measurements.
-
-
-def every_frame(results):
-    columns = [
-        KERNEL,
-        ("device", text("device")),
-        ("setting", setting),
-        SPLATS,
-        ("nodes", number("nodes")),
-        ("bytes read", number("bytes_read")),
-        ("% of the file", lambda row: row.bytes_read and f"{100 * row.bytes_read / row.file_bytes:.1f}"),
-        ("first picture ms", number("first_image_s", ".0f", 1e3)),
-        FRAME,
-        ("cut ms", number("cut_s", ".2f", 1e3)),
-        ("sort ms", number("sort_s", ".1f", 1e3)),
-        ("draw ms", number("draw_s", ".1f", 1e3)),
-        RMSE,
-        ("PSNR dB", number("psnr", ".1f")),
-        FLIP,
-        RIPPLE,
-        OUTLINE,
-        LIGHT,
-    ]
-    views = [line for view in results.views for line in (f"### {view}", "", *table(columns, results.of(view=view)))]
-    return [
-        "## All measurements",
-        "",
-        *paragraph(
-            """RMSE and PSNR are of linear RGB. FLIP is the mean over the sRGB pictures on the background. Light is the
-            mean of the picture over that of the exact one. The first picture includes everything from opening the file
-            to the finished pixels, and for `svrender --device gl` also starting OpenGL and compiling shaders. VTK has
-            the mesh in memory already; its `splats`, and those of `svtruth`, are cells. Frame, cut, sort and draw are
-            of steady frames."""
-        ),
-        *views,
-    ]
+# Smaller sections.
 
 
 def equal(results):
@@ -447,16 +348,6 @@ def equal(results):
         return f"{geometric_mean(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
 
     offsets = [by_error.expected_error / by_error.rmse for _, by_error in pairs]
-    columns = [
-        ("view", lambda pair: pair[0].view),
-        ("setting", lambda pair: setting(pair[0])),
-        ("splats", lambda pair: SPLATS[1](pair[0])),
-        ("RMSE", lambda pair: RMSE[1](pair[0])),
-        ("by error: splats", lambda pair: SPLATS[1](pair[1])),
-        ("RMSE", lambda pair: RMSE[1](pair[1])),
-        ("RMSE expected", lambda pair: number("expected_error", ".4f")(pair[1])),
-        ("times closer", lambda pair: f"{pair[0].rmse / pair[1].rmse:.2f}"),
-    ]
     return [
         "## By expected error, at equal splats",
         "",
@@ -464,26 +355,29 @@ def equal(results):
             a sample for every pixel. RMSE over that by expected error, geometric means (smallest to largest):
             tolerances {gain("tolerance")}, fixed resolutions {gain("resolution")}. The expected error over the true
             one: {geometric_mean(offsets):.2f} ({min(offsets):.2f} to {max(offsets):.2f})."""),
-        *table(columns, pairs),
     ]
 
 
 def sorting(results):
-    def cell(sort, say):
-        return lambda key: (row := results.all_points(*key, sort=sort)) and say(row)
+    def over_exact(kernel, sort, which):
+        pairs = [[results.all_points(view, kernel, sort=s) for s in (sort, "exact")] for view in results.views]
+        ratios = [other[which] / exact[which] for other, exact in pairs if other and exact]
+        return f"{geometric_mean(ratios):.2f}" if ratios else None
 
-    columns = [("view", lambda key: key[0]), ("kernel", lambda key: f"`{key[1]}`")]
+    columns = [("kernel", lambda kernel: f"`{kernel}`")]
     for sort in results.plan["sorts"]:
-        what = [("sort ms", number("sort_s", ".1f", 1e3)), FRAME, RMSE]
-        columns += [(f"{sort}: {title}", cell(sort, say)) for title, say in what]
+        if sort != "exact":
+            for title, which in (("frame time", "frame_s"), ("RMSE", "rmse")):
+                columns.append((f"{sort}: {title}", lambda kernel, s=sort, w=which: over_exact(kernel, s, w)))
     return [
         "## Sorting",
         "",
         *paragraph(
             """All points, the camera moving. `none`: back to front by node only. `axis`: by depth along the axis
-            nearest to the line of sight, kept while the view turns little. `exact`: every splat by its own depth."""
+            nearest to the line of sight, kept while the view turns little. `exact`: every splat by its own depth.
+            Geometric means of the views, over those of `exact`:"""
         ),
-        *table(columns, [(view, kernel) for view in results.views for kernel in results.kernels]),
+        *table(columns, results.kernels),
     ]
 
 
@@ -512,15 +406,13 @@ def scattered(results):
     rows = results.of("scattered")
     if not rows:
         return []
-    figures = results.prototype["scattered"]
-    figure = ("prototype", lambda row: figures.get(row.view, {}).get(row.connectivity))
     return [
         "## Scattered points",
         "",
         *paragraph(f"""The same points without the cells (`svbuild --connectivity`), all of them drawn with
             `{results.kernel}`, against the exact picture of the mesh. Without cells nothing tells a hole or a concavity
             from the inside."""),
-        *table([VIEW, ("connectivity", text("connectivity")), SPLATS, FRAME, RMSE, FLIP, RIPPLE, LIGHT, figure], rows),
+        *table([VIEW, ("connectivity", text("connectivity")), SPLATS, FRAME, RMSE, FLIP, RIPPLE, LIGHT], rows),
     ]
 
 
@@ -539,60 +431,62 @@ def lit(results):
 def reference(results):
     if not results.reference:
         return []
-    columns = [
-        VIEW,
-        ("tetrahedra", number("tetrahedra")),
-        ("segments a pixel", number("segments_per_pixel")),
-        ("seconds", number("seconds", ".2f")),
-        ("RMSE", number("rmse", ".2e")),
-        ("largest difference", number("max", ".2e")),
-    ]
+    worst = max(results.reference, key=lambda row: row.rmse)
+    others = max((row.rmse for row in results.reference if row is not worst), default=0)
     return [
         "## Reference",
         "",
-        *paragraph("""`svtruth` against pictures by an independent program (another algorithm, also in double
-            precision)."""),
-        *table(columns, results.reference),
+        *paragraph(f"""`svtruth` against pictures by an independent program (another algorithm, also in double
+            precision): an RMSE of {worst.rmse:.2e} for {worst.view} (largest difference {worst.max:.2e}), and of at
+            most {others:.2e} for the other views."""),
     ]
 
 
-# Pictures and plots.
+# Pictures, plots and tables beside the page.
 
-
-def picture_names(results):
-    """Returns the rows of a view's pictures: from the ending of a file's name to the picture's title."""
-    pictures = {"exact": "exact"}
-    for kernel in reversed(results.kernels):
-        for tolerance in results.plan["pictured_tolerances"]:
-            pictures[f"{kernel}-{tolerance:g}"] = f"`{kernel}`, " + (f"{tolerance:g} %" if tolerance else "all points")
-    for tolerance in results.plan["pictured_tolerances"]:
-        pictures[f"slabs-{tolerance:g}"] = "slabs, " + (f"{tolerance:g} %" if tolerance else "all points")
-    differences = {"moments-0-difference": "one by one, difference x 8", "slabs-0-difference": "slabs, difference x 8"}
-    lit_names = {f"lit-{kernel}": f"lit, `{kernel}`" for kernel in reversed(results.kernels)}
-    return [{**pictures, **PEER_NAMES}, differences, {"lit-exact": "lit, exact", **lit_names}]
+SHOWN = {
+    "bluntfin-close-exact": "exact",
+    "bluntfin-close-moments-5": "`moments`, 5 %",
+    "bluntfin-close-projected-tets": PEER_NAMES["projected-tets"],
+}
+SHOWN_IN_ACCURACY = [f"{mesh}-{way}-0-difference" for mesh in ("bluntfin", "post") for way in ("moments", "slabs")]
+TABLES = ("frames.csv", "builds.csv", "reference.csv", "run.json")
 
 
 def gallery(results, docs):
-    """Copies the pictures, and removes those of an earlier page."""
-    folder = docs / "pictures"
-    folder.mkdir(parents=True, exist_ok=True)
-    for old in {path for view in results.views for path in folder.glob(f"{view}-*.png")}:
-        old.unlink()
+    """Copies the pictures that pages show. Returns the table of this page's."""
+    (docs / "pictures").mkdir(parents=True, exist_ok=True)
+    for name in (*SHOWN, *SHOWN_IN_ACCURACY):
+        if (made := results.folder / f"pictures/{name}.png").exists():
+            shutil.copy(made, docs / "pictures")
+    shown = [name for name in SHOWN if (docs / f"pictures/{name}.png").exists()]
+    columns = [(SHOWN[name], lambda _, name=name: f"![{name}](pictures/{name}.png)") for name in shown]
+    return ["bluntfin-close:", "", *table(columns, [None])] if shown else []
 
-    lines = []
-    for view in results.views:
-        for names in picture_names(results):
-            files = {title: results.folder / "pictures" / f"{view}-{ending}.png" for ending, title in names.items()}
-            files = {title: path for title, path in files.items() if path.exists()}
-            for path in files.values():
-                shutil.copy(path, folder)
-            if files:
-                pictures = [
-                    (title, lambda _, path=path: f"![{path.stem}](pictures/{path.name})")
-                    for title, path in files.items()
-                ]
-                lines += table(pictures, [None])
-    return ["## Pictures", "", *(lines or ["Not made in this run.", ""])]
+
+def all_measurements(results, docs):
+    """Copies the tables. Returns the section that names them."""
+    (docs / "results").mkdir(parents=True, exist_ok=True)
+    if results.folder.resolve() != (docs / "results").resolve():
+        for name in TABLES:
+            shutil.copy(results.folder / name, docs / "results")
+    return [
+        "## All measurements",
+        "",
+        *paragraph(
+            """A line for each picture is in [frames.csv](results/frames.csv), for each build in
+            [builds.csv](results/builds.csv), and for each view of `svtruth` in
+            [reference.csv](results/reference.csv); the settings are in [run.json](results/run.json)."""
+        ),
+        *paragraph(
+            """Times are in seconds. RMSE and PSNR are of linear RGB. FLIP is the mean over the sRGB pictures on the
+            background. Light is the mean of the picture over that of the exact one. The first picture includes
+            everything from opening the file to the finished pixels, and for `svrender --device gl` also starting OpenGL
+            and compiling shaders. VTK has the mesh in memory already; its `splats`, and those of `svtruth`, are cells.
+            Frame, cut, sort and draw are of steady frames. `bench/svbench report -o docs/results` makes this page of
+            these files."""
+        ),
+    ]
 
 
 def head(results, plotted):
@@ -624,18 +518,17 @@ def head(results, plotted):
     if plotted:
         lines += paragraph("""Lower left is better. Filled marks are tolerances, hollow ones fixed resolutions. Crosses
             are both, with samples of the picture 4 pixels apart. All are sorted exactly.""")
-    for name in plotted:
-        lines += [f"![{name}](plots/{name}.png)", ""]
+        lines += ["![error-time](plots/error-time.png)", ""]
     return lines
 
 
 def write(results, docs, plotted):
-    """Writes results.md and pictures/ in `docs`. `plotted`: names of the plots in plots/."""
+    """Writes results.md, results/ and pictures/ in `docs`. `plotted`: whether there is a plot."""
     docs.mkdir(parents=True, exist_ok=True)
-    lines = head(results, plotted) + by_default(results) + all_beside(results) + slabs(results) + growth(results)
-    for kind in PEER_NAMES:
-        lines += against_peer(results, kind)
-    lines += against_prototype(results) + gallery(results, docs)
-    for section in (equal, sorting, building, scattered, lit, reference, every_frame):
+    lines = head(results, plotted) + gallery(results, docs)
+    for section in (by_default, all_beside, against_peers, slabs, growth):
         lines += section(results)
+    for section in (equal, sorting, building, scattered, lit, reference):
+        lines += section(results)
+    lines += all_measurements(results, docs)
     (docs / "results.md").write_text("\n".join(lines).rstrip() + "\n")

@@ -25,6 +25,7 @@ def is_there(extra, packages):
 def run(options):
     docs = options.docs or ROOT / "docs"
     results = page.Results(options.out)
-    plotted = plots.draw(results, docs / "plots") if is_there("plots", ["matplotlib"]) else []
+    if plotted := is_there("plots", ["matplotlib"]):
+        plots.draw(results, docs / "plots/error-time.png")
     page.write(results, docs, plotted)
     print(f"wrote {docs / 'results.md'}")
