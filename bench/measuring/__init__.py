@@ -1,1 +1,1 @@
-"""The parts of svbench."""
+"""The parts of svbench: command.py knows the subcommands, common.py what they share."""

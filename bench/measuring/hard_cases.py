@@ -1,4 +1,4 @@
-"""The cases of bench/svhard: meshes, scenes, and how far a picture may be from the exact one."""
+"""The cases of bench/svbench hard: meshes, scenes, and how far a picture may be from the exact one."""
 
 import copy
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The meshes of bench/svhard, written as .vtu files in double precision."""
+"""The meshes of bench/svbench hard, written as .vtu files in double precision."""
 
 import base64
 import math

@@ -7,15 +7,14 @@ A time is the median of the turns' medians, with the fastest and the slowest fra
 import csv
 import json
 import os
-import platform
 import statistics
-import subprocess
 import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 from . import peers, pictures
+from .common import output_of, processor
 
 FRAME_FIELDS = (
     "part view mesh connectivity device kernel tolerance resolution max_splats max_error sort raster sampling "
@@ -24,10 +23,6 @@ FRAME_FIELDS = (
 ).split()
 BUILD_FIELDS = "mesh connectivity points resolutions seconds seconds_min seconds_max file_bytes input_bytes".split()
 REFERENCE_FIELDS = "view tetrahedra segments_per_pixel seconds rmse max".split()
-
-
-class ProgramError(Exception):
-    """A program failed. The text holds the command and the program's message."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +58,7 @@ class Setting:
 
 @dataclass
 class Bench:
-    """One run. `plan`: the settings to measure (command.py). `extras`: the available ones of peers, flip, pictures."""
+    """One run. `plan`: the settings to measure (speed.py). `extras`: the available ones of peers, flip, pictures."""
 
     programs: Path
     shared: Path
@@ -73,14 +68,7 @@ class Bench:
     extras: set
 
     def run(self, program, *arguments):
-        command = [str(self.programs / program), *map(str, arguments)]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True)
-        except OSError as error:
-            raise ProgramError(f"{command[0]}: {error.strerror}") from error
-        if done.returncode != 0:
-            raise ProgramError(f"{' '.join(command)}: {done.stderr.strip() or f'exit {done.returncode}'}")
-        return done.stdout
+        return output_of(self.programs / program, *arguments)
 
     def run_json(self, program, *arguments):
         return json.loads(self.run(program, *arguments))
@@ -395,13 +383,6 @@ def measure_reference(bench, view):
         **{k: stats[k] for k in ("tetrahedra", "segments_per_pixel", "seconds")},
         **{k: difference[k] for k in ("rmse", "max")},
     }
-
-
-def processor():
-    for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []:
-        if line.startswith("model name"):
-            return line.split(":", 1)[1].strip()
-    return platform.machine()
 
 
 def measure_builds(bench, say):

@@ -9,12 +9,13 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 
+from .common import Failure
 from .pictures import write_exr
 
 KINDS = {"projected-tets": "vtkProjectedTetrahedraMapper", "ray-cast": "vtkUnstructuredGridVolumeRayCastMapper"}
 
 
-class PeerError(Exception):
+class PeerError(Failure):
     """The process of a peer ended before its answer. Its message is on stderr."""
 
 

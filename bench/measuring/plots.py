@@ -1,20 +1,24 @@
-"""Plots of error against time and splats: a panel for each view."""
+"""The plot of error against time: a panel for each view."""
 
 import math
 
-from .report import EXACT, NAMES, PEER_NAMES
+from .page import EXACT, NAMES, PEER_NAMES
 
 COLORS = {"moments": "#1f6fb4", "octant": "#e07b00"}
 PEER_MARKS = {"projected-tets": ("*", "#222222", 15), "ray-cast": ("D", "#8a2be2", 8)}
 
 
-def _splats(panel, rows, x, y, color, kernel):
+def _milliseconds(row):
+    return 1e3 * row.frame_s
+
+
+def _splats(panel, rows, color, kernel):
     usual = [row for row in rows if row.sort == "exact" and row.raster == "splats" and row.sampling == "auto"]
     sampled = [row for row in rows if row.sampling == "4"]
     by_tolerance = sorted((row for row in usual if row.tolerance is not None), key=lambda row: row.tolerance)
     panel.plot(
-        [x(row) for row in by_tolerance],
-        [row[y] for row in by_tolerance],
+        [_milliseconds(row) for row in by_tolerance],
+        [row.rmse for row in by_tolerance],
         "o-",
         color=color,
         markersize=5,
@@ -24,8 +28,8 @@ def _splats(panel, rows, x, y, color, kernel):
     mixed = sorted((row for row in rows if row.raster == "slabs"), key=lambda row: row.tolerance)
     if mixed:
         panel.plot(
-            [x(row) for row in mixed],
-            [row[y] for row in mixed],
+            [_milliseconds(row) for row in mixed],
+            [row.rmse for row in mixed],
             "s--",
             color=color,
             markersize=4,
@@ -34,8 +38,8 @@ def _splats(panel, rows, x, y, color, kernel):
         )
     by_resolution = [row for row in usual if row.resolution is not None]
     panel.plot(
-        [x(row) for row in by_resolution],
-        [row[y] for row in by_resolution],
+        [_milliseconds(row) for row in by_resolution],
+        [row.rmse for row in by_resolution],
         "o",
         color=color,
         markersize=7,
@@ -44,8 +48,8 @@ def _splats(panel, rows, x, y, color, kernel):
     )
     if sampled:
         panel.plot(
-            [x(row) for row in sampled],
-            [row[y] for row in sampled],
+            [_milliseconds(row) for row in sampled],
+            [row.rmse for row in sampled],
             "x",
             color=color,
             markersize=5,
@@ -55,7 +59,7 @@ def _splats(panel, rows, x, y, color, kernel):
         if row.tolerance in (0, 1, 5, 20):
             panel.annotate(
                 "all" if row.tolerance == 0 else f"{row.tolerance:g} %",
-                (x(row), row[y]),
+                (_milliseconds(row), row.rmse),
                 xytext=(3, 5),
                 textcoords="offset points",
                 fontsize=8,
@@ -63,15 +67,14 @@ def _splats(panel, rows, x, y, color, kernel):
             )
 
 
-def _peer(panel, row, x, y, kind, timed):
+def _peer(panel, row, kind):
     mark, color, size = PEER_MARKS[kind]
-    spread = [[1e3 * (row.frame_s - row.frame_min_s)], [1e3 * (row.frame_max_s - row.frame_s)]] if timed else None
-    panel.errorbar(
-        [x(row)], [row[y]], xerr=spread, fmt=mark, color=color, markersize=size, capsize=3, label=PEER_NAMES[kind]
-    )
+    spread = [[1e3 * (row.frame_s - row.frame_min_s)], [1e3 * (row.frame_max_s - row.frame_s)]]
+    style = {"fmt": mark, "color": color, "markersize": size, "capsize": 3, "label": PEER_NAMES[kind]}
+    panel.errorbar([_milliseconds(row)], [row.rmse], xerr=spread, **style)
 
 
-def _figure(results, x, x_label, y, y_label, timed, path):
+def draw(results, path):
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -81,14 +84,14 @@ def _figure(results, x, x_label, y, y_label, timed, path):
     for panel, view in zip(panels, results.views):
         for kernel in results.kernels:
             rows = results.of(view=view, kernel=kernel, device=results.device)
-            _splats(panel, rows, x, y, COLORS.get(kernel, "#2a9d4a"), kernel)
+            _splats(panel, rows, COLORS.get(kernel, "#2a9d4a"), kernel)
         for kind in PEER_NAMES:
             if peer := results.one(view=view, kernel=kind):
-                _peer(panel, peer, x, y, kind, timed)
-        if timed and (exact := results.one(view=view, kernel=EXACT)):  # its error is 0, which has no position here
-            panel.axvline(x(exact), linestyle=":", color="#222222", label=NAMES[EXACT].replace("`", ""))
+                _peer(panel, peer, kind)
+        if exact := results.one(view=view, kernel=EXACT):  # its error is 0, which has no position here
+            panel.axvline(_milliseconds(exact), linestyle=":", color="#222222", label=NAMES[EXACT].replace("`", ""))
         panel.margins(0.1)
-        panel.set(xscale="log", yscale="log", title=view, xlabel=x_label, ylabel=y_label)
+        panel.set(xscale="log", yscale="log", title=view, xlabel="frame, ms", ylabel="RMSE, linear RGB")
         panel.grid(True, color="#e4e4e4", linewidth=0.6)
         panel.set_axisbelow(True)
         for axis in (panel.xaxis, panel.yaxis):
@@ -102,27 +105,5 @@ def _figure(results, x, x_label, y, y_label, timed, path):
         panel.axis("off")
     handles, labels = panels[0].get_legend_handles_labels()
     panels[len(results.views)].legend(handles, labels, loc="center", frameon=False, fontsize=11)
+    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=100, metadata={"Software": None}, pil_kwargs={"optimize": True})
-
-
-def draw(results, folder):
-    """Writes the plots. Returns their names without .png."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for old in folder.glob("*.png"):
-        old.unlink()
-
-    def milliseconds(row):
-        return 1e3 * row.frame_s
-
-    def splats(row):
-        return row.splats
-
-    plots = {
-        "error-time": (milliseconds, "frame, ms", "rmse", "RMSE, linear RGB", True),
-        "error-splats": (splats, "splats (VTK: cells)", "rmse", "RMSE, linear RGB", False),
-    }
-    if "flip" in results.note["extras"]:
-        plots["flip-time"] = (milliseconds, "frame, ms", "flip", "mean FLIP", True)
-    for name, arguments in plots.items():
-        _figure(results, *arguments, folder / f"{name}.png")
-    return list(plots)
