@@ -1,10 +1,10 @@
 // The option --cells of programs that read meshes.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <string>
 
 #include "builder/sources/source.h"
+#include "tools/command_line.h"
 
 namespace splatvol {
 
@@ -13,11 +13,11 @@ namespace splatvol {
 }
 
 /// `own`: what happens to cells of their own.
-inline void add_cells_option(CLI::App& app, std::string& cells, const std::string& own) {
+inline void add_cells_option(CommandLine& app, std::string& cells, const std::string& own) {
   app.add_option(
          "--cells", cells,
          "Values of cells: averaged (to the points, by the volumes of the cells round each) or own (" + own + ")")
-      ->check(CLI::IsMember({"averaged", "own"}))
+      ->one_of({"averaged", "own"})
       ->capture_default_str();
 }
 

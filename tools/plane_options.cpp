@@ -61,7 +61,7 @@ Result<PlaneOption> parse_plane(const std::string& text) {
   return plane;
 }
 
-void add_plane_options(CLI::App& app, PlaneOptions& options) {
+void add_plane_options(CommandLine& app, PlaneOptions& options) {
   app.add_option("--slice", options.slices,
                  "Show the values on a plane, besides the scene's slices: a point of it and its normal, such as "
                  "0,0,1.5:0,0,1; repeatable")

@@ -1,12 +1,12 @@
 // Options that add slices, clip planes and an isovalue to a scene.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "scene/scene.h"
+#include "tools/command_line.h"
 
 namespace splatvol {
 
@@ -35,7 +35,7 @@ struct PlaneOptions {
 };
 
 /// Adds the options to `app`. Parsing writes into `options`.
-void add_plane_options(CLI::App& app, PlaneOptions& options);
+void add_plane_options(CommandLine& app, PlaneOptions& options);
 
 /// Adds the planes to the scene's own, and shows the isovalue. `size`: of the data, in world units. Fails if the
 /// scene's axis does not have the isovalue.

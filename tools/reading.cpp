@@ -26,7 +26,7 @@ std::string find_reader() {
 
 }  // namespace
 
-void add_reading_options(CLI::App& app, ReadingOptions& options) {
+void add_reading_options(CommandLine& app, ReadingOptions& options) {
   app.add_option("--read-memory", options.memory,
                  "Memory for the libraries that read files of other formats, besides --memory; they run in a process "
                  "of their own (default: 3/4 of the machine's)")
@@ -34,13 +34,13 @@ void add_reading_options(CLI::App& app, ReadingOptions& options) {
       ->type_name("SIZE");
   app.add_option("--read-timeout", options.seconds,
                  "Give up after this time without a byte read from the files and without a result, in seconds")
-      ->check(CLI::Range(1u, 1u << 20))
+      ->range(1u, 1u << 20)
       ->capture_default_str()
       ->type_name("S");
   app.add_option("--read-factor", options.factor,
                  "Multiplies what may be read, 64 times the bytes of the files and 1 GiB, and how long that may take, "
                  "1 s for each MB of them and 600 s")
-      ->check(CLI::Range(1e-6, 1e6))
+      ->range(1e-6, 1e6)
       ->capture_default_str()
       ->type_name("N");
 }

@@ -1,11 +1,11 @@
 // Reading inputs of foreign formats: shared by the programs that do.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <string>
 
 #include "builder/sources/process/reader_process.h"
 #include "surfaces/surface.h"
+#include "tools/command_line.h"
 
 namespace splatvol {
 
@@ -15,7 +15,7 @@ struct ReadingOptions {
   double factor = 1;
 };
 
-void add_reading_options(CLI::App& app, ReadingOptions& options);
+void add_reading_options(CommandLine& app, ReadingOptions& options);
 
 /// `threads`: most threads; 0: those of the machine. The program splatvol-read lies beside this one, or where it is
 /// installed.

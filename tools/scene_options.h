@@ -16,13 +16,12 @@ namespace splatvol {
 }
 
 /// Adds --device. Parsing writes a name that parse_device takes into `device`.
-inline void add_device_option(CLI::App& app, std::string& device) {
+inline void add_device_option(CommandLine& app, std::string& device) {
   app.add_option("--device", device,
                  "What draws: cpu: the processor; gl: OpenGL; auto: OpenGL if it runs on a graphics card, else the "
                  "processor")
-      ->check(
-          CLI::Validator([](std::string& name) { return parse_device(name) ? "" : parse_device(name).error().message; },
-                         "{auto,cpu,gl}"))
+      ->check([](const std::string& name) { return parse_device(name) ? "" : parse_device(name).error().message; },
+              "{auto,cpu,gl}")
       ->capture_default_str();
 }
 

@@ -18,13 +18,14 @@ std::string output_of(const std::string& command) {
   return text;
 }
 
-void add_option(CLI::App& app, const std::string& line, std::string& value) {
+void add_option(CommandLine& app, const std::string& line, std::string& value) {
   const std::size_t end = line.find("  ", 2), description = line.find_first_not_of(' ', end);
   const std::string names = line.substr(2, end - 2);
   const std::size_t space = names.find(' ');
   if (names.starts_with('-') && space == std::string::npos) {
     const std::string what = line.substr(description);
-    app.add_flag(names, what);
+    app.add_flag(
+        names, [] {}, what);
     return;
   }
   auto* option = app.add_option(names.substr(0, space), value, line.substr(description));
@@ -37,7 +38,7 @@ void add_option(CLI::App& app, const std::string& line, std::string& value) {
 
 int main(int argc, char** argv) {
   if (argc < 3) return 2;
-  CLI::App app("", std::filesystem::path(argv[1]).filename());
+  splatvol::CommandLine app("", std::filesystem::path(argv[1]).filename());
   std::istringstream usage(splatvol::output_of(std::string("'") + argv[1] + "' --help"));
   std::string value;
   for (std::string line; std::getline(usage, line);) {

@@ -34,14 +34,14 @@ std::string check_step_range(const std::string& text) {
   return range ? "" : range.error().message;
 }
 
-void add_step_options(CLI::App& app, StepChoice& choice) {
+void add_step_options(CommandLine& app, StepChoice& choice) {
   auto* time =
       app.add_option("--time", choice.time, "Of a time series: the step nearest to this time (default: the last)")
           ->type_name("T")
           ->check(check_finite);
   app.add_option("--step", choice.step, "Of a time series: the step of this number, from 0")
       ->type_name("N")
-      ->check(CLI::NonNegativeNumber)
+      ->not_negative()
       ->excludes(time);
 }
 

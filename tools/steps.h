@@ -1,7 +1,6 @@
 // The options of programs that show a time step.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <cstddef>
 #include <memory>
 #include <optional>
@@ -9,6 +8,7 @@
 
 #include "base/error.h"
 #include "format/steps.h"
+#include "tools/command_line.h"
 
 namespace splatvol {
 
@@ -31,7 +31,7 @@ struct StepRange {
 [[nodiscard]] std::string check_step_range(const std::string& text);
 
 /// Adds --time and --step.
-void add_step_options(CLI::App& app, StepChoice& choice);
+void add_step_options(CommandLine& app, StepChoice& choice);
 
 /// Opens the steps of a .svol file or an index (.svols), by its path or address.
 [[nodiscard]] Result<format::Steps> open_steps(const std::string& path);

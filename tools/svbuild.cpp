@@ -478,7 +478,7 @@ Status build(const Options& options) {
   return {};
 }
 
-void add_input_options(CLI::App& app, Options& options) {
+void add_input_options(CommandLine& app, Options& options) {
   app.add_option("inputs", options.inputs,
                  "Meshes (.vtu, .pvtu, .vtk, .vtm, .pvd, ..., .e, .case, .foam, .cgns, .msh), voxels (.vdb), folders "
                  "of them, points (.npy, .csv), a mesh of SU2 and its .csv, a PLOT3D grid and its solution, or points "
@@ -494,16 +494,16 @@ void add_input_options(CLI::App& app, Options& options) {
       ->allow_extra_args(false);
 }
 
-void add_reduction_options(CLI::App& app, Options& options) {
+void add_reduction_options(CommandLine& app, Options& options) {
   app.add_option("--reduction", options.reduction,
                  "How coarser resolutions are chosen: octree (a point of each leaf, about a third), mis (an "
                  "independent set of the points' Delaunay triangulations, about a sixth; slow), kdtree (a point of "
                  "each bucket of a k-d tree, about a sixth: files are smaller by 8 to 18 %, but pictures of scattered "
                  "points are rougher for equally many splats)")
-      ->check(CLI::IsMember({"octree", "mis", "kdtree"}))
+      ->one_of({"octree", "mis", "kdtree"})
       ->capture_default_str();
   app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree or k-d tree, at least 8")
-      ->check(CLI::Range(1u, 65536u))
+      ->range(1u, 65536u)
       ->check([](const std::string& text) {
         const bool enough = std::strtoul(text.c_str(), nullptr, 0) >= 8;
         return enough ? "" : "with fewer than 8, a split node could keep a point in each octant and lose none";
@@ -513,11 +513,11 @@ void add_reduction_options(CLI::App& app, Options& options) {
                  "What joins points to a volume: auto (the input's cells; else delaunay, beyond 2^20 points none, "
                  "beyond 2^26 boxes), mesh (the cells), delaunay (tetrahedra, slow), none (the points' Voronoi cells), "
                  "boxes (a coarse estimate, fast)")
-      ->check(CLI::IsMember({"auto", "mesh", "delaunay", "none", "boxes"}))
+      ->one_of({"auto", "mesh", "delaunay", "none", "boxes"})
       ->capture_default_str();
 }
 
-void add_format_options(CLI::App& app, Options& options) {
+void add_format_options(CommandLine& app, Options& options) {
   app.add_option("--columns", options.columns,
                  "Names of the columns of .npy and .csv files, commas between: x, y and z are the position, _ is left "
                  "out (default: the file's own, or x,y,z,value)")
@@ -543,7 +543,7 @@ void add_format_options(CLI::App& app, Options& options) {
   app.add_option("--up", options.up,
                  "The axis that points upwards in pictures; kept in the file (default: z for OpenFOAM; else none is "
                  "kept, and pictures take y)")
-      ->check(CLI::IsMember({"x", "y", "z"}));
+      ->one_of({"x", "y", "z"});
   app.add_option("--missing", options.missing,
                  "A number that stands for a value that is not there, such as -9999; repeatable (always: NaN, NetCDF's "
                  "default fill values, the largest number of single precision)")
@@ -551,7 +551,7 @@ void add_format_options(CLI::App& app, Options& options) {
       ->allow_extra_args(false);
 }
 
-void add_boundary_options(CLI::App& app, Options& options) {
+void add_boundary_options(CommandLine& app, Options& options) {
   app.add_flag(
       "--boundary", options.boundary,
       "Keep the boundary of the mesh in the file, for scenes that draw it: the faces of one cell only, by the "
@@ -564,10 +564,10 @@ void add_boundary_options(CLI::App& app, Options& options) {
                      "far the triangles are from it (default: {}). Implies --boundary",
                      usual_boundary_triangles))
       ->type_name("N")
-      ->check(CLI::Range(std::uint64_t{1000}, std::uint64_t{100000000}));
+      ->range(std::uint64_t{1000}, std::uint64_t{100000000});
 }
 
-void add_series_options(CLI::App& app, Options& options) {
+void add_series_options(CommandLine& app, Options& options) {
   auto* times = app.add_option("--times", options.times,
                                "Build a time series: the steps of an input from time A to B, or all of them; mesh and "
                                "order are written once")
@@ -593,13 +593,13 @@ void add_series_options(CLI::App& app, Options& options) {
       ->excludes(app.get_option("--time"));
 }
 
-void add_estimate_option(CLI::App& app, Options& options) {
+void add_estimate_option(CommandLine& app, Options& options) {
   app.add_flag("--estimate", options.estimate,
                "Print how much memory, disk and time the build will need, each as a range, and write nothing. Inputs "
                "that do not declare how much they hold are read once, which takes a part of the time of a build");
 }
 
-void add_unit_option(CLI::App& app, Options& options) {
+void add_unit_option(CommandLine& app, Options& options) {
   app.add_option("--unit", options.units,
                  "The unit of an attribute, such as p=Pa, instead of the input's; repeatable. The unit of a vector is "
                  "that of its components")
@@ -612,7 +612,7 @@ void add_unit_option(CLI::App& app, Options& options) {
       });
 }
 
-void add_machine_options(CLI::App& app, Options& options) {
+void add_machine_options(CommandLine& app, Options& options) {
   app.add_option("--memory", options.memory,
                  "Bytes to hold besides a piece of the input as its reader holds it, such as 2G (default: a quarter of "
                  "the machine's or container's); the result is the same. If the input needs more, svbuild says so")
@@ -620,8 +620,8 @@ void add_machine_options(CLI::App& app, Options& options) {
       ->check(check_bytes);
   app.add_option("--temp", options.temp_folder, "Folder for temporary files (default: the folder of the output)")
       ->type_name("DIR")
-      ->check(CLI::ExistingDirectory);
-  app.add_option("--threads", options.threads, "Threads to use (default: all cores)")->check(CLI::Range(1u, 4096u));
+      ->existing_folder();
+  app.add_option("--threads", options.threads, "Threads to use (default: all cores)")->range(1u, 4096u);
   add_reading_options(app, options.reading);
   app.add_flag("--json", options.json, "Print the result as JSON");
 }
@@ -633,7 +633,7 @@ int main(int argc, char** argv) {
   using namespace splatvol;
   if (const int code = join_ranks(argc, argv); code >= 0) return code;
   Options options;
-  CLI::App app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
+  CommandLine app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
   add_input_options(app, options);
   add_reduction_options(app, options);
   add_format_options(app, options);
@@ -644,10 +644,10 @@ int main(int argc, char** argv) {
   add_machine_options(app, options);
   app.callback([&options] {
     if (options.output.empty() && options.estimate) return;
-    if (options.output.empty()) throw CLI::RequiredError("--output");
+    if (options.output.empty()) missing_option("--output");
     // build_series_of_files() checks the name of an index.
     const std::string wrong = options.series_of_files ? "" : check_svol_path(options.output);
-    if (!wrong.empty()) throw CLI::ValidationError("--output", wrong);
+    if (!wrong.empty()) wrong_option("--output", wrong);
   });
   const int code =
       run_tool(app, argc, argv, [&] { return options.estimate ? print_estimate(options) : build(options); });

@@ -129,7 +129,7 @@ Status write_scene(const std::string& path) {
 }  // namespace splatvol
 
 int main(int argc, char** argv) {
-  CLI::App app("Makes a mesh to try splatvol on: a knotted vortex, fine where the flow varies.", "svdemo");
+  splatvol::CommandLine app("Makes a mesh to try splatvol on: a knotted vortex, fine where the flow varies.", "svdemo");
   std::string mesh_path;
   std::string scene_path;
   std::size_t points = 100000;
@@ -139,20 +139,18 @@ int main(int argc, char** argv) {
                           ->check([](const std::string& path) {
                             return splatvol::has_extension(path, ".vtu") ? "" : "'" + path + "' does not end in .vtu";
                           });
-  app.add_option("--points", points, "Approximate number of points")
-      ->check(CLI::Range(1000, 100'000'000))
-      ->capture_default_str();
+  app.add_option("--points", points, "Approximate number of points")->range(1000, 100'000'000)->capture_default_str();
   auto* scene_option = app.add_option("--scene", scene_path, "The scene file to write (.json)")
                            ->type_name("OUT.json")
                            ->check(splatvol::check_json_path);
   splatvol::add_force_option(app, replace);
   app.callback([&] {
-    if (!*mesh_option && !*scene_option) throw CLI::RequiredError("-o or --scene");
+    if (!mesh_option->is_given() && !scene_option->is_given()) splatvol::missing_option("-o or --scene");
   });
   return splatvol::run_tool(app, argc, argv, [&]() -> splatvol::Status {
     SPLATVOL_TRY(splatvol::check_outputs({mesh_path, scene_path}, {}, replace));
-    if (*mesh_option) SPLATVOL_TRY(splatvol::write_mesh(mesh_path, splatvol::make_demo(points), replace));
-    if (*scene_option) SPLATVOL_TRY(splatvol::write_scene(scene_path));
+    if (mesh_option->is_given()) SPLATVOL_TRY(splatvol::write_mesh(mesh_path, splatvol::make_demo(points), replace));
+    if (scene_option->is_given()) SPLATVOL_TRY(splatvol::write_scene(scene_path));
     return {};
   });
 }

@@ -38,7 +38,7 @@ Status compare_files(const std::string& path_a, const std::string& path_b, bool 
 }  // namespace splatvol
 
 int main(int argc, char** argv) {
-  CLI::App app(
+  splatvol::CommandLine app(
       "Compares two EXR pictures of the same size: linear premultiplied RGB. ripple: the error beside the outline that "
       "is narrower than 16 pixels; outline: the error within 3 pixels of where A ends.",
       "svdiff");

@@ -33,14 +33,12 @@ struct Options {
 
 // Checks the options against each other: CLI11 sees only one option at a time.
 void check_usage(const Options& options) {
-  if (!options.is_vdb() && !options.output.ends_with(".vtu"))
-    throw CLI::ValidationError("--output", "must end in .vdb or .vtu");
-  if (options.is_vdb() && options.voxel == 0) throw CLI::RequiredError("--voxel");
+  if (!options.is_vdb() && !options.output.ends_with(".vtu")) wrong_option("--output", "must end in .vdb or .vtu");
+  if (options.is_vdb() && options.voxel == 0) missing_option("--voxel");
   if (!options.is_vdb() && (options.voxel != 0 || !options.memory.empty()))
-    throw CLI::ValidationError("--output", "--voxel and --memory are for .vdb files");
+    wrong_option("--output", "--voxel and --memory are for .vdb files");
   for (std::size_t axis = 0; axis < 3 && !options.box.empty(); ++axis)
-    if (!(options.box[axis] <= options.box[axis + 3]))
-      throw CLI::ValidationError("--box", "the first corner must be the lower one");
+    if (!(options.box[axis] <= options.box[axis + 3])) wrong_option("--box", "the first corner must be the lower one");
 }
 
 Result<json> export_voxels(const format::Volume& volume, const format::SplatSelection& selection,
@@ -119,7 +117,7 @@ Status run_export(const Options& options) {
   return {};
 }
 
-void add_file_options(CLI::App& app, Options& options) {
+void add_file_options(CommandLine& app, Options& options) {
   app.add_option("file", options.file,
                  "The file, the index of a series of files (.svols), or its address (http:// or https://)")
       ->required()
@@ -139,14 +137,14 @@ void add_file_options(CLI::App& app, Options& options) {
       ->check(check_not_empty);
 }
 
-void add_selection_options(CLI::App& app, Options& options) {
+void add_selection_options(CommandLine& app, Options& options) {
   app.add_option("--attribute", options.attributes,
                  "An attribute to export; repeatable (default: all, by all their names)")
       ->check(check_not_empty)
       ->type_name("NAME")
       ->allow_extra_args(false);
   app.add_option("--resolution", options.resolution, "0 is the coarsest (default: the finest)")
-      ->check(CLI::Range(0, 1000))
+      ->range(0, 1000)
       ->type_name("R");
   app.add_option("--box", options.box, "Only the voxels whose centres, or the points, that lie in this box")
       ->type_name("X0,Y0,Z0,X1,Y1,Z1")
@@ -173,7 +171,7 @@ void add_selection_options(CLI::App& app, Options& options) {
 int main(int argc, char** argv) {
   using namespace splatvol;
   Options options;
-  CLI::App app("Exports a .svol file to voxels (.vdb, for OpenVDB) or points (.vtu, for VTK)", "svexport");
+  CommandLine app("Exports a .svol file to voxels (.vdb, for OpenVDB) or points (.vtu, for VTK)", "svexport");
   add_file_options(app, options);
   add_selection_options(app, options);
   app.callback([&] { check_usage(options); });

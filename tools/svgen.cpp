@@ -198,12 +198,12 @@ std::string check_count(const std::string& text) {
 
 int main(int argc, char** argv) {
   using namespace splatvol;
-  CLI::App app(
+  CommandLine app(
       "Makes point sets and meshes of any size with an analytic field, \"value\". The same without a file: "
       "svbuild gen:points:count=1e8,distribution=vortex,seed=1,type=float32 or gen:mesh:cells=1e8,pieces=64",
       "svgen");
   Options options;
-  app.require_subcommand(1);
+  app.require_subcommand();
 
   auto* points = app.add_subcommand("points", "Scattered points, as a table of x, y, z, value");
   points->add_option("-o,--output", options.output, "The file to write (.npy)")
@@ -220,7 +220,7 @@ int main(int argc, char** argv) {
           "Distribution; vortex has more points where the field varies, clusters has half of the points in 200 "
           "normal clusters with deviations from 1e-3 to 1e-1, in and among the others")
       ->type_name("NAME")
-      ->check(CLI::IsMember(distribution_names()))
+      ->one_of(distribution_names())
       ->capture_default_str();
   points->add_option("--seed", options.seed, "Another seed gives other points")->capture_default_str();
   points->add_flag("--float32,!--float64", options.float32, "Numbers of 4 bytes, or of 8 (default)");
@@ -247,12 +247,12 @@ int main(int argc, char** argv) {
       ->required()
       ->check(check_not_empty);
   refined->add_option("--levels", options.levels, "How often each tetrahedron is split into eight")
-      ->check(CLI::Range(1, most_refinements))
+      ->range(1, most_refinements)
       ->capture_default_str();
   refined->add_option("--attribute", options.attributes, "Attributes to keep (default: all)")->type_name("NAME");
   add_reading_options(*refined, options.reading);
   return run_tool(app, argc, argv, [&] {
-    if (*refined) return write_refined(options);
-    return *points ? write_points(options) : write_mesh(options);
+    if (refined->is_given()) return write_refined(options);
+    return points->is_given() ? write_points(options) : write_mesh(options);
   });
 }

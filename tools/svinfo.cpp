@@ -366,7 +366,7 @@ Status show(const Options& options) {
 
 int main(int argc, char** argv) {
   splatvol::Options options;
-  CLI::App app("Shows the contents of a .svol file", "svinfo");
+  splatvol::CommandLine app("Shows the contents of a .svol file", "svinfo");
   app.add_option("file", options.file,
                  "The file, the index of a series of files (.svols), or its address (http:// or https://)")
       ->required()

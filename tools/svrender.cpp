@@ -116,7 +116,7 @@ Status render(RenderOptions options) {
 
 int main(int argc, char** argv) {
   splatvol::RenderOptions options;
-  CLI::App app("Draws a .svol file as splats, as fine as the view needs.", "svrender");
+  splatvol::CommandLine app("Draws a .svol file as splats, as fine as the view needs.", "svrender");
   splatvol::add_options(app, options);
   return splatvol::run_tool(app, argc, argv, [&] { return splatvol::render(options); });
 }

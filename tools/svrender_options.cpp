@@ -22,10 +22,10 @@ std::string check_not_negative(const std::string& text) {
 }
 
 std::string check_sampling(const std::string& text) {
-  return text == "auto" ? "" : CLI::Range(1, max_sample_spacing)(text);
+  return text == "auto" ? "" : check_range(text, 1, max_sample_spacing);
 }
 
-void add_file_options(CLI::App& app, RenderOptions& options) {
+void add_file_options(CommandLine& app, RenderOptions& options) {
   app.add_option("FILE", options.volume,
                  "The .svol file, the index of a series of files (.svols), or its address (http:// or https://)")
       ->required()
@@ -44,7 +44,7 @@ void add_file_options(CLI::App& app, RenderOptions& options) {
       ->check(check_image_path);
 }
 
-void add_page_options(CLI::App& app, RenderOptions& options) {
+void add_page_options(CommandLine& app, RenderOptions& options) {
   app.add_option("--background", options.background,
                  "white, black or #RRGGBB (sRGB), instead of the scene's; from dark to light, densities double and "
                  "bright colours get darker, so that the contrast stays")
@@ -54,7 +54,7 @@ void add_page_options(CLI::App& app, RenderOptions& options) {
                "Show the attribute's name, unit, colours and values right of the picture (.png)");
   app.add_option("--ticks", options.ticks,
                  "At most about so many ticks beside the colour bar; default: the scene's, or 5")
-      ->check(CLI::Range(2, 20));
+      ->range(2, 20);
   app.add_option("--unit", options.unit, "Unit over the colour bar, in place of the attribute's")->type_name("WORDS");
   app.add_option("--title", options.title, "Words over the picture (.png)")->type_name("WORDS");
   app.add_flag(
@@ -63,7 +63,7 @@ void add_page_options(CLI::App& app, RenderOptions& options) {
 }
 
 // How fine the picture is: by one of these options only.
-void add_detail_options(CLI::App& app, RenderOptions& options) {
+void add_detail_options(CommandLine& app, RenderOptions& options) {
   auto* tolerance = app.add_option("--tolerance", options.detail.tolerance_percent,
                                    "Largest share of the image's shorter side that one splat may cover, instead of an "
                                    "error; 0: all points; 1 with --progress-frames and no other of these options")
@@ -71,7 +71,7 @@ void add_detail_options(CLI::App& app, RenderOptions& options) {
                         ->check(check_not_negative);
   auto* resolution = app.add_option("--resolution", options.detail.resolution,
                                     "One resolution for everything, 0 the coarsest, instead of an error")
-                         ->check(CLI::Range(0, 1000));
+                         ->range(0, 1000);
   auto* max_error =
       app.add_option(
              "--max-error", options.max_error,
@@ -98,24 +98,24 @@ void add_detail_options(CLI::App& app, RenderOptions& options) {
       ->excludes(splats);
 }
 
-void add_drawing_options(CLI::App& app, RenderOptions& options) {
+void add_drawing_options(CommandLine& app, RenderOptions& options) {
   app.add_option("--kernel", options.kernel,
                  "Shape of a splat: moments: an ellipsoid that matches the material; octant: round, as in the paper of "
                  "2001")
-      ->check(CLI::IsMember({"moments", "octant"}))
+      ->one_of({"moments", "octant"})
       ->default_str("moments")
       ->group(for_measurements);
   app.add_option("--sort", options.sort,
                  "Order of drawing, back to front: none: by node; axis: along the axis nearest to the line of sight, "
                  "sorted once for all views; exact: for each view")
-      ->check(CLI::IsMember({"none", "axis", "exact"}))
+      ->one_of({"none", "axis", "exact"})
       ->capture_default_str()
       ->group(for_measurements);
   app.add_option("--raster", options.raster,
                  "splats: one drawn over the other, in their order; slabs: the processor mixes the splats in a slab of "
                  "depth and divides their density by its sum: less ripple, but slower, and false colours where bodies "
                  "of other values meet. auto: splats")
-      ->check(CLI::IsMember({"auto", "splats", "slabs"}))
+      ->one_of({"auto", "splats", "slabs"})
       ->capture_default_str()
       ->group(for_measurements);
   app.add_option("--sampling", options.sampling,
@@ -127,7 +127,7 @@ void add_drawing_options(CLI::App& app, RenderOptions& options) {
       ->group(for_measurements);
 }
 
-void add_budget_options(CLI::App& app, RenderOptions& options) {
+void add_budget_options(CommandLine& app, RenderOptions& options) {
   add_device_option(app, options.device);
   app.add_option("--memory", options.memory,
                  "Bytes that the streamer may hold, such as 512M; a picture that would need more is drawn coarser. "
@@ -147,22 +147,21 @@ void add_budget_options(CLI::App& app, RenderOptions& options) {
 void check_frames(const RenderOptions& options) {
   const bool kept = !options.progress_frames.empty() || !options.movie.empty();
   if (!options.path.empty() && !kept && options.stats.empty())
-    throw CLI::ValidationError("--path", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
+    wrong_option("--path", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
   if (options.turntable > 0 && !kept)
-    throw CLI::ValidationError("--turntable", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
+    wrong_option("--turntable", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
   if (options.plays() && !kept)
-    throw CLI::ValidationError("--steps", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
+    wrong_option("--steps", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
   if (!options.movie.empty() && !options.moves() && !options.plays())
-    throw CLI::ValidationError("--movie",
-                               "needs frames: give --turntable N, --path FRAMES,DEGREES,FACTOR or --steps A:B");
-  if (options.output.empty() && options.movie.empty()) throw CLI::RequiredError("--output");
+    wrong_option("--movie", "needs frames: give --turntable N, --path FRAMES,DEGREES,FACTOR or --steps A:B");
+  if (options.output.empty() && options.movie.empty()) missing_option("--output");
 }
 
 // The detail of a picture is an error, unless it is something else. Frames on the way to a picture have to begin
 // before an error can be measured.
-void set_default_error(const CLI::App& app, RenderOptions& options) {
+void set_default_error(CommandLine& app, RenderOptions& options) {
   for (const char* other : {"--tolerance", "--resolution", "--max-error", "--splats", "--milliseconds"})
-    if (app.count(other) > 0) {
+    if (app.get_option(other)->is_given()) {
       options.tells_detail = true;
       return;
     }
@@ -171,13 +170,13 @@ void set_default_error(const CLI::App& app, RenderOptions& options) {
   options.grows = !options.moves() && !options.plays();
 }
 
-void add_frame_options(CLI::App& app, RenderOptions& options) {
+void add_frame_options(CommandLine& app, RenderOptions& options) {
   auto* milliseconds = app.get_option("--milliseconds");
   app.add_option("--size", options.size, "Size of the picture in pixels, instead of the scene's")
       ->type_name("WxH")
       ->check(check_image_size);
   app.add_option("--repeat", options.repeat, "Frames to draw for the times in the statistics")
-      ->check(CLI::Range(1, 1000000))
+      ->range(1, 1000000)
       ->capture_default_str()
       ->group(for_measurements);
   app.add_option("--progress-frames", options.progress_frames,
@@ -198,14 +197,14 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
                  "Draw N frames of a full turn round the camera's up axis, through the middle of what is visible; "
                  "--progress-frames or --movie takes them")
       ->type_name("N")
-      ->check(CLI::Range(1, 100000))
+      ->range(1, 100000)
       ->excludes(milliseconds)
       ->excludes(app.get_option("--path"));
   auto* movie = app.add_option("--movie", options.movie, "Join the frames to a movie, with ffmpeg if it is installed")
                     ->type_name("OUT.mp4")
                     ->check(check_movie_path);
   app.add_option("--fps", options.frames_per_second, "Frames for each second of the movie")
-      ->check(CLI::Range(0.1, 1000.0))
+      ->range(0.1, 1000.0)
       ->check(check_finite)
       ->needs(movie)
       ->capture_default_str();
@@ -215,7 +214,7 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
   });
   app.add_option("--fade", options.fade,
                  "With --path or --progress-frames: how many frames a change of resolution takes")
-      ->check(CLI::Range(1, 1000000))
+      ->range(1, 1000000)
       ->capture_default_str()
       ->group(for_measurements);
   app.add_option("--stats", options.stats, "Write statistics as JSON to this file, - for the terminal")
@@ -223,7 +222,7 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
       ->check(check_json_path);
 }
 
-void add_series_options(CLI::App& app, RenderOptions& options) {
+void add_series_options(CommandLine& app, RenderOptions& options) {
   add_step_options(app, options.step);
   app.add_option("--steps", options.steps,
                  "Of a time series: draw the steps A to B, or all of them; --progress-frames or --movie takes a frame "
@@ -239,7 +238,7 @@ void add_series_options(CLI::App& app, RenderOptions& options) {
 
 }  // namespace
 
-void add_options(CLI::App& app, RenderOptions& options) {
+void add_options(CommandLine& app, RenderOptions& options) {
   add_file_options(app, options);
   add_plane_options(app, options.planes);
   add_page_options(app, options);

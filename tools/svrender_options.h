@@ -1,7 +1,6 @@
 // The options of svrender.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -65,6 +64,6 @@ struct RenderOptions {
 };
 
 /// Adds all options to `app`. Parsing writes into `options`, which must live as long as `app`.
-void add_options(CLI::App& app, RenderOptions& options);
+void add_options(CommandLine& app, RenderOptions& options);
 
 }  // namespace splatvol

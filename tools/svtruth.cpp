@@ -230,8 +230,8 @@ Status draw(const Options& options) {
 
 int main(int argc, char** argv) {
   using namespace splatvol;
-  CLI::App app("Draws the exact picture of a mesh: every tetrahedron on every pixel's ray, in double precision.",
-               "svtruth");
+  CommandLine app("Draws the exact picture of a mesh: every tetrahedron on every pixel's ray, in double precision.",
+                  "svtruth");
   Options options;
   app.add_option(
          "MESH", options.meshes,
@@ -251,9 +251,9 @@ int main(int argc, char** argv) {
   app.add_option("--missing", options.missing, "As in svbuild: a number that stands for no value; repeatable")
       ->type_name("V")
       ->allow_extra_args(false);
-  app.add_option("--threads", options.threads, "Threads; 0: all")->check(CLI::Range(0u, 4096u));
+  app.add_option("--threads", options.threads, "Threads; 0: all")->range(0u, 4096u);
   app.add_option("--repeat", options.repeat, "Pictures to draw for the time in the summary, which is their median")
-      ->check(CLI::Range(1, 1000000));
+      ->range(1, 1000000);
   add_reading_options(app, options.reading);
   app.add_flag("--json", options.json, "Print the summary as JSON");
   return run_tool(app, argc, argv, [&] { return draw(options); });

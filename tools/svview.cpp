@@ -286,7 +286,7 @@ Status run(Options options) {
   return look(options);
 }
 
-void add_view_options(CLI::App& app, Options& options) {
+void add_view_options(CommandLine& app, Options& options) {
   app.add_option("volume", options.volume,
                  "The .svol file, the index of a series of files (.svols), or its address (https://...); or a scene "
                  "that names one")
@@ -317,16 +317,16 @@ void add_view_options(CLI::App& app, Options& options) {
   app.add_option("--tolerance", options.tolerance,
                  "Percent of the picture that a splat may cover, at rest, instead of an error; 0: all points")
       ->type_name("PERCENT")
-      ->check(CLI::Range(0.0, 100.0))
+      ->range(0.0, 100.0)
       ->check(check_finite)
       ->excludes(max_error);
   add_device_option(app, options.device);
   app.add_option("--kernel", options.kernel, "Shape of a splat, as in svrender")
-      ->check(CLI::IsMember({"moments", "octant"}))
+      ->one_of({"moments", "octant"})
       ->default_str("moments");
 }
 
-void add_recording_options(CLI::App& app, Options& options) {
+void add_recording_options(CommandLine& app, Options& options) {
   auto* record = app.add_option("--record", options.record, "Write all that is done in the window into this file")
                      ->type_name("OUT");
   auto* replayed =
@@ -343,10 +343,10 @@ void add_recording_options(CLI::App& app, Options& options) {
   app.add_flag("--window", options.in_window, "Replay in a window");
   auto* path = app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")
                    ->type_name("PATH.json")
-                   ->needs("volume");
+                   ->needs(app.get_option("volume"));
   path->needs(app.add_option("--frames", options.frames, "Folder for these frames")->type_name("DIR")->needs(path));
   app.add_option("--fps", options.fps, "Frames for each second of the path")
-      ->check(CLI::Range(0.01, 1000.0))
+      ->range(0.01, 1000.0)
       ->check(check_finite)
       ->capture_default_str();
   record->excludes(replayed)->excludes(screenshot)->excludes(path);
@@ -357,8 +357,8 @@ void add_recording_options(CLI::App& app, Options& options) {
 
 int main(int argc, char** argv) {
   using namespace splatvol;
-  CLI::App app("Shows a .svol file in a window: turn, zoom, edit the transfer function. F1 there lists the keys.",
-               "svview");
+  CommandLine app("Shows a .svol file in a window: turn, zoom, edit the transfer function. F1 there lists the keys.",
+                  "svview");
   Options options;
   add_view_options(app, options);
   add_recording_options(app, options);

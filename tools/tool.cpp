@@ -5,6 +5,7 @@
 #include <malloc.h>
 #include <unistd.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
 #include <charconv>
@@ -49,7 +50,7 @@ void return_freed_memory() {
 }
 
 // Prints an error if it can be printed.
-int fail_with(const CLI::App& app, std::string_view message) {
+int fail_with(CommandLine& app, std::string_view message) {
   say(app.get_name(), message);
   return 1;
 }
@@ -61,11 +62,11 @@ std::string reason(const Result<T>& result) {
 
 // The man page or the completions, if the command line asks for them. Neither is in the help: the build makes files of
 // them (tools/CMakeLists.txt).
-std::string text_for_installation(const CLI::App& app, int argc, char** argv) {
+std::string text_for_installation(CommandLine& app, int argc, char** argv) {
   const std::string_view option = argc > 1 ? argv[1] : "";
   const std::string name = std::filesystem::path(app.get_name().empty() ? argv[0] : app.get_name()).filename();
-  if (argc == 2 && option == "--help-man") return man_page(options_of(app, name), SPLATVOL_VERSION);
-  if (argc == 3 && option == "--completion") return completion(options_of(app, name), argv[2]);
+  if (argc == 2 && option == "--help-man") return man_page(options_of(app.parser(), name), SPLATVOL_VERSION);
+  if (argc == 3 && option == "--completion") return completion(options_of(app.parser(), name), argv[2]);
   return "";
 }
 
@@ -73,19 +74,19 @@ std::string check_path(const std::string& path, const std::string& extension) {
   return has_extension(path, extension) ? "" : fmt::format("'{}' does not end in {}", path, extension);
 }
 
-int print_fully(const CLI::App& app, std::string_view text) {
+int print_fully(CommandLine& app, std::string_view text) {
   const bool printed = static_cast<bool>((std::cout << text).flush());
   return printed ? 0 : fail_with(app, "cannot write to the standard output");
 }
 
 // May throw what the libraries throw.
-int parse_and_run(CLI::App& app, int argc, char** argv, const std::function<Status()>& body) {
-  app.set_version_flag("--version", app.get_name() + " " SPLATVOL_VERSION);
+int parse_and_run(CommandLine& app, int argc, char** argv, const std::function<Status()>& body) {
+  app.parser().set_version_flag("--version", app.get_name() + " " SPLATVOL_VERSION);
   if (const std::string text = text_for_installation(app, argc, argv); !text.empty()) return print_fully(app, text);
   try {
-    app.parse(argc, argv);
+    app.parser().parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) != 0 ? 2 : print_fully(app, "");
+    return app.parser().exit(error) != 0 ? 2 : print_fully(app, "");
   }
 
   clean_up_at_signals();
@@ -100,7 +101,7 @@ int parse_and_run(CLI::App& app, int argc, char** argv, const std::function<Stat
 
 }  // namespace
 
-int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body) {
+int run_tool(CommandLine& app, int argc, char** argv, const std::function<Status()>& body) {
   open_standard_streams();
   return_freed_memory();
   try {
@@ -126,8 +127,8 @@ Status check_outputs(const std::vector<std::string>& outputs, const std::vector<
   return {};
 }
 
-void add_force_option(CLI::App& app, Replace& replace) {
-  app.add_flag_callback(
+void add_force_option(CommandLine& app, Replace& replace) {
+  app.add_flag(
       "--force", [&replace] { replace = Replace::any; },
       "Replace the output even if it is a file that splatvol did not export, and may be an input of yours");
 }

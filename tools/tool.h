@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <array>
 #include <cstdint>
 #include <functional>
@@ -15,6 +14,7 @@
 #include "base/error.h"
 #include "base/printable.h"
 #include "base/replaceable.h"
+#include "tools/command_line.h"
 
 namespace splatvol {
 
@@ -22,7 +22,7 @@ namespace splatvol {
 /// bad file (with one line on stderr, "tool: reason"), 2 for wrong usage. --help and --version print and return 0,
 /// and so do --help-man and --completion SHELL, which the help leaves out: the man page, and a script for bash, zsh or
 /// fish.
-int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body);
+int run_tool(CommandLine& app, int argc, char** argv, const std::function<Status()>& body);
 
 /// Prints to stdout, without the control characters that names and texts of files may hold (base/printable.h).
 template <class... Args>
@@ -36,7 +36,7 @@ void print_out(fmt::format_string<Args...> format, Args&&... args) {
                                    Replace replace = Replace::exports);
 
 /// Adds --force, for a program that writes files of a kind that is also an input. It sets `replace` to Replace::any.
-void add_force_option(CLI::App& app, Replace& replace);
+void add_force_option(CommandLine& app, Replace& replace);
 
 /// Shows a bar and the time left on stderr. Prints nothing unless stderr is a terminal.
 class ProgressBar {

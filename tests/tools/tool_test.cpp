@@ -52,9 +52,9 @@ struct Outcome {
 
 /// Runs a tool with one required option, --in, and the work `body`.
 Outcome run(std::vector<std::string> arguments, const std::function<Status()>& body) {
-  CLI::App app("Tests programs", "svtest");
+  CommandLine app("Tests programs", "svtest");
   std::string input;
-  app.add_option("--in", input)->required();
+  app.add_option("--in", input, "")->required();
 
   std::string name = "svtest";
   std::vector<char*> argv{name.data()};
