@@ -10,7 +10,7 @@
 
 namespace splatvol {
 
-/// For CLI11: refuses the path of a picture that write_image could not write.
+/// An OptionCheck: refuses the path of a picture that write_image could not write.
 [[nodiscard]] inline std::string check_image_path(const std::string& path) {
   return is_image_path(path) ? "" : "'" + path + "' ends in neither .exr nor .png";
 }

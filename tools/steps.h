@@ -27,7 +27,7 @@ struct StepRange {
 /// have this range.
 [[nodiscard]] Result<StepRange> parse_steps(const std::string& text, std::size_t count);
 
-/// Checks for CLI11 whether parse_steps can read a text.
+/// An OptionCheck: whether parse_steps can read a text.
 [[nodiscard]] std::string check_step_range(const std::string& text);
 
 /// Adds --time and --step.

@@ -67,7 +67,7 @@ class ProgressBar {
 /// Reads a picture's size such as "640x480"; sides from 1 to 16384.
 [[nodiscard]] Result<std::array<int, 2>> parse_image_size(const std::string& text);
 
-/// Checks for CLI11's options. Each returns why it refuses the text; empty: it accepts.
+/// Each is an OptionCheck (command_line.h).
 [[nodiscard]] std::string check_not_empty(const std::string& text);
 [[nodiscard]] std::string check_svol_path(const std::string& text);
 [[nodiscard]] std::string check_npy_path(const std::string& text);
