@@ -68,21 +68,15 @@ class NoSigpipe {
 
 // The functions of libcurl. The library is loaded when the first address is opened: with the libraries that it needs,
 // it would take a third of the time in which a program starts.
+#define SPLATVOL_CURL_FUNCTIONS(OF)                                                                        \
+  OF(global_init)                                                                                          \
+  OF(easy_init)                                                                                            \
+  OF(easy_cleanup) OF(easy_getinfo) OF(easy_header) OF(easy_setopt) OF(easy_strerror) OF(multi_add_handle) \
+      OF(multi_cleanup) OF(multi_info_read) OF(multi_init) OF(multi_perform) OF(multi_poll) OF(multi_remove_handle)
 struct Curl {
-  decltype(&::curl_global_init) global_init = nullptr;
-  decltype(&::curl_easy_init) easy_init = nullptr;
-  decltype(&::curl_easy_cleanup) easy_cleanup = nullptr;
-  decltype(&::curl_easy_getinfo) easy_getinfo = nullptr;
-  decltype(&::curl_easy_header) easy_header = nullptr;
-  decltype(&::curl_easy_setopt) easy_setopt = nullptr;
-  decltype(&::curl_easy_strerror) easy_strerror = nullptr;
-  decltype(&::curl_multi_add_handle) multi_add_handle = nullptr;
-  decltype(&::curl_multi_cleanup) multi_cleanup = nullptr;
-  decltype(&::curl_multi_info_read) multi_info_read = nullptr;
-  decltype(&::curl_multi_init) multi_init = nullptr;
-  decltype(&::curl_multi_perform) multi_perform = nullptr;
-  decltype(&::curl_multi_poll) multi_poll = nullptr;
-  decltype(&::curl_multi_remove_handle) multi_remove_handle = nullptr;
+#define SPLATVOL_DECLARE(name) decltype(&::curl_##name) name = nullptr;
+  SPLATVOL_CURL_FUNCTIONS(SPLATVOL_DECLARE)
+#undef SPLATVOL_DECLARE
   bool started = false;
 
   Curl() {
@@ -92,14 +86,9 @@ struct Curl {
       function = reinterpret_cast<std::remove_reference_t<decltype(function)>>(::dlsym(library, name));
       return function != nullptr;
     };
-    started = find(global_init, "curl_global_init") && find(easy_init, "curl_easy_init") &&
-              find(easy_cleanup, "curl_easy_cleanup") && find(easy_getinfo, "curl_easy_getinfo") &&
-              find(easy_header, "curl_easy_header") && find(easy_setopt, "curl_easy_setopt") &&
-              find(easy_strerror, "curl_easy_strerror") && find(multi_add_handle, "curl_multi_add_handle") &&
-              find(multi_cleanup, "curl_multi_cleanup") && find(multi_info_read, "curl_multi_info_read") &&
-              find(multi_init, "curl_multi_init") && find(multi_perform, "curl_multi_perform") &&
-              find(multi_poll, "curl_multi_poll") && find(multi_remove_handle, "curl_multi_remove_handle") &&
-              global_init(CURL_GLOBAL_DEFAULT) == CURLE_OK;
+#define SPLATVOL_FIND(name) find(name, "curl_" #name)&&
+    started = SPLATVOL_CURL_FUNCTIONS(SPLATVOL_FIND) global_init(CURL_GLOBAL_DEFAULT) == CURLE_OK;
+#undef SPLATVOL_FIND
   }
 };
 
