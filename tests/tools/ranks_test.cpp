@@ -23,6 +23,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "tests/support/long.h"
 #include "tests/support/require.h"
 #include "tests/support/sanitizers.h"
 
@@ -145,7 +146,7 @@ TEST_P(SameBytes, AsOneProcess) {
   const std::string arguments = input.arguments;
   const Outcome alone = folder_.run(SPLATVOL_BIN "/svbuild " + arguments + " -o out/alone.svol");
   ASSERT_EQ(alone.code, 0) << alone.err;
-  for (const int count : {1, 2, 3, 4, 8}) {
+  for (const int count : test::sample_of<int>({3, 1, 2, 4, 8})) {
     const Outcome together = folder_.run(ranks(count, arguments + " --threads 1 -o out/together.svol"));
     ASSERT_EQ(together.code, 0) << together.err;
     EXPECT_EQ(folder_.run("cmp out/alone.svol out/together.svol").out, "") << count << " ranks";
@@ -216,7 +217,7 @@ json build_of(const Folder& folder, int count, const std::string& arguments) {
 }
 
 TEST_F(RanksTest, ShareThePointsEvenly) {
-  for (const std::string distribution : {"vortex", "half-tiny", "layer", "clusters"}) {
+  for (const std::string& distribution : test::sample_of<std::string>({"half-tiny", "vortex", "layer", "clusters"})) {
     const json work =
         build_of(folder_, 4, "gen:points:count=7e5,distribution=" + distribution + " --connectivity boxes");
     EXPECT_EQ(work.at("ranges"), 4) << distribution;
@@ -234,25 +235,27 @@ TEST_F(RanksTest, HoldNoMoreThanTheirMemory) {
     return std::ranges::max(peaks);
   };
   const std::uint64_t base = peak("gen:points:count=4 --connectivity none");
-  for (const std::uint64_t memory : {128, 256})
-    EXPECT_LE(
-        peak("gen:points:count=6e6,distribution=vortex --connectivity boxes --memory " + std::to_string(memory) + "M"),
-        base + (memory + 64) * mebibyte);
+  const std::string points = test::is_long() ? "6e6" : "2e6";
+  for (const std::uint64_t memory : test::is_long() ? std::vector{128, 256} : std::vector{64})
+    EXPECT_LE(peak("gen:points:count=" + points + ",distribution=vortex --connectivity boxes --memory " +
+                   std::to_string(memory) + "M"),
+              base + (memory + 64) * mebibyte);
 }
 
 TEST_F(RanksTest, SendLittleMoreThanTheRecords) {
-  const json work = build_of(folder_, 3, "gen:points:count=5e6,distribution=vortex,type=float32 --connectivity boxes");
+  const std::string points = test::is_long() ? "5e6" : "2e6";
+  const json work =
+      build_of(folder_, 3, "gen:points:count=" + points + ",distribution=vortex,type=float32 --connectivity boxes");
   EXPECT_LE(work.at("sent_bytes").get<double>(), 1.2 * work.at("record_bytes").get<double>());
 }
 
-// Expects that a build fails with one line, and leaves the old output alone.
+// Expects that a build fails with one line, and leaves the old output alone. If a rank waits for ever, ctest's limit
+// ends the test.
 void expect_one_failure(const Folder& folder, const std::string& command, const std::string& reason) {
   std::ofstream(folder / "out/a.svol") << "";
   ASSERT_EQ(folder.run(SPLATVOL_BIN "/svbuild gen:points:count=100 -o out/a.svol").code, 0);
   const std::string before = *read_text_file(folder / "out/a.svol");
-  const auto start = std::chrono::steady_clock::now();
   const Outcome outcome = folder.run(command);
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(20));
   EXPECT_EQ(outcome.code, 1);
   EXPECT_EQ(outcome.lines(), 1u) << outcome.err;
   EXPECT_THAT(outcome.err, HasSubstr(reason));
@@ -318,17 +321,15 @@ void expect_end_of_all(const Folder& folder, std::size_t victim, const char* pre
     ::_exit(127);
   }
   std::vector<pid_t> children;
-  for (int wait = 0; wait < 100 && children.size() < 3; ++wait) {
+  for (int wait = 0; wait < 1000 && children.size() < 3; ++wait) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     children = children_of(launcher);
   }
   ASSERT_GE(children.size(), 3u);
   std::this_thread::sleep_for(std::chrono::seconds(2));
   ::kill(children[victim], SIGKILL);
-  const auto start = std::chrono::steady_clock::now();
   int status = 0;
   ::waitpid(launcher, &status, 0);
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(15));
   EXPECT_TRUE(!WIFEXITED(status) || WEXITSTATUS(status) != 0);
   EXPECT_THAT(folder.outputs(), testing::IsEmpty());
 }
