@@ -219,7 +219,8 @@ kernel `moments`, one by one and in slabs. `octant`, the paper's kernel, knows n
 of their values: its error is to be below .85 of the signal, and functions have no bound there. Each bound is below half
 of the signal, and each picture has light in it: an empty one would fail. A case is *right* within its bounds. Else it
 ends with one line, which the table shows. **Bold** is neither. Cases in other units are compared with the exact picture
-in units of 1. `bench/svbench hard --quick` draws a part of them; the tests do too.
+in units of 1. `bench/svbench hard --quick` draws a part of them. The tests draw a
+sample of this part, and those of the label `long` draw all cases.
 """
 
 
@@ -287,7 +288,8 @@ functions that are narrow. Where they have not:
 def add_options(parser):
     add_programs(parser)
     parser.add_argument("--cases", default="", help="regular expression of GROUP: CASE (default: all)")
-    parser.add_argument("--quick", action="store_true", help="the cases that the tests draw, without OpenGL")
+    parser.add_argument("--quick", action="store_true", help="a part of the cases, without OpenGL")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th of the cases")
     parser.add_argument("--ways", type=words, default=list(WAYS), help=f"default: {','.join(WAYS)}")
     parser.add_argument("--vtk", action="store_true", help="compare narrow and dense functions with VTK's mappers")
     parser.add_argument("--pictures", type=Path, help="keep the pictures in this folder")
@@ -298,7 +300,7 @@ def run(options):
     if options.quick:
         options.ways = [way for way in options.ways if way != "OpenGL"]
     cases = [case for case in hard_cases.all_cases() if case.quick or not options.quick]
-    cases = [case for case in cases if re.search(options.cases, f"{case.group}: {case.name}")]
+    cases = [case for case in cases if re.search(options.cases, f"{case.group}: {case.name}")][:: options.every]
     if options.pictures:
         options.pictures.mkdir(parents=True, exist_ok=True)
     results = []

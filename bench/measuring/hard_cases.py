@@ -22,7 +22,7 @@ class Case:
     mesh: Callable  # makes it
     scene: dict  # None: the one that svrender makes
     bound: object  # of the root mean square error of linear RGB, or REFUSED; less than half of the signal
-    quick: bool = False  # CI draws it
+    quick: bool = False  # CI draws a sample of these
     projections: tuple = ("perspective", "orthographic")
     build: tuple = ()  # further options of svbuild
     exact: bool = True  # False: no exact picture; only that there is light in it

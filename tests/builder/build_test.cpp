@@ -25,6 +25,7 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/bad_disk.h"
+#include "tests/support/long.h"
 #include "tests/support/packed_tree.h"
 #include "tests/support/require.h"
 #include "tests/support/sanitizers.h"
@@ -322,15 +323,16 @@ TEST(Build, BytesDoNotDependOnMemoryAndThreads) {
   const Piece mesh = mesh_piece(graded_mesh(test::is_sanitized ? 12 : 20), wave);
   const std::size_t points = test::is_sanitized ? 8'000 : 30'000;
   for (const auto& pieces : {std::vector{scattered(random_points(points))}, test::cut(mesh, 7)})
-    for (const std::uint32_t leaf_points : {8u, 20u}) {
+    for (const std::uint32_t leaf_points : test::sample_of<std::uint32_t>({20, 8})) {
       BuildOptions options;
       options.leaf_points = leaf_points;
       options.memory = std::uint64_t{8} << 30;
       ASSERT_TRUE(build(pieces, first, options));
       const std::string expected = *read_text_file(first);
       // With the least memory, points, faces and corners are sorted on the disk.
-      for (const std::uint64_t memory : {std::uint64_t{1}, std::uint64_t{64} << 20, std::uint64_t{1} << 30})
-        for (const std::size_t threads : {1, 2, 7}) {
+      for (const std::uint64_t memory :
+           test::sample_of<std::uint64_t>({1, std::uint64_t{64} << 20, std::uint64_t{1} << 30}, 2))
+        for (const std::size_t threads : test::sample_of<std::size_t>({7, 1, 2})) {
           const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
           options.memory = memory;
           ASSERT_TRUE(build(pieces, other, options));
@@ -378,9 +380,9 @@ TEST(Build, ABadDiskIsSeenOrDoesNoHarm) {
     // What changes while the finished file is checked may change after it was looked at.
     ASSERT_TRUE(build_with([&](std::string_view stage, double) { calls += stage == "checking" ? 0 : 1; }));
     const std::string expected = *read_text_file(path);
-    const std::size_t step = std::max<std::size_t>(calls / 16, 1);
+    const std::size_t step = std::max<std::size_t>(calls / (test::is_long() ? 16 : 5), 1);
     for (std::size_t bad = 0; bad < calls; bad += step)
-      for (const double part : {0.01, 0.5, 0.97}) {
+      for (const double part : test::sample_of<double>({0.5, 0.01, 0.97})) {
         std::atomic<std::size_t> call = 0;
         std::string at;
         const auto report = build_with([&](const char* stage, double fraction) {
@@ -1063,8 +1065,8 @@ TEST(BuildReductions, HardDistributionsWork) {
 
 TEST(BuildReductions, BytesDoNotDependOnMemoryAndThreads) {
   const std::string first = temporary_path("first.svol"), other = temporary_path("other.svol");
-  const Piece mesh = mesh_piece(graded_mesh(test::is_sanitized ? 12 : 20), wave);
-  const std::size_t points = test::is_sanitized ? 8'000 : 30'000;
+  const Piece mesh = mesh_piece(graded_mesh(test::is_long() ? 20 : 12), wave);
+  const std::size_t points = test::is_long() ? 30'000 : 8'000;
   for (const Reduction method : {Reduction::mis, Reduction::kdtree})
     for (const auto& pieces : {std::vector{scattered(random_points(points))}, test::cut(mesh, 7)}) {
       BuildOptions options = reduced_by(method);

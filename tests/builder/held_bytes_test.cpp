@@ -18,7 +18,7 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/format/allocation_counter.h"
-#include "tests/support/sanitizers.h"
+#include "tests/support/long.h"
 
 namespace splatvol {
 namespace {
@@ -105,7 +105,7 @@ TEST(HeldBytes, AreBoundedForAnyNumberOfAttributes) {
   const std::string path = testing::TempDir() + "held.svol";
   const Piece mesh = test::mesh_piece(test::jittered(18, 0.2), [](const dvec3& p) { return p.x; });
   for (const auto& pieces : {std::vector{mesh}, test::cut(mesh, 3)})
-    for (const std::size_t attributes : {1u, 20u, 80u}) {
+    for (const std::size_t attributes : test::sample_of<std::size_t>({20, 1, 80})) {
       std::string expected;
       for (const std::uint64_t memory : {std::uint64_t{256} << 20, std::uint64_t{32} << 20, std::uint64_t{1}}) {
         BuildOptions options;
@@ -129,7 +129,7 @@ TEST(HeldBytes, OfSampledCellsAreBounded) {
     options.memory = memory;
     options.held_points = 1;
     options.connectivity = Connectivity::none;
-    const auto source = generate_points({test::is_sanitized ? 60'000u : 300'000u, Distribution::clusters, 1, false});
+    const auto source = generate_points({test::is_long() ? 300'000u : 60'000u, Distribution::clusters, 1, false});
     test::start_counting_allocations();
     const auto report = build_volume(*source, path, options, [](const char*, double) {});
     ASSERT_TRUE(report) << report.error().message;

@@ -15,6 +15,7 @@
 
 #include "base/file.h"
 #include "builder/input_files.h"
+#include "builder/sources/npy_header.h"
 #include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
@@ -459,6 +460,44 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
   const auto several = read_input({third, folder_ + "pieces/1.vtu"});
   ASSERT_TRUE(several) << several.error().message;
   EXPECT_EQ(several->pieces.size(), 3u);
+}
+
+/// A tetrahedron that begins at x.
+std::string tetrahedron_at(double x) {
+  Mesh mesh;
+  mesh.points = {{x, 0, 0}, {x + 1, 0, 0}, {x, 1, 0}, {x, 0, 1}};
+  mesh.cells = {{10, {0, 1, 2, 3}}};
+  mesh.point_data = {{"s", 1, {1, 2, 3, 4}}};
+  return mesh.file();
+}
+
+TEST_F(SourceTest, MeshesAreNoPointsOfNpyFiles) {
+  std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 4), }";
+  header.resize(117, ' ');
+  const std::string magic = std::string(npy_magic) + '\1' + '\0' + static_cast<char>(header.size() + 1) + '\0';
+  const std::string mesh = write("x.vtu", tetrahedron_at(0));
+  const std::string points = write("part1.npy", magic + header + '\n' + std::string(16, '\0'));
+  EXPECT_THAT(error_of({folder_}), AllOf(StartsWith(folder_), HasSubstr("x.vtu")));
+  EXPECT_THAT(error_of({mesh, points}), HasSubstr("a .npy file among meshes"));
+  EXPECT_THAT(error_of({mesh}, {{}, {"x", "y", "z", "s"}}), HasSubstr("columns cannot be named"));
+}
+
+TEST_F(SourceTest, PiecesOfAMeshInAFolderAreReadOnce) {
+  for (const int i : {0, 9, 10}) write(fmt::format("piece{}.vtu", i), tetrahedron_at(i));
+  const auto starts = [&] {
+    std::vector<double> x;
+    auto source = open_source({folder_}, {});
+    EXPECT_TRUE(source) << source.error().message;
+    EXPECT_FALSE(*(*source)->bounds()) << "only reading a mesh tells";
+    EXPECT_FALSE((*source)->point_count());
+    while (auto piece = *(*source)->next()) x.push_back(piece->points[0].x);
+    return x;
+  };
+  EXPECT_THAT(starts(), ElementsAre(0, 9, 10));
+  write("all.pvtu",
+        "<VTKFile type=\"PUnstructuredGrid\" version=\"0.1\"><PUnstructuredGrid><Piece Source=\"piece10.vtu\"/>"
+        "<Piece Source=\"./piece0.vtu\"/></PUnstructuredGrid></VTKFile>");
+  EXPECT_THAT(starts(), ElementsAre(10, 0, 9));
 }
 
 TEST_F(SourceTest, NamesOfAnyCaseAreKnown) {

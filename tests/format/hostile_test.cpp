@@ -12,7 +12,7 @@
 #include "format/volume.h"
 #include "tests/format/allocation_counter.h"
 #include "tests/support/explorer.h"
-#include "tests/support/sanitizers.h"
+#include "tests/support/long.h"
 #include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
 
@@ -168,7 +168,7 @@ TEST(Hostile, RandomHarmWithGoodHashesIsRefusedOrHarmless) {
                              Dissected(test_volume_bytes(volume_of(300, 1))),
                              Dissected(test_volume_bytes(volume_of(700, 3)))};
   int refused = 0, accepted = 0, opened = 0;
-  for (std::uint32_t seed = 0; seed < (test::is_sanitized ? 4500 : 9000); ++seed) {
+  for (std::uint32_t seed = 0; seed < (test::is_long() ? 9000 : 3000); ++seed) {
     Mutator mutator(seed);
     const Dissected& parts = files[seed % 3];
     const auto part = static_cast<Part>(seed / 3 % part_count);

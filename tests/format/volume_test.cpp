@@ -12,7 +12,7 @@
 
 #include "base/file.h"
 #include "tests/format/allocation_counter.h"
-#include "tests/support/sanitizers.h"
+#include "tests/support/long.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol::format {
@@ -267,7 +267,7 @@ TEST(Damage, AGrownFileIsRefused) {
 }
 
 TEST(Damage, EveryFlippedByteIsFound) {
-  Bytes bytes = test_volume_bytes(small_volume(test::is_sanitized ? 150 : 500, 1));
+  Bytes bytes = test_volume_bytes(small_volume(test::is_long() ? 500 : 150, 1));
   ASSERT_TRUE(verify_bytes(bytes));
   ASSERT_TRUE(verify_in_parts(bytes));
   std::mt19937 random(1);

@@ -1,5 +1,5 @@
 // A disk that fails once, at each call that changes it: the output is the old file or the new one, and the exit code
-// tells which. The suite `Long` tries all calls with all errors, the other one a sample.
+// tells which. A sample tries some of the calls, each with one of the errors.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "tests/support/long.h"
 #include "tests/support/programs.h"
 #include "tests/support/sanitizers.h"
 
@@ -164,17 +165,9 @@ TEST_F(DiskFaults, AFailureLeavesTheOldFileOrTheNewOne) {
   std::size_t tried = 0;
   for (const Use& use : uses()) {
     const Course course = course_of(use);
-    for (const std::size_t call : sample_of(course.calls)) fail_at(use, course, call, errors[tried++ % 5]);
-  }
-}
-
-using LongDiskFaults = DiskFaults;
-
-TEST_F(LongDiskFaults, AFailureLeavesTheOldFileOrTheNewOne) {
-  for (const Use& use : uses()) {
-    const Course course = course_of(use);
-    for (std::size_t call = 0; call < course.calls.size(); ++call)
+    for (std::size_t call = 0; call < course.calls.size() && test::is_long(); ++call)
       for (const int error : errors) fail_at(use, course, call, error);
+    for (const std::size_t call : sample_of(course.calls)) fail_at(use, course, call, errors[tried++ % 5]);
   }
 }
 

@@ -1,6 +1,7 @@
 // svbuild as the ranks of an MPI job: the same bytes as one process makes, within the memory of each rank, and one end
 // for all of them where one fails.
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -23,6 +24,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "tests/support/long.h"
 #include "tests/support/require.h"
 #include "tests/support/sanitizers.h"
 
@@ -102,7 +104,8 @@ class RanksTest : public testing::Test {
 void write_npy_pieces(const Folder& folder) {
   std::mt19937_64 random(1);
   std::normal_distribution<double> normal;
-  const std::vector<int> counts = {250'000, 7, 130'000, 90'000, 120'000};
+  std::vector<int> counts = {250'000, 7, 130'000, 90'000, 120'000};
+  if (!test::is_long()) counts = {60'000, 7, 30'000, 20'000, 30'000};
   for (std::size_t file = 0; file < counts.size(); ++file) {
     std::string header =
         "{'descr': [('x','<f8'),('y','<f8'),('z','<f8'),('p','<f8'),('same','<f8'),('q','<f8')], "
@@ -128,7 +131,7 @@ void write_npy_pieces(const Folder& folder) {
 
 struct Input {
   const char* name;
-  const char* arguments;
+  const char* arguments;  // with {points} and {cells} for their numbers
   enum class Files { none, points, mesh } files = Files::none;
 };
 
@@ -140,12 +143,18 @@ TEST_P(SameBytes, AsOneProcess) {
   const Input& input = GetParam();
   if (input.files == Input::Files::points) write_npy_pieces(folder_);
   if (input.files == Input::Files::mesh) {
-    ASSERT_EQ(folder_.run(SPLATVOL_BIN "/svgen mesh --cells 6e5 --pieces 6 -o mesh").code, 0);
+    ASSERT_EQ(folder_
+                  .run(std::string(SPLATVOL_BIN "/svgen mesh --pieces 6 -o mesh --cells ") +
+                       (test::is_long() ? "6e5" : "1e5"))
+                  .code,
+              0);
   }
-  const std::string arguments = input.arguments;
+  const std::string arguments =
+      fmt::format(fmt::runtime(input.arguments), fmt::arg("points", test::is_long() ? "7e5" : "2e5"),
+                  fmt::arg("cells", test::is_long() ? "3.6e6" : "6e5"));
   const Outcome alone = folder_.run(SPLATVOL_BIN "/svbuild " + arguments + " -o out/alone.svol");
   ASSERT_EQ(alone.code, 0) << alone.err;
-  for (const int count : {1, 2, 3, 4, 8}) {
+  for (const int count : test::sample_of<int>({3, 1, 2, 4, 8})) {
     const Outcome together = folder_.run(ranks(count, arguments + " --threads 1 -o out/together.svol"));
     ASSERT_EQ(together.code, 0) << together.err;
     EXPECT_EQ(folder_.run("cmp out/alone.svol out/together.svol").out, "") << count << " ranks";
@@ -162,13 +171,13 @@ TEST_P(SameBytes, AsOneProcess) {
 INSTANTIATE_TEST_SUITE_P(
     Inputs, SameBytes,
     testing::Values(
-        Input{"boxes", "gen:points:count=7e5,distribution=vortex,type=float32 --connectivity boxes"},
-        Input{"half_tiny", "gen:points:count=7e5,distribution=half-tiny --connectivity boxes"},
-        Input{"two_clusters", "gen:points:count=7e5,distribution=two-clusters --connectivity boxes --memory 64M"},
-        Input{"equal", "gen:points:count=7e5,distribution=equal --connectivity boxes"},
-        Input{"mesh", "gen:mesh:cells=3.6e6,pieces=12"}, Input{"one_piece", "gen:mesh:cells=3.6e6,pieces=1"},
-        Input{"large_leaves", "gen:points:count=7e5,distribution=vortex --connectivity boxes --leaf 300"},
-        Input{"mesh_of_large_leaves", "gen:mesh:cells=3.6e6,pieces=12 --leaf 300 --memory 128M"},
+        Input{"boxes", "gen:points:count={points},distribution=vortex,type=float32 --connectivity boxes"},
+        Input{"half_tiny", "gen:points:count={points},distribution=half-tiny --connectivity boxes"},
+        Input{"two_clusters", "gen:points:count={points},distribution=two-clusters --connectivity boxes --memory 64M"},
+        Input{"equal", "gen:points:count={points},distribution=equal --connectivity boxes"},
+        Input{"mesh", "gen:mesh:cells={cells},pieces=12"}, Input{"one_piece", "gen:mesh:cells={cells},pieces=1"},
+        Input{"large_leaves", "gen:points:count={points},distribution=vortex --connectivity boxes --leaf 300"},
+        Input{"mesh_of_large_leaves", "gen:mesh:cells={cells},pieces=12 --leaf 300 --memory 128M"},
         Input{"few_points", "gen:points:count=4,distribution=uniform --connectivity none"},
         Input{"joined_at_once", "gen:points:count=2e4,distribution=clusters"},
         Input{"fitted_mesh", "gen:mesh:cells=1e5,pieces=8"},
@@ -216,7 +225,7 @@ json build_of(const Folder& folder, int count, const std::string& arguments) {
 }
 
 TEST_F(RanksTest, ShareThePointsEvenly) {
-  for (const std::string distribution : {"vortex", "half-tiny", "layer", "clusters"}) {
+  for (const std::string& distribution : test::sample_of<std::string>({"half-tiny", "vortex", "layer", "clusters"})) {
     const json work =
         build_of(folder_, 4, "gen:points:count=7e5,distribution=" + distribution + " --connectivity boxes");
     EXPECT_EQ(work.at("ranges"), 4) << distribution;
@@ -234,25 +243,27 @@ TEST_F(RanksTest, HoldNoMoreThanTheirMemory) {
     return std::ranges::max(peaks);
   };
   const std::uint64_t base = peak("gen:points:count=4 --connectivity none");
-  for (const std::uint64_t memory : {128, 256})
-    EXPECT_LE(
-        peak("gen:points:count=6e6,distribution=vortex --connectivity boxes --memory " + std::to_string(memory) + "M"),
-        base + (memory + 64) * mebibyte);
+  const std::string points = test::is_long() ? "6e6" : "2e6";
+  for (const std::uint64_t memory : test::is_long() ? std::vector{128, 256} : std::vector{64})
+    EXPECT_LE(peak("gen:points:count=" + points + ",distribution=vortex --connectivity boxes --memory " +
+                   std::to_string(memory) + "M"),
+              base + (memory + 64) * mebibyte);
 }
 
 TEST_F(RanksTest, SendLittleMoreThanTheRecords) {
-  const json work = build_of(folder_, 3, "gen:points:count=5e6,distribution=vortex,type=float32 --connectivity boxes");
+  const std::string points = test::is_long() ? "5e6" : "2e6";
+  const json work =
+      build_of(folder_, 3, "gen:points:count=" + points + ",distribution=vortex,type=float32 --connectivity boxes");
   EXPECT_LE(work.at("sent_bytes").get<double>(), 1.2 * work.at("record_bytes").get<double>());
 }
 
-// Expects that a build fails with one line, and leaves the old output alone.
+// Expects that a build fails with one line, and leaves the old output alone. If a rank waits for ever, ctest's limit
+// ends the test.
 void expect_one_failure(const Folder& folder, const std::string& command, const std::string& reason) {
   std::ofstream(folder / "out/a.svol") << "";
   ASSERT_EQ(folder.run(SPLATVOL_BIN "/svbuild gen:points:count=100 -o out/a.svol").code, 0);
   const std::string before = *read_text_file(folder / "out/a.svol");
-  const auto start = std::chrono::steady_clock::now();
   const Outcome outcome = folder.run(command);
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(20));
   EXPECT_EQ(outcome.code, 1);
   EXPECT_EQ(outcome.lines(), 1u) << outcome.err;
   EXPECT_THAT(outcome.err, HasSubstr(reason));
@@ -261,7 +272,7 @@ void expect_one_failure(const Folder& folder, const std::string& command, const 
 }
 
 TEST_F(RanksTest, FailTogetherIfOneCannotReadItsPiece) {
-  ASSERT_EQ(folder_.run(SPLATVOL_BIN "/svgen mesh --cells 6e5 --pieces 6 -o mesh").code, 0);
+  ASSERT_EQ(folder_.run(SPLATVOL_BIN "/svgen mesh --cells 1e5 --pieces 6 -o mesh").code, 0);
   fs::resize_file(folder_ / "mesh/piece4.vtu", fs::file_size(folder_ / "mesh/piece4.vtu") / 2);
   expect_one_failure(folder_, ranks(3, "mesh -o out/a.svol"), "piece4.vtu");
   expect_one_failure(folder_, ranks(3, "mesh/none.vtu -o out/a.svol"), "none.vtu");
@@ -318,17 +329,15 @@ void expect_end_of_all(const Folder& folder, std::size_t victim, const char* pre
     ::_exit(127);
   }
   std::vector<pid_t> children;
-  for (int wait = 0; wait < 100 && children.size() < 3; ++wait) {
+  for (int wait = 0; wait < 1000 && children.size() < 3; ++wait) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     children = children_of(launcher);
   }
   ASSERT_GE(children.size(), 3u);
   std::this_thread::sleep_for(std::chrono::seconds(2));
   ::kill(children[victim], SIGKILL);
-  const auto start = std::chrono::steady_clock::now();
   int status = 0;
   ::waitpid(launcher, &status, 0);
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(15));
   EXPECT_TRUE(!WIFEXITED(status) || WEXITSTATUS(status) != 0);
   EXPECT_THAT(folder.outputs(), testing::IsEmpty());
 }
@@ -339,7 +348,8 @@ TEST_F(RanksTest, EndIfOneIsKilled) {
 
 // As on file systems that force names, or on several machines.
 TEST_F(RanksTest, EndIfOneIsKilledAndTheFileHasAName) {
-  for (const std::size_t victim : {0u, 1u}) expect_end_of_all(folder_, victim, SPLATVOL_NO_TMPFILE);
+  for (const std::size_t victim : test::sample_of<std::size_t>({0, 1}))
+    expect_end_of_all(folder_, victim, SPLATVOL_NO_TMPFILE);
 }
 
 TEST_F(RanksTest, MakeTheSameBytesIfTheFileHasAName) {

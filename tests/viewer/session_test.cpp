@@ -121,11 +121,11 @@ TEST_F(SessionAtRest, EachPictureIsShown) {
   ViewSettings settings = on_processor();
   settings.max_error = 1e-4;
   const auto session = open(settings);
-  std::vector<std::uint8_t> before, shown(std::size_t{4} * 900 * 700);
+  std::vector<std::uint8_t> before, shown(std::size_t{4} * 600 * 450);
   DetailOptions detail;
   int pictures = 0;
   for (int frames = 0; !session->is_settled() && frames < 10000; ++frames) {
-    ASSERT_TRUE(session->draw(900, 700, long_time));
+    ASSERT_TRUE(session->draw(600, 450, long_time));
     const Result<ShownPicture> picture = session->shown_picture();
     ASSERT_TRUE(picture) << picture.error().message;
     const DetailOptions detail_before = std::exchange(detail, session->sharpening()->detail());

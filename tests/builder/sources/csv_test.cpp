@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "builder/open_source.h"
+#include "builder/open_own.h"
 #include "builder/sources/csv_table.h"
 #include "builder/sources/units.h"
 #include "tests/builder/sources/folder_test.h"
@@ -59,7 +59,7 @@ TEST_F(CsvTest, ColumnsAreNamed) {
 
 TEST_F(CsvTest, UnitsComeFromTheHeading) {
   const std::string path = write("a.csv", "x,y,z,p [Pa],T,U[0]\n1,2,3,4,5,6\n");
-  const auto source = open_source({path}, {});
+  const auto source = open_own({path}, {});
   ASSERT_TRUE(source) << source.error().message;
   EXPECT_THAT((*source)->attributes(), ElementsAre("p", "T", "U[0]"));
   EXPECT_THAT((*source)->units(), ElementsAre("Pa", "", ""));

@@ -1,5 +1,4 @@
-// Scattered points from .npy files, and folders of files.
-#include "builder/open_source.h"
+// Scattered points from .npy files.
 #include "builder/sources/npy_source.h"
 
 #include <fmt/format.h>
@@ -13,8 +12,8 @@
 #include <random>
 
 #include "base/file.h"
+#include "builder/open_own.h"
 #include "builder/sources/npy_header.h"
-#include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/folder_test.h"
 
 namespace splatvol {
@@ -76,7 +75,7 @@ class NpyTest : public test::FolderTest {
   };
 
   static Result<Table> read(const std::vector<std::string>& paths, const SourceOptions& options = {}) {
-    SPLATVOL_TRY_ASSIGN(source, open_source(paths, options));
+    SPLATVOL_TRY_ASSIGN(source, open_own(paths, options));
     Table table{source->attributes(), {}, source->single_precision(), {}};
     std::size_t pieces = 0, points = 0;
     for (;; ++pieces) {
@@ -145,7 +144,7 @@ TEST_F(NpyTest, FillValuesAreMissing) {
   const auto missing = [&](const std::vector<double>& given, std::uint64_t fills) {
     SourceOptions options;
     options.missing = given;
-    const auto piece = open_source({path}, options).value()->next().value();
+    const auto piece = open_own({path}, options).value()->next().value();
     EXPECT_THAT(piece->fills, ElementsAre(fills));
     std::vector<std::size_t> indices;
     for (std::size_t i = 0; i < values.size(); ++i)
@@ -388,13 +387,6 @@ TEST(NpyHeader, SurvivesEveryTruncationAndRandomDamage) {
   }
 }
 
-void write_tetrahedron(const std::string& path, double x) {
-  const std::vector<dvec3> points = {{x, 0, 0}, {x + 1, 0, 0}, {x, 1, 0}, {x, 0, 1}};
-  const std::array<std::array<std::uint32_t, 4>, 1> tetrahedra = {{{0, 1, 2, 3}}};
-  const std::array<PointArray, 1> arrays = {PointArray{"s", 1, {1, 2, 3, 4}}};
-  ASSERT_TRUE(write_vtu(path, points, tetrahedra, arrays));
-}
-
 TEST_F(NpyTest, FoldersAreReadInTheOrderOfNamesAndNumbers) {
   for (const int i : {10, 2, 1, 0})
     write(fmt::format("part{}.npy", i), npy(header("<f4", 1, 4), numbers<float>({1.0 * i, 0, 0, 0})));
@@ -403,29 +395,6 @@ TEST_F(NpyTest, FoldersAreReadInTheOrderOfNamesAndNumbers) {
   const auto table = read({folder_});
   ASSERT_TRUE(table) << table.error().message;
   EXPECT_THAT(table->numbers, ElementsAre(0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 10, 0, 0, 0));
-
-  write_tetrahedron(folder_ + "x.vtu", 0);
-  EXPECT_THAT(error_of({folder_}), AllOf(StartsWith(folder_), HasSubstr("x.vtu")));
-  EXPECT_THAT(error_of({folder_ + "x.vtu", folder_ + "part1.npy"}), HasSubstr("a .npy file among meshes"));
-  EXPECT_THAT(error_of({folder_ + "x.vtu"}, {{}, {"x", "y", "z", "s"}}), HasSubstr("columns cannot be named"));
-}
-
-TEST_F(NpyTest, PiecesOfAMeshInAFolderAreReadOnce) {
-  for (const int i : {0, 9, 10}) write_tetrahedron(fmt::format("{}piece{}.vtu", folder_, i), i);
-  const auto starts = [&](const std::vector<std::string>& paths) {
-    std::vector<double> x;
-    auto source = open_source(paths, {});
-    EXPECT_TRUE(source) << source.error().message;
-    EXPECT_FALSE(*(*source)->bounds()) << "only reading a mesh tells";
-    EXPECT_FALSE((*source)->point_count());
-    while (auto piece = *(*source)->next()) x.push_back(piece->points[0].x);
-    return x;
-  };
-  EXPECT_THAT(starts({folder_}), ElementsAre(0, 9, 10));
-  write("all.pvtu",
-        "<VTKFile type=\"PUnstructuredGrid\" version=\"0.1\"><PUnstructuredGrid><Piece Source=\"piece10.vtu\"/>"
-        "<Piece Source=\"./piece0.vtu\"/></PUnstructuredGrid></VTKFile>");
-  EXPECT_THAT(starts({folder_}), ElementsAre(10, 0, 9));
 }
 
 }  // namespace
