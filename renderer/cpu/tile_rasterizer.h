@@ -119,7 +119,6 @@ class TileRasterizer final : public Rasterizer {
   std::array<std::vector<std::uint32_t>, 3> axis_orders_;  // made when first asked for
   std::vector<std::uint32_t> keys_;
   KeySorter sorter_;
-  std::size_t ordered_count_ = 0;
   std::span<const std::uint32_t> order_;
   std::optional<View> ordered_view_;  // of the order; none if splats have changed since
 
