@@ -68,12 +68,13 @@ class NoSigpipe {
 
 // The functions of libcurl. The library is loaded when the first address is opened: with the libraries that it needs,
 // it would take a third of the time in which a program starts.
-#define SPLATVOL_CURL_FUNCTIONS(OF)                                                                         \
-  OF(global_init)                                                                                           \
-  OF(easy_init)                                                                                             \
-  OF(easy_cleanup)                                                                                          \
-  OF(easy_getinfo) OF(easy_header) OF(easy_setopt) OF(easy_strerror) OF(multi_add_handle) OF(multi_cleanup) \
-      OF(multi_info_read) OF(multi_init) OF(multi_perform) OF(multi_poll) OF(multi_remove_handle)
+// clang-format off
+#define SPLATVOL_CURL_FUNCTIONS(OF)                                                                   \
+  OF(global_init)                                                                                     \
+  OF(easy_init) OF(easy_cleanup) OF(easy_getinfo) OF(easy_header) OF(easy_setopt) OF(easy_strerror)   \
+  OF(multi_add_handle) OF(multi_cleanup) OF(multi_info_read) OF(multi_init) OF(multi_perform)         \
+  OF(multi_poll) OF(multi_remove_handle)
+// clang-format on
 struct Curl {
 #define SPLATVOL_DECLARE(name) decltype(&::curl_##name) name = nullptr;
   SPLATVOL_CURL_FUNCTIONS(SPLATVOL_DECLARE)

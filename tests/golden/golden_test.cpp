@@ -12,6 +12,7 @@
 #include "format/volume.h"
 #include "tests/golden/golden_picture.h"
 #include "tests/support/long.h"
+#include "tests/support/sanitizers.h"
 #include "tests/support/surgery.h"
 #include "tests/support/volume_dump.h"
 
@@ -85,7 +86,8 @@ TEST(Golden, EachFileIsDrawnAsBefore) {
     ASSERT_TRUE(stored) << stored.error().message;
     const std::vector<std::string> now = words_of(*picture), then = words_of(*stored);
     ASSERT_EQ(now.size(), then.size()) << path;
-    constexpr int most = 7;  // 1e-4
+    // 1e-4. Code with sanitizers is clang's, for one instruction set, and rounds otherwise.
+    constexpr int most = test::is_sanitized ? 20 : 7;
     for (std::size_t i = 0; i < now.size(); ++i) {
       if (now[i] == then[i]) continue;
       ASSERT_LE(std::abs(std::stoi(now[i], nullptr, 16) - std::stoi(then[i], nullptr, 16)), most)
