@@ -86,8 +86,8 @@ TEST(Golden, EachFileIsDrawnAsBefore) {
     ASSERT_TRUE(stored) << stored.error().message;
     const std::vector<std::string> now = words_of(*picture), then = words_of(*stored);
     ASSERT_EQ(now.size(), then.size()) << path;
-    // 1e-4. Code with sanitizers is clang's, for one instruction set, and rounds otherwise.
-    constexpr int most = test::is_sanitized ? 20 : 7;
+    // 1e-4; 1e-3 with sanitizers: that code is clang's, for one instruction set, and rounds otherwise.
+    constexpr int most = test::is_sanitized ? 66 : 7;
     for (std::size_t i = 0; i < now.size(); ++i) {
       if (now[i] == then[i]) continue;
       ASSERT_LE(std::abs(std::stoi(now[i], nullptr, 16) - std::stoi(then[i], nullptr, 16)), most)
