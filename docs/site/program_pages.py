@@ -50,7 +50,7 @@ def parse(text: str, program: str) -> Help:
             found.usage = line.removeprefix("Usage: ")
         elif not line or (not found.usage and not line.startswith(" ")):
             continue  # the description, which the page has in its own words
-        elif re.fullmatch(r"[A-Z]\w+:", line):
+        elif re.fullmatch(r"[A-Z][\w ]+:", line):
             found.sections.append((line[:-1], []))
         elif entry:
             if not found.sections:
