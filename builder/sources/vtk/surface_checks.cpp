@@ -85,23 +85,27 @@ class PlyFile {
                   "{}: its vertices must come first, then its faces, then all else: write it "
                   "so by another program",
                   path_);
-    for (const PlyElement& element : elements_) {
-      if (element.properties.empty()) continue;
-      for (std::uint64_t i = 0; i < element.count; ++i) {
-        const bool skipped = is_text_ ? skip_line(element) : skip_bytes(element);
-        if (line_is_too_long_) return fail_long_line();
-        if (most_in_list_ > most_corners && &element == &elements_[1])
-          return fail(ErrorCode::unsupported, "{}: a face has more than {} corners: split it into triangles", path_,
-                      most_corners);
-        if (!skipped)
-          return fail(ErrorCode::invalid_data, "{}: it does not hold the numbers that its header states: {}", path_,
-                      cut_or_comma);
-      }
-    }
+    for (const PlyElement& element : elements_) SPLATVOL_TRY(skip(element));
     return last_line_;
   }
 
  private:
+  Status skip(const PlyElement& element) {
+    if (element.properties.empty()) return {};
+    most_in_list_ = 0;
+    for (std::uint64_t i = 0; i < element.count; ++i) {
+      const bool skipped = is_text_ ? skip_line(element) : skip_bytes(element);
+      if (line_is_too_long_) return fail_long_line();
+      if (element.name == "face" && most_in_list_ > most_corners)
+        return fail(ErrorCode::unsupported, "{}: a face has more than {} corners: split it into triangles", path_,
+                    most_corners);
+      if (!skipped)
+        return fail(ErrorCode::invalid_data, "{}: it does not hold the numbers that its header states: {}", path_,
+                    cut_or_comma);
+    }
+    return {};
+  }
+
   Status read_header() {
     if (words_of(words_.line()) != Words{"ply"})
       return fail(ErrorCode::invalid_data, "{}: not a PLY file: its first line is not \"ply\"", path_);
