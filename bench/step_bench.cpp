@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "base/file.h"
-#include "streamer/default_scene.h"
+#include "streamer/first/default_scene.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {

@@ -8,9 +8,9 @@
 #include <utility>
 
 #include "base/memory_limit.h"
-#include "builder/build.h"
-#include "builder/census_lines.h"
-#include "builder/series_build.h"
+#include "builder/pipeline/build.h"
+#include "builder/pipeline/census_lines.h"
+#include "builder/series/series_build.h"
 #include "builder/sources/arrays_source.h"
 #include "splatvol/version.h"
 

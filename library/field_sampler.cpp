@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "base/interruption.h"
-#include "base/splat_kernel.h"
+#include "splat/kernel.h"
 
 namespace splatvol {
 namespace {

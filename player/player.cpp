@@ -9,9 +9,9 @@
 
 #include "base/http_source.h"
 #include "base/interruption.h"
+#include "player/sampling.h"
 #include "player/scene_surfaces.h"
 #include "player/step_ahead.h"
-#include "renderer/sampling.h"
 #include "renderer/slice_values.h"
 #include "streamer/domain.h"
 

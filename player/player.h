@@ -14,15 +14,15 @@
 
 #include "base/error.h"
 #include "format/steps.h"
+#include "player/error_control.h"
+#include "player/frame_pacer.h"
 #include "renderer/device/device.h"
 #include "renderer/rasterizer.h"
+#include "renderer/surfaces/draw_surfaces.h"
+#include "renderer/surfaces/surface.h"
 #include "scene/scene.h"
-#include "streamer/default_scene.h"
-#include "streamer/error_control.h"
-#include "streamer/frame_pacer.h"
+#include "streamer/first/default_scene.h"
 #include "streamer/streamer.h"
-#include "surfaces/draw_surfaces.h"
-#include "surfaces/surface.h"
 
 namespace splatvol {
 

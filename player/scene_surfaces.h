@@ -10,8 +10,8 @@
 #include "base/error.h"
 #include "base/triangle_mesh.h"
 #include "format/volume.h"
+#include "renderer/surfaces/surface.h"
 #include "scene/scene.h"
-#include "surfaces/surface.h"
 
 namespace splatvol {
 

@@ -6,8 +6,8 @@
 #include <optional>
 
 #include "base/error.h"
-#include "scene/image.h"
-#include "streamer/error_control.h"
+#include "pictures/image.h"
+#include "player/error_control.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {

@@ -9,7 +9,7 @@
 #include "base/error.h"
 #include "renderer/transfer_table.h"
 #include "scene/scene.h"
-#include "streamer/splat.h"
+#include "splat/splat.h"
 
 namespace splatvol {
 

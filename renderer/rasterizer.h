@@ -8,11 +8,11 @@
 #include <string>
 
 #include "base/error.h"
-#include "scene/image.h"
+#include "pictures/image.h"
 #include "scene/scene.h"
+#include "splat/record.h"
+#include "splat/splat.h"
 #include "splatvol/surface_depths.h"
-#include "streamer/record.h"
-#include "streamer/splat.h"
 
 namespace splatvol {
 

@@ -9,7 +9,7 @@
 #include <limits>
 #include <variant>
 
-#include "base/splat_kernel.h"
+#include "splat/kernel.h"
 
 namespace splatvol {
 namespace {

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "scene/scene.h"
-#include "streamer/record.h"
-#include "streamer/splat.h"
+#include "splat/record.h"
+#include "splat/splat.h"
 
 namespace splatvol {
 

@@ -11,8 +11,8 @@
 
 #include "format/octree.h"
 #include "format/volume.h"
+#include "splat/record.h"
 #include "streamer/budget.h"
-#include "streamer/record.h"
 
 namespace splatvol {
 

@@ -9,7 +9,7 @@
 #include <variant>
 #include <vector>
 
-#include "streamer/splat.h"
+#include "splat/splat.h"
 
 namespace splatvol {
 namespace {

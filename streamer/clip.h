@@ -3,7 +3,7 @@
 
 #include "base/math.h"
 #include "scene/scene.h"
-#include "streamer/record.h"
+#include "splat/record.h"
 
 namespace splatvol {
 

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <iterator>
 
+#include "splat/record.h"
 #include "streamer/error_model.h"
 #include "streamer/node_tree.h"
-#include "streamer/record.h"
 #include "streamer/refinement.h"
 
 namespace splatvol {

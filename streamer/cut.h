@@ -13,7 +13,7 @@
 #include "format/octree.h"
 #include "format/volume_info.h"
 #include "scene/scene.h"
-#include "streamer/splat.h"
+#include "splat/splat.h"
 #include "streamer/visibility.h"
 
 namespace splatvol {

@@ -8,7 +8,7 @@
 #include "base/error.h"
 #include "base/math.h"
 #include "format/layout.h"
-#include "streamer/record.h"
+#include "splat/record.h"
 
 namespace splatvol {
 

@@ -14,10 +14,10 @@
 #include "format/octree.h"
 #include "format/volume_info.h"
 #include "scene/scene.h"
+#include "splat/splat.h"
 #include "streamer/cut.h"
 #include "streamer/frustum.h"
 #include "streamer/occlusion.h"
-#include "streamer/splat.h"
 #include "streamer/visibility.h"
 
 namespace splatvol {

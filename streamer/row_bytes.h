@@ -5,7 +5,7 @@
 #include <span>
 
 #include "format/volume_info.h"
-#include "streamer/record.h"
+#include "splat/record.h"
 
 namespace splatvol {
 

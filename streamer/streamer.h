@@ -15,6 +15,8 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "scene/scene.h"
+#include "splat/record.h"
+#include "splat/splat.h"
 #include "streamer/budget.h"
 #include "streamer/cache.h"
 #include "streamer/clip.h"
@@ -24,9 +26,7 @@
 #include "streamer/occlusion.h"
 #include "streamer/paged_volume.h"
 #include "streamer/pager.h"
-#include "streamer/record.h"
 #include "streamer/row_reader.h"
-#include "streamer/splat.h"
 #include "streamer/step_prefetch.h"
 
 namespace splatvol {

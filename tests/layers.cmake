@@ -1,20 +1,23 @@
 # Fails if a source includes a header of a layer that its own layer may not know. The layers stand in order, lowest first:
-# a layer may know only layers before it, so that no arrow runs back. Run: cmake -D ROOT=... -P layers.cmake
+# a layer may know only layers before it, so that no arrow runs back. Fails too if OpenGL is called where it may not be.
+# Run: cmake -D ROOT=... -P layers.cmake
 cmake_minimum_required(VERSION 3.25)
 
-set(layers
-    splatvol base scene surfaces reference format
-    builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process builder/sources/vtk
-    builder/boundary builder/output builder/points builder/reduction builder builder/distributed
-    exporter streamer renderer renderer/cpu renderer/gl renderer/device player library viewer tools)
+set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process
+                  builder/sources/vtk builder/boundary builder/output builder/points builder/reduction builder/opening
+                  builder/pipeline builder/series)
+set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
+set(layers splatvol base scene pictures splat format ${builder_rooms} builder/distributed streamer streamer/first
+           ${renderer_rooms} renderer/surfaces renderer/reference player library library/python library/examples viewer
+           tools/export tools tests/support tests/fuzz bench)
 
 # What each layer may include, besides itself and the public face. That is include/splatvol/, and knows none of them.
 set(splatvol_knows)
 set(base_knows)
 set(scene_knows base)
-set(surfaces_knows base scene)
-set(reference_knows base scene)
-set(format_knows base)
+set(pictures_knows base scene)
+set(splat_knows base)
+set(format_knows base splat)
 set(builder/sorting_knows base format)
 set(builder/mesh_knows base format)
 set(builder/scattered_knows base format builder/mesh)
@@ -22,30 +25,40 @@ set(builder/sources_knows base format builder/mesh builder/sorting)
 set(builder/sources/process_knows base format builder/mesh builder/sources)
 set(builder/sources/vtk_knows base format builder/mesh builder/sources)
 set(builder/boundary_knows base format builder/mesh builder/sorting builder/sources)
-set(builder/output_knows base format builder/mesh builder/sorting)
-set(builder/points_knows base format builder/sorting builder/mesh builder/scattered builder/sources)
-set(builder/reduction_knows base format builder/sorting builder/mesh builder/scattered builder/output builder/points)
-set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process
-                  builder/sources/vtk builder/boundary builder/output builder/points builder/reduction)
-set(builder_knows base format ${builder_rooms})
-set(builder/distributed_knows base format ${builder_rooms} builder)
-set(exporter_knows base format)
-set(streamer_knows base scene format)
-set(renderer_knows base scene streamer)
-set(renderer/cpu_knows base scene streamer renderer)
-set(renderer/gl_knows base scene streamer renderer)
-set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
-set(renderer/device_knows base scene streamer renderer renderer/cpu renderer/gl)
-set(player_knows base scene surfaces format streamer ${renderer_rooms})
-set(library_knows base scene format ${builder_rooms} builder streamer ${renderer_rooms} player)
-set(viewer_knows base scene format streamer ${renderer_rooms} player)
-set(tools_knows base scene surfaces reference format ${builder_rooms} builder builder/distributed exporter streamer ${renderer_rooms} player viewer)
+set(builder/output_knows base splat format builder/mesh builder/sorting)
+set(builder/points_knows base splat format builder/sorting builder/mesh builder/scattered builder/sources)
+set(builder/reduction_knows base splat format builder/sorting builder/mesh builder/scattered builder/output builder/points)
+set(builder/opening_knows base format builder/mesh builder/sources builder/sources/process builder/sources/vtk)
+set(builder/pipeline_knows base format builder/sorting builder/mesh builder/scattered builder/sources builder/boundary
+                           builder/output builder/points builder/reduction)
+set(builder/series_knows base format builder/sources builder/boundary builder/opening builder/pipeline)
+set(builder/distributed_knows base format ${builder_rooms})
+set(streamer_knows base scene splat format)
+set(streamer/first_knows base scene pictures format streamer)
+set(renderer_knows base scene pictures splat)
+set(renderer/cpu_knows base scene pictures splat renderer)
+set(renderer/gl_knows base scene pictures splat renderer)
+set(renderer/device_knows base scene pictures splat renderer renderer/cpu renderer/gl)
+set(renderer/surfaces_knows base scene pictures)
+set(renderer/reference_knows base scene pictures)
+set(player_knows base scene pictures splat format streamer streamer/first ${renderer_rooms} renderer/surfaces)
+set(library_knows base scene pictures splat format ${builder_rooms} streamer streamer/first ${renderer_rooms} player)
+set(library/python_knows ${library_knows} library)
+set(library/examples_knows)
+set(viewer_knows ${player_knows} player)
+set(tools/export_knows base splat format)
+set(tools_knows ${viewer_knows} viewer ${builder_rooms} builder/distributed renderer/reference tools/export)
+set(tests/support_knows base splat format ${builder_rooms})
+set(tests/fuzz_knows ${tools_knows} tests/support)
+set(bench_knows ${tools_knows} tools)
 
 # Only these layers may include headers of OpenGL, of VTK, and of MPI.
 set(gl_folders epoxy EGL GL GLES3 GLFW)
-set(gl_layers renderer/gl viewer tools)
-set(vtk_layers builder/sources/vtk)
+set(gl_layers renderer/gl viewer library/examples)
+set(vtk_layers builder/sources/vtk tests/fuzz)
 set(mpi_layers builder/distributed)
+# Only these layers and files may call OpenGL.
+set(gl_callers renderer/gl viewer library/examples tools/svview.cpp)
 
 set(broken)
 
@@ -72,16 +85,23 @@ function(layer_of path result)
   set(${result} "${found}" PARENT_SCOPE)
 endfunction()
 
-set(tops ${layers})
-list(FILTER tops EXCLUDE REGEX "/")
-foreach(top IN LISTS tops)
+foreach(searched IN LISTS layers)
   set(parent ${ROOT})
-  if(top STREQUAL splatvol)
+  if(searched STREQUAL splatvol)
     set(parent ${ROOT}/include)
   endif()
-  file(GLOB_RECURSE sources RELATIVE ${parent} ${parent}/${top}/*.h ${parent}/${top}/*.cpp)
+  file(GLOB_RECURSE sources RELATIVE ${parent} ${parent}/${searched}/*.h ${parent}/${searched}/*.cpp)
   foreach(source IN LISTS sources)
     layer_of(${source} layer)
+    if(NOT layer STREQUAL searched)
+      continue()
+    endif()
+    if(NOT layer IN_LIST gl_callers AND NOT source IN_LIST gl_callers)
+      file(STRINGS ${parent}/${source} calls REGEX "(^|[^A-Za-z0-9_])gl[A-Z][A-Za-z0-9]*\\(" LIMIT_COUNT 1)
+      if(calls)
+        list(APPEND broken "${source} calls OpenGL: ${layer} may not")
+      endif()
+    endif()
     file(STRINGS ${parent}/${source} includes REGEX "^[ \t]*#[ \t]*include[ \t]*[<\"]")
     foreach(include IN LISTS includes)
       string(REGEX REPLACE "^[ \t]*#[ \t]*include[ \t]*([<\"])([^>\"]*).*" "\\1;\\2" parts "${include}")

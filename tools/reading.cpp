@@ -10,7 +10,7 @@
 
 #include "base/memory_limit.h"
 #include "base/printable.h"
-#include "builder/input_files.h"
+#include "builder/opening/input_files.h"
 #include "tools/tool.h"
 
 namespace splatvol {

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "builder/sources/process/reader_process.h"
-#include "surfaces/surface.h"
+#include "renderer/surfaces/surface.h"
 #include "tools/command_line.h"
 
 namespace splatvol {
@@ -21,8 +21,8 @@ void add_reading_options(CommandLine& app, ReadingOptions& options);
 /// installed.
 [[nodiscard]] Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, unsigned threads);
 
-/// Names the files in folders that hold data but are left out (builder/input_files.h), in a line; empty if there are
-/// none.
+/// Names the files in folders that hold data but are left out (builder/opening/input_files.h), in a line; empty if
+/// there are none.
 [[nodiscard]] std::string describe_left_out(const std::vector<std::string>& inputs);
 
 /// Prints a warning with describe_left_out(), if there are such files.

@@ -3,8 +3,8 @@
 
 #include <string>
 
+#include "pictures/image.h"
 #include "renderer/device/device.h"
-#include "scene/image.h"
 #include "scene/scene.h"
 #include "tools/tool.h"
 

@@ -7,7 +7,7 @@
 #include <memory>
 #include <string_view>
 
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
 #include "builder/sources/process/serve_sources.h"
 #include "builder/sources/vtk/surface_file.h"
 

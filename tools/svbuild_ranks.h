@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "builder/build.h"
+#include "builder/pipeline/build.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/json.h"
-#include "scene/image.h"
+#include "pictures/image.h"
 #include "tools/tool.h"
 
 namespace splatvol {

@@ -6,8 +6,8 @@
 
 #include "base/json.h"
 #include "base/memory_limit.h"
-#include "exporter/vdb_export.h"
-#include "exporter/vtu_export.h"
+#include "tools/export/vdb_export.h"
+#include "tools/export/vtu_export.h"
 #include "tools/steps.h"
 #include "tools/tool.h"
 

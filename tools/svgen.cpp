@@ -16,7 +16,7 @@
 #include "base/descriptor.h"
 #include "base/file.h"
 #include "base/temporary_names.h"
-#include "builder/open_own.h"
+#include "builder/opening/open_own.h"
 #include "builder/sources/generator.h"
 #include "builder/sources/refined_source.h"
 #include "builder/sources/vtk/writer.h"

@@ -7,7 +7,7 @@
 
 #include "base/json.h"
 #include "format/volume.h"
-#include "streamer/default_scene.h"
+#include "streamer/first/default_scene.h"
 #include "tools/steps.h"
 #include "tools/tool.h"
 

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "base/file.h"
-#include "streamer/default_scene.h"
-#include "streamer/explain.h"
+#include "streamer/first/default_scene.h"
+#include "streamer/first/explain.h"
 #include "tools/svrender_drawing.h"
 #include "tools/svrender_options.h"
 #include "tools/svrender_page.h"

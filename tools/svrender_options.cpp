@@ -3,9 +3,9 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "player/error_control.h"
 #include "player/movie.h"
 #include "renderer/rasterizer.h"
-#include "streamer/error_control.h"
 #include "tools/scene_options.h"
 #include "tools/svrender_page.h"
 #include "tools/tool.h"

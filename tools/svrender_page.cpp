@@ -4,9 +4,9 @@
 #include <cmath>
 #include <memory>
 
-#include "scene/contrast.h"
+#include "pictures/contrast.h"
 #include "scene/srgb.h"
-#include "streamer/default_scene.h"
+#include "streamer/first/default_scene.h"
 #include "tools/scene_options.h"
 
 namespace splatvol {

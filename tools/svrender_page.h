@@ -5,7 +5,7 @@
 #include <string>
 
 #include "format/volume_info.h"
-#include "scene/page.h"
+#include "pictures/page.h"
 #include "scene/scene.h"
 #include "tools/svrender_options.h"
 

@@ -11,9 +11,9 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "pictures/image.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
-#include "scene/image.h"
 #include "tools/reading.h"
 #include "tools/scene_options.h"
 #include "tools/tool.h"

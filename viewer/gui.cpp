@@ -8,7 +8,7 @@
 #include <span>
 #include <utility>
 
-#include "scene/font_data.h"
+#include "pictures/font_data.h"
 #include "viewer/gui_units.h"
 
 namespace splatvol {

@@ -8,7 +8,7 @@
 #include <optional>
 #include <utility>
 
-#include "scene/ticks.h"
+#include "pictures/ticks.h"
 #include "viewer/gui_units.h"
 
 namespace splatvol {

@@ -8,8 +8,8 @@
 #include <utility>
 #include <variant>
 
-#include "base/splat_kernel.h"
 #include "renderer/transfer_table.h"
+#include "splat/kernel.h"
 
 #include "renderer/slice_values.h"
 

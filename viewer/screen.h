@@ -3,8 +3,8 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "pictures/image.h"
 #include "renderer/gl/gl_objects.h"
-#include "scene/image.h"
 
 namespace splatvol {
 

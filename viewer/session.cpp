@@ -12,12 +12,12 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "pictures/contrast.h"
 #include "renderer/cpu/srgb_bytes.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/gl_rasterizer.h"
-#include "scene/contrast.h"
 #include "streamer/domain.h"
-#include "streamer/explain.h"
+#include "streamer/first/explain.h"
 #include "viewer/camera_control.h"
 #include "viewer/low_priority.h"
 

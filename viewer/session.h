@@ -15,13 +15,13 @@
 #include "base/http_source.h"
 #include "format/steps.h"
 #include "format/volume.h"
+#include "pictures/page.h"
+#include "player/frame_pacer.h"
 #include "player/player.h"
 #include "player/sharpening.h"
 #include "renderer/gl/picture_texture.h"
-#include "scene/page.h"
 #include "scene/scene.h"
-#include "streamer/default_scene.h"
-#include "streamer/frame_pacer.h"
+#include "streamer/first/default_scene.h"
 #include "viewer/screen.h"
 
 namespace splatvol {

@@ -11,8 +11,8 @@
 
 #include "base/byte_text.h"
 #include "base/file.h"
+#include "pictures/contrast.h"
 #include "scene/color_map_file.h"
-#include "scene/contrast.h"
 
 namespace splatvol {
 namespace {

@@ -12,7 +12,7 @@
 #include "base/file.h"
 #include "base/program.h"
 #include "base/replaceable.h"
-#include "scene/contrast.h"
+#include "pictures/contrast.h"
 #include "viewer/viewer.h"
 
 namespace splatvol {

@@ -7,8 +7,6 @@
 #include <utility>
 
 #include "base/interruption.h"
-#include "builder/census_lines.h"
-#include "builder/connect.h"
 #include "builder/distributed/joint_file.h"
 #include "builder/distributed/piece_turns.h"
 #include "builder/distributed/range_plan.h"
@@ -16,7 +14,9 @@
 #include "builder/distributed/record_exchange.h"
 #include "builder/distributed/shared_output.h"
 #include "builder/output/byte_streams.h"
-#include "builder/reduce_source.h"
+#include "builder/pipeline/census_lines.h"
+#include "builder/pipeline/connect.h"
+#include "builder/pipeline/reduce_source.h"
 #include "format/volume_info.h"
 
 namespace splatvol {

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "builder/build.h"
 #include "builder/distributed/ranks.h"
+#include "builder/pipeline/build.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {

@@ -3,10 +3,10 @@
 
 #include <string>
 
-#include "builder/build.h"
 #include "builder/distributed/range_reduction.h"
 #include "builder/distributed/ranks.h"
 #include "builder/distributed/shared_output.h"
+#include "builder/pipeline/build.h"
 
 namespace splatvol {
 

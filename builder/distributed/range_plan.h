@@ -5,9 +5,9 @@
 #include <optional>
 #include <vector>
 
-#include "builder/build.h"
 #include "builder/distributed/key_ranges.h"
 #include "builder/distributed/ranks.h"
+#include "builder/pipeline/build.h"
 #include "builder/points/batch_cutter.h"
 #include "builder/points/point_stream.h"
 

@@ -5,11 +5,11 @@
 #include <tuple>
 #include <utility>
 
-#include "builder/describe.h"
 #include "builder/output/byte_streams.h"
+#include "builder/pipeline/describe.h"
+#include "builder/pipeline/reduce_source.h"
 #include "builder/points/batch_cutter.h"
 #include "builder/points/material_estimator.h"
-#include "builder/reduce_source.h"
 #include "builder/reduction/reduction_pipeline.h"
 
 namespace splatvol {

@@ -9,15 +9,15 @@
 #include <string>
 #include <vector>
 
-#include "builder/build.h"
 #include "builder/distributed/range_plan.h"
 #include "builder/distributed/ranks.h"
-#include "builder/memory_plan.h"
 #include "builder/output/block_spool.h"
 #include "builder/output/index_leaf_spool.h"
 #include "builder/output/row_collector.h"
 #include "builder/output/row_files.h"
 #include "builder/output/row_packer.h"
+#include "builder/pipeline/build.h"
+#include "builder/pipeline/memory_plan.h"
 #include "builder/reduction/reduction_pass.h"
 #include "format/volume_info.h"
 

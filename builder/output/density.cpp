@@ -14,7 +14,7 @@
 #include <numeric>
 #include <utility>
 
-#include "base/splat_kernel.h"
+#include "splat/kernel.h"
 
 namespace splatvol {
 namespace {

@@ -59,7 +59,7 @@ class ArrayUnion {
   std::unordered_set<std::string> of_cells_;                           // names
 };
 
-/// Lists the arrays of an input. Contract as list_arrays (builder/open_source.h).
+/// Lists the arrays of an input. Contract as list_arrays (builder/opening/open_source.h).
 using ListArrays = std::function<Result<std::optional<std::vector<ArrayShape>>>(const std::vector<std::string>& inputs,
                                                                                 const SourceOptions& options)>;
 

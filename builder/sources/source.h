@@ -201,7 +201,7 @@ struct SourceOptions {
   bool may_lack = false;             // values of selected attributes that are not there are missing
 };
 
-/// Opens an input. Contract as open_source (builder/open_source.h).
+/// Opens an input. Contract as open_source (builder/opening/open_source.h).
 using OpenSource = std::function<Result<std::unique_ptr<Source>>(const std::vector<std::string>& inputs,
                                                                  const SourceOptions& options)>;
 

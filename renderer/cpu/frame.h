@@ -9,7 +9,7 @@
 
 #include "renderer/common.h"
 #include "renderer/surfaces.h"
-#include "streamer/record.h"
+#include "splat/record.h"
 
 namespace splatvol::tiles {
 

@@ -1,7 +1,7 @@
 // Samples farther apart than pixels, and the picture between them. Internal to the tiles.
 #pragma once
 
-#include "scene/image.h"
+#include "pictures/image.h"
 #include "scene/scene.h"
 
 namespace splatvol::tiles {

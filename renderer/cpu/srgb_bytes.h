@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/math.h"
-#include "scene/image.h"
+#include "pictures/image.h"
 
 namespace splatvol {
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "pictures/image.h"
 #include "renderer/common.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_objects.h"
@@ -19,9 +20,8 @@
 #include "renderer/rasterizer.h"
 #include "renderer/sort.h"
 #include "renderer/surfaces.h"
-#include "scene/image.h"
 #include "scene/scene.h"
-#include "streamer/splat.h"
+#include "splat/splat.h"
 
 namespace splatvol {
 

@@ -2,10 +2,10 @@
 #pragma once
 
 #include "base/error.h"
+#include "pictures/image.h"
 #include "renderer/gl/gl_objects.h"
 #include "renderer/gl/picture_texture.h"
 #include "renderer/rasterizer.h"
-#include "scene/image.h"
 #include "splatvol/depth_texture.h"
 #include "splatvol/surface_depths.h"
 

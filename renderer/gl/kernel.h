@@ -5,7 +5,7 @@
 
 #include "renderer/common.h"
 #include "renderer/gl/gl_objects.h"
-#include "streamer/splat.h"
+#include "splat/splat.h"
 
 namespace splatvol {
 

@@ -5,8 +5,8 @@
 #include <span>
 
 #include "base/error.h"
+#include "pictures/image.h"
 #include "renderer/gl/gl_objects.h"
-#include "scene/image.h"
 
 namespace splatvol {
 

@@ -10,7 +10,7 @@
 
 #include "base/error.h"
 #include "renderer/gl/gl_objects.h"
-#include "streamer/record.h"
+#include "splat/record.h"
 
 namespace splatvol {
 

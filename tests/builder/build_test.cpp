@@ -1,4 +1,4 @@
-#include "builder/build.h"
+#include "builder/pipeline/build.h"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>

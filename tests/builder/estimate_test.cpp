@@ -1,8 +1,8 @@
-#include "builder/estimate.h"
+#include "builder/pipeline/estimate.h"
 
 #include <gtest/gtest.h>
 
-#include "builder/open_own.h"
+#include "builder/opening/open_own.h"
 
 namespace splatvol {
 namespace {

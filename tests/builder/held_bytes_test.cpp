@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "builder/build.h"
-#include "builder/memory_plan.h"
+#include "builder/pipeline/build.h"
+#include "builder/pipeline/memory_plan.h"
 #include "builder/points/point_stream.h"
 #include "builder/sources/generator.h"
 #include "tests/builder/support/meshes.h"

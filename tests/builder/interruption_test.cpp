@@ -9,7 +9,7 @@
 #include <iterator>
 #include <string>
 
-#include "builder/build.h"
+#include "builder/pipeline/build.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/require.h"

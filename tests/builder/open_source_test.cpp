@@ -1,4 +1,4 @@
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -14,7 +14,7 @@
 #include <tuple>
 
 #include "base/file.h"
-#include "builder/input_files.h"
+#include "builder/opening/input_files.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/folder_test.h"

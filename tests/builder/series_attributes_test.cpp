@@ -6,11 +6,11 @@
 #include <map>
 
 #include "base/file.h"
-#include "builder/open_source.h"
-#include "builder/series_attributes.h"
-#include "builder/series_build.h"
-#include "builder/series_files.h"
-#include "builder/series_inputs.h"
+#include "builder/opening/open_source.h"
+#include "builder/series/series_attributes.h"
+#include "builder/series/series_build.h"
+#include "builder/series/series_files.h"
+#include "builder/series/series_inputs.h"
 #include "format/series_index.h"
 #include "format/volume.h"
 #include "tests/builder/sources/folder_test.h"

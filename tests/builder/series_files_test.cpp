@@ -17,7 +17,7 @@
 
 #include "base/file.h"
 #include "base/locked_file.h"
-#include "builder/series_files.h"
+#include "builder/series/series_files.h"
 #include "format/series_index.h"
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "base/file.h"
-#include "builder/series_build.h"
+#include "builder/series/series_build.h"
 #include "format/series_index.h"
 #include "format/series_writer.h"
 #include "format/volume.h"

@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "base/file.h"
-#include "builder/series_build.h"
-#include "builder/series_files.h"
-#include "builder/series_inputs.h"
+#include "builder/series/series_build.h"
+#include "builder/series/series_files.h"
+#include "builder/series/series_inputs.h"
 #include "builder/sources/arrays_source.h"
 #include "format/steps.h"
 #include "format/volume.h"

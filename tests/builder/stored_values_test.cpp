@@ -11,8 +11,8 @@
 #include <tuple>
 
 #include "base/file.h"
-#include "builder/build.h"
-#include "builder/series_build.h"
+#include "builder/pipeline/build.h"
+#include "builder/series/series_build.h"
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"

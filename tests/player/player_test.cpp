@@ -14,15 +14,15 @@
 #include <nlohmann/json.hpp>
 
 #include "base/interruption.h"
-#include "builder/build.h"
+#include "builder/pipeline/build.h"
+#include "pictures/image.h"
 #include "player/statistics.h"
-#include "scene/image.h"
-#include "streamer/default_scene.h"
+#include "streamer/first/default_scene.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/renderer/surfaces/shapes.h"
 #include "tests/support/require.h"
 #include "tests/support/stalled_source.h"
-#include "tests/surfaces/shapes.h"
 
 namespace splatvol {
 namespace {

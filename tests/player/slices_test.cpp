@@ -11,11 +11,11 @@
 #include <functional>
 #include <limits>
 
-#include "builder/build.h"
-#include "builder/series_build.h"
+#include "builder/pipeline/build.h"
+#include "builder/series/series_build.h"
 #include "player/player.h"
 #include "player/sharpening.h"
-#include "reference/slice.h"
+#include "renderer/reference/slice.h"
 #include "renderer/slice_values.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"

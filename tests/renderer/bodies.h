@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "scene/image.h"
+#include "pictures/image.h"
 #include "scene/scene.h"
 #include "splatvol/surface_depths.h"
 #include "tests/renderer/draw_parts.h"

@@ -16,9 +16,9 @@
 #include <utility>
 #include <vector>
 
-#include "base/splat_kernel.h"
 #include "renderer/device/device.h"
 #include "renderer/surfaces.h"
+#include "splat/kernel.h"
 #include "tests/renderer/bodies.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/random_splats.h"

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "streamer/record.h"
+#include "splat/record.h"
 
 namespace splatvol::test {
 

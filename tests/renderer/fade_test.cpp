@@ -8,8 +8,8 @@
 #include <filesystem>
 #include <string>
 
-#include "builder/build.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
 #include "renderer/device/device.h"
 #include "streamer/streamer.h"
 

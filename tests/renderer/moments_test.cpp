@@ -12,9 +12,9 @@
 #include <numeric>
 #include <random>
 
-#include "base/splat_kernel.h"
 #include "renderer/device/device.h"
 #include "shared_context.h"
+#include "splat/kernel.h"
 #include "tests/renderer/device_name.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/random_splats.h"

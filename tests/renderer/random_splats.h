@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "scene/scene.h"
-#include "streamer/record.h"
+#include "splat/record.h"
 #include "tests/support/random.h"
 
 namespace splatvol::test {

@@ -16,13 +16,13 @@
 #include <utility>
 #include <vector>
 
-#include "builder/build.h"
+#include "builder/pipeline/build.h"
 #include "builder/sources/generator.h"
-#include "reference/reference.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"
-#include "streamer/default_scene.h"
+#include "renderer/reference/reference.h"
+#include "streamer/first/default_scene.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {

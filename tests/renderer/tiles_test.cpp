@@ -14,8 +14,8 @@
 #include <random>
 
 #include "base/interruption.h"
-#include "builder/build.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"

@@ -8,8 +8,8 @@
 #include <limits>
 #include <set>
 
+#include "splat/splat.h"
 #include "streamer/paged_volume.h"
-#include "streamer/splat.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/random.h"
 

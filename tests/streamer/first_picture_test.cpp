@@ -13,11 +13,11 @@
 #include <string>
 
 #include "base/file.h"
-#include "builder/build.h"
+#include "builder/pipeline/build.h"
+#include "pictures/contrast.h"
 #include "renderer/device/device.h"
-#include "scene/contrast.h"
-#include "streamer/default_scene.h"
-#include "streamer/first_attribute.h"
+#include "streamer/first/default_scene.h"
+#include "streamer/first/first_attribute.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <filesystem>
 
-#include "builder/build.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/require.h"
 

@@ -8,8 +8,8 @@
 #include <limits>
 #include <string>
 
-#include "builder/build.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
 #include "renderer/device/device.h"
 #include "streamer/streamer.h"
 #include "tests/support/require.h"

@@ -15,8 +15,8 @@
 #include <utility>
 #include <vector>
 
-#include "builder/build.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
 #include "streamer/cut.h"
 #include "streamer/paged_volume.h"
 #include "tests/streamer/fixture.h"

@@ -10,8 +10,8 @@
 #include <thread>
 
 #include "base/interruption.h"
-#include "builder/build.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
 #include "streamer/streamer.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/random.h"

@@ -7,7 +7,7 @@
 #include <cstdlib>
 #include <filesystem>
 
-#include "builder/series_build.h"
+#include "builder/series/series_build.h"
 #include "streamer/streamer.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"

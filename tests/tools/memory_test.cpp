@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "base/file.h"
-#include "scene/image.h"
+#include "pictures/image.h"
 #include "tests/support/require.h"
 
 namespace splatvol {

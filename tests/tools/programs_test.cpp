@@ -13,9 +13,9 @@
 #include <string>
 
 #include "base/file.h"
-#include "scene/image.h"
+#include "pictures/image.h"
+#include "tests/renderer/surfaces/shapes.h"
 #include "tests/support/long.h"
-#include "tests/surfaces/shapes.h"
 
 namespace splatvol {
 namespace {

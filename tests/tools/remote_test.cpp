@@ -8,7 +8,7 @@
 #include <filesystem>
 
 #include "base/file.h"
-#include "scene/image.h"
+#include "pictures/image.h"
 #include "tests/support/nginx.h"
 #include "tests/support/test_volume.h"
 

@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
-#include "scene/image.h"
+#include "pictures/image.h"
 #include "tests/support/programs.h"
 
 namespace splatvol {

@@ -9,7 +9,7 @@
 #include <fstream>
 
 #include "base/file.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
 #include "builder/sources/generator.h"
 #include "builder/sources/refined_source.h"
 #include "builder/sources/vtk/writer.h"

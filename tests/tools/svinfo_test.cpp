@@ -13,7 +13,7 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "scene/scene.h"
-#include "streamer/default_scene.h"
+#include "streamer/first/default_scene.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol {

@@ -10,7 +10,7 @@
 
 #include "base/file.h"
 #include "format/boundary.h"
-#include "scene/image.h"
+#include "pictures/image.h"
 #include "tests/support/programs.h"
 #include "tests/support/test_volume.h"
 

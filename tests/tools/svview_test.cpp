@@ -16,10 +16,10 @@
 
 #include "base/file.h"
 #include "format/volume.h"
-#include "scene/image.h"
+#include "pictures/image.h"
 #include "scene/scene.h"
+#include "tests/renderer/surfaces/shapes.h"
 #include "tests/support/test_volume.h"
-#include "tests/surfaces/shapes.h"
 
 namespace splatvol {
 namespace {

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "scene/image.h"
+#include "pictures/image.h"
 #include "tests/support/programs.h"
 #include "tests/support/test_volume.h"
 

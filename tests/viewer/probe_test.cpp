@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "base/splat_kernel.h"
+#include "splat/kernel.h"
 #include "viewer/probe.h"
 
 namespace splatvol {

@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "base/file.h"
-#include "builder/build.h"
+#include "builder/pipeline/build.h"
 #include "format/volume.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"

@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <filesystem>
 
-#include "builder/build.h"
+#include "builder/pipeline/build.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
 #include "scene/isovalue.h"

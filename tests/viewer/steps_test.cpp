@@ -8,8 +8,8 @@
 #include <filesystem>
 #include <thread>
 
-#include "builder/series_build.h"
-#include "builder/series_files.h"
+#include "builder/series/series_build.h"
+#include "builder/series/series_files.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
 #include "tests/builder/support/meshes.h"

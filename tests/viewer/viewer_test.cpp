@@ -7,10 +7,10 @@
 #include <filesystem>
 #include <fstream>
 
+#include "player/sampling.h"
 #include "renderer/device/device.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
-#include "renderer/sampling.h"
 #include "tests/support/test_volume.h"
 #include "viewer/viewer.h"
 

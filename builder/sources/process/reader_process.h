@@ -36,13 +36,13 @@ class ReaderProcess {
   ReaderProcess(const ReaderProcess&) = delete;
   ReaderProcess& operator=(const ReaderProcess&) = delete;
 
-  /// Contract as open_source (builder/open_source.h), and all functions of the source as Source. They fail too if the
-  /// process crashes, needs more memory, or does not get on.
+  /// Contract as open_source (builder/opening/open_source.h), and all functions of the source as Source. They fail too
+  /// if the process crashes, needs more memory, or does not get on.
   [[nodiscard]] Result<std::unique_ptr<Source>> open(const std::vector<std::string>& inputs,
                                                      const SourceOptions& options);
 
-  /// Contract as list_arrays (builder/open_source.h). Fails too if the process crashes, needs more memory, or does not
-  /// get on.
+  /// Contract as list_arrays (builder/opening/open_source.h). Fails too if the process crashes, needs more memory, or
+  /// does not get on.
   [[nodiscard]] Result<std::optional<std::vector<ArrayShape>>> list_arrays(const std::vector<std::string>& inputs,
                                                                            const SourceOptions& options);
 

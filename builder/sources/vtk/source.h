@@ -18,7 +18,7 @@ namespace splatvol {
 [[nodiscard]] Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const SourceOptions& options,
                                                              const std::optional<TimeStep>& step = {});
 
-/// Lists the arrays that the headers of files announce, as list_arrays (builder/open_source.h) does.
+/// Lists the arrays that the headers of files announce, as list_arrays (builder/opening/open_source.h) does.
 [[nodiscard]] Result<std::vector<ArrayShape>> list_vtk_arrays(const std::vector<VtkFile>& files,
                                                               const SourceOptions& options);
 

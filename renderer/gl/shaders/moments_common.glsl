@@ -2,7 +2,7 @@
 const int far_form_count = 5;
 const int middle_form_count = 7;
 const int near_form_count = 8;
-const float half_axis = 3.29089653;  // moments_half_width of base/splat_kernel.h
+const float half_axis = 3.29089653;  // moments_half_width of splat/kernel.h
 
 // The transfer function averaged over normally distributed values: rows by their spread, columns by their mean, up to 4
 // spreads beyond the domain (transfer_table.h). Means and spreads are in units of the domain.

@@ -1,4 +1,4 @@
-// Drawing records as streamer/record.h lays them out, in one page of the device's memory. A splat's number is 32 times
+// Drawing records as splat/record.h lays them out, in one page of the device's memory. A splat's number is 32 times
 // the number of its entry, plus its index in the entry.
 const uint records_of_entry = 32u;
 

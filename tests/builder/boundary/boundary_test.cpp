@@ -15,7 +15,7 @@
 #include "builder/boundary/simplify.h"
 #include "builder/boundary/triangle_tree.h"
 #include "builder/boundary/welded_surface.h"
-#include "builder/build.h"
+#include "builder/pipeline/build.h"
 #include "format/boundary.h"
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"

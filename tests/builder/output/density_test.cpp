@@ -6,8 +6,8 @@
 #include <cmath>
 #include <random>
 
-#include "base/splat_kernel.h"
 #include "builder/mesh/moments.h"
+#include "splat/kernel.h"
 
 namespace splatvol {
 namespace {

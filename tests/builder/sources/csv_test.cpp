@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "builder/open_own.h"
+#include "builder/opening/open_own.h"
 #include "builder/sources/csv_table.h"
 #include "builder/sources/units.h"
 #include "tests/builder/sources/folder_test.h"

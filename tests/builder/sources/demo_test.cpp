@@ -10,7 +10,7 @@
 
 #include "base/file.h"
 #include "builder/mesh/tetrahedra.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
 #include "tests/builder/sources/tetrahedron_faces.h"
 #include "tools/bisection_mesh.h"
 #include "tools/demo_flow.h"

@@ -1,6 +1,6 @@
 // Generated inputs: independent of threads, with the positions and values that they promise.
 #include "builder/sources/generator.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
 
 #include <gmock/gmock.h>
 #include <tbb/global_control.h>

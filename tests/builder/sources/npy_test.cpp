@@ -12,7 +12,7 @@
 #include <random>
 
 #include "base/file.h"
-#include "builder/open_own.h"
+#include "builder/opening/open_own.h"
 #include "builder/sources/npy_header.h"
 #include "tests/builder/sources/folder_test.h"
 

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
 

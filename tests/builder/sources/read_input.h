@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "builder/mesh/tetrahedra.h"
-#include "builder/open_own.h"
+#include "builder/opening/open_own.h"
 
 namespace splatvol::test {
 

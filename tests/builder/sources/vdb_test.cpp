@@ -18,8 +18,8 @@
 
 #include "base/file.h"
 #include "base/vdb_share.h"
-#include "builder/build.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
 #include "builder/sources/vdb_header.h"
 #include "builder/sources/vdb_library.h"
 #include "format/volume.h"

@@ -9,10 +9,10 @@
 #include <vector>
 
 #include "base/file.h"
-#include "builder/build.h"
-#include "builder/open_source.h"
-#include "builder/series_build.h"
-#include "builder/series_inputs.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
+#include "builder/series/series_build.h"
+#include "builder/series/series_inputs.h"
 #include "format/volume.h"
 
 namespace splatvol::test {

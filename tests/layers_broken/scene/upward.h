@@ -4,3 +4,5 @@
 #include "base/error.h"
 #include "renderer/renderer.h"
 #include "scene.h"
+
+inline void clear() { glClear(0); }

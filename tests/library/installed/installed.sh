@@ -147,14 +147,14 @@ test_page() {
   sed -n '/^```c/,/^```$/{/^```/d;p}' "$source/docs/library.md" > "$work/shown.txt"
   [[ -s $work/shown.txt ]] || fail "docs/library.md shows no code"
   while IFS= read -r line; do
-    grep -qxF -- "${line#  }" <(sed 's/^  //' "$source"/examples/*) || fail "docs/library.md shows what no example has: $line"
+    grep -qxF -- "${line#  }" <(sed 's/^  //' "$source"/library/examples/*) || fail "docs/library.md shows what no example has: $line"
   done < "$work/shown.txt"
 }
 
 # The examples, configured as a project of somebody else.
 test_examples() {
   rm -rf "$work/examples"
-  cp -r "$source/examples" "$work/examples"
+  cp -r "$source/library/examples" "$work/examples"
   cd "$work/examples"
   cmake -S . -B out -D CMAKE_PREFIX_PATH="$prefix" -D CMAKE_CXX_FLAGS='-Wall -Wextra -Wpedantic -Werror' > configure.txt
   cmake --build out --parallel 2 > build.txt || { cat build.txt >&2; exit 1; }

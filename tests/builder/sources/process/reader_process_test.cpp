@@ -9,7 +9,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
 #include "builder/sources/process/serve_sources.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"

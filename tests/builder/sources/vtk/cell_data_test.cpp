@@ -7,8 +7,8 @@
 #include <numeric>
 #include <tuple>
 
-#include "builder/build.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
 #include "builder/points/point_stream.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"

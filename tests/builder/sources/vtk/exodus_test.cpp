@@ -9,9 +9,9 @@
 #include <utility>
 
 #include "base/file.h"
-#include "builder/build.h"
-#include "builder/census_lines.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
+#include "builder/pipeline/census_lines.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"

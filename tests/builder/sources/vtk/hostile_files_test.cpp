@@ -10,7 +10,7 @@
 #include VTK_CGNS(cgnslib.h)
 
 #include "base/file.h"
-#include "builder/open_source.h"
+#include "builder/opening/open_source.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
 

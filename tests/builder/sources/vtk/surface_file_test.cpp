@@ -15,7 +15,7 @@
 #include "builder/sources/process/reader_process.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
-#include "tests/surfaces/shapes.h"
+#include "tests/renderer/surfaces/shapes.h"
 
 namespace splatvol {
 namespace {

@@ -1,0 +1,63 @@
+#include "builder/opening/open_own.h"
+
+#include <algorithm>
+
+#include "builder/opening/input_files.h"
+#include "builder/sources/csv_source.h"
+#include "builder/sources/generator.h"
+#include "builder/sources/npy_source.h"
+
+namespace splatvol {
+
+tl::unexpected<Error> fail_no_cells(const std::string& input) {
+  return fail(ErrorCode::invalid_argument,
+              "{}: its values belong to points or voxels; leave out '--cells own', which is for meshes in files",
+              input);
+}
+
+Result<std::unique_ptr<Source>> open_own(const std::vector<std::string>& inputs, const SourceOptions& options) {
+  const auto generated = std::ranges::find_if(inputs, is_generated);
+  if (generated != inputs.end() && inputs.size() > 1)
+    return fail(ErrorCode::invalid_argument, "{}: must be the only input", *generated);
+  if (generated != inputs.end() && options.cells == CellValues::own) return fail_no_cells(*generated);
+  if (generated != inputs.end()) return open_generated(*generated, options);
+
+  SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
+  if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
+  SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  if (first.format != FileHeader::Format::npy && first.format != FileHeader::Format::csv)
+    return std::unique_ptr<Source>();
+  if (options.cells == CellValues::own) return fail_no_cells(paths[0]);
+  return first.format == FileHeader::Format::npy ? open_npy_files(paths, options) : open_csv_files(paths, options);
+}
+
+Result<std::optional<std::vector<ArrayShape>>> list_own_arrays(const std::vector<std::string>& inputs,
+                                                               const SourceOptions& options) {
+  if (std::ranges::any_of(inputs, is_generated)) return std::nullopt;
+  SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
+  if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
+  SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  const bool is_npy = first.format == FileHeader::Format::npy;
+  if (!is_npy && first.format != FileHeader::Format::csv) return std::nullopt;
+  SPLATVOL_TRY_ASSIGN(arrays, is_npy ? list_npy_arrays(paths, options) : list_csv_arrays(paths, options));
+  return std::optional(std::move(arrays));
+}
+
+Result<std::optional<std::vector<ArrayShape>>> list_safely(ReaderProcess& reader,
+                                                           const std::vector<std::string>& inputs,
+                                                           const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(arrays, list_own_arrays(inputs, options));
+  if (arrays || std::ranges::any_of(inputs, is_generated)) return arrays;
+  return reader.list_arrays(inputs, options);
+}
+
+Result<std::unique_ptr<Source>> open_safely(ReaderProcess& reader, const std::vector<std::string>& inputs,
+                                            const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(source, open_own(inputs, options));
+  if (!source) return reader.open(inputs, options);
+  if (options.time && !source->time_step())
+    return fail(ErrorCode::invalid_argument, "{}: no time steps in it to choose from", inputs[0]);
+  return source;
+}
+
+}  // namespace splatvol

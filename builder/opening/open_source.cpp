@@ -1,0 +1,295 @@
+#include "builder/opening/open_source.h"
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <set>
+#include <string_view>
+#include <utility>
+
+#include "base/printable.h"
+#include "builder/opening/input_files.h"
+#include "builder/opening/open_own.h"
+#include "builder/sources/time_steps.h"
+#include "builder/sources/vdb_source.h"
+#include "builder/sources/vtk/collections.h"
+#include "builder/sources/vtk/reader.h"
+#include "builder/sources/vtk/source.h"
+
+namespace splatvol {
+namespace {
+
+struct XmlType {
+  std::string_view name;
+  VtkFile::Kind kind;
+};
+constexpr std::array<XmlType, 5> xml_types = {{{"UnstructuredGrid", VtkFile::Kind::unstructured},
+                                               {"StructuredGrid", VtkFile::Kind::structured},
+                                               {"RectilinearGrid", VtkFile::Kind::rectilinear},
+                                               {"ImageData", VtkFile::Kind::image},
+                                               {"PolyData", VtkFile::Kind::poly}}};
+
+bool newer_than(const FileHeader& header, int major, int minor) {
+  return header.major > major || (header.major == major && header.minor > minor);
+}
+
+tl::unexpected<Error> fail_version(const std::string& path, const FileHeader& header, const char* newest) {
+  return fail(ErrorCode::unsupported,
+              "{}: file version {}.{} is newer than {}, the newest that this version reads right", path, header.major,
+              header.minor, newest);
+}
+
+/// Checks the version here, because VTK at most warns of a newer major version, and reads what it recognises. The
+/// polyhedra of version 2.3 are read by builder/sources/vtk/unstructured_reader.cpp.
+Result<VtkFile> identify_xml(const std::string& path, const FileHeader& header) {
+  const auto type = std::ranges::find(xml_types, header.type, &XmlType::name);
+  if (type == xml_types.end())
+    return fail(ErrorCode::unsupported, "{}: VTK files of type \"{}\" are not supported", path, header.type);
+  if (newer_than(header, 2, 3)) return fail_version(path, header, "2.3");
+  return VtkFile{path, type->kind};
+}
+
+bool is_composite(const FileHeader& header) {
+  constexpr std::array<std::string_view, 3> types = {"vtkMultiBlockDataSet", "vtkPartitionedDataSet",
+                                                     "vtkPartitionedDataSetCollection"};
+  return std::ranges::find(types, header.type) != types.end();
+}
+
+/// A file that names files is not one of those that it names, at any depth.
+constexpr int deepest_nesting = 16;
+
+/// The files that files name, each looked at once.
+class KnownFiles {
+ public:
+  Result<FileHeader> header(const std::string& path) {
+    const std::string file = canonical(path);
+    const auto known = headers_.find(file);
+    if (known != headers_.end()) return known->second;
+    SPLATVOL_TRY_ASSIGN(header, read_header(path));
+    return headers_[file] = std::move(header);
+  }
+
+  /// Returns the files that a .pvtu or a composite file names.
+  Result<std::vector<std::string>> names(const std::string& path, const FileHeader& header) {
+    const std::string file = canonical(path);
+    const auto known = names_.find(file);
+    if (known != names_.end()) return known->second;
+    SPLATVOL_TRY_ASSIGN(names, is_composite(header) ? block_files(path) : pvtu_pieces(path));
+    return names_[file] = std::move(names);
+  }
+
+  /// Counts a file and those that it names, at any depth, as often as they are named. What cannot be read counts as one
+  /// file. A few files that name each other can stand for more files than anybody can read.
+  double count(const std::string& path, int nesting = 0) {
+    const auto [known, is_new] = counts_.try_emplace(canonical(path), 1.0);
+    if (!is_new || nesting == deepest_nesting) return known->second;
+    const auto header = this->header(path);
+    if (!header || (!is_composite(*header) && header->type != "PUnstructuredGrid")) return 1;
+    const auto names = this->names(path, *header);
+    if (!names) return 1;
+    double sum = 1;
+    for (const std::string& name : *names) sum += count(name, nesting + 1);
+    return known->second = sum;
+  }
+
+ private:
+  /// Returns the one path of a file that may have many, by links and "..". The file itself may be a link: what it names
+  /// lies where the link does.
+  std::string canonical(const std::string& path) {
+    const std::filesystem::path given(path), folder = given.has_parent_path() ? given.parent_path() : ".";
+    const auto [known, is_new] = folders_.try_emplace(folder.string(), folder);
+    std::error_code error;
+    if (is_new)
+      if (auto found = std::filesystem::canonical(folder, error); !error) known->second = std::move(found);
+    return known->second / given.filename();
+  }
+
+  std::map<std::string, std::filesystem::path> folders_;
+  std::map<std::string, FileHeader> headers_;
+  std::map<std::string, std::vector<std::string>> names_;
+  std::map<std::string, double> counts_;
+};
+
+/// Appends the pieces that a .pvtu names.
+Status append_pieces(const std::string& path, const FileHeader& of_path, std::vector<VtkFile>& files,
+                     KnownFiles& known) {
+  SPLATVOL_TRY_ASSIGN(pieces, known.names(path, of_path));
+  for (const std::string& piece : pieces) {
+    const auto header = known.header(piece);
+    if (!header) return fail_in(path, header.error());
+    if (header->format != FileHeader::Format::vtk_xml || header->type != "UnstructuredGrid")
+      return fail(ErrorCode::invalid_data, "{}: its piece {} is not a .vtu file", path, piece);
+    SPLATVOL_TRY_ASSIGN(file, identify_xml(piece, *header));
+    files.push_back(file);
+  }
+  return {};
+}
+
+Status append_file(const std::string& path, std::vector<VtkFile>& files, KnownFiles& known, int nesting = 0);
+
+/// Appends a file that names the files of its blocks. Errors of these begin with the name of the outermost such file.
+Status append_composite(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files,
+                        KnownFiles& known, int nesting) {
+  if (nesting == deepest_nesting) return fail(ErrorCode::invalid_data, "{}: files name each other too deeply", path);
+  SPLATVOL_TRY_ASSIGN(names, known.names(path, header));
+  VtkFile composite{path, VtkFile::Kind::composite};
+  for (const std::string& name : names)
+    if (const Status added = append_file(name, composite.blocks, known, nesting + 1); !added) {
+      const bool named = nesting > 0 || added.error().message.starts_with(one_line(path) + ": ");
+      return named ? added : Status(fail_in(path, added.error()));
+    }
+  files.push_back(std::move(composite));
+  return {};
+}
+
+Status append_file(const std::string& path, std::vector<VtkFile>& files, KnownFiles& known, int nesting) {
+  SPLATVOL_TRY_ASSIGN(header, known.header(path));
+  if (header.format == FileHeader::Format::npy)
+    return fail(ErrorCode::invalid_argument, "{}: a .npy file among meshes", path);
+  if (header.format == FileHeader::Format::csv)
+    return fail(ErrorCode::invalid_argument, "{}: a .csv file among meshes", path);
+  if (header.format == FileHeader::Format::vdb)
+    return fail(ErrorCode::invalid_argument, "{}: a .vdb file among meshes", path);
+  if (header.format == FileHeader::Format::other)
+    return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
+                path);
+  if (header.format == FileHeader::Format::multi_block) {
+    files.push_back({path, header.kind});
+    return {};
+  }
+  if (header.format == FileHeader::Format::vtk_legacy) {
+    if (newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
+    files.push_back({path, VtkFile::Kind::legacy});
+    return {};
+  }
+  if (header.type == "PUnstructuredGrid") return append_pieces(path, header, files, known);
+  if (is_composite(header)) return append_composite(path, header, files, known, nesting);
+  if (header.type == "Collection") return fail(ErrorCode::invalid_argument, "{}: a .pvd must be the only input", path);
+  SPLATVOL_TRY_ASSIGN(file, identify_xml(path, header));
+  files.push_back(file);
+  return {};
+}
+
+std::string normal_path(const VtkFile& file) { return std::filesystem::path(file.path).lexically_normal().string(); }
+
+void collect_blocks(const VtkFile& file, std::set<std::string>& paths) {
+  for (const VtkFile& block : file.blocks) {
+    paths.insert(normal_path(block));
+    collect_blocks(block, paths);
+  }
+}
+
+/// Drops repeated files: a folder may hold a .pvtu or .vtm and the files that it names.
+void drop_repeated(std::vector<VtkFile>& files) {
+  std::set<std::string> seen;
+  for (const VtkFile& file : files) collect_blocks(file, seen);
+  std::erase_if(files, [&](const VtkFile& file) { return !seen.insert(normal_path(file)).second; });
+}
+
+Status check_count(const std::vector<std::string>& paths, KnownFiles& known) {
+  constexpr double most_files = 0x1p20;
+  double count = 0;
+  for (const std::string& path : paths) count += known.count(path);
+  if (count <= most_files) return {};
+  return fail(ErrorCode::unsupported,
+              "{}: it and the files that it names stand for {:.3g} files, and at most {} are read", paths[0], count,
+              most_files);
+}
+
+/// Replaces a .pvd by the files of its step nearest to `time`, without a time the last. Returns the step, or nothing if
+/// the input is no .pvd.
+Result<std::optional<TimeStep>> expand_pvd(std::vector<std::string>& paths, const FileHeader& first,
+                                           std::optional<double> time, KnownFiles& known) {
+  if (first.type != "Collection" || paths.size() != 1) return std::optional<TimeStep>();
+  SPLATVOL_TRY_ASSIGN(steps, pvd_steps(paths[0]));
+  std::vector<double> times;
+  for (const auto& of_collection : steps) times.push_back(of_collection.time);
+  std::optional<TimeStep> step = choose_step(times, time);
+  const std::string collection = paths[0];
+  paths = steps[step->index].files;
+  for (const std::string& path : paths)
+    if (const auto header = known.header(path); !header) return fail_in(collection, header.error());
+  return step;
+}
+
+/// Files for VTK's readers, and the time step that they are.
+struct VtkInput {
+  std::vector<VtkFile> files;
+  std::optional<TimeStep> step;
+};
+
+/// `paths`: `inputs` with the files of folders; `first`: the header of the first.
+Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<std::string>& inputs,
+                            const FileHeader& first, const SourceOptions& options) {
+  VtkInput input;
+  KnownFiles known;
+  SPLATVOL_TRY_ASSIGN(step, expand_pvd(paths, first, options.time, known));
+  SPLATVOL_TRY(check_count(paths, known));
+  input.step = step;
+  for (std::size_t i = 0; i < paths.size(); ++i) {
+    SPLATVOL_TRY(append_file(paths[i], input.files, known));
+    // A .csv behind an SU2 mesh holds its values.
+    if (input.files.back().kind == VtkFile::Kind::su2 && i + 1 < paths.size() && is_csv(paths[i + 1]))
+      input.files.back().values = paths[++i];
+  }
+  if (paths != inputs) drop_repeated(input.files);
+  if (input.files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
+  for (VtkFile& file : input.files) file.patches = options.patches;
+  return input;
+}
+
+bool is_plot3d(const FileHeader& first, const std::string& path) {
+  return first.format == FileHeader::Format::other && !has_vtk_extension(path);
+}
+
+Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs, const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(own, open_own(inputs, options));
+  if (own) return own;
+  SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
+  SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  if (!options.columns.empty())
+    return fail(ErrorCode::invalid_argument, "{}: neither a .npy nor a .csv file, so its columns cannot be named",
+                paths[0]);
+  if (first.format == FileHeader::Format::vdb) {
+    if (options.cells == CellValues::own) return fail_no_cells(paths[0]);
+    return open_vdb_files(paths, options);
+  }
+  if (is_plot3d(first, paths[0])) {
+    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options);
+    return fail(
+        ErrorCode::invalid_argument,
+        "{}: neither a VTK nor a .npy nor a .vdb file; a PLOT3D grid needs its solution as the second of two files",
+        paths[0]);
+  }
+  SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));
+  return open_vtk_files(std::move(input.files), options, input.step);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs, const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(source, open_any(inputs, options));
+  if (options.time && !source->time_step())
+    return fail(ErrorCode::invalid_argument, "{}: no time steps in it to choose from", inputs[0]);
+  return source;
+}
+
+Result<std::optional<std::vector<ArrayShape>>> list_arrays(const std::vector<std::string>& inputs,
+                                                           const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(own, list_own_arrays(inputs, options));
+  if (own) return own;
+  SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
+  SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  if (first.format == FileHeader::Format::vdb) {
+    SPLATVOL_TRY_ASSIGN(grids, list_vdb_grids(paths));
+    return std::optional(std::move(grids));
+  }
+  if (is_plot3d(first, paths[0])) return std::nullopt;
+  SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));
+  SPLATVOL_TRY_ASSIGN(arrays, list_vtk_arrays(input.files, options));
+  return std::optional(std::move(arrays));
+}
+
+}  // namespace splatvol

@@ -1,0 +1,34 @@
+// The report of a build on its input, in words.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "builder/pipeline/build.h"
+#include "builder/points/input_summary.h"
+
+namespace splatvol {
+
+/// A count of cells, points or values.
+struct CensusLine {
+  std::string words;
+  std::uint64_t count = 0;
+  bool is_change = false;  // the file lacks these, or has them otherwise than the input
+};
+
+/// The counts that are not 0.
+[[nodiscard]] std::vector<CensusLine> census_lines(const BuildReport& report);
+
+/// Finds numbers that lose their detail: positions far from the origin for the distance between them, and values too
+/// small beside the largest.
+[[nodiscard]] std::vector<PrecisionWarning> precision_warnings(const InputSummary& input);
+
+/// The warnings of a report, each in a line.
+[[nodiscard]] std::vector<std::string> warning_lines(const BuildReport& report);
+
+/// Fails if the file is not the whole input as it is (CensusLine::is_change), or if there are warnings.
+[[nodiscard]] Status check_unchanged(const BuildReport& report);
+
+}  // namespace splatvol

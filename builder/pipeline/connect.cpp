@@ -1,0 +1,193 @@
+#include "builder/pipeline/connect.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <numeric>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "builder/mesh/boundary.h"
+#include "builder/mesh/moments.h"
+#include "builder/points/cell_subdomains.h"
+#include "builder/points/held_points.h"
+#include "builder/reduction/cascade.h"
+#include "builder/scattered/scattered.h"
+
+namespace splatvol {
+namespace {
+
+// Points up to this number are joined whatever the memory.
+constexpr std::uint64_t always_joined = std::uint64_t{1} << 16;
+
+// Points whose material one task finds.
+constexpr std::size_t task_points = 64;
+
+NextPoints next_of(PointStream& points) {
+  return [&points](PointBatch& batch) { return points.next(batch); };
+}
+
+Result<PointBatch> hold_all(PointStream& points) {
+  return hold_all(next_of(points), points.summary().attributes.size());
+}
+
+// Makes room for the material of the points that were added to a batch last. Returns the first of them.
+std::size_t grow_material(PointBatch& batch, bool gradients) {
+  const std::size_t first = batch.moments.size();
+  batch.moments.resize(batch.size());
+  for (std::size_t a = 0; a < batch.values.size(); ++a) {
+    batch.value_moments[a].resize(batch.size());
+    if (gradients) batch.gradients[a].resize(batch.size());
+  }
+  return first;
+}
+
+// Points that are joined by tetrahedra.
+struct JoinedMesh {
+  std::vector<Tetrahedron> tetrahedra;
+  std::vector<BoundaryPlane> planes;
+  std::optional<VertexMaterial> material;  // once the points lie where they stay
+  bool gradients;
+
+  // Finds the material of the points [begin, end), which go to `first` and on.
+  void find(const PointBatch& held, std::size_t begin, std::size_t end, std::size_t first, PointBatch& batch) const {
+    std::vector<std::uint32_t> points(end - begin);
+    std::iota(points.begin(), points.end(), static_cast<std::uint32_t>(begin));
+    VertexBlock block;
+    material->make_block(points, block);
+    const auto vertices = block.vertices();
+    ValueTable table(vertices.size(), held.values.size());
+    for (std::size_t i = 0; i < vertices.size(); ++i)
+      for (std::size_t a = 0; a < held.values.size(); ++a) table.at(i, a) = held.values[a][vertices[i]];
+    std::vector<VertexValue> values(held.values.size());
+    for (std::size_t k = 0; k < points.size(); ++k) {
+      batch.moments[first + k] = material->find_values(block, k, table, gradients, values);
+      for (std::size_t a = 0; a < values.size(); ++a) {
+        batch.value_moments[a][first + k] = values[a].moments;
+        if (gradients) batch.gradients[a][first + k] = values[a].gradient;
+      }
+    }
+  }
+};
+
+// Gives each point of a triangulation its part of the tetrahedra.
+NextPoints stream_of_mesh(std::vector<Tetrahedron> tetrahedra, PointBatch points, bool gradients) {
+  auto planes = boundary_planes(points.positions, find_outer_faces(points.positions, tetrahedra));
+  const auto mesh =
+      std::make_shared<JoinedMesh>(JoinedMesh{std::move(tetrahedra), std::move(planes), std::nullopt, gradients});
+  return stream_with_material(
+      std::move(points), [mesh](const PointBatch& held, std::size_t begin, std::size_t end, PointBatch& batch) {
+        if (!mesh->material) mesh->material.emplace(held.positions, mesh->tetrahedra);
+        const std::size_t first = grow_material(batch, mesh->gradients);
+        const auto at = [&](std::size_t i) { return mesh->planes.begin() + static_cast<std::ptrdiff_t>(i); };
+        batch.planes.insert(batch.planes.end(), at(begin), at(end));
+        const std::size_t tasks = (end - begin + task_points - 1) / task_points;
+        tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
+          const std::size_t from = begin + task * task_points;
+          mesh->find(held, from, std::min(end, from + task_points), first + task * task_points, batch);
+        });
+      });
+}
+
+// Gives each point its Voronoi cell.
+Result<NextPoints> stream_of_cells(PointBatch points, bool gradients) {
+  SPLATVOL_TRY_ASSIGN(cells, ScatteredEstimate::create(points.positions));
+  const auto material = std::make_shared<const ScatteredEstimate>(std::move(cells));
+  return stream_with_material(std::move(points), [material, gradients](const PointBatch& held, std::size_t begin,
+                                                                       std::size_t end, PointBatch& batch) {
+    const std::size_t first = grow_material(batch, gradients);
+    tbb::parallel_for(begin, end, [&](std::size_t i) {
+      const std::size_t to = first + i - begin;
+      batch.moments[to] = material->spatial()[i];
+      for (std::size_t a = 0; a < held.values.size(); ++a) {
+        batch.value_moments[a][to] = material->value(i, held.values[a]);
+        if (gradients) batch.gradients[a][to] = material->gradient(i, held.values[a]);
+      }
+    });
+  });
+}
+
+// Holds the first vertices of a mesh: so many that merging cannot leave too few to reduce, or all.
+Result<Connection> connect_mesh(PointStream& points) {
+  SPLATVOL_TRY_ASSIGN(held, hold_all(next_of(points), points.summary().attributes.size(), coarsest_target));
+  const std::uint64_t count = held.size() <= coarsest_target ? held.size() : points.count();
+  const NextPoints first = stream_of(std::move(held));
+  return Connection{Connectivity::mesh,
+                    [first, &points](PointBatch& batch) -> Result<bool> {
+                      SPLATVOL_TRY_ASSIGN(more, first(batch));
+                      return more ? Result<bool>(true) : points.next(batch);
+                    },
+                    count};
+}
+
+Result<Connection> connect_many(const BuildOptions& options, PointStream& points, const std::string& folder) {
+  const bool choose = options.connectivity == Connectivity::automatic;
+  if (options.connectivity == Connectivity::boxes || (choose && points.count() > most_cells))
+    return Connection{
+        .used = Connectivity::boxes, .next = next_of(points), .points = points.count(), .needs_estimate = true};
+  if (options.connectivity == Connectivity::none || choose) {
+    SPLATVOL_TRY_ASSIGN(created, CellSubdomains::create(points, options.memory / 2, folder));
+    const auto subdomains = std::make_shared<CellSubdomains>(std::move(created));
+    return Connection{.used = Connectivity::none,
+                      .next = [subdomains](PointBatch& batch) { return subdomains->next(batch); },
+                      .points = points.count(),
+                      .least_memory = subdomains->least_memory(),
+                      .memory = subdomains->memory()};
+  }
+  SPLATVOL_TRY_ASSIGN(created, DelaunaySubdomains::create(points, options.memory / 2, folder));
+  const auto subdomains = std::make_shared<DelaunaySubdomains>(std::move(created));
+  return Connection{.used = Connectivity::delaunay,
+                    .next = [subdomains](PointBatch& batch) { return subdomains->next(batch); },
+                    .points = points.count(),
+                    .subdomains = subdomains};
+}
+
+// Joins all points at once.
+Result<Connection> connect_held(const BuildOptions& options, PointStream& points) {
+  const std::uint64_t needed =
+      points.count() * (joined_point_bytes + joined_value_bytes * points.summary().attributes.size());
+  if (needed > options.memory && points.count() > always_joined)
+    return fail(ErrorCode::out_of_budget,
+                "to join {} scattered points takes about {} bytes of memory, and {} may be held: grant more",
+                points.count(), needed, options.memory);
+  SPLATVOL_TRY_ASSIGN(all, hold_all(points));
+  Connection connection{.used = Connectivity::none, .next = {}, .points = all.size(), .least_memory = needed};
+  if (options.connectivity != Connectivity::none) {
+    SPLATVOL_TRY_ASSIGN(tetrahedra, delaunay_tetrahedra(all.positions));
+    if (tetrahedra.empty() && options.connectivity == Connectivity::delaunay)
+      return fail(ErrorCode::invalid_data,
+                  "the points lie at one place, on a line or in a plane: no tetrahedron joins them; "
+                  "--connectivity none draws them");
+    if (!tetrahedra.empty()) {
+      connection.used = Connectivity::delaunay;
+      connection.next = stream_of_mesh(std::move(tetrahedra), std::move(all), options.gradients);
+      return connection;
+    }
+  }
+  SPLATVOL_TRY_ASSIGN(next, stream_of_cells(std::move(all), options.gradients));
+  connection.next = std::move(next);
+  return connection;
+}
+
+}  // namespace
+
+// Voxels bring their material without tetrahedra.
+bool is_joined_by_cells(const InputSummary& input) {
+  return input.has_material && (describe_no_volume(input.cells).empty() || input.cells.tetrahedra == 0);
+}
+
+Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder) {
+  const std::string no_volume = describe_no_volume(points.summary().cells);
+  if (is_joined_by_cells(points.summary())) return connect_mesh(points);
+  if (options.connectivity == Connectivity::mesh)
+    return fail(ErrorCode::invalid_data, "no cells that fill a volume: the connectivity 'mesh' needs some");
+  if (options.connectivity == Connectivity::automatic && !no_volume.empty())
+    return fail(ErrorCode::invalid_data, "{}; splatvol draws volumes; --connectivity delaunay joins the points anyway",
+                no_volume);
+  if (points.count() > options.held_points || options.connectivity == Connectivity::boxes)
+    return connect_many(options, points, folder);
+  return connect_held(options, points);
+}
+
+}  // namespace splatvol

@@ -1,0 +1,41 @@
+// Joining of points to a volume.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "base/error.h"
+#include "builder/pipeline/build.h"
+#include "builder/points/delaunay_subdomains.h"
+#include "builder/points/point_batch.h"
+#include "builder/points/point_stream.h"
+
+namespace splatvol {
+
+/// More scattered points have boxes by default: Voronoi cells of a billion points take hours.
+inline constexpr std::uint64_t most_cells = std::uint64_t{1} << 26;
+
+/// Bytes for each scattered point that is joined with all others at once, and for each of its values.
+inline constexpr std::uint64_t joined_point_bytes = 900, joined_value_bytes = 16;
+
+/// Whether the input's cells join its points.
+[[nodiscard]] bool is_joined_by_cells(const InputSummary& input);
+
+/// The points of an input, joined.
+struct Connection {
+  Connectivity used;
+  NextPoints next;                                                 // the points
+  std::uint64_t points;                                            // how many; some of these may be merged yet
+  bool needs_estimate = false;                                     // the points come without material
+  std::uint64_t least_memory = 0;                                  // BuildReport::least_memory, to join them
+  std::uint64_t memory = 0;                                        // bytes held beside those of a reduction's plan
+  std::shared_ptr<const DelaunaySubdomains> subdomains = nullptr;  // null unless the points come from there
+};
+
+/// Joins the points as `options` ask for. The way depends on the number of points and not on memory, because the result
+/// must not. `points` must outlive the result. `folder`: for points that do not fit into memory. Fails if cells are
+/// asked for and there are none, or if memory is too little to join scattered points.
+[[nodiscard]] Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder);
+
+}  // namespace splatvol

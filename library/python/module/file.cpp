@@ -1,0 +1,162 @@
+#include "splatvol/file.h"
+
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <shared_mutex>
+#include <tuple>
+
+#include "library/python/module/arrays.h"
+#include "library/python/module/errors.h"
+#include "library/python/module/interruptible_call.h"
+#include "library/python/module/module.h"
+#include "library/python/module/text.h"
+
+namespace splatvol::python {
+namespace {
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+using AttributeRow = std::tuple<std::string, std::string, double, double, std::uint64_t, double>;
+
+using Corner = std::tuple<double, double, double>;
+
+dvec3 vector_of(const Corner& p) { return {std::get<0>(p), std::get<1>(p), std::get<2>(p)}; }
+Corner corner_of(const dvec3& p) { return {p.x, p.y, p.z}; }
+
+// A file for several threads: changing the step waits for reads.
+class SharedFile {
+ public:
+  explicit SharedFile(File file) : file_(std::move(file)) {}
+
+  template <class Call>
+  auto read(Call call, const WhileCalling& meanwhile = {}) const {
+    return value_of(call_interruptibly(
+        [&] {
+          const std::shared_lock lock(mutex_);
+          return call(file_);
+        },
+        meanwhile));
+  }
+
+  void show_step(std::size_t step) {
+    value_of(call_interruptibly([&] {
+      const std::unique_lock lock(mutex_);
+      return file_.show_step(step);
+    }));
+  }
+
+  // For calls that read nothing. Their lock needs no GIL to be released.
+  template <class Call>
+  auto look(Call call) const {
+    const std::shared_lock lock(mutex_);
+    return call(file_);
+  }
+
+ private:
+  mutable std::shared_mutex mutex_;
+  File file_;
+};
+
+std::vector<AttributeRow> attributes_of(const File& file) {
+  std::vector<AttributeRow> rows;
+  for (const Attribute& a : file.attributes()) rows.emplace_back(a.name, a.unit, a.low, a.high, a.missing, a.error);
+  return rows;
+}
+
+nb::list lists_of(std::vector<std::vector<double>> columns) {
+  nb::list list;
+  for (std::vector<double>& column : columns) list.append(take(std::move(column)));
+  return list;
+}
+
+nb::dict points_of(Points points, bool material) {
+  nb::dict dict;
+  dict["resolution"] = points.resolution;
+  dict["names"] = points.names;
+  dict["positions"] = take(std::move(points.positions));
+  dict["values"] = lists_of(std::move(points.values));
+  if (!material) return dict;
+  const std::size_t count = points.covariances.size();
+  dict["volumes"] = take(std::move(points.volumes));
+  dict["centroids"] = take(std::move(points.centroids));
+  dict["covariances"] = take<double>(std::move(points.covariances), {count, 6});
+  dict["means"] = lists_of(std::move(points.means));
+  dict["deviations"] = lists_of(std::move(points.deviations));
+  return dict;
+}
+
+nb::dict read_points(const SharedFile& file, std::optional<std::size_t> resolution,
+                     std::optional<std::uint64_t> max_points, const std::vector<std::string>& attributes,
+                     const std::optional<std::pair<Corner, Corner>>& box, bool material) {
+  PointsRequest request{.resolution = resolution, .attributes = attributes, .material = material};
+  if (max_points) request.max_points = *max_points;
+  if (box) request.box = Box{vector_of(box->first), vector_of(box->second)};
+  return points_of(file.read([&](const File& opened) { return opened.points(request); }), material);
+}
+
+OutArray<double> sample(const SharedFile& file,
+                        const nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig>& positions,
+                        const std::string& attribute, std::optional<std::size_t> resolution) {
+  static_assert(sizeof(dvec3) == 3 * sizeof(double));
+  const std::span where(reinterpret_cast<const dvec3*>(positions.data()), positions.shape(0));
+  return take(file.read([&](const File& opened) { return opened.sample(where, attribute, resolution); }));
+}
+
+void verify(const SharedFile& file, const nb::object& progress) {
+  ProgressBox box;
+  WhileCalling meanwhile;
+  if (!progress.is_none())
+    meanwhile.look = [&] {
+      for (const auto& [stage, share] : box.take()) progress(share);
+    };
+  file.read([&](const File& opened) { return opened.verify([&](double share) { box.put("", share); }); }, meanwhile);
+}
+
+}  // namespace
+
+void add_file(nb::module_& module) {
+  nb::class_<SharedFile>(module, "File")
+      .def("__init__",
+           [](SharedFile* self, const nb::bytes& path) {
+             const std::string name = path_of(path);
+             new (self) SharedFile(value_of(call_interruptibly([&] { return File::open(name); })));
+           })
+      .def("name", [](const SharedFile& file) { return file.look([](const File& f) { return text_of(f.name()); }); })
+      .def("attributes", [](const SharedFile& file) { return file.look(attributes_of); })
+      .def("resolution_counts",
+           [](const SharedFile& file) { return file.look([](const File& f) { return f.resolution_counts(); }); })
+      .def("bounds",
+           [](const SharedFile& file) {
+             const Box box = file.look([](const File& f) { return f.bounds(); });
+             return std::pair(corner_of(box.low), corner_of(box.high));
+           })
+      .def("times", [](const SharedFile& file) { return file.look([](const File& f) { return f.times(); }); })
+      .def("step", [](const SharedFile& file) { return file.look([](const File& f) { return f.step(); }); })
+      .def(
+          "nearest_step",
+          [](const SharedFile& file, double time) {
+            return file.look([&](const File& f) { return f.nearest_step(time); });
+          },
+          "time"_a)
+      .def(
+          "range_of",
+          [](const SharedFile& file, const std::string& attribute) {
+            return file.look([&](const File& f) { return f.range_of(attribute); });
+          },
+          "attribute"_a)
+      .def("show_step", &SharedFile::show_step, "step"_a)
+      .def("points", &read_points, "resolution"_a.none(), "max_points"_a.none(), "attributes"_a, "box"_a.none(),
+           "material"_a)
+      .def("sample", &sample, "positions"_a.noconvert(), "attribute"_a, "resolution"_a.none())
+      .def("verify", &verify, "progress"_a.none())
+      .def("file_bytes", [](const SharedFile& file) { return file.look([](const File& f) { return f.file_bytes(); }); })
+      .def("bytes_read",
+           [](const SharedFile& file) { return file.look([](const File& f) { return f.bytes_read(); }); });
+}
+
+}  // namespace splatvol::python

@@ -1,0 +1,228 @@
+#include "pictures/page.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "pictures/contrast.h"
+#include "pictures/text.h"
+#include "pictures/ticks.h"
+
+namespace splatvol {
+namespace {
+
+constexpr double text_share = 0.032;  // height of a line, of the shorter side of the page
+constexpr double least_text = 9, most_text = 200;
+
+// Lengths round a colour bar, in lines of text.
+constexpr double bar_width = 0.9, tick_length = 0.3, gap = 0.45, bar_lines = 14;
+
+double text_height_for(int width, int height) {
+  return std::clamp(text_share * std::min(width, height), least_text, most_text);
+}
+
+// The words round a colour bar, and the pixels that they take.
+struct BarText {
+  Ticks ticks;
+  std::string label;
+  double width = 0;
+};
+
+BarText bar_text(const Font& font, const TransferFunction& function, const PageText& page) {
+  BarText text{ticks_of(function, page.ticks), *page.bar};
+  double widest = 0;
+  for (const Tick& tick : text.ticks.list) widest = std::max(widest, font.width(tick.label));
+  const double line = font.height();
+  text.width = std::max((bar_width + tick_length + gap) * line + widest,
+                        std::max(font.width(text.label), font.width(text.ticks.factor))) +
+               2 * gap * line;
+  return text;
+}
+
+// Returns the pixels right of the picture and over it.
+Result<std::array<int, 2>> margins(const PageText& text, const TransferFunction& function, double text_height) {
+  SPLATVOL_TRY_ASSIGN(font, Font::create(text_height));
+  std::array<int, 2> result{0, 0};
+  if (text.bar) result[0] = static_cast<int>(std::ceil(bar_text(font, function, text).width));
+  if (!text.title.empty()) result[1] = static_cast<int>(std::ceil(1.8 * text_height));
+  return result;
+}
+
+void fill(Image& image, double left, double top, double right, double bottom, const dvec3& color) {
+  const auto at = [](double x, int most) { return std::clamp(static_cast<int>(std::lround(x)), 0, most); };
+  for (int y = at(top, image.height); y < at(bottom, image.height); ++y)
+    for (int x = at(left, image.width); x < at(right, image.width); ++x) image.at(x, y) = vec4(vec3(color), 1);
+}
+
+void draw_bar(Image& image, const Page& page, const Font& font, const BarText& text, const TransferFunction& function,
+              const dvec3& ink) {
+  const double line = font.height();
+  const double left = page.picture_width + gap * line;
+  const double words = (text.ticks.factor.empty() ? 1.6 : 2.8) * line;  // over the bar
+  const double length = std::min(bar_lines * line, page.picture_height - words - 2 * line);
+  const double top = page.top + 0.5 * (page.picture_height - length + words), bottom = top + length;
+  const double thin = std::max(1.0, std::round(line / 14));
+  fill(image, left - thin, top - thin, left + bar_width * line + thin, bottom + thin, ink);
+  for (int y = static_cast<int>(std::lround(top)); y < static_cast<int>(std::lround(bottom)); ++y) {
+    const double t = std::clamp((bottom - y - 0.5) / length, 0.0, 1.0);
+    fill(image, left, y, left + bar_width * line, y + 1, function.color_at(t));
+  }
+  for (const Tick& tick : text.ticks.list) {
+    const double y = bottom - function.t_of(tick.value) * length;
+    const double right = left + (bar_width + tick_length) * line;
+    fill(image, left + bar_width * line, y - 0.5 * thin, right, y + 0.5 * thin, ink);
+    font.write(image, right + 0.25 * line, y + 0.3 * line, tick.label, ink);
+  }
+  font.write(image, left, top - words + line, text.label, ink);
+  font.write(image, left, top - words + 2.2 * line, text.ticks.factor, ink);
+}
+
+// Returns whether a neighbour of a pixel is not covered.
+bool is_at_edge(const Image& words, int x, int y) {
+  if (x == 0 || y == 0 || x + 1 == words.width || y + 1 == words.height) return true;
+  return std::min({words.at(x - 1, y).a, words.at(x + 1, y).a, words.at(x, y - 1).a, words.at(x, y + 1).a}) < 1;
+}
+
+// Puts a soft edge of this width under words and lines.
+void add_halo(Image& words, double width, const dvec3& color) {
+  const int reach = static_cast<int>(std::ceil(width)) + 1;
+  std::vector<float> cover(words.pixels.size(), 0.0F);
+  for (int y = 0; y < words.height; ++y)
+    for (int x = 0; x < words.width; ++x) {
+      const float alpha = words.at(x, y).a;
+      if (alpha == 0 || !is_at_edge(words, x, y)) continue;
+      for (int v = std::max(y - reach, 0); v <= std::min(y + reach, words.height - 1); ++v)
+        for (int u = std::max(x - reach, 0); u <= std::min(x + reach, words.width - 1); ++u) {
+          const double share = std::clamp(width + 1 - std::hypot(u - x, v - y), 0.0, 1.0);
+          float& most = cover[static_cast<std::size_t>(v) * words.width + u];
+          most = std::max(most, static_cast<float>(share) * alpha);
+        }
+    }
+  for (std::size_t i = 0; i < cover.size(); ++i)
+    words.pixels[i] += (1 - words.pixels[i].a) * cover[i] * vec4(vec3(color), 1);
+}
+
+struct Segment {
+  dvec2 from, to;  // pixels from the upper left corner
+};
+
+// Projects a segment, cut off at the eye. None if it lies behind the eye.
+std::optional<Segment> project(const View& view, const dvec3& from, const dvec3& to) {
+  dvec3 a = view.to_view(from), b = view.to_view(to);
+  if (!view.orthographic) {
+    const double nearest = 1e-6 * std::max(glm::length(a), glm::length(b));
+    if (a.z <= nearest && b.z <= nearest) return {};
+    if (a.z < nearest) a += (nearest - a.z) / (b.z - a.z) * (b - a);
+    if (b.z < nearest) b += (nearest - b.z) / (a.z - b.z) * (a - b);
+  }
+  const auto pixel = [&](const dvec3& p) {
+    const double f = view.focal / (view.orthographic ? 1 : p.z);
+    return dvec2(0.5 * view.width + f * p.x, 0.5 * view.height - f * p.y);
+  };
+  return Segment{pixel(a), pixel(b)};
+}
+
+// Calls `draw(x, y, share)` for the pixels that a line of this width covers.
+template <class Draw>
+void visit_line(const Segment& segment, double width, int columns, int rows, const Draw& draw) {
+  const dvec2 along = segment.to - segment.from;
+  const double length = glm::length(along);
+  if (!(length > 0)) return;
+  const int major = std::abs(along.x) >= std::abs(along.y) ? 0 : 1, minor = 1 - major;
+  const int most = major == 0 ? columns : rows, most_minor = major == 0 ? rows : columns;
+  const double slope = along[minor] / along[major];
+  const double low = std::min(segment.from[major], segment.to[major]);
+  const double high = std::max(segment.from[major], segment.to[major]);
+  const double reach = (0.5 * width + 1) * length / std::abs(along[major]);
+  for (int i = static_cast<int>(std::clamp(std::floor(low), 0.0, double(most))); i < most && i <= high; ++i) {
+    const double center = segment.from[minor] + slope * (i + 0.5 - segment.from[major]);
+    if (!(center + reach >= 0 && center - reach <= most_minor)) continue;
+    const int first = std::max(0, static_cast<int>(std::floor(center - reach)));
+    const int last = std::min(most_minor - 1, static_cast<int>(std::floor(center + reach)));
+    for (int j = first; j <= last; ++j) {
+      const double distance = std::abs(j + 0.5 - center) * std::abs(along[major]) / length;
+      const double share = std::clamp(0.5 * width + 0.5 - distance, 0.0, 1.0);
+      if (share > 0) major == 0 ? draw(i, j, share) : draw(j, i, share);
+    }
+  }
+}
+
+// Returns whether the eye sees a side of the box from outside.
+bool faces_eye(const View& view, const Box& box, int axis, bool high) {
+  if (view.orthographic) return high ? view.forward[axis] < 0 : view.forward[axis] > 0;
+  return high ? view.eye[axis] > box.high[axis] : view.eye[axis] < box.low[axis];
+}
+
+}  // namespace
+
+dvec3 ink_on(const dvec3& background) { return dvec3(is_light(background) ? 0 : 1); }
+
+dvec3 ink_on_any() { return dvec3(0.184); }
+
+Result<Page> lay_out_page(int width, int height, const PageText& text, const TransferFunction& function) {
+  Page page{width, height, 0, width, height, text_height_for(width, height)};
+  if (text.title.empty() && !text.bar) return page;
+  SPLATVOL_TRY_ASSIGN(sides, margins(text, function, page.text_height));
+  page.top = sides[1];
+  page.picture_width = width - sides[0];
+  page.picture_height = height - sides[1];
+  if (2 * page.picture_width < width || 2 * page.picture_height < height)
+    return fail(ErrorCode::invalid_argument, "{} x {} pixels are too few for a picture beside its title and colour bar",
+                width, height);
+  return page;
+}
+
+Result<Page> lay_out_round(int picture_width, int picture_height, const PageText& text,
+                           const TransferFunction& function) {
+  Page page{picture_width, picture_height, 0,
+            picture_width, picture_height, text_height_for(picture_width, picture_height)};
+  SPLATVOL_TRY_ASSIGN(sides, margins(text, function, page.text_height));
+  page.width += sides[0];
+  page.height += sides[1];
+  page.top = sides[1];
+  return page;
+}
+
+void draw_outline(Image& image, const View& view, const Box& box, const dvec3& ink) {
+  constexpr double opacity = 0.5;
+  const double width = std::max(1.0, std::min(image.width, image.height) / 700.0);
+  const auto corner = [&](unsigned c) {
+    return dvec3(c & 1 ? box.high.x : box.low.x, c & 2 ? box.high.y : box.low.y, c & 4 ? box.high.z : box.low.z);
+  };
+  for (unsigned c = 0; c < 8; ++c)
+    for (int axis = 0; axis < 3; ++axis) {
+      const unsigned bit = 1u << axis;
+      const auto line = c & bit ? std::nullopt : project(view, corner(c), corner(c | bit));
+      if (!line) continue;
+      const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+      const bool front = faces_eye(view, box, u, c & 1u << u) || faces_eye(view, box, v, c & 1u << v);
+      visit_line(*line, width, image.width, image.height, [&](int x, int y, double share) {
+        vec4& pixel = image.at(x, y);
+        const vec4 stroke = vec4(vec3(ink), 1) * static_cast<float>(opacity * share);
+        pixel = front ? stroke + (1 - stroke.a) * pixel : pixel + (1 - pixel.a) * stroke;
+      });
+    }
+}
+
+Result<Image> compose_page(const Page& page, Image picture, const PageText& text, const TransferFunction& function,
+                           const dvec3& ink, bool halo) {
+  if (picture.width != page.picture_width || picture.height != page.picture_height)
+    return fail(ErrorCode::invalid_argument, "a picture of {} x {} on a page for {} x {}", picture.width,
+                picture.height, page.picture_width, page.picture_height);
+  if (text.title.empty() && !text.bar && page.width == picture.width && page.height == picture.height) return picture;
+  Image words{page.width, page.height, std::vector<vec4>(static_cast<std::size_t>(page.width) * page.height)};
+  SPLATVOL_TRY_ASSIGN(font, Font::create(page.text_height));
+  if (!text.title.empty())
+    font.write(words, std::max(0.0, 0.5 * (page.picture_width - font.width(text.title))), 1.25 * page.text_height,
+               text.title, ink);
+  if (text.bar) draw_bar(words, page, font, bar_text(font, function, text), function, ink);
+  if (halo) add_halo(words, page.text_height / 8, dvec3(1) - ink);
+  for (int y = 0; y < picture.height; ++y)
+    for (int x = 0; x < picture.width; ++x) {
+      vec4& pixel = words.at(x, page.top + y);
+      pixel += (1 - pixel.a) * picture.at(x, y);
+    }
+  return words;
+}
+
+}  // namespace splatvol

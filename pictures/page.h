@@ -1,0 +1,52 @@
+// A picture with its title, colour bar and outline: ready for a paper.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "base/error.h"
+#include "pictures/image.h"
+#include "scene/scene.h"
+
+namespace splatvol {
+
+/// The words round a picture.
+struct PageText {
+  std::string title;               // empty: none
+  std::optional<std::string> bar;  // the words over a colour bar: name and unit; empty optional: no bar
+  int ticks = ScalarBar().ticks;   // of the bar, as in ScalarBar
+};
+
+/// The sizes of a page in pixels. The title is over the picture, and the colour bar right of it, so that nothing covers
+/// the volume.
+struct Page {
+  int width = 0, height = 0;  // of the whole
+  int top = 0;                // of the picture; it is at the left
+  int picture_width = 0, picture_height = 0;
+  double text_height = 12;  // of a line
+
+  [[nodiscard]] bool operator==(const Page&) const = default;
+};
+
+/// Lays out a page of this size. Fails if its words leave less than half of each side to the picture.
+[[nodiscard]] Result<Page> lay_out_page(int width, int height, const PageText& text, const TransferFunction& function);
+
+/// Lays out the page round a picture of this size.
+[[nodiscard]] Result<Page> lay_out_round(int picture_width, int picture_height, const PageText& text,
+                                         const TransferFunction& function);
+
+/// Returns the colour of words and lines on a background: black or white.
+[[nodiscard]] dvec3 ink_on(const dvec3& background);
+
+/// Returns the colour of an outline that is seen on black and on white: the grey between them.
+[[nodiscard]] dvec3 ink_on_any();
+
+/// Draws the edges of a box: those behind the volume under it, the others over it. `view`: of the image.
+void draw_outline(Image& image, const View& view, const Box& box, const dvec3& ink);
+
+/// Returns the page with its picture, which must have the page's picture_width and picture_height.
+/// `halo`: words and lines beside it stand out from any background: a soft edge of the opposite colour is round them.
+[[nodiscard]] Result<Image> compose_page(const Page& page, Image picture, const PageText& text,
+                                         const TransferFunction& function, const dvec3& ink, bool halo = false);
+
+}  // namespace splatvol

@@ -1,0 +1,80 @@
+#include "streamer/first/first_attribute.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/names.h"
+#include "streamer/first/survey.h"
+
+namespace splatvol {
+namespace {
+
+// Better classes first.
+enum class Interest { main, other, component, mostly_missing, whole_numbers, constant, no_values };
+
+constexpr std::uint64_t enough_points = 5000;  // to tell ids from quantities
+constexpr double least_relative_range = 1e-6;  // of the largest value; below, an attribute counts as constant
+constexpr std::array<std::string_view, 5> id_endings = {"Id", "ID", "Ids", "IDs", "_id"};
+
+bool is_pressure(const std::string& name) {
+  const std::string lower = in_lower_case(name);
+  return lower == "p" || lower.starts_with("p_") || lower.find("press") != std::string::npos;
+}
+
+bool is_id_name(const std::string& name) {
+  return std::ranges::any_of(id_endings, [&](std::string_view ending) { return name.ends_with(ending); });
+}
+
+// Returns whether all values of a sample are whole numbers: ids or labels. Values beyond 2^53 are whole by rounding.
+Result<bool> holds_whole_numbers(const format::Volume& volume, int index) {
+  const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
+  const auto is_whole = [](double value) { return std::floor(value) == value && std::abs(value) < 0x1p53; };
+  if (!is_whole(attribute.min) || !is_whole(attribute.max)) return false;
+  SPLATVOL_TRY_ASSIGN(values, survey_values(volume, index, enough_points));
+  return std::ranges::all_of(values, [&](double value) { return std::isnan(value) || is_whole(value); });
+}
+
+Result<Interest> interest_of(const format::Volume& volume, int index) {
+  const format::VolumeInfo& info = volume.info();
+  const auto& attribute = info.attributes[static_cast<std::size_t>(index)];
+  if (std::isnan(attribute.min)) return Interest::no_values;
+  const double largest = std::max(std::abs(attribute.min), std::abs(attribute.max));
+  if (!(attribute.max - attribute.min > least_relative_range * largest)) return Interest::constant;
+  SPLATVOL_TRY_ASSIGN(whole, holds_whole_numbers(volume, index));
+  if (whole || is_id_name(attribute.name)) return Interest::whole_numbers;
+  if (attribute.missing > info.point_count() / 2) return Interest::mostly_missing;
+  if (attribute.name.ends_with(']')) return Interest::component;
+  const bool is_magnitude = info.find_attribute(attribute.name + "[0]") >= 0;
+  return is_magnitude || is_pressure(attribute.name) ? Interest::main : Interest::other;
+}
+
+}  // namespace
+
+Result<int> choose_first_attribute(const format::Volume& volume) {
+  const auto& attributes = volume.info().attributes;
+  if (attributes.empty()) return fail(ErrorCode::invalid_data, "{}: has no attributes", volume.name());
+  int best = 0;
+  Interest most = Interest::no_values;
+  for (int index = 0; index < static_cast<int>(attributes.size()) && most != Interest::main; ++index) {
+    SPLATVOL_TRY_ASSIGN(interest, interest_of(volume, index));
+    if (interest < most) most = interest, best = index;
+  }
+  if (most == Interest::no_values) return fail(ErrorCode::invalid_data, "{}: no attribute has values", volume.name());
+  return best;
+}
+
+Result<std::vector<int>> other_quantities(const format::Volume& volume, int first, std::size_t most) {
+  std::vector<int> chosen;
+  for (int index = 0; index < static_cast<int>(volume.info().attributes.size()) && chosen.size() < most; ++index) {
+    if (index == first) continue;
+    SPLATVOL_TRY_ASSIGN(interest, interest_of(volume, index));
+    if (interest <= Interest::other) chosen.push_back(index);
+  }
+  return chosen;
+}
+
+}  // namespace splatvol

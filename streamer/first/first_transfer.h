@@ -1,0 +1,30 @@
+// The transfer function of a first picture. Docs: docs/scene.md, "The first picture".
+#pragma once
+
+#include <vector>
+
+#include "scene/scene.h"
+#include "streamer/first/survey.h"
+
+namespace splatvol {
+
+/// Returns colours and relative densities, at most 1, for the values of a survey of an attribute. At least one splat
+/// must have a value.
+[[nodiscard]] TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats);
+
+/// Returns the mean extinction over a splat's values, taken as normally distributed; 0 without a value.
+[[nodiscard]] double mean_extinction(const TransferFunction& function, const SurveySplat& splat);
+
+/// Returns the factor on all densities with which the volume's opacity is right, seen with `camera`: along rays through
+/// visible splats the mean opacity is `opacity`. A splat gets rays by its extinction and its area in a picture of 512
+/// pixels, but by no more than a small part of the picture: so small cells count like large ones. 1 if nothing is
+/// visible.
+[[nodiscard]] double density_factor(const std::vector<SurveySplat>& splats, const TransferFunction& function,
+                                    const Camera& camera, double opacity);
+
+/// Returns the mean opacity of the most opaque quarter of any side of the picture, seen with a perspective camera.
+/// `aspect`: width / height.
+[[nodiscard]] double border_opacity(const std::vector<SurveySplat>& splats, const TransferFunction& function,
+                                    const Camera& camera, double aspect);
+
+}  // namespace splatvol

@@ -1,0 +1,143 @@
+#include "streamer/first/survey.h"
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+namespace splatvol {
+namespace {
+
+// Reads chunks of one row after another. Consecutive rows share a page of the directory.
+class RowReader {
+ public:
+  explicit RowReader(const format::Volume& volume) : volume_(volume) {}
+
+  // Appends a column of a row to `all`. `unpack` is one of format's functions for it.
+  template <class Element, class Unpack>
+  Status append(std::uint64_t row, std::uint32_t count, int column, const Unpack& unpack, std::vector<Element>& all) {
+    const std::uint64_t number = volume_.directory_page_of_row(row, column);
+    if (page_.chunks.empty() || number != page_number_) {
+      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
+      page_ = std::move(page);
+      page_number_ = number;
+    }
+    const format::ChunkLocation& location = volume_.find_chunk(page_, row, column);
+    SPLATVOL_TRY_ASSIGN(packed, volume_.read_bytes(location.offset, location.entry.packed_bytes));
+    all.resize(all.size() + count);
+    return unpack(location.entry, packed, std::span(all).last(count), volume_.name());
+  }
+
+ private:
+  const format::Volume& volume_;
+  format::DirectoryPage page_;
+  std::uint64_t page_number_ = 0;
+};
+
+SurveySplat splat_of(const dvec3& centroid, const format::SplatShape& shape, const format::SplatValue& value,
+                     const format::Attribute& attribute) {
+  SurveySplat splat;
+  splat.center = centroid;
+  splat.axes = glm::mat3_cast(shape.orientation);
+  for (int k = 0; k < 3; ++k) splat.axes[k] *= shape.deviations[k];
+  splat.volume = shape.mass * value.coverage;
+  splat.value = std::clamp(attribute.value(value.mean), attribute.min, attribute.max);  // steps of means round
+  splat.deviation = attribute.scale * value.deviation;
+  splat.has_value = value.coverage > 0 && shape.mass > 0;
+  return splat;
+}
+
+}  // namespace
+
+std::size_t survey_resolution(const format::VolumeInfo& info, std::uint64_t most_splats) {
+  const auto& counts = info.resolution_counts;
+  const auto finer = std::ranges::upper_bound(counts, most_splats);
+  return finer == counts.begin() ? 0 : static_cast<std::size_t>(finer - counts.begin()) - 1;
+}
+
+namespace {
+
+tl::unexpected<Error> no_moments(const format::Volume& volume) {
+  return fail(ErrorCode::unsupported,
+              "{}: has no splat moments, which a first scene needs: build it again with svbuild", volume.name());
+}
+
+}  // namespace
+
+Result<SurveyShapes> survey_shapes(const format::Volume& volume, std::uint64_t most_splats) {
+  using format::ColumnKind;
+  const format::VolumeInfo& info = volume.info();
+  const int centroid = info.find_column(ColumnKind::centroid), moments = info.find_column(ColumnKind::moments);
+  if (std::min(centroid, moments) < 0) return no_moments(volume);
+  SurveyShapes found;
+  found.resolution = survey_resolution(info, most_splats);
+  const auto unpack_centroids = [&](const format::ChunkEntry& entry, const format::Bytes& packed, std::span<dvec3> out,
+                                    const std::string& what) {
+    return format::unpack_centroids(entry, packed, out, info.cube, what);
+  };
+  const auto unpack_shapes = [&](const format::ChunkEntry& entry, const format::Bytes& packed,
+                                 std::span<format::SplatShape> out, const std::string& what) {
+    return format::unpack_moments(entry, packed, out, info.cube.edge, what);
+  };
+  RowReader reader(volume);
+  for (std::uint64_t group = 0; found.centroids.size() < info.resolution_counts[found.resolution]; ++group) {
+    const std::uint64_t row = volume.rows().row(found.resolution, group);
+    const std::uint32_t count = volume.rows().group(group).count;
+    SPLATVOL_TRY(reader.append(row, count, centroid, unpack_centroids, found.centroids));
+    SPLATVOL_TRY(reader.append(row, count, moments, unpack_shapes, found.shapes));
+  }
+  return found;
+}
+
+Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, int attribute,
+                                                 const SurveyShapes& shapes) {
+  const format::VolumeInfo& info = volume.info();
+  const int value_moments = info.find_column(format::ColumnKind::value_moments, attribute);
+  if (value_moments < 0) return no_moments(volume);
+  std::vector<format::SplatValue> values;
+  RowReader reader(volume);
+  for (std::uint64_t group = 0; values.size() < shapes.centroids.size(); ++group)
+    SPLATVOL_TRY(reader.append(volume.rows().row(shapes.resolution, group), volume.rows().group(group).count,
+                               value_moments, &format::unpack_value_moments, values));
+  const format::Attribute& described = info.attributes[static_cast<std::size_t>(attribute)];
+  std::vector<SurveySplat> splats;
+  splats.reserve(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i)
+    splats.push_back(splat_of(shapes.centroids[i], shapes.shapes[i], values[i], described));
+  return splats;
+}
+
+Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, int attribute,
+                                                 std::uint64_t most_splats) {
+  SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, most_splats));
+  return survey_material(volume, attribute, shapes);
+}
+
+Result<std::vector<double>> survey_values(const format::Volume& volume, int attribute, std::uint64_t most_points) {
+  const format::VolumeInfo& info = volume.info();
+  const int column = info.find_column(format::ColumnKind::value, attribute);
+  if (column < 0) return fail(ErrorCode::invalid_data, "{}: lacks a column that a scene needs", volume.name());
+  const std::size_t resolution = survey_resolution(info, most_points);
+  std::vector<float> stored;
+  RowReader reader(volume);
+  for (std::uint64_t index = 0; stored.size() < info.resolution_counts[resolution]; ++index) {
+    const format::Group group = volume.rows().group(index);
+    SPLATVOL_TRY(
+        reader.append(volume.rows().row(group.segment, index), group.count, column, &format::unpack_values, stored));
+  }
+  const format::Attribute& described = info.attributes[static_cast<std::size_t>(attribute)];
+  std::vector<double> values;
+  values.reserve(stored.size());
+  for (const float value : stored) values.push_back(described.value(value));
+  return values;
+}
+
+Box bounds_of(const std::vector<SurveySplat>& splats) {
+  Box box;
+  for (const SurveySplat& splat : splats) {
+    const dvec3 half(splat.reach({1, 0, 0}), splat.reach({0, 1, 0}), splat.reach({0, 0, 1}));
+    box.include({splat.center - half, splat.center + half});
+  }
+  return box;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,63 @@
+// Our own checks and parsers of formats that others read: EnSight, NetCDF and HDF5, PLOT3D, surfaces. The first
+// character tells which.
+#include "base/file.h"
+#include "builder/sources/vtk/block_checks.h"
+#include "builder/sources/vtk/ensight_case.h"
+#include "builder/sources/vtk/ensight_checks.h"
+#include "builder/sources/vtk/finer_numbers.h"
+#include "builder/sources/vtk/gltf_checks.h"
+#include "builder/sources/vtk/netcdf_checks.h"
+#include "builder/sources/vtk/plot3d_format.h"
+#include "builder/sources/vtk/surface_checks.h"
+#include "tests/fuzz/fuzz.h"
+
+using namespace splatvol;
+
+namespace {
+
+// The text of a case; behind a byte 0, the geometry that it names as "g".
+void check_ensight(std::span<const std::byte> bytes) {
+  const auto cut = std::ranges::find(bytes, std::byte{0}) - bytes.begin();
+  const auto text = bytes.first(static_cast<std::size_t>(cut));
+  const EnsightCase files({reinterpret_cast<const char*>(text.data()), text.size()});
+  static_cast<void>(files.times());
+  static_cast<void>(has_finer_number({reinterpret_cast<const char*>(text.data()), text.size()}));
+  for (const EnsightFiles& variable : files.variables()) static_cast<void>(files.file_at(variable, 0.5));
+  const fuzz::NamedBytes named(text);
+  static_cast<void>(check_case_files({named.path(), VtkFile::Kind::ensight}, std::nullopt));
+
+  const fuzz::NamedBytes geometry(bytes.subspan(std::min(bytes.size(), text.size() + 1)));
+  const EnsightCase fixed(
+      "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: " + geometry.path().substr(geometry.path().find_last_of('/') + 1) +
+      "\nVARIABLE\nscalar per node: p " + geometry.path().substr(geometry.path().find_last_of('/') + 1) + "\n");
+  static_cast<void>(check_ensight_files(geometry.path(), fixed, std::nullopt));
+}
+
+// A grid of PLOT3D and its solution, halves of the input.
+void check_plot3d(std::span<const std::byte> bytes) {
+  fuzz::Input input(bytes);
+  const std::size_t middle = std::min<std::size_t>(input.take<std::uint16_t>(), input.rest().size());
+  const auto grid = memory_source(input.rest().first(middle), "fuzz");
+  const auto solution = memory_source(input.rest().subspan(middle), "fuzz");
+  static_cast<void>(detect_plot3d(*grid, *solution));
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  if (size == 0) return 0;
+  const auto rest = fuzz::bytes_of(data + 1, size - 1);
+  if (data[0] == 'e') check_ensight(rest);
+  if (data[0] == 'p') check_plot3d(rest);
+  if (data[0] == 'e' || data[0] == 'p') return 0;
+  const fuzz::NamedBytes file(rest);
+  if (data[0] == 'n') {
+    static_cast<void>(check_file_end(file.path()));
+    static_cast<void>(count_open_records(file.path()));
+  }
+  if (data[0] == 'g') static_cast<void>(check_gltf(file.path()));
+  if (data[0] == 's') static_cast<void>(check_stl(file.path()));
+  if (data[0] == 'y') static_cast<void>(check_ply(file.path()));
+  if (data[0] == 'o') static_cast<void>(check_obj(file.path()));
+  return 0;
+}

@@ -1,0 +1,248 @@
+#include "player/error_control.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace splatvol {
+namespace {
+
+// A view whose pictures have known errors. Each step of splats adds a field of noise, so that the error of n splats
+// goes by n^-decay, down to that of all points.
+class KnownView {
+ public:
+  struct Options {
+    double scale = 1;  // the error of one splat
+    double decay = 0.45;
+    double file_error = 0;
+    double last_step = 2, second_last_step = 3;  // from one resolution to the next, of file_error
+    double expects = 1;                          // expected error over the true one
+    std::uint64_t coarsest = 100, all = 1 << 20;
+    double step = 1.2;  // from one cut to the next finer one
+    int width = 96, height = 64;
+  };
+
+  explicit KnownView(const Options& options) : options_(options) {
+    for (auto n = static_cast<double>(options.coarsest); n < static_cast<double>(options.all); n *= options.step)
+      cuts_.push_back(n);
+    cuts_.push_back(static_cast<double>(options.all));
+  }
+
+  [[nodiscard]] double error_of(std::size_t cut) const { return std::hypot(own_error(cut), options_.file_error); }
+
+  [[nodiscard]] std::size_t cut_of(const ErrorControl::Request& request) const {
+    if (request.coarser > 0) return cuts_.size() - 1;  // answered in `draw`
+    std::size_t cut = 0;
+    while (cut + 1 < cuts_.size() && cuts_[cut + 1] <= static_cast<double>(request.goal.max_splats) &&
+           !(options_.expects * error_of(cut) <= request.goal.max_error))
+      ++cut;
+    return cut;
+  }
+
+  void draw(ErrorControl& control) {
+    const ErrorControl::Request request = *control.next();
+    const std::size_t cut = cut_of(request);
+    const Image image = picture(cut, request.coarser);
+    control.add({image, static_cast<std::uint64_t>(cuts_[cut]), options_.expects * error_of(cut),
+                 request.coarser == 0 && cut + 1 == cuts_.size()});
+    if (request.coarser == 0) last_ = cut;
+    drawn_ += cuts_[cut];
+  }
+
+  // Runs a control to its end. Returns the last cut.
+  std::size_t run(ErrorControl& control) {
+    while (control.next() && control.pictures() < 50) draw(control);
+    EXPECT_FALSE(control.next());
+    return last_;
+  }
+
+  // The fewest splats of an error; all if even they have more.
+  [[nodiscard]] double fewest(double error) const {
+    for (std::size_t cut = 0; cut < cuts_.size(); ++cut)
+      if (error_of(cut) <= error) return cuts_[cut];
+    return cuts_.back();
+  }
+
+  [[nodiscard]] double splats(std::size_t cut) const { return cuts_[cut]; }
+  [[nodiscard]] double drawn() const { return drawn_; }
+  [[nodiscard]] std::size_t last() const { return last_; }
+
+ private:
+  [[nodiscard]] double own_error(std::size_t cut) const {
+    return cut + 1 == cuts_.size() ? 0 : options_.scale * std::pow(cuts_[cut], -options_.decay);
+  }
+
+  // Adds the noise of all finer cuts to a grey. Coarser resolutions than all points are known shares of the file's
+  // error away from the next finer one.
+  [[nodiscard]] Image picture(std::size_t cut, std::size_t coarser) const {
+    Image image{options_.width, options_.height, {}};
+    image.pixels.assign(static_cast<std::size_t>(image.width * image.height), vec4(0.5F, 0.5F, 0.5F, 1));
+    for (std::size_t finer = cut + 1; finer < cuts_.size(); ++finer)
+      add(image, finer, std::sqrt(std::pow(own_error(finer - 1), 2) - std::pow(own_error(finer), 2)));
+    if (coarser > 0) add(image, cuts_.size(), options_.last_step * options_.file_error);
+    if (coarser > 1) add(image, cuts_.size() + 1, options_.second_last_step * options_.file_error);
+    return image;
+  }
+
+  static void add(Image& image, std::size_t seed, double deviation) {
+    std::minstd_rand random(static_cast<unsigned>(seed) + 1);
+    std::uniform_real_distribution<float> noise(-1, 1);
+    const auto scale = static_cast<float>(std::sqrt(3.0) * deviation);
+    for (vec4& pixel : image.pixels)
+      for (int c = 0; c < 3; ++c) pixel[c] += scale * noise(random);
+  }
+
+  Options options_;
+  std::vector<double> cuts_;  // splats
+  std::size_t last_ = 0;
+  double drawn_ = 0;
+};
+
+TEST(ErrorControl, FindsTheSplatsOfAnErrorWhateverTheModelExpects) {
+  for (const double expects : {0.1, 0.3, 1.0, 3.0, 10.0})
+    for (const double decay : {0.35, 0.45, 0.6})
+      for (const double error : {0.02, 0.005, 0.0025}) {
+        KnownView view({.decay = decay, .expects = expects});
+        ErrorControl control({.max_error = error});
+        const std::size_t cut = view.run(control);
+        const auto label = ::testing::Message() << expects << " expected, decay " << decay << ", error " << error;
+        EXPECT_LE(view.error_of(cut), 1.25 * error) << label;
+        EXPECT_LE(view.splats(cut), 1.5 * view.fewest(error)) << label;
+        EXPECT_NEAR(control.estimate().error, view.error_of(cut), 0.25 * error) << label;
+        EXPECT_TRUE(control.estimate().reached) << label;
+        EXPECT_LE(control.pictures(), 15) << label;
+        EXPECT_LE(view.drawn(), 100 * view.splats(cut) + 2e6) << label;
+      }
+}
+
+TEST(ErrorControl, StaysNearTheErrorWhereCutsAreFarApart) {
+  for (const double error : {0.02, 0.01, 0.005}) {
+    KnownView view({.step = 6});
+    ErrorControl control({.max_error = error});
+    const std::size_t cut = view.run(control);
+    EXPECT_LE(view.error_of(cut), 1.25 * error);
+    EXPECT_LE(view.splats(cut), 1.5 * view.fewest(error));
+  }
+}
+
+TEST(ErrorControl, CountsTheErrorOfAllPoints) {
+  for (const double file_error : {0.3, 0.6, 0.9}) {
+    KnownView view({.file_error = 0.01 * file_error, .all = 100000});
+    ErrorControl control({.max_error = 0.01});
+    EXPECT_LE(view.error_of(view.run(control)), 0.0125);
+    EXPECT_NEAR(control.estimate().file_error, 0.9 * 0.01 * file_error, 0.001);
+    EXPECT_TRUE(control.estimate().reached);
+  }
+}
+
+TEST(ErrorControl, SaysThatAllPointsHaveMoreThanTheError) {
+  KnownView view({.file_error = 0.02, .all = 20000});
+  ErrorControl control({.max_error = 0.004});
+  const std::size_t cut = view.run(control);
+  EXPECT_NEAR(control.estimate().file_error, 0.9 * 0.02, 0.002);
+  EXPECT_LE(view.error_of(cut), 1.05 * 0.02);
+}
+
+// Of the last two steps to all points, one may be small by chance.
+TEST(ErrorControl, SeesTheErrorOfAllPointsInTwoSteps) {
+  KnownView view({.file_error = 0.008, .last_step = 0.5, .second_last_step = 4, .all = 100000});
+  ErrorControl control({.max_error = 0.01});
+  EXPECT_LE(view.error_of(view.run(control)), 0.0125);
+  EXPECT_NEAR(control.estimate().file_error, 0.008, 0.001);
+}
+
+// Splats help little where all points have far more than the error.
+TEST(ErrorControl, AddsTheErrorWhereAllPointsHaveMuchMore) {
+  KnownView view({.file_error = 0.02, .all = 200000});
+  ErrorControl control({.max_error = 0.005});
+  const std::size_t cut = view.run(control);
+  EXPECT_LE(view.error_of(cut), 1.2 * 0.02);
+  EXPECT_LE(view.splats(cut), 1.5 * std::pow(1 / 0.005, 1 / 0.45));
+}
+
+TEST(ErrorControl, EndsAtTheCoarsestCut) {
+  KnownView view({.scale = 1e-3});
+  ErrorControl control({.max_error = 0.02});
+  EXPECT_EQ(view.run(control), 0U);
+  EXPECT_TRUE(control.estimate().reached);
+  EXPECT_LE(control.pictures(), 4);
+}
+
+TEST(ErrorControl, EndsAtTheMostSplatsAndSaysSo) {
+  KnownView view({});
+  ErrorControl control({.max_error = 0.001, .max_splats = 30000});
+  const std::size_t cut = view.run(control);
+  EXPECT_LE(view.splats(cut), 30000);
+  EXPECT_GT(view.splats(cut), 24000);
+  EXPECT_FALSE(control.estimate().reached);
+}
+
+TEST(ErrorControl, EndsForAnEmptyPictureAndForOneCutOnly) {
+  Image black{8, 8, std::vector<vec4>(64)};
+  ErrorControl control({.max_error = 0.01});
+  while (control.next() && control.pictures() < 20) control.add({black, 0, 0, true});
+  EXPECT_FALSE(control.next());
+  EXPECT_TRUE(control.estimate().reached);
+
+  KnownView only({.coarsest = 100, .all = 101, .step = 2});
+  ErrorControl of_only({.max_error = 1e-6});
+  EXPECT_EQ(only.run(of_only), 1U);
+}
+
+TEST(ErrorControl, KeepsWhatItLearnedForTheNextView) {
+  KnownView view({.expects = 0.2});
+  ErrorControl first({.max_error = 0.01});
+  const std::size_t cut = view.run(first);
+  ErrorControl second({.max_error = 0.01, .learned = first.learned()});
+  EXPECT_EQ(view.run(second), cut);
+  EXPECT_LT(second.pictures(), first.pictures());
+  EXPECT_LE(second.pictures(), 3);
+}
+
+TEST(ErrorControl, GrowsToThePictureThatIsFineEnough) {
+  for (const double expects : {0.3, 1.0, 3.0}) {
+    KnownView view({.scale = 1, .expects = expects});
+    ErrorControl control({.max_error = 0.01, .grows = true});
+    std::uint64_t before = 0;
+    while (control.next()) {
+      view.draw(control);
+      EXPECT_GT(control.tried().back().splats, before) << "each picture is finer";
+      before = control.tried().back().splats;
+    }
+    EXPECT_TRUE(control.estimate().reached);
+    EXPECT_LE(view.error_of(view.last()), 0.0125) << expects;
+    EXPECT_LE(view.drawn(), 16 * view.fewest(0.01)) << expects;
+    EXPECT_NEAR(control.estimate().error / view.error_of(view.last()), 1, 0.3) << expects;
+  }
+}
+
+TEST(ErrorControl, GrowsToAllPointsOrToTheMostSplats) {
+  KnownView coarse({.coarsest = 500, .all = 5000});
+  ErrorControl to_all({.max_error = 1e-6, .grows = true});
+  EXPECT_EQ(coarse.splats(coarse.run(to_all)), 5000);
+  EXPECT_TRUE(to_all.estimate().reached) << "no more is in the file";
+
+  KnownView view({});
+  ErrorControl limited({.max_error = 1e-6, .max_splats = 20'000, .grows = true});
+  EXPECT_LE(view.splats(view.run(limited)), 20'000);
+  EXPECT_FALSE(limited.estimate().reached);
+
+  KnownView one_cut({.coarsest = 100, .all = 100});
+  ErrorControl only({.max_error = 0.01, .grows = true});
+  one_cut.run(only);
+  EXPECT_EQ(only.pictures(), 1);
+}
+
+TEST(ErrorControl, TakesASampleOfALargePicture) {
+  KnownView view({.all = 30000, .width = 1200, .height = 900});
+  ErrorControl control({.max_error = 0.02});
+  const std::size_t cut = view.run(control);
+  EXPECT_LE(view.error_of(cut), 1.25 * 0.02);
+  EXPECT_LE(view.splats(cut), 1.5 * view.fewest(0.02));
+}
+
+}  // namespace
+}  // namespace splatvol

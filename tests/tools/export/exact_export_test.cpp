@@ -1,0 +1,71 @@
+// From a file of points through svbuild --exact and svexport, and back.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <map>
+#include <random>
+#include <tuple>
+
+#include "base/file.h"
+#include "builder/opening/open_source.h"
+#include "builder/pipeline/build.h"
+#include "format/volume.h"
+#include "tools/export/vtu_export.h"
+
+namespace splatvol {
+namespace {
+
+TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
+  std::string folder = (std::filesystem::path(testing::TempDir()) / "splatvol-exact-XXXXXX").string();
+  ASSERT_TRUE(::mkdtemp(folder.data()));
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  std::string table = "x,y,z,p,T,p again\n";
+  std::map<std::tuple<double, double, double>, std::pair<double, double>> points;
+  for (int i = 0; i < 500; ++i) {
+    const dvec3 position(normal(random), 1e6 + normal(random), 1e-9 * normal(random));
+    const double p = double{static_cast<float>(101325 + normal(random))};
+    const double t = i % 9 == 4 ? std::nan("") : double{static_cast<float>(1e20 * normal(random))};
+    points[{position.x, position.y, position.z}] = {p, t};
+    table += fmt::format("{},{},{},{},{},{}\n", position.x, position.y, position.z, p, t, p);
+  }
+  ASSERT_TRUE(write_text_file(folder + "/in.csv", table));
+
+  const auto source = open_source({folder + "/in.csv"}, {});
+  ASSERT_TRUE(source) << source.error().message;
+  BuildOptions options;
+  options.exact = {.positions = true, .values = true};
+  const auto built = build_volume(**source, folder + "/out.svol", options, [](const char*, double) {});
+  ASSERT_TRUE(built) << built.error().message;
+  const auto volume = format::Volume::open(open_file(folder + "/out.svol").value()).value();
+  EXPECT_EQ(volume->info().attributes.size(), 2u);
+  EXPECT_EQ(volume->info().aliases, (std::vector<format::Alias>{{"p again", 0}}));
+  const format::SplatSelection selection =
+      format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
+  ASSERT_TRUE(export_vtu(*volume, folder + "/out.vtu", selection, [](double) {}));
+
+  SourceOptions selected;
+  selected.selection = {"p", "T", "p again"};
+  const auto exported = open_source({folder + "/out.vtu"}, selected);
+  ASSERT_TRUE(exported) << exported.error().message;
+  const auto piece = (*exported)->next();
+  ASSERT_TRUE(piece) << piece.error().message;
+  ASSERT_EQ((*piece)->points.size(), points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const dvec3& at = (*piece)->points[i];
+    const auto found = points.find({at.x, at.y, at.z});
+    ASSERT_NE(found, points.end()) << at.x << " " << at.y << " " << at.z;
+    EXPECT_EQ((*piece)->values[0][i], found->second.first);
+    EXPECT_EQ((*piece)->values[2][i], found->second.first);
+    const double t = (*piece)->values[1][i];
+    EXPECT_TRUE(t == found->second.second || (std::isnan(t) && std::isnan(found->second.second)));
+  }
+  std::filesystem::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace splatvol
