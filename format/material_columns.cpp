@@ -10,6 +10,7 @@
 
 #include "format/codes.h"
 #include "format/payload.h"
+#include "splat/log_code.h"
 
 namespace splatvol::format {
 namespace {
@@ -38,10 +39,7 @@ inline LaneBits nearest_integers(const Lanes& x) {
   return std::bit_cast<LaneBits>(x + integers) - std::bit_cast<std::uint64_t>(integers);
 }
 
-// --- Log codes: 0, or scale 2^((code - 65535) / 128).
-
-constexpr unsigned codes_per_octave = 128;
-constexpr unsigned largest_log_code = 65535;
+// --- Log codes (splat/log_code.h), many at a time.
 
 // Returns the logarithm to base 2 within 1e-8; exact for powers of two. Inline, unlike the library's. Requires normal
 // numbers.
@@ -75,7 +73,7 @@ class LogEncoder {
     Lanes logs = normal_log2(numbers);
     if (any((numbers > 0) & (numbers < least_normal)))
       for (std::size_t l = 0; l < lanes; ++l) logs[l] = fast_log2(numbers[l]);
-    const Lanes code = largest_log_code + codes_per_octave * (logs - log_scale_);
+    const Lanes code = largest_log_code + log_codes_per_octave * (logs - log_scale_);
     return numbers > 0 ? nearest_integers(at_least(1, at_most(largest_log_code, code))) : LaneBits{};
   }
 
@@ -88,20 +86,21 @@ class LogCodes {
   explicit LogCodes(double scale) : scale_(scale) {}
 
   double operator()(unsigned code) const {
-    static_assert((largest_log_code + 1) % codes_per_octave == 0);
-    constexpr unsigned octaves = (largest_log_code + 1) / codes_per_octave;
+    static_assert((largest_log_code + 1) % log_codes_per_octave == 0);
+    constexpr unsigned octaves = (largest_log_code + 1) / log_codes_per_octave;
     constexpr unsigned exponent_bias = 1023, mantissa_bits = 52;
     const unsigned above = code + 1;
-    const std::uint64_t exponent = exponent_bias - octaves + above / codes_per_octave;
-    return code == 0 ? 0
-                     : scale_ * (roots_[above % codes_per_octave] * std::bit_cast<double>(exponent << mantissa_bits));
+    const std::uint64_t exponent = exponent_bias - octaves + above / log_codes_per_octave;
+    return code == 0
+               ? 0
+               : scale_ * (roots_[above % log_codes_per_octave] * std::bit_cast<double>(exponent << mantissa_bits));
   }
 
  private:
-  using Roots = std::array<double, codes_per_octave>;
+  using Roots = std::array<double, log_codes_per_octave>;
   static Roots make_roots() {
     Roots roots;
-    for (unsigned k = 0; k < codes_per_octave; ++k) roots[k] = std::exp2(k / double{codes_per_octave});
+    for (unsigned k = 0; k < log_codes_per_octave; ++k) roots[k] = std::exp2(k / double{log_codes_per_octave});
     return roots;
   }
   static const Roots& roots() {

@@ -7,6 +7,7 @@
 
 #include "base/math.h"
 #include "format/splat_reader.h"
+#include "splat/ellipsoid.h"
 
 namespace splatvol {
 
@@ -20,7 +21,7 @@ class FieldSampler {
   /// Adds the splats of a group. Requires its material, of one attribute.
   void add(const format::SplatGroup& group);
 
-  /// Returns the stored values at the positions; NaN where no material is, or most of it has no value.
+  /// Returns the stored values at the positions; NaN where no material with a value is (DensitySums).
   [[nodiscard]] std::vector<double> values() const;
 
  private:
@@ -33,13 +34,12 @@ class FieldSampler {
 
   // What the splats add up to at a position.
   struct Sums {
-    double density = 0;  // about 1 inside of the material
-    double known = 0;    // the part of it that has a value
-    double value = 0;    // weighted by `known`
+    DensitySums density;  // of material that has a value
+    double value = 0;     // weighted by what is left of it
   };
 
   void make_node(std::uint32_t begin, std::uint32_t end);
-  void add(const dvec3& centroid, const format::SplatShape& shape, const format::SplatValue& value);
+  void add(const dvec3& centroid, const SplatShape& shape, const SplatValue& value);
 
   std::span<const dvec3> positions_;
   std::vector<std::uint32_t> order_;

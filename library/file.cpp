@@ -32,7 +32,7 @@ bool contains(const Box& box, const dvec3& p) {
   return glm::all(glm::lessThanEqual(box.low, p)) && glm::all(glm::lessThanEqual(p, box.high));
 }
 
-std::array<double, 6> covariance_of(const format::SplatShape& shape) {
+std::array<double, 6> covariance_of(const SplatShape& shape) {
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   dmat3 sum(0);
   for (int k = 0; k < 3; ++k) sum += shape.deviations[k] * shape.deviations[k] * glm::outerProduct(axes[k], axes[k]);
@@ -55,7 +55,7 @@ void append(const format::SplatGroup& group, const std::vector<std::size_t>& kep
     for (const std::size_t i : kept) {
       points.values[a].push_back(attribute.value(static_cast<double>(group.values[a][i])));
       if (!material) continue;
-      const format::SplatValue& value = group.materials[a][i];
+      const SplatValue& value = group.materials[a][i];
       constexpr double none = std::numeric_limits<double>::quiet_NaN();
       points.means[a].push_back(value.coverage > 0 ? attribute.value(value.mean) : none);
       points.deviations[a].push_back(value.coverage > 0 ? attribute.scale * value.deviation : none);

@@ -9,6 +9,7 @@
 #include "base/error.h"
 #include "renderer/transfer_table.h"
 #include "scene/scene.h"
+#include "splat/constants.h"
 #include "splat/splat.h"
 
 namespace splatvol {
@@ -56,7 +57,8 @@ struct TableSize {
 /// Largest deviation and distance of t of a splat's values on a linear axis: squares stay finite however narrow the
 /// domain is. Mean and deviation shrink by one factor, which changes next to nothing in what the splat shows of the
 /// domain: a jump. Neighbours have about the same deviation, so slabs may mix them.
-inline constexpr float largest_t_deviation = 1e16F, farthest_t = 3e17F;
+using drawing::farthest_t;
+using drawing::largest_t_deviation;
 
 /// Entries of level 0 of the peaks (make_peak_levels).
 inline constexpr int peak_entries = 1024;

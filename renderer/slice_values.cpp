@@ -7,8 +7,10 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <variant>
 
+#include "splat/ellipsoid.h"
 #include "splat/kernel.h"
 
 namespace splatvol {
@@ -19,16 +21,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr int band_rows = 16;
 constexpr std::uint64_t batch_records = std::uint64_t{1} << 18;  // whose splats are held at once
 
-// A splat that is thinner across than this share of its length counts as so thick: the plane still meets it.
-constexpr double thinnest = 1e-6;
-
-// Material has a density of 1 on average. A place with less than this has none, as if boundary planes cut nothing off.
-// Ripple must not leave holes. Splats with boundaries are near the material's edge, where the limit is higher.
-constexpr double least_whole = 0.3, least_of_bounded = 0.5;
-constexpr double least_of_octants = 0.05;  // their sizes fit the material less
-
-// The boundary planes must leave this density, or this share of it.
-constexpr double least_left = 0.3, least_share = 0.5;
+constexpr double least_of_octants = 0.05;  // DensitySums: their sizes fit the material less
 
 // A plane as a picture's rays see it. The ray of a pixel is d = (a, b, 1); it meets the plane at K d / (w . d) in view
 // coordinates.
@@ -57,12 +50,10 @@ struct SplatOnPlane {
   [[nodiscard]] bool has_boundary() const { return outwards != dvec3(0); }
 };
 
-// Sums over the splats at a pixel's place on the plane.
+// Sums over the splats at a pixel's place on the plane: DensitySums, and the values of what is left.
 struct Sums {
-  std::vector<float> weight, value;  // of the splats that have material there
-  std::vector<float> whole;          // weight, as if nothing were cut off at boundaries
-  std::vector<float> bounded;        // the same of splats with a boundary
-  explicit Sums(std::size_t pixels) : weight(pixels), value(pixels), whole(pixels), bounded(pixels) {}
+  std::vector<float> whole, bounded, left, value;
+  explicit Sums(std::size_t pixels) : whole(pixels), bounded(pixels), left(pixels), value(pixels) {}
 };
 
 // The directions along a plane.
@@ -100,14 +91,12 @@ class SliceDrawing {
     });
   }
 
-  [[nodiscard]] std::vector<double> values(std::span<const double> depths, double least) const {
+  [[nodiscard]] std::vector<double> values(std::span<const double> depths, std::optional<double> least) const {
     std::vector<double> values(depths.size(), std::numeric_limits<double>::quiet_NaN());
     tbb::parallel_for(std::size_t{0}, depths.size(), [&](std::size_t i) {
-      const double weight = sums_.weight[i], whole = sums_.whole[i];
-      if (!(depths[i] < infinity && weight > 0)) return;
-      const double limit = least + (least_of_bounded - least) * static_cast<double>(sums_.bounded[i]) / whole;
-      if (whole >= limit && weight >= std::min(least_left, least_share * whole))
-        values[i] = units_.value(static_cast<double>(sums_.value[i]) / weight);
+      const DensitySums sums{sums_.whole[i], sums_.bounded[i], sums_.left[i]};
+      if (depths[i] < infinity && (least ? sums.is_material(*least) : sums.is_material()))
+        values[i] = units_.value(static_cast<double>(sums_.value[i]) / sums.left);
       if (!std::isfinite(values[i])) values[i] = std::numeric_limits<double>::quiet_NaN();
     });
     return values;
@@ -126,17 +115,6 @@ class SliceDrawing {
   const std::array<dvec3, 2> along_;
   Sums sums_;
 };
-
-// Bound on how far a splat reaches from its centre, drawing units.
-double reach_of(const MomentsShape& shape, double deviation_scale) {
-  const double longest = log_number(shape.deviations[0], deviation_scale);
-  if (shape.boundary == 0) return moments_half_width * longest;
-  dvec3 foot;
-  for (int k = 0; k < 3; ++k)
-    foot[k] = static_cast<double>(static_cast<std::int32_t>(shape.boundary << (22 - 10 * k)) >> 22) / 128;
-  const double far = glm::length(foot);
-  return longest * (moments_half_width * std::sqrt(1 + far * far) + far);
-}
 
 // A ball with the octant splat's reach.
 Material material_of(const OctantSplat& splat) {
@@ -171,32 +149,23 @@ void SliceDrawing::find_splats(const DrawRange& range, std::vector<SplatOnPlane>
         [](const RecordRow& of, std::uint32_t i) { return unpack(of, i); });
 }
 
-// Adds a splat if it meets the plane. Material with a boundary is half of an ellipsoid that is stretched across the
-// boundary, with its centre in it (docs/design.md).
+// Adds a splat if it meets the plane.
 void SliceDrawing::add_splat(const Material& m, const dvec3& origin, float weight,
                              std::vector<SplatOnPlane>& found) const {
-  if (!(m.mass > 0) || !(m.deviations.x > 0)) return;
-  const dvec3 deviations = glm::max(m.deviations, dvec3(thinnest * m.deviations.x));
-  const dmat3 axes = glm::mat3_cast(m.orientation);
-  const double far = glm::length(m.boundary), stretch = std::sqrt(1 + far * far);
-  const dvec3 outwards = far > 0 ? m.boundary / far : dvec3(0);
-  const auto stretched = [&](const dvec3& v, double by) { return v + (by - 1) * glm::dot(outwards, v) * outwards; };
-
+  const SplatShape shape = with_thickness(m);
+  const Ellipsoid ellipsoid = ellipsoid_of(m.center, shape);
+  if (!(ellipsoid.peak > 0)) return;
+  const dvec3 centre = origin + units_.length * ellipsoid.centre;
+  const dmat3 to_ball = ellipsoid.to_ball / units_.length;
   SplatOnPlane splat;
-  const dvec3 centre = origin + units_.length * (m.center + axes * (deviations * m.boundary));
-  dmat3 to_ball;  // from world directions
-  for (int k = 0; k < 3; ++k) {
-    const dvec3 across(axes[0][k], axes[1][k], axes[2][k]);
-    to_ball[k] = stretched(across / (units_.length * deviations), 1 / stretch) / moments_half_width;
-  }
   if (!find_rows(to_ball, centre, splat)) return;
   const dmat3 from_view = to_ball * dmat3(view_.right, view_.up, view_.forward);
   splat.g = from_view * (rays_.k - glm::outerProduct(view_.to_view(centre), rays_.w));
-  splat.value = m.value + m.value_deviation * glm::dot(m.correlations, m.boundary);
-  splat.gradient = moments_half_width * m.value_deviation * stretched(m.correlations, stretch);
-  splat.outwards = outwards;
-  const double volume = std::pow(moments_half_width, 3) * stretch * deviations.x * deviations.y * deviations.z;
-  splat.density = (far > 0 ? 2 : 1) * moments_peak * weight * m.mass / volume;
+  const LinearField field = field_of(m.center, shape, value_of(m));
+  splat.value = field.at(ellipsoid.centre);
+  splat.gradient = field.slope * from_ball(shape);
+  splat.outwards = ellipsoid.outward;
+  splat.density = weight * ellipsoid.peak;
   found.push_back(splat);
 }
 
@@ -265,7 +234,7 @@ void SliceDrawing::draw_rows(const SplatOnPlane& splat, int first, int last) {
       sums_.whole[row + x] += static_cast<float>(weight);
       if (bounded) sums_.bounded[row + x] += static_cast<float>(weight);
       if (!counts) continue;
-      sums_.weight[row + x] += static_cast<float>(weight);
+      sums_.left[row + x] += static_cast<float>(weight);
       sums_.value[row + x] += static_cast<float>(weight * (splat.value + glm::dot(splat.gradient, u)));
     }
   }
@@ -283,7 +252,7 @@ std::vector<double> slice_values(const DrawList& list, const DrawingUnits& units
   }
   const bool octants =
       !list.ranges.empty() && std::holds_alternative<std::vector<OctantShape>>(list.ranges[0].row.shapes->records());
-  return drawing.values(depths, octants ? least_of_octants : least_whole);
+  return drawing.values(depths, octants ? std::optional(least_of_octants) : std::nullopt);
 }
 
 }  // namespace splatvol

@@ -6,6 +6,8 @@
 #include <limits>
 #include <numbers>
 
+#include "splat/kernel.h"
+
 namespace splatvol {
 namespace {
 
@@ -85,17 +87,6 @@ float smallest_deviation(const dvec3& deviations) {
 
 }  // namespace
 
-double log_number(unsigned code, double scale) {
-  if (code == 0) return 0;
-  return scale * std::exp2((static_cast<double>(code) - largest_log_code) / log_codes_per_octave);
-}
-
-std::uint16_t log_code(double number, double scale) {
-  if (!(number > 0) || !(scale > 0)) return 0;
-  const double code = largest_log_code + log_codes_per_octave * (std::log2(number) - std::log2(scale));
-  return static_cast<std::uint16_t>(std::lround(std::clamp(code, 1.0, double{largest_log_code})));
-}
-
 PackedPosition PackedPosition::pack(const glm::ivec3& offset) {
   const auto field = [&](int axis) { return static_cast<std::uint64_t>(offset[axis] + offset_bias) & offset_mask; };
   const std::uint64_t bits = field(0) | field(1) << offset_bits | field(2) << 2 * offset_bits;
@@ -170,6 +161,13 @@ std::size_t ValueRow::size() const {
 std::uint64_t ValueRow::memory_bytes() const {
   return std::visit([](const auto& records) { return std::uint64_t{sizeof(records[0])} * records.size(); }, records_) +
          sizeof(OpacityValue) * opacity_.records.size();
+}
+
+double reach_of(const MomentsShape& shape, double deviation_scale) {
+  const double longest = log_number(shape.deviations[0], deviation_scale);
+  if (shape.boundary == 0) return moments_half_width * longest;
+  const double far = glm::length(unpack_boundary(shape.boundary));
+  return longest * (moments_half_width * std::sqrt(1 + far * far) + far);
 }
 
 std::uint32_t block_of(const ShapeRow& row, std::uint32_t record) {

@@ -10,19 +10,11 @@
 #include <vector>
 
 #include "base/math.h"
+#include "splat/log_code.h"
+#include "splat/shape.h"
 #include "splat/splat.h"
 
 namespace splatvol {
-
-/// Log codes, as in the file (spec/svol-1.md, section 8): 0, or scale 2^((code - 65535) / 128).
-inline constexpr unsigned largest_log_code = 65535;
-inline constexpr unsigned log_codes_per_octave = 128;
-
-/// Returns the number of a log code.
-[[nodiscard]] double log_number(unsigned code, double scale);
-
-/// Returns the log code nearest to a number: at least 1 if number > 0, at most 65535. Requires scale >= 0.
-[[nodiscard]] std::uint16_t log_code(double number, double scale);
 
 /// A position in a block: signed offsets of 21 bits from the block's origin, in the block's steps, stored plus 2^20.
 /// x is in bits 0 to 20, y in bits 21 to 41, z in bits 42 to 62.
@@ -49,7 +41,7 @@ struct MomentsShape {
   std::array<std::uint32_t, 2> orientation;  // as PackedOrientation
   std::uint16_t mass;                        // log code of volume times density; 0 draws nothing
   std::array<std::uint16_t, 3> deviations;   // log codes; along the principal axes, descending
-  std::uint32_t boundary;  // 3 signed numbers of 10 bits / 128, lowest first: format::SplatShape::boundary
+  std::uint32_t boundary;                    // 3 signed numbers of 10 bits / 128, lowest first: SplatShape::boundary
 };
 static_assert(sizeof(MomentsShape) == 28);
 
@@ -101,17 +93,19 @@ struct PackedOrientation {
   [[nodiscard]] static glm::dquat unpack(const std::array<std::uint32_t, 2>& packed);
 };
 
-/// A splat of the kernel `moments` in numbers, for what is not a rasterizer.
-struct Material {
-  dvec3 center{0};                     // centroid, drawing units, relative to an origin
-  double mass = 0;                     // drawing units; 0 draws nothing
-  dvec3 deviations{0};                 // drawing units, along the principal axes, descending
-  glm::dquat orientation{1, 0, 0, 0};  // turns x, y, z onto the principal axes
-  dvec3 boundary{0};                   // format::SplatShape::boundary
-  double value = 0;                    // mean, stored value
+/// A splat of the kernel `moments` in numbers, for what is not a rasterizer. Lengths are in drawing units; the density
+/// is in the mass.
+struct Material : SplatShape {
+  dvec3 center{0};   // centroid, relative to an origin
+  double value = 0;  // mean, stored value
   double value_deviation = 0;
   dvec3 correlations{0};  // of the value with the position along each principal axis
 };
+
+/// Returns the value of a material.
+[[nodiscard]] inline SplatValue value_of(const Material& m) {
+  return {m.value, m.value_deviation, m.correlations, 0, 1};
+}
 
 /// Shapes of the records of a row, or of a part of it that was clipped. Never changes.
 class ShapeRow {
@@ -225,6 +219,9 @@ struct BlockedPositions {
 
 /// The same for the kernel octant.
 [[nodiscard]] OctantSplat unpack_octant(const RecordRow& row, std::uint32_t record);
+
+/// Returns a bound on how far a splat reaches from its centroid, in drawing units. `deviation_scale`: of its row.
+[[nodiscard]] double reach_of(const MomentsShape& shape, double deviation_scale);
 
 /// Returns the block that holds a record. Requires record < row.shapes->size().
 [[nodiscard]] std::uint32_t block_of(const ShapeRow& row, std::uint32_t record);

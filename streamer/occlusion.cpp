@@ -44,13 +44,13 @@ Result<std::vector<double>> sum_masses(const format::Volume& volume, const forma
                                        std::size_t resolution, int column) {
   const format::RowLayout& rows = volume.rows();
   std::vector<double> sums{0};
-  std::vector<format::SplatShape> shapes;
+  std::vector<SplatShape> shapes;
   for (std::uint64_t row = rows.first_row(resolution); row < rows.first_row(resolution + 1); ++row) {
     const format::ChunkLocation& location = volume.find_chunk(directory, row, column);
     SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(location.offset, location.entry.packed_bytes));
     shapes.resize(rows.group(rows.group_of_row(row)).count);
     SPLATVOL_TRY(format::unpack_moments(location.entry, packed, shapes, volume.info().cube.edge, volume.name()));
-    for (const format::SplatShape& shape : shapes) sums.push_back(sums.back() + shape.mass);
+    for (const SplatShape& shape : shapes) sums.push_back(sums.back() + shape.mass);
   }
   return sums;
 }

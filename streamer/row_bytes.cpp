@@ -29,11 +29,11 @@ std::uint64_t held_bytes(const ValueRow& row) { return sizeof(ValueRow) + row.me
 // Positions, limits, packed positions, and an integer of 8 bytes for each point while a column is unpacked.
 std::uint64_t shape_decoding_bytes(KernelKind kernel, std::uint64_t points, std::uint64_t unpacked_bytes) {
   const std::uint64_t each = sizeof(dvec3) + sizeof(float) + sizeof(PackedPosition) + sizeof(std::uint64_t);
-  return unpacked_bytes + points * (each + (kernel == KernelKind::octant ? 2 : sizeof(format::SplatShape)));
+  return unpacked_bytes + points * (each + (kernel == KernelKind::octant ? 2 : sizeof(SplatShape)));
 }
 
 std::uint64_t value_decoding_bytes(KernelKind kernel, std::uint64_t points, std::uint64_t unpacked_bytes) {
-  const std::uint64_t each = kernel == KernelKind::octant ? sizeof(float) + sizeof(vec3) : sizeof(format::SplatValue);
+  const std::uint64_t each = kernel == KernelKind::octant ? sizeof(float) + sizeof(vec3) : sizeof(SplatValue);
   return unpacked_bytes + points * (each + sizeof(std::uint64_t));
 }
 

@@ -2,11 +2,15 @@
 
 #include <malloc.h>
 #include <pthread.h>
+#include <sys/resource.h>
 #include <tbb/global_control.h>
 
 #include <algorithm>
 #include <cstdint>
+#include <filesystem>
+#include <fstream>
 #include <mutex>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -22,6 +26,28 @@ constexpr std::size_t tried_stack = mebibyte / 8;
 constexpr std::size_t small_stack = 2 * mebibyte;     // of all other threads, if address space is scarce
 constexpr std::uint64_t worker_bytes = 8 * mebibyte;  // its stack, and what it keeps for itself
 constexpr std::size_t other_threads = 12;             // that read, and those of a graphics driver
+
+// Whether a control group that this process is in, or one above it, limits the number of threads.
+bool group_limits_threads() {
+  namespace fs = std::filesystem;
+  std::ifstream groups("/proc/self/cgroup");
+  for (std::string line; std::getline(groups, line);) {  // NUMBER:CONTROLLERS:PATH; version 2 names no controllers
+    const std::size_t controllers = line.find(':') + 1, path = line.find(':', controllers) + 1;
+    const bool is_v1 = line.compare(controllers, path - controllers, "pids:") == 0;
+    if (!is_v1 && path - controllers != 1) continue;
+    const fs::path root = is_v1 ? "/sys/fs/cgroup/pids" : "/sys/fs/cgroup";
+    for (fs::path group = line.substr(path); !group.empty(); group = group == "/" ? fs::path() : group.parent_path()) {
+      std::uint64_t most = 0;
+      if (std::ifstream(root / group.relative_path() / "pids.max") >> most) return true;  // it says "max" without one
+    }
+  }
+  return false;
+}
+
+bool are_threads_limited() {
+  rlimit limit{};
+  return ::getrlimit(RLIMIT_NPROC, &limit) != 0 || limit.rlim_cur != RLIM_INFINITY || group_limits_threads();
+}
 
 void* wait_for_unlock(void* mutex) {
   const std::lock_guard lock(*static_cast<std::mutex*>(mutex));
@@ -79,8 +105,10 @@ Status heed_limits() {
     // An eighth of the space: the rest is for data.
     workers = std::min<std::size_t>(workers, free / 8 / worker_bytes);
   }
-  const std::size_t started = startable_threads(workers + other_threads);
-  if (started < workers + other_threads) workers = std::min(workers, started / 4);
+  if (are_threads_limited()) {
+    const std::size_t started = startable_threads(workers + other_threads);
+    if (started < workers + other_threads) workers = std::min(workers, started / 4);
+  }
   if (workers < wanted) limit_workers(workers);
   return {};
 }

@@ -18,9 +18,9 @@
 #include "base/temporary_names.h"
 #include "builder/opening/open_own.h"
 #include "builder/sources/generator.h"
-#include "builder/sources/refined_source.h"
 #include "builder/sources/vtk/writer.h"
 #include "tools/reading.h"
+#include "tools/refined_source.h"
 #include "tools/tool.h"
 
 namespace splatvol {

@@ -8,18 +8,16 @@
 #include <utility>
 #include <variant>
 
-#include "renderer/transfer_table.h"
-#include "splat/kernel.h"
-
 #include "renderer/slice_values.h"
+#include "renderer/transfer_table.h"
+#include "splat/ellipsoid.h"
+#include "splat/kernel.h"
 
 namespace splatvol {
 namespace {
 
 constexpr std::uint32_t chunk_splats = 256;
 constexpr std::size_t sample_count = 256;
-constexpr double low_pass = 0.1;          // variance that rasterizers add, squared pixels
-constexpr double thinnest = 1e-6;         // share of the largest deviation: a ray still meets a flat splat
 constexpr double invisible = 1e-3;        // opacity
 constexpr double most_opaque = 1 - 1e-6;  // a picture rounds its opacity
 constexpr double gaussian_reach = 4;      // deviations of a splat of the kernel octant
@@ -69,27 +67,23 @@ class Extinctions {
   TransferTable table_;
 };
 
-// A splat's part of a ray. Along it, from -1 to 1 in u, density and value are known.
-struct Chord {
-  double begin, end;         // distances along the ray
-  double middle, half;       // of the whole chord, before the boundary plane and the eye cut it
-  double density;            // per world unit, at u = 0, times the visible share
-  bool is_gaussian = false;  // `half` is a deviation; else density falls as (1 - u^2)^(3/2)
-  double value, slope;       // at u = 0, and per u
-  double deviation;          // of the values about this
-  double factor = 1;         // of the opacity, on the extinction
+// A splat's part of a ray, whose density has the visible share. The value is known along it.
+struct SplatChord : Chord {
+  bool is_gaussian = false;     // `half` is a deviation
+  double value = 0, slope = 0;  // at the middle, and per distance
+  double deviation = 0;         // of the values about this
+  double factor = 1;            // of the opacity, on the extinction
   double optical_depth = 0;
 
   [[nodiscard]] double density_at(double distance) const {
+    if (!is_gaussian) return density(distance);
     const double u = (distance - middle) / half;
-    if (is_gaussian) return density * std::exp(-u * u / 2);
-    const double rest = 1 - u * u;
-    return rest > 0 ? density * rest * std::sqrt(rest) : 0;
+    return peak * std::exp(-u * u / 2);
   }
-  [[nodiscard]] double value_at(double distance) const { return value + slope * (distance - middle) / half; }
+  [[nodiscard]] double value_at(double distance) const { return value + slope * (distance - middle); }
 };
 
-void add_depth(Chord& chord, const Extinctions& extinctions) {
+void add_depth(SplatChord& chord, const Extinctions& extinctions) {
   const double middle = 0.5 * (chord.begin + chord.end), half = 0.5 * (chord.end - chord.begin);
   for (const auto& [node, weight] : chord_nodes) {
     const double distance = middle + node * half;
@@ -98,66 +92,32 @@ void add_depth(Chord& chord, const Extinctions& extinctions) {
   }
 }
 
-// The material is half of an ellipsoid if it ends at a plane: spec/svol-1.md, section 8.
-std::optional<Chord> chord_of(const Material& splat, const dvec3& origin, const DrawingUnits& units, float weight,
-                              const Looking& looking) {
-  if (!(splat.mass > 0) || !(splat.deviations.x > 0) || std::isnan(splat.value)) return {};
-  const dmat3 axes = glm::mat3_cast(splat.orientation);
-  const dvec3 center = origin + units.length * splat.center;
-  const double distance = std::max(glm::dot(center - looking.ray.origin, looking.ray.direction), 0.0);
-  const double pixel = looking.pixel * (looking.orthographic ? 1 : distance);
-  dvec3 deviations = units.length * splat.deviations;
-  deviations = glm::max(deviations, dvec3(thinnest * deviations.x));
-  const dvec3 widened = glm::sqrt(deviations * deviations + dvec3(low_pass * pixel * pixel));
-
-  // In units of the widened deviations. Widening does not move the boundary plane.
-  const dvec3 kept = deviations / widened, across = splat.boundary / kept;
-  const double square_of_foot = glm::dot(splat.boundary, splat.boundary);
-  const dvec3 foot = square_of_foot > 0 ? across * (square_of_foot / glm::dot(across, across)) : dvec3(0);
-  const double foot_length = glm::length(foot), stretch = std::sqrt(1 + foot_length * foot_length);
-  const dvec3 normal = foot_length > 0 ? foot / foot_length : dvec3(0);
-  const auto to_ball = [&](const dvec3& v) {
-    return (v + (1 / stretch - 1) * glm::dot(normal, v) * normal) / moments_half_width;
-  };
-  const dvec3 local_origin = (looking.ray.origin - center) * axes / widened;
-  const dvec3 local_direction = looking.ray.direction * axes / widened;
-  const dvec3 from = to_ball(local_origin - foot), along = to_ball(local_direction);
-  const double square = glm::dot(along, along), nearest = -glm::dot(from, along) / square;
-  const dvec3 miss = from + nearest * along;
-  const double rest = 1 - glm::dot(miss, miss);
-  if (!(rest > 0)) return {};
-  Chord chord{};
-  chord.middle = nearest;
-  chord.half = std::sqrt(rest / square);
-  chord.begin = std::max(nearest - chord.half, 0.0);
-  chord.end = nearest + chord.half;
-  if (foot_length > 0) {
-    const double slope = glm::dot(local_direction, normal);
-    const double meeting = (foot_length - glm::dot(local_origin, normal)) / slope;
-    if (slope > 0) chord.end = std::min(chord.end, meeting);
-    if (slope < 0) chord.begin = std::max(chord.begin, meeting);
-    if (slope == 0 && glm::dot(local_origin, normal) > foot_length) return {};
-  }
-  if (!(chord.begin < chord.end)) return {};
-  const double half_axes = std::pow(moments_half_width, 3) * widened.x * widened.y * widened.z * stretch;
-  const double mass = units.volume(splat.mass) * static_cast<double>(weight) * (foot_length > 0 ? 2 : 1);
-  chord.density = mass * moments_peak / half_axes * rest * std::sqrt(rest);
-
-  const double deviation = units.value_scale * splat.value_deviation;
-  const dvec3 gradient = deviation * splat.correlations * kept;  // per widened deviation
-  const dvec3 at_middle = local_origin + nearest * local_direction;
-  chord.value = units.value(splat.value) + glm::dot(gradient, at_middle);
-  chord.slope = glm::dot(gradient, local_direction) * chord.half;
-  const dvec3 squares = splat.correlations * splat.correlations;
-  const double unexplained = std::max(1 - squares.x - squares.y - squares.z, 0.0);
-  const double smoothed = glm::dot(squares, dvec3(1) - kept * kept);
-  chord.deviation = deviation * std::sqrt(unexplained + smoothed);
-  return chord;
+std::optional<SplatChord> chord_of(const Material& splat, const dvec3& origin, const DrawingUnits& units, float weight,
+                                   const Looking& looking) {
+  if (std::isnan(splat.value)) return {};
+  // In drawing units from the block's origin; distances along the ray are those of the world.
+  const dvec3 eye = (looking.ray.origin - origin) / units.length, direction = looking.ray.direction / units.length;
+  const double distance = std::max(glm::dot(splat.center - eye, looking.ray.direction), 0.0);
+  const double pixel = looking.pixel * (looking.orthographic ? 1 / units.length : distance);
+  const double variance = pixel_variance * pixel * pixel;
+  const SplatShape shape = with_thickness(splat);
+  const Ellipsoid ellipsoid = ellipsoid_of(splat.center, shape, variance);
+  if (!(ellipsoid.peak > 0)) return {};
+  const auto chord = chord_of(ellipsoid, eye, direction);
+  if (!chord || !(chord->end > 0)) return {};
+  SplatChord result{*chord};
+  result.begin = std::max(result.begin, 0.0);
+  result.peak *= static_cast<double>(weight);
+  const LinearField field = field_of(splat.center, shape, value_of(splat), variance);
+  result.value = units.value(field.at(eye + result.middle * direction));
+  result.slope = units.value_scale * glm::dot(field.slope, direction);
+  result.deviation = units.value_scale * field.deviation;
+  return result;
 }
 
 // A ball whose centre is as opaque as the splat's.
-std::optional<Chord> chord_of(const OctantSplat& splat, const dvec3& origin, const DrawingUnits& units, float weight,
-                              const Looking& looking) {
+std::optional<SplatChord> chord_of(const OctantSplat& splat, const dvec3& origin, const DrawingUnits& units,
+                                   float weight, const Looking& looking) {
   const double size = units.length * static_cast<double>(splat.size), deviation = octant_deviation * size;
   if (!(size > 0) || std::isnan(splat.value)) return {};
   const dvec3 from = looking.ray.origin - origin - units.length * dvec3(splat.position);
@@ -165,15 +125,14 @@ std::optional<Chord> chord_of(const OctantSplat& splat, const dvec3& origin, con
   const dvec3 miss = from + nearest * looking.ray.direction;
   const double far = glm::dot(miss, miss) / (deviation * deviation);
   if (far > gaussian_reach * gaussian_reach) return {};
-  Chord chord{};
+  SplatChord chord{};
   chord.is_gaussian = true;
   chord.middle = nearest;
   chord.half = deviation;
   chord.begin = std::max(nearest - gaussian_reach * deviation, 0.0);
   chord.end = nearest + gaussian_reach * deviation;
   if (!(chord.begin < chord.end)) return {};
-  chord.density =
-      static_cast<double>(weight) * size / (deviation * std::sqrt(2 * std::numbers::pi)) * std::exp(-far / 2);
+  chord.peak = static_cast<double>(weight) * size / (deviation * std::sqrt(2 * std::numbers::pi)) * std::exp(-far / 2);
   chord.value = units.value(static_cast<double>(splat.value));
   return chord;
 }
@@ -200,12 +159,12 @@ bool is_missed(const Ray& ray, const dvec3& center, double radius) {
 }
 
 // The sum of all chords' densities and values at equal distances, and the opacity so far.
-std::vector<Probe::Sample> samples_of(const std::vector<Chord>& chords, const Extinctions& extinctions) {
+std::vector<Probe::Sample> samples_of(const std::vector<SplatChord>& chords, const Extinctions& extinctions) {
   double begin = std::numeric_limits<double>::infinity(), end = 0;
-  for (const Chord& chord : chords) begin = std::min(begin, chord.begin), end = std::max(end, chord.end);
+  for (const SplatChord& chord : chords) begin = std::min(begin, chord.begin), end = std::max(end, chord.end);
   const double step = (end - begin) / static_cast<double>(sample_count - 1);
   std::vector<double> density(sample_count), value(sample_count), depth(sample_count);
-  for (const Chord& chord : chords) {
+  for (const SplatChord& chord : chords) {
     const auto first = static_cast<std::size_t>(std::max(std::ceil((chord.begin - begin) / step), 0.0));
     for (std::size_t i = first; i < sample_count; ++i) {
       const double distance = begin + static_cast<double>(i) * step;
@@ -217,7 +176,7 @@ std::vector<Probe::Sample> samples_of(const std::vector<Chord>& chords, const Ex
     }
   }
   double total = 0, sampled = 0;
-  for (const Chord& chord : chords) total += chord.optical_depth;
+  for (const SplatChord& chord : chords) total += chord.optical_depth;
   for (const double d : depth) sampled += d;
   const double scale = sampled > 0 ? total / sampled : 0;  // thin splats lie between samples
   std::vector<Probe::Sample> samples;
@@ -248,11 +207,8 @@ ProbedFrame::ProbedFrame(DrawList list, const DrawingUnits& units) : list_(std::
       });
     } else {
       const double scale = row.deviation_scale();
-      add_chunks(number, std::get<std::vector<MomentsShape>>(row.records()), [&](const MomentsShape& shape) {
-        constexpr double farthest_foot = 4;  // deviations along each axis, as records hold them
-        const double stretch = shape.boundary == 0 ? 1 : 1 + 1.1 * std::sqrt(3.0) * farthest_foot;
-        return stretch * moments_half_width * log_number(shape.deviations[0], scale);
-      });
+      add_chunks(number, std::get<std::vector<MomentsShape>>(row.records()),
+                 [&](const MomentsShape& shape) { return reach_of(shape, scale); });
     }
   }
 }
@@ -280,7 +236,7 @@ std::optional<Probe> ProbedFrame::probe(const Transfer& transfer, const Looking&
   std::optional<Extinctions> factors;
   if (transfer.opacity) factors.emplace(*transfer.opacity);
   const auto& [ray, pixel, orthographic] = looking;
-  std::vector<Chord> chords;
+  std::vector<SplatChord> chords;
   for (const Chunk& chunk : chunks_) {
     const double wider = 2 * pixel * (orthographic ? 1 : glm::length(chunk.center - ray.origin) + chunk.radius);
     if (is_missed(ray, chunk.center, chunk.radius + wider)) continue;
@@ -296,23 +252,23 @@ std::optional<Probe> ProbedFrame::probe(const Transfer& transfer, const Looking&
       chords.push_back(*chord);
     }
   }
-  std::ranges::sort(chords, {}, [](const Chord& chord) { return chord.begin + chord.end; });
+  std::ranges::sort(chords, {}, [](const SplatChord& chord) { return chord.begin + chord.end; });
   double depth = 0;
-  for (const Chord& chord : chords) depth += chord.optical_depth;
+  for (const SplatChord& chord : chords) depth += chord.optical_depth;
   if (picture_opacity && depth > 0) {
     const double scale = -std::log1p(-std::min(*picture_opacity, most_opaque)) / depth;
-    for (Chord& chord : chords) chord.optical_depth *= scale;
+    for (SplatChord& chord : chords) chord.optical_depth *= scale;
     depth *= scale;
   }
   const double opacity = -std::expm1(-depth);
   if (!(opacity >= invisible)) return {};
   double passed = 0;
-  for (const Chord& chord : chords) {
+  for (const SplatChord& chord : chords) {
     passed += chord.optical_depth;
     if (-std::expm1(-passed) < opacity / 2) continue;
     const double distance = std::clamp(chord.middle, chord.begin, chord.end);
     double density = 0, value = 0;
-    for (const Chord& other : chords) {
+    for (const SplatChord& other : chords) {
       if (distance < other.begin || distance > other.end) continue;
       density += other.density_at(distance);
       value += other.density_at(distance) * other.value_at(distance);

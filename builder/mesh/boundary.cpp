@@ -218,7 +218,7 @@ BoundaryPlane merge_planes(std::span<const BoundaryPlane> members, std::span<con
   return largest_group(planes);
 }
 
-dvec3 boundary_foot(const BoundaryPlane& plane, const SpatialMoments& moments, const format::SplatShape& shape) {
+dvec3 boundary_foot(const BoundaryPlane& plane, const SpatialMoments& moments, const SplatShape& shape) {
   if (plane.area == dvec3(0)) return dvec3(0);
   const double area = glm::length(plane.area);
   if (!(area > 0)) return dvec3(0);

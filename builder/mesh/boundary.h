@@ -42,11 +42,10 @@ struct BoundaryPlane {
 /// length. Thread-safe.
 [[nodiscard]] BoundaryPlane merge_planes(std::span<const BoundaryPlane> members, std::span<const dvec3> shifts);
 
-/// Returns a plane as it is drawn (format::SplatShape::boundary). In a space where the covariance is the identity, this
+/// Returns a plane as it is drawn (SplatShape::boundary). In a space where the covariance is the identity, this
 /// is the foot of the perpendicular from the centroid on the plane, in deviations along the principal axes. Its length
 /// is below 4. `shape` is the shape of `moments`. Returns 0 without a plane, and if the material does not look like one
 /// half of a body that the plane mirrors: if it lies on both sides, or tapers off towards the plane. Thread-safe.
-[[nodiscard]] dvec3 boundary_foot(const BoundaryPlane& plane, const SpatialMoments& moments,
-                                  const format::SplatShape& shape);
+[[nodiscard]] dvec3 boundary_foot(const BoundaryPlane& plane, const SpatialMoments& moments, const SplatShape& shape);
 
 }  // namespace splatvol

@@ -301,8 +301,8 @@ bool is_along_axes(const SpatialMoments& moments) {
   return (s.xy == 0 && s.xz == 0 && s.yz == 0) || !has_extent(moments);
 }
 
-format::SplatShape shape_along_axes(const SpatialMoments& moments) {
-  format::SplatShape shape{.mass = moments.mass};
+SplatShape shape_along_axes(const SpatialMoments& moments) {
+  SplatShape shape{.mass = moments.mass};
   if (!has_extent(moments)) return shape;
   const SymmetricMatrix& s = moments.covariance;
   const double low = std::min(s.xx, s.yy), high = std::max(s.xx, s.yy);
@@ -482,8 +482,8 @@ SpatialMoments VertexMaterial::find_values(const VertexBlock& block, std::size_t
   return space;
 }
 
-std::array<format::SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments) {
-  std::array<format::SplatShape, shapes_at_once> shapes;
+std::array<SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments) {
+  std::array<SplatShape, shapes_at_once> shapes;
   std::array<double, shapes_at_once> scales{};  // 0: done
   Decomposition axes;
   for (std::size_t l = 0; l < moments.size(); ++l) {
@@ -508,13 +508,13 @@ std::array<format::SplatShape, shapes_at_once> shapes_of(std::span<const Spatial
   return shapes;
 }
 
-format::SplatShape shape_of(const SpatialMoments& moments) {
+SplatShape shape_of(const SpatialMoments& moments) {
   return is_along_axes(moments) ? shape_along_axes(moments) : shapes_of(std::array{&moments})[0];
 }
 
-format::SplatValue value_of(const ValueMoments& value, const format::SplatShape& shape) {
+SplatValue value_of(const ValueMoments& value, const SplatShape& shape) {
   if (!(value.mass > 0)) return {};
-  format::SplatValue result{.mean = value.mean, .deviation = std::sqrt(std::max(0.0, value.variance))};
+  SplatValue result{.mean = value.mean, .deviation = std::sqrt(std::max(0.0, value.variance))};
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   const auto correlation = [&](const dvec3& axis, double deviation) {
     const double largest = result.deviation * deviation;

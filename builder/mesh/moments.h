@@ -158,16 +158,16 @@ class VertexMaterial {
 
 /// Returns mass and principal axes as the file stores them. The squares of the deviations are exact to a few units of
 /// rounding of the largest square.
-[[nodiscard]] format::SplatShape shape_of(const SpatialMoments& moments);
+[[nodiscard]] SplatShape shape_of(const SpatialMoments& moments);
 
 /// Returns the shapes of up to `shapes_at_once` moments, in a third of the time that they take one by one. Only the
 /// first moments.size() results count.
 inline constexpr std::size_t shapes_at_once = 4;
-[[nodiscard]] std::array<format::SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments);
+[[nodiscard]] std::array<SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments);
 
 /// Returns a value's distribution as the file stores it, except that the mean still contains the attribute's offset.
 /// `shape` belongs to all the material that `value` is a part of. Correlations, residual and coverage never exceed 1,
 /// however thin the material is.
-[[nodiscard]] format::SplatValue value_of(const ValueMoments& value, const format::SplatShape& shape);
+[[nodiscard]] SplatValue value_of(const ValueMoments& value, const SplatShape& shape);
 
 }  // namespace splatvol

@@ -14,7 +14,7 @@
 #include <numeric>
 #include <utility>
 
-#include "splat/kernel.h"
+#include "splat/ellipsoid.h"
 
 namespace splatvol {
 namespace {
@@ -23,42 +23,6 @@ constexpr int iterations = 12;
 constexpr double damping = 0.7;  // without it, splats that see each other would swing
 constexpr int spreading_passes = 2;
 constexpr double least_density = 1.0 / 8, largest_density = 8;
-
-// A splat as the kernel `moments` draws it.
-struct Ellipsoid {
-  dvec3 centre{0};
-  dmat3 to_ball{0};  // into the unit ball
-  dvec3 reach{0};    // half extents of the box round it
-  double peak = 0;   // density at the centre; 0: draws nothing
-  dvec3 outward{0};  // in the ball: the half on this side of the centre is cut off; 0: nothing is
-};
-
-Ellipsoid make_ellipsoid(const FittedSplat& splat) {
-  const format::SplatShape& shape = splat.shape;
-  const dvec3& d = shape.deviations;
-  if (!(shape.mass > 0 && d[2] > 0)) return {};
-
-  // In units of the deviations, shift shift^T (format::reflection_shift) stretches the ball along the normal.
-  const double distance = glm::length(shape.boundary);
-  const dvec3 normal = distance > 0 ? shape.boundary / distance : dvec3(0);
-  const double stretch = std::sqrt(1 + distance * distance);
-  const dmat3 axes = glm::mat3_cast(shape.orientation);
-  const dmat3 scale(dvec3(d.x, 0, 0), dvec3(0, d.y, 0), dvec3(0, 0, d.z));
-  const dmat3 shrink(dvec3(1 / d.x, 0, 0), dvec3(0, 1 / d.y, 0), dvec3(0, 0, 1 / d.z));
-  const dmat3 along = glm::outerProduct(normal, normal);
-  const dmat3 from_ball = moments_half_width * (axes * scale * (dmat3(1) + (stretch - 1) * along));
-
-  Ellipsoid ellipsoid;
-  ellipsoid.centre = splat.centroid + format::reflection_shift(shape);
-  ellipsoid.to_ball =
-      (1 / moments_half_width) * ((dmat3(1) + (1 / stretch - 1) * along) * shrink * glm::transpose(axes));
-  for (int k = 0; k < 3; ++k)
-    ellipsoid.reach[k] = glm::length(dvec3(from_ball[0][k], from_ball[1][k], from_ball[2][k]));
-  const double volume = std::pow(moments_half_width, 3) * d.x * d.y * d.z * stretch;
-  ellipsoid.peak = (distance > 0 ? 2 : 1) * shape.mass * moments_peak / volume;
-  if (distance > 0) ellipsoid.outward = normal;
-  return std::isfinite(ellipsoid.peak) ? ellipsoid : Ellipsoid{};
-}
 
 // Samples of a splat's material, at the positions origin + x spacing[0] + y spacing[1] + z spacing[2] with x, y and z
 // from `offsets`.
@@ -224,7 +188,7 @@ class DensityFit {
  public:
   explicit DensityFit(std::span<FittedSplat> splats) : splats_(splats), ellipsoids_(splats.size()) {
     tbb::parallel_for(std::size_t{0}, splats.size(),
-                      [&](std::size_t i) { ellipsoids_[i] = make_ellipsoid(splats[i]); });
+                      [&](std::size_t i) { ellipsoids_[i] = ellipsoid_of(splats[i].centroid, splats[i].shape); });
   }
 
   void run() {

@@ -13,7 +13,7 @@ namespace splatvol {
 /// A splat whose density is fitted.
 struct FittedSplat {
   dvec3 centroid{0};
-  format::SplatShape shape;
+  SplatShape shape;
 };
 
 /// Bytes that fit_densities() takes for a splat: its ellipsoid, and those that it sees.

@@ -21,9 +21,9 @@ constexpr double resolved_tilt = 1e-5;
 const double uniform_width = std::sqrt(12.0);  // of a uniform distribution, in standard deviations
 
 // Box that the splat of `moments` may fill; at a boundary, with what its reflection adds.
-Box splat_box(const dvec3& centroid, const format::SplatShape& shape, const SpatialMoments& moments) {
+Box splat_box(const dvec3& centroid, const SplatShape& shape, const SpatialMoments& moments) {
   const SymmetricMatrix& s = moments.covariance;
-  const dvec3 shift = format::reflection_shift(shape);
+  const dvec3 shift = reflection_shift(shape);
   const dvec3 center = centroid + shift;
   const dvec3 deviations = glm::sqrt(glm::max(dvec3(s.xx, s.yy, s.zz) + shift * shift, 0.0));
   const dvec3 half = uniform_width * (tilted_stretch * deviations + resolved_tilt * shape.deviations[0]) +
@@ -77,8 +77,8 @@ void merge_child(IndexLeaf& parent, const IndexLeaf& child) {
 
 }  // namespace
 
-void SplatBounds::include(const dvec3& centroid, const format::SplatShape& shape, const SpatialMoments& moments,
-                          int depth, std::size_t count) {
+void SplatBounds::include(const dvec3& centroid, const SplatShape& shape, const SpatialMoments& moments, int depth,
+                          std::size_t count) {
   least_depth = std::min(least_depth, static_cast<std::uint8_t>(depth));
   octant_code = std::min(octant_code, splatvol::octant_code(depth, count));
   if (!(moments.mass > 0)) return;

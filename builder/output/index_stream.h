@@ -20,7 +20,7 @@ struct SplatBounds {
   Box box;                         // round all `moments` splats
 
   /// Adds a splat, of both kernels; it was made from `moments`. `depth` and `count` as in StoredSplat.
-  void include(const dvec3& centroid, const format::SplatShape& shape, const SpatialMoments& moments, int depth,
+  void include(const dvec3& centroid, const SplatShape& shape, const SpatialMoments& moments, int depth,
                std::size_t count);
   void include(const StoredSplat& splat, const SpatialMoments& moments) {
     include(splat.centroid, splat.shape, moments, splat.depth, splat.count);

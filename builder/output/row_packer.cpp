@@ -72,7 +72,7 @@ class RowPacker::ChunkPacker {
  private:
   format::PackedChunk pack_value_moments(std::size_t attribute) const {
     const format::ValueBins bins = format::bins_of(packer_.attributes_[attribute]);
-    std::vector<format::SplatValue> values;
+    std::vector<SplatValue> values;
     values.reserve(splats_.size());
     format::ValueSummary summary;
     for (const StoredValue& stored : splats_.splat_values[attribute]) {
@@ -83,10 +83,10 @@ class RowPacker::ChunkPacker {
   }
 
   // Depends on no value that is far from the others, such as a number that stands for no value.
-  static double least_step(std::span<const format::SplatValue> values) {
+  static double least_step(std::span<const SplatValue> values) {
     std::vector<double> deviations;
     double smallest_mean = infinity;
-    for (const format::SplatValue& value : values) {
+    for (const SplatValue& value : values) {
       if (value.deviation > 0) deviations.push_back(value.deviation);
       if (value.coverage > 0 && value.deviation == 0 && value.mean != 0)
         smallest_mean = std::min(smallest_mean, std::abs(value.mean));
@@ -158,7 +158,7 @@ PackedRow RowPacker::pack(const SplatColumns& splats) const {
 Status RowPacker::pack(PendingRow& row) const {
   if (!row.splats) return {};
   SPLATVOL_TRY(read_written(row));
-  std::vector<format::SplatShape>& shapes = row.splats->splats.shapes;
+  std::vector<SplatShape>& shapes = row.splats->splats.shapes;
   const std::vector<std::uint64_t>& numbers = row.splats->splats.numbers;
   if (row.fitted) {
     shapes.resize(numbers.size());

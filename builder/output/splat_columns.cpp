@@ -130,7 +130,7 @@ std::size_t SplatColumns::append_from(std::span<const std::byte> bytes) {
 }
 
 std::size_t SplatColumns::bytes_of_splat(std::size_t attributes, bool gradients) {
-  const std::size_t splat = sizeof(dvec3) + sizeof(double) + sizeof(format::SplatShape) + sizeof(std::uint64_t) + 2;
+  const std::size_t splat = sizeof(dvec3) + sizeof(double) + sizeof(SplatShape) + sizeof(std::uint64_t) + 2;
   const std::size_t point = sizeof(dvec3) + sizeof(double);
   return splat + point + attributes * (sizeof(StoredValue) + sizeof(float) + (gradients ? sizeof(vec3) : 0));
 }

@@ -21,7 +21,7 @@ struct SplatColumns {
   struct Splats {
     std::vector<dvec3> centroids;
     std::vector<double> errors;  // of the centroids
-    std::vector<format::SplatShape> shapes;
+    std::vector<SplatShape> shapes;
     std::vector<std::uint64_t> numbers;
     std::vector<std::uint8_t> depths, counts;
   };

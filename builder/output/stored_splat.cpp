@@ -3,7 +3,7 @@
 namespace splatvol {
 
 StoredSplat make_stored_splat(const dvec3& position, double point_error, const SpatialMoments& moments,
-                              const format::SplatShape& shape, const BoundaryPlane& plane) {
+                              const SplatShape& shape, const BoundaryPlane& plane) {
   const double shortest = shortest_deviation(shape);
   StoredSplat splat{.centroid = position + moments.centroid,
                     .error = shortest > 0 ? shortest * error_per_deviation : point_error,
@@ -12,10 +12,10 @@ StoredSplat make_stored_splat(const dvec3& position, double point_error, const S
   return splat;
 }
 
-StoredValue make_stored_value(const ValueMoments& moments, const format::SplatShape& shape,
+StoredValue make_stored_value(const ValueMoments& moments, const SplatShape& shape,
                               const format::Attribute& attribute) {
   const auto [low, high] = stored_range(moments, attribute);
-  const format::SplatValue value = value_of(moments, shape);
+  const SplatValue value = value_of(moments, shape);
   return {static_cast<float>(attribute.stored(value.mean)),
           static_cast<float>(value.deviation / attribute.scale),
           vec3(value.correlation),

@@ -24,21 +24,21 @@ struct PointPosition {
 struct StoredSplat {
   dvec3 centroid{0};
   double error = 0;  // how far the file may move the centroid
-  format::SplatShape shape;
+  SplatShape shape;
   std::uint64_t number = 0;  // among the splats of its resolution, in Morton order
   std::uint8_t depth = 0;    // of its leaf in the octree over its resolution
   std::uint8_t count = 0;    // points in that leaf, at most 255
 };
 
 /// A splat's values of an attribute, as stored: by the attribute's offset and scale. In single precision: the file
-/// keeps less, and these are most of the memory of a build with many attributes. Fields as in format::SplatValue.
+/// keeps less, and these are most of the memory of a build with many attributes. Fields as in SplatValue.
 struct StoredValue {
   float mean, deviation;
   vec3 correlation;
   float coverage;
   float min, max;  // of the material; min > max if it has no value
 
-  [[nodiscard]] format::SplatValue value() const {
+  [[nodiscard]] SplatValue value() const {
     return {.mean = mean, .deviation = deviation, .correlation = dvec3(correlation), .coverage = coverage};
   }
 };
@@ -46,7 +46,7 @@ struct StoredValue {
 /// Makes the splat of `moments`, whose shape_of is `shape`, cut at `plane`, about a point at `position`. `point_error`:
 /// error of the position, for a splat without extent. Leaves depth, count and number 0.
 [[nodiscard]] StoredSplat make_stored_splat(const dvec3& position, double point_error, const SpatialMoments& moments,
-                                            const format::SplatShape& shape, const BoundaryPlane& plane);
+                                            const SplatShape& shape, const BoundaryPlane& plane);
 [[nodiscard]] inline StoredSplat make_stored_splat(const dvec3& position, double point_error,
                                                    const SpatialMoments& moments, const BoundaryPlane& plane) {
   return make_stored_splat(position, point_error, moments, shape_of(moments), plane);
@@ -60,7 +60,7 @@ struct StoredValue {
 }
 
 /// Returns the distribution of an attribute's stored values in the splat `shape` of all material, and their range.
-[[nodiscard]] StoredValue make_stored_value(const ValueMoments& moments, const format::SplatShape& shape,
+[[nodiscard]] StoredValue make_stored_value(const ValueMoments& moments, const SplatShape& shape,
                                             const format::Attribute& attribute);
 
 /// For emplace_back(MadeBy{make}): make() makes the element in the vector's memory, so that nothing is copied.
@@ -76,7 +76,7 @@ MadeBy(Make) -> MadeBy<Make>;
 inline constexpr double error_per_deviation = 1.0 / 64;
 
 /// The smallest deviation that is not 0: a deviation too small for rounding is 0. Returns 0 for a splat without extent.
-[[nodiscard]] inline double shortest_deviation(const format::SplatShape& shape) {
+[[nodiscard]] inline double shortest_deviation(const SplatShape& shape) {
   const dvec3& d = shape.deviations;
   return d.z > 0 ? d.z : d.y > 0 ? d.y : d.x;
 }

@@ -87,7 +87,7 @@ class BatchReducer {
   }
 
   // How far the file may move a splat's centroid, and its point.
-  double error_of(std::size_t i, const format::SplatShape& shape) const {
+  double error_of(std::size_t i, const SplatShape& shape) const {
     const double shortest = shortest_deviation(shape);
     return shortest > 0 ? shortest * error_per_deviation : spacing_at(i) * error_per_spacing;
   }
@@ -120,7 +120,7 @@ class BatchReducer {
     SplatColumns& columns = result_.tail;
     const SpatialMoments& moments = batch_.moments[i];
     const dvec3& position = batch_.positions[i];
-    format::SplatShape& shape = columns.splats.shapes.emplace_back(MadeBy{[&] { return shape_of(moments); }});
+    SplatShape& shape = columns.splats.shapes.emplace_back(MadeBy{[&] { return shape_of(moments); }});
     if (!batch_.planes.empty()) shape.boundary = boundary_foot(batch_.planes[i], moments, shape);
     const dvec3& centroid = columns.splats.centroids.emplace_back(position + moments.centroid);
     const double error = error_of(i, shape);

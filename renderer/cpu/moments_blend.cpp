@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "renderer/cpu/moments_kernel.h"
+#include "splat/constants.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/moments_blend.cpp"
@@ -18,7 +19,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatvol::tiles::HWY_NAMESPACE {
 namespace {
 
-constexpr float half_axis = 3.29089653F;  // moments_half_width
+using namespace drawing;
 
 /// The rows of pixels of a splat in a tile, with the far form's polynomials of t in each.
 struct FarRows {
@@ -49,7 +50,7 @@ HWY_INLINE void set_rows(const FarSplat& splat, const std::array<float, 6>& c, c
 }
 
 /// The part of a chord in front of u, for the density (1 - u^2)^(3/2): its share of the mass, and the mean of u there
-/// (moments_fragment.glsl).
+/// (splat/constants.h).
 struct ChordPart {
   Float share, mean;
 };
@@ -57,12 +58,12 @@ struct ChordPart {
 HWY_INLINE ChordPart part_of_chord(Float u) {
   u = clamp(u, -1.0F, 1.0F);
   const Float square = u * u;
-  Float odd = fma(square, 0.02572878F, 0.04308751F);
-  odd = fnma(square, odd, 0.41694202F);
-  odd = u * fnma(square, odd, 0.84812573F);
-  Float mean = fma(u, 0.0791528F, 0.03936548F);
-  mean = fnma(u, mean, 0.10559957F);
-  mean = fma(u, mean, 0.34125103F);
+  Float odd = fma(square, share_7, share_5);
+  odd = fnma(square, odd, share_3);
+  odd = u * fnma(square, odd, share_1);
+  Float mean = fma(u, mean_3, mean_2);
+  mean = fnma(u, mean, mean_1);
+  mean = fma(u, mean, mean_0);
   const Float rest = Float(1.0F) - u;
   return {max(odd + 0.5F, 0.0F), -(rest * rest * mean)};
 }

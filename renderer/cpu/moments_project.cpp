@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "renderer/cpu/moments_kernel.h"
+#include "splat/constants.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/moments_project.cpp"
@@ -20,16 +21,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatvol::tiles::HWY_NAMESPACE {
 namespace {
 
-constexpr float pi = 3.14159265F;
-constexpr float half_axis = 3.29089653F;   // moments_half_width
-constexpr float low_pass = 0.1F;           // variance that the raster adds, squared pixels
-constexpr float faintest_depth = 3e-4F;    // optical depth of the part that is cut
-constexpr float widest_cut = 0.7F;         // share of the squared radius that is cut off the faintest splat, at most
-constexpr float least_depth = 1e-7F;       // a splat that is fainter everywhere is left out
-constexpr float nearest_distance = 1.05F;  // in those at which the eye's plane touches it: a closer one is near
-constexpr float largest_outline = 8.0F;    // pictures; a larger outline makes it near too
-constexpr float most_change = 0.3F;        // of |d'|^2 within the outline, for the far form
-constexpr float smallest_float = 1e-30F;
+using namespace drawing;
 
 constexpr int shape_words = sizeof(MomentsShape) / 4, value_words = sizeof(MomentsValue) / 4;
 
@@ -136,7 +128,7 @@ struct Rays {
   Float kappa;  // 1 - b^2 = (1 - s^2) kappa / |d'|^2, unless near
 };
 
-/// moments_project.glsl explains it. `foot`: of the perpendicular from the centroid, becomes that from the centre.
+/// Sets the boundary. `foot`: of the perpendicular from the centroid, becomes that from the centre.
 HWY_INLINE void set_boundary(Vector3 kept, Vector3& foot, Body& body) {
   const Vector3 across{foot.x / max(kept.x, 1e-3F), foot.y / max(kept.y, 1e-3F), foot.z / max(kept.z, 1e-3F)};
   const Float square = dot(across, across);
@@ -219,7 +211,7 @@ HWY_INLINE Mask make_body(const FrameConstants& frame, const Records& records, V
   const Float bound_z = length(axis_z * deviations) * half_axis * fma(length(foot), 1.1F, 1.0F);
   const Mask in_front = centre.z + bound_z > Float(0.0F);
   const Float middle_z = frame.orthographic ? Float(1.0F) : max(centre.z, (centre.z + bound_z) * 0.5F);
-  body.pixel_size = max(middle_z * (1.0F / frame.focal), smallest_float);
+  body.pixel_size = max(middle_z * (1.0F / frame.focal), smallest_pixel);
   const Float pixels = Float(1.0F) / body.pixel_size;
   deviations = deviations * pixels;
   const Vector3 widened{sqrt(fma(deviations.x, deviations.x, low_pass)),
@@ -305,7 +297,7 @@ HWY_INLINE Outline make_box(const FrameConstants& frame, const Body& body, Vecto
   return outline;
 }
 
-/// Makes an outline of the ellipse; moments_project.glsl explains it.
+/// Makes an outline of the ellipse.
 HWY_INLINE Outline make_ellipse(const FrameConstants& frame, const Body& body) {
   Outline outline;
   outline.anchor_z = body.centre.z;
@@ -655,7 +647,7 @@ HWY_INLINE Mask cut_rim(const Body& body, const Rays& rays, Float peak, Float& s
   const Float brightest = peak * deepest;
   const Float cut = min(sqrt(Float(faintest_depth) / brightest), widest_cut);
   screen.reach = sqrt(Float(1.0F) - cut);
-  const Float lost = cut * cut * cut * sqrt(cut) * fma(cut, fma(cut, 0.4829F, 0.0813F), 0.5935F);
+  const Float lost = cut * cut * cut * sqrt(cut) * fma(cut, fma(cut, lost_2, lost_1), lost_0);
   const Float gain = Float(1.0F) / (Float(1.0F) - lost);
   terms.depth = terms.depth * gain;
   strength = strength * gain;

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "renderer/cpu/octant_kernel.h"
+#include "splat/constants.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/octant.cpp"
@@ -19,12 +20,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatvol::tiles::HWY_NAMESPACE {
 namespace {
 
-constexpr float sigma_per_size = 0.4F;
-constexpr float half_width_per_sigma = 1.17741002F;  // sqrt(2 ln 2)
-constexpr float largest_cut = 3.0F;                  // sigmas; a square of this half width holds 99.5 % of a Gaussian
-constexpr float faintest_alpha = 1e-5F;              // a fainter part is cut: a thousand of them hide 1 %
-constexpr float smallest_sigma = 0.5F;               // pixels; a narrower Gaussian slips between the centres of pixels
-constexpr float smallest_float = 1.17549435e-38F;
+using namespace drawing;
 
 constexpr int shape_words = sizeof(OctantShape) / 4, words_of_record = shape_words + sizeof(OctantValue) / 4;
 

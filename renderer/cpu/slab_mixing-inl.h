@@ -15,6 +15,7 @@
 #include "renderer/cpu/blend-inl.h"
 #include "renderer/cpu/near-inl.h"
 #include "renderer/cpu/vector-inl.h"
+#include "splat/constants.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace splatvol::tiles::HWY_NAMESPACE {
@@ -73,9 +74,9 @@ struct ChordSums {
 
 HWY_INLINE ChordSums chord_sums(Float u) {
   const Float square = u * u;
-  Float odd = fma(square, 0.02572878F, 0.04308751F);
-  odd = fnma(square, odd, 0.41694202F);
-  odd = u * fnma(square, odd, 0.84812573F);
+  Float odd = fma(square, drawing::share_7, drawing::share_5);
+  odd = fnma(square, odd, drawing::share_3);
+  odd = u * fnma(square, odd, drawing::share_1);
   const Float w = max(Float(1.0F) - square, 1e-8F);  // a smaller one has denormal products, which take long
   return {odd, w * w * w * rough_inverse_sqrt(w) * -0.169765273F};
 }

@@ -10,6 +10,7 @@
 #include <hwy/highway.h>
 
 #include "renderer/cpu/frame.h"
+#include "splat/constants.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace splatvol::tiles::HWY_NAMESPACE {
@@ -147,13 +148,14 @@ HWY_INLINE Float cube_root(Float x) {
   return root;
 }
 
-/// Return the scatter of a splat's gradients, and their mean |cos| with the line of sight (moments_common.glsl).
+/// Return the scatter of a splat's gradients, and their mean |cos| with the line of sight (docs/design.md, "A splat").
 HWY_INLINE Float scatter_of(Float unexplained, Float explained) {
   return min(unexplained / max(explained * 1.5F, 1e-30F), 1e6F);
 }
 HWY_INLINE Float mean_cosine(Float cosine, Float scatter) {
-  const Float across = sqrt(scatter * 0.636619772F);
-  return cube_root(fma(cosine * cosine, cosine, across * across * across)) / sqrt(fma(scatter, 2.54647909F, 1.0F));
+  const Float across = sqrt(scatter * drawing::scatter_across);
+  return cube_root(fma(cosine * cosine, cosine, across * across * across)) /
+         sqrt(fma(scatter, drawing::scatter_length, 1.0F));
 }
 
 /// Adding it rounds numbers up to 2^21 to integers, which are the last bits of the sum. Conversions take longer.

@@ -39,7 +39,7 @@ constexpr double opacity_of_material = 0.65;   // mean along rays, on a dark bac
 
 Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index, const SurveyShapes& shapes) {
   SPLATVOL_TRY_ASSIGN(splats, survey_material(volume, index, shapes));
-  if (std::ranges::none_of(shapes.shapes, [](const format::SplatShape& shape) { return shape.mass > 0; }))
+  if (std::ranges::none_of(shapes.shapes, [](const SplatShape& shape) { return shape.mass > 0; }))
     return fail(
         ErrorCode::invalid_data,
         "{}: no point has a volume: all cells are flat, or all points lie in a plane; give cells with a volume, or "

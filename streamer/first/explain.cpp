@@ -57,8 +57,7 @@ Result<EmptyReason> why_without_material(const format::Volume& volume) {
   if (volume.info().find_column(format::ColumnKind::moments) < 0) return EmptyReason{};
   constexpr std::uint64_t most_splats = 1000;  // coarse ones have the material of all others
   SPLATVOL_TRY_ASSIGN(found, survey_shapes(volume, most_splats));
-  if (std::ranges::any_of(found.shapes, [](const format::SplatShape& shape) { return shape.mass > 0; }))
-    return EmptyReason{};
+  if (std::ranges::any_of(found.shapes, [](const SplatShape& shape) { return shape.mass > 0; })) return EmptyReason{};
   return EmptyReason{"no point has a volume: all cells are flat, or all points lie in a plane",
                      "give cells with a volume, or build with --connectivity none"};
 }

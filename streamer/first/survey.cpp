@@ -33,7 +33,7 @@ class RowReader {
   std::uint64_t page_number_ = 0;
 };
 
-SurveySplat splat_of(const dvec3& centroid, const format::SplatShape& shape, const format::SplatValue& value,
+SurveySplat splat_of(const dvec3& centroid, const SplatShape& shape, const SplatValue& value,
                      const format::Attribute& attribute) {
   SurveySplat splat;
   splat.center = centroid;
@@ -75,7 +75,7 @@ Result<SurveyShapes> survey_shapes(const format::Volume& volume, std::uint64_t m
     return format::unpack_centroids(entry, packed, out, info.cube, what);
   };
   const auto unpack_shapes = [&](const format::ChunkEntry& entry, const format::Bytes& packed,
-                                 std::span<format::SplatShape> out, const std::string& what) {
+                                 std::span<SplatShape> out, const std::string& what) {
     return format::unpack_moments(entry, packed, out, info.cube.edge, what);
   };
   RowReader reader(volume);
@@ -93,7 +93,7 @@ Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, i
   const format::VolumeInfo& info = volume.info();
   const int value_moments = info.find_column(format::ColumnKind::value_moments, attribute);
   if (value_moments < 0) return no_moments(volume);
-  std::vector<format::SplatValue> values;
+  std::vector<SplatValue> values;
   RowReader reader(volume);
   for (std::uint64_t group = 0; values.size() < shapes.centroids.size(); ++group)
     SPLATVOL_TRY(reader.append(volume.rows().row(shapes.resolution, group), volume.rows().group(group).count,

@@ -39,7 +39,7 @@ struct SurveySplat {
 struct SurveyShapes {
   std::size_t resolution = 0;
   std::vector<dvec3> centroids;
-  std::vector<format::SplatShape> shapes;
+  std::vector<SplatShape> shapes;
 };
 
 /// Reads the shapes of the splats of survey_resolution: some hundred KiB of any file. Fails if the file cannot be read,

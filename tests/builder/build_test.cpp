@@ -65,8 +65,8 @@ std::string temporary_path(const std::string& name) {
 
 struct Splat {
   dvec3 centroid;
-  format::SplatShape shape;
-  format::SplatValue value;
+  SplatShape shape;
+  SplatValue value;
 };
 
 // A file, decoded whole.
@@ -112,10 +112,10 @@ std::vector<Splat> read_splats(const format::Volume& volume, std::size_t resolut
     const auto chunk = [&](ColumnKind kind, int attribute) { return read_chunk(volume, row, kind, attribute); };
     const auto centroids =
         decode<dvec3>(chunk(ColumnKind::centroid, -1), count, within(volume.info().cube, format::unpack_centroids));
-    const auto shapes = decode<format::SplatShape>(chunk(ColumnKind::moments, -1), count,
-                                                   within(volume.info().cube.edge, format::unpack_moments));
+    const auto shapes = decode<SplatShape>(chunk(ColumnKind::moments, -1), count,
+                                           within(volume.info().cube.edge, format::unpack_moments));
     const Chunk value_chunk = chunk(ColumnKind::value_moments, 0);
-    const auto values = decode<format::SplatValue>(value_chunk, count, format::unpack_value_moments);
+    const auto values = decode<SplatValue>(value_chunk, count, format::unpack_value_moments);
     for (std::size_t i = 0; i < count; ++i) splats.push_back({centroids[i], shapes[i], values[i]});
   }
   return splats;
@@ -415,7 +415,7 @@ struct Total {
   glm::dvec4 mean{0};
   glm::dmat4 second{0};  // raw, about the origin
 
-  void add(double splat_mass, const dvec3& centroid, const dmat3& covariance, const format::SplatValue& value,
+  void add(double splat_mass, const dvec3& centroid, const dmat3& covariance, const SplatValue& value,
            const dvec3& value_covariance) {
     const glm::dvec4 y(centroid, value.mean);
     glm::dmat4 within(covariance);

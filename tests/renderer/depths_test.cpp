@@ -179,7 +179,9 @@ double share_in_front(double u) {
 
 TEST(Depths, ARoundSplatHasItsClosedForm) {
   const double deviation = 0.2, mass = 0.4, centre = 3;
-  const Material splat{.center = dvec3(0, 0, 0), .mass = mass, .deviations = dvec3(deviation)};
+  Material splat;
+  splat.mass = mass;
+  splat.deviations = dvec3(deviation);
   for (const bool orthographic : {false, true}) {
     const View view = test::view_from(dvec3(0, 0, centre), orthographic, 97, 97);
     const double pixel = (orthographic ? 1 : centre) / view.focal;
@@ -207,7 +209,9 @@ TEST(Depths, ARoundSplatHasItsClosedForm) {
 
 TEST(Depths, TheValueIsThatOfWhatIsInFront) {
   // A linear field along the line of sight: what a surface hides has the larger values.
-  Material splat{.center = dvec3(0), .mass = 0.4, .deviations = dvec3(0.2)};
+  Material splat;
+  splat.mass = 0.4;
+  splat.deviations = dvec3(0.2);
   splat.value = 0.5;
   splat.value_deviation = 0.1;
   splat.correlations = dvec3(0, 0, -1);

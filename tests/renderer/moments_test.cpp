@@ -14,6 +14,7 @@
 
 #include "renderer/device/device.h"
 #include "shared_context.h"
+#include "splat/ellipsoid.h"
 #include "splat/kernel.h"
 #include "tests/renderer/device_name.h"
 #include "tests/renderer/draw_parts.h"
@@ -42,8 +43,11 @@ struct Cluster {
 };
 
 Material material_of(const Cluster& cluster) {
-  return {cluster.position, cluster.mass,  cluster.deviations,      cluster.orientation,
-          cluster.boundary, cluster.value, cluster.value_deviation, cluster.correlation};
+  return {{cluster.mass, cluster.deviations, cluster.orientation, cluster.boundary},
+          cluster.position,
+          cluster.value,
+          cluster.value_deviation,
+          cluster.correlation};
 }
 
 std::vector<Material> materials_of(const std::vector<Cluster>& clusters, const dvec3& origin = dvec3(0)) {
@@ -80,7 +84,6 @@ TransferFunction uniform(double extinction) {
   return function;
 }
 
-/// A function with colours and bends between 0 and 1.
 /// The eye at `eye`, looking along -z, y up.
 View look(Camera camera, int width, int height) {
   camera.focal_point = camera.position - dvec3(0, 0, 1);
@@ -102,87 +105,26 @@ View orthographic_view(double world_height, int width = 65, int height = 65, dve
   return look(camera, width, height);
 }
 
-constexpr double half_axis = moments_half_width;  // the shaders repeat it
-
-/// A splat's ellipsoid in view coordinates, by its definition (docs/design.md), in double precision.
-struct Ellipsoid {
-  dvec3 centroid;
-  dmat3 axes;  // columns
-  dvec3 half_axes;
-  dvec3 kept;     // of the deviations, by the low-pass filter
-  dvec3 foot{0};  // of the perpendicular from the centroid to the boundary, in deviations; 0: no boundary
-
-  [[nodiscard]] bool is_bounded() const { return foot != dvec3(0); }
-  [[nodiscard]] double stretch() const { return std::sqrt(1 + glm::dot(foot, foot)); }
-
-  /// Turns a vector in units of the half axes into the coordinates in which the ellipsoid is the unit ball. At a
-  /// boundary this is the ellipsoid that has the material and its reflection, round the foot in the plane.
-  [[nodiscard]] dvec3 to_ball(dvec3 x) const {
-    return is_bounded() ? x + (1 / stretch() - 1) * glm::dot(foot, x) / glm::dot(foot, foot) * foot : x;
-  }
-};
-
-/// None if the splat is behind the eye.
-std::optional<Ellipsoid> ellipsoid_of(const Material& splat, const View& view) {
-  Ellipsoid result;
-  result.centroid = view.to_view(splat.center);
-  const dmat3 to_view = glm::transpose(dmat3(view.right, view.up, view.forward));
-  result.axes = to_view * glm::mat3_cast(splat.orientation);
-  const dvec3& deviations = splat.deviations;
-  const dvec3 depth_axis(result.axes[0].z, result.axes[1].z, result.axes[2].z);
-  result.foot = splat.boundary;
-  const double reach = half_axis * glm::length(depth_axis * deviations) * (1 + 1.1 * glm::length(result.foot));
-  if (result.centroid.z + reach <= 0) return {};
-  const double pixel =
-      (view.orthographic ? 1 : std::max(result.centroid.z, (result.centroid.z + reach) / 2)) / view.focal;
-  const dvec3 widened = glm::sqrt(deviations * deviations + 0.1 * pixel * pixel);
-  result.half_axes = half_axis * widened;
-  result.kept = deviations / widened;
-  if (result.is_bounded()) {
-    const dvec3 across = result.foot / glm::max(result.kept, 1e-3);
-    result.foot = across * (glm::dot(result.foot, result.foot) / glm::dot(across, across));
-  }
-  return result;
+/// The variance that rasterizers add to a splat; none if it is behind the eye.
+std::optional<double> widening(const Material& splat, const View& view) {
+  const double z = view.to_view(splat.center).z;
+  const dvec3 across = view.forward * glm::mat3_cast(splat.orientation) * splat.deviations;
+  const double reach = moments_half_width * glm::length(across) * (1 + 1.1 * glm::length(splat.boundary));
+  if (z + reach <= 0) return {};
+  const double pixel = (view.orthographic ? 1 : std::max(z, (z + reach) / 2)) / view.focal;
+  return pixel_variance * pixel * pixel;
 }
 
-/// The visible part of a ray in the ellipsoid, from s = begin to s = end.
-struct Chord {
-  dvec3 direction;                 // of the ray, view coordinates
-  dvec3 from_centroid, along_ray;  // of the ray, in units of the half axes
-  double inside;                   // 1 - b^2
-  double middle, half;             // of the whole chord
-  double begin, end;
-};
+/// The ray of a pixel; its direction has a depth of 1.
+struct PixelRay {
+  dvec3 origin, direction;
 
-/// The chord in front of a depth; none if the ray misses the material there.
-std::optional<Chord> chord_of(const Ellipsoid& body, const View& view, double pixel_x, double pixel_y,
-                              double depth = std::numeric_limits<double>::infinity()) {
-  Chord chord;
-  const double x = (pixel_x - 0.5 * view.width) / view.focal;
-  const double y = (pixel_y - 0.5 * view.height) / view.focal;
-  const dvec3 eye = view.orthographic ? dvec3(x, y, 0) : dvec3(0);
-  chord.direction = view.orthographic ? dvec3(0, 0, 1) : dvec3(x, y, 1);
-  chord.from_centroid = glm::transpose(body.axes) * (eye - body.centroid) / body.half_axes;
-  chord.along_ray = glm::transpose(body.axes) * chord.direction / body.half_axes;
-  const dvec3 o = body.to_ball(chord.from_centroid - body.foot / half_axis);
-  const dvec3 d = body.to_ball(chord.along_ray);
-  const double dd = glm::dot(d, d);
-  const dvec3 n = glm::cross(o, d);
-  chord.inside = 1 - glm::dot(n, n) / dd;
-  if (chord.inside <= 0) return {};
-  chord.middle = -glm::dot(o, d) / dd;
-  chord.half = std::sqrt(chord.inside / dd);
-  chord.begin = std::max(chord.middle - chord.half, 0.0);
-  chord.end = chord.middle + chord.half;
-  if (const double towards = glm::dot(body.foot, chord.along_ray); body.is_bounded()) {
-    const double cut =
-        (glm::dot(body.foot, body.foot) / half_axis - glm::dot(body.foot, chord.from_centroid)) / towards;
-    (towards < 0 ? chord.begin : chord.end) = towards < 0 ? std::max(chord.begin, cut) : std::min(chord.end, cut);
+  PixelRay(const View& view, double pixel_x, double pixel_y) : origin(view.eye), direction(view.forward) {
+    const dvec3 aside =
+        ((pixel_x - 0.5 * view.width) * view.right + (pixel_y - 0.5 * view.height) * view.up) / view.focal;
+    (view.orthographic ? origin : direction) += aside;
   }
-  chord.end = std::min(chord.end, depth);  // directions have a depth of 1
-  if (chord.end <= chord.begin) return {};
-  return chord;
-}
+};
 
 /// The integral of the density along a chord, and the mean of s there, by quadrature.
 struct DensityIntegral {
@@ -198,14 +140,11 @@ DensityIntegral integrate_density(const Chord& chord) {
   for (int i = 0; i < samples; ++i) {
     const double t = (i + 0.5) / samples;
     const double s = chord.begin + (chord.end - chord.begin) * t * t * (3 - 2 * t);
-    const double u = (s - chord.middle) / chord.half;
-    const double density = std::pow(std::max(1 - u * u, 0.0), 1.5) * 6 * t * (1 - t);
+    const double density = chord.density(s) * 6 * t * (1 - t);
     integral += density;
     moment += density * s;
   }
-  const double scale = std::pow(chord.inside, 1.5) * (chord.end - chord.begin) / samples * glm::length(chord.direction);
-  integral *= scale;
-  return {integral, integral > 0 ? moment * scale / integral : chord.begin};
+  return {integral * (chord.end - chord.begin) / samples, integral > 0 ? moment / integral : chord.begin};
 }
 
 /// Averages the transfer function over normally distributed values: colour, weighted with extinction; extinction.
@@ -238,28 +177,27 @@ double mean_cosine(double cosine, double unexplained) {
 /// quadrature, in double precision.
 dvec4 evaluate(const Material& splat, const View& view, double pixel_x, double pixel_y,
                const TransferFunction& function, const std::optional<Lighting>& lighting, double surface) {
-  const auto body = ellipsoid_of(splat, view);
-  if (!body) return dvec4(0);
-  const auto chord = chord_of(*body, view, pixel_x, pixel_y, surface);
+  const auto variance = widening(splat, view);
+  if (!variance) return dvec4(0);
+  const PixelRay ray(view, pixel_x, pixel_y);
+  auto chord = chord_of(ellipsoid_of(splat.center, splat, *variance), ray.origin, ray.direction);
   if (!chord) return dvec4(0);
+  chord->begin = std::max(chord->begin, 0.0);
+  chord->end = std::min(chord->end, surface);
+  if (chord->end <= chord->begin) return dvec4(0);
   const DensityIntegral density = integrate_density(*chord);
-  const double mass = (body->is_bounded() ? 2 : 1) * splat.mass;
-  const dvec3& half_axes = body->half_axes;
-  const double depth = mass * 8 / (pi * pi) / half_axes.x / half_axes.y / half_axes.z / body->stretch() * density.mass;
+  const double length = glm::length(ray.direction), depth = density.mass * length;
 
+  const LinearField field = field_of(splat.center, splat, value_of(splat), *variance);
+  const double slope = glm::dot(field.slope, ray.direction);
+  const dvec3 widened = glm::sqrt(splat.deviations * splat.deviations + *variance);
+  const double along = slope / glm::length(ray.direction * glm::mat3_cast(splat.orientation) / widened);
+  const double spread = std::sqrt(field.deviation * field.deviation + along * along);
+  const dvec4 material = average_transfer(function, field.at(ray.origin + density.mean_s * ray.direction), spread);
+
+  const double steepest = glm::length(field.slope);
+  const double cosine = steepest > 0 ? std::abs(slope) / steepest / length : 1;
   const dvec3& correlation = splat.correlations;
-  const dvec3 gradient = half_axis * splat.value_deviation * correlation * body->kept;
-  const dvec3 smoothed = correlation * correlation * (1.0 - body->kept * body->kept);
-  const double along = glm::dot(gradient, chord->along_ray) / glm::length(chord->along_ray) / half_axis;
-  const double spread = std::sqrt(std::pow(splat.value_deviation, 2.0) *
-                                      (1 - glm::dot(correlation, correlation) + smoothed.x + smoothed.y + smoothed.z) +
-                                  along * along);
-  const double mean = splat.value + glm::dot(gradient, chord->from_centroid + density.mean_s * chord->along_ray);
-  const dvec4 material = average_transfer(function, mean, spread);
-
-  const double slope = glm::length(gradient / half_axes);
-  const double cosine =
-      slope > 0 ? std::abs(glm::dot(gradient, chord->along_ray)) / slope / glm::length(chord->direction) : 1;
   const double unexplained = splat.value_deviation > 0 ? 1 - glm::dot(correlation, correlation) : 0;
   const double light = lighting ? lighting->ambient + lighting->diffuse * mean_cosine(cosine, unexplained) : 1;
   const double alpha = -std::expm1(-depth * material.a);

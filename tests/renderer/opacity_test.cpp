@@ -135,7 +135,7 @@ TEST(Opacity, AHiddenBodyIsNotThere) {
 
 // The mean over the values of a splat, as a step has it: the share of a normal distribution above the step.
 TEST(Opacity, IsTheMeanOverASplatsValues) {
-  const std::vector<Material> splat = {{.mass = 1.2, .deviations = dvec3(0.3)}};
+  const std::vector<Material> splat = {{{.mass = 1.2, .deviations = dvec3(0.3)}}};
   TransferFunction step = ramp();
   step.densities = {{0, 0}, {0.5, 0}, {0.5, 1}, {1, 1}};
   const auto depth = [](const Image& image) {
@@ -162,7 +162,7 @@ TEST(Opacity, IsTheMeanOverASplatsValues) {
 }
 
 TEST(Opacity, KnowsTheAxes) {
-  const std::vector<Material> splat = {{.mass = 1.2, .deviations = dvec3(0.3)}};
+  const std::vector<Material> splat = {{{.mass = 1.2, .deviations = dvec3(0.3)}}};
   const auto depth = [](const Image& image) {
     return -std::log1p(-static_cast<double>(image.at(image.width / 2, image.height / 2).a));
   };

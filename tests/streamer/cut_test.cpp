@@ -255,7 +255,7 @@ bool ellipsoid_is_visible(const View& view, const TestVolume& volume, std::size_
     }
     return points;
   }();
-  const format::SplatShape& shape = volume.shapes[resolution][i];
+  const SplatShape& shape = volume.shapes[resolution][i];
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   return std::ranges::any_of(ball, [&](const dvec3& b) {
     const dvec3 p = view.to_view(volume.centroids[resolution][i] + axes * (std::sqrt(12.0) * shape.deviations * b));

@@ -17,8 +17,8 @@ const Cube cube{dvec3(1e5, -1e5, 7), edge};
 
 struct Points {
   std::vector<dvec3> positions;
-  std::vector<format::SplatShape> shapes;
-  std::vector<format::SplatValue> values;
+  std::vector<SplatShape> shapes;
+  std::vector<SplatValue> values;
 };
 
 // Materials of sizes up to `size`, over `octaves` octaves.
@@ -29,7 +29,7 @@ Points random_points(std::size_t count, double size, double octaves) {
   Points points;
   for (std::size_t i = 0; i < count; ++i) {
     points.positions.push_back(cube.origin + edge * dvec3(number(random), number(random), number(random)));
-    format::SplatShape shape;
+    SplatShape shape;
     const double deviation = size * std::exp2(-octaves * number(random));
     shape.deviations = deviation * dvec3(1, number(random), i % 7 == 0 ? 0 : 1e-3);
     if (shape.deviations.z > shape.deviations.y) std::swap(shape.deviations.y, shape.deviations.z);
@@ -64,7 +64,7 @@ Decoded decode(const Points& points, double error) {
   EXPECT_TRUE(shape_row && value_row);
   Decoded decoded{
       {std::make_shared<ShapeRow>(std::move(*shape_row)), std::make_shared<ValueRow>(std::move(*value_row))},
-      {std::vector<dvec3>(count), std::vector<format::SplatShape>(count), std::vector<format::SplatValue>(count)}};
+      {std::vector<dvec3>(count), std::vector<SplatShape>(count), std::vector<SplatValue>(count)}};
   Points& numbers = decoded.numbers;
   EXPECT_TRUE(format::unpack_centroids(positions.entry, positions.bytes, numbers.positions, cube, "test"));
   EXPECT_TRUE(format::unpack_moments(shapes.entry, shapes.bytes, numbers.shapes, edge, "test"));
@@ -72,7 +72,7 @@ Decoded decode(const Points& points, double error) {
   return decoded;
 }
 
-void expect_shape(const Material& material, const format::SplatShape& shape) {
+void expect_shape(const Material& material, const SplatShape& shape) {
   for (int k = 0; k < 3; ++k) {
     EXPECT_DOUBLE_EQ(material.deviations[k], shape.deviations[k]) << "log codes stay";
     EXPECT_DOUBLE_EQ(material.boundary[k], shape.boundary[k]);
@@ -81,7 +81,7 @@ void expect_shape(const Material& material, const format::SplatShape& shape) {
   for (int k = 0; k < 3; ++k) EXPECT_LT(glm::distance(before[k], after[k]), 1e-5);
 }
 
-void expect_value(const Material& material, const format::SplatValue& value) {
+void expect_value(const Material& material, const SplatValue& value) {
   EXPECT_EQ(material.value, static_cast<double>(static_cast<float>(value.mean)));
   EXPECT_DOUBLE_EQ(material.value_deviation, value.deviation);
   for (int k = 0; k < 3; ++k) EXPECT_NEAR(material.correlations[k], value.correlation[k], 0.5 / 127 + 1e-9);
@@ -93,8 +93,8 @@ void expect_same(const Decoded& decoded) {
   ASSERT_EQ(row.values->size(), numbers.shapes.size());
   for (std::uint32_t i = 0; i < row.shapes->size(); ++i) {
     const Material material = unpack(row, i);
-    const format::SplatShape& shape = numbers.shapes[i];
-    const format::SplatValue& value = numbers.values[i];
+    const SplatShape& shape = numbers.shapes[i];
+    const SplatValue& value = numbers.values[i];
     const RecordBlock& block = row.shapes->blocks()[block_of(*row.shapes, i)];
     const dvec3& d = shape.deviations;
     EXPECT_LE(glm::distance(block.origin + material.center, numbers.positions[i]), (d.z > 0   ? d.z
@@ -130,7 +130,7 @@ TEST(DecodeRows, TakesOrientationsOfAllWidths) {
   std::vector<bool> widths(9);
   for (const double aspect : {1.0, 10.0, 60.0, 300.0, 3e3, 1e4, 1e6}) {
     Points points = random_points(100, 1, 0);
-    for (format::SplatShape& shape : points.shapes) shape.deviations = dvec3(1, 0.5, 0.5) / dvec3(1, 1, aspect);
+    for (SplatShape& shape : points.shapes) shape.deviations = dvec3(1, 0.5, 0.5) / dvec3(1, 1, aspect);
     const format::PackedChunk packed = format::pack_moments(points.shapes, edge);
     widths[(packed.entry.unpacked_bytes - sizeof(format::MomentsHeader)) / 100 - 15] = true;
     expect_same(decode(points, 1e-9));
@@ -140,7 +140,7 @@ TEST(DecodeRows, TakesOrientationsOfAllWidths) {
 
 TEST(DecodeRows, KeepsAxesOfCoordinatesExactly) {
   Points points = random_points(64, 1, 0);
-  for (format::SplatShape& shape : points.shapes) {
+  for (SplatShape& shape : points.shapes) {
     shape.deviations = dvec3(1, 0.5, 0.25);
     shape.orientation = glm::dquat(1, 0, 0, 0);
   }

@@ -161,7 +161,7 @@ Described described(const dmat3& axes, const dvec3& deviations, double value_dev
   return result;
 }
 
-void expect_moments(const Material& splat, const format::SplatShape& shape, const format::SplatValue& value) {
+void expect_moments(const Material& splat, const SplatShape& shape, const SplatValue& value) {
   // Numbers are rounded to codes in the file and again in the record. The code of the coverage is off by less than a
   // quantisation step, twice.
   const double code_error = log_code_error * log_code_error;
@@ -201,7 +201,7 @@ void expect_moments(const Material& splat, const format::SplatShape& shape, cons
 std::vector<double> mean_errors(const TestVolume& volume, std::size_t attribute, std::size_t resolution) {
   const double range = volume.info.attributes[attribute].max - volume.info.attributes[attribute].min;
   std::vector<double> errors;
-  for (const format::SplatValue& value : volume.signals[attribute][resolution])
+  for (const SplatValue& value : volume.signals[attribute][resolution])
     errors.push_back(0.07 * value.deviation + 1.2e-6 * range);
   return errors;
 }
@@ -218,12 +218,12 @@ TEST(Streamer, HandsOnMomentsAtEachResolution) {
 
       // At most 1/64 of the smallest deviation of a chunk, which is at most the largest deviation of all.
       double reach = 1e-7;
-      for (const format::SplatShape& shape : volume.shapes[r]) reach = std::max(reach, shape.deviations[2] / 64);
+      for (const SplatShape& shape : volume.shapes[r]) reach = std::max(reach, shape.deviations[2] / 64);
       const auto splats = match(placed_splats(**frame), volume.centroids[r], reach);
       ASSERT_EQ(splats.size(), volume.centroids[r].size());
       const auto errors = mean_errors(volume, a, r);
       for (std::size_t i = 0; i < splats.size(); ++i) {
-        const format::SplatValue& value = volume.signals[a][r][i];
+        const SplatValue& value = volume.signals[a][r][i];
         ASSERT_NO_FATAL_FAILURE(expect_moments(splats[i].material, volume.shapes[r][i], value))
             << "resolution " << r << ", splat " << i;
         if (value.coverage == 0) continue;
@@ -326,7 +326,7 @@ TEST(Streamer, MomentsAreShownWhereTheirMaterialIsVisible) {
       if (!(material.min <= material.max)) continue;
       if (!extinction_within(function, static_cast<double>(material.min), static_cast<double>(material.max))) continue;
       ++visible;
-      const format::SplatValue& value = volume.signals[1][r][i];
+      const SplatValue& value = volume.signals[1][r][i];
       visible_by_material += function.extinction(value.mean) == 0;
       const auto found = std::ranges::lower_bound(means, value.mean - errors[i]);
       ASSERT_TRUE(found != means.end() && *found <= value.mean + errors[i]) << "resolution " << r << ", splat " << i;

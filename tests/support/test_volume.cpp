@@ -240,7 +240,7 @@ std::vector<Sample> samples_of(const TestVolume& volume, const Indices& cluster,
   return samples;
 }
 
-format::SplatShape shape_of(const Moments& moments) {
+SplatShape shape_of(const Moments& moments) {
   dmat3 covariance;
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
@@ -251,10 +251,9 @@ format::SplatShape shape_of(const Moments& moments) {
   return {moments.mass, glm::sqrt(variances), glm::normalize(glm::quat_cast(axes))};
 }
 
-format::SplatValue value_of(const Moments& moments, const format::SplatShape& shape) {
+SplatValue value_of(const Moments& moments, const SplatShape& shape) {
   if (moments.mass == 0) return {};
-  format::SplatValue value{moments.mean[3], std::sqrt(moments.covariance[3][3]), dvec3(0), 1,
-                           moments.mass / shape.mass};
+  SplatValue value{moments.mean[3], std::sqrt(moments.covariance[3][3]), dvec3(0), 1, moments.mass / shape.mass};
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   const dvec3 covariance(moments.covariance[0][3], moments.covariance[1][3], moments.covariance[2][3]);
   for (int k = 0; k < 3; ++k) {
@@ -378,9 +377,9 @@ format::VolumeInfo info_of(int attributes, const TestVolumeOptions& options) {
 }
 
 // Returns the largest error that spec 8 advises: under 1/64 of the smallest deviation.
-double centroid_error(std::span<const format::SplatShape> shapes) {
+double centroid_error(std::span<const SplatShape> shapes) {
   double smallest = std::numeric_limits<double>::infinity();
-  for (const format::SplatShape& shape : shapes)
+  for (const SplatShape& shape : shapes)
     for (int k = 0; k < 3; ++k)
       if (shape.deviations[k] > 0) smallest = std::min(smallest, shape.deviations[k]);
   return std::isfinite(smallest) ? smallest / 65 : 0;
@@ -428,7 +427,7 @@ format::Histograms histograms_of(const TestVolume& volume) {
 }  // namespace
 
 dvec3 TestVolume::moments_extent(std::size_t resolution, std::size_t point) const {
-  const format::SplatShape& shape = shapes[resolution][point];
+  const SplatShape& shape = shapes[resolution][point];
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   dvec3 extent(0);
   for (int axis = 0; axis < 3; ++axis)

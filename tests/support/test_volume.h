@@ -55,10 +55,10 @@ struct TestVolume {
   // The material of a point is a few parcels at random positions in an ellipsoid round the point. Some points have one
   // parcel, some have parcels in a plane, some have none. The numbers of a splat are those of all parcels of its
   // cluster.
-  std::vector<std::vector<Parcel>> parcels;                           // [point]
-  std::vector<std::vector<dvec3>> centroids;                          // [resolution][point < n_r]
-  std::vector<std::vector<format::SplatShape>> shapes;                // [resolution][point < n_r]
-  std::vector<std::vector<std::vector<format::SplatValue>>> signals;  // [attribute][resolution][point < n_r]
+  std::vector<std::vector<Parcel>> parcels;                   // [point]
+  std::vector<std::vector<dvec3>> centroids;                  // [resolution][point < n_r]
+  std::vector<std::vector<SplatShape>> shapes;                // [resolution][point < n_r]
+  std::vector<std::vector<std::vector<SplatValue>>> signals;  // [attribute][resolution][point < n_r]
   std::vector<std::vector<std::vector<format::ValueSummary>>>
       materials;                             // likewise: summary of the values of the material
   std::vector<std::vector<vec3>> gradients;  // [attribute][point]: of any length, some 0

@@ -184,13 +184,13 @@ class Dump {
             points, [&](auto out) { return format::unpack_values(entry, packed, out, "dump"); },
             [](float value) { return number(double{value}); });
       case ColumnKind::moments:
-        return lines_of<format::SplatShape>(
+        return lines_of<SplatShape>(
             points, [&](auto out) { return format::unpack_moments(entry, packed, out, cube.edge, "dump"); },
-            [](const format::SplatShape& shape) { return text_of(shape); });
+            [](const SplatShape& shape) { return text_of(shape); });
       case ColumnKind::value_moments:
-        return lines_of<format::SplatValue>(
+        return lines_of<SplatValue>(
             points, [&](auto out) { return format::unpack_value_moments(entry, packed, out, "dump"); },
-            [](const format::SplatValue& value) { return text_of(value); });
+            [](const SplatValue& value) { return text_of(value); });
       case ColumnKind::gradient:
         return lines_of<vec3>(
             points, [&](auto out) { return format::unpack_gradients(entry, packed, out, "dump"); },
@@ -212,14 +212,14 @@ class Dump {
     return lines;
   }
 
-  static std::string text_of(const format::SplatShape& shape) {
+  static std::string text_of(const SplatShape& shape) {
     const glm::dquat& q = shape.orientation;
     return fmt::format("{} deviations {} turn {} {} {} {} boundary {} density {}", number(shape.mass),
                        vector(shape.deviations), share(q.w), share(q.x), share(q.y), share(q.z), vector(shape.boundary),
                        number(shape.density));
   }
 
-  static std::string text_of(const format::SplatValue& value) {
+  static std::string text_of(const SplatValue& value) {
     const dvec3& c = value.correlation;
     return fmt::format("{} deviation {} correlation {} {} {} residual {} coverage {}", number(value.mean),
                        number(value.deviation), share(c.x), share(c.y), share(c.z), share(value.residual),

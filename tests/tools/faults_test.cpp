@@ -179,7 +179,7 @@ TEST_F(Faults, FewThreadsAreEnoughOrAreTold) {
   make_inputs();
   for (const std::string use : uses)
     for (const int threads : test::sample_of<int>({1, 3, 0, 2, 5, 8, 13}, 2))
-      expect_success_or_one_line("SPLATVOL_THREADS=" + std::to_string(threads) +
+      expect_success_or_one_line("ulimit -S -u 100000 2> /dev/null; SPLATVOL_THREADS=" + std::to_string(threads) +
                                  " LD_PRELOAD=" SPLATVOL_NO_THREADS " timeout 60 " + use);
 }
 

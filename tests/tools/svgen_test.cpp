@@ -11,8 +11,8 @@
 #include "base/file.h"
 #include "builder/opening/open_source.h"
 #include "builder/sources/generator.h"
-#include "builder/sources/refined_source.h"
 #include "builder/sources/vtk/writer.h"
+#include "tools/refined_source.h"
 
 namespace splatvol {
 namespace {

@@ -36,15 +36,12 @@ bool has_voxel(const Box& box) {
 }
 
 VoxelSplat make_splat(const format::SplatGroup& group, std::size_t i, const VoxelFrame& frame) {
-  format::SplatShape shape = group.shapes[i];
+  SplatShape shape = group.shapes[i];
   shape.deviations /= frame.voxel;
-  const dvec3 centroid = frame.position(group.centroids[i]);
-  VoxelSplat splat{VoxelKernel(centroid, shape), centroid, shape.mass, {}};
-  const dmat3 axes = glm::mat3_cast(shape.orientation);
+  VoxelSplat splat{VoxelKernel(frame.position(group.centroids[i]), shape), shape.mass, {}};
   for (const auto& of_attribute : group.materials) {
-    const format::SplatValue& value = of_attribute[i];
-    const dvec3 covariance = axes * (value.deviation * value.correlation * shape.deviations);
-    splat.values.push_back({shape.mass * value.coverage, value.mean, splat.kernel.slope(covariance)});
+    const SplatValue& value = of_attribute[i];
+    splat.values.push_back({shape.mass * value.coverage, splat.kernel.field(shape, value)});
   }
   return splat;
 }

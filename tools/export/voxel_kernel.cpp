@@ -26,33 +26,27 @@ std::int32_t last_voxel(double to) {
 
 }  // namespace
 
-VoxelKernel::VoxelKernel(const dvec3& centroid, const format::SplatShape& shape)
-    : centroid_(centroid), centre_(centroid) {
-  const dmat3 axes = glm::mat3_cast(shape.orientation);
-  dmat3 covariance(voxel_variance);
-  for (int k = 0; k < 3; ++k) {
-    const double deviation = shape.deviations[k];
-    covariance += deviation * deviation * glm::outerProduct(axes[k], axes[k]);
-    if (deviation > 0) cut_normal_ += shape.boundary[k] / deviation * axes[k];
-  }
-  to_slope_ = glm::inverse(covariance);
-  if (cut_normal_ != dvec3(0)) {
-    const dvec3 shift = format::reflection_shift(shape);
-    cut_offset_ = glm::dot(shape.boundary, shape.boundary);
-    centre_ += shift;
-    covariance += glm::outerProduct(shift, shift);
-  }
-  square_ = moments_half_width * moments_half_width * covariance;
-  inverse_ = glm::inverse(square_);
-  volume_ = 4 * std::numbers::pi / 3 * std::sqrt(glm::determinant(square_));
+VoxelKernel::VoxelKernel(const dvec3& centroid, const SplatShape& shape) : centroid_(centroid) {
+  SplatShape unit = shape;
+  unit.mass = 1;
+  ellipsoid_ = ellipsoid_of(centroid, unit, voxel_variance);
+  ellipsoid_.peak = 1;
+  const dmat3 from = from_ball(shape, voxel_variance);
+  square_ = from * glm::transpose(from);
+  inverse_ = glm::transpose(ellipsoid_.to_ball) * ellipsoid_.to_ball;
+  volume_ = 4 * std::numbers::pi / 3 * std::abs(glm::determinant(from));
 }
 
 bool VoxelKernel::reaches(const Box& box) const {
   for (int k = 0; k < 3; ++k) {
-    const double reach = std::sqrt(square_[k][k]);
-    if (centre_[k] + reach < box.low[k] || centre_[k] - reach > box.high[k]) return false;
+    const double centre = ellipsoid_.centre[k], reach = ellipsoid_.reach[k];
+    if (centre + reach < box.low[k] || centre - reach > box.high[k]) return false;
   }
   return true;
+}
+
+LinearField VoxelKernel::field(const SplatShape& shape, const SplatValue& value) const {
+  return field_of(centroid_, shape, value, voxel_variance);
 }
 
 // Calls visit(run, offset) for each voxel run whose centres are in the ellipsoid and in the box, until it returns
@@ -61,42 +55,39 @@ bool VoxelKernel::reaches(const Box& box) const {
 template <class Visit>
 bool VoxelKernel::visit_rows(const Box& box, std::size_t most, const Visit& visit) const {
   const dmat3 &q = square_, &p = inverse_;
+  const dvec3& centre = ellipsoid_.centre;
   const double most_x = std::sqrt(q[0][0]);
-  if (first_voxel(std::max(centre_.x - most_x, box.low.x)) > last_voxel(std::min(centre_.x + most_x, box.high.x)))
+  if (first_voxel(std::max(centre.x - most_x, box.low.x)) > last_voxel(std::min(centre.x + most_x, box.high.x)))
     return true;
   std::size_t rows = 0;
   const double reach_z = std::sqrt(q[2][2]);
-  const std::int32_t last_z = last_voxel(std::min(centre_.z + reach_z, box.high.z));
-  for (std::int32_t z = first_voxel(std::max(centre_.z - reach_z, box.low.z)); z <= last_z; ++z) {
+  const std::int32_t last_z = last_voxel(std::min(centre.z + reach_z, box.high.z));
+  for (std::int32_t z = first_voxel(std::max(centre.z - reach_z, box.low.z)); z <= last_z; ++z) {
     // The projection along x is an ellipse; its matrix gives its chords.
-    const double dz = z - centre_.z;
+    const double dz = z - centre.z;
     const double reach_y = std::sqrt(std::max(0.0, (q[1][1] - q[1][2] * q[1][2] / q[2][2]) * (1 - dz * dz / q[2][2])));
-    const double middle_y = centre_.y + q[1][2] / q[2][2] * dz;
+    const double middle_y = centre.y + q[1][2] / q[2][2] * dz;
     const std::int32_t last_y = last_voxel(std::min(middle_y + reach_y, box.high.y));
     for (std::int32_t y = first_voxel(std::max(middle_y - reach_y, box.low.y)); y <= last_y; ++y) {
       if (rows++ == most) return false;
-      const double dy = y - centre_.y;
+      const double dy = y - centre.y;
       const double slant = -(p[0][1] * dy + p[0][2] * dz) / p[0][0];
       const double rest = p[1][1] * dy * dy + 2 * p[1][2] * dy * dz + p[2][2] * dz * dz;
       const double square = slant * slant + (1 - rest) / p[0][0];
       if (!(square > 0)) continue;
       const double reach_x = std::sqrt(square);
-      const std::int32_t first = first_voxel(std::max(centre_.x + slant - reach_x, box.low.x));
-      const std::int32_t last = last_voxel(std::min(centre_.x + slant + reach_x, box.high.x));
+      const std::int32_t first = first_voxel(std::max(centre.x + slant - reach_x, box.low.x));
+      const std::int32_t last = last_voxel(std::min(centre.x + slant + reach_x, box.high.x));
       if (first > last) continue;
       const Run run{first, y, z, static_cast<std::uint32_t>(std::int64_t{last} - first) + 1};
-      if (!visit(run, dvec3(first - centre_.x, dy, dz))) return false;
+      if (!visit(run, dvec3(first - centre.x, dy, dz))) return false;
     }
   }
   return true;
 }
 
 bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& runs, std::vector<double>& shares) const {
-  Box reach;
-  for (int k = 0; k < 3; ++k) {
-    reach.low[k] = centre_[k] - std::sqrt(square_[k][k]);
-    reach.high[k] = centre_[k] + std::sqrt(square_[k][k]);
-  }
+  const Box reach{ellipsoid_.centre - ellipsoid_.reach, ellipsoid_.centre + ellipsoid_.reach};
   Box both = reach;
   both.include(box);
   const bool integrate = volume_ > most_outside && both != box;
@@ -106,16 +97,15 @@ bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& run
     if (run.count > most - (shares.size() - first_share)) return false;
     runs.push_back(run);
     for (std::uint32_t i = 0; i < run.count; ++i, offset.x += 1) {
-      const double height = std::max(0.0, 1 - glm::dot(offset, inverse_ * offset));
-      const bool beyond = glm::dot(cut_normal_, offset + centre_ - centroid_) > cut_offset_;
-      shares.push_back(beyond ? 0 : height * std::sqrt(height));
+      const dvec3 place = ellipsoid_.to_ball * offset;
+      shares.push_back(ellipsoid_.is_cut_off(place) ? 0 : ellipsoid_.density(place));
       sum += shares.back();
     }
     return true;
   });
   if (!fits) return false;
   if (integrate) {
-    sum = volume_ * 3 / (4 * std::numbers::pi * moments_peak) * (cut_normal_ != dvec3(0) ? 0.5 : 1.0);
+    sum = volume_ * 3 / (4 * std::numbers::pi * moments_peak) * (ellipsoid_.has_boundary() ? 0.5 : 1.0);
   } else if (!(sum > 0)) {
     // No centre of a voxel is in the ellipsoid on the material's side of the boundary: the nearest voxel gets all.
     runs.resize(first_run);

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/math.h"
-#include "format/columns.h"
+#include "splat/ellipsoid.h"
 
 namespace splatvol {
 
@@ -15,7 +15,7 @@ namespace splatvol {
 class VoxelKernel {
  public:
   /// `centroid` and `shape` are in voxels. Requires finite numbers, and voxels that std::int32_t can number.
-  VoxelKernel(const dvec3& centroid, const format::SplatShape& shape);
+  VoxelKernel(const dvec3& centroid, const SplatShape& shape);
 
   /// Returns about how many voxels are in the ellipsoid.
   [[nodiscard]] double volume() const { return volume_; }
@@ -23,8 +23,8 @@ class VoxelKernel {
   /// Whether the kernel reaches into a box.
   [[nodiscard]] bool reaches(const Box& box) const;
 
-  /// Returns the slope of a value that has this covariance with the position.
-  [[nodiscard]] dvec3 slope(const dvec3& covariance) const { return to_slope_ * covariance; }
+  /// Returns the field of a value in the blurred material. `shape`: that of the constructor.
+  [[nodiscard]] LinearField field(const SplatShape& shape, const SplatValue& value) const;
 
   /// A voxel run: consecutive voxels along x.
   struct Run {
@@ -44,12 +44,9 @@ class VoxelKernel {
   bool visit_rows(const Box& box, std::size_t most, const Visit& visit) const;
 
   dvec3 centroid_;
-  dvec3 centre_;         // of the ellipsoid
+  Ellipsoid ellipsoid_;  // with a density of 1 at the centre
   dmat3 square_;         // L L^T, L from the unit ball to the ellipsoid
   dmat3 inverse_;        // of it
-  dmat3 to_slope_;       // inverse of the covariance
-  dvec3 cut_normal_{0};  // of the boundary plane, outwards; 0: no boundary
-  double cut_offset_ = 0;
   double volume_;
 };
 

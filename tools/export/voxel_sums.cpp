@@ -76,10 +76,9 @@ Status VoxelSums::add(const VoxelSplat& splat, const Spread& spread) {
       SPLATVOL_TRY_ASSIGN(brick, voxels_of_brick({x >> 3, run.y >> 3, run.z >> 3}));
       double* sum = brick + static_cast<std::size_t>((x & 7) << 6 | (run.y & 7) << 3 | (run.z & 7)) * sums_;
       *sum++ += splat.mass * *share;
-      const dvec3 offset = dvec3(x, run.y, run.z) - splat.centroid;
       for (const VoxelSplat::Value& value : splat.values) {
         *sum++ += value.mass * *share;
-        *sum++ += value.mass * *share * (value.mean + glm::dot(value.slope, offset));
+        *sum++ += value.mass * *share * value.field.at(dvec3(x, run.y, run.z));
       }
     }
   }

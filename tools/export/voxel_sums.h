@@ -17,12 +17,10 @@ namespace splatvol {
 /// A splat on its way into voxels; lengths in voxels.
 struct VoxelSplat {
   VoxelKernel kernel;
-  dvec3 centroid;
   double mass;
   struct Value {
     double mass;  // of the material that has a value
-    double mean;
-    dvec3 slope;
+    LinearField field;
   };
   std::vector<Value> values;  // [attribute]
 };

@@ -86,7 +86,7 @@ using Columns = std::vector<std::vector<double>>;
 void append(std::vector<double>& column, const dvec3& v) { column.insert(column.end(), {v.x, v.y, v.z}); }
 
 // Returns S^-1 c; S is diagonal along the principal axes. Leaves out axes without extent, where it would not be finite.
-dvec3 gradient_of(const format::SplatValue& value, const format::SplatShape& shape, const dmat3& axes) {
+dvec3 gradient_of(const SplatValue& value, const SplatShape& shape, const dmat3& axes) {
   dvec3 gradient(0);
   if (!(value.coverage > 0)) return gradient;
   for (int k = 0; k < 3; ++k) {
@@ -169,7 +169,7 @@ class VtuFile {
       append(*column++, group.positions[i]);
       for (std::size_t a = 0; a < attributes_.size(); ++a)
         (column++)->push_back(attributes_[a].value(static_cast<double>(group.values[a][i])));
-      const format::SplatShape& shape = group.shapes[i];
+      const SplatShape& shape = group.shapes[i];
       const dmat3 axes = glm::mat3_cast(shape.orientation);
       dmat3 covariance(0);
       for (int k = 0; k < 3; ++k)
@@ -179,7 +179,7 @@ class VtuFile {
       append(*column, {covariance[0][0], covariance[1][1], covariance[2][2]});
       append(*column++, {covariance[1][0], covariance[2][1], covariance[2][0]});
       for (std::size_t a = 0; a < attributes_.size(); ++a) {
-        format::SplatValue value = group.materials[a][i];
+        SplatValue value = group.materials[a][i];
         value.mean = attributes_[a].value(value.mean);
         value.deviation *= attributes_[a].scale;
         const double none = value.coverage > 0 ? 0 : std::numeric_limits<double>::quiet_NaN();

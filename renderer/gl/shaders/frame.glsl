@@ -35,8 +35,7 @@ Axis value_axis() {
 }
 
 const int table_margin = 16;  // TransferTable::margin
-const float largest_t_deviation = 1e16, farthest_t = 3e17;  // common.h
-
+@SPLAT_CONSTANTS@
 // Returns t of a stored value.
 float axis_position(Axis axis, float stored) {
   float x = stored;

@@ -28,11 +28,11 @@ float at_s(vec2 s, float constant, vec2 slope, vec3 bend) {
 }
 
 // A chord runs from -1 to 1, with the density (1 - u^2)^(3/2). Returns the share of its mass up to u, and the mean of u
-// there. These are polynomials: the share is exact to 1e-4, the mean times the share to 1e-3.
+// there.
 vec2 part_of_chord(float u) {
   u = clamp(u, -1.0, 1.0);
   float square = u * u;
-  float odd = u * (0.84812573 - square * (0.41694202 - square * (0.04308751 + square * 0.02572878)));
+  float odd = u * (share_1 - square * (share_3 - square * (share_5 + square * share_7)));
   return vec2(max(0.5 + odd, 0.0),
-              -(1.0 - u) * (1.0 - u) * (0.34125103 + u * (0.10559957 - u * (0.03936548 + u * 0.0791528))));
+              -(1.0 - u) * (1.0 - u) * (mean_0 + u * (mean_1 - u * (mean_2 + u * mean_3))));
 }

@@ -1,5 +1,4 @@
 // The near form: any ellipsoid, with the eye beside or inside it.
-const float pi = 3.14159265;
 
 // Returns the integrals of (1 - u^2)^(3/2) and of u (1 - u^2)^(3/2) from u to 1. Near 1, where the difference would
 // cancel, it uses a series.

@@ -1,7 +1,5 @@
-// The kernel `moments`: an ellipsoid with the material's covariance, whose density falls as (1 - rho^2)^(3/2). Material
-// that ends at a boundary plane is half of a larger ellipsoid (docs/design.md). In the coordinates x' = L^-1 x the
-// ellipsoid is the unit ball round the origin. A ray o' + s d' passes the centre at the squared distance b^2 =
-// |o' x d'|^2 / |d'|^2 and has the integral 3 pi / 8 (1 - b^2)^2 / |d'|.
+// The kernel `moments`: docs/design.md, "A splat". In the coordinates x' = L^-1 x the ellipsoid is the unit ball round the
+// origin, and a ray is o' + s d'.
 
 struct Splat {
   vec3 position;     // view coordinates
@@ -17,16 +15,6 @@ const uint shape_size = 7u;  // words
 const uint value_size = 3u;
 
 layout(binding = 1) uniform sampler1D peak_table;  // level k: the largest extinction of 2^k entries of level 0
-
-const float pi = 3.14159265;
-const float low_pass = 0.1;         // variance that the raster adds, squared pixels
-const float faintest_depth = 3e-4;  // optical depth of the part that is cut
-const float widest_cut = 0.7;       // share of the squared radius that is cut off the faintest splat, at most
-const float least_depth = 1e-7;     // a splat that is fainter everywhere is left out
-const float nearest = 1.05;         // in distances at which the eye's plane touches it: a closer ellipsoid is near
-const float largest = 8.0;          // pictures; a larger outline makes it near too: clipping is not exact that far out
-const float most_change = 0.3;      // of |d'|^2 within the outline, for the far form
-const float smallest_float = 1e-30;
 
 // The ellipsoid. Lengths are in pixels, of the size that they have in the middle of its visible part.
 struct Body {
@@ -120,10 +108,7 @@ mat3 view_axes(Splat splat) {
   return transpose(mat3(rotate_to_view(x), rotate_to_view(y), rotate_to_view(cross(x, y))));
 }
 
-// Sets the boundary of a splat that has one, and moves `foot` from the centroid's perpendicular to the centre of the
-// ellipsoid. The material is half of this ellipsoid, which holds the material and its reflection at the boundary: it is
-// stretched along the foot, so that its covariance is 1 + foot foot^T in deviations. The low-pass filter, which keeps
-// `kept` of the deviations, does not move the plane.
+// Sets the boundary of a splat that has one, and widens `foot`. `kept`: what widening keeps of the deviations.
 void set_boundary(vec3 kept, inout vec3 foot, inout Body body) {
   vec3 across = foot / max(kept, 1e-3);
   foot = across * (dot(foot, foot) / dot(across, across));
@@ -160,7 +145,7 @@ bool make_body(Splat splat, out Body body, out Value value) {
   float reach_z = half_axis * length(axes[2] * deviations) * (1.0 + 1.1 * length(foot));
   if (!(centre.z + reach_z > 0.0)) return false;
   float middle_z = is_orthographic() ? 1.0 : max(centre.z, 0.5 * (centre.z + reach_z));
-  body.pixel_size = max(middle_z / frame.focal, smallest_float);
+  body.pixel_size = max(middle_z / frame.focal, smallest_pixel);
   deviations /= body.pixel_size;
   vec3 widened = sqrt(deviations * deviations + low_pass);
   vec3 kept = deviations / widened;
@@ -185,7 +170,7 @@ bool make_body(Splat splat, out Body body, out Value value) {
 
   set_axes(axes, half_axis * widened, stretch, body);
   reach_z = length(body.l_z);
-  body.near = body.centre.z < nearest * reach_z;
+  body.near = body.centre.z < nearest_distance * reach_z;
   return body.centre.z + reach_z > 0.0;
 }
 
@@ -241,9 +226,7 @@ void make_box(Body body, vec2 half_image, out Outline outline) {
   outline.e_2 = vec2(0.0, 0.5 * (high.y - low.y));
 }
 
-// Makes an outline of the ellipse. x and y are sheared so that the centre lies straight ahead. With L L^T = (Q, q; q^T,
-// r^2), the ellipse's matrix is (Q + q q^T / (z^2 - r^2)) / (z^2 - r^2) and its centre -q / (z^2 - r^2). Any pair of
-// conjugate half axes bounds the same area. Determinants come from cross products, which do not cancel.
+// Makes an outline of the ellipse.
 void make_ellipse(Body body, out Outline outline) {
   bool orthographic = is_orthographic();
   outline.anchor = orthographic ? body.centre.xy : body.centre.xy / body.centre.z;
@@ -440,7 +423,7 @@ bool set_ellipse_forms(Body body, Value value, Outline outline, Rays rays, float
   if (!(brightest > least_depth)) return false;
   float cut = min(sqrt(faintest_depth / brightest), widest_cut);
   quad.reach = sqrt(1.0 - cut);
-  terms.depth /= 1.0 - cut * cut * cut * sqrt(cut) * (0.5935 + cut * (0.0813 + cut * 0.4829));
+  terms.depth /= 1.0 - cut * cut * cut * sqrt(cut) * (lost_0 + cut * (lost_1 + cut * lost_2));
 
   quad.form = max(size(terms.g_change), size(terms.ray_change)) > most_change ? 1u : 0u;
   set_middle_form(terms, quad);
@@ -464,7 +447,7 @@ bool make_outline(vec2 half_image, inout Body body, out Outline outline) {
   if (!body.near) {
     make_ellipse(body, outline);
     reach = vec2(outline.e_1.x, abs(outline.e_1.y) + outline.e_2.y);
-    body.near = any(greaterThan(reach, 2.0 * largest * half_image));
+    body.near = any(greaterThan(reach, 2.0 * largest_outline * half_image));
   }
   if (body.near) {
     make_box(body, half_image, outline);

@@ -4,13 +4,6 @@
 const uint shape_size = 3u;  // words
 const uint value_size = 2u;
 
-const float sigma_per_size = 0.4;
-const float half_width_per_sigma = 1.17741002;  // sqrt(2 ln 2)
-const float largest_cut = 3.0;                  // sigmas; a square of this half width holds 99.5 % of a Gaussian
-const float faintest_alpha = 1e-5;              // a fainter part is cut: a thousand of them hide 1 %
-const float smallest_sigma = 0.5;               // pixels; a narrower Gaussian slips between the centres of pixels
-const float smallest_float = 1.17549435e-38;
-
 bool is_nan(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }
 
 // Returns 1 - exp(-depth); by its series where the subtraction would cancel.

@@ -57,12 +57,12 @@ SymmetricMatrix add_square(SymmetricMatrix s, const dvec3& d) {
 }
 
 // The foot in world space, relative to the centroid.
-dvec3 foot_of(const dvec3& boundary, const format::SplatShape& shape) {
+dvec3 foot_of(const dvec3& boundary, const SplatShape& shape) {
   return glm::mat3_cast(shape.orientation) * (shape.deviations * boundary);
 }
 
 dvec3 foot_of(const BoundaryPlane& plane, const SpatialMoments& moments) {
-  const format::SplatShape shape = shape_of(moments);
+  const SplatShape shape = shape_of(moments);
   return foot_of(boundary_foot(plane, moments, shape), shape);
 }
 
@@ -267,7 +267,7 @@ TEST(BoundaryFoot, OfASlabIsAtSqrt3WhateverItsShape) {
     const SpatialMoments moments{.mass = 1,
                                  .centroid = {0, 0, -thickness / 2},
                                  .covariance = {.xx = 1, .yy = 4, .zz = thickness * thickness / 12}};
-    const format::SplatShape shape = shape_of(moments);
+    const SplatShape shape = shape_of(moments);
     const dvec3 foot = boundary_foot({{0, 0, 3}, 0}, moments, shape);
     EXPECT_NEAR(glm::length(foot), std::sqrt(3.0), 1e-10);
     EXPECT_NEAR(foot_of(foot, shape).z, thickness / 2, 1e-10 * thickness);
@@ -295,7 +295,7 @@ TEST(BoundaryFoot, IsWhereThePlaneIsNearestInTheMetricOfTheMaterial) {
     const dvec3 normal = glm::normalize(test::random_vector(uniform, random));
     const double distance = (1.5 + 3 * uniform(random)) * std::sqrt(glm::dot(normal, s * normal));
     const BoundaryPlane plane{7.0 * normal, 7 * (distance + glm::dot(normal, moments.centroid))};
-    const format::SplatShape shape = shape_of(moments);
+    const SplatShape shape = shape_of(moments);
     const dvec3 boundary = boundary_foot(plane, moments, shape);
     const double square = distance * distance / glm::dot(normal, s * normal);
     ASSERT_EQ(boundary != dvec3(0), distance > 0 && square >= 1 && square <= 12);

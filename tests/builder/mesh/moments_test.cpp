@@ -114,8 +114,8 @@ void expect_equal(const ValueMoments& moments, const dvec3& point, const RawMome
 
 // The gradient S^-1 c, from the numbers that the file stores.
 dvec3 gradient_of(const ValueMoments& value, const SpatialMoments& moments) {
-  const format::SplatShape shape = shape_of(moments);
-  const format::SplatValue splat = value_of(value, shape);
+  const SplatShape shape = shape_of(moments);
+  const SplatValue splat = value_of(value, shape);
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   dvec3 gradient(0);
   for (int k = 0; k < 3; ++k)
@@ -333,7 +333,7 @@ TEST(VertexMaterial, MissingValuesLeaveOutTheirTetrahedra) {
   for (const Tetrahedron& t : mesh.tetrahedra)
     if (std::ranges::count(t, 62u) > 0) missing += whole({mesh.points, {t}}, values).mass();
   for (std::size_t i = 0; i < moments.size(); ++i) {
-    const format::SplatValue value = value_of(value_moments[i], shape_of(moments[i]));
+    const SplatValue value = value_of(value_moments[i], shape_of(moments[i]));
     EXPECT_NEAR(value.coverage, value_moments[i].mass / moments[i].mass, 1e-15);
     if (value.coverage > 0 && value.coverage < 1) ++partly;
     for (int k = 0; k < 3; ++k) EXPECT_LE(std::abs(value.correlation[k]), 1);
@@ -510,7 +510,7 @@ TEST(ShapeOf, FindsThePrincipalAxesAtEveryRatioAndScale) {
         const glm::dquat turn = glm::normalize(test::random_quaternion(normal, random));
         const dvec3 deviations = scale * ratios;
         const SymmetricMatrix s = compose(glm::mat3_cast(turn), deviations);
-        const format::SplatShape shape = shape_of({3, {}, s});
+        const SplatShape shape = shape_of({3, {}, s});
         EXPECT_EQ(shape.mass, 3);
         EXPECT_NEAR(glm::length(shape.orientation), 1, 1e-14);
         for (int k = 0; k < 3; ++k)
@@ -547,10 +547,10 @@ TEST(ValueOf, LinearFieldsLeaveNoResidualAndConstantOnesNoDeviation) {
   const auto curved =
       test::value_moments_of(mesh, test::sample(mesh, [](dvec3 p) { return std::sin(40 * p.x + 70 * p.y); }));
   for (std::size_t i = 0; i < moments.size(); ++i) {
-    const format::SplatShape shape = shape_of(moments[i]);
+    const SplatShape shape = shape_of(moments[i]);
     EXPECT_LT(value_of(linear[i], shape).residual, 1e-6);
     EXPECT_EQ(value_of(linear[i], shape).coverage, 1);
-    const format::SplatValue flat = value_of(constant[i], shape);
+    const SplatValue flat = value_of(constant[i], shape);
     EXPECT_EQ(flat.mean, 101325.25);
     EXPECT_EQ(flat.deviation, 0);
     EXPECT_EQ(flat.correlation, dvec3(0));
@@ -569,7 +569,7 @@ TEST(ValueOf, NearlySingularMaterialDoesNotBlowUp) {
     const SpatialMoments moments{1, {}, compose(axes, {1, 0.3, thickness})};
     // No value could have this covariance in such thin material.
     const ValueMoments value{.mass = 0.5, .mean = 3, .variance = 4, .covariance = axes * dvec3(1, 0.1, 1e-3)};
-    const format::SplatValue splat = value_of(value, shape_of(moments));
+    const SplatValue splat = value_of(value, shape_of(moments));
     for (int k = 0; k < 3; ++k) EXPECT_LE(std::abs(splat.correlation[k]), 1);
     EXPECT_GE(splat.residual, 0);
     EXPECT_LE(splat.residual, 1);

@@ -94,7 +94,7 @@ TEST(Density, AHalfCellAtABoundaryIsAsDenseAsTheRest) {
         splats.push_back(box({x == 0 ? 0.25 : x, y, z}, {x == 0 ? 0.5 : 1, 1, 1}));
         if (x > 0) continue;
         // Principal axes in descending order: x, the shortest, comes last.
-        format::SplatShape& shape = splats.back().shape;
+        SplatShape& shape = splats.back().shape;
         shape.deviations = dvec3(1, 1, 0.5) / std::sqrt(12.0);
         shape.orientation = glm::dquat(std::sqrt(0.5), 0, std::sqrt(0.5), 0);
         const double toward_outside = (glm::mat3_cast(shape.orientation) * dvec3(0, 0, 1)).x > 0 ? -1 : 1;

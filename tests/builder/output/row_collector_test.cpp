@@ -65,7 +65,7 @@ struct Rows {
   PointBatch points;
   std::vector<test::Resolution> resolutions;
   std::vector<std::vector<format::PackedChunk>> packed;   // [row][column]
-  std::vector<std::vector<format::SplatShape>> shapes;    // [row]
+  std::vector<std::vector<SplatShape>> shapes;            // [row]
   std::vector<std::vector<float>> values;                 // [row]; empty unless the segment is the resolution's own
   std::vector<std::vector<std::uint8_t>> depths, counts;  // [row]
 
@@ -214,8 +214,8 @@ TEST(RowCollector, DensitiesOfTheFinestAreFitted) {
   const auto shapes = flat(fitted.shapes), none_shapes = flat(none.shapes);
   std::size_t differ = 0;
   for (std::size_t k = 0; k < expected.size(); ++k) {
-    const format::SplatShape &a = shapes[k], &b = none_shapes[k];
-    const auto rest = [](const format::SplatShape& shape) {
+    const SplatShape &a = shapes[k], &b = none_shapes[k];
+    const auto rest = [](const SplatShape& shape) {
       return std::tuple(shape.mass, shape.deviations, shape.orientation, shape.boundary);
     };
     ASSERT_EQ(rest(a), rest(b));

@@ -86,7 +86,7 @@ double mass_of(const format::Volume& volume, std::size_t resolution) {
       format::select_splats(volume, resolution, {}, format::SplatSelection().box).value();
   double mass = 0;
   const auto add = [&](const format::SplatGroup& group) -> Status {
-    for (const format::SplatShape& shape : group.shapes) mass += shape.mass;
+    for (const SplatShape& shape : group.shapes) mass += shape.mass;
     return {};
   };
   EXPECT_TRUE(for_each_group(format::SplatReader(volume, selection), {.material = true}, add, no_progress));
@@ -381,7 +381,7 @@ TEST_F(Export, VtkReadsThePoints) {
         const dvec3& d = group.shapes[k].deviations;
         const double trace = values("covariance[0]")[i] + values("covariance[1]")[i] + values("covariance[2]")[i];
         EXPECT_NEAR(trace, glm::dot(d, d), 1e-12 * trace);
-        const format::SplatValue& value = group.materials[0][k];
+        const SplatValue& value = group.materials[0][k];
         if (!(value.coverage > 0)) continue;
         EXPECT_EQ(values("a0 mean")[i], value.mean);
         EXPECT_EQ(values("a0 deviation")[i], value.deviation);
@@ -443,7 +443,7 @@ TEST_F(Export, NamesOfAllKindsAreXml) {
 
 // Bound on the error of a linear field's gradient from the rounding of codes: correlations within 1/30, deviations of
 // values within 4.4 %, and axes that move by 1/16 of a shorter axis.
-double gradient_bound(const format::SplatShape& shape, const format::SplatValue& value) {
+double gradient_bound(const SplatShape& shape, const SplatValue& value) {
   const dvec3 codes = value.deviation / 30 / shape.deviations;
   return glm::length(codes) + (0.05 + 1.0 / 8) * glm::length(slope);
 }

@@ -1,4 +1,4 @@
-#include "builder/sources/refined_source.h"
+#include "tools/refined_source.h"
 
 #include <algorithm>
 #include <limits>

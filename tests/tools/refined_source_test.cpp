@@ -1,5 +1,5 @@
 // Refined meshes keep the volume and the field, and add one point for each edge.
-#include "builder/sources/refined_source.h"
+#include "tools/refined_source.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
