@@ -447,7 +447,7 @@ TEST_F(ViewerTest, FilmsATurn) {
   fs::create_directories("bin");
   // Says what it was given, and takes the last frame for the movie.
   std::ofstream("bin/ffmpeg") << "#!/bin/sh\nls v.mp4.frames/*.png | wc -l > count\nfor last; do :; done\n"
-                                 "cp v.mp4.frames/frame-0149.png \"$last\"\n";
+                                 "cp v.mp4.frames/frame-0029.png \"$last\"\n";
   fs::permissions("bin/ffmpeg", fs::perms::owner_all);
   const ProgramsFrom programs(path("bin"));
   constexpr int tall = 1000;
@@ -457,6 +457,11 @@ TEST_F(ViewerTest, FilmsATurn) {
   const Camera before = scene().camera;
   click(100, 697);  // the section "camera path"
   settle();
+  frame({KeyChanged{key::left_control, true}});
+  click(100, 747);  // "seconds"
+  frame({KeyChanged{key::left_control, false}});
+  frame({TextTyped{'1'}});
+  press(key::enter);
   const auto save_movie = [&] { click(70, 901); };
 
   save_movie();
@@ -472,7 +477,7 @@ TEST_F(ViewerTest, FilmsATurn) {
   save_movie();
   settle();
   ASSERT_TRUE(fs::exists("v.mp4"));
-  EXPECT_EQ(std::stoi(*read_text_file("count")), 150) << "5 seconds of 30 frames";
+  EXPECT_EQ(std::stoi(*read_text_file("count")), 30) << "1 second of 30 frames";
   EXPECT_FALSE(fs::exists("v.mp4.frames"));
   EXPECT_EQ(scene().camera, before);
   EXPECT_EQ(scene().width, width - 336) << "the window's picture comes back";
