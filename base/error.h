@@ -24,7 +24,7 @@ template <class... Args>
 /// Passes an error on, with `where` in front of its message: "mesh.vtu: not XML".
 [[nodiscard]] tl::unexpected<Error> fail_in(const std::string& where, const Error& error);
 
-// Early return of errors. The first form discards the value; the second declares `name` with it.
+// Early return of errors. The first form discards the value; the second declares `name` with it; the third assigns it.
 #define SPLATVOL_TRY(expression)                                                                                   \
   do {                                                                                                             \
     if (auto try_result = (expression); !try_result) return tl::unexpected<::splatvol::Error>(try_result.error()); \
@@ -33,5 +33,11 @@ template <class... Args>
   auto name##_result = (expression);                                                   \
   if (!name##_result) return tl::unexpected<::splatvol::Error>(name##_result.error()); \
   auto name = std::move(*name##_result)
+#define SPLATVOL_TRY_SET(variable, expression)                                     \
+  do {                                                                             \
+    auto try_result = (expression);                                                \
+    if (!try_result) return tl::unexpected<::splatvol::Error>(try_result.error()); \
+    variable = std::move(*try_result);                                             \
+  } while (false)
 
 }  // namespace splatvol

@@ -1,12 +1,10 @@
 #include "format/series_index.h"
 
-#include <algorithm>
 #include <cmath>
-#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "base/json.h"
-#include "base/nesting.h"
+#include "base/names.h"
 
 namespace splatvol::format {
 namespace {
@@ -21,46 +19,44 @@ bool is_file_name(const std::string& file) {
   return !file.empty() && file != "." && file != ".." && file.find_first_of(std::string_view("/\0", 2)) == file.npos;
 }
 
-bool is_step(const nlohmann::json& step) {
-  return step.is_object() && step.contains("time") && step["time"].is_number() && step.contains("file") &&
-         step["file"].is_string() && std::isfinite(step["time"].get<double>());
-}
-
 // A number, or null for none.
 ordered_json bound_to_json(double bound) { return std::isnan(bound) ? ordered_json() : ordered_json(bound); }
 
-bool read_bound(const nlohmann::json& attribute, const char* key, double& bound) {
-  if (!attribute.contains(key)) return false;
-  const nlohmann::json& number = attribute[key];
-  if (!number.is_number() && !number.is_null()) return false;
-  bound = number.is_null() ? std::numeric_limits<double>::quiet_NaN() : number.get<double>();
-  return !std::isinf(bound);
+Result<SeriesIndex::Step> read_step(const JsonField& json) {
+  SeriesIndex::Step step;
+  SPLATVOL_TRY_SET(step.time, json.member("time").number());
+  const JsonField file = json.member("file");
+  SPLATVOL_TRY_SET(step.file, file.text());
+  if (!is_file_name(step.file)) return file.wrong("\"{}\" is not the name of a file in the same folder", step.file);
+  return step;
 }
 
-bool read_attribute(const nlohmann::json& json, SeriesIndex::Attribute& attribute) {
-  const auto is_text = [&](const char* key) { return json.contains(key) && json[key].is_string(); };
-  if (!json.is_object() || !is_text("name") || !is_text("unit")) return false;
-  attribute.name = json["name"].get<std::string>();
-  attribute.unit = json["unit"].get<std::string>();
+Result<SeriesIndex::Attribute> read_attribute(const JsonField& json) {
+  SeriesIndex::Attribute attribute;
   StepRange& range = attribute.range;
-  if (!read_bound(json, "min", range.min) || !read_bound(json, "max", range.max)) return false;
-  return range.min <= range.max || (std::isnan(range.min) && std::isnan(range.max));
+  SPLATVOL_TRY_SET(attribute.name, json.member("name").text());
+  SPLATVOL_TRY_SET(attribute.unit, json.member("unit").text());
+  SPLATVOL_TRY_SET(range.min, json.member("min").number_or_nan());
+  SPLATVOL_TRY_SET(range.max, json.member("max").number_or_nan());
+  const bool is_empty = std::isnan(range.min) && std::isnan(range.max);
+  if (!is_empty && !(range.min <= range.max)) return json.wrong("no range from \"min\" to \"max\"");
+  return attribute;
 }
 
-Status read_attributes(const nlohmann::json& document, SeriesIndex& index) {
-  if (!document.contains("attributes") || !document["attributes"].is_array())
-    return fail(ErrorCode::invalid_data, "not the index of a time series: no list \"attributes\"");
-  for (const nlohmann::json& json : document["attributes"]) {
-    SeriesIndex::Attribute attribute;
-    if (!read_attribute(json, attribute))
-      return fail(ErrorCode::invalid_data,
-                  "attribute {} lacks a \"name\", a \"unit\", or a range from \"min\" to \"max\"",
-                  index.attributes.size());
-    if (std::ranges::find(index.attributes, attribute.name, &SeriesIndex::Attribute::name) != index.attributes.end())
-      return fail(ErrorCode::invalid_data, "the attribute \"{}\" is there twice", attribute.name);
-    index.attributes.push_back(std::move(attribute));
-  }
-  return {};
+Result<SeriesIndex> read_index(const JsonField& root) {
+  SeriesIndex index;
+  const JsonField steps = root.member("steps"), attributes = root.member("attributes");
+  SPLATVOL_TRY_SET(index.steps, steps.each(read_step));
+  if (index.steps.empty()) return steps.wrong("a time series without steps");
+  for (std::size_t i = 1; i < index.steps.size(); ++i)
+    if (!(index.steps[i].time > index.steps[i - 1].time))
+      return steps.element(i).wrong("its time is not behind that of the step before");
+  SPLATVOL_TRY_SET(index.attributes, attributes.each(read_attribute));
+  std::vector<std::string> names;
+  for (const SeriesIndex::Attribute& attribute : index.attributes) names.push_back(attribute.name);
+  if (const auto duplicate = find_duplicate(std::move(names)))
+    return attributes.wrong("\"{}\" is there twice", *duplicate);
+  return index;
 }
 
 }  // namespace
@@ -89,26 +85,8 @@ std::string to_json(const SeriesIndex& index) {
 }
 
 Result<SeriesIndex> series_index_from_json(const std::string& text) {
-  if (is_nested_deeper(text, max_nesting))
-    return fail(ErrorCode::invalid_data, "not the index of a time series: nested deeper than {} levels", max_nesting);
-  const nlohmann::json document = parse_json_or_discard(text);
-  if (!document.is_object() || !document.contains("steps") || !document["steps"].is_array())
-    return fail(ErrorCode::invalid_data, "not the index of a time series: no list \"steps\"");
-  SeriesIndex index;
-  for (const nlohmann::json& step : document["steps"]) {
-    const std::size_t number = index.steps.size();
-    if (!is_step(step)) return fail(ErrorCode::invalid_data, "step {} lacks a \"time\" or a \"file\"", number);
-    index.steps.push_back({step["time"].get<double>(), step["file"].get<std::string>()});
-    const std::string& file = index.steps.back().file;
-    if (!is_file_name(file))
-      return fail(ErrorCode::invalid_data, "step {}: \"{}\" is not the name of a file in the same folder", number,
-                  file);
-    if (number > 0 && !(index.steps[number].time > index.steps[number - 1].time))
-      return fail(ErrorCode::invalid_data, "step {}: its time is not behind that of the step before", number);
-  }
-  if (index.steps.empty()) return fail(ErrorCode::invalid_data, "a time series without steps");
-  SPLATVOL_TRY(read_attributes(document, index));
-  return index;
+  auto index = read_json(text, read_index, max_nesting);
+  return index ? index : fail_in("not the index of a time series", index.error());
 }
 
 }  // namespace splatvol::format

@@ -1,18 +1,16 @@
 #include "format/volume_info.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <stdexcept>
 #include <utility>
 
 #include "base/json.h"
 #include "base/names.h"
-#include "base/nesting.h"
 #include "format/layout.h"
 
 namespace splatvol::format {
@@ -35,275 +33,226 @@ constexpr std::array<std::pair<ColumnKind, const char*>, 7> column_names = {{
 
 json number_or_null(double number) { return std::isfinite(number) ? json(number) : json(nullptr); }
 
-// Thrown and caught within this file, like the exceptions of the JSON library.
-struct RuleBroken : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
-
-void require(bool condition, const std::string& what) {
-  if (!condition) throw RuleBroken(what);
-}
-
-// Every value is read by one of these functions: the library converts numbers silently, and treats text as a list of
-// one.
-
-const json& member(const json& object, const char* key) {
-  require(object.is_object() && object.contains(key), fmt::format("'{}' is missing", key));
-  return object.at(key);
-}
-
-const json& list(const json& object, const char* key) {
-  const json& node = member(object, key);
-  require(node.is_array(), fmt::format("'{}' is not a list", key));
-  return node;
-}
-
-std::string text(const json& object, const char* key) {
-  const json& node = member(object, key);
-  require(node.is_string(), fmt::format("'{}' is not text", key));
-  return node.get<std::string>();
-}
-
-double finite(const json& node, const char* key) {
-  require(node.is_number() && std::isfinite(node.get<double>()), fmt::format("'{}' is not a finite number", key));
-  return node.get<double>();
-}
-
-double bounded(const json& node, const char* key, double largest) {
-  const double number = finite(node, key);
-  require(std::abs(number) <= largest, fmt::format("'{}' is beyond {:g}", key, largest));
+Result<double> not_negative(const JsonField& field, double largest = std::numeric_limits<double>::infinity()) {
+  SPLATVOL_TRY_ASSIGN(number, field.number(largest));
+  if (number < 0) return field.wrong("below 0");
   return number;
 }
 
-std::uint64_t whole(const json& node, const char* key, std::uint64_t least, std::uint64_t most) {
-  const bool valid =
-      node.is_number_unsigned() && node.get<std::uint64_t>() >= least && node.get<std::uint64_t>() <= most;
-  require(valid, fmt::format("'{}' is not a whole number from {} to {}", key, least, most));
-  return node.get<std::uint64_t>();
+Result<dvec3> read_origin(const JsonField& field, double largest) {
+  SPLATVOL_TRY_ASSIGN(origin, field.numbers(3, largest));
+  return dvec3(origin[0], origin[1], origin[2]);
 }
 
-std::uint64_t whole_member(const json& object, const char* key, std::uint64_t least, std::uint64_t most) {
-  return whole(member(object, key), key, least, most);
-}
-
-double finite_or_null(const json& object, const char* key) {
-  const json& node = member(object, key);
-  return node.is_null() ? std::numeric_limits<double>::quiet_NaN() : finite(node, key);
-}
-
-dvec3 read_origin(const json& node, double largest) {
-  const json& list_of_three = list(node, "origin");
-  require(list_of_three.size() == 3, "'origin' is not a list of three numbers");
-  dvec3 origin;
-  for (int axis = 0; axis < 3; ++axis)
-    origin[axis] = bounded(list_of_three[static_cast<std::size_t>(axis)], "origin", largest);
-  return origin;
-}
-
-Cube read_cube(const json& node) {
+Result<Cube> read_cube(const JsonField& node) {
   Cube cube;
-  cube.origin = read_origin(node, largest_length);
-  cube.edge = bounded(member(node, "edge"), "edge", largest_length);
-  require(cube.edge >= least_length, fmt::format("'edge' is below {:g}", least_length));
+  SPLATVOL_TRY_SET(cube.origin, read_origin(node.member("origin"), largest_length));
+  SPLATVOL_TRY_SET(cube.edge, node.member("edge").number(largest_length));
+  if (!(cube.edge >= least_length)) return node.member("edge").wrong("below {}", least_length);
   return cube;
 }
 
-Attribute read_attribute(const json& node) {
+Result<Attribute> read_attribute(const JsonField& node, std::uint64_t points) {
   Attribute attribute;
-  attribute.name = text(node, "name");
-  attribute.unit = text(node, "unit");
-  attribute.offset = bounded(member(node, "offset"), "offset", largest_value);
-  attribute.scale = bounded(member(node, "scale"), "scale", largest_value);
-  require(attribute.scale > 0, "'scale' is not above 0");
-  attribute.min = finite_or_null(node, "min");
-  attribute.max = finite_or_null(node, "max");
-  attribute.missing = whole_member(node, "missing", 0, max_points);
-  attribute.error = finite(member(node, "error"), "error");
-  require(attribute.error >= 0, "'error' is below 0");
-  const bool none = std::isnan(attribute.min) && std::isnan(attribute.max);
-  require(none || attribute.min <= attribute.max, "'min' and 'max' disagree");
+  SPLATVOL_TRY_SET(attribute.name, node.member("name").text());
+  SPLATVOL_TRY_SET(attribute.unit, node.member("unit").text());
+  SPLATVOL_TRY_SET(attribute.offset, node.member("offset").number(largest_value));
+  SPLATVOL_TRY_SET(attribute.scale, node.member("scale").number(largest_value));
+  if (!(attribute.scale > 0)) return node.member("scale").wrong("not above 0");
+  SPLATVOL_TRY_SET(attribute.min, node.member("min").number_or_nan());
+  SPLATVOL_TRY_SET(attribute.max, node.member("max").number_or_nan());
+  SPLATVOL_TRY_SET(attribute.missing, node.member("missing").whole(std::uint64_t{0}, points));
+  SPLATVOL_TRY_SET(attribute.error, not_negative(node.member("error")));
+  if (std::isnan(attribute.min) && std::isnan(attribute.max)) return attribute;
+  if (!(attribute.min <= attribute.max)) return node.wrong("min and max disagree");
   const ValueBins bins = bins_of(attribute);
-  require(none || (is_range(attribute.min, attribute.max) && std::abs(bins.min) <= double{largest_stored_value} &&
-                   std::abs(bins.max) <= double{largest_stored_value}),
-          "'min' and 'max' are out of range");
+  if (!is_range(attribute.min, attribute.max) || !(std::abs(bins.min) <= double{largest_stored_value}) ||
+      !(std::abs(bins.max) <= double{largest_stored_value}))
+    return node.wrong("min and max are out of range");
   return attribute;
 }
 
-Column read_column(const json& node, std::size_t attributes) {
+Result<Column> read_column(const JsonField& node, std::size_t attributes) {
   Column column;
-  const std::string name = text(node, "kind");
+  SPLATVOL_TRY_ASSIGN(name, node.member("kind").text());
   for (const auto& [kind, known] : column_names)
     if (name == known) column.kind = kind;
-  const std::string scope = text(node, "scope");
-  require(scope == "segment" || scope == "resolution", fmt::format("column scope '{}' is unknown", scope));
+  SPLATVOL_TRY_ASSIGN(scope, node.member("scope").text());
+  if (scope != "segment" && scope != "resolution") return node.member("scope").wrong("'{}' is unknown", scope);
   column.scope = scope == "segment" ? ColumnScope::segment : ColumnScope::resolution;
-  if (node.contains("attribute") && attributes > 0)
-    column.attribute = static_cast<int>(whole_member(node, "attribute", 0, attributes - 1));
-  require(member(node, "critical").is_boolean(), "'critical' is neither true nor false");
+  if (node.has("attribute") && attributes > 0)
+    SPLATVOL_TRY_SET(column.attribute, node.member("attribute").whole(0, static_cast<int>(attributes - 1)));
+  SPLATVOL_TRY_ASSIGN(critical, node.member("critical").truth());
   if (column.kind == ColumnKind::unknown) {
-    require(!node.at("critical").get<bool>(), fmt::format("column kind '{}' is unknown and critical", name));
+    if (critical) return node.member("kind").wrong("'{}' is unknown and critical", name);
     return column;
   }
   const bool of_attribute = column.kind == ColumnKind::value || column.kind == ColumnKind::value_moments ||
                             column.kind == ColumnKind::gradient;
   const bool of_segment =
       column.kind == ColumnKind::position || column.kind == ColumnKind::value || column.kind == ColumnKind::gradient;
-  require(of_attribute == (column.attribute >= 0), fmt::format("column '{}' has the wrong attribute", name));
-  require(of_segment == (column.scope == ColumnScope::segment), fmt::format("column '{}' has the wrong scope", name));
+  if (of_attribute != (column.attribute >= 0)) return node.wrong("'{}' has the wrong attribute", name);
+  if (of_segment != (column.scope == ColumnScope::segment)) return node.wrong("'{}' has the wrong scope", name);
   return column;
 }
 
-std::vector<Column> read_columns(const json& nodes, std::size_t attributes) {
-  std::vector<Column> columns;
+Result<std::vector<Column>> read_columns(const JsonField& nodes, std::size_t attributes) {
+  SPLATVOL_TRY_ASSIGN(columns, nodes.each([&](const JsonField& node) { return read_column(node, attributes); }));
   std::set<std::pair<ColumnKind, int>> seen;
-  for (const json& node : nodes) {
-    const Column column = read_column(node, attributes);
-    require(column.kind == ColumnKind::unknown || seen.insert({column.kind, column.attribute}).second,
-            "a column appears twice");
-    columns.push_back(column);
-  }
+  for (std::size_t i = 0; i < columns.size(); ++i)
+    if (columns[i].kind != ColumnKind::unknown && !seen.insert({columns[i].kind, columns[i].attribute}).second)
+      return nodes.element(i).wrong("a column appears twice");
   return columns;
 }
 
-std::vector<Attribute> read_attributes(const json& nodes, std::uint64_t points) {
-  std::vector<Attribute> attributes;
+template <class... Named>
+Status check_names_differ(const JsonField& nodes, const std::vector<Named>&... named) {
   std::vector<std::string> names;
-  for (const json& node : nodes) {
-    attributes.push_back(read_attribute(node));
-    names.push_back(attributes.back().name);
-    require(attributes.back().missing <= points, "'missing' is above the number of points");
-  }
-  if (const auto duplicate = find_duplicate(std::move(names)))
-    throw RuleBroken(fmt::format("attribute '{}' appears twice", *duplicate));
-  require(attributes.size() <= max_attributes, fmt::format("more than {} attributes", max_attributes));
-  return attributes;
+  (std::ranges::transform(named, std::back_inserter(names), &Named::name), ...);
+  if (const auto duplicate = find_duplicate(std::move(names))) return nodes.wrong("'{}' appears twice", *duplicate);
+  return {};
+}
+
+// Reads a list whose elements have different names.
+template <class Read>
+auto read_named(const JsonField& nodes, std::size_t least, std::size_t most, const Read& read)
+    -> decltype(nodes.each(read)) {
+  if (nodes.size() < least || nodes.size() > most) return nodes.wrong("not a list of {} to {} entries", least, most);
+  SPLATVOL_TRY_ASSIGN(all, nodes.each(read));
+  SPLATVOL_TRY(check_names_differ(nodes, all));
+  return all;
+}
+
+Result<std::vector<Attribute>> read_attributes(const JsonField& nodes, std::uint64_t points) {
+  return read_named(nodes, 0, max_attributes, [&](const JsonField& node) { return read_attribute(node, points); });
 }
 
 // Reads other names of attributes. All names together are unique.
-std::vector<Alias> read_aliases(const json& nodes, const std::vector<Attribute>& attributes) {
-  std::vector<Alias> aliases;
-  std::vector<std::string> names;
-  for (const Attribute& attribute : attributes) names.push_back(attribute.name);
-  require(attributes.empty() ? nodes.empty() : nodes.size() <= max_attributes, "'aliases' is too long");
-  for (const json& node : nodes) {
-    const std::uint64_t attribute = whole_member(node, "attribute", 0, attributes.size() - 1);
-    aliases.push_back({text(node, "name"), static_cast<int>(attribute)});
-    names.push_back(aliases.back().name);
-  }
-  if (const auto duplicate = find_duplicate(std::move(names)))
-    throw RuleBroken(fmt::format("alias '{}': the name appears twice", *duplicate));
+Result<std::vector<Alias>> read_aliases(const JsonField& nodes, const std::vector<Attribute>& attributes) {
+  if (nodes.size() > (attributes.empty() ? 0 : max_attributes)) return nodes.wrong("too long");
+  SPLATVOL_TRY_ASSIGN(aliases, nodes.each([&](const JsonField& node) -> Result<Alias> {
+    Alias alias;
+    SPLATVOL_TRY_SET(alias.attribute, node.member("attribute").whole(0, static_cast<int>(attributes.size() - 1)));
+    SPLATVOL_TRY_SET(alias.name, node.member("name").text());
+    return alias;
+  }));
+  SPLATVOL_TRY(check_names_differ(nodes, attributes, aliases));
   return aliases;
 }
 
-std::vector<SeriesAttribute> read_series(const json& nodes) {
-  std::vector<SeriesAttribute> attributes;
-  std::vector<std::string> names;
-  for (const json& node : nodes) {
-    attributes.push_back({text(node, "name"), text(node, "unit")});
-    names.push_back(attributes.back().name);
-  }
-  require(!attributes.empty() && attributes.size() <= max_attributes,
-          fmt::format("'series' has not 1 to {} attributes", max_attributes));
-  if (const auto duplicate = find_duplicate(std::move(names)))
-    throw RuleBroken(fmt::format("attribute '{}' appears twice", *duplicate));
-  return attributes;
+Result<SeriesAttribute> read_series_attribute(const JsonField& node) {
+  SeriesAttribute attribute;
+  SPLATVOL_TRY_SET(attribute.name, node.member("name").text());
+  SPLATVOL_TRY_SET(attribute.unit, node.member("unit").text());
+  return attribute;
 }
 
-std::vector<std::uint64_t> read_counts(const json& nodes) {
-  std::vector<std::uint64_t> counts;
-  require(!nodes.empty() && nodes.size() <= max_resolutions,
-          fmt::format("'resolution_counts' has not 1 to {} entries", max_resolutions));
-  for (const json& node : nodes) {
-    const std::uint64_t least = counts.empty() ? 1 : counts.back() + 1;
-    counts.push_back(whole(node, "resolution_counts", least, max_points));
-  }
-  return counts;
+Result<std::vector<std::uint64_t>> read_counts(const JsonField& nodes) {
+  if (nodes.size() < 1 || nodes.size() > max_resolutions) return nodes.wrong("not a list of 1 to {}", max_resolutions);
+  std::uint64_t last = 0;
+  return nodes.each([&](const JsonField& node) {
+    const auto count = node.whole(last + 1, max_points);
+    last = count.value_or(0);
+    return count;
+  });
 }
 
-std::vector<std::uint32_t> read_points_per_chunk(const json& nodes, std::size_t segments) {
-  require(nodes.size() == segments,
-          fmt::format("'points_per_chunk' has {} entries for {} segments", nodes.size(), segments));
-  std::vector<std::uint32_t> points;
-  for (const json& node : nodes)
-    points.push_back(
-        static_cast<std::uint32_t>(whole(node, "points_per_chunk", min_points_per_chunk, max_points_per_chunk)));
-  return points;
+Result<std::vector<std::uint32_t>> read_points_per_chunk(const JsonField& nodes, std::size_t segments) {
+  if (nodes.size() != segments) return nodes.wrong("{} entries for {} segments", nodes.size(), segments);
+  return nodes.each([](const JsonField& node) { return node.whole(min_points_per_chunk, max_points_per_chunk); });
 }
 
 // Positions beyond this magnitude are no positions of a mesh (is_usable_position).
 constexpr double largest_position = 1e50;
 
-PatchInfo read_patch(const json& node) {
+Result<PatchInfo> read_patch(const JsonField& node) {
   constexpr std::uint64_t most = std::numeric_limits<std::uint32_t>::max() / patch_element_bytes;
-  PatchInfo patch{text(node, "name"), whole_member(node, "points", 0, most), whole_member(node, "triangles", 0, most)};
-  require(patch.points <= 3 * patch.triangles && patch.points + patch.triangles <= most,
-          fmt::format("patch '{}' has too many points", patch.name));
+  PatchInfo patch;
+  SPLATVOL_TRY_SET(patch.name, node.member("name").text());
+  SPLATVOL_TRY_SET(patch.points, node.member("points").whole(std::uint64_t{0}, most));
+  SPLATVOL_TRY_SET(patch.triangles, node.member("triangles").whole(std::uint64_t{0}, most));
+  if (patch.points > 3 * patch.triangles || patch.points + patch.triangles > most)
+    return node.wrong("'{}' has too many points", patch.name);
   return patch;
 }
 
-BoundaryInfo read_boundary(const json& node) {
+Result<BoundaryInfo> read_boundary(const JsonField& node) {
   BoundaryInfo boundary;
-  boundary.origin = read_origin(node, largest_position);
-  boundary.quantisation_step = bounded(member(node, "quantisation_step"), "quantisation_step", largest_position);
-  boundary.error = bounded(member(node, "error"), "error", largest_length);
-  require(boundary.quantisation_step >= 0 && boundary.error >= 0, "'boundary' has a number below 0");
-  const json& patches = list(node, "patches");
-  require(!patches.empty() && patches.size() <= max_patches,
-          fmt::format("'patches' has not 1 to {} entries", max_patches));
-  std::vector<std::string> names;
-  for (const json& patch : patches) {
-    boundary.patches.push_back(read_patch(patch));
-    names.push_back(boundary.patches.back().name);
-  }
-  if (const auto duplicate = find_duplicate(std::move(names)))
-    throw RuleBroken(fmt::format("patch '{}' appears twice", *duplicate));
+  SPLATVOL_TRY_SET(boundary.origin, read_origin(node.member("origin"), largest_position));
+  SPLATVOL_TRY_SET(boundary.quantisation_step, not_negative(node.member("quantisation_step"), largest_position));
+  SPLATVOL_TRY_SET(boundary.error, not_negative(node.member("error"), largest_length));
+  SPLATVOL_TRY_SET(boundary.patches, read_named(node.member("patches"), 1, max_patches, read_patch));
   return boundary;
 }
 
-int read_axis(const std::string& name) {
-  require(name == "x" || name == "y" || name == "z", "'up' is none of x, y, z");
+Result<int> read_up(const JsonField& field) {
+  SPLATVOL_TRY_ASSIGN(name, field.text());
+  if (name != "x" && name != "y" && name != "z") return field.wrong("none of x, y, z");
   return name[0] - 'x';
 }
 
-VolumeInfo read_info(const json& root) {
+Result<std::uint32_t> read_rows_per_page(const JsonField& root) {
+  return root.member("rows_per_directory_page").whole(std::uint32_t{1}, std::uint32_t{1} << 24);
+}
+
+Result<std::string> read_provenance(const JsonField& root) {
+  const JsonField provenance = root.member("provenance");
+  if (!provenance.is_object()) return provenance.wrong("not an object");
+  return provenance.json();
+}
+
+Result<VolumeInfo> read_info(const JsonField& root) {
   VolumeInfo info;
-  info.cube = read_cube(member(root, "cube"));
-  info.resolution_counts = read_counts(list(root, "resolution_counts"));
-  info.points_per_chunk = read_points_per_chunk(list(root, "points_per_chunk"), info.resolutions());
-  info.rows_per_directory_page = static_cast<std::uint32_t>(whole_member(root, "rows_per_directory_page", 1, 1u << 24));
-  const json& reduction = member(root, "reduction");
-  info.reduction_method = text(reduction, "method");
-  info.leaf_points =
-      static_cast<std::uint32_t>(whole_member(reduction, "leaf_points", 1, std::numeric_limits<std::uint32_t>::max()));
+  SPLATVOL_TRY_SET(info.cube, read_cube(root.member("cube")));
+  SPLATVOL_TRY_SET(info.resolution_counts, read_counts(root.member("resolution_counts")));
+  SPLATVOL_TRY_SET(info.points_per_chunk, read_points_per_chunk(root.member("points_per_chunk"), info.resolutions()));
+  SPLATVOL_TRY_SET(info.rows_per_directory_page, read_rows_per_page(root));
+  const JsonField reduction = root.member("reduction");
+  SPLATVOL_TRY_SET(info.reduction_method, reduction.member("method").text());
+  SPLATVOL_TRY_SET(info.leaf_points, reduction.member("leaf_points").whole(std::uint32_t{1}, ~std::uint32_t{0}));
 
-  info.attributes = read_attributes(list(root, "attributes"), info.point_count());
-  if (root.contains("aliases")) info.aliases = read_aliases(list(root, "aliases"), info.attributes);
-  info.columns = read_columns(list(root, "columns"), info.attributes.size());
-  info.position_error = finite(member(root, "position_error"), "position_error");
-  require(info.position_error >= 0, "'position_error' is below 0");
-  require(info.find_column(ColumnKind::position) >= 0, "'columns' has no position");
-  if (root.contains("series")) {
-    info.series = read_series(list(root, "series"));
-    require(info.attributes.empty(), "a series has attributes besides those of its steps");
+  SPLATVOL_TRY_SET(info.attributes, read_attributes(root.member("attributes"), info.point_count()));
+  if (root.has("aliases")) SPLATVOL_TRY_SET(info.aliases, read_aliases(root.member("aliases"), info.attributes));
+  SPLATVOL_TRY_SET(info.columns, read_columns(root.member("columns"), info.attributes.size()));
+  SPLATVOL_TRY_SET(info.position_error, not_negative(root.member("position_error")));
+  if (info.find_column(ColumnKind::position) < 0) return root.member("columns").wrong("no position");
+  if (const JsonField series = root.member("series"); series.exists()) {
+    SPLATVOL_TRY_SET(info.series, read_named(series, 1, max_attributes, read_series_attribute));
+    if (!info.attributes.empty()) return root.member("attributes").wrong("a series has those of its steps only");
   }
 
-  info.size_bounds.clear();
-  for (const json& node : list(root, "size_bounds")) {
-    require(node.is_string(), "'size_bounds' is not a list of names");
-    info.size_bounds.push_back(node.get<std::string>());
-  }
-  require(info.size_bounds.size() <= max_size_bounds, fmt::format("more than {} size bounds", max_size_bounds));
-  require(member(root, "provenance").is_object(), "'provenance' is not an object");
-  info.provenance = json_text(root.at("provenance"));
-  if (root.contains("boundary")) info.boundary = read_boundary(root.at("boundary"));
-  if (root.contains("up")) info.up = read_axis(text(root, "up"));
+  const JsonField size_bounds = root.member("size_bounds");
+  if (size_bounds.size() > max_size_bounds) return size_bounds.wrong("more than {} names", max_size_bounds);
+  SPLATVOL_TRY_SET(info.size_bounds, size_bounds.each(&JsonField::text));
+  SPLATVOL_TRY_SET(info.provenance, read_provenance(root));
+  if (root.has("boundary")) SPLATVOL_TRY_SET(info.boundary, read_boundary(root.member("boundary")));
+  if (root.has("up")) SPLATVOL_TRY_SET(info.up, read_up(root.member("up")));
   return info;
 }
 
-// (The library's own hook for such checks takes time in proportion to the square of a list's length.)
-json parse_shallow(const std::string& text) {
-  require(!is_nested_deeper(text, max_nesting), fmt::format("nested deeper than {} levels", max_nesting));
-  return parse_json(text);
+// Reads a text by `read`.
+template <class Read>
+auto read_metadata(const std::string& text, const Read& read) -> std::invoke_result_t<Read, JsonField> try {
+  auto info = read_json(text, read, max_nesting);
+  if (!info) return fail(info.error().code, "metadata: {} [R9]", info.error().message);
+  return info;
+} catch (const std::bad_alloc&) {
+  return fail(ErrorCode::out_of_budget, "metadata: no memory for them");
+}
+
+// Writes a text that `read` takes. Names come from input files and may not be UTF-8.
+template <class Read>
+Result<std::string> write_metadata(const json& root, const Read& read) {
+  std::string text = json_text(root);
+  if (const auto info = read_metadata(text, read); !info)
+    return fail(ErrorCode::invalid_argument, "{}", info.error().message);
+  return text;
+}
+
+// Returns null, which no reader takes, for what is no JSON.
+json provenance_to_json(const std::string& text) {
+  const auto document = parse_shallow_json(text, max_nesting);
+  return document ? **document : json();
 }
 
 json to_json(const Attribute& attribute) {
@@ -318,10 +267,10 @@ json to_json(const Attribute& attribute) {
 }
 
 json to_json(const Column& column) {
-  require(column.kind != ColumnKind::unknown, "a column of unknown kind cannot be written");
+  // No reader takes unknown columns that are critical: they cannot be written.
   json node = {{"kind", column_kind_name(column.kind)},
                {"scope", column.scope == ColumnScope::segment ? "segment" : "resolution"},
-               {"critical", column.kind == ColumnKind::position}};
+               {"critical", column.kind == ColumnKind::position || column.kind == ColumnKind::unknown}};
   if (column.attribute >= 0) node["attribute"] = column.attribute;
   return node;
 }
@@ -341,27 +290,27 @@ json to_json(const StepInfo& step) {
                {"attributes", json::array()},
                {"columns", json::array()},
                {"rows_per_directory_page", step.rows_per_directory_page},
-               {"provenance", parse_shallow(step.provenance)}};
+               {"provenance", provenance_to_json(step.provenance)}};
   for (const Attribute& attribute : step.attributes) root["attributes"].push_back(to_json(attribute));
   for (const Column& column : step.columns) root["columns"].push_back(to_json(column));
   return root;
 }
 
-StepInfo read_step(const json& root, const VolumeInfo& info) {
+Result<StepInfo> read_step(const JsonField& root, const VolumeInfo& info) {
   StepInfo step;
-  step.time = bounded(member(root, "time"), "time", largest_time);
-  step.attributes = read_attributes(list(root, "attributes"), info.point_count());
-  require(info.series.has_value() && std::ranges::equal(step.attributes, *info.series,
-                                                        [](const Attribute& a, const SeriesAttribute& b) {
-                                                          return a.name == b.name && a.unit == b.unit;
-                                                        }),
-          "the attributes are not those of the series");
-  step.columns = read_columns(list(root, "columns"), step.attributes.size());
+  SPLATVOL_TRY_SET(step.time, root.member("time").number(largest_time));
+  SPLATVOL_TRY_SET(step.attributes, read_attributes(root.member("attributes"), info.point_count()));
+  const auto is_same = [](const Attribute& a, const SeriesAttribute& b) {
+    return a.name == b.name && a.unit == b.unit;
+  };
+  if (!info.series || !std::ranges::equal(step.attributes, *info.series, is_same))
+    return root.member("attributes").wrong("not those of the series");
+  SPLATVOL_TRY_SET(step.columns, read_columns(root.member("columns"), step.attributes.size()));
   for (const Column& column : step.columns)
-    require(column.kind == ColumnKind::unknown || column.attribute >= 0, "a step has a column without an attribute");
-  step.rows_per_directory_page = static_cast<std::uint32_t>(whole_member(root, "rows_per_directory_page", 1, 1u << 24));
-  require(member(root, "provenance").is_object(), "'provenance' is not an object");
-  step.provenance = json_text(root.at("provenance"));
+    if (column.kind != ColumnKind::unknown && column.attribute < 0)
+      return root.member("columns").wrong("a step has a column without an attribute");
+  SPLATVOL_TRY_SET(step.rows_per_directory_page, read_rows_per_page(root));
+  SPLATVOL_TRY_SET(step.provenance, read_provenance(root));
   return step;
 }
 
@@ -380,19 +329,14 @@ json to_json(const VolumeInfo& info) {
   root["columns"] = json::array();
   for (const Column& column : info.columns) root["columns"].push_back(to_json(column));
   root["size_bounds"] = info.size_bounds;
-  root["provenance"] = parse_shallow(info.provenance);
+  root["provenance"] = provenance_to_json(info.provenance);
   if (info.boundary) root["boundary"] = to_json(*info.boundary);
-  require(info.up >= -1 && info.up < 3, "'up' is no axis");
-  if (info.up >= 0) root["up"] = std::string(1, "xyz"[info.up]);
+  if (info.up != -1) root["up"] = info.up >= 0 && info.up < 3 ? std::string(1, "xyz"[info.up]) : "no axis";
   if (!info.series) return root;
   root["series"] = json::array();
   for (const SeriesAttribute& attribute : *info.series)
     root["series"].push_back({{"name", attribute.name}, {"unit", attribute.unit}});
   return root;
-}
-
-tl::unexpected<Error> bad_metadata(ErrorCode code, const std::exception& error) {
-  return fail(code, "metadata: {} [R9]", error.what());
 }
 
 }  // namespace
@@ -431,41 +375,16 @@ Result<int> find_attribute(const VolumeInfo& info, const std::string& name, cons
   return fail_no_attribute(file_name, name, names);
 }
 
-Result<std::string> metadata_to_json(const VolumeInfo& info) {
-  try {
-    // Names come from input files and may not be UTF-8.
-    std::string text = json_text(to_json(info));
-    read_info(parse_shallow(text));
-    return text;
-  } catch (const std::exception& error) {
-    return bad_metadata(ErrorCode::invalid_argument, error);
-  }
-}
+Result<std::string> metadata_to_json(const VolumeInfo& info) { return write_metadata(to_json(info), read_info); }
 
-Result<VolumeInfo> metadata_from_json(const std::string& text) {
-  try {
-    return read_info(parse_shallow(text));
-  } catch (const std::exception& error) {
-    return bad_metadata(ErrorCode::invalid_data, error);
-  }
-}
+Result<VolumeInfo> metadata_from_json(const std::string& text) { return read_metadata(text, read_info); }
 
 Result<std::string> step_to_json(const StepInfo& step, const VolumeInfo& info) {
-  try {
-    std::string text = json_text(to_json(step));
-    read_step(parse_shallow(text), info);
-    return text;
-  } catch (const std::exception& error) {
-    return bad_metadata(ErrorCode::invalid_argument, error);
-  }
+  return write_metadata(to_json(step), [&](const JsonField& root) { return read_step(root, info); });
 }
 
 Result<StepInfo> step_from_json(const std::string& text, const VolumeInfo& info) {
-  try {
-    return read_step(parse_shallow(text), info);
-  } catch (const std::exception& error) {
-    return bad_metadata(ErrorCode::invalid_data, error);
-  }
+  return read_metadata(text, [&](const JsonField& root) { return read_step(root, info); });
 }
 
 VolumeInfo at_step(VolumeInfo info, const StepInfo& step) {

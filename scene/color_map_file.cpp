@@ -5,22 +5,20 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <nlohmann/json.hpp>
 #include <numbers>
 
 #include "base/file.h"
 #include "base/json.h"
-#include "base/nesting.h"
 #include "scene/srgb.h"
 
 namespace splatvol {
 namespace {
 
-using nlohmann::json;
 using Colors = std::vector<TransferFunction::Color>;
 
 constexpr int max_nesting = 32;  // an export of ParaView has 3 levels
 constexpr std::size_t most_control_points = 4096;
+constexpr double largest_value = 1e100;
 constexpr double tolerance = 1 / 255.0;
 
 dvec3 decode(const dvec3& srgb) { return {linear_of(srgb.r), linear_of(srgb.g), linear_of(srgb.b)}; }
@@ -115,7 +113,7 @@ dvec3 between_hsv(const dvec3& from, const dvec3& to, double part, bool wraps) {
 // Returns the colour between two, all sRGB.
 using Between = std::function<dvec3(const dvec3& from, const dvec3& to, double part)>;
 
-Result<Between> between_in(const std::string& space, bool wraps) {
+Result<Between> between_in(const JsonField& field, const std::string& space, bool wraps) {
   if (space == "RGB") return [](const dvec3& a, const dvec3& b, double part) { return glm::mix(a, b, part); };
   if (space == "Lab" || space == "CIELAB")
     return [](const dvec3& a, const dvec3& b, double part) { return of_lab(glm::mix(lab_of(a), lab_of(b), part)); };
@@ -123,8 +121,8 @@ Result<Between> between_in(const std::string& space, bool wraps) {
     return [wraps](const dvec3& a, const dvec3& b, double part) { return between_hsv(a, b, part, wraps); };
   if (space == "Diverging") return between_diverging;
   if (space == "Step") return [](const dvec3& a, const dvec3& b, double part) { return part < 1 ? a : b; };
-  return fail(ErrorCode::unsupported, "the colour space '{}' (RGB, HSV, Lab, CIELAB, Diverging and Step are known)",
-              space);
+  return fail(ErrorCode::unsupported, "{}: the colour space '{}' (RGB, HSV, Lab, CIELAB, Diverging and Step are known)",
+              field.path(), space);
 }
 
 struct Point {
@@ -152,36 +150,36 @@ void add_between(Colors& colors, const Point& from, const Point& to, const Betwe
     colors.push_back({std::lerp(from.t, to.t, double(i) / pieces), decode(at(double(i) / pieces))});
 }
 
-// Throws an exception where a number is none.
-Result<std::vector<Point>> points_of(const json& numbers) {
-  if (!numbers.is_array() || numbers.size() < 8 || numbers.size() % 4 != 0)
-    return fail(ErrorCode::invalid_data, "RGBPoints: not two or more groups of four numbers");
+Result<std::vector<Point>> points_of(const JsonField& field) {
+  if (field.size() < 8 || field.size() % 4 != 0) return field.wrong("not two or more groups of four numbers");
+  SPLATVOL_TRY_ASSIGN(numbers, field.numbers(field.size(), largest_value));
   std::vector<Point> points;
   for (std::size_t i = 0; i < numbers.size(); i += 4) {
-    const Point point{numbers.at(i), {numbers.at(i + 1), numbers.at(i + 2), numbers.at(i + 3)}};
-    if (!(std::abs(point.t) <= 1e100)) return fail(ErrorCode::invalid_data, "RGBPoints[{}]: out of range", i);
-    if (!points.empty() && !(point.t >= points.back().t))
-      return fail(ErrorCode::invalid_data, "RGBPoints[{}]: values must not fall", i);
+    const Point point{numbers[i], {numbers[i + 1], numbers[i + 2], numbers[i + 3]}};
+    if (!points.empty() && !(point.t >= points.back().t)) return field.element(i).wrong("values must not fall");
     for (int k = 0; k < 3; ++k)
-      if (!(point.srgb[k] >= 0 && point.srgb[k] <= 1))
-        return fail(ErrorCode::invalid_data, "RGBPoints[{}]: colours are not between 0 and 1", i);
+      if (!(point.srgb[k] >= 0 && point.srgb[k] <= 1)) return field.element(i).wrong("colours are not between 0 and 1");
     points.push_back(point);
   }
   const double low = points.front().t, width = points.back().t - low;
-  if (!(width > 0)) return fail(ErrorCode::invalid_data, "RGBPoints: all values are the same");
+  if (!(width > 0)) return field.wrong("all values are the same");
   for (Point& point : points) point.t = (point.t - low) / width;
   points.back().t = 1;
   return points;
 }
 
-Result<NamedColorMap> map_of(const json& item) {
-  NamedColorMap map{item.value("Name", ""), {}};
-  const bool wraps = item.contains("HSVWrap") && item["HSVWrap"] != 0 && item["HSVWrap"] != false;
-  SPLATVOL_TRY_ASSIGN(between, between_in(item.value("ColorSpace", "RGB"), wraps));
-  SPLATVOL_TRY_ASSIGN(points, points_of(item.at("RGBPoints")));
+Result<NamedColorMap> map_of(const JsonField& item) {
+  NamedColorMap map;
+  std::string space = "RGB";
+  const JsonField space_field = item.member("ColorSpace"), wrap = item.member("HSVWrap");
+  if (item.has("Name")) SPLATVOL_TRY_SET(map.name, item.member("Name").text());
+  if (space_field.exists()) SPLATVOL_TRY_SET(space, space_field.text());
+  const bool wraps = wrap.truth().value_or(wrap.number().value_or(0) != 0);
+  SPLATVOL_TRY_ASSIGN(between, between_in(space_field, space, wraps));
+  SPLATVOL_TRY_ASSIGN(points, points_of(item.member("RGBPoints")));
   if (points.size() > most_control_points)
-    return fail(ErrorCode::invalid_data, "{} colours; at most {} are drawn", points.size(), most_control_points);
-  const bool steps = item.value("ColorSpace", "RGB") == "Step";
+    return item.wrong("{} colours; at most {} are drawn", points.size(), most_control_points);
+  const bool steps = space == "Step";
   map.colors.push_back({0, decode(points.front().srgb)});
   for (std::size_t i = 1; i < points.size(); ++i) {
     if (steps) map.colors.push_back({points[i].t, decode(points[i - 1].srgb)});
@@ -191,9 +189,22 @@ Result<NamedColorMap> map_of(const json& item) {
       add_between(map.colors, points[i - 1], points[i], between);
   }
   if (map.colors.size() > most_control_points)
-    return fail(ErrorCode::invalid_data, "needs {} control points; at most {} are drawn", map.colors.size(),
-                most_control_points);
+    return item.wrong("needs {} control points; at most {} are drawn", map.colors.size(), most_control_points);
   return map;
+}
+
+// An export is a list of maps; a map alone is taken too.
+Result<std::vector<NamedColorMap>> read_maps(const JsonField& root) {
+  std::vector<NamedColorMap> maps;
+  for (std::size_t i = 0; i < (root.is_list() ? root.size() : 1); ++i) {
+    const JsonField item = root.is_list() ? root.element(i) : root;
+    if (!item.has("RGBPoints")) continue;
+    SPLATVOL_TRY_ASSIGN(map, map_of(item));
+    if (map.name.empty()) map.name = fmt::format("map {}", maps.size() + 1);
+    maps.push_back(std::move(map));
+  }
+  if (maps.empty()) return root.wrong("none with RGBPoints");
+  return maps;
 }
 
 }  // namespace
@@ -201,24 +212,8 @@ Result<NamedColorMap> map_of(const json& item) {
 bool is_color_map_text(const std::string& json) { return json.find("\"RGBPoints\"") != std::string::npos; }
 
 Result<std::vector<NamedColorMap>> parse_color_maps(const std::string& text) {
-  if (is_nested_deeper(text, max_nesting))
-    return fail(ErrorCode::invalid_data, "no colour map (nested deeper than {} levels)", max_nesting);
-  std::vector<NamedColorMap> maps;
-  try {
-    json items = parse_json(text);
-    if (!items.is_array()) items = json::array({items});
-    for (const json& item : items) {
-      if (!item.contains("RGBPoints")) continue;
-      auto map = map_of(item);
-      if (!map) return fail(map.error().code, "colour map {}: {}", maps.size(), map.error().message);
-      if (map->name.empty()) map->name = fmt::format("map {}", maps.size() + 1);
-      maps.push_back(std::move(*map));
-    }
-  } catch (const json::exception& error) {
-    return fail(ErrorCode::invalid_data, "no colour map of ParaView ({})", error.what());
-  }
-  if (maps.empty()) return fail(ErrorCode::invalid_data, "no colour map with RGBPoints");
-  return maps;
+  auto maps = read_json(text, read_maps, max_nesting);
+  return maps ? maps : fail_in("no colour map", maps.error());
 }
 
 Result<std::vector<NamedColorMap>> load_color_maps(const std::string& path) {

@@ -13,7 +13,10 @@
 
 namespace splatvol {
 
-/// Reads or writes the object `camera` of a scene file. parse_camera fails if make_view would.
+class JsonField;
+
+/// Reads or writes the object `camera` of a scene file. parse_camera fails if make_view would, read_camera does not.
+[[nodiscard]] Result<Camera> read_camera(const JsonField& json);
 [[nodiscard]] Result<Camera> parse_camera(const std::string& json);
 [[nodiscard]] std::string camera_to_json(const Camera& camera);
 

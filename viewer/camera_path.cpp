@@ -6,7 +6,6 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "base/nesting.h"
 #include "viewer/camera_control.h"
 
 namespace splatvol {
@@ -20,6 +19,24 @@ constexpr int max_nesting = 32;
 glm::dquat orientation_of(const Camera& camera) {
   const CameraAxes axes = axes_of(camera);
   return glm::quat_cast(dmat3(axes.right, axes.up, -axes.forward));
+}
+
+Result<Camera> read_path_camera(const JsonField& field) {
+  SPLATVOL_TRY_ASSIGN(camera, read_camera(field));
+  if (const auto view = make_view(camera, 1, 1); !view) return field.wrong("{}", view.error().message);
+  return camera;
+}
+
+Result<CameraPath> read_path(const JsonField& root) {
+  CameraPath path;
+  const JsonField seconds = root.member("seconds"), cameras = root.member("cameras");
+  SPLATVOL_TRY_SET(path.seconds, seconds.number());
+  if (!(path.seconds > 0 && path.seconds <= 86400)) return seconds.wrong("not between 0 and a day");
+  SPLATVOL_TRY_SET(path.cameras, cameras.each(read_path_camera));
+  if (path.cameras.empty()) return cameras.wrong("no cameras");
+  for (const Camera& camera : path.cameras)
+    if (camera.projection != path.cameras.front().projection) return cameras.wrong("cameras of both projections");
+  return path;
 }
 
 double geometric(double a, double b, double part) { return a * std::pow(b / a, part); }
@@ -53,28 +70,8 @@ std::string path_to_json(const CameraPath& path) {
 
 Result<CameraPath> load_camera_path(const std::string& file) {
   SPLATVOL_TRY_ASSIGN(text, read_text_file(file));
-  if (is_nested_deeper(text, max_nesting))
-    return fail(ErrorCode::invalid_data, "{}: not a camera path (nested deeper than {} levels)", file, max_nesting);
-  CameraPath path;
-  try {
-    const json document = parse_ordered_json(text);
-    path.seconds = document.at("seconds");
-    for (const json& item : document.at("cameras")) {
-      auto camera = parse_camera(json_text(item));
-      if (!camera)
-        return fail(camera.error().code, "{}: cameras[{}]: {}", file, path.cameras.size(), camera.error().message);
-      path.cameras.push_back(*camera);
-    }
-  } catch (const json::exception& error) {
-    return fail(ErrorCode::invalid_data, "{}: not a camera path ({})", file, error.what());
-  }
-  if (path.cameras.empty()) return fail(ErrorCode::invalid_data, "{}: no cameras", file);
-  if (!(path.seconds > 0 && path.seconds <= 86400))
-    return fail(ErrorCode::invalid_data, "{}: seconds: not between 0 and a day", file);
-  for (const Camera& camera : path.cameras)
-    if (camera.projection != path.cameras.front().projection)
-      return fail(ErrorCode::invalid_data, "{}: cameras of both projections", file);
-  return path;
+  auto path = read_json(text, read_path, max_nesting);
+  return path ? path : fail_in(file + ": not a camera path", path.error());
 }
 
 }  // namespace splatvol

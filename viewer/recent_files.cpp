@@ -8,7 +8,6 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "base/nesting.h"
 
 namespace splatvol {
 namespace {
@@ -19,12 +18,12 @@ constexpr std::size_t most_files = 12;
 
 std::vector<std::string> read_list(const std::string& path) {
   const auto text = read_text_file(path);
-  if (!text || is_nested_deeper(*text, 1)) return {};
-  const auto json = parse_json_or_discard(*text);
+  const auto document = parse_shallow_json(text.value_or(""), 1);
   std::vector<std::string> paths;
-  if (!json.is_array()) return paths;
-  for (const auto& entry : json)
-    if (entry.is_string() && paths.size() < most_files) paths.push_back(entry.get<std::string>());
+  if (!document) return paths;
+  const JsonField list(**document);
+  for (std::size_t i = 0; i < list.size() && paths.size() < most_files; ++i)
+    if (auto entry = list.element(i).text()) paths.push_back(std::move(*entry));
   return paths;
 }
 

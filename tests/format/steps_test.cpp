@@ -102,7 +102,7 @@ TEST_F(IndexedSteps, EachByteOfTheFilesIsChecked) {
 // The system would open "a.svol".
 TEST_F(IndexedSteps, ANameDoesNotEndInItsMiddle) {
   index_.steps[1].file = std::string("a.svol\0b.svol", 13);
-  EXPECT_THAT(error(), AllOf(HasSubstr("step 1"), HasSubstr("not the name of a file")));
+  EXPECT_THAT(error(), AllOf(HasSubstr("steps[1].file: "), HasSubstr("not the name of a file")));
 }
 
 }  // namespace

@@ -167,12 +167,12 @@ TEST(ColorMapFile, RefusesWhatIsNone) {
                                      {R"([{"RGBPoints": 3}])", "four numbers"},
                                      {R"([{"RGBPoints": [0,0,0,0]}])", "four numbers"},
                                      {R"([{"RGBPoints": [0,0,0,0,1,1,1]}])", "four numbers"},
-                                     {R"([{"RGBPoints": [0,0,0,0,1,1,"a",1]}])", "no colour map"},
+                                     {R"([{"RGBPoints": [0,0,0,0,1,1,"a",1]}])", "[6]: not a number"},
                                      {R"([{"RGBPoints": [1,0,0,0,0,1,1,1]}])", "fall"},
                                      {R"([{"RGBPoints": [0,0,0,0,0,1,1,1]}])", "same"},
                                      {R"([{"RGBPoints": [0,0,0,0,1,1,2,1]}])", "between 0 and 1"},
                                      {R"([{"RGBPoints": [0,0,0,0,1e999,1,1,1]}])", "no colour map"},
-                                     {R"([{"RGBPoints": [0,0,0,0,1e101,1,1,1]}])", "range"},
+                                     {R"([{"RGBPoints": [0,0,0,0,1e101,1,1,1]}])", "[4]: beyond"},
                                      {R"([{"ColorSpace": "XYZ", "RGBPoints": [0,0,0,0,1,1,1,1]}])", "'XYZ'"},
                                      {R"([{"ColorSpace": 3, "RGBPoints": [0,0,0,0,1,1,1,1]}])", "no colour map"}}) {
     const auto maps = parse_color_maps(text);

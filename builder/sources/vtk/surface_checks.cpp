@@ -8,7 +8,6 @@
 #include <cstring>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
 #include <string>
@@ -18,7 +17,6 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "base/nesting.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/file_words.h"
 
@@ -323,16 +321,14 @@ Status check_gltf_buffers(const std::string& path) {
   constexpr int deepest = 64;
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   SPLATVOL_TRY_ASSIGN(text, gltf_text(*file));
-  if (is_nested_deeper(text, deepest)) return {};
-  const auto scene = parse_json_or_discard(text);
-  const auto buffers = scene.is_object() ? scene.find("buffers") : scene.end();
-  if (!scene.is_object() || buffers == scene.end()) return {};  // VTK's reader tells
-  for (const auto& buffer : *buffers) {
-    const auto uri = buffer.is_object() ? buffer.find("uri") : buffer.end();
-    if (!buffer.is_object() || uri == buffer.end() || !uri->is_string()) continue;
-    const auto& name = uri->get_ref<const std::string&>();
-    if (name.starts_with("data:")) continue;
-    const auto named = open_file(std::filesystem::path(path).parent_path() / name);
+  const auto document = parse_shallow_json(text, deepest);
+  if (!document) return {};  // VTK's reader tells
+  const JsonField scene(**document), buffers = scene.member("buffers");
+  for (std::size_t i = 0; i < buffers.size(); ++i) {
+    const JsonField buffer = buffers.element(i);
+    const auto name = buffer.member("uri").text();
+    if (!name || name->starts_with("data:")) continue;
+    const auto named = open_file(std::filesystem::path(path).parent_path() / *name);
     if (!named) return fail_in(path, named.error());
   }
   return {};
