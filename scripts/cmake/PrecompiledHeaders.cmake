@@ -1,10 +1,11 @@
 # Headers that most sources include are read once. A precompiled header serves the compiler's flags that it was made with:
-# the layers' own (splatvol_base), the programs' (splatvol_tool) and the tests' (tests/CMakeLists.txt). Each source still
-# includes what it uses: scripts/lint compiles without precompiled headers.
+# the layers' own (splatvol_base), the programs' (splatvol_tool) and the tests' (tests/CMakeLists.txt). Sources of CGAL,
+# OpenVDB and VTK have one of their own. Each source still includes what it uses: scripts/lint compiles without
+# precompiled headers.
 set(SPLATVOL_HEADERS <algorithm> <array> <atomic> <bit> <chrono> <cmath> <condition_variable> <cstdint> <cstring>
     <filesystem> <fstream> <functional> <limits> <map> <memory> <mutex> <optional> <random> <ranges> <span> <string>
     <string_view> <thread> <unordered_map> <utility> <variant> <vector> <fmt/format.h> <glm/glm.hpp>
-    <glm/gtc/quaternion.hpp> <tl/expected.hpp>)
+    <glm/gtc/quaternion.hpp> <tbb/parallel_for.h> <tl/expected.hpp>)
 
 # splatvol_share_headers(OWNER FOLDER...): the libraries of folders, and of those below, take OWNER's precompiled header.
 function(splatvol_share_headers owner)

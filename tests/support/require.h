@@ -7,8 +7,8 @@
 
 namespace splatvol::test {
 
-/// Ends the program with exit code 1 unless `holds`. For SetUpTestSuite: if an assertion fails there, ctest takes the
-/// suite's tests for skipped and the run for good.
+/// Ends the program with exit code 1 unless `holds`. For SetUpTestSuite: without what it makes, no
+/// test of the suite means anything.
 inline void require(bool holds, const std::string& message) {
   if (holds) return;
   std::fprintf(stderr, "the tests cannot be set up: %s\n", message.c_str());
