@@ -12,14 +12,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <csignal>
 #include <cstddef>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <map>
 #include <span>
@@ -30,6 +28,8 @@
 #include "base/locked_file.h"
 #include "base/replaceable.h"
 #include "base/temporary_names.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -41,40 +41,7 @@ using testing::StartsWith;
 
 std::span<const std::byte> bytes_of(const std::string& text) { return std::as_bytes(std::span(text)); }
 
-/// Gives each test its own folder, and removes it afterwards.
-class FileTest : public testing::Test {
- protected:
-  FileTest() {
-    std::string name = (fs::temp_directory_path() / "splatvol_file_test.XXXXXX").string();
-    folder_ = ::mkdtemp(name.data());
-  }
-  ~FileTest() override {
-    std::error_code ignored;
-    fs::remove_all(folder_, ignored);
-  }
-
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
-
-  void write(const std::string& name, const std::string& text) const {
-    std::ofstream(path(name), std::ios::binary) << text;
-  }
-
-  std::string content(const std::string& name) const {
-    std::ifstream file(path(name), std::ios::binary);
-    return {std::istreambuf_iterator<char>(file), {}};
-  }
-
-  /// Returns the names in the folder, sorted. A temporary file that was left behind would show.
-  std::vector<std::string> names() const {
-    std::vector<std::string> names;
-    for (const auto& entry : fs::directory_iterator(folder_)) names.push_back(entry.path().filename().string());
-    std::ranges::sort(names);
-    return names;
-  }
-
-  fs::path folder_;
-};
-
+using FileTest = test::FolderTest;
 using Names = std::vector<std::string>;
 
 void expect_one_line_about(const Error& error, const std::string& path) {
@@ -138,10 +105,9 @@ TEST_P(ByteSourceTest, RefusesOffsetsWhoseSumWithTheLengthWraps) {
 TEST_P(ByteSourceTest, NamesItselfInErrors) {
   const auto source = open_digits();
   std::array<std::byte, 4> out{};
-  const Status status = source->read(8, out);
-  ASSERT_FALSE(status);
-  EXPECT_THAT(status.error().message, StartsWith(source->name() + ": "));
-  EXPECT_THAT(status.error().message, HasSubstr("4 bytes at 8"));
+  const std::string status = test::message_of(source->read(8, out));
+  EXPECT_THAT(status, StartsWith(source->name() + ": "));
+  EXPECT_THAT(status, HasSubstr("4 bytes at 8"));
 }
 
 TEST_F(FileTest, FileThatShrinksWhileOpenIsAnError) {
@@ -162,16 +128,15 @@ TEST_F(FileTest, OpenRefusesWhatIsNoRegularFile) {
   expect_one_line_about(missing.error(), path("missing"));
   EXPECT_THAT(missing.error().message, HasSubstr("No such file"));
 
-  const auto folder = open_file(folder_.string());
+  fs::create_directory(path("folder"));
+  const auto folder = open_file(path("folder"));
   ASSERT_FALSE(folder);
-  expect_one_line_about(folder.error(), folder_.string());
+  expect_one_line_about(folder.error(), path("folder"));
 }
 
 TEST_F(FileTest, ANameDoesNotEndInItsMiddle) {
   write("a", "other");
-  const auto opened = open_file(path("a") + std::string("\0b", 2));
-  ASSERT_FALSE(opened);
-  EXPECT_THAT(opened.error().message, HasSubstr("NUL"));
+  EXPECT_THAT(test::message_of(open_file(path("a") + std::string("\0b", 2))), HasSubstr("NUL"));
 }
 
 TEST_F(FileTest, ReadTextFileKeepsEveryByte) {
@@ -192,7 +157,7 @@ TEST_F(FileTest, NothingStandsAtThePathBeforeCommit) {
   EXPECT_TRUE(names().empty()) << "what is killed leaves nothing behind";
 
   ASSERT_TRUE(file.commit());
-  EXPECT_EQ(content("new"), "whole");
+  EXPECT_EQ(read("new"), "whole");
   EXPECT_EQ(names(), Names{"new"});
 }
 
@@ -200,9 +165,9 @@ TEST_F(FileTest, CommitReplacesAnOldFile) {
   write("old", "much longer than the new content");
   auto file = AtomicFile::create(path("old")).value();
   ASSERT_TRUE(file.append(bytes_of("short")));
-  EXPECT_EQ(content("old"), "much longer than the new content");
+  EXPECT_EQ(read("old"), "much longer than the new content");
   ASSERT_TRUE(file.commit());
-  EXPECT_EQ(content("old"), "short");
+  EXPECT_EQ(read("old"), "short");
 }
 
 TEST_F(FileTest, OnlyAFileOfTheSameKindIsReplaced) {
@@ -233,7 +198,7 @@ TEST_F(FileTest, OnlyAFileOfTheSameKindIsReplaced) {
   auto file = AtomicFile::create(path("late.svol")).value();
   write("late.svol", "a letter");
   EXPECT_FALSE(file.commit());
-  EXPECT_EQ(content("late.svol"), "a letter");
+  EXPECT_EQ(read("late.svol"), "a letter");
 }
 
 // The start of a .vdb file whose metadata have the mark of an export with another UUID, or with its own.
@@ -281,7 +246,7 @@ TEST_F(FileTest, WhatMayBeAnInputIsReplacedIfItHasAMarkOnly) {
   auto file = AtomicFile::create(path("late.vtu")).value();
   write("late.vtu", declared + element);
   EXPECT_FALSE(file.commit());
-  EXPECT_EQ(content("late.vtu"), declared + element);
+  EXPECT_EQ(read("late.vtu"), declared + element);
 }
 
 TEST_F(FileTest, DestroyedWithoutCommitLeavesTheOldFile) {
@@ -290,7 +255,7 @@ TEST_F(FileTest, DestroyedWithoutCommitLeavesTheOldFile) {
     auto file = AtomicFile::create(path("old")).value();
     ASSERT_TRUE(file.append(bytes_of("new")));
   }
-  EXPECT_EQ(content("old"), "old");
+  EXPECT_EQ(read("old"), "old");
   EXPECT_EQ(names(), Names{"old"});
 }
 
@@ -328,7 +293,7 @@ TEST_F(FileTest, FailedWriteLeavesTheOldFile) {
     expect_one_line_about(status.error(), path("old"));
     EXPECT_EQ(file.position(), 900U);
   }
-  EXPECT_EQ(content("old"), "old");
+  EXPECT_EQ(read("old"), "old");
   EXPECT_EQ(names(), Names{"old"});
 }
 
@@ -342,7 +307,7 @@ TEST_F(FileTest, FailedCommitLeavesTheOldContent) {
     ASSERT_FALSE(status);
     expect_one_line_about(status.error(), path("taken"));
   }
-  EXPECT_EQ(content("taken/inside"), "old");
+  EXPECT_EQ(read("taken/inside"), "old");
   EXPECT_EQ(names().size(), 2u) << "the finished file is kept too";
 }
 
@@ -353,7 +318,7 @@ TEST_F(FileTest, WriteAtPatchesWithoutMovingTheEnd) {
   EXPECT_EQ(file.position(), 8U);
   ASSERT_TRUE(file.append(bytes_of("9")));
   ASSERT_TRUE(file.commit());
-  EXPECT_EQ(content("patched"), "123456789");
+  EXPECT_EQ(read("patched"), "123456789");
 }
 
 TEST_F(FileTest, HolesReadAsZeros) {
@@ -361,7 +326,7 @@ TEST_F(FileTest, HolesReadAsZeros) {
   file.seek(4);
   ASSERT_TRUE(file.append(bytes_of("end")));
   ASSERT_TRUE(file.commit());
-  EXPECT_EQ(content("holed"), std::string("\0\0\0\0end", 7));
+  EXPECT_EQ(read("holed"), std::string("\0\0\0\0end", 7));
 }
 
 // Inserts ranges that some file systems can insert, and others, which are always copied.
@@ -377,7 +342,7 @@ TEST_F(FileTest, InsertFrontMovesAllBytesAndTheEnd) {
     ASSERT_TRUE(file.append(bytes_of("end")));
     ASSERT_TRUE(file.write_at(0, bytes_of(std::string(front, '.'))));
     ASSERT_TRUE(file.commit());
-    EXPECT_TRUE(content("moved") == std::string(front, '.') + text + "end") << front;
+    EXPECT_TRUE(read("moved") == std::string(front, '.') + text + "end") << front;
   }
 }
 
@@ -386,7 +351,7 @@ TEST_F(FileTest, InsertFrontOfNothingMovesTheEnd) {
   ASSERT_TRUE(file.insert_front(AtomicFile::insertable_bytes));
   EXPECT_EQ(file.position(), AtomicFile::insertable_bytes);
   ASSERT_TRUE(file.commit());
-  EXPECT_EQ(content("empty"), "");
+  EXPECT_EQ(read("empty"), "");
 }
 
 TEST_F(FileTest, WriteAtRefusesOffsetsThatNoFileHas) {
@@ -403,7 +368,7 @@ TEST_F(FileTest, MovedFileIsCommittedOnce) {
     ASSERT_TRUE(second.append(bytes_of("two")));
     ASSERT_TRUE(second.commit());
   }
-  EXPECT_EQ(content("moved"), "one two");
+  EXPECT_EQ(read("moved"), "one two");
   EXPECT_EQ(names(), Names{"moved"});
 }
 
@@ -446,7 +411,7 @@ TEST_F(FileTest, AReplacedFileKeepsItsRights) {
     struct stat status {};
     ASSERT_EQ(::stat(path("old").c_str(), &status), 0);
     EXPECT_EQ(status.st_mode & 07777U, rights);
-    EXPECT_EQ(content("old"), "new");
+    EXPECT_EQ(read("old"), "new");
     fs::remove(path("old"));
   }
 }
@@ -486,9 +451,7 @@ TEST_F(FileTest, LongNamesAreTakenAndTooLongOnesRefusedAtOnce) {
     EXPECT_TRUE(file.commit());
     EXPECT_EQ(names(), Names{longest});
   }
-  const auto file = AtomicFile::create(path(longest + "a"));
-  ASSERT_FALSE(file);
-  EXPECT_THAT(file.error().message, HasSubstr("too long"));
+  EXPECT_THAT(test::message_of(AtomicFile::create(path(longest + "a"))), HasSubstr("too long"));
 }
 
 TEST_F(FileTest, LinksInACircleAreRefused) {
@@ -504,13 +467,12 @@ TEST_F(FileTest, AFileThatCannotGetItsNameStaysBesideIt) {
     auto file = AtomicFile::create(path("taken"), unnamed).value();
     ASSERT_TRUE(file.append(bytes_of("hours of work")));
     fs::create_directory(path("taken"));
-    const Status committed = file.commit();
-    ASSERT_FALSE(committed);
+    const std::string committed = test::message_of(file.commit());
     fs::remove(path("taken"));
     const Names left = names();
     ASSERT_EQ(left.size(), 1u);
-    EXPECT_THAT(committed.error().message, HasSubstr(left[0]));
-    EXPECT_EQ(content(left[0]), "hours of work");
+    EXPECT_THAT(committed, HasSubstr(left[0]));
+    EXPECT_EQ(read(left[0]), "hours of work");
     fs::remove(path(left[0]));
   }
 }
@@ -529,7 +491,7 @@ TEST_F(FileTest, WithoutConfirmationNothingStaysOfAFileThatCannotGetItsName) {
   ASSERT_TRUE(file.append(bytes_of("text")));
   ASSERT_TRUE(file.commit_unconfirmed());
   ASSERT_TRUE(sync_folder(folder_));
-  EXPECT_EQ(content("free"), "text");
+  EXPECT_EQ(read("free"), "text");
   EXPECT_FALSE(sync_folder(path("missing")));
 }
 
@@ -538,9 +500,9 @@ TEST_F(FileTest, RenamesToFreeNamesOnly) {
   write("b", "b");
   fs::create_symlink("nowhere", path("link"));
   for (const char* taken : {"b", "link"}) EXPECT_FALSE(rename_if_free(path("a"), path(taken)).value()) << taken;
-  EXPECT_EQ(content("b"), "b");
+  EXPECT_EQ(read("b"), "b");
   EXPECT_TRUE(rename_if_free(path("a"), path("c")).value());
-  EXPECT_EQ(content("c"), "a");
+  EXPECT_EQ(read("c"), "a");
   EXPECT_EQ(names(), (Names{"b", "c", "link"}));
   const auto missing = rename_if_free(path("a"), path("d"));
   ASSERT_FALSE(missing);
@@ -551,12 +513,10 @@ TEST_F(FileTest, AFileIsLockedOnce) {
   using IfTaken = LockedFile::IfTaken;
   write("a", "a");
   {
-    const auto first = LockedFile::open(path("a"), IfTaken::fail);
-    ASSERT_TRUE(first) << first.error().message;
-    EXPECT_TRUE(first->is_locked());
-    const auto second = LockedFile::open(path("a"), IfTaken::fail);
-    ASSERT_FALSE(second);
-    EXPECT_THAT(second.error().message, HasSubstr("another program appends to it"));
+    const auto first = test::value_of(LockedFile::open(path("a"), IfTaken::fail));
+    EXPECT_TRUE(first.is_locked());
+    EXPECT_THAT(test::message_of(LockedFile::open(path("a"), IfTaken::fail)),
+                HasSubstr("another program appends to it"));
     // The lock is that of the file, and not of the name.
     ASSERT_TRUE(write_text_file(path("a"), "new"));
     EXPECT_TRUE(LockedFile::open(path("a"), IfTaken::fail));
@@ -579,7 +539,7 @@ TEST_F(FileTest, WithoutLinksToUnnamedFilesACopyGetsTheName) {
       ::_exit(2);
     auto file = AtomicFile::create(path("copied")).value();
     const std::string text(10'000'000, 'x');
-    ::_exit(file.append(bytes_of(text)) && file.commit() && content("copied") == text ? 0 : 1);
+    ::_exit(file.append(bytes_of(text)) && file.commit() && read("copied") == text ? 0 : 1);
   }
   int status = -1;
   ASSERT_EQ(::waitpid(child, &status, 0), child);
@@ -665,25 +625,21 @@ TEST_F(FileTest, CreateRefusesAFolderThatMayNotBeWritten) {
   EXPECT_EQ(names(), Names{});
 }
 
-TEST(AtomicFile, RefusesWhatIsNoRegularFileAndFollowsLinks) {
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "atomic_file_kinds";
-  std::filesystem::remove_all(folder);
-  std::filesystem::create_directory(folder);
-  const std::string pipe = folder / "pipe", link = folder / "link", file = folder / "file";
+TEST_F(FileTest, RefusesWhatIsNoRegularFileAndFollowsLinks) {
+  const std::string pipe = path("pipe"), link = path("link"), file = path("file");
   ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
   EXPECT_FALSE(AtomicFile::create(pipe));
-  EXPECT_FALSE(AtomicFile::create(folder));
-  EXPECT_TRUE(std::filesystem::is_fifo(pipe));
+  fs::create_directory(path("folder"));
+  EXPECT_FALSE(AtomicFile::create(path("folder")));
+  EXPECT_TRUE(fs::is_fifo(pipe));
 
-  std::ofstream(file) << "old";
-  std::filesystem::create_symlink("file", link);
-  auto target = AtomicFile::create(link);
-  ASSERT_TRUE(target);
-  ASSERT_TRUE(target->append(std::as_bytes(std::span("new", 3))));
-  ASSERT_TRUE(target->commit());
-  EXPECT_TRUE(std::filesystem::is_symlink(link));
-  EXPECT_EQ(*read_text_file(file), "new");
-  std::filesystem::remove_all(folder);
+  write("file", "old");
+  fs::create_symlink("file", link);
+  auto target = test::value_of(AtomicFile::create(link));
+  ASSERT_TRUE(target.append(std::as_bytes(std::span("new", 3))));
+  ASSERT_TRUE(target.commit());
+  EXPECT_TRUE(fs::is_symlink(link));
+  EXPECT_EQ(read("file"), "new");
 }
 
 }  // namespace

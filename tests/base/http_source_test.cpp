@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <fstream>
@@ -16,7 +15,9 @@
 #include "base/interruption.h"
 #include "tests/support/loopback.h"
 #include "tests/support/nginx.h"
+#include "tests/support/results.h"
 #include "tests/support/scripted_server.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -54,37 +55,27 @@ void expect_one_line(const Error& error, const std::string& name, const std::str
 class HttpSource : public testing::Test {
  protected:
   void SetUp() override {
-    std::string name = (std::filesystem::temp_directory_path() / "splatvol_http_test.XXXXXX").string();
-    folder_ = ::mkdtemp(name.data());
-    nginx_ = test::Nginx::start(folder_);
+    nginx_ = test::Nginx::start(folder_.path());
     if (!nginx_) GTEST_SKIP() << "no nginx on this machine (package nginx)";
-    write("data", text_);
-  }
-  void TearDown() override {
-    nginx_.reset();
-    std::filesystem::remove_all(folder_);
+    folder_.write("data", text_);
   }
 
-  void write(const std::string& name, const std::string& text) const {
-    std::ofstream(folder_ / name, std::ios::binary) << text;
-  }
   std::vector<std::string> log() const {
-    std::ifstream file(folder_ / "access.log");
+    std::ifstream file(folder_.path("access.log"));
     std::vector<std::string> lines;
     for (std::string line; std::getline(file, line);) lines.push_back(line);
     return lines;
   }
 
-  std::filesystem::path folder_;
+  test::TempFolder folder_;
   std::unique_ptr<test::Nginx> nginx_;
   const std::string text_ = random_text(300'000, 1);
 };
 
 TEST_F(HttpSource, ReadsRandomRangesFromSeveralThreads) {
-  const auto source = open_url(nginx_->url("data"));
-  ASSERT_TRUE(source) << source.error().message;
-  ASSERT_EQ((*source)->size(), text_.size());
-  EXPECT_EQ((*source)->name(), nginx_->url("data"));
+  const auto source = test::value_of(open_url(nginx_->url("data")));
+  ASSERT_EQ(source->size(), text_.size());
+  EXPECT_EQ(source->name(), nginx_->url("data"));
 
   constexpr std::uint32_t thread_count = 6;
   std::array<std::string, thread_count> mistakes;
@@ -95,7 +86,7 @@ TEST_F(HttpSource, ReadsRandomRangesFromSeveralThreads) {
       for (int i = 0; i < 50; ++i) {
         const std::size_t offset = random() % (text_.size() + 1);
         std::string out(random() % (text_.size() - offset + 1), '?');
-        if (const Status status = read(**source, offset, out); !status) mistakes[t] = status.error().message;
+        if (const Status status = read(*source, offset, out); !status) mistakes[t] = status.error().message;
         if (out != text_.substr(offset, out.size())) mistakes[t] += " other bytes";
       }
     });
@@ -137,7 +128,7 @@ TEST_F(HttpSource, AsksForWhatIsReadAndNothingElse) {
 }
 
 TEST_F(HttpSource, ReadsFilesShorterThanTheFirstRequest) {
-  write("short", "0123456789");
+  folder_.write("short", "0123456789");
   const auto source = open_url(nginx_->url("short")).value();
   ASSERT_EQ(source->size(), 10u);
   std::string out(10, '?');
@@ -153,11 +144,11 @@ TEST_F(HttpSource, RefusesWhatIsNotServedInRanges) {
   const auto missing = open_url(nginx_->url("missing"));
   ASSERT_FALSE(missing);
   expect_one_line(missing.error(), nginx_->url("missing"), "404: not found");
-  std::filesystem::create_directory(folder_ / "folder");
+  std::filesystem::create_directory(folder_.path("folder"));
   const auto folder = open_url(nginx_->url("folder/"));
   ASSERT_FALSE(folder);
   expect_one_line(folder.error(), nginx_->url("folder/"), "403: forbidden");
-  write("empty", "");
+  folder_.write("empty", "");
   const auto empty = open_url(nginx_->url("empty"));
   ASSERT_FALSE(empty);
   expect_one_line(empty.error(), nginx_->url("empty"), "the server answers");
@@ -167,13 +158,13 @@ TEST_F(HttpSource, RefusesWhatIsNotServedInRanges) {
 
 TEST_F(HttpSource, NoticesAFileThatIsReplacedWhileOpen) {
   const auto read_after = [&](const std::string& name, const std::string& text) {
-    write(name, text_);
+    folder_.write(name, text_);
     const auto source = open_url(nginx_->url(name)).value();
-    write("new", text);
+    folder_.write("new", text);
     // The server distinguishes versions by their size and the second of their last change.
-    std::filesystem::last_write_time(folder_ / "new", std::filesystem::file_time_type::clock::now() +
-                                                          std::chrono::hours(text.size() == text_.size() ? 1 : 0));
-    std::filesystem::rename(folder_ / "new", folder_ / name);
+    std::filesystem::last_write_time(folder_.path("new"), std::filesystem::file_time_type::clock::now() +
+                                                              std::chrono::hours(text.size() == text_.size() ? 1 : 0));
+    std::filesystem::rename(folder_.path("new"), folder_.path(name));
     std::string out(100, '?');
     const Status status = read(*source, 200'000, out);
     return status ? "read" : status.error().message;
@@ -185,11 +176,10 @@ TEST_F(HttpSource, NoticesAFileThatIsReplacedWhileOpen) {
 
 TEST_F(HttpSource, OneNameForFilesAndAddresses) {
   std::string out(text_.size(), '?');
-  for (const std::string& name : {nginx_->url("data"), (folder_ / "data").string()}) {
-    const auto source = open_file_or_url(name);
-    ASSERT_TRUE(source) << source.error().message;
-    EXPECT_EQ((*source)->name(), name);
-    EXPECT_TRUE(read(**source, 0, out));
+  for (const std::string& name : {nginx_->url("data"), folder_.path("data")}) {
+    const auto source = test::value_of(open_file_or_url(name));
+    EXPECT_EQ(source->name(), name);
+    EXPECT_TRUE(read(*source, 0, out));
     EXPECT_EQ(out, text_);
   }
 }

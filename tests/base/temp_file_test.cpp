@@ -1,20 +1,15 @@
 #include "base/temp_file.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <array>
-#include <filesystem>
 #include <vector>
+
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
-
-std::filesystem::path make_folder() {
-  std::string path = (std::filesystem::temp_directory_path() / "splatvol-test-XXXXXX").string();
-  EXPECT_NE(::mkdtemp(path.data()), nullptr);
-  return path;
-}
 
 std::vector<std::byte> bytes_from(std::uint8_t first, std::size_t count) {
   std::vector<std::byte> bytes(count);
@@ -23,40 +18,34 @@ std::vector<std::byte> bytes_from(std::uint8_t first, std::size_t count) {
 }
 
 TEST(TempFile, GivesBackWhatWasAppended) {
-  auto file = TempFile::create(::testing::TempDir());
-  ASSERT_TRUE(file);
-  ASSERT_TRUE(file->append(bytes_from(1, 100)));
-  ASSERT_TRUE(file->append(bytes_from(101, 50)));
-  EXPECT_EQ(file->size(), 150u);
+  auto file = test::value_of(TempFile::create(::testing::TempDir()));
+  ASSERT_TRUE(file.append(bytes_from(1, 100)));
+  ASSERT_TRUE(file.append(bytes_from(101, 50)));
+  EXPECT_EQ(file.size(), 150u);
   std::vector<std::byte> read(20);
-  ASSERT_TRUE(file->read(90, read));
+  ASSERT_TRUE(file.read(90, read));
   EXPECT_EQ(read, bytes_from(91, 20));
-  EXPECT_FALSE(file->read(131, read));
-  EXPECT_FALSE(file->read(~std::uint64_t{0}, read));
+  EXPECT_FALSE(file.read(131, read));
+  EXPECT_FALSE(file.read(~std::uint64_t{0}, read));
 }
 
 TEST(TempFile, HasNoName) {
-  const auto folder = make_folder();
-  {
-    auto file = TempFile::create(folder);
-    ASSERT_TRUE(file);
-    ASSERT_TRUE(file->append(bytes_from(0, 10)));
-    EXPECT_TRUE(std::filesystem::is_empty(folder));
-  }
-  std::filesystem::remove(folder);
+  const test::TempFolder folder;
+  auto file = test::value_of(TempFile::create(folder.path()));
+  ASSERT_TRUE(file.append(bytes_from(0, 10)));
+  EXPECT_TRUE(folder.names().empty());
 }
 
 TEST(TempFile, WhatWasReleasedReadsAsZerosAndTheRestStays) {
-  auto file = TempFile::create(::testing::TempDir());
-  ASSERT_TRUE(file);
+  auto file = test::value_of(TempFile::create(::testing::TempDir()));
   const std::vector<std::byte> part(1 << 16, std::byte{7});
-  for (int i = 0; i < 4; ++i) ASSERT_TRUE(file->append(part));
-  file->release(1 << 16, 1 << 16);
-  EXPECT_EQ(file->size(), std::uint64_t{4} << 16);
+  for (int i = 0; i < 4; ++i) ASSERT_TRUE(file.append(part));
+  file.release(1 << 16, 1 << 16);
+  EXPECT_EQ(file.size(), std::uint64_t{4} << 16);
   std::array<std::byte, 1> before, within, behind;
-  ASSERT_TRUE(file->read((1 << 16) - 1, before));
-  ASSERT_TRUE(file->read(1 << 16, within));
-  ASSERT_TRUE(file->read(2 << 16, behind));
+  ASSERT_TRUE(file.read((1 << 16) - 1, before));
+  ASSERT_TRUE(file.read(1 << 16, within));
+  ASSERT_TRUE(file.read(2 << 16, behind));
   EXPECT_EQ(before[0], std::byte{7});
   EXPECT_EQ(behind[0], std::byte{7});
   EXPECT_TRUE(within[0] == std::byte{0} || within[0] == std::byte{7});  // 7: the file system cannot

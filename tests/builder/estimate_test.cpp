@@ -3,23 +3,17 @@
 #include <gtest/gtest.h>
 
 #include "builder/opening/open_own.h"
+#include "tests/support/results.h"
 
 namespace splatvol {
 namespace {
 
 InputSize size_of(const std::string& input, const SourceOptions& options = {}) {
-  const auto source = open_own({input}, options);
-  EXPECT_TRUE(source) << source.error().message;
-  const auto size = measure_input(**source, true);
-  EXPECT_TRUE(size) << size.error().message;
-  return size.value_or(InputSize{});
+  const auto source = test::value_of(open_own({input}, options));
+  return test::value_of(measure_input(*source, true));
 }
 
-BuildOptions with_memory(std::uint64_t bytes) {
-  BuildOptions options;
-  options.memory = bytes;
-  return options;
-}
+BuildOptions with_memory(std::uint64_t bytes) { return {.memory = bytes}; }
 
 void expect_rises(const Range& range) {
   EXPECT_GT(range.low, 0);
@@ -35,18 +29,16 @@ TEST(MeasureInput, TakesWhatPointsDeclare) {
 }
 
 TEST(MeasureInput, ReadsMeshesPieceByPiece) {
-  const auto source = open_own({"gen:mesh:cells=1e5,pieces=3"}, {});
-  ASSERT_TRUE(source);
+  const auto source = test::value_of(open_own({"gen:mesh:cells=1e5,pieces=3"}, {}));
   double share = 0;
-  const auto size = measure_input(**source, true, [&](double fraction) {
+  const auto size = test::value_of(measure_input(*source, true, [&](double fraction) {
     EXPECT_GE(fraction, share);
     share = fraction;
-  });
-  ASSERT_TRUE(size);
-  EXPECT_TRUE(size->was_read && size->has_material);
-  EXPECT_EQ(size->pieces, 3U);
-  EXPECT_NEAR(static_cast<double>(size->tetrahedra), 1e5, 2e4);
-  EXPECT_GT(size->points, size->tetrahedra / 7);
+  }));
+  EXPECT_TRUE(size.was_read && size.has_material);
+  EXPECT_EQ(size.pieces, 3U);
+  EXPECT_NEAR(static_cast<double>(size.tetrahedra), 1e5, 2e4);
+  EXPECT_GT(size.points, size.tetrahedra / 7);
   EXPECT_EQ(share, 1);
 }
 
@@ -60,9 +52,7 @@ TEST(EstimateBuild, IsARangeOfEachPart) {
 
 TEST(EstimateBuild, ChoosesTheConnectivityAsABuildDoes) {
   const auto used = [](const std::string& input, Connectivity asked = Connectivity::automatic) {
-    BuildOptions options;
-    options.connectivity = asked;
-    return estimate_build(size_of(input), options, 1, 2).connectivity;
+    return estimate_build(size_of(input), {.connectivity = asked}, 1, 2).connectivity;
   };
   EXPECT_EQ(used("gen:mesh:cells=1e4"), Connectivity::mesh);
   EXPECT_EQ(used("gen:points:count=1e6"), Connectivity::delaunay);

@@ -4,13 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "base/file.h"
 #include "builder/pipeline/build.h"
 #include "builder/pipeline/memory_plan.h"
 #include "builder/points/point_stream.h"
@@ -19,6 +18,7 @@
 #include "tests/builder/support/piece_source.h"
 #include "tests/format/allocation_counter.h"
 #include "tests/support/long.h"
+#include "tests/support/results.h"
 
 namespace splatvol {
 namespace {
@@ -81,11 +81,6 @@ std::size_t piece_bytes(const std::vector<Piece>& pieces) {
   return most;
 }
 
-std::string read_all(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
 struct Built {
   std::size_t most_bytes = 0;
   BuildReport report;
@@ -94,9 +89,8 @@ struct Built {
 Built build(const std::vector<Piece>& pieces, std::size_t attributes, BuildOptions options, const std::string& path) {
   ManyAttributes source(pieces, attributes);
   test::start_counting_allocations();
-  auto report = build_volume(source, path, options, [](const char*, double) {});
-  EXPECT_TRUE(report) << (report ? "" : report.error().message);
-  return {test::most_bytes_allocated(), report ? *report : BuildReport{}};
+  auto report = test::value_of(build_volume(source, path, options, [](const char*, double) {}));
+  return {test::most_bytes_allocated(), std::move(report)};
 }
 
 // Whatever the attributes, a build holds its memory, a piece and some hundred KiB. Files are the same.
@@ -108,14 +102,12 @@ TEST(HeldBytes, AreBoundedForAnyNumberOfAttributes) {
     for (const std::size_t attributes : test::sample_of<std::size_t>({20, 1, 80})) {
       std::string expected;
       for (const std::uint64_t memory : {std::uint64_t{256} << 20, std::uint64_t{32} << 20, std::uint64_t{1}}) {
-        BuildOptions options;
-        options.memory = memory;
-        const Built built = build(pieces, attributes, options, path);
+        const Built built = build(pieces, attributes, {.memory = memory}, path);
         const std::uint64_t granted = std::max(memory, built.report.least_memory);
         EXPECT_LE(built.most_bytes, granted + piece_bytes(pieces) + (std::size_t{2} << 20))
             << attributes << " attributes, " << memory << " bytes";
-        if (expected.empty()) expected = read_all(path);
-        EXPECT_TRUE(read_all(path) == expected) << attributes << " attributes, " << memory << " bytes";
+        if (expected.empty()) expected = *read_text_file(path);
+        EXPECT_TRUE(*read_text_file(path) == expected) << attributes << " attributes, " << memory << " bytes";
       }
     }
 }
@@ -125,18 +117,15 @@ TEST(HeldBytes, OfSampledCellsAreBounded) {
   const std::string path = testing::TempDir() + "held_cells.svol";
   std::string expected;
   for (const std::uint64_t memory : {std::uint64_t{64} << 20, std::uint64_t{1}}) {
-    BuildOptions options;
-    options.memory = memory;
-    options.held_points = 1;
-    options.connectivity = Connectivity::none;
     const auto source = generate_points({test::is_long() ? 300'000u : 60'000u, Distribution::clusters, 1, false});
     test::start_counting_allocations();
-    const auto report = build_volume(*source, path, options, [](const char*, double) {});
-    ASSERT_TRUE(report) << report.error().message;
+    const auto report = test::value_of(
+        build_volume(*source, path, {.memory = memory, .held_points = 1, .connectivity = Connectivity::none},
+                     [](const char*, double) {}));
     // The sorted points keep a part of the memory, too.
-    EXPECT_LE(test::most_bytes_allocated(), std::max(memory, report->least_memory) + (std::size_t{14} << 20)) << memory;
-    if (expected.empty()) expected = read_all(path);
-    EXPECT_TRUE(read_all(path) == expected) << memory;
+    EXPECT_LE(test::most_bytes_allocated(), std::max(memory, report.least_memory) + (std::size_t{14} << 20)) << memory;
+    if (expected.empty()) expected = *read_text_file(path);
+    EXPECT_TRUE(*read_text_file(path) == expected) << memory;
   }
 }
 
@@ -145,12 +134,11 @@ TEST(HeldBytes, OfAPieceAreCounted) {
   for (const bool lends : {false, true}) {
     ManyAttributes source({mesh}, 80, lends);
     test::start_counting_allocations();
-    const auto points = PointStream::create(
-        source, true, std::size_t{8} << 20, testing::TempDir(), [](double) {}, false);
-    ASSERT_TRUE(points) << points.error().message;
+    const auto points = test::value_of(PointStream::create(
+        source, true, std::size_t{8} << 20, testing::TempDir(), [](double) {}, false));
     const std::uint64_t values = lends ? 0 : 80 * mesh.points.size() * sizeof(double);
-    EXPECT_GE(points->summary().bytes_to_read, values);
-    EXPECT_LE(test::most_bytes_allocated(), points->summary().bytes_to_read + (std::size_t{2} << 20)) << lends;
+    EXPECT_GE(points.summary().bytes_to_read, values);
+    EXPECT_LE(test::most_bytes_allocated(), points.summary().bytes_to_read + (std::size_t{2} << 20)) << lends;
   }
 }
 
@@ -161,7 +149,7 @@ TEST(HeldBytes, LentValuesGiveTheSameFile) {
   ManyAttributes lends({mesh}, 3), copies({mesh}, 3, false);
   ASSERT_TRUE(build_volume(lends, lent, {}, [](const char*, double) {}));
   ASSERT_TRUE(build_volume(copies, own, {}, [](const char*, double) {}));
-  EXPECT_TRUE(read_all(lent) == read_all(own));
+  EXPECT_TRUE(*read_text_file(lent) == *read_text_file(own));
 }
 
 TEST(MemoryPlan, LittleMemoryGivesSmallBatchesAndLeastTellsWhatTheyTake) {

@@ -3,8 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
 #include <functional>
 #include <limits>
 #include <string>
@@ -16,51 +14,39 @@
 #include "format/series_writer.h"
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
-#include "tests/builder/support/piece_source.h"
-#include "tests/support/require.h"
+#include "tests/builder/support/series_check.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
+#include "tests/support/volume_bytes.h"
 
 namespace splatvol {
 namespace {
 
 using format::Bytes;
 using format::StepEntry;
+using test::error_of;
 using testing::HasSubstr;
 
 // A small series of three steps, of which the last was appended.
 const Bytes& series_bytes() {
   static const Bytes bytes = [] {
-    std::string folder = (std::filesystem::path(testing::TempDir()) / "splatvol-hostile-XXXXXX").string();
-    test::require(::mkdtemp(folder.data()) != nullptr, folder);
-    const std::string path = folder + "/series.svol";
+    const test::TempFolder folder;
+    const std::string path = folder.path("series.svol");
     const auto steps = [](std::size_t begin, std::size_t end) {
       std::vector<SeriesStep> list;
-      for (std::size_t step = begin; step < end; ++step)
-        list.push_back({"step", static_cast<double>(step), [step]() -> Result<std::unique_ptr<Source>> {
-                          const test::Mesh mesh = test::lattice(4, [](dvec3 p) { return p; });
-                          const auto t = static_cast<double>(step);
-                          return std::make_unique<test::PieceSource>(
-                              std::vector{test::mesh_piece(mesh, [t](dvec3 p) { return p.x + t * p.y; })});
-                        }});
+      for (std::size_t step = begin; step < end; ++step) {
+        const auto t = static_cast<double>(step);
+        list.push_back(
+            test::step_of("step", t, {test::mesh_piece(test::lattice(4), [t](dvec3 p) { return p.x + t * p.y; })}));
+      }
       return list;
     };
     const auto silent = [](const char*, double) {};
     EXPECT_TRUE(build_series(steps(0, 2), path, {}, silent));
-    const auto appended = append_to_series(steps(2, 3), path, {}, silent);
-    EXPECT_TRUE(appended) << appended.error().message;
-    const std::string text = read_text_file(path).value();
-    std::filesystem::remove_all(folder);
-    const auto raw = std::as_bytes(std::span(text));
-    return Bytes(raw.begin(), raw.end());
+    EXPECT_EQ(test::message_of(append_to_series(steps(2, 3), path, {}, silent)), "");
+    return test::bytes_of(folder.read("series.svol"));
   }();
   return bytes;
-}
-
-// Opens a file at all of its steps, and checks all of it. Returns the first error; empty: there is none.
-std::string error_of(const Bytes& bytes) {
-  const auto volume = format::Volume::open(memory_source(bytes, "f"));
-  if (!volume) return volume.error().message;
-  const Status verified = (*volume)->verify([](double) {});
-  return verified ? "" : verified.error().message;
 }
 
 TEST(HostileSeries, TheSoundFileIsAccepted) { EXPECT_EQ(error_of(series_bytes()), ""); }
@@ -85,9 +71,8 @@ TEST(HostileSeries, EveryFlippedByteIsFound) {
 TEST(HostileSeries, BytesBehindTheEndDoNotHideTheSteps) {
   Bytes bytes = series_bytes();
   bytes.resize(bytes.size() + 1000, std::byte{7});
-  const auto volume = format::Volume::open(memory_source(bytes, "f"));
-  ASSERT_TRUE(volume) << volume.error().message;
-  EXPECT_EQ((*volume)->series()->steps.size(), 3U);
+  const auto volume = test::value_of(format::Volume::open(memory_source(bytes, "f")));
+  EXPECT_EQ(volume->series()->steps.size(), 3U);
   EXPECT_THAT(error_of(bytes), HasSubstr("1000 bytes behind the end"));
 }
 
@@ -162,26 +147,24 @@ TEST(SeriesIndex, RoundTrip) {
   const double none = std::numeric_limits<double>::quiet_NaN();
   const format::SeriesIndex index{{{0, "a-0000.svol"}, {0.25, "a-0001.svol"}},
                                   {{"p", "Pa", {-0.1, 1e300}}, {"empty", "", {none, none}}}};
-  const auto back = format::series_index_from_json(format::to_json(index));
-  ASSERT_TRUE(back);
-  ASSERT_EQ(back->steps.size(), 2U);
-  EXPECT_EQ(back->steps[1].time, 0.25);
-  EXPECT_EQ(back->steps[1].file, "a-0001.svol");
-  ASSERT_EQ(back->attributes.size(), 2U);
-  EXPECT_EQ(back->attributes[0].name, "p");
-  EXPECT_EQ(back->attributes[0].unit, "Pa");
-  EXPECT_EQ(back->attributes[0].range.min, -0.1);
-  EXPECT_EQ(back->attributes[0].range.max, 1e300);
-  EXPECT_TRUE(std::isnan(back->attributes[1].range.min) && std::isnan(back->attributes[1].range.max));
+  const auto back = test::value_of(format::series_index_from_json(format::to_json(index)));
+  ASSERT_EQ(back.steps.size(), 2U);
+  EXPECT_EQ(back.steps[1].time, 0.25);
+  EXPECT_EQ(back.steps[1].file, "a-0001.svol");
+  ASSERT_EQ(back.attributes.size(), 2U);
+  EXPECT_EQ(back.attributes[0].name, "p");
+  EXPECT_EQ(back.attributes[0].unit, "Pa");
+  EXPECT_EQ(back.attributes[0].range.min, -0.1);
+  EXPECT_EQ(back.attributes[0].range.max, 1e300);
+  EXPECT_TRUE(std::isnan(back.attributes[1].range.min) && std::isnan(back.attributes[1].range.max));
 }
 
 // Such text once exhausted the stack.
 TEST(SeriesIndex, RefusesDeepNesting) {
   constexpr std::size_t levels = 400'000;
-  const auto index = format::series_index_from_json(R"({"steps": [)" + std::string(levels, '[') +
-                                                    std::string(levels, ']') + R"(], "attributes": []})");
-  ASSERT_FALSE(index);
-  EXPECT_THAT(index.error().message, HasSubstr("nested deeper"));
+  EXPECT_THAT(test::message_of(format::series_index_from_json(R"({"steps": [)" + std::string(levels, '[') +
+                                                              std::string(levels, ']') + R"(], "attributes": []})")),
+              HasSubstr("nested deeper"));
 }
 
 TEST(SeriesIndex, RefusesWhatIsNone) {

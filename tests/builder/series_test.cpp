@@ -3,9 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
-#include <fstream>
 #include <string>
 #include <vector>
 
@@ -17,25 +14,16 @@
 #include "format/steps.h"
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
-#include "tests/builder/support/piece_source.h"
 #include "tests/builder/support/series_check.h"
-#include "tests/support/require.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
 
 using testing::HasSubstr;
 
-class Series : public testing::Test {
- protected:
-  Series() { test::require(::mkdtemp(folder_.data()) != nullptr, folder_); }
-  ~Series() override { std::filesystem::remove_all(folder_); }
-
-  [[nodiscard]] std::string path(const std::string& name) const { return folder_ + "/" + name; }
-
- private:
-  std::string folder_ = (std::filesystem::path(testing::TempDir()) / "splatvol-series-XXXXXX").string();
-};
+using Series = test::FolderTest;
 
 // The field of a step: it moves and grows.
 double field(std::size_t step, dvec3 p) {
@@ -48,9 +36,8 @@ std::vector<Piece> pieces_of(std::size_t step, std::uint32_t cells, std::size_t 
   return test::cut(test::mesh_piece(mesh, [&](dvec3 p) { return field(step, p); }), count);
 }
 
-SeriesStep step_of(std::size_t step, std::vector<Piece> pieces) {
-  return {fmt::format("step {}", step), 0.5 * static_cast<double>(step),
-          [pieces]() -> Result<std::unique_ptr<Source>> { return std::make_unique<test::PieceSource>(pieces); }};
+SeriesStep step_of(std::size_t step, std::vector<Piece> pieces, const test::PieceSourceTraits& traits = {}) {
+  return test::step_of(fmt::format("step {}", step), 0.5 * static_cast<double>(step), std::move(pieces), traits);
 }
 
 std::vector<SeriesStep> steps(std::size_t begin, std::size_t end, std::uint32_t cells = 12) {
@@ -61,15 +48,15 @@ std::vector<SeriesStep> steps(std::size_t begin, std::size_t end, std::uint32_t 
 
 const auto silent = [](const char*, double) {};
 
+const BuildOptions little{.memory = 1 << 20};  // fewer steps at a time
+
 void build_or_fail(std::vector<SeriesStep> list, const std::string& path, const BuildOptions& options = {}) {
-  const auto report = build_series(std::move(list), path, options, silent);
-  ASSERT_TRUE(report) << report.error().message;
+  ASSERT_EQ(test::message_of(build_series(std::move(list), path, options, silent)), "");
 }
 
 std::shared_ptr<const format::Volume> open(const std::string& path) {
-  auto volume = format::Volume::open(open_file(path).value());
-  EXPECT_TRUE(volume) << volume.error().message;
-  return volume.value();
+  auto volume = test::value_of(format::Volume::open(open_file(path).value()));
+  return volume;
 }
 
 Status verify(const std::string& path) {
@@ -109,8 +96,6 @@ TEST_F(Series, AStepIsTheFileThatIsBuiltFromIt) {
 
 TEST_F(Series, MemoryDoesNotChangeTheFile) {
   build_or_fail(steps(0, 5), path("together.svol"));
-  BuildOptions little;
-  little.memory = 1 << 20;  // fewer steps at a time
   build_or_fail(steps(0, 5), path("apart.svol"), little);
   EXPECT_EQ(read_text_file(path("together.svol")).value(), read_text_file(path("apart.svol")).value());
 }
@@ -121,8 +106,7 @@ TEST_F(Series, AppendingGivesTheSameSteps) {
   ASSERT_TRUE(append_to_series(steps(2, 3), path("grown.svol"), {}, silent));
   ASSERT_TRUE(verify(path("grown.svol")));
   ASSERT_TRUE(append_to_series(steps(3, 5), path("grown.svol"), {}, silent));
-  const Status verified = verify(path("grown.svol"));
-  ASSERT_TRUE(verified) << verified.error().message;
+  ASSERT_EQ(test::message_of(verify(path("grown.svol"))), "");
   const auto grown = open(path("grown.svol")), at_once = open(path("at_once.svol"));
   ASSERT_EQ(grown->series()->steps.size(), 5U);
   EXPECT_EQ(grown->series()->entries.size(), 7U);  // two dead parts
@@ -162,9 +146,7 @@ TEST_F(Series, AFailedAppendLeavesTheFileAsItWas) {
   build_or_fail(steps(0, 3), path("series.svol"));
   const std::string before = read_text_file(path("series.svol")).value();
   const auto expect_refused = [&](std::vector<SeriesStep> list, const std::string& why) {
-    const auto report = append_to_series(std::move(list), path("series.svol"), {}, silent);
-    ASSERT_FALSE(report);
-    EXPECT_THAT(report.error().message, HasSubstr(why));
+    EXPECT_THAT(test::message_of(append_to_series(std::move(list), path("series.svol"), {}, silent)), HasSubstr(why));
     EXPECT_EQ(read_text_file(path("series.svol")).value(), before);
   };
   expect_refused(steps(3, 5, 10), "--series-of-files");
@@ -181,24 +163,10 @@ std::vector<Piece> blocks_at(std::size_t step) {
   return blocks;
 }
 
-// A source whose pieces have a value each at common points.
-class BlockSource final : public test::PieceSource {
- public:
-  explicit BlockSource(std::vector<Piece> pieces, bool averages)
-      : PieceSource(std::move(pieces)), averages_(averages) {}
-  bool averages_by_piece() const override { return averages_; }
-
- private:
-  bool averages_;
-};
-
 std::vector<SeriesStep> block_steps(std::size_t begin, std::size_t end, bool averages) {
   std::vector<SeriesStep> list;
   for (std::size_t step = begin; step < end; ++step)
-    list.push_back({fmt::format("step {}", step), static_cast<double>(step),
-                    [step, averages]() -> Result<std::unique_ptr<Source>> {
-                      return std::make_unique<BlockSource>(blocks_at(step), averages);
-                    }});
+    list.push_back(step_of(step, blocks_at(step), {.averages_by_piece = averages}));
   return list;
 }
 
@@ -206,17 +174,13 @@ std::vector<SeriesStep> block_steps(std::size_t begin, std::size_t end, bool ave
 TEST_F(Series, PointsMergeAtAllStepsOrAtNone) {
   for (const bool averages : {false, true}) {
     build_or_fail(block_steps(0, 4, averages), path("together.svol"));
-    BuildOptions little;
-    little.memory = 1 << 20;  // fewer steps at a time
     build_or_fail(block_steps(0, 4, averages), path("apart.svol"), little);
     EXPECT_EQ(read_text_file(path("together.svol")).value(), read_text_file(path("apart.svol")).value());
 
     build_or_fail(block_steps(0, 1, averages), path("grown.svol"));
-    const auto appended = append_to_series(block_steps(1, 4, averages), path("grown.svol"), {}, silent);
-    ASSERT_TRUE(appended) << appended.error().message;
-    EXPECT_EQ(appended->build.points.unlike, averages ? 0U : 9U * 9);
-    const Status verified = verify(path("grown.svol"));
-    ASSERT_TRUE(verified) << verified.error().message;
+    const auto appended = test::value_of(append_to_series(block_steps(1, 4, averages), path("grown.svol"), {}, silent));
+    EXPECT_EQ(appended.build.points.unlike, averages ? 0U : 9U * 9);
+    ASSERT_EQ(test::message_of(verify(path("grown.svol"))), "");
     for (std::size_t step = 0; step < 4; ++step)
       EXPECT_EQ(bytes_of_step(path("grown.svol"), step), bytes_of_step(path("together.svol"), step)) << step;
     EXPECT_EQ(open(path("grown.svol"))->info().point_count(), 2U * 9 * 9 * 9 - (averages ? 0U : 9U * 9));
@@ -248,10 +212,9 @@ TEST_F(Series, AMeshThatChangesIsRefused) {
     std::vector<Piece> moved = pieces_of(2, same_count ? 12 : 11, 3);
     moved[1].points[5].x += 1e-9;
     list.push_back(step_of(2, std::move(moved)));
-    const auto report = build_series(std::move(list), path("series.svol"), {}, silent);
-    ASSERT_FALSE(report);
-    EXPECT_THAT(report.error().message, HasSubstr("step 2: its mesh is not that of step 0"));
-    EXPECT_THAT(report.error().message, HasSubstr("--series-of-files"));
+    const std::string report = test::message_of(build_series(std::move(list), path("series.svol"), {}, silent));
+    EXPECT_THAT(report, HasSubstr("step 2: its mesh is not that of step 0"));
+    EXPECT_THAT(report, HasSubstr("--series-of-files"));
     EXPECT_FALSE(std::filesystem::exists(path("series.svol")));
   }
 }
@@ -259,9 +222,8 @@ TEST_F(Series, AMeshThatChangesIsRefused) {
 TEST_F(Series, TimesMustRise) {
   std::vector<SeriesStep> list = steps(0, 2);
   list[1].time = 0.0;
-  const auto report = build_series(std::move(list), path("series.svol"), {}, silent);
-  ASSERT_FALSE(report);
-  EXPECT_THAT(report.error().message, HasSubstr("the time 0 is not behind 0"));
+  EXPECT_THAT(test::message_of(build_series(std::move(list), path("series.svol"), {}, silent)),
+              HasSubstr("the time 0 is not behind 0"));
 }
 
 TEST_F(Series, StepsWithoutTimesAreNumbered) {
@@ -287,8 +249,7 @@ TEST_F(Series, ScatteredPointsHaveStepsToo) {
     list.push_back(step_of(step, {piece}));
   }
   build_or_fail(std::move(list), path("series.svol"));
-  const Status verified = verify(path("series.svol"));
-  EXPECT_TRUE(verified) << verified.error().message;
+  EXPECT_EQ(test::message_of(verify(path("series.svol"))), "");
 }
 
 TEST_F(Series, ReportsAttributesOnceWhateverTheMemory) {
@@ -301,14 +262,11 @@ TEST_F(Series, ReportsAttributesOnceWhateverTheMemory) {
       piece.values[0][8] = std::nan("");
       list.push_back(step_of(step, {piece}));
     }
-    BuildOptions options;
-    options.memory = memory;
-    const auto report = build_series(std::move(list), path("series.svol"), options, silent);
-    ASSERT_TRUE(report) << report.error().message;
-    ASSERT_EQ(report->build.missing.size(), 1U);
-    EXPECT_EQ(report->build.missing[0].second, 5U) << "one in each step";
-    ASSERT_EQ(report->build.warnings.size(), 1U);
-    EXPECT_THAT(report->build.warnings[0].words, HasSubstr("nearer to 0"));
+    const auto report = test::value_of(build_series(std::move(list), path("series.svol"), {.memory = memory}, silent));
+    ASSERT_EQ(report.build.missing.size(), 1U);
+    EXPECT_EQ(report.build.missing[0].second, 5U) << "one in each step";
+    ASSERT_EQ(report.build.warnings.size(), 1U);
+    EXPECT_THAT(report.build.warnings[0].words, HasSubstr("nearer to 0"));
   }
 }
 
@@ -372,8 +330,7 @@ TEST_F(Series, AStepOfFilesHasTheUnitsOfTheStepsBefore) {
   EXPECT_EQ(append(kilopascals, {.units = {{"U", "Pa"}}}), "");
   const auto steps = format::Steps::open(path("s.svols"), open_file).value();
   EXPECT_EQ(steps.times().size(), 3U);
-  const Status verified = steps.verify([](double) {});
-  EXPECT_TRUE(verified) << verified.error().message;
+  EXPECT_EQ(test::message_of(steps.verify([](double) {})), "");
 }
 
 TEST(SeriesInputs, TimesAreAllOrARange) {

@@ -4,19 +4,16 @@
 
 #include <bit>
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
-#include <map>
 #include <random>
-#include <tuple>
 
 #include "base/file.h"
 #include "builder/pipeline/build.h"
 #include "builder/series/series_build.h"
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
-#include "tests/builder/support/piece_source.h"
-#include "tests/support/require.h"
+#include "tests/builder/support/series_check.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -26,45 +23,22 @@ using format::ColumnKind;
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 const auto silent = [](const char*, double) {};
 
-// Pieces with attributes of any names.
-class NamedSource final : public Source {
- public:
-  NamedSource(std::vector<Piece> pieces, std::vector<std::string> names)
-      : pieces_(std::move(pieces)), names_(std::move(names)) {}
-  const std::vector<std::string>& attributes() const override { return names_; }
-  std::size_t piece_count() const override { return pieces_.size(); }
-  Result<std::unique_ptr<Piece>> next() override {
-    if (next_ == pieces_.size()) return nullptr;
-    return std::make_unique<Piece>(pieces_[next_++]);
-  }
-
- private:
-  std::vector<Piece> pieces_;
-  std::vector<std::string> names_;
-  std::size_t next_ = 0;
-};
-
-class StoredValuesTest : public testing::Test {
+class StoredValuesTest : public test::FolderTest {
  protected:
-  StoredValuesTest() { test::require(::mkdtemp(folder_.data()) != nullptr, folder_); }
-  ~StoredValuesTest() override { std::filesystem::remove_all(folder_); }
-
   std::shared_ptr<const format::Volume> build(std::vector<Piece> pieces, std::vector<std::string> names,
                                               const BuildOptions& options = {}) {
-    NamedSource source(std::move(pieces), std::move(names));
-    const std::string path = folder_ + "/out.svol";
-    const auto report = build_volume(source, path, options, silent);
-    EXPECT_TRUE(report) << report.error().message;
-    if (!report) return nullptr;
-    report_ = *report;
-    auto volume = format::Volume::open(*open_file(path));
-    EXPECT_TRUE(volume) << volume.error().message;
-    const Status verified = (*volume)->verify([](double) {});
-    EXPECT_TRUE(verified) << verified.error().message;
-    return *volume;
+    test::PieceSource source(std::move(pieces), {.attributes = std::move(names)});
+    report_ = test::value_of(build_volume(source, path("out.svol"), options, silent));
+    return open_checked("out.svol");
   }
 
-  std::string folder_ = (std::filesystem::path(testing::TempDir()) / "splatvol-stored-XXXXXX").string();
+  // Opens a file, and checks all of it.
+  [[nodiscard]] std::shared_ptr<const format::Volume> open_checked(const std::string& name) const {
+    auto volume = test::value_of(format::Volume::open(*open_file(path(name))));
+    EXPECT_EQ(test::message_of(volume->verify([](double) {})), "");
+    return volume;
+  }
+
   BuildReport report_;
 };
 
@@ -130,10 +104,7 @@ std::vector<std::size_t> order_of(const std::vector<dvec3>& stored, const Piece&
 
 TEST_F(StoredValuesTest, ExactNumbersComeBackBitByBit) {
   const Piece piece = points_with_values();
-  BuildOptions options;
-  options.exact = {.positions = true, .values = true};
-  const auto volume = build({piece}, four_names, options);
-  ASSERT_TRUE(volume);
+  const auto volume = build({piece}, four_names, {.exact = {.positions = true, .values = true}});
   EXPECT_EQ(volume->info().position_error, 0);
   const std::vector<dvec3> stored = positions_of(*volume);
   ASSERT_EQ(stored.size(), piece.points.size());
@@ -155,7 +126,6 @@ TEST_F(StoredValuesTest, ExactNumbersComeBackBitByBit) {
 TEST_F(StoredValuesTest, TheStatedErrorsAreKept) {
   const Piece piece = points_with_values();
   const auto volume = build({piece}, four_names);
-  ASSERT_TRUE(volume);
   const std::vector<dvec3> stored = positions_of(*volume);
   const std::vector<std::size_t> order = order_of(stored, piece);
   EXPECT_GT(volume->info().position_error, 0);
@@ -193,6 +163,11 @@ std::vector<Piece> pieces_with_equal_attributes() {
 
 const std::vector<std::string> three_names = {"p", "p again", "q"};
 
+SeriesStep step(int number) {
+  return test::step_of(fmt::format("step {}", number), number, pieces_with_equal_attributes(),
+                       {.attributes = three_names});
+}
+
 // Hashes of the chunks of the file's material.
 std::vector<std::uint64_t> material_of(const format::Volume& volume) {
   std::vector<std::uint64_t> hashes;
@@ -223,17 +198,15 @@ TEST_F(StoredValuesTest, MaterialIsOccupiedNearItsMean) {
   for (const Reduction reduction : {Reduction::octree, Reduction::mis, Reduction::kdtree})
     for (const Connectivity connectivity : {Connectivity::delaunay, Connectivity::none, Connectivity::boxes})
       for (const bool exact : {false, true}) {
-        BuildOptions options;
-        options.reduction = reduction;
-        options.connectivity = connectivity;
-        options.exact = {.positions = exact, .values = exact};
-        ASSERT_TRUE(build({piece}, names, options)) << reduction_name(reduction) << connectivity_name(connectivity);
+        ASSERT_TRUE(build(
+            {piece}, names,
+            {.reduction = reduction, .exact = {.positions = exact, .values = exact}, .connectivity = connectivity}))
+            << reduction_name(reduction) << connectivity_name(connectivity);
       }
 }
 
 TEST_F(StoredValuesTest, AttributesWithTheSameValuesAreStoredOnce) {
   const auto volume = build(pieces_with_equal_attributes(), three_names);
-  ASSERT_TRUE(volume);
   const format::VolumeInfo& info = volume->info();
   ASSERT_EQ(info.attributes.size(), 2u);
   EXPECT_EQ(info.attributes[0].name, "p");
@@ -243,9 +216,7 @@ TEST_F(StoredValuesTest, AttributesWithTheSameValuesAreStoredOnce) {
   EXPECT_EQ(info.find_attribute("q"), 1);
   EXPECT_EQ(report_.aliases, (std::vector<std::pair<std::string, std::string>>{{"p again", "p"}}));
 
-  BuildOptions apart;
-  apart.join_attributes = false;
-  const auto twice = build(pieces_with_equal_attributes(), three_names, apart);
+  const auto twice = build(pieces_with_equal_attributes(), three_names, {.join_attributes = false});
   ASSERT_EQ(twice->info().attributes.size(), 3u);
   EXPECT_TRUE(twice->info().aliases.empty());
   EXPECT_TRUE(report_.aliases.empty());
@@ -258,48 +229,26 @@ TEST_F(StoredValuesTest, AttributesWithTheSameValuesAreStoredOnce) {
 }
 
 TEST_F(StoredValuesTest, AUnitOfItsOwnKeepsAnAttributeApart) {
-  BuildOptions options;
-  options.units = {{"p again", "Pa"}};
-  const auto volume = build(pieces_with_equal_attributes(), three_names, options);
-  ASSERT_TRUE(volume);
+  const auto volume = build(pieces_with_equal_attributes(), three_names, {.units = {{"p again", "Pa"}}});
   EXPECT_EQ(volume->info().attributes.size(), 3u);
   EXPECT_TRUE(volume->info().aliases.empty());
 }
 
 TEST_F(StoredValuesTest, StepsOfAnExactSeriesAreExact) {
-  const auto step = [](int number) {
-    const std::vector<Piece> pieces = pieces_with_equal_attributes();
-    return std::vector<SeriesStep>{
-        {fmt::format("step {}", number), number,
-         [pieces]() -> Result<std::unique_ptr<Source>> { return std::make_unique<NamedSource>(pieces, three_names); }}};
-  };
   for (const bool exact : {false, true}) {
-    const std::string path = folder_ + "/series.svol";
-    BuildOptions options;
-    options.exact = {.positions = exact, .values = exact};
-    ASSERT_TRUE(build_series(step(0), path, options, silent));
-    ASSERT_TRUE(append_to_series(step(1), path, {}, silent));
-    const auto volume = *format::Volume::open(*open_file(path));
-    const Status verified = volume->verify([](double) {});
-    EXPECT_TRUE(verified) << verified.error().message;
+    ASSERT_TRUE(build_series({step(0)}, path("series.svol"), {.exact = {.positions = exact, .values = exact}}, silent));
+    ASSERT_TRUE(append_to_series({step(1)}, path("series.svol"), {}, silent));
+    const auto volume = open_checked("series.svol");
     EXPECT_EQ(volume->info().position_error == 0, exact);
     for (const format::Attribute& attribute : volume->info().attributes) EXPECT_EQ(attribute.error == 0, exact);
   }
 }
 
 TEST_F(StoredValuesTest, StepsShareNothingThatLaterStepsMayNotShare) {
-  const std::vector<Piece> pieces = pieces_with_equal_attributes();
-  std::vector<SeriesStep> steps;
-  for (int step = 0; step < 2; ++step)
-    steps.push_back({fmt::format("step {}", step), step, [pieces]() -> Result<std::unique_ptr<Source>> {
-                       return std::make_unique<NamedSource>(pieces, three_names);
-                     }});
-  const std::string path = folder_ + "/series.svol";
-  ASSERT_TRUE(build_series(std::move(steps), path, {}, silent));
-  const auto volume = format::Volume::open(*open_file(path));
-  ASSERT_TRUE(volume) << volume.error().message;
-  EXPECT_EQ((*volume)->info().attributes.size(), 3u);
-  EXPECT_TRUE((*volume)->info().aliases.empty());
+  ASSERT_TRUE(build_series({step(0), step(1)}, path("series.svol"), {}, silent));
+  const auto volume = open_checked("series.svol");
+  EXPECT_EQ(volume->info().attributes.size(), 3u);
+  EXPECT_TRUE(volume->info().aliases.empty());
 }
 
 // Material that is larger than the box round its points: the cube grows until it is within the bounds of a file.
@@ -319,28 +268,10 @@ TEST_F(StoredValuesTest, TheCubeIsLargeEnoughForTheMaterialOfFewPoints) {
     material.gradients = {std::vector<dvec3>(count, dvec3(0))};
     piece.material = material;
 
-    class MaterialSource final : public Source {
-     public:
-      explicit MaterialSource(Piece piece) : piece_(std::move(piece)) {}
-      const std::vector<std::string>& attributes() const override { return names_; }
-      std::size_t piece_count() const override { return 1; }
-      bool brings_material() const override { return true; }
-      Result<std::unique_ptr<Piece>> next() override {
-        return std::exchange(done_, true) ? nullptr : std::make_unique<Piece>(piece_);
-      }
-
-     private:
-      Piece piece_;
-      std::vector<std::string> names_ = {"value"};
-      bool done_ = false;
-    } source(piece);
-    const std::string path = folder_ + "/large.svol";
-    ASSERT_TRUE(build_volume(source, path, {}, silent));
-    const auto volume = format::Volume::open(*open_file(path));
-    ASSERT_TRUE(volume) << volume.error().message;
-    const Status verified = (*volume)->verify([](double) {});
-    EXPECT_TRUE(verified) << verified.error().message;
-    EXPECT_GE((*volume)->info().cube.edge, 40);
+    test::PieceSource source({piece}, {.brings_material = true});
+    ASSERT_TRUE(build_volume(source, path("large.svol"), {}, silent));
+    const auto volume = open_checked("large.svol");
+    EXPECT_GE(volume->info().cube.edge, 40);
   }
 }
 

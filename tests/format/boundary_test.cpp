@@ -4,19 +4,21 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <random>
 
 #include "base/file.h"
 #include "format/volume.h"
 #include "tests/format/allocation_counter.h"
+#include "tests/support/results.h"
 #include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
+#include "tests/support/volume_bytes.h"
 
 namespace splatvol::format {
 namespace {
 
 using test::Dissected;
+using test::error_of;
 using test::Part;
 using ::testing::HasSubstr;
 
@@ -60,25 +62,18 @@ double largest_distance(const std::vector<dvec3>& a, const std::vector<dvec3>& b
 
 Bytes file_with(const std::vector<Patch>& patches, double error = 0) {
   test::TestVolume volume = test::make_test_volume(test::random_points(100, 3), {std::vector<double>(100, 1.0)});
-  auto packed = pack_boundary(patches, error);
-  EXPECT_TRUE(packed) << packed.error().message;
-  volume.info.boundary = packed->info;
-  volume.boundary = packed->section;
+  auto packed = test::value_of(pack_boundary(patches, error));
+  volume.info.boundary = packed.info;
+  volume.boundary = packed.section;
   return test_volume_bytes(volume);
 }
 
 Result<std::shared_ptr<const Volume>> open(const Bytes& bytes) { return Volume::open(memory_source(bytes, "a.svol")); }
 
-Status verify(const Bytes& bytes) {
-  SPLATVOL_TRY_ASSIGN(volume, open(bytes));
-  return volume->verify([](double) {});
-}
-
 TEST(Boundary, ComesBackWithinItsError) {
   const Bytes file = file_with(patches());
   ASSERT_FALSE(file.empty());
-  const Status verified = verify(file);
-  ASSERT_TRUE(verified) << verified.error().message;
+  ASSERT_EQ(error_of(file), "");
   const auto volume = open(file).value();
   const BoundaryInfo& info = *volume->info().boundary;
   ASSERT_EQ(info.patches.size(), 3u);
@@ -87,20 +82,18 @@ TEST(Boundary, ComesBackWithinItsError) {
   EXPECT_GT(info.error, 0);
   EXPECT_LT(info.error, 1e-6);
   for (std::size_t patch = 0; patch < 3; ++patch) {
-    const auto mesh = volume->read_boundary({&patch, 1});
-    ASSERT_TRUE(mesh) << mesh.error().message;
-    EXPECT_LE(largest_distance(corners_of(*mesh), corners_of(patches()[patch].mesh)), info.error);
+    const auto mesh = test::value_of(volume->read_boundary({&patch, 1}));
+    EXPECT_LE(largest_distance(corners_of(mesh), corners_of(patches()[patch].mesh)), info.error);
   }
   const std::size_t both[] = {2, 0};
-  const auto joined = volume->read_boundary(both);
-  ASSERT_TRUE(joined);
-  EXPECT_EQ(joined->triangles.size(), 98u + 32u);
-  EXPECT_EQ(joined->points.size(), 64u + 25u);
-  EXPECT_EQ(corners_of(*joined).back().x, 0);
+  const auto joined = test::value_of(volume->read_boundary(both));
+  EXPECT_EQ(joined.triangles.size(), 98u + 32u);
+  EXPECT_EQ(joined.points.size(), 64u + 25u);
+  EXPECT_EQ(corners_of(joined).back().x, 0);
   const std::size_t all[] = {0, 1, 2}, turned[] = {2, 1, 0};
   const std::uint64_t read = volume->bytes_read();
   EXPECT_EQ(corners_of(*volume->read_boundary(all)).back().x, 3);
-  EXPECT_EQ(corners_of(*volume->read_boundary(turned)), corners_of(*joined));
+  EXPECT_EQ(corners_of(*volume->read_boundary(turned)), corners_of(joined));
   EXPECT_EQ(volume->bytes_read(), read) << "the first read has all of a small file";
   const std::size_t other = 3;
   EXPECT_THAT(volume->read_boundary({&other, 1}).error().message, HasSubstr("no patch 3"));
@@ -123,9 +116,8 @@ TEST(Boundary, IsReadOnDemandOnly) {
   ASSERT_TRUE(volume->read_boundary({&small, 1}));
   EXPECT_LT(volume->bytes_read() - opened, 500u);
   const std::size_t both[] = {0, 1};
-  const auto joined = volume->read_boundary(both);
-  ASSERT_TRUE(joined) << joined.error().message;
-  EXPECT_EQ(joined->triangles.size(), 10000u + 8u);
+  const auto joined = test::value_of(volume->read_boundary(both));
+  EXPECT_EQ(joined.triangles.size(), 10000u + 8u);
 }
 
 TEST(Boundary, CoarserTrianglesTakeFewerBytes) {
@@ -159,8 +151,7 @@ TEST(Boundary, CommonEdgesStayCommon) {
 TEST(Boundary, OfOnePointOrALine) {
   TriangleMesh point{{dvec3(1, 2, 3)}, {{0, 0, 0}}};
   const Bytes file = file_with({{"point", point}});
-  const Status verified = verify(file);
-  EXPECT_TRUE(verified) << verified.error().message;
+  EXPECT_EQ(error_of(file), "");
   const std::size_t first = 0;
   EXPECT_EQ(open(file).value()->read_boundary({&first, 1})->points.at(0), dvec3(1, 2, 3));
 }
@@ -190,10 +181,9 @@ class DamagedBoundary : public testing::Test {
     });
   }
   void expect_refused(const Bytes& file, const std::string& words) const {
-    const Status verified = verify(file);
-    ASSERT_FALSE(verified) << words;
-    EXPECT_THAT(verified.error().message, HasSubstr(words));
-    EXPECT_EQ(verified.error().message.find('\n'), std::string::npos);
+    const std::string message = error_of(file);
+    EXPECT_THAT(message, HasSubstr(words));
+    EXPECT_EQ(message.find('\n'), std::string::npos);
   }
   template <class T>
   static std::function<void(Bytes&)> put(std::size_t offset, T number) {
@@ -201,12 +191,10 @@ class DamagedBoundary : public testing::Test {
   }
   static std::function<void(Bytes&)> replace(const std::string& old, const std::string& text) {
     return [=](Bytes& bytes) {
-      std::string json(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+      std::string json = test::text_of(bytes);
       const std::size_t at = json.find(old);
       ASSERT_NE(at, std::string::npos);
-      json.replace(at, old.size(), text);
-      const auto raw = std::as_bytes(std::span(json));
-      bytes.assign(raw.begin(), raw.end());
+      bytes = test::bytes_of(json.replace(at, old.size(), text));
     };
   }
 
@@ -214,8 +202,7 @@ class DamagedBoundary : public testing::Test {
 };
 
 TEST_F(DamagedBoundary, IsWholeWhenNothingIsDone) {
-  const Bytes same = harmed(Part::superblock, 99, [](Bytes&) {});
-  EXPECT_TRUE(verify(same)) << verify(same).error().message;
+  EXPECT_EQ(error_of(harmed(Part::superblock, 99, [](Bytes&) {})), "");
   EXPECT_EQ(Dissected(file_).count(Part::patch), 3u);
 }
 
@@ -247,7 +234,7 @@ TEST_F(DamagedBoundary, MetadataFollowTheirRules) {
 TEST_F(DamagedBoundary, CannotClaimManyTriangles) {
   const Bytes file = harmed(Part::metadata, 0, replace("\"triangles\":98", "\"triangles\":300000000"));
   test::start_counting_allocations();
-  EXPECT_FALSE(verify(file));
+  EXPECT_NE(error_of(file), "");
   EXPECT_LT(test::most_bytes_allocated(), std::size_t{16} << 20);
 }
 
@@ -262,11 +249,10 @@ Bytes file_of_many(std::uint32_t triangles) {
   return Dissected(file_with({{"one", square(1, 0)}})).assemble([&](Part part, std::size_t, Bytes& bytes) {
     if (part == Part::patch) bytes = payload;
     if (part != Part::metadata) return;
-    std::string json(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    std::string json = test::text_of(bytes);
     const std::string old = R"("points":4,"triangles":2)";
     json.replace(json.find(old), old.size(), fmt::format(R"("points":{},"triangles":{})", points, triangles));
-    const auto raw = std::as_bytes(std::span(json));
-    bytes.assign(raw.begin(), raw.end());
+    bytes = test::bytes_of(json);
   });
 }
 
@@ -275,8 +261,7 @@ TEST(HugeBoundary, IsCheckedInLittleMemory) {
   EXPECT_LT(file.size(), std::size_t{1} << 20);
   const auto volume = open(file).value();
   test::start_counting_allocations();
-  const Status verified = volume->verify([](double) {});
-  EXPECT_TRUE(verified) << verified.error().message;
+  EXPECT_EQ(test::message_of(volume->verify([](double) {})), "");
   EXPECT_LT(test::most_bytes_allocated(), std::size_t{8} << 20);
 
   const std::size_t first = 0;
@@ -291,12 +276,11 @@ TEST(HugeBoundary, ComesBackAsItWas) {
   const auto volume = open(file).value();
   ASSERT_GT(payload_bytes(volume->info().boundary->patches[1]), std::uint64_t{1} << 25);
   const std::size_t both[] = {0, 1};
-  const auto joined = volume->read_boundary(both);
-  ASSERT_TRUE(joined) << joined.error().message;
-  std::vector<dvec3> corners = corners_of(*joined);
+  const auto joined = test::value_of(volume->read_boundary(both));
+  std::vector<dvec3> corners = corners_of(joined);
   corners.erase(corners.begin(), corners.begin() + 24);
   EXPECT_LE(largest_distance(corners, corners_of(large)), volume->info().boundary->error);
-  EXPECT_TRUE(verify(file));
+  EXPECT_EQ(error_of(file), "");
 }
 
 TEST_F(DamagedBoundary, EachFlippedByteAndCutIsFound) {
@@ -306,7 +290,7 @@ TEST_F(DamagedBoundary, EachFlippedByteAndCutIsFound) {
   for (std::uint64_t at = section->offset; at < section->offset + section->packed_bytes; ++at) {
     Bytes flipped = file_;
     flipped[at] ^= std::byte{0x10};
-    EXPECT_FALSE(verify(flipped)) << at;
+    EXPECT_NE(error_of(flipped), "") << at;
     const auto opened = open(flipped);
     ASSERT_TRUE(opened) << "a viewer that shows no boundary reads no byte of it";
     const std::size_t all[] = {0, 1, 2};

@@ -2,7 +2,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <cstring>
 #include <random>
 
@@ -10,6 +9,7 @@
 #include "format/volume.h"
 #include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
+#include "tests/support/volume_bytes.h"
 
 namespace splatvol::test {
 namespace {
@@ -23,13 +23,6 @@ ValueSummary summary_of_middle(const TestVolume& volume) {
   return bins_of(volume.info.attributes[0]).summarize({&middle, 1});
 }
 
-std::string error_of(const Bytes& bytes, std::size_t threads = 1) {
-  const auto volume = Volume::open(memory_source(bytes, "test.svol"));
-  if (!volume) return volume.error().message;
-  const Status verified = (*volume)->verify([](double) {}, threads);
-  return verified ? "" : verified.error().message;
-}
-
 // Some resolutions of such chunks are more than one walk through the index holds.
 class HiddenMaterial : public testing::TestWithParam<std::uint32_t> {
  protected:
@@ -39,11 +32,8 @@ class HiddenMaterial : public testing::TestWithParam<std::uint32_t> {
     std::uniform_real_distribution<double> uniform(0, 0.3);
     std::vector<double> values(700);
     for (std::size_t i = 0; i < values.size(); ++i) values[i] = i % 2 == 0 ? uniform(random) : 1 - uniform(random);
-    TestVolumeOptions options;
-    options.points_per_chunk = GetParam();
-    options.coarsest_points = 1;
-    options.node_points = 12;
-    volume_ = make_test_volume(random_points(values.size(), 3), {values}, options);
+    volume_ = make_test_volume(random_points(values.size(), 3), {values},
+                               {.coarsest_points = 1, .node_points = 12, .points_per_chunk = GetParam()});
   }
 
   // Gives the splats of a resolution this distribution of values.

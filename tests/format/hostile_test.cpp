@@ -15,6 +15,7 @@
 #include "tests/support/long.h"
 #include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
+#include "tests/support/volume_bytes.h"
 
 namespace splatvol::test {
 namespace {
@@ -31,10 +32,7 @@ TestVolume volume_of(std::size_t points, std::size_t attributes) {
   std::vector<std::vector<double>> values(attributes, std::vector<double>(points));
   for (auto& column : values)
     for (double& value : column) value = uniform(random) < -0.9 ? std::nan("") : uniform(random);
-  TestVolumeOptions options;
-  options.position_error = 1e-5;
-  options.node_points = 12;
-  return make_test_volume(random_points(points, 3), values, options);
+  return make_test_volume(random_points(points, 3), values, {.node_points = 12, .position_error = 1e-5});
 }
 
 struct Outcome {
@@ -72,6 +70,30 @@ TEST(Surgery, LeavesAFileAsItWasWhereNothingIsDone) {
 }
 
 // --- Random changes.
+
+/// Texts that may stand for a number.
+constexpr const char* numbers[] = {"0",
+                                   "1",
+                                   "-1",
+                                   "2",
+                                   "63",
+                                   "64",
+                                   "65",
+                                   "1.5",
+                                   "1e300",
+                                   "-1e308",
+                                   "1e-320",
+                                   "65535",
+                                   "65536",
+                                   "4294967296",
+                                   "281474976710655",
+                                   "281474976710656",
+                                   "18446744073709551615",
+                                   "null",
+                                   "[]",
+                                   "{}",
+                                   "\"a\"",
+                                   "true"};
 
 class Mutator {
  public:
@@ -119,35 +141,12 @@ class Mutator {
 
   // Replaces a number in the text by another.
   void harm_number(Bytes& bytes) {
-    std::string text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    std::string text = text_of(bytes);
     const std::size_t begin = text.find_first_of("0123456789", draw(text.size()));
     if (begin == std::string::npos) return;
     const std::size_t end = std::min(text.find_first_not_of("0123456789.e-+", begin), text.size());
-    const auto number = pick<const char*>({"0",
-                                           "1",
-                                           "-1",
-                                           "2",
-                                           "63",
-                                           "64",
-                                           "65",
-                                           "1.5",
-                                           "1e300",
-                                           "-1e308",
-                                           "1e-320",
-                                           "65535",
-                                           "65536",
-                                           "4294967296",
-                                           "281474976710655",
-                                           "281474976710656",
-                                           "18446744073709551615",
-                                           "null",
-                                           "[]",
-                                           "{}",
-                                           "\"a\"",
-                                           "true"});
-    text.replace(begin, end - begin, number);
-    const auto raw = std::as_bytes(std::span(text));
-    bytes.assign(raw.begin(), raw.end());
+    text.replace(begin, end - begin, numbers[draw(std::size(numbers))]);
+    bytes = bytes_of(text);
   }
 
   template <class T>
@@ -192,13 +191,13 @@ TEST(Hostile, RandomHarmWithGoodHashesIsRefusedOrHarmless) {
 
 // --- Changes with a purpose.
 
-json metadata_of(const Bytes& bytes) {
-  return json::parse(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
-}
-
-void set_text(Bytes& bytes, const std::string& text) {
-  const auto raw = std::as_bytes(std::span(text));
-  bytes.assign(raw.begin(), raw.end());
+// A change of the metadata.
+std::function<void(Bytes&)> in_metadata(const std::function<void(json&)>& change) {
+  return [change](Bytes& bytes) {
+    json document = json::parse(text_of(bytes));
+    change(document);
+    bytes = bytes_of(document.dump());
+  };
 }
 
 class HostileSmallFile : public testing::Test {
@@ -231,39 +230,32 @@ TEST_F(HostileSmallFile, CannotClaimManyPoints) {
   for (const std::uint64_t points : {2ull, 65536ull, 1ull << 32, (1ull << 48) - 1})
     for (const std::uint64_t chunk : {64, 65536})
       for (const std::uint64_t page : {1, 256, 1 << 24})
-        EXPECT_LE(memory_of(Part::metadata,
-                            [&](Bytes& bytes) {
-                              json document = metadata_of(bytes);
+        EXPECT_LE(memory_of(Part::metadata, in_metadata([&](json& document) {
                               document["resolution_counts"] = {points};
                               document["points_per_chunk"] = {chunk};
                               document["rows_per_directory_page"] = page;
-                              set_text(bytes, document.dump());
-                            }),
+                            })),
                   few_megabytes);
 }
 
 TEST_F(HostileSmallFile, CannotClaimManyAttributesOrColumns) {
-  EXPECT_LE(
-      memory_of(Part::metadata,
-                [&](Bytes& bytes) {
-                  json document = metadata_of(bytes);
-                  for (int i = 0; i < 400; ++i)
-                    document["columns"].push_back({{"kind", "later"}, {"scope", "resolution"}, {"critical", false}});
-                  set_text(bytes, document.dump());
-                }),
-      few_megabytes);
+  const auto change = [](json& document) {
+    for (int i = 0; i < 400; ++i)
+      document["columns"].push_back({{"kind", "later"}, {"scope", "resolution"}, {"critical", false}});
+  };
+  EXPECT_LE(memory_of(Part::metadata, in_metadata(change)), few_megabytes);
 }
 
 TEST_F(HostileSmallFile, CannotHideAMountainInItsMetadata) {
   for (const std::string piece : {"[],", "{},", "{\"\":0},", "0,", "\"\","}) {
     for (const std::size_t bytes_of_text : {10'000u, 60'000u, 120'000u, 300'000u}) {
       const auto bomb = [&](Bytes& bytes) {
-        json document = metadata_of(bytes);
+        json document = json::parse(text_of(bytes));
         std::string list = "[";
         while (list.size() < bytes_of_text) list += piece;
         list.back() = ']';
         std::string text = document.dump();
-        set_text(bytes, text.insert(1, "\"later\":" + list + ","));
+        bytes = bytes_of(text.insert(1, "\"later\":" + list + ","));
       };
       EXPECT_LE(memory_of(Part::metadata, bomb), few_megabytes) << piece << bytes_of_text;
     }
@@ -308,9 +300,7 @@ TEST(Hostile, PagesThatAreLinkedToTwiceAreRefused) {
   // pages has exponentially many paths.
   std::vector<dvec3> lattice;
   for (int i = 0; i < 512; ++i) lattice.push_back((dvec3(i & 7, i >> 3 & 7, i >> 6) + 0.5) / 8.0);
-  TestVolumeOptions options;
-  options.node_points = 1;
-  const Dissected parts(test_volume_bytes(make_test_volume(lattice, {}, options)));
+  const Dissected parts(test_volume_bytes(make_test_volume(lattice, {}, {.node_points = 1})));
   const std::size_t root = parts.count(Part::structure) - 1;
   ASSERT_GE(parts.links(root).size(), 2u);
   const Outcome outcome = explore(parts, Part::structure, root, [&](Bytes& bytes) {
@@ -348,11 +338,8 @@ TEST_F(HostileTree, HistogramsAreCheckedBinByBin) {
 }
 
 TEST_F(HostileTree, ErrorsBeyondThoseOfTheMetadataAreRefused) {
-  const Outcome outcome = explore(parts_, Part::metadata, 0, [](Bytes& bytes) {
-    json document = metadata_of(bytes);
-    document["position_error"] = 1e-9;
-    set_text(bytes, document.dump());
-  });
+  const Outcome outcome =
+      explore(parts_, Part::metadata, 0, in_metadata([](json& document) { document["position_error"] = 1e-9; }));
   EXPECT_TRUE(outcome.opened);
   EXPECT_THAT(outcome.message, HasSubstr("larger error than the metadata"));
 }
@@ -487,11 +474,8 @@ TEST_F(HostileTree, NothingIsLargerPackedThanUnpacked) {
 }
 
 TEST_F(HostileTree, PointsOutsideOfTheCubeAreRefused) {
-  const Outcome outcome = explore(parts_, Part::metadata, 0, [](Bytes& bytes) {
-    json document = metadata_of(bytes);
-    document["cube"]["edge"] = 0.5;
-    set_text(bytes, document.dump());
-  });
+  const Outcome outcome =
+      explore(parts_, Part::metadata, 0, in_metadata([](json& document) { document["cube"]["edge"] = 0.5; }));
   EXPECT_TRUE(outcome.opened);
   EXPECT_THAT(outcome.message, HasSubstr("outside of the cube"));
 }

@@ -9,6 +9,7 @@
 
 #include "format/columns.h"
 #include "tests/support/random.h"
+#include "tests/support/results.h"
 
 namespace splatvol::format {
 namespace {
@@ -32,8 +33,7 @@ constexpr auto unpack_signals = unpack_value_moments;
 template <class Element, class Unpack>
 std::vector<Element> unpacked(const PackedChunk& chunk, std::size_t count, Unpack unpack) {
   std::vector<Element> out(count);
-  const Status status = unpack(chunk.entry, chunk.bytes, out, "test");
-  EXPECT_TRUE(status) << status.error().message;
+  EXPECT_EQ(test::message_of(unpack(chunk.entry, chunk.bytes, out, "test")), "");
   return out;
 }
 
@@ -380,8 +380,7 @@ TEST(MomentsColumn, AWriterKeepsToTheBoundsOfAFile) {
     shapes[1].boundary = dvec3(4, 4, 4);
     const PackedChunk chunk = pack_moments(shapes, edge);
     std::vector<SplatShape> out(shapes.size());
-    const Status status = unpack_moments(chunk.entry, chunk.bytes, out, edge, "test");
-    EXPECT_TRUE(status) << status.error().message;
+    EXPECT_EQ(test::message_of(unpack_moments(chunk.entry, chunk.bytes, out, edge, "test")), "");
     EXPECT_EQ(out[0].mass, 0x1p64 * edge * edge * edge);
   }
 }

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "tests/support/packed_tree.h"
+#include "tests/support/results.h"
 
 namespace splatvol::format {
 namespace {
@@ -198,12 +199,12 @@ TEST(Index, AFailingSinkStopsIt) {
   maker.add_full(4);
   const NodeArrays tree = maker.take();
   int pages = 0;
-  const auto packed = test::pack_tree(tree, [&](const PackedIndexPage&) -> Status {
-    if (++pages == 3) return fail(ErrorCode::io, "the disk is full");
-    return {};
-  });
-  ASSERT_FALSE(packed);
-  EXPECT_EQ(packed.error().message, "the disk is full");
+  EXPECT_EQ(test::message_of(test::pack_tree(tree,
+                                             [&](const PackedIndexPage&) -> Status {
+                                               if (++pages == 3) return fail(ErrorCode::io, "the disk is full");
+                                               return {};
+                                             })),
+            "the disk is full");
   EXPECT_EQ(pages, 3);
 }
 
@@ -276,9 +277,8 @@ TEST(IndexPacker, HoldsAPathHoweverManyNodesThereAre) {
       ASSERT_TRUE(packer.end_node(record_of(shape, static_cast<std::uint8_t>(nodes % 200))));
     };
     add(add, 0, 0);
-    const auto root = packer.finish();
-    ASSERT_TRUE(root);
-    paged += read_record<std::uint32_t>(root->bytes, 0);
+    const auto root = test::value_of(packer.finish());
+    paged += read_record<std::uint32_t>(root.bytes, 0);
     EXPECT_GT(nodes, 1'300'000u);
     EXPECT_EQ(paged, nodes);
     EXPECT_LE(most_bytes, 8u * 8u * 256u * 256u);  // at eight depths the tree branches; 256 bytes a node
@@ -382,12 +382,11 @@ TEST(Index, PagesOnlyLinkBackwards) {
   std::size_t with_links = 0;
   for (const IndexPageRef& ref : packed.pages) {
     const auto front = std::span(packed.section).subspan(ref.offset, ref.front_bytes);
-    const auto page = unpack_index_page(ref, front, tree.shape, 8, ref.offset, "test");
-    ASSERT_TRUE(page);
-    if (page->pages.empty()) continue;
+    const auto page = test::value_of(unpack_index_page(ref, front, tree.shape, 8, ref.offset, "test"));
+    if (page.pages.empty()) continue;
     ++with_links;
     std::uint64_t end = 0;
-    for (const IndexPageRef& link : page->pages) end = std::max(end, link.offset + link.page_bytes);
+    for (const IndexPageRef& link : page.pages) end = std::max(end, link.offset + link.page_bytes);
     EXPECT_TRUE(unpack_index_page(ref, front, tree.shape, 8, end, "test"));
     EXPECT_THAT(unpack_index_page(ref, front, tree.shape, 8, end - 1, "test").error().message, HasSubstr("[R16]"));
   }

@@ -4,11 +4,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <map>
 
 #include "format/series_index.h"
+#include "tests/support/results.h"
 #include "tests/support/test_volume.h"
+#include "tests/support/volume_bytes.h"
 
 namespace splatvol::format {
 namespace {
@@ -37,9 +38,7 @@ class IndexedSteps : public testing::Test {
   }
 
   [[nodiscard]] Result<Steps> open() const {
-    const std::string text = to_json(index_);
-    const auto raw = std::as_bytes(std::span(text));
-    index_bytes_.assign(raw.begin(), raw.end());
+    index_bytes_ = test::bytes_of(to_json(index_));
     return Steps::open("i.svols", [this](const std::string& path) -> Result<std::unique_ptr<ByteSource>> {
       if (path == "i.svols") return memory_source(index_bytes_, path);
       const auto found = files_.find(path);
@@ -51,8 +50,7 @@ class IndexedSteps : public testing::Test {
   [[nodiscard]] std::string error() const {
     const auto steps = open();
     if (!steps) return steps.error().message;
-    const Status verified = steps->verify([](double) {}, 2);
-    return verified ? "" : verified.error().message;
+    return test::message_of(steps->verify([](double) {}, 2));
   }
 
   std::map<std::string, Bytes> files_;

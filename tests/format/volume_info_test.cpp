@@ -7,6 +7,8 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 
+#include "tests/support/results.h"
+
 namespace splatvol::format {
 namespace {
 
@@ -38,36 +40,35 @@ json example_json() { return json::parse(metadata_to_json(example()).value()); }
 
 TEST(Metadata, ComesBack) {
   const VolumeInfo info = example();
-  const auto back = metadata_from_json(metadata_to_json(info).value());
-  ASSERT_TRUE(back) << back.error().message;
-  EXPECT_EQ(back->cube.origin, info.cube.origin);
-  EXPECT_EQ(back->cube.edge, info.cube.edge);
-  EXPECT_EQ(back->resolution_counts, info.resolution_counts);
-  EXPECT_EQ(back->points_per_chunk, info.points_per_chunk);
-  EXPECT_EQ(back->rows_per_directory_page, info.rows_per_directory_page);
-  EXPECT_EQ(back->reduction_method, info.reduction_method);
-  EXPECT_EQ(back->leaf_points, info.leaf_points);
-  EXPECT_EQ(back->size_bounds, info.size_bounds);
-  EXPECT_EQ(back->provenance, info.provenance);
-  ASSERT_EQ(back->attributes.size(), 2u);
+  const auto back = test::value_of(metadata_from_json(metadata_to_json(info).value()));
+  EXPECT_EQ(back.cube.origin, info.cube.origin);
+  EXPECT_EQ(back.cube.edge, info.cube.edge);
+  EXPECT_EQ(back.resolution_counts, info.resolution_counts);
+  EXPECT_EQ(back.points_per_chunk, info.points_per_chunk);
+  EXPECT_EQ(back.rows_per_directory_page, info.rows_per_directory_page);
+  EXPECT_EQ(back.reduction_method, info.reduction_method);
+  EXPECT_EQ(back.leaf_points, info.leaf_points);
+  EXPECT_EQ(back.size_bounds, info.size_bounds);
+  EXPECT_EQ(back.provenance, info.provenance);
+  ASSERT_EQ(back.attributes.size(), 2u);
   for (std::size_t a = 0; a < 2; ++a) {
-    EXPECT_EQ(back->attributes[a].name, info.attributes[a].name);
-    EXPECT_EQ(back->attributes[a].unit, info.attributes[a].unit);
-    EXPECT_EQ(back->attributes[a].offset, info.attributes[a].offset);
-    EXPECT_EQ(back->attributes[a].scale, info.attributes[a].scale);
-    EXPECT_EQ(back->attributes[a].missing, info.attributes[a].missing);
+    EXPECT_EQ(back.attributes[a].name, info.attributes[a].name);
+    EXPECT_EQ(back.attributes[a].unit, info.attributes[a].unit);
+    EXPECT_EQ(back.attributes[a].offset, info.attributes[a].offset);
+    EXPECT_EQ(back.attributes[a].scale, info.attributes[a].scale);
+    EXPECT_EQ(back.attributes[a].missing, info.attributes[a].missing);
   }
-  EXPECT_EQ(back->attributes[0].min, 0.1);
-  EXPECT_EQ(back->attributes[0].max, 1e60);
-  EXPECT_EQ(back->attributes[0].error, 0.25);
-  EXPECT_TRUE(std::isnan(back->attributes[1].min) && std::isnan(back->attributes[1].max));
-  ASSERT_EQ(back->columns.size(), info.columns.size());
+  EXPECT_EQ(back.attributes[0].min, 0.1);
+  EXPECT_EQ(back.attributes[0].max, 1e60);
+  EXPECT_EQ(back.attributes[0].error, 0.25);
+  EXPECT_TRUE(std::isnan(back.attributes[1].min) && std::isnan(back.attributes[1].max));
+  ASSERT_EQ(back.columns.size(), info.columns.size());
   for (std::size_t c = 0; c < info.columns.size(); ++c) {
-    EXPECT_EQ(back->columns[c].kind, info.columns[c].kind);
-    EXPECT_EQ(back->columns[c].scope, info.columns[c].scope);
-    EXPECT_EQ(back->columns[c].attribute, info.columns[c].attribute);
+    EXPECT_EQ(back.columns[c].kind, info.columns[c].kind);
+    EXPECT_EQ(back.columns[c].scope, info.columns[c].scope);
+    EXPECT_EQ(back.columns[c].attribute, info.columns[c].attribute);
   }
-  EXPECT_EQ(metadata_to_json(*back).value(), metadata_to_json(info).value());
+  EXPECT_EQ(metadata_to_json(back).value(), metadata_to_json(info).value());
 }
 
 TEST(Metadata, FindsColumnsAndAttributes) {
@@ -88,13 +89,12 @@ TEST(Metadata, FindsColumnsAndAttributes) {
 TEST(Metadata, AnAliasIsAnotherNameOfAnAttribute) {
   VolumeInfo info = example();
   info.aliases = {{"rho", 0}, {"velocity", 1}, {"rho (cells)", 0}};
-  const auto back = metadata_from_json(metadata_to_json(info).value());
-  ASSERT_TRUE(back) << back.error().message;
-  EXPECT_EQ(back->aliases, info.aliases);
-  EXPECT_EQ(back->find_attribute("rho (cells)"), 0);
-  EXPECT_EQ(back->find_attribute("velocity"), 1);
-  EXPECT_EQ(find_attribute(*back, "velocity", "a.svol").value(), 1);
-  EXPECT_THAT(find_attribute(*back, "p", "a.svol").error().message, HasSubstr("rho (cells)"));
+  const auto back = test::value_of(metadata_from_json(metadata_to_json(info).value()));
+  EXPECT_EQ(back.aliases, info.aliases);
+  EXPECT_EQ(back.find_attribute("rho (cells)"), 0);
+  EXPECT_EQ(back.find_attribute("velocity"), 1);
+  EXPECT_EQ(find_attribute(back, "velocity", "a.svol").value(), 1);
+  EXPECT_THAT(find_attribute(back, "p", "a.svol").error().message, HasSubstr("rho (cells)"));
 }
 
 TEST(Metadata, AFileWithoutAttributesHasNoAliases) {
@@ -302,10 +302,9 @@ TEST(Metadata, RefusesTooManyResolutions) {
 TEST(Metadata, SkipsUnknownColumnsUnlessTheyAreCritical) {
   json document = example_json();
   document["columns"].push_back({{"kind", "later"}, {"scope", "resolution"}, {"critical", false}});
-  const auto info = metadata_from_json(document.dump());
-  ASSERT_TRUE(info) << info.error().message;
-  EXPECT_EQ(info->columns.back().kind, ColumnKind::unknown);
-  EXPECT_EQ(info->columns.back().scope, ColumnScope::resolution);
+  const auto info = test::value_of(metadata_from_json(document.dump()));
+  EXPECT_EQ(info.columns.back().kind, ColumnKind::unknown);
+  EXPECT_EQ(info.columns.back().scope, ColumnScope::resolution);
   document["columns"].back()["critical"] = true;
   EXPECT_THAT(metadata_from_json(document.dump()).error().message, HasSubstr("'later'"));
 }
@@ -396,9 +395,8 @@ TEST(Metadata, WritesNothingThatCannotBeRead) {
 TEST(Metadata, NamesThatAreNotUtf8AreMadeSo) {
   VolumeInfo info = example();
   info.attributes[0].name = "caf\xE9";
-  const auto back = metadata_from_json(metadata_to_json(info).value());
-  ASSERT_TRUE(back);
-  EXPECT_EQ(back->attributes[0].name, "caf\uFFFD");
+  const auto back = test::value_of(metadata_from_json(metadata_to_json(info).value()));
+  EXPECT_EQ(back.attributes[0].name, "caf\uFFFD");
   info.attributes[1].name = "caf\xE8";  // the same name after replacing
   EXPECT_FALSE(metadata_to_json(info));
 }

@@ -7,13 +7,15 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <filesystem>
 #include <random>
 
 #include "base/file.h"
 #include "tests/format/allocation_counter.h"
 #include "tests/support/long.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 #include "tests/support/test_volume.h"
+#include "tests/support/volume_bytes.h"
 
 namespace splatvol::format {
 namespace {
@@ -41,9 +43,7 @@ TestVolume small_volume(std::size_t points, std::size_t attributes, const TestVo
 }
 
 std::shared_ptr<const Volume> open_bytes(const Bytes& bytes) {
-  auto volume = Volume::open(memory_source(bytes, "test.svol"));
-  EXPECT_TRUE(volume) << volume.error().message;
-  return volume ? *volume : nullptr;
+  return test::value_of(Volume::open(memory_source(bytes, "test.svol")));
 }
 
 Status verify_bytes(const Bytes& bytes, std::size_t threads = 1) {
@@ -171,19 +171,16 @@ std::size_t expect_same_nodes(const Volume& file, const IndexPage& page, std::ui
       at = expect_same_nodes(file, page, page.first_children[node] + c, attribute, tree, at);
     return at;
   }
-  const auto linked = file.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node],
-                                           page.nodes.counts_of(node), {attribute});
-  EXPECT_TRUE(linked) << linked.error().message;
-  for (std::uint32_t c = 0; c < children; ++c) at = expect_same_nodes(file, *linked, c, attribute, tree, at);
+  const auto linked = test::value_of(file.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node],
+                                                          page.nodes.counts_of(node), {attribute}));
+  for (std::uint32_t c = 0; c < children; ++c) at = expect_same_nodes(file, linked, c, attribute, tree, at);
   return at;
 }
 
 void expect_comes_back(const TestVolume& volume) {
   const Bytes bytes = test_volume_bytes(volume);
   const auto file = open_bytes(bytes);
-  ASSERT_TRUE(file);
-  const Status verified = file->verify([](double) {});
-  EXPECT_TRUE(verified) << verified.error().message;
+  EXPECT_EQ(test::message_of(file->verify([](double) {})), "");
   EXPECT_EQ(file->info().resolution_counts, volume.info.resolution_counts);
   expect_same_columns(*file, volume);
   for (int attribute = -1; attribute < static_cast<int>(volume.stored.size()); ++attribute) {
@@ -206,17 +203,11 @@ TEST(Volume, ComesBack) {
 }
 
 TEST(Volume, ComesBackWithinTheErrorOfItsPositions) {
-  TestVolumeOptions options;
-  options.position_error = 1e-4;
-  options.node_points = 8;
-  expect_comes_back(small_volume(1500, 1, options));
+  expect_comes_back(small_volume(1500, 1, {.node_points = 8, .position_error = 1e-4}));
 }
 
 TEST(Volume, ComesBackFarFromTheOriginWithAnOffset) {
-  TestVolumeOptions options;
-  options.cube = {{1e7, -1e7, 5}, 1};
-  options.value_offset = 101325;
-  options.position_error = 1e-6;
+  const TestVolumeOptions options{.position_error = 1e-6, .cube = {{1e7, -1e7, 5}, 1}, .value_offset = 101325};
   auto points = random_points(500, 8);
   for (dvec3& p : points) p += options.cube.origin;
   auto values = random_values(1, 500);
@@ -286,9 +277,7 @@ TEST(Damage, EveryFlippedByteIsFound) {
 
 // Many pages of the directory, and two damaged places: the first one is told.
 TEST(Damage, IsToldTheSameWayByAnyNumberOfThreads) {
-  TestVolumeOptions options;
-  options.node_points = 8;
-  Bytes bytes = test_volume_bytes(small_volume(20'000, 3, options));
+  Bytes bytes = test_volume_bytes(small_volume(20'000, 3, {.node_points = 8}));
   ASSERT_GT(Volume::open(memory_source(bytes, "test.svol")).value()->directory_page_count(), 4u);
   for (const std::size_t threads : {0u, 1u, 2u, 16u}) EXPECT_TRUE(verify_bytes(bytes, threads)) << threads;
   std::mt19937 random(2);
@@ -326,9 +315,7 @@ class CountingSource final : public ByteSource {
 
 TEST(Reads, AFailingSourceGivesItsErrorWhereverItFails) {
   // Larger than the first read, so that every kind of part needs a read.
-  TestVolumeOptions options;
-  options.node_points = 8;
-  const Bytes bytes = test_volume_bytes(small_volume(2500, 2, options));
+  const Bytes bytes = test_volume_bytes(small_volume(2500, 2, {.node_points = 8}));
   ASSERT_GT(bytes.size(), 2 * min_first_read_bytes);
   const auto reads = std::make_shared<std::atomic<int>>(0);
   const auto verify = [&](int reads_before_failure) -> Status {
@@ -352,18 +339,17 @@ TEST(Reads, OpeningTakesOneRead) {
   for (const std::size_t points : {1, 300, 2500}) {
     const Bytes bytes = test_volume_bytes(small_volume(points, 2));
     const auto reads = std::make_shared<std::atomic<int>>(0);
-    const auto volume = Volume::open(std::make_unique<CountingSource>(bytes, 1, reads));
-    ASSERT_TRUE(volume) << volume.error().message;
+    const auto volume = test::value_of(Volume::open(std::make_unique<CountingSource>(bytes, 1, reads)));
     EXPECT_EQ(*reads, 1);
-    EXPECT_LE((*volume)->preamble_bytes(), min_first_read_bytes);
-    EXPECT_EQ((*volume)->bytes_read(), std::min<std::uint64_t>(bytes.size(), min_first_read_bytes));
+    EXPECT_LE(volume->preamble_bytes(), min_first_read_bytes);
+    EXPECT_EQ(volume->bytes_read(), std::min<std::uint64_t>(bytes.size(), min_first_read_bytes));
 
     // The first picture too: root page, and the chunks of the coarsest resolution.
-    ASSERT_TRUE((*volume)->read_index_root({0}));
-    const DirectoryPage page = (*volume)->read_directory_page(0).value();
-    for (const int column : (*volume)->rows().columns_of_row(0)) {
-      const ChunkLocation& location = (*volume)->find_chunk(page, 0, column);
-      ASSERT_TRUE((*volume)->read_bytes(location.offset, location.entry.packed_bytes));
+    ASSERT_TRUE(volume->read_index_root({0}));
+    const DirectoryPage page = volume->read_directory_page(0).value();
+    for (const int column : volume->rows().columns_of_row(0)) {
+      const ChunkLocation& location = volume->find_chunk(page, 0, column);
+      ASSERT_TRUE(volume->read_bytes(location.offset, location.entry.packed_bytes));
     }
     EXPECT_EQ(*reads, 1);
   }
@@ -372,17 +358,14 @@ TEST(Reads, OpeningTakesOneRead) {
 TEST(Reads, APreambleLongerThanTheFirstReadTakesTwo) {
   const Bytes bytes = test_volume_bytes(small_volume(400, 120));
   const auto reads = std::make_shared<std::atomic<int>>(0);
-  const auto volume = Volume::open(std::make_unique<CountingSource>(bytes, 1'000'000, reads));
-  ASSERT_TRUE(volume) << volume.error().message;
-  ASSERT_GT((*volume)->preamble_bytes(), min_first_read_bytes);
+  const auto volume = test::value_of(Volume::open(std::make_unique<CountingSource>(bytes, 1'000'000, reads)));
+  ASSERT_GT(volume->preamble_bytes(), min_first_read_bytes);
   EXPECT_EQ(*reads, 2);
-  EXPECT_TRUE((*volume)->verify([](double) {}));
+  EXPECT_TRUE(volume->verify([](double) {}));
 }
 
 TEST(Reads, OneAttributeOfManyIsReadByItself) {
-  TestVolumeOptions options;
-  options.node_points = 1;
-  const TestVolume volume = small_volume(600, 150, options);
+  const TestVolume volume = small_volume(600, 150, {.node_points = 1});
   const Bytes bytes = test_volume_bytes(volume);
   const auto file = open_bytes(bytes);
   const IndexPage root = file->read_index_root({7}).value();
@@ -407,30 +390,9 @@ TEST(Reads, RangesPastTheEndAreRefused) {
 
 // --- Writing.
 
-class Folder {
- public:
-  Folder()
-      : path_(std::filesystem::temp_directory_path() / fmt::format("splatvol_volume_test_{}", std::random_device()())) {
-    std::filesystem::create_directory(path_);
-  }
-  ~Folder() { std::filesystem::remove_all(path_); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-
-  std::string file(const char* name) const { return (path_ / name).string(); }
-  std::size_t files() const {
-    return static_cast<std::size_t>(
-        std::distance(std::filesystem::directory_iterator(path_), std::filesystem::directory_iterator()));
-  }
-
- private:
-  std::filesystem::path path_;
-};
-
 TEST(Writer, ThePreambleOfManyAttributesFits) {
   const Bytes bytes = test_volume_bytes(small_volume(300, 200));
   const auto file = open_bytes(bytes);
-  ASSERT_TRUE(file);
   EXPECT_LE(file->preamble_bytes(), max_preamble_bytes);
   // Not only the metadata, but also the coarsest resolution.
   const DirectoryPage page = file->read_directory_page(0).value();
@@ -440,20 +402,19 @@ TEST(Writer, ThePreambleOfManyAttributesFits) {
 }
 
 TEST(Writer, ABillionPointsOfManyAttributesFit) {
-  const Folder folder;
+  const test::TempFolder folder;
   for (const std::size_t attributes : {1, 20, 200}) {
     TestVolume volume = small_volume(300, attributes);
     volume.info.points_per_chunk.assign(volume.info.resolutions(), 4096);
     std::uint64_t points = 1'000'000'000;
     for (std::size_t r = volume.info.resolutions(); r-- > 0; points /= 3) volume.info.resolution_counts[r] = points;
-    const auto writer = create_writer(volume, folder.file("large.svol"));
-    EXPECT_TRUE(writer) << writer.error().message;
+    EXPECT_EQ(test::message_of(create_writer(volume, folder.path("large.svol"))), "");
   }
-  EXPECT_EQ(folder.files(), 0u);
+  EXPECT_THAT(folder.names(), testing::IsEmpty());
 }
 
 TEST(Writer, TooManyAttributesAreRefusedAndLeaveNothingBehind) {
-  const Folder folder;
+  const test::TempFolder folder;
   TestVolume volume = small_volume(5, 1);
   const Attribute attribute = volume.info.attributes[0];
   for (int i = 1; i < 20000; ++i) {
@@ -463,32 +424,31 @@ TEST(Writer, TooManyAttributesAreRefusedAndLeaveNothingBehind) {
   }
   volume.tree.shape.attributes = 20000;
   volume.tree.summaries.assign(volume.tree.size() * 20000, ValueSummary{});
-  const auto writer = create_writer(volume, folder.file("many.svol"));
+  const auto writer = create_writer(volume, folder.path("many.svol"));
   ASSERT_FALSE(writer);
   EXPECT_EQ(writer.error().code, ErrorCode::unsupported);
   EXPECT_THAT(writer.error().message, HasSubstr("20000 attributes"));
-  EXPECT_EQ(folder.files(), 0u);
+  EXPECT_THAT(folder.names(), testing::IsEmpty());
 }
 
 TEST(Writer, AbandonedItLeavesNothingBehind) {
-  const Folder folder;
+  const test::TempFolder folder;
   const TestVolume volume = small_volume(100, 1);
   {
-    const auto writer = create_writer(volume, folder.file("half.svol"));
-    ASSERT_TRUE(writer);
-    EXPECT_EQ(folder.files(), 0u);
-    EXPECT_FALSE((*writer)->finish({{}}));  // rows are missing
+    const auto writer = test::value_of(create_writer(volume, folder.path("half.svol")));
+    EXPECT_THAT(folder.names(), testing::IsEmpty());
+    EXPECT_FALSE(writer->finish({{}}));  // rows are missing
   }
-  EXPECT_EQ(folder.files(), 0u);
+  EXPECT_THAT(folder.names(), testing::IsEmpty());
 }
 
 TEST(Writer, RefusesWhatDoesNotFit) {
-  const Folder folder;
+  const test::TempFolder folder;
   const TestVolume good = small_volume(100, 1);
   const auto refuses = [&](auto change) {
     TestVolume volume = good;
     change(volume);
-    const auto writer = create_writer(volume, folder.file("bad.svol"));
+    const auto writer = create_writer(volume, folder.path("bad.svol"));
     return !writer && writer.error().code == ErrorCode::invalid_argument;
   };
   EXPECT_FALSE(refuses([](TestVolume&) {}));
@@ -498,20 +458,18 @@ TEST(Writer, RefusesWhatDoesNotFit) {
   EXPECT_TRUE(refuses([](TestVolume& v) { v.info.resolution_counts.pop_back(); }));
   EXPECT_TRUE(refuses([](TestVolume& v) { v.info.size_bounds.clear(); }));
   EXPECT_TRUE(refuses([](TestVolume& v) { v.tree.counts.pop_back(); }));
-  EXPECT_EQ(folder.files(), 0u);
+  EXPECT_THAT(folder.names(), testing::IsEmpty());
 
-  const auto writer = create_writer(good, folder.file("bad.svol"));
-  ASSERT_TRUE(writer);
-  EXPECT_FALSE((*writer)->append_row({}));
+  const auto writer = test::value_of(create_writer(good, folder.path("bad.svol")));
+  EXPECT_FALSE(writer->append_row({}));
 }
 
 TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
-  const Folder folder;
+  const test::TempFolder folder;
   const TestVolume volume = small_volume(500, 2);
   const Bytes expected = test_volume_bytes(volume);
   const auto file = open_bytes(expected);
-  const auto writer = create_writer(volume, folder.file("rows.svol"));
-  ASSERT_TRUE(writer);
+  const auto writer = test::value_of(create_writer(volume, folder.path("rows.svol")));
   for (std::uint64_t row = 0; row < file->rows().row_count(); ++row) {
     const DirectoryPage page = file->read_directory_page(file->directory_page_of_row(row)).value();
     std::vector<ChunkEntry> entries;
@@ -522,18 +480,17 @@ TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
       const auto chunk = std::span(expected).subspan(location.offset, location.entry.packed_bytes);
       bytes.insert(bytes.end(), chunk.begin(), chunk.end());
     }
-    EXPECT_FALSE((*writer)->append_row(entries, std::span(bytes).first(bytes.size() - 1)));
-    EXPECT_FALSE((*writer)->append_row(std::span(entries).first(entries.size() - 1), bytes));
-    ASSERT_TRUE((*writer)->append_row(entries, bytes));
+    EXPECT_FALSE(writer->append_row(entries, std::span(bytes).first(bytes.size() - 1)));
+    EXPECT_FALSE(writer->append_row(std::span(entries).first(entries.size() - 1), bytes));
+    ASSERT_TRUE(writer->append_row(entries, bytes));
   }
-  ASSERT_TRUE((*writer)->finish(file->read_histograms().value()));
-  const std::string text = read_text_file(folder.file("rows.svol")).value();
-  EXPECT_TRUE(std::ranges::equal(std::as_bytes(std::span(text)), expected));
+  ASSERT_TRUE(writer->finish(file->read_histograms().value()));
+  EXPECT_TRUE(test::bytes_of(folder.read("rows.svol")) == expected);
 }
 
 // Few rows are copied. Many are moved without copying, and the file has padding for it.
 TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
-  const Folder folder;
+  const test::TempFolder folder;
   VolumeInfo info;
   info.points_per_chunk = {64};
   info.columns = {{ColumnKind::position, ColumnScope::segment, -1}, {ColumnKind::octant, ColumnScope::resolution, -1}};
@@ -545,15 +502,13 @@ TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
   };
   for (const std::uint64_t rows : {10, 2200}) {
     info.resolution_counts = {rows * 64};
-    const std::string path = folder.file("rows.svol");
-    auto file = AtomicFile::create(path);
-    ASSERT_TRUE(file);
-    for (std::uint64_t row = first_rows; row < rows; ++row) ASSERT_TRUE(file->append(row_of(row)));
-    auto pages = TempFile::create(folder.file(""));
-    ASSERT_TRUE(pages);
-    PackedIndex index{{1, 1, 0}, {{0, 8, 8, 0}, Bytes(8)}, std::move(*pages)};
+    const std::string path = folder.path("rows.svol");
+    auto file = test::value_of(AtomicFile::create(path));
+    for (std::uint64_t row = first_rows; row < rows; ++row) ASSERT_TRUE(file.append(row_of(row)));
+    auto pages = test::value_of(TempFile::create(folder.path()));
+    PackedIndex index{{1, 1, 0}, {{0, 8, 8, 0}, Bytes(8)}, std::move(pages)};
     const auto writer =
-        VolumeWriter::create(std::move(*file), first_rows * row_bytes, info, std::move(index), folder.file(""));
+        VolumeWriter::create(std::move(file), first_rows * row_bytes, info, std::move(index), folder.path());
     ASSERT_TRUE(writer) << writer.error().message;
     for (std::uint64_t row = 0; row < rows; ++row) {
       const Bytes bytes = row_of(row);
@@ -562,17 +517,15 @@ TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
     }
     ASSERT_TRUE((*writer)->finish({}));
 
-    const std::string text = read_text_file(path).value();
-    const auto all = std::as_bytes(std::span(text));
-    const auto volume = Volume::open(open_file(path).value());
-    ASSERT_TRUE(volume) << volume.error().message;
+    const Bytes all = test::bytes_of(folder.read("rows.svol"));
+    const auto volume = test::value_of(Volume::open(open_file(path).value()));
     for (std::uint64_t row = 0; row < rows; ++row) {
-      const DirectoryPage page = (*volume)->read_directory_page((*volume)->directory_page_of_row(row)).value();
-      const ChunkLocation& location = (*volume)->find_chunk(page, row, 0);
+      const DirectoryPage page = volume->read_directory_page(volume->directory_page_of_row(row)).value();
+      const ChunkLocation& location = volume->find_chunk(page, row, 0);
       if (row == first_rows && rows > 1000) {
         EXPECT_EQ(location.offset % AtomicFile::insertable_bytes, 0u);
       }
-      ASSERT_TRUE(std::ranges::equal(all.subspan(location.offset, row_bytes), row_of(row))) << row;
+      ASSERT_TRUE(std::ranges::equal(std::span(all).subspan(location.offset, row_bytes), row_of(row))) << row;
     }
     EXPECT_EQ(all.size(), (*writer)->file_bytes());
   }
@@ -580,43 +533,35 @@ TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
 
 // 19 MB of directory and 32 MB of index pages. The writer holds the directory root, and 1 MiB for copying.
 TEST(Writer, HoldsLittleHoweverManyRowsThereAre) {
-  const Folder folder;
+  const test::TempFolder folder;
   VolumeInfo info;
   info.points_per_chunk = {64};
   info.resolution_counts = {300'000 * 64};
   info.columns = {{ColumnKind::position, ColumnScope::segment, -1}, {ColumnKind::octant, ColumnScope::resolution, -1}};
   info.cube = {dvec3(0), 1};
-  auto pages = TempFile::create(folder.file(""));
-  ASSERT_TRUE(pages);
-  for (int i = 0; i < 32; ++i) ASSERT_TRUE(pages->append(Bytes(1u << 20)));
-  PackedIndex index{{1, 1, 0}, {{0, 8, 8, 0}, Bytes(8)}, std::move(*pages)};
+  auto pages = test::value_of(TempFile::create(folder.path()));
+  for (int i = 0; i < 32; ++i) ASSERT_TRUE(pages.append(Bytes(1u << 20)));
+  PackedIndex index{{1, 1, 0}, {{0, 8, 8, 0}, Bytes(8)}, std::move(pages)};
   const std::array<ChunkEntry, 2> entries = {{{1, 1, 1, 0, 0, 0}, {2, 1, 1, 0, 0, 0}}};
   const Bytes bytes(2);
 
   test::start_counting_allocations();
-  const auto writer = VolumeWriter::create(folder.file("rows.svol"), info, std::move(index), folder.file(""));
-  ASSERT_TRUE(writer) << writer.error().message;
-  for (std::uint64_t row = 0; row < 300'000; ++row) ASSERT_TRUE((*writer)->append_row(entries, bytes));
-  ASSERT_TRUE((*writer)->finish({}));
+  const auto writer =
+      test::value_of(VolumeWriter::create(folder.path("rows.svol"), info, std::move(index), folder.path()));
+  for (std::uint64_t row = 0; row < 300'000; ++row) ASSERT_TRUE(writer->append_row(entries, bytes));
+  ASSERT_TRUE(writer->finish({}));
   EXPECT_LT(test::most_bytes_allocated(), 4u << 20);
-  EXPECT_GT((*writer)->file_bytes(), (32u << 20) + 300'000 * (64 + 2));
+  EXPECT_GT(writer->file_bytes(), (32u << 20) + 300'000 * (64 + 2));
 }
 
 TEST(Writer, AFolderThatIsNotThereIsNamed) {
-  const Folder folder;
+  const test::TempFolder folder;
   const TestVolume volume = small_volume(5, 1);
-  const std::string path = folder.file("absent/file.svol");
+  const std::string path = folder.path("absent/file.svol");
   EXPECT_THAT(create_writer(volume, path).error().message, HasSubstr(path));
 }
 
-/// Why a file is refused by a check of every byte; empty if it is not.
-std::string refusal_of(const test::TestVolume& volume) {
-  const Bytes bytes = test::test_volume_bytes(volume);
-  const auto opened = Volume::open(memory_source(bytes, "lying.svol"));
-  EXPECT_TRUE(opened) << opened.error().message;
-  const Status verified = (*opened)->verify([](double) {});
-  return verified ? "" : verified.error().message;
-}
+std::string refusal_of(const TestVolume& volume) { return test::error_of(test_volume_bytes(volume)); }
 
 // All checksums are right.
 TEST(Verify, AnIndexThatLiesIsFound) {

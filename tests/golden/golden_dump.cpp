@@ -1,9 +1,8 @@
 // golden_dump [--all] FILE.svol: prints what a reader sees, as the golden test compares it. golden_dump --picture
-// FILE.svol: prints small pictures of it, by the scene FILE.json. golden_dump --make-pages OUT.svol: writes a small
+// FILE.svol: prints small pictures of it, by its scene. golden_dump --make-pages OUT.svol: writes a small
 // file whose index and directory have several pages.
 #include <fmt/format.h>
 
-#include <filesystem>
 #include <random>
 #include <string>
 
@@ -21,11 +20,10 @@ Status make_pages(const std::string& path) {
   std::mt19937 random(5);
   std::vector<double> values(points);
   for (double& value : values) value = static_cast<double>(random() % 1000) / 8;
-  test::TestVolumeOptions options;
-  options.position_error = 1e-3;
-  options.node_points = 1;
-  options.moments = options.gradients = false;
-  return test::write_test_volume(test::make_test_volume(test::random_points(points, 3), {values}, options), path);
+  return test::write_test_volume(
+      test::make_test_volume(test::random_points(points, 3), {values},
+                             {.node_points = 1, .position_error = 1e-3, .moments = false, .gradients = false}),
+      path);
 }
 
 Status print(const std::string& path, bool all) {
@@ -38,7 +36,7 @@ Status print(const std::string& path, bool all) {
 }
 
 Status print_picture(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(scene, load_scene(std::filesystem::path(path).replace_extension(".json").string()));
+  SPLATVOL_TRY_ASSIGN(scene, test::golden_scene(path));
   SPLATVOL_TRY_ASSIGN(text, test::golden_picture(path, scene));
   fmt::print("{}", text);
   return {};

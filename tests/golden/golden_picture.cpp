@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "streamer/streamer.h"
 
@@ -48,6 +50,14 @@ Result<std::string> text_of(const Image& image) {
 }
 
 }  // namespace
+
+Result<Scene> golden_scene(const std::filesystem::path& file) {
+  SPLATVOL_TRY_ASSIGN(common, read_text_file(file.parent_path() / "scene.json"));
+  SPLATVOL_TRY_ASSIGN(own, read_text_file(std::filesystem::path(file).replace_extension(".json")));
+  nlohmann::json scene = parse_json_or_discard(common);
+  scene.merge_patch(parse_json_or_discard(own));
+  return parse_scene(json_text(scene));
+}
 
 Result<std::string> golden_picture(const std::string& file, const Scene& scene) {
   Scene small = scene;

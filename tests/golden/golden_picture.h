@@ -1,6 +1,7 @@
 // Small pictures of golden files, as text.
 #pragma once
 
+#include <filesystem>
 #include <string>
 
 #include "base/error.h"
@@ -10,6 +11,9 @@ namespace splatvol::test {
 
 /// Width and height of the pictures, and of the blocks of pixels that the text holds the means of.
 inline constexpr int golden_size = 64, golden_block = 4;
+
+/// Reads the scene of a file. FILE.json has the parts that differ from scene.json beside it.
+[[nodiscard]] Result<Scene> golden_scene(const std::filesystem::path& file);
 
 /// Draws all points of a file, one over the other and in slabs, and returns both pictures as text; only the first, by
 /// the kernel octant, if the file has no moments. The text has a line with the way, then a line for each row of blocks,

@@ -6,14 +6,15 @@
 #include <algorithm>
 #include <filesystem>
 #include <set>
-#include <span>
 
 #include "base/file.h"
 #include "format/volume.h"
 #include "tests/golden/golden_picture.h"
 #include "tests/support/long.h"
+#include "tests/support/results.h"
 #include "tests/support/sanitizers.h"
 #include "tests/support/surgery.h"
+#include "tests/support/volume_bytes.h"
 #include "tests/support/volume_dump.h"
 
 namespace splatvol {
@@ -28,12 +29,12 @@ std::vector<std::filesystem::path> golden_files() {
 }
 
 std::shared_ptr<const format::Volume> open(const std::filesystem::path& path) {
-  auto file = open_file(path);
-  if (!file) return nullptr;
-  auto volume = format::Volume::open(std::move(*file));
-  EXPECT_TRUE(volume) << volume.error().message;
-  return volume ? *volume : nullptr;
+  return test::value_of(format::Volume::open(test::value_of(open_file(path))));
 }
+
+format::Bytes bytes_of(const std::filesystem::path& path) { return test::bytes_of(read_text_file(path).value()); }
+
+std::string dump_of(const std::filesystem::path& path) { return test::value_of(test::dump_volume(*open(path))); }
 
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;
@@ -47,16 +48,10 @@ std::vector<std::string> lines_of(const std::string& text) {
 
 TEST(Golden, EachFileIsReadAsItWasWhenTheFormatWasFrozen) {
   for (const std::filesystem::path& path : golden_files()) {
-    const auto volume = open(path);
-    ASSERT_TRUE(volume) << path;
-    const Status verified = volume->verify([](double) {});
-    EXPECT_TRUE(verified) << verified.error().message;
-    const auto dump = test::dump_volume(*volume);
-    ASSERT_TRUE(dump) << dump.error().message;
+    EXPECT_EQ(test::message_of(open(path)->verify([](double) {})), "");
     std::filesystem::path text = path;
-    const auto expected = read_text_file(text.replace_extension(".dump"));
-    ASSERT_TRUE(expected) << expected.error().message;
-    const std::vector<std::string> now = lines_of(*dump), then = lines_of(*expected);
+    const auto expected = test::value_of(read_text_file(text.replace_extension(".dump")));
+    const std::vector<std::string> now = lines_of(dump_of(path)), then = lines_of(expected);
     EXPECT_EQ(now.size(), then.size()) << path;
     for (std::size_t i = 0; i < std::min(now.size(), then.size()); ++i)
       ASSERT_EQ(now[i], then[i]) << path << ", line " << i + 1;
@@ -77,14 +72,11 @@ std::vector<std::string> words_of(const std::string& text) {
 
 TEST(Golden, EachFileIsDrawnAsBefore) {
   for (const std::filesystem::path& path : golden_files()) {
+    SCOPED_TRACE(path);
+    const auto picture = test::value_of(test::golden_picture(path, test::value_of(test::golden_scene(path))));
     std::filesystem::path beside = path;
-    const auto scene = load_scene(beside.replace_extension(".json").string());
-    ASSERT_TRUE(scene) << scene.error().message;
-    const auto picture = test::golden_picture(path.string(), *scene);
-    ASSERT_TRUE(picture) << path << ": " << picture.error().message;
-    const auto stored = read_text_file(beside.replace_extension(".picture"));
-    ASSERT_TRUE(stored) << stored.error().message;
-    const std::vector<std::string> now = words_of(*picture), then = words_of(*stored);
+    const auto stored = test::value_of(read_text_file(beside.replace_extension(".picture")));
+    const std::vector<std::string> now = words_of(picture), then = words_of(stored);
     ASSERT_EQ(now.size(), then.size()) << path;
     // 1e-4; 1e-3 with sanitizers: that code is clang's, for one instruction set, and rounds otherwise.
     constexpr int most = test::is_sanitized ? 66 : 7;
@@ -108,11 +100,9 @@ TEST(Golden, ChunksAreRawAndCompressed) {
   bool raw = false, compressed = false;
   for (const std::filesystem::path& path : golden_files()) {
     const auto volume = open(path);
-    ASSERT_TRUE(volume) << path;
     for (std::uint64_t page = 0; page < volume->directory_page_count(); ++page) {
-      const auto directory = volume->read_directory_page(page);
-      ASSERT_TRUE(directory) << directory.error().message;
-      for (const format::ChunkLocation& chunk : directory->chunks)
+      const auto directory = test::value_of(volume->read_directory_page(page));
+      for (const format::ChunkLocation& chunk : directory.chunks)
         (chunk.entry.packed_bytes == chunk.entry.unpacked_bytes ? raw : compressed) = true;
     }
   }
@@ -123,7 +113,6 @@ TEST(Golden, ChunksAreRawAndCompressed) {
 TEST(Golden, ReductionsHaveSeveralResolutionsAndSeriesSeveralSteps) {
   for (const std::filesystem::path& path : golden_files()) {
     const auto volume = open(path);
-    ASSERT_TRUE(volume) << path;
     if (path.stem() == "octree" || path.stem() == "kdtree" || path.stem() == "mis") {
       EXPECT_EQ(volume->info().reduction_method, path.stem().string());
       EXPECT_GE(volume->info().resolutions(), 2u) << path;
@@ -140,26 +129,16 @@ TEST(Golden, ReductionsHaveSeveralResolutionsAndSeriesSeveralSteps) {
 TEST(Golden, EachFileCanBeTakenApartAndPutTogether) {
   const auto leave_alone = [](test::Part, std::size_t, format::Bytes&) {};
   for (const std::filesystem::path& path : golden_files()) {
-    const auto text = read_text_file(path);
-    ASSERT_TRUE(text) << text.error().message;
-    const auto parts = test::Dissected::take_apart(std::as_bytes(std::span(*text)));
+    const auto parts = test::Dissected::take_apart(bytes_of(path));
     ASSERT_TRUE(parts) << path;
     EXPECT_EQ(parts->count(test::Part::summary_table), path.stem() == "series" ? 3u : 0u);
     for (const test::Packing packing : {test::Packing::zstd, test::Packing::raw}) {
       const format::Bytes bytes = parts->assemble(leave_alone, packing);
-      const auto volume = format::Volume::open(memory_source(bytes, path));
-      ASSERT_TRUE(volume) << volume.error().message;
-      const Status verified = (*volume)->verify([](double) {});
-      EXPECT_TRUE(verified) << verified.error().message;
-      EXPECT_EQ(test::dump_volume(**volume).value(), test::dump_volume(*open(path)).value()) << path;
+      const auto volume = test::value_of(format::Volume::open(memory_source(bytes, path)));
+      EXPECT_EQ(test::message_of(volume->verify([](double) {})), "");
+      EXPECT_EQ(test::dump_volume(*volume).value(), dump_of(path)) << path;
     }
   }
-}
-
-format::Bytes bytes_of(const std::filesystem::path& path) {
-  const std::string text = read_text_file(path).value();
-  const auto bytes = std::as_bytes(std::span(text));
-  return {bytes.begin(), bytes.end()};
 }
 
 // Expects that bytes are refused, or hold what `dump` says.
@@ -185,7 +164,7 @@ TEST(Golden, DamagedBytesAreRefusedOrDoNotMatter) {
   const std::size_t small = test::is_long() ? 8192 : 0, places = test::is_long() ? 4096 : 60;
   for (const std::filesystem::path& path : golden_files()) {
     const format::Bytes whole = bytes_of(path);
-    const std::string dump = test::dump_volume(*open(path)).value();
+    const std::string dump = dump_of(path);
     const std::size_t step = whole.size() <= small ? 1 : 1 + whole.size() / places;
     for (std::size_t at = 0; at < whole.size(); at += step)
       for (const std::byte value : {std::byte{0}, std::byte{0xff}, whole[at] ^ std::byte{0xff}}) {

@@ -1,7 +1,6 @@
 #include "tests/support/test_volume.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -11,8 +10,9 @@
 #include <random>
 #include <tuple>
 
-#include "base/file.h"
 #include "tests/support/random.h"
+#include "tests/support/temp_folder.h"
+#include "tests/support/volume_bytes.h"
 
 namespace splatvol::test {
 namespace {
@@ -538,15 +538,9 @@ Status write_test_volume(const TestVolume& volume, const std::string& path) {
 }
 
 format::Bytes test_volume_bytes(const TestVolume& volume) {
-  static int serial = 0;
-  const auto path =
-      std::filesystem::temp_directory_path() / fmt::format("splatvol_test_{}_{}.svol", ::getpid(), serial++);
-  if (!write_test_volume(volume, path.string())) return {};
-  const auto text = read_text_file(path.string());
-  std::filesystem::remove(path);
-  if (!text) return {};
-  const auto bytes = std::as_bytes(std::span(*text));
-  return {bytes.begin(), bytes.end()};
+  const TempFolder folder;
+  if (!write_test_volume(volume, folder.path("a.svol"))) return {};
+  return bytes_of(folder.read("a.svol"));
 }
 
 }  // namespace splatvol::test

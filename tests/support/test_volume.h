@@ -1,7 +1,6 @@
 // A small volume, made in the slow and obvious way: an oracle for readers and writers of .svol files.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <memory>
 #include <string>

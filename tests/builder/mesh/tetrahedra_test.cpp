@@ -1,7 +1,7 @@
 #include "builder/mesh/tetrahedra.h"
 
 #include <fmt/format.h>
-#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
@@ -12,6 +12,7 @@
 #include <set>
 
 #include "builder/mesh/lattice.h"
+#include "tests/builder/sources/tetrahedron_faces.h"
 #include "tests/support/random.h"
 
 namespace splatvol {
@@ -58,13 +59,7 @@ Split split_polyhedron(const std::vector<dvec3>& points, const std::vector<Nodes
 std::map<Triangle, int> triangle_uses(const Tetrahedra& tetrahedra) {
   std::map<Triangle, int> uses;
   for (const auto& tetrahedron : tetrahedra)
-    for (std::size_t left_out = 0; left_out < 4; ++left_out) {
-      Triangle triangle{};
-      for (std::size_t i = 0, k = 0; i < 4; ++i)
-        if (i != left_out) triangle[k++] = tetrahedron[i];
-      std::ranges::sort(triangle);
-      ++uses[triangle];
-    }
+    for (const Triangle& triangle : test::faces_of(tetrahedron)) ++uses[triangle];
   return uses;
 }
 
@@ -463,12 +458,11 @@ TEST(Lattice, LinearCellsFillTheCell) {
       SCOPED_TRACE(fmt::format("{} of order {}", shape_name(shape), order));
       const std::vector<dvec3> positions = lattice_positions(shape, order);
       EXPECT_EQ(lattice_order(shape, false, positions.size()), order);
-      const auto cells = divide_lattice(shape, order, order, positions);
-      ASSERT_TRUE(cells);
+      const auto cells = divide_lattice(shape, order, order, positions).value();
       Split split;
       TetrahedronSplitter splitter(positions, split.tetrahedra, split.census);
-      for (std::size_t at = 0; at < cells->size(); at += node_count(shape))
-        splitter.split(shape, std::span(*cells).subspan(at, node_count(shape)));
+      for (std::size_t at = 0; at < cells.size(); at += node_count(shape))
+        splitter.split(shape, std::span(cells).subspan(at, node_count(shape)));
       EXPECT_NEAR(absolute_volume(positions, split.tetrahedra), volume, 1e-13);
       EXPECT_EQ(split.census.inverted, 0u);
       for (const auto& [triangle, uses] : triangle_uses(split.tetrahedra)) EXPECT_LE(uses, 2);

@@ -13,6 +13,7 @@
 #include "builder/scattered/scattered.h"
 #include "builder/sources/generator.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/results.h"
 
 namespace splatvol {
 namespace {
@@ -29,26 +30,22 @@ PointBatch empty_batch() {
 
 PointBatch read_all(const std::function<Result<bool>(PointBatch&)>& next) {
   PointBatch all = empty_batch();
-  for (;;) {
-    const auto more = next(all);
-    EXPECT_TRUE(more) << more.error().message;
-    if (!more || !*more) return all;
+  while (test::value_of(next(all))) {
   }
+  return all;
 }
 
 PointStream stream_of(Source& source) {
-  auto stream = PointStream::create(source, false, memory, std::filesystem::temp_directory_path(), [](double) {});
-  EXPECT_TRUE(stream) << stream.error().message;
-  return std::move(*stream);
+  return test::value_of(
+      PointStream::create(source, false, memory, std::filesystem::temp_directory_path(), [](double) {}));
 }
 
 PointBatch in_subdomains(const std::unique_ptr<Source>& source, std::size_t subdomain_points,
                          std::uint64_t bytes = memory) {
   PointStream stream = stream_of(*source);
-  auto subdomains = CellSubdomains::create(stream, bytes, std::filesystem::temp_directory_path(), subdomain_points);
-  EXPECT_TRUE(subdomains) << subdomains.error().message;
-  PointBatch all = read_all([&](PointBatch& batch) { return subdomains->next(batch); });
-  return all;
+  auto subdomains =
+      test::value_of(CellSubdomains::create(stream, bytes, std::filesystem::temp_directory_path(), subdomain_points));
+  return read_all([&](PointBatch& batch) { return subdomains.next(batch); });
 }
 
 PointBatch without_material(const std::unique_ptr<Source>& source) {

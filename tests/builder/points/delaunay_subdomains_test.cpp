@@ -12,6 +12,7 @@
 #include "builder/scattered/scattered.h"
 #include "builder/sources/generator.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/results.h"
 
 namespace splatvol {
 namespace {
@@ -23,9 +24,7 @@ constexpr std::size_t memory = std::size_t{1} << 26;
 std::string folder() { return std::filesystem::temp_directory_path(); }
 
 PointStream stream_of(Source& source) {
-  auto stream = PointStream::create(source, false, memory, folder(), [](double) {});
-  EXPECT_TRUE(stream) << stream.error().message;
-  return std::move(*stream);
+  return test::value_of(PointStream::create(source, false, memory, folder(), [](double) {}));
 }
 
 PointBatch empty_batch() {
@@ -42,15 +41,14 @@ PointBatch whole(Source& source) {
   PointBatch all = empty_batch();
   while (*stream.next(all)) {
   }
-  const auto tetrahedra = delaunay_tetrahedra(all.positions);
-  EXPECT_TRUE(tetrahedra);
-  const VertexMaterial mesh(all.positions, *tetrahedra);
+  const auto tetrahedra = test::value_of(delaunay_tetrahedra(all.positions));
+  const VertexMaterial mesh(all.positions, tetrahedra);
   for (std::size_t i = 0; i < all.size(); ++i) {
     all.moments.push_back(mesh.moments(i));
     all.value_moments[0].push_back(mesh.value_moments(i, all.values[0]));
     all.gradients[0].push_back(mesh.gradient(i, all.values[0]));
   }
-  all.planes = boundary_planes(all.positions, find_outer_faces(all.positions, *tetrahedra));
+  all.planes = boundary_planes(all.positions, find_outer_faces(all.positions, tetrahedra));
   return all;
 }
 
@@ -62,15 +60,11 @@ struct InSubdomains {
 InSubdomains in_subdomains(Source& source, std::size_t subdomain_points, std::uint64_t bytes = memory,
                            std::size_t most_points = DelaunaySubdomains::default_most_points) {
   PointStream stream = stream_of(source);
-  auto subdomains = DelaunaySubdomains::create(stream, bytes, folder(), subdomain_points, most_points);
-  EXPECT_TRUE(subdomains) << subdomains.error().message;
+  auto subdomains = test::value_of(DelaunaySubdomains::create(stream, bytes, folder(), subdomain_points, most_points));
   PointBatch all = empty_batch();
-  for (;;) {
-    const auto more = subdomains->next(all);
-    EXPECT_TRUE(more) << more.error().message;
-    if (!more || !*more) break;
+  while (test::value_of(subdomains.next(all))) {
   }
-  return {std::move(all), subdomains->uncertain()};
+  return {std::move(all), subdomains.uncertain()};
 }
 
 double total_mass(const PointBatch& points) {

@@ -12,6 +12,7 @@
 
 #include "builder/points/point_ranges.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/results.h"
 #include "tests/support/whole_points.h"
 
 namespace splatvol {
@@ -67,10 +68,9 @@ void expect_same_at_any_memory(const std::vector<Piece>& pieces) {
         SCOPED_TRACE(std::to_string(memory) + " bytes, " + std::to_string(threads) + " threads" +
                      (bounded ? ", bounded" : ""));
         const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-        PieceSource source(pieces, bounded);
-        const auto points = read_points(source, true, memory);
-        ASSERT_TRUE(points) << points.error().message;
-        expect_same(*points, expected);
+        PieceSource source(pieces, {.bounds = bounded});
+        const auto points = test::value_of(read_points(source, true, memory));
+        expect_same(points, expected);
       }
 }
 
@@ -141,7 +141,7 @@ TEST(PointStream, SinglePrecisionKeepsEveryBit) {
   for (double& value : piece.values[0]) value = static_cast<double>(static_cast<float>(value));
   piece.values[0][10] = nan;
   const std::vector<Piece> pieces = cut(piece, 3);
-  PieceSource single(pieces, false, true), full(pieces);
+  PieceSource single(pieces, {.single_precision = true}), full(pieces);
   expect_same(*read_points(single), *read_points(full));
 }
 

@@ -1,6 +1,5 @@
 #include "builder/scattered/scattered.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
@@ -15,6 +14,7 @@
 #include "builder/scattered/convex_cell.h"
 #include "builder/scattered/growing_delaunay.h"
 #include "tests/builder/support/point_sets.h"
+#include "tests/support/results.h"
 
 namespace splatvol {
 namespace {
@@ -124,20 +124,18 @@ TEST(DelaunayTetrahedra, FillTheHullOfALatticeWhateverItsAspectRatioAndPosition)
   for (const double thin : {1.0, 1e-2, 1e-4})
     for (const double origin : {0.0, 1e7}) {
       const Points points = lattice(8, {1, 0.5, thin}, dvec3(origin));
-      const auto tetrahedra = delaunay_tetrahedra(points);
-      ASSERT_TRUE(tetrahedra);
+      const auto tetrahedra = test::value_of(delaunay_tetrahedra(points));
       // Positions at 1e7 are rounded to 2e-9: 2e-5 of the thinnest cells, and half of that on average.
-      EXPECT_NEAR(volume(points, *tetrahedra) / (343 * 0.5 * thin), 1, origin > 0 ? 1e-4 : 1e-9) << thin;
+      EXPECT_NEAR(volume(points, tetrahedra) / (343 * 0.5 * thin), 1, origin > 0 ? 1e-4 : 1e-9) << thin;
     }
 }
 
 TEST(DelaunayTetrahedra, KeepTheInsideOfRandomPoints) {
   const Points points = test::uniform_points(20'000);
-  const auto tetrahedra = delaunay_tetrahedra(points);
-  ASSERT_TRUE(tetrahedra);
+  const auto tetrahedra = test::value_of(delaunay_tetrahedra(points));
   // Tetrahedra cover the whole inner cube, so those inside have its volume.
   double covered = 0;
-  for (const Tetrahedron& t : *tetrahedra) {
+  for (const Tetrahedron& t : tetrahedra) {
     const dvec3 center = (points[t[0]] + points[t[1]] + points[t[2]] + points[t[3]]) / 4.0;
     if (inside(center, dvec3(0.2), dvec3(0.8))) covered += volume(points, {t});
   }
@@ -148,9 +146,8 @@ TEST(DelaunayTetrahedra, KeepTheInsideOfRandomPoints) {
 TEST(DelaunayTetrahedra, LeaveHolesEmptyBesideThinLayers) {
   for (const double first_layer : {0.05, 1e-3, 1e-5}) {
     const Points points = round_cylinder(first_layer);
-    const auto tetrahedra = delaunay_tetrahedra(points);
-    ASSERT_TRUE(tetrahedra);
-    EXPECT_NEAR(volume(points, *tetrahedra) / cylinder_volume, 1, 1e-3) << first_layer;  // the hole holds 0.125
+    const auto tetrahedra = test::value_of(delaunay_tetrahedra(points));
+    EXPECT_NEAR(volume(points, tetrahedra) / cylinder_volume, 1, 1e-3) << first_layer;  // the hole holds 0.125
   }
 }
 
@@ -204,10 +201,9 @@ TEST(DelaunayTetrahedra, GiveCoincidentPointsVolumeOnce) {
   Points points = lattice(4, {1, 1, 1});
   const auto distinct = points.size();
   points.insert(points.end(), points.begin(), points.begin() + 20);
-  const auto tetrahedra = delaunay_tetrahedra(points);
-  ASSERT_TRUE(tetrahedra);
-  EXPECT_NEAR(volume(points, *tetrahedra), 27, 1e-9);
-  for (const Tetrahedron& t : *tetrahedra) EXPECT_LT(t[3], distinct);
+  const auto tetrahedra = test::value_of(delaunay_tetrahedra(points));
+  EXPECT_NEAR(volume(points, tetrahedra), 27, 1e-9);
+  for (const Tetrahedron& t : tetrahedra) EXPECT_LT(t[3], distinct);
 }
 
 // Points without a volume, and the volume that the estimate may give them.
@@ -254,14 +250,13 @@ TEST(ScatteredEstimate, CellsOfALatticeAreItsBoxes) {
     for (const double origin : {0.0, 1e7}) {
       const dvec3 spacing{1, 0.5, thin};
       const Points points = lattice(8, spacing, dvec3(origin));
-      const auto estimate = ScatteredEstimate::create(points);
-      ASSERT_TRUE(estimate);
+      const auto estimate = test::value_of(ScatteredEstimate::create(points));
       const double tolerance = origin > 0 ? 1e-3 : 1e-9;  // rounding of the positions, as above; squared in covariances
       // The domain ends at the outer points, so it has only a half, a quarter or an eighth of their cells.
-      EXPECT_NEAR(total_mass(*estimate) / (343 * 0.5 * thin), 1, tolerance) << thin << " at " << origin;
+      EXPECT_NEAR(total_mass(estimate) / (343 * 0.5 * thin), 1, tolerance) << thin << " at " << origin;
       for (std::size_t i = 0; i < points.size(); ++i) {
         if (!inside(points[i], dvec3(origin) + 0.5 * spacing, dvec3(origin) + 6.5 * spacing)) continue;
-        const SpatialMoments& moments = estimate->spatial()[i];
+        const SpatialMoments& moments = estimate.spatial()[i];
         ASSERT_NEAR(moments.mass / (0.5 * thin), 1, tolerance);
         ASSERT_NEAR(moments.covariance.xx, 1.0 / 12, tolerance);
         ASSERT_NEAR(moments.covariance.yy, 0.25 / 12, tolerance);
@@ -273,22 +268,20 @@ TEST(ScatteredEstimate, CellsOfALatticeAreItsBoxes) {
 
 TEST(ScatteredEstimate, MassesOfRandomPointsAddUpInside) {
   const Points points = test::uniform_points(20'000);
-  const auto estimate = ScatteredEstimate::create(points);
-  ASSERT_TRUE(estimate);
+  const auto estimate = test::value_of(ScatteredEstimate::create(points));
   double mass = 0;
   for (std::size_t i = 0; i < points.size(); ++i)
-    if (inside(points[i], dvec3(0.2), dvec3(0.8))) mass += estimate->spatial()[i].mass;
+    if (inside(points[i], dvec3(0.2), dvec3(0.8))) mass += estimate.spatial()[i].mass;
   EXPECT_NEAR(mass / (0.6 * 0.6 * 0.6), 1, 0.01);  // cells of size 0.04 on the border: a random error of 1 % at most
 }
 
 TEST(ScatteredEstimate, LeavesHolesEmptyBesideThinLayers) {
   for (const double first_layer : {0.05, 1e-3, 1e-5}) {
     const auto points = round_cylinder(first_layer);
-    const auto estimate = ScatteredEstimate::create(points);
-    ASSERT_TRUE(estimate);
+    const auto estimate = test::value_of(ScatteredEstimate::create(points));
     // The hole has 0.125 of the volume. Cuts are planes through the outer points, so a cell keeps the arc between two
     // of them, 0.006 of the radius.
-    EXPECT_NEAR(total_mass(*estimate) / cylinder_volume, 1, 0.01) << first_layer;
+    EXPECT_NEAR(total_mass(estimate) / cylinder_volume, 1, 0.01) << first_layer;
   }
 }
 
@@ -296,14 +289,13 @@ TEST(ScatteredEstimate, ALinearFieldKeepsItsGradient) {
   for (const Points& points :
        {test::uniform_points(3000), lattice(8, {1, 0.5, 1e-4}, dvec3(100)), round_cylinder(1e-3)}) {
     const auto values = linear_values(points);
-    const auto estimate = ScatteredEstimate::create(points);
-    ASSERT_TRUE(estimate);
-    const auto moments = estimate->values(values);
-    const auto gradients = estimate->gradients(values);
+    const auto estimate = test::value_of(ScatteredEstimate::create(points));
+    const auto moments = estimate.values(values);
+    const auto gradients = estimate.gradients(values);
     for (std::size_t i = 0; i < points.size(); ++i) {
       // Values near 300 are rounded to 6e-14, over a spacing of 1e-4 in the thinnest layers.
       ASSERT_LT(glm::length(dvec3(gradients[i]) - dvec3(2, -1, 0.5)), 1e-5) << i;
-      const SpatialMoments& space = estimate->spatial()[i];
+      const SpatialMoments& space = estimate.spatial()[i];
       if (space.mass == 0) continue;
       const SymmetricMatrix& s = space.covariance;
       const double scale = s.xx + s.yy + s.zz;
@@ -344,10 +336,9 @@ TEST(ScatteredEstimate, GivesCoincidentPointsVolumeOnce) {
   Points points = lattice(4, {1, 1, 1});
   const std::size_t distinct = points.size();
   points.insert(points.end(), points.begin(), points.begin() + 20);
-  const auto estimate = ScatteredEstimate::create(points);
-  ASSERT_TRUE(estimate);
-  EXPECT_NEAR(total_mass(*estimate), 27, 1e-9);
-  for (std::size_t i = distinct; i < points.size(); ++i) EXPECT_EQ(estimate->spatial()[i].mass, 0);
+  const auto estimate = test::value_of(ScatteredEstimate::create(points));
+  EXPECT_NEAR(total_mass(estimate), 27, 1e-9);
+  for (std::size_t i = distinct; i < points.size(); ++i) EXPECT_EQ(estimate.spatial()[i].mass, 0);
 }
 
 TEST(ScatteredEstimate, DoesNotDependOnThreads) {
@@ -370,10 +361,9 @@ TEST(ScatteredEstimate, CoversNineDecadesOfCellVolume) {
         const auto graded = [](int n) { return n == 0 ? 0.0 : std::copysign(std::pow(10.0, 0.25 * std::abs(n)), n); };
         points.emplace_back(graded(i), graded(j), graded(k));
       }
-  const auto estimate = ScatteredEstimate::create(points);
-  ASSERT_TRUE(estimate);
+  const auto estimate = test::value_of(ScatteredEstimate::create(points));
   // Spacings that grow by a factor of 1.8 look like the border of the domain here and there.
-  EXPECT_NEAR(total_mass(*estimate) / 8e9, 1, 1e-3);
+  EXPECT_NEAR(total_mass(estimate) / 8e9, 1, 1e-3);
 }
 
 }  // namespace

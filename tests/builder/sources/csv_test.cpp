@@ -7,8 +7,9 @@
 #include "builder/opening/open_own.h"
 #include "builder/sources/csv_table.h"
 #include "builder/sources/units.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -59,10 +60,9 @@ TEST_F(CsvTest, ColumnsAreNamed) {
 
 TEST_F(CsvTest, UnitsComeFromTheHeading) {
   const std::string path = write("a.csv", "x,y,z,p [Pa],T,U[0]\n1,2,3,4,5,6\n");
-  const auto source = open_own({path}, {});
-  ASSERT_TRUE(source) << source.error().message;
-  EXPECT_THAT((*source)->attributes(), ElementsAre("p", "T", "U[0]"));
-  EXPECT_THAT((*source)->units(), ElementsAre("Pa", "", ""));
+  const auto source = test::value_of(open_own({path}, {}));
+  EXPECT_THAT(source->attributes(), ElementsAre("p", "T", "U[0]"));
+  EXPECT_THAT(source->units(), ElementsAre("Pa", "", ""));
 }
 
 TEST_F(CsvTest, ErrorsNameTheLine) {
@@ -87,12 +87,11 @@ TEST_F(CsvTest, LargeFilesComeInPieces) {
   std::string text = "x,y,z,p\n";
   constexpr std::size_t count = 300'000;
   for (std::size_t i = 0; i < count; ++i) text += fmt::format("{},{},0.5,{}\n", i, 2 * i, i % 7);
-  const auto input = read_input({write("a.csv", text)});
-  ASSERT_TRUE(input) << input.error().message;
-  EXPECT_GT(input->pieces.size(), 2u);
-  ASSERT_EQ(input->points, count);
+  const auto input = test::value_of(read_input({write("a.csv", text)}));
+  EXPECT_GT(input.pieces.size(), 2u);
+  ASSERT_EQ(input.points, count);
   std::size_t i = 0;
-  for (const Piece& piece : input->pieces)
+  for (const Piece& piece : input.pieces)
     for (std::size_t k = 0; k < piece.points.size(); ++k, ++i) {
       ASSERT_EQ(piece.points[k], dvec3(static_cast<double>(i), 2 * static_cast<double>(i), 0.5));
       ASSERT_EQ(piece.values[0][k], static_cast<double>(i % 7));
@@ -103,14 +102,13 @@ TEST_F(CsvTest, LargeFilesComeInPieces) {
 // A cut can only shorten the last line: the rest is refused, or is the same.
 TEST_F(CsvTest, Truncated) {
   const std::string whole = "x,y,z,p [Pa]\n1,2,3,40\n5,6,7,80\n9,10,11,120\n";
-  const auto all = read_input({write("a.csv", whole)});
-  ASSERT_TRUE(all);
+  const auto all = test::value_of(read_input({write("a.csv", whole)}));
   for (std::size_t bytes = 0; bytes < whole.size(); ++bytes) {
     const auto input = read_input({write("a.csv", whole.substr(0, bytes))});
     if (!input) continue;
     for (std::size_t i = 0; i + 1 < input->points; ++i) {
-      EXPECT_EQ(input->pieces[0].points[i], all->pieces[0].points[i]) << bytes;
-      EXPECT_EQ(input->pieces[0].values[0][i], all->pieces[0].values[0][i]) << bytes;
+      EXPECT_EQ(input->pieces[0].points[i], all.pieces[0].points[i]) << bytes;
+      EXPECT_EQ(input->pieces[0].values[0][i], all.pieces[0].values[0][i]) << bytes;
     }
   }
 }
@@ -129,9 +127,8 @@ TEST_F(CsvTest, OpenEnds) {
   EXPECT_EQ(open_ends("x\ty\tz\tp\n1\t2\t3\t4\n5\t6\t7\t"), 1u);
   EXPECT_EQ(open_ends("p,x,y,z\n1,2,3,40"), 1u);
   EXPECT_EQ(open_ends("x,y,z,p,name\n1,2,3,4,five"), 0u) << "no number";
-  const auto two = read_input({write("b.csv", head + "5,6,7,8"), write("a.csv", head + "9,6,7,8")});
-  ASSERT_TRUE(two);
-  EXPECT_EQ(two->census.open_ends, 2u);
+  const auto two = test::value_of(read_input({write("b.csv", head + "5,6,7,8"), write("a.csv", head + "9,6,7,8")}));
+  EXPECT_EQ(two.census.open_ends, 2u);
 }
 
 TEST(Units, Texts) {

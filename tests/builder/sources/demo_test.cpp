@@ -2,16 +2,15 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdlib>
-#include <filesystem>
 #include <map>
 #include <random>
 
-#include "base/file.h"
 #include "builder/mesh/tetrahedra.h"
 #include "builder/opening/open_source.h"
 #include "tests/builder/sources/tetrahedron_faces.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 #include "tools/bisection_mesh.h"
 #include "tools/demo_flow.h"
 
@@ -108,26 +107,23 @@ int run(const std::string& arguments) {
 }
 
 TEST(Svdemo, WritesTheSameConformingMeshEveryTime) {
-  const std::string folder = ::testing::TempDir() + "splatvol_demo/";
-  std::filesystem::remove_all(folder);
-  std::filesystem::create_directories(folder);
-  ASSERT_EQ(run("-o " + folder + "a.vtu --points 5000 --scene " + folder + "a.json"), 0);
-  ASSERT_EQ(run("-o " + folder + "b.vtu --points 5000"), 0);
-  EXPECT_EQ(*read_text_file(folder + "a.vtu"), *read_text_file(folder + "b.vtu"));
-  EXPECT_NE(read_text_file(folder + "a.json")->find("\"vorticity\""), std::string::npos);
-  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder), {}), 3) << "no temporary file is left";
+  const test::TempFolder folder;
+  ASSERT_EQ(run("-o " + folder.path("a.vtu") + " --points 5000 --scene " + folder.path("a.json")), 0);
+  ASSERT_EQ(run("-o " + folder.path("b.vtu") + " --points 5000"), 0);
+  EXPECT_EQ(folder.read("a.vtu"), folder.read("b.vtu"));
+  EXPECT_NE(folder.read("a.json").find("\"vorticity\""), std::string::npos);
+  EXPECT_EQ(folder.names().size(), 3u) << "no temporary file is left";
 
-  auto source = open_source({folder + "a.vtu"}, {});
-  ASSERT_TRUE(source);
-  EXPECT_EQ((*source)->attributes(), (std::vector<std::string>{"vorticity", "velocity", "velocity[0]", "velocity[1]",
-                                                               "velocity[2]", "pressure", "temperature"}));
-  const auto piece = (*source)->next();
-  ASSERT_TRUE(piece && *piece);
-  EXPECT_NEAR(static_cast<double>((*piece)->points.size()), 5000, 250);
-  expect_fills_box((*piece)->points, (*piece)->tetrahedra, DemoFlow::low, DemoFlow::high);
+  auto source = test::value_of(open_source({folder.path("a.vtu")}, {}));
+  EXPECT_EQ(source->attributes(), (std::vector<std::string>{"vorticity", "velocity", "velocity[0]", "velocity[1]",
+                                                            "velocity[2]", "pressure", "temperature"}));
+  const auto piece = test::value_of(source->next());
+  ASSERT_TRUE(piece);
+  EXPECT_NEAR(static_cast<double>(piece->points.size()), 5000, 250);
+  expect_fills_box(piece->points, piece->tetrahedra, DemoFlow::low, DemoFlow::high);
 
   EXPECT_NE(run(""), 0);
-  EXPECT_NE(run("-o " + folder + "nowhere/a.vtu --points 1000"), 0);
+  EXPECT_NE(run("-o " + folder.path("nowhere/a.vtu") + " --points 1000"), 0);
 }
 
 }  // namespace

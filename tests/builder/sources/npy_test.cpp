@@ -7,14 +7,14 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <filesystem>
 #include <limits>
 #include <random>
 
 #include "base/file.h"
 #include "builder/opening/open_own.h"
 #include "builder/sources/npy_header.h"
-#include "tests/builder/sources/folder_test.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -122,13 +122,12 @@ TEST_F(NpyTest, EveryLayoutOfTheSameNumbersIsRead) {
   for (const auto& [text, data] : files)
     for (const int version : {1, 2, 3}) {
       SCOPED_TRACE(text);
-      const auto table = read({write("a.npy", npy(text, data, version))});
-      ASSERT_TRUE(table) << table.error().message;
-      EXPECT_THAT(table->attributes, ElementsAre("value"));
-      EXPECT_EQ(table->numbers, rows);
-      EXPECT_EQ(table->single_precision, text.find("f4") != std::string::npos);
-      EXPECT_EQ(table->bounds->low, dvec3(-3, 1, -8.25));
-      EXPECT_EQ(table->bounds->high, dvec3(6, 7, 5.5));
+      const auto table = test::value_of(read({write("a.npy", npy(text, data, version))}));
+      EXPECT_THAT(table.attributes, ElementsAre("value"));
+      EXPECT_EQ(table.numbers, rows);
+      EXPECT_EQ(table.single_precision, text.find("f4") != std::string::npos);
+      EXPECT_EQ(table.bounds->low, dvec3(-3, 1, -8.25));
+      EXPECT_EQ(table.bounds->high, dvec3(6, 7, 5.5));
     }
 }
 
@@ -142,9 +141,7 @@ TEST_F(NpyTest, FillValuesAreMissing) {
   }
   const std::string path = write("a.npy", npy(header("<f8", values.size(), 4), numbers<double>(numbers_in_file)));
   const auto missing = [&](const std::vector<double>& given, std::uint64_t fills) {
-    SourceOptions options;
-    options.missing = given;
-    const auto piece = open_own({path}, options).value()->next().value();
+    const auto piece = open_own({path}, {.missing = given}).value()->next().value();
     EXPECT_THAT(piece->fills, ElementsAre(fills));
     std::vector<std::size_t> indices;
     for (std::size_t i = 0; i < values.size(); ++i)
@@ -175,10 +172,9 @@ TEST_F(NpyTest, PointsFarBeyondAllOthersAreDropped) {
 TEST_F(NpyTest, IntegersAreRead) {
   const std::vector<double> whole = {0, 1, 2, 100, 3, 4, 5, 127};
   const auto expect = [&](const std::string& type, const std::string& data, bool single_precision) {
-    const auto table = read({write("a.npy", npy(header(type, 2, 4), data))});
-    ASSERT_TRUE(table) << table.error().message;
-    EXPECT_EQ(table->numbers, whole) << type;
-    EXPECT_EQ(table->single_precision, single_precision) << type;
+    const auto table = test::value_of(read({write("a.npy", npy(header(type, 2, 4), data))}));
+    EXPECT_EQ(table.numbers, whole) << type;
+    EXPECT_EQ(table.single_precision, single_precision) << type;
   };
   expect("|u1", numbers<std::uint8_t>(whole), true);
   expect("|i1", numbers<std::int8_t>(whole), true);
@@ -193,18 +189,15 @@ TEST_F(NpyTest, IntegersAreRead) {
 TEST_F(NpyTest, ColumnsHaveTheNamesThatTheyAreGiven) {
   const std::vector<double> wide = {1, 2, 3, 4, 5, 6, 10, 20, 30, 40, 50, 60};
   const std::string path = write("a.npy", npy(header("<f4", 2, 6), numbers<float>(wide)));
-  const auto by_default = read({path});
-  ASSERT_TRUE(by_default) << by_default.error().message;
-  EXPECT_THAT(by_default->attributes, ElementsAre("value0", "value1", "value2"));
+  const auto by_default = test::value_of(read({path}));
+  EXPECT_THAT(by_default.attributes, ElementsAre("value0", "value1", "value2"));
 
-  const auto named = read({path}, {{}, {"z", "heat", "_", "x", "_", "y"}});
-  ASSERT_TRUE(named) << named.error().message;
-  EXPECT_THAT(named->attributes, ElementsAre("heat"));
-  EXPECT_THAT(named->numbers, ElementsAre(4, 6, 1, 2, 40, 60, 10, 20));
+  const auto named = test::value_of(read({path}, {{}, {"z", "heat", "_", "x", "_", "y"}}));
+  EXPECT_THAT(named.attributes, ElementsAre("heat"));
+  EXPECT_THAT(named.numbers, ElementsAre(4, 6, 1, 2, 40, 60, 10, 20));
 
-  const auto selected = read({path}, {{"b", "a"}, {"x", "y", "z", "a", "b", "c"}});
-  ASSERT_TRUE(selected) << selected.error().message;
-  EXPECT_THAT(selected->numbers, ElementsAre(1, 2, 3, 5, 4, 10, 20, 30, 50, 40));
+  const auto selected = test::value_of(read({path}, {{"b", "a"}, {"x", "y", "z", "a", "b", "c"}}));
+  EXPECT_THAT(selected.numbers, ElementsAre(1, 2, 3, 5, 4, 10, 20, 30, 50, 40));
 
   EXPECT_THAT(error_of({path}, {{"d"}, {}}), AllOf(StartsWith(path), HasSubstr("value0, value1, value2")));
   EXPECT_THAT(error_of({path}, {{}, {"x", "y", "z", "a"}}), HasSubstr("6 columns, but 4 names"));
@@ -222,26 +215,23 @@ TEST_F(NpyTest, FieldsThatAreNoNumbersAreSkipped) {
     data += "abc" + number<float>(10 * i, true) + number<double>(3 * i) + "....." + number<std::int16_t>(2 * i) +
             number<float>(i) + "\1" + "12345678";
   const std::string path = write("a.npy", npy(text, data));
-  const auto table = read({path});
-  ASSERT_TRUE(table) << table.error().message;
-  EXPECT_THAT(table->attributes, ElementsAre("heat"));
-  EXPECT_THAT(table->numbers, ElementsAre(1, 2, 3, 10, 2, 4, 6, 20));
+  const auto table = test::value_of(read({path}));
+  EXPECT_THAT(table.attributes, ElementsAre("heat"));
+  EXPECT_THAT(table.numbers, ElementsAre(1, 2, 3, 10, 2, 4, 6, 20));
   EXPECT_THAT(error_of({path}, {{"on"}, {}}), HasSubstr("neither floats"));
 }
 
 TEST_F(NpyTest, WhatIsNotFiniteIsMissingAndOutOfTheBounds) {
   const std::vector<double> odd = {0, 0, 0, inf, 1, 2, 3, nan, nan, 50, 50, 1, 50, -inf, 50, 2};
-  const auto table = read({write("a.npy", npy(header("<f4", 4, 4), numbers<float>(odd)))});
-  ASSERT_TRUE(table) << table.error().message;
-  EXPECT_TRUE(std::isnan(table->numbers[3]) && std::isnan(table->numbers[7]));
-  EXPECT_TRUE(std::isnan(table->numbers[8])) << "points stay, whatever their position";
-  EXPECT_EQ(table->numbers[13], -inf);
-  EXPECT_EQ(table->bounds->high, dvec3(1, 2, 3));
+  const auto table = test::value_of(read({write("a.npy", npy(header("<f4", 4, 4), numbers<float>(odd)))}));
+  EXPECT_TRUE(std::isnan(table.numbers[3]) && std::isnan(table.numbers[7]));
+  EXPECT_TRUE(std::isnan(table.numbers[8])) << "points stay, whatever their position";
+  EXPECT_EQ(table.numbers[13], -inf);
+  EXPECT_EQ(table.bounds->high, dvec3(1, 2, 3));
 
   const std::vector<double> none = {nan, 0, 0, 1};
-  const auto nowhere = read({write("b.npy", npy(header("<f4", 1, 4), numbers<float>(none)))});
-  ASSERT_TRUE(nowhere) << nowhere.error().message;
-  EXPECT_FALSE(nowhere->bounds);
+  const auto nowhere = test::value_of(read({write("b.npy", npy(header("<f4", 1, 4), numbers<float>(none)))}));
+  EXPECT_FALSE(nowhere.bounds);
 }
 
 TEST_F(NpyTest, PiecesAreBoundedAndInOrder) {
@@ -251,10 +241,9 @@ TEST_F(NpyTest, PiecesAreBoundedAndInOrder) {
     for (const int k : {1, 2, 3, 4}) values.push_back(static_cast<double>(i) * k);
   for (const bool fortran : {false, true}) {
     const auto data = numbers<double>(fortran ? transposed(values, 4) : values);
-    const auto table = read({write("a.npy", npy(header("<f8", count, 4, fortran), data))});
-    ASSERT_TRUE(table) << table.error().message;
-    EXPECT_TRUE(table->numbers == values);
-    EXPECT_EQ(table->bounds->high, static_cast<double>(count - 1) * dvec3(1, 2, 3));
+    const auto table = test::value_of(read({write("a.npy", npy(header("<f8", count, 4, fortran), data))}));
+    EXPECT_TRUE(table.numbers == values);
+    EXPECT_EQ(table.bounds->high, static_cast<double>(count - 1) * dvec3(1, 2, 3));
   }
 }
 
@@ -266,10 +255,9 @@ TEST_F(NpyTest, SeveralFilesAreOnePointSet) {
   const std::string empty = write("c.npy", npy(header("<f4", 0, 4), ""));
   std::vector<double> twice = rows;
   twice.insert(twice.end(), others.begin(), others.end());
-  const auto table = read({a, empty, b});
-  ASSERT_TRUE(table) << table.error().message;
-  EXPECT_EQ(table->numbers, twice);
-  EXPECT_FALSE(table->single_precision) << "the second is not";
+  const auto table = test::value_of(read({a, empty, b}));
+  EXPECT_EQ(table.numbers, twice);
+  EXPECT_FALSE(table.single_precision) << "the second is not";
   EXPECT_TRUE(read({a, a})->single_precision);
 
   const std::string series = write("e.npy", npy(header("<f4", 3, 4), numbers<float>(rows)));
@@ -392,9 +380,8 @@ TEST_F(NpyTest, FoldersAreReadInTheOrderOfNamesAndNumbers) {
     write(fmt::format("part{}.npy", i), npy(header("<f4", 1, 4), numbers<float>({1.0 * i, 0, 0, 0})));
   write("readme.txt", "not a point set");
   write(".hidden.npy", "nor this");
-  const auto table = read({folder_});
-  ASSERT_TRUE(table) << table.error().message;
-  EXPECT_THAT(table->numbers, ElementsAre(0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 10, 0, 0, 0));
+  const auto table = test::value_of(read({folder_}));
+  EXPECT_THAT(table.numbers, ElementsAre(0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 10, 0, 0, 0));
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -23,7 +24,23 @@ struct Input {
   CellCensus census;
   double volume = 0;
   std::size_t points = 0;
+
+  [[nodiscard]] std::size_t index_of(const std::string& attribute) const {
+    return static_cast<std::size_t>(std::ranges::find(attributes, attribute) - attributes.begin());
+  }
 };
+
+/// The largest difference of an attribute from the expected value; NaN if a value is NaN.
+inline double largest_error(const Input& input, const std::string& attribute,
+                            const std::function<double(dvec3)>& expected) {
+  double error = 0;
+  for (const Piece& piece : input.pieces)
+    for (std::size_t i = 0; i < piece.points.size(); ++i) {
+      const double difference = std::abs(piece.values.at(input.index_of(attribute))[i] - expected(piece.points[i]));
+      if (!(difference <= error)) error = difference;
+    }
+  return error;
+}
 
 /// The reader process of the programs. Tests of damaged files do not wait for long.
 inline ReaderProcessOptions reader_options() {

@@ -17,31 +17,37 @@
 
 namespace splatvol::test {
 
-/// `tells_bounds`, `single_precision`: whether bounds() and single_precision() tell anything.
+/// What a PieceSource tells of itself. Without `bounds`, bounds() tells nothing.
+struct PieceSourceTraits {
+  std::vector<std::string> attributes = {"value"};
+  bool bounds = false, single_precision = false, averages_by_piece = false, brings_material = false;
+};
+
 class PieceSource : public Source {
  public:
-  explicit PieceSource(std::vector<Piece> pieces, bool tells_bounds = false, bool single_precision = false)
-      : pieces_(std::move(pieces)), tells_bounds_(tells_bounds), single_precision_(single_precision) {}
-  const std::vector<std::string>& attributes() const override { return attributes_; }
+  explicit PieceSource(std::vector<Piece> pieces, PieceSourceTraits traits = {})
+      : pieces_(std::move(pieces)), traits_(std::move(traits)) {}
+  const std::vector<std::string>& attributes() const override { return traits_.attributes; }
   std::size_t piece_count() const override { return pieces_.size(); }
   Result<std::unique_ptr<Piece>> next() override {
     if (next_ == pieces_.size()) return nullptr;
     return std::make_unique<Piece>(pieces_[next_++]);
   }
   Result<std::optional<Box>> bounds() override {
-    if (!tells_bounds_) return std::optional<Box>();
+    if (!traits_.bounds) return std::optional<Box>();
     Box box;
     for (const Piece& piece : pieces_)
       for (const dvec3& p : piece.points)
         if (std::isfinite(p.x + p.y + p.z)) box.include({p, p});
     return box;
   }
-  bool single_precision() const override { return single_precision_; }
+  bool single_precision() const override { return traits_.single_precision; }
+  bool averages_by_piece() const override { return traits_.averages_by_piece; }
+  bool brings_material() const override { return traits_.brings_material; }
 
  private:
   std::vector<Piece> pieces_;
-  std::vector<std::string> attributes_ = {"value"};
-  bool tells_bounds_, single_precision_;
+  PieceSourceTraits traits_;
   std::size_t next_ = 0;
 };
 

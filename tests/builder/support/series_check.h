@@ -14,8 +14,19 @@
 #include "builder/series/series_build.h"
 #include "builder/series/series_inputs.h"
 #include "format/volume.h"
+#include "tests/builder/support/piece_source.h"
+#include "tests/support/results.h"
 
 namespace splatvol::test {
+
+/// A step of a series, of pieces in memory.
+inline SeriesStep step_of(const std::string& name, std::optional<double> time, std::vector<Piece> pieces,
+                          PieceSourceTraits traits = {}) {
+  const auto open = [pieces = std::move(pieces), traits = std::move(traits)]() -> Result<std::unique_ptr<Source>> {
+    return std::make_unique<PieceSource>(pieces, traits);
+  };
+  return {name, time, open};
+}
 
 /// Returns every chunk of a file at its step, packed, by row and column.
 inline std::vector<format::Bytes> chunks_of(const format::Volume& volume) {
@@ -36,23 +47,19 @@ inline void expect_series(const std::string& input, const std::string& folder, s
                           const std::vector<std::string>& attributes = {}) {
   const auto silent = [](const char*, double) {};
   const std::string path = folder + "/all-steps.svol", single_path = folder + "/single.svol";
-  auto list = steps_of_input({input}, {attributes, {}, {}}, parse_times("all").value(), {open_source, list_arrays});
-  ASSERT_TRUE(list) << list.error().message;
-  ASSERT_EQ(list->size(), steps);
-  const auto built = build_series(std::move(*list), path, {}, silent);
-  ASSERT_TRUE(built) << built.error().message;
+  auto list =
+      value_of(steps_of_input({input}, {attributes, {}, {}}, parse_times("all").value(), {open_source, list_arrays}));
+  ASSERT_EQ(list.size(), steps);
+  const auto built = value_of(build_series(std::move(list), path, {}, silent));
   const auto series = format::Volume::open(open_file(path).value()).value();
-  const Status verified = series->verify([](double) {});
-  EXPECT_TRUE(verified) << verified.error().message;
+  EXPECT_EQ(message_of(series->verify([](double) {})), "");
   for (std::size_t step = 0; step < steps; ++step) {
-    const auto source = open_source({input}, {attributes, {}, built->times[step]});
-    ASSERT_TRUE(source) << source.error().message;
-    BuildOptions apart;
-    apart.join_attributes = false;  // as in a series
-    ASSERT_TRUE(build_volume(**source, single_path, apart, silent));
+    const auto source = value_of(open_source({input}, {attributes, {}, built.times[step]}));
+    const BuildOptions apart{.join_attributes = false};  // as in a series
+    ASSERT_TRUE(build_volume(*source, single_path, apart, silent));
     const auto single = format::Volume::open(open_file(single_path).value()).value();
     const auto at_step = series->at_step(step).value();
-    EXPECT_EQ(at_step->time(), built->times[step]);
+    EXPECT_EQ(at_step->time(), built.times[step]);
     for (std::size_t a = 0; a < single->info().attributes.size(); ++a)
       EXPECT_EQ(at_step->info().attributes[a].name, single->info().attributes[a].name);
     EXPECT_EQ(at_step->info().resolution_counts, single->info().resolution_counts) << input << ", step " << step;

@@ -21,7 +21,6 @@
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -33,9 +32,11 @@
 
 #include "builder/opening/open_source.h"
 #include "builder/sources/process/serve_sources.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/builder/sources/vtk_text.h"
+#include "tests/support/results.h"
 #include "tests/support/sanitizers.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -393,12 +394,11 @@ std::vector<std::filesystem::path> children() {
 
 TEST_F(ConfineTest, EveryThreadOfTheProgramIsConfined) {
   ReaderProcess reader(test::reader_options());
-  const auto source = reader.open({write("points.vtk",
-                                         "# vtk DataFile Version 3.0\nt\nASCII\nDATASET STRUCTURED_POINTS\n"
-                                         "DIMENSIONS 2 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA 8\n"
-                                         "SCALARS f float 1\nLOOKUP_TABLE default\n1 2 3 4 5 6 7 8\n")},
-                                  {});
-  ASSERT_TRUE(source) << source.error().message;
+  const auto source = test::value_of(reader.open(
+      {write("points.vtk",
+             test::legacy_file("STRUCTURED_POINTS\nDIMENSIONS 2 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA 8\n"
+                               "SCALARS f float 1\nLOOKUP_TABLE default\n1 2 3 4 5 6 7 8\n"))},
+      {}));
   ASSERT_EQ(children().size(), 1u);
   for (const auto& thread : std::filesystem::directory_iterator(children()[0] / "task")) {
     std::stringstream text;

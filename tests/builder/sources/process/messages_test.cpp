@@ -11,6 +11,7 @@
 #include <thread>
 
 #include "builder/sources/process/held_values.h"
+#include "tests/support/results.h"
 #include "tests/support/sanitizers.h"
 
 namespace splatvol {
@@ -66,18 +67,17 @@ TEST(ReaderMessages, KeepEveryPartOfAPiece) {
   piece.cells->tetrahedra = {{3, 2, 1, 0}};
   piece.cells->points = {PointCells::no_point};
   piece.cells->moments.resize(4);
-  const auto received = sent(piece);
-  ASSERT_TRUE(received) << received.error().message;
-  EXPECT_EQ(received->points, piece.points);
-  EXPECT_EQ(received->tetrahedra, piece.tetrahedra);
-  EXPECT_EQ(received->values[0][3], 4);
-  EXPECT_TRUE(std::isnan(received->values[0][2]));
-  EXPECT_EQ(received->fills, piece.fills);
-  EXPECT_EQ(received->census.cells, piece.census.cells);
-  EXPECT_EQ(received->census.not_star_shaped, 9u);
-  EXPECT_EQ(received->material->moments[2].mass, 3);
-  EXPECT_EQ(received->material->planes[3].offset, -1);
-  EXPECT_EQ(received->cells->points, piece.cells->points);
+  const auto received = test::value_of(sent(piece));
+  EXPECT_EQ(received.points, piece.points);
+  EXPECT_EQ(received.tetrahedra, piece.tetrahedra);
+  EXPECT_EQ(received.values[0][3], 4);
+  EXPECT_TRUE(std::isnan(received.values[0][2]));
+  EXPECT_EQ(received.fills, piece.fills);
+  EXPECT_EQ(received.census.cells, piece.census.cells);
+  EXPECT_EQ(received.census.not_star_shaped, 9u);
+  EXPECT_EQ(received.material->moments[2].mass, 3);
+  EXPECT_EQ(received.material->planes[3].offset, -1);
+  EXPECT_EQ(received.cells->points, piece.cells->points);
 }
 
 TEST(ReaderMessages, SurfacesThatContradictThemselvesAreRefused) {
@@ -108,10 +108,9 @@ TEST(ReaderMessages, LentValuesKeepEveryDigit) {
     piece.values.clear();
     const std::vector<double> values = {number, 2, missing_value, -0.0};
     piece.lent = std::make_shared<HeldValues>(std::vector<PackedColumn>{pack_column(values)});
-    const auto received = sent(std::move(piece));
-    ASSERT_TRUE(received) << received.error().message;
+    const auto received = test::value_of(sent(std::move(piece)));
     std::vector<double> got(4);
-    received->lent->get(0, std::vector<std::uint32_t>{0, 1, 2, 3}, got);
+    received.lent->get(0, std::vector<std::uint32_t>{0, 1, 2, 3}, got);
     EXPECT_EQ(got[0], number);
     EXPECT_TRUE(std::isnan(got[2]));
     EXPECT_TRUE(std::signbit(got[3]));

@@ -2,18 +2,18 @@
 
 #include <gmock/gmock.h>
 #include <sys/wait.h>
-#include <unistd.h>
 
 #include <cerrno>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 
 #include "builder/opening/open_source.h"
 #include "builder/sources/process/serve_sources.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/builder/sources/vtk_text.h"
+#include "tests/support/results.h"
 #include "tests/support/sanitizers.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -25,20 +25,8 @@ using testing::StartsWith;
 
 class ReaderProcessTest : public test::FolderTest {
  protected:
-  /// A tetrahedron with an attribute of numbers, and more arrays at its points.
-  std::string mesh(const std::string& name, const std::string& more = "") const {
-    return write(name,
-                 "<VTKFile type=\"UnstructuredGrid\" version=\"0.1\"><UnstructuredGrid><Piece NumberOfPoints=\"4\" "
-                 "NumberOfCells=\"1\"><PointData>" +
-                     more +
-                     "<DataArray type=\"Float32\" Name=\"f\" format=\"ascii\">1 2 3 4</DataArray></PointData>"
-                     "<Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">0 0 0 1 0 0 0 1 0 "
-                     "0 0 1</DataArray></Points><Cells><DataArray type=\"Int32\" Name=\"connectivity\" "
-                     "format=\"ascii\">0 1 2 3</DataArray><DataArray type=\"Int32\" Name=\"offsets\" "
-                     "format=\"ascii\">4</DataArray><DataArray type=\"UInt8\" Name=\"types\" "
-                     "format=\"ascii\">10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>");
-  }
-  std::string sound_mesh() const { return mesh("sound.vtu"); }
+  /// A tetrahedron with an attribute of numbers.
+  std::string sound_mesh() const { return write("sound.vtu", test::tetrahedron_at(0).file()); }
 
   static std::string error_of(const ReaderProcessOptions& options, const std::string& input) {
     ReaderProcess reader(options);
@@ -46,10 +34,10 @@ class ReaderProcessTest : public test::FolderTest {
     return source ? "(no error)" : source.error().message;
   }
 
-  std::string sleeping_program() const {
-    const std::string program = write("reader.sh", "#!/bin/bash\nexec sleep 60");
-    std::filesystem::permissions(program, std::filesystem::perms::owner_all);
-    return program;
+  std::string program(const std::string& script) const {
+    const std::string file = write("reader.sh", "#!/bin/bash\n" + script);
+    std::filesystem::permissions(file, std::filesystem::perms::owner_all);
+    return file;
   }
 
   static ReaderProcessOptions options_with(const std::string& program) {
@@ -63,14 +51,12 @@ class ReaderProcessTest : public test::FolderTest {
 TEST_F(ReaderProcessTest, ACrashIsOneLineAndTheNextFileIsRead) {
   // VTK 9.1 follows a null pointer for texts without their ends.
   const std::string hostile =
-      mesh("hostile.vtu", "<DataArray type=\"String\" Name=\"s\" format=\"ascii\">1 2 3 4</DataArray>");
+      write("hostile.vtu", test::tetrahedron_at(0, {{"s", {1, 2, 3, 4}, 1, "String"}, {"f", {1, 2, 3, 4}}}).file());
   ReaderProcess reader(reader_options());
-  const auto refused = reader.open({hostile}, {});
-  ASSERT_FALSE(refused);
-  EXPECT_THAT(refused.error().message, AllOf(StartsWith(hostile), HasSubstr(test::is_sanitized ? "ended" : "crashes")));
-  const auto source = reader.open({sound_mesh()}, {});
-  ASSERT_TRUE(source) << source.error().message;
-  EXPECT_EQ((*source)->next().value()->points.size(), 4u);
+  EXPECT_THAT(test::message_of(reader.open({hostile}, {})),
+              AllOf(StartsWith(hostile), HasSubstr(test::is_sanitized ? "ended" : "crashes")));
+  const auto source = test::value_of(reader.open({sound_mesh()}, {}));
+  EXPECT_EQ(source->next().value()->points.size(), 4u);
 }
 
 TEST_F(ReaderProcessTest, MemoryIsLimited) {
@@ -90,9 +76,7 @@ TEST_F(ReaderProcessTest, AReaderThatDoesNotGetOnIsEnded) {
 // Programs in place of the reader, with a small share of what it may read and how long it may take.
 TEST_F(ReaderProcessTest, AReaderThatReadsOrTakesTooMuchIsEnded) {
   const auto error_of_script = [&](const std::string& script, double factor, int patience) {
-    const std::string program = write("reader.sh", "#!/bin/bash\n" + script);
-    std::filesystem::permissions(program, std::filesystem::perms::owner_all);
-    ReaderProcessOptions options = options_with(program);
+    ReaderProcessOptions options = options_with(program(script));
     options.factor = factor;
     options.patience = std::chrono::seconds(patience);
     return error_of(options, sound_mesh());
@@ -114,7 +98,7 @@ TEST_F(ReaderProcessTest, AReaderThatReadsOrTakesTooMuchIsEnded) {
 TEST_F(ReaderProcessTest, WhatIsAllowedGrowsWithTheInput) {
   std::ofstream(path("large.vtu")).close();
   std::filesystem::resize_file(path("large.vtu"), 1'000'000'000);
-  ReaderProcessOptions options = options_with(sleeping_program());
+  ReaderProcessOptions options = options_with(program("exec sleep 60"));
   options.patience = std::chrono::seconds(60);
   options.factor = 1e-3;
   EXPECT_THAT(error_of(options, path("large.vtu")), HasSubstr("longer than 1.6 s"));
@@ -122,10 +106,9 @@ TEST_F(ReaderProcessTest, WhatIsAllowedGrowsWithTheInput) {
 
 // More than the kernel holds for a socket.
 TEST_F(ReaderProcessTest, AReaderThatDoesNotTakeWhatIsSentIsEnded) {
-  ReaderProcess reader(options_with(sleeping_program()));
-  const auto source = reader.open(std::vector<std::string>(1000, std::string(10'000, 'x')), {});
-  ASSERT_FALSE(source);
-  EXPECT_THAT(source.error().message, HasSubstr("for 2 s"));
+  ReaderProcess reader(options_with(program("exec sleep 60")));
+  EXPECT_THAT(test::message_of(reader.open(std::vector<std::string>(1000, std::string(10'000, 'x')), {})),
+              HasSubstr("for 2 s"));
 }
 
 TEST_F(ReaderProcessTest, NoProcessIsLeft) {
@@ -152,14 +135,12 @@ TEST_F(ReaderProcessTest, SourcesOutliveTheReaderAndItsOtherSources) {
 TEST_F(ReaderProcessTest, SurfacesAndSourcesShareAProcess) {
   const std::string surface = write("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n");
   ReaderProcess reader(reader_options());
-  const auto source = reader.open({sound_mesh()}, {});
-  ASSERT_TRUE(source) << source.error().message;
-  const auto mesh = reader.read_surface(surface);
-  ASSERT_TRUE(mesh) << mesh.error().message;
-  EXPECT_EQ(mesh->points.size(), 4u);
-  EXPECT_EQ(mesh->triangles.size(), 2u);
+  const auto source = test::value_of(reader.open({sound_mesh()}, {}));
+  const auto mesh = test::value_of(reader.read_surface(surface));
+  EXPECT_EQ(mesh.points.size(), 4u);
+  EXPECT_EQ(mesh.triangles.size(), 2u);
   EXPECT_THAT(reader.read_surface(path("none.obj")).error().message, StartsWith(path("none.obj")));
-  EXPECT_EQ((*source)->next().value()->points.size(), 4u);
+  EXPECT_EQ(source->next().value()->points.size(), 4u);
 }
 
 }  // namespace

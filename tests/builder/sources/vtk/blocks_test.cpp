@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <vtk_cgns.h>
-#include <vtk_exodusII.h>
 
 #include <array>
 #include <cmath>
@@ -16,10 +15,13 @@
 #include "base/file.h"
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/builder/sources/vtk/exodus_mesh.h"
+#include "tests/builder/sources/vtk_text.h"
 #include "tests/builder/support/series_check.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 #include VTK_CGNS(cgnslib.h)
 
 // VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
@@ -28,8 +30,11 @@ extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk\nleak
 namespace splatvol {
 namespace {
 
+using test::field;
 using test::Input;
+using test::largest_error;
 using test::read_input;
+using test::times;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -64,35 +69,19 @@ Block cube(double x) {
   return block;
 }
 
-/// The scalar "f" of every test at a time. The vector "U" is (f, 2 f, -f).
-double field(dvec3 p, double time) { return (1 + p.x - 2 * p.y + 0.5 * p.z) * (1 + time); }
-
 dvec3 centre(const Block& block, std::size_t cell) {
   dvec3 sum(0);
   for (const std::uint32_t point : block.hexahedra[cell]) sum += block.points[point];
   return sum / 8.0;
 }
 
-constexpr std::array<double, 2> times = {0.5, 2};
-const std::array<Block, 2> cubes = {cube(0), cube(1)};
+const std::array<Block, 2> cubes = {cube(0), cube(1)};  // with the vector "U", (f, 2 f, -f)
 
 /// The mean of the cells round a point, which have a linear field at their centres. It is exact between eight cells. At
 /// the boundary of the cube that begins at `lowest_x` it is the field half a cell inwards.
 double averaged(dvec3 p, double lowest_x, double time) {
   const double half = 0.5 / cells;
   return field(glm::clamp(p, dvec3(lowest_x, 0, 0) + half, dvec3(lowest_x + 1, 1, 1) - half), time);
-}
-
-/// The largest difference of an attribute from the expected value; NaN if a value is NaN.
-double largest_error(const Input& input, const std::string& attribute, const std::function<double(dvec3)>& expected) {
-  const auto at = std::ranges::find(input.attributes, attribute) - input.attributes.begin();
-  double error = 0;
-  for (const Piece& piece : input.pieces)
-    for (std::size_t i = 0; i < piece.points.size(); ++i) {
-      const double difference = std::abs(piece.values.at(static_cast<std::size_t>(at))[i] - expected(piece.points[i]));
-      if (!(difference <= error)) error = difference;
-    }
-  return error;
 }
 
 class BlocksTest : public test::FolderTest {
@@ -105,24 +94,22 @@ class BlocksTest : public test::FolderTest {
   /// these.
   void expect_two_blocks(const std::string& name, double tolerance) const {
     for (const auto& [asked, step] : {std::pair<std::optional<double>, std::size_t>{std::nullopt, 1}, {0.6, 0}}) {
-      const auto input = read_input({path(name)}, {{}, {}, asked});
-      ASSERT_TRUE(input) << input.error().message;
-      ASSERT_TRUE(input->step.has_value());
-      EXPECT_EQ(input->step->index, step);
-      EXPECT_EQ(input->step->times.size(), 2u);
+      const auto input = test::value_of(read_input({path(name)}, {{}, {}, asked}));
+      ASSERT_TRUE(input.step.has_value());
+      EXPECT_EQ(input.step->index, step);
+      EXPECT_EQ(input.step->times.size(), 2u);
       const double time = times[step];
-      EXPECT_NEAR(input->step->time, time, 1e-6);
-      EXPECT_EQ(input->points, 2 * block_points);
-      EXPECT_EQ(input->pieces.size(), 2u);
-      EXPECT_NEAR(input->volume, 2, tolerance);
-      EXPECT_EQ(input->census.cells.at("hexahedron"), 2 * block_cells);
-      EXPECT_EQ(input->census.inverted, 0u);
-      EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return field(p, time); }), tolerance);
-      EXPECT_LT(largest_error(*input, "U[1]", [&](dvec3 p) { return 2 * field(p, time); }), tolerance);
-      const auto selected = read_input({path(name)}, {{"U[2]", "f"}, {}, asked});
-      ASSERT_TRUE(selected) << selected.error().message;
-      EXPECT_THAT(selected->attributes, ElementsAre("U[2]", "f"));
-      EXPECT_LT(largest_error(*selected, "U[2]", [&](dvec3 p) { return -field(p, time); }), tolerance);
+      EXPECT_NEAR(input.step->time, time, 1e-6);
+      EXPECT_EQ(input.points, 2 * block_points);
+      EXPECT_EQ(input.pieces.size(), 2u);
+      EXPECT_NEAR(input.volume, 2, tolerance);
+      EXPECT_EQ(input.census.cells.at("hexahedron"), 2 * block_cells);
+      EXPECT_EQ(input.census.inverted, 0u);
+      EXPECT_LT(largest_error(input, "f", [&](dvec3 p) { return field(p, time); }), tolerance);
+      EXPECT_LT(largest_error(input, "U[1]", [&](dvec3 p) { return 2 * field(p, time); }), tolerance);
+      const auto selected = test::value_of(read_input({path(name)}, {{"U[2]", "f"}, {}, asked}));
+      EXPECT_THAT(selected.attributes, ElementsAre("U[2]", "f"));
+      EXPECT_LT(largest_error(selected, "U[2]", [&](dvec3 p) { return -field(p, time); }), tolerance);
     }
     EXPECT_THAT(error_of(name, {{"nothing"}, {}, {}}), HasSubstr("no attribute \"nothing\"; there are: "));
     expect_joined(name);
@@ -131,21 +118,17 @@ class BlocksTest : public test::FolderTest {
 
   /// Expects that the points of the blocks' common face are merged.
   void expect_joined(const std::string& name) const {
-    auto source = open_source({path(name)}, {{"f"}, {}, {}});
-    ASSERT_TRUE(source) << source.error().message;
-    const auto report = build_volume(**source, path("out.svol"), {}, [](const char*, double) {});
-    ASSERT_TRUE(report) << report.error().message;
-    EXPECT_EQ(report->points.merged, side * side);
-    EXPECT_EQ(report->resolution_counts.back(), 2 * block_points - side * side);
+    auto source = test::value_of(open_source({path(name)}, {{"f"}, {}, {}}));
+    const auto report = test::value_of(build_volume(*source, path("out.svol"), {}, [](const char*, double) {}));
+    EXPECT_EQ(report.points.merged, side * side);
+    EXPECT_EQ(report.resolution_counts.back(), 2 * block_points - side * side);
   }
 
   /// The error of a build that may change nothing, or "(no error)".
   [[nodiscard]] std::string strict_error_of(const std::string& name) const {
     auto source = open_source({path(name)}, {});
     if (!source) return source.error().message;
-    BuildOptions options;
-    options.strict = true;
-    const auto report = build_volume(**source, path("out.svol"), options, [](const char*, double) {});
+    const auto report = build_volume(**source, path("out.svol"), {.strict = true}, [](const char*, double) {});
     return report ? "(no error)" : report.error().message;
   }
 
@@ -175,14 +158,8 @@ class BlocksTest : public test::FolderTest {
 
 // Exodus: both blocks share one numbering of the points. Only the second has an element variable.
 
-/// The points of both blocks, each once, and the connectivity of each block, counted from 1.
-struct ExodusMesh {
-  std::vector<dvec3> points;
-  std::array<std::vector<int>, 2> connectivity;
-};
-
-ExodusMesh exodus_mesh() {
-  ExodusMesh mesh;
+test::ExodusMesh exodus_mesh() {
+  test::ExodusMesh mesh;
   const auto number_of = [&](dvec3 p) {
     const auto found = std::ranges::find_if(
         mesh.points, [&](dvec3 q) { return glm::all(glm::lessThan(glm::abs(p - q), dvec3(1e-9))); });
@@ -190,77 +167,31 @@ ExodusMesh exodus_mesh() {
     if (found == mesh.points.end()) mesh.points.push_back(p);
     return number;
   };
-  for (std::size_t b = 0; b < 2; ++b)
-    for (const auto& hexahedron : cubes[b].hexahedra)
-      for (const std::uint32_t point : hexahedron) mesh.connectivity[b].push_back(number_of(cubes[b].points[point]));
+  for (const Block& block : cubes) {
+    mesh.blocks.push_back({"HEX8", {}});
+    for (const auto& hexahedron : block.hexahedra) {
+      auto& cell = mesh.blocks.back().cells.emplace_back();
+      for (const std::uint32_t point : hexahedron) cell.push_back(number_of(block.points[point]));
+    }
+  }
+  for (const auto& [name, factor] : {std::pair{"Ux", 1.0}, {"Uy", 2.0}, {"Uz", -1.0}})
+    mesh.nodal.emplace_back(name, [factor = factor](dvec3 p, double time) { return factor * field(p, time); });
+  mesh.of_cells = {{"q", [](std::size_t cell, double time) { return field(centre(cubes[1], cell), time); }}};
   return mesh;
 }
 
-void put_mesh(int id, const ExodusMesh& mesh, int side_sets = 0) {
-  ex_put_init(id, "two cubes", 3, static_cast<std::int64_t>(mesh.points.size()), 2 * block_cells, 2, 0, side_sets);
-  std::array<std::vector<double>, 3> coordinates;
-  for (const dvec3& p : mesh.points)
-    for (std::size_t axis = 0; axis < 3; ++axis) coordinates[axis].push_back(p[static_cast<int>(axis)]);
-  ex_put_coord(id, coordinates[0].data(), coordinates[1].data(), coordinates[2].data());
-  for (int b = 0; b < 2; ++b) {
-    ex_put_block(id, EX_ELEM_BLOCK, b + 1, "HEX8", block_cells, 8, 0, 0, 0);
-    ex_put_conn(id, EX_ELEM_BLOCK, b + 1, mesh.connectivity[static_cast<std::size_t>(b)].data(), nullptr, nullptr);
-  }
-}
-
-void put_names(int id) {
-  std::array<std::string, 4> names = {"f", "Ux", "Uy", "Uz"};
-  std::array<char*, 4> name_pointers{};
-  for (std::size_t i = 0; i < 4; ++i) name_pointers[i] = names[i].data();
-  std::string element_name = "q";
-  char* element_pointer = element_name.data();
-  std::array<int, 2> truth = {0, 1};
-  ex_put_variable_param(id, EX_NODAL, 4);
-  ex_put_variable_names(id, EX_NODAL, 4, name_pointers.data());
-  ex_put_variable_param(id, EX_ELEM_BLOCK, 1);
-  ex_put_variable_names(id, EX_ELEM_BLOCK, 1, &element_pointer);
-  ex_put_truth_table(id, EX_ELEM_BLOCK, 2, 1, truth.data());
-}
-
-void put_values(int id, int step, const std::vector<dvec3>& points) {
-  const double time = times[static_cast<std::size_t>(step)];
-  ex_put_time(id, step + 1, &time);
-  for (int variable = 0; variable < 4; ++variable) {
-    constexpr std::array<double, 4> factor = {1, 1, 2, -1};
-    std::vector<double> values;
-    for (const dvec3& p : points) values.push_back(factor[static_cast<std::size_t>(variable)] * field(p, time));
-    ex_put_var(id, step + 1, EX_NODAL, variable + 1, 1, static_cast<std::int64_t>(values.size()), values.data());
-  }
-  std::vector<double> values;
-  for (std::size_t cell = 0; cell < block_cells; ++cell) values.push_back(field(centre(cubes[1], cell), time));
-  ex_put_var(id, step + 1, EX_ELEM_BLOCK, 1, 2, block_cells, values.data());
-}
-
-void write_exodus(const std::string& path) {
-  int computer = 8, file = 8;
-  const int id = ex_create(path.c_str(), EX_CLOBBER, &computer, &file);
-  ASSERT_GE(id, 0);
-  const ExodusMesh mesh = exodus_mesh();
-  put_mesh(id, mesh);
-  put_names(id);
-  for (int step = 0; step < 2; ++step) put_values(id, step, mesh.points);
-  ex_close(id);
-}
-
 TEST_F(BlocksTest, Exodus) {
-  write_exodus(path("mesh.e"));
+  exodus_mesh().write(path("mesh.e"));
   expect_two_blocks("mesh.e", 1e-5);  // the reader's coordinates are of single precision
-  const auto input = read_input({path("mesh.e")}, {{"q", "f"}, {}, {}});
-  ASSERT_TRUE(input) << input.error().message;
-  for (const double value : input->pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this block";
+  const auto input = test::value_of(read_input({path("mesh.e")}, {{"q", "f"}, {}, {}}));
+  for (const double value : input.pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this block";
   for (std::size_t i = 0; i < block_points; ++i)
-    EXPECT_NEAR(input->pieces[1].values[0][i], averaged(input->pieces[1].points[i], 1, 2), 1e-5);
+    EXPECT_NEAR(input.pieces[1].values[0][i], averaged(input.pieces[1].points[i], 1, 2), 1e-5);
 }
 
 /// The values of an attribute in a piece.
 std::vector<double> values_in(const Input& input, std::size_t piece, const std::string& attribute) {
-  const auto at = std::ranges::find(input.attributes, attribute) - input.attributes.begin();
-  return input.pieces.at(piece).values.at(static_cast<std::size_t>(at));
+  return input.pieces.at(piece).values.at(input.index_of(attribute));
 }
 
 MATCHER(AreMissing, "") {
@@ -271,59 +202,36 @@ MATCHER(AreThere, "") {
   return std::ranges::none_of(arg, [](double value) { return std::isnan(value); });
 }
 
-/// A tetrahedron at x = 5 with the arrays f and t of points, as a .vtu file.
-std::string tetrahedron_vtu() {
-  const auto array = [](const std::string& name, int components, const std::string& type, const std::string& numbers) {
-    return fmt::format("<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"ascii\">{}</DataArray>",
-                       type, name, components, numbers);
-  };
-  return "<?xml version=\"1.0\"?><VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">"
-         "<UnstructuredGrid><Piece NumberOfPoints=\"4\" NumberOfCells=\"1\"><PointData>" +
-         array("f", 1, "Float64", "1 2 3 4 ") + array("t", 1, "Float64", "5 6 7 8 ") +
-         "</PointData><CellData/><Points>" + array("Points", 3, "Float64", "5 0 0 6 0 0 5 1 0 5 0 1 ") +
-         "</Points><Cells>" + array("connectivity", 1, "Int64", "0 1 2 3 ") + array("offsets", 1, "Int64", "4 ") +
-         array("types", 1, "UInt8", "10 ") + "</Cells></Piece></UnstructuredGrid></VTKFile>";
-}
+/// A tetrahedron with the arrays f and t of points, as a .vtu file.
+std::string tetrahedron_vtu() { return test::tetrahedron_at(5, {{"f", {1, 2, 3, 4}}, {"t", {5, 6, 7, 8}}}).file(); }
 
 TEST_F(BlocksTest, ExodusBesideOtherFiles) {
-  write_exodus(path("mesh.e"));
+  exodus_mesh().write(path("mesh.e"));
   write("other.vtu", tetrahedron_vtu());
   for (const bool exodus_first : {true, false}) {
     std::vector<std::string> paths = {path("mesh.e"), path("other.vtu")};
     if (!exodus_first) std::ranges::reverse(paths);
-    const auto input = read_input(paths);
-    ASSERT_TRUE(input) << input.error().message;
-    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
+    const auto input = test::value_of(read_input(paths));
+    EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
     const std::size_t block = exodus_first ? 0 : 1, other = exodus_first ? 2 : 0;
-    EXPECT_THAT(values_in(*input, block, "t"), AreMissing());
-    EXPECT_THAT(values_in(*input, block, "q"), AreMissing());
-    EXPECT_THAT(values_in(*input, block + 1, "q"), AreThere());
-    EXPECT_THAT(values_in(*input, block + 1, "U[1]"), AreThere());
-    EXPECT_THAT(values_in(*input, other, "q"), AreMissing());
-    EXPECT_THAT(values_in(*input, other, "U[1]"), AreMissing());
-    EXPECT_THAT(values_in(*input, other, "t"), ElementsAre(5, 6, 7, 8));
-    EXPECT_THAT(values_in(*input, other, "f"), ElementsAre(1, 2, 3, 4));
+    EXPECT_THAT(values_in(input, block, "t"), AreMissing());
+    EXPECT_THAT(values_in(input, block, "q"), AreMissing());
+    EXPECT_THAT(values_in(input, block + 1, "q"), AreThere());
+    EXPECT_THAT(values_in(input, block + 1, "U[1]"), AreThere());
+    EXPECT_THAT(values_in(input, other, "q"), AreMissing());
+    EXPECT_THAT(values_in(input, other, "U[1]"), AreMissing());
+    EXPECT_THAT(values_in(input, other, "t"), ElementsAre(5, 6, 7, 8));
+    EXPECT_THAT(values_in(input, other, "f"), ElementsAre(1, 2, 3, 4));
   }
 }
 
 // The upper sides of the first block, and a side of one cell of the second.
 TEST_F(BlocksTest, ExodusSideSetsArePatches) {
-  int computer = 8, file = 8;
-  const int id = ex_create(path("mesh.e").c_str(), EX_CLOBBER, &computer, &file);
-  ASSERT_GE(id, 0);
-  const ExodusMesh mesh = exodus_mesh();
-  put_mesh(id, mesh, 2);
-  std::vector<int> upper, sides(9, 6);
-  for (int cell = 0; cell < 9; ++cell) upper.push_back(static_cast<int>(block_cells) - 8 + cell);
-  ex_put_set_param(id, EX_SIDE_SET, 7, 9, 0);
-  ex_put_set(id, EX_SIDE_SET, 7, upper.data(), sides.data());
-  ex_put_name(id, EX_SIDE_SET, 7, "lid");
-  const int cell = block_cells + 1, lower = 5;
-  ex_put_set_param(id, EX_SIDE_SET, 8, 1, 0);
-  ex_put_set(id, EX_SIDE_SET, 8, &cell, &lower);
-  put_names(id);
-  for (int step = 0; step < 2; ++step) put_values(id, step, mesh.points);
-  ex_close(id);
+  test::ExodusMesh mesh = exodus_mesh();
+  mesh.side_sets = {{"lid", {}}, {"", {{block_cells + 1, 5}}}};
+  for (int cell = block_cells - 8; cell <= static_cast<int>(block_cells); ++cell)
+    mesh.side_sets[0].sides.emplace_back(cell, 6);
+  mesh.write(path("mesh.e"));
   expect_two_blocks("mesh.e", 1e-5);
   EXPECT_THAT(patches_of("mesh.e"),
               UnorderedElementsAre(Pair("lid", 18), Pair("Unnamed set ID: 8", 2), Pair("outer", 160)));
@@ -332,17 +240,16 @@ TEST_F(BlocksTest, ExodusSideSetsArePatches) {
 // NetCDF's own format is known by its first bytes. Names of the parts of a mesh end in numbers.
 TEST_F(BlocksTest, ExodusByContentAndByPartNumber) {
   for (const char* name : {"anything.dat", "mesh.exo", "mesh.g", "mesh.e.1.0"}) {
-    write_exodus(path(name));
-    const auto input = read_input({path(name)});
-    ASSERT_TRUE(input) << input.error().message;
-    EXPECT_EQ(input->points, 2 * block_points);
+    exodus_mesh().write(path(name));
+    const auto input = test::value_of(read_input({path(name)}));
+    EXPECT_EQ(input.points, 2 * block_points);
   }
 }
 
 // VTK's reader goes past the end of a list if two blocks have the same id: both are 0 if the disk was full before the
 // ids.
 TEST_F(BlocksTest, ExodusBlocksOfOneIdAreRefused) {
-  write_exodus(path("mesh.e"));
+  exodus_mesh().write(path("mesh.e"));
   const std::string whole = read_text_file(path("mesh.e")).value();
   std::size_t refused = 0;
   for (std::size_t bytes = 1000; bytes < 2500; bytes += 25) {
@@ -353,24 +260,19 @@ TEST_F(BlocksTest, ExodusBlocksOfOneIdAreRefused) {
 }
 
 TEST_F(BlocksTest, ExodusOfShellsOnlyIsNoVolume) {
-  int computer = 8, file = 8;
-  const int id = ex_create(path("shells.e").c_str(), EX_CLOBBER, &computer, &file);
-  ASSERT_GE(id, 0);
-  ex_put_init(id, "a plate", 3, 4, 1, 1, 0, 0);
-  const std::array<double, 4> x = {0, 1, 1, 0}, y = {0, 0, 1, 1}, z{};
-  ex_put_coord(id, x.data(), y.data(), z.data());
-  ex_put_block(id, EX_ELEM_BLOCK, 1, "SHELL4", 1, 4, 0, 0, 0);
-  const std::array<int, 4> corners = {1, 2, 3, 4};
-  ex_put_conn(id, EX_ELEM_BLOCK, 1, corners.data(), nullptr, nullptr);
-  ex_close(id);
+  test::ExodusMesh plate{.points = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}},
+                         .blocks = {{"SHELL4", {{1, 2, 3, 4}}}}};
+  plate.nodal.clear();
+  plate.write(path("shells.e"));
   EXPECT_THAT(error_of("shells.e"), HasSubstr("only surface cells (1 quadrilateral); splatvol draws volumes"));
 }
 
 TEST_F(BlocksTest, ExodusNumbersOfPointsThatAreNotThere) {
-  write_exodus(path("mesh.e"));
+  exodus_mesh().write(path("mesh.e"));
   const std::string whole = read_text_file(path("mesh.e")).value();
   std::string corners;  // of the first hexahedron, big-endian
-  for (int i = 0; i < 8; ++i) corners += std::string(3, '\0') + static_cast<char>(exodus_mesh().connectivity[0].at(i));
+  for (int i = 0; i < 8; ++i)
+    corners += std::string(3, '\0') + static_cast<char>(exodus_mesh().blocks[0].cells[0].at(i));
   const std::size_t at = whole.find(corners);
   ASSERT_NE(at, std::string::npos);
   for (const char* number : {"\x7f\x7f\x7f\x7f", "\x80\x80\x80\x80", "\xff\xff\xff\xff"}) {
@@ -402,7 +304,7 @@ TEST_F(BlocksTest, ExodusOfAHeaderOnlyTakesNoMemory) {
 }
 
 TEST_F(BlocksTest, ExodusTruncated) {
-  write_exodus(path("mesh.e"));
+  exodus_mesh().write(path("mesh.e"));
   expect_survives_truncation("mesh.e", "mesh.e", 89, all_cuts);
 }
 
@@ -414,11 +316,11 @@ std::string ensight_numbers(const std::function<double(std::size_t)>& value, std
   return text;
 }
 
-void write_ensight(const std::function<void(const std::string&, const std::string&)>& write) {
-  write("mesh.case",
-        "FORMAT\ntype: ensight gold\n\nGEOMETRY\nmodel: mesh.geo\n\nVARIABLE\nscalar per node: 1 f f.***\n"
-        "vector per node: 1 U U.***\nscalar per element: 1 q q.***\n\nTIME\ntime set: 1\nnumber of steps: 2\n"
-        "filename start number: 0\nfilename increment: 1\ntime values: 0.5 2.0\n");
+void write_ensight(const test::TempFolder& folder) {
+  folder.write("mesh.case",
+               "FORMAT\ntype: ensight gold\n\nGEOMETRY\nmodel: mesh.geo\n\nVARIABLE\nscalar per node: 1 f f.***\n"
+               "vector per node: 1 U U.***\nscalar per element: 1 q q.***\n\nTIME\ntime set: 1\nnumber of steps: 2\n"
+               "filename start number: 0\nfilename increment: 1\ntime values: 0.5 2.0\n");
   std::string geometry = "two cubes\nand a wall\nnode id assign\nelement id assign\n";
   for (std::size_t b = 0; b < 2; ++b) {
     geometry += fmt::format("part\n{:10}\ncube\ncoordinates\n{:10}\n", b + 1, block_points);
@@ -435,7 +337,7 @@ void write_ensight(const std::function<void(const std::string&, const std::strin
     for (const char c : std::string_view(axis))
       if (c != ' ') geometry += fmt::format("{:12.5e}\n", c - '0' + 0.0);
   geometry += fmt::format("quad4\n{:10}\n{:10}{:10}{:10}{:10}\n", 1, 1, 2, 3, 4);
-  write("mesh.geo", geometry);
+  folder.write("mesh.geo", geometry);
   for (std::size_t step = 0; step < 2; ++step) {
     std::string f = "f\n", u = "U\n", q = "q\n";
     for (std::size_t b = 0; b < 2; ++b) {
@@ -447,24 +349,23 @@ void write_ensight(const std::function<void(const std::string&, const std::strin
       q += fmt::format("part\n{:10}\nhexa8\n", b + 1) +
            ensight_numbers([&](std::size_t i) { return field(centre(cubes[b], i), times[step]); }, block_cells);
     }
-    write(fmt::format("f.{:03}", step), f);
-    write(fmt::format("U.{:03}", step), u);
-    write(fmt::format("q.{:03}", step), q);
+    folder.write(fmt::format("f.{:03}", step), f);
+    folder.write(fmt::format("U.{:03}", step), u);
+    folder.write(fmt::format("q.{:03}", step), q);
   }
 }
 
 TEST_F(BlocksTest, EnSight) {
-  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_ensight(*this);
   expect_two_blocks("mesh.case", 3e-5);
-  const auto input = read_input({path("mesh.case")}, {{"q"}, {}, {}});
-  ASSERT_TRUE(input) << input.error().message;
+  const auto input = test::value_of(read_input({path("mesh.case")}, {{"q"}, {}, {}}));
   for (std::size_t b = 0; b < 2; ++b)
     for (std::size_t i = 0; i < block_points; ++i)
-      EXPECT_NEAR(input->pieces[b].values[0][i], averaged(cubes[b].points[i], static_cast<double>(b), 2), 3e-5);
+      EXPECT_NEAR(input.pieces[b].values[0][i], averaged(cubes[b].points[i], static_cast<double>(b), 2), 3e-5);
 }
 
 TEST_F(BlocksTest, EnSightVariablesOfOnePart) {
-  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_ensight(*this);
   write("other.vtu", tetrahedron_vtu());
   for (std::size_t step = 0; step < 2; ++step)
     for (const char* name : {"f", "q"}) {
@@ -475,35 +376,31 @@ TEST_F(BlocksTest, EnSightVariablesOfOnePart) {
   for (const bool case_first : {true, false}) {
     std::vector<std::string> paths = {path("mesh.case"), path("other.vtu")};
     if (!case_first) std::ranges::reverse(paths);
-    const auto input = read_input(paths);
-    ASSERT_TRUE(input) << input.error().message;
-    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
+    const auto input = test::value_of(read_input(paths));
+    EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
     const std::size_t part = case_first ? 0 : 1, other = case_first ? 2 : 0;
-    EXPECT_THAT(values_in(*input, part, "f"), AreMissing());
-    EXPECT_THAT(values_in(*input, part, "q"), AreMissing());
-    EXPECT_THAT(values_in(*input, part, "U"), AreThere());
-    EXPECT_THAT(values_in(*input, part + 1, "f"), AreThere());
-    EXPECT_THAT(values_in(*input, part + 1, "q"), AreThere());
-    EXPECT_THAT(values_in(*input, part + 1, "t"), AreMissing());
-    EXPECT_THAT(values_in(*input, other, "q"), AreMissing());
-    EXPECT_THAT(values_in(*input, other, "t"), AreThere());
+    EXPECT_THAT(values_in(input, part, "f"), AreMissing());
+    EXPECT_THAT(values_in(input, part, "q"), AreMissing());
+    EXPECT_THAT(values_in(input, part, "U"), AreThere());
+    EXPECT_THAT(values_in(input, part + 1, "f"), AreThere());
+    EXPECT_THAT(values_in(input, part + 1, "q"), AreThere());
+    EXPECT_THAT(values_in(input, part + 1, "t"), AreMissing());
+    EXPECT_THAT(values_in(input, other, "q"), AreMissing());
+    EXPECT_THAT(values_in(input, other, "t"), AreThere());
   }
 }
 
 TEST_F(BlocksTest, EnSightSurfacesArePatches) {
-  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_ensight(*this);
   for (const bool patches : {false, true}) {
-    SourceOptions options;
-    options.patches = patches;
-    const auto input = read_input({path("mesh.case")}, options);
-    ASSERT_TRUE(input) << input.error().message;
-    EXPECT_EQ(input->census.left_out, patches ? 0u : 1u) << "the wall";
+    const auto input = test::value_of(read_input({path("mesh.case")}, {.patches = patches}));
+    EXPECT_EQ(input.census.left_out, patches ? 0u : 1u) << "the wall";
   }
   EXPECT_THAT(patches_of("mesh.case"), UnorderedElementsAre(Pair("wall", 2), Pair("outer", 180)));
 }
 
 TEST_F(BlocksTest, EnSightCasesThatCannotBeRead) {
-  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_ensight(*this);
   const std::string whole = read_text_file(path("mesh.case")).value();
   std::string text = whole;
   write("a.case", text.replace(text.find("mesh.geo"), 8, "\"mesh.geo\""));
@@ -519,7 +416,7 @@ TEST_F(BlocksTest, EnSightCasesThatCannotBeRead) {
 
 // All steps in one file: the section FILE has numbers of steps, too.
 TEST_F(BlocksTest, EnSightSingleFiles) {
-  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_ensight(*this);
   const auto joined = [&](const std::string& a, const std::string& b) {
     const auto step = [&](const std::string& name) {
       return "BEGIN TIME STEP\n" + read_text_file(path(name)).value() + "END TIME STEP\n";
@@ -532,16 +429,15 @@ TEST_F(BlocksTest, EnSightSingleFiles) {
         "FORMAT\ntype: ensight gold\n\nGEOMETRY\nmodel: 1 1 all.geo\n\nVARIABLE\nscalar per node: 1 1 f all.f\n\nTIME\n"
         "time set: 1\nnumber of steps: 2\ntime values: 0.5 2.0\n\nFILE\nfile set: 1\nnumber of steps: 2\n");
   for (std::size_t step = 0; step < 2; ++step) {
-    const auto input = read_input({path("all.case")}, {{}, {}, times[step]});
-    ASSERT_TRUE(input) << input.error().message;
-    EXPECT_EQ(input->step->index, step);
-    EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return field(p, times[step]); }), 3e-5);
+    const auto input = test::value_of(read_input({path("all.case")}, {{}, {}, times[step]}));
+    EXPECT_EQ(input.step->index, step);
+    EXPECT_LT(largest_error(input, "f", [&](dvec3 p) { return field(p, times[step]); }), 3e-5);
   }
   test::expect_series(path("all.case"), folder_, 2);
 }
 
 TEST_F(BlocksTest, EnSightTruncated) {
-  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_ensight(*this);
   expect_survives_truncation("mesh.case", "mesh.case", 1);
   expect_survives_truncation("mesh.geo", "mesh.case", 97);
   // VTK's reader does not notice that values are missing.
@@ -615,11 +511,10 @@ void write_cgns(const std::string& path) {
 TEST_F(BlocksTest, Cgns) {
   write_cgns(path("mesh.cgns"));
   expect_two_blocks("mesh.cgns", 1e-12);
-  const auto input = read_input({path("mesh.cgns")}, {{"only"}, {}, {}});
-  ASSERT_TRUE(input) << input.error().message;
-  for (const double value : input->pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this zone";
+  const auto input = test::value_of(read_input({path("mesh.cgns")}, {{"only"}, {}, {}}));
+  for (const double value : input.pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this zone";
   for (std::size_t i = 0; i < block_points; ++i)
-    EXPECT_DOUBLE_EQ(input->pieces[1].values[0][i], field(cubes[1].points[i], 2));
+    EXPECT_DOUBLE_EQ(input.pieces[1].values[0][i], field(cubes[1].points[i], 2));
 }
 
 // A section of quadrilaterals, whose cells stand behind those with a volume.
@@ -710,9 +605,8 @@ std::vector<cgsize_t> write_polyhedra(const std::string& path) {
 TEST_F(BlocksTest, CgnsConditionsOfPolygonsArePatches) {
   const std::vector<cgsize_t> left = write_polyhedra(path("mesh.cgns"));
   ASSERT_EQ(left.size(), cells * cells);
-  const auto input = read_input({path("mesh.cgns")});
-  ASSERT_TRUE(input) << input.error().message;
-  EXPECT_EQ(input->census.cells.at("polyhedron"), block_cells);
+  const auto input = test::value_of(read_input({path("mesh.cgns")}));
+  EXPECT_EQ(input.census.cells.at("polyhedron"), block_cells);
   EXPECT_THAT(patches_of("mesh.cgns"), UnorderedElementsAre(Pair("outer", 108)));
 
   // A list, in which a number is no face's; a range of a face between two cells; and a range of many numbers.
@@ -753,9 +647,8 @@ TEST_F(BlocksTest, CgnsUnits) {
   for (const char* name : {"Density", "Mach"})
     cg_field_write(file, 1, 1, 2, CGNS_ENUMV(RealDouble), name, values.data(), &ignored);
   ASSERT_EQ(cg_close(file), 0) << cg_get_error();
-  const auto source = open_source({path("mesh.cgns")}, {{"f", "U", "U[1]", "Density", "Mach"}, {}, {}});
-  ASSERT_TRUE(source) << source.error().message;
-  EXPECT_THAT((*source)->units(), ElementsAre("Pa", "m/s", "m/s", "kg/m^3", ""));
+  const auto source = test::value_of(open_source({path("mesh.cgns")}, {{"f", "U", "U[1]", "Density", "Mach"}, {}, {}}));
+  EXPECT_THAT(source->units(), ElementsAre("Pa", "m/s", "m/s", "kg/m^3", ""));
 }
 
 TEST_F(BlocksTest, CgnsTruncated) {
@@ -807,14 +700,12 @@ std::vector<FoamFace> foam_faces(std::size_t begin = 0, std::size_t end = block_
   return inner;
 }
 
-using WriteFile = std::function<void(const std::string&, const std::string&)>;
-
 /// Moves the points of a mesh.
 using Place = std::function<dvec3(dvec3)>;
 
 /// Writes the cells [begin, end) of the cube to a folder.
 void write_openfoam_part(
-    const std::string& part, std::size_t begin, std::size_t end, const WriteFile& write,
+    const test::TempFolder& folder, const std::string& part, std::size_t begin, std::size_t end,
     const Place& place = [](dvec3 p) { return p; }) {
   std::vector<FoamFace> faces = foam_faces(begin, end);
   std::vector<dvec3> points;  // those of the faces
@@ -836,14 +727,14 @@ void write_openfoam_part(
     return fmt::format("4({} {} {} {})", face.points[0], face.points[1], face.points[2], face.points[3]);
   };
   const std::string mesh = part + "constant/polyMesh/";
-  write(mesh + "points", foam_file("vectorField", "points", foam_list(points, vector)));
-  write(mesh + "faces", foam_file("faceList", "faces", foam_list(faces, face_text)));
-  write(mesh + "owner", foam_file("labelList", "owner", foam_list(owners, number)));
-  write(mesh + "neighbour", foam_file("labelList", "neighbour", foam_list(neighbours, number)));
-  write(mesh + "boundary",
-        foam_file("polyBoundaryMesh", "boundary",
-                  fmt::format("1\n(\nwalls\n{{\n  type wall;\n  nFaces {};\n  startFace {};\n}}\n)\n",
-                              faces.size() - neighbours.size(), neighbours.size())));
+  folder.write(mesh + "points", foam_file("vectorField", "points", foam_list(points, vector)));
+  folder.write(mesh + "faces", foam_file("faceList", "faces", foam_list(faces, face_text)));
+  folder.write(mesh + "owner", foam_file("labelList", "owner", foam_list(owners, number)));
+  folder.write(mesh + "neighbour", foam_file("labelList", "neighbour", foam_list(neighbours, number)));
+  folder.write(mesh + "boundary",
+               foam_file("polyBoundaryMesh", "boundary",
+                         fmt::format("1\n(\nwalls\n{{\n  type wall;\n  nFaces {};\n  startFace {};\n}}\n)\n",
+                                     faces.size() - neighbours.size(), neighbours.size())));
   const std::string patches = "boundaryField\n{\n  walls\n  {\n    type zeroGradient;\n  }\n}\n";
   for (const double time : times) {
     std::vector<double> f;
@@ -855,80 +746,80 @@ void write_openfoam_part(
     const auto body = [&](const std::string& type, const std::string& dimensions, const std::string& list) {
       return fmt::format("dimensions {};\ninternalField nonuniform List<{}>\n{};\n{}", dimensions, type, list, patches);
     };
-    const std::string folder = fmt::format("{}{}/", part, time);
-    write(folder + "f", foam_file("volScalarField", "f", body("scalar", "[0 2 -2 0 0 0 0]", foam_list(f, number))));
-    write(folder + "U", foam_file("volVectorField", "U", body("vector", "[0 1 -1 0 0 0 0]", foam_list(u, vector))));
+    const std::string step = fmt::format("{}{}/", part, time);
+    folder.write(step + "f",
+                 foam_file("volScalarField", "f", body("scalar", "[0 2 -2 0 0 0 0]", foam_list(f, number))));
+    folder.write(step + "U",
+                 foam_file("volVectorField", "U", body("vector", "[0 1 -1 0 0 0 0]", foam_list(u, vector))));
   }
 }
 
-void write_openfoam_case(const WriteFile& write) {
-  write("case.foam", "");
-  write("system/controlDict", foam_file("dictionary", "controlDict", "application icoFoam;\nstartTime 0;\n"));
+void write_openfoam_case(const test::TempFolder& folder) {
+  folder.write("case.foam", "");
+  folder.write("system/controlDict", foam_file("dictionary", "controlDict", "application icoFoam;\nstartTime 0;\n"));
 }
 
-void write_openfoam(const WriteFile& write) {
-  write_openfoam_case(write);
-  write_openfoam_part("", 0, block_cells, write);
+void write_openfoam(const test::TempFolder& folder) {
+  write_openfoam_case(folder);
+  write_openfoam_part(folder, "", 0, block_cells);
+}
+
+/// The first `cut` cells on a processor, and the others on another one.
+void write_processors(
+    const test::TempFolder& folder, std::size_t cut, const Place& place = [](dvec3 p) { return p; }) {
+  write_openfoam_case(folder);
+  write_openfoam_part(folder, "processor0/", 0, cut, place);
+  write_openfoam_part(folder, "processor1/", cut, block_cells, place);
 }
 
 TEST_F(BlocksTest, OpenFoam) {
-  write_openfoam([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_openfoam(*this);
   for (const char* name : {"case.foam", "system/controlDict", ""})
     for (std::size_t step = 0; step < 2; ++step) {
-      const auto input = read_input({path(name)}, {{}, {}, times[step]});
-      ASSERT_TRUE(input) << input.error().message;
-      ASSERT_TRUE(input->step.has_value());
-      EXPECT_EQ(input->step->index, step);
-      EXPECT_EQ(input->step->times.size(), 2u);
-      EXPECT_EQ(input->points, block_points) << "no patches";
-      EXPECT_EQ(input->pieces.size(), 1u);
-      EXPECT_EQ(input->census.cells.at("hexahedron"), block_cells);
-      EXPECT_EQ(input->census.without_volume, 0u);
-      EXPECT_NEAR(input->volume, 1, 1e-6);
-      EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]"));
-      EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return averaged(p, 0, times[step]); }), 1e-5);
-      EXPECT_LT(largest_error(*input, "U[1]", [&](dvec3 p) { return 2 * averaged(p, 0, times[step]); }), 1e-5);
+      const auto input = test::value_of(read_input({path(name)}, {{}, {}, times[step]}));
+      ASSERT_TRUE(input.step.has_value());
+      EXPECT_EQ(input.step->index, step);
+      EXPECT_EQ(input.step->times.size(), 2u);
+      EXPECT_EQ(input.points, block_points) << "no patches";
+      EXPECT_EQ(input.pieces.size(), 1u);
+      EXPECT_EQ(input.census.cells.at("hexahedron"), block_cells);
+      EXPECT_EQ(input.census.without_volume, 0u);
+      EXPECT_NEAR(input.volume, 1, 1e-6);
+      EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]"));
+      EXPECT_LT(largest_error(input, "f", [&](dvec3 p) { return averaged(p, 0, times[step]); }), 1e-5);
+      EXPECT_LT(largest_error(input, "U[1]", [&](dvec3 p) { return 2 * averaged(p, 0, times[step]); }), 1e-5);
     }
-  const auto last = read_input({path("case.foam")});
-  ASSERT_TRUE(last) << last.error().message;
-  EXPECT_EQ(last->step->time, 2);
+  const auto last = test::value_of(read_input({path("case.foam")}));
+  EXPECT_EQ(last.step->time, 2);
   test::expect_series(path("case.foam"), folder_, 2);
   EXPECT_THAT(patches_of("case.foam"), UnorderedElementsAre(Pair("walls", 108)));
 }
 
 TEST_F(BlocksTest, OpenFoamUnits) {
-  write_openfoam([&](const std::string& name, const std::string& text) { write(name, text); });
-  const auto source = open_source({path("case.foam")}, {{"f", "U", "U[2]"}, {}, {}});
-  ASSERT_TRUE(source) << source.error().message;
-  EXPECT_THAT((*source)->units(), ElementsAre("m^2/s^2", "m/s", "m/s"));
+  write_openfoam(*this);
+  const auto source = test::value_of(open_source({path("case.foam")}, {{"f", "U", "U[2]"}, {}, {}}));
+  EXPECT_THAT(source->units(), ElementsAre("m^2/s^2", "m/s", "m/s"));
 }
 
 // Two processors, which cut the cube in the middle of a layer of cells.
 TEST_F(BlocksTest, DecomposedOpenFoam) {
-  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
-  write_openfoam_case(writer);
-  constexpr std::size_t cut = 13;
-  write_openfoam_part("processor0/", 0, cut, writer);
-  write_openfoam_part("processor1/", cut, block_cells, writer);
+  write_processors(*this, 13);
   for (const char* name : {"case.foam", ""})
     for (std::size_t step = 0; step < 2; ++step) {
-      const auto input = read_input({path(name)}, {{}, {}, times[step]});
-      ASSERT_TRUE(input) << input.error().message;
-      EXPECT_EQ(input->step->index, step);
-      EXPECT_EQ(input->pieces.size(), 2u);
-      EXPECT_EQ(input->census.cells.at("hexahedron"), block_cells);
-      EXPECT_NEAR(input->volume, 1, 1e-6);
-      EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]"));
+      const auto input = test::value_of(read_input({path(name)}, {{}, {}, times[step]}));
+      EXPECT_EQ(input.step->index, step);
+      EXPECT_EQ(input.pieces.size(), 2u);
+      EXPECT_EQ(input.census.cells.at("hexahedron"), block_cells);
+      EXPECT_NEAR(input.volume, 1, 1e-6);
+      EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]"));
       // As in the whole mesh: the means at common points are over the cells of both.
-      EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return averaged(p, 0, times[step]); }), 1e-5);
-      EXPECT_LT(largest_error(*input, "U[1]", [&](dvec3 p) { return 2 * averaged(p, 0, times[step]); }), 1e-5);
+      EXPECT_LT(largest_error(input, "f", [&](dvec3 p) { return averaged(p, 0, times[step]); }), 1e-5);
+      EXPECT_LT(largest_error(input, "U[1]", [&](dvec3 p) { return 2 * averaged(p, 0, times[step]); }), 1e-5);
     }
-  auto source = open_source({path("case.foam")}, {{"f"}, {}, {}});
-  ASSERT_TRUE(source) << source.error().message;
-  EXPECT_THAT((*source)->units(), ElementsAre("m^2/s^2"));
-  const auto report = build_volume(**source, path("out.svol"), {}, [](const char*, double) {});
-  ASSERT_TRUE(report) << report.error().message;
-  EXPECT_EQ(report->resolution_counts.back(), block_points);
+  auto source = test::value_of(open_source({path("case.foam")}, {{"f"}, {}, {}}));
+  EXPECT_THAT(source->units(), ElementsAre("m^2/s^2"));
+  const auto report = test::value_of(build_volume(*source, path("out.svol"), {}, [](const char*, double) {}));
+  EXPECT_EQ(report.resolution_counts.back(), block_points);
   test::expect_series(path("case.foam"), folder_, 2);
 
   std::filesystem::rename(path("processor0"), path("processor2"));
@@ -939,10 +830,9 @@ TEST_F(BlocksTest, DecomposedOpenFoam) {
   EXPECT_EQ(error_of("case.foam", {{}, {}, 0.5}), "(no error)");
 
   // A case that has the last step itself is read from there.
-  write_openfoam_part("", 0, block_cells, writer);
-  const auto whole = read_input({path("case.foam")});
-  ASSERT_TRUE(whole) << whole.error().message;
-  EXPECT_EQ(whole->pieces.size(), 1u);
+  write_openfoam_part(*this, "", 0, block_cells);
+  const auto whole = test::value_of(read_input({path("case.foam")}));
+  EXPECT_EQ(whole.pieces.size(), 1u);
 }
 
 /// A field of one value, in `cells` cells.
@@ -955,17 +845,13 @@ std::string foam_number(const std::string& name, double value) {
 }
 
 TEST_F(BlocksTest, OpenFoamFieldsOfOneProcessor) {
-  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
-  write_openfoam_case(writer);
-  write_openfoam_part("processor0/", 0, 13, writer);
-  write_openfoam_part("processor1/", 13, block_cells, writer);
+  write_processors(*this, 13);
   write("processor1/2/k", foam_number("k", 7));
   for (const CellValues kind : {CellValues::averaged, CellValues::own}) {
-    const auto input = read_input({path("case.foam")}, {{}, {}, {}, kind});
-    ASSERT_TRUE(input) << input.error().message;
-    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "k"));
-    EXPECT_THAT(values_in(*input, 0, "k"), AreMissing());
-    EXPECT_THAT(values_in(*input, 1, "k"), ::testing::Each(7));
+    const auto input = test::value_of(read_input({path("case.foam")}, {{}, {}, {}, kind}));
+    EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "k"));
+    EXPECT_THAT(values_in(input, 0, "k"), AreMissing());
+    EXPECT_THAT(values_in(input, 1, "k"), ::testing::Each(7));
   }
   write("processor0/2/k", foam_file("volVectorField", "k",
                                     "dimensions [0 0 0 0 0 0 0];\ninternalField uniform (1 2 3);\n"
@@ -975,14 +861,12 @@ TEST_F(BlocksTest, OpenFoamFieldsOfOneProcessor) {
 }
 
 TEST_F(BlocksTest, OpenFoamFieldsOfOneStep) {
-  write_openfoam([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_openfoam(*this);
   write("2/k", foam_number("k", 7));
   const InputReader reader{open_source, list_arrays};
-  auto steps = steps_of_input({path("")}, {}, parse_times("all").value(), reader);
-  ASSERT_TRUE(steps) << steps.error().message;
-  const auto built = build_series(std::move(*steps), path("all.svol"), {}, [](const char*, double) {});
-  ASSERT_TRUE(built) << built.error().message;
-  EXPECT_THAT(built->build.missing, ::testing::Contains(Pair("k", block_points)));
+  auto steps = test::value_of(steps_of_input({path("")}, {}, parse_times("all").value(), reader));
+  const auto built = test::value_of(build_series(std::move(steps), path("all.svol"), {}, [](const char*, double) {}));
+  EXPECT_THAT(built.build.missing, ::testing::Contains(Pair("k", block_points)));
   // The last step as an append to the first.
   auto first = steps_of_input({path("")}, {}, parse_times(":1").value(), reader);
   ASSERT_TRUE(build_series(std::move(first.value()), path("grown.svol"), {}, [](const char*, double) {}));
@@ -994,34 +878,31 @@ TEST_F(BlocksTest, OpenFoamFieldsOfOneStep) {
 
 /// The values of an attribute at all positions; of a position that several pieces have, their values.
 std::map<std::array<double, 3>, std::vector<double>> values_by_position(const Input& input, const std::string& name) {
-  const auto at = static_cast<std::size_t>(std::ranges::find(input.attributes, name) - input.attributes.begin());
   std::map<std::array<double, 3>, std::vector<double>> values;
   for (const Piece& piece : input.pieces)
     for (std::size_t i = 0; i < piece.points.size(); ++i)
-      values[{piece.points[i].x, piece.points[i].y, piece.points[i].z}].push_back(piece.values.at(at)[i]);
+      values[{piece.points[i].x, piece.points[i].y, piece.points[i].z}].push_back(
+          piece.values.at(input.index_of(name))[i]);
   return values;
 }
 
 // Values that the user names as missing do not count in the means of several processors either.
 TEST_F(BlocksTest, DecomposedOpenFoamWithMissingValues) {
-  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
-  write_openfoam_case(writer);
+  write_openfoam_case(*this);
   constexpr std::size_t cut = 13;
-  write_openfoam_part("", 0, block_cells, writer);
-  write_openfoam_part("processor1/", cut, block_cells, writer);
+  write_openfoam_part(*this, "", 0, block_cells);
+  write_openfoam_part(*this, "processor1/", cut, block_cells);
   // The first value of the second processor.
   const std::string field = read_text_file(path("processor1/2/f")).value();
   const double named = std::stod(field.substr(field.find('(') + 1));
   const SourceOptions options = {{"f"}, {}, {}, CellValues::averaged, {named}};
-  const auto whole = read_input({path("case.foam")}, options);
-  ASSERT_TRUE(whole) << whole.error().message;
+  const auto whole = test::value_of(read_input({path("case.foam")}, options));
   std::filesystem::remove_all(path("constant"));
-  write_openfoam_part("processor0/", 0, cut, writer);
-  const auto parts = read_input({path("case.foam")}, options);
-  ASSERT_TRUE(parts) << parts.error().message;
-  ASSERT_EQ(parts->pieces.size(), 2u);
-  EXPECT_EQ(parts->pieces[0].fills[0] + parts->pieces[1].fills[0], 1u);
-  const auto expected = values_by_position(*whole, "f"), found = values_by_position(*parts, "f");
+  write_openfoam_part(*this, "processor0/", 0, cut);
+  const auto parts = test::value_of(read_input({path("case.foam")}, options));
+  ASSERT_EQ(parts.pieces.size(), 2u);
+  EXPECT_EQ(parts.pieces[0].fills[0] + parts.pieces[1].fills[0], 1u);
+  const auto expected = values_by_position(whole, "f"), found = values_by_position(parts, "f");
   std::size_t common = 0;
   for (const auto& [position, values] : found) {
     common += values.size() > 1 ? 1 : 0;
@@ -1033,21 +914,16 @@ TEST_F(BlocksTest, DecomposedOpenFoamWithMissingValues) {
 // The means are by volume, also over the cells of several processors.
 TEST_F(BlocksTest, DecomposedOpenFoamWithCellsOfDifferentVolumes) {
   const Place graded = [](dvec3 p) { return p * p * p; };
-  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
-  write_openfoam_case(writer);
-  write_openfoam_part("", 0, block_cells, writer, graded);
-  const auto whole = read_input({path("case.foam")});
-  ASSERT_TRUE(whole) << whole.error().message;
-  ASSERT_EQ(whole->pieces.size(), 1u);
+  write_openfoam_case(*this);
+  write_openfoam_part(*this, "", 0, block_cells, graded);
+  const auto whole = test::value_of(read_input({path("case.foam")}));
+  ASSERT_EQ(whole.pieces.size(), 1u);
   std::filesystem::remove_all(path("constant"));
-  constexpr std::size_t cut = 13;
-  write_openfoam_part("processor0/", 0, cut, writer, graded);
-  write_openfoam_part("processor1/", cut, block_cells, writer, graded);
-  const auto parts = read_input({path("case.foam")});
-  ASSERT_TRUE(parts) << parts.error().message;
-  ASSERT_EQ(parts->pieces.size(), 2u);
+  write_processors(*this, 13, graded);
+  const auto parts = test::value_of(read_input({path("case.foam")}));
+  ASSERT_EQ(parts.pieces.size(), 2u);
   for (const char* name : {"f", "U", "U[1]"}) {
-    const auto expected = values_by_position(*whole, name), found = values_by_position(*parts, name);
+    const auto expected = values_by_position(whole, name), found = values_by_position(parts, name);
     ASSERT_EQ(found.size(), expected.size());
     std::size_t common = 0;
     for (const auto& [position, values] : found) {
@@ -1060,39 +936,34 @@ TEST_F(BlocksTest, DecomposedOpenFoamWithCellsOfDifferentVolumes) {
     }
     EXPECT_GE(common, side) << name;
   }
-  auto source = open_source({path("case.foam")}, {});
-  ASSERT_TRUE(source) << source.error().message;
-  while (*(*source)->next()) {
+  auto source = test::value_of(open_source({path("case.foam")}, {}));
+  while (*source->next()) {
   }
-  EXPECT_EQ((*source)->conversions().size(), 1u);
+  EXPECT_EQ(source->conversions().size(), 1u);
 
-  SourceOptions own;
-  own.cells = CellValues::own;
-  const auto cells_alone = read_input({path("case.foam")}, own);
-  ASSERT_TRUE(cells_alone) << cells_alone.error().message;
-  EXPECT_EQ(cells_alone->points, block_cells);
+  const auto cells_alone = test::value_of(read_input({path("case.foam")}, {.cells = CellValues::own}));
+  EXPECT_EQ(cells_alone.points, block_cells);
 }
 
 // Where VTK's reader makes points of single precision, a mesh far from the origin is bent, and that is told.
 TEST_F(BlocksTest, RoundedOpenFoamIsTold) {
-  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
   const Place far_away = [](dvec3 p) { return p + dvec3(5e5, 4.5e6, 0); };
   const Place on_steps = [](dvec3 p) { return dvec3(8.0, 8.0, 1.0) * glm::round(3.0 * p) + dvec3(5e5, 4.5e6, 0); };
-  write_openfoam_case(writer);
+  write_openfoam_case(*this);
   for (const std::string& part : {std::string(), std::string("processor0/")}) {
-    write_openfoam_part(part, 0, block_cells, writer, far_away);
+    write_openfoam_part(*this, part, 0, block_cells, far_away);
     EXPECT_THAT(strict_error_of("case.foam"), HasSubstr("the reader rounds coordinates to single precision"));
     EXPECT_EQ(error_of("case.foam"), "(no error)");
 
     // Numbers that single precision keeps, in thin cells.
-    write_openfoam_part(part, 0, block_cells, writer, on_steps);
+    write_openfoam_part(*this, part, 0, block_cells, on_steps);
     EXPECT_EQ(strict_error_of("case.foam"), "(no error)");
     std::filesystem::remove_all(path("constant"));
   }
 }
 
 TEST_F(BlocksTest, RoundedEnSightIsTold) {
-  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_ensight(*this);
   const std::string geometry = read_text_file(path("mesh.geo")).value();
   EXPECT_EQ(strict_error_of("mesh.case"), "(no error)");
   // Moves all points in x, or writes them as a binary file would hold them.
@@ -1121,16 +992,13 @@ TEST_F(BlocksTest, RoundedEnSightIsTold) {
 }
 
 TEST_F(BlocksTest, CollatedOpenFoamIsRefused) {
-  write_openfoam_case([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_openfoam_case(*this);
   write("processors4/constant/polyMesh/points", "");
   EXPECT_THAT(error_of("case.foam"), HasSubstr("processors4 is of the collated format, which cannot be read"));
 }
 
 TEST_F(BlocksTest, DecomposedOpenFoamTruncated) {
-  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
-  write_openfoam_case(writer);
-  write_openfoam_part("processor0/", 0, 9, writer);
-  write_openfoam_part("processor1/", 9, block_cells, writer);
+  write_processors(*this, 9);
   for (const char* name : {"points", "faces", "owner", "neighbour", "boundary"}) {
     SCOPED_TRACE(name);
     expect_survives_truncation(fmt::format("processor1/constant/polyMesh/{}", name), "case.foam", 61);
@@ -1139,7 +1007,7 @@ TEST_F(BlocksTest, DecomposedOpenFoamTruncated) {
 }
 
 TEST_F(BlocksTest, OpenFoamTruncated) {
-  write_openfoam([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_openfoam(*this);
   for (const char* name : {"constant/polyMesh/points", "constant/polyMesh/faces", "constant/polyMesh/owner",
                            "constant/polyMesh/neighbour", "constant/polyMesh/boundary", "2/f"})
     expect_survives_truncation(name, "case.foam", 61);
@@ -1148,9 +1016,8 @@ TEST_F(BlocksTest, OpenFoamTruncated) {
 // Other inputs have no time steps. Errors of empty and foreign files begin with their names.
 TEST_F(BlocksTest, TimeAndForeignFiles) {
   EXPECT_EQ(error_of("no.cgns").find(path("no.cgns")), 0u);
-  auto source = open_source({"gen:points:count=10"}, {{}, {}, 1.0});
-  ASSERT_FALSE(source);
-  EXPECT_EQ(source.error().message, "gen:points:count=10: no time steps in it to choose from");
+  EXPECT_EQ(test::message_of(open_source({"gen:points:count=10"}, {{}, {}, 1.0})),
+            "gen:points:count=10: no time steps in it to choose from");
   for (const char* name : {"a.e", "a.exo", "a.case", "a.cgns", "a.foam"})
     for (const char* text : {"", "Not what the name says.\n"}) {
       write(name, text);

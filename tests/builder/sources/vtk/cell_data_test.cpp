@@ -5,13 +5,14 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <tuple>
 
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
 #include "builder/points/point_stream.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/builder/sources/vtk_text.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -19,6 +20,7 @@ namespace {
 using test::error_of;
 using test::Input;
 using test::read_input;
+using test::VtkArray;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -27,54 +29,29 @@ using ::testing::IsEmpty;
 constexpr int hexahedron = 12;
 
 SourceOptions own_cells(std::vector<std::string> selection = {}) {
-  SourceOptions options;
-  options.selection = std::move(selection);
-  options.cells = CellValues::own;
-  return options;
-}
-
-std::string join(const std::vector<double>& values) {
-  std::string text;
-  for (const double value : values) text += fmt::format("{} ", value);
-  return text;
-}
-
-std::string array(const std::string& name, const std::vector<double>& values, int components = 1,
-                  const char* type = "Float64") {
-  return fmt::format("<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"ascii\">{}</DataArray>\n",
-                     type, name, components, join(values));
+  return {.selection = std::move(selection), .cells = CellValues::own};
 }
 
 /// Boxes side by side along x, in y and z from 0 to 1, between these coordinates; and their arrays.
 struct Boxes {
   std::vector<double> x;
-  std::string point_data, cell_data;
+  std::vector<VtkArray> point_data, cell_data;
 
   [[nodiscard]] std::string file() const {
-    std::vector<double> points, connectivity, offsets, types;
+    test::VtuMesh mesh{.point_data = point_data, .cell_data = cell_data};
     for (const double position : x)
-      for (const auto& [y, z] : {std::pair{0, 0}, {1, 0}, {1, 1}, {0, 1}})
-        points.insert(points.end(), {position, static_cast<double>(y), static_cast<double>(z)});
-    const auto boxes = static_cast<int>(x.size()) - 1;
-    for (int b = 0; b < boxes; ++b) {
-      for (int i = 0; i < 8; ++i) connectivity.push_back(4 * b + i);
-      offsets.push_back(8 * (b + 1));
-      types.push_back(hexahedron);
+      for (const auto& [y, z] : {std::pair{0, 0}, {1, 0}, {1, 1}, {0, 1}}) mesh.points.emplace_back(position, y, z);
+    for (int b = 0; b + 1 < static_cast<int>(x.size()); ++b) {
+      mesh.cells.push_back({hexahedron, std::vector<int>(8)});
+      std::iota(mesh.cells.back().points.begin(), mesh.cells.back().points.end(), 4 * b);
     }
-    return fmt::format(
-               "<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\"><UnstructuredGrid>\n"
-               "<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\"><PointData>\n",
-               4 * x.size(), boxes) +
-           point_data + "</PointData><CellData>\n" + cell_data + "</CellData><Points>\n" + array("Points", points, 3) +
-           "</Points><Cells>\n" + array("connectivity", connectivity, 1, "Int64") +
-           array("offsets", offsets, 1, "Int64") + array("types", types, 1, "UInt8") +
-           "</Cells></Piece></UnstructuredGrid></VTKFile>\n";
+    return mesh.file();
   }
 };
 
 /// The value of an attribute at the points with this x, all equal.
 double value_at(const Input& input, const std::string& attribute, double x) {
-  const auto a = static_cast<std::size_t>(std::ranges::find(input.attributes, attribute) - input.attributes.begin());
+  const std::size_t a = input.index_of(attribute);
   std::vector<double> values;
   for (const Piece& piece : input.pieces)
     for (std::size_t i = 0; i < piece.points.size(); ++i)
@@ -86,38 +63,35 @@ double value_at(const Input& input, const std::string& attribute, double x) {
 }
 
 std::vector<std::string> conversions(const std::string& path, const SourceOptions& options = {}) {
-  auto source = open_source({path}, options);
-  EXPECT_TRUE(source) << source.error().message;
-  while (*(*source)->next()) {
+  auto source = test::value_of(open_source({path}, options));
+  while (*source->next()) {
   }
-  return (*source)->conversions();
+  return source->conversions();
 }
 
 using CellDataTest = test::FolderTest;
 
 TEST_F(CellDataTest, IsAveragedToPointsByVolume) {
-  const std::string path = write(
-      "a.vtu", Boxes{{0, 1, 4, 6}, "", array("p", {2, 6, 6}) + array("U", {3, 0, 4, 1, 2, 2, 1, 2, 2}, 3)}.file());
-  const auto input = read_input({path});
-  ASSERT_TRUE(input) << input.error().message;
-  EXPECT_THAT(input->attributes, ElementsAre("p", "U", "U[0]", "U[1]", "U[2]"));
-  EXPECT_EQ(value_at(*input, "p", 0), 2);
-  EXPECT_DOUBLE_EQ(value_at(*input, "p", 1), (1 * 2 + 3 * 6) / 4.0);
-  EXPECT_EQ(value_at(*input, "p", 4), 6) << "equal values stay the same to the last bit";
-  EXPECT_DOUBLE_EQ(value_at(*input, "U[0]", 1), (1 * 3 + 3 * 1) / 4.0);
-  EXPECT_DOUBLE_EQ(value_at(*input, "U", 1), std::hypot(1.5, 1.5, 2.5)) << "the magnitude of the mean";
-  EXPECT_DOUBLE_EQ(input->volume, 6);
+  const std::string path =
+      write("a.vtu", Boxes{{0, 1, 4, 6}, {}, {{"p", {2, 6, 6}}, {"U", {3, 0, 4, 1, 2, 2, 1, 2, 2}, 3}}}.file());
+  const auto input = test::value_of(read_input({path}));
+  EXPECT_THAT(input.attributes, ElementsAre("p", "U", "U[0]", "U[1]", "U[2]"));
+  EXPECT_EQ(value_at(input, "p", 0), 2);
+  EXPECT_DOUBLE_EQ(value_at(input, "p", 1), (1 * 2 + 3 * 6) / 4.0);
+  EXPECT_EQ(value_at(input, "p", 4), 6) << "equal values stay the same to the last bit";
+  EXPECT_DOUBLE_EQ(value_at(input, "U[0]", 1), (1 * 3 + 3 * 1) / 4.0);
+  EXPECT_DOUBLE_EQ(value_at(input, "U", 1), std::hypot(1.5, 1.5, 2.5)) << "the magnitude of the mean";
+  EXPECT_DOUBLE_EQ(input.volume, 6);
   EXPECT_THAT(conversions(path), ElementsAre("p, U: of cells, averaged to points"));
 }
 
 TEST_F(CellDataTest, LeavesMissingValuesOutOfMeans) {
   const std::string path =
-      write("a.vtu", Boxes{{0, 1, 4, 6, 8}, "", array("p", {2, std::nan(""), std::nan(""), 1})}.file());
-  const auto input = read_input({path});
-  ASSERT_TRUE(input) << input.error().message;
-  EXPECT_EQ(value_at(*input, "p", 1), 2);
-  EXPECT_TRUE(std::isnan(value_at(*input, "p", 4)));
-  EXPECT_EQ(value_at(*input, "p", 6), 1);
+      write("a.vtu", Boxes{{0, 1, 4, 6, 8}, {}, {{"p", {2, std::nan(""), std::nan(""), 1}}}}.file());
+  const auto input = test::value_of(read_input({path}));
+  EXPECT_EQ(value_at(input, "p", 1), 2);
+  EXPECT_TRUE(std::isnan(value_at(input, "p", 4)));
+  EXPECT_EQ(value_at(input, "p", 6), 1);
 }
 
 // All flags of a cell: as in VTK, those of a copy, of a cell that finer ones fill, and of a hidden one leave it out.
@@ -139,26 +113,24 @@ TEST_F(CellDataTest, OfAGhostCopyCountsAndOfAHiddenCellNot) {
                                               {high_connectivity + exterior, 5, false}})
     for (const char* type : {"UInt8", "Int32", "Float64"}) {
       const std::string path =
-          write("a.vtu", Boxes{{0, 1, 4}, "", array("p", {2, 6}) + array("vtkGhostType", {0, flags}, 1, type)}.file());
-      const auto input = read_input({path});
-      ASSERT_TRUE(input) << input.error().message;
-      EXPECT_EQ(value_at(*input, "p", 1), mean) << flags;
-      EXPECT_EQ(input->points, left_out ? 8u : 12u) << flags;
-      EXPECT_DOUBLE_EQ(input->volume, left_out ? 1 : 4) << flags;
-      EXPECT_EQ(input->census.hidden, left_out ? 1u : 0u) << flags;
-      const auto own = read_input({path}, own_cells());
-      ASSERT_TRUE(own) << own.error().message;
-      EXPECT_EQ(own->points, left_out ? 1u : 2u) << flags;
+          write("a.vtu", Boxes{{0, 1, 4}, {}, {{"p", {2, 6}}, {"vtkGhostType", {0, flags}, 1, type}}}.file());
+      const auto input = test::value_of(read_input({path}));
+      EXPECT_EQ(value_at(input, "p", 1), mean) << flags;
+      EXPECT_EQ(input.points, left_out ? 8u : 12u) << flags;
+      EXPECT_DOUBLE_EQ(input.volume, left_out ? 1 : 4) << flags;
+      EXPECT_EQ(input.census.hidden, left_out ? 1u : 0u) << flags;
+      const auto own = test::value_of(read_input({path}, own_cells()));
+      EXPECT_EQ(own.points, left_out ? 1u : 2u) << flags;
     }
 }
 
 /// Voxels of edge `spacing`, as VTK's writer of AMR meshes writes a block.
-std::string image(int cells, double spacing, const std::string& cell_data) {
-  return fmt::format(
-      "<VTKFile type=\"ImageData\" version=\"0.1\" byte_order=\"LittleEndian\"><ImageData WholeExtent=\"0 {0} 0 {0} 0 "
-      "{0}\" Origin=\"0 0 0\" Spacing=\"{1} {1} {1}\"><Piece Extent=\"0 {0} 0 {0} 0 {0}\"><CellData>\n{2}</CellData>"
-      "</Piece></ImageData></VTKFile>\n",
-      cells, spacing, cell_data);
+std::string image(int cells, double spacing, const std::vector<VtkArray>& cell_data) {
+  const std::string extent = fmt::format("0 {0} 0 {0} 0 {0}", cells);
+  return test::vtk_file(
+      "ImageData",
+      fmt::format("<Piece Extent=\"{}\"><CellData>\n{}</CellData></Piece>", extent, test::data_arrays(cell_data)),
+      fmt::format("WholeExtent=\"{0}\" Origin=\"0 0 0\" Spacing=\"{1} {1} {1}\"", extent, spacing));
 }
 
 // A block of 4 x 4 x 4 cells, of which another block fills the lowest octant with cells of half their size.
@@ -169,21 +141,16 @@ TEST_F(CellDataTest, OfCellsThatFinerOnesFillIsLeftOut) {
     flags[cell] = 8;
     coarse[cell] = 1000;
   }
-  write("coarse.vti", image(4, 1, array("p", coarse) + array("vtkGhostType", flags, 1, "UInt8")));
-  write("fine.vti", image(4, 0.5, array("p", std::vector<double>(64, 3))));
-  const std::string blocks =
-      write("amr.vtm",
-            "<VTKFile type=\"vtkMultiBlockDataSet\" version=\"1.0\"><vtkMultiBlockDataSet><DataSet index=\"0\" "
-            "file=\"coarse.vti\"/><DataSet index=\"1\" file=\"fine.vti\"/></vtkMultiBlockDataSet></VTKFile>\n");
+  write("coarse.vti", image(4, 1, {{"p", coarse}, {"vtkGhostType", flags, 1, "UInt8"}}));
+  write("fine.vti", image(4, 0.5, {{"p", std::vector<double>(64, 3)}}));
+  const std::string blocks = write("amr.vtm", test::vtm_file({"coarse.vti", "fine.vti"}));
   for (const auto& inputs : {std::vector<std::string>{blocks}, {path("coarse.vti"), path("fine.vti")}}) {
-    const auto input = read_input(inputs);
-    ASSERT_TRUE(input) << input.error().message;
-    EXPECT_NEAR(input->volume, 64, 1e-9);
-    EXPECT_EQ(input->census.hidden, 8u);
-    for (const double value : input->pieces.at(0).values.at(0)) EXPECT_EQ(value, 1);
-    const auto own = read_input(inputs, own_cells());
-    ASSERT_TRUE(own) << own.error().message;
-    EXPECT_EQ(own->points, 64u - 8 + 64);
+    const auto input = test::value_of(read_input(inputs));
+    EXPECT_NEAR(input.volume, 64, 1e-9);
+    EXPECT_EQ(input.census.hidden, 8u);
+    for (const double value : input.pieces.at(0).values.at(0)) EXPECT_EQ(value, 1);
+    const auto own = test::value_of(read_input(inputs, own_cells()));
+    EXPECT_EQ(own.points, 64u - 8 + 64);
   }
 }
 
@@ -191,17 +158,16 @@ TEST_F(CellDataTest, OfALegacyFileHasFlagsToo) {
   for (const auto& [name, flags] :
        {std::pair{"vtkGhostType", "0 8"}, {"vtkGhostType", "0 32"}, {"vtkGhostLevels", "0 1"}})
     for (const char* version : {"3.0", "4.2"}) {
-      const std::string path =
-          write("a.vtk", fmt::format("# vtk DataFile Version {}\nboxes\nASCII\nDATASET STRUCTURED_POINTS\n"
-                                     "DIMENSIONS 3 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\nCELL_DATA 2\n"
-                                     "SCALARS p float 1\nLOOKUP_TABLE default\n2 6\n"
-                                     "SCALARS {} unsigned_char 1\nLOOKUP_TABLE default\n{}\n",
-                                     version, name, flags));
-      const auto input = read_input({path});
-      ASSERT_TRUE(input) << input.error().message;
-      EXPECT_DOUBLE_EQ(input->volume, 1) << name << flags;
-      EXPECT_EQ(input->census.hidden, 1u) << name << flags;
-      EXPECT_THAT(input->attributes, ElementsAre("p"));
+      const std::string path = write(
+          "a.vtk", test::legacy_file(fmt::format("STRUCTURED_POINTS\nDIMENSIONS 3 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\n"
+                                                 "CELL_DATA 2\nSCALARS p float 1\nLOOKUP_TABLE default\n2 6\n"
+                                                 "SCALARS {} unsigned_char 1\nLOOKUP_TABLE default\n{}\n",
+                                                 name, flags),
+                                     version));
+      const auto input = test::value_of(read_input({path}));
+      EXPECT_DOUBLE_EQ(input.volume, 1) << name << flags;
+      EXPECT_EQ(input.census.hidden, 1u) << name << flags;
+      EXPECT_THAT(input.attributes, ElementsAre("p"));
     }
 }
 
@@ -209,58 +175,51 @@ TEST_F(CellDataTest, OfALegacyFileHasFlagsToo) {
 TEST_F(CellDataTest, OfAGhostLevelIsThatOfACopy) {
   for (const char* version : {"0.1", "1.0", "2.0"})
     for (const char* type : {"UInt8", "Int32"}) {
-      std::string file = Boxes{{0, 1, 4}, "", array("p", {2, 6}) + array("vtkGhostLevels", {0, 2}, 1, type)}.file();
+      std::string file = Boxes{{0, 1, 4}, {}, {{"p", {2, 6}}, {"vtkGhostLevels", {0, 2}, 1, type}}}.file();
       const std::string path = write("a.vtu", file.replace(file.find("0.1"), 3, version));
-      const auto input = read_input({path});
-      ASSERT_TRUE(input) << input.error().message;
-      EXPECT_EQ(value_at(*input, "p", 1), 5) << version << type;
-      EXPECT_DOUBLE_EQ(input->volume, 1) << version << type;
-      EXPECT_THAT(input->attributes, ElementsAre("p"));
+      const auto input = test::value_of(read_input({path}));
+      EXPECT_EQ(value_at(input, "p", 1), 5) << version << type;
+      EXPECT_DOUBLE_EQ(input.volume, 1) << version << type;
+      EXPECT_THAT(input.attributes, ElementsAre("p"));
     }
 }
 
 TEST_F(CellDataTest, TakesAnotherNameIfPointsHaveItsName) {
   const std::vector<double> at_points = {1, 1, 1, 1, 5, 5, 5, 5};
   const std::string path =
-      write("a.vtu",
-            Boxes{{0, 1}, array("p", at_points) + array("U[1]", at_points), array("U", {1, 2, 2}, 3) + array("p", {9})}
-                .file());
-  const auto input = read_input({path});
-  ASSERT_TRUE(input) << input.error().message;
-  EXPECT_THAT(input->attributes,
+      write("a.vtu", Boxes{{0, 1}, {{"p", at_points}, {"U[1]", at_points}}, {{"U", {1, 2, 2}, 3}, {"p", {9}}}}.file());
+  const auto input = test::value_of(read_input({path}));
+  EXPECT_THAT(input.attributes,
               ElementsAre("p", "U[1]", "U (cells)", "U (cells)[0]", "U (cells)[1]", "U (cells)[2]", "p (cells)"));
-  EXPECT_EQ(value_at(*input, "p", 1), 5);
-  EXPECT_EQ(value_at(*input, "p (cells)", 1), 9);
+  EXPECT_EQ(value_at(input, "p", 1), 5);
+  EXPECT_EQ(value_at(input, "p (cells)", 1), 9);
   EXPECT_THAT(conversions(path), ElementsAre("U (cells), p (cells): of cells, averaged to points"));
   for (const char* name : {"p (cells)", "U (cells)[2]", "p"}) {
-    const auto selected = read_input({path}, {{name}, {}});
-    ASSERT_TRUE(selected) << selected.error().message;
-    EXPECT_THAT(selected->attributes, ElementsAre(name));
+    const auto selected = test::value_of(read_input({path}, {{name}, {}}));
+    EXPECT_THAT(selected.attributes, ElementsAre(name));
   }
   EXPECT_EQ(value_at(*read_input({path}, {{"p (cells)"}, {}}), "p (cells)", 0), 9);
   EXPECT_EQ(value_at(*read_input({path}, {{"p"}, {}}), "p", 0), 1);
   EXPECT_THAT(conversions(path, {{"p"}, {}}), IsEmpty());
   EXPECT_THAT(error_of({path}, {{"p (points)"}, {}}), HasSubstr("there are: p, U[1], U (cells)"));
 
-  const auto own = read_input({path}, own_cells());
-  ASSERT_TRUE(own) << own.error().message;
-  EXPECT_THAT(own->attributes, ElementsAre("U", "U[0]", "U[1]", "U[2]", "p", "p (points)", "U[1] (points)"));
-  EXPECT_EQ(value_at(*own, "p", 0.5), 9);
-  EXPECT_DOUBLE_EQ(value_at(*own, "p (points)", 0.5), 3);
+  const auto own = test::value_of(read_input({path}, own_cells()));
+  EXPECT_THAT(own.attributes, ElementsAre("U", "U[0]", "U[1]", "U[2]", "p", "p (points)", "U[1] (points)"));
+  EXPECT_EQ(value_at(own, "p", 0.5), 9);
+  EXPECT_DOUBLE_EQ(value_at(own, "p (points)", 0.5), 3);
 }
 
 TEST_F(CellDataTest, OwnCellsArePointsWithOneValue) {
-  const std::string path = write(
-      "a.vtu",
-      Boxes{{0, 1, 4, 4}, array("z", {0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1}), array("p", {2, 6, 8})}.file());
-  const auto input = read_input({path}, own_cells());
-  ASSERT_TRUE(input) << input.error().message;
-  ASSERT_EQ(input->pieces.size(), 1u);
-  const Piece& piece = input->pieces[0];
+  const std::string path =
+      write("a.vtu",
+            Boxes{{0, 1, 4, 4}, {{"z", {0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1}}}, {{"p", {2, 6, 8}}}}.file());
+  const auto input = test::value_of(read_input({path}, own_cells()));
+  ASSERT_EQ(input.pieces.size(), 1u);
+  const Piece& piece = input.pieces[0];
   ASSERT_EQ(piece.points.size(), 2u) << "the third box is flat";
-  EXPECT_EQ(input->census.left_out_flat, 1u);
-  EXPECT_EQ(input->census.cells.at("hexahedron"), 3u);
-  EXPECT_THAT(input->attributes, ElementsAre("p", "z"));
+  EXPECT_EQ(input.census.left_out_flat, 1u);
+  EXPECT_EQ(input.census.cells.at("hexahedron"), 3u);
+  EXPECT_THAT(input.attributes, ElementsAre("p", "z"));
   EXPECT_THAT(piece.values[0], ElementsAre(2, 6));
   EXPECT_DOUBLE_EQ(piece.values[1][1], 0.5);
   EXPECT_LT(glm::length(piece.points[1] - dvec3(2.5, 0.5, 0.5)), 1e-15);
@@ -274,7 +233,7 @@ TEST_F(CellDataTest, OwnCellsArePointsWithOneValue) {
 }
 
 TEST_F(CellDataTest, OwnCellsNeedCells) {
-  Boxes points{{0, 1, 2}, array("s", {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11}), ""};
+  Boxes points{{0, 1, 2}, {{"s", {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11}}}, {}};
   std::string file = points.file();
   for (std::size_t at = file.find("12 12"); at != std::string::npos; at = file.find("12 12"))
     file.replace(at, 5, "2 2");
@@ -284,13 +243,12 @@ TEST_F(CellDataTest, OwnCellsNeedCells) {
 
 /// Planes of the points of an input in these files, by the points' x.
 std::vector<std::pair<double, BoundaryPlane>> planes_of(const std::vector<std::string>& paths) {
-  auto source = open_source(paths, own_cells());
-  EXPECT_TRUE(source) << source.error().message;
-  auto points = PointStream::create(**source, true, std::size_t{1} << 24, ::testing::TempDir(), [](double) {});
-  EXPECT_TRUE(points) << points.error().message;
+  auto source = test::value_of(open_source(paths, own_cells()));
+  auto points =
+      test::value_of(PointStream::create(*source, true, std::size_t{1} << 24, ::testing::TempDir(), [](double) {}));
   PointBatch batch;
-  batch.resize_attributes((*source)->attributes().size());
-  while (*points->next(batch)) {
+  batch.resize_attributes(source->attributes().size());
+  while (*points.next(batch)) {
   }
   std::vector<std::pair<double, BoundaryPlane>> planes;
   for (std::size_t i = 0; i < batch.size(); ++i) planes.emplace_back(batch.positions[i].x, batch.planes.at(i));
@@ -300,9 +258,9 @@ std::vector<std::pair<double, BoundaryPlane>> planes_of(const std::vector<std::s
 
 // Boxes as wide as they are high, so that the plane of a box at an end of the row is that of the end or of a side.
 TEST_F(CellDataTest, OwnCellsHaveNoPlaneWhereCellsTouch) {
-  const std::string whole = write("whole.vtu", Boxes{{0, 0.25, 0.5, 0.75, 1}, "", array("p", {1, 2, 3, 4})}.file());
-  const std::string left = write("left.vtu", Boxes{{0, 0.25, 0.5}, "", array("p", {1, 2})}.file());
-  const std::string right = write("right.vtu", Boxes{{0.5, 0.75, 1}, "", array("p", {3, 4})}.file());
+  const std::string whole = write("whole.vtu", Boxes{{0, 0.25, 0.5, 0.75, 1}, {}, {{"p", {1, 2, 3, 4}}}}.file());
+  const std::string left = write("left.vtu", Boxes{{0, 0.25, 0.5}, {}, {{"p", {1, 2}}}}.file());
+  const std::string right = write("right.vtu", Boxes{{0.5, 0.75, 1}, {}, {{"p", {3, 4}}}}.file());
   const auto expected = planes_of({whole}), pieces = planes_of({left, right});
   ASSERT_EQ(expected.size(), 4u);
   ASSERT_EQ(pieces.size(), 4u);
@@ -323,14 +281,12 @@ TEST_F(CellDataTest, FilesOfOwnCellsHoldConstantCells) {
   std::iota(x.begin(), x.end(), 0.0);
   std::iota(values.begin(), values.end(), 1.0);
   values[7] = std::nan("");
-  auto source = open_source({write("a.vtu", Boxes{x, "", array("p", values)}.file())}, own_cells());
-  ASSERT_TRUE(source) << source.error().message;
-  const auto report = build_volume(**source, path("out.svol"), {}, [](const char*, double) {});
-  ASSERT_TRUE(report) << report.error().message;
-  EXPECT_EQ(report->resolution_counts.back(), 39u);
-  EXPECT_EQ(report->connectivity, Connectivity::mesh);
-  EXPECT_EQ(report->missing.at(0).second, 1u);
-  EXPECT_EQ(report->points.merged, 0u);
+  auto source = test::value_of(open_source({write("a.vtu", Boxes{x, {}, {{"p", values}}}.file())}, own_cells()));
+  const auto report = test::value_of(build_volume(*source, path("out.svol"), {}, [](const char*, double) {}));
+  EXPECT_EQ(report.resolution_counts.back(), 39u);
+  EXPECT_EQ(report.connectivity, Connectivity::mesh);
+  EXPECT_EQ(report.missing.at(0).second, 1u);
+  EXPECT_EQ(report.points.merged, 0u);
 }
 
 }  // namespace

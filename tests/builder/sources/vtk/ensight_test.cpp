@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 
-#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -13,8 +12,9 @@
 #include <vector>
 
 #include "base/file.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -178,15 +178,14 @@ class EnsightTest : public test::FolderTest {
  protected:
   /// Cuts each file in turn. Expects an error, or all that the whole files hold.
   void expect_no_wrong_result(const std::string& name, const std::vector<std::string>& files) {
-    const auto expected = test::read_input({path(name)});
-    ASSERT_TRUE(expected) << expected.error().message;
-    ASSERT_EQ(expected->pieces.size(), 3u);
+    const auto expected = test::value_of(test::read_input({path(name)}));
+    ASSERT_EQ(expected.pieces.size(), 3u);
     for (const std::string& file : files) {
       const std::string whole = read_text_file(path(file)).value();
       for (const std::size_t part : {1, 2, 3, 5, 9, 20, 33, 47, 80, 121, 160, 243, 400, 700, 1000}) {
         if (part >= whole.size()) continue;
         write(file, whole.substr(0, whole.size() - part));
-        expect_error_or(*expected, name, fmt::format("{} without {} of {} bytes", file, part, whole.size()));
+        expect_error_or(expected, name, fmt::format("{} without {} of {} bytes", file, part, whole.size()));
       }
       write(file, whole);
     }
@@ -317,32 +316,26 @@ class EnsightNumbers : public EnsightTest {
     for (; line > 0; --line) at = text.find('\n', at) + 1;
     write(name, text.replace(at, text.find('\n', at) - at, by));
   }
-
-  [[nodiscard]] static std::size_t attribute(const test::Input& input, const std::string& name) {
-    return static_cast<std::size_t>(std::ranges::find(input.attributes, name) - input.attributes.begin());
-  }
 };
 
 TEST_F(EnsightNumbers, ThatAreStarsAreMissing) {
-  const auto whole = test::read_input({path("a.case")});
-  ASSERT_TRUE(whole) << whole.error().message;
-  EXPECT_EQ(whole->census.unwritten, 0u);
+  const auto whole = test::value_of(test::read_input({path("a.case")}));
+  EXPECT_EQ(whole.census.unwritten, 0u);
   // A point of the first part, one of the block, and a component of a vector.
   replace_line("f", 4 + 2, "************");
   replace_line("f", 4 + 8 + 3 + 8 + 3 + 5, " -1.#IND0e+00");
   replace_line("U", 4 + 8 + 3, "************");
-  const auto input = test::read_input({path("a.case")});
-  ASSERT_TRUE(input) << input.error().message;
-  EXPECT_EQ(input->census.unwritten, 3u);
+  const auto input = test::value_of(test::read_input({path("a.case")}));
+  EXPECT_EQ(input.census.unwritten, 3u);
   const auto missing = [&](const std::string& name, std::size_t piece) {
-    const std::size_t a = attribute(*input, name), b = attribute(*whole, name);
+    const std::size_t a = input.index_of(name), b = whole.index_of(name);
     std::vector<std::size_t> points;
-    for (std::size_t i = 0; i < input->pieces[piece].points.size(); ++i) {
-      const double value = input->pieces[piece].values[a][i];
+    for (std::size_t i = 0; i < input.pieces[piece].points.size(); ++i) {
+      const double value = input.pieces[piece].values[a][i];
       if (std::isnan(value))
         points.push_back(i);
       else
-        EXPECT_EQ(value, whole->pieces[piece].values[b][i]) << name << i;
+        EXPECT_EQ(value, whole.pieces[piece].values[b][i]) << name << i;
     }
     return points;
   };
@@ -359,12 +352,9 @@ TEST_F(EnsightNumbers, OfElementsThatAreStarsAreMissing) {
   // The third tetrahedron and the polyhedron of the second part.
   replace_line("q", 4 + 1 + 3 + 2, "************");
   replace_line("q", 4 + 1 + 3 + 4 + 1, "************");
-  SourceOptions own;
-  own.cells = CellValues::own;
-  const auto input = test::read_input({path("a.case")}, own);
-  ASSERT_TRUE(input) << input.error().message;
-  EXPECT_EQ(input->census.unwritten, 2u);
-  const std::vector<double>& q = input->pieces.at(1).values.at(attribute(*input, "q"));
+  const auto input = test::value_of(test::read_input({path("a.case")}, {.cells = CellValues::own}));
+  EXPECT_EQ(input.census.unwritten, 2u);
+  const std::vector<double>& q = input.pieces.at(1).values.at(input.index_of("q"));
   ASSERT_EQ(q.size(), 5u);
   for (std::size_t cell = 0; cell < q.size(); ++cell) EXPECT_EQ(std::isnan(q[cell]), cell == 2 || cell == 4) << cell;
   EXPECT_EQ(test::read_input({path("a.case")}, {{"f"}, {}})->census.unwritten, 0u) << "of what was read";
@@ -417,9 +407,8 @@ TEST_F(EnsightTest, NumbersOfEnsight6) {
   write("geo", geometry);
   write("f", values);
   write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
-  const auto input = test::read_input({path("a.case")});
-  ASSERT_TRUE(input) << input.error().message;
-  EXPECT_THAT(input->pieces.at(0).values.at(0), ElementsAre(1, 2, 3, 4));
+  const auto input = test::value_of(test::read_input({path("a.case")}));
+  EXPECT_THAT(input.pieces.at(0).values.at(0), ElementsAre(1, 2, 3, 4));
   const auto error_with = [&](const std::string& file, std::string text, const std::string& from,
                               const std::string& to) {
     const std::string whole = text;

@@ -4,15 +4,15 @@
 
 #include <cmath>
 #include <cstdlib>
-#include <cstring>
 #include <functional>
 #include <string>
 #include <vector>
 
 #include "base/file.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/builder/sources/vtk/hdf5_arrays.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -55,9 +55,8 @@ class Hdf5Test : public test::FolderTest {
 
   /// Expects the values 1 to 4 of an array "p".
   void expect_values(const std::string& mesh) const {
-    const auto input = test::read_input({mesh}, {{"p"}, {}});
-    ASSERT_TRUE(input) << input.error().message;
-    EXPECT_EQ(input->pieces.at(0).values.at(0), values);
+    const auto input = test::value_of(test::read_input({mesh}, {{"p"}, {}}));
+    EXPECT_EQ(input.pieces.at(0).values.at(0), values);
   }
 
   /// Two files of raw data with two numbers each, the second behind 8 other bytes.
@@ -121,10 +120,9 @@ TEST_F(Hdf5Test, ArraysThatWereNotWritten) {
       write_mesh("packed.vtkhdf", [&](hid_t points) { put_array<double>(points, "p", values, {}, compressed()); }));
   expect_values(
       write_mesh("whole.vtkhdf", [&](hid_t points) { put_array<double>(points, "p", values, {}, chunked(nullptr)); }));
-  const auto input = test::read_input(
-      {write_mesh("nan.vtkhdf", [&](hid_t points) { put_half(points, chunked(&nothing)); })}, {{"p"}, {}});
-  ASSERT_TRUE(input) << input.error().message;
-  const std::vector<double>& half = input->pieces.at(0).values.at(0);
+  const auto input = test::value_of(test::read_input(
+      {write_mesh("nan.vtkhdf", [&](hid_t points) { put_half(points, chunked(&nothing)); })}, {{"p"}, {}}));
+  const std::vector<double>& half = input.pieces.at(0).values.at(0);
   EXPECT_EQ(half[1], 2);
   EXPECT_TRUE(std::isnan(half[2]));
 }

@@ -13,9 +13,10 @@
 
 #include "base/file.h"
 #include "builder/sources/process/reader_process.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/renderer/surfaces/shapes.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -77,13 +78,12 @@ class SurfaceFiles : public test::FolderTest {
 
 TEST_F(SurfaceFiles, OfEachFormatGiveTheSameTriangles) {
   for (const auto& [name, text] : squares()) {
-    const auto mesh = read(write(name, text));
-    ASSERT_TRUE(mesh) << mesh.error().message;
-    ASSERT_EQ(mesh->triangles.size(), 2u) << name;
+    const auto mesh = test::value_of(read(write(name, text)));
+    ASSERT_EQ(mesh.triangles.size(), 2u) << name;
     double area = 0;
     Box box;
-    for (const auto& [a, b, c] : mesh->triangles) {
-      const auto& p = mesh->points;
+    for (const auto& [a, b, c] : mesh.triangles) {
+      const auto& p = mesh.points;
       area += glm::length(glm::cross(p[b] - p[a], p[c] - p[a])) / 2;
       for (const std::uint32_t corner : {a, b, c}) box.include(Box{p[corner], p[corner]});
     }
@@ -97,9 +97,8 @@ TEST_F(SurfaceFiles, TrianglesAtNumbersThatAreNoneAreLeftOut) {
   TriangleMesh odd = test::plate({0, 0, 0}, {2, 0, 0}, {0, 2, 0}, 2);  // 8 triangles
   odd.points[0].y = std::nan("");                                      // a corner of 2
   odd.points[2].x = 1e60;                                              // of 1
-  const auto mesh = read(write("a.stl", test::stl_of(odd)));
-  ASSERT_TRUE(mesh) << mesh.error().message;
-  EXPECT_EQ(mesh->triangles.size(), 5u);
+  const auto mesh = test::value_of(read(write("a.stl", test::stl_of(odd))));
+  EXPECT_EQ(mesh.triangles.size(), 5u);
 }
 
 TEST_F(SurfaceFiles, WithoutASurfaceAreRefused) {
@@ -152,9 +151,8 @@ std::string doublings(int count) {
 }
 
 TEST_F(SurfaceFiles, ThatShowTheirPartsTooOftenAreRefused) {
-  const auto mesh = read(write("a.gltf", square_shown_by(doublings(3))));
-  ASSERT_TRUE(mesh) << mesh.error().message;
-  EXPECT_EQ(mesh->triangles.size(), 16u);
+  const auto mesh = test::value_of(read(write("a.gltf", square_shown_by(doublings(3)))));
+  EXPECT_EQ(mesh.triangles.size(), 16u);
   for (const int count : {21, 30, 60, 5000})
     EXPECT_THAT(error_of(write("a.gltf", square_shown_by(doublings(count)))),
                 AllOf(StartsWith(path("a.gltf") + ": its scenes show "), HasSubstr("at most 1048576 parts are read")))
@@ -199,9 +197,8 @@ std::string binary_ply(bool big_endian) {
 TEST_F(SurfaceFiles, OfBinaryPlyAreWhole) {
   for (const bool big_endian : {false, true}) {
     const std::string whole = binary_ply(big_endian);
-    const auto mesh = read(write("a.ply", whole));
-    ASSERT_TRUE(mesh) << mesh.error().message;
-    EXPECT_EQ(mesh->triangles.size(), 2u);
+    const auto mesh = test::value_of(read(write("a.ply", whole)));
+    EXPECT_EQ(mesh.triangles.size(), 2u);
     for (std::size_t bytes = 0; bytes < whole.size(); ++bytes)
       EXPECT_THAT(error_of(write("a.ply", whole.substr(0, bytes))), StartsWith(path("a.ply") + ": ")) << bytes;
   }
@@ -212,9 +209,8 @@ TEST_F(SurfaceFiles, OfObjThatAreCutOff) {
   const std::string obj =
       "v 0 0 3\nv 2 0 3\nv 2 2 3\nv 0 2 3\nvn 0 0 1\nvt 0 0\nf 1/1/1 2/1/1 3/1/1\n"
       "f 1/1/1 3/1/1 \\\n4/1/1\nf -4/1/1 -2/1/1 -1/1/1\n# the end\n";
-  const auto mesh = read(write("a.obj", obj));
-  ASSERT_TRUE(mesh) << mesh.error().message;
-  ASSERT_EQ(mesh->triangles.size(), 3u);
+  const auto mesh = test::value_of(read(write("a.obj", obj)));
+  ASSERT_EQ(mesh.triangles.size(), 3u);
   for (const char* text : {"v 0 0", "v 0 0 x", "v 0 0 1,5", "v 0,5 0 1", "vn 0 0", "vn 0 0 1,5", "vt 0,5", "f 1 2",
                            "f 1", "f", "v", "f 1 2 5", "f 1 2 0", "f -1 -2 -5", "f 1 2 3.5", "f 1 2 3/x"}) {
     EXPECT_THAT(error_of(write("b.obj", obj + text + "\n")), StartsWith(path("b.obj") + ": ")) << text;
