@@ -17,8 +17,8 @@
 #include "builder/opening/input_files.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/vtk/writer.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/support/temp_folder.h"
 
 // VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk"; }

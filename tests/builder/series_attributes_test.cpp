@@ -13,7 +13,7 @@
 #include "builder/series/series_inputs.h"
 #include "format/series_index.h"
 #include "format/volume.h"
-#include "tests/builder/sources/folder_test.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

@@ -7,9 +7,10 @@
 #include <sys/wait.h>
 
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <string>
+
+#include "tests/support/temp_folder.h"
 
 namespace splatvol::test {
 
@@ -32,16 +33,8 @@ inline Outcome run_in(const std::filesystem::path& folder, const std::string& co
 }
 
 /// A test with a folder of its own, in which it runs programs.
-class ProgramTest : public testing::Test {
+class ProgramTest : public FolderTest {
  protected:
-  ProgramTest() {
-    std::string pattern = (std::filesystem::path(testing::TempDir()) / "splatvol-programs-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-  }
-  ~ProgramTest() override { std::filesystem::remove_all(folder_); }
-
-  [[nodiscard]] std::string path(const std::string& name) const { return (folder_ / name).string(); }
-
   /// `command_line`: a program of this project and its arguments.
   [[nodiscard]] Outcome run(const std::string& command_line) const {
     return run_in(folder_, fmt::format("'{}'/{}", SPLATVOL_BIN, command_line));
@@ -55,8 +48,6 @@ class ProgramTest : public testing::Test {
     EXPECT_EQ(outcome.code, code) << command_line << ": " << outcome.text;
     EXPECT_THAT(outcome.text, testing::HasSubstr(reason)) << command_line;
   }
-
-  std::filesystem::path folder_;
 };
 
 }  // namespace splatvol::test

@@ -10,7 +10,7 @@
 #include <string>
 
 #include "base/file.h"
-#include "tests/builder/sources/folder_test.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

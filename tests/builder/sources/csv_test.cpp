@@ -7,8 +7,8 @@
 #include "builder/opening/open_own.h"
 #include "builder/sources/csv_table.h"
 #include "builder/sources/units.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

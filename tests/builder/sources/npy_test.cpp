@@ -14,7 +14,7 @@
 #include "base/file.h"
 #include "builder/opening/open_own.h"
 #include "builder/sources/npy_header.h"
-#include "tests/builder/sources/folder_test.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

@@ -23,7 +23,7 @@
 #include "builder/sources/vdb_header.h"
 #include "builder/sources/vdb_library.h"
 #include "format/volume.h"
-#include "tests/builder/sources/folder_test.h"
+#include "tests/support/temp_folder.h"
 #include "tests/support/whole_points.h"
 
 namespace splatvol {

@@ -33,9 +33,9 @@
 
 #include "builder/opening/open_source.h"
 #include "builder/sources/process/serve_sources.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/support/sanitizers.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include "tests/builder/sources/folder_test.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

@@ -16,10 +16,10 @@
 #include "base/file.h"
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/builder/support/series_check.h"
+#include "tests/support/temp_folder.h"
 #include VTK_CGNS(cgnslib.h)
 
 // VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.

@@ -10,8 +10,8 @@
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
 #include "builder/points/point_stream.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

@@ -12,9 +12,9 @@
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
 #include "builder/pipeline/census_lines.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

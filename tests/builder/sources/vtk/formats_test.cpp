@@ -14,11 +14,11 @@
 #include "base/file.h"
 #include "builder/sources/vtk/collections.h"
 #include "builder/sources/vtk/writer.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/builder/sources/vtk/hdf5_arrays.h"
 #include "tests/builder/support/series_check.h"
+#include "tests/support/temp_folder.h"
 
 // VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk\nleak:libhdf5"; }

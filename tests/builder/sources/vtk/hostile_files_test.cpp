@@ -11,8 +11,8 @@
 
 #include "base/file.h"
 #include "builder/opening/open_source.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

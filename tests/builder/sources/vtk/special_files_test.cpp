@@ -10,9 +10,9 @@
 #include <string>
 #include <vector>
 
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/builder/sources/vtk/hdf5_arrays.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

@@ -13,9 +13,9 @@
 
 #include "base/file.h"
 #include "builder/sources/process/reader_process.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/renderer/surfaces/shapes.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {

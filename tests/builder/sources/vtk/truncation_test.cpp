@@ -21,8 +21,8 @@
 #include <random>
 
 #include "base/file.h"
-#include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
