@@ -4,35 +4,29 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <list>
 #include <numeric>
 
 #include "splatvol/file.h"
 #include "tests/library/lattice.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
 
 using ::testing::HasSubstr;
 
-std::string bytes_of(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
 class BuildArrays : public ::testing::Test {
  protected:
   // What building says of arrays that are damaged.
   std::string error_of(const MeshArrays& mesh, const MeshBuildOptions& options = {}) {
-    const auto built = build(mesh, folder_.file("out.svol"), options);
-    EXPECT_TRUE(folder_.is_empty());
+    const auto built = build(mesh, folder_.path("out.svol"), options);
+    EXPECT_TRUE(folder_.names().empty());
     return built ? "built" : built.error().message;
   }
 
-  test::Folder folder_;
-  std::string path_ = folder_.file("a.svol");
+  test::TempFolder folder_;
+  std::string path_ = folder_.path("a.svol");
   test::Lattice lattice_{8};
 };
 
@@ -43,15 +37,9 @@ TEST_F(BuildArrays, TellsWhatWasBuilt) {
   const MeshBuildReport report = build(lattice_.mesh(), path_, options).value();
   EXPECT_EQ(report.resolution_counts.back(), 729);
   EXPECT_EQ(report.connectivity, "mesh");
-  EXPECT_EQ(report.file_bytes, bytes_of(path_).size());
+  EXPECT_EQ(report.file_bytes, folder_.read("a.svol").size());
   EXPECT_FALSE(report.census.empty());
   EXPECT_FALSE(stages.empty());
-}
-
-TEST_F(BuildArrays, MemoryChangesNoByte) {
-  ASSERT_TRUE(build(lattice_.mesh(), path_, {.memory = 1 << 20}));
-  ASSERT_TRUE(build(lattice_.mesh(), folder_.file("b.svol"), {.memory = 1 << 28}));
-  EXPECT_EQ(bytes_of(path_), bytes_of(folder_.file("b.svol")));
 }
 
 TEST_F(BuildArrays, SinglePrecisionIsReadWhereItLies) {
@@ -61,8 +49,8 @@ TEST_F(BuildArrays, SinglePrecisionIsReadWhereItLies) {
   mesh.points = std::span<const float>(points);
   mesh.point_values[0].values = std::span<const float>(values);
   ASSERT_TRUE(build(mesh, path_, {.exact = true}));
-  ASSERT_TRUE(build(lattice_.mesh(), folder_.file("b.svol"), {.exact = true}));
-  EXPECT_EQ(bytes_of(path_), bytes_of(folder_.file("b.svol")));  // eighths are exact
+  ASSERT_TRUE(build(lattice_.mesh(), folder_.path("b.svol"), {.exact = true}));
+  EXPECT_EQ(folder_.read("a.svol"), folder_.read("b.svol"));  // eighths are exact
 }
 
 TEST_F(BuildArrays, PointsWithoutCells) {
@@ -174,8 +162,8 @@ TEST_F(BuildArrays, OptionsAreChecked) {
   EXPECT_THAT(error_of(lattice_.mesh(), {.connectivity = "voronoi"}), HasSubstr("take auto, mesh, delaunay"));
   EXPECT_THAT(error_of(lattice_.mesh(), {.reduction = "random"}), HasSubstr("take octree"));
   EXPECT_THAT(error_of(lattice_.mesh(), {.up = 'w'}), HasSubstr("take x, y or z"));
-  EXPECT_THAT(build(lattice_.mesh(), folder_.file("a.vtu")).error().message, HasSubstr("must end in .svol"));
-  EXPECT_THAT(build(lattice_.mesh(), folder_.file("none/a.svol")).error().message, HasSubstr("none/a.svol"));
+  EXPECT_THAT(build(lattice_.mesh(), folder_.path("a.vtu")).error().message, HasSubstr("must end in .svol"));
+  EXPECT_THAT(build(lattice_.mesh(), folder_.path("none/a.svol")).error().message, HasSubstr("none/a.svol"));
 }
 
 // A time series of the lattice.
@@ -205,7 +193,7 @@ TEST_F(BuildSeries, HoldsTheValuesOfAllSteps) {
   ASSERT_TRUE(build_series(mesh(), steps({1, 2}), path_, {.exact = true}));
   const auto report = append_to_series(mesh(), steps({4}), path_);
   ASSERT_TRUE(report) << report.error().message;
-  EXPECT_EQ(report->file_bytes, bytes_of(path_).size());
+  EXPECT_EQ(report->file_bytes, folder_.read("a.svol").size());
   File file = File::open(path_).value();
   EXPECT_THAT(file.times(), testing::ElementsAre(1, 2, 4));
   EXPECT_EQ(file.step(), 2);
@@ -238,7 +226,7 @@ TEST_F(BuildSeries, TellsTheNearestStep) {
 TEST_F(BuildSeries, RefusesStepsThatDoNotFit) {
   const auto error_of_steps = [&](const MeshArrays& mesh, const std::vector<MeshStep>& list) {
     const auto built = build_series(mesh, list, path_);
-    EXPECT_TRUE(folder_.is_empty());
+    EXPECT_TRUE(folder_.names().empty());
     return built ? "built" : built.error().message;
   };
   EXPECT_THAT(error_of_steps(mesh(), {}), HasSubstr("no step"));
@@ -254,12 +242,12 @@ TEST_F(BuildSeries, RefusesStepsThatDoNotFit) {
 
 TEST_F(BuildSeries, AppendingLeavesTheFileIfItFails) {
   ASSERT_TRUE(build_series(mesh(), steps({1, 2}), path_));
-  const std::string before = bytes_of(path_);
+  const std::string before = folder_.read("a.svol");
   EXPECT_FALSE(append_to_series(mesh(), steps({2}), path_));
   test::Lattice other(7);
   std::swap(other.points, lattice_.points);
   EXPECT_FALSE(append_to_series(mesh(), steps({3}), path_));
-  EXPECT_EQ(bytes_of(path_), before);
+  EXPECT_EQ(folder_.read("a.svol"), before);
   std::swap(other.points, lattice_.points);
   ASSERT_TRUE(build(lattice_.mesh(), path_));
   const auto appended = append_to_series(mesh(), steps({3}), path_);

@@ -4,11 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <fstream>
 #include <numeric>
 
 #include "splatvol/build.h"
 #include "tests/library/lattice.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -25,8 +25,8 @@ class OpenFile : public ::testing::Test {
   }
   [[nodiscard]] File open() const { return File::open(path_).value(); }
 
-  test::Folder folder_;
-  std::string path_ = folder_.file("lattice.svol");
+  test::TempFolder folder_;
+  std::string path_ = folder_.path("lattice.svol");
   test::Lattice lattice_{12};
 };
 
@@ -97,9 +97,9 @@ TEST_F(OpenFile, TellsWhatIsNotThere) {
   EXPECT_THAT(file.points({.resolution = 99}).error().message, HasSubstr("no resolution 99"));
   EXPECT_THAT(file.points({.attributes = {"w"}}).error().message, HasSubstr("no attribute \"w\"; there are: v"));
   EXPECT_THAT(file.sample({}, "w").error().message, HasSubstr("no attribute \"w\""));
-  EXPECT_EQ(File::open(folder_.file("none.svol")).error().code, ErrorCode::io);
-  std::ofstream(folder_.file("text.svol")) << "not a volume";
-  EXPECT_EQ(File::open(folder_.file("text.svol")).error().code, ErrorCode::invalid_data);
+  EXPECT_EQ(File::open(folder_.path("none.svol")).error().code, ErrorCode::io);
+  folder_.write("text.svol", "not a volume");
+  EXPECT_EQ(File::open(folder_.path("text.svol")).error().code, ErrorCode::invalid_data);
 }
 
 }  // namespace

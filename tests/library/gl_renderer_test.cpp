@@ -12,6 +12,7 @@
 #include "renderer/gl/gl_objects.h"
 #include "splatvol/build.h"
 #include "tests/library/lattice.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -32,8 +33,8 @@ class HostedDrawing : public ::testing::TestWithParam<Device> {
   [[nodiscard]] Renderer open_apart() const { return Renderer::open(path_, scene_, {.device = GetParam()}).value(); }
 
   std::unique_ptr<HeadlessContext> context_ = HeadlessContext::create().value();
-  test::Folder folder_;
-  std::string path_ = folder_.file("lattice.svol");
+  test::TempFolder folder_;
+  std::string path_ = folder_.path("lattice.svol");
   Scene scene_;
 };
 INSTANTIATE_TEST_SUITE_P(Devices, HostedDrawing, ::testing::Values(Device::gl, Device::cpu),

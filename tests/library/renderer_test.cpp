@@ -9,6 +9,7 @@
 
 #include "splatvol/build.h"
 #include "tests/library/lattice.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -31,8 +32,8 @@ class DrawFile : public ::testing::Test {
     return Renderer::open(path_, scene, {.device = Device::cpu}).value();
   }
 
-  test::Folder folder_;
-  std::string path_ = folder_.file("lattice.svol");
+  test::TempFolder folder_;
+  std::string path_ = folder_.path("lattice.svol");
 };
 
 TEST_F(DrawFile, DrawsASceneThatFits) {
@@ -135,7 +136,7 @@ TEST_F(DrawFile, CallsComeFromAnyThread) {
 }
 
 TEST_F(DrawFile, ErrorsNameTheFile) {
-  EXPECT_THAT(Renderer::open(folder_.file("none.svol")).error().message, HasSubstr("none.svol"));
+  EXPECT_THAT(Renderer::open(folder_.path("none.svol")).error().message, HasSubstr("none.svol"));
 }
 
 }  // namespace

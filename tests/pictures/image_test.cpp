@@ -11,14 +11,13 @@
 #include <png.h>
 
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 #include <functional>
 #include <limits>
 #include <numbers>
 
-#include "base/file.h"
 #include "scene/srgb.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -33,33 +32,16 @@ Image ramp(int width, int height) {
   return image;
 }
 
-/// A folder for one test, removed afterwards.
-class ImageFile : public testing::Test {
- protected:
-  void SetUp() override {
-    folder_ = testing::TempDir() + "image_test_" + testing::UnitTest::GetInstance()->current_test_info()->name();
-    std::filesystem::create_directory(folder_);
-  }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
-
-  std::string path(const std::string& name) const { return folder_ + "/" + name; }
-  std::size_t file_count() const {
-    return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(folder_), {}));
-  }
-
- private:
-  std::string folder_;
-};
+using ImageFile = test::FolderTest;
 
 TEST_F(ImageFile, ExrKeepsEveryBit) {
   const Image image = ramp(37, 21);
   ASSERT_TRUE(write_image(path("a.exr"), image, dvec3(1), {}));
-  const auto read = read_exr(path("a.exr"));
-  ASSERT_TRUE(read) << read.error().message;
-  EXPECT_EQ(read->width, 37);
-  EXPECT_EQ(read->height, 21);
-  EXPECT_EQ(read->pixels, image.pixels);
-  EXPECT_EQ(file_count(), 1U);
+  const auto read = test::value_of(read_exr(path("a.exr")));
+  EXPECT_EQ(read.width, 37);
+  EXPECT_EQ(read.height, 21);
+  EXPECT_EQ(read.pixels, image.pixels);
+  EXPECT_EQ(names().size(), 1U);
 }
 
 TEST_F(ImageFile, ExrIsZipFloatWithProvenance) {
@@ -88,29 +70,28 @@ TEST_F(ImageFile, ReadsHalfFloatsWithoutAlphaAndAShiftedWindow) {
     file.setFrameBuffer(buffer);
     file.writePixels(2);
   }
-  const auto image = read_exr(path("half.exr"));
-  ASSERT_TRUE(image) << image.error().message;
-  ASSERT_EQ(image->width, 4);
-  ASSERT_EQ(image->height, 2);
-  EXPECT_EQ(image->at(0, 0), vec4(0, 1, 2, 1));
-  EXPECT_EQ(image->at(3, 1), vec4(21, 22, 23, 1));
+  const auto image = test::value_of(read_exr(path("half.exr")));
+  ASSERT_EQ(image.width, 4);
+  ASSERT_EQ(image.height, 2);
+  EXPECT_EQ(image.at(0, 0), vec4(0, 1, 2, 1));
+  EXPECT_EQ(image.at(3, 1), vec4(21, 22, 23, 1));
 }
 
 TEST_F(ImageFile, ReadingRefusesEveryTruncation) {
   ASSERT_TRUE(write_image(path("a.exr"), ramp(9, 40), dvec3(0), {{"scene", "x"}}));
-  const auto bytes = read_text_file(path("a.exr"));
-  ASSERT_TRUE(bytes);
-  for (std::size_t length = 0; length < bytes->size(); ++length) {
-    std::ofstream(path("cut.exr"), std::ios::binary) << bytes->substr(0, length);
+  const std::string bytes = read("a.exr");
+  ASSERT_FALSE(bytes.empty());
+  for (std::size_t length = 0; length < bytes.size(); ++length) {
+    write("cut.exr", bytes.substr(0, length));
     const auto image = read_exr(path("cut.exr"));
-    ASSERT_FALSE(image) << length << " of " << bytes->size();
+    ASSERT_FALSE(image) << length << " of " << bytes.size();
     ASSERT_THAT(image.error().message, StartsWith(path("cut.exr") + ": "));
   }
 }
 
 TEST_F(ImageFile, ReadingNamesWhatIsNoPicture) {
   EXPECT_THAT(read_exr(path("none.exr")).error().message, StartsWith(path("none.exr") + ": "));
-  std::ofstream(path("text.exr")) << "no picture at all, but long enough to hold a magic number";
+  write("text.exr", "no picture at all, but long enough to hold a magic number");
   const auto text = read_exr(path("text.exr"));
   ASSERT_FALSE(text);
   EXPECT_THAT(text.error().message, StartsWith(path("text.exr") + ": "));
@@ -182,17 +163,16 @@ TEST_F(ImageFile, PngRoundsLikeTheCurve) {
 
 TEST_F(ImageFile, PngHoldsProvenance) {
   ASSERT_TRUE(write_image(path("a.png"), ramp(2, 2), dvec3(0), {{"scene", "post"}}));
-  const auto bytes = read_text_file(path("a.png"));
-  ASSERT_TRUE(bytes);
-  EXPECT_THAT(*bytes, HasSubstr(std::string("scene\0\0\0\0\0post", 14)));
-  EXPECT_THAT(*bytes, HasSubstr("sRGB"));
+  const std::string bytes = read("a.png");
+  EXPECT_THAT(bytes, HasSubstr(std::string("scene\0\0\0\0\0post", 14)));
+  EXPECT_THAT(bytes, HasSubstr("sRGB"));
 }
 
 TEST_F(ImageFile, FailedWritesLeaveNothing) {
   EXPECT_FALSE(write_image(path("a.jpg"), ramp(2, 2), dvec3(0), {}));
   EXPECT_FALSE(write_image(path("a.exr"), Image{2, 2, {}}, dvec3(0), {}));
   EXPECT_FALSE(write_image(path("a.png"), Image{}, dvec3(0), {}));
-  EXPECT_EQ(file_count(), 0U);
+  EXPECT_EQ(names().size(), 0U);
   const auto status = write_image(path("none/a.exr"), ramp(2, 2), dvec3(0), {});
   ASSERT_FALSE(status);
   EXPECT_THAT(status.error().message, StartsWith(path("none/a.exr") + ": "));

@@ -1,17 +1,17 @@
 // Pages: titles, colour bars and outlines on pictures of any size.
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <png.h>
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 
 #include "pictures/contrast.h"
 #include "pictures/page.h"
 #include "pictures/text.h"
 #include "pictures/ticks.h"
 #include "scene/srgb.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -99,20 +99,18 @@ TEST(Font, WritesWordsAndAnyBytes) {
 TEST(Page, LeavesThePictureItsOwnPlace) {
   for (const auto& [width, height] : {std::pair{120, 90}, std::pair{512, 512}, std::pair{3000, 1200}}) {
     const PageText text{"Flow past a wing", "p [Pa]"};
-    const auto page = lay_out_page(width, height, text, ramp(0, 1));
-    ASSERT_TRUE(page) << page.error().message;
-    EXPECT_EQ(page->width, width);
-    EXPECT_GE(2 * page->picture_width, width);
-    EXPECT_EQ(page->top + page->picture_height, height);
-    const auto count = static_cast<std::size_t>(page->picture_width) * page->picture_height;
-    const Image picture{page->picture_width, page->picture_height, std::vector<vec4>(count, vec4(0, 1, 0, 1))};
-    const auto image = compose_page(*page, picture, text, ramp(0, 1), dvec3(1));
-    ASSERT_TRUE(image) << image.error().message;
-    const auto green = std::ranges::count(image->pixels, vec4(0, 1, 0, 1));
+    const auto page = test::value_of(lay_out_page(width, height, text, ramp(0, 1)));
+    EXPECT_EQ(page.width, width);
+    EXPECT_GE(2 * page.picture_width, width);
+    EXPECT_EQ(page.top + page.picture_height, height);
+    const auto count = static_cast<std::size_t>(page.picture_width) * page.picture_height;
+    const Image picture{page.picture_width, page.picture_height, std::vector<vec4>(count, vec4(0, 1, 0, 1))};
+    const auto image = test::value_of(compose_page(page, picture, text, ramp(0, 1), dvec3(1)));
+    const auto green = std::ranges::count(image.pixels, vec4(0, 1, 0, 1));
     EXPECT_EQ(static_cast<std::size_t>(green), count);  // nothing covers the volume
     bool red = false, blue = false;
     for (int y = 0; y < height; ++y) {
-      const vec4 pixel = image->at(page->picture_width + static_cast<int>(0.9 * page->text_height), y);
+      const vec4 pixel = image.at(page.picture_width + static_cast<int>(0.9 * page.text_height), y);
       red = red || (pixel.r > 0.9f && pixel.b < 0.1f), blue = blue || (pixel.b > 0.9f && pixel.r < 0.1f);
     }
     EXPECT_TRUE(red && blue);  // both ends of the bar
@@ -196,7 +194,8 @@ TEST(WriteImage, TransparentLooksTheSameOverItsBackground) {
     const float alpha = static_cast<float>(i) / 15;
     image.pixels.push_back(vec4(alpha * vec3(1, 0.3, 0.05), alpha));
   }
-  const std::string path = (std::filesystem::temp_directory_path() / "splatvol_transparent.png").string();
+  const test::TempFolder folder;
+  const std::string path = folder.path("a.png");
   for (const dvec3& background : {dvec3(0), dvec3(1), dvec3(0.2, 0.5, 0.9)}) {
     ASSERT_TRUE(write_image(path, image, background, {}, true));
     const auto bytes = read_png(path);
@@ -209,7 +208,6 @@ TEST(WriteImage, TransparentLooksTheSameOverItsBackground) {
       }
     EXPECT_EQ(bytes[3], 0);
   }
-  std::filesystem::remove(path);
 }
 
 }  // namespace

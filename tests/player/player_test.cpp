@@ -6,23 +6,19 @@
 
 #include <atomic>
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
-#include <fstream>
 #include <future>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "base/interruption.h"
-#include "builder/pipeline/build.h"
 #include "pictures/image.h"
 #include "player/statistics.h"
 #include "streamer/first/default_scene.h"
-#include "tests/builder/support/meshes.h"
-#include "tests/builder/support/piece_source.h"
+#include "tests/builder/support/built_mesh.h"
 #include "tests/renderer/surfaces/shapes.h"
-#include "tests/support/require.h"
 #include "tests/support/stalled_source.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -32,20 +28,21 @@ using ::testing::HasSubstr;
 class PlayerOfALattice : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    test::require(::mkdtemp(folder.data()) != nullptr, folder);
-    const test::Mesh mesh = test::lattice(24, [](dvec3 p) { return p; });
-    test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return std::sin(9 * p.x) * std::cos(7 * p.y); })});
-    test::require(build_volume(source, path(), {}, [](const char*, double) {}));
+    folder.emplace();
+    test::build_mesh(test::lattice(24), waves, path());
   }
-  static void TearDownTestSuite() { std::filesystem::remove_all(folder); }
+  static void TearDownTestSuite() { folder.reset(); }
 
-  static std::string path() { return folder + "/m.svol"; }
+  static double waves(dvec3 p) { return std::sin(9 * p.x) * std::cos(7 * p.y); }
+  static std::string path(const std::string& name = "m.svol") { return folder->path(name); }
   static PlayerOptions on_processor() { return {.device = Device::cpu}; }
 
-  static std::unique_ptr<Player> open(PlayerOptions options = on_processor()) {
-    auto player = Player::open(path(), std::nullopt, options);
+  /// Opens a file in a picture of 120 x 90 pixels. `attribute`: if it is not that of the first picture.
+  static std::unique_ptr<Player> open(const PlayerOptions& options = on_processor(), const std::string& file = path(),
+                                      const std::string& attribute = "") {
+    auto player = Player::open(file, std::nullopt, options);
     EXPECT_TRUE(player) << player.error().message;
-    Scene scene = (*player)->scene();
+    Scene scene = attribute.empty() ? (*player)->scene() : (*player)->fitting_scene(attribute).value();
     scene.width = 120;
     scene.height = 90;
     EXPECT_TRUE((*player)->set_scene(scene));
@@ -61,7 +58,13 @@ class PlayerOfALattice : public testing::Test {
     return player.image().value();
   }
 
-  static inline std::string folder = (std::filesystem::temp_directory_path() / "splatvol-player-XXXXXX").string();
+  static Image drawn(Player& player, const Scene& scene) {
+    const Status status = player.set_scene(scene);
+    EXPECT_TRUE(status) << status.error().message;
+    return drawn(player);
+  }
+
+  static inline std::optional<test::TempFolder> folder;
 };
 
 TEST_F(PlayerOfALattice, FramesWhileItLoadsEndInTheCompleteOne) {
@@ -101,12 +104,10 @@ TEST_F(PlayerOfALattice, SceneMemoryAndKernelChange) {
   const Image before = drawn(*player);
   Scene scene = player->scene();
   scene.transfer_function.densities = {{0, 0.0}, {1, 0.0}};
-  ASSERT_TRUE(player->set_scene(scene));
-  EXPECT_GT(compare_images(drawn(*player), before)->rmse, 0.01);
+  EXPECT_GT(compare_images(drawn(*player, scene), before)->rmse, 0.01);
   scene.transfer_function = open()->scene().transfer_function;
   scene.lighting = Lighting();
-  ASSERT_TRUE(player->set_scene(scene));
-  EXPECT_GT(compare_images(drawn(*player), before)->rmse, 1e-4);
+  EXPECT_GT(compare_images(drawn(*player, scene), before)->rmse, 1e-4);
   EXPECT_FALSE(player->set_kernel(KernelKind::octant)) << "light needs gradients, which the file lacks";
   scene.lighting.reset();
   ASSERT_TRUE(player->set_scene(scene));
@@ -162,15 +163,12 @@ TEST_F(PlayerOfALattice, SurfacesOfTheSceneAreSortedIn) {
     if (path == "none") return fail(ErrorCode::io, "none: gone");
     return test::plate({-9, -9, 0.5}, {18, 0, 0}, {0, 18, 0});  // through the middle of the lattice
   };
-  auto player = Player::open(path(), std::nullopt, options).value();
+  const auto player = open(options);
   Scene scene = player->scene();
-  scene.width = 120;
-  scene.height = 90;
   scene.camera.position = {0.5, 0.5, 3};
   scene.camera.focal_point = dvec3(0.5);
   scene.camera.up = {0, 1, 0};
-  ASSERT_TRUE(player->set_scene(scene));
-  const Image whole = drawn(*player);
+  const Image whole = drawn(*player, scene);
   EXPECT_FALSE(player->has_drawn_surfaces());
   ASSERT_TRUE(player->set_surface_depths(
       std::make_shared<SurfaceDepths>(SurfaceDepths{120, 90, std::vector<float>(120 * 90, 2.5F)})));
@@ -181,8 +179,7 @@ TEST_F(PlayerOfALattice, SurfacesOfTheSceneAreSortedIn) {
   ASSERT_TRUE(player->set_surface_depths(nullptr));
 
   // Opaque: the front, over the plate.
-  ASSERT_TRUE(player->set_scene(with_plate));
-  const Image opaque = drawn(*player);
+  const Image opaque = drawn(*player, with_plate);
   EXPECT_TRUE(player->has_drawn_surfaces());
   EXPECT_FALSE(player->set_surface_depths(std::make_shared<SurfaceDepths>(SurfaceDepths{120, 90, {}})));
   for (const auto& [x, y] : {std::pair{60, 45}, std::pair{10, 80}}) {
@@ -196,13 +193,11 @@ TEST_F(PlayerOfALattice, SurfacesOfTheSceneAreSortedIn) {
 
   // Hardly there: the picture of the volume, drawn in two parts.
   with_plate.surfaces[0].opacity = 1e-6;
-  ASSERT_TRUE(player->set_scene(with_plate));
-  EXPECT_LT(compare_images(drawn(*player), whole)->rmse, 1e-3);
+  EXPECT_LT(compare_images(drawn(*player, with_plate), whole)->rmse, 1e-3);
 
   // Off: the same bits as without. Each file was read once.
   with_plate.surfaces[0].shown = false;
-  ASSERT_TRUE(player->set_scene(with_plate));
-  EXPECT_EQ(compare_images(drawn(*player), whole)->max, 0);
+  EXPECT_EQ(compare_images(drawn(*player, with_plate), whole)->max, 0);
   EXPECT_FALSE(player->has_drawn_surfaces());
   EXPECT_EQ(read, 1);
 
@@ -214,27 +209,22 @@ TEST_F(PlayerOfALattice, SurfacesOfTheSceneAreSortedIn) {
 
 // Builds a lattice of 24^3 cells, moved along x, with its boundary.
 void build_with_boundary(const std::string& path, double moved) {
-  const test::Mesh mesh = test::lattice(24, [&](dvec3 p) { return p + dvec3(moved, 0, 0); });
-  test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return p.y; })});
   BuildOptions options;
   options.boundary_triangles = 1000;
-  const auto built = build_volume(source, path, options, [](const char*, double) {});
-  ASSERT_TRUE(built) << built.error().message;
+  const test::Mesh mesh = test::lattice(24, [&](dvec3 p) { return p + dvec3(moved, 0, 0); });
+  test::build_mesh(
+      mesh, [](dvec3 p) { return p.y; }, path, options);
 }
 
 TEST_F(PlayerOfALattice, TheBoundaryOfTheFileIsRead) {
-  const std::string file = folder + "/boundary.svol";
-  build_with_boundary(file, 0);
-  const auto player = Player::open(file, std::nullopt, on_processor()).value();
+  build_with_boundary(path("boundary.svol"), 0);
+  const auto player = open(on_processor(), path("boundary.svol"));
   Scene scene = player->scene();
-  scene.width = 120;
-  scene.height = 90;
   scene.camera.position = {0.5, 0.5, 4};
   scene.camera.focal_point = dvec3(0.5);
   scene.camera.up = {0, 1, 0};
   scene.camera.vertical_fov_degrees = 30;
-  ASSERT_TRUE(player->set_scene(scene));
-  (void)drawn(*player);
+  (void)drawn(*player, scene);
   const std::uint64_t read = player->streamer().volume().bytes_read();
   scene.surfaces = {{.color = {0, 0, 1}, .boundary = "out*"}};
   ASSERT_TRUE(player->set_scene(scene));
@@ -254,17 +244,17 @@ TEST_F(PlayerOfALattice, TheBoundaryOfTheFileIsRead) {
 
 // Each file of a series has a boundary of its own.
 TEST_F(PlayerOfALattice, TheBoundaryIsThatOfTheStep) {
-  build_with_boundary(folder + "/s-0.svol", 0);
-  build_with_boundary(folder + "/s-1.svol", 0.5);
-  std::ofstream(folder + "/s.svols") << R"({"steps": [{"time": 0, "file": "s-0.svol"}, {"time": 1, "file": "s-1.svol"}],
-    "attributes": [{"name": "value", "unit": "", "min": 0, "max": 1}]})";
+  build_with_boundary(path("s-0.svol"), 0);
+  build_with_boundary(path("s-1.svol"), 0.5);
+  folder->write("s.svols", R"({"steps": [{"time": 0, "file": "s-0.svol"}, {"time": 1, "file": "s-1.svol"}],
+    "attributes": [{"name": "value", "unit": "", "min": 0, "max": 1}]})");
   Scene scene = open()->scene();
   scene.attribute = "value";
   scene.camera.position = {0.75, 0.5, 6};
   scene.camera.focal_point = {0.75, 0.5, 0.5};
   scene.camera.up = {0, 1, 0};
   scene.surfaces = {{.boundary = "outer"}};
-  const auto player = Player::open(folder + "/s.svols", scene, on_processor()).value();
+  const auto player = Player::open(path("s.svols"), scene, on_processor()).value();
   const auto leftmost = [&] {
     const Image image = drawn(*player);
     for (int x = 0; x < image.width; ++x)
@@ -363,11 +353,10 @@ TEST_F(PlayerOfALattice, ACallThatWaitsForAServerCanBeCancelled) {
   EXPECT_EQ(drawn(*player).pixels.size(), 120U * 90U) << "later calls are not cancelled";
 }
 
-// Another attribute needs its values only: the shapes of the same splats stay.
-// Waves, and the height.
-std::string build_two_attributes(const std::string& folder) {
-  const test::Mesh mesh = test::lattice(24, [](dvec3 p) { return p; });
-  Piece piece = test::mesh_piece(mesh, [](dvec3 p) { return std::sin(9 * p.x) * std::cos(7 * p.y); });
+// Builds a file with waves, and the height.
+std::string build_two_attributes(const std::string& path, double (*waves)(dvec3)) {
+  const test::Mesh mesh = test::lattice(24);
+  Piece piece = test::mesh_piece(mesh, waves);
   piece.values.push_back(test::mesh_piece(mesh, [](dvec3 p) { return p.z; }).values[0]);
   class TwoAttributes : public test::PieceSource {
    public:
@@ -378,27 +367,19 @@ std::string build_two_attributes(const std::string& folder) {
     std::vector<std::string> names_ = {"waves", "height"};
   };
   TwoAttributes source({std::move(piece)});
-  std::string path = folder + "/two.svol";
   test::require(build_volume(source, path, {}, [](const char*, double) {}));
   return path;
 }
 
+// Another attribute needs its values only: the shapes of the same splats stay.
 TEST_F(PlayerOfALattice, AnotherAttributeKeepsTheShapes) {
-  const std::string two = build_two_attributes(folder);
-  const auto open_with = [&](const std::string& attribute) {
-    auto player = Player::open(two, std::nullopt, on_processor()).value();
-    Scene scene = player->fitting_scene(attribute).value();
-    scene.width = 120;
-    scene.height = 90;
-    EXPECT_TRUE(player->set_scene(scene));
-    return player;
-  };
+  const std::string two = build_two_attributes(path("two.svol"), waves);
   const auto bytes_of = [](const Player& player) { return player.streamer().statistics().bytes_read; };
-  const auto fresh = open_with("height");
+  const auto fresh = open(on_processor(), two, "height");
   const Image expected = drawn(*fresh);
 
   const std::string first = fresh->info().attributes.front().name;
-  const auto player = open_with(first);
+  const auto player = open(on_processor(), two, first);
   static_cast<void>(drawn(*player));
   const std::uint64_t before = bytes_of(*player);
   ASSERT_TRUE(player->set_scene(fresh->scene()));
@@ -408,39 +389,30 @@ TEST_F(PlayerOfALattice, AnotherAttributeKeepsTheShapes) {
 
 // An opacity that hides the lower half is a clip plane, but for the cells at it. Slices show all values.
 TEST_F(PlayerOfALattice, AnotherAttributeGivesTheOpacity) {
-  const std::string two = build_two_attributes(folder);
-  auto player = Player::open(two, std::nullopt, on_processor()).value();
-  Scene scene = player->fitting_scene("waves").value();
-  scene.width = 120;
-  scene.height = 90;
+  const auto player = open(on_processor(), build_two_attributes(path("two.svol"), waves), "waves");
+  Scene scene = player->scene();
   scene.transfer_function.densities = {{0, 5}};
-  ASSERT_TRUE(player->set_scene(scene));
-  const Image whole = drawn(*player);
+  const Image whole = drawn(*player, scene);
   const std::uint64_t before = player->streamer().statistics().bytes_read;
 
   Scene faded = scene;
   faded.opacity = SceneOpacity{"height", {.colors = {{0, dvec3(1)}}, .densities = {{0.5, 0}, {0.5, 1}}}};
-  ASSERT_TRUE(player->set_scene(faded));
-  const Image image = drawn(*player);
+  const Image image = drawn(*player, faded);
   EXPECT_LT(player->streamer().statistics().bytes_read - before, before / 2) << "the shapes are there";
   Scene clipped = scene;
   clipped.clip_planes = {{.point = dvec3(0.5), .normal = {0, 0, 1}}};
-  ASSERT_TRUE(player->set_scene(clipped));
-  EXPECT_LT(compare_images(image, drawn(*player))->rmse, 0.02);
+  EXPECT_LT(compare_images(image, drawn(*player, clipped))->rmse, 0.02);
   EXPECT_GT(compare_images(image, whole)->rmse, 0.1);
 
   // Changes of the factors read nothing.
-  ASSERT_TRUE(player->set_scene(faded));
-  static_cast<void>(drawn(*player));
+  static_cast<void>(drawn(*player, faded));
   const std::uint64_t read = player->streamer().statistics().bytes_read;
   faded.opacity->function.densities = {{0.6, 0}, {0.6, 1}};
-  ASSERT_TRUE(player->set_scene(faded));
-  EXPECT_GT(compare_images(image, drawn(*player))->rmse, 0.01);
+  EXPECT_GT(compare_images(image, drawn(*player, faded))->rmse, 0.01);
   EXPECT_EQ(player->streamer().statistics().bytes_read, read);
 
   // Without it, all is as before.
-  ASSERT_TRUE(player->set_scene(scene));
-  EXPECT_EQ(compare_images(drawn(*player), whole)->max, 0);
+  EXPECT_EQ(compare_images(drawn(*player, scene), whole)->max, 0);
 
   faded.opacity->attribute = "pressure";
   const Status refused = player->set_scene(faded);
@@ -450,16 +422,15 @@ TEST_F(PlayerOfALattice, AnotherAttributeGivesTheOpacity) {
 }
 
 TEST_F(PlayerOfALattice, AnOpacityFitsTheData) {
-  const auto player = Player::open(build_two_attributes(folder), std::nullopt, on_processor()).value();
-  Scene scene = player->fitting_scene("waves").value();
+  const auto player = open(on_processor(), build_two_attributes(path("two.svol"), waves), "waves");
+  Scene scene = player->scene();
   const FittingOpacity fitting = fitting_opacity(player->streamer().volume(), "height").value();
   EXPECT_EQ(fitting.opacity.attribute, "height");
   const auto factors = fitting.opacity.function.densities;
   EXPECT_EQ(std::ranges::max_element(factors, {}, &TransferFunction::Density::extinction)->extinction, 1);
   show_opacity(scene, fitting);
   ASSERT_TRUE(parse_scene(scene_to_json(scene)));
-  ASSERT_TRUE(player->set_scene(scene));
-  const Image image = drawn(*player);
+  const Image image = drawn(*player, scene);
   EXPECT_GT(std::ranges::max_element(image.pixels, {}, &vec4::a)->a, 0.3F);
   EXPECT_FALSE(fitting_opacity(player->streamer().volume(), "pressure"));
 }

@@ -1,25 +1,20 @@
 // Slices and clip planes in pictures of files, against closed forms and exact pictures.
-#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <oneapi/tbb/global_control.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
 #include <functional>
 #include <limits>
 
-#include "builder/pipeline/build.h"
 #include "builder/series/series_build.h"
 #include "player/player.h"
 #include "player/sharpening.h"
 #include "renderer/reference/slice.h"
 #include "renderer/slice_values.h"
-#include "tests/builder/support/meshes.h"
-#include "tests/builder/support/piece_source.h"
-#include "tests/support/require.h"
+#include "tests/builder/support/built_mesh.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -32,27 +27,24 @@ constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 double linear(dvec3 p) { return 3 + p.x - 2 * p.y + 0.5 * p.z; }
 double waves(dvec3 p) { return std::sin(9 * p.x) * std::cos(7 * p.y) + p.z; }
 
+double margin_in_cube(const dvec3& p) { return std::min({p.x, p.y, p.z, 1 - p.x, 1 - p.y, 1 - p.z}); }
+
 // A value on the plane, and where.
 struct Place {
   dvec3 position;
   double value;
 };
 
-class Slices : public testing::Test {
+class Slices : public test::FolderTest {
  protected:
-  void SetUp() override { ASSERT_NE(::mkdtemp(folder_.data()), nullptr); }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
-
   // A lattice in the unit cube, moved.
   std::unique_ptr<Player> open(const Field& field, const dvec3& move = dvec3(0), std::uint32_t cells = 16,
                                KernelKind kernel = KernelKind::moments) {
     mesh_ = test::lattice(cells, [&](dvec3 p) { return p + move; });
     const Field moved = [&](dvec3 p) { return field(p - move); };
     values_ = test::sample(mesh_, moved);
-    test::PieceSource source({test::mesh_piece(mesh_, moved)});
-    const std::string path = folder_ + "/m.svol";
-    test::require(build_volume(source, path, {}, [](const char*, double) {}));
-    auto player = Player::open(path, std::nullopt, {.device = Device::cpu, .kernel = kernel}).value();
+    test::build_mesh(mesh_, moved, path("m.svol"));
+    auto player = Player::open(path("m.svol"), std::nullopt, {.device = Device::cpu, .kernel = kernel}).value();
     Scene scene = player->scene();
     scene.width = 120;
     scene.height = 90;
@@ -65,11 +57,19 @@ class Slices : public testing::Test {
     return player;
   }
 
-  static void draw(Player& player, const Scene& scene, const DetailOptions& detail = {.tolerance_percent = 0}) {
+  static Image draw(Player& player, const Scene& scene, const DetailOptions& detail = {.tolerance_percent = 0}) {
     const Status set = player.set_scene(scene);
-    ASSERT_TRUE(set) << set.error().message;
+    EXPECT_TRUE(set) << set.error().message;
     const Status drawn = player.draw_frame({.detail = detail});
-    ASSERT_TRUE(drawn) << drawn.error().message;
+    EXPECT_TRUE(drawn) << drawn.error().message;
+    return player.image().value();
+  }
+
+  // The player's scene with an oblique slice.
+  static Scene with_slice(const Player& player) {
+    Scene scene = player.scene();
+    scene.slices = {{.point = dvec3(0.5), .normal = {0.3, -0.2, 0.7}}};
+    return scene;
   }
 
   // The values on the first slice of the frame, with their places, and NaN in all other pixels that meet the plane.
@@ -92,6 +92,17 @@ class Slices : public testing::Test {
     return result;
   }
 
+  // Expects the linear field, and `more`, wherever the slice is deeper in the unit cube than `margin`.
+  static void expect_linear(const Player& player, double margin, double tolerance, double more = 0) {
+    int inside = 0;
+    for (const auto& [position, value] : places(player)) {
+      if (margin_in_cube(position) <= margin) continue;
+      ++inside;
+      ASSERT_NEAR(value, linear(position) + more, tolerance);
+    }
+    EXPECT_GT(inside, 500);
+  }
+
   [[nodiscard]] std::vector<double> exact(const View& view) const {
     const Plane& plane = view.slices.front().plane;
     return exact_slice({mesh_.points, values_, mesh_.tetrahedra}, view, plane, slice_depths(view, plane)).value();
@@ -111,12 +122,9 @@ class Slices : public testing::Test {
     return std::sqrt(sum / count);
   }
 
-  std::string folder_ = (std::filesystem::temp_directory_path() / "splatvol-slices-XXXXXX").string();
   test::Mesh mesh_;
   std::vector<double> values_;
 };
-
-double margin_in_cube(const dvec3& p) { return std::min({p.x, p.y, p.z, 1 - p.x, 1 - p.y, 1 - p.z}); }
 
 // On planes through many points and through none, from outside and inside, and far from the origin. Material ends where
 // the cube does, but for a part of a cell's edge.
@@ -151,8 +159,7 @@ TEST_F(Slices, ALinearFieldIsExactUpToTheCubesFaces) {
 
 TEST_F(Slices, TheyFollowTheSplats) {
   const auto player = open(waves, dvec3(0), 24);
-  Scene scene = player->scene();
-  scene.slices = {{.point = dvec3(0.5), .normal = {0.3, -0.2, 0.7}}};
+  Scene scene = with_slice(*player);
   std::vector<double> errors;
   for (const std::size_t resolution : {0, 1, 2, 9}) {
     draw(*player, scene, {.resolution = resolution});
@@ -183,10 +190,9 @@ TEST_F(Slices, ShowWhatTheTransferFunctionHides) {
   scene.slices = {{.point = {0.5, 0.5, 0.1}, .normal = {0.01, 0.02, 1}}};
   for (const DetailOptions& detail :
        {DetailOptions{.tolerance_percent = 0}, DetailOptions{.goal = ErrorGoal{0.002, 1'000'000}}}) {
-    draw(*player, scene, detail);
+    const Image picture = draw(*player, scene, detail);
     EXPECT_LT(error_of(*player), 0.02);
     EXPECT_LT(player->frame()->splats, player->info().point_count() / 2);
-    const Image picture = player->image().value();
     const auto truth = exact(player->view());
     for (std::size_t i = 0; i < truth.size(); i += 7) {
       if (std::isnan(truth[i]) || picture.pixels[i].a == 0) continue;
@@ -201,9 +207,8 @@ TEST_F(Slices, ShowWhatTheTransferFunctionHides) {
 
 TEST_F(Slices, GoalsSpendSplatsOnSlices) {
   const auto player = open(waves, dvec3(0), 40);
-  Scene scene = player->scene();
+  Scene scene = with_slice(*player);
   scene.transfer_function.densities = {{0, 0}, {1, 0}};
-  scene.slices = {{.point = dvec3(0.5), .normal = {0.3, -0.2, 0.7}}};
   double last = 1e9;
   for (const std::uint64_t splats : {300, 6000, 30000}) {
     draw(*player, scene, {.goal = ErrorGoal{0, splats}});
@@ -218,9 +223,8 @@ TEST_F(Slices, GoalsSpendSplatsOnSlices) {
 // The volume shows nothing: pictures of it alone would not differ.
 TEST_F(Slices, SharpenUntilTheyAreExactEnough) {
   const auto player = open(waves, dvec3(0), 40);
-  Scene scene = player->scene();
+  Scene scene = with_slice(*player);
   scene.transfer_function.densities = {{0, 0}, {1, 0}};
-  scene.slices = {{.point = dvec3(0.5), .normal = {0.3, -0.2, 0.7}}};
   ASSERT_TRUE(player->set_scene(scene));
   Sharpening sharpening({.max_error = 0.002, .first_splats = 1024});
   std::vector<double> errors;
@@ -238,30 +242,26 @@ TEST_F(Slices, SharpenUntilTheyAreExactEnough) {
 TEST_F(Slices, AnOpaqueSliceHidesTheVolumeBehind) {
   const auto player = open(waves);
   Scene scene = player->scene();
-  draw(*player, scene);
-  const Image volume = player->image().value();
+  const Image volume = draw(*player, scene);
   EXPECT_FALSE(player->has_drawn_surfaces());
   for (const SceneSlice& none :
        {SceneSlice{.point = dvec3(0.5), .shown = false}, SceneSlice{.point = dvec3(0.5), .opacity = 0},
         SceneSlice{.point = {0, -5, 0}, .normal = {0, 1, 0}},
         SceneSlice{.point = scene.camera.position, .normal = {1, 2, 3}}}) {
     scene.slices = {none};
-    draw(*player, scene);
-    EXPECT_EQ(compare_images(player->image().value(), volume)->max, 0);
+    EXPECT_EQ(compare_images(draw(*player, scene), volume)->max, 0);
     EXPECT_FALSE(player->has_drawn_surfaces());
   }
   scene.slices = {{.point = dvec3(0.5), .normal = {0, 0, 1}}};
-  draw(*player, scene);
+  const Image cut = draw(*player, scene);
   EXPECT_TRUE(player->has_drawn_surfaces());
-  const Image cut = player->image().value();
   EXPECT_EQ(cut.at(60, 45).a, 1);
   EXPECT_EQ(cut.at(0, 0), volume.at(0, 0));
 
   // Almost clear, alone and crossing another one: the volume, drawn in parts.
   scene.slices[0].opacity = 1e-6;
   scene.slices.push_back({.point = dvec3(0.5), .normal = {1, 0, 0}, .opacity = 1e-6});
-  draw(*player, scene);
-  EXPECT_LT(compare_images(player->image().value(), volume)->rmse, 1e-3);
+  EXPECT_LT(compare_images(draw(*player, scene), volume)->rmse, 1e-3);
 
   // A host's surfaces and slices exclude each other.
   const auto depths = std::make_shared<SurfaceDepths>(SurfaceDepths{120, 90, std::vector<float>(120 * 90, 2.5F)});
@@ -280,7 +280,7 @@ TEST_F(Slices, MissingValuesAreHoles) {
   draw(*player, scene);
   int holes = 0, whole = 0;
   for (const Place& place : places(*player)) {
-    if (margin_in_cube(place.position + dvec3(0, 0, 0)) < 0.05) continue;
+    if (margin_in_cube(place.position) < 0.05) continue;
     if (place.position.x < 0.37) {
       EXPECT_TRUE(std::isnan(place.value));
       ++holes;
@@ -295,51 +295,32 @@ TEST_F(Slices, MissingValuesAreHoles) {
 
 TEST_F(Slices, TheKernelOctantHasThemToo) {
   const auto player = open(linear, dvec3(0), 24, KernelKind::octant);
-  Scene scene = player->scene();
-  scene.slices = {{.point = dvec3(0.5), .normal = {0.3, -0.2, 0.7}}};
+  Scene scene = with_slice(*player);
   draw(*player, scene);
-  int inside = 0;
-  for (const Place& place : places(*player))
-    if (margin_in_cube(place.position) > 0.08) {
-      ++inside;
-      ASSERT_NEAR(place.value, linear(place.position), 0.1);
-    }
-  EXPECT_GT(inside, 500);
+  expect_linear(*player, 0.08, 0.1);
 }
 
 TEST_F(Slices, DoNotDependOnThreads) {
   const auto player = open(waves, dvec3(0), 24);
-  Scene scene = player->scene();
-  scene.slices = {{.point = dvec3(0.5), .normal = {0.3, -0.2, 0.7}, .opacity = 0.5}};
-  draw(*player, scene);
-  const Image picture = player->image().value();
+  Scene scene = with_slice(*player);
+  scene.slices[0].opacity = 0.5;
+  const Image picture = draw(*player, scene);
   const oneapi::tbb::global_control one(oneapi::tbb::global_control::max_allowed_parallelism, 1);
-  draw(*player, scene);
-  EXPECT_EQ(compare_images(player->image().value(), picture)->max, 0);
+  EXPECT_EQ(compare_images(draw(*player, scene), picture)->max, 0);
 }
 
 TEST_F(Slices, FollowTheStep) {
   const auto step = [](int number) {
-    return SeriesStep{fmt::format("step {}", number), 0.5 * number, [number]() -> Result<std::unique_ptr<Source>> {
-                        return std::make_unique<test::PieceSource>(std::vector{
-                            test::mesh_piece(test::lattice(12), [number](dvec3 p) { return linear(p) + number; })});
-                      }};
+    return test::mesh_step(0.5 * number, test::lattice(12), [number](dvec3 p) { return linear(p) + number; });
   };
-  const std::string path = folder_ + "/series.svol";
+  const std::string path = this->path("series.svol");
   ASSERT_TRUE(build_series({step(0), step(1), step(2)}, path, {}, [](const char*, double) {}));
   const auto player = Player::open(path, std::nullopt, {.device = Device::cpu}).value();
-  Scene scene = player->scene();
-  scene.slices = {{.point = dvec3(0.5), .normal = {0.3, -0.2, 0.7}}};
+  Scene scene = with_slice(*player);
   for (const std::size_t number : {2, 0, 1}) {
     ASSERT_TRUE(player->show_step(number));
     draw(*player, scene);
-    int inside = 0;
-    for (const Place& place : places(*player))
-      if (margin_in_cube(place.position) > 0.03) {
-        ++inside;
-        ASSERT_NEAR(place.value, linear(place.position) + static_cast<double>(number), 0.01);
-      }
-    EXPECT_GT(inside, 500);
+    expect_linear(*player, 0.03, 0.01, static_cast<double>(number));
   }
 }
 
@@ -348,22 +329,18 @@ TEST_F(Slices, FollowTheStep) {
 TEST_F(Slices, ClipPlanesCutTheVolumeAndLeaveTheFace) {
   const auto player = open(waves, dvec3(0), 24);
   Scene scene = player->scene();
-  draw(*player, scene);
-  const Image whole = player->image().value();
+  const Image whole = draw(*player, scene);
   scene.clip_box = Box{{-9, -9, -9}, {9, 9, 0.47}};
-  draw(*player, scene);
-  const Image by_box = player->image().value();
+  const Image by_box = draw(*player, scene);
   EXPECT_GT(compare_images(by_box, whole)->rmse, 0.01);
   scene.clip_box.reset();
   scene.clip_planes = {{.point = {7, 7, 0.47}, .normal = {0, 0, -3}}};
-  draw(*player, scene);
-  EXPECT_LT(compare_images(player->image().value(), by_box)->max, 1e-5);
+  EXPECT_LT(compare_images(draw(*player, scene), by_box)->max, 1e-5);
 
   scene.slices = {{.point = {0, 0, 0.47}, .normal = {0, 0, 1}}};
-  draw(*player, scene);
-  EXPECT_LT(error_of(*player), 0.02);
   // In front of the face is next to nothing: clipped splats end there.
-  const Image face = player->image().value();
+  const Image face = draw(*player, scene);
+  EXPECT_LT(error_of(*player), 0.02);
   const auto truth = exact(player->view());
   for (std::size_t i = 0; i < truth.size(); ++i) {
     if (std::isnan(truth[i]) || face.pixels[i].a < 1) continue;
@@ -375,8 +352,7 @@ TEST_F(Slices, ClipPlanesCutTheVolumeAndLeaveTheFace) {
   draw(*player, scene);
   EXPECT_EQ(player->frame()->splats, 0U);
   scene.clip_planes[0].active = false;
-  draw(*player, scene);
-  EXPECT_EQ(compare_images(player->image().value(), whole)->max, 0);
+  EXPECT_EQ(compare_images(draw(*player, scene), whole)->max, 0);
 }
 
 }  // namespace

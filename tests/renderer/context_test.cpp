@@ -5,21 +5,13 @@
 #include <gtest/gtest.h>
 
 #include "renderer/gl/gl_rasterizer.h"
-#include "shared_context.h"
+#include "tests/renderer/shared_context.h"
 
 namespace splatvol {
 
-const HeadlessContext* shared_context() {
-  static const auto context = HeadlessContext::create();
-  if (!context) {
-    ADD_FAILURE() << context.error().message;
-    return nullptr;
-  }
-  return context->get();
-}
-
 namespace {
 
+using test::shared_context;
 using ::testing::HasSubstr;
 
 TEST(HeadlessContext, IsCurrentAndCore45) {

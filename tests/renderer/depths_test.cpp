@@ -1,7 +1,6 @@
 // Opaque surfaces: what lies behind them is hidden, in each pixel. Against closed forms, on all devices.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 #include <oneapi/tbb/global_control.h>
 
 #include <algorithm>
@@ -22,6 +21,7 @@
 #include "tests/renderer/bodies.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/random_splats.h"
+#include "tests/renderer/targets.h"
 #include "tests/renderer/ways.h"
 
 namespace splatvol {
@@ -413,13 +413,8 @@ TEST(Depths, AreTheSamePictureWithAnyInstructions) {
   const DrawList list = test::list_of(test::random_splats(5000));
   for (const Way& way : {by_splats, by_slabs}) {
     const Image newest = Drawn(way, list, test::lively()).picture(view, depths);
-    for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-      hwy::SetSupportedTargetsForTest(target);
-      hwy::GetChosenTarget().Update(target);
-      EXPECT_LT(rmse(newest, Drawn(way, list, test::lively()).picture(view, depths)), 1e-4) << hwy::TargetName(target);
-    }
-    hwy::SetSupportedTargetsForTest(0);
-    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    test::for_each_target(
+        [&] { EXPECT_LT(rmse(newest, Drawn(way, list, test::lively()).picture(view, depths)), 1e-4); });
   }
 }
 

@@ -5,11 +5,12 @@
 
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"
-#include "shared_context.h"
+#include "tests/renderer/shared_context.h"
 
 namespace splatvol {
 namespace {
 
+using test::shared_context;
 using ::testing::HasSubstr;
 
 TEST(Device, HasThreeNames) {

@@ -1,17 +1,14 @@
 // From file to picture along a camera's path: changes of resolution do not show as jumps.
-#include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <string>
 
-#include "builder/opening/open_source.h"
-#include "builder/pipeline/build.h"
 #include "renderer/device/device.h"
 #include "streamer/streamer.h"
+#include "tests/builder/support/built_input.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -58,16 +55,13 @@ Path fly(const std::string& file, DetailOptions detail, double change) {
 
 // The bound is the one of docs/paging.md.
 TEST(Fade, StepsAreThoseOfAFixedResolution) {
-  const std::string file =
-      (std::filesystem::temp_directory_path() / fmt::format("splatvol_fade_{}.svol", ::getpid())).string();
-  const auto source = open_source({"gen:mesh:cells=4e4,pieces=1"}, {});
-  ASSERT_TRUE(source);
-  ASSERT_TRUE(build_volume(**source, file, BuildOptions(), [](const char*, double) {}));
+  const test::TempFolder folder;
+  const std::string file = folder.path("m.svol");
+  test::build_input("gen:mesh:cells=4e4,pieces=1", file);
 
   const Path fixed = fly(file, {.resolution = 99}, 1);
   const Path at_once = fly(file, {.tolerance_percent = 5, .resolution = std::nullopt}, 1);
   const Path faded = fly(file, {.tolerance_percent = 5, .resolution = std::nullopt}, 1.0 / 8);
-  std::filesystem::remove(file);
   EXPECT_GT(at_once.largest, 1.5 * fixed.largest) << "there is nothing to see on this path";
   EXPECT_LE(faded.largest, 1.5 * fixed.largest);
   EXPECT_LE(faded.mean, 1.5 * fixed.mean);

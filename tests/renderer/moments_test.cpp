@@ -5,20 +5,18 @@
 #include <algorithm>
 #include <cmath>
 #include <glm/gtc/quaternion.hpp>
-#include <iterator>
 #include <limits>
 #include <memory>
 #include <numbers>
 #include <numeric>
 #include <random>
 
-#include "renderer/device/device.h"
-#include "shared_context.h"
 #include "splat/ellipsoid.h"
 #include "splat/kernel.h"
 #include "tests/renderer/device_name.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/random_splats.h"
+#include "tests/renderer/raster_test.h"
 #include "tests/support/random.h"
 
 namespace splatvol {
@@ -28,6 +26,11 @@ using glm::dmat3;
 using glm::dquat;
 using glm::dvec4;
 using std::numbers::pi;
+using test::expect_sane;
+using test::orthographic_view;
+using test::perspective_view;
+using test::rmse;
+using test::total_alpha;
 using ::testing::HasSubstr;
 
 /// A cluster's moments before packing.
@@ -82,27 +85,6 @@ TransferFunction uniform(double extinction) {
   TransferFunction function = ramp(0);
   function.densities = {{0, extinction}};
   return function;
-}
-
-/// The eye at `eye`, looking along -z, y up.
-View look(Camera camera, int width, int height) {
-  camera.focal_point = camera.position - dvec3(0, 0, 1);
-  return make_view(camera, width, height).value();
-}
-
-View perspective_view(int width = 65, int height = 65, dvec3 eye = dvec3(0)) {
-  Camera camera;
-  camera.vertical_fov_degrees = 40;
-  camera.position = eye;
-  return look(camera, width, height);
-}
-
-View orthographic_view(double world_height, int width = 65, int height = 65, dvec3 eye = dvec3(0)) {
-  Camera camera;
-  camera.projection = Camera::Projection::orthographic;
-  camera.parallel_height = world_height;
-  camera.position = eye;
-  return look(camera, width, height);
 }
 
 /// The variance that rasterizers add to a splat; none if it is behind the eye.
@@ -227,21 +209,6 @@ SurfaceDepths leaning_plane(const View& view, double middle) {
   return surfaces;
 }
 
-double total_alpha(const Image& image) {
-  return std::accumulate(image.pixels.begin(), image.pixels.end(), 0.0,
-                         [](double sum, const vec4& pixel) { return sum + pixel.a; });
-}
-
-void expect_sane(const Image& image) {
-  for (const vec4& pixel : image.pixels) {
-    ASSERT_TRUE(pixel.a >= 0 && pixel.a <= 1) << pixel.a;
-    for (int channel = 0; channel < 3; ++channel)
-      ASSERT_TRUE(pixel[channel] >= 0 && pixel[channel] <= pixel.a + 1e-6F) << pixel[channel];
-  }
-}
-
-double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
-
 /// Returns the largest difference of any channel, alpha included.
 double largest_difference(const Image& a, const Image& b) {
   double largest = 0;
@@ -288,16 +255,9 @@ std::vector<Cluster> cloud(int count) {
   return clusters;
 }
 
-struct Case;
-
-class MomentsTest : public ::testing::TestWithParam<Device> {
+class MomentsTest : public test::RasterizerTest {
  protected:
-  void SetUp() override {
-    ASSERT_TRUE(shared_context());
-    auto made = make_rasterizer(GetParam(), {.kernel = KernelKind::moments, .in_current_context = true});
-    ASSERT_TRUE(made) << made.error().message;
-    renderer_ = std::move(*made);
-  }
+  MomentsTest() : RasterizerTest(KernelKind::moments) {}
 
   Image picture(const std::vector<Cluster>& clusters, const View& view, const TransferFunction& function,
                 SortMode sort = SortMode::exact, dvec3 origin = dvec3(0)) {
@@ -310,18 +270,6 @@ class MomentsTest : public ::testing::TestWithParam<Device> {
     EXPECT_TRUE(renderer_->set_draw_list(test::make_list(splats, {{origin, 0, splats.size()}})));
     return redraw(view, sort);
   }
-
-  Image redraw(const View& view, SortMode sort = SortMode::exact) {
-    const auto times = renderer_->draw(view, sort, 1);
-    EXPECT_TRUE(times) << times.error().message;
-    auto image = renderer_->read_image();
-    EXPECT_TRUE(image) << image.error().message;
-    return std::move(*image);
-  }
-
-  void expect_agreement(const Case& c);
-
-  std::unique_ptr<Rasterizer> renderer_;
 };
 
 TEST_P(MomentsTest, RoundSplatHasItsClosedForm) {
@@ -350,8 +298,8 @@ struct Case {
   Cluster cluster;
 };
 
-/// Splats of every shape, and at every distance from the eye.
-std::vector<Case> unbounded_cases() {
+/// Splats of every shape, at every distance from the eye, and with a boundary.
+std::vector<Case> cases() {
   const dquat edge_on = glm::angleAxis(pi / 2, dvec3(1, 0, 0));  // the thin axis upwards
   return {
       {"round", {.position = {0.3, -0.2, -5}, .deviations = dvec3(0.3)}},
@@ -379,12 +327,6 @@ std::vector<Case> unbounded_cases() {
       {"wall beside the eye",
        {.position = {0.1, 0, 0}, .deviations = {5, 5, 0.001}, .orientation = glm::angleAxis(pi / 2, dvec3(0, 1, 0))}},
       {"point", {.position = {0.01, 0.02, -4}, .mass = 1e-4, .deviations = dvec3(0)}},
-  };
-}
-
-/// The same with a boundary.
-std::vector<Case> bounded_cases() {
-  return {
       {"bounded",
        {.position = {0.1, -0.2, -5},
         .deviations = {0.4, 0.3, 0.2},
@@ -411,38 +353,32 @@ std::vector<Case> bounded_cases() {
   };
 }
 
-void MomentsTest::expect_agreement(const Case& c) {
-  for (const View& view : {perspective_view(), orthographic_view(3)}) {
-    // Half opaque at its brightest, unless the eye cuts that part.
-    const Cluster& cluster = c.cluster;
-    const double thick = 12 * pi / 3 * std::pow(std::max(cluster.deviations.x, 0.02), 2.0);
-    const Image expected = evaluate(cluster, view, uniform(0.7 * thick / cluster.mass));
-    const Image image = picture({cluster}, view, uniform(0.7 * thick / cluster.mass));
-    expect_sane(image);
-    // Single precision, at an outline that may be steep over a pixel.
-    EXPECT_LT(largest_difference(image, expected), 1e-3) << c.name << (view.orthographic ? " orthographic" : "");
-    EXPECT_NEAR(total_alpha(image), total_alpha(expected), 1e-3 * total_alpha(expected) + 0.05)
-        << c.name << (view.orthographic ? " orthographic" : "");
-  }
+/// Half opaque at its brightest, unless the eye cuts that part.
+TransferFunction half_opaque(const Cluster& cluster) {
+  const double thick = 12 * pi / 3 * std::pow(std::max(cluster.deviations.x, 0.02), 2.0);
+  return uniform(0.7 * thick / cluster.mass);
 }
 
 TEST_P(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
-  for (const Case& c : unbounded_cases()) expect_agreement(c);
-}
-
-TEST_P(MomentsTest, BoundedSplatsAgreeWithTheirDefinition) {
-  for (const Case& c : bounded_cases()) expect_agreement(c);
+  for (const auto& [name, cluster] : cases())
+    for (const View& view : {perspective_view(), orthographic_view(3)}) {
+      SCOPED_TRACE(testing::Message() << name << ", orthographic " << view.orthographic);
+      const TransferFunction function = half_opaque(cluster);
+      const Image expected = evaluate(cluster, view, function);
+      const Image image = picture({cluster}, view, function);
+      expect_sane(image);
+      // Single precision, at an outline that may be steep over a pixel.
+      EXPECT_LT(largest_difference(image, expected), 1e-3);
+      EXPECT_NEAR(total_alpha(image), total_alpha(expected), 1e-3 * total_alpha(expected) + 0.05);
+    }
 }
 
 TEST_P(MomentsTest, SplatsEndAtSurfaces) {
-  std::vector<Case> cases = unbounded_cases();
-  std::ranges::move(bounded_cases(), std::back_inserter(cases));
-  for (const auto& [name, cluster] : cases)
+  for (const auto& [name, cluster] : cases())
     for (const View& view : {perspective_view(), orthographic_view(3)})
       for (const double behind : {-0.2, 0.0, 0.1, 1.0}) {
         SCOPED_TRACE(testing::Message() << name << ", orthographic " << view.orthographic << ", " << behind);
-        const double thick = 12 * pi / 3 * std::pow(std::max(cluster.deviations.x, 0.02), 2.0);
-        const TransferFunction function = uniform(0.7 * thick / cluster.mass);
+        const TransferFunction function = half_opaque(cluster);
         const SurfaceDepths surfaces = leaning_plane(view, behind - cluster.position.z);
         ASSERT_TRUE(renderer_->set_surface_depths(std::make_shared<const SurfaceDepths>(surfaces)));
         const Image image = picture({cluster}, view, function);

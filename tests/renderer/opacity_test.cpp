@@ -8,7 +8,6 @@
 #include <memory>
 #include <numbers>
 #include <optional>
-#include <string>
 #include <utility>
 #include <vector>
 

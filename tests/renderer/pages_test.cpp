@@ -6,14 +6,16 @@
 
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <random>
 
-#include "shared_context.h"
 #include "tests/renderer/draw_parts.h"
+#include "tests/renderer/raster_test.h"
 
 namespace splatvol {
 namespace {
+
+using test::rmse;
+using test::total_alpha;
 
 constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
 
@@ -26,28 +28,7 @@ TransferFunction ramp(double extinction) {
   return function;
 }
 
-View perspective_view() {
-  Camera camera;
-  camera.position = {0.3, 0.2, 4};
-  camera.focal_point = {0.3, 0.2, 3};
-  return make_view(camera, 64, 48).value();
-}
-
-View orthographic_view(int width, int height) {
-  Camera camera;
-  camera.projection = Camera::Projection::orthographic;
-  camera.parallel_height = height;
-  camera.position = dvec3(0);
-  camera.focal_point = {0, 0, -1};
-  return make_view(camera, width, height).value();
-}
-
-double total_alpha(const Image& image) {
-  return std::accumulate(image.pixels.begin(), image.pixels.end(), 0.0,
-                         [](double sum, const vec4& pixel) { return sum + pixel.a; });
-}
-
-double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
+const View view_of_all = test::perspective_view(64, 48, {0.3, 0.2, 4});
 
 // Draws splats of random positions in parts of 500, with pages that hold few of them.
 class RendererTestPages : public ::testing::Test {
@@ -55,7 +36,7 @@ class RendererTestPages : public ::testing::Test {
   static constexpr std::uint64_t page_bytes = 16 << 10;
 
   void SetUp() override {
-    ASSERT_TRUE(shared_context());
+    ASSERT_TRUE(test::shared_context());
     auto made = GlRasterizer::create(KernelKind::octant);
     ASSERT_TRUE(made) << made.error().message;
     renderer_ = std::move(*made);
@@ -81,7 +62,7 @@ class RendererTestPages : public ::testing::Test {
 
   Image draw(GlRasterizer& rasterizer, SortMode sort = SortMode::exact) const {
     EXPECT_TRUE(rasterizer.set_transfer_function(ramp(2), {}));
-    EXPECT_TRUE(rasterizer.draw(perspective_view(), sort, 1));
+    EXPECT_TRUE(rasterizer.draw(view_of_all, sort, 1));
     return rasterizer.read_image().value();
   }
 
@@ -183,7 +164,7 @@ TEST_F(RendererTestPages, MoreSplatsThanABufferHolds) {
   EXPECT_GT(renderer_->device_bytes(), static_cast<std::uint64_t>(limit));
   ASSERT_TRUE(renderer_->set_transfer_function(ramp(1), {}));
   // The deviation of .4 pixels is widened to .5.
-  ASSERT_TRUE(renderer_->draw(orthographic_view(1, 1), SortMode::exact, 1));
+  ASSERT_TRUE(renderer_->draw(test::orthographic_view(1, 1, 1), SortMode::exact, 1));
   EXPECT_NEAR(renderer_->read_image()->at(0, 0).a, 0.64 * (1 - std::exp(-1.0)), 1e-3);
 }
 
@@ -197,7 +178,7 @@ TEST_F(RendererTestPages, AsManySplatsAsFitTakeNoMore) {
         test::make_list(std::vector<OctantSplat>(most, {vec3(0, 0, -1), 0, 0.01F, 0}), {{dvec3(0), 0, most}})));
     ASSERT_TRUE(rasterizer->set_transfer_function(ramp(1), {}));
     for (const int spacing : {1, 4}) {
-      ASSERT_TRUE(rasterizer->draw(orthographic_view(100, 50), SortMode::exact, spacing));
+      ASSERT_TRUE(rasterizer->draw(test::orthographic_view(50, 100, 50), SortMode::exact, spacing));
       EXPECT_LE(rasterizer->device_bytes(), budget);
     }
     EXPECT_GT(rasterizer->device_bytes(), budget / 2);

@@ -6,18 +6,20 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <numeric>
 #include <random>
 
-#include "renderer/device/device.h"
-#include "shared_context.h"
 #include "tests/renderer/device_name.h"
 #include "tests/renderer/draw_parts.h"
+#include "tests/renderer/raster_test.h"
 
 namespace splatvol {
 namespace {
 
 using test::DrawPart;
+using test::expect_sane;
+using test::perspective_view;
+using test::rmse;
+using test::total_alpha;
 using ::testing::HasSubstr;
 
 constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
@@ -41,46 +43,21 @@ TransferFunction four_colors(double extinction) {
   return function;
 }
 
-/// The eye at `eye`, looking along -z, y up: a world point p has view coordinates (p.x, p.y, -p.z) from the eye.
-View look(int width, int height, Camera camera) {
-  camera.focal_point = camera.position - dvec3(0, 0, 1);
-  return make_view(camera, width, height).value();
-}
-
 /// A world unit is a pixel.
 View orthographic_view(int width, int height, dvec3 eye = dvec3(0)) {
-  Camera camera;
-  camera.projection = Camera::Projection::orthographic;
-  camera.parallel_height = height;
-  camera.position = eye;
-  return look(width, height, camera);
+  return test::orthographic_view(height, width, height, eye);
 }
 
-View perspective_view(int width, int height, dvec3 eye = dvec3(0)) {
-  Camera camera;
-  camera.vertical_fov_degrees = 40;
-  camera.position = eye;
-  return look(width, height, camera);
+/// Returns splats of random positions and values.
+std::vector<Splat> random_splats(std::size_t count, std::uint32_t seed, float size) {
+  std::mt19937 generator(seed);
+  std::uniform_real_distribution<float> coordinate(-1, 1);
+  std::vector<Splat> splats(count);
+  for (Splat& splat : splats)
+    splat = {
+        {coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), size};
+  return splats;
 }
-
-double total_alpha(const Image& image) {
-  return std::accumulate(image.pixels.begin(), image.pixels.end(), 0.0,
-                         [](double sum, const vec4& pixel) { return sum + pixel.a; });
-}
-
-/// Expects every channel finite, alpha at most 1, and no colour brighter than its alpha.
-void expect_sane(const Image& image) {
-  for (const vec4& pixel : image.pixels) {
-    ASSERT_GE(pixel.a, 0);
-    ASSERT_LE(pixel.a, 1);
-    for (int channel = 0; channel < 3; ++channel) {
-      ASSERT_GE(pixel[channel], 0);
-      ASSERT_LE(pixel[channel], pixel.a + 1e-6F);
-    }
-  }
-}
-
-double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
 
 /// Draws the picture by its definition, in double precision: every splat over every pixel of its square.
 Image composite(std::vector<Splat> splats, dvec3 origin, const View& view, const TransferFunction& function) {
@@ -118,14 +95,9 @@ DrawList list_of(const std::vector<Splat>& splats, const std::vector<DrawPart>& 
   return test::make_list(converted, parts);
 }
 
-class RendererTest : public ::testing::TestWithParam<Device> {
+class RendererTest : public test::RasterizerTest {
  protected:
-  void SetUp() override {
-    ASSERT_TRUE(shared_context());
-    auto made = make_rasterizer(GetParam(), {.kernel = KernelKind::octant, .in_current_context = true});
-    ASSERT_TRUE(made) << made.error().message;
-    renderer_ = std::move(*made);
-  }
+  RendererTest() : RasterizerTest(KernelKind::octant) {}
 
   /// Draws `splats`, in world coordinates relative to `origin`.
   Image picture(const std::vector<Splat>& splats, const View& view, const TransferFunction& function,
@@ -138,17 +110,6 @@ class RendererTest : public ::testing::TestWithParam<Device> {
   Status set_splats(const std::vector<Splat>& splats, const std::vector<DrawPart>& parts) {
     return renderer_->set_draw_list(list_of(splats, parts));
   }
-
-  /// Draws the resident splats.
-  Image redraw(const View& view, SortMode sort = SortMode::exact, int sample_spacing = 1) {
-    const auto times = renderer_->draw(view, sort, sample_spacing);
-    EXPECT_TRUE(times) << times.error().message;
-    auto image = renderer_->read_image();
-    EXPECT_TRUE(image) << image.error().message;
-    return std::move(*image);
-  }
-
-  std::unique_ptr<Rasterizer> renderer_;
 };
 
 TEST_P(RendererTest, SplatIsAGaussianAsOpaqueAsItsSlab) {
@@ -168,12 +129,6 @@ TEST_P(RendererTest, SplatIsAGaussianAsOpaqueAsItsSlab) {
   }
 }
 
-TEST_P(RendererTest, NothingBeyondTheCut) {
-  const Image image = picture({{{0, 0, -10}, 3, 20}}, orthographic_view(65, 65), four_colors(0.5));
-  EXPECT_GT(image.at(32 + 23, 32).a, 0.005);
-  EXPECT_EQ(image.at(32 + 25, 32).a, 0);
-}
-
 TEST_P(RendererTest, SizeInPerspectiveFallsWithDepth) {
   const View view = perspective_view(129, 129);
   for (const float depth : {2.0F, 4.0F, 1000.0F}) {
@@ -184,12 +139,6 @@ TEST_P(RendererTest, SizeInPerspectiveFallsWithDepth) {
     for (const int offset : {0, 1, 3, 5, 8})
       EXPECT_NEAR(image.at(64 + offset, 64).a, opacity * std::exp(-offset * offset / (2 * sigma * sigma)), 1e-5);
   }
-}
-
-TEST_P(RendererTest, UpRightAppearsUpRight) {
-  const Image image = picture({{{10, 20, -10}, 3, 2}}, orthographic_view(65, 65), four_colors(1));
-  EXPECT_NEAR(image.at(32 + 10, 32 - 20).a, 1 - std::exp(-2.0), 1e-5);
-  EXPECT_NEAR(total_alpha(image), image.at(42, 12).a * 2 * std::numbers::pi * 0.64, 0.02);
 }
 
 TEST_P(RendererTest, ControlPointsKeepTheirColors) {
@@ -248,12 +197,8 @@ TEST_P(RendererTest, ManySplatsAgreeWithTheirDefinition) {
              0.25F + 0.2F * coordinate(generator)};
   const TransferFunction function = four_colors(2);
 
-  Camera orthographic;
-  orthographic.projection = Camera::Projection::orthographic;
-  orthographic.parallel_height = 2.5;
-  orthographic.position = {0, 0, 3};
-  for (const View& view :
-       {perspective_view(80, 60, {0.3, 0.2, 4}), look(60, 80, orthographic), perspective_view(64, 64, {0, 0, 0.2})}) {
+  for (const View& view : {perspective_view(80, 60, {0.3, 0.2, 4}), test::orthographic_view(2.5, 60, 80, {0, 0, 3}),
+                           perspective_view(64, 64, {0, 0, 0.2})}) {
     const Image image = picture(splats, view, function);
     expect_sane(image);
     EXPECT_LT(rmse(image, composite(splats, dvec3(0), view, function)), 2e-3);
@@ -384,12 +329,7 @@ TEST_P(RendererTest, ExtremeSizesStaySane) {
 }
 
 TEST_P(RendererTest, DetailSurvivesFarFromTheOrigin) {
-  std::mt19937 generator(5);
-  std::uniform_real_distribution<float> coordinate(-1, 1);
-  std::vector<Splat> splats(300);
-  for (Splat& splat : splats)
-    splat = {
-        {coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), 0.1F};
+  std::vector<Splat> splats = random_splats(300, 5, 0.1F);
   const TransferFunction function = four_colors(5);
   const Image at_origin = picture(splats, perspective_view(64, 64, {0, 0, 4}), function);
   ASSERT_GT(total_alpha(at_origin), 100);
@@ -401,12 +341,7 @@ TEST_P(RendererTest, DetailSurvivesFarFromTheOrigin) {
 }
 
 TEST_P(RendererTest, ThePictureDoesNotDependOnTheUnitOfLength) {
-  std::mt19937 generator(6);
-  std::uniform_real_distribution<float> coordinate(-1, 1);
-  std::vector<Splat> splats(300);
-  for (Splat& splat : splats)
-    splat = {
-        {coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), 0.1F};
+  std::vector<Splat> splats = random_splats(300, 6, 0.1F);
   const Image expected = picture(splats, perspective_view(64, 64, {0, 0, 4}), four_colors(5));
 
   for (const float unit : {1e-6F, 1e6F}) {
@@ -533,12 +468,7 @@ TEST_P(RendererTest, NoSplatsGiveTransparentBlack) {
 }
 
 TEST_P(RendererTest, AMillionSplats) {
-  std::mt19937 generator(10);
-  std::uniform_real_distribution<float> coordinate(-1, 1);
-  std::vector<Splat> splats(1'000'000);
-  for (Splat& splat : splats)
-    splat = {
-        {coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), 0.01F};
+  std::vector<Splat> splats = random_splats(1'000'000, 10, 0.01F);
   const View view = perspective_view(256, 256, {0, 0, 5});
   const Image exact = picture(splats, view, four_colors(5));
   expect_sane(exact);

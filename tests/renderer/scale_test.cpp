@@ -1,15 +1,11 @@
 // From mesh to file to picture: a picture does not depend on the units and zeros of lengths and values, nor on what is
 // stored beside it.
-#include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <filesystem>
 #include <limits>
-#include <numbers>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -24,6 +20,7 @@
 #include "renderer/reference/reference.h"
 #include "streamer/first/default_scene.h"
 #include "streamer/streamer.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -104,13 +101,8 @@ std::unique_ptr<Rasterizer> make_rasterizer(KernelKind kernel, Way way) {
 }
 
 // Builds files and draws them.
-class RendererTestBuilt : public testing::Test {
+class RendererTestBuilt : public test::FolderTest {
  protected:
-  void TearDown() override {
-    std::filesystem::remove(plain_);
-    std::filesystem::remove(scaled_);
-  }
-
   static void build(const std::string& file, ScaledMesh source) {
     BuildOptions options;
     options.gradients = true;  // for light on octants
@@ -143,12 +135,7 @@ class RendererTestBuilt : public testing::Test {
   }
 
   std::unique_ptr<HeadlessContext> context_ = HeadlessContext::create().value();
-  std::string plain_ = temporary("plain"), scaled_ = temporary("scaled");
-
- private:
-  static std::string temporary(const char* name) {
-    return (std::filesystem::temp_directory_path() / fmt::format("splatvol_{}_{}.svol", name, ::getpid())).string();
-  }
+  std::string plain_ = path("plain.svol"), scaled_ = path("scaled.svol");
 };
 
 Image exact_picture(const Scales& scales, const Scene& scene, std::optional<double> first = std::nullopt) {

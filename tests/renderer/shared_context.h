@@ -1,14 +1,21 @@
 // The one OpenGL context of the test program.
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <memory>
 
 #include "renderer/gl/context.h"
 
-namespace splatvol {
+namespace splatvol::test {
 
 /// Returns the context, made and made current at the first call, in the main thread. Null if this machine has none;
 /// then the test fails.
-const HeadlessContext* shared_context();
+inline const HeadlessContext* shared_context() {
+  static const auto context = HeadlessContext::create();
+  if (context) return context->get();
+  ADD_FAILURE() << context.error().message;
+  return nullptr;
+}
 
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -1,15 +1,11 @@
 // Splats mixed in slabs, against closed forms: bodies of box-shaped cells with one extinction, whose rays are known.
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 #include <oneapi/tbb/global_control.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <ctime>
-#include <functional>
 #include <limits>
 #include <optional>
 #include <random>
@@ -18,6 +14,7 @@
 #include "tests/renderer/bodies.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/random_splats.h"
+#include "tests/renderer/targets.h"
 
 namespace splatvol {
 namespace {
@@ -259,13 +256,7 @@ TEST(Slabs, AreTheSamePictureWithAnyInstructions) {
   const DrawList list = list_of(random_splats(20'000, 0.002, 0.2));
   const View view = view_from(dvec3(0.3, 0.2, 4));
   const Image newest = draw(list, lively(), view);
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    hwy::SetSupportedTargetsForTest(target);
-    hwy::GetChosenTarget().Update(target);
-    EXPECT_LT(rmse(newest, draw(list, lively(), view)), 1e-4) << hwy::TargetName(target);
-  }
-  hwy::SetSupportedTargetsForTest(0);
-  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+  test::for_each_target([&] { EXPECT_LT(rmse(newest, draw(list, lively(), view)), 1e-4); });
 }
 
 TEST(Slabs, DrawListsOfAnySizeFollowEachOther) {

@@ -2,12 +2,12 @@
 #include "renderer/cpu/srgb_bytes.h"
 
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <cmath>
 #include <limits>
 
 #include "scene/srgb.h"
+#include "tests/renderer/targets.h"
 
 namespace splatvol {
 namespace {
@@ -15,9 +15,7 @@ namespace {
 // Widths that are no multiple of the pixels in a vector, and more pixels than a task has.
 TEST(SrgbBytes, AreThoseOfTheCurveWithAnyInstructions) {
   const dvec3 background(0.02, 0.5, 1);
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    hwy::SetSupportedTargetsForTest(target);
-    hwy::GetChosenTarget().Update(target);
+  test::for_each_target([&] {
     for (const auto& [width, height] : {std::pair(1, 1), std::pair(3, 1), std::pair(7, 3), std::pair(331, 217)}) {
       Image image{width, height, std::vector<vec4>(static_cast<std::size_t>(width) * height)};
       for (std::size_t i = 0; i < image.pixels.size(); ++i) {
@@ -32,13 +30,11 @@ TEST(SrgbBytes, AreThoseOfTheCurveWithAnyInstructions) {
         for (int channel = 0; channel < 3; ++channel)
           ASSERT_NEAR(bytes[4 * i + static_cast<std::size_t>(channel)],
                       255 * srgb_of(pixel[channel] + (1.0 - pixel.a) * background[channel]), 0.5 + 255 * 8e-6)
-              << hwy::TargetName(target) << ", pixel " << i << " of " << width << " x " << height;
+              << "pixel " << i << " of " << width << " x " << height;
         ASSERT_EQ(bytes[4 * i + 3], 255);
       }
     }
-  }
-  hwy::SetSupportedTargetsForTest(0);
-  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+  });
 }
 
 // The pixels beside are right.

@@ -4,9 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
-#include <fstream>
-#include <limits>
 #include <nlohmann/json.hpp>
+
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -50,14 +51,18 @@ TEST(ParseScene, ReadsWhatItWrites) {
   EXPECT_FALSE(scene.clip_box);
   scene.clip_box = Box{{-1, 0.1, 2}, {1, 0.2, 1e7}};
   scene.lighting = Lighting{0.25, 2};
-  const auto again = parse_scene(scene_to_json(scene));
-  ASSERT_TRUE(again) << again.error().message;
-  EXPECT_EQ(again->clip_box, scene.clip_box);
-  EXPECT_EQ(scene_to_json(*again), scene_to_json(scene));
-  EXPECT_EQ(make_view(*again)->clip.box, scene.clip_box);
-  const auto camera = parse_camera(camera_to_json(scene.camera));
-  ASSERT_TRUE(camera);
-  EXPECT_EQ(camera->position, scene.camera.position);
+  scene.background = {0.1, 0.2, 0.3};
+  const auto expect_same = [](const Scene& written) {
+    const auto read = test::value_of(parse_scene(scene_to_json(written)));
+    EXPECT_EQ(read, written);
+    EXPECT_EQ(make_view(read)->clip.box, written.clip_box);
+    EXPECT_EQ(parse_camera(camera_to_json(written.camera)), written.camera);
+  };
+  expect_same(scene);
+  Scene parallel = parse_scene(changed("/camera/parallel_height", 7.25)).value();
+  parallel.camera.projection = Camera::Projection::orthographic;
+  parallel.camera.vertical_fov_degrees = Camera().vertical_fov_degrees;
+  expect_same(parallel);
 }
 
 TEST(ParseScene, ReadsEveryField) {
@@ -66,32 +71,30 @@ TEST(ParseScene, ReadsEveryField) {
   text["lighting"] = {{"ambient", 0.25}, {"diffuse", 2}, {"x-specular", 1}};
   text["x-unknown"] = {{"camera", 1}};
   text["outline"] = true;
-  const auto scene = parse_scene(text.dump());
-  ASSERT_TRUE(scene) << scene.error().message;
-  EXPECT_EQ(scene->camera.projection, Camera::Projection::perspective);
-  EXPECT_EQ(scene->camera.position, dvec3(1, 2, 3));
-  EXPECT_EQ(scene->camera.focal_point, dvec3(0));
-  EXPECT_EQ(scene->camera.up, dvec3(0, 1, 0));
-  EXPECT_EQ(scene->camera.vertical_fov_degrees, 40);
-  EXPECT_EQ(scene->width, 64);
-  EXPECT_EQ(scene->height, 48);
-  EXPECT_EQ(scene->attribute, "p");
-  EXPECT_EQ(scene->transfer_function.lo, -1);
-  EXPECT_EQ(scene->transfer_function.hi, 3);
-  ASSERT_EQ(scene->transfer_function.colors.size(), 2U);
-  EXPECT_EQ(scene->transfer_function.colors[0].rgb, dvec3(0, 0.5, 1));
-  ASSERT_EQ(scene->transfer_function.densities.size(), 4U);
-  EXPECT_EQ(scene->transfer_function.densities[2].extinction, 4);
-  EXPECT_EQ(scene->background, dvec3(0.1, 0.2, 0.3));
-  EXPECT_EQ(scene->lighting, (Lighting{0.25, 2}));
-  EXPECT_TRUE(scene->outline);
+  const auto scene = test::value_of(parse_scene(text.dump()));
+  EXPECT_EQ(scene.camera.projection, Camera::Projection::perspective);
+  EXPECT_EQ(scene.camera.position, dvec3(1, 2, 3));
+  EXPECT_EQ(scene.camera.focal_point, dvec3(0));
+  EXPECT_EQ(scene.camera.up, dvec3(0, 1, 0));
+  EXPECT_EQ(scene.camera.vertical_fov_degrees, 40);
+  EXPECT_EQ(scene.width, 64);
+  EXPECT_EQ(scene.height, 48);
+  EXPECT_EQ(scene.attribute, "p");
+  EXPECT_EQ(scene.transfer_function.lo, -1);
+  EXPECT_EQ(scene.transfer_function.hi, 3);
+  ASSERT_EQ(scene.transfer_function.colors.size(), 2U);
+  EXPECT_EQ(scene.transfer_function.colors[0].rgb, dvec3(0, 0.5, 1));
+  ASSERT_EQ(scene.transfer_function.densities.size(), 4U);
+  EXPECT_EQ(scene.transfer_function.densities[2].extinction, 4);
+  EXPECT_EQ(scene.background, dvec3(0.1, 0.2, 0.3));
+  EXPECT_EQ(scene.lighting, (Lighting{0.25, 2}));
+  EXPECT_TRUE(scene.outline);
 }
 
 TEST(ParseScene, OptionalFieldsHaveDefaults) {
-  const auto scene = parse_scene(valid_scene().dump());
-  ASSERT_TRUE(scene) << scene.error().message;
-  EXPECT_EQ(scene->background, dvec3(0));
-  EXPECT_FALSE(scene->lighting);
+  const auto scene = test::value_of(parse_scene(valid_scene().dump()));
+  EXPECT_EQ(scene.background, dvec3(0));
+  EXPECT_FALSE(scene.lighting);
 }
 
 TEST(ParseScene, NamesTheFieldNearestToAnUnknownOne) {
@@ -114,13 +117,12 @@ TEST(ParseScene, NamesTheFieldNearestToAnUnknownOne) {
 
 TEST(ParseScene, AnOpacityIsReadAndWrittenBack) {
   const json opacity = {{"attribute", "T"}, {"domain", {1, 100}}, {"axis", "log"}, {"factor", {{0, 0}, {0.5, 1}}}};
-  const auto scene = parse_scene(changed("/opacity", opacity));
-  ASSERT_TRUE(scene) << scene.error().message;
-  ASSERT_TRUE(scene->opacity);
-  EXPECT_EQ(scene->opacity->attribute, "T");
-  EXPECT_EQ(scene->opacity->function.extinction(10), 1);
-  EXPECT_EQ(scene->opacity->function.extinction(1), 0);
-  EXPECT_EQ(parse_scene(scene_to_json(*scene)).value(), *scene);
+  const auto scene = test::value_of(parse_scene(changed("/opacity", opacity)));
+  ASSERT_TRUE(scene.opacity);
+  EXPECT_EQ(scene.opacity->attribute, "T");
+  EXPECT_EQ(scene.opacity->function.extinction(10), 1);
+  EXPECT_EQ(scene.opacity->function.extinction(1), 0);
+  EXPECT_EQ(parse_scene(scene_to_json(scene)).value(), scene);
 
   const auto refuses = [&](const char* field, const json& value, const std::string& message) {
     json wrong = opacity;
@@ -145,16 +147,15 @@ TEST(ParseScene, SlicesAndClipPlanesAreReadAndWrittenBack) {
                {{"point", {1e7, 0, 0}}, {"normal", {1e-200, 2e-200, -1e-200}}, {"opacity", 0.25}, {"shown", false}}}));
   text["clip_planes"] = {{{"point", {0, 0, 0}}, {"normal", {3, 0, 4}}},
                          {{"point", {0, 1, 0}}, {"normal", {0, 1, 0}}, {"active", false}}};
-  const auto scene = parse_scene(text.dump());
-  ASSERT_TRUE(scene) << scene.error().message;
+  const auto scene = test::value_of(parse_scene(text.dump()));
   const std::vector<SceneSlice> slices{
       {.point = {1, 2, 3}, .normal = {0, 0, 2}},
       {.point = {1e7, 0, 0}, .normal = {1e-200, 2e-200, -1e-200}, .opacity = 0.25, .shown = false}};
   const std::vector<SceneClipPlane> planes{{.point = dvec3(0), .normal = {3, 0, 4}},
                                            {.point = {0, 1, 0}, .normal = {0, 1, 0}, .active = false}};
-  EXPECT_EQ(scene->slices, slices);
-  EXPECT_EQ(scene->clip_planes, planes);
-  const auto again = parse_scene(scene_to_json(*scene)).value();
+  EXPECT_EQ(scene.slices, slices);
+  EXPECT_EQ(scene.clip_planes, planes);
+  const auto again = parse_scene(scene_to_json(scene)).value();
   EXPECT_EQ(again.slices, slices);
   EXPECT_EQ(again.clip_planes, planes);
 
@@ -201,18 +202,17 @@ TEST(ParseScene, NamesTheWrongPartOfAPlane) {
 }
 
 TEST(ParseScene, SurfacesAreReadAndWrittenBack) {
-  const auto scene = parse_scene(
+  const auto scene = test::value_of(parse_scene(
       changed("/surfaces",
               {{{"file", "a.stl"}},
                {{"file", "/b/c.obj"}, {"color", {1, 0.5, 0}}, {"opacity", 0.25}, {"shown", false}, {"edges", true}},
-               {{"boundary", "wing*"}, {"opacity", 0.5}}}));
-  ASSERT_TRUE(scene) << scene.error().message;
+               {{"boundary", "wing*"}, {"opacity", 0.5}}})));
   const std::vector<SceneSurface> expected{
       {.file = "a.stl"},
       {.file = "/b/c.obj", .color = {1, 0.5, 0}, .opacity = 0.25, .shown = false, .edges = true},
       {.opacity = 0.5, .boundary = "wing*"}};
-  EXPECT_EQ(scene->surfaces, expected);
-  EXPECT_EQ(parse_scene(scene_to_json(*scene))->surfaces, expected);
+  EXPECT_EQ(scene.surfaces, expected);
+  EXPECT_EQ(parse_scene(scene_to_json(scene))->surfaces, expected);
   EXPECT_TRUE(parse_scene(valid_scene().dump())->surfaces.empty());
 }
 
@@ -220,26 +220,24 @@ TEST(ParseScene, ItsUseIsReadAndWrittenBack) {
   json document = valid_scene();
   EXPECT_EQ(parse_used_scene(document.dump())->use, SceneUse());
   document.update({{"file", "a.svol"}, {"step", 3}, {"tolerance", 0.5}, {"kernel", "octant"}});
-  const auto used = parse_used_scene(document.dump());
-  ASSERT_TRUE(used) << used.error().message;
-  EXPECT_EQ(used->use, (SceneUse{.file = "a.svol", .step = 3, .tolerance = 0.5, .kernel = "octant"}));
-  EXPECT_EQ(used->scene, *parse_scene(valid_scene().dump()));
+  const auto used = test::value_of(parse_used_scene(document.dump()));
+  EXPECT_EQ(used.use, (SceneUse{.file = "a.svol", .step = 3, .tolerance = 0.5, .kernel = "octant"}));
+  EXPECT_EQ(used.scene, *parse_scene(valid_scene().dump()));
   for (const int indent : {1, -1}) {
-    const auto again = parse_used_scene(to_json(*used, indent));
-    EXPECT_EQ(again->use, used->use);
-    EXPECT_EQ(again->scene, used->scene);
+    const auto again = parse_used_scene(to_json(used, indent));
+    EXPECT_EQ(again->use, used.use);
+    EXPECT_EQ(again->scene, used.scene);
   }
-  EXPECT_EQ(to_json(*used, -1).find('\n'), std::string::npos);
+  EXPECT_EQ(to_json(used, -1).find('\n'), std::string::npos);
   EXPECT_EQ(load_used_scene(document.dump())->use.file, (std::filesystem::current_path() / "a.svol").string());
   document["file"] = "https://host/a.svol";
   EXPECT_EQ(load_used_scene(document.dump())->use.file, "https://host/a.svol");
 }
 
 TEST(ParseScene, TheScalarBarIsReadAndWrittenBack) {
-  const auto scene = parse_scene(changed("/scalar_bar", {{"ticks", 9}, {"unit", "kPa"}}));
-  ASSERT_TRUE(scene) << scene.error().message;
-  EXPECT_EQ(scene->scalar_bar, (ScalarBar{9, "kPa"}));
-  EXPECT_EQ(parse_scene(scene_to_json(*scene))->scalar_bar, scene->scalar_bar);
+  const auto scene = test::value_of(parse_scene(changed("/scalar_bar", {{"ticks", 9}, {"unit", "kPa"}})));
+  EXPECT_EQ(scene.scalar_bar, (ScalarBar{9, "kPa"}));
+  EXPECT_EQ(parse_scene(scene_to_json(scene))->scalar_bar, scene.scalar_bar);
   EXPECT_EQ(parse_scene(valid_scene().dump())->scalar_bar, ScalarBar());
   EXPECT_THAT(error_of(changed("/scalar_bar", {{"ticks", 1}})), StartsWith("scalar_bar.ticks: not a whole number"));
   EXPECT_THAT(error_of(changed("/scalar_bar", 3)), StartsWith("scalar_bar: not an object"));
@@ -285,10 +283,9 @@ TEST(ParseScene, OrthographicNeedsItsHeightOnly) {
   EXPECT_EQ(error_of(text.dump()), "camera.parallel_height: missing");
   text["camera"]["parallel_height"] = 2.5;
   text["camera"].erase("vertical_fov_degrees");
-  const auto scene = parse_scene(text.dump());
-  ASSERT_TRUE(scene) << scene.error().message;
-  EXPECT_EQ(scene->camera.projection, Camera::Projection::orthographic);
-  EXPECT_EQ(scene->camera.parallel_height, 2.5);
+  const auto scene = test::value_of(parse_scene(text.dump()));
+  EXPECT_EQ(scene.camera.projection, Camera::Projection::orthographic);
+  EXPECT_EQ(scene.camera.parallel_height, 2.5);
 }
 
 TEST(ParseScene, NamesTheMissingField) {
@@ -433,30 +430,25 @@ TEST(Lighting, FactorForgetsTheSidesAndNeedsNoGradient) {
 }
 
 TEST(LoadScene, MessagesBeginWithThePath) {
-  const std::string missing = testing::TempDir() + "no_such_scene.json";
+  const test::TempFolder folder;
+  const std::string missing = folder.path("no_such_scene.json");
   const auto none = load_scene(missing);
   ASSERT_FALSE(none);
   EXPECT_THAT(none.error().message, StartsWith(missing + ": "));
 
-  const std::string path = testing::TempDir() + "scene_test.json";
-  std::ofstream(path) << changed("/attribute");
+  const std::string path = folder.write("scene.json", changed("/attribute"));
   const auto incomplete = load_scene(path);
   ASSERT_FALSE(incomplete);
   EXPECT_EQ(incomplete.error().message, path + ": attribute: missing");
-  std::filesystem::remove(path);
 }
 
 TEST(LoadScene, FilesOfSurfacesBeginAtItsFolder) {
-  const std::string folder = testing::TempDir();
-  const std::string path = folder + "surfaces_test.json";
-  std::ofstream(path) << changed("/surfaces",
-                                 {{{"file", "parts/../a.stl"}}, {{"file", "/b.stl"}}, {{"boundary", "outer"}}});
-  const auto scene = load_scene(path);
-  std::filesystem::remove(path);
-  ASSERT_TRUE(scene) << scene.error().message;
-  EXPECT_EQ(scene->surfaces[0].file, (std::filesystem::absolute(folder) / "a.stl").lexically_normal().string());
-  EXPECT_EQ(scene->surfaces[1].file, "/b.stl");
-  EXPECT_EQ(scene->surfaces[2], (SceneSurface{.boundary = "outer"}));
+  const test::TempFolder folder;
+  const auto scene = test::value_of(load_scene(folder.write(
+      "a.json", changed("/surfaces", {{{"file", "parts/../a.stl"}}, {{"file", "/b.stl"}}, {{"boundary", "outer"}}}))));
+  EXPECT_EQ(scene.surfaces[0].file, folder.path("a.stl"));
+  EXPECT_EQ(scene.surfaces[1].file, "/b.stl");
+  EXPECT_EQ(scene.surfaces[2], (SceneSurface{.boundary = "outer"}));
 }
 
 TEST(LoadScene, ReadsTheSharedScenes) {

@@ -157,22 +157,6 @@ TEST_F(FadeTest, WhatComesIntoViewIsDrawnOnce) {
   EXPECT_GT(checked, 100000u);
 }
 
-// Whether `behind` may hide `before`. False if a plane separates them and the eye is on the side of `before`.
-bool may_hide(const View& view, const Cube& behind, const Cube& before) {
-  for (int axis = 0; axis < 3; ++axis) {
-    const auto towards = [&](double plane, bool up) {
-      const double to_eye = view.orthographic ? -view.forward[axis] : view.eye[axis] - plane;
-      return up ? to_eye >= 0 : to_eye <= 0;
-    };
-    const double slack = 1e-12;
-    if (before.origin[axis] >= behind.origin[axis] + behind.edge - slack && towards(before.origin[axis], true))
-      return false;
-    if (behind.origin[axis] >= before.origin[axis] + before.edge - slack && towards(behind.origin[axis], false))
-      return false;
-  }
-  return true;
-}
-
 bool overlap(const Cube& a, const Cube& b) {
   const double slack = 1e-12;
   return glm::all(glm::lessThan(a.origin + slack, b.origin + b.edge)) &&
@@ -192,7 +176,8 @@ TEST_F(FadeTest, IsBackToFront) {
           ASSERT_GE(items[i].cube.edge, items[j].cube.edge);
           ++overlapping;
         } else {
-          ASSERT_FALSE(may_hide(view, items[i].cube, items[j].cube)) << "frame " << frame << ": " << i << ", " << j;
+          ASSERT_FALSE(test::may_hide(view, items[i].cube, items[j].cube))
+              << "frame " << frame << ": " << i << ", " << j;
         }
       }
   }

@@ -1,14 +1,9 @@
 // From a mesh to its first picture: what the camera shows, how opaque the material is, and which attribute is chosen.
-#include <fmt/format.h>
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <functional>
-#include <limits>
 #include <numbers>
 #include <string>
 
@@ -19,6 +14,8 @@
 #include "streamer/first/default_scene.h"
 #include "streamer/first/first_attribute.h"
 #include "streamer/streamer.h"
+#include "tests/builder/support/piece_source.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -26,69 +23,33 @@ namespace {
 using Shape = std::function<dvec3(const dvec3&)>;         // of [0, 1]^3
 using Field = std::function<double(const dvec3& place)>;  // of the shape's positions
 
-// A lattice of cells, bent to a shape.
-class LatticeSource final : public Source {
- public:
-  LatticeSource(std::array<int, 3> cells, Shape shape, std::vector<std::pair<std::string, Field>> fields)
-      : cells_(cells), shape_(std::move(shape)), fields_(std::move(fields)) {
-    for (const auto& [name, field] : fields_) names_.push_back(name);
-  }
+using Cells = std::array<std::uint32_t, 3>;
 
+// A mesh with attributes of these names.
+class NamedSource final : public test::PieceSource {
+ public:
+  NamedSource(std::vector<std::string> names, Piece piece)
+      : PieceSource({std::move(piece)}), names_(std::move(names)) {}
   const std::vector<std::string>& attributes() const override { return names_; }
-  std::size_t piece_count() const override { return 1; }
-  Result<std::unique_ptr<Piece>> next() override {
-    if (done_) return std::unique_ptr<Piece>();
-    done_ = true;
-    auto piece = std::make_unique<Piece>();
-    piece->values.resize(fields_.size());
-    for (int k = 0; k <= cells_[2]; ++k)
-      for (int j = 0; j <= cells_[1]; ++j)
-        for (int i = 0; i <= cells_[0]; ++i) {
-          const dvec3 p = shape_(dvec3(i, j, k) / dvec3(cells_[0], cells_[1], cells_[2]));
-          piece->points.push_back(p);
-          for (std::size_t f = 0; f < fields_.size(); ++f) piece->values[f].push_back(fields_[f].second(p));
-        }
-    for (int k = 0; k < cells_[2]; ++k)
-      for (int j = 0; j < cells_[1]; ++j)
-        for (int i = 0; i < cells_[0]; ++i) add_cell(*piece, i, j, k);
-    return piece;
-  }
 
  private:
-  // Six tetrahedra round the diagonal of a cell.
-  void add_cell(Piece& piece, int i, int j, int k) const {
-    const auto at = [&](const std::array<int, 3>& c) {
-      return static_cast<std::uint32_t>(i + c[0] + (cells_[0] + 1) * (j + c[1] + (cells_[1] + 1) * (k + c[2])));
-    };
-    std::array<int, 3> order{0, 1, 2};
-    do {
-      std::array<int, 3> corner{};
-      std::array<std::uint32_t, 4> tetrahedron{at(corner)};
-      for (std::size_t step = 0; step < 3; ++step) {
-        corner[static_cast<std::size_t>(order[step])] = 1;
-        tetrahedron[step + 1] = at(corner);
-      }
-      piece.tetrahedra.push_back(tetrahedron);
-    } while (std::ranges::next_permutation(order).found);
-  }
-
-  std::array<int, 3> cells_;
-  Shape shape_;
-  std::vector<std::pair<std::string, Field>> fields_;
   std::vector<std::string> names_;
-  bool done_ = false;
 };
 
 double seven(const dvec3&) { return 7; }
 
-class RendererTestFirstPicture : public testing::Test {
+class RendererTestFirstPicture : public test::FolderTest {
  protected:
-  void TearDown() override { std::filesystem::remove(file_); }
-
-  // Builds a volume and makes its first scene.
-  Scene scene_of(std::array<int, 3> cells, const Shape& shape, std::vector<std::pair<std::string, Field>> fields,
+  // Builds a volume of a lattice of cells, bent to a shape, and makes its first scene.
+  Scene scene_of(const Cells& cells, const Shape& shape, std::vector<std::pair<std::string, Field>> fields,
                  const FirstPicture& picture = {}, int up = -1) {
-    LatticeSource source(cells, shape, std::move(fields));
+    const test::Mesh mesh = test::lattice(cells, shape);
+    Piece piece;
+    piece.points = mesh.points;
+    piece.tetrahedra = mesh.tetrahedra;
+    std::vector<std::string> names;
+    for (const auto& [name, field] : fields) names.push_back(name), piece.values.push_back(test::sample(mesh, field));
+    NamedSource source(std::move(names), std::move(piece));
     BuildOptions options;
     options.up = up;
     options.join_attributes = false;
@@ -115,8 +76,7 @@ class RendererTestFirstPicture : public testing::Test {
     return renderer->read_image().value();
   }
 
-  const std::string file_ =
-      (std::filesystem::temp_directory_path() / fmt::format("splatvol_first_{}.svol", ::getpid())).string();
+  const std::string file_ = path("v.svol");
 };
 
 // Opacities of the pixels that show material, ascending.
@@ -156,11 +116,10 @@ dvec3 helix(const dvec3& p) {
 }
 
 TEST_F(RendererTestFirstPicture, FillsThePictureButForItsMargin) {
-  const std::vector<std::pair<std::array<int, 3>, Shape>> shapes = {
-      {{12, 12, 12}, box(dvec3(0), dvec3(1))},
-      {{24, 6, 6}, box(dvec3(1e5, -1e5, 0), dvec3(1e-2, 1e-3, 1e-3))},
-      {{3, 24, 24}, box(dvec3(0), dvec3(1, 1e3, 1e3))},
-      {{3, 8, 200}, helix}};
+  const std::vector<std::pair<Cells, Shape>> shapes = {{{12, 12, 12}, box(dvec3(0), dvec3(1))},
+                                                       {{24, 6, 6}, box(dvec3(1e5, -1e5, 0), dvec3(1e-2, 1e-3, 1e-3))},
+                                                       {{3, 24, 24}, box(dvec3(0), dvec3(1, 1e3, 1e3))},
+                                                       {{3, 8, 200}, helix}};
   for (const auto& [cells, shape] : shapes)
     for (const auto& [width, height] : {std::pair{300, 200}, std::pair{180, 270}})
       for (const int up : {1, 2}) {
@@ -178,7 +137,8 @@ TEST_F(RendererTestFirstPicture, TheMaterialIsNeitherFogNorAWall) {
     for (const double scale : {1e-5, 1.0, 1e5}) {
       const Shape slab = box(dvec3(0), scale * dvec3(1, 1, thickness));
       for (const dvec3& background : {dvec3(0), dvec3(1)}) {
-        const Scene scene = scene_of({16, 16, thickness < 0.5 ? 2 : 16}, slab, {{"a", seven}}, {200, 160, background});
+        const Scene scene =
+            scene_of({16, 16, thickness < 0.5 ? 2u : 16u}, slab, {{"a", seven}}, {200, 160, background});
         const auto found = opacities(draw(scene));
         ASSERT_GT(found.size(), 2000u);
         const float median = found[found.size() / 2];

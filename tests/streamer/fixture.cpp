@@ -43,6 +43,13 @@ TransferFunction window(double low, double high) {
           {{0, 0}, {1.0 / 3, 0}, {1.0 / 3, 1}, {2.0 / 3, 1}, {2.0 / 3, 0}, {1, 0}}};
 }
 
+View view_from(const dvec3& eye, const dvec3& focal_point) {
+  Camera camera;
+  camera.position = eye;
+  camera.focal_point = focal_point;
+  return checked_view(camera, 256, 256);
+}
+
 View random_view(std::mt19937& random) {
   std::uniform_real_distribution<double> uniform(0, 1);
   Camera camera;
@@ -82,6 +89,28 @@ std::vector<double> coverage(const TestVolume& volume, const Cut& cut,
       if (found != drawn[r].end()) result[point] += found->second;
     }
   return result;
+}
+
+double mass_of(const TestVolume& volume) {
+  double mass = 0;
+  for (const auto& parcels : volume.parcels)
+    for (const Parcel& parcel : parcels) mass += parcel.mass;
+  return mass;
+}
+
+std::string kernel_name(const testing::TestParamInfo<KernelKind>& kernel) {
+  return kernel.param == KernelKind::octant ? "octant" : "moments";
+}
+
+bool may_hide(const View& view, const Cube& a, const Cube& b) {
+  constexpr double slack = 1e-12;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double a_low = a.origin[axis], a_high = a_low + a.edge, b_low = b.origin[axis], b_high = b_low + b.edge;
+    const double along = view.orthographic ? -view.forward[axis] : 0;  // towards the eye
+    if (a_high <= b_low + slack && (view.orthographic ? along >= 0 : view.eye[axis] >= a_high)) return false;
+    if (a_low >= b_high - slack && (view.orthographic ? along <= 0 : view.eye[axis] <= a_low)) return false;
+  }
+  return true;
 }
 
 std::vector<std::byte> bytes_of(const DrawList& list) {

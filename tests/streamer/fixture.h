@@ -1,10 +1,13 @@
 // Volumes, views and transfer functions for the streamer's tests.
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <random>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -23,6 +26,11 @@ namespace splatvol::test {
 /// Extinction 1 within [low, high], and 0 beyond.
 [[nodiscard]] TransferFunction window(double low, double high);
 
+/// Returns a view of 256 x 256 pixels.
+[[nodiscard]] View view_from(const dvec3& eye, const dvec3& focal_point = dvec3(0.5));
+
+[[nodiscard]] inline DetailOptions percent(double tolerance) { return {.tolerance_percent = tolerance}; }
+
 /// Returns a camera in or near the unit cube, with the eye inside or outside, and either projection.
 [[nodiscard]] View random_view(std::mt19937& random);
 
@@ -33,6 +41,15 @@ namespace splatvol::test {
 [[nodiscard]] std::vector<double> coverage(
     const TestVolume& volume, const Cut& cut,
     const std::function<double(std::size_t)>& weight = [](std::size_t) { return 1.0; });
+
+/// Returns the mass of all material of a volume.
+[[nodiscard]] double mass_of(const TestVolume& volume);
+
+/// Names of kernels in the names of tests.
+[[nodiscard]] std::string kernel_name(const testing::TestParamInfo<KernelKind>& kernel);
+
+/// Whether something in `a` may be in front of something in `b`, if no part of one is in the other.
+[[nodiscard]] bool may_hide(const View& view, const Cube& a, const Cube& b);
 
 /// Returns the bytes of a list's records in order, with their origins and scales, without ids and weights.
 [[nodiscard]] std::vector<std::byte> bytes_of(const DrawList& list);

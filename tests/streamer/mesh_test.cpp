@@ -1,16 +1,13 @@
 // Real meshes from end to end: built, opened, streamed.
-#include <fmt/format.h>
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <filesystem>
+#include <optional>
 
-#include "builder/opening/open_source.h"
-#include "builder/pipeline/build.h"
+#include "tests/builder/support/built_input.h"
 #include "tests/streamer/fixture.h"
-#include "tests/support/require.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -20,29 +17,25 @@ class Bluntfin : public testing::TestWithParam<KernelKind> {
   static void SetUpTestSuite() {
     const std::string mesh = SPLATVOL_SHARED "/data/bluntfin.vtu";
     if (!std::filesystem::exists(mesh)) return;
-    path_ = (std::filesystem::temp_directory_path() / fmt::format("splatvol_bluntfin_{}.svol", ::getpid())).string();
-    auto source = open_source({mesh}, {});
-    test::require(source);
-    test::require(build_volume(**source, path_, {}, [](const char*, double) {}));
+    folder_.emplace();
+    test::build_input(mesh, folder_->path("m.svol"));
   }
-  static void TearDownTestSuite() {
-    if (!path_.empty()) std::filesystem::remove(path_);
-  }
+  static void TearDownTestSuite() { folder_.reset(); }
   void SetUp() override {
-    if (path_.empty()) GTEST_SKIP() << "no " SPLATVOL_SHARED "/data/bluntfin.vtu";
+    if (!folder_) GTEST_SKIP() << "no " SPLATVOL_SHARED "/data/bluntfin.vtu";
     scene_ = load_scene(SPLATVOL_SHARED "/scenes/bluntfin.json").value();
     view_ = make_view(scene_.camera, scene_.width, scene_.height).value();
   }
   Result<std::unique_ptr<Streamer>> open(std::uint64_t memory = 512u << 20) const {
-    return Streamer::open(open_file(path_).value(), {memory, scene_.attribute, GetParam()});
+    return Streamer::open(open_file(folder_->path("m.svol")).value(), {memory, scene_.attribute, GetParam()});
   }
 
-  static inline std::string path_;
+  static inline std::optional<test::TempFolder> folder_;
   Scene scene_;
   View view_;
 };
 INSTANTIATE_TEST_SUITE_P(Kernels, Bluntfin, testing::Values(KernelKind::octant, KernelKind::moments),
-                         [](const auto& kernel) { return kernel.param == KernelKind::octant ? "octant" : "moments"; });
+                         test::kernel_name);
 
 TEST_P(Bluntfin, AllPointsAtToleranceZero) {
   const auto streamer = open().value();

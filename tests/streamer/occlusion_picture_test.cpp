@@ -1,18 +1,16 @@
 // From file to picture: leaving out nodes behind an opaque front does not change the picture.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
-#include <filesystem>
 #include <fstream>
 #include <limits>
+#include <optional>
 #include <string>
 
-#include "builder/opening/open_source.h"
-#include "builder/pipeline/build.h"
 #include "renderer/device/device.h"
 #include "streamer/streamer.h"
-#include "tests/support/require.h"
+#include "tests/builder/support/built_input.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -46,32 +44,16 @@ struct Drawn {
 class RendererTestOcclusion : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    const std::string stem =
-        (std::filesystem::temp_directory_path() / fmt::format("splatvol_hidden_{}", ::getpid())).string();
-    points_ = stem + ".npy";
-    file_ = stem + ".svol";
-    mesh_ = stem + "_mesh.svol";
-    write_points(points_);
+    folder_.emplace();
+    write_points(folder_->path("points.npy"));
     SourceOptions options;
     options.columns = {"x", "y", "z", "a", "b"};
     BuildOptions build;
     build.connectivity = Connectivity::none;
-    make(file_, points_, options, build);
-    make(mesh_, "gen:mesh:cells=4e5", {}, {});
+    test::build_input(folder_->path("points.npy"), folder_->path("points.svol"), build, options);
+    test::build_input("gen:mesh:cells=4e5", folder_->path("mesh.svol"));
   }
-
-  static void make(const std::string& file, const std::string& input, const SourceOptions& options,
-                   const BuildOptions& build) {
-    const auto source = open_source({input}, options);
-    test::require(source);
-    test::require(build_volume(**source, file, build, [](const char*, double) {}));
-  }
-
-  static void TearDownTestSuite() {
-    std::filesystem::remove(points_);
-    std::filesystem::remove(file_);
-    std::filesystem::remove(mesh_);
-  }
+  static void TearDownTestSuite() { folder_.reset(); }
 
   Drawn draw(const View& view, const std::string& attribute, double extinction, bool hide) const {
     const TransferFunction function{
@@ -79,7 +61,9 @@ class RendererTestOcclusion : public testing::Test {
     StreamerOptions options;
     options.attribute = attribute;
     options.hide = hide;
-    const auto streamer = Streamer::open(open_file(attribute == "value" ? mesh_ : file_).value(), options).value();
+    const auto streamer =
+        Streamer::open(open_file(folder_->path(attribute == "value" ? "mesh.svol" : "points.svol")).value(), options)
+            .value();
     const auto renderer = make_rasterizer(Device::cpu, {.kernel = KernelKind::moments}).value();
     EXPECT_TRUE(renderer->set_transfer_function(function, streamer->units()));
     const FrameSplats& frame = *streamer->request(view, function, {.tolerance_percent = 2}).value();
@@ -112,8 +96,8 @@ class RendererTestOcclusion : public testing::Test {
   void with_a_clip_box() const;
   void in_parallel_projection() const;
 
-  static inline std::string points_, file_;
-  static inline std::string mesh_;  // the box [-2, 2] x [-2, 2] x [-1, 1], attribute "value"
+  // The cube of points, and a mesh: the box [-2, 2] x [-2, 2] x [-1, 1], attribute "value"
+  static inline std::optional<test::TempFolder> folder_;
 };
 
 void RendererTestOcclusion::from_outside() const {

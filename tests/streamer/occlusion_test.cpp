@@ -1,12 +1,9 @@
 #include "streamer/occlusion.h"
 
-#include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -15,12 +12,12 @@
 #include <utility>
 #include <vector>
 
-#include "builder/opening/open_source.h"
-#include "builder/pipeline/build.h"
 #include "streamer/cut.h"
 #include "streamer/paged_volume.h"
+#include "tests/builder/support/built_input.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/random.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -111,19 +108,14 @@ TEST(Occlusion, AddsUpAlongRaysAndNotWithTheEyeInside) {
 }
 
 // The box [-2, 2] x [-2, 2] x [-1, 1], full of material. All of it is opaque, or half.
-class OpaqueMesh : public testing::Test {
+class OpaqueMesh : public test::FolderTest {
  protected:
   void SetUp() override {
-    path_ = (std::filesystem::temp_directory_path() / fmt::format("splatvol_opaque_{}.svol", ::getpid())).string();
-    auto source = open_source({input()}, {});
-    ASSERT_TRUE(source) << source.error().message;
-    const auto report = build_volume(**source, path_, {}, [](const char*, double) {});
-    ASSERT_TRUE(report) << report.error().message;
-    volume_ = format::Volume::open(open_file(path_).value()).value();
+    test::build_input(input(), path("m.svol"));
+    volume_ = format::Volume::open(open_file(path("m.svol")).value()).value();
     paged_ = std::make_unique<PagedVolume>(*volume_, format::SummaryAttributes{0}, cache_);
     filled_ = FilledNodes::find(*volume_, *paged_->root().value(), {0});
   }
-  void TearDown() override { std::filesystem::remove(path_); }
   virtual const char* input() const { return "gen:mesh:cells=2e5"; }
 
   Cut cut(const View& view, double extinction, const CutOptions& options) {
@@ -142,7 +134,6 @@ class OpaqueMesh : public testing::Test {
     return make_view(camera, 512, 512).value();
   }
 
-  std::string path_;
   std::shared_ptr<const format::Volume> volume_;
   MemoryBudget budget_{1u << 30};
   Cache cache_{budget_};

@@ -1,26 +1,25 @@
-#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <chrono>
 #include <cmath>
-#include <condition_variable>
-#include <filesystem>
 #include <thread>
 
-#include "base/interruption.h"
-#include "builder/opening/open_source.h"
-#include "builder/pipeline/build.h"
 #include "streamer/streamer.h"
+#include "tests/builder/support/built_input.h"
 #include "tests/streamer/fixture.h"
+#include "tests/support/fault_source.h"
 #include "tests/support/random.h"
 #include "tests/support/sanitizers.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
 
+using test::Faults;
+using test::percent;
 using test::TestVolume;
+using test::view_from;
 using testing::HasSubstr;
 
 constexpr std::uint64_t plenty = 64u << 20;
@@ -32,78 +31,11 @@ constexpr int most_calls = 1000;  // for a picture; only a failing test makes so
 // and single precision.
 const double log_code_error = std::exp2(2.0 / 256) * (1 + 1e-6);
 
-// Faults of a source, which a test switches on and off.
-struct Faults {
-  std::mutex mutex;
-  std::condition_variable changed;
-  bool closed = false;  // reads wait
-  int waiting = 0;
-  std::vector<std::pair<std::uint64_t, std::uint64_t>> failing;  // from, up to
-  std::vector<std::pair<std::uint64_t, std::uint64_t>> ranges;   // [read]: from, up to
-
-  void set_closed(bool value) {
-    const std::scoped_lock lock(mutex);
-    closed = value;
-    changed.notify_all();
-  }
-  void wait_for_readers(int count) {
-    std::unique_lock lock(mutex);
-    changed.wait(lock, [&] { return waiting >= count; });
-  }
-  std::size_t reads() {
-    const std::scoped_lock lock(mutex);
-    return ranges.size();
-  }
-};
-
-class FaultySource final : public ByteSource {
- public:
-  FaultySource(format::Bytes bytes, std::shared_ptr<Faults> faults)
-      : bytes_(std::move(bytes)), faults_(std::move(faults)) {}
-  [[nodiscard]] std::uint64_t size() const override { return bytes_.size(); }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out) override {
-    std::unique_lock lock(faults_->mutex);
-    const std::uint64_t end = offset + out.size();
-    faults_->ranges.emplace_back(offset, end);
-    ++faults_->waiting;
-    faults_->changed.notify_all();
-    while (faults_->closed && !is_interrupted()) faults_->changed.wait_for(lock, interruption_delay);
-    --faults_->waiting;
-    if (is_interrupted()) return fail(ErrorCode::io, "{}: interrupted", name_);
-    for (const auto& [from, to] : faults_->failing)
-      if (from < end && offset < to) return fail(ErrorCode::io, "{}: the disk is gone", name_);
-    std::ranges::copy(std::span(bytes_).subspan(offset, out.size()), out.begin());
-    return {};
-  }
-
- private:
-  format::Bytes bytes_;
-  std::shared_ptr<Faults> faults_;
-  std::string name_ = "test.svol";
-};
-
-View view_from(const dvec3& eye, const dvec3& focal_point = dvec3(0.5)) {
-  Camera camera;
-  camera.position = eye;
-  camera.focal_point = focal_point;
-  return make_view(camera, 256, 256).value();
-}
-
 // A view of all of the volume.
 View far_view() { return view_from({0.5, 0.5, 6}); }
 
-DetailOptions percent(double tolerance) { return {.tolerance_percent = tolerance, .resolution = std::nullopt}; }
-
 std::vector<std::byte> bytes_of(const FrameSplats& frame) { return test::bytes_of(frame.list); }
 double mass_of(const FrameSplats& frame) { return test::mass_of(frame.list); }
-
-double mass_of(const TestVolume& volume) {
-  double mass = 0;
-  for (const auto& parcels : volume.parcels)
-    for (const test::Parcel& parcel : parcels) mass += parcel.mass;
-  return mass;
-}
 
 // One volume for all tests. a1 has no missing values.
 const TestVolume& volume() {
@@ -118,19 +50,14 @@ const format::Bytes& volume_bytes() {
 
 // Builds a file of a mesh in the box [-2, 2] x [-2, 2] x [-1, 1], with the attribute "value".
 format::Bytes build_mesh(const std::string& input, std::uint32_t points_per_chunk) {
-  const auto path =
-      (std::filesystem::temp_directory_path() / fmt::format("splatvol_paging_{}.svol", ::getpid())).string();
-  const auto source = open_source({input}, {});
+  const test::TempFolder folder;
   BuildOptions options;
   options.points_per_chunk.points = {points_per_chunk};
   options.index_leaf_points = 255;
-  const auto report = build_volume(**source, path, options, [](const char*, double) {});
-  if (!report) throw std::runtime_error(report.error().message);
-  const auto file = open_file(path).value();
+  test::build_input(input, folder.path("m.svol"), options);
+  const auto file = open_file(folder.path("m.svol")).value();
   format::Bytes bytes(file->size());
-  const Status status = file->read(0, bytes);
-  std::filesystem::remove(path);
-  if (!status) throw std::runtime_error(status.error().message);
+  test::require(file->read(0, bytes));
   return bytes;
 }
 
@@ -154,12 +81,15 @@ const format::Bytes& usual_volume_bytes() {
 
 class Paging : public testing::TestWithParam<KernelKind> {
  protected:
-  std::shared_ptr<Faults> faults = std::make_shared<Faults>();
+  std::shared_ptr<Faults> faults;  // of the last source
 
-  std::unique_ptr<Streamer> open(std::uint64_t memory = plenty, format::Bytes bytes = volume_bytes(),
+  std::unique_ptr<ByteSource> source_of(const format::Bytes& bytes) {
+    faults = std::make_shared<Faults>(memory_source(bytes, "test.svol"));
+    return std::make_unique<test::FaultSource>(faults);
+  }
+  std::unique_ptr<Streamer> open(std::uint64_t memory = plenty, const format::Bytes& bytes = volume_bytes(),
                                  const std::string& attribute = "a1") {
-    return Streamer::open(std::make_unique<FaultySource>(std::move(bytes), faults), {memory, attribute, GetParam()})
-        .value();
+    return Streamer::open(source_of(bytes), {memory, attribute, GetParam()}).value();
   }
   static const FrameSplats& advance(Streamer& streamer, const View& view, double tolerance, double seconds = 0,
                                     double change = 1) {
@@ -177,8 +107,7 @@ class Paging : public testing::TestWithParam<KernelKind> {
     }
   }
 };
-INSTANTIATE_TEST_SUITE_P(Kernels, Paging, testing::Values(KernelKind::octant, KernelKind::moments),
-                         [](const auto& kernel) { return kernel.param == KernelKind::octant ? "octant" : "moments"; });
+INSTANTIATE_TEST_SUITE_P(Kernels, Paging, testing::Values(KernelKind::octant, KernelKind::moments), test::kernel_name);
 
 TEST_P(Paging, EndsInTheSynchronousFrame) {
   std::mt19937 random(32);
@@ -258,23 +187,21 @@ TEST_P(Paging, ASteadyViewCostsNothing) {
 
 TEST_P(Paging, ShowsTheCoarsestWhileReadsHang) {
   const auto streamer = open();
-  faults->set_closed(true);
+  faults->hold();
   const FrameSplats& frame = advance(*streamer, far_view(), 0.5);
   EXPECT_FALSE(frame.progress.complete);
   EXPECT_FALSE(frame.progress.settled);
   EXPECT_GE(frame.splats, volume().info.resolution_counts[0]);
   EXPECT_LT(frame.splats, 20000u);
-  faults->set_closed(false);
+  faults->release();
   EXPECT_EQ(settle(*streamer, far_view(), 0).splats, 20000u);
 }
 
 // However little is resident, each part of the volume is drawn once: the masses add up.
 TEST(PagingMass, IsThatOfTheVolumeInEveryFrame) {
-  const double total = mass_of(volume());
-  const auto faults = std::make_shared<Faults>();
+  const double total = test::mass_of(volume());
   const auto streamer =
-      Streamer::open(std::make_unique<FaultySource>(volume_bytes(), faults), {plenty, "a1", KernelKind::moments})
-          .value();
+      Streamer::open(memory_source(volume_bytes(), "test.svol"), {plenty, "a1", KernelKind::moments}).value();
   std::set<std::uint64_t> numbers;
   std::size_t fading = 0;
   std::mt19937 random(33);
@@ -393,8 +320,7 @@ TEST_P(Paging, TooLittleMemorySaysHowMuchWouldDo) {
   std::uint64_t memory = 1000;
   for (int step = 0;; ++step) {
     ASSERT_LT(step, 5) << "the messages never name enough memory";
-    const auto streamer =
-        Streamer::open(std::make_unique<FaultySource>(volume_bytes(), faults), {memory, "a1", GetParam()});
+    const auto streamer = Streamer::open(source_of(volume_bytes()), {memory, "a1", GetParam()});
     const auto frame =
         streamer ? (*streamer)->advance(far_view(), test::opaque(), percent(1), 0.0) : tl::unexpected(streamer.error());
     if (frame) break;
@@ -427,12 +353,12 @@ TEST_P(Paging, WhatIsNoLongerWantedIsNotRead) {
   const auto streamer = open();
   settle(*streamer, far_view(), 10);
   const std::size_t before = faults->reads();
-  faults->set_closed(true);
+  faults->hold();
   // Many chunks to read. Each thread begins one load run.
   advance(*streamer, far_view(), 0);
-  faults->wait_for_readers(read_threads);
+  faults->wait_for_held(read_threads);
   EXPECT_TRUE(advance(*streamer, far_view(), 10).progress.complete) << "nothing of this is missing";
-  faults->set_closed(false);
+  faults->release();
   EXPECT_TRUE(settle(*streamer, far_view(), 10).progress.complete);
   EXPECT_LE(faults->reads(), before + 2 * read_threads) << "and what had been begun on the way to the first picture";
   EXPECT_TRUE(settle(*streamer, far_view(), 0).progress.complete);
@@ -462,22 +388,22 @@ TEST_P(Paging, ReadsAheadOfTheCamera) {
 
 TEST_P(Paging, ClosesWhileReadsHang) {
   auto streamer = open();
-  faults->set_closed(true);
+  faults->hold();
   advance(*streamer, far_view(), 0);
-  faults->wait_for_readers(4);
+  faults->wait_for_held(4);
   std::thread closing([&] { streamer.reset(); });
-  faults->set_closed(false);
+  faults->release();
   closing.join();
-  EXPECT_EQ(faults->waiting, 0);
+  EXPECT_EQ(faults->held(), 0U);
 }
 
 TEST_P(Paging, ClosingInterruptsReadsThatHang) {
   auto streamer = open();
-  faults->set_closed(true);
+  faults->hold();
   advance(*streamer, far_view(), 0);
-  faults->wait_for_readers(4);
+  faults->wait_for_held(4);
   streamer.reset();  // or this would never end
-  EXPECT_EQ(faults->waiting, 0);
+  EXPECT_EQ(faults->held(), 0U);
 }
 
 // From the least budget on, which messages name. In the least ones, some pages of the index have no room.
@@ -486,8 +412,7 @@ TEST_P(Paging, SettlesWithinAnyBudgetThatDraws) {
   std::uint64_t memory = 1000;
   int drawn = 0;
   while (drawn < 24) {
-    auto streamer =
-        Streamer::open(std::make_unique<FaultySource>(large_volume_bytes(), faults), {memory, "value", GetParam()});
+    auto streamer = Streamer::open(source_of(large_volume_bytes()), {memory, "value", GetParam()});
     const View view = test::random_view(random);
     const FrameSplats* frame = nullptr;
     Status status = streamer ? Status{} : tl::unexpected(streamer.error());
@@ -531,11 +456,8 @@ TEST_P(Paging, ADiskThatIsGoneIsNotAskedForEver) {
   const auto streamer = open(plenty, large_volume_bytes(), "value");
   settle(*streamer, far_view(), 30);
   const auto file = format::Volume::open(memory_source(large_volume_bytes(), "large.svol")).value();
-  {
-    const std::scoped_lock lock(faults->mutex);
-    for (const format::ChunkLocation& location : chunks_to_read(*file, GetParam()))
-      faults->failing.emplace_back(location.offset, location.offset + location.entry.packed_bytes);
-  }
+  for (const format::ChunkLocation& location : chunks_to_read(*file, GetParam()))
+    faults->fail_range(location.offset, location.offset + location.entry.packed_bytes);
   std::size_t errors = 0;
   int calls = 0;
   for (bool settled = false; !settled && calls < most_calls; ++calls) {
@@ -572,7 +494,7 @@ TEST_P(Paging, ADamagedChunkIsDrawnCoarserAndToldOnce) {
       EXPECT_LT(frame.splats, 20000u);
       EXPECT_GT(frame.splats, 10000u) << "all but what lies round three chunks";
       if (GetParam() == KernelKind::moments) {
-        EXPECT_NEAR(mass_of(frame) / mass_of(volume()), 1, log_code_error - 1);
+        EXPECT_NEAR(mass_of(frame) / test::mass_of(volume()), 1, log_code_error - 1);
       }
     }
   }
@@ -584,33 +506,25 @@ TEST_P(Paging, ADamagedChunkIsDrawnCoarserAndToldOnce) {
   for (int i = 0; i < 5; ++i)
     EXPECT_TRUE(advance(*streamer, view_from({0.5, 0.5, 6.01 + i}), 0).progress.errors.empty());
   for (const format::ChunkLocation& location : bad)
-    EXPECT_EQ(std::ranges::count_if(faults->ranges,
-                                    [&](const auto& range) {
-                                      return range.first < location.offset + location.entry.packed_bytes &&
-                                             location.offset < range.second;
-                                    }),
-              1);
+    EXPECT_EQ(faults->reads_of(location.offset, location.offset + location.entry.packed_bytes), 1);
 }
 
 TEST_P(Paging, AnUnreadablePartIsDrawnCoarser) {
   const auto streamer = open();
   const std::uint64_t size = volume_bytes().size();
   advance(*streamer, far_view(), 100);
-  {
-    const std::scoped_lock lock(faults->mutex);
-    faults->failing.emplace_back(size / 2, size);
-  }
+  faults->fail_range(size / 2, size);
   std::size_t errors = 0;
   for (bool settled = false; !settled;) {
     const FrameSplats& frame = advance(*streamer, far_view(), 0, long_enough);
     for (const Error& error : frame.progress.errors) {
       EXPECT_EQ(error.code, ErrorCode::io);
-      EXPECT_THAT(error.message, testing::AllOf(HasSubstr("test.svol: "), HasSubstr("the disk is gone")));
+      EXPECT_THAT(error.message, testing::AllOf(HasSubstr("test.svol: "), HasSubstr("as the test wants")));
     }
     errors += frame.progress.errors.size();
     settled = frame.progress.settled;
     if (GetParam() == KernelKind::moments) {
-      EXPECT_NEAR(mass_of(frame) / mass_of(volume()), 1, log_code_error - 1);
+      EXPECT_NEAR(mass_of(frame) / test::mass_of(volume()), 1, log_code_error - 1);
     }
     EXPECT_GE(frame.splats, volume().info.resolution_counts[0]);
   }

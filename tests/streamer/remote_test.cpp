@@ -1,39 +1,29 @@
 // Streaming a volume from a web server.
 #include <gtest/gtest.h>
-#include <unistd.h>
-
-#include <filesystem>
 
 #include "base/http_source.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/nginx.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
 
-class RemoteVolume : public testing::Test {
+class RemoteVolume : public test::FolderTest {
  protected:
   void SetUp() override {
-    std::string name = (std::filesystem::temp_directory_path() / "splatvol_remote_test.XXXXXX").string();
-    folder_ = ::mkdtemp(name.data());
     nginx_ = test::Nginx::start(folder_);
     if (!nginx_) GTEST_SKIP() << "no nginx on this machine (package nginx)";
   }
-  void TearDown() override {
-    nginx_.reset();
-    std::filesystem::remove_all(folder_);
-  }
 
-  std::filesystem::path folder_;
   std::unique_ptr<test::Nginx> nginx_;
 };
 
 TEST_F(RemoteVolume, GivesTheSplatsOfTheFile) {
-  const std::string path = folder_ / "v.svol";
-  ASSERT_TRUE(test::write_test_volume(test::sample_volume(3000, 1), path));
+  ASSERT_TRUE(test::write_test_volume(test::sample_volume(3000, 1), path("v.svol")));
 
   const StreamerOptions options{64u << 20, "a0", KernelKind::moments};
-  const auto near = Streamer::open(open_file(path).value(), options).value();
+  const auto near = Streamer::open(open_file(path("v.svol")).value(), options).value();
   const auto far = Streamer::open(open_url(nginx_->url("v.svol")).value(), options).value();
   std::mt19937 random(1);
   for (int i = 0; i < 10; ++i) {

@@ -1,19 +1,17 @@
 // Time steps of one file, read one after the other.
 #include <fmt/format.h>
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
+#include <optional>
 
 #include "builder/series/series_build.h"
 #include "streamer/streamer.h"
-#include "tests/builder/support/meshes.h"
-#include "tests/builder/support/piece_source.h"
+#include "tests/builder/support/built_mesh.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/fault_source.h"
 #include "tests/support/require.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -23,7 +21,7 @@ constexpr std::size_t step_count = 4;
 class StepsOfAFile : public testing::TestWithParam<KernelKind> {
  protected:
   static void SetUpTestSuite() {
-    test::require(::mkdtemp(folder_.data()) != nullptr, folder_);
+    folder_.emplace();
     std::vector<SeriesStep> steps;
     BuildOptions options;
     options.index_leaf_points = 255;  // several index pages
@@ -34,23 +32,19 @@ class StepsOfAFile : public testing::TestWithParam<KernelKind> {
     }
     test::require(build_series(std::move(steps), path(), options, [](const char*, double) {}));
   }
-  static void TearDownTestSuite() { std::filesystem::remove_all(folder_); }
+  static void TearDownTestSuite() { folder_.reset(); }
 
   static SeriesStep step_at(std::size_t step) {
-    return {fmt::format("step {}", step), std::nullopt, [step]() -> Result<std::unique_ptr<Source>> {
-              const auto t = static_cast<double>(step);
-              const test::Mesh mesh = test::lattice(28, [](dvec3 p) { return p; });
-              return std::make_unique<test::PieceSource>(
-                  std::vector{test::mesh_piece(mesh, [t](dvec3 p) { return std::sin(5 * p.x + t) + 100 * t; })});
-            }};
+    const auto t = static_cast<double>(step);
+    return test::mesh_step({}, test::lattice(28), [t](dvec3 p) { return std::sin(5 * p.x + t) + 100 * t; });
   }
   static format::SectionEntry index_pages(const format::Volume& volume) {
     for (const format::SectionEntry& section : volume.sections())
       if (section.kind == format::SectionKind::index_pages) return section;
     return {};
   }
-  static std::string path() { return folder_ + "/series.svol"; }
-  static std::string single(std::size_t step) { return fmt::format("{}/{}.svol", folder_, step); }
+  static std::string path() { return folder_->path("series.svol"); }
+  static std::string single(std::size_t step) { return folder_->path(fmt::format("{}.svol", step)); }
 
   static std::unique_ptr<Streamer> open(const std::string& file, std::uint64_t memory = 512u << 20) {
     return Streamer::open(open_file(file).value(), {memory, "value", GetParam()}).value();
@@ -74,10 +68,10 @@ class StepsOfAFile : public testing::TestWithParam<KernelKind> {
     EXPECT_EQ(test::bytes_of(frame.list), test::bytes_of(expected.list));
   }
 
-  static inline std::string folder_ = (std::filesystem::path(testing::TempDir()) / "splatvol-steps-XXXXXX").string();
+  static inline std::optional<test::TempFolder> folder_;
 };
 INSTANTIATE_TEST_SUITE_P(Kernels, StepsOfAFile, testing::Values(KernelKind::octant, KernelKind::moments),
-                         [](const auto& kernel) { return kernel.param == KernelKind::octant ? "octant" : "moments"; });
+                         test::kernel_name);
 
 TEST_P(StepsOfAFile, SplatsAreThoseOfAFileOfTheStep) {
   const auto streamer = open(path());

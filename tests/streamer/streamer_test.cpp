@@ -11,13 +11,16 @@
 #include <set>
 
 #include "tests/streamer/fixture.h"
+#include "tests/support/results.h"
 
 namespace splatvol {
 namespace {
 
 using format::ColumnKind;
+using test::percent;
 using test::TestSource;
 using test::TestVolume;
+using test::view_from;
 using testing::AllOf;
 using testing::HasSubstr;
 
@@ -35,16 +38,7 @@ Result<std::unique_ptr<Streamer>> open(
   return Streamer::open(test::source_of(volume, std::move(control)), options);
 }
 
-View view_from(const dvec3& eye) {
-  Camera camera;
-  camera.position = eye;
-  camera.focal_point = dvec3(0.5);
-  return make_view(camera, 256, 256).value();
-}
-
 View front_view() { return view_from({0.5, 0.5, 6}); }
-
-DetailOptions percent(double tolerance) { return {.tolerance_percent = tolerance, .resolution = std::nullopt}; }
 
 DetailOptions fixed(std::size_t resolution) { return {.tolerance_percent = 1, .resolution = resolution}; }
 
@@ -137,10 +131,9 @@ TEST(Streamer, HandsOnOctantsAtEachResolution) {
   for (const bool gradients : {false, true}) {
     const auto streamer = open(volume, {plenty, "a0", KernelKind::octant, gradients}).value();
     for (std::size_t r = 0; r < volume.info.resolutions(); ++r) {
-      const auto frame = streamer->request(front_view(), test::opaque(), fixed(r));
-      ASSERT_TRUE(frame) << frame.error().message;
-      expect_octants(**frame, volume, r, gradients);
-      EXPECT_EQ((*frame)->splats_by_resolution[r], volume.info.resolution_counts[r]);
+      const auto frame = test::value_of(streamer->request(front_view(), test::opaque(), fixed(r)));
+      expect_octants(*frame, volume, r, gradients);
+      EXPECT_EQ(frame->splats_by_resolution[r], volume.info.resolution_counts[r]);
     }
   }
 }
@@ -211,15 +204,14 @@ TEST(Streamer, HandsOnMomentsAtEachResolution) {
   for (const std::size_t a : {0u, 1u}) {
     const auto streamer = open(volume, {plenty, fmt::format("a{}", a), KernelKind::moments}).value();
     for (std::size_t r = 0; r < volume.info.resolutions(); ++r) {
-      const auto frame = streamer->request(front_view(), test::opaque(), fixed(r));
-      ASSERT_TRUE(frame) << frame.error().message;
-      ASSERT_EQ((*frame)->splats, volume.info.resolution_counts[r]);
-      EXPECT_EQ((*frame)->splats_by_resolution[r], volume.info.resolution_counts[r]);
+      const auto frame = test::value_of(streamer->request(front_view(), test::opaque(), fixed(r)));
+      ASSERT_EQ(frame->splats, volume.info.resolution_counts[r]);
+      EXPECT_EQ(frame->splats_by_resolution[r], volume.info.resolution_counts[r]);
 
       // At most 1/64 of the smallest deviation of a chunk, which is at most the largest deviation of all.
       double reach = 1e-7;
       for (const SplatShape& shape : volume.shapes[r]) reach = std::max(reach, shape.deviations[2] / 64);
-      const auto splats = match(placed_splats(**frame), volume.centroids[r], reach);
+      const auto splats = match(placed_splats(*frame), volume.centroids[r], reach);
       ASSERT_EQ(splats.size(), volume.centroids[r].size());
       const auto errors = mean_errors(volume, a, r);
       for (std::size_t i = 0; i < splats.size(); ++i) {
@@ -235,9 +227,7 @@ TEST(Streamer, HandsOnMomentsAtEachResolution) {
 
 TEST(Streamer, EveryCutHasTheSameMass) {
   const TestVolume volume = test::sample_volume(3000, 20);
-  double total = 0;
-  for (const auto& parcels : volume.parcels)
-    for (const test::Parcel& parcel : parcels) total += parcel.mass;
+  const double total = test::mass_of(volume);
   const auto streamer = open(volume, {plenty, "a1", KernelKind::moments}).value();
   std::set<std::uint64_t> numbers;
   const auto expect_total = [&](const DetailOptions& detail) {
@@ -385,7 +375,7 @@ class StreamerOf : public testing::TestWithParam<KernelKind> {
   }
 };
 INSTANTIATE_TEST_SUITE_P(Kernels, StreamerOf, testing::Values(KernelKind::octant, KernelKind::moments),
-                         [](const auto& kernel) { return kernel.param == KernelKind::octant ? "octant" : "moments"; });
+                         test::kernel_name);
 
 TEST_P(StreamerOf, KeepsDetailFarFromTheOrigin) {
   test::TestVolumeOptions options;
@@ -395,14 +385,13 @@ TEST_P(StreamerOf, KeepsDetailFarFromTheOrigin) {
   const auto streamer = open(volume).value();
   View view = front_view();
   view.eye += options.cube.origin;
-  const auto frame = streamer->request(view, test::opaque(), percent(0));
-  ASSERT_TRUE(frame) << frame.error().message;
+  const auto frame = test::value_of(streamer->request(view, test::opaque(), percent(0)));
   // Doubles near 3e9 are 5e-7 apart. In single precision, the position of a splat in its node is far finer.
   std::vector<double> expected;
   for (std::size_t i = 0; i < 1000; ++i)
     expected.push_back((GetParam() == KernelKind::octant ? volume.positions[i] : volume.centroids.back()[i]).x);
   std::ranges::sort(expected);
-  const auto actual = placed_splats(**frame);
+  const auto actual = placed_splats(*frame);
   ASSERT_EQ(actual.size(), expected.size());
   std::set<double> positions;
   for (std::size_t i = 0; i < actual.size(); ++i) {
@@ -529,9 +518,8 @@ TEST_P(StreamerOf, AnAttributeWithoutValuesDrawsNothing) {
   const std::vector<double> missing(500, std::numeric_limits<double>::quiet_NaN());
   const TestVolume volume = test::make_test_volume(test::random_points(500, 9), {missing});
   const auto streamer = open(volume, "a0").value();
-  const auto frame = streamer->request(front_view(), test::opaque(), percent(1));
-  ASSERT_TRUE(frame) << frame.error().message;
-  EXPECT_EQ((*frame)->splats, 0u);
+  const auto frame = test::value_of(streamer->request(front_view(), test::opaque(), percent(1)));
+  EXPECT_EQ(frame->splats, 0u);
 }
 
 TEST_P(StreamerOf, AnUnknownAttributeListsTheOthers) {
@@ -641,9 +629,8 @@ TEST_P(StreamerOf, AnOpacityStaysWithinTheBudget) {
     for (int step = 0; step < 20; ++step) {
       View view = test::random_view(random);
       if (step % 3 == 0) view.clip.box = Box{dvec3(0.2), dvec3(0.7)};
-      const auto frame = streamer->request(view, {all, &factors}, percent(std::exp2(step % 7 - 3)));
-      ASSERT_TRUE(frame) << frame.error().message;
-      for (const DrawRange& range : (*frame)->list.ranges)
+      const auto frame = test::value_of(streamer->request(view, {all, &factors}, percent(std::exp2(step % 7 - 3))));
+      for (const DrawRange& range : frame->list.ranges)
         ASSERT_EQ(range.row.values->opacity().records.size(), range.row.values->size());
     }
     EXPECT_LE(streamer->statistics().bytes_resident_peak, memory);
@@ -685,10 +672,9 @@ TEST_P(StreamerOf, LosesDetailForWhatTheDeviceCanHold) {
   const auto streamer = open(volume, "a1", plenty).value();
   DetailOptions detail = percent(0);
   detail.device_splats = 5000;
-  const auto frame = streamer->request(front_view(), test::opaque(), detail);
-  ASSERT_TRUE(frame) << frame.error().message;
-  EXPECT_LE((*frame)->splats, 5000u);
-  EXPECT_GE((*frame)->splats, 1000u);
+  const auto frame = test::value_of(streamer->request(front_view(), test::opaque(), detail));
+  EXPECT_LE(frame->splats, 5000u);
+  EXPECT_GE(frame->splats, 1000u);
   detail.device_splats = 1;
   EXPECT_EQ(streamer->request(front_view(), test::opaque(), detail).error().code, ErrorCode::out_of_budget);
 }
@@ -697,11 +683,10 @@ TEST_P(StreamerOf, LowersAFixedResolutionForItsBudget) {
   const TestVolume volume = test::sample_volume(20000, 13);
   const auto streamer = open(volume, "a1", least_memory(volume) + 50000).value();
   const std::size_t finest = volume.info.resolutions() - 1;
-  const auto frame = streamer->request(front_view(), test::opaque(), fixed(finest));
-  ASSERT_TRUE(frame) << frame.error().message;
-  ASSERT_TRUE((*frame)->detail.resolution);
-  EXPECT_LT(*(*frame)->detail.resolution, finest);
-  EXPECT_EQ((*frame)->splats, volume.info.resolution_counts[*(*frame)->detail.resolution]);
+  const auto frame = test::value_of(streamer->request(front_view(), test::opaque(), fixed(finest)));
+  ASSERT_TRUE(frame->detail.resolution);
+  EXPECT_LT(*frame->detail.resolution, finest);
+  EXPECT_EQ(frame->splats, volume.info.resolution_counts[*frame->detail.resolution]);
 }
 
 TEST_P(StreamerOf, StaysWithinItsBudgetOnAnyPath) {

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "base/interruption.h"
+
 namespace splatvol::test {
 
 void Faults::fail_read(std::uint64_t number) {
@@ -47,9 +49,19 @@ void Faults::replace(std::unique_ptr<ByteSource> content) {
   content_ = std::move(content);
 }
 
+std::size_t Faults::held() const {
+  const std::scoped_lock lock(mutex_);
+  return held_;
+}
+
 std::uint64_t Faults::reads() const {
   const std::scoped_lock lock(mutex_);
-  return reads_;
+  return ranges_.size();
+}
+
+std::ptrdiff_t Faults::reads_of(std::uint64_t from, std::uint64_t to) const {
+  const std::scoped_lock lock(mutex_);
+  return std::ranges::count_if(ranges_, [&](const auto& range) { return range.first < to && from < range.second; });
 }
 
 std::uint64_t Faults::bytes() const {
@@ -59,14 +71,16 @@ std::uint64_t Faults::bytes() const {
 
 Status Faults::read(std::uint64_t offset, std::span<std::byte> out) {
   std::unique_lock lock(mutex_);
-  const std::uint64_t number = reads_++;
+  const std::uint64_t number = ranges_.size();
   bytes_ += out.size();
+  const std::uint64_t end = offset + out.size();
+  ranges_.emplace_back(offset, end);
   ++held_;
   changed_.notify_all();
-  changed_.wait(lock, [&] { return !holding_; });
+  while (holding_ && !is_interrupted()) changed_.wait_for(lock, interruption_delay);
   --held_;
+  if (is_interrupted()) return fail(ErrorCode::io, "{}: interrupted", content_->name());
 
-  const std::uint64_t end = offset + out.size();
   const auto touches = [&](const auto& range) { return range.first < end && offset < range.second; };
   if (failing_read_ == number || std::ranges::any_of(failing_, touches))
     return fail(ErrorCode::io, "{}: read {} fails, as the test wants", content_->name(), number);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <condition_variable>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -33,12 +34,13 @@ class Faults {
   /// Ends the faults of fail_read, fail_range and corrupt_range.
   void clear();
 
-  /// Makes reads wait until `release`.
+  /// Makes reads wait until `release`, or until they are interrupted.
   void hold();
   void release();
 
   /// Waits until at least this many reads wait. Requires `hold`.
   void wait_for_held(std::size_t reads);
+  [[nodiscard]] std::size_t held() const;
 
   /// Answers reads from other content. The source keeps its size.
   void replace(std::unique_ptr<ByteSource> content);
@@ -46,6 +48,9 @@ class Faults {
   /// Return the number of reads that have begun, failed reads too, and the bytes that they asked for.
   [[nodiscard]] std::uint64_t reads() const;
   [[nodiscard]] std::uint64_t bytes() const;
+
+  /// Returns the number of reads that have asked for bytes in [from, to).
+  [[nodiscard]] std::ptrdiff_t reads_of(std::uint64_t from, std::uint64_t to) const;
 
  private:
   friend class FaultSource;
@@ -57,9 +62,9 @@ class Faults {
   std::shared_ptr<ByteSource> content_;
   std::optional<std::uint64_t> failing_read_;
   Ranges failing_, corrupt_;
+  Ranges ranges_;  // [read]
   bool holding_ = false;
   std::size_t held_ = 0;
-  std::uint64_t reads_ = 0;
   std::uint64_t bytes_ = 0;
 };
 

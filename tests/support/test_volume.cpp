@@ -522,6 +522,13 @@ TestVolume make_test_volume(const std::vector<dvec3>& positions, const std::vect
   return volume;
 }
 
+TestVolume volume_of_x(std::size_t count, std::uint32_t seed) {
+  const auto points = random_points(count, seed);
+  std::vector<double> values;
+  for (const dvec3& p : points) values.push_back(p.x);
+  return make_test_volume(points, {values});
+}
+
 Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& volume, const std::string& path) {
   SPLATVOL_TRY_ASSIGN(index, pack_tree(volume.tree));
   auto writer =

@@ -87,6 +87,9 @@ struct TestVolume {
                                           const std::vector<std::vector<double>>& values,
                                           const TestVolumeOptions& options = {});
 
+/// Builds a volume of random points, whose one attribute is x.
+[[nodiscard]] TestVolume volume_of_x(std::size_t count, std::uint32_t seed = 1);
+
 /// Makes a writer of the volume, with its index, before its first row.
 [[nodiscard]] Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& volume,
                                                                           const std::string& path);

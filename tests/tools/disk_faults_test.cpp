@@ -11,7 +11,6 @@
 #include <fstream>
 #include <map>
 #include <set>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -79,7 +78,7 @@ class DiskFaults : public test::ProgramTest {
   void restore(const Files& all) const {
     fs::remove_all(path("out"));
     fs::create_directory(path("out"));
-    for (const auto& [name, bytes] : all) std::ofstream(path("out/" + name), std::ios::binary) << bytes;
+    for (const auto& [name, bytes] : all) write("out/" + name, bytes);
   }
 
   struct Outcome : test::Outcome {
@@ -90,9 +89,7 @@ class DiskFaults : public test::ProgramTest {
   [[nodiscard]] Outcome run_with(const Use& use, const std::string& fault) const {
     fs::remove(path("log"));
     const std::string preload = "LD_PRELOAD=" SPLATVOL_FAILING_DISK ":" + use.preloaded;
-    const std::string command =
-        fmt::format("{} SPLATVOL_FAIL_LOG=log {} '{}'/{}", preload, fault, SPLATVOL_BIN, use.command);
-    Outcome outcome{test::run_in(folder_, command), {}};
+    Outcome outcome{run(fmt::format("{} SPLATVOL_FAIL_LOG=log {} {}", preload, fault, use.command)), {}};
     std::ifstream log(path("log"));
     for (std::string call; std::getline(log, call);) outcome.calls.push_back(call);
     return outcome;

@@ -7,26 +7,21 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "tests/support/programs.h"
+#include "tests/support/program_json.h"
 
 namespace splatvol {
 namespace {
 
 using nlohmann::json;
+using test::document_of;
 
 class Estimate : public test::ProgramTest {
  protected:
-  [[nodiscard]] json document_of(const std::string& command_line) const {
-    const test::Outcome outcome = run(command_line);
-    EXPECT_EQ(outcome.code, 0) << outcome.text;
-    return json::parse(outcome.text, nullptr, false);
-  }
-
   // Expects that the middle of the estimated size is within a factor of 2 of the real one.
   void expect_size(const std::string& input) const {
-    const json estimate = document_of("svbuild --estimate --json " + input);
+    const json estimate = document_of(run("svbuild --estimate --json " + input));
     EXPECT_TRUE(std::filesystem::is_empty(folder_) || !std::filesystem::exists(path("out.svol")));
-    const json built = document_of("svbuild --json -o out.svol " + input);
+    const json built = document_of(run("svbuild --json -o out.svol " + input));
     ASSERT_TRUE(estimate.contains("file_bytes") && built.contains("file_bytes")) << input;
     const double low = estimate["file_bytes"][0], high = estimate["file_bytes"][1], real = built["file_bytes"];
     EXPECT_GT(std::sqrt(low * high), real / 2) << input;
@@ -73,7 +68,7 @@ TEST_F(Estimate, OfMeshFilesIsToo) {
   expect_done("svgen mesh --cells 1e5 -o mesh");
   expect_size("mesh");
   expect_size("mesh --cells own");
-  const json estimate = document_of("svbuild --estimate --json mesh");
+  const json estimate = document_of(run("svbuild --estimate --json mesh"));
   EXPECT_TRUE(estimate["counted_by_reading"].get<bool>());
   EXPECT_GT(estimate["reader_bytes"].get<double>(), 1 << 20);
 }

@@ -6,20 +6,16 @@
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <sys/inotify.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <filesystem>
-#include <fstream>
-#include <set>
 #include <thread>
 #include <vector>
 
-#include "base/file.h"
 #include "base/memory_limit.h"
 #include "tests/support/long.h"
+#include "tests/support/programs.h"
 #include "tests/support/require.h"
 #include "tests/support/sanitizers.h"
 
@@ -27,14 +23,11 @@ namespace splatvol {
 namespace {
 
 namespace fs = std::filesystem;
-using ::testing::HasSubstr;
 
-class Faults : public testing::Test {
+class Faults : public test::ProgramTest {
  protected:
   Faults() {
-    std::string pattern = (fs::path(testing::TempDir()) / "splatvol-faults-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-    fs::create_directory(folder_ / "out");
+    fs::create_directory(out());
     // The programs inherit no handle but the three of the shell: the limits below count them.
     std::vector<int> handles;
     for (const auto& entry : fs::directory_iterator("/proc/self/fd"))
@@ -42,31 +35,16 @@ class Faults : public testing::Test {
     for (const int handle : handles)
       if (handle > STDERR_FILENO) ::fcntl(handle, F_SETFD, FD_CLOEXEC);
   }
-  ~Faults() override { fs::remove_all(folder_); }
-
-  struct Outcome {
-    int code;  // -1 if a signal ended the program
-    std::string err;
-  };
-
-  // Runs a command of the shell. $BIN is the folder of the programs, $IN one of inputs, $OUT the folder of outputs.
-  [[nodiscard]] Outcome run(const std::string& command) const {
-    const std::string err = (folder_ / "stderr").string();
-    const std::string names = "BIN=" SPLATVOL_BIN " IN=" + folder_.string() + " OUT=" + out().string() + "; ";
-    const int status = std::system((names + "{ " + command + "; } > /dev/null 2> " + err + " < /dev/null").c_str());
-    const int code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-    return {code > 127 ? -1 : code, *read_text_file(err)};
-  }
 
   void make_inputs(const std::string& points = "3000") const {
-    ASSERT_EQ(run("$BIN/svbuild gen:points:count=" + points + " -o $IN/a.svol").code, 0);
-    ASSERT_EQ(run("$BIN/svgen points --count " + points + " -o $IN/a.npy").code, 0);
+    expect_done("svbuild gen:points:count=" + points + " -o a.svol");
+    expect_done("svgen points --count " + points + " -o a.npy");
   }
 
   // Expects success, or one line, exit code 1 and no output. Returns whether it is success.
   bool expect_success_or_one_line(const std::string& command) const {
     for (const auto& entry : fs::directory_iterator(out())) fs::remove_all(entry.path());
-    const Outcome outcome = run(command);
+    const test::Outcome outcome = run(command);
     EXPECT_THAT(outcome.code, testing::AnyOf(0, 1)) << command << "\n" << outcome.err;
     if (outcome.code == 0) return true;
     EXPECT_EQ(std::ranges::count(outcome.err, '\n'), 1) << command << "\n" << outcome.err;
@@ -79,18 +57,16 @@ class Faults : public testing::Test {
     return "LD_PRELOAD=" SPLATVOL_FAILING_NEW " SPLATVOL_FAIL_AT=" + std::to_string(n) + " " + mode;
   }
 
-  fs::path out() const { return folder_ / "out"; }
-
-  fs::path folder_;
+  fs::path out() const { return path("out"); }
 };
 
 // What each program does, as a user would call it.
 constexpr const char* uses[] = {
-    "$BIN/svbuild $IN/a.npy -o $OUT/b.svol --memory 100M",
-    "$BIN/svinfo --verify $IN/a.svol",
-    "$BIN/svrender $IN/a.svol --device cpu --size 64x48 --memory 20M -o $OUT/a.png",
-    "$BIN/svexport $IN/a.svol -o $OUT/a.vtu",
-    "$BIN/svgen points --count 3000 -o $OUT/b.npy",
+    "svbuild a.npy -o out/b.svol --memory 100M",
+    "svinfo --verify a.svol",
+    "svrender a.svol --device cpu --size 64x48 --memory 20M -o out/a.png",
+    "svexport a.svol -o out/a.vtu",
+    "svgen points --count 3000 -o out/b.npy",
 };
 
 TEST_F(Faults, SixteenHandlesAreEnough) {
@@ -122,15 +98,15 @@ TEST_F(Faults, WithoutProcProgramsWork) {
   if (run(without_proc + "true").code != 0) GTEST_SKIP() << "no namespaces here";
   make_inputs();
   for (const std::string use : uses) EXPECT_TRUE(expect_success_or_one_line(without_proc + use)) << run(use).err;
-  EXPECT_TRUE(expect_success_or_one_line(without_proc + "$BIN/svdemo --points 1000 -o $OUT/d.vtu"));
+  EXPECT_TRUE(expect_success_or_one_line(without_proc + "svdemo --points 1000 -o out/d.vtu"));
 }
 
 // Memory for a picture of 2^28 pixels is not there.
 TEST_F(Faults, APictureThatDoesNotFitIsTold) {
   if (test::is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
   make_inputs();
-  EXPECT_FALSE(expect_success_or_one_line(
-      "ulimit -v 2000000; $BIN/svrender $IN/a.svol --device cpu --size 16384x16384 -o $OUT/a.png"));
+  EXPECT_FALSE(
+      expect_success_or_one_line("ulimit -v 2000000; svrender a.svol --device cpu --size 16384x16384 -o out/a.png"));
 }
 
 // Its numbers take more than 2 GiB: 32 bits do not hold their bytes. Other tests beside it would want the memory, too.
@@ -138,22 +114,20 @@ TEST_F(Faults, APictureOfMoreThan2To27PixelsIsWhole) {
   if (!test::is_long() || test::is_sanitized || memory_limit() < std::uint64_t{4} << 30)
     GTEST_SKIP() << "takes 3 GiB and the whole machine: ctest -L long";
   make_inputs();
-  EXPECT_TRUE(expect_success_or_one_line("$BIN/svrender $IN/a.svol --device cpu --size 16384x8200 -o $OUT/a.png"));
-  std::string start(24, '\0');
-  std::ifstream(out() / "a.png").read(start.data(), 24);
-  EXPECT_EQ(start.substr(16), std::string("\0\0\x40\0\0\0\x20\x08", 8));  // width and height
+  EXPECT_TRUE(expect_success_or_one_line("svrender a.svol --device cpu --size 16384x8200 -o out/a.png"));
+  EXPECT_EQ(read("out/a.png").substr(16, 8), std::string("\0\0\x40\0\0\0\x20\x08", 8));  // width and height
 }
 
 // So many points that each resolution has several rows, which wait in temporary files.
 TEST_F(Faults, SixteenHandlesAreEnoughForALargeBuild) {
-  ASSERT_EQ(run("$BIN/svgen points --count 1000000 -o $IN/a.npy").code, 0);
-  EXPECT_TRUE(expect_success_or_one_line(
-      "ulimit -n 16; $BIN/svbuild $IN/a.npy --memory 64M --connectivity boxes -o $OUT/b.svol"));
+  expect_done("svgen points --count 1000000 -o a.npy");
+  EXPECT_TRUE(
+      expect_success_or_one_line("ulimit -n 16; svbuild a.npy --memory 64M --connectivity boxes -o out/b.svol"));
 }
 
 // VTK writes the mesh. Its dumps of objects are no error for a user.
 TEST_F(Faults, AFullDiskIsToldByVtksWriterToo) {
-  for (const std::string use : {"$BIN/svgen mesh --cells 3000 -o $OUT/m", "$BIN/svdemo --points 1000 -o $OUT/d.vtu"})
+  for (const std::string use : {"svgen mesh --cells 3000 -o out/m", "svdemo --points 1000 -o out/d.vtu"})
     for (const char* blocks : {"1", "2", "8", "16"})
       EXPECT_FALSE(expect_success_or_one_line("ulimit -f " + std::string(blocks) + "; " + use)) << use << blocks;
 }
@@ -188,8 +162,8 @@ TEST_F(Faults, TooLittleAddressSpaceForOpenGlIsTold) {
   if (test::is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
   if (!fs::exists(SPLATVOL_BIN "/svview")) GTEST_SKIP() << "built without OpenGL";
   make_inputs();
-  for (const std::string use : {"$BIN/svview $IN/a.svol --size 64x48 --screenshot $OUT/a.png --memory 20M",
-                                "$BIN/svrender $IN/a.svol --device gl --size 64x48 -o $OUT/a.png --memory 20M"})
+  for (const std::string use : {"svview a.svol --size 64x48 --screenshot out/a.png --memory 20M",
+                                "svrender a.svol --device gl --size 64x48 -o out/a.png --memory 20M"})
     for (const char* mebibytes : {"240", "400", "500", "700", "900", "1200", "1500"}) {
       const std::string limited = "ulimit -v $((" + std::string(mebibytes) + " * 1024)); ";
       if (run(limited + use.substr(0, use.find(' ')) + " --version").code != 0) continue;  // its libraries do not load
@@ -226,13 +200,11 @@ TEST_F(Faults, EveryBlockOfMemoryMayBeTheLast) {
 
 TEST_F(Faults, TwoBuildsToOneOutputLeaveOneOfBoth) {
   make_inputs(test::is_long() ? "200000" : "20000");
-  const std::string other = std::string("$BIN/svbuild gen:points:count=") + (test::is_long() ? "150000" : "15000");
-  ASSERT_EQ(run("$BIN/svbuild $IN/a.npy -o $IN/first.svol && " + other + " -o $IN/second.svol").code, 0);
-  const Outcome both = run("$BIN/svbuild $IN/a.npy -o $OUT/b.svol & " + other + " -o $OUT/b.svol && wait $!");
+  const std::string other = std::string("svbuild gen:points:count=") + (test::is_long() ? "150000" : "15000");
+  expect_done("svbuild a.npy -o first.svol && " + other + " -o second.svol");
+  const test::Outcome both = run("svbuild a.npy -o out/b.svol & " + other + " -o out/b.svol && wait $!");
   EXPECT_EQ(both.code, 0) << both.err;
-  const std::string result = *read_text_file((out() / "b.svol").string());
-  EXPECT_TRUE(result == *read_text_file((folder_ / "first.svol").string()) ||
-              result == *read_text_file((folder_ / "second.svol").string()));
+  EXPECT_TRUE(read("out/b.svol") == read("first.svol") || read("out/b.svol") == read("second.svol"));
   EXPECT_EQ(std::distance(fs::directory_iterator(out()), {}), 1);
 }
 
@@ -265,17 +237,13 @@ class CutWhileRead {
 // A file is cut off at any moment of a program's work on it: what was read before may be enough.
 TEST_F(Faults, InputsThatShrinkAreTold) {
   make_inputs(test::is_long() ? "200000" : "20000");
-  ASSERT_EQ(run("$BIN/svexport $IN/a.svol -o $IN/a.vtu").code, 0);
-  for (const auto& [name, use] :
-       {std::pair<std::string, std::string>{"a.npy", "$BIN/svbuild $IN/x/a.npy -o $OUT/b.svol"},
-        {"a.vtu", "$BIN/svbuild $IN/x/a.vtu -o $OUT/b.svol"},
-        {"a.svol", "$BIN/svrender $IN/x/a.svol --device cpu --tolerance 0 --size 64x48 -o $OUT/a.png"},
-        {"a.svol", "$BIN/svexport $IN/x/a.svol -o $OUT/a.vtu"}}) {
-    const fs::path file = folder_ / "x" / name;
-    fs::create_directories(file.parent_path());
+  expect_done("svexport a.svol -o a.vtu");
+  for (const auto& [name, use] : {std::pair<std::string, std::string>{"a.npy", "svbuild x/a.npy -o out/b.svol"},
+                                  {"a.vtu", "svbuild x/a.vtu -o out/b.svol"},
+                                  {"a.svol", "svrender x/a.svol --device cpu --tolerance 0 --size 64x48 -o out/a.png"},
+                                  {"a.svol", "svexport x/a.svol -o out/a.vtu"}}) {
     for (const int reads : {0, 1, 2, 5, 12}) {
-      fs::copy_file(folder_ / name, file, fs::copy_options::overwrite_existing);
-      const CutWhileRead cut(file, reads);
+      const CutWhileRead cut(write("x/" + name, read(name)), reads);
       expect_success_or_one_line(use);
     }
   }

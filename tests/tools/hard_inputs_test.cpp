@@ -1,36 +1,23 @@
 // Inputs at the edges of what numbers can hold: svbuild writes what svinfo --verify accepts.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 
 #include <array>
 #include <cstdint>
-#include <cstdlib>
 #include <limits>
 #include <string>
 
-#include "base/file.h"
-#include "tests/support/temp_folder.h"
+#include "tests/support/programs.h"
 
 namespace splatvol {
 namespace {
 
-class HardInputs : public test::FolderTest {
+class HardInputs : public test::ProgramTest {
  protected:
-  /// Runs a program. Returns its exit code, and keeps what it prints.
-  int run(const std::string& command) {
-    const std::string line = SPLATVOL_BIN "/" + command + " > " + path("text") + " 2>&1 < /dev/null";
-    const int status = std::system(line.c_str());
-    text_ = *read_text_file(path("text"));
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  }
-
   void expect_verified(const std::string& input, const std::string& options = "") {
-    ASSERT_EQ(run("svbuild " + input + " -o " + path("out.svol") + " " + options), 0) << text_;
-    EXPECT_EQ(run("svinfo --verify " + path("out.svol")), 0) << text_;
+    EXPECT_EQ(run("svbuild " + input + " -o out.svol " + options).code, 0);
+    expect_done("svinfo --verify out.svol");
   }
-
-  std::string text_;
 };
 
 std::string table(const std::string& scale) {
@@ -72,8 +59,7 @@ TEST_F(HardInputs, APointWithoutAPlaceIsLeftOut) {
       "format=\"ascii\">1 2 3 4</DataArray></Verts></Piece></PolyData><AppendedData encoding=\"raw\">_" +
           values + "</AppendedData></VTKFile>");
   expect_verified(file);
-  EXPECT_EQ(run("svinfo " + path("out.svol")), 0);
-  EXPECT_THAT(text_, testing::HasSubstr("3 points"));
+  EXPECT_THAT(run("svinfo out.svol").out, testing::HasSubstr("3 points"));
 }
 
 TEST_F(HardInputs, ScatteredPointsFarApart) {
@@ -81,31 +67,26 @@ TEST_F(HardInputs, ScatteredPointsFarApart) {
   // Beyond what a file can hold, an input is refused in one line; it never becomes a file that is not valid.
   for (const char* scale : {"1e78", "1e103", "1e300"}) {
     const std::string input = write("b.csv", table(scale));
-    const int code = run("svbuild " + input + " -o " + path("out.svol"));
-    if (code == 0) {
-      EXPECT_EQ(run("svinfo --verify " + path("out.svol")), 0) << scale << text_;
-    } else {
-      EXPECT_EQ(code, 1) << text_;
-      EXPECT_THAT(text_, testing::HasSubstr("b.csv")) << scale;
-    }
+    if (run("svbuild " + input + " -o out.svol").code == 0)
+      expect_done("svinfo --verify out.svol");
+    else
+      expect_refusal("svbuild " + input + " -o out.svol", "b.csv");
   }
 }
 
 // A file whose points stand for no volume is told from one without values.
 TEST_F(HardInputs, PointsInAPlaneSayWhyNothingIsSeen) {
   const std::string input = write("plane.csv", "x,y,z,v\n0,0,1,1\n1,0,1,2\n0,1,1,3\n1,1,1,4\n.3,.4,1,5\n");
-  EXPECT_EQ(run("svbuild " + input + " --connectivity delaunay -o " + path("out.svol")), 1);
-  EXPECT_THAT(text_, testing::HasSubstr("in a plane"));
-  ASSERT_EQ(run("svbuild " + input + " --connectivity boxes -o " + path("out.svol")), 0) << text_;
-  EXPECT_EQ(run("svrender --device cpu " + path("out.svol") + " -o " + path("out.png")), 1);
-  EXPECT_THAT(text_, testing::HasSubstr("no point has a volume"));
+  expect_refusal("svbuild " + input + " --connectivity delaunay -o out.svol", "in a plane");
+  EXPECT_EQ(run("svbuild " + input + " --connectivity boxes -o out.svol").code, 0);
+  expect_refusal("svrender --device cpu out.svol -o out.png", "no point has a volume");
 }
 
 TEST_F(HardInputs, ANameWithControlCharactersIsSaidOnce) {
   const std::string input = write("a\x1b[31m.vtu", "<VTKFile");
-  EXPECT_EQ(run("svbuild '" + input + "' -o " + path("out.svol")), 1);
-  EXPECT_THAT(text_, testing::StartsWith("svbuild: " + path("a?[31m.vtu: ")));
-  EXPECT_EQ(text_.find(".vtu"), text_.rfind(".vtu")) << text_;
+  const std::string text = run("svbuild '" + input + "' -o out.svol").err;
+  EXPECT_THAT(text, testing::StartsWith("svbuild: " + path("a?[31m.vtu: ")));
+  EXPECT_EQ(text.find(".vtu"), text.rfind(".vtu")) << text;
 }
 
 // Attributes are looked up by their names: the time grows with their number, not with its square.

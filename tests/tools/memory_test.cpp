@@ -8,12 +8,14 @@
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/file.h"
 #include "pictures/image.h"
 #include "tests/support/require.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
@@ -59,8 +61,7 @@ Outcome run(std::vector<std::string> words, std::uint64_t address_space = 0) {
 class MemoryBounds : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    std::string pattern = (fs::path(testing::TempDir()) / "splatvol-memory-XXXXXX").string();
-    folder = ::mkdtemp(pattern.data());
+    folder.emplace();
     for (const auto& [name, source] : {std::pair<std::string, std::string>{"small", "gen:points:count=1000"},
                                        {"large", "gen:points:count=3e6,distribution=vortex"}}) {
       test::require(run({"svbuild", source, "-o", path(name + ".svol"), "--connectivity", "boxes"}).code == 0, source);
@@ -68,9 +69,9 @@ class MemoryBounds : public testing::Test {
     }
     test::require(fs::file_size(path("large.svol")) >= 20 * budget, "the large file is too small");
   }
-  static void TearDownTestSuite() { fs::remove_all(folder); }
+  static void TearDownTestSuite() { folder.reset(); }
 
-  static std::string path(const std::string& name) { return (folder / name).string(); }
+  static std::string path(const std::string& name = "") { return folder->path(name); }
 
   static Outcome render(const std::string& volume, const std::string& output, std::vector<std::string> options,
                         std::uint64_t address_space = 0) {
@@ -91,7 +92,7 @@ class MemoryBounds : public testing::Test {
     return enough;
   }
 
-  static inline fs::path folder;
+  static inline std::optional<test::TempFolder> folder;
 };
 
 const std::vector<std::string> bounded = {"--memory", "4M", "--tolerance", "15"};
@@ -131,7 +132,7 @@ TEST_F(MemoryBounds, DrawsWhereTheProcessMayHaveNoMore) {
   ASSERT_EQ(render("large", "free", bounded).code, 0);
   ASSERT_EQ(render("large", "limited", bounded, limit).code, 0);
   EXPECT_EQ(read_exr(path("limited.exr"))->pixels, read_exr(path("free.exr"))->pixels);
-  EXPECT_EQ(render("large", "walk", {"--memory", "4M", "--tolerance", "2", "--progress-frames", folder}, limit).code,
+  EXPECT_EQ(render("large", "walk", {"--memory", "4M", "--tolerance", "2", "--progress-frames", path()}, limit).code,
             0);
   // The limit works: a program that holds the whole file does not pass.
   EXPECT_NE(render("large", "whole", {"--memory", "2G", "--tolerance", "0"}, limit).code, 0);

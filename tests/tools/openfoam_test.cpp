@@ -2,11 +2,8 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include <cstdlib>
 #include <filesystem>
-#include <fstream>
 
-#include "base/file.h"
 #include "tests/support/programs.h"
 
 namespace splatvol {
@@ -22,7 +19,7 @@ class OpenFoamSeries : public test::ProgramTest {
  protected:
   void SetUp() override {
     for (const char* program : {"blockMesh", "polyDualMesh", "icoFoam", "decomposePar"})
-      if (test::run_in(folder_, fmt::format("command -v {}", program)).code != 0)
+      if (run(fmt::format("command -v {}", program)).code != 0)
         GTEST_SKIP() << "no " << program << " on this machine (Debian's package openfoam)";
     write_settings();
     write("constant/transportProperties", "dictionary", "transportModel Newtonian; nu 0.01;");
@@ -58,13 +55,12 @@ class OpenFoamSeries : public test::ProgramTest {
           "numberOfSubdomains 2; method simple; coeffs { n (2 1 1); delta 0.001; }");
   }
   void write(const std::string& name, const std::string& kind, const std::string& text) const {
-    fs::create_directories(fs::path(path("flow/" + name)).parent_path());
-    std::ofstream(path("flow/" + name)) << fmt::format(
-        "FoamFile {{ version 2.0; format ascii; class {}; object {}; }}\n{}\n", kind,
-        fs::path(name).filename().string(), text);
+    FolderTest::write("flow/" + name,
+                      fmt::format("FoamFile {{ version 2.0; format ascii; class {}; object {}; }}\n{}\n", kind,
+                                  fs::path(name).filename().string(), text));
   }
   void compute(const std::string& program) const {
-    const test::Outcome outcome = test::run_in(folder_, fmt::format("cd flow && {} {}", environment, program));
+    const test::Outcome outcome = run(fmt::format("cd flow && {} {}", environment, program));
     ASSERT_EQ(outcome.code, 0) << program << ": " << outcome.text;
   }
 
@@ -80,13 +76,13 @@ class OpenFoamSeries : public test::ProgramTest {
       expect_done(fmt::format("svbuild flow --time {} -o one.svol", times[step]));
       expect_done("svexport one.svol -o one.vtu " + attributes);
       expect_done(fmt::format("svexport all.svol --step {} -o step.vtu {}", step, attributes));
-      EXPECT_TRUE(read_text_file(path("one.vtu")).value() == read_text_file(path("step.vtu")).value()) << step;
+      EXPECT_TRUE(read("one.vtu") == read("step.vtu")) << step;
     }
     // At the beginning all values are zero. Points merge as they do later.
     expect_done("svbuild flow --times 0:0.01 -o grown.svol");
     expect_done("svbuild flow --times 0.02: --append -o grown.svol");
     expect_done("svexport grown.svol --step 2 -o grown.vtu " + attributes);
-    EXPECT_TRUE(read_text_file(path("one.vtu")).value() == read_text_file(path("grown.vtu")).value());
+    EXPECT_TRUE(read("one.vtu") == read("grown.vtu"));
   }
   void decompose() const {
     compute("decomposePar -time 0:1");

@@ -1,7 +1,6 @@
 // Refined meshes keep the volume and the field, and add one point for each edge.
 #include "tools/refined_source.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <limits>

@@ -3,18 +3,17 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "base/file.h"
 #include "pictures/image.h"
-#include "tests/support/programs.h"
+#include "tests/support/program_json.h"
 
 namespace splatvol {
 namespace {
 
+using test::document_of;
 using testing::HasSubstr;
 
 class SeriesPrograms : public test::ProgramTest {
@@ -27,22 +26,21 @@ class SeriesPrograms : public test::ProgramTest {
       "density": [[0, 0.1], [1, 0.3]]}, "lighting": false})";
   }
 
-  // The same lattice with a vector.
-  void write_vectors(const std::string& name, int side, const std::string& attribute = "p") const {
+  // A legacy file with a lattice of `side` points along each axis. `array`: the head of its values.
+  template <class Value>
+  void write_lattice(const std::string& name, int side, const std::string& array, const Value& value) const {
     std::ofstream file(path(name));
     file << "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET STRUCTURED_POINTS\n"
          << fmt::format("DIMENSIONS {0} {0} {0}\nORIGIN 0 0 0\nSPACING 1 1 1\n", side)
-         << fmt::format("POINT_DATA {}\nVECTORS {} double\n", side * side * side, attribute);
-    for (int i = 0; i < side * side * side; ++i) file << i % side << " 1 0\n";
+         << fmt::format("POINT_DATA {}\n{}\n", side * side * side, array);
+    for (int i = 0; i < side * side * side; ++i) file << value(i % side, i / side % side) << "\n";
   }
-
-  // A legacy file with a lattice of `side` points along each axis.
+  void write_vectors(const std::string& name) const {
+    write_lattice(name, 9, "VECTORS p double", [](int x, int) { return fmt::format("{} 1 0", x); });
+  }
   void write_grid(const std::string& name, int side, int step, const std::string& attribute = "p") const {
-    std::ofstream file(path(name));
-    file << "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET STRUCTURED_POINTS\n"
-         << fmt::format("DIMENSIONS {0} {0} {0}\nORIGIN 0 0 0\nSPACING 1 1 1\n", side)
-         << fmt::format("POINT_DATA {}\nSCALARS {} double 1\nLOOKUP_TABLE default\n", side * side * side, attribute);
-    for (int i = 0; i < side * side * side; ++i) file << (i % side) + step * (i / side % side) << "\n";
+    write_lattice(name, side, "SCALARS " + attribute + " double 1\nLOOKUP_TABLE default",
+                  [step](int x, int y) { return x + step * y; });
   }
 
   void expect_same_picture(const std::string& a, const std::string& b) const {
@@ -64,8 +62,7 @@ TEST_F(SeriesPrograms, StepsLookLikeFilesOfTheirOwn) {
     expect_done(
         fmt::format("svrender {} --scene s.json --tolerance 1 --steps all --progress-frames frames -o last.exr", name));
     for (int step = 0; step < 3; ++step) {
-      EXPECT_TRUE(std::filesystem::exists(path(fmt::format("frames/frame-{:04}.png", step))));
-      std::filesystem::remove(path(fmt::format("frames/frame-{:04}.png", step)));
+      EXPECT_TRUE(std::filesystem::remove(path(fmt::format("frames/frame-{:04}.png", step))));
       expect_done(fmt::format("svbuild grid_{}.vtk -o one.svol", step));
       expect_done("svrender one.svol --scene s.json --tolerance 1 -o one.exr");
       expect_done(fmt::format("svrender {} --scene s.json --tolerance 1 --step {} -o step.exr", name, step));
@@ -82,7 +79,7 @@ TEST_F(SeriesPrograms, SvinfoListsTheSteps) {
   expect_done("svbuild --series-of-files grid_0.vtk grid_1.vtk -o f.svols");
   expect_done("svbuild --series-of-files --append grid_2.vtk -o f.svols");
   for (const std::string name : {"s.svol", "f.svols"}) {
-    const auto info = nlohmann::json::parse(run("svinfo " + name + " --json --step 1").text);
+    const auto info = document_of(run("svinfo " + name + " --json --step 1"));
     EXPECT_EQ(info["series"]["steps"].size(), 3U);
     EXPECT_EQ(info["series"]["step"], 1);
     EXPECT_EQ(info["attributes"][0]["max"], 16);
@@ -101,7 +98,7 @@ TEST_F(SeriesPrograms, ASeriesOfFilesPlaysLikeASeries) {
     expect_done(fmt::format("svbuild {}.vtk -o one.svol", mesh));
     expect_done("svexport one.svol -o one.vtu");
     expect_done(fmt::format("svexport f.svols --step {} -o step.vtu", step));
-    EXPECT_EQ(read_text_file(path("one.vtu")).value(), read_text_file(path("step.vtu")).value());
+    EXPECT_EQ(read("one.vtu"), read("step.vtu"));
   }
   expect_refusal("svexport f.svols --step 2 -o x.vtu", "no step 2; the last is 1");
   expect_done("svview f.svols --size 640x480 --screenshot shot.exr");
@@ -116,22 +113,21 @@ TEST_F(SeriesPrograms, ASeriesOfFilesPlaysLikeASeries) {
 }
 
 // The names of the files of f.svols, each of which is there.
-std::vector<std::string> files_of_index(const std::filesystem::path& folder) {
+std::vector<std::string> files_of_index(const std::string& folder) {
   std::vector<std::string> files;
-  const auto index = nlohmann::json::parse(read_text_file((folder / "f.svols").string()).value());
+  const auto index = nlohmann::json::parse(std::ifstream(folder + "f.svols"));
   for (const auto& step : index["steps"]) files.push_back(step["file"]);
-  for (const std::string& file : files) EXPECT_TRUE(std::filesystem::exists(folder / file)) << file;
+  for (const std::string& file : files) EXPECT_TRUE(std::filesystem::exists(folder + file)) << file;
   return files;
 }
 
 TEST_F(SeriesPrograms, TwoAppendsAtOnceLoseNoStep) {
   for (int round = 0; round < 12; ++round) {
-    for (const auto& entry : std::filesystem::directory_iterator(folder_))
-      if (entry.path().filename().string().find("svol") != std::string::npos) std::filesystem::remove(entry.path());
+    ASSERT_EQ(run("rm -f *svol*").code, 0);
     expect_done("svbuild --series-of-files grid_0.vtk -o f.svols");
-    const std::string append = "'" SPLATVOL_BIN "'/svbuild --series-of-files --append -o f.svols ";
-    const test::Outcome both = test::run_in(
-        folder_, fmt::format("{0} grid_1.vtk & sleep 0.0{1}; {0} grid_2.vtk && wait $!", append, round % 4));
+    const std::string append = "svbuild --series-of-files --append -o f.svols";
+    const test::Outcome both =
+        run(fmt::format("{0} grid_1.vtk & sleep 0.0{1}; {0} grid_2.vtk && wait $!", append, round % 4));
     EXPECT_EQ(both.code, 0) << both.text;
     EXPECT_EQ(files_of_index(folder_).size(), 3U) << both.text;
   }
@@ -142,12 +138,11 @@ TEST_F(SeriesPrograms, TwoAppendsAtOnceLoseNoStep) {
 TEST_F(SeriesPrograms, TwoAppendsToOneFileAtOnceTellTheTruth) {
   for (int round = 0; round < 8; ++round) {
     expect_done("svbuild --series grid_0.vtk -o s.svol");
-    const std::string append = "'" SPLATVOL_BIN "'/svbuild --append -o s.svol ";
-    const test::Outcome both = test::run_in(
-        folder_, fmt::format("{0} grid_1.vtk & sleep 0.0{1}; {0} grid_2.vtk; a=$?; wait $!; exit $((2 * a + $?))",
-                             append, round % 4));
+    const std::string append = "svbuild --append -o s.svol";
+    const test::Outcome both = run(fmt::format(
+        "{0} grid_1.vtk & sleep 0.0{1}; {0} grid_2.vtk; a=$?; wait $!; exit $((2 * a + $?))", append, round % 4));
     const std::size_t failed = static_cast<std::size_t>(both.code % 2 + both.code / 2);
-    const auto info = nlohmann::json::parse(run("svinfo s.svol --json").text);
+    const auto info = document_of(run("svinfo s.svol --json"));
     EXPECT_EQ(info["series"]["steps"].size(), 3 - failed) << both.text;
     EXPECT_LT(failed, 2U) << both.text;
     expect_done("svinfo s.svol --verify");
@@ -158,9 +153,8 @@ TEST_F(SeriesPrograms, TwoAppendsToOneFileAtOnceTellTheTruth) {
 TEST_F(SeriesPrograms, AnAppendThatWasKilledIsInNoOnesWay) {
   expect_done("svbuild --series-of-files grid_0.vtk -o f.svols");
   for (int milliseconds = 5; milliseconds < 200; milliseconds += milliseconds / 5 + 4) {
-    const test::Outcome killed = test::run_in(
-        folder_, fmt::format("timeout -s KILL {} '{}'/svbuild --series-of-files --append grid_1.vtk -o f.svols",
-                             1e-3 * milliseconds, SPLATVOL_BIN));
+    const test::Outcome killed = run(fmt::format(
+        "timeout -s KILL {} svbuild --series-of-files --append grid_1.vtk -o f.svols", 1e-3 * milliseconds));
     const std::size_t steps = files_of_index(folder_).size();
     expect_done("svbuild --series-of-files --append grid_2.vtk -o f.svols");
     EXPECT_EQ(files_of_index(folder_).size(), steps + 1) << killed.text;
@@ -178,10 +172,10 @@ TEST_F(SeriesPrograms, AFirstStepOfEqualValuesHasAllAttributes) {
   for (int step = 0; step < 2; ++step) {
     std::string text = "x,y,z,a,b\n";
     for (int i = 0; i < 27; ++i) text += fmt::format("{},{},{},{},{}\n", i % 3, i / 3 % 3, i / 9, i, i * (1 + step));
-    std::ofstream(path(fmt::format("points_{}.csv", step))) << text;
+    write(fmt::format("points_{}.csv", step), text);
   }
   expect_done("svbuild --series-of-files points_0.csv points_1.csv -o f.svols");
-  const auto info = nlohmann::json::parse(run("svinfo f.svols --json --step 0").text);
+  const auto info = document_of(run("svinfo f.svols --json --step 0"));
   EXPECT_EQ(info["attributes"].size(), 2U);
   EXPECT_EQ(info["series"]["attributes"][1]["name"], "b");
   EXPECT_EQ(info["series"]["attributes"][1]["max"], 52);
@@ -194,13 +188,15 @@ TEST_F(SeriesPrograms, AttributesOfSomeSteps) {
     const std::string name = kind == "--series" ? "y.svol" : "y.svols";
     expect_done(fmt::format("svbuild {} --strict grid_0.vtk named.vtk -o {}", kind, name));
     for (int step = 0; step < 2; ++step) {
-      const auto info = nlohmann::json::parse(run(fmt::format("svinfo {} --json --step {}", name, step)).text);
+      const auto info = document_of(run(fmt::format("svinfo {} --json --step {}", name, step)));
       ASSERT_EQ(info["attributes"].size(), 2U);
       EXPECT_EQ(info["attributes"][0]["missing"], step == 0 ? 0 : 729);
       EXPECT_EQ(info["attributes"][1]["missing"], step == 0 ? 729 : 0);
     }
     expect_done(fmt::format("svinfo {} --verify", name));
-    expect_done(fmt::format("svrender {} --scene s.json --tolerance 1 --step 1 -o missing.exr", name));
+    const auto drawn = run(fmt::format("svrender {} --scene s.json --tolerance 1 --step 1 -o missing.exr", name));
+    EXPECT_EQ(drawn.code, 0);
+    EXPECT_THAT(drawn.err, HasSubstr("no point has a value of the attribute"));
   }
   expect_done("svbuild --series grid_0.vtk -o x.svol");
   expect_done("svbuild --series-of-files grid_0.vtk -o x.svols");
@@ -210,8 +206,8 @@ TEST_F(SeriesPrograms, AttributesOfSomeSteps) {
 }
 
 TEST_F(SeriesPrograms, AVectorIsAppendedToAVectorOnly) {
-  write_vectors("vectors_0.vtk", 9);
-  write_vectors("vectors_1.vtk", 9);
+  write_vectors("vectors_0.vtk");
+  write_vectors("vectors_1.vtk");
   for (const std::string kind : {"--series", "--series-of-files"}) {
     const std::string numbers = kind == "--series" ? "n.svol" : "n.svols";
     const std::string vectors = kind == "--series" ? "v.svol" : "v.svols";
@@ -234,11 +230,11 @@ TEST_F(SeriesPrograms, AVectorIsAppendedToAVectorOnly) {
 TEST_F(SeriesPrograms, VerifyComparesAnIndexWithItsFiles) {
   expect_done("svbuild --series-of-files --unit p=Pa grid_0.vtk grid_1.vtk -o f.svols");
   expect_done("svinfo f.svols --verify");
-  const std::string index = read_text_file(path("f.svols")).value();
+  const std::string index = read("f.svols");
   const auto change = [&](const std::string& key, const nlohmann::json& value) {
     auto document = nlohmann::json::parse(index);
     document["attributes"][0][key] = value;
-    std::ofstream(path("f.svols")) << document.dump();
+    write("f.svols", document.dump());
   };
   change("unit", "kPa");
   expect_refusal("svinfo f.svols --verify", "the unit of 'p'");
@@ -248,7 +244,7 @@ TEST_F(SeriesPrograms, VerifyComparesAnIndexWithItsFiles) {
   expect_refusal("svinfo f.svols --verify", "the range of 'p'");
   auto document = nlohmann::json::parse(index);
   document["steps"][1]["file"] = std::string("f-0000.svol\0b", 13);
-  std::ofstream(path("f.svols")) << document.dump();
+  write("f.svols", document.dump());
   expect_refusal("svinfo f.svols", "step 1");
 }
 

@@ -3,31 +3,25 @@
 #include <gtest/gtest.h>
 #include <spawn.h>
 #include <sys/wait.h>
-#include <unistd.h>
 
 #include <array>
 #include <chrono>
 #include <csignal>
-#include <cstdlib>
 #include <filesystem>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "tests/support/sanitizers.h"
+#include "tests/support/temp_folder.h"
 
 namespace splatvol {
 namespace {
 
 namespace fs = std::filesystem;
 
-class Signals : public testing::Test {
+class Signals : public test::FolderTest {
  protected:
-  Signals() {
-    std::string pattern = (fs::path(testing::TempDir()) / "splatvol-signals-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-  }
-  ~Signals() override { fs::remove_all(folder_); }
   void SetUp() override {
     if (test::is_sanitized) GTEST_SKIP() << "sanitizers have handlers of their own";
   }
@@ -54,12 +48,10 @@ class Signals : public testing::Test {
     EXPECT_EQ(::waitpid(process, &status, 0), process);
     return status;
   }
-
-  fs::path folder_;
 };
 
 TEST_F(Signals, EveryOneThatEndsAProgramLeavesNothing) {
-  const std::vector<std::string> long_work = {"svgen", "points", "--count", "1e9", "-o", folder_ / "a.npy"};
+  const std::vector<std::string> long_work = {"svgen", "points", "--count", "1e9", "-o", path("a.npy")};
   std::vector<int> signals = {SIGHUP,  SIGINT,  SIGQUIT, SIGILL,  SIGTRAP, SIGABRT, SIGBUS, SIGFPE,  SIGUSR1,  SIGSEGV,
                               SIGUSR2, SIGPIPE, SIGALRM, SIGTERM, SIGXCPU, SIGPROF, SIGSYS, SIGPOLL, SIGVTALRM};
   signals.push_back(SIGRTMIN);
@@ -72,14 +64,14 @@ TEST_F(Signals, EveryOneThatEndsAProgramLeavesNothing) {
 }
 
 TEST_F(Signals, AFolderThatIsBeingWrittenGoesToo) {
-  const int status = end_by(SIGTERM, {"svgen", "mesh", "--cells", "1e8", "--pieces", "1000", "-o", folder_ / "a"});
+  const int status = end_by(SIGTERM, {"svgen", "mesh", "--cells", "1e8", "--pieces", "1000", "-o", path("a")});
   EXPECT_EQ(WTERMSIG(status), SIGTERM);
   EXPECT_TRUE(fs::is_empty(folder_));
 }
 
 TEST_F(Signals, ABuildLeavesNothing) {
   const int status =
-      end_by(SIGQUIT, {"svbuild", "gen:points:count=1e7", "--connectivity", "none", "-o", folder_ / "a.svol"});
+      end_by(SIGQUIT, {"svbuild", "gen:points:count=1e7", "--connectivity", "none", "-o", path("a.svol")});
   EXPECT_EQ(WTERMSIG(status), SIGQUIT);
   EXPECT_TRUE(fs::is_empty(folder_));
 }

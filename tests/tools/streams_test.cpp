@@ -1,38 +1,27 @@
 // Programs without a standard output or error, or with one that takes nothing: each ends with its exit code.
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 
-#include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <string>
-#include <vector>
+
+#include "tests/support/programs.h"
 
 namespace splatvol {
 namespace {
 
 namespace fs = std::filesystem;
 
-class Streams : public testing::Test {
+class Streams : public test::ProgramTest {
  protected:
   Streams() {
-    std::string pattern = (fs::path(testing::TempDir()) / "splatvol-streams-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-    std::ofstream(folder_ / "a.csv") << "x,y,z,f\n0,0,0,1\n1,0,0,2\n0,1,0,3\n0,0,1,4\n";
-    EXPECT_EQ(code("svbuild $D/a.csv -o $D/a.svol", " > /dev/null"), 0);
-    EXPECT_EQ(code("svinfo $D/a.svol --scene $D/a.json", " > /dev/null"), 0);
-    EXPECT_EQ(code("svrender $D/a.svol --scene $D/a.json --device cpu --size 32x32 -o $D/a.exr", " > /dev/null"), 0);
-    EXPECT_EQ(code("svdemo --points 1000 -o $D/mesh.vtu --scene $D/mesh.json", " > /dev/null"), 0);
-  }
-  ~Streams() override { fs::remove_all(folder_); }
-
-  // $D is the test's folder.
-  int code(const std::string& command, const std::string& streams) const {
-    const int status = std::system(("D=" + folder_.string() + "; " SPLATVOL_BIN "/" + command + streams).c_str());
-    return WIFEXITED(status) && WEXITSTATUS(status) < 128 ? WEXITSTATUS(status) : -1;
+    write("a.csv", "x,y,z,f\n0,0,0,1\n1,0,0,2\n0,1,0,3\n0,0,1,4\n");
+    expect_done("svbuild a.csv -o a.svol");
+    expect_done("svinfo a.svol --scene a.json");
+    expect_done("svrender a.svol --scene a.json --device cpu --size 32x32 -o a.exr");
+    expect_done("svdemo --points 1000 -o mesh.vtu --scene mesh.json");
   }
 
-  fs::path folder_;
+  int code(const std::string& command, const std::string& streams) const { return run(command + streams).code; }
 };
 
 // A program that succeeds, of each kind. `speaks`: it prints a result.
@@ -41,14 +30,14 @@ struct Use {
   bool speaks;
 };
 constexpr Use uses[] = {
-    {"svbuild $D/a.csv -o $D/b.svol", true},
-    {"svinfo $D/a.svol", true},
-    {"svrender $D/a.svol --scene $D/a.json --device cpu --size 32x32 -o $D/b.exr", true},
-    {"svexport $D/a.svol -o $D/b.vtu", true},
-    {"svtruth $D/mesh.vtu --scene $D/mesh.json --size 8x8 -o $D/c.exr", true},
-    {"svdiff $D/a.exr $D/a.exr", true},
-    {"svgen points --count 100 -o $D/b.npy", false},
-    {"svdemo --points 1000 -o $D/b.vtu", false},
+    {"svbuild a.csv -o b.svol", true},
+    {"svinfo a.svol", true},
+    {"svrender a.svol --scene a.json --device cpu --size 32x32 -o b.exr", true},
+    {"svexport a.svol -o b.vtu", true},
+    {"svtruth mesh.vtu --scene mesh.json --size 8x8 -o c.exr", true},
+    {"svdiff a.exr a.exr", true},
+    {"svgen points --count 100 -o b.npy", false},
+    {"svdemo --points 1000 -o b.vtu", false},
 };
 
 TEST_F(Streams, ClosedOnesChangeNothing) {
@@ -63,7 +52,7 @@ TEST_F(Streams, AFullOutputIsAnError) {
 TEST_F(Streams, ErrorsNeedNoStandardError) {
   for (const Use& use : uses) {
     const std::string name = std::string(use.command).substr(0, std::string(use.command).find(' '));
-    const std::string wrong = name + (name == "svgen" ? " points --count 100" : " $D/missing") + " -o $D/no/such/file";
+    const std::string wrong = name + (name == "svgen" ? " points --count 100" : " missing") + " -o no/such/file";
     for (const char* streams : {" 2>&- > /dev/null", " 2> /dev/full > /dev/null"})
       EXPECT_GT(code(wrong, streams), 0) << wrong << streams;
   }
@@ -74,7 +63,9 @@ TEST_F(Streams, TheVersionIsToldOrItIsAnError) {
        {"svbuild", "svinfo", "svrender", "svexport", "svtruth", "svdiff", "svgen", "svdemo", "svview"}) {
     if (!fs::exists(fs::path(SPLATVOL_BIN) / name)) continue;  // svview needs OpenGL
     for (const char* option : {" --version", " --help"}) {
-      EXPECT_EQ(code(name + option, " > /dev/null"), 0) << name << option;
+      const test::Outcome told = run(name + option);
+      EXPECT_EQ(told.code, 0) << name << option;
+      EXPECT_THAT(told.out, testing::HasSubstr(name)) << option;
       EXPECT_EQ(code(name + option, " > /dev/full 2> /dev/null"), 1) << name << option;
       EXPECT_EQ(code(name + option, " >&- 2>&- <&-"), 0) << name << option;
     }

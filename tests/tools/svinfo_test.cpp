@@ -1,19 +1,16 @@
 // svinfo and the scenes that it writes.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <random>
 
-#include "base/file.h"
 #include "format/volume.h"
 #include "scene/scene.h"
 #include "streamer/first/default_scene.h"
+#include "tests/support/program_json.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol {
@@ -136,65 +133,26 @@ TEST(DefaultScene, ChoosesTheAttributeOrSaysWhichThereAre) {
   EXPECT_THAT(default_scene(*open_volume(bare), "").error().message, HasSubstr("no attributes"));
 }
 
-TEST(SceneToJson, ComesBackThroughParseScene) {
-  Scene scene = scene_of(test::make_test_volume(test::random_points(100, 1), random_values(1, 100)));
-  scene.lighting = Lighting{0.25, 1.5};
-  scene.background = {0.1, 0.2, 0.3};
-  for (const auto projection : {Camera::Projection::perspective, Camera::Projection::orthographic}) {
-    scene.camera.projection = projection;
-    scene.camera.parallel_height = 7.25;
-    const auto back = parse_scene(scene_to_json(scene));
-    ASSERT_TRUE(back) << back.error().message;
-    EXPECT_EQ(back->camera.projection, projection);
-    EXPECT_EQ(back->camera.position, scene.camera.position);
-    EXPECT_EQ(back->camera.focal_point, scene.camera.focal_point);
-    EXPECT_EQ(back->camera.up, scene.camera.up);
-    EXPECT_EQ(back->background, scene.background);
-    EXPECT_EQ(back->attribute, scene.attribute);
-    EXPECT_EQ(back->lighting, scene.lighting);
-    EXPECT_EQ(back->transfer_function, scene.transfer_function);
-  }
-}
-
-class Svinfo : public testing::Test {
+class Svinfo : public test::ProgramTest {
  protected:
-  Svinfo() {
-    std::string pattern = (fs::path(testing::TempDir()) / "svinfo-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-    volume_ = test::make_test_volume(test::random_points(700, 6), random_values(2, 700));
+  Svinfo() : volume_(test::make_test_volume(test::random_points(700, 6), random_values(2, 700))) {
     EXPECT_TRUE(test::write_test_volume(volume_, path("whole.svol")));
   }
-  ~Svinfo() override { fs::remove_all(folder_); }
 
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
-
-  struct Outcome {
-    int code;
-    std::string out, err;
-  };
-  Outcome run(const std::string& arguments) const {
-    const int status = std::system(
-        (SPLATVOL_BIN "/svinfo " + arguments + " > " + path("out") + " 2> " + path("err") + " < /dev/null").c_str());
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, *read_text_file(path("out")), *read_text_file(path("err"))};
-  }
-
-  fs::path folder_;
   test::TestVolume volume_;
 };
 
 TEST_F(Svinfo, PrintsWhatIsInTheFile) {
-  const Outcome outcome = run(path("whole.svol"));
-  EXPECT_EQ(outcome.code, 0) << outcome.err;
-  EXPECT_EQ(outcome.err, "");
-  EXPECT_THAT(outcome.out, AllOf(HasSubstr("700 points"), HasSubstr("a1"), HasSubstr("position"), HasSubstr("moments"),
-                                 HasSubstr("nodes")));
-  EXPECT_THAT(outcome.out, testing::Not(HasSubstr("every byte checked")));
+  expect_done("svinfo whole.svol");
+  const std::string out = run("svinfo whole.svol").out;
+  EXPECT_THAT(out, AllOf(HasSubstr("700 points"), HasSubstr("a1"), HasSubstr("position"), HasSubstr("moments"),
+                         HasSubstr("nodes")));
+  EXPECT_THAT(out, testing::Not(HasSubstr("every byte checked")));
+  EXPECT_THAT(run("svinfo whole.svol --verify").out, HasSubstr("every byte checked"));
 }
 
 TEST_F(Svinfo, PrintsItAsJson) {
-  const Outcome outcome = run(path("whole.svol") + " --json --verify");
-  ASSERT_EQ(outcome.code, 0) << outcome.err;
-  const json document = json::parse(outcome.out);
+  const json document = test::document_of(run("svinfo whole.svol --json --verify"));
   EXPECT_EQ(document["points"], 700);
   EXPECT_EQ(document["bytes"], fs::file_size(path("whole.svol")));
   EXPECT_EQ(document["resolution_counts"], volume_.info.resolution_counts);
@@ -217,47 +175,30 @@ TEST_F(Svinfo, PrintsItAsJson) {
   EXPECT_EQ(64 + 48 * document["sections"].size() + sections + 32, document["bytes"]);
 }
 
-TEST_F(Svinfo, VerifySaysSo) {
-  const Outcome outcome = run(path("whole.svol") + " --verify");
-  EXPECT_EQ(outcome.code, 0) << outcome.err;
-  EXPECT_THAT(outcome.out, HasSubstr("every byte checked"));
-}
-
 TEST_F(Svinfo, NamesWhatIsBroken) {
-  std::string bytes = *read_text_file(path("whole.svol"));
-  std::ofstream(path("short.svol")) << bytes.substr(0, bytes.size() - 1);
+  std::string bytes = read("whole.svol");
+  write("short.svol", bytes.substr(0, bytes.size() - 1));
   bytes[bytes.size() / 2] ^= 4;
-  std::ofstream(path("flipped.svol")) << bytes;
-  std::ofstream(path("text.svol")) << "This is not a volume, but it is long enough to be one: sixty-four bytes.";
-  const auto refuses = [&](const std::string& arguments, const std::string& reason) {
-    const Outcome outcome = run(arguments);
-    EXPECT_EQ(outcome.code, 1) << arguments;
-    EXPECT_EQ(outcome.out, "") << arguments;
-    EXPECT_EQ(std::ranges::count(outcome.err, '\n'), 1) << outcome.err;
-    EXPECT_THAT(outcome.err, AllOf(HasSubstr(folder_.string()), HasSubstr(reason)));
-  };
-  refuses(path("flipped.svol") + " --verify", "checksum mismatch");
-  refuses(path("short.svol"), "truncated");
-  refuses(path("text.svol"), "not a .svol file");
-  refuses(path("none.svol"), "cannot open");
-  refuses(path("whole.svol") + " --scene " + path("no/scene.json"), "no/scene.json");
-  refuses(path("whole.svol") + " --scene " + path("scene.json") + " --attribute heat", "a0, a1");
-  EXPECT_FALSE(fs::exists(path("scene.json")));
+  write("flipped.svol", bytes);
+  write("text.svol", "This is not a volume, but it is long enough to be one: sixty-four bytes.");
+  expect_refusal("svinfo flipped.svol --verify", "checksum mismatch");
+  expect_refusal("svinfo short.svol", "truncated");
+  expect_refusal("svinfo text.svol", "not a .svol file");
+  expect_refusal("svinfo none.svol", "cannot open");
+  expect_refusal("svinfo whole.svol --scene no/scene.json", "no/scene.json");
+  expect_refusal("svinfo whole.svol --scene scene.json --attribute heat", "a0, a1");
 }
 
 TEST_F(Svinfo, WritesAScene) {
-  const Outcome outcome = run(path("whole.svol") + " --scene " + path("scene.json") + " --attribute a1");
-  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  expect_done("svinfo whole.svol --scene scene.json --attribute a1");
   const auto scene = load_scene(path("scene.json"));
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_EQ(scene->attribute, "a1");
 }
 
 TEST_F(Svinfo, WrongUsageIsTwo) {
-  EXPECT_EQ(run("").code, 2);
-  EXPECT_EQ(run(path("whole.svol") + " --attribute a1").code, 2);
-  EXPECT_EQ(run(path("whole.svol") + " --fast").code, 2);
-  EXPECT_EQ(run("--help").code, 0);
+  for (const std::string arguments : {"", " whole.svol --attribute a1", " whole.svol --fast"})
+    EXPECT_EQ(run("svinfo" + arguments).code, 2) << arguments;
 }
 
 }  // namespace

@@ -1,6 +1,5 @@
 // svview, started like a user starts it: recordings, screenshots, camera paths, a real window.
 #include <fcntl.h>
-#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/wait.h>
@@ -10,7 +9,6 @@
 #include <chrono>
 #include <csignal>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -19,6 +17,7 @@
 #include "pictures/image.h"
 #include "scene/scene.h"
 #include "tests/renderer/surfaces/shapes.h"
+#include "tests/support/programs.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol {
@@ -26,22 +25,13 @@ namespace {
 
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
+using test::Outcome;
 using testing::HasSubstr;
 
-struct Outcome {
-  int code;
-  std::string text;  // of stdout and stderr
-};
-
-class Svview : public testing::Test {
+class Svview : public test::ProgramTest {
  protected:
   void SetUp() override {
-    folder = fs::temp_directory_path() / fmt::format("splatvol_svview_{}", ::getpid());
-    fs::create_directories(folder);
-    const auto points = test::random_points(3000, 1);
-    std::vector<double> values;
-    for (const dvec3& p : points) values.push_back(p.x);
-    ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {values}), path("v.svol")));
+    ASSERT_TRUE(test::write_test_volume(test::volume_of_x(3000), path("v.svol")));
     // Turns, zooms, and hides the numbers: some of them are times.
     write("r.jsonl", R"({"seconds":0.1,"events":[["size",640,480,640,480,1],["pointer",500,200]]})"
                      "\n"
@@ -52,28 +42,24 @@ class Svview : public testing::Test {
                      R"({"seconds":0.1,"events":[["pointer",350,400]]})"
                      "\n");
   }
-  ~Svview() override { fs::remove_all(folder); }
-
-  std::string path(const std::string& name) const { return (folder / name).string(); }
-  void write(const std::string& name, const std::string& text) const { std::ofstream(path(name)) << text; }
 
   Outcome run(const std::string& arguments,
               const std::string& environment = "env -u DISPLAY -u WAYLAND_DISPLAY") const {
-    const std::string command =
-        environment + " " SPLATVOL_BIN "/svview " + arguments + " > " + path("text") + " 2>&1 < /dev/null";
-    const int status = std::system(command.c_str());
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, *read_text_file(path("text"))};
+    return ProgramTest::run(environment + " svview " + arguments);
   }
-
-  fs::path folder;
+  void refuses(const std::string& arguments, const std::string& reason, int code = 1) const {
+    const Outcome outcome = run(arguments);
+    EXPECT_EQ(outcome.code, code) << arguments << "\n" << outcome.text;
+    EXPECT_THAT(outcome.text, HasSubstr(reason)) << arguments;
+  }
 };
 
 TEST_F(Svview, ReplaysARecordingWithoutAWindow) {
-  const Outcome first = run(path("v.svol") + " --replay " + path("r.jsonl") + " --screenshot " + path("a.exr"));
+  const Outcome first = run("v.svol --replay r.jsonl --screenshot a.exr");
   ASSERT_EQ(first.code, 0) << first.text;
   EXPECT_EQ(first.text, "");
-  ASSERT_EQ(run(path("v.svol") + " --replay " + path("r.jsonl") + " --screenshot " + path("b.exr")).code, 0);
-  ASSERT_EQ(run(path("v.svol") + " --size 640x480 --screenshot " + path("c.exr")).code, 0);
+  ASSERT_EQ(run("v.svol --replay r.jsonl --screenshot b.exr").code, 0);
+  ASSERT_EQ(run("v.svol --size 640x480 --screenshot c.exr").code, 0);
   const Image a = *read_exr(path("a.exr"));
   EXPECT_EQ(a.width, 640);
   EXPECT_EQ(a.height, 480);
@@ -81,41 +67,35 @@ TEST_F(Svview, ReplaysARecordingWithoutAWindow) {
   EXPECT_GT(compare_images(a, *read_exr(path("c.exr")))->rmse, 0.005);  // the picture before it
 }
 
-// The plate hides what is behind it, while the picture moves too: the recording ends with a turn.
 // A scene that names its file opens it, and shows what was seen when it was saved.
 TEST_F(Svview, ASceneNamesItsFile) {
   const auto picture = [&](const std::string& arguments) {
-    const Outcome outcome = run(arguments + " --size 640x480 --screenshot " + path("a.exr"));
+    const Outcome outcome = run(arguments + " --size 640x480 --screenshot a.exr");
     EXPECT_EQ(outcome.code, 0) << outcome.text;
     return read_exr(path("a.exr")).value();
   };
-  ASSERT_EQ(
-      std::system((SPLATVOL_BIN "/svinfo " + path("v.svol") + " --scene " + path("s.json") + " > /dev/null").c_str()),
-      0);
+  expect_done("svinfo v.svol --scene s.json");
   UsedScene used = load_used_scene(path("s.json")).value();
-  const Image expected = picture(path("v.svol") + " --scene " + path("s.json") + " --tolerance 9");
+  const Image expected = picture("v.svol --scene s.json --tolerance 9");
   used.use = {.file = "v.svol", .tolerance = 9};
   write("named.json", to_json(used));
-  EXPECT_LT(compare_images(picture(path("named.json")), expected)->rmse, 0.02) << "but for numbers of times";
-  EXPECT_LT(compare_images(picture("--scene " + path("named.json")), expected)->rmse, 0.02);
+  EXPECT_LT(compare_images(picture("named.json"), expected)->rmse, 0.02) << "but for numbers of times";
+  EXPECT_LT(compare_images(picture("--scene named.json"), expected)->rmse, 0.02);
   used.use.file = path("v.svol");
   EXPECT_LT(compare_images(picture("--scene '" + to_json(used, -1) + "'"), expected)->rmse, 0.02);
 
-  const Outcome nameless = run(path("s.json") + " --screenshot " + path("b.png"));
-  EXPECT_EQ(nameless.code, 1);
-  EXPECT_THAT(nameless.text, HasSubstr("names no file"));
+  refuses("s.json --screenshot b.png", "names no file");
 }
 
+// The plate hides what is behind it, while the picture moves too: the recording ends with a turn.
 TEST_F(Svview, ShowsTheSurfacesOfAScene) {
-  const std::string info = SPLATVOL_BIN "/svinfo " + path("v.svol") + " --scene " + path("s.json") + " > /dev/null";
-  ASSERT_EQ(std::system(info.c_str()), 0);
-  auto scene = nlohmann::json::parse(*read_text_file(path("s.json")));
+  expect_done("svinfo v.svol --scene s.json");
+  auto scene = nlohmann::json::parse(read("s.json"));
   write("plate.stl", test::stl_of(test::plate({-9, -9, 0.5}, {18, 0, 0}, {0, 18, 0})));
   const auto screenshot = [&](const nlohmann::json& surfaces, const std::string& device) {
     if (!surfaces.is_null()) scene["surfaces"] = surfaces;
     write("s.json", scene.dump());
-    const Outcome outcome = run(path("v.svol") + " --scene " + path("s.json") + " --replay " + path("r.jsonl") +
-                                " --screenshot " + path("a.exr") + " --device " + device);
+    const Outcome outcome = run("v.svol --scene s.json --replay r.jsonl --screenshot a.exr --device " + device);
     EXPECT_EQ(outcome.code, 0) << outcome.text;
     return *read_exr(path("a.exr"));
   };
@@ -134,9 +114,7 @@ TEST_F(Svview, ShowsTheSurfacesOfAScene) {
   }
   scene["surfaces"] = {{{"file", "gone.stl"}}};
   write("s.json", scene.dump());
-  const Outcome refused = run(path("v.svol") + " --scene " + path("s.json") + " --screenshot " + path("b.png"));
-  EXPECT_EQ(refused.code, 1);
-  EXPECT_THAT(refused.text, HasSubstr("gone.stl: cannot open"));
+  refuses("v.svol --scene s.json --screenshot b.png", "gone.stl: cannot open");
 }
 
 TEST_F(Svview, DrawsACameraPath) {
@@ -144,18 +122,15 @@ TEST_F(Svview, DrawsACameraPath) {
     {"position": [0.5, 0.5, 4], "focal_point": [0.5, 0.5, 0.5], "up": [0, 1, 0], "vertical_fov_degrees": 30},
     {"position": [4, 0.5, 0.5], "focal_point": [0.5, 0.5, 0.5], "up": [0, 1, 0], "vertical_fov_degrees": 30}]})");
   fs::create_directories(path("frames"));
-  const Outcome outcome =
-      run(path("v.svol") + " --play " + path("path.json") + " --frames " + path("frames") + " --fps 10 --size 64x48");
+  const Outcome outcome = run("v.svol --play path.json --frames frames --fps 10 --size 64x48");
   ASSERT_EQ(outcome.code, 0) << outcome.text;
   EXPECT_EQ(std::distance(fs::directory_iterator(path("frames")), {}), 5);
   EXPECT_TRUE(fs::exists(path("frames/frame-00004.png")));
 }
 
 TEST_F(Svview, TellsOfPartsThatCannotBeRead) {
-  ASSERT_EQ(
-      std::system((SPLATVOL_BIN "/svinfo " + path("v.svol") + " --scene " + path("s.json") + " > /dev/null").c_str()),
-      0);
-  std::string bytes = *read_text_file(path("v.svol"));
+  expect_done("svinfo v.svol --scene s.json");
+  std::string bytes = read("v.svol");
   const auto volume = *format::Volume::open(*open_file(path("v.svol")));
   const auto rows = std::ranges::find(volume->sections(), format::SectionKind::rows, &format::SectionEntry::kind);
   for (std::size_t i = 1; i < 500; i += 100) bytes[rows->offset + rows->packed_bytes - i] ^= 0x55;  // the finest
@@ -163,36 +138,26 @@ TEST_F(Svview, TellsOfPartsThatCannotBeRead) {
   write("path.json", R"({"seconds": 1, "cameras": [
     {"position": [0.5, 0.5, 4], "focal_point": [0.5, 0.5, 0.5], "up": [0, 1, 0], "vertical_fov_degrees": 30}]})");
   fs::create_directories(path("frames"));
-  for (const std::string& arguments : {" --screenshot " + path("a.png"),
-                                       " --play " + path("path.json") + " --frames " + path("frames") + " --fps 2"}) {
-    const Outcome outcome = run(path("damaged.svol") + arguments + " --size 64x48 --scene " + path("s.json"));
-    EXPECT_EQ(outcome.code, 1) << arguments;
-    EXPECT_THAT(outcome.text, HasSubstr("could not be read"));
+  for (const std::string& arguments : {" --screenshot a.png", " --play path.json --frames frames --fps 2"}) {
+    refuses("damaged.svol" + arguments + " --size 64x48 --scene s.json", "could not be read");
   }
 }
 
 // Too little memory for a picture ends a replay.
 TEST_F(Svview, APictureThatCannotBeDrawnEndsAReplay) {
-  const Outcome outcome = run(path("v.svol") + " --memory 10K --size 64x48 --screenshot " + path("a.png"));
-  EXPECT_EQ(outcome.code, 1) << outcome.text;
-  EXPECT_THAT(outcome.text, HasSubstr("memory"));
+  refuses("v.svol --memory 10K --size 64x48 --screenshot a.png", "memory");
 }
 
 TEST_F(Svview, SaysWhatIsWrong) {
-  const auto refuses = [&](const std::string& arguments, int code, const std::string& reason) {
-    const Outcome outcome = run(arguments);
-    EXPECT_EQ(outcome.code, code) << arguments << "\n" << outcome.text;
-    EXPECT_THAT(outcome.text, HasSubstr(reason)) << arguments;
-  };
   write("bad.jsonl", "[]\n");
-  refuses("none.svol --screenshot " + path("a.png"), 1, "none.svol");
-  refuses(path("v.svol") + " --replay " + path("bad.jsonl"), 1, "bad.jsonl:1");
-  refuses(path("v.svol") + " --screenshot " + path("a.txt"), 2, "a.txt");
-  refuses(path("v.svol") + " --size 0x5", 2, "0x5");
-  refuses(path("v.svol") + " --max-error 0 --screenshot " + path("a.png"), 2, "not a number above 0");
-  refuses(path("v.svol") + " --max-error 0.01 --tolerance 1 --screenshot " + path("a.png"), 2, "excludes");
-  refuses(path("v.svol") + " --play " + path("none.json") + " --frames " + path("."), 1, "none.json");
-  refuses(path("v.svol"), 1, "no window");  // without a display
+  refuses("none.svol --screenshot a.png", "none.svol");
+  refuses("v.svol --replay bad.jsonl", "bad.jsonl:1");
+  refuses("v.svol --screenshot a.txt", "a.txt", 2);
+  refuses("v.svol --size 0x5", "0x5", 2);
+  refuses("v.svol --max-error 0 --screenshot a.png", "not a number above 0", 2);
+  refuses("v.svol --max-error 0.01 --tolerance 1 --screenshot a.png", "excludes", 2);
+  refuses("v.svol --play none.json --frames .", "none.json");
+  refuses("v.svol", "no window");  // without a display
   EXPECT_FALSE(fs::exists(path("a.png")));
 }
 
@@ -235,11 +200,10 @@ class Xvfb {
 TEST_F(Svview, AWindowShowsWhatIsShownWithoutOne) {
   const Xvfb server;
   if (server.display().empty()) GTEST_SKIP() << "no Xvfb on this machine (package xvfb)";
-  const std::string options = path("v.svol") + " --replay " + path("r.jsonl") + " --screenshot ";
-  const Outcome in_window =
-      run(options + path("w.exr") + " --window", "env -u WAYLAND_DISPLAY DISPLAY=" + server.display());
+  const std::string options = "v.svol --replay r.jsonl --screenshot ";
+  const Outcome in_window = run(options + "w.exr --window", "env -u WAYLAND_DISPLAY DISPLAY=" + server.display());
   ASSERT_EQ(in_window.code, 0) << in_window.text;
-  ASSERT_EQ(run(options + path("a.exr")).code, 0);
+  ASSERT_EQ(run(options + "a.exr").code, 0);
   // A window's pixels have 8 bits.
   EXPECT_LT(compare_images(*read_exr(path("w.exr")), *read_exr(path("a.exr")))->max, 0.02);
 }
@@ -263,7 +227,7 @@ TEST_F(Svview, ARecordingSurvivesTheEndOfTheProgram) {
   ::kill(viewer, SIGKILL);
   ::waitpid(viewer, nullptr, 0);
   EXPECT_GE(frames(), 3);
-  EXPECT_EQ(run(volume + " --replay " + recording + " --screenshot " + path("a.png")).code, 0);
+  EXPECT_EQ(run(volume + " --replay " + recording + " --screenshot a.png").code, 0);
 }
 
 }  // namespace

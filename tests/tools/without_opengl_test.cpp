@@ -22,10 +22,7 @@ class WithoutOpenGl : public test::ProgramTest {
 };
 
 TEST_F(WithoutOpenGl, SvrenderDraws) {
-  const auto points = test::random_points(500, 1);
-  std::vector<double> values;
-  for (const dvec3& p : points) values.push_back(p.x);
-  ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {values}), path("v.svol")));
+  ASSERT_TRUE(test::write_test_volume(test::volume_of_x(500), path("v.svol")));
   for (const char* device : {"auto", "cpu"}) {
     const Outcome outcome = run(fmt::format("v.svol -o {}.exr --device {}", device, device));
     ASSERT_EQ(outcome.code, 0) << outcome.text;

@@ -1,13 +1,11 @@
 // Moving a camera by hand, and cameras along a path.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
-#include <filesystem>
-#include <fstream>
 #include <numbers>
 #include <random>
 
+#include "tests/support/temp_folder.h"
 #include "viewer/camera_control.h"
 #include "viewer/camera_path.h"
 
@@ -139,11 +137,10 @@ TEST_P(Hand, RollTurnsThePicture) {
   EXPECT_LT(glm::length(axes_of(camera).up - before.right), 1e-7);
 }
 
-class CameraPathFile : public testing::Test {
+class CameraPathFile : public test::FolderTest {
  protected:
-  ~CameraPathFile() override { std::filesystem::remove(file); }
-  void write(const std::string& text) const { std::ofstream(file) << text; }
-  const std::string file = testing::TempDir() + "splatvol_path_" + std::to_string(::getpid()) + ".json";
+  void write(const std::string& text) const { FolderTest::write("path.json", text); }
+  const std::string file = path("path.json");
 };
 
 TEST_F(CameraPathFile, GoesThroughItsCameras) {

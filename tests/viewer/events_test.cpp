@@ -1,11 +1,9 @@
 // Recordings.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
-#include <filesystem>
-#include <fstream>
-
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 #include "viewer/events.h"
 
 namespace splatvol {
@@ -13,11 +11,10 @@ namespace {
 
 using testing::HasSubstr;
 
-class Recording : public testing::Test {
+class Recording : public test::FolderTest {
  protected:
-  ~Recording() override { std::filesystem::remove(file); }
-  void write(const std::string& text) const { std::ofstream(file) << text; }
-  const std::string file = testing::TempDir() + "splatvol_recording_" + std::to_string(::getpid()) + ".jsonl";
+  void write(const std::string& text) const { FolderTest::write("recording.jsonl", text); }
+  const std::string file = path("recording.jsonl");
 };
 
 TEST_F(Recording, ComesBackAsItWas) {
@@ -33,14 +30,13 @@ TEST_F(Recording, ComesBackAsItWas) {
     ASSERT_TRUE(recording->add(frame));
     EXPECT_EQ(*read_text_file(file), text) << "it is there at once";
   }
-  const auto read = load_recording(file);
-  ASSERT_TRUE(read) << read.error().message;
-  ASSERT_EQ(read->size(), frames.size());
+  const auto read = test::value_of(load_recording(file));
+  ASSERT_EQ(read.size(), frames.size());
   std::string again;
-  for (const FrameInput& frame : *read) again += to_line(frame);
+  for (const FrameInput& frame : read) again += to_line(frame);
   EXPECT_EQ(again, text);
-  EXPECT_EQ(std::get<FilesDropped>((*read)[2].events[3]).paths[0], "/a b/\"c\".svol");
-  EXPECT_EQ(std::get<WindowResized>((*read)[0].events[0]).pixel_width, 1600);
+  EXPECT_EQ(std::get<FilesDropped>(read[2].events[3]).paths[0], "/a b/\"c\".svol");
+  EXPECT_EQ(std::get<WindowResized>(read[0].events[0]).pixel_width, 1600);
 }
 
 // A program that crashed, or a disk that is full.
@@ -48,9 +44,8 @@ TEST_F(Recording, MayBeCutOffAnywhere) {
   const std::string line = to_line({0.25, {PointerMoved{1.5, 2}, FilesDropped{{"a"}}}});
   for (std::size_t bytes = 0; bytes <= line.size(); ++bytes) {
     write(line + line + line.substr(0, bytes));
-    const auto read = load_recording(file);
-    ASSERT_TRUE(read) << read.error().message;
-    EXPECT_EQ(read->size(), bytes + 1 < line.size() ? 2u : 3u) << bytes;
+    const auto read = test::value_of(load_recording(file));
+    EXPECT_EQ(read.size(), bytes + 1 < line.size() ? 2u : 3u) << bytes;
   }
   write(line + line.substr(0, 5) + "\n" + line);
   EXPECT_FALSE(load_recording(file)) << "not cut off";

@@ -2,46 +2,28 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
-#include <filesystem>
-#include <fstream>
 #include <thread>
 
-#include "renderer/gl/context.h"
-#include "renderer/gl/target.h"
 #include "tests/support/scripted_server.h"
 #include "tests/support/stalled_source.h"
-#include "tests/support/test_volume.h"
+#include "tests/viewer/viewer_fixture.h"
 #include "viewer/camera_control.h"
-#include "viewer/viewer.h"
 
 namespace splatvol {
 namespace {
 
-namespace fs = std::filesystem;
 using test::Reply;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
 constexpr int width = 800, height = 600;
 
-class SlowFiles : public testing::Test {
+class SlowFiles : public test::ViewerFixture {
  protected:
-  void SetUp() override {
-    fs::create_directories(folder);
-    const auto points = test::random_points(3000, 1);
-    std::vector<double> heat, wind;
-    for (const dvec3& p : points) heat.push_back(p.x), wind.push_back(glm::length(p - 0.5));
-    ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {heat, wind}), path("v.svol")));
-  }
-  void TearDown() override { fs::remove_all(folder); }
-
-  std::string path(const std::string& name) const { return (folder / name).string(); }
-
-  fs::path folder = fs::temp_directory_path() / fmt::format("splatvol_slow_files_{}", ::getpid());
+  void SetUp() override { write_two_attributes("v.svol"); }
 };
 
 // A session without a window, whose reads wait while `stalls`.
@@ -56,10 +38,6 @@ class SlowFilesInASession : public SlowFiles {
     auto read = Session::read({.file = path("v.svol")}, "", settings, open);
     ASSERT_TRUE(read) << read.error().message;
     session = Session::open(std::move(*read)).value();
-  }
-  void TearDown() override {
-    session.reset();
-    SlowFiles::TearDown();
   }
 
   void draw() { ASSERT_TRUE(session->draw(200, 150, 1)); }
@@ -81,38 +59,13 @@ class SlowFilesInAWindow : public SlowFiles {
  protected:
   void SetUp() override {
     SlowFiles::SetUp();
-    static const auto context = HeadlessContext::create();
-    ASSERT_TRUE(context);
-    ASSERT_TRUE(target_.resize(width, height));
+    ViewerFixture::SetUp();
+    resize(width, height);
     ViewerOptions options;
     options.recent_files = path("state/recent.json");
-    viewer = Viewer::create(options).value();
-    frame({WindowResized{width, height, width, height, 1}});
-  }
-  void TearDown() override {
-    viewer.reset();
-    SlowFiles::TearDown();
-  }
-
-  void frame(std::vector<Event> events) {
-    target_.use();
-    const Status drawn = viewer->frame({1, std::move(events)});
-    ASSERT_TRUE(drawn) << drawn.error().message;
-  }
-  void settle() {
-    do frame({});
-    while (!viewer->is_settled());  // ends by the test's time limit
-  }
-  Image screen() {
-    target_.use();
-    return read_framebuffer(width, height).value();
+    open(options);
   }
   std::string opened() const { return viewer->session() ? viewer->session()->path() : ""; }
-
-  std::unique_ptr<Viewer> viewer;
-
- private:
-  Target target_;
 };
 
 TEST_F(SlowFilesInAWindow, AServerThatStallsIsGivenUpByAKey) {
@@ -129,8 +82,7 @@ TEST_F(SlowFilesInAWindow, AServerThatStallsIsGivenUpByAKey) {
   EXPECT_EQ(opened(), path("v.svol")) << "the file before stays";
   EXPECT_GT(compare_images(screen(), before)->rmse, 0.001) << "words tell of it";
 
-  frame({KeyChanged{key::escape, true}});
-  frame({KeyChanged{key::escape, false}});
+  press(key::escape);
   settle();
   EXPECT_EQ(opened(), path("v.svol"));
   EXPECT_EQ(compare_images(screen(), before)->max, 0);
@@ -155,28 +107,21 @@ TEST_F(SlowFilesInAWindow, WhatCannotBeOpenedLeavesTheFileBefore) {
 }
 
 TEST_F(SlowFilesInAWindow, TheDialogOpensAFileByItsPathAndByAClick) {
-  const auto press_with_control = [&](int code) {
-    frame({KeyChanged{key::left_control, true}, KeyChanged{code, true}});
-    frame({KeyChanged{code, false}, KeyChanged{key::left_control, false}});
-    frame({});
-  };
   press_with_control('O');
+  frame({});
   for (const char c : path("v.svol")) frame({TextTyped{static_cast<std::uint32_t>(c)}});
-  frame({KeyChanged{key::enter, true}});
-  frame({KeyChanged{key::enter, false}});
+  press(key::enter);
   settle();
   EXPECT_EQ(opened(), path("v.svol"));
 
   press_with_control('W');
+  frame({});
   EXPECT_EQ(viewer->session(), nullptr);
 
   // The dialog begins in the folder of the time before. Its second entry is the file; the first is the folder "state".
   press_with_control('O');
-  const double x = width / 2, y = height / 2 - 210 + 131;
-  frame({PointerMoved{x, y}});
   frame({});
-  frame({ButtonChanged{0, true}});
-  frame({ButtonChanged{0, false}});
+  click(width / 2, height / 2 - 210 + 131);
   settle();
   EXPECT_EQ(opened(), path("v.svol"));
 }
@@ -198,7 +143,7 @@ TEST_F(SlowFiles, RecentFilesAreKept) {
   EXPECT_EQ(RecentFiles(list).paths().size(), 12U);
   EXPECT_EQ(RecentFiles(list).paths().front(), "/data/99.svol");
   for (const char* damaged : {"", "{}", "[1, 2", "[[[[]]]]", "[3]"}) {
-    std::ofstream(list) << damaged;
+    write("state/recent.json", damaged);
     EXPECT_TRUE(RecentFiles(list).paths().empty()) << damaged;
   }
 }

@@ -5,19 +5,17 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
 #include <fstream>
+#include <optional>
 #include <utility>
 
 #include "base/file.h"
-#include "builder/pipeline/build.h"
 #include "format/volume.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
-#include "tests/builder/support/meshes.h"
-#include "tests/builder/support/piece_source.h"
-#include "tests/support/require.h"
+#include "tests/builder/support/built_mesh.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 #include "viewer/viewer.h"
 
 namespace splatvol {
@@ -29,15 +27,13 @@ constexpr double long_time = 1;  // seconds: longer than any change takes
 class SessionAtRest : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    test::require(::mkdtemp(folder.data()) != nullptr, folder);
-    const test::Mesh mesh = test::lattice(84, [](dvec3 p) { return p; });
-    test::PieceSource source(
-        {test::mesh_piece(mesh, [](dvec3 p) { return std::sin(20 * p.x) * std::cos(17 * p.y) + std::sin(9 * p.z); })});
-    test::require(build_volume(source, path(), {}, [](const char*, double) {}));
+    folder.emplace();
+    const auto waves = [](dvec3 p) { return std::sin(20 * p.x) * std::cos(17 * p.y) + std::sin(9 * p.z); };
+    test::build_mesh(test::lattice(84), waves, path());
   }
-  static void TearDownTestSuite() { std::filesystem::remove_all(folder); }
+  static void TearDownTestSuite() { folder.reset(); }
 
-  static std::string path() { return folder + "/m.svol"; }
+  static std::string path() { return folder->path("m.svol"); }
 
   static std::unique_ptr<Session> open(const ViewSettings& settings) {
     auto session = Session::open(path(), "", settings);
@@ -63,7 +59,7 @@ class SessionAtRest : public testing::Test {
     return session.image().value();
   }
 
-  static inline std::string folder = (std::filesystem::temp_directory_path() / "splatvol-viewer-rest-XXXXXX").string();
+  static inline std::optional<test::TempFolder> folder;
 };
 
 TEST_F(SessionAtRest, HasTheWantedError) {
@@ -116,8 +112,7 @@ TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
 
 // A picture that took a while is shown, though the next one is being drawn by then.
 TEST_F(SessionAtRest, EachPictureIsShown) {
-  const auto context = HeadlessContext::create();
-  ASSERT_TRUE(context) << context.error().message;
+  const auto context = test::value_of(HeadlessContext::create());
   ViewSettings settings = on_processor();
   settings.max_error = 1e-4;
   const auto session = open(settings);
@@ -141,8 +136,7 @@ TEST_F(SessionAtRest, EachPictureIsShown) {
 
 // Only what is round the picture changes: it is laid over another background, and not drawn again.
 TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
-  const auto context = HeadlessContext::create();
-  ASSERT_TRUE(context) << context.error().message;
+  const auto context = test::value_of(HeadlessContext::create());
   const auto session = open(on_processor());
   settled(*session);
   const std::uint64_t serial = session->frame()->serial;
@@ -163,8 +157,7 @@ TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
 // What the HUD tells of a picture that was drawn aside fits into it a frame after the picture has come.
 TEST_F(SessionAtRest, AFrameFollowsTheLastPicture) {
   constexpr int width = 400, height = 300;
-  const auto context = HeadlessContext::create();
-  ASSERT_TRUE(context) << context.error().message;
+  const auto context = test::value_of(HeadlessContext::create());
   Target target;
   ASSERT_TRUE(target.resize(width, height));
   ViewerOptions options;
@@ -233,12 +226,11 @@ TEST_F(SessionAtRest, DrawsTheSameWithoutHurry) {
 
 // A disk that fails: after a thousand parts that cannot be read, the picture stays coarse and comes to rest.
 TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
-  const test::Mesh mesh = test::lattice(40, [](dvec3 p) { return p; });
-  test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return std::sin(20 * p.x); })});
-  const std::string damaged = folder + "/damaged.svol";
+  const std::string damaged = folder->path("damaged.svol");
   BuildOptions options;
   options.points_per_chunk = {{64}};
-  ASSERT_TRUE(build_volume(source, damaged, options, [](const char*, double) {}));
+  test::build_mesh(
+      test::lattice(40), [](dvec3 p) { return std::sin(20 * p.x); }, damaged, options);
   const auto volume = *format::Volume::open(*open_file(damaged));
   const auto rows = std::ranges::find(volume->sections(), format::SectionKind::rows, &format::SectionEntry::kind);
   std::string bytes = *read_text_file(damaged);
@@ -249,14 +241,13 @@ TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
     ViewSettings settings = on_processor();
     settings.tolerance = 0;
     settings.hurries = hurries;
-    auto session = Session::open(damaged, "", settings);
-    ASSERT_TRUE(session) << session.error().message;
-    settled(**session);
-    EXPECT_GE((*session)->troubles().size(), 1000u);
-    EXPECT_GT((*session)->frame()->splats, 0u);
+    auto session = test::value_of(Session::open(damaged, "", settings));
+    settled(*session);
+    EXPECT_GE(session->troubles().size(), 1000u);
+    EXPECT_GT(session->frame()->splats, 0u);
     // A moved camera comes to rest, too.
-    (*session)->scene.camera.position += dvec3(0.1);
-    settled(**session);
+    session->scene.camera.position += dvec3(0.1);
+    settled(*session);
   }
 }
 

@@ -1,85 +1,39 @@
 // Slices, clip planes and the isovalue in the viewer, by events.
 #include <gtest/gtest.h>
 
-#include <cmath>
-#include <cstdlib>
-#include <filesystem>
-
-#include "builder/pipeline/build.h"
-#include "renderer/gl/context.h"
-#include "renderer/gl/target.h"
 #include "scene/isovalue.h"
-#include "tests/builder/support/meshes.h"
-#include "tests/builder/support/piece_source.h"
+#include "tests/builder/support/built_mesh.h"
+#include "tests/viewer/viewer_fixture.h"
 #include "viewer/probe.h"
-#include "viewer/viewer.h"
 
 namespace splatvol {
 namespace {
 
-constexpr int width = 1100, height = 800;
 constexpr double panel = 336;
 
 double linear(dvec3 p) { return 3 + p.x - 2 * p.y + 0.5 * p.z; }
 
-class ViewerSlices : public testing::Test {
+class ViewerSlices : public test::ViewerFixture {
  protected:
   void SetUp() override {
-    ASSERT_TRUE(context_);
-    ASSERT_NE(::mkdtemp(folder_.data()), nullptr);
-    test::PieceSource source({test::mesh_piece(test::lattice(12), linear)});
-    ASSERT_TRUE(build_volume(source, folder_ + "/m.svol", {}, [](const char*, double) {}));
-    ASSERT_TRUE(target_.resize(width, height));
+    ViewerFixture::SetUp();
+    test::build_mesh(test::lattice(12), linear, path("m.svol"));
+    resize(1100, 800);
     ViewerOptions options;
-    options.volume = folder_ + "/m.svol";
-    viewer_ = Viewer::create(options).value();
-    frame({WindowResized{width, height, width, height, 1}});
+    options.volume = path("m.svol");
+    open(options);
     settle();
   }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
 
-  void frame(std::vector<Event> events) {
-    target_.use();
-    const Status status = viewer_->frame({1, std::move(events)});
-    ASSERT_TRUE(status) << status.error().message;
-  }
-  void settle() {
-    int frames = 0;
-    do {
-      frame({});
-      ASSERT_LT(++frames, 100000);
-    } while (!viewer_->is_settled());
-  }
-  void press(int code) {
-    frame({KeyChanged{code, true}});
-    frame({KeyChanged{code, false}});
-  }
   void undo() {
-    frame({KeyChanged{key::left_control, true}});
-    press('Z');
-    frame({KeyChanged{key::left_control, false}});
-    settle();
-  }
-  void click(double x, double y) {
-    frame({PointerMoved{x, y}});
-    frame({});
-    frame({ButtonChanged{0, true}});
-    frame({ButtonChanged{0, false}});
+    press_with_control('Z');
     settle();
   }
   void drag(const dvec2& from, const dvec2& to) {
-    frame({PointerMoved{from.x, from.y}});
-    frame({});
-    frame({ButtonChanged{0, true}});
-    for (const double share : {0.25, 0.5, 1.0}) {
-      const dvec2 at = from + share * (to - from);
-      frame({PointerMoved{at.x, at.y}});
-    }
-    frame({ButtonChanged{0, false}});
+    ViewerFixture::drag({from, from + 0.25 * (to - from), from + 0.5 * (to - from), to});
     settle();
   }
-  const Scene& scene() const { return viewer_->session()->scene; }
-  const View& view() const { return viewer_->session()->view(); }
+  const View& view() const { return viewer->session()->view(); }
 
   // Where a position is in the window.
   dvec2 at(const dvec3& position) const {
@@ -92,23 +46,18 @@ class ViewerSlices : public testing::Test {
     const double world = view().to_view(slice.point).z / view().focal;
     return at(slice.point + 70 * world * glm::normalize(slice.normal));
   }
-
-  Result<std::unique_ptr<HeadlessContext>> context_ = HeadlessContext::create();
-  std::string folder_ = (std::filesystem::temp_directory_path() / "splatvol-viewer-slices-XXXXXX").string();
-  Target target_;
-  std::unique_ptr<Viewer> viewer_;
 };
 
 TEST_F(ViewerSlices, HandlesMoveAndTurnTheSliceAndUndoGoesBack) {
   const Camera camera = scene().camera;
-  const Image before = viewer_->session()->image().value();
+  const Image before = viewer->session()->image().value();
   press('X');
   settle();
   ASSERT_EQ(scene().slices.size(), 1U);
   const SceneSlice added = scene().slices[0];
   EXPECT_EQ(added.point, camera.focal_point);
   EXPECT_LT(glm::dot(added.normal, view().forward), -0.5) << "it faces the eye";
-  const Image sliced = viewer_->session()->image().value();
+  const Image sliced = viewer->session()->image().value();
   EXPECT_GT(compare_images(sliced, before)->rmse, 0.05);
   EXPECT_EQ(sliced.at(view().width / 2, view().height / 2).a, 1);
 
@@ -131,7 +80,7 @@ TEST_F(ViewerSlices, HandlesMoveAndTurnTheSliceAndUndoGoesBack) {
   EXPECT_LT(glm::dot(turned.normal, moved.normal), 0.99);
   EXPECT_LT(glm::length(tip() - from - dvec2(25, 10)), 5);
   EXPECT_EQ(scene().camera, camera) << "the camera stays";
-  EXPECT_GT(compare_images(viewer_->session()->image().value(), sliced)->rmse, 0.01);
+  EXPECT_GT(compare_images(viewer->session()->image().value(), sliced)->rmse, 0.01);
 
   // Beside the handles a drag turns the camera.
   drag({panel + 60, 700}, {panel + 120, 700});
@@ -146,14 +95,14 @@ TEST_F(ViewerSlices, HandlesMoveAndTurnTheSliceAndUndoGoesBack) {
   EXPECT_EQ(scene().slices[0], added);
   undo();
   EXPECT_TRUE(scene().slices.empty());
-  EXPECT_EQ(compare_images(viewer_->session()->image().value(), before)->max, 0);
+  EXPECT_EQ(compare_images(viewer->session()->image().value(), before)->max, 0);
 }
 
 TEST_F(ViewerSlices, TheProbeReadsTheValue) {
   press('X');
   settle();
-  const FrameSplats& shown = *viewer_->session()->frame();
-  const DrawingUnits units = viewer_->session()->units();
+  const FrameSplats& shown = *viewer->session()->frame();
+  const DrawingUnits units = viewer->session()->units();
   const double x = 0.5 * view().width + 11, y = 0.5 * view().height - 7;
   const auto found = probe_slices(shown.sliced, units, view(), looking_through(view(), x, y).ray);
   ASSERT_TRUE(found);

@@ -4,45 +4,42 @@
 
 #include <atomic>
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <thread>
 
 #include "builder/series/series_build.h"
 #include "builder/series/series_files.h"
-#include "renderer/gl/context.h"
-#include "renderer/gl/target.h"
-#include "tests/builder/support/meshes.h"
-#include "tests/builder/support/piece_source.h"
+#include "tests/builder/support/built_mesh.h"
 #include "tests/support/stalled_source.h"
+#include "tests/viewer/viewer_fixture.h"
 #include "viewer/session.h"
-#include "viewer/viewer.h"
 
 namespace splatvol {
 namespace {
 
-constexpr double long_time = 1;  // seconds: longer than any change takes
+using test::long_time;
+
+const auto silent = [](const char*, double) {};
 
 SeriesStep step_at(int step, std::uint32_t cells = 12) {
-  return {fmt::format("step {}", step), 0.5 * step, [step, cells]() -> Result<std::unique_ptr<Source>> {
-            const test::Mesh mesh = test::lattice(cells, [](dvec3 p) { return p; });
-            return std::make_unique<test::PieceSource>(
-                std::vector{test::mesh_piece(mesh, [step](dvec3 p) { return std::sin(5 * p.x + step) + step; })});
-          }};
+  return test::mesh_step(0.5 * step, test::lattice(cells), [step](dvec3 p) { return std::sin(5 * p.x + step) + step; });
 }
 
-class ViewerSteps : public testing::Test {
+class ViewerSteps : public test::ViewerFixture {
  protected:
   void SetUp() override {
-    ASSERT_TRUE(context_);
-    ASSERT_NE(::mkdtemp(folder_.data()), nullptr);
-    const auto silent = [](const char*, double) {};
-    ASSERT_TRUE(build_series({step_at(0), step_at(1), step_at(2)}, path("series"), {}, silent));
-    ASSERT_TRUE(build_volume(*step_at(1).open().value(), path("single"), {}, silent));
+    ViewerFixture::SetUp();
+    ASSERT_TRUE(build_series({step_at(0), step_at(1), step_at(2)}, path("series.svol"), {}, silent));
+    ASSERT_TRUE(build_volume(*step_at(1).open().value(), path("single.svol"), {}, silent));
   }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
 
-  [[nodiscard]] std::string path(const std::string& name) const { return folder_ + "/" + name + ".svol"; }
+  // Returns the name of the index. `steps`: how many files.
+  std::string write_files(const std::string& name, int steps = 3) const {
+    std::vector<SeriesStep> all;
+    for (int step = 0; step < steps; ++step) all.push_back(step_at(step));
+    EXPECT_TRUE(build_series_of_files(all, path(name), false, {}, silent));
+    return path(name);
+  }
 
   static Image settled(Session& session) {
     do {
@@ -50,13 +47,10 @@ class ViewerSteps : public testing::Test {
     } while (!session.is_settled());  // ends by the test's time limit
     return session.image().value();
   }
-
-  Result<std::unique_ptr<HeadlessContext>> context_ = HeadlessContext::create();
-  std::string folder_ = (std::filesystem::temp_directory_path() / "splatvol-viewer-steps-XXXXXX").string();
 };
 
 TEST_F(ViewerSteps, LookLikeFilesOfTheirOwn) {
-  const auto series = Session::open(path("series"), "", {}).value();
+  const auto series = Session::open(path("series.svol"), "", {}).value();
   EXPECT_EQ(series->times(), (std::vector<double>{0, 0.5, 1}));
   EXPECT_EQ(series->step(), 2u) << "the last comes first";
   const Image last = settled(*series);
@@ -65,7 +59,7 @@ TEST_F(ViewerSteps, LookLikeFilesOfTheirOwn) {
   const Image middle = settled(*series);
   EXPECT_GT(compare_images(last, middle)->rmse, 0.01);
 
-  const auto single = Session::open(path("single"), "", {}).value();
+  const auto single = Session::open(path("single.svol"), "", {}).value();
   EXPECT_TRUE(single->times().empty());
   single->scene = series->scene;
   EXPECT_LE(compare_images(settled(*single), middle)->max, 1e-6);
@@ -80,8 +74,7 @@ TEST_F(ViewerSteps, LookLikeFilesOfTheirOwn) {
 
 // A series of files, whose meshes differ, plays like a series in one file.
 TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
-  const std::string index = folder_ + "/f.svols";
-  const auto silent = [](const char*, double) {};
+  const std::string index = folder_ + "f.svols";
   const auto built = build_series_of_files({step_at(0), step_at(1, 9), step_at(2)}, index, false, {}, silent);
   ASSERT_TRUE(built) << built.error().message;
   const auto series = Session::open(index, "", {}).value();
@@ -96,12 +89,12 @@ TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
   EXPECT_TRUE(series->is_step_shown());
   EXPECT_EQ(series->info().point_count(), 1000u);
 
-  const auto single = Session::open(folder_ + "/f-0001.svol", "", {}).value();
+  const auto single = Session::open(folder_ + "f-0001.svol", "", {}).value();
   single->scene = series->scene;
   EXPECT_EQ(compare_images(settled(*single), middle)->max, 0);
 
   // A file that is gone: the step stays.
-  std::filesystem::remove(folder_ + "/f-0000.svol");
+  std::filesystem::remove(folder_ + "f-0000.svol");
   EXPECT_FALSE(series->show_step(0));
   EXPECT_EQ(series->step(), 1u);
   EXPECT_EQ(compare_images(settled(*series), middle)->max, 0);
@@ -111,8 +104,7 @@ TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
 
 // The step's own file is gone, too: it is open, and stays.
 TEST_F(ViewerSteps, StayWhileAllFilesAreAway) {
-  const std::string index = folder_ + "/g.svols";
-  ASSERT_TRUE(build_series_of_files({step_at(0), step_at(1)}, index, false, {}, [](const char*, double) {}));
+  const std::string index = write_files("g.svols", 2);
   const auto series = Session::open(index, "", {}).value();
   const Image last = settled(*series);
   for (const char* file : {"/g-0000.svol", "/g-0001.svol"})
@@ -127,17 +119,15 @@ TEST_F(ViewerSteps, StayWhileAllFilesAreAway) {
   EXPECT_EQ(compare_images(settled(*series), last)->max, 0);
   EXPECT_EQ(series->troubles().size(), 1u);
 
-  std::filesystem::rename(folder_ + "/g-0000.svol.away", folder_ + "/g-0000.svol");
+  std::filesystem::rename(folder_ + "g-0000.svol.away", folder_ + "g-0000.svol");
   EXPECT_TRUE(series->show_step(0));
   EXPECT_GT(compare_images(settled(*series), last)->rmse, 0.01);
 }
 
 // The window does not wait for a step that a hand asks for.
 TEST_F(ViewerSteps, AreReadAside) {
-  const std::string index = folder_ + "/aside.svols";
-  ASSERT_TRUE(
-      build_series_of_files({step_at(0), step_at(1), step_at(2)}, index, false, {}, [](const char*, double) {}));
-  for (const std::string& file : {path("series"), index}) {
+  const std::string index = write_files("aside.svols");
+  for (const std::string& file : {path("series.svol"), index}) {
     std::atomic<bool> stalls = false;
     std::atomic<int> waiting = 0;
     const auto open = [&](const std::string& name) { return test::open_stalled(name, stalls, waiting); };
@@ -190,7 +180,7 @@ TEST_F(ViewerSteps, AreReadAside) {
     EXPECT_EQ(session->step(), file == index ? 0u : 1u);
     stalls = false;
   }
-  std::filesystem::remove(folder_ + "/aside-0000.svol");
+  std::filesystem::remove(folder_ + "aside-0000.svol");
   const auto session = Session::open(index, "", {}).value();
   const Image last = settled(*session);
   session->ask_step(0);
@@ -209,29 +199,16 @@ class PlayingSteps : public ViewerSteps {
  protected:
   void SetUp() override {
     ViewerSteps::SetUp();
-    ASSERT_TRUE(target_.resize(400, 300));
+    resize(400, 300);
+    frame_seconds = 0.02;
+    play_file(path("series.svol"));
+  }
+  void play_file(const std::string& volume) {
     ViewerOptions options;
-    options.volume = path("series");
-    viewer_ = Viewer::create(options).value();
-    frame({WindowResized{400, 300, 400, 300, 1}});
+    options.volume = volume;
+    open(options);
   }
-  void TearDown() override {
-    viewer_.reset();
-    ViewerSteps::TearDown();
-  }
-  void frame(std::vector<Event> events, double seconds = 0.02) {
-    target_.use();
-    const Status status = viewer_->frame({seconds, std::move(events)});
-    ASSERT_TRUE(status) << status.error().message;
-  }
-  void press(int code) {
-    frame({KeyChanged{code, true}});
-    frame({KeyChanged{code, false}});
-  }
-  [[nodiscard]] std::size_t step() const { return viewer_->session()->step(); }
-
-  Target target_;
-  std::unique_ptr<Viewer> viewer_;
+  [[nodiscard]] std::size_t step() const { return viewer->session()->step(); }
 };
 
 TEST_F(PlayingSteps, GoFromTheFirstToTheLast) {
@@ -240,9 +217,9 @@ TEST_F(PlayingSteps, GoFromTheFirstToTheLast) {
   EXPECT_EQ(step(), 0u) << "behind the last comes the first";
   std::vector<std::size_t> seen = {0};
   double seconds = 0, first_change = 0;
-  for (int frames = 0; !viewer_->is_settled(); ++frames) {
+  for (int frames = 0; !viewer->is_settled(); ++frames) {
     ASSERT_LT(frames, 100000);
-    const bool shown = viewer_->session()->is_step_shown();
+    const bool shown = viewer->session()->is_step_shown();
     frame({});
     if (step() == seen.back()) {
       seconds += 0.02;
@@ -258,30 +235,23 @@ TEST_F(PlayingSteps, GoFromTheFirstToTheLast) {
 
 // Files are read aside. One that cannot be read is the end.
 TEST_F(PlayingSteps, OfFilesGoOnUntilOneCannotBeRead) {
-  const std::string index = folder_ + "/played.svols";
-  ASSERT_TRUE(
-      build_series_of_files({step_at(0), step_at(1), step_at(2)}, index, false, {}, [](const char*, double) {}));
-  ViewerOptions options;
-  options.volume = index;
-  viewer_.reset();
-  viewer_ = Viewer::create(options).value();
-  frame({WindowResized{400, 300, 400, 300, 1}});
+  play_file(write_files("played.svols"));
   const auto play = [&] {
     press(key::space);
     std::vector<std::size_t> seen;
-    for (int frames = 0; !viewer_->is_settled(); ++frames) {
+    for (int frames = 0; !viewer->is_settled(); ++frames) {
       EXPECT_LT(frames, 100000);
       if (frames == 100000) break;
       frame({});
-      if (viewer_->session()->is_step_shown() && (seen.empty() || step() != seen.back())) seen.push_back(step());
+      if (viewer->session()->is_step_shown() && (seen.empty() || step() != seen.back())) seen.push_back(step());
     }
     return seen;
   };
   EXPECT_EQ(play(), (std::vector<std::size_t>{0, 1, 2}));
-  EXPECT_TRUE(viewer_->session()->troubles().empty());
-  std::filesystem::remove(folder_ + "/played-0001.svol");
+  EXPECT_TRUE(viewer->session()->troubles().empty());
+  std::filesystem::remove(folder_ + "played-0001.svol");
   EXPECT_EQ(play(), (std::vector<std::size_t>{0}));
-  EXPECT_EQ(viewer_->session()->troubles().size(), 1u);
+  EXPECT_EQ(viewer->session()->troubles().size(), 1u);
 }
 
 TEST_F(PlayingSteps, StopAtASecondPress) {
@@ -289,7 +259,7 @@ TEST_F(PlayingSteps, StopAtASecondPress) {
   frame({});
   press(key::space);
   const std::size_t stopped = step();
-  for (int frames = 0; !viewer_->is_settled(); ++frames) {
+  for (int frames = 0; !viewer->is_settled(); ++frames) {
     ASSERT_LT(frames, 100000);
     frame({}, long_time);
   }

@@ -9,24 +9,16 @@
 
 #include "player/sampling.h"
 #include "renderer/device/device.h"
-#include "renderer/gl/context.h"
-#include "renderer/gl/target.h"
-#include "tests/support/test_volume.h"
-#include "viewer/viewer.h"
+#include "tests/viewer/viewer_fixture.h"
 
 namespace splatvol {
 namespace {
 
 namespace fs = std::filesystem;
+using test::long_time;
 using testing::HasSubstr;
 
 constexpr int width = 800, height = 600;
-constexpr double long_time = 1;  // seconds: longer than any change takes
-
-const HeadlessContext* shared_context() {
-  static const auto context = HeadlessContext::create();
-  return context ? context->get() : nullptr;
-}
 
 // Lets programs of a folder take the place of others.
 class ProgramsFrom {
@@ -38,54 +30,18 @@ class ProgramsFrom {
   std::string before_ = std::getenv("PATH");
 };
 
-class ViewerTest : public testing::Test {
+class ViewerTest : public test::ViewerFixture {
  protected:
   void SetUp() override {
-    ASSERT_TRUE(shared_context());
-    folder = fs::temp_directory_path() / fmt::format("splatvol_viewer_{}", ::getpid());
-    fs::create_directories(folder);
-    const auto points = test::random_points(3000, 1);
-    std::vector<double> heat, wind;
-    for (const dvec3& p : points) heat.push_back(p.x), wind.push_back(glm::length(p - 0.5));
-    ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {heat, wind}), path("v.svol")));
-    ASSERT_TRUE(target.resize(width, height));
+    ViewerFixture::SetUp();
+    write_two_attributes("v.svol");
+    resize(width, height);
     ViewerOptions options;
     options.volume = path("v.svol");
     options.settings.reads_aside = false;
-    auto made = Viewer::create(options);
-    ASSERT_TRUE(made) << made.error().message;
-    viewer = std::move(*made);
-    frame({WindowResized{width, height, width, height, 1}});
-  }
-  void TearDown() override {
-    viewer.reset();
-    fs::remove_all(folder);
+    open(options);
   }
 
-  std::string path(const std::string& name) const { return (folder / name).string(); }
-
-  void frame(std::vector<Event> events, double seconds = long_time) {
-    target.use();
-    const Status status = viewer->frame({seconds, std::move(events)});
-    ASSERT_TRUE(status) << status.error().message;
-  }
-  void settle() {
-    int frames = 0;
-    do {
-      frame({});
-      ASSERT_LT(++frames, 100000);
-    } while (!viewer->is_settled());
-  }
-  void press(int code) {
-    frame({KeyChanged{code, true}});
-    frame({KeyChanged{code, false}});
-  }
-  void click(double x, double y) {
-    frame({PointerMoved{x, y}});
-    frame({});  // the interface knows a frame later which control is under the pointer
-    frame({ButtonChanged{0, true}});
-    frame({ButtonChanged{0, false}});
-  }
   // Opens the file again, with a clipboard that `copied` holds.
   void open_with_clipboard(std::string& copied, const std::string& scene_text = "") {
     ViewerOptions options;
@@ -93,15 +49,10 @@ class ViewerTest : public testing::Test {
     options.scene = scene_text;
     options.settings.reads_aside = false;
     options.clipboard.copy = [&](const std::string& text) { copied = text; };
-    viewer.reset();
-    viewer = Viewer::create(options).value();
-    frame({WindowResized{width, height, width, height, 1}});
+    open(options);
   }
-  Image screen() {
-    target.use();
-    return read_framebuffer(width, height).value();
-  }
-  const Scene& scene() const { return viewer->session()->scene; }
+  // Drops a scene, as a file, on the window.
+  void drop(const Scene& dropped) { frame({FilesDropped{{write("dropped.json", scene_to_json(dropped))}}}); }
 
   // The area of the picture, without the panel.
   static double brightness(const Image& image) {
@@ -113,9 +64,7 @@ class ViewerTest : public testing::Test {
   // Where the panel has its check box "lighting".
   static constexpr PointerMoved lighting_box{17, 521};
 
-  fs::path folder;
-  Target target;
-  std::unique_ptr<Viewer> viewer;
+  const fs::path folder = path();
 };
 
 TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
@@ -146,9 +95,7 @@ TEST_F(ViewerTest, ShowsTheSamePictureOfBothDevices) {
     ViewerOptions options;
     options.volume = path("v.svol");
     options.settings.device = device;
-    viewer.reset();
-    viewer = Viewer::create(options).value();
-    frame({WindowResized{width, height, width, height, 1}});
+    open(options);
     press('H');  // hides the numbers, which differ
     settle();
     pictures.push_back(viewer->session()->image().value());
@@ -175,19 +122,11 @@ TEST_F(ViewerTest, RestsWhenNothingHappens) {
 TEST_F(ViewerTest, ADragTurnsThePictureAndNotThePanel) {
   settle();
   const Camera before = scene().camera;
-  frame({PointerMoved{600, 300}});
-  frame({});
-  frame({ButtonChanged{0, true}});
-  frame({PointerMoved{660, 320}});
-  frame({ButtonChanged{0, false}});
+  drag({{600, 300}, {660, 320}});
   EXPECT_NE(scene().camera.position, before.position);
   const Camera turned = scene().camera;
   // The same drag over the panel does not move the camera.
-  frame({PointerMoved{100, 500}});
-  frame({});
-  frame({ButtonChanged{0, true}});
-  frame({PointerMoved{160, 520}});
-  frame({ButtonChanged{0, false}});
+  drag({{100, 500}, {160, 520}});
   EXPECT_EQ(scene().camera.position, turned.position);
   press('R');
   EXPECT_EQ(scene().camera.position, before.position);
@@ -242,8 +181,7 @@ TEST_F(ViewerTest, UndoesAndRedoesWhatChangesTheScene) {
   other.transfer_function.hi *= 0.5;
   other.clip_box = Box{dvec3(0), dvec3(0.5)};
   other.background = dvec3(1);
-  std::ofstream(path("other.json")) << scene_to_json(other);
-  frame({FilesDropped{{path("other.json")}}});
+  drop(other);
   done();
   EXPECT_EQ(viewer->session()->attribute().name, "a1");
 
@@ -322,8 +260,7 @@ TEST_F(ViewerTest, KeysChangeWhatTheySay) {
   EXPECT_EQ(scene().width, width);  // the picture fills the window now
   EXPECT_GT(compare_images(with_panel, screen())->max, 0);
   EXPECT_FALSE(viewer->wants_to_close());
-  frame({KeyChanged{key::left_control, true}});
-  press('Q');
+  press_with_control('Q');
   EXPECT_TRUE(viewer->wants_to_close());
 }
 
@@ -333,13 +270,11 @@ TEST_F(ViewerTest, RSeesAllAgain) {
   Scene away = scene();
   away.camera.focal_point = away.camera.position + dvec3(0, 0, 50);
   away.attribute = "a1";
-  std::ofstream(path("away.json")) << scene_to_json(away);
+  write("away.json", scene_to_json(away));
   ViewerOptions options;
   options.volume = path("v.svol");
   options.scene = path("away.json");
-  viewer.reset();
-  viewer = Viewer::create(options).value();
-  frame({WindowResized{width, height, width, height, 1}});
+  open(options);
   settle();
   EXPECT_EQ(scene().camera, away.camera);
   press('R');
@@ -352,8 +287,7 @@ TEST_F(ViewerTest, RSeesAllAgain) {
 }
 
 TEST_F(ViewerTest, AnyAxisMayBeUp) {
-  ASSERT_TRUE(target.resize(width, 900));
-  frame({WindowResized{width, 900, width, 900, 1}});
+  resize(width, 900);
   settle();
   for (const int axis : {2, 0, 1}) {
     click(210, 572);
@@ -381,8 +315,7 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
   const fs::path present = fs::current_path();
   fs::current_path(folder);
   constexpr int tall = 1040;
-  ASSERT_TRUE(target.resize(width, tall));
-  frame({WindowResized{width, tall, width, tall, 1}});
+  resize(width, tall);
   settle();
   const auto click_and_settle = [&](double x, double y) {
     click(x, y);
@@ -485,14 +418,12 @@ TEST_F(ViewerTest, FilmsATurn) {
 }
 
 TEST_F(ViewerTest, CopiesThePicture) {
-  fs::create_directories(path("bin"));
-  std::ofstream(path("bin/xclip")) << "#!/bin/sh\nfor last; do :; done\ncp \"$last\" '" << path("copied.png") << "'\n";
+  write("bin/xclip", "#!/bin/sh\nfor last; do :; done\ncp \"$last\" '" + path("copied.png") + "'\n");
   fs::permissions(path("bin/xclip"), fs::perms::owner_all);
   ::unsetenv("WAYLAND_DISPLAY");
   const ProgramsFrom programs(path("bin"));
   constexpr int tall = 1000;
-  ASSERT_TRUE(target.resize(width, tall));
-  frame({WindowResized{width, tall, width, tall, 1}});
+  resize(width, tall);
   settle();
   click(100, 722);  // the section "save"
   settle();
@@ -506,13 +437,11 @@ TEST_F(ViewerTest, CopiesThePicture) {
 
 TEST_F(ViewerTest, ThePanelMayBeAtTheRight) {
   constexpr int tall = 1000, panel = 336;
-  ASSERT_TRUE(target.resize(width, tall));
-  frame({WindowResized{width, tall, width, tall, 1}});
+  resize(width, tall);
   const auto shown = [&] {
     frame({PointerMoved{-1, -1}});
     settle();
-    target.use();
-    return read_framebuffer(width, tall).value();
+    return screen();
   };
   const Image left = shown();
   click(122, 671);  // the check box "panel at the right"
@@ -551,8 +480,7 @@ TEST_F(ViewerTest, TwoFingersMove) {
 }
 
 TEST_F(ViewerTest, ANarrowWindowIsForThePicture) {
-  ASSERT_TRUE(target.resize(300, 200));
-  frame({WindowResized{300, 200, 300, 200, 1}});
+  resize(300, 200);
   settle();
   EXPECT_EQ(scene().width, 300);
   const auto drags = [&] {
@@ -574,8 +502,7 @@ TEST_F(ViewerTest, ANarrowWindowIsForThePicture) {
   settle();
   EXPECT_FALSE(drags());
   // In a wide window the panel stands beside the picture, as before.
-  ASSERT_TRUE(target.resize(width, height));
-  frame({WindowResized{width, height, width, height, 1}});
+  resize(width, height);
   settle();
   EXPECT_LT(scene().width, width);
 }
@@ -584,14 +511,13 @@ TEST_F(ViewerTest, ADropOpensVolumesAndScenes) {
   settle();
   Scene other = scene();
   other.camera.position += dvec3(1, 0, 0);
-  std::ofstream(path("other.json")) << scene_to_json(other);
-  frame({FilesDropped{{path("other.json")}}});
+  drop(other);
   EXPECT_EQ(scene().camera.position, other.camera.position);
   fs::copy_file(path("v.svol"), path("w.svol"));
   frame({FilesDropped{{path("w.svol")}}});
   EXPECT_EQ(viewer->session()->path(), path("w.svol"));
   // A file that is no volume changes nothing.
-  std::ofstream(path("text.svol")) << "text";
+  write("text.svol", "text");
   frame({FilesDropped{{path("text.svol")}}});
   EXPECT_EQ(viewer->session()->path(), path("w.svol"));
   settle();
@@ -602,8 +528,8 @@ TEST_F(ViewerTest, ADropAppliesColors) {
   settle();
   const TransferFunction before = scene().transfer_function;
   const auto write = [&](const std::string& colors) {
-    std::ofstream(path("maps.json")) << R"([{"Name": "mine", "ColorSpace": "RGB", "RGBPoints": [)" + colors + "]}]";
-    frame({FilesDropped{{path("maps.json")}}});
+    const std::string maps = R"([{"Name": "mine", "ColorSpace": "RGB", "RGBPoints": [)" + colors + "]}]";
+    frame({FilesDropped{{FolderTest::write("maps.json", maps)}}});
   };
   write("3, 1, 0, 0, 5, 0, 0, 1");
   EXPECT_EQ(scene().transfer_function.color_at(0), dvec3(1, 0, 0));
@@ -631,20 +557,17 @@ TEST_F(ViewerTest, ExplainsEmptyPictures) {
   EXPECT_EQ(viewer->session()->explain(), "");
   Scene away = scene();
   away.camera.focal_point = away.camera.position + (away.camera.position - away.camera.focal_point);
-  std::ofstream(path("away.json")) << scene_to_json(away);
-  frame({FilesDropped{{path("away.json")}}});
+  drop(away);
   settle();
   EXPECT_THAT(viewer->session()->explain(), HasSubstr("outside of the view"));
   Scene clear = viewer->session()->first_scene();
   for (auto& density : clear.transfer_function.densities) density.extinction = 0;
-  std::ofstream(path("clear.json")) << scene_to_json(clear);
-  frame({FilesDropped{{path("clear.json")}}});
+  drop(clear);
   settle();
   EXPECT_THAT(viewer->session()->explain(), HasSubstr("hides every value"));
   Scene clipped = viewer->session()->first_scene();
   clipped.clip_box = Box{dvec3(5), dvec3(6)};
-  std::ofstream(path("clipped.json")) << scene_to_json(clipped);
-  frame({FilesDropped{{path("clipped.json")}}});
+  drop(clipped);
   settle();
   EXPECT_THAT(viewer->session()->explain(), HasSubstr("clip box excludes"));
 }
@@ -653,11 +576,7 @@ TEST_F(ViewerTest, ADragOverTheHistogramChangesTheOpacity) {
   settle();
   const TransferFunction before = scene().transfer_function;
   // Adds a control point in the editor's area and drags it up.
-  frame({PointerMoved{170, 120}});
-  frame({});
-  frame({ButtonChanged{0, true}});
-  frame({PointerMoved{170, 70}});
-  frame({ButtonChanged{0, false}});
+  drag({{170, 120}, {170, 70}});
   const TransferFunction& after = scene().transfer_function;
   ASSERT_EQ(after.densities.size(), before.densities.size() + 1);
   EXPECT_GT(after.extinction(0.5 * (after.lo + after.hi)), before.extinction(0.5 * (before.lo + before.hi)));
@@ -729,8 +648,7 @@ TEST_F(ViewerTest, ACommandShowsTheSame) {
   open_with_clipboard(copied);
   press('P');
   settle();
-  frame({KeyChanged{key::left_control, true}, KeyChanged{'C', true}});
-  frame({KeyChanged{'C', false}, KeyChanged{key::left_control, false}});
+  press_with_control('C');
   const std::string begin = "svview '" + path("v.svol") + "' --scene '";
   ASSERT_EQ(copied.substr(0, begin.size()), begin);
   ASSERT_TRUE(copied.ends_with("'"));
@@ -758,9 +676,7 @@ TEST_F(ViewerTest, APictureThatIsTooLargeIsReported) {
   options.volume = path("v.svol");
   options.settings.device = Device::gl;
   options.settings.gpu_memory = 40 << 20;
-  viewer.reset();
-  viewer = Viewer::create(options).value();
-  frame({WindowResized{width, height, width, height, 1}});
+  open(options);
   settle();
   EXPECT_TRUE(viewer->drawn());
   press('C');  // draws the nodes of the last frame, too
@@ -775,8 +691,7 @@ TEST_F(ViewerTest, APictureThatIsTooLargeIsReported) {
   settle();
   EXPECT_FALSE(viewer->drawn());
 
-  ASSERT_TRUE(target.resize(width, height));
-  frame({WindowResized{width, height, width, height, 1}});
+  resize(width, height);
   settle();
   EXPECT_TRUE(viewer->drawn());
   EXPECT_TRUE(viewer->session()->frame());
@@ -787,15 +702,12 @@ TEST_F(ViewerTest, SurvivesAFileThatGoesAway) {
   ViewerOptions options;
   options.volume = path("v.svol");
   options.settings.memory = 1 << 20;
-  viewer.reset();
-  viewer = Viewer::create(options).value();
-  frame({WindowResized{width, height, width, height, 1}});
+  open(options);
   settle();
   const auto switch_to = [&](const std::string& attribute) {
     Scene other = scene();
     other.attribute = attribute;
-    std::ofstream(path("other.json")) << scene_to_json(other);
-    frame({FilesDropped{{path("other.json")}}});
+    drop(other);
     settle();
     press('C');
     frame({PointerMoved{600, 300}});
@@ -818,13 +730,8 @@ TEST_F(ViewerTest, AHighDensityDisplayGetsItsPixels) {
   EXPECT_EQ(scene().height, height);
 }
 
-TEST(ViewerAlone, SaysThatThereIsNoFile) {
-  ASSERT_TRUE(shared_context());
-  Target target;
-  ASSERT_TRUE(target.resize(width, height));
-  auto viewer = Viewer::create(ViewerOptions()).value();
-  target.use();
-  ASSERT_TRUE(viewer->frame({0, {WindowResized{width, height, width, height, 1}}}));
+TEST_F(ViewerTest, SaysThatThereIsNoFile) {
+  open(ViewerOptions());
   EXPECT_EQ(viewer->session(), nullptr);
   ViewerOptions missing;
   missing.volume = "no/such.svol";

@@ -17,18 +17,18 @@ struct Mesh {
   std::vector<Tetrahedron> tetrahedra;
 };
 
-/// `cells`^3 cubes that fill [0, 1]^3, then mapped.
+/// Boxes that fill [0, 1]^3, then mapped. `cells`: their number along each axis.
 inline Mesh lattice(
-    std::uint32_t cells, const std::function<dvec3(dvec3)>& map = [](dvec3 p) { return p; }) {
+    const std::array<std::uint32_t, 3>& cells, const std::function<dvec3(dvec3)>& map = [](dvec3 p) { return p; }) {
   Mesh mesh;
-  const std::uint32_t side = cells + 1;
-  for (std::uint32_t z = 0; z < side; ++z)
-    for (std::uint32_t y = 0; y < side; ++y)
-      for (std::uint32_t x = 0; x < side; ++x) mesh.points.push_back(map(dvec3(x, y, z) / static_cast<double>(cells)));
-  const std::array<std::uint32_t, 3> stride = {1, side, side * side};
-  for (std::uint32_t z = 0; z < cells; ++z)
-    for (std::uint32_t y = 0; y < cells; ++y)
-      for (std::uint32_t x = 0; x < cells; ++x)
+  const auto [nx, ny, nz] = cells;
+  for (std::uint32_t z = 0; z <= nz; ++z)
+    for (std::uint32_t y = 0; y <= ny; ++y)
+      for (std::uint32_t x = 0; x <= nx; ++x) mesh.points.push_back(map(dvec3(x, y, z) / dvec3(nx, ny, nz)));
+  const std::array<std::uint32_t, 3> stride = {1, nx + 1, (nx + 1) * (ny + 1)};
+  for (std::uint32_t z = 0; z < nz; ++z)
+    for (std::uint32_t y = 0; y < ny; ++y)
+      for (std::uint32_t x = 0; x < nx; ++x)
         for (const auto& [a, b, c] : {std::array{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}}) {
           const std::uint32_t first = x + y * stride[1] + z * stride[2];
           const std::uint32_t second = first + stride[static_cast<std::size_t>(a)];
@@ -36,6 +36,11 @@ inline Mesh lattice(
           mesh.tetrahedra.push_back({first, second, third, third + stride[static_cast<std::size_t>(c)]});
         }
   return mesh;
+}
+
+inline Mesh lattice(
+    std::uint32_t cells, const std::function<dvec3(dvec3)>& map = [](dvec3 p) { return p; }) {
+  return lattice(std::array{cells, cells, cells}, map);
 }
 
 /// Moves each point by up to `share` of the spacing along each axis.

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "tests/renderer/reference/meshes.h"
+#include "tests/support/results.h"
 
 namespace splatvol {
 namespace {
@@ -48,11 +49,10 @@ TEST(Slab, ConstantCellsKeepTheirValues) {
       for (const std::uint32_t corner : corners) x += mesh.points[corner].x / 4;
       values.push_back(x < 0.5 ? left : right_value);
     }
-    const auto picture = render_reference({mesh.points, values, mesh.tetrahedra, true}, scene);
-    ASSERT_TRUE(picture) << picture.error().message;
+    const auto picture = test::value_of(render_reference({mesh.points, values, mesh.tetrahedra, true}, scene));
     for (int x = 0; x < 16; ++x) {
       const double value = x < 8 ? left : std::isnan(right_value) ? 0 : right;
-      expect_alpha(picture->image.at(x, 5).a, slab_extinction * value, 1, exact);
+      expect_alpha(picture.image.at(x, 5).a, slab_extinction * value, 1, exact);
     }
     EXPECT_FALSE(render_reference({mesh.points, mesh.values, mesh.tetrahedra, true}, scene));
   }
@@ -71,8 +71,7 @@ TEST(Slab, RaysEndAtSurfaces) {
     surfaces.depths[1] = std::numeric_limits<float>::infinity();
     surfaces.depths[2] = std::numeric_limits<float>::quiet_NaN();
     const TetMesh tets{mesh.points, mesh.values, mesh.tetrahedra};
-    const auto picture = render_reference(tets, scene, {.surface_depths = &surfaces});
-    ASSERT_TRUE(picture) << picture.error().message;
+    const auto picture = test::value_of(render_reference(tets, scene, {.surface_depths = &surfaces}));
     const Image whole = render(mesh, scene).image;
     const View view = make_view(scene).value();
     for (std::size_t i = 0; i < surfaces.depths.size(); ++i) {
@@ -80,13 +79,13 @@ TEST(Slab, RaysEndAtSurfaces) {
       const double y = (static_cast<double>(i / 16) - 5.5) / view.focal;
       const double along = orthographic ? 1 : std::sqrt(1 + x * x + y * y);  // of a unit of depth
       const double depth = std::isnan(surfaces.depths[i]) ? 9 : surfaces.depths[i];
-      if (depth < 2) expect_alpha(picture->image.pixels[i].a, slab_extinction, 0, exact);
+      if (depth < 2) expect_alpha(picture.image.pixels[i].a, slab_extinction, 0, exact);
       if (depth >= 2 && depth < 2.95) {
         const double length = (depth - 2) * along;  // the box begins at a depth of 2
-        EXPECT_NEAR(picture->image.pixels[i].a, -std::expm1(-slab_extinction * length), exact) << i;
+        EXPECT_NEAR(picture.image.pixels[i].a, -std::expm1(-slab_extinction * length), exact) << i;
       }
       if (depth <= 3.1) continue;
-      EXPECT_EQ(picture->image.pixels[i], whole.pixels[i]) << i;
+      EXPECT_EQ(picture.image.pixels[i], whole.pixels[i]) << i;
     }
     surfaces.width = 15;
     EXPECT_FALSE(render_reference(tets, scene, {.surface_depths = &surfaces}));
@@ -165,9 +164,7 @@ TEST(Slab, PerspectiveAlongAnAxisThroughVertices) {
     look(scene, dvec3(0.5) - 2.5 * axis.direction, dvec3(0.5), axis.up);
     // Front vertices lie 2 from the eye and 1/4 apart: exactly 8 pixels where f = 64.
     scene.camera.vertical_fov_degrees = 360 / std::numbers::pi * std::atan(16.5 / 64);
-    for_each_ray(scene, render(mesh, scene).image, [](const WorldRay& ray, const vec4& pixel) {
-      expect_alpha(pixel.a, slab_extinction, box_length(ray), exact);
-    });
+    expect_box(mesh, scene, slab_extinction);
   }
 }
 
@@ -177,9 +174,7 @@ TEST(Slab, AlongTheDiagonalEdges) {
   look(scene, dvec3(-2), dvec3(2));
   for (const bool orthographic : {false, true}) {
     if (orthographic) make_orthographic(scene, 1.7);
-    for_each_ray(scene, render(mesh, scene).image, [](const WorldRay& ray, const vec4& pixel) {
-      expect_alpha(pixel.a, slab_extinction, box_length(ray), exact);
-    });
+    expect_box(mesh, scene, slab_extinction);
   }
 }
 
@@ -190,8 +185,7 @@ TEST(Box, ObliqueViewFromOutsideAndInside) {
     look(scene, eye, {0.53, 0.31, 0.2});
     for (const bool orthographic : {false, true}) {
       if (orthographic) make_orthographic(scene, 2);
-      for_each_ray(scene, render(mesh, scene).image,
-                   [](const WorldRay& ray, const vec4& pixel) { expect_alpha(pixel.a, 2, box_length(ray), exact); });
+      expect_box(mesh, scene, 2);
     }
   }
 }

@@ -170,13 +170,6 @@ TEST(Lighting, MissingValuesEmptyTheirCells) {
   }
 }
 
-TEST(Lighting, TheSameBitsForEveryThreadCount) {
-  const Mesh mesh = make_box(6, curved);
-  const Scene scene = lit_scene();
-  const Image one = render(mesh, scene, 1).image;
-  for (const int threads : {2, 7}) EXPECT_EQ(one.pixels, render(mesh, scene, threads).image.pixels);
-}
-
 /// Corners in a box of these edges, values of a linear field. The bound is the rounding of corners and values (1e-16)
 /// times the flatness of the cell.
 TEST(GradientDirection, OfALinearField) {

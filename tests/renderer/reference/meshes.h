@@ -179,4 +179,11 @@ inline void add_flat_cells(Mesh& mesh) {
   }
 }
 
+/// Expects the picture of the unit cube, or of one `scale` times as large, without light. Extinction is per edge.
+inline void expect_box(const Mesh& mesh, const Scene& scene, double extinction, double scale = 1) {
+  for_each_ray(scene, render(mesh, scene).image, [&](const WorldRay& ray, const vec4& pixel) {
+    expect_alpha(pixel.a, extinction, box_length({ray.origin / scale, ray.direction}), 1e-6);
+  });
+}
+
 }  // namespace splatvol

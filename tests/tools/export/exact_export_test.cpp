@@ -2,10 +2,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include <bit>
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
 #include <map>
 #include <random>
 #include <tuple>
@@ -14,14 +11,15 @@
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
 #include "format/volume.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 #include "tools/export/vtu_export.h"
 
 namespace splatvol {
 namespace {
 
 TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
-  std::string folder = (std::filesystem::path(testing::TempDir()) / "splatvol-exact-XXXXXX").string();
-  ASSERT_TRUE(::mkdtemp(folder.data()));
+  const test::TempFolder folder;
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
   std::string table = "x,y,z,p,T,p again\n";
@@ -33,38 +31,34 @@ TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
     points[{position.x, position.y, position.z}] = {p, t};
     table += fmt::format("{},{},{},{},{},{}\n", position.x, position.y, position.z, p, t, p);
   }
-  ASSERT_TRUE(write_text_file(folder + "/in.csv", table));
+  folder.write("in.csv", table);
 
-  const auto source = open_source({folder + "/in.csv"}, {});
-  ASSERT_TRUE(source) << source.error().message;
+  const auto source = test::value_of(open_source({folder.path("in.csv")}, {}));
   BuildOptions options;
   options.exact = {.positions = true, .values = true};
-  const auto built = build_volume(**source, folder + "/out.svol", options, [](const char*, double) {});
-  ASSERT_TRUE(built) << built.error().message;
-  const auto volume = format::Volume::open(open_file(folder + "/out.svol").value()).value();
+  const auto built =
+      test::value_of(build_volume(*source, folder.path("out.svol"), options, [](const char*, double) {}));
+  const auto volume = format::Volume::open(open_file(folder.path("out.svol")).value()).value();
   EXPECT_EQ(volume->info().attributes.size(), 2u);
   EXPECT_EQ(volume->info().aliases, (std::vector<format::Alias>{{"p again", 0}}));
   const format::SplatSelection selection =
       format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
-  ASSERT_TRUE(export_vtu(*volume, folder + "/out.vtu", selection, [](double) {}));
+  ASSERT_TRUE(export_vtu(*volume, folder.path("out.vtu"), selection, [](double) {}));
 
   SourceOptions selected;
   selected.selection = {"p", "T", "p again"};
-  const auto exported = open_source({folder + "/out.vtu"}, selected);
-  ASSERT_TRUE(exported) << exported.error().message;
-  const auto piece = (*exported)->next();
-  ASSERT_TRUE(piece) << piece.error().message;
-  ASSERT_EQ((*piece)->points.size(), points.size());
+  const auto exported = test::value_of(open_source({folder.path("out.vtu")}, selected));
+  const auto piece = test::value_of(exported->next());
+  ASSERT_EQ(piece->points.size(), points.size());
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const dvec3& at = (*piece)->points[i];
+    const dvec3& at = piece->points[i];
     const auto found = points.find({at.x, at.y, at.z});
     ASSERT_NE(found, points.end()) << at.x << " " << at.y << " " << at.z;
-    EXPECT_EQ((*piece)->values[0][i], found->second.first);
-    EXPECT_EQ((*piece)->values[2][i], found->second.first);
-    const double t = (*piece)->values[1][i];
+    EXPECT_EQ(piece->values[0][i], found->second.first);
+    EXPECT_EQ(piece->values[2][i], found->second.first);
+    const double t = piece->values[1][i];
     EXPECT_TRUE(t == found->second.second || (std::isnan(t) && std::isnan(found->second.second)));
   }
-  std::filesystem::remove_all(folder);
 }
 
 }  // namespace

@@ -10,7 +10,6 @@
 #include <vtkXMLUnstructuredGridWriter.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <map>
 #include <numeric>
@@ -22,6 +21,7 @@
 #include "builder/scattered/scattered.h"
 #include "builder/sources/generator.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/temp_folder.h"
 #include "tests/support/test_volume.h"
 #include "tools/export/vdb_export.h"
 #include "tools/export/vtu_export.h"
@@ -35,16 +35,8 @@ using ::testing::HasSubstr;
 constexpr std::uint64_t enough = std::uint64_t{1} << 30;
 const auto no_progress = [](double) {};
 
-class Export : public testing::Test {
+class Export : public test::FolderTest {
  protected:
-  Export() {
-    std::string pattern = (std::filesystem::path(testing::TempDir()) / "splatvol-export-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-  }
-  ~Export() override { std::filesystem::remove_all(folder_); }
-
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
-
   std::shared_ptr<const format::Volume> open(const std::string& name) const {
     return format::Volume::open(open_file(path(name)).value()).value();
   }
@@ -77,13 +69,16 @@ class Export : public testing::Test {
     vdb.open(false);
     return openvdb::gridPtrCast<openvdb::FloatGrid>(vdb.readGrid(name));
   }
-
-  std::filesystem::path folder_;
 };
 
+/// Selects splats of all of the volume. Without a resolution: the finest. Without names: all attributes.
+format::SplatSelection selected(const format::Volume& volume, std::optional<std::size_t> resolution = {},
+                                const std::vector<std::string>& names = {}) {
+  return format::select_splats(volume, resolution, names, format::SplatSelection().box).value();
+}
+
 double mass_of(const format::Volume& volume, std::size_t resolution) {
-  const format::SplatSelection selection =
-      format::select_splats(volume, resolution, {}, format::SplatSelection().box).value();
+  const format::SplatSelection selection = selected(volume, resolution);
   double mass = 0;
   const auto add = [&](const format::SplatGroup& group) -> Status {
     for (const SplatShape& shape : group.shapes) mass += shape.mass;
@@ -118,7 +113,7 @@ TEST_F(Export, VoxelsHoldTheWholeMass) {
     const auto volume = random_volume(origin);
     for (const double voxel : {0.3, 0.05, 0.011})
       for (std::size_t r = 0; r < volume->info().resolutions(); ++r) {
-        const auto selection = format::select_splats(*volume, r, {}, format::SplatSelection().box).value();
+        const auto selection = selected(*volume, r);
         const VdbReport report = export_vdb(*volume, path("out.vdb"), selection, voxel, enough, no_progress).value();
         const double mass = mass_of(*volume, r);
         EXPECT_NEAR(report.splat_mass, mass, 1e-12 * mass);
@@ -136,7 +131,7 @@ TEST_F(Export, VoxelsHoldTheWholeMass) {
 
 TEST_F(Export, ValuesStayInTheirRangeAndMissingOnesAreNotThere) {
   const auto volume = random_volume();
-  const auto selection = format::select_splats(*volume, std::nullopt, {"a1"}, format::SplatSelection().box).value();
+  const auto selection = selected(*volume, std::nullopt, {"a1"});
   ASSERT_TRUE(export_vdb(*volume, path("out.vdb"), selection, 0.05, enough, no_progress));
   const auto values = grid("out.vdb", "a1");
   EXPECT_LT(values->activeVoxelCount(), grid("out.vdb", "volume_fraction")->activeVoxelCount());
@@ -154,7 +149,7 @@ TEST_F(Export, ALinearFieldComesBack) {
   for (const dvec3 origin : {dvec3(0), dvec3(1e7, -1e7, 1e7)}) {
     const auto source = open_source({write_linear_box(path("in.vdb"), origin)}, {}).value();
     const auto volume = build(*source, "box.svol");
-    const auto selection = format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
+    const auto selection = selected(*volume);
     for (const double voxel : {0.5, 0.2}) {
       ASSERT_TRUE(export_vdb(*volume, path("out.vdb"), selection, voxel, enough, no_progress));
       const auto value = grid("out.vdb", "value"), fraction = grid("out.vdb", "volume_fraction");
@@ -176,7 +171,7 @@ TEST_F(Export, ALinearFieldComesBack) {
 
 TEST_F(Export, TheMassOfVoxelsSurvivesTheWayBack) {
   const auto volume = random_volume();
-  const auto selection = format::select_splats(*volume, std::nullopt, {"a0"}, format::SplatSelection().box).value();
+  const auto selection = selected(*volume, std::nullopt, {"a0"});
   ASSERT_TRUE(export_vdb(*volume, path("out.vdb"), selection, 0.05, enough, no_progress));
   const auto source = open_source({path("out.vdb")}, {{"a0"}, {}}).value();
   const auto back = build(*source, "back.svol");
@@ -188,7 +183,7 @@ TEST_F(Export, TheMassOfVoxelsSurvivesTheWayBack) {
 TEST_F(Export, ABoxIsThePartOfTheWhole) {
   const auto volume = random_volume();
   const Box box{dvec3(0.2, 0.2, 0.2), dvec3(0.6, 0.7, 0.8)};
-  const auto all = format::select_splats(*volume, std::nullopt, {"a0"}, format::SplatSelection().box).value();
+  const auto all = selected(*volume, std::nullopt, {"a0"});
   const auto part = format::select_splats(*volume, std::nullopt, {"a0"}, box).value();
   ASSERT_TRUE(export_vdb(*volume, path("all.vdb"), all, 0.04, enough, no_progress));
   ASSERT_TRUE(export_vdb(*volume, path("part.vdb"), part, 0.04, enough, no_progress));
@@ -209,7 +204,7 @@ TEST_F(Export, ABoxIsThePartOfTheWhole) {
 
 TEST_F(Export, BytesDoNotDependOnThreadsOrMemory) {
   const auto volume = random_volume();
-  const auto selection = format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
+  const auto selection = selected(*volume);
   const auto export_with = [&](std::size_t threads, std::uint64_t memory) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     EXPECT_TRUE(export_vdb(*volume, path("out.vdb"), selection, 0.05, memory, no_progress));
@@ -263,7 +258,7 @@ TEST_F(Export, AttributesKeepTheirNames) {
   const std::vector<std::string> names = {"p",      "mass",        "mass (splat)", "centroid",   "covariance",
                                           "p mean", "p deviation", "p covariance", "p gradient", "p mean mean"};
   const auto clashing = volume_with(names);
-  const auto selection = format::select_splats(*clashing, std::nullopt, {}, format::SplatSelection().box).value();
+  const auto selection = selected(*clashing);
   const VtuReport report = export_vtu(*clashing, path("out.vtu"), selection, no_progress).value();
   const std::map<std::string, std::string> renamed = {{"mass", "mass (splat 2)"},
                                                       {"centroid", "centroid (splat)"},
@@ -287,7 +282,7 @@ TEST_F(Export, AttributesKeepTheirNames) {
   EXPECT_NEAR(sum_of("mass (splat 2)"), report.mass, 1e-9 * report.mass);
 
   const auto fractions = volume_with({"volume_fraction", "volume_fraction (splat)"});
-  const auto grids = format::select_splats(*fractions, std::nullopt, {}, format::SplatSelection().box).value();
+  const auto grids = selected(*fractions);
   const VdbReport voxels = export_vdb(*fractions, path("out.vdb"), grids, 0.1, enough, no_progress).value();
   EXPECT_EQ(voxels.renamed.at("volume_fraction"), "volume_fraction (splat 2)");
   EXPECT_NEAR(mass_of(*grid("out.vdb", "volume_fraction (splat 2)")), voxels.voxel_mass, 1e-5 * voxels.voxel_mass);
@@ -313,7 +308,7 @@ TEST_F(Export, TwoAttributesOfOneNameAreRefused) {
 // An export is replaced by the next one. A file that VTK or OpenVDB has written anew may hold work of the user.
 TEST_F(Export, WhatAnotherProgramHasSavedIsNotReplaced) {
   const auto volume = random_volume();
-  const auto selection = format::select_splats(*volume, 0, {}, format::SplatSelection().box).value();
+  const auto selection = selected(*volume, 0);
   const auto points = [&](Replace replace = Replace::exports) {
     return export_vtu(*volume, path("out.vtu"), selection, no_progress, replace);
   };
@@ -355,7 +350,7 @@ TEST_F(Export, WhatAnotherProgramHasSavedIsNotReplaced) {
 TEST_F(Export, VtkReadsThePoints) {
   const auto volume = random_volume(dvec3(1e7));
   for (std::size_t r = 0; r < volume->info().resolutions(); ++r) {
-    const auto selection = format::select_splats(*volume, r, {}, format::SplatSelection().box).value();
+    const auto selection = selected(*volume, r);
     const VtuReport report = export_vtu(*volume, path("out.vtu"), selection, no_progress).value();
     EXPECT_EQ(report.points, volume->info().resolution_counts[r]);
     EXPECT_EQ(report.file_bytes, std::filesystem::file_size(path("out.vtu")));
@@ -412,7 +407,7 @@ struct Exported {
 };
 
 Exported export_and_read(const format::Volume& volume, std::size_t resolution, const std::string& file) {
-  const auto selection = format::select_splats(volume, resolution, {}, format::SplatSelection().box).value();
+  const auto selection = selected(volume, resolution);
   EXPECT_TRUE(export_vtu(volume, file, selection, no_progress).has_value());
   const auto source = open_source({file}, {}).value();
   const auto piece = source->next().value();
@@ -427,7 +422,7 @@ TEST_F(Export, NamesOfAllKindsAreXml) {
   const test::Mesh mesh = test::jittered(3, 0.1);
   test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return p.x; })});
   const auto volume = build(source, "names.svol");
-  auto selection = format::select_splats(*volume, 0, {}, format::SplatSelection().box).value();
+  auto selection = selected(*volume, 0);
   for (const auto& [name, written] : {std::pair<std::string, std::string>{"a<b>&\"c\"", "a&#60;b&#62;&#38;&#34;c&#34;"},
                                       {"\t\n\r\x01", "&#9;&#10;??"},
                                       {"\xef\xbf\xbe \xef\xbf\xbf \xef\xbf\xbd", "? ? \xef\xbf\xbd"},
@@ -460,7 +455,7 @@ void expect_slope(const format::Volume& volume, std::size_t resolution, const Ex
     }
     return {};
   };
-  const auto selection = format::select_splats(volume, resolution, {}, format::SplatSelection().box).value();
+  const auto selection = selected(volume, resolution);
   EXPECT_TRUE(for_each_group(format::SplatReader(volume, selection), {.material = true}, compare, no_progress));
   EXPECT_EQ(i, gradients.size());
   EXPECT_LT(std::sqrt(squares / static_cast<double>(i)), 0.06 * glm::length(slope));
@@ -552,7 +547,7 @@ TEST_F(Export, UnitsSurvive) {
   options.units = {{"value", "kg/m^3"}};
   const auto volume = build(source, "units.svol", options);
   EXPECT_EQ(volume->info().attributes[0].unit, "kg/m^3");
-  const auto selection = format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
+  const auto selection = selected(*volume);
   ASSERT_TRUE(export_vtu(*volume, path("out.vtu"), selection, no_progress).has_value());
   const auto back = open_source({path("out.vtu")}, {{"value", "value mean", "mass"}, {}}).value();
   EXPECT_THAT(back->units(), ElementsAre("kg/m^3", "kg/m^3", ""));
