@@ -9,7 +9,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <charconv>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -20,6 +19,7 @@
 
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
+#include "tools/command_line.h"
 #include "tools/tool.h"
 #include "viewer/viewer.h"
 
@@ -195,10 +195,10 @@ Status run(int minutes, std::vector<std::string> files) {
 
 int main(int argc, char** argv) {
   using namespace splatvol;
-  CLI::App app("Uses the viewer at random, and watches the memory and the handles of the process.");
+  CommandLine app("Uses the viewer at random, and watches the memory and the handles of the process.", "soak");
   int minutes = 1;
   std::vector<std::string> files;
-  app.add_option("minutes", minutes)->required()->check(check_positive);
+  app.add_option("minutes", minutes, "how long")->required()->check(check_positive);
   app.add_option("files", files, ".svol files, opened in turn")->required();
   return run_tool(app, argc, argv, [&] { return run(minutes, files); });
 }

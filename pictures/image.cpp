@@ -1,8 +1,6 @@
 #include "pictures/image.h"
 
-#include <algorithm>
 #include <cmath>
-#include <exception>
 #include <filesystem>
 
 #include "base/file.h"

@@ -102,29 +102,9 @@ void add_halo(Image& words, double width, const dvec3& color) {
     words.pixels[i] += (1 - words.pixels[i].a) * cover[i] * vec4(vec3(color), 1);
 }
 
-struct Segment {
-  dvec2 from, to;  // pixels from the upper left corner
-};
-
-// Projects a segment, cut off at the eye. None if it lies behind the eye.
-std::optional<Segment> project(const View& view, const dvec3& from, const dvec3& to) {
-  dvec3 a = view.to_view(from), b = view.to_view(to);
-  if (!view.orthographic) {
-    const double nearest = 1e-6 * std::max(glm::length(a), glm::length(b));
-    if (a.z <= nearest && b.z <= nearest) return {};
-    if (a.z < nearest) a += (nearest - a.z) / (b.z - a.z) * (b - a);
-    if (b.z < nearest) b += (nearest - b.z) / (a.z - b.z) * (a - b);
-  }
-  const auto pixel = [&](const dvec3& p) {
-    const double f = view.focal / (view.orthographic ? 1 : p.z);
-    return dvec2(0.5 * view.width + f * p.x, 0.5 * view.height - f * p.y);
-  };
-  return Segment{pixel(a), pixel(b)};
-}
-
 // Calls `draw(x, y, share)` for the pixels that a line of this width covers.
 template <class Draw>
-void visit_line(const Segment& segment, double width, int columns, int rows, const Draw& draw) {
+void visit_line(const ProjectedSegment& segment, double width, int columns, int rows, const Draw& draw) {
   const dvec2 along = segment.to - segment.from;
   const double length = glm::length(along);
   if (!(length > 0)) return;
@@ -181,6 +161,21 @@ Result<Page> lay_out_round(int picture_width, int picture_height, const PageText
   page.height += sides[1];
   page.top = sides[1];
   return page;
+}
+
+std::optional<ProjectedSegment> project(const View& view, const dvec3& from, const dvec3& to) {
+  dvec3 a = view.to_view(from), b = view.to_view(to);
+  if (!view.orthographic) {
+    const double nearest = 1e-6 * std::max(glm::length(a), glm::length(b));
+    if (a.z <= nearest && b.z <= nearest) return {};
+    if (a.z < nearest) a += (nearest - a.z) / (b.z - a.z) * (b - a);
+    if (b.z < nearest) b += (nearest - b.z) / (a.z - b.z) * (a - b);
+  }
+  const auto pixel = [&](const dvec3& p) {
+    const double f = view.focal / (view.orthographic ? 1 : p.z);
+    return dvec2(0.5 * view.width + f * p.x, 0.5 * view.height - f * p.y);
+  };
+  return ProjectedSegment{pixel(a), pixel(b)};
 }
 
 void draw_outline(Image& image, const View& view, const Box& box, const dvec3& ink) {

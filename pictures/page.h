@@ -5,6 +5,7 @@
 #include <string>
 
 #include "base/error.h"
+#include "base/math.h"
 #include "pictures/image.h"
 #include "scene/scene.h"
 
@@ -40,6 +41,14 @@ struct Page {
 
 /// Returns the colour of an outline that is seen on black and on white: the grey between them.
 [[nodiscard]] dvec3 ink_on_any();
+
+/// A segment as it is seen: pixels from the upper left corner.
+struct ProjectedSegment {
+  dvec2 from, to;
+};
+
+/// Projects a segment, cut off at the eye. None if it lies behind the eye.
+[[nodiscard]] std::optional<ProjectedSegment> project(const View& view, const dvec3& from, const dvec3& to);
 
 /// Draws the edges of a box: those behind the volume under it, the others over it. `view`: of the image.
 void draw_outline(Image& image, const View& view, const Box& box, const dvec3& ink);

@@ -19,7 +19,7 @@ constexpr double least_finer_to_estimate = 3;
 // A file of fewer points than this many times the reference is drawn as a whole.
 constexpr double jump = 8;  // the most by which resolutions differ
 
-// The first candidate has no more splats, unless something was learned: it may be much too fine.
+// The first candidate has no more splats: it may be much too fine.
 constexpr std::uint64_t most_first_splats = std::uint64_t{1} << 15;
 constexpr double first_expected = 2;  // its expected error, of the wanted
 
@@ -77,9 +77,8 @@ std::uint64_t times(std::uint64_t splats, double factor) {
 
 ErrorControl::ErrorControl(const Options& options) : options_(options) {
   next_ = Request{};
-  const double first = options.grows ? first_grown : first_expected;
-  next_->goal.max_error = options.max_error * options.learned.value_or(first);
-  next_->goal.max_splats = options.learned ? options.max_splats : std::min(options.max_splats, most_first_splats);
+  next_->goal.max_error = options.max_error * (options.grows ? first_grown : first_expected);
+  next_->goal.max_splats = std::min(options.max_splats, most_first_splats);
   if (options.first_splats > 0) next_->goal = {0, std::min(options.first_splats, options.max_splats)};
 }
 

@@ -31,9 +31,6 @@ class ErrorControl {
     double max_error = 0;  // above 0
     std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();
 
-    /// The expected error of the first candidate, in units of max_error: what `learned` said of a view like this one.
-    std::optional<double> learned = std::nullopt;
-
     /// Asks for finer and finer pictures, and ends with the first that has the wanted error: soon, but with up to
     /// several times the splats that it needs. Else looks for the cut with the fewest splats.
     bool grows = false;

@@ -1,7 +1,6 @@
 #include "streamer/clip.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>

@@ -23,6 +23,13 @@ bool lies_inside(const Cube& cube, const Plane& plane) {
   return at.centre >= at.half;
 }
 
+bool is_clipped(const Cube& cube, const ClipRegion& clip) {
+  if (clip.box && !(glm::all(glm::greaterThanEqual(cube.origin, clip.box->low)) &&
+                    glm::all(glm::lessThanEqual(cube.origin + cube.edge, clip.box->high))))
+    return true;
+  return !std::ranges::all_of(clip.planes, [&](const Plane& plane) { return lies_inside(cube, plane); });
+}
+
 bool meets(const Cube& cube, double reach, const Plane& plane) {
   const AcrossPlane at = across(plane, cube);
   return std::abs(at.centre) <= at.half + reach;

@@ -11,6 +11,9 @@ namespace splatvol {
 /// Whether all of a cube is on the side of the plane to which its normal points.
 [[nodiscard]] bool lies_inside(const Cube& cube, const Plane& plane);
 
+/// Whether some of a cube may lie outside of a region.
+[[nodiscard]] bool is_clipped(const Cube& cube, const ClipRegion& clip);
+
 /// Whether a ball of radius `reach` round a position in the cube may meet the plane. Never wrongly false.
 [[nodiscard]] bool meets(const Cube& cube, double reach, const Plane& plane);
 

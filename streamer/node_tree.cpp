@@ -1,6 +1,5 @@
 #include "streamer/node_tree.h"
 
-#include <cmath>
 #include <numeric>
 #include <utility>
 
@@ -27,13 +26,6 @@ double section_of(const Cube& cube, const Plane& plane) {
     if (from > 0) sum += sign * from * from;
   }
   return std::max(sum / (2 * widths.x * widths.y * widths.z), 0.0);
-}
-
-bool is_clipped(const Cube& cube, const ClipRegion& clip) {
-  if (clip.box && !(glm::all(glm::greaterThanEqual(cube.origin, clip.box->low)) &&
-                    glm::all(glm::lessThanEqual(cube.origin + cube.edge, clip.box->high))))
-    return true;
-  return !std::ranges::all_of(clip.planes, [&](const Plane& plane) { return lies_inside(cube, plane); });
 }
 
 // Returns the cube, larger by `by` on each side.

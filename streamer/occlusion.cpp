@@ -1,7 +1,6 @@
 #include "streamer/occlusion.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <limits>

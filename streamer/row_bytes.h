@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <span>
 
 #include "format/volume_info.h"
 #include "splat/record.h"

@@ -1,7 +1,6 @@
 #include "streamer/row_reader.h"
 
 #include <iterator>
-#include <set>
 #include <unordered_set>
 
 #include "streamer/row_bytes.h"

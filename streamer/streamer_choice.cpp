@@ -27,11 +27,7 @@ std::uint64_t directory_page_bytes(const format::Volume& volume) {
 // Whether the splats of a node may reach beyond a region. A splat's material lies in its node but for its tails, which
 // reach less than the node's edge beyond.
 bool may_cut(const ClipRegion& clip, const Cube& cube) {
-  const Cube round{cube.origin - cube.edge, 3 * cube.edge};
-  if (clip.box && !(glm::all(glm::greaterThanEqual(round.origin, clip.box->low)) &&
-                    glm::all(glm::lessThanEqual(round.origin + round.edge, clip.box->high))))
-    return true;
-  return !std::ranges::all_of(clip.planes, [&](const Plane& plane) { return lies_inside(round, plane); });
+  return is_clipped({cube.origin - cube.edge, 3 * cube.edge}, clip);
 }
 
 }  // namespace

@@ -18,6 +18,15 @@ namespace splatvol {
 /// Returns why it refuses the text of a value; empty: it accepts.
 using OptionCheck = std::function<std::string(const std::string&)>;
 
+/// Makes the check of a text that parse(text) can read. Parse returns a Result.
+template <class Parse>
+OptionCheck check_of(Parse parse) {
+  return [parse](const std::string& text) {
+    const auto parsed = parse(text);
+    return parsed ? std::string() : parsed.error().message;
+  };
+}
+
 /// An option of a command line. Its functions return the option itself, so that calls follow each other.
 class CommandOption {
  public:

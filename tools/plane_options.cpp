@@ -26,14 +26,6 @@ std::optional<std::vector<double>> parse_numbers(std::string_view text, std::siz
   return numbers;
 }
 
-template <class Parse>
-auto check_of(Parse parse) {
-  return [parse](const std::string& text) {
-    const auto parsed = parse(text);
-    return parsed ? std::string() : parsed.error().message;
-  };
-}
-
 }  // namespace
 
 Result<IsovalueOption> parse_isovalue(const std::string& text) {

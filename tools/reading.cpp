@@ -3,7 +3,6 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <array>
 #include <filesystem>
 #include <memory>
 #include <span>
@@ -14,23 +13,19 @@
 #include "tools/tool.h"
 
 namespace splatvol {
-namespace {
 
-std::string find_reader() {
+std::string find_program(const std::string& name) {
   std::error_code error;
   const std::filesystem::path folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
-  const std::filesystem::path beside = folder / "splatvol-read";
-  const std::filesystem::path installed = folder / ".." / SPLATVOL_LIBEXEC / "splatvol-read";
+  const std::filesystem::path beside = folder / name, installed = folder / ".." / SPLATVOL_LIBEXEC / name;
   return std::filesystem::exists(beside, error) || !std::filesystem::exists(installed, error) ? beside : installed;
 }
-
-}  // namespace
 
 void add_reading_options(CommandLine& app, ReadingOptions& options) {
   app.add_option("--read-memory", options.memory,
                  "Memory for the libraries that read files of other formats, besides --memory; they run in a process "
                  "of their own (default: 3/4 of the machine's)")
-      ->check(check_bytes)
+      ->check(check_of(parse_bytes))
       ->type_name("SIZE");
   app.add_option("--read-timeout", options.seconds,
                  "Give up after this time without a byte read from the files and without a result, in seconds")
@@ -47,11 +42,10 @@ void add_reading_options(CommandLine& app, ReadingOptions& options) {
 
 Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, unsigned threads) {
   ReaderProcessOptions of_process;
-  of_process.program = find_reader();
+  of_process.program = find_program("splatvol-read");
   of_process.memory = memory_limit() / 4 * 3;
   if (!options.memory.empty()) {
-    SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
-    of_process.memory = memory;
+    SPLATVOL_TRY(store(parse_bytes(options.memory), of_process.memory));
   }
   of_process.patience = std::chrono::seconds(options.seconds);
   of_process.factor = options.factor;

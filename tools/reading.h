@@ -9,6 +9,9 @@
 
 namespace splatvol {
 
+/// Returns the path of a program that this one needs: it lies beside this one, or where it is installed.
+[[nodiscard]] std::string find_program(const std::string& name);
+
 struct ReadingOptions {
   std::string memory;  // empty: three quarters of what this process may have
   unsigned seconds = 300;
@@ -17,8 +20,7 @@ struct ReadingOptions {
 
 void add_reading_options(CommandLine& app, ReadingOptions& options);
 
-/// `threads`: most threads; 0: those of the machine. The program splatvol-read lies beside this one, or where it is
-/// installed.
+/// `threads`: most threads; 0: those of the machine.
 [[nodiscard]] Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, unsigned threads);
 
 /// Names the files in folders that hold data but are left out (builder/opening/input_files.h), in a line; empty if

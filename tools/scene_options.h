@@ -20,8 +20,7 @@ inline void add_device_option(CommandLine& app, std::string& device) {
   app.add_option("--device", device,
                  "What draws: cpu: the processor; gl: OpenGL; auto: OpenGL if it runs on a graphics card, else the "
                  "processor")
-      ->check([](const std::string& name) { return parse_device(name) ? "" : parse_device(name).error().message; },
-              "{auto,cpu,gl}")
+      ->check(check_of(parse_device), "{auto,cpu,gl}")
       ->capture_default_str();
 }
 

@@ -34,6 +34,13 @@ std::string check_step_range(const std::string& text) {
   return range ? "" : range.error().message;
 }
 
+void add_file_argument(CommandLine& app, std::string& file) {
+  app.add_option("file", file,
+                 "The file, the index of a series of files (.svols), or its address (http:// or https://)")
+      ->required()
+      ->type_name("FILE.svol|URL");
+}
+
 void add_step_options(CommandLine& app, StepChoice& choice) {
   auto* time =
       app.add_option("--time", choice.time, "Of a time series: the step nearest to this time (default: the last)")

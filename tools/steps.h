@@ -30,6 +30,9 @@ struct StepRange {
 /// An OptionCheck: whether parse_steps can read a text.
 [[nodiscard]] std::string check_step_range(const std::string& text);
 
+/// Adds the argument FILE: a .svol file, an index, or an address.
+void add_file_argument(CommandLine& app, std::string& file);
+
 /// Adds --time and --step.
 void add_step_options(CommandLine& app, StepChoice& choice);
 

@@ -8,7 +8,6 @@
 
 #include <cstdlib>
 #include <filesystem>
-#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -198,8 +197,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
   build_options.builder = "svbuild " SPLATVOL_VERSION;
   build_options.memory = memory_limit() / 4 / processes_here();
   if (!options.memory.empty()) {
-    SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
-    build_options.memory = memory;
+    SPLATVOL_TRY(store(parse_bytes(options.memory), build_options.memory));
   }
   build_options.temp_folder = options.temp_folder;
   build_options.up = options.up.empty() ? usual_up(options.inputs) : options.up[0] - 'x';
@@ -314,12 +312,10 @@ Result<std::pair<InputSize, std::size_t>> measure(const Options& options, const 
   std::size_t steps = 1;
   if (is_series(options)) {
     SPLATVOL_TRY_ASSIGN(all, steps_of(options, inputs));
-    SPLATVOL_TRY_ASSIGN(last, all.back().open());
-    source = std::move(last);
+    SPLATVOL_TRY(store(all.back().open(), source));
     steps = all.size();
   } else {
-    SPLATVOL_TRY_ASSIGN(only, inputs.open(options.inputs, source_options_of(options)));
-    source = std::move(only);
+    SPLATVOL_TRY(store(inputs.open(options.inputs, source_options_of(options)), source));
   }
   const bool use_cells =
       build_options.connectivity == Connectivity::automatic || build_options.connectivity == Connectivity::mesh;
@@ -356,8 +352,7 @@ Result<Estimate> make_estimate(const Options& options) {
   estimate.reader_bytes = memory_of_children();
   if (!options.temp_folder.empty() || !options.output.empty()) {
     estimate.folder = options.temp_folder.empty() ? folder_of(options.output) : options.temp_folder;
-    SPLATVOL_TRY_ASSIGN(room, free_disk_bytes(estimate.folder));
-    estimate.room = room;
+    SPLATVOL_TRY(store(free_disk_bytes(estimate.folder), estimate.room));
   }
   return estimate;
 }
@@ -573,10 +568,7 @@ void add_series_options(CommandLine& app, Options& options) {
                                "order are written once")
                     ->type_name("all|A:B")
                     ->excludes(app.get_option("--time"))
-                    ->check([](const std::string& text) {
-                      const auto range = parse_times(text);
-                      return range ? "" : range.error().message;
-                    });
+                    ->check(check_of(parse_times));
   app.add_flag("--series", options.series,
                "Build a time series: each input is a step, with the time that it states, or 0, 1, 2, ... Each step "
                "has the attributes of all; where it lacks one, the values are missing")
@@ -617,7 +609,7 @@ void add_machine_options(CommandLine& app, Options& options) {
                  "Bytes to hold besides a piece of the input as its reader holds it, such as 2G (default: a quarter of "
                  "the machine's or container's); the result is the same. If the input needs more, svbuild says so")
       ->type_name("SIZE")
-      ->check(check_bytes);
+      ->check(check_of(parse_bytes));
   app.add_option("--temp", options.temp_folder, "Folder for temporary files (default: the folder of the output)")
       ->type_name("DIR")
       ->existing_folder();

@@ -3,10 +3,11 @@
 
 #include <array>
 #include <cstdlib>
-#include <filesystem>
 
 #include "tools/ending.h"
+#include "tools/reading.h"
 #include "tools/svbuild_ranks.h"
+#include "tools/tool.h"
 
 namespace splatvol {
 namespace {
@@ -19,21 +20,13 @@ long number_of(const std::array<const char*, count>& names, long otherwise) {
   return otherwise;
 }
 
-// svbuild-mpi lies beside this program, or where it is installed.
-std::string find_program_of_ranks() {
-  std::error_code error;
-  const std::filesystem::path folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
-  const std::filesystem::path beside = folder / "svbuild-mpi";
-  return std::filesystem::exists(beside, error) ? beside : folder / ".." / SPLATVOL_LIBEXEC / "svbuild-mpi";
-}
-
 }  // namespace
 
 // Open MPI, then what MPICH, Intel MPI and SLURM's own launcher set.
 int join_ranks(int&, char**& argv) {
   const long size = number_of(std::array{"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"}, 1);
   if (size < 2) return -1;
-  ::execv(find_program_of_ranks().c_str(), argv);
+  ::execv(find_program("svbuild-mpi").c_str(), argv);
   if (number_of(std::array{"OMPI_COMM_WORLD_RANK", "PMI_RANK"}, 0) == 0)
     say("svbuild", "started by MPI, but built without it: svbuild-mpi is not there");
   return 1;
@@ -46,8 +39,7 @@ void leave_ranks() {}
 Result<BuildReport> build_in_ranks(const std::function<Result<std::unique_ptr<Source>>()>& open,
                                    std::unique_ptr<Source>& source, const std::string& output,
                                    const BuildOptions& options, const BuildProgress& progress, JointWork&) {
-  SPLATVOL_TRY_ASSIGN(opened, open());
-  source = std::move(opened);
+  SPLATVOL_TRY(store(open(), source));
   return build_volume(*source, output, options, progress);
 }
 

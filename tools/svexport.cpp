@@ -45,8 +45,7 @@ Result<json> export_voxels(const format::Volume& volume, const format::SplatSele
                            const Options& options) {
   std::uint64_t memory = memory_limit() / 4;
   if (!options.memory.empty()) {
-    SPLATVOL_TRY_ASSIGN(granted, parse_bytes(options.memory));
-    memory = granted;
+    SPLATVOL_TRY(store(parse_bytes(options.memory), memory));
   }
   ProgressBar bar("exporting");
   const auto progress = [&](double fraction) { bar.update(fraction); };
@@ -118,10 +117,7 @@ Status run_export(const Options& options) {
 }
 
 void add_file_options(CommandLine& app, Options& options) {
-  app.add_option("file", options.file,
-                 "The file, the index of a series of files (.svols), or its address (http:// or https://)")
-      ->required()
-      ->type_name("FILE.svol|URL");
+  add_file_argument(app, options.file);
   add_step_options(app, options.step);
   app.add_option(
          "-o,--output", options.output,
@@ -160,7 +156,7 @@ void add_selection_options(CommandLine& app, Options& options) {
   app.add_option("--memory", options.memory,
                  "Bytes that the voxels may take, such as 2G (default: a quarter of the machine's or container's)")
       ->type_name("SIZE")
-      ->check(check_bytes);
+      ->check(check_of(parse_bytes));
   add_force_option(app, options.replace);
   app.add_flag("--json", options.json, "Print the result as JSON");
 }

@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cerrno>
 #include <cstdio>
@@ -165,11 +164,9 @@ Status write_pieces(Source& source, const std::string& output) {
 
 Status write_mesh(const Options& options) {
   MeshRecipe recipe;
-  SPLATVOL_TRY_ASSIGN(cells, parse_count(options.cells));
-  recipe.cells = cells;
+  SPLATVOL_TRY(store(parse_count(options.cells), recipe.cells));
   if (!options.pieces.empty()) {
-    SPLATVOL_TRY_ASSIGN(pieces, parse_count(options.pieces));
-    recipe.pieces = pieces;
+    SPLATVOL_TRY(store(parse_count(options.pieces), recipe.pieces));
   }
   SPLATVOL_TRY_ASSIGN(source, generate_mesh(recipe));
   return write_pieces(*source, options.output);
@@ -186,11 +183,6 @@ Status write_refined(const Options& options) {
                   options.meshes.front(), name);
   const auto refined = refine(std::move(source), options.levels, options.meshes.front());
   return write_pieces(*refined, options.output);
-}
-
-std::string check_count(const std::string& text) {
-  const auto count = parse_count(text);
-  return count ? std::string() : count.error().message;
 }
 
 }  // namespace
@@ -213,7 +205,7 @@ int main(int argc, char** argv) {
   points->add_option("--count", options.count, "Number of points, such as 1e8")
       ->type_name("N")
       ->required()
-      ->check(check_count);
+      ->check(check_of(parse_count));
   points
       ->add_option(
           "--distribution", options.distribution,
@@ -234,10 +226,10 @@ int main(int argc, char** argv) {
   mesh->add_option("--cells", options.cells, "Approximate number of tetrahedra, such as 1e8")
       ->type_name("N")
       ->required()
-      ->check(check_count);
+      ->check(check_of(parse_count));
   mesh->add_option("--pieces", options.pieces, "Number of files (default: some 1.5 million tetrahedra in each)")
       ->type_name("N")
-      ->check(check_count);
+      ->check(check_of(parse_count));
 
   auto* refined =
       app.add_subcommand("refine", "The same shape and field as a given mesh in more tetrahedra, in pieces too");

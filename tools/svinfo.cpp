@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -47,29 +48,11 @@ struct Survey {
 };
 
 const char* name_of(format::SectionKind kind) {
-  switch (kind) {
-    case format::SectionKind::metadata:
-      return "metadata";
-    case format::SectionKind::index_root:
-      return "index_root";
-    case format::SectionKind::directory_root:
-      return "directory_root";
-    case format::SectionKind::rows:
-      return "rows";
-    case format::SectionKind::index_pages:
-      return "index_pages";
-    case format::SectionKind::directory_pages:
-      return "directory_pages";
-    case format::SectionKind::histograms:
-      return "histograms";
-    case format::SectionKind::padding:
-      return "padding";
-    case format::SectionKind::summary_table:
-      return "summary_table";
-    case format::SectionKind::boundary:
-      return "boundary";
-  }
-  return "unknown";
+  constexpr std::array names = {"metadata",        "index_root", "directory_root", "rows",          "index_pages",
+                                "directory_pages", "histograms", "padding",        "summary_table", "boundary"};
+  static_assert(names.size() == static_cast<std::size_t>(format::SectionKind::boundary));
+  const auto number = static_cast<std::size_t>(kind);  // from 1 on
+  return number >= 1 && number <= names.size() ? names[number - 1] : "unknown";
 }
 
 // Bytes of the file's section of a kind; of a series, without its steps.
@@ -367,10 +350,7 @@ Status show(const Options& options) {
 int main(int argc, char** argv) {
   splatvol::Options options;
   splatvol::CommandLine app("Shows the contents of a .svol file", "svinfo");
-  app.add_option("file", options.file,
-                 "The file, the index of a series of files (.svols), or its address (http:// or https://)")
-      ->required()
-      ->type_name("FILE.svol|URL");
+  splatvol::add_file_argument(app, options.file);
   splatvol::add_step_options(app, options.step);
   app.add_flag("--json", options.json, "Print JSON, with histograms");
   app.add_flag("--verify", options.verify, "Read and check every byte first; of an index, of the files of all steps");

@@ -101,8 +101,7 @@ Result<std::vector<Error>> draw_path(const RenderOptions& options, const Composi
                                      Timings& timings) {
   std::optional<Movie> movie;
   if (!options.progress_frames.empty() || !options.movie.empty()) {
-    SPLATVOL_TRY_ASSIGN(created, Movie::create(options.movie, options.progress_frames, options.frames_per_second));
-    movie = std::move(created);
+    SPLATVOL_TRY(store(Movie::create(options.movie, options.progress_frames, options.frames_per_second), movie));
   }
   const CameraMotion motion = motion_of(options, composition);
   Scene scene = composition.scene;
@@ -167,10 +166,8 @@ void Timings::add(const PlayerTimes& times) {
 
 Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene) {
   PlayerOptions setup{.kernel = kernel_of(options)};
-  SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
-  setup.memory = memory;
-  SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
-  setup.gpu_memory = gpu_memory;
+  SPLATVOL_TRY(store(parse_bytes(options.memory), setup.memory));
+  SPLATVOL_TRY(store(parse_bytes(options.gpu_memory), setup.gpu_memory));
   SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
   setup.device = device == Device::automatic && options.raster == "slabs" ? Device::cpu : device;
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
@@ -181,8 +178,7 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step));
 
   Drawing drawing{.detail = options.detail, .how = how_to_draw(options), .max_error = options.max_error};
-  SPLATVOL_TRY_ASSIGN(player, Player::open(std::move(steps), step, scene, setup));
-  drawing.player = std::move(player);
+  SPLATVOL_TRY(store(Player::open(std::move(steps), step, scene, setup), drawing.player));
   if (options.grows && drawing.player->info().point_count() <= points_drawn_at_once) {
     drawing.max_error.reset();
     drawing.detail.tolerance_percent = 0;
@@ -208,8 +204,7 @@ Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Comp
   }
   const bool progresses = !options.moves() && !options.progress_frames.empty();
   if (progresses) {
-    SPLATVOL_TRY_ASSIGN(unreadable, draw_progress(options, composition, drawing, timings, start));
-    errors = std::move(unreadable);
+    SPLATVOL_TRY(store(draw_progress(options, composition, drawing, timings, start), errors));
   }
   if (drawing.max_error) SPLATVOL_TRY(find_cut(options, drawing, timings));
   if (options.moves()) return draw_path(options, composition, drawing, timings);

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdlib>
+#include <utility>
 
 #include "player/error_control.h"
 #include "player/movie.h"
@@ -49,7 +50,7 @@ void add_page_options(CommandLine& app, RenderOptions& options) {
                  "white, black or #RRGGBB (sRGB), instead of the scene's; from dark to light, densities double and "
                  "bright colours get darker, so that the contrast stays")
       ->type_name("COLOUR")
-      ->check([](const std::string& text) { return parse_color(text) ? "" : parse_color(text).error().message; });
+      ->check(check_of(parse_color));
   app.add_flag("--colour-bar,--color-bar", options.color_bar,
                "Show the attribute's name, unit, colours and values right of the picture (.png)");
   app.add_option("--ticks", options.ticks,
@@ -133,12 +134,12 @@ void add_budget_options(CommandLine& app, RenderOptions& options) {
                  "Bytes that the streamer may hold, such as 512M; a picture that would need more is drawn coarser. "
                  "Patches of the boundary may take a quarter as much besides: the largest are left out, and named")
       ->type_name("SIZE")
-      ->check(check_bytes)
+      ->check(check_of(parse_bytes))
       ->capture_default_str();
   app.add_option("--gpu-memory", options.gpu_memory,
                  "Bytes that OpenGL may hold on the graphics card, with the same effect")
       ->type_name("SIZE")
-      ->check(check_bytes)
+      ->check(check_of(parse_bytes))
       ->capture_default_str();
   add_reading_options(app, options.reading);
 }
@@ -146,12 +147,10 @@ void add_budget_options(CommandLine& app, RenderOptions& options) {
 // Refuses frames that nobody gets, and a movie without frames.
 void check_frames(const RenderOptions& options) {
   const bool kept = !options.progress_frames.empty() || !options.movie.empty();
-  if (!options.path.empty() && !kept && options.stats.empty())
-    wrong_option("--path", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
-  if (options.turntable > 0 && !kept)
-    wrong_option("--turntable", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
-  if (options.plays() && !kept)
-    wrong_option("--steps", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
+  for (const auto& [option, is_given] : {std::pair("--path", !options.path.empty() && options.stats.empty()),
+                                         {"--turntable", options.turntable > 0},
+                                         {"--steps", options.plays()}})
+    if (is_given && !kept) wrong_option(option, "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
   if (!options.movie.empty() && !options.moves() && !options.plays())
     wrong_option("--movie", "needs frames: give --turntable N, --path FRAMES,DEGREES,FACTOR or --steps A:B");
   if (options.output.empty() && options.movie.empty()) missing_option("--output");
@@ -174,7 +173,7 @@ void add_frame_options(CommandLine& app, RenderOptions& options) {
   auto* milliseconds = app.get_option("--milliseconds");
   app.add_option("--size", options.size, "Size of the picture in pixels, instead of the scene's")
       ->type_name("WxH")
-      ->check(check_image_size);
+      ->check(check_of(parse_image_size));
   app.add_option("--repeat", options.repeat, "Frames to draw for the times in the statistics")
       ->range(1, 1000000)
       ->capture_default_str()

@@ -27,8 +27,7 @@ Status add_planes(const RenderOptions& options, const format::Volume& volume, Sc
 Result<Scene> make_scene(const RenderOptions& options, const format::Volume& volume, std::array<int, 2> size) {
   FirstPicture picture{size[0], size[1], dvec3(0), options.turntable > 0};
   if (!options.background.empty()) {
-    SPLATVOL_TRY_ASSIGN(background, parse_color(options.background));
-    picture.background = background;
+    SPLATVOL_TRY(store(parse_color(options.background), picture.background));
   }
   SPLATVOL_TRY_ASSIGN(scene, default_scene(volume, options.attribute, picture));
   if (!options.opacity_attribute.empty()) {
@@ -58,8 +57,7 @@ Result<std::string> label_of(const format::Volume& volume, const std::string& na
 
 Status add_bar(const format::Volume& volume, Composition& composition) {
   const ScalarBar& bar = composition.scene.scalar_bar;
-  SPLATVOL_TRY_ASSIGN(label, label_of(volume, composition.scene.attribute, bar.unit));
-  composition.text.bar = label;
+  SPLATVOL_TRY(store(label_of(volume, composition.scene.attribute, bar.unit), composition.text.bar));
   composition.text.ticks = bar.ticks;
   return {};
 }
@@ -77,18 +75,16 @@ Status lay_out(Composition& composition, std::array<int, 2> size) {
 Status fit_scene(const RenderOptions& options, const format::Volume& volume, Composition& composition) {
   std::array<int, 2> size = usual_size;
   if (!options.size.empty()) {
-    SPLATVOL_TRY_ASSIGN(sides, parse_image_size(options.size));
-    size = sides;
+    SPLATVOL_TRY(store(parse_image_size(options.size), size));
   }
-  SPLATVOL_TRY_ASSIGN(scene, make_scene(options, volume, size));
-  composition.scene = std::move(scene);
+  SPLATVOL_TRY(store(make_scene(options, volume, size), composition.scene));
   if (options.color_bar) {
     SPLATVOL_TRY(add_bar(volume, composition));
   }
   SPLATVOL_TRY(lay_out(composition, size));
   if (composition.page.picture_width == size[0] && composition.page.picture_height == size[1]) return {};
-  SPLATVOL_TRY_ASSIGN(fitted, make_scene(options, volume, {composition.scene.width, composition.scene.height}));
-  composition.scene = std::move(fitted);
+  SPLATVOL_TRY(
+      store(make_scene(options, volume, {composition.scene.width, composition.scene.height}), composition.scene));
   return {};
 }
 
@@ -121,15 +117,13 @@ Result<Composition> compose(const RenderOptions& options) {
   composition.text.title = options.title;
   SPLATVOL_TRY(check_kind(options, composition));
   if (!options.scene.empty()) {
-    SPLATVOL_TRY_ASSIGN(scene, read_scene(options));
-    composition.scene = std::move(scene);
+    SPLATVOL_TRY(store(read_scene(options), composition.scene));
   }
   const bool needs_volume = options.scene.empty() || options.planes.are_given() || options.color_bar ||
                             options.turntable > 0 || (composition.scene.outline && !composition.data);
   std::shared_ptr<const format::Volume> volume;
   if (needs_volume) {
-    SPLATVOL_TRY_ASSIGN(opened, open_step(options.volume, options.step));
-    volume = std::move(opened);
+    SPLATVOL_TRY(store(open_step(options.volume, options.step), volume));
   }
   if (options.scene.empty()) {
     SPLATVOL_TRY(fit_scene(options, *volume, composition));
@@ -141,14 +135,12 @@ Result<Composition> compose(const RenderOptions& options) {
     SPLATVOL_TRY(lay_out(composition, {composition.scene.width, composition.scene.height}));
   }
   if (composition.scene.outline && !composition.data) {
-    SPLATVOL_TRY_ASSIGN(domain, domain_of(*volume));
-    composition.outline = domain;
+    SPLATVOL_TRY(store(domain_of(*volume), composition.outline));
   }
   if (options.turntable > 0 && options.scene.empty()) {
     composition.turned_about = composition.scene.camera.focal_point;
   } else if (options.turntable > 0) {
-    SPLATVOL_TRY_ASSIGN(middle, middle_of_visible(*volume, composition.scene));
-    composition.turned_about = middle;
+    SPLATVOL_TRY(store(middle_of_visible(*volume, composition.scene), composition.turned_about));
   }
   return composition;
 }

@@ -246,7 +246,7 @@ int main(int argc, char** argv) {
       ->check(check_image_path);
   app.add_option("--size", options.size, "Size of the picture in pixels, instead of the scene's")
       ->type_name("WxH")
-      ->check(check_image_size);
+      ->check(check_of(parse_image_size));
   add_cells_option(app, options.cells, "draw constant cells, as 'svbuild --cells own' has them");
   app.add_option("--missing", options.missing, "As in svbuild: a number that stands for no value; repeatable")
       ->type_name("V")

@@ -119,12 +119,10 @@ class Stage {
   static Result<std::unique_ptr<Stage>> create(bool in_window, const WindowResized& size) {
     auto stage = std::make_unique<Stage>();
     if (in_window) {
-      SPLATVOL_TRY_ASSIGN(window, Window::open(size.width, size.height, "svview"));
-      stage->window_ = std::move(window);
+      SPLATVOL_TRY(store(Window::open(size.width, size.height, "svview"), stage->window_));
       return stage;
     }
-    SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
-    stage->context_ = std::move(context);
+    SPLATVOL_TRY(store(HeadlessContext::create(), stage->context_));
     stage->target_.emplace();
     return stage;
   }
@@ -166,8 +164,7 @@ struct ReplayTimes {
 Result<std::vector<FrameInput>> load_inputs(const Options& options) {
   std::vector<FrameInput> inputs;
   if (!options.replay.empty()) {
-    SPLATVOL_TRY_ASSIGN(recorded, load_recording(options.replay));
-    inputs = std::move(recorded);
+    SPLATVOL_TRY(store(load_recording(options.replay), inputs));
   }
   if (inputs.empty() || !last_size(inputs.front())) {
     SPLATVOL_TRY_ASSIGN(size, window_size(options));
@@ -299,13 +296,13 @@ void add_view_options(CommandLine& app, Options& options) {
   app.add_option("--size", options.size, "Size of the window")
       ->type_name("WxH")
       ->capture_default_str()
-      ->check(check_image_size);
+      ->check(check_of(parse_image_size));
   for (const auto& [name, value, what] :
        {std::tuple{"--memory", &options.memory,
                    "Memory for the parts of the file that are read; patches of "
                    "the boundary may take a quarter as much besides"},
         std::tuple{"--gpu-memory", &options.gpu_memory, "Memory of the graphics card for splats and picture"}})
-    app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check(check_bytes);
+    app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check(check_of(parse_bytes));
   add_reading_options(app, options.reading);
   auto* max_error =
       app.add_option("--max-error", options.max_error,

@@ -55,11 +55,6 @@ int fail_with(CommandLine& app, std::string_view message) {
   return 1;
 }
 
-template <class T>
-std::string reason(const Result<T>& result) {
-  return result ? "" : result.error().message;
-}
-
 // The man page or the completions, if the command line asks for them. Neither is in the help: the build makes files of
 // them (tools/CMakeLists.txt).
 std::string text_for_installation(CommandLine& app, int argc, char** argv) {
@@ -198,10 +193,6 @@ std::string check_svol_path(const std::string& text) { return check_path(text, "
 std::string check_npy_path(const std::string& text) { return check_path(text, ".npy"); }
 
 std::string check_json_path(const std::string& text) { return text == "-" ? "" : check_path(text, ".json"); }
-
-std::string check_bytes(const std::string& text) { return reason(parse_bytes(text)); }
-
-std::string check_image_size(const std::string& text) { return reason(parse_image_size(text)); }
 
 std::string check_positive(const std::string& text) {
   const double number = std::strtod(text.c_str(), nullptr);

@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <functional>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -28,6 +27,14 @@ int run_tool(CommandLine& app, int argc, char** argv, const std::function<Status
 template <class... Args>
 void print_out(fmt::format_string<Args...> format, Args&&... args) {
   fmt::print("{}", printable(fmt::format(format, std::forward<Args>(args)...)));
+}
+
+/// Puts the value of a result into `target`. Fails, and leaves `target` as it is, if there is none.
+template <class T, class Target>
+[[nodiscard]] Status store(Result<T> result, Target& target) {
+  if (!result) return tl::unexpected(result.error());
+  target = std::move(*result);
+  return {};
 }
 
 /// Fails if an output is the same file as an input, even by another name, or if two outputs have the same name. Fails
@@ -71,10 +78,8 @@ class ProgressBar {
 [[nodiscard]] std::string check_not_empty(const std::string& text);
 [[nodiscard]] std::string check_svol_path(const std::string& text);
 [[nodiscard]] std::string check_npy_path(const std::string& text);
-[[nodiscard]] std::string check_json_path(const std::string& text);   // "-" is taken too
-[[nodiscard]] std::string check_bytes(const std::string& text);       // parse_bytes takes it
-[[nodiscard]] std::string check_image_size(const std::string& text);  // parse_image_size takes it
-[[nodiscard]] std::string check_positive(const std::string& text);    // and finite
+[[nodiscard]] std::string check_json_path(const std::string& text);  // "-" is taken too
+[[nodiscard]] std::string check_positive(const std::string& text);   // and finite
 [[nodiscard]] std::string check_finite(
     const std::string& text);  // neither infinite nor NaN; CLI11 itself refuses words
 

@@ -1,4 +1,4 @@
-// Colours and lengths as Dear ImGui takes them.
+// Colours, lengths and hints as Dear ImGui takes them.
 #pragma once
 
 #include <imgui.h>
@@ -19,5 +19,10 @@ inline constexpr float font_height = 15;
 
 /// Returns the window units that a unit of the interface's design takes: 1 on a plain screen.
 [[nodiscard]] inline float gui_unit() { return ImGui::GetFontSize() / font_height; }
+
+/// Tells about the control before, where the pointer rests on it.
+inline void hint(const char* text) {
+  if (ImGui::IsItemHovered()) ImGui::SetTooltip("%s", text);
+}
 
 }  // namespace splatvol

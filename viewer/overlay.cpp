@@ -1,13 +1,10 @@
 #include "viewer/overlay.h"
 
-#include <fmt/format.h>
 #include <imgui.h>
 
 #include <algorithm>
-#include <cmath>
-#include <optional>
-#include <utility>
 
+#include "pictures/page.h"
 #include "pictures/ticks.h"
 #include "viewer/gui_units.h"
 
@@ -16,26 +13,11 @@ namespace {
 
 ImDrawList& canvas() { return *ImGui::GetBackgroundDrawList(); }
 
-struct Line {
-  ImVec2 from, to;
-};
-
-// Projects a segment, cut off at the eye. None if it lies behind the eye.
-std::optional<Line> project(const View& view, const dvec3& from, const dvec3& to, const PictureArea& area) {
-  dvec3 a = view.to_view(from), b = view.to_view(to);
-  if (!view.orthographic) {
-    const double nearest = 1e-6 * std::max({glm::length(a), glm::length(b), 1e-300});
-    if (a.z < nearest && b.z < nearest) return {};
-    if (a.z < nearest) a += (nearest - a.z) / (b.z - a.z) * (b - a);
-    if (b.z < nearest) b += (nearest - b.z) / (a.z - b.z) * (a - b);
-  }
-  const auto at = [&](const dvec3& p) {
-    const double f = view.focal / (view.orthographic ? 1 : p.z);
-    const double limit = 1e5;  // outside of any window, but within single precision
-    return ImVec2(static_cast<float>(area.left + area.unit_x * std::clamp(0.5 * view.width + f * p.x, -limit, limit)),
-                  static_cast<float>(area.unit_y * std::clamp(0.5 * view.height - f * p.y, -limit, limit)));
-  };
-  return Line{at(a), at(b)};
+// Returns a place in the window, within single precision however far outside it lies. `pixel`: of the picture.
+ImVec2 in_window(const dvec2& pixel, const PictureArea& area) {
+  constexpr double limit = 1e5;
+  return {static_cast<float>(area.left + area.unit_x * std::clamp(pixel.x, -limit, limit)),
+          static_cast<float>(area.unit_y * std::clamp(pixel.y, -limit, limit))};
 }
 
 void draw_edges(const View& view, const Box& box, ImU32 color, const PictureArea& area) {
@@ -45,8 +27,8 @@ void draw_edges(const View& view, const Box& box, ImU32 color, const PictureArea
   for (int c = 0; c < 8; ++c)
     for (const int axis : {1, 2, 4})
       if (!(c & axis))
-        if (const auto line = project(view, corner(c), corner(c | axis), area))
-          canvas().AddLine(line->from, line->to, color, gui_unit());
+        if (const auto line = project(view, corner(c), corner(c | axis)))
+          canvas().AddLine(in_window(line->from, area), in_window(line->to, area), color, gui_unit());
 }
 
 }  // namespace

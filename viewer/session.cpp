@@ -34,10 +34,18 @@ PlayerOptions player_options(const ViewSettings& settings) {
           .read_surface = settings.read_surface};
 }
 
-Result<std::array<std::uint64_t, 64>> histogram_of(const format::Volume& volume, const std::string& attribute) {
+using Histogram = std::array<std::uint64_t, 64>;
+
+// Reads the histograms of a scene's attributes. Without an opacity, its histogram stays.
+Status read_histograms(const format::Volume& volume, const Scene& scene, Histogram& values, Histogram& opacity) {
   SPLATVOL_TRY_ASSIGN(histograms, volume.read_histograms());
-  const auto index = static_cast<std::size_t>(volume.info().find_attribute(attribute));
-  return histograms.empty() ? std::array<std::uint64_t, 64>{} : histograms[index];
+  const auto histogram_of = [&](const std::string& attribute) {
+    const auto index = static_cast<std::size_t>(volume.info().find_attribute(attribute));
+    return histograms.empty() ? Histogram{} : histograms[index];
+  };
+  values = histogram_of(scene.attribute);
+  if (scene.opacity) opacity = histogram_of(scene.opacity->attribute);
+  return {};
 }
 
 // Adds what a session shows besides splats. Reads the coarsest splats, too. Unless it `must_fit`, the scene takes the
@@ -45,18 +53,13 @@ Result<std::array<std::uint64_t, 64>> histogram_of(const format::Volume& volume,
 Result<SessionFile> with_data(SessionFile read, bool must_fit, bool fits_opacity = false) {
   Streamer& streamer = *read.file.streamer;
   const Scene& scene = read.file.scene;
-  SPLATVOL_TRY_ASSIGN(histogram, histogram_of(streamer.volume(), scene.attribute));
-  if (scene.opacity) {
-    SPLATVOL_TRY_ASSIGN(of_opacity, histogram_of(streamer.volume(), scene.opacity->attribute));
-    read.opacity_histogram = of_opacity;
-  }
+  SPLATVOL_TRY(read_histograms(streamer.volume(), scene, read.histogram, read.opacity_histogram));
   if (fits_opacity) {
     SPLATVOL_TRY_ASSIGN(fitting_opacity, splatvol::fitting_opacity(streamer.volume(), scene.opacity->attribute,
                                                                    {512, 512, scene.background}));
     read.fitting_opacity = std::move(fitting_opacity);
   }
   SPLATVOL_TRY_ASSIGN(bounds, find_domain(streamer));
-  read.histogram = histogram;
   read.bounds = bounds;
   read.fitting = scene;
   if (read.fits) return read;
@@ -206,12 +209,7 @@ Session::~Session() {
 
 // Takes over histogram and domain of the step that is shown.
 Status Session::use_step() {
-  SPLATVOL_TRY_ASSIGN(histogram, histogram_of(player_->streamer().volume(), used_scene_.attribute));
-  histogram_ = histogram;
-  if (used_scene_.opacity) {
-    SPLATVOL_TRY_ASSIGN(of_opacity, histogram_of(player_->streamer().volume(), used_scene_.opacity->attribute));
-    opacity_histogram_ = of_opacity;
-  }
+  SPLATVOL_TRY(read_histograms(player_->streamer().volume(), used_scene_, histogram_, opacity_histogram_));
   if (!player_->steps().are_files()) return {};
   SPLATVOL_TRY_ASSIGN(bounds, player_->find_domain());  // a file may have another mesh
   bounds_ = bounds;
@@ -507,7 +505,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
     request.detail.goal = ErrorGoal{0, std::min(moving_splats(), player_->device_splats())};
   else
     request.detail = sharpening_->detail();
-  DrawOptions options{.sort = settings.sort};
+  DrawOptions options;
   if (!moves && !awaits_step_ && can_draw_aside()) return draw_aside(request, options);
 
   if (moves && player_->has_drawn_surfaces()) SPLATVOL_TRY(player_->set_scene(half_as_large(used_scene_)));

@@ -39,9 +39,8 @@ struct ViewSettings {
   double max_error = default_max_error;            // at rest; a small file shows all points
   std::optional<double> tolerance = std::nullopt;  // percent, at rest, instead of an error
   bool hurries = true;                             // coarser pictures while something moves; false: nobody waits
-  SortMode sort = SortMode::exact;
-  ReadSurface read_surface = {};    // as in PlayerOptions
-  FirstPicture first_picture = {};  // as in PlayerOptions; its size may turn out to be another
+  ReadSurface read_surface = {};                   // as in PlayerOptions
+  FirstPicture first_picture = {};                 // as in PlayerOptions; its size may turn out to be another
 
   // Whether a thread reads what another attribute, kernel or memory, or surfaces need, while pictures are drawn without
   // the change. Else it is read by the next draw.

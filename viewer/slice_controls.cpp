@@ -17,10 +17,6 @@ constexpr float handle_radius = 7, grip = 11, arrow_length = 70;  // window unit
 constexpr std::size_t most_planes = 64;                           // of each kind, as in a scene file
 constexpr double nearest_share = 1e-6;                            // of the distance; a point nearer than this is behind
 
-void hint(const char* text) {
-  if (ImGui::IsItemHovered()) ImGui::SetTooltip("%s", text);
-}
-
 // From world coordinates to the window.
 class Projection {
  public:

@@ -164,7 +164,7 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
       for (auto& density : function.densities) density.extinction *= opacity * fitting_top / now;
       top_ = 0;
     }
-    if (ImGui::IsItemHovered()) ImGui::SetTooltip("1: the opacity that fits the data.\nControl click: type a number.");
+    hint("1: the opacity that fits the data.\nControl click: type a number.");
   }
 }
 

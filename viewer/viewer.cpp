@@ -90,28 +90,32 @@ Status Viewer::take_opened(std::chrono::milliseconds wait) {
 }
 
 void Viewer::close() {
-  end_film();
+  end_session();
   opening_.reset();
+  message_.clear();
+}
+
+// Lets go of the file, and of all that belongs to it.
+void Viewer::end_session() {
+  end_film();
   session_.reset();
   pin_.reset();
   prober_.forget();
   history_.reset();
   question_.reset();
   saving_.reset();
+  stop_playing();
+}
+
+void Viewer::stop_playing() {
   playing_.reset();
   step_seconds_.reset();
-  message_.clear();
 }
 
 void Viewer::show(std::unique_ptr<Session> session) {
-  end_film();
+  end_session();
   session_ = std::move(session);
-  question_.reset();
-  saving_.reset();
   up_ = session_->info().up >= 0 ? session_->info().up : 1;
-  history_.reset();
-  pin_.reset();
-  prober_.forget();
   const std::string stem = std::filesystem::path(session_->path()).stem().string();
   put(scene_name_, stem + ".json");
   put(picture_name_, stem + ".png");
@@ -119,8 +123,6 @@ void Viewer::show(std::unique_ptr<Session> session) {
   put(movie_name_, stem + ".mp4");
   path_ = {};
   planes_.reset();
-  playing_.reset();
-  step_seconds_.reset();
 }
 
 // A .json file is a scene for the volume that is open, or colours for it. Any other file is a volume.

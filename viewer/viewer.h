@@ -75,6 +75,8 @@ class Viewer {
   [[nodiscard]] Status take_opened(std::chrono::milliseconds wait);
   void draw_opening();
   void close();
+  void end_session();
+  void stop_playing();
   [[nodiscard]] Status open_scene(const std::string& path);
   [[nodiscard]] Status open_color_maps(const std::string& path);
   void handle(const Event& event);

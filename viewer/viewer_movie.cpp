@@ -40,8 +40,7 @@ void Viewer::save_movie() {
       message_ = movie.error().message;
       return;
     }
-    playing_.reset();
-    step_seconds_.reset();
+    stop_playing();
     const int frames = std::max(1, static_cast<int>(std::lround(path_.seconds * frames_per_second_)));
     filming_.emplace(
         Filming{std::move(*movie), path, (*size)[0], (*size)[1], frames, 0, !films_path_, session_->scene.camera});

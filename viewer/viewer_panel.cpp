@@ -13,6 +13,7 @@
 #include "base/program.h"
 #include "base/replaceable.h"
 #include "pictures/contrast.h"
+#include "viewer/gui_units.h"
 #include "viewer/viewer.h"
 
 namespace splatvol {
@@ -68,11 +69,6 @@ std::string detail_text(const Session& session) {
   if (!sharpening->is_done()) return (error.empty() ? "" : error + ", ") + "it sharpens";
   if (frame.finest) return "no more points would show";
   return error + (sharpening->has_reached() ? "" : ": memory allows no less");
-}
-
-// Tells about the control before, where the pointer rests on it.
-void hint(const char* text) {
-  if (ImGui::IsItemHovered()) ImGui::SetTooltip("%s", text);
 }
 
 }  // namespace
@@ -389,8 +385,7 @@ void Viewer::save_picture() {
     message_ = path + ": neither .png nor .exr";
   } else if (const auto size = saved_size()) {
     save(path, [=, this] {
-      playing_.reset();
-      step_seconds_.reset();
+      stop_playing();
       saving_ = Saving{path, (*size)[0], (*size)[1]};
     });
   }
@@ -427,8 +422,7 @@ void Viewer::copy_picture() {
   std::error_code error;
   const std::string folder = std::filesystem::temp_directory_path(error).string();
   const std::string path = fmt::format("{}/svview-{}.png", error ? "/tmp" : folder, ::getpid());
-  playing_.reset();
-  step_seconds_.reset();
+  stop_playing();
   saving_ = Saving{path, (*size)[0], (*size)[1], true};
 }
 

@@ -172,10 +172,10 @@ void Viewer::draw_pinned() {
     ImGui::SetClipboardText(fmt::format("{:.9g},{:.9g},{:.9g},{:.9g},{:.6g}\n", probe.position.x, probe.position.y,
                                         probe.position.z, probe.value, probe.opacity)
                                 .c_str());
-  if (ImGui::IsItemHovered()) ImGui::SetTooltip("Copies x, y, z, the value and the opacity.");
+  hint("Copies x, y, z, the value and the opacity.");
   ImGui::SameLine();
   if (ImGui::SmallButton("copy plot")) ImGui::SetClipboardText(table_of(probe, session_->attribute()).c_str());
-  if (ImGui::IsItemHovered()) ImGui::SetTooltip("Copies the table of distance, value and opacity.");
+  hint("Copies the table of distance, value and opacity.");
   ImGui::End();
   if (!stays) pin_.reset();
 }

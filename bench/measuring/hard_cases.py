@@ -1,7 +1,7 @@
 """The cases of bench/svbench hard: meshes, scenes, and how far a picture may be from the exact one."""
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Callable
 
@@ -110,19 +110,19 @@ def changed(mesh, index, values=None, position=None):
         points[index] = position
     if values is not None:
         of_points[index] = values
-    return meshes.Mesh(points, mesh.cells, mesh.kind, {"f": of_points})
+    return replace(mesh, points=points, values={"f": of_points})
 
 
 def inverted(mesh):
     cells = mesh.cells.copy()
     cells[::3, [0, 1]] = cells[::3, [1, 0]]
-    return meshes.Mesh(mesh.points, cells, mesh.kind, dict(mesh.values))
+    return replace(mesh, cells=cells)
 
 
 def with_flat_cells(mesh):
     """Adds tetrahedra without volume: a corner twice, and four corners of a line."""
     more = np.array([[0, 1, 2, 2], [0, 0, 0, 0], [0, 1, 0, 1]])
-    return meshes.Mesh(mesh.points, np.concatenate([mesh.cells, more]), mesh.kind, dict(mesh.values))
+    return replace(mesh, cells=np.concatenate([mesh.cells, more]))
 
 
 def lattice_called_value():
@@ -133,15 +133,12 @@ def squashed(mesh, axes):
     """A mesh whose points differ along the first `axes` axes only."""
     points = mesh.points.copy()
     points[:, axes:] = 0
-    return meshes.Mesh(points, mesh.cells, mesh.kind, dict(mesh.values))
+    return replace(mesh, points=points)
 
 
 def collapsed(count, axes):
     """Points that differ along the first `axes` axes only."""
-    mesh = meshes.points_only(count)
-    points = mesh.points.copy()
-    points[:, axes:] = 0
-    return mesh_of_points(points)
+    return mesh_of_points(squashed(meshes.points_only(count), axes).points)
 
 
 def mesh_of_points(points):

@@ -11,39 +11,45 @@ from pathlib import Path
 from .common import add_programs, output_of, table_head, words
 
 
+def frame(*events, seconds=0.05):
+    """Returns a frame of a recording."""
+    return {"seconds": seconds, "events": list(events)}
+
+
+def write_recording(path, width, height, frames):
+    """Writes the window as it opens, and then these frames."""
+    lines = [frame(["size", width, height, width, height, 1]), *frames]
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
 def recording(path, frames, width, height):
-    """Writes a recording: the window as it opens, then without its panel a drag to and fro, frame by frame."""
-    lines = [{"seconds": 0.05, "events": [["size", width, height, width, height, 1]]}]
-    lines.append({"seconds": 0.05, "events": [["key", 258, True], ["key", 258, False]]})
-    lines.append({"seconds": 0.05, "events": [["pointer", 0.3 * width, 0.5 * height]]})
-    lines.append({"seconds": 0.05, "events": [["button", 0, True]]})
+    """Writes a recording: without the panel a drag to and fro, frame by frame."""
+    lines = [frame(["key", 258, True], ["key", 258, False])]
+    lines += [frame(["pointer", 0.3 * width, 0.5 * height]), frame(["button", 0, True])]
     for i in range(frames):
         x = 0.3 * width + 0.4 * width * (1 - abs(1 - 2 * i / frames))
-        lines.append({"seconds": 0.05, "events": [["pointer", x, 0.5 * height + 0.1 * height * (i / frames)]]})
-    lines.append({"seconds": 0.05, "events": [["button", 0, False]]})
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+        lines.append(frame(["pointer", x, 0.5 * height + 0.1 * height * (i / frames)]))
+    lines.append(frame(["button", 0, False]))
+    write_recording(path, width, height, lines)
 
 
 def sharpening(path, width, height):
     """Writes a recording of short drags and rests. In a rest the hand is still until the picture begins to sharpen, and
     then moves the pointer over the panel. Returns the numbers of the frames with such a pointer."""
     drags, moves, rests, frames_a_rest = 8, 4, 12, 5
-    lines = [{"seconds": 0.05, "events": [["size", width, height, width, height, 1]]}]
-    frames = []
+    lines, waiting = [], []
     for drag in range(drags):
         at = (0.6 + 0.02 * drag) * width
-        lines.append({"seconds": 0.05, "events": [["pointer", at, 0.5 * height]]})
-        lines.append({"seconds": 0.05, "events": [["button", 0, True]]})
-        for i in range(moves):
-            lines.append({"seconds": 0.05, "events": [["pointer", at + 8 * i, 0.5 * height + 3 * i]]})
-        lines.append({"seconds": 0.05, "events": [["button", 0, False]]})
+        lines += [frame(["pointer", at, 0.5 * height]), frame(["button", 0, True])]
+        lines += [frame(["pointer", at + 8 * i, 0.5 * height + 3 * i]) for i in range(moves)]
+        lines.append(frame(["button", 0, False]))
         for rest in range(rests):
-            lines.append({"seconds": 0.2, "events": []})
+            lines.append(frame(seconds=0.2))
             for i in range(frames_a_rest):
-                frames.append(len(lines))
-                lines.append({"seconds": 1 / 60, "events": [["pointer", 40 + 10 * rest + i, 0.3 * height + i]]})
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    return frames
+                waiting.append(1 + len(lines))  # behind the window's
+                lines.append(frame(["pointer", 40 + 10 * rest + i, 0.3 * height + i], seconds=1 / 60))
+    write_recording(path, width, height, lines)
+    return waiting
 
 
 def look(options, file, device, replayed):

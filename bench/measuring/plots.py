@@ -13,58 +13,26 @@ def _milliseconds(row):
 
 
 def _splats(panel, rows, color, kernel):
+    def curve(of, style, size, label, **more):
+        if of:
+            x, y = [_milliseconds(row) for row in of], [row.rmse for row in of]
+            panel.plot(x, y, style, color=color, markersize=size, label=label, **more)
+
+    def by_tolerance(of):
+        return sorted((row for row in of if row.tolerance is not None), key=lambda row: row.tolerance)
+
     usual = [row for row in rows if row.sort == "exact" and row.raster == "splats" and row.sampling == "auto"]
+    curve(by_tolerance(usual), "o-", 5, f"{kernel}, by tolerance", linewidth=1.5)
+    mixed = [row for row in rows if row.raster == "slabs"]
+    curve(by_tolerance(mixed), "s--", 4, "slabs, by tolerance", linewidth=1)
+    fixed = [row for row in usual if row.resolution is not None]
+    curve(fixed, "o", 7, f"{kernel}, fixed resolutions", markerfacecolor="none")
     sampled = [row for row in rows if row.sampling == "4"]
-    by_tolerance = sorted((row for row in usual if row.tolerance is not None), key=lambda row: row.tolerance)
-    panel.plot(
-        [_milliseconds(row) for row in by_tolerance],
-        [row.rmse for row in by_tolerance],
-        "o-",
-        color=color,
-        markersize=5,
-        linewidth=1.5,
-        label=f"{kernel}, by tolerance",
-    )
-    mixed = sorted((row for row in rows if row.raster == "slabs"), key=lambda row: row.tolerance)
-    if mixed:
-        panel.plot(
-            [_milliseconds(row) for row in mixed],
-            [row.rmse for row in mixed],
-            "s--",
-            color=color,
-            markersize=4,
-            linewidth=1,
-            label="slabs, by tolerance",
-        )
-    by_resolution = [row for row in usual if row.resolution is not None]
-    panel.plot(
-        [_milliseconds(row) for row in by_resolution],
-        [row.rmse for row in by_resolution],
-        "o",
-        color=color,
-        markersize=7,
-        markerfacecolor="none",
-        label=f"{kernel}, fixed resolutions",
-    )
-    if sampled:
-        panel.plot(
-            [_milliseconds(row) for row in sampled],
-            [row.rmse for row in sampled],
-            "x",
-            color=color,
-            markersize=5,
-            label=f"{kernel}, samples 4 pixels apart",
-        )
-    for row in by_tolerance:
+    curve(sampled, "x", 5, f"{kernel}, samples 4 pixels apart")
+    for row in by_tolerance(usual):
         if row.tolerance in (0, 1, 5, 20):
-            panel.annotate(
-                "all" if row.tolerance == 0 else f"{row.tolerance:g} %",
-                (_milliseconds(row), row.rmse),
-                xytext=(3, 5),
-                textcoords="offset points",
-                fontsize=8,
-                color=color,
-            )
+            label, at = "all" if row.tolerance == 0 else f"{row.tolerance:g} %", (_milliseconds(row), row.rmse)
+            panel.annotate(label, at, xytext=(3, 5), textcoords="offset points", fontsize=8, color=color)
 
 
 def _peer(panel, row, kind):

@@ -27,24 +27,16 @@ struct Candidate {
 
 /// Returns the name of EGL's last error.
 std::string egl_error() {
-  switch (const EGLint code = eglGetError()) {
-    case EGL_SUCCESS:
-      return "no reason given";
-    case EGL_NOT_INITIALIZED:
-      return "EGL_NOT_INITIALIZED";
-    case EGL_BAD_ALLOC:
-      return "EGL_BAD_ALLOC";
-    case EGL_BAD_MATCH:
-      return "EGL_BAD_MATCH";
-    case EGL_BAD_ATTRIBUTE:
-      return "EGL_BAD_ATTRIBUTE";
-    case EGL_BAD_CONFIG:
-      return "EGL_BAD_CONFIG";
-    case EGL_BAD_PARAMETER:
-      return "EGL_BAD_PARAMETER";
-    default:
-      return fmt::format("EGL error 0x{:x}", code);
-  }
+  constexpr std::array<std::pair<EGLint, const char*>, 7> names = {{{EGL_SUCCESS, "no reason given"},
+                                                                    {EGL_NOT_INITIALIZED, "EGL_NOT_INITIALIZED"},
+                                                                    {EGL_BAD_ALLOC, "EGL_BAD_ALLOC"},
+                                                                    {EGL_BAD_MATCH, "EGL_BAD_MATCH"},
+                                                                    {EGL_BAD_ATTRIBUTE, "EGL_BAD_ATTRIBUTE"},
+                                                                    {EGL_BAD_CONFIG, "EGL_BAD_CONFIG"},
+                                                                    {EGL_BAD_PARAMETER, "EGL_BAD_PARAMETER"}}};
+  const EGLint code = eglGetError();
+  const auto found = std::ranges::find(names, code, &std::pair<EGLint, const char*>::first);
+  return found == names.end() ? fmt::format("EGL error 0x{:x}", code) : found->second;
 }
 
 /// Adds the displays of the devices that are hardware. Mesa lists its software rasteriser as one more device.

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <vector>
 
 namespace splatvol {
@@ -12,20 +13,14 @@ namespace {
 using Shader = GlObject<[](GLuint name) { glDeleteShader(name); }>;
 
 std::string_view error_text(GLenum error) {
-  switch (error) {
-    case GL_INVALID_ENUM:
-      return "invalid enum";
-    case GL_INVALID_VALUE:
-      return "invalid value";
-    case GL_INVALID_OPERATION:
-      return "invalid operation";
-    case GL_INVALID_FRAMEBUFFER_OPERATION:
-      return "invalid framebuffer operation";
-    case GL_OUT_OF_MEMORY:
-      return "out of memory";
-    default:
-      return "unknown error";
-  }
+  constexpr std::array<std::pair<GLenum, std::string_view>, 5> texts = {
+      {{GL_INVALID_ENUM, "invalid enum"},
+       {GL_INVALID_VALUE, "invalid value"},
+       {GL_INVALID_OPERATION, "invalid operation"},
+       {GL_INVALID_FRAMEBUFFER_OPERATION, "invalid framebuffer operation"},
+       {GL_OUT_OF_MEMORY, "out of memory"}}};
+  const auto found = std::ranges::find(texts, error, &std::pair<GLenum, std::string_view>::first);
+  return found == texts.end() ? "unknown error" : found->second;
 }
 
 std::string first_line(std::string log) {

@@ -65,40 +65,31 @@ Result<Program> make_moments_form_with_surfaces() {
          moments_fragment_glsl, moments_far_glsl, moments_near_glsl, moments_surfaces_frag}}});
 }
 
-Result<Kernel> make_octant_kernel() {
-  SPLATVOL_TRY_ASSIGN(
-      key, build_compute("octant's keys", octant_transfer_glsl, octant_quad_glsl, octant_project_glsl, key_comp));
-  SPLATVOL_TRY_ASSIGN(project, build_compute("octant's projection", octant_transfer_glsl, octant_quad_glsl,
-                                             octant_project_glsl, project_comp));
-  SPLATVOL_TRY_ASSIGN(forms, make_octant_forms(no_surfaces));
-  return Kernel{.kind = KernelKind::octant,
-                .key = std::move(key),
-                .project = std::move(project),
-                .forms = std::move(forms),
-                .forms_with_surfaces = {},
-                .quad_bytes = 48,
-                .table = table_size(KernelKind::octant)};
-}
-
-Result<Kernel> make_moments_kernel() {
-  SPLATVOL_TRY_ASSIGN(
-      key, build_compute("moments' keys", moments_common_glsl, moments_quad_glsl, moments_project_glsl, key_comp));
-  SPLATVOL_TRY_ASSIGN(project, build_compute("moments' projection", moments_common_glsl, moments_quad_glsl,
-                                             moments_project_glsl, project_comp));
-  SPLATVOL_TRY_ASSIGN(forms, make_moments_forms());
-  return Kernel{.kind = KernelKind::moments,
-                .key = std::move(key),
-                .project = std::move(project),
-                .forms = std::move(forms),
-                .forms_with_surfaces = {},
-                .quad_bytes = 352,
-                .table = table_size(KernelKind::moments)};
-}
+/// What a kernel's compute programs consist of, and their names in messages.
+struct ComputeSources {
+  std::string_view keys, projection, common, quad, project;
+  std::size_t quad_bytes;
+};
+constexpr ComputeSources octant_sources{"octant's keys",  "octant's projection", octant_transfer_glsl,
+                                        octant_quad_glsl, octant_project_glsl,   48};
+constexpr ComputeSources moments_sources{"moments' keys",   "moments' projection", moments_common_glsl,
+                                         moments_quad_glsl, moments_project_glsl,  352};
 
 }  // namespace
 
 Result<Kernel> make_kernel(KernelKind kind) {
-  return kind == KernelKind::octant ? make_octant_kernel() : make_moments_kernel();
+  const bool is_octant = kind == KernelKind::octant;
+  const auto& [keys, projection, common, quad, projecting, quad_bytes] = is_octant ? octant_sources : moments_sources;
+  SPLATVOL_TRY_ASSIGN(key, build_compute(keys, common, quad, projecting, key_comp));
+  SPLATVOL_TRY_ASSIGN(project, build_compute(projection, common, quad, projecting, project_comp));
+  SPLATVOL_TRY_ASSIGN(forms, is_octant ? make_octant_forms(no_surfaces) : make_moments_forms());
+  return Kernel{.kind = kind,
+                .key = std::move(key),
+                .project = std::move(project),
+                .forms = std::move(forms),
+                .forms_with_surfaces = {},
+                .quad_bytes = quad_bytes,
+                .table = table_size(kind)};
 }
 
 Status add_surface_forms(Kernel& kernel) {
