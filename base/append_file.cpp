@@ -2,20 +2,9 @@
 
 #include <unistd.h>
 
-#include <cerrno>
-#include <cstring>
-
 #include "base/descriptor.h"
 
 namespace splatvol {
-namespace {
-
-tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
-  return fail(ErrorCode::io, "{}: {}: {}", path, action, std::strerror(errno));
-}
-
-}  // namespace
-
 Result<AppendFile> AppendFile::open(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, LockedFile::open(path, LockedFile::IfTaken::fail));
   AppendFile opened(std::move(file), path);
@@ -26,9 +15,7 @@ Result<AppendFile> AppendFile::open(const std::string& path) {
 }
 
 Status AppendFile::read(std::uint64_t offset, std::span<std::byte> out) const {
-  if (read_fully(file_.descriptor(), offset, out)) return {};
-  if (errno == 0) return fail(ErrorCode::io, "{}: the file became shorter while it was open", path_);
-  return fail_errno(path_, "cannot read");
+  return read_exactly(file_.descriptor(), offset, out, path_);
 }
 
 Status AppendFile::cut(std::uint64_t bytes) {

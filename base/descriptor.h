@@ -8,10 +8,18 @@
 #include <cerrno>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <span>
 #include <string>
 
+#include "base/error.h"
+
 namespace splatvol {
+
+/// Returns the failure of a call of the system that has set errno: "PATH: ACTION: REASON".
+[[nodiscard]] inline tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
+  return fail(ErrorCode::io, "{}: {}: {}", path, action, std::strerror(errno));
+}
 
 /// Makes a call of the system until no signal interrupts it: file systems of networks and of programs (FUSE) may end
 /// any call so. Not for close(), after which the descriptor is gone in any case.
@@ -46,6 +54,14 @@ template <class Call>
     offset += static_cast<std::uint64_t>(got);
   }
   return true;
+}
+
+/// The same. Fails if not all of the bytes are there; `path` begins the message.
+[[nodiscard]] inline Status read_exactly(int descriptor, std::uint64_t offset, std::span<std::byte> out,
+                                         const std::string& path) {
+  if (read_fully(descriptor, offset, out)) return {};
+  if (errno == 0) return fail(ErrorCode::io, "{}: the file became shorter while it was open", path);
+  return fail_errno(path, "cannot read");
 }
 
 /// Waits until the disk has the bytes. Returns false, with errno set, if it may lack some. A second call cannot cure

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <vector>
@@ -23,10 +22,6 @@ constexpr std::uint64_t max_text_bytes = 64u << 20;  // scenes and mesh headers 
 constexpr std::uint64_t begun_together = 32u << 20;
 constexpr std::uint64_t moved_together = 4u << 20;
 
-tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
-  return fail(ErrorCode::io, "{}: {}: {}", path, action, std::strerror(errno));
-}
-
 // The rights for others of a file that replaces one: never more than that one gave, also where it cannot have its
 // group.
 mode_t rights_for(int descriptor, const FileRights& rights) {
@@ -41,12 +36,6 @@ mode_t rights_for(int descriptor, const FileRights& rights) {
 bool give_rights(int descriptor, const FileRights& rights) {
   const mode_t mode = rights_for(descriptor, rights);
   return uninterrupted([&] { return ::fchmod(descriptor, mode); }) == 0;
-}
-
-Status read_exactly(int descriptor, std::uint64_t offset, std::span<std::byte> out, const std::string& path) {
-  if (read_fully(descriptor, offset, out)) return {};
-  if (errno == 0) return fail(ErrorCode::io, "{}: the file became shorter while it was open", path);
-  return fail_errno(path, "cannot read");
 }
 
 class FileSource final : public ByteSource {

@@ -11,10 +11,10 @@
 #include <charconv>
 #include <csignal>
 #include <ctime>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <string_view>
-#include <thread>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -183,29 +183,19 @@ struct Failure {
 Failure failure_of_status(CURL* handle, long status) {
   const bool may_pass = status == 429 || status >= 500;
   const auto wished = std::min<curl_off_t>(info_of<curl_off_t>(handle, CURLINFO_RETRY_AFTER), 1 << 30);
-  const auto meaning = [&] {
-    switch (status) {
-      case 200:
-        return "no support for ranges of bytes, without which it would all have to be downloaded";
-      case 401:
-        return "a user and a password are needed";
-      case 403:
-        return "forbidden";
-      case 404:
-        return "not found";
-      case 407:
-        return "the proxy wants a user and a password";
-      case 410:
-        return "gone";
-      case 416:
-        return "no such range of bytes";
-      case 429:
-        return "too many requests";
-      default:
-        return status >= 500 ? "trouble of its own" : "not what was asked for";
-    }
-  };
-  return {fmt::format("the server answers {}: {}", status, meaning()), may_pass, std::chrono::seconds(wished)};
+  static const std::map<long, const char*> meanings = {
+      {200, "no support for ranges of bytes, without which it would all have to be downloaded"},
+      {401, "a user and a password are needed"},
+      {403, "forbidden"},
+      {404, "not found"},
+      {407, "the proxy wants a user and a password"},
+      {410, "gone"},
+      {416, "no such range of bytes"},
+      {429, "too many requests"}};
+  const auto known = meanings.find(status);
+  const char* other = status >= 500 ? "trouble of its own" : "not what was asked for";
+  return {fmt::format("the server answers {}: {}", status, known == meanings.end() ? other : known->second), may_pass,
+          std::chrono::seconds(wished)};
 }
 
 // A refused connection is final: no server is there.

@@ -7,7 +7,6 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstring>
 #include <utility>
 
 #include "base/descriptor.h"
@@ -17,7 +16,7 @@ namespace splatvol {
 // NFS locks only what is open for writing. Without O_NONBLOCK, opening a pipe could wait for ever.
 Result<LockedFile> LockedFile::open_once(const std::string& path, IfTaken if_taken) {
   const int descriptor = uninterrupted([&] { return ::open(path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK); });
-  if (descriptor < 0) return fail(ErrorCode::io, "{}: cannot open for appending: {}", path, std::strerror(errno));
+  if (descriptor < 0) return fail_errno(path, "cannot open for appending");
   LockedFile file(descriptor);
   struct stat status {};
   if (::fstat(descriptor, &status) != 0 || !S_ISREG(status.st_mode))
@@ -26,7 +25,7 @@ Result<LockedFile> LockedFile::open_once(const std::string& path, IfTaken if_tak
   file.is_locked_ = uninterrupted([&] { return ::flock(descriptor, operation); }) == 0;
   if (file.is_locked_ || errno == ENOLCK || errno == ENOSYS || errno == EOPNOTSUPP) return file;
   if (errno == EWOULDBLOCK) return fail(ErrorCode::io, "{}: another program appends to it", path);
-  return fail(ErrorCode::io, "{}: cannot lock: {}", path, std::strerror(errno));
+  return fail_errno(path, "cannot lock");
 }
 
 Result<LockedFile> LockedFile::open(const std::string& path, IfTaken if_taken) {

@@ -9,7 +9,6 @@
 #include <array>
 #include <fstream>
 #include <limits>
-#include <string_view>
 
 namespace splatvol {
 namespace {

@@ -13,10 +13,6 @@
 namespace splatvol {
 namespace {
 
-tl::unexpected<Error> fail_errno(const std::string& folder, const char* action) {
-  return fail(ErrorCode::io, "{}: cannot {} a temporary file: {}", folder, action, std::strerror(errno));
-}
-
 // If the file system has no files without a name, makes one with a name and removes the name at once.
 int open_unnamed(const std::string& folder) {
   const int descriptor = uninterrupted([&] { return ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600); });
@@ -31,7 +27,7 @@ int open_unnamed(const std::string& folder) {
 
 Result<TempFile> TempFile::create(const std::string& folder) {
   const int descriptor = open_unnamed(folder);
-  if (descriptor < 0) return fail_errno(folder, "create");
+  if (descriptor < 0) return fail_errno(folder, "cannot create a temporary file");
   return TempFile(descriptor, folder);
 }
 
@@ -50,7 +46,7 @@ TempFile::~TempFile() {
 }
 
 Status TempFile::append(std::span<const std::byte> bytes) {
-  if (!write_fully(descriptor_, size_, bytes)) return fail_errno(folder_, "write");
+  if (!write_fully(descriptor_, size_, bytes)) return fail_errno(folder_, "cannot write a temporary file");
   size_ += bytes.size();
   return {};
 }
@@ -59,7 +55,7 @@ Status TempFile::read(std::uint64_t offset, std::span<std::byte> out) const {
   if (offset > size_ || out.size() > size_ - offset)
     return fail(ErrorCode::invalid_argument, "{}: {} bytes at {} are past the end of a temporary file ({} bytes)",
                 folder_, out.size(), offset, size_);
-  return read_fully(descriptor_, offset, out) ? Status{} : fail_errno(folder_, "read");
+  return read_fully(descriptor_, offset, out) ? Status{} : fail_errno(folder_, "cannot read a temporary file");
 }
 
 void TempFile::release(std::uint64_t offset, std::uint64_t bytes) {

@@ -1,7 +1,6 @@
 #include "format/series_writer.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include "base/append_file.h"

@@ -1,6 +1,5 @@
 #include "format/step_writer.h"
 
-#include <algorithm>
 #include <array>
 #include <limits>
 

@@ -1,6 +1,5 @@
 #include "format/volume_writer.h"
 
-#include <algorithm>
 #include <array>
 
 #include "format/container.h"

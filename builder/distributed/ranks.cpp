@@ -8,7 +8,6 @@
 #include <cstdlib>
 #include <string>
 #include <thread>
-#include <utility>
 
 namespace splatvol {
 namespace {

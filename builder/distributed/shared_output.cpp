@@ -4,8 +4,6 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <cerrno>
-#include <cstring>
 #include <string_view>
 #include <utility>
 
@@ -14,10 +12,6 @@
 
 namespace splatvol {
 namespace {
-
-tl::unexpected<Error> fail_errno(const std::string& path, const char* what) {
-  return fail(ErrorCode::io, "{}: {}: {}", path, what, std::strerror(errno));
-}
 
 constexpr std::string_view processes = "/proc/";
 

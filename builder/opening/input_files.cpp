@@ -1,20 +1,24 @@
 #include "builder/opening/input_files.h"
 
-#include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <charconv>
+#include <cstdint>
 #include <filesystem>
+#include <initializer_list>
 #include <iterator>
+#include <map>
 #include <optional>
+#include <set>
+#include <span>
 #include <string_view>
+#include <utility>
 
 #include "base/file.h"
 #include "base/names.h"
 #include "base/replaceable.h"
-#include "builder/opening/exodus_pieces.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vdb_source.h"
@@ -23,24 +27,21 @@
 namespace splatvol {
 namespace {
 
-struct MultiBlockExtension {
-  std::string_view extension;
-  VtkFile::Kind kind;
-};
-constexpr std::array<MultiBlockExtension, 14> multi_block_extensions = {{{".e", VtkFile::Kind::exodus},
-                                                                         {".exo", VtkFile::Kind::exodus},
-                                                                         {".exii", VtkFile::Kind::exodus},
-                                                                         {".ex2", VtkFile::Kind::exodus},
-                                                                         {".g", VtkFile::Kind::exodus},
-                                                                         {".gen", VtkFile::Kind::exodus},
-                                                                         {".case", VtkFile::Kind::ensight},
-                                                                         {".encas", VtkFile::Kind::ensight},
-                                                                         {".foam", VtkFile::Kind::openfoam},
-                                                                         {".cgns", VtkFile::Kind::cgns},
-                                                                         {".msh", VtkFile::Kind::gmsh},
-                                                                         {".su2", VtkFile::Kind::su2},
-                                                                         {".vtkhdf", VtkFile::Kind::vtkhdf},
-                                                                         {".hdf", VtkFile::Kind::vtkhdf}}};
+/// `name`: in lower case.
+bool ends_in(std::string_view name, std::initializer_list<std::string_view> ends) {
+  return std::ranges::any_of(ends, [&](std::string_view end) { return name.ends_with(end); });
+}
+
+/// The format of a multi-block file by its extension. `name`: in lower case.
+std::optional<VtkFile::Kind> kind_of_extension(std::string_view name) {
+  if (ends_in(name, {".e", ".exo", ".exii", ".ex2", ".g", ".gen"})) return VtkFile::Kind::exodus;
+  if (ends_in(name, {".case", ".encas"})) return VtkFile::Kind::ensight;
+  if (name.ends_with(".foam")) return VtkFile::Kind::openfoam;
+  if (name.ends_with(".cgns")) return VtkFile::Kind::cgns;
+  if (name.ends_with(".msh")) return VtkFile::Kind::gmsh;
+  if (name.ends_with(".su2")) return VtkFile::Kind::su2;
+  return ends_in(name, {".vtkhdf", ".hdf"}) ? std::optional(VtkFile::Kind::vtkhdf) : std::nullopt;
+}
 
 /// Removes `mark` and the digits behind it from the end of a name. Returns whether they were there.
 bool cut_number(std::string_view& name, std::string_view mark) {
@@ -54,19 +55,14 @@ bool cut_number(std::string_view& name, std::string_view mark) {
 /// Finds the format of a multi-block file by its name, in either case: most of these files are HDF5 or plain text. An
 /// Exodus file that holds a part of a mesh has a name such as "mesh.e.4.0", one of a run that went on "mesh.e-s002".
 std::optional<VtkFile::Kind> multi_block_kind(std::string_view path) {
-  const auto kind_of = [](std::string_view name) -> std::optional<VtkFile::Kind> {
-    const auto found = std::ranges::find_if(
-        multi_block_extensions, [&](const MultiBlockExtension& known) { return name.ends_with(known.extension); });
-    return found == multi_block_extensions.end() ? std::nullopt : std::optional(found->kind);
-  };
   if (path.ends_with("/system/controlDict")) return VtkFile::Kind::openfoam;
   const std::string lower = in_lower_case(std::string(path));
   std::string_view name = lower;
-  if (const auto kind = kind_of(name)) return kind;
+  if (const auto kind = kind_of_extension(name)) return kind;
   const bool is_part = cut_number(name, ".") && cut_number(name, ".");
   const bool goes_on = cut_number(name, "-s");
   if (!is_part && !goes_on) return std::nullopt;
-  return kind_of(name) == VtkFile::Kind::exodus ? kind_of(name) : std::nullopt;
+  return kind_of_extension(name) == VtkFile::Kind::exodus ? kind_of_extension(name) : std::nullopt;
 }
 
 std::string xml_attribute(std::string_view element, std::string_view name) {
@@ -139,19 +135,15 @@ bool is_known(const std::string& name) {
 
 /// Whether a file that no name tells to be an input holds data nevertheless. Parallel files of VTK's only name others.
 bool holds_data(const std::string& path) {
-  constexpr std::array<std::string_view, 18> extensions = {".h5",  ".hdf5", ".he5", ".h5m", ".xdmf",    ".xmf",
-                                                           ".nc",  ".nc4",  ".cdf", ".med", ".plt",     ".szplt",
-                                                           ".tec", ".frd",  ".inp", ".unv", ".nek5000", ".d3plot"};
-  const auto file = open_file(path);
-  if (!file) return false;
-  const std::string name = in_lower_case(std::string(path));
-  if (std::ranges::any_of(extensions, [&](std::string_view extension) { return name.ends_with(extension); }))
+  const auto start = read_text(path, 64);
+  if (!start) return false;
+  if (ends_in(in_lower_case(path), {".h5", ".hdf5", ".he5", ".h5m", ".xdmf", ".xmf", ".nc", ".nc4", ".cdf", ".med",
+                                    ".plt", ".szplt", ".tec", ".frd", ".inp", ".unv", ".nek5000", ".d3plot"}))
     return true;
   const auto header = read_header(path);
   if (header && header->format != FileHeader::Format::other)
     return !header->type.starts_with('P') || header->type == "PolyData";
-  const auto start = read_text(**file, 0, 64);
-  return start && is_hdf5(*start);
+  return is_hdf5(*start);
 }
 
 /// The names in a folder.
@@ -179,6 +171,54 @@ Result<Folder> list_folder(const std::string& path) {
   return folder;
 }
 
+/// Takes ".NUMBER" off the end of a name. Returns its digits; none if there is no such end.
+std::optional<std::string_view> take_number(std::string_view& name) {
+  const std::size_t before = name.find_last_not_of("0123456789");
+  if (before == std::string_view::npos || before + 1 == name.size() || name[before] != '.') return std::nullopt;
+  const std::string_view digits = name.substr(before + 1);
+  name = name.substr(0, before);
+  return digits;
+}
+
+struct Pieces {
+  std::string first;                // a path among them
+  std::size_t digits = 0;           // of its number
+  std::set<std::uint32_t> numbers;  // of those that are there
+};
+
+/// Fails if some pieces of a mesh are not among the files. Its pieces are NAME.N.0 to NAME.N.(N-1), where zeros may
+/// stand before the last number. `paths`: of Exodus files; other names say nothing.
+Status check_exodus_pieces(std::span<const std::string> paths) {
+  std::map<std::pair<std::string, std::uint32_t>, Pieces> meshes;  // by name, and number of pieces
+  for (const std::string& path : paths) {
+    std::string_view name = path;
+    const auto piece = take_number(name);
+    const auto count = piece ? take_number(name) : std::nullopt;
+    const auto number = piece ? number_of<std::uint32_t>(*piece) : std::nullopt,
+               all = count ? number_of<std::uint32_t>(*count) : std::nullopt;
+    if (!number || !all || *number >= *all) continue;
+    Pieces& pieces = meshes[{std::string(name), *all}];
+    if (pieces.first.empty()) pieces = {path, piece->size(), {}};
+    pieces.numbers.insert(*number);
+  }
+  constexpr std::size_t most_named = 4;
+  for (const auto& [mesh, pieces] : meshes) {
+    std::vector<std::string> missing;
+    for (std::uint32_t i = 0; i < mesh.second && missing.size() < most_named; ++i)
+      if (!pieces.numbers.contains(i))
+        missing.push_back(fmt::format("{}.{}.{:0{}}", mesh.first, mesh.second, i, pieces.digits));
+    if (missing.empty()) continue;
+    const std::size_t others = mesh.second - pieces.numbers.size() - missing.size();
+    return fail(ErrorCode::invalid_data,
+                "{}: the mesh has {} pieces, and {}{} missing: give all of them, or a piece by itself another name",
+                pieces.first, mesh.second, fmt::join(missing, ", "),
+                others > 0           ? fmt::format(" and {} more are", others)
+                : missing.size() > 1 ? " are"
+                                     : " is");
+  }
+  return {};
+}
+
 /// Whether an input stands for the files in it.
 bool is_plain_folder(const std::string& input) {
   std::error_code error;
@@ -194,38 +234,22 @@ bool is_csv(std::string_view path) {
 }
 
 bool has_vtk_extension(std::string_view path) {
-  constexpr std::array<std::string_view, 11> extensions = {".vtu", ".pvtu", ".vtk", ".vts",  ".vtr", ".vti",
-                                                           ".vtp", ".pvd",  ".vtm", ".vtpd", ".vtpc"};
-  const std::string name = in_lower_case(std::string(path));
-  return std::ranges::any_of(extensions, [&](std::string_view extension) { return name.ends_with(extension); });
+  return ends_in(in_lower_case(std::string(path)),
+                 {".vtu", ".pvtu", ".vtk", ".vts", ".vtr", ".vti", ".vtp", ".pvd", ".vtm", ".vtpd", ".vtpc"});
 }
 
 Result<FileHeader> read_header(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  SPLATVOL_TRY_ASSIGN(text, read_text(*file, 0, 65536));
-
-  FileHeader header;
-  if (text.starts_with(npy_magic) || has_extension(path, ".npy")) {
-    header.format = FileHeader::Format::npy;
-    return header;
-  }
-  if (is_csv(path)) {
-    header.format = FileHeader::Format::csv;
-    return header;
-  }
-  if (text.starts_with(vdb_magic) || has_extension(path, ".vdb")) {
-    header.format = FileHeader::Format::vdb;
-    return header;
-  }
+  using Format = FileHeader::Format;
+  SPLATVOL_TRY_ASSIGN(text, read_text(path, 65536));
+  if (text.starts_with(npy_magic) || has_extension(path, ".npy")) return FileHeader{.format = Format::npy};
+  if (is_csv(path)) return FileHeader{.format = Format::csv};
+  if (text.starts_with(vdb_magic) || has_extension(path, ".vdb")) return FileHeader{.format = Format::vdb};
   // Exodus files in NetCDF's own format may have any name.
-  if (const auto kind = is_netcdf(text) ? VtkFile::Kind::exodus : multi_block_kind(path)) {
-    header.format = FileHeader::Format::multi_block;
-    header.kind = *kind;
-    return header;
-  }
+  if (const auto kind = is_netcdf(text) ? VtkFile::Kind::exodus : multi_block_kind(path))
+    return FileHeader{.format = Format::multi_block, .kind = *kind};
   if (text.starts_with(legacy_start)) return read_legacy_header(path, text);
   const std::size_t tag = text.find("<VTKFile");
-  if (tag == std::string::npos) return header;
+  if (tag == std::string::npos) return FileHeader{};
   return read_xml_header(path, text.substr(tag, text.find('>', tag) - tag));
 }
 

@@ -1,7 +1,5 @@
 #include "builder/opening/open_source.h"
 
-#include <algorithm>
-#include <array>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -12,6 +10,7 @@
 #include "base/printable.h"
 #include "builder/opening/input_files.h"
 #include "builder/opening/open_own.h"
+#include "builder/sources/read_text.h"
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vdb_source.h"
 #include "builder/sources/vtk/collections.h"
@@ -21,15 +20,13 @@
 namespace splatvol {
 namespace {
 
-struct XmlType {
-  std::string_view name;
-  VtkFile::Kind kind;
-};
-constexpr std::array<XmlType, 5> xml_types = {{{"UnstructuredGrid", VtkFile::Kind::unstructured},
-                                               {"StructuredGrid", VtkFile::Kind::structured},
-                                               {"RectilinearGrid", VtkFile::Kind::rectilinear},
-                                               {"ImageData", VtkFile::Kind::image},
-                                               {"PolyData", VtkFile::Kind::poly}}};
+std::optional<VtkFile::Kind> kind_of_xml(std::string_view type) {
+  if (type == "UnstructuredGrid") return VtkFile::Kind::unstructured;
+  if (type == "StructuredGrid") return VtkFile::Kind::structured;
+  if (type == "RectilinearGrid") return VtkFile::Kind::rectilinear;
+  if (type == "ImageData") return VtkFile::Kind::image;
+  return type == "PolyData" ? std::optional(VtkFile::Kind::poly) : std::nullopt;
+}
 
 bool newer_than(const FileHeader& header, int major, int minor) {
   return header.major > major || (header.major == major && header.minor > minor);
@@ -44,17 +41,14 @@ tl::unexpected<Error> fail_version(const std::string& path, const FileHeader& he
 /// Checks the version here, because VTK at most warns of a newer major version, and reads what it recognises. The
 /// polyhedra of version 2.3 are read by builder/sources/vtk/unstructured_reader.cpp.
 Result<VtkFile> identify_xml(const std::string& path, const FileHeader& header) {
-  const auto type = std::ranges::find(xml_types, header.type, &XmlType::name);
-  if (type == xml_types.end())
-    return fail(ErrorCode::unsupported, "{}: VTK files of type \"{}\" are not supported", path, header.type);
+  const auto kind = kind_of_xml(header.type);
+  if (!kind) return fail(ErrorCode::unsupported, "{}: VTK files of type \"{}\" are not supported", path, header.type);
   if (newer_than(header, 2, 3)) return fail_version(path, header, "2.3");
-  return VtkFile{path, type->kind};
+  return VtkFile{path, *kind};
 }
 
 bool is_composite(const FileHeader& header) {
-  constexpr std::array<std::string_view, 3> types = {"vtkMultiBlockDataSet", "vtkPartitionedDataSet",
-                                                     "vtkPartitionedDataSetCollection"};
-  return std::ranges::find(types, header.type) != types.end();
+  return is_one_of(header.type, {"vtkMultiBlockDataSet", "vtkPartitionedDataSet", "vtkPartitionedDataSetCollection"});
 }
 
 /// A file that names files is not one of those that it names, at any depth.
@@ -146,12 +140,10 @@ Status append_composite(const std::string& path, const FileHeader& header, std::
 
 Status append_file(const std::string& path, std::vector<VtkFile>& files, KnownFiles& known, int nesting) {
   SPLATVOL_TRY_ASSIGN(header, known.header(path));
-  if (header.format == FileHeader::Format::npy)
-    return fail(ErrorCode::invalid_argument, "{}: a .npy file among meshes", path);
-  if (header.format == FileHeader::Format::csv)
-    return fail(ErrorCode::invalid_argument, "{}: a .csv file among meshes", path);
-  if (header.format == FileHeader::Format::vdb)
-    return fail(ErrorCode::invalid_argument, "{}: a .vdb file among meshes", path);
+  for (const auto& [format, extension] :
+       {std::pair(FileHeader::Format::npy, "npy"), {FileHeader::Format::csv, "csv"}, {FileHeader::Format::vdb, "vdb"}})
+    if (header.format == format)
+      return fail(ErrorCode::invalid_argument, "{}: a .{} file among meshes", path, extension);
   if (header.format == FileHeader::Format::other)
     return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
                 path);

@@ -8,7 +8,6 @@
 #include "base/file.h"
 #include "base/interruption.h"
 #include "base/names.h"
-#include "builder/boundary/boundary_source.h"
 #include "builder/pipeline/checking.h"
 #include "builder/pipeline/reduce_source.h"
 #include "builder/pipeline/store_boundary.h"
@@ -105,11 +104,9 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   SPLATVOL_TRY(check_reduction(options));
   const auto read = [&](double fraction) { progress("reading", fraction); };
   SPLATVOL_TRY_ASSIGN(faces, start_boundary(source, options, folder));
-  std::optional<BoundarySource> watched;
-  if (faces) watched.emplace(source, *faces);
-  Source& input = watched ? *watched : source;
-  SPLATVOL_TRY_ASSIGN(points, PointStream::create(input, uses_cells(options), options.memory / 2, folder, read,
-                                                  options.gradients, joined_attributes(options)));
+  SPLATVOL_TRY_ASSIGN(
+      points, PointStream::create(source, uses_cells(options), options.memory / 2, folder, read, options.gradients,
+                                  joined_attributes(options), faces_of(faces.get())));
   if (faces) SPLATVOL_TRY(faces->check_any());
   return build_from_points(std::move(points), std::move(file), folder, options, progress, faces.get());
 }

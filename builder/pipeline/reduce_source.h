@@ -29,10 +29,11 @@ struct ReducedSource {
 using WriteReduced = std::function<Status(ReducedSource)>;
 
 /// Reads the whole source, reduces it, and calls `write` with the result. `files` gets the rows; `folder`: for
-/// temporary files. Returns the report without the file's size. Fails as build_volume, and if `write` fails.
+/// temporary files. `watch`: as for PieceReader. Returns the report without the file's size. Fails as build_volume, and
+/// if `write` or `watch` fails.
 [[nodiscard]] Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, RowFiles& files,
                                                 const std::string& folder, const BuildProgress& progress,
-                                                const WriteReduced& write);
+                                                const WriteReduced& write, WatchPiece watch);
 
 /// Fails if the options are out of their ranges.
 [[nodiscard]] Status check_reduction(const BuildOptions& options);

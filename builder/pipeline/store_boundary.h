@@ -17,6 +17,16 @@ namespace splatvol {
 [[nodiscard]] Result<std::unique_ptr<BoundaryFaces>> start_boundary(const Source& source, const BuildOptions& options,
                                                                     const std::string& folder);
 
+/// Adds the faces of each piece to `faces`, and takes its patches away; empty without faces.
+[[nodiscard]] inline WatchPiece faces_of(BoundaryFaces* faces) {
+  if (!faces) return {};
+  return [faces](Piece& piece) {
+    Status added = faces->add(piece);
+    piece.patches = {};
+    return added;
+  };
+}
+
 /// A boundary that is ready for the file.
 struct StoredBoundary {
   format::PackedBoundary packed;

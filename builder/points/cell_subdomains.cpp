@@ -5,7 +5,6 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <unordered_map>
 #include <utility>
@@ -38,13 +37,54 @@ class CellSubdomains::Subdomain {
   explicit Subdomain(const StoredPoints& points) : points_(points) {}
 
   // Finds the cells of all points in these buckets.
-  Status run(std::size_t first_bucket, std::size_t end_bucket);
+  Status run(std::size_t first_bucket, std::size_t end_bucket) {
+    first_bucket_ = first_bucket, end_bucket_ = end_bucket;
+    const auto& nodes = points_.nodes();
+    positions_.clear();
+    values_.resize(points_.layout().attributes());
+    for (auto& values : values_) values.clear();
+    SPLATVOL_TRY(read(nodes[first_bucket].begin, nodes[end_bucket - 1].end));
+    own_ = positions_.size();
+    std::size_t coincident = 0;
+    if (points_.continues(first_bucket))
+      while (coincident < own_ && positions_[coincident] == positions_[0]) ++coincident;
+    look_round();
+    SPLATVOL_TRY(read_surroundings(nodes.size() - 1));
+    cells_.find(positions_, own_, coincident);
+    return {};
+  }
 
   // Points of the subdomain.
   [[nodiscard]] std::size_t size() const { return own_; }
 
   // Appends points [begin, end) with their material.
-  void append(std::size_t begin, std::size_t end, const Cube& cube, PointBatch& batch) const;
+  void append(std::size_t begin, std::size_t end, const Cube& cube, PointBatch& batch) const {
+    const std::size_t first = batch.size(), size = first + end - begin;
+    const auto extend = [&](const auto& from, auto& to) {
+      to.insert(to.end(), from.begin() + static_cast<std::ptrdiff_t>(begin),
+                from.begin() + static_cast<std::ptrdiff_t>(end));
+    };
+    extend(positions_, batch.positions);
+    const bool with_gradients = points_.layout().has_gradients();
+    batch.keys.resize(size);
+    batch.moments.resize(size);
+    for (std::size_t a = 0; a < values_.size(); ++a) {
+      extend(values_[a], batch.values[a]);
+      batch.value_moments[a].resize(size);
+      if (with_gradients) batch.gradients[a].resize(size);
+    }
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(begin, end, 64), [&](const auto& range) {
+      for (std::size_t i = range.begin(); i < range.end(); ++i) {
+        const std::size_t to = first + i - begin;
+        batch.keys[to] = morton_key(positions_[i], cube);
+        batch.moments[to] = cells_.moments(i);
+        for (std::size_t a = 0; a < values_.size(); ++a) {
+          batch.value_moments[a][to] = cells_.value(i, values_[a]);
+          if (with_gradients) batch.gradients[a][to] = cells_.gradient(i, values_[a]);
+        }
+      }
+    });
+  }
 
  private:
   // How a node outside is seen.
@@ -54,12 +94,68 @@ class CellSubdomains::Subdomain {
     Box box;
     double reach;
   };
-  Status read(std::size_t begin, std::size_t end);
-  [[nodiscard]] bool has_own_bucket(std::size_t number) const;
-  void look_round();
-  void look_at(std::size_t number, const Around& around);
-  Status read_surroundings(std::size_t number);
-  void add_stand_in(const Box& box);
+
+  Status read(std::size_t begin, std::size_t end) {
+    const PointRecords& layout = points_.layout();
+    records_.clear();
+    SPLATVOL_TRY(points_.read(begin, end, records_));
+    for (std::size_t at = 0; at < records_.size(); at += layout.bytes()) {
+      positions_.push_back(layout.position(&records_[at]));
+      for (std::size_t a = 0; a < values_.size(); ++a) values_[a].push_back(layout.value(&records_[at], a));
+    }
+    return {};
+  }
+
+  [[nodiscard]] bool has_own_bucket(std::size_t number) const {
+    const auto& nodes = points_.nodes();
+    std::size_t first = number, last = number;
+    while (first >= points_.bucket_count()) first = nodes[first].begin;
+    while (last >= points_.bucket_count()) last = nodes[last].end - 1;
+    return first < end_bucket_ && last >= first_bucket_;
+  }
+
+  void look_round() {
+    const auto& nodes = points_.nodes();
+    seen_.clear();
+    for (std::size_t bucket = first_bucket_; bucket < end_bucket_; ++bucket)
+      look_at(nodes.size() - 1, {nodes[bucket].box, reach_in_spacings * points_.spacing(bucket)});
+  }
+
+  void look_at(std::size_t number, const Around& around) {
+    const StoredPoints::Node& node = points_.nodes()[number];
+    const bool is_bucket = number < points_.bucket_count(), has_own = has_own_bucket(number);
+    if (is_bucket && has_own) return;
+    if (node.box.low.x > node.box.high.x) return;
+    const double square = squared_distance(node.box, around.box);
+    if (square > around.reach * around.reach) return;
+    Seen& seen = seen_[number];
+    const double small = stand_in_share * around.reach;
+    if (!has_own && squared_length(node.box.extent()) < small * small) {
+      seen = std::max(seen, Seen::from_afar);
+      return;
+    }
+    seen = Seen::near;
+    if (is_bucket) return;
+    for (std::size_t child = node.begin; child < node.end; ++child) look_at(child, around);
+  }
+
+  Status read_surroundings(std::size_t number) {
+    const auto seen = seen_.find(number);
+    if (seen == seen_.end() || seen->second == Seen::not_at_all) return {};
+    const StoredPoints::Node& node = points_.nodes()[number];
+    if (seen->second == Seen::from_afar) {
+      add_stand_in(node.box);
+      return {};
+    }
+    if (number < points_.bucket_count()) return read(node.begin, node.end);
+    for (std::size_t child = node.begin; child < node.end; ++child) SPLATVOL_TRY(read_surroundings(child));
+    return {};
+  }
+
+  void add_stand_in(const Box& box) {
+    positions_.push_back((box.low + box.high) / 2.0);
+    for (auto& values : values_) values.push_back(std::numeric_limits<double>::quiet_NaN());
+  }
 
   const StoredPoints& points_;
   std::size_t first_bucket_ = 0, end_bucket_ = 0, own_ = 0;
@@ -69,113 +165,6 @@ class CellSubdomains::Subdomain {
   std::unordered_map<std::size_t, Seen> seen_;
   SampledCells cells_;
 };
-
-Status CellSubdomains::Subdomain::run(std::size_t first_bucket, std::size_t end_bucket) {
-  first_bucket_ = first_bucket, end_bucket_ = end_bucket;
-  const auto& nodes = points_.nodes();
-  positions_.clear();
-  values_.resize(points_.layout().attributes());
-  for (auto& values : values_) values.clear();
-  SPLATVOL_TRY(read(nodes[first_bucket].begin, nodes[end_bucket - 1].end));
-  own_ = positions_.size();
-  std::size_t coincident = 0;
-  if (points_.continues(first_bucket))
-    while (coincident < own_ && positions_[coincident] == positions_[0]) ++coincident;
-  look_round();
-  SPLATVOL_TRY(read_surroundings(nodes.size() - 1));
-  cells_.find(positions_, own_, coincident);
-  return {};
-}
-
-Status CellSubdomains::Subdomain::read(std::size_t begin, std::size_t end) {
-  const PointRecords& layout = points_.layout();
-  records_.clear();
-  SPLATVOL_TRY(points_.read(begin, end, records_));
-  for (std::size_t at = 0; at < records_.size(); at += layout.bytes()) {
-    positions_.push_back(layout.position(&records_[at]));
-    for (std::size_t a = 0; a < values_.size(); ++a) values_[a].push_back(layout.value(&records_[at], a));
-  }
-  return {};
-}
-
-bool CellSubdomains::Subdomain::has_own_bucket(std::size_t number) const {
-  const auto& nodes = points_.nodes();
-  std::size_t first = number, last = number;
-  while (first >= points_.bucket_count()) first = nodes[first].begin;
-  while (last >= points_.bucket_count()) last = nodes[last].end - 1;
-  return first < end_bucket_ && last >= first_bucket_;
-}
-
-void CellSubdomains::Subdomain::look_round() {
-  const auto& nodes = points_.nodes();
-  seen_.clear();
-  for (std::size_t bucket = first_bucket_; bucket < end_bucket_; ++bucket)
-    look_at(nodes.size() - 1, {nodes[bucket].box, reach_in_spacings * points_.spacing(bucket)});
-}
-
-void CellSubdomains::Subdomain::look_at(std::size_t number, const Around& around) {
-  const StoredPoints::Node& node = points_.nodes()[number];
-  const bool is_bucket = number < points_.bucket_count(), has_own = has_own_bucket(number);
-  if (is_bucket && has_own) return;
-  if (node.box.low.x > node.box.high.x) return;
-  const double square = squared_distance(node.box, around.box);
-  if (square > around.reach * around.reach) return;
-  Seen& seen = seen_[number];
-  const double small = stand_in_share * around.reach;
-  if (!has_own && squared_length(node.box.extent()) < small * small) {
-    seen = std::max(seen, Seen::from_afar);
-    return;
-  }
-  seen = Seen::near;
-  if (is_bucket) return;
-  for (std::size_t child = node.begin; child < node.end; ++child) look_at(child, around);
-}
-
-Status CellSubdomains::Subdomain::read_surroundings(std::size_t number) {
-  const auto seen = seen_.find(number);
-  if (seen == seen_.end() || seen->second == Seen::not_at_all) return {};
-  const StoredPoints::Node& node = points_.nodes()[number];
-  if (seen->second == Seen::from_afar) {
-    add_stand_in(node.box);
-    return {};
-  }
-  if (number < points_.bucket_count()) return read(node.begin, node.end);
-  for (std::size_t child = node.begin; child < node.end; ++child) SPLATVOL_TRY(read_surroundings(child));
-  return {};
-}
-
-void CellSubdomains::Subdomain::add_stand_in(const Box& box) {
-  positions_.push_back((box.low + box.high) / 2.0);
-  for (auto& values : values_) values.push_back(std::numeric_limits<double>::quiet_NaN());
-}
-
-void CellSubdomains::Subdomain::append(std::size_t begin, std::size_t end, const Cube& cube, PointBatch& batch) const {
-  const std::size_t first = batch.size(), size = first + end - begin;
-  const auto extend = [&](const auto& from, auto& to) {
-    to.insert(to.end(), from.begin() + static_cast<std::ptrdiff_t>(begin),
-              from.begin() + static_cast<std::ptrdiff_t>(end));
-  };
-  extend(positions_, batch.positions);
-  const bool with_gradients = points_.layout().has_gradients();
-  batch.keys.resize(size);
-  batch.moments.resize(size);
-  for (std::size_t a = 0; a < values_.size(); ++a) {
-    extend(values_[a], batch.values[a]);
-    batch.value_moments[a].resize(size);
-    if (with_gradients) batch.gradients[a].resize(size);
-  }
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(begin, end, 64), [&](const auto& range) {
-    for (std::size_t i = range.begin(); i < range.end(); ++i) {
-      const std::size_t to = first + i - begin;
-      batch.keys[to] = morton_key(positions_[i], cube);
-      batch.moments[to] = cells_.moments(i);
-      for (std::size_t a = 0; a < values_.size(); ++a) {
-        batch.value_moments[a][to] = cells_.value(i, values_[a]);
-        if (with_gradients) batch.gradients[a][to] = cells_.gradient(i, values_[a]);
-      }
-    }
-  });
-}
 
 CellSubdomains::CellSubdomains(std::unique_ptr<StoredPoints> points, const Cube& cube, std::size_t subdomain_points,
                                std::size_t at_once)

@@ -75,6 +75,7 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
     progress(static_cast<double>(pieces) / static_cast<double>(std::max(source_.piece_count(), pieces + 1)));
     facts_.most_piece_bytes =
         std::max(facts_.most_piece_bytes, bytes_to_read(*piece) + (second ? bytes_to_read(*second) : 0));
+    if (watch_) SPLATVOL_TRY(watch_(*piece));
     SPLATVOL_TRY(read(*piece, visit));
     piece = std::move(second);
     if (piece || ended) continue;

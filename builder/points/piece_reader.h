@@ -9,6 +9,7 @@
 #include <functional>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
@@ -45,12 +46,13 @@ struct InputFacts {
 class PieceReader {
  public:
   /// `faces`: gets the outer faces of pieces with cells. References must outlive this. `memory`: bytes to hold beside
-  /// the piece and its mesh (VertexMaterial), at least some records.
-  PieceReader(Source& source, const PointRecords& layout, PieceFaces& faces, std::size_t memory)
+  /// the piece and its mesh (VertexMaterial), at least some records. `watch`: for run(); may be empty.
+  PieceReader(Source& source, const PointRecords& layout, PieceFaces& faces, std::size_t memory, WatchPiece watch = {})
       : source_(source),
         layout_(layout),
         faces_(faces),
         slice_bytes_(std::min(memory, std::size_t{1} << 23)),
+        watch_(std::move(watch)),
         facts_(source.attributes().size()) {}
 
   /// Calls visit(records) for the points of each piece, some at a time, and progress(share of the pieces that are
@@ -130,6 +132,7 @@ class PieceReader {
   PointRecords layout_;
   PieceFaces& faces_;
   std::size_t slice_bytes_;
+  WatchPiece watch_;
   std::vector<std::byte> records_;  // some of the present piece
   tbb::enumerable_thread_specific<Block> blocks_;
   InputFacts facts_;

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstring>
+#include <functional>
 #include <span>
 
 #include "base/math.h"
@@ -11,6 +12,9 @@
 #include "builder/sources/source.h"
 
 namespace splatvol {
+
+/// Gets each piece before its points are read.
+using WatchPiece = std::function<Status(Piece&)>;
 
 /// The layout of a point's record. It begins with the sample: the position, and a value for each attribute. With
 /// material follow the vertex part, and for each attribute a value part, with or without its gradient; with planes, the

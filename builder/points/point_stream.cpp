@@ -134,12 +134,12 @@ Status PointStream::check_room(const std::string& folder, std::uint64_t points, 
 
 Result<PointStream> PointStream::create(Source& source, bool use_cells, std::size_t memory, const std::string& folder,
                                         const std::function<void(double)>& progress, bool gradients,
-                                        const JoinedAttributes& joined) {
+                                        const JoinedAttributes& joined, WatchPiece watch) {
   const PointRecords layout = layout_of(source, use_cells, gradients);
   PieceFaces faces(layout, std::max(memory / 8, PieceFaces::least_memory()), folder);
   source.lend_values();
   const std::size_t slice_memory = memory / 16;
-  PieceReader reader(source, layout, faces, slice_memory);
+  PieceReader reader(source, layout, faces, slice_memory, std::move(watch));
   SPLATVOL_TRY_ASSIGN(sorted, InputSorter(source, layout, memory, folder).run(reader, progress));
   SPLATVOL_TRY(sorted.points.finish());
   SPLATVOL_TRY_ASSIGN(corners, faces.join(sorted.cube));

@@ -1,7 +1,6 @@
 #include "builder/reduction/reduction_pass.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <utility>
 

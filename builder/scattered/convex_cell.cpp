@@ -1,7 +1,6 @@
 #include "builder/scattered/convex_cell.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 
 namespace splatvol {

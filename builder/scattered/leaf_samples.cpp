@@ -1,7 +1,6 @@
 #include "builder/scattered/leaf_samples.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <random>
 

@@ -9,7 +9,6 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/locked_file.h"
-#include "builder/boundary/boundary_source.h"
 #include "builder/pipeline/checking.h"
 #include "builder/pipeline/describe.h"
 #include "builder/pipeline/memory_plan.h"
@@ -178,13 +177,10 @@ class SeriesBuild {
       SPLATVOL_TRY_ASSIGN(faces, start_boundary(*source, options_, folder_));
       faces_ = std::move(faces);
     }
-    std::optional<BoundarySource> watched;
-    if (faces_) watched.emplace(*source, *faces_);
-    Source& input = watched ? static_cast<Source&>(*watched) : *source;
     RowFiles files(folder_);
-    SPLATVOL_TRY_ASSIGN(report, reduce_source(input, options_, files, folder_, progress_, [&](ReducedSource reduced) {
-                          return write(*source, std::move(reduced));
-                        }));
+    const auto write_group = [&](ReducedSource reduced) { return write(*source, std::move(reduced)); };
+    SPLATVOL_TRY_ASSIGN(
+        report, reduce_source(*source, options_, files, folder_, progress_, write_group, faces_of(faces_.get())));
     if (boundary_) {
       report.least_memory = std::max(report.least_memory, boundary_->held_bytes);
       report.boundary = std::move(boundary_->report);
@@ -321,10 +317,6 @@ class SeriesBuild {
   double number_;  // of the next step without a time
 };
 
-std::string folder_for(const BuildOptions& options, const std::string& output) {
-  return options.temp_folder.empty() ? folder_of(output) : options.temp_folder;
-}
-
 // Fails if the steps would not have the attributes of the series, in any order.
 Status check_attributes(const format::Volume& volume, const SeriesStep& step) {
   SPLATVOL_TRY_ASSIGN(source, step.open());
@@ -361,7 +353,7 @@ Result<SeriesReport> build_series(std::vector<SeriesStep> steps, const std::stri
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(output));
   target.file.emplace(std::move(file));
   SPLATVOL_TRY_ASSIGN(report,
-                      SeriesBuild(options, folder_for(options, output), progress, target, 0).run(std::move(steps)));
+                      SeriesBuild(options, temp_folder_of(output, options), progress, target, 0).run(std::move(steps)));
   SPLATVOL_TRY(target.writer->finish_series(target.steps, checking(progress)));
   report.build.file_bytes = target.writer->file_bytes();
   return report;
@@ -392,7 +384,7 @@ Result<SeriesReport> append_to_series(std::vector<SeriesStep> steps, const std::
   Target target{.info = info, .geometry = geometry};
   const double next_number = std::floor(volume->series()->steps.back().time) + 1;
   SPLATVOL_TRY_ASSIGN(
-      report, SeriesBuild(options, folder_for(options, path), progress, target, next_number).run(std::move(steps)));
+      report, SeriesBuild(options, temp_folder_of(path, options), progress, target, next_number).run(std::move(steps)));
   SPLATVOL_TRY_ASSIGN(appended, format::append_steps(path, *volume, target.steps));
   report.build.file_bytes = appended.file_bytes;
   if (!appended.is_locked) report.warnings.push_back(without_lock_warning(path));

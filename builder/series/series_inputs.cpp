@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <limits>
@@ -10,15 +9,15 @@
 
 #include "builder/opening/input_files.h"
 #include "builder/series/series_attributes.h"
+#include "builder/sources/read_text.h"
 
 namespace splatvol {
 namespace {
 
 bool parse_end(const std::string& text, double& end) {
   if (text.empty()) return true;
-  const char* last = text.data() + text.size();
-  const auto parsed = std::from_chars(text.data(), last, end);
-  return parsed.ec == std::errc{} && parsed.ptr == last && std::isfinite(end);
+  end = number_of<double>(text).value_or(std::numeric_limits<double>::quiet_NaN());
+  return std::isfinite(end);
 }
 
 StepInput step_input(const std::string& name, std::optional<double> time, const std::vector<std::string>& inputs,

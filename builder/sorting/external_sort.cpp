@@ -98,12 +98,67 @@ class ExternalSorter::Impl {
     spilling_.wait();
   }
 
-  Status add(std::span<const std::byte> records);
-  Status finish();
-  Result<SortedRecords> next();
-  Status rewind();
+  Status add(std::span<const std::byte> records) {
+    while (!records.empty()) {
+      if (filled_ * record_bytes() == filling_.size()) SPLATVOL_TRY(make_room());
+      const std::span<std::byte> room = filling_.subspan(filled_ * record_bytes());
+      const std::size_t bytes = std::min(room.size(), records.size());
+      std::memcpy(room.data(), records.data(), bytes);
+      filled_ += bytes / record_bytes();
+      count_ += bytes / record_bytes();
+      records = records.subspan(bytes);
+    }
+    return {};
+  }
+
+  Status finish() {
+    spilling_.wait();
+    SPLATVOL_TRY(spilled_);
+    if (!file_ && stays_in_memory(count_)) {
+      sort_by_key(filled_records(), options_.key, words_.first(filled_));
+      outputs_ = make_outputs(plan_.packet, work());
+      producing_.run([this] { produce(); });
+      return {};
+    }
+    SPLATVOL_TRY(spill(filled_records()));
+    memory_.reset();
+    memory_.emplace(options_.merge_memory);
+    outputs_ = make_outputs(plan_.packet, memory_->span().first(plan_.merge_work_bytes));
+    while (runs_.size() > plan_.runs_at_once) SPLATVOL_TRY(merge_some());
+    start_merging(runs_, options_.rewinds);
+    return {};
+  }
+
+  Result<SortedRecords> next() {
+    producing_.wait();
+    std::swap(outputs_[0], outputs_[1]);
+    const Output& output = outputs_[0];
+    SPLATVOL_TRY(output.status);
+    if (output.count > 0)
+      producing_.run([this] { produce(); });
+    else
+      outputs_[1].count = 0;  // later calls return nothing either
+    return SortedRecords{output.records.first(output.count * record_bytes()), output.keys.first(output.count)};
+  }
+
+  Status rewind() {
+    producing_.wait();
+    for (Output& output : outputs_) output.count = 0;
+    copied_ = 0;
+    if (merger_)
+      start_merging(runs_);
+    else
+      producing_.run([this] { produce(); });
+    return {};
+  }
+
   std::uint64_t count() const { return count_; }
-  std::uint64_t temp_bytes(std::uint64_t count) const;
+  std::uint64_t temp_bytes(std::uint64_t count) const {
+    if (stays_in_memory(count)) return 0;
+    constexpr std::uint64_t pages = 8192;  // bytes at the ends of a run that cannot be released
+    const std::uint64_t runs = 2 + count / plan_.later_runs, packets = runs + count / plan_.packet.records;
+    return packets * packet_bound(plan_.packet.records, record_bytes()) + runs * pages;
+  }
 
  private:
   std::size_t record_bytes() const { return options_.record_bytes; }
@@ -113,19 +168,146 @@ class ExternalSorter::Impl {
            count * (record_bytes() + sizeof(std::uint64_t)) + plan_.work_bytes + 2 * alignment <= options_.merge_memory;
   }
 
-  void use_first_layout();
-  void use_later_layout();
-  Status make_room();
+  // Until the first run is full: one buffer for records, then words, then work.
+  void use_first_layout() {
+    const std::size_t bytes = plan_.first_run * record_bytes();
+    filling_ = memory_->span().first(bytes);
+    words_ = {reinterpret_cast<std::uint64_t*>(memory_->span().data() + round_up(bytes)), plan_.first_run};
+  }
+
+  // For later runs: one buffer that add() fills, and one that is sorted and written at the same time; then words, work.
+  void use_later_layout() {
+    const std::size_t bytes = plan_.later_runs * record_bytes();
+    filling_ = memory_->span().first(bytes);
+    other_ = memory_->span().subspan(bytes, bytes);
+    words_ = {reinterpret_cast<std::uint64_t*>(memory_->span().data() + round_up(2 * bytes)), plan_.later_runs};
+  }
+
+  // Makes filling_ empty.
+  Status make_room() {
+    if (other_.empty()) {
+      SPLATVOL_TRY(spill(filled_records()));
+      use_later_layout();
+    } else {
+      spilling_.wait();
+      SPLATVOL_TRY(spilled_);
+      spilling_.run([this, records = filled_records()] { spilled_ = spill(records); });
+      std::swap(filling_, other_);
+    }
+    filled_ = 0;
+    return {};
+  }
+
   RecordSpan filled_records() const { return {filling_.data(), filled_, record_bytes()}; }
 
-  Status spill(const RecordSpan& records);
-  Status append_packets(TempFile& file, std::size_t count, const LocateRecords& locate, std::span<std::byte> memory);
-  Status merge_some();
-  Status merge_into(TempFile& file, std::span<const Run> runs);
+  // Sorts the records and writes them as a run.
+  Status spill(const RecordSpan& records) {
+    if (!file_) {
+      SPLATVOL_TRY_ASSIGN(file, TempFile::create(options_.folder));
+      file_ = std::move(file);
+    }
+    const std::span<std::uint64_t> words = words_.first(records.count);
+    sort_by_key(records, options_.key, words);
+    Run run{file_->size(), 0};
+    const auto locate = [&, mask = index_mask(records.count)](std::size_t first, std::span<const std::byte*> located) {
+      for (std::size_t i = 0; i < located.size(); ++i) {
+        located[i] = records[words[first + i] & mask];
+        __builtin_prefetch(located[i]);
+      }
+    };
+    SPLATVOL_TRY(append_packets(*file_, records.count, locate, work()));
+    run.end = file_->size();
+    runs_.push_back(run);
+    return {};
+  }
 
-  void start_merging(std::span<const Run> runs, bool keep = false);
-  void produce();
-  void copy_sorted(Output& output);
+  // Appends records as packets; packs as many packets at the same time as fit into `memory`.
+  Status append_packets(TempFile& file, std::size_t count, const LocateRecords& locate, std::span<std::byte> memory) {
+    const std::size_t records = plan_.packet.records, bound = packet_bound(records, record_bytes());
+    const std::size_t packets = (count + records - 1) / records, at_once = memory.size() / bound;
+    std::vector<std::size_t> bytes(at_once);
+    for (std::size_t begin = 0; begin < packets; begin += at_once) {
+      const std::size_t end = std::min(begin + at_once, packets);
+      tbb::parallel_for(begin, end, [&](std::size_t packet) {
+        const auto locate_in_packet = [&](std::size_t first, std::span<const std::byte*> located) {
+          locate(packet * records + first, located);
+        };
+        bytes[packet - begin] = pack_records(std::min(records, count - packet * records), locate_in_packet,
+                                             record_bytes(), memory.subspan((packet - begin) * bound, bound));
+      });
+      for (std::size_t i = 0; i < end - begin; ++i) SPLATVOL_TRY(file.append(memory.subspan(i * bound, bytes[i])));
+    }
+    return {};
+  }
+
+  // Merges groups of neighbouring runs, so that equal keys stay in their order. Makes as few groups as possible.
+  Status merge_some() {
+    const std::size_t groups = (runs_.size() + plan_.runs_at_once - 1) / plan_.runs_at_once;
+    SPLATVOL_TRY_ASSIGN(merged, TempFile::create(options_.folder));
+    std::vector<Run> merged_runs;
+    for (std::size_t group = 0; group < groups; ++group) {
+      const std::size_t begin = runs_.size() * group / groups, end = runs_.size() * (group + 1) / groups;
+      const std::uint64_t offset = merged.size();
+      SPLATVOL_TRY(merge_into(merged, std::span(runs_).subspan(begin, end - begin)));
+      merged_runs.push_back({offset, merged.size()});
+    }
+    merger_.reset();
+    file_ = std::move(merged);
+    runs_ = std::move(merged_runs);
+    return {};
+  }
+
+  Status merge_into(TempFile& file, std::span<const Run> runs) {
+    const std::span<std::byte> packing = memory_->span().subspan(plan_.merge_work_bytes, plan_.merge_work_bytes);
+    start_merging(runs);
+    for (;;) {
+      SPLATVOL_TRY_ASSIGN(packet, next());
+      if (packet.keys.empty()) return {};
+      const auto locate = [&](std::size_t first, std::span<const std::byte*> located) {
+        for (std::size_t i = 0; i < located.size(); ++i)
+          located[i] = packet.records.data() + (first + i) * record_bytes();
+      };
+      SPLATVOL_TRY(append_packets(file, packet.keys.size(), locate, packing));
+    }
+  }
+
+  void start_merging(std::span<const Run> runs, bool keep = false) {
+    merger_.reset();  // its threads use the memory
+    merger_ = std::make_unique<RunMerger>(*file_, runs, plan_.packet, options_.key,
+                                          memory_->span().subspan(2 * plan_.merge_work_bytes), keep);
+    producing_.run([this] { produce(); });
+  }
+
+  // Makes the output that next() will return. Takes up no other tasks: one of them might wait for this one.
+  void produce() {
+    Output& output = outputs_[1];
+    if (!merger_) {
+      tbb::this_task_arena::isolate([&] { copy_sorted(output); });
+    } else if (const Result<std::size_t> count = merger_->fill(output.records, output.keys); count) {
+      output.count = *count;
+    } else {
+      output.status = tl::unexpected<Error>(count.error());
+    }
+  }
+
+  void copy_sorted(Output& output) {
+    output.count = std::min(output.keys.size(), filled_ - copied_);
+    const RecordSpan records = filled_records();
+    const auto record = [&, mask = index_mask(filled_)](std::size_t i) { return records[words_[i] & mask]; };
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, output.count, records_at_once),
+                      [&](const tbb::blocked_range<std::size_t>& range) {
+                        std::byte* out = output.records.data() + range.begin() * record_bytes();
+                        for (std::size_t i = copied_ + range.begin(); i < copied_ + range.end(); ++i) {
+                          __builtin_prefetch(record(std::min(i + records_ahead, filled_ - 1)));
+                          std::memcpy(out, record(i), record_bytes());
+                          out += record_bytes();
+                        }
+                        options_.key(
+                            output.records.subspan(range.begin() * record_bytes(), range.size() * record_bytes()),
+                            output.keys.subspan(range.begin(), range.size()));
+                      });
+    copied_ += output.count;
+  }
 
   SortOptions options_;
   Plan plan_;
@@ -148,207 +330,6 @@ class ExternalSorter::Impl {
   std::unique_ptr<RunMerger> merger_;  // if they do not
   tbb::task_group producing_;
 };
-
-// Until the first run is full: one buffer for records, then words, then work.
-void ExternalSorter::Impl::use_first_layout() {
-  const std::size_t bytes = plan_.first_run * record_bytes();
-  filling_ = memory_->span().first(bytes);
-  words_ = {reinterpret_cast<std::uint64_t*>(memory_->span().data() + round_up(bytes)), plan_.first_run};
-}
-
-// For later runs: one buffer that add() fills, and one that is sorted and written at the same time; then words, work.
-void ExternalSorter::Impl::use_later_layout() {
-  const std::size_t bytes = plan_.later_runs * record_bytes();
-  filling_ = memory_->span().first(bytes);
-  other_ = memory_->span().subspan(bytes, bytes);
-  words_ = {reinterpret_cast<std::uint64_t*>(memory_->span().data() + round_up(2 * bytes)), plan_.later_runs};
-}
-
-Status ExternalSorter::Impl::add(std::span<const std::byte> records) {
-  while (!records.empty()) {
-    if (filled_ * record_bytes() == filling_.size()) SPLATVOL_TRY(make_room());
-    const std::span<std::byte> room = filling_.subspan(filled_ * record_bytes());
-    const std::size_t bytes = std::min(room.size(), records.size());
-    std::memcpy(room.data(), records.data(), bytes);
-    filled_ += bytes / record_bytes();
-    count_ += bytes / record_bytes();
-    records = records.subspan(bytes);
-  }
-  return {};
-}
-
-// Makes filling_ empty.
-Status ExternalSorter::Impl::make_room() {
-  if (other_.empty()) {
-    SPLATVOL_TRY(spill(filled_records()));
-    use_later_layout();
-  } else {
-    spilling_.wait();
-    SPLATVOL_TRY(spilled_);
-    spilling_.run([this, records = filled_records()] { spilled_ = spill(records); });
-    std::swap(filling_, other_);
-  }
-  filled_ = 0;
-  return {};
-}
-
-// Sorts the records and writes them as a run.
-Status ExternalSorter::Impl::spill(const RecordSpan& records) {
-  if (!file_) {
-    SPLATVOL_TRY_ASSIGN(file, TempFile::create(options_.folder));
-    file_ = std::move(file);
-  }
-  const std::span<std::uint64_t> words = words_.first(records.count);
-  sort_by_key(records, options_.key, words);
-  Run run{file_->size(), 0};
-  const auto locate = [&, mask = index_mask(records.count)](std::size_t first, std::span<const std::byte*> located) {
-    for (std::size_t i = 0; i < located.size(); ++i) {
-      located[i] = records[words[first + i] & mask];
-      __builtin_prefetch(located[i]);
-    }
-  };
-  SPLATVOL_TRY(append_packets(*file_, records.count, locate, work()));
-  run.end = file_->size();
-  runs_.push_back(run);
-  return {};
-}
-
-// Appends records as packets; packs as many packets at the same time as fit into `memory`.
-Status ExternalSorter::Impl::append_packets(TempFile& file, std::size_t count, const LocateRecords& locate,
-                                            std::span<std::byte> memory) {
-  const std::size_t records = plan_.packet.records, bound = packet_bound(records, record_bytes());
-  const std::size_t packets = (count + records - 1) / records, at_once = memory.size() / bound;
-  std::vector<std::size_t> bytes(at_once);
-  for (std::size_t begin = 0; begin < packets; begin += at_once) {
-    const std::size_t end = std::min(begin + at_once, packets);
-    tbb::parallel_for(begin, end, [&](std::size_t packet) {
-      const auto locate_in_packet = [&](std::size_t first, std::span<const std::byte*> located) {
-        locate(packet * records + first, located);
-      };
-      bytes[packet - begin] = pack_records(std::min(records, count - packet * records), locate_in_packet,
-                                           record_bytes(), memory.subspan((packet - begin) * bound, bound));
-    });
-    for (std::size_t i = 0; i < end - begin; ++i) SPLATVOL_TRY(file.append(memory.subspan(i * bound, bytes[i])));
-  }
-  return {};
-}
-
-Status ExternalSorter::Impl::finish() {
-  spilling_.wait();
-  SPLATVOL_TRY(spilled_);
-  if (!file_ && stays_in_memory(count_)) {
-    sort_by_key(filled_records(), options_.key, words_.first(filled_));
-    outputs_ = make_outputs(plan_.packet, work());
-    producing_.run([this] { produce(); });
-    return {};
-  }
-  SPLATVOL_TRY(spill(filled_records()));
-  memory_.reset();
-  memory_.emplace(options_.merge_memory);
-  outputs_ = make_outputs(plan_.packet, memory_->span().first(plan_.merge_work_bytes));
-  while (runs_.size() > plan_.runs_at_once) SPLATVOL_TRY(merge_some());
-  start_merging(runs_, options_.rewinds);
-  return {};
-}
-
-// Merges groups of neighbouring runs, so that equal keys stay in their order. Makes as few groups as possible.
-Status ExternalSorter::Impl::merge_some() {
-  const std::size_t groups = (runs_.size() + plan_.runs_at_once - 1) / plan_.runs_at_once;
-  SPLATVOL_TRY_ASSIGN(merged, TempFile::create(options_.folder));
-  std::vector<Run> merged_runs;
-  for (std::size_t group = 0; group < groups; ++group) {
-    const std::size_t begin = runs_.size() * group / groups, end = runs_.size() * (group + 1) / groups;
-    const std::uint64_t offset = merged.size();
-    SPLATVOL_TRY(merge_into(merged, std::span(runs_).subspan(begin, end - begin)));
-    merged_runs.push_back({offset, merged.size()});
-  }
-  merger_.reset();
-  file_ = std::move(merged);
-  runs_ = std::move(merged_runs);
-  return {};
-}
-
-Status ExternalSorter::Impl::merge_into(TempFile& file, std::span<const Run> runs) {
-  const std::span<std::byte> packing = memory_->span().subspan(plan_.merge_work_bytes, plan_.merge_work_bytes);
-  start_merging(runs);
-  for (;;) {
-    SPLATVOL_TRY_ASSIGN(packet, next());
-    if (packet.keys.empty()) return {};
-    const auto locate = [&](std::size_t first, std::span<const std::byte*> located) {
-      for (std::size_t i = 0; i < located.size(); ++i)
-        located[i] = packet.records.data() + (first + i) * record_bytes();
-    };
-    SPLATVOL_TRY(append_packets(file, packet.keys.size(), locate, packing));
-  }
-}
-
-void ExternalSorter::Impl::start_merging(std::span<const Run> runs, bool keep) {
-  merger_.reset();  // its threads use the memory
-  merger_ = std::make_unique<RunMerger>(*file_, runs, plan_.packet, options_.key,
-                                        memory_->span().subspan(2 * plan_.merge_work_bytes), keep);
-  producing_.run([this] { produce(); });
-}
-
-// Makes the output that next() will return. Takes up no other tasks: one of them might wait for this one.
-void ExternalSorter::Impl::produce() {
-  Output& output = outputs_[1];
-  if (!merger_) {
-    tbb::this_task_arena::isolate([&] { copy_sorted(output); });
-  } else if (const Result<std::size_t> count = merger_->fill(output.records, output.keys); count) {
-    output.count = *count;
-  } else {
-    output.status = tl::unexpected<Error>(count.error());
-  }
-}
-
-void ExternalSorter::Impl::copy_sorted(Output& output) {
-  output.count = std::min(output.keys.size(), filled_ - copied_);
-  const RecordSpan records = filled_records();
-  const auto record = [&, mask = index_mask(filled_)](std::size_t i) { return records[words_[i] & mask]; };
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, output.count, records_at_once),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      std::byte* out = output.records.data() + range.begin() * record_bytes();
-                      for (std::size_t i = copied_ + range.begin(); i < copied_ + range.end(); ++i) {
-                        __builtin_prefetch(record(std::min(i + records_ahead, filled_ - 1)));
-                        std::memcpy(out, record(i), record_bytes());
-                        out += record_bytes();
-                      }
-                      options_.key(
-                          output.records.subspan(range.begin() * record_bytes(), range.size() * record_bytes()),
-                          output.keys.subspan(range.begin(), range.size()));
-                    });
-  copied_ += output.count;
-}
-
-Result<SortedRecords> ExternalSorter::Impl::next() {
-  producing_.wait();
-  std::swap(outputs_[0], outputs_[1]);
-  const Output& output = outputs_[0];
-  SPLATVOL_TRY(output.status);
-  if (output.count > 0)
-    producing_.run([this] { produce(); });
-  else
-    outputs_[1].count = 0;  // later calls return nothing either
-  return SortedRecords{output.records.first(output.count * record_bytes()), output.keys.first(output.count)};
-}
-
-Status ExternalSorter::Impl::rewind() {
-  producing_.wait();
-  for (Output& output : outputs_) output.count = 0;
-  copied_ = 0;
-  if (merger_)
-    start_merging(runs_);
-  else
-    producing_.run([this] { produce(); });
-  return {};
-}
-
-std::uint64_t ExternalSorter::Impl::temp_bytes(std::uint64_t count) const {
-  if (stays_in_memory(count)) return 0;
-  constexpr std::uint64_t pages = 8192;  // bytes at the ends of a run that cannot be released
-  const std::uint64_t runs = 2 + count / plan_.later_runs, packets = runs + count / plan_.packet.records;
-  return packets * packet_bound(plan_.packet.records, record_bytes()) + runs * pages;
-}
 
 std::size_t ExternalSorter::least_memory(std::size_t record_bytes) {
   return std::max<std::size_t>(64 * (record_bytes + sizeof(MortonKey)), std::size_t{1} << 16);

@@ -15,7 +15,6 @@
 
 #include "base/file.h"
 #include "base/names.h"
-#include "builder/sources/array_attributes.h"
 #include "builder/sources/array_union.h"
 #include "builder/sources/csv_table.h"
 #include "builder/sources/far_points.h"

@@ -17,14 +17,6 @@ namespace {
 
 constexpr std::uint64_t largest_heading = 1 << 20;
 
-bool is_space(char c) { return c == ' ' || c == '\t' || c == '\r'; }
-
-std::string_view trimmed(std::string_view text) {
-  while (!text.empty() && is_space(text.front())) text.remove_prefix(1);
-  while (!text.empty() && is_space(text.back())) text.remove_suffix(1);
-  return text;
-}
-
 /// Letters and digits only, in lower case.
 std::string plain_name(std::string_view name) {
   std::string plain;
@@ -57,7 +49,8 @@ class Heading {
     while (at_ < text_.size()) {
       line_offset_ = at_;
       const std::size_t end = std::min(text_.find('\n', at_), text_.size());
-      const std::string_view line = trimmed_end(text_.substr(at_, end - at_));
+      std::string_view line = text_.substr(at_, end - at_);
+      if (line.ends_with('\r')) line.remove_suffix(1);
       at_ = end + 1;
       ++line_;
       if (!trimmed(line).empty()) return line;
@@ -69,11 +62,6 @@ class Heading {
   [[nodiscard]] std::uint64_t line() const { return line_; }
 
  private:
-  static std::string_view trimmed_end(std::string_view line) {
-    if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
-    return line;
-  }
-
   std::string_view text_;
   std::size_t at_ = 0;
   std::size_t line_offset_ = 0;
@@ -151,7 +139,7 @@ bool split_csv_line(std::string_view line, char separator, std::vector<std::stri
   fields.clear();
   for (std::size_t at = 0;;) {
     std::size_t begin = at;
-    while (begin < line.size() && line[begin] != separator && is_space(line[begin])) ++begin;
+    while (begin < line.size() && line[begin] != separator && is_white_space(line[begin])) ++begin;
     if (begin < line.size() && line[begin] == '"') {
       std::size_t end = line.find('"', begin + 1);
       while (end != std::string_view::npos && line.substr(end, 2) == "\"\"") end = line.find('"', end + 2);
@@ -171,7 +159,7 @@ bool is_missing_field(std::string_view field) {
   if (field.empty() || field == "-") return true;
   if (field.size() > 4) return false;
   const std::string plain = plain_name(field);
-  return plain == "nan" || plain == "na" || plain == "null" || plain == "none";
+  return is_one_of(plain, {"nan", "na", "null", "none"});
 }
 
 std::optional<double> csv_number(std::string_view field) {
@@ -226,8 +214,8 @@ std::vector<std::size_t> attribute_columns(const CsvTable& table) {
   for (std::size_t c = 0; c < table.columns.size(); ++c) {
     const CsvColumn& column = table.columns[c];
     const std::string plain = plain_name(column.name);
-    const bool is_id = plain == "pointid" || plain == "cellid" || plain == "nodeid" || plain == "nodenumber" ||
-                       plain == "vtkghosttype" || plain.starts_with("vtkoriginal");
+    const bool is_id = is_one_of(plain, {"pointid", "cellid", "nodeid", "nodenumber", "vtkghosttype"}) ||
+                       plain.starts_with("vtkoriginal");
     const bool is_position = std::ranges::find(table.position, c) != table.position.end();
     if (!column.name.empty() && column.name != "_" && !column.is_text && !is_id && !is_position) columns.push_back(c);
   }

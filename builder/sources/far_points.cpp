@@ -1,7 +1,6 @@
 #include "builder/sources/far_points.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <vector>
 

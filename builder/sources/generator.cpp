@@ -3,11 +3,11 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <map>
 
 #include "base/names.h"
+#include "builder/sources/read_text.h"
 
 namespace splatvol {
 namespace {
@@ -33,22 +33,15 @@ Result<std::map<std::string, std::string>> parse_settings(std::string_view text,
   return settings;
 }
 
-Result<std::uint64_t> parse_seed(const std::string& text) {
-  std::uint64_t seed = 0;
-  const char* end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(text.data(), end, seed);
-  if (error != std::errc{} || stop != end) return fail(ErrorCode::invalid_argument, "'{}' is not a seed", text);
-  return seed;
-}
-
 Result<PointRecipe> parse_points(std::string_view text) {
   SPLATVOL_TRY_ASSIGN(settings, parse_settings(text, {"count", "distribution", "seed", "type"}));
   PointRecipe recipe;
   SPLATVOL_TRY_ASSIGN(count, parse_count(settings["count"]));
   recipe.count = count;
   if (settings.contains("seed")) {
-    SPLATVOL_TRY_ASSIGN(seed, parse_seed(settings["seed"]));
-    recipe.seed = seed;
+    const auto seed = number_of<std::uint64_t>(settings["seed"]);
+    if (!seed) return fail(ErrorCode::invalid_argument, "'{}' is not a seed", settings["seed"]);
+    recipe.seed = *seed;
   }
   if (settings.contains("distribution")) {
     const auto& names = distribution_names();
@@ -112,10 +105,8 @@ Result<std::unique_ptr<Source>> open_generated(const std::string& input, const S
 }
 
 Result<std::uint64_t> parse_count(const std::string& text) {
-  double count = 0;
-  const char* end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(text.data(), end, count);
-  if (error != std::errc{} || stop != end || !(count >= 1 && count <= 1e12) || count != std::floor(count))
+  const double count = number_of<double>(text).value_or(0);
+  if (!(count >= 1 && count <= 1e12) || count != std::floor(count))
     return fail(ErrorCode::invalid_argument, "'{}' is not a whole number from 1 to 1e12 such as 1000 or 1e8", text);
   return static_cast<std::uint64_t>(count);
 }

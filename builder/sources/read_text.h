@@ -1,8 +1,14 @@
-// Parts of files as text.
+// Parts of files as text, and what a text says.
 #pragma once
 
+#include <charconv>
 #include <cstdint>
+#include <initializer_list>
+#include <limits>
+#include <optional>
 #include <string>
+#include <string_view>
+#include <system_error>
 
 #include "base/error.h"
 #include "base/file.h"
@@ -11,5 +17,30 @@ namespace splatvol {
 
 /// Reads `most` bytes from `offset` on, or fewer at the end of the file.
 [[nodiscard]] Result<std::string> read_text(ByteSource& file, std::uint64_t offset, std::uint64_t most);
+
+/// Reads the file at `path`, or its first `most` bytes.
+[[nodiscard]] Result<std::string> read_text(const std::string& path,
+                                            std::uint64_t most = std::numeric_limits<std::uint64_t>::max());
+
+[[nodiscard]] bool is_white_space(char c);
+
+/// Returns a text without the white space round it.
+[[nodiscard]] std::string_view trimmed(std::string_view text);
+
+/// Removes the first line of a text, and returns it without its end.
+std::string_view take_line(std::string_view& text);
+
+[[nodiscard]] bool is_one_of(std::string_view word, std::initializer_list<std::string_view> words);
+
+/// Returns the number that a whole word is; nothing if it is anything else.
+template <class T>
+std::optional<T> number_of(std::string_view word) {
+  T number{};
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
+  return error == std::errc() && end == word.data() + word.size() ? std::optional(number) : std::nullopt;
+}
+
+/// Returns the number that some bytes are, at most eight.
+[[nodiscard]] std::uint64_t number_in(std::string_view bytes, bool big_endian);
 
 }  // namespace splatvol

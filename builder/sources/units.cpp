@@ -7,6 +7,8 @@
 #include <cctype>
 #include <cmath>
 
+#include "builder/sources/read_text.h"
+
 namespace splatvol {
 namespace {
 
@@ -53,13 +55,10 @@ std::string unit_of_openfoam(std::string_view text) {
 std::string cut_unit(std::string& heading) {
   const std::size_t open = heading.rfind('[');
   if (open == std::string::npos || open == 0 || heading.back() != ']') return {};
-  const auto is_space = [](char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; };
-  std::string unit = heading.substr(open + 1, heading.size() - open - 2);
-  while (!unit.empty() && is_space(unit.back())) unit.pop_back();
-  while (!unit.empty() && is_space(unit.front())) unit.erase(0, 1);
+  const std::string unit(trimmed(std::string_view(heading).substr(open + 1, heading.size() - open - 2)));
   if (std::ranges::all_of(unit, [](char c) { return is_digit(c) || c == ','; }) && !unit.empty()) return {};
   heading.resize(open);
-  while (!heading.empty() && is_space(heading.back())) heading.pop_back();
+  while (!heading.empty() && is_white_space(heading.back())) heading.pop_back();
   return unit == "-" ? std::string() : unit;
 }
 

@@ -7,7 +7,6 @@
 #include <openvdb/util/logging.h>
 
 #include <cstdint>
-#include <cstdlib>
 #include <istream>
 #include <string>
 

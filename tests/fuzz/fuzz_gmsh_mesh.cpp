@@ -9,7 +9,7 @@ using namespace splatvol;
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const fuzz::NamedBytes named(fuzz::bytes_of(data, size));
-  const auto sets = open_gmsh({.path = named.path(), .kind = VtkFile::Kind::gmsh, .patches = true}, {}, std::nullopt);
+  const auto sets = open_gmsh({.path = named.path(), .kind = VtkFile::Kind::gmsh, .patches = true}, {});
   if (sets) fuzz::require_ok((*sets)->next(), "a mesh that was read is there");
   return 0;
 }

@@ -54,8 +54,8 @@ Result<std::string> text_of(const Image& image) {
 Result<Scene> golden_scene(const std::filesystem::path& file) {
   SPLATVOL_TRY_ASSIGN(common, read_text_file(file.parent_path() / "scene.json"));
   SPLATVOL_TRY_ASSIGN(own, read_text_file(std::filesystem::path(file).replace_extension(".json")));
-  nlohmann::json scene = parse_json_or_discard(common);
-  scene.merge_patch(parse_json_or_discard(own));
+  nlohmann::json scene = parse_json(common);
+  scene.merge_patch(parse_json(own));
   return parse_scene(json_text(scene));
 }
 

@@ -9,12 +9,19 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <tuple>
 #include <type_traits>
 #include <vector>
 
 #include "base/error.h"
 
 namespace splatvol {
+
+/// A type with a function members_of(), which ties the members that are sent.
+template <class T>
+concept HasMembers = requires(T& value) {
+  members_of(value);
+};
 
 /// One end of a socket between two processes of one machine and one build. What it sends has no types: both sides name
 /// the same ones in the same order. After a failure nothing more can be sent or received. Not thread-safe.
@@ -59,11 +66,18 @@ class Channel {
   template <class Key, class T>
   [[nodiscard]] Status put(const std::map<Key, T>& values) {
     SPLATVOL_TRY(put(std::uint64_t{values.size()}));
-    for (const auto& [key, value] : values) {
-      SPLATVOL_TRY(put(key));
-      SPLATVOL_TRY(put(value));
-    }
+    for (const auto& [key, value] : values) SPLATVOL_TRY(put_all(key, value));
     return {};
+  }
+  template <HasMembers T>
+  [[nodiscard]] Status put(const T& value) {
+    return std::apply([&](const auto&... members) { return put_all(members...); }, members_of(value));
+  }
+  template <class... Values>
+  [[nodiscard]] Status put_all(const Values&... values) {
+    Status status;
+    (void)((status = put(values)) && ...);
+    return status;
   }
 
   template <class T>
@@ -97,6 +111,16 @@ class Channel {
       SPLATVOL_TRY(get(values[key]));
     }
     return {};
+  }
+  template <HasMembers T>
+  [[nodiscard]] Status get(T& value) {
+    return std::apply([&](auto&... members) { return get_all(members...); }, members_of(value));
+  }
+  template <class... Values>
+  [[nodiscard]] Status get_all(Values&... values) {
+    Status status;
+    (void)((status = get(values)) && ...);
+    return status;
   }
 
  private:

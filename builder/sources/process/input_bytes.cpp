@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <initializer_list>
 #include <set>
 #include <string_view>
 #include <system_error>
 
 #include "base/file.h"
 #include "base/names.h"
+#include "builder/sources/read_text.h"
 
 namespace splatvol {
 namespace {
@@ -16,10 +16,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t most_looks = std::size_t{1} << 20;
-
-bool is_one_of(std::string_view word, std::initializer_list<std::string_view> words) {
-  return std::ranges::find(words, word) != words.end();
-}
 
 class InputFiles {
  public:

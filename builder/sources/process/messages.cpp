@@ -10,22 +10,6 @@
 #include "builder/sources/process/held_values.h"
 
 namespace splatvol {
-namespace {
-
-/// Sends or receives several members.
-template <class... Members>
-Status put_all(Channel& channel, const Members&... members) {
-  Status status;
-  (void)((status = channel.put(members)) && ...);
-  return status;
-}
-
-template <class... Members>
-Status get_all(Channel& channel, Members&... members) {
-  Status status;
-  (void)((status = channel.get(members)) && ...);
-  return status;
-}
 
 template <class Options>
 auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Options>, SourceOptions> {
@@ -33,11 +17,21 @@ auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Op
                   options.may_lack);
 }
 
+template <class Step>
+auto members_of(Step& step) requires std::is_same_v<std::remove_const_t<Step>, TimeStep> {
+  return std::tie(step.time, step.index, step.times);
+}
+
 template <class State>
 auto members_of(State& state) requires std::is_same_v<std::remove_const_t<State>, SourceState> {
-  return std::tie(state.attributes, state.units, state.components, state.pieces, state.number, state.points, state.time,
-                  state.left_out_cells, state.copies, state.averages_by_piece, state.may_have_cells,
+  return std::tie(state.attributes, state.units, state.components, state.pieces, state.number, state.points, state.step,
+                  state.time, state.left_out_cells, state.copies, state.averages_by_piece, state.may_have_cells,
                   state.brings_material, state.single_precision);
+}
+
+template <class Shape>
+auto members_of(Shape& array) requires std::is_same_v<std::remove_const_t<Shape>, ArrayShape> {
+  return std::tie(array.name, array.components, array.of_cells, array.unit);
 }
 
 template <class Census>
@@ -55,15 +49,17 @@ auto members_of(Cells& cells) requires std::is_same_v<std::remove_const_t<Cells>
   return std::tie(cells.corners, cells.tetrahedra, cells.points, cells.moments);
 }
 
-template <class T>
-Status put_members(Channel& channel, const T& value) {
-  return std::apply([&](const auto&... members) { return put_all(channel, members...); }, members_of(value));
+template <class Mesh>
+auto members_of(Mesh& mesh) requires std::is_same_v<std::remove_const_t<Mesh>, TriangleMesh> {
+  return std::tie(mesh.points, mesh.triangles, mesh.open_end);
 }
 
-template <class T>
-Status get_members(Channel& channel, T& value) {
-  return std::apply([&](auto&... members) { return get_all(channel, members...); }, members_of(value));
+template <class OfPatch>
+auto members_of(OfPatch& patch) requires std::is_same_v<std::remove_const_t<OfPatch>, Patch> {
+  return std::tie(patch.name, patch.mesh);
 }
+
+namespace {
 
 /// Texts that are printed have at most so many bytes.
 constexpr std::size_t most_line_bytes = 4096;
@@ -143,6 +139,14 @@ Status check_cells(const PointCells& cells, std::size_t points) {
   return {};
 }
 
+Status check_surface(const TriangleMesh& mesh) {
+  const bool fits = std::ranges::all_of(
+      mesh.triangles, [&](const auto& corners) { return std::ranges::max(corners) < mesh.points.size(); });
+  if (!fits || !std::ranges::all_of(mesh.points, is_usable_position))
+    return fail(ErrorCode::invalid_data, "the reader process sent a surface whose points do not fit");
+  return {};
+}
+
 Status check_piece(const Piece& piece, std::size_t attributes) {
   const std::size_t points = piece.points.size();
   if (!all_below(piece.tetrahedra, points)) return fail_piece("tetrahedra name points that are not there");
@@ -152,6 +156,7 @@ Status check_piece(const Piece& piece, std::size_t attributes) {
   if (!piece.fills.empty() && piece.fills.size() != attributes) return fail_piece("counts are not of its attributes");
   if (piece.material) SPLATVOL_TRY(check_material(*piece.material, points, attributes));
   if (piece.cells) SPLATVOL_TRY(check_cells(*piece.cells, points));
+  for (const Patch& patch : piece.patches) SPLATVOL_TRY(check_surface(patch.mesh));
   return {};
 }
 
@@ -177,7 +182,7 @@ SourceState state_of(const Source& source) {
   return state;
 }
 
-Status put(Channel& channel, const Error& error) { return put_all(channel, error.code, cut(error.message)); }
+Status put(Channel& channel, const Error& error) { return channel.put_all(error.code, cut(error.message)); }
 
 Status get(Channel& channel, Error& error) {
   SPLATVOL_TRY(channel.get(error.code));
@@ -185,72 +190,42 @@ Status get(Channel& channel, Error& error) {
   return error.code <= ErrorCode::cancelled ? Status{} : fail(ErrorCode::invalid_data, "an error of no kind");
 }
 
-Status put(Channel& channel, const SourceOptions& options) { return put_members(channel, options); }
-Status get(Channel& channel, SourceOptions& options) { return get_members(channel, options); }
+Status put(Channel& channel, const SourceOptions& options) { return channel.put(options); }
+Status get(Channel& channel, SourceOptions& options) { return channel.get(options); }
 
 Status put(Channel& channel, const SourceState& state) {
-  SPLATVOL_TRY(put_members(channel, state));
+  SPLATVOL_TRY(channel.put(state));
   SPLATVOL_TRY(channel.put(std::uint64_t{state.conversions.size()}));
   for (const std::string& line : state.conversions) SPLATVOL_TRY(channel.put(cut(line)));
-  SPLATVOL_TRY(channel.put(state.step.has_value()));
-  return state.step ? put_all(channel, state.step->time, state.step->index, state.step->times) : Status{};
+  return {};
 }
 
 Status get(Channel& channel, SourceState& state) {
-  SPLATVOL_TRY(get_members(channel, state));
   std::uint64_t conversions = 0;
-  SPLATVOL_TRY(channel.get(conversions));
+  SPLATVOL_TRY(channel.get_all(state, conversions));
   for (std::uint64_t i = 0; i < conversions; ++i) SPLATVOL_TRY(get_line(channel, state.conversions.emplace_back()));
-  bool has_step = false;
-  SPLATVOL_TRY(channel.get(has_step));
-  if (!has_step) return {};
-  state.step.emplace();
-  return get_all(channel, state.step->time, state.step->index, state.step->times);
-}
-
-Status put(Channel& channel, const std::optional<std::vector<ArrayShape>>& arrays) {
-  SPLATVOL_TRY(channel.put(arrays.has_value()));
-  if (!arrays) return {};
-  SPLATVOL_TRY(channel.put(std::uint64_t{arrays->size()}));
-  for (const ArrayShape& array : *arrays)
-    SPLATVOL_TRY(put_all(channel, array.name, array.components, array.of_cells, array.unit));
   return {};
 }
+
+Status put(Channel& channel, const std::optional<std::vector<ArrayShape>>& arrays) { return channel.put(arrays); }
 
 Status get(Channel& channel, std::optional<std::vector<ArrayShape>>& arrays) {
-  bool has_arrays = false;
-  std::uint64_t count = 0;
-  arrays.reset();
-  SPLATVOL_TRY(channel.get(has_arrays));
-  if (!has_arrays) return {};
-  arrays.emplace();
-  SPLATVOL_TRY(channel.get(count));
-  for (std::uint64_t i = 0; i < count; ++i) {
-    ArrayShape& array = arrays->emplace_back();
-    SPLATVOL_TRY(get_all(channel, array.name, array.components, array.of_cells, array.unit));
-    if (array.components < 1) return fail(ErrorCode::invalid_data, "the reader process sent an array without numbers");
-  }
-  return {};
+  SPLATVOL_TRY(channel.get(arrays));
+  const auto has_numbers = [](const ArrayShape& array) { return array.components > 0; };
+  if (!arrays || std::ranges::all_of(*arrays, has_numbers)) return {};
+  return fail(ErrorCode::invalid_data, "the reader process sent an array without numbers");
 }
 
-Status put(Channel& channel, const TriangleMesh& mesh) {
-  return put_all(channel, mesh.points, mesh.triangles, mesh.open_end);
-}
+Status put(Channel& channel, const TriangleMesh& mesh) { return channel.put(mesh); }
 
 Status get(Channel& channel, TriangleMesh& mesh) {
-  SPLATVOL_TRY(get_all(channel, mesh.points, mesh.triangles, mesh.open_end));
-  const bool fits = std::ranges::all_of(
-      mesh.triangles, [&](const auto& corners) { return std::ranges::max(corners) < mesh.points.size(); });
-  if (!fits || !std::ranges::all_of(mesh.points, is_usable_position))
-    return fail(ErrorCode::invalid_data, "the reader process sent a surface whose points do not fit");
-  return {};
+  SPLATVOL_TRY(channel.get(mesh));
+  return check_surface(mesh);
 }
 
 Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attributes) {
   const std::size_t points = piece->points.size();
-  SPLATVOL_TRY(put_members(channel, piece->census));
-  SPLATVOL_TRY(
-      put_all(channel, piece->fills, piece->lent != nullptr, piece->material.has_value(), piece->cells.has_value()));
+  SPLATVOL_TRY(channel.put_all(piece->census, piece->fills, piece->lent != nullptr));
   SPLATVOL_TRY(put_away(channel, piece->points));
   SPLATVOL_TRY(put_away(channel, piece->tetrahedra));
   SPLATVOL_TRY(channel.put(std::uint64_t{piece->values.size()}));
@@ -259,21 +234,12 @@ Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attribute
     SPLATVOL_TRY(put_lent(channel, *piece->lent, points, attributes));
     piece->lent.reset();
   }
-  if (piece->material) SPLATVOL_TRY(put_members(channel, *piece->material));
-  if (piece->cells) SPLATVOL_TRY(put_members(channel, *piece->cells));
-  SPLATVOL_TRY(channel.put(std::uint64_t{piece->patches.size()}));
-  for (const Patch& patch : piece->patches) {
-    SPLATVOL_TRY(channel.put(patch.name));
-    SPLATVOL_TRY(put(channel, patch.mesh));
-  }
-  return {};
+  return channel.put_all(piece->material, piece->cells, piece->patches);
 }
 
 Status get(Channel& channel, Piece& piece, std::size_t attributes) {
-  bool is_lent = false, has_material = false, has_cells = false;
-  SPLATVOL_TRY(get_members(channel, piece.census));
-  SPLATVOL_TRY(get_all(channel, piece.fills, is_lent, has_material, has_cells));
-  SPLATVOL_TRY(get_all(channel, piece.points, piece.tetrahedra, piece.values));
+  bool is_lent = false;
+  SPLATVOL_TRY(channel.get_all(piece.census, piece.fills, is_lent, piece.points, piece.tetrahedra, piece.values));
   if (is_lent) {
     std::vector<PackedColumn> columns;
     for (std::size_t a = 0; a < attributes; ++a) {
@@ -284,16 +250,7 @@ Status get(Channel& channel, Piece& piece, std::size_t attributes) {
     }
     piece.lent = std::make_shared<HeldValues>(std::move(columns));
   }
-  if (has_material) SPLATVOL_TRY(get_members(channel, piece.material.emplace()));
-  if (has_cells) SPLATVOL_TRY(get_members(channel, piece.cells.emplace()));
-  std::uint64_t patches = 0;
-  SPLATVOL_TRY(channel.get(patches));
-  for (std::uint64_t i = 0; i < patches; ++i) {
-    Patch patch;
-    SPLATVOL_TRY(channel.get(patch.name));
-    SPLATVOL_TRY(get(channel, patch.mesh));
-    piece.patches.push_back(std::move(patch));
-  }
+  SPLATVOL_TRY(channel.get_all(piece.material, piece.cells, piece.patches));
   return check_piece(piece, attributes);
 }
 

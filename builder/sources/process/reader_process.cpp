@@ -54,6 +54,16 @@ Result<pid_t> spawn(const ReaderProcessOptions& options, int socket) {
   return process;
 }
 
+/// For a request, or an answer, of no more than its beginning.
+Status nothing(Channel&) { return {}; }
+
+auto put_inputs(const std::vector<std::string>& inputs, const SourceOptions& options) {
+  return [&](Channel& channel) -> Status {
+    SPLATVOL_TRY(channel.put(inputs));
+    return put(channel, options);
+  };
+}
+
 }  // namespace
 
 /// The running process. After a failure it is gone.
@@ -86,8 +96,7 @@ class ReaderProcess::Process {
     std::optional<Error> refusal;
     begin_wait();
     const Status talked = [&]() -> Status {
-      SPLATVOL_TRY(channel_->put(request));
-      SPLATVOL_TRY(channel_->put(source));
+      SPLATVOL_TRY(channel_->put_all(request, source));
       SPLATVOL_TRY(put_rest(*channel_));
       SPLATVOL_TRY(channel_->flush());
       bool refused = false;
@@ -106,7 +115,7 @@ class ReaderProcess::Process {
   void close(std::uint64_t source) {
     if (!channel_) return;
     begin_wait();
-    const bool sent = channel_->put(ReaderRequest::close) && channel_->put(source) && channel_->flush();
+    const bool sent = channel_->put_all(ReaderRequest::close, source) && channel_->flush();
     if (!sent) end();
   }
 
@@ -238,18 +247,13 @@ class ProcessSource final : public Source {
   ProcessSource& operator=(const ProcessSource&) = delete;
 
   Status open(const std::vector<std::string>& inputs, const SourceOptions& options) {
-    return process_->ask(
-        name_, ReaderRequest::open, number_,
-        [&](Channel& channel) -> Status {
-          SPLATVOL_TRY(channel.put(inputs));
-          return put(channel, options);
-        },
-        [&](Channel& channel) { return get_state(channel); });
+    return process_->ask(name_, ReaderRequest::open, number_, put_inputs(inputs, options),
+                         [&](Channel& channel) { return get_state(channel); });
   }
 
   Result<std::unique_ptr<Piece>> next() override {
     auto piece = std::make_unique<Piece>();
-    const Status answered = process_->ask(
+    SPLATVOL_TRY(process_->ask(
         name_, ReaderRequest::next, number_, [&](Channel& channel) { return channel.put(lends_); },
         [&](Channel& channel) -> Status {
           SPLATVOL_TRY(get_state(channel));
@@ -258,32 +262,27 @@ class ProcessSource final : public Source {
           if (is_there) return get(channel, *piece, state_.attributes.size());
           piece.reset();
           return {};
-        });
-    if (!answered) return tl::unexpected(answered.error());
+        }));
     return piece;
   }
 
   Result<std::optional<Box>> bounds() override {
     std::optional<Box> box;
-    SPLATVOL_TRY(process_->ask(
-        name_, ReaderRequest::bounds, number_, [](Channel&) { return Status{}; },
-        [&](Channel& channel) { return channel.get(box); }));
+    SPLATVOL_TRY(process_->ask(name_, ReaderRequest::bounds, number_, nothing,
+                               [&](Channel& channel) { return channel.get(box); }));
     return box;
   }
 
   // If the process fails, so will the next select() or next().
   std::vector<std::uint64_t> part_sizes() override {
     std::vector<std::uint64_t> sizes;
-    const Status answered = process_->ask(
-        name_, ReaderRequest::parts, number_, [](Channel&) { return Status{}; },
-        [&](Channel& channel) { return channel.get(sizes); });
-    if (!answered) sizes.clear();
-    return sizes;
+    const Status answered = process_->ask(name_, ReaderRequest::parts, number_, nothing,
+                                          [&](Channel& channel) { return channel.get(sizes); });
+    return answered ? sizes : std::vector<std::uint64_t>();
   }
   Status select(const std::vector<std::uint64_t>& parts) override {
     return process_->ask(
-        name_, ReaderRequest::select, number_, [&](Channel& channel) { return channel.put(parts); },
-        [](Channel&) { return Status{}; });
+        name_, ReaderRequest::select, number_, [&](Channel& channel) { return channel.put(parts); }, nothing);
   }
   PieceNumber piece_number() const override { return state_.number; }
 
@@ -346,14 +345,8 @@ Result<std::optional<std::vector<ArrayShape>>> ReaderProcess::list_arrays(const 
                                                                           const SourceOptions& options) {
   SPLATVOL_TRY(start());
   std::optional<std::vector<ArrayShape>> arrays;
-  const Status answered = process_->ask(
-      inputs.at(0), ReaderRequest::list, 0,
-      [&](Channel& channel) -> Status {
-        SPLATVOL_TRY(channel.put(inputs));
-        return put(channel, options);
-      },
-      [&](Channel& channel) { return get(channel, arrays); });
-  if (!answered) return tl::unexpected(answered.error());
+  SPLATVOL_TRY(process_->ask(inputs.at(0), ReaderRequest::list, 0, put_inputs(inputs, options),
+                             [&](Channel& channel) { return get(channel, arrays); }));
   return arrays;
 }
 

@@ -45,8 +45,7 @@ class Server {
   Status answer() {
     ReaderRequest request{};
     std::uint64_t source = 0;
-    SPLATVOL_TRY(channel_.get(request));
-    SPLATVOL_TRY(channel_.get(source));
+    SPLATVOL_TRY(channel_.get_all(request, source));
     switch (request) {
       case ReaderRequest::open:
         SPLATVOL_TRY(open(source));
@@ -55,11 +54,11 @@ class Server {
         SPLATVOL_TRY(next(*sources_.at(source)));
         break;
       case ReaderRequest::bounds:
-        SPLATVOL_TRY(bounds(*sources_.at(source)));
+        SPLATVOL_TRY(answer_with(caught([&] { return sources_.at(source)->bounds(); }),
+                                 [&](const auto& box) { return channel_.put(box); }));
         break;
       case ReaderRequest::parts:
-        SPLATVOL_TRY(channel_.put(false));
-        SPLATVOL_TRY(channel_.put(sources_.at(source)->part_sizes()));
+        SPLATVOL_TRY(channel_.put_all(false, sources_.at(source)->part_sizes()));
         break;
       case ReaderRequest::select:
         SPLATVOL_TRY(select(*sources_.at(source)));
@@ -83,12 +82,10 @@ class Server {
     SourceOptions options;
     SPLATVOL_TRY(channel_.get(inputs));
     SPLATVOL_TRY(get(channel_, options));
-    auto source = caught([&] { return open_(inputs, options); });
-    if (!source) return refuse(source.error());
-    SPLATVOL_TRY(channel_.put(false));
-    SPLATVOL_TRY(put(channel_, state_of(**source)));
-    sources_[number] = std::move(*source);
-    return {};
+    return answer_with(caught([&] { return open_(inputs, options); }), [&](std::unique_ptr<Source>& source) {
+      sources_[number] = std::move(source);
+      return put(channel_, state_of(*sources_[number]));
+    });
   }
 
   Status list() {
@@ -96,29 +93,19 @@ class Server {
     SourceOptions options;
     SPLATVOL_TRY(channel_.get(inputs));
     SPLATVOL_TRY(get(channel_, options));
-    const auto arrays = caught([&] { return list_(inputs, options); });
-    if (!arrays) return refuse(arrays.error());
-    SPLATVOL_TRY(channel_.put(false));
-    return put(channel_, *arrays);
+    return answer_with(caught([&] { return list_(inputs, options); }),
+                       [&](const auto& arrays) { return put(channel_, arrays); });
   }
 
   Status next(Source& source) {
     bool lends = false;
     SPLATVOL_TRY(channel_.get(lends));
     if (lends) source.lend_values();
-    auto piece = caught([&] { return source.next(); });
-    if (!piece) return refuse(piece.error());
-    SPLATVOL_TRY(channel_.put(false));
-    SPLATVOL_TRY(put(channel_, state_of(source)));
-    SPLATVOL_TRY(channel_.put(*piece != nullptr));
-    return *piece ? put(channel_, std::move(*piece), source.attributes().size()) : Status{};
-  }
-
-  Status bounds(Source& source) {
-    const auto box = caught([&] { return source.bounds(); });
-    if (!box) return refuse(box.error());
-    SPLATVOL_TRY(channel_.put(false));
-    return channel_.put(*box);
+    return answer_with(caught([&] { return source.next(); }), [&](std::unique_ptr<Piece>& piece) -> Status {
+      SPLATVOL_TRY(put(channel_, state_of(source)));
+      SPLATVOL_TRY(channel_.put(piece != nullptr));
+      return piece ? put(channel_, std::move(piece), source.attributes().size()) : Status{};
+    });
   }
 
   Status select(Source& source) {
@@ -131,13 +118,18 @@ class Server {
   Status surface() {
     std::string path;
     SPLATVOL_TRY(channel_.get(path));
-    const auto mesh = caught([&] { return read_surface_(path); });
-    if (!mesh) {
-      const bool named = mesh.error().message.starts_with(one_line(path));
-      return refuse(named ? mesh.error() : fail_in(path, mesh.error()).value());
-    }
+    auto mesh = caught([&] { return read_surface_(path); });
+    const bool named = mesh || mesh.error().message.starts_with(one_line(path));
+    if (!named) return refuse(fail_in(path, mesh.error()).value());
+    return answer_with(std::move(mesh), [&](const TriangleMesh& surface) { return put(channel_, surface); });
+  }
+
+  /// Sends what a call returned by `put_value`, or its failure.
+  template <class T, class Put>
+  Status answer_with(Result<T> result, const Put& put_value) {
+    if (!result) return refuse(result.error());
     SPLATVOL_TRY(channel_.put(false));
-    return put(channel_, *mesh);
+    return put_value(*result);
   }
 
   Status refuse(const Error& error) {

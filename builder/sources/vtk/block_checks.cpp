@@ -1,7 +1,6 @@
 #include "builder/sources/vtk/block_checks.h"
 
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <charconv>
 #include <cstdint>
@@ -19,18 +18,6 @@ namespace {
 
 constexpr std::uint64_t largest_case = 16 << 20;  // a line for each variable, a number for each time step
 
-Result<std::string> read_start(const std::string& path, std::uint64_t most) {
-  SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  return read_text(*file, 0, most);
-}
-
-std::size_t count_words(std::string_view text) {
-  std::size_t count = 0;
-  for (text = bare_case_line(text); !text.empty(); ++count)
-    text = bare_case_line(text.substr(std::min(text.find_first_of(" \t"), text.size())));
-  return count;
-}
-
 /// Checks an EnSight case line by line. VTK 9.1 loops for ever on a section that it does not know, and reads time steps
 /// that are not there.
 class CaseChecker {
@@ -38,13 +25,12 @@ class CaseChecker {
   explicit CaseChecker(const std::string& path) : path_(path) {}
 
   Status add(std::string_view line) {
-    constexpr std::array<std::string_view, 5> sections = {"FORMAT", "GEOMETRY", "VARIABLE", "TIME", "FILE"};
     if (line.empty()) return {};
     if (line == "TIME") {
       section_ = line;
       return start_steps(1);  // until the section gives a number
     }
-    if (std::ranges::find(sections, line) != sections.end()) {
+    if (is_one_of(line, {"FORMAT", "GEOMETRY", "VARIABLE", "FILE"})) {
       section_ = line;
       return {};
     }
@@ -53,18 +39,13 @@ class CaseChecker {
                   "{}: VTK's reader takes no names in quotation marks; remove them: sed 's/\"//g' {} > NEW.case", path_,
                   path_);
     if (line.find_first_not_of("0123456789+-.eE \t") == std::string_view::npos) {
-      if (!in_values_) return {};
-      values_ += count_words(line);
-      return check_times(line);
+      return in_values_ ? add_times(line) : Status{};
     }
     const std::size_t colon = line.find(':');
     const std::string_view key = line.substr(0, colon);
     const std::string_view value = colon == std::string_view::npos ? "" : bare_case_line(line.substr(colon + 1));
     in_values_ = key == "time values";
-    if (in_values_) {
-      values_ += count_words(value);
-      return check_times(value);
-    }
+    if (in_values_) return add_times(value);
     if (key == "filename numbers") return {};
     if (value.empty() || !belongs(key))
       return fail(ErrorCode::unsupported, "{}: the line \"{}\" is of no kind that VTK's reader of EnSight knows", path_,
@@ -84,29 +65,19 @@ class CaseChecker {
  private:
   /// Whether a line of this kind may be in the current section.
   [[nodiscard]] bool belongs(std::string_view key) const {
-    constexpr std::array<std::pair<std::string_view, std::string_view>, 11> keys = {{{"FORMAT", "type"},
-                                                                                     {"GEOMETRY", "model"},
-                                                                                     {"GEOMETRY", "measured"},
-                                                                                     {"GEOMETRY", "match"},
-                                                                                     {"TIME", "time set"},
-                                                                                     {"TIME", "number of steps"},
-                                                                                     {"TIME", "filename start number"},
-                                                                                     {"TIME", "filename increment"},
-                                                                                     {"FILE", "file set"},
-                                                                                     {"FILE", "filename index"},
-                                                                                     {"FILE", "number of steps"}}};
+    if (section_ == "FORMAT") return key == "type";
+    if (section_ == "GEOMETRY") return is_one_of(key, {"model", "measured", "match"});
     if (section_ == "VARIABLE") return key.find(" per ") != std::string_view::npos;
-    return std::ranges::find(keys, std::pair(section_, key)) != keys.end();
+    if (section_ == "FILE") return is_one_of(key, {"file set", "filename index", "number of steps"});
+    return section_ == "TIME" &&
+           is_one_of(key, {"time set", "number of steps", "filename start number", "filename increment"});
   }
 
   /// VTK's reader takes the beginning of a time that is no number.
-  [[nodiscard]] Status check_times(std::string_view text) const {
-    for (; !text.empty(); text = bare_case_line(text)) {
-      const std::string_view word = text.substr(0, text.find_first_of(" \t"));
-      text.remove_prefix(word.size());
-      if (!is_number(word))
+  Status add_times(std::string_view text) {
+    for (; !text.empty(); ++values_)
+      if (const std::string_view word = take_case_word(text); !is_number(word))
         return fail(ErrorCode::invalid_data, "{}: the time value \"{}\" is no number", path_, word.substr(0, 40));
-    }
     return {};
   }
 
@@ -138,16 +109,12 @@ class CaseChecker {
 };
 
 Result<std::size_t> check_case(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(text, read_start(path, largest_case));
-  const std::string_view whole = text;
+  SPLATVOL_TRY_ASSIGN(text, read_text(path, largest_case));
+  std::string_view whole = text;
   if (whole.find("FORMAT") == std::string_view::npos || whole.find("ensight") == std::string_view::npos)
     return fail(ErrorCode::invalid_data, "{}: not an EnSight case (no FORMAT with a type of ensight)", path);
   CaseChecker checker(path);
-  for (std::size_t at = 0; at < whole.size();) {
-    const std::size_t end = std::min(whole.find('\n', at), whole.size());
-    SPLATVOL_TRY(checker.add(bare_case_line(whole.substr(at, end - at))));
-    at = end + 1;
-  }
+  while (!whole.empty()) SPLATVOL_TRY(checker.add(bare_case_line(take_line(whole))));
   SPLATVOL_TRY(checker.finish());
   return checker.most_steps();
 }
@@ -167,25 +134,23 @@ Status check_steps(const VtkFile& file, std::size_t found) {
 Result<CaseDoubts> check_case_files(const VtkFile& file, std::optional<double> time) {
   if (file.kind != VtkFile::Kind::ensight) return CaseDoubts();
   SPLATVOL_TRY(check_case(file.path));
-  SPLATVOL_TRY_ASSIGN(text, read_start(file.path, largest_case));
+  SPLATVOL_TRY_ASSIGN(text, read_text(file.path, largest_case));
   SPLATVOL_TRY_ASSIGN(gaps, check_ensight_files(file.path, EnsightCase(text), time));
   return CaseDoubts{std::move(gaps), !text.empty() && std::isdigit(static_cast<unsigned char>(text.back())) != 0};
 }
 
 Status check_blocks(const VtkFile& file) {
-  if (file.kind == VtkFile::Kind::ensight) return {};
-  if (file.kind == VtkFile::Kind::openfoam) return {};
-  const Result<std::string> start = read_start(file.path, 64);
-  if (!start) return tl::unexpected(start.error());
-  if (file.kind == VtkFile::Kind::exodus && !is_hdf5(*start) && !is_netcdf(*start))
+  if (file.kind == VtkFile::Kind::ensight || file.kind == VtkFile::Kind::openfoam) return {};
+  SPLATVOL_TRY_ASSIGN(start, read_text(file.path, 64));
+  if (file.kind == VtkFile::Kind::exodus && !is_hdf5(start) && !is_netcdf(start))
     return fail(ErrorCode::invalid_data, "{}: not an Exodus file (neither NetCDF nor HDF5)", file.path);
-  if (file.kind == VtkFile::Kind::cgns && !is_hdf5(*start) && start->find("ADF Database") == std::string::npos)
+  if (file.kind == VtkFile::Kind::cgns && !is_hdf5(start) && start.find("ADF Database") == std::string::npos)
     return fail(ErrorCode::invalid_data, "{}: not a CGNS file (neither HDF5 nor ADF)", file.path);
   return check_file_end(file.path);
 }
 
 Result<std::vector<ArrayShape>> ensight_arrays(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(text, read_start(path, largest_case));
+  SPLATVOL_TRY_ASSIGN(text, read_text(path, largest_case));
   const std::vector<EnsightFiles> variables = EnsightCase(text).variables();
   std::vector<ArrayShape> shapes;
   for (const EnsightFiles& files : variables)

@@ -1,6 +1,5 @@
 #include "builder/sources/vtk/block_readers.h"
 
-#include <fmt/format.h>
 #include <vtkCGNSReader.h>
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>
@@ -25,7 +24,6 @@
 #include "builder/sources/vtk/cgns_patches.h"
 #include "builder/sources/vtk/cgns_units.h"
 #include "builder/sources/vtk/ensight_case.h"
-#include "builder/sources/vtk/exodus_reader.h"
 #include "builder/sources/vtk/file_words.h"
 #include "builder/sources/vtk/finer_numbers.h"
 #include "builder/sources/vtk/hdf5_checks.h"
@@ -182,7 +180,7 @@ class OpenFoamReader final : public BlockReader {
 std::vector<std::string> cgns_fields(const std::string& path, std::map<std::string, std::string>& units) {
   std::vector<std::string> names;
   int file = 0, bases = 0;
-  if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK) throw ReaderError(fmt::format("CGNS: {}", cg_get_error()));
+  if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK) throw ReaderError("CGNS: {}", cg_get_error());
   cg_nbases(file, &bases);
   for (int base = 1; base <= bases; ++base) {
     int zones = 0;

@@ -69,6 +69,8 @@ class BlockReader {
 /// Lets VTK's reader read one of `pieces` pieces, at a time if there is one.
 void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces);
 
+[[nodiscard]] std::unique_ptr<BlockReader> make_exodus_reader();
+
 /// Makes the reader of a format with blocks; null for other kinds of files.
 [[nodiscard]] std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind);
 

@@ -43,16 +43,12 @@ std::optional<double> time_of(const std::optional<TimeStep>& step) {
 /// The blocks of one file.
 class BlockDataSets final : public VtkDataSets {
  public:
-  BlockDataSets(VtkFile file, std::vector<std::string> selection, CellValues cells, const MissingValues& missing)
-      : file_(std::move(file)),
-        selection_(std::move(selection)),
-        cells_(cells),
-        missing_(missing),
-        reader_(make_block_reader(file_.kind)) {}
+  BlockDataSets(VtkFile file, const SourceOptions& options)
+      : file_(std::move(file)), options_(options), missing_(options.missing), reader_(make_block_reader(file_.kind)) {}
 
-  Status open(std::optional<double> time) {
+  Status open() {
     SPLATVOL_TRY(check_blocks(file_));
-    SPLATVOL_TRY_ASSIGN(doubts, check_case_files(file_, time));
+    SPLATVOL_TRY_ASSIGN(doubts, check_case_files(file_, options_.time));
     reader_->set_gaps(std::move(doubts.gaps));
     changes_.open_ends += doubts.open_end ? 1 : 0;
     vtkMultiBlockDataSetAlgorithm* algorithm = nullptr;
@@ -60,9 +56,9 @@ class BlockDataSets final : public VtkDataSets {
       algorithm = &reader_->open(file_.path);
       if (file_.patches) reader_->want_patches();
       algorithm->UpdateInformation();
-      reader_->select(selection_);
+      reader_->select(options_.selection);
       const std::vector<double> times = reader_->times();
-      step_ = choose_step(times.empty() ? times_of(*algorithm) : times, time);
+      step_ = choose_step(times.empty() ? times_of(*algorithm) : times, options_.time);
     }));
     algorithm_ = algorithm;
     return check_steps(file_, step_ ? step_->times.size() : 0);
@@ -102,7 +98,7 @@ class BlockDataSets final : public VtkDataSets {
   }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
-    if (portion_ == 0 && cells_ == CellValues::averaged && reader_->portions_share_points())
+    if (portion_ == 0 && options_.cells == CellValues::averaged && reader_->portions_share_points())
       SPLATVOL_TRY(share_points());
     while (blocks_.empty() && portion_ < reader_->portions()) SPLATVOL_TRY(read_portion());
     if (blocks_.empty()) return vtkSmartPointer<vtkDataSet>();
@@ -146,14 +142,14 @@ class BlockDataSets final : public VtkDataSets {
     for (int i = 0; i < all.GetNumberOfArrays(); ++i) {
       vtkDataArray* array = all.GetArray(i);
       if (!array || !array->GetName() || array->GetNumberOfTuples() < data.GetNumberOfCells()) continue;
-      if (!is_bookkeeping(all, i, array->GetName()) && wants_array(selection_, array->GetName()))
+      if (!is_bookkeeping(all, i, array->GetName()) && wants_array(options_.selection, array->GetName()))
         arrays.push_back(array);
     }
     return arrays;
   }
 
   [[nodiscard]] std::vector<ArrayShape> wanted(std::vector<ArrayShape> shapes) const {
-    std::erase_if(shapes, [&](const ArrayShape& shape) { return !wants_array(selection_, shape.name); });
+    std::erase_if(shapes, [&](const ArrayShape& shape) { return !wants_array(options_.selection, shape.name); });
     return shapes;
   }
 
@@ -199,11 +195,16 @@ class BlockDataSets final : public VtkDataSets {
     if (!patch.mesh.triangles.empty()) patches_.push_back(std::move(patch));
   }
 
+  /// Null: the block has no name.
+  static const char* name_of(vtkMultiBlockDataSet& tree, unsigned int block) {
+    return tree.HasMetaData(block) ? tree.GetMetaData(block)->Get(vtkCompositeDataSet::NAME()) : nullptr;
+  }
+
   /// Appends the names of the blocks that hold a data set, and its own. Returns whether there is one.
   static bool find_path(vtkMultiBlockDataSet& tree, vtkDataSet& data, std::vector<std::string>& path) {
     for (unsigned int i = 0; i < tree.GetNumberOfBlocks(); ++i) {
       if (!contains(tree.GetBlock(i), data)) continue;
-      const char* name = tree.HasMetaData(i) ? tree.GetMetaData(i)->Get(vtkCompositeDataSet::NAME()) : nullptr;
+      const char* name = name_of(tree, i);
       path.emplace_back(name && *name ? name : "unnamed");
       auto* inner = vtkMultiBlockDataSet::SafeDownCast(tree.GetBlock(i));
       return !inner || find_path(*inner, data, path);
@@ -213,10 +214,8 @@ class BlockDataSets final : public VtkDataSets {
 
   /// The name of the top block that holds a data set: in OpenFOAM, its region.
   static std::string name_of_top(vtkMultiBlockDataSet& tree, vtkDataSet& data) {
-    for (unsigned int i = 0; i < tree.GetNumberOfBlocks(); ++i) {
-      const char* name = tree.HasMetaData(i) ? tree.GetMetaData(i)->Get(vtkCompositeDataSet::NAME()) : nullptr;
-      if (name && contains(tree.GetBlock(i), data)) return name;
-    }
+    for (unsigned int i = 0; i < tree.GetNumberOfBlocks(); ++i)
+      if (const char* name = name_of(tree, i); name && contains(tree.GetBlock(i), data)) return name;
     return {};
   }
 
@@ -228,8 +227,7 @@ class BlockDataSets final : public VtkDataSets {
   }
 
   VtkFile file_;
-  std::vector<std::string> selection_;
-  CellValues cells_;
+  SourceOptions options_;
   MissingValues missing_;
   std::unique_ptr<BlockReader> reader_;
   vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_
@@ -249,11 +247,9 @@ class BlockDataSets final : public VtkDataSets {
 
 }  // namespace
 
-Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file, const std::vector<std::string>& selection,
-                                                 std::optional<double> time, CellValues cells,
-                                                 const MissingValues& missing) {
-  auto blocks = std::make_unique<BlockDataSets>(file, selection, cells, missing);
-  SPLATVOL_TRY(blocks->open(time));
+Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file, const SourceOptions& options) {
+  auto blocks = std::make_unique<BlockDataSets>(file, options);
+  SPLATVOL_TRY(blocks->open());
   return blocks;
 }
 

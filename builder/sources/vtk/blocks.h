@@ -2,20 +2,14 @@
 #pragma once
 
 #include <memory>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include "builder/sources/vtk/data_sets.h"
 
 namespace splatvol {
 
-/// Opens a file at the time step nearest to `time`, or without one at the last. Every block with points is a data set,
-/// except surfaces: blocks that have cells with an area, and none with a volume. The blocks of Exodus and CGNS are read
-/// one at a time, those of other formats all at once. Fails if the file cannot be read.
-[[nodiscard]] Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file,
-                                                               const std::vector<std::string>& selection,
-                                                               std::optional<double> time, CellValues cells,
-                                                               const MissingValues& missing);
+/// Opens a file at the time step nearest to `options.time`, or without one at the last. Every block with points is a
+/// data set, except surfaces: blocks that have cells with an area, and none with a volume. The blocks of Exodus and
+/// CGNS are read one at a time, those of other formats all at once. Fails if the file cannot be read.
+[[nodiscard]] Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file, const SourceOptions& options);
 
 }  // namespace splatvol

@@ -1,6 +1,5 @@
 #include "builder/sources/vtk/cgns_patches.h"
 
-#include <fmt/format.h>
 #include <vtkCellType.h>
 #include <vtk_cgns.h>
 
@@ -248,7 +247,7 @@ class ZoneReader {
 
 std::vector<Patch> read_cgns_patches(const std::string& path) {
   int file = 0, bases = 0;
-  if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK) throw ReaderError(fmt::format("CGNS: {}", cg_get_error()));
+  if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK) throw ReaderError("CGNS: {}", cg_get_error());
   std::map<std::string, TriangleMesh> patches;
   cg_nbases(file, &bases);
   for (int base = 1; base <= bases; ++base) {

@@ -65,56 +65,13 @@ bool go_to(const CgnsField& at, int level) {
 /// The symbols of base units; empty where the file names none.
 using Symbols = std::array<std::string_view, 5>;
 
-std::string_view mass_symbol(CGNS_ENUMT(MassUnits_t) unit) {
-  switch (unit) {
-    case CGNS_ENUMV(Kilogram):
-      return "kg";
-    case CGNS_ENUMV(Gram):
-      return "g";
-    case CGNS_ENUMV(Slug):
-      return "slug";
-    case CGNS_ENUMV(PoundMass):
-      return "lb";
-    default:
-      return {};
-  }
+/// The symbol of a unit, by its number in the library's list; 0 and 1: none.
+std::string_view symbol_of(int unit, std::initializer_list<std::string_view> symbols) {
+  const auto index = static_cast<std::size_t>(unit - 2);
+  return unit >= 2 && index < symbols.size() ? symbols.begin()[index] : std::string_view();
 }
-
-std::string_view length_symbol(CGNS_ENUMT(LengthUnits_t) unit) {
-  switch (unit) {
-    case CGNS_ENUMV(Meter):
-      return "m";
-    case CGNS_ENUMV(Centimeter):
-      return "cm";
-    case CGNS_ENUMV(Millimeter):
-      return "mm";
-    case CGNS_ENUMV(Foot):
-      return "ft";
-    case CGNS_ENUMV(Inch):
-      return "in";
-    default:
-      return {};
-  }
-}
-
-std::string_view temperature_symbol(CGNS_ENUMT(TemperatureUnits_t) unit) {
-  switch (unit) {
-    case CGNS_ENUMV(Kelvin):
-      return "K";
-    case CGNS_ENUMV(Celsius):
-      return "degC";
-    case CGNS_ENUMV(Rankine):
-      return "degR";
-    case CGNS_ENUMV(Fahrenheit):
-      return "degF";
-    default:
-      return {};
-  }
-}
-
-std::string_view angle_symbol(CGNS_ENUMT(AngleUnits_t) unit) {
-  return unit == CGNS_ENUMV(Radian) ? "rad" : unit == CGNS_ENUMV(Degree) ? "deg" : std::string_view();
-}
+static_assert(CGNS_ENUMV(Kilogram) == 2 && CGNS_ENUMV(Meter) == 2 && CGNS_ENUMV(Second) == 2 &&
+              CGNS_ENUMV(Kelvin) == 2 && CGNS_ENUMV(Degree) == 2);
 
 /// Reads the units of the current node, if it has any.
 std::optional<Symbols> read_symbols() {
@@ -124,9 +81,9 @@ std::optional<Symbols> read_symbols() {
   CGNS_ENUMT(TemperatureUnits_t) temperature{};
   CGNS_ENUMT(AngleUnits_t) angle{};
   if (cg_units_read(&mass, &length, &time, &temperature, &angle) != CG_OK) return std::nullopt;
-  return Symbols{mass_symbol(mass), length_symbol(length),
-                 time == CGNS_ENUMV(Second) ? std::string_view("s") : std::string_view(),
-                 temperature_symbol(temperature), angle_symbol(angle)};
+  return Symbols{symbol_of(mass, {"kg", "g", "slug", "lb"}), symbol_of(length, {"m", "cm", "mm", "ft", "in"}),
+                 symbol_of(time, {"s"}), symbol_of(temperature, {"K", "degC", "degR", "degF"}),
+                 symbol_of(angle, {"deg", "rad"})};
 }
 
 /// Reads the exponents of the current node, if it has any.

@@ -1,13 +1,10 @@
 // XML files that name other files: time series (.pvd) and trees of blocks (.vtm).
 #pragma once
 
-#include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
-#include "builder/sources/vtk/data_sets.h"
 
 namespace splatvol {
 
@@ -23,10 +20,5 @@ struct CollectionStep {
 
 /// Lists the files of the blocks that a .vtm, .vtpd or .vtpc names, at any depth, in its order.
 [[nodiscard]] Result<std::vector<std::string>> block_files(const std::string& path);
-
-/// Reads files as blocks of one data set: those with only surfaces are left out. Other contracts as read_vtk_files.
-[[nodiscard]] std::unique_ptr<VtkDataSets> read_composite(const VtkFile& composite, std::vector<std::string> selection,
-                                                          std::optional<double> time, CellValues cells,
-                                                          const MissingValues& missing);
 
 }  // namespace splatvol

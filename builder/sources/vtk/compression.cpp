@@ -41,16 +41,19 @@ Result<std::vector<std::uint64_t>> read_numbers(ByteSource& file, CompressionLay
   if (base64) raw = decode_base64(raw);
   std::vector<std::uint64_t> numbers(std::min<std::size_t>(count, raw.size() / word));
   for (std::size_t i = 0; i < numbers.size(); ++i)
-    for (std::size_t k = 0; k < word; ++k)
-      numbers[i] = numbers[i] << 8 | static_cast<unsigned char>(raw[i * word + (layout.big_endian ? k : word - 1 - k)]);
+    numbers[i] = number_in(std::string_view(raw).substr(i * word, word), layout.big_endian);
   return numbers;
+}
+
+tl::unexpected<Error> fail_cut(const ByteSource& file, std::uint64_t offset) {
+  return fail(ErrorCode::invalid_data, "{}: the file is cut off: it ends within the array at byte {}", file.name(),
+              offset);
 }
 
 /// Fails if fewer than `bytes` bytes follow `offset`.
 Status check_end(const ByteSource& file, std::uint64_t offset, double bytes) {
   if (offset <= file.size() && bytes <= static_cast<double>(file.size() - offset)) return {};
-  return fail(ErrorCode::invalid_data, "{}: the file is cut off: it ends within the array at byte {}", file.name(),
-              offset);
+  return fail_cut(file, offset);
 }
 
 }  // namespace
@@ -87,9 +90,7 @@ Result<double> check_compression_header(ByteSource& file, CompressionLayout layo
 Result<double> check_uncompressed_array(ByteSource& file, CompressionLayout layout, std::uint64_t offset, bool base64) {
   const std::size_t word = layout.wide ? 8 : 4;
   SPLATVOL_TRY_ASSIGN(numbers, read_numbers(file, layout, offset, base64, 1));
-  if (numbers.empty())
-    return fail(ErrorCode::invalid_data, "{}: the file is cut off: it ends within the array at byte {}", file.name(),
-                offset);
+  if (numbers.empty()) return fail_cut(file, offset);
   const auto bytes = static_cast<double>(numbers[0]);
   double all = static_cast<double>(word) + bytes;
   if (base64) {

@@ -12,6 +12,7 @@
 #include "builder/sources/source.h"
 
 class vtkDataSet;
+class vtkPoints;
 template <class T>
 class vtkSmartPointer;
 
@@ -102,5 +103,8 @@ class VtkDataSets {
 
 /// Copies a data set without its arrays, which the copy shares: a reader forgets its own data set at the next read.
 [[nodiscard]] vtkSmartPointer<vtkDataSet> copy_sharing_arrays(vtkDataSet& data);
+
+/// Makes points of double precision.
+[[nodiscard]] vtkSmartPointer<vtkPoints> make_points(std::span<const dvec3> points);
 
 }  // namespace splatvol

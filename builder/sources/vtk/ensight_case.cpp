@@ -4,38 +4,26 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
-#include <utility>
 
-#include "builder/sources/vtk/file_words.h"
+#include "builder/sources/read_text.h"
 
 namespace splatvol {
 namespace {
 
-/// Removes the first word of a line, and returns it.
-std::string_view take_word(std::string_view& line) {
-  const std::size_t end = std::min(line.find_first_of(" \t"), line.size());
-  const std::string_view word = line.substr(0, end);
-  line = bare_case_line(line.substr(end));
-  return word;
-}
-
 std::optional<double> number_in(std::string_view word) {
   if (word.starts_with('+')) word.remove_prefix(1);
-  double number = 0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
-  return error == std::errc() && end == word.data() + word.size() ? std::optional(number) : std::nullopt;
+  return number_of<double>(word);
 }
 
 void append_numbers(std::string_view line, std::vector<double>& numbers) {
   while (!line.empty())
-    if (const auto number = number_in(take_word(line))) numbers.push_back(*number);
+    if (const auto number = number_in(take_case_word(line))) numbers.push_back(*number);
 }
 
 /// A count or a number of a set; 0 if there is none, or a wrong one.
 int whole_number(std::string_view line) {
-  const auto number = number_in(take_word(line));
+  const auto number = number_in(take_case_word(line));
   return number && *number >= 0 && *number < 1e9 ? static_cast<int>(*number) : 0;
 }
 
@@ -44,7 +32,7 @@ EnsightFiles take_sets(std::string_view& line) {
   EnsightFiles files;
   for (int* set : {&files.time_set, &files.file_set}) {
     std::string_view rest = line;
-    const std::string_view word = take_word(rest);
+    const std::string_view word = take_case_word(rest);
     if (rest.empty() || word.find_first_not_of("0123456789") != std::string_view::npos) break;
     *set = whole_number(word);
     line = rest;
@@ -61,18 +49,17 @@ std::string with_number(const std::string& pattern, double number) {
 
 }  // namespace
 
-std::string_view bare_case_line(std::string_view line) {
-  line = line.substr(0, line.find('#'));
-  while (!line.empty() && is_white_space(line.front())) line.remove_prefix(1);
-  while (!line.empty() && is_white_space(line.back())) line.remove_suffix(1);
-  return line;
+std::string_view bare_case_line(std::string_view line) { return trimmed(line.substr(0, line.find('#'))); }
+
+std::string_view take_case_word(std::string_view& line) {
+  const std::string_view word = line.substr(0, line.find_first_of(" \t"));
+  line = bare_case_line(line.substr(word.size()));
+  return word;
 }
 
 EnsightCase::EnsightCase(std::string_view text) {
   while (!text.empty()) {
-    const std::size_t end = std::min(text.find('\n'), text.size());
-    const std::string_view line = bare_case_line(text.substr(0, end));
-    text.remove_prefix(std::min(end + 1, text.size()));
+    const std::string_view line = bare_case_line(take_line(text));
     const std::size_t colon = line.find(':');
     if (line.empty()) continue;
     if (list_ && line.find_first_not_of("0123456789+-.eE \t") == std::string_view::npos) {
@@ -97,7 +84,7 @@ void EnsightCase::read_line(std::string_view key, std::string_view value) {
   if (section_ != "GEOMETRY" || key != "model") return;
   const std::string_view all = value;
   geometry_ = take_sets(value);
-  geometry_->name = take_word(value);
+  geometry_->name = take_case_word(value);
   if (geometry_->name.empty() || (!value.empty() && !value.starts_with("change_coords_only")))
     wrong_line_ = fmt::format("{}: {}", key, all);
   // With "change_coords_only" later files lack the cells.
@@ -140,11 +127,11 @@ void EnsightCase::read_variable(std::string_view key, std::string_view value) {
     if (where != "node" && where != "element") return;
     const std::string_view all = value;
     EnsightFiles files = take_sets(value);
-    files.variable = take_word(value);
+    files.variable = take_case_word(value);
     files.components = kind.components;
     files.per_element = where == "element";
     for (std::size_t i = 0; i < kind.files && !value.empty(); ++i) {
-      files.name = take_word(value);
+      files.name = take_case_word(value);
       variables_.push_back(files);
     }
     // The frequency of a complex value may follow.

@@ -82,4 +82,7 @@ class EnsightCase {
 /// Removes the comment and the white space round a line of a case.
 [[nodiscard]] std::string_view bare_case_line(std::string_view line);
 
+/// Removes the first word of such a line, and returns it.
+std::string_view take_case_word(std::string_view& line);
+
 }  // namespace splatvol

@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "base/file.h"
-#include "base/printable.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/file_words.h"
@@ -36,12 +35,6 @@ struct EnsightEncoding {
 /// Microsoft's C library "1.#IND" or "1.#QNAN" for one that is none.
 bool is_unwritten(std::string_view word) {
   return !word.empty() && (word.find_first_not_of('*') == std::string_view::npos || word.find(".#") < word.size());
-}
-
-std::string_view trimmed(std::string_view text) {
-  while (!text.empty() && is_white_space(text.front())) text.remove_prefix(1);
-  while (!text.empty() && is_white_space(text.back())) text.remove_suffix(1);
-  return text;
 }
 
 /// Numbers and lines of one file, text or binary. `ended()` tells that a read failed: the file ended, or `odd()` stands
@@ -240,26 +233,13 @@ using Layout = std::map<std::uint64_t, Part>;  // by the parts' numbers
 
 /// Nodes of an element of a type; 1 for types whose elements count their nodes; 0 if unknown.
 std::uint64_t nodes_of(std::string_view type) {
-  constexpr std::array<std::pair<std::string_view, std::uint64_t>, 17> types = {{{"point", 1},
-                                                                                 {"bar2", 2},
-                                                                                 {"bar3", 3},
-                                                                                 {"tria3", 3},
-                                                                                 {"tria6", 6},
-                                                                                 {"quad4", 4},
-                                                                                 {"quad8", 8},
-                                                                                 {"tetra4", 4},
-                                                                                 {"tetra10", 10},
-                                                                                 {"pyramid5", 5},
-                                                                                 {"pyramid13", 13},
-                                                                                 {"penta6", 6},
-                                                                                 {"penta15", 15},
-                                                                                 {"hexa8", 8},
-                                                                                 {"hexa20", 20},
-                                                                                 {"nsided", 1},
-                                                                                 {"nfaced", 1}}};
+  constexpr std::array<std::string_view, 14> with_nodes = {"bar2",   "bar3",    "tria3",   "tria6",    "quad4",
+                                                           "quad8",  "tetra4",  "tetra10", "pyramid5", "pyramid13",
+                                                           "penta6", "penta15", "hexa8",   "hexa20"};
   if (type.starts_with("g_")) type.remove_prefix(2);
-  const auto* found = std::ranges::find(types, type, &std::pair<std::string_view, std::uint64_t>::first);
-  return found == types.end() ? 0 : found->second;
+  if (is_one_of(type, {"point", "nsided", "nfaced"})) return 1;
+  const bool known = std::ranges::find(with_nodes, type) != with_nodes.end();
+  return known ? number_of<std::uint64_t>(type.substr(type.find_first_of("123456789"))).value_or(0) : 0;
 }
 
 std::string_view first_word(std::string_view line) { return line.substr(0, line.find_first_of(" \t")); }

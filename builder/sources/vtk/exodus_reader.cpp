@@ -1,4 +1,4 @@
-#include "builder/sources/vtk/exodus_reader.h"
+#include "builder/sources/vtk/block_readers.h"
 
 #include <fmt/format.h>
 #include <vtkCellArray.h>
@@ -7,21 +7,237 @@
 #include <vtkExodusIIReader.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkNew.h>
+#include <vtkObjectFactory.h>
 #include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkSmartPointer.h>
 #include <vtkUnstructuredGrid.h>
+#include <vtkVersion.h>
+#include <vtk_exodusII.h>
 
 #include <algorithm>
+#include <array>
+#include <cctype>
+#include <cstdint>
+#include <filesystem>
+#include <map>
 #include <optional>
+#include <set>
+#include <string_view>
 
+#include "builder/sources/read_text.h"
 #include "builder/sources/source.h"
 #include "builder/sources/vtk/cell_counts.h"
-#include "builder/sources/vtk/exodus_file.h"
 #include "builder/sources/vtk/hdf5_checks.h"
 #include "builder/sources/vtk/messages.h"
-#include "builder/sources/vtk/precise_points.h"
+#include "builder/sources/vtk/netcdf_checks.h"
 
 namespace splatvol {
 namespace {
+
+/// Facts of an Exodus file. Numbers of variables and of blocks count from 0, in the order of the file.
+struct ExodusHeader {
+  struct Block {
+    int number = 0;
+    std::string type;        // "HEX8"; empty: it has no cells
+    std::int64_t nodes = 0;  // of a cell; of polygons and polyhedra: of all
+  };
+  bool single = false;           // coordinates have 4 bytes
+  std::vector<double> times;     // of the steps, if the file leaves their number open (count_open_records)
+  std::map<int, Block> blocks;   // by id
+  std::set<std::string> values;  // the names of NetCDF's variables with values of Exodus's variables
+  bool in_one_array = false;     // an older file: one of them has the values of all variables of the points
+
+  /// Whether a variable that is declared has values: of the points, or of a block's cells.
+  [[nodiscard]] bool has_nodal_values(int variable) const {
+    return values.contains(in_one_array ? "vals_nod_var" : fmt::format("vals_nod_var{}", variable + 1));
+  }
+  [[nodiscard]] bool has_element_values(int block, int variable) const {
+    return values.contains(fmt::format("vals_elem_var{}eb{}", variable + 1, block + 1));
+  }
+};
+
+class ExodusFile {
+ public:
+  explicit ExodusFile(const std::string& path) : bytes_(std::filesystem::file_size(path)) {
+    int real_bytes = 8, stored_real_bytes = 0;
+    float version = 0;
+    id_ = ex_open(path.c_str(), EX_READ | EX_ALL_INT64_API, &real_bytes, &stored_real_bytes, &version);
+  }
+  ~ExodusFile() {
+    if (is_open()) ex_close(id_);
+  }
+  ExodusFile(const ExodusFile&) = delete;
+  ExodusFile& operator=(const ExodusFile&) = delete;
+
+  [[nodiscard]] bool is_open() const { return id_ >= 0; }
+  [[nodiscard]] int id() const { return id_; }
+
+  /// The ids of blocks or sets of a kind; none if the file is too small for them. Ids are 0 in a file that is cut off
+  /// before them.
+  [[nodiscard]] std::vector<std::int64_t> ids(ex_entity_type type, ex_inquiry count_of_type) const {
+    const auto count = ex_inquire_int(id_, count_of_type);
+    if (count < 1 || static_cast<std::uintmax_t>(count) > bytes_) return {};
+    std::vector<std::int64_t> ids(static_cast<std::size_t>(count));
+    if (ex_get_ids(id_, type, ids.data()) < 0) return {};
+    return ids;
+  }
+
+  /// The names of NetCDF's variables that begin with `start`.
+  [[nodiscard]] std::set<std::string> variables(std::string_view start) const {
+    int count = 0;
+    std::set<std::string> names;
+    std::array<char, NC_MAX_NAME + 1> name{};
+    if (nc_inq_nvars(id_, &count) != NC_NOERR) return names;
+    for (int v = 0; v < count; ++v)
+      if (nc_inq_varname(id_, v, name.data()) == NC_NOERR && std::string_view(name.data()).starts_with(start))
+        names.emplace(name.data());
+    return names;
+  }
+
+  /// Whether coordinates, and the values of all variables of the points, lie in one array each.
+  [[nodiscard]] bool has_old_model() const { return ex_large_model(id_) == 0; }
+
+  /// Whether the coordinates are stored as numbers of 4 bytes.
+  [[nodiscard]] bool has_single_coordinates() const {
+    int variable = 0;
+    nc_type type = NC_NAT;
+    return nc_inq_varid(id_, has_old_model() ? "coord" : "coordx", &variable) == NC_NOERR &&
+           nc_inq_vartype(id_, variable, &type) == NC_NOERR && type == NC_FLOAT;
+  }
+
+  /// The times of so many steps; their numbers, as VTK's reader has it, if the file does not tell.
+  [[nodiscard]] std::vector<double> times(std::size_t steps) const {
+    std::vector<double> times(steps);
+    int variable = 0;
+    const bool told = nc_inq_varid(id_, "time_whole", &variable) == NC_NOERR;
+    for (std::size_t step = 0; step < steps; ++step) {
+      constexpr std::size_t one = 1;
+      if (!told || nc_get_vara_double(id_, variable, &step, &one, &times[step]) != NC_NOERR)
+        times[step] = static_cast<double>(step);
+    }
+    return times;
+  }
+
+ private:
+  std::uintmax_t bytes_;
+  int id_ = -1;
+};
+
+void check_ids(const ExodusFile& file) {
+  for (const auto& [type, count_of_type] : {std::pair{EX_ELEM_BLOCK, EX_INQ_ELEM_BLK},
+                                            {EX_EDGE_BLOCK, EX_INQ_EDGE_BLK},
+                                            {EX_FACE_BLOCK, EX_INQ_FACE_BLK},
+                                            {EX_NODE_SET, EX_INQ_NODE_SETS},
+                                            {EX_EDGE_SET, EX_INQ_EDGE_SETS},
+                                            {EX_FACE_SET, EX_INQ_FACE_SETS},
+                                            {EX_SIDE_SET, EX_INQ_SIDE_SETS},
+                                            {EX_ELEM_SET, EX_INQ_ELEM_SETS}}) {
+    std::vector<std::int64_t> ids = file.ids(type, count_of_type);
+    std::ranges::sort(ids);
+    if (std::ranges::adjacent_find(ids) != ids.end())
+      throw ReaderError("Exodus: two blocks or two sets have the same id");
+  }
+}
+
+/// The corners of a cell of this type, as VTK's reader takes them; 0: any number.
+std::int64_t corners_of(std::string_view type) {
+  std::string start(type.substr(0, 3));
+  for (char& c : start) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  if (is_one_of(start, {"CIR", "SPH"})) return 1;
+  if (is_one_of(start, {"BAR", "TRU", "BEA", "EDG"})) return 2;
+  if (is_one_of(start, {"QUA", "TET"})) return 4;
+  return start == "TRI" ? 3 : start == "PYR" ? 5 : start == "WED" ? 6 : start == "HEX" ? 8 : 0;
+}
+
+void read_blocks(const ExodusFile& file, ExodusHeader& header) {
+  for (const std::int64_t id : file.ids(EX_ELEM_BLOCK, EX_INQ_ELEM_BLK)) {
+    ex_block block{};
+    block.id = id;
+    block.type = EX_ELEM_BLOCK;
+    const auto number = static_cast<int>(header.blocks.size());
+    ExodusHeader::Block& known = header.blocks[static_cast<int>(id)];
+    known.number = number;
+    if (ex_get_block_param(file.id(), &block) < 0 || block.num_entry == 0) continue;
+    known.type = block.topology;
+    known.nodes = block.num_nodes_per_entry;
+    if (known.nodes < corners_of(known.type))
+      throw ReaderError("Exodus: block {} is damaged: cells of type {} with {} nodes", id, known.type.substr(0, 32),
+                        known.nodes);
+  }
+}
+
+/// VTK's reader skips variables of cells if it finds no time steps, as in a file that leaves their number open.
+void check_open_records(const ExodusHeader& header, std::uint64_t records) {
+  const auto of_cells = header.values.lower_bound("vals_elem_var");
+  if (of_cells == header.values.end() || !of_cells->starts_with("vals_elem_var")) return;
+  throw ReaderError(
+      "Exodus: its number of records is left open, and then VTK's reader skips variables of cells: write {} "
+      "into its header (byte 4 and those that follow, the highest byte first)",
+      records);
+}
+
+/// Reads the header; an empty one if VTK's reader will tell what is wrong with the file. Throws ReaderError if two
+/// blocks or sets of one kind have the same id, or if a block's cells have fewer nodes than corners: VTK 9.1 then reads
+/// past the end of its lists. Call it inside run_vtk.
+ExodusHeader read_exodus_header(const std::string& path) {
+  ex_opts(EX_DEFAULT);  // keeps the library from printing its errors
+  ExodusHeader header;
+  const ExodusFile file(path);
+  if (!file.is_open()) return header;
+  check_ids(file);
+  read_blocks(file, header);
+  header.values = file.variables("vals_");
+  header.in_one_array = file.has_old_model();
+  header.single = file.has_single_coordinates();
+  const auto records = count_open_records(path);
+  if (!records) throw ReaderError("{}", records.error().message);
+  if (*records) check_open_records(header, **records);
+  if (*records) header.times = file.times(static_cast<std::size_t>(**records));
+  if (*records && header.times.empty()) header.values.clear();
+  return header;
+}
+
+class DoublePoints final : public vtkPoints {
+ public:
+  static DoublePoints* New();
+  vtkTypeMacro(DoublePoints, vtkPoints)
+
+      protected : DoublePoints()
+      : vtkPoints(VTK_DOUBLE) {}
+};
+vtkStandardNewMacro(DoublePoints);
+
+class PointsFactory final : public vtkObjectFactory {
+ public:
+  static PointsFactory* New();
+  vtkTypeMacro(PointsFactory, vtkObjectFactory)
+
+      const char* GetVTKSourceVersion() override {
+    return VTK_SOURCE_VERSION;
+  }
+  const char* GetDescription() override { return "points of double precision"; }
+
+ protected:
+  PointsFactory() {
+    RegisterOverride("vtkPoints", "DoublePoints", GetDescription(), 1,
+                     [] { return static_cast<vtkObject*>(DoublePoints::New()); });
+  }
+};
+vtkStandardNewMacro(PointsFactory);
+
+/// While one of these is there, VTK makes points of double precision instead of single. For readers that hold
+/// coordinates in double precision up to this step. Not thread-safe.
+class PrecisePoints {
+ public:
+  PrecisePoints() { vtkObjectFactory::RegisterFactory(factory_); }
+  ~PrecisePoints() { vtkObjectFactory::UnRegisterFactory(factory_); }
+  PrecisePoints(const PrecisePoints&) = delete;
+  PrecisePoints& operator=(const PrecisePoints&) = delete;
+
+ private:
+  vtkSmartPointer<PointsFactory> factory_ = vtkSmartPointer<PointsFactory>::New();
+};
 
 class ExodusReader final : public BlockReader {
  public:
@@ -111,9 +327,9 @@ class ExodusReader final : public BlockReader {
     const vtkIdType taken = grid.GetCells()->GetCellSize(0);
     if (type == VTK_POLYGON || type == VTK_POLYHEDRON || taken == block.nodes) return;
     throw ReaderError(
-        fmt::format("Exodus: cells of block {} have {} nodes ({}), of which VTK's reader would take {}: save them with "
-                    "corners only, or with corners and the middles of edges",
-                    id, block.nodes, block.type.substr(0, 32), taken));
+        "Exodus: cells of block {} have {} nodes ({}), of which VTK's reader would take {}: save them with "
+        "corners only, or with corners and the middles of edges",
+        id, block.nodes, block.type.substr(0, 32), taken);
   }
 
   /// Takes out the values of variables that the file declares and does not hold. VTK's reader returns leftover memory

@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
-#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -25,8 +23,6 @@ bool is_number(std::string_view word) {
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
   return error != std::errc::invalid_argument && end == word.data() + word.size();
 }
-
-bool is_white_space(char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; }
 
 void FileWords::skip_white_space() {
   while (fill() && is_white_space(text_[at_])) ++at_;

@@ -12,8 +12,6 @@
 
 namespace splatvol {
 
-[[nodiscard]] bool is_white_space(char c);
-
 /// Whether a whole word is a number in decimal digits, nan or inf.
 [[nodiscard]] bool is_number(std::string_view word);
 

@@ -4,7 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
@@ -30,9 +30,7 @@ Result<std::string> read_json(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(header, read_text(*file, 0, header_bytes));
   if (header.compare(0, 4, "glTF") != 0) return read_text(*file, 0, file->size());
   if (header.size() < header_bytes) return fail(ErrorCode::invalid_data, "{}: the file is cut off", path);
-  std::uint32_t bytes = 0;  // little-endian, like all machines that we run on
-  std::memcpy(&bytes, header.data() + 12, sizeof(bytes));
-  return read_text(*file, header_bytes, bytes);
+  return read_text(*file, header_bytes, number_in(std::string_view(header).substr(12, 4), false));
 }
 
 /// A node, and how many paths lead to it: each shows it once.
@@ -94,6 +92,19 @@ std::vector<std::size_t> shown_nodes(const json& document, std::vector<Node>& no
   return shown;
 }
 
+/// Fails unless the files that hold buffers are there: VTK's reader crashes without them.
+Status check_buffers(const std::string& path, const json& document) {
+  for (const json& buffer : list_of(document, "buffers")) {
+    const auto uri = buffer.is_object() ? buffer.find("uri") : buffer.end();
+    if (!buffer.is_object() || uri == buffer.end() || !uri->is_string()) continue;
+    const auto& name = uri->get_ref<const std::string&>();
+    if (name.starts_with("data:")) continue;
+    const auto named = open_file(std::filesystem::path(path).parent_path() / name);
+    if (!named) return fail_in(path, named.error());
+  }
+  return {};
+}
+
 /// What all scenes show. The numbers may be infinite.
 struct Shown {
   double nodes = 0, parts = 0;
@@ -126,7 +137,9 @@ Status check_gltf(const std::string& path) try {
   SPLATVOL_TRY_ASSIGN(text, read_json(path));
   if (is_nested_deeper(text, most_nesting))
     return fail(ErrorCode::invalid_data, "{}: its JSON is nested deeper than {} levels", path, most_nesting);
-  const auto shown = count_shown(parse_json(text));
+  const json document = parse_json(text);
+  SPLATVOL_TRY(check_buffers(path, document));
+  const auto shown = count_shown(document);
   if (!shown) return fail(ErrorCode::invalid_data, "{}: a node contains itself: damaged", path);
   if (shown->parts <= most_parts && shown->nodes <= most_nodes) return {};
   return fail(ErrorCode::unsupported,

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
@@ -14,7 +13,6 @@
 #include <string_view>
 #include <utility>
 
-#include "base/file.h"
 #include "builder/sources/read_text.h"
 
 namespace splatvol {
@@ -64,7 +62,7 @@ class Scanner {
     const std::size_t end = std::min(bytes_.find('\n', at_), bytes_.size());
     std::string_view line = bytes_.substr(at_, end - at_);
     at_ = std::min(end + 1, bytes_.size());
-    while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back())) != 0) line.remove_suffix(1);
+    while (!line.empty() && is_white_space(line.back())) line.remove_suffix(1);
     return line;
   }
 
@@ -105,7 +103,7 @@ class Scanner {
   }
 
   void skip_space() {
-    while (at_ < bytes_.size() && std::isspace(static_cast<unsigned char>(bytes_[at_])) != 0) ++at_;
+    while (at_ < bytes_.size() && is_white_space(bytes_[at_])) ++at_;
   }
 
   std::string_view bytes_;
@@ -420,14 +418,12 @@ std::optional<std::size_t> gmsh_node_count(int type) {
 }
 
 Result<GmshFile> read_gmsh(const std::string& path, bool groups) {
-  SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  SPLATVOL_TRY_ASSIGN(bytes, read_text(*file, 0, file->size()));
+  SPLATVOL_TRY_ASSIGN(bytes, read_text(path));
   return GmshReader(path, bytes, groups).read();
 }
 
 Result<std::vector<GmshView>> read_gmsh_views(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  SPLATVOL_TRY_ASSIGN(bytes, read_text(*file, 0, file->size()));
+  SPLATVOL_TRY_ASSIGN(bytes, read_text(path));
   SPLATVOL_TRY_ASSIGN(gmsh, GmshReader(path, bytes, false, true).read());
   return std::move(gmsh.views);
 }

@@ -1,12 +1,10 @@
 #include "builder/sources/vtk/gmsh_reader.h"
 
-#include <fmt/format.h>
 #include <vtkCellData.h>
 #include <vtkCellType.h>
 #include <vtkDoubleArray.h>
 #include <vtkNew.h>
 #include <vtkPointData.h>
-#include <vtkPoints.h>
 #include <vtkSmartPointer.h>
 #include <vtkUnstructuredGrid.h>
 
@@ -23,9 +21,9 @@
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/gmsh_file.h"
+#include "builder/sources/vtk/loaded_data_sets.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/patch.h"
-#include "builder/sources/vtk/single_data_set.h"
 
 namespace splatvol {
 namespace {
@@ -98,7 +96,7 @@ class TagIndex {
   /// Throws if there is no such tag.
   [[nodiscard]] vtkIdType find(std::uint64_t tag, const char* what) const {
     const auto found = indices_.find(tag);
-    if (found == indices_.end()) throw ReaderError(fmt::format("{} {} is named, but not in the file", what, tag));
+    if (found == indices_.end()) throw ReaderError("{} {} is named, but not in the file", what, tag);
     return found->second;
   }
 
@@ -110,12 +108,7 @@ class TagIndex {
 class GridMaker {
  public:
   explicit GridMaker(const GmshFile& file) : file_(file), nodes_(file.node_tags), elements_(file.elements.tags) {
-    const vtkNew<vtkPoints> points;
-    points->SetDataTypeToDouble();
-    points->SetNumberOfPoints(static_cast<vtkIdType>(file.points.size()));
-    for (std::size_t i = 0; i < file.points.size(); ++i)
-      points->SetPoint(static_cast<vtkIdType>(i), file.points[i].x, file.points[i].y, file.points[i].z);
-    grid_->SetPoints(points);
+    grid_->SetPoints(make_points(file.points));
     grid_->AllocateEstimate(static_cast<vtkIdType>(file.elements.types.size()), 8);
     add_cells();
   }
@@ -200,9 +193,9 @@ class GridMaker {
       const ElementKind* kind = find_kind(type);
       if (!kind)
         throw ReaderError(
-            fmt::format("elements of Gmsh's type {} (order 3 or more) cannot be read; lower the order: "
-                        "gmsh IN.msh -order 2 -save -o OUT.msh",
-                        type));
+            "elements of Gmsh's type {} (order 3 or more) cannot be read; lower the order: "
+            "gmsh IN.msh -order 2 -save -o OUT.msh",
+            type);
       first_node_.push_back(at);
       for (std::size_t i = 0; i < kind->nodes; ++i)
         points[i] = nodes_.find(elements.nodes[at + kind->order[i]], "node");
@@ -244,8 +237,8 @@ class GridMaker {
       const std::size_t nodes = *gmsh_node_count(file_.elements.types[element]);
       // A view may have the corners of an element of higher order only.
       if (view.counts[i] > nodes)
-        throw ReaderError(fmt::format("the view \"{}\" has {} values for the {} nodes of element {}", view.name,
-                                      view.counts[i], nodes, view.tags[i]));
+        throw ReaderError("the view \"{}\" has {} values for the {} nodes of element {}", view.name, view.counts[i],
+                          nodes, view.tags[i]);
       for (std::size_t n = 0; n < view.counts[i]; ++n) {
         const vtkIdType point = nodes_.find(file_.elements.nodes[first_node_[element] + n], "node");
         counts[static_cast<std::size_t>(point)] += 1;
@@ -290,23 +283,23 @@ bool is_superseded(const GmshFile& file, std::size_t index, double time) {
 
 }  // namespace
 
-Result<std::unique_ptr<VtkDataSets>> open_gmsh(const VtkFile& file, const std::vector<std::string>& selection,
-                                               std::optional<double> time) {
+Result<std::unique_ptr<VtkDataSets>> open_gmsh(const VtkFile& file, const SourceOptions& options) {
   SPLATVOL_TRY_ASSIGN(gmsh, read_gmsh(file.path, file.patches));
   if (gmsh.points.empty()) return fail(ErrorCode::invalid_data, "{}: no nodes in it, so no mesh", file.path);
-  const std::optional<TimeStep> step = choose_step(gmsh, time);
+  const std::optional<TimeStep> step = choose_step(gmsh, options.time);
   vtkSmartPointer<vtkDataSet> data;
   std::vector<Patch> patches;
   SPLATVOL_TRY(run_vtk(file.path, [&] {
     GridMaker maker(gmsh);
     for (std::size_t i = 0; i < gmsh.views.size(); ++i) {
-      const bool used = wants_array(selection, gmsh.views[i].name) && !is_superseded(gmsh, i, step ? step->time : 0);
+      const bool used =
+          wants_array(options.selection, gmsh.views[i].name) && !is_superseded(gmsh, i, step ? step->time : 0);
       if (used) maker.add_view(gmsh.views[i]);
     }
     data = maker.grid();
     patches = maker.patches();
   }));
-  return std::make_unique<SingleDataSet>(file.path, data, step, std::move(patches));
+  return std::make_unique<LoadedDataSets>(file.path, std::vector{data}, step, std::move(patches));
 }
 
 Result<std::vector<ArrayShape>> gmsh_arrays(const std::string& path) {

@@ -1,7 +1,5 @@
 #include "builder/sources/vtk/hdf5_checks.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -44,16 +42,14 @@ void check_raw_files(hid_t array, hid_t plan, const std::string& name) {
     off_t offset = 0;
     hsize_t size = 0;
     if (H5Pget_external(plan, static_cast<unsigned>(i), file.size() - 1, file.data(), &offset, &size) < 0)
-      throw ReaderError(fmt::format("the array \"{}\" is damaged", name));
+      throw ReaderError("the array \"{}\" is damaged", name);
     const std::uint64_t bytes = std::min<std::uint64_t>(left, size), first = static_cast<std::uint64_t>(offset);
     const auto opened = open_file(raw_path(file.data(), array));
-    if (!opened)
-      throw ReaderError(
-          fmt::format("the values of \"{}\" are in a file of their own: {}", name, opened.error().message));
+    if (!opened) throw ReaderError("the values of \"{}\" are in a file of their own: {}", name, opened.error().message);
     const std::uint64_t there = (*opened)->size() - std::min(first, (*opened)->size());
     if (bytes > there)
-      throw ReaderError(fmt::format("the values of \"{}\" are cut off: {} has {} of their {} bytes", name,
-                                    (*opened)->name(), there, bytes));
+      throw ReaderError("the values of \"{}\" are cut off: {} has {} of their {} bytes", name, (*opened)->name(), there,
+                        bytes);
     left -= bytes;
   }
 }
@@ -92,14 +88,13 @@ void check_values(hid_t array, const std::string& name, Hdf5Arrays written) {
   const hssize_t values = space.is_open() ? H5Sget_simple_extent_npoints(space.id()) : -1;
   if (values == 0) return;
   if (values > 0 && H5Pget_layout(plan.id()) == H5D_VIRTUAL)
-    throw ReaderError(
-        fmt::format("the array \"{}\" is a view of arrays elsewhere (a virtual one): copy its values into it", name));
+    throw ReaderError("the array \"{}\" is a view of arrays elsewhere (a virtual one): copy its values into it", name);
   const auto stored = values > 0 ? stored_share(array, plan.id(), space.id()) : std::nullopt;
-  if (!stored) throw ReaderError(fmt::format("the array \"{}\" is damaged", name));
+  if (!stored) throw ReaderError("the array \"{}\" is damaged", name);
   if (H5Pget_external_count(plan.id()) > 0) return check_raw_files(array, plan.id(), name);
   if (written == Hdf5Arrays::any || *stored == Stored::all || fills_with_missing(plan.id())) return;
-  throw ReaderError(fmt::format("the array \"{}\" was {}", name,
-                                *stored == Stored::nothing ? "never written" : "written in parts only: it is cut off"));
+  throw ReaderError("the array \"{}\" was {}", name,
+                    *stored == Stored::nothing ? "never written" : "written in parts only: it is cut off");
 }
 
 /// A visit to all of a file, through functions of C. It ends at the first failure.
@@ -124,7 +119,7 @@ herr_t visit_object(hid_t root, const char* name, const H5O_info_t* info, void* 
   if (info->type != H5O_TYPE_DATASET) return 0;
   return visit.keep_failure([&] {
     const Hdf5Handle array(H5Dopen2(root, name, H5P_DEFAULT), H5Dclose);
-    if (!array.is_open()) throw ReaderError(fmt::format("the array \"{}\" is damaged", name));
+    if (!array.is_open()) throw ReaderError("the array \"{}\" is damaged", name);
     const Hdf5Handle type(H5Dget_type(array.id()), H5Tclose);
     const H5T_class_t kind = H5Tget_class(type.id());
     if (kind == H5T_INTEGER || kind == H5T_FLOAT) check_values(array.id(), name, visit.written);
@@ -136,7 +131,7 @@ herr_t visit_link(hid_t root, const char* name, const H5L_info_t* info, void* da
   if (info->type == H5L_TYPE_HARD) return 0;
   return visit.keep_failure([&] {
     if (H5Oexists_by_name(root, name, H5P_DEFAULT) <= 0)
-      throw ReaderError(fmt::format("the link \"{}\" leads nowhere: a file or a part of one is missing", name));
+      throw ReaderError("the link \"{}\" leads nowhere: a file or a part of one is missing", name);
   });
 }
 
@@ -146,15 +141,13 @@ void forbid_hdf5_plugins() { H5PLset_loading_state(0); }
 
 bool holds_numbers(const Hdf5Handle& object, const std::string& name) {
   if (!object.is_open())
-    throw ReaderError(
-        fmt::format("\"{}\" is a link that leads nowhere, or damaged: a file or a part of one is missing", name));
+    throw ReaderError("\"{}\" is a link that leads nowhere, or damaged: a file or a part of one is missing", name);
   if (H5Iget_type(object.id()) != H5I_DATASET) return false;
   const Hdf5Handle type(H5Dget_type(object.id()), H5Tclose);
   const H5T_class_t kind = H5Tget_class(type.id());
   if (kind == H5T_INTEGER || kind == H5T_FLOAT) return true;
   if (kind == H5T_STRING) return false;
-  throw ReaderError(
-      fmt::format("the array \"{}\" holds neither numbers nor texts: name the others by --attribute", name));
+  throw ReaderError("the array \"{}\" holds neither numbers nor texts: name the others by --attribute", name);
 }
 
 void check_values(hid_t array, const std::string& name) { check_values(array, name, Hdf5Arrays::all); }

@@ -16,6 +16,7 @@
 #include "base/file.h"
 #include "builder/sources/array_attributes.h"
 #include "builder/sources/array_union.h"
+#include "builder/sources/read_text.h"
 #include "builder/sources/vtk/file_words.h"
 
 namespace splatvol {
@@ -25,22 +26,10 @@ constexpr std::int64_t largest_side = 1 << 20;  // points of a grid along an axi
 
 /// Bytes of a value in a binary file; 0 for types of no fixed size. VTK writes its own index type as int.
 std::uint64_t bytes_of(const std::string& type) {
-  constexpr std::array<std::pair<std::string_view, std::uint64_t>, 14> sizes = {{{"char", 1},
-                                                                                 {"signed_char", 1},
-                                                                                 {"unsigned_char", 1},
-                                                                                 {"short", 2},
-                                                                                 {"unsigned_short", 2},
-                                                                                 {"int", 4},
-                                                                                 {"unsigned_int", 4},
-                                                                                 {"vtkidtype", 4},
-                                                                                 {"long", 8},
-                                                                                 {"unsigned_long", 8},
-                                                                                 {"vtktypeint64", 8},
-                                                                                 {"vtktypeuint64", 8},
-                                                                                 {"float", 4},
-                                                                                 {"double", 8}}};
-  const auto* found = std::ranges::find(sizes, type, &std::pair<std::string_view, std::uint64_t>::first);
-  return found == sizes.end() ? 0 : found->second;
+  if (is_one_of(type, {"char", "signed_char", "unsigned_char"})) return 1;
+  if (is_one_of(type, {"short", "unsigned_short"})) return 2;
+  if (is_one_of(type, {"int", "unsigned_int", "vtkidtype", "float"})) return 4;
+  return is_one_of(type, {"long", "unsigned_long", "vtktypeint64", "vtktypeuint64", "double"}) ? 8 : 0;
 }
 
 /// Walks through the sections of one file.
@@ -104,14 +93,14 @@ class LegacyFile {
                                                           {"scalars", &LegacyFile::scalars},
                                                           {"color_scalars", &LegacyFile::color_scalars},
                                                           {"lookup_table", &LegacyFile::lookup_table},
-                                                          {"vectors", &LegacyFile::vectors},
-                                                          {"normals", &LegacyFile::vectors},
+                                                          {"vectors", &LegacyFile::named<3>},
+                                                          {"normals", &LegacyFile::named<3>},
                                                           {"texture_coordinates", &LegacyFile::texture_coordinates},
-                                                          {"tensors", &LegacyFile::tensors},
-                                                          {"tensors6", &LegacyFile::tensors6},
+                                                          {"tensors", &LegacyFile::named<9>},
+                                                          {"tensors6", &LegacyFile::named<6>},
                                                           {"global_ids", &LegacyFile::ids},
                                                           {"pedigree_ids", &LegacyFile::ids},
-                                                          {"edge_flags", &LegacyFile::edge_flags},
+                                                          {"edge_flags", &LegacyFile::named<1>},
                                                           {"field", &LegacyFile::field},
                                                           {"metadata", &LegacyFile::metadata}}};
     const auto* found = std::ranges::find(sections, section_, &Section::keyword);
@@ -130,9 +119,8 @@ class LegacyFile {
 
   bool dataset() {
     kind_ = words_.next();
-    constexpr std::array<std::string_view, 5> kinds = {"structured_points", "structured_grid", "rectilinear_grid",
-                                                       "unstructured_grid", "polydata"};
-    if (std::ranges::find(kinds, kind_) != kinds.end()) return true;
+    if (is_one_of(kind_, {"structured_points", "structured_grid", "rectilinear_grid", "unstructured_grid", "polydata"}))
+      return true;
     return !words_.at_end() && refuse("a data set that is no mesh");
   }
 
@@ -176,11 +164,9 @@ class LegacyFile {
   /// Reads an integer of a line of text.
   std::optional<std::int64_t> integer() {
     const std::string word = words_.next();
-    std::int64_t value = 0;
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (error == std::errc() && end == word.data() + word.size()) return value;
-    if (!words_.at_end()) refuse("a word instead of a number");
-    return std::nullopt;
+    const auto value = number_of<std::int64_t>(word);
+    if (!value && !words_.at_end()) refuse("a word instead of a number");
+    return value;
   }
 
   std::optional<std::uint64_t> count() {
@@ -394,18 +380,15 @@ class LegacyFile {
     return kind_ != "unstructured_grid" || cells_ == 0 || typed_ || refuse("cells without types");
   }
 
-  bool named_values(std::uint64_t parts) {
+  template <std::uint64_t parts>
+  bool named() {
     const std::string name = words_.name(), type = words_.next();
     return named_values(name, parts, type);
   }
   bool named_values(const std::string& name, std::uint64_t parts, const std::string& type) {
     return !name.empty() && add_array(parts) && note_shape(name, parts, type) && values(data_count_, parts, type);
   }
-  bool vectors() { return named_values(3); }
-  bool tensors() { return named_values(9); }
-  bool tensors6() { return named_values(6); }
   bool ids() { return words_.skip_words(1) && add_array(1) && values(data_count_, 1, words_.next()); }
-  bool edge_flags() { return named_values(1); }
 
   /// Notes the shape of an array of the points or cells that may give attributes. Returns true.
   bool note_shape(const std::string& name, std::uint64_t parts, const std::string& type) {
@@ -512,8 +495,17 @@ class LegacyFile {
   std::vector<bool> bad_faces_;               // [cell]: is no polyhedron
 };
 
-Status walk(const std::string& path, LegacyFile& legacy) {
-  if (legacy.walk()) return {};
+}  // namespace
+
+Status check_legacy(const std::string& path) {
+  SPLATVOL_TRY(legacy_arrays(path));
+  return {};
+}
+
+Result<std::vector<ArrayShape>> legacy_arrays(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  LegacyFile legacy(std::move(file));
+  if (legacy.walk()) return legacy.shapes();
   if (legacy.has_open_end())
     return fail(ErrorCode::invalid_data,
                 "{}: no line end follows its last number: the file may be cut off; if it is "
@@ -525,21 +517,6 @@ Status walk(const std::string& path, LegacyFile& legacy) {
   if (!legacy.damage().empty())
     return fail(ErrorCode::invalid_data, "{}: the file is damaged: {} (section {})", path, legacy.damage(), section);
   return fail(ErrorCode::invalid_data, "{}: the file is cut off: it ends within its section {}", path, section);
-}
-
-}  // namespace
-
-Status check_legacy(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  LegacyFile legacy(std::move(file));
-  return walk(path, legacy);
-}
-
-Result<std::vector<ArrayShape>> legacy_arrays(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  LegacyFile legacy(std::move(file));
-  SPLATVOL_TRY(walk(path, legacy));
-  return legacy.shapes();
 }
 
 }  // namespace splatvol

@@ -9,7 +9,6 @@
 #include <vtkSmartPointer.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <exception>
 #include <new>
 #include <sstream>

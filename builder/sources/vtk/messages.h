@@ -12,7 +12,10 @@ namespace splatvol {
 /// An error that a reader of ours throws: its text is for users.
 class ReaderError : public std::runtime_error {
  public:
-  using std::runtime_error::runtime_error;
+  template <class... Args>
+  explicit ReaderError(fmt::format_string<Args...> text, const Args&... args)
+      : std::runtime_error(
+            formatted_failure(ErrorCode::invalid_data, text, fmt::make_format_args(args...)).value().message) {}
 };
 
 /// Runs `call` while VTK prints nothing. The first error that VTK reports, or an exception, becomes an Error of one

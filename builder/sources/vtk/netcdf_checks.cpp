@@ -21,6 +21,10 @@ tl::unexpected<Error> fail_cut(const std::string& path, std::uint64_t stated, st
               stated, there);
 }
 
+tl::unexpected<Error> fail_header(const std::string& path) {
+  return fail(ErrorCode::invalid_data, "{}: the file is cut off within its header, or damaged", path);
+}
+
 /// Reads the header of a file in NetCDF's own format. Numbers are big-endian; a count has 4 bytes, or 8 in version 5.
 class NetcdfHeader {
  public:
@@ -86,10 +90,10 @@ class NetcdfHeader {
   }
 
   std::uint64_t number(std::size_t bytes) {
-    if (bytes > bytes_.size() - at_) damaged_ = true;
-    std::uint64_t value = 0;
-    for (std::size_t i = 0; i < bytes && !damaged_; ++i) value = value << 8 | static_cast<unsigned char>(bytes_[at_++]);
-    return damaged_ ? 0 : value;
+    damaged_ = damaged_ || bytes > bytes_.size() - at_;
+    if (damaged_) return 0;
+    at_ += bytes;
+    return number_in(bytes_.substr(at_ - bytes, bytes), true);
   }
   std::uint64_t count() { return number(version_ == 5 ? 8 : 4); }
 
@@ -162,7 +166,7 @@ Status check_netcdf(ByteSource& file, const std::string& path) {
   NetcdfHeader header(bytes);
   const bool whole = header.read();
   if (!whole && file.size() > largest_header) return {};  // the library tells
-  if (!whole) return fail(ErrorCode::invalid_data, "{}: the file is cut off within its header, or damaged", path);
+  if (!whole) return fail_header(path);
   return header.stated_bytes() <= file.size() ? Status{} : fail_cut(path, header.stated_bytes(), file.size());
 }
 
@@ -170,11 +174,9 @@ Status check_netcdf(ByteSource& file, const std::string& path) {
 Status check_hdf5(ByteSource& file, const std::string& path, std::string_view start) {
   const unsigned version = start.size() > 8 ? static_cast<unsigned char>(start[8]) : 99;
   const std::size_t size_at = version < 2 ? 13 : 9, end_at = version == 0 ? 40 : version == 1 ? 44 : 28;
-  if (version > 3 || start.size() < end_at + 8)
-    return fail(ErrorCode::invalid_data, "{}: the file is cut off within its header, or damaged", path);
+  if (version > 3 || start.size() < end_at + 8) return fail_header(path);
   if (start[size_at] != 8) return {};
-  std::uint64_t stated = 0;
-  for (std::size_t i = 8; i-- > 0;) stated = stated << 8 | static_cast<unsigned char>(start[end_at + i]);
+  const std::uint64_t stated = number_in(start.substr(end_at, 8), false);
   return stated <= file.size() ? Status{} : fail_cut(path, stated, file.size());
 }
 
@@ -182,14 +184,10 @@ bool is_adf(std::string_view start) { return start.size() > 4 && start.substr(4)
 
 /// Reads an integer of an ADF header: hexadecimal digits, or bytes in an order ('L' little-endian, 'B' big-endian).
 std::optional<std::uint64_t> adf_number(std::string_view bytes, bool is_text, char order) {
+  if (!is_text) return number_in(bytes, order == 'B');
   std::uint64_t value = 0;
-  if (is_text) {
-    const auto [end, error] = std::from_chars(bytes.data(), bytes.data() + bytes.size(), value, 16);
-    return error == std::errc() && end == bytes.data() + bytes.size() ? std::optional(value) : std::nullopt;
-  }
-  for (std::size_t i = 0; i < bytes.size(); ++i)
-    value = value << 8 | static_cast<unsigned char>(bytes[order == 'L' ? bytes.size() - 1 - i : i]);
-  return value;
+  const auto [end, error] = std::from_chars(bytes.data(), bytes.data() + bytes.size(), value, 16);
+  return error == std::errc() && end == bytes.data() + bytes.size() ? std::optional(value) : std::nullopt;
 }
 
 /// The header of ADF, the older format of CGNS, states the last byte that is used: a block of 4096 bytes, and an offset
@@ -197,17 +195,14 @@ std::optional<std::uint64_t> adf_number(std::string_view bytes, bool is_text, ch
 Status check_adf(ByteSource& file, const std::string& path, std::string_view start) {
   constexpr std::size_t version_at = 25, order_at = 100, block_at = 146, offset_at = 154, header_bytes = 186;
   constexpr std::uint64_t block_bytes = 4096, most_blocks = std::uint64_t{1} << 48;
-  const auto fail_header = [&] {
-    return fail(ErrorCode::invalid_data, "{}: the file is cut off within its header, or damaged", path);
-  };
-  if (start.size() < header_bytes) return fail_header();
+  if (start.size() < header_bytes) return fail_header(path);
   const bool is_text = start[version_at] == 'A';
   const char order = start[order_at];
   if (!is_text && order != 'L' && order != 'B')
     return fail(ErrorCode::unsupported, "{}: its numbers are not those of IEEE 754: convert it (cgnsconvert)", path);
   const auto block = adf_number(start.substr(block_at, 8), is_text, order);
   const auto offset = adf_number(start.substr(offset_at, 4), is_text, order);
-  if (!block || !offset || *block > most_blocks || *offset > block_bytes) return fail_header();
+  if (!block || !offset || *block > most_blocks || *offset > block_bytes) return fail_header(path);
   const std::uint64_t stated = *block * block_bytes + *offset + 1;
   return stated <= file.size() ? Status{} : fail_cut(path, stated, file.size());
 }
@@ -225,11 +220,10 @@ Result<std::optional<std::uint64_t>> count_open_records(const std::string& path)
 
 Status check_file_end(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  const Result<std::string> start = read_text(*file, 0, 256);
-  if (!start) return tl::unexpected(start.error());
-  if (is_hdf5(*start)) return check_hdf5(*file, path, *start);
-  if (is_adf(*start)) return check_adf(*file, path, *start);
-  return is_netcdf(*start) ? check_netcdf(*file, path) : Status{};
+  SPLATVOL_TRY_ASSIGN(start, read_text(*file, 0, 256));
+  if (is_hdf5(start)) return check_hdf5(*file, path, start);
+  if (is_adf(start)) return check_adf(*file, path, start);
+  return is_netcdf(start) ? check_netcdf(*file, path) : Status{};
 }
 
 }  // namespace splatvol

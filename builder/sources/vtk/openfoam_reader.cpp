@@ -14,15 +14,13 @@
 #include <vtk_zlib.h>
 
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <sstream>
 #include <string_view>
+#include <utility>
 
-#include "base/file.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/units.h"
 #include "builder/sources/vtk/finer_numbers.h"
@@ -32,13 +30,6 @@ namespace splatvol {
 namespace {
 
 namespace fs = std::filesystem;
-
-template <class T>
-std::optional<T> number_of(std::string_view text) {
-  T number{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  return error == std::errc{} && end == text.data() + text.size() ? std::optional(number) : std::nullopt;
-}
 
 std::vector<std::string> folders_in(const fs::path& path) {
   std::vector<std::string> names;
@@ -61,6 +52,14 @@ fs::path case_folder(const std::string& path) {
   fs::path folder = fs::path(path).parent_path();
   if (path.ends_with("system/controlDict")) folder = folder.parent_path();
   return folder.empty() ? "." : folder;
+}
+
+/// The folders of a case's processors; of none: the case's own.
+std::vector<fs::path> parts_of(const std::string& path, const std::vector<std::string>& processors) {
+  std::vector<fs::path> parts;
+  for (const std::string& processor : processors) parts.push_back(case_folder(path) / processor);
+  if (parts.empty()) parts.push_back(case_folder(path));
+  return parts;
 }
 
 /// The beginning of a file, which may be packed by gzip; empty if there is no such file.
@@ -127,37 +126,26 @@ void take_units(vtkDataSetAttributes& arrays, std::map<std::string, std::string>
   }
 }
 
-struct FieldClass {
-  std::string_view name;
-  int components;
-  bool of_cells;
-};
-constexpr std::array<FieldClass, 10> field_classes = {{{"volScalarField", 1, true},
-                                                       {"volVectorField", 3, true},
-                                                       {"volSphericalTensorField", 1, true},
-                                                       {"volSymmTensorField", 6, true},
-                                                       {"volTensorField", 9, true},
-                                                       {"pointScalarField", 1, false},
-                                                       {"pointVectorField", 3, false},
-                                                       {"pointSphericalTensorField", 1, false},
-                                                       {"pointSymmTensorField", 6, false},
-                                                       {"pointTensorField", 9, false}}};
+/// The components of a field of a class such as "volVectorField", and whether it is of cells; none if it is no field.
+std::optional<std::pair<int, bool>> field_of(std::string_view name) {
+  const bool of_cells = name.starts_with("vol");
+  if (!of_cells && !name.starts_with("point")) return std::nullopt;
+  const std::string_view kind = name.substr(of_cells ? 3 : 5);
+  if (is_one_of(kind, {"ScalarField", "SphericalTensorField"})) return std::pair(1, of_cells);
+  const int components = kind == "VectorField" ? 3 : kind == "SymmTensorField" ? 6 : kind == "TensorField" ? 9 : 0;
+  return components > 0 ? std::optional(std::pair(components, of_cells)) : std::nullopt;
+}
 
-/// The class that a file's header states; null if it is no field.
-const FieldClass* class_of(const fs::path& path) {
+/// The class that a file's header states; empty if there is none.
+std::string class_of(const fs::path& path) {
   constexpr std::uint64_t header_bytes = 4096;
-  const auto file = open_file(path.string());
-  const auto text = file ? read_text(**file, 0, header_bytes) : std::string();
+  const auto text = read_text(path, header_bytes);
   const std::size_t at = text ? text->find("FoamFile") : std::string::npos;
-  if (at == std::string::npos) return nullptr;
+  if (at == std::string::npos) return {};
   std::istringstream words(text->substr(at));
-  for (std::string word; words >> word && word != "}";) {
-    if (word != "class" || !(words >> word)) continue;
-    const auto* found =
-        std::ranges::find(field_classes, std::string_view(word).substr(0, word.find(';')), &FieldClass::name);
-    return found == field_classes.end() ? nullptr : found;
-  }
-  return nullptr;
+  for (std::string word; words >> word && word != "}";)
+    if (word == "class" && words >> word) return word.substr(0, word.find(';'));
+  return {};
 }
 
 /// Adds the fields whose files are in a folder.
@@ -166,9 +154,9 @@ void add_fields(const fs::path& folder, std::vector<ArrayShape>& shapes) {
   for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
     if (!entry->is_regular_file(ignored)) continue;
     const std::string name = entry->path().filename();
-    const FieldClass* kind = class_of(entry->path());
-    if (kind && std::ranges::find(shapes, name, &ArrayShape::name) == shapes.end())
-      shapes.push_back({name, kind->components, kind->of_cells});
+    const auto field = field_of(class_of(entry->path()));
+    if (field && std::ranges::find(shapes, name, &ArrayShape::name) == shapes.end())
+      shapes.push_back({name, field->first, field->second});
   }
 }
 
@@ -209,24 +197,21 @@ std::vector<std::string> find_processors(const std::string& path) {
   if (any.empty() || is_reconstructed(folder, any)) return {};
   if (numbers.empty())
     throw ReaderError(
-        fmt::format("the folder {} is of the collated format, which cannot be read: reconstruct the case "
-                    "first (reconstructPar)",
-                    collated));
+        "the folder {} is of the collated format, which cannot be read: reconstruct the case "
+        "first (reconstructPar)",
+        collated);
   std::ranges::sort(numbers);
   std::vector<std::string> names;
   for (std::size_t i = 0; i < numbers.size(); ++i) {
     if (numbers[i] != static_cast<int>(i))
-      throw ReaderError(fmt::format("the folder processor{} of the decomposed case is missing", i));
+      throw ReaderError("the folder processor{} of the decomposed case is missing", i);
     names.push_back(fmt::format("processor{}", i));
   }
   return names;
 }
 
 bool has_finer_openfoam_points(const std::string& path, const std::vector<std::string>& processors) {
-  std::vector<fs::path> parts;
-  for (const std::string& processor : processors) parts.push_back(case_folder(path) / processor);
-  if (processors.empty()) parts.push_back(case_folder(path));
-  for (const fs::path& part : parts)
+  for (const fs::path& part : parts_of(path, processors))
     for (const std::string& name : folders_in(part)) {
       if (name != "constant" && !number_of<double>(name)) continue;
       if (has_finer_points(part / name)) return true;
@@ -241,16 +226,13 @@ void check_openfoam_time(ProcessorReader& reader, std::optional<double> time) {
   if (!time || !times) return;
   for (vtkIdType i = 0; i < times->GetNumberOfTuples(); ++i)
     if (times->GetValue(i) == *time) return;
-  throw ReaderError(fmt::format("a processor's folder has no time step {}, which others have", *time));
+  throw ReaderError("a processor's folder has no time step {}, which others have", *time);
 }
 
 std::vector<ArrayShape> openfoam_arrays(const std::string& path, const std::vector<std::string>& processors,
                                         double time) {
-  std::vector<fs::path> meshes = {case_folder(path)};
-  if (!processors.empty()) meshes.clear();
-  for (const std::string& processor : processors) meshes.push_back(case_folder(path) / processor);
   std::vector<ArrayShape> shapes;
-  for (const fs::path& mesh : meshes)
+  for (const fs::path& mesh : parts_of(path, processors))
     for (const std::string& step : folders_in(mesh)) {
       if (number_of<double>(step) != time) continue;
       if (has_mesh_of(mesh, step, "")) add_fields(mesh / step, shapes);

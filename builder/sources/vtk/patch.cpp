@@ -6,7 +6,6 @@
 #include <vtkNew.h>
 
 #include <algorithm>
-#include <array>
 #include <cstdint>
 #include <initializer_list>
 #include <limits>

@@ -1,11 +1,10 @@
 #include "builder/sources/vtk/plot3d_format.h"
 
-#include <algorithm>
-#include <array>
 #include <cstdint>
 #include <optional>
-#include <span>
 #include <vector>
+
+#include "builder/sources/read_text.h"
 
 namespace splatvol {
 namespace {
@@ -26,13 +25,10 @@ class HeaderReader {
   HeaderReader(ByteSource& file, bool big_endian) : file_(file), big_endian_(big_endian) {}
 
   std::uint32_t next() {
-    std::array<std::byte, 4> raw{};
-    if (!file_.read(offset_, raw)) return 0;
-    offset_ += raw.size();
-    std::uint32_t value = 0;
-    for (std::size_t i = 0; i < 4; ++i)
-      value = value << 8 | std::to_integer<std::uint32_t>(raw[big_endian_ ? i : 3 - i]);
-    return value;
+    const auto raw = read_text(file_, offset_, 4);
+    if (!raw || raw->size() < 4) return 0;
+    offset_ += raw->size();
+    return static_cast<std::uint32_t>(number_in(*raw, big_endian_));
   }
   [[nodiscard]] std::uint64_t offset() const { return offset_; }
 

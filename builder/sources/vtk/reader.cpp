@@ -19,13 +19,12 @@
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/blocks.h"
-#include "builder/sources/vtk/collections.h"
+#include "builder/sources/vtk/cell_counts.h"
 #include "builder/sources/vtk/gmsh_reader.h"
 #include "builder/sources/vtk/hdf5_checks.h"
 #include "builder/sources/vtk/legacy_checks.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/su2_reader.h"
-#include "builder/sources/vtk/unstructured_reader.h"
 #include "builder/sources/vtk/vtkhdf_reader.h"
 #include "builder/sources/vtk/xml_arrays.h"
 #include "builder/sources/vtk/xml_checks.h"
@@ -37,9 +36,14 @@ namespace {
 /// VTK files in their order; the pieces of a .vtu and the blocks of a file one by one.
 class FileDataSets final : public VtkDataSets {
  public:
-  FileDataSets(std::vector<VtkFile> files, std::vector<std::string> selection, std::optional<double> time,
-               CellValues cells, const MissingValues& missing)
-      : files_(std::move(files)), selection_(std::move(selection)), time_(time), cells_(cells), missing_(missing) {}
+  FileDataSets(std::vector<VtkFile> files, const SourceOptions& options)
+      : files_(std::move(files)), options_(options) {}
+
+  /// The blocks that a composite file names.
+  FileDataSets(const VtkFile& composite, const SourceOptions& options) : FileDataSets(composite.blocks, options) {
+    path_ = composite.path;
+    for (VtkFile& file : files_) file.is_block = true;
+  }
 
   std::size_t count() const override {
     const std::size_t blocks = blocks_ ? std::max<std::size_t>(blocks_->count(), 1) - 1 : 0;
@@ -97,9 +101,16 @@ class FileDataSets final : public VtkDataSets {
   Source::PieceNumber number() const override { return {static_cast<std::uint32_t>(file_ - 1), in_file_ - 1}; }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
-    SPLATVOL_TRY_ASSIGN(data, next_of_file());
-    ++in_file_;
-    return data;
+    for (;;) {
+      SPLATVOL_TRY_ASSIGN(data, next_of_file());
+      ++in_file_;
+      if (!data || !files_[file_ - 1].is_block) return data;
+      bool used = false;
+      SPLATVOL_TRY(run_vtk(path_, [&] { used = data->GetNumberOfPoints() > 0 && !is_surface(*data); }));
+      if (used) return data;
+      SPLATVOL_TRY(run_vtk(path_, [&] { left_out_ += census_of(*data); }));
+      left_out_.left_out += static_cast<std::uint64_t>(data->GetNumberOfCells());
+    }
   }
 
  private:
@@ -130,7 +141,7 @@ class FileDataSets final : public VtkDataSets {
 
   [[nodiscard]] std::vector<ArrayShape> wanted(std::vector<ArrayShape> shapes) const {
     std::erase_if(shapes, [&](const ArrayShape& shape) {
-      return is_bookkeeping(shape.name) || !wants_array(selection_, shape.name);
+      return is_bookkeeping(shape.name) || !wants_array(options_.selection, shape.name);
     });
     return shapes;
   }
@@ -176,7 +187,7 @@ class FileDataSets final : public VtkDataSets {
     }
     SPLATVOL_TRY_ASSIGN(blocks, open_any(file));
     blocks_ = std::move(blocks);
-    if (!step_) step_ = blocks_->time_step();
+    if (!step_ && file.kind != VtkFile::Kind::composite) step_ = blocks_->time_step();
     return next_of_file();
   }
 
@@ -184,15 +195,15 @@ class FileDataSets final : public VtkDataSets {
     forbid_hdf5_plugins();
     switch (file.kind) {
       case VtkFile::Kind::composite:
-        return read_composite(file, selection_, time_, cells_, missing_);
+        return std::make_unique<FileDataSets>(file, options_);
       case VtkFile::Kind::gmsh:
-        return open_gmsh(file, selection_, time_);
+        return open_gmsh(file, options_);
       case VtkFile::Kind::su2:
-        return open_su2(file, selection_);
+        return open_su2(file, options_.selection);
       case VtkFile::Kind::vtkhdf:
-        return open_vtkhdf(file, selection_, time_);
+        return open_vtkhdf(file, options_);
       default:
-        return open_blocks(file, selection_, time_, cells_, missing_);
+        return open_blocks(file, options_);
     }
   }
 
@@ -215,11 +226,11 @@ class FileDataSets final : public VtkDataSets {
   void select_arrays(vtkXMLReader& reader) const {
     for (int i = 0; i < reader.GetNumberOfPointArrays(); ++i) {
       const std::string name = reader.GetPointArrayName(i);
-      if (!is_ghost_array(name) && !wants_array(selection_, name)) reader.SetPointArrayStatus(name.c_str(), 0);
+      if (!is_ghost_array(name) && !wants_array(options_.selection, name)) reader.SetPointArrayStatus(name.c_str(), 0);
     }
     for (int i = 0; i < reader.GetNumberOfCellArrays(); ++i) {
       const std::string name = reader.GetCellArrayName(i);
-      if (!is_ghost_array(name) && name != "HigherOrderDegrees" && !wants_array(selection_, name))
+      if (!is_ghost_array(name) && name != "HigherOrderDegrees" && !wants_array(options_.selection, name))
         reader.SetCellArrayStatus(name.c_str(), 0);
     }
   }
@@ -259,10 +270,7 @@ class FileDataSets final : public VtkDataSets {
   }
 
   std::vector<VtkFile> files_;
-  std::vector<std::string> selection_;
-  std::optional<double> time_;
-  CellValues cells_;
-  MissingValues missing_;
+  SourceOptions options_;
   std::optional<TimeStep> step_;
   std::size_t file_ = 0;                                // the next one
   std::uint32_t in_file_ = 0;                           // data sets of the current file so far
@@ -293,15 +301,12 @@ vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
     case VtkFile::Kind::poly:
       return vtkSmartPointer<vtkXMLPolyDataReader>::New();
     default:
-      break;
+      return nullptr;
   }
-  return nullptr;
 }
 
-std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vector<std::string> selection,
-                                            std::optional<double> time, CellValues cells,
-                                            const MissingValues& missing) {
-  return std::make_unique<FileDataSets>(std::move(files), std::move(selection), time, cells, missing);
+std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, const SourceOptions& options) {
+  return std::make_unique<FileDataSets>(std::move(files), options);
 }
 
 Result<std::vector<std::string>> pvtu_pieces(const std::string& path) {

@@ -4,7 +4,11 @@
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>
 #include <vtkFieldData.h>
+#include <vtkMultiBlockDataSet.h>
+#include <vtkMultiBlockPLOT3DReader.h>
+#include <vtkNew.h>
 #include <vtkSmartPointer.h>
+#include <vtkStructuredGrid.h>
 
 #include <algorithm>
 #include <cmath>
@@ -12,13 +16,16 @@
 #include <set>
 #include <utility>
 
+#include "base/file.h"
 #include "base/names.h"
 #include "builder/mesh/single_precision.h"
 #include "builder/sources/array_union.h"
 #include "builder/sources/repeated_pieces.h"
 #include "builder/sources/vtk/attributes.h"
+#include "builder/sources/vtk/loaded_data_sets.h"
+#include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/piece.h"
-#include "builder/sources/vtk/plot3d_reader.h"
+#include "builder/sources/vtk/plot3d_format.h"
 #include "builder/sources/vtk/reader.h"
 
 namespace splatvol {
@@ -38,10 +45,8 @@ class VtkSource final : public Source {
  public:
   VtkSource(std::unique_ptr<VtkDataSets> data_sets, const SourceOptions& options, std::optional<TimeStep> step = {})
       : data_sets_(std::move(data_sets)),
-        selection_(options.selection),
-        may_lack_(options.may_lack),
+        options_(options),
         own_cells_(options.cells == CellValues::own),
-        cells_(options.cells),
         missing_(options.missing),
         step_(std::move(step)) {}
 
@@ -62,11 +67,11 @@ class VtkSource final : public Source {
     const std::string path = data_sets_->path();
     SPLATVOL_TRY(arrays_.add(path, array_shapes(*pending_)));
     SPLATVOL_TRY(data_sets_->announce(arrays_));
-    SPLATVOL_TRY_ASSIGN(all, arrays_.attributes(path, cells_));
-    if (all.empty() && selection_.empty())
+    SPLATVOL_TRY_ASSIGN(all, arrays_.attributes(path, options_.cells));
+    if (all.empty() && options_.selection.empty())
       return fail(ErrorCode::invalid_data, "{}: the mesh has no arrays of numbers at its points or cells", path);
     available_ = names_of(all);
-    attributes_ = select_attributes(all, selection_, cells_, missing, may_lack_);
+    attributes_ = select_attributes(all, options_.selection, options_.cells, missing, options_.may_lack);
     names_ = names_of(attributes_);
     for (const ArrayAttribute& attribute : attributes_) units_.push_back(unit_of(attribute.array));
     return {};
@@ -84,7 +89,7 @@ class VtkSource final : public Source {
     number_ = pending_number_;
     SPLATVOL_TRY(arrays_.check(data_sets_->path(), wanted(array_shapes(*data))));
     SPLATVOL_TRY_ASSIGN(piece, make_piece(
-                                   data_sets_->path(), *data, attributes_, cells_, missing_,
+                                   data_sets_->path(), *data, attributes_, options_.cells, missing_,
                                    [&](const std::string& array, int component, std::span<double> means) {
                                      data_sets_->share_means(*data, array, component, means);
                                    },
@@ -157,7 +162,7 @@ class VtkSource final : public Source {
 
   /// Those that the selection needs. Some readers read all.
   [[nodiscard]] std::vector<ArrayShape> wanted(std::vector<ArrayShape> shapes) const {
-    std::erase_if(shapes, [&](const ArrayShape& shape) { return !wants_array(selection_, shape.name); });
+    std::erase_if(shapes, [&](const ArrayShape& shape) { return !wants_array(options_.selection, shape.name); });
     return shapes;
   }
 
@@ -193,10 +198,8 @@ class VtkSource final : public Source {
   }
 
   std::unique_ptr<VtkDataSets> data_sets_;
-  std::vector<std::string> selection_;
-  bool may_lack_;  // selected attributes
+  SourceOptions options_;
   bool own_cells_;
-  CellValues cells_;
   bool lends_ = false;  // values
   MissingValues missing_;
   std::uint64_t points_ = 0;                   // of the pieces so far
@@ -214,15 +217,49 @@ class VtkSource final : public Source {
   RepeatedPieces repeats_;
 };
 
-std::unique_ptr<VtkDataSets> data_sets_of(const std::vector<VtkFile>& files, const SourceOptions& options) {
-  return read_vtk_files(files, options.selection, options.time, options.cells, MissingValues(options.missing));
+/// Appends all structured grids of a tree of blocks.
+void collect_blocks(vtkMultiBlockDataSet& tree, std::vector<vtkSmartPointer<vtkDataSet>>& blocks) {
+  for (unsigned int i = 0; i < tree.GetNumberOfBlocks(); ++i) {
+    vtkDataObject* block = tree.GetBlock(i);
+    if (auto* grid = vtkStructuredGrid::SafeDownCast(block)) blocks.emplace_back(grid);
+    if (auto* branch = vtkMultiBlockDataSet::SafeDownCast(block)) collect_blocks(*branch, blocks);
+  }
+}
+
+/// Reads the blocks of a PLOT3D grid with its solution (binary, any variant). The format interleaves the blocks by
+/// quantity, so all are read here.
+Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const std::string& solution) {
+  // VTK can guess the variant from the grid's size, but it reads past the end of a truncated file's dimensions.
+  SPLATVOL_TRY_ASSIGN(grid_file, open_file(grid));
+  SPLATVOL_TRY_ASSIGN(solution_file, open_file(solution));
+  SPLATVOL_TRY_ASSIGN(format, detect_plot3d(*grid_file, *solution_file));
+  constexpr int pressure = 110;
+  std::vector<vtkSmartPointer<vtkDataSet>> blocks;
+  SPLATVOL_TRY(run_vtk(grid, [&] {
+    const vtkNew<vtkMultiBlockPLOT3DReader> reader;
+    reader->SetXYZFileName(grid.c_str());
+    reader->SetQFileName(solution.c_str());
+    reader->SetMultiGrid(format.multi_grid);
+    reader->SetHasByteCount(format.record_marks);
+    reader->SetByteOrder(format.big_endian ? vtkMultiBlockPLOT3DReader::FILE_BIG_ENDIAN
+                                           : vtkMultiBlockPLOT3DReader::FILE_LITTLE_ENDIAN);
+    reader->SetIBlanking(format.blanking);
+    reader->SetTwoDimensionalGeometry(format.dimensions == 2);
+    reader->SetDoublePrecision(format.precision == 8);
+    reader->ForceReadOn();
+    reader->AddFunction(pressure);
+    reader->Update();
+    if (reader->GetOutput()) collect_blocks(*reader->GetOutput(), blocks);
+  }));
+  if (blocks.empty()) return fail(ErrorCode::invalid_data, "{}: the PLOT3D grid has no blocks", grid);
+  return std::make_unique<LoadedDataSets>(grid, std::move(blocks));
 }
 
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const SourceOptions& options,
                                                const std::optional<TimeStep>& step) {
-  auto source = std::make_unique<VtkSource>(data_sets_of(files, options), options, step);
+  auto source = std::make_unique<VtkSource>(read_vtk_files(files, options), options, step);
   std::string missing;
   SPLATVOL_TRY(source->start(missing));
   if (missing.empty() || options.may_lack) return source;
@@ -237,7 +274,7 @@ Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const
 
 Result<std::vector<ArrayShape>> list_vtk_arrays(const std::vector<VtkFile>& files, const SourceOptions& options) {
   ArrayUnion arrays;
-  SPLATVOL_TRY(data_sets_of(files, options)->announce(arrays));
+  SPLATVOL_TRY(read_vtk_files(files, options)->announce(arrays));
   return arrays.arrays();
 }
 

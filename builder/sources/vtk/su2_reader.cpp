@@ -2,15 +2,12 @@
 
 #include <vtkDoubleArray.h>
 #include <vtkInformation.h>
-#include <vtkNew.h>
 #include <vtkPointData.h>
-#include <vtkPoints.h>
 #include <vtkSmartPointer.h>
 #include <vtkUnstructuredGrid.h>
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
@@ -18,12 +15,11 @@
 #include <string_view>
 #include <utility>
 
-#include "base/file.h"
 #include "builder/sources/csv_source.h"
 #include "builder/sources/read_text.h"
+#include "builder/sources/vtk/loaded_data_sets.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/patch.h"
-#include "builder/sources/vtk/single_data_set.h"
 
 namespace splatvol {
 namespace {
@@ -70,12 +66,11 @@ class Words {
 
   template <class T>
   bool next(T& value) {
-    while (!line_.empty() && (std::isspace(static_cast<unsigned char>(line_.front())) != 0 || line_.front() == '+'))
-      line_.remove_prefix(1);
+    while (!line_.empty() && (is_white_space(line_.front()) || line_.front() == '+')) line_.remove_prefix(1);
     const auto [end, error] = std::from_chars(line_.data(), line_.data() + line_.size(), value);
     if (error != std::errc{}) return false;
     line_.remove_prefix(static_cast<std::size_t>(end - line_.data()));
-    return line_.empty() || std::isspace(static_cast<unsigned char>(line_.front())) != 0;
+    return line_.empty() || is_white_space(line_.front());
   }
 
   [[nodiscard]] bool at_end() const { return line_.empty(); }
@@ -116,15 +111,11 @@ class Su2Reader {
  private:
   /// Moves to the next line that is not empty, without its comment.
   bool next_line(std::string_view& line) {
-    while (at_ < text_.size()) {
-      const std::size_t end = std::min(text_.find('\n', at_), text_.size());
-      ended_ = end == text_.size();
-      line = text_.substr(at_, end - at_);
-      line = line.substr(0, line.find('%'));
-      at_ = end + 1;
+    while (!text_.empty()) {
+      ended_ = text_.find('\n') == std::string_view::npos;
+      line = take_line(text_);
+      line = trimmed(line.substr(0, line.find('%')));
       ++line_;
-      while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back())) != 0) line.remove_suffix(1);
-      while (!line.empty() && std::isspace(static_cast<unsigned char>(line.front())) != 0) line.remove_prefix(1);
       if (!line.empty()) return true;
     }
     return false;
@@ -162,47 +153,44 @@ class Su2Reader {
     return {};
   }
 
-  /// Reads the number of lines of a list; each has 2 bytes at least.
-  Status read_count(Words& words, std::uint64_t& count) {
-    if (!words.next(count) || count > (text_.size() - std::min(at_, text_.size())) / 2) return fail_line("no list");
+  /// Calls read(numbers of a line, its number) for the lines of a list; each has 2 bytes at least.
+  template <class Read>
+  Status read_list(Words& words, const Read& read) {
+    std::uint64_t count = 0;
+    if (!words.next(count) || count > text_.size() / 2) return fail_line("no list");
+    std::string_view line;
+    for (std::uint64_t i = 0; i < count; ++i) {
+      if (!next_line(line) || line.find('=') != std::string_view::npos) return fail_line("too short a list");
+      Words numbers(line);
+      SPLATVOL_TRY(read(numbers, i));
+    }
     return {};
   }
 
   Status skip_lines(Words& words) {
-    std::uint64_t count = 0;
-    SPLATVOL_TRY(read_count(words, count));
-    std::string_view line;
-    for (std::uint64_t i = 0; i < count; ++i)
-      if (!next_line(line) || line.find('=') != std::string_view::npos) return fail_line("too short a list");
-    return {};
+    return read_list(words, [](Words&, std::uint64_t) { return Status(); });
   }
 
   Status read_tag(std::string_view tag) {
-    while (!tag.empty() && std::isspace(static_cast<unsigned char>(tag.front())) != 0) tag.remove_prefix(1);
-    if (tag.empty()) return fail_line("a marker without a name");
-    tag_ = tag;
+    tag_ = trimmed(tag);
+    if (tag_.empty()) return fail_line("a marker without a name");
     return {};
   }
 
   /// Reads the faces of the marker that was named last. Nodes and lines, which other lists have, are no faces.
   Status read_marker(Words& words) {
-    std::uint64_t count = 0;
-    SPLATVOL_TRY(read_count(words, count));
     if (tag_.empty()) return fail_line("a marker without a name");
     std::vector<Su2Face>& faces = mesh_.markers[std::exchange(tag_, {})];
     ++markers_read_;
-    std::string_view line;
-    for (std::uint64_t i = 0; i < count; ++i) {
-      if (!next_line(line) || line.find('=') != std::string_view::npos) return fail_line("too short a list");
-      Words numbers(line);
+    return read_list(words, [&](Words& numbers, std::uint64_t) -> Status {
       Su2Face face{};
       if (!numbers.next(face.vtk_type)) return fail_line("no face");
       for (std::size_t c = 0; c < corners_of_face(face.vtk_type); ++c)
         if (!numbers.next(face.nodes[c])) return fail_line("no face");
       SPLATVOL_TRY(check_end(numbers));
       if (corners_of_face(face.vtk_type) > 0) faces.push_back(face);
-    }
-    return {};
+      return {};
+    });
   }
 
   [[nodiscard]] Status check_markers() const {
@@ -219,13 +207,8 @@ class Su2Reader {
   }
 
   Status read_cells(Words& words) {
-    std::uint64_t count = 0;
-    SPLATVOL_TRY(read_count(words, count));
-    mesh_.cells.reserve(count);
-    std::string_view line;
-    for (std::uint64_t i = 0; i < count; ++i) {
-      if (!next_line(line)) return fail_line("too short a list");
-      Words numbers(line);
+    has_cells_ = true;
+    return read_list(words, [&](Words& numbers, std::uint64_t) -> Status {
       Su2Cell cell{};
       if (!numbers.next(cell.vtk_type)) return fail_line("no cell");
       const std::size_t corners = corners_of(cell.vtk_type);
@@ -236,19 +219,13 @@ class Su2Reader {
         if (!numbers.next(cell.nodes[c])) return fail_line("no cell");
       SPLATVOL_TRY(check_end(numbers));
       mesh_.cells.push_back(cell);
-    }
-    has_cells_ = true;
-    return {};
+      return {};
+    });
   }
 
   Status read_points(Words& words) {
-    std::uint64_t count = 0;
-    SPLATVOL_TRY(read_count(words, count));
-    mesh_.points.reserve(count);
-    std::string_view line;
-    for (std::uint64_t i = 0; i < count; ++i) {
-      if (!next_line(line)) return fail_line("too short a list");
-      Words numbers(line);
+    has_points_ = true;
+    return read_list(words, [&](Words& numbers, std::uint64_t i) -> Status {
       dvec3 point(0);
       for (int axis = 0; axis < std::min(dimension_, 3); ++axis)
         if (!numbers.next(point[axis])) return fail_line("no point");
@@ -256,14 +233,12 @@ class Su2Reader {
       std::uint64_t index = 0;
       if (ended_ && (!numbers.next(index) || index != i)) return fail_open_end();
       mesh_.points.push_back(point);
-    }
-    has_points_ = true;
-    return {};
+      return {};
+    });
   }
 
   const std::string& path_;
-  std::string_view text_;
-  std::size_t at_ = 0;
+  std::string_view text_;  // that is not read yet
   std::uint64_t line_ = 0;
   bool ended_ = false;  // the file, in the current line
   int dimension_ = 0;
@@ -278,12 +253,7 @@ class Su2Reader {
 
 vtkSmartPointer<vtkUnstructuredGrid> make_grid(const Su2Mesh& mesh) {
   auto grid = vtkSmartPointer<vtkUnstructuredGrid>::New();
-  const vtkNew<vtkPoints> points;
-  points->SetDataTypeToDouble();
-  points->SetNumberOfPoints(static_cast<vtkIdType>(mesh.points.size()));
-  for (std::size_t i = 0; i < mesh.points.size(); ++i)
-    points->SetPoint(static_cast<vtkIdType>(i), mesh.points[i].x, mesh.points[i].y, mesh.points[i].z);
-  grid->SetPoints(points);
+  grid->SetPoints(make_points(mesh.points));
   grid->AllocateEstimate(static_cast<vtkIdType>(mesh.cells.size()), 8);
   for (const Su2Cell& cell : mesh.cells) {
     std::array<vtkIdType, 8> nodes{};
@@ -356,8 +326,7 @@ Result<CellCensus> add_values(const VtkFile& file, const Su2Mesh& mesh, const st
 }  // namespace
 
 Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file, const std::vector<std::string>& selection) {
-  SPLATVOL_TRY_ASSIGN(bytes, open_file(file.path));
-  SPLATVOL_TRY_ASSIGN(text, read_text(*bytes, 0, bytes->size()));
+  SPLATVOL_TRY_ASSIGN(text, read_text(file.path));
   SPLATVOL_TRY_ASSIGN(mesh, Su2Reader(file.path, text, file.patches).read());
   if (file.values.empty())
     return fail(
@@ -373,7 +342,8 @@ Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file, const std::ve
     data = grid;
   }));
   if (!added) return tl::unexpected(added.error());
-  return std::make_unique<SingleDataSet>(file.path, data, std::nullopt, make_patches(mesh), std::move(*added));
+  return std::make_unique<LoadedDataSets>(file.path, std::vector{data}, std::nullopt, make_patches(mesh),
+                                          std::move(*added));
 }
 
 Result<std::vector<ArrayShape>> su2_arrays(const VtkFile& file) {

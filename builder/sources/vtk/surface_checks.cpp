@@ -1,12 +1,8 @@
 #include "builder/sources/vtk/surface_checks.h"
 
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
-#include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
@@ -16,7 +12,6 @@
 #include <vector>
 
 #include "base/file.h"
-#include "base/json.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/file_words.h"
 
@@ -24,13 +19,6 @@ namespace splatvol {
 namespace {
 
 constexpr const char* cut_or_comma = "damaged, cut off, or with decimal commas";
-
-template <class T>
-std::optional<T> whole_number(std::string_view word) {
-  T number{};
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
-  return error == std::errc() && end == word.data() + word.size() ? std::optional(number) : std::nullopt;
-}
 
 using Words = std::vector<std::string_view>;
 
@@ -124,7 +112,7 @@ class PlyFile {
   }
 
   bool add_element(const Words& line) {
-    const auto count = line.size() == 3 ? whole_number<std::uint64_t>(line[2]) : std::nullopt;
+    const auto count = line.size() == 3 ? number_of<std::uint64_t>(line[2]) : std::nullopt;
     if (count) elements_.push_back({std::string(line[1]), *count, {}});
     return count.has_value();
   }
@@ -138,24 +126,10 @@ class PlyFile {
   }
 
   static std::uint64_t bytes_of(std::string_view type) {
-    constexpr std::array<std::pair<std::string_view, std::uint64_t>, 16> types = {{{"char", 1},
-                                                                                   {"uchar", 1},
-                                                                                   {"int8", 1},
-                                                                                   {"uint8", 1},
-                                                                                   {"short", 2},
-                                                                                   {"ushort", 2},
-                                                                                   {"int16", 2},
-                                                                                   {"uint16", 2},
-                                                                                   {"int", 4},
-                                                                                   {"uint", 4},
-                                                                                   {"int32", 4},
-                                                                                   {"uint32", 4},
-                                                                                   {"float", 4},
-                                                                                   {"float32", 4},
-                                                                                   {"double", 8},
-                                                                                   {"float64", 8}}};
-    const auto* found = std::ranges::find(types, type, &std::pair<std::string_view, std::uint64_t>::first);
-    return found == types.end() ? 0 : found->second;
+    if (is_one_of(type, {"char", "uchar", "int8", "uint8"})) return 1;
+    if (is_one_of(type, {"short", "ushort", "int16", "uint16"})) return 2;
+    if (is_one_of(type, {"int", "uint", "int32", "uint32", "float", "float32"})) return 4;
+    return is_one_of(type, {"double", "float64"}) ? 8 : 0;
   }
 
   /// Skips the line of an element. Words behind its numbers do not count.
@@ -175,7 +149,7 @@ class PlyFile {
     for (const PlyProperty& property : element.properties) {
       std::uint64_t count = 1;
       if (property.count_bytes > 0) {
-        const auto stated = next < line.size() ? whole_number<std::uint64_t>(line[next++]) : std::nullopt;
+        const auto stated = next < line.size() ? number_of<std::uint64_t>(line[next++]) : std::nullopt;
         if (!stated) return std::nullopt;
         count = *stated;
         most_in_list_ = std::max(most_in_list_, count);
@@ -195,9 +169,7 @@ class PlyFile {
     if (property.count_bytes == 0) return words_.skip_bytes(property.bytes);
     const std::string bytes = words_.bytes(property.count_bytes);
     if (bytes.size() < property.count_bytes) return false;
-    std::uint64_t count = 0;
-    for (std::size_t i = 0; i < bytes.size(); ++i)
-      count = count << 8 | static_cast<unsigned char>(bytes[big_endian_ ? i : bytes.size() - 1 - i]);
+    const std::uint64_t count = number_in(bytes, big_endian_);
     constexpr std::uint64_t most = std::uint64_t{1} << 32;
     most_in_list_ = std::max(most_in_list_, count);
     return count < most && words_.skip_bytes(count * property.bytes);
@@ -269,7 +241,7 @@ class ObjFile {
   bool is_polygon(const Words& line) {
     for (std::size_t i = 1; i < line.size(); ++i) {
       const std::size_t slash = std::min(line[i].find('/'), line[i].size());
-      const auto corner = whole_number<std::int64_t>(line[i].substr(0, slash));
+      const auto corner = number_of<std::int64_t>(line[i].substr(0, slash));
       const bool is_rest = line[i].find_first_not_of("0123456789-/", slash) == std::string::npos;
       if (!corner || *corner == 0 || !is_rest) return false;
       if (*corner < 0 && (*corner < -most_vertices || static_cast<std::uint64_t>(-*corner) > vertices_)) return false;
@@ -287,51 +259,19 @@ class ObjFile {
   std::uint64_t largest_corner_ = 0;
 };
 
-/// The JSON of a .gltf or .glb file; empty if it is too long to name files.
-Result<std::string> gltf_text(ByteSource& file) {
-  constexpr std::uint64_t longest = 16 << 20, header_bytes = 20;  // of a .glb: the length of its text is at 12
-  SPLATVOL_TRY_ASSIGN(start, read_text(file, 0, header_bytes));
-  if (!start.starts_with("glTF")) return file.size() > longest ? std::string() : read_text(file, 0, longest);
-  std::uint64_t length = 0;
-  for (std::size_t i = 16; start.size() == header_bytes && i-- > 12;)
-    length = length << 8 | static_cast<unsigned char>(start[i]);
-  return length > longest ? std::string() : read_text(file, header_bytes, length);
-}
-
 }  // namespace
 
 Status check_stl(const std::string& path) {
   constexpr std::uint64_t header_bytes = 80, triangle_bytes = 50;
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  std::array<std::byte, 256> begin{};
-  SPLATVOL_TRY(file->read(0, std::span(begin).first(std::min<std::uint64_t>(begin.size(), file->size()))));
-  const bool is_text = std::memcmp(begin.data(), "solid", 5) == 0 &&
-                       std::ranges::all_of(begin, [](std::byte byte) { return byte < std::byte{128}; });
-  if (is_text) return check_stl_text(std::move(file));
-  std::uint32_t count = 0;  // little-endian
-  const std::uint64_t first = header_bytes + sizeof(count);
-  if (file->size() >= first)
-    for (std::size_t i = 0; i < sizeof(count); ++i)
-      count |= std::to_integer<std::uint32_t>(begin[header_bytes + i]) << 8 * i;
+  SPLATVOL_TRY_ASSIGN(begin, read_text(*file, 0, 256));
+  const auto is_ascii = [](char c) { return static_cast<unsigned char>(c) < 128; };
+  if (begin.starts_with("solid") && std::ranges::all_of(begin, is_ascii)) return check_stl_text(std::move(file));
+  constexpr std::uint64_t first = header_bytes + sizeof(std::uint32_t);
+  const std::uint64_t count =
+      begin.size() < first ? 0 : number_in(std::string_view(begin).substr(header_bytes, first - header_bytes), false);
   if (file->size() >= first + count * triangle_bytes) return {};
   return fail(ErrorCode::invalid_data, "{}: the file is cut off, or no surface: it states {} triangles", path, count);
-}
-
-Status check_gltf_buffers(const std::string& path) {
-  constexpr int deepest = 64;
-  SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  SPLATVOL_TRY_ASSIGN(text, gltf_text(*file));
-  const auto document = parse_shallow_json(text, deepest);
-  if (!document) return {};  // VTK's reader tells
-  const JsonField scene(**document), buffers = scene.member("buffers");
-  for (std::size_t i = 0; i < buffers.size(); ++i) {
-    const JsonField buffer = buffers.element(i);
-    const auto name = buffer.member("uri").text();
-    if (!name || name->starts_with("data:")) continue;
-    const auto named = open_file(std::filesystem::path(path).parent_path() / *name);
-    if (!named) return fail_in(path, named.error());
-  }
-  return {};
 }
 
 Result<LastLine> check_ply(const std::string& path) {

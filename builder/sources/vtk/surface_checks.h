@@ -27,8 +27,4 @@ enum class LastLine {
 /// with a corner that is not there. How many lines must follow an .obj file does not tell. Safe on untrusted files.
 [[nodiscard]] Result<LastLine> check_obj(const std::string& path);
 
-/// Fails unless the buffers that a .gltf or .glb file names are regular files: VTK's reader crashes without them. Safe
-/// on untrusted files.
-[[nodiscard]] Status check_gltf_buffers(const std::string& path);
-
 }  // namespace splatvol

@@ -20,7 +20,6 @@
 #include <cstddef>
 #include <limits>
 #include <span>
-#include <utility>
 
 #include "base/file.h"
 #include "base/replaceable.h"
@@ -64,7 +63,6 @@ Result<LastLine> check_file(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));  // whose errors name the reason
   if (has_extension(path, ".obj")) return check_obj(path);
   if (has_extension(path, ".ply")) return check_ply(path);
-  if (has_extension(path, ".gltf") || has_extension(path, ".glb")) SPLATVOL_TRY(check_gltf_buffers(path));
   if (has_extension(path, ".stl")) SPLATVOL_TRY(check_stl(path));
   if (has_extension(path, ".vtp")) SPLATVOL_TRY(check_xml(path));
   if (has_extension(path, ".vtk")) SPLATVOL_TRY(check_legacy(path));
@@ -74,8 +72,7 @@ Result<LastLine> check_file(const std::string& path) {
 
 /// Gives the reader of a .ply file the file's text with the end of a line, which the file lacks.
 Status end_last_line(const std::string& path, vtkAlgorithm& reader) {
-  SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  SPLATVOL_TRY_ASSIGN(text, read_text(*file, 0, file->size()));
+  SPLATVOL_TRY_ASSIGN(text, read_text(path));
   auto& ply = *vtkPLYReader::SafeDownCast(&reader);
   ply.ReadFromInputStringOn();
   ply.SetInputString(text + '\n');

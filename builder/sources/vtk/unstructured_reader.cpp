@@ -1,5 +1,3 @@
-#include "builder/sources/vtk/unstructured_reader.h"
-
 #include <vtkDataArraySelection.h>
 #include <vtkIdTypeArray.h>
 #include <vtkObjectFactory.h>
@@ -13,6 +11,8 @@
 #include <filesystem>
 #include <span>
 #include <utility>
+
+#include "builder/sources/vtk/reader.h"
 
 namespace splatvol {
 namespace {

@@ -18,16 +18,156 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <set>
 #include <utility>
 
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
+#include "builder/sources/vtk/hdf5_checks.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/netcdf_checks.h"
-#include "builder/sources/vtk/vtkhdf_file.h"
 
 namespace splatvol {
 namespace {
+
+[[noreturn]] void fail_array(const std::string& name) {
+  throw ReaderError("the array \"{}\" is missing, damaged or too short", name);
+}
+
+/// A packed array cannot be smaller than this share of its numbers: deflate packs 1032 times at most.
+constexpr std::uint64_t most_packing = 1100;
+
+/// A group of an HDF5 file. All functions throw a ReaderError if something is not there or damaged. Not thread-safe.
+class Hdf5Group {
+ public:
+  /// Opens a group of a file.
+  Hdf5Group(const std::string& path, const std::string& group)
+      : file_(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose),
+        group_(file_.is_open() ? H5Gopen2(file_.id(), group.c_str(), H5P_DEFAULT) : -1, H5Gclose) {
+    if (!file_.is_open()) throw ReaderError("damaged, cut off, or not an HDF5 file");
+    if (!group_.is_open()) throw ReaderError("not a VTKHDF file: it has no group {}", group);
+  }
+
+  /// Whether there is an object of this name, such as "PointData/p".
+  [[nodiscard]] bool has(const std::string& name) const {
+    for (std::size_t at = name.find('/'); at != std::string::npos; at = name.find('/', at + 1))
+      if (H5Lexists(group_.id(), name.substr(0, at).c_str(), H5P_DEFAULT) <= 0) return false;
+    return H5Lexists(group_.id(), name.c_str(), H5P_DEFAULT) > 0;
+  }
+
+  /// The names of all that is in a group; none if there is no such group.
+  [[nodiscard]] std::vector<std::string> names_in(const std::string& group) const {
+    std::vector<std::string> names;
+    if (!has(group)) return names;
+    const Hdf5Handle opened(H5Gopen2(group_.id(), group.c_str(), H5P_DEFAULT), H5Gclose);
+    H5G_info_t info{};
+    if (!opened.is_open() || H5Gget_info(opened.id(), &info) < 0) fail_array(group);
+    for (hsize_t i = 0; i < info.nlinks; ++i) {
+      std::array<char, 1024> name{};
+      if (H5Lget_name_by_idx(opened.id(), ".", H5_INDEX_NAME, H5_ITER_INC, i, name.data(), name.size(), H5P_DEFAULT) <
+          0)
+        fail_array(group);
+      names.emplace_back(name.data());
+    }
+    return names;
+  }
+
+  /// Whether an array holds numbers: not texts. Throws if its link leads nowhere, or if it holds something else.
+  [[nodiscard]] bool holds_numbers(const std::string& array) const {
+    return splatvol::holds_numbers(Hdf5Handle(H5Oopen(group_.id(), array.c_str(), H5P_DEFAULT), H5Oclose), array);
+  }
+
+  /// Attributes of the group itself, or of a group in it.
+  [[nodiscard]] bool has_attribute(const std::string& name, const std::string& group = ".") const {
+    return H5Aexists_by_name(group_.id(), group.c_str(), name.c_str(), H5P_DEFAULT) > 0;
+  }
+
+  [[nodiscard]] std::vector<double> attribute(const std::string& name, const std::string& group = ".") const {
+    const Hdf5Handle attribute(H5Aopen_by_name(group_.id(), group.c_str(), name.c_str(), H5P_DEFAULT, H5P_DEFAULT),
+                               H5Aclose);
+    if (!attribute.is_open()) throw ReaderError("the attribute {} is missing", name);
+    const Hdf5Handle space(H5Aget_space(attribute.id()), H5Sclose);
+    const hssize_t count = H5Sget_simple_extent_npoints(space.id());
+    if (count < 1 || count > 64) throw ReaderError("the attribute {} is damaged", name);
+    std::vector<double> numbers(static_cast<std::size_t>(count));
+    if (H5Aread(attribute.id(), H5T_NATIVE_DOUBLE, numbers.data()) < 0)
+      throw ReaderError("the attribute {} is damaged", name);
+    return numbers;
+  }
+
+  [[nodiscard]] std::string text_attribute(const std::string& name) const {
+    const Hdf5Handle attribute(H5Aopen(group_.id(), name.c_str(), H5P_DEFAULT), H5Aclose);
+    if (!attribute.is_open()) throw ReaderError("the attribute {} is missing", name);
+    const Hdf5Handle type(H5Aget_type(attribute.id()), H5Tclose);
+    if (H5Tget_class(type.id()) != H5T_STRING) throw ReaderError("the attribute {} is no text", name);
+    if (H5Tis_variable_str(type.id()) > 0) {
+      char* text = nullptr;
+      if (H5Aread(attribute.id(), type.id(), static_cast<void*>(&text)) < 0 || !text)
+        throw ReaderError("the attribute {} is damaged", name);
+      std::string copy(text);
+      H5free_memory(text);
+      return copy;
+    }
+    std::string text(std::min<std::size_t>(H5Tget_size(type.id()), 4096), '\0');
+    if (H5Tget_size(type.id()) > text.size() || H5Aread(attribute.id(), type.id(), text.data()) < 0)
+      throw ReaderError("the attribute {} is damaged", name);
+    return text.substr(0, text.find('\0'));
+  }
+
+  /// The extents of an array, the slowest first.
+  [[nodiscard]] std::vector<std::uint64_t> shape(const std::string& array) const {
+    if (!has(array)) fail_array(array);
+    const Hdf5Handle opened(H5Dopen2(group_.id(), array.c_str(), H5P_DEFAULT), H5Dclose);
+    const Hdf5Handle space(opened.is_open() ? H5Dget_space(opened.id()) : -1, H5Sclose);
+    const int rank = space.is_open() ? H5Sget_simple_extent_ndims(space.id()) : 0;
+    if (rank < 1 || rank > 8) fail_array(array);
+    std::vector<hsize_t> extents(static_cast<std::size_t>(rank));
+    H5Sget_simple_extent_dims(space.id(), extents.data(), nullptr);
+    return {extents.begin(), extents.end()};
+  }
+
+  /// Reads the rows [first, first + count) of an array, the numbers of a row side by side.
+  [[nodiscard]] std::vector<double> doubles(const std::string& array, std::uint64_t first, std::uint64_t count) const {
+    return read<double>(array, first, count, H5T_NATIVE_DOUBLE);
+  }
+
+  [[nodiscard]] std::vector<std::int64_t> integers(const std::string& array, std::uint64_t first,
+                                                   std::uint64_t count) const {
+    return read<std::int64_t>(array, first, count, H5T_NATIVE_INT64);
+  }
+
+ private:
+  template <class T>
+  std::vector<T> read(const std::string& array, std::uint64_t first, std::uint64_t count, std::int64_t type) const {
+    const std::vector<std::uint64_t> extents = shape(array);
+    if (count > extents[0] || first > extents[0] - count) fail_array(array);
+    const Hdf5Handle opened(H5Dopen2(group_.id(), array.c_str(), H5P_DEFAULT), H5Dclose);
+    const Hdf5Handle space(H5Dget_space(opened.id()), H5Sclose);
+    if (checked_.insert(array).second) check_values(opened.id(), array);
+
+    // Numbers that the file cannot hold are not allocated for.
+    std::uint64_t left = H5Dget_storage_size(opened.id()) * most_packing, numbers = count;
+    for (std::size_t axis = 0; axis < extents.size(); ++axis) {
+      const std::uint64_t extent = axis == 0 ? count : extents[axis];
+      if (extent != 0 && left / extent == 0) fail_array(array);
+      left = extent == 0 ? left : left / extent;
+      numbers = axis == 0 ? count : numbers * extent;
+    }
+    std::vector<T> values(numbers);
+    if (numbers == 0) return values;
+    std::vector<hsize_t> start(extents.size()), counts(extents.begin(), extents.end());
+    start[0] = first;
+    counts[0] = count;
+    const Hdf5Handle memory(H5Screate_simple(static_cast<int>(counts.size()), counts.data(), nullptr), H5Sclose);
+    if (H5Sselect_hyperslab(space.id(), H5S_SELECT_SET, start.data(), nullptr, counts.data(), nullptr) < 0 ||
+        H5Dread(opened.id(), type, memory.id(), space.id(), H5P_DEFAULT, values.data()) < 0)
+      fail_array(array);
+    return values;
+  }
+
+  Hdf5Handle file_, group_;
+  mutable std::set<std::string> checked_;  // arrays whose values are there
+};
 
 /// Where a partition's points, cells and connectivity begin in the arrays of the file, and how many there are.
 struct Partition {
@@ -53,8 +193,8 @@ class HdfFile {
     if (group_.attribute("Version")[0] > 2) throw ReaderError("a VTKHDF version above 2, which cannot be read");
     type_ = group_.text_attribute("Type");
     if (type_ != "UnstructuredGrid" && type_ != "ImageData")
-      throw ReaderError(fmt::format("a VTKHDF file of type \"{}\"; only UnstructuredGrid and ImageData can be read",
-                                    type_.substr(0, 40)));
+      throw ReaderError("a VTKHDF file of type \"{}\"; only UnstructuredGrid and ImageData can be read",
+                        type_.substr(0, 40));
     if (group_.has("Steps")) choose_step(time);
     if (type_ == "UnstructuredGrid") find_partitions();
   }
@@ -67,8 +207,8 @@ class HdfFile {
     std::vector<ArrayShape> shapes;
     for (const bool of_cells : {false, true}) {
       const std::string data = of_cells ? "CellData" : "PointData";
-      for (const std::string& name : group_.names_in(data)) {
-        if (is_bookkeeping(name) || !wanted(name) || !group_.holds_numbers(fmt::format("{}/{}", data, name))) continue;
+      for (const std::string& name : wanted_in(data)) {
+        if (is_bookkeeping(name)) continue;
         const std::uint64_t components = components_of(data, name);
         if (components > 0 && components <= most_components)
           shapes.push_back({name, static_cast<int>(components), of_cells});
@@ -160,8 +300,14 @@ class HdfFile {
     grid.SetCells(vtk_types, cells);
   }
 
-  [[nodiscard]] bool wanted(const std::string& name) const {
-    return is_ghost_array(name) || wants_array(selection_, name);
+  /// The arrays of numbers in a group that are to be read.
+  [[nodiscard]] std::vector<std::string> wanted_in(const std::string& data) const {
+    std::vector<std::string> names = group_.names_in(data);
+    std::erase_if(names, [&](const std::string& name) {
+      const bool wanted = is_ghost_array(name) || wants_array(selection_, name);
+      return !wanted || !group_.holds_numbers(fmt::format("{}/{}", data, name));
+    });
+    return names;
   }
 
   [[nodiscard]] std::uint64_t components_of(const std::string& data, const std::string& name) const {
@@ -177,8 +323,7 @@ class HdfFile {
   /// Reads the arrays of a partition. `before`: its rows before it in the time step; `first`: in the file.
   void read_arrays(const std::string& data, vtkDataSetAttributes& to, std::uint64_t before, std::uint64_t first,
                    std::uint64_t count) const {
-    for (const std::string& name : group_.names_in(data)) {
-      if (!wanted(name) || !group_.holds_numbers(fmt::format("{}/{}", data, name))) continue;
+    for (const std::string& name : wanted_in(data)) {
       const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
       const bool own = step_ && group_.has("Steps/" + own_offsets);
       const auto values =
@@ -191,7 +336,7 @@ class HdfFile {
                         vtkDataSetAttributes& to) {
     if (count == 0) return;
     if (values.size() / count > most_components)
-      throw ReaderError(fmt::format("the array \"{}\" has more than {} components", name, most_components));
+      throw ReaderError("the array \"{}\" has more than {} components", name, most_components);
     const auto components = static_cast<int>(values.size() / count);
     vtkSmartPointer<vtkDataArray> array = vtkSmartPointer<vtkDoubleArray>::New();
     if (is_ghost_array(name)) array = vtkSmartPointer<vtkUnsignedCharArray>::New();
@@ -205,7 +350,7 @@ class HdfFile {
 
   [[nodiscard]] std::vector<double> attribute(const std::string& name, std::size_t count) const {
     std::vector<double> numbers = group_.attribute(name);
-    if (numbers.size() != count) throw ReaderError(fmt::format("the attribute {} is damaged", name));
+    if (numbers.size() != count) throw ReaderError("the attribute {} is damaged", name);
     return numbers;
   }
 
@@ -232,8 +377,7 @@ class HdfFile {
 
   void read_image_arrays(const std::string& data, const std::array<std::uint64_t, 3>& counts,
                          vtkDataSetAttributes& to) const {
-    for (const std::string& name : group_.names_in(data)) {
-      if (!wanted(name) || !group_.holds_numbers(fmt::format("{}/{}", data, name))) continue;
+    for (const std::string& name : wanted_in(data)) {
       std::vector<std::uint64_t> shape = group_.shape(fmt::format("{}/{}", data, name));
       const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
       const bool own = step_ && group_.has("Steps/" + own_offsets);
@@ -244,7 +388,7 @@ class HdfFile {
         shape.erase(shape.begin());
       }
       const bool fits = shape.size() >= 3 && shape[0] == counts[2] && shape[1] == counts[1] && shape[2] == counts[0];
-      if (!fits) throw ReaderError(fmt::format("the array \"{}\" is not of the extent of the image", name));
+      if (!fits) throw ReaderError("the array \"{}\" is not of the extent of the image", name);
       add_array(name, group_.doubles(fmt::format("{}/{}", data, name), first, rows), counts[0] * counts[1] * counts[2],
                 to);
     }
@@ -265,6 +409,7 @@ class HdfDataSets final : public VtkDataSets {
   Status open(std::optional<double> time) {
     SPLATVOL_TRY(check_file_end(path_));
     return run_vtk(path_, [&] {
+      H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // keeps the library from printing its errors
       file_ = std::make_unique<HdfFile>(path_, selection_, time);
       if (file_->count() == 0) throw ReaderError("no partitions in it");
     });
@@ -295,10 +440,9 @@ class HdfDataSets final : public VtkDataSets {
 
 }  // namespace
 
-Result<std::unique_ptr<VtkDataSets>> open_vtkhdf(const VtkFile& file, const std::vector<std::string>& selection,
-                                                 std::optional<double> time) {
-  auto data_sets = std::make_unique<HdfDataSets>(file.path, selection);
-  SPLATVOL_TRY(data_sets->open(time));
+Result<std::unique_ptr<VtkDataSets>> open_vtkhdf(const VtkFile& file, const SourceOptions& options) {
+  auto data_sets = std::make_unique<HdfDataSets>(file.path, options.selection);
+  SPLATVOL_TRY(data_sets->open(options.time));
   return data_sets;
 }
 

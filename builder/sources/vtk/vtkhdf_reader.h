@@ -2,9 +2,6 @@
 #pragma once
 
 #include <memory>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include "base/error.h"
 #include "builder/sources/vtk/data_sets.h"
@@ -12,10 +9,8 @@
 namespace splatvol {
 
 /// Opens a VTKHDF file of version 1 or 2 that holds an unstructured grid or an image, at the time step nearest to
-/// `time`, or without one at the last. Each partition is a data set, and is read by the next() that returns it. Other
-/// types and polyhedra are not supported. VTK 9.1 has a reader too, but of version 1 and without time steps.
-[[nodiscard]] Result<std::unique_ptr<VtkDataSets>> open_vtkhdf(const VtkFile& file,
-                                                               const std::vector<std::string>& selection,
-                                                               std::optional<double> time);
+/// `options.time`, or without one at the last. Each partition is a data set, and is read by the next() that returns it.
+/// Other types and polyhedra are not supported. VTK 9.1 has a reader too, but of version 1 and without time steps.
+[[nodiscard]] Result<std::unique_ptr<VtkDataSets>> open_vtkhdf(const VtkFile& file, const SourceOptions& options);
 
 }  // namespace splatvol

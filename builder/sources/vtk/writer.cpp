@@ -9,12 +9,14 @@
 #include <vtkObjectFactory.h>
 #include <vtkPointData.h>
 #include <vtkPoints.h>
+#include <vtkSmartPointer.h>
 #include <vtkUnstructuredGrid.h>
 #include <vtkXMLUnstructuredGridWriter.h>
 
 #include <algorithm>
 
 #include "base/file.h"
+#include "builder/sources/vtk/data_sets.h"
 
 namespace splatvol {
 namespace {
@@ -22,17 +24,12 @@ namespace {
 vtkNew<vtkUnstructuredGrid> make_grid(std::span<const dvec3> points,
                                       std::span<const std::array<std::uint32_t, 4>> tetrahedra,
                                       std::span<const PointArray> arrays) {
-  const vtkNew<vtkPoints> grid_points;
-  grid_points->SetDataTypeToDouble();
-  grid_points->SetNumberOfPoints(static_cast<vtkIdType>(points.size()));
-  for (std::size_t i = 0; i < points.size(); ++i) grid_points->SetPoint(static_cast<vtkIdType>(i), &points[i].x);
-
   const vtkNew<vtkCellArray> cells;
   cells->AllocateExact(static_cast<vtkIdType>(tetrahedra.size()), static_cast<vtkIdType>(4 * tetrahedra.size()));
   for (const auto& [a, b, c, d] : tetrahedra) cells->InsertNextCell({a, b, c, d});
 
   vtkNew<vtkUnstructuredGrid> grid;
-  grid->SetPoints(grid_points);
+  grid->SetPoints(make_points(points));
   grid->SetCells(VTK_TETRA, cells);
   for (const PointArray& array : arrays) {
     const vtkNew<vtkFloatArray> values;

@@ -37,14 +37,14 @@ std::string_view name_of(vtkXMLDataElement& array) {
 
 /// VTK makes no array for a type that it does not know, but fills the array nevertheless.
 Status check_types(const std::string& path, vtkXMLDataElement& element) {
-  constexpr std::array<std::string_view, 12> known = {"Int8",  "UInt8",  "Int16",   "UInt16",  "Int32",  "UInt32",
-                                                      "Int64", "UInt64", "Float32", "Float64", "String", "Bit"};
   for (int i = 0; i < element.GetNumberOfNestedElements(); ++i)
     SPLATVOL_TRY(check_types(path, *element.GetNestedElement(i)));
   const std::string_view name = element.GetName();
   if (name != "DataArray" && name != "Array") return {};
   const std::string_view type = element.GetAttribute("type") ? element.GetAttribute("type") : "";
-  if (std::ranges::find(known, type) != known.end()) return {};
+  if (is_one_of(type, {"Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Float32", "Float64",
+                       "String", "Bit"}))
+    return {};
   return fail(ErrorCode::invalid_data, "{}: an array of unknown type \"{}\"", path, type);
 }
 
@@ -301,11 +301,10 @@ Status check_geometry(const std::string& path, vtkXMLDataElement& grid) {
 
 /// The arrays of a piece, but those of lists of cells: where they are, their names, types and components.
 std::vector<std::string> arrays_of_piece(vtkXMLDataElement& piece) {
-  constexpr std::array<std::string_view, 4> holders = {"PointData", "CellData", "Points", "Coordinates"};
   std::vector<std::string> arrays;
   for (int i = 0; i < piece.GetNumberOfNestedElements(); ++i) {
     vtkXMLDataElement& holder = *piece.GetNestedElement(i);
-    if (std::ranges::find(holders, std::string_view(holder.GetName())) == holders.end()) continue;
+    if (!is_one_of(holder.GetName(), {"PointData", "CellData", "Points", "Coordinates"})) continue;
     for (int k = 0; k < holder.GetNumberOfNestedElements(); ++k) {
       vtkXMLDataElement& array = *holder.GetNestedElement(k);
       const char* type = array.GetAttribute("type");

@@ -1,4 +1,4 @@
-// A data set that a reader of ours has made, as an input of its own.
+// Data sets that are all in memory, as an input of their own.
 #pragma once
 
 #include <vtkDataSet.h>
@@ -13,27 +13,29 @@
 
 namespace splatvol {
 
-/// One data set that is in memory.
-class SingleDataSet final : public VtkDataSets {
+class LoadedDataSets final : public VtkDataSets {
  public:
-  SingleDataSet(std::string path, vtkSmartPointer<vtkDataSet> data, std::optional<TimeStep> step,
-                std::vector<Patch> patches = {}, CellCensus changes = {})
+  LoadedDataSets(std::string path, std::vector<vtkSmartPointer<vtkDataSet>> data, std::optional<TimeStep> step = {},
+                 std::vector<Patch> patches = {}, CellCensus changes = {})
       : path_(std::move(path)),
         data_(std::move(data)),
         step_(std::move(step)),
         patches_(std::move(patches)),
         changes_(std::move(changes)) {}
 
-  std::size_t count() const override { return 1; }
+  std::size_t count() const override { return data_.size(); }
   const std::string& path() const override { return path_; }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus take_changes() override { return std::exchange(changes_, {}); }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
-  Result<vtkSmartPointer<vtkDataSet>> next() override { return std::exchange(data_, nullptr); }
+  Result<vtkSmartPointer<vtkDataSet>> next() override {
+    return next_ == data_.size() ? nullptr : std::exchange(data_[next_++], nullptr);
+  }
 
  private:
   std::string path_;
-  vtkSmartPointer<vtkDataSet> data_;
+  std::vector<vtkSmartPointer<vtkDataSet>> data_;
+  std::size_t next_ = 0;
   std::optional<TimeStep> step_;
   std::vector<Patch> patches_;
   CellCensus changes_;
