@@ -29,12 +29,12 @@ struct BuildOptions {
   std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points; at least 255
   std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input as it is read
   std::uint64_t held_points = std::uint64_t{1} << 20;   // most scattered points that are joined all at once
-  std::string temp_folder;                              // for what memory cannot hold; empty: the output's folder
+  std::string temp_folder = {};                         // for what memory cannot hold; empty: the output's folder
   ExactColumns exact = {};                              // what is stored as it is given
   bool join_attributes = true;                          // with the same values: stored once, with an alias
   bool gradients = false;                               // the column `gradient`: lights the kernel octant
   Connectivity connectivity = Connectivity::automatic;  // only the first two use the input's cells
-  std::vector<std::string> inputs;                      // names for the provenance
+  std::vector<std::string> inputs = {};                 // names for the provenance
   std::vector<std::pair<std::string, std::string>> units = {};  // attribute, unit: instead of the source's
   std::string builder = "splatvol";                             // name and version of the program
   int up = -1;                                                  // format::VolumeInfo::up

@@ -192,9 +192,9 @@ enum class CellValues {
 
 /// The part of an input to read, and the names of its columns.
 struct SourceOptions {
-  std::vector<std::string> selection;  // attributes to read; empty: all
-  std::vector<std::string> columns;    // names of the columns of .npy files; empty: the file's names, or the default
-  std::optional<double> time = {};     // the step nearest to it is read; empty: the last
+  std::vector<std::string> selection = {};  // attributes to read; empty: all
+  std::vector<std::string> columns = {};  // names of the columns of .npy files; empty: the file's names, or the default
+  std::optional<double> time = {};        // the step nearest to it is read; empty: the last
   CellValues cells = CellValues::averaged;
   std::vector<double> missing = {};  // values that stand for none, besides the plain fill values
   bool patches = false;              // pieces bring the patches that the input names
