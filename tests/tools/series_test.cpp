@@ -245,7 +245,7 @@ TEST_F(SeriesPrograms, VerifyComparesAnIndexWithItsFiles) {
   auto document = nlohmann::json::parse(index);
   document["steps"][1]["file"] = std::string("f-0000.svol\0b", 13);
   write("f.svols", document.dump());
-  expect_refusal("svinfo f.svols", "step 1");
+  expect_refusal("svinfo f.svols", "steps[1].file");
 }
 
 TEST_F(SeriesPrograms, WrongCallsAreRefused) {
