@@ -73,8 +73,8 @@ class Session {
   [[nodiscard]] static Result<std::unique_ptr<Session>> open(const std::string& path, const std::string& scene_path,
                                                              const ViewSettings& settings);
 
-  /// The same in two parts, for a thread that reads while another one draws. `asked` goes before what the scene tells of
-  /// its use, and this before `settings`. A scene that tells its file needs no other.
+  /// The same in two parts, for a thread that reads while another one draws. `asked` goes before what the scene tells
+  /// of its use, and this before `settings`. A scene that tells its file needs no other.
   [[nodiscard]] static Result<SessionFile> read(const SceneUse& asked, const std::string& scene_path,
                                                 const ViewSettings& settings,
                                                 const format::OpenFile& open_file = open_file_or_url);
