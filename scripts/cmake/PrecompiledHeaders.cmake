@@ -1,5 +1,5 @@
 # Headers that most sources include are read once. A precompiled header serves the compiler's flags that it was made with:
-# the layers' own (splatvol_base), the programs' (splatvol_tool) and the tests' (tests/CMakeLists.txt). Sources of CGAL,
+# the layers' own (splatvol_base), the programs' (splatvol_tool) and the tests' (tests/CMakeLists.txt). Sources of
 # OpenVDB and VTK have one of their own. Each source still includes what it uses: scripts/lint compiles without
 # precompiled headers.
 set(SPLATVOL_HEADERS <algorithm> <array> <atomic> <bit> <chrono> <cmath> <condition_variable> <cstdint> <cstring>
