@@ -74,4 +74,8 @@ std::string describe_provenance(const BuildOptions& options, const BuildReport& 
   return json_text(provenance);
 }
 
+std::string describe_step_provenance(const std::string& builder, const std::string& input) {
+  return json_text(nlohmann::json{{"builder", builder}, {"inputs", {input}}});
+}
+
 }  // namespace splatvol

@@ -17,4 +17,7 @@ namespace splatvol {
 /// Describes the file's origin, as JSON.
 [[nodiscard]] std::string describe_provenance(const BuildOptions& options, const BuildReport& report);
 
+/// Describes the origin of a step of a series, as JSON.
+[[nodiscard]] std::string describe_step_provenance(const std::string& builder, const std::string& input);
+
 }  // namespace splatvol

@@ -2,12 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
 
 #include "base/file.h"
-#include "base/json.h"
 #include "base/locked_file.h"
 #include "builder/pipeline/checking.h"
 #include "builder/pipeline/describe.h"
@@ -250,7 +248,7 @@ class SeriesBuild {
       format::StepInfo step = describe_step(reduced.info, *target_.info, s);
       SPLATVOL_TRY_ASSIGN(time, time_of(s, source.stated_times()[s]));
       step.time = time;
-      step.provenance = step_provenance(s);
+      step.provenance = describe_step_provenance(options_.builder, group_[s].name);
       const auto histograms = std::span(reduced.histograms).subspan(s * attributes, attributes);
       SPLATVOL_TRY_ASSIGN(
           writer, StepWriter::create(*target_.info, std::move(step), std::move(summaries[s]), histograms, folder_));
@@ -299,11 +297,6 @@ class SeriesBuild {
     BuildOptions options = options_;
     options.inputs = {group_.front().name};
     return describe_provenance(options, report);
-  }
-
-  std::string step_provenance(std::size_t s) const {
-    const nlohmann::json provenance = {{"builder", options_.builder}, {"inputs", {group_[s].name}}};
-    return json_text(provenance);
   }
 
   BuildOptions options_;
