@@ -55,6 +55,7 @@ void FieldSampler::add(const dvec3& centroid, const SplatShape& of, const SplatV
   const auto add_to = [&](std::uint32_t position) {
     const dvec3 place = ellipsoid.place(positions_[position]);
     const double density = weight * ellipsoid.density(place);
+    if (!(density > 0)) return;
     const bool is_cut_off = ellipsoid.is_cut_off(place);
     sums_[position].density.add(density, ellipsoid.has_boundary(), is_cut_off);
     if (!is_cut_off) sums_[position].value += density * field.at(positions_[position]);

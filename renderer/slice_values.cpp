@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <optional>
 #include <variant>
 
 #include "splat/ellipsoid.h"
@@ -91,11 +90,11 @@ class SliceDrawing {
     });
   }
 
-  [[nodiscard]] std::vector<double> values(std::span<const double> depths, std::optional<double> least) const {
+  [[nodiscard]] std::vector<double> values(std::span<const double> depths, double least) const {
     std::vector<double> values(depths.size(), std::numeric_limits<double>::quiet_NaN());
     tbb::parallel_for(std::size_t{0}, depths.size(), [&](std::size_t i) {
       const DensitySums sums{sums_.whole[i], sums_.bounded[i], sums_.left[i]};
-      if (depths[i] < infinity && (least ? sums.is_material(*least) : sums.is_material()))
+      if (depths[i] < infinity && sums.is_material(least))
         values[i] = units_.value(static_cast<double>(sums_.value[i]) / sums.left);
       if (!std::isfinite(values[i])) values[i] = std::numeric_limits<double>::quiet_NaN();
     });
@@ -252,7 +251,7 @@ std::vector<double> slice_values(const DrawList& list, const DrawingUnits& units
   }
   const bool octants =
       !list.ranges.empty() && std::holds_alternative<std::vector<OctantShape>>(list.ranges[0].row.shapes->records());
-  return drawing.values(depths, octants ? std::optional(least_of_octants) : std::nullopt);
+  return drawing.values(depths, octants ? least_of_octants : DensitySums::least_whole);
 }
 
 }  // namespace splatvol

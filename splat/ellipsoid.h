@@ -85,9 +85,11 @@ struct DensitySums {
     if (!is_cut_off) left += density;
   }
 
+  static constexpr double least_whole = 0.3;  // where no splat has a boundary
+
   /// Returns whether material is there. Ripple must not leave holes. Splats with boundaries are near the material's
-  /// edge: there `whole` must be more. `least`: of it, where no splat has a boundary.
-  [[nodiscard]] bool is_material(double least = 0.3) const {
+  /// edge: there `whole` must be more. `least`: instead of least_whole.
+  [[nodiscard]] bool is_material(double least = least_whole) const {
     constexpr double least_of_bounded = 0.5, least_left = 0.3, least_share = 0.5;
     return left > 0 && whole >= least + (least_of_bounded - least) * bounded / whole &&
            left >= std::min(least_left, least_share * whole);
