@@ -53,10 +53,10 @@ void FieldSampler::add(const dvec3& centroid, const SplatShape& of, const SplatV
   const LinearField field = field_of(centroid, shape, value);
   const Box box{ellipsoid.centre - ellipsoid.reach, ellipsoid.centre + ellipsoid.reach};
   const auto add_to = [&](std::uint32_t position) {
-    const dvec3 place = ellipsoid.place(positions_[position]);
-    const double density = weight * ellipsoid.density(place);
+    const dvec3 u = ellipsoid.in_ball(positions_[position]);
+    const double density = weight * ellipsoid.density(u);
     if (!(density > 0)) return;
-    const bool is_cut_off = ellipsoid.is_cut_off(place);
+    const bool is_cut_off = ellipsoid.is_cut_off(u);
     sums_[position].density.add(density, ellipsoid.has_boundary(), is_cut_off);
     if (!is_cut_off) sums_[position].value += density * field.at(positions_[position]);
   };

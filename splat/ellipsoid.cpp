@@ -69,7 +69,7 @@ SplatShape with_thickness(SplatShape shape) {
 }
 
 std::optional<Chord> chord_of(const Ellipsoid& ellipsoid, const dvec3& origin, const dvec3& direction) {
-  const dvec3 from = ellipsoid.place(origin), along = ellipsoid.to_ball * direction;
+  const dvec3 from = ellipsoid.in_ball(origin), along = ellipsoid.to_ball * direction;
   const double square = glm::dot(along, along);
   Chord chord{};
   chord.middle = -glm::dot(from, along) / square;

@@ -11,8 +11,8 @@
 
 namespace splatvol {
 
-/// An ellipsoid in which density falls as (1 - |u|^2)^(3/2), or half of it. A position x has the place
-/// u = to_ball (x - centre) in the unit ball.
+/// An ellipsoid in which density falls as (1 - |u|^2)^(3/2), or half of it. u = to_ball (x - centre) are the
+/// coordinates of a position x in the unit ball.
 struct Ellipsoid {
   dvec3 centre{0};
   dmat3 to_ball{0};
@@ -21,13 +21,13 @@ struct Ellipsoid {
   dvec3 outward{0};  // unit, in the ball: the half on this side of the centre is cut off by a boundary; 0: nothing is
 
   [[nodiscard]] bool has_boundary() const { return outward != dvec3(0); }
-  [[nodiscard]] bool is_cut_off(const dvec3& place) const { return glm::dot(outward, place) > 0; }
+  [[nodiscard]] bool is_cut_off(const dvec3& u) const { return glm::dot(outward, u) > 0; }
 
-  [[nodiscard]] dvec3 place(const dvec3& position) const { return to_ball * (position - centre); }
+  [[nodiscard]] dvec3 in_ball(const dvec3& position) const { return to_ball * (position - centre); }
 
-  /// Returns the density at a place as if nothing were cut off.
-  [[nodiscard]] double density(const dvec3& place) const {
-    const double rest = std::max(1 - glm::dot(place, place), 0.0);
+  /// Returns the density as if nothing were cut off.
+  [[nodiscard]] double density(const dvec3& u) const {
+    const double rest = std::max(1 - glm::dot(u, u), 0.0);
     return peak * rest * std::sqrt(rest);
   }
 };

@@ -73,10 +73,10 @@ TEST(Ellipsoid, EndsAtTheBoundary) {
     for (int i = 0; i < 20; ++i) {
       dvec3 x = s.vector(2);  // in deviations
       x += (1 - glm::dot(x, s.shape.boundary) / square) * s.shape.boundary;
-      const dvec3 place = s.ellipsoid.place(s.centroid + axes * (s.shape.deviations * x));
-      EXPECT_NEAR(glm::dot(s.ellipsoid.outward, place), 0, 1e-9 * (1 + glm::length(place)));
+      const dvec3 u = s.ellipsoid.in_ball(s.centroid + axes * (s.shape.deviations * x));
+      EXPECT_NEAR(glm::dot(s.ellipsoid.outward, u), 0, 1e-9 * (1 + glm::length(u)));
     }
-    EXPECT_FALSE(s.ellipsoid.is_cut_off(s.ellipsoid.place(s.centroid)));
+    EXPECT_FALSE(s.ellipsoid.is_cut_off(s.ellipsoid.in_ball(s.centroid)));
   });
 }
 
@@ -101,7 +101,7 @@ TEST(Ellipsoid, HasChordsWithItsDensity) {
         EXPECT_TRUE(s.ellipsoid.is_cut_off(u));
         continue;
       }
-      const auto at = [&](double distance) { return s.ellipsoid.place(origin + distance * direction); };
+      const auto at = [&](double distance) { return s.ellipsoid.in_ball(origin + distance * direction); };
       const double middle = 0.5 * (chord->begin + chord->end);
       EXPECT_NEAR(chord->density(middle), s.ellipsoid.density(at(middle)), 1e-6 * s.ellipsoid.peak);
       EXPECT_FALSE(s.ellipsoid.is_cut_off(at(middle)));

@@ -97,8 +97,8 @@ bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& run
     if (run.count > most - (shares.size() - first_share)) return false;
     runs.push_back(run);
     for (std::uint32_t i = 0; i < run.count; ++i, offset.x += 1) {
-      const dvec3 place = ellipsoid_.to_ball * offset;
-      shares.push_back(ellipsoid_.is_cut_off(place) ? 0 : ellipsoid_.density(place));
+      const dvec3 u = ellipsoid_.to_ball * offset;
+      shares.push_back(ellipsoid_.is_cut_off(u) ? 0 : ellipsoid_.density(u));
       sum += shares.back();
     }
     return true;
