@@ -25,7 +25,7 @@ class BlockReader {
   virtual void select(const std::vector<std::string>& selection) = 0;
 
   /// Lets read() replace these values by missing ones. Called before read(); only for EnSight.
-  virtual void set_gaps(std::vector<EnsightGaps> /*gaps*/) {}
+  virtual void set_gaps(std::vector<EnsightGaps> /*gaps*/) {}  // NOLINT(performance-unnecessary-value-param)
 
   /// Counts what read() has changed since the last call.
   virtual CellCensus take_changes() { return {}; }

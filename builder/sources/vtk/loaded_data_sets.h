@@ -28,9 +28,7 @@ class LoadedDataSets final : public VtkDataSets {
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus take_changes() override { return std::exchange(changes_, {}); }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
-  Result<vtkSmartPointer<vtkDataSet>> next() override {
-    return next_ == data_.size() ? nullptr : std::exchange(data_[next_++], nullptr);
-  }
+  Result<vtkSmartPointer<vtkDataSet>> next() override;
 
  private:
   std::string path_;
