@@ -13,8 +13,10 @@ constexpr std::array required_sections = {SectionKind::metadata,       SectionKi
                                           SectionKind::directory_root, SectionKind::rows,
                                           SectionKind::index_pages,    SectionKind::directory_pages};
 
+bool is_raw_and_optional(SectionKind kind) { return kind == SectionKind::boundary || kind == SectionKind::cells_draft; }
+
 bool is_known(SectionKind kind) {
-  return kind == SectionKind::histograms || kind == SectionKind::summary_table || kind == SectionKind::boundary ||
+  return kind == SectionKind::histograms || kind == SectionKind::summary_table || is_raw_and_optional(kind) ||
          std::ranges::find(required_sections, kind) != required_sections.end();
 }
 
@@ -34,7 +36,7 @@ bool has_valid_codec(const SectionEntry& section) {
       break;
   }
   return section.codec == Codec::zstd && !is_extent(section.kind) && section.kind != SectionKind::directory_root &&
-         section.kind != SectionKind::summary_table && section.kind != SectionKind::boundary &&
+         section.kind != SectionKind::summary_table && !is_raw_and_optional(section.kind) &&
          section.unpacked_bytes > section.packed_bytes &&
          (section.kind != SectionKind::metadata || section.unpacked_bytes <= max_metadata_bytes(section.packed_bytes));
 }
@@ -54,8 +56,12 @@ void seal(Superblock& superblock) {
 Bytes pack_front(Superblock superblock, bool is_step, std::span<const SectionEntry> sections) {
   std::ranges::copy(is_step ? step_magic : magic, superblock.magic);
   superblock.major_version = major_version;
-  const bool has_boundary = std::ranges::find(sections, SectionKind::boundary, &SectionEntry::kind) != sections.end();
-  superblock.minor_version = has_boundary ? boundary_minor_version : minor_version;
+  const auto has = [&](SectionKind kind) {
+    return std::ranges::find(sections, kind, &SectionEntry::kind) != sections.end();
+  };
+  superblock.minor_version = has(SectionKind::cells_draft) ? cells_minor_version
+                             : has(SectionKind::boundary)  ? boundary_minor_version
+                                                           : minor_version;
   superblock.section_count = static_cast<std::uint32_t>(sections.size());
   superblock.section_table_hash = hash_bytes(std::as_bytes(sections));
   seal(superblock);
@@ -163,6 +169,8 @@ Status Container::check_section_kinds() const {
     return broken("a section is absent or appears twice [R8]");
   if (std::ranges::count(sections_, SectionKind::boundary, &SectionEntry::kind) > (kind_ == Kind::step ? 0 : 1))
     return broken("a boundary appears twice, or in a step [R8]");
+  if (std::ranges::count(sections_, SectionKind::cells_draft, &SectionEntry::kind) > (kind_ == Kind::step ? 0 : 1))
+    return broken("cells appear twice, or in a step [R8]");
   for (const SectionKind kind : {SectionKind::metadata, SectionKind::index_root, SectionKind::directory_root}) {
     const SectionEntry& section = *find_section(kind);
     if (section.offset + section.packed_bytes > preamble_bytes()) return broken("a section passes the preamble [R1]");

@@ -15,6 +15,7 @@ inline constexpr std::uint8_t footer_magic[8] = {'S', 'V', 'O', 'L', 'E', 'N', '
 inline constexpr std::uint16_t major_version = 1;
 inline constexpr std::uint16_t minor_version = 0;
 inline constexpr std::uint16_t boundary_minor_version = 1;  // of a file with the section `boundary`
+inline constexpr std::uint16_t cells_minor_version = 2;     // of a file with the section `cells_draft`
 inline constexpr std::uint64_t max_preamble_bytes = 1u << 20;
 inline constexpr std::uint64_t min_first_read_bytes = 32u << 10;
 inline constexpr std::uint64_t max_first_read_bytes = 512u << 10;
@@ -27,6 +28,10 @@ inline constexpr std::uint64_t max_page_nodes = 4096;
 inline constexpr std::uint64_t max_step_entries = 1u << 20;  // of a step directory
 inline constexpr std::size_t max_patches = 4096;             // of a boundary
 inline constexpr std::uint32_t series_feature = 1;           // of Superblock::critical_features
+inline constexpr std::uint32_t max_page_chunks = 256;        // of cells
+inline constexpr std::uint32_t max_chunk_cells = 1u << 16;
+inline constexpr std::uint32_t max_chunk_groups = 4096;  // that the cells of a chunk have their corners in
+inline constexpr std::uint32_t rank_page_points = 1u << 16;
 
 struct Superblock {                  // spec 2
   std::uint8_t magic[8];             //  0
@@ -54,6 +59,7 @@ enum class SectionKind : std::uint32_t {
   padding = 8,
   summary_table = 9,  // of a step
   boundary = 10,
+  cells_draft = 11,  // of a file that is built before the section is final: the final one has another kind
 };
 
 /// Returns the largest unpacked size of metadata of `packed_bytes` (rule R7). JSON takes many times its length in
@@ -161,6 +167,63 @@ struct PatchPart {               // spec 13
   std::uint32_t unpacked_bytes;  // 12
 };
 static_assert(sizeof(PatchPart) == 16);
+
+enum class CellShape : std::uint8_t { tetrahedron = 1 };
+enum class CellField : std::uint8_t { corners = 1 };  // linear between the values at the corners
+
+struct CellChunkEntry {          // spec 14
+  std::uint64_t offset;          //  0: within the section
+  std::uint64_t hash;            //  8: of the packed bytes
+  std::uint32_t packed_bytes;    // 16
+  std::uint32_t unpacked_bytes;  // 20
+  std::uint32_t cells;           // 24
+  std::uint32_t points;          // 28: different ones among the corners
+  CellShape shape;               // 32
+  CellField field;               // 33
+  std::uint8_t zero[6];          // 34
+  double low[3];                 // 40: box round the corners
+  double high[3];                // 64
+  double area;                   // 88: of the faces of all cells
+};
+static_assert(sizeof(CellChunkEntry) == 96 && offsetof(CellChunkEntry, area) == 88);
+
+struct CellPageRef {         // spec 14
+  std::uint64_t offset;      //  0: within the section
+  std::uint32_t page_bytes;  //  8
+  std::uint32_t chunks;      // 12
+  std::uint64_t hash;        // 16: of the part table
+  double low[3];             // 24: box round the chunks
+  double high[3];            // 48
+  double area;               // 72: of all chunks
+};
+static_assert(sizeof(CellPageRef) == 80 && offsetof(CellPageRef, area) == 72);
+
+struct RankPageRef {             // spec 14
+  std::uint64_t offset;          //  0: within the section
+  std::uint32_t packed_bytes;    //  8
+  std::uint32_t unpacked_bytes;  // 12
+  std::uint64_t hash;            // 16: of the packed bytes
+};
+static_assert(sizeof(RankPageRef) == 24);
+
+struct CellKind {              // spec 14
+  CellShape shape;             //  0
+  CellField field;             //  1
+  std::uint8_t zero[6];        //  2
+  std::uint64_t cells;         //  8
+  std::uint64_t packed_bytes;  // 16: of their chunks
+  std::uint64_t turned;        // 24: cells that rounding has turned inside out
+};
+static_assert(sizeof(CellKind) == 32);
+
+struct CellsTail {        // spec 14
+  std::uint64_t hash;     //  0: of the rest of the root before it
+  std::uint64_t chunks;   //  8
+  std::uint64_t pages;    // 16: of chunk entries
+  std::uint32_t kinds;    // 24
+  std::uint32_t version;  // 28: of the draft
+};
+static_assert(sizeof(CellsTail) == 32);
 
 struct StepDirectoryHead {   // spec 11
   std::uint64_t hash;        //  0: of all bytes of the step directory behind it

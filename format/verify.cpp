@@ -2,48 +2,20 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <atomic>
 #include <bit>
 #include <cmath>
-#include <future>
 #include <glm/vector_relational.hpp>
 #include <limits>
 #include <numeric>
 #include <optional>
 
 #include "base/interruption.h"
+#include "format/run_tasks.h"
 #include "format/series_index.h"
+#include "format/verify_cells.h"
 #include "format/volume.h"
 
 namespace splatvol::format {
-namespace {
-
-// Calls task(number, thread) for the numbers under `tasks`, in order, on this thread, whose number is 0, and others.
-// Returns the failure of the first task that failed. Later ones may not have been called.
-template <class Task>
-Status run_tasks(std::size_t tasks, std::size_t threads, const Task& task) {
-  std::vector<Status> results(tasks);
-  std::atomic<std::size_t> next = 0;
-  std::atomic<bool> has_failed = false;
-  const auto run = [&](std::size_t thread) {
-    for (std::size_t number = 0; !has_failed && (number = next++) < tasks;) {
-      results[number] = task(number, thread);
-      if (!results[number]) has_failed = true;
-    }
-  };
-  std::vector<std::future<void>> others;
-  for (std::size_t thread = 1; thread < std::min(threads, tasks); ++thread)
-    others.push_back(std::async(std::launch::async | std::launch::deferred, [&, thread, stop = stop_of_thread()] {
-      const Interruptible interruptible(stop);
-      run(thread);
-    }));
-  run(0);
-  for (std::future<void>& other : others) other.get();
-  for (const Status& result : results) SPLATVOL_TRY(result);
-  return {};
-}
-
-}  // namespace
 
 class Volume::Verifier {
  public:
@@ -54,6 +26,7 @@ class Volume::Verifier {
     SPLATVOL_TRY(check_parts());
     SPLATVOL_TRY(check_rows(0));
     SPLATVOL_TRY_ASSIGN(values, check_chunks(pages_of(0)));
+    SPLATVOL_TRY(verify_cells(volume_, progress_, threads_));
     return volume_.series_ ? check_nodes(positions_only()) : check_nodes_and_values(values, positions_only());
   }
 
@@ -68,6 +41,7 @@ class Volume::Verifier {
   Status run_rest(const CheckedValues& values) {
     SPLATVOL_TRY(check_parts());
     SPLATVOL_TRY(check_rows(0));
+    SPLATVOL_TRY(verify_cells(volume_, progress_, threads_));
     return check_nodes_and_values(values, positions_only());
   }
 

@@ -1,12 +1,16 @@
 #include "format/volume_info.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <iterator>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <system_error>
 #include <utility>
 
 #include "base/json.h"
@@ -20,6 +24,7 @@ using nlohmann::json;
 
 constexpr std::uint64_t max_points = (std::uint64_t{1} << 48) - 1;
 constexpr int max_nesting = 32;
+constexpr const char* cells_key = "cells_draft";
 
 constexpr std::array<std::pair<ColumnKind, const char*>, 7> column_names = {{
     {ColumnKind::position, "position"},
@@ -151,7 +156,7 @@ Result<std::vector<std::uint64_t>> read_counts(const JsonField& nodes) {
   if (nodes.size() < 1 || nodes.size() > max_resolutions) return nodes.wrong("not a list of 1 to {}", max_resolutions);
   std::uint64_t last = 0;
   return nodes.each([&](const JsonField& node) {
-    const auto count = node.whole(last + 1, max_points);
+    auto count = node.whole(last + 1, max_points);
     last = count.value_or(0);
     return count;
   });
@@ -183,6 +188,16 @@ Result<BoundaryInfo> read_boundary(const JsonField& node) {
   SPLATVOL_TRY_SET(boundary.error, not_negative(node.member("error"), largest_length));
   SPLATVOL_TRY_SET(boundary.patches, read_named(node.member("patches"), 1, max_patches, read_patch));
   return boundary;
+}
+
+Result<CellsInfo> read_cells(const JsonField& node) {
+  const JsonField field = node.member("hash");
+  SPLATVOL_TRY_ASSIGN(text, field.text());
+  CellsInfo cells;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), cells.hash, 16);
+  if (text.size() != 16 || error != std::errc{} || end != text.data() + text.size())
+    return field.wrong("not 16 hexadecimal digits");
+  return cells;
 }
 
 Result<int> read_up(const JsonField& field) {
@@ -226,6 +241,7 @@ Result<VolumeInfo> read_info(const JsonField& root) {
   SPLATVOL_TRY_SET(info.size_bounds, size_bounds.each(&JsonField::text));
   SPLATVOL_TRY_SET(info.provenance, read_provenance(root));
   if (root.has("boundary")) SPLATVOL_TRY_SET(info.boundary, read_boundary(root.member("boundary")));
+  if (root.has(cells_key)) SPLATVOL_TRY_SET(info.cells, read_cells(root.member(cells_key)));
   if (root.has("up")) SPLATVOL_TRY_SET(info.up, read_up(root.member("up")));
   return info;
 }
@@ -331,6 +347,7 @@ json to_json(const VolumeInfo& info) {
   root["size_bounds"] = info.size_bounds;
   root["provenance"] = provenance_to_json(info.provenance);
   if (info.boundary) root["boundary"] = to_json(*info.boundary);
+  if (info.cells) root[cells_key] = {{"hash", fmt::format("{:016x}", info.cells->hash)}};
   if (info.up != -1) root["up"] = info.up >= 0 && info.up < 3 ? std::string(1, "xyz"[info.up]) : "no axis";
   if (!info.series) return root;
   root["series"] = json::array();

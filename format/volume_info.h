@@ -90,6 +90,13 @@ struct BoundaryInfo {
   [[nodiscard]] bool operator==(const BoundaryInfo&) const = default;
 };
 
+/// The mesh's cells (spec 14). They are read on demand.
+struct CellsInfo {
+  std::uint64_t hash = 0;  // of all cells in any order: tells whether another input has the same ones
+
+  [[nodiscard]] bool operator==(const CellsInfo&) const = default;
+};
+
 enum class ColumnKind { position, value, octant, centroid, moments, value_moments, gradient, unknown };
 enum class ColumnScope { segment, resolution };
 
@@ -116,6 +123,7 @@ struct VolumeInfo {
   std::vector<std::string> size_bounds = {"octant"};
   std::string provenance = "{}";  // a JSON object
   std::optional<BoundaryInfo> boundary = std::nullopt;
+  std::optional<CellsInfo> cells = std::nullopt;
   int up = -1;  // axis that points upwards in pictures: 0 x, 1 y, 2 z; -1: not known
 
   // Of a time series: the attributes that every step has. The file's own `attributes` are then empty, and its columns

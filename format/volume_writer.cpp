@@ -67,7 +67,8 @@ Status VolumeWriter::reserve_front(std::uint64_t bytes_before, std::uint64_t las
   metadata_ = pack_metadata(metadata_raw_);
 
   const bool padded = last_bytes >= padded_rows_bytes;
-  const std::uint64_t sections = section_count + (padded ? 1 : 0) - (info_.series ? 1 : 0) + (info_.boundary ? 1 : 0);
+  const std::uint64_t sections =
+      section_count + (padded ? 1 : 0) - (info_.series ? 1 : 0) + (info_.boundary ? 1 : 0) + (info_.cells ? 1 : 0);
   front_bytes_ = sizeof(Superblock) + sections * sizeof(SectionEntry);
   padding_offset_ = front_bytes_ + metadata_.size() + index_.root.bytes.size() + directory_.root_bytes();
   const std::uint64_t unpadded = padding_offset_ + bytes_before, unit = AtomicFile::insertable_bytes;
@@ -145,20 +146,41 @@ Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const st
     return fail(ErrorCode::invalid_argument, "{} of {} rows were written", directory_.next_row(), rows().row_count());
   if (info_.boundary.has_value() == boundary_.empty())
     return fail(ErrorCode::invalid_argument, "the triangles of the boundary are not those that are described");
+  if (info_.cells.has_value() != static_cast<bool>(write_cells_))
+    return fail(ErrorCode::invalid_argument, "cells that are not described, or the other way round");
 
-  // The preamble comes last: only now is every offset known.
   SPLATVOL_TRY_ASSIGN(tail, append_tail(histograms));
-  const std::uint64_t root_offset = front_bytes_ + metadata_.size() + index_.root.bytes.size();
-  const Bytes directory_root = directory_.pack_root(root_offset, tail.directory_offset);
+  tail.directory_root =
+      directory_.pack_root(front_bytes_ + metadata_.size() + index_.root.bytes.size(), tail.directory_offset);
+  if (!write_cells_) return close(tail, steps);
+  // Cells need the file: it is whole without them before they are added.
+  SPLATVOL_TRY(close(tail, steps));
+  SPLATVOL_TRY_ASSIGN(source, open_file(file_.path_to_write()));
+  SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
+  file_.seek(tail.cells_offset);
+  StreamHash hash;
+  SPLATVOL_TRY(write_cells_(*volume, [&](std::span<const std::byte> bytes) {
+    hash.add(bytes);
+    return file_.append(bytes);
+  }));
+  tail.cells_bytes = file_.position() - tail.cells_offset;
+  tail.cells_hash = hash.value();
+  return close(tail, steps);
+}
+
+// Writes all that needs the offsets of the sections, which are in the file.
+Status VolumeWriter::close(const Tail& tail, std::span<const std::unique_ptr<StepWriter>> steps) {
   const Bytes padding(rows_offset_ - padding_offset_);
-  add_sections(tail, directory_root, padding);
+  sections_.clear();
+  add_sections(tail, padding);
+  file_.seek(tail.cells_offset + tail.cells_bytes);
   shared_bytes_ = file_.position() + sizeof(Footer);
   if (info_.series) SPLATVOL_TRY(append_steps(steps));
   file_bytes_ = file_.position() + sizeof(Footer);
   Bytes front = pack_section_table();
   const Footer footer = make_footer(file_bytes_, hash_bytes(front));
   SPLATVOL_TRY(file_.append(std::as_bytes(std::span(&footer, 1))));
-  const std::array<const Bytes*, 4> parts = {&metadata_, &index_.root.bytes, &directory_root, &padding};
+  const std::array<const Bytes*, 4> parts = {&metadata_, &index_.root.bytes, &tail.directory_root, &padding};
   for (const Bytes* part : parts) front.insert(front.end(), part->begin(), part->end());
   return file_.write_at(0, front);
 }
@@ -198,11 +220,11 @@ Result<VolumeWriter::Tail> VolumeWriter::append_tail(const Histograms& histogram
   SPLATVOL_TRY(move_bytes(directory_.tail(), append));
   tail.boundary_offset = file_.position();
   SPLATVOL_TRY(file_.append(boundary_));
-  tail.end = file_.position();
+  tail.cells_offset = file_.position();
   return tail;
 }
 
-void VolumeWriter::add_sections(const Tail& tail, const Bytes& directory_root, const Bytes& padding) {
+void VolumeWriter::add_sections(const Tail& tail, const Bytes& padding) {
   const auto codec_of = [](std::uint64_t raw_bytes, std::uint64_t packed_bytes) {
     return raw_bytes == packed_bytes ? Codec::raw : Codec::zstd;
   };
@@ -214,7 +236,7 @@ void VolumeWriter::add_sections(const Tail& tail, const Bytes& directory_root, c
   sections_.push_back(
       {SectionKind::index_root, 1, offset, index_.root.bytes.size(), root.front_bytes, root.hash, Codec::extent, 0});
   offset += index_.root.bytes.size();
-  add_section(SectionKind::directory_root, true, offset, directory_root, directory_root.size(), Codec::raw);
+  add_section(SectionKind::directory_root, true, offset, tail.directory_root, tail.directory_root.size(), Codec::raw);
   if (!padding.empty()) add_section(SectionKind::padding, false, padding_offset_, padding, padding.size(), Codec::raw);
   add_extent(SectionKind::rows, rows_offset_, rows_end_ - rows_offset_);
   if (!info_.series)
@@ -224,6 +246,9 @@ void VolumeWriter::add_sections(const Tail& tail, const Bytes& directory_root, c
   add_extent(SectionKind::directory_pages, tail.directory_offset, tail.boundary_offset - tail.directory_offset);
   if (info_.boundary)
     add_section(SectionKind::boundary, false, tail.boundary_offset, boundary_, boundary_.size(), Codec::raw);
+  if (write_cells_)
+    sections_.push_back({SectionKind::cells_draft, 0, tail.cells_offset, tail.cells_bytes, tail.cells_bytes,
+                         tail.cells_hash, Codec::raw, 0});
 }
 
 // The superblock and the section table.

@@ -23,6 +23,14 @@ namespace splatvol::format {
 /// [attribute]: of the values as stored.
 using Histograms = std::vector<Histogram>;
 
+class Volume;
+
+/// Appends bytes to a part of a file.
+using AppendBytes = std::function<Status(std::span<const std::byte>)>;
+
+/// Writes the section of cells. `volume`: the file, whole but for this section.
+using WriteCells = std::function<Status(const Volume& volume, const AppendBytes& append)>;
+
 /// Writes a file row by row, in row order. The file gets its name in `finish`. Holds some MiB, however many rows there
 /// are. Not thread-safe; the chunks may be packed on several threads beforehand.
 class VolumeWriter {
@@ -64,6 +72,9 @@ class VolumeWriter {
   /// is a boundary, and only then.
   void set_boundary(Bytes section) { boundary_ = std::move(section); }
 
+  /// Adds the section of `info.cells`. Called before the file is finished if there are cells, and only then.
+  void set_cells(WriteCells write) { write_cells_ = std::move(write); }
+
   /// How a finished file is read back and verified before it gets its name.
   struct Checking {
     std::function<void(double)> progress;  // called with the fraction that is done
@@ -103,15 +114,19 @@ class VolumeWriter {
   // The sections behind the rows: histograms, index pages, directory pages, boundary.
   struct Tail {
     Bytes histograms;
+    Bytes directory_root = {};
     std::uint64_t histogram_bytes = 0;  // unpacked
     std::uint64_t index_offset = 0;
     std::uint64_t directory_offset = 0;
     std::uint64_t boundary_offset = 0;
-    std::uint64_t end = 0;
+    std::uint64_t cells_offset = 0;
+    std::uint64_t cells_bytes = 0;
+    std::uint64_t cells_hash = hash_bytes({});
   };
   [[nodiscard]] Result<Tail> append_tail(const Histograms& histograms);
+  [[nodiscard]] Status close(const Tail& tail, std::span<const std::unique_ptr<StepWriter>> steps);
   [[nodiscard]] Status append_steps(std::span<const std::unique_ptr<StepWriter>> steps);
-  void add_sections(const Tail& tail, const Bytes& directory_root, const Bytes& padding);
+  void add_sections(const Tail& tail, const Bytes& padding);
   [[nodiscard]] Bytes pack_section_table() const;
 
   AtomicFile file_;
@@ -128,6 +143,7 @@ class VolumeWriter {
   Bytes metadata_;
   PackedIndex index_;
   Bytes boundary_;
+  WriteCells write_cells_;  // empty: none
   std::vector<SectionEntry> sections_;
 };
 

@@ -4,7 +4,7 @@
 cmake_minimum_required(VERSION 3.25)
 
 set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process
-                  builder/sources/vtk builder/boundary builder/output builder/points builder/reduction builder/opening
+                  builder/sources/vtk builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
                   builder/pipeline builder/series)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
 set(layers splatvol base scene pictures splat format ${builder_rooms} builder/distributed streamer streamer/first
@@ -26,11 +26,12 @@ set(builder/sources/process_knows base format builder/mesh builder/sources)
 set(builder/sources/vtk_knows base format builder/mesh builder/sources)
 set(builder/boundary_knows base format builder/mesh builder/sorting builder/sources)
 set(builder/output_knows base splat format builder/mesh builder/sorting)
+set(builder/cells_knows base format builder/mesh builder/sorting builder/sources builder/output)
 set(builder/points_knows base splat format builder/sorting builder/mesh builder/scattered builder/sources)
 set(builder/reduction_knows base splat format builder/sorting builder/mesh builder/scattered builder/output builder/points)
 set(builder/opening_knows base format builder/mesh builder/sources builder/sources/process builder/sources/vtk)
 set(builder/pipeline_knows base format builder/sorting builder/mesh builder/scattered builder/sources builder/boundary
-                           builder/output builder/points builder/reduction)
+                           builder/output builder/cells builder/points builder/reduction)
 set(builder/series_knows base format builder/sources builder/boundary builder/opening builder/pipeline)
 set(builder/distributed_knows base format ${builder_rooms})
 set(streamer_knows base scene splat format)

@@ -49,6 +49,8 @@ struct Options {
   bool exact = false;
   bool strict = false;
   bool boundary = false;
+  bool keep_cells = false;
+  bool drop_cells = false;               // the default
   std::uint64_t boundary_triangles = 0;  // 0: the default, if there is a boundary
   std::string cells = "averaged";
   std::string up;  // x, y, z; empty: as is usual for the input
@@ -66,6 +68,7 @@ struct Options {
 
 constexpr std::uint64_t usual_boundary_triangles = 200000;
 constexpr double boundary_triangle_bytes = 6;  // in the file
+constexpr double most_turned_volume = 1e-4;    // of the mesh's volume, without a warning
 
 using StageTimes = std::vector<std::pair<std::string, double>>;  // seconds of each stage
 
@@ -142,6 +145,12 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
     for (const auto& [name, triangles] : boundary->patches)
       document["boundary"]["patches"].push_back({{"name", name}, {"triangles", triangles}});
   }
+  if (const auto& cells = report.kept_cells)
+    document["cells"] = {{"kept", cells->cells},
+                         {"collapsed", cells->collapsed},
+                         {"turned", cells->turned},
+                         {"turned_volume", cells->volume > 0 ? cells->turned_volume / cells->volume : 0},
+                         {"bytes", cells->bytes}};
   for (const auto& [stage, time] : notes.stages) document["stages"][stage] = time;
   const JointWork& work = notes.work;
   if (work.ranks > 1)
@@ -155,6 +164,16 @@ void print_boundary(const BoundaryReport& boundary) {
   print_out("  {:>12} triangles of the boundary's {}, within {:.3g}, in {} bytes\n", boundary.kept, boundary.triangles,
             boundary.error, boundary.bytes);
   for (const auto& [name, triangles] : boundary.patches) print_out("  {:>12} of patch \"{}\"\n", triangles, name);
+}
+
+void print_cells(const CellReport& cells) {
+  print_out("  {:>12} cells kept in {} bytes ({:.2f} each)\n", cells.cells, cells.bytes,
+            static_cast<double>(cells.bytes) / static_cast<double>(std::max<std::uint64_t>(cells.cells, 1)));
+  if (cells.collapsed > 0) print_out("  {:>12} cells left out: two of their corners are one point\n", cells.collapsed);
+  if (cells.turned > 0) print_out("  {:>12} cells are turned inside out by rounding\n", cells.turned);
+  if (cells.turned_volume > most_turned_volume * cells.volume)
+    print_out("  warning: they are {:.2g} of the mesh's volume; --exact leaves none\n",
+              cells.turned_volume / cells.volume);
 }
 
 void print_text(const Options& options, const InputNotes& notes, const BuildReport& report, double seconds) {
@@ -178,6 +197,7 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
     print_out("  {:>12} processes, {} of which reduced points; {} bytes sent for {} bytes of records\n",
               notes.work.ranks, notes.work.ranges, notes.work.sent_bytes, notes.work.record_bytes);
   if (report.boundary) print_boundary(*report.boundary);
+  if (report.kept_cells) print_cells(*report.kept_cells);
   if (notes.memory < report.least_memory)
     print_out("  {:>12} bytes were held, more than --memory grants: input and attributes need so many\n",
               report.least_memory);
@@ -189,6 +209,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
   build_options.leaf_points = options.leaf;
   build_options.gradients = options.gradients;
   build_options.strict = options.strict;
+  build_options.keep_cells = options.keep_cells;
   build_options.exact = {.positions = options.exact, .values = options.exact};
   if (options.boundary || options.boundary_triangles > 0)
     build_options.boundary_triangles =
@@ -440,6 +461,16 @@ unsigned threads_of_process() {
   return here > 1 && !is_bound ? std::max(cores / here, 1u) : 0;
 }
 
+// What --keep-cells does not do yet.
+Status check_cells_to_keep(const Options& options) {
+  const auto cannot = [](const char* what) {
+    return fail(ErrorCode::unsupported, "{} cannot keep its cells yet: leave --keep-cells out", what);
+  };
+  if (is_series(options)) return cannot("a time series");
+  if (cell_values_of(options.cells) == CellValues::own) return cannot("a file of --cells own");
+  return require_one_rank("a file with its cells");
+}
+
 Status build(const Options& options) {
   const double start = seconds_now();
   std::unique_ptr<tbb::global_control> limit;
@@ -448,6 +479,7 @@ Status build(const Options& options) {
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
   if (is_series(options)) SPLATVOL_TRY(require_one_rank("a time series"));
+  if (options.keep_cells) SPLATVOL_TRY(check_cells_to_keep(options));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
   InputNotes notes;
@@ -547,6 +579,12 @@ void add_format_options(CommandLine& app, Options& options) {
 }
 
 void add_boundary_options(CommandLine& app, Options& options) {
+  auto* keep =
+      app.add_flag("--keep-cells", options.keep_cells,
+                   "Keep the cells of the mesh in the file, 2 to 3 bytes a tetrahedron: svexport --cells gives "
+                   "them back. A draft: a later version will ask to build the file again");
+  app.add_flag("--drop-cells", options.drop_cells, "Leave the cells of the mesh out of the file, as is usual")
+      ->excludes(keep);
   app.add_flag(
       "--boundary", options.boundary,
       "Keep the boundary of the mesh in the file, for scenes that draw it: the faces of one cell only, by the "

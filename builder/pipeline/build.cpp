@@ -17,13 +17,15 @@ namespace splatvol {
 namespace {
 
 // Returns the file's size in bytes. `boundary`: null if the file gets none.
-Result<std::uint64_t> write(AtomicFile file, ReducedSource reduced, StoredBoundary* boundary, const std::string& folder,
+Result<std::uint64_t> write(AtomicFile file, ReducedSource reduced, StoredBoundary* boundary,
+                            format::WriteCells write_cells, MeshCells* cells, const std::string& folder,
                             const BuildProgress& progress) {
   if (boundary) reduced.info.boundary = boundary->packed.info;
-  SPLATVOL_TRY_ASSIGN(index, pack_index(reduced, folder));
+  SPLATVOL_TRY_ASSIGN(index, pack_index(reduced, folder, {}, cells));
   SPLATVOL_TRY_ASSIGN(writer, format::VolumeWriter::create(std::move(file), reduced.files.coarse_bytes(), reduced.info,
                                                            std::move(index), folder));
   if (boundary) writer->set_boundary(std::move(boundary->packed.section));
+  if (write_cells) writer->set_cells(std::move(write_cells));
   std::uint64_t row = 0;
   const auto append = [&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) -> Status {
     SPLATVOL_TRY(check_interruption());
@@ -33,6 +35,24 @@ Result<std::uint64_t> write(AtomicFile file, ReducedSource reduced, StoredBounda
   SPLATVOL_TRY(reduced.files.read(reduced.info.resolutions(), append));
   SPLATVOL_TRY(writer->finish(reduced.histograms, checking(progress)));
   return writer->file_bytes();
+}
+
+// Makes an empty store of cells; null if the options ask for none.
+Result<std::unique_ptr<MeshCells>> start_cells(const Source& source, const BuildOptions& options,
+                                               const std::string& folder) {
+  if (!options.keep_cells) return nullptr;
+  if (!source.may_have_cells() || source.brings_material() || !uses_cells(options))
+    return fail(ErrorCode::invalid_argument, "the input has no cells that a file can keep: leave --keep-cells out");
+  return MeshCells::create(options.memory / 2, folder);
+}
+
+WatchPoints watch_points(BoundaryFaces* faces, MeshCells* cells) {
+  if (!cells) return {faces_of(faces)};
+  return {[cells, add_faces = faces_of(faces)](Piece& piece) -> Status {
+            SPLATVOL_TRY(cells->add(piece));
+            return add_faces ? add_faces(piece) : Status{};
+          },
+          [cells](PointTag tag, std::uint64_t rank) { return cells->add_rank(tag, rank); }};
 }
 
 }  // namespace
@@ -72,23 +92,36 @@ std::string temp_folder_of(const std::string& output, const BuildOptions& option
 }
 
 Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const std::string& folder,
-                                      const BuildOptions& options, const BuildProgress& progress,
-                                      BoundaryFaces* faces) {
+                                      const BuildOptions& options, const BuildProgress& progress, BoundaryFaces* faces,
+                                      MeshCells* cells) {
   RowFiles files(folder, file);
   std::uint64_t bytes = 0;
   std::optional<StoredBoundary> boundary;
+  std::optional<CellReport> kept;
   const auto finish = [&](ReducedSource reduced) -> Status {
     if (faces) {
       SPLATVOL_TRY_ASSIGN(stored, finish_boundary(*faces, options, progress));
       boundary.emplace(std::move(stored));
     }
-    SPLATVOL_TRY_ASSIGN(written,
-                        write(std::move(file), std::move(reduced), boundary ? &*boundary : nullptr, folder, progress));
+    format::WriteCells add_cells;
+    if (cells) {
+      progress("sorting cells", 0);
+      SPLATVOL_TRY(cells->sort());
+      reduced.info.cells = format::CellsInfo{cells->hash()};
+      add_cells = [&](const format::Volume& volume, const format::AppendBytes& append) -> Status {
+        const auto write = [&](double fraction) { progress("writing cells", fraction); };
+        SPLATVOL_TRY_SET(kept, write_cells(*cells, volume, options.memory / 4, folder, append, write));
+        return {};
+      };
+    }
+    SPLATVOL_TRY_ASSIGN(written, write(std::move(file), std::move(reduced), boundary ? &*boundary : nullptr,
+                                       std::move(add_cells), cells, folder, progress));
     bytes = written;
     return {};
   };
-  SPLATVOL_TRY_ASSIGN(report, reduce_points(std::move(points), options, files, folder, progress, finish));
+  SPLATVOL_TRY_ASSIGN(report, reduce_points(std::move(points), options, files, folder, progress, finish, cells));
   report.file_bytes = bytes;
+  report.kept_cells = kept;
   if (!boundary) return report;
   report.boundary = std::move(boundary->report);
   report.least_memory = std::max(report.least_memory, boundary->held_bytes);
@@ -104,11 +137,12 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   SPLATVOL_TRY(check_reduction(options));
   const auto read = [&](double fraction) { progress("reading", fraction); };
   SPLATVOL_TRY_ASSIGN(faces, start_boundary(source, options, folder));
+  SPLATVOL_TRY_ASSIGN(cells, start_cells(source, options, folder));
   SPLATVOL_TRY_ASSIGN(
       points, PointStream::create(source, uses_cells(options), options.memory / 2, folder, read, options.gradients,
-                                  joined_attributes(options), faces_of(faces.get())));
+                                  joined_attributes(options), watch_points(faces.get(), cells.get())));
   if (faces) SPLATVOL_TRY(faces->check_any());
-  return build_from_points(std::move(points), std::move(file), folder, options, progress, faces.get());
+  return build_from_points(std::move(points), std::move(file), folder, options, progress, faces.get(), cells.get());
 }
 
 }  // namespace splatvol

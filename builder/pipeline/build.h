@@ -10,6 +10,7 @@
 
 #include "base/error.h"
 #include "base/file.h"
+#include "builder/cells/cell_section.h"
 #include "builder/output/group_sizes.h"
 #include "builder/output/row_packer.h"
 #include "builder/points/input_summary.h"
@@ -40,6 +41,7 @@ struct BuildOptions {
   int up = -1;                                                  // format::VolumeInfo::up
   bool strict = false;                                          // fail if the input would change (check_unchanged)
   std::uint64_t boundary_triangles = 0;                         // most triangles of the mesh's boundary; 0: none
+  bool keep_cells = false;                                      // the file keeps the cells of the mesh
 };
 
 /// Numbers that lose their detail in the file.
@@ -70,6 +72,7 @@ struct BuildReport {
   std::vector<std::pair<std::string, std::uint64_t>> fills = {};    // attribute, fill values among the numbers read
   std::vector<PrecisionWarning> warnings = {};                      // precision_warnings()
   std::optional<BoundaryReport> boundary = {};
+  std::optional<CellReport> kept_cells = {};
 };
 
 /// The name as in options and provenance: "auto", "mesh", "delaunay", "none".
@@ -95,10 +98,10 @@ using BuildProgress = std::function<void(const char* stage, double fraction)>;
 /// The folder for temporary files of an output.
 [[nodiscard]] std::string temp_folder_of(const std::string& output, const BuildOptions& options);
 
-/// The same as build_volume for points that are sorted. `file`: gets all. `faces`: of all pieces; null if the file gets
-/// no boundary.
+/// The same as build_volume for points that are sorted. `file`: gets all. `faces`, `cells`: of all pieces; null if the
+/// file gets no boundary, or no cells.
 [[nodiscard]] Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const std::string& folder,
                                                     const BuildOptions& options, const BuildProgress& progress,
-                                                    BoundaryFaces* faces = nullptr);
+                                                    BoundaryFaces* faces = nullptr, MeshCells* cells = nullptr);
 
 }  // namespace splatvol

@@ -1,6 +1,7 @@
 #include "builder/pipeline/reduce_source.h"
 
 #include <algorithm>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -22,13 +23,14 @@ class Reducer {
  public:
   // `points`: those of the connection; forgotten once all have been reduced.
   Reducer(const BuildOptions& options, std::optional<PointStream>& points, Connection connection, std::string folder,
-          const BuildProgress& progress)
+          const BuildProgress& progress, MeshCells* cells)
       : options_(options),
         points_(points),
         input_(points->summary()),
         connection_(std::move(connection)),
         folder_(std::move(folder)),
         progress_(progress),
+        cells_(cells),
         info_(describe_volume(options, input().cube, input().attributes)),
         fits_(connection_.points <= most_fitted_points),
         plan_(plan_memory(memory(), shape())) {}
@@ -83,6 +85,9 @@ class Reducer {
   }
 
   ReductionSettings reduction_settings(const RowPacker& packer) const {
+    WatchStays stays;
+    if (cells_)
+      stays = [cells = cells_](std::size_t level, std::uint64_t rank) { return cells->add_stay(level, rank); };
     return {.cube = input().cube,
             .leaf_points = options_.leaf_points,
             .reduces = connection_.points > coarsest_target,
@@ -90,7 +95,8 @@ class Reducer {
             .attributes = input().attributes,
             .packer = fits_ ? nullptr : &packer,
             .points_per_chunk = options_.points_per_chunk.of(0),
-            .method = options_.reduction};
+            .method = options_.reduction,
+            .stays = std::move(stays)};
   }
 
   Status reduce(ReductionPass& pass, RowCollector& rows, const RowPacker& packer, RowFiles& files) const {
@@ -110,6 +116,7 @@ class Reducer {
   Connection connection_;
   std::string folder_;
   const BuildProgress& progress_;
+  MeshCells* cells_;  // null: no one asks what stays
   format::VolumeInfo info_;
   bool fits_;  // densities
   MemoryPlan plan_;
@@ -146,7 +153,7 @@ JoinedAttributes joined_attributes(const BuildOptions& options) {
 
 Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, RowFiles& files,
                                   const std::string& folder, const BuildProgress& progress, const WriteReduced& write,
-                                  WatchPiece watch) {
+                                  WatchPoints watch) {
   SPLATVOL_TRY(check_reduction(options));
   const auto read = [&](double fraction) { progress("reading", fraction); };
   SPLATVOL_TRY_ASSIGN(points, PointStream::create(source, uses_cells(options), options.memory / 2, folder, read,
@@ -155,11 +162,12 @@ Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, R
 }
 
 Result<BuildReport> reduce_points(PointStream stream, const BuildOptions& options, RowFiles& files,
-                                  const std::string& folder, const BuildProgress& progress, const WriteReduced& write) {
+                                  const std::string& folder, const BuildProgress& progress, const WriteReduced& write,
+                                  MeshCells* cells) {
   progress("connecting", 0);
   std::optional<PointStream> points(std::move(stream));
   SPLATVOL_TRY_ASSIGN(connection, connect(options, *points, folder));
-  return Reducer(options, points, std::move(connection), folder, progress).run(files, write);
+  return Reducer(options, points, std::move(connection), folder, progress, cells).run(files, write);
 }
 
 BuildReport complete_description(const BuildOptions& options, const InputSummary& input, const ReductionFacts& facts,
@@ -188,14 +196,18 @@ BuildReport complete_description(const BuildOptions& options, const InputSummary
 }
 
 Result<format::PackedIndex> pack_index(ReducedSource& reduced, const std::string& folder,
-                                       const format::IndexPacker::EmitSummaries& emit_summaries) {
+                                       const format::IndexPacker::EmitSummaries& emit_summaries, MeshCells* cells) {
   const std::size_t resolutions = reduced.info.resolutions(), attributes = reduced.info.attributes.size();
   SPLATVOL_TRY_ASSIGN(pages, TempFile::create(folder));
   const auto emit = [&](const format::PackedIndexPage& page) { return pages.append(page.bytes); };
   IndexStream index = emit_summaries ? IndexStream(reduced.info.cube, resolutions, attributes, emit, emit_summaries)
                                      : IndexStream(reduced.info.cube, resolutions, attributes, emit);
-  SPLATVOL_TRY(reduced.leaves.read(resolutions, reduced.pass.late_leaves(),
-                                   [&](IndexLeaf leaf) { return index.add(std::move(leaf)); }));
+  const auto add = [&](IndexLeaf leaf) -> Status {
+    const std::uint64_t points = std::accumulate(leaf.counts.begin(), leaf.counts.end(), std::uint64_t{0});
+    if (cells) SPLATVOL_TRY(cells->add_leaf(points));
+    return index.add(std::move(leaf));
+  };
+  SPLATVOL_TRY(reduced.leaves.read(resolutions, reduced.pass.late_leaves(), add));
   SPLATVOL_TRY_ASSIGN(root, index.finish());
   const format::NodeShape shape = IndexStream::shape(resolutions, emit_summaries ? 0 : attributes);
   return format::PackedIndex{shape, std::move(root), std::move(pages)};

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "base/error.h"
+#include "builder/cells/mesh_cells.h"
 #include "builder/output/index_leaf_spool.h"
 #include "builder/output/index_stream.h"
 #include "builder/output/row_files.h"
@@ -33,7 +34,7 @@ using WriteReduced = std::function<Status(ReducedSource)>;
 /// if `write` or `watch` fails.
 [[nodiscard]] Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, RowFiles& files,
                                                 const std::string& folder, const BuildProgress& progress,
-                                                const WriteReduced& write, WatchPiece watch);
+                                                const WriteReduced& write, WatchPoints watch);
 
 /// Fails if the options are out of their ranges.
 [[nodiscard]] Status check_reduction(const BuildOptions& options);
@@ -47,10 +48,11 @@ using WriteReduced = std::function<Status(ReducedSource)>;
 /// The attributes that the options join.
 [[nodiscard]] JoinedAttributes joined_attributes(const BuildOptions& options);
 
-/// The same as reduce_source for points that are sorted.
+/// The same as reduce_source for points that are sorted. `cells`: learns what stays for coarser resolutions; may be
+/// null.
 [[nodiscard]] Result<BuildReport> reduce_points(PointStream points, const BuildOptions& options, RowFiles& files,
                                                 const std::string& folder, const BuildProgress& progress,
-                                                const WriteReduced& write);
+                                                const WriteReduced& write, MeshCells* cells = nullptr);
 
 /// Results of a reduction.
 struct ReductionFacts {
@@ -65,8 +67,10 @@ struct ReductionFacts {
 [[nodiscard]] BuildReport complete_description(const BuildOptions& options, const InputSummary& input,
                                                const ReductionFacts& facts, format::VolumeInfo& info);
 
-/// Packs the index. With `emit_summaries`: that of a time series (format::IndexPacker). Called once.
+/// Packs the index. With `emit_summaries`: that of a time series (format::IndexPacker). `cells`: learns the sizes of
+/// index leaves; may be null. Called once.
 [[nodiscard]] Result<format::PackedIndex> pack_index(ReducedSource& reduced, const std::string& folder,
-                                                     const format::IndexPacker::EmitSummaries& emit_summaries = {});
+                                                     const format::IndexPacker::EmitSummaries& emit_summaries = {},
+                                                     MeshCells* cells = nullptr);
 
 }  // namespace splatvol

@@ -169,6 +169,7 @@ Status PieceReader::read(Piece& piece, const std::function<Status(std::span<cons
     SPLATVOL_TRY(visit(records_));
     SPLATVOL_TRY(check_interruption());
   }
+  ++piece_;
   const bool has_mesh = material.mesh.has_value();
   material = {};  // finding faces takes memory of its own
   return add_faces(piece, has_mesh);
@@ -256,6 +257,7 @@ void PieceReader::make_block(const Piece& piece, const PieceMaterial& material, 
   block.found.resize(layout_.attributes());
   for (std::size_t number = 0; number < block.points.size(); ++number) {
     layout_.set_position(record, piece.points[block.points[number]]);
+    if (layout_.has_tags()) layout_.set_tag(record, point_tag(piece_, block.points[number]));
     for (std::size_t a = 0; a < layout_.attributes(); ++a) layout_.set_value(record, a, block.values.at(number, a));
     if (layout_.has_material()) set_material(piece, material, block, number, record);
     record += layout_.bytes();

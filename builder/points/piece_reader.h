@@ -133,7 +133,8 @@ class PieceReader {
   PieceFaces& faces_;
   std::size_t slice_bytes_;
   WatchPiece watch_;
-  std::vector<std::byte> records_;  // some of the present piece
+  std::uint32_t piece_ = 0;         // number of the present piece
+  std::vector<std::byte> records_;  // some of it
   tbb::enumerable_thread_specific<Block> blocks_;
   InputFacts facts_;
 };

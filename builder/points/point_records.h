@@ -16,9 +16,17 @@ namespace splatvol {
 /// Gets each piece before its points are read.
 using WatchPiece = std::function<Status(Piece&)>;
 
+/// Gets what those need that follow pieces and points from the input to their order in the file.
+struct WatchPoints {
+  WatchPiece piece = {};
+  /// Gets each point of a piece, and its rank: the number among all points in Morton order of the point that it
+  /// becomes. If it is set, records carry tags.
+  std::function<Status(PointTag, std::uint64_t rank)> rank = {};
+};
+
 /// The layout of a point's record. It begins with the sample: the position, and a value for each attribute. With
 /// material follow the vertex part, and for each attribute a value part, with or without its gradient; with planes, the
-/// point's plane.
+/// point's plane; with tags, the point's tag.
 class PointRecords {
  public:
   PointRecords(std::size_t attributes, bool single_precision, bool material, bool planes = false, bool gradients = true)
@@ -36,6 +44,14 @@ class PointRecords {
   }
   [[nodiscard]] VertexCopies copies() const { return copies_; }
 
+  /// The same layout with tags.
+  [[nodiscard]] PointRecords with_tags(bool tags) const {
+    PointRecords layout = *this;
+    layout.tags_ = tags;
+    return layout;
+  }
+  [[nodiscard]] bool has_tags() const { return tags_; }
+
   [[nodiscard]] std::size_t attributes() const { return attributes_; }
   [[nodiscard]] bool is_single_precision() const { return single_; }
   [[nodiscard]] bool has_material() const { return material_; }
@@ -43,7 +59,7 @@ class PointRecords {
   [[nodiscard]] bool has_gradients() const { return gradients_; }
   [[nodiscard]] std::size_t bytes() const {
     return number_bytes() * (3 + attributes_) + (material_ ? material_bytes() : 0) +
-           (planes_ ? sizeof(BoundaryPlane) : 0);
+           (planes_ ? sizeof(BoundaryPlane) : 0) + (tags_ ? sizeof(PointTag) : 0);
   }
 
   [[nodiscard]] dvec3 position(const std::byte* record) const {
@@ -94,6 +110,12 @@ class PointRecords {
     write(record, value_offset(attributes_), plane);
   }
 
+  /// With tags only.
+  [[nodiscard]] PointTag tag(const std::byte* record) const {
+    return read<PointTag>(record, bytes() - sizeof(PointTag));
+  }
+  void set_tag(std::byte* record, PointTag tag) const { write(record, bytes() - sizeof(PointTag), tag); }
+
  private:
   template <class T>
   static T read(const std::byte* record, std::size_t offset) {
@@ -129,6 +151,7 @@ class PointRecords {
   bool material_;
   bool planes_;
   bool gradients_;
+  bool tags_ = false;
   VertexCopies copies_ = VertexCopies::same_values;
 };
 

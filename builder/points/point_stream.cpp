@@ -134,25 +134,28 @@ Status PointStream::check_room(const std::string& folder, std::uint64_t points, 
 
 Result<PointStream> PointStream::create(Source& source, bool use_cells, std::size_t memory, const std::string& folder,
                                         const std::function<void(double)>& progress, bool gradients,
-                                        const JoinedAttributes& joined, WatchPiece watch) {
-  const PointRecords layout = layout_of(source, use_cells, gradients);
+                                        const JoinedAttributes& joined, WatchPoints watch) {
+  const PointRecords layout = layout_of(source, use_cells, gradients).with_tags(static_cast<bool>(watch.rank));
   PieceFaces faces(layout, std::max(memory / 8, PieceFaces::least_memory()), folder);
   source.lend_values();
   const std::size_t slice_memory = memory / 16;
-  PieceReader reader(source, layout, faces, slice_memory, std::move(watch));
+  PieceReader reader(source, layout, faces, slice_memory, std::move(watch.piece));
   SPLATVOL_TRY_ASSIGN(sorted, InputSorter(source, layout, memory, folder).run(reader, progress));
   SPLATVOL_TRY(sorted.points.finish());
   SPLATVOL_TRY_ASSIGN(corners, faces.join(sorted.cube));
   InputSummary summary = reader.summary(joined);
   summary.cube = sorted.cube;
   summary.bytes_to_read += slice_memory + std::min<std::uint64_t>(memory, summary.census.read * layout.bytes());
-  return PointStream(layout, std::move(summary), std::move(sorted.points), std::move(corners));
+  PointStream stream(layout, std::move(summary), std::move(sorted.points), std::move(corners));
+  stream.watch_rank_ = std::move(watch.rank);
+  return stream;
 }
 
 Status PointStream::rewind() {
   records_.clear();
   keys_.clear();
   ended_ = false;
+  returned_ = 0;
   merger_ = SampleMerger(layout_, summary_.has_material, summary_.stored);
   summary_.census.merged = summary_.census.unlike = summary_.census.coincident = 0;
   return points_.rewind();
@@ -185,9 +188,13 @@ Result<bool> PointStream::next(PointBatch& batch) {
   for (std::size_t begin = 0; begin < whole;) {
     std::size_t end = begin + 1;
     while (end < whole && end - begin < longest && keys_[end] == keys_[begin]) ++end;
-    merger_.append(records_.data() + begin * layout_.bytes(), end - begin, keys_[begin], batch, summary_.census);
+    const std::byte* record = records_.data() + begin * layout_.bytes();
+    const auto points = merger_.append(record, end - begin, keys_[begin], batch, summary_.census);
+    for (std::size_t i = 0; watch_rank_ && i < points.size(); ++i)
+      SPLATVOL_TRY(watch_rank_(layout_.tag(record + i * layout_.bytes()), returned_ + (points[i] - first)));
     begin = end;
   }
+  returned_ += batch.size() - first;
   records_.erase(records_.begin(), records_.begin() + static_cast<std::ptrdiff_t>(whole * layout_.bytes()));
   keys_.erase(keys_.begin(), keys_.begin() + static_cast<std::ptrdiff_t>(whole));
   if (corners_) SPLATVOL_TRY(corners_->append_planes(batch, first, summary_.stored));

@@ -25,11 +25,11 @@ class PointStream {
   /// `memory`: bytes to hold in all, beside a piece. `folder`: for points that do not fit. `progress` gets the share of
   /// the pieces that are read. `gradients`: whether the points are to have them. Points do not depend on memory and
   /// threads. Fails if there is no point with finite coordinates, or if their extent overflows. Of attributes with the
-  /// same values, the points have one, unless `joined` keeps them apart. `watch`: as for PieceReader.
+  /// same values, the points have one, unless `joined` keeps them apart. `watch.piece`: as for PieceReader.
   [[nodiscard]] static Result<PointStream> create(Source& source, bool use_cells, std::size_t memory,
                                                   const std::string& folder,
                                                   const std::function<void(double)>& progress, bool gradients = true,
-                                                  const JoinedAttributes& joined = {}, WatchPiece watch = {});
+                                                  const JoinedAttributes& joined = {}, WatchPoints watch = {});
 
   /// Returns the points of a sort that has all records of some range of keys, for callers that read the pieces
   /// themselves. `corners`: of that range.
@@ -77,6 +77,8 @@ class PointStream {
   ExternalSorter points_;
   std::optional<BoundaryCorners> corners_;
   SampleMerger merger_;
+  std::function<Status(PointTag, std::uint64_t)> watch_rank_;  // empty: records have no tags
+  std::uint64_t returned_ = 0;                                 // points
 
   // Sorted records that have not been returned. The last ones may have equals that are still to come.
   std::vector<std::byte> records_;

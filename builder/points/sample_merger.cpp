@@ -37,26 +37,28 @@ SampleMerger::SampleMerger(const PointRecords& layout, bool has_material, std::s
     if (stored[a] == taken_.size()) taken_.push_back(a);
 }
 
-void SampleMerger::append(const std::byte* records, std::size_t count, const MortonKey& key, PointBatch& batch,
-                          PointCensus& census) {
+std::span<const std::size_t> SampleMerger::append(const std::byte* records, std::size_t count, const MortonKey& key,
+                                                  PointBatch& batch, PointCensus& census) {
+  points_.assign(count, batch.size());
   if (count == 1) {
     count_if_repeated(records, records, key, census);
     append_point(records, key, batch);
-    return;
+    return points_;
   }
   const auto record = [&](std::size_t i) { return records + i * layout_.bytes(); };
   const std::vector<std::size_t> order = sort_samples(records, count);
   count_if_repeated(record(order.front()), record(order.back()), key, census);
   const std::vector<std::size_t> kept = find_kept(records, order, census);
-  std::vector<std::size_t> points(count);  // [record that is kept]: index in the batch
   for (std::size_t i = 0; i < count; ++i) {
     if (kept[i] == i) {
-      points[i] = batch.size();
+      points_[i] = batch.size();
       append_point(record(i), key, batch);
     } else {
-      merge_into(points[kept[i]], record(i), batch);
+      points_[i] = points_[kept[i]];
+      merge_into(points_[i], record(i), batch);
     }
   }
+  return points_;
 }
 
 // Counts a run of records as coincident if it begins at the position where the last run ended.

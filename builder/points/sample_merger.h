@@ -22,9 +22,10 @@ class SampleMerger {
   SampleMerger(const PointRecords& layout, bool has_material, std::span<const std::size_t> stored);
 
   /// Appends the points of `count` records that share `key`, and counts in `census`: merged, coincident. Requires calls
-  /// in Morton order, and all records of a key at once unless there are too many.
-  void append(const std::byte* records, std::size_t count, const MortonKey& key, PointBatch& batch,
-              PointCensus& census);
+  /// in Morton order, and all records of a key at once unless there are too many. Returns for each record the index of
+  /// its point in the batch, valid until the next call.
+  std::span<const std::size_t> append(const std::byte* records, std::size_t count, const MortonKey& key,
+                                      PointBatch& batch, PointCensus& census);
 
  private:
   void append_point(const std::byte* record, const MortonKey& key, PointBatch& batch) const;
@@ -36,7 +37,8 @@ class SampleMerger {
 
   PointRecords layout_;
   bool has_material_;
-  std::vector<std::size_t> taken_;  // [attribute of the batch]: which of the record
+  std::vector<std::size_t> taken_;   // [attribute of the batch]: which of the record
+  std::vector<std::size_t> points_;  // [record]: index in the batch
 
   // Key and position of the last record that was appended.
   std::optional<MortonKey> last_key_;

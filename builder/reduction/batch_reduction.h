@@ -48,6 +48,10 @@ struct ReducedBatch {
   void clear();
 };
 
+/// Gets each point of a level besides level 0 that no coarser level has, by its rank: the number among all points in
+/// Morton order. Ranks ascend in a level.
+using WatchStays = std::function<Status(std::size_t level, std::uint64_t rank)>;
+
 struct ReductionSettings {
   Cube cube;
   std::uint32_t leaf_points;  // most in a leaf, from 8 up
@@ -63,6 +67,8 @@ struct ReductionSettings {
   CascadePart part = {};
   std::function<void(const Member&)> beyond = {};  // Cascade::Sink::beyond
   std::uint64_t finest_before = 0;                 // finest points before the range
+
+  WatchStays stays = {};  // may be empty
 };
 
 /// Finds the leaves of the octree over a batch's points, and their clusters. Returns the number of finest points.

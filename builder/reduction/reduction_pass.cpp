@@ -21,6 +21,7 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowCollector& ro
                 [this](std::size_t level, const Member& member) {
                   leaf(member.leaf).count(level);
                   rows_.add_point(level, member);
+                  if (settings_.stays && stays_) stays_ = settings_.stays(level, member.splats[0].number);
                 },
                 settings.beyond},
                settings.part),
@@ -56,6 +57,7 @@ Status ReductionPass::add(const PointBatch& batch, ReducedBatch& reduced) {
   points_ += batch.size();
   const std::uint64_t end = first_leaf_ + open_leaves_.size();
   const std::uint64_t before_last = end > 0 ? end - 1 : 0;  // the last may be continued
+  SPLATVOL_TRY(stays_);
   const std::uint64_t too_old = end > most_open_leaves_ ? end - most_open_leaves_ : 0;
   return close_leaves(std::min(std::max(cascade_.first_open_leaf(), too_old), before_last));
 }
@@ -93,6 +95,7 @@ Status ReductionPass::close_leaves(std::uint64_t end) {
 
 Status ReductionPass::finish() {
   cascade_.finish();
+  SPLATVOL_TRY(stays_);
   return close_leaves(first_leaf_ + open_leaves_.size());
 }
 

@@ -62,6 +62,7 @@ class ReductionPass {
   std::uint64_t most_open_leaves_;
   MemberPool pool_;
   Cascade cascade_;
+  Status stays_;              // of ReductionSettings::stays
   std::uint64_t finest_;      // points that no coarser level has, up to the last batch that is prepared
   std::uint64_t coarse_ = 0;  // members of add_coarse()
   std::uint64_t points_ = 0;

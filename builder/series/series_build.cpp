@@ -177,8 +177,8 @@ class SeriesBuild {
     }
     RowFiles files(folder_);
     const auto write_group = [&](ReducedSource reduced) { return write(*source, std::move(reduced)); };
-    SPLATVOL_TRY_ASSIGN(
-        report, reduce_source(*source, options_, files, folder_, progress_, write_group, faces_of(faces_.get())));
+    SPLATVOL_TRY_ASSIGN(report, reduce_source(*source, options_, files, folder_, progress_, write_group,
+                                              WatchPoints{faces_of(faces_.get())}));
     if (boundary_) {
       report.least_memory = std::max(report.least_memory, boundary_->held_bytes);
       report.boundary = std::move(boundary_->report);

@@ -56,6 +56,12 @@ class LentValues {
   [[nodiscard]] virtual std::uint64_t bytes() const { return 0; }
 };
 
+/// Names a point of a piece. Pieces count from 0 in the order in which they are read.
+using PointTag = std::uint64_t;
+[[nodiscard]] constexpr PointTag point_tag(std::uint32_t piece, std::uint32_t point) {
+  return std::uint64_t{piece} << 32 | point;
+}
+
 /// A part of the input that is small enough to hold in memory.
 struct Piece {
   std::vector<dvec3> points;

@@ -1,0 +1,343 @@
+#include "builder/cells/cell_section.h"
+
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_pipeline.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <atomic>
+#include <memory>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "base/interruption.h"
+#include "base/temp_file.h"
+#include "builder/mesh/tetrahedra.h"
+#include "format/cells.h"
+#include "format/ranked_points.h"
+
+namespace splatvol {
+namespace {
+
+using Append = std::function<Status(std::span<const std::byte>)>;
+
+// A chunk on its way into the file.
+struct MadeChunk {
+  format::PackedCells packed;
+  std::vector<format::ValueSummary> summaries;  // [attribute]
+};
+
+// What becomes of the cells that MeshCells::next_chunk returns. They are one chunk, or more if their corners are in too
+// many groups.
+struct Item {
+  std::vector<RankedCell> cells;
+  std::vector<MadeChunk> chunks;
+  CellReport report;
+  Status status;
+};
+
+std::vector<std::uint64_t> segment_counts(const format::VolumeInfo& info) {
+  std::vector<std::uint64_t> counts = info.resolution_counts;
+  std::adjacent_difference(counts.begin(), counts.end(), counts.begin());
+  return counts;
+}
+
+// Pages of ranks that the present file has, but not within its length as it is open.
+class RankPages {
+ public:
+  RankPages(const format::Volume& volume, TempFile file)
+      : counts_(segment_counts(volume.info())),
+        points_(volume.info().resolution_counts.back()),
+        file_(std::move(file)) {}
+
+  // Makes all pages, and calls visit(ref, packed) for each.
+  template <class Visit>
+  Status make(MeshCells& cells, const Visit& visit) {
+    format::RankPage page{0, std::vector<std::uint64_t>(counts_.size()), {}};
+    for (; page.first < points_; page.first += page.segments.size()) {
+      SPLATVOL_TRY(cells.next_segments(ranks_of(page.first), counts_.size(), page.segments));
+      format::RankPageRef ref{};
+      const format::Bytes packed = format::pack_rank_page(page, ref);
+      SPLATVOL_TRY(visit(ref, packed));
+      ref.offset = file_.size();
+      refs_.push_back(ref);
+      SPLATVOL_TRY(file_.append(packed));
+      for (const std::uint8_t segment : page.segments) ++page.before[segment];
+    }
+    return {};
+  }
+
+  // Thread-safe.
+  [[nodiscard]] Result<format::RankPage> read(std::size_t page) const {
+    const format::RankPageRef& ref = refs_[page];
+    format::Bytes packed(ref.packed_bytes);
+    SPLATVOL_TRY(file_.read(ref.offset, packed));
+    if (format::hash_bytes(packed) != ref.hash) return fail_changed_temporary();
+    const std::uint64_t first = page * std::uint64_t{format::rank_page_points};
+    return format::unpack_rank_page(ref, packed, first, ranks_of(first), counts_, "a page of ranks");
+  }
+
+ private:
+  [[nodiscard]] std::size_t ranks_of(std::uint64_t first) const {
+    return std::min<std::uint64_t>(points_ - first, format::rank_page_points);
+  }
+
+  std::vector<std::uint64_t> counts_;  // [segment]
+  std::uint64_t points_;
+  TempFile file_;
+  std::vector<format::RankPageRef> refs_;
+};
+
+// Makes chunks. Each thread has one.
+class ChunkMaker {
+ public:
+  ChunkMaker(const format::Volume& volume, const RankPages& ranks, std::uint64_t memory)
+      : info_(volume.info()),
+        points_(
+            volume, [&ranks](std::size_t page) { return ranks.read(page); }, memory) {
+    for (const format::Attribute& attribute : info_.attributes) bins_.push_back(format::bins_of(attribute));
+  }
+
+  void make(Item& item) {
+    item.chunks.clear();
+    item.report = {};
+    item.status = make(item.cells, item);
+  }
+
+ private:
+  // NOLINTNEXTLINE(misc-no-recursion): halves at each call.
+  Status make(std::span<const RankedCell> cells, Item& item) {
+    corners_.clear();
+    for (const RankedCell& cell : cells) corners_.insert(corners_.end(), cell.corners.begin(), cell.corners.end());
+    const format::LocalCells local = format::number_corners(corners_);
+    SPLATVOL_TRY(points_.find(local.ranks, places_));
+    if (cells.size() > 1 && count_groups() > format::max_chunk_groups) {
+      SPLATVOL_TRY(make(cells.first(cells.size() / 2), item));
+      return make(cells.subspan(cells.size() / 2), item);
+    }
+    MadeChunk& chunk = item.chunks.emplace_back();
+    constexpr auto shape = format::CellShape::tetrahedron;
+    chunk.packed = format::pack_cells(shape, format::CellField::corners, corners_, local.ranks.size());
+    SPLATVOL_TRY(points_.read_positions(places_, positions_));
+    const format::CellExtent extent = format::measure_cells(shape, local.corners, positions_);
+    for (int axis = 0; axis < 3; ++axis) {
+      chunk.packed.entry.low[axis] = extent.box.low[axis];
+      chunk.packed.entry.high[axis] = extent.box.high[axis];
+    }
+    chunk.packed.entry.area = extent.area;
+    count_turned(cells, local, item.report);
+    for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+      SPLATVOL_TRY(points_.read_values(places_, static_cast<int>(a), values_));
+      chunk.summaries.push_back(format::summarize_cells(shape, local.corners, values_, bins_[a]));
+    }
+    return {};
+  }
+
+  [[nodiscard]] std::size_t count_groups() {
+    groups_.clear();
+    for (const format::RankedPoints::Place& place : places_) groups_.push_back(place.group);
+    std::ranges::sort(groups_);
+    return static_cast<std::size_t>(std::ranges::unique(groups_).begin() - groups_.begin());
+  }
+
+  void count_turned(std::span<const RankedCell> cells, const format::LocalCells& local, CellReport& report) const {
+    const auto corner = [&](std::size_t i) { return positions_[local.corners[i]]; };
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      const double volume = signed_volume_6(corner(4 * i), corner(4 * i + 1), corner(4 * i + 2), corner(4 * i + 3)) / 6;
+      report.volume += std::abs(volume);
+      if (!(volume * cells[i].sign < 0)) continue;
+      ++report.turned;
+      report.turned_volume += std::abs(volume);
+    }
+  }
+
+  const format::VolumeInfo& info_;
+  format::RankedPoints points_;
+  std::vector<format::ValueBins> bins_;  // [attribute]
+  std::vector<std::uint64_t> corners_;
+  std::vector<std::uint64_t> groups_;
+  std::vector<format::RankedPoints::Place> places_;
+  std::vector<dvec3> positions_;
+  std::vector<float> values_;
+};
+
+// Lays the parts of the section out.
+class SectionWriter {
+ public:
+  SectionWriter(std::size_t attributes, const Append& append) : summaries_(attributes), append_(append) {}
+
+  Status add(MadeChunk chunk) {
+    format::CellChunkEntry& entry = chunk.packed.entry;
+    if (chunks_.size() == format::max_page_chunks) SPLATVOL_TRY(close_page());
+    entry.offset = offset_;
+    SPLATVOL_TRY(append(chunk.packed.bytes));
+    chunks_.push_back(entry);
+    for (std::size_t a = 0; a < summaries_.size(); ++a) summaries_[a].push_back(chunk.summaries[a]);
+    ++chunk_count_;
+    kind_.shape = entry.shape;
+    kind_.field = entry.field;
+    kind_.cells += entry.cells;
+    kind_.packed_bytes += entry.packed_bytes;
+    return {};
+  }
+
+  // Adds a page of ranks. Called before the first chunk.
+  Status add(format::RankPageRef page, std::span<const std::byte> packed) {
+    page.offset = offset_;
+    rank_pages_.push_back(page);
+    return append(packed);
+  }
+
+  // Adds the root. Returns the bytes of the section.
+  Result<std::uint64_t> finish(std::uint64_t turned) {
+    if (!chunks_.empty()) SPLATVOL_TRY(close_page());
+    kind_.turned = turned;
+    format::Bytes root;
+    if (kind_.cells > 0) format::append_record(root, kind_);
+    for (const format::CellPageRef& page : pages_) format::append_record(root, page);
+    for (const format::RankPageRef& page : rank_pages_) format::append_record(root, page);
+    const format::CellsTail tail{.hash = format::hash_bytes(root),
+                                 .chunks = chunk_count_,
+                                 .pages = pages_.size(),
+                                 .kinds = kind_.cells > 0 ? 1u : 0u,
+                                 .version = 1};
+    format::append_record(root, tail);
+    SPLATVOL_TRY(append(root));
+    return offset_;
+  }
+
+ private:
+  Status append(std::span<const std::byte> bytes) {
+    offset_ += bytes.size();
+    return append_(bytes);
+  }
+
+  Status close_page() {
+    format::CellPageRef ref{};
+    Box box;
+    format::Bytes table, parts;
+    const auto add_part = [&](std::span<const std::byte> raw) {
+      const format::Bytes packed = format::pack(raw);
+      format::append_record(table,
+                            format::IndexPagePart{static_cast<std::uint32_t>(packed.size()),
+                                                  static_cast<std::uint32_t>(raw.size()), format::hash_bytes(packed)});
+      parts.insert(parts.end(), packed.begin(), packed.end());
+    };
+    for (const format::CellChunkEntry& entry : chunks_) {
+      box.include(dvec3(entry.low[0], entry.low[1], entry.low[2]));
+      box.include(dvec3(entry.high[0], entry.high[1], entry.high[2]));
+      ref.area += entry.area;
+    }
+    add_part(std::as_bytes(std::span(chunks_)));
+    for (std::vector<format::ValueSummary>& summaries : summaries_) {
+      add_part(format::pack_summaries(summaries));
+      summaries.clear();
+    }
+    ref.offset = offset_;
+    ref.page_bytes = static_cast<std::uint32_t>(table.size() + parts.size());
+    ref.chunks = static_cast<std::uint32_t>(chunks_.size());
+    ref.hash = format::hash_bytes(table);
+    for (int axis = 0; axis < 3; ++axis) {
+      ref.low[axis] = box.low[axis];
+      ref.high[axis] = box.high[axis];
+    }
+    pages_.push_back(ref);
+    chunks_.clear();
+    SPLATVOL_TRY(append(table));
+    return append(parts);
+  }
+
+  std::vector<std::vector<format::ValueSummary>> summaries_;  // [attribute][chunk of the page]
+  const Append& append_;
+  std::uint64_t offset_ = 0;
+  std::uint64_t chunk_count_ = 0;
+  format::CellKind kind_{};
+  std::vector<format::CellChunkEntry> chunks_;  // of the page
+  std::vector<format::CellPageRef> pages_;
+  std::vector<format::RankPageRef> rank_pages_;
+};
+
+// Makes chunks on several threads, and writes them in order.
+class ChunkPipeline {
+ public:
+  ChunkPipeline(MeshCells& cells, const format::Volume& volume, const RankPages& ranks, std::uint64_t memory,
+                SectionWriter& writer, const std::function<void(double)>& progress)
+      : cells_(cells),
+        writer_(writer),
+        progress_(progress),
+        threads_(static_cast<std::size_t>(tbb::this_task_arena::max_concurrency())),
+        makers_([&volume, &ranks, bytes = memory / threads_] { return ChunkMaker(volume, ranks, bytes); }) {}
+
+  Result<CellReport> run() {
+    constexpr auto in_order = tbb::filter_mode::serial_in_order, parallel = tbb::filter_mode::parallel;
+    tbb::parallel_pipeline(
+        2 * threads_,
+        tbb::make_filter<void, std::shared_ptr<Item>>(in_order, [&](tbb::flow_control& control) {
+          return take(control);
+        }) & tbb::make_filter<std::shared_ptr<Item>, std::shared_ptr<Item>>(parallel, [&](std::shared_ptr<Item> item) {
+          if (!failed_) makers_.local().make(*item);
+          return item;
+        }) & tbb::make_filter<std::shared_ptr<Item>, void>(in_order, [&](const std::shared_ptr<Item>& item) {
+          write(*item);
+        }));
+    SPLATVOL_TRY(taken_);
+    SPLATVOL_TRY(written_);
+    return report_;
+  }
+
+ private:
+  std::shared_ptr<Item> take(tbb::flow_control& control) {
+    auto item = std::make_shared<Item>();
+    const auto more = cells_.next_chunk(item->cells);
+    if (!more) taken_ = tl::unexpected(more.error());
+    if (stop_.stop_requested()) taken_ = fail(ErrorCode::cancelled, "cancelled");
+    if (taken_ && *more && !failed_) return item;
+    control.stop();
+    return nullptr;
+  }
+
+  void write(Item& item) {
+    if (failed_) return;
+    written_ = item.status;
+    for (MadeChunk& chunk : item.chunks)
+      if (written_) written_ = writer_.add(std::move(chunk));
+    failed_ = !written_;
+    report_.cells += item.cells.size();
+    report_.turned += item.report.turned;
+    report_.volume += item.report.volume;
+    report_.turned_volume += item.report.turned_volume;
+    progress_(static_cast<double>(report_.cells) / static_cast<double>(cells_.count()));
+  }
+
+  MeshCells& cells_;
+  SectionWriter& writer_;
+  const std::function<void(double)>& progress_;
+  const std::stop_token stop_ = stop_of_thread();  // of the caller: any thread may take
+  std::size_t threads_;
+  tbb::enumerable_thread_specific<ChunkMaker> makers_;
+  CellReport report_;
+  Status taken_, written_;
+  std::atomic<bool> failed_ = false;
+};
+
+}  // namespace
+
+Result<CellReport> write_cells(MeshCells& cells, const format::Volume& volume, std::uint64_t memory,
+                               const std::string& folder,
+                               const std::function<Status(std::span<const std::byte>)>& append,
+                               const std::function<void(double)>& progress) {
+  SectionWriter writer(volume.info().attributes.size(), append);
+  SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder));
+  RankPages ranks(volume, std::move(file));
+  SPLATVOL_TRY(ranks.make(cells, [&](const format::RankPageRef& page, std::span<const std::byte> packed) {
+    return writer.add(page, packed);
+  }));
+  SPLATVOL_TRY_ASSIGN(report, ChunkPipeline(cells, volume, ranks, memory, writer, progress).run());
+  report.collapsed = cells.collapsed();
+  SPLATVOL_TRY_ASSIGN(bytes, writer.finish(report.turned));
+  report.bytes = bytes;
+  return report;
+}
+
+}  // namespace splatvol

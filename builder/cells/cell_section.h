@@ -1,0 +1,32 @@
+// The section of cells (spec/svol-1.md, section 14).
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+
+#include "base/error.h"
+#include "builder/cells/mesh_cells.h"
+#include "format/volume.h"
+
+namespace splatvol {
+
+/// What became of the cells.
+struct CellReport {
+  std::uint64_t cells = 0;
+  std::uint64_t collapsed = 0;  // left out: two of their corners have become one point
+  std::uint64_t turned = 0;     // by rounding
+  double volume = 0;            // of all cells, as stored
+  double turned_volume = 0;
+  std::uint64_t bytes = 0;  // of the section
+};
+
+/// Writes the section front to back through `append`. `volume`: the file, whole but for this section, whose points give
+/// boxes and ranges. `memory`: bytes to hold; `folder`: for the rest. Works on all of TBB's threads.
+[[nodiscard]] Result<CellReport> write_cells(MeshCells& cells, const format::Volume& volume, std::uint64_t memory,
+                                             const std::string& folder,
+                                             const std::function<Status(std::span<const std::byte>)>& append,
+                                             const std::function<void(double)>& progress);
+
+}  // namespace splatvol

@@ -1,0 +1,55 @@
+// The cells of all pieces, until the points have their ranks.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "builder/output/block_spool.h"
+#include "builder/output/byte_streams.h"
+#include "builder/sources/source.h"
+
+namespace splatvol {
+
+/// A cell of a piece.
+struct SpooledCell {
+  std::array<std::uint32_t, 4> corners;  // points of the piece; the volume is positive, or 0
+  bool is_flat;
+};
+
+/// Cells of one piece that follow each other, packed.
+struct CellBlock {
+  std::uint32_t piece = 0;         // pieces count from 0 in the order in which they are read
+  std::uint32_t piece_points = 0;  // points of the piece
+  std::span<const std::byte> bytes = {};
+};
+
+/// Unpacks a block of CellSpool. Thread-safe.
+void unpack(const CellBlock& block, std::vector<SpooledCell>& cells);
+
+/// A queue of cells in a temporary file, which is made when the first MiB is full.
+class CellSpool {
+ public:
+  explicit CellSpool(std::string folder) : spool_(std::move(folder)) {}
+
+  /// Adds the cells of the next piece, which may have none. Works on all of TBB's threads.
+  [[nodiscard]] Status add(const Piece& piece);
+
+  /// Calls visit(blocks) for all cells, some blocks of one piece at a time, and gives their disk space back. Called
+  /// once.
+  [[nodiscard]] Status read(const std::function<Status(std::span<const CellBlock>)>& visit);
+
+  /// The number of cells that were added.
+  [[nodiscard]] std::uint64_t count() const { return count_; }
+
+ private:
+  BlockSpool spool_;
+  std::uint32_t pieces_ = 0;
+  std::uint64_t count_ = 0;
+};
+
+}  // namespace splatvol

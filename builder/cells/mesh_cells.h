@@ -1,0 +1,108 @@
+// The cells of a mesh on their way into a file: out of memory, and in the order of the ranks of their corners.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "builder/cells/cell_spool.h"
+#include "builder/output/block_spool.h"
+#include "builder/sorting/external_sort.h"
+#include "builder/sources/source.h"
+
+namespace splatvol {
+
+/// A cell in the order of the file.
+struct RankedCell {
+  std::array<std::uint64_t, 4> corners;  // ranks, ascending
+  int sign = 0;                          // of the volume of the corners in this order, before rounding
+};
+
+/// Collects cells, and what a build finds out about their corners. The rank of a point is its number among all points
+/// of the file in Morton order. add_rank() may run beside add_stay(); nothing else is thread-safe.
+class MeshCells {
+ public:
+  /// `memory`: bytes to hold, before sort() an eighth of them. `folder`: for what memory cannot hold.
+  [[nodiscard]] static Result<std::unique_ptr<MeshCells>> create(std::uint64_t memory, const std::string& folder);
+
+  /// Adds the cells of the next piece, in the order in which PieceReader reads pieces.
+  [[nodiscard]] Status add(const Piece& piece) { return spool_.add(piece); }
+
+  /// Tells the rank of the point that a point of a piece has become.
+  [[nodiscard]] Status add_rank(PointTag tag, std::uint64_t rank);
+
+  /// Tells that a level besides level 0 has a point, and no coarser level. Called for each level with ascending ranks.
+  [[nodiscard]] Status add_stay(std::size_t level, std::uint64_t rank);
+
+  /// Tells the number of points of the next index leaf.
+  [[nodiscard]] Status add_leaf(std::uint64_t points);
+
+  /// Finds the ranks of all corners, and sorts the cells. Called once, after the last point.
+  [[nodiscard]] Status sort();
+
+  /// Cells to write. Two corners of the others have become one point.
+  [[nodiscard]] std::uint64_t count() const { return spool_.count() - collapsed_; }
+  [[nodiscard]] std::uint64_t collapsed() const { return collapsed_; }
+
+  /// A hash of the cells to write, which does not depend on their order. Requires sort().
+  [[nodiscard]] std::uint64_t hash() const { return hash_; }
+
+  /// Replaces `cells` by those of the next chunk: those whose lowest corner is in one index leaf, or in a few if they
+  /// are few. Returns false after the last. Requires sort().
+  [[nodiscard]] Result<bool> next_chunk(std::vector<RankedCell>& cells);
+
+  /// Replaces `segments` by those of the next points, [rank], at most `count`. `levels`: of all points.
+  [[nodiscard]] Status next_segments(std::size_t count, std::size_t levels, std::vector<std::uint8_t>& segments);
+
+ private:
+  // Numbers that are read once, in the order in which they were added.
+  class NumberQueue {
+   public:
+    explicit NumberQueue(std::string folder) : spool_(std::move(folder)) {}
+    [[nodiscard]] Status add(std::uint64_t number) { return spool_.append(std::as_bytes(std::span(&number, 1))); }
+    /// Returns the next number, none after the last.
+    [[nodiscard]] Result<std::optional<std::uint64_t>> next();
+
+   private:
+    BlockSpool spool_;
+    std::span<const std::byte> left_;
+  };
+
+  MeshCells(ExternalSorter tags, std::uint64_t memory, const std::string& folder)
+      : memory_(memory), folder_(folder), spool_(folder), tags_(std::move(tags)), leaves_(folder) {}
+  [[nodiscard]] Status load_ranks(std::uint32_t piece, std::uint32_t points);
+  [[nodiscard]] Status add_ranked(std::span<const CellBlock> blocks);
+  [[nodiscard]] Result<const RankedCell*> peek();
+  [[nodiscard]] Status gather_leaf();
+
+  std::uint64_t memory_;
+  std::string folder_;
+  CellSpool spool_;
+  std::uint64_t collapsed_ = 0;
+  std::uint64_t hash_ = 0;
+
+  ExternalSorter tags_;
+  SortedRecords sorted_tags_;         // that were read
+  std::size_t next_tag_ = 0;          // of these
+  std::vector<std::uint64_t> ranks_;  // [point of the present piece]
+  std::optional<std::uint32_t> piece_;
+
+  std::vector<std::unique_ptr<NumberQueue>> stays_;       // [level], from 1 on
+  std::vector<std::optional<std::uint64_t>> next_stays_;  // [level]
+  std::uint64_t next_rank_ = 0;                           // of next_segments()
+
+  std::optional<ExternalSorter> cells_;
+  std::vector<RankedCell> ready_;  // whole runs of cells that the sort does not tell apart
+  std::size_t next_ready_ = 0;
+  std::vector<RankedCell> behind_;  // the beginning of a run
+  bool ended_ = false;
+  NumberQueue leaves_;
+  std::uint64_t leaf_end_ = 0;          // of the present index leaf
+  std::vector<RankedCell> leaf_cells_;  // of one index leaf, not yet returned
+};
+
+}  // namespace splatvol

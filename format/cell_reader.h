@@ -1,0 +1,82 @@
+// Reads the cells of a file part by part (spec/svol-1.md, section 14).
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "format/cells.h"
+#include "format/octree.h"
+#include "format/volume.h"
+
+namespace splatvol::format {
+
+/// Chunk entries of cells that follow each other.
+struct CellPage {
+  std::vector<CellChunkEntry> chunks;
+  std::vector<ValueSummary> summaries;          // [chunk]: of the attribute that was read
+  std::vector<ValueSummary> opacity_summaries;  // [chunk]: of SummaryAttributes::opacity; empty: none
+};
+
+/// The cells of an open file. Holds the root of their section, and reads everything else on demand. Checks every byte
+/// as Volume does. Thread-safe.
+class CellReader {
+ public:
+  /// Reads the root: mostly in one read, at the end of the section. Returns null if the file keeps no cells. The volume
+  /// must outlive the reader.
+  [[nodiscard]] static Result<std::unique_ptr<const CellReader>> open(const Volume& volume);
+
+  /// Whether a file keeps cells.
+  [[nodiscard]] static bool has_cells(const Volume& volume);
+
+  [[nodiscard]] const Volume& volume() const { return volume_; }
+
+  /// Counts for each shape and field.
+  [[nodiscard]] const std::vector<CellKind>& kinds() const { return kinds_; }
+
+  /// Pages of chunk entries, in the order of the file.
+  [[nodiscard]] const std::vector<CellPageRef>& pages() const { return pages_; }
+  [[nodiscard]] std::uint64_t chunk_count() const { return chunk_count_; }
+
+  /// Bytes of the section, of the pages of ranks, and of all that is no chunk.
+  [[nodiscard]] std::uint64_t section_bytes() const { return section_.packed_bytes; }
+  [[nodiscard]] std::uint64_t rank_bytes() const;
+  [[nodiscard]] std::uint64_t directory_bytes() const;
+
+  /// Bytes held.
+  [[nodiscard]] std::uint64_t memory_bytes() const;
+
+  /// Reads the entries of a page, and their summaries of these attributes.
+  [[nodiscard]] Result<CellPage> read_page(std::size_t page, const SummaryAttributes& attributes) const;
+
+  /// Reads a chunk: [cell][corner], ranks. Requires an entry of this file of a known shape and field.
+  [[nodiscard]] Result<std::vector<std::uint64_t>> read_chunk(const CellChunkEntry& entry) const;
+
+  /// Checks the bytes of a chunk whatever its shape and field.
+  [[nodiscard]] Status check_bytes(const CellChunkEntry& entry) const;
+
+  [[nodiscard]] std::size_t rank_page_count() const { return rank_pages_.size(); }
+  [[nodiscard]] Result<RankPage> read_rank_page(std::size_t page) const;
+
+ private:
+  CellReader(const Volume& volume, const SectionEntry& section);
+  [[nodiscard]] Status read_root();
+  [[nodiscard]] Status take_root(std::span<const std::byte> root, const CellsTail& tail);
+  [[nodiscard]] Status check_tiling() const;
+  [[nodiscard]] Status check_entry(const CellChunkEntry& entry) const;
+  [[nodiscard]] Result<Bytes> read_bytes(std::uint64_t offset, std::uint64_t count) const;
+  [[nodiscard]] tl::unexpected<Error> broken(std::string_view rule) const;
+
+  const Volume& volume_;
+  SectionEntry section_;
+  std::vector<std::uint64_t> counts_;  // [segment]: points
+  std::uint64_t root_bytes_ = 0;
+  std::uint64_t chunk_count_ = 0;
+  std::vector<CellKind> kinds_;
+  std::vector<CellPageRef> pages_;
+  std::vector<RankPageRef> rank_pages_;
+};
+
+}  // namespace splatvol::format

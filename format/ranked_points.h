@@ -1,0 +1,48 @@
+// Points of a file by their ranks: their numbers in the order of all points (spec/svol-1.md, section 14).
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "format/cell_reader.h"
+
+namespace splatvol::format {
+
+/// Reads attributes of points that are named by their ranks. Holds parts of the file that were read last. Not
+/// thread-safe.
+class RankedPoints {
+ public:
+  using ReadRankPage = std::function<Result<RankPage>(std::size_t page)>;
+
+  /// `memory`: bytes to hold, besides what one call needs. The volume must outlive this, and what `read_rank_page`
+  /// needs.
+  RankedPoints(const Volume& volume, ReadRankPage read_rank_page, std::uint64_t memory);
+  RankedPoints(const CellReader& cells, std::uint64_t memory)
+      : RankedPoints(
+            cells.volume(), [&cells](std::size_t page) { return cells.read_rank_page(page); }, memory) {}
+  ~RankedPoints();
+
+  /// A point of the file: its number in a group.
+  struct Place {
+    std::uint64_t group = 0;
+    std::uint32_t index = 0;
+  };
+
+  /// Finds points. Requires ranks of the file; ascending ones are faster.
+  [[nodiscard]] Status find(std::span<const std::uint64_t> ranks, std::vector<Place>& places);
+
+  /// Read the positions, or the stored values of an attribute (NaN: missing), of points that were found.
+  [[nodiscard]] Status read_positions(std::span<const Place> places, std::vector<dvec3>& positions);
+  [[nodiscard]] Status read_values(std::span<const Place> places, int attribute, std::vector<float>& values);
+
+ private:
+  struct Held;
+  std::unique_ptr<Held> held_;
+};
+
+}  // namespace splatvol::format

@@ -1,0 +1,245 @@
+#include "format/verify_cells.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <memory>
+#include <numeric>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/interruption.h"
+#include "format/cell_reader.h"
+#include "format/ranked_points.h"
+#include "format/run_tasks.h"
+
+namespace splatvol::format {
+namespace {
+
+constexpr std::uint64_t held_bytes = std::uint64_t{16} << 20;  // by each thread
+constexpr double area_error = 0.01;
+
+bool is_area_of(double stated, double area) { return std::abs(stated - area) <= area_error * area; }
+
+bool is_box(const double (&low)[3], const double (&high)[3], const Box& box) {
+  for (int axis = 0; axis < 3; ++axis)
+    if (low[axis] != box.low[axis] || high[axis] != box.high[axis]) return false;
+  return true;
+}
+
+// The cells that a page begins and ends with.
+struct Ends {
+  CellShape shape{};
+  std::vector<std::uint64_t> first, last;
+};
+
+class CellVerifier {
+ public:
+  CellVerifier(const CellReader& cells, const std::function<void(double)>& progress, std::size_t threads)
+      : cells_(cells),
+        volume_(cells.volume()),
+        info_(volume_.info()),
+        progress_(progress),
+        threads_(std::max<std::size_t>(threads, 1)),
+        ends_(cells.pages().size()),
+        kinds_(threads_) {
+    for (const Attribute& attribute : info_.attributes) bins_.push_back(bins_of(attribute));
+    for (std::size_t thread = 0; thread < threads_; ++thread)
+      points_.push_back(std::make_unique<RankedPoints>(cells, held_bytes));
+  }
+
+  Status run() {
+    SPLATVOL_TRY(check_ranks());
+    const auto check = [&](std::size_t page, std::size_t thread) -> Status {
+      SPLATVOL_TRY(check_page(page, thread));
+      if (thread == 0) progress_(static_cast<double>(page + 1) / static_cast<double>(cells_.pages().size()));
+      return {};
+    };
+    SPLATVOL_TRY(run_tasks(cells_.pages().size(), threads_, check));
+    for (std::size_t page = 1; page < ends_.size(); ++page)
+      if (ends_[page].shape == ends_[page - 1].shape && ends_[page].first < ends_[page - 1].last) return unordered();
+    return check_kinds();
+  }
+
+ private:
+  [[nodiscard]] tl::unexpected<Error> broken(std::string_view rule) const {
+    return fail(ErrorCode::invalid_data, "{}: {} [R24]", volume_.name(), rule);
+  }
+  [[nodiscard]] tl::unexpected<Error> unordered() const { return broken("cells are out of order"); }
+
+  // Points of an index leaf have ranks that follow each other.
+  Status check_ranks() {
+    before_.assign(info_.resolutions(), 0);
+    SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({}));
+    SPLATVOL_TRY(check_leaves(root, 0));
+    return rank_ == info_.resolution_counts.back() ? Status{} : unlike_index();
+  }
+
+  [[nodiscard]] tl::unexpected<Error> unlike_index() const {
+    return broken("the ranks of the points are not those of the index");
+  }
+
+  // NOLINTNEXTLINE(misc-no-recursion): no node is deeper than max_node_depth.
+  Status check_leaves(const IndexPage& page, std::size_t node) {
+    const std::uint8_t mask = page.nodes.child_masks[node];
+    if (mask == 0) return check_leaf(page.nodes.counts_of(node));
+    std::optional<IndexPage> linked;
+    if (page.links[node] != IndexPage::no_node) {
+      SPLATVOL_TRY_ASSIGN(read,
+                          volume_.read_index_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), {}));
+      linked = std::move(read);
+      SPLATVOL_TRY(check_interruption());
+    }
+    const IndexPage& below = linked ? *linked : page;
+    const std::size_t first = linked ? 0 : page.first_children[node];
+    for (std::size_t child = 0; child < static_cast<std::size_t>(std::popcount(mask)); ++child)
+      SPLATVOL_TRY(check_leaves(below, first + child));
+    return {};
+  }
+
+  Status check_leaf(std::span<const std::uint64_t> counts) {
+    std::vector<std::uint64_t> left(counts.begin(), counts.end());
+    for (std::uint64_t count = std::accumulate(left.begin(), left.end(), std::uint64_t{0}); count > 0;
+         --count, ++rank_) {
+      if (rank_ >= info_.resolution_counts.back()) return unlike_index();
+      if (rank_ % rank_page_points == 0) {
+        SPLATVOL_TRY_ASSIGN(page, cells_.read_rank_page(rank_ / rank_page_points));
+        if (page.before != before_) return unlike_index();
+        segments_ = std::move(page.segments);
+      }
+      const std::size_t segment = segments_[rank_ % rank_page_points];
+      ++before_[segment];
+      if (left[segment]-- == 0) return unlike_index();
+    }
+    return {};
+  }
+
+  Status check_page(std::size_t number, std::size_t thread) {
+    SPLATVOL_TRY_ASSIGN(page, cells_.read_page(number, {}));
+    std::vector<std::vector<ValueSummary>> summaries;
+    for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+      SPLATVOL_TRY_ASSIGN(read, cells_.read_page(number, {static_cast<int>(a), -1}));
+      summaries.push_back(std::move(read.summaries));
+    }
+    Box box;
+    double area = 0;
+    for (std::size_t chunk = 0; chunk < page.chunks.size(); ++chunk) {
+      const CellChunkEntry& entry = page.chunks[chunk];
+      box.include(dvec3(entry.low[0], entry.low[1], entry.low[2]));
+      box.include(dvec3(entry.high[0], entry.high[1], entry.high[2]));
+      area += entry.area;
+      count(entry, thread);
+      SPLATVOL_TRY(check_chunk(entry, thread, ends_[number], [&](std::size_t a) { return summaries[a][chunk]; }));
+      SPLATVOL_TRY(check_interruption());
+    }
+    const CellPageRef& ref = cells_.pages()[number];
+    if (!is_box(ref.low, ref.high, box) || !is_area_of(ref.area, area))
+      return broken("the box or area of a page of cells is wrong");
+    return {};
+  }
+
+  void count(const CellChunkEntry& entry, std::size_t thread) {
+    std::vector<CellKind>& kinds = kinds_[thread];
+    auto kind = std::ranges::find_if(
+        kinds, [&](const CellKind& k) { return k.shape == entry.shape && k.field == entry.field; });
+    if (kind == kinds.end()) kind = kinds.insert(kinds.end(), CellKind{entry.shape, entry.field, {}, 0, 0, 0});
+    kind->cells += entry.cells;
+    kind->packed_bytes += entry.packed_bytes;
+  }
+
+  template <class SummaryOf>
+  Status check_chunk(const CellChunkEntry& entry, std::size_t thread, Ends& ends, const SummaryOf& summary_of) {
+    if (!is_known(entry.shape, entry.field)) return cells_.check_bytes(entry);
+    SPLATVOL_TRY_ASSIGN(corners, cells_.read_chunk(entry));
+    SPLATVOL_TRY(check_order(entry, corners, ends));
+    const LocalCells local = number_corners(corners);
+    RankedPoints& points = *points_[thread];
+    std::vector<RankedPoints::Place> places;
+    SPLATVOL_TRY(points.find(local.ranks, places));
+    if (local.ranks.size() != entry.points || count_groups(places) > max_chunk_groups)
+      return broken("a chunk of cells has corners at too many points, or at others than it states");
+    std::vector<dvec3> positions;
+    SPLATVOL_TRY(points.read_positions(places, positions));
+    const CellExtent extent = measure_cells(entry.shape, local.corners, positions);
+    if (!is_box(entry.low, entry.high, extent.box) || !is_area_of(entry.area, extent.area))
+      return broken("the box or area of a chunk of cells is wrong");
+    std::vector<float> values;
+    for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+      SPLATVOL_TRY(points.read_values(places, static_cast<int>(a), values));
+      const ValueSummary found = summarize_cells(entry.shape, local.corners, values, bins_[a]), stated = summary_of(a);
+      if (found.min != stated.min || found.max != stated.max || found.occupancy != stated.occupancy)
+        return broken("the range or occupancy of a chunk of cells is wrong");
+    }
+    return {};
+  }
+
+  Status check_order(const CellChunkEntry& entry, std::span<const std::uint64_t> corners, Ends& ends) const {
+    const std::size_t count = corners_of(entry.shape);
+    const auto cell = [&](std::size_t i) { return corners.subspan(i * count, count); };
+    for (std::size_t i = 1; i < entry.cells; ++i)
+      if (std::ranges::lexicographical_compare(cell(i), cell(i - 1))) return unordered();
+    const auto first = cell(0), last = cell(entry.cells - 1);
+    if (ends.first.empty()) {
+      ends.shape = entry.shape;
+      ends.first.assign(first.begin(), first.end());
+    } else if (ends.shape == entry.shape && std::ranges::lexicographical_compare(first, ends.last)) {
+      return unordered();
+    }
+    ends.last.assign(last.begin(), last.end());
+    return {};
+  }
+
+  static std::size_t count_groups(std::span<const RankedPoints::Place> places) {
+    std::vector<std::uint64_t> groups;
+    for (const RankedPoints::Place& place : places) groups.push_back(place.group);
+    std::ranges::sort(groups);
+    return static_cast<std::size_t>(std::ranges::unique(groups).begin() - groups.begin());
+  }
+
+  Status check_kinds() const {
+    std::vector<CellKind> found;
+    for (const std::vector<CellKind>& kinds : kinds_) found.insert(found.end(), kinds.begin(), kinds.end());
+    for (const CellKind& stated : cells_.kinds()) {
+      std::uint64_t cells = 0, bytes = 0;
+      std::erase_if(found, [&](const CellKind& kind) {
+        if (kind.shape != stated.shape || kind.field != stated.field) return false;
+        cells += kind.cells;
+        bytes += kind.packed_bytes;
+        return true;
+      });
+      if (cells != stated.cells || bytes != stated.packed_bytes || stated.turned > stated.cells) return wrong_counts();
+    }
+    return found.empty() ? Status{} : wrong_counts();
+  }
+  [[nodiscard]] tl::unexpected<Error> wrong_counts() const {
+    return broken("there are other cells than the root of the cells states");
+  }
+
+  const CellReader& cells_;
+  const Volume& volume_;
+  const VolumeInfo& info_;
+  const std::function<void(double)>& progress_;  // called by this thread only
+  std::size_t threads_;
+  std::vector<ValueBins> bins_;                        // [attribute]
+  std::vector<std::unique_ptr<RankedPoints>> points_;  // [thread]
+  std::vector<Ends> ends_;                             // [page]
+  std::vector<std::vector<CellKind>> kinds_;           // [thread]
+
+  // Of check_ranks().
+  std::uint64_t rank_ = 0;
+  std::vector<std::uint64_t> before_;   // [segment]: points of lower ranks
+  std::vector<std::uint8_t> segments_;  // of the present page
+};
+
+}  // namespace
+
+Status verify_cells(const Volume& volume, const std::function<void(double)>& progress, std::size_t threads) {
+  SPLATVOL_TRY_ASSIGN(cells, CellReader::open(volume));
+  return cells ? CellVerifier(*cells, progress, threads).run() : Status{};
+}
+
+}  // namespace splatvol::format
