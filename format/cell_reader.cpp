@@ -153,7 +153,7 @@ Status CellReader::check_entry(const CellChunkEntry& entry) const {
       !is_box(entry.low, entry.high) || !is_area(entry.area))
     return broken("a chunk of cells is out of range");
   if (!is_known(entry.shape, entry.field)) return {};
-  if (entry.unpacked_bytes > 16 + entry.cells * corners * sizeof(std::uint64_t) || entry.points < corners ||
+  if (entry.unpacked_bytes > 16 + entry.cells * (corners * sizeof(std::uint64_t) + 4) || entry.points < corners ||
       entry.points > entry.cells * corners)
     return broken("a chunk of cells has the wrong length");
   return {};
@@ -208,7 +208,7 @@ Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes
   return read;
 }
 
-Result<std::vector<std::uint64_t>> CellReader::read_chunk(const CellChunkEntry& entry) const {
+Result<CellChunk> CellReader::read_chunk(const CellChunkEntry& entry) const {
   SPLATVOL_TRY_ASSIGN(packed, read_bytes(entry.offset, entry.packed_bytes));
   const std::string what = fmt::format("{}: cells at {}", volume_.name(), section_.offset + entry.offset);
   return unpack_cells(entry, packed, volume_.info().resolution_counts.back(), what);

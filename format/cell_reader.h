@@ -51,8 +51,8 @@ class CellReader {
   /// Reads the entries of a page, and their summaries of these attributes.
   [[nodiscard]] Result<CellPage> read_page(std::size_t page, const SummaryAttributes& attributes) const;
 
-  /// Reads a chunk: [cell][corner], ranks. Requires an entry of this file of a known shape and field.
-  [[nodiscard]] Result<std::vector<std::uint64_t>> read_chunk(const CellChunkEntry& entry) const;
+  /// Reads a chunk. Requires an entry of this file of a known shape and field.
+  [[nodiscard]] Result<CellChunk> read_chunk(const CellChunkEntry& entry) const;
 
   /// Checks the bytes of a chunk whatever its shape and field.
   [[nodiscard]] Status check_bytes(const CellChunkEntry& entry) const;

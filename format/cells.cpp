@@ -4,6 +4,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <cstring>
 #include <numeric>
 
 #include "format/payload.h"
@@ -11,13 +12,12 @@
 namespace splatvol::format {
 namespace {
 
-constexpr std::size_t most_corners = 8;
 constexpr std::size_t most_width = 6;  // bytes of a rank
 
 // In front of the planes: the lowest rank, and the bytes of each column's numbers.
 struct CellsHeader {
   std::uint64_t first;
-  std::uint8_t widths[most_corners];
+  std::uint8_t widths[max_cell_corners];
 };
 static_assert(sizeof(CellsHeader) == 16);
 
@@ -65,94 +65,123 @@ LocalCells number_corners(std::span<const std::uint64_t> corners) {
   return cells;
 }
 
-CellExtent measure_cells(CellShape shape, std::span<const std::uint32_t> corners, std::span<const dvec3> positions) {
+CellExtent measure_cells(const CellChunk& cells, const LocalCells& local, std::span<const dvec3> positions) {
   CellExtent extent;
   for (const dvec3& position : positions) extent.box.include(position);
-  const std::size_t count = corners_of(shape);
-  for (; !corners.empty(); corners = corners.subspan(count)) {
+  for_each_tetrahedron(cells, local, [&](const std::array<std::uint32_t, 4>& corners) {
     const dvec3& from = positions[corners[0]];
     const dvec3 a = positions[corners[1]] - from, b = positions[corners[2]] - from, c = positions[corners[3]] - from;
     const dvec3 ab = glm::cross(a, b), bc = glm::cross(b, c), ca = glm::cross(c, a);
     extent.area += (glm::length(ab) + glm::length(bc) + glm::length(ca) + glm::length(ab + bc + ca)) / 2;
-  }
+  });
   return extent;
 }
 
-ValueSummary summarize_cells(CellShape shape, std::span<const std::uint32_t> corners, std::span<const float> values,
+ValueSummary summarize_cells(const CellChunk& cells, const LocalCells& local, std::span<const float> values,
                              const ValueBins& bins) {
   ValueSummary summary;
-  const std::size_t count = corners_of(shape);
-  for (; !corners.empty(); corners = corners.subspan(count)) {
-    float low = values[corners[0]], high = low;
+  for_each_tetrahedron(cells, local, [&](const std::array<std::uint32_t, 4>& corners) {
+    const float first = values[corners[0]];
+    float low = first, high = first;
     bool is_missing = false;
-    for (const std::uint32_t corner : corners.first(count)) {
+    for (const std::uint32_t corner : corners) {
       is_missing = is_missing || std::isnan(values[corner]);
       low = std::min(low, values[corner]);
       high = std::max(high, values[corner]);
     }
     if (!is_missing) summary.include({low, high, bins.between(low, high)});
-  }
+  });
   return summary;
 }
 
-PackedCells pack_cells(CellShape shape, CellField field, std::span<const std::uint64_t> corners, std::size_t points) {
-  const std::size_t count = corners_of(shape), cells = corners.size() / count;
-  CellsHeader header{corners[0], {}};
-  std::vector<std::uint64_t> differences(cells);
-  Bytes planes;
+PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
+  const std::size_t count = corners_of(cells.shape), size = cells.size();
+  std::vector<std::uint64_t> ranks(size * count);  // ascending in a cell
+  std::vector<std::uint16_t> codes, splits;
+  for (std::size_t cell = 0; cell < size; ++cell) {
+    const auto corners = cells.corners_at(cell);
+    const auto sorted = std::span(ranks).subspan(cell * count, count);
+    std::ranges::copy(corners, sorted.begin());
+    std::ranges::sort(sorted);
+    if (cells.shape == CellShape::tetrahedron) continue;
+    std::array<std::uint8_t, max_cell_corners> places{};
+    for (std::size_t k = 0; k < count; ++k)
+      places[k] = static_cast<std::uint8_t>(std::ranges::find(sorted, corners[k]) - sorted.begin());
+    const CellOrder order = find_order(cells.shape, std::span(places).first(count), cells.splits[cell]);
+    codes.push_back(order.code);
+    splits.push_back(order.split);
+  }
+  CellsHeader header{ranks[0], {}};
+  Bytes payload;
+  append_record(payload, header);
+  std::vector<std::uint64_t> differences(size);
   for (std::size_t k = 0; k < count; ++k) {
     std::uint64_t before = header.first;
-    for (std::size_t cell = 0; cell < cells; ++cell) {
-      const std::uint64_t rank = corners[cell * count + k];
-      differences[cell] = k == 0 ? rank - before : rank - corners[cell * count + k - 1] - 1;
+    for (std::size_t cell = 0; cell < size; ++cell) {
+      const std::uint64_t rank = ranks[cell * count + k];
+      differences[cell] = k == 0 ? rank - before : rank - ranks[cell * count + k - 1] - 1;
       before = rank;
     }
     header.widths[k] = width_of(differences);
-    append_planes<std::uint64_t>(planes, differences, header.widths[k]);
+    append_planes<std::uint64_t>(payload, differences, header.widths[k]);
   }
-  Bytes payload;
-  append_record(payload, header);
-  payload.insert(payload.end(), planes.begin(), planes.end());
+  append_planes<std::uint16_t>(payload, codes);
+  append_planes<std::uint16_t>(payload, splits);
+  std::memcpy(payload.data(), &header, sizeof(header));
   PackedCells packed;
-  packed.bytes = pack_planes(payload, sizeof(header), cells);
+  packed.bytes = pack_planes(payload, sizeof(header), size);
   packed.entry.hash = hash_bytes(packed.bytes);
   packed.entry.packed_bytes = static_cast<std::uint32_t>(packed.bytes.size());
   packed.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
-  packed.entry.cells = static_cast<std::uint32_t>(cells);
+  packed.entry.cells = static_cast<std::uint32_t>(size);
   packed.entry.points = static_cast<std::uint32_t>(points);
-  packed.entry.shape = shape;
-  packed.entry.field = field;
+  packed.entry.shape = cells.shape;
+  packed.entry.field = cells.field;
   return packed;
 }
 
-Result<std::vector<std::uint64_t>> unpack_cells(const CellChunkEntry& entry, std::span<const std::byte> packed,
-                                                std::uint64_t points, std::string_view what) {
+Result<CellChunk> unpack_cells(const CellChunkEntry& entry, std::span<const std::byte> packed, std::uint64_t points,
+                               std::string_view what) {
   SPLATVOL_TRY(check_packed(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(payload, unpack_here(packed, entry.unpacked_bytes, what));
   const auto wrong = [&](const char* rule) { return fail(ErrorCode::invalid_data, "{}: {} [R24]", what, rule); };
-  const std::size_t count = corners_of(entry.shape), cells = entry.cells;
+  const std::size_t count = corners_of(entry.shape), size = entry.cells;
   if (payload.size() < sizeof(CellsHeader)) return wrong("wrong length");
   const auto header = read_record<CellsHeader>(payload, 0);
-  const std::size_t width = std::accumulate(std::begin(header.widths), std::end(header.widths), std::size_t{0});
+  std::size_t width = std::accumulate(std::begin(header.widths), std::end(header.widths), std::size_t{0});
+  if (entry.shape != CellShape::tetrahedron) width += 2 * sizeof(std::uint16_t);
   if (std::ranges::max(header.widths) > most_width ||
       std::any_of(header.widths + count, std::end(header.widths), [](std::uint8_t w) { return w > 0; }) ||
-      payload.size() != sizeof(header) + width * cells || header.first >= points)
+      payload.size() != sizeof(header) + width * size || header.first >= points)
     return wrong("wrong length, or a corner that is not there");
 
-  std::vector<std::uint64_t> corners(cells * count), differences(cells);
+  CellChunk cells{entry.shape, entry.field, std::vector<std::uint64_t>(size * count), {}};
+  std::vector<std::uint64_t> differences;
   std::span<const std::byte> planes = payload.subspan(sizeof(header));
   for (std::size_t k = 0; k < count; ++k) {
-    read_planes<std::uint64_t>(planes, differences, header.widths[k]);
-    planes = planes.subspan(header.widths[k] * cells);
+    planes = take_planes(planes, differences, size, header.widths[k]);
     std::uint64_t before = header.first;
-    for (std::size_t cell = 0; cell < cells; ++cell) {
+    for (std::size_t cell = 0; cell < size; ++cell) {
       // Both are below 2^48 and the difference too, so that nothing overflows.
-      const std::uint64_t rank = (k == 0 ? before : corners[cell * count + k - 1] + 1) + differences[cell];
+      const std::uint64_t rank = (k == 0 ? before : cells.corners[cell * count + k - 1] + 1) + differences[cell];
       if (rank >= points) return wrong("a corner that is not there");
-      corners[cell * count + k] = before = rank;
+      cells.corners[cell * count + k] = before = rank;
     }
   }
-  return corners;
+  if (entry.shape == CellShape::tetrahedron) return cells;
+  std::vector<std::uint16_t> codes;
+  planes = take_planes(planes, codes, size);
+  take_planes(planes, cells.splits, size);
+  const auto orders = orders_of(entry.shape);
+  for (std::size_t cell = 0; cell < size; ++cell) {
+    if (codes[cell] >= orders.size() || !is_split(entry.shape, cells.splits[cell]))
+      return wrong("an order of corners, or a split, that does not exist");
+    std::array<std::uint64_t, max_cell_corners> ranks{};
+    const auto corners = std::span(cells.corners).subspan(cell * count, count);
+    std::ranges::copy(corners, ranks.begin());
+    for (std::size_t k = 0; k < count; ++k) corners[k] = ranks[orders[codes[cell]][k]];
+  }
+  return cells;
 }
 
 Bytes pack_rank_page(const RankPage& page, RankPageRef& ref) {

@@ -1,6 +1,7 @@
 // The cells of a mesh to and from bytes (spec/svol-1.md, section 14).
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -9,19 +10,26 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "format/cell_shapes.h"
 #include "format/codec.h"
 #include "format/columns.h"
 #include "format/layout.h"
 
 namespace splatvol::format {
 
-/// Returns the number of corners; 0: a shape that this program does not know.
-[[nodiscard]] constexpr std::size_t corners_of(CellShape shape) { return shape == CellShape::tetrahedron ? 4 : 0; }
+/// Cells of one shape and field.
+struct CellChunk {
+  CellShape shape = CellShape::tetrahedron;
+  CellField field = CellField::corners;
+  std::vector<std::uint64_t> corners;  // [cell][corner]: ranks
+  std::vector<CellSplit> splits;       // [cell]; empty: tetrahedra
 
-/// Whether cells of this shape and field can be decoded.
-[[nodiscard]] constexpr bool is_known(CellShape shape, CellField field) {
-  return corners_of(shape) > 0 && field == CellField::corners;
-}
+  [[nodiscard]] std::size_t size() const { return corners.size() / corners_of(shape); }
+  [[nodiscard]] std::span<const std::uint64_t> corners_at(std::size_t cell) const {
+    return std::span(corners).subspan(cell * corners_of(shape), corners_of(shape));
+  }
+  [[nodiscard]] CellSplit split_at(std::size_t cell) const { return splits.empty() ? CellSplit{0} : splits[cell]; }
+};
 
 /// Cells whose corners are numbered for themselves.
 struct LocalCells {
@@ -35,16 +43,27 @@ struct LocalCells {
 /// What cells fill.
 struct CellExtent {
   Box box;          // round the corners
-  double area = 0;  // of the faces of all cells: a face between two cells counts twice
+  double area = 0;  // of the faces of all tetrahedra of the cells: a face between two counts twice
 };
 
+/// Calls visit(tetrahedron) for the tetrahedra of all cells, as indices into the ranks of `local`.
+template <class Visit>
+void for_each_tetrahedron(const CellChunk& cells, const LocalCells& local, const Visit& visit) {
+  const std::size_t count = corners_of(cells.shape);
+  for (std::size_t cell = 0; cell < cells.size(); ++cell) {
+    const std::uint32_t* corners = local.corners.data() + cell * count;
+    for (const auto& [a, b, c, d] : tetrahedra_of(cells.shape, cells.split_at(cell)))
+      visit(std::array{corners[a], corners[b], corners[c], corners[d]});
+  }
+}
+
 /// Measures cells by the positions of their corners. `positions`: [index into LocalCells::ranks].
-[[nodiscard]] CellExtent measure_cells(CellShape shape, std::span<const std::uint32_t> corners,
+[[nodiscard]] CellExtent measure_cells(const CellChunk& cells, const LocalCells& local,
                                        std::span<const dvec3> positions);
 
-/// Returns the range of the values in the cells, and their bins: also those of values between two corners. A cell with
-/// a missing value at a corner has none. `values`: stored, [index into LocalCells::ranks].
-[[nodiscard]] ValueSummary summarize_cells(CellShape shape, std::span<const std::uint32_t> corners,
+/// Returns the range of the values in the cells, and their bins: also those of values between two corners. A
+/// tetrahedron with a missing value at a corner has none. `values`: stored, [index into LocalCells::ranks].
+[[nodiscard]] ValueSummary summarize_cells(const CellChunk& cells, const LocalCells& local,
                                            std::span<const float> values, const ValueBins& bins);
 
 /// A chunk of cells ready to be written. Of the entry, hash, lengths, counts, shape and field are set.
@@ -53,16 +72,15 @@ struct PackedCells {
   Bytes bytes;
 };
 
-/// Packs cells, [cell][corner]: ranks, ascending in a cell. Requires 1 to max_chunk_cells of them, in the ascending
-/// order of the ranks of their first corners.
-[[nodiscard]] PackedCells pack_cells(CellShape shape, CellField field, std::span<const std::uint64_t> corners,
-                                     std::size_t points);
+/// Packs 1 to max_chunk_cells cells that are known. `points`: how many different ones they name. Requires different
+/// corners in each cell, and the ascending order of the lowest corners of all cells.
+[[nodiscard]] PackedCells pack_cells(const CellChunk& cells, std::size_t points);
 
-/// Undoes pack_cells. Ranks ascend in a cell and are below `points`. Requires a known shape and field, and an entry
-/// that CellReader::read_page returned. Safe on untrusted `packed`.
-[[nodiscard]] Result<std::vector<std::uint64_t>> unpack_cells(const CellChunkEntry& entry,
-                                                              std::span<const std::byte> packed, std::uint64_t points,
-                                                              std::string_view what);
+/// Undoes pack_cells. The corners of a cell may come in another order, which is the same cell turned or mirrored. They
+/// are different, and below `points`. Requires a known shape and field, and an entry that CellReader::read_page
+/// returned. Safe on untrusted `packed`.
+[[nodiscard]] Result<CellChunk> unpack_cells(const CellChunkEntry& entry, std::span<const std::byte> packed,
+                                             std::uint64_t points, std::string_view what);
 
 /// Where the points of consecutive ranks are in the file.
 struct RankPage {

@@ -168,7 +168,7 @@ struct PatchPart {               // spec 13
 };
 static_assert(sizeof(PatchPart) == 16);
 
-enum class CellShape : std::uint8_t { tetrahedron = 1 };
+enum class CellShape : std::uint8_t { tetrahedron = 1, pyramid = 2, wedge = 3, hexahedron = 4 };
 enum class CellField : std::uint8_t { corners = 1 };  // linear between the values at the corners
 
 struct CellChunkEntry {          // spec 14

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <memory>
@@ -33,8 +34,12 @@ bool is_box(const double (&low)[3], const double (&high)[3], const Box& box) {
 
 // The cells that a page begins and ends with.
 struct Ends {
-  CellShape shape{};
-  std::vector<std::uint64_t> first, last;
+  struct Cell {
+    CellShape shape{};
+    std::array<std::uint64_t, max_cell_corners> ranks{};  // ascending
+    [[nodiscard]] bool is_before(const Cell& other) const { return shape == other.shape && ranks < other.ranks; }
+  };
+  Cell first, last;
 };
 
 class CellVerifier {
@@ -61,7 +66,7 @@ class CellVerifier {
     };
     SPLATVOL_TRY(run_tasks(cells_.pages().size(), threads_, check));
     for (std::size_t page = 1; page < ends_.size(); ++page)
-      if (ends_[page].shape == ends_[page - 1].shape && ends_[page].first < ends_[page - 1].last) return unordered();
+      if (ends_[page].first.is_before(ends_[page - 1].last)) return unordered();
     return check_kinds();
   }
 
@@ -154,9 +159,9 @@ class CellVerifier {
   template <class SummaryOf>
   Status check_chunk(const CellChunkEntry& entry, std::size_t thread, Ends& ends, const SummaryOf& summary_of) {
     if (!is_known(entry.shape, entry.field)) return cells_.check_bytes(entry);
-    SPLATVOL_TRY_ASSIGN(corners, cells_.read_chunk(entry));
-    SPLATVOL_TRY(check_order(entry, corners, ends));
-    const LocalCells local = number_corners(corners);
+    SPLATVOL_TRY_ASSIGN(cells, cells_.read_chunk(entry));
+    SPLATVOL_TRY(check_order(cells, ends));
+    const LocalCells local = number_corners(cells.corners);
     RankedPoints& points = *points_[thread];
     std::vector<RankedPoints::Place> places;
     SPLATVOL_TRY(points.find(local.ranks, places));
@@ -164,32 +169,29 @@ class CellVerifier {
       return broken("a chunk of cells has corners at too many points, or at others than it states");
     std::vector<dvec3> positions;
     SPLATVOL_TRY(points.read_positions(places, positions));
-    const CellExtent extent = measure_cells(entry.shape, local.corners, positions);
+    const CellExtent extent = measure_cells(cells, local, positions);
     if (!is_box(entry.low, entry.high, extent.box) || !is_area_of(entry.area, extent.area))
       return broken("the box or area of a chunk of cells is wrong");
     std::vector<float> values;
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
       SPLATVOL_TRY(points.read_values(places, static_cast<int>(a), values));
-      const ValueSummary found = summarize_cells(entry.shape, local.corners, values, bins_[a]), stated = summary_of(a);
+      const ValueSummary found = summarize_cells(cells, local, values, bins_[a]), stated = summary_of(a);
       if (found.min != stated.min || found.max != stated.max || found.occupancy != stated.occupancy)
         return broken("the range or occupancy of a chunk of cells is wrong");
     }
     return {};
   }
 
-  Status check_order(const CellChunkEntry& entry, std::span<const std::uint64_t> corners, Ends& ends) const {
-    const std::size_t count = corners_of(entry.shape);
-    const auto cell = [&](std::size_t i) { return corners.subspan(i * count, count); };
-    for (std::size_t i = 1; i < entry.cells; ++i)
-      if (std::ranges::lexicographical_compare(cell(i), cell(i - 1))) return unordered();
-    const auto first = cell(0), last = cell(entry.cells - 1);
-    if (ends.first.empty()) {
-      ends.shape = entry.shape;
-      ends.first.assign(first.begin(), first.end());
-    } else if (ends.shape == entry.shape && std::ranges::lexicographical_compare(first, ends.last)) {
-      return unordered();
+  Status check_order(const CellChunk& cells, Ends& ends) const {
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      Ends::Cell cell{cells.shape, {}};
+      const auto ranks = std::span(cell.ranks).first(corners_of(cells.shape));
+      std::ranges::copy(cells.corners_at(i), ranks.begin());
+      std::ranges::sort(ranks);
+      if (cell.is_before(ends.last)) return unordered();
+      if (ends.first.shape == CellShape{}) ends.first = cell;
+      ends.last = cell;
     }
-    ends.last.assign(last.begin(), last.end());
     return {};
   }
 

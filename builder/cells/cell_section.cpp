@@ -31,7 +31,7 @@ struct MadeChunk {
 // What becomes of the cells that MeshCells::next_chunk returns. They are one chunk, or more if their corners are in too
 // many groups.
 struct Item {
-  std::vector<RankedCell> cells;
+  SortedCells cells;
   std::vector<MadeChunk> chunks;
   CellReport report;
   Status status;
@@ -107,31 +107,39 @@ class ChunkMaker {
 
  private:
   // NOLINTNEXTLINE(misc-no-recursion): halves at each call.
-  Status make(std::span<const RankedCell> cells, Item& item) {
-    corners_.clear();
-    for (const RankedCell& cell : cells) corners_.insert(corners_.end(), cell.corners.begin(), cell.corners.end());
-    const format::LocalCells local = format::number_corners(corners_);
+  Status make(const SortedCells& cells, Item& item) {
+    const format::CellChunk& chunk = cells.chunk;
+    const format::LocalCells local = format::number_corners(chunk.corners);
     SPLATVOL_TRY(points_.find(local.ranks, places_));
-    if (cells.size() > 1 && count_groups() > format::max_chunk_groups) {
-      SPLATVOL_TRY(make(cells.first(cells.size() / 2), item));
-      return make(cells.subspan(cells.size() / 2), item);
+    if (chunk.size() > 1 && count_groups() > format::max_chunk_groups) {
+      SPLATVOL_TRY(make(part_of(cells, 0, chunk.size() / 2), item));
+      return make(part_of(cells, chunk.size() / 2, chunk.size()), item);
     }
-    MadeChunk& chunk = item.chunks.emplace_back();
-    constexpr auto shape = format::CellShape::tetrahedron;
-    chunk.packed = format::pack_cells(shape, format::CellField::corners, corners_, local.ranks.size());
+    MadeChunk& made = item.chunks.emplace_back();
+    made.packed = format::pack_cells(chunk, local.ranks.size());
     SPLATVOL_TRY(points_.read_positions(places_, positions_));
-    const format::CellExtent extent = format::measure_cells(shape, local.corners, positions_);
+    const format::CellExtent extent = format::measure_cells(chunk, local, positions_);
     for (int axis = 0; axis < 3; ++axis) {
-      chunk.packed.entry.low[axis] = extent.box.low[axis];
-      chunk.packed.entry.high[axis] = extent.box.high[axis];
+      made.packed.entry.low[axis] = extent.box.low[axis];
+      made.packed.entry.high[axis] = extent.box.high[axis];
     }
-    chunk.packed.entry.area = extent.area;
+    made.packed.entry.area = extent.area;
     count_turned(cells, local, item.report);
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
       SPLATVOL_TRY(points_.read_values(places_, static_cast<int>(a), values_));
-      chunk.summaries.push_back(format::summarize_cells(shape, local.corners, values_, bins_[a]));
+      made.summaries.push_back(format::summarize_cells(chunk, local, values_, bins_[a]));
     }
     return {};
+  }
+
+  static SortedCells part_of(const SortedCells& cells, std::size_t begin, std::size_t end) {
+    const std::size_t corners = format::corners_of(cells.chunk.shape);
+    const auto part = [&](const auto& all, std::size_t each) {
+      const auto at = [&](std::size_t i) { return all.begin() + static_cast<std::ptrdiff_t>(i * each); };
+      return all.empty() ? all : std::remove_cvref_t<decltype(all)>(at(begin), at(end));
+    };
+    return {{cells.chunk.shape, cells.chunk.field, part(cells.chunk.corners, corners), part(cells.chunk.splits, 1)},
+            part(cells.signs, 1)};
   }
 
   [[nodiscard]] std::size_t count_groups() {
@@ -141,21 +149,26 @@ class ChunkMaker {
     return static_cast<std::size_t>(std::ranges::unique(groups_).begin() - groups_.begin());
   }
 
-  void count_turned(std::span<const RankedCell> cells, const format::LocalCells& local, CellReport& report) const {
-    const auto corner = [&](std::size_t i) { return positions_[local.corners[i]]; };
-    for (std::size_t i = 0; i < cells.size(); ++i) {
-      const double volume = signed_volume_6(corner(4 * i), corner(4 * i + 1), corner(4 * i + 2), corner(4 * i + 3)) / 6;
-      report.volume += std::abs(volume);
-      if (!(volume * cells[i].sign < 0)) continue;
-      ++report.turned;
-      report.turned_volume += std::abs(volume);
+  void count_turned(const SortedCells& cells, const format::LocalCells& local, CellReport& report) {
+    const format::CellShape shape = cells.chunk.shape;
+    const std::size_t count = format::corners_of(shape);
+    for (std::size_t i = 0; i < cells.chunk.size(); ++i) {
+      bool is_turned = false;
+      for (const auto& [a, b, c, d] : format::tetrahedra_of(shape, cells.chunk.split_at(i))) {
+        const auto corner = [&](std::uint8_t k) { return positions_[local.corners[i * count + k]]; };
+        const double volume = signed_volume_6(corner(a), corner(b), corner(c), corner(d)) / 6;
+        report.volume += std::abs(volume);
+        if (!(volume * cells.signs[i] < 0)) continue;
+        is_turned = true;
+        report.turned_volume += std::abs(volume);
+      }
+      report.turned += is_turned ? 1 : 0;
     }
   }
 
   const format::VolumeInfo& info_;
   format::RankedPoints points_;
   std::vector<format::ValueBins> bins_;  // [attribute]
-  std::vector<std::uint64_t> corners_;
   std::vector<std::uint64_t> groups_;
   std::vector<format::RankedPoints::Place> places_;
   std::vector<dvec3> positions_;
@@ -175,12 +188,15 @@ class SectionWriter {
     chunks_.push_back(entry);
     for (std::size_t a = 0; a < summaries_.size(); ++a) summaries_[a].push_back(chunk.summaries[a]);
     ++chunk_count_;
-    kind_.shape = entry.shape;
-    kind_.field = entry.field;
-    kind_.cells += entry.cells;
-    kind_.packed_bytes += entry.packed_bytes;
+    if (kinds_.empty() || kinds_.back().shape != entry.shape || kinds_.back().field != entry.field)
+      kinds_.push_back({entry.shape, entry.field, {}, 0, 0, 0});
+    kinds_.back().cells += entry.cells;
+    kinds_.back().packed_bytes += entry.packed_bytes;
     return {};
   }
+
+  // Counts cells of the chunks that were added last.
+  void count_turned(std::uint64_t cells) { kinds_.back().turned += cells; }
 
   // Adds a page of ranks. Called before the first chunk.
   Status add(format::RankPageRef page, std::span<const std::byte> packed) {
@@ -190,17 +206,16 @@ class SectionWriter {
   }
 
   // Adds the root. Returns the bytes of the section.
-  Result<std::uint64_t> finish(std::uint64_t turned) {
+  Result<std::uint64_t> finish() {
     if (!chunks_.empty()) SPLATVOL_TRY(close_page());
-    kind_.turned = turned;
     format::Bytes root;
-    if (kind_.cells > 0) format::append_record(root, kind_);
+    for (const format::CellKind& kind : kinds_) format::append_record(root, kind);
     for (const format::CellPageRef& page : pages_) format::append_record(root, page);
     for (const format::RankPageRef& page : rank_pages_) format::append_record(root, page);
     const format::CellsTail tail{.hash = format::hash_bytes(root),
                                  .chunks = chunk_count_,
                                  .pages = pages_.size(),
-                                 .kinds = kind_.cells > 0 ? 1u : 0u,
+                                 .kinds = static_cast<std::uint32_t>(kinds_.size()),
                                  .version = 1};
     format::append_record(root, tail);
     SPLATVOL_TRY(append(root));
@@ -252,7 +267,7 @@ class SectionWriter {
   const Append& append_;
   std::uint64_t offset_ = 0;
   std::uint64_t chunk_count_ = 0;
-  format::CellKind kind_{};
+  std::vector<format::CellKind> kinds_;
   std::vector<format::CellChunkEntry> chunks_;  // of the page
   std::vector<format::CellPageRef> pages_;
   std::vector<format::RankPageRef> rank_pages_;
@@ -303,7 +318,9 @@ class ChunkPipeline {
     for (MadeChunk& chunk : item.chunks)
       if (written_) written_ = writer_.add(std::move(chunk));
     failed_ = !written_;
-    report_.cells += item.cells.size();
+    if (failed_) return;
+    writer_.count_turned(item.report.turned);
+    report_.cells += item.cells.chunk.size();
     report_.turned += item.report.turned;
     report_.volume += item.report.volume;
     report_.turned_volume += item.report.turned_volume;
@@ -335,7 +352,7 @@ Result<CellReport> write_cells(MeshCells& cells, const format::Volume& volume, s
   }));
   SPLATVOL_TRY_ASSIGN(report, ChunkPipeline(cells, volume, ranks, memory, writer, progress).run());
   report.collapsed = cells.collapsed();
-  SPLATVOL_TRY_ASSIGN(bytes, writer.finish(report.turned));
+  SPLATVOL_TRY_ASSIGN(bytes, writer.finish());
   report.bytes = bytes;
   return report;
 }

@@ -12,19 +12,22 @@
 #include "builder/output/block_spool.h"
 #include "builder/output/byte_streams.h"
 #include "builder/sources/source.h"
+#include "format/cell_shapes.h"
 
 namespace splatvol {
 
 /// A cell of a piece.
 struct SpooledCell {
-  std::array<std::uint32_t, 4> corners;  // points of the piece; the volume is positive, or 0
-  bool is_flat;
+  std::array<std::uint32_t, format::max_cell_corners> corners{};  // points of the piece
+  format::CellSplit split = 0;
+  int sign = 0;  // of the volumes of its tetrahedra (format::tetrahedra_of); 0: not all have the same, or one is flat
 };
 
-/// Cells of one piece that follow each other, packed.
+/// Cells of one piece and shape that follow each other, packed.
 struct CellBlock {
   std::uint32_t piece = 0;         // pieces count from 0 in the order in which they are read
   std::uint32_t piece_points = 0;  // points of the piece
+  format::CellShape shape{};
   std::span<const std::byte> bytes = {};
 };
 
@@ -43,13 +46,16 @@ class CellSpool {
   /// once.
   [[nodiscard]] Status read(const std::function<Status(std::span<const CellBlock>)>& visit);
 
-  /// The number of cells that were added.
-  [[nodiscard]] std::uint64_t count() const { return count_; }
+  /// The number of cells of a shape that were added.
+  [[nodiscard]] std::uint64_t count(format::CellShape shape) const { return counts_[static_cast<std::size_t>(shape)]; }
 
  private:
+  [[nodiscard]] Status append_blocks(std::size_t count,
+                                     const std::function<void(std::size_t, std::vector<std::byte>&)>& pack);
+
   BlockSpool spool_;
   std::uint32_t pieces_ = 0;
-  std::uint64_t count_ = 0;
+  std::array<std::uint64_t, 8> counts_{};  // [shape]
 };
 
 }  // namespace splatvol

@@ -22,10 +22,6 @@ struct TagRecord {
   std::uint64_t rank;
 };
 
-// The corners, and in the highest bits of the last the sign: 0 none, 1 positive, 2 negative.
-using CellRecord = std::array<std::uint64_t, 4>;
-constexpr int sign_shift = 62;
-
 template <class Record>
 Record record_at(std::span<const std::byte> records, std::size_t number) {
   Record record;
@@ -33,60 +29,78 @@ Record record_at(std::span<const std::byte> records, std::size_t number) {
   return record;
 }
 
-// Sorts the corners. The sign is that of the volume before: it turns with each exchange.
-CellRecord record_of(std::array<std::uint64_t, 4> corners, bool is_flat) {
-  bool is_odd = false;
-  for (std::size_t i = 1; i < corners.size(); ++i)
-    for (std::size_t k = i; k > 0 && corners[k] < corners[k - 1]; --k) {
-      std::swap(corners[k], corners[k - 1]);
-      is_odd = !is_odd;
-    }
-  corners[3] |= std::uint64_t{is_flat ? 0u : is_odd ? 2u : 1u} << sign_shift;
-  return corners;
-}
-
-RankedCell cell_of(CellRecord record) {
-  const std::uint64_t code = record[3] >> sign_shift;
-  record[3] &= (std::uint64_t{1} << sign_shift) - 1;
-  return {record, code == 0 ? 0 : code == 1 ? 1 : -1};
-}
-
-// Cells of a block with their ranks.
+// Cells of a block with their ranks, as records of CellSort.
 struct RankedBlock {
-  std::vector<CellRecord> records;
+  std::vector<std::uint64_t> records;     // of the block's shape
+  std::vector<std::uint64_t> tetrahedra;  // of its cells that have lost a corner
   std::uint64_t collapsed = 0;
   std::uint64_t hash = 0;  // sum of those of the cells
   bool lacks_point = false;
 };
 
-// `ranks`: [point of the piece].
-void rank_cells(const CellBlock& block, std::span<const std::uint64_t> ranks, RankedBlock& ranked) {
-  std::vector<SpooledCell> cells;
-  unpack(block, cells);
-  ranked.records.reserve(cells.size());
-  for (const SpooledCell& cell : cells) {
-    std::array<std::uint64_t, 4> corners{};
-    for (std::size_t k = 0; k < corners.size(); ++k) corners[k] = ranks[cell.corners[k]];
-    ranked.lacks_point = ranked.lacks_point || std::ranges::find(corners, no_rank) != corners.end();
-    const CellRecord record = record_of(corners, cell.is_flat);
-    const std::array<std::uint64_t, 4> sorted = cell_of(record).corners;
-    if (std::ranges::adjacent_find(sorted) != sorted.end()) {
-      ++ranked.collapsed;
-      continue;
+// Gives the cells of a block their ranks.
+class BlockRanker {
+ public:
+  // `ranks`: [point of the piece].
+  BlockRanker(const CellBlock& block, std::span<const std::uint64_t> ranks, RankedBlock& ranked)
+      : block_(block), ranks_(ranks), ranked_(ranked) {}
+
+  void run() {
+    std::vector<SpooledCell> cells;
+    unpack(block_, cells);
+    const std::size_t count = format::corners_of(block_.shape);
+    ranked_.records.reserve(cells.size() * count);
+    for (const SpooledCell& spooled : cells) {
+      RankedCell cell{.split = spooled.split, .sign = spooled.sign};
+      for (std::size_t k = 0; k < count; ++k) {
+        cell.corners[k] = ranks_[spooled.corners[k]];
+        ranked_.lacks_point = ranked_.lacks_point || cell.corners[k] == no_rank;
+      }
+      if (!ranked_.lacks_point) add(block_.shape, cell, ranked_.records);
     }
-    ranked.hash += format::hash_bytes(std::as_bytes(std::span(sorted)));
-    ranked.records.push_back(record);
   }
-}
 
-// Cells of one key are in the order of the input.
-MortonKey key_of(const std::array<std::uint64_t, 4>& corners) { return {corners[0], corners[1]}; }
+ private:
+  void add(format::CellShape shape, const RankedCell& cell, std::vector<std::uint64_t>& records) {
+    const std::size_t count = format::corners_of(shape);
+    auto sorted = cell.corners;
+    const auto ranks = std::span(sorted).first(count);
+    std::ranges::sort(ranks);
+    if (std::ranges::adjacent_find(ranks) != ranks.end()) return add_parts(shape, cell);
+    ranked_.hash += hash_of(shape, cell, ranks);
+    const CellSort::Record record = CellSort::record_of(shape, cell);
+    records.insert(records.end(), record.begin(), record.begin() + static_cast<std::ptrdiff_t>(count));
+  }
 
-Result<ExternalSorter> start_sort(std::size_t record_bytes, KeyFunction key, std::uint64_t memory,
-                                  const std::string& folder) {
-  const std::size_t bytes = std::max<std::size_t>(memory, ExternalSorter::least_memory(record_bytes));
-  return ExternalSorter::create({record_bytes, std::move(key), bytes, bytes, folder});
-}
+  // Adds the tetrahedra that have four corners.
+  void add_parts(format::CellShape shape, const RankedCell& cell) {
+    if (shape == format::CellShape::tetrahedron) {
+      ++ranked_.collapsed;
+      return;
+    }
+    for (const auto& tetrahedron : format::tetrahedra_of(shape, cell.split)) {
+      RankedCell part;
+      for (std::size_t k = 0; k < tetrahedron.size(); ++k) part.corners[k] = cell.corners[tetrahedron[k]];
+      add(format::CellShape::tetrahedron, part, ranked_.tetrahedra);
+    }
+  }
+
+  // The same for a cell whose corners come in another order.
+  static std::uint64_t hash_of(format::CellShape shape, const RankedCell& cell, std::span<const std::uint64_t> ranks) {
+    std::array<std::uint8_t, format::max_cell_corners> places{};
+    for (std::size_t k = 0; k < ranks.size(); ++k)
+      places[k] = static_cast<std::uint8_t>(std::ranges::find(ranks, cell.corners[k]) - ranks.begin());
+    const format::CellOrder order = format::find_order(shape, std::span(places).first(ranks.size()), cell.split);
+    std::array<std::uint64_t, format::max_cell_corners + 1> words{};
+    std::ranges::copy(ranks, words.begin());
+    words[ranks.size()] = std::uint64_t{order.code} << 32 | order.split;
+    return format::hash_bytes(std::as_bytes(std::span(words).first(ranks.size() + 1)));
+  }
+
+  const CellBlock& block_;
+  std::span<const std::uint64_t> ranks_;
+  RankedBlock& ranked_;
+};
 
 }  // namespace
 
@@ -94,7 +108,8 @@ Result<std::unique_ptr<MeshCells>> MeshCells::create(std::uint64_t memory, const
   const auto key = [](std::span<const std::byte> records, std::span<MortonKey> keys) {
     for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = {record_at<TagRecord>(records, i).tag, 0};
   };
-  SPLATVOL_TRY_ASSIGN(tags, start_sort(sizeof(TagRecord), key, memory / 8, folder));
+  const std::size_t held = std::max<std::size_t>(memory / 8, ExternalSorter::least_memory(sizeof(TagRecord)));
+  SPLATVOL_TRY_ASSIGN(tags, ExternalSorter::create({sizeof(TagRecord), key, held, held, folder}));
   return std::unique_ptr<MeshCells>(new MeshCells(std::move(tags), memory, folder));
 }
 
@@ -108,7 +123,16 @@ Status MeshCells::add_stay(std::size_t level, std::uint64_t rank) {
   return stays_[level]->add(rank);
 }
 
-Status MeshCells::add_leaf(std::uint64_t points) { return leaves_.add(points); }
+Status MeshCells::add_leaf(std::uint64_t points) {
+  for (const std::unique_ptr<OfShape>& of_shape : shapes_) SPLATVOL_TRY(of_shape->leaves.add(points));
+  return {};
+}
+
+std::uint64_t MeshCells::count() const {
+  std::uint64_t count = 0;
+  for (const std::unique_ptr<OfShape>& of_shape : shapes_) count += of_shape->sort.count();
+  return count;
+}
 
 Result<std::optional<std::uint64_t>> MeshCells::NumberQueue::next() {
   if (left_.empty()) {
@@ -123,18 +147,40 @@ Result<std::optional<std::uint64_t>> MeshCells::NumberQueue::next() {
 
 Status MeshCells::sort() {
   SPLATVOL_TRY(tags_.finish());
-  const auto key = [](std::span<const std::byte> records, std::span<MortonKey> keys) {
-    for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = key_of(record_at<CellRecord>(records, i));
-  };
-  SPLATVOL_TRY_ASSIGN(cells, start_sort(sizeof(CellRecord), key, memory_, folder_));
-  cells_.emplace(std::move(cells));
+  SPLATVOL_TRY(start_sorts());
   const auto add = [&](std::span<const CellBlock> blocks) -> Status {
     if (piece_ != blocks[0].piece) SPLATVOL_TRY(load_ranks(blocks[0].piece, blocks[0].piece_points));
     return add_ranked(blocks);
   };
   SPLATVOL_TRY(spool_.read(add));
   ranks_ = {};
-  return cells_->finish();
+  for (const std::unique_ptr<OfShape>& of_shape : shapes_) SPLATVOL_TRY(of_shape->sort.finish());
+  return {};
+}
+
+// Shapes share the memory by the bytes of their records.
+Status MeshCells::start_sorts() {
+  using format::CellShape;
+  constexpr std::array all = {CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge, CellShape::hexahedron};
+  std::uint64_t bytes = 0;
+  for (const CellShape shape : all) bytes += spool_.count(shape) * format::corners_of(shape);
+  for (const CellShape shape : all) {
+    // Tetrahedra may come of the others.
+    const std::uint64_t own = spool_.count(shape) * format::corners_of(shape);
+    if (own == 0 && shape != CellShape::tetrahedron) continue;
+    const auto share = static_cast<double>(own) / static_cast<double>(std::max<std::uint64_t>(bytes, 1));
+    SPLATVOL_TRY_ASSIGN(
+        sort, CellSort::create(shape, static_cast<std::uint64_t>(share * static_cast<double>(memory_)), folder_));
+    shapes_.push_back(std::unique_ptr<OfShape>(new OfShape{std::move(sort), NumberQueue(folder_), 0, {}}));
+    shapes_.back()->leaf_cells.chunk.shape = shape;
+  }
+  return {};
+}
+
+CellSort* MeshCells::sort_of(format::CellShape shape) {
+  const auto found =
+      std::ranges::find_if(shapes_, [&](const auto& of_shape) { return of_shape->sort.shape() == shape; });
+  return &(*found)->sort;
 }
 
 // Tags of pieces without cells are passed over.
@@ -156,71 +202,54 @@ Status MeshCells::load_ranks(std::uint32_t piece, std::uint32_t points) {
 
 Status MeshCells::add_ranked(std::span<const CellBlock> blocks) {
   std::vector<RankedBlock> ranked(blocks.size());
-  tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) { rank_cells(blocks[b], ranks_, ranked[b]); });
-  for (const RankedBlock& block : ranked) {
-    if (block.lacks_point) return fail(ErrorCode::invalid_data, "a cell has a corner that is no point of the file");
-    collapsed_ += block.collapsed;
-    hash_ += block.hash;
-    if (!block.records.empty()) SPLATVOL_TRY(cells_->add(std::as_bytes(std::span(block.records))));
+  tbb::parallel_for(std::size_t{0}, blocks.size(),
+                    [&](std::size_t b) { BlockRanker(blocks[b], ranks_, ranked[b]).run(); });
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    if (ranked[b].lacks_point) return fail(ErrorCode::invalid_data, "a cell has a corner that is no point of the file");
+    collapsed_ += ranked[b].collapsed;
+    hash_ += ranked[b].hash;
+    SPLATVOL_TRY(sort_of(blocks[b].shape)->add(ranked[b].records));
+    SPLATVOL_TRY(sort_of(format::CellShape::tetrahedron)->add(ranked[b].tetrahedra));
   }
   return check_interruption();
 }
 
-// Returns the next cell, null after the last. Equal keys are put in order: the sort knows two corners only.
-Result<const RankedCell*> MeshCells::peek() {
-  if (next_ready_ < ready_.size()) return &ready_[next_ready_];
-  ready_.clear();
-  next_ready_ = 0;
-  const auto by_corners = [](const RankedCell& a, const RankedCell& b) {
-    return std::pair(a.corners, a.sign) < std::pair(b.corners, b.sign);
-  };
-  while (ready_.empty() && !ended_) {
-    SPLATVOL_TRY_ASSIGN(more, cells_->next());
-    ended_ = more.keys.empty();
-    for (std::size_t i = 0; i < more.keys.size(); ++i)
-      behind_.push_back(cell_of(record_at<CellRecord>(more.records, i)));
-    std::size_t whole = behind_.size();
-    while (!ended_ && whole > 0 && key_of(behind_[whole - 1].corners) == key_of(behind_.back().corners)) --whole;
-    const auto end = behind_.begin() + static_cast<std::ptrdiff_t>(whole);
-    ready_.assign(behind_.begin(), end);
-    behind_.erase(behind_.begin(), end);
-    for (auto run = ready_.begin(); run != ready_.end();) {
-      const auto run_end = std::find_if(
-          run, ready_.end(), [&](const RankedCell& cell) { return key_of(cell.corners) != key_of(run->corners); });
-      std::sort(run, run_end, by_corners);
-      run = run_end;
-    }
-  }
-  return ready_.empty() ? nullptr : &ready_[0];
-}
-
 // Gathers the cells of the next index leaf that has some; of a leaf with too many for a chunk, the next of them.
-Status MeshCells::gather_leaf() {
-  while (leaf_cells_.size() < format::max_chunk_cells) {
-    SPLATVOL_TRY_ASSIGN(cell, peek());
-    if (!cell) return {};
-    while (cell->corners[0] >= leaf_end_) {
-      if (!leaf_cells_.empty()) return {};
-      SPLATVOL_TRY_ASSIGN(points, leaves_.next());
+Status MeshCells::gather_leaf(OfShape& of_shape) {
+  while (of_shape.leaf_cells.chunk.size() < format::max_chunk_cells) {
+    SPLATVOL_TRY_ASSIGN(corner, of_shape.sort.next_corner());
+    if (!corner) return {};
+    while (*corner >= of_shape.leaf_end) {
+      if (of_shape.leaf_cells.chunk.size() > 0) return {};
+      SPLATVOL_TRY_ASSIGN(points, of_shape.leaves.next());
       if (!points) return fail(ErrorCode::invalid_data, "a cell has a corner that is in no leaf of the index");
-      leaf_end_ += *points;
+      of_shape.leaf_end += *points;
     }
-    leaf_cells_.push_back(*cell);
-    ++next_ready_;
+    of_shape.leaf_cells.add(of_shape.sort.take());
   }
   return {};
 }
 
-Result<bool> MeshCells::next_chunk(std::vector<RankedCell>& cells) {
+Result<bool> MeshCells::next_chunk(OfShape& of_shape, SortedCells& cells) {
   cells.clear();
+  cells.chunk.shape = of_shape.sort.shape();
+  SortedCells& leaf = of_shape.leaf_cells;
   for (;;) {
-    if (leaf_cells_.empty()) SPLATVOL_TRY(gather_leaf());
-    if (leaf_cells_.empty()) return !cells.empty();
-    if (!cells.empty() && cells.size() + leaf_cells_.size() > joined_cells) return true;
-    cells.insert(cells.end(), leaf_cells_.begin(), leaf_cells_.end());
-    leaf_cells_.clear();
-    if (cells.size() >= joined_cells) return true;
+    if (leaf.chunk.size() == 0) SPLATVOL_TRY(gather_leaf(of_shape));
+    if (leaf.chunk.size() == 0) return cells.chunk.size() > 0;
+    if (cells.chunk.size() > 0 && cells.chunk.size() + leaf.chunk.size() > joined_cells) return true;
+    cells.add(leaf);
+    leaf.clear();
+    if (cells.chunk.size() >= joined_cells) return true;
   }
+}
+
+Result<bool> MeshCells::next_chunk(SortedCells& cells) {
+  for (; next_shape_ < shapes_.size(); ++next_shape_) {
+    SPLATVOL_TRY_ASSIGN(more, next_chunk(*shapes_[next_shape_], cells));
+    if (more) return true;
+  }
+  return false;
 }
 
 Status MeshCells::next_segments(std::size_t count, std::size_t levels, std::vector<std::uint8_t>& segments) {

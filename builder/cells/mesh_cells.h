@@ -5,22 +5,18 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
+#include "builder/cells/cell_sort.h"
 #include "builder/cells/cell_spool.h"
 #include "builder/output/block_spool.h"
 #include "builder/sorting/external_sort.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
-
-/// A cell in the order of the file.
-struct RankedCell {
-  std::array<std::uint64_t, 4> corners;  // ranks, ascending
-  int sign = 0;                          // of the volume of the corners in this order, before rounding
-};
 
 /// Collects cells, and what a build finds out about their corners. The rank of a point is its number among all points
 /// of the file in Morton order. add_rank() may run beside add_stay(); nothing else is thread-safe.
@@ -38,22 +34,22 @@ class MeshCells {
   /// Tells that a level besides level 0 has a point, and no coarser level. Called for each level with ascending ranks.
   [[nodiscard]] Status add_stay(std::size_t level, std::uint64_t rank);
 
-  /// Tells the number of points of the next index leaf.
-  [[nodiscard]] Status add_leaf(std::uint64_t points);
-
-  /// Finds the ranks of all corners, and sorts the cells. Called once, after the last point.
+  /// Finds the ranks of all corners, and sorts the cells. Called once, after the last point. A cell of which two
+  /// corners have become one point is kept as those of its tetrahedra that have a volume.
   [[nodiscard]] Status sort();
 
-  /// Cells to write. Two corners of the others have become one point.
-  [[nodiscard]] std::uint64_t count() const { return spool_.count() - collapsed_; }
-  [[nodiscard]] std::uint64_t collapsed() const { return collapsed_; }
+  /// Tells the number of points of the next index leaf. Requires sort().
+  [[nodiscard]] Status add_leaf(std::uint64_t points);
 
-  /// A hash of the cells to write, which does not depend on their order. Requires sort().
+  /// Cells to write, tetrahedra that were left out, and a hash of the cells to write, which does not depend on their
+  /// order. Require sort().
+  [[nodiscard]] std::uint64_t count() const;
+  [[nodiscard]] std::uint64_t collapsed() const { return collapsed_; }
   [[nodiscard]] std::uint64_t hash() const { return hash_; }
 
   /// Replaces `cells` by those of the next chunk: those whose lowest corner is in one index leaf, or in a few if they
-  /// are few. Returns false after the last. Requires sort().
-  [[nodiscard]] Result<bool> next_chunk(std::vector<RankedCell>& cells);
+  /// are few. Chunks of one shape follow each other. Returns false after the last. Requires all leaves.
+  [[nodiscard]] Result<bool> next_chunk(SortedCells& cells);
 
   /// Replaces `segments` by those of the next points, [rank], at most `count`. `levels`: of all points.
   [[nodiscard]] Status next_segments(std::size_t count, std::size_t levels, std::vector<std::uint8_t>& segments);
@@ -72,12 +68,22 @@ class MeshCells {
     std::span<const std::byte> left_;
   };
 
+  // Cells of one shape, cut into index leaves.
+  struct OfShape {
+    CellSort sort;
+    NumberQueue leaves;          // points of each
+    std::uint64_t leaf_end = 0;  // rank, of the present one
+    SortedCells leaf_cells;      // of one index leaf, not yet returned
+  };
+
   MeshCells(ExternalSorter tags, std::uint64_t memory, const std::string& folder)
-      : memory_(memory), folder_(folder), spool_(folder), tags_(std::move(tags)), leaves_(folder) {}
+      : memory_(memory), folder_(folder), spool_(folder), tags_(std::move(tags)) {}
+  [[nodiscard]] Status start_sorts();
+  [[nodiscard]] CellSort* sort_of(format::CellShape shape);
   [[nodiscard]] Status load_ranks(std::uint32_t piece, std::uint32_t points);
   [[nodiscard]] Status add_ranked(std::span<const CellBlock> blocks);
-  [[nodiscard]] Result<const RankedCell*> peek();
-  [[nodiscard]] Status gather_leaf();
+  [[nodiscard]] static Status gather_leaf(OfShape& of_shape);
+  [[nodiscard]] static Result<bool> next_chunk(OfShape& of_shape, SortedCells& cells);
 
   std::uint64_t memory_;
   std::string folder_;
@@ -95,14 +101,8 @@ class MeshCells {
   std::vector<std::optional<std::uint64_t>> next_stays_;  // [level]
   std::uint64_t next_rank_ = 0;                           // of next_segments()
 
-  std::optional<ExternalSorter> cells_;
-  std::vector<RankedCell> ready_;  // whole runs of cells that the sort does not tell apart
-  std::size_t next_ready_ = 0;
-  std::vector<RankedCell> behind_;  // the beginning of a run
-  bool ended_ = false;
-  NumberQueue leaves_;
-  std::uint64_t leaf_end_ = 0;          // of the present index leaf
-  std::vector<RankedCell> leaf_cells_;  // of one index leaf, not yet returned
+  std::vector<std::unique_ptr<OfShape>> shapes_;  // those that there may be cells of
+  std::size_t next_shape_ = 0;                    // of next_chunk()
 };
 
 }  // namespace splatvol

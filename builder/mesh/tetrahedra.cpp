@@ -109,6 +109,21 @@ const Shape& shape_of(CellShape shape) {
   return shapes[static_cast<std::size_t>(shape)];
 }
 
+/// The shape by which a file keeps cells as such; none: it keeps their tetrahedra.
+std::optional<format::CellShape> kept_shape(CellShape shape) {
+  switch (shape) {
+    case CellShape::voxel:
+    case CellShape::hexahedron:
+      return format::CellShape::hexahedron;
+    case CellShape::wedge:
+      return format::CellShape::wedge;
+    case CellShape::pyramid:
+      return format::CellShape::pyramid;
+    default:
+      return std::nullopt;
+  }
+}
+
 /// Calls visit(first, count) for each face of a list "count, vertices, count, vertices, ...".
 template <class Visit>
 void for_each_face(const std::vector<std::uint32_t>& faces, const Visit& visit) {
@@ -144,6 +159,7 @@ void TetrahedronSplitter::split(CellShape shape, std::span<const std::uint32_t> 
     emit_tetrahedron({nodes[0], nodes[1], nodes[2], nodes[3]}, volume, 0);
     return;
   }
+  const std::size_t first = tetrahedra_.size();
   const bool either_orientation = shape == CellShape::wedge || shape == CellShape::quadratic_wedge;
   for (const Faces& part : shape_of(shape).parts) {
     faces_.clear();
@@ -153,6 +169,32 @@ void TetrahedronSplitter::split(CellShape shape, std::span<const std::uint32_t> 
     }
     split_faces(either_orientation);
   }
+  if (whole_cells_ && tetrahedra_.size() > first) list_whole_cell(shape, nodes, first);
+}
+
+// The tetrahedra from the first on are those of the cell.
+void TetrahedronSplitter::list_whole_cell(CellShape shape, std::span<const std::uint32_t> nodes, std::size_t first) {
+  const auto kept = kept_shape(shape);
+  if (!kept) return;
+  WholeCell cell{.shape = *kept, .first = static_cast<std::uint32_t>(first), .count = 0};
+  std::ranges::copy(nodes, cell.corners.begin());
+  if (shape == CellShape::voxel) {  // its faces list their corners line by line
+    std::swap(cell.corners[2], cell.corners[3]);
+    std::swap(cell.corners[6], cell.corners[7]);
+  }
+  const auto corners = std::span(cell.corners).first(nodes.size());
+  for (std::size_t i = 0; i < corners.size(); ++i)
+    if (std::ranges::find(corners.subspan(i + 1), corners[i]) != corners.end()) return;
+  cell.count = static_cast<std::uint32_t>(tetrahedra_.size() - first);
+  const std::uint32_t apex = tetrahedra_.back()[3];
+  cell.split = static_cast<format::CellSplit>(std::ranges::find(corners, apex) - corners.begin());
+  const auto faces = format::quadrilaterals_of(cell.shape);
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    const auto lowest = std::ranges::min_element(
+        faces[f], [&](std::uint8_t a, std::uint8_t b) { return lower(cell.corners[a], cell.corners[b]); });
+    if ((lowest - faces[f].begin()) % 2 == 1) cell.split = static_cast<format::CellSplit>(cell.split | 8u << f);
+  }
+  whole_cells_->push_back(cell);
 }
 
 void TetrahedronSplitter::split_polyhedron(std::span<const std::uint32_t> faces) {

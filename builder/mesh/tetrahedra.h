@@ -9,6 +9,7 @@
 
 #include "base/math.h"
 #include "builder/mesh/cell_census.h"
+#include "builder/mesh/whole_cell.h"
 
 namespace splatvol {
 
@@ -61,6 +62,9 @@ class TetrahedronSplitter {
   TetrahedronSplitter(std::span<const dvec3> points, std::vector<Tetrahedron>& tetrahedra, CellCensus& census)
       : points_(points), tetrahedra_(tetrahedra), census_(census) {}
 
+  /// Appends linear cells whose nodes differ to `whole_cells`, which must outlive this, besides tetrahedra.
+  void list_whole_cells(std::vector<WholeCell>& whole_cells) { whole_cells_ = &whole_cells; }
+
   /// Requires nodes.size() == node_count(shape) and indices in range. Expects the orientation of VTK's face tables, but
   /// files have wedges in both orientations: a whole wedge never counts as inverted.
   void split(CellShape shape, std::span<const std::uint32_t> nodes);
@@ -95,11 +99,13 @@ class TetrahedronSplitter {
   [[nodiscard]] double volume_6(std::uint32_t apex, const Triangle& triangle) const;
   [[nodiscard]] Volumes volumes_from(std::uint32_t apex) const;
   void emit(std::uint32_t apex, const Volumes& volumes, bool either_orientation);
+  void list_whole_cell(CellShape shape, std::span<const std::uint32_t> nodes, std::size_t first);
   void emit_tetrahedron(const Tetrahedron& tetrahedron, double oriented_volume, double rounding);
 
   std::span<const dvec3> points_;
   std::vector<Tetrahedron>& tetrahedra_;
   CellCensus& census_;
+  std::vector<WholeCell>* whole_cells_ = nullptr;
 
   // The current cell.
   std::vector<std::uint32_t> faces_;     // count, vertices, count, vertices, ...

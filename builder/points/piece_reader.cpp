@@ -43,7 +43,8 @@ void get_values(const Piece& piece, std::size_t attribute, std::span<const std::
 std::uint64_t bytes_to_read(const Piece& piece) {
   const std::size_t points = piece.points.size(), tetrahedra = piece.tetrahedra.size();
   std::uint64_t bytes = points * (sizeof(dvec3) + sizeof(std::uint32_t)) + tetrahedra * sizeof(Tetrahedron) +
-                        VertexMaterial::bytes(points, tetrahedra) + (piece.lent ? piece.lent->bytes() : 0);
+                        piece.whole_cells.size() * sizeof(WholeCell) + VertexMaterial::bytes(points, tetrahedra) +
+                        (piece.lent ? piece.lent->bytes() : 0);
   for (const std::vector<double>& values : piece.values) bytes += values.size() * sizeof(double);
   if (piece.cells) {
     const std::size_t corners = piece.cells->corners.size(), parts = piece.cells->tetrahedra.size();

@@ -138,6 +138,7 @@ Result<PointStream> PointStream::create(Source& source, bool use_cells, std::siz
   const PointRecords layout = layout_of(source, use_cells, gradients).with_tags(static_cast<bool>(watch.rank));
   PieceFaces faces(layout, std::max(memory / 8, PieceFaces::least_memory()), folder);
   source.lend_values();
+  if (layout.has_tags()) source.tell_whole_cells();
   const std::size_t slice_memory = memory / 16;
   PieceReader reader(source, layout, faces, slice_memory, std::move(watch.piece));
   SPLATVOL_TRY_ASSIGN(sorted, InputSorter(source, layout, memory, folder).run(reader, progress));

@@ -115,6 +115,7 @@ class ArraysSource final : public Source {
   const std::vector<std::string>& attributes() const override { return names_; }
   std::vector<int> components() const override { return components_of(attributes_); }
   void lend_values() override { lends_ = true; }
+  void tell_whole_cells() override { whole_cells_ = true; }
   bool may_have_cells() const override { return has_cells(); }
   std::size_t piece_count() const override { return has_cells() ? 1 : divide(points(), max_piece_points); }
 
@@ -152,7 +153,7 @@ class ArraysSource final : public Source {
     const std::size_t first = next_point_;
     next_point_ = has_cells() ? points() : std::min(points(), first + max_piece_points);
     const ArraysDataSet data(mesh_, first, next_point_ - first);
-    SPLATVOL_TRY_ASSIGN(piece, make_piece(name_, data, attributes_, cells_, missing_, {}, lends_));
+    SPLATVOL_TRY_ASSIGN(piece, make_piece(name_, data, attributes_, cells_, missing_, {}, lends_, whole_cells_));
     if (has_cells() && cells_ == CellValues::own && piece->points.empty())
       return fail(ErrorCode::invalid_data, "{}: no cells with a volume, which cells of their own need", name_);
     return piece;
@@ -173,6 +174,7 @@ class ArraysSource final : public Source {
   CellValues cells_;
   MissingValues missing_;
   bool lends_ = false;
+  bool whole_cells_ = false;
   std::size_t next_point_ = 0;
 };
 

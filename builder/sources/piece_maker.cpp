@@ -32,14 +32,15 @@ std::optional<std::vector<std::uint32_t>> linear_cells(const DataSet& data, cons
 class PieceMaker {
  public:
   PieceMaker(const std::string& name, const DataSet& data, std::span<const ArrayAttribute> attributes, CellValues cells,
-             const MissingValues& missing, const ChangeMeans& change_means, bool lend)
+             const MissingValues& missing, const ChangeMeans& change_means, bool lend, bool whole_cells)
       : name_(name),
         data_(data),
         attributes_(attributes),
         own_cells_(cells == CellValues::own),
         missing_(missing),
         change_means_(change_means),
-        lends_(lend) {}
+        lends_(lend),
+        whole_cells_(whole_cells) {}
 
   Result<std::unique_ptr<Piece>> make() {
     SPLATVOL_TRY(read_points());
@@ -111,6 +112,7 @@ class PieceMaker {
     }
     SPLATVOL_TRY(data_.check_cells(name_));
     TetrahedronSplitter splitter(piece_->points, piece_->tetrahedra, piece_->census);
+    if (whole_cells_) splitter.list_whole_cells(piece_->whole_cells);
     for (std::uint64_t cell = 0; cell < data_.cell_count(); ++cell) {
       const std::size_t first = piece_->tetrahedra.size();
       SPLATVOL_TRY(read_cell(cell, splitter));
@@ -287,6 +289,9 @@ class PieceMaker {
     piece_->points.resize(kept_.size());
     for (auto& tetrahedron : piece_->tetrahedra)
       for (std::uint32_t& point : tetrahedron) point = new_index[point];
+    for (WholeCell& cell : piece_->whole_cells)
+      for (std::uint32_t& point : std::span(cell.corners).first(format::corners_of(cell.shape)))
+        point = new_index[point];
   }
 
   void prepare_lending() {
@@ -406,6 +411,7 @@ class PieceMaker {
   const MissingValues& missing_;
   const ChangeMeans& change_means_;
   bool lends_;  // values
+  bool whole_cells_;
   std::span<const std::uint8_t> cell_ghosts_;
   std::span<const std::uint8_t> point_ghosts_;
 
@@ -428,12 +434,13 @@ class PieceMaker {
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& name, const DataSet& data,
                                           std::span<const ArrayAttribute> attributes, CellValues cells,
-                                          const MissingValues& missing, const ChangeMeans& change_means, bool lend) {
-  return PieceMaker(name, data, attributes, cells, missing, change_means, lend).make();
+                                          const MissingValues& missing, const ChangeMeans& change_means, bool lend,
+                                          bool whole_cells) {
+  return PieceMaker(name, data, attributes, cells, missing, change_means, lend, whole_cells).make();
 }
 
 Result<CellAverages> make_averages(const std::string& name, const DataSet& data) {
-  return PieceMaker(name, data, {}, CellValues::averaged, {}, {}, false).make_averages();
+  return PieceMaker(name, data, {}, CellValues::averaged, {}, {}, false, false).make_averages();
 }
 
 }  // namespace splatvol

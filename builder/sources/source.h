@@ -21,6 +21,7 @@
 #include "builder/mesh/cell_census.h"
 #include "builder/mesh/moments.h"
 #include "builder/mesh/usable_numbers.h"
+#include "builder/mesh/whole_cell.h"
 
 namespace splatvol {
 
@@ -68,10 +69,11 @@ struct Piece {
   std::vector<std::vector<double>> values;               // [attribute][point]; NaN: missing
   std::shared_ptr<const LentValues> lent;                // instead of values; only after Source::lend_values()
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;  // indices into points, any orientation
-  std::optional<PointMaterial> material;                 // instead of tetrahedra; only if Source::brings_material()
-  std::optional<PointCells> cells;                       // instead of tetrahedra
-  std::vector<std::uint64_t> fills;  // [attribute]: finite numbers that stood for none; may be empty
-  std::vector<Patch> patches;        // of the boundary, if SourceOptions::patches asks for them
+  std::vector<WholeCell> whole_cells;     // in the order of their tetrahedra; only after Source::tell_whole_cells()
+  std::optional<PointMaterial> material;  // instead of tetrahedra; only if Source::brings_material()
+  std::optional<PointCells> cells;        // instead of tetrahedra
+  std::vector<std::uint64_t> fills;       // [attribute]: finite numbers that stood for none; may be empty
+  std::vector<Patch> patches;             // of the boundary, if SourceOptions::patches asks for them
   CellCensus census;
 };
 
@@ -130,6 +132,9 @@ class Source {
 
   /// Allows the pieces to lend their values. Not all sources do so.
   virtual void lend_values() {}
+
+  /// Lets the pieces tell which of their tetrahedra make up a cell. Not all sources do so.
+  virtual void tell_whole_cells() {}
 
   /// Number of pieces, for progress. A file that is not open yet counts as one piece.
   [[nodiscard]] virtual std::size_t piece_count() const = 0;

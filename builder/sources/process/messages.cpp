@@ -147,8 +147,24 @@ Status check_surface(const TriangleMesh& mesh) {
   return {};
 }
 
+// Whole cells are in the order of their tetrahedra.
+Status check_whole_cells(const Piece& piece) {
+  std::uint64_t next = 0;
+  for (const WholeCell& cell : piece.whole_cells) {
+    const std::size_t count = format::corners_of(cell.shape);
+    const auto corners = std::span(cell.corners).first(count);
+    if (count == 0 || !format::is_split(cell.shape, cell.split) || cell.count == 0 || cell.first < next ||
+        cell.count > piece.tetrahedra.size() || cell.first > piece.tetrahedra.size() - cell.count ||
+        std::ranges::max(corners) >= piece.points.size())
+      return fail_piece("cells are not those of its tetrahedra");
+    next = std::uint64_t{cell.first} + cell.count;
+  }
+  return {};
+}
+
 Status check_piece(const Piece& piece, std::size_t attributes) {
   const std::size_t points = piece.points.size();
+  SPLATVOL_TRY(check_whole_cells(piece));
   if (!all_below(piece.tetrahedra, points)) return fail_piece("tetrahedra name points that are not there");
   const auto fits = [&](const auto& of_points) { return of_points.size() == points; };
   if (!piece.lent && (piece.values.size() != attributes || !std::ranges::all_of(piece.values, fits)))
@@ -228,6 +244,7 @@ Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attribute
   SPLATVOL_TRY(channel.put_all(piece->census, piece->fills, piece->lent != nullptr));
   SPLATVOL_TRY(put_away(channel, piece->points));
   SPLATVOL_TRY(put_away(channel, piece->tetrahedra));
+  SPLATVOL_TRY(put_away(channel, piece->whole_cells));
   SPLATVOL_TRY(channel.put(std::uint64_t{piece->values.size()}));
   for (std::vector<double>& values : piece->values) SPLATVOL_TRY(put_away(channel, values));
   if (piece->lent) {
@@ -239,7 +256,8 @@ Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attribute
 
 Status get(Channel& channel, Piece& piece, std::size_t attributes) {
   bool is_lent = false;
-  SPLATVOL_TRY(channel.get_all(piece.census, piece.fills, is_lent, piece.points, piece.tetrahedra, piece.values));
+  SPLATVOL_TRY(channel.get_all(piece.census, piece.fills, is_lent, piece.points, piece.tetrahedra, piece.whole_cells,
+                               piece.values));
   if (is_lent) {
     std::vector<PackedColumn> columns;
     for (std::size_t a = 0; a < attributes; ++a) {

@@ -18,7 +18,7 @@ namespace splatvol {
 /// answer begins with an optional Error.
 enum class ReaderRequest : std::uint32_t {
   open,     // inputs, SourceOptions. Answer: SourceState. The number is new
-  next,     // whether values are lent. Answer: SourceState, whether there is a piece, the piece
+  next,     // whether values are lent, and whole cells told. Answer: SourceState, whether there is a piece, the piece
   bounds,   // Answer: optional Box
   parts,    // Answer: sizes of the parts
   select,   // numbers of parts. Answer: nothing

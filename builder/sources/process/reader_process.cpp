@@ -254,7 +254,7 @@ class ProcessSource final : public Source {
   Result<std::unique_ptr<Piece>> next() override {
     auto piece = std::make_unique<Piece>();
     SPLATVOL_TRY(process_->ask(
-        name_, ReaderRequest::next, number_, [&](Channel& channel) { return channel.put(lends_); },
+        name_, ReaderRequest::next, number_, [&](Channel& channel) { return channel.put_all(lends_, whole_cells_); },
         [&](Channel& channel) -> Status {
           SPLATVOL_TRY(get_state(channel));
           bool is_there = false;
@@ -290,6 +290,7 @@ class ProcessSource final : public Source {
   std::vector<std::string> units() const override { return state_.units; }
   std::vector<int> components() const override { return state_.components; }
   void lend_values() override { lends_ = true; }
+  void tell_whole_cells() override { whole_cells_ = true; }
   std::size_t piece_count() const override { return static_cast<std::size_t>(state_.pieces); }
   std::optional<std::uint64_t> point_count() const override { return state_.points; }
   std::optional<TimeStep> time_step() const override { return state_.step; }
@@ -320,6 +321,7 @@ class ProcessSource final : public Source {
   std::string name_;
   SourceState state_;
   bool lends_ = false;
+  bool whole_cells_ = false;
 };
 
 ReaderProcess::ReaderProcess(ReaderProcessOptions options) : options_(std::move(options)) {}

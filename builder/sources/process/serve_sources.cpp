@@ -98,9 +98,10 @@ class Server {
   }
 
   Status next(Source& source) {
-    bool lends = false;
-    SPLATVOL_TRY(channel_.get(lends));
+    bool lends = false, whole_cells = false;
+    SPLATVOL_TRY(channel_.get_all(lends, whole_cells));
     if (lends) source.lend_values();
+    if (whole_cells) source.tell_whole_cells();
     return answer_with(caught([&] { return source.next(); }), [&](std::unique_ptr<Piece>& piece) -> Status {
       SPLATVOL_TRY(put(channel_, state_of(source)));
       SPLATVOL_TRY(channel_.put(piece != nullptr));

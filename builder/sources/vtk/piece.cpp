@@ -196,10 +196,11 @@ class DataSetOfVtk final : public DataSet {
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
                                           std::span<const ArrayAttribute> attributes, CellValues cells,
-                                          const MissingValues& missing, const ChangeMeans& change_means, bool lend) {
+                                          const MissingValues& missing, const ChangeMeans& change_means, bool lend,
+                                          bool whole_cells) {
   Result<std::unique_ptr<Piece>> piece;
   SPLATVOL_TRY(run_vtk(path, [&] {
-    piece = make_piece(path, DataSetOfVtk(data, cells), attributes, cells, missing, change_means, lend);
+    piece = make_piece(path, DataSetOfVtk(data, cells), attributes, cells, missing, change_means, lend, whole_cells);
   }));
   return piece;
 }

@@ -16,7 +16,8 @@ namespace splatvol {
 [[nodiscard]] Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
                                                         std::span<const ArrayAttribute> attributes, CellValues cells,
                                                         const MissingValues& missing,
-                                                        const ChangeMeans& change_means = {}, bool lend = false);
+                                                        const ChangeMeans& change_means = {}, bool lend = false,
+                                                        bool whole_cells = false);
 [[nodiscard]] Result<CellAverages> make_averages(const std::string& path, vtkDataSet& data);
 
 }  // namespace splatvol

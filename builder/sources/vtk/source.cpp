@@ -54,6 +54,7 @@ class VtkSource final : public Source {
   std::vector<std::string> units() const override { return units_; }
   std::vector<int> components() const override { return components_of(attributes_); }
   void lend_values() override { lends_ = true; }
+  void tell_whole_cells() override { whole_cells_ = true; }
   std::size_t piece_count() const override { return data_sets_->count(); }
   std::optional<TimeStep> time_step() const override { return step_ ? step_ : data_sets_->time_step(); }
   std::optional<double> stated_time() const override { return time_step() ? Source::stated_time() : time_; }
@@ -93,7 +94,7 @@ class VtkSource final : public Source {
                                    [&](const std::string& array, int component, std::span<double> means) {
                                      data_sets_->share_means(*data, array, component, means);
                                    },
-                                   lends_));
+                                   lends_, whole_cells_));
     SPLATVOL_TRY(measure_rounding(*piece));
     piece->patches = data_sets_->take_patches();
     piece->census += data_sets_->take_changes();
@@ -201,6 +202,7 @@ class VtkSource final : public Source {
   SourceOptions options_;
   bool own_cells_;
   bool lends_ = false;  // values
+  bool whole_cells_ = false;
   MissingValues missing_;
   std::uint64_t points_ = 0;                   // of the pieces so far
   std::set<std::string> converted_, lacking_;  // attributes

@@ -1,0 +1,67 @@
+// Shapes of cells: their corners, and their splits into tetrahedra (spec/svol-1.md, section 14).
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "format/layout.h"
+
+namespace splatvol::format {
+
+inline constexpr std::size_t max_cell_corners = 8;
+
+/// Returns the number of corners; 0: a shape that this program does not know.
+[[nodiscard]] constexpr std::size_t corners_of(CellShape shape) {
+  switch (shape) {
+    case CellShape::tetrahedron:
+      return 4;
+    case CellShape::pyramid:
+      return 5;
+    case CellShape::wedge:
+      return 6;
+    case CellShape::hexahedron:
+      return 8;
+  }
+  return 0;
+}
+
+/// Whether cells of this shape and field can be decoded.
+[[nodiscard]] constexpr bool is_known(CellShape shape, CellField field) {
+  return corners_of(shape) > 0 && field == CellField::corners;
+}
+
+/// How a cell is split into tetrahedra: they share the corner `split & 7`. Bit 3 + i is set if quadrilateral face i is
+/// split along the diagonal from its second corner, and not along that from its first. A tetrahedron has the split 0.
+using CellSplit = std::uint16_t;
+
+/// The quadrilateral faces of a shape, as corners in order.
+[[nodiscard]] std::span<const std::array<std::uint8_t, 4>> quadrilaterals_of(CellShape shape);
+
+/// Splits from this on do not exist.
+[[nodiscard]] inline unsigned split_end(CellShape shape) {
+  return shape == CellShape::tetrahedron ? 1 : 8u << quadrilaterals_of(shape).size();
+}
+[[nodiscard]] inline bool is_split(CellShape shape, CellSplit split) {
+  return split < split_end(shape) && (split & 7u) < corners_of(shape);
+}
+
+/// Tetrahedra of a cell, as indices of its corners. Those of a convex cell whose corners are numbered as VTK numbers
+/// them have a positive volume.
+[[nodiscard]] std::span<const std::array<std::uint8_t, 4>> tetrahedra_of(CellShape shape, CellSplit split);
+
+/// Another order of a cell's corners that is the same cell.
+struct CellOrder {
+  std::uint16_t code = 0;  // which order: one of orders_of(shape)
+  CellSplit split = 0;     // in that order
+};
+
+/// The orders of a shape that do not turn or mirror into each other: [code][corner]: the corner's place among all of
+/// the cell in ascending order of their ranks.
+[[nodiscard]] std::span<const std::array<std::uint8_t, max_cell_corners>> orders_of(CellShape shape);
+
+/// Finds the order among these. `places`: [corner], as there. Requires different places, and a split of the shape.
+[[nodiscard]] CellOrder find_order(CellShape shape, std::span<const std::uint8_t> places, CellSplit split);
+
+}  // namespace splatvol::format
