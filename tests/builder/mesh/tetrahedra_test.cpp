@@ -478,5 +478,64 @@ TEST(Lattice, RefusesNodesThatAreNoLattice) {
   EXPECT_FALSE(lattice_order(CellShape::hexahedron, false, 26));
 }
 
+// The tetrahedra of whole cells, with sorted corners.
+std::multiset<std::array<std::uint32_t, 4>> parts_of(const std::vector<WholeCell>& cells) {
+  std::multiset<std::array<std::uint32_t, 4>> parts;
+  for (const WholeCell& cell : cells)
+    for (const auto& corners : format::tetrahedra_of(cell.shape, cell.split)) {
+      std::array<std::uint32_t, 4> part{};
+      std::ranges::transform(corners, part.begin(), [&](std::uint8_t k) { return cell.corners[k]; });
+      std::ranges::sort(part);
+      parts.insert(part);
+    }
+  return parts;
+}
+
+TEST(WholeCells, AreSplitAsTheirTetrahedraAre) {
+  std::mt19937 random(7);
+  constexpr std::array shapes = {CellShape::pyramid, CellShape::wedge, CellShape::hexahedron, CellShape::voxel};
+  for (int trial = 0; trial < 4000; ++trial) {
+    // From barely bent ones to some that are inside out.
+    const CellShape shape = shapes[random() % shapes.size()];
+    std::vector<dvec3> points(cube.begin(), cube.begin() + static_cast<std::ptrdiff_t>(node_count(shape)));
+    if (shape == CellShape::wedge) points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}};
+    if (shape == CellShape::pyramid) points[4] = {0.5, 0.5, 1};
+    if (shape == CellShape::voxel) std::swap(points[2], points[3]), std::swap(points[6], points[7]);
+    std::uniform_real_distribution<double> bend(-0.1 - trial % 4 * 0.3, 0.1 + trial % 4 * 0.3);
+    for (dvec3& point : points) point += test::random_vector(bend, random);
+    Nodes nodes(points.size());
+    std::iota(nodes.begin(), nodes.end(), 0);
+    Split split;
+    std::vector<WholeCell> cells;
+    TetrahedronSplitter splitter(points, split.tetrahedra, split.census);
+    splitter.list_whole_cells(cells);
+    splitter.split(shape, nodes);
+    ASSERT_EQ(cells.size(), 1u);
+    EXPECT_EQ(cells[0].first, 0u);
+    EXPECT_EQ(cells[0].count, split.tetrahedra.size());
+    std::multiset<std::array<std::uint32_t, 4>> tetrahedra;
+    for (std::array<std::uint32_t, 4> corners : split.tetrahedra) {
+      std::ranges::sort(corners);
+      tetrahedra.insert(corners);
+    }
+    ASSERT_EQ(parts_of(cells), tetrahedra) << "trial " << trial;
+  }
+}
+
+TEST(WholeCells, LeaveOutWhatNoShapeHas) {
+  Split split;
+  std::vector<WholeCell> cells;
+  TetrahedronSplitter splitter(cube, split.tetrahedra, split.census);
+  splitter.list_whole_cells(cells);
+  splitter.split(CellShape::hexahedron, Nodes{0, 1, 2, 3, 4, 5, 6, 6});  // collapsed
+  splitter.split(CellShape::tetrahedron, Nodes{0, 1, 2, 5});
+  splitter.split_polyhedron(
+      Nodes{4, 0, 3, 2, 1, 4, 4, 5, 6, 7, 4, 0, 1, 5, 4, 4, 1, 2, 6, 5, 4, 2, 3, 7, 6, 4, 3, 0, 4, 7});
+  EXPECT_TRUE(cells.empty());
+  splitter.split(CellShape::hexahedron, Nodes{0, 1, 2, 3, 4, 5, 6, 7});
+  ASSERT_EQ(cells.size(), 1u);
+  EXPECT_EQ(cells[0].first + cells[0].count, split.tetrahedra.size());
+}
+
 }  // namespace
 }  // namespace splatvol
