@@ -14,6 +14,11 @@ namespace {
 
 constexpr double kibi = 1024, mebi = kibi * kibi;
 
+// Of the mesh's cells, for each of their tetrahedra: a hexahedron has six.
+constexpr Range bytes_of_kept_tetrahedron{.6, 3.2};
+constexpr Range microseconds_of_kept_tetrahedron{.15, .9};
+constexpr double spooled_tetrahedron_bytes = 45;  // on the way to the file, at most
+
 Range operator+(const Range& a, const Range& b) { return {a.low + b.low, a.high + b.high}; }
 Range operator*(double factor, const Range& a) { return {factor * a.low, factor * a.high}; }
 
@@ -175,6 +180,8 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
 
   const FileBytes bytes = file_bytes_of(size, options);
   estimate.file = points * (bytes.geometry + count * attributes * bytes.value) + Range{8 * kibi, 40 * kibi};
+  const double cells = options.keep_cells ? tetrahedra : 0;  // at most
+  estimate.file = estimate.file + cells * bytes_of_kept_tetrahedron;
 
   // Steps are reduced together, as many as memory allows: their values are attributes of one source.
   const std::size_t together = steps > 1 ? steps_together(size, options, steps) : 1;
@@ -185,7 +192,7 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
                          estimate.connectivity != Connectivity::boxes;  // StoredPoints
   const double stored = is_stored ? points * static_cast<double>(records.bytes()) : 0;
   estimate.disk = {std::max(estimate.file.low, .35 * (temporary + stored)),
-                   std::max((steps > 1 ? 2 : 1.4) * estimate.file.high, temporary + stored + estimate.file.high)};
+                   std::max((steps > 1 ? 2 : 1.4) * estimate.file.high, temporary + stored + cells * spooled_tetrahedron_bytes + estimate.file.high)};
 
   // Two parts of memory are bounded by what there is to hold.
   const MemoryPlan plan = plan_memory(options.memory, shape_of(size, options, values, estimate.connectivity));
@@ -207,7 +214,8 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
   const Work work = work_of(size, options, estimate.connectivity);
   const double groups = std::ceil(count / static_cast<double>(together));
   const Range microseconds =
-      points * (groups * work.point + count * attributes * work.value) + count * tetrahedra * work.tetrahedron;
+      points * (groups * work.point + count * attributes * work.value) + count * tetrahedra * work.tetrahedron +
+      cells * microseconds_of_kept_tetrahedron;
   estimate.seconds =
       Range{seconds_of(microseconds.low, threads), seconds_of(microseconds.high, threads)} + Range{.1, .5};
   return estimate;

@@ -79,6 +79,18 @@ TEST(EstimateBuild, StepsShareTheirMesh) {
   EXPECT_GT(ten.memory.high, one.memory.high);  // they are reduced together
 }
 
+TEST(EstimateBuild, KeptCellsTakeRoomAndTime) {
+  const InputSize size = size_of("gen:mesh:cells=1e5");
+  BuildOptions options;
+  const BuildEstimate without = estimate_build(size, options, 1, 2);
+  options.keep_cells = true;
+  const BuildEstimate with = estimate_build(size, options, 1, 2);
+  const auto tetrahedra = static_cast<double>(size.tetrahedra);
+  EXPECT_NEAR(with.file.high - without.file.high, 3.2 * tetrahedra, 1);
+  EXPECT_GT(with.disk.high, without.disk.high + 3.2 * tetrahedra);
+  EXPECT_GT(with.seconds.low, without.seconds.low);
+}
+
 TEST(EstimateBuild, ThreadsSaveTime) {
   const InputSize size = size_of("gen:points:count=1e8");
   EXPECT_LT(estimate_build(size, {}, 1, 8).seconds.high, estimate_build(size, {}, 1, 1).seconds.low);
