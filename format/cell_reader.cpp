@@ -78,15 +78,16 @@ Status CellReader::read_root() {
   if (tail.version != draft)
     return fail(ErrorCode::unsupported, "{}: its cells are of a draft that this program does not read: build it again",
                 volume_.name());
-  const std::uint64_t points = volume_.info().resolution_counts.back();
+  const std::uint64_t points = volume_.info().resolution_counts.back(), left = section - sizeof(CellsTail);
   const std::uint64_t rank_pages = (points + rank_page_points - 1) / rank_page_points;
-  const std::uint64_t left = section - sizeof(CellsTail);
+  const std::uint64_t vertex_pages = tail.vertices / vertex_page_points + (tail.vertices % vertex_page_points > 0);
   if (tail.kinds > left / sizeof(CellKind) || tail.pages > left / sizeof(CellPageRef) ||
-      rank_pages > left / sizeof(RankPageRef))
+      rank_pages > left / sizeof(RankPageRef) || vertex_pages > left / sizeof(VertexPageRef))
     return broken("the root of the cells has the wrong length");
-  const std::uint64_t root =
-      tail.kinds * sizeof(CellKind) + tail.pages * sizeof(CellPageRef) + rank_pages * sizeof(RankPageRef);
+  const std::uint64_t root = tail.kinds * sizeof(CellKind) + tail.pages * sizeof(CellPageRef) +
+                             rank_pages * sizeof(RankPageRef) + vertex_pages * sizeof(VertexPageRef);
   if (root > left) return broken("the root of the cells has the wrong length");
+  vertex_count_ = tail.vertices;
   root_bytes_ = root + sizeof(CellsTail);
   if (root_bytes_ > bytes.size()) {
     SPLATVOL_TRY_ASSIGN(whole, read_bytes(section - root_bytes_, root_bytes_));
@@ -100,12 +101,14 @@ Status CellReader::take_root(std::span<const std::byte> root, const CellsTail& t
   if (hash_bytes(records) != tail.hash) return broken("the root of the cells: checksum mismatch");
   kinds_ = take_records<CellKind>(records, tail.kinds);
   pages_ = take_records<CellPageRef>(records, tail.pages);
-  rank_pages_ = take_records<RankPageRef>(records, records.size() / sizeof(RankPageRef));
+  rank_pages_ = take_records<RankPageRef>(
+      records, (volume_.info().resolution_counts.back() + rank_page_points - 1) / rank_page_points);
+  vertex_pages_ = take_records<VertexPageRef>(records, records.size() / sizeof(VertexPageRef));
   chunk_count_ = tail.chunks;
   return check_tiling();
 }
 
-// Pages of ranks; then the chunks of each page of chunks, and the page; then the root.
+// Pages of ranks and of vertices; then the chunks of each page of chunks, and the page; then the root.
 Status CellReader::check_tiling() const {
   const std::uint64_t end = section_.packed_bytes - root_bytes_;
   const std::uint64_t table = (1 + volume_.info().attributes.size()) * sizeof(IndexPagePart);
@@ -116,6 +119,12 @@ Status CellReader::check_tiling() const {
     if (page.packed_bytes > page.unpacked_bytes ||
         page.unpacked_bytes > counts_.size() * sizeof(std::uint64_t) + rank_page_points)
       return broken("a page of ranks has the wrong length");
+    next += page.packed_bytes;
+  }
+  for (const VertexPageRef& page : vertex_pages_) {
+    if (page.offset != next || page.packed_bytes > end - next) return untiled();
+    if (page.packed_bytes > page.unpacked_bytes || page.unpacked_bytes > 64 + 24 * vertex_page_points)
+      return broken("a page of vertices has the wrong length");
     next += page.packed_bytes;
   }
   for (const CellPageRef& page : pages_) {
@@ -136,6 +145,12 @@ std::uint64_t CellReader::rank_bytes() const {
   return bytes;
 }
 
+std::uint64_t CellReader::vertex_bytes() const {
+  std::uint64_t bytes = 0;
+  for (const VertexPageRef& page : vertex_pages_) bytes += page.packed_bytes;
+  return bytes;
+}
+
 std::uint64_t CellReader::directory_bytes() const {
   std::uint64_t bytes = root_bytes_;
   for (const CellPageRef& page : pages_) bytes += page.page_bytes;
@@ -144,7 +159,7 @@ std::uint64_t CellReader::directory_bytes() const {
 
 std::uint64_t CellReader::memory_bytes() const {
   return kinds_.size() * sizeof(CellKind) + pages_.size() * sizeof(CellPageRef) +
-         rank_pages_.size() * sizeof(RankPageRef);
+         rank_pages_.size() * sizeof(RankPageRef) + vertex_pages_.size() * sizeof(VertexPageRef);
 }
 
 Status CellReader::check_entry(const CellChunkEntry& entry) const {
@@ -153,7 +168,7 @@ Status CellReader::check_entry(const CellChunkEntry& entry) const {
       !is_box(entry.low, entry.high) || !is_area(entry.area))
     return broken("a chunk of cells is out of range");
   if (!is_known(entry.shape, entry.field)) return {};
-  if (entry.unpacked_bytes > 16 + entry.cells * (corners * sizeof(std::uint64_t) + 4) || entry.points < corners ||
+  if (entry.unpacked_bytes > 32 + entry.cells * ((corners + 1) * sizeof(std::uint64_t) + 4) || entry.points < corners ||
       entry.points > entry.cells * corners)
     return broken("a chunk of cells has the wrong length");
   return {};
@@ -185,7 +200,7 @@ Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes
   SPLATVOL_TRY_ASSIGN(entries, unpack_checked(at[0].second, packed(0), what));
   std::span<const std::byte> records = entries;
   read.chunks = take_records<CellChunkEntry>(records, ref.chunks);
-  std::uint64_t next = page > 0 ? pages_[page - 1].offset + pages_[page - 1].page_bytes : rank_bytes();
+  std::uint64_t next = page > 0 ? pages_[page - 1].offset + pages_[page - 1].page_bytes : rank_bytes() + vertex_bytes();
   for (const CellChunkEntry& entry : read.chunks) {
     SPLATVOL_TRY(check_entry(entry));
     if (entry.offset != next || entry.packed_bytes > ref.offset - next || !is_within(entry, ref))
@@ -211,7 +226,21 @@ Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes
 Result<CellChunk> CellReader::read_chunk(const CellChunkEntry& entry) const {
   SPLATVOL_TRY_ASSIGN(packed, read_bytes(entry.offset, entry.packed_bytes));
   const std::string what = fmt::format("{}: cells at {}", volume_.name(), section_.offset + entry.offset);
-  return unpack_cells(entry, packed, volume_.info().resolution_counts.back(), what);
+  return unpack_cells(entry, packed, volume_.info().resolution_counts.back(), vertex_count_, what);
+}
+
+Result<std::vector<dvec3>> CellReader::read_vertex_page(std::size_t page) const {
+  const VertexPageRef& ref = vertex_pages_[page];
+  SPLATVOL_TRY_ASSIGN(packed, read_bytes(ref.offset, ref.packed_bytes));
+  const std::uint64_t first = page * std::uint64_t{vertex_page_points};
+  std::vector<dvec3> vertices(std::min<std::uint64_t>(vertex_page_points, vertex_count_ - first));
+  ChunkEntry entry{};
+  entry.hash = ref.hash;
+  entry.packed_bytes = ref.packed_bytes;
+  entry.unpacked_bytes = ref.unpacked_bytes;
+  const std::string what = fmt::format("{}: page {} of vertices", volume_.name(), page);
+  SPLATVOL_TRY(unpack_vertices(entry, packed, vertices, volume_.info().cube, what));
+  return vertices;
 }
 
 Status CellReader::check_bytes(const CellChunkEntry& entry) const {

@@ -40,9 +40,10 @@ class CellReader {
   [[nodiscard]] const std::vector<CellPageRef>& pages() const { return pages_; }
   [[nodiscard]] std::uint64_t chunk_count() const { return chunk_count_; }
 
-  /// Bytes of the section, of the pages of ranks, and of all that is no chunk.
+  /// Bytes of the section, of the pages of ranks, of the vertices, and of the pages of chunks with the root.
   [[nodiscard]] std::uint64_t section_bytes() const { return section_.packed_bytes; }
   [[nodiscard]] std::uint64_t rank_bytes() const;
+  [[nodiscard]] std::uint64_t vertex_bytes() const;
   [[nodiscard]] std::uint64_t directory_bytes() const;
 
   /// Bytes held.
@@ -56,6 +57,11 @@ class CellReader {
 
   /// Checks the bytes of a chunk whatever its shape and field.
   [[nodiscard]] Status check_bytes(const CellChunkEntry& entry) const;
+
+  /// Corners of cells whose field is constant, and their positions page by page.
+  [[nodiscard]] std::uint64_t vertex_count() const { return vertex_count_; }
+  [[nodiscard]] std::size_t vertex_page_count() const { return vertex_pages_.size(); }
+  [[nodiscard]] Result<std::vector<dvec3>> read_vertex_page(std::size_t page) const;
 
   [[nodiscard]] std::size_t rank_page_count() const { return rank_pages_.size(); }
   [[nodiscard]] Result<RankPage> read_rank_page(std::size_t page) const;
@@ -77,6 +83,8 @@ class CellReader {
   std::vector<CellKind> kinds_;
   std::vector<CellPageRef> pages_;
   std::vector<RankPageRef> rank_pages_;
+  std::uint64_t vertex_count_ = 0;
+  std::vector<VertexPageRef> vertex_pages_;
 };
 
 }  // namespace splatvol::format

@@ -29,7 +29,7 @@ inline constexpr std::size_t max_cell_corners = 8;
 
 /// Whether cells of this shape and field can be decoded.
 [[nodiscard]] constexpr bool is_known(CellShape shape, CellField field) {
-  return corners_of(shape) > 0 && field == CellField::corners;
+  return corners_of(shape) > 0 && (field == CellField::corners || field == CellField::constant);
 }
 
 /// How a cell is split into tetrahedra: they share the corner `split & 7`. Bit 3 + i is set if quadrilateral face i is

@@ -14,17 +14,37 @@ namespace {
 
 constexpr std::size_t most_width = 6;  // bytes of a rank
 
-// In front of the planes: the lowest rank, and the bytes of each column's numbers.
+// In front of the planes: the lowest corner of the first cell, and the bytes of each column's numbers.
 struct CellsHeader {
   std::uint64_t first;
   std::uint8_t widths[max_cell_corners];
 };
 static_assert(sizeof(CellsHeader) == 16);
 
+// Behind it if the field is constant: the first point, and the bytes of the differences between points.
+struct PointsHeader {
+  std::uint64_t first;
+  std::uint8_t width;
+  std::uint8_t zero[7];
+};
+static_assert(sizeof(PointsHeader) == 16);
+
+constexpr std::size_t header_bytes(CellField field) {
+  return sizeof(CellsHeader) + (field == CellField::constant ? sizeof(PointsHeader) : 0);
+}
+
 std::uint8_t width_of(std::span<const std::uint64_t> numbers) {
   std::uint64_t all = 0;
   for (const std::uint64_t number : numbers) all |= number;
   return static_cast<std::uint8_t>((std::bit_width(all) + 7) / 8);
+}
+
+// Numbers of vertices do not ascend from cell to cell.
+std::uint64_t first_difference(CellField field, std::uint64_t number, std::uint64_t before) {
+  return field == CellField::constant ? zigzag(static_cast<std::int64_t>(number - before)) : number - before;
+}
+std::uint64_t after_first(CellField field, std::uint64_t before, std::uint64_t difference) {
+  return before + (field == CellField::constant ? static_cast<std::uint64_t>(unzigzag(difference)) : difference);
 }
 
 struct Corner {
@@ -112,14 +132,21 @@ PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
     splits.push_back(order.split);
   }
   CellsHeader header{ranks[0], {}};
-  Bytes payload;
-  append_record(payload, header);
+  PointsHeader of_points{};
+  Bytes payload(header_bytes(cells.field));
   std::vector<std::uint64_t> differences(size);
+  if (cells.field == CellField::constant) {
+    std::adjacent_difference(cells.points.begin(), cells.points.end(), differences.begin());
+    of_points.first = std::exchange(differences[0], 0);
+    of_points.width = width_of(differences);
+    append_planes<std::uint64_t>(payload, differences, of_points.width);
+    std::memcpy(payload.data() + sizeof(header), &of_points, sizeof(of_points));
+  }
   for (std::size_t k = 0; k < count; ++k) {
     std::uint64_t before = header.first;
     for (std::size_t cell = 0; cell < size; ++cell) {
       const std::uint64_t rank = ranks[cell * count + k];
-      differences[cell] = k == 0 ? rank - before : rank - ranks[cell * count + k - 1] - 1;
+      differences[cell] = k > 0 ? rank - ranks[cell * count + k - 1] - 1 : first_difference(cells.field, rank, before);
       before = rank;
     }
     header.widths[k] = width_of(differences);
@@ -129,7 +156,7 @@ PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
   append_planes<std::uint16_t>(payload, splits);
   std::memcpy(payload.data(), &header, sizeof(header));
   PackedCells packed;
-  packed.bytes = pack_planes(payload, sizeof(header), size);
+  packed.bytes = pack_planes(payload, header_bytes(cells.field), size);
   packed.entry.hash = hash_bytes(packed.bytes);
   packed.entry.packed_bytes = static_cast<std::uint32_t>(packed.bytes.size());
   packed.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
@@ -141,30 +168,44 @@ PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
 }
 
 Result<CellChunk> unpack_cells(const CellChunkEntry& entry, std::span<const std::byte> packed, std::uint64_t points,
-                               std::string_view what) {
+                               std::uint64_t vertices, std::string_view what) {
   SPLATVOL_TRY(check_packed(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(payload, unpack_here(packed, entry.unpacked_bytes, what));
   const auto wrong = [&](const char* rule) { return fail(ErrorCode::invalid_data, "{}: {} [R24]", what, rule); };
   const std::size_t count = corners_of(entry.shape), size = entry.cells;
-  if (payload.size() < sizeof(CellsHeader)) return wrong("wrong length");
+  const bool is_constant = entry.field == CellField::constant;
+  const std::uint64_t corner_end = is_constant ? vertices : points;
+  if (payload.size() < header_bytes(entry.field)) return wrong("wrong length");
   const auto header = read_record<CellsHeader>(payload, 0);
-  std::size_t width = std::accumulate(std::begin(header.widths), std::end(header.widths), std::size_t{0});
+  const auto of_points = is_constant ? read_record<PointsHeader>(payload, sizeof(header)) : PointsHeader{};
+  std::size_t width = std::accumulate(std::begin(header.widths), std::end(header.widths), std::size_t{of_points.width});
   if (entry.shape != CellShape::tetrahedron) width += 2 * sizeof(std::uint16_t);
-  if (std::ranges::max(header.widths) > most_width ||
+  if (std::max(std::ranges::max(header.widths), of_points.width) > most_width ||
       std::any_of(header.widths + count, std::end(header.widths), [](std::uint8_t w) { return w > 0; }) ||
-      payload.size() != sizeof(header) + width * size || header.first >= points)
+      payload.size() != header_bytes(entry.field) + width * size || header.first >= corner_end ||
+      (is_constant && of_points.first >= points))
     return wrong("wrong length, or a corner that is not there");
 
-  CellChunk cells{entry.shape, entry.field, std::vector<std::uint64_t>(size * count), {}};
+  CellChunk cells{entry.shape, entry.field, std::vector<std::uint64_t>(size * count), {}, {}};
   std::vector<std::uint64_t> differences;
-  std::span<const std::byte> planes = payload.subspan(sizeof(header));
+  std::span<const std::byte> planes = payload.subspan(header_bytes(entry.field));
+  if (is_constant) {
+    planes = take_planes(planes, differences, size, of_points.width);
+    std::uint64_t point = of_points.first;
+    for (const std::uint64_t difference : differences) {
+      point += difference;
+      if (point >= points) return wrong("a cell of a point that is not there");
+      cells.points.push_back(point);
+    }
+  }
   for (std::size_t k = 0; k < count; ++k) {
     planes = take_planes(planes, differences, size, header.widths[k]);
     std::uint64_t before = header.first;
     for (std::size_t cell = 0; cell < size; ++cell) {
-      // Both are below 2^48 and the difference too, so that nothing overflows.
-      const std::uint64_t rank = (k == 0 ? before : cells.corners[cell * count + k - 1] + 1) + differences[cell];
-      if (rank >= points) return wrong("a corner that is not there");
+      // All are below 2^48, so that nothing overflows; a negative number is too large.
+      const std::uint64_t rank = k == 0 ? after_first(entry.field, before, differences[cell])
+                                        : cells.corners[cell * count + k - 1] + 1 + differences[cell];
+      if (rank >= corner_end) return wrong("a corner that is not there");
       cells.corners[cell * count + k] = before = rank;
     }
   }

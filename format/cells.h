@@ -21,8 +21,9 @@ namespace splatvol::format {
 struct CellChunk {
   CellShape shape = CellShape::tetrahedron;
   CellField field = CellField::corners;
-  std::vector<std::uint64_t> corners;  // [cell][corner]: ranks
+  std::vector<std::uint64_t> corners;  // [cell][corner]: ranks; numbers of vertices if the field is constant
   std::vector<CellSplit> splits;       // [cell]; empty: tetrahedra
+  std::vector<std::uint64_t> points;   // [cell]: the rank of the point whose value it has, if the field is constant
 
   [[nodiscard]] std::size_t size() const { return corners.size() / corners_of(shape); }
   [[nodiscard]] std::span<const std::uint64_t> corners_at(std::size_t cell) const {
@@ -73,14 +74,15 @@ struct PackedCells {
 };
 
 /// Packs 1 to max_chunk_cells cells that are known. `points`: how many different ones they name. Requires different
-/// corners in each cell, and the ascending order of the lowest corners of all cells.
+/// corners in each cell, and the ascending order of the lowest corners of all cells; of their points if the field is
+/// constant.
 [[nodiscard]] PackedCells pack_cells(const CellChunk& cells, std::size_t points);
 
 /// Undoes pack_cells. The corners of a cell may come in another order, which is the same cell turned or mirrored. They
-/// are different, and below `points`. Requires a known shape and field, and an entry that CellReader::read_page
-/// returned. Safe on untrusted `packed`.
+/// are different. Ranks are below `points`, and numbers of vertices below `vertices`. Requires a known shape and field,
+/// and an entry that CellReader::read_page returned. Safe on untrusted `packed`.
 [[nodiscard]] Result<CellChunk> unpack_cells(const CellChunkEntry& entry, std::span<const std::byte> packed,
-                                             std::uint64_t points, std::string_view what);
+                                             std::uint64_t points, std::uint64_t vertices, std::string_view what);
 
 /// Where the points of consecutive ranks are in the file.
 struct RankPage {

@@ -24,6 +24,7 @@ constexpr int max_grid_bits = 45;
 
 // By how many edges centroids may be outside of the cube, along each axis (spec 8).
 constexpr double centroid_margin = 1;
+constexpr double vertex_margin = 4;
 
 int bytes_for(std::uint64_t number) { return (std::bit_width(number) + 7) / 8; }
 
@@ -306,6 +307,11 @@ Status unpack_points(const ChunkEntry& entry, std::span<const std::byte> packed,
 }
 
 }  // namespace
+
+Status unpack_vertices(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
+                       const Cube& cube, std::string_view what) {
+  return unpack_points(entry, packed, out, cube, vertex_margin, what);
+}
 
 Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
                         const Cube& cube, std::string_view what) {

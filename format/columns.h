@@ -135,6 +135,9 @@ struct PackedChunk {
                                       const Cube& cube, std::string_view what);
 [[nodiscard]] Status unpack_centroids(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
                                       const Cube& cube, std::string_view what);
+/// The same for vertices of cells, which may be 4 edges outside of the cube.
+[[nodiscard]] Status unpack_vertices(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
+                                     const Cube& cube, std::string_view what);
 [[nodiscard]] Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out,
                                    std::string_view what);
 [[nodiscard]] Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed,

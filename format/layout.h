@@ -32,6 +32,7 @@ inline constexpr std::uint32_t max_page_chunks = 256;        // of cells
 inline constexpr std::uint32_t max_chunk_cells = 1u << 16;
 inline constexpr std::uint32_t max_chunk_groups = 4096;  // that the cells of a chunk have their corners in
 inline constexpr std::uint32_t rank_page_points = 1u << 16;
+inline constexpr std::uint32_t vertex_page_points = 1u << 12;
 
 struct Superblock {                  // spec 2
   std::uint8_t magic[8];             //  0
@@ -169,7 +170,10 @@ struct PatchPart {               // spec 13
 static_assert(sizeof(PatchPart) == 16);
 
 enum class CellShape : std::uint8_t { tetrahedron = 1, pyramid = 2, wedge = 3, hexahedron = 4 };
-enum class CellField : std::uint8_t { corners = 1 };  // linear between the values at the corners
+enum class CellField : std::uint8_t {
+  corners = 1,   // linear between the values of the points at the corners
+  constant = 2,  // the value of one point in all of the cell, whose corners are vertices of their own
+};
 
 struct CellChunkEntry {          // spec 14
   std::uint64_t offset;          //  0: within the section
@@ -206,6 +210,14 @@ struct RankPageRef {             // spec 14
 };
 static_assert(sizeof(RankPageRef) == 24);
 
+struct VertexPageRef {           // spec 14
+  std::uint64_t offset;          //  0: within the section
+  std::uint32_t packed_bytes;    //  8
+  std::uint32_t unpacked_bytes;  // 12
+  std::uint64_t hash;            // 16: of the packed bytes
+};
+static_assert(sizeof(VertexPageRef) == 24);
+
 struct CellKind {              // spec 14
   CellShape shape;             //  0
   CellField field;             //  1
@@ -216,14 +228,15 @@ struct CellKind {              // spec 14
 };
 static_assert(sizeof(CellKind) == 32);
 
-struct CellsTail {        // spec 14
-  std::uint64_t hash;     //  0: of the rest of the root before it
-  std::uint64_t chunks;   //  8
-  std::uint64_t pages;    // 16: of chunk entries
-  std::uint32_t kinds;    // 24
-  std::uint32_t version;  // 28: of the draft
+struct CellsTail {         // spec 14
+  std::uint64_t hash;      //  0: of the rest of the root before it
+  std::uint64_t chunks;    //  8
+  std::uint64_t pages;     // 16: of chunk entries
+  std::uint64_t vertices;  // 24
+  std::uint32_t kinds;     // 32
+  std::uint32_t version;   // 36: of the draft
 };
-static_assert(sizeof(CellsTail) == 32);
+static_assert(sizeof(CellsTail) == 40);
 
 struct StepDirectoryHead {   // spec 11
   std::uint64_t hash;        //  0: of all bytes of the step directory behind it

@@ -3,47 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <list>
-#include <map>
 #include <string>
 #include <utility>
 
+#include "format/last_used.h"
+
 namespace splatvol::format {
 namespace {
-
-// What was used last, of different kinds. An item is kept until others of `memory` bytes have been used after it.
-template <class Key, class Item>
-class LastUsed {
- public:
-  // Returns null if the item is not held.
-  Item* find(const Key& key) {
-    const auto found = items_.find(key);
-    if (found == items_.end()) return nullptr;
-    order_.splice(order_.begin(), order_, found->second.at);
-    return &found->second.item;
-  }
-
-  Item& add(const Key& key, Item item, std::uint64_t bytes, std::uint64_t memory) {
-    while (!order_.empty() && held_ + bytes > memory) {
-      held_ -= items_.at(order_.back()).bytes;
-      items_.erase(order_.back());
-      order_.pop_back();
-    }
-    order_.push_front(key);
-    held_ += bytes;
-    return items_.emplace(key, Entry{std::move(item), bytes, order_.begin()}).first->second.item;
-  }
-
- private:
-  struct Entry {
-    Item item;
-    std::uint64_t bytes;
-    typename std::list<Key>::iterator at;
-  };
-  std::list<Key> order_;  // last used first
-  std::map<Key, Entry> items_;
-  std::uint64_t held_ = 0;
-};
 
 // A page of ranks, and the number of each point among those of its segment.
 struct RankTable {
@@ -168,6 +134,37 @@ Status RankedPoints::read_positions(std::span<const Place> places, std::vector<d
 
 Status RankedPoints::read_values(std::span<const Place> places, int attribute, std::vector<float>& values) {
   return gather(places, values, [&](std::uint64_t group) { return held_->values_of(attribute, group); });
+}
+
+struct CellVertices::Held {
+  ReadPage read_page;
+  std::uint64_t memory;
+  LastUsed<std::size_t, std::vector<dvec3>> pages = {};
+};
+
+CellVertices::CellVertices(ReadPage read_page, std::uint64_t memory)
+    : held_(std::make_unique<Held>(Held{std::move(read_page), memory})) {}
+CellVertices::~CellVertices() = default;
+
+Status CellVertices::read_positions(std::span<const std::uint64_t> vertices, std::vector<dvec3>& positions) {
+  positions.clear();
+  positions.reserve(vertices.size());
+  const std::vector<dvec3>* page = nullptr;
+  std::size_t present = 0;
+  for (const std::uint64_t vertex : vertices) {
+    const std::size_t number = vertex / vertex_page_points;
+    if (!page || number != present) {
+      page = held_->pages.find(number);
+      if (!page) {
+        SPLATVOL_TRY_ASSIGN(read, held_->read_page(number));
+        const std::uint64_t bytes = read.size() * sizeof(dvec3);
+        page = &held_->pages.add(number, std::move(read), bytes, held_->memory);
+      }
+      present = number;
+    }
+    positions.push_back((*page)[vertex % vertex_page_points]);
+  }
+  return {};
 }
 
 }  // namespace splatvol::format

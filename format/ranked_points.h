@@ -45,4 +45,21 @@ class RankedPoints {
   std::unique_ptr<Held> held_;
 };
 
+/// Reads positions of vertices of cells. Holds pages that were read last. Not thread-safe.
+class CellVertices {
+ public:
+  using ReadPage = std::function<Result<std::vector<dvec3>>(std::size_t page)>;
+
+  /// `memory`: bytes to hold, besides a page. What `read_page` needs must outlive this.
+  CellVertices(ReadPage read_page, std::uint64_t memory);
+  ~CellVertices();
+
+  /// Requires vertices that are there; ascending ones are faster.
+  [[nodiscard]] Status read_positions(std::span<const std::uint64_t> vertices, std::vector<dvec3>& positions);
+
+ private:
+  struct Held;
+  std::unique_ptr<Held> held_;
+};
+
 }  // namespace splatvol::format

@@ -10,6 +10,7 @@
 #include <numeric>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -36,8 +37,11 @@ bool is_box(const double (&low)[3], const double (&high)[3], const Box& box) {
 struct Ends {
   struct Cell {
     CellShape shape{};
+    std::uint64_t point = 0;                              // of a constant field
     std::array<std::uint64_t, max_cell_corners> ranks{};  // ascending
-    [[nodiscard]] bool is_before(const Cell& other) const { return shape == other.shape && ranks < other.ranks; }
+    [[nodiscard]] bool is_before(const Cell& other) const {
+      return shape == other.shape && std::tie(point, ranks) < std::tie(other.point, other.ranks);
+    }
   };
   Cell first, last;
 };
@@ -53,12 +57,16 @@ class CellVerifier {
         ends_(cells.pages().size()),
         kinds_(threads_) {
     for (const Attribute& attribute : info_.attributes) bins_.push_back(bins_of(attribute));
-    for (std::size_t thread = 0; thread < threads_; ++thread)
+    const auto read_vertices = [&cells](std::size_t page) { return cells.read_vertex_page(page); };
+    for (std::size_t thread = 0; thread < threads_; ++thread) {
       points_.push_back(std::make_unique<RankedPoints>(cells, held_bytes));
+      vertices_.push_back(std::make_unique<CellVertices>(read_vertices, held_bytes));
+    }
   }
 
   Status run() {
     SPLATVOL_TRY(check_ranks());
+    for (std::size_t page = 0; page < cells_.vertex_page_count(); ++page) SPLATVOL_TRY(cells_.read_vertex_page(page));
     const auto check = [&](std::size_t page, std::size_t thread) -> Status {
       SPLATVOL_TRY(check_page(page, thread));
       if (thread == 0) progress_(static_cast<double>(page + 1) / static_cast<double>(cells_.pages().size()));
@@ -161,30 +169,68 @@ class CellVerifier {
     if (!is_known(entry.shape, entry.field)) return cells_.check_bytes(entry);
     SPLATVOL_TRY_ASSIGN(cells, cells_.read_chunk(entry));
     SPLATVOL_TRY(check_order(cells, ends));
+    return cells.field == CellField::constant ? check_constant(cells, entry, thread, summary_of)
+                                              : check_linear(cells, entry, thread, summary_of);
+  }
+
+  template <class SummaryOf>
+  Status check_linear(const CellChunk& cells, const CellChunkEntry& entry, std::size_t thread,
+                      const SummaryOf& summary_of) {
     const LocalCells local = number_corners(cells.corners);
     RankedPoints& points = *points_[thread];
-    std::vector<RankedPoints::Place> places;
-    SPLATVOL_TRY(points.find(local.ranks, places));
-    if (local.ranks.size() != entry.points || count_groups(places) > max_chunk_groups)
-      return broken("a chunk of cells has corners at too many points, or at others than it states");
+    SPLATVOL_TRY_ASSIGN(places, find_points(local.ranks, thread));
     std::vector<dvec3> positions;
     SPLATVOL_TRY(points.read_positions(places, positions));
-    const CellExtent extent = measure_cells(cells, local, positions);
-    if (!is_box(entry.low, entry.high, extent.box) || !is_area_of(entry.area, extent.area))
-      return broken("the box or area of a chunk of cells is wrong");
+    SPLATVOL_TRY(check_extent(cells, entry, local, positions));
     std::vector<float> values;
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
       SPLATVOL_TRY(points.read_values(places, static_cast<int>(a), values));
-      const ValueSummary found = summarize_cells(cells, local, values, bins_[a]), stated = summary_of(a);
-      if (found.min != stated.min || found.max != stated.max || found.occupancy != stated.occupancy)
-        return broken("the range or occupancy of a chunk of cells is wrong");
+      SPLATVOL_TRY(check_summary(summarize_cells(cells, local, values, bins_[a]), summary_of(a)));
     }
+    return {};
+  }
+
+  template <class SummaryOf>
+  Status check_constant(const CellChunk& cells, const CellChunkEntry& entry, std::size_t thread,
+                        const SummaryOf& summary_of) {
+    const LocalCells local = number_corners(cells.corners);
+    std::vector<dvec3> positions;
+    SPLATVOL_TRY(vertices_[thread]->read_positions(local.ranks, positions));
+    SPLATVOL_TRY(check_extent(cells, entry, local, positions));
+    SPLATVOL_TRY_ASSIGN(places, find_points(cells.points, thread));
+    std::vector<float> values;
+    for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+      SPLATVOL_TRY(points_[thread]->read_values(places, static_cast<int>(a), values));
+      SPLATVOL_TRY(check_summary(bins_[a].summarize(values), summary_of(a)));
+    }
+    return {};
+  }
+
+  Result<std::vector<RankedPoints::Place>> find_points(std::span<const std::uint64_t> ranks, std::size_t thread) {
+    std::vector<RankedPoints::Place> places;
+    SPLATVOL_TRY(points_[thread]->find(ranks, places));
+    if (count_groups(places) > max_chunk_groups) return broken("a chunk of cells has corners in too many groups");
+    return places;
+  }
+
+  Status check_extent(const CellChunk& cells, const CellChunkEntry& entry, const LocalCells& local,
+                      std::span<const dvec3> positions) const {
+    if (local.ranks.size() != entry.points) return broken("a chunk of cells has corners at others than it states");
+    const CellExtent extent = measure_cells(cells, local, positions);
+    if (!is_box(entry.low, entry.high, extent.box) || !is_area_of(entry.area, extent.area))
+      return broken("the box or area of a chunk of cells is wrong");
+    return {};
+  }
+
+  Status check_summary(const ValueSummary& found, const ValueSummary& stated) const {
+    if (found.min != stated.min || found.max != stated.max || found.occupancy != stated.occupancy)
+      return broken("the range or occupancy of a chunk of cells is wrong");
     return {};
   }
 
   Status check_order(const CellChunk& cells, Ends& ends) const {
     for (std::size_t i = 0; i < cells.size(); ++i) {
-      Ends::Cell cell{cells.shape, {}};
+      Ends::Cell cell{cells.shape, cells.points.empty() ? 0 : cells.points[i], {}};
       const auto ranks = std::span(cell.ranks).first(corners_of(cells.shape));
       std::ranges::copy(cells.corners_at(i), ranks.begin());
       std::ranges::sort(ranks);
@@ -226,10 +272,11 @@ class CellVerifier {
   const VolumeInfo& info_;
   const std::function<void(double)>& progress_;  // called by this thread only
   std::size_t threads_;
-  std::vector<ValueBins> bins_;                        // [attribute]
-  std::vector<std::unique_ptr<RankedPoints>> points_;  // [thread]
-  std::vector<Ends> ends_;                             // [page]
-  std::vector<std::vector<CellKind>> kinds_;           // [thread]
+  std::vector<ValueBins> bins_;                          // [attribute]
+  std::vector<std::unique_ptr<RankedPoints>> points_;    // [thread]
+  std::vector<std::unique_ptr<CellVertices>> vertices_;  // [thread]
+  std::vector<Ends> ends_;                               // [page]
+  std::vector<std::vector<CellKind>> kinds_;             // [thread]
 
   // Of check_ranks().
   std::uint64_t rank_ = 0;

@@ -467,7 +467,6 @@ Status check_cells_to_keep(const Options& options) {
     return fail(ErrorCode::unsupported, "{} cannot keep its cells yet: leave --keep-cells out", what);
   };
   if (is_series(options)) return cannot("a time series");
-  if (cell_values_of(options.cells) == CellValues::own) return cannot("a file of --cells own");
   return require_one_rank("a file with its cells");
 }
 

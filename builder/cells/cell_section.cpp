@@ -92,10 +92,13 @@ class RankPages {
 // Makes chunks. Each thread has one.
 class ChunkMaker {
  public:
-  ChunkMaker(const format::Volume& volume, const RankPages& ranks, std::uint64_t memory)
+  // `vertices`: null if the corners are points.
+  ChunkMaker(const format::Volume& volume, const RankPages& ranks, const VertexSort* vertices, std::uint64_t memory)
       : info_(volume.info()),
         points_(
-            volume, [&ranks](std::size_t page) { return ranks.read(page); }, memory) {
+            volume, [&ranks](std::size_t page) { return ranks.read(page); }, memory),
+        vertices_([vertices, &cube = volume.info().cube](std::size_t page) { return vertices->read(page, cube); },
+                  memory / 2) {
     for (const format::Attribute& attribute : info_.attributes) bins_.push_back(format::bins_of(attribute));
   }
 
@@ -109,15 +112,19 @@ class ChunkMaker {
   // NOLINTNEXTLINE(misc-no-recursion): halves at each call.
   Status make(const SortedCells& cells, Item& item) {
     const format::CellChunk& chunk = cells.chunk;
+    const bool is_constant = chunk.field == format::CellField::constant;
     const format::LocalCells local = format::number_corners(chunk.corners);
-    SPLATVOL_TRY(points_.find(local.ranks, places_));
+    SPLATVOL_TRY(points_.find(is_constant ? chunk.points : local.ranks, places_));
     if (chunk.size() > 1 && count_groups() > format::max_chunk_groups) {
       SPLATVOL_TRY(make(part_of(cells, 0, chunk.size() / 2), item));
       return make(part_of(cells, chunk.size() / 2, chunk.size()), item);
     }
     MadeChunk& made = item.chunks.emplace_back();
     made.packed = format::pack_cells(chunk, local.ranks.size());
-    SPLATVOL_TRY(points_.read_positions(places_, positions_));
+    if (is_constant)
+      SPLATVOL_TRY(vertices_.read_positions(local.ranks, positions_));
+    else
+      SPLATVOL_TRY(points_.read_positions(places_, positions_));
     const format::CellExtent extent = format::measure_cells(chunk, local, positions_);
     for (int axis = 0; axis < 3; ++axis) {
       made.packed.entry.low[axis] = extent.box.low[axis];
@@ -127,7 +134,8 @@ class ChunkMaker {
     count_turned(cells, local, item.report);
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
       SPLATVOL_TRY(points_.read_values(places_, static_cast<int>(a), values_));
-      made.summaries.push_back(format::summarize_cells(chunk, local, values_, bins_[a]));
+      made.summaries.push_back(is_constant ? bins_[a].summarize(values_)
+                                           : format::summarize_cells(chunk, local, values_, bins_[a]));
     }
     return {};
   }
@@ -138,7 +146,8 @@ class ChunkMaker {
       const auto at = [&](std::size_t i) { return all.begin() + static_cast<std::ptrdiff_t>(i * each); };
       return all.empty() ? all : std::remove_cvref_t<decltype(all)>(at(begin), at(end));
     };
-    return {{cells.chunk.shape, cells.chunk.field, part(cells.chunk.corners, corners), part(cells.chunk.splits, 1)},
+    return {{cells.chunk.shape, cells.chunk.field, part(cells.chunk.corners, corners), part(cells.chunk.splits, 1),
+             part(cells.chunk.points, 1)},
             part(cells.signs, 1)};
   }
 
@@ -168,6 +177,7 @@ class ChunkMaker {
 
   const format::VolumeInfo& info_;
   format::RankedPoints points_;
+  format::CellVertices vertices_;
   std::vector<format::ValueBins> bins_;  // [attribute]
   std::vector<std::uint64_t> groups_;
   std::vector<format::RankedPoints::Place> places_;
@@ -205,6 +215,14 @@ class SectionWriter {
     return append(packed);
   }
 
+  // Adds a page of vertices. Called before the first chunk.
+  Status add(format::VertexPageRef page, std::span<const std::byte> packed) {
+    page.offset = offset_;
+    vertex_pages_.push_back(page);
+    return append(packed);
+  }
+  void set_vertices(std::uint64_t count) { vertex_count_ = count; }
+
   // Adds the root. Returns the bytes of the section.
   Result<std::uint64_t> finish() {
     if (!chunks_.empty()) SPLATVOL_TRY(close_page());
@@ -212,9 +230,11 @@ class SectionWriter {
     for (const format::CellKind& kind : kinds_) format::append_record(root, kind);
     for (const format::CellPageRef& page : pages_) format::append_record(root, page);
     for (const format::RankPageRef& page : rank_pages_) format::append_record(root, page);
+    for (const format::VertexPageRef& page : vertex_pages_) format::append_record(root, page);
     const format::CellsTail tail{.hash = format::hash_bytes(root),
                                  .chunks = chunk_count_,
                                  .pages = pages_.size(),
+                                 .vertices = vertex_count_,
                                  .kinds = static_cast<std::uint32_t>(kinds_.size()),
                                  .version = 1};
     format::append_record(root, tail);
@@ -271,6 +291,8 @@ class SectionWriter {
   std::vector<format::CellChunkEntry> chunks_;  // of the page
   std::vector<format::CellPageRef> pages_;
   std::vector<format::RankPageRef> rank_pages_;
+  std::vector<format::VertexPageRef> vertex_pages_;
+  std::uint64_t vertex_count_ = 0;
 };
 
 // Makes chunks on several threads, and writes them in order.
@@ -282,7 +304,9 @@ class ChunkPipeline {
         writer_(writer),
         progress_(progress),
         threads_(static_cast<std::size_t>(tbb::this_task_arena::max_concurrency())),
-        makers_([&volume, &ranks, bytes = memory / threads_] { return ChunkMaker(volume, ranks, bytes); }) {}
+        makers_([&volume, &ranks, vertices = cells.vertices(), bytes = memory / threads_] {
+          return ChunkMaker(volume, ranks, vertices, bytes);
+        }) {}
 
   Result<CellReport> run() {
     constexpr auto in_order = tbb::filter_mode::serial_in_order, parallel = tbb::filter_mode::parallel;
@@ -350,6 +374,13 @@ Result<CellReport> write_cells(MeshCells& cells, const format::Volume& volume, s
   SPLATVOL_TRY(ranks.make(cells, [&](const format::RankPageRef& page, std::span<const std::byte> packed) {
     return writer.add(page, packed);
   }));
+  if (const VertexSort* vertices = cells.vertices()) {
+    writer.set_vertices(vertices->count());
+    for (std::size_t page = 0; page < vertices->pages().size(); ++page) {
+      SPLATVOL_TRY_ASSIGN(packed, vertices->read_packed(page));
+      SPLATVOL_TRY(writer.add(vertices->pages()[page], packed));
+    }
+  }
   SPLATVOL_TRY_ASSIGN(report, ChunkPipeline(cells, volume, ranks, memory, writer, progress).run());
   report.collapsed = cells.collapsed();
   SPLATVOL_TRY_ASSIGN(bytes, writer.finish());

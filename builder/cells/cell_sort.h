@@ -14,9 +14,10 @@
 
 namespace splatvol {
 
-/// A cell whose corners are ranks.
+/// A cell whose corners are ranks, or numbers of vertices.
 struct RankedCell {
   std::array<std::uint64_t, format::max_cell_corners> corners{};
+  std::uint64_t point = 0;  // of a constant field
   format::CellSplit split = 0;
   int sign = 0;  // SpooledCell::sign
 };
@@ -29,47 +30,56 @@ struct SortedCells {
   void clear() {
     chunk.corners.clear();
     chunk.splits.clear();
+    chunk.points.clear();
     signs.clear();
   }
   void add(const RankedCell& cell);
   void add(const SortedCells& others);
 };
 
-/// Sorts cells by their corners in ascending order. Equal ones are in an order that does not depend on the input's.
+/// Sorts cells by their point, if the field is constant, and their corners in ascending order. Equal ones are in an
+/// order that does not depend on the input's.
 class CellSort {
  public:
-  [[nodiscard]] static Result<CellSort> create(format::CellShape shape, std::uint64_t memory,
+  [[nodiscard]] static Result<CellSort> create(format::CellShape shape, format::CellField field, std::uint64_t memory,
                                                const std::string& folder);
 
-  /// A cell in the fewest bytes: as many words as corners.
-  using Record = std::array<std::uint64_t, format::max_cell_corners>;
+  /// A cell in the fewest bytes: a word for each corner, and one for the point of a constant field.
+  using Record = std::array<std::uint64_t, format::max_cell_corners + 1>;
+  [[nodiscard]] static std::size_t words_of(format::CellShape shape, format::CellField field) {
+    return format::corners_of(shape) + (field == format::CellField::constant ? 1 : 0);
+  }
   [[nodiscard]] static Record record_of(format::CellShape shape, const RankedCell& cell);
 
-  /// Adds records, as many words of each as there are corners, one after the other.
+  /// Adds records, words_of() of each, one after the other.
   [[nodiscard]] Status add(std::span<const std::uint64_t> records);
 
   /// Ends the adding. Call it once.
   [[nodiscard]] Status finish() { return sorter_.finish(); }
 
-  /// Returns the lowest corner of the next cell, none after the last. Requires finish().
-  [[nodiscard]] Result<std::optional<std::uint64_t>> next_corner();
+  /// Returns the rank that says where the next cell belongs: of its lowest corner, or of its point. None after the last
+  /// cell. Requires finish().
+  [[nodiscard]] Result<std::optional<std::uint64_t>> next_rank();
 
-  /// Takes the next cell. Requires that next_corner() returned one.
+  /// Takes the next cell. Requires that next_rank() returned one.
   [[nodiscard]] RankedCell take();
 
   [[nodiscard]] format::CellShape shape() const { return shape_; }
+  [[nodiscard]] format::CellField field() const { return field_; }
   [[nodiscard]] std::uint64_t count() const { return sorter_.count(); }
 
  private:
-  CellSort(format::CellShape shape, ExternalSorter sorter)
-      : shape_(shape), words_(format::corners_of(shape)), sorter_(std::move(sorter)) {}
+  CellSort(format::CellShape shape, format::CellField field, ExternalSorter sorter)
+      : shape_(shape), field_(field), words_(words_of(shape, field)), sorter_(std::move(sorter)) {}
   [[nodiscard]] Status read();
+  [[nodiscard]] MortonKey key_at(std::span<const std::uint64_t> record) const;
   void order_runs();
   [[nodiscard]] std::span<std::uint64_t> record(std::size_t number) {
     return std::span(ready_).subspan(number * words_, words_);
   }
 
   format::CellShape shape_;
+  format::CellField field_;
   std::size_t words_;  // of a record
   ExternalSorter sorter_;
   std::vector<std::uint64_t> ready_;   // whole runs of records that the sort does not tell apart

@@ -42,14 +42,28 @@ std::uint32_t get_difference(std::span<const std::byte>& bytes, std::uint32_t fr
 
 // In front of the cells of a block.
 struct BlockHead {
-  std::uint32_t piece, piece_points, bytes;
+  std::uint32_t piece, piece_points, piece_corners, bytes;
   format::CellShape shape;
+  format::CellField field;
 };
 
-int sign_of(const Piece& piece, const SpooledCell& cell, format::CellShape shape) {
+// What a piece has cells of.
+struct CellSource {
+  std::span<const dvec3> corners;
+  std::span<const Tetrahedron> tetrahedra;
+  std::span<const WholeCell> whole;
+  std::span<const std::uint32_t> points;  // [tetrahedron]: PointCells::points; empty: the corners are points
+};
+
+CellSource cells_of(const Piece& piece) {
+  if (!piece.cells) return {piece.points, piece.tetrahedra, piece.whole_cells, {}};
+  return {piece.cells->corners, piece.cells->tetrahedra, piece.whole_cells, piece.cells->points};
+}
+
+int sign_of(const CellSource& source, const SpooledCell& cell, format::CellShape shape) {
   int sign = 0;
   for (const auto& [a, b, c, d] : format::tetrahedra_of(shape, cell.split)) {
-    const auto corner = [&](std::uint8_t k) { return piece.points[cell.corners[k]]; };
+    const auto corner = [&](std::uint8_t k) { return source.corners[cell.corners[k]]; };
     const double volume = signed_volume_6(corner(a), corner(b), corner(c), corner(d));
     const int present = volume > 0 ? 1 : volume < 0 ? -1 : 0;
     if (present == 0 || present == -sign) return 0;
@@ -61,17 +75,20 @@ int sign_of(const Piece& piece, const SpooledCell& cell, format::CellShape shape
 // Packs cells one by one.
 class BlockPacker {
  public:
-  BlockPacker(const Piece& piece, BlockHead head, std::vector<std::byte>& bytes)
-      : piece_(piece), head_(head), bytes_(bytes) {
+  BlockPacker(const CellSource& source, BlockHead head, std::vector<std::byte>& bytes)
+      : source_(source), head_(head), bytes_(bytes) {
     bytes_.assign(sizeof(BlockHead), {});
   }
 
   void add(SpooledCell cell) {
-    cell.sign = sign_of(piece_, cell, head_.shape);
+    cell.sign = sign_of(source_, cell, head_.shape);
     put_difference(bytes_, cell.corners[0], before_);
     before_ = cell.corners[0];
     for (std::size_t k = 1; k < format::corners_of(head_.shape); ++k) put_difference(bytes_, cell.corners[k], before_);
     put_number(bytes_, static_cast<std::uint64_t>(cell.split * 3 + cell.sign + 1));
+    if (head_.field != format::CellField::constant) return;
+    put_difference(bytes_, cell.point, point_before_);
+    point_before_ = cell.point;
   }
 
   void finish() {
@@ -80,21 +97,21 @@ class BlockPacker {
   }
 
  private:
-  const Piece& piece_;
+  const CellSource& source_;
   BlockHead head_;
   std::vector<std::byte>& bytes_;
-  std::uint32_t before_ = 0;
+  std::uint32_t before_ = 0, point_before_ = 0;
 };
 
-// Calls visit(tetrahedron) for those of `tetrahedra` from `first` on, at most `count`, that no whole cell has.
+// Calls visit(number) for the tetrahedra from `first` on, at most `count`, that no whole cell has.
 template <class Visit>
-void for_each_single(const Piece& piece, std::size_t first, std::size_t count, const Visit& visit) {
-  auto whole = std::ranges::lower_bound(piece.whole_cells, first, {},
+void for_each_single(const CellSource& source, std::size_t first, std::size_t count, const Visit& visit) {
+  auto whole = std::ranges::lower_bound(source.whole, first, {},
                                         [](const WholeCell& cell) { return std::size_t{cell.first} + cell.count - 1; });
-  const std::size_t end = std::min(first + count, piece.tetrahedra.size());
+  const std::size_t end = std::min(first + count, source.tetrahedra.size());
   for (std::size_t i = first; i < end; ++i) {
-    while (whole != piece.whole_cells.end() && i >= std::size_t{whole->first} + whole->count) ++whole;
-    if (whole == piece.whole_cells.end() || i < whole->first) visit(piece.tetrahedra[i]);
+    while (whole != source.whole.end() && i >= std::size_t{whole->first} + whole->count) ++whole;
+    if (whole == source.whole.end() || i < whole->first) visit(i);
   }
 }
 
@@ -103,7 +120,7 @@ void for_each_single(const Piece& piece, std::size_t first, std::size_t count, c
 void unpack(const CellBlock& block, std::vector<SpooledCell>& cells) {
   std::span<const std::byte> bytes = block.bytes;
   cells.clear();
-  std::uint32_t before = 0;
+  std::uint32_t before = 0, point_before = 0;
   while (!bytes.empty()) {
     SpooledCell& cell = cells.emplace_back();
     cell.corners[0] = before = get_difference(bytes, before);
@@ -111,40 +128,54 @@ void unpack(const CellBlock& block, std::vector<SpooledCell>& cells) {
     const std::uint64_t code = get_number(bytes);
     cell.split = static_cast<format::CellSplit>(code / 3);
     cell.sign = static_cast<int>(code % 3) - 1;
+    if (block.field == format::CellField::constant) cell.point = point_before = get_difference(bytes, point_before);
   }
 }
 
 Status CellSpool::add(const Piece& piece) {
   using format::CellShape;
-  const auto blocks_of = [](std::size_t cells) { return (cells + block_cells - 1) / block_cells; };
+  const CellSource source = cells_of(piece);
   std::uint64_t parts = 0;
-  for (const WholeCell& cell : piece.whole_cells) {
+  for (const WholeCell& cell : source.whole) {
     ++counts_[static_cast<std::size_t>(cell.shape)];
     parts += cell.count;
   }
-  counts_[static_cast<std::size_t>(CellShape::tetrahedron)] += piece.tetrahedra.size() - parts;
-  const BlockHead head{pieces_++, static_cast<std::uint32_t>(piece.points.size()), 0, CellShape::tetrahedron};
+  counts_[static_cast<std::size_t>(CellShape::tetrahedron)] += source.tetrahedra.size() - parts;
+  const BlockHead head{.piece = pieces_++,
+                       .piece_points = static_cast<std::uint32_t>(piece.points.size()),
+                       .piece_corners = static_cast<std::uint32_t>(source.corners.size()),
+                       .bytes = 0,
+                       .shape = CellShape::tetrahedron,
+                       .field = piece.cells ? format::CellField::constant : format::CellField::corners};
+  // Sets the point of a cell, and returns whether it has one.
+  const auto set_point = [&](std::size_t tetrahedron, SpooledCell& cell) {
+    if (!source.points.empty()) cell.point = source.points[tetrahedron];
+    return source.points.empty() || cell.point != PointCells::no_point;
+  };
+  const auto blocks_of = [](std::size_t cells) { return (cells + block_cells - 1) / block_cells; };
   const auto pack_single = [&](std::size_t block, std::vector<std::byte>& bytes) {
-    BlockPacker packer(piece, head, bytes);
-    for_each_single(piece, block * block_cells, block_cells, [&](const Tetrahedron& corners) {
+    BlockPacker packer(source, head, bytes);
+    for_each_single(source, block * block_cells, block_cells, [&](std::size_t i) {
       SpooledCell cell;
-      std::ranges::copy(corners, cell.corners.begin());
-      packer.add(cell);
+      std::ranges::copy(source.tetrahedra[i], cell.corners.begin());
+      if (set_point(i, cell)) packer.add(cell);
     });
     packer.finish();
   };
-  SPLATVOL_TRY(append_blocks(blocks_of(piece.tetrahedra.size()), pack_single));
+  SPLATVOL_TRY(append_blocks(blocks_of(source.tetrahedra.size()), pack_single));
   for (const CellShape shape : {CellShape::pyramid, CellShape::wedge, CellShape::hexahedron}) {
     BlockHead of_shape = head;
     of_shape.shape = shape;
     const auto pack = [&](std::size_t block, std::vector<std::byte>& bytes) {
-      BlockPacker packer(piece, of_shape, bytes);
-      const auto cells = std::span(piece.whole_cells).subspan(block * block_cells);
-      for (const WholeCell& cell : cells.first(std::min(block_cells, cells.size())))
-        if (cell.shape == shape) packer.add({cell.corners, cell.split});
+      BlockPacker packer(source, of_shape, bytes);
+      const auto cells = source.whole.subspan(block * block_cells);
+      for (const WholeCell& whole : cells.first(std::min(block_cells, cells.size()))) {
+        SpooledCell cell{.corners = whole.corners, .split = whole.split};
+        if (whole.shape == shape && set_point(whole.first, cell)) packer.add(cell);
+      }
       packer.finish();
     };
-    SPLATVOL_TRY(append_blocks(blocks_of(piece.whole_cells.size()), pack));
+    SPLATVOL_TRY(append_blocks(blocks_of(source.whole.size()), pack));
   }
   return {};
 }
@@ -171,7 +202,8 @@ Status CellSpool::read(const std::function<Status(std::span<const CellBlock>)>& 
         BlockHead head{};
         std::memcpy(&head, bytes.data(), sizeof(head));
         if (!blocks.empty() && blocks.back().piece != head.piece) break;
-        blocks.push_back({head.piece, head.piece_points, head.shape, bytes.subspan(sizeof(head), head.bytes)});
+        blocks.push_back({head.piece, head.piece_points, head.piece_corners, head.shape, head.field,
+                          bytes.subspan(sizeof(head), head.bytes)});
         bytes = bytes.subspan(sizeof(head) + head.bytes);
       }
       SPLATVOL_TRY(visit(blocks));

@@ -18,16 +18,19 @@ namespace splatvol {
 
 /// A cell of a piece.
 struct SpooledCell {
-  std::array<std::uint32_t, format::max_cell_corners> corners{};  // points of the piece
+  std::array<std::uint32_t, format::max_cell_corners> corners{};  // points of the piece, or PointCells::corners
+  std::uint32_t point = 0;                                        // of the piece: of a constant field
   format::CellSplit split = 0;
   int sign = 0;  // of the volumes of its tetrahedra (format::tetrahedra_of); 0: not all have the same, or one is flat
 };
 
 /// Cells of one piece and shape that follow each other, packed.
 struct CellBlock {
-  std::uint32_t piece = 0;         // pieces count from 0 in the order in which they are read
-  std::uint32_t piece_points = 0;  // points of the piece
+  std::uint32_t piece = 0;          // pieces count from 0 in the order in which they are read
+  std::uint32_t piece_points = 0;   // points of the piece
+  std::uint32_t piece_corners = 0;  // PointCells::corners
   format::CellShape shape{};
+  format::CellField field{};
   std::span<const std::byte> bytes = {};
 };
 
@@ -39,12 +42,16 @@ class CellSpool {
  public:
   explicit CellSpool(std::string folder) : spool_(std::move(folder)) {}
 
-  /// Adds the cells of the next piece, which may have none. Works on all of TBB's threads.
+  /// Adds the cells of the next piece, which may have none: with a constant field if they are points of their own.
+  /// Works on all of TBB's threads.
   [[nodiscard]] Status add(const Piece& piece);
 
   /// Calls visit(blocks) for all cells, some blocks of one piece at a time, and gives their disk space back. Called
   /// once.
   [[nodiscard]] Status read(const std::function<Status(std::span<const CellBlock>)>& visit);
+
+  /// The number of pieces that were added.
+  [[nodiscard]] std::uint32_t pieces() const { return pieces_; }
 
   /// The number of cells of a shape that were added.
   [[nodiscard]] std::uint64_t count(format::CellShape shape) const { return counts_[static_cast<std::size_t>(shape)]; }

@@ -14,13 +14,7 @@
 namespace splatvol {
 namespace {
 
-constexpr std::uint64_t no_rank = std::numeric_limits<std::uint64_t>::max();
 constexpr std::size_t joined_cells = 4096;  // most cells of a chunk that joins index leaves
-
-struct TagRecord {
-  PointTag tag;
-  std::uint64_t rank;
-};
 
 template <class Record>
 Record record_at(std::span<const std::byte> records, std::size_t number) {
@@ -41,21 +35,24 @@ struct RankedBlock {
 // Gives the cells of a block their ranks.
 class BlockRanker {
  public:
-  // `ranks`: [point of the piece].
-  BlockRanker(const CellBlock& block, std::span<const std::uint64_t> ranks, RankedBlock& ranked)
-      : block_(block), ranks_(ranks), ranked_(ranked) {}
+  // `corners`: ranks or numbers of what the corners are; `ranks`: [point of the piece].
+  BlockRanker(const CellBlock& block, std::span<const std::uint64_t> corners, std::span<const std::uint64_t> ranks,
+              RankedBlock& ranked)
+      : block_(block), corners_(corners), ranks_(ranks), ranked_(ranked) {}
 
   void run() {
     std::vector<SpooledCell> cells;
     unpack(block_, cells);
     const std::size_t count = format::corners_of(block_.shape);
-    ranked_.records.reserve(cells.size() * count);
+    ranked_.records.reserve(cells.size() * CellSort::words_of(block_.shape, block_.field));
     for (const SpooledCell& spooled : cells) {
       RankedCell cell{.split = spooled.split, .sign = spooled.sign};
       for (std::size_t k = 0; k < count; ++k) {
-        cell.corners[k] = ranks_[spooled.corners[k]];
-        ranked_.lacks_point = ranked_.lacks_point || cell.corners[k] == no_rank;
+        cell.corners[k] = corners_[spooled.corners[k]];
+        ranked_.lacks_point = ranked_.lacks_point || cell.corners[k] == TagSort::none;
       }
+      if (block_.field == format::CellField::constant) cell.point = ranks_[spooled.point];
+      ranked_.lacks_point = ranked_.lacks_point || cell.point == TagSort::none;
       if (!ranked_.lacks_point) add(block_.shape, cell, ranked_.records);
     }
   }
@@ -69,7 +66,8 @@ class BlockRanker {
     if (std::ranges::adjacent_find(ranks) != ranks.end()) return add_parts(shape, cell);
     ranked_.hash += hash_of(shape, cell, ranks);
     const CellSort::Record record = CellSort::record_of(shape, cell);
-    records.insert(records.end(), record.begin(), record.begin() + static_cast<std::ptrdiff_t>(count));
+    const auto words = static_cast<std::ptrdiff_t>(CellSort::words_of(shape, block_.field));
+    records.insert(records.end(), record.begin(), record.begin() + words);
   }
 
   // Adds the tetrahedra that have four corners.
@@ -79,7 +77,7 @@ class BlockRanker {
       return;
     }
     for (const auto& tetrahedron : format::tetrahedra_of(shape, cell.split)) {
-      RankedCell part;
+      RankedCell part{.point = cell.point};
       for (std::size_t k = 0; k < tetrahedron.size(); ++k) part.corners[k] = cell.corners[tetrahedron[k]];
       add(format::CellShape::tetrahedron, part, ranked_.tetrahedra);
     }
@@ -91,32 +89,34 @@ class BlockRanker {
     for (std::size_t k = 0; k < ranks.size(); ++k)
       places[k] = static_cast<std::uint8_t>(std::ranges::find(ranks, cell.corners[k]) - ranks.begin());
     const format::CellOrder order = format::find_order(shape, std::span(places).first(ranks.size()), cell.split);
-    std::array<std::uint64_t, format::max_cell_corners + 1> words{};
+    std::array<std::uint64_t, format::max_cell_corners + 2> words{};
     std::ranges::copy(ranks, words.begin());
     words[ranks.size()] = std::uint64_t{order.code} << 32 | order.split;
-    return format::hash_bytes(std::as_bytes(std::span(words).first(ranks.size() + 1)));
+    words[ranks.size() + 1] = cell.point;
+    return format::hash_bytes(std::as_bytes(std::span(words).first(ranks.size() + 2)));
   }
 
   const CellBlock& block_;
-  std::span<const std::uint64_t> ranks_;
+  std::span<const std::uint64_t> corners_, ranks_;
   RankedBlock& ranked_;
 };
 
 }  // namespace
 
-Result<std::unique_ptr<MeshCells>> MeshCells::create(std::uint64_t memory, const std::string& folder) {
-  const auto key = [](std::span<const std::byte> records, std::span<MortonKey> keys) {
-    for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = {record_at<TagRecord>(records, i).tag, 0};
-  };
-  const std::size_t held = std::max<std::size_t>(memory / 8, ExternalSorter::least_memory(sizeof(TagRecord)));
-  SPLATVOL_TRY_ASSIGN(tags, ExternalSorter::create({sizeof(TagRecord), key, held, held, folder}));
-  return std::unique_ptr<MeshCells>(new MeshCells(std::move(tags), memory, folder));
+Result<std::unique_ptr<MeshCells>> MeshCells::create(std::uint64_t memory, const std::string& folder, bool exact) {
+  SPLATVOL_TRY_ASSIGN(tags, TagSort::create(memory / 8, folder));
+  return std::unique_ptr<MeshCells>(new MeshCells(std::move(tags), memory, folder, exact));
 }
 
-Status MeshCells::add_rank(PointTag tag, std::uint64_t rank) {
-  const TagRecord record{tag, rank};
-  return tags_.add(std::as_bytes(std::span(&record, 1)));
+Status MeshCells::add(const Piece& piece) {
+  if (piece.cells) {
+    if (!vertices_) vertices_ = std::make_unique<VertexSort>(memory_ / 4, folder_, exact_);
+    SPLATVOL_TRY(vertices_->add(spool_.pieces(), piece));
+  }
+  return spool_.add(piece);
 }
+
+Status MeshCells::add_rank(PointTag tag, std::uint64_t rank) { return tags_.add(tag, rank); }
 
 Status MeshCells::add_stay(std::size_t level, std::uint64_t rank) {
   while (stays_.size() <= level) stays_.push_back(std::make_unique<NumberQueue>(folder_));
@@ -147,13 +147,15 @@ Result<std::optional<std::uint64_t>> MeshCells::NumberQueue::next() {
 
 Status MeshCells::sort() {
   SPLATVOL_TRY(tags_.finish());
+  if (vertices_) SPLATVOL_TRY(vertices_->sort());
   SPLATVOL_TRY(start_sorts());
   const auto add = [&](std::span<const CellBlock> blocks) -> Status {
-    if (piece_ != blocks[0].piece) SPLATVOL_TRY(load_ranks(blocks[0].piece, blocks[0].piece_points));
+    SPLATVOL_TRY(load_ranks(blocks[0]));
     return add_ranked(blocks);
   };
   SPLATVOL_TRY(spool_.read(add));
   ranks_ = {};
+  numbers_ = {};
   for (const std::unique_ptr<OfShape>& of_shape : shapes_) SPLATVOL_TRY(of_shape->sort.finish());
   return {};
 }
@@ -162,17 +164,20 @@ Status MeshCells::sort() {
 Status MeshCells::start_sorts() {
   using format::CellShape;
   constexpr std::array all = {CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge, CellShape::hexahedron};
+  const format::CellField field = vertices_ ? format::CellField::constant : format::CellField::corners;
   std::uint64_t bytes = 0;
-  for (const CellShape shape : all) bytes += spool_.count(shape) * format::corners_of(shape);
+  for (const CellShape shape : all) bytes += spool_.count(shape) * CellSort::words_of(shape, field);
   for (const CellShape shape : all) {
     // Tetrahedra may come of the others.
-    const std::uint64_t own = spool_.count(shape) * format::corners_of(shape);
+    const std::uint64_t own = spool_.count(shape) * CellSort::words_of(shape, field);
     if (own == 0 && shape != CellShape::tetrahedron) continue;
     const auto share = static_cast<double>(own) / static_cast<double>(std::max<std::uint64_t>(bytes, 1));
     SPLATVOL_TRY_ASSIGN(
-        sort, CellSort::create(shape, static_cast<std::uint64_t>(share * static_cast<double>(memory_)), folder_));
+        sort,
+        CellSort::create(shape, field, static_cast<std::uint64_t>(share * static_cast<double>(memory_)), folder_));
     shapes_.push_back(std::unique_ptr<OfShape>(new OfShape{std::move(sort), NumberQueue(folder_), 0, {}}));
     shapes_.back()->leaf_cells.chunk.shape = shape;
+    shapes_.back()->leaf_cells.chunk.field = field;
   }
   return {};
 }
@@ -183,27 +188,18 @@ CellSort* MeshCells::sort_of(format::CellShape shape) {
   return &(*found)->sort;
 }
 
-// Tags of pieces without cells are passed over.
-Status MeshCells::load_ranks(std::uint32_t piece, std::uint32_t points) {
-  piece_ = piece;
-  ranks_.assign(points, no_rank);
-  for (;;) {
-    for (; next_tag_ < sorted_tags_.keys.size(); ++next_tag_) {
-      const auto record = record_at<TagRecord>(sorted_tags_.records, next_tag_);
-      if (record.tag >> 32 > piece) return {};
-      if (record.tag >> 32 == piece) ranks_[static_cast<std::uint32_t>(record.tag)] = record.rank;
-    }
-    SPLATVOL_TRY_ASSIGN(more, tags_.next());
-    if (more.keys.empty()) return {};
-    sorted_tags_ = more;
-    next_tag_ = 0;
-  }
+Status MeshCells::load_ranks(const CellBlock& block) {
+  if (piece_ == block.piece) return {};
+  piece_ = block.piece;
+  if (vertices_) SPLATVOL_TRY(vertices_->load(block.piece, block.piece_corners, numbers_));
+  return tags_.load(block.piece, block.piece_points, ranks_);
 }
 
 Status MeshCells::add_ranked(std::span<const CellBlock> blocks) {
   std::vector<RankedBlock> ranked(blocks.size());
+  const std::vector<std::uint64_t>& corners = vertices_ ? numbers_ : ranks_;
   tbb::parallel_for(std::size_t{0}, blocks.size(),
-                    [&](std::size_t b) { BlockRanker(blocks[b], ranks_, ranked[b]).run(); });
+                    [&](std::size_t b) { BlockRanker(blocks[b], corners, ranks_, ranked[b]).run(); });
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     if (ranked[b].lacks_point) return fail(ErrorCode::invalid_data, "a cell has a corner that is no point of the file");
     collapsed_ += ranked[b].collapsed;
@@ -217,9 +213,9 @@ Status MeshCells::add_ranked(std::span<const CellBlock> blocks) {
 // Gathers the cells of the next index leaf that has some; of a leaf with too many for a chunk, the next of them.
 Status MeshCells::gather_leaf(OfShape& of_shape) {
   while (of_shape.leaf_cells.chunk.size() < format::max_chunk_cells) {
-    SPLATVOL_TRY_ASSIGN(corner, of_shape.sort.next_corner());
-    if (!corner) return {};
-    while (*corner >= of_shape.leaf_end) {
+    SPLATVOL_TRY_ASSIGN(rank, of_shape.sort.next_rank());
+    if (!rank) return {};
+    while (*rank >= of_shape.leaf_end) {
       if (of_shape.leaf_cells.chunk.size() > 0) return {};
       SPLATVOL_TRY_ASSIGN(points, of_shape.leaves.next());
       if (!points) return fail(ErrorCode::invalid_data, "a cell has a corner that is in no leaf of the index");
@@ -233,6 +229,7 @@ Status MeshCells::gather_leaf(OfShape& of_shape) {
 Result<bool> MeshCells::next_chunk(OfShape& of_shape, SortedCells& cells) {
   cells.clear();
   cells.chunk.shape = of_shape.sort.shape();
+  cells.chunk.field = of_shape.sort.field();
   SortedCells& leaf = of_shape.leaf_cells;
   for (;;) {
     if (leaf.chunk.size() == 0) SPLATVOL_TRY(gather_leaf(of_shape));

@@ -12,8 +12,9 @@
 #include "base/error.h"
 #include "builder/cells/cell_sort.h"
 #include "builder/cells/cell_spool.h"
+#include "builder/cells/tag_sort.h"
+#include "builder/cells/vertex_sort.h"
 #include "builder/output/block_spool.h"
-#include "builder/sorting/external_sort.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
@@ -22,11 +23,13 @@ namespace splatvol {
 /// of the file in Morton order. add_rank() may run beside add_stay(); nothing else is thread-safe.
 class MeshCells {
  public:
-  /// `memory`: bytes to hold, before sort() an eighth of them. `folder`: for what memory cannot hold.
-  [[nodiscard]] static Result<std::unique_ptr<MeshCells>> create(std::uint64_t memory, const std::string& folder);
+  /// `memory`: bytes to hold, before sort() an eighth of them; as much again for corners of cells of their own.
+  /// `folder`: for what memory cannot hold. `exact`: whether these corners are stored as they are given.
+  [[nodiscard]] static Result<std::unique_ptr<MeshCells>> create(std::uint64_t memory, const std::string& folder,
+                                                                 bool exact);
 
   /// Adds the cells of the next piece, in the order in which PieceReader reads pieces.
-  [[nodiscard]] Status add(const Piece& piece) { return spool_.add(piece); }
+  [[nodiscard]] Status add(const Piece& piece);
 
   /// Tells the rank of the point that a point of a piece has become.
   [[nodiscard]] Status add_rank(PointTag tag, std::uint64_t rank);
@@ -50,6 +53,9 @@ class MeshCells {
   /// Replaces `cells` by those of the next chunk: those whose lowest corner is in one index leaf, or in a few if they
   /// are few. Chunks of one shape follow each other. Returns false after the last. Requires all leaves.
   [[nodiscard]] Result<bool> next_chunk(SortedCells& cells);
+
+  /// Corners of cells of their own; null if the cells are not such. Require sort().
+  [[nodiscard]] const VertexSort* vertices() const { return vertices_.get(); }
 
   /// Replaces `segments` by those of the next points, [rank], at most `count`. `levels`: of all points.
   [[nodiscard]] Status next_segments(std::size_t count, std::size_t levels, std::vector<std::uint8_t>& segments);
@@ -76,26 +82,27 @@ class MeshCells {
     SortedCells leaf_cells;      // of one index leaf, not yet returned
   };
 
-  MeshCells(ExternalSorter tags, std::uint64_t memory, const std::string& folder)
-      : memory_(memory), folder_(folder), spool_(folder), tags_(std::move(tags)) {}
+  MeshCells(TagSort tags, std::uint64_t memory, const std::string& folder, bool exact)
+      : memory_(memory), folder_(folder), exact_(exact), spool_(folder), tags_(std::move(tags)) {}
   [[nodiscard]] Status start_sorts();
   [[nodiscard]] CellSort* sort_of(format::CellShape shape);
-  [[nodiscard]] Status load_ranks(std::uint32_t piece, std::uint32_t points);
+  [[nodiscard]] Status load_ranks(const CellBlock& block);
   [[nodiscard]] Status add_ranked(std::span<const CellBlock> blocks);
   [[nodiscard]] static Status gather_leaf(OfShape& of_shape);
   [[nodiscard]] static Result<bool> next_chunk(OfShape& of_shape, SortedCells& cells);
 
   std::uint64_t memory_;
   std::string folder_;
+  bool exact_;
   CellSpool spool_;
   std::uint64_t collapsed_ = 0;
   std::uint64_t hash_ = 0;
 
-  ExternalSorter tags_;
-  SortedRecords sorted_tags_;         // that were read
-  std::size_t next_tag_ = 0;          // of these
-  std::vector<std::uint64_t> ranks_;  // [point of the present piece]
-  std::optional<std::uint32_t> piece_;
+  TagSort tags_;
+  std::unique_ptr<VertexSort> vertices_;  // null: no piece has had cells of their own
+  std::optional<std::uint32_t> piece_;    // the present one
+  std::vector<std::uint64_t> ranks_;      // [point of it]
+  std::vector<std::uint64_t> numbers_;    // [corner of its cells of their own]
 
   std::vector<std::unique_ptr<NumberQueue>> stays_;       // [level], from 1 on
   std::vector<std::optional<std::uint64_t>> next_stays_;  // [level]

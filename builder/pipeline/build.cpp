@@ -43,7 +43,7 @@ Result<std::unique_ptr<MeshCells>> start_cells(const Source& source, const Build
   if (!options.keep_cells) return nullptr;
   if (!source.may_have_cells() || source.brings_material() || !uses_cells(options))
     return fail(ErrorCode::invalid_argument, "the input has no cells that a file can keep: leave --keep-cells out");
-  return MeshCells::create(options.memory / 2, folder);
+  return MeshCells::create(options.memory / 2, folder, options.exact.positions);
 }
 
 WatchPoints watch_points(BoundaryFaces* faces, MeshCells* cells) {

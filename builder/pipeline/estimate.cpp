@@ -192,7 +192,8 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
                          estimate.connectivity != Connectivity::boxes;  // StoredPoints
   const double stored = is_stored ? points * static_cast<double>(records.bytes()) : 0;
   estimate.disk = {std::max(estimate.file.low, .35 * (temporary + stored)),
-                   std::max((steps > 1 ? 2 : 1.4) * estimate.file.high, temporary + stored + cells * spooled_tetrahedron_bytes + estimate.file.high)};
+                   std::max((steps > 1 ? 2 : 1.4) * estimate.file.high,
+                            temporary + stored + cells * spooled_tetrahedron_bytes + estimate.file.high)};
 
   // Two parts of memory are bounded by what there is to hold.
   const MemoryPlan plan = plan_memory(options.memory, shape_of(size, options, values, estimate.connectivity));
@@ -213,9 +214,8 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
 
   const Work work = work_of(size, options, estimate.connectivity);
   const double groups = std::ceil(count / static_cast<double>(together));
-  const Range microseconds =
-      points * (groups * work.point + count * attributes * work.value) + count * tetrahedra * work.tetrahedron +
-      cells * microseconds_of_kept_tetrahedron;
+  const Range microseconds = points * (groups * work.point + count * attributes * work.value) +
+                             count * tetrahedra * work.tetrahedron + cells * microseconds_of_kept_tetrahedron;
   estimate.seconds =
       Range{seconds_of(microseconds.low, threads), seconds_of(microseconds.high, threads)} + Range{.1, .5};
   return estimate;

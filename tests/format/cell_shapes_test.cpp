@@ -70,7 +70,7 @@ TEST(CellShapes, ComeBackWithTheSameTetrahedra) {
       while (!is_split(shape, cells.splits.back()) && (cells.splits.pop_back(), true));
     }
     const PackedCells packed = pack_cells(cells, number_corners(cells.corners).ranks.size());
-    const CellChunk back = test::value_of(unpack_cells(packed.entry, packed.bytes, first + 2000000, "cells"));
+    const CellChunk back = test::value_of(unpack_cells(packed.entry, packed.bytes, first + 2000000, 0, "cells"));
     EXPECT_EQ(back.size(), cells.size());
     EXPECT_EQ(tetrahedra_in(back), tetrahedra_in(cells)) << corners_of(shape);
     // What has come back is packed into the same bytes.

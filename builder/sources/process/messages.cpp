@@ -149,13 +149,14 @@ Status check_surface(const TriangleMesh& mesh) {
 
 // Whole cells are in the order of their tetrahedra.
 Status check_whole_cells(const Piece& piece) {
+  const std::size_t points = piece.cells ? piece.cells->corners.size() : piece.points.size();
+  const std::size_t tetrahedra = piece.cells ? piece.cells->tetrahedra.size() : piece.tetrahedra.size();
   std::uint64_t next = 0;
   for (const WholeCell& cell : piece.whole_cells) {
     const std::size_t count = format::corners_of(cell.shape);
     const auto corners = std::span(cell.corners).first(count);
     if (count == 0 || !format::is_split(cell.shape, cell.split) || cell.count == 0 || cell.first < next ||
-        cell.count > piece.tetrahedra.size() || cell.first > piece.tetrahedra.size() - cell.count ||
-        std::ranges::max(corners) >= piece.points.size())
+        cell.count > tetrahedra || cell.first > tetrahedra - cell.count || std::ranges::max(corners) >= points)
       return fail_piece("cells are not those of its tetrahedra");
     next = std::uint64_t{cell.first} + cell.count;
   }
