@@ -57,6 +57,41 @@ Status DirectoryWriter::close_page() {
   return {};
 }
 
+Result<DirectoryWriter::Found> DirectoryWriter::find_chunk(std::uint64_t row, std::uint64_t column) const {
+  const std::uint64_t number = rows_.directory_page_of_row(row);
+  Bytes read;
+  std::span<const std::byte> page = number == 0 && !refs_.empty() ? std::span<const std::byte>(head_) : page_;
+  if (number > 0 && number < refs_.size()) {
+    read.resize(refs_[number].bytes);
+    SPLATVOL_TRY(tail_.read(refs_[number].offset, read));
+    if (hash_bytes(read) != refs_[number].hash) return fail_changed_temporary();
+    page = read;
+  }
+  const std::uint64_t chunk =
+      rows_.chunks_before(row) - rows_.chunks_before(rows_.first_row_of_directory_page(number)) + column;
+  Found found{read_record<std::uint64_t>(page, 0), {}};
+  for (std::uint64_t i = 0; i <= chunk; ++i) {
+    found.offset += found.entry.packed_bytes;
+    found.entry = read_record<ChunkEntry>(page, sizeof(std::uint64_t) + i * sizeof(ChunkEntry));
+  }
+  return found;
+}
+
+Result<PackedChunk> DirectoryWriter::read_chunk(std::span<const Column> columns, ColumnKind kind, int attribute,
+                                                std::uint64_t group, const ReadBytes& read) const {
+  const std::uint64_t row = rows_.row(rows_.group(group).segment, group);
+  const std::vector<int>& of_row = rows_.columns_of_row(row);
+  const auto column = std::ranges::find_if(of_row, [&](int c) {
+    const Column& present = columns[static_cast<std::size_t>(c)];
+    return present.kind == kind && present.attribute == attribute;
+  });
+  if (column == of_row.end()) return fail(ErrorCode::invalid_argument, "a row lacks a column of positions or values");
+  SPLATVOL_TRY_ASSIGN(found, find_chunk(row, static_cast<std::uint64_t>(column - of_row.begin())));
+  PackedChunk chunk{found.entry, Bytes(found.entry.packed_bytes)};
+  SPLATVOL_TRY(read(found.offset, chunk.bytes));
+  return chunk;
+}
+
 // Bytes of the root in front of page 0.
 std::uint64_t DirectoryWriter::refs_bytes() const {
   return sizeof(std::uint64_t) + rows_.directory_page_count() * sizeof(DirectoryPageRef);

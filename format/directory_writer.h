@@ -2,12 +2,14 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
 #include "base/error.h"
 #include "base/temp_file.h"
 #include "format/codec.h"
+#include "format/columns.h"
 #include "format/layout.h"
 #include "format/volume_info.h"
 
@@ -46,7 +48,19 @@ class DirectoryWriter {
 
   [[nodiscard]] TempFile& tail() { return tail_; }
 
+  /// Reads a chunk of a group back, in the row of the resolution that adds it. `columns`: those that the rows have;
+  /// `read(offset, bytes)` reads what add_row() got the offset of. Fails if there is no such column. Requires that
+  /// pack_root() has not been called. Thread-safe, if `read` is.
+  using ReadBytes = std::function<Status(std::uint64_t offset, std::span<std::byte> bytes)>;
+  [[nodiscard]] Result<PackedChunk> read_chunk(std::span<const Column> columns, ColumnKind kind, int attribute,
+                                               std::uint64_t group, const ReadBytes& read) const;
+
  private:
+  struct Found {
+    std::uint64_t offset;
+    ChunkEntry entry;
+  };
+  [[nodiscard]] Result<Found> find_chunk(std::uint64_t row, std::uint64_t column) const;
   [[nodiscard]] Status close_page();
   [[nodiscard]] std::uint64_t refs_bytes() const;
 
@@ -60,16 +74,17 @@ class DirectoryWriter {
   std::vector<std::uint64_t> resolution_ends_;  // [resolution]
 };
 
-/// Passes the bytes of a temporary file on, part by part, and gives the disk space of each part back.
+/// Passes the bytes of a temporary file on, part by part, and gives the disk space of each part back. They stay if they
+/// are to be read again.
 template <class Append>
-[[nodiscard]] Status move_bytes(TempFile& from, const Append& append) {
+[[nodiscard]] Status move_bytes(TempFile& from, const Append& append, bool stay = false) {
   constexpr std::uint64_t copied_at_once = 1u << 20;
   Bytes part(std::min(from.size(), copied_at_once));
   for (std::uint64_t offset = 0; offset < from.size(); offset += part.size()) {
     part.resize(std::min<std::uint64_t>(part.size(), from.size() - offset));
     SPLATVOL_TRY(from.read(offset, part));
     SPLATVOL_TRY(append(std::span<const std::byte>(part)));
-    from.release(offset, part.size());
+    if (!stay) from.release(offset, part.size());
   }
   return {};
 }

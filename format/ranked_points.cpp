@@ -1,12 +1,11 @@
 #include "format/ranked_points.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <string>
 #include <utility>
 
 #include "format/last_used.h"
+#include "format/volume_chunks.h"
 
 namespace splatvol::format {
 namespace {
@@ -27,11 +26,10 @@ RankTable table_of(RankPage page) {
 }  // namespace
 
 struct RankedPoints::Held {
-  const Volume& volume;
+  std::shared_ptr<const ChunkSource> chunks;
   ReadRankPage read_rank_page;
   std::uint64_t memory;
   LastUsed<std::size_t, RankTable> ranks = {};
-  LastUsed<std::uint64_t, DirectoryPage> directory = {};
   LastUsed<std::uint64_t, std::vector<dvec3>> positions = {};               // group
   LastUsed<std::pair<int, std::uint64_t>, std::vector<float>> values = {};  // attribute, group
 
@@ -41,54 +39,37 @@ struct RankedPoints::Held {
     return &ranks.add(page, table_of(std::move(read)), rank_page_points * 9, memory / 4);
   }
 
-  // Reads and unpacks a chunk of a group by unpack(entry, packed, what).
-  template <class Unpack>
-  Status read_chunk(std::uint64_t group, ColumnKind kind, int attribute, const Unpack& unpack) {
-    const int column = volume.info().find_column(kind, attribute);
-    const std::uint64_t row = volume.rows().row(volume.rows().group(group).segment, group);
-    const std::uint64_t number = volume.directory_page_of_row(row, column);
-    const DirectoryPage* page = directory.find(number);
-    if (!page) {
-      SPLATVOL_TRY_ASSIGN(read, volume.read_directory_page(number));
-      const std::uint64_t bytes = read.memory_bytes();
-      page = &directory.add(number, std::move(read), bytes, memory / 8);
-    }
-    const ChunkLocation& location = volume.find_chunk(*page, row, column);
-    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(location.offset, location.entry.packed_bytes));
-    return unpack(location.entry, packed, fmt::format("{}: chunk at {}", volume.name(), location.offset));
-  }
-
   Result<const std::vector<dvec3>*> positions_of(std::uint64_t group) {
     if (const auto* held = positions.find(group)) return held;
-    const VolumeInfo& info = volume.info();
-    std::vector<dvec3> read(volume.rows().group(group).count);
-    SPLATVOL_TRY(
-        read_chunk(group, ColumnKind::position, -1, [&](const auto& entry, const auto& packed, const auto& what) {
-          return unpack_positions(entry, packed, read, info.cube, what);
-        }));
+    SPLATVOL_TRY_ASSIGN(chunk, chunks->read_chunk(ColumnKind::position, -1, group));
+    std::vector<dvec3> read(chunks->rows().group(group).count);
+    SPLATVOL_TRY(unpack_positions(chunk.entry, chunk.bytes, read, chunks->info().cube, "positions of cells' corners"));
     const std::uint64_t bytes = read.size() * sizeof(dvec3);
     return &positions.add(group, std::move(read), bytes, memory / 2);
   }
 
   Result<const std::vector<float>*> values_of(int attribute, std::uint64_t group) {
     if (const auto* held = values.find({attribute, group})) return held;
-    std::vector<float> read(volume.rows().group(group).count);
-    SPLATVOL_TRY(
-        read_chunk(group, ColumnKind::value, attribute, [&](const auto& entry, const auto& packed, const auto& what) {
-          return unpack_values(entry, packed, read, what);
-        }));
+    SPLATVOL_TRY_ASSIGN(chunk, chunks->read_chunk(ColumnKind::value, attribute, group));
+    std::vector<float> read(chunks->rows().group(group).count);
+    SPLATVOL_TRY(unpack_values(chunk.entry, chunk.bytes, read, "values of cells' corners"));
     const std::uint64_t bytes = read.size() * sizeof(float);
     return &values.add({attribute, group}, std::move(read), bytes, memory / 4);
   }
 };
 
-RankedPoints::RankedPoints(const Volume& volume, ReadRankPage read_rank_page, std::uint64_t memory)
-    : held_(std::make_unique<Held>(Held{volume, std::move(read_rank_page), memory})) {}
+RankedPoints::RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page, std::uint64_t memory)
+    : held_(std::make_unique<Held>(Held{std::move(chunks), std::move(read_rank_page), memory})) {}
+
+RankedPoints::RankedPoints(const CellReader& cells, std::uint64_t memory)
+    : RankedPoints(
+          std::make_shared<VolumeChunks>(cells.volume(), memory / 8),
+          [&cells](std::size_t page) { return cells.read_rank_page(page); }, memory) {}
 RankedPoints::~RankedPoints() = default;
 
 Status RankedPoints::find(std::span<const std::uint64_t> ranks, std::vector<Place>& places) {
-  const RowLayout& rows = held_->volume.rows();
-  const VolumeInfo& info = held_->volume.info();
+  const RowLayout& rows = held_->chunks->rows();
+  const VolumeInfo& info = held_->chunks->info();
   places.clear();
   places.reserve(ranks.size());
   const RankTable* table = nullptr;

@@ -10,6 +10,7 @@
 #include "base/error.h"
 #include "base/math.h"
 #include "format/cell_reader.h"
+#include "format/chunk_source.h"
 
 namespace splatvol::format {
 
@@ -19,12 +20,11 @@ class RankedPoints {
  public:
   using ReadRankPage = std::function<Result<RankPage>(std::size_t page)>;
 
-  /// `memory`: bytes to hold, besides what one call needs. The volume must outlive this, and what `read_rank_page`
-  /// needs.
-  RankedPoints(const Volume& volume, ReadRankPage read_rank_page, std::uint64_t memory);
-  RankedPoints(const CellReader& cells, std::uint64_t memory)
-      : RankedPoints(
-            cells.volume(), [&cells](std::size_t page) { return cells.read_rank_page(page); }, memory) {}
+  /// `memory`: bytes to hold, besides what one call needs. What `read_rank_page` needs must outlive this.
+  RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page, std::uint64_t memory);
+
+  /// The same for a file, at its step. The reader must outlive this.
+  RankedPoints(const CellReader& cells, std::uint64_t memory);
   ~RankedPoints();
 
   /// A point of the file: its number in a group.

@@ -17,6 +17,24 @@ constexpr std::uint64_t padded_rows_bytes = 16u << 20;
 
 }  // namespace
 
+// The rows of a file that is being written.
+class VolumeWriter::Chunks final : public ChunkSource {
+ public:
+  Chunks(const VolumeWriter& writer, std::unique_ptr<ByteSource> file) : writer_(writer), file_(std::move(file)) {}
+
+  [[nodiscard]] const VolumeInfo& info() const override { return writer_.info_; }
+  [[nodiscard]] const RowLayout& rows() const override { return writer_.rows(); }
+  [[nodiscard]] Result<PackedChunk> read_chunk(ColumnKind kind, int attribute, std::uint64_t group) const override {
+    return writer_.directory_.read_chunk(
+        info().columns, kind, attribute, group,
+        [&](std::uint64_t offset, std::span<std::byte> bytes) { return file_->read(offset, bytes); });
+  }
+
+ private:
+  const VolumeWriter& writer_;
+  std::unique_ptr<ByteSource> file_;
+};
+
 VolumeWriter::VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, TempFile directory_tail)
     : file_(std::move(file)),
       info_(std::move(info)),
@@ -149,31 +167,10 @@ Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const st
   if (info_.cells.has_value() != static_cast<bool>(write_cells_))
     return fail(ErrorCode::invalid_argument, "cells that are not described, or the other way round");
 
+  // The preamble comes last: only now is every offset known.
   SPLATVOL_TRY_ASSIGN(tail, append_tail(histograms));
-  tail.directory_root =
-      directory_.pack_root(front_bytes_ + metadata_.size() + index_.root.bytes.size(), tail.directory_offset);
-  if (!write_cells_) return close(tail, steps);
-  // Cells need the file: it is whole without them before they are added.
-  SPLATVOL_TRY(close(tail, steps));
-  SPLATVOL_TRY_ASSIGN(source, open_file(file_.path_to_write()));
-  SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
-  file_.seek(tail.cells_offset);
-  StreamHash hash;
-  SPLATVOL_TRY(write_cells_(*volume, [&](std::span<const std::byte> bytes) {
-    hash.add(bytes);
-    return file_.append(bytes);
-  }));
-  tail.cells_bytes = file_.position() - tail.cells_offset;
-  tail.cells_hash = hash.value();
-  return close(tail, steps);
-}
-
-// Writes all that needs the offsets of the sections, which are in the file.
-Status VolumeWriter::close(const Tail& tail, std::span<const std::unique_ptr<StepWriter>> steps) {
   const Bytes padding(rows_offset_ - padding_offset_);
-  sections_.clear();
   add_sections(tail, padding);
-  file_.seek(tail.cells_offset + tail.cells_bytes);
   shared_bytes_ = file_.position() + sizeof(Footer);
   if (info_.series) SPLATVOL_TRY(append_steps(steps));
   file_bytes_ = file_.position() + sizeof(Footer);
@@ -194,6 +191,24 @@ Status VolumeWriter::check(const Checking& checking) const {
   if (checked || checked.error().code == ErrorCode::cancelled) return checked;
   return fail(checked.error().code, "the finished file is not kept, as reading it back finds it wrong: {}",
               checked.error().message);
+}
+
+Result<std::shared_ptr<const ChunkSource>> VolumeWriter::chunks() const {
+  SPLATVOL_TRY_ASSIGN(file, open_file(file_.path_to_write()));
+  return std::make_shared<const Chunks>(*this, std::move(file));
+}
+
+Status VolumeWriter::append_cells(Tail& tail) {
+  SPLATVOL_TRY_ASSIGN(chunks, this->chunks());
+  StreamHash hash;
+  const auto append = [&](std::span<const std::byte> bytes) {
+    hash.add(bytes);
+    return file_.append(bytes);
+  };
+  SPLATVOL_TRY(write_cells_(std::move(chunks), append));
+  tail.cells_bytes = file_.position() - tail.cells_offset;
+  tail.cells_hash = hash.value();
+  return {};
 }
 
 Status VolumeWriter::append_steps(std::span<const std::unique_ptr<StepWriter>> steps) {
@@ -217,10 +232,13 @@ Result<VolumeWriter::Tail> VolumeWriter::append_tail(const Histograms& histogram
   tail.index_offset = file_.position();
   SPLATVOL_TRY(move_bytes(index_.pages, append));
   tail.directory_offset = file_.position();
-  SPLATVOL_TRY(move_bytes(directory_.tail(), append));
+  SPLATVOL_TRY(move_bytes(directory_.tail(), append, static_cast<bool>(write_cells_)));
   tail.boundary_offset = file_.position();
   SPLATVOL_TRY(file_.append(boundary_));
   tail.cells_offset = file_.position();
+  if (write_cells_) SPLATVOL_TRY(append_cells(tail));
+  tail.directory_root =
+      directory_.pack_root(front_bytes_ + metadata_.size() + index_.root.bytes.size(), tail.directory_offset);
   return tail;
 }
 

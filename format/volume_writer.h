@@ -11,6 +11,7 @@
 #include "base/error.h"
 #include "base/file.h"
 #include "base/temp_file.h"
+#include "format/chunk_source.h"
 #include "format/columns.h"
 #include "format/directory_writer.h"
 #include "format/layout.h"
@@ -23,13 +24,11 @@ namespace splatvol::format {
 /// [attribute]: of the values as stored.
 using Histograms = std::vector<Histogram>;
 
-class Volume;
-
 /// Appends bytes to a part of a file.
 using AppendBytes = std::function<Status(std::span<const std::byte>)>;
 
-/// Writes the section of cells. `volume`: the file, whole but for this section.
-using WriteCells = std::function<Status(const Volume& volume, const AppendBytes& append)>;
+/// Writes the section of cells. `chunks`: the rows of the file, which are all there.
+using WriteCells = std::function<Status(std::shared_ptr<const ChunkSource> chunks, const AppendBytes& append)>;
 
 /// Writes a file row by row, in row order. The file gets its name in `finish`. Holds some MiB, however many rows there
 /// are. Not thread-safe; the chunks may be packed on several threads beforehand.
@@ -96,10 +95,14 @@ class VolumeWriter {
 
   [[nodiscard]] const RowLayout& rows() const { return directory_.rows(); }
 
+  /// Returns the rows of the file, once all have been added and until it is finished. This must outlive it.
+  [[nodiscard]] Result<std::shared_ptr<const ChunkSource>> chunks() const;
+
   /// Bytes of the finished file; 0 before.
   [[nodiscard]] std::uint64_t file_bytes() const { return file_bytes_; }
 
  private:
+  class Chunks;
   VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, TempFile directory_tail);
   [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> begin(AtomicFile file, VolumeInfo info, PackedIndex index,
                                                                    const std::string& temporary_folder);
@@ -124,7 +127,7 @@ class VolumeWriter {
     std::uint64_t cells_hash = hash_bytes({});
   };
   [[nodiscard]] Result<Tail> append_tail(const Histograms& histograms);
-  [[nodiscard]] Status close(const Tail& tail, std::span<const std::unique_ptr<StepWriter>> steps);
+  [[nodiscard]] Status append_cells(Tail& tail);
   [[nodiscard]] Status append_steps(std::span<const std::unique_ptr<StepWriter>> steps);
   void add_sections(const Tail& tail, const Bytes& padding);
   [[nodiscard]] Bytes pack_section_table() const;

@@ -43,13 +43,11 @@ std::vector<std::uint64_t> segment_counts(const format::VolumeInfo& info) {
   return counts;
 }
 
-// Pages of ranks that the present file has, but not within its length as it is open.
+// The pages of ranks, of which chunks need some again.
 class RankPages {
  public:
-  RankPages(const format::Volume& volume, TempFile file)
-      : counts_(segment_counts(volume.info())),
-        points_(volume.info().resolution_counts.back()),
-        file_(std::move(file)) {}
+  RankPages(const format::VolumeInfo& info, TempFile file)
+      : counts_(segment_counts(info)), points_(info.resolution_counts.back()), file_(std::move(file)) {}
 
   // Makes all pages, and calls visit(ref, packed) for each.
   template <class Visit>
@@ -93,12 +91,12 @@ class RankPages {
 class ChunkMaker {
  public:
   // `vertices`: null if the corners are points.
-  ChunkMaker(const format::Volume& volume, const RankPages& ranks, const VertexSort* vertices, std::uint64_t memory)
-      : info_(volume.info()),
+  ChunkMaker(std::shared_ptr<const format::ChunkSource> chunks, const RankPages& ranks, const VertexSort* vertices,
+             std::uint64_t memory)
+      : info_(chunks->info()),
         points_(
-            volume, [&ranks](std::size_t page) { return ranks.read(page); }, memory),
-        vertices_([vertices, &cube = volume.info().cube](std::size_t page) { return vertices->read(page, cube); },
-                  memory / 2) {
+            std::move(chunks), [&ranks](std::size_t page) { return ranks.read(page); }, memory),
+        vertices_([vertices, &cube = info_.cube](std::size_t page) { return vertices->read(page, cube); }, memory / 2) {
     for (const format::Attribute& attribute : info_.attributes) bins_.push_back(format::bins_of(attribute));
   }
 
@@ -298,14 +296,14 @@ class SectionWriter {
 // Makes chunks on several threads, and writes them in order.
 class ChunkPipeline {
  public:
-  ChunkPipeline(MeshCells& cells, const format::Volume& volume, const RankPages& ranks, std::uint64_t memory,
-                SectionWriter& writer, const std::function<void(double)>& progress)
+  ChunkPipeline(MeshCells& cells, std::shared_ptr<const format::ChunkSource> chunks, const RankPages& ranks,
+                std::uint64_t memory, SectionWriter& writer, const std::function<void(double)>& progress)
       : cells_(cells),
         writer_(writer),
         progress_(progress),
         threads_(static_cast<std::size_t>(tbb::this_task_arena::max_concurrency())),
-        makers_([&volume, &ranks, vertices = cells.vertices(), bytes = memory / threads_] {
-          return ChunkMaker(volume, ranks, vertices, bytes);
+        makers_([chunks = std::move(chunks), &ranks, vertices = cells.vertices(), bytes = memory / threads_] {
+          return ChunkMaker(chunks, ranks, vertices, bytes);
         }) {}
 
   Result<CellReport> run() {
@@ -364,13 +362,13 @@ class ChunkPipeline {
 
 }  // namespace
 
-Result<CellReport> write_cells(MeshCells& cells, const format::Volume& volume, std::uint64_t memory,
-                               const std::string& folder,
+Result<CellReport> write_cells(MeshCells& cells, std::shared_ptr<const format::ChunkSource> chunks,
+                               std::uint64_t memory, const std::string& folder,
                                const std::function<Status(std::span<const std::byte>)>& append,
                                const std::function<void(double)>& progress) {
-  SectionWriter writer(volume.info().attributes.size(), append);
+  SectionWriter writer(chunks->info().attributes.size(), append);
   SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder));
-  RankPages ranks(volume, std::move(file));
+  RankPages ranks(chunks->info(), std::move(file));
   SPLATVOL_TRY(ranks.make(cells, [&](const format::RankPageRef& page, std::span<const std::byte> packed) {
     return writer.add(page, packed);
   }));
@@ -381,7 +379,7 @@ Result<CellReport> write_cells(MeshCells& cells, const format::Volume& volume, s
       SPLATVOL_TRY(writer.add(vertices->pages()[page], packed));
     }
   }
-  SPLATVOL_TRY_ASSIGN(report, ChunkPipeline(cells, volume, ranks, memory, writer, progress).run());
+  SPLATVOL_TRY_ASSIGN(report, ChunkPipeline(cells, std::move(chunks), ranks, memory, writer, progress).run());
   report.collapsed = cells.collapsed();
   SPLATVOL_TRY_ASSIGN(bytes, writer.finish());
   report.bytes = bytes;

@@ -3,12 +3,13 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <span>
 #include <string>
 
 #include "base/error.h"
 #include "builder/cells/mesh_cells.h"
-#include "format/volume.h"
+#include "format/chunk_source.h"
 
 namespace splatvol {
 
@@ -22,10 +23,10 @@ struct CellReport {
   std::uint64_t bytes = 0;  // of the section
 };
 
-/// Writes the section front to back through `append`. `volume`: the file, whole but for this section, whose points give
-/// boxes and ranges. `memory`: bytes to hold; `folder`: for the rest. Works on all of TBB's threads.
-[[nodiscard]] Result<CellReport> write_cells(MeshCells& cells, const format::Volume& volume, std::uint64_t memory,
-                                             const std::string& folder,
+/// Writes the section front to back through `append`. `chunks`: the rows of the file, whose points give boxes and
+/// ranges. `memory`: bytes to hold; `folder`: for the rest. Works on all of TBB's threads.
+[[nodiscard]] Result<CellReport> write_cells(MeshCells& cells, std::shared_ptr<const format::ChunkSource> chunks,
+                                             std::uint64_t memory, const std::string& folder,
                                              const std::function<Status(std::span<const std::byte>)>& append,
                                              const std::function<void(double)>& progress);
 

@@ -108,9 +108,9 @@ Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const
       progress("sorting cells", 0);
       SPLATVOL_TRY(cells->sort());
       reduced.info.cells = format::CellsInfo{cells->hash()};
-      add_cells = [&](const format::Volume& volume, const format::AppendBytes& append) -> Status {
+      add_cells = [&](std::shared_ptr<const format::ChunkSource> chunks, const format::AppendBytes& append) -> Status {
         const auto write = [&](double fraction) { progress("writing cells", fraction); };
-        SPLATVOL_TRY_SET(kept, write_cells(*cells, volume, options.memory / 4, folder, append, write));
+        SPLATVOL_TRY_SET(kept, write_cells(*cells, std::move(chunks), options.memory / 4, folder, append, write));
         return {};
       };
     }
