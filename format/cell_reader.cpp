@@ -45,8 +45,13 @@ std::vector<Record> take_records(std::span<const std::byte>& bytes, std::uint64_
 
 }  // namespace
 
-CellReader::CellReader(const Volume& volume, const SectionEntry& section)
-    : volume_(volume), section_(section), counts_(segment_counts(volume.info())) {}
+CellReader::CellReader(const VolumeInfo& info, std::string name, std::uint64_t bytes, ReadBytes read)
+    : info_(info),
+      name_(std::move(name)),
+      bytes_(bytes),
+      read_(std::move(read)),
+      attributes_(info.series ? 0 : info.attributes.size()),
+      counts_(segment_counts(info)) {}
 
 bool CellReader::has_cells(const Volume& volume) {
   return std::ranges::find(volume.sections(), SectionKind::cells_draft, &SectionEntry::kind) != volume.sections().end();
@@ -55,30 +60,62 @@ bool CellReader::has_cells(const Volume& volume) {
 Result<std::unique_ptr<const CellReader>> CellReader::open(const Volume& volume) {
   const auto section = std::ranges::find(volume.sections(), SectionKind::cells_draft, &SectionEntry::kind);
   if (section == volume.sections().end()) return nullptr;
-  std::unique_ptr<CellReader> reader(new CellReader(volume, *section));
+  const auto read = [&volume, begin = section->offset](std::uint64_t offset, std::uint64_t count) {
+    return volume.read_bytes(begin + offset, count);
+  };
+  std::unique_ptr<CellReader> reader(new CellReader(volume.info(), volume.name(), section->packed_bytes, read));
+  reader->volume_ = &volume;
+  SPLATVOL_TRY(reader->read_root());
+  if (volume.series()) SPLATVOL_TRY(reader->read_step());
+  return reader;
+}
+
+Result<std::unique_ptr<const CellReader>> CellReader::open(const VolumeInfo& info, std::string name,
+                                                           std::uint64_t bytes, ReadBytes read) {
+  std::unique_ptr<CellReader> reader(new CellReader(info, std::move(name), bytes, std::move(read)));
   SPLATVOL_TRY(reader->read_root());
   return reader;
 }
 
 tl::unexpected<Error> CellReader::broken(std::string_view rule) const {
-  return fail(ErrorCode::invalid_data, "{}: {} [R23]", volume_.name(), rule);
+  return fail(ErrorCode::invalid_data, "{}: {} [R23]", name_, rule);
 }
 
-Result<Bytes> CellReader::read_bytes(std::uint64_t offset, std::uint64_t count) const {
-  return volume_.read_bytes(section_.offset + offset, count);
+// The table of a step's pages of summaries is the last part of their section.
+Status CellReader::read_step() {
+  const std::vector<SectionEntry> sections = volume_->step_sections();
+  const auto section = std::ranges::find(sections, SectionKind::cell_summaries_draft, &SectionEntry::kind);
+  if (section == sections.end()) return {};
+  const std::uint64_t table = pages_.size() * sizeof(SummaryPageRef) + sizeof(std::uint64_t);
+  if (table > section->packed_bytes) return broken("the summaries of cells have the wrong length");
+  step_offset_ = volume_->series()->steps[volume_->step()].offset + section->offset;
+  SPLATVOL_TRY_ASSIGN(bytes, volume_->read_bytes(step_offset_ + section->packed_bytes - table, table));
+  std::span<const std::byte> records = std::span<const std::byte>(bytes).first(table - sizeof(std::uint64_t));
+  if (hash_bytes(records) != read_record<std::uint64_t>(bytes, records.size()))
+    return broken("the summaries of cells: checksum mismatch");
+  step_pages_ = take_records<SummaryPageRef>(records, pages_.size());
+  std::uint64_t next = 0;
+  for (std::size_t page = 0; page < pages_.size(); ++page) {
+    const SummaryPageRef& ref = step_pages_[page];
+    if (ref.offset != next || ref.page_bytes > section->packed_bytes - table - next ||
+        ref.node_count != pages_[page].chunks)
+      return broken("the summaries of cells do not tile their section");
+    next += ref.page_bytes;
+  }
+  return next == section->packed_bytes - table ? Status{} : broken("the summaries of cells do not tile their section");
 }
 
 // Numbers that the file states take no memory before its own length backs them.
 Status CellReader::read_root() {
-  const std::uint64_t section = section_.packed_bytes;
+  const std::uint64_t section = bytes_;
   if (section < sizeof(CellsTail)) return broken("the section of cells is too short");
   const std::uint64_t first = std::min(section, first_read_bytes);
-  SPLATVOL_TRY_ASSIGN(bytes, read_bytes(section - first, first));
+  SPLATVOL_TRY_ASSIGN(bytes, read_(section - first, first));
   const auto tail = read_record<CellsTail>(bytes, bytes.size() - sizeof(CellsTail));
   if (tail.version != draft)
     return fail(ErrorCode::unsupported, "{}: its cells are of a draft that this program does not read: build it again",
-                volume_.name());
-  const std::uint64_t points = volume_.info().resolution_counts.back(), left = section - sizeof(CellsTail);
+                name_);
+  const std::uint64_t points = info_.resolution_counts.back(), left = section - sizeof(CellsTail);
   const std::uint64_t rank_pages = (points + rank_page_points - 1) / rank_page_points;
   const std::uint64_t vertex_pages = tail.vertices / vertex_page_points + (tail.vertices % vertex_page_points > 0);
   if (tail.kinds > left / sizeof(CellKind) || tail.pages > left / sizeof(CellPageRef) ||
@@ -90,7 +127,7 @@ Status CellReader::read_root() {
   vertex_count_ = tail.vertices;
   root_bytes_ = root + sizeof(CellsTail);
   if (root_bytes_ > bytes.size()) {
-    SPLATVOL_TRY_ASSIGN(whole, read_bytes(section - root_bytes_, root_bytes_));
+    SPLATVOL_TRY_ASSIGN(whole, read_(section - root_bytes_, root_bytes_));
     bytes = std::move(whole);
   }
   return take_root(std::span<const std::byte>(bytes).last(root_bytes_), tail);
@@ -101,8 +138,8 @@ Status CellReader::take_root(std::span<const std::byte> root, const CellsTail& t
   if (hash_bytes(records) != tail.hash) return broken("the root of the cells: checksum mismatch");
   kinds_ = take_records<CellKind>(records, tail.kinds);
   pages_ = take_records<CellPageRef>(records, tail.pages);
-  rank_pages_ = take_records<RankPageRef>(
-      records, (volume_.info().resolution_counts.back() + rank_page_points - 1) / rank_page_points);
+  rank_pages_ =
+      take_records<RankPageRef>(records, (info_.resolution_counts.back() + rank_page_points - 1) / rank_page_points);
   vertex_pages_ = take_records<VertexPageRef>(records, records.size() / sizeof(VertexPageRef));
   chunk_count_ = tail.chunks;
   return check_tiling();
@@ -110,8 +147,8 @@ Status CellReader::take_root(std::span<const std::byte> root, const CellsTail& t
 
 // Pages of ranks and of vertices; then the chunks of each page of chunks, and the page; then the root.
 Status CellReader::check_tiling() const {
-  const std::uint64_t end = section_.packed_bytes - root_bytes_;
-  const std::uint64_t table = (1 + volume_.info().attributes.size()) * sizeof(IndexPagePart);
+  const std::uint64_t end = bytes_ - root_bytes_;
+  const std::uint64_t table = (1 + attributes_) * sizeof(IndexPagePart);
   const auto untiled = [&] { return broken("parts of the cells do not tile their section"); };
   std::uint64_t next = 0, chunks = 0;
   for (const RankPageRef& page : rank_pages_) {
@@ -174,30 +211,37 @@ Status CellReader::check_entry(const CellChunkEntry& entry) const {
   return {};
 }
 
-Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes& attributes) const {
-  const CellPageRef& ref = pages_[page];
-  const std::string what = fmt::format("{}: page {} of the cells", volume_.name(), page);
-  const std::size_t parts = 1 + volume_.info().attributes.size(), table = parts * sizeof(IndexPagePart);
-  SPLATVOL_TRY_ASSIGN(bytes, read_bytes(ref.offset, ref.page_bytes));
-  if (hash_bytes(std::span(bytes).first(table)) != ref.hash)
+// Finds the parts of a page. The first has `first_bytes` for each chunk, the others are summaries.
+Result<CellReader::Parts> CellReader::read_parts(Bytes bytes, std::uint64_t hash, std::size_t count,
+                                                 std::size_t first_bytes, std::uint32_t chunks,
+                                                 const std::string& what) const {
+  Parts parts{std::move(bytes), {}};
+  const std::size_t table = count * sizeof(IndexPagePart);
+  if (parts.bytes.size() < table || hash_bytes(std::span(parts.bytes).first(table)) != hash)
     return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
-  std::vector<std::pair<std::uint64_t, IndexPagePart>> at;  // offset, part
   std::uint64_t end = table;
-  for (std::size_t p = 0; p < parts; ++p) {
-    const auto part = read_record<IndexPagePart>(bytes, p * sizeof(IndexPagePart));
-    const std::uint64_t length = ref.chunks * (p == 0 ? sizeof(CellChunkEntry) : summary_bytes);
-    if (part.unpacked_bytes != length || part.packed_bytes > length || part.packed_bytes > ref.page_bytes - end)
+  for (std::size_t p = 0; p < count; ++p) {
+    const auto part = read_record<IndexPagePart>(parts.bytes, p * sizeof(IndexPagePart));
+    const std::uint64_t length = chunks * (p == 0 ? first_bytes : summary_bytes);
+    if (part.unpacked_bytes != length || part.packed_bytes > length || part.packed_bytes > parts.bytes.size() - end)
       return broken("a part of a page of cells has the wrong length");
-    at.emplace_back(end, part);
+    parts.at.emplace_back(end, part);
     end += part.packed_bytes;
   }
-  if (end != ref.page_bytes) return broken("a page of cells has bytes left over");
-  const auto packed = [&](std::size_t p) {
-    return std::span<const std::byte>(bytes).subspan(at[p].first, at[p].second.packed_bytes);
-  };
+  if (end != parts.bytes.size()) return broken("a page of cells has bytes left over");
+  return parts;
+}
 
+Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes& attributes) const {
+  const CellPageRef& ref = pages_[page];
+  const std::string what = fmt::format("{}: page {} of the cells", name_, page);
+  SPLATVOL_TRY_ASSIGN(bytes, read_(ref.offset, ref.page_bytes));
+  SPLATVOL_TRY_ASSIGN(
+      parts, read_parts(std::move(bytes), ref.hash, 1 + attributes_, sizeof(CellChunkEntry), ref.chunks, what));
   CellPage read;
-  SPLATVOL_TRY_ASSIGN(entries, unpack_checked(at[0].second, packed(0), what));
+  const auto packed =
+      std::span<const std::byte>(parts.bytes).subspan(parts.at[0].first, parts.at[0].second.packed_bytes);
+  SPLATVOL_TRY_ASSIGN(entries, unpack_checked(parts.at[0].second, packed, what));
   std::span<const std::byte> records = entries;
   read.chunks = take_records<CellChunkEntry>(records, ref.chunks);
   std::uint64_t next = page > 0 ? pages_[page - 1].offset + pages_[page - 1].page_bytes : rank_bytes() + vertex_bytes();
@@ -208,53 +252,65 @@ Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes
     next += entry.packed_bytes;
   }
   if (next != ref.offset) return broken("chunks of cells do not tile their section");
-  const auto summaries = [&](int attribute) {
-    const std::size_t p = 1 + static_cast<std::size_t>(attribute);
-    return unpack_summaries(at[p].second, packed(p), ref.chunks, what);
-  };
-  if (attributes.values >= 0) {
-    SPLATVOL_TRY_ASSIGN(values, summaries(attributes.values));
-    read.summaries = std::move(values);
-  }
-  if (attributes.opacity >= 0) {
-    SPLATVOL_TRY_ASSIGN(opacity, summaries(attributes.opacity));
-    read.opacity_summaries = std::move(opacity);
-  }
+  if (attributes.values >= 0) SPLATVOL_TRY_SET(read.summaries, read_summaries(page, attributes.values, parts));
+  if (attributes.opacity >= 0)
+    SPLATVOL_TRY_SET(read.opacity_summaries, read_summaries(page, attributes.opacity, parts));
   return read;
 }
 
+// `parts`: of the page of chunks; those of a series have their summaries in the step.
+Result<std::vector<ValueSummary>> CellReader::read_summaries(std::size_t page, int attribute,
+                                                             const Parts& parts) const {
+  const std::uint32_t chunks = pages_[page].chunks;
+  const std::string what = fmt::format("{}: summaries of page {} of the cells", name_, page);
+  const auto unpack = [&](const Parts& from, std::size_t p) {
+    const auto [offset, part] = from.at[p];
+    return unpack_summaries(part, std::span<const std::byte>(from.bytes).subspan(offset, part.packed_bytes), chunks,
+                            what);
+  };
+  if (!info_.series) return unpack(parts, 1 + static_cast<std::size_t>(attribute));
+  if (step_pages_.empty()) {
+    constexpr float all = largest_stored_value;
+    return std::vector<ValueSummary>(chunks, {-all, all, ~std::uint64_t{0}});
+  }
+  const SummaryPageRef& ref = step_pages_[page];
+  SPLATVOL_TRY_ASSIGN(bytes, volume_->read_bytes(step_offset_ + ref.offset, ref.page_bytes));
+  SPLATVOL_TRY_ASSIGN(step_parts,
+                      read_parts(std::move(bytes), ref.hash, info_.attributes.size(), summary_bytes, chunks, what));
+  return unpack(step_parts, static_cast<std::size_t>(attribute));
+}
+
 Result<CellChunk> CellReader::read_chunk(const CellChunkEntry& entry) const {
-  SPLATVOL_TRY_ASSIGN(packed, read_bytes(entry.offset, entry.packed_bytes));
-  const std::string what = fmt::format("{}: cells at {}", volume_.name(), section_.offset + entry.offset);
-  return unpack_cells(entry, packed, volume_.info().resolution_counts.back(), vertex_count_, what);
+  SPLATVOL_TRY_ASSIGN(packed, read_(entry.offset, entry.packed_bytes));
+  const std::string what = fmt::format("{}: cells at {}", name_, entry.offset);
+  return unpack_cells(entry, packed, info_.resolution_counts.back(), vertex_count_, what);
 }
 
 Result<std::vector<dvec3>> CellReader::read_vertex_page(std::size_t page) const {
   const VertexPageRef& ref = vertex_pages_[page];
-  SPLATVOL_TRY_ASSIGN(packed, read_bytes(ref.offset, ref.packed_bytes));
+  SPLATVOL_TRY_ASSIGN(packed, read_(ref.offset, ref.packed_bytes));
   const std::uint64_t first = page * std::uint64_t{vertex_page_points};
   std::vector<dvec3> vertices(std::min<std::uint64_t>(vertex_page_points, vertex_count_ - first));
   ChunkEntry entry{};
   entry.hash = ref.hash;
   entry.packed_bytes = ref.packed_bytes;
   entry.unpacked_bytes = ref.unpacked_bytes;
-  const std::string what = fmt::format("{}: page {} of vertices", volume_.name(), page);
-  SPLATVOL_TRY(unpack_vertices(entry, packed, vertices, volume_.info().cube, what));
+  const std::string what = fmt::format("{}: page {} of vertices", name_, page);
+  SPLATVOL_TRY(unpack_vertices(entry, packed, vertices, info_.cube, what));
   return vertices;
 }
 
 Status CellReader::check_bytes(const CellChunkEntry& entry) const {
-  SPLATVOL_TRY_ASSIGN(packed, read_bytes(entry.offset, entry.packed_bytes));
-  return check_packed(entry, packed, fmt::format("{}: cells at {}", volume_.name(), section_.offset + entry.offset));
+  SPLATVOL_TRY_ASSIGN(packed, read_(entry.offset, entry.packed_bytes));
+  return check_packed(entry, packed, fmt::format("{}: cells at {}", name_, entry.offset));
 }
 
 Result<RankPage> CellReader::read_rank_page(std::size_t page) const {
   const RankPageRef& ref = rank_pages_[page];
-  SPLATVOL_TRY_ASSIGN(packed, read_bytes(ref.offset, ref.packed_bytes));
+  SPLATVOL_TRY_ASSIGN(packed, read_(ref.offset, ref.packed_bytes));
   const std::uint64_t first = page * std::uint64_t{rank_page_points};
-  const std::uint64_t ranks =
-      std::min<std::uint64_t>(rank_page_points, volume_.info().resolution_counts.back() - first);
-  const std::string what = fmt::format("{}: page {} of ranks", volume_.name(), page);
+  const std::uint64_t ranks = std::min<std::uint64_t>(rank_page_points, info_.resolution_counts.back() - first);
+  const std::string what = fmt::format("{}: page {} of ranks", name_, page);
   return unpack_rank_page(ref, packed, first, ranks, counts_, what);
 }
 

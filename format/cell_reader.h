@@ -2,8 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
@@ -28,10 +30,17 @@ class CellReader {
   /// must outlive the reader.
   [[nodiscard]] static Result<std::unique_ptr<const CellReader>> open(const Volume& volume);
 
+  /// The same for a section that is not in a file yet. `info`: of the file it will be in, which must outlive the
+  /// reader; `bytes`: of the section; `read`: reads some of them, by the offset in the section.
+  using ReadBytes = std::function<Result<Bytes>(std::uint64_t offset, std::uint64_t count)>;
+  [[nodiscard]] static Result<std::unique_ptr<const CellReader>> open(const VolumeInfo& info, std::string name,
+                                                                      std::uint64_t bytes, ReadBytes read);
+
   /// Whether a file keeps cells.
   [[nodiscard]] static bool has_cells(const Volume& volume);
 
-  [[nodiscard]] const Volume& volume() const { return volume_; }
+  /// Requires a reader of a file.
+  [[nodiscard]] const Volume& volume() const { return *volume_; }
 
   /// Counts for each shape and field.
   [[nodiscard]] const std::vector<CellKind>& kinds() const { return kinds_; }
@@ -41,7 +50,7 @@ class CellReader {
   [[nodiscard]] std::uint64_t chunk_count() const { return chunk_count_; }
 
   /// Bytes of the section, of the pages of ranks, of the vertices, and of the pages of chunks with the root.
-  [[nodiscard]] std::uint64_t section_bytes() const { return section_.packed_bytes; }
+  [[nodiscard]] std::uint64_t section_bytes() const { return bytes_; }
   [[nodiscard]] std::uint64_t rank_bytes() const;
   [[nodiscard]] std::uint64_t vertex_bytes() const;
   [[nodiscard]] std::uint64_t directory_bytes() const;
@@ -49,8 +58,12 @@ class CellReader {
   /// Bytes held.
   [[nodiscard]] std::uint64_t memory_bytes() const;
 
-  /// Reads the entries of a page, and their summaries of these attributes.
+  /// Reads the entries of a page, and their summaries of these attributes. Of a step without summaries, each chunk may
+  /// have any value.
   [[nodiscard]] Result<CellPage> read_page(std::size_t page, const SummaryAttributes& attributes) const;
+
+  /// Whether a step has summaries. Without, its chunks count as visible.
+  [[nodiscard]] bool has_step_summaries() const { return !step_pages_.empty(); }
 
   /// Reads a chunk. Requires an entry of this file of a known shape and field.
   [[nodiscard]] Result<CellChunk> read_chunk(const CellChunkEntry& entry) const;
@@ -67,17 +80,31 @@ class CellReader {
   [[nodiscard]] Result<RankPage> read_rank_page(std::size_t page) const;
 
  private:
-  CellReader(const Volume& volume, const SectionEntry& section);
+  CellReader(const VolumeInfo& info, std::string name, std::uint64_t bytes, ReadBytes read);
   [[nodiscard]] Status read_root();
   [[nodiscard]] Status take_root(std::span<const std::byte> root, const CellsTail& tail);
   [[nodiscard]] Status check_tiling() const;
   [[nodiscard]] Status check_entry(const CellChunkEntry& entry) const;
-  [[nodiscard]] Result<Bytes> read_bytes(std::uint64_t offset, std::uint64_t count) const;
+  [[nodiscard]] Status read_step();
+  struct Parts {
+    Bytes bytes;                                              // of the page
+    std::vector<std::pair<std::uint64_t, IndexPagePart>> at;  // offset in the page, part
+  };
+  [[nodiscard]] Result<Parts> read_parts(Bytes bytes, std::uint64_t hash, std::size_t count, std::size_t first_bytes,
+                                         std::uint32_t chunks, const std::string& what) const;
+  [[nodiscard]] Result<std::vector<ValueSummary>> read_summaries(std::size_t page, int attribute,
+                                                                 const Parts& parts) const;
   [[nodiscard]] tl::unexpected<Error> broken(std::string_view rule) const;
 
-  const Volume& volume_;
-  SectionEntry section_;
-  std::vector<std::uint64_t> counts_;  // [segment]: points
+  const Volume* volume_ = nullptr;
+  const VolumeInfo& info_;
+  std::string name_;
+  std::uint64_t bytes_;
+  ReadBytes read_;
+  std::size_t attributes_;                  // of which pages of chunks have summaries
+  std::uint64_t step_offset_ = 0;           // in the file, of the summaries of a step
+  std::vector<SummaryPageRef> step_pages_;  // [page of chunks]
+  std::vector<std::uint64_t> counts_;       // [segment]: points
   std::uint64_t root_bytes_ = 0;
   std::uint64_t chunk_count_ = 0;
   std::vector<CellKind> kinds_;

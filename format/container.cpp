@@ -13,7 +13,9 @@ constexpr std::array required_sections = {SectionKind::metadata,       SectionKi
                                           SectionKind::directory_root, SectionKind::rows,
                                           SectionKind::index_pages,    SectionKind::directory_pages};
 
-bool is_raw_and_optional(SectionKind kind) { return kind == SectionKind::boundary || kind == SectionKind::cells_draft; }
+bool is_raw_and_optional(SectionKind kind) {
+  return kind == SectionKind::boundary || kind == SectionKind::cells_draft || kind == SectionKind::cell_summaries_draft;
+}
 
 bool is_known(SectionKind kind) {
   return kind == SectionKind::histograms || kind == SectionKind::summary_table || is_raw_and_optional(kind) ||
@@ -59,9 +61,10 @@ Bytes pack_front(Superblock superblock, bool is_step, std::span<const SectionEnt
   const auto has = [&](SectionKind kind) {
     return std::ranges::find(sections, kind, &SectionEntry::kind) != sections.end();
   };
-  superblock.minor_version = has(SectionKind::cells_draft) ? cells_minor_version
-                             : has(SectionKind::boundary)  ? boundary_minor_version
-                                                           : minor_version;
+  const bool has_cells = has(SectionKind::cells_draft) || has(SectionKind::cell_summaries_draft);
+  superblock.minor_version = has_cells                    ? cells_minor_version
+                             : has(SectionKind::boundary) ? boundary_minor_version
+                                                          : minor_version;
   superblock.section_count = static_cast<std::uint32_t>(sections.size());
   superblock.section_table_hash = hash_bytes(std::as_bytes(sections));
   seal(superblock);
@@ -171,6 +174,9 @@ Status Container::check_section_kinds() const {
     return broken("a boundary appears twice, or in a step [R8]");
   if (std::ranges::count(sections_, SectionKind::cells_draft, &SectionEntry::kind) > (kind_ == Kind::step ? 0 : 1))
     return broken("cells appear twice, or in a step [R8]");
+  if (std::ranges::count(sections_, SectionKind::cell_summaries_draft, &SectionEntry::kind) >
+      (kind_ == Kind::step ? 1 : 0))
+    return broken("summaries of cells appear twice, or in no step [R8]");
   for (const SectionKind kind : {SectionKind::metadata, SectionKind::index_root, SectionKind::directory_root}) {
     const SectionEntry& section = *find_section(kind);
     if (section.offset + section.packed_bytes > preamble_bytes()) return broken("a section passes the preamble [R1]");

@@ -60,7 +60,8 @@ enum class SectionKind : std::uint32_t {
   padding = 8,
   summary_table = 9,  // of a step
   boundary = 10,
-  cells_draft = 11,  // of a file that is built before the section is final: the final one has another kind
+  cells_draft = 11,           // of a file that is built before the section is final: the final one has another kind
+  cell_summaries_draft = 12,  // of a step
 };
 
 /// Returns the largest unpacked size of metadata of `packed_bytes` (rule R7). JSON takes many times its length in

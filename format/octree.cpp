@@ -339,6 +339,13 @@ SummaryPart find_summary_part(std::span<const std::byte> front, std::size_t attr
   return {offset, part_at(front, 1 + attribute)};
 }
 
+void append_part(Bytes& table, Bytes& parts, std::span<const std::byte> raw) {
+  const Bytes packed = pack(raw);
+  append_record(table, IndexPagePart{static_cast<std::uint32_t>(packed.size()), static_cast<std::uint32_t>(raw.size()),
+                                     hash_bytes(packed)});
+  parts.insert(parts.end(), packed.begin(), packed.end());
+}
+
 Bytes pack_summaries(std::span<const ValueSummary> summaries) {
   Bytes raw;
   for (const ValueSummary& summary : summaries) append_record(raw, summary.min);

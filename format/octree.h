@@ -181,6 +181,9 @@ struct SummaryPart {
   IndexPagePart part;
 };
 
+/// Packs a part of a page: appends what the part table has of it, and its bytes.
+void append_part(Bytes& table, Bytes& parts, std::span<const std::byte> raw);
+
 /// Return the summaries of nodes as they are in a part, and undo it. The second fails if the part holds another number
 /// of nodes. Safe on untrusted bytes.
 [[nodiscard]] Bytes pack_summaries(std::span<const ValueSummary> summaries);

@@ -8,12 +8,33 @@
 namespace splatvol::format {
 namespace {
 
-constexpr std::uint64_t section_count = 8;
+// A series that keeps cells has one more.
+constexpr std::uint64_t least_section_count = 8;
 
 // A longer summary table stands behind the rows: it would push coarse rows out of the preamble.
 constexpr std::uint64_t most_table_bytes_in_front = 32u << 10;
 
 }  // namespace
+
+// The rows of a step that is being written.
+class StepWriter::Chunks final : public ChunkSource {
+ public:
+  explicit Chunks(const StepWriter& writer) : writer_(writer) {}
+
+  [[nodiscard]] const VolumeInfo& info() const override { return writer_.info_; }
+  [[nodiscard]] const RowLayout& rows() const override { return writer_.directory_.rows(); }
+  [[nodiscard]] Result<PackedChunk> read_chunk(ColumnKind kind, int attribute, std::uint64_t group) const override {
+    return writer_.directory_.read_chunk(writer_.step_.columns, kind, attribute, group,
+                                         [&](std::uint64_t offset, std::span<std::byte> bytes) {
+                                           return writer_.row_bytes_.read(offset - writer_.rows_offset_, bytes);
+                                         });
+  }
+
+ private:
+  const StepWriter& writer_;
+};
+
+std::shared_ptr<const ChunkSource> StepWriter::chunks() const { return std::make_shared<const Chunks>(*this); }
 
 Bytes pack_metadata(std::span<const std::byte> raw) {
   Bytes packed = pack(raw);
@@ -31,13 +52,8 @@ Status SummaryWriter::add(std::span<const std::vector<ValueSummary>> summaries) 
     SPLATVOL_TRY(pages_.append(last_));
   }
   Bytes table, parts;
-  for (const std::vector<ValueSummary>& of_attribute : summaries) {
-    const Bytes raw = pack_summaries(of_attribute);
-    const Bytes packed = pack(raw);
-    append_record(table, IndexPagePart{static_cast<std::uint32_t>(packed.size()),
-                                       static_cast<std::uint32_t>(raw.size()), hash_bytes(packed)});
-    parts.insert(parts.end(), packed.begin(), packed.end());
-  }
+  for (const std::vector<ValueSummary>& of_attribute : summaries)
+    append_part(table, parts, pack_summaries(of_attribute));
   table_bytes_ = table.size();
   const auto nodes = static_cast<std::uint32_t>(summaries.front().size());
   const std::uint64_t hash = hash_bytes(table);
@@ -59,7 +75,7 @@ Result<std::unique_ptr<StepWriter>> StepWriter::create(const VolumeInfo& info, S
   SPLATVOL_TRY_ASSIGN(rows, TempFile::create(temporary_folder));
   DirectoryWriter directory(RowLayout(info, step), step.rows_per_directory_page, std::move(tail));
   std::unique_ptr<StepWriter> writer(
-      new StepWriter(std::move(step), std::move(summaries), std::move(directory), std::move(rows)));
+      new StepWriter(info, std::move(step), std::move(summaries), std::move(directory), std::move(rows)));
   const auto raw = std::as_bytes(histograms);
   writer->histogram_bytes_ = raw.size();
   writer->histograms_ = pack(raw);
@@ -73,13 +89,16 @@ Status StepWriter::lay_out(const VolumeInfo& info) {
   metadata_bytes_ = json.size();
   metadata_ = pack_metadata(std::as_bytes(std::span(json)));
   for (const SummaryPageRef& ref : summaries_.refs_) append_record(summary_table_, ref);
-  root_offset_ = sizeof(Superblock) + section_count * sizeof(SectionEntry) + metadata_.size() + summaries_.last_.size();
+  root_offset_ =
+      sizeof(Superblock) + section_count() * sizeof(SectionEntry) + metadata_.size() + summaries_.last_.size();
   rows_offset_ = root_offset_ + directory_.root_bytes() + (table_in_front() ? summary_table_.size() : 0);
   if (rows_offset_ > max_preamble_bytes)
     return fail(ErrorCode::unsupported, "the description of {} attributes passes 1 MiB; choose fewer",
                 step_.attributes.size());
   return {};
 }
+
+std::uint64_t StepWriter::section_count() const { return least_section_count + (info_.cells ? 1 : 0); }
 
 bool StepWriter::table_in_front() const { return summary_table_.size() <= most_table_bytes_in_front; }
 
@@ -102,7 +121,7 @@ void StepWriter::add_section(SectionKind kind, bool critical, std::span<const st
 
 void StepWriter::add_sections(const Bytes& directory_root) {
   const auto add_table = [&] { add_section(SectionKind::summary_table, true, summary_table_, summary_table_.size()); };
-  end_ = sizeof(Superblock) + section_count * sizeof(SectionEntry);
+  end_ = sizeof(Superblock) + section_count() * sizeof(SectionEntry);
   add_section(SectionKind::metadata, true, metadata_, metadata_bytes_);
   add_extent(SectionKind::index_root, summaries_.last_.size(), summaries_.table_bytes_, summaries_.refs_.back().hash);
   add_section(SectionKind::directory_root, true, directory_root, directory_root.size());
@@ -112,6 +131,10 @@ void StepWriter::add_sections(const Bytes& directory_root) {
   if (!table_in_front()) add_table();
   add_extent(SectionKind::index_pages, summaries_.pages_.size(), 0, 0);
   add_extent(SectionKind::directory_pages, directory_.tail().size(), 0, 0);
+  if (!cells_) return;
+  sections_.push_back(
+      {SectionKind::cell_summaries_draft, 0, end_, cells_->size(), cells_->size(), cells_hash_, Codec::raw, 0});
+  end_ += cells_->size();
 }
 
 // The superblock and the section table.
@@ -126,6 +149,9 @@ Result<StepEntry> StepWriter::write(std::uint64_t offset, const Append& append) 
   if (directory_.next_row() != directory_.rows().row_count())
     return fail(ErrorCode::invalid_argument, "{} of {} rows were written", directory_.next_row(),
                 directory_.rows().row_count());
+  if (cells_.has_value() != info_.cells.has_value())
+    return fail(ErrorCode::invalid_argument,
+                "summaries of cells that the series does not keep, or the other way round");
   const std::uint64_t tail_offset = rows_offset_ + row_bytes_.size() + histograms_.size() +
                                     (table_in_front() ? 0 : summary_table_.size()) + summaries_.pages_.size();
   const Bytes root = directory_.pack_root(root_offset_, tail_offset);
@@ -139,6 +165,7 @@ Result<StepEntry> StepWriter::write(std::uint64_t offset, const Append& append) 
   if (!table_in_front()) SPLATVOL_TRY(append(summary_table_));
   SPLATVOL_TRY(move_bytes(summaries_.pages_, append));
   SPLATVOL_TRY(move_bytes(directory_.tail(), append));
+  if (cells_) SPLATVOL_TRY(move_bytes(*cells_, append));
   return StepEntry{step_.time, offset, end_, hash_bytes(front), StepEntryKind::step, 0};
 }
 

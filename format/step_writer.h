@@ -5,12 +5,14 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
 #include "base/temp_file.h"
+#include "format/chunk_source.h"
 #include "format/directory_writer.h"
 #include "format/layout.h"
 #include "format/octree.h"
@@ -54,23 +56,37 @@ class StepWriter {
 
   [[nodiscard]] const StepInfo& step() const { return step_; }
 
+  /// Returns the rows of the step, once all have been added and until it is written. This must outlive it.
+  [[nodiscard]] std::shared_ptr<const ChunkSource> chunks() const;
+
+  /// Adds the summaries of the series' cells, as pack_cell_summaries makes them. Called before write() if the series
+  /// keeps cells, and only then.
+  void set_cell_summaries(TempFile section, std::uint64_t hash) {
+    cells_.emplace(std::move(section));
+    cells_hash_ = hash;
+  }
+
   /// Writes the step. Returns its entry in the step directory, with `offset` for where it begins in the file. Requires
   /// all rows. Called once.
   [[nodiscard]] Result<StepEntry> write(std::uint64_t offset, const Append& append);
 
  private:
-  StepWriter(StepInfo step, SummaryWriter summaries, DirectoryWriter directory, TempFile rows)
-      : step_(std::move(step)),
+  class Chunks;
+  StepWriter(const VolumeInfo& info, StepInfo step, SummaryWriter summaries, DirectoryWriter directory, TempFile rows)
+      : info_(info),
+        step_(std::move(step)),
         summaries_(std::move(summaries)),
         directory_(std::move(directory)),
         row_bytes_(std::move(rows)) {}
   [[nodiscard]] Status lay_out(const VolumeInfo& info);
+  [[nodiscard]] std::uint64_t section_count() const;
   [[nodiscard]] bool table_in_front() const;
   void add_sections(const Bytes& directory_root);
   void add_extent(SectionKind kind, std::uint64_t bytes, std::uint64_t unpacked_bytes, std::uint64_t hash);
   void add_section(SectionKind kind, bool critical, std::span<const std::byte> packed, std::uint64_t unpacked_bytes);
   [[nodiscard]] Bytes pack_front() const;
 
+  VolumeInfo info_;  // of the series
   StepInfo step_;
   SummaryWriter summaries_;
   DirectoryWriter directory_;
@@ -80,6 +96,8 @@ class StepWriter {
   std::uint64_t root_offset_ = 0;                           // of the directory
   std::uint64_t rows_offset_ = 0;
   std::uint64_t end_ = 0;  // of the sections so far
+  std::optional<TempFile> cells_;
+  std::uint64_t cells_hash_ = 0;
   std::vector<SectionEntry> sections_;
 };
 

@@ -49,6 +49,7 @@ class Volume::Verifier {
   Status run_step() {
     SPLATVOL_TRY(check_sections(*volume_.step_part_));
     SPLATVOL_TRY(check_step_summaries());
+    SPLATVOL_TRY(verify_cells_of_step(volume_, progress_, threads_));
     SPLATVOL_TRY(check_rows(1));
     SPLATVOL_TRY_ASSIGN(values, check_chunks(pages_of(1)));
     return check_nodes_and_values(values, {});

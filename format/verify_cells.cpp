@@ -48,7 +48,8 @@ struct Ends {
 
 class CellVerifier {
  public:
-  CellVerifier(const CellReader& cells, const std::function<void(double)>& progress, std::size_t threads)
+  CellVerifier(const CellReader& cells, const std::function<void(double)>& progress, std::size_t threads,
+               bool of_step = false)
       : cells_(cells),
         volume_(cells.volume()),
         info_(volume_.info()),
@@ -56,7 +57,9 @@ class CellVerifier {
         threads_(std::max<std::size_t>(threads, 1)),
         ends_(cells.pages().size()),
         kinds_(threads_) {
-    for (const Attribute& attribute : info_.attributes) bins_.push_back(bins_of(attribute));
+    // Summaries of a series are in its steps.
+    if (!info_.series || of_step)
+      for (const Attribute& attribute : info_.attributes) bins_.push_back(bins_of(attribute));
     const auto read_vertices = [&cells](std::size_t page) { return cells.read_vertex_page(page); };
     for (std::size_t thread = 0; thread < threads_; ++thread) {
       points_.push_back(std::make_unique<RankedPoints>(cells, held_bytes));
@@ -64,15 +67,20 @@ class CellVerifier {
     }
   }
 
-  Status run() {
-    SPLATVOL_TRY(check_ranks());
-    for (std::size_t page = 0; page < cells_.vertex_page_count(); ++page) SPLATVOL_TRY(cells_.read_vertex_page(page));
+  // Checks the pages of chunks: all of them, or what the step has of them.
+  Status run_pages() {
     const auto check = [&](std::size_t page, std::size_t thread) -> Status {
       SPLATVOL_TRY(check_page(page, thread));
       if (thread == 0) progress_(static_cast<double>(page + 1) / static_cast<double>(cells_.pages().size()));
       return {};
     };
-    SPLATVOL_TRY(run_tasks(cells_.pages().size(), threads_, check));
+    return run_tasks(cells_.pages().size(), threads_, check);
+  }
+
+  Status run() {
+    SPLATVOL_TRY(check_ranks());
+    for (std::size_t page = 0; page < cells_.vertex_page_count(); ++page) SPLATVOL_TRY(cells_.read_vertex_page(page));
+    SPLATVOL_TRY(run_pages());
     for (std::size_t page = 1; page < ends_.size(); ++page)
       if (ends_[page].first.is_before(ends_[page - 1].last)) return unordered();
     return check_kinds();
@@ -134,7 +142,7 @@ class CellVerifier {
   Status check_page(std::size_t number, std::size_t thread) {
     SPLATVOL_TRY_ASSIGN(page, cells_.read_page(number, {}));
     std::vector<std::vector<ValueSummary>> summaries;
-    for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+    for (std::size_t a = 0; a < bins_.size(); ++a) {
       SPLATVOL_TRY_ASSIGN(read, cells_.read_page(number, {static_cast<int>(a), -1}));
       summaries.push_back(std::move(read.summaries));
     }
@@ -183,7 +191,7 @@ class CellVerifier {
     SPLATVOL_TRY(points.read_positions(places, positions));
     SPLATVOL_TRY(check_extent(cells, entry, local, positions));
     std::vector<float> values;
-    for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+    for (std::size_t a = 0; a < bins_.size(); ++a) {
       SPLATVOL_TRY(points.read_values(places, static_cast<int>(a), values));
       SPLATVOL_TRY(check_summary(summarize_cells(cells, local, values, bins_[a]), summary_of(a)));
     }
@@ -199,7 +207,7 @@ class CellVerifier {
     SPLATVOL_TRY(check_extent(cells, entry, local, positions));
     SPLATVOL_TRY_ASSIGN(places, find_points(cells.points, thread));
     std::vector<float> values;
-    for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+    for (std::size_t a = 0; a < bins_.size(); ++a) {
       SPLATVOL_TRY(points_[thread]->read_values(places, static_cast<int>(a), values));
       SPLATVOL_TRY(check_summary(bins_[a].summarize(values), summary_of(a)));
     }
@@ -289,6 +297,11 @@ class CellVerifier {
 Status verify_cells(const Volume& volume, const std::function<void(double)>& progress, std::size_t threads) {
   SPLATVOL_TRY_ASSIGN(cells, CellReader::open(volume));
   return cells ? CellVerifier(*cells, progress, threads).run() : Status{};
+}
+
+Status verify_cells_of_step(const Volume& volume, const std::function<void(double)>& progress, std::size_t threads) {
+  SPLATVOL_TRY_ASSIGN(cells, CellReader::open(volume));
+  return cells && cells->has_step_summaries() ? CellVerifier(*cells, progress, threads, true).run_pages() : Status{};
 }
 
 }  // namespace splatvol::format

@@ -14,4 +14,8 @@ namespace splatvol::format {
 [[nodiscard]] Status verify_cells(const Volume& volume, const std::function<void(double)>& progress,
                                   std::size_t threads);
 
+/// Checks what the step of a series has of the cells: their ranges against its values.
+[[nodiscard]] Status verify_cells_of_step(const Volume& volume, const std::function<void(double)>& progress,
+                                          std::size_t threads);
+
 }  // namespace splatvol::format

@@ -32,7 +32,7 @@ set(builder/reduction_knows base splat format builder/sorting builder/mesh build
 set(builder/opening_knows base format builder/mesh builder/sources builder/sources/process builder/sources/vtk)
 set(builder/pipeline_knows base format builder/sorting builder/mesh builder/scattered builder/sources builder/boundary
                            builder/output builder/cells builder/points builder/reduction)
-set(builder/series_knows base format builder/sources builder/boundary builder/opening builder/pipeline)
+set(builder/series_knows base format builder/sources builder/boundary builder/cells builder/opening builder/pipeline)
 set(builder/distributed_knows base format ${builder_rooms})
 set(streamer_knows base scene splat format)
 set(streamer/first_knows base scene pictures format streamer)

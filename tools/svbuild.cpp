@@ -461,15 +461,6 @@ unsigned threads_of_process() {
   return here > 1 && !is_bound ? std::max(cores / here, 1u) : 0;
 }
 
-// What --keep-cells does not do yet.
-Status check_cells_to_keep(const Options& options) {
-  const auto cannot = [](const char* what) {
-    return fail(ErrorCode::unsupported, "{} cannot keep its cells yet: leave --keep-cells out", what);
-  };
-  if (is_series(options)) return cannot("a time series");
-  return require_one_rank("a file with its cells");
-}
-
 Status build(const Options& options) {
   const double start = seconds_now();
   std::unique_ptr<tbb::global_control> limit;
@@ -478,7 +469,7 @@ Status build(const Options& options) {
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
   if (is_series(options)) SPLATVOL_TRY(require_one_rank("a time series"));
-  if (options.keep_cells) SPLATVOL_TRY(check_cells_to_keep(options));
+  if (options.keep_cells) SPLATVOL_TRY(require_one_rank("a file with its cells"));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
   InputNotes notes;

@@ -15,6 +15,7 @@
 #include "base/temp_file.h"
 #include "builder/mesh/tetrahedra.h"
 #include "format/cells.h"
+#include "format/octree.h"
 #include "format/ranked_points.h"
 
 namespace splatvol {
@@ -250,21 +251,14 @@ class SectionWriter {
     format::CellPageRef ref{};
     Box box;
     format::Bytes table, parts;
-    const auto add_part = [&](std::span<const std::byte> raw) {
-      const format::Bytes packed = format::pack(raw);
-      format::append_record(table,
-                            format::IndexPagePart{static_cast<std::uint32_t>(packed.size()),
-                                                  static_cast<std::uint32_t>(raw.size()), format::hash_bytes(packed)});
-      parts.insert(parts.end(), packed.begin(), packed.end());
-    };
     for (const format::CellChunkEntry& entry : chunks_) {
       box.include(dvec3(entry.low[0], entry.low[1], entry.low[2]));
       box.include(dvec3(entry.high[0], entry.high[1], entry.high[2]));
       ref.area += entry.area;
     }
-    add_part(std::as_bytes(std::span(chunks_)));
+    format::append_part(table, parts, std::as_bytes(std::span(chunks_)));
     for (std::vector<format::ValueSummary>& summaries : summaries_) {
-      add_part(format::pack_summaries(summaries));
+      format::append_part(table, parts, format::pack_summaries(summaries));
       summaries.clear();
     }
     ref.offset = offset_;

@@ -146,9 +146,18 @@ Result<std::optional<std::uint64_t>> MeshCells::NumberQueue::next() {
 }
 
 Status MeshCells::sort() {
+  SPLATVOL_TRY(start_sorts());
+  SPLATVOL_TRY(rank_all());
+  for (const std::unique_ptr<OfShape>& of_shape : shapes_) SPLATVOL_TRY(of_shape->sort.finish());
+  return {};
+}
+
+Status MeshCells::hash_only() { return rank_all(); }
+
+// Gives all cells the ranks of their corners, and adds them to the sorts, if there are any.
+Status MeshCells::rank_all() {
   SPLATVOL_TRY(tags_.finish());
   if (vertices_) SPLATVOL_TRY(vertices_->sort());
-  SPLATVOL_TRY(start_sorts());
   const auto add = [&](std::span<const CellBlock> blocks) -> Status {
     SPLATVOL_TRY(load_ranks(blocks[0]));
     return add_ranked(blocks);
@@ -156,7 +165,6 @@ Status MeshCells::sort() {
   SPLATVOL_TRY(spool_.read(add));
   ranks_ = {};
   numbers_ = {};
-  for (const std::unique_ptr<OfShape>& of_shape : shapes_) SPLATVOL_TRY(of_shape->sort.finish());
   return {};
 }
 
@@ -204,6 +212,7 @@ Status MeshCells::add_ranked(std::span<const CellBlock> blocks) {
     if (ranked[b].lacks_point) return fail(ErrorCode::invalid_data, "a cell has a corner that is no point of the file");
     collapsed_ += ranked[b].collapsed;
     hash_ += ranked[b].hash;
+    if (shapes_.empty()) continue;
     SPLATVOL_TRY(sort_of(blocks[b].shape)->add(ranked[b].records));
     SPLATVOL_TRY(sort_of(format::CellShape::tetrahedron)->add(ranked[b].tetrahedra));
   }

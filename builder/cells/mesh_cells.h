@@ -41,11 +41,14 @@ class MeshCells {
   /// corners have become one point is kept as those of its tetrahedra that have a volume.
   [[nodiscard]] Status sort();
 
+  /// Finds the ranks of all corners, for hash() alone. Called instead of sort().
+  [[nodiscard]] Status hash_only();
+
   /// Tells the number of points of the next index leaf. Requires sort().
   [[nodiscard]] Status add_leaf(std::uint64_t points);
 
   /// Cells to write, tetrahedra that were left out, and a hash of the cells to write, which does not depend on their
-  /// order. Require sort().
+  /// order. Require sort(); the hash, or hash_only().
   [[nodiscard]] std::uint64_t count() const;
   [[nodiscard]] std::uint64_t collapsed() const { return collapsed_; }
   [[nodiscard]] std::uint64_t hash() const { return hash_; }
@@ -84,6 +87,7 @@ class MeshCells {
 
   MeshCells(TagSort tags, std::uint64_t memory, const std::string& folder, bool exact)
       : memory_(memory), folder_(folder), exact_(exact), spool_(folder), tags_(std::move(tags)) {}
+  [[nodiscard]] Status rank_all();
   [[nodiscard]] Status start_sorts();
   [[nodiscard]] CellSort* sort_of(format::CellShape shape);
   [[nodiscard]] Status load_ranks(const CellBlock& block);

@@ -153,12 +153,12 @@ JoinedAttributes joined_attributes(const BuildOptions& options) {
 
 Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, RowFiles& files,
                                   const std::string& folder, const BuildProgress& progress, const WriteReduced& write,
-                                  WatchPoints watch) {
+                                  WatchPoints watch, MeshCells* cells) {
   SPLATVOL_TRY(check_reduction(options));
   const auto read = [&](double fraction) { progress("reading", fraction); };
   SPLATVOL_TRY_ASSIGN(points, PointStream::create(source, uses_cells(options), options.memory / 2, folder, read,
                                                   options.gradients, joined_attributes(options), std::move(watch)));
-  return reduce_points(std::move(points), options, files, folder, progress, write);
+  return reduce_points(std::move(points), options, files, folder, progress, write, cells);
 }
 
 Result<BuildReport> reduce_points(PointStream stream, const BuildOptions& options, RowFiles& files,

@@ -30,11 +30,12 @@ struct ReducedSource {
 using WriteReduced = std::function<Status(ReducedSource)>;
 
 /// Reads the whole source, reduces it, and calls `write` with the result. `files` gets the rows; `folder`: for
-/// temporary files. `watch`: as for PieceReader. Returns the report without the file's size. Fails as build_volume, and
-/// if `write` or `watch` fails.
+/// temporary files. `watch`: as for PointStream; `cells`: as for reduce_points. Returns the report without the file's
+/// size. Fails as build_volume, and if `write` or `watch` fails.
 [[nodiscard]] Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, RowFiles& files,
                                                 const std::string& folder, const BuildProgress& progress,
-                                                const WriteReduced& write, WatchPoints watch);
+                                                const WriteReduced& write, WatchPoints watch,
+                                                MeshCells* cells = nullptr);
 
 /// Fails if the options are out of their ranges.
 [[nodiscard]] Status check_reduction(const BuildOptions& options);

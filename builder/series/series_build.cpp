@@ -7,11 +7,17 @@
 
 #include "base/file.h"
 #include "base/locked_file.h"
+#include "base/temp_file.h"
+#include "builder/cells/cell_section.h"
+#include "builder/cells/step_summaries.h"
 #include "builder/pipeline/checking.h"
 #include "builder/pipeline/describe.h"
 #include "builder/pipeline/memory_plan.h"
 #include "builder/pipeline/reduce_source.h"
 #include "builder/pipeline/store_boundary.h"
+#include "builder/pipeline/store_cells.h"
+#include "format/cell_reader.h"
+#include "format/directory_writer.h"
 #include "format/series_writer.h"
 #include "format/volume.h"
 #include "format/volume_writer.h"
@@ -120,6 +126,8 @@ struct Target {
   std::unique_ptr<format::VolumeWriter> writer = nullptr;  // of a new file, once it is begun
   std::optional<AtomicFile> file = std::nullopt;           // of a new file, until then
   std::vector<std::unique_ptr<StepWriter>> steps = {};
+  std::optional<TempFile> section = std::nullopt;             // of the cells of a new file
+  std::unique_ptr<const format::CellReader> cells = nullptr;  // once they are known; null: the series keeps none
 };
 
 class SeriesBuild {
@@ -175,10 +183,13 @@ class SeriesBuild {
       SPLATVOL_TRY_ASSIGN(faces, start_boundary(*source, options_, folder_));
       faces_ = std::move(faces);
     }
+    SPLATVOL_TRY_ASSIGN(cells, start_cells(*source, options_, folder_));
+    cells_ = std::move(cells);
     RowFiles files(folder_);
     const auto write_group = [&](ReducedSource reduced) { return write(*source, std::move(reduced)); };
     SPLATVOL_TRY_ASSIGN(report, reduce_source(*source, options_, files, folder_, progress_, write_group,
-                                              WatchPoints{faces_of(faces_.get())}));
+                                              watch_points(faces_.get(), cells_.get()), cells_.get()));
+    cells_.reset();
     if (boundary_) {
       report.least_memory = std::max(report.least_memory, boundary_->held_bytes);
       report.boundary = std::move(boundary_->report);
@@ -196,6 +207,7 @@ class SeriesBuild {
       boundary_.emplace(std::move(boundary));
       faces_.reset();
     }
+    if (cells_) SPLATVOL_TRY(find_cells(reduced));
     if (!target_.info) {
       SPLATVOL_TRY_ASSIGN(info, describe_series(reduced.info, names, series_provenance(reduced.report)));
       target_.info = std::move(info);
@@ -205,11 +217,13 @@ class SeriesBuild {
       SPLATVOL_TRY_ASSIGN(writer, format::SummaryWriter::create(folder_));
       summaries.push_back(std::move(writer));
     }
-    SPLATVOL_TRY_ASSIGN(index, pack_index(reduced, folder_, [&](const format::PageSummaries& of_page) -> Status {
-                          for (std::size_t s = 0; s < group_.size(); ++s)
-                            SPLATVOL_TRY(summaries[s].add(std::span(of_page).subspan(s * names.size(), names.size())));
-                          return {};
-                        }));
+    const auto add_summaries = [&](const format::PageSummaries& of_page) -> Status {
+      for (std::size_t s = 0; s < group_.size(); ++s)
+        SPLATVOL_TRY(summaries[s].add(std::span(of_page).subspan(s * names.size(), names.size())));
+      return {};
+    };
+    MeshCells* leaves = target_.file ? cells_.get() : nullptr;
+    SPLATVOL_TRY_ASSIGN(index, pack_index(reduced, folder_, add_summaries, leaves));
     SPLATVOL_TRY_ASSIGN(index_hash, hash_index(index));
     std::vector<std::unique_ptr<StepWriter>> writers;
     SPLATVOL_TRY(create_writers(source, reduced, summaries, writers));
@@ -220,8 +234,60 @@ class SeriesBuild {
       if (boundary_) target_.writer->set_boundary(std::move(boundary_->packed.section));
     }
     SPLATVOL_TRY(write_rows(reduced, writers, index_hash));
+    if (target_.file && cells_) SPLATVOL_TRY(make_section());
     target_.file.reset();
+    if (target_.cells) SPLATVOL_TRY(add_cell_summaries(writers));
     std::ranges::move(writers, std::back_inserter(target_.steps));
+    return {};
+  }
+
+  // Sorts the cells of the first group, and compares those of the others.
+  Status find_cells(ReducedSource& reduced) {
+    progress_("sorting cells", 0);
+    SPLATVOL_TRY(target_.file ? cells_->sort() : cells_->hash_only());
+    reduced.info.cells = format::CellsInfo{cells_->hash()};
+    if (!target_.info || target_.info->cells == reduced.info.cells) return {};
+    return fail(ErrorCode::invalid_data, "{}: its cells are not those of the steps before: {}", group_.front().name,
+                series_of_files_hint);
+  }
+
+  // Makes the section of cells, which stands in front of the steps. Its summaries are theirs.
+  Status make_section() {
+    SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
+    TempFile& section = target_.section.emplace(std::move(file));
+    SPLATVOL_TRY_ASSIGN(chunks, target_.writer->chunks());
+    const auto append = [&](std::span<const std::byte> bytes) { return section.append(bytes); };
+    const auto progress = [&](double fraction) { progress_("writing cells", fraction); };
+    SPLATVOL_TRY(write_cells(*cells_, std::move(chunks), options_.memory / 4, folder_, append, progress));
+    target_.writer->set_cells([&section](const std::shared_ptr<const format::ChunkSource>&,
+                                         const format::AppendBytes& to) { return format::move_bytes(section, to); });
+    const auto read = [&section](std::uint64_t offset, std::uint64_t count) -> Result<format::Bytes> {
+      format::Bytes bytes(count);
+      SPLATVOL_TRY(section.read(offset, bytes));
+      return bytes;
+    };
+    return open_section(section.size(), read);
+  }
+
+  Status open_section(std::uint64_t bytes, const format::CellReader::ReadBytes& read) {
+    SPLATVOL_TRY_ASSIGN(cells, format::CellReader::open(*target_.info, "cells of the series", bytes, read));
+    target_.cells = std::move(cells);
+    return {};
+  }
+
+  Status add_cell_summaries(std::vector<std::unique_ptr<StepWriter>>& writers) const {
+    for (const std::unique_ptr<StepWriter>& writer : writers) {
+      progress_("summarizing cells", 0);
+      SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
+      format::StreamHash hash;
+      const auto append = [&](std::span<const std::byte> bytes) {
+        hash.add(bytes);
+        return file.append(bytes);
+      };
+      SPLATVOL_TRY(write_step_summaries(*target_.cells, writer->chunks(), writer->step().attributes,
+                                        options_.memory / 4, append));
+      writer->set_cell_summaries(std::move(file), hash.value());
+    }
     return {};
   }
 
@@ -305,6 +371,7 @@ class SeriesBuild {
   Target& target_;
   std::vector<SeriesStep> group_;
   std::unique_ptr<BoundaryFaces> faces_;    // of the first group, if the file gets a boundary
+  std::unique_ptr<MeshCells> cells_;        // of the present group, if the series keeps cells
   std::optional<StoredBoundary> boundary_;  // of the first group
   std::optional<bool> has_times_;
   double number_;  // of the next step without a time
@@ -359,6 +426,11 @@ Result<SeriesReport> append_to_series(std::vector<SeriesStep> steps, const std::
   SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
   if (!volume->series())
     return fail(ErrorCode::invalid_argument, "{}: not a time series: build it with --series or --times first", path);
+  if (options.keep_cells && !volume->file_info().cells)
+    return fail(
+        ErrorCode::invalid_argument,
+        "{}: it keeps no cells, and an append does not add them: leave --keep-cells out, or build the series anew",
+        path);
   if (options.boundary_triangles > 0)
     return fail(ErrorCode::invalid_argument,
                 "{}: an append does not change the boundary: leave it out, or build the series anew", path);
@@ -375,6 +447,8 @@ Result<SeriesReport> append_to_series(std::vector<SeriesStep> steps, const std::
   options.gradients = volume->info().find_column(format::ColumnKind::gradient, 0) >= 0;
   SPLATVOL_TRY_ASSIGN(geometry, volume->geometry_hash());
   Target target{.info = info, .geometry = geometry};
+  options.keep_cells = info.cells.has_value();
+  SPLATVOL_TRY_SET(target.cells, format::CellReader::open(*volume));
   const double next_number = std::floor(volume->series()->steps.back().time) + 1;
   SPLATVOL_TRY_ASSIGN(
       report, SeriesBuild(options, temp_folder_of(path, options), progress, target, next_number).run(std::move(steps)));

@@ -46,6 +46,7 @@ class StepGroup final : public Source {
   [[nodiscard]] std::vector<std::string> conversions() const override { return first_->conversions(); }
   [[nodiscard]] std::uint64_t left_out_cells() const override { return first_->left_out_cells(); }
   [[nodiscard]] VertexCopies copies() const override { return copies_; }
+  void tell_whole_cells() override { first_->tell_whole_cells(); }
   [[nodiscard]] bool may_have_cells() const override { return first_->may_have_cells(); }
   [[nodiscard]] bool brings_material() const override { return first_->brings_material(); }
   [[nodiscard]] bool single_precision() const override { return first_->single_precision(); }

@@ -1,0 +1,23 @@
+// The cells on their way into a file.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "base/error.h"
+#include "builder/cells/mesh_cells.h"
+#include "builder/pipeline/build.h"
+#include "builder/points/point_records.h"
+#include "builder/sources/source.h"
+
+namespace splatvol {
+
+/// Makes an empty store of cells, with a part of the memory; null if the options ask for none. Fails if the source
+/// cannot have cells that a file keeps.
+[[nodiscard]] Result<std::unique_ptr<MeshCells>> start_cells(const Source& source, const BuildOptions& options,
+                                                             const std::string& folder);
+
+/// What gives both what they need of pieces and points. Either may be null.
+[[nodiscard]] WatchPoints watch_points(BoundaryFaces* faces, MeshCells* cells);
+
+}  // namespace splatvol
