@@ -18,6 +18,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <numeric>
 #include <set>
 #include <utility>
 #include <vector>
@@ -26,6 +27,7 @@
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
 #include "format/cell_reader.h"
+#include "format/payload.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/long.h"
 #include "tests/support/results.h"
@@ -366,6 +368,167 @@ TEST_F(CellExport, AnExportIsReplacedAndAMeshIsNot) {
   EXPECT_TRUE(try_export(*volume));
   write("out.vtu", "<VTKFile type=\"UnstructuredGrid\"/>");
   EXPECT_THAT(try_export(*volume).error().message, HasSubstr("--force"));
+}
+
+// A section of cells that the test makes by itself, from a volume whose ranks it knows.
+class OwnSection {
+ public:
+  explicit OwnSection(const test::TestVolume& volume) : volume_(volume), file_numbers_(volume.positions.size()) {
+    std::iota(file_numbers_.begin(), file_numbers_.end(), 0U);
+    std::ranges::sort(file_numbers_, {}, [&](std::size_t i) { return volume.point_paths[i]; });
+    const std::vector<std::uint64_t>& counts = volume.info.resolution_counts;
+    format::RankPage page{0, std::vector<std::uint64_t>(counts.size()), {}};
+    for (const std::size_t i : file_numbers_)
+      page.segments.push_back(static_cast<std::uint8_t>(std::ranges::upper_bound(counts, i) - counts.begin()));
+    const format::Bytes packed = format::pack_rank_page(page, rank_page_);
+    append(packed);
+  }
+
+  // Returns the position and value of a point by its rank.
+  Corner corner(std::uint64_t rank) const {
+    const std::size_t i = file_numbers_[rank];
+    return corner_of(volume_.positions[i], {volume_.info.attributes[0].value(double{volume_.stored[0][i]})});
+  }
+
+  // Adds a chunk. Its cells are tetrahedra, whatever the entry says.
+  void add_chunk(const std::vector<std::uint64_t>& corners, format::CellShape shape, format::CellField field) {
+    constexpr auto tetrahedron = format::CellShape::tetrahedron;
+    const format::LocalCells local = format::number_corners(corners);
+    std::vector<dvec3> positions;
+    for (const std::uint64_t rank : local.ranks) positions.push_back(position_of(corner(rank)));
+    const format::CellExtent extent = format::measure_cells(tetrahedron, local.corners, positions);
+    format::PackedCells packed =
+        format::pack_cells(tetrahedron, format::CellField::corners, corners, local.ranks.size());
+    packed.entry.offset = bytes_.size();
+    packed.entry.shape = shape;
+    packed.entry.field = field;
+    packed.entry.area = extent.area;
+    std::copy_n(&extent.box.low.x, 3, packed.entry.low);
+    std::copy_n(&extent.box.high.x, 3, packed.entry.high);
+    append(packed.bytes);
+    chunks_.push_back(packed.entry);
+    kinds_.push_back({.shape = shape,
+                      .field = field,
+                      .zero = {},
+                      .cells = packed.entry.cells,
+                      .packed_bytes = packed.entry.packed_bytes,
+                      .turned = 0});
+  }
+
+  // Ends a page of chunks.
+  void close_page() {
+    format::CellPageRef ref{};
+    Box box;
+    for (const format::CellChunkEntry& entry : chunks_) {
+      box.include(dvec3(entry.low[0], entry.low[1], entry.low[2]));
+      box.include(dvec3(entry.high[0], entry.high[1], entry.high[2]));
+      ref.area += entry.area;
+    }
+    std::copy_n(&box.low.x, 3, ref.low);
+    std::copy_n(&box.high.x, 3, ref.high);
+    format::Bytes table, parts;
+    const format::Bytes summaries = format::pack_summaries(std::vector<format::ValueSummary>(chunks_.size()));
+    for (const auto raw : {std::as_bytes(std::span(chunks_)), std::span<const std::byte>(summaries)}) {
+      const format::Bytes packed = format::pack(raw);
+      format::append_record(table,
+                            format::IndexPagePart{static_cast<std::uint32_t>(packed.size()),
+                                                  static_cast<std::uint32_t>(raw.size()), format::hash_bytes(packed)});
+      parts.insert(parts.end(), packed.begin(), packed.end());
+    }
+    ref.offset = bytes_.size();
+    ref.page_bytes = static_cast<std::uint32_t>(table.size() + parts.size());
+    ref.chunks = static_cast<std::uint32_t>(chunks_.size());
+    ref.hash = format::hash_bytes(table);
+    append(table);
+    append(parts);
+    pages_.push_back(ref);
+    chunks_.clear();
+  }
+
+  [[nodiscard]] format::Bytes finish() {
+    format::Bytes root;
+    for (const format::CellKind& kind : kinds_) format::append_record(root, kind);
+    for (const format::CellPageRef& page : pages_) format::append_record(root, page);
+    format::append_record(root, rank_page_);
+    format::append_record(root, format::CellsTail{.hash = format::hash_bytes(root),
+                                                  .chunks = kinds_.size(),
+                                                  .pages = pages_.size(),
+                                                  .kinds = static_cast<std::uint32_t>(kinds_.size()),
+                                                  .version = 1});
+    append(root);
+    return bytes_;
+  }
+
+ private:
+  void append(const format::Bytes& bytes) { bytes_.insert(bytes_.end(), bytes.begin(), bytes.end()); }
+
+  const test::TestVolume& volume_;
+  std::vector<std::size_t> file_numbers_;  // [rank]
+  format::Bytes bytes_;
+  format::RankPageRef rank_page_{};
+  std::vector<format::CellChunkEntry> chunks_;  // of the page
+  std::vector<format::CellPageRef> pages_;
+  std::vector<format::CellKind> kinds_;  // one for each chunk
+};
+
+// Chunks of a later version stand beside those that are known.
+TEST_F(CellExport, UnknownShapesAreLeftOutAndCounted) {
+  const std::size_t points = 400;
+  std::vector<dvec3> positions = test::random_points(points, 5u);
+  std::vector<double> values;
+  for (const dvec3& p : positions) values.push_back(p.x);
+  test::TestVolume volume = test::make_test_volume(positions, {values});
+  volume.info.cells = format::CellsInfo{};
+  constexpr auto tetrahedron = format::CellShape::tetrahedron;
+  constexpr auto corners = format::CellField::corners;
+  constexpr auto other_shape = static_cast<format::CellShape>(99);
+  constexpr auto other_field = static_cast<format::CellField>(77);
+
+  // Cells of the ranks r to r + 3. The last chunk names the highest ranks only.
+  OwnSection section(volume);
+  Contents known;
+  std::vector<Box> boxes;
+  const auto add = [&](std::uint64_t begin, std::uint64_t end, format::CellShape shape, format::CellField field) {
+    std::vector<std::uint64_t> ranks;
+    Box& box = boxes.emplace_back();
+    for (std::uint64_t r = begin; r + 3 < end; ++r) {
+      Cell cell;
+      for (std::uint64_t k = r; k < r + 4; ++k) {
+        ranks.push_back(k);
+        cell.push_back(section.corner(k));
+        box.include(position_of(cell.back()));
+      }
+      if (shape == tetrahedron && field == corners) known.add(cell);
+    }
+    section.add_chunk(ranks, shape, field);
+  };
+  add(0, 103, tetrahedron, corners);
+  add(100, 155, other_shape, corners);
+  section.close_page();
+  add(150, 203, tetrahedron, other_field);
+  add(200, 253, tetrahedron, corners);
+  section.close_page();
+  add(points - 5, points, other_shape, other_field);
+  section.close_page();
+  const format::Bytes bytes = section.finish();
+  ASSERT_TRUE(
+      test::write_test_volume(volume, path("in.svol"),
+                              [&](const format::Volume&, const format::AppendBytes& append) { return append(bytes); }));
+  const auto opened = format::Volume::open(open_file(path("in.svol")).value()).value();
+
+  const CellsReport report = test::value_of(try_export(*opened));
+  EXPECT_EQ(report.cells, 100 + 50);
+  EXPECT_EQ(report.left_out, 52 + 50 + 2);
+  const VtkMesh all = read_by_vtk(path("out.vtu"), {"a0"});
+  EXPECT_TRUE(all.contents.points == known.points);
+  EXPECT_TRUE(all.contents.cells == known.cells);
+
+  std::filesystem::remove(path("out.vtu"));
+  const dvec3 outermost = boxes[4].high;  // in no other box
+  for (std::size_t chunk = 0; chunk < 4; ++chunk)
+    ASSERT_TRUE(glm::any(glm::lessThan(boxes[chunk].high, outermost))) << chunk;
+  EXPECT_THAT(try_export(*opened, {outermost, outermost}).error().message, HasSubstr("does not know"));
+  EXPECT_FALSE(std::filesystem::exists(path("out.vtu")));
 }
 
 // Meshes of the real world: with hexahedra, copies of vertices and points without cells.
