@@ -1,4 +1,4 @@
-// svexport: a .svol file in, voxels (.vdb) or points (.vtu) out.
+// svexport: a .svol file in, voxels (.vdb), points or cells (.vtu) out.
 #include <fmt/format.h>
 
 #include <cmath>
@@ -6,6 +6,7 @@
 
 #include "base/json.h"
 #include "base/memory_limit.h"
+#include "tools/export/cell_export.h"
 #include "tools/export/vdb_export.h"
 #include "tools/export/vtu_export.h"
 #include "tools/steps.h"
@@ -23,6 +24,7 @@ struct Options {
   std::vector<std::string> attributes;
   std::optional<std::size_t> resolution;
   std::vector<double> box;
+  bool cells = false;
   double voxel = 0;
   std::string memory;
   Replace replace = Replace::exports;
@@ -37,6 +39,8 @@ void check_usage(const Options& options) {
   if (options.is_vdb() && options.voxel == 0) missing_option("--voxel");
   if (!options.is_vdb() && (options.voxel != 0 || !options.memory.empty()))
     wrong_option("--output", "--voxel and --memory are for .vdb files");
+  if (options.cells && options.is_vdb()) wrong_option("--cells", "is for .vtu files");
+  if (options.cells && options.resolution) wrong_option("--resolution", "--cells has no resolutions: leave it out");
   for (std::size_t axis = 0; axis < 3 && !options.box.empty(); ++axis)
     if (!(options.box[axis] <= options.box[axis + 3])) wrong_option("--box", "the first corner must be the lower one");
 }
@@ -56,18 +60,41 @@ Result<json> export_voxels(const format::Volume& volume, const format::SplatSele
               {"renamed", report.renamed}};
 }
 
+json value_errors(const format::Volume& volume, const format::SplatSelection& selection) {
+  json errors = json::object();
+  for (std::size_t i = 0; i < selection.attributes.size(); ++i)
+    errors[selection.names[i]] = volume.info().attributes[selection.attributes[i]].error;
+  return errors;
+}
+
+Result<json> export_mesh(const format::Volume& volume, const format::SplatSelection& selection,
+                         const Options& options) {
+  ProgressBar bar("exporting");
+  const auto progress = [&](double fraction) { bar.update(fraction); };
+  SPLATVOL_TRY_ASSIGN(report, export_cells(volume, options.output, selection, progress, options.replace));
+  return json{{"output", options.output},
+              {"cells", report.cells},
+              {"points", report.points},
+              {"left_out", report.left_out},
+              {"volume", report.volume},
+              {"file_bytes", report.file_bytes},
+              {"renamed", json::object()},
+              {"position_error", volume.info().position_error},
+              {"value_errors", value_errors(volume, selection)}};
+}
+
 Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
   ProgressBar bar("exporting");
   const auto progress = [&](double fraction) { bar.update(fraction); };
   SPLATVOL_TRY_ASSIGN(report, export_vtu(volume, options.output, selection, progress, options.replace));
-  json errors = json::object();
-  for (std::size_t i = 0; i < selection.attributes.size(); ++i)
-    errors[selection.names[i]] = volume.info().attributes[selection.attributes[i]].error;
-  return json{{"output", options.output},  {"points", report.points},
-              {"mass", report.mass},       {"file_bytes", report.file_bytes},
-              {"renamed", report.renamed}, {"position_error", volume.info().position_error},
-              {"value_errors", errors}};
+  return json{{"output", options.output},
+              {"points", report.points},
+              {"mass", report.mass},
+              {"file_bytes", report.file_bytes},
+              {"renamed", report.renamed},
+              {"position_error", volume.info().position_error},
+              {"value_errors", value_errors(volume, selection)}};
 }
 
 // Prints by how much numbers of the output may differ from those that svbuild was given.
@@ -89,10 +116,17 @@ void print_text(const json& report) {
               report["splats"].get<std::uint64_t>(), report["voxel_mass"].get<double>(),
               report["splat_mass"].get<double>(), report["file_bytes"].get<std::uint64_t>(),
               report["seconds"].get<double>());
+  else if (report.contains("cells"))
+    print_out("{}: {} cells with {} points, volume {:.9g}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
+              report["cells"].get<std::uint64_t>(), report["points"].get<std::uint64_t>(),
+              report["volume"].get<double>(), report["file_bytes"].get<std::uint64_t>(),
+              report["seconds"].get<double>());
   else
     print_out("{}: {} points, mass {:.9g}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
               report["points"].get<std::uint64_t>(), report["mass"].get<double>(),
               report["file_bytes"].get<std::uint64_t>(), report["seconds"].get<double>());
+  if (const auto left_out = report.value("left_out", std::uint64_t{0}); left_out > 0)
+    print_out("  {} cells are left out: this program does not know their shape\n", left_out);
   for (const auto& [usual, name] : report["renamed"].items())
     print_out("  \"{}\" is an attribute: what svexport calls so is \"{}\"\n", usual, name.get<std::string>());
   if (report.contains("value_errors")) print_errors(report);
@@ -106,8 +140,8 @@ Status run_export(const Options& options) {
   if (!options.box.empty())
     box = {{options.box[0], options.box[1], options.box[2]}, {options.box[3], options.box[4], options.box[5]}};
   SPLATVOL_TRY_ASSIGN(selection, format::select_splats(*volume, options.resolution, options.attributes, box));
-  SPLATVOL_TRY_ASSIGN(report, options.is_vdb() ? export_voxels(*volume, selection, options)
-                                               : export_points(*volume, selection, options));
+  const auto export_it = options.is_vdb() ? export_voxels : options.cells ? export_mesh : export_points;
+  SPLATVOL_TRY_ASSIGN(report, export_it(*volume, selection, options));
   report["seconds"] = seconds_now() - start;
   if (options.json)
     fmt::print("{}\n", json_text(report, 1));
@@ -142,6 +176,9 @@ void add_selection_options(CommandLine& app, Options& options) {
   app.add_option("--resolution", options.resolution, "0 is the coarsest (default: the finest)")
       ->range(0, 1000)
       ->type_name("R");
+  app.add_flag("--cells", options.cells,
+               "Write the cells of the mesh with their points and values, from a file that svbuild --keep-cells has "
+               "made; for .vtu. A box takes every cell whose own bounding box meets it, as positions are stored");
   app.add_option("--box", options.box, "Only the voxels whose centres, or the points, that lie in this box")
       ->type_name("X0,Y0,Z0,X1,Y1,Z1")
       ->delimiter(',')
@@ -167,7 +204,8 @@ void add_selection_options(CommandLine& app, Options& options) {
 int main(int argc, char** argv) {
   using namespace splatvol;
   Options options;
-  CommandLine app("Exports a .svol file to voxels (.vdb, for OpenVDB) or points (.vtu, for VTK)", "svexport");
+  CommandLine app("Exports a .svol file to voxels (.vdb, for OpenVDB), or to points or cells (.vtu, for VTK)",
+                  "svexport");
   add_file_options(app, options);
   add_selection_options(app, options);
   app.callback([&] { check_usage(options); });

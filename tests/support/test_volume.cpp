@@ -537,8 +537,9 @@ Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& vo
   return writer;
 }
 
-Status write_test_volume(const TestVolume& volume, const std::string& path) {
+Status write_test_volume(const TestVolume& volume, const std::string& path, format::WriteCells write_cells) {
   SPLATVOL_TRY_ASSIGN(writer, create_writer(volume, path));
+  if (write_cells) writer->set_cells(std::move(write_cells));
   for (std::uint64_t row = 0; row < writer->rows().row_count(); ++row)
     SPLATVOL_TRY(writer->append_row(pack_row(volume, writer->rows(), row)));
   return writer->finish(histograms_of(volume));

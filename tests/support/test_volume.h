@@ -94,8 +94,9 @@ struct TestVolume {
 [[nodiscard]] Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& volume,
                                                                           const std::string& path);
 
-/// Writes the volume to `path` through format::VolumeWriter.
-[[nodiscard]] Status write_test_volume(const TestVolume& volume, const std::string& path);
+/// Writes the volume to `path` through format::VolumeWriter. `write_cells`: the section, if `info` has cells.
+[[nodiscard]] Status write_test_volume(const TestVolume& volume, const std::string& path,
+                                       format::WriteCells write_cells = {});
 
 /// Returns the bytes that write_test_volume writes; none if it fails.
 [[nodiscard]] format::Bytes test_volume_bytes(const TestVolume& volume);

@@ -37,6 +37,8 @@ struct Use {
 const std::vector<Use>& uses() {
   const std::string series = "svbuild --threads 1 --series a.csv b.csv -o out/s.svol";
   const std::string files = "svbuild --threads 1 --series-of-files a.csv b.csv -o out/s.svols";
+  const std::string mesh = "svbuild gen:mesh:cells=48 --keep-cells -o out/m.svol";
+  const std::string cells = "svexport out/m.svol --cells -o out/m.vtu";
   static const std::vector<Use> all = {
       {"a build", {"svbuild b.csv -o out/s.svol"}, "svbuild --threads 1 a.csv -o out/s.svol"},
       {"a build where files have names", {}, "svbuild --threads 1 a.csv -o out/s.svol", SPLATVOL_NO_TMPFILE},
@@ -50,6 +52,8 @@ const std::vector<Use>& uses() {
       {"a picture", {}, "svrender a.svol --device cpu --size 16x16 --tolerance 0 -o out/p.png"},
       {"a scene", {}, "svinfo a.svol --scene out/s.json"},
       {"a mesh", {}, "svexport a.svol -o out/m.vtu"},
+      {"cells", {mesh}, cells},
+      {"cells where files have names", {mesh}, cells, SPLATVOL_NO_TMPFILE},
       {"voxels", {}, "svexport a.svol --voxel 0.5 -o out/m.vdb"}};
   return all;
 }

@@ -3,6 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <sstream>
+
 #include "pictures/image.h"
 #include "tests/support/nginx.h"
 #include "tests/support/programs.h"
@@ -20,6 +23,18 @@ class ProgramsOnUrl : public test::ProgramTest {
     nginx_ = test::Nginx::start(folder_);
     if (!nginx_) GTEST_SKIP() << "no nginx on this machine (package nginx)";
     ASSERT_TRUE(test::write_test_volume(test::volume_of_x(1000), path("v.svol")));
+  }
+
+  // Bytes that the server has sent.
+  std::uint64_t sent_bytes() const {
+    std::istringstream log(read("access.log"));
+    std::uint64_t sum = 0;
+    for (std::string line; std::getline(log, line);) {
+      std::istringstream words(line);
+      std::uint64_t status = 0, bytes = 0;
+      if (words >> status >> bytes) sum += bytes;
+    }
+    return sum;
   }
 
   std::unique_ptr<test::Nginx> nginx_;
@@ -57,6 +72,20 @@ TEST_F(ProgramsOnUrl, PlaySeriesOfFiles) {
   EXPECT_THAT(run(fmt::format("svinfo '{}' --time 2", secret)).out, HasSubstr(nginx_->url("v.svol")));
   EXPECT_EQ(run(fmt::format("svinfo '{}' --step 1", secret)).text,
             fmt::format("svinfo: {}: no step 1; the last is 0\n", nginx_->url("f.svols")));
+}
+
+// Cells of a box are as those of the file itself, and a small part of the file is read for them.
+TEST_F(ProgramsOnUrl, ExportCellsOfABox) {
+  expect_done("svbuild gen:mesh:cells=4e5 --keep-cells -o mesh.svol");
+  for (const std::string box : {"--box 0.5,0.5,0.5,0.52,0.52,0.52", ""}) {
+    expect_done(fmt::format("svexport mesh.svol -o near.vtu --cells {}", box));
+    const std::uint64_t before = sent_bytes();
+    expect_done(fmt::format("svexport {} -o far.vtu --cells {}", nginx_->url("mesh.svol"), box));
+    EXPECT_TRUE(read("far.vtu") == read("near.vtu")) << box;
+    const std::uint64_t sent = sent_bytes() - before, file = std::filesystem::file_size(path("mesh.svol"));
+    EXPECT_LT(sent, box.empty() ? file : file / 10);
+    EXPECT_GT(sent, 0U);
+  }
 }
 
 }  // namespace

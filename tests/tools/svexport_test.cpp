@@ -56,6 +56,10 @@ TEST_F(Svexport, WrongUsageIsTwo) {
                                                         {"out.vtu", "--box 1,0,0,0,1,1"},
                                                         {"out.vtu", "--box 1,2,3"},
                                                         {"out.vdb", "--voxel 1 --memory lots"},
+                                                        {"out.vtu", "--cells --resolution 1"},
+                                                        {"out.vtu", "--cells --voxel 1"},
+                                                        {"out.vtu", "--cells --memory 1G"},
+                                                        {"out.vdb", "--cells --voxel 1"},
                                                         {"out.vtu", "--resolution -1"},
                                                         {"out.vtu", "--resolution 18446744073709551616"}})
     EXPECT_EQ(run(output, arguments).code, 2) << output << " " << arguments;
@@ -71,11 +75,38 @@ TEST_F(Svexport, WhatCannotBeIsOneLine) {
   }
 }
 
+TEST_F(Svexport, WritesCells) {
+  expect_done("svbuild gen:mesh:cells=6000 --keep-cells --exact -o mesh.svol");
+  const auto all = document_of(ProgramTest::run("svexport mesh.svol -o all.vtu --cells --json"));
+  EXPECT_EQ(all["cells"], 6000);
+  EXPECT_EQ(all["points"], 11 * 11 * 11);
+  EXPECT_EQ(all["left_out"], 0);
+  EXPECT_NEAR(all["volume"].get<double>(), 32, 1e-12);
+  EXPECT_EQ(all["position_error"], 0);
+  EXPECT_EQ(all["value_errors"]["value"], 0);
+  EXPECT_EQ(all["file_bytes"], fs::file_size(path("all.vtu")));
+  const std::string text = ProgramTest::run("svexport mesh.svol -o part.vtu --cells --box 0,0,0,0.1,0.1,0.1").out;
+  EXPECT_THAT(text, ::testing::MatchesRegex("part.vtu: [0-9]+ cells with [0-9]+ points, volume [^\n]*\n"
+                                            "  positions and values as they were given\n"));
+  EXPECT_LT(fs::file_size(path("part.vtu")), fs::file_size(path("all.vtu")) / 10);
+  for (const auto& [arguments, reason] : std::vector<std::pair<std::string, std::string>>{
+           {"mesh.svol --box 5,5,5,6,6,6", "mesh.svol: no cells in the box"},
+           {"in.svol", "in.svol: keeps no cells: build it with svbuild --keep-cells"},
+           {"mesh.svol --attribute b", "no attribute \"b\""}})
+    expect_refusal("svexport " + arguments + " -o out.vtu --cells", reason);
+  write("mine.vtu", "<VTKFile/>");
+  expect_refusal("svexport mesh.svol -o mine.vtu --cells", "--force");
+  expect_done("svexport mesh.svol -o mine.vtu --cells --force");
+  EXPECT_EQ(read("mine.vtu"), read("all.vtu"));
+}
+
 // A limit on file sizes, of 4 units of 512 or 1024 bytes, acts like a full disk.
 TEST_F(Svexport, WhatCannotBeWrittenIsNotThere) {
-  for (const std::string output : {"out.vdb --voxel 0.01", "out.vtu"}) {
-    EXPECT_EQ(ProgramTest::run("ulimit -f 4; svexport in.svol -o " + output).code, 1) << output;
-    EXPECT_EQ(names().size(), 1U) << output;
+  expect_done("svbuild gen:mesh:cells=6000 --keep-cells -o mesh.svol");
+  for (const std::string arguments :
+       {"in.svol -o out.vdb --voxel 0.01", "in.svol -o out.vtu", "mesh.svol -o out.vtu --cells"}) {
+    EXPECT_EQ(ProgramTest::run("ulimit -f 4; svexport " + arguments).code, 1) << arguments;
+    EXPECT_EQ(names().size(), 2U) << arguments;
   }
 }
 

@@ -4,77 +4,21 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <set>
 #include <span>
-#include <string_view>
 #include <utility>
 
 #include "base/file.h"
 #include "base/names.h"
+#include "tools/export/vtu_file.h"
 
 namespace splatvol {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "numbers are written as they are");
-
-// An array of the file.
-struct Array {
-  std::string name;
-  const char* type = "Float64";
-  std::size_t components = 1;
-  std::size_t number_bytes = sizeof(double);
-  std::string unit = {};
-  std::uint64_t offset = 0;  // in the appended data: of the array's length; the numbers follow it
-
-  [[nodiscard]] std::uint64_t bytes(std::uint64_t points) const { return points * components * number_bytes; }
-};
-
 constexpr std::uint8_t vertex_type = 1;
 constexpr std::uint64_t cells_at_once = std::uint64_t{1} << 16;
-
-// A character at the front of a text in UTF-8: its number and bytes. Zero bytes: there is none.
-struct Character {
-  std::uint32_t number = 0;
-  std::size_t bytes = 0;
-};
-
-Character first_character(std::string_view text) {
-  const auto byte = [&](std::size_t i) { return i < text.size() ? static_cast<unsigned char>(text[i]) : 0u; };
-  const std::size_t bytes = byte(0) < 0x80 ? 1 : byte(0) < 0xc2 ? 0 : byte(0) < 0xe0 ? 2 : byte(0) < 0xf0 ? 3 : 4;
-  if (bytes < 2) return {byte(0), bytes};
-  std::uint32_t number = byte(0) & (0xffu >> (bytes + 1));
-  for (std::size_t i = 1; i < bytes; ++i) {
-    if ((byte(i) & 0xc0) != 0x80) return {};
-    number = number << 6 | (byte(i) & 0x3f);
-  }
-  constexpr std::array<std::uint32_t, 5> least = {0, 0, 0x80, 0x800, 0x10000};  // fewer bytes would do below it
-  return number < least[bytes] ? Character{} : Character{number, bytes};
-}
-
-// XML 1.0, production 2: no control characters, surrogates, or U+FFFE and U+FFFF.
-bool is_xml(std::uint32_t number) {
-  return number == '\t' || number == '\n' || (number >= 0x20 && number < 0xd800) ||
-         (number >= 0xe000 && number < 0xfffe) || (number >= 0x10000 && number < 0x110000);
-}
-
-// XML has no way to write some characters, nor bytes that are no UTF-8; `?` stands for each.
-std::string escape(std::string_view text) {
-  std::string escaped;
-  for (std::size_t bytes = 0; !text.empty(); text.remove_prefix(bytes)) {
-    const Character character = first_character(text);
-    bytes = std::max<std::size_t>(character.bytes, 1);
-    if (character.bytes == 0 || !is_xml(character.number))
-      escaped += '?';
-    else if (bytes == 1 && std::string_view("&<>\"\t\n").find(text[0]) != std::string_view::npos)
-      escaped += fmt::format("&#{};", character.number);
-    else
-      escaped += text.substr(0, bytes);
-  }
-  return escaped;
-}
 
 bool is_inside(const Box& box, const dvec3& p) {
   return glm::all(glm::greaterThanEqual(p, box.low)) && glm::all(glm::lessThanEqual(p, box.high));
@@ -99,16 +43,17 @@ dvec3 gradient_of(const SplatValue& value, const SplatShape& shape, const dmat3&
 
 dvec3 unit(const vec3& direction) { return direction == vec3(0) ? dvec3(0) : glm::normalize(dvec3(direction)); }
 
-class VtuFile {
+// The arrays of the file.
+class PointArrays {
  public:
-  VtuFile(const format::Volume& volume, const format::SplatSelection& selection) : selection_(selection) {
-    arrays_.push_back({.name = "Points", .components = 3});
+  PointArrays(const format::Volume& volume, const format::SplatSelection& selection) : selection_(selection) {
+    vtu_.add({.of = VtuArray::Of::points, .name = "Points", .components = 3});
     const format::VolumeInfo& info = volume.info();
     for (std::size_t i = 0; i < selection.attributes.size(); ++i) {
       attributes_.push_back(info.attributes[selection.attributes[i]]);
       attributes_.back().name = selection.names[i];
-      arrays_.push_back({.name = attributes_.back().name, .unit = attributes_.back().unit});
-      taken_.insert(escape(selection.names[i]));
+      vtu_.add({.name = attributes_.back().name, .unit = attributes_.back().unit});
+      taken_.insert(escape_xml(selection.names[i]));
     }
     add_own({.name = "mass"});
     add_own({.name = "centroid", .components = 3});
@@ -123,45 +68,19 @@ class VtuFile {
       has_direction_.push_back(info.find_column(format::ColumnKind::gradient, index) >= 0);
       if (has_direction_.back()) add_own({.name = attribute.name + " gradient direction", .components = 3});
     }
-    data_arrays_ = arrays_.size();
-    arrays_.push_back({.name = "connectivity", .type = "Int64", .number_bytes = sizeof(std::int64_t)});
-    arrays_.push_back({.name = "offsets", .type = "Int64", .number_bytes = sizeof(std::int64_t)});
-    arrays_.push_back({.name = "types", .type = "UInt8", .number_bytes = sizeof(std::uint8_t)});
+    cell_arrays_ = vtu_.add_cells();
   }
 
-  // VTK keeps one array of a name.
-  Status check_names(const std::string& file) const {
-    std::vector<std::string> names;
-    for (const std::string& name : selection_.names) names.push_back(escape(name));
-    if (const auto duplicate = find_duplicate(std::move(names)))
-      return fail(ErrorCode::invalid_argument,
-                  "{}: two attributes are called \"{}\" in the output: take one (--attribute)", file, *duplicate);
-    return {};
-  }
-
-  // Writes all but the numbers of the points: the header, the lengths, the cells and the tail.
+  // Writes all but the numbers of the points.
   Status start(AtomicFile& file, std::uint64_t points) {
-    std::uint64_t end = 0;
-    for (Array& array : arrays_) {
-      array.offset = end;
-      end += sizeof(std::uint64_t) + array.bytes(points);
-    }
-    const std::string header = header_of(points);
-    SPLATVOL_TRY(file.append(std::as_bytes(std::span(header))));
-    data_ = header.size();
-    for (const Array& array : arrays_) {
-      const std::array<std::uint64_t, 1> length = {array.bytes(points)};
-      SPLATVOL_TRY(file.write_at(data_ + array.offset, std::as_bytes(std::span(length))));
-    }
-    SPLATVOL_TRY(write_cells(file, points));
-    const std::string tail = "\n  </AppendedData>\n</VTKFile>\n";
-    bytes_ = data_ + end + tail.size();
-    return file.write_at(data_ + end, std::as_bytes(std::span(tail)));
+    vtu_.set_counts({.points = points, .cells = points, .corners = points});
+    SPLATVOL_TRY(vtu_.write_frame(file));
+    return write_cells(file, points);
   }
 
   // Appends the points of a group that are in the box.
   void collect(const format::SplatGroup& group, Columns& columns, VtuReport& report) const {
-    columns.resize(data_arrays_);
+    columns.resize(cell_arrays_);
     for (std::size_t i = 0; i < group.size(); ++i) {
       if (!is_inside(selection_.box, group.positions[i])) continue;
       report.mass += group.shapes[i].mass;
@@ -195,46 +114,21 @@ class VtuFile {
   // Writes the numbers of the points from `first` on.
   Status write(AtomicFile& file, const Columns& columns, std::uint64_t first) const {
     for (std::size_t i = 0; i < columns.size(); ++i)
-      SPLATVOL_TRY(file.write_at(data_ + arrays_[i].offset + sizeof(std::uint64_t) + arrays_[i].bytes(first),
-                                 std::as_bytes(std::span(columns[i]))));
+      SPLATVOL_TRY(vtu_.write(file, i, first, std::as_bytes(std::span(columns[i]))));
     return {};
   }
 
-  [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+  [[nodiscard]] std::uint64_t bytes() const { return vtu_.bytes(); }
   [[nodiscard]] const std::map<std::string, std::string>& renamed() const { return renamed_; }
 
  private:
   // Adds an array of the material. Its name may be that of an attribute, which keeps it.
-  void add_own(Array array) {
+  void add_own(VtuArray array) {
     const std::string usual = array.name;
-    array.name = free_name(usual, [&](const std::string& name) { return taken_.contains(escape(name)); });
-    taken_.insert(escape(array.name));
+    array.name = free_name(usual, [&](const std::string& name) { return taken_.contains(escape_xml(name)); });
+    taken_.insert(escape_xml(array.name));
     if (array.name != usual) renamed_.emplace(usual, array.name);
-    arrays_.push_back(std::move(array));
-  }
-
-  [[nodiscard]] std::string header_of(std::uint64_t points) const {
-    const auto element = [](const Array& array) {
-      // VTK's own key for the unit of an array.
-      const std::string unit = fmt::format(
-          ">\n          <InformationKey name=\"UNITS_LABEL\" location=\"vtkDataArray\">{}</InformationKey>"
-          "\n        </DataArray>\n",
-          escape(array.unit));
-      return fmt::format(
-          "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" offset=\"{}\"{}",
-          array.type, escape(array.name), array.components, array.offset, array.unit.empty() ? "/>\n" : unit);
-    };
-    std::string header = fmt::format(
-        "<?xml version=\"1.0\"?>\n{1}\n"
-        "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n"
-        "  <UnstructuredGrid>\n"
-        "    <Piece NumberOfPoints=\"{0}\" NumberOfCells=\"{0}\">\n      <Points>\n",
-        points, vtu_export_mark);
-    header += element(arrays_[0]) + "      </Points>\n      <Cells>\n";
-    for (std::size_t i = data_arrays_; i < arrays_.size(); ++i) header += element(arrays_[i]);
-    header += "      </Cells>\n      <PointData>\n";
-    for (std::size_t i = 1; i < data_arrays_; ++i) header += element(arrays_[i]);
-    return header + "      </PointData>\n    </Piece>\n  </UnstructuredGrid>\n  <AppendedData encoding=\"raw\">\n   _";
+    vtu_.add(std::move(array));
   }
 
   Status write_cells(AtomicFile& file, std::uint64_t points) const {
@@ -246,10 +140,7 @@ class VtuFile {
       const std::array<std::span<const std::byte>, 3> parts = {std::as_bytes(std::span(numbers).first(count)),
                                                                std::as_bytes(std::span(numbers).subspan(1)),
                                                                std::as_bytes(std::span(types))};
-      for (std::size_t k = 0; k < parts.size(); ++k) {
-        const Array& array = arrays_[data_arrays_ + k];
-        SPLATVOL_TRY(file.write_at(data_ + array.offset + sizeof(std::uint64_t) + array.bytes(first), parts[k]));
-      }
+      for (std::size_t k = 0; k < parts.size(); ++k) SPLATVOL_TRY(vtu_.write(file, cell_arrays_ + k, first, parts[k]));
     }
     return {};
   }
@@ -257,12 +148,10 @@ class VtuFile {
   const format::SplatSelection& selection_;
   std::vector<format::Attribute> attributes_;
   std::vector<bool> has_direction_;  // [attribute]
-  std::vector<Array> arrays_;        // points and their data, then those of the cells
-  std::set<std::string> taken_;      // names of the points' arrays, as they are in the file
+  VtuFile vtu_;
+  std::size_t cell_arrays_;      // index of the first
+  std::set<std::string> taken_;  // names of the points' arrays, as they are in the file
   std::map<std::string, std::string> renamed_;
-  std::size_t data_arrays_;
-  std::uint64_t data_ = 0;  // where the appended data begins
-  std::uint64_t bytes_ = 0;
 };
 
 // Without a box, the metadata tells the number of points.
@@ -289,17 +178,17 @@ Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& pa
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
       return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
                   volume.info().attributes[a].name);
-  VtuFile vtu(volume, selection);
-  SPLATVOL_TRY(vtu.check_names(volume.name()));
+  SPLATVOL_TRY(check_vtu_names(volume.name(), selection.names));
+  PointArrays arrays(volume, selection);
   SPLATVOL_TRY_ASSIGN(points, count_points(volume, selection, [&](double done) { progress(done / 4); }));
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, replace));
-  SPLATVOL_TRY(vtu.start(file, points));
+  SPLATVOL_TRY(arrays.start(file, points));
   VtuReport report;
   Columns columns;
   const auto write_group = [&](const format::SplatGroup& group) -> Status {
     columns.clear();
-    vtu.collect(group, columns, report);
-    SPLATVOL_TRY(vtu.write(file, columns, report.points));
+    arrays.collect(group, columns, report);
+    SPLATVOL_TRY(arrays.write(file, columns, report.points));
     report.points += columns[0].size() / 3;
     return {};
   };
@@ -307,8 +196,8 @@ Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& pa
                               {.positions = true, .values = true, .material = true, .directions = true}, write_group,
                               [&](double done) { progress(0.25 + 0.75 * done); }));
   SPLATVOL_TRY(file.commit());
-  report.file_bytes = vtu.bytes();
-  report.renamed = vtu.renamed();
+  report.file_bytes = arrays.bytes();
+  report.renamed = arrays.renamed();
   return report;
 }
 

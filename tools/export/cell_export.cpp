@@ -1,0 +1,350 @@
+#include "tools/export/cell_export.h"
+
+#include <fmt/format.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "base/file.h"
+#include "base/temp_file.h"
+#include "format/cell_reader.h"
+#include "format/ranked_points.h"
+#include "tools/export/used_ranks.h"
+#include "tools/export/vtu_file.h"
+
+namespace splatvol {
+namespace {
+
+using format::CellChunkEntry;
+using format::CellShape;
+
+static_assert(sizeof(dvec3) == 3 * sizeof(double), "positions are written as they are");
+
+constexpr std::uint64_t held_bytes = std::uint64_t{128} << 20;  // of parts of the file that were read, on all threads
+constexpr std::size_t chunks_at_once = 64;
+constexpr std::uint64_t cells_at_once = std::uint64_t{1} << 17;  // of these chunks, unless one has more
+constexpr std::size_t slice_points = std::size_t{1} << 14;
+constexpr std::size_t slices_at_once = 16;
+constexpr std::uint64_t numbers_at_once = std::uint64_t{1} << 17;
+
+std::uint8_t vtk_type(CellShape shape) {
+  switch (shape) {
+    case CellShape::tetrahedron:
+      return 10;
+    case CellShape::hexahedron:
+      return 12;
+    case CellShape::wedge:
+      return 13;
+    case CellShape::pyramid:
+      return 14;
+  }
+  return 0;
+}
+
+// Requires boxes that are not empty; they meet if they touch.
+bool meets(const Box& box, const Box& other) {
+  return glm::all(glm::lessThanEqual(box.low, other.high)) && glm::all(glm::lessThanEqual(other.low, box.high));
+}
+
+bool is_within(const Box& box, const Box& other) {
+  return glm::all(glm::lessThanEqual(other.low, box.low)) && glm::all(glm::lessThanEqual(box.high, other.high));
+}
+
+template <class Entry>
+Box box_of(const Entry& entry) {
+  return {{entry.low[0], entry.low[1], entry.low[2]}, {entry.high[0], entry.high[1], entry.high[2]}};
+}
+
+double volume_of(const format::CellChunk& cells, std::size_t cell, std::span<const dvec3> corners) {
+  double volume = 0;
+  for (const auto& [a, b, c, d] : format::tetrahedra_of(cells.shape, cells.split_at(cell)))
+    volume += glm::dot(corners[b] - corners[a], glm::cross(corners[c] - corners[a], corners[d] - corners[a])) / 6;
+  return volume;
+}
+
+// Mirrors a cell, so that its volume has the other sign in VTK's order.
+void mirror(CellShape shape, std::span<std::uint64_t> corners) {
+  switch (shape) {
+    case CellShape::tetrahedron:
+      return std::swap(corners[2], corners[3]);
+    case CellShape::pyramid:
+      return std::swap(corners[1], corners[3]);
+    case CellShape::wedge:
+    case CellShape::hexahedron: {
+      const std::size_t half = corners.size() / 2;
+      std::swap_ranges(corners.begin(), corners.begin() + static_cast<std::ptrdiff_t>(half),
+                       corners.begin() + static_cast<std::ptrdiff_t>(half));
+    }
+  }
+}
+
+// Cells of a chunk that meet a box.
+struct ChunkCells {
+  std::vector<std::uint64_t> corners;  // [cell][corner]: ranks, in VTK's order
+  std::vector<double> volumes;         // [cell]
+  Status status;
+};
+
+// Values and positions of some consecutive points of the output.
+struct PointSlice {
+  std::vector<std::uint64_t> ranks;
+  std::vector<dvec3> positions = {};
+  std::vector<std::vector<double>> values = {};  // [attribute of the selection]
+  Status status = {};
+};
+
+// Reads chunks of cells and slices of points. Each thread has one.
+class PartReader {
+ public:
+  PartReader(const format::CellReader& cells, const format::SplatSelection& selection, std::uint64_t memory)
+      : cells_(cells), selection_(selection), points_(cells, memory) {}
+
+  Status read(const CellChunkEntry& entry, ChunkCells& chunk) {
+    SPLATVOL_TRY_ASSIGN(cells, cells_.read_chunk(entry));
+    const format::LocalCells local = format::number_corners(cells.corners);
+    SPLATVOL_TRY(points_.find(local.ranks, places_));
+    SPLATVOL_TRY(points_.read_positions(places_, positions_));
+    const bool is_whole = is_within(box_of(entry), selection_.box);
+    const std::size_t count = format::corners_of(entry.shape);
+    std::vector<dvec3> corners(count);
+    for (std::size_t cell = 0; cell < cells.size(); ++cell) {
+      Box box;
+      for (std::size_t k = 0; k < count; ++k) box.include(corners[k] = positions_[local.corners[cell * count + k]]);
+      if (!is_whole && !meets(box, selection_.box)) continue;
+      const double volume = volume_of(cells, cell, corners);
+      const auto ranks = std::span(cells.corners).subspan(cell * count, count);
+      if (volume < 0) mirror(entry.shape, ranks);
+      chunk.volumes.push_back(std::abs(volume));
+      chunk.corners.insert(chunk.corners.end(), ranks.begin(), ranks.end());
+    }
+    return {};
+  }
+
+  Status read(PointSlice& slice) {
+    SPLATVOL_TRY(points_.find(slice.ranks, places_));
+    SPLATVOL_TRY(points_.read_positions(places_, slice.positions));
+    for (const std::size_t a : selection_.attributes) {
+      SPLATVOL_TRY(points_.read_values(places_, static_cast<int>(a), stored_));
+      const format::Attribute& attribute = cells_.volume().info().attributes[a];
+      std::vector<double>& values = slice.values.emplace_back();
+      values.reserve(stored_.size());
+      for (const float value : stored_) values.push_back(attribute.value(static_cast<double>(value)));
+    }
+    return {};
+  }
+
+ private:
+  const format::CellReader& cells_;
+  const format::SplatSelection& selection_;
+  format::RankedPoints points_;
+  std::vector<format::RankedPoints::Place> places_;
+  std::vector<dvec3> positions_;
+  std::vector<float> stored_;
+};
+
+class CellExport {
+ public:
+  CellExport(const format::CellReader& cells, const format::SplatSelection& selection, AtomicFile& file,
+             const std::function<void(double)>& progress)
+      : cells_(cells),
+        selection_(selection),
+        file_(file),
+        progress_(progress),
+        used_(cells.volume().info().resolution_counts.back()),
+        readers_([&cells, &selection, threads = tbb::this_task_arena::max_concurrency()] {
+          return PartReader(cells, selection, held_bytes / static_cast<std::uint64_t>(threads));
+        }) {
+    cell_arrays_ = vtu_.add_cells();  // the first: its numbers are written before the others are counted
+    point_arrays_ = vtu_.add({.of = VtuArray::Of::points, .name = "Points", .components = 3});
+    for (std::size_t i = 0; i < selection.attributes.size(); ++i)
+      vtu_.add({.name = selection.names[i], .unit = cells.volume().info().attributes[selection.attributes[i]].unit});
+    vtu_.reserve_header();
+  }
+
+  Result<CellsReport> run() {
+    SPLATVOL_TRY(write_ranks());
+    SPLATVOL_TRY(check_any());
+    report_.points = used_.number();
+    vtu_.set_counts({.points = report_.points, .cells = report_.cells, .corners = corners_});
+    SPLATVOL_TRY(write_points());
+    SPLATVOL_TRY(renumber_corners());
+    SPLATVOL_TRY(write_kinds());
+    SPLATVOL_TRY(vtu_.write_frame(file_));
+    report_.file_bytes = vtu_.bytes();
+    return report_;
+  }
+
+ private:
+  // Cells of one shape that follow each other.
+  struct Run {
+    CellShape shape;
+    std::uint64_t cells;
+  };
+
+  // Writes the ranks of the corners of all cells that meet the box.
+  Status write_ranks() {
+    const std::vector<format::CellPageRef>& pages = cells_.pages();
+    for (std::size_t p = 0; p < pages.size(); ++p) {
+      if (meets(box_of(pages[p]), selection_.box)) SPLATVOL_TRY(write_page(p));
+      progress_(0.6 * static_cast<double>(p + 1) / static_cast<double>(pages.size()));
+    }
+    return {};
+  }
+
+  Status write_page(std::size_t number) {
+    SPLATVOL_TRY_ASSIGN(page, cells_.read_page(number, {}));
+    std::erase_if(page.chunks, [&](const CellChunkEntry& entry) { return !meets(box_of(entry), selection_.box); });
+    std::erase_if(page.chunks, [&](const CellChunkEntry& entry) {
+      const bool is_known = format::is_known(entry.shape, entry.field) && vtk_type(entry.shape) != 0;
+      if (!is_known) report_.left_out += entry.cells;
+      return !is_known;
+    });
+    for (std::span<const CellChunkEntry> left = page.chunks; !left.empty();) {
+      std::size_t count = 1;
+      for (std::uint64_t cells = left[0].cells; count < std::min(left.size(), chunks_at_once); ++count)
+        if ((cells += left[count].cells) > cells_at_once) break;
+      SPLATVOL_TRY(write_chunks(left.first(count)));
+      left = left.subspan(count);
+    }
+    return {};
+  }
+
+  Status write_chunks(std::span<const CellChunkEntry> entries) {
+    std::vector<ChunkCells> chunks(entries.size());
+    tbb::parallel_for(std::size_t{0}, chunks.size(),
+                      [&](std::size_t i) { chunks[i].status = readers_.local().read(entries[i], chunks[i]); });
+    for (std::size_t i = 0; i < chunks.size(); ++i) {
+      const ChunkCells& chunk = chunks[i];
+      SPLATVOL_TRY(chunk.status);
+      if (chunk.volumes.empty()) continue;
+      used_.add(chunk.corners);
+      SPLATVOL_TRY(vtu_.write(file_, cell_arrays_, corners_, std::as_bytes(std::span(chunk.corners))));
+      corners_ += chunk.corners.size();
+      report_.cells += chunk.volumes.size();
+      for (const double volume : chunk.volumes) report_.volume += volume;
+      if (runs_.empty() || runs_.back().shape != entries[i].shape) runs_.push_back({entries[i].shape, 0});
+      runs_.back().cells += chunk.volumes.size();
+    }
+    return {};
+  }
+
+  [[nodiscard]] Status check_any() const {
+    const std::string& name = cells_.volume().name();
+    if (report_.cells > 0) return {};
+    if (report_.left_out > 0)
+      return fail(ErrorCode::unsupported,
+                  "{}: its {} cells have shapes that this program does not know: take a later version", name,
+                  report_.left_out);
+    return fail(ErrorCode::invalid_argument, "{}: no cells{}", name, cells_.pages().empty() ? " in it" : " in the box");
+  }
+
+  Status write_points() {
+    std::vector<PointSlice> slices;
+    std::uint64_t first = 0;
+    for (std::size_t page = 0; page < used_.page_count(); ++page) {
+      const std::vector<std::uint64_t> ranks = used_.ranks_of_page(page);
+      for (std::span<const std::uint64_t> left = ranks; !left.empty();) {
+        const auto slice = left.first(std::min(left.size(), slice_points));
+        slices.push_back({.ranks = {slice.begin(), slice.end()}});
+        left = left.subspan(slice.size());
+        if (slices.size() == slices_at_once) SPLATVOL_TRY(write_slices(slices, first));
+      }
+    }
+    return write_slices(slices, first);
+  }
+
+  // Writes the points from number `first` on, and empties `slices`.
+  Status write_slices(std::vector<PointSlice>& slices, std::uint64_t& first) {
+    tbb::parallel_for(std::size_t{0}, slices.size(),
+                      [&](std::size_t i) { slices[i].status = readers_.local().read(slices[i]); });
+    for (const PointSlice& slice : slices) {
+      SPLATVOL_TRY(slice.status);
+      SPLATVOL_TRY(vtu_.write(file_, point_arrays_, first, std::as_bytes(std::span(slice.positions))));
+      for (std::size_t i = 0; i < slice.values.size(); ++i)
+        SPLATVOL_TRY(vtu_.write(file_, point_arrays_ + 1 + i, first, std::as_bytes(std::span(slice.values[i]))));
+      first += slice.ranks.size();
+    }
+    slices.clear();
+    progress_(0.6 + 0.3 * static_cast<double>(first) / static_cast<double>(report_.points));
+    return {};
+  }
+
+  // Replaces the ranks in the file by the numbers of the points.
+  Status renumber_corners() {
+    SPLATVOL_TRY_ASSIGN(written, open_file(file_.path_to_write()));
+    std::vector<std::uint64_t> numbers;
+    for (std::uint64_t first = 0; first < corners_; first += numbers.size()) {
+      numbers.resize(std::min(numbers_at_once, corners_ - first));
+      const auto bytes = std::as_writable_bytes(std::span(numbers));
+      SPLATVOL_TRY(written->read(vtu_.offset(cell_arrays_) + first * sizeof(std::uint64_t), bytes));
+      for (std::uint64_t& number : numbers) {
+        if (!used_.has(number)) return fail_changed_temporary();
+        number = used_.number_of(number);
+      }
+      SPLATVOL_TRY(vtu_.write(file_, cell_arrays_, first, bytes));
+      progress_(0.9 + 0.1 * static_cast<double>(first) / static_cast<double>(corners_));
+    }
+    return {};
+  }
+
+  // Writes where the corners of each cell end, and its type.
+  Status write_kinds() {
+    std::uint64_t first = 0, end = 0;
+    for (const Run& run : runs_)
+      for (std::uint64_t left = run.cells; left > 0;) {
+        std::vector<std::uint64_t> ends(std::min(numbers_at_once, left));
+        const std::vector<std::uint8_t> types(ends.size(), vtk_type(run.shape));
+        for (std::uint64_t& cell_end : ends) cell_end = end += format::corners_of(run.shape);
+        SPLATVOL_TRY(vtu_.write(file_, cell_arrays_ + 1, first, std::as_bytes(std::span(ends))));
+        SPLATVOL_TRY(vtu_.write(file_, cell_arrays_ + 2, first, std::as_bytes(std::span(types))));
+        first += ends.size();
+        left -= ends.size();
+      }
+    return {};
+  }
+
+  const format::CellReader& cells_;
+  const format::SplatSelection& selection_;
+  AtomicFile& file_;
+  const std::function<void(double)>& progress_;
+  VtuFile vtu_;
+  std::size_t cell_arrays_ = 0, point_arrays_ = 0;  // index of the first
+  UsedRanks used_;
+  std::uint64_t corners_ = 0;
+  std::vector<Run> runs_;
+  CellsReport report_;
+  tbb::enumerable_thread_specific<PartReader> readers_;
+};
+
+}  // namespace
+
+Result<CellsReport> export_cells(const format::Volume& volume, const std::string& path,
+                                 const format::SplatSelection& selection, const std::function<void(double)>& progress,
+                                 Replace replace) {
+  SPLATVOL_TRY(check_vtu_names(volume.name(), selection.names));
+  SPLATVOL_TRY_ASSIGN(cells, format::CellReader::open(volume));
+  if (!cells)
+    return fail(ErrorCode::invalid_argument, "{}: keeps no cells: build it with svbuild --keep-cells", volume.name());
+  const auto is_constant = [](const format::CellKind& kind) { return kind.field == format::CellField::constant; };
+  if (std::ranges::any_of(cells->kinds(), is_constant))
+    return fail(ErrorCode::unsupported, "{}: cells of --cells own are not exported yet: export its points",
+                volume.name());
+  for (const std::size_t a : selection.attributes)
+    if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
+      return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
+                  volume.info().attributes[a].name);
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, replace));
+  SPLATVOL_TRY_ASSIGN(report, CellExport(*cells, selection, file, progress).run());
+  SPLATVOL_TRY(file.commit());
+  return report;
+}
+
+}  // namespace splatvol

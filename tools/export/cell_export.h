@@ -1,0 +1,40 @@
+// Exports the cells of a mesh that a file keeps as a .vtu file.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "base/error.h"
+#include "base/replaceable.h"
+#include "format/splat_reader.h"
+#include "format/volume.h"
+
+namespace splatvol {
+
+struct CellsReport {
+  std::uint64_t cells = 0;
+  std::uint64_t points = 0;    // corners of these cells
+  std::uint64_t left_out = 0;  // cells of chunks that meet the box, of a shape or field that this program does not know
+  double volume = 0;           // of the cells: each counts as positive
+  std::uint64_t file_bytes = 0;
+};
+
+/// Writes the cells that meet the selection's box, in the order of the file, with their corners as points, in the order
+/// of their ranks, and for each selected attribute the values there, in double precision (NaN: missing). A cell meets
+/// the box if the box round its corners does, as they are stored. The corners of a cell stand in an order that gives it
+/// a positive volume. The selection's resolution does not matter.
+///
+/// Reads nothing of chunks of cells and pages outside of the box. Reads each chunk of cells once: ranks of corners go
+/// into the file first, and become numbers of points once all points are known.
+///
+/// Holds about 200 MiB, 2 MiB for each attribute, and 1.25 bits for each point of those pages of ranks that the cells
+/// name. The file is of the version 1.0 with appended raw data, and has the mark of an export (base/replaceable.h). It
+/// appears whole or not at all. Output does not depend on threads. Fails if the file keeps no cells, if none meets the
+/// box, if the selection has two attributes of one name, or if `path` may not be replaced.
+[[nodiscard]] Result<CellsReport> export_cells(const format::Volume& volume, const std::string& path,
+                                               const format::SplatSelection& selection,
+                                               const std::function<void(double)>& progress,
+                                               Replace replace = Replace::exports);
+
+}  // namespace splatvol
