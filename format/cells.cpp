@@ -1,5 +1,7 @@
 #include "format/cells.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -47,6 +49,14 @@ void sort_by_rank(std::vector<Corner>& corners, int bits) {
 }
 
 }  // namespace
+
+std::string cell_shape_name(CellShape shape) {
+  return shape == CellShape::tetrahedron ? "tetrahedron" : fmt::format("shape {}", static_cast<int>(shape));
+}
+
+std::string cell_field_name(CellField field) {
+  return field == CellField::corners ? "corners" : fmt::format("field {}", static_cast<int>(field));
+}
 
 LocalCells number_corners(std::span<const std::uint64_t> corners) {
   LocalCells cells;

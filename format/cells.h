@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -22,6 +23,10 @@ namespace splatvol::format {
 [[nodiscard]] constexpr bool is_known(CellShape shape, CellField field) {
   return corners_of(shape) > 0 && field == CellField::corners;
 }
+
+/// The names of a shape and of a field; "shape 77", "field 77" if this program does not know them.
+[[nodiscard]] std::string cell_shape_name(CellShape shape);
+[[nodiscard]] std::string cell_field_name(CellField field);
 
 /// Cells whose corners are numbered for themselves.
 struct LocalCells {

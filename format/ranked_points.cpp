@@ -79,6 +79,8 @@ struct RankedPoints::Held {
   template <class Unpack>
   Status read_chunk(std::uint64_t group, ColumnKind kind, int attribute, const Unpack& unpack) {
     const int column = volume.info().find_column(kind, attribute);
+    if (column < 0)
+      return fail(ErrorCode::invalid_argument, "{}: attribute {} has no values", volume.name(), attribute);
     const std::uint64_t row = volume.rows().row(volume.rows().group(group).segment, group);
     const std::uint64_t number = volume.directory_page_of_row(row, column);
     const DirectoryPage* page = directory.find(number);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <map>
 #include <memory>
 #include <numeric>
 #include <optional>
@@ -36,6 +37,12 @@ struct Ends {
   CellShape shape{};
   std::vector<std::uint64_t> first, last;
 };
+
+// The cells of each shape and field. Files may state very many of these.
+struct Counts {
+  std::uint64_t cells = 0, packed_bytes = 0;
+};
+using Kinds = std::map<std::pair<CellShape, CellField>, Counts>;
 
 class CellVerifier {
  public:
@@ -143,12 +150,9 @@ class CellVerifier {
   }
 
   void count(const CellChunkEntry& entry, std::size_t thread) {
-    std::vector<CellKind>& kinds = kinds_[thread];
-    auto kind = std::ranges::find_if(
-        kinds, [&](const CellKind& k) { return k.shape == entry.shape && k.field == entry.field; });
-    if (kind == kinds.end()) kind = kinds.insert(kinds.end(), CellKind{entry.shape, entry.field, {}, 0, 0, 0});
-    kind->cells += entry.cells;
-    kind->packed_bytes += entry.packed_bytes;
+    Counts& counts = kinds_[thread][{entry.shape, entry.field}];
+    counts.cells += entry.cells;
+    counts.packed_bytes += entry.packed_bytes;
   }
 
   template <class SummaryOf>
@@ -169,6 +173,7 @@ class CellVerifier {
       return broken("the box or area of a chunk of cells is wrong");
     std::vector<float> values;
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+      if (info_.find_column(ColumnKind::value, static_cast<int>(a)) < 0) continue;
       SPLATVOL_TRY(points.read_values(places, static_cast<int>(a), values));
       const ValueSummary found = summarize_cells(entry.shape, local.corners, values, bins_[a]), stated = summary_of(a);
       if (found.min != stated.min || found.max != stated.max || found.occupancy != stated.occupancy)
@@ -201,17 +206,18 @@ class CellVerifier {
   }
 
   Status check_kinds() const {
-    std::vector<CellKind> found;
-    for (const std::vector<CellKind>& kinds : kinds_) found.insert(found.end(), kinds.begin(), kinds.end());
+    Kinds found;
+    for (const Kinds& kinds : kinds_)
+      for (const auto& [kind, counts] : kinds) {
+        found[kind].cells += counts.cells;
+        found[kind].packed_bytes += counts.packed_bytes;
+      }
     for (const CellKind& stated : cells_.kinds()) {
-      std::uint64_t cells = 0, bytes = 0;
-      std::erase_if(found, [&](const CellKind& kind) {
-        if (kind.shape != stated.shape || kind.field != stated.field) return false;
-        cells += kind.cells;
-        bytes += kind.packed_bytes;
-        return true;
-      });
-      if (cells != stated.cells || bytes != stated.packed_bytes || stated.turned > stated.cells) return wrong_counts();
+      const auto kind = found.find({stated.shape, stated.field});
+      if (kind == found.end() || kind->second.cells != stated.cells ||
+          kind->second.packed_bytes != stated.packed_bytes || stated.turned > stated.cells)
+        return wrong_counts();
+      found.erase(kind);
     }
     return found.empty() ? Status{} : wrong_counts();
   }
@@ -227,7 +233,7 @@ class CellVerifier {
   std::vector<ValueBins> bins_;                        // [attribute]
   std::vector<std::unique_ptr<RankedPoints>> points_;  // [thread]
   std::vector<Ends> ends_;                             // [page]
-  std::vector<std::vector<CellKind>> kinds_;           // [thread]
+  std::vector<Kinds> kinds_;                           // [thread]
 
   // Of check_ranks().
   std::uint64_t rank_ = 0;

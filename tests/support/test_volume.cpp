@@ -534,6 +534,10 @@ Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& vo
   auto writer =
       format::VolumeWriter::create(path, volume.info, std::move(index), std::filesystem::temp_directory_path());
   if (writer) (*writer)->set_boundary(volume.boundary);
+  if (writer && volume.cells)
+    (*writer)->set_cells([cells = *volume.cells](const format::Volume& file, const format::AppendBytes& append) {
+      return write_test_cells(cells, file, append);
+    });
   return writer;
 }
 
