@@ -22,6 +22,7 @@
 #include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
 #include "tests/support/volume_bytes.h"
+#include "tests/support/volume_dump.h"
 
 namespace splatvol::format {
 namespace {
@@ -284,6 +285,19 @@ TEST(CellsOfAFile, RanksNameTheirPoints) {
       EXPECT_TRUE(values[i] == volume.stored[1][i] || (std::isnan(values[i]) && std::isnan(volume.stored[1][i])));
     }
   }
+}
+
+// What a reader sees does not depend on how bytes are packed.
+TEST(CellsOfAFile, AreInADump) {
+  const Bytes file = test_volume_bytes(volume_with_cells());
+  const auto dump_of = [](const Bytes& bytes) { return test::value_of(test::dump_volume(*open(bytes).value(), true)); };
+  const std::string dump = dump_of(file);
+  EXPECT_THAT(dump, HasSubstr("kind: tetrahedron, corners, 200 cells, 3 turned"));
+  EXPECT_EQ(dump_of(Dissected(file).assemble([](Part, std::size_t, Bytes&) {}, test::Packing::raw)), dump);
+  const Bytes other = Dissected(file).assemble([](Part part, std::size_t i, Bytes& bytes) {
+    if (part == Part::cells && i == 2) bytes.back() ^= std::byte{1};
+  });
+  EXPECT_NE(dump_of(other), dump);
 }
 
 TEST(CellsOfAFile, MayBeNone) {
