@@ -267,7 +267,8 @@ TEST(CellsOfAFile, ComeBack) {
 
 TEST(CellsOfAFile, RanksNameTheirPoints) {
   const TestVolume volume = volume_with_cells();
-  const auto opened = open(test_volume_bytes(volume)).value();
+  const Bytes file = test_volume_bytes(volume);
+  const auto opened = open(file).value();
   const auto cells = test::value_of(CellReader::open(*opened));
   const std::vector<std::uint64_t> ranks = ranks_of(volume);
   // A memory of nothing holds one group at a time.
@@ -330,7 +331,8 @@ TEST(CellsOfAFile, MustBeDescribed) {
 
 TEST(CellsOfAFile, AreReadOnDemandOnly) {
   TestVolume volume = volume_with_cells(60'000);
-  const auto opened = open(test_volume_bytes(volume)).value();
+  const Bytes file = test_volume_bytes(volume);
+  const auto opened = open(file).value();
   const std::uint64_t before = opened->bytes_read();
   const auto cells = test::value_of(CellReader::open(*opened));
   ASSERT_GT(cells->section_bytes(), 200'000u);
