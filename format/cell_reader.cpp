@@ -149,6 +149,7 @@ Status CellReader::take_root(std::span<const std::byte> root, const CellsTail& t
 Status CellReader::check_tiling() const {
   const std::uint64_t end = bytes_ - root_bytes_;
   const std::uint64_t table = (1 + attributes_) * sizeof(IndexPagePart);
+  const std::uint64_t chunk_bytes = sizeof(CellChunkEntry) + attributes_ * summary_bytes;
   const auto untiled = [&] { return broken("parts of the cells do not tile their section"); };
   std::uint64_t next = 0, chunks = 0;
   for (const RankPageRef& page : rank_pages_) {
@@ -167,7 +168,8 @@ Status CellReader::check_tiling() const {
   for (const CellPageRef& page : pages_) {
     if (page.offset < next || page.offset > end || page.page_bytes > end - page.offset || page.page_bytes < table)
       return untiled();
-    if (page.chunks == 0 || page.chunks > max_page_chunks || !is_box(page.low, page.high) || !is_area(page.area))
+    if (page.chunks == 0 || page.chunks > max_page_chunks || page.page_bytes > table + page.chunks * chunk_bytes ||
+        !is_box(page.low, page.high) || !is_area(page.area))
       return broken("a page of cells is out of range");
     next = page.offset + page.page_bytes;
     chunks += page.chunks;

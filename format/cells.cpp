@@ -1,5 +1,7 @@
 #include "format/cells.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -67,6 +69,25 @@ void sort_by_rank(std::vector<Corner>& corners, int bits) {
 }
 
 }  // namespace
+
+std::string cell_shape_name(CellShape shape) {
+  switch (shape) {
+    case CellShape::tetrahedron:
+      return "tetrahedron";
+    case CellShape::pyramid:
+      return "pyramid";
+    case CellShape::wedge:
+      return "wedge";
+    case CellShape::hexahedron:
+      return "hexahedron";
+  }
+  return fmt::format("shape {}", static_cast<int>(shape));
+}
+
+std::string cell_field_name(CellField field) {
+  if (field == CellField::constant) return "constant";
+  return field == CellField::corners ? "corners" : fmt::format("field {}", static_cast<int>(field));
+}
 
 LocalCells number_corners(std::span<const std::uint64_t> corners) {
   LocalCells cells;

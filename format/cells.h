@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -31,6 +32,10 @@ struct CellChunk {
   }
   [[nodiscard]] CellSplit split_at(std::size_t cell) const { return splits.empty() ? CellSplit{0} : splits[cell]; }
 };
+
+/// The names of a shape and of a field; "shape 77", "field 77" if this program does not know them.
+[[nodiscard]] std::string cell_shape_name(CellShape shape);
+[[nodiscard]] std::string cell_field_name(CellField field);
 
 /// Cells whose corners are numbered for themselves.
 struct LocalCells {

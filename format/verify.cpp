@@ -26,8 +26,8 @@ class Volume::Verifier {
     SPLATVOL_TRY(check_parts());
     SPLATVOL_TRY(check_rows(0));
     SPLATVOL_TRY_ASSIGN(values, check_chunks(pages_of(0)));
-    SPLATVOL_TRY(verify_cells(volume_, progress_, threads_));
-    return volume_.series_ ? check_nodes(positions_only()) : check_nodes_and_values(values, positions_only());
+    SPLATVOL_TRY(volume_.series_ ? check_nodes(positions_only()) : check_nodes_and_values(values, positions_only()));
+    return verify_cells(volume_, progress_, threads_);
   }
 
   /// Checks the chunks of some directory pages.
@@ -41,8 +41,8 @@ class Volume::Verifier {
   Status run_rest(const CheckedValues& values) {
     SPLATVOL_TRY(check_parts());
     SPLATVOL_TRY(check_rows(0));
-    SPLATVOL_TRY(verify_cells(volume_, progress_, threads_));
-    return check_nodes_and_values(values, positions_only());
+    SPLATVOL_TRY(check_nodes_and_values(values, positions_only()));
+    return verify_cells(volume_, progress_, threads_);
   }
 
   /// Checks what the step adds.

@@ -6,6 +6,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <map>
 #include <memory>
 #include <numeric>
 #include <optional>
@@ -45,6 +46,12 @@ struct Ends {
   };
   Cell first, last;
 };
+
+// The cells of each shape and field. Files may state very many of these.
+struct Counts {
+  std::uint64_t cells = 0, packed_bytes = 0;
+};
+using Kinds = std::map<std::pair<CellShape, CellField>, Counts>;
 
 class CellVerifier {
  public:
@@ -164,12 +171,9 @@ class CellVerifier {
   }
 
   void count(const CellChunkEntry& entry, std::size_t thread) {
-    std::vector<CellKind>& kinds = kinds_[thread];
-    auto kind = std::ranges::find_if(
-        kinds, [&](const CellKind& k) { return k.shape == entry.shape && k.field == entry.field; });
-    if (kind == kinds.end()) kind = kinds.insert(kinds.end(), CellKind{entry.shape, entry.field, {}, 0, 0, 0});
-    kind->cells += entry.cells;
-    kind->packed_bytes += entry.packed_bytes;
+    Counts& counts = kinds_[thread][{entry.shape, entry.field}];
+    counts.cells += entry.cells;
+    counts.packed_bytes += entry.packed_bytes;
   }
 
   template <class SummaryOf>
@@ -192,6 +196,7 @@ class CellVerifier {
     SPLATVOL_TRY(check_extent(cells, entry, local, positions));
     std::vector<float> values;
     for (std::size_t a = 0; a < bins_.size(); ++a) {
+      if (info_.find_column(ColumnKind::value, static_cast<int>(a)) < 0) continue;
       SPLATVOL_TRY(points.read_values(places, static_cast<int>(a), values));
       SPLATVOL_TRY(check_summary(summarize_cells(cells, local, values, bins_[a]), summary_of(a)));
     }
@@ -208,6 +213,7 @@ class CellVerifier {
     SPLATVOL_TRY_ASSIGN(places, find_points(cells.points, thread));
     std::vector<float> values;
     for (std::size_t a = 0; a < bins_.size(); ++a) {
+      if (info_.find_column(ColumnKind::value, static_cast<int>(a)) < 0) continue;
       SPLATVOL_TRY(points_[thread]->read_values(places, static_cast<int>(a), values));
       SPLATVOL_TRY(check_summary(bins_[a].summarize(values), summary_of(a)));
     }
@@ -257,17 +263,18 @@ class CellVerifier {
   }
 
   Status check_kinds() const {
-    std::vector<CellKind> found;
-    for (const std::vector<CellKind>& kinds : kinds_) found.insert(found.end(), kinds.begin(), kinds.end());
+    Kinds found;
+    for (const Kinds& kinds : kinds_)
+      for (const auto& [kind, counts] : kinds) {
+        found[kind].cells += counts.cells;
+        found[kind].packed_bytes += counts.packed_bytes;
+      }
     for (const CellKind& stated : cells_.kinds()) {
-      std::uint64_t cells = 0, bytes = 0;
-      std::erase_if(found, [&](const CellKind& kind) {
-        if (kind.shape != stated.shape || kind.field != stated.field) return false;
-        cells += kind.cells;
-        bytes += kind.packed_bytes;
-        return true;
-      });
-      if (cells != stated.cells || bytes != stated.packed_bytes || stated.turned > stated.cells) return wrong_counts();
+      const auto kind = found.find({stated.shape, stated.field});
+      if (kind == found.end() || kind->second.cells != stated.cells ||
+          kind->second.packed_bytes != stated.packed_bytes || stated.turned > stated.cells)
+        return wrong_counts();
+      found.erase(kind);
     }
     return found.empty() ? Status{} : wrong_counts();
   }
@@ -284,7 +291,7 @@ class CellVerifier {
   std::vector<std::unique_ptr<RankedPoints>> points_;    // [thread]
   std::vector<std::unique_ptr<CellVertices>> vertices_;  // [thread]
   std::vector<Ends> ends_;                               // [page]
-  std::vector<std::vector<CellKind>> kinds_;             // [thread]
+  std::vector<Kinds> kinds_;                             // [thread]
 
   // Of check_ranks().
   std::uint64_t rank_ = 0;

@@ -10,7 +10,8 @@
 namespace splatvol::format {
 
 /// Reads and checks all cells of a file, if it keeps some: their ranks against the index, boxes, areas and ranges
-/// against the stored points. Calls `progress` with the share done, on this thread. Holds some MiB for each thread.
+/// against the stored points. Requires an index that is whole: its pages are a tree. Calls `progress` with the share
+/// done, on this thread. Holds some MiB for each thread.
 [[nodiscard]] Status verify_cells(const Volume& volume, const std::function<void(double)>& progress,
                                   std::size_t threads);
 

@@ -3,10 +3,12 @@
 
 #include <algorithm>
 #include <array>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <thread>
 
 #include "base/json.h"
+#include "format/cell_reader.h"
 #include "format/volume.h"
 #include "streamer/first/default_scene.h"
 #include "tools/steps.h"
@@ -44,6 +46,7 @@ struct Survey {
   std::vector<ColumnBytes> columns;
   IndexSize index;
   format::Histograms histograms;
+  std::unique_ptr<const format::CellReader> cells;  // null: the file keeps none
   bool verified = false;
 };
 
@@ -176,6 +179,37 @@ json boundary_json(const format::BoundaryInfo& boundary) {
   return {{"error", boundary.error}, {"patches", patches}};
 }
 
+// The bytes of a section of cells by its parts, and in all.
+std::vector<std::pair<const char*, std::uint64_t>> bytes_of(const format::CellReader& cells) {
+  const std::uint64_t all = cells.section_bytes(), directory = cells.directory_bytes();
+  const std::uint64_t ranks = cells.rank_bytes(), vertices = cells.vertex_bytes();
+  return {{"chunks", all - directory - ranks - vertices},
+          {"directory", directory},
+          {"ranks", ranks},
+          {"vertices", vertices},
+          {"all", all}};
+}
+
+std::uint64_t cell_count(const format::CellReader& cells) {
+  std::uint64_t count = 0;
+  for (const format::CellKind& kind : cells.kinds()) count += kind.cells;
+  return count;
+}
+
+json cells_json(const format::CellReader& cells) {
+  json kinds = json::array();
+  for (const format::CellKind& kind : cells.kinds())
+    kinds.push_back({{"shape", format::cell_shape_name(kind.shape)},
+                     {"field", format::cell_field_name(kind.field)},
+                     {"known", format::is_known(kind.shape, kind.field)},
+                     {"cells", kind.cells},
+                     {"bytes", kind.packed_bytes},
+                     {"turned", kind.turned}});
+  json bytes;
+  for (const auto& [part, count] : bytes_of(cells)) bytes[part] = count;
+  return {{"cells", cell_count(cells)}, {"chunks", cells.chunk_count()}, {"kinds", kinds}, {"bytes", bytes}};
+}
+
 json to_json(const Volume& volume, const format::Steps& steps, std::size_t step, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
   json document;
@@ -202,6 +236,7 @@ json to_json(const Volume& volume, const format::Steps& steps, std::size_t step,
     document["sections"].push_back(
         {{"kind", name_of(section.kind)}, {"offset", section.offset}, {"bytes", section.packed_bytes}});
   if (info.boundary) document["boundary"] = boundary_json(*info.boundary);
+  if (survey.cells) document["cells"] = cells_json(*survey.cells);
   if (info.up >= 0) document["up"] = std::string(1, "xyz"[info.up]);
   document["provenance"] = parse_ordered_json(info.provenance);
   if (!steps.times().empty()) document["series"] = series_json(volume, steps, step);
@@ -233,6 +268,21 @@ void print_boundary(const Volume& volume) {
   for (const format::PatchInfo& patch : boundary->patches) print_out("{:<24} {:>13}\n", patch.name, patch.triangles);
 }
 
+// Prints the kinds of cells, and the bytes of the parts of their section.
+void print_cells(const format::CellReader& cells) {
+  print_out("\n{:<24} {:>13} {:>13} {:>13}\n", "cells", "count", "bytes/cell", "turned");
+  for (const format::CellKind& kind : cells.kinds()) {
+    std::string name = format::cell_shape_name(kind.shape);
+    if (kind.field != format::CellField::corners) name += ", " + format::cell_field_name(kind.field);
+    print_out("{:<24} {:>13} {:>13.2f} {:>13}{}\n", name, kind.cells, per(kind.packed_bytes, kind.cells), kind.turned,
+              format::is_known(kind.shape, kind.field) ? "" : "  not known to this program");
+  }
+  const std::uint64_t count = std::max<std::uint64_t>(cell_count(cells), 1);
+  print_out("\n{:<24} {:>13} {:>13}\n", "part of the cells", "bytes", "bytes/cell");
+  for (const auto& [part, bytes] : bytes_of(cells))
+    print_out("{:<24} {:>13} {:>13.2f}\n", part, bytes, per(bytes, count));
+}
+
 // Prints the bytes of each kind of column, of all attributes together, and of the index and the directory.
 void print_bytes(const Volume& volume, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
@@ -247,6 +297,7 @@ void print_bytes(const Volume& volume, const Survey& survey) {
                                   section_bytes(volume, format::SectionKind::directory_pages);
   kinds.emplace_back("index", survey.index.bytes);
   kinds.emplace_back("directory", directory);
+  if (survey.cells) kinds.emplace_back("cells", survey.cells->section_bytes());
   if (volume.series()) {
     kinds.emplace_back("summaries", step_section_bytes(volume, format::SectionKind::index_root) +
                                         step_section_bytes(volume, format::SectionKind::index_pages) +
@@ -303,6 +354,7 @@ void print_text(const Volume& volume, const format::Steps& steps, std::size_t st
   print_out("{:<24} {}, at most {} points in a leaf\n", "reduction", info.reduction_method, info.leaf_points);
   print_attributes(volume, survey);
   print_boundary(volume);
+  if (survey.cells) print_cells(*survey.cells);
   print_bytes(volume, survey);
   print_steps(volume, steps, step);
   print_out("\n");
@@ -335,6 +387,7 @@ Status show(const Options& options) {
   SPLATVOL_TRY_ASSIGN(columns, survey_columns(*volume));
   SPLATVOL_TRY_ASSIGN(index, survey_index(*volume));
   SPLATVOL_TRY_ASSIGN(histograms, volume->read_histograms());
+  SPLATVOL_TRY_SET(survey.cells, format::CellReader::open(*volume));
   survey.columns = std::move(columns);
   survey.index = index;
   survey.histograms = std::move(histograms);

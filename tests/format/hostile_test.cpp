@@ -189,6 +189,34 @@ TEST(Hostile, RandomHarmWithGoodHashesIsRefusedOrHarmless) {
   EXPECT_GT(opened, 1000);
 }
 
+TEST(Hostile, RandomHarmToCellsIsRefusedOrHarmless) {
+  constexpr std::size_t largest_allocation = 8u << 20;
+  TestVolume few = volume_of(40, 1), more = volume_of(300, 2);
+  add_random_cells(few, 20);
+  add_random_cells(more, 300);
+  const Dissected files[] = {Dissected(test_volume_bytes(few)), Dissected(test_volume_bytes(more))};
+  constexpr Part parts_of_cells[] = {Part::rank_page,    Part::cells,      Part::cell_entries,
+                                     Part::cell_summary, Part::cell_table, Part::cell_root};
+  int refused = 0;
+  for (std::uint32_t seed = 0; seed < (test::is_long() ? 9000 : 900); ++seed) {
+    Mutator mutator(seed);
+    const Dissected& parts = files[seed % 2];
+    const Part part = parts_of_cells[seed / 2 % std::size(parts_of_cells)];
+    const std::size_t index = mutator.draw(parts.count(part));
+    const Bytes file = parts.assemble([&](Part p, std::size_t i, Bytes& bytes) {
+      if (p == part && i == index) mutator.harm(p, bytes);
+    });
+    start_counting_allocations();
+    const Outcome outcome = explore(file);
+    EXPECT_LE(most_bytes_allocated(), largest_allocation) << "seed " << seed;
+    EXPECT_TRUE(outcome.opened) << "who wants no cells reads none";
+    if (outcome.verified) continue;
+    ++refused;
+    EXPECT_THAT(outcome.message, HasSubstr("mutant"));
+  }
+  EXPECT_GT(refused, 600);
+}
+
 // --- Changes with a purpose.
 
 // A change of the metadata.

@@ -2,11 +2,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
+#include <tuple>
+#include <vector>
 
 #include "base/file.h"
 #include "format/volume.h"
@@ -14,6 +17,7 @@
 #include "tests/fuzz/foreign_seeds.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/surgery.h"
+#include "tests/support/test_volume.h"
 
 namespace splatvol::fuzz {
 namespace {
@@ -172,6 +176,28 @@ Status add_volume(Seeds& seeds, const std::string& path) {
   return {};
 }
 
+// Files with cells: none, some, and in many chunks and pages.
+Status add_cells(Seeds& seeds) {
+  const auto leave = [](test::Part, std::size_t, Bytes&) {};
+  for (const auto& [points, attributes, cells] :
+       {std::tuple{4, 1, 1}, {40, 0, 0}, {60, 1, 30}, {200, 2, 300}, {300, 0, 400}}) {
+    const auto count = static_cast<std::size_t>(points);
+    std::vector<std::vector<double>> values(static_cast<std::size_t>(attributes), std::vector<double>(count));
+    for (std::size_t a = 0; a < values.size(); ++a)
+      for (std::size_t i = 0; i < count; ++i)
+        values[a][i] = i % 13 == 5 ? std::nan("") : static_cast<double>((i * i + a) % 101);
+    test::TestVolume volume = test::make_test_volume(test::random_points(count, 3), values,
+                                                     {.node_points = 30, .position_error = 1e-5, .gradients = false});
+    test::add_random_cells(volume, static_cast<std::size_t>(cells));
+    const Bytes file = test::test_volume_bytes(volume);
+    const auto parts = test::Dissected::take_apart(file);
+    if (!parts) return fail(ErrorCode::invalid_data, "a file with cells cannot be taken apart");
+    for (const Bytes& bytes : {file, parts->assemble(leave, test::Packing::raw)})
+      SPLATVOL_TRY(seeds.add("fuzz_svol", bytes));
+  }
+  return {};
+}
+
 Status add_scenes(Seeds& seeds) {
   Scene scene;
   scene.camera.position = {1, 2, 3};
@@ -221,6 +247,7 @@ Status add_scenes(Seeds& seeds) {
 Status write_seeds(int count, char** arguments) {
   Seeds seeds(arguments[0]);
   for (int i = 1; i < count; ++i) SPLATVOL_TRY(add_volume(seeds, arguments[i]));
+  SPLATVOL_TRY(add_cells(seeds));
   SPLATVOL_TRY(seeds.add("fuzz_series", R"(i{"steps":[{"time":0,"file":"a.svol"},{"time":1.5,"file":"b.svol"}],
 "attributes":[{"name":"p","unit":"Pa","min":0,"max":1},{"name":"T","unit":"","min":null,"max":null}]})"));
   SPLATVOL_TRY(seeds.add("fuzz_series", R"(i{"steps":[{"time":0,"file":"a.svol\u0000b.svol"}],

@@ -6,6 +6,9 @@
 #include <cstdint>
 #include <vector>
 
+#include "format/cell_reader.h"
+#include "format/ranked_points.h"
+
 namespace splatvol::test {
 
 using namespace format;
@@ -27,6 +30,7 @@ class Explorer {
     }
     note(volume_.read_histograms().has_value());
     read_patches();
+    read_cells();
     const std::uint64_t rows = std::min(volume_.rows().row_count(), most_rows);
     for (std::uint64_t row = 0; row < rows; ++row)
       for (const int column : volume_.rows().columns_of_row(row)) read_chunk(row, column);
@@ -52,6 +56,88 @@ class Explorer {
                                   [](const dvec3& p) { return std::abs(p.x) <= 1e50 && std::abs(p.y) <= 1e50; }),
               "positions are in range");
     }
+  }
+
+  void read_cells() {
+    const auto cells = CellReader::open(volume_);
+    note(cells.has_value());
+    if (!cells || !*cells) return;
+    const CellReader& reader = **cells;
+    require(reader.memory_bytes() <= reader.section_bytes(), "a root takes no more memory than bytes");
+    require(reader.directory_bytes() + reader.rank_bytes() <= reader.section_bytes(), "parts are in the section");
+    RankedPoints points(reader, std::uint64_t{1} << 20);
+    std::uint64_t chunks = 0;
+    for (std::size_t page = 0; page < std::min<std::size_t>(reader.rank_page_count(), most_rows); ++page)
+      note(reader.read_rank_page(page).has_value());
+    for (std::size_t page = 0; page < std::min<std::size_t>(reader.vertex_page_count(), most_rows); ++page)
+      note(reader.read_vertex_page(page).has_value());
+    for (std::size_t page = 0; page < std::min<std::size_t>(reader.pages().size(), most_rows); ++page) {
+      for (int attribute = 0; attribute < static_cast<int>(volume_.info().attributes.size()); ++attribute) {
+        const auto read = reader.read_page(page, {attribute, attribute});
+        note(read.has_value());
+        if (!read) continue;
+        require(read->summaries.size() == read->chunks.size(), "a summary for each chunk");
+        require(read->opacity_summaries.size() == read->chunks.size(), "a summary of the opacity for each chunk");
+      }
+      const auto read = reader.read_page(page, {});
+      note(read.has_value());
+      if (!read) continue;
+      require(read->chunks.size() == reader.pages()[page].chunks, "a page has its chunks");
+      require(read->summaries.empty(), "no summaries that no one asks for");
+      for (const CellChunkEntry& entry : read->chunks)
+        if (++chunks <= most_rows) read_cells(reader, entry, points);
+    }
+  }
+
+  void read_cells(const CellReader& reader, const CellChunkEntry& entry, RankedPoints& points) {
+    note(reader.check_bytes(entry).has_value());
+    if (!is_known(entry.shape, entry.field)) return;
+    const auto cells = reader.read_chunk(entry);
+    note(cells.has_value());
+    if (!cells) return;
+    const bool is_constant = entry.field == CellField::constant;
+    const std::uint64_t points_end = volume_.info().resolution_counts.back();
+    require(cells->size() == entry.cells, "a chunk has its cells");
+    require(cells->points.size() == (is_constant ? entry.cells : 0), "cells of a constant field have a point");
+    for (const std::uint64_t point : cells->points) require(point < points_end, "cells have points of the file");
+    for (std::size_t cell = 0; cell < cells->size(); ++cell) {
+      const auto corners = cells->corners_at(cell);
+      require(is_split(cells->shape, cells->split_at(cell)), "splits exist");
+      for (std::size_t k = 0; k < corners.size(); ++k) {
+        require(corners[k] < (is_constant ? reader.vertex_count() : points_end), "corners are there");
+        require(std::ranges::find(corners.subspan(k + 1), corners[k]) == corners.end(), "no corner appears twice");
+      }
+    }
+    const LocalCells local = number_corners(cells->corners);
+    if (is_constant) return read_values(cells->points, points);
+    std::vector<RankedPoints::Place> places;
+    std::vector<dvec3> positions;
+    std::vector<float> values;
+    const Status found = points.find(local.ranks, places);
+    note(found.has_value());
+    if (!found) return;
+    for (const RankedPoints::Place& place : places)
+      require(place.index < volume_.rows().group(place.group).count, "points are in their groups");
+    const Status read = points.read_positions(places, positions);
+    note(read.has_value());
+    if (read) require(std::isfinite(measure_cells(*cells, local, positions).area), "areas are finite");
+    for (std::size_t a = 0; a < volume_.info().attributes.size(); ++a) {
+      if (volume_.info().find_column(ColumnKind::value, static_cast<int>(a)) < 0) continue;
+      const Status got = points.read_values(places, static_cast<int>(a), values);
+      note(got.has_value());
+      if (!got) continue;
+      const ValueSummary summary = summarize_cells(*cells, local, values, bins_of(volume_.info().attributes[a]));
+      require(summary.is_valid(), "ranges are valid");
+    }
+  }
+
+  void read_values(std::span<const std::uint64_t> ranks, RankedPoints& points) {
+    std::vector<RankedPoints::Place> places;
+    std::vector<float> values;
+    const Status found = points.find(ranks, places);
+    note(found.has_value());
+    for (std::size_t a = 0; found && a < volume_.info().attributes.size(); ++a)
+      note(points.read_values(places, static_cast<int>(a), values).has_value());
   }
 
   void walk(const IndexPage& page, int attribute, int pages_deep) {

@@ -86,6 +86,7 @@ class Dissected::Reader {
                                         ? copy_of(bytes_of(section))
                                         : unpack_or_copy(bytes_of(section), section.unpacked_bytes);
     read_patches();
+    read_cells();
     return find(SectionKind::metadata) && find(SectionKind::rows) && read_pages() && read_directory();
   }
 
@@ -118,6 +119,82 @@ class Dissected::Reader {
     }
     body_.patches = std::move(patches);
     body_.plain.erase(SectionKind::boundary);
+  }
+
+  // Cells whose parts are not found stay one section.
+  void read_cells() {
+    const SectionEntry* const section = find(SectionKind::cells_draft);
+    if (!section || body_.is_step) return;
+    Cells cells;
+    if (!read_cells(bytes_of(*section), cells)) return;
+    body_.cells = std::move(cells);
+    body_.plain.erase(SectionKind::cells_draft);
+  }
+
+  static bool read_cells(View bytes, Cells& cells) {
+    const std::uint64_t end = bytes.size();
+    const auto tail = end < sizeof(CellsTail) ? std::nullopt : record_at<CellsTail>(bytes, end - sizeof(CellsTail));
+    if (!tail || tail->kinds > end / sizeof(CellKind) || tail->pages > end / sizeof(CellPageRef)) return false;
+    cells.tail = *tail;
+    // The root follows the last page. Pages of ranks are as many as it has room for.
+    const std::uint64_t stated = tail->kinds * sizeof(CellKind) + tail->pages * sizeof(CellPageRef);
+    for (std::uint64_t ranks = 0; stated + ranks * sizeof(RankPageRef) + sizeof(CellsTail) <= end; ++ranks) {
+      const std::uint64_t root_bytes = stated + ranks * sizeof(RankPageRef);
+      const View root = bytes.subspan(end - sizeof(CellsTail) - root_bytes, root_bytes);
+      if (hash_bytes(root) == tail->hash) return read_cells(bytes, root, ranks, cells);
+      if (ranks > 1000) break;
+    }
+    return false;
+  }
+
+  static bool read_cells(View bytes, View root, std::uint64_t ranks, Cells& cells) {
+    cells.kinds = copy_of(root.first(cells.tail.kinds * sizeof(CellKind)));
+    root = root.subspan(cells.kinds.size());
+    const View rank_refs = root.subspan(cells.tail.pages * sizeof(CellPageRef));
+    std::uint64_t next = 0;  // offset of the next chunk
+    for (std::uint64_t page = 0; page < ranks; ++page) {
+      const auto ref = read_record<RankPageRef>(rank_refs, page * sizeof(RankPageRef));
+      const auto packed = range_of(bytes, ref.offset, ref.packed_bytes);
+      if (!packed) return false;
+      cells.rank_pages.push_back(unpack_or_copy(*packed, ref.unpacked_bytes));
+      next = std::max(next, ref.offset + ref.packed_bytes);
+    }
+    for (std::uint64_t page = 0; page < cells.tail.pages; ++page) {
+      cells.pages.emplace_back().ref = read_record<CellPageRef>(root, page * sizeof(CellPageRef));
+      if (!read_cell_page(bytes, next, cells.pages.back(), cells)) return false;
+    }
+    return true;
+  }
+
+  // Parts are as many as the bytes in front of the first have room for: it has the entries.
+  static bool read_cell_page(View bytes, std::uint64_t& next, Cells::Page& page, Cells& cells) {
+    const auto whole = range_of(bytes, page.ref.offset, page.ref.page_bytes);
+    if (!whole || page.ref.chunks > 4096) return false;
+    std::size_t parts = 0;
+    for (std::uint64_t after = whole->size(); parts * sizeof(IndexPagePart) < after; ++parts) {
+      const auto part = record_at<IndexPagePart>(*whole, parts * sizeof(IndexPagePart));
+      if (!part || part->packed_bytes > after) return false;
+      after -= part->packed_bytes;
+    }
+    std::uint64_t at = parts * sizeof(IndexPagePart);
+    for (std::size_t p = 0; p < parts; ++p) {
+      const auto part = read_record<IndexPagePart>(*whole, p * sizeof(IndexPagePart));
+      const auto packed = range_of(*whole, at, part.packed_bytes);
+      if (!packed) return false;
+      page.parts.push_back(unpack_or_copy(*packed, part.unpacked_bytes));
+      at += packed->size();
+    }
+    for (std::size_t c = 0; c < page.ref.chunks; ++c) {
+      const auto entry =
+          page.parts.empty() ? std::nullopt : record_at<CellChunkEntry>(page.parts[0], c * sizeof(CellChunkEntry));
+      const auto packed = entry ? range_of(bytes, next, entry->packed_bytes) : std::nullopt;
+      if (!packed || entry->unpacked_bytes > (std::uint32_t{1} << 24)) return false;
+      page.chunks.push_back(cells.chunks.size());
+      cells.chunks.push_back(unpack_or_copy(*packed, entry->unpacked_bytes));
+      next += packed->size();
+    }
+    next += page.ref.page_bytes;
+    return true;
   }
 
   // Reads the pages in file order: each tells its length.
@@ -360,6 +437,7 @@ class Dissected::Assembler {
       unpacked_bytes[kind] = bytes.size();
     }
     if (!body.patches.empty()) unpacked_bytes[SectionKind::boundary] = pack_patches(body, sections);
+    if (body.cells) unpacked_bytes[SectionKind::cells_draft] = pack_cells(*body.cells, sections);
     const IndexPageRef root = pack_pages(body, sections);
     const std::vector<ChunkEntry> entries = pack_chunks(body, sections);
     pack_directory(body, entries, sections);
@@ -383,6 +461,72 @@ class Dissected::Assembler {
     append(section, table);
     append(section, parts);
     return section.size();
+  }
+
+  // Returns the bytes of the section, which is not packed as a whole.
+  std::uint64_t pack_cells(const Cells& cells, Packed& sections) {
+    Bytes& section = sections[SectionKind::cells_draft];
+    Bytes root = cells.kinds, rank_refs;
+    for (const Bytes& page : cells.rank_pages) {
+      Bytes payload = page;
+      operate(Part::rank_page, payload);
+      const Bytes bytes = packed(payload);
+      append_record(rank_refs, RankPageRef{section.size(), static_cast<std::uint32_t>(bytes.size()),
+                                           static_cast<std::uint32_t>(payload.size()), hash_bytes(bytes)});
+      append(section, bytes);
+    }
+    for (const Cells::Page& page : cells.pages) append_record(root, pack_cell_page(cells, page, section));
+    for (std::size_t at = 0; at < cells.kinds.size(); at += sizeof(CellKind)) {
+      auto kind = read_record<CellKind>(root, at);
+      kind.packed_bytes = cell_bytes_[{kind.shape, kind.field}];
+      overwrite(root, at, kind);
+    }
+    append(root, rank_refs);
+    append_record(root, cells.tail);
+    // The hash is not the surgeon's.
+    const auto tail = [&] { return root.end() - sizeof(CellsTail); };
+    root.erase(tail(), tail() + sizeof(std::uint64_t));
+    operate(Part::cell_root, root);
+    constexpr std::size_t behind = sizeof(CellsTail) - sizeof(std::uint64_t);
+    const std::size_t records = root.size() - std::min(root.size(), behind);
+    const std::uint64_t hash = hash_bytes(std::span(root).first(records));
+    const auto raw = std::as_bytes(std::span(&hash, 1));
+    root.insert(root.begin() + static_cast<std::ptrdiff_t>(records), raw.begin(), raw.end());
+    append(section, root);
+    return section.size();
+  }
+
+  CellPageRef pack_cell_page(const Cells& cells, const Cells::Page& page, Bytes& section) {
+    std::vector<Bytes> parts = page.parts;
+    for (std::size_t c = 0; c < page.chunks.size(); ++c) {
+      Bytes payload = cells.chunks[page.chunks[c]];
+      operate(Part::cells, payload);
+      const Bytes bytes = packed(payload);
+      auto entry = read_record<CellChunkEntry>(parts[0], c * sizeof(CellChunkEntry));
+      entry.offset = section.size();
+      entry.hash = hash_bytes(bytes);
+      entry.packed_bytes = static_cast<std::uint32_t>(bytes.size());
+      entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
+      overwrite(parts[0], c * sizeof(CellChunkEntry), entry);
+      cell_bytes_[{entry.shape, entry.field}] += bytes.size();
+      append(section, bytes);
+    }
+    Bytes table, content;
+    for (std::size_t p = 0; p < parts.size(); ++p) {
+      operate(p == 0 ? Part::cell_entries : Part::cell_summary, parts[p]);
+      const Bytes part = packed(parts[p]);
+      append_record(table, IndexPagePart{static_cast<std::uint32_t>(part.size()),
+                                         static_cast<std::uint32_t>(parts[p].size()), hash_bytes(part)});
+      append(content, part);
+    }
+    operate(Part::cell_table, table);
+    CellPageRef ref = page.ref;
+    ref.offset = section.size();
+    ref.page_bytes = static_cast<std::uint32_t>(table.size() + content.size());
+    ref.hash = hash_bytes(table);
+    append(section, table);
+    append(section, content);
+    return ref;
   }
 
   // Returns a reference to the root page.
@@ -512,6 +656,7 @@ class Dissected::Assembler {
   const Surgeon& surgeon_;
   const Packing packing_;
   std::array<std::size_t, all_part_count> next_{};
+  std::map<std::pair<CellShape, CellField>, std::uint64_t> cell_bytes_;  // of all chunks
 };
 
 Bytes Dissected::assemble(const Surgeon& surgeon, Packing packing) const {

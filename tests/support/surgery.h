@@ -36,9 +36,15 @@ enum class Part {
   other_section,   // padding, and kinds that are not known; unpacked
   patch,           // of the boundary, unpacked
   patch_table,     // of the boundary, all but its hash
+  rank_page,       // of the cells, unpacked
+  cells,           // a chunk of cells, unpacked
+  cell_entries,    // of a page of cells, unpacked
+  cell_summary,    // an attribute's part of a page of cells, unpacked
+  cell_table,      // part table of a page of cells
+  cell_root,       // root of the cells, with its tail but without its hash
 };
 inline constexpr std::size_t part_count = 11;  // of the kinds that every file has
-inline constexpr std::size_t all_part_count = 17;
+inline constexpr std::size_t all_part_count = 23;
 
 /// May change a part before it is packed and hashed. `index` counts the parts of one kind in file order.
 using Surgeon = std::function<void(Part part, std::size_t index, format::Bytes& bytes)>;
@@ -77,6 +83,19 @@ class Dissected {
     format::ChunkEntry entry{};
     format::Bytes payload;
   };
+  /// The section of cells.
+  struct Cells {
+    struct Page {
+      std::vector<std::size_t> chunks;   // of `Cells::chunks`
+      std::vector<format::Bytes> parts;  // unpacked
+      format::CellPageRef ref{};
+    };
+    std::vector<format::Bytes> rank_pages;  // unpacked
+    std::vector<format::Bytes> chunks;      // unpacked
+    std::vector<Page> pages;
+    format::Bytes kinds;
+    format::CellsTail tail{};
+  };
   /// A superblock and its sections: of the file, or of a step.
   struct Body {
     bool is_step = false;
@@ -87,6 +106,7 @@ class Dissected {
     std::vector<Chunk> chunks;
     std::vector<std::size_t> directory_pages;  // chunks in each
     std::vector<format::Bytes> patches;        // unpacked
+    std::optional<Cells> cells;                // none: there are none, or they are one section
   };
   /// A step, or a dead part.
   struct SeriesPart {

@@ -534,6 +534,11 @@ Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& vo
   auto writer =
       format::VolumeWriter::create(path, volume.info, std::move(index), std::filesystem::temp_directory_path());
   if (writer) (*writer)->set_boundary(volume.boundary);
+  if (writer && volume.cells)
+    (*writer)->set_cells(
+        [cells = *volume.cells](std::shared_ptr<const format::ChunkSource> chunks, const format::AppendBytes& append) {
+          return write_test_cells(cells, std::move(chunks), append);
+        });
   return writer;
 }
 

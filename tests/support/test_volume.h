@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "format/volume_info.h"
 #include "format/volume_writer.h"
 #include "tests/support/packed_tree.h"
+#include "tests/support/test_cells.h"
 
 namespace splatvol::test {
 
@@ -49,7 +51,8 @@ struct TestVolume {
   std::vector<std::vector<std::uint32_t>>
       representatives;  // [resolution][point]: the one of the first n_r that stands for it
   double position_error = 0;
-  format::Bytes boundary;  // the section, if `info` has a boundary
+  format::Bytes boundary;          // the section, if `info` has a boundary
+  std::optional<TestCells> cells;  // add_cells()
 
   // The material of a point is a few parcels at random positions in an ellipsoid round the point. Some points have one
   // parcel, some have parcels in a plane, some have none. The numbers of a splat are those of all parcels of its

@@ -9,6 +9,8 @@
 #include <span>
 #include <vector>
 
+#include "format/cell_reader.h"
+
 namespace splatvol::test {
 namespace {
 
@@ -41,6 +43,7 @@ class Dump {
     SPLATVOL_TRY(add_boundary());
     if (!volume_->series()) {
       SPLATVOL_TRY(add_columns());
+      SPLATVOL_TRY(add_cells());
       return text_;
     }
     for (const format::SeriesAttribute& attribute : *info.series)
@@ -102,6 +105,59 @@ class Dump {
       SPLATVOL_TRY(add_index(attribute));
     for (std::uint64_t row = 0; row < volume_->rows().row_count(); ++row)
       for (const int column : volume_->rows().columns_of_row(row)) SPLATVOL_TRY(add_chunk(row, column));
+    return {};
+  }
+
+  Status add_cells() {
+    SPLATVOL_TRY_ASSIGN(cells, format::CellReader::open(*volume_));
+    if (!cells) return {};
+    line("cells: hash {:016x}", volume_->file_info().cells->hash);
+    for (const format::CellKind& kind : cells->kinds())
+      line("kind: {}, {}, {} cells, {} turned", format::cell_shape_name(kind.shape),
+           format::cell_field_name(kind.field), kind.cells, kind.turned);
+    std::string segments;
+    for (std::size_t page = 0; page < cells->rank_page_count(); ++page) {
+      SPLATVOL_TRY_ASSIGN(ranks, cells->read_rank_page(page));
+      for (const std::uint8_t segment : ranks.segments) segments += fmt::format("{}\n", segment);
+    }
+    add("segments by rank", segments);
+    for (std::size_t page = 0; page < cells->pages().size(); ++page) SPLATVOL_TRY(add_cell_page(*cells, page));
+    return {};
+  }
+
+  Status add_cell_page(const format::CellReader& cells, std::size_t number_of_page) {
+    const format::CellPageRef& ref = cells.pages()[number_of_page];
+    line("page of cells: {} chunks, area {}", ref.chunks, number(ref.area));
+    SPLATVOL_TRY_ASSIGN(page, cells.read_page(number_of_page, {}));
+    std::vector<std::string> ranges(page.chunks.size());
+    for (int a = 0; a < static_cast<int>(volume_->info().attributes.size()); ++a) {
+      SPLATVOL_TRY_ASSIGN(read, cells.read_page(number_of_page, {a, -1}));
+      for (std::size_t chunk = 0; chunk < ranges.size(); ++chunk) {
+        const format::ValueSummary& summary = read.summaries[chunk];
+        ranges[chunk] +=
+            fmt::format(", from {:.9g} to {:.9g}, bins {:016x}", summary.min, summary.max, summary.occupancy);
+      }
+    }
+    for (std::size_t chunk = 0; chunk < page.chunks.size(); ++chunk) {
+      const format::CellChunkEntry& entry = page.chunks[chunk];
+      const std::string what = fmt::format(
+          "chunk of cells: {}, {} cells, {} points, low {}, high {}, area {}{}", format::cell_shape_name(entry.shape),
+          entry.cells, entry.points, vector({entry.low[0], entry.low[1], entry.low[2]}),
+          vector({entry.high[0], entry.high[1], entry.high[2]}), number(entry.area), ranges[chunk]);
+      if (!format::is_known(entry.shape, entry.field)) {
+        line("{}", what);
+        continue;
+      }
+      SPLATVOL_TRY_ASSIGN(read, cells.read_chunk(entry));
+      std::string numbers;
+      for (std::size_t i = 0; i < read.size(); ++i) {
+        numbers += fmt::format("{}", fmt::join(read.corners_at(i), " "));
+        if (!read.splits.empty()) numbers += fmt::format(" split {}", read.splits[i]);
+        if (!read.points.empty()) numbers += fmt::format(" of point {}", read.points[i]);
+        numbers += '\n';
+      }
+      add(what, numbers);
+    }
     return {};
   }
 

@@ -52,9 +52,14 @@ const std::vector<Use>& uses() {
       {"a picture", {}, "svrender a.svol --device cpu --size 16x16 --tolerance 0 -o out/p.png"},
       {"a scene", {}, "svinfo a.svol --scene out/s.json"},
       {"a mesh", {}, "svexport a.svol -o out/m.vtu"},
-      {"cells", {mesh}, cells},
-      {"cells where files have names", {mesh}, cells, SPLATVOL_NO_TMPFILE},
-      {"voxels", {}, "svexport a.svol --voxel 0.5 -o out/m.vdb"}};
+      {"an export of cells", {mesh}, cells},
+      {"an export of cells where files have names", {mesh}, cells, SPLATVOL_NO_TMPFILE},
+      {"voxels", {}, "svexport a.svol --voxel 0.5 -o out/m.vdb"},
+      {"a build with cells", {}, "svbuild --threads 1 --keep-cells gen:mesh:cells=300,pieces=2 -o out/s.svol"},
+      {"cells where files have names",
+       {"svbuild b.csv -o out/s.svol"},
+       "svbuild --threads 1 --keep-cells gen:mesh:cells=300,pieces=2 -o out/s.svol",
+       SPLATVOL_NO_TMPFILE}};
   return all;
 }
 

@@ -11,7 +11,9 @@
 #include "scene/scene.h"
 #include "streamer/first/default_scene.h"
 #include "tests/support/program_json.h"
+#include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
+#include "tests/support/volume_bytes.h"
 
 namespace splatvol {
 namespace {
@@ -173,6 +175,55 @@ TEST_F(Svinfo, PrintsItAsJson) {
     }
   }
   EXPECT_EQ(64 + 48 * document["sections"].size() + sections + 32, document["bytes"]);
+}
+
+TEST_F(Svinfo, TellsOfCells) {
+  test::add_random_cells(volume_, 300);
+  volume_.cells->turned = 5;
+  ASSERT_TRUE(test::write_test_volume(volume_, path("cells.svol")));
+  const json document = test::document_of(run("svinfo cells.svol --json --verify"));
+  const json& cells = document["cells"];
+  EXPECT_EQ(cells["cells"], 300);
+  ASSERT_EQ(cells["kinds"].size(), 1u);
+  const json& kind = cells["kinds"][0];
+  EXPECT_EQ(kind["shape"], "tetrahedron");
+  EXPECT_EQ(kind["field"], "corners");
+  EXPECT_EQ(kind["known"], true);
+  EXPECT_EQ(kind["turned"], 5);
+  EXPECT_EQ(kind["bytes"], cells["bytes"]["chunks"]);
+  const auto bytes = [&](const char* part) { return cells["bytes"][part].get<std::uint64_t>(); };
+  EXPECT_EQ(bytes("chunks") + bytes("directory") + bytes("ranks"), bytes("all"));
+  EXPECT_GT(bytes("ranks"), 0u);
+  bool found = false;
+  for (const json& section : document["sections"]) {
+    if (section["kind"] != "cells_draft") continue;
+    found = true;
+    EXPECT_EQ(section["bytes"], cells["bytes"]["all"]);
+  }
+  EXPECT_TRUE(found);
+  const std::string out = run("svinfo cells.svol").out;
+  EXPECT_THAT(out, testing::ContainsRegex("tetrahedron +300 +[0-9.]+ +5\n"));
+  EXPECT_THAT(out, AllOf(HasSubstr("part of the cells"), HasSubstr("ranks"), HasSubstr("chunks")));
+  EXPECT_THAT(run("svinfo whole.svol").out, testing::Not(HasSubstr("part of the cells")));
+  EXPECT_FALSE(test::document_of(run("svinfo whole.svol --json")).contains("cells"));
+}
+
+// Cells of a later version are told, and are no error.
+TEST_F(Svinfo, TellsOfCellsThatItDoesNotKnow) {
+  test::add_random_cells(volume_, 100);
+  const format::Bytes file = test::Dissected(test::test_volume_bytes(volume_))
+                                 .assemble([](test::Part part, std::size_t, format::Bytes& bytes) {
+                                   const bool is_root = part == test::Part::cell_root;
+                                   if (is_root) bytes[offsetof(format::CellKind, shape)] = std::byte{77};
+                                   if (part != test::Part::cell_entries) return;
+                                   for (std::size_t at = offsetof(format::CellChunkEntry, shape); at < bytes.size();
+                                        at += sizeof(format::CellChunkEntry))
+                                     bytes[at] = std::byte{77};
+                                 });
+  write("later.svol", test::text_of(file));
+  expect_done("svinfo later.svol --verify");
+  EXPECT_THAT(run("svinfo later.svol").out, testing::ContainsRegex("shape 77 +100 .*not known to this program"));
+  EXPECT_EQ(test::document_of(run("svinfo later.svol --json"))["cells"]["kinds"][0]["known"], false);
 }
 
 TEST_F(Svinfo, NamesWhatIsBroken) {

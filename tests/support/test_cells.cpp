@@ -1,0 +1,202 @@
+#include "tests/support/test_cells.h"
+
+#include <algorithm>
+#include <numeric>
+#include <random>
+#include <utility>
+
+#include "format/cells.h"
+#include "format/octree.h"
+#include "format/ranked_points.h"
+#include "tests/support/test_volume.h"
+
+namespace splatvol::test {
+
+using namespace format;
+
+namespace {
+
+std::vector<RankPage> rank_pages(const TestCells& cells, std::size_t segments) {
+  std::vector<RankPage> pages;
+  std::vector<std::uint64_t> before(segments);
+  for (std::size_t first = 0; first < cells.segments.size(); first += rank_page_points) {
+    const auto end = cells.segments.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(
+                                                  first + rank_page_points, cells.segments.size()));
+    pages.push_back({first, before, {cells.segments.begin() + static_cast<std::ptrdiff_t>(first), end}});
+    for (const std::uint8_t segment : pages.back().segments) ++before[segment];
+  }
+  return pages;
+}
+
+// Chunks of a page, and what the page says of them.
+struct Page {
+  std::vector<CellChunkEntry> entries;
+  std::vector<std::vector<ValueSummary>> summaries;  // [attribute][chunk]
+};
+
+Bytes pack_page(const Page& page, CellPageRef& ref) {
+  Bytes table, parts;
+  append_part(table, parts, std::as_bytes(std::span(page.entries)));
+  for (const std::vector<ValueSummary>& summaries : page.summaries)
+    append_part(table, parts, pack_summaries(summaries));
+  Box box;
+  for (const CellChunkEntry& entry : page.entries) {
+    box.include({entry.low[0], entry.low[1], entry.low[2]});
+    box.include({entry.high[0], entry.high[1], entry.high[2]});
+    ref.area += entry.area;
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    ref.low[axis] = box.low[axis];
+    ref.high[axis] = box.high[axis];
+  }
+  ref.page_bytes = static_cast<std::uint32_t>(table.size() + parts.size());
+  ref.chunks = static_cast<std::uint32_t>(page.entries.size());
+  ref.hash = hash_bytes(table);
+  table.insert(table.end(), parts.begin(), parts.end());
+  return table;
+}
+
+// Makes the section in memory.
+class SectionOfCells {
+ public:
+  SectionOfCells(const TestCells& cells, std::shared_ptr<const ChunkSource> chunks)
+      : cells_(cells),
+        info_(chunks->info()),
+        rank_pages_(rank_pages(cells, info_.resolutions())),
+        points_(
+            std::move(chunks), [this](std::size_t page) -> Result<RankPage> { return rank_pages_[page]; }, 1 << 20) {
+    page_.summaries.resize(info_.attributes.size());
+  }
+
+  Result<Bytes> make() {
+    std::vector<RankPageRef> ranks;
+    for (const RankPage& page : rank_pages_) {
+      RankPageRef& ref = ranks.emplace_back();
+      ref.offset = section_.size();
+      append(pack_rank_page(page, ref));
+    }
+    for (std::size_t first = 0; first < cells_.corners.size(); first += cells_.chunk_cells)
+      SPLATVOL_TRY(add_chunk(
+          std::span(cells_.corners).subspan(first, std::min(cells_.chunk_cells, cells_.corners.size() - first))));
+    if (!page_.entries.empty()) close_page();
+    Bytes root;
+    if (kind_.cells > 0) append_record(root, kind_);
+    for (const CellPageRef& page : pages_) append_record(root, page);
+    for (const RankPageRef& page : ranks) append_record(root, page);
+    append_record(root, CellsTail{hash_bytes(root), chunks_, pages_.size(), 0, kind_.cells > 0 ? 1u : 0u, 1});
+    append(root);
+    return std::move(section_);
+  }
+
+ private:
+  void append(const Bytes& bytes) { section_.insert(section_.end(), bytes.begin(), bytes.end()); }
+
+  Status add_chunk(std::span<const std::array<std::uint64_t, 4>> cells) {
+    std::vector<std::uint64_t> corners;
+    for (const auto& cell : cells) corners.insert(corners.end(), cell.begin(), cell.end());
+    const LocalCells local = number_corners(corners);
+    std::vector<RankedPoints::Place> places;
+    std::vector<dvec3> positions;
+    SPLATVOL_TRY(points_.find(local.ranks, places));
+    SPLATVOL_TRY(points_.read_positions(places, positions));
+    const CellChunk chunk{CellShape::tetrahedron, CellField::corners, corners, {}, {}};
+    PackedCells packed = pack_cells(chunk, local.ranks.size());
+    const CellExtent extent = measure_cells(chunk, local, positions);
+    for (int axis = 0; axis < 3; ++axis) {
+      packed.entry.low[axis] = extent.box.low[axis];
+      packed.entry.high[axis] = extent.box.high[axis];
+    }
+    packed.entry.area = extent.area;
+    packed.entry.offset = section_.size();
+    append(packed.bytes);
+    for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+      std::vector<float> values;
+      if (info_.find_column(ColumnKind::value, static_cast<int>(a)) < 0) {
+        page_.summaries[a].emplace_back();
+        continue;
+      }
+      SPLATVOL_TRY(points_.read_values(places, static_cast<int>(a), values));
+      page_.summaries[a].push_back(summarize_cells(chunk, local, values, bins_of(info_.attributes[a])));
+    }
+    page_.entries.push_back(packed.entry);
+    kind_.shape = CellShape::tetrahedron;
+    kind_.field = CellField::corners;
+    kind_.turned = cells_.turned;
+    kind_.cells += cells.size();
+    kind_.packed_bytes += packed.bytes.size();
+    ++chunks_;
+    if (page_.entries.size() == cells_.page_chunks) close_page();
+    return {};
+  }
+
+  void close_page() {
+    CellPageRef& ref = pages_.emplace_back();
+    ref.offset = section_.size();
+    append(pack_page(page_, ref));
+    page_.entries.clear();
+    for (std::vector<ValueSummary>& summaries : page_.summaries) summaries.clear();
+  }
+
+  const TestCells& cells_;
+  const VolumeInfo& info_;
+  std::vector<RankPage> rank_pages_;
+  RankedPoints points_;
+  Bytes section_;
+  Page page_;
+  std::vector<CellPageRef> pages_;
+  CellKind kind_{};
+  std::uint64_t chunks_ = 0;
+};
+
+}  // namespace
+
+std::vector<std::uint64_t> ranks_of(const TestVolume& volume) {
+  std::vector<std::size_t> order(volume.point_paths.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, {}, [&](std::size_t i) { return volume.point_paths[i]; });
+  std::vector<std::uint64_t> ranks(order.size());
+  for (std::size_t rank = 0; rank < order.size(); ++rank) ranks[order[rank]] = rank;
+  return ranks;
+}
+
+void add_cells(TestVolume& volume, const std::vector<std::array<std::uint32_t, 4>>& tetrahedra) {
+  const std::vector<std::uint64_t> ranks = ranks_of(volume);
+  TestCells cells;
+  for (const auto& tetrahedron : tetrahedra) {
+    auto& corners = cells.corners.emplace_back();
+    std::ranges::transform(tetrahedron, corners.begin(), [&](std::uint32_t point) { return ranks[point]; });
+    std::ranges::sort(corners);
+  }
+  std::ranges::sort(cells.corners);
+  cells.segments.resize(ranks.size());
+  const std::vector<std::uint64_t>& ends = volume.info.resolution_counts;
+  for (std::size_t point = 0; point < ranks.size(); ++point)
+    cells.segments[ranks[point]] = static_cast<std::uint8_t>(std::ranges::upper_bound(ends, point) - ends.begin());
+  volume.cells = std::move(cells);
+  volume.info.cells = CellsInfo{0x0123456789abcdef};
+}
+
+void add_random_cells(TestVolume& volume, std::size_t count, std::uint32_t seed) {
+  const std::vector<std::uint64_t> ranks = ranks_of(volume);
+  std::vector<std::uint32_t> points(ranks.size());  // [rank]
+  for (std::uint32_t point = 0; point < ranks.size(); ++point) points[ranks[point]] = point;
+  std::mt19937 random(seed);
+  const auto draw = [&](std::size_t below) { return random() % below; };
+  std::vector<std::array<std::uint32_t, 4>> tetrahedra;
+  while (tetrahedra.size() < count && points.size() >= 4) {
+    const std::size_t near = std::min<std::size_t>(points.size(), 20), first = draw(points.size() - near + 1);
+    std::array<std::size_t, 4> at{};
+    for (std::size_t& rank : at) rank = first + draw(near);
+    std::ranges::sort(at);
+    if (std::ranges::adjacent_find(at) != at.end()) continue;
+    tetrahedra.push_back({points[at[0]], points[at[1]], points[at[2]], points[at[3]]});
+  }
+  add_cells(volume, tetrahedra);
+}
+
+Status write_test_cells(const TestCells& cells, std::shared_ptr<const ChunkSource> chunks, const AppendBytes& append) {
+  SPLATVOL_TRY_ASSIGN(section, SectionOfCells(cells, std::move(chunks)).make());
+  return append(section);
+}
+
+}  // namespace splatvol::test

@@ -1,0 +1,38 @@
+// The cells of a small volume, and their section, made in the slow and obvious way.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "format/volume_writer.h"
+
+namespace splatvol::test {
+
+struct TestVolume;
+
+/// Tetrahedra of the points of a volume.
+struct TestCells {
+  std::vector<std::array<std::uint64_t, 4>> corners;  // ranks, ascending; in ascending order
+  std::vector<std::uint8_t> segments;                 // [rank]
+  std::size_t chunk_cells = 16;                       // most of a chunk
+  std::size_t page_chunks = 4;                        // most of a page
+  std::uint64_t turned = 0;                           // as the section states
+};
+
+/// Returns the rank of each point: [point], file order.
+[[nodiscard]] std::vector<std::uint64_t> ranks_of(const TestVolume& volume);
+
+/// Gives the volume cells. `tetrahedra`: points, in file order.
+void add_cells(TestVolume& volume, const std::vector<std::array<std::uint32_t, 4>>& tetrahedra);
+
+/// Gives the volume `count` cells between points whose ranks are near each other.
+void add_random_cells(TestVolume& volume, std::size_t count, std::uint32_t seed = 1);
+
+/// Writes the section (format::WriteCells).
+[[nodiscard]] Status write_test_cells(const TestCells& cells, std::shared_ptr<const format::ChunkSource> chunks,
+                                      const format::AppendBytes& append);
+
+}  // namespace splatvol::test
