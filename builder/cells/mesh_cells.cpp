@@ -29,6 +29,18 @@ Record record_at(std::span<const std::byte> records, std::size_t number) {
   return record;
 }
 
+// The same for a cell whose corners come in another order. `ranks`: the corners in ascending order.
+std::uint64_t hash_of(format::CellShape shape, const RankedCell& cell, std::span<const std::uint64_t> ranks) {
+  std::array<std::uint8_t, format::max_cell_corners> places{};
+  for (std::size_t k = 0; k < ranks.size(); ++k)
+    places[k] = static_cast<std::uint8_t>(std::ranges::find(ranks, cell.corners[k]) - ranks.begin());
+  const format::CellOrder order = format::find_order(shape, std::span(places).first(ranks.size()), cell.split);
+  std::array<std::uint64_t, format::max_cell_corners + 1> words{};
+  std::ranges::copy(ranks, words.begin());
+  words[ranks.size()] = std::uint64_t{order.code} << 32 | order.split;
+  return format::hash_bytes(std::as_bytes(std::span(words).first(ranks.size() + 1)));
+}
+
 // Cells of a block with their ranks, as records of CellSort.
 struct RankedBlock {
   std::vector<std::uint64_t> records;     // of the block's shape
@@ -37,6 +49,21 @@ struct RankedBlock {
   std::uint64_t hash = 0;  // sum of those of the cells
   bool lacks_point = false;
 };
+
+// Cells of a block of RankedSpool.
+void rank_joined(std::span<const std::byte> block, RankedBlock& ranked) {
+  constexpr auto shape = format::CellShape::tetrahedron;
+  std::vector<RankedTetrahedron> tetrahedra;
+  RankedSpool::unpack(block, tetrahedra);
+  ranked.records.reserve(tetrahedra.size() * format::corners_of(shape));
+  for (const RankedTetrahedron& tetrahedron : tetrahedra) {
+    RankedCell cell{.sign = tetrahedron.sign};
+    std::ranges::copy(tetrahedron.corners, cell.corners.begin());
+    ranked.hash += hash_of(shape, cell, tetrahedron.corners);
+    const CellSort::Record record = CellSort::record_of(shape, cell);
+    ranked.records.insert(ranked.records.end(), record.begin(), record.begin() + format::corners_of(shape));
+  }
+}
 
 // Gives the cells of a block their ranks.
 class BlockRanker {
@@ -83,18 +110,6 @@ class BlockRanker {
       for (std::size_t k = 0; k < tetrahedron.size(); ++k) part.corners[k] = cell.corners[tetrahedron[k]];
       add(format::CellShape::tetrahedron, part, ranked_.tetrahedra);
     }
-  }
-
-  // The same for a cell whose corners come in another order.
-  static std::uint64_t hash_of(format::CellShape shape, const RankedCell& cell, std::span<const std::uint64_t> ranks) {
-    std::array<std::uint8_t, format::max_cell_corners> places{};
-    for (std::size_t k = 0; k < ranks.size(); ++k)
-      places[k] = static_cast<std::uint8_t>(std::ranges::find(ranks, cell.corners[k]) - ranks.begin());
-    const format::CellOrder order = format::find_order(shape, std::span(places).first(ranks.size()), cell.split);
-    std::array<std::uint64_t, format::max_cell_corners + 1> words{};
-    std::ranges::copy(ranks, words.begin());
-    words[ranks.size()] = std::uint64_t{order.code} << 32 | order.split;
-    return format::hash_bytes(std::as_bytes(std::span(words).first(ranks.size() + 1)));
   }
 
   const CellBlock& block_;
@@ -154,6 +169,8 @@ Status MeshCells::sort() {
   };
   SPLATVOL_TRY(spool_.read(add));
   ranks_ = {};
+  const auto add_joined = [&](std::span<const std::span<const std::byte>> blocks) { return sort_joined(blocks); };
+  SPLATVOL_TRY(joined_.read(add_joined));
   for (const std::unique_ptr<OfShape>& of_shape : shapes_) SPLATVOL_TRY(of_shape->sort.finish());
   return {};
 }
@@ -162,11 +179,15 @@ Status MeshCells::sort() {
 Status MeshCells::start_sorts() {
   using format::CellShape;
   constexpr std::array all = {CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge, CellShape::hexahedron};
+  const auto bytes_of = [&](CellShape shape) {
+    const std::uint64_t joined = shape == CellShape::tetrahedron ? joined_.count() : 0;
+    return (spool_.count(shape) + joined) * format::corners_of(shape);
+  };
   std::uint64_t bytes = 0;
-  for (const CellShape shape : all) bytes += spool_.count(shape) * format::corners_of(shape);
+  for (const CellShape shape : all) bytes += bytes_of(shape);
   for (const CellShape shape : all) {
     // Tetrahedra may come of the others.
-    const std::uint64_t own = spool_.count(shape) * format::corners_of(shape);
+    const std::uint64_t own = bytes_of(shape);
     if (own == 0 && shape != CellShape::tetrahedron) continue;
     const auto share = static_cast<double>(own) / static_cast<double>(std::max<std::uint64_t>(bytes, 1));
     SPLATVOL_TRY_ASSIGN(
@@ -210,6 +231,16 @@ Status MeshCells::add_ranked(std::span<const CellBlock> blocks) {
     hash_ += ranked[b].hash;
     SPLATVOL_TRY(sort_of(blocks[b].shape)->add(ranked[b].records));
     SPLATVOL_TRY(sort_of(format::CellShape::tetrahedron)->add(ranked[b].tetrahedra));
+  }
+  return check_interruption();
+}
+
+Status MeshCells::sort_joined(std::span<const std::span<const std::byte>> blocks) {
+  std::vector<RankedBlock> ranked(blocks.size());
+  tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) { rank_joined(blocks[b], ranked[b]); });
+  for (const RankedBlock& block : ranked) {
+    hash_ += block.hash;
+    SPLATVOL_TRY(sort_of(format::CellShape::tetrahedron)->add(block.records));
   }
   return check_interruption();
 }

@@ -12,6 +12,8 @@
 #include "base/error.h"
 #include "builder/cells/cell_sort.h"
 #include "builder/cells/cell_spool.h"
+#include "builder/cells/ranked_spool.h"
+#include "builder/mesh/ranked_tetrahedron.h"
 #include "builder/output/block_spool.h"
 #include "builder/sorting/external_sort.h"
 #include "builder/sources/source.h"
@@ -19,7 +21,7 @@
 namespace splatvol {
 
 /// Collects cells, and what a build finds out about their corners. The rank of a point is its number among all points
-/// of the file in Morton order. add_rank() may run beside add_stay(); nothing else is thread-safe.
+/// of the file in Morton order. add_rank() and add_joined() may run beside add_stay(); nothing else is thread-safe.
 class MeshCells {
  public:
   /// `memory`: bytes to hold, before sort() an eighth of them. `folder`: for what memory cannot hold.
@@ -27,6 +29,9 @@ class MeshCells {
 
   /// Adds the cells of the next piece, in the order in which PieceReader reads pieces.
   [[nodiscard]] Status add(const Piece& piece) { return spool_.add(piece); }
+
+  /// Adds tetrahedra that join the points of an input without cells, in any order.
+  [[nodiscard]] Status add_joined(std::span<const RankedTetrahedron> tetrahedra) { return joined_.add(tetrahedra); }
 
   /// Tells the rank of the point that a point of a piece has become.
   [[nodiscard]] Status add_rank(PointTag tag, std::uint64_t rank);
@@ -77,17 +82,19 @@ class MeshCells {
   };
 
   MeshCells(ExternalSorter tags, std::uint64_t memory, const std::string& folder)
-      : memory_(memory), folder_(folder), spool_(folder), tags_(std::move(tags)) {}
+      : memory_(memory), folder_(folder), spool_(folder), joined_(folder), tags_(std::move(tags)) {}
   [[nodiscard]] Status start_sorts();
   [[nodiscard]] CellSort* sort_of(format::CellShape shape);
   [[nodiscard]] Status load_ranks(std::uint32_t piece, std::uint32_t points);
   [[nodiscard]] Status add_ranked(std::span<const CellBlock> blocks);
+  [[nodiscard]] Status sort_joined(std::span<const std::span<const std::byte>> blocks);
   [[nodiscard]] static Status gather_leaf(OfShape& of_shape);
   [[nodiscard]] static Result<bool> next_chunk(OfShape& of_shape, SortedCells& cells);
 
   std::uint64_t memory_;
   std::string folder_;
   CellSpool spool_;
+  RankedSpool joined_;
   std::uint64_t collapsed_ = 0;
   std::uint64_t hash_ = 0;
 

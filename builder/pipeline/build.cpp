@@ -37,17 +37,24 @@ Result<std::uint64_t> write(AtomicFile file, ReducedSource reduced, StoredBounda
   return writer->file_bytes();
 }
 
-// Makes an empty store of cells; null if the options ask for none.
+// Makes an empty store of cells; null if the options ask for none. Fails if it is sure that there are none.
 Result<std::unique_ptr<MeshCells>> start_cells(const Source& source, const BuildOptions& options,
                                                const std::string& folder) {
   if (!options.keep_cells) return nullptr;
-  if (!source.may_have_cells() || source.brings_material() || !uses_cells(options))
+  if (options.connectivity == Connectivity::none || options.connectivity == Connectivity::boxes)
+    return fail(ErrorCode::invalid_argument,
+                "the connectivity '{}' joins points without tetrahedra: take --connectivity delaunay, or leave "
+                "--keep-cells out",
+                connectivity_name(options.connectivity));
+  const bool no_mesh = options.connectivity == Connectivity::mesh && !source.may_have_cells();
+  if (no_mesh || (uses_cells(options) && source.brings_material()))
     return fail(ErrorCode::invalid_argument, "the input has no cells that a file can keep: leave --keep-cells out");
   return MeshCells::create(options.memory / 2, folder);
 }
 
-WatchPoints watch_points(BoundaryFaces* faces, MeshCells* cells) {
-  if (!cells) return {faces_of(faces)};
+// Points that are joined by tetrahedra have their ranks by then.
+WatchPoints watch_points(const Source& source, const BuildOptions& options, BoundaryFaces* faces, MeshCells* cells) {
+  if (!cells || !uses_cells(options) || !source.may_have_cells()) return {faces_of(faces)};
   return {[cells, add_faces = faces_of(faces)](Piece& piece) -> Status {
             SPLATVOL_TRY(cells->add(piece));
             return add_faces ? add_faces(piece) : Status{};
@@ -107,6 +114,7 @@ Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const
     if (cells) {
       progress("sorting cells", 0);
       SPLATVOL_TRY(cells->sort());
+      if (cells->count() == 0) return fail(ErrorCode::invalid_data, "there is no cell to keep: leave --keep-cells out");
       reduced.info.cells = format::CellsInfo{cells->hash()};
       add_cells = [&](const format::Volume& volume, const format::AppendBytes& append) -> Status {
         const auto write = [&](double fraction) { progress("writing cells", fraction); };
@@ -140,7 +148,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   SPLATVOL_TRY_ASSIGN(cells, start_cells(source, options, folder));
   SPLATVOL_TRY_ASSIGN(
       points, PointStream::create(source, uses_cells(options), options.memory / 2, folder, read, options.gradients,
-                                  joined_attributes(options), watch_points(faces.get(), cells.get())));
+                                  joined_attributes(options), watch_points(source, options, faces.get(), cells.get())));
   if (faces) SPLATVOL_TRY(faces->check_any());
   return build_from_points(std::move(points), std::move(file), folder, options, progress, faces.get(), cells.get());
 }
