@@ -161,27 +161,39 @@ Result<std::optional<std::uint64_t>> MeshCells::NumberQueue::next() {
 }
 
 Status MeshCells::sort() {
+  SPLATVOL_TRY(start_sorts(spool_.counts()));
+  const auto add = [&](format::CellShape shape, std::span<const std::uint64_t> records) {
+    return add_records(shape, records);
+  };
+  SPLATVOL_TRY(translate(add));
+  const auto add_joined = [&](std::span<const std::span<const std::byte>> blocks) { return sort_joined(blocks); };
+  SPLATVOL_TRY(joined_.read(add_joined));
+  return finish_sorts();
+}
+
+Status MeshCells::translate(const TakeRecords& take) {
   SPLATVOL_TRY(tags_.finish());
-  SPLATVOL_TRY(start_sorts());
   const auto add = [&](std::span<const CellBlock> blocks) -> Status {
     if (piece_ != blocks[0].piece) SPLATVOL_TRY(load_ranks(blocks[0].piece, blocks[0].piece_points));
-    return add_ranked(blocks);
+    return add_ranked(blocks, take);
   };
   SPLATVOL_TRY(spool_.read(add));
   ranks_ = {};
-  const auto add_joined = [&](std::span<const std::span<const std::byte>> blocks) { return sort_joined(blocks); };
-  SPLATVOL_TRY(joined_.read(add_joined));
+  return {};
+}
+
+Status MeshCells::finish_sorts() {
   for (const std::unique_ptr<OfShape>& of_shape : shapes_) SPLATVOL_TRY(of_shape->sort.finish());
   return {};
 }
 
 // Shapes share the memory by the bytes of their records.
-Status MeshCells::start_sorts() {
+Status MeshCells::start_sorts(const CellSpool::Counts& counts) {
   using format::CellShape;
   constexpr std::array all = {CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge, CellShape::hexahedron};
   const auto bytes_of = [&](CellShape shape) {
     const std::uint64_t joined = shape == CellShape::tetrahedron ? joined_.count() : 0;
-    return (spool_.count(shape) + joined) * format::corners_of(shape);
+    return (counts[static_cast<std::size_t>(shape)] + joined) * format::corners_of(shape);
   };
   std::uint64_t bytes = 0;
   for (const CellShape shape : all) bytes += bytes_of(shape);
@@ -221,7 +233,7 @@ Status MeshCells::load_ranks(std::uint32_t piece, std::uint32_t points) {
   }
 }
 
-Status MeshCells::add_ranked(std::span<const CellBlock> blocks) {
+Status MeshCells::add_ranked(std::span<const CellBlock> blocks, const TakeRecords& take) {
   std::vector<RankedBlock> ranked(blocks.size());
   tbb::parallel_for(std::size_t{0}, blocks.size(),
                     [&](std::size_t b) { BlockRanker(blocks[b], ranks_, ranked[b]).run(); });
@@ -229,8 +241,8 @@ Status MeshCells::add_ranked(std::span<const CellBlock> blocks) {
     if (ranked[b].lacks_point) return fail(ErrorCode::invalid_data, "a cell has a corner that is no point of the file");
     collapsed_ += ranked[b].collapsed;
     hash_ += ranked[b].hash;
-    SPLATVOL_TRY(sort_of(blocks[b].shape)->add(ranked[b].records));
-    SPLATVOL_TRY(sort_of(format::CellShape::tetrahedron)->add(ranked[b].tetrahedra));
+    SPLATVOL_TRY(take(blocks[b].shape, ranked[b].records));
+    SPLATVOL_TRY(take(format::CellShape::tetrahedron, ranked[b].tetrahedra));
   }
   return check_interruption();
 }

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -42,6 +43,21 @@ class MeshCells {
   /// Finds the ranks of all corners, and sorts the cells. Called once, after the last point. A cell of which two
   /// corners have become one point is kept as those of its tetrahedra that have a volume.
   [[nodiscard]] Status sort();
+
+  /// The cells of pieces, for ranks that do sort() together: each calls translate() for the cells that it has read and
+  /// whose ranks it was told, and one of them sorts what take(shape, records) gets on all.
+  [[nodiscard]] CellSpool& spool() { return spool_; }
+  using TakeRecords = std::function<Status(format::CellShape, std::span<const std::uint64_t>)>;
+  [[nodiscard]] Status translate(const TakeRecords& take);
+  [[nodiscard]] Status start_sorts(const CellSpool::Counts& counts);
+  [[nodiscard]] Status add_records(format::CellShape shape, std::span<const std::uint64_t> records) {
+    return sort_of(shape)->add(records);
+  }
+  [[nodiscard]] Status finish_sorts();
+  void set_sums(std::uint64_t collapsed, std::uint64_t hash) {
+    collapsed_ = collapsed;
+    hash_ = hash;
+  }
 
   /// Tells the number of points of the next index leaf. Requires sort().
   [[nodiscard]] Status add_leaf(std::uint64_t points);
@@ -83,10 +99,9 @@ class MeshCells {
 
   MeshCells(ExternalSorter tags, std::uint64_t memory, const std::string& folder)
       : memory_(memory), folder_(folder), spool_(folder), joined_(folder), tags_(std::move(tags)) {}
-  [[nodiscard]] Status start_sorts();
   [[nodiscard]] CellSort* sort_of(format::CellShape shape);
   [[nodiscard]] Status load_ranks(std::uint32_t piece, std::uint32_t points);
-  [[nodiscard]] Status add_ranked(std::span<const CellBlock> blocks);
+  [[nodiscard]] Status add_ranked(std::span<const CellBlock> blocks, const TakeRecords& take);
   [[nodiscard]] Status sort_joined(std::span<const std::span<const std::byte>> blocks);
   [[nodiscard]] static Status gather_leaf(OfShape& of_shape);
   [[nodiscard]] static Result<bool> next_chunk(OfShape& of_shape, SortedCells& cells);

@@ -37,24 +37,8 @@ Result<std::uint64_t> write(AtomicFile file, ReducedSource reduced, StoredBounda
   return writer->file_bytes();
 }
 
-// Makes an empty store of cells; null if the options ask for none. Fails if it is sure that there are none.
-Result<std::unique_ptr<MeshCells>> start_cells(const Source& source, const BuildOptions& options,
-                                               const std::string& folder) {
-  if (!options.keep_cells) return nullptr;
-  if (options.connectivity == Connectivity::none || options.connectivity == Connectivity::boxes)
-    return fail(ErrorCode::invalid_argument,
-                "the connectivity '{}' joins points without tetrahedra: take --connectivity delaunay, or leave "
-                "--keep-cells out",
-                connectivity_name(options.connectivity));
-  const bool no_mesh = options.connectivity == Connectivity::mesh && !source.may_have_cells();
-  if (no_mesh || (uses_cells(options) && source.brings_material()))
-    return fail(ErrorCode::invalid_argument, "the input has no cells that a file can keep: leave --keep-cells out");
-  return MeshCells::create(options.memory / 2, folder);
-}
-
-// Points that are joined by tetrahedra have their ranks by then.
 WatchPoints watch_points(const Source& source, const BuildOptions& options, BoundaryFaces* faces, MeshCells* cells) {
-  if (!cells || !uses_cells(options) || !source.may_have_cells()) return {faces_of(faces)};
+  if (!keeps_cells_of_pieces(source, options)) return {faces_of(faces)};
   return {[cells, add_faces = faces_of(faces)](Piece& piece) -> Status {
             SPLATVOL_TRY(cells->add(piece));
             return add_faces ? add_faces(piece) : Status{};
@@ -96,6 +80,25 @@ Status check_units(const Source& source, const BuildOptions& options) {
 // A folder with room for the file has room for parts of it.
 std::string temp_folder_of(const std::string& output, const BuildOptions& options) {
   return options.temp_folder.empty() ? folder_of(output) : options.temp_folder;
+}
+
+Result<std::unique_ptr<MeshCells>> start_cells(const Source& source, const BuildOptions& options,
+                                               const std::string& folder) {
+  if (!options.keep_cells) return nullptr;
+  if (options.connectivity == Connectivity::none || options.connectivity == Connectivity::boxes)
+    return fail(ErrorCode::invalid_argument,
+                "the connectivity '{}' joins points without tetrahedra: take --connectivity delaunay, or leave "
+                "--keep-cells out",
+                connectivity_name(options.connectivity));
+  const bool no_mesh = options.connectivity == Connectivity::mesh && !source.may_have_cells();
+  if (no_mesh || (uses_cells(options) && source.brings_material()))
+    return fail(ErrorCode::invalid_argument, "the input has no cells that a file can keep: leave --keep-cells out");
+  return MeshCells::create(options.memory / 2, folder);
+}
+
+// Points that are joined by tetrahedra have their ranks by then.
+bool keeps_cells_of_pieces(const Source& source, const BuildOptions& options) {
+  return options.keep_cells && uses_cells(options) && source.may_have_cells();
 }
 
 Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const std::string& folder,

@@ -99,6 +99,13 @@ using BuildProgress = std::function<void(const char* stage, double fraction)>;
 /// The folder for temporary files of an output.
 [[nodiscard]] std::string temp_folder_of(const std::string& output, const BuildOptions& options);
 
+/// Makes an empty store of cells; null if the options ask for none. Fails if it is sure that there are none to keep.
+[[nodiscard]] Result<std::unique_ptr<MeshCells>> start_cells(const Source& source, const BuildOptions& options,
+                                                             const std::string& folder);
+
+/// Whether the cells to keep are those of pieces, so that records need tags.
+[[nodiscard]] bool keeps_cells_of_pieces(const Source& source, const BuildOptions& options);
+
 /// The same as build_volume for points that are sorted. `file`: gets all. `faces`, `cells`: of all pieces; null if the
 /// file gets no boundary, or no cells.
 [[nodiscard]] Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const std::string& folder,

@@ -78,8 +78,8 @@ std::vector<Ranks> reference(const Points& points) {
   return cells;
 }
 
-// A box of n x n x n points. They are moved a little, but stay in the box's faces and edges. If they were moved farther,
-// tetrahedra at the hull would be left out as too large.
+// A box of n x n x n points. They are moved a little, but stay in the box's faces and edges. If they were moved
+// farther, tetrahedra at the hull would be left out as too large.
 Points shaken_box(int n, const dvec3& extent) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> shift(-0.1, 0.1);
