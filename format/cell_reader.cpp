@@ -207,7 +207,7 @@ Status CellReader::check_entry(const CellChunkEntry& entry) const {
       !is_box(entry.low, entry.high) || !is_area(entry.area))
     return broken("a chunk of cells is out of range");
   if (!is_known(entry.shape, entry.field)) return {};
-  if (entry.unpacked_bytes > 32 + entry.cells * ((corners + 1) * sizeof(std::uint64_t) + 4) || entry.points < corners ||
+  if (entry.unpacked_bytes > most_unpacked_bytes(entry) || entry.points < corners ||
       entry.points > entry.cells * corners)
     return broken("a chunk of cells has the wrong length");
   return {};

@@ -188,6 +188,13 @@ PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
   return packed;
 }
 
+std::uint64_t most_unpacked_bytes(const CellChunkEntry& entry) {
+  std::uint64_t numbers = corners_of(entry.shape);
+  if (entry.field == CellField::constant) ++numbers;
+  const std::uint64_t order = entry.shape == CellShape::tetrahedron ? 0 : 2 * sizeof(std::uint16_t);
+  return header_bytes(entry.field) + entry.cells * (numbers * sizeof(std::uint64_t) + order);
+}
+
 Result<CellChunk> unpack_cells(const CellChunkEntry& entry, std::span<const std::byte> packed, std::uint64_t points,
                                std::uint64_t vertices, std::string_view what) {
   SPLATVOL_TRY(check_packed(entry, packed, what));

@@ -83,6 +83,9 @@ struct PackedCells {
 /// constant.
 [[nodiscard]] PackedCells pack_cells(const CellChunk& cells, std::size_t points);
 
+/// The most bytes that a chunk of a known shape and field has unpacked.
+[[nodiscard]] std::uint64_t most_unpacked_bytes(const CellChunkEntry& entry);
+
 /// Undoes pack_cells. The corners of a cell may come in another order, which is the same cell turned or mirrored. They
 /// are different. Ranks are below `points`, and numbers of vertices below `vertices`. Requires a known shape and field,
 /// and an entry that CellReader::read_page returned. Safe on untrusted `packed`.

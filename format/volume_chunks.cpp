@@ -6,7 +6,7 @@ namespace splatvol::format {
 
 Result<PackedChunk> VolumeChunks::read_chunk(ColumnKind kind, int attribute, std::uint64_t group) const {
   const int column = volume_.info().find_column(kind, attribute);
-  if (column < 0) return fail(ErrorCode::invalid_data, "{}: lacks a column of positions or values", volume_.name());
+  if (column < 0) return fail(ErrorCode::invalid_argument, "{}: attribute {} has no values", volume_.name(), attribute);
   const std::uint64_t row = volume_.rows().row(volume_.rows().group(group).segment, group);
   SPLATVOL_TRY_ASSIGN(page, this->page(volume_.directory_page_of_row(row, column)));
   const ChunkLocation& location = volume_.find_chunk(*page, row, column);

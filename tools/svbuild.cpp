@@ -469,7 +469,8 @@ Status build(const Options& options) {
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
   if (is_series(options)) SPLATVOL_TRY(require_one_rank("a time series"));
-  if (options.keep_cells) SPLATVOL_TRY(require_one_rank("a file with its cells"));
+  if (options.keep_cells && cell_values_of(options.cells) == CellValues::own)
+    SPLATVOL_TRY(require_one_rank("a file that keeps cells of their own"));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
   InputNotes notes;

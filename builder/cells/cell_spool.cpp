@@ -7,38 +7,14 @@
 #include <cstring>
 #include <utility>
 
+#include "builder/cells/packed_numbers.h"
 #include "builder/mesh/tetrahedra.h"
-#include "format/payload.h"
 
 namespace splatvol {
 namespace {
 
 constexpr std::size_t block_cells = 4096;
 constexpr std::size_t blocks_at_once = 16;
-
-// LEB128: corners of cells are mostly near each other.
-void put_number(std::vector<std::byte>& bytes, std::uint64_t number) {
-  for (; number >= 0x80; number >>= 7) bytes.push_back(static_cast<std::byte>(number | 0x80));
-  bytes.push_back(static_cast<std::byte>(number));
-}
-
-std::uint64_t get_number(std::span<const std::byte>& bytes) {
-  std::uint64_t number = 0;
-  for (int shift = 0;; shift += 7) {
-    const auto byte = std::to_integer<std::uint64_t>(bytes.front());
-    bytes = bytes.subspan(1);
-    number |= (byte & 0x7f) << shift;
-    if (byte < 0x80) return number;
-  }
-}
-
-void put_difference(std::vector<std::byte>& bytes, std::uint32_t number, std::uint32_t from) {
-  put_number(bytes, format::zigzag(std::int64_t{number} - std::int64_t{from}));
-}
-
-std::uint32_t get_difference(std::span<const std::byte>& bytes, std::uint32_t from) {
-  return static_cast<std::uint32_t>(from + format::unzigzag(get_number(bytes)));
-}
 
 // In front of the cells of a block.
 struct BlockHead {
@@ -123,8 +99,9 @@ void unpack(const CellBlock& block, std::vector<SpooledCell>& cells) {
   std::uint32_t before = 0, point_before = 0;
   while (!bytes.empty()) {
     SpooledCell& cell = cells.emplace_back();
-    cell.corners[0] = before = get_difference(bytes, before);
-    for (std::size_t k = 1; k < format::corners_of(block.shape); ++k) cell.corners[k] = get_difference(bytes, before);
+    cell.corners[0] = before = static_cast<std::uint32_t>(get_difference(bytes, before));
+    for (std::size_t k = 1; k < format::corners_of(block.shape); ++k)
+      cell.corners[k] = static_cast<std::uint32_t>(get_difference(bytes, before));
     const std::uint64_t code = get_number(bytes);
     cell.split = static_cast<format::CellSplit>(code / 3);
     cell.sign = static_cast<int>(code % 3) - 1;

@@ -53,6 +53,19 @@ class CellSpool {
   /// The number of pieces that were added.
   [[nodiscard]] std::uint32_t pieces() const { return pieces_; }
 
+  /// For cells that another rank has read: numbers pieces from `first` on; calls visit(bytes) as read() does, for
+  /// add_packed() elsewhere. Pieces' numbers must ascend there too.
+  void number_pieces(std::uint32_t first) { pieces_ = first; }
+  [[nodiscard]] Status read_packed(const std::function<Status(std::span<const std::byte>)>& visit) {
+    return spool_.read(visit);
+  }
+  [[nodiscard]] Status add_packed(std::span<const std::byte> bytes) { return spool_.append(bytes); }
+
+  /// [shape]: the number of cells that were added. Whoever adds packed ones adds theirs.
+  using Counts = std::array<std::uint64_t, 8>;
+  [[nodiscard]] const Counts& counts() const { return counts_; }
+  void set_counts(const Counts& counts) { counts_ = counts; }
+
   /// The number of cells of a shape that were added.
   [[nodiscard]] std::uint64_t count(format::CellShape shape) const { return counts_[static_cast<std::size_t>(shape)]; }
 
@@ -62,7 +75,7 @@ class CellSpool {
 
   BlockSpool spool_;
   std::uint32_t pieces_ = 0;
-  std::array<std::uint64_t, 8> counts_{};  // [shape]
+  Counts counts_{};
 };
 
 }  // namespace splatvol

@@ -23,6 +23,19 @@ Record record_at(std::span<const std::byte> records, std::size_t number) {
   return record;
 }
 
+// The same for a cell whose corners come in another order. `ranks`: the corners in ascending order.
+std::uint64_t hash_of(format::CellShape shape, const RankedCell& cell, std::span<const std::uint64_t> ranks) {
+  std::array<std::uint8_t, format::max_cell_corners> places{};
+  for (std::size_t k = 0; k < ranks.size(); ++k)
+    places[k] = static_cast<std::uint8_t>(std::ranges::find(ranks, cell.corners[k]) - ranks.begin());
+  const format::CellOrder order = format::find_order(shape, std::span(places).first(ranks.size()), cell.split);
+  std::array<std::uint64_t, format::max_cell_corners + 2> words{};
+  std::ranges::copy(ranks, words.begin());
+  words[ranks.size()] = std::uint64_t{order.code} << 32 | order.split;
+  words[ranks.size() + 1] = cell.point;
+  return format::hash_bytes(std::as_bytes(std::span(words).first(ranks.size() + 2)));
+}
+
 // Cells of a block with their ranks, as records of CellSort.
 struct RankedBlock {
   std::vector<std::uint64_t> records;     // of the block's shape
@@ -31,6 +44,21 @@ struct RankedBlock {
   std::uint64_t hash = 0;  // sum of those of the cells
   bool lacks_point = false;
 };
+
+// Cells of a block of RankedSpool.
+void rank_joined(std::span<const std::byte> block, RankedBlock& ranked) {
+  constexpr auto shape = format::CellShape::tetrahedron;
+  std::vector<RankedTetrahedron> tetrahedra;
+  RankedSpool::unpack(block, tetrahedra);
+  ranked.records.reserve(tetrahedra.size() * format::corners_of(shape));
+  for (const RankedTetrahedron& tetrahedron : tetrahedra) {
+    RankedCell cell{.sign = tetrahedron.sign};
+    std::ranges::copy(tetrahedron.corners, cell.corners.begin());
+    ranked.hash += hash_of(shape, cell, tetrahedron.corners);
+    const CellSort::Record record = CellSort::record_of(shape, cell);
+    ranked.records.insert(ranked.records.end(), record.begin(), record.begin() + format::corners_of(shape));
+  }
+}
 
 // Gives the cells of a block their ranks.
 class BlockRanker {
@@ -83,19 +111,6 @@ class BlockRanker {
     }
   }
 
-  // The same for a cell whose corners come in another order.
-  static std::uint64_t hash_of(format::CellShape shape, const RankedCell& cell, std::span<const std::uint64_t> ranks) {
-    std::array<std::uint8_t, format::max_cell_corners> places{};
-    for (std::size_t k = 0; k < ranks.size(); ++k)
-      places[k] = static_cast<std::uint8_t>(std::ranges::find(ranks, cell.corners[k]) - ranks.begin());
-    const format::CellOrder order = format::find_order(shape, std::span(places).first(ranks.size()), cell.split);
-    std::array<std::uint64_t, format::max_cell_corners + 2> words{};
-    std::ranges::copy(ranks, words.begin());
-    words[ranks.size()] = std::uint64_t{order.code} << 32 | order.split;
-    words[ranks.size() + 1] = cell.point;
-    return format::hash_bytes(std::as_bytes(std::span(words).first(ranks.size() + 2)));
-  }
-
   const CellBlock& block_;
   std::span<const std::uint64_t> corners_, ranks_;
   RankedBlock& ranked_;
@@ -146,21 +161,27 @@ Result<std::optional<std::uint64_t>> MeshCells::NumberQueue::next() {
 }
 
 Status MeshCells::sort() {
-  SPLATVOL_TRY(start_sorts());
-  SPLATVOL_TRY(rank_all());
-  for (const std::unique_ptr<OfShape>& of_shape : shapes_) SPLATVOL_TRY(of_shape->sort.finish());
-  return {};
+  SPLATVOL_TRY(start_sorts(spool_.counts()));
+  const auto add = [&](format::CellShape shape, std::span<const std::uint64_t> records) {
+    return add_records(shape, records);
+  };
+  SPLATVOL_TRY(translate(add));
+  SPLATVOL_TRY(add_joined_to(add));
+  return finish_sorts();
 }
 
-Status MeshCells::hash_only() { return rank_all(); }
+Status MeshCells::hash_only() {
+  const auto drop = [](format::CellShape, std::span<const std::uint64_t>) { return Status(); };
+  SPLATVOL_TRY(translate(drop));
+  return add_joined_to(drop);
+}
 
-// Gives all cells the ranks of their corners, and adds them to the sorts, if there are any.
-Status MeshCells::rank_all() {
+Status MeshCells::translate(const TakeRecords& take) {
   SPLATVOL_TRY(tags_.finish());
   if (vertices_) SPLATVOL_TRY(vertices_->sort());
   const auto add = [&](std::span<const CellBlock> blocks) -> Status {
     SPLATVOL_TRY(load_ranks(blocks[0]));
-    return add_ranked(blocks);
+    return add_ranked(blocks, take);
   };
   SPLATVOL_TRY(spool_.read(add));
   ranks_ = {};
@@ -168,16 +189,25 @@ Status MeshCells::rank_all() {
   return {};
 }
 
+Status MeshCells::finish_sorts() {
+  for (const std::unique_ptr<OfShape>& of_shape : shapes_) SPLATVOL_TRY(of_shape->sort.finish());
+  return {};
+}
+
 // Shapes share the memory by the bytes of their records.
-Status MeshCells::start_sorts() {
+Status MeshCells::start_sorts(const CellSpool::Counts& counts) {
   using format::CellShape;
   constexpr std::array all = {CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge, CellShape::hexahedron};
   const format::CellField field = vertices_ ? format::CellField::constant : format::CellField::corners;
+  const auto bytes_of = [&](CellShape shape) {
+    const std::uint64_t joined = shape == CellShape::tetrahedron ? joined_.count() : 0;
+    return (counts[static_cast<std::size_t>(shape)] + joined) * CellSort::words_of(shape, field);
+  };
   std::uint64_t bytes = 0;
-  for (const CellShape shape : all) bytes += spool_.count(shape) * CellSort::words_of(shape, field);
+  for (const CellShape shape : all) bytes += bytes_of(shape);
   for (const CellShape shape : all) {
     // Tetrahedra may come of the others.
-    const std::uint64_t own = spool_.count(shape) * CellSort::words_of(shape, field);
+    const std::uint64_t own = bytes_of(shape);
     if (own == 0 && shape != CellShape::tetrahedron) continue;
     const auto share = static_cast<double>(own) / static_cast<double>(std::max<std::uint64_t>(bytes, 1));
     SPLATVOL_TRY_ASSIGN(
@@ -203,7 +233,7 @@ Status MeshCells::load_ranks(const CellBlock& block) {
   return tags_.load(block.piece, block.piece_points, ranks_);
 }
 
-Status MeshCells::add_ranked(std::span<const CellBlock> blocks) {
+Status MeshCells::add_ranked(std::span<const CellBlock> blocks, const TakeRecords& take) {
   std::vector<RankedBlock> ranked(blocks.size());
   const std::vector<std::uint64_t>& corners = vertices_ ? numbers_ : ranks_;
   tbb::parallel_for(std::size_t{0}, blocks.size(),
@@ -212,11 +242,23 @@ Status MeshCells::add_ranked(std::span<const CellBlock> blocks) {
     if (ranked[b].lacks_point) return fail(ErrorCode::invalid_data, "a cell has a corner that is no point of the file");
     collapsed_ += ranked[b].collapsed;
     hash_ += ranked[b].hash;
-    if (shapes_.empty()) continue;
-    SPLATVOL_TRY(sort_of(blocks[b].shape)->add(ranked[b].records));
-    SPLATVOL_TRY(sort_of(format::CellShape::tetrahedron)->add(ranked[b].tetrahedra));
+    SPLATVOL_TRY(take(blocks[b].shape, ranked[b].records));
+    SPLATVOL_TRY(take(format::CellShape::tetrahedron, ranked[b].tetrahedra));
   }
   return check_interruption();
+}
+
+Status MeshCells::add_joined_to(const TakeRecords& take) {
+  const auto add = [&](std::span<const std::span<const std::byte>> blocks) -> Status {
+    std::vector<RankedBlock> ranked(blocks.size());
+    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) { rank_joined(blocks[b], ranked[b]); });
+    for (const RankedBlock& block : ranked) {
+      hash_ += block.hash;
+      SPLATVOL_TRY(take(format::CellShape::tetrahedron, block.records));
+    }
+    return check_interruption();
+  };
+  return joined_.read(add);
 }
 
 // Gathers the cells of the next index leaf that has some; of a leaf with too many for a chunk, the next of them.

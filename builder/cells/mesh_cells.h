@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -12,15 +13,17 @@
 #include "base/error.h"
 #include "builder/cells/cell_sort.h"
 #include "builder/cells/cell_spool.h"
+#include "builder/cells/ranked_spool.h"
 #include "builder/cells/tag_sort.h"
 #include "builder/cells/vertex_sort.h"
+#include "builder/mesh/ranked_tetrahedron.h"
 #include "builder/output/block_spool.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
 
 /// Collects cells, and what a build finds out about their corners. The rank of a point is its number among all points
-/// of the file in Morton order. add_rank() may run beside add_stay(); nothing else is thread-safe.
+/// of the file in Morton order. add_rank() and add_joined() may run beside add_stay(); nothing else is thread-safe.
 class MeshCells {
  public:
   /// `memory`: bytes to hold, before sort() an eighth of them; as much again for corners of cells of their own.
@@ -30,6 +33,9 @@ class MeshCells {
 
   /// Adds the cells of the next piece, in the order in which PieceReader reads pieces.
   [[nodiscard]] Status add(const Piece& piece);
+
+  /// Adds tetrahedra that join the points of an input without cells, in any order.
+  [[nodiscard]] Status add_joined(std::span<const RankedTetrahedron> tetrahedra) { return joined_.add(tetrahedra); }
 
   /// Tells the rank of the point that a point of a piece has become.
   [[nodiscard]] Status add_rank(PointTag tag, std::uint64_t rank);
@@ -43,6 +49,21 @@ class MeshCells {
 
   /// Finds the ranks of all corners, for hash() alone. Called instead of sort().
   [[nodiscard]] Status hash_only();
+
+  /// The cells of pieces, for ranks that do sort() together: each calls translate() for the cells that it has read and
+  /// whose ranks it was told, and one of them sorts what take(shape, records) gets on all.
+  [[nodiscard]] CellSpool& spool() { return spool_; }
+  using TakeRecords = std::function<Status(format::CellShape, std::span<const std::uint64_t>)>;
+  [[nodiscard]] Status translate(const TakeRecords& take);
+  [[nodiscard]] Status start_sorts(const CellSpool::Counts& counts);
+  [[nodiscard]] Status add_records(format::CellShape shape, std::span<const std::uint64_t> records) {
+    return sort_of(shape)->add(records);
+  }
+  [[nodiscard]] Status finish_sorts();
+  void set_sums(std::uint64_t collapsed, std::uint64_t hash) {
+    collapsed_ = collapsed;
+    hash_ = hash;
+  }
 
   /// Tells the number of points of the next index leaf. Requires sort().
   [[nodiscard]] Status add_leaf(std::uint64_t points);
@@ -86,12 +107,11 @@ class MeshCells {
   };
 
   MeshCells(TagSort tags, std::uint64_t memory, const std::string& folder, bool exact)
-      : memory_(memory), folder_(folder), exact_(exact), spool_(folder), tags_(std::move(tags)) {}
-  [[nodiscard]] Status rank_all();
-  [[nodiscard]] Status start_sorts();
+      : memory_(memory), folder_(folder), exact_(exact), spool_(folder), joined_(folder), tags_(std::move(tags)) {}
   [[nodiscard]] CellSort* sort_of(format::CellShape shape);
   [[nodiscard]] Status load_ranks(const CellBlock& block);
-  [[nodiscard]] Status add_ranked(std::span<const CellBlock> blocks);
+  [[nodiscard]] Status add_ranked(std::span<const CellBlock> blocks, const TakeRecords& take);
+  [[nodiscard]] Status add_joined_to(const TakeRecords& take);
   [[nodiscard]] static Status gather_leaf(OfShape& of_shape);
   [[nodiscard]] static Result<bool> next_chunk(OfShape& of_shape, SortedCells& cells);
 
@@ -99,6 +119,7 @@ class MeshCells {
   std::string folder_;
   bool exact_;
   CellSpool spool_;
+  RankedSpool joined_;
   std::uint64_t collapsed_ = 0;
   std::uint64_t hash_ = 0;
 

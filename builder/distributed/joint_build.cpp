@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "builder/distributed/joint_cells.h"
 #include "builder/distributed/joint_file.h"
 #include "builder/distributed/piece_turns.h"
 #include "builder/distributed/range_plan.h"
@@ -17,6 +18,7 @@
 #include "builder/pipeline/census_lines.h"
 #include "builder/pipeline/connect.h"
 #include "builder/pipeline/reduce_source.h"
+#include "builder/pipeline/store_cells.h"
 #include "format/volume_info.h"
 
 namespace splatvol {
@@ -28,16 +30,20 @@ constexpr std::uint64_t usual_copies = 32;
 class JointBuild {
  public:
   JointBuild(Ranks& ranks, Source& source, const std::string& output, const BuildOptions& options,
-             const BuildProgress& progress)
+             const BuildProgress& progress, JointCells* cells)
       : ranks_(ranks),
         source_(source),
         output_(output),
         options_(options),
         progress_(progress),
+        cells_(cells),
         folder_(temp_folder_of(output, options)),
         memory_(options.memory / 2),
-        layout_(PointStream::layout_of(source, uses_cells(options), options.gradients)),
-        pieces_(ranks, source, layout_, {memory_, folder_}) {}
+        layout_(PointStream::layout_of(source, uses_cells(options), options.gradients)
+                    .with_tags(keeps_cells_of_pieces(source, options))),
+        pieces_(ranks, source, layout_, {memory_, folder_}, watch_piece()) {
+    if (cells_) pieces_.reader().number_pieces(cells_->first_piece());
+  }
 
   Result<JointReport> run() {
     SPLATVOL_TRY_ASSIGN(file, SharedOutput::create(ranks_, output_));
@@ -61,6 +67,10 @@ class JointBuild {
   }
 
  private:
+  [[nodiscard]] WatchPiece watch_piece() const {
+    if (!layout_.has_tags()) return {};
+    return [cells = cells_](const Piece& piece) { return cells->add(piece); };
+  }
   [[nodiscard]] bool has_range() const { return ranks_.rank() <= begins_.size(); }
   [[nodiscard]] std::uint64_t round_memory() const { return memory_ / 16; }
   [[nodiscard]] bool estimates() const { return !is_joined_by_cells(summary_); }
@@ -93,8 +103,8 @@ class JointBuild {
                        (options_.connectivity == Connectivity::automatic && records() > most_cells);
     const bool refused =
         options_.connectivity == Connectivity::automatic && !describe_no_volume(summary_.cells).empty();
-    return (is_joined_by_cells(summary_) || (boxes && !refused)) && options_.reduction == Reduction::octree &&
-           records() > most_fitted_points;
+    return (is_joined_by_cells(summary_) || (boxes && !refused && !cells_)) &&
+           options_.reduction == Reduction::octree && records() > most_fitted_points;
   }
 
   // Rank 0 has the samples, and chooses for all.
@@ -220,15 +230,26 @@ class JointBuild {
   }
 
   Result<BuildReport> build_on_first(SharedOutput file, std::optional<BoundaryCorners> corners) {
+    if (cells_) SPLATVOL_TRY(cells_->give_to_first());
     if (!ranks_.is_first()) return ranks_.agree_on(Result<BuildReport>());
-    return ranks_.agree_on(build_from_points(PointStream(layout_, summary_, std::move(*sorter_), std::move(corners)),
-                                             file.take_file(), folder_, options_, progress_));
+    PointStream points(layout_, summary_, std::move(*sorter_), std::move(corners));
+    MeshCells* cells = cells_ ? &cells_->cells() : nullptr;
+    if (layout_.has_tags())
+      points.watch_ranks(0, [cells](PointTag tag, std::uint64_t rank) { return cells->add_rank(tag, rank); });
+    return ranks_.agree_on(
+        build_from_points(std::move(points), file.take_file(), folder_, options_, progress_, nullptr, cells));
   }
 
   Result<BuildReport> build_in_ranges(SharedOutput file, std::optional<BoundaryCorners> corners,
                                       const RangePlan& plan) {
     if (points_ && corners) points_->set_corners(std::move(*corners));
-    RangeReduction reduction(ranks_, options_, summary_, plan, estimates(), folder_);
+    WatchStays stays;
+    if (cells_)
+      stays = [cells = cells_](std::size_t level, std::uint64_t rank) { return cells->add_stay(level, rank); };
+    if (cells_ && points_)
+      points_->watch_ranks(plan.points_before,
+                           [cells = cells_](PointTag tag, std::uint64_t rank) { return cells->add_rank(tag, rank); });
+    RangeReduction reduction(ranks_, options_, summary_, plan, estimates(), folder_, std::move(stays));
     Status reduced;
     if (points_) {
       const auto next = [this](PointBatch& batch) { return points_->next(batch); };
@@ -239,6 +260,10 @@ class JointBuild {
     SPLATVOL_TRY(reduction.reduce_coarse_levels());
     sum_census();
     points_.reset();
+    if (cells_) {
+      progress_("sorting cells", 0);
+      SPLATVOL_TRY(cells_->sort());
+    }
 
     const std::vector<std::uint64_t> counts = reduction.counts();
     const StoredSummary stored = reduction.stored();
@@ -251,8 +276,9 @@ class JointBuild {
                              reduction.info());
     if (options_.strict) SPLATVOL_TRY(check_unchanged(report));
     SPLATVOL_TRY_ASSIGN(bytes, write_joint_file(ranks_, std::move(file), reduction, counts.size(), stored.histograms(),
-                                                folder_, progress_));
+                                                folder_, progress_, cells_));
     report.file_bytes = bytes;
+    if (cells_) report.kept_cells = cells_->report();
     return report;
   }
 
@@ -270,6 +296,7 @@ class JointBuild {
   const std::string& output_;
   const BuildOptions& options_;
   const BuildProgress& progress_;
+  JointCells* cells_;  // null: the file keeps none
   std::string folder_;
   std::size_t memory_;  // for the points
   PointRecords layout_;
@@ -297,7 +324,9 @@ Result<JointReport> build_volume_together(Ranks& ranks, const std::function<Resu
   };
   SPLATVOL_TRY_ASSIGN(opened, ranks.agree_on(open_checked()));
   source = std::move(opened);
-  return JointBuild(ranks, *source, output, options, progress).run();
+  SPLATVOL_TRY_ASSIGN(cells,
+                      ranks.agree_on(JointCells::create(ranks, *source, options, temp_folder_of(output, options))));
+  return JointBuild(ranks, *source, output, options, progress, cells.get()).run();
 }
 
 }  // namespace splatvol

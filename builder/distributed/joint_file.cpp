@@ -45,13 +45,14 @@ RowPlaces place_rows(Ranks& ranks, const RowFiles& files, std::size_t resolution
 class JointFile {
  public:
   JointFile(Ranks& ranks, SharedOutput output, RangeReduction& reduction, std::size_t resolutions, std::string folder,
-            const BuildProgress& progress)
+            const BuildProgress& progress, JointCells* cells)
       : ranks_(ranks),
         output_(std::move(output)),
         reduction_(reduction),
         resolutions_(resolutions),
         folder_(std::move(folder)),
-        progress_(progress) {}
+        progress_(progress),
+        cells_(cells) {}
 
   Result<std::uint64_t> run(const format::Histograms& histograms) {
     progress_("indexing", 0);
@@ -79,7 +80,11 @@ class JointFile {
     SPLATVOL_TRY_ASSIGN(pages, ranks_.agree_on(make_pages()));
     IndexStream index(reduction_.info().cube, resolutions_, attributes(),
                       [&](const format::PackedIndexPage& page) { return pages->append(page.bytes); });
-    SPLATVOL_TRY(reduction_.visit_leaves(resolutions_, [&](IndexLeaf leaf) { return index.add(std::move(leaf)); }));
+    const auto add = [&](IndexLeaf leaf) -> Status {
+      if (cells_) SPLATVOL_TRY(cells_->add_leaf(leaf));
+      return index.add(std::move(leaf));
+    };
+    SPLATVOL_TRY(reduction_.visit_leaves(resolutions_, add));
     const auto finish = [&]() -> Result<std::optional<format::PackedIndex>> {
       if (!pages) return std::nullopt;
       SPLATVOL_TRY_ASSIGN(root, index.finish());
@@ -92,11 +97,13 @@ class JointFile {
   Result<std::uint64_t> begin(const RowPlaces& places, std::optional<format::PackedIndex> index) {
     const auto create = [&]() -> Result<std::unique_ptr<format::VolumeWriter>> {
       if (!index) return nullptr;
+      if (cells_) reduction_.info().cells = cells_->info();
       return format::VolumeWriter::create_around(output_.take_file(), places.bytes_before, places.last_bytes,
                                                  std::move(reduction_.info()), std::move(*index), folder_);
     };
     SPLATVOL_TRY_ASSIGN(writer, ranks_.agree_on(create()));
     writer_ = std::move(writer);
+    if (writer_ && cells_) writer_->set_cells(cells_->writer(progress_));
     std::uint64_t first_row = writer_ ? writer_->first_row_offset() : 0;
     ranks_.sum({&first_row, 1});
     return first_row;
@@ -184,6 +191,7 @@ class JointFile {
   std::size_t resolutions_;
   std::string folder_;
   const BuildProgress& progress_;
+  JointCells* cells_;  // null: the file keeps none
   std::vector<format::Column> columns_ = reduction_.info().columns;
   std::vector<BlockSpool> entries_;               // [stream]: of this rank's rows
   std::unique_ptr<format::VolumeWriter> writer_;  // rank 0
@@ -193,8 +201,8 @@ class JointFile {
 
 Result<std::uint64_t> write_joint_file(Ranks& ranks, SharedOutput output, RangeReduction& reduction,
                                        std::size_t resolutions, const format::Histograms& histograms,
-                                       const std::string& folder, const BuildProgress& progress) {
-  return JointFile(ranks, std::move(output), reduction, resolutions, folder, progress).run(histograms);
+                                       const std::string& folder, const BuildProgress& progress, JointCells* cells) {
+  return JointFile(ranks, std::move(output), reduction, resolutions, folder, progress, cells).run(histograms);
 }
 
 }  // namespace splatvol

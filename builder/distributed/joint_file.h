@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "builder/distributed/joint_cells.h"
 #include "builder/distributed/range_reduction.h"
 #include "builder/distributed/ranks.h"
 #include "builder/distributed/shared_output.h"
@@ -11,9 +12,11 @@
 namespace splatvol {
 
 /// Collective: writes the file. Rank 0 packs the index. Then every rank writes its rows where they belong, and rank 0
-/// the directory and all else. `info` and `histograms`: whole, on rank 0. Returns the file's bytes, on rank 0.
+/// the directory and all else, the `cells` last (null: the file keeps none). `info` and `histograms`: whole, on rank 0.
+/// Returns the file's bytes, on rank 0.
 [[nodiscard]] Result<std::uint64_t> write_joint_file(Ranks& ranks, SharedOutput output, RangeReduction& reduction,
                                                      std::size_t resolutions, const format::Histograms& histograms,
-                                                     const std::string& folder, const BuildProgress& progress);
+                                                     const std::string& folder, const BuildProgress& progress,
+                                                     JointCells* cells = nullptr);
 
 }  // namespace splatvol

@@ -94,10 +94,12 @@ void include(ByteReader in, InputFacts& all) {
 
 }  // namespace
 
-PieceTurns::PieceTurns(Ranks& ranks, Source& source, const PointRecords& layout, const Workplace& place)
+PieceTurns::PieceTurns(Ranks& ranks, Source& source, const PointRecords& layout, const Workplace& place,
+                       WatchPiece watch)
     : ranks_(ranks),
       source_(source),
       layout_(layout),
+      watch_(std::move(watch)),
       faces_(layout, std::max(place.memory / 8, PieceFaces::least_memory()), place.folder),
       reader_(source, layout, faces_, place.memory / 16),
       spool_(layout.bytes(), place.memory / 4, place.folder),
@@ -106,6 +108,7 @@ PieceTurns::PieceTurns(Ranks& ranks, Source& source, const PointRecords& layout,
 
 Status PieceTurns::read(const std::function<void(double)>& progress) {
   source_.lend_values();
+  if (layout_.has_tags()) source_.tell_whole_cells();
   SPLATVOL_TRY(select_share());
   SPLATVOL_TRY(ranks_.agree(read_own(progress)));
   // Without a selection, each rank has seen all blocks.
@@ -148,6 +151,7 @@ Status PieceTurns::read_own(const std::function<void(double)>& progress) {
     turns_.push_back({selects_ ? source_.piece_number() : Source::PieceNumber{0, read}, ranks_.rank(), 0});
     // Without a selection, the source has seen all pieces, and has found those that repeat others.
     if (selects_) prints_.push_back(RepeatedPieces::fingerprint({}, *piece));
+    if (watch_) SPLATVOL_TRY(watch_(*piece));
     const auto keep_records = [&](std::span<const std::byte> records) { return keep(turns_.back(), records); };
     SPLATVOL_TRY(reader_.read(*piece, keep_records));
   }

@@ -26,7 +26,8 @@ struct Workplace {
 /// cannot be read in parts, each rank keeps every size-th piece. Each rank's pieces are in ascending order.
 class PieceTurns {
  public:
-  PieceTurns(Ranks& ranks, Source& source, const PointRecords& layout, const Workplace& place);
+  /// `watch`: gets each piece before its points are read; may be empty.
+  PieceTurns(Ranks& ranks, Source& source, const PointRecords& layout, const Workplace& place, WatchPiece watch = {});
 
   /// Collective: reads the pieces. Then reader() has the facts of all pieces of all ranks.
   [[nodiscard]] Status read(const std::function<void(double)>& progress);
@@ -67,6 +68,7 @@ class PieceTurns {
   Ranks& ranks_;
   Source& source_;
   PointRecords layout_;
+  WatchPiece watch_;
   PieceFaces faces_;
   PieceReader reader_;
   RecordSpool spool_;

@@ -41,6 +41,7 @@ std::uint64_t least_across(const RangeBegins& begins, const std::vector<MortonKe
 // Counts of a rank in its own range.
 struct RangeCounts {
   Intervals intervals;
+  std::uint64_t points = 0;
   std::optional<dvec3> first, last;  // positions
 };
 
@@ -54,6 +55,7 @@ Result<RangeCounts> count_range(PointStream& points, const KeyBorders& borders, 
     SPLATVOL_TRY_ASSIGN(more, points.next(batch));
     if (!more) break;
     levels.add(batch);
+    counts.points += batch.size();
     if (!counts.first) counts.first = batch.positions.front();
     counts.last = batch.positions.back();
     for_each_array(batch, batch, [](auto& items, auto&) { items.clear(); });
@@ -109,6 +111,8 @@ Result<std::optional<RangePlan>> plan_ranges(Ranks& ranks, const RangeBegins& be
     plan.counts.push_back(total(all[level]));
     segments.push_back(total(own.intervals[level]) - total(own.intervals[level + 1]));
   }
+  const std::vector<std::uint64_t> points_of = gather_values(ranks, own.points);
+  plan.points_before = std::accumulate(points_of.begin(), points_of.begin() + std::ptrdiff_t(r), std::uint64_t{0});
   plan.before.resize(segments.size());
   const auto of_ranks = gather_arrays(ranks, std::span<const std::uint64_t>(segments));
   for (std::size_t before = 0; before < r; ++before)

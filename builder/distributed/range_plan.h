@@ -19,6 +19,7 @@ struct RangePlan {
   std::size_t own_levels = 0;         // levels 1 to this one are reduced in ranges, coarser ones at rank 0
   std::vector<std::uint64_t> counts;  // [level up to own_levels]: points in all ranges
   std::vector<std::uint64_t> before;  // [segment up to own_levels]: points in the ranges before this one
+  std::uint64_t points_before = 0;    // all points in the ranges before this one
 };
 
 /// Collective: counts the points that each level will have in each range, by a first pass over `points` (null on ranks

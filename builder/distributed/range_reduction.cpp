@@ -87,13 +87,14 @@ RangeReduction::Part::Part(ReductionSettings of_part, const format::VolumeInfo& 
       pass(settings, rows, std::move(leaves), most_open_leaves) {}
 
 RangeReduction::RangeReduction(Ranks& ranks, const BuildOptions& options, const InputSummary& input,
-                               const RangePlan& plan, bool estimates, std::string folder)
+                               const RangePlan& plan, bool estimates, std::string folder, WatchStays stays)
     : ranks_(ranks),
       options_(options),
       input_(input),
       plan_(plan),
       estimates_(estimates),
       folder_(std::move(folder)),
+      stays_(std::move(stays)),
       info_(describe_volume(options, input.cube, input.attributes)),
       memory_(plan_memory(options.memory, {.attributes = input.attributes.size(),
                                            .gradients = options.gradients,
@@ -119,6 +120,10 @@ Status RangeReduction::reduce(const NextPoints& next, std::uint64_t points, cons
   ReductionSettings of_range = settings();
   of_range.part = {.borders = plan_.borders.keys, .first = 1, .end = plan_.own_levels + 1};
   of_range.finest_before = plan_.before[0];
+  if (stays_)
+    of_range.stays = [this](std::size_t level, std::uint64_t point) {
+      return stays_(level, plan_.points_before + point);
+    };
   of_range.beyond = [this](const Member& member) {
     ByteWriter out;
     out.put_members(members_of(member));
@@ -191,8 +196,10 @@ Status RangeReduction::write_joined(PendingRow row) {
 Status RangeReduction::reduce_coarse_levels() {
   first_leaves_ = gather_values(ranks_, leaf_count_);
   std::exclusive_scan(first_leaves_.begin(), first_leaves_.end(), first_leaves_.begin(), std::uint64_t{0});
+  first_points_ = gather_values(ranks_, plan_.points_before);
   if (ranks_.is_first()) {
     ReductionSettings of_coarse = settings();
+    of_coarse.stays = stays_;
     of_coarse.part.first = plan_.own_levels + 1;
     coarse_ = std::make_unique<Part>(
         std::move(of_coarse), info_, options_.points_per_chunk, packer_, memory_.rows, folder_, SharedRows{},
@@ -200,7 +207,7 @@ Status RangeReduction::reduce_coarse_levels() {
   }
   SPLATVOL_TRY(ranks_.gather_in_order(
       [&](const Ranks::Emit& emit) { return beyond_.read(emit); },
-      [&](std::size_t rank, std::span<const std::byte> bytes) { return add_members(first_leaves_[rank], bytes); }));
+      [&](std::size_t rank, std::span<const std::byte> bytes) { return add_members(rank, bytes); }));
   Status finished;
   if (coarse_) {
     finished = coarse_->pass.finish();
@@ -209,11 +216,12 @@ Status RangeReduction::reduce_coarse_levels() {
   return ranks_.agree(finished);
 }
 
-Status RangeReduction::add_members(std::uint64_t first_leaf, std::span<const std::byte> bytes) {
+Status RangeReduction::add_members(std::size_t rank, std::span<const std::byte> bytes) {
   for (ByteReader in(bytes); !in.at_end();) {
     MemberPool::Handle member = coarse_->pass.new_member();
     in.get_members(members_of(*member));
-    member->leaf += first_leaf;
+    member->leaf += first_leaves_[rank];
+    member->splats[0].number += first_points_[rank];
     coarse_->pass.add_coarse(std::move(member));
   }
   std::vector<PendingRow> rows;

@@ -28,9 +28,9 @@ namespace splatvol {
 /// the order below, also by those without a range.
 class RangeReduction {
  public:
-  /// `memory`: as BuildOptions::memory. References must outlive this.
+  /// `stays`: learns on each rank what ReductionSettings::stays gets there; may be empty. References must outlive this.
   RangeReduction(Ranks& ranks, const BuildOptions& options, const InputSummary& input, const RangePlan& plan,
-                 bool estimates, std::string folder);
+                 bool estimates, std::string folder, WatchStays stays = {});
 
   /// Reduces the points of this rank's range. Not called without one.
   [[nodiscard]] Status reduce(const NextPoints& next, std::uint64_t points, const BuildProgress& progress);
@@ -71,7 +71,7 @@ class RangeReduction {
   [[nodiscard]] Status finish_rows(Part& part);
   [[nodiscard]] Status join_rows(std::span<const std::byte> received, std::vector<std::byte>& passed_on);
   [[nodiscard]] Status write_joined(PendingRow row);
-  [[nodiscard]] Status add_members(std::uint64_t first_leaf, std::span<const std::byte> bytes);
+  [[nodiscard]] Status add_members(std::size_t rank, std::span<const std::byte> bytes);
 
   Ranks& ranks_;
   const BuildOptions& options_;
@@ -79,6 +79,7 @@ class RangeReduction {
   const RangePlan& plan_;
   bool estimates_;
   std::string folder_;
+  WatchStays stays_;
   format::VolumeInfo info_;
   MemoryPlan memory_;
   RowPacker packer_;
@@ -89,6 +90,7 @@ class RangeReduction {
   std::uint64_t leaf_count_ = 0;
   std::unique_ptr<Part> range_, coarse_;
   std::vector<std::uint64_t> first_leaves_;  // [rank]: number of its first index leaf among all
+  std::vector<std::uint64_t> first_points_;  // [rank]: number of its first point among all
 };
 
 }  // namespace splatvol

@@ -90,6 +90,7 @@ Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const
     if (cells) {
       progress("sorting cells", 0);
       SPLATVOL_TRY(cells->sort());
+      if (cells->count() == 0) return fail(ErrorCode::invalid_data, "there is no cell to keep: leave --keep-cells out");
       reduced.info.cells = format::CellsInfo{cells->hash()};
       add_cells = [&](std::shared_ptr<const format::ChunkSource> chunks, const format::AppendBytes& append) -> Status {
         const auto write = [&](double fraction) { progress("writing cells", fraction); };
@@ -123,7 +124,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   SPLATVOL_TRY_ASSIGN(cells, start_cells(source, options, folder));
   SPLATVOL_TRY_ASSIGN(
       points, PointStream::create(source, uses_cells(options), options.memory / 2, folder, read, options.gradients,
-                                  joined_attributes(options), watch_points(faces.get(), cells.get())));
+                                  joined_attributes(options), watch_points(source, options, faces.get(), cells.get())));
   if (faces) SPLATVOL_TRY(faces->check_any());
   return build_from_points(std::move(points), std::move(file), folder, options, progress, faces.get(), cells.get());
 }

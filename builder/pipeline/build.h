@@ -41,7 +41,7 @@ struct BuildOptions {
   int up = -1;                                                  // format::VolumeInfo::up
   bool strict = false;                                          // fail if the input would change (check_unchanged)
   std::uint64_t boundary_triangles = 0;                         // most triangles of the mesh's boundary; 0: none
-  bool keep_cells = false;                                      // the file keeps the cells of the mesh
+  bool keep_cells = false;  // the file keeps the mesh's cells, or Delaunay tetrahedra
 };
 
 /// Numbers that lose their detail in the file.
@@ -66,6 +66,7 @@ struct BuildReport {
   PointCensus points;
   CellCensus cells;
   std::uint64_t uncertain = 0;                                      // DelaunaySubdomains::uncertain()
+  std::uint64_t disputed = 0;                                       // DelaunaySubdomains::disputed(), if cells are kept
   std::uint64_t least_memory = 0;                                   // held even if BuildOptions::memory grants less
   std::vector<std::pair<std::string, std::string>> aliases = {};    // attribute of the input, the same one in the file
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value

@@ -84,6 +84,7 @@ std::vector<CensusLine> census_lines(const BuildReport& report) {
   lines.push_back({"points in no cell (kept)", points.in_no_cell});
   lines.push_back({"points in no cell, outside of the box round all cells (dropped)", points.left_out, true});
   lines.push_back({"points joined without all that lies round them", report.uncertain, true});
+  lines.push_back({"tetrahedra between such points and others, kept or left out in doubt", report.disputed, true});
   lines.push_back({"values written as stars, too wide for their columns (missing)", cells.unwritten, true});
   for (const auto& [name, count] : report.missing) lines.push_back({"missing values: " + name, count});
   for (const auto& [name, count] : report.fills)

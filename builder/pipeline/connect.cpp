@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <numeric>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -121,8 +122,27 @@ Result<Connection> connect_mesh(PointStream& points) {
                     count};
 }
 
-Result<Connection> connect_many(const BuildOptions& options, PointStream& points, const std::string& folder) {
+// Gives all tetrahedra to `cells`.
+Status keep(std::span<const Tetrahedron> tetrahedra, std::span<const dvec3> positions, MeshCells& cells) {
+  constexpr std::size_t most = std::size_t{1} << 16;
+  std::vector<RankedTetrahedron> ranked;
+  for (std::size_t begin = 0; begin < tetrahedra.size(); begin += most) {
+    ranked.clear();
+    for (const auto& [a, b, c, d] : tetrahedra.subspan(begin, std::min(most, tetrahedra.size() - begin)))
+      ranked.push_back({{a, b, c, d}, sign_of_volume(positions[a], positions[b], positions[c], positions[d])});
+    SPLATVOL_TRY(cells.add_joined(ranked));
+  }
+  return {};
+}
+
+Result<Connection> connect_many(const BuildOptions& options, PointStream& points, const std::string& folder,
+                                MeshCells* cells) {
   const bool choose = options.connectivity == Connectivity::automatic;
+  if (cells && choose)
+    return fail(ErrorCode::invalid_argument,
+                "by default no tetrahedra join more than {} points, so there are no cells to keep: take "
+                "--connectivity delaunay, or leave --keep-cells out",
+                options.held_points);
   if (options.connectivity == Connectivity::boxes || (choose && points.count() > most_cells))
     return Connection{
         .used = Connectivity::boxes, .next = next_of(points), .points = points.count(), .needs_estimate = true};
@@ -135,7 +155,11 @@ Result<Connection> connect_many(const BuildOptions& options, PointStream& points
                       .least_memory = subdomains->least_memory(),
                       .memory = subdomains->memory()};
   }
-  SPLATVOL_TRY_ASSIGN(created, DelaunaySubdomains::create(points, options.memory / 2, folder));
+  TakeTetrahedra take;
+  if (cells) take = [cells](std::span<const RankedTetrahedron> tetrahedra) { return cells->add_joined(tetrahedra); };
+  SPLATVOL_TRY_ASSIGN(created, DelaunaySubdomains::create(points, options.memory / 2, folder,
+                                                          DelaunaySubdomains::default_subdomain_points,
+                                                          DelaunaySubdomains::default_most_points, std::move(take)));
   const auto subdomains = std::make_shared<DelaunaySubdomains>(std::move(created));
   return Connection{.used = Connectivity::delaunay,
                     .next = [subdomains](PointBatch& batch) { return subdomains->next(batch); },
@@ -144,7 +168,7 @@ Result<Connection> connect_many(const BuildOptions& options, PointStream& points
 }
 
 // Joins all points at once.
-Result<Connection> connect_held(const BuildOptions& options, PointStream& points) {
+Result<Connection> connect_held(const BuildOptions& options, PointStream& points, MeshCells* cells) {
   const std::uint64_t needed =
       points.count() * (joined_point_bytes + joined_value_bytes * points.summary().attributes.size());
   if (needed > options.memory && points.count() > always_joined)
@@ -155,11 +179,12 @@ Result<Connection> connect_held(const BuildOptions& options, PointStream& points
   Connection connection{.used = Connectivity::none, .next = {}, .points = all.size(), .least_memory = needed};
   if (options.connectivity != Connectivity::none) {
     SPLATVOL_TRY_ASSIGN(tetrahedra, delaunay_tetrahedra(all.positions));
-    if (tetrahedra.empty() && options.connectivity == Connectivity::delaunay)
+    if (tetrahedra.empty() && (options.connectivity == Connectivity::delaunay || cells))
       return fail(ErrorCode::invalid_data,
-                  "the points lie at one place, on a line or in a plane: no tetrahedron joins them; "
-                  "--connectivity none draws them");
+                  "the points lie at one place, on a line or in a plane: no tetrahedron joins them; {}",
+                  cells ? "--connectivity none without --keep-cells draws them" : "--connectivity none draws them");
     if (!tetrahedra.empty()) {
+      if (cells) SPLATVOL_TRY(keep(tetrahedra, all.positions, *cells));
       connection.used = Connectivity::delaunay;
       connection.next = stream_of_mesh(std::move(tetrahedra), std::move(all), options.gradients);
       return connection;
@@ -177,7 +202,8 @@ bool is_joined_by_cells(const InputSummary& input) {
   return input.has_material && (describe_no_volume(input.cells).empty() || input.cells.tetrahedra == 0);
 }
 
-Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder) {
+Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder,
+                           MeshCells* cells) {
   const std::string no_volume = describe_no_volume(points.summary().cells);
   if (is_joined_by_cells(points.summary())) return connect_mesh(points);
   if (options.connectivity == Connectivity::mesh)
@@ -186,8 +212,8 @@ Result<Connection> connect(const BuildOptions& options, PointStream& points, con
     return fail(ErrorCode::invalid_data, "{}; splatvol draws volumes; --connectivity delaunay joins the points anyway",
                 no_volume);
   if (points.count() > options.held_points || options.connectivity == Connectivity::boxes)
-    return connect_many(options, points, folder);
-  return connect_held(options, points);
+    return connect_many(options, points, folder, cells);
+  return connect_held(options, points, cells);
 }
 
 }  // namespace splatvol

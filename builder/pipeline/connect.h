@@ -6,6 +6,7 @@
 #include <string>
 
 #include "base/error.h"
+#include "builder/cells/mesh_cells.h"
 #include "builder/pipeline/build.h"
 #include "builder/points/delaunay_subdomains.h"
 #include "builder/points/point_batch.h"
@@ -35,7 +36,9 @@ struct Connection {
 
 /// Joins the points as `options` ask for. The way depends on the number of points and not on memory, because the result
 /// must not. `points` must outlive the result. `folder`: for points that do not fit into memory. Fails if cells are
-/// asked for and there are none, or if memory is too little to join scattered points.
-[[nodiscard]] Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder);
+/// asked for and there are none, or if memory is too little to join scattered points. `cells`: gets the tetrahedra that
+/// join scattered points, until the points end; null if no one asks for them. Fails if it would get none.
+[[nodiscard]] Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder,
+                                         MeshCells* cells = nullptr);
 
 }  // namespace splatvol

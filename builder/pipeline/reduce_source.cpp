@@ -56,6 +56,7 @@ class Reducer {
         complete_description(options_, input(),
                              {.connectivity = connection_.used,
                               .uncertain = connection_.subdomains ? connection_.subdomains->uncertain() : 0,
+                              .disputed = connection_.subdomains ? connection_.subdomains->disputed() : 0,
                               .least_memory = std::max(least_memory(), input().bytes_to_read),
                               .counts = pass.counts(),
                               .stored = stored},
@@ -166,7 +167,7 @@ Result<BuildReport> reduce_points(PointStream stream, const BuildOptions& option
                                   MeshCells* cells) {
   progress("connecting", 0);
   std::optional<PointStream> points(std::move(stream));
-  SPLATVOL_TRY_ASSIGN(connection, connect(options, *points, folder));
+  SPLATVOL_TRY_ASSIGN(connection, connect(options, *points, folder, cells));
   return Reducer(options, points, std::move(connection), folder, progress, cells).run(files, write);
 }
 
@@ -181,6 +182,7 @@ BuildReport complete_description(const BuildOptions& options, const InputSummary
                      .points = input.census,
                      .cells = input.cells,
                      .uncertain = facts.uncertain,
+                     .disputed = facts.disputed,
                      .least_memory = facts.least_memory,
                      .warnings = precision_warnings(input)};
   for (std::size_t a = 0; a < info.attributes.size(); ++a) {

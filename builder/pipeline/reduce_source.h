@@ -49,8 +49,8 @@ using WriteReduced = std::function<Status(ReducedSource)>;
 /// The attributes that the options join.
 [[nodiscard]] JoinedAttributes joined_attributes(const BuildOptions& options);
 
-/// The same as reduce_source for points that are sorted. `cells`: learns what stays for coarser resolutions; may be
-/// null.
+/// The same as reduce_source for points that are sorted. `cells`: learns what stays for coarser resolutions, and gets
+/// tetrahedra that join scattered points; may be null.
 [[nodiscard]] Result<BuildReport> reduce_points(PointStream points, const BuildOptions& options, RowFiles& files,
                                                 const std::string& folder, const BuildProgress& progress,
                                                 const WriteReduced& write, MeshCells* cells = nullptr);
@@ -59,6 +59,7 @@ using WriteReduced = std::function<Status(ReducedSource)>;
 struct ReductionFacts {
   Connectivity connectivity = Connectivity::mesh;
   std::uint64_t uncertain = 0;  // DelaunaySubdomains::uncertain()
+  std::uint64_t disputed = 0;   // DelaunaySubdomains::disputed()
   std::uint64_t least_memory = 0;
   std::vector<std::uint64_t> counts = {};  // points of each level, from the finest on
   StoredSummary stored = {};

@@ -12,12 +12,16 @@
 
 namespace splatvol {
 
-/// Makes an empty store of cells, with a part of the memory; null if the options ask for none. Fails if the source
-/// cannot have cells that a file keeps.
+/// Makes an empty store of cells, with a part of the memory; null if the options ask for none. Fails if it is sure that
+/// there are none to keep.
 [[nodiscard]] Result<std::unique_ptr<MeshCells>> start_cells(const Source& source, const BuildOptions& options,
                                                              const std::string& folder);
 
+/// Whether the cells to keep are those of pieces, so that records need tags.
+[[nodiscard]] bool keeps_cells_of_pieces(const Source& source, const BuildOptions& options);
+
 /// What gives both what they need of pieces and points. Either may be null.
-[[nodiscard]] WatchPoints watch_points(BoundaryFaces* faces, MeshCells* cells);
+[[nodiscard]] WatchPoints watch_points(const Source& source, const BuildOptions& options, BoundaryFaces* faces,
+                                       MeshCells* cells);
 
 }  // namespace splatvol

@@ -25,6 +25,9 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 // Memory for each own point of a subdomain while the subdomain is triangulated with its halo.
 constexpr std::uint64_t point_bytes = 3500;
 
+// The same for tetrahedra that wait until all subdomains are ready that are triangulated at the same time.
+constexpr std::uint64_t found_bytes = 150;
+
 // A halo begins with the points within this many spacings, so that few points remain to be added round by round.
 constexpr double first_halo = 3;
 
@@ -78,14 +81,17 @@ class Subdomain {
         most_points_(most_points),
         inside_(points.nodes().size()) {}
 
-  Status run(PointBatch& result) {
+  // `found`: null if no one asks for the tetrahedra.
+  Status run(PointBatch& result, FoundTetrahedra* found) {
     for (std::size_t bucket = first_bucket_; bucket < end_bucket_; ++bucket) add_bucket(bucket);
     SPLATVOL_TRY(insert());
     own_count_ = positions_.size();
     if (own_count_ > 0) SPLATVOL_TRY(surround());
-    if (is_flat(positions_, tetrahedra_)) tetrahedra_.clear();
+    const bool flat = is_flat(positions_, tetrahedra_);
+    if (flat) tetrahedra_.clear();
     SPLATVOL_TRY_ASSIGN(mesh, make_mesh());
     fill(mesh, result);
+    if (found) *found = found_in(std::move(mesh), !flat && !uncertain_);
     return {};
   }
 
@@ -304,6 +310,7 @@ class Subdomain {
   struct Mesh {
     std::vector<dvec3> positions;
     std::vector<std::vector<double>> values;  // [attribute][point]
+    std::vector<std::uint64_t> ranks;         // [point]: among all points
     std::vector<Tetrahedron> tetrahedra;
     std::size_t first_own = 0;  // index of the first own point
   };
@@ -334,6 +341,7 @@ class Subdomain {
     const auto add_halo = [&](std::uint32_t i) {
       indices[i] = static_cast<std::uint32_t>(mesh.positions.size());
       add(records_.data() + i * layout.bytes());
+      mesh.ranks.push_back(numbers_[i]);
     };
     const std::vector<std::uint32_t> halo = kept_halo();
     const auto behind = std::ranges::partition_point(halo, [&](std::uint32_t i) { return numbers_[i] < own_begin(); });
@@ -342,6 +350,7 @@ class Subdomain {
     std::vector<std::byte> own_records;
     SPLATVOL_TRY(points_.read(own_begin(), own_end(), own_records));
     for (std::size_t begin = 0; begin < own_records.size(); begin += layout.bytes()) add(own_records.data() + begin);
+    for (std::size_t i = own_begin(); i < own_end(); ++i) mesh.ranks.push_back(i);
     for (std::uint32_t i = 0; i < own_count_; ++i)
       indices[i] = static_cast<std::uint32_t>(mesh.first_own + numbers_[i] - own_begin());
     std::for_each(behind, halo.end(), add_halo);
@@ -351,6 +360,14 @@ class Subdomain {
       for (std::uint32_t& i : corners) i = indices[i];
     std::ranges::sort(mesh.tetrahedra);
     return mesh;
+  }
+
+  static FoundTetrahedra found_in(Mesh mesh, bool is_certain) {
+    FoundTetrahedra found{std::move(mesh.tetrahedra), {}, std::move(mesh.ranks), is_certain};
+    const auto& p = mesh.positions;
+    found.signs.reserve(found.corners.size());
+    for (const auto& [a, b, c, d] : found.corners) found.signs.push_back(sign_of_volume(p[a], p[b], p[c], p[d]));
+    return found;
   }
 
   // Fills in the own points with their material and planes.
@@ -415,36 +432,57 @@ DelaunaySubdomains::DelaunaySubdomains(StoredPoints points, const Cube& cube, st
 
 Result<DelaunaySubdomains> DelaunaySubdomains::create(PointStream& stream, std::uint64_t memory,
                                                       const std::string& folder, std::size_t subdomain_points,
-                                                      std::size_t most_points) {
+                                                      std::size_t most_points, TakeTetrahedra take) {
   SPLATVOL_TRY_ASSIGN(points, StoredPoints::create(stream, folder));
-  const std::uint64_t room = memory / (subdomain_points * point_bytes);
+  const std::uint64_t room = memory / (subdomain_points * (point_bytes + (take ? found_bytes : 0)));
   const auto threads = static_cast<std::uint64_t>(tbb::info::default_concurrency());
   const std::size_t at_once = std::clamp<std::uint64_t>(room, 1, threads);
-  return DelaunaySubdomains(std::move(points), stream.summary().cube, subdomain_points, most_points, at_once);
+  DelaunaySubdomains subdomains(std::move(points), stream.summary().cube, subdomain_points, most_points, at_once);
+  if (!take) return subdomains;
+  const auto& nodes = subdomains.points_.nodes();
+  std::vector<std::uint64_t> begins;
+  for (std::size_t i = 0; i + 1 < subdomains.cuts_.size(); ++i) begins.push_back(nodes[subdomains.cuts_[i]].begin);
+  begins.push_back(nodes[subdomains.cuts_.back() - 1].end);
+  SPLATVOL_TRY_SET(subdomains.shared_, SharedTetrahedra::create(std::move(begins), folder, std::move(take)));
+  return subdomains;
+}
+
+// Triangulates the next subdomains at the same time.
+Status DelaunaySubdomains::triangulate(std::size_t count) {
+  struct Outcome {
+    Status status;
+    PointBatch points;
+    FoundTetrahedra found;
+    bool uncertain = false;
+  };
+  std::vector<Outcome> outcomes(count);
+  tbb::parallel_for(std::size_t{0}, count, [&, stop = stop_of_thread()](std::size_t i) {
+    const Interruptible heeds(stop);
+    Subdomain subdomain(points_, cube_, cuts_[next_ + i], cuts_[next_ + i + 1], most_points_);
+    outcomes[i].status = subdomain.run(outcomes[i].points, shared_ ? &outcomes[i].found : nullptr);
+    outcomes[i].uncertain = subdomain.uncertain();
+  });
+  next_ += count;
+  for (Outcome& outcome : outcomes) {
+    SPLATVOL_TRY(outcome.status);
+    if (outcome.uncertain) uncertain_ += outcome.points.size();
+    ready_.push_back(std::move(outcome.points));
+    if (shared_) SPLATVOL_TRY(shared_->add(outcome.found));
+    outcome.found = {};
+  }
+  return {};
 }
 
 Result<bool> DelaunaySubdomains::next(PointBatch& batch) {
+  if (ended_) return false;
   if (ready_.empty()) {
     const std::size_t count = std::min(at_once_, cuts_.size() - 1 - next_);
-    if (count == 0) return false;
-    struct Outcome {
-      Status status;
-      PointBatch points;
-      bool uncertain = false;
-    };
-    std::vector<Outcome> outcomes(count);
-    tbb::parallel_for(std::size_t{0}, count, [&, stop = stop_of_thread()](std::size_t i) {
-      const Interruptible heeds(stop);
-      Subdomain subdomain(points_, cube_, cuts_[next_ + i], cuts_[next_ + i + 1], most_points_);
-      outcomes[i].status = subdomain.run(outcomes[i].points);
-      outcomes[i].uncertain = subdomain.uncertain();
-    });
-    next_ += count;
-    for (Outcome& outcome : outcomes) {
-      SPLATVOL_TRY(outcome.status);
-      if (outcome.uncertain) uncertain_ += outcome.points.size();
-      ready_.push_back(std::move(outcome.points));
+    if (count == 0) {
+      ended_ = true;
+      if (shared_) SPLATVOL_TRY(shared_->finish());
+      return false;
     }
+    SPLATVOL_TRY(triangulate(count));
   }
   PointBatch& subdomain = ready_.front();
   for_each_array(batch, subdomain, [](auto& all, auto& items) { append(all, items); });

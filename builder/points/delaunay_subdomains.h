@@ -3,11 +3,14 @@
 
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
+#include "builder/mesh/ranked_tetrahedron.h"
 #include "builder/points/point_stream.h"
+#include "builder/points/shared_tetrahedra.h"
 #include "builder/points/stored_points.h"
 
 namespace splatvol {
@@ -24,11 +27,13 @@ class DelaunaySubdomains {
   static constexpr std::size_t default_most_points = std::size_t{1} << 18;
 
   /// Stores all points of `stream`, which must have no material, in `folder`. `memory`: bytes for the subdomains that
-  /// are triangulated at the same time, at least one. The points that next() returns do not depend on `memory`.
+  /// are triangulated at the same time, at least one. The points that next() returns do not depend on `memory`. `take`:
+  /// gets the tetrahedra, each once, whose corners are numbers of points in the stream; may be empty.
   [[nodiscard]] static Result<DelaunaySubdomains> create(PointStream& stream, std::uint64_t memory,
                                                          const std::string& folder,
                                                          std::size_t subdomain_points = default_subdomain_points,
-                                                         std::size_t most_points = default_most_points);
+                                                         std::size_t most_points = default_most_points,
+                                                         TakeTetrahedra take = {});
 
   /// As PointStream::next(), one subdomain at a time, with material and planes.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
@@ -38,9 +43,15 @@ class DelaunaySubdomains {
   /// round one that is far from all of them.
   [[nodiscard]] std::uint64_t uncertain() const { return uncertain_; }
 
+  /// The number of tetrahedra that `take` gets or lacks though subdomains disagree on them (SharedTetrahedra). There
+  /// are none if no point is uncertain, unless all that a subdomain knows is flat. Known once next() has returned
+  /// false.
+  [[nodiscard]] std::uint64_t disputed() const { return shared_ ? shared_->disputed() : 0; }
+
  private:
   DelaunaySubdomains(StoredPoints points, const Cube& cube, std::size_t subdomain_points, std::size_t most_points,
                      std::size_t at_once);
+  [[nodiscard]] Status triangulate(std::size_t count);
 
   StoredPoints points_;
   Cube cube_;
@@ -50,6 +61,8 @@ class DelaunaySubdomains {
   std::size_t next_ = 0;           // subdomain
   std::deque<PointBatch> ready_;
   std::uint64_t uncertain_ = 0;
+  std::unique_ptr<SharedTetrahedra> shared_;  // null: no one takes tetrahedra
+  bool ended_ = false;
 };
 
 }  // namespace splatvol

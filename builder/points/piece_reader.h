@@ -64,6 +64,9 @@ class PieceReader {
   /// Calls visit(records) for the points of one piece, some at a time. For callers that choose the pieces themselves.
   [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit);
 
+  /// Numbers the pieces from `first` on, in tags. Without this, from 0.
+  void number_pieces(std::uint32_t first) { piece_ = first; }
+
   /// Counts what the source has left out. Call it after the last piece.
   void count_left_out() { facts_.cells.left_out += source_.left_out_cells(); }
 

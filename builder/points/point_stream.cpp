@@ -192,7 +192,8 @@ Result<bool> PointStream::next(PointBatch& batch) {
     const std::byte* record = records_.data() + begin * layout_.bytes();
     const auto points = merger_.append(record, end - begin, keys_[begin], batch, summary_.census);
     for (std::size_t i = 0; watch_rank_ && i < points.size(); ++i)
-      SPLATVOL_TRY(watch_rank_(layout_.tag(record + i * layout_.bytes()), returned_ + (points[i] - first)));
+      SPLATVOL_TRY(
+          watch_rank_(layout_.tag(record + i * layout_.bytes()), first_rank_ + returned_ + (points[i] - first)));
     begin = end;
   }
   returned_ += batch.size() - first;

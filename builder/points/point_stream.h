@@ -62,6 +62,13 @@ class PointStream {
   /// Gives the points their planes from now on. Called before the first point.
   void set_corners(BoundaryCorners corners) { corners_.emplace(std::move(corners)); }
 
+  /// Gives the rank of each point's records to `watch` from now on, counted from `first`. Requires records with tags.
+  /// Called before the first point.
+  void watch_ranks(std::uint64_t first, std::function<Status(PointTag, std::uint64_t)> watch) {
+    first_rank_ = first;
+    watch_rank_ = std::move(watch);
+  }
+
   /// A layout for records of the points that this returns.
   [[nodiscard]] const PointRecords& layout() const { return stored_layout_; }
 
@@ -78,7 +85,8 @@ class PointStream {
   std::optional<BoundaryCorners> corners_;
   SampleMerger merger_;
   std::function<Status(PointTag, std::uint64_t)> watch_rank_;  // empty: records have no tags
-  std::uint64_t returned_ = 0;                                 // points
+  std::uint64_t first_rank_ = 0;
+  std::uint64_t returned_ = 0;  // points
 
   // Sorted records that have not been returned. The last ones may have equals that are still to come.
   std::vector<std::byte> records_;

@@ -187,8 +187,9 @@ class SeriesBuild {
     cells_ = std::move(cells);
     RowFiles files(folder_);
     const auto write_group = [&](ReducedSource reduced) { return write(*source, std::move(reduced)); };
-    SPLATVOL_TRY_ASSIGN(report, reduce_source(*source, options_, files, folder_, progress_, write_group,
-                                              watch_points(faces_.get(), cells_.get()), cells_.get()));
+    SPLATVOL_TRY_ASSIGN(report,
+                        reduce_source(*source, options_, files, folder_, progress_, write_group,
+                                      watch_points(*source, options_, faces_.get(), cells_.get()), cells_.get()));
     cells_.reset();
     if (boundary_) {
       report.least_memory = std::max(report.least_memory, boundary_->held_bytes);

@@ -619,7 +619,7 @@ TEST_F(DamagedCells, NumbersAreThoseOfTheCells) {
   refused([](CellChunkEntry& entry) { entry.high[1] = std::nextafter(entry.high[1], -1); }, box);
   refused([](CellChunkEntry& entry) { entry.area *= 1.011; }, box);
   refused([](CellChunkEntry& entry) { entry.area *= 0.989; }, box);
-  const std::string points = "corners at too many points, or at others than it states";
+  const std::string points = "corners at others than it states";
   refused([](CellChunkEntry& entry) { ++entry.points; }, points);
   refused([](CellChunkEntry& entry) { --entry.points; }, points);
   refused([](CellChunkEntry& entry) { ++entry.cells; }, "wrong length, or a corner that is not there");

@@ -205,6 +205,10 @@ INSTANTIATE_TEST_SUITE_P(
               Input::Files::points},
         Input{"other_reduction", "p0.npy p1.npy p2.npy p3.npy p4.npy --connectivity boxes --reduction kdtree",
               Input::Files::points},
+        Input{"kept_cells", "gen:mesh:cells=3.6e6,pieces=12 --keep-cells"},
+        Input{"kept_cells_of_a_fitted_mesh", "gen:mesh:cells=1e5,pieces=8 --keep-cells"},
+        Input{"kept_cells_of_files", "mesh --keep-cells", Input::Files::mesh},
+        Input{"kept_delaunay_cells", "gen:points:count=2e4,distribution=clusters --keep-cells"},
         Input{"files_of_cells", "mesh --cells own", Input::Files::mesh}),
     [](const auto& input) { return input.param.name; });
 

@@ -1,12 +1,17 @@
 #include "builder/points/delaunay_subdomains.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <iterator>
 #include <memory>
 #include <numbers>
+#include <span>
 
 #include "builder/mesh/boundary.h"
 #include "builder/scattered/scattered.h"
@@ -35,8 +40,10 @@ PointBatch empty_batch() {
   return batch;
 }
 
+using Ranks = std::array<std::uint64_t, 4>;
+
 // All points at once, in one triangulation.
-PointBatch whole(Source& source) {
+PointBatch whole(Source& source, std::vector<Tetrahedron>* all_tetrahedra = nullptr) {
   PointStream stream = stream_of(source);
   PointBatch all = empty_batch();
   while (*stream.next(all)) {
@@ -49,22 +56,37 @@ PointBatch whole(Source& source) {
     all.gradients[0].push_back(mesh.gradient(i, all.values[0]));
   }
   all.planes = boundary_planes(all.positions, find_outer_faces(all.positions, tetrahedra));
+  if (all_tetrahedra) *all_tetrahedra = tetrahedra;
   return all;
 }
 
 struct InSubdomains {
   PointBatch points;
-  std::uint64_t uncertain;
+  std::uint64_t uncertain, disputed;
+  std::vector<RankedTetrahedron> tetrahedra;  // by their corners
 };
 
 InSubdomains in_subdomains(Source& source, std::size_t subdomain_points, std::uint64_t bytes = memory,
                            std::size_t most_points = DelaunaySubdomains::default_most_points) {
   PointStream stream = stream_of(source);
-  auto subdomains = test::value_of(DelaunaySubdomains::create(stream, bytes, folder(), subdomain_points, most_points));
+  std::vector<RankedTetrahedron> tetrahedra;
+  const auto take = [&](std::span<const RankedTetrahedron> some) -> Status {
+    tetrahedra.insert(tetrahedra.end(), some.begin(), some.end());
+    return {};
+  };
+  auto subdomains =
+      test::value_of(DelaunaySubdomains::create(stream, bytes, folder(), subdomain_points, most_points, take));
   PointBatch all = empty_batch();
   while (test::value_of(subdomains.next(all))) {
   }
-  return {std::move(all), subdomains.uncertain()};
+  std::ranges::sort(tetrahedra, {}, &RankedTetrahedron::corners);
+  return {std::move(all), subdomains.uncertain(), subdomains.disputed(), std::move(tetrahedra)};
+}
+
+std::vector<Ranks> ranks_of(std::span<const RankedTetrahedron> tetrahedra) {
+  std::vector<Ranks> ranks;
+  for (const RankedTetrahedron& tetrahedron : tetrahedra) ranks.push_back(tetrahedron.corners);
+  return ranks;
 }
 
 double total_mass(const PointBatch& points) {
@@ -99,10 +121,17 @@ void expect_same(const PointBatch& a, const PointBatch& b) {
 using Make = std::function<std::unique_ptr<Source>()>;
 
 void expect_whole(const Make& make, std::size_t subdomain_points) {
-  const PointBatch all = whole(*make());
+  std::vector<Tetrahedron> tetrahedra;
+  const PointBatch all = whole(*make(), &tetrahedra);
   const InSubdomains parts = in_subdomains(*make(), subdomain_points);
   expect_same(all, parts.points);
   EXPECT_EQ(parts.uncertain, 0u);
+  EXPECT_EQ(parts.disputed, 0u);
+  std::vector<RankedTetrahedron> expected;
+  const std::vector<dvec3>& p = all.positions;
+  for (const auto& [a, b, c, d] : tetrahedra)
+    expected.push_back({{a, b, c, d}, sign_of_volume(p[a], p[b], p[c], p[d])});
+  EXPECT_TRUE(parts.tetrahedra == expected) << parts.tetrahedra.size() << " for " << expected.size();
 }
 
 Make points(Points points) {
@@ -209,13 +238,105 @@ TEST(DelaunaySubdomains, DoNotDependOnMemory) {
   const auto one = in_subdomains(*generated(Distribution::uniform)(), 1000, 0);
   const auto many = in_subdomains(*generated(Distribution::uniform)(), 1000, std::uint64_t{1} << 40);
   expect_same(one.points, many.points);
+  EXPECT_EQ(ranks_of(one.tetrahedra), ranks_of(many.tetrahedra));
 }
 
 // A subdomain on a line looks for a point beside the line among all other points.
 TEST(DelaunaySubdomains, SayWhereTheirHaloWouldBecomeTooLarge) {
   const auto line = generated(Distribution::line, 40'000);
-  EXPECT_GT(in_subdomains(*line(), 1 << 13, memory, 1 << 15).uncertain, 0u);
+  const InSubdomains uncertain = in_subdomains(*line(), 1 << 13, memory, 1 << 15);
+  EXPECT_GT(uncertain.uncertain, 0u);
   EXPECT_EQ(in_subdomains(*line(), 1 << 13, memory, 1 << 17).uncertain, 0u);
+}
+
+// With hardly any halo, tetrahedra at the subdomains' borders are others on both sides.
+TEST(DelaunaySubdomains, TakeNoTetrahedronTwiceAndCountThoseInDoubt) {
+  const auto make = generated(Distribution::vortex, 20'000);
+  const InSubdomains all = in_subdomains(*make(), 1 << 11);
+  const InSubdomains parts = in_subdomains(*make(), 1 << 11, memory, 1 << 12);
+  ASSERT_GT(parts.uncertain, 0u);
+  EXPECT_GT(parts.disputed, 0u);
+  std::vector<Ranks> ranks = ranks_of(parts.tetrahedra);
+  EXPECT_EQ(std::ranges::adjacent_find(ranks), ranks.end());
+  const std::vector<Ranks> right = ranks_of(all.tetrahedra);
+  std::vector<Ranks> wrong;
+  std::ranges::set_symmetric_difference(ranks, right, std::back_inserter(wrong));
+  EXPECT_GT(wrong.size(), 0u);
+  EXPECT_LT(wrong.size(), right.size() / 2);
+  // It does not depend on how many subdomains are triangulated at the same time.
+  const InSubdomains one = in_subdomains(*make(), 1 << 11, 0, 1 << 12);
+  EXPECT_EQ(ranks_of(one.tetrahedra), ranks);
+  EXPECT_EQ(one.disputed, parts.disputed);
+}
+
+// Subdomains of ten points each.
+struct Shared {
+  std::vector<Ranks> taken;
+  std::uint64_t disputed;
+};
+
+struct Found {
+  bool is_certain;
+  std::vector<Ranks> tetrahedra;
+};
+
+Shared share(const std::vector<Found>& subdomains) {
+  std::vector<std::uint64_t> begins;
+  for (std::size_t i = 0; i <= subdomains.size(); ++i) begins.push_back(10 * i);
+  Shared result;
+  const auto take = [&](std::span<const RankedTetrahedron> some) -> Status {
+    for (const RankedTetrahedron& tetrahedron : some) result.taken.push_back(tetrahedron.corners);
+    return {};
+  };
+  const auto shared = test::value_of(SharedTetrahedra::create(begins, folder(), take));
+  for (const Found& subdomain : subdomains) {
+    FoundTetrahedra found{.is_certain = subdomain.is_certain};
+    for (const Ranks& ranks : subdomain.tetrahedra) {
+      Tetrahedron& corners = found.corners.emplace_back();
+      for (std::size_t k = 0; k < 4; ++k) {
+        corners[k] = static_cast<std::uint32_t>(found.ranks.size());
+        found.ranks.push_back(ranks[k]);
+      }
+      found.signs.push_back(1);
+    }
+    EXPECT_TRUE(shared->add(found).has_value());
+  }
+  EXPECT_TRUE(shared->finish().has_value());
+  result.disputed = shared->disputed();
+  std::ranges::sort(result.taken);
+  return result;
+}
+
+TEST(SharedTetrahedra, AreTakenOnceFromTheFirstThatIsCertain) {
+  const Ranks own{1, 2, 3, 4}, two{2, 3, 4, 15}, three{5, 12, 13, 24};
+  const std::vector<Ranks> all{own, two, three};
+  const auto everyone = [&](bool first, bool second, bool third) {
+    const Shared shared = share({{first, all}, {second, {two, three}}, {third, {three}}});
+    EXPECT_EQ(shared.taken, all) << first << second << third;
+    EXPECT_EQ(shared.disputed, 0u) << first << second << third;
+  };
+  for (int certain = 0; certain < 8; ++certain) everyone((certain & 1) != 0, (certain & 2) != 0, (certain & 4) != 0);
+}
+
+TEST(SharedTetrahedra, OfSubdomainsThatDisagreeAreThoseOfTheFirstThatIsCertain) {
+  const Ranks a{2, 3, 4, 15}, b{2, 3, 4, 16};
+  using testing::ElementsAre;
+  const auto both = [&](bool first, bool second) { return share({{first, {a}}, {second, {b}}}); };
+  EXPECT_THAT(both(true, false).taken, ElementsAre(a));
+  EXPECT_THAT(both(false, true).taken, ElementsAre(b));
+  EXPECT_THAT(both(false, false).taken, ElementsAre(a));
+  for (const auto& [first, second] : {std::pair(true, false), {false, true}, {false, false}})
+    EXPECT_EQ(both(first, second).disputed, 2u);
+}
+
+TEST(SharedTetrahedra, CountTheLostOnce) {
+  const Ranks three{5, 12, 13, 24};
+  const Shared lost = share({{false, {}}, {false, {three}}, {false, {three}}});
+  EXPECT_TRUE(lost.taken.empty());
+  EXPECT_EQ(lost.disputed, 1u);
+  const Shared kept = share({{false, {}}, {false, {three}}, {true, {three}}});
+  EXPECT_THAT(kept.taken, testing::ElementsAre(three));
+  EXPECT_EQ(kept.disputed, 1u);
 }
 
 }  // namespace

@@ -1,0 +1,177 @@
+// Kept cells of points that Delaunay tetrahedra join.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "base/file.h"
+#include "builder/pipeline/build.h"
+#include "builder/points/point_stream.h"
+#include "builder/scattered/scattered.h"
+#include "format/cell_reader.h"
+#include "format/volume.h"
+#include "tests/builder/support/piece_source.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
+
+namespace splatvol {
+namespace {
+
+using test::PieceSource;
+using test::scattered;
+using testing::HasSubstr;
+
+using Points = std::vector<dvec3>;
+using Ranks = std::array<std::uint64_t, 4>;
+
+class DelaunayCells : public test::FolderTest {
+ protected:
+  Result<BuildReport> build(const Points& points, BuildOptions options, const std::string& name = "cells.svol") {
+    PieceSource source({scattered(points)});
+    options.keep_cells = true;
+    return build_volume(source, path(name), options, [](const char*, double) {});
+  }
+};
+
+// The points as the file has them: by ranks.
+Points in_order(const Points& points) {
+  PieceSource source({scattered(points)});
+  PointStream stream = test::value_of(
+      PointStream::create(source, false, 1 << 26, std::filesystem::temp_directory_path(), [](double) {}));
+  PointBatch all;
+  all.resize_attributes(1);
+  while (test::value_of(stream.next(all))) {
+  }
+  return all.positions;
+}
+
+std::vector<Ranks> kept_cells(const std::string& path) {
+  const auto volume = test::value_of(format::Volume::open(test::value_of(open_file(path))));
+  EXPECT_EQ(test::message_of(volume->verify([](double) {})), "");
+  const auto reader = test::value_of(format::CellReader::open(*volume));
+  EXPECT_TRUE(reader);
+  std::vector<Ranks> cells;
+  for (std::size_t page = 0; page < reader->pages().size(); ++page)
+    for (const format::CellChunkEntry& entry : test::value_of(reader->read_page(page, {})).chunks) {
+      const format::CellChunk chunk = test::value_of(reader->read_chunk(entry));
+      EXPECT_EQ(chunk.shape, format::CellShape::tetrahedron);
+      for (std::size_t i = 0; i < chunk.size(); ++i) {
+        std::ranges::copy(chunk.corners_at(i), cells.emplace_back().begin());
+        std::ranges::sort(cells.back());
+      }
+    }
+  std::ranges::sort(cells);
+  return cells;
+}
+
+std::vector<Ranks> reference(const Points& points) {
+  std::vector<Ranks> cells;
+  for (const Tetrahedron& corners : test::value_of(delaunay_tetrahedra(in_order(points))))
+    std::ranges::copy(corners, cells.emplace_back().begin());
+  return cells;
+}
+
+// A box of n x n x n points. They are moved a little, but stay in the box's faces and edges. If they were moved
+// farther, tetrahedra at the hull would be left out as too large.
+Points shaken_box(int n, const dvec3& extent) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> shift(-0.1, 0.1);
+  Points points;
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < n; ++j)
+      for (int k = 0; k < n; ++k) {
+        const auto moved = [&](int at) { return at == 0 || at == n - 1 ? at : at + shift(random); };
+        points.push_back(dvec3(moved(i), moved(j), moved(k)) / static_cast<double>(n - 1) * extent);
+      }
+  return points;
+}
+
+TEST_F(DelaunayCells, AreThoseOfTheReference) {
+  const Points points = test::random_points(6000);
+  for (const Connectivity connectivity : {Connectivity::automatic, Connectivity::delaunay}) {
+    const BuildReport report = test::value_of(build(points, {.connectivity = connectivity}));
+    EXPECT_EQ(report.connectivity, Connectivity::delaunay);
+    const std::vector<Ranks> expected = reference(points);
+    EXPECT_EQ(report.kept_cells->cells, expected.size());
+    EXPECT_EQ(report.kept_cells->collapsed, 0u);
+    EXPECT_TRUE(kept_cells(path("cells.svol")) == expected);
+  }
+}
+
+TEST_F(DelaunayCells, FillTheHull) {
+  const BuildReport report = test::value_of(build(shaken_box(16, {1, 2, 3}), {}));
+  // Positions are rounded.
+  EXPECT_NEAR(report.kept_cells->volume / 6, 1, 1e-4);
+  EXPECT_LT(report.kept_cells->turned_volume, 1e-4);
+}
+
+// The points of a file do not depend on how they are joined, and neither do the cells.
+TEST_F(DelaunayCells, AreTheSameForThreadsMemoryAndSubdomains) {
+  const Points points = test::random_points(75'000);
+  BuildOptions options{.connectivity = Connectivity::delaunay};
+  EXPECT_TRUE(build(points, options, "held").has_value());
+  options.held_points = 1000;  // beyond: two subdomains
+  const BuildReport report = test::value_of(build(points, options, "subdomains"));
+  EXPECT_EQ(report.uncertain, 0u);
+  EXPECT_EQ(report.disputed, 0u);
+  EXPECT_TRUE(read("held") == read("subdomains"));
+  options.memory = 1 << 20;
+  const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
+  EXPECT_TRUE(build(points, options, "little").has_value());
+  EXPECT_TRUE(read("held") == read("little"));
+}
+
+TEST_F(DelaunayCells, CopiesOfAPointHaveNone) {
+  Points points = test::random_points(2000);
+  Piece piece = scattered(points);
+  for (std::size_t i = 0; i < 500; ++i) {
+    piece.points.push_back(points[i]);
+    piece.values[0].push_back(5);  // so that they are not merged
+  }
+  PieceSource source({piece});
+  const BuildReport report =
+      test::value_of(build_volume(source, path("cells.svol"), {.keep_cells = true}, [](const char*, double) {}));
+  EXPECT_EQ(report.resolution_counts.back(), 2500u);
+  EXPECT_EQ(report.points.coincident, 500u);
+  const std::vector<Ranks> cells = kept_cells(path("cells.svol"));
+  EXPECT_EQ(cells.size(), reference(points).size());
+  std::vector<bool> used(2500);
+  for (const Ranks& cell : cells)
+    for (const std::uint64_t rank : cell) used[rank] = true;
+  EXPECT_EQ(std::ranges::count(used, true), 2000);
+}
+
+TEST_F(DelaunayCells, AreRefusedWhereNoTetrahedronIs) {
+  const auto lattice = [](int nx, int ny) {
+    Points points;
+    for (int i = 0; i < nx; ++i)
+      for (int j = 0; j < ny; ++j) points.emplace_back(i, j, 0);
+    return points;
+  };
+  const Points plane = lattice(20, 20), line = lattice(50, 1), coincident(30, dvec3(1, 2, 3)), one(1, dvec3(1));
+  for (const Points& points : {plane, line, coincident, one})
+    for (const Connectivity connectivity : {Connectivity::automatic, Connectivity::delaunay}) {
+      EXPECT_THAT(test::message_of(build(points, {.connectivity = connectivity})), HasSubstr("--keep-cells"));
+      BuildOptions in_subdomains{.held_points = 0, .connectivity = connectivity};
+      EXPECT_THAT(test::message_of(build(points, in_subdomains)), HasSubstr("--keep-cells"));
+      EXPECT_FALSE(std::filesystem::exists(path("cells.svol")));
+    }
+}
+
+TEST_F(DelaunayCells, AreRefusedWhereOthersJoinThePoints) {
+  const Points points = test::random_points(100);
+  for (const Connectivity connectivity : {Connectivity::none, Connectivity::boxes})
+    EXPECT_THAT(test::message_of(build(points, {.connectivity = connectivity})), HasSubstr("--keep-cells"));
+  EXPECT_THAT(test::message_of(build(points, {.held_points = 50})), HasSubstr("--connectivity delaunay"));
+  EXPECT_TRUE(build(points, {.held_points = 50, .connectivity = Connectivity::delaunay}).has_value());
+}
+
+}  // namespace
+}  // namespace splatvol
