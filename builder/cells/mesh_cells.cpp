@@ -15,6 +15,7 @@ namespace splatvol {
 namespace {
 
 constexpr std::size_t joined_cells = 4096;  // most cells of a chunk that joins index leaves
+constexpr std::uint32_t most_pieces = std::numeric_limits<std::int32_t>::max();
 
 template <class Record>
 Record record_at(std::span<const std::byte> records, std::size_t number) {
@@ -124,6 +125,8 @@ Result<std::unique_ptr<MeshCells>> MeshCells::create(std::uint64_t memory, const
 }
 
 Status MeshCells::add(const Piece& piece) {
+  // The sort of tags knows 63 bits of them.
+  if (spool_.pieces() > most_pieces) return fail(ErrorCode::unsupported, "more than {} pieces with cells", most_pieces);
   if (piece.cells) {
     if (!vertices_) vertices_ = std::make_unique<VertexSort>(memory_ / 4, folder_, exact_);
     SPLATVOL_TRY(vertices_->add(spool_.pieces(), piece));
