@@ -140,6 +140,7 @@ requires std::is_trivially_copyable_v<T>
 template <class T>
 requires std::is_trivially_copyable_v<T>
 void append_planes(Bytes& bytes, std::span<const T> numbers, std::size_t width = sizeof(T)) {
+  if (numbers.empty()) return;  // data() may be null, which bears no offset
   const std::size_t start = bytes.size();
   bytes.insert(bytes.end(), numbers.size() * width, std::byte{0});
   for (std::size_t plane = 0; plane < width; ++plane) {
