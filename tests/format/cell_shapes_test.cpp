@@ -56,7 +56,8 @@ TEST(CellShapes, SplitIntoTetrahedraRoundTheApex) {
 TEST(CellShapes, ComeBackWithTheSameTetrahedra) {
   std::mt19937 random(3);
   for (const CellShape shape : all_shapes) {
-    CellChunk cells{shape, CellField::corners, {}, {}};
+    CellChunk cells;
+    cells.shape = shape;
     std::uint64_t first = 0;
     for (int cell = 0; cell < 500; ++cell) {
       first += random() % 3;
