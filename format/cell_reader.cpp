@@ -119,10 +119,10 @@ Status CellReader::read_root() {
   const std::uint64_t rank_pages = (points + rank_page_points - 1) / rank_page_points;
   const std::uint64_t vertex_pages = tail.vertices / vertex_page_points + (tail.vertices % vertex_page_points > 0);
   if (tail.kinds > left / sizeof(CellKind) || tail.pages > left / sizeof(CellPageRef) ||
-      rank_pages > left / sizeof(RankPageRef) || vertex_pages > left / sizeof(VertexPageRef))
+      rank_pages + vertex_pages > left / sizeof(PackedPageRef))
     return broken("the root of the cells has the wrong length");
   const std::uint64_t root = tail.kinds * sizeof(CellKind) + tail.pages * sizeof(CellPageRef) +
-                             rank_pages * sizeof(RankPageRef) + vertex_pages * sizeof(VertexPageRef);
+                             (rank_pages + vertex_pages) * sizeof(PackedPageRef);
   if (root > left) return broken("the root of the cells has the wrong length");
   vertex_count_ = tail.vertices;
   root_bytes_ = root + sizeof(CellsTail);
@@ -139,8 +139,8 @@ Status CellReader::take_root(std::span<const std::byte> root, const CellsTail& t
   kinds_ = take_records<CellKind>(records, tail.kinds);
   pages_ = take_records<CellPageRef>(records, tail.pages);
   rank_pages_ =
-      take_records<RankPageRef>(records, (info_.resolution_counts.back() + rank_page_points - 1) / rank_page_points);
-  vertex_pages_ = take_records<VertexPageRef>(records, records.size() / sizeof(VertexPageRef));
+      take_records<PackedPageRef>(records, (info_.resolution_counts.back() + rank_page_points - 1) / rank_page_points);
+  vertex_pages_ = take_records<PackedPageRef>(records, records.size() / sizeof(PackedPageRef));
   chunk_count_ = tail.chunks;
   return check_tiling();
 }
@@ -152,14 +152,14 @@ Status CellReader::check_tiling() const {
   const std::uint64_t chunk_bytes = sizeof(CellChunkEntry) + attributes_ * summary_bytes;
   const auto untiled = [&] { return broken("parts of the cells do not tile their section"); };
   std::uint64_t next = 0, chunks = 0;
-  for (const RankPageRef& page : rank_pages_) {
+  for (const PackedPageRef& page : rank_pages_) {
     if (page.offset != next || page.packed_bytes > end - next) return untiled();
     if (page.packed_bytes > page.unpacked_bytes ||
         page.unpacked_bytes > counts_.size() * sizeof(std::uint64_t) + rank_page_points)
       return broken("a page of ranks has the wrong length");
     next += page.packed_bytes;
   }
-  for (const VertexPageRef& page : vertex_pages_) {
+  for (const PackedPageRef& page : vertex_pages_) {
     if (page.offset != next || page.packed_bytes > end - next) return untiled();
     if (page.packed_bytes > page.unpacked_bytes || page.unpacked_bytes > 64 + 24 * vertex_page_points)
       return broken("a page of vertices has the wrong length");
@@ -180,13 +180,13 @@ Status CellReader::check_tiling() const {
 
 std::uint64_t CellReader::rank_bytes() const {
   std::uint64_t bytes = 0;
-  for (const RankPageRef& page : rank_pages_) bytes += page.packed_bytes;
+  for (const PackedPageRef& page : rank_pages_) bytes += page.packed_bytes;
   return bytes;
 }
 
 std::uint64_t CellReader::vertex_bytes() const {
   std::uint64_t bytes = 0;
-  for (const VertexPageRef& page : vertex_pages_) bytes += page.packed_bytes;
+  for (const PackedPageRef& page : vertex_pages_) bytes += page.packed_bytes;
   return bytes;
 }
 
@@ -198,7 +198,7 @@ std::uint64_t CellReader::directory_bytes() const {
 
 std::uint64_t CellReader::memory_bytes() const {
   return kinds_.size() * sizeof(CellKind) + pages_.size() * sizeof(CellPageRef) +
-         rank_pages_.size() * sizeof(RankPageRef) + vertex_pages_.size() * sizeof(VertexPageRef);
+         (rank_pages_.size() + vertex_pages_.size()) * sizeof(PackedPageRef);
 }
 
 Status CellReader::check_entry(const CellChunkEntry& entry) const {
@@ -289,7 +289,7 @@ Result<CellChunk> CellReader::read_chunk(const CellChunkEntry& entry) const {
 }
 
 Result<std::vector<dvec3>> CellReader::read_vertex_page(std::size_t page) const {
-  const VertexPageRef& ref = vertex_pages_[page];
+  const PackedPageRef& ref = vertex_pages_[page];
   SPLATVOL_TRY_ASSIGN(packed, read_(ref.offset, ref.packed_bytes));
   const std::uint64_t first = page * std::uint64_t{vertex_page_points};
   std::vector<dvec3> vertices(std::min<std::uint64_t>(vertex_page_points, vertex_count_ - first));
@@ -308,7 +308,7 @@ Status CellReader::check_bytes(const CellChunkEntry& entry) const {
 }
 
 Result<RankPage> CellReader::read_rank_page(std::size_t page) const {
-  const RankPageRef& ref = rank_pages_[page];
+  const PackedPageRef& ref = rank_pages_[page];
   SPLATVOL_TRY_ASSIGN(packed, read_(ref.offset, ref.packed_bytes));
   const std::uint64_t first = page * std::uint64_t{rank_page_points};
   const std::uint64_t ranks = std::min<std::uint64_t>(rank_page_points, info_.resolution_counts.back() - first);

@@ -109,9 +109,9 @@ class CellReader {
   std::uint64_t chunk_count_ = 0;
   std::vector<CellKind> kinds_;
   std::vector<CellPageRef> pages_;
-  std::vector<RankPageRef> rank_pages_;
+  std::vector<PackedPageRef> rank_pages_;
   std::uint64_t vertex_count_ = 0;
-  std::vector<VertexPageRef> vertex_pages_;
+  std::vector<PackedPageRef> vertex_pages_;
 };
 
 }  // namespace splatvol::format

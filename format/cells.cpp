@@ -253,7 +253,7 @@ Result<CellChunk> unpack_cells(const CellChunkEntry& entry, std::span<const std:
   return cells;
 }
 
-Bytes pack_rank_page(const RankPage& page, RankPageRef& ref) {
+Bytes pack_rank_page(const RankPage& page, PackedPageRef& ref) {
   Bytes payload;
   for (const std::uint64_t before : page.before) append_record(payload, before);
   const auto segments = std::as_bytes(std::span(page.segments));
@@ -265,7 +265,7 @@ Bytes pack_rank_page(const RankPage& page, RankPageRef& ref) {
   return packed;
 }
 
-Result<RankPage> unpack_rank_page(const RankPageRef& ref, std::span<const std::byte> packed, std::uint64_t first,
+Result<RankPage> unpack_rank_page(const PackedPageRef& ref, std::span<const std::byte> packed, std::uint64_t first,
                                   std::size_t ranks, std::span<const std::uint64_t> counts, std::string_view what) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_checked(ref, packed, what));
   const auto wrong = [&] {

@@ -100,10 +100,10 @@ struct RankPage {
 };
 
 /// The page before packing, and packed.
-[[nodiscard]] Bytes pack_rank_page(const RankPage& page, RankPageRef& ref);
+[[nodiscard]] Bytes pack_rank_page(const RankPage& page, PackedPageRef& ref);
 
 /// Undoes pack_rank_page. `counts`: points of each segment; `ranks`: of the page. Safe on untrusted `packed`.
-[[nodiscard]] Result<RankPage> unpack_rank_page(const RankPageRef& ref, std::span<const std::byte> packed,
+[[nodiscard]] Result<RankPage> unpack_rank_page(const PackedPageRef& ref, std::span<const std::byte> packed,
                                                 std::uint64_t first, std::size_t ranks,
                                                 std::span<const std::uint64_t> counts, std::string_view what);
 

@@ -203,21 +203,13 @@ struct CellPageRef {         // spec 14
 };
 static_assert(sizeof(CellPageRef) == 80 && offsetof(CellPageRef, area) == 72);
 
-struct RankPageRef {             // spec 14
+struct PackedPageRef {           // spec 14: a page of ranks or of vertices
   std::uint64_t offset;          //  0: within the section
   std::uint32_t packed_bytes;    //  8
   std::uint32_t unpacked_bytes;  // 12
   std::uint64_t hash;            // 16: of the packed bytes
 };
-static_assert(sizeof(RankPageRef) == 24);
-
-struct VertexPageRef {           // spec 14
-  std::uint64_t offset;          //  0: within the section
-  std::uint32_t packed_bytes;    //  8
-  std::uint32_t unpacked_bytes;  // 12
-  std::uint64_t hash;            // 16: of the packed bytes
-};
-static_assert(sizeof(VertexPageRef) == 24);
+static_assert(sizeof(PackedPageRef) == 24);
 
 struct CellKind {              // spec 14
   CellShape shape;             //  0

@@ -29,8 +29,8 @@ struct MadeChunk {
   std::vector<format::ValueSummary> summaries;  // [attribute]
 };
 
-// What becomes of the cells that MeshCells::next_chunk returns. They are one chunk, or more if their corners are in too
-// many groups.
+// The packed form of the cells that MeshCells::next_chunk returns: one chunk, or more if their corners are in too many
+// groups.
 struct Item {
   SortedCells cells;
   std::vector<MadeChunk> chunks;

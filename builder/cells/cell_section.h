@@ -13,7 +13,7 @@
 
 namespace splatvol {
 
-/// What became of the cells.
+/// How many cells were kept, and what became of the others.
 struct CellReport {
   std::uint64_t cells = 0;
   std::uint64_t collapsed = 0;  // left out: two of their corners have become one point

@@ -23,7 +23,7 @@ struct BlockHead {
   format::CellField field;
 };
 
-// What a piece has cells of.
+// The corners of a piece, and the cells that it has of them.
 struct CellSource {
   std::span<const dvec3> corners;
   std::span<const Tetrahedron> tetrahedra;

@@ -50,8 +50,8 @@ class MeshCells {
   /// Finds the ranks of all corners, for hash() alone. Called instead of sort().
   [[nodiscard]] Status hash_only();
 
-  /// The cells of pieces, for ranks that do sort() together: each calls translate() for the cells that it has read and
-  /// whose ranks it was told, and one of them sorts what take(shape, records) gets on all.
+  /// The cells of pieces, for ranks that do sort() together. Each calls translate() for the cells that it has read,
+  /// once it was told their ranks. One of them sorts what take(shape, records) gets on all.
   [[nodiscard]] CellSpool& spool() { return spool_; }
   using TakeRecords = std::function<Status(format::CellShape, std::span<const std::uint64_t>)>;
   [[nodiscard]] Status translate(const TakeRecords& take);

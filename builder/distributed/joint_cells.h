@@ -49,7 +49,7 @@ class JointCells {
   [[nodiscard]] format::CellsInfo info() const { return {cells_->hash()}; }
   [[nodiscard]] format::WriteCells writer(const BuildProgress& progress);
 
-  /// What became of the cells; at rank 0, once the file is written.
+  /// Has a value at rank 0, once the file is written.
   [[nodiscard]] const std::optional<CellReport>& report() const { return report_; }
 
  private:

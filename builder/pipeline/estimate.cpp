@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kibi = 1024, mebi = kibi * kibi;
 
-// Of the mesh's cells, for each of their tetrahedra: a hexahedron has six.
+// The cost of the mesh's cells, for each of their tetrahedra. A hexahedron has six.
 constexpr Range bytes_of_kept_tetrahedron{.6, 3.2};
 constexpr Range microseconds_of_kept_tetrahedron{.15, .9};
 constexpr double spooled_tetrahedron_bytes = 45;  // on the way to the file, at most

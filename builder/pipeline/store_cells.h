@@ -20,7 +20,7 @@ namespace splatvol {
 /// Whether the cells to keep are those of pieces, so that records need tags.
 [[nodiscard]] bool keeps_cells_of_pieces(const Source& source, const BuildOptions& options);
 
-/// What gives both what they need of pieces and points. Either may be null.
+/// Returns the watcher that gives `faces` and `cells` the pieces and points that they need. Either may be null.
 [[nodiscard]] WatchPoints watch_points(const Source& source, const BuildOptions& options, BoundaryFaces* faces,
                                        MeshCells* cells);
 

@@ -26,7 +26,7 @@ struct FoundTetrahedra {
 };
 
 /// Passes tetrahedra on. All subdomains that own one of its corners should find a tetrahedron. The first of them that
-/// is certain of all its own passes it on; if none of them is, the first of all. So no tetrahedron is passed on twice.
+/// is certain of all its own passes it on; if none of them is, the first of all. No tetrahedron is passed on twice.
 class SharedTetrahedra {
  public:
   /// `begins`: [subdomain]: the rank of its first point, ascending; then the end. `folder`: for what cannot be decided

@@ -203,7 +203,7 @@ class RankPages : public testing::Test {
   std::string change(const std::function<void(RankPage&)>& change, std::uint64_t first = 10) const {
     RankPage page = page_;
     change(page);
-    RankPageRef ref{};
+    PackedPageRef ref{};
     const Bytes packed = pack_rank_page(page, ref);
     const auto back = unpack_rank_page(ref, packed, first, page_.segments.size(), counts_, "ranks");
     if (!back) return back.error().message;
@@ -458,8 +458,8 @@ class DamagedCells : public testing::Test {
   static std::function<void(Bytes&)> edit_page(const std::function<void(CellPageRef&)>& change) {
     return edit<CellPageRef>(sizeof(CellKind) + sizeof(CellPageRef), change);
   }
-  [[nodiscard]] std::function<void(Bytes&)> edit_ranks(const std::function<void(RankPageRef&)>& change) const {
-    return edit<RankPageRef>(sizeof(CellKind) + parts_.count(Part::cell_table) * sizeof(CellPageRef), change);
+  [[nodiscard]] std::function<void(Bytes&)> edit_ranks(const std::function<void(PackedPageRef&)>& change) const {
+    return edit<PackedPageRef>(sizeof(CellKind) + parts_.count(Part::cell_table) * sizeof(CellPageRef), change);
   }
   // The tail without its hash, which the test does not get.
   struct Tail {
@@ -544,10 +544,10 @@ TEST_F(DamagedCells, TheRootFollowsItsRules) {
 TEST_F(DamagedCells, PagesTileTheSection) {
   const std::string untiled = "parts of the cells do not tile their section [R23]";
   const std::string range = "a page of cells is out of range [R23]";
-  expect_unopened(edit_ranks([](RankPageRef& ref) { ref.offset = 1; }), untiled);
-  expect_unopened(edit_ranks([](RankPageRef& ref) { ref.packed_bytes = ~0u; }), untiled);
-  expect_unopened(edit_ranks([](RankPageRef& ref) { ref.unpacked_bytes = ~0u; }), "ranks has the wrong length [R23]");
-  expect_unopened(edit_ranks([](RankPageRef& ref) { ref.unpacked_bytes = ref.packed_bytes - 1; }),
+  expect_unopened(edit_ranks([](PackedPageRef& ref) { ref.offset = 1; }), untiled);
+  expect_unopened(edit_ranks([](PackedPageRef& ref) { ref.packed_bytes = ~0u; }), untiled);
+  expect_unopened(edit_ranks([](PackedPageRef& ref) { ref.unpacked_bytes = ~0u; }), "ranks has the wrong length [R23]");
+  expect_unopened(edit_ranks([](PackedPageRef& ref) { ref.unpacked_bytes = ref.packed_bytes - 1; }),
                   "ranks has the wrong length [R23]");
   for (const std::uint64_t offset : {std::uint64_t{0}, std::uint64_t{1} << 40, ~std::uint64_t{0}})
     expect_unopened(edit_page([=](CellPageRef& ref) { ref.offset = offset; }), untiled);
@@ -801,7 +801,7 @@ TEST_F(DamagedCells, CannotClaimMuchMemory) {
     EXPECT_LE(memory(Part::cell_root, edit_tail([=](Tail& tail) { tail.pages = number; })), honest + 100'000);
     EXPECT_LE(memory(Part::cell_root, edit_tail([=](Tail& tail) { tail.kinds = small; })), honest + 100'000);
     EXPECT_LE(memory(Part::cell_root, edit_page([=](CellPageRef& ref) { ref.page_bytes = small; })), honest + 100'000);
-    EXPECT_LE(memory(Part::cell_root, edit_ranks([=](RankPageRef& ref) { ref.unpacked_bytes = small; })),
+    EXPECT_LE(memory(Part::cell_root, edit_ranks([=](PackedPageRef& ref) { ref.unpacked_bytes = small; })),
               honest + 100'000);
     EXPECT_LE(memory(Part::cell_entries, edit_entry([=](CellChunkEntry& entry) { entry.unpacked_bytes = small; })),
               honest + 100'000);

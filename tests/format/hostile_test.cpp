@@ -161,23 +161,27 @@ class Mutator {
   std::mt19937 random_;
 };
 
-TEST(Hostile, RandomHarmWithGoodHashesIsRefusedOrHarmless) {
+// Explores a file of which one piece of a part was harmed, and expects that no allocation is large.
+Outcome explore_harmed(const Dissected& parts, Part part, std::uint32_t seed) {
   constexpr std::size_t largest_allocation = 8u << 20;
+  Mutator mutator(seed);
+  const std::size_t index = mutator.draw(parts.count(part));
+  const Bytes file = parts.assemble([&](Part p, std::size_t i, Bytes& bytes) {
+    if (p == part && i == index) mutator.harm(p, bytes);
+  });
+  start_counting_allocations();
+  const Outcome outcome = explore(file);
+  EXPECT_LE(most_bytes_allocated(), largest_allocation) << "seed " << seed;
+  return outcome;
+}
+
+TEST(Hostile, RandomHarmWithGoodHashesIsRefusedOrHarmless) {
   const Dissected files[] = {Dissected(test_volume_bytes(volume_of(1, 1))),
                              Dissected(test_volume_bytes(volume_of(300, 1))),
                              Dissected(test_volume_bytes(volume_of(700, 3)))};
   int refused = 0, accepted = 0, opened = 0;
   for (std::uint32_t seed = 0; seed < (test::is_long() ? 9000 : 3000); ++seed) {
-    Mutator mutator(seed);
-    const Dissected& parts = files[seed % 3];
-    const auto part = static_cast<Part>(seed / 3 % part_count);
-    const std::size_t index = mutator.draw(parts.count(part));
-    const Bytes file = parts.assemble([&](Part p, std::size_t i, Bytes& bytes) {
-      if (p == part && i == index) mutator.harm(p, bytes);
-    });
-    start_counting_allocations();
-    const Outcome outcome = explore(file);
-    EXPECT_LE(most_bytes_allocated(), largest_allocation) << "seed " << seed;
+    const Outcome outcome = explore_harmed(files[seed % 3], static_cast<Part>(seed / 3 % part_count), seed);
     ++(outcome.verified ? accepted : refused);
     if (outcome.opened) ++opened;
     if (!outcome.verified) {
@@ -190,7 +194,6 @@ TEST(Hostile, RandomHarmWithGoodHashesIsRefusedOrHarmless) {
 }
 
 TEST(Hostile, RandomHarmToCellsIsRefusedOrHarmless) {
-  constexpr std::size_t largest_allocation = 8u << 20;
   TestVolume few = volume_of(40, 1), more = volume_of(300, 2);
   add_random_cells(few, 20);
   add_random_cells(more, 300);
@@ -199,16 +202,8 @@ TEST(Hostile, RandomHarmToCellsIsRefusedOrHarmless) {
                                      Part::cell_summary, Part::cell_table, Part::cell_root};
   int refused = 0;
   for (std::uint32_t seed = 0; seed < (test::is_long() ? 9000 : 900); ++seed) {
-    Mutator mutator(seed);
-    const Dissected& parts = files[seed % 2];
     const Part part = parts_of_cells[seed / 2 % std::size(parts_of_cells)];
-    const std::size_t index = mutator.draw(parts.count(part));
-    const Bytes file = parts.assemble([&](Part p, std::size_t i, Bytes& bytes) {
-      if (p == part && i == index) mutator.harm(p, bytes);
-    });
-    start_counting_allocations();
-    const Outcome outcome = explore(file);
-    EXPECT_LE(most_bytes_allocated(), largest_allocation) << "seed " << seed;
+    const Outcome outcome = explore_harmed(files[seed % 2], part, seed);
     EXPECT_TRUE(outcome.opened) << "who wants no cells reads none";
     if (outcome.verified) continue;
     ++refused;

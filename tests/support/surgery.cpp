@@ -138,8 +138,8 @@ class Dissected::Reader {
     cells.tail = *tail;
     // The root follows the last page. Pages of ranks are as many as it has room for.
     const std::uint64_t stated = tail->kinds * sizeof(CellKind) + tail->pages * sizeof(CellPageRef);
-    for (std::uint64_t ranks = 0; stated + ranks * sizeof(RankPageRef) + sizeof(CellsTail) <= end; ++ranks) {
-      const std::uint64_t root_bytes = stated + ranks * sizeof(RankPageRef);
+    for (std::uint64_t ranks = 0; stated + ranks * sizeof(PackedPageRef) + sizeof(CellsTail) <= end; ++ranks) {
+      const std::uint64_t root_bytes = stated + ranks * sizeof(PackedPageRef);
       const View root = bytes.subspan(end - sizeof(CellsTail) - root_bytes, root_bytes);
       if (hash_bytes(root) == tail->hash) return read_cells(bytes, root, ranks, cells);
       if (ranks > 1000) break;
@@ -153,7 +153,7 @@ class Dissected::Reader {
     const View rank_refs = root.subspan(cells.tail.pages * sizeof(CellPageRef));
     std::uint64_t next = 0;  // offset of the next chunk
     for (std::uint64_t page = 0; page < ranks; ++page) {
-      const auto ref = read_record<RankPageRef>(rank_refs, page * sizeof(RankPageRef));
+      const auto ref = read_record<PackedPageRef>(rank_refs, page * sizeof(PackedPageRef));
       const auto packed = range_of(bytes, ref.offset, ref.packed_bytes);
       if (!packed) return false;
       cells.rank_pages.push_back(unpack_or_copy(*packed, ref.unpacked_bytes));
@@ -471,8 +471,8 @@ class Dissected::Assembler {
       Bytes payload = page;
       operate(Part::rank_page, payload);
       const Bytes bytes = packed(payload);
-      append_record(rank_refs, RankPageRef{section.size(), static_cast<std::uint32_t>(bytes.size()),
-                                           static_cast<std::uint32_t>(payload.size()), hash_bytes(bytes)});
+      append_record(rank_refs, PackedPageRef{section.size(), static_cast<std::uint32_t>(bytes.size()),
+                                             static_cast<std::uint32_t>(payload.size()), hash_bytes(bytes)});
       append(section, bytes);
     }
     for (const Cells::Page& page : cells.pages) append_record(root, pack_cell_page(cells, page, section));

@@ -69,9 +69,9 @@ class SectionOfCells {
   }
 
   Result<Bytes> make() {
-    std::vector<RankPageRef> ranks;
+    std::vector<PackedPageRef> ranks;
     for (const RankPage& page : rank_pages_) {
-      RankPageRef& ref = ranks.emplace_back();
+      PackedPageRef& ref = ranks.emplace_back();
       ref.offset = section_.size();
       append(pack_rank_page(page, ref));
     }
@@ -82,7 +82,7 @@ class SectionOfCells {
     Bytes root;
     if (kind_.cells > 0) append_record(root, kind_);
     for (const CellPageRef& page : pages_) append_record(root, page);
-    for (const RankPageRef& page : ranks) append_record(root, page);
+    for (const PackedPageRef& page : ranks) append_record(root, page);
     append_record(root, CellsTail{hash_bytes(root), chunks_, pages_.size(), 0, kind_.cells > 0 ? 1u : 0u, 1});
     append(root);
     return std::move(section_);

@@ -465,7 +465,7 @@ class OwnSection {
   const test::TestVolume& volume_;
   std::vector<std::size_t> file_numbers_;  // [rank]
   format::Bytes bytes_;
-  format::RankPageRef rank_page_{};
+  format::PackedPageRef rank_page_{};
   std::vector<format::CellChunkEntry> chunks_;  // of the page
   std::vector<format::CellPageRef> pages_;
   std::vector<format::CellKind> kinds_;  // one for each chunk
