@@ -56,7 +56,7 @@ class RankPages {
     format::RankPage page{0, std::vector<std::uint64_t>(counts_.size()), {}};
     for (; page.first < points_; page.first += page.segments.size()) {
       SPLATVOL_TRY(cells.next_segments(ranks_of(page.first), counts_.size(), page.segments));
-      format::RankPageRef ref{};
+      format::PackedPageRef ref{};
       const format::Bytes packed = format::pack_rank_page(page, ref);
       SPLATVOL_TRY(visit(ref, packed));
       ref.offset = file_.size();
@@ -69,7 +69,7 @@ class RankPages {
 
   // Thread-safe.
   [[nodiscard]] Result<format::RankPage> read(std::size_t page) const {
-    const format::RankPageRef& ref = refs_[page];
+    const format::PackedPageRef& ref = refs_[page];
     format::Bytes packed(ref.packed_bytes);
     SPLATVOL_TRY(file_.read(ref.offset, packed));
     if (format::hash_bytes(packed) != ref.hash) return fail_changed_temporary();
@@ -85,7 +85,7 @@ class RankPages {
   std::vector<std::uint64_t> counts_;  // [segment]
   std::uint64_t points_;
   TempFile file_;
-  std::vector<format::RankPageRef> refs_;
+  std::vector<format::PackedPageRef> refs_;
 };
 
 // Makes chunks. Each thread has one.
@@ -208,14 +208,14 @@ class SectionWriter {
   void count_turned(std::uint64_t cells) { kinds_.back().turned += cells; }
 
   // Adds a page of ranks. Called before the first chunk.
-  Status add(format::RankPageRef page, std::span<const std::byte> packed) {
+  Status add(format::PackedPageRef page, std::span<const std::byte> packed) {
     page.offset = offset_;
     rank_pages_.push_back(page);
     return append(packed);
   }
 
   // Adds a page of vertices. Called before the first chunk.
-  Status add(format::VertexPageRef page, std::span<const std::byte> packed) {
+  Status add(format::PackedPageRef page, std::span<const std::byte> packed) {
     page.offset = offset_;
     vertex_pages_.push_back(page);
     return append(packed);
@@ -228,8 +228,8 @@ class SectionWriter {
     format::Bytes root;
     for (const format::CellKind& kind : kinds_) format::append_record(root, kind);
     for (const format::CellPageRef& page : pages_) format::append_record(root, page);
-    for (const format::RankPageRef& page : rank_pages_) format::append_record(root, page);
-    for (const format::VertexPageRef& page : vertex_pages_) format::append_record(root, page);
+    for (const format::PackedPageRef& page : rank_pages_) format::append_record(root, page);
+    for (const format::PackedPageRef& page : vertex_pages_) format::append_record(root, page);
     const format::CellsTail tail{.hash = format::hash_bytes(root),
                                  .chunks = chunk_count_,
                                  .pages = pages_.size(),
@@ -282,8 +282,8 @@ class SectionWriter {
   std::vector<format::CellKind> kinds_;
   std::vector<format::CellChunkEntry> chunks_;  // of the page
   std::vector<format::CellPageRef> pages_;
-  std::vector<format::RankPageRef> rank_pages_;
-  std::vector<format::VertexPageRef> vertex_pages_;
+  std::vector<format::PackedPageRef> rank_pages_;
+  std::vector<format::PackedPageRef> vertex_pages_;
   std::uint64_t vertex_count_ = 0;
 };
 
@@ -363,7 +363,7 @@ Result<CellReport> write_cells(MeshCells& cells, std::shared_ptr<const format::C
   SectionWriter writer(chunks->info().attributes.size(), append);
   SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder));
   RankPages ranks(chunks->info(), std::move(file));
-  SPLATVOL_TRY(ranks.make(cells, [&](const format::RankPageRef& page, std::span<const std::byte> packed) {
+  SPLATVOL_TRY(ranks.make(cells, [&](const format::PackedPageRef& page, std::span<const std::byte> packed) {
     return writer.add(page, packed);
   }));
   if (const VertexSort* vertices = cells.vertices()) {

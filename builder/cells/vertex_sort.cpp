@@ -128,7 +128,7 @@ Status VertexSort::close_page(std::vector<dvec3>& vertices) {
 }
 
 Result<format::Bytes> VertexSort::read_packed(std::size_t page) const {
-  const format::VertexPageRef& ref = pages_[page];
+  const format::PackedPageRef& ref = pages_[page];
   format::Bytes packed(ref.packed_bytes);
   SPLATVOL_TRY(file_->read(ref.offset, packed));
   if (format::hash_bytes(packed) != ref.hash) return fail_changed_temporary();
@@ -137,7 +137,7 @@ Result<format::Bytes> VertexSort::read_packed(std::size_t page) const {
 
 Result<std::vector<dvec3>> VertexSort::read(std::size_t page, const Cube& cube) const {
   SPLATVOL_TRY_ASSIGN(packed, read_packed(page));
-  const format::VertexPageRef& ref = pages_[page];
+  const format::PackedPageRef& ref = pages_[page];
   format::ChunkEntry entry{};
   entry.hash = ref.hash;
   entry.packed_bytes = ref.packed_bytes;

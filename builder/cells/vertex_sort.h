@@ -39,7 +39,7 @@ class VertexSort {
 
   /// The number of vertices, and their pages. Require sort().
   [[nodiscard]] std::uint64_t count() const { return count_; }
-  [[nodiscard]] const std::vector<format::VertexPageRef>& pages() const { return pages_; }
+  [[nodiscard]] const std::vector<format::PackedPageRef>& pages() const { return pages_; }
   [[nodiscard]] Result<format::Bytes> read_packed(std::size_t page) const;
 
   /// Returns the positions of a page as they are stored. `cube`: of the file. Thread-safe.
@@ -56,7 +56,7 @@ class VertexSort {
   RecordSpool spool_;
   std::optional<TagSort> tags_;
   std::optional<TempFile> file_;
-  std::vector<format::VertexPageRef> pages_;  // offsets in file_
+  std::vector<format::PackedPageRef> pages_;  // offsets in file_
   std::uint64_t count_ = 0;
 };
 
