@@ -207,17 +207,10 @@ class SectionWriter {
   // Counts cells of the chunks that were added last.
   void count_turned(std::uint64_t cells) { kinds_.back().turned += cells; }
 
-  // Adds a page of ranks. Called before the first chunk.
+  // Adds a page: all pages of ranks, then those of vertices. Called before the first chunk.
   Status add(format::PackedPageRef page, std::span<const std::byte> packed) {
     page.offset = offset_;
-    rank_pages_.push_back(page);
-    return append(packed);
-  }
-
-  // Adds a page of vertices. Called before the first chunk.
-  Status add(format::PackedPageRef page, std::span<const std::byte> packed) {
-    page.offset = offset_;
-    vertex_pages_.push_back(page);
+    packed_pages_.push_back(page);
     return append(packed);
   }
   void set_vertices(std::uint64_t count) { vertex_count_ = count; }
@@ -228,8 +221,7 @@ class SectionWriter {
     format::Bytes root;
     for (const format::CellKind& kind : kinds_) format::append_record(root, kind);
     for (const format::CellPageRef& page : pages_) format::append_record(root, page);
-    for (const format::PackedPageRef& page : rank_pages_) format::append_record(root, page);
-    for (const format::PackedPageRef& page : vertex_pages_) format::append_record(root, page);
+    for (const format::PackedPageRef& page : packed_pages_) format::append_record(root, page);
     const format::CellsTail tail{.hash = format::hash_bytes(root),
                                  .chunks = chunk_count_,
                                  .pages = pages_.size(),
@@ -282,8 +274,7 @@ class SectionWriter {
   std::vector<format::CellKind> kinds_;
   std::vector<format::CellChunkEntry> chunks_;  // of the page
   std::vector<format::CellPageRef> pages_;
-  std::vector<format::PackedPageRef> rank_pages_;
-  std::vector<format::PackedPageRef> vertex_pages_;
+  std::vector<format::PackedPageRef> packed_pages_;  // of ranks, then of vertices
   std::uint64_t vertex_count_ = 0;
 };
 
