@@ -15,6 +15,7 @@
 #include <iterator>
 #include <utility>
 
+#include "builder/sources/block_numbers.h"
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/block_checks.h"
@@ -80,6 +81,7 @@ class BlockDataSets final : public VtkDataSets {
   std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
+  std::uint64_t block() const override { return block_; }
   CellCensus take_changes() override {
     CellCensus changes = std::exchange(changes_, {});
     changes += reader_->take_changes();
@@ -106,6 +108,8 @@ class BlockDataSets final : public VtkDataSets {
     blocks_.pop_front();
     block_name_ = std::move(block_names_.front());
     block_names_.pop_front();
+    block_ = block_numbers_.front();
+    block_numbers_.pop_front();
     ++returned_;
     return block;
   }
@@ -128,6 +132,7 @@ class BlockDataSets final : public VtkDataSets {
       }
       blocks_.clear();
       block_names_.clear();
+      block_numbers_.clear();
       patches_.clear();
     }
     left_out_ = {};
@@ -168,6 +173,7 @@ class BlockDataSets final : public VtkDataSets {
 
   /// Appends the blocks of a tree that are not surfaces.
   void collect(vtkMultiBlockDataSet& tree) {
+    BlockNumbers numbers;
     const auto entry = vtkSmartPointer<vtkCompositeDataIterator>::Take(tree.NewIterator());
     for (entry->InitTraversal(); !entry->IsDoneWithTraversal(); entry->GoToNextItem()) {
       auto* data = vtkDataSet::SafeDownCast(entry->GetCurrentDataObject());
@@ -182,6 +188,8 @@ class BlockDataSets final : public VtkDataSets {
       }
       blocks_.push_back(copy_sharing_arrays(*data));
       block_names_.push_back(name_of_top(tree, *data));
+      std::vector<std::string> path;
+      block_numbers_.push_back(numbers.next(find_path(tree, *data, path) ? reader_->block_name(path) : ""));
     }
   }
 
@@ -241,7 +249,9 @@ class BlockDataSets final : public VtkDataSets {
   std::deque<vtkSmartPointer<vtkDataSet>> blocks_;  // read and not returned yet
   std::deque<std::string> block_names_;             // of blocks_
   std::vector<Patch> patches_;                      // read and not taken yet
+  std::deque<std::uint64_t> block_numbers_;         // of blocks_
   std::string block_name_;                          // of the last one that was returned
+  std::uint64_t block_ = 0;                         // its number
   SharedPoints shared_;
 };
 
