@@ -9,8 +9,8 @@
 #include "tests/builder/support/built_input.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/fault_source.h"
-#include "tests/support/random.h"
 #include "tests/support/long.h"
+#include "tests/support/random.h"
 #include "tests/support/temp_folder.h"
 
 namespace splatvol {
