@@ -107,7 +107,7 @@ class Paging : public testing::TestWithParam<KernelKind> {
     }
   }
 };
-INSTANTIATE_TEST_SUITE_P(Kernels, Paging, testing::Values(KernelKind::octant, KernelKind::moments), test::kernel_name);
+INSTANTIATE_TEST_SUITE_P(Kernels, Paging, testing::ValuesIn(test::kernels()), test::kernel_name);
 
 TEST_P(Paging, EndsInTheSynchronousFrame) {
   std::mt19937 random(32);
