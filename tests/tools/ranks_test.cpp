@@ -269,7 +269,7 @@ TEST_F(RanksTest, HoldNoMoreThanTheirMemory) {
 }
 
 TEST_F(RanksTest, SendLittleMoreThanTheRecords) {
-  const std::string points = test::is_long() ? "5e6" : "7e5";
+  const std::string points = test::is_long() ? "5e6" : "2e6";
   const json work =
       build_of(3, "gen:points:count=" + points + ",distribution=vortex,type=float32 --connectivity boxes");
   EXPECT_LE(work.at("sent_bytes").get<double>(), 1.2 * work.at("record_bytes").get<double>());
