@@ -279,7 +279,7 @@ TEST(Damage, EveryFlippedByteIsFound) {
 
 // Many pages of the directory, and two damaged places: the first one is told.
 TEST(Damage, IsToldTheSameWayByAnyNumberOfThreads) {
-  Bytes bytes = test_volume_bytes(small_volume(20'000, 3, {.node_points = 8}));
+  Bytes bytes = test_volume_bytes(small_volume(test::is_sanitized ? 6'000 : 20'000, 3, {.node_points = 8}));
   ASSERT_GT(Volume::open(memory_source(bytes, "test.svol")).value()->directory_page_count(), 4u);
   for (const std::size_t threads : {0u, 1u, 2u, 16u}) EXPECT_TRUE(verify_bytes(bytes, threads)) << threads;
   std::mt19937 random(2);
