@@ -75,8 +75,9 @@ class KnownFiles {
       return names_[file] = std::move(blocks);
     }
     SPLATVOL_TRY_ASSIGN(pieces, pvtu_pieces(path));
-    for (const std::string& piece : pieces) names_[file].push_back({piece});
-    return names_[file];
+    std::vector<BlockFile> files;
+    for (const std::string& piece : pieces) files.push_back({piece});
+    return names_[file] = std::move(files);
   }
 
   /// Counts a file and those that it names, at any depth, as often as they are named. What cannot be read counts as one

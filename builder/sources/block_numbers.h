@@ -5,6 +5,7 @@
 #include <map>
 #include <string>
 #include <string_view>
+#include <utility>
 
 namespace splatvol {
 
@@ -18,10 +19,13 @@ namespace splatvol {
 /// process that names the same blocks. Blocks of one name are told apart by their order.
 class BlockNumbers {
  public:
-  [[nodiscard]] std::uint64_t next(const std::string& name) { return block_number(0, name, repetitions_[name]++); }
+  /// `outer`: the number of the block that holds it; 0: none does.
+  [[nodiscard]] std::uint64_t next(const std::string& name, std::uint64_t outer = 0) {
+    return block_number(outer, name, repetitions_[{outer, name}]++);
+  }
 
  private:
-  std::map<std::string, std::uint64_t> repetitions_;
+  std::map<std::pair<std::uint64_t, std::string>, std::uint64_t> repetitions_;  // by outer block and name
 };
 
 }  // namespace splatvol

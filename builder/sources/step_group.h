@@ -25,9 +25,9 @@ struct SeriesStep {
 /// step; next() fails if another step has other points, cells or attributes. Holds a piece of each step, and its source
 /// if it has several pieces.
 ///
-/// The copies of a vertex are the same at all steps, whatever the values: points of one position are copies if the
-/// input has several pieces, and not if values of cells are averaged in each piece by itself, nor, if blocks are to
-/// stay apart, in different blocks.
+/// The copies of a vertex are the same at all steps, whatever the values. Points of one position are copies if the
+/// input has several pieces. They are none if values of cells are averaged in each piece by itself. If blocks are to
+/// stay apart, points of different blocks are none.
 class StepGroup final : public Source {
  public:
   /// Opens the first step. Requires a step. `blocks_apart`: whether vertices of different blocks are no copies.

@@ -52,18 +52,18 @@ class BlockTree {
 
   /// All files of data sets. An empty data set has none.
   std::vector<BlockFile> files(vtkXMLDataElement& root) {
-    walk(root, {}, 0);
+    walk(root, 0, 0);
     return std::move(files_);
   }
 
  private:
-  /// `place`: of the element; `block`: whose pieces all data sets in it are; 0: each is a block of its own.
-  void walk(vtkXMLDataElement& element, const std::string& place, std::uint64_t block) {
+  /// `place`: the element's number; `block`: whose pieces all data sets in it are; 0: each is a block of its own.
+  void walk(vtkXMLDataElement& element, std::uint64_t place, std::uint64_t block) {
     for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
       vtkXMLDataElement& inner = *element.GetNestedElement(i);
-      const std::string inner_place = place + "/" + key_of(inner, i);
+      const std::uint64_t inner_place = numbers_.next(key_of(inner, i), place);
       const bool is_block = is_data_set(inner) || has_pieces(inner);
-      const std::uint64_t inner_block = is_block && block == 0 ? numbers_.next(inner_place) : block;
+      const std::uint64_t inner_block = is_block && block == 0 ? inner_place : block;
       const std::string file = is_data_set(inner) ? file_of(inner, path_) : std::string();
       if (!file.empty()) files_.push_back({file, inner_block});
       walk(inner, inner_place, inner_block);
@@ -74,7 +74,7 @@ class BlockTree {
     return is_one_of(element.GetName(), {"Piece", "Partitions", "vtkPartitionedDataSet"});
   }
 
-  /// What tells an element from those beside it. `number`: its own there.
+  /// Returns the name of an element among those beside it. `number`: its own there.
   static std::string key_of(vtkXMLDataElement& element, int number) {
     for (const char* attribute : {"name", "index"})
       if (const char* text = element.GetAttribute(attribute); text && *text) return text;
