@@ -37,14 +37,19 @@ class Keys {
 
   [[nodiscard]] MortonKey of(const std::uint64_t* record) const {
     std::array<std::uint64_t, key_corners> lowest;
-    lowest.fill(rank_mask);
-    for (std::size_t k = 0; k < corners_; ++k) {
+    for (std::size_t k = 0; k < key_corners; ++k) lowest[k] = record[k] & rank_mask;
+    format::sort_corners(lowest);
+    for (std::size_t k = key_corners; k < corners_; ++k) {
       std::uint64_t rank = record[k] & rank_mask;
       for (std::uint64_t& low : lowest) {
         const std::uint64_t higher = std::max(low, rank);
         low = std::min(low, rank);
         rank = higher;
       }
+    }
+    if (point_bits_ == 0 && 2 * corner_bits_ <= half_key_bits) {
+      const int above = half_key_bits - 2 * corner_bits_;
+      return {(lowest[0] << corner_bits_ | lowest[1]) << above, (lowest[2] << corner_bits_ | lowest[3]) << above};
     }
     __extension__ using Wide = unsigned __int128;
     Wide key = point_bits_ > 0 ? record[corners_] : 0;
