@@ -3,6 +3,8 @@
 
 #include <openvdb/openvdb.h>
 
+#include <memory>
+
 namespace splatvol {
 
 /// An empty grid with the background 0, made by the library: Grid::create() compiles all of a grid's code where it
