@@ -76,7 +76,7 @@ CellSplit renumbered(CellShape shape, CellSplit split, const Corners& old) {
   return result;
 }
 
-// What is known of a shape, found once.
+// The tables of a shape, made once.
 struct ShapeTable {
   std::vector<Corners> symmetries;
   std::vector<Corners> orders;                                   // ascending

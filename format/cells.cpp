@@ -147,8 +147,7 @@ CellExtent measure_cells(const CellChunk& cells, const LocalCells& local, std::s
 
 ValueSummary summarize_cells(const CellChunk& cells, const LocalCells& local, std::span<const float> values,
                              const ValueBins& bins) {
-  // As ValueBins::between: bins ascend with values, so those of the lowest and the highest are the lowest and highest.
-  constexpr std::uint64_t all_bins = ~std::uint64_t{0};
+  // Bins ascend with values. So each value's bin is found once, and not for each tetrahedron.
   std::vector<std::uint8_t> bin_of(values.size());
   for (std::size_t i = 0; i < values.size(); ++i)
     if (!std::isnan(values[i])) bin_of[i] = static_cast<std::uint8_t>(bins.bin(values[i]));
@@ -165,7 +164,7 @@ ValueSummary summarize_cells(const CellChunk& cells, const LocalCells& local, st
       lowest = std::min(lowest, bin_of[corner]);
       highest = std::max(highest, bin_of[corner]);
     }
-    if (!is_missing) summary.include({low, high, all_bins << lowest & all_bins >> (63 - highest)});
+    if (!is_missing) summary.include({low, high, ValueBins::between_bins(lowest, highest)});
   });
   return summary;
 }

@@ -77,7 +77,8 @@ void for_each_tetrahedron(const CellChunk& cells, const LocalCells& local, const
 [[nodiscard]] ValueSummary summarize_cells(const CellChunk& cells, const LocalCells& local,
                                            std::span<const float> values, const ValueBins& bins);
 
-/// A chunk of cells ready to be written. Of the entry, hash, lengths, counts, shape and field are set.
+/// A chunk of cells ready to be written. Only the hash, lengths, counts, shape and field of the entry
+/// are set.
 struct PackedCells {
   CellChunkEntry entry{};
   Bytes bytes;

@@ -58,9 +58,12 @@ struct ValueBins {
   [[nodiscard]] ValueSummary summarize(std::span<const float> stored) const;
 
   /// Returns the bins from that of `low` to that of `high`, as in an occupancy. Requires low <= high.
-  [[nodiscard]] std::uint64_t between(double low, double high) const {
+  [[nodiscard]] std::uint64_t between(double low, double high) const { return between_bins(bin(low), bin(high)); }
+
+  /// The same for the numbers of two bins.
+  [[nodiscard]] static std::uint64_t between_bins(int low, int high) {
     const std::uint64_t all = ~std::uint64_t{0};
-    return all << bin(low) & all >> (63 - bin(high));
+    return all << low & all >> (63 - high);
   }
 };
 

@@ -1,10 +1,8 @@
 #include "format/ranked_points.h"
 
-#include <array>
-#include <limits>
+#include <algorithm>
 #include <numeric>
 #include <string>
-#include <unordered_map>
 #include <utility>
 
 #include "format/last_used.h"
@@ -94,28 +92,14 @@ Status RankedPoints::find(std::span<const std::uint64_t> ranks, std::vector<Plac
 
 namespace {
 
-// The places in the order of their groups. Neighbours have few groups: of each segment one or a few.
+// The places in the order of their groups, of which there are few.
 std::vector<std::uint32_t> order_by_group(std::span<const RankedPoints::Place> places) {
-  struct Group {
-    std::uint64_t group;
-    std::uint32_t number;
-  };
-  // Numbers for the groups, as they come: of the last one that shares a slot, it is known at once.
-  constexpr std::size_t slots = 64;
-  std::array<Group, slots> last;
-  last.fill({std::numeric_limits<std::uint64_t>::max(), 0});
-  std::unordered_map<std::uint64_t, std::uint32_t> numbers;
-  std::vector<std::uint32_t> number_of(places.size()), begins(1);
+  const std::vector<std::uint64_t> groups = RankedPoints::groups_of(places);
+  std::vector<std::uint32_t> number_of(places.size()), begins(groups.size() + 1);
   for (std::size_t i = 0; i < places.size(); ++i) {
-    Group& slot = last[places[i].group % slots];
-    if (slot.group != places[i].group) {
-      const auto found = numbers.try_emplace(places[i].group, static_cast<std::uint32_t>(numbers.size())).first;
-      slot = {places[i].group, found->second};
-    }
-    number_of[i] = slot.number;
+    number_of[i] = static_cast<std::uint32_t>(std::ranges::lower_bound(groups, places[i].group) - groups.begin());
+    ++begins[number_of[i] + 1];
   }
-  begins.resize(numbers.size() + 1);
-  for (const std::uint32_t number : number_of) ++begins[number + 1];
   std::partial_sum(begins.begin(), begins.end(), begins.begin());
   std::vector<std::uint32_t> order(places.size());
   for (std::uint32_t i = 0; i < places.size(); ++i) order[begins[number_of[i]]++] = i;
@@ -137,6 +121,15 @@ Status gather(std::span<const RankedPoints::Place> places, std::vector<Number>& 
 }
 
 }  // namespace
+
+std::vector<std::uint64_t> RankedPoints::groups_of(std::span<const Place> places) {
+  std::vector<std::uint64_t> groups;
+  for (const Place& place : places)
+    if (groups.empty() || place.group != groups.back()) groups.push_back(place.group);
+  std::ranges::sort(groups);
+  groups.erase(std::ranges::unique(groups).begin(), groups.end());
+  return groups;
+}
 
 Status RankedPoints::read_positions(std::span<const Place> places, std::vector<dvec3>& positions) {
   return gather(places, positions, [&](std::uint64_t group) { return held_->positions_of(group); });

@@ -36,6 +36,9 @@ class RankedPoints {
   /// Finds points. Requires ranks of the file; ascending ones are faster.
   [[nodiscard]] Status find(std::span<const std::uint64_t> ranks, std::vector<Place>& places);
 
+  /// The groups of places: ascending, each once.
+  [[nodiscard]] static std::vector<std::uint64_t> groups_of(std::span<const Place> places);
+
   /// Read the positions, or the stored values of an attribute (NaN: missing), of points that were found.
   [[nodiscard]] Status read_positions(std::span<const Place> places, std::vector<dvec3>& positions);
   [[nodiscard]] Status read_values(std::span<const Place> places, int attribute, std::vector<float>& values);

@@ -223,7 +223,8 @@ class CellVerifier {
   Result<std::vector<RankedPoints::Place>> find_points(std::span<const std::uint64_t> ranks, std::size_t thread) {
     std::vector<RankedPoints::Place> places;
     SPLATVOL_TRY(points_[thread]->find(ranks, places));
-    if (count_groups(places) > max_chunk_groups) return broken("a chunk of cells has corners in too many groups");
+    if (RankedPoints::groups_of(places).size() > max_chunk_groups)
+      return broken("a chunk of cells has corners in too many groups");
     return places;
   }
 
@@ -253,14 +254,6 @@ class CellVerifier {
       ends.last = cell;
     }
     return {};
-  }
-
-  static std::size_t count_groups(std::span<const RankedPoints::Place> places) {
-    std::vector<std::uint64_t> groups;
-    for (const RankedPoints::Place& place : places)
-      if (groups.empty() || place.group != groups.back()) groups.push_back(place.group);
-    std::ranges::sort(groups);
-    return static_cast<std::size_t>(std::ranges::unique(groups).begin() - groups.begin());
   }
 
   Status check_kinds() const {

@@ -114,7 +114,7 @@ class ChunkMaker {
     const bool is_constant = chunk.field == format::CellField::constant;
     const format::LocalCells local = format::number_corners(chunk.corners);
     SPLATVOL_TRY(points_.find(is_constant ? chunk.points : local.ranks, places_));
-    if (chunk.size() > 1 && count_groups() > format::max_chunk_groups) {
+    if (chunk.size() > 1 && format::RankedPoints::groups_of(places_).size() > format::max_chunk_groups) {
       SPLATVOL_TRY(make(part_of(cells, 0, chunk.size() / 2), item));
       return make(part_of(cells, chunk.size() / 2, chunk.size()), item);
     }
@@ -150,14 +150,6 @@ class ChunkMaker {
             part(cells.signs, 1)};
   }
 
-  [[nodiscard]] std::size_t count_groups() {
-    groups_.clear();
-    for (const format::RankedPoints::Place& place : places_)
-      if (groups_.empty() || place.group != groups_.back()) groups_.push_back(place.group);
-    std::ranges::sort(groups_);
-    return static_cast<std::size_t>(std::ranges::unique(groups_).begin() - groups_.begin());
-  }
-
   void count_turned(const SortedCells& cells, const format::LocalCells& local, CellReport& report) {
     const format::CellShape shape = cells.chunk.shape;
     const std::size_t count = format::corners_of(shape);
@@ -179,7 +171,6 @@ class ChunkMaker {
   format::RankedPoints points_;
   format::CellVertices vertices_;
   std::vector<format::ValueBins> bins_;  // [attribute]
-  std::vector<std::uint64_t> groups_;
   std::vector<format::RankedPoints::Place> places_;
   std::vector<dvec3> positions_;
   std::vector<float> values_;

@@ -18,7 +18,7 @@ CellSort::Record order_of(std::span<const std::uint64_t> record, std::size_t cor
   CellSort::Record order{};
   if (record.size() > corners) order[0] = record[corners];
   for (std::size_t k = 0; k < corners; ++k) order[1 + k] = record[k] & rank_mask;
-  std::sort(order.begin() + 1, order.begin() + 1 + static_cast<std::ptrdiff_t>(corners));
+  format::sort_corners(std::span(order).subspan(1, corners));
   return order;
 }
 
@@ -46,10 +46,6 @@ class Keys {
         low = std::min(low, rank);
         rank = higher;
       }
-    }
-    if (point_bits_ == 0 && 2 * corner_bits_ <= half_key_bits) {
-      const int above = half_key_bits - 2 * corner_bits_;
-      return {(lowest[0] << corner_bits_ | lowest[1]) << above, (lowest[2] << corner_bits_ | lowest[3]) << above};
     }
     __extension__ using Wide = unsigned __int128;
     Wide key = point_bits_ > 0 ? record[corners_] : 0;

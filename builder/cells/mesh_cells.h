@@ -31,7 +31,7 @@ class MeshCells {
   [[nodiscard]] static Result<std::unique_ptr<MeshCells>> create(std::uint64_t memory, const std::string& folder,
                                                                  bool exact);
 
-  /// Adds the cells of the next piece, in the order in which PieceReader reads pieces.
+  /// Adds the cells of the next piece. Pieces come in PieceReader's order.
   [[nodiscard]] Status add(const Piece& piece);
 
   /// Adds tetrahedra that join the points of an input without cells, in any order.
@@ -43,8 +43,8 @@ class MeshCells {
   /// Tells that a level besides level 0 has a point, and no coarser level. Called for each level with ascending ranks.
   [[nodiscard]] Status add_stay(std::size_t level, std::uint64_t rank);
 
-  /// Finds the ranks of all corners, and sorts the cells. Called once, after the last point. A cell of which two
-  /// corners have become one point is kept as those of its tetrahedra that have a volume.
+  /// Finds the ranks of all corners, and sorts the cells. Called once, after the last point. Two corners of a
+  /// cell may have become one point. Then those of its tetrahedra are kept that have a volume.
   [[nodiscard]] Status sort();
 
   /// Finds the ranks of all corners, for hash() alone. Called instead of sort().

@@ -9,6 +9,7 @@
 #include <new>
 #include <sstream>
 
+#include "base/vdb_grid.h"
 #include "builder/sources/vdb_library.h"
 #include "builder/sources/vdb_source.h"
 #include "tests/fuzz/fuzz.h"
@@ -49,7 +50,7 @@ constexpr std::uint32_t kinds = 6;
 template <class Grid>
 openvdb::GridBase::Ptr make_grid(bool half) {
   using Value = typename Grid::ValueType;
-  const auto grid = Grid::create();
+  const auto grid = splatvol::make_vdb_grid<Grid>();
   for (int i = 0; i < 100; ++i) grid->tree().setValueOn(Coord(i % 8, i / 8 % 8, i / 64), Value(i));
   grid->tree().setValueOn(Coord(5000, 0, -1), Value(1));
   grid->tree().addTile(1, Coord(64, 64, 64), Value(2), true);

@@ -40,7 +40,7 @@ Result<pid_t> spawn(const ReaderProcessOptions& options, int socket) {
   // The copy outlives exec, unlike all other descriptors of this program. A descriptor onto itself stays open too.
   constexpr int socket_of_reader = 3;
   ::posix_spawn_file_actions_adddup2(&actions, socket, socket_of_reader);
-  // What its libraries print has no place beside the one line of an error.
+  // Its libraries print lines of their own. An error is one line, so theirs go.
   ::posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
   std::array<std::string, 4> words = {options.program, std::to_string(socket_of_reader), std::to_string(options.memory),
                                       std::to_string(options.threads)};

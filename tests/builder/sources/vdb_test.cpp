@@ -370,7 +370,7 @@ TEST_F(Vdb, FilesOfStreamsAreCheckedToo) {
   }
 }
 
-/// A header of a file version, with a grid whose name is said to have so many bytes.
+/// A file's header, of a version. It says that the name of its grid has so many bytes.
 std::string header_of(std::uint32_t version, std::uint32_t name_bytes) {
   std::string text("\x20\x42\x44\x56\0\0\0\0", 8);
   const auto number = [&](std::uint32_t value) { text.append(reinterpret_cast<const char*>(&value), sizeof(value)); };

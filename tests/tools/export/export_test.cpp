@@ -145,7 +145,7 @@ TEST_F(Export, ValuesStayInTheirRangeAndMissingOnesAreNotThere) {
 
 // Exports voxels to equal voxels at the same positions. Each inner voxel gives as much mass as it gets, and by symmetry
 // a linear field stays. Codes of mass are within 0.3 %, those of value moments within 1/127 of a deviation of 0.65. The
-// blur of a voxel flattens slopes: voxels of 0.2 by a seventh, or a twentieth of what a voxel adds.
+// blur of a voxel flattens slopes. Voxels of 0.2 lose a seventh, or a twentieth of what a voxel adds.
 TEST_F(Export, ALinearFieldComesBack) {
   for (const dvec3 origin : {dvec3(0), dvec3(1e7, -1e7, 1e7)}) {
     const auto source = open_source({write_linear_box(path("in.vdb"), origin)}, {}).value();
@@ -418,7 +418,7 @@ Exported export_and_read(const format::Volume& volume, std::size_t resolution, c
   return result;
 }
 
-// XML 1.0 has no control characters, surrogates, U+FFFE or U+FFFF, in whatever form; nor bytes that are no UTF-8.
+// XML 1.0 has no control characters, surrogates, U+FFFE or U+FFFF, in whatever form. All of its bytes are UTF-8.
 TEST_F(Export, NamesOfAllKindsAreXml) {
   const test::Mesh mesh = test::jittered(3, 0.1);
   test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return p.x; })});
