@@ -113,35 +113,40 @@ class TriangleFinder {
   // The lowest corner to which an edge leads from corner 0.
   [[nodiscard]] std::uint8_t second() const { return static_cast<std::uint8_t>(sides_[0] >> 24); }
 
-  // Takes the triangle of an edge that has the lowest third corner, and returns that.
-  std::optional<std::uint8_t> take(Edge edge) {
+  // Returns the lowest third corner of the triangles at an edge that were not taken.
+  [[nodiscard]] std::optional<std::uint8_t> third_of(Edge edge) const {
+    const auto side = find(edge);
+    return side ? std::optional(static_cast<std::uint8_t>(*side >> 16)) : std::nullopt;
+  }
+
+  // Takes that triangle. Requires third_of().
+  void take(Edge edge) { taken_.set(static_cast<std::size_t>(*find(edge) & 0xffff)); }
+
+ private:
+  [[nodiscard]] std::optional<std::uint64_t> find(Edge edge) const {
     const std::uint64_t low = std::uint64_t{edge.from} << 32 | std::uint64_t{edge.to} << 24;
     const auto sides = std::span(sides_).first(count_);
-    for (auto side = std::ranges::lower_bound(sides, low); side != sides.end() && *side < low + (1u << 24); ++side) {
-      const auto triangle = static_cast<std::size_t>(*side & 0xffff);
-      if (taken_[triangle]) continue;
-      taken_.set(triangle);
-      return static_cast<std::uint8_t>(*side >> 16);
-    }
+    for (auto side = std::ranges::lower_bound(sides, low); side != sides.end() && *side < low + (1u << 24); ++side)
+      if (!taken_[*side & 0xffff]) return *side;
     return std::nullopt;
   }
 
- private:
   std::size_t count_;
   std::array<std::uint64_t, 3 * most_triangles> sides_;  // edge, third corner, triangle; ascending
   std::bitset<most_triangles> taken_;
 };
 
-bool encode(TriangleFinder finder, std::size_t corners, std::vector<std::byte>& code) {
+bool encode(TriangleFinder& finder, std::size_t corners, std::vector<std::byte>& code) {
   GrowingSurface surface(corners, finder.second());
   code.push_back(static_cast<std::byte>(finder.second()));
   for (std::size_t t = 0; t < surface_triangles(corners); ++t) {
     if (surface.is_closed()) return false;
     const Edge edge = surface.take_edge();
-    const auto third = finder.take(edge);
+    const auto third = finder.third_of(edge);
     const auto number = third ? surface.number_of(edge, *third) : std::nullopt;
     if (!number) return false;
     code.push_back(static_cast<std::byte>(*number));
+    finder.take(edge);
     surface.add(edge, *third);
   }
   return surface.is_closed() && surface.uses_all();
@@ -153,14 +158,14 @@ SurfaceCoding encode_surface(std::span<const SurfaceTriangle> triangles, std::si
                              std::vector<std::byte>& code) {
   if (triangles.size() != surface_triangles(corners)) return SurfaceCoding::failed;
   // Of the two ways round, the one whose triangle at the first edge has the lower third corner.
-  const TriangleFinder finder(triangles, false);
-  TriangleFinder probe = finder;
+  TriangleFinder finder(triangles, false);
   const std::uint8_t second = finder.second();
-  const auto left = probe.take({0, second}), right = probe.take({second, 0});
+  const auto left = finder.third_of({0, second}), right = finder.third_of({second, 0});
   if (!left || !right || *left == *right) return SurfaceCoding::failed;
   const bool mirrored = *left > *right;
+  if (mirrored) finder = TriangleFinder(triangles, true);
   const std::size_t had = code.size();
-  if (!encode(mirrored ? TriangleFinder(triangles, true) : finder, corners, code)) {
+  if (!encode(finder, corners, code)) {
     code.resize(had);
     return SurfaceCoding::failed;
   }
