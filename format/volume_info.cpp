@@ -190,13 +190,19 @@ Result<BoundaryInfo> read_boundary(const JsonField& node) {
   return boundary;
 }
 
-Result<CellsInfo> read_cells(const JsonField& node) {
+Result<CellsInfo> read_cells(const JsonField& node, bool is_series) {
   const JsonField field = node.member("hash");
   SPLATVOL_TRY_ASSIGN(text, field.text());
   CellsInfo cells;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), cells.hash, 16);
   if (text.size() != 16 || error != std::errc{} || end != text.data() + text.size())
     return field.wrong("not 16 hexadecimal digits");
+  if (!node.has("copies")) return cells;
+  const JsonField copies = node.member("copies");
+  if (!is_series) return copies.wrong("only a series has it");
+  SPLATVOL_TRY_ASSIGN(rule, copies.text());
+  if (rule != "block") return copies.wrong("'{}' is unknown", rule);
+  cells.blocks_apart = true;
   return cells;
 }
 
@@ -241,7 +247,7 @@ Result<VolumeInfo> read_info(const JsonField& root) {
   SPLATVOL_TRY_SET(info.size_bounds, size_bounds.each(&JsonField::text));
   SPLATVOL_TRY_SET(info.provenance, read_provenance(root));
   if (root.has("boundary")) SPLATVOL_TRY_SET(info.boundary, read_boundary(root.member("boundary")));
-  if (root.has(cells_key)) SPLATVOL_TRY_SET(info.cells, read_cells(root.member(cells_key)));
+  if (root.has(cells_key)) SPLATVOL_TRY_SET(info.cells, read_cells(root.member(cells_key), info.series.has_value()));
   if (root.has("up")) SPLATVOL_TRY_SET(info.up, read_up(root.member("up")));
   return info;
 }
@@ -301,6 +307,12 @@ json to_json(const BoundaryInfo& boundary) {
   return root;
 }
 
+json to_json(const CellsInfo& cells) {
+  json root = {{"hash", fmt::format("{:016x}", cells.hash)}};
+  if (cells.blocks_apart) root["copies"] = "block";
+  return root;
+}
+
 json to_json(const StepInfo& step) {
   json root = {{"time", step.time},
                {"attributes", json::array()},
@@ -347,7 +359,7 @@ json to_json(const VolumeInfo& info) {
   root["size_bounds"] = info.size_bounds;
   root["provenance"] = provenance_to_json(info.provenance);
   if (info.boundary) root["boundary"] = to_json(*info.boundary);
-  if (info.cells) root[cells_key] = {{"hash", fmt::format("{:016x}", info.cells->hash)}};
+  if (info.cells) root[cells_key] = to_json(*info.cells);
   if (info.up != -1) root["up"] = info.up >= 0 && info.up < 3 ? std::string(1, "xyz"[info.up]) : "no axis";
   if (!info.series) return root;
   root["series"] = json::array();

@@ -92,7 +92,8 @@ struct BoundaryInfo {
 
 /// The mesh's cells (spec 14). They are read on demand.
 struct CellsInfo {
-  std::uint64_t hash = 0;  // of all cells in any order: tells whether another input has the same ones
+  std::uint64_t hash = 0;     // of all cells in any order: tells whether another input has the same ones
+  bool blocks_apart = false;  // in a series: only vertices of one block of the input are joined
 
   [[nodiscard]] bool operator==(const CellsInfo&) const = default;
 };

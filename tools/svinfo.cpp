@@ -196,7 +196,7 @@ std::uint64_t cell_count(const format::CellReader& cells) {
   return count;
 }
 
-json cells_json(const format::CellReader& cells) {
+json cells_json(const format::CellReader& cells, const format::CellsInfo& info) {
   json kinds = json::array();
   for (const format::CellKind& kind : cells.kinds())
     kinds.push_back({{"shape", format::cell_shape_name(kind.shape)},
@@ -207,7 +207,9 @@ json cells_json(const format::CellReader& cells) {
                      {"turned", kind.turned}});
   json bytes;
   for (const auto& [part, count] : bytes_of(cells)) bytes[part] = count;
-  return {{"cells", cell_count(cells)}, {"chunks", cells.chunk_count()}, {"kinds", kinds}, {"bytes", bytes}};
+  json document = {{"cells", cell_count(cells)}, {"chunks", cells.chunk_count()}, {"kinds", kinds}, {"bytes", bytes}};
+  if (info.blocks_apart) document["blocks_apart"] = true;
+  return document;
 }
 
 json to_json(const Volume& volume, const format::Steps& steps, std::size_t step, const Survey& survey) {
@@ -236,7 +238,7 @@ json to_json(const Volume& volume, const format::Steps& steps, std::size_t step,
     document["sections"].push_back(
         {{"kind", name_of(section.kind)}, {"offset", section.offset}, {"bytes", section.packed_bytes}});
   if (info.boundary) document["boundary"] = boundary_json(*info.boundary);
-  if (survey.cells) document["cells"] = cells_json(*survey.cells);
+  if (survey.cells) document["cells"] = cells_json(*survey.cells, info.cells.value_or(format::CellsInfo{}));
   if (info.up >= 0) document["up"] = std::string(1, "xyz"[info.up]);
   document["provenance"] = parse_ordered_json(info.provenance);
   if (!steps.times().empty()) document["series"] = series_json(volume, steps, step);

@@ -44,7 +44,8 @@ class JointCells {
   /// Collective: finds the ranks of all corners, and sorts the cells at rank 0.
   [[nodiscard]] Status sort();
 
-  /// At rank 0, after sort(): tells of the next index leaf; what the file says of the cells; and what writes them.
+  /// Tells of the next index leaf; returns the metadata of the cells; returns what writes them. All at rank 0, after
+  /// sort().
   [[nodiscard]] Status add_leaf(const IndexLeaf& leaf);
   [[nodiscard]] format::CellsInfo info() const { return {cells_->hash()}; }
   [[nodiscard]] format::WriteCells writer(const BuildProgress& progress);

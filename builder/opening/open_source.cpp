@@ -65,13 +65,19 @@ class KnownFiles {
     return headers_[file] = std::move(header);
   }
 
-  /// Returns the files that a .pvtu or a composite file names.
-  Result<std::vector<std::string>> names(const std::string& path, const FileHeader& header) {
+  /// Returns the files that a .pvtu or a composite file names; those of a .pvtu are in no block.
+  Result<std::vector<BlockFile>> names(const std::string& path, const FileHeader& header) {
     const std::string file = canonical(path);
     const auto known = names_.find(file);
     if (known != names_.end()) return known->second;
-    SPLATVOL_TRY_ASSIGN(names, is_composite(header) ? block_files(path) : pvtu_pieces(path));
-    return names_[file] = std::move(names);
+    if (is_composite(header)) {
+      SPLATVOL_TRY_ASSIGN(blocks, block_files(path));
+      return names_[file] = std::move(blocks);
+    }
+    SPLATVOL_TRY_ASSIGN(pieces, pvtu_pieces(path));
+    std::vector<BlockFile> files;
+    for (const std::string& piece : pieces) files.push_back({piece});
+    return names_[file] = std::move(files);
   }
 
   /// Counts a file and those that it names, at any depth, as often as they are named. What cannot be read counts as one
@@ -84,7 +90,7 @@ class KnownFiles {
     const auto names = this->names(path, *header);
     if (!names) return 1;
     double sum = 1;
-    for (const std::string& name : *names) sum += count(name, nesting + 1);
+    for (const BlockFile& name : *names) sum += count(name.path, nesting + 1);
     return known->second = sum;
   }
 
@@ -102,7 +108,7 @@ class KnownFiles {
 
   std::map<std::string, std::filesystem::path> folders_;
   std::map<std::string, FileHeader> headers_;
-  std::map<std::string, std::vector<std::string>> names_;
+  std::map<std::string, std::vector<BlockFile>> names_;
   std::map<std::string, double> counts_;
 };
 
@@ -110,7 +116,7 @@ class KnownFiles {
 Status append_pieces(const std::string& path, const FileHeader& of_path, std::vector<VtkFile>& files,
                      KnownFiles& known) {
   SPLATVOL_TRY_ASSIGN(pieces, known.names(path, of_path));
-  for (const std::string& piece : pieces) {
+  for (const auto& [piece, block] : pieces) {
     const auto header = known.header(piece);
     if (!header) return fail_in(path, header.error());
     if (header->format != FileHeader::Format::vtk_xml || header->type != "UnstructuredGrid")
@@ -129,11 +135,14 @@ Status append_composite(const std::string& path, const FileHeader& header, std::
   if (nesting == deepest_nesting) return fail(ErrorCode::invalid_data, "{}: files name each other too deeply", path);
   SPLATVOL_TRY_ASSIGN(names, known.names(path, header));
   VtkFile composite{path, VtkFile::Kind::composite};
-  for (const std::string& name : names)
+  for (const auto& [name, block] : names) {
+    const std::size_t before = composite.blocks.size();
     if (const Status added = append_file(name, composite.blocks, known, nesting + 1); !added) {
       const bool named = nesting > 0 || added.error().message.starts_with(one_line(path) + ": ");
       return named ? added : Status(fail_in(path, added.error()));
     }
+    for (std::size_t i = before; i < composite.blocks.size(); ++i) composite.blocks[i].block = block;
+  }
   files.push_back(std::move(composite));
   return {};
 }

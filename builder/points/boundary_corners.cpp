@@ -20,7 +20,7 @@ bool operator<(const Corner& a, const Corner& b) {
 std::uint64_t hash_values(const PointRecords& layout, const std::byte* record) {
   if (layout.copies() == VertexCopies::same_values)
     return format::hash_bytes(layout.sample(record).subspan(layout.position_bytes()));
-  std::uint64_t hash = 0;
+  std::uint64_t hash = layout.copies() == VertexCopies::same_block ? layout.block(record) : 0;
   for (std::size_t a = 0; a < layout.attributes(); ++a)
     hash = 0x9e3779b97f4a7c15u * hash + (std::isnan(layout.value(record, a)) ? 1 : 2);
   return hash;
@@ -51,13 +51,15 @@ Status BoundaryCorners::read_corners(const MortonKey& key) {
   return {};
 }
 
-Status BoundaryCorners::append_planes(PointBatch& batch, std::size_t begin, std::span<const std::size_t> stored) {
+Status BoundaryCorners::append_planes(PointBatch& batch, std::size_t begin, std::span<const std::size_t> stored,
+                                      std::span<const std::uint64_t> blocks) {
   batch.planes.resize(batch.size());
   for (std::size_t first = begin, end = begin; first < batch.size(); first = end) {
     while (end < batch.size() && batch.keys[end] == batch.keys[first]) ++end;
     SPLATVOL_TRY(read_corners(batch.keys[first]));
     for (std::size_t i = first; i < end && !corners_.empty(); ++i) {
       layout_.set_position(record_.data(), batch.positions[i]);
+      if (layout_.copies() == VertexCopies::same_block) layout_.set_block(record_.data(), blocks[i - begin]);
       for (std::size_t a = 0; a < layout_.attributes(); ++a)
         layout_.set_value(record_.data(), a, batch.values[stored[a]][i]);
       const Corner corner{batch.positions[i], hash_values(layout_, record_.data())};

@@ -23,8 +23,8 @@ struct Corner {
 [[nodiscard]] bool operator==(const Corner& a, const Corner& b);
 [[nodiscard]] bool operator<(const Corner& a, const Corner& b);
 
-/// Hash of what copies of a vertex have in common besides their position: the values in a point's record, or, if copies
-/// are found without regard to values, which of them are missing.
+/// Hash of what copies of a vertex have in common besides their position (VertexCopies): the values in a point's
+/// record; or, if copies are found without regard to values, which of them are missing, and the block if that counts.
 [[nodiscard]] std::uint64_t hash_values(const PointRecords& layout, const std::byte* record);
 
 /// An outer face of the whole mesh, as one of its points has it: a third of it at each corner, or all of it at the
@@ -49,9 +49,10 @@ class BoundaryCorners {
   /// `corners`: of CornerArea, sorted by the Morton keys of their positions; those of one key in any order.
   BoundaryCorners(const PointRecords& layout, ExternalSorter corners);
 
-  /// Appends the planes of the points from `begin` on. `stored`: InputSummary::stored. Requires all points of each key,
-  /// and calls in Morton order.
-  [[nodiscard]] Status append_planes(PointBatch& batch, std::size_t begin, std::span<const std::size_t> stored);
+  /// Appends the planes of the points from `begin` on. `stored`: InputSummary::stored. `blocks`: of these points, if
+  /// copies of a vertex are of one block; else not used. Requires all points of each key, and calls in Morton order.
+  [[nodiscard]] Status append_planes(PointBatch& batch, std::size_t begin, std::span<const std::size_t> stored,
+                                     std::span<const std::uint64_t> blocks);
 
  private:
   [[nodiscard]] Status read_corners(const MortonKey& key);

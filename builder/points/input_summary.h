@@ -16,7 +16,7 @@ struct PointCensus {
   std::uint64_t read = 0;
   std::uint64_t not_finite = 0;  // dropped: a coordinate is not usable (is_usable_position)
   std::uint64_t merged = 0;      // copies of an earlier vertex of cells
-  std::uint64_t unlike = 0;      // of the merged, with other values: in a series (VertexCopies::same_place)
+  std::uint64_t unlike = 0;      // of the merged, with other values: in a series (VertexCopies::same_place, same_block)
   std::uint64_t coincident = 0;  // kept, though an earlier point has the same position
   std::uint64_t in_no_cell = 0;  // kept, though the input has cells and none uses them
   std::uint64_t left_out = 0;    // dropped: no cell uses them, and they lie outside of the box round all cells

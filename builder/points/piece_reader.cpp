@@ -189,7 +189,7 @@ std::vector<std::uint32_t> PieceReader::find_finite(const Piece& piece) {
 }
 
 bool PieceReader::leave_out(const std::byte* record) {
-  if (!has_cells() || layout_.vertex(record).in_cell != 0) return false;
+  if (!has_cells() || layout_.block(record) != 0) return false;
   const dvec3 position = layout_.position(record);
   if (squared_distance(facts_.in_cells.box, position) > 0) {
     ++facts_.census.left_out;
@@ -305,18 +305,19 @@ PieceReader::PieceMaterial PieceReader::prepare_material(const Piece& piece, std
 void PieceReader::set_material(const Piece& piece, const PieceMaterial& material, Block& block, std::size_t number,
                                std::byte* record) const {
   const std::uint32_t point = block.points[number];
-  if (piece.material) return set_known_material(*piece.material, point, record);
+  if (piece.material) return set_known_material(piece, point, record);
   if (piece.cells) return set_whole_cell(piece, block, number, record);
   if (!material.mesh) return;
   const SpatialMoments moments =
       material.mesh->find_values(block.vertices, number, block.values, layout_.has_gradients(), block.found);
-  layout_.set_vertex(record, {material.used[point] ? 1.0 : 0.0, moments});
+  layout_.set_vertex(record, {material.used[point] ? PointRecords::block_of(piece) : 0, moments});
   for (std::size_t a = 0; a < layout_.attributes(); ++a)
     layout_.set_value_part(record, a, {block.found[a].moments, block.found[a].gradient});
 }
 
-void PieceReader::set_known_material(const PointMaterial& material, std::size_t point, std::byte* record) const {
-  layout_.set_vertex(record, {1.0, material.moments[point]});
+void PieceReader::set_known_material(const Piece& piece, std::size_t point, std::byte* record) const {
+  const PointMaterial& material = *piece.material;
+  layout_.set_vertex(record, {PointRecords::block_of(piece), material.moments[point]});
   for (std::size_t a = 0; a < layout_.attributes(); ++a)
     layout_.set_value_part(record, a, {material.value_moments[a][point], material.gradients[a][point]});
   if (!material.planes.empty()) layout_.set_plane(record, material.planes[point]);
@@ -325,7 +326,7 @@ void PieceReader::set_known_material(const PointMaterial& material, std::size_t 
 // The point has a whole cell, and one value in it.
 void PieceReader::set_whole_cell(const Piece& piece, const Block& block, std::size_t number, std::byte* record) const {
   const SpatialMoments& moments = piece.cells->moments[block.points[number]];
-  layout_.set_vertex(record, {1.0, moments});
+  layout_.set_vertex(record, {PointRecords::block_of(piece), moments});
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
     const double value = block.values.at(number, a);
     if (std::isnan(value)) continue;
@@ -339,6 +340,7 @@ void PieceReader::set_whole_cell(const Piece& piece, const Block& block, std::si
 
 Status PieceReader::add_faces(const Piece& piece, bool has_mesh) {
   std::vector<std::byte> record(layout_.bytes());
+  if (layout_.has_material()) layout_.set_block(record.data(), PointRecords::block_of(piece));
   const auto hash = [&](std::size_t point) {
     const auto index = static_cast<std::uint32_t>(point);
     for (std::size_t a = 0; a < layout_.attributes(); ++a) {

@@ -126,7 +126,7 @@ class PieceReader {
                             PointRanges& ranges) const;
   void set_material(const Piece& piece, const PieceMaterial& material, Block& block, std::size_t number,
                     std::byte* record) const;
-  void set_known_material(const PointMaterial& material, std::size_t point, std::byte* record) const;
+  void set_known_material(const Piece& piece, std::size_t point, std::byte* record) const;
   void set_whole_cell(const Piece& piece, const Block& block, std::size_t number, std::byte* record) const;
   [[nodiscard]] Status add_faces(const Piece& piece, bool has_mesh);
   [[nodiscard]] bool has_cells() const { return facts_.in_cells.box.low.x <= facts_.in_cells.box.high.x; }

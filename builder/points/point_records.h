@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <functional>
 #include <span>
@@ -84,15 +85,23 @@ class PointRecords {
 
   /// With material only.
   struct VertexPart {
-    double in_cell = 0;  // 1 if a cell uses the point, else 0
+    std::uint64_t block = 0;  // block_of() the cells that use the point; 0: none does
     SpatialMoments moments;
   };
+
+  /// Returns the number of a piece's block, not 0: all pieces without one are of the same.
+  [[nodiscard]] static std::uint64_t block_of(const Piece& piece) { return piece.block == 0 ? 1 : piece.block; }
   struct ValuePart {
     ValueMoments moments;
     dvec3 gradient{0};  // of any length; 0 if the records have no gradients
   };
   [[nodiscard]] VertexPart vertex(const std::byte* record) const { return read<VertexPart>(record, vertex_offset()); }
   void set_vertex(std::byte* record, const VertexPart& part) const { write(record, vertex_offset(), part); }
+  [[nodiscard]] std::uint64_t block(const std::byte* record) const {
+    static_assert(offsetof(VertexPart, block) == 0);
+    return read<std::uint64_t>(record, vertex_offset());
+  }
+  void set_block(std::byte* record, std::uint64_t block) const { write(record, vertex_offset(), block); }
   [[nodiscard]] ValuePart value_part(const std::byte* record, std::size_t attribute) const {
     ValuePart part;
     std::memcpy(&part, record + value_offset(attribute), value_bytes());

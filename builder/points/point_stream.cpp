@@ -180,17 +180,29 @@ Result<std::size_t> PointStream::read_whole_run() {
   return keys_.size();
 }
 
+// Keeps the blocks of points for their planes, if a vertex has copies in its own block only. `points`: of the records,
+// numbers in a batch whose points from `first` on are new.
+void PointStream::note_blocks(const std::byte* records, std::span<const std::size_t> points, std::size_t first) {
+  if (!corners_ || layout_.copies() != VertexCopies::same_block) return;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    blocks_.resize(std::max(blocks_.size(), points[i] - first + 1));
+    blocks_[points[i] - first] = layout_.block(records + i * layout_.bytes());
+  }
+}
+
 Result<bool> PointStream::next(PointBatch& batch) {
   SPLATVOL_TRY(check_interruption());
   SPLATVOL_TRY_ASSIGN(whole, read_whole_run());
   if (whole == 0) return false;
   const std::size_t longest = longest_run(layout_.has_material());
   const std::size_t first = batch.size();
+  blocks_.clear();
   for (std::size_t begin = 0; begin < whole;) {
     std::size_t end = begin + 1;
     while (end < whole && end - begin < longest && keys_[end] == keys_[begin]) ++end;
     const std::byte* record = records_.data() + begin * layout_.bytes();
     const auto points = merger_.append(record, end - begin, keys_[begin], batch, summary_.census);
+    note_blocks(record, points, first);
     for (std::size_t i = 0; watch_rank_ && i < points.size(); ++i)
       SPLATVOL_TRY(
           watch_rank_(layout_.tag(record + i * layout_.bytes()), first_rank_ + returned_ + (points[i] - first)));
@@ -199,7 +211,7 @@ Result<bool> PointStream::next(PointBatch& batch) {
   returned_ += batch.size() - first;
   records_.erase(records_.begin(), records_.begin() + static_cast<std::ptrdiff_t>(whole * layout_.bytes()));
   keys_.erase(keys_.begin(), keys_.begin() + static_cast<std::ptrdiff_t>(whole));
-  if (corners_) SPLATVOL_TRY(corners_->append_planes(batch, first, summary_.stored));
+  if (corners_) SPLATVOL_TRY(corners_->append_planes(batch, first, summary_.stored, blocks_));
   return true;
 }
 

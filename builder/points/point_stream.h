@@ -77,6 +77,7 @@ class PointStream {
 
  private:
   [[nodiscard]] Result<std::size_t> read_whole_run();
+  void note_blocks(const std::byte* records, std::span<const std::size_t> points, std::size_t first);
 
   PointRecords layout_;  // with all attributes of the source
   PointRecords stored_layout_;
@@ -91,6 +92,7 @@ class PointStream {
   // Sorted records that have not been returned. The last ones may have equals that are still to come.
   std::vector<std::byte> records_;
   std::vector<MortonKey> keys_;
+  std::vector<std::uint64_t> blocks_;  // of the points that next() returns, if they are needed
   bool ended_ = false;
 };
 

@@ -18,8 +18,14 @@ std::span<const std::byte> values_of(const PointRecords& layout, const std::byte
   return layout.sample(record).subspan(layout.position_bytes());
 }
 
-// Orders the samples of one position; those that are not told apart are equal.
+// Orders the samples of one position; those that are not told apart are equal. Vertices of cells stand together: a
+// point of no cell between two copies would part them.
 bool is_less(const PointRecords& layout, const std::byte* a, const std::byte* b) {
+  if (layout.has_material()) {
+    const std::uint64_t block = layout.block(a), other = layout.block(b);
+    if ((block == 0) != (other == 0)) return other == 0;
+    if (layout.copies() == VertexCopies::same_block && block != other) return block < other;
+  }
   if (layout.copies() == VertexCopies::same_values)
     return std::ranges::lexicographical_compare(values_of(layout, a), values_of(layout, b));
   for (std::size_t i = 0; i < layout.attributes(); ++i) {
@@ -86,9 +92,7 @@ std::vector<std::size_t> SampleMerger::find_kept(const std::byte* records, const
                                                  PointCensus& census) const {
   const auto record = [&](std::size_t i) { return records + i * layout_.bytes(); };
   const auto position = [&](std::size_t i) { return position_of(layout_, record(i)); };
-  const auto is_in_cell = [&](std::size_t i) {
-    return layout_.has_material() && layout_.vertex(record(i)).in_cell != 0;
-  };
+  const auto is_in_cell = [&](std::size_t i) { return layout_.has_material() && layout_.block(record(i)) != 0; };
   const auto is_same_sample = [&](std::size_t i, std::size_t j) {
     return layout_.copies() != VertexCopies::none && position(i) == position(j) &&
            !is_less(layout_, record(i), record(j)) && !is_less(layout_, record(j), record(i));

@@ -49,7 +49,7 @@ class SharedTetrahedra {
   struct Votes {
     std::uint64_t offset, count, hash;
   };
-  // What all subdomains have found whose lowest corner is in one subdomain.
+  // The tetrahedra that subdomains have found, and whose lowest corner is in one subdomain.
   struct Ballot {
     std::vector<Votes> votes;   // one for each subdomain that found some
     std::uint64_t balance = 0;  // 0: all agree

@@ -177,8 +177,13 @@ class SeriesBuild {
     std::vector<std::string> conversions;
   };
 
+  // A new file that keeps cells shows where two blocks differ. An append follows the rule of its file.
+  [[nodiscard]] bool keeps_blocks_apart() const {
+    return target_.info ? target_.info->cells && target_.info->cells->blocks_apart : options_.keep_cells;
+  }
+
   Result<BuiltGroup> run_group() {
-    SPLATVOL_TRY_ASSIGN(source, StepGroup::open(group_));
+    SPLATVOL_TRY_ASSIGN(source, StepGroup::open(group_, keeps_blocks_apart()));
     if (target_.file) {
       SPLATVOL_TRY_ASSIGN(faces, start_boundary(*source, options_, folder_));
       faces_ = std::move(faces);
@@ -246,7 +251,7 @@ class SeriesBuild {
   Status find_cells(ReducedSource& reduced) {
     progress_("sorting cells", 0);
     SPLATVOL_TRY(target_.file ? cells_->sort() : cells_->hash_only());
-    reduced.info.cells = format::CellsInfo{cells_->hash()};
+    reduced.info.cells = format::CellsInfo{cells_->hash(), keeps_blocks_apart()};
     if (!target_.info || target_.info->cells == reduced.info.cells) return {};
     return fail(ErrorCode::invalid_data, "{}: its cells are not those of the steps before: {}", group_.front().name,
                 series_of_files_hint);

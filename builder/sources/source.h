@@ -65,6 +65,7 @@ using PointTag = std::uint64_t;
 
 /// A part of the input that is small enough to hold in memory.
 struct Piece {
+  std::uint64_t block = 0;  // of the input: its number (BlockNumbers) is the same in all files and steps; 0: none
   std::vector<dvec3> points;
   std::vector<std::vector<double>> values;               // [attribute][point]; NaN: missing
   std::shared_ptr<const LentValues> lent;                // instead of values; only after Source::lend_values()
@@ -111,6 +112,7 @@ struct TimeStep {
 enum class VertexCopies {
   same_values,  // those with the same values
   same_place,   // all, if each attribute has a value at all of them or at none
+  same_block,   // of these, those of one block
   none
 };
 

@@ -33,8 +33,9 @@ std::string difference(const Piece& first, const Piece& other) {
 }
 
 // One piece repeats no vertex, so its points of one position are those of a crack or of a field that jumps.
-VertexCopies copies_of(const Source& source) {
-  return source.piece_count() > 1 && !source.averages_by_piece() ? VertexCopies::same_place : VertexCopies::none;
+VertexCopies copies_of(const Source& source, bool blocks_apart) {
+  if (source.piece_count() < 2 || source.averages_by_piece()) return VertexCopies::none;
+  return blocks_apart ? VertexCopies::same_block : VertexCopies::same_place;
 }
 
 template <class T>
@@ -44,22 +45,24 @@ void append(std::vector<T>& all, std::vector<T>& more) {
 
 }  // namespace
 
-StepGroup::StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first)
+StepGroup::StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first, bool blocks_apart)
     : steps_(std::move(steps)),
       first_(std::move(first)),
       others_(steps_.size()),
       finished_(steps_.size()),
       step_attributes_(first_->attributes()),
-      copies_(copies_of(*first_)),
+      copies_(copies_of(*first_, blocks_apart)),
+      blocks_(steps_.size()),
+      first_blocks_(steps_.size()),
       stated_times_(steps_.size()) {
   for (std::size_t step = 0; step < steps_.size(); ++step)
     attributes_.insert(attributes_.end(), step_attributes_.begin(), step_attributes_.end());
   stated_times_[0] = first_->stated_time();
 }
 
-Result<std::unique_ptr<StepGroup>> StepGroup::open(std::vector<SeriesStep> steps) {
+Result<std::unique_ptr<StepGroup>> StepGroup::open(std::vector<SeriesStep> steps, bool blocks_apart) {
   SPLATVOL_TRY_ASSIGN(first, steps.front().open());
-  return std::unique_ptr<StepGroup>(new StepGroup(std::move(steps), std::move(first)));
+  return std::unique_ptr<StepGroup>(new StepGroup(std::move(steps), std::move(first), blocks_apart));
 }
 
 std::vector<std::string> StepGroup::units() const {
@@ -111,9 +114,16 @@ Status StepGroup::open_other(std::size_t step) {
   return {};
 }
 
+// Whether the pieces of a step are in the blocks of the first step. Blocks may have other names there.
+bool StepGroup::has_same_block(std::size_t step, std::uint64_t first, std::uint64_t other) {
+  return copies_ != VertexCopies::same_block || (blocks_[step].try_emplace(first, other).first->second == other &&
+                                                 first_blocks_[step].try_emplace(other, first).first->second == first);
+}
+
 // Adds the values of a step.
-Status StepGroup::add(std::size_t step, std::unique_ptr<Piece> other, Piece& piece) const {
-  const std::string different = difference(piece, *other);
+Status StepGroup::add(std::size_t step, std::unique_ptr<Piece> other, Piece& piece) {
+  std::string different = difference(piece, *other);
+  if (different.empty() && !has_same_block(step, piece.block, other->block)) different = "its blocks are others";
   if (!different.empty())
     return fail(ErrorCode::invalid_data, "{}: its mesh is not that of {}: {}; {}", steps_[step].name, steps_[0].name,
                 different, series_of_files_hint);

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -23,12 +25,13 @@ struct SeriesStep {
 /// step; next() fails if another step has other points, cells or attributes. Holds a piece of each step, and its source
 /// if it has several pieces.
 ///
-/// The copies of a vertex are the same at all steps, whatever the values: points of one position are copies if the
-/// input has several pieces, and not if values of cells are averaged in each piece by itself.
+/// The copies of a vertex are the same at all steps, whatever the values. Points of one position are copies if the
+/// input has several pieces. They are none if values of cells are averaged in each piece by itself. If blocks are to
+/// stay apart, points of different blocks are none.
 class StepGroup final : public Source {
  public:
-  /// Opens the first step. Requires a step.
-  [[nodiscard]] static Result<std::unique_ptr<StepGroup>> open(std::vector<SeriesStep> steps);
+  /// Opens the first step. Requires a step. `blocks_apart`: whether vertices of different blocks are no copies.
+  [[nodiscard]] static Result<std::unique_ptr<StepGroup>> open(std::vector<SeriesStep> steps, bool blocks_apart);
 
   /// The attributes of one step.
   [[nodiscard]] const std::vector<std::string>& step_attributes() const { return step_attributes_; }
@@ -52,9 +55,10 @@ class StepGroup final : public Source {
   [[nodiscard]] bool single_precision() const override { return first_->single_precision(); }
 
  private:
-  StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first);
+  StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first, bool blocks_apart);
   [[nodiscard]] Status open_other(std::size_t step);
-  [[nodiscard]] Status add(std::size_t step, std::unique_ptr<Piece> other, Piece& piece) const;
+  [[nodiscard]] Status add(std::size_t step, std::unique_ptr<Piece> other, Piece& piece);
+  [[nodiscard]] bool has_same_block(std::size_t step, std::uint64_t first, std::uint64_t other);
   [[nodiscard]] Status close_finished(std::size_t step);
 
   std::vector<SeriesStep> steps_;
@@ -63,6 +67,7 @@ class StepGroup final : public Source {
   std::vector<bool> finished_;                   // [step]
   std::vector<std::string> step_attributes_, attributes_;
   VertexCopies copies_;
+  std::vector<std::map<std::uint64_t, std::uint64_t>> blocks_, first_blocks_;  // [step]: by the first step's, and back
   std::vector<std::optional<double>> stated_times_;
 };
 

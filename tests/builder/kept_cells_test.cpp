@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <fstream>
@@ -20,7 +21,9 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/series_check.h"
 #include "tests/support/results.h"
+#include "tests/support/surgery.h"
 #include "tests/support/temp_folder.h"
+#include "tests/support/volume_bytes.h"
 
 namespace splatvol {
 namespace {
@@ -232,6 +235,126 @@ TEST_F(KeptCells, OfASeriesDoNotChange) {
   ASSERT_EQ(test::message_of(build_series(steps(0, 1), path("plain.svol"), {}, silent)), "");
   EXPECT_THAT(test::message_of(append_to_series(steps(1, 2), path("plain.svol"), options, silent)),
               HasSubstr("it keeps no cells"));
+}
+
+// Two bodies that touch, the first in two pieces. Their values agree at step 0, and later they jump. `second`: number
+// of the other block.
+double value_in(std::uint64_t block, std::size_t step, dvec3 p) {
+  return step == 0 ? 3 : field(step, p) + (block == 1 ? 0 : 50);
+}
+
+std::vector<Piece> bodies_at(std::size_t step, std::uint64_t second = 2) {
+  const test::Mesh left = test::lattice(6), right = test::lattice(6, [](dvec3 p) { return p + dvec3(1, 0, 0); });
+  std::vector<Piece> pieces = test::cut(test::mesh_piece(left, [&](dvec3 p) { return value_in(1, step, p); }), 2);
+  pieces.push_back(test::mesh_piece(right, [&](dvec3 p) { return value_in(2, step, p); }));
+  pieces[0].block = pieces[1].block = 1;
+  pieces[2].block = second;
+  return pieces;
+}
+
+std::vector<SeriesStep> body_steps(std::size_t begin, std::size_t end, std::uint64_t second = 2) {
+  std::vector<SeriesStep> list;
+  for (std::size_t step = begin; step < end; ++step)
+    list.push_back(test::step_of(fmt::format("step {}", step), static_cast<double>(step), bodies_at(step, second)));
+  return list;
+}
+
+constexpr std::uint64_t body_points = 7 * 7 * 7, seam_points = 7 * 7;
+
+// Expects that each cell of the file has the values of its own block.
+void expect_own_values(const format::Volume& volume, std::size_t step) {
+  const auto cells = test::value_of(CellReader::open(volume));
+  format::RankedPoints points(*cells, 1 << 20);
+  std::size_t right = 0, all = 0;
+  for (const format::CellChunk& chunk : chunks_of(*cells)) {
+    std::vector<format::RankedPoints::Place> places;
+    std::vector<dvec3> corners;
+    std::vector<float> values;
+    ASSERT_TRUE(points.find(chunk.corners, places));
+    ASSERT_TRUE(points.read_positions(places, corners));
+    ASSERT_TRUE(points.read_values(places, 0, values));
+    for (std::size_t first = 0; first < corners.size(); first += 4) {
+      double x = 0;
+      for (std::size_t k = first; k < first + 4; ++k) x += corners[k].x / 4;
+      right += x > 1 ? 1 : 0;
+      ++all;
+      for (std::size_t k = first; k < first + 4; ++k)
+        ASSERT_NEAR(volume.info().attributes[0].value(double{values[k]}), value_in(x > 1 ? 2 : 1, step, corners[k]),
+                    0.05)
+            << corners[k].x;
+    }
+  }
+  EXPECT_EQ(all, 2u * 6 * 6 * 6 * 6);
+  EXPECT_EQ(2 * right, all);
+}
+
+TEST_F(KeptCells, OfTwoBlocksKeepTheirOwnValuesWhereTheyTouch) {
+  const BuildOptions options{.keep_cells = true}, little{.memory = 1 << 20, .keep_cells = true};
+  const auto built = test::value_of(build_series(body_steps(0, 4), path("series.svol"), options, silent));
+  EXPECT_EQ(built.build.points.unlike, 0u);
+  for (const std::size_t threads : {1, 4}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    ASSERT_EQ(test::message_of(build_series(body_steps(0, 4), path("apart.svol"), little, silent)), "");
+    EXPECT_TRUE(read_text_file(path("series.svol")).value() == read_text_file(path("apart.svol")).value());
+  }
+  // Blocks may have other numbers, as long as they are the same blocks.
+  ASSERT_EQ(test::message_of(build_series(body_steps(0, 1), path("grown.svol"), options, silent)), "");
+  ASSERT_EQ(test::message_of(append_to_series(body_steps(1, 4, 77), path("grown.svol"), {}, silent)), "");
+  for (const char* name : {"series.svol", "grown.svol"}) {
+    const auto series = open_checked(name);
+    EXPECT_EQ(series->info().point_count(), 2 * body_points);
+    EXPECT_TRUE(series->info().cells->blocks_apart);
+    for (std::size_t step = 0; step < 4; ++step) expect_own_values(*test::value_of(series->at_step(step)), step);
+  }
+}
+
+TEST_F(KeptCells, OfOneBlockAreJoinedAcrossItsPieces) {
+  const BuildOptions options{.keep_cells = true};
+  for (const bool keeps : {false, true}) {
+    const std::uint64_t second = keeps ? 1 : 2;  // without cells, blocks are joined too
+    const auto built =
+        test::value_of(build_series(body_steps(0, 2, second), path("series.svol"), {.keep_cells = keeps}, silent));
+    EXPECT_EQ(built.build.points.unlike, seam_points);
+    const auto series = open_checked("series.svol");
+    EXPECT_EQ(series->info().point_count(), 2 * body_points - seam_points);
+    EXPECT_EQ(series->info().cells.has_value(), keeps);
+  }
+}
+
+// The rule of the file, also of files of before there was a choice.
+TEST_F(KeptCells, AnAppendFollowsTheFilesRuleForBlocks) {
+  const BuildOptions options{.keep_cells = true};
+  ASSERT_EQ(test::message_of(build_series(body_steps(0, 1, 1), path("joined.svol"), options, silent)), "");
+  EXPECT_THAT(test::message_of(append_to_series(body_steps(1, 2), path("joined.svol"), {}, silent)),
+              HasSubstr("its cells are not those of the steps before"));
+
+  const std::string text = read_text_file(path("joined.svol")).value();
+  const auto change = [&](const std::string& from, const std::string& to) {
+    const format::Bytes changed =
+        test::Dissected(test::bytes_of(text)).assemble([&](test::Part part, std::size_t index, format::Bytes& bytes) {
+          if (part != test::Part::metadata || index > 0) return;
+          std::string json = test::text_of(bytes);
+          const std::size_t at = json.find(from);
+          ASSERT_NE(at, std::string::npos);
+          bytes = test::bytes_of(json.replace(at, from.size(), to));
+        });
+    return test::text_of(changed);
+  };
+  write("older.svol", change(R"("copies":"block",)", ""));
+  EXPECT_FALSE(open_checked("older.svol")->info().cells->blocks_apart);
+  // The cells are the same, as blocks are joined. The chunks are not: the test has packed those of the file otherwise.
+  EXPECT_THAT(test::message_of(append_to_series(body_steps(1, 2), path("older.svol"), options, silent)),
+              HasSubstr("its points and cells are not those of the steps before"));
+
+  write("newer.svol", change(R"("copies":"block")", R"("copies":"other")"));
+  EXPECT_THAT(test::message_of(format::Volume::open(*open_file(path("newer.svol")))), HasSubstr("'other' is unknown"));
+}
+
+TEST_F(KeptCells, BlocksDoNotChangeFromStepToStep) {
+  std::vector<SeriesStep> list = body_steps(0, 1);
+  list.push_back(body_steps(1, 2, 1)[0]);
+  EXPECT_THAT(test::message_of(build_series(list, path("series.svol"), {.keep_cells = true}, silent)),
+              HasSubstr("its blocks are others"));
 }
 
 }  // namespace

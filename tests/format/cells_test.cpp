@@ -498,6 +498,9 @@ TEST_F(DamagedCells, MetadataFollowTheirRules) {
   for (const char* hash : {"\"0123456789abcde\"", "\"0123456789abcdef0\"", "\"0123456789abcdeg\"",
                            "\"-123456789abcdef\"", "\"0x23456789abcdef\"", "\"\"", "7", "null"})
     expect_refused(Part::metadata, 0, replace("\"0123456789abcdef\"", hash), "[R9]");
+  for (const char* copies : {R"("block")", R"("place")", "7"})
+    expect_refused(Part::metadata, 0, replace("\"hash\"", fmt::format(R"("copies":{},"hash")", copies)),
+                   "only a series has it [R9]");
   const Bytes plain = Dissected(test_volume_bytes(plain_volume())).assemble([](Part part, std::size_t, Bytes& bytes) {
     if (part != Part::metadata) return;
     std::string json = test::text_of(bytes);

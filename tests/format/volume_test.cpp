@@ -263,7 +263,7 @@ TEST(Damage, EveryFlippedByteIsFound) {
   ASSERT_TRUE(verify_bytes(bytes));
   ASSERT_TRUE(verify_in_parts(bytes));
   std::mt19937 random(1);
-  const std::size_t step = test::is_sanitized && !test::is_long() ? 5 : 1;  // each takes ten times as long there
+  const std::size_t step = test::is_sanitized && !test::is_long() ? 11 : 1;  // each takes ten times as long there
   for (std::size_t i = 0; i < bytes.size(); i += step) {
     const std::byte whole = bytes[i];
     for (const std::byte pattern : {std::byte{1} << random() % 8, static_cast<std::byte>(1 + random() % 255)}) {
@@ -279,11 +279,11 @@ TEST(Damage, EveryFlippedByteIsFound) {
 
 // Many pages of the directory, and two damaged places: the first one is told.
 TEST(Damage, IsToldTheSameWayByAnyNumberOfThreads) {
-  Bytes bytes = test_volume_bytes(small_volume(20'000, 3, {.node_points = 8}));
+  Bytes bytes = test_volume_bytes(small_volume(test::is_sanitized ? 6'000 : 20'000, 3, {.node_points = 8}));
   ASSERT_GT(Volume::open(memory_source(bytes, "test.svol")).value()->directory_page_count(), 4u);
   for (const std::size_t threads : {0u, 1u, 2u, 16u}) EXPECT_TRUE(verify_bytes(bytes, threads)) << threads;
   std::mt19937 random(2);
-  for (int tries = 0; tries < (test::is_sanitized ? 10 : 100); ++tries) {
+  for (int tries = 0; tries < (test::is_sanitized ? 3 : 100); ++tries) {
     const std::array<std::size_t, 2> at = {random() % bytes.size(), random() % bytes.size()};
     for (const std::size_t i : at) bytes[i] ^= std::byte{1};
     const Status status = verify_bytes(bytes), by_many = verify_bytes(bytes, 4);

@@ -9,10 +9,9 @@
 
 #include "base/file.h"
 #include "format/volume.h"
-#include "tests/golden/golden_picture.h"
+#include "tests/golden/golden_files.h"
 #include "tests/support/long.h"
 #include "tests/support/results.h"
-#include "tests/support/sanitizers.h"
 #include "tests/support/surgery.h"
 #include "tests/support/volume_bytes.h"
 #include "tests/support/volume_dump.h"
@@ -20,13 +19,8 @@
 namespace splatvol {
 namespace {
 
-std::vector<std::filesystem::path> golden_files() {
-  std::vector<std::filesystem::path> files;
-  for (const auto& entry : std::filesystem::directory_iterator(SPLATVOL_GOLDEN))
-    if (entry.path().extension() == ".svol") files.push_back(entry.path());
-  std::ranges::sort(files);
-  return files;
-}
+using test::golden_files;
+using test::lines_of;
 
 std::shared_ptr<const format::Volume> open(const std::filesystem::path& path) {
   return test::value_of(format::Volume::open(test::value_of(open_file(path))));
@@ -35,16 +29,6 @@ std::shared_ptr<const format::Volume> open(const std::filesystem::path& path) {
 format::Bytes bytes_of(const std::filesystem::path& path) { return test::bytes_of(read_text_file(path).value()); }
 
 std::string dump_of(const std::filesystem::path& path) { return test::value_of(test::dump_volume(*open(path))); }
-
-std::vector<std::string> lines_of(const std::string& text) {
-  std::vector<std::string> lines;
-  for (std::size_t begin = 0; begin < text.size();) {
-    const std::size_t end = std::min(text.find('\n', begin), text.size());
-    lines.push_back(text.substr(begin, end - begin));
-    begin = end + 1;
-  }
-  return lines;
-}
 
 TEST(Golden, EachFileIsReadAsItWasWhenTheFormatWasFrozen) {
   for (const std::filesystem::path& path : golden_files()) {
@@ -55,36 +39,6 @@ TEST(Golden, EachFileIsReadAsItWasWhenTheFormatWasFrozen) {
     EXPECT_EQ(now.size(), then.size()) << path;
     for (std::size_t i = 0; i < std::min(now.size(), then.size()); ++i)
       ASSERT_EQ(now[i], then[i]) << path << ", line " << i + 1;
-  }
-}
-
-/// Returns the numbers of a picture's text, with the lines of words between them.
-std::vector<std::string> words_of(const std::string& text) {
-  std::vector<std::string> words;
-  for (const std::string& line : lines_of(text)) {
-    if (line == "splats" || line == "slabs")
-      words.push_back(line);
-    else
-      for (std::size_t at = 0; at < line.size(); at += 4) words.push_back(line.substr(at, 4));
-  }
-  return words;
-}
-
-TEST(Golden, EachFileIsDrawnAsBefore) {
-  for (const std::filesystem::path& path : golden_files()) {
-    SCOPED_TRACE(path);
-    const auto picture = test::value_of(test::golden_picture(path, test::value_of(test::golden_scene(path))));
-    std::filesystem::path beside = path;
-    const auto stored = test::value_of(read_text_file(beside.replace_extension(".picture")));
-    const std::vector<std::string> now = words_of(picture), then = words_of(stored);
-    ASSERT_EQ(now.size(), then.size()) << path;
-    // 1e-4; 1e-3 with sanitizers: that code is clang's, for one instruction set, and rounds otherwise.
-    constexpr int most = test::is_sanitized ? 66 : 7;
-    for (std::size_t i = 0; i < now.size(); ++i) {
-      if (now[i] == then[i]) continue;
-      ASSERT_LE(std::abs(std::stoi(now[i], nullptr, 16) - std::stoi(then[i], nullptr, 16)), most)
-          << path << ", number " << i;
-    }
   }
 }
 

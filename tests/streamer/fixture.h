@@ -13,6 +13,7 @@
 
 #include "scene/scene.h"
 #include "streamer/streamer.h"
+#include "tests/support/long.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol::test {
@@ -44,6 +45,11 @@ namespace splatvol::test {
 
 /// Returns the mass of all material of a volume.
 [[nodiscard]] double mass_of(const TestVolume& volume);
+
+/// The kernels that tests take: the paper's, octant, only in long ones.
+[[nodiscard]] inline std::vector<KernelKind> kernels() {
+  return sample_of<KernelKind>({KernelKind::moments, KernelKind::octant});
+}
 
 /// Names of kernels in the names of tests.
 [[nodiscard]] std::string kernel_name(const testing::TestParamInfo<KernelKind>& kernel);

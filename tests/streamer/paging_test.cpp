@@ -9,8 +9,8 @@
 #include "tests/builder/support/built_input.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/fault_source.h"
+#include "tests/support/long.h"
 #include "tests/support/random.h"
-#include "tests/support/sanitizers.h"
 #include "tests/support/temp_folder.h"
 
 namespace splatvol {
@@ -107,7 +107,7 @@ class Paging : public testing::TestWithParam<KernelKind> {
     }
   }
 };
-INSTANTIATE_TEST_SUITE_P(Kernels, Paging, testing::Values(KernelKind::octant, KernelKind::moments), test::kernel_name);
+INSTANTIATE_TEST_SUITE_P(Kernels, Paging, testing::ValuesIn(test::kernels()), test::kernel_name);
 
 TEST_P(Paging, EndsInTheSynchronousFrame) {
   std::mt19937 random(32);
@@ -227,7 +227,7 @@ TEST(PagingMass, IsThatOfTheVolumeInEveryFrame) {
 }
 
 TEST_P(Paging, AWalkStaysWithinItsBudget) {
-  constexpr int steps = test::is_sanitized ? 300 : 1000;
+  const int steps = test::is_long() ? 1000 : 300;
   const std::uint64_t memory = small_budget();
   const auto streamer = open(memory, large_volume_bytes(), "value");
   std::mt19937 random(34);

@@ -374,8 +374,7 @@ class StreamerOf : public testing::TestWithParam<KernelKind> {
     return memory;
   }
 };
-INSTANTIATE_TEST_SUITE_P(Kernels, StreamerOf, testing::Values(KernelKind::octant, KernelKind::moments),
-                         test::kernel_name);
+INSTANTIATE_TEST_SUITE_P(Kernels, StreamerOf, testing::ValuesIn(test::kernels()), test::kernel_name);
 
 TEST_P(StreamerOf, KeepsDetailFarFromTheOrigin) {
   test::TestVolumeOptions options;

@@ -433,7 +433,9 @@ class Dissected::Assembler {
               : kind == SectionKind::histograms ? Part::histograms
                                                 : Part::other_section,
               bytes);
-      sections[kind] = packed(bytes);
+      // These are raw, whatever a file packs otherwise [R7].
+      const bool is_raw = kind == SectionKind::cells_draft || kind == SectionKind::cell_summaries_draft;
+      sections[kind] = is_raw ? bytes : packed(bytes);
       unpacked_bytes[kind] = bytes.size();
     }
     if (!body.patches.empty()) unpacked_bytes[SectionKind::boundary] = pack_patches(body, sections);

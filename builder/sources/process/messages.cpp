@@ -242,7 +242,7 @@ Status get(Channel& channel, TriangleMesh& mesh) {
 
 Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attributes) {
   const std::size_t points = piece->points.size();
-  SPLATVOL_TRY(channel.put_all(piece->census, piece->fills, piece->lent != nullptr));
+  SPLATVOL_TRY(channel.put_all(piece->block, piece->census, piece->fills, piece->lent != nullptr));
   SPLATVOL_TRY(put_away(channel, piece->points));
   SPLATVOL_TRY(put_away(channel, piece->tetrahedra));
   SPLATVOL_TRY(put_away(channel, piece->whole_cells));
@@ -257,8 +257,8 @@ Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attribute
 
 Status get(Channel& channel, Piece& piece, std::size_t attributes) {
   bool is_lent = false;
-  SPLATVOL_TRY(channel.get_all(piece.census, piece.fills, is_lent, piece.points, piece.tetrahedra, piece.whole_cells,
-                               piece.values));
+  SPLATVOL_TRY(channel.get_all(piece.block, piece.census, piece.fills, is_lent, piece.points, piece.tetrahedra,
+                               piece.whole_cells, piece.values));
   if (is_lent) {
     std::vector<PackedColumn> columns;
     for (std::size_t a = 0; a < attributes; ++a) {

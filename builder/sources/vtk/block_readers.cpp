@@ -129,6 +129,9 @@ class OpenFoamReader final : public BlockReader {
     return path.size() > 2 ? path.front() + "/" + path.back() : path.back();
   }
 
+  /// Each processor has a part of each region.
+  std::string block_name(const std::vector<std::string>& path) const override { return path.front(); }
+
   /// Chooses the mesh of each region, and its patches if they are wanted. Fields may differ between time steps, so all
   /// are read.
   void select(const std::vector<std::string>&) override {
@@ -284,6 +287,12 @@ class CgnsReader final : public BlockReader {
 };
 
 }  // namespace
+
+std::string BlockReader::block_name(const std::vector<std::string>& path) const {
+  std::string name;
+  for (const std::string& part : path) name += "/" + part;
+  return name;
+}
 
 void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces) {
   time ? reader.UpdateTimeStep(*time, piece, pieces) : reader.UpdatePiece(piece, pieces, 0);

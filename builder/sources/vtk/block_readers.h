@@ -37,6 +37,10 @@ class BlockReader {
   /// surface is none.
   [[nodiscard]] virtual std::string patch_name(const std::vector<std::string>& path) const { return path.back(); }
 
+  /// The name of the block that a data set is, or is a part of: the same in each file, step and portion that has a part
+  /// of it. `path`: as for patch_name().
+  [[nodiscard]] virtual std::string block_name(const std::vector<std::string>& path) const;
+
   /// Returns patches that are no surfaces of the output, once.
   virtual std::vector<Patch> take_patches() { return {}; }
 

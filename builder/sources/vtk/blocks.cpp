@@ -15,6 +15,7 @@
 #include <iterator>
 #include <utility>
 
+#include "builder/sources/block_numbers.h"
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/block_checks.h"
@@ -69,7 +70,7 @@ class BlockDataSets final : public VtkDataSets {
     SPLATVOL_TRY(run_vtk(file_.path, [&] { announced = reader_->arrays(time_of(step_)); }));
     SPLATVOL_TRY(arrays.add(file_.path, wanted(std::move(announced))));
     SPLATVOL_TRY(arrays.add(file_.path, shared_arrays_.arrays()));
-    for (const auto& block : blocks_) SPLATVOL_TRY(arrays.add(file_.path, wanted(array_shapes(*block))));
+    for (const Block& block : blocks_) SPLATVOL_TRY(arrays.add(file_.path, wanted(array_shapes(*block.data))));
     return {};
   }
 
@@ -80,6 +81,7 @@ class BlockDataSets final : public VtkDataSets {
   std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
+  std::uint64_t block() const override { return returned_block_.number; }
   CellCensus take_changes() override {
     CellCensus changes = std::exchange(changes_, {});
     changes += reader_->take_changes();
@@ -94,7 +96,7 @@ class BlockDataSets final : public VtkDataSets {
     return *has_finer_points_;
   }
   void share_means(vtkDataSet& data, const std::string& array, int component, std::span<double> means) const override {
-    shared_.apply(data, block_name_, array, component, means);
+    shared_.apply(data, returned_block_.name, array, component, means);
   }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
@@ -102,15 +104,19 @@ class BlockDataSets final : public VtkDataSets {
       SPLATVOL_TRY(share_points());
     while (blocks_.empty() && portion_ < reader_->portions()) SPLATVOL_TRY(read_portion());
     if (blocks_.empty()) return vtkSmartPointer<vtkDataSet>();
-    auto block = blocks_.front();
+    returned_block_ = std::move(blocks_.front());
     blocks_.pop_front();
-    block_name_ = std::move(block_names_.front());
-    block_names_.pop_front();
     ++returned_;
-    return block;
+    return std::move(returned_block_.data);
   }
 
  private:
+  struct Block {
+    vtkSmartPointer<vtkDataSet> data;
+    std::string name;          // of the top block that holds it
+    std::uint64_t number = 0;  // as Piece::block
+  };
+
   /// Reads all portions once, for the values at the points that several have.
   Status share_points() {
     for (int portion = 0; portion < reader_->portions(); ++portion) {
@@ -118,16 +124,14 @@ class BlockDataSets final : public VtkDataSets {
         reader_->read(portion, time_of(step_));
         if (auto* tree = vtkMultiBlockDataSet::SafeDownCast(algorithm_->GetOutputDataObject(0))) collect(*tree);
       }));
-      for (std::size_t i = 0; i < blocks_.size(); ++i) {
-        SPLATVOL_TRY(shared_arrays_.add(file_.path, wanted(array_shapes(*blocks_[i]))));
-        const std::vector<vtkDataArray*> arrays = arrays_of_cells(*blocks_[i]);
+      for (const Block& block : blocks_) {
+        SPLATVOL_TRY(shared_arrays_.add(file_.path, wanted(array_shapes(*block.data))));
+        const std::vector<vtkDataArray*> arrays = arrays_of_cells(*block.data);
         if (arrays.empty()) continue;
-        SPLATVOL_TRY_ASSIGN(averages, make_averages(file_.path, *blocks_[i]));
-        SPLATVOL_TRY(
-            run_vtk(file_.path, [&] { shared_.add(*blocks_[i], block_names_[i], averages, arrays, missing_); }));
+        SPLATVOL_TRY_ASSIGN(averages, make_averages(file_.path, *block.data));
+        SPLATVOL_TRY(run_vtk(file_.path, [&] { shared_.add(*block.data, block.name, averages, arrays, missing_); }));
       }
       blocks_.clear();
-      block_names_.clear();
       patches_.clear();
     }
     left_out_ = {};
@@ -168,6 +172,7 @@ class BlockDataSets final : public VtkDataSets {
 
   /// Appends the blocks of a tree that are not surfaces.
   void collect(vtkMultiBlockDataSet& tree) {
+    BlockNumbers numbers;
     const auto entry = vtkSmartPointer<vtkCompositeDataIterator>::Take(tree.NewIterator());
     for (entry->InitTraversal(); !entry->IsDoneWithTraversal(); entry->GoToNextItem()) {
       auto* data = vtkDataSet::SafeDownCast(entry->GetCurrentDataObject());
@@ -180,8 +185,9 @@ class BlockDataSets final : public VtkDataSets {
           left_out_.left_out += static_cast<std::uint64_t>(data->GetNumberOfCells());
         continue;
       }
-      blocks_.push_back(copy_sharing_arrays(*data));
-      block_names_.push_back(name_of_top(tree, *data));
+      std::vector<std::string> path;
+      const std::uint64_t number = numbers.next(find_path(tree, *data, path) ? reader_->block_name(path) : "");
+      blocks_.push_back({copy_sharing_arrays(*data), name_of_top(tree, *data), number});
     }
   }
 
@@ -237,11 +243,10 @@ class BlockDataSets final : public VtkDataSets {
   int portion_ = 0;                       // the next to be read
   std::size_t returned_ = 0;
   CellCensus left_out_;
-  CellCensus changes_;                              // not taken yet
-  std::deque<vtkSmartPointer<vtkDataSet>> blocks_;  // read and not returned yet
-  std::deque<std::string> block_names_;             // of blocks_
-  std::vector<Patch> patches_;                      // read and not taken yet
-  std::string block_name_;                          // of the last one that was returned
+  CellCensus changes_;          // not taken yet
+  std::deque<Block> blocks_;    // read and not returned yet
+  Block returned_block_;        // the last one, without its data
+  std::vector<Patch> patches_;  // read and not taken yet
   SharedPoints shared_;
 };
 

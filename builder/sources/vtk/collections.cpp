@@ -7,6 +7,7 @@
 #include <tuple>
 #include <utility>
 
+#include "builder/sources/block_numbers.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/xml_file.h"
@@ -43,6 +44,48 @@ double number_in(vtkXMLDataElement& element, const char* name) {
   return *number;
 }
 
+/// Finds the blocks of a tree of data sets. A block is known by its place: by the names in its path, and where there
+/// are none, by the numbers.
+class BlockTree {
+ public:
+  explicit BlockTree(const std::string& path) : path_(path) {}
+
+  /// All files of data sets. An empty data set has none.
+  std::vector<BlockFile> files(vtkXMLDataElement& root) {
+    walk(root, 0, 0);
+    return std::move(files_);
+  }
+
+ private:
+  /// `place`: the element's number; `block`: whose pieces all data sets in it are; 0: each is a block of its own.
+  void walk(vtkXMLDataElement& element, std::uint64_t place, std::uint64_t block) {
+    for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
+      vtkXMLDataElement& inner = *element.GetNestedElement(i);
+      const std::uint64_t inner_place = numbers_.next(key_of(inner, i), place);
+      const bool is_block = is_data_set(inner) || has_pieces(inner);
+      const std::uint64_t inner_block = is_block && block == 0 ? inner_place : block;
+      const std::string file = is_data_set(inner) ? file_of(inner, path_) : std::string();
+      if (!file.empty()) files_.push_back({file, inner_block});
+      walk(inner, inner_place, inner_block);
+    }
+  }
+
+  static bool has_pieces(vtkXMLDataElement& element) {
+    return is_one_of(element.GetName(), {"Piece", "Partitions", "vtkPartitionedDataSet"});
+  }
+
+  /// Returns the name of an element among those beside it. `number`: its own there.
+  static std::string key_of(vtkXMLDataElement& element, int number) {
+    for (const char* attribute : {"name", "index"})
+      if (const char* text = element.GetAttribute(attribute); text && *text) return text;
+    return std::to_string(number);
+  }
+
+  const std::string& path_;
+  BlockNumbers numbers_;
+  std::vector<BlockFile> files_;
+};
+
 }  // namespace
 
 Result<std::vector<CollectionStep>> pvd_steps(const std::string& path) {
@@ -64,12 +107,10 @@ Result<std::vector<CollectionStep>> pvd_steps(const std::string& path) {
   return steps;
 }
 
-Result<std::vector<std::string>> block_files(const std::string& path) {
-  std::vector<std::string> files;
-  SPLATVOL_TRY(read_elements(path, [&](vtkXMLDataElement& element) {
-    const std::string file = is_data_set(element) ? file_of(element, path) : std::string();
-    if (!file.empty()) files.push_back(file);  // an empty block has no file
-  }));
+Result<std::vector<BlockFile>> block_files(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
+  std::vector<BlockFile> files;
+  SPLATVOL_TRY(run_vtk(path, [&] { files = BlockTree(path).files(*parser->GetRootElement()); }));
   if (files.empty()) return fail(ErrorCode::invalid_data, "{}: names no files", path);
   return files;
 }

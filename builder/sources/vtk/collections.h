@@ -1,6 +1,7 @@
 // XML files that name other files: time series (.pvd) and trees of blocks (.vtm).
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,14 @@ struct CollectionStep {
 /// their paths are relative to the .pvd's own folder. Fails if the file is damaged or names none.
 [[nodiscard]] Result<std::vector<CollectionStep>> pvd_steps(const std::string& path);
 
-/// Lists the files of the blocks that a .vtm, .vtpd or .vtpc names, at any depth, in its order.
-[[nodiscard]] Result<std::vector<std::string>> block_files(const std::string& path);
+/// A file that a .vtm, .vtpd or .vtpc names, and the number of its block there (builder/sources/block_numbers.h).
+struct BlockFile {
+  std::string path;
+  std::uint64_t block = 0;
+};
+
+/// Lists the files of the blocks that a .vtm, .vtpd or .vtpc names, at any depth, in its order. Pieces of a multi-piece
+/// or partitioned data set are one block, and each other data set is one by itself.
+[[nodiscard]] Result<std::vector<BlockFile>> block_files(const std::string& path);
 
 }  // namespace splatvol

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <span>
 #include <string>
@@ -42,6 +43,7 @@ struct VtkFile {
   std::string values = {};           // SU2: a .csv file with the values at the points; may be empty
   bool patches = false;              // VtkDataSets::take_patches() is wanted
   bool is_block = false;             // of a composite file: surfaces are left out
+  std::uint64_t block = 0;           // of a composite file: as Piece::block
 };
 
 /// The data sets of an input, one after the other. Not thread-safe.
@@ -65,6 +67,9 @@ class VtkDataSets {
 
   /// As Source::piece_number(), of the last data set.
   [[nodiscard]] virtual Source::PieceNumber number() const { return {}; }
+
+  /// As Piece::block, of the last data set.
+  [[nodiscard]] virtual std::uint64_t block() const { return 0; }
 
   /// The file of the last data set.
   [[nodiscard]] virtual const std::string& path() const = 0;

@@ -270,7 +270,13 @@ class ExodusReader final : public BlockReader {
   std::vector<double> times() const override { return header_.times; }
   int portions() override { return reader_->GetNumberOfObjects(vtkExodusIIReader::ELEM_BLOCK); }
 
+  /// Names of blocks may be missing, and then VTK's reader makes them of what it has read.
+  std::string block_name(const std::vector<std::string>&) const override {
+    return std::to_string(reader_->GetObjectId(vtkExodusIIReader::ELEM_BLOCK, portion_));
+  }
+
   void read(int portion, std::optional<double> time) override {
+    portion_ = portion;
     for (int block = 0; block < portions(); ++block)
       reader_->SetObjectStatus(vtkExodusIIReader::ELEM_BLOCK, block, block == portion);
     select_others(wants_patches_ && portion == 0);
@@ -345,6 +351,7 @@ class ExodusReader final : public BlockReader {
   }
 
   bool wants_patches_ = false;
+  int portion_ = 0;  // that was read last
   ExodusHeader header_;
   vtkNew<vtkExodusIIReader> reader_;
 };

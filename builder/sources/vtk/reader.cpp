@@ -16,6 +16,7 @@
 #include <optional>
 #include <utility>
 
+#include "builder/sources/block_numbers.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/blocks.h"
@@ -99,6 +100,8 @@ class FileDataSets final : public VtkDataSets {
   }
 
   Source::PieceNumber number() const override { return {static_cast<std::uint32_t>(file_ - 1), in_file_ - 1}; }
+
+  std::uint64_t block() const override { return inner_block(files_[file_ - 1].block, blocks_ ? blocks_->block() : 0); }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     for (;;) {

@@ -88,6 +88,7 @@ class VtkSource final : public Source {
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
     number_ = pending_number_;
+    const std::uint64_t block = data_sets_->block();
     SPLATVOL_TRY(arrays_.check(data_sets_->path(), wanted(array_shapes(*data))));
     SPLATVOL_TRY_ASSIGN(piece, make_piece(
                                    data_sets_->path(), *data, attributes_, options_.cells, missing_,
@@ -95,6 +96,7 @@ class VtkSource final : public Source {
                                      data_sets_->share_means(*data, array, component, means);
                                    },
                                    lends_, whole_cells_));
+    piece->block = block;
     SPLATVOL_TRY(measure_rounding(*piece));
     piece->patches = data_sets_->take_patches();
     piece->census += data_sets_->take_changes();

@@ -200,6 +200,53 @@ TEST(PointStream, FacesBetweenPiecesAreOuterOnlyIfTheirPointsDiffer) {
   }
 }
 
+// Vertices of two blocks stay apart whatever their values, and each block ends there. Pieces of one block are joined.
+TEST(PointStream, CopiesOfAVertexMayBeThoseOfOneBlock) {
+  const auto linear = [](dvec3 p) { return p.x + 2 * p.y; };
+  Piece left = mesh_piece(test::lattice(3), linear);
+  Piece right =
+      mesh_piece(test::lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); }), [](dvec3 p) { return p.z + 9; });
+  const Piece free_point = scattered({{1, 1.0 / 3, 1.0 / 3}});
+  for (const VertexCopies copies : {VertexCopies::same_place, VertexCopies::same_block})
+    for (const auto& [block, other] : {std::pair<std::uint64_t, std::uint64_t>{0, 0}, {7, 7}, {7, 5}, {0, 5}}) {
+      left.block = block;
+      right.block = other;
+      PieceSource source({left, free_point, right}, {.copies = copies});
+      const WholePoints whole = *read_points(source);
+      const bool apart = copies == VertexCopies::same_block && block != other;
+      EXPECT_EQ(whole.points.size(), 4u * 4 * (apart ? 8 : 7) + 1);
+      EXPECT_EQ(whole.summary.census.merged, apart ? 0u : 16u);
+      EXPECT_EQ(whole.summary.census.unlike, apart ? 0u : 16u);
+      std::size_t outer = 0;
+      double mass = 0;
+      for (std::size_t i = 0; i < whole.points.size(); ++i) {
+        const dvec3& p = whole.points.positions[i];
+        mass += whole.points.moments[i].mass;
+        const bool inside = p.y > 0 && p.y < 1 && p.z > 0 && p.z < 1;  // of the common face
+        outer += p.x == 1 && inside && whole.points.planes[i].area != dvec3(0) ? 1 : 0;
+        EXPECT_TRUE(whole.points.moments[i].mass > 0 || whole.points.planes[i].area == dvec3(0) || !apart);
+      }
+      EXPECT_EQ(outer, apart ? 2u * 4 : 0u);
+      EXPECT_NEAR(mass, 2, 1e-12);
+    }
+}
+
+// A point of no cell that comes between two copies of a vertex, with the same value, does not part them.
+TEST(PointStream, FreePointsDoNotPartTheCopiesOfAVertex) {
+  const auto linear = [](dvec3 p) { return p.x + 2 * p.y; };
+  const Piece left = mesh_piece(test::lattice(3), linear);
+  const Piece right = mesh_piece(test::lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); }), linear);
+  const Piece free_points = scattered({{1, 1.0 / 3, 1.0 / 3}, {1, 0, 1}});
+  for (const VertexCopies copies : {VertexCopies::same_values, VertexCopies::same_place, VertexCopies::none}) {
+    PieceSource source({left, free_points, right}, {.copies = copies});
+    const WholePoints whole = *read_points(source);
+    const bool joined = copies != VertexCopies::none;
+    EXPECT_EQ(whole.summary.census.merged, joined ? 16u : 0u);
+    EXPECT_EQ(whole.summary.census.coincident, joined ? 2u : 18u);
+    EXPECT_EQ(whole.points.size(), 4u * 4 * (joined ? 7 : 8) + 2);
+  }
+}
+
 // A square as a flat cell lies between two pieces, of which it makes the diagonals agree.
 TEST(PointStream, FacesBehindAFlatCellOfAnotherPieceAreNotOuter) {
   // No two faces are alike: planes of equal rank would depend on the order of the faces.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
 
 #include "builder/opening/open_source.h"
 #include "tests/builder/sources/read_input.h"
@@ -125,6 +126,59 @@ TEST_F(PartsTest, BlocksAtAnyDepth) {
   write("inner.vtm", test::vtm_file({"b.vtu"}));
   expect_union({write("outer.vtm", test::vtm_file({"a.vtu", "inner.vtm"}))});
   expect_union({write("other.vtm", test::vtm_file({"inner.vtm", "a.vtu"}))});
+}
+
+// Pieces of one file, of a .pvtu and of a multi-piece data set are one block; each other data set is one by itself.
+TEST_F(PartsTest, BlocksAreToldApartByTheirPlaces) {
+  for (int i = 0; i < 8; ++i) write(fmt::format("{}.vtu", i), vtu(piece(i, {{"s", one}})));
+  write("two.vtu", vtu(piece(10, {{"s", one}}) + piece(11, {{"s", one}})));
+  write("all.pvtu",
+        vtk_file("PUnstructuredGrid", "<Piece Source=\"0.vtu\"/><Piece Source=\"1.vtu\"/>", "GhostLevel=\"0\""));
+  const auto blocks_of = [&](const std::string& type, const std::string& content) {
+    std::vector<std::uint64_t> blocks;
+    const auto input = test::value_of(read_input({write("tree.vtm", vtk_file(type, content))}));
+    for (const Piece& piece : input.pieces) blocks.push_back(piece.block);
+    return blocks;
+  };
+  const auto set = [](const std::string& file, const std::string& attributes = "") {
+    return fmt::format("<DataSet {} file=\"{}.vtu\"/>", attributes, file);
+  };
+  const std::string multi_block = "vtkMultiBlockDataSet";
+  const auto tree =
+      blocks_of(multi_block, set("2") + "<DataSet index=\"1\" file=\"all.pvtu\"/>" + set("two") + "<Block name=\"a\">" +
+                                 set("3", "name=\"x\"") + set("4", "name=\"x\"") + "</Block><Piece index=\"9\">" +
+                                 set("5") + "<DataSet/>" + set("6") + "</Piece>" + set("7", "name=\"z\""));
+  ASSERT_EQ(tree.size(), 10u);
+  EXPECT_EQ(tree[1], tree[2]) << "pieces of the .pvtu";
+  EXPECT_EQ(tree[3], tree[4]) << "pieces of a file";
+  EXPECT_EQ(tree[7], tree[8]) << "pieces of a multi-piece data set";
+  const std::set<std::uint64_t> different(tree.begin(), tree.end());
+  EXPECT_EQ(different.size(), 7u);
+  EXPECT_FALSE(different.contains(0));
+
+  // By their names, where they have some: whatever stands beside them, and in whatever file.
+  const auto named = [&](const std::string& first, const std::string& second) {
+    return blocks_of(multi_block,
+                     set("1", "index=\"0\" name=\"" + first + "\"") + set("2", "index=\"1\" name=\"" + second + "\""));
+  };
+  EXPECT_EQ(named("a", "b"), (std::vector{named("b", "a")[1], named("b", "a")[0]}));
+  EXPECT_EQ(blocks_of(multi_block, set("5", "index=\"0\" name=\"b\"")), std::vector{named("a", "b")[1]});
+
+  const auto partitions = blocks_of("vtkPartitionedDataSetCollection",
+                                    "<Partitions index=\"0\">" + set("1") + set("2") +
+                                        "</Partitions><Partitions index=\"1\">" + set("3") + "</Partitions>");
+  EXPECT_EQ(partitions[0], partitions[1]);
+  EXPECT_NE(partitions[0], partitions[2]);
+  const auto partitioned = blocks_of("vtkPartitionedDataSet", set("1") + set("2"));
+  EXPECT_EQ(partitioned[0], partitioned[1]);
+
+  write("inner.vtm", vtk_file(multi_block, set("1", "name=\"a\"") + set("2", "name=\"b\"")));
+  const std::string inner = "file=\"inner.vtm\"/>";
+  const auto nested = blocks_of(multi_block, "<DataSet name=\"a\" " + inner + "<DataSet name=\"b\" " + inner);
+  EXPECT_EQ((std::set<std::uint64_t>(nested.begin(), nested.end()).size()), 4u);
+
+  const auto files = test::value_of(read_input({path("1.vtu"), path("2.vtu")}));
+  for (const Piece& piece : files.pieces) EXPECT_EQ(piece.block, 0u);
 }
 
 // VTK's reader fills the arrays of the first piece by their order, whatever the others have.

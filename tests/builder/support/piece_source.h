@@ -21,6 +21,7 @@ namespace splatvol::test {
 struct PieceSourceTraits {
   std::vector<std::string> attributes = {"value"};
   bool bounds = false, single_precision = false, averages_by_piece = false, brings_material = false;
+  VertexCopies copies = VertexCopies::same_values;
 };
 
 class PieceSource : public Source {
@@ -44,6 +45,7 @@ class PieceSource : public Source {
   bool single_precision() const override { return traits_.single_precision; }
   bool averages_by_piece() const override { return traits_.averages_by_piece; }
   bool brings_material() const override { return traits_.brings_material; }
+  VertexCopies copies() const override { return traits_.copies; }
 
  private:
   std::vector<Piece> pieces_;

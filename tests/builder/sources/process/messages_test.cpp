@@ -53,6 +53,7 @@ Piece tetrahedron() {
 
 TEST(ReaderMessages, KeepEveryPartOfAPiece) {
   Piece piece = tetrahedron();
+  piece.block = 0x123456789abcdef0;
   piece.fills = {7};
   piece.census.cells["wedge"] = 5;
   piece.census.not_star_shaped = 9;
@@ -68,6 +69,7 @@ TEST(ReaderMessages, KeepEveryPartOfAPiece) {
   piece.cells->points = {PointCells::no_point};
   piece.cells->moments.resize(4);
   const auto received = test::value_of(sent(piece));
+  EXPECT_EQ(received.block, piece.block);
   EXPECT_EQ(received.points, piece.points);
   EXPECT_EQ(received.tetrahedra, piece.tetrahedra);
   EXPECT_EQ(received.values[0][3], 4);

@@ -10,6 +10,7 @@
 #include <set>
 #include <span>
 #include <sstream>
+#include <tuple>
 #include <utility>
 
 #include "base/file.h"
@@ -93,6 +94,7 @@ class BlocksTest : public test::FolderTest {
   /// Expects two cubes side by side, with the linear field at two time steps, 0.5 and 2. All formats here can hold
   /// these.
   void expect_two_blocks(const std::string& name, double tolerance) const {
+    std::set<std::pair<std::uint64_t, std::uint64_t>> blocks;
     for (const auto& [asked, step] : {std::pair<std::optional<double>, std::size_t>{std::nullopt, 1}, {0.6, 0}}) {
       const auto input = test::value_of(read_input({path(name)}, {{}, {}, asked}));
       ASSERT_TRUE(input.step.has_value());
@@ -100,6 +102,7 @@ class BlocksTest : public test::FolderTest {
       EXPECT_EQ(input.step->times.size(), 2u);
       const double time = times[step];
       EXPECT_NEAR(input.step->time, time, 1e-6);
+      blocks.insert({input.pieces.at(0).block, input.pieces.at(1).block});
       EXPECT_EQ(input.points, 2 * block_points);
       EXPECT_EQ(input.pieces.size(), 2u);
       EXPECT_NEAR(input.volume, 2, tolerance);
@@ -112,7 +115,11 @@ class BlocksTest : public test::FolderTest {
       EXPECT_LT(largest_error(selected, "U[2]", [&](dvec3 p) { return -field(p, time); }), tolerance);
     }
     EXPECT_THAT(error_of(name, {{"nothing"}, {}, {}}), HasSubstr("no attribute \"nothing\"; there are: "));
+    ASSERT_EQ(blocks.size(), 1u) << "they have the same numbers at each step";
+    EXPECT_NE(blocks.begin()->first, blocks.begin()->second);
+    EXPECT_NE(blocks.begin()->first * blocks.begin()->second, 0u);
     expect_joined(name);
+    expect_apart_with_cells(name);
     test::expect_series(path(name), folder_, 2, {"f", "U[1]"});  // of points
   }
 
@@ -122,6 +129,24 @@ class BlocksTest : public test::FolderTest {
     const auto report = test::value_of(build_volume(*source, path("out.svol"), {}, [](const char*, double) {}));
     EXPECT_EQ(report.points.merged, side * side);
     EXPECT_EQ(report.resolution_counts.back(), 2 * block_points - side * side);
+  }
+
+  /// Expects that these points stay apart in a series that keeps cells.
+  void expect_apart_with_cells(const std::string& name) const { EXPECT_EQ(points_with_cells(name), 2 * block_points); }
+
+  /// The points of a series of all steps that keeps cells.
+  [[nodiscard]] std::uint64_t points_with_cells(const std::string& name) const {
+    const auto silent = [](const char*, double) {};
+    auto steps = test::value_of(
+        steps_of_input({path(name)}, {{"f"}, {}, {}}, parse_times("all").value(), {open_source, list_arrays}));
+    auto first = std::vector<SeriesStep>(steps.begin(), steps.begin() + 1), later = std::vector<SeriesStep>(steps);
+    later.erase(later.begin());
+    EXPECT_EQ(test::message_of(build_series(first, path("kept.svol"), {.keep_cells = true}, silent)), "");
+    EXPECT_EQ(test::message_of(append_to_series(later, path("kept.svol"), {}, silent)), "");
+    const auto volume = test::value_of(format::Volume::open(open_file(path("kept.svol")).value()));
+    EXPECT_EQ(test::message_of(volume->verify([](double) {})), "");
+    EXPECT_TRUE(volume->info().cells->blocks_apart);
+    return volume->info().point_count();
   }
 
   /// The error of a build that may change nothing, or "(no error)".
@@ -821,6 +846,7 @@ TEST_F(BlocksTest, DecomposedOpenFoam) {
   const auto report = test::value_of(build_volume(*source, path("out.svol"), {}, [](const char*, double) {}));
   EXPECT_EQ(report.resolution_counts.back(), block_points);
   test::expect_series(path("case.foam"), folder_, 2);
+  EXPECT_EQ(points_with_cells("case.foam"), block_points) << "processors are no blocks";
 
   std::filesystem::rename(path("processor0"), path("processor2"));
   EXPECT_THAT(error_of("case.foam"), HasSubstr("the folder processor0 of the decomposed case is missing"));
@@ -833,6 +859,43 @@ TEST_F(BlocksTest, DecomposedOpenFoam) {
   write_openfoam_part(*this, "", 0, block_cells);
   const auto whole = test::value_of(read_input({path("case.foam")}));
   EXPECT_EQ(whole.pieces.size(), 1u);
+}
+
+// Two regions side by side, each on two processors.
+TEST_F(BlocksTest, OpenFoamRegionsAreBlocks) {
+  write_openfoam_case(*this);
+  for (const auto& [processor, begin, end] :
+       {std::tuple<std::string, std::size_t, std::size_t>{"processor0", 0, 13}, {"processor1", 13, block_cells}})
+    for (const double x : {0, 1}) {
+      write_openfoam_part(*this, "part/", begin, end, [x = x](dvec3 p) { return p + dvec3(x, 0, 0); });
+      const std::string region = x == 0 ? "fluid" : "solid";
+      for (const std::string step : {"constant", "0.5", "2"}) {
+        std::filesystem::create_directories(path(processor + "/" + step));
+        std::filesystem::rename(path("part/" + step), path(processor + "/" + step + "/" + region));
+      }
+    }
+  std::filesystem::remove_all(path("part"));
+  const auto input = test::value_of(read_input({path("case.foam")}));
+  ASSERT_EQ(input.pieces.size(), 4u);
+  std::map<std::uint64_t, std::size_t> pieces;
+  for (const Piece& piece : input.pieces) ++pieces[piece.block];
+  EXPECT_THAT(pieces, ElementsAre(Pair(::testing::Gt(0u), 2), Pair(::testing::Gt(0u), 2)));
+  EXPECT_EQ(points_with_cells("case.foam"), 2 * block_points);
+}
+
+// Files of one mesh name the same blocks.
+TEST_F(BlocksTest, PartsOfAnExodusMeshHaveTheSameBlocks) {
+  test::ExodusMesh mesh = exodus_mesh();
+  mesh.write(path("mesh.e.2.0"));
+  for (dvec3& p : mesh.points) p.y += 1;
+  for (test::ExodusBlock& block : mesh.blocks) block.cells.resize(block.cells.size() / 2);  // sizes may be in names
+  mesh.of_cells.clear();
+  mesh.write(path("mesh.e.2.1"));
+  const auto input = test::value_of(read_input({path("mesh.e.2.0"), path("mesh.e.2.1")}));
+  ASSERT_EQ(input.pieces.size(), 4u);
+  EXPECT_EQ(input.pieces[0].block, input.pieces[2].block);
+  EXPECT_EQ(input.pieces[1].block, input.pieces[3].block);
+  EXPECT_NE(input.pieces[0].block, input.pieces[1].block);
 }
 
 /// A field of one value, in `cells` cells.

@@ -1,0 +1,52 @@
+// Pictures of the golden files (golden_test.cpp).
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "base/file.h"
+#include "tests/golden/golden_files.h"
+#include "tests/golden/golden_picture.h"
+#include "tests/support/results.h"
+#include "tests/support/sanitizers.h"
+
+namespace splatvol {
+namespace {
+
+using test::golden_files;
+using test::lines_of;
+
+/// Returns the numbers of a picture's text, with the lines of words between them.
+std::vector<std::string> words_of(const std::string& text) {
+  std::vector<std::string> words;
+  for (const std::string& line : lines_of(text)) {
+    if (line == "splats" || line == "slabs")
+      words.push_back(line);
+    else
+      for (std::size_t at = 0; at < line.size(); at += 4) words.push_back(line.substr(at, 4));
+  }
+  return words;
+}
+
+TEST(Golden, EachFileIsDrawnAsBefore) {
+  for (const std::filesystem::path& path : golden_files()) {
+    SCOPED_TRACE(path);
+    const auto picture = test::value_of(test::golden_picture(path, test::value_of(test::golden_scene(path))));
+    std::filesystem::path beside = path;
+    const auto stored = test::value_of(read_text_file(beside.replace_extension(".picture")));
+    const std::vector<std::string> now = words_of(picture), then = words_of(stored);
+    ASSERT_EQ(now.size(), then.size()) << path;
+    // 1e-4; 1e-3 with sanitizers: that code is clang's, for one instruction set, and rounds otherwise.
+    constexpr int most = test::is_sanitized ? 66 : 7;
+    for (std::size_t i = 0; i < now.size(); ++i) {
+      if (now[i] == then[i]) continue;
+      ASSERT_LE(std::abs(std::stoi(now[i], nullptr, 16) - std::stoi(then[i], nullptr, 16)), most)
+          << path << ", number " << i;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace splatvol
