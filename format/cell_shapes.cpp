@@ -146,6 +146,8 @@ std::span<const std::array<std::uint8_t, 4>> quadrilaterals_of(CellShape shape) 
 }
 
 std::span<const std::array<std::uint8_t, 4>> tetrahedra_of(CellShape shape, CellSplit split) {
+  static constexpr std::array<std::array<std::uint8_t, 4>, 1> itself = {{{0, 1, 2, 3}}};
+  if (shape == CellShape::tetrahedron) return itself;
   return table_of(shape).splits[split];
 }
 

@@ -89,10 +89,37 @@ std::string cell_field_name(CellField field) {
   return field == CellField::corners ? "corners" : fmt::format("field {}", static_cast<int>(field));
 }
 
+namespace {
+
+// Numbers ranks from `low` to `high` by a bit for each: a few times as fast as sorting.
+LocalCells number_by_bits(std::span<const std::uint64_t> corners, std::uint64_t low, std::uint64_t high) {
+  std::vector<std::uint64_t> words((high - low) / 64 + 1);
+  std::vector<std::uint32_t> before(words.size());  // bits of the words in front
+  for (const std::uint64_t corner : corners) words[(corner - low) / 64] |= std::uint64_t{1} << (corner - low) % 64;
+  LocalCells cells;
+  cells.ranks.reserve(corners.size() / 4);
+  for (std::size_t w = 0; w < words.size(); ++w) {
+    if (words[w] == 0) continue;
+    before[w] = static_cast<std::uint32_t>(cells.ranks.size());
+    for (std::uint64_t bits = words[w]; bits != 0; bits &= bits - 1)
+      cells.ranks.push_back(low + w * 64 + static_cast<std::uint64_t>(std::countr_zero(bits)));
+  }
+  cells.corners.resize(corners.size());
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const std::uint64_t at = corners[i] - low, lower = (std::uint64_t{1} << at % 64) - 1;
+    cells.corners[i] = before[at / 64] + static_cast<std::uint32_t>(std::popcount(words[at / 64] & lower));
+  }
+  return cells;
+}
+
+}  // namespace
+
 LocalCells number_corners(std::span<const std::uint64_t> corners) {
   LocalCells cells;
   if (corners.empty()) return cells;
   const auto [low, high] = std::ranges::minmax(corners);
+  constexpr std::uint64_t most_words = 4;  // for each corner: then they take little more memory than a sort
+  if ((high - low) / 64 < most_words * corners.size()) return number_by_bits(corners, low, high);
   std::vector<Corner> sorted;
   sorted.reserve(corners.size());
   for (const std::uint64_t corner : corners)
@@ -120,17 +147,25 @@ CellExtent measure_cells(const CellChunk& cells, const LocalCells& local, std::s
 
 ValueSummary summarize_cells(const CellChunk& cells, const LocalCells& local, std::span<const float> values,
                              const ValueBins& bins) {
+  // As ValueBins::between: bins ascend with values, so those of the lowest and the highest are the lowest and highest.
+  constexpr std::uint64_t all_bins = ~std::uint64_t{0};
+  std::vector<std::uint8_t> bin_of(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i)
+    if (!std::isnan(values[i])) bin_of[i] = static_cast<std::uint8_t>(bins.bin(values[i]));
   ValueSummary summary;
   for_each_tetrahedron(cells, local, [&](const std::array<std::uint32_t, 4>& corners) {
     const float first = values[corners[0]];
     float low = first, high = first;
+    std::uint8_t lowest = bin_of[corners[0]], highest = lowest;
     bool is_missing = false;
     for (const std::uint32_t corner : corners) {
       is_missing = is_missing || std::isnan(values[corner]);
       low = std::min(low, values[corner]);
       high = std::max(high, values[corner]);
+      lowest = std::min(lowest, bin_of[corner]);
+      highest = std::max(highest, bin_of[corner]);
     }
-    if (!is_missing) summary.include({low, high, bins.between(low, high)});
+    if (!is_missing) summary.include({low, high, all_bins << lowest & all_bins >> (63 - highest)});
   });
   return summary;
 }
@@ -143,7 +178,7 @@ PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
     const auto corners = cells.corners_at(cell);
     const auto sorted = std::span(ranks).subspan(cell * count, count);
     std::ranges::copy(corners, sorted.begin());
-    std::ranges::sort(sorted);
+    sort_corners(sorted);
     if (cells.shape == CellShape::tetrahedron) continue;
     std::array<std::uint8_t, max_cell_corners> places{};
     for (std::size_t k = 0; k < count; ++k)

@@ -55,9 +55,14 @@ struct CellExtent {
 /// Calls visit(tetrahedron) for the tetrahedra of all cells, as indices into the ranks of `local`.
 template <class Visit>
 void for_each_tetrahedron(const CellChunk& cells, const LocalCells& local, const Visit& visit) {
+  const std::uint32_t* corners = local.corners.data();
+  if (cells.shape == CellShape::tetrahedron) {
+    for (const std::uint32_t* end = corners + local.corners.size(); corners != end; corners += 4)
+      visit(std::array{corners[0], corners[1], corners[2], corners[3]});
+    return;
+  }
   const std::size_t count = corners_of(cells.shape);
-  for (std::size_t cell = 0; cell < cells.size(); ++cell) {
-    const std::uint32_t* corners = local.corners.data() + cell * count;
+  for (std::size_t cell = 0; cell < cells.size(); ++cell, corners += count) {
     for (const auto& [a, b, c, d] : tetrahedra_of(cells.shape, cells.split_at(cell)))
       visit(std::array{corners[a], corners[b], corners[c], corners[d]});
   }

@@ -1,7 +1,10 @@
 #include "format/ranked_points.h"
 
-#include <algorithm>
+#include <array>
+#include <limits>
+#include <numeric>
 #include <string>
+#include <unordered_map>
 #include <utility>
 
 #include "format/last_used.h"
@@ -91,12 +94,38 @@ Status RankedPoints::find(std::span<const std::uint64_t> ranks, std::vector<Plac
 
 namespace {
 
+// The places in the order of their groups. Neighbours have few groups: of each segment one or a few.
+std::vector<std::uint32_t> order_by_group(std::span<const RankedPoints::Place> places) {
+  struct Group {
+    std::uint64_t group;
+    std::uint32_t number;
+  };
+  // Numbers for the groups, as they come: of the last one that shares a slot, it is known at once.
+  constexpr std::size_t slots = 64;
+  std::array<Group, slots> last;
+  last.fill({std::numeric_limits<std::uint64_t>::max(), 0});
+  std::unordered_map<std::uint64_t, std::uint32_t> numbers;
+  std::vector<std::uint32_t> number_of(places.size()), begins(1);
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    Group& slot = last[places[i].group % slots];
+    if (slot.group != places[i].group) {
+      const auto found = numbers.try_emplace(places[i].group, static_cast<std::uint32_t>(numbers.size())).first;
+      slot = {places[i].group, found->second};
+    }
+    number_of[i] = slot.number;
+  }
+  begins.resize(numbers.size() + 1);
+  for (const std::uint32_t number : number_of) ++begins[number + 1];
+  std::partial_sum(begins.begin(), begins.end(), begins.begin());
+  std::vector<std::uint32_t> order(places.size());
+  for (std::uint32_t i = 0; i < places.size(); ++i) order[begins[number_of[i]]++] = i;
+  return order;
+}
+
 // Copies numbers of places, group by group. `get(group)` returns a group's numbers.
 template <class Number, class Get>
 Status gather(std::span<const RankedPoints::Place> places, std::vector<Number>& numbers, const Get& get) {
-  std::vector<std::uint32_t> order(places.size());
-  for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = i;
-  std::ranges::stable_sort(order, {}, [&](std::uint32_t i) { return places[i].group; });
+  const std::vector<std::uint32_t> order = order_by_group(places);
   numbers.resize(places.size());
   for (std::size_t k = 0; k < order.size();) {
     const std::uint64_t group = places[order[k]].group;

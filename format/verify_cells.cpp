@@ -247,7 +247,7 @@ class CellVerifier {
       Ends::Cell cell{cells.shape, cells.points.empty() ? 0 : cells.points[i], {}};
       const auto ranks = std::span(cell.ranks).first(corners_of(cells.shape));
       std::ranges::copy(cells.corners_at(i), ranks.begin());
-      std::ranges::sort(ranks);
+      sort_corners(ranks);
       if (cell.is_before(ends.last)) return unordered();
       if (ends.first.shape == CellShape{}) ends.first = cell;
       ends.last = cell;
@@ -257,7 +257,8 @@ class CellVerifier {
 
   static std::size_t count_groups(std::span<const RankedPoints::Place> places) {
     std::vector<std::uint64_t> groups;
-    for (const RankedPoints::Place& place : places) groups.push_back(place.group);
+    for (const RankedPoints::Place& place : places)
+      if (groups.empty() || place.group != groups.back()) groups.push_back(place.group);
     std::ranges::sort(groups);
     return static_cast<std::size_t>(std::ranges::unique(groups).begin() - groups.begin());
   }

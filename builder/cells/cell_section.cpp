@@ -152,7 +152,8 @@ class ChunkMaker {
 
   [[nodiscard]] std::size_t count_groups() {
     groups_.clear();
-    for (const format::RankedPoints::Place& place : places_) groups_.push_back(place.group);
+    for (const format::RankedPoints::Place& place : places_)
+      if (groups_.empty() || place.group != groups_.back()) groups_.push_back(place.group);
     std::ranges::sort(groups_);
     return static_cast<std::size_t>(std::ranges::unique(groups_).begin() - groups_.begin());
   }

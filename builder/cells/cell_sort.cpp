@@ -1,6 +1,8 @@
 #include "builder/cells/cell_sort.h"
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cstring>
 #include <utility>
 
@@ -20,28 +22,50 @@ CellSort::Record order_of(std::span<const std::uint64_t> record, std::size_t cor
   return order;
 }
 
-// The two lowest corners; the point and the lowest corner.
-MortonKey key_of(std::span<const std::uint64_t> record, std::size_t corners) {
-  std::uint64_t first = rank_mask, second = rank_mask;
-  for (const std::uint64_t word : record.first(corners)) {
-    const std::uint64_t rank = word & rank_mask;
-    second = std::min(second, std::max(first, rank));
-    first = std::min(first, rank);
+constexpr int key_bits = 126, half_key_bits = 63;
+constexpr std::size_t key_corners = 4;  // most in a key: all shapes have as many
+
+// Makes keys: as many of the lowest corners as fit, behind the point of a constant field. A rank takes no more bits
+// than the largest one, so that keys differ in their first bits: that is quickest to sort by.
+class Keys {
+ public:
+  Keys(std::size_t corners, std::size_t words, int bits)
+      : corners_(corners),
+        corner_bits_(words > corners ? rank_bits : bits),
+        point_bits_(words > corners ? bits : 0),
+        in_key_(std::min(key_corners, static_cast<std::size_t>((key_bits - point_bits_) / corner_bits_))) {}
+
+  [[nodiscard]] MortonKey of(const std::uint64_t* record) const {
+    std::array<std::uint64_t, key_corners> lowest;
+    for (std::size_t k = 0; k < key_corners; ++k) lowest[k] = record[k] & rank_mask;
+    format::sort_corners(lowest);
+    for (std::size_t k = key_corners; k < corners_; ++k) {
+      std::uint64_t rank = record[k] & rank_mask;
+      for (std::uint64_t& low : lowest) {
+        const std::uint64_t higher = std::max(low, rank);
+        low = std::min(low, rank);
+        rank = higher;
+      }
+    }
+    if (point_bits_ == 0 && 2 * corner_bits_ <= half_key_bits) {
+      const int above = half_key_bits - 2 * corner_bits_;
+      return {(lowest[0] << corner_bits_ | lowest[1]) << above, (lowest[2] << corner_bits_ | lowest[3]) << above};
+    }
+    __extension__ using Wide = unsigned __int128;
+    Wide key = point_bits_ > 0 ? record[corners_] : 0;
+    for (std::size_t k = 0; k < in_key_; ++k) key = key << corner_bits_ | lowest[k];
+    key <<= key_bits - point_bits_ - static_cast<int>(in_key_) * corner_bits_;
+    constexpr std::uint64_t half = (std::uint64_t{1} << half_key_bits) - 1;
+    return {static_cast<std::uint64_t>(key >> half_key_bits), static_cast<std::uint64_t>(key) & half};
   }
-  if (record.size() > corners) return {record[corners], first};
-  return {first, second};
-}
+
+ private:
+  std::size_t corners_;
+  int corner_bits_, point_bits_;
+  std::size_t in_key_;
+};
 
 }  // namespace
-
-void SortedCells::add(const RankedCell& cell) {
-  const std::size_t count = format::corners_of(chunk.shape);
-  chunk.corners.insert(chunk.corners.end(), cell.corners.begin(),
-                       cell.corners.begin() + static_cast<std::ptrdiff_t>(count));
-  if (chunk.shape != format::CellShape::tetrahedron) chunk.splits.push_back(cell.split);
-  if (chunk.field == format::CellField::constant) chunk.points.push_back(cell.point);
-  signs.push_back(static_cast<std::int8_t>(cell.sign));
-}
 
 void SortedCells::add(const SortedCells& others) {
   chunk.corners.insert(chunk.corners.end(), others.chunk.corners.begin(), others.chunk.corners.end());
@@ -50,19 +74,21 @@ void SortedCells::add(const SortedCells& others) {
   signs.insert(signs.end(), others.signs.begin(), others.signs.end());
 }
 
-Result<CellSort> CellSort::create(format::CellShape shape, format::CellField field, std::uint64_t memory,
-                                  const std::string& folder) {
+Result<CellSort> CellSort::create(format::CellShape shape, format::CellField field, std::uint64_t rank_end,
+                                  std::uint64_t memory, const std::string& folder) {
   const std::size_t words = words_of(shape, field), bytes = words * sizeof(std::uint64_t);
-  const auto key = [words, bytes, shape](std::span<const std::byte> records, std::span<MortonKey> keys) {
+  const int bits = std::clamp(static_cast<int>(std::bit_width(rank_end)), 1, rank_bits);
+  const auto key = [words, bytes, keys_of = Keys(format::corners_of(shape), words, bits)](
+                       std::span<const std::byte> records, std::span<MortonKey> keys) {
     Record record{};
     for (std::size_t i = 0; i < keys.size(); ++i) {
       std::memcpy(record.data(), records.data() + i * bytes, bytes);
-      keys[i] = key_of(std::span(record).first(words), format::corners_of(shape));
+      keys[i] = keys_of.of(record.data());
     }
   };
   const std::size_t held = std::max<std::size_t>(memory, ExternalSorter::least_memory(bytes));
   SPLATVOL_TRY_ASSIGN(sorter, ExternalSorter::create({bytes, key, held, held, folder}));
-  return CellSort(shape, field, std::move(sorter));
+  return CellSort(shape, field, bits, std::move(sorter));
 }
 
 CellSort::Record CellSort::record_of(format::CellShape shape, const RankedCell& cell) {
@@ -75,62 +101,58 @@ CellSort::Record CellSort::record_of(format::CellShape shape, const RankedCell& 
   return record;
 }
 
-MortonKey CellSort::key_at(std::span<const std::uint64_t> record) const {
-  return key_of(record, format::corners_of(shape_));
-}
-
 Status CellSort::add(std::span<const std::uint64_t> records) {
   return records.empty() ? Status{} : sorter_.add(std::as_bytes(records));
 }
 
+// The first bits of a key are a rank.
+std::uint64_t CellSort::rank_at(std::size_t number) const { return keys_[number].high >> (half_key_bits - rank_bits_); }
+
 Result<std::optional<std::uint64_t>> CellSort::next_rank() {
-  if (next_ * words_ == ready_.size()) SPLATVOL_TRY(read());
-  if (ready_.empty()) return std::optional<std::uint64_t>();
-  return std::optional(key_at(record(next_)).high);
+  if (next_ == whole_) SPLATVOL_TRY(read());
+  if (next_ == whole_) return std::optional<std::uint64_t>();
+  return std::optional(rank_at(next_));
 }
 
-RankedCell CellSort::take() {
-  RankedCell cell;
-  const auto words = record(next_++);
+void CellSort::take(std::uint64_t rank_end, std::size_t most, SortedCells& cells) {
+  const std::size_t end = std::min(whole_, next_ + most);
+  for (; next_ < end && rank_at(next_) < rank_end; ++next_) add_to(cells, record(next_));
+}
+
+void CellSort::add_to(SortedCells& cells, std::span<const std::uint64_t> record) const {
   const std::size_t count = format::corners_of(shape_);
-  for (std::size_t k = 0; k < count; ++k) cell.corners[k] = words[k] & rank_mask;
-  cell.split = static_cast<format::CellSplit>(words[0] >> rank_bits);
-  cell.sign = static_cast<int>(words[count - 1] >> rank_bits) - 1;
-  if (words_ > count) cell.point = words[count];
-  return cell;
+  for (const std::uint64_t word : record.first(count)) cells.chunk.corners.push_back(word & rank_mask);
+  if (shape_ != format::CellShape::tetrahedron)
+    cells.chunk.splits.push_back(static_cast<format::CellSplit>(record[0] >> rank_bits));
+  if (record.size() > count) cells.chunk.points.push_back(record[count]);
+  cells.signs.push_back(static_cast<std::int8_t>(static_cast<int>(record[count - 1] >> rank_bits) - 1));
 }
 
-// Reads until at least one run of equal keys is whole, or to the end.
+// Reads until at least one run of equal keys is whole, or to the end. Requires that all whole runs were taken.
 Status CellSort::read() {
-  ready_.clear();
-  next_ = 0;
-  while (ready_.empty() && !ended_) {
+  records_.erase(records_.begin(), records_.begin() + static_cast<std::ptrdiff_t>(whole_ * words_));
+  keys_.erase(keys_.begin(), keys_.begin() + static_cast<std::ptrdiff_t>(whole_));
+  next_ = whole_ = 0;
+  while (whole_ == 0 && !ended_) {
     SPLATVOL_TRY_ASSIGN(more, sorter_.next());
     ended_ = more.keys.empty();
-    const std::size_t had = behind_.size();
-    behind_.resize(had + more.records.size() / sizeof(std::uint64_t));
-    if (!more.records.empty()) std::memcpy(behind_.data() + had, more.records.data(), more.records.size());
-    std::size_t whole = behind_.size() / words_;
-    const auto key = [&](std::size_t i) { return key_at(std::span(behind_).subspan(i * words_, words_)); };
-    if (!ended_) {
-      const MortonKey last = key(whole - 1);
-      while (whole > 0 && key(whole - 1) == last) --whole;
-    }
-    const auto end = behind_.begin() + static_cast<std::ptrdiff_t>(whole * words_);
-    ready_.assign(behind_.begin(), end);
-    behind_.erase(behind_.begin(), end);
+    const std::size_t had = records_.size();
+    records_.resize(had + more.records.size() / sizeof(std::uint64_t));
+    if (!more.records.empty()) std::memcpy(records_.data() + had, more.records.data(), more.records.size());
+    keys_.insert(keys_.end(), more.keys.begin(), more.keys.end());
+    whole_ = keys_.size();
+    if (ended_) break;
+    while (whole_ > 0 && keys_[whole_ - 1] == keys_.back()) --whole_;
   }
   order_runs();
   return {};
 }
 
-// The sort knows two corners only, and leaves equal keys in the order of the input.
+// The sort knows a few corners only, and leaves equal keys in the order of the input.
 void CellSort::order_runs() {
-  const std::size_t count = ready_.size() / words_;
   std::vector<std::pair<Record, Record>> run;  // in order, record
-  for (std::size_t begin = 0, end = 0; begin < count; begin = end) {
-    const MortonKey key = key_at(record(begin));
-    for (end = begin + 1; end < count && key_at(record(end)) == key;) ++end;
+  for (std::size_t begin = 0, end = 0; begin < whole_; begin = end) {
+    for (end = begin + 1; end < whole_ && keys_[end] == keys_[begin];) ++end;
     if (end - begin == 1) continue;
     run.clear();
     for (std::size_t i = begin; i < end; ++i) {

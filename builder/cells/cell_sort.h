@@ -33,7 +33,6 @@ struct SortedCells {
     chunk.points.clear();
     signs.clear();
   }
-  void add(const RankedCell& cell);
   void add(const SortedCells& others);
 };
 
@@ -41,8 +40,9 @@ struct SortedCells {
 /// order that does not depend on the input's.
 class CellSort {
  public:
-  [[nodiscard]] static Result<CellSort> create(format::CellShape shape, format::CellField field, std::uint64_t memory,
-                                               const std::string& folder);
+  /// `rank_end`: all ranks are below it.
+  [[nodiscard]] static Result<CellSort> create(format::CellShape shape, format::CellField field, std::uint64_t rank_end,
+                                               std::uint64_t memory, const std::string& folder);
 
   /// A cell in the fewest bytes: a word for each corner, and one for the point of a constant field.
   using Record = std::array<std::uint64_t, format::max_cell_corners + 1>;
@@ -61,30 +61,38 @@ class CellSort {
   /// cell. Requires finish().
   [[nodiscard]] Result<std::optional<std::uint64_t>> next_rank();
 
-  /// Takes the next cell. Requires that next_rank() returned one.
-  [[nodiscard]] RankedCell take();
+  /// Moves the next cells whose next_rank() is below `rank_end` to `cells`, at most `most`: those that are in memory.
+  /// Requires that next_rank() returned such a rank.
+  void take(std::uint64_t rank_end, std::size_t most, SortedCells& cells);
 
   [[nodiscard]] format::CellShape shape() const { return shape_; }
   [[nodiscard]] format::CellField field() const { return field_; }
   [[nodiscard]] std::uint64_t count() const { return sorter_.count(); }
 
  private:
-  CellSort(format::CellShape shape, format::CellField field, ExternalSorter sorter)
-      : shape_(shape), field_(field), words_(words_of(shape, field)), sorter_(std::move(sorter)) {}
+  CellSort(format::CellShape shape, format::CellField field, int rank_bits, ExternalSorter sorter)
+      : shape_(shape),
+        field_(field),
+        rank_bits_(rank_bits),
+        words_(words_of(shape, field)),
+        sorter_(std::move(sorter)) {}
   [[nodiscard]] Status read();
-  [[nodiscard]] MortonKey key_at(std::span<const std::uint64_t> record) const;
+  [[nodiscard]] std::uint64_t rank_at(std::size_t number) const;
   void order_runs();
+  void add_to(SortedCells& cells, std::span<const std::uint64_t> record) const;
   [[nodiscard]] std::span<std::uint64_t> record(std::size_t number) {
-    return std::span(ready_).subspan(number * words_, words_);
+    return std::span(records_).subspan(number * words_, words_);
   }
 
   format::CellShape shape_;
   format::CellField field_;
+  int rank_bits_;      // of the largest rank
   std::size_t words_;  // of a record
   ExternalSorter sorter_;
-  std::vector<std::uint64_t> ready_;   // whole runs of records that the sort does not tell apart
-  std::vector<std::uint64_t> behind_;  // the beginning of a run
-  std::size_t next_ = 0;               // record of ready_
+  std::vector<std::uint64_t> records_;  // whole runs of records that the sort does not tell apart, then part of one
+  std::vector<MortonKey> keys_;         // of these
+  std::size_t whole_ = 0;               // records of whole runs
+  std::size_t next_ = 0;                // one of them
   bool ended_ = false;
 };
 

@@ -96,6 +96,7 @@ void for_each_single(const CellSource& source, std::size_t first, std::size_t co
 void unpack(const CellBlock& block, std::vector<SpooledCell>& cells) {
   std::span<const std::byte> bytes = block.bytes;
   cells.clear();
+  cells.reserve(block_cells);
   std::uint32_t before = 0, point_before = 0;
   while (!bytes.empty()) {
     SpooledCell& cell = cells.emplace_back();

@@ -26,10 +26,13 @@ Record record_at(std::span<const std::byte> records, std::size_t number) {
 
 // The same for a cell whose corners come in another order. `ranks`: the corners in ascending order.
 std::uint64_t hash_of(format::CellShape shape, const RankedCell& cell, std::span<const std::uint64_t> ranks) {
-  std::array<std::uint8_t, format::max_cell_corners> places{};
-  for (std::size_t k = 0; k < ranks.size(); ++k)
-    places[k] = static_cast<std::uint8_t>(std::ranges::find(ranks, cell.corners[k]) - ranks.begin());
-  const format::CellOrder order = format::find_order(shape, std::span(places).first(ranks.size()), cell.split);
+  format::CellOrder order;  // 0 of a tetrahedron
+  if (shape != format::CellShape::tetrahedron) {
+    std::array<std::uint8_t, format::max_cell_corners> places{};
+    for (std::size_t k = 0; k < ranks.size(); ++k)
+      places[k] = static_cast<std::uint8_t>(std::ranges::find(ranks, cell.corners[k]) - ranks.begin());
+    order = format::find_order(shape, std::span(places).first(ranks.size()), cell.split);
+  }
   std::array<std::uint64_t, format::max_cell_corners + 2> words{};
   std::ranges::copy(ranks, words.begin());
   words[ranks.size()] = std::uint64_t{order.code} << 32 | order.split;
@@ -91,7 +94,7 @@ class BlockRanker {
     const std::size_t count = format::corners_of(shape);
     auto sorted = cell.corners;
     const auto ranks = std::span(sorted).first(count);
-    std::ranges::sort(ranks);
+    format::sort_corners(ranks);
     if (std::ranges::adjacent_find(ranks) != ranks.end()) return add_parts(shape, cell);
     ranked_.hash += hash_of(shape, cell, ranks);
     const CellSort::Record record = CellSort::record_of(shape, cell);
@@ -134,7 +137,16 @@ Status MeshCells::add(const Piece& piece) {
   return spool_.add(piece);
 }
 
-Status MeshCells::add_rank(PointTag tag, std::uint64_t rank) { return tags_.add(tag, rank); }
+Status MeshCells::add_joined(std::span<const RankedTetrahedron> tetrahedra) {
+  for (const RankedTetrahedron& tetrahedron : tetrahedra)
+    rank_end_ = std::max(rank_end_, tetrahedron.corners.back() + 1);
+  return joined_.add(tetrahedra);
+}
+
+Status MeshCells::add_rank(PointTag tag, std::uint64_t rank) {
+  rank_end_ = std::max(rank_end_, rank + 1);
+  return tags_.add(tag, rank);
+}
 
 Status MeshCells::add_stay(std::size_t level, std::uint64_t rank) {
   while (stays_.size() <= level) stays_.push_back(std::make_unique<NumberQueue>(folder_));
@@ -164,7 +176,7 @@ Result<std::optional<std::uint64_t>> MeshCells::NumberQueue::next() {
 }
 
 Status MeshCells::sort() {
-  SPLATVOL_TRY(start_sorts(spool_.counts()));
+  SPLATVOL_TRY(start_sorts(spool_.counts(), rank_end_));
   const auto add = [&](format::CellShape shape, std::span<const std::uint64_t> records) {
     return add_records(shape, records);
   };
@@ -198,7 +210,7 @@ Status MeshCells::finish_sorts() {
 }
 
 // Shapes share the memory by the bytes of their records.
-Status MeshCells::start_sorts(const CellSpool::Counts& counts) {
+Status MeshCells::start_sorts(const CellSpool::Counts& counts, std::uint64_t rank_end) {
   using format::CellShape;
   constexpr std::array all = {CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge, CellShape::hexahedron};
   const format::CellField field = vertices_ ? format::CellField::constant : format::CellField::corners;
@@ -213,9 +225,8 @@ Status MeshCells::start_sorts(const CellSpool::Counts& counts) {
     const std::uint64_t own = bytes_of(shape);
     if (own == 0 && shape != CellShape::tetrahedron) continue;
     const auto share = static_cast<double>(own) / static_cast<double>(std::max<std::uint64_t>(bytes, 1));
-    SPLATVOL_TRY_ASSIGN(
-        sort,
-        CellSort::create(shape, field, static_cast<std::uint64_t>(share * static_cast<double>(memory_)), folder_));
+    const auto memory = static_cast<std::uint64_t>(share * static_cast<double>(memory_));
+    SPLATVOL_TRY_ASSIGN(sort, CellSort::create(shape, field, rank_end, memory, folder_));
     shapes_.push_back(std::unique_ptr<OfShape>(new OfShape{std::move(sort), NumberQueue(folder_), 0, {}}));
     shapes_.back()->leaf_cells.chunk.shape = shape;
     shapes_.back()->leaf_cells.chunk.field = field;
@@ -275,7 +286,8 @@ Status MeshCells::gather_leaf(OfShape& of_shape) {
       if (!points) return fail(ErrorCode::invalid_data, "a cell has a corner that is in no leaf of the index");
       of_shape.leaf_end += *points;
     }
-    of_shape.leaf_cells.add(of_shape.sort.take());
+    of_shape.sort.take(of_shape.leaf_end, format::max_chunk_cells - of_shape.leaf_cells.chunk.size(),
+                       of_shape.leaf_cells);
   }
   return {};
 }

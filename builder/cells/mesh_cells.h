@@ -35,7 +35,7 @@ class MeshCells {
   [[nodiscard]] Status add(const Piece& piece);
 
   /// Adds tetrahedra that join the points of an input without cells, in any order.
-  [[nodiscard]] Status add_joined(std::span<const RankedTetrahedron> tetrahedra) { return joined_.add(tetrahedra); }
+  [[nodiscard]] Status add_joined(std::span<const RankedTetrahedron> tetrahedra);
 
   /// Tells the rank of the point that a point of a piece has become.
   [[nodiscard]] Status add_rank(PointTag tag, std::uint64_t rank);
@@ -51,11 +51,13 @@ class MeshCells {
   [[nodiscard]] Status hash_only();
 
   /// The cells of pieces, for ranks that do sort() together. Each calls translate() for the cells that it has read,
-  /// once it was told their ranks. One of them sorts what take(shape, records) gets on all.
+  /// once it was told their ranks. One of them sorts what take(shape, records) gets on all. All of their ranks are
+  /// below the sum of rank_end().
   [[nodiscard]] CellSpool& spool() { return spool_; }
   using TakeRecords = std::function<Status(format::CellShape, std::span<const std::uint64_t>)>;
   [[nodiscard]] Status translate(const TakeRecords& take);
-  [[nodiscard]] Status start_sorts(const CellSpool::Counts& counts);
+  [[nodiscard]] std::uint64_t rank_end() const { return rank_end_; }
+  [[nodiscard]] Status start_sorts(const CellSpool::Counts& counts, std::uint64_t rank_end);
   [[nodiscard]] Status add_records(format::CellShape shape, std::span<const std::uint64_t> records) {
     return sort_of(shape)->add(records);
   }
@@ -122,6 +124,7 @@ class MeshCells {
   RankedSpool joined_;
   std::uint64_t collapsed_ = 0;
   std::uint64_t hash_ = 0;
+  std::uint64_t rank_end_ = 0;  // all ranks of cells' corners are below it
 
   TagSort tags_;
   std::unique_ptr<VertexSort> vertices_;  // null: no piece has had cells of their own

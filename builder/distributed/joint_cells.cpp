@@ -108,11 +108,11 @@ Status JointCells::send_cells() {
     return translated.append(out.bytes());
   };
   SPLATVOL_TRY(ranks_.agree(cells_->translate(keep)));
-  std::array<std::uint64_t, 2> sums = {cells_->collapsed(), cells_->hash()};
+  std::array<std::uint64_t, 3> sums = {cells_->collapsed(), cells_->hash(), cells_->rank_end()};
   ranks_.sum(sums);
   cells_->set_sums(sums[0], sums[1]);
   const CellSpool::Counts counts = sum_counts();
-  SPLATVOL_TRY(ranks_.agree(ranks_.is_first() ? cells_->start_sorts(counts) : Status{}));
+  SPLATVOL_TRY(ranks_.agree(ranks_.is_first() ? cells_->start_sorts(counts, sums[2]) : Status{}));
   std::vector<std::uint64_t> records;
   const auto add = [&](std::size_t, std::span<const std::byte> bytes) -> Status {
     for (ByteReader in(bytes); !in.at_end();) {

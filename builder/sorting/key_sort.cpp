@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <tuple>
 
 namespace splatvol {
 namespace {
@@ -13,6 +14,7 @@ constexpr int key_bits = 126;
 constexpr std::size_t keys_at_once = 256;      // keys made in one call
 constexpr std::size_t gathered_bytes = 16384;  // most bytes of records in one call, if they do not lie side by side
 constexpr std::size_t few = 64;                // words that are sorted by comparisons, at most
+constexpr std::size_t very_few = 8;            // words whose keys are compared as a whole, at most
 constexpr std::size_t many = 1 << 14;          // words that get tasks of their own, at least
 constexpr int words_ahead = 16;                // fetched into the cache before their turn: two cache lines
 constexpr int least_digit_bits = 4, most_digit_bits = 8;
@@ -105,6 +107,8 @@ class KeySort {
     const int next = first + 64 - index_bits_;
     if (next >= key_bits) {
       std::ranges::sort(words);
+    } else if (words.size() <= very_few) {
+      sort_very_few(words);
     } else if (words.size() < many) {
       fill_slice(words, next);
       sort(words, next);
@@ -114,6 +118,24 @@ class KeySort {
                           fill_slice(words.subspan(range.begin(), range.size()), next);
                         });
       sort(words, next);
+    }
+  }
+
+  // Sorts words whose slices are equal by the whole keys: filling in slices would take longer.
+  void sort_very_few(std::span<std::uint64_t> words) const {
+    for (const std::uint64_t word : words) __builtin_prefetch(records_[word & mask()]);
+    std::array<MortonKey, very_few> keys;
+    for (std::size_t i = 0; i < words.size(); ++i) {
+      MortonKey key;
+      key_({records_[words[i] & mask()], records_.record_bytes}, {&key, 1});
+      const std::uint64_t word = words[i];
+      std::size_t k = i;
+      for (; k > 0 && std::tie(key, word) < std::tie(keys[k - 1], words[k - 1]); --k) {
+        keys[k] = keys[k - 1];
+        words[k] = words[k - 1];
+      }
+      keys[k] = key;
+      words[k] = word;
     }
   }
 

@@ -18,6 +18,7 @@
 
 #include "base/file.h"
 #include "base/names.h"
+#include "base/vdb_grid.h"
 #include "base/vdb_share.h"
 #include "builder/mesh/material_box.h"
 #include "builder/sources/array_attributes.h"
@@ -222,12 +223,13 @@ class VdbFile {
   }
 
   void list_regions() {
-    for (const auto& [number, field] : fields_) field->add_topology(topology_);
-    for (auto brick = topology_.cbeginLeaf(); brick; ++brick) {
+    topology_ = make_vdb_grid<openvdb::MaskGrid>();
+    for (const auto& [number, field] : fields_) field->add_topology(topology_->tree());
+    for (auto brick = topology_->constTree().cbeginLeaf(); brick; ++brick) {
       const auto points = static_cast<std::uint32_t>(brick->onVoxelCount());
       if (points > 0) regions_.push_back({brick->origin(), 1, brick.getLeaf(), points});
     }
-    auto tile = topology_.cbeginValueOn();
+    auto tile = topology_->constTree().cbeginValueOn();
     tile.setMaxDepth(openvdb::MaskTree::ValueOnCIter::LEAF_DEPTH - 1);
     for (; tile; ++tile) {
       const openvdb::CoordBBox box = tile.getBoundingBox();
@@ -304,7 +306,7 @@ class VdbFile {
       shares.resize(samples.voxels.size());
       fields_.at(*share_grid_)->sample(samples.voxels, 0, shares);
     }
-    const TopologyAccessor active(topology_);
+    const TopologyAccessor active(topology_->constTree());
     const double edge = samples.region.edge;
     const SpatialMoments box = transform_.box_moments(edge);
     visit_points(samples.region, [&](std::size_t number, std::size_t voxel, const dvec3& position) {
@@ -391,8 +393,8 @@ class VdbFile {
   std::map<std::size_t, std::unique_ptr<VdbField>> fields_;  // by the number of their grid in the file
   std::optional<std::size_t> share_grid_;                    // holds the share of material in each box
   VoxelTransform transform_;
-  dmat3 to_gradient_{1};        // from the slope for each index
-  openvdb::MaskTree topology_;  // the union of all fields
+  dmat3 to_gradient_{1};             // from the slope for each index
+  openvdb::MaskGrid::Ptr topology_;  // the union of all fields
   std::vector<Region> regions_;
   std::map<int, SampleLayout> tile_layouts_;  // by the tile's edge
   std::vector<std::size_t> piece_begins_;     // [piece]: its first region; then the number of regions

@@ -20,6 +20,7 @@
 #include "renderer/reference/reference.h"
 #include "streamer/first/default_scene.h"
 #include "streamer/streamer.h"
+#include "tests/support/long.h"
 #include "tests/support/temp_folder.h"
 
 namespace splatvol {
@@ -359,11 +360,13 @@ TEST_P(RendererTestScales, DoNotChangeTheExactPicture) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sizes, RendererTestScales,
-                         testing::Values(Scales{1e-30, 1}, Scales{1e-15, 1}, Scales{1e-5, 1}, Scales{300, 1},
-                                         Scales{1e3, 1}, Scales{1e7, 1}, Scales{1e14, 1}, Scales{1e30, 1},
-                                         Scales{1, 1e-30}, Scales{1, 1e30}, Scales{1e-30, 1e30}, Scales{1e30, 1e-30},
-                                         Scales{0x1p-100, 0x1p100}, Scales{0x1p100, 0x1p-100}, Scales{1, 1, 1e6, 0},
-                                         Scales{1, 1, 0, 1e5}, Scales{1e20, 1e-20, -1e6, -1e5}));
+                         testing::ValuesIn(test::sample_of<Scales>(
+                             {Scales{1e-30, 1}, Scales{1e30, 1}, Scales{300, 1}, Scales{1, 1e-30}, Scales{1, 1e30},
+                              Scales{0x1p-100, 0x1p100}, Scales{1, 1, 1e6, 0}, Scales{1, 1, 0, 1e5},
+                              Scales{1e20, 1e-20, -1e6, -1e5},  // the sample ends here
+                              Scales{1e-15, 1}, Scales{1e-5, 1}, Scales{1e3, 1}, Scales{1e7, 1}, Scales{1e14, 1},
+                              Scales{1e-30, 1e30}, Scales{1e30, 1e-30}, Scales{0x1p100, 0x1p-100}},
+                             9)));
 
 }  // namespace
 }  // namespace splatvol

@@ -12,6 +12,7 @@
 #include <system_error>
 
 #include "base/file.h"
+#include "base/vdb_grid.h"
 #include "base/vdb_share.h"
 #include "format/codec.h"
 
@@ -50,7 +51,7 @@ VdbGrids::VdbGrids(const std::vector<std::string>& names, const dvec3& origin, d
     : grids_(std::make_unique<Grids>()) {
   openvdb::initialize();
   for (const std::string& name : names) {
-    const openvdb::FloatGrid::Ptr grid = openvdb::FloatGrid::create(0.0F);
+    const openvdb::FloatGrid::Ptr grid = make_vdb_grid<openvdb::FloatGrid>();
     grid->setName(name);
     grid->setGridClass(openvdb::GRID_FOG_VOLUME);
     const openvdb::math::Transform::Ptr transform = openvdb::math::Transform::createLinearTransform(voxel);

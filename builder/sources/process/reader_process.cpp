@@ -253,16 +253,16 @@ class ProcessSource final : public Source {
 
   Result<std::unique_ptr<Piece>> next() override {
     auto piece = std::make_unique<Piece>();
-    SPLATVOL_TRY(process_->ask(
-        name_, ReaderRequest::next, number_, [&](Channel& channel) { return channel.put_all(lends_, whole_cells_); },
-        [&](Channel& channel) -> Status {
-          SPLATVOL_TRY(get_state(channel));
-          bool is_there = false;
-          SPLATVOL_TRY(channel.get(is_there));
-          if (is_there) return get(channel, *piece, state_.attributes.size());
-          piece.reset();
-          return {};
-        }));
+    const auto put = [&](Channel& channel) { return channel.put_all(lends_, whole_cells_); };
+    const auto take = [&](Channel& channel) -> Status {
+      SPLATVOL_TRY(get_state(channel));
+      bool is_there = false;
+      SPLATVOL_TRY(channel.get(is_there));
+      if (is_there) return get(channel, *piece, state_.attributes.size());
+      piece.reset();
+      return {};
+    };
+    SPLATVOL_TRY(process_->ask(name_, ReaderRequest::next, number_, put, take));
     return piece;
   }
 

@@ -17,6 +17,7 @@
 #include <sstream>
 
 #include "base/file.h"
+#include "base/vdb_grid.h"
 #include "base/vdb_share.h"
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
@@ -67,7 +68,7 @@ class Vdb : public test::FolderTest {
 
 template <class Grid>
 typename Grid::Ptr make_grid(const std::string& name, double voxel = 1) {
-  const typename Grid::Ptr grid = Grid::create();
+  const auto grid = make_vdb_grid<Grid>();
   grid->setName(name);
   grid->setTransform(openvdb::math::Transform::createLinearTransform(voxel));
   return grid;

@@ -15,6 +15,7 @@
 #include <numeric>
 
 #include "base/file.h"
+#include "base/vdb_grid.h"
 #include "base/vdb_share.h"
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
@@ -97,7 +98,7 @@ double mass_of(const openvdb::FloatGrid& grid) {
 // A box of voxels with a linear value.
 std::string write_linear_box(const std::string& path, const dvec3& origin) {
   openvdb::initialize();
-  const auto grid = openvdb::FloatGrid::create();
+  const auto grid = make_vdb_grid<openvdb::FloatGrid>();
   grid->setName("value");
   grid->setTransform(openvdb::math::Transform::createLinearTransform(0.5));
   grid->transform().postTranslate({origin.x, origin.y, origin.z});
