@@ -23,7 +23,7 @@ enum class SurfaceCoding : std::uint8_t { failed, as_given, mirrored };
 /// Appends the code of a surface whose corners have the numbers 0 to corners - 1. The code depends neither on the order
 /// of the triangles, nor on whether all of them are turned round: `mirrored` tells that they come back so. Fails, and
 /// appends nothing, unless the surface is closed and oriented, in one part, uses all corners, and has
-/// surface_triangles(corners) triangles. Requires 4 to 255 corners, and numbers below.
+/// surface_triangles(corners) triangles: then it is that of a ball. Requires 4 to 255 corners, and numbers below.
 [[nodiscard]] SurfaceCoding encode_surface(std::span<const SurfaceTriangle> triangles, std::size_t corners,
                                            std::vector<std::byte>& code);
 
@@ -32,5 +32,12 @@ enum class SurfaceCoding : std::uint8_t { failed, as_given, mirrored };
 /// `code`.
 [[nodiscard]] bool decode_surface(std::span<const std::byte> code, std::size_t corners,
                                   std::span<SurfaceTriangle> triangles);
+
+/// Calls visit(tetrahedron) for the tetrahedra of a polyhedron: the apex with each triangle that does not have it.
+template <class Visit>
+void for_each_tetrahedron(std::span<const SurfaceTriangle> triangles, std::size_t apex, const Visit& visit) {
+  for (const auto& [a, b, c] : triangles)
+    if (a != apex && b != apex && c != apex) visit(std::array{a, c, b, static_cast<std::uint8_t>(apex)});
+}
 
 }  // namespace splatvol::format

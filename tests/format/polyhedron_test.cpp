@@ -3,9 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <numeric>
 #include <random>
+#include <utility>
 #include <vector>
+
+#include "tests/support/test_cells.h"
 
 namespace splatvol::format {
 namespace {
@@ -22,30 +24,11 @@ Triangles in_order(Triangles triangles, bool mirrored) {
   return triangles;
 }
 
-// A tetrahedron whose triangles are divided at random by new corners, and then some edges turned.
-Triangles random_surface(std::size_t corners, std::mt19937& random) {
-  Triangles surface = {{0, 1, 2}, {0, 2, 3}, {0, 3, 1}, {1, 3, 2}};
-  for (std::size_t corner = 4; corner < corners; ++corner) {
-    const std::size_t at = random() % surface.size();
-    const auto [a, b, c] = surface[at];
-    const auto d = static_cast<std::uint8_t>(corner);
-    surface[at] = {a, b, d};
-    surface.push_back({b, c, d});
-    surface.push_back({c, a, d});
-  }
-  std::vector<std::uint8_t> numbers(corners);
-  std::iota(numbers.begin(), numbers.end(), std::uint8_t{0});
-  std::ranges::shuffle(numbers, random);
-  for (SurfaceTriangle& t : surface)
-    for (std::uint8_t& corner : t) corner = numbers[corner];
-  return surface;
-}
-
 TEST(Surfaces, ComeBack) {
   std::mt19937 random(5);
   for (std::size_t i = 0; i < 500; ++i) {
     const std::size_t corners = i == 0 ? max_polyhedron_corners : 4 + random() % (i % 10 == 0 ? 252 : 30);
-    const Triangles surface = random_surface(corners, random);
+    const Triangles surface = test::random_surface(corners, random);
     ASSERT_EQ(surface.size(), surface_triangles(corners));
     std::vector<std::byte> code;
     const SurfaceCoding coding = encode_surface(surface, corners, code);
@@ -76,6 +59,7 @@ TEST(Surfaces, AreRefusedIfTheyAreNoneOfASphere) {
   EXPECT_TRUE(fails({{0, 1, 2}, {0, 2, 3}, {0, 3, 1}, {1, 2, 3}}, 4));  // against its neighbours
   EXPECT_TRUE(fails({{0, 1, 2}, {0, 2, 1}, {0, 1, 3}, {0, 3, 1}}, 4));  // two parts that share edges
   EXPECT_TRUE(fails({{0, 0, 1}, {0, 1, 0}, {2, 2, 3}, {3, 3, 2}}, 4));  // no triangles
+  EXPECT_TRUE(fails({{0, 1, 2}, {0, 2, 3}, {0, 3, 1}, {1, 3, 2}, {0, 2, 1}, {0, 1, 2}}, 5));  // edges of two triangles
   Triangles two = tetrahedron;
   for (const SurfaceTriangle& t : tetrahedron)
     two.push_back({static_cast<std::uint8_t>(t[0] + 4), static_cast<std::uint8_t>(t[1] + 4),
@@ -97,16 +81,19 @@ TEST(Surfaces, OfHostileBytesAreClosedOrRefused) {
       continue;
     }
     ++accepted;
-    std::vector<int> balance(corners * corners);
+    std::vector<int> triangles(corners * corners);  // [edge]
     for (const auto& [a, b, c] : back) {
       ASSERT_LT(std::max({a, b, c}), corners);
       ASSERT_TRUE(a != b && b != c && c != a);
       for (const auto& [from, to] : {std::pair(a, b), std::pair(b, c), std::pair(c, a)}) {
-        ++balance[from * corners + to];
-        --balance[to * corners + from];
+        EXPECT_EQ(++triangles[from * corners + to], 1);
       }
     }
-    EXPECT_TRUE(std::ranges::all_of(balance, [](int count) { return count == 0; }));
+    for (std::size_t from = 0; from < corners; ++from)
+      for (std::size_t to = 0; to < from; ++to)
+        EXPECT_EQ(triangles[from * corners + to], triangles[to * corners + from]);
+    std::vector<std::byte> again;
+    EXPECT_NE(encode_surface(back, corners, again), SurfaceCoding::failed);
   }
   EXPECT_GT(refused, 1000u);
   EXPECT_GT(accepted, 20u);
