@@ -202,13 +202,12 @@ std::uint64_t CellReader::memory_bytes() const {
 }
 
 Status CellReader::check_entry(const CellChunkEntry& entry) const {
-  const std::size_t corners = std::max<std::size_t>(corners_of(entry.shape), 1);
   if (entry.cells == 0 || entry.cells > max_chunk_cells || entry.packed_bytes > entry.unpacked_bytes ||
       !is_box(entry.low, entry.high) || !is_area(entry.area))
     return broken("a chunk of cells is out of range");
   if (!is_known(entry.shape, entry.field)) return {};
-  if (entry.unpacked_bytes > most_unpacked_bytes(entry) || entry.points < corners ||
-      entry.points > entry.cells * corners)
+  const std::size_t least = entry.shape == CellShape::polyhedron ? least_polyhedron_corners : corners_of(entry.shape);
+  if (entry.unpacked_bytes > most_unpacked_bytes(entry) || entry.points < least || entry.points > most_corners(entry))
     return broken("a chunk of cells has the wrong length");
   return {};
 }

@@ -13,7 +13,7 @@ namespace splatvol::format {
 
 inline constexpr std::size_t max_cell_corners = 8;
 
-/// Returns the number of corners; 0: a shape that this program does not know.
+/// Returns the number of corners; 0: not all cells of this shape have as many, or this program does not know it.
 [[nodiscard]] constexpr std::size_t corners_of(CellShape shape) {
   switch (shape) {
     case CellShape::tetrahedron:
@@ -24,6 +24,8 @@ inline constexpr std::size_t max_cell_corners = 8;
       return 6;
     case CellShape::hexahedron:
       return 8;
+    case CellShape::polyhedron:
+      break;
   }
   return 0;
 }
@@ -49,17 +51,19 @@ inline void sort_corners(std::span<std::uint64_t> corners) {
 
 /// Whether cells of this shape and field can be decoded.
 [[nodiscard]] constexpr bool is_known(CellShape shape, CellField field) {
-  return corners_of(shape) > 0 && (field == CellField::corners || field == CellField::constant);
+  return (corners_of(shape) > 0 || shape == CellShape::polyhedron) &&
+         (field == CellField::corners || field == CellField::constant);
 }
 
 /// How a cell is split into tetrahedra: they share the corner `split & 7`. Bit 3 + i is set if quadrilateral face i is
-/// split along the diagonal from its second corner, and not along that from its first. A tetrahedron has the split 0.
+/// split along the diagonal from its second corner, and not along that from its first. A tetrahedron has the split 0;
+/// that of a polyhedron is its apex, and its surface has the rest (format/polyhedron.h).
 using CellSplit = std::uint16_t;
 
 /// The quadrilateral faces of a shape, as corners in order.
 [[nodiscard]] std::span<const std::array<std::uint8_t, 4>> quadrilaterals_of(CellShape shape);
 
-/// Splits from this on do not exist.
+/// Splits from this on do not exist. No polyhedron.
 [[nodiscard]] inline unsigned split_end(CellShape shape) {
   return shape == CellShape::tetrahedron ? 1 : 8u << quadrilaterals_of(shape).size();
 }

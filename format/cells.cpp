@@ -16,7 +16,8 @@ namespace {
 
 constexpr std::size_t most_width = 6;  // bytes of a rank
 
-// In front of the planes: the lowest corner of the first cell, and the bytes of each column's numbers.
+// In front of the planes: the lowest corner of the first cell, and the bytes of each column's numbers. Polyhedra have
+// two columns: their first corners, and all others.
 struct CellsHeader {
   std::uint64_t first;
   std::uint8_t widths[max_cell_corners];
@@ -70,6 +71,30 @@ void sort_by_rank(std::vector<Corner>& corners, int bits) {
 
 }  // namespace
 
+void CellChunk::append(const CellChunk& others, std::size_t begin, std::size_t end) {
+  const auto add = [](auto& to, const auto& from, std::size_t first, std::size_t last) {
+    if (from.empty()) return;
+    const auto at = [&](std::size_t i) { return from.begin() + static_cast<std::ptrdiff_t>(i); };
+    to.insert(to.end(), at(first), at(last));
+  };
+  const std::size_t had = corners.size(), first = others.begin_of(begin), last = others.begin_of(end);
+  add(corners, others.corners, first, last);
+  add(splits, others.splits, begin, end);
+  add(points, others.points, begin, end);
+  if (shape != CellShape::polyhedron) return;
+  for (std::size_t cell = begin; cell < end; ++cell)
+    ends.push_back(static_cast<std::uint32_t>(had + others.ends[cell] - first));
+  add(triangles, others.triangles, 2 * first - 4 * begin, 2 * last - 4 * end);
+}
+
+void CellChunk::clear() {
+  corners.clear();
+  splits.clear();
+  points.clear();
+  ends.clear();
+  triangles.clear();
+}
+
 std::string cell_shape_name(CellShape shape) {
   switch (shape) {
     case CellShape::tetrahedron:
@@ -80,6 +105,8 @@ std::string cell_shape_name(CellShape shape) {
       return "wedge";
     case CellShape::hexahedron:
       return "hexahedron";
+    case CellShape::polyhedron:
+      return "polyhedron";
   }
   return fmt::format("shape {}", static_cast<int>(shape));
 }
@@ -169,7 +196,60 @@ ValueSummary summarize_cells(const CellChunk& cells, const LocalCells& local, st
   return summary;
 }
 
-PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
+namespace {
+
+// The unpacked form of a chunk: planes behind the headers.
+struct CellPayload {
+  Bytes bytes;
+  std::vector<std::size_t> ends = {};  // of the planes
+
+  template <class Number>
+  void add(const std::vector<Number>& numbers, std::size_t width = sizeof(Number)) {
+    for (std::size_t plane = 1; plane <= width; ++plane) ends.push_back(bytes.size() + plane * numbers.size());
+    append_planes<Number>(bytes, numbers, width);
+  }
+  std::uint8_t add_narrow(const std::vector<std::uint64_t>& numbers) {
+    const std::uint8_t width = width_of(numbers);
+    add(numbers, width);
+    return width;
+  }
+};
+
+// Returns the headers' part.
+PointsHeader add_points(const CellChunk& cells, CellPayload& payload) {
+  PointsHeader header{};
+  std::vector<std::uint64_t> differences(cells.size());
+  std::adjacent_difference(cells.points.begin(), cells.points.end(), differences.begin());
+  header.first = std::exchange(differences[0], 0);
+  header.width = payload.add_narrow(differences);
+  return header;
+}
+
+CellsHeader add_polyhedra(const CellChunk& cells, CellPayload& payload) {
+  CellsHeader header{cells.corners[0], {}};
+  std::vector<std::uint64_t> first, others;
+  std::vector<std::uint8_t> counts, apexes;
+  std::vector<std::byte> codes;
+  std::uint64_t before = header.first;
+  for (std::size_t cell = 0; cell < cells.size(); ++cell) {
+    const auto corners = cells.corners_at(cell);
+    first.push_back(first_difference(cells.field, corners[0], before));
+    before = corners[0];
+    counts.push_back(static_cast<std::uint8_t>(corners.size()));
+    apexes.push_back(static_cast<std::uint8_t>(cells.splits[cell]));
+    for (std::size_t k = 1; k < corners.size(); ++k) others.push_back(corners[k] - corners[k - 1] - 1);
+    [[maybe_unused]] const SurfaceCoding coding = encode_surface(cells.triangles_at(cell), corners.size(), codes);
+  }
+  header.widths[0] = payload.add_narrow(first);
+  payload.add(counts);
+  payload.add(apexes);
+  header.widths[1] = payload.add_narrow(others);
+  payload.add(codes);
+  return header;
+}
+
+// Cells whose shape has a number of corners.
+CellsHeader add_cells(const CellChunk& cells, CellPayload& payload) {
   const std::size_t count = corners_of(cells.shape), size = cells.size();
   std::vector<std::uint64_t> ranks(size * count);  // ascending in a cell
   std::vector<std::uint16_t> codes, splits;
@@ -187,16 +267,7 @@ PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
     splits.push_back(order.split);
   }
   CellsHeader header{ranks[0], {}};
-  PointsHeader of_points{};
-  Bytes payload(header_bytes(cells.field));
   std::vector<std::uint64_t> differences(size);
-  if (cells.field == CellField::constant) {
-    std::adjacent_difference(cells.points.begin(), cells.points.end(), differences.begin());
-    of_points.first = std::exchange(differences[0], 0);
-    of_points.width = width_of(differences);
-    append_planes<std::uint64_t>(payload, differences, of_points.width);
-    std::memcpy(payload.data() + sizeof(header), &of_points, sizeof(of_points));
-  }
   for (std::size_t k = 0; k < count; ++k) {
     std::uint64_t before = header.first;
     for (std::size_t cell = 0; cell < size; ++cell) {
@@ -204,87 +275,222 @@ PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
       differences[cell] = k > 0 ? rank - ranks[cell * count + k - 1] - 1 : first_difference(cells.field, rank, before);
       before = rank;
     }
-    header.widths[k] = width_of(differences);
-    append_planes<std::uint64_t>(payload, differences, header.widths[k]);
+    header.widths[k] = payload.add_narrow(differences);
   }
-  append_planes<std::uint16_t>(payload, codes);
-  append_planes<std::uint16_t>(payload, splits);
-  std::memcpy(payload.data(), &header, sizeof(header));
+  payload.add(codes);
+  payload.add(splits);
+  return header;
+}
+
+}  // namespace
+
+PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
+  const bool are_polyhedra = cells.shape == CellShape::polyhedron;
+  CellPayload payload{Bytes(header_bytes(cells.field))};
+  if (cells.field == CellField::constant) {
+    const PointsHeader of_points = add_points(cells, payload);
+    std::memcpy(payload.bytes.data() + sizeof(CellsHeader), &of_points, sizeof(of_points));
+  }
+  const CellsHeader header = are_polyhedra ? add_polyhedra(cells, payload) : add_cells(cells, payload);
+  std::memcpy(payload.bytes.data(), &header, sizeof(header));
   PackedCells packed;
-  packed.bytes = pack_planes(payload, header_bytes(cells.field), size);
+  packed.bytes = are_polyhedra ? pack_planes(payload.bytes, payload.ends)
+                               : pack_planes(payload.bytes, header_bytes(cells.field), cells.size());
   packed.entry.hash = hash_bytes(packed.bytes);
   packed.entry.packed_bytes = static_cast<std::uint32_t>(packed.bytes.size());
-  packed.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
-  packed.entry.cells = static_cast<std::uint32_t>(size);
+  packed.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.bytes.size());
+  packed.entry.cells = static_cast<std::uint32_t>(cells.size());
   packed.entry.points = static_cast<std::uint32_t>(points);
   packed.entry.shape = cells.shape;
   packed.entry.field = cells.field;
   return packed;
 }
 
-std::uint64_t most_unpacked_bytes(const CellChunkEntry& entry) {
-  std::uint64_t numbers = corners_of(entry.shape);
-  if (entry.field == CellField::constant) ++numbers;
-  const std::uint64_t order = entry.shape == CellShape::tetrahedron ? 0 : 2 * sizeof(std::uint16_t);
-  return header_bytes(entry.field) + entry.cells * (numbers * sizeof(std::uint64_t) + order);
+std::uint64_t most_corners(const CellChunkEntry& entry) {
+  if (entry.shape != CellShape::polyhedron) return entry.cells * std::uint64_t{corners_of(entry.shape)};
+  return std::min<std::uint64_t>(entry.cells * std::uint64_t{max_polyhedron_corners}, max_chunk_corners);
 }
+
+std::uint64_t most_unpacked_bytes(const CellChunkEntry& entry) {
+  const std::uint64_t corners = most_corners(entry);
+  std::uint64_t bytes = header_bytes(entry.field) + corners * sizeof(std::uint64_t);
+  if (entry.field == CellField::constant) bytes += entry.cells * sizeof(std::uint64_t);
+  if (entry.shape == CellShape::polyhedron) return bytes + 2 * corners;  // codes, counts and apexes
+  return entry.shape == CellShape::tetrahedron ? bytes : bytes + entry.cells * 2 * sizeof(std::uint16_t);
+}
+
+namespace {
+
+// Takes a chunk apart. Its bytes are untrusted.
+class CellUnpacker {
+ public:
+  // `points`, `vertices`: of the file.
+  CellUnpacker(const CellChunkEntry& entry, std::span<const std::byte> payload, std::uint64_t points,
+               std::uint64_t vertices, std::string_view what)
+      : cells_{entry.shape, entry.field, {}, {}, {}},
+        size_(entry.cells),
+        payload_(payload),
+        points_(points),
+        corner_end_(entry.field == CellField::constant ? vertices : points),
+        what_(what) {}
+
+  Result<CellChunk> run() {
+    SPLATVOL_TRY(take_headers());
+    if (cells_.field == CellField::constant) SPLATVOL_TRY(take_points());
+    if (cells_.shape == CellShape::polyhedron)
+      SPLATVOL_TRY(take_polyhedra());
+    else
+      SPLATVOL_TRY(take_cells());
+    return std::move(cells_);
+  }
+
+ private:
+  [[nodiscard]] tl::unexpected<Error> wrong(const char* rule) const {
+    return fail(ErrorCode::invalid_data, "{}: {} [R24]", what_, rule);
+  }
+  [[nodiscard]] tl::unexpected<Error> wrong_length() const {
+    return wrong("wrong length, or a corner that is not there");
+  }
+
+  // Checks the length of the payload; of polyhedra, as far as headers tell it.
+  Status take_headers() {
+    const bool is_constant = cells_.field == CellField::constant, are_polyhedra = cells_.shape == CellShape::polyhedron;
+    const std::size_t headers = header_bytes(cells_.field);
+    if (payload_.size() < headers) return wrong("wrong length");
+    header_ = read_record<CellsHeader>(payload_, 0);
+    if (is_constant) of_points_ = read_record<PointsHeader>(payload_, sizeof(CellsHeader));
+    const std::size_t columns = are_polyhedra ? 2 : corners_of(cells_.shape);
+    std::size_t width = std::accumulate(header_.widths, header_.widths + columns, std::size_t{of_points_.width});
+    if (are_polyhedra) width += 2 - header_.widths[1];
+    if (!are_polyhedra && cells_.shape != CellShape::tetrahedron) width += 2 * sizeof(std::uint16_t);
+    const std::size_t length = headers + width * size_;
+    if (std::max(std::ranges::max(header_.widths), of_points_.width) > most_width ||
+        std::any_of(header_.widths + columns, std::end(header_.widths), [](std::uint8_t w) { return w > 0; }) ||
+        (are_polyhedra ? payload_.size() < length : payload_.size() != length) || header_.first >= corner_end_ ||
+        (is_constant && of_points_.first >= points_))
+      return wrong_length();
+    planes_ = payload_.subspan(headers);
+    return {};
+  }
+
+  Status take_points() {
+    planes_ = take_planes(planes_, differences_, size_, of_points_.width);
+    std::uint64_t point = of_points_.first;
+    for (const std::uint64_t difference : differences_) {
+      point += difference;
+      if (point >= points_) return wrong("a cell of a point that is not there");
+      cells_.points.push_back(point);
+    }
+    return {};
+  }
+
+  Status take_cells() {
+    const std::size_t count = corners_of(cells_.shape);
+    std::vector<std::uint64_t>& corners = cells_.corners;
+    corners.resize(size_ * count);
+    for (std::size_t k = 0; k < count; ++k) {
+      planes_ = take_planes(planes_, differences_, size_, header_.widths[k]);
+      std::uint64_t before = header_.first;
+      for (std::size_t cell = 0; cell < size_; ++cell) {
+        // All are below 2^48, so that nothing overflows; a negative number is too large.
+        const std::uint64_t rank = k == 0 ? after_first(cells_.field, before, differences_[cell])
+                                          : corners[cell * count + k - 1] + 1 + differences_[cell];
+        if (rank >= corner_end_) return wrong("a corner that is not there");
+        corners[cell * count + k] = before = rank;
+      }
+    }
+    return cells_.shape == CellShape::tetrahedron ? Status{} : take_orders();
+  }
+
+  Status take_orders() {
+    const std::size_t count = corners_of(cells_.shape);
+    std::vector<std::uint16_t> codes;
+    planes_ = take_planes(planes_, codes, size_);
+    take_planes(planes_, cells_.splits, size_);
+    const auto orders = orders_of(cells_.shape);
+    for (std::size_t cell = 0; cell < size_; ++cell) {
+      if (codes[cell] >= orders.size() || !is_split(cells_.shape, cells_.splits[cell]))
+        return wrong("an order of corners, or a split, that does not exist");
+      std::array<std::uint64_t, max_cell_corners> ranks{};
+      const auto corners = std::span(cells_.corners).subspan(cell * count, count);
+      std::ranges::copy(corners, ranks.begin());
+      for (std::size_t k = 0; k < count; ++k) corners[k] = ranks[orders[codes[cell]][k]];
+    }
+    return {};
+  }
+
+  Status take_polyhedra() {
+    std::vector<std::uint8_t> counts, apexes;
+    planes_ = take_planes(planes_, differences_, size_, header_.widths[0]);
+    planes_ = take_planes(planes_, counts, size_);
+    planes_ = take_planes(planes_, apexes, size_);
+    std::size_t corners = 0;
+    for (std::size_t cell = 0; cell < size_; ++cell) {
+      if (counts[cell] < least_polyhedron_corners || apexes[cell] >= counts[cell])
+        return wrong("a polyhedron with too few corners, or without its apex");
+      cells_.ends.push_back(static_cast<std::uint32_t>(corners += counts[cell]));
+    }
+    cells_.splits.assign(apexes.begin(), apexes.end());
+    std::size_t code_bytes = 0;
+    for (const std::uint8_t count : counts) code_bytes += surface_code_bytes(count);
+    if (corners > max_chunk_corners || planes_.size() != header_.widths[1] * (corners - size_) + code_bytes)
+      return wrong_length();
+    std::vector<std::uint64_t> others;
+    planes_ = take_planes(planes_, others, corners - size_, header_.widths[1]);
+    SPLATVOL_TRY(take_corners(others));
+    return take_surfaces();
+  }
+
+  // `others`: differences of all corners but first ones, which differences_ has.
+  Status take_corners(std::span<const std::uint64_t> others) {
+    std::uint64_t first = header_.first;
+    for (std::size_t cell = 0; cell < size_; ++cell) {
+      std::uint64_t rank = first = after_first(cells_.field, first, differences_[cell]);
+      const std::size_t end = cells_.ends[cell];
+      if (rank >= corner_end_) return wrong("a corner that is not there");
+      cells_.corners.push_back(rank);
+      for (; cells_.corners.size() < end; others = others.subspan(1)) {
+        rank += 1 + others[0];
+        if (rank >= corner_end_) return wrong("a corner that is not there");
+        cells_.corners.push_back(rank);
+      }
+    }
+    return {};
+  }
+
+  // The planes end with the codes.
+  Status take_surfaces() {
+    cells_.triangles.resize(2 * cells_.corners.size() - 4 * size_);
+    const auto all = std::span(cells_.triangles);
+    std::size_t triangles = 0;
+    for (std::size_t cell = 0; cell < size_; ++cell) {
+      const std::size_t corners = cells_.corners_at(cell).size(), bytes = surface_code_bytes(corners);
+      const auto surface = all.subspan(triangles, surface_triangles(corners));
+      if (!decode_surface(planes_.first(bytes), corners, surface))
+        return wrong("a polyhedron without a closed surface");
+      planes_ = planes_.subspan(bytes);
+      triangles += surface.size();
+    }
+    return {};
+  }
+
+  CellChunk cells_;
+  std::size_t size_;
+  std::span<const std::byte> payload_, planes_;  // planes: those that are left
+  std::uint64_t points_, corner_end_;
+  std::string_view what_;
+  CellsHeader header_{};
+  PointsHeader of_points_{};
+  std::vector<std::uint64_t> differences_;
+};
+
+}  // namespace
 
 Result<CellChunk> unpack_cells(const CellChunkEntry& entry, std::span<const std::byte> packed, std::uint64_t points,
                                std::uint64_t vertices, std::string_view what) {
   SPLATVOL_TRY(check_packed(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(payload, unpack_here(packed, entry.unpacked_bytes, what));
-  const auto wrong = [&](const char* rule) { return fail(ErrorCode::invalid_data, "{}: {} [R24]", what, rule); };
-  const std::size_t count = corners_of(entry.shape), size = entry.cells;
-  const bool is_constant = entry.field == CellField::constant;
-  const std::uint64_t corner_end = is_constant ? vertices : points;
-  if (payload.size() < header_bytes(entry.field)) return wrong("wrong length");
-  const auto header = read_record<CellsHeader>(payload, 0);
-  const auto of_points = is_constant ? read_record<PointsHeader>(payload, sizeof(header)) : PointsHeader{};
-  std::size_t width = std::accumulate(std::begin(header.widths), std::end(header.widths), std::size_t{of_points.width});
-  if (entry.shape != CellShape::tetrahedron) width += 2 * sizeof(std::uint16_t);
-  if (std::max(std::ranges::max(header.widths), of_points.width) > most_width ||
-      std::any_of(header.widths + count, std::end(header.widths), [](std::uint8_t w) { return w > 0; }) ||
-      payload.size() != header_bytes(entry.field) + width * size || header.first >= corner_end ||
-      (is_constant && of_points.first >= points))
-    return wrong("wrong length, or a corner that is not there");
-
-  CellChunk cells{entry.shape, entry.field, std::vector<std::uint64_t>(size * count), {}, {}};
-  std::vector<std::uint64_t> differences;
-  std::span<const std::byte> planes = payload.subspan(header_bytes(entry.field));
-  if (is_constant) {
-    planes = take_planes(planes, differences, size, of_points.width);
-    std::uint64_t point = of_points.first;
-    for (const std::uint64_t difference : differences) {
-      point += difference;
-      if (point >= points) return wrong("a cell of a point that is not there");
-      cells.points.push_back(point);
-    }
-  }
-  for (std::size_t k = 0; k < count; ++k) {
-    planes = take_planes(planes, differences, size, header.widths[k]);
-    std::uint64_t before = header.first;
-    for (std::size_t cell = 0; cell < size; ++cell) {
-      // All are below 2^48, so that nothing overflows; a negative number is too large.
-      const std::uint64_t rank = k == 0 ? after_first(entry.field, before, differences[cell])
-                                        : cells.corners[cell * count + k - 1] + 1 + differences[cell];
-      if (rank >= corner_end) return wrong("a corner that is not there");
-      cells.corners[cell * count + k] = before = rank;
-    }
-  }
-  if (entry.shape == CellShape::tetrahedron) return cells;
-  std::vector<std::uint16_t> codes;
-  planes = take_planes(planes, codes, size);
-  take_planes(planes, cells.splits, size);
-  const auto orders = orders_of(entry.shape);
-  for (std::size_t cell = 0; cell < size; ++cell) {
-    if (codes[cell] >= orders.size() || !is_split(entry.shape, cells.splits[cell]))
-      return wrong("an order of corners, or a split, that does not exist");
-    std::array<std::uint64_t, max_cell_corners> ranks{};
-    const auto corners = std::span(cells.corners).subspan(cell * count, count);
-    std::ranges::copy(corners, ranks.begin());
-    for (std::size_t k = 0; k < count; ++k) corners[k] = ranks[orders[codes[cell]][k]];
-  }
-  return cells;
+  return CellUnpacker(entry, payload, points, vertices, what).run();
 }
 
 Bytes pack_rank_page(const RankPage& page, PackedPageRef& ref) {

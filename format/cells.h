@@ -15,6 +15,7 @@
 #include "format/codec.h"
 #include "format/columns.h"
 #include "format/layout.h"
+#include "format/polyhedron.h"
 
 namespace splatvol::format {
 
@@ -26,11 +27,33 @@ struct CellChunk {
   std::vector<CellSplit> splits;       // [cell]; empty: tetrahedra
   std::vector<std::uint64_t> points;   // [cell]: the rank of the point whose value it has, if the field is constant
 
-  [[nodiscard]] std::size_t size() const { return corners.size() / corners_of(shape); }
+  // Of polyhedra, whose corners ascend.
+  std::vector<std::uint32_t> ends = {};         // [cell]: of its corners
+  std::vector<SurfaceTriangle> triangles = {};  // [cell][triangle]: its surface, as indices of its corners
+
+  [[nodiscard]] std::size_t size() const {
+    return shape == CellShape::polyhedron ? ends.size() : corners.size() / corners_of(shape);
+  }
+  /// The index of a cell's first corner; that of all corners' end for a cell of number size().
+  [[nodiscard]] std::size_t begin_of(std::size_t cell) const {
+    if (shape != CellShape::polyhedron) return cell * corners_of(shape);
+    return cell == 0 ? 0 : ends[cell - 1];
+  }
   [[nodiscard]] std::span<const std::uint64_t> corners_at(std::size_t cell) const {
-    return std::span(corners).subspan(cell * corners_of(shape), corners_of(shape));
+    return std::span(corners).subspan(begin_of(cell), begin_of(cell + 1) - begin_of(cell));
+  }
+  /// Requires polyhedra.
+  [[nodiscard]] std::span<const SurfaceTriangle> triangles_at(std::size_t cell) const {
+    const std::size_t begin = 2 * begin_of(cell) - 4 * cell, end = 2 * begin_of(cell + 1) - 4 * (cell + 1);
+    return std::span(triangles).subspan(begin, end - begin);
   }
   [[nodiscard]] CellSplit split_at(std::size_t cell) const { return splits.empty() ? CellSplit{0} : splits[cell]; }
+
+  /// Adds some of other cells of this shape and field: those of numbers from `begin` to `end`.
+  void append(const CellChunk& others, std::size_t begin, std::size_t end);
+
+  /// Drops all cells, and keeps the memory.
+  void clear();
 };
 
 /// The names of a shape and of a field; "shape 77", "field 77" if this program does not know them.
@@ -52,6 +75,14 @@ struct CellExtent {
   double area = 0;  // of the faces of all tetrahedra of the cells: a face between two counts twice
 };
 
+/// Calls visit(tetrahedron) for the tetrahedra of a cell, as indices of its corners.
+template <class Visit>
+void for_each_tetrahedron(const CellChunk& cells, std::size_t cell, const Visit& visit) {
+  if (cells.shape == CellShape::polyhedron)
+    return for_each_tetrahedron(cells.triangles_at(cell), cells.splits[cell], visit);
+  for (const std::array<std::uint8_t, 4>& corners : tetrahedra_of(cells.shape, cells.split_at(cell))) visit(corners);
+}
+
 /// Calls visit(tetrahedron) for the tetrahedra of all cells, as indices into the ranks of `local`.
 template <class Visit>
 void for_each_tetrahedron(const CellChunk& cells, const LocalCells& local, const Visit& visit) {
@@ -61,10 +92,11 @@ void for_each_tetrahedron(const CellChunk& cells, const LocalCells& local, const
       visit(std::array{corners[0], corners[1], corners[2], corners[3]});
     return;
   }
-  const std::size_t count = corners_of(cells.shape);
-  for (std::size_t cell = 0; cell < cells.size(); ++cell, corners += count) {
-    for (const auto& [a, b, c, d] : tetrahedra_of(cells.shape, cells.split_at(cell)))
-      visit(std::array{corners[a], corners[b], corners[c], corners[d]});
+  for (std::size_t cell = 0; cell < cells.size(); ++cell) {
+    const std::uint32_t* const of_cell = corners + cells.begin_of(cell);
+    for_each_tetrahedron(cells, cell, [&](const std::array<std::uint8_t, 4>& at) {
+      visit(std::array{of_cell[at[0]], of_cell[at[1]], of_cell[at[2]], of_cell[at[3]]});
+    });
   }
 }
 
@@ -84,10 +116,13 @@ struct PackedCells {
   Bytes bytes;
 };
 
-/// Packs 1 to max_chunk_cells cells that are known. `points`: how many different ones they name. Requires different
-/// corners in each cell, and the ascending order of the lowest corners of all cells; of their points if the field is
-/// constant.
+/// Packs 1 to max_chunk_cells cells that are known, with at most max_chunk_corners. `points`: how many different ones
+/// they name. Requires different corners in each cell, surfaces that encode_surface() takes, and the ascending order of
+/// the lowest corners of all cells; of their points if the field is constant.
 [[nodiscard]] PackedCells pack_cells(const CellChunk& cells, std::size_t points);
+
+/// The most corners that the cells of a chunk of a known shape have, one by one.
+[[nodiscard]] std::uint64_t most_corners(const CellChunkEntry& entry);
 
 /// The most bytes that a chunk of a known shape and field has unpacked.
 [[nodiscard]] std::uint64_t most_unpacked_bytes(const CellChunkEntry& entry);

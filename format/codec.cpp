@@ -72,20 +72,28 @@ Bytes pack(std::span<const std::byte> raw) {
 
 Bytes pack_planes(std::span<const std::byte> raw, std::size_t header_bytes, std::size_t plane_bytes) {
   if (plane_bytes < least_block_bytes || raw.size() < header_bytes + plane_bytes) return pack(raw);
+  std::vector<std::size_t> ends;
+  for (std::size_t end = header_bytes + plane_bytes; end < raw.size(); end += plane_bytes) ends.push_back(end);
+  ends.push_back(raw.size());
+  return pack_planes(raw, ends);
+}
+
+Bytes pack_planes(std::span<const std::byte> raw, std::span<const std::size_t> ends) {
   ZSTD_CCtx* context = compressor();
   ZSTD_CCtx_reset(context, ZSTD_reset_session_and_parameters);
   ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, compression_level);
   ZSTD_CCtx_setPledgedSrcSize(context, raw.size());
   thread_local Bytes packed;
-  const std::size_t blocks = (raw.size() - header_bytes) / plane_bytes;
-  packed.resize(std::max(packed.size(), ZSTD_compressBound(raw.size()) + 16 * (blocks + 1)));
+  packed.resize(std::max(packed.size(), ZSTD_compressBound(raw.size()) + 16 * (ends.size() + 1)));
   ZSTD_outBuffer out = {packed.data(), packed.size(), 0};
-  std::size_t end = header_bytes;
-  for (std::size_t begin = 0; begin < raw.size(); begin = end) {
-    end = std::min(raw.size(), end + plane_bytes);
+  std::size_t begin = 0;
+  for (const std::size_t end : ends) {
+    if (end - begin < least_block_bytes && end < raw.size()) continue;
     ZSTD_inBuffer in = {raw.data() + begin, end - begin, 0};
     const std::size_t left = ZSTD_compressStream2(context, &out, &in, end == raw.size() ? ZSTD_e_end : ZSTD_e_flush);
     if (left != 0) return pack(raw);
+    begin = end;
+    if (end == raw.size()) break;  // planes without bytes may follow
   }
   return frame_or_raw(packed, out.pos, raw);
 }

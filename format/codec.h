@@ -61,6 +61,9 @@ class PartsHash {
 /// alike, and planes differ. `raw` is a header of `header_bytes`, then planes of `plane_bytes` each.
 [[nodiscard]] Bytes pack_planes(std::span<const std::byte> raw, std::size_t header_bytes, std::size_t plane_bytes);
 
+/// The same for planes that end at `ends`, the last of them with `raw`. Short ones share a block.
+[[nodiscard]] Bytes pack_planes(std::span<const std::byte> raw, std::span<const std::size_t> ends);
+
 /// Undoes `pack` into exactly `unpacked_bytes` bytes. `what` begins the message of an error. Safe on untrusted input:
 /// allocates at most about 1024 times the packed size. Thread-safe.
 [[nodiscard]] Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes,

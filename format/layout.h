@@ -30,7 +30,8 @@ inline constexpr std::size_t max_patches = 4096;             // of a boundary
 inline constexpr std::uint32_t series_feature = 1;           // of Superblock::critical_features
 inline constexpr std::uint32_t max_page_chunks = 256;        // of cells
 inline constexpr std::uint32_t max_chunk_cells = 1u << 16;
-inline constexpr std::uint32_t max_chunk_groups = 4096;  // that the cells of a chunk have their corners in
+inline constexpr std::uint32_t max_chunk_corners = 1u << 19;  // of all of its cells
+inline constexpr std::uint32_t max_chunk_groups = 4096;       // that the cells of a chunk have their corners in
 inline constexpr std::uint32_t rank_page_points = 1u << 16;
 inline constexpr std::uint32_t vertex_page_points = 1u << 12;
 
@@ -170,7 +171,7 @@ struct PatchPart {               // spec 13
 };
 static_assert(sizeof(PatchPart) == 16);
 
-enum class CellShape : std::uint8_t { tetrahedron = 1, pyramid = 2, wedge = 3, hexahedron = 4 };
+enum class CellShape : std::uint8_t { tetrahedron = 1, pyramid = 2, wedge = 3, hexahedron = 4, polyhedron = 5 };
 enum class CellField : std::uint8_t {
   corners = 1,   // linear between the values of the points at the corners
   constant = 2,  // the value of one point in all of the cell, whose corners are vertices of their own

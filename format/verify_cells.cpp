@@ -38,8 +38,8 @@ bool is_box(const double (&low)[3], const double (&high)[3], const Box& box) {
 struct Ends {
   struct Cell {
     CellShape shape{};
-    std::uint64_t point = 0;                              // of a constant field
-    std::array<std::uint64_t, max_cell_corners> ranks{};  // ascending
+    std::uint64_t point = 0;           // of a constant field
+    std::vector<std::uint64_t> ranks;  // ascending; of a polyhedron, what the order is by: its first, or none
     [[nodiscard]] bool is_before(const Cell& other) const {
       return shape == other.shape && std::tie(point, ranks) < std::tie(other.point, other.ranks);
     }
@@ -244,14 +244,17 @@ class CellVerifier {
   }
 
   Status check_order(const CellChunk& cells, Ends& ends) const {
+    Ends::Cell cell{cells.shape, 0, {}};
     for (std::size_t i = 0; i < cells.size(); ++i) {
-      Ends::Cell cell{cells.shape, cells.points.empty() ? 0 : cells.points[i], {}};
-      const auto ranks = std::span(cell.ranks).first(corners_of(cells.shape));
-      std::ranges::copy(cells.corners_at(i), ranks.begin());
-      sort_corners(ranks);
+      auto corners = cells.corners_at(i);
+      if (cells.shape == CellShape::polyhedron) corners = corners.first(cells.field == CellField::corners ? 1 : 0);
+      cell.point = cells.points.empty() ? 0 : cells.points[i];
+      cell.ranks.assign(corners.begin(), corners.end());
+      sort_corners(cell.ranks);
       if (cell.is_before(ends.last)) return unordered();
       if (ends.first.shape == CellShape{}) ends.first = cell;
-      ends.last = cell;
+      std::swap(cell, ends.last);
+      cell.shape = cells.shape;
     }
     return {};
   }

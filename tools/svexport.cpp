@@ -176,9 +176,11 @@ void add_selection_options(CommandLine& app, Options& options) {
   app.add_option("--resolution", options.resolution, "0 is the coarsest (default: the finest)")
       ->range(0, 1000)
       ->type_name("R");
-  app.add_flag("--cells", options.cells,
-               "Write the cells of the mesh with their points and values, from a file that svbuild --keep-cells has "
-               "made; for .vtu. A box takes every cell whose own bounding box meets it, as positions are stored");
+  app.add_flag(
+      "--cells", options.cells,
+      "Write the cells of the mesh with their points and values, from a file that svbuild --keep-cells has "
+      "made; for .vtu. Polyhedra are written as the tetrahedra that they are split into. A box takes every cell whose "
+      "own bounding box meets it, as positions are stored");
   app.add_option("--box", options.box, "Only the voxels whose centres, or the points, that lie in this box")
       ->type_name("X0,Y0,Z0,X1,Y1,Z1")
       ->delimiter(',')

@@ -5,6 +5,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <memory>
 #include <numeric>
@@ -140,29 +141,23 @@ class ChunkMaker {
   }
 
   static SortedCells part_of(const SortedCells& cells, std::size_t begin, std::size_t end) {
-    const std::size_t corners = format::corners_of(cells.chunk.shape);
-    const auto part = [&](const auto& all, std::size_t each) {
-      const auto at = [&](std::size_t i) { return all.begin() + static_cast<std::ptrdiff_t>(i * each); };
-      return all.empty() ? all : std::remove_cvref_t<decltype(all)>(at(begin), at(end));
-    };
-    return {{cells.chunk.shape, cells.chunk.field, part(cells.chunk.corners, corners), part(cells.chunk.splits, 1),
-             part(cells.chunk.points, 1)},
-            part(cells.signs, 1)};
+    SortedCells part{{cells.chunk.shape, cells.chunk.field, {}, {}, {}}, {}};
+    part.add(cells, begin, end);
+    return part;
   }
 
   void count_turned(const SortedCells& cells, const format::LocalCells& local, CellReport& report) {
-    const format::CellShape shape = cells.chunk.shape;
-    const std::size_t count = format::corners_of(shape);
     for (std::size_t i = 0; i < cells.chunk.size(); ++i) {
       bool is_turned = false;
-      for (const auto& [a, b, c, d] : format::tetrahedra_of(shape, cells.chunk.split_at(i))) {
-        const auto corner = [&](std::uint8_t k) { return positions_[local.corners[i * count + k]]; };
-        const double volume = signed_volume_6(corner(a), corner(b), corner(c), corner(d)) / 6;
+      const std::size_t begin = cells.chunk.begin_of(i);
+      format::for_each_tetrahedron(cells.chunk, i, [&](const std::array<std::uint8_t, 4>& at) {
+        const auto corner = [&](std::size_t k) { return positions_[local.corners[begin + at[k]]]; };
+        const double volume = signed_volume_6(corner(0), corner(1), corner(2), corner(3)) / 6;
         report.volume += std::abs(volume);
-        if (!(volume * cells.signs[i] < 0)) continue;
+        if (!(volume * cells.signs[i] < 0)) return;
         is_turned = true;
         report.turned_volume += std::abs(volume);
-      }
+      });
       report.turned += is_turned ? 1 : 0;
     }
   }

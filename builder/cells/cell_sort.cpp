@@ -23,6 +23,7 @@ CellSort::Record order_of(std::span<const std::uint64_t> record, std::size_t cor
 }
 
 constexpr int key_bits = 126, half_key_bits = 63;
+constexpr std::uint64_t half_key = (std::uint64_t{1} << half_key_bits) - 1;
 constexpr std::size_t key_corners = 4;  // most in a key: all shapes have as many
 
 // Makes keys: as many of the lowest corners as fit, behind the point of a constant field. A rank takes no more bits
@@ -51,8 +52,7 @@ class Keys {
     Wide key = point_bits_ > 0 ? record[corners_] : 0;
     for (std::size_t k = 0; k < in_key_; ++k) key = key << corner_bits_ | lowest[k];
     key <<= key_bits - point_bits_ - static_cast<int>(in_key_) * corner_bits_;
-    constexpr std::uint64_t half = (std::uint64_t{1} << half_key_bits) - 1;
-    return {static_cast<std::uint64_t>(key >> half_key_bits), static_cast<std::uint64_t>(key) & half};
+    return {static_cast<std::uint64_t>(key >> half_key_bits), static_cast<std::uint64_t>(key) & half_key};
   }
 
  private:
@@ -63,11 +63,10 @@ class Keys {
 
 }  // namespace
 
-void SortedCells::add(const SortedCells& others) {
-  chunk.corners.insert(chunk.corners.end(), others.chunk.corners.begin(), others.chunk.corners.end());
-  chunk.splits.insert(chunk.splits.end(), others.chunk.splits.begin(), others.chunk.splits.end());
-  chunk.points.insert(chunk.points.end(), others.chunk.points.begin(), others.chunk.points.end());
-  signs.insert(signs.end(), others.signs.begin(), others.signs.end());
+void SortedCells::add(const SortedCells& others, std::size_t begin, std::size_t end) {
+  chunk.append(others.chunk, begin, end);
+  const auto first = others.signs.begin();
+  signs.insert(signs.end(), first + static_cast<std::ptrdiff_t>(begin), first + static_cast<std::ptrdiff_t>(end));
 }
 
 Result<CellSort> CellSort::create(format::CellShape shape, format::CellField field, std::uint64_t rank_end,
@@ -82,8 +81,18 @@ Result<CellSort> CellSort::create(format::CellShape shape, format::CellField fie
       keys[i] = keys_of.of(record.data());
     }
   };
+  const auto key_of_part = [bits](std::span<const std::byte> records, std::span<MortonKey> keys) {
+    constexpr std::size_t record_bytes = polyhedron_record_words * sizeof(std::uint64_t);
+    for (std::size_t i = 0; i < keys.size(); ++i) {
+      std::array<std::uint64_t, 2> head;
+      std::memcpy(head.data(), records.data() + i * record_bytes, sizeof(head));
+      keys[i] = {head[0] << (half_key_bits - bits), head[1] & half_key};
+    }
+  };
   const std::size_t held = std::max<std::size_t>(memory, ExternalSorter::least_memory(bytes));
-  SPLATVOL_TRY_ASSIGN(sorter, ExternalSorter::create({bytes, key, held, held, folder}));
+  SPLATVOL_TRY_ASSIGN(
+      sorter, ExternalSorter::create({bytes, shape == format::CellShape::polyhedron ? KeyFunction(key_of_part) : key,
+                                      held, held, folder}));
   return CellSort(shape, field, bits, std::move(sorter));
 }
 
@@ -98,6 +107,11 @@ CellSort::Record CellSort::record_of(format::CellShape shape, const RankedCell& 
 }
 
 Status CellSort::add(std::span<const std::uint64_t> records) {
+  if (are_polyhedra()) {
+    for (auto left = records; !left.empty(); left = left.subspan(record_count(left) * words_)) ++count_;
+  } else {
+    count_ += records.size() / words_;
+  }
   return records.empty() ? Status{} : sorter_.add(std::as_bytes(records));
 }
 
@@ -111,8 +125,33 @@ Result<std::optional<std::uint64_t>> CellSort::next_rank() {
 }
 
 void CellSort::take(std::uint64_t rank_end, std::size_t most, SortedCells& cells) {
+  if (are_polyhedra()) {
+    for (; most > 0 && next_ < whole_ && rank_at(next_) < rank_end && cells.has_room(); --most) {
+      const std::size_t count = record_count(record(next_));
+      add_polyhedron_to(cells, std::span(records_).subspan(next_ * words_, count * words_));
+      next_ += count;
+    }
+    return;
+  }
   const std::size_t end = std::min(whole_, next_ + most);
   for (; next_ < end && rank_at(next_) < rank_end; ++next_) add_to(cells, record(next_));
+}
+
+void CellSort::add_polyhedron_to(SortedCells& cells, std::span<const std::uint64_t> records) {
+  read_records(records, polyhedron_);
+  format::CellChunk& chunk = cells.chunk;
+  chunk.corners.insert(chunk.corners.end(), polyhedron_.corners.begin(), polyhedron_.corners.end());
+  chunk.ends.push_back(static_cast<std::uint32_t>(chunk.corners.size()));
+  chunk.splits.push_back(polyhedron_.apex);
+  chunk.triangles.insert(chunk.triangles.end(), polyhedron_.triangles.begin(), polyhedron_.triangles.end());
+  if (field_ == format::CellField::constant) chunk.points.push_back(polyhedron_.point);
+  cells.signs.push_back(static_cast<std::int8_t>(polyhedron_.sign));
+}
+
+// Whether the sort does not tell two records apart, or they may be of one polyhedron.
+bool CellSort::is_one_run(std::size_t first, std::size_t second) const {
+  if (!are_polyhedra()) return keys_[first] == keys_[second];
+  return keys_[first].high == keys_[second].high && keys_[first].low >> 8 == keys_[second].low >> 8;
 }
 
 void CellSort::add_to(SortedCells& cells, std::span<const std::uint64_t> record) const {
@@ -138,27 +177,53 @@ Status CellSort::read() {
     keys_.insert(keys_.end(), more.keys.begin(), more.keys.end());
     whole_ = keys_.size();
     if (ended_) break;
-    while (whole_ > 0 && keys_[whole_ - 1] == keys_.back()) --whole_;
+    while (whole_ > 0 && is_one_run(whole_ - 1, keys_.size() - 1)) --whole_;
   }
   order_runs();
   return {};
 }
 
-// The sort knows a few corners only, and leaves equal keys in the order of the input.
 void CellSort::order_runs() {
-  std::vector<std::pair<Record, Record>> run;  // in order, record
   for (std::size_t begin = 0, end = 0; begin < whole_; begin = end) {
-    for (end = begin + 1; end < whole_ && keys_[end] == keys_[begin];) ++end;
+    for (end = begin + 1; end < whole_ && is_one_run(begin, end);) ++end;
     if (end - begin == 1) continue;
-    run.clear();
-    for (std::size_t i = begin; i < end; ++i) {
-      Record whole{};
-      std::ranges::copy(record(i), whole.begin());
-      run.emplace_back(order_of(record(i), format::corners_of(shape_)), whole);
-    }
-    std::ranges::sort(run);
-    for (std::size_t i = begin; i < end; ++i) std::copy_n(run[i - begin].second.begin(), words_, record(i).begin());
+    if (!are_polyhedra())
+      order_run(begin, end);
+    else if (end - begin > record_count(record(begin)))
+      order_polyhedra(begin, end);
   }
+}
+
+// The sort knows a few corners only, and leaves equal keys in the order of the input.
+void CellSort::order_run(std::size_t begin, std::size_t end) {
+  std::vector<std::pair<Record, Record>> run;  // in order, record
+  for (std::size_t i = begin; i < end; ++i) {
+    Record whole{};
+    std::ranges::copy(record(i), whole.begin());
+    run.emplace_back(order_of(record(i), format::corners_of(shape_)), whole);
+  }
+  std::ranges::sort(run);
+  for (std::size_t i = begin; i < end; ++i) std::copy_n(run[i - begin].second.begin(), words_, record(i).begin());
+}
+
+// Polyhedra of one hash, mostly copies: their first records, then their second ones. Each has those of one number in
+// the order in which the cells were added.
+void CellSort::order_polyhedra(std::size_t begin, std::size_t end) {
+  std::vector<std::vector<std::uint64_t>> cells;
+  for (std::size_t i = begin, cell = 0, had = 0; i < end; ++i) {
+    const std::uint64_t number = record(i)[1] & 0xff;
+    if (number != had) had = number, cell = 0;
+    if (number == 0)
+      cell = cells.size(), cells.emplace_back();
+    else
+      while (record_count(cells[cell]) <= number) ++cell;
+    const auto words = record(i);
+    cells[cell].insert(cells[cell].end(), words.begin(), words.end());
+    ++cell;
+  }
+  std::ranges::sort(cells);
+  auto to = records_.begin() + static_cast<std::ptrdiff_t>(begin * words_);
+  for (const std::vector<std::uint64_t>& words : cells) to = std::ranges::copy(words, to).out;
 }
 
 }  // namespace splatvol

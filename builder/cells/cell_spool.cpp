@@ -5,15 +5,17 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstring>
+#include <functional>
 #include <utility>
 
 #include "builder/cells/packed_numbers.h"
+#include "builder/cells/polyhedra.h"
 #include "builder/mesh/tetrahedra.h"
 
 namespace splatvol {
 namespace {
 
-constexpr std::size_t block_cells = 4096;
+constexpr std::size_t block_cells = 4096, block_polyhedra = 256;
 constexpr std::size_t blocks_at_once = 16;
 
 // In front of the cells of a block.
@@ -36,10 +38,12 @@ CellSource cells_of(const Piece& piece) {
   return {piece.cells->corners, piece.cells->tetrahedra, piece.whole_cells, piece.cells->points};
 }
 
-int sign_of(const CellSource& source, const SpooledCell& cell, format::CellShape shape) {
+// `corners`: what the tetrahedra name, as numbers of source.corners.
+template <class Corner>
+int sign_of(const CellSource& source, std::span<const std::array<Corner, 4>> tetrahedra, const auto& corners) {
   int sign = 0;
-  for (const auto& [a, b, c, d] : format::tetrahedra_of(shape, cell.split)) {
-    const auto corner = [&](std::uint8_t k) { return source.corners[cell.corners[k]]; };
+  for (const auto& [a, b, c, d] : tetrahedra) {
+    const auto corner = [&](Corner k) { return source.corners[corners(k)]; };
     const double volume = signed_volume_6(corner(a), corner(b), corner(c), corner(d));
     const int present = volume > 0 ? 1 : volume < 0 ? -1 : 0;
     if (present == 0 || present == -sign) return 0;
@@ -57,7 +61,8 @@ class BlockPacker {
   }
 
   void add(SpooledCell cell) {
-    cell.sign = sign_of(source_, cell, head_.shape);
+    cell.sign = sign_of(source_, format::tetrahedra_of(head_.shape, cell.split),
+                        [&](std::uint8_t k) { return cell.corners[k]; });
     put_difference(bytes_, cell.corners[0], before_);
     before_ = cell.corners[0];
     for (std::size_t k = 1; k < format::corners_of(head_.shape); ++k) put_difference(bytes_, cell.corners[k], before_);
@@ -65,6 +70,14 @@ class BlockPacker {
     if (head_.field != format::CellField::constant) return;
     put_difference(bytes_, cell.point, point_before_);
     point_before_ = cell.point;
+  }
+
+  // Returns false, and adds nothing, if a file cannot keep these tetrahedra as one cell.
+  bool add_polyhedron(std::span<const Tetrahedron> tetrahedra, std::uint32_t point) {
+    if (!join_tetrahedra(tetrahedra, polyhedron_)) return false;
+    polyhedron_.sign = sign_of(source_, tetrahedra, std::identity());
+    polyhedron_.point = point;
+    return put_polyhedron(polyhedron_, bytes_);
   }
 
   void finish() {
@@ -77,6 +90,7 @@ class BlockPacker {
   BlockHead head_;
   std::vector<std::byte>& bytes_;
   std::uint32_t before_ = 0, point_before_ = 0;
+  Polyhedron polyhedron_;
 };
 
 // Calls visit(number) for the tetrahedra from `first` on, at most `count`, that no whole cell has.
@@ -113,12 +127,14 @@ void unpack(const CellBlock& block, std::vector<SpooledCell>& cells) {
 Status CellSpool::add(const Piece& piece) {
   using format::CellShape;
   const CellSource source = cells_of(piece);
+  Counts of_piece{};
   std::uint64_t parts = 0;
   for (const WholeCell& cell : source.whole) {
-    ++counts_[static_cast<std::size_t>(cell.shape)];
+    ++of_piece[static_cast<std::size_t>(cell.shape)];
     parts += cell.count;
   }
-  counts_[static_cast<std::size_t>(CellShape::tetrahedron)] += source.tetrahedra.size() - parts;
+  of_piece[static_cast<std::size_t>(CellShape::tetrahedron)] = source.tetrahedra.size() - parts;
+  for (std::size_t shape = 0; shape < counts_.size(); ++shape) counts_[shape] += of_piece[shape];
   const BlockHead head{.piece = pieces_++,
                        .piece_points = static_cast<std::uint32_t>(piece.points.size()),
                        .piece_corners = static_cast<std::uint32_t>(source.corners.size()),
@@ -155,7 +171,41 @@ Status CellSpool::add(const Piece& piece) {
     };
     SPLATVOL_TRY(append_blocks(blocks_of(source.whole.size()), pack));
   }
-  return {};
+  if (of_piece[static_cast<std::size_t>(CellShape::polyhedron)] == 0) return {};
+
+  // Tetrahedra of those that a file cannot keep as polyhedra follow.
+  const std::size_t blocks = (source.whole.size() + block_polyhedra - 1) / block_polyhedra;
+  std::vector<std::vector<WholeCell>> others(blocks);
+  BlockHead of_polyhedra = head;
+  of_polyhedra.shape = CellShape::polyhedron;
+  const auto pack_polyhedra = [&](std::size_t block, std::vector<std::byte>& bytes) {
+    BlockPacker packer(source, of_polyhedra, bytes);
+    const auto cells = source.whole.subspan(block * block_polyhedra);
+    for (const WholeCell& whole : cells.first(std::min(block_polyhedra, cells.size()))) {
+      SpooledCell cell;
+      if (whole.shape != CellShape::polyhedron || !set_point(whole.first, cell)) continue;
+      if (!packer.add_polyhedron(source.tetrahedra.subspan(whole.first, whole.count), cell.point))
+        others[block].push_back(whole);
+    }
+    packer.finish();
+  };
+  SPLATVOL_TRY(append_blocks(blocks, pack_polyhedra));
+  const auto pack_others = [&](std::size_t block, std::vector<std::byte>& bytes) {
+    BlockPacker packer(source, head, bytes);
+    for (const WholeCell& whole : others[block])
+      for (std::size_t i = whole.first; i < std::size_t{whole.first} + whole.count; ++i) {
+        SpooledCell cell;
+        std::ranges::copy(source.tetrahedra[i], cell.corners.begin());
+        if (set_point(i, cell)) packer.add(cell);
+      }
+    packer.finish();
+  };
+  for (const std::vector<WholeCell>& of_block : others)
+    for (const WholeCell& whole : of_block) {
+      --counts_[static_cast<std::size_t>(CellShape::polyhedron)];
+      counts_[static_cast<std::size_t>(CellShape::tetrahedron)] += whole.count;
+    }
+  return append_blocks(blocks, pack_others);
 }
 
 // Packs blocks on several threads, and appends those that have cells in order.

@@ -34,7 +34,7 @@ struct CellBlock {
   std::span<const std::byte> bytes = {};
 };
 
-/// Unpacks a block of CellSpool. Thread-safe.
+/// Unpacks a block of CellSpool, but none of polyhedra: get_polyhedron() takes these. Thread-safe.
 void unpack(const CellBlock& block, std::vector<SpooledCell>& cells);
 
 /// A queue of cells in a temporary file, which is made when the first MiB is full.

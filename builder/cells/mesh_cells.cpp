@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "builder/cells/polyhedra.h"
 #include "format/codec.h"
 #include "format/layout.h"
 
@@ -73,6 +74,7 @@ class BlockRanker {
       : block_(block), corners_(corners), ranks_(ranks), ranked_(ranked) {}
 
   void run() {
+    if (block_.shape == format::CellShape::polyhedron) return run_polyhedra();
     std::vector<SpooledCell> cells;
     unpack(block_, cells);
     const std::size_t count = format::corners_of(block_.shape);
@@ -90,6 +92,25 @@ class BlockRanker {
   }
 
  private:
+  void run_polyhedra() {
+    Polyhedron cell;
+    std::vector<std::uint64_t> numbers;
+    for (std::span<const std::byte> bytes = block_.bytes; !bytes.empty();) {
+      get_polyhedron(bytes, cell);
+      numbers.clear();
+      for (const std::uint64_t corner : cell.corners) numbers.push_back(corners_[corner]);
+      if (block_.field == format::CellField::constant) cell.point = ranks_[cell.point];
+      ranked_.lacks_point = ranked_.lacks_point || cell.point == TagSort::none ||
+                            std::ranges::find(numbers, TagSort::none) != numbers.end();
+      if (ranked_.lacks_point) return;
+      if (renumber(numbers, cell))
+        ranked_.hash += append_records(cell, block_.field, ranked_.records);
+      else
+        format::for_each_tetrahedron(cell.triangles, cell.apex,
+                                     [&](const auto& corners) { add_part(corners, numbers, cell.point); });
+    }
+  }
+
   void add(format::CellShape shape, const RankedCell& cell, std::vector<std::uint64_t>& records) {
     const std::size_t count = format::corners_of(shape);
     auto sorted = cell.corners;
@@ -108,11 +129,15 @@ class BlockRanker {
       ++ranked_.collapsed;
       return;
     }
-    for (const auto& tetrahedron : format::tetrahedra_of(shape, cell.split)) {
-      RankedCell part{.point = cell.point};
-      for (std::size_t k = 0; k < tetrahedron.size(); ++k) part.corners[k] = cell.corners[tetrahedron[k]];
-      add(format::CellShape::tetrahedron, part, ranked_.tetrahedra);
-    }
+    for (const auto& tetrahedron : format::tetrahedra_of(shape, cell.split))
+      add_part(tetrahedron, cell.corners, cell.point);
+  }
+
+  void add_part(const std::array<std::uint8_t, 4>& tetrahedron, std::span<const std::uint64_t> corners,
+                std::uint64_t point) {
+    RankedCell part{.point = point};
+    for (std::size_t k = 0; k < tetrahedron.size(); ++k) part.corners[k] = corners[tetrahedron[k]];
+    add(format::CellShape::tetrahedron, part, ranked_.tetrahedra);
   }
 
   const CellBlock& block_;
@@ -212,11 +237,13 @@ Status MeshCells::finish_sorts() {
 // Shapes share the memory by the bytes of their records.
 Status MeshCells::start_sorts(const CellSpool::Counts& counts, std::uint64_t rank_end) {
   using format::CellShape;
-  constexpr std::array all = {CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge, CellShape::hexahedron};
+  constexpr std::array all = {CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge, CellShape::hexahedron,
+                              CellShape::polyhedron};
   const format::CellField field = vertices_ ? format::CellField::constant : format::CellField::corners;
   const auto bytes_of = [&](CellShape shape) {
     const std::uint64_t joined = shape == CellShape::tetrahedron ? joined_.count() : 0;
-    return (counts[static_cast<std::size_t>(shape)] + joined) * CellSort::words_of(shape, field);
+    const std::uint64_t records = shape == CellShape::polyhedron ? 3 : 1;  // of a cell, about
+    return (counts[static_cast<std::size_t>(shape)] + joined) * records * CellSort::words_of(shape, field);
   };
   std::uint64_t bytes = 0;
   for (const CellShape shape : all) bytes += bytes_of(shape);
@@ -277,7 +304,7 @@ Status MeshCells::add_joined_to(const TakeRecords& take) {
 
 // Gathers the cells of the next index leaf that has some; of a leaf with too many for a chunk, the next of them.
 Status MeshCells::gather_leaf(OfShape& of_shape) {
-  while (of_shape.leaf_cells.chunk.size() < format::max_chunk_cells) {
+  while (of_shape.leaf_cells.has_room()) {
     SPLATVOL_TRY_ASSIGN(rank, of_shape.sort.next_rank());
     if (!rank) return {};
     while (*rank >= of_shape.leaf_end) {
@@ -300,7 +327,9 @@ Result<bool> MeshCells::next_chunk(OfShape& of_shape, SortedCells& cells) {
   for (;;) {
     if (leaf.chunk.size() == 0) SPLATVOL_TRY(gather_leaf(of_shape));
     if (leaf.chunk.size() == 0) return cells.chunk.size() > 0;
-    if (cells.chunk.size() > 0 && cells.chunk.size() + leaf.chunk.size() > joined_cells) return true;
+    if (cells.chunk.size() > 0 && (cells.chunk.size() + leaf.chunk.size() > joined_cells ||
+                                   cells.chunk.corners.size() + leaf.chunk.corners.size() > format::max_chunk_corners))
+      return true;
     cells.add(leaf);
     leaf.clear();
     if (cells.chunk.size() >= joined_cells) return true;

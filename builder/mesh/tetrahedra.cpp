@@ -175,7 +175,7 @@ void TetrahedronSplitter::split(CellShape shape, std::span<const std::uint32_t> 
 // The tetrahedra from the first on are those of the cell.
 void TetrahedronSplitter::list_whole_cell(CellShape shape, std::span<const std::uint32_t> nodes, std::size_t first) {
   const auto kept = kept_shape(shape);
-  if (!kept) return;
+  if (!kept) return is_linear(shape) ? list_polyhedron(first) : void();
   WholeCell cell{.shape = *kept, .first = static_cast<std::uint32_t>(first), .count = 0};
   std::ranges::copy(nodes, cell.corners.begin());
   if (shape == CellShape::voxel) {  // its faces list their corners line by line
@@ -197,6 +197,14 @@ void TetrahedronSplitter::list_whole_cell(CellShape shape, std::span<const std::
   whole_cells_->push_back(cell);
 }
 
+void TetrahedronSplitter::list_polyhedron(std::size_t first) {
+  const std::size_t count = tetrahedra_.size() - first;
+  if (count < 2) return;
+  whole_cells_->push_back({.shape = format::CellShape::polyhedron,
+                           .first = static_cast<std::uint32_t>(first),
+                           .count = static_cast<std::uint32_t>(count)});
+}
+
 void TetrahedronSplitter::split_polyhedron(std::span<const std::uint32_t> faces) {
   faces_.assign(faces.begin(), faces.end());
   bool all_finite = true;
@@ -208,7 +216,9 @@ void TetrahedronSplitter::split_polyhedron(std::span<const std::uint32_t> faces)
     return;
   }
   if (!faces_agree()) orient_faces();
+  const std::size_t first = tetrahedra_.size();
   split_faces(true);
+  if (whole_cells_) list_polyhedron(first);
 }
 
 std::span<const TetrahedronSplitter::Triangle> TetrahedronSplitter::split_face(std::span<const std::uint32_t> face) {

@@ -62,7 +62,8 @@ class TetrahedronSplitter {
   TetrahedronSplitter(std::span<const dvec3> points, std::vector<Tetrahedron>& tetrahedra, CellCensus& census)
       : points_(points), tetrahedra_(tetrahedra), census_(census) {}
 
-  /// Appends linear cells whose nodes differ to `whole_cells`, which must outlive this, besides tetrahedra.
+  /// Appends linear cells to `whole_cells`, which must outlive this, besides tetrahedra: those whose nodes differ, and
+  /// polyhedra.
   void list_whole_cells(std::vector<WholeCell>& whole_cells) { whole_cells_ = &whole_cells; }
 
   /// Requires nodes.size() == node_count(shape) and indices in range. Expects the orientation of VTK's face tables, but
@@ -100,6 +101,7 @@ class TetrahedronSplitter {
   [[nodiscard]] Volumes volumes_from(std::uint32_t apex) const;
   void emit(std::uint32_t apex, const Volumes& volumes, bool either_orientation);
   void list_whole_cell(CellShape shape, std::span<const std::uint32_t> nodes, std::size_t first);
+  void list_polyhedron(std::size_t first);
   void emit_tetrahedron(const Tetrahedron& tetrahedron, double oriented_volume, double rounding);
 
   std::span<const dvec3> points_;

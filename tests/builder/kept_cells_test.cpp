@@ -5,6 +5,8 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <fstream>
 #include <map>
 #include <set>
@@ -175,6 +177,155 @@ TEST_F(KeptCells, OfEachShapeFillWhatTheyFill) {
   turned.replace(turned.find("4 0 1 15 16"), 11, "4 0 2 15 16");
   write("other.vtk", turned);
   EXPECT_NE(build("other.vtk", {})->info().cells->hash, hash);
+}
+
+// A lattice of n^3 cubes as polyhedra, with a value of each and of each point. `turn`: lists faces otherwise. Each cube
+// has a corner twice in the first `doubled` cubes: an edge without length.
+std::string lattice_of_polyhedra(int n, bool turn = false, int doubled = 0) {
+  const auto node = [&](int x, int y, int z) { return x + (n + 1) * (y + (n + 1) * z); };
+  std::string points, cells, types, values, of_cells;
+  const int nodes = (n + 1) * (n + 1) * (n + 1);
+  std::vector<dvec3> positions;
+  for (int z = 0; z <= n; ++z)
+    for (int y = 0; y <= n; ++y)
+      for (int x = 0; x <= n; ++x) positions.push_back(dvec3(x, y, z) + 0.1 * glm::sin(dvec3(y + z, x + 2 * z, x - y)));
+  int numbers = 0, cell = 0;
+  for (int z = 0; z < n; ++z)
+    for (int y = 0; y < n; ++y)
+      for (int x = 0; x < n; ++x, ++cell) {
+        const auto corner = [&](int k) {  // as VTK numbers them
+          return node(x + (k % 4 == 1 || k % 4 == 2 ? 1 : 0), y + (k % 4 > 1 ? 1 : 0), z + k / 4);
+        };
+        std::vector<std::vector<int>> faces = {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4},
+                                               {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}};
+        for (std::vector<int>& face : faces)
+          for (int& k : face) k = corner(k);
+        if (cell < doubled) {  // corner 6 and its copy on the edge to corner 5
+          const int six = corner(6), five = corner(5), copy = nodes + cell;
+          positions.push_back(positions[static_cast<std::size_t>(six)]);
+          for (std::vector<int>& face : faces) {
+            const auto at = std::ranges::find(face, six);
+            if (at == face.end()) continue;
+            const std::size_t k = static_cast<std::size_t>(at - face.begin()), count = face.size();
+            if (face[(k + 1) % count] == five)
+              face.insert(at + 1, copy);
+            else if (face[(k + count - 1) % count] == five)
+              face.insert(at, copy);
+          }
+        }
+        if (turn) {
+          std::ranges::reverse(faces);
+          for (std::vector<int>& face : faces) std::ranges::rotate(face, face.begin() + 1 + cell % 2);
+        }
+        int count = 1;
+        std::string text;
+        for (const std::vector<int>& face : faces) {
+          text += fmt::format(" {} {}", face.size(), fmt::join(face, " "));
+          count += 1 + static_cast<int>(face.size());
+        }
+        cells += fmt::format("{} {}{}\n", count, faces.size(), text);
+        numbers += 1 + count;
+        types += "42\n";
+        of_cells += fmt::format("{}\n", cell);
+      }
+  for (const dvec3& p : positions) {
+    points += fmt::format("{} {} {}\n", p.x, p.y, p.z);
+    values += fmt::format("{}\n", p.x + 2 * p.y + p.z);
+  }
+  return fmt::format(
+      "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {0} double\n{1}"
+      "CELLS {2} {3}\n{4}CELL_TYPES {2}\n{5}POINT_DATA {0}\nSCALARS p double 1\n"
+      "LOOKUP_TABLE default\n{6}CELL_DATA {2}\nSCALARS c double 1\nLOOKUP_TABLE default\n{7}",
+      positions.size(), points, n * n * n, numbers, cells, types, values, of_cells);
+}
+
+// The volume of all cells, and that of each.
+double volume_of(const CellReader& cells, std::vector<double>& volumes) {
+  format::RankedPoints points(cells, 1 << 20);
+  format::CellVertices vertices([&](std::size_t page) { return cells.read_vertex_page(page); }, 1 << 20);
+  double sum = 0;
+  for (const format::CellChunk& chunk : chunks_of(cells))
+    for (std::size_t cell = 0; cell < chunk.size(); ++cell) {
+      std::vector<format::RankedPoints::Place> places;
+      std::vector<dvec3> corners;
+      if (chunk.field == CellField::constant) {
+        EXPECT_TRUE(vertices.read_positions(chunk.corners_at(cell), corners));
+      } else {
+        EXPECT_TRUE(points.find(chunk.corners_at(cell), places));
+        EXPECT_TRUE(points.read_positions(places, corners));
+      }
+      double volume = 0;
+      format::for_each_tetrahedron(chunk, cell, [&](const std::array<std::uint8_t, 4>& at) {
+        const dvec3 a = corners[at[0]];
+        volume += std::abs(glm::dot(corners[at[1]] - a, glm::cross(corners[at[2]] - a, corners[at[3]] - a))) / 6;
+      });
+      volumes.push_back(volume);
+      sum += volume;
+    }
+  return sum;
+}
+
+TEST_F(KeptCells, PolyhedraAreKeptAsSuch) {
+  constexpr int n = 8;
+  write("polyhedra.vtk", lattice_of_polyhedra(n));
+  write("turned.vtk", lattice_of_polyhedra(n, true));
+  for (const CellValues values : {CellValues::averaged, CellValues::own}) {
+    const bool own = values == CellValues::own;
+    const auto volume = build("polyhedra.vtk", {.cells = values});
+    const auto cells = test::value_of(CellReader::open(*volume));
+    ASSERT_EQ(cells->kinds().size(), 1u);
+    EXPECT_EQ(cells->kinds()[0].shape, CellShape::polyhedron);
+    EXPECT_EQ(cells->kinds()[0].field, own ? CellField::constant : CellField::corners);
+    EXPECT_EQ(cells->kinds()[0].cells, static_cast<std::uint64_t>(n * n * n));
+    EXPECT_EQ(cells->kinds()[0].turned, 0u);
+    EXPECT_EQ(report_.kept_cells->collapsed, 0u);
+    std::vector<double> volumes;
+    EXPECT_NEAR(volume_of(*cells, volumes), report_.kept_cells->volume, 1e-9 * n * n * n);
+    EXPECT_GT(std::ranges::min(volumes), 0.5);
+    EXPECT_LT(std::ranges::max(volumes), 1.6);
+    // Faces and their corners in another order are the same cells.
+    EXPECT_EQ(build("turned.vtk", {.cells = values})->info().cells->hash, volume->info().cells->hash);
+  }
+}
+
+TEST_F(KeptCells, PolyhedraDoNotDependOnMemoryAndThreads) {
+  write("polyhedra.vtk", lattice_of_polyhedra(15));
+  for (const CellValues values : {CellValues::averaged, CellValues::own}) {
+    const auto source = [&] { return test::value_of(open_source({path("polyhedra.vtk")}, {.cells = values})); };
+    ASSERT_EQ(test::message_of(build_volume(*source(), path("first.svol"), {.keep_cells = true}, silent)), "");
+    for (const std::size_t threads : {1, 4}) {
+      const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+      ASSERT_EQ(test::message_of(
+                    build_volume(*source(), path("other.svol"), {.memory = 1 << 20, .keep_cells = true}, silent)),
+                "");
+      EXPECT_TRUE(read_text_file(path("first.svol")).value() == read_text_file(path("other.svol")).value());
+    }
+  }
+}
+
+// Two corners become one point, as there are two pieces: such a polyhedron is kept as its tetrahedra that have a
+// volume. The second piece has the first cube once more.
+TEST_F(KeptCells, PolyhedraThatLoseACornerAreKeptAsTetrahedra) {
+  write("cube.vtk", lattice_of_polyhedra(1));
+  double plain = 0;
+  for (const int doubled : {0, 5}) {
+    write("lattice.vtk", lattice_of_polyhedra(4, false, doubled));
+    const auto source = test::value_of(open_source({path("lattice.vtk"), path("cube.vtk")}, {.selection = {"p"}}));
+    BuildOptions options{.keep_cells = true};
+    options.exact = {.positions = true, .values = true};
+    const BuildReport report = test::value_of(build_volume(*source, path("out.svol"), options, silent));
+    const auto volume = open_checked("out.svol");
+    EXPECT_EQ(volume->info().point_count(), 125u);
+    const auto cells = test::value_of(CellReader::open(*volume));
+    ASSERT_EQ(cells->kinds().size(), doubled > 0 ? 2u : 1u);
+    EXPECT_EQ(cells->kinds().back().shape, CellShape::polyhedron);
+    EXPECT_EQ(cells->kinds().back().cells, static_cast<std::uint64_t>(65 - doubled));
+    EXPECT_EQ(report.kept_cells->collapsed > 0, doubled > 0);
+    std::vector<double> volumes;
+    const double sum = volume_of(*cells, volumes);
+    if (doubled == 0) plain = sum;
+    EXPECT_NEAR(sum, plain, 1e-9);
+  }
 }
 
 double field(std::size_t step, dvec3 p) { return static_cast<double>(step + 1) * (p.x + 2 * p.y) + p.z; }

@@ -3,12 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <functional>
 #include <numeric>
 #include <random>
 #include <set>
 
 #include "format/cells.h"
 #include "tests/support/results.h"
+#include "tests/support/test_cells.h"
 
 namespace splatvol::format {
 namespace {
@@ -21,12 +23,12 @@ using Tetrahedra = std::multiset<std::array<std::uint64_t, 4>>;
 Tetrahedra tetrahedra_in(const CellChunk& cells) {
   Tetrahedra tetrahedra;
   for (std::size_t i = 0; i < cells.size(); ++i)
-    for (const auto& corners : tetrahedra_of(cells.shape, cells.split_at(i))) {
+    for_each_tetrahedron(cells, i, [&](const std::array<std::uint8_t, 4>& corners) {
       std::array<std::uint64_t, 4> ranks{};
       std::ranges::transform(corners, ranks.begin(), [&](std::uint8_t k) { return cells.corners_at(i)[k]; });
       std::ranges::sort(ranks);
       tetrahedra.insert(ranks);
-    }
+    });
   return tetrahedra;
 }
 
@@ -76,6 +78,138 @@ TEST(CellShapes, ComeBackWithTheSameTetrahedra) {
     EXPECT_EQ(tetrahedra_in(back), tetrahedra_in(cells)) << corners_of(shape);
     // What has come back is packed into the same bytes.
     EXPECT_EQ(pack_cells(back, packed.entry.points).bytes, packed.bytes);
+  }
+}
+
+// --- Polyhedra.
+
+// Some with few corners, some with all.
+CellChunk random_polyhedra(CellField field, std::size_t count, std::uint32_t seed) {
+  std::mt19937 random(seed);
+  CellChunk cells{CellShape::polyhedron, field, {}, {}, {}};
+  std::uint64_t first = 70'000, point = 5;
+  for (std::size_t cell = 0; cell < count; ++cell) {
+    const std::size_t corners = cell == 7 ? max_polyhedron_corners : 4 + random() % (cell % 3 == 0 ? 8 : 40);
+    if (field == CellField::constant)
+      cells.points.push_back(point += random() % 3), first = random() % 80'000;
+    else
+      first += random() % 5;
+    std::set<std::uint64_t> ranks{first};
+    while (ranks.size() < corners) ranks.insert(first + 1 + random() % (cell % 2 == 0 ? 300 : 1'000'000));
+    cells.corners.insert(cells.corners.end(), ranks.begin(), ranks.end());
+    cells.ends.push_back(static_cast<std::uint32_t>(cells.corners.size()));
+    cells.splits.push_back(static_cast<CellSplit>(random() % corners));
+    const auto surface = test::random_surface(corners, random);
+    cells.triangles.insert(cells.triangles.end(), surface.begin(), surface.end());
+  }
+  return cells;
+}
+
+PackedCells packed_of(const CellChunk& cells) { return pack_cells(cells, number_corners(cells.corners).ranks.size()); }
+
+constexpr std::uint64_t many = 2'000'000;  // points, and vertices
+
+TEST(Polyhedra, ComeBackWithTheSameTetrahedra) {
+  for (const CellField field : {CellField::corners, CellField::constant})
+    for (const std::size_t count : {std::size_t{1}, std::size_t{300}}) {
+      const CellChunk cells = random_polyhedra(field, count, 3);
+      const PackedCells packed = packed_of(cells);
+      EXPECT_EQ(packed.entry.shape, CellShape::polyhedron);
+      EXPECT_EQ(packed.entry.cells, count);
+      EXPECT_LE(packed.entry.unpacked_bytes, most_unpacked_bytes(packed.entry));
+      const CellChunk back = test::value_of(unpack_cells(packed.entry, packed.bytes, many, many, "cells"));
+      ASSERT_EQ(back.size(), count);
+      EXPECT_EQ(back.corners, cells.corners);
+      EXPECT_EQ(back.ends, cells.ends);
+      EXPECT_EQ(back.splits, cells.splits);
+      EXPECT_EQ(back.points, cells.points);
+      EXPECT_EQ(tetrahedra_in(back), tetrahedra_in(cells));
+      EXPECT_EQ(packed_of(back).bytes, packed.bytes);
+    }
+}
+
+TEST(Polyhedra, AreTheSameInAnyParts) {
+  const CellChunk cells = random_polyhedra(CellField::constant, 50, 4);
+  CellChunk others{cells.shape, cells.field, {}, {}, {}};
+  others.append(cells, 0, 20);
+  EXPECT_EQ(others.size(), 20u);
+  others.append(cells, 20, 20);
+  others.append(cells, 20, 50);
+  EXPECT_EQ(packed_of(others).bytes, packed_of(cells).bytes);
+  others.clear();
+  others.append(cells, 30, 50);
+  for (std::size_t cell = 0; cell < 20; ++cell) {
+    EXPECT_TRUE(std::ranges::equal(others.corners_at(cell), cells.corners_at(cell + 30)));
+    EXPECT_TRUE(std::ranges::equal(others.triangles_at(cell), cells.triangles_at(cell + 30)));
+  }
+}
+
+// As many corners as a chunk may have, and one more.
+TEST(Polyhedra, OfAChunkHaveABoundOfCorners) {
+  CellChunk cells{CellShape::polyhedron, CellField::corners, {}, {}, {}};
+  std::mt19937 random(9);
+  const auto surface = test::random_surface(64, random);
+  for (std::size_t cell = 0; cell < max_chunk_corners / 64; ++cell) {
+    for (std::size_t k = 0; k < 64; ++k) cells.corners.push_back(cell + k);
+    cells.ends.push_back(static_cast<std::uint32_t>(cells.corners.size()));
+    cells.splits.push_back(3);
+    cells.triangles.insert(cells.triangles.end(), surface.begin(), surface.end());
+  }
+  const PackedCells most = packed_of(cells);
+  EXPECT_EQ(test::value_of(unpack_cells(most.entry, most.bytes, many, 0, "cells")).corners, cells.corners);
+  const CellChunk again = cells;
+  cells.append(again, again.size() - 1, again.size());
+  const PackedCells more = packed_of(cells);
+  EXPECT_NE(test::message_of(unpack_cells(more.entry, more.bytes, many, 0, "cells")), "");
+}
+
+TEST(Polyhedra, OfHostileBytesAreWholeOrRefused) {
+  std::mt19937 random(5);
+  for (const CellField field : {CellField::corners, CellField::constant}) {
+    const PackedCells packed = packed_of(random_polyhedra(field, 12, 5));
+    const Bytes payload = test::value_of(unpack(packed.bytes, packed.entry.unpacked_bytes, "cells"));
+    std::size_t refused = 0, taken = 0;
+    const auto take = [&](const Bytes& changed, std::uint32_t cells) {
+      CellChunkEntry entry = packed.entry;
+      const Bytes bytes = pack(changed);
+      entry.hash = hash_bytes(bytes);
+      entry.packed_bytes = static_cast<std::uint32_t>(bytes.size());
+      entry.unpacked_bytes = static_cast<std::uint32_t>(changed.size());
+      entry.cells = cells;
+      const auto back = unpack_cells(entry, bytes, many, many, "cells");
+      if (!back) {
+        ++refused;
+        EXPECT_TRUE(back.error().message.ends_with("[R24]")) << back.error().message;
+        return;
+      }
+      ++taken;
+      ASSERT_EQ(back->size(), cells);
+      for (std::size_t cell = 0; cell < back->size(); ++cell) {
+        const auto corners = back->corners_at(cell);
+        EXPECT_LT(back->splits[cell], corners.size());
+        EXPECT_LT(corners.back(), many);
+        EXPECT_EQ(std::ranges::adjacent_find(corners, std::greater_equal<>()), corners.end());
+        for (const SurfaceTriangle& triangle : back->triangles_at(cell))
+          EXPECT_LT(std::ranges::max(triangle), corners.size());
+      }
+    };
+    take(payload, 12);
+    EXPECT_EQ(taken, 1u);
+    for (const std::uint32_t cells : {1u, 11u, 13u, 65536u}) take(payload, cells);
+    for (std::size_t bytes = 0; bytes < payload.size(); bytes += bytes < 40 ? 1 : 7)
+      take(Bytes(payload.begin(), payload.begin() + static_cast<std::ptrdiff_t>(bytes)), 12);
+    Bytes longer = payload;
+    longer.push_back({});
+    take(longer, 12);
+    EXPECT_EQ(taken, 1u) << "a length has one number of cells";
+    for (std::size_t at = 0; at < payload.size(); ++at)
+      for (const std::byte value : {std::byte{0}, std::byte{3}, std::byte{255}, static_cast<std::byte>(random())}) {
+        Bytes changed = payload;
+        changed[at] = value;
+        take(changed, 12);
+      }
+    EXPECT_GT(refused, payload.size());
+    EXPECT_GT(taken, 100u);
   }
 }
 

@@ -768,6 +768,83 @@ TEST_F(DamagedCells, OfAnUnknownKindAreSkipped) {
   }
 }
 
+// Polyhedra in a file: what is true of tetrahedra is of them.
+class DamagedPolyhedra : public DamagedCells {
+ protected:
+  static TestVolume volume_with_polyhedra() {
+    TestVolume volume = plain_volume();
+    add_random_cells(volume, 20);
+    add_random_polyhedra(volume, 40);
+    return volume;
+  }
+  // Chunks 0 and 1 have tetrahedra, 2 to 4 polyhedra. All are in pages 0 and 1.
+  const TestVolume polyhedra_ = volume_with_polyhedra();
+  const Dissected with_polyhedra_{test_volume_bytes(polyhedra_)};
+
+  [[nodiscard]] std::string message(Part part, std::size_t index, const std::function<void(Bytes&)>& harm) const {
+    return message_of(with_polyhedra_.assemble([&](Part p, std::size_t i, Bytes& bytes) {
+      if (p == part && i == index) harm(bytes);
+    }));
+  }
+};
+
+TEST_F(DamagedPolyhedra, AreWholeWhenNothingIsDone) {
+  for (const auto packing : {test::Packing::zstd, test::Packing::raw}) {
+    const Bytes file = with_polyhedra_.assemble([](Part, std::size_t, Bytes&) {}, packing);
+    ASSERT_EQ(message_of(file), "");
+    const auto opened = open(file).value();
+    const auto cells = test::value_of(CellReader::open(*opened));
+    ASSERT_EQ(cells->kinds().size(), 2u);
+    EXPECT_EQ(cells->kinds()[1].shape, CellShape::polyhedron);
+    EXPECT_EQ(cells->kinds()[1].cells, 40u);
+    EXPECT_TRUE(test::explore_volume(*opened).all_read);
+    EXPECT_THAT(test::value_of(test::dump_volume(*opened, true)), HasSubstr("kind: polyhedron, corners, 40 cells"));
+  }
+}
+
+TEST_F(DamagedPolyhedra, AreRefused) {
+  EXPECT_THAT(message(Part::cells, 2, [](Bytes& bytes) { bytes.back() ^= std::byte{77}; }),
+              HasSubstr("a polyhedron without a closed surface [R24]"));
+  EXPECT_THAT(message(Part::cells, 2, [](Bytes& bytes) { bytes.pop_back(); }), HasSubstr("wrong length"));
+  EXPECT_THAT(message(Part::cells, 2, edit<std::uint8_t>(10, [](std::uint8_t& width) { width = 1; })),
+              HasSubstr("wrong length"));
+  EXPECT_THAT(message(Part::cells, 2, edit<std::uint64_t>(0, [](std::uint64_t& first) { first += 280; })),
+              HasSubstr("a corner that is not there [R24]"));
+  // The planes: a byte for each of 16 first corners, then counts and apexes.
+  EXPECT_THAT(message(Part::cells, 2, edit<std::uint8_t>(16 + 16, [](std::uint8_t& count) { count = 3; })),
+              HasSubstr("too few corners"));
+  EXPECT_THAT(message(Part::cells, 2, edit<std::uint8_t>(16 + 32, [](std::uint8_t& apex) { apex = 40; })),
+              HasSubstr("without its apex"));
+  const std::string box = "the box or area of a chunk of cells is wrong";
+  EXPECT_THAT(message(Part::cell_entries, 0, edit_entry([](CellChunkEntry& entry) { entry.area *= 1.02; }, 2)),
+              HasSubstr(box));
+  EXPECT_THAT(message(Part::cell_entries, 0, edit_entry([](CellChunkEntry& entry) { entry.points = 3; }, 2)),
+              HasSubstr("a chunk of cells has the wrong length [R23]"));
+  EXPECT_THAT(message(Part::cell_entries, 0, edit_entry([](CellChunkEntry& entry) { ++entry.cells; }, 2)),
+              HasSubstr("[R24]"));
+}
+
+// Bytes of the cells change, and their hashes with them.
+TEST_F(DamagedPolyhedra, AreRefusedOrReadAlikeForEachByte) {
+  std::size_t refused = 0;
+  const std::size_t step = test::is_sanitized ? 11 : 1;
+  const auto bytes = with_polyhedra_.count(Part::cells) == 5 ? std::size_t{700} : std::size_t{0};
+  for (std::size_t at = 0; at < bytes; at += step)
+    refused +=
+        message(Part::cells, 3, [&](Bytes& chunk) { chunk[at % chunk.size()] ^= std::byte{0x15}; }).empty() ? 0 : 1;
+  EXPECT_GT(refused, bytes / step / 2);
+}
+
+TEST_F(DamagedPolyhedra, AreInOrder) {
+  TestVolume volume = polyhedra_;
+  volume.cells->chunk_cells = 1;
+  CellChunk& cells = volume.cells->polyhedra;
+  const CellChunk given = cells;
+  cells.clear();
+  for (std::size_t cell = given.size(); cell-- > 0;) cells.append(given, cell, cell + 1);
+  EXPECT_THAT(message_of(test_volume_bytes(volume)), HasSubstr("cells are out of order [R24]"));
+}
+
 // Hashes are wrong here.
 TEST_F(DamagedCells, EachFlippedByteAndCutIsFound) {
   const auto volume = open(file_).value();

@@ -189,6 +189,7 @@ Status add_cells(Seeds& seeds) {
     test::TestVolume volume = test::make_test_volume(test::random_points(count, 3), values,
                                                      {.node_points = 30, .position_error = 1e-5, .gradients = false});
     test::add_random_cells(volume, static_cast<std::size_t>(cells));
+    test::add_random_polyhedra(volume, static_cast<std::size_t>(cells) / 8);
     const Bytes file = test::test_volume_bytes(volume);
     const auto parts = test::Dissected::take_apart(file);
     if (!parts) return fail(ErrorCode::invalid_data, "a file with cells cannot be taken apart");

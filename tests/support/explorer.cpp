@@ -102,7 +102,13 @@ class Explorer {
     for (const std::uint64_t point : cells->points) require(point < points_end, "cells have points of the file");
     for (std::size_t cell = 0; cell < cells->size(); ++cell) {
       const auto corners = cells->corners_at(cell);
-      require(is_split(cells->shape, cells->split_at(cell)), "splits exist");
+      if (cells->shape == CellShape::polyhedron) {
+        require(cells->splits[cell] < corners.size(), "apexes exist");
+        for (const auto& [a, b, c] : cells->triangles_at(cell))
+          require(std::max({a, b, c}) < corners.size(), "triangles have corners of the polyhedron");
+      } else {
+        require(is_split(cells->shape, cells->split_at(cell)), "splits exist");
+      }
       for (std::size_t k = 0; k < corners.size(); ++k) {
         require(corners[k] < (is_constant ? reader.vertex_count() : points_end), "corners are there");
         require(std::ranges::find(corners.subspan(k + 1), corners[k]) == corners.end(), "no corner appears twice");

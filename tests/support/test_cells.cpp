@@ -75,15 +75,22 @@ class SectionOfCells {
       ref.offset = section_.size();
       append(pack_rank_page(page, ref));
     }
-    for (std::size_t first = 0; first < cells_.corners.size(); first += cells_.chunk_cells)
-      SPLATVOL_TRY(add_chunk(
-          std::span(cells_.corners).subspan(first, std::min(cells_.chunk_cells, cells_.corners.size() - first))));
+    CellChunk tetrahedra;
+    for (const auto& cell : cells_.corners)
+      tetrahedra.corners.insert(tetrahedra.corners.end(), cell.begin(), cell.end());
+    for (const CellChunk& cells : {tetrahedra, cells_.polyhedra})
+      for (std::size_t first = 0; first < cells.size(); first += cells_.chunk_cells) {
+        CellChunk chunk{cells.shape, cells.field, {}, {}, {}};
+        chunk.append(cells, first, std::min(first + cells_.chunk_cells, cells.size()));
+        SPLATVOL_TRY(add_chunk(chunk));
+      }
     if (!page_.entries.empty()) close_page();
     Bytes root;
-    if (kind_.cells > 0) append_record(root, kind_);
+    for (const CellKind& kind : kinds_) append_record(root, kind);
     for (const CellPageRef& page : pages_) append_record(root, page);
     for (const PackedPageRef& page : ranks) append_record(root, page);
-    append_record(root, CellsTail{hash_bytes(root), chunks_, pages_.size(), 0, kind_.cells > 0 ? 1u : 0u, 1});
+    append_record(root,
+                  CellsTail{hash_bytes(root), chunks_, pages_.size(), 0, static_cast<std::uint32_t>(kinds_.size()), 1});
     append(root);
     return std::move(section_);
   }
@@ -91,15 +98,12 @@ class SectionOfCells {
  private:
   void append(const Bytes& bytes) { section_.insert(section_.end(), bytes.begin(), bytes.end()); }
 
-  Status add_chunk(std::span<const std::array<std::uint64_t, 4>> cells) {
-    std::vector<std::uint64_t> corners;
-    for (const auto& cell : cells) corners.insert(corners.end(), cell.begin(), cell.end());
-    const LocalCells local = number_corners(corners);
+  Status add_chunk(const CellChunk& chunk) {
+    const LocalCells local = number_corners(chunk.corners);
     std::vector<RankedPoints::Place> places;
     std::vector<dvec3> positions;
     SPLATVOL_TRY(points_.find(local.ranks, places));
     SPLATVOL_TRY(points_.read_positions(places, positions));
-    const CellChunk chunk{CellShape::tetrahedron, CellField::corners, corners, {}, {}};
     PackedCells packed = pack_cells(chunk, local.ranks.size());
     const CellExtent extent = measure_cells(chunk, local, positions);
     for (int axis = 0; axis < 3; ++axis) {
@@ -119,11 +123,10 @@ class SectionOfCells {
       page_.summaries[a].push_back(summarize_cells(chunk, local, values, bins_of(info_.attributes[a])));
     }
     page_.entries.push_back(packed.entry);
-    kind_.shape = CellShape::tetrahedron;
-    kind_.field = CellField::corners;
-    kind_.turned = cells_.turned;
-    kind_.cells += cells.size();
-    kind_.packed_bytes += packed.bytes.size();
+    if (kinds_.empty() || kinds_.back().shape != chunk.shape)
+      kinds_.push_back({chunk.shape, chunk.field, {}, 0, 0, kinds_.empty() ? cells_.turned : 0});
+    kinds_.back().cells += chunk.size();
+    kinds_.back().packed_bytes += packed.bytes.size();
     ++chunks_;
     if (page_.entries.size() == cells_.page_chunks) close_page();
     return {};
@@ -144,7 +147,7 @@ class SectionOfCells {
   Bytes section_;
   Page page_;
   std::vector<CellPageRef> pages_;
-  CellKind kind_{};
+  std::vector<CellKind> kinds_;
   std::uint64_t chunks_ = 0;
 };
 
@@ -192,6 +195,47 @@ void add_random_cells(TestVolume& volume, std::size_t count, std::uint32_t seed)
     tetrahedra.push_back({points[at[0]], points[at[1]], points[at[2]], points[at[3]]});
   }
   add_cells(volume, tetrahedra);
+}
+
+// A tetrahedron whose triangles are divided at random by new corners.
+std::vector<SurfaceTriangle> random_surface(std::size_t corners, std::mt19937& random) {
+  std::vector<SurfaceTriangle> surface = {{0, 1, 2}, {0, 2, 3}, {0, 3, 1}, {1, 3, 2}};
+  for (std::size_t corner = 4; corner < corners; ++corner) {
+    const std::size_t at = random() % surface.size();
+    const auto [a, b, c] = surface[at];
+    const auto d = static_cast<std::uint8_t>(corner);
+    surface[at] = {a, b, d};
+    surface.push_back({b, c, d});
+    surface.push_back({c, a, d});
+  }
+  std::vector<std::uint8_t> numbers(corners);
+  std::iota(numbers.begin(), numbers.end(), std::uint8_t{0});
+  std::ranges::shuffle(numbers, random);
+  for (SurfaceTriangle& t : surface)
+    for (std::uint8_t& corner : t) corner = numbers[corner];
+  return surface;
+}
+
+void add_random_polyhedra(TestVolume& volume, std::size_t count, std::uint32_t seed) {
+  std::mt19937 random(seed);
+  const std::size_t points = volume.cells->segments.size();
+  std::vector<std::size_t> firsts(points < 30 ? 0 : count);
+  for (std::size_t& first : firsts) first = random() % (points - 29);
+  std::ranges::sort(firsts);
+  CellChunk& cells = volume.cells->polyhedra;
+  for (const std::size_t first : firsts) {
+    std::vector<std::uint64_t> ranks(29);
+    std::iota(ranks.begin(), ranks.end(), first + 1);
+    std::ranges::shuffle(ranks, random);
+    ranks.resize(4 + random() % 20);
+    ranks.push_back(first);
+    std::ranges::sort(ranks);
+    cells.corners.insert(cells.corners.end(), ranks.begin(), ranks.end());
+    cells.ends.push_back(static_cast<std::uint32_t>(cells.corners.size()));
+    cells.splits.push_back(static_cast<CellSplit>(random() % ranks.size()));
+    const std::vector<SurfaceTriangle> surface = random_surface(ranks.size(), random);
+    cells.triangles.insert(cells.triangles.end(), surface.begin(), surface.end());
+  }
 }
 
 Status write_test_cells(const TestCells& cells, std::shared_ptr<const ChunkSource> chunks, const AppendBytes& append) {

@@ -152,6 +152,8 @@ class Dump {
       std::string numbers;
       for (std::size_t i = 0; i < read.size(); ++i) {
         numbers += fmt::format("{}", fmt::join(read.corners_at(i), " "));
+        if (read.shape == format::CellShape::polyhedron)
+          for (const auto& [a, b, c] : read.triangles_at(i)) numbers += fmt::format(" {}-{}-{}", a, b, c);
         if (!read.splits.empty()) numbers += fmt::format(" split {}", read.splits[i]);
         if (!read.points.empty()) numbers += fmt::format(" of point {}", read.points[i]);
         numbers += '\n';

@@ -35,6 +35,9 @@ constexpr std::size_t slice_points = std::size_t{1} << 14;
 constexpr std::size_t slices_at_once = 16;
 constexpr std::uint64_t numbers_at_once = std::uint64_t{1} << 17;
 
+// The shape that cells have in the file: polyhedra are written as their tetrahedra.
+CellShape written_shape(CellShape shape) { return shape == CellShape::polyhedron ? CellShape::tetrahedron : shape; }
+
 std::uint8_t vtk_type(CellShape shape) {
   switch (shape) {
     case CellShape::tetrahedron:
@@ -45,6 +48,8 @@ std::uint8_t vtk_type(CellShape shape) {
       return 13;
     case CellShape::pyramid:
       return 14;
+    case CellShape::polyhedron:
+      break;
   }
   return 0;
 }
@@ -63,10 +68,15 @@ Box box_of(const Entry& entry) {
   return {{entry.low[0], entry.low[1], entry.low[2]}, {entry.high[0], entry.high[1], entry.high[2]}};
 }
 
+double volume_of(const std::array<std::uint8_t, 4>& tetrahedron, std::span<const dvec3> corners) {
+  const auto& [a, b, c, d] = tetrahedron;
+  return glm::dot(corners[b] - corners[a], glm::cross(corners[c] - corners[a], corners[d] - corners[a])) / 6;
+}
+
 double volume_of(const format::CellChunk& cells, std::size_t cell, std::span<const dvec3> corners) {
   double volume = 0;
-  for (const auto& [a, b, c, d] : format::tetrahedra_of(cells.shape, cells.split_at(cell)))
-    volume += glm::dot(corners[b] - corners[a], glm::cross(corners[c] - corners[a], corners[d] - corners[a])) / 6;
+  format::for_each_tetrahedron(cells, cell,
+                               [&](const std::array<std::uint8_t, 4>& at) { volume += volume_of(at, corners); });
   return volume;
 }
 
@@ -83,6 +93,8 @@ void mirror(CellShape shape, std::span<std::uint64_t> corners) {
       std::swap_ranges(corners.begin(), corners.begin() + static_cast<std::ptrdiff_t>(half),
                        corners.begin() + static_cast<std::ptrdiff_t>(half));
     }
+    case CellShape::polyhedron:
+      break;
   }
 }
 
@@ -113,17 +125,24 @@ class PartReader {
     SPLATVOL_TRY(points_.find(local.ranks, places_));
     SPLATVOL_TRY(points_.read_positions(places_, positions_));
     const bool is_whole = is_within(box_of(entry), selection_.box);
-    const std::size_t count = format::corners_of(entry.shape);
-    std::vector<dvec3> corners(count);
+    std::vector<dvec3> corners;
+    std::vector<std::uint64_t> ranks;
     for (std::size_t cell = 0; cell < cells.size(); ++cell) {
+      const auto of_cell = cells.corners_at(cell);
+      ranks.assign(of_cell.begin(), of_cell.end());
+      corners.resize(ranks.size());
       Box box;
-      for (std::size_t k = 0; k < count; ++k) box.include(corners[k] = positions_[local.corners[cell * count + k]]);
+      for (std::size_t k = 0; k < corners.size(); ++k)
+        box.include(corners[k] = positions_[local.corners[cells.begin_of(cell) + k]]);
       if (!is_whole && !meets(box, selection_.box)) continue;
-      const double volume = volume_of(cells, cell, corners);
-      const auto ranks = std::span(cells.corners).subspan(cell * count, count);
-      if (volume < 0) mirror(entry.shape, ranks);
-      chunk.volumes.push_back(std::abs(volume));
-      chunk.corners.insert(chunk.corners.end(), ranks.begin(), ranks.end());
+      if (entry.shape != CellShape::polyhedron) {
+        add(entry.shape, ranks, volume_of(cells, cell, corners), chunk);
+        continue;
+      }
+      format::for_each_tetrahedron(cells, cell, [&](const std::array<std::uint8_t, 4>& at) {
+        std::array part = {ranks[at[0]], ranks[at[1]], ranks[at[2]], ranks[at[3]]};
+        add(CellShape::tetrahedron, part, volume_of(at, corners), chunk);
+      });
     }
     return {};
   }
@@ -142,6 +161,12 @@ class PartReader {
   }
 
  private:
+  static void add(CellShape shape, std::span<std::uint64_t> ranks, double volume, ChunkCells& chunk) {
+    if (volume < 0) mirror(shape, ranks);
+    chunk.volumes.push_back(std::abs(volume));
+    chunk.corners.insert(chunk.corners.end(), ranks.begin(), ranks.end());
+  }
+
   const format::CellReader& cells_;
   const format::SplatSelection& selection_;
   format::RankedPoints points_;
@@ -203,18 +228,24 @@ class CellExport {
     SPLATVOL_TRY_ASSIGN(page, cells_.read_page(number, {}));
     std::erase_if(page.chunks, [&](const CellChunkEntry& entry) { return !meets(box_of(entry), selection_.box); });
     std::erase_if(page.chunks, [&](const CellChunkEntry& entry) {
-      const bool is_known = format::is_known(entry.shape, entry.field) && vtk_type(entry.shape) != 0;
+      const bool is_known = format::is_known(entry.shape, entry.field) && vtk_type(written_shape(entry.shape)) != 0;
       if (!is_known) report_.left_out += entry.cells;
       return !is_known;
     });
     for (std::span<const CellChunkEntry> left = page.chunks; !left.empty();) {
       std::size_t count = 1;
-      for (std::uint64_t cells = left[0].cells; count < std::min(left.size(), chunks_at_once); ++count)
-        if ((cells += left[count].cells) > cells_at_once) break;
+      for (std::uint64_t cells = cells_of(left[0]); count < std::min(left.size(), chunks_at_once); ++count)
+        if ((cells += cells_of(left[count])) > cells_at_once) break;
       SPLATVOL_TRY(write_chunks(left.first(count)));
       left = left.subspan(count);
     }
     return {};
+  }
+
+  // As many as the file may get of a chunk, about.
+  static std::uint64_t cells_of(const CellChunkEntry& entry) {
+    constexpr std::uint64_t tetrahedra = 40;  // of a polyhedron
+    return entry.shape == CellShape::polyhedron ? entry.cells * tetrahedra : entry.cells;
   }
 
   Status write_chunks(std::span<const CellChunkEntry> entries) {
@@ -230,7 +261,8 @@ class CellExport {
       corners_ += chunk.corners.size();
       report_.cells += chunk.volumes.size();
       for (const double volume : chunk.volumes) report_.volume += volume;
-      if (runs_.empty() || runs_.back().shape != entries[i].shape) runs_.push_back({entries[i].shape, 0});
+      const CellShape shape = written_shape(entries[i].shape);
+      if (runs_.empty() || runs_.back().shape != shape) runs_.push_back({shape, 0});
       runs_.back().cells += chunk.volumes.size();
     }
     return {};

@@ -23,7 +23,7 @@ struct CellsReport {
 /// Writes the cells that meet the selection's box, in the order of the file, with their corners as points, in the order
 /// of their ranks, and for each selected attribute the values there, in double precision (NaN: missing). A cell meets
 /// the box if the box round its corners does, as they are stored. The corners of a cell stand in an order that gives it
-/// a positive volume. The selection's resolution does not matter.
+/// a positive volume. Polyhedra are written as their tetrahedra. The selection's resolution does not matter.
 ///
 /// Reads nothing of chunks of cells and pages outside of the box. Reads each chunk of cells once: ranks of corners go
 /// into the file first, and become numbers of points once all points are known.

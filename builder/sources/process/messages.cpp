@@ -153,10 +153,12 @@ Status check_whole_cells(const Piece& piece) {
   const std::size_t tetrahedra = piece.cells ? piece.cells->tetrahedra.size() : piece.tetrahedra.size();
   std::uint64_t next = 0;
   for (const WholeCell& cell : piece.whole_cells) {
-    const std::size_t count = format::corners_of(cell.shape);
-    const auto corners = std::span(cell.corners).first(count);
-    if (count == 0 || !format::is_split(cell.shape, cell.split) || cell.count == 0 || cell.first < next ||
-        cell.count > tetrahedra || cell.first > tetrahedra - cell.count || std::ranges::max(corners) >= points)
+    const auto corners = std::span(cell.corners).first(format::corners_of(cell.shape));
+    const bool fits = cell.shape == format::CellShape::polyhedron ||
+                      (!corners.empty() && format::is_split(cell.shape, cell.split) &&
+                       std::ranges::all_of(corners, [&](std::uint32_t corner) { return corner < points; }));
+    if (!fits || cell.count == 0 || cell.first < next || cell.count > tetrahedra ||
+        cell.first > tetrahedra - cell.count)
       return fail_piece("cells are not those of its tetrahedra");
     next = std::uint64_t{cell.first} + cell.count;
   }

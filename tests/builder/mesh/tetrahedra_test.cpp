@@ -529,12 +529,34 @@ TEST(WholeCells, LeaveOutWhatNoShapeHas) {
   splitter.list_whole_cells(cells);
   splitter.split(CellShape::hexahedron, Nodes{0, 1, 2, 3, 4, 5, 6, 6});  // collapsed
   splitter.split(CellShape::tetrahedron, Nodes{0, 1, 2, 5});
-  splitter.split_polyhedron(
-      Nodes{4, 0, 3, 2, 1, 4, 4, 5, 6, 7, 4, 0, 1, 5, 4, 4, 1, 2, 6, 5, 4, 2, 3, 7, 6, 4, 3, 0, 4, 7});
+  splitter.split_polyhedron(Nodes{3, 0, 1, 2, 3, 0, 2, 5, 3, 0, 5, 1, 3, 1, 5, 2});  // a tetrahedron
   EXPECT_TRUE(cells.empty());
   splitter.split(CellShape::hexahedron, Nodes{0, 1, 2, 3, 4, 5, 6, 7});
   ASSERT_EQ(cells.size(), 1u);
   EXPECT_EQ(cells[0].first + cells[0].count, split.tetrahedra.size());
+}
+
+TEST(WholeCells, ListPolyhedraAndPrismsByTheirTetrahedra) {
+  Split split;
+  std::vector<WholeCell> cells;
+  std::vector<dvec3> points = prism(regular_polygon(6));
+  TetrahedronSplitter splitter(points, split.tetrahedra, split.census);
+  splitter.list_whole_cells(cells);
+  Nodes nodes(12);
+  std::iota(nodes.begin(), nodes.end(), 0);
+  splitter.split(CellShape::hexagonal_prism, nodes);
+  splitter.split_polyhedron(
+      Nodes{4, 0, 1, 7, 6, 4, 1, 2, 8, 7, 4, 2, 3, 9, 8, 4, 3, 0, 6, 9, 4, 3, 2, 1, 0, 4, 6, 7, 8, 9});
+  ASSERT_EQ(cells.size(), 2u);
+  std::uint32_t next = 0;
+  for (const WholeCell& cell : cells) {
+    EXPECT_EQ(cell.shape, format::CellShape::polyhedron);
+    EXPECT_EQ(std::exchange(next, cell.first + cell.count), cell.first);
+    EXPECT_GT(cell.count, 2u);
+    for (std::uint32_t i = cell.first; i < next; ++i)
+      EXPECT_EQ(split.tetrahedra[i][3], split.tetrahedra[cell.first][3]);
+  }
+  EXPECT_EQ(next, split.tetrahedra.size());
 }
 
 }  // namespace

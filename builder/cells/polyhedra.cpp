@@ -1,0 +1,140 @@
+#include "builder/cells/polyhedra.h"
+
+#include <algorithm>
+#include <array>
+#include <bitset>
+#include <cstring>
+#include <numeric>
+#include <utility>
+
+#include "builder/cells/packed_numbers.h"
+#include "format/codec.h"
+
+namespace splatvol {
+namespace {
+
+constexpr std::size_t head_words = 2;  // of a record: rank, hash and number
+constexpr std::size_t body_bytes = (polyhedron_record_words - head_words) * sizeof(std::uint64_t);
+
+}  // namespace
+
+bool join_tetrahedra(std::span<const Tetrahedron> tetrahedra, Polyhedron& polyhedron) {
+  if (tetrahedra.size() < 2 || tetrahedra.size() > format::surface_triangles(format::max_polyhedron_corners))
+    return false;
+  const std::uint32_t apex = tetrahedra[0][3];
+  std::vector<std::uint64_t>& corners = polyhedron.corners;
+  corners.assign(1, apex);
+  for (const auto& [a, b, c, d] : tetrahedra) {
+    if (d != apex || a == apex || b == apex || c == apex) return false;
+    corners.insert(corners.end(), {a, b, c});
+  }
+  std::ranges::sort(corners);
+  corners.erase(std::ranges::unique(corners).begin(), corners.end());
+  if (corners.size() > format::max_polyhedron_corners) return false;
+  const auto index_of = [&](std::uint32_t corner) {
+    return static_cast<std::uint8_t>(std::ranges::lower_bound(corners, corner) - corners.begin());
+  };
+
+  // The apex is opposite to these triangles. An edge of one of them that no other has the other way round belongs to a
+  // triangle with the apex.
+  polyhedron.apex = index_of(apex);
+  std::vector<format::SurfaceTriangle>& triangles = polyhedron.triangles;
+  triangles.clear();
+  std::bitset<format::max_polyhedron_corners * format::max_polyhedron_corners> edges;
+  const auto edge = [&](std::size_t from, std::size_t to) { return from * corners.size() + to; };
+  for (const auto& [a, b, c, d] : tetrahedra) {
+    const auto& [u, v, w] = triangles.emplace_back(format::SurfaceTriangle{index_of(a), index_of(c), index_of(b)});
+    for (const std::size_t e : {edge(u, v), edge(v, w), edge(w, u)}) edges.set(e);
+  }
+  for (std::size_t t = 0; t < tetrahedra.size(); ++t) {
+    const auto [u, v, w] = triangles[t];
+    for (const auto& [from, to] : {std::pair(u, v), std::pair(v, w), std::pair(w, u)})
+      if (!edges[edge(to, from)]) triangles.push_back({to, from, polyhedron.apex});
+  }
+  return triangles.size() == format::surface_triangles(corners.size());
+}
+
+bool renumber(std::span<const std::uint64_t> numbers, Polyhedron& polyhedron) {
+  std::array<std::uint8_t, format::max_polyhedron_corners> order, places;
+  const auto ascending = std::span(order).first(numbers.size());
+  std::iota(ascending.begin(), ascending.end(), std::uint8_t{0});
+  const auto number = [&](std::uint8_t corner) { return numbers[corner]; };
+  std::ranges::sort(ascending, {}, number);
+  if (std::ranges::adjacent_find(ascending, {}, number) != ascending.end()) return false;
+  for (std::size_t place = 0; place < ascending.size(); ++place) {
+    places[ascending[place]] = static_cast<std::uint8_t>(place);
+    polyhedron.corners[place] = numbers[ascending[place]];
+  }
+  polyhedron.apex = places[polyhedron.apex];
+  for (format::SurfaceTriangle& triangle : polyhedron.triangles)
+    for (std::uint8_t& corner : triangle) corner = places[corner];
+  return true;
+}
+
+bool put_polyhedron(const Polyhedron& polyhedron, std::vector<std::byte>& bytes) {
+  const std::size_t begin = bytes.size(), corners = polyhedron.corners.size();
+  bytes.resize(begin + 3);
+  const format::SurfaceCoding coding = format::encode_surface(polyhedron.triangles, corners, bytes);
+  if (coding == format::SurfaceCoding::failed) {
+    bytes.resize(begin);
+    return false;
+  }
+  const int sign = coding == format::SurfaceCoding::mirrored ? -polyhedron.sign : polyhedron.sign;
+  bytes[begin] = static_cast<std::byte>(sign + 1);
+  bytes[begin + 1] = static_cast<std::byte>(corners);
+  bytes[begin + 2] = static_cast<std::byte>(polyhedron.apex);
+  put_number(bytes, polyhedron.point);
+  std::uint64_t before = 0;
+  for (const std::uint64_t corner : polyhedron.corners) {
+    put_number(bytes, corner - before);
+    before = corner;
+  }
+  return true;
+}
+
+void get_polyhedron(std::span<const std::byte>& bytes, Polyhedron& polyhedron) {
+  const auto corners = std::to_integer<std::size_t>(bytes[1]), code = format::surface_code_bytes(corners);
+  polyhedron.sign = std::to_integer<int>(bytes[0]) - 1;
+  polyhedron.apex = std::to_integer<std::uint8_t>(bytes[2]);
+  polyhedron.triangles.resize(format::surface_triangles(corners));
+  [[maybe_unused]] const bool is_whole = format::decode_surface(bytes.subspan(3, code), corners, polyhedron.triangles);
+  bytes = bytes.subspan(3 + code);
+  polyhedron.point = get_number(bytes);
+  polyhedron.corners.clear();
+  std::uint64_t before = 0;
+  while (polyhedron.corners.size() < corners) polyhedron.corners.push_back(before += get_number(bytes));
+}
+
+// In front of the bytes of all records is a byte: how many there are.
+std::uint64_t append_records(const Polyhedron& polyhedron, format::CellField field,
+                             std::vector<std::uint64_t>& records) {
+  std::vector<std::byte> bytes(1);
+  [[maybe_unused]] const bool is_kept = put_polyhedron(polyhedron, bytes);
+  const std::uint64_t hash = format::hash_bytes(std::span(bytes).subspan(2));  // behind the sign
+  const std::size_t count = (bytes.size() + body_bytes - 1) / body_bytes;
+  bytes[0] = static_cast<std::byte>(count);
+  bytes.resize(count * body_bytes);
+  const std::size_t begin = records.size();
+  records.resize(begin + count * polyhedron_record_words);
+  for (std::size_t r = 0; r < count; ++r) {
+    std::uint64_t* const record = records.data() + begin + r * polyhedron_record_words;
+    record[0] = field == format::CellField::constant ? polyhedron.point : polyhedron.corners[0];
+    record[1] = hash << 8 | r;
+    std::memcpy(record + head_words, bytes.data() + r * body_bytes, body_bytes);
+  }
+  return hash;
+}
+
+std::size_t record_count(std::span<const std::uint64_t> record) {
+  return std::to_integer<std::size_t>(std::as_bytes(record.subspan(head_words))[0]);
+}
+
+void read_records(std::span<const std::uint64_t> records, Polyhedron& polyhedron) {
+  std::vector<std::byte> bytes(records.size() / polyhedron_record_words * body_bytes);
+  for (std::size_t at = 0; !records.empty(); at += body_bytes, records = records.subspan(polyhedron_record_words))
+    std::memcpy(bytes.data() + at, records.data() + head_words, body_bytes);
+  std::span<const std::byte> left = std::span(bytes).subspan(1);
+  get_polyhedron(left, polyhedron);
+}
+
+}  // namespace splatvol
