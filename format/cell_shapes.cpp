@@ -155,12 +155,16 @@ std::span<const std::array<std::uint8_t, max_cell_corners>> orders_of(CellShape 
   return table_of(shape).orders;
 }
 
-CellOrder find_order(CellShape shape, std::span<const std::uint8_t> places, CellSplit split) {
+CellOrder find_order(CellShape shape, std::span<const std::uint64_t> corners, std::span<const std::uint64_t> ascending,
+                     CellSplit split) {
   if (shape == CellShape::tetrahedron) return {};
   const ShapeTable& table = table_of(shape);
+  Corners places{};
+  for (std::size_t k = 0; k < corners.size(); ++k)
+    places[k] = static_cast<std::uint8_t>(std::ranges::find(ascending, corners[k]) - ascending.begin());
   const auto numbered = [&](const Corners& old) {
     Corners anew{};
-    for (std::size_t k = 0; k < places.size(); ++k) anew[k] = places[old[k]];
+    for (std::size_t k = 0; k < corners.size(); ++k) anew[k] = places[old[k]];
     return anew;
   };
   const Corners* best = &table.symmetries[0];

@@ -85,7 +85,9 @@ struct CellOrder {
 /// the cell in ascending order of their ranks.
 [[nodiscard]] std::span<const std::array<std::uint8_t, max_cell_corners>> orders_of(CellShape shape);
 
-/// Finds the order among these. `places`: [corner], as there. Requires different places, and a split of the shape.
-[[nodiscard]] CellOrder find_order(CellShape shape, std::span<const std::uint8_t> places, CellSplit split);
+/// Finds the order among these. `ascending`: the corners in ascending order. Requires different corners, and a split of
+/// the shape.
+[[nodiscard]] CellOrder find_order(CellShape shape, std::span<const std::uint64_t> corners,
+                                   std::span<const std::uint64_t> ascending, CellSplit split);
 
 }  // namespace splatvol::format

@@ -259,10 +259,7 @@ CellsHeader add_cells(const CellChunk& cells, CellPayload& payload) {
     std::ranges::copy(corners, sorted.begin());
     sort_corners(sorted);
     if (cells.shape == CellShape::tetrahedron) continue;
-    std::array<std::uint8_t, max_cell_corners> places{};
-    for (std::size_t k = 0; k < count; ++k)
-      places[k] = static_cast<std::uint8_t>(std::ranges::find(sorted, corners[k]) - sorted.begin());
-    const CellOrder order = find_order(cells.shape, std::span(places).first(count), cells.splits[cell]);
+    const CellOrder order = find_order(cells.shape, corners, sorted, cells.splits[cell]);
     codes.push_back(order.code);
     splits.push_back(order.split);
   }

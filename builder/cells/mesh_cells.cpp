@@ -27,13 +27,8 @@ Record record_at(std::span<const std::byte> records, std::size_t number) {
 
 // The same for a cell whose corners come in another order. `ranks`: the corners in ascending order.
 std::uint64_t hash_of(format::CellShape shape, const RankedCell& cell, std::span<const std::uint64_t> ranks) {
-  format::CellOrder order;  // 0 of a tetrahedron
-  if (shape != format::CellShape::tetrahedron) {
-    std::array<std::uint8_t, format::max_cell_corners> places{};
-    for (std::size_t k = 0; k < ranks.size(); ++k)
-      places[k] = static_cast<std::uint8_t>(std::ranges::find(ranks, cell.corners[k]) - ranks.begin());
-    order = format::find_order(shape, std::span(places).first(ranks.size()), cell.split);
-  }
+  const auto corners = std::span(cell.corners).first(ranks.size());
+  const format::CellOrder order = format::find_order(shape, corners, ranks, cell.split);
   std::array<std::uint64_t, format::max_cell_corners + 2> words{};
   std::ranges::copy(ranks, words.begin());
   words[ranks.size()] = std::uint64_t{order.code} << 32 | order.split;
