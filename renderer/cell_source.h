@@ -1,0 +1,49 @@
+// Cells of a mesh, as the processor draws them exactly: it pulls them chunk by chunk while it draws.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+
+namespace splatvol {
+
+/// Tetrahedra whose values are linear, or constant, in each.
+struct DrawnCells {
+  std::vector<dvec3> points;           // world coordinates
+  std::vector<double> values;          // [point], or [tetrahedron] if constant; NaN: missing
+  std::vector<double> opacity_values;  // as values, of the scene's opacity; empty: none
+  bool constant = false;
+
+  /// [tetrahedron]: points in ascending order of numbers. The same points of two chunks have numbers in the same order.
+  std::vector<std::array<std::uint32_t, 4>> tetrahedra;
+
+  [[nodiscard]] std::uint64_t memory_bytes() const {
+    return points.capacity() * sizeof(dvec3) + (values.capacity() + opacity_values.capacity()) * sizeof(double) +
+           tetrahedra.capacity() * sizeof(tetrahedra[0]);
+  }
+};
+
+/// Cells in chunks.
+class CellSource {
+ public:
+  struct Chunk {
+    Box box;                   // round the points
+    std::uint32_t tetrahedra;  // about
+    std::uint64_t number;      // in the source
+  };
+
+  virtual ~CellSource() = default;
+
+  /// The chunks that may show something, in any order. Each cell is in one.
+  [[nodiscard]] virtual std::span<const Chunk> chunks() const = 0;
+
+  /// Reads a chunk. Keeps the memory of `cells`. Thread-safe.
+  [[nodiscard]] virtual Status read(const Chunk& chunk, DrawnCells& cells) const = 0;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,39 @@
+// Draws cells of a mesh exactly, on the processor.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+
+#include "base/error.h"
+#include "pictures/image.h"
+#include "renderer/cell_source.h"
+#include "scene/scene.h"
+#include "splatvol/surface_depths.h"
+
+namespace splatvol {
+
+struct CellDrawing {
+  View view;
+  Transfer transfer;  // refers to functions, which must outlive the drawing
+  std::optional<Lighting> lighting = {};
+  const SurfaceDepths* surfaces = nullptr;        // as Rasterizer::set_surface_depths
+  int sample_spacing = 1;                         // as Rasterizer::draw
+  std::uint64_t memory = std::uint64_t{1} << 30;  // bytes, besides the picture and one chunk for each thread
+
+  /// Called with the share that is done, in [0, 1], one call at a time.
+  std::function<void(double)> progress = {};
+};
+
+struct CellPicture {
+  Image image;                 // linear premultiplied RGBA
+  std::uint64_t segments = 0;  // pieces of rays in a tetrahedron with a visible value
+};
+
+/// Draws the exact picture of cells: as render_reference() (renderer/reference/reference.h), in single precision where
+/// that does not show. Each chunk is read at most once. The picture does not depend on threads, memory and the order of
+/// chunks. Fails with ErrorCode::cancelled if the thread is interrupted, and if the source fails.
+[[nodiscard]] Result<CellPicture> draw_cells(const CellSource& source, const CellDrawing& drawing);
+
+}  // namespace splatvol
