@@ -145,8 +145,8 @@ struct TileSegments {
     std::array<float, most_lanes> numbers;
   };
 
-  int room = 64;
-  std::vector<CellSegment> segments = std::vector<CellSegment>(std::size_t{64} * cell_tile_pixels);
+  int room = 68;  // no power of two: the cache has places for neighbours
+  std::vector<CellSegment> segments = std::vector<CellSegment>(std::size_t{68} * cell_tile_pixels);
   alignas(64) std::array<std::int32_t, cell_tile_pixels> counts{};
   alignas(64) std::array<std::int32_t, cell_tile_pixels + 2 * most_lanes> covered;  // pixels of a cell
   std::vector<Lanes> keys;    // of some pixels, one in each lane: in ascending order

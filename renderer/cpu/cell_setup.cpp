@@ -92,7 +92,7 @@ void list_seen(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup
     const auto shows = hn::And(hn::Gt(visible_before(last_bin + Int(1)).v, visible_before(first_bin).v),
                                hn::RebindMask(tag, is_number(low)));
     const auto valid = hn::FirstN(tag, std::min(lanes, count - first));
-    const Int numbers = Int(hn::Iota(tag, static_cast<std::int32_t>(first)));
+    const Int numbers = lane_indices() + Int(static_cast<std::int32_t>(first));
     seen += hn::CompressStore(numbers.v, hn::And(shows, valid), tag, setup.seen.data() + seen);
   }
   setup.seen.resize(seen);
@@ -206,6 +206,8 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
         std::array<float, 4> u;
         for (std::size_t k = 0; k < 4; ++k) u[k] = u_of_cells[cells.constant ? number : of_cell[k]];
         if (!set_up_far_out(frame, of_cell, setup, faces, u, cell, screen)) continue;
+      } else if (fronts == 0 || fronts == 4) {
+        continue;  // so flat that rounding has turned a face
       }
       // Nearer cells have larger d, and lower keys.
       const auto order = std::bit_cast<std::uint32_t>(groups[7][4 * lane + 2]);

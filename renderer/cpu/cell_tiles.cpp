@@ -71,7 +71,7 @@ HWY_INLINE int list_covered(const CellOnScreen& cell, const TileCorner& tile, fl
   for (int row = bottom; row <= top; ++row) {
     const auto r = static_cast<std::size_t>(row);
     const int width = to[r] - from[r] + 1;
-    const Int first = Int(hn::Iota(IntTag(), cell_tile_side * row + from[r]));
+    const Int first = lane_indices() + Int(cell_tile_side * row + from[r]);
     for (int done = 0; done < width; done += lanes) store(first + Int(done), covered + count + done);
     count += std::max(width, 0);
   }
@@ -103,17 +103,32 @@ HWY_INLINE void add_cell(const CellsOnScreen& screen, const CellOnScreen& cell, 
       return Crossing{fma(face.a, dx[r], dy[r] * face.b) + references[r].d, fma(face.e, dx[r], dy[r] * face.f),
                       references[r].u};
     };
-    Crossing enter{screen.eye_d, 0.0F, 0.0F}, leave{screen.farthest_d, 0.0F, 0.0F};
-    if (is_far_out) enter.u = fma(far_out->eye_e, x, fma(far_out->eye_f, y, far_out->eye_u));
-    for (int k = 0; k < cell.fronts; ++k) {
-      const Crossing face = cross(k);
-      const Mask is_later = face.d < enter.d;
-      enter = {min(face.d, enter.d), select(is_later, face.n, enter.n), select(is_later, face.u, enter.u)};
-    }
-    for (int k = cell.fronts; k < 4; ++k) {
-      const Crossing face = cross(k);
-      const Mask is_sooner = face.d > leave.d;
-      leave = {max(face.d, leave.d), select(is_sooner, face.n, leave.n), select(is_sooner, face.u, leave.u)};
+    const auto enter_at = [&](const Crossing& face, const Crossing& other) HWY_ATTR {
+      const Mask is_later = face.d < other.d;
+      return Crossing{min(face.d, other.d), select(is_later, face.n, other.n), select(is_later, face.u, other.u)};
+    };
+    const auto leave_at = [&](const Crossing& face, const Crossing& other) HWY_ATTR {
+      const Mask is_sooner = face.d > other.d;
+      return Crossing{max(face.d, other.d), select(is_sooner, face.n, other.n), select(is_sooner, face.u, other.u)};
+    };
+    Crossing enter, leave;
+    if constexpr (is_far_out) {
+      enter = {screen.eye_d, 0.0F, fma(far_out->eye_e, x, fma(far_out->eye_f, y, far_out->eye_u))};
+      leave = {screen.farthest_d, 0.0F, 0.0F};
+      for (int k = 0; k < 4; ++k)
+        if (k < cell.fronts)
+          enter = enter_at(cross(k), enter);
+        else
+          leave = leave_at(cross(k), leave);
+    } else if (cell.fronts == 2) {
+      enter = enter_at(cross(1), cross(0));
+      leave = leave_at(cross(3), cross(2));
+    } else if (cell.fronts == 1) {
+      enter = cross(0);
+      leave = leave_at(cross(3), leave_at(cross(2), cross(1)));
+    } else {
+      enter = enter_at(cross(2), enter_at(cross(1), cross(0)));
+      leave = cross(3);
     }
     enter.d = min(enter.d, nearest_d);
     const auto valid = hn::FirstN(FloatTag(), static_cast<std::size_t>(std::min(count - first, lane_count())));
@@ -375,7 +390,7 @@ class PixelBlender {
       tile_.keys.resize(2 * static_cast<std::size_t>(most));
       tile_.places.resize(2 * static_cast<std::size_t>(most));
     }
-    const Int start = (Int(hn::Iota(IntTag(), static_cast<std::int32_t>(first)))) * Int(4 * tile_.room);
+    const Int start = (lane_indices() + Int(static_cast<std::int32_t>(first))) * Int(4 * tile_.room);
     Int before_end(0);
     for (std::int32_t k = 0; k < most; ++k) {
       const Mask in = mask_of(hn::Gt(count.v, Int(k).v));

@@ -441,12 +441,12 @@ Result<CellPicture> draw_cells(const CellSource& source, const CellDrawing& draw
 namespace tiles {
 
 void TileSegments::make_room() {
-  std::vector<CellSegment> more(segments.size() * 2);
+  const int more_room = 2 * room + 4;
+  std::vector<CellSegment> more(static_cast<std::size_t>(more_room) * cell_tile_pixels);
   for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel)
-    std::copy_n(of_pixel(pixel), std::min(counts[pixel], room),
-                more.data() + 2 * pixel * static_cast<std::size_t>(room));
+    std::copy_n(of_pixel(pixel), std::min(counts[pixel], room), more.data() + pixel * static_cast<std::size_t>(more_room));
   segments = std::move(more);
-  room *= 2;
+  room = more_room;
 }
 
 namespace {

@@ -129,6 +129,7 @@ HWY_INLINE Int select_int(Mask mask, Int yes, Int no) {
 
 /// 0, 1, 2 ...
 HWY_INLINE Float lane_numbers() { return hn::Iota(FloatTag(), 0.0F); }
+HWY_INLINE Int lane_indices() { return hn::Iota(IntTag(), 0); }
 
 /// Returns the base-2 logarithm of a positive normal number, with a relative error of 1e-6.
 HWY_INLINE Float log2(Float x) {
