@@ -65,7 +65,7 @@ struct CellsOnScreen {
   float w = 0;                      // 1/z of d = 0; in orthographic projection the depth
   float key_offset = 0;             // from d to keys
   float eye_d = 0, farthest_d = 0;  // of the eye's plane; beyond all
-  std::vector<CellOnScreen> cells;  // nearest first, about
+  std::vector<CellOnScreen> cells;
   std::vector<FarOut> far_out;
 
   // The cells of each tile in a rectangle of tiles, nearest first.
@@ -79,6 +79,11 @@ struct CellsOnScreen {
     const std::size_t tile =
         static_cast<std::size_t>(row) * static_cast<std::size_t>(tiles_across) + static_cast<std::size_t>(column);
     return std::span(numbers).subspan(begins[tile], begins[tile + 1] - begins[tile]);
+  }
+  void clear() {
+    cells.clear();
+    far_out.clear();
+    tiles_across = tiles_up = 0;
   }
   [[nodiscard]] std::uint64_t memory_bytes() const {
     return cells.capacity() * sizeof(CellOnScreen) + far_out.capacity() * sizeof(FarOut) +
@@ -96,13 +101,13 @@ struct PointsOnScreen {
 struct CellSetup {
   std::vector<dvec3> in_view;
   PointsOnScreen points;
-  std::vector<std::int32_t> seen;  // numbers of tetrahedra
-  std::vector<CellOnScreen> cells;
-  std::vector<std::uint64_t> keys;  // of these: nearer ones have lower keys; the cell's number below
+  std::vector<std::int32_t> seen;   // numbers of tetrahedra
+  std::vector<std::uint64_t> keys;  // of cells: nearer ones have lower keys; the cell's number below
   std::vector<std::uint64_t> sorted;
+  std::vector<std::uint32_t> next;  // [tile]
 };
 
-/// Sets up the cells of a chunk that may show something: setup.cells and setup.keys. Requires setup.in_view and
+/// Sets up the cells of a chunk that may show something: screen.cells and setup.keys. Requires setup.in_view and
 /// setup.points, and what `screen` has of depths.
 void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen);
 

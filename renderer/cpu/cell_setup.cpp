@@ -105,7 +105,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
   const View& view = *frame.view;
   const auto middle_x = static_cast<float>(frame.middle_x), middle_y = static_cast<float>(frame.middle_y);
   const float* const u_of_cells = setup.points.u.data();
-  setup.cells.resize(count);
+  screen.cells.resize(count);
   setup.keys.resize(count);
   std::size_t made = 0;
   for (std::size_t first = 0; first < count; first += lanes) {
@@ -177,7 +177,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
     const std::uint32_t far_out_bits = mask_bits(is_far_out);
     for (std::uint32_t bits = mask_bits(in); bits != 0; bits &= bits - 1) {
       const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
-      CellOnScreen& cell = setup.cells[made];
+      CellOnScreen& cell = screen.cells[made];
       const auto take = [&](void* to, std::size_t group) { std::memcpy(to, &groups[group][4 * lane], 16); };
       take(&cell.corners[0], 0);
       take(&cell.corners[1], 1);
@@ -216,7 +216,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
       ++made;
     }
   }
-  setup.cells.resize(made);
+  screen.cells.resize(made);
   setup.keys.resize(made);
 }
 

@@ -138,6 +138,7 @@ class CellSweep {
   };
   tbb::enumerable_thread_specific<Scratch> scratches_;
   tbb::enumerable_thread_specific<TileSegments> segments_;
+  std::vector<CellsOnScreen> screens_;  // of a batch
   CellPicture picture_;
 };
 
@@ -232,7 +233,6 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
 
   constexpr std::uint64_t bytes_of_cell = sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t);
   const std::uint64_t most = std::min<std::uint64_t>(drawing_.memory / 4, std::uint64_t{64} << 20);
-  std::vector<CellsOnScreen> screens;
   std::vector<std::uint32_t> batch;
   for (std::uint32_t first = 0; first < chunks_.size();) {
     SPLATVOL_TRY(check_interruption());
@@ -243,7 +243,10 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
       batch.push_back(next);
       bytes += chunks_[next].source.tetrahedra * bytes_of_cell;
     }
-    screens.resize(next - first);
+    // What an earlier batch had stays for its memory.
+    if (screens_.size() < next - first) screens_.resize(next - first);
+    const std::span<CellsOnScreen> screens = std::span(screens_).first(next - first);
+    for (CellsOnScreen& screen : screens) screen.clear();
     std::mutex mutex;
     Status status;
     tbb::parallel_for(std::size_t{0}, batch.size(), [&](std::size_t i) {
@@ -259,7 +262,6 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
       waiting += tiles_[i].waiting.capacity() * sizeof(CellSegment);
     });
     if (waiting > drawing_.memory / 2 && end - begin > 1) return false;
-    screens.clear();
     first = next;
     if (drawing_.progress && !chunks_.empty())
       drawing_.progress((begin + (end - begin) * static_cast<double>(first) / static_cast<double>(chunks_.size())) /
@@ -333,35 +335,35 @@ void sort_keys(std::vector<std::uint64_t>& keys, std::vector<std::uint64_t>& scr
 
 void CellSweep::sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
   sort_keys(setup.keys, setup.sorted);
-  screen.cells.resize(setup.keys.size());
-  PixelRectangle tiles{std::numeric_limits<int>::max(), -1, std::numeric_limits<int>::max(), -1};
   const auto tiles_of = [](const CellOnScreen& cell) {
     return PixelRectangle{cell.left / cell_tile_side, cell.right / cell_tile_side, cell.bottom / cell_tile_side,
                           cell.top / cell_tile_side};
   };
-  for (std::size_t i = 0; i < screen.cells.size(); ++i) {
-    screen.cells[i] = setup.cells[static_cast<std::uint32_t>(setup.keys[i])];
-    const PixelRectangle own = tiles_of(screen.cells[i]);
-    tiles = {std::min(tiles.x0, own.x0), std::max(tiles.x1, own.x1), std::min(tiles.y0, own.y0),
-             std::max(tiles.y1, own.y1)};
+  PixelRectangle all{std::numeric_limits<int>::max(), -1, std::numeric_limits<int>::max(), -1};
+  for (const CellOnScreen& cell : screen.cells) {
+    const PixelRectangle own = tiles_of(cell);
+    all = {std::min(all.x0, own.x0), std::max(all.x1, own.x1), std::min(all.y0, own.y0), std::max(all.y1, own.y1)};
   }
-  if (tiles.is_empty()) return;
-  screen.tiles_left = tiles.x0, screen.tiles_bottom = tiles.y0;
-  screen.tiles_across = tiles.x1 - tiles.x0 + 1, screen.tiles_up = tiles.y1 - tiles.y0 + 1;
+  screen.tiles_across = screen.tiles_up = 0;
+  if (all.is_empty()) return;
+  screen.tiles_left = all.x0, screen.tiles_bottom = all.y0;
+  screen.tiles_across = all.x1 - all.x0 + 1, screen.tiles_up = all.y1 - all.y0 + 1;
   const auto visit = [&](const CellOnScreen& cell, const auto& use) {
     const PixelRectangle own = tiles_of(cell);
     for (int row = own.y0; row <= own.y1; ++row)
       for (int column = own.x0; column <= own.x1; ++column)
-        use(static_cast<std::size_t>((row - tiles.y0) * screen.tiles_across + column - tiles.x0));
+        use(static_cast<std::size_t>((row - all.y0) * screen.tiles_across + column - all.x0));
   };
   screen.begins.assign(static_cast<std::size_t>(screen.tiles_across) * static_cast<std::size_t>(screen.tiles_up) + 1,
                        0);
   for (const CellOnScreen& cell : screen.cells) visit(cell, [&](std::size_t tile) { ++screen.begins[tile + 1]; });
   std::partial_sum(screen.begins.begin(), screen.begins.end(), screen.begins.begin());
   screen.numbers.resize(screen.begins.back());
-  std::vector<std::uint32_t> next(screen.begins.begin(), screen.begins.end() - 1);
-  for (std::uint32_t i = 0; i < screen.cells.size(); ++i)
-    visit(screen.cells[i], [&](std::size_t tile) { screen.numbers[next[tile]++] = i; });
+  setup.next.assign(screen.begins.begin(), screen.begins.end() - 1);
+  for (const std::uint64_t key : setup.keys) {
+    const auto number = static_cast<std::uint32_t>(key);
+    visit(screen.cells[number], [&](std::size_t tile) { screen.numbers[setup.next[tile]++] = number; });
+  }
 }
 
 void CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<const CellsOnScreen> screens,
@@ -444,7 +446,8 @@ void TileSegments::make_room() {
   const int more_room = 2 * room + 4;
   std::vector<CellSegment> more(static_cast<std::size_t>(more_room) * cell_tile_pixels);
   for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel)
-    std::copy_n(of_pixel(pixel), std::min(counts[pixel], room), more.data() + pixel * static_cast<std::size_t>(more_room));
+    std::copy_n(of_pixel(pixel), std::min(counts[pixel], room),
+                more.data() + pixel * static_cast<std::size_t>(more_room));
   segments = std::move(more);
   room = more_room;
 }
