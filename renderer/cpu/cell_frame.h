@@ -15,6 +15,7 @@
 #include "renderer/cpu/cell_function.h"
 #include "renderer/cpu/frame.h"
 #include "scene/scene.h"
+#include "splatvol/surface_depths.h"
 
 namespace splatvol::tiles {
 
@@ -31,6 +32,15 @@ struct CellFrame {
   double farthest_w = 0;               // w of all chunks' farthest depth: keys count from there
   float widest = 0;                    // pixels from the middle at which a corner is far out
   float slack = 0;                     // pixels by which outlines are widened
+
+  // What segments have besides: null, and false, if there is none.
+  const Lighting* lighting = nullptr;
+  const FunctionPieces* opacity = nullptr;      // its extinctions are factors
+  double opacity_low = 0, opacity_inverse = 1;  // as of the values
+  const SurfaceDepths* surfaces = nullptr;
+
+  [[nodiscard]] bool has_shades() const { return lighting || opacity; }
+  [[nodiscard]] bool has_limits() const { return surfaces || !view->clip.is_all(); }
 };
 
 /// A tetrahedron on the screen.
@@ -60,6 +70,16 @@ struct FarOut {
   float eye_u, eye_e, eye_f;                          // the eye's plane: u = eye_u + eye_e x + eye_f y
 };
 
+/// How a cell is lit, and its opacity, by distances from a reference: factor = o + (ox dx + oy dy + od dd + oc) z,
+/// within its corners'; the cosine of the gradient with a ray is |lx dx + ly dy + l0| over the ray's length for a unit
+/// of depth.
+struct CellShading {
+  float x, y, d;  // the reference
+  float o, ox, oy, od, oc, low, high;
+  float lx, ly, l0;
+  bool has_gradient;
+};
+
 /// A chunk on the screen.
 struct CellsOnScreen {
   float w = 0;                      // 1/z of d = 0; in orthographic projection the depth
@@ -67,6 +87,7 @@ struct CellsOnScreen {
   float eye_d = 0, farthest_d = 0;  // of the eye's plane; beyond all
   std::vector<CellOnScreen> cells;
   std::vector<FarOut> far_out;
+  std::vector<CellShading> shadings;  // [cell], if the frame has shades
 
   // The cells of each tile in a rectangle of tiles, nearest first.
   int tiles_left = 0, tiles_bottom = 0, tiles_across = 0, tiles_up = 0;
@@ -83,11 +104,12 @@ struct CellsOnScreen {
   void clear() {
     cells.clear();
     far_out.clear();
+    shadings.clear();
     tiles_across = tiles_up = 0;
   }
   [[nodiscard]] std::uint64_t memory_bytes() const {
     return cells.capacity() * sizeof(CellOnScreen) + far_out.capacity() * sizeof(FarOut) +
-           (begins.capacity() + numbers.capacity()) * sizeof(std::uint32_t);
+           shadings.capacity() * sizeof(CellShading) + (begins.capacity() + numbers.capacity()) * sizeof(std::uint32_t);
   }
 };
 
@@ -101,8 +123,10 @@ struct PointsOnScreen {
 struct CellSetup {
   std::vector<dvec3> in_view;
   PointsOnScreen points;
-  std::vector<std::int32_t> seen;   // numbers of tetrahedra
-  std::vector<std::uint64_t> keys;  // of cells: nearer ones have lower keys; the cell's number below
+  std::vector<std::int32_t> seen;     // numbers of tetrahedra
+  std::vector<std::int32_t> numbers;  // of screen.cells: the tetrahedron
+  std::vector<float> opacities;       // as points.u
+  std::vector<std::uint64_t> keys;    // of cells: nearer ones have lower keys; the cell's number below
   std::vector<std::uint64_t> sorted;
   std::vector<std::uint32_t> next;  // [tile]
 };
@@ -132,6 +156,14 @@ struct CellSegment {
 };
 static_assert(sizeof(CellSegment) == 16);
 
+/// What a segment has besides if the frame has shades.
+struct SegmentShade {
+  float lighting;          // factor on colours
+  float o_enter, o_leave;  // of the opacity's attribute, as u
+  float spare;
+};
+static_assert(sizeof(SegmentShade) == sizeof(CellSegment));
+
 /// Where a tile lies.
 struct CellTileArea {
   int left, bottom;
@@ -154,13 +186,16 @@ struct TileSegments {
   std::vector<CellSegment> segments = std::vector<CellSegment>(std::size_t{68} * cell_tile_pixels);
   alignas(64) std::array<std::int32_t, cell_tile_pixels> counts{};
   alignas(64) std::array<std::int32_t, cell_tile_pixels + 2 * most_lanes> covered;  // pixels of a cell
+  std::vector<SegmentShade> shades;  // [segment], if the frame has shades
+
+  // [pixel]: between which d of the chunk something is drawn, if the frame has limits.
+  alignas(64) std::array<float, cell_tile_pixels> near_limits, far_limits;
+
   std::vector<Lanes> keys;    // of some pixels, one in each lane: in ascending order
   std::vector<Lanes> places;  // of their segments: bits of integers
   std::uint64_t added = 0;    // segments
 
-  [[nodiscard]] CellSegment* of_pixel(std::size_t pixel) {
-    return segments.data() + pixel * static_cast<std::size_t>(room);
-  }
+  [[nodiscard]] std::size_t begin_of(std::size_t pixel) const { return pixel * static_cast<std::size_t>(room); }
   void make_room();
 };
 

@@ -107,6 +107,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
   const float* const u_of_cells = setup.points.u.data();
   screen.cells.resize(count);
   setup.keys.resize(count);
+  setup.numbers.resize(count);
   std::size_t made = 0;
   for (std::size_t first = 0; first < count; first += lanes) {
     alignas(64) std::array<std::array<std::int32_t, most_lanes>, 4> numbers;
@@ -212,6 +213,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
       // Nearer cells have larger d, and lower keys.
       const auto order = std::bit_cast<std::uint32_t>(groups[7][4 * lane + 2]);
       const std::uint32_t key = (order >> 31) != 0 ? order : ~(order | 0x80000000U);
+      setup.numbers[made] = setup.seen[first + lane];
       setup.keys[made] = std::uint64_t{key} << 32 | made;
       ++made;
     }

@@ -83,12 +83,42 @@ struct Crossing {
   Float d, n, u;  // depth; the value is u + n z
 };
 
+/// What holds for a tile and a chunk.
+struct CellTile {
+  const CellFrame& frame;
+  const CellsOnScreen& screen;
+  TileCorner corner;
+  float nearest_d;
+  float per_pixel;  // 1 / focal: slope of rays
+  bool has_limits;
+};
+
+/// The opacity's attribute where a ray enters or leaves.
+HWY_INLINE Float opacity_at(const CellShading& shading, Float dx, Float dy, Float d, Float z) {
+  const Float along = fma(dx, shading.ox, fma(dy, shading.oy, fma(d - shading.d, shading.od, shading.oc)));
+  return clamp(fma(along, z, shading.o), shading.low, shading.high);
+}
+
+/// The factor on the colours of a cell in a lit picture.
+template <bool orthographic>
+HWY_INLINE Float light_at(const CellTile& t, const CellShading& shading, Float x, Float y) {
+  const auto ambient = static_cast<float>(t.frame.lighting->ambient),
+             diffuse = static_cast<float>(t.frame.lighting->diffuse);
+  if (!shading.has_gradient) return ambient + diffuse;
+  const Float along = abs(fma(x - shading.x, shading.lx, fma(y - shading.y, shading.ly, shading.l0)));
+  if (orthographic) return fma(along, diffuse, ambient);
+  const Float a = x * t.per_pixel, b = y * t.per_pixel;
+  return fma(along / sqrt(fma(a, a, fma(b, b, 1.0F))), diffuse, ambient);
+}
+
 /// Adds the segments of a cell. `far_out`: what it has besides, or null.
-template <bool orthographic, bool is_far_out>
-HWY_INLINE void add_cell(const CellsOnScreen& screen, const CellOnScreen& cell, const FarOut* far_out,
-                         const TileCorner& corner, float slack, float nearest_d, TileSegments& tile) {
+template <bool orthographic, bool is_far_out, bool has_shades>
+HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarOut* far_out, const CellShading* shading,
+                         TileSegments& tile) {
+  const CellsOnScreen& screen = t.screen;
+  const TileCorner& corner = t.corner;
   const CellOnScreen::Reference* const references = is_far_out ? far_out->references.data() : cell.corners.data();
-  const int count = list_covered(cell, corner, slack, tile.covered.data());
+  const int count = list_covered(cell, corner, t.frame.slack, tile.covered.data());
   constexpr int most_references = is_far_out ? 4 : 2;
   for (int first = 0; first < count; first += lane_count()) {
     const Int pixel = load(tile.covered.data() + first);
@@ -130,21 +160,50 @@ HWY_INLINE void add_cell(const CellsOnScreen& screen, const CellOnScreen& cell, 
       enter = enter_at(cross(2), enter_at(cross(1), cross(0)));
       leave = cross(3);
     }
-    enter.d = min(enter.d, nearest_d);
+    enter.d = min(enter.d, t.nearest_d);
     const auto valid = hn::FirstN(FloatTag(), static_cast<std::size_t>(std::min(count - first, lane_count())));
-    const Mask hit = both(enter.d > leave.d, valid);
+    Mask hit = both(enter.d > leave.d, valid);
     if (!any(hit)) continue;
 
-    Float length = enter.d - leave.d, near_z(1.0F), far_z(1.0F);
-    if (!orthographic) {
-      near_z = reciprocal(enter.d + screen.w), far_z = reciprocal(leave.d + screen.w);
-      length = length * near_z * far_z;
+    const auto z_at = [&](Float d) HWY_ATTR { return orthographic ? Float(1.0F) : reciprocal(d + screen.w); };
+    const Float near_z = z_at(enter.d), far_z = z_at(leave.d);
+    const auto between = [&](Float near_d, Float near, Float far_d, Float far)
+                             HWY_ATTR { return (near_d - far_d) * near * far; };
+    Float length = between(enter.d, near_z, leave.d, far_z);
+    Float u_enter = clamp(fma(enter.n, near_z, enter.u), cell.low, cell.high);
+    Float u_leave = clamp(fma(leave.n, far_z, leave.u), cell.low, cell.high);
+    Float o_enter(0.0F), o_leave(0.0F);
+    if (has_shades && t.frame.opacity) {
+      const Float dx_shade = x - shading->x, dy_shade = y - shading->y;
+      o_enter = opacity_at(*shading, dx_shade, dy_shade, enter.d, near_z);
+      o_leave = opacity_at(*shading, dx_shade, dy_shade, leave.d, far_z);
     }
-    const Float u_enter = clamp(fma(enter.n, near_z, enter.u), cell.low, cell.high);
-    const Float u_leave = clamp(fma(leave.n, far_z, leave.u), cell.low, cell.high);
+    if (t.has_limits) {  // the order stays that of whole cells
+      const Float from = min(enter.d, gather(tile.near_limits.data(), pixel));
+      const Float to = max(leave.d, gather(tile.far_limits.data(), pixel));
+      hit = both(hit, from > to);
+      if (!any(hit)) continue;
+      const Float from_z = z_at(from), to_z = z_at(to), inverse = Float(1.0F) / length;
+      const Float before = between(enter.d, near_z, from, from_z) * inverse;
+      const Float behind = between(to, to_z, leave.d, far_z) * inverse;
+      const auto cut = [&](Float& at_enter, Float& at_leave) HWY_ATTR {
+        const Float change = at_leave - at_enter;
+        at_enter = fma(change, before, at_enter);
+        at_leave = fnma(change, behind, at_leave);
+      };
+      cut(u_enter, u_leave);
+      if (has_shades) cut(o_enter, o_leave);
+      length = between(from, from_z, to, to_z);
+    }
     alignas(64) std::array<CellSegment, most_lanes> made;
+    alignas(64) std::array<SegmentShade, most_lanes> shades;
     hn::StoreInterleaved4((-(enter.d + screen.key_offset)).v, length.v, u_enter.v, u_leave.v, FloatTag(),
                           reinterpret_cast<float*>(made.data()));
+    if constexpr (has_shades) {
+      const Float lighting = t.frame.lighting ? light_at<orthographic>(t, *shading, x, y) : Float(1.0F);
+      hn::StoreInterleaved4(lighting.v, o_enter.v, o_leave.v, lighting.v, FloatTag(),
+                            reinterpret_cast<float*>(shades.data()));
+    }
     const std::uint32_t hits = mask_bits(hit);
     tile.added += static_cast<std::uint64_t>(std::popcount(hits));
     for (std::uint32_t bits = hits; bits != 0; bits &= bits - 1) {
@@ -152,35 +211,43 @@ HWY_INLINE void add_cell(const CellsOnScreen& screen, const CellOnScreen& cell, 
       const auto at = static_cast<std::size_t>(tile.covered[static_cast<std::size_t>(first) + lane]);
       const std::int32_t held = tile.counts[at]++;
       if (held >= tile.room) tile.make_room();
-      tile.of_pixel(at)[held] = made[lane];
+      const std::size_t place = tile.begin_of(at) + static_cast<std::size_t>(held);
+      tile.segments[place] = made[lane];
+      if constexpr (has_shades) tile.shades[place] = shades[lane];
     }
   }
 }
 
-template <bool orthographic>
-void add_all(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
-             const CellTileArea& area, float nearest_d, TileSegments& tile) {
-  const TileCorner corner = {area.left, area.bottom, static_cast<float>(area.left - frame.middle_x),
-                             static_cast<float>(area.bottom - frame.middle_y)};
+template <bool orthographic, bool has_shades>
+void add_all(const CellTile& t, std::span<const std::uint32_t> numbers, TileSegments& tile) {
+  const CellsOnScreen& screen = t.screen;
   for (std::size_t i = 0; i < numbers.size(); ++i) {
     const auto* soon = reinterpret_cast<const char*>(&screen.cells[numbers[std::min(i + 6, numbers.size() - 1)]]);
     for (std::size_t at = 0; at < sizeof(CellOnScreen); at += 64) hwy::Prefetch(soon + at);
     const CellOnScreen& cell = screen.cells[numbers[i]];
+    const CellShading* const shading = has_shades ? &screen.shadings[numbers[i]] : nullptr;
     if (cell.far_out < 0)
-      add_cell<orthographic, false>(screen, cell, nullptr, corner, frame.slack, nearest_d, tile);
+      add_cell<orthographic, false, has_shades>(t, cell, nullptr, shading, tile);
     else
-      add_cell<orthographic, true>(screen, cell, &screen.far_out[static_cast<std::size_t>(cell.far_out)], corner,
-                                   frame.slack, nearest_d, tile);
+      add_cell<orthographic, true, has_shades>(t, cell, &screen.far_out[static_cast<std::size_t>(cell.far_out)],
+                                               shading, tile);
   }
 }
 
-void add_perspective(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
-                     const CellTileArea& area, float nearest_d, TileSegments& tile) {
-  add_all<false>(frame, screen, numbers, area, nearest_d, tile);
-}
-void add_orthographic(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
-                      const CellTileArea& area, float nearest_d, TileSegments& tile) {
-  add_all<true>(frame, screen, numbers, area, nearest_d, tile);
+void add_cells(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
+               const CellTileArea& area, float nearest_d, TileSegments& tile) {
+  const CellTile t = {frame,
+                      screen,
+                      {area.left, area.bottom, static_cast<float>(area.left - frame.middle_x),
+                       static_cast<float>(area.bottom - frame.middle_y)},
+                      nearest_d,
+                      static_cast<float>(1 / frame.view->focal),
+                      frame.has_limits()};
+  const bool has_shades = frame.has_shades();
+  if (frame.view->orthographic)
+    has_shades ? add_all<true, true>(t, numbers, tile) : add_all<true, false>(t, numbers, tile);
+  else
+    has_shades ? add_all<false, true>(t, numbers, tile) : add_all<false, false>(t, numbers, tile);
 }
 
 /// Numbers of a function's pieces, to look up: in registers if `few`.
@@ -219,6 +286,12 @@ struct Light {
   Float transmittance;
 };
 
+/// On colours and extinctions of a stretch.
+struct Factors {
+  Float lighting;
+  Float first, last;  // of the opacity, at its ends; linear between them
+};
+
 template <bool few>
 class Integrator {
  public:
@@ -232,36 +305,57 @@ class Integrator {
 
   /// Adds the light of segments along which u goes linearly from `u` to `end`, in steps: to the next knot of the
   /// function or to an optical depth of one, whichever comes first.
-  HWY_INLINE void add(Mask todo, Float u, const Float end, const Float length, Light& light) const {
+  template <bool factored>
+  HWY_INLINE void add(Mask todo, Float u, const Float end, const Float length, const Factors& factors,
+                      Light& light) const {
     const Float change = end - u;
     const Mask up = change >= Float(0.0F), flat = hn::Eq(change.v, hn::Zero(FloatTag()));
     const Float per_u = length / select(flat, 1.0F, change);  // with a sign
     Int piece = piece_at(u, up);
     Float left = length;
+    const Float fall = (factors.last - factors.first) / max(length, 1e-37F);
     while (any(todo)) {
       const Float start = starts_.at(piece), next = starts_.at(piece + Int(1)), x = u - start;
       const Float to = select(up, min(end, next), max(end, start));
       Mask last = either(flat, hn::Eq(to.v, end.v));
       const Float whole = select(last, left, (to - u) * per_u), slope = slopes_[3].at(piece);
       const Float k = max(fma(slope, x, values_[3].at(piece)), 0.0F), rise = slope * (to - u);
-      const Mask is_dense = both(fma(rise, 0.5F, k) * whole > Float(1.0F), todo);
+      // Extinction times factor counts as linear only to choose steps.
+      Float factor(1.0F), first = k, change_of_step = rise;
+      if constexpr (factored) {
+        factor = max(fma(fall, length - left, factors.first), 0.0F);
+        first = k * factor;
+        change_of_step = (k + rise) * max(fma(fall, whole, factor), 0.0F) - first;
+      }
+      const Mask is_dense = both(fma(change_of_step, 0.5F, first) * whole > Float(1.0F), todo);
       Float part(1.0F);
-      if (any(is_dense)) {  // k whole p + rise whole p^2 / 2 = 1
-        const Float a = k * whole, b = rise * whole;
+      if (any(is_dense)) {  // first whole p + change whole p^2 / 2 = 1
+        const Float a = first * whole, b = change_of_step * whole;
         const Float root = Float(2.0F) / (a + sqrt(max(fma(b, 2.0F, a * a), 0.0F)));
         part = select(is_dense, min(root, 1.0F), part);
         last = hn::AndNot(is_dense, last);
       }
       const Float step = whole * part, reach = (to - u) * part, rise_here = rise * part;
-      const Float depth = fma(rise_here, 0.5F, k) * step;
+      const Float factor_here = factored ? fall * step : Float(0.0F);
+      // The optical depth up to a share p of the step, whose factor rises from `factor` by factor_here.
+      const auto depth_at = [&](float p) HWY_ATTR {
+        if constexpr (!factored) return fma(rise_here, 0.5F * p, k) * (step * p);
+        const Float mixed = fma(k, factor_here, rise_here * factor);
+        return max(fma(rise_here * factor_here, p * p / 3, fma(mixed, 0.5F * p, k * factor)), 0.0F) * (step * p);
+      };
+      const auto extinction_at = [&](float p) HWY_ATTR {
+        const Float plain = fma(rise_here, p, k);
+        return factored ? plain * fma(factor_here, p, factor) : plain;
+      };
+      const Float depth = depth_at(1.0F);
       const Mask is_thin = depth <= Float(0.02F);
       std::array<Float, 3> sum = {Float(0.0F), Float(0.0F), Float(0.0F)};
       const std::array<Float, 3> color = {values_[0].at(piece), values_[1].at(piece), values_[2].at(piece)};
       const std::array<Float, 3> color_slope = {slopes_[0].at(piece), slopes_[1].at(piece), slopes_[2].at(piece)};
       const auto add_point = [&](float at, float weight, bool thin, std::array<Float, 3>& to_sum) HWY_ATTR {
-        const Float before = fma(rise_here, 0.5F * at, k) * (step * at);
+        const Float before = depth_at(at);
         const Float through = thin ? fma(before, fma(before, 0.5F, -1.0F), 1.0F) : Float(1.0F) - opacity(before);
-        const Float share = fma(rise_here, at, k) * through * weight, place = fma(reach, at, x);
+        const Float share = extinction_at(at) * through * weight, place = fma(reach, at, x);
         for (std::size_t c = 0; c < 3; ++c) to_sum[c] = fma(share, fma(color_slope[c], place, color[c]), to_sum[c]);
       };
       if (any(both(is_thin, todo))) {
@@ -275,7 +369,7 @@ class Integrator {
         add_point(0.8872983346F, 0.2777777778F, false, fine);
         for (std::size_t c = 0; c < 3; ++c) sum[c] = select(is_thin, sum[c], fine[c]);
       }
-      const Float front = light.transmittance * step;
+      const Float front = light.transmittance * step * factors.lighting;
       for (std::size_t c = 0; c < 3; ++c)
         light.color[c] = select(todo, fma(front, sum[c], light.color[c]), light.color[c]);
       light.transmittance =
@@ -284,18 +378,49 @@ class Integrator {
       u = select(is_dense, u + reach, to);
       const Mask crossed = hn::AndNot(either(last, is_dense), todo);
       if (any(crossed)) {
-        if (function_.has_peaks) add_peak(crossed, select_int(up, piece + Int(1), piece), abs(per_u), light);
+        if (function_.has_peaks) {
+          const Float here = factored ? max(fma(fall, length - left, factors.first), 0.0F) : Float(1.0F);
+          add_peak(crossed, select_int(up, piece + Int(1), piece), abs(per_u) * here, factors.lighting, light);
+        }
         piece = piece + select_int(crossed, select_int(up, Int(1), Int(-1)), Int(0));
       }
       todo = both(hn::AndNot(last, todo), light.transmittance > Float(1e-6F));
     }
   }
 
+  /// The same with an opacity along which o goes linearly: in stretches between its knots.
+  HWY_INLINE void add_with_opacity(Mask todo, Float u, const Float u_end, Float o, const Float o_end, Float length,
+                                   Float lighting, const FunctionPieces& opacity, Light& light) const {
+    const Float u_change = u_end - u, u_begin = u, o_change = o_end - o, o_begin = o;
+    const Mask up = o_change >= Float(0.0F), flat = hn::Eq(o_change.v, hn::Zero(FloatTag()));
+    const Float per_o = Float(1.0F) / select(flat, 1.0F, o_change);
+    Int piece = piece_in(opacity, o, up);
+    Float share(0.0F);
+    while (any(todo)) {
+      const Float start = gather(opacity.starts.data(), piece), next = gather(opacity.starts.data(), piece + Int(1));
+      const Float to = select(up, min(o_end, next), max(o_end, start));
+      const Mask last = either(flat, hn::Eq(to.v, o_end.v));
+      const Float share_to = select(last, 1.0F, clamp((to - o_begin) * per_o, share, 1.0F));
+      const Float u_to = select(last, u_end, fma(u_change, share_to, u_begin));
+      const auto factor_at = [&](Float at) HWY_ATTR {
+        const Float slope = gather(opacity.slopes[3].data(), piece), value = gather(opacity.values[3].data(), piece);
+        return max(fma(slope, at - start, value), 0.0F);
+      };
+      const Factors factors = {lighting, factor_at(o), factor_at(to)};
+      const Mask shows = both(todo, factors.first + factors.last > Float(0.0F));
+      if (any(shows)) add<true>(shows, u, u_to, length * (share_to - share), factors, light);
+      u = u_to, o = to, share = share_to;
+      todo = both(hn::AndNot(last, todo), light.transmittance > Float(1e-6F));
+      piece = piece + select_int(todo, select_int(up, Int(1), Int(-1)), Int(0));
+    }
+  }
+
  private:
   // Upwards a knot belongs to what follows it, downwards to what precedes it.
   [[nodiscard]] HWY_INLINE Int piece_at(Float u, Mask up) const {
+    if (!few) return piece_in(function_, u, up);
     Int piece(-1);
-    if (few) {
+    {
       for (std::size_t i = 0; i < function_.count; ++i) {
         const Float start(function_.starts[i]);
         const Mask begun = either(both(up, start <= u), hn::AndNot(up, start < u));
@@ -303,17 +428,19 @@ class Integrator {
       }
       return piece;
     }
+  }
+  [[nodiscard]] static HWY_INLINE Int piece_in(const FunctionPieces& function, Float u, Mask up) {
     const Float bin = clamp(fma(u, static_cast<float>(FunctionPieces::bins), 1.0F), 0.0F,
                             static_cast<float>(FunctionPieces::bins + 1));
-    piece = Int(hn::GatherIndex(IntTag(), function_.first_of_bin.data(), truncate(bin).v));
+    Int piece = Int(hn::GatherIndex(IntTag(), function.first_of_bin.data(), truncate(bin).v));
     for (;;) {
-      const Mask later = starts_.at(piece + Int(1)) <= u;
+      const Mask later = gather(function.starts.data(), piece + Int(1)) <= u;
       if (!any(later)) break;
       piece = piece + select_int(later, Int(1), Int(0));
     }
     // Rounding of the bin may have led too far.
     for (;;) {
-      const Float start = starts_.at(piece);
+      const Float start = gather(function.starts.data(), piece);
       const Mask sooner = either(start > u, hn::AndNot(up, start >= u));
       if (!any(sooner)) break;
       piece = piece - select_int(sooner, Int(1), Int(0));
@@ -321,11 +448,11 @@ class Integrator {
     return piece;
   }
 
-  HWY_INLINE void add_peak(Mask crossed, Int peak, Float per_u, Light& light) const {
+  HWY_INLINE void add_peak(Mask crossed, Int peak, Float per_u, Float lighting, Light& light) const {
     const Float depth = gather(function_.peaks.data(), peak) * per_u;
     const Float alpha = only(crossed, opacity(depth) * light.transmittance);
     for (std::size_t c = 0; c < 3; ++c)
-      light.color[c] = fma(alpha, gather(function_.peak_colors[c].data(), peak), light.color[c]);
+      light.color[c] = fma(alpha * lighting, gather(function_.peak_colors[c].data(), peak), light.color[c]);
     light.transmittance = light.transmittance - alpha;
   }
 
@@ -339,7 +466,7 @@ HWY_INLINE Float segment_part(const CellSegment* segments, Int place, int part) 
 }
 
 /// Blends the segments of pixels side by side.
-template <bool few>
+template <bool few, bool has_shades>
 class PixelBlender {
  public:
   PixelBlender(const CellFrame& frame, const CellTileArea& area, TileSegments& tile, CellTileLight& light)
@@ -362,8 +489,19 @@ class PixelBlender {
       if (!any(todo)) continue;
       const Int place = place_at(k);
       const CellSegment* const all = tile_.segments.data();
-      integrator_.add(todo, segment_part(all, place, 2), segment_part(all, place, 3),
-                      segment_part(all, place, 1) * stretch, light);
+      const Float u = segment_part(all, place, 2), end_u = segment_part(all, place, 3);
+      const Float length = segment_part(all, place, 1) * stretch;
+      if constexpr (has_shades) {
+        const auto shade = [&](int part) HWY_ATTR {
+          return gather(reinterpret_cast<const float*>(tile_.shades.data()) + part, place);
+        };
+        if (frame_.opacity)
+          integrator_.add_with_opacity(todo, u, end_u, shade(1), shade(2), length, shade(0), *frame_.opacity, light);
+        else
+          integrator_.template add<false>(todo, u, end_u, length, {shade(0), 1.0F, 1.0F}, light);
+      } else {
+        integrator_.template add<false>(todo, u, end_u, length, {1.0F, 1.0F, 1.0F}, light);
+      }
       light.transmittance = only(light.transmittance > Float(closed), light.transmittance);
     }
     store(light.transmittance, light_.transmittance.data() + first);
@@ -435,13 +573,18 @@ class PixelBlender {
   }
   [[nodiscard]] bool is_before(std::size_t lane, std::int32_t a, std::int32_t b) {
     if (keys_at(a)[lane] != keys_at(b)[lane]) return false;
-    const CellSegment &first = segment_at(lane, a), &second = segment_at(lane, b);
-    return std::tie(first.length, first.u_enter, first.u_leave) <
-           std::tie(second.length, second.u_enter, second.u_leave);
+    const CellSegment &first = tile_.segments[number_at(lane, a)], &second = tile_.segments[number_at(lane, b)];
+    const auto order = [](const CellSegment& segment) {
+      return std::tie(segment.length, segment.u_enter, segment.u_leave);
+    };
+    if (!has_shades || order(first) != order(second)) return order(first) < order(second);
+    const SegmentShade &shade = tile_.shades[number_at(lane, a)], &other = tile_.shades[number_at(lane, b)];
+    return std::tie(shade.lighting, shade.o_enter, shade.o_leave) <
+           std::tie(other.lighting, other.o_enter, other.o_leave);
   }
-  [[nodiscard]] const CellSegment& segment_at(std::size_t lane, std::int32_t k) {
+  [[nodiscard]] std::size_t number_at(std::size_t lane, std::int32_t k) const {
     const auto place = std::bit_cast<std::int32_t>(tile_.places[static_cast<std::size_t>(k)].numbers[lane]);
-    return tile_.segments[static_cast<std::size_t>(place / 4)];
+    return static_cast<std::size_t>(place / 4);
   }
 
   // The length of rays for a unit of depth.
@@ -463,9 +606,13 @@ class PixelBlender {
     store(blended, done.data());
     store(rest, left.data());
     for (std::size_t lane = 0; lane < static_cast<std::size_t>(lane_count()); ++lane) {
-      kept_.clear();
-      for (std::int32_t k = 0; k < left[lane]; ++k) kept_.push_back(segment_at(lane, done[lane] + k));
-      std::ranges::copy(kept_, tile_.of_pixel(first + lane));
+      const auto keep = [&](auto& all, auto& kept) {
+        kept.clear();
+        for (std::int32_t k = 0; k < left[lane]; ++k) kept.push_back(all[number_at(lane, done[lane] + k)]);
+        std::ranges::copy(kept, all.begin() + static_cast<std::ptrdiff_t>(tile_.begin_of(first + lane)));
+      };
+      keep(tile_.segments, kept_);
+      if (has_shades) keep(tile_.shades, kept_shades_);
     }
   }
 
@@ -475,21 +622,23 @@ class PixelBlender {
   CellTileLight& light_;
   Integrator<few> integrator_;
   std::vector<CellSegment> kept_;
+  std::vector<SegmentShade> kept_shades_;
 };
 
-template <bool few>
+template <bool few, bool has_shades>
 bool blend_all(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile, CellTileLight& light) {
-  PixelBlender<few> blender(frame, area, tile, light);
+  PixelBlender<few, has_shades> blender(frame, area, tile, light);
   bool is_open = false;
   for (std::size_t first = 0; first < cell_tile_pixels; first += static_cast<std::size_t>(lane_count()))
     is_open |= blender.blend(first, end);
   return is_open;
 }
-bool blend_few(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile, CellTileLight& light) {
-  return blend_all<true>(frame, area, end, tile, light);
-}
-bool blend_many(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile, CellTileLight& light) {
-  return blend_all<false>(frame, area, end, tile, light);
+bool blend(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile, CellTileLight& light) {
+  const bool few = frame.function->fit_registers(), has_shades = frame.has_shades();
+  if (few && !has_shades) return blend_all<true, false>(frame, area, end, tile, light);
+  if (few) return blend_all<true, true>(frame, area, end, tile, light);
+  if (!has_shades) return blend_all<false, false>(frame, area, end, tile, light);
+  return blend_all<false, true>(frame, area, end, tile, light);
 }
 
 }  // namespace
@@ -500,22 +649,17 @@ HWY_AFTER_NAMESPACE();
 
 namespace splatvol::tiles {
 
-HWY_EXPORT(add_perspective);
-HWY_EXPORT(add_orthographic);
-HWY_EXPORT(blend_few);
-HWY_EXPORT(blend_many);
+HWY_EXPORT(add_cells);
+HWY_EXPORT(blend);
 
 void add_segments(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
                   const CellTileArea& area, float nearest_d, TileSegments& tile) {
-  if (frame.view->orthographic)
-    return HWY_DYNAMIC_DISPATCH(add_orthographic)(frame, screen, numbers, area, nearest_d, tile);
-  HWY_DYNAMIC_DISPATCH(add_perspective)(frame, screen, numbers, area, nearest_d, tile);
+  HWY_DYNAMIC_DISPATCH(add_cells)(frame, screen, numbers, area, nearest_d, tile);
 }
 
 bool blend_segments(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile,
                     CellTileLight& light) {
-  if (frame.function->fit_registers()) return HWY_DYNAMIC_DISPATCH(blend_few)(frame, area, end, tile, light);
-  return HWY_DYNAMIC_DISPATCH(blend_many)(frame, area, end, tile, light);
+  return HWY_DYNAMIC_DISPATCH(blend)(frame, area, end, tile, light);
 }
 
 }  // namespace splatvol::tiles

@@ -70,6 +70,14 @@ class CellSweep {
     frame_.middle_y = 0.5 * view.height - 0.5;
     const auto side = static_cast<float>(std::max(view.width, view.height));
     frame_.widest = std::max(1024.0F, 2 * side);
+    if (drawing.lighting) frame_.lighting = &*drawing.lighting;
+    frame_.surfaces = drawing.surfaces;
+    if (const TransferFunction* opacity = drawing.transfer.opacity) {
+      opacity_.emplace(*opacity, 1);
+      frame_.opacity = &*opacity_;
+      frame_.opacity_low = opacity->lo;
+      frame_.opacity_inverse = 1 / (opacity->hi - opacity->lo);
+    }
     frame_.slack = std::max(0.002F, 4e-6F * side);
     order_chunks();
   }
@@ -97,6 +105,7 @@ class CellSweep {
   struct Tile {
     CellTileLight light;
     std::vector<CellSegment> waiting;  // pixel by pixel
+    std::vector<SegmentShade> shades;  // of these
     std::vector<std::int32_t> counts;  // [pixel]; empty: none wait
     std::vector<InTile> chunks;
     std::size_t next = 0;  // of these
@@ -111,6 +120,10 @@ class CellSweep {
   [[nodiscard]] bool shows(const Chunk& chunk, int begin, int end) const;
   Status read(const Chunk& chunk, CellsOnScreen& screen);
   void place_points(const Chunk& chunk, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) const;
+  void shade(const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen) const;
+  [[nodiscard]] std::array<double, 2> visible_depths(int x, int y) const;
+  using TileDepths = std::array<std::array<double, 2>, cell_tile_pixels>;
+  void set_limits(const CellsOnScreen& screen, const TileDepths& depths, TileSegments& segments) const;
   static void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen);
   void draw_tile(int column, int row, std::uint32_t first, std::span<const CellsOnScreen> screens, Tile& tile);
   [[nodiscard]] float nearest_d(const CellsOnScreen& screen, float key) const;
@@ -127,6 +140,7 @@ class CellSweep {
   const CellDrawing& drawing_;
   View view_;
   FunctionPieces function_;
+  std::optional<FunctionPieces> opacity_;
   CellFrame frame_;
   int across_, up_;            // tiles
   std::vector<Chunk> chunks_;  // by their nearest depth
@@ -259,7 +273,7 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
     tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
       const int row = begin + static_cast<int>(i) / across_, column = static_cast<int>(i) % across_;
       draw_tile(column, row, first, screens, tiles_[i]);
-      waiting += tiles_[i].waiting.capacity() * sizeof(CellSegment);
+      waiting += (tiles_[i].waiting.capacity() + tiles_[i].shades.capacity()) * sizeof(CellSegment);
     });
     if (waiting > drawing_.memory / 2 && end - begin > 1) return false;
     first = next;
@@ -285,6 +299,7 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   if (scratch.cells.tetrahedra.empty()) return {};
   place_points(chunk, scratch.cells, scratch.setup, screen);
   set_up_cells(frame_, scratch.cells, scratch.setup, screen);
+  if (frame_.has_shades()) shade(scratch.cells, scratch.setup, screen);
   sort_into_tiles(scratch.setup, screen);
   return {};
 }
@@ -313,10 +328,133 @@ void CellSweep::place_points(const Chunk& chunk, const DrawnCells& cells, CellSe
     const bool is_near = std::abs(points.x[i]) <= frame_.widest && std::abs(points.y[i]) <= frame_.widest;
     points.is_far_out[i] = is_near && p.z > frame_.nearest ? 0 : 1;
   }
-  points.u.resize(cells.values.size());
-  for (std::size_t i = 0; i < cells.values.size(); ++i) {
-    const double u = (cells.values[i] - frame_.low) * frame_.inverse_domain;
-    points.u[i] = static_cast<float>(std::isnan(u) ? u : std::clamp(u, -largest_u, largest_u));
+  const auto to_u = [](const std::vector<double>& values, double low, double inverse, std::vector<float>& all) {
+    all.resize(values.size());
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      const double u = (values[i] - low) * inverse;
+      all[i] = static_cast<float>(std::isnan(u) ? u : std::clamp(u, -largest_u, largest_u));
+    }
+  };
+  to_u(cells.values, frame_.low, frame_.inverse_domain, points.u);
+  if (!frame_.opacity) return;
+  to_u(cells.opacity_values, frame_.opacity_low, frame_.opacity_inverse, setup.opacities);
+  for (std::size_t i = 0; i < points.u.size(); ++i)
+    if (std::isnan(setup.opacities[i])) points.u[i] = setup.opacities[i];
+}
+
+// In double precision, as everything cancels where the eye is far away.
+void CellSweep::shade(const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen) const {
+  const double focal = view_.focal;
+  screen.shadings.resize(screen.cells.size());
+  for (std::size_t i = 0; i < screen.cells.size(); ++i) {
+    const auto number = static_cast<std::size_t>(setup.numbers[i]);
+    const std::array<std::uint32_t, 4>& corners = cells.tetrahedra[number];
+    std::array<dvec3, 4> p;
+    for (std::size_t k = 0; k < 4; ++k) p[k] = setup.in_view[corners[k]];
+    const dvec3 q = p[1] - p[0], r = p[2] - p[0], s = p[3] - p[0];
+    const std::array<dvec3, 3> normals = {glm::cross(r, s), glm::cross(s, q), glm::cross(q, r)};
+    const auto at = [&](const auto& all, std::size_t k) { return double{all[cells.constant ? number : corners[k]]}; };
+    const auto sum = [&](const auto& all) {
+      dvec3 result(0);
+      for (std::size_t k = 0; k < 3; ++k) result += (at(all, k + 1) - at(all, 0)) * normals[k];
+      return result;
+    };
+
+    // The reference is a corner in the picture, or else the middle of the picture.
+    CellShading& shading = screen.shadings[i];
+    shading = {};
+    const dvec3& farthest_corner = *std::ranges::max_element(p, {}, [](const dvec3& corner) { return corner.z; });
+    const double scale = view_.orthographic ? focal : focal / farthest_corner.z;
+    const dvec2 place = dvec2(farthest_corner) * scale;
+    const bool is_inside = std::abs(place.x) <= frame_.widest && std::abs(place.y) <= frame_.widest;
+    const double w = screen.w;
+    dvec3 reference(0);  // in view coordinates, on the line of sight if it is no corner
+    if (is_inside) {
+      shading.x = static_cast<float>(place.x), shading.y = static_cast<float>(place.y);
+      reference = farthest_corner;
+      shading.d = static_cast<float>(view_.orthographic ? w - reference.z : 1 / reference.z - w);
+    }
+    if (frame_.lighting && !cells.constant) {
+      const dvec3 gradient = sum(cells.values);
+      const double length = glm::length(gradient);
+      if (length > 0) {
+        const dvec3 g = gradient / length;
+        shading.has_gradient = true;
+        if (view_.orthographic) {
+          shading.l0 = static_cast<float>(g.z);
+        } else {
+          const double depth = is_inside ? reference.z : 1;
+          shading.lx = static_cast<float>(g.x / focal), shading.ly = static_cast<float>(g.y / focal);
+          shading.l0 = static_cast<float>(is_inside ? glm::dot(g, reference) / depth : g.z);
+        }
+      }
+    }
+    if (!frame_.opacity) continue;
+    const double volume = glm::dot(q, normals[0]);
+    const dvec3 slope = volume == 0 ? dvec3(0) : sum(setup.opacities) / volume;
+    const double o0 = at(setup.opacities, 0);
+    const auto value = [&](const dvec3& place_in_view) { return o0 + glm::dot(slope, place_in_view - p[0]); };
+    std::array<double, 4> all{};
+    for (std::size_t k = 0; k < 4; ++k) all[k] = at(setup.opacities, k);
+    shading.low = static_cast<float>(std::ranges::min(all)), shading.high = static_cast<float>(std::ranges::max(all));
+    shading.o = nearest_float(value(reference));
+    shading.ox = nearest_float(slope.x / focal), shading.oy = nearest_float(slope.y / focal);
+    if (view_.orthographic) {
+      shading.od = nearest_float(-slope.z);
+      if (!is_inside) shading.oc = nearest_float(slope.z * w);
+    } else if (is_inside) {
+      shading.od = nearest_float(-glm::dot(slope, reference));
+    } else {
+      shading.oc = nearest_float(slope.z);
+    }
+  }
+}
+
+// Between which depths a pixel's ray shows something.
+std::array<double, 2> CellSweep::visible_depths(int x, int y) const {
+  constexpr double infinity = std::numeric_limits<double>::infinity();
+  double from = 0, to = infinity;
+  if (frame_.surfaces) {
+    const double depth =
+        frame_.surfaces->depths[static_cast<std::size_t>(view_.height - 1 - y) * static_cast<std::size_t>(view_.width) +
+                                static_cast<std::size_t>(x)];
+    if (!std::isnan(depth)) to = depth;
+  }
+  const dvec3 aside =
+      (x - frame_.middle_x) / view_.focal * view_.right + (y - frame_.middle_y) / view_.focal * view_.up;
+  const dvec3 origin = view_.orthographic ? view_.eye + aside : view_.eye;
+  const dvec3 along = view_.orthographic ? view_.forward : view_.forward + aside;
+  for (const Plane& plane : view_.clip.planes) {
+    const double distance = plane.distance(origin), rise = glm::dot(plane.normal, along);
+    if (rise > 0)
+      from = std::max(from, -distance / rise);
+    else if (rise < 0)
+      to = std::min(to, -distance / rise);
+    else if (distance < 0)
+      to = 0;
+  }
+  for (int axis = 0; axis < 3 && view_.clip.box; ++axis) {
+    const double low = view_.clip.box->low[axis] - origin[axis], high = view_.clip.box->high[axis] - origin[axis];
+    if (along[axis] == 0) {
+      if (low > 0 || high < 0) to = 0;
+      continue;
+    }
+    const auto [first, last] = std::minmax({low / along[axis], high / along[axis]});
+    from = std::max(from, first);
+    to = std::min(to, last);
+  }
+  return {from, to};
+}
+
+void CellSweep::set_limits(const CellsOnScreen& screen, const TileDepths& depths, TileSegments& segments) const {
+  const auto d_of = [&](double depth) {
+    if (depth <= 0) return farthest;
+    if (depth == std::numeric_limits<double>::infinity()) return -farthest;
+    return static_cast<float>(view_.orthographic ? screen.w - depth : 1 / depth - screen.w);
+  };
+  for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
+    segments.near_limits[pixel] = d_of(depths[pixel][0]);
+    segments.far_limits[pixel] = d_of(depths[pixel][1]);
   }
 }
 
@@ -377,21 +515,37 @@ void CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<co
     return;
   }
   TileSegments& segments = segments_.local();
+  const bool has_shades = frame_.has_shades();
+  if (has_shades) segments.shades.resize(segments.segments.size());
   segments.counts.fill(0);
   if (!tile.counts.empty()) {
-    const CellSegment* from = tile.waiting.data();
     while (segments.room < std::ranges::max(tile.counts)) segments.make_room();
-    for (std::size_t pixel = 0; pixel < cell_tile_pixels; from += tile.counts[pixel++])
-      std::copy_n(from, tile.counts[pixel], segments.of_pixel(pixel));
+    std::size_t from = 0;
+    for (std::size_t pixel = 0; pixel < cell_tile_pixels; from += static_cast<std::size_t>(tile.counts[pixel++])) {
+      const auto copy = [&](const auto& waiting, auto& all) {
+        std::copy_n(waiting.begin() + static_cast<std::ptrdiff_t>(from), tile.counts[pixel],
+                    all.begin() + static_cast<std::ptrdiff_t>(segments.begin_of(pixel)));
+      };
+      copy(tile.waiting, segments.segments);
+      if (has_shades) copy(tile.shades, segments.shades);
+    }
     std::ranges::copy(tile.counts, segments.counts.begin());
   }
   const CellTileArea area = {column * cell_tile_side, row * cell_tile_side};
+  TileDepths depths;
+  if (frame_.has_limits())
+    for (int pixel = 0; pixel < cell_tile_pixels; ++pixel) {
+      const int x = area.left + pixel % cell_tile_side, y = area.bottom + pixel / cell_tile_side;
+      depths[static_cast<std::size_t>(pixel)] =
+          x < view_.width && y < view_.height ? visible_depths(x, y) : std::array{0.0, 0.0};
+    }
   std::uint64_t unblended = 0;
   float later_key = -farthest;
   for (; is_in_batch(); ++tile.next) {
     const InTile& chunk = tile.chunks[tile.next];
     const CellsOnScreen& screen = screens[chunk.chunk - first];
     const std::uint64_t had = segments.added;
+    if (frame_.has_limits()) set_limits(screen, depths, segments);
     add_segments(frame_, screen, screen.in_tile(column, row), area, nearest_d(screen, chunk.first_key), segments);
     unblended += segments.added - had;
     later_key = chunk.later_key;
@@ -403,15 +557,21 @@ void CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<co
   if (tile.is_open) tile.is_open = blend_segments(frame_, area, later_key, segments, tile.light);
   while (is_in_batch()) ++tile.next;
   tile.waiting.clear();
+  tile.shades.clear();
   tile.counts.clear();
   if (!tile.is_open || std::ranges::max(segments.counts) == 0) {
     tile.waiting = {};
+    tile.shades = {};
     return;
   }
   tile.counts.assign(segments.counts.begin(), segments.counts.end());
   for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
-    const CellSegment* const from = segments.of_pixel(pixel);
-    tile.waiting.insert(tile.waiting.end(), from, from + segments.counts[pixel]);
+    const auto keep = [&](const auto& all, auto& waiting) {
+      const auto from = all.begin() + static_cast<std::ptrdiff_t>(segments.begin_of(pixel));
+      waiting.insert(waiting.end(), from, from + segments.counts[pixel]);
+    };
+    keep(segments.segments, tile.waiting);
+    if (has_shades) keep(segments.shades, tile.shades);
   }
 }
 
@@ -444,11 +604,16 @@ namespace tiles {
 
 void TileSegments::make_room() {
   const int more_room = 2 * room + 4;
-  std::vector<CellSegment> more(static_cast<std::size_t>(more_room) * cell_tile_pixels);
-  for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel)
-    std::copy_n(of_pixel(pixel), std::min(counts[pixel], room),
-                more.data() + pixel * static_cast<std::size_t>(more_room));
-  segments = std::move(more);
+  const auto spread = [&](auto& all) {
+    if (all.empty()) return;
+    std::remove_reference_t<decltype(all)> more(static_cast<std::size_t>(more_room) * cell_tile_pixels);
+    for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel)
+      std::copy_n(all.begin() + static_cast<std::ptrdiff_t>(begin_of(pixel)), std::min(counts[pixel], room),
+                  more.begin() + static_cast<std::ptrdiff_t>(pixel * static_cast<std::size_t>(more_room)));
+    all = std::move(more);
+  };
+  spread(segments);
+  spread(shades);
   room = more_room;
 }
 
