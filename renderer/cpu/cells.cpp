@@ -589,13 +589,15 @@ void CellSweep::finish_tile(int column, int row, const Tile& tile) {
 }  // namespace
 
 Result<CellPicture> draw_cells(const CellSource& source, const CellDrawing& drawing) {
-  const View view = drawing.sample_spacing > 1 ? sampled_view(drawing.view, drawing.sample_spacing) : drawing.view;
+  // Wider samples would blur the outlines of surfaces.
+  const int spacing = drawing.surfaces ? 1 : drawing.sample_spacing;
+  const View view = spacing > 1 ? sampled_view(drawing.view, spacing) : drawing.view;
   SPLATVOL_TRY_ASSIGN(picture, CellSweep(source, drawing, view).draw());
-  if (drawing.sample_spacing <= 1) return picture;
+  if (spacing <= 1) return picture;
   Image rows, whole;
   whole.width = drawing.view.width;
   whole.height = drawing.view.height;
-  interpolate(picture.image, drawing.sample_spacing, rows, whole);
+  interpolate(picture.image, spacing, rows, whole);
   picture.image = std::move(whole);
   return picture;
 }
