@@ -35,19 +35,23 @@ struct Plane {
   Float area;  // twice that on the screen, with a sign
 };
 
-/// Returns the plane through three corners, in the order of their ranks.
+/// Returns the plane through three corners, in the order of their ranks. One that is seen edge-on is nearly a step: it
+/// lies before all of a ray on one side, and behind all on the other, so that its values do not count. It is turned by
+/// so little that no ray but one through a corner meets it.
 HWY_INLINE Plane plane_through(const Corner& p, const Corner& q, const Corner& r) {
   const Float qx = q.x - p.x, qy = q.y - p.y, rx = r.x - p.x, ry = r.y - p.y;
-  const Float exact = fma(qx, ry, -(qy * rx));
-  // Seen edge-on, a plane is as steep as numbers allow.
-  const Float area = select(abs(exact) < Float(1e-25F), 1e-25F, exact);
+  const Float product = qy * rx, exact = fma(qx, ry, -product), size = max(abs(qx * ry) + abs(product), 1e-25F);
+  const Mask is_step = abs(exact) < size * 1e-6F;
+  const Float least = size * 1e-12F;
+  const Float area = select(is_step, select(exact < Float(0.0F), -least, least), exact);
   const Float inverse = Float(1.0F) / area;
   const auto across = [&](Float along_q, Float along_r) HWY_ATTR {
     return std::array{fma(along_q, ry, -(along_r * qy)) * inverse, fma(along_r, qx, -(along_q * rx)) * inverse};
   };
   const auto [a, b] = across(q.d - p.d, r.d - p.d);
   const auto [e, f] = across((q.u - p.u) * q.w, (r.u - p.u) * r.w);
-  return {a, b, e, f, area};
+  const Float turn = only(is_step, max(abs(a), abs(b)) * 1e-6F);
+  return {a + turn, fma(turn, 1.37F, b), e, f, area};
 }
 
 /// Lists the tetrahedra with a visible value.
