@@ -85,6 +85,7 @@ struct CellsOnScreen {
   float w = 0;                      // 1/z of d = 0; in orthographic projection the depth
   float key_offset = 0;             // from d to keys
   float eye_d = 0, farthest_d = 0;  // of the eye's plane; beyond all
+  std::size_t count = 0;            // of cells; more keep their memory
   std::vector<CellOnScreen> cells;
   std::vector<FarOut> far_out;
   std::vector<CellShading> shadings;  // [cell], if the frame has shades
@@ -102,7 +103,7 @@ struct CellsOnScreen {
     return std::span(numbers).subspan(begins[tile], begins[tile + 1] - begins[tile]);
   }
   void clear() {
-    cells.clear();
+    count = 0;
     far_out.clear();
     shadings.clear();
     tiles_across = tiles_up = 0;
@@ -124,6 +125,7 @@ struct CellSetup {
   std::vector<dvec3> in_view;
   PointsOnScreen points;
   std::vector<std::int32_t> seen;     // numbers of tetrahedra
+  std::vector<std::uint8_t> is_used;  // [point]: whether one of these has it
   std::vector<std::int32_t> numbers;  // of screen.cells: the tetrahedron
   std::vector<float> opacities;       // as points.u
   std::vector<std::uint64_t> keys;    // of cells: nearer ones have lower keys; the cell's number below
@@ -131,8 +133,10 @@ struct CellSetup {
   std::vector<std::uint32_t> next;  // [tile]
 };
 
-/// Sets up the cells of a chunk that may show something: screen.cells and setup.keys. Requires setup.in_view and
-/// setup.points, and what `screen` has of depths.
+/// Lists the cells of a chunk with a visible value: setup.seen. Requires setup.points.u.
+void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup);
+
+/// Sets them up: screen.cells and setup.keys. Requires setup.in_view, setup.points, and what `screen` has of depths.
 void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen);
 
 /// The faces of a cell: that of corners 0, 1, 2; of 0, 1, 3; of 0, 2, 3; of 1, 2, 3.

@@ -103,13 +103,12 @@ void list_seen(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup
 }
 
 void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) {
-  list_seen(frame, cells, setup);
   const auto lanes = static_cast<std::size_t>(lane_count());
   const std::size_t count = setup.seen.size();
   const View& view = *frame.view;
   const auto middle_x = static_cast<float>(frame.middle_x), middle_y = static_cast<float>(frame.middle_y);
   const float* const u_of_cells = setup.points.u.data();
-  screen.cells.resize(count);
+  if (screen.cells.size() < count) screen.cells.resize(count);
   setup.keys.resize(count);
   setup.numbers.resize(count);
   std::size_t made = 0;
@@ -222,7 +221,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
       ++made;
     }
   }
-  screen.cells.resize(made);
+  screen.count = made;
   setup.keys.resize(made);
 }
 
@@ -234,7 +233,12 @@ HWY_AFTER_NAMESPACE();
 
 namespace splatvol::tiles {
 
+HWY_EXPORT(list_seen);
 HWY_EXPORT(set_up_all);
+
+void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
+  HWY_DYNAMIC_DISPATCH(list_seen)(frame, cells, setup);
+}
 
 void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) {
   HWY_DYNAMIC_DISPATCH(set_up_all)(frame, cells, setup, screen);

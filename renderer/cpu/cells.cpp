@@ -119,6 +119,7 @@ class CellSweep {
   Result<bool> draw_band(int begin, int end);
   [[nodiscard]] bool shows(const Chunk& chunk, int begin, int end) const;
   Status read(const Chunk& chunk, CellsOnScreen& screen);
+  void place_values(const DrawnCells& cells, CellSetup& setup) const;
   void place_points(const Chunk& chunk, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) const;
   void shade(const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen) const;
   [[nodiscard]] std::array<double, 2> visible_depths(int x, int y) const;
@@ -297,6 +298,9 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   Scratch& scratch = scratches_.local();
   SPLATVOL_TRY(source_.read(chunk.source, scratch.cells));
   if (scratch.cells.tetrahedra.empty()) return {};
+  place_values(scratch.cells, scratch.setup);
+  list_seen_cells(frame_, scratch.cells, scratch.setup);
+  if (scratch.setup.seen.empty()) return {};
   place_points(chunk, scratch.cells, scratch.setup, screen);
   set_up_cells(frame_, scratch.cells, scratch.setup, screen);
   if (frame_.has_shades()) shade(scratch.cells, scratch.setup, screen);
@@ -304,6 +308,23 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   return {};
 }
 
+void CellSweep::place_values(const DrawnCells& cells, CellSetup& setup) const {
+  const auto to_u = [](const std::vector<double>& values, double low, double inverse, std::vector<float>& all) {
+    all.resize(values.size());
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      const double u = (values[i] - low) * inverse;
+      all[i] = static_cast<float>(std::isnan(u) ? u : std::clamp(u, -largest_u, largest_u));
+    }
+  };
+  std::vector<float>& u = setup.points.u;
+  to_u(cells.values, frame_.low, frame_.inverse_domain, u);
+  if (!frame_.opacity) return;
+  to_u(cells.opacity_values, frame_.opacity_low, frame_.opacity_inverse, setup.opacities);
+  for (std::size_t i = 0; i < u.size(); ++i)
+    if (std::isnan(setup.opacities[i])) u[i] = setup.opacities[i];
+}
+
+// Only points of cells that are seen: often they are few.
 void CellSweep::place_points(const Chunk& chunk, const DrawnCells& cells, CellSetup& setup,
                              CellsOnScreen& screen) const {
   const std::size_t count = cells.points.size();
@@ -314,11 +335,15 @@ void CellSweep::place_points(const Chunk& chunk, const DrawnCells& cells, CellSe
   screen.key_offset = static_cast<float>(orthographic ? frame_.farthest_w - w : w - frame_.farthest_w);
   screen.eye_d = static_cast<float>(orthographic ? w : 1 / frame_.nearest - w);
   screen.farthest_d = orthographic ? -farthest : -screen.w;
+  setup.is_used.assign(count, 0);
+  for (const std::int32_t cell : setup.seen)
+    for (const std::uint32_t point : cells.tetrahedra[static_cast<std::size_t>(cell)]) setup.is_used[point] = 1;
   PointsOnScreen& points = setup.points;
   setup.in_view.resize(count);
   for (auto* numbers : {&points.x, &points.y, &points.d, &points.w}) numbers->resize(count);
   points.is_far_out.resize(count);
   for (std::size_t i = 0; i < count; ++i) {
+    if (setup.is_used[i] == 0) continue;
     const dvec3 p = setup.in_view[i] = view_.to_view(cells.points[i]);
     const double inverse = 1 / p.z, scale = orthographic ? view_.focal : view_.focal * inverse;
     points.x[i] = static_cast<float>(p.x * scale);
@@ -328,25 +353,13 @@ void CellSweep::place_points(const Chunk& chunk, const DrawnCells& cells, CellSe
     const bool is_near = std::abs(points.x[i]) <= frame_.widest && std::abs(points.y[i]) <= frame_.widest;
     points.is_far_out[i] = is_near && p.z > frame_.nearest ? 0 : 1;
   }
-  const auto to_u = [](const std::vector<double>& values, double low, double inverse, std::vector<float>& all) {
-    all.resize(values.size());
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      const double u = (values[i] - low) * inverse;
-      all[i] = static_cast<float>(std::isnan(u) ? u : std::clamp(u, -largest_u, largest_u));
-    }
-  };
-  to_u(cells.values, frame_.low, frame_.inverse_domain, points.u);
-  if (!frame_.opacity) return;
-  to_u(cells.opacity_values, frame_.opacity_low, frame_.opacity_inverse, setup.opacities);
-  for (std::size_t i = 0; i < points.u.size(); ++i)
-    if (std::isnan(setup.opacities[i])) points.u[i] = setup.opacities[i];
 }
 
 // In double precision, as everything cancels where the eye is far away.
 void CellSweep::shade(const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen) const {
   const double focal = view_.focal;
-  screen.shadings.resize(screen.cells.size());
-  for (std::size_t i = 0; i < screen.cells.size(); ++i) {
+  screen.shadings.resize(screen.count);
+  for (std::size_t i = 0; i < screen.count; ++i) {
     const auto number = static_cast<std::size_t>(setup.numbers[i]);
     const std::array<std::uint32_t, 4>& corners = cells.tetrahedra[number];
     std::array<dvec3, 4> p;
@@ -478,7 +491,7 @@ void CellSweep::sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
                           cell.top / cell_tile_side};
   };
   PixelRectangle all{std::numeric_limits<int>::max(), -1, std::numeric_limits<int>::max(), -1};
-  for (const CellOnScreen& cell : screen.cells) {
+  for (const CellOnScreen& cell : std::span(screen.cells).first(screen.count)) {
     const PixelRectangle own = tiles_of(cell);
     all = {std::min(all.x0, own.x0), std::max(all.x1, own.x1), std::min(all.y0, own.y0), std::max(all.y1, own.y1)};
   }
@@ -494,7 +507,8 @@ void CellSweep::sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
   };
   screen.begins.assign(static_cast<std::size_t>(screen.tiles_across) * static_cast<std::size_t>(screen.tiles_up) + 1,
                        0);
-  for (const CellOnScreen& cell : screen.cells) visit(cell, [&](std::size_t tile) { ++screen.begins[tile + 1]; });
+  for (const CellOnScreen& cell : std::span(screen.cells).first(screen.count))
+    visit(cell, [&](std::size_t tile) { ++screen.begins[tile + 1]; });
   std::partial_sum(screen.begins.begin(), screen.begins.end(), screen.begins.begin());
   screen.numbers.resize(screen.begins.back());
   setup.next.assign(screen.begins.begin(), screen.begins.end() - 1);
