@@ -198,9 +198,12 @@ struct TileSegments {
   std::vector<Lanes> keys;    // of some pixels, one in each lane: in ascending order
   std::vector<Lanes> places;  // of their segments: bits of integers
   std::uint64_t added = 0;    // segments
+  bool is_full = false;
+  static constexpr int most_room = 1 << 20;  // integers of 32 bits are places of numbers
 
   [[nodiscard]] std::size_t begin_of(std::size_t pixel) const { return pixel * static_cast<std::size_t>(room); }
-  void make_room();
+  /// Makes room for twice as many. Returns false, and sets is_full, if there are too many.
+  bool make_room();
 };
 
 /// Adds the segments of cells. `numbers`: of cells of `screen` that may cover the tile. `nearest_d`: of what is in

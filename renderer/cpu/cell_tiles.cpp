@@ -209,8 +209,9 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
     for (std::uint32_t bits = hits; bits != 0; bits &= bits - 1) {
       const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
       const auto at = static_cast<std::size_t>(tile.covered[static_cast<std::size_t>(first) + lane]);
-      const std::int32_t held = tile.counts[at]++;
-      if (held >= tile.room) tile.make_room();
+      const std::int32_t held = tile.counts[at];
+      if (held >= tile.room && !tile.make_room()) return;
+      tile.counts[at] = held + 1;
       const std::size_t place = tile.begin_of(at) + static_cast<std::size_t>(held);
       tile.segments[place] = made[lane];
       if constexpr (has_shades) tile.shades[place] = shades[lane];

@@ -98,6 +98,7 @@ class CellSweep {
       bands.emplace_back(half, end);
       bands.emplace_back(begin, half);
     }
+    picture_.segments = drawn_segments_;
     return std::move(picture_);
   }
 
@@ -126,7 +127,7 @@ class CellSweep {
   using TileDepths = std::array<std::array<double, 2>, cell_tile_pixels>;
   void set_limits(const CellsOnScreen& screen, const TileDepths& depths, TileSegments& segments) const;
   static void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen);
-  void draw_tile(int column, int row, std::uint32_t first, std::span<const CellsOnScreen> screens, Tile& tile);
+  bool draw_tile(int column, int row, std::uint32_t first, std::span<const CellsOnScreen> screens, Tile& tile);
   [[nodiscard]] float nearest_d(const CellsOnScreen& screen, float key) const;
   void finish_tile(int column, int row, const Tile& tile);
   [[nodiscard]] Tile& tile_at(int column, int row) {
@@ -154,6 +155,7 @@ class CellSweep {
   tbb::enumerable_thread_specific<Scratch> scratches_;
   tbb::enumerable_thread_specific<TileSegments> segments_;
   std::vector<CellsOnScreen> screens_;  // of a batch
+  std::atomic<std::uint64_t> drawn_segments_ = 0;
   CellPicture picture_;
 };
 
@@ -262,20 +264,31 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
     if (screens_.size() < next - first) screens_.resize(next - first);
     const std::span<CellsOnScreen> screens = std::span(screens_).first(next - first);
     for (CellsOnScreen& screen : screens) screen.clear();
+    // Threads of the loops know nothing of the stop of this one.
+    const std::stop_token stop = stop_of_thread();
     std::mutex mutex;
     Status status;
     tbb::parallel_for(std::size_t{0}, batch.size(), [&](std::size_t i) {
+      const Interruptible heeds_stop(stop);
+      if (is_interrupted()) return;
       Status read_one = read(chunks_[batch[i]], screens[batch[i] - first]);
       const std::scoped_lock lock(mutex);
       if (!read_one && status) status = std::move(read_one);
     });
+    SPLATVOL_TRY(check_interruption());
     SPLATVOL_TRY(status);
     std::atomic<std::uint64_t> waiting = 0;
+    std::atomic<bool> is_full = false;
     tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
+      if (stop.stop_requested()) return;
       const int row = begin + static_cast<int>(i) / across_, column = static_cast<int>(i) % across_;
-      draw_tile(column, row, first, screens, tiles_[i]);
+      if (!draw_tile(column, row, first, screens, tiles_[i])) is_full = true;
       waiting += (tiles_[i].waiting.capacity() + tiles_[i].shades.capacity()) * sizeof(CellSegment);
     });
+    SPLATVOL_TRY(check_interruption());
+    if (is_full)
+      return fail(ErrorCode::out_of_budget, "more than {} cells overlap at a place: draw splats instead",
+                  TileSegments::most_room);
     if (waiting > drawing_.memory / 2 && end - begin > 1) return false;
     first = next;
     if (drawing_.progress && !chunks_.empty())
@@ -518,22 +531,23 @@ void CellSweep::sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
   }
 }
 
-void CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<const CellsOnScreen> screens,
+// Returns false if there are too many segments.
+bool CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<const CellsOnScreen> screens,
                           Tile& tile) {
   constexpr std::uint64_t blended_at_once = std::uint64_t{32} * cell_tile_pixels;
   const auto end = static_cast<std::uint32_t>(first + screens.size());
   const auto is_in_batch = [&] { return tile.next < tile.chunks.size() && tile.chunks[tile.next].chunk < end; };
-  if (!is_in_batch()) return;
+  if (!is_in_batch()) return true;
   if (!tile.is_open) {
     while (is_in_batch()) ++tile.next;
-    return;
+    return true;
   }
   TileSegments& segments = segments_.local();
   const bool has_shades = frame_.has_shades();
   if (has_shades) segments.shades.resize(segments.segments.size());
   segments.counts.fill(0);
   if (!tile.counts.empty()) {
-    while (segments.room < std::ranges::max(tile.counts)) segments.make_room();
+    while (segments.room < std::ranges::max(tile.counts)) static_cast<void>(segments.make_room());
     std::size_t from = 0;
     for (std::size_t pixel = 0; pixel < cell_tile_pixels; from += static_cast<std::size_t>(tile.counts[pixel++])) {
       const auto copy = [&](const auto& waiting, auto& all) {
@@ -561,7 +575,9 @@ void CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<co
     const std::uint64_t had = segments.added;
     if (frame_.has_limits()) set_limits(screen, depths, segments);
     add_segments(frame_, screen, screen.in_tile(column, row), area, nearest_d(screen, chunk.first_key), segments);
+    if (segments.is_full) return false;
     unblended += segments.added - had;
+    drawn_segments_ += segments.added - had;
     later_key = chunk.later_key;
     if (unblended < blended_at_once) continue;
     tile.is_open = blend_segments(frame_, area, later_key, segments, tile.light);
@@ -576,7 +592,7 @@ void CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<co
   if (!tile.is_open || std::ranges::max(segments.counts) == 0) {
     tile.waiting = {};
     tile.shades = {};
-    return;
+    return true;
   }
   tile.counts.assign(segments.counts.begin(), segments.counts.end());
   for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
@@ -587,6 +603,7 @@ void CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<co
     keep(segments.segments, tile.waiting);
     if (has_shades) keep(segments.shades, tile.shades);
   }
+  return true;
 }
 
 void CellSweep::finish_tile(int column, int row, const Tile& tile) {
@@ -618,8 +635,10 @@ Result<CellPicture> draw_cells(const CellSource& source, const CellDrawing& draw
 
 namespace tiles {
 
-void TileSegments::make_room() {
+bool TileSegments::make_room() {
   const int more_room = 2 * room + 4;
+  is_full = is_full || more_room > most_room;
+  if (is_full) return false;
   const auto spread = [&](auto& all) {
     if (all.empty()) return;
     std::remove_reference_t<decltype(all)> more(static_cast<std::size_t>(more_room) * cell_tile_pixels);
@@ -631,6 +650,7 @@ void TileSegments::make_room() {
   spread(segments);
   spread(shades);
   room = more_room;
+  return true;
 }
 
 namespace {
