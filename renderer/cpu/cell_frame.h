@@ -8,6 +8,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -80,13 +81,35 @@ struct CellShading {
   bool has_gradient;
 };
 
+/// Cells whose memory stays when they are set up anew, and is not filled before.
+class CellArray {
+ public:
+  /// Forgets all cells, and makes room for so many.
+  void reserve(std::size_t count) {
+    size_ = 0;
+    if (capacity_ >= count) return;
+    cells_ = std::make_unique_for_overwrite<CellOnScreen[]>(capacity_ = count);
+  }
+  void resize(std::size_t size) { size_ = size; }
+  void clear() { size_ = 0; }
+
+  [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] CellOnScreen& operator[](std::size_t i) { return cells_[i]; }
+  [[nodiscard]] const CellOnScreen& operator[](std::size_t i) const { return cells_[i]; }
+  [[nodiscard]] const CellOnScreen* begin() const { return cells_.get(); }
+  [[nodiscard]] const CellOnScreen* end() const { return cells_.get() + size_; }
+
+ private:
+  std::unique_ptr<CellOnScreen[]> cells_;
+  std::size_t capacity_ = 0, size_ = 0;
+};
+
 /// A chunk on the screen.
 struct CellsOnScreen {
   float w = 0;                      // 1/z of d = 0; in orthographic projection the depth
   float key_offset = 0;             // from d to keys
   float eye_d = 0, farthest_d = 0;  // of the eye's plane; beyond all
-  std::size_t count = 0;            // of cells; more keep their memory
-  std::vector<CellOnScreen> cells;
+  CellArray cells;
   std::vector<FarOut> far_out;
   std::vector<CellShading> shadings;  // [cell], if the frame has shades
 
@@ -103,14 +126,10 @@ struct CellsOnScreen {
     return std::span(numbers).subspan(begins[tile], begins[tile + 1] - begins[tile]);
   }
   void clear() {
-    count = 0;
+    cells.clear();
     far_out.clear();
     shadings.clear();
     tiles_across = tiles_up = 0;
-  }
-  [[nodiscard]] std::uint64_t memory_bytes() const {
-    return cells.capacity() * sizeof(CellOnScreen) + far_out.capacity() * sizeof(FarOut) +
-           shadings.capacity() * sizeof(CellShading) + (begins.capacity() + numbers.capacity()) * sizeof(std::uint32_t);
   }
 };
 

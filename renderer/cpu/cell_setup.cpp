@@ -108,7 +108,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
   const View& view = *frame.view;
   const auto middle_x = static_cast<float>(frame.middle_x), middle_y = static_cast<float>(frame.middle_y);
   const float* const u_of_cells = setup.points.u.data();
-  if (screen.cells.size() < count) screen.cells.resize(count);
+  screen.cells.reserve(count);
   setup.keys.resize(count);
   setup.numbers.resize(count);
   std::size_t made = 0;
@@ -221,7 +221,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
       ++made;
     }
   }
-  screen.count = made;
+  screen.cells.resize(made);
   setup.keys.resize(made);
 }
 

@@ -371,8 +371,8 @@ void CellSweep::place_points(const Chunk& chunk, const DrawnCells& cells, CellSe
 // In double precision, as everything cancels where the eye is far away.
 void CellSweep::shade(const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen) const {
   const double focal = view_.focal;
-  screen.shadings.resize(screen.count);
-  for (std::size_t i = 0; i < screen.count; ++i) {
+  screen.shadings.resize(screen.cells.size());
+  for (std::size_t i = 0; i < screen.cells.size(); ++i) {
     const auto number = static_cast<std::size_t>(setup.numbers[i]);
     const std::array<std::uint32_t, 4>& corners = cells.tetrahedra[number];
     std::array<dvec3, 4> p;
@@ -504,7 +504,7 @@ void CellSweep::sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
                           cell.top / cell_tile_side};
   };
   PixelRectangle all{std::numeric_limits<int>::max(), -1, std::numeric_limits<int>::max(), -1};
-  for (const CellOnScreen& cell : std::span(screen.cells).first(screen.count)) {
+  for (const CellOnScreen& cell : screen.cells) {
     const PixelRectangle own = tiles_of(cell);
     all = {std::min(all.x0, own.x0), std::max(all.x1, own.x1), std::min(all.y0, own.y0), std::max(all.y1, own.y1)};
   }
@@ -520,8 +520,7 @@ void CellSweep::sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
   };
   screen.begins.assign(static_cast<std::size_t>(screen.tiles_across) * static_cast<std::size_t>(screen.tiles_up) + 1,
                        0);
-  for (const CellOnScreen& cell : std::span(screen.cells).first(screen.count))
-    visit(cell, [&](std::size_t tile) { ++screen.begins[tile + 1]; });
+  for (const CellOnScreen& cell : screen.cells) visit(cell, [&](std::size_t tile) { ++screen.begins[tile + 1]; });
   std::partial_sum(screen.begins.begin(), screen.begins.end(), screen.begins.begin());
   screen.numbers.resize(screen.begins.back());
   setup.next.assign(screen.begins.begin(), screen.begins.end() - 1);
