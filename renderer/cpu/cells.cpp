@@ -51,16 +51,56 @@ struct InTile {
   float later_key;      // nor has any of the chunks behind it
 };
 
+/// A tile between batches.
+struct Tile {
+  CellTileLight light;
+  std::vector<CellSegment> waiting;  // pixel by pixel
+  std::vector<SegmentShade> shades;  // of these
+  std::vector<std::int32_t> counts;  // [pixel]; empty: none wait
+  std::vector<InTile> chunks;
+  std::size_t next = 0;  // of these
+  bool is_open = true;
+
+  void clear() {
+    for (auto& channel : light.color) channel.fill(0);
+    light.transmittance.fill(1);
+    waiting.clear();
+    shades.clear();
+    counts.clear();
+    chunks.clear();
+    next = 0;
+    is_open = true;
+  }
+};
+
+struct SetupScratch {
+  DrawnCells cells;
+  CellSetup setup;
+};
+
+}  // namespace
+
+/// What pictures share: its memory.
+struct tiles::CellWorkspace {
+  std::vector<Tile> tiles;             // of a band
+  std::vector<CellsOnScreen> screens;  // of a batch
+  tbb::enumerable_thread_specific<SetupScratch> scratches;
+  tbb::enumerable_thread_specific<TileSegments> segments;
+};
+
+namespace {
+
 /// The picture of cells in a band of tiles.
 class CellSweep {
  public:
-  CellSweep(const CellSource& source, const CellDrawing& drawing, const View& view)
+  CellSweep(const CellSource& source, const CellDrawing& drawing, const View& view, CellWorkspace& workspace)
       : source_(source),
         drawing_(drawing),
         view_(view),
         function_(drawing.transfer.function, 1),
         across_((view.width + cell_tile_side - 1) / cell_tile_side),
-        up_((view.height + cell_tile_side - 1) / cell_tile_side) {
+        up_((view.height + cell_tile_side - 1) / cell_tile_side),
+        workspace_(workspace) {
     const TransferFunction& function = drawing.transfer.function;
     frame_.view = &view_;
     frame_.function = &function_;
@@ -103,16 +143,6 @@ class CellSweep {
   }
 
  private:
-  struct Tile {
-    CellTileLight light;
-    std::vector<CellSegment> waiting;  // pixel by pixel
-    std::vector<SegmentShade> shades;  // of these
-    std::vector<std::int32_t> counts;  // [pixel]; empty: none wait
-    std::vector<InTile> chunks;
-    std::size_t next = 0;  // of these
-    bool is_open = true;
-  };
-
   void order_chunks();
   [[nodiscard]] PixelRectangle tiles_of(const Box& box) const;
   [[nodiscard]] double nearest_depth(const Box& box, int column, int row) const;
@@ -131,8 +161,8 @@ class CellSweep {
   [[nodiscard]] float nearest_d(const CellsOnScreen& screen, float key) const;
   void finish_tile(int column, int row, const Tile& tile);
   [[nodiscard]] Tile& tile_at(int column, int row) {
-    return tiles_[static_cast<std::size_t>(row - band_begin_) * static_cast<std::size_t>(across_) +
-                  static_cast<std::size_t>(column)];
+    return workspace_.tiles[static_cast<std::size_t>(row - band_begin_) * static_cast<std::size_t>(across_) +
+                            static_cast<std::size_t>(column)];
   }
   [[nodiscard]] const Tile& tile_at(int column, int row) const {
     return const_cast<CellSweep*>(this)->tile_at(column, row);
@@ -146,15 +176,8 @@ class CellSweep {
   CellFrame frame_;
   int across_, up_;            // tiles
   std::vector<Chunk> chunks_;  // by their nearest depth
-  std::vector<Tile> tiles_;    // of the band
   int band_begin_ = 0;
-  struct Scratch {
-    DrawnCells cells;
-    CellSetup setup;
-  };
-  tbb::enumerable_thread_specific<Scratch> scratches_;
-  tbb::enumerable_thread_specific<TileSegments> segments_;
-  std::vector<CellsOnScreen> screens_;  // of a batch
+  CellWorkspace& workspace_;
   std::atomic<std::uint64_t> drawn_segments_ = 0;
   CellPicture picture_;
 };
@@ -232,19 +255,16 @@ float CellSweep::nearest_d(const CellsOnScreen& screen, float key) const {
 // Returns false if more segments wait than fit into memory.
 Result<bool> CellSweep::draw_band(int begin, int end) {
   band_begin_ = begin;
-  tiles_.clear();
-  tiles_.resize(static_cast<std::size_t>(across_) * static_cast<std::size_t>(end - begin));
-  for (Tile& tile : tiles_) {
-    for (auto& channel : tile.light.color) channel.fill(0);
-    tile.light.transmittance.fill(1);
-  }
+  std::vector<Tile>& tiles = workspace_.tiles;
+  tiles.resize(static_cast<std::size_t>(across_) * static_cast<std::size_t>(end - begin));
+  for (Tile& tile : tiles) tile.clear();
   for (std::uint32_t number = 0; number < chunks_.size(); ++number) {
     const Chunk& chunk = chunks_[number];
     for (int row = std::max(chunk.tiles.y0, begin); row <= std::min(chunk.tiles.y1, end - 1); ++row)
       for (int column = chunk.tiles.x0; column <= chunk.tiles.x1; ++column)
         tile_at(column, row).chunks.push_back({number, first_key(nearest_depth(chunk.box, column, row)), farthest});
   }
-  for (Tile& tile : tiles_)
+  for (Tile& tile : tiles)
     for (std::size_t i = tile.chunks.size(); i-- > 1;)
       tile.chunks[i - 1].later_key = std::min(tile.chunks[i].first_key, tile.chunks[i].later_key);
 
@@ -261,8 +281,8 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
       bytes += chunks_[next].source.tetrahedra * bytes_of_cell;
     }
     // What an earlier batch had stays for its memory.
-    if (screens_.size() < next - first) screens_.resize(next - first);
-    const std::span<CellsOnScreen> screens = std::span(screens_).first(next - first);
+    if (workspace_.screens.size() < next - first) workspace_.screens.resize(next - first);
+    const std::span<CellsOnScreen> screens = std::span(workspace_.screens).first(next - first);
     for (CellsOnScreen& screen : screens) screen.clear();
     // Threads of the loops know nothing of the stop of this one.
     const std::stop_token stop = stop_of_thread();
@@ -279,11 +299,11 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
     SPLATVOL_TRY(status);
     std::atomic<std::uint64_t> waiting = 0;
     std::atomic<bool> is_full = false;
-    tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
+    tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
       if (stop.stop_requested()) return;
       const int row = begin + static_cast<int>(i) / across_, column = static_cast<int>(i) % across_;
-      if (!draw_tile(column, row, first, screens, tiles_[i])) is_full = true;
-      waiting += (tiles_[i].waiting.capacity() + tiles_[i].shades.capacity()) * sizeof(CellSegment);
+      if (!draw_tile(column, row, first, screens, tiles[i])) is_full = true;
+      waiting += (tiles[i].waiting.capacity() + tiles[i].shades.capacity()) * sizeof(CellSegment);
     });
     SPLATVOL_TRY(check_interruption());
     if (is_full)
@@ -295,8 +315,8 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
       drawing_.progress((begin + (end - begin) * static_cast<double>(first) / static_cast<double>(chunks_.size())) /
                         up_);
   }
-  for (std::size_t i = 0; i < tiles_.size(); ++i)
-    finish_tile(static_cast<int>(i) % across_, begin + static_cast<int>(i) / across_, tiles_[i]);
+  for (std::size_t i = 0; i < tiles.size(); ++i)
+    finish_tile(static_cast<int>(i) % across_, begin + static_cast<int>(i) / across_, tiles[i]);
   return true;
 }
 
@@ -308,16 +328,17 @@ bool CellSweep::shows(const Chunk& chunk, int begin, int end) const {
 }
 
 Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
-  Scratch& scratch = scratches_.local();
-  SPLATVOL_TRY(source_.read(chunk.source, scratch.cells));
-  if (scratch.cells.tetrahedra.empty()) return {};
-  place_values(scratch.cells, scratch.setup);
-  list_seen_cells(frame_, scratch.cells, scratch.setup);
-  if (scratch.setup.seen.empty()) return {};
-  place_points(chunk, scratch.cells, scratch.setup, screen);
-  set_up_cells(frame_, scratch.cells, scratch.setup, screen);
-  if (frame_.has_shades()) shade(scratch.cells, scratch.setup, screen);
-  sort_into_tiles(scratch.setup, screen);
+  auto& [memory, setup] = workspace_.scratches.local();
+  SPLATVOL_TRY_ASSIGN(held, source_.read(chunk.source, memory));
+  const DrawnCells& cells = *held;
+  if (cells.tetrahedra.empty()) return {};
+  place_values(cells, setup);
+  list_seen_cells(frame_, cells, setup);
+  if (setup.seen.empty()) return {};
+  place_points(chunk, cells, setup, screen);
+  set_up_cells(frame_, cells, setup, screen);
+  if (frame_.has_shades()) shade(cells, setup, screen);
+  sort_into_tiles(setup, screen);
   return {};
 }
 
@@ -541,7 +562,7 @@ bool CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<co
     while (is_in_batch()) ++tile.next;
     return true;
   }
-  TileSegments& segments = segments_.local();
+  TileSegments& segments = workspace_.segments.local();
   const bool has_shades = frame_.has_shades();
   if (has_shades) segments.shades.resize(segments.segments.size());
   segments.counts.fill(0);
@@ -618,11 +639,14 @@ void CellSweep::finish_tile(int column, int row, const Tile& tile) {
 
 }  // namespace
 
-Result<CellPicture> draw_cells(const CellSource& source, const CellDrawing& drawing) {
+CellRasterizer::CellRasterizer() : workspace_(std::make_unique<CellWorkspace>()) {}
+CellRasterizer::~CellRasterizer() = default;
+
+Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDrawing& drawing) {
   // Wider samples would blur the outlines of surfaces.
   const int spacing = drawing.surfaces ? 1 : drawing.sample_spacing;
   const View view = spacing > 1 ? sampled_view(drawing.view, spacing) : drawing.view;
-  SPLATVOL_TRY_ASSIGN(picture, CellSweep(source, drawing, view).draw());
+  SPLATVOL_TRY_ASSIGN(picture, CellSweep(source, drawing, view, *workspace_).draw());
   if (spacing <= 1) return picture;
   Image rows, whole;
   whole.width = drawing.view.width;

@@ -42,7 +42,7 @@ struct Drawn {
 };
 
 Image draw(const MeshSource& source, const CellDrawing& drawing) {
-  const auto picture = draw_cells(source, drawing);
+  const auto picture = CellRasterizer().draw(source, drawing);
   EXPECT_TRUE(picture) << picture.error().message;
   return picture ? picture->image : Image{};
 }

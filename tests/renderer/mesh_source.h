@@ -28,9 +28,8 @@ class MeshSource : public CellSource {
 
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
 
-  [[nodiscard]] Status read(const Chunk& chunk, DrawnCells& cells) const override {
-    cells = cells_[chunk.number];
-    return {};
+  [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& /*scratch*/) const override {
+    return &cells_[chunk.number];
   }
 
  private:
