@@ -37,6 +37,15 @@ struct TileCorner {
   float x, y;
 };
 
+/// [width - 1][i]: pixel i of a rectangle of this width in a tile, from its first pixel on.
+constexpr auto rectangle_pixels = [] {
+  std::array<std::array<std::int32_t, most_lanes>, cell_tile_side> pixels{};
+  for (int width = 1; width <= cell_tile_side; ++width)
+    for (int i = 0; i < most_lanes; ++i)
+      pixels[static_cast<std::size_t>(width - 1)][static_cast<std::size_t>(i)] = i / width * cell_tile_side + i % width;
+  return pixels;
+}();
+
 /// Lists the tile's pixels (16 row + column) that a cell's outline may enclose. Returns how many they are.
 HWY_INLINE int list_covered(const CellOnScreen& cell, const TileCorner& tile, float slack,
                             std::int32_t* HWY_RESTRICT covered) {
@@ -44,8 +53,13 @@ HWY_INLINE int list_covered(const CellOnScreen& cell, const TileCorner& tile, fl
   const int bottom = std::max(cell.bottom - tile.bottom, 0), top = std::min(cell.top - tile.bottom, cell_tile_side - 1);
   const int lanes = lane_count();
   alignas(64) std::array<std::int32_t, cell_tile_side> from, to;
-  const bool is_small = (right - left + 1) * (top - bottom + 1) <= lanes;
-  if (is_small || cell.far_out >= 0) {
+  const int width_of_all = right - left + 1, pixels = width_of_all * (top - bottom + 1);
+  if (pixels <= lanes) {  // one vector has them all: rays tell
+    const Int first = load(rectangle_pixels[static_cast<std::size_t>(width_of_all - 1)].data());
+    store(first + Int(cell_tile_side * bottom + left), covered);
+    return pixels;
+  }
+  if (cell.far_out >= 0) {
     from.fill(left), to.fill(right);
   } else {
     const std::array<float, 4> xs = {cell.corners[0].x, cell.corners[1].x, cell.others[0], cell.others[2]};
