@@ -139,6 +139,11 @@ struct PointsOnScreen {
   std::vector<std::int32_t> is_far_out;
 };
 
+/// The first and the last tiles that a cell may cover, across and up.
+struct TileBounds {
+  std::uint16_t left, right, bottom, top;
+};
+
 /// What setting up a chunk needs. Kept between chunks for its memory.
 struct CellSetup {
   std::vector<dvec3> in_view;
@@ -146,6 +151,7 @@ struct CellSetup {
   std::vector<std::int32_t> seen;     // numbers of tetrahedra
   std::vector<std::uint8_t> is_used;  // [point]: whether one of these has it
   std::vector<std::int32_t> numbers;  // of screen.cells: the tetrahedron
+  std::vector<TileBounds> tiles;      // of screen.cells
   std::vector<float> opacities;       // as points.u
   std::vector<std::uint64_t> keys;    // of cells: nearer ones have lower keys; the cell's number below
   std::vector<std::uint64_t> sorted;

@@ -111,6 +111,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
   screen.cells.reserve(count);
   setup.keys.resize(count);
   setup.numbers.resize(count);
+  setup.tiles.resize(count);
   std::size_t made = 0;
   for (std::size_t first = 0; first < count; first += lanes) {
     alignas(64) std::array<std::array<std::int32_t, most_lanes>, 4> numbers;
@@ -216,6 +217,8 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
       // Nearer cells have larger d, and lower keys.
       const auto order = std::bit_cast<std::uint32_t>(groups[7][4 * lane + 2]);
       const std::uint32_t key = (order >> 31) != 0 ? order : ~(order | 0x80000000U);
+      const auto tile_of = [](std::int32_t at) { return static_cast<std::uint16_t>(at / cell_tile_side); };
+      setup.tiles[made] = {tile_of(cell.left), tile_of(cell.right), tile_of(cell.bottom), tile_of(cell.top)};
       setup.numbers[made] = setup.seen[first + lane];
       setup.keys[made] = std::uint64_t{key} << 32 | made;
       ++made;
@@ -223,6 +226,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
   }
   screen.cells.resize(made);
   setup.keys.resize(made);
+  setup.tiles.resize(made);
 }
 
 }  // namespace

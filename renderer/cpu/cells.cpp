@@ -269,7 +269,7 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
       tile.chunks[i - 1].later_key = std::min(tile.chunks[i].first_key, tile.chunks[i].later_key);
 
   constexpr std::uint64_t bytes_of_cell = sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t);
-  const std::uint64_t most = std::min<std::uint64_t>(drawing_.memory / 4, std::uint64_t{64} << 20);
+  const std::uint64_t most = std::min<std::uint64_t>(drawing_.memory / 4, std::uint64_t{128} << 20);
   std::vector<std::uint32_t> batch;
   for (std::uint32_t first = 0; first < chunks_.size();) {
     SPLATVOL_TRY(check_interruption());
@@ -520,34 +520,27 @@ void sort_keys(std::vector<std::uint64_t>& keys, std::vector<std::uint64_t>& scr
 
 void CellSweep::sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
   sort_keys(setup.keys, setup.sorted);
-  const auto tiles_of = [](const CellOnScreen& cell) {
-    return PixelRectangle{cell.left / cell_tile_side, cell.right / cell_tile_side, cell.bottom / cell_tile_side,
-                          cell.top / cell_tile_side};
-  };
-  PixelRectangle all{std::numeric_limits<int>::max(), -1, std::numeric_limits<int>::max(), -1};
-  for (const CellOnScreen& cell : screen.cells) {
-    const PixelRectangle own = tiles_of(cell);
-    all = {std::min(all.x0, own.x0), std::max(all.x1, own.x1), std::min(all.y0, own.y0), std::max(all.y1, own.y1)};
-  }
-  screen.tiles_across = screen.tiles_up = 0;
-  if (all.is_empty()) return;
-  screen.tiles_left = all.x0, screen.tiles_bottom = all.y0;
-  screen.tiles_across = all.x1 - all.x0 + 1, screen.tiles_up = all.y1 - all.y0 + 1;
-  const auto visit = [&](const CellOnScreen& cell, const auto& use) {
-    const PixelRectangle own = tiles_of(cell);
-    for (int row = own.y0; row <= own.y1; ++row)
-      for (int column = own.x0; column <= own.x1; ++column)
-        use(static_cast<std::size_t>((row - all.y0) * screen.tiles_across + column - all.x0));
+  if (setup.tiles.empty()) return;
+  TileBounds all = setup.tiles[0];
+  for (const TileBounds& own : setup.tiles)
+    all = {std::min(all.left, own.left), std::max(all.right, own.right), std::min(all.bottom, own.bottom),
+           std::max(all.top, own.top)};
+  screen.tiles_left = all.left, screen.tiles_bottom = all.bottom;
+  screen.tiles_across = all.right - all.left + 1, screen.tiles_up = all.top - all.bottom + 1;
+  const auto visit = [&](const TileBounds& own, const auto& use) {
+    for (int row = own.bottom; row <= own.top; ++row)
+      for (int column = own.left; column <= own.right; ++column)
+        use(static_cast<std::size_t>((row - all.bottom) * screen.tiles_across + column - all.left));
   };
   screen.begins.assign(static_cast<std::size_t>(screen.tiles_across) * static_cast<std::size_t>(screen.tiles_up) + 1,
                        0);
-  for (const CellOnScreen& cell : screen.cells) visit(cell, [&](std::size_t tile) { ++screen.begins[tile + 1]; });
+  for (const TileBounds& own : setup.tiles) visit(own, [&](std::size_t tile) { ++screen.begins[tile + 1]; });
   std::partial_sum(screen.begins.begin(), screen.begins.end(), screen.begins.begin());
   screen.numbers.resize(screen.begins.back());
   setup.next.assign(screen.begins.begin(), screen.begins.end() - 1);
   for (const std::uint64_t key : setup.keys) {
     const auto number = static_cast<std::uint32_t>(key);
-    visit(screen.cells[number], [&](std::size_t tile) { screen.numbers[setup.next[tile]++] = number; });
+    visit(setup.tiles[number], [&](std::size_t tile) { screen.numbers[setup.next[tile]++] = number; });
   }
 }
 
