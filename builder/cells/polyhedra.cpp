@@ -16,42 +16,59 @@ namespace {
 constexpr std::size_t head_words = 2;  // of a record: rank, hash and number
 constexpr std::size_t body_bytes = (polyhedron_record_words - head_words) * sizeof(std::uint64_t);
 
+// Numbers corners in the order in which they come.
+class CornerNumbers {
+ public:
+  // `corners`: gets them.
+  explicit CornerNumbers(std::vector<std::uint64_t>& corners) : corners_(corners) { corners_.clear(); }
+
+  // A number up to max_polyhedron_corners + 3, cut to a byte.
+  std::uint8_t of(std::uint32_t corner) {
+    std::size_t slot = corner * std::uint32_t{0x9e3779b9} >> (32 - slot_bits);
+    for (; ends_[slot] > 0; slot = (slot + 1) % ends_.size())
+      if (corners_[ends_[slot] - 1u] == corner) return static_cast<std::uint8_t>(ends_[slot] - 1);
+    corners_.push_back(corner);
+    ends_[slot] = static_cast<std::uint16_t>(corners_.size());
+    return static_cast<std::uint8_t>(corners_.size() - 1);
+  }
+
+ private:
+  static constexpr int slot_bits = 10;
+  std::vector<std::uint64_t>& corners_;
+  std::array<std::uint16_t, std::size_t{1} << slot_bits> ends_{};  // [slot of a hash]: the corner's number + 1; 0: none
+};
+
 }  // namespace
 
 bool join_tetrahedra(std::span<const Tetrahedron> tetrahedra, Polyhedron& polyhedron) {
   if (tetrahedra.size() < 2 || tetrahedra.size() > format::surface_triangles(format::max_polyhedron_corners))
     return false;
   const std::uint32_t apex = tetrahedra[0][3];
-  std::vector<std::uint64_t>& corners = polyhedron.corners;
-  corners.assign(1, apex);
-  for (const auto& [a, b, c, d] : tetrahedra) {
-    if (d != apex || a == apex || b == apex || c == apex) return false;
-    corners.insert(corners.end(), {a, b, c});
-  }
-  std::ranges::sort(corners);
-  corners.erase(std::ranges::unique(corners).begin(), corners.end());
-  if (corners.size() > format::max_polyhedron_corners) return false;
-  const auto index_of = [&](std::uint32_t corner) {
-    return static_cast<std::uint8_t>(std::ranges::lower_bound(corners, corner) - corners.begin());
-  };
+  CornerNumbers numbers(polyhedron.corners);
+  polyhedron.apex = numbers.of(apex);
 
-  // The apex is opposite to these triangles. An edge of one of them that no other has the other way round belongs to a
-  // triangle with the apex.
-  polyhedron.apex = index_of(apex);
+  // The apex is opposite to these triangles.
   std::vector<format::SurfaceTriangle>& triangles = polyhedron.triangles;
   triangles.clear();
-  std::bitset<format::max_polyhedron_corners * format::max_polyhedron_corners> edges;
-  const auto edge = [&](std::size_t from, std::size_t to) { return from * corners.size() + to; };
   for (const auto& [a, b, c, d] : tetrahedra) {
-    const auto& [u, v, w] = triangles.emplace_back(format::SurfaceTriangle{index_of(a), index_of(c), index_of(b)});
-    for (const std::size_t e : {edge(u, v), edge(v, w), edge(w, u)}) edges.set(e);
+    if (d != apex || a == apex || b == apex || c == apex) return false;
+    triangles.push_back({numbers.of(a), numbers.of(c), numbers.of(b)});
+    if (polyhedron.corners.size() > format::max_polyhedron_corners) return false;
   }
+
+  // An edge of one of them that no other has the other way round belongs to a triangle with the apex.
+  std::bitset<format::max_polyhedron_corners * format::max_polyhedron_corners> edges;
+  const auto edge = [&](std::size_t from, std::size_t to) { return from * polyhedron.corners.size() + to; };
+  for (const auto& [u, v, w] : triangles)
+    for (const std::size_t e : {edge(u, v), edge(v, w), edge(w, u)}) edges.set(e);
   for (std::size_t t = 0; t < tetrahedra.size(); ++t) {
     const auto [u, v, w] = triangles[t];
     for (const auto& [from, to] : {std::pair(u, v), std::pair(v, w), std::pair(w, u)})
       if (!edges[edge(to, from)]) triangles.push_back({to, from, polyhedron.apex});
   }
-  return triangles.size() == format::surface_triangles(corners.size());
+  if (triangles.size() != format::surface_triangles(polyhedron.corners.size())) return false;
+  const std::vector<std::uint64_t> corners = polyhedron.corners;
+  return renumber(corners, polyhedron);
 }
 
 bool renumber(std::span<const std::uint64_t> numbers, Polyhedron& polyhedron) {

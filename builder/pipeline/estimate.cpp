@@ -16,7 +16,7 @@ constexpr double kibi = 1024, mebi = kibi * kibi;
 
 // The cost of kept cells, for each of their tetrahedra. A hexahedron has six, a polyhedron of 14 faces 34.
 constexpr Range bytes_of_kept_tetrahedron{.6, 3.2};
-constexpr Range microseconds_of_kept_tetrahedron{.15, .9};
+constexpr Range microseconds_of_kept_tetrahedron{.15, 1.2};
 constexpr double spooled_tetrahedron_bytes = 45;  // on the way to the file, at most
 constexpr double tetrahedra_of_a_point = 6.8;     // Delaunay: 6.77 of random points without a hull
 
