@@ -307,6 +307,7 @@ TEST_F(CellsFile, OfAStar) {
 
 // A chunk of all cells would reach nearly all groups of the file. The densities of so many points are not fitted.
 TEST_F(CellsFile, AChunkReachesFewGroups) {
+  if (!test::is_long()) GTEST_SKIP() << "a part of ctest -L long";
   constexpr std::uint32_t points = 530'000;
   constexpr int cells = 10'000;
   const Piece piece = star(points, cells);
