@@ -42,8 +42,9 @@ class CellSource {
   /// The chunks that may show something, in any order. Each cell is in one.
   [[nodiscard]] virtual std::span<const Chunk> chunks() const = 0;
 
-  /// Reads a chunk. Keeps the memory of `cells`. Thread-safe.
-  [[nodiscard]] virtual Status read(const Chunk& chunk, DrawnCells& cells) const = 0;
+  /// Reads a chunk: into `scratch`, whose memory it keeps, unless it holds the cells itself. Returns where they are
+  /// until the next call with this scratch. Thread-safe.
+  [[nodiscard]] virtual Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const = 0;
 };
 
 }  // namespace splatvol

@@ -2,6 +2,8 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <functional>
+#include <memory>
 #include <nlohmann/json.hpp>
 
 #include "base/json.h"
@@ -45,14 +47,17 @@ void check_usage(const Options& options) {
     if (!(options.box[axis] <= options.box[axis + 3])) wrong_option("--box", "the first corner must be the lower one");
 }
 
+std::function<void(double)> show_progress() {
+  return [bar = std::make_shared<ProgressBar>("exporting")](double fraction) { bar->update(fraction); };
+}
+
 Result<json> export_voxels(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
   std::uint64_t memory = memory_limit() / 4;
   if (!options.memory.empty()) {
     SPLATVOL_TRY(store(parse_bytes(options.memory), memory));
   }
-  ProgressBar bar("exporting");
-  const auto progress = [&](double fraction) { bar.update(fraction); };
+  const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(report,
                       export_vdb(volume, options.output, selection, options.voxel, memory, progress, options.replace));
   return json{{"output", options.output},        {"splats", report.splats},         {"voxels", report.voxels},
@@ -69,8 +74,7 @@ json value_errors(const format::Volume& volume, const format::SplatSelection& se
 
 Result<json> export_mesh(const format::Volume& volume, const format::SplatSelection& selection,
                          const Options& options) {
-  ProgressBar bar("exporting");
-  const auto progress = [&](double fraction) { bar.update(fraction); };
+  const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(report, export_cells(volume, options.output, selection, progress, options.replace));
   return json{{"output", options.output},
               {"cells", report.cells},
@@ -85,8 +89,7 @@ Result<json> export_mesh(const format::Volume& volume, const format::SplatSelect
 
 Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
-  ProgressBar bar("exporting");
-  const auto progress = [&](double fraction) { bar.update(fraction); };
+  const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(report, export_vtu(volume, options.output, selection, progress, options.replace));
   return json{{"output", options.output},
               {"points", report.points},
@@ -179,8 +182,9 @@ void add_selection_options(CommandLine& app, Options& options) {
   app.add_flag(
       "--cells", options.cells,
       "Write the cells of the mesh with their points and values, from a file that svbuild --keep-cells has "
-      "made; for .vtu. Polyhedra are written as the tetrahedra that they are split into. A box takes every cell whose "
-      "own bounding box meets it, as positions are stored");
+      "made; for .vtu. Polyhedra are written as the tetrahedra that they are split into. Cells of svbuild --cells own "
+      "have values themselves, and their points have none. A box takes every cell whose own bounding box meets it, as "
+      "positions are stored");
   app.add_option("--box", options.box, "Only the voxels whose centres, or the points, that lie in this box")
       ->type_name("X0,Y0,Z0,X1,Y1,Z1")
       ->delimiter(',')

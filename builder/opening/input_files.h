@@ -15,7 +15,7 @@ struct FileHeader {
   enum class Format { vtk_xml, vtk_legacy, multi_block, npy, csv, vdb, other };
   Format format = Format::other;
   VtkFile::Kind kind = VtkFile::Kind::unstructured;  // of a multi-block file
-  std::string type;                                  // of an XML file: "UnstructuredGrid", ...
+  std::string type = {};                             // of an XML file: "UnstructuredGrid", ...
   int major = 0;
   int minor = 0;
 };

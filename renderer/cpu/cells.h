@@ -14,6 +14,10 @@
 
 namespace splatvol {
 
+namespace tiles {
+struct CellWorkspace;
+}
+
 struct CellDrawing {
   View view;
   Transfer transfer;  // refers to functions, which must outlive the drawing
@@ -31,9 +35,20 @@ struct CellPicture {
   std::uint64_t segments = 0;  // pieces of rays in a tetrahedron with a visible value
 };
 
-/// Draws the exact picture of cells: as render_reference() (renderer/reference/reference.h), in single precision where
-/// that does not show. Each chunk is read at most once. The picture does not depend on threads, memory and the order of
-/// chunks. Fails with ErrorCode::cancelled if the thread is interrupted, and if the source fails.
-[[nodiscard]] Result<CellPicture> draw_cells(const CellSource& source, const CellDrawing& drawing);
+/// Draws exact pictures of cells: as render_reference() (renderer/reference/reference.h), in single precision where
+/// that does not show. Keeps its memory between pictures. Not thread-safe; it draws on all threads.
+class CellRasterizer {
+ public:
+  CellRasterizer();
+  ~CellRasterizer();
+
+  /// Reads each chunk at most once if what waits fits into memory, else once for each band of the picture. The picture
+  /// does not depend on threads, memory and the order of chunks. Fails with ErrorCode::cancelled if the thread is
+  /// interrupted, with ErrorCode::out_of_budget if a million cells overlap at a place, and if the source fails.
+  [[nodiscard]] Result<CellPicture> draw(const CellSource& source, const CellDrawing& drawing);
+
+ private:
+  std::unique_ptr<tiles::CellWorkspace> workspace_;
+};
 
 }  // namespace splatvol

@@ -64,6 +64,13 @@ HWY_INLINE Float only(Mask mask, Float yes) { return hn::IfThenElseZero(mask, ye
 HWY_INLINE Mask both(Mask a, Mask b) { return hn::And(a, b); }
 HWY_INLINE Mask either(Mask a, Mask b) { return hn::Or(a, b); }
 HWY_INLINE bool any(Mask mask) { return !hn::AllFalse(FloatTag(), mask); }
+HWY_INLINE Mask is_number(Float a) { return hn::Eq(a.v, a.v); }
+/// Bit i: whether lane i is in the mask.
+HWY_INLINE std::uint32_t mask_bits(Mask mask) {
+  std::array<std::uint8_t, 8> bytes{};
+  hn::StoreMaskBits(FloatTag(), mask, bytes.data());
+  return bytes[0] | static_cast<std::uint32_t>(bytes[1]) << 8;
+}
 HWY_INLINE Mask is_finite(Float a) { return hn::Lt(hn::Abs(a.v), hn::Set(FloatTag(), 3.4028235e38F)); }
 
 /// Integers of 32 bits, one in each lane.
@@ -122,6 +129,7 @@ HWY_INLINE Int select_int(Mask mask, Int yes, Int no) {
 
 /// 0, 1, 2 ...
 HWY_INLINE Float lane_numbers() { return hn::Iota(FloatTag(), 0.0F); }
+HWY_INLINE Int lane_indices() { return hn::Iota(IntTag(), 0); }
 
 /// Returns the base-2 logarithm of a positive normal number, with a relative error of 1e-6.
 HWY_INLINE Float log2(Float x) {

@@ -279,9 +279,8 @@ TEST_F(CellsFile, OfFlatAndInvertedCells) {
   check({piece});
 }
 
-// 200,000 cells round one vertex, which has the lowest rank.
-Piece star() {
-  constexpr std::uint32_t points = 3000;
+// Cells round one vertex, which has the lowest rank.
+Piece star(std::uint32_t points, int cells) {
   std::mt19937_64 random(4);
   std::uniform_real_distribution<double> uniform(0.1, 1);
   Piece piece;
@@ -289,7 +288,7 @@ Piece star() {
   for (std::uint32_t i = 0; i < points; ++i) piece.points.push_back(test::random_vector(uniform, random));
   piece.values = {{}};
   for (const dvec3& p : piece.points) piece.values[0].push_back(field(p));
-  for (int i = 0; i < 200'000; ++i) {
+  for (int i = 0; i < cells; ++i) {
     Tetrahedron corners{};
     for (std::size_t k = 1; k < 4; ++k) corners[k] = static_cast<std::uint32_t>(1 + random() % points);
     piece.tetrahedra.push_back(corners);
@@ -298,12 +297,29 @@ Piece star() {
 }
 
 TEST_F(CellsFile, OfAStar) {
-  const Piece piece = star();
+  const Piece piece = star(3000, 200'000);
   build({piece}, "star.svol", {.exact = {.positions = true, .values = true}, .keep_cells = true});
   const KeptCells kept = read_cells(*open_checked("star.svol"), names_);
   EXPECT_TRUE(cells_of(kept) == cells_of(std::vector{piece}));
   EXPECT_EQ(kept.chunks, 4u);
   EXPECT_EQ(kept.largest_chunk, std::size_t{format::max_chunk_cells});
+}
+
+// A chunk of all cells would reach nearly all groups of the file. The densities of so many points are not fitted.
+TEST_F(CellsFile, AChunkReachesFewGroups) {
+  constexpr std::uint32_t points = 530'000;
+  constexpr int cells = 10'000;
+  const Piece piece = star(points, cells);
+  BuildOptions options{.keep_cells = true};
+  options.points_per_chunk.points = {format::min_points_per_chunk};
+  const BuildReport report = build({piece}, "star.svol", options);
+  const KeptCells kept = read_cells(*test::value_of(Volume::open(*open_file(path("star.svol")))), names_);
+  EXPECT_GT(report.kept_cells->cells, cells * 0.99);  // a few have a corner twice
+  EXPECT_EQ(kept.ranks.size(), 4 * report.kept_cells->cells);
+  EXPECT_GT(points / format::min_points_per_chunk, format::max_chunk_groups);
+  EXPECT_GT(kept.chunks, 1u);
+  EXPECT_GT(kept.most_groups, std::size_t{format::max_chunk_groups} / 2);
+  EXPECT_LE(kept.most_groups, std::size_t{format::max_chunk_groups});
 }
 
 TEST_F(CellsFile, OfManyAttributes) {

@@ -91,6 +91,21 @@ TEST(EstimateBuild, KeptCellsTakeRoomAndTime) {
   EXPECT_GT(with.seconds.low, without.seconds.low);
 }
 
+// Each point has some six of them; the builder counts them.
+TEST(EstimateBuild, KeptDelaunayTetrahedraTakeRoom) {
+  const InputSize size = size_of("gen:points:count=1e5");
+  BuildOptions options;
+  const BuildEstimate without = estimate_build(size, options, 1, 2);
+  ASSERT_EQ(without.connectivity, Connectivity::delaunay);
+  options.keep_cells = true;
+  const BuildEstimate with = estimate_build(size, options, 1, 2);
+  EXPECT_GT(with.file.high, without.file.high + 6 * 2.9 * 1e5);
+  options.connectivity = Connectivity::boxes;  // these have no cells
+  const double kept = estimate_build(size, options, 1, 2).file.high;
+  options.keep_cells = false;
+  EXPECT_EQ(kept, estimate_build(size, options, 1, 2).file.high);
+}
+
 TEST(EstimateBuild, ThreadsSaveTime) {
   const InputSize size = size_of("gen:points:count=1e8");
   EXPECT_LT(estimate_build(size, {}, 1, 8).seconds.high, estimate_build(size, {}, 1, 1).seconds.low);

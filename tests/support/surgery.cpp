@@ -57,18 +57,13 @@ std::optional<T> record_at(View bytes, std::uint64_t offset) {
   return range ? std::optional(read_record<T>(*range, 0)) : std::nullopt;
 }
 
-// Unpacks a part; one that is damaged stays packed.
-Bytes unpack_or_copy(View packed, std::uint64_t unpacked_bytes) {
-  auto bytes = unpack(packed, unpacked_bytes, "test");
-  return bytes ? std::move(*bytes) : copy_of(packed);
-}
-
 }  // namespace
 
 // Fills a body, part by part. Functions return false if they do not find a part.
 class Dissected::Reader {
  public:
-  Reader(View bytes, Body& body) : bytes_(bytes), body_(body) {}
+  Reader(View bytes, Body& body, std::map<std::uint64_t, Bytes>& packed)
+      : bytes_(bytes), body_(body), packed_(packed) {}
 
   bool read(bool is_step) {
     body_.is_step = is_step;
@@ -91,6 +86,14 @@ class Dissected::Reader {
   }
 
  private:
+  // Unpacks a part; one that is damaged stays packed.
+  Bytes unpack_or_copy(View packed, std::uint64_t unpacked_bytes) {
+    auto bytes = unpack(packed, unpacked_bytes, "test");
+    if (!bytes) return copy_of(packed);
+    packed_.emplace(hash_bytes(*bytes), copy_of(packed));
+    return std::move(*bytes);
+  }
+
   [[nodiscard]] const SectionEntry* find(SectionKind kind) const {
     const auto found = std::ranges::find(body_.sections, kind, &SectionEntry::kind);
     return found == body_.sections.end() ? nullptr : &*found;
@@ -131,7 +134,7 @@ class Dissected::Reader {
     body_.plain.erase(SectionKind::cells_draft);
   }
 
-  static bool read_cells(View bytes, Cells& cells) {
+  bool read_cells(View bytes, Cells& cells) {
     const std::uint64_t end = bytes.size();
     const auto tail = end < sizeof(CellsTail) ? std::nullopt : record_at<CellsTail>(bytes, end - sizeof(CellsTail));
     if (!tail || tail->kinds > end / sizeof(CellKind) || tail->pages > end / sizeof(CellPageRef)) return false;
@@ -147,7 +150,7 @@ class Dissected::Reader {
     return false;
   }
 
-  static bool read_cells(View bytes, View root, std::uint64_t ranks, Cells& cells) {
+  bool read_cells(View bytes, View root, std::uint64_t ranks, Cells& cells) {
     cells.kinds = copy_of(root.first(cells.tail.kinds * sizeof(CellKind)));
     root = root.subspan(cells.kinds.size());
     const View rank_refs = root.subspan(cells.tail.pages * sizeof(CellPageRef));
@@ -167,7 +170,7 @@ class Dissected::Reader {
   }
 
   // Parts are as many as the bytes in front of the first have room for: it has the entries.
-  static bool read_cell_page(View bytes, std::uint64_t& next, Cells::Page& page, Cells& cells) {
+  bool read_cell_page(View bytes, std::uint64_t& next, Cells::Page& page, Cells& cells) {
     const auto whole = range_of(bytes, page.ref.offset, page.ref.page_bytes);
     if (!whole || page.ref.chunks > 4096) return false;
     std::size_t parts = 0;
@@ -293,11 +296,13 @@ class Dissected::Reader {
 
   View bytes_;
   Body& body_;
+  std::map<std::uint64_t, Bytes>& packed_;
 };
 
 std::optional<Dissected> Dissected::take_apart(View file) {
   Dissected parts;
-  if (file.size() < sizeof(Superblock) + sizeof(Footer) || !Reader(file, parts.file_).read(false)) return {};
+  if (file.size() < sizeof(Superblock) + sizeof(Footer) || !Reader(file, parts.file_, parts.packed_).read(false))
+    return {};
   parts.footer_ = read_record<Footer>(file, file.size() - sizeof(Footer));
   if (const std::uint64_t directory = parts.file_.superblock.step_directory; directory != 0) {
     const auto head = record_at<StepDirectoryHead>(file, directory);
@@ -312,7 +317,7 @@ std::optional<Dissected> Dissected::take_apart(View file) {
       part.entry = *entry;
       if (entry->kind != StepEntryKind::step)
         part.dead = copy_of(*range);
-      else if (!Reader(*range, part.step).read(true))
+      else if (!Reader(*range, part.step, parts.packed_).read(true))
         return {};
     }
     if (at > file.size() - sizeof(Footer)) return {};
@@ -333,7 +338,8 @@ Dissected::Dissected(const Bytes& file) {
 // Puts a file together.
 class Dissected::Assembler {
  public:
-  Assembler(const Surgeon& surgeon, Packing packing) : surgeon_(surgeon), packing_(packing) {}
+  Assembler(const Dissected& parts, const Surgeon& surgeon, Packing packing)
+      : packed_(parts.packed_), surgeon_(surgeon), packing_(packing) {}
 
   Bytes assemble(const Dissected& parts) {
     Bytes table;
@@ -360,7 +366,11 @@ class Dissected::Assembler {
 
   void operate(Part part, Bytes& bytes) { surgeon_(part, next_[static_cast<std::size_t>(part)]++, bytes); }
 
-  Bytes packed(const Bytes& raw) const { return packing_ == Packing::zstd ? pack(raw) : raw; }
+  Bytes packed(const Bytes& raw) const {
+    if (packing_ == Packing::raw) return raw;
+    const auto before = packing_ == Packing::as_before ? packed_.find(hash_bytes(raw)) : packed_.end();
+    return before == packed_.end() ? pack(raw) : before->second;
+  }
 
   // Gives all of a record but its hash, which it then sets, to the surgeon.
   template <class Record>
@@ -655,6 +665,7 @@ class Dissected::Assembler {
     return result;
   }
 
+  const std::map<std::uint64_t, Bytes>& packed_;
   const Surgeon& surgeon_;
   const Packing packing_;
   std::array<std::size_t, all_part_count> next_{};
@@ -662,7 +673,7 @@ class Dissected::Assembler {
 };
 
 Bytes Dissected::assemble(const Surgeon& surgeon, Packing packing) const {
-  return Assembler(surgeon, packing).assemble(*this);
+  return Assembler(*this, surgeon, packing).assemble(*this);
 }
 
 }  // namespace splatvol::test

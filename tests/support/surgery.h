@@ -49,8 +49,8 @@ inline constexpr std::size_t all_part_count = 23;
 /// May change a part before it is packed and hashed. `index` counts the parts of one kind in file order.
 using Surgeon = std::function<void(Part part, std::size_t index, format::Bytes& bytes)>;
 
-/// How parts are stored.
-enum class Packing { zstd, raw };
+/// How parts are stored. `as_before`: those that the surgeon leaves alone have the bytes that they had.
+enum class Packing { zstd, raw, as_before };
 
 /// A file, taken apart.
 class Dissected {
@@ -120,6 +120,7 @@ class Dissected {
   Dissected() = default;
 
   Body file_;
+  std::map<std::uint64_t, format::Bytes> packed_;  // by the hashes of parts that are unpacked
   std::vector<SeriesPart> series_;
   format::Bytes step_ranges_;
   std::uint64_t step_attributes_ = 0;

@@ -8,7 +8,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -24,6 +26,7 @@ namespace splatvol {
 namespace {
 
 using format::CellChunkEntry;
+using format::CellField;
 using format::CellShape;
 
 static_assert(sizeof(dvec3) == 3 * sizeof(double), "positions are written as they are");
@@ -100,30 +103,35 @@ void mirror(CellShape shape, std::span<std::uint64_t> corners) {
 
 // Cells of a chunk that meet a box.
 struct ChunkCells {
-  std::vector<std::uint64_t> corners;  // [cell][corner]: ranks, in VTK's order
+  std::vector<std::uint64_t> corners;  // [cell][corner]: ranks or numbers of vertices, in VTK's order
+  std::vector<std::uint64_t> points;   // [cell]: rank of the point whose value it has, if the field is constant
   std::vector<double> volumes;         // [cell]
   Status status;
 };
 
-// Values and positions of some consecutive points of the output.
-struct PointSlice {
-  std::vector<std::uint64_t> ranks;
+// Some consecutive points of the output, or some of its cells.
+struct Slice {
+  std::vector<std::uint64_t> numbers;  // of points of the file or vertices; of cells, their points
   std::vector<dvec3> positions = {};
   std::vector<std::vector<double>> values = {};  // [attribute of the selection]
   Status status = {};
 };
 
-// Reads chunks of cells and slices of points. Each thread has one.
+// Reads chunks of cells and slices. Each thread has one.
 class PartReader {
  public:
-  PartReader(const format::CellReader& cells, const format::SplatSelection& selection, std::uint64_t memory)
-      : cells_(cells), selection_(selection), points_(cells, memory) {}
+  PartReader(const format::CellReader& cells, CellField field, const format::SplatSelection& selection,
+             std::uint64_t memory)
+      : cells_(cells),
+        selection_(selection),
+        are_vertices_(field == CellField::constant),
+        points_(cells, are_vertices_ ? memory / 2 : memory),
+        vertices_([&cells](std::size_t page) { return cells.read_vertex_page(page); }, memory / 2) {}
 
   Status read(const CellChunkEntry& entry, ChunkCells& chunk) {
     SPLATVOL_TRY_ASSIGN(cells, cells_.read_chunk(entry));
     const format::LocalCells local = format::number_corners(cells.corners);
-    SPLATVOL_TRY(points_.find(local.ranks, places_));
-    SPLATVOL_TRY(points_.read_positions(places_, positions_));
+    SPLATVOL_TRY(read_positions(local.ranks, positions_));
     const bool is_whole = is_within(box_of(entry), selection_.box);
     std::vector<dvec3> corners;
     std::vector<std::uint64_t> ranks;
@@ -135,32 +143,48 @@ class PartReader {
       for (std::size_t k = 0; k < corners.size(); ++k)
         box.include(corners[k] = positions_[local.corners[cells.begin_of(cell) + k]]);
       if (!is_whole && !meets(box, selection_.box)) continue;
-      if (entry.shape != CellShape::polyhedron) {
+      if (entry.shape != CellShape::polyhedron)
         add(entry.shape, ranks, volume_of(cells, cell, corners), chunk);
-        continue;
-      }
-      format::for_each_tetrahedron(cells, cell, [&](const std::array<std::uint8_t, 4>& at) {
-        std::array part = {ranks[at[0]], ranks[at[1]], ranks[at[2]], ranks[at[3]]};
-        add(CellShape::tetrahedron, part, volume_of(at, corners), chunk);
-      });
+      else
+        format::for_each_tetrahedron(cells, cell, [&](const std::array<std::uint8_t, 4>& at) {
+          std::array part = {ranks[at[0]], ranks[at[1]], ranks[at[2]], ranks[at[3]]};
+          add(CellShape::tetrahedron, part, volume_of(at, corners), chunk);
+        });
+      if (are_vertices_) chunk.points.resize(chunk.volumes.size(), cells.points[cell]);
     }
     return {};
   }
 
-  Status read(PointSlice& slice) {
-    SPLATVOL_TRY(points_.find(slice.ranks, places_));
-    SPLATVOL_TRY(points_.read_positions(places_, slice.positions));
+  // Positions of points, and their values unless they are vertices.
+  Status read_points(Slice& slice) {
+    SPLATVOL_TRY(read_positions(slice.numbers, slice.positions));
+    return are_vertices_ ? Status{} : read_values(slice.values);
+  }
+
+  Status read_cells(Slice& slice) {
+    SPLATVOL_TRY(points_.find(slice.numbers, places_));
+    return read_values(slice.values);
+  }
+
+ private:
+  Status read_positions(std::span<const std::uint64_t> numbers, std::vector<dvec3>& positions) {
+    if (are_vertices_) return vertices_.read_positions(numbers, positions);
+    SPLATVOL_TRY(points_.find(numbers, places_));
+    return points_.read_positions(places_, positions);
+  }
+
+  // Of `places_`.
+  Status read_values(std::vector<std::vector<double>>& all) {
     for (const std::size_t a : selection_.attributes) {
       SPLATVOL_TRY(points_.read_values(places_, static_cast<int>(a), stored_));
       const format::Attribute& attribute = cells_.volume().info().attributes[a];
-      std::vector<double>& values = slice.values.emplace_back();
+      std::vector<double>& values = all.emplace_back();
       values.reserve(stored_.size());
       for (const float value : stored_) values.push_back(attribute.value(static_cast<double>(value)));
     }
     return {};
   }
 
- private:
   static void add(CellShape shape, std::span<std::uint64_t> ranks, double volume, ChunkCells& chunk) {
     if (volume < 0) mirror(shape, ranks);
     chunk.volumes.push_back(std::abs(volume));
@@ -169,7 +193,9 @@ class PartReader {
 
   const format::CellReader& cells_;
   const format::SplatSelection& selection_;
+  bool are_vertices_;  // corners
   format::RankedPoints points_;
+  format::CellVertices vertices_;
   std::vector<format::RankedPoints::Place> places_;
   std::vector<dvec3> positions_;
   std::vector<float> stored_;
@@ -177,20 +203,24 @@ class PartReader {
 
 class CellExport {
  public:
-  CellExport(const format::CellReader& cells, const format::SplatSelection& selection, AtomicFile& file,
-             const std::function<void(double)>& progress)
+  // `points`: an empty file, if the field is constant.
+  CellExport(const format::CellReader& cells, CellField field, const format::SplatSelection& selection,
+             AtomicFile& file, std::optional<TempFile> points, const std::function<void(double)>& progress)
       : cells_(cells),
         selection_(selection),
         file_(file),
         progress_(progress),
-        used_(cells.volume().info().resolution_counts.back()),
-        readers_([&cells, &selection, threads = tbb::this_task_arena::max_concurrency()] {
-          return PartReader(cells, selection, held_bytes / static_cast<std::uint64_t>(threads));
+        used_(field == CellField::constant ? cells.vertex_count() : cells.volume().info().resolution_counts.back()),
+        points_(std::move(points)),
+        readers_([&cells, field, &selection, threads = tbb::this_task_arena::max_concurrency()] {
+          return PartReader(cells, field, selection, held_bytes / static_cast<std::uint64_t>(threads));
         }) {
     cell_arrays_ = vtu_.add_cells();  // the first: its numbers are written before the others are counted
     point_arrays_ = vtu_.add({.of = VtuArray::Of::points, .name = "Points", .components = 3});
     for (std::size_t i = 0; i < selection.attributes.size(); ++i)
-      vtu_.add({.name = selection.names[i], .unit = cells.volume().info().attributes[selection.attributes[i]].unit});
+      vtu_.add({.of = points_ ? VtuArray::Of::cell_data : VtuArray::Of::point_data,
+                .name = selection.names[i],
+                .unit = cells.volume().info().attributes[selection.attributes[i]].unit});
     vtu_.reserve_header();
   }
 
@@ -200,6 +230,7 @@ class CellExport {
     report_.points = used_.number();
     vtu_.set_counts({.points = report_.points, .cells = report_.cells, .corners = corners_});
     SPLATVOL_TRY(write_points());
+    if (points_) SPLATVOL_TRY(write_cell_values());
     SPLATVOL_TRY(renumber_corners());
     SPLATVOL_TRY(write_kinds());
     SPLATVOL_TRY(vtu_.write_frame(file_));
@@ -232,6 +263,10 @@ class CellExport {
       if (!is_known) report_.left_out += entry.cells;
       return !is_known;
     });
+    const CellField field = points_ ? CellField::constant : CellField::corners;
+    if (std::ranges::any_of(page.chunks, [&](const CellChunkEntry& entry) { return entry.field != field; }))
+      return fail(ErrorCode::invalid_data, "{}: a chunk of cells has another field than the root states [R23]",
+                  cells_.volume().name());
     for (std::span<const CellChunkEntry> left = page.chunks; !left.empty();) {
       std::size_t count = 1;
       for (std::uint64_t cells = cells_of(left[0]); count < std::min(left.size(), chunks_at_once); ++count)
@@ -257,6 +292,7 @@ class CellExport {
       SPLATVOL_TRY(chunk.status);
       if (chunk.volumes.empty()) continue;
       used_.add(chunk.corners);
+      if (points_) SPLATVOL_TRY(points_->append(std::as_bytes(std::span(chunk.points))));
       SPLATVOL_TRY(vtu_.write(file_, cell_arrays_, corners_, std::as_bytes(std::span(chunk.corners))));
       corners_ += chunk.corners.size();
       report_.cells += chunk.volumes.size();
@@ -279,33 +315,56 @@ class CellExport {
   }
 
   Status write_points() {
-    std::vector<PointSlice> slices;
-    std::uint64_t first = 0;
+    SliceQueue slices;
     for (std::size_t page = 0; page < used_.page_count(); ++page) {
       const std::vector<std::uint64_t> ranks = used_.ranks_of_page(page);
       for (std::span<const std::uint64_t> left = ranks; !left.empty();) {
         const auto slice = left.first(std::min(left.size(), slice_points));
-        slices.push_back({.ranks = {slice.begin(), slice.end()}});
+        SPLATVOL_TRY(add({slice.begin(), slice.end()}, &PartReader::read_points, slices));
         left = left.subspan(slice.size());
-        if (slices.size() == slices_at_once) SPLATVOL_TRY(write_slices(slices, first));
       }
     }
-    return write_slices(slices, first);
+    return write_slices(&PartReader::read_points, slices);
   }
 
-  // Writes the points from number `first` on, and empties `slices`.
-  Status write_slices(std::vector<PointSlice>& slices, std::uint64_t& first) {
+  Status write_cell_values() {
+    SliceQueue slices;
+    for (std::uint64_t first = 0; first < report_.cells;) {
+      std::vector<std::uint64_t> points(std::min<std::uint64_t>(slice_points, report_.cells - first));
+      SPLATVOL_TRY(points_->read(first * sizeof(std::uint64_t), std::as_writable_bytes(std::span(points))));
+      first += points.size();
+      SPLATVOL_TRY(add(std::move(points), &PartReader::read_cells, slices));
+    }
+    return write_slices(&PartReader::read_cells, slices);
+  }
+
+  struct SliceQueue {
+    std::vector<Slice> slices;
+    std::uint64_t first = 0;  // number of the first point or cell
+  };
+  using ReadSlice = Status (PartReader::*)(Slice&);
+
+  Status add(std::vector<std::uint64_t> numbers, ReadSlice read, SliceQueue& queue) {
+    queue.slices.push_back({.numbers = std::move(numbers)});
+    return queue.slices.size() == slices_at_once ? write_slices(read, queue) : Status{};
+  }
+
+  Status write_slices(ReadSlice read, SliceQueue& queue) {
+    std::vector<Slice>& slices = queue.slices;
     tbb::parallel_for(std::size_t{0}, slices.size(),
-                      [&](std::size_t i) { slices[i].status = readers_.local().read(slices[i]); });
-    for (const PointSlice& slice : slices) {
+                      [&](std::size_t i) { slices[i].status = (readers_.local().*read)(slices[i]); });
+    for (const Slice& slice : slices) {
       SPLATVOL_TRY(slice.status);
-      SPLATVOL_TRY(vtu_.write(file_, point_arrays_, first, std::as_bytes(std::span(slice.positions))));
+      if (!slice.positions.empty())
+        SPLATVOL_TRY(vtu_.write(file_, point_arrays_, queue.first, std::as_bytes(std::span(slice.positions))));
       for (std::size_t i = 0; i < slice.values.size(); ++i)
-        SPLATVOL_TRY(vtu_.write(file_, point_arrays_ + 1 + i, first, std::as_bytes(std::span(slice.values[i]))));
-      first += slice.ranks.size();
+        SPLATVOL_TRY(vtu_.write(file_, point_arrays_ + 1 + i, queue.first, std::as_bytes(std::span(slice.values[i]))));
+      queue.first += slice.numbers.size();
+      written_ += slice.numbers.size();
     }
     slices.clear();
-    progress_(0.6 + 0.3 * static_cast<double>(first) / static_cast<double>(report_.points));
+    const std::uint64_t all = report_.points + (points_ ? report_.cells : 0);
+    progress_(0.6 + 0.3 * static_cast<double>(written_) / static_cast<double>(all));
     return {};
   }
 
@@ -350,11 +409,26 @@ class CellExport {
   VtuFile vtu_;
   std::size_t cell_arrays_ = 0, point_arrays_ = 0;  // index of the first
   UsedRanks used_;
-  std::uint64_t corners_ = 0;
+  std::optional<TempFile> points_;           // [cell]: ChunkCells::points
+  std::uint64_t corners_ = 0, written_ = 0;  // of slices: points and cells
   std::vector<Run> runs_;
   CellsReport report_;
   tbb::enumerable_thread_specific<PartReader> readers_;
 };
+
+// The field of all cells whose shape and field are known. In a .vtu file, values are of points or of cells.
+Result<CellField> field_of(const format::CellReader& cells) {
+  std::optional<CellField> field;
+  for (const format::CellKind& kind : cells.kinds()) {
+    if (!format::is_known(kind.shape, kind.field)) continue;
+    if (field.value_or(kind.field) != kind.field)
+      return fail(ErrorCode::unsupported,
+                  "{}: has values of cells and cells with values of points, and a .vtu file takes one of both",
+                  cells.volume().name());
+    field = kind.field;
+  }
+  return field.value_or(CellField::corners);
+}
 
 }  // namespace
 
@@ -365,16 +439,19 @@ Result<CellsReport> export_cells(const format::Volume& volume, const std::string
   SPLATVOL_TRY_ASSIGN(cells, format::CellReader::open(volume));
   if (!cells)
     return fail(ErrorCode::invalid_argument, "{}: keeps no cells: build it with svbuild --keep-cells", volume.name());
-  const auto is_constant = [](const format::CellKind& kind) { return kind.field == format::CellField::constant; };
-  if (std::ranges::any_of(cells->kinds(), is_constant))
-    return fail(ErrorCode::unsupported, "{}: cells of --cells own are not exported yet: export its points",
-                volume.name());
+  SPLATVOL_TRY_ASSIGN(field, field_of(*cells));
   for (const std::size_t a : selection.attributes)
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
       return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
                   volume.info().attributes[a].name);
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, replace));
-  SPLATVOL_TRY_ASSIGN(report, CellExport(*cells, selection, file, progress).run());
+  std::optional<TempFile> points;
+  if (field == CellField::constant) {
+    const std::string folder = std::filesystem::path(path).parent_path().string();
+    SPLATVOL_TRY_ASSIGN(made, TempFile::create(folder.empty() ? "." : folder));
+    points = std::move(made);
+  }
+  SPLATVOL_TRY_ASSIGN(report, CellExport(*cells, field, selection, file, std::move(points), progress).run());
   SPLATVOL_TRY(file.commit());
   return report;
 }

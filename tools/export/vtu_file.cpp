@@ -48,6 +48,7 @@ std::uint64_t count_of(VtuArray::Of of, const VtuCounts& counts) {
     case VtuArray::Of::corners:
       return counts.corners;
     case VtuArray::Of::cells:
+    case VtuArray::Of::cell_data:
       return counts.cells;
     case VtuArray::Of::points:
     case VtuArray::Of::point_data:
@@ -162,15 +163,17 @@ std::string VtuFile::header() const {
       if (std::ranges::find(kinds, placed.array.of) != kinds.end()) text += element(placed.array, placed.offset);
     return text;
   };
+  std::string of_cells = elements({VtuArray::Of::cell_data});
+  if (!of_cells.empty()) of_cells = fmt::format("      <CellData>\n{}      </CellData>\n", of_cells);
   const std::string text = fmt::format(
       "<?xml version=\"1.0\"?>\n{}\n"
       "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n"
       "  <UnstructuredGrid>\n"
       "    <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n"
-      "      <Points>\n{}      </Points>\n      <Cells>\n{}      </Cells>\n      <PointData>\n{}      </PointData>\n"
+      "      <Points>\n{}      </Points>\n      <Cells>\n{}      </Cells>\n      <PointData>\n{}      </PointData>\n{}"
       "    </Piece>\n  </UnstructuredGrid>\n",
       vtu_export_mark, counts_.points, counts_.cells, elements({VtuArray::Of::points}),
-      elements({VtuArray::Of::corners, VtuArray::Of::cells}), elements({VtuArray::Of::point_data}));
+      elements({VtuArray::Of::corners, VtuArray::Of::cells}), elements({VtuArray::Of::point_data}), of_cells);
   constexpr std::string_view appended = "  <AppendedData encoding=\"raw\">\n   _";
   const std::uint64_t length = text.size() + appended.size();
   return text + std::string(reserved_ > length ? reserved_ - length : 0, ' ') + std::string(appended);

@@ -30,7 +30,7 @@ struct VtuCounts {
 
 /// An array of a .vtu file. Its element of XML follows from what it has numbers for.
 struct VtuArray {
-  enum class Of { points, point_data, corners, cells };
+  enum class Of { points, point_data, corners, cells, cell_data };
 
   Of of = Of::point_data;
   std::string name;

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 #include <vtkCell.h>
+#include <vtkCellData.h>
 #include <vtkCellType.h>
 #include <vtkDataArray.h>
 #include <vtkIdList.h>
@@ -368,6 +369,102 @@ TEST_F(CellExport, AnExportIsReplacedAndAMeshIsNot) {
   EXPECT_TRUE(try_export(*volume));
   write("out.vtu", "<VTKFile type=\"UnstructuredGrid\"/>");
   EXPECT_THAT(try_export(*volume).error().message, HasSubstr("--force"));
+}
+
+// Cubes of a bent lattice, n^3 of them, as hexahedra or polyhedra. The value of each is its number; of the last one it
+// is missing.
+dvec3 bent(int x, int y, int z) { return dvec3(x, y, z) + 0.1 * glm::sin(dvec3(y + z, x + 2 * z, x - y)); }
+
+std::array<dvec3, 8> corners_of_cube(int cube, int n) {  // as VTK numbers them
+  std::array<dvec3, 8> corners;
+  for (int k = 0; k < 8; ++k)
+    corners[static_cast<std::size_t>(k)] =
+        bent(cube % n + (k % 4 == 1 || k % 4 == 2 ? 1 : 0), cube / n % n + (k % 4 > 1 ? 1 : 0), cube / n / n + k / 4);
+  return corners;
+}
+
+std::string cubes(int n, bool as_polyhedra) {
+  const int count = n * n * n;
+  std::string points, cells, values;
+  for (int cube = 0; cube < count; ++cube) {
+    for (const dvec3& p : corners_of_cube(cube, n)) points += fmt::format("{:.17g} {:.17g} {:.17g}\n", p.x, p.y, p.z);
+    const auto corner = [&](int k) { return fmt::format(" {}", 8 * cube + k); };
+    if (as_polyhedra) {
+      cells += "31 6";
+      for (const std::array<int, 4>& face :
+           {std::array{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}})
+        cells += " 4" + corner(face[0]) + corner(face[1]) + corner(face[2]) + corner(face[3]);
+    } else {
+      cells += "8";
+      for (int k = 0; k < 8; ++k) cells += corner(k);
+    }
+    cells += "\n";
+    values += cube == count - 1 ? "1e300\n" : fmt::format("{}\n", cube);
+  }
+  std::string types;
+  for (int cube = 0; cube < count; ++cube) types += as_polyhedra ? "42\n" : "12\n";
+  return fmt::format(
+      "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {} double\n{}CELLS {} {}\n{}"
+      "CELL_TYPES {}\n{}CELL_DATA {}\nSCALARS c double 1\nLOOKUP_TABLE default\n{}",
+      8 * count, points, count, count * (as_polyhedra ? 32 : 9), cells, count, types, count, values);
+}
+
+// Cells of svbuild --cells own have the values. Their corners are no points of the file, and have none.
+TEST_F(CellExport, CellsOfTheirOwnHaveTheirValues) {
+  constexpr int n = 6, count = n * n * n;
+  for (const bool as_polyhedra : {false, true}) {
+    write("cubes.vtk", cubes(n, as_polyhedra));
+    const auto volume =
+        build(*test::value_of(open_source({path("cubes.vtk")}, {.cells = CellValues::own})), "own.svol");
+    const CellsReport report = test::value_of(try_export(*volume));
+    vtkNew<vtkXMLUnstructuredGridReader> reader;
+    reader->SetFileName(path("out.vtu").c_str());
+    reader->Update();
+    vtkUnstructuredGrid* const grid = reader->GetOutput();
+    vtkDataArray* const values = grid->GetCellData()->GetArray("c");
+    ASSERT_NE(values, nullptr);
+    EXPECT_EQ(grid->GetPointData()->GetNumberOfArrays(), 0);
+    EXPECT_EQ(report.points, static_cast<std::uint64_t>((n + 1) * (n + 1) * (n + 1)));
+    EXPECT_EQ(report.points, static_cast<std::uint64_t>(grid->GetNumberOfPoints()));
+    EXPECT_EQ(report.cells, static_cast<std::uint64_t>(grid->GetNumberOfCells()));
+    ASSERT_EQ(values->GetNumberOfTuples(), grid->GetNumberOfCells());
+    EXPECT_EQ(report.file_bytes, std::filesystem::file_size(path("out.vtu")));
+
+    double volume_of_all = 0;
+    std::set<int> found;
+    vtkNew<vtkIdList> ids;
+    for (vtkIdType cell = 0; cell < grid->GetNumberOfCells(); ++cell) {
+      EXPECT_EQ(grid->GetCellType(cell), as_polyhedra ? VTK_TETRA : VTK_HEXAHEDRON);
+      const double value = values->GetTuple1(cell);
+      const int cube = std::isnan(value) ? count - 1 : static_cast<int>(value);
+      found.insert(cube);
+      grid->GetCellPoints(cell, ids);
+      std::vector<dvec3> corners(static_cast<std::size_t>(ids->GetNumberOfIds()));
+      for (std::size_t k = 0; k < corners.size(); ++k)
+        grid->GetPoint(ids->GetId(static_cast<vtkIdType>(k)), &corners[k].x);
+      const auto expected = corners_of_cube(cube, n);
+      for (const dvec3& corner : corners)
+        EXPECT_TRUE(std::ranges::any_of(expected, [&](const dvec3& p) { return glm::length(p - corner) < 0.01; }));
+      if (as_polyhedra) {
+        const double of_cell =
+            glm::dot(corners[1] - corners[0], glm::cross(corners[2] - corners[0], corners[3] - corners[0])) / 6;
+        EXPECT_GE(of_cell, 0);
+        volume_of_all += of_cell;
+      }
+    }
+    EXPECT_EQ(found.size(), static_cast<std::size_t>(count));
+    if (as_polyhedra) {
+      EXPECT_NEAR(volume_of_all, report.volume, 1e-9 * report.volume);
+    }
+
+    // A box, and the same file for any number of threads.
+    const Box box{dvec3(1.5), dvec3(1.6)};
+    EXPECT_LT(test::value_of(try_export(*volume, box)).cells, report.cells / 4);
+    const std::string part = read("out.vtu");
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 1);
+    EXPECT_TRUE(try_export(*volume, box));
+    EXPECT_TRUE(read("out.vtu") == part);
+  }
 }
 
 // A section of cells that the test makes by itself, from a volume whose ranks it knows.

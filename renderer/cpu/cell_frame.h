@@ -1,0 +1,237 @@
+// Cells on the screen. Internal to the drawing of cells. Plain data, so that the code for each instruction set is the
+// only one that computes with it.
+//
+// Pixels count from the picture's middle. Depths are d = 1/z - w for a w of the chunk; in orthographic projection d =
+// w - z. So d is linear in the pixel on every plane, and falls with depth.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "renderer/cell_source.h"
+#include "renderer/cpu/cell_function.h"
+#include "renderer/cpu/frame.h"
+#include "scene/scene.h"
+#include "splatvol/surface_depths.h"
+
+namespace splatvol::tiles {
+
+inline constexpr int cell_tile_side = 16;
+inline constexpr int cell_tile_pixels = cell_tile_side * cell_tile_side;
+
+/// The constants of a picture of cells. Lengths are in world units.
+struct CellFrame {
+  const View* view = nullptr;
+  const FunctionPieces* function = nullptr;
+  double low = 0, inverse_domain = 1;  // u = (value - low) * inverse_domain
+  double middle_x = 0, middle_y = 0;   // of the picture, from the middle of pixel (0, 0)
+  double nearest = 0;                  // depth: what is nearer counts as behind the eye
+  double farthest_w = 0;               // w of all chunks' farthest depth: keys count from there
+  float widest = 0;                    // pixels from the middle at which a corner is far out
+  float slack = 0;                     // pixels by which outlines are widened
+
+  // What segments have besides: null, and false, if there is none.
+  const Lighting* lighting = nullptr;
+  const FunctionPieces* opacity = nullptr;      // its extinctions are factors
+  double opacity_low = 0, opacity_inverse = 1;  // as of the values
+  const SurfaceDepths* surfaces = nullptr;
+
+  [[nodiscard]] bool has_shades() const { return lighting || opacity; }
+  [[nodiscard]] bool has_limits() const { return surfaces || !view->clip.is_all(); }
+};
+
+/// A tetrahedron on the screen.
+struct CellOnScreen {
+  /// A plane at pixel (x, y): d = d_r + a dx + b dy, u = u_r + (e dx + f dy) z, for the distances from its reference
+  /// r. Two cells that share a face have the same bits here, and so the same depth and value.
+  struct Face {
+    float a, b, e, f;
+  };
+  struct Reference {
+    float x, y, d, u;
+  };
+  std::array<Reference, 2> corners;       // 0 and 1: the references of their faces
+  std::array<float, 4> others;            // x, y of corner 2 and of corner 3
+  std::array<Face, 4> faces;              // those in front first
+  float low, high;                        // least and largest u
+  std::int32_t left, right, bottom, top;  // pixels that it may cover, from the picture's lower left corner
+  std::uint8_t fronts;                    // faces in front
+  std::uint8_t second;                    // bit i: face i has the reference 1
+  std::int16_t spare;
+  std::int32_t far_out;  // number of its FarOut; -1: none
+};
+
+/// What a cell has besides that has a corner behind the eye, or far outside of the picture.
+struct FarOut {
+  std::array<CellOnScreen::Reference, 4> references;  // of its faces
+  float eye_u, eye_e, eye_f;                          // the eye's plane: u = eye_u + eye_e x + eye_f y
+};
+
+/// How a cell is lit, and its opacity, by distances from a reference: factor = o + (ox dx + oy dy + od dd + oc) z,
+/// within its corners'; the cosine of the gradient with a ray is |lx dx + ly dy + l0| over the ray's length for a unit
+/// of depth.
+struct CellShading {
+  float x, y, d;  // the reference
+  float o, ox, oy, od, oc, low, high;
+  float lx, ly, l0;
+  bool has_gradient;
+};
+
+/// Cells whose memory stays when they are set up anew, and is not filled before.
+class CellArray {
+ public:
+  /// Forgets all cells, and makes room for so many.
+  void reserve(std::size_t count) {
+    size_ = 0;
+    if (capacity_ >= count) return;
+    cells_ = std::make_unique_for_overwrite<CellOnScreen[]>(capacity_ = count);
+  }
+  void resize(std::size_t size) { size_ = size; }
+  void clear() { size_ = 0; }
+
+  [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] CellOnScreen& operator[](std::size_t i) { return cells_[i]; }
+  [[nodiscard]] const CellOnScreen& operator[](std::size_t i) const { return cells_[i]; }
+  [[nodiscard]] const CellOnScreen* begin() const { return cells_.get(); }
+  [[nodiscard]] const CellOnScreen* end() const { return cells_.get() + size_; }
+
+ private:
+  std::unique_ptr<CellOnScreen[]> cells_;
+  std::size_t capacity_ = 0, size_ = 0;
+};
+
+/// A chunk on the screen.
+struct CellsOnScreen {
+  float w = 0;                      // 1/z of d = 0; in orthographic projection the depth
+  float key_offset = 0;             // from d to keys
+  float eye_d = 0, farthest_d = 0;  // of the eye's plane; beyond all
+  CellArray cells;
+  std::vector<FarOut> far_out;
+  std::vector<CellShading> shadings;  // [cell], if the frame has shades
+
+  // The cells of each tile in a rectangle of tiles, nearest first.
+  int tiles_left = 0, tiles_bottom = 0, tiles_across = 0, tiles_up = 0;
+  std::vector<std::uint32_t> begins;   // [row][column]: into numbers; one more than tiles
+  std::vector<std::uint32_t> numbers;  // of cells
+
+  [[nodiscard]] std::span<const std::uint32_t> in_tile(int column, int row) const {
+    column -= tiles_left, row -= tiles_bottom;
+    if (column < 0 || row < 0 || column >= tiles_across || row >= tiles_up) return {};
+    const std::size_t tile =
+        static_cast<std::size_t>(row) * static_cast<std::size_t>(tiles_across) + static_cast<std::size_t>(column);
+    return std::span(numbers).subspan(begins[tile], begins[tile + 1] - begins[tile]);
+  }
+  void clear() {
+    cells.clear();
+    far_out.clear();
+    shadings.clear();
+    tiles_across = tiles_up = 0;
+  }
+};
+
+/// Points of a chunk on the screen.
+struct PointsOnScreen {
+  std::vector<float> x, y, d, w, u;
+  std::vector<std::int32_t> is_far_out;
+};
+
+/// What setting up a chunk needs. Kept between chunks for its memory.
+struct CellSetup {
+  std::vector<dvec3> in_view;
+  PointsOnScreen points;
+  std::vector<std::int32_t> seen;     // numbers of tetrahedra
+  std::vector<std::uint8_t> is_used;  // [point]: whether one of these has it
+  std::vector<std::int32_t> numbers;  // of screen.cells: the tetrahedron
+  std::vector<float> opacities;       // as points.u
+  std::vector<std::uint64_t> keys;    // of cells: nearer ones have lower keys; the cell's number below
+  std::vector<std::uint64_t> sorted;
+  std::vector<std::uint32_t> next;  // [tile]
+};
+
+/// Lists the cells of a chunk with a visible value: setup.seen. Requires setup.points.u.
+void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup);
+
+/// Sets them up: screen.cells and setup.keys. Requires setup.in_view, setup.points, and what `screen` has of depths.
+void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen);
+
+/// The faces of a cell: that of corners 0, 1, 2; of 0, 1, 3; of 0, 2, 3; of 1, 2, 3.
+inline constexpr std::array<std::array<std::uint8_t, 4>, 4> face_corners = {
+    {{0, 1, 2, 3}, {0, 1, 3, 2}, {0, 2, 3, 1}, {1, 2, 3, 0}}};  // the corner opposite comes last
+struct FacesOfCell {
+  std::array<CellOnScreen::Face, 4> planes;
+  std::array<bool, 4> is_negative;  // the area on the screen
+};
+
+/// Sets up a cell that has a corner behind the eye or far outside of the picture. `faces`: as set_up_cells() has them;
+/// those of no such corner stay. `u`: of the corners. Returns false if it covers nothing.
+bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
+                    const FacesOfCell& faces, const std::array<float, 4>& u, CellOnScreen& cell, CellsOnScreen& screen);
+
+/// A piece of a ray in a cell.
+struct CellSegment {
+  float key;     // rises with the depth at which the ray enters the cell
+  float length;  // as a difference of depths
+  float u_enter, u_leave;
+};
+static_assert(sizeof(CellSegment) == 16);
+
+/// What a segment has besides if the frame has shades.
+struct SegmentShade {
+  float lighting;          // factor on colours
+  float o_enter, o_leave;  // of the opacity's attribute, as u
+  float spare;
+};
+static_assert(sizeof(SegmentShade) == sizeof(CellSegment));
+
+/// Where a tile lies.
+struct CellTileArea {
+  int left, bottom;
+};
+
+/// The light of a tile's pixels.
+struct CellTileLight {
+  alignas(64) std::array<std::array<float, cell_tile_pixels>, 3> color;  // premultiplied
+  alignas(64) std::array<float, cell_tile_pixels> transmittance;
+};
+
+/// The segments of a tile: `room` places for each pixel. Kept between tiles for its memory.
+struct TileSegments {
+  /// A number for each lane.
+  struct alignas(64) Lanes {
+    std::array<float, most_lanes> numbers;
+  };
+
+  int room = 68;  // no power of two: the cache has places for neighbours
+  std::vector<CellSegment> segments = std::vector<CellSegment>(std::size_t{68} * cell_tile_pixels);
+  alignas(64) std::array<std::int32_t, cell_tile_pixels> counts{};
+  alignas(64) std::array<std::int32_t, cell_tile_pixels + 2 * most_lanes> covered;  // pixels of a cell
+  std::vector<SegmentShade> shades;  // [segment], if the frame has shades
+
+  // [pixel]: between which d of the chunk something is drawn, if the frame has limits.
+  alignas(64) std::array<float, cell_tile_pixels> near_limits, far_limits;
+
+  std::vector<Lanes> keys;    // of some pixels, one in each lane: in ascending order
+  std::vector<Lanes> places;  // of their segments: bits of integers
+  std::uint64_t added = 0;    // segments
+  bool is_full = false;
+  static constexpr int most_room = 1 << 20;  // integers of 32 bits are places of numbers
+
+  [[nodiscard]] std::size_t begin_of(std::size_t pixel) const { return pixel * static_cast<std::size_t>(room); }
+  /// Makes room for twice as many. Returns false, and sets is_full, if there are too many.
+  bool make_room();
+};
+
+/// Adds the segments of cells. `numbers`: of cells of `screen` that may cover the tile. `nearest_d`: of what is in
+/// front of the eye, and in the chunk.
+void add_segments(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
+                  const CellTileArea& area, float nearest_d, TileSegments& tile);
+
+/// Adds the light of all segments whose key is below `end`, and drops them. Returns whether more can be seen.
+bool blend_segments(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile,
+                    CellTileLight& light);
+
+}  // namespace splatvol::tiles

@@ -1,0 +1,101 @@
+#include "renderer/cpu/cell_function.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "renderer/common.h"
+
+namespace splatvol::tiles {
+namespace {
+
+using glm::dvec4;
+
+constexpr double narrowest = 2e-6;  // piece, in u: single precision tells places within it
+constexpr int bent_steps = 2048;    // of a domain on a bent axis: svtruth's
+
+struct UPiece {
+  double begin, end;
+  dvec4 at_begin, at_end;
+};
+
+// Pieces of the domain, by u.
+std::vector<UPiece> pieces_by_value(const TransferFunction& function) {
+  const auto u_of = [&](double t) { return (function.value_at(t) - function.lo) / (function.hi - function.lo); };
+  std::vector<UPiece> pieces;
+  for (const LinearPiece& piece : linear_pieces(function)) {
+    if (function.axis == ValueAxis::linear) {
+      pieces.push_back({piece.begin, piece.end, piece.at_begin, piece.at_end});
+      continue;
+    }
+    const int steps = std::max(1, static_cast<int>(std::ceil((piece.end - piece.begin) * bent_steps)));
+    for (int step = 0; step < steps; ++step) {
+      const double first = static_cast<double>(step) / steps, last = static_cast<double>(step + 1) / steps;
+      const auto at = [&](double share) { return glm::mix(piece.at_begin, piece.at_end, share); };
+      const auto t_at = [&](double share) { return piece.begin + share * (piece.end - piece.begin); };
+      pieces.push_back({u_of(t_at(first)), u_of(t_at(last)), at(first), at(last)});
+    }
+  }
+  return pieces;
+}
+
+}  // namespace
+
+FunctionPieces::FunctionPieces(const TransferFunction& function, double length) {
+  const auto outer = [&](double t) { return dvec4(function.color_at(t), function.extinction_at(t)); };
+  dvec4 peak(0);  // colour times extinction, extinction: integrals
+  const auto add = [&](double start, const dvec4& at, const dvec4& slope) {
+    starts.push_back(static_cast<float>(start));
+    for (int c = 0; c < 4; ++c) {
+      const double scale = c == 3 ? 1 / length : 1;
+      values[static_cast<std::size_t>(c)].push_back(nearest_float(at[c] * scale));
+      slopes[static_cast<std::size_t>(c)].push_back(nearest_float(slope[c] * scale));
+    }
+    peaks.push_back(nearest_float(peak[3] / length));
+    for (int c = 0; c < 3; ++c)
+      peak_colors[static_cast<std::size_t>(c)].push_back(peak[3] > 0 ? static_cast<float>(peak[c] / peak[3]) : 0.0F);
+    has_peaks = has_peaks || peak[3] > 0;
+    peak = dvec4(0);
+    ++count;
+  };
+  add(-static_cast<double>(outside), outer(-1), dvec4(0));
+  const bool is_linear = function.axis == ValueAxis::linear;
+  for (const UPiece& p : pieces_by_value(function)) {
+    const double width = p.end - p.begin;
+    if (width < narrowest * (is_linear ? 1 : std::abs(p.end))) {
+      const double k0 = p.at_begin[3], k1 = p.at_end[3];
+      for (int c = 0; c < 3; ++c)
+        peak[c] += width * (p.at_begin[c] * (k0 / 3 + k1 / 6) + p.at_end[c] * (k0 / 6 + k1 / 3));
+      peak[3] += width * (k0 + k1) / 2;
+    } else {
+      add(p.begin, p.at_begin, (p.at_end - p.at_begin) / width);
+    }
+  }
+  add(1, outer(2), dvec4(0));
+
+  // A bin shows something if a piece in it has extinction, or a peak is in it.
+  const auto shows = [&](std::size_t i) { return values[3][i] > 0 || slopes[3][i] > 0; };
+  std::int32_t piece = 0, visible = 0;
+  for (int bin = 0; bin < bins + 2; ++bin) {
+    const float low = bin == 0 ? -outside : static_cast<float>(bin - 1) / bins;
+    const float high = bin == bins + 1 ? outside : static_cast<float>(bin) / bins;
+    while (static_cast<std::size_t>(piece) + 1 < count && starts[static_cast<std::size_t>(piece) + 1] <= low) ++piece;
+    first_of_bin.push_back(piece);
+    visible_before.push_back(visible);
+    bool shown = peaks[static_cast<std::size_t>(piece)] > 0 || shows(static_cast<std::size_t>(piece));
+    if (piece > 0 && starts[static_cast<std::size_t>(piece)] == low)
+      shown = shown || shows(static_cast<std::size_t>(piece) - 1);
+    for (std::size_t i = static_cast<std::size_t>(piece) + 1; i < count && starts[i] <= high; ++i)
+      shown = shown || shows(i) || peaks[i] > 0;
+    visible += shown ? 1 : 0;
+  }
+  visible_before.push_back(visible);
+
+  const std::size_t padded = std::max(in_registers, count + 1);
+  starts.resize(padded, outside);
+  for (auto* all : {&values, &slopes})
+    for (std::vector<float>& channel : *all) channel.resize(padded);
+  peaks.resize(padded);
+  for (std::vector<float>& channel : peak_colors) channel.resize(padded);
+}
+
+}  // namespace splatvol::tiles

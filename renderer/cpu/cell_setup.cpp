@@ -1,0 +1,249 @@
+// Sets up cells on the screen: a cell in each lane.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "renderer/cpu/cell_frame.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "renderer/cpu/cell_setup.cpp"
+#include "renderer/cpu/targets.h"
+// The order matters: this includes the file again, once for each instruction set.
+#include <hwy/foreach_target.h>
+
+#include "renderer/cpu/vector-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace splatvol::tiles::HWY_NAMESPACE {
+namespace {
+
+/// A corner of a cell in each lane.
+struct Corner {
+  Float x, y, d, w, u;
+};
+
+HWY_INLINE Corner corner_at(const PointsOnScreen& points, Int number) {
+  return {gather(points.x.data(), number), gather(points.y.data(), number), gather(points.d.data(), number),
+          gather(points.w.data(), number), gather(points.u.data(), number)};
+}
+
+struct Plane {
+  Float a, b, e, f;
+  Float area;  // twice that on the screen, with a sign
+};
+
+/// Returns the plane through three corners, in the order of their ranks. One that is seen edge-on is nearly a step: it
+/// lies before all of a ray on one side, and behind all on the other, so that its values do not count. It is turned by
+/// so little that no ray but one through a corner meets it.
+HWY_INLINE Plane plane_through(const Corner& p, const Corner& q, const Corner& r) {
+  const Float qx = q.x - p.x, qy = q.y - p.y, rx = r.x - p.x, ry = r.y - p.y;
+  const Float product = qy * rx, exact = fma(qx, ry, -product), size = max(abs(qx * ry) + abs(product), 1e-25F);
+  const Mask is_step = abs(exact) < size * 1e-6F;
+  const Float least = size * 1e-12F;
+  const Float area = select(is_step, select(exact < Float(0.0F), -least, least), exact);
+  const Float inverse = Float(1.0F) / area;
+  const auto across = [&](Float along_q, Float along_r) HWY_ATTR {
+    return std::array{fma(along_q, ry, -(along_r * qy)) * inverse, fma(along_r, qx, -(along_q * rx)) * inverse};
+  };
+  const auto [a, b] = across(q.d - p.d, r.d - p.d);
+  const auto [e, f] = across((q.u - p.u) * q.w, (r.u - p.u) * r.w);
+  const Float turn = only(is_step, max(abs(a), abs(b)) * 1e-6F);
+  return {a + turn, fma(turn, 1.37F, b), e, f, area};
+}
+
+/// Lists the tetrahedra with a visible value.
+void list_seen(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
+  const FunctionPieces& function = *frame.function;
+  const std::size_t count = cells.tetrahedra.size();
+  const auto lanes = static_cast<std::size_t>(lane_count());
+  const IntTag tag;
+  setup.seen.resize(count + lanes);
+  const auto bin_of = [&](Float u) HWY_ATTR {
+    return truncate(clamp(fma(u, static_cast<float>(FunctionPieces::bins), 1.0F), 0.0F,
+                          static_cast<float>(FunctionPieces::bins + 1)));
+  };
+  std::size_t seen = 0;
+  for (std::size_t first = 0; first < count; first += lanes) {
+    alignas(64) std::array<std::array<std::uint32_t, 4>, most_lanes> last;
+    const std::array<std::uint32_t, 4>* corners = cells.tetrahedra.data() + first;
+    if (first + lanes > count) {
+      last.fill(cells.tetrahedra[first]);
+      std::copy(corners, cells.tetrahedra.data() + count, last.begin());
+      corners = last.data();
+    }
+    Float low, high;
+    if (cells.constant) {
+      alignas(64) std::array<float, most_lanes> own;
+      for (std::size_t i = 0; i < lanes; ++i) own[i] = setup.points.u[std::min(first + i, count - 1)];
+      low = high = load(own.data());
+    } else {
+      hn::Vec<IntTag> a, b, c, d;
+      hn::LoadInterleaved4(tag, reinterpret_cast<const std::int32_t*>(corners), a, b, c, d);
+      const float* u = setup.points.u.data();
+      const Float ua = gather(u, a), ub = gather(u, b), uc = gather(u, c), ud = gather(u, d);
+      low = min(min(ua, ub), min(uc, ud)), high = max(max(ua, ub), max(uc, ud));
+      // A minimum may lose a NaN, a sum does not.
+      const Float sum = (ua + ub) + (uc + ud);
+      low = select(is_number(sum), low, std::numeric_limits<float>::quiet_NaN());
+    }
+    const auto visible_before = [&](Int bin) HWY_ATTR {
+      return Int(hn::GatherIndex(tag, function.visible_before.data(), bin.v));
+    };
+    const Int first_bin = bin_of(low), last_bin = bin_of(high);
+    const auto shows = hn::And(hn::Gt(visible_before(last_bin + Int(1)).v, visible_before(first_bin).v),
+                               hn::RebindMask(tag, is_number(low)));
+    const auto valid = hn::FirstN(tag, std::min(lanes, count - first));
+    const Int numbers = lane_indices() + Int(static_cast<std::int32_t>(first));
+    seen += hn::CompressStore(numbers.v, hn::And(shows, valid), tag, setup.seen.data() + seen);
+  }
+  setup.seen.resize(seen);
+}
+
+void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) {
+  const auto lanes = static_cast<std::size_t>(lane_count());
+  const std::size_t count = setup.seen.size();
+  const View& view = *frame.view;
+  const auto middle_x = static_cast<float>(frame.middle_x), middle_y = static_cast<float>(frame.middle_y);
+  const float* const u_of_cells = setup.points.u.data();
+  screen.cells.reserve(count);
+  setup.keys.resize(count);
+  setup.numbers.resize(count);
+  std::size_t made = 0;
+  for (std::size_t first = 0; first < count; first += lanes) {
+    alignas(64) std::array<std::array<std::int32_t, most_lanes>, 4> numbers;
+    const std::size_t end = std::min(lanes, count - first);
+    for (std::size_t i = 0; i < lanes; ++i) {
+      const auto& corners = cells.tetrahedra[static_cast<std::size_t>(setup.seen[first + std::min(i, end - 1)])];
+      for (std::size_t k = 0; k < 4; ++k) numbers[k][i] = static_cast<std::int32_t>(corners[k]);
+    }
+    std::array<Corner, 4> corners;
+    Int far_out(0);
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Int number = load(numbers[k].data());
+      corners[k] = corner_at(setup.points, cells.constant ? Int(0) : number);
+      if (cells.constant) {
+        corners[k].x = gather(setup.points.x.data(), number);
+        corners[k].y = gather(setup.points.y.data(), number);
+        corners[k].d = gather(setup.points.d.data(), number);
+        corners[k].w = gather(setup.points.w.data(), number);
+      }
+      far_out = far_out + Int(hn::GatherIndex(IntTag(), setup.points.is_far_out.data(), number.v));
+    }
+    if (cells.constant) {
+      alignas(64) std::array<float, most_lanes> own;
+      for (std::size_t i = 0; i < lanes; ++i)
+        own[i] = u_of_cells[static_cast<std::size_t>(setup.seen[first + std::min(i, end - 1)])];
+      for (Corner& corner : corners) corner.u = load(own.data());
+    }
+    const auto& [p, q, r, s] = corners;
+    const auto least = [&](auto member) HWY_ATTR { return min(min(p.*member, q.*member), min(r.*member, s.*member)); };
+    const auto most = [&](auto member) HWY_ATTR { return max(max(p.*member, q.*member), max(r.*member, s.*member)); };
+    const Float left = max(hn::Ceil((least(&Corner::x) + middle_x).v), 0.0F);
+    const Float right = min(hn::Floor((most(&Corner::x) + middle_x).v), static_cast<float>(view.width - 1));
+    const Float bottom = max(hn::Ceil((least(&Corner::y) + middle_y).v), 0.0F);
+    const Float top = min(hn::Floor((most(&Corner::y) + middle_y).v), static_cast<float>(view.height - 1));
+    const Mask is_far_out = hn::Not(is_zero(far_out));
+    Mask in = either(both(left <= right, bottom <= top), is_far_out);
+    in = both(in, hn::FirstN(FloatTag(), end));
+    if (!any(in)) continue;
+
+    const std::array<Plane, 4> planes = {plane_through(p, q, r), plane_through(p, q, s), plane_through(p, r, s),
+                                         plane_through(q, r, s)};
+    const Float qx = q.x - p.x, qy = q.y - p.y, qd = q.d - p.d, rx = r.x - p.x, ry = r.y - p.y, rd = r.d - p.d,
+                sx = s.x - p.x, sy = s.y - p.y, sd = s.d - p.d;
+    const Float volume =
+        fma(qx, fma(ry, sd, -(rd * sy)), fma(qy, fma(rd, sx, -(rx * sd)), qd * fma(rx, sy, -(ry * sx))));
+    // A face is in front if its plane is nearer than the corner opposite of it.
+    const Mask is_negative = volume < Float(0.0F);
+    std::array<std::uint32_t, 4> front_bits;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Mask differs = hn::Xor(is_negative, planes[k].area < Float(0.0F));
+      front_bits[k] = mask_bits(k % 2 == 0 ? differs : hn::Not(differs));
+    }
+
+    // Numbers of a cell side by side: [group of four][lane][number].
+    alignas(64) std::array<std::array<float, 4 * most_lanes>, 8> groups;
+    const auto put = [&](std::size_t group, Float a, Float b, Float c, Float d)
+                         HWY_ATTR { hn::StoreInterleaved4(a.v, b.v, c.v, d.v, FloatTag(), groups[group].data()); };
+    put(0, p.x, p.y, p.d, p.u);
+    put(1, q.x, q.y, q.d, q.u);
+    put(2, r.x, r.y, s.x, s.y);
+    for (std::size_t k = 0; k < 4; ++k) put(3 + k, planes[k].a, planes[k].b, planes[k].e, planes[k].f);
+    put(7, least(&Corner::u), most(&Corner::u), (p.d + q.d) + (r.d + s.d), 0.0F);
+    std::array<std::uint32_t, 4> area_bits;  // of negative areas
+    for (std::size_t k = 0; k < 4; ++k) area_bits[k] = mask_bits(planes[k].area < Float(0.0F));
+    alignas(64) std::array<std::int32_t, 4 * most_lanes> bounds;
+    hn::StoreInterleaved4(truncate(left).v, truncate(right).v, truncate(bottom).v, truncate(top).v, IntTag(),
+                          bounds.data());
+    const std::uint32_t far_out_bits = mask_bits(is_far_out);
+    for (std::uint32_t bits = mask_bits(in); bits != 0; bits &= bits - 1) {
+      const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
+      CellOnScreen& cell = screen.cells[made];
+      const auto take = [&](void* to, std::size_t group) { std::memcpy(to, &groups[group][4 * lane], 16); };
+      take(&cell.corners[0], 0);
+      take(&cell.corners[1], 1);
+      take(&cell.others, 2);
+      std::size_t fronts = 0, backs = 4;
+      std::uint8_t second = 0;
+      for (std::size_t k = 0; k < 4; ++k) {
+        const std::size_t at = (front_bits[k] >> lane & 1) != 0 ? fronts++ : --backs;
+        take(&cell.faces[at], 3 + k);
+        if (k == 3) second = static_cast<std::uint8_t>(1U << at);
+      }
+      cell.fronts = static_cast<std::uint8_t>(fronts);
+      cell.second = second;
+      cell.far_out = -1;
+      cell.low = groups[7][4 * lane];
+      cell.high = groups[7][4 * lane + 1];
+      std::memcpy(&cell.left, &bounds[4 * lane], 16);
+      if ((far_out_bits >> lane & 1) != 0) {
+        FacesOfCell faces;
+        for (std::size_t k = 0; k < 4; ++k) {
+          take(&faces.planes[k], 3 + k);
+          faces.is_negative[k] = (area_bits[k] >> lane & 1) != 0;
+        }
+        const auto number = static_cast<std::size_t>(setup.seen[first + lane]);
+        const std::array<std::uint32_t, 4>& of_cell = cells.tetrahedra[number];
+        std::array<float, 4> u;
+        for (std::size_t k = 0; k < 4; ++k) u[k] = u_of_cells[cells.constant ? number : of_cell[k]];
+        if (!set_up_far_out(frame, of_cell, setup, faces, u, cell, screen)) continue;
+      } else if (fronts == 0 || fronts == 4) {
+        continue;  // so flat that rounding has turned a face
+      }
+      // Nearer cells have larger d, and lower keys.
+      const auto order = std::bit_cast<std::uint32_t>(groups[7][4 * lane + 2]);
+      const std::uint32_t key = (order >> 31) != 0 ? order : ~(order | 0x80000000U);
+      setup.numbers[made] = setup.seen[first + lane];
+      setup.keys[made] = std::uint64_t{key} << 32 | made;
+      ++made;
+    }
+  }
+  screen.cells.resize(made);
+  setup.keys.resize(made);
+}
+
+}  // namespace
+}  // namespace splatvol::tiles::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+
+namespace splatvol::tiles {
+
+HWY_EXPORT(list_seen);
+HWY_EXPORT(set_up_all);
+
+void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
+  HWY_DYNAMIC_DISPATCH(list_seen)(frame, cells, setup);
+}
+
+void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) {
+  HWY_DYNAMIC_DISPATCH(set_up_all)(frame, cells, setup, screen);
+}
+
+}  // namespace splatvol::tiles
+
+#endif

@@ -1,0 +1,668 @@
+// Segments of rays in cells, and their light: pixels in the lanes.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <tuple>
+#include <utility>
+
+#include "renderer/cpu/cell_frame.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "renderer/cpu/cell_tiles.cpp"
+#include "renderer/cpu/targets.h"
+// The order matters: this includes the file again, once for each instruction set.
+#include <hwy/foreach_target.h>
+
+#include "renderer/cpu/vector-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace splatvol::tiles::HWY_NAMESPACE {
+namespace {
+
+constexpr float closed = 1e-5F;  // transmittance behind which nothing can be seen
+
+/// 1/a with a relative error of 1e-7. Requires a normal number.
+HWY_INLINE Float reciprocal(Float a) {
+  const Float guess = hn::ApproximateReciprocal(a.v);
+  const Float better = guess * fnma(a, guess, 2.0F);
+  // Two steps for instruction sets with a rough guess; the second changes next to nothing elsewhere.
+  return lane_count() == most_lanes ? better : better * fnma(a, better, 2.0F);
+}
+
+/// Where a tile's pixels lie, from the picture's middle.
+struct TileCorner {
+  int left, bottom;
+  float x, y;
+};
+
+/// Lists the tile's pixels (16 row + column) that a cell's outline may enclose. Returns how many they are.
+HWY_INLINE int list_covered(const CellOnScreen& cell, const TileCorner& tile, float slack,
+                            std::int32_t* HWY_RESTRICT covered) {
+  const int left = std::max(cell.left - tile.left, 0), right = std::min(cell.right - tile.left, cell_tile_side - 1);
+  const int bottom = std::max(cell.bottom - tile.bottom, 0), top = std::min(cell.top - tile.bottom, cell_tile_side - 1);
+  const int lanes = lane_count();
+  alignas(64) std::array<std::int32_t, cell_tile_side> from, to;
+  const bool is_small = (right - left + 1) * (top - bottom + 1) <= lanes;
+  if (is_small || cell.far_out >= 0) {
+    from.fill(left), to.fill(right);
+  } else {
+    const std::array<float, 4> xs = {cell.corners[0].x, cell.corners[1].x, cell.others[0], cell.others[2]};
+    const std::array<float, 4> ys = {cell.corners[0].y, cell.corners[1].y, cell.others[1], cell.others[3]};
+    for (int row = bottom / lanes * lanes; row <= top; row += lanes) {
+      const Float y = lane_numbers() + (tile.y + static_cast<float>(row));
+      Float least(1e9F), most(-1e9F);
+      for (std::size_t i = 0; i < 3; ++i)
+        for (std::size_t j = i + 1; j < 4; ++j) {
+          const std::size_t low = ys[i] <= ys[j] ? i : j, high = i + j - low;
+          const float rise = ys[high] - ys[low], slope = rise > 0 ? (xs[high] - xs[low]) / rise : 0;
+          const Mask in = both(y >= Float(ys[low]), y <= Float(ys[high]));
+          const Float x = fma(y - ys[low], slope, xs[low]);
+          least = select(in, min(least, x), least);
+          most = select(in, max(most, x), most);
+        }
+      const Float first = hn::Ceil((least - (tile.x + slack)).v), last = hn::Floor((most - (tile.x - slack)).v);
+      store(truncate(max(first, static_cast<float>(left))), from.data() + row);
+      store(truncate(min(last, static_cast<float>(right))), to.data() + row);
+    }
+  }
+  int count = 0;
+  for (int row = bottom; row <= top; ++row) {
+    const auto r = static_cast<std::size_t>(row);
+    const int width = to[r] - from[r] + 1;
+    const Int first = lane_indices() + Int(cell_tile_side * row + from[r]);
+    for (int done = 0; done < width; done += lanes) store(first + Int(done), covered + count + done);
+    count += std::max(width, 0);
+  }
+  return count;
+}
+
+/// Where rays enter or leave.
+struct Crossing {
+  Float d, n, u;  // depth; the value is u + n z
+};
+
+/// What holds for a tile and a chunk.
+struct CellTile {
+  const CellFrame& frame;
+  const CellsOnScreen& screen;
+  TileCorner corner;
+  float nearest_d;
+  float per_pixel;  // 1 / focal: slope of rays
+  bool has_limits;
+};
+
+/// The opacity's attribute where a ray enters or leaves.
+HWY_INLINE Float opacity_at(const CellShading& shading, Float dx, Float dy, Float d, Float z) {
+  const Float along = fma(dx, shading.ox, fma(dy, shading.oy, fma(d - shading.d, shading.od, shading.oc)));
+  return clamp(fma(along, z, shading.o), shading.low, shading.high);
+}
+
+/// The factor on the colours of a cell in a lit picture.
+template <bool orthographic>
+HWY_INLINE Float light_at(const CellTile& t, const CellShading& shading, Float x, Float y) {
+  const auto ambient = static_cast<float>(t.frame.lighting->ambient),
+             diffuse = static_cast<float>(t.frame.lighting->diffuse);
+  if (!shading.has_gradient) return ambient + diffuse;
+  const Float along = abs(fma(x - shading.x, shading.lx, fma(y - shading.y, shading.ly, shading.l0)));
+  if (orthographic) return fma(along, diffuse, ambient);
+  const Float a = x * t.per_pixel, b = y * t.per_pixel;
+  return fma(along / sqrt(fma(a, a, fma(b, b, 1.0F))), diffuse, ambient);
+}
+
+/// Adds the segments of a cell. `far_out`: what it has besides, or null.
+template <bool orthographic, bool is_far_out, bool has_shades>
+HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarOut* far_out, const CellShading* shading,
+                         TileSegments& tile) {
+  const CellsOnScreen& screen = t.screen;
+  const TileCorner& corner = t.corner;
+  const CellOnScreen::Reference* const references = is_far_out ? far_out->references.data() : cell.corners.data();
+  const int count = list_covered(cell, corner, t.frame.slack, tile.covered.data());
+  constexpr int most_references = is_far_out ? 4 : 2;
+  for (int first = 0; first < count; first += lane_count()) {
+    const Int pixel = load(tile.covered.data() + first);
+    const Float x = to_float(pixel & Int(cell_tile_side - 1)) + corner.x,
+                y = to_float(shift_right<4>(pixel)) + corner.y;
+    std::array<Float, most_references> dx, dy;
+    for (int r = 0; r < most_references; ++r) dx[r] = x - references[r].x, dy[r] = y - references[r].y;
+    const auto cross = [&](int k) HWY_ATTR {
+      const CellOnScreen::Face& face = cell.faces[static_cast<std::size_t>(k)];
+      const int r = is_far_out ? k : cell.second >> k & 1;
+      // Both cells of a face round the same numbers in the same way up to here.
+      return Crossing{fma(face.a, dx[r], dy[r] * face.b) + references[r].d, fma(face.e, dx[r], dy[r] * face.f),
+                      references[r].u};
+    };
+    const auto enter_at = [&](const Crossing& face, const Crossing& other) HWY_ATTR {
+      const Mask is_later = face.d < other.d;
+      return Crossing{min(face.d, other.d), select(is_later, face.n, other.n), select(is_later, face.u, other.u)};
+    };
+    const auto leave_at = [&](const Crossing& face, const Crossing& other) HWY_ATTR {
+      const Mask is_sooner = face.d > other.d;
+      return Crossing{max(face.d, other.d), select(is_sooner, face.n, other.n), select(is_sooner, face.u, other.u)};
+    };
+    Crossing enter, leave;
+    if constexpr (is_far_out) {
+      enter = {screen.eye_d, 0.0F, fma(far_out->eye_e, x, fma(far_out->eye_f, y, far_out->eye_u))};
+      leave = {screen.farthest_d, 0.0F, 0.0F};
+      for (int k = 0; k < 4; ++k)
+        if (k < cell.fronts)
+          enter = enter_at(cross(k), enter);
+        else
+          leave = leave_at(cross(k), leave);
+    } else if (cell.fronts == 2) {
+      enter = enter_at(cross(1), cross(0));
+      leave = leave_at(cross(3), cross(2));
+    } else if (cell.fronts == 1) {
+      enter = cross(0);
+      leave = leave_at(cross(3), leave_at(cross(2), cross(1)));
+    } else {
+      enter = enter_at(cross(2), enter_at(cross(1), cross(0)));
+      leave = cross(3);
+    }
+    enter.d = min(enter.d, t.nearest_d);
+    const auto valid = hn::FirstN(FloatTag(), static_cast<std::size_t>(std::min(count - first, lane_count())));
+    Mask hit = both(enter.d > leave.d, valid);
+    if (!any(hit)) continue;
+
+    const auto z_at = [&](Float d) HWY_ATTR { return orthographic ? Float(1.0F) : reciprocal(d + screen.w); };
+    const Float near_z = z_at(enter.d), far_z = z_at(leave.d);
+    const auto between = [&](Float near_d, Float near, Float far_d, Float far)
+                             HWY_ATTR { return (near_d - far_d) * near * far; };
+    Float length = between(enter.d, near_z, leave.d, far_z);
+    Float u_enter = clamp(fma(enter.n, near_z, enter.u), cell.low, cell.high);
+    Float u_leave = clamp(fma(leave.n, far_z, leave.u), cell.low, cell.high);
+    Float o_enter(0.0F), o_leave(0.0F);
+    if (has_shades && t.frame.opacity) {
+      const Float dx_shade = x - shading->x, dy_shade = y - shading->y;
+      o_enter = opacity_at(*shading, dx_shade, dy_shade, enter.d, near_z);
+      o_leave = opacity_at(*shading, dx_shade, dy_shade, leave.d, far_z);
+    }
+    if (t.has_limits) {  // the order stays that of whole cells
+      const Float from = min(enter.d, gather(tile.near_limits.data(), pixel));
+      const Float to = max(leave.d, gather(tile.far_limits.data(), pixel));
+      hit = both(hit, from > to);
+      if (!any(hit)) continue;
+      const Float from_z = z_at(from), to_z = z_at(to), inverse = Float(1.0F) / length;
+      const Float before = between(enter.d, near_z, from, from_z) * inverse;
+      const Float behind = between(to, to_z, leave.d, far_z) * inverse;
+      const auto cut = [&](Float& at_enter, Float& at_leave) HWY_ATTR {
+        const Float change = at_leave - at_enter;
+        at_enter = fma(change, before, at_enter);
+        at_leave = fnma(change, behind, at_leave);
+      };
+      cut(u_enter, u_leave);
+      if (has_shades) cut(o_enter, o_leave);
+      length = between(from, from_z, to, to_z);
+    }
+    alignas(64) std::array<CellSegment, most_lanes> made;
+    alignas(64) std::array<SegmentShade, most_lanes> shades;
+    hn::StoreInterleaved4((-(enter.d + screen.key_offset)).v, length.v, u_enter.v, u_leave.v, FloatTag(),
+                          reinterpret_cast<float*>(made.data()));
+    if constexpr (has_shades) {
+      const Float lighting = t.frame.lighting ? light_at<orthographic>(t, *shading, x, y) : Float(1.0F);
+      hn::StoreInterleaved4(lighting.v, o_enter.v, o_leave.v, lighting.v, FloatTag(),
+                            reinterpret_cast<float*>(shades.data()));
+    }
+    const std::uint32_t hits = mask_bits(hit);
+    tile.added += static_cast<std::uint64_t>(std::popcount(hits));
+    for (std::uint32_t bits = hits; bits != 0; bits &= bits - 1) {
+      const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
+      const auto at = static_cast<std::size_t>(tile.covered[static_cast<std::size_t>(first) + lane]);
+      const std::int32_t held = tile.counts[at];
+      if (held >= tile.room && !tile.make_room()) return;
+      tile.counts[at] = held + 1;
+      const std::size_t place = tile.begin_of(at) + static_cast<std::size_t>(held);
+      tile.segments[place] = made[lane];
+      if constexpr (has_shades) tile.shades[place] = shades[lane];
+    }
+  }
+}
+
+template <bool orthographic, bool has_shades>
+void add_all(const CellTile& t, std::span<const std::uint32_t> numbers, TileSegments& tile) {
+  const CellsOnScreen& screen = t.screen;
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
+    const auto* soon = reinterpret_cast<const char*>(&screen.cells[numbers[std::min(i + 6, numbers.size() - 1)]]);
+    for (std::size_t at = 0; at < sizeof(CellOnScreen); at += 64) hwy::Prefetch(soon + at);
+    const CellOnScreen& cell = screen.cells[numbers[i]];
+    const CellShading* const shading = has_shades ? &screen.shadings[numbers[i]] : nullptr;
+    if (cell.far_out < 0)
+      add_cell<orthographic, false, has_shades>(t, cell, nullptr, shading, tile);
+    else
+      add_cell<orthographic, true, has_shades>(t, cell, &screen.far_out[static_cast<std::size_t>(cell.far_out)],
+                                               shading, tile);
+  }
+}
+
+void add_cells(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
+               const CellTileArea& area, float nearest_d, TileSegments& tile) {
+  const CellTile t = {frame,
+                      screen,
+                      {area.left, area.bottom, static_cast<float>(area.left - frame.middle_x),
+                       static_cast<float>(area.bottom - frame.middle_y)},
+                      nearest_d,
+                      static_cast<float>(1 / frame.view->focal),
+                      frame.has_limits()};
+  const bool has_shades = frame.has_shades();
+  if (frame.view->orthographic)
+    has_shades ? add_all<true, true>(t, numbers, tile) : add_all<true, false>(t, numbers, tile);
+  else
+    has_shades ? add_all<false, true>(t, numbers, tile) : add_all<false, false>(t, numbers, tile);
+}
+
+/// Numbers of a function's pieces, to look up: in registers if `few`.
+template <bool few>
+class Lookup {
+ public:
+  explicit HWY_INLINE Lookup(const std::vector<float>& numbers) : numbers_(numbers.data()) {
+    if constexpr (is_held())
+      for (std::size_t i = 0; i < most_lanes / lanes(); ++i) held_[i] = load(numbers_ + i * lanes());
+  }
+  [[nodiscard]] HWY_INLINE Float at(Int piece) const {
+    if constexpr (!is_held()) {
+      return gather(numbers_, piece);
+    } else {
+      const auto in_part = hn::IndicesFromVec(FloatTag(), (piece & Int(static_cast<int>(lanes()) - 1)).v);
+      const Float low = hn::TableLookupLanes(held_[0].v, in_part);
+      if constexpr (lanes() == most_lanes) return low;
+      const Float high = hn::TableLookupLanes(held_[most_lanes / lanes() - 1].v, in_part);
+      return select(mask_of(hn::Gt(piece.v, Int(static_cast<int>(lanes()) - 1).v)), high, low);
+    }
+  }
+
+ private:
+  static constexpr std::size_t lanes() {
+    return HWY_MAX_BYTES / sizeof(float) < most_lanes ? HWY_MAX_BYTES / sizeof(float) : most_lanes;
+  }
+  static constexpr bool is_held() { return few && lanes() >= most_lanes / 2; }
+
+  const float* numbers_;
+  std::array<Float, 2> held_;
+};
+
+/// The light of rays that is gathered.
+struct Light {
+  std::array<Float, 3> color;
+  Float transmittance;
+};
+
+/// On colours and extinctions of a stretch.
+struct Factors {
+  Float lighting;
+  Float first, last;  // of the opacity, at its ends; linear between them
+};
+
+template <bool few>
+class Integrator {
+ public:
+  explicit HWY_INLINE Integrator(const FunctionPieces& function)
+      : function_(function),
+        starts_(function.starts),
+        values_{Lookup<few>(function.values[0]), Lookup<few>(function.values[1]), Lookup<few>(function.values[2]),
+                Lookup<few>(function.values[3])},
+        slopes_{Lookup<few>(function.slopes[0]), Lookup<few>(function.slopes[1]), Lookup<few>(function.slopes[2]),
+                Lookup<few>(function.slopes[3])} {}
+
+  /// Adds the light of segments along which u goes linearly from `u` to `end`, in steps: to the next knot of the
+  /// function or to an optical depth of one, whichever comes first.
+  template <bool factored>
+  HWY_INLINE void add(Mask todo, Float u, const Float end, const Float length, const Factors& factors,
+                      Light& light) const {
+    const Float change = end - u;
+    const Mask up = change >= Float(0.0F), flat = hn::Eq(change.v, hn::Zero(FloatTag()));
+    const Float per_u = length / select(flat, 1.0F, change);  // with a sign
+    Int piece = piece_at(u, up);
+    Float left = length;
+    const Float fall = (factors.last - factors.first) / max(length, 1e-37F);
+    while (any(todo)) {
+      const Float start = starts_.at(piece), next = starts_.at(piece + Int(1)), x = u - start;
+      const Float to = select(up, min(end, next), max(end, start));
+      Mask last = either(flat, hn::Eq(to.v, end.v));
+      const Float whole = select(last, left, (to - u) * per_u), slope = slopes_[3].at(piece);
+      const Float k = max(fma(slope, x, values_[3].at(piece)), 0.0F), rise = slope * (to - u);
+      // Extinction times factor counts as linear only to choose steps.
+      Float factor(1.0F), first = k, change_of_step = rise;
+      if constexpr (factored) {
+        factor = max(fma(fall, length - left, factors.first), 0.0F);
+        first = k * factor;
+        change_of_step = (k + rise) * max(fma(fall, whole, factor), 0.0F) - first;
+      }
+      const Mask is_dense = both(fma(change_of_step, 0.5F, first) * whole > Float(1.0F), todo);
+      Float part(1.0F);
+      if (any(is_dense)) {  // first whole p + change whole p^2 / 2 = 1
+        const Float a = first * whole, b = change_of_step * whole;
+        const Float root = Float(2.0F) / (a + sqrt(max(fma(b, 2.0F, a * a), 0.0F)));
+        part = select(is_dense, min(root, 1.0F), part);
+        last = hn::AndNot(is_dense, last);
+      }
+      const Float step = whole * part, reach = (to - u) * part, rise_here = rise * part;
+      const Float factor_here = factored ? fall * step : Float(0.0F);
+      // The optical depth up to a share p of the step, whose factor rises from `factor` by factor_here.
+      const auto depth_at = [&](float p) HWY_ATTR {
+        if constexpr (!factored) return fma(rise_here, 0.5F * p, k) * (step * p);
+        const Float mixed = fma(k, factor_here, rise_here * factor);
+        return max(fma(rise_here * factor_here, p * p / 3, fma(mixed, 0.5F * p, k * factor)), 0.0F) * (step * p);
+      };
+      const auto extinction_at = [&](float p) HWY_ATTR {
+        const Float plain = fma(rise_here, p, k);
+        return factored ? plain * fma(factor_here, p, factor) : plain;
+      };
+      const Float depth = depth_at(1.0F);
+      const Mask is_thin = depth <= Float(0.02F);
+      std::array<Float, 3> sum = {Float(0.0F), Float(0.0F), Float(0.0F)};
+      const std::array<Float, 3> color = {values_[0].at(piece), values_[1].at(piece), values_[2].at(piece)};
+      const std::array<Float, 3> color_slope = {slopes_[0].at(piece), slopes_[1].at(piece), slopes_[2].at(piece)};
+      const auto add_point = [&](float at, float weight, bool thin, std::array<Float, 3>& to_sum) HWY_ATTR {
+        const Float before = depth_at(at);
+        const Float through = thin ? fma(before, fma(before, 0.5F, -1.0F), 1.0F) : Float(1.0F) - opacity(before);
+        const Float share = extinction_at(at) * through * weight, place = fma(reach, at, x);
+        for (std::size_t c = 0; c < 3; ++c) to_sum[c] = fma(share, fma(color_slope[c], place, color[c]), to_sum[c]);
+      };
+      if (any(both(is_thin, todo))) {
+        add_point(0.2113248654F, 0.5F, true, sum);
+        add_point(0.7886751346F, 0.5F, true, sum);
+      }
+      if (any(hn::AndNot(is_thin, todo))) {
+        std::array<Float, 3> fine = {Float(0.0F), Float(0.0F), Float(0.0F)};
+        add_point(0.1127016654F, 0.2777777778F, false, fine);
+        add_point(0.5F, 0.4444444444F, false, fine);
+        add_point(0.8872983346F, 0.2777777778F, false, fine);
+        for (std::size_t c = 0; c < 3; ++c) sum[c] = select(is_thin, sum[c], fine[c]);
+      }
+      const Float front = light.transmittance * step * factors.lighting;
+      for (std::size_t c = 0; c < 3; ++c)
+        light.color[c] = select(todo, fma(front, sum[c], light.color[c]), light.color[c]);
+      light.transmittance =
+          select(todo, fnma(light.transmittance, opacity(depth), light.transmittance), light.transmittance);
+      left = left - step;
+      u = select(is_dense, u + reach, to);
+      const Mask crossed = hn::AndNot(either(last, is_dense), todo);
+      if (any(crossed)) {
+        if (function_.has_peaks) {
+          const Float here = factored ? max(fma(fall, length - left, factors.first), 0.0F) : Float(1.0F);
+          add_peak(crossed, select_int(up, piece + Int(1), piece), abs(per_u) * here, factors.lighting, light);
+        }
+        piece = piece + select_int(crossed, select_int(up, Int(1), Int(-1)), Int(0));
+      }
+      todo = both(hn::AndNot(last, todo), light.transmittance > Float(1e-6F));
+    }
+  }
+
+  /// The same with an opacity along which o goes linearly: in stretches between its knots.
+  HWY_INLINE void add_with_opacity(Mask todo, Float u, const Float u_end, Float o, const Float o_end, Float length,
+                                   Float lighting, const FunctionPieces& opacity, Light& light) const {
+    const Float u_change = u_end - u, u_begin = u, o_change = o_end - o, o_begin = o;
+    const Mask up = o_change >= Float(0.0F), flat = hn::Eq(o_change.v, hn::Zero(FloatTag()));
+    const Float per_o = Float(1.0F) / select(flat, 1.0F, o_change);
+    Int piece = piece_in(opacity, o, up);
+    Float share(0.0F);
+    while (any(todo)) {
+      const Float start = gather(opacity.starts.data(), piece), next = gather(opacity.starts.data(), piece + Int(1));
+      const Float to = select(up, min(o_end, next), max(o_end, start));
+      const Mask last = either(flat, hn::Eq(to.v, o_end.v));
+      const Float share_to = select(last, 1.0F, clamp((to - o_begin) * per_o, share, 1.0F));
+      const Float u_to = select(last, u_end, fma(u_change, share_to, u_begin));
+      const auto factor_at = [&](Float at) HWY_ATTR {
+        const Float slope = gather(opacity.slopes[3].data(), piece), value = gather(opacity.values[3].data(), piece);
+        return max(fma(slope, at - start, value), 0.0F);
+      };
+      const Factors factors = {lighting, factor_at(o), factor_at(to)};
+      const Mask shows = both(todo, factors.first + factors.last > Float(0.0F));
+      if (any(shows)) add<true>(shows, u, u_to, length * (share_to - share), factors, light);
+      u = u_to, o = to, share = share_to;
+      todo = both(hn::AndNot(last, todo), light.transmittance > Float(1e-6F));
+      piece = piece + select_int(todo, select_int(up, Int(1), Int(-1)), Int(0));
+    }
+  }
+
+ private:
+  // Upwards a knot belongs to what follows it, downwards to what precedes it.
+  [[nodiscard]] HWY_INLINE Int piece_at(Float u, Mask up) const {
+    if (!few) return piece_in(function_, u, up);
+    Int piece(-1);
+    {
+      for (std::size_t i = 0; i < function_.count; ++i) {
+        const Float start(function_.starts[i]);
+        const Mask begun = either(both(up, start <= u), hn::AndNot(up, start < u));
+        piece = piece + select_int(begun, Int(1), Int(0));
+      }
+      return piece;
+    }
+  }
+  [[nodiscard]] static HWY_INLINE Int piece_in(const FunctionPieces& function, Float u, Mask up) {
+    const Float bin = clamp(fma(u, static_cast<float>(FunctionPieces::bins), 1.0F), 0.0F,
+                            static_cast<float>(FunctionPieces::bins + 1));
+    Int piece = Int(hn::GatherIndex(IntTag(), function.first_of_bin.data(), truncate(bin).v));
+    for (;;) {
+      const Mask later = gather(function.starts.data(), piece + Int(1)) <= u;
+      if (!any(later)) break;
+      piece = piece + select_int(later, Int(1), Int(0));
+    }
+    // Rounding of the bin may have led too far.
+    for (;;) {
+      const Float start = gather(function.starts.data(), piece);
+      const Mask sooner = either(start > u, hn::AndNot(up, start >= u));
+      if (!any(sooner)) break;
+      piece = piece - select_int(sooner, Int(1), Int(0));
+    }
+    return piece;
+  }
+
+  HWY_INLINE void add_peak(Mask crossed, Int peak, Float per_u, Float lighting, Light& light) const {
+    const Float depth = gather(function_.peaks.data(), peak) * per_u;
+    const Float alpha = only(crossed, opacity(depth) * light.transmittance);
+    for (std::size_t c = 0; c < 3; ++c)
+      light.color[c] = fma(alpha * lighting, gather(function_.peak_colors[c].data(), peak), light.color[c]);
+    light.transmittance = light.transmittance - alpha;
+  }
+
+  const FunctionPieces& function_;
+  Lookup<few> starts_;
+  std::array<Lookup<few>, 4> values_, slopes_;
+};
+
+HWY_INLINE Float segment_part(const CellSegment* segments, Int place, int part) {
+  return gather(reinterpret_cast<const float*>(segments) + part, place);
+}
+
+/// Blends the segments of pixels side by side.
+template <bool few, bool has_shades>
+class PixelBlender {
+ public:
+  PixelBlender(const CellFrame& frame, const CellTileArea& area, TileSegments& tile, CellTileLight& light)
+      : frame_(frame), area_(area), tile_(tile), light_(light), integrator_(*frame.function) {}
+
+  // `first`: pixel. Returns whether more can be seen.
+  HWY_INLINE bool blend(std::size_t first, float end) {
+    const Int count = load(tile_.counts.data() + first);
+    const std::int32_t most = hn::GetLane(hn::MaxOfLanes(IntTag(), count.v));
+    const Float transmittance = load(light_.transmittance.data() + first);
+    if (most == 0) return any(transmittance > Float(0.0F));
+    const Int before_end = sort(first, count, most, end);
+    Light light{{load(light_.color[0].data() + first), load(light_.color[1].data() + first),
+                 load(light_.color[2].data() + first)},
+                transmittance};
+    const Float stretch = stretch_of(first);
+    const std::int32_t ends = hn::GetLane(hn::MaxOfLanes(IntTag(), before_end.v));
+    for (std::int32_t k = 0; k < ends; ++k) {
+      const Mask todo = both(mask_of(hn::Gt(before_end.v, Int(k).v)), light.transmittance > Float(0.0F));
+      if (!any(todo)) continue;
+      const Int place = place_at(k);
+      const CellSegment* const all = tile_.segments.data();
+      const Float u = segment_part(all, place, 2), end_u = segment_part(all, place, 3);
+      const Float length = segment_part(all, place, 1) * stretch;
+      if constexpr (has_shades) {
+        const auto shade = [&](int part) HWY_ATTR {
+          return gather(reinterpret_cast<const float*>(tile_.shades.data()) + part, place);
+        };
+        if (frame_.opacity)
+          integrator_.add_with_opacity(todo, u, end_u, shade(1), shade(2), length, shade(0), *frame_.opacity, light);
+        else
+          integrator_.template add<false>(todo, u, end_u, length, {shade(0), 1.0F, 1.0F}, light);
+      } else {
+        integrator_.template add<false>(todo, u, end_u, length, {1.0F, 1.0F, 1.0F}, light);
+      }
+      light.transmittance = only(light.transmittance > Float(closed), light.transmittance);
+    }
+    store(light.transmittance, light_.transmittance.data() + first);
+    for (std::size_t c = 0; c < 3; ++c) store(light.color[c], light_.color[c].data() + first);
+    const bool is_open = any(light.transmittance > Float(0.0F));
+    keep_rest(first, count, before_end);
+    return is_open;
+  }
+
+ private:
+  [[nodiscard]] HWY_INLINE float* keys_at(std::int32_t k) {
+    return tile_.keys[static_cast<std::size_t>(k)].numbers.data();
+  }
+  [[nodiscard]] HWY_INLINE Int place_at(std::int32_t k) {
+    return bits_as_int(load(tile_.places[static_cast<std::size_t>(k)].numbers.data()));
+  }
+  HWY_INLINE void set_place(std::int32_t k, Int place) {
+    store(bits_as_float(place), tile_.places[static_cast<std::size_t>(k)].numbers.data());
+  }
+
+  // Sorts by insertion, all lanes at once: segments are nearly sorted. Returns how many are before `end`.
+  HWY_INLINE Int sort(std::size_t first, Int count, std::int32_t most, float end) {
+    if (static_cast<std::size_t>(most) > tile_.keys.size()) {
+      tile_.keys.resize(2 * static_cast<std::size_t>(most));
+      tile_.places.resize(2 * static_cast<std::size_t>(most));
+    }
+    const Int start = (lane_indices() + Int(static_cast<std::int32_t>(first))) * Int(4 * tile_.room);
+    Int before_end(0);
+    for (std::int32_t k = 0; k < most; ++k) {
+      const Mask in = mask_of(hn::Gt(count.v, Int(k).v));
+      Int place = select_int(in, start + Int(4 * k), start);
+      Float key = select(in, segment_part(tile_.segments.data(), place, 0), 3e38F);
+      before_end = before_end + select_int(key < Float(end), Int(1), Int(0));
+      std::int32_t j = k;
+      for (; j > 0; --j) {
+        const Float key_before = load(keys_at(j - 1));
+        const Mask later = key_before > key;
+        if (!any(later)) break;
+        const Int place_before = place_at(j - 1);
+        store(select(later, key_before, key), keys_at(j));
+        set_place(j, select_int(later, place_before, place));
+        key = select(later, key, key_before);
+        place = select_int(later, place, place_before);
+      }
+      store(key, keys_at(j));
+      set_place(j, place);
+    }
+    Mask has_ties = hn::FirstN(FloatTag(), 0);
+    for (std::int32_t k = 1; k < most; ++k)
+      has_ties = either(has_ties,
+                        both(hn::Eq(load(keys_at(k)).v, load(keys_at(k - 1)).v), mask_of(hn::Gt(count.v, Int(k).v))));
+    if (any(has_ties)) order_ties(count);
+    return before_end;
+  }
+
+  // Segments with one key are in an order that does not depend on that of cells.
+  void order_ties(Int count) {
+    alignas(64) std::array<std::int32_t, most_lanes> counts;
+    store(count, counts.data());
+    const auto lanes = static_cast<std::size_t>(lane_count());
+    for (std::size_t lane = 0; lane < lanes; ++lane)
+      for (std::int32_t k = 1; k < counts[lane]; ++k)
+        for (std::int32_t j = k; j > 0 && is_before(lane, j, j - 1); --j) {
+          std::swap(keys_at(j)[lane], keys_at(j - 1)[lane]);
+          auto& places = tile_.places;
+          std::swap(places[static_cast<std::size_t>(j)].numbers[lane],
+                    places[static_cast<std::size_t>(j) - 1].numbers[lane]);
+        }
+  }
+  [[nodiscard]] bool is_before(std::size_t lane, std::int32_t a, std::int32_t b) {
+    if (keys_at(a)[lane] != keys_at(b)[lane]) return false;
+    const CellSegment &first = tile_.segments[number_at(lane, a)], &second = tile_.segments[number_at(lane, b)];
+    const auto order = [](const CellSegment& segment) {
+      return std::tie(segment.length, segment.u_enter, segment.u_leave);
+    };
+    if (!has_shades || order(first) != order(second)) return order(first) < order(second);
+    const SegmentShade &shade = tile_.shades[number_at(lane, a)], &other = tile_.shades[number_at(lane, b)];
+    return std::tie(shade.lighting, shade.o_enter, shade.o_leave) <
+           std::tie(other.lighting, other.o_enter, other.o_leave);
+  }
+  [[nodiscard]] std::size_t number_at(std::size_t lane, std::int32_t k) const {
+    const auto place = std::bit_cast<std::int32_t>(tile_.places[static_cast<std::size_t>(k)].numbers[lane]);
+    return static_cast<std::size_t>(place / 4);
+  }
+
+  // The length of rays for a unit of depth.
+  [[nodiscard]] HWY_INLINE Float stretch_of(std::size_t first) const {
+    const View& view = *frame_.view;
+    if (view.orthographic) return 1.0F;
+    const auto per_pixel = static_cast<float>(1 / view.focal);
+    const auto row = static_cast<int>(first) / cell_tile_side, column = static_cast<int>(first) % cell_tile_side;
+    const auto y = static_cast<float>(area_.bottom + row - frame_.middle_y) * per_pixel;
+    const Float x = (lane_numbers() + static_cast<float>(area_.left + column - frame_.middle_x)) * per_pixel;
+    return sqrt(fma(x, x, 1 + y * y));
+  }
+
+  void keep_rest(std::size_t first, Int count, Int blended) {
+    const Int rest = count - blended;
+    store(rest, tile_.counts.data() + first);
+    if (hn::GetLane(hn::MaxOfLanes(IntTag(), rest.v)) == 0) return;
+    alignas(64) std::array<std::int32_t, most_lanes> done, left;
+    store(blended, done.data());
+    store(rest, left.data());
+    for (std::size_t lane = 0; lane < static_cast<std::size_t>(lane_count()); ++lane) {
+      const auto keep = [&](auto& all, auto& kept) {
+        kept.clear();
+        for (std::int32_t k = 0; k < left[lane]; ++k) kept.push_back(all[number_at(lane, done[lane] + k)]);
+        std::ranges::copy(kept, all.begin() + static_cast<std::ptrdiff_t>(tile_.begin_of(first + lane)));
+      };
+      keep(tile_.segments, kept_);
+      if (has_shades) keep(tile_.shades, kept_shades_);
+    }
+  }
+
+  const CellFrame& frame_;
+  const CellTileArea& area_;
+  TileSegments& tile_;
+  CellTileLight& light_;
+  Integrator<few> integrator_;
+  std::vector<CellSegment> kept_;
+  std::vector<SegmentShade> kept_shades_;
+};
+
+template <bool few, bool has_shades>
+bool blend_all(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile, CellTileLight& light) {
+  PixelBlender<few, has_shades> blender(frame, area, tile, light);
+  bool is_open = false;
+  for (std::size_t first = 0; first < cell_tile_pixels; first += static_cast<std::size_t>(lane_count()))
+    is_open |= blender.blend(first, end);
+  return is_open;
+}
+bool blend(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile, CellTileLight& light) {
+  const bool few = frame.function->fit_registers(), has_shades = frame.has_shades();
+  if (few && !has_shades) return blend_all<true, false>(frame, area, end, tile, light);
+  if (few) return blend_all<true, true>(frame, area, end, tile, light);
+  if (!has_shades) return blend_all<false, false>(frame, area, end, tile, light);
+  return blend_all<false, true>(frame, area, end, tile, light);
+}
+
+}  // namespace
+}  // namespace splatvol::tiles::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+
+namespace splatvol::tiles {
+
+HWY_EXPORT(add_cells);
+HWY_EXPORT(blend);
+
+void add_segments(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
+                  const CellTileArea& area, float nearest_d, TileSegments& tile) {
+  HWY_DYNAMIC_DISPATCH(add_cells)(frame, screen, numbers, area, nearest_d, tile);
+}
+
+bool blend_segments(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile,
+                    CellTileLight& light) {
+  return HWY_DYNAMIC_DISPATCH(blend)(frame, area, end, tile, light);
+}
+
+}  // namespace splatvol::tiles
+
+#endif

@@ -1,0 +1,294 @@
+// Pictures of cells against the exact ones, in double precision (renderer/reference).
+#include "renderer/cpu/cells.h"
+
+#include <gtest/gtest.h>
+#include <oneapi/tbb/task_arena.h>
+
+#include <cmath>
+#include <cstring>
+#include <optional>
+#include <random>
+
+#include "tests/renderer/mesh_source.h"
+#include "tests/renderer/reference/meshes.h"
+#include "tests/renderer/targets.h"
+
+namespace splatvol {
+namespace {
+
+using test::MeshSource;
+
+struct Drawn {
+  Mesh mesh;
+  Scene scene;
+  std::vector<double> opacity_values = {};
+  bool constant = false;
+  std::optional<SurfaceDepths> surfaces = {};
+
+  [[nodiscard]] TetMesh view() const {
+    TetMesh view = mesh.view();
+    view.constant = constant;
+    view.opacity_values = opacity_values;
+    return view;
+  }
+  [[nodiscard]] CellDrawing drawing() const {
+    auto view = make_view(scene);
+    EXPECT_TRUE(view);
+    return {.view = *view,
+            .transfer = transfer_of(scene),
+            .lighting = scene.lighting,
+            .surfaces = surfaces ? &*surfaces : nullptr};
+  }
+};
+
+Image draw(const MeshSource& source, const CellDrawing& drawing) {
+  const auto picture = CellRasterizer().draw(source, drawing);
+  EXPECT_TRUE(picture) << picture.error().message;
+  return picture ? picture->image : Image{};
+}
+
+struct Difference {
+  double rmse = 0, most = 0;
+};
+Difference difference(const Image& a, const Image& b) {
+  EXPECT_EQ(a.pixels.size(), b.pixels.size());
+  Difference result;
+  for (std::size_t i = 0; i < a.pixels.size() && i < b.pixels.size(); ++i)
+    for (int c = 0; c < 4; ++c) {
+      const double error = std::abs(double{a.pixels[i][c]} - double{b.pixels[i][c]});
+      EXPECT_FALSE(std::isnan(error)) << "pixel " << i;
+      result.rmse += error * error / (4.0 * static_cast<double>(a.pixels.size()));
+      result.most = std::max(result.most, error);
+    }
+  result.rmse = std::sqrt(result.rmse);
+  return result;
+}
+
+// Pictures in chunks of a few sizes against the exact one.
+void expect_exact(const Drawn& drawn, double rmse, double most) {
+  ReferenceOptions options;
+  if (drawn.surfaces) options.surface_depths = &*drawn.surfaces;
+  const auto exact = render_reference(drawn.view(), drawn.scene, options);
+  ASSERT_TRUE(exact) << exact.error().message;
+  double alpha = 0;
+  for (const vec4& pixel : exact->image.pixels) alpha = std::max<double>(alpha, pixel.a);
+  EXPECT_GT(alpha, 0.01) << "an empty picture tells nothing";
+  for (const std::size_t cells : {std::size_t{100000}, std::size_t{300}}) {
+    const Difference error = difference(draw(MeshSource(drawn.view(), cells), drawn.drawing()), exact->image);
+    EXPECT_LE(error.rmse, rmse) << "chunks of " << cells;
+    EXPECT_LE(error.most, most) << "chunks of " << cells;
+  }
+}
+
+double curved(dvec3 p) { return 0.5 + 0.4 * std::sin(5 * p.x + 2 * p.y) * std::cos(4 * p.z - p.y); }
+
+// Points move, so that no ray runs along a face.
+Mesh bent_box(std::uint32_t n, const Field& field = curved) {
+  Mesh mesh = make_box(n, field);
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> move(-0.2 / n, 0.2 / n);
+  for (dvec3& point : mesh.points) point += dvec3(move(random), move(random), move(random));
+  return mesh;
+}
+
+Scene colored_scene(double extinction, dvec3 eye = {2.3, 1.9, 3.1}) {
+  Scene scene = make_scene(extinction, 70, 61);
+  scene.transfer_function.colors = {{0, {0.1, 0.2, 0.9}}, {0.3, {0.9, 0.1, 0}}, {0.6, {0, 1, 0.3}}, {1, {1, 1, 0.5}}};
+  scene.transfer_function.densities = {{0, 0}, {0.2, extinction}, {0.5, 0.1 * extinction}, {1, 2 * extinction}};
+  look(scene, eye, {0.53, 0.31, 0.2});
+  return scene;
+}
+
+TEST(Cells, AreExactFromOutsideAndInside) {
+  const Mesh mesh = bent_box(8);
+  for (const double extinction : {0.5, 20.0, 1e3, 1e6, 1e12})
+    for (const dvec3 eye : {dvec3(2.3, 1.9, 3.1), dvec3(0.41, 0.63, 0.57), dvec3(0.5, 0.31, -0.01)})
+      for (const bool orthographic : {false, true}) {
+        SCOPED_TRACE(testing::Message() << extinction << " from " << eye.x << (orthographic ? " orthographic" : ""));
+        Drawn drawn{mesh, colored_scene(extinction, eye)};
+        drawn.scene.camera.vertical_fov_degrees = 60;
+        if (orthographic) make_orthographic(drawn.scene, 1.5);
+        expect_exact(drawn, 1e-5, 1e-3);
+      }
+}
+
+TEST(Cells, OfALatticeCountOnce) {  // rays run along faces and edges, values of knots lie on faces
+  const Mesh mesh = make_box(8, [](dvec3 p) { return p.x; });
+  for (const bool orthographic : {false, true}) {
+    Drawn drawn{mesh, colored_scene(3, {0.5, 0.5, 4})};
+    look(drawn.scene, {0.5, 0.5, 4}, {0.5, 0.5, 0.5});
+    drawn.scene.width = drawn.scene.height = 64;
+    if (orthographic) make_orthographic(drawn.scene, 1);
+    expect_exact(drawn, 1e-5, 1e-4);
+    look(drawn.scene, {4, 0.5, 0.5}, {0.5, 0.5, 0.5});
+    expect_exact(drawn, 1e-5, 1e-4);
+  }
+}
+
+TEST(Cells, ShowNarrowPeaks) {
+  const Mesh mesh = bent_box(6);
+  for (const double width : {1e-2, 1e-3, 1e-4, 1e-6, 1e-9}) {
+    SCOPED_TRACE(width);
+    Drawn drawn{mesh, colored_scene(1)};
+    drawn.scene.transfer_function.densities = {{0, 0}, {0.6 - width, 0}, {0.6, 0.4 / width}, {0.6 + width, 0}, {1, 0}};
+    expect_exact(drawn, 1e-4, 5e-3);
+  }
+}
+
+TEST(Cells, ShowFunctionsOfManyPiecesAndBentAxes) {
+  Drawn drawn{bent_box(6), colored_scene(4)};
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> any(0, 1);
+  auto& function = drawn.scene.transfer_function;
+  function.colors.clear();
+  function.densities.clear();
+  for (int i = 0; i <= 60; ++i) {
+    function.colors.push_back({i / 60.0, {any(random), any(random), any(random)}});
+    function.densities.push_back({i / 60.0, 10 * any(random)});
+  }
+  function.densities.insert(function.densities.begin() + 30, function.densities[30]);  // a jump
+  function.densities[30].extinction = 40;
+  expect_exact(drawn, 1e-5, 1e-3);
+  function.lo = 0.1;
+  function.axis = ValueAxis::log;
+  expect_exact(drawn, 2e-5, 1e-3);
+  function.axis = ValueAxis::asinh;
+  function.linear_width = 0.05;
+  expect_exact(drawn, 2e-5, 1e-3);
+}
+
+TEST(Cells, AreLitByTheirGradients) {
+  for (const dvec3 eye : {dvec3(2.3, 1.9, 3.1), dvec3(0.41, 0.63, 0.57)})
+    for (const bool orthographic : {false, true}) {
+      Drawn drawn{bent_box(6), colored_scene(4, eye)};
+      drawn.scene.camera.vertical_fov_degrees = 60;
+      drawn.scene.lighting = Lighting{0.2, 0.7};
+      if (orthographic) make_orthographic(drawn.scene, 1.5);
+      expect_exact(drawn, 1e-5, 1e-3);
+    }
+}
+
+TEST(Cells, HaveAnOpacityByAnotherAttribute) {
+  for (const double extinction : {4.0, 1e4})
+    for (const dvec3 eye : {dvec3(2.3, 1.9, 3.1), dvec3(0.41, 0.63, 0.57)})
+      for (const bool orthographic : {false, true}) {
+        Drawn drawn{bent_box(6), colored_scene(extinction, eye)};
+        drawn.scene.camera.vertical_fov_degrees = 60;
+        drawn.scene.lighting = Lighting{0.2, 0.7};
+        for (const dvec3& p : drawn.mesh.points) drawn.opacity_values.push_back(3 + std::cos(7 * p.x + 3 * p.z));
+        SceneOpacity opacity{"other", {}};
+        opacity.function.lo = 2, opacity.function.hi = 4;
+        opacity.function.colors = {{0, dvec3(1)}};
+        opacity.function.densities = {{0, 0}, {0.3, 0.2}, {0.6, 1}, {0.8, 0.1}};
+        drawn.scene.opacity = opacity;
+        if (orthographic) make_orthographic(drawn.scene, 1.5);
+        expect_exact(drawn, 2e-5, 2e-3);
+      }
+}
+
+TEST(Cells, AreCutByBoxesPlanesAndSurfaces) {
+  for (const bool orthographic : {false, true}) {
+    Drawn drawn{bent_box(6), colored_scene(4)};
+    if (orthographic) make_orthographic(drawn.scene, 1.5);
+    drawn.scene.clip_box = Box{{0.15, 0.2, 0.1}, {0.83, 0.77, 0.9}};
+    drawn.scene.clip_planes = {{{0.5, 0.5, 0.5}, {1, -0.6, 0.3}, true}};
+    expect_exact(drawn, 1e-5, 1e-3);
+    drawn.surfaces = SurfaceDepths{drawn.scene.width, drawn.scene.height, {}};
+    for (int i = 0; i < drawn.scene.width * drawn.scene.height; ++i)
+      drawn.surfaces->depths.push_back(i % 5 == 0 ? std::numeric_limits<float>::infinity()
+                                                  : 3.0F + 0.01F * static_cast<float>(i % 97));
+    drawn.surfaces->depths[7] = std::numeric_limits<float>::quiet_NaN();
+    drawn.surfaces->depths[8] = 0;
+    expect_exact(drawn, 1e-5, 1e-3);
+  }
+}
+
+TEST(Cells, OfOneValueEach) {
+  Drawn drawn{bent_box(5), colored_scene(4)};
+  drawn.constant = true;
+  drawn.mesh.values.clear();
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> any(0, 1);
+  for (std::size_t i = 0; i < drawn.mesh.tetrahedra.size(); ++i) drawn.mesh.values.push_back(any(random));
+  drawn.mesh.values[17] = std::numeric_limits<double>::quiet_NaN();
+  expect_exact(drawn, 1e-5, 1e-3);
+  drawn.scene.lighting = Lighting{0.2, 0.7};
+  expect_exact(drawn, 1e-5, 1e-3);
+}
+
+TEST(Cells, WithMissingFlatTurnedAndOverlappingOnes) {
+  Drawn drawn{make_box(2, curved), colored_scene(4)};
+  add_flat_cells(drawn.mesh);
+  drawn.mesh.values[4] = std::numeric_limits<double>::quiet_NaN();
+  for (std::size_t i = 0; i < drawn.mesh.tetrahedra.size(); i += 3)
+    std::swap(drawn.mesh.tetrahedra[i][0], drawn.mesh.tetrahedra[i][1]);
+  Mesh other = bent_box(3, [](dvec3 p) { return p.y; });
+  const auto begin = static_cast<std::uint32_t>(drawn.mesh.points.size());
+  for (const dvec3& point : other.points) drawn.mesh.points.push_back(point + dvec3(0.4, 0.1, 0.3));
+  drawn.mesh.values.insert(drawn.mesh.values.end(), other.values.begin(), other.values.end());
+  for (const auto& [a, b, c, d] : other.tetrahedra)
+    drawn.mesh.tetrahedra.push_back({begin + a, begin + b, begin + c, begin + d});
+  expect_exact(drawn, 1e-5, 1e-3);
+}
+
+TEST(Cells, FarAwaySmallAndThin) {
+  const auto with = [](const auto& move, double extinction, dvec3 eye, dvec3 at, double degrees) {
+    Drawn drawn{bent_box(8), colored_scene(extinction)};
+    for (dvec3& point : drawn.mesh.points) point = move(point);
+    look(drawn.scene, eye, at);
+    drawn.scene.camera.vertical_fov_degrees = degrees;
+    return drawn;
+  };
+  // UTM coordinates in metres, a body of 100 m.
+  const dvec3 utm(5e5, 5.4e6, 300);
+  expect_exact(with([&](dvec3 p) { return utm + 100.0 * p; }, 0.05, utm + dvec3(230, 190, 310), utm + dvec3(50), 30),
+               1e-5, 1e-3);
+  // A million sizes away.
+  expect_exact(with([](dvec3 p) { return p; }, 4, {1e6, 2e5, 3e5}, {0.5, 0.5, 0.5}, 8e-5), 1e-5, 1e-3);
+  // Layers: aspects of 1e4.
+  expect_exact(with([](dvec3 p) { return dvec3(p.x, p.y, 1e-3 * p.z); }, 100, {2.3, 1.9, 0.3}, {0.5, 0.5, 0}, 30), 1e-4,
+               2e-2);
+  // Nine decades of sizes.
+  expect_exact(
+      with([](dvec3 p) { return dvec3(std::pow(10, 9 * p.x - 9), p.y, p.z); }, 4, {2.3, 1.9, 3.1}, {0.5, 0.5, 0.5}, 30),
+      1e-4, 2e-2);
+}
+
+TEST(Cells, AreTheSameBitsForAnyThreadsMemoryAndOrder) {
+  Drawn drawn{bent_box(10), colored_scene(4, {0.5, 0.31, -0.3})};
+  drawn.scene.camera.vertical_fov_degrees = 60;
+  const std::size_t copies = drawn.mesh.tetrahedra.size() / 2;  // ties
+  for (std::size_t i = 0; i < copies; ++i) drawn.mesh.tetrahedra.push_back(drawn.mesh.tetrahedra[i]);
+  MeshSource source(drawn.view(), 200);
+  CellDrawing drawing = drawn.drawing();
+  const Image first = draw(source, drawing);
+  const auto expect_same = [&](const Image& image) {
+    ASSERT_EQ(image.pixels.size(), first.pixels.size());
+    EXPECT_EQ(std::memcmp(image.pixels.data(), first.pixels.data(), first.pixels.size() * sizeof(vec4)), 0);
+  };
+  for (const std::uint64_t memory : {std::uint64_t{1} << 12, std::uint64_t{1} << 18, std::uint64_t{1} << 34}) {
+    drawing.memory = memory;
+    expect_same(draw(source, drawing));
+  }
+  tbb::task_arena(1).execute([&] { expect_same(draw(source, drawing)); });
+  source.reverse();
+  expect_same(draw(source, drawing));
+}
+
+TEST(Cells, AreAlikeForAllInstructionSets) {
+  Drawn drawn{bent_box(6), colored_scene(4)};
+  drawn.scene.lighting = Lighting{0.2, 0.7};
+  const MeshSource source(drawn.view(), 1000);
+  const Image first = draw(source, drawn.drawing());
+  test::for_each_target([&] { EXPECT_LE(difference(draw(source, drawn.drawing()), first).most, 2e-6); });
+}
+
+TEST(Cells, OfNoSource) {
+  const Mesh empty;
+  const MeshSource source(empty.view(), 100);
+  const Drawn drawn{empty, colored_scene(1)};
+  for (const vec4& pixel : draw(source, drawn.drawing()).pixels) EXPECT_EQ(pixel, vec4(0));
+}
+
+}  // namespace
+}  // namespace splatvol
