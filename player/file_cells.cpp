@@ -119,28 +119,26 @@ double length_of_rays(const Box& box, const View& view) {
 
 }  // namespace
 
-FileCells::FileCells(std::shared_ptr<const format::Volume> volume, const View& view)
-    : volume_(std::move(volume)), view_(view) {}
-
-Result<std::unique_ptr<const FileCells>> FileCells::open(std::shared_ptr<const format::Volume> volume,
-                                                         const Scene& scene, const View& view, std::uint64_t memory) {
-  const format::VolumeInfo& info = volume->info();
-  const std::string& name = volume->name();
+Result<std::unique_ptr<const FileCells>> FileCells::open(const format::Volume& volume, const Scene& scene,
+                                                         const View& view, std::uint64_t memory) {
+  const format::VolumeInfo& info = volume.info();
   format::SummaryAttributes attributes;
-  SPLATVOL_TRY_SET(attributes.values, format::find_attribute(info, scene.attribute, name));
-  if (scene.opacity) SPLATVOL_TRY_SET(attributes.opacity, format::find_attribute(info, scene.opacity->attribute, name));
+  SPLATVOL_TRY_SET(attributes.values, format::find_attribute(info, scene.attribute, volume.name()));
+  if (scene.opacity)
+    SPLATVOL_TRY_SET(attributes.opacity, format::find_attribute(info, scene.opacity->attribute, volume.name()));
   std::unique_ptr<FileCells> cells(new FileCells(volume, view));
-  SPLATVOL_TRY_SET(cells->reader_, format::CellReader::open(*volume));
+  SPLATVOL_TRY_SET(cells->reader_, format::CellReader::open(volume));
   if (!cells->reader_)
     return fail(ErrorCode::invalid_argument,
-                "{}: it keeps no cells, and only these are drawn exactly: build it with svbuild --keep-cells", name);
+                "{}: it keeps no cells, and only these are drawn exactly: build it with svbuild --keep-cells",
+                volume.name());
   cells->points_ = std::make_unique<const CellPoints>(*cells->reader_, attributes, memory);
   SPLATVOL_TRY(cells->read_entries(scene, attributes));
   return cells;
 }
 
 Status FileCells::read_entries(const Scene& scene, const format::SummaryAttributes& attributes) {
-  const std::vector<format::Attribute>& all = volume_->info().attributes;
+  const std::vector<format::Attribute>& all = volume_.info().attributes;
   const format::Attribute* const opacity =
       attributes.opacity < 0 ? nullptr : &all[static_cast<std::size_t>(attributes.opacity)];
   const ValueVisibility visibility(transfer_of(scene), {all[static_cast<std::size_t>(attributes.values)], opacity});
@@ -166,17 +164,24 @@ Status FileCells::read_entries(const Scene& scene, const format::SummaryAttribut
   return {};
 }
 
-Status FileCells::read(const Chunk& chunk, DrawnCells& cells) const {
+Result<const DrawnCells*> FileCells::read(const Chunk& chunk, DrawnCells& scratch) const {
   const format::CellChunkEntry& entry = entries_[chunk.number];
   SPLATVOL_TRY_ASSIGN(kept, reader_->read_chunk(entry));
   const format::LocalCells local = format::number_corners(kept.corners);
-  cells.constant = entry.field == format::CellField::constant;
-  cells.tetrahedra.clear();
-  if (!cells.constant) {
-    format::for_each_tetrahedron(kept, local,
-                                 [&](const auto& corners) { cells.tetrahedra.push_back(sorted(corners)); });
-    return points_->read(local.ranks, &cells.points, cells.values, cells.opacity_values);
+  scratch.constant = entry.field == format::CellField::constant;
+  scratch.tetrahedra.clear();
+  if (scratch.constant) {
+    SPLATVOL_TRY(read_constant(kept, local, scratch));
+    return &scratch;
   }
+  format::for_each_tetrahedron(kept, local,
+                               [&](const auto& corners) { scratch.tetrahedra.push_back(sorted(corners)); });
+  SPLATVOL_TRY(points_->read(local.ranks, &scratch.points, scratch.values, scratch.opacity_values));
+  return &scratch;
+}
+
+Status FileCells::read_constant(const format::CellChunk& kept, const format::LocalCells& local,
+                                DrawnCells& cells) const {
   SPLATVOL_TRY(points_->read_vertices(local.ranks, cells.points));
   SPLATVOL_TRY(points_->read(kept.points, nullptr, cells.values, cells.opacity_values));
   std::vector<std::uint32_t> counts(kept.size());

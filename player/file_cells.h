@@ -20,13 +20,12 @@ class FileCells final : public CellSource {
  public:
   /// Reads the entries of chunks. Of a series, the cells have the values of the volume's step. `scene`: its attributes
   /// and functions count, and nothing else. `memory`: bytes to hold, besides the entries and one chunk for each thread.
-  /// Fails if the file keeps no cells.
-  [[nodiscard]] static Result<std::unique_ptr<const FileCells>> open(std::shared_ptr<const format::Volume> volume,
-                                                                     const Scene& scene, const View& view,
-                                                                     std::uint64_t memory);
+  /// The volume must outlive the cells. Fails if the file keeps none.
+  [[nodiscard]] static Result<std::unique_ptr<const FileCells>> open(const format::Volume& volume, const Scene& scene,
+                                                                     const View& view, std::uint64_t memory);
 
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
-  [[nodiscard]] Status read(const Chunk& chunk, DrawnCells& cells) const override;
+  [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override;
 
   /// Cells of shapes and fields that this program does not know. They are left out.
   [[nodiscard]] std::uint64_t unknown_cells() const { return unknown_cells_; }
@@ -36,10 +35,12 @@ class FileCells final : public CellSource {
   [[nodiscard]] double estimate_segments() const;
 
  private:
-  FileCells(std::shared_ptr<const format::Volume> volume, const View& view);
+  FileCells(const format::Volume& volume, const View& view) : volume_(volume), view_(view) {}
   [[nodiscard]] Status read_entries(const Scene& scene, const format::SummaryAttributes& attributes);
+  [[nodiscard]] Status read_constant(const format::CellChunk& kept, const format::LocalCells& local,
+                                     DrawnCells& cells) const;
 
-  std::shared_ptr<const format::Volume> volume_;
+  const format::Volume& volume_;
   View view_;
   std::unique_ptr<const format::CellReader> reader_;
   std::unique_ptr<const CellPoints> points_;

@@ -61,9 +61,9 @@ void add(const DrawnCells& cells, Tetrahedra& all) {
 
 Tetrahedra cells_of(const CellSource& source) {
   Tetrahedra all;
-  DrawnCells cells;
+  DrawnCells scratch;
   for (const CellSource::Chunk& chunk : source.chunks()) {
-    EXPECT_EQ(test::message_of(source.read(chunk, cells)), "");
+    const DrawnCells& cells = *test::value_of(source.read(chunk, scratch));
     add(cells, all);
     for (const dvec3& p : cells.points) EXPECT_EQ(squared_distance(chunk.box, p), 0);
   }
@@ -88,9 +88,9 @@ Tetrahedra cells_of(const Piece& piece) {
 
 // The exact picture of the cells of a source.
 ReferencePicture picture_of(const CellSource& source, const Scene& scene) {
-  DrawnCells all, cells;
+  DrawnCells all, scratch;
   for (const CellSource::Chunk& chunk : source.chunks()) {
-    EXPECT_EQ(test::message_of(source.read(chunk, cells)), "");
+    const DrawnCells& cells = *test::value_of(source.read(chunk, scratch));
     const auto first = static_cast<std::uint32_t>(all.points.size());
     for (auto corners : cells.tetrahedra) {
       for (std::uint32_t& corner : corners) corner += first;
@@ -100,8 +100,7 @@ ReferencePicture picture_of(const CellSource& source, const Scene& scene) {
     all.values.insert(all.values.end(), cells.values.begin(), cells.values.end());
     all.opacity_values.insert(all.opacity_values.end(), cells.opacity_values.begin(), cells.opacity_values.end());
   }
-  return test::value_of(
-      render_reference({all.points, all.values, all.tetrahedra, cells.constant, all.opacity_values}, scene));
+  return test::value_of(render_reference({all.points, all.values, all.tetrahedra, false, all.opacity_values}, scene));
 }
 
 class FileCellsOf : public test::FolderTest {
@@ -110,9 +109,9 @@ class FileCellsOf : public test::FolderTest {
     return test::value_of(format::Volume::open(*open_file(path(name))));
   }
 
-  [[nodiscard]] static std::unique_ptr<const FileCells> open(std::shared_ptr<const format::Volume> volume,
+  [[nodiscard]] static std::unique_ptr<const FileCells> open(const std::shared_ptr<const format::Volume>& volume,
                                                              const Scene& scene, std::uint64_t bytes = memory) {
-    return test::value_of(FileCells::open(std::move(volume), scene, make_view(scene).value(), bytes));
+    return test::value_of(FileCells::open(*volume, scene, make_view(scene).value(), bytes));
   }
 
   [[nodiscard]] static BuildOptions exact() {
@@ -200,7 +199,8 @@ TEST_F(FileCellsOf, EveryShape) {
   scene.camera.focal_point = {4, 3, 0};
   scene.transfer_function.lo = 0;
   scene.transfer_function.hi = 50;
-  const auto cells = open(open_volume("shapes.svol"), scene);
+  const auto kept = open_volume("shapes.svol");
+  const auto cells = open(kept, scene);
   EXPECT_EQ(cells->unknown_cells(), 0u);
   double volume = 0;
   for (const auto& tetrahedron : cells_of(*cells)) {
@@ -220,7 +220,8 @@ TEST_F(FileCellsOf, EveryShapeWithValuesOfItsOwn) {
   scene.camera.position = {4, 3, 30};
   scene.camera.focal_point = {4, 3, 0};
   std::map<double, double> volumes;
-  for (const auto& tetrahedron : cells_of(*open(open_volume("shapes.svol"), scene))) {
+  const auto kept = open_volume("shapes.svol");
+  for (const auto& tetrahedron : cells_of(*open(kept, scene))) {
     volumes[tetrahedron[0][3]] += volume_of(tetrahedron);
     EXPECT_EQ(tetrahedron[0][4], tetrahedron[0][3]);
   }
@@ -254,10 +255,11 @@ TEST_F(FileCellsOf, AMeshAreReadByThreadsOnce) {
   std::vector<std::thread> threads;
   for (std::size_t t = 0; t < found.size(); ++t)
     threads.emplace_back([&, t] {
-      DrawnCells cells;
+      DrawnCells scratch;
       for (std::size_t i = t; i < second->chunks().size(); i += found.size()) {
-        EXPECT_EQ(test::message_of(second->read(second->chunks()[i], cells)), "");
-        add(cells, found[t]);
+        const auto cells = second->read(second->chunks()[i], scratch);
+        ASSERT_EQ(test::message_of(cells), "");
+        add(**cells, found[t]);
       }
     });
   for (std::thread& thread : threads) thread.join();
@@ -354,7 +356,8 @@ TEST_F(FileCellsOf, UnknownShapesAreLeftOutAndCounted) {
   scene.camera.position = {4, 3, 30};
   scene.camera.focal_point = {4, 3, 0};
   scene.transfer_function.densities = {{0, 1.0}};
-  const auto cells = open(open_volume("newer.svol"), scene);
+  const auto newer = open_volume("newer.svol");
+  const auto cells = open(newer, scene);
   EXPECT_EQ(cells->unknown_cells(), 1u);
   double volume = 0;
   for (const auto& tetrahedron : cells_of(*cells)) volume += volume_of(tetrahedron);
@@ -364,11 +367,12 @@ TEST_F(FileCellsOf, UnknownShapesAreLeftOutAndCounted) {
 TEST_F(FileCellsOf, AFileWithoutCellsAreRefused) {
   test::build_mesh(
       test::lattice(4), [](dvec3 p) { return p.x; }, path("plain.svol"));
-  const auto refused = FileCells::open(open_volume("plain.svol"), scene_of_all(), make_view(scene_of_all()).value(), 0);
+  const auto plain = open_volume("plain.svol");
+  const auto refused = FileCells::open(*plain, scene_of_all(), make_view(scene_of_all()).value(), 0);
   EXPECT_THAT(test::message_of(refused), HasSubstr("svbuild --keep-cells"));
   Scene other = scene_of_all();
   other.attribute = "no such";
-  const auto unknown = FileCells::open(open_volume("plain.svol"), other, make_view(other).value(), 0);
+  const auto unknown = FileCells::open(*plain, other, make_view(other).value(), 0);
   EXPECT_THAT(test::message_of(unknown), HasSubstr("no such"));
 }
 
