@@ -423,8 +423,9 @@ std::vector<SlicePicture> Player::draw_slices(const View& view) const {
 }
 
 // The parts of the file and the pieces of rays that wait take half of the memory each.
-Status Player::draw_exact(const std::function<void(double)>& progress) {
+Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing) {
   const Call call(*this);
+  exact_.reset();
   const auto start = Clock::now();
   if (!view_.slices.empty())
     SPLATVOL_TRY(choose({.detail = {.tolerance_percent = 100.0 / std::min(view_.width, view_.height)}}));
@@ -442,15 +443,19 @@ Status Player::draw_exact(const std::function<void(double)>& progress) {
   const std::vector<SurfaceLayer>& layers = surface_layers_.layers;
   ExactPicture exact{0, cells->chunks().size(), cells->unknown_cells()};
   std::size_t done = 0;  // pictures
+  sample_spacing_ = layers.empty() && !surface_depths_ ? sample_spacing : 1;
   const auto draw_to = [&](const SurfaceDepths* surfaces) -> Result<Image> {
     CellDrawing drawing{.view = view_,
                         .transfer = transfer_of(scene_),
                         .lighting = scene_.lighting,
                         .surfaces = surfaces,
+                        .sample_spacing = sample_spacing_,
                         .memory = options_.memory / 2};
     const double share = 1 / std::max<double>(1, static_cast<double>(layers.size()));
     if (progress) drawing.progress = [&](double part) { progress((static_cast<double>(done) + part) * share); };
-    SPLATVOL_TRY_ASSIGN(picture, cell_rasterizer_.draw(*cells, drawing));
+    auto drawn = cell_rasterizer_.draw(*cells, drawing);
+    if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return fail_in(volume.name(), drawn.error());
+    SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
     exact.segments += picture.segments;
     ++done;
     return std::move(picture.image);

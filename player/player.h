@@ -188,8 +188,8 @@ class Player {
 
   /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. Values on slices
   /// are those of splats of about a pixel. Fails if the file keeps no cells. Calls `progress` with the share that is
-  /// done, in [0, 1].
-  [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {});
+  /// done, in [0, 1]. `sample_spacing`: pixels from one sample to the next; with surfaces 1.
+  [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 1);
 
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
   [[nodiscard]] Status draw_again(const DrawOptions& options = {});
