@@ -17,9 +17,9 @@ Box box_of(const double (&low)[3], const double (&high)[3]) {
   return {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
 }
 
-// Tetrahedra of a cell.
-std::size_t tetrahedra_of(const format::CellChunkEntry& entry) {
-  switch (entry.shape) {
+// Tetrahedra of a cell; about.
+std::size_t tetrahedra_of(format::CellShape shape) {
+  switch (shape) {
     case format::CellShape::tetrahedron:
       return 1;
     case format::CellShape::pyramid:
@@ -117,73 +117,69 @@ double length_of_rays(const Box& box, const View& view) {
   return sum * step.x * step.y;
 }
 
+// The bytes of all cells of a file, decoded: about.
+std::uint64_t decoded_bytes(const format::CellReader& cells) {
+  constexpr std::uint64_t of_tetrahedron = 32;  // with its share of the points
+  std::uint64_t tetrahedra = 0;
+  for (const format::CellKind& kind : cells.kinds()) tetrahedra += kind.cells * tetrahedra_of(kind.shape);
+  return tetrahedra * of_tetrahedron;
+}
+
 }  // namespace
 
-Result<std::unique_ptr<const FileCells>> FileCells::open(const format::Volume& volume, const Scene& scene,
-                                                         const View& view, std::uint64_t memory) {
+Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& volume, const Scene& scene,
+                                                         std::uint64_t memory) {
   const format::VolumeInfo& info = volume.info();
   format::SummaryAttributes attributes;
   SPLATVOL_TRY_SET(attributes.values, format::find_attribute(info, scene.attribute, volume.name()));
   if (scene.opacity)
     SPLATVOL_TRY_SET(attributes.opacity, format::find_attribute(info, scene.opacity->attribute, volume.name()));
-  std::unique_ptr<FileCells> cells(new FileCells(volume, view));
-  SPLATVOL_TRY_SET(cells->reader_, format::CellReader::open(volume));
-  if (!cells->reader_)
+  SPLATVOL_TRY_ASSIGN(reader, format::CellReader::open(volume));
+  if (!reader)
     return fail(ErrorCode::invalid_argument,
                 "{}: it keeps no cells, and only these are drawn exactly: build it with svbuild --keep-cells",
                 volume.name());
-  cells->points_ = std::make_unique<const CellPoints>(*cells->reader_, attributes, memory);
-  SPLATVOL_TRY(cells->read_entries(scene, attributes));
-  return cells;
+  return std::shared_ptr<const KeptCells>(new KeptCells(std::move(reader), attributes, memory));
 }
 
-Status FileCells::read_entries(const Scene& scene, const format::SummaryAttributes& attributes) {
-  const std::vector<format::Attribute>& all = volume_.info().attributes;
-  const format::Attribute* const opacity =
-      attributes.opacity < 0 ? nullptr : &all[static_cast<std::size_t>(attributes.opacity)];
-  const ValueVisibility visibility(transfer_of(scene), {all[static_cast<std::size_t>(attributes.values)], opacity});
-  const Frustum frustum(view_, 0);
-  for (const format::CellKind& kind : reader_->kinds())
-    if (!format::is_known(kind.shape, kind.field)) unknown_cells_ += kind.cells;
-  for (std::size_t number = 0; number < reader_->pages().size(); ++number) {
-    const format::CellPageRef& ref = reader_->pages()[number];
-    if (!frustum.touches(box_of(ref.low, ref.high))) continue;
-    SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY_ASSIGN(page, reader_->read_page(number, attributes));
-    for (std::size_t i = 0; i < page.chunks.size(); ++i) {
-      const format::CellChunkEntry& entry = page.chunks[i];
-      const Box box = box_of(entry.low, entry.high);
-      if (!format::is_known(entry.shape, entry.field) || !frustum.touches(box) ||
-          !visibility.shows({page.summaries[i], opacity ? &page.opacity_summaries[i] : nullptr}))
-        continue;
-      const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry);
-      chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
-      entries_.push_back(entry);
-    }
-  }
-  return {};
-}
+// Points take less memory than the cells. So half of it has room for them if it has for all cells.
+KeptCells::KeptCells(std::unique_ptr<const format::CellReader> reader, const format::SummaryAttributes& attributes,
+                     std::uint64_t memory)
+    : reader_(std::move(reader)),
+      attributes_(attributes),
+      holds_all_(decoded_bytes(*reader_) <= memory / 2),
+      points_(*reader_, attributes, holds_all_ ? memory / 2 : memory),
+      chunks_(memory) {}
 
-Result<const DrawnCells*> FileCells::read(const Chunk& chunk, DrawnCells& scratch) const {
-  const format::CellChunkEntry& entry = entries_[chunk.number];
-  SPLATVOL_TRY_ASSIGN(kept, reader_->read_chunk(entry));
-  const format::LocalCells local = format::number_corners(kept.corners);
-  scratch.constant = entry.field == format::CellField::constant;
-  scratch.tetrahedra.clear();
-  if (scratch.constant) {
-    SPLATVOL_TRY(read_constant(kept, local, scratch));
+Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, DrawnCells& scratch) const {
+  if (!holds_all_) {
+    SPLATVOL_TRY(decode(entry, scratch));
     return &scratch;
   }
-  format::for_each_tetrahedron(kept, local,
-                               [&](const auto& corners) { scratch.tetrahedra.push_back(sorted(corners)); });
-  SPLATVOL_TRY(points_->read(local.ranks, &scratch.points, scratch.values, scratch.opacity_values));
-  return &scratch;
+  const auto read = [&]() -> Result<DrawnCells> {
+    DrawnCells cells;
+    SPLATVOL_TRY(decode(entry, cells));
+    return cells;
+  };
+  SPLATVOL_TRY_ASSIGN(cells, chunks_.get<DrawnCells>({0, entry.offset}, 0, read));  // 0 bytes: it stays
+  return cells.get();
 }
 
-Status FileCells::read_constant(const format::CellChunk& kept, const format::LocalCells& local,
-                                DrawnCells& cells) const {
-  SPLATVOL_TRY(points_->read_vertices(local.ranks, cells.points));
-  SPLATVOL_TRY(points_->read(kept.points, nullptr, cells.values, cells.opacity_values));
+Status KeptCells::decode(const format::CellChunkEntry& entry, DrawnCells& cells) const {
+  SPLATVOL_TRY_ASSIGN(kept, reader_->read_chunk(entry));
+  const format::LocalCells local = format::number_corners(kept.corners);
+  cells.constant = entry.field == format::CellField::constant;
+  cells.tetrahedra.clear();
+  cells.tetrahedra.reserve(kept.size() * tetrahedra_of(entry.shape));
+  if (cells.constant) return decode_constant(kept, local, cells);
+  format::for_each_tetrahedron(kept, local, [&](const auto& corners) { cells.tetrahedra.push_back(sorted(corners)); });
+  return points_.read(local.ranks, &cells.points, cells.values, cells.opacity_values);
+}
+
+Status KeptCells::decode_constant(const format::CellChunk& kept, const format::LocalCells& local,
+                                  DrawnCells& cells) const {
+  SPLATVOL_TRY(points_.read_vertices(local.ranks, cells.points));
+  SPLATVOL_TRY(points_.read(kept.points, nullptr, cells.values, cells.opacity_values));
   std::vector<std::uint32_t> counts(kept.size());
   for (std::size_t cell = 0; cell < kept.size(); ++cell) {
     const std::uint32_t* const corners = local.corners.data() + kept.begin_of(cell);
@@ -194,6 +190,47 @@ Status FileCells::read_constant(const format::CellChunk& kept, const format::Loc
   }
   spread(counts, cells.values);
   spread(counts, cells.opacity_values);
+  return {};
+}
+
+Result<std::unique_ptr<const FileCells>> FileCells::open(std::shared_ptr<const KeptCells> kept, const Scene& scene,
+                                                         const View& view) {
+  std::unique_ptr<FileCells> cells(new FileCells(std::move(kept), view));
+  SPLATVOL_TRY(cells->read_entries(scene));
+  return cells;
+}
+
+std::uint64_t FileCells::unknown_cells() const {
+  std::uint64_t unknown = 0;
+  for (const format::CellKind& kind : kept_->reader().kinds())
+    if (!format::is_known(kind.shape, kind.field)) unknown += kind.cells;
+  return unknown;
+}
+
+Status FileCells::read_entries(const Scene& scene) {
+  const format::CellReader& reader = kept_->reader();
+  const format::SummaryAttributes& attributes = kept_->attributes();
+  const std::vector<format::Attribute>& all = reader.volume().info().attributes;
+  const format::Attribute* const opacity =
+      attributes.opacity < 0 ? nullptr : &all[static_cast<std::size_t>(attributes.opacity)];
+  const ValueVisibility visibility(transfer_of(scene), {all[static_cast<std::size_t>(attributes.values)], opacity});
+  const Frustum frustum(view_, 0);
+  for (std::size_t number = 0; number < reader.pages().size(); ++number) {
+    const format::CellPageRef& ref = reader.pages()[number];
+    if (!frustum.touches(box_of(ref.low, ref.high))) continue;
+    SPLATVOL_TRY(check_interruption());
+    SPLATVOL_TRY_ASSIGN(page, reader.read_page(number, attributes));
+    for (std::size_t i = 0; i < page.chunks.size(); ++i) {
+      const format::CellChunkEntry& entry = page.chunks[i];
+      const Box box = box_of(entry.low, entry.high);
+      if (!format::is_known(entry.shape, entry.field) || !frustum.touches(box) ||
+          !visibility.shows({page.summaries[i], opacity ? &page.opacity_summaries[i] : nullptr}))
+        continue;
+      const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
+      chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
+      entries_.push_back(entry);
+    }
+  }
   return {};
 }
 

@@ -202,6 +202,7 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
     if (streamer_) streamer->share_shapes(*streamer_);
     frame_ = nullptr;
     is_lost_ = false;
+    kept_cells_.reset();
     streamer_ = std::move(streamer);
   }
   if (other) {
@@ -261,6 +262,7 @@ Status Player::change_step(std::size_t step) {
     SPLATVOL_TRY(read_boundary_of(*volume));
   }
   is_lost_ = true;
+  kept_cells_.reset();
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
   is_lost_ = false;
   return {};
@@ -431,7 +433,8 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
     SPLATVOL_TRY(choose({.detail = {.tolerance_percent = 100.0 / std::min(view_.width, view_.height)}}));
   if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
   const format::Volume& volume = streamer_->volume();
-  SPLATVOL_TRY_ASSIGN(cells, FileCells::open(volume, scene_, view_, options_.memory / 2));
+  if (!kept_cells_) SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(volume, scene_, options_.memory / 2));
+  SPLATVOL_TRY_ASSIGN(cells, FileCells::open(kept_cells_, scene_, view_));
   times_ = {seconds_since(start), 0, {}, 0, 0};
 
   const auto surfaces_start = Clock::now();

@@ -27,6 +27,7 @@
 
 namespace splatvol {
 
+class KeptCells;
 class StepAhead;
 
 struct PlayerOptions {
@@ -269,6 +270,7 @@ class Player {
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> rasterizer_;
   CellRasterizer cell_rasterizer_;
+  std::shared_ptr<const KeptCells> kept_cells_;          // of the streamer's volume; null: none was needed yet
   std::shared_ptr<const SurfaceDepths> surface_depths_;  // of another program
   std::vector<Surface> surfaces_;                        // of the scene
   SurfaceLayers surface_layers_;                         // of the last picture with surfaces or slices

@@ -111,7 +111,8 @@ class FileCellsOf : public test::FolderTest {
 
   [[nodiscard]] static std::unique_ptr<const FileCells> open(const std::shared_ptr<const format::Volume>& volume,
                                                              const Scene& scene, std::uint64_t bytes = memory) {
-    return test::value_of(FileCells::open(*volume, scene, make_view(scene).value(), bytes));
+    const auto kept = test::value_of(KeptCells::open(*volume, scene, bytes));
+    return test::value_of(FileCells::open(kept, scene, make_view(scene).value()));
   }
 
   [[nodiscard]] static BuildOptions exact() {
@@ -368,11 +369,11 @@ TEST_F(FileCellsOf, AFileWithoutCellsAreRefused) {
   test::build_mesh(
       test::lattice(4), [](dvec3 p) { return p.x; }, path("plain.svol"));
   const auto plain = open_volume("plain.svol");
-  const auto refused = FileCells::open(*plain, scene_of_all(), make_view(scene_of_all()).value(), 0);
+  const auto refused = KeptCells::open(*plain, scene_of_all(), 0);
   EXPECT_THAT(test::message_of(refused), HasSubstr("svbuild --keep-cells"));
   Scene other = scene_of_all();
   other.attribute = "no such";
-  const auto unknown = FileCells::open(*plain, other, make_view(other).value(), 0);
+  const auto unknown = KeptCells::open(*plain, other, 0);
   EXPECT_THAT(test::message_of(unknown), HasSubstr("no such"));
 }
 
