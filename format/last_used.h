@@ -1,4 +1,4 @@
-// Parts of a file that were used last. Internal to format.
+// Parts of a file that were used last.
 #pragma once
 
 #include <cstdint>

@@ -17,7 +17,7 @@ double seconds_now() {
 
 Status check(const Quality& quality) {
   const int numbers = quality.max_error.has_value() + quality.max_splats.has_value() +
-                      quality.tolerance_percent.has_value() + quality.resolution.has_value();
+                      quality.tolerance_percent.has_value() + quality.resolution.has_value() + (quality.exact ? 1 : 0);
   if (numbers > 1) return fail(ErrorCode::invalid_argument, "a quality has one number, not {}", numbers);
   if (quality.max_error && !(*quality.max_error > 0 && std::isfinite(*quality.max_error)))
     return fail(ErrorCode::invalid_argument, "an error of {}: take one above 0", *quality.max_error);
@@ -69,16 +69,33 @@ Status RendererCore::take_statistics(double start, const Status& drawn, std::opt
                  .bytes_held = read.bytes_resident_peak,
                  .seconds = seconds_now() - start,
                  .unreadable = frame.progress.errors};
-  if (const auto left_out = player_->left_out()) {
-    statistics_.is_complete = false;
-    statistics_.unreadable.push_back(*left_out);
-  }
+  add_left_out();
+  return {};
+}
+
+void RendererCore::add_left_out() {
+  const auto left_out = player_->left_out();
+  if (!left_out) return;
+  statistics_.is_complete = false;
+  statistics_.unreadable.push_back(*left_out);
+}
+
+Status RendererCore::draw_exact() {
+  const double start = seconds_now();
+  if (player_->options().in_current_context)
+    return fail(ErrorCode::invalid_argument, "OpenGL draws no exact pictures: take a Renderer, or draw splats");
+  SPLATVOL_TRY(player_->draw_exact());
+  statistics_ = {};
+  statistics_.bytes_read = player_->streamer().volume().bytes_read();
+  statistics_.seconds = seconds_now() - start;
+  add_left_out();
   return {};
 }
 
 Status RendererCore::draw(const Quality& quality) {
   const double start = seconds_now();
   SPLATVOL_TRY(check(quality));
+  if (quality.exact) return draw_exact();
   const DetailOptions detail = detail_of(quality, player_->info().point_count());
   const bool compares = detail.goal && detail.goal->max_error > 0;
   if (!compares) return take_statistics(start, player_->draw_frame({.detail = detail}));
@@ -94,6 +111,9 @@ Status RendererCore::draw_within(double seconds) {
 Status RendererCore::draw_now(double wait_seconds, const Quality& quality) {
   const double start = seconds_now();
   SPLATVOL_TRY(check(quality));
+  if (quality.exact)
+    return fail(ErrorCode::invalid_argument,
+                "an exact picture has no frames on the way to it: render the complete one");
   const DetailOptions detail = detail_of(quality, player_->info().point_count());
   return take_statistics(start, player_->draw_frame({.detail = detail, .wait_seconds = std::max(0.0, wait_seconds)}));
 }

@@ -31,6 +31,8 @@ class RendererCore {
  private:
   explicit RendererCore(std::unique_ptr<Player> player) : player_(std::move(player)) {}
   [[nodiscard]] Status take_statistics(double start, const Status& drawn, std::optional<double> error = std::nullopt);
+  [[nodiscard]] Status draw_exact();
+  void add_left_out();
 
   std::unique_ptr<Player> player_;
   RenderStatistics statistics_;

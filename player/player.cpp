@@ -9,6 +9,7 @@
 
 #include "base/http_source.h"
 #include "base/interruption.h"
+#include "player/file_cells.h"
 #include "player/sampling.h"
 #include "player/scene_surfaces.h"
 #include "player/step_ahead.h"
@@ -201,6 +202,7 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
     if (streamer_) streamer->share_shapes(*streamer_);
     frame_ = nullptr;
     is_lost_ = false;
+    kept_cells_.reset();
     streamer_ = std::move(streamer);
   }
   if (other) {
@@ -260,6 +262,7 @@ Status Player::change_step(std::size_t step) {
     SPLATVOL_TRY(read_boundary_of(*volume));
   }
   is_lost_ = true;
+  kept_cells_.reset();
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
   is_lost_ = false;
   return {};
@@ -342,6 +345,7 @@ Status Player::draw(const DrawOptions& options) {
   if (!frame_) return fail(ErrorCode::invalid_argument, "{}: no splats are chosen to be drawn", steps_.name());
   const auto start = Clock::now();
   const double chosen_in = times_.frame;
+  exact_.reset();
   SPLATVOL_TRY(set_draw_list());
   const double set_seconds = seconds_since(start);
   const View view = view_now();
@@ -365,10 +369,8 @@ Result<FrameTimes> Player::draw_volume(const View& view) {
   return times;
 }
 
-// Draws the volume in front of each layer of surfaces, and joins all.
-Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
-  const auto start = Clock::now();
-  double volume_seconds = 0;
+// Finds the layers of surfaces and slices.
+void Player::lay_surfaces(const View& view) {
   if (!view.slices.empty()) {
     surface_layers_ = draw_surfaces(surfaces_, draw_slices(view), view);
     surfaces_view_.reset();
@@ -376,6 +378,13 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
     surface_layers_ = draw_surfaces(surfaces_, {}, view);
     surfaces_view_ = view;
   }
+}
+
+// Draws the volume in front of each layer of surfaces, and joins all.
+Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
+  const auto start = Clock::now();
+  double volume_seconds = 0;
+  lay_surfaces(view);
   times_.surfaces = seconds_since(start);
   if (surface_layers_.layers.empty()) return draw_volume(view);
   picture_.reset();
@@ -413,6 +422,61 @@ std::vector<SlicePicture> Player::draw_slices(const View& view) const {
     pictures.push_back(color_slice(view, slice, std::move(depths), values, scene_.transfer_function));
   }
   return pictures;
+}
+
+// The parts of the file and the pieces of rays that wait take half of the memory each.
+Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing) {
+  const Call call(*this);
+  exact_.reset();
+  const auto start = Clock::now();
+  if (!view_.slices.empty())
+    SPLATVOL_TRY(choose({.detail = {.tolerance_percent = 100.0 / std::min(view_.width, view_.height)}}));
+  if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
+  const format::Volume& volume = streamer_->volume();
+  if (!kept_cells_) SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(volume, scene_, options_.memory / 2));
+  SPLATVOL_TRY_ASSIGN(cells, FileCells::open(kept_cells_, scene_, view_));
+  times_ = {seconds_since(start), 0, {}, 0, 0};
+
+  const auto surfaces_start = Clock::now();
+  lay_surfaces(view_);
+  frame_ = nullptr;
+  times_.surfaces = seconds_since(surfaces_start);
+
+  const auto draw_start = Clock::now();
+  const std::vector<SurfaceLayer>& layers = surface_layers_.layers;
+  ExactPicture exact{0, cells->chunks().size(), cells->unknown_cells()};
+  std::size_t done = 0;  // pictures
+  sample_spacing_ = layers.empty() && !surface_depths_ ? sample_spacing : 1;
+  const auto draw_to = [&](const SurfaceDepths* surfaces) -> Result<Image> {
+    CellDrawing drawing{.view = view_,
+                        .transfer = transfer_of(scene_),
+                        .lighting = scene_.lighting,
+                        .surfaces = surfaces,
+                        .sample_spacing = sample_spacing_,
+                        .memory = options_.memory / 2};
+    const double share = 1 / std::max<double>(1, static_cast<double>(layers.size()));
+    if (progress) drawing.progress = [&](double part) { progress((static_cast<double>(done) + part) * share); };
+    auto drawn = cell_rasterizer_.draw(*cells, drawing);
+    if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return fail_in(volume.name(), drawn.error());
+    SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
+    exact.segments += picture.segments;
+    ++done;
+    return std::move(picture.image);
+  };
+  if (layers.empty()) {
+    SPLATVOL_TRY_SET(picture_, draw_to(surface_depths_.get()));
+  } else {
+    SurfaceComposite composite;
+    for (const SurfaceLayer& layer : layers) {
+      SPLATVOL_TRY_ASSIGN(in_front, draw_to(&layer.depths));
+      composite.add(in_front, layer);
+    }
+    picture_ = composite.finish();
+  }
+  exact_ = exact;
+  times_.draw.draw = seconds_since(draw_start);
+  times_.frame = seconds_since(start);
+  return {};
 }
 
 Result<Image> Player::image() const {

@@ -16,6 +16,7 @@
 #include "format/steps.h"
 #include "player/error_control.h"
 #include "player/frame_pacer.h"
+#include "renderer/cpu/cells.h"
 #include "renderer/device/device.h"
 #include "renderer/rasterizer.h"
 #include "renderer/surfaces/draw_surfaces.h"
@@ -26,6 +27,7 @@
 
 namespace splatvol {
 
+class KeptCells;
 class StepAhead;
 
 struct PlayerOptions {
@@ -70,6 +72,13 @@ struct PlayerTimes {
   FrameTimes draw;
   double frame = 0;     // all of it
   double surfaces = 0;  // of it, for surfaces and slices: fewer splats would hardly change it
+};
+
+/// An exact picture of the cells that a file keeps.
+struct ExactPicture {
+  std::uint64_t segments = 0;       // pieces of rays in a tetrahedron with a visible value
+  std::uint64_t chunks = 0;         // of cells, that are in the view and may be visible
+  std::uint64_t unknown_cells = 0;  // of shapes that this program does not know: they are left out
 };
 
 /// What comparing pictures found out (ErrorControl).
@@ -178,6 +187,11 @@ class Player {
   /// `seconds` is finite and above 0.
   [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds, const DrawOptions& options = {});
 
+  /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. Values on slices
+  /// are those of splats of about a pixel. Fails if the file keeps no cells. Calls `progress` with the share that is
+  /// done, in [0, 1]. `sample_spacing`: pixels from one sample to the next; with surfaces 1.
+  [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 1);
+
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
   [[nodiscard]] Status draw_again(const DrawOptions& options = {});
 
@@ -188,8 +202,11 @@ class Player {
   /// second besides the time of a frame. Does nothing to later calls. Thread-safe.
   void cancel();
 
-  /// Returns the splats of the last frame. Null before the first, and after a call that failed.
+  /// Returns the splats of the last frame. Null before the first, after a call that failed, and after an exact picture.
   [[nodiscard]] const FrameSplats* frame() const { return frame_; }
+
+  /// Returns what is known of the last picture if it is exact; else nothing.
+  [[nodiscard]] const std::optional<ExactPicture>& exact() const { return exact_; }
 
   /// Returns the request of the last frame.
   [[nodiscard]] const FrameRequest& request() const { return request_; }
@@ -200,10 +217,11 @@ class Player {
   [[nodiscard]] int sample_spacing() const { return sample_spacing_; }
   [[nodiscard]] const PlayerTimes& times() const { return times_; }
 
-  /// Returns the picture of the last `draw` with its surfaces and slices, in linear premultiplied RGBA.
+  /// Returns the picture of the last `draw` or `draw_exact` with its surfaces and slices, in linear premultiplied RGBA.
   [[nodiscard]] Result<Image> image() const;
 
-  /// Whether surfaces or slices were in the last picture. Then the rasterizer has only a part of it.
+  /// Whether surfaces or slices were in the last picture, or it is exact. Then the rasterizer has only a part of it, or
+  /// nothing.
   [[nodiscard]] bool has_drawn_surfaces() const { return picture_.has_value(); }
 
   /// Whether layers of translucent surfaces were joined in the last picture (draw_surfaces).
@@ -237,6 +255,7 @@ class Player {
   [[nodiscard]] Status set_draw_list();
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
+  void lay_surfaces(const View& view);
   [[nodiscard]] bool shows_surfaces() const;
   [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;
 
@@ -250,13 +269,16 @@ class Player {
   bool is_lost_ = false;    // the streamer has no step; only to be opened again
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> rasterizer_;
+  CellRasterizer cell_rasterizer_;
+  std::shared_ptr<const KeptCells> kept_cells_;          // of the streamer's volume; null: none was needed yet
   std::shared_ptr<const SurfaceDepths> surface_depths_;  // of another program
   std::vector<Surface> surfaces_;                        // of the scene
   SurfaceLayers surface_layers_;                         // of the last picture with surfaces or slices
   std::optional<View> surfaces_view_;                    // shows the layers; none: they are to be drawn
-  std::optional<Image> picture_;                         // the last one, if surfaces were in it
+  std::optional<Image> picture_;                         // the last one, if surfaces were in it or it is exact
   std::uint64_t room_ = 0;                               // splats that the device took, as far as is known
   const FrameSplats* frame_ = nullptr;
+  std::optional<ExactPicture> exact_;
   FrameRequest request_;
   SortMode sort_ = SortMode::exact;
   Compositing compositing_ = Compositing::splats;

@@ -13,6 +13,23 @@ json lighting_of(const Scene& scene) {
   return {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
 }
 
+json statistics_of_exact(const Player& player) {
+  const Scene& scene = player.scene();
+  const format::Volume& volume = player.streamer().volume();
+  return {{"file", volume.name()},
+          {"attribute", scene.attribute},
+          {"width", scene.width},
+          {"height", scene.height},
+          {"exact", true},
+          {"lighting", lighting_of(scene)},
+          {"sample_spacing", player.sample_spacing()},
+          {"segments", player.exact()->segments},
+          {"chunks", player.exact()->chunks},
+          {"unknown_cells", player.exact()->unknown_cells},
+          {"file_bytes", volume.file_bytes()},
+          {"bytes_read", volume.bytes_read()}};
+}
+
 }  // namespace
 
 std::string_view name_of(KernelKind kernel) { return kernel == KernelKind::octant ? "octant" : "moments"; }
@@ -25,6 +42,7 @@ std::string_view name_of(SortMode sort) {
 std::string_view name_of(Compositing compositing) { return compositing == Compositing::slabs ? "slabs" : "splats"; }
 
 json statistics_of(const Player& player) {
+  if (player.exact()) return statistics_of_exact(player);
   const FrameSplats& frame = *player.frame();
   const Scene& scene = player.scene();
   const StreamerStatistics statistics = player.streamer().statistics();

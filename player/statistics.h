@@ -13,7 +13,8 @@ namespace splatvol {
 [[nodiscard]] std::string_view name_of(SortMode sort);
 [[nodiscard]] std::string_view name_of(Compositing compositing);
 
-/// Returns the statistics of the last frame, as `svrender --stats` writes them. Requires a frame.
+/// Returns the statistics of the last frame, as `svrender --stats` writes them. Requires a frame, or an
+/// exact picture.
 [[nodiscard]] nlohmann::ordered_json statistics_of(const Player& player);
 
 /// Returns those of a search for an error.

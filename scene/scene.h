@@ -25,7 +25,8 @@ class JsonField;
 struct SceneUse {
   std::string file = {};                 // path or address of the volume; empty: not told
   std::optional<std::size_t> step = {};  // of a time series
-  std::optional<double> max_error = {};  // at most one of both
+  bool exact = false;                    // at most one of these three
+  std::optional<double> max_error = {};
   std::optional<double> tolerance = {};  // percent
   std::string kernel = {};               // "moments" or "octant"; empty: not told
 

@@ -289,9 +289,9 @@ Result<Box> read_clip_box(const JsonField& field) {
 
 Result<Scene> read_scene(const JsonField& field) {
   if (!field.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
-  SPLATVOL_TRY(field.check_names({"file", "step", "max_error", "tolerance", "kernel", "camera", "image", "background",
-                                  "attribute", "transfer_function", "clip_box", "lighting", "outline", "surfaces",
-                                  "slices", "clip_planes", "scalar_bar", "opacity"}));
+  SPLATVOL_TRY(field.check_names({"file", "step", "exact", "max_error", "tolerance", "kernel", "camera", "image",
+                                  "background", "attribute", "transfer_function", "clip_box", "lighting", "outline",
+                                  "surfaces", "slices", "clip_planes", "scalar_bar", "opacity"}));
   Scene scene;
   SPLATVOL_TRY_SET(scene.camera, read_camera(field.member("camera")));
   SPLATVOL_TRY(read_size(field.member("image"), scene));
@@ -321,12 +321,15 @@ Result<SceneUse> read_use(const JsonField& field) {
     if (step != std::floor(step) || step < 0 || step > most_steps) return step_field.wrong("not a whole number from 0");
     use.step = static_cast<std::size_t>(step);
   }
+  SPLATVOL_TRY(read_truth(field.member("exact"), use.exact));
   if (field.has("max_error")) SPLATVOL_TRY_SET(use.max_error, positive(field.member("max_error")));
   if (const JsonField tolerance = field.member("tolerance"); tolerance.exists()) {
     SPLATVOL_TRY_SET(use.tolerance, number(tolerance));
     if (use.tolerance < 0 || use.tolerance > 100) return tolerance.wrong("{} is outside [0, 100]", *use.tolerance);
     if (use.max_error) return tolerance.wrong("give max_error or tolerance, not both");
   }
+  if (use.exact && (use.max_error || use.tolerance))
+    return field.member("exact").wrong("give exact, max_error or tolerance, only one of them");
   if (const JsonField kernel = field.member("kernel"); kernel.exists()) {
     SPLATVOL_TRY_SET(use.kernel, kernel.text());
     if (use.kernel != "moments" && use.kernel != "octant")
@@ -411,6 +414,7 @@ std::string to_json(const UsedScene& used, int indent) {
   nlohmann::ordered_json document;
   if (!use.file.empty()) document["file"] = use.file;
   if (use.step) document["step"] = *use.step;
+  if (use.exact) document["exact"] = true;
   if (use.max_error) document["max_error"] = *use.max_error;
   if (use.tolerance) document["tolerance"] = *use.tolerance;
   if (!use.kernel.empty()) document["kernel"] = use.kernel;

@@ -65,6 +65,15 @@ bool Frustum::touches(const Cube& cube, double reach) const {
   return std::ranges::all_of(sides_, [&](const Side& side) { return farthest(side, cube) + reach > 0; });
 }
 
+bool Frustum::touches(const Box& box) const {
+  if (view_.clip.excludes(box)) return false;
+  const dvec3 low = box.low - view_.eye, high = box.high - view_.eye;
+  return std::ranges::all_of(sides_, [&](const Side& side) {
+    const dvec3 farthest = glm::max(side.normal * low, side.normal * high);
+    return side.offset + farthest.x + farthest.y + farthest.z >= 0;
+  });
+}
+
 double Frustum::nearest_depth(const Cube& cube) const { return -farthest({-view_.forward, 0}, cube); }
 
 double Frustum::covered_percent(double length, double depth) const {

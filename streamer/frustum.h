@@ -27,6 +27,9 @@ class Frustum {
   /// Whether a ball of radius `reach` round any point of the cube may touch the frustum. Never wrongly false.
   [[nodiscard]] bool touches(const Cube& cube, double reach) const;
 
+  /// Whether any point of a box, which may be flat, may be in the frustum. Never wrongly false.
+  [[nodiscard]] bool touches(const Box& box) const;
+
   /// Returns the least view depth of the cube; 0 or less if the cube reaches the eye's plane.
   [[nodiscard]] double nearest_depth(const Cube& cube) const;
 

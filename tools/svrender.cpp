@@ -49,7 +49,8 @@ Status warn_if_empty(const RenderOptions& options, const Player& player, const I
   EmptyReason why = why_empty(player.view(), transfer_of(player.scene()), player.streamer().shown_attributes(), bounds);
   if (!why) {
     SPLATVOL_TRY_ASSIGN(without_material, why_without_material(player.streamer().volume()));
-    why = without_material ? without_material : why_empty_in_view(player.frame()->splats > 0);
+    const bool draws = player.exact() ? player.exact()->chunks > 0 : player.frame()->splats > 0;
+    why = without_material ? without_material : why_empty_in_view(draws);
   }
   fmt::print(stderr, "svrender: {} shows nothing: {}; {}\n", options.written(), why.reason, why.remedy);
   return {};
@@ -63,6 +64,11 @@ Status use_scene(RenderOptions& options) {
   if (!options.kernel && !use.kernel.empty()) options.kernel = use.kernel;
   if (!options.step.step && !options.step.time && options.steps.empty()) options.step.step = use.step;
   if (options.tells_detail) return {};
+  if (use.exact) {
+    options.exact = true;
+    options.max_error.reset();
+    options.grows = false;
+  }
   if (use.max_error) options.max_error = use.max_error;
   if (use.tolerance) {
     options.max_error.reset();
@@ -72,9 +78,26 @@ Status use_scene(RenderOptions& options) {
   return {};
 }
 
+// An exact picture has no splats. So options that say how to draw splats would do nothing.
+Status check_exact(const RenderOptions& options) {
+  if (!options.exact) return {};
+  const auto refuse = [](std::string_view option, std::string_view reason) {
+    return fail(ErrorCode::invalid_argument, "{}: an exact picture {}: leave it out, or draw splats without --exact",
+                option, reason);
+  };
+  if (options.kernel == "octant") return refuse("--kernel octant", "has no splats");
+  if (options.sort != "exact") return refuse("--sort", "has no splats");
+  if (options.raster != "auto") return refuse("--raster", "has no splats");
+  if (options.device == "gl") return refuse("--device gl", "is drawn by the processor");
+  if (!options.progress_frames.empty() && !options.moves() && !options.plays())
+    return refuse("--progress-frames", "has no frames on the way to it");
+  return {};
+}
+
 Status render(RenderOptions options) {
   const double start = seconds_now();
   SPLATVOL_TRY(use_scene(options));
+  SPLATVOL_TRY(check_exact(options));
   SPLATVOL_TRY(check_outputs({options.output, options.stats, options.movie}, {options.volume, options.scene}));
   SPLATVOL_TRY_ASSIGN(composition, compose(options));
   const Scene& scene = composition.scene;
@@ -93,6 +116,9 @@ Status render(RenderOptions options) {
   SPLATVOL_TRY(warn_if_empty(options, player, image));
   if (const auto left_out = player.left_out())
     fmt::print(stderr, "svrender: {}: --memory grants more\n", left_out->message);
+  if (player.exact() && player.exact()->unknown_cells > 0)
+    fmt::print(stderr, "svrender: {}: {} cells of shapes that this version does not know are left out\n",
+               options.volume, player.exact()->unknown_cells);
   if (player.has_joined_surfaces())
     fmt::print(stderr,
                "svrender: more than {} translucent surfaces lie one behind the other; the volume between those behind "

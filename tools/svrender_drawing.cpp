@@ -39,8 +39,19 @@ FrameRequest request_of(const RenderOptions& options, const Drawing& drawing) {
   return request;
 }
 
-Status draw_frame(const FrameRequest& request, Drawing& drawing, Timings& timings) {
-  SPLATVOL_TRY(drawing.player->draw_frame(request, drawing.how));
+// `is_alone`: no progress of several frames is shown.
+Status draw_exact(Drawing& drawing, bool is_alone) {
+  const int spacing = std::max(drawing.how.sample_spacing, 1);
+  if (!is_alone) return drawing.player->draw_exact({}, spacing);
+  ProgressBar bar("draw");
+  return drawing.player->draw_exact([&](double share) { bar.update(share); }, spacing);
+}
+
+Status draw_frame(const RenderOptions& options, Drawing& drawing, Timings& timings) {
+  if (options.exact)
+    SPLATVOL_TRY(draw_exact(drawing, !options.moves() && !options.plays()));
+  else
+    SPLATVOL_TRY(drawing.player->draw_frame(request_of(options, drawing), drawing.how));
   timings.add(drawing.player->times());
   return {};
 }
@@ -67,7 +78,7 @@ Result<std::vector<Error>> draw_progress(const RenderOptions& options, const Com
   SPLATVOL_TRY_ASSIGN(frames, Movie::create("", options.progress_frames, 1));
   std::vector<Error> errors;
   for (int number = 0;; ++number) {
-    SPLATVOL_TRY(draw_frame(request_of(options, drawing), drawing, timings));
+    SPLATVOL_TRY(draw_frame(options, drawing, timings));
     const FrameSplats& frame = *drawing.player->frame();
     const FrameProgress& progress = frame.progress;
     const std::string path = frames.frame_path(number);
@@ -111,14 +122,14 @@ Result<std::vector<Error>> draw_path(const RenderOptions& options, const Composi
   for (int number = 0; number < motion.frames; ++number) {
     scene.camera = camera_at(composition.scene.camera, motion, number);
     SPLATVOL_TRY(drawing.player->set_scene(scene));
-    SPLATVOL_TRY(draw_frame(request_of(options, drawing), drawing, timings));
+    SPLATVOL_TRY(draw_frame(options, drawing, timings));
     SPLATVOL_TRY_ASSIGN(image, drawing.player->image());
     double change = 0;
     if (number > 0) {
       SPLATVOL_TRY_ASSIGN(difference, compare_images(last, image));
       change = difference.rmse;
     }
-    const FrameSplats& frame = *drawing.player->frame();
+    const FrameSplats& frame = splats_of(*drawing.player);
     std::ranges::copy(frame.progress.errors, std::back_inserter(errors));
     timings.path.push_back({frame.splats, frame.progress.fading, change});
     if (movie) SPLATVOL_TRY(write_frame(options, composition, drawing, movie->frame_path(number), image));
@@ -140,11 +151,11 @@ Status draw_steps(const RenderOptions& options, const Composition& composition, 
     const std::uint64_t before = player.streamer().volume().bytes_read();
     SPLATVOL_TRY(player.show_step(step));
     if (drawing.max_error && step == range.first) SPLATVOL_TRY(find_cut(options, drawing, timings));
-    SPLATVOL_TRY(draw_frame(request_of(options, drawing), drawing, timings));
+    SPLATVOL_TRY(draw_frame(options, drawing, timings));
     const double seconds = seconds_now() - start;
     const std::uint64_t after = player.streamer().volume().bytes_read();
     timings.steps.push_back(
-        {step, times[step], seconds, player.frame()->splats, after >= before ? after - before : after});
+        {step, times[step], seconds, splats_of(player).splats, after >= before ? after - before : after});
     if (step < range.last) player.read_ahead(step + 1);
     SPLATVOL_TRY_ASSIGN(image, player.image());
     SPLATVOL_TRY(write_frame(options, composition, drawing, movie.frame_path(static_cast<int>(step)), image));
@@ -169,7 +180,8 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   SPLATVOL_TRY(store(parse_bytes(options.memory), setup.memory));
   SPLATVOL_TRY(store(parse_bytes(options.gpu_memory), setup.gpu_memory));
   SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
-  setup.device = device == Device::automatic && options.raster == "slabs" ? Device::cpu : device;
+  const bool on_processor = options.raster == "slabs" || options.exact;
+  setup.device = device == Device::automatic && on_processor ? Device::cpu : device;
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
   setup.read_surface = surface_reader(reader_options);
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));
@@ -208,7 +220,7 @@ Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Comp
   }
   if (drawing.max_error) SPLATVOL_TRY(find_cut(options, drawing, timings));
   if (options.moves()) return draw_path(options, composition, drawing, timings);
-  if (!progresses && !drawing.max_error) SPLATVOL_TRY(draw_frame(request_of(options, drawing), drawing, timings));
+  if (!progresses && !drawing.max_error) SPLATVOL_TRY(draw_frame(options, drawing, timings));
   return errors;
 }
 
@@ -219,31 +231,41 @@ Status draw_steady_frames(const RenderOptions& options, Drawing& drawing, Timing
   timings.frame.clear();
   ProgressBar bar("draw");
   for (int i = 0; i < options.repeat; ++i) {
-    SPLATVOL_TRY(drawing.player->draw_again(drawing.how));
+    SPLATVOL_TRY(options.exact ? draw_exact(drawing, false) : drawing.player->draw_again(drawing.how));
     timings.add(drawing.player->times());
     bar.update((i + 1.0) / options.repeat);
   }
   return {};
 }
 
+const FrameSplats& splats_of(const Player& player) {
+  static const FrameSplats none;
+  return player.frame() ? *player.frame() : none;
+}
+
 Provenance provenance_of(const RenderOptions& options, const Drawing& drawing) {
   const Player& player = *drawing.player;
-  const FrameSplats& frame = *player.frame();
+  const FrameSplats& frame = splats_of(player);
   const format::Volume& volume = player.streamer().volume();
   Provenance provenance = {{"software", "svrender " SPLATVOL_VERSION},
                            {"file", volume.name()},
                            {"scene", options.scene.empty() ? "one that fits the data" : options.scene},
                            {"attribute", player.scene().attribute},
-                           {"kernel", options.kernel.value_or("moments")},
-                           {"sort", options.sort},
-                           {"raster", std::string(name_of(player.compositing()))},
-                           {"sample_spacing", fmt::format("{}", player.sample_spacing())},
-                           {"splats", fmt::format("{}", frame.splats)},
-                           {"renderer", player.rasterizer().description()}};
+                           {"sample_spacing", fmt::format("{}", player.sample_spacing())}};
   if (volume.series()) {
     provenance["step"] = fmt::format("{}", volume.step());
     provenance["time"] = fmt::format("{}", volume.time());
   }
+  if (player.exact()) {
+    provenance["exact"] = "true";
+    provenance["segments"] = fmt::format("{}", player.exact()->segments);
+    return provenance;
+  }
+  provenance["kernel"] = options.kernel.value_or("moments");
+  provenance["sort"] = options.sort;
+  provenance["raster"] = std::string(name_of(player.compositing()));
+  provenance["splats"] = fmt::format("{}", frame.splats);
+  provenance["renderer"] = player.rasterizer().description();
   if (frame.detail.goal)
     provenance["expected_error"] = fmt::format("{}", frame.expected_error);
   else if (frame.detail.resolution)

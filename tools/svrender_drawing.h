@@ -67,6 +67,9 @@ struct Drawing {
 /// Draws --repeat frames of resident splats, and replaces the times of earlier frames.
 [[nodiscard]] Status draw_steady_frames(const RenderOptions& options, Drawing& drawing, Timings& timings);
 
+/// Returns the splats of the last frame: of an exact picture none.
+[[nodiscard]] const FrameSplats& splats_of(const Player& player);
+
 /// Returns the provenance of the last frame.
 [[nodiscard]] Provenance provenance_of(const RenderOptions& options, const Drawing& drawing);
 

@@ -89,14 +89,22 @@ void add_detail_options(CommandLine& app, RenderOptions& options) {
           ->excludes(tolerance)
           ->excludes(resolution)
           ->excludes(max_error);
-  app.add_option("--milliseconds", options.milliseconds,
-                 "Time to draw a frame: like --splats, with the number that can be drawn in this time; the program "
-                 "draws a few frames to find it")
-      ->check(check_positive)
+  auto* milliseconds =
+      app.add_option("--milliseconds", options.milliseconds,
+                     "Time to draw a frame: like --splats, with the number that can be drawn in this time; the program "
+                     "draws a few frames to find it")
+          ->check(check_positive)
+          ->excludes(tolerance)
+          ->excludes(resolution)
+          ->excludes(max_error)
+          ->excludes(splats);
+  app.add_flag("--exact", options.exact,
+               "Draw the cells of the mesh exactly, by the processor, and no splats: of a file of svbuild --keep-cells")
       ->excludes(tolerance)
       ->excludes(resolution)
       ->excludes(max_error)
-      ->excludes(splats);
+      ->excludes(splats)
+      ->excludes(milliseconds);
 }
 
 void add_drawing_options(CommandLine& app, RenderOptions& options) {
@@ -159,7 +167,7 @@ void check_frames(const RenderOptions& options) {
 // The detail of a picture is an error, unless it is something else. Frames on the way to a picture have to begin
 // before an error can be measured.
 void set_default_error(CommandLine& app, RenderOptions& options) {
-  for (const char* other : {"--tolerance", "--resolution", "--max-error", "--splats", "--milliseconds"})
+  for (const char* other : {"--tolerance", "--resolution", "--max-error", "--splats", "--milliseconds", "--exact"})
     if (app.get_option(other)->is_given()) {
       options.tells_detail = true;
       return;

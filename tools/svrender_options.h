@@ -45,6 +45,7 @@ struct RenderOptions {
   std::string raster = "auto";
   std::optional<std::string> kernel;
   std::string sampling = "auto";
+  bool exact = false;  // cells, and no splats
   DetailOptions detail;
   std::optional<double> max_error;
   bool tells_detail = false;  // else the scene may tell it

@@ -115,14 +115,20 @@ std::string statistics_text(const RenderOptions& options, const Drawing& drawing
   document["seconds"] = seconds_of(timings);
   document["first_image_seconds"] = timings.first_image;
   add_frames(timings, document);
-  add_detail(options, drawing, timings, document);
+  if (!drawing.player->exact()) add_detail(options, drawing, timings, document);
   return json_text(document, 1) + "\n";
 }
 
 void print_summary(const RenderOptions& options, const Drawing& drawing, const Timings& timings) {
-  const FrameSplats& frame = *drawing.player->frame();
   const Scene& scene = drawing.player->scene();
   const Streamer& streamer = drawing.player->streamer();
+  if (const auto& exact = drawing.player->exact()) {
+    print_out("{}: {} x {} pixels, exact, {} segments in {} chunks of cells, {} of {} bytes read, {:.3f} s\n",
+              options.written(), scene.width, scene.height, exact->segments, exact->chunks,
+              streamer.volume().bytes_read(), streamer.volume().file_bytes(), timings.first_image);
+    return;
+  }
+  const FrameSplats& frame = *drawing.player->frame();
   print_out("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n", options.written(),
             scene.width, scene.height, frame.splats, frame.nodes, streamer.statistics().bytes_read,
             streamer.volume().file_bytes(), timings.first_image);

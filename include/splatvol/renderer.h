@@ -28,7 +28,7 @@ struct RendererOptions {
   std::function<void()> on_data = {};
 };
 
-/// How good a picture is to be. At most one of the numbers.
+/// How good a picture is to be. At most one of the numbers, or `exact`.
 ///
 /// None of them: all points of a file of up to 2^19 points. Of a larger file, finer and finer pictures, until one has
 /// an error of .002.
@@ -37,11 +37,15 @@ struct Quality {
   std::optional<std::uint64_t> max_splats = {};  // put where they reduce the error most
   std::optional<double> tolerance_percent = {};  // the largest share of the shorter side for a splat; 0: all points
   std::optional<std::size_t> resolution = {};    // that of all points; 0: the coarsest
+
+  /// Draws the cells of a file of `svbuild --keep-cells` exactly, by the processor, and no splats. For Renderer::render
+  /// only.
+  bool exact = false;
 };
 
 /// What the last picture shows and cost.
 struct RenderStatistics {
-  std::uint64_t splats = 0;
+  std::uint64_t splats = 0;         // 0: the picture is exact
   double error = 0;                 // estimated, against the exact picture
   bool is_complete = true;          // nothing is missing of what was asked for
   bool is_settled = true;           // it will not change: what is missing cannot be read or held

@@ -70,6 +70,14 @@ TEST_F(DrawFile, KeepsToItsQuality) {
   EXPECT_EQ(renderer.render()->pixels, exact.pixels);
 }
 
+TEST_F(DrawFile, RefusesExactPicturesWithoutCells) {
+  Renderer renderer = open();
+  EXPECT_THAT(renderer.render({.exact = true}).error().message, HasSubstr("svbuild --keep-cells"));
+  EXPECT_THAT(renderer.render({.max_error = 0.02, .exact = true}).error().message, HasSubstr("one number"));
+  EXPECT_THAT(renderer.render_now(0, {.exact = true}).error().message, HasSubstr("no frames on the way"));
+  EXPECT_TRUE(renderer.render());
+}
+
 TEST_F(DrawFile, SettlesWhileItLoads) {
   std::atomic<int> wakes = 0;
   Renderer renderer = Renderer::open(path_, std::nullopt, {.device = Device::cpu, .on_data = [&] { ++wakes; }}).value();

@@ -255,6 +255,9 @@ TEST(ParseScene, RefusesWrongUse) {
   json both = valid_scene();
   both.update({{"tolerance", 1}, {"max_error", 0.1}});
   EXPECT_THAT(error_of(both.dump()), StartsWith("tolerance: give max_error or tolerance, not both"));
+  both.erase("tolerance");
+  both.update({{"exact", true}});
+  EXPECT_THAT(error_of(both.dump()), StartsWith("exact: give exact, max_error or tolerance, only one of them"));
 }
 
 TEST(ParseScene, RefusesWrongSurfaces) {

@@ -105,6 +105,53 @@ TEST_F(Svrender, DrawsAPictureAndItsStatistics) {
     EXPECT_THAT(exr, HasSubstr(key));
 }
 
+TEST_F(Svrender, DrawsCellsExactly) {
+  expect_done("svbuild gen:mesh:cells=20000 -o mesh.svol --keep-cells --exact");
+  scene_["camera"]["position"] = {5, 4, 6};
+  scene_["camera"]["focal_point"] = {0, 0, 0};
+  scene_["attribute"] = "value";
+  scene_["transfer_function"]["density"] = {{0, 0.5}, {0.5, 4}, {1, 0}};
+  const nlohmann::json plain = scene_;
+  const auto check = [&](const char* what) {
+    write_scene();
+    expect_done("svrender mesh.svol --scene s.json --exact -o exact.exr --stats stats.json");
+    expect_done("svtruth gen:mesh:cells=20000 --scene s.json -o truth.exr");
+    const auto difference = compare_images(picture_of("exact.exr"), picture_of("truth.exr"));
+    ASSERT_TRUE(difference);
+    EXPECT_LE(difference->rmse, 1e-5) << what;
+    EXPECT_EQ(statistics().at("exact"), true);
+    EXPECT_GT(statistics().at("segments"), 1000) << what;
+    EXPECT_LE(statistics().at("bytes_read"), statistics().at("file_bytes")) << "the second picture reads nothing";
+  };
+  check("unlit");
+  scene_["lighting"] = true;
+  scene_["camera"]["projection"] = "orthographic";
+  scene_["camera"]["parallel_height"] = 3;
+  check("parallel");
+  scene_["clip_planes"] = {{{"point", {0, 0, 0}}, {"normal", {-1, -0.2, 0.3}}}};
+  check("clipped");
+
+  scene_ = plain;
+  scene_["exact"] = true;
+  write_scene();
+  EXPECT_THAT(run("mesh.svol --scene s.json -o scene.exr").text, HasSubstr("64 x 48 pixels, exact, "));
+  EXPECT_THAT(run("mesh.svol --scene s.json -o scene.exr --splats 100").text, HasSubstr(" splats in "));
+  expect_refusal("mesh.svol --scene s.json -o no.exr --kernel octant",
+                 "--kernel octant: an exact picture has no splats");
+  for (const char* option : {"--device gl", "--raster slabs", "--sort none", "--progress-frames ."})
+    expect_refusal(std::string("mesh.svol --scene s.json -o no.exr ") + option, "an exact picture ");
+  expect_refusal("v.svol --exact -o no.exr", "svbuild --keep-cells");
+  for (const char* option : {"--tolerance 1", "--max-error .1", "--resolution 0", "--splats 9", "--milliseconds 9"})
+    expect_wrong(std::string("--exact ") + option);
+}
+
+TEST_F(Svrender, DrawsCellsOfAMovingCameraExactly) {
+  expect_done("svbuild gen:mesh:cells=5000 -o mesh.svol --keep-cells");
+  expect_done("svrender mesh.svol --exact --size 40x30 --turntable 3 --progress-frames . --stats stats.json -o a.exr");
+  EXPECT_EQ(statistics().at("path_frames").size(), 3u);
+  EXPECT_GT(statistics().at("path_frames")[1].at("step"), 0);
+}
+
 TEST_F(Svrender, TakesOneGoalOnly) {
   for (const char* options : {"--splats 5 --tolerance 1", "--max-error .01 --splats 5", "--milliseconds 9 --splats 5",
                               "--max-error .01 --resolution 1", "--milliseconds 9 --progress-frames .",

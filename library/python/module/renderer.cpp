@@ -85,11 +85,11 @@ void add_renderer(nb::module_& module) {
       .def(
           "__init__",
           [](Quality* self, std::optional<double> max_error, std::optional<std::uint64_t> splats,
-             std::optional<double> tolerance, std::optional<std::size_t> resolution) {
-            new (self) Quality{max_error, splats, tolerance, resolution};
+             std::optional<double> tolerance, std::optional<std::size_t> resolution, std::optional<bool> exact) {
+            new (self) Quality{max_error, splats, tolerance, resolution, exact.value_or(false)};
           },
           nb::kw_only(), "max_error"_a = nb::none(), "splats"_a = nb::none(), "tolerance"_a = nb::none(),
-          "resolution"_a = nb::none());
+          "resolution"_a = nb::none(), "exact"_a = nb::none());
 
   nb::class_<SharedRenderer>(module, "Renderer")
       .def(nb::init<const nb::bytes&, std::uint64_t>(), "path"_a, "memory"_a)

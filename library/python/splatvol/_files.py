@@ -262,7 +262,8 @@ class File:
         file, and else an error of .002. ``max_error``: root mean square of linear RGB, against the exact picture. ``splats``:
         their number. ``tolerance``: the largest share of the shorter side that a splat may cover, in per cent; 0: all
         points. ``resolution``: that of all points; 0: the coarsest. ``seconds``: the best picture that can be there by
-        then; the speed is learnt from call to call.
+        then; the speed is learnt from call to call. ``exact=True``: the cells of a file of ``svbuild --keep-cells``,
+        exactly, and no splats.
 
         ``depths``: (height, width), opaque surfaces that hide what lies behind them: at each pixel's centre, the
         distance from the eye's plane along the view's axis, in world units; infinity or NaN: none. ``memory``: bytes to
@@ -290,7 +291,7 @@ class File:
     ) -> Iterator[Frame]:
         """Draws picture after picture while the file loads; the last one is complete. The first comes at once.
 
-        Arguments as for ``render``. ``interval``: seconds to wait for more of the file before the next picture. Each
+        Arguments as for ``render``, besides ``exact``. ``interval``: seconds to wait for more of the file before the next picture. Each
         picture is an array of its own. A part that cannot be read is in ``statistics.unreadable``, and its place drawn
         coarser.
         """

@@ -44,6 +44,7 @@ class Quality(TypedDict, total=False):
     splats: Optional[int]  #: their number
     tolerance: Optional[float]  #: the largest share of the shorter side for a splat, in per cent; 0: all points
     resolution: Optional[int]  #: that of all points; 0: the coarsest
+    exact: Optional[bool]  #: the cells that the file keeps, exactly, and no splats
 
 
 class Renderer:

@@ -60,6 +60,16 @@ def test_qualities(ball_file):
             ball_file.render(scene, **two)
 
 
+def test_exact_pictures_need_cells(ball_file):
+    with pytest.raises(splatvol.InvalidArgumentError, match="--keep-cells"):
+        ball_file.render(constant_scene(), exact=True)
+    with pytest.raises(splatvol.InvalidArgumentError, match="one number"):
+        ball_file.render(constant_scene(), exact=True, tolerance=0)
+    with pytest.raises(splatvol.InvalidArgumentError, match="no frames"):
+        next(iter(ball_file.frames(constant_scene(), exact=True)))
+    assert ball_file.render(constant_scene(), exact=False, tolerance=0).any()
+
+
 def test_the_same_picture_as_svrender(ball_file, tmp_path, program):
     svrender, svdiff = program("svrender"), program("svdiff")
     scene = ball_file.scene("T", size=(160, 120))

@@ -1,0 +1,252 @@
+#include "player/file_cells.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "base/interruption.h"
+#include "streamer/frustum.h"
+#include "streamer/visibility.h"
+
+namespace splatvol {
+namespace {
+
+Box box_of(const double (&low)[3], const double (&high)[3]) {
+  return {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
+}
+
+// Tetrahedra of a cell; about.
+std::size_t tetrahedra_of(format::CellShape shape) {
+  switch (shape) {
+    case format::CellShape::tetrahedron:
+      return 1;
+    case format::CellShape::pyramid:
+      return 2;
+    case format::CellShape::wedge:
+      return 3;
+    case format::CellShape::hexahedron:
+      return 6;
+    case format::CellShape::polyhedron:
+      return 20;  // most have some 14 corners
+  }
+  return 1;
+}
+
+std::array<std::uint32_t, 4> sorted(std::array<std::uint32_t, 4> corners) {
+  const auto order = [&](std::size_t a, std::size_t b) {
+    const std::uint32_t low = std::min(corners[a], corners[b]), high = std::max(corners[a], corners[b]);
+    corners[a] = low;
+    corners[b] = high;
+  };
+  order(0, 1), order(2, 3), order(0, 2), order(1, 3), order(1, 2);
+  return corners;
+}
+
+// Gives each tetrahedron the value of its cell.
+void spread(std::span<const std::uint32_t> counts, std::vector<double>& values) {
+  if (values.empty()) return;
+  std::vector<double> spread;
+  for (std::size_t cell = 0; cell < counts.size(); ++cell) spread.insert(spread.end(), counts[cell], values[cell]);
+  values = std::move(spread);
+}
+
+// A part of a ray: depths from `begin` to `end`.
+struct Interval {
+  double begin, end;
+
+  void keep(double low, double high) {
+    begin = std::max(begin, low);
+    end = std::min(end, high);
+  }
+  // Where offset + slope * depth >= 0.
+  void keep_positive(double offset, double slope) {
+    constexpr double infinity = std::numeric_limits<double>::infinity();
+    if (slope > 0) keep(-offset / slope, infinity);
+    if (slope < 0) keep(-infinity, -offset / slope);
+    if (slope == 0 && offset < 0) end = -infinity;
+  }
+  void keep_box(const Box& box, const dvec3& from, const dvec3& direction) {
+    for (int axis = 0; axis < 3; ++axis) {
+      keep_positive(from[axis] - box.low[axis], direction[axis]);
+      keep_positive(box.high[axis] - from[axis], -direction[axis]);
+    }
+  }
+};
+
+// A rectangle of the picture, in pixels.
+struct Rectangle {
+  dvec2 low, high;
+};
+
+// Where a box is in the picture, or all of the picture if the box reaches the eye's plane.
+Rectangle rectangle_of(const Box& box, const View& view) {
+  const dvec2 size(view.width, view.height);
+  Rectangle rectangle{size, dvec2(0)};
+  for (int corner = 0; corner < 8; ++corner) {
+    const dvec3 at = view.to_view({(corner & 1 ? box.high : box.low).x, (corner & 2 ? box.high : box.low).y,
+                                   (corner & 4 ? box.high : box.low).z});
+    if (!view.orthographic && !(at.z > 0)) return {dvec2(0), size};
+    const dvec2 pixel = dvec2(at) * (view.orthographic ? view.focal : view.focal / at.z) + 0.5 * size;
+    rectangle.low = glm::min(rectangle.low, pixel);
+    rectangle.high = glm::max(rectangle.high, pixel);
+  }
+  return {glm::clamp(rectangle.low, dvec2(0), size), glm::clamp(rectangle.high, dvec2(0), size)};
+}
+
+// The sum of the lengths of all pixels' rays in a box.
+double length_of_rays(const Box& box, const View& view) {
+  constexpr int samples = 4;  // along each side of the rectangle
+  const Rectangle rectangle = rectangle_of(box, view);
+  const dvec2 step = (rectangle.high - rectangle.low) / double{samples};
+  double sum = 0;
+  for (int sample = 0; sample < samples * samples; ++sample) {
+    const dvec2 pixel = rectangle.low + step * (dvec2(sample % samples, sample / samples) + 0.5);
+    const dvec2 at = (pixel - 0.5 * dvec2(view.width, view.height)) / view.focal;
+    const dvec3 aside = at.x * view.right + at.y * view.up;
+    const dvec3 from = view.orthographic ? view.eye + aside : view.eye;
+    const dvec3 direction = view.orthographic ? view.forward : view.forward + aside;
+    Interval inside{0, std::numeric_limits<double>::infinity()};
+    inside.keep_box(box, from, direction);
+    if (view.clip.box) inside.keep_box(*view.clip.box, from, direction);
+    for (const Plane& plane : view.clip.planes)
+      inside.keep_positive(plane.distance(from), glm::dot(plane.normal, direction));
+    if (inside.begin < inside.end) sum += (inside.end - inside.begin) * glm::length(direction);
+  }
+  return sum * step.x * step.y;
+}
+
+// The bytes of all cells of a file, decoded: about.
+std::uint64_t decoded_bytes(const format::CellReader& cells) {
+  constexpr std::uint64_t of_tetrahedron = 32;  // with its share of the points
+  std::uint64_t tetrahedra = 0;
+  for (const format::CellKind& kind : cells.kinds()) tetrahedra += kind.cells * tetrahedra_of(kind.shape);
+  return tetrahedra * of_tetrahedron;
+}
+
+}  // namespace
+
+Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& volume, const Scene& scene,
+                                                         std::uint64_t memory) {
+  const format::VolumeInfo& info = volume.info();
+  format::SummaryAttributes attributes;
+  SPLATVOL_TRY_SET(attributes.values, format::find_attribute(info, scene.attribute, volume.name()));
+  if (scene.opacity)
+    SPLATVOL_TRY_SET(attributes.opacity, format::find_attribute(info, scene.opacity->attribute, volume.name()));
+  SPLATVOL_TRY_ASSIGN(reader, format::CellReader::open(volume));
+  if (!reader)
+    return fail(ErrorCode::invalid_argument,
+                "{}: it keeps no cells, and only these are drawn exactly: build it with svbuild --keep-cells",
+                volume.name());
+  return std::shared_ptr<const KeptCells>(new KeptCells(std::move(reader), attributes, memory));
+}
+
+// Points take less memory than the cells. So half of it has room for them if it has for all cells.
+KeptCells::KeptCells(std::unique_ptr<const format::CellReader> reader, const format::SummaryAttributes& attributes,
+                     std::uint64_t memory)
+    : reader_(std::move(reader)),
+      attributes_(attributes),
+      holds_all_(decoded_bytes(*reader_) <= memory / 2),
+      points_(*reader_, attributes, holds_all_ ? memory / 2 : memory),
+      chunks_(memory) {}
+
+Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, DrawnCells& scratch) const {
+  if (!holds_all_) {
+    SPLATVOL_TRY(decode(entry, scratch));
+    return &scratch;
+  }
+  const auto read = [&]() -> Result<DrawnCells> {
+    DrawnCells cells;
+    SPLATVOL_TRY(decode(entry, cells));
+    return cells;
+  };
+  SPLATVOL_TRY_ASSIGN(cells, chunks_.get<DrawnCells>({0, entry.offset}, 0, read));  // 0 bytes: it stays
+  return cells.get();
+}
+
+Status KeptCells::decode(const format::CellChunkEntry& entry, DrawnCells& cells) const {
+  SPLATVOL_TRY_ASSIGN(kept, reader_->read_chunk(entry));
+  const format::LocalCells local = format::number_corners(kept.corners);
+  cells.constant = entry.field == format::CellField::constant;
+  cells.tetrahedra.clear();
+  cells.tetrahedra.reserve(kept.size() * tetrahedra_of(entry.shape));
+  if (cells.constant) return decode_constant(kept, local, cells);
+  format::for_each_tetrahedron(kept, local, [&](const auto& corners) { cells.tetrahedra.push_back(sorted(corners)); });
+  return points_.read(local.ranks, &cells.points, cells.values, cells.opacity_values);
+}
+
+Status KeptCells::decode_constant(const format::CellChunk& kept, const format::LocalCells& local,
+                                  DrawnCells& cells) const {
+  SPLATVOL_TRY(points_.read_vertices(local.ranks, cells.points));
+  SPLATVOL_TRY(points_.read(kept.points, nullptr, cells.values, cells.opacity_values));
+  std::vector<std::uint32_t> counts(kept.size());
+  for (std::size_t cell = 0; cell < kept.size(); ++cell) {
+    const std::uint32_t* const corners = local.corners.data() + kept.begin_of(cell);
+    format::for_each_tetrahedron(kept, cell, [&](const auto& at) {
+      cells.tetrahedra.push_back(sorted({corners[at[0]], corners[at[1]], corners[at[2]], corners[at[3]]}));
+      ++counts[cell];
+    });
+  }
+  spread(counts, cells.values);
+  spread(counts, cells.opacity_values);
+  return {};
+}
+
+Result<std::unique_ptr<const FileCells>> FileCells::open(std::shared_ptr<const KeptCells> kept, const Scene& scene,
+                                                         const View& view) {
+  std::unique_ptr<FileCells> cells(new FileCells(std::move(kept), view));
+  SPLATVOL_TRY(cells->read_entries(scene));
+  return cells;
+}
+
+std::uint64_t FileCells::unknown_cells() const {
+  std::uint64_t unknown = 0;
+  for (const format::CellKind& kind : kept_->reader().kinds())
+    if (!format::is_known(kind.shape, kind.field)) unknown += kind.cells;
+  return unknown;
+}
+
+Status FileCells::read_entries(const Scene& scene) {
+  const format::CellReader& reader = kept_->reader();
+  const format::SummaryAttributes& attributes = kept_->attributes();
+  const std::vector<format::Attribute>& all = reader.volume().info().attributes;
+  const format::Attribute* const opacity =
+      attributes.opacity < 0 ? nullptr : &all[static_cast<std::size_t>(attributes.opacity)];
+  const ValueVisibility visibility(transfer_of(scene), {all[static_cast<std::size_t>(attributes.values)], opacity});
+  const Frustum frustum(view_, 0);
+  for (std::size_t number = 0; number < reader.pages().size(); ++number) {
+    const format::CellPageRef& ref = reader.pages()[number];
+    if (!frustum.touches(box_of(ref.low, ref.high))) continue;
+    SPLATVOL_TRY(check_interruption());
+    SPLATVOL_TRY_ASSIGN(page, reader.read_page(number, attributes));
+    for (std::size_t i = 0; i < page.chunks.size(); ++i) {
+      const format::CellChunkEntry& entry = page.chunks[i];
+      const Box box = box_of(entry.low, entry.high);
+      if (!format::is_known(entry.shape, entry.field) || !frustum.touches(box) ||
+          !visibility.shows({page.summaries[i], opacity ? &page.opacity_summaries[i] : nullptr}))
+        continue;
+      const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
+      chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
+      entries_.push_back(entry);
+    }
+  }
+  return {};
+}
+
+// The faces of a tetrahedron cover a quarter of their area, in the mean over all directions.
+double FileCells::estimate_segments() const {
+  double segments = 0;
+  for (const Chunk& chunk : chunks_) {
+    const dvec3 extent = chunk.box.extent();
+    const double least = 1e-6 * std::max({extent.x, extent.y, extent.z});  // of a flat box
+    const dvec3 margin = 0.5 * glm::max(dvec3(least) - extent, dvec3(0));
+    const Box box{chunk.box.low - margin, chunk.box.high + margin};
+    const dvec3 size = box.extent();
+    const double volume = size.x * size.y * size.z;
+    if (volume > 0) segments += entries_[chunk.number].area / 4 / volume * length_of_rays(box, view_);
+  }
+  return segments;
+}
+
+}  // namespace splatvol

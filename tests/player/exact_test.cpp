@@ -1,0 +1,158 @@
+// Exact pictures of the cells of files.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "pictures/image.h"
+#include "player/player.h"
+#include "renderer/reference/reference.h"
+#include "tests/builder/support/built_mesh.h"
+#include "tests/renderer/surfaces/shapes.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
+
+namespace splatvol {
+namespace {
+
+using testing::HasSubstr;
+
+class ExactPictures : public test::FolderTest {
+ protected:
+  static double waves(dvec3 p) { return double{static_cast<float>(p.x + 0.3 * std::sin(8 * p.y))}; }
+
+  static BuildOptions exact() {
+    BuildOptions options{.keep_cells = true};
+    options.exact = {.positions = true, .values = true};
+    return options;
+  }
+
+  static Scene scene() {
+    Scene scene;
+    scene.width = 80;
+    scene.height = 60;
+    scene.attribute = "value";
+    scene.camera.position = {0.4, 0.7, 3};
+    scene.camera.focal_point = dvec3(0.5);
+    scene.transfer_function.lo = -0.3;
+    scene.transfer_function.hi = 1.3;
+    scene.transfer_function.colors = {{0, dvec3(0, 0.2, 1)}, {1, dvec3(1, 0.5, 0)}};
+    scene.transfer_function.densities = {{0, 1.0}, {0.5, 0.0}, {1, 8.0}};
+    return scene;
+  }
+
+  [[nodiscard]] std::unique_ptr<Player> open(const std::string& name, PlayerOptions options = {}) const {
+    options.device = Device::cpu;
+    options.read_surface = [](const std::string&) -> Result<TriangleMesh> {
+      return test::plate({-9, -9, 0.5}, {18, 0, 0}, {0, 18, 0});  // through the middle of the lattice
+    };
+    return test::value_of(Player::open(path(name), scene(), options));
+  }
+
+  static Image drawn(Player& player) {
+    EXPECT_EQ(test::message_of(player.draw_exact()), "");
+    EXPECT_TRUE(player.exact());
+    EXPECT_FALSE(player.frame());
+    return test::value_of(player.image());
+  }
+
+  static Image truth(const test::Mesh& mesh, const Scene& scene, const SurfaceDepths* depths = nullptr) {
+    const std::vector<double> values = test::sample(mesh, waves);
+    const std::vector<std::array<std::uint32_t, 4>> tetrahedra(mesh.tetrahedra.begin(), mesh.tetrahedra.end());
+    return test::value_of(render_reference({mesh.points, values, tetrahedra}, scene, {.surface_depths = depths})).image;
+  }
+
+  static double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
+
+  const test::Mesh mesh_ = test::jittered(12, 0.2);
+};
+
+TEST_F(ExactPictures, AreThoseOfTheReference) {
+  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  const auto player = open("m.svol");
+  double last = 0;
+  const auto progress = [&](double share) {
+    EXPECT_GE(share, last);
+    EXPECT_LE(share, 1);
+    last = share;
+  };
+  ASSERT_EQ(test::message_of(player->draw_exact(progress)), "");
+  EXPECT_EQ(last, 1);
+  EXPECT_LE(rmse(test::value_of(player->image()), truth(mesh_, scene())), 1e-5);
+  EXPECT_GT(player->exact()->segments, 1000u);
+  EXPECT_EQ(player->exact()->unknown_cells, 0u);
+
+  // Again, with another function and from elsewhere: nothing else is read.
+  const std::uint64_t bytes = player->streamer().volume().bytes_read();
+  Scene other = scene();
+  other.camera.position = {2.4, -0.7, 2};
+  other.lighting = Lighting();
+  other.transfer_function.densities = {{0, 1.0}, {1, 3.0}};
+  ASSERT_EQ(test::message_of(player->set_scene(other)), "");
+  EXPECT_LE(rmse(drawn(*player), truth(mesh_, other)), 1e-5);
+  EXPECT_LE(player->streamer().volume().bytes_read(), 2 * bytes);
+
+  // Splats, and back.
+  const Image before = drawn(*player);
+  ASSERT_EQ(test::message_of(player->draw_frame({.detail = {.tolerance_percent = 0}})), "");
+  EXPECT_FALSE(player->exact());
+  EXPECT_GT(rmse(test::value_of(player->image()), before), 1e-5);
+  EXPECT_EQ(compare_images(drawn(*player), before)->max, 0);
+}
+
+TEST_F(ExactPictures, DoNotDependOnMemory) {
+  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  EXPECT_EQ(compare_images(drawn(*open("m.svol", {.memory = std::uint64_t{3} << 20})), drawn(*open("m.svol")))->max, 0);
+}
+
+TEST_F(ExactPictures, EndAtSurfaces) {
+  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  const auto player = open("m.svol");
+  auto depths = std::make_shared<SurfaceDepths>(SurfaceDepths{80, 60, std::vector<float>(80 * 60, 2.5F)});
+  ASSERT_EQ(test::message_of(player->set_surface_depths(depths)), "");
+  EXPECT_LE(rmse(drawn(*player), truth(mesh_, scene(), depths.get())), 1e-5);
+  ASSERT_EQ(test::message_of(player->set_surface_depths(nullptr)), "");
+  EXPECT_LE(rmse(drawn(*player), truth(mesh_, scene())), 1e-5);
+
+  // Of the scene: as those of a picture of splats. A slice has about its values.
+  for (const double opacity : {1.0, 0.4}) {
+    Scene with = scene();
+    with.surfaces = {{.file = "plate", .color = dvec3(0, 1, 0), .opacity = opacity}};
+    with.slices = {{.point = dvec3(0.5), .normal = {1, 0, 0.2}, .opacity = 0.5}};
+    ASSERT_EQ(test::message_of(player->set_scene(with)), "");
+    const Image picture = drawn(*player);
+    EXPECT_TRUE(player->has_drawn_surfaces());
+    ASSERT_EQ(test::message_of(player->draw_frame({.detail = {.tolerance_percent = 0}})), "");
+    const Image splats = test::value_of(player->image());
+    EXPECT_LE(rmse(picture, splats), 0.02) << opacity;
+    EXPECT_GT(rmse(picture, truth(mesh_, scene())), 0.05) << opacity;
+  }
+}
+
+TEST_F(ExactPictures, OfAStepHaveItsValues) {
+  std::vector<SeriesStep> steps;
+  for (const double step : {0.0, 1.0})
+    steps.push_back(test::mesh_step(step, mesh_, [=](dvec3 p) { return step == 0 ? waves(p) : waves(dvec3(p.z)); }));
+  ASSERT_EQ(test::message_of(build_series(steps, path("series.svol"), exact(), [](const char*, double) {})), "");
+  const auto player = open("series.svol");
+  const Image last = drawn(*player);
+  ASSERT_EQ(test::message_of(player->show_step(0)), "");
+  EXPECT_LE(rmse(drawn(*player), truth(mesh_, scene())), 1e-5);
+  ASSERT_EQ(test::message_of(player->show_step(1)), "");
+  EXPECT_EQ(compare_images(drawn(*player), last)->max, 0);
+  EXPECT_GT(rmse(last, truth(mesh_, scene())), 0.01);
+}
+
+TEST_F(ExactPictures, NeedCells) {
+  test::build_mesh(mesh_, waves, path("plain.svol"));
+  const auto player = open("plain.svol");
+  EXPECT_THAT(test::message_of(player->draw_exact()), HasSubstr("plain.svol: it keeps no cells"));
+  EXPECT_FALSE(player->exact());
+  EXPECT_EQ(test::message_of(player->draw_frame({})), "");
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,424 @@
+// The cells of files, as views show them.
+#include "player/file_cells.h"
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "base/file.h"
+#include "pictures/image.h"
+#include "renderer/reference/reference.h"
+#include "streamer/first/default_scene.h"
+#include "tests/builder/support/built_input.h"
+#include "tests/builder/support/built_mesh.h"
+#include "tests/support/results.h"
+#include "tests/support/surgery.h"
+#include "tests/support/temp_folder.h"
+
+namespace splatvol {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr std::uint64_t memory = std::uint64_t{16} << 20;
+
+// A corner, with its values.
+using Corner = std::array<double, 5>;
+using Tetrahedra = std::vector<std::array<Corner, 4>>;
+
+double volume_of(const std::array<Corner, 4>& tetrahedron) {
+  const auto at = [&](std::size_t k) { return dvec3(tetrahedron[k][0], tetrahedron[k][1], tetrahedron[k][2]); };
+  return std::abs(glm::dot(at(1) - at(0), glm::cross(at(2) - at(0), at(3) - at(0)))) / 6;
+}
+
+// Adds tetrahedra with their corners in the order of positions.
+void add(const DrawnCells& cells, Tetrahedra& all) {
+  ASSERT_EQ(cells.values.size(), cells.constant ? cells.tetrahedra.size() : cells.points.size());
+  ASSERT_TRUE(cells.opacity_values.empty() || cells.opacity_values.size() == cells.values.size());
+  for (std::size_t t = 0; t < cells.tetrahedra.size(); ++t) {
+    ASSERT_TRUE(std::ranges::is_sorted(cells.tetrahedra[t]));
+    std::array<Corner, 4> tetrahedron;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const std::uint32_t point = cells.tetrahedra[t][k];
+      const std::size_t value = cells.constant ? t : point;
+      const dvec3& p = cells.points[point];
+      tetrahedron[k] = {p.x, p.y, p.z, cells.values[value],
+                        cells.opacity_values.empty() ? 0 : cells.opacity_values[value]};
+    }
+    std::ranges::sort(tetrahedron);
+    all.push_back(tetrahedron);
+  }
+}
+
+Tetrahedra cells_of(const CellSource& source) {
+  Tetrahedra all;
+  DrawnCells scratch;
+  for (const CellSource::Chunk& chunk : source.chunks()) {
+    const DrawnCells& cells = *test::value_of(source.read(chunk, scratch));
+    add(cells, all);
+    for (const dvec3& p : cells.points) EXPECT_EQ(squared_distance(chunk.box, p), 0);
+  }
+  std::ranges::sort(all);
+  return all;
+}
+
+Tetrahedra cells_of(const Piece& piece) {
+  DrawnCells cells;
+  cells.points = piece.points;
+  cells.values = piece.values[0];
+  if (piece.values.size() > 1) cells.opacity_values = piece.values[1];
+  for (auto corners : piece.tetrahedra) {
+    std::ranges::sort(corners);
+    cells.tetrahedra.push_back(corners);
+  }
+  Tetrahedra all;
+  add(cells, all);
+  std::ranges::sort(all);
+  return all;
+}
+
+// The exact picture of the cells of a source.
+ReferencePicture picture_of(const CellSource& source, const Scene& scene) {
+  DrawnCells all, scratch;
+  for (const CellSource::Chunk& chunk : source.chunks()) {
+    const DrawnCells& cells = *test::value_of(source.read(chunk, scratch));
+    const auto first = static_cast<std::uint32_t>(all.points.size());
+    for (auto corners : cells.tetrahedra) {
+      for (std::uint32_t& corner : corners) corner += first;
+      all.tetrahedra.push_back(corners);
+    }
+    all.points.insert(all.points.end(), cells.points.begin(), cells.points.end());
+    all.values.insert(all.values.end(), cells.values.begin(), cells.values.end());
+    all.opacity_values.insert(all.opacity_values.end(), cells.opacity_values.begin(), cells.opacity_values.end());
+  }
+  return test::value_of(render_reference({all.points, all.values, all.tetrahedra, false, all.opacity_values}, scene));
+}
+
+class FileCellsOf : public test::FolderTest {
+ protected:
+  [[nodiscard]] std::shared_ptr<const format::Volume> open_volume(const std::string& name) const {
+    return test::value_of(format::Volume::open(*open_file(path(name))));
+  }
+
+  [[nodiscard]] static std::unique_ptr<const FileCells> open(const std::shared_ptr<const format::Volume>& volume,
+                                                             const Scene& scene, std::uint64_t bytes = memory) {
+    const auto kept = test::value_of(KeptCells::open(*volume, scene, bytes));
+    return test::value_of(FileCells::open(kept, scene, make_view(scene).value()));
+  }
+
+  [[nodiscard]] static BuildOptions exact() {
+    BuildOptions options{.keep_cells = true};
+    options.exact = {.positions = true, .values = true};
+    return options;
+  }
+
+  std::shared_ptr<const format::Volume> build(const Piece& piece, std::vector<std::string> names = {"value"}) const {
+    test::PieceSource source({piece}, {.attributes = std::move(names)});
+    EXPECT_EQ(test::message_of(build_volume(source, path("mesh.svol"), exact(), [](const char*, double) {})), "");
+    return open_volume("mesh.svol");
+  }
+
+  // A view of a cube from outside, in which all values are visible.
+  static Scene scene_of_all() {
+    Scene scene;
+    scene.width = 96;
+    scene.height = 64;
+    scene.attribute = "value";
+    scene.camera.position = {1.7, 2.1, 2.9};
+    scene.camera.focal_point = {0.5, 0.5, 0.5};
+    scene.transfer_function.lo = -10;
+    scene.transfer_function.hi = 10;
+    scene.transfer_function.colors = {{0, dvec3(0, 0.2, 1)}, {1, dvec3(1, 0.5, 0)}};
+    scene.transfer_function.densities = {{0, 1.0}, {1, 3.0}};
+    return scene;
+  }
+
+  // A lattice with many chunks. Single precision has its values.
+  static Piece lattice() {
+    return test::mesh_piece(test::jittered(24, 0.2),
+                            [](dvec3 p) { return double{static_cast<float>(p.x + 0.1 * std::sin(9 * p.y))}; });
+  }
+
+  // Values near 0.5 only.
+  static Scene narrow() {
+    Scene scene = scene_of_all();
+    scene.transfer_function.lo = -0.2;
+    scene.transfer_function.hi = 1.2;
+    scene.transfer_function.densities = {{0.48, 0.0}, {0.5, 30.0}, {0.52, 0.0}};
+    return scene;
+  }
+};
+
+// One cell of each shape. The value of a point is x + 2 y + 4 z; that of a cell is its number.
+std::string shapes() {
+  std::vector<dvec3> points;
+  for (const double left : {0.0, 8.0})
+    for (const dvec3& p : {dvec3(0, 0, 0), {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}})
+      points.push_back(p + dvec3(left, 0, 0));
+  for (const dvec3& p : {dvec3(0.5, 0.5, 2),
+                         {2, 0, 0},
+                         {2, 1, 0},
+                         {2, 0.5, 1},
+                         {3, 0, 0},
+                         {3, 1, 0},
+                         {3, 0.5, 1},
+                         {5, 5, 5},
+                         {6, 5, 5},
+                         {5, 6, 5},
+                         {5, 5, 6}})
+    points.push_back(p);
+  std::string positions, values;
+  for (const dvec3& p : points) {
+    positions += fmt::format("{} {} {}\n", p.x, p.y, p.z);
+    values += fmt::format("{}\n", p.x + 2 * p.y + 4 * p.z);
+  }
+  return fmt::format(
+      "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {0} double\n{1}CELLS 5 59\n"
+      "8 0 1 2 3 4 5 6 7\n5 4 5 6 7 16\n6 17 18 19 20 21 22\n4 23 24 25 26\n"
+      "31 6  4 8 12 15 11  4 9 10 14 13  4 8 9 13 12  4 11 15 14 10  4 8 11 10 9  4 12 13 14 15\n"
+      "CELL_TYPES 5\n12\n14\n13\n10\n42\nPOINT_DATA {0}\nSCALARS value double 1\nLOOKUP_TABLE default\n{2}"
+      "CELL_DATA 5\nSCALARS number double 1\nLOOKUP_TABLE default\n0\n1\n2\n3\n4\n",
+      points.size(), positions, values);
+}
+
+const std::vector<double> volumes_of_shapes = {1, 1.0 / 3, 0.5, 1.0 / 6, 1};
+
+TEST_F(FileCellsOf, EveryShape) {
+  std::ofstream(path("shapes.vtk")) << shapes();
+  test::build_input(path("shapes.vtk"), path("shapes.svol"), exact(), {.selection = {"value"}});
+  Scene scene = scene_of_all();
+  scene.camera.position = {4, 3, 30};
+  scene.camera.focal_point = {4, 3, 0};
+  scene.transfer_function.lo = 0;
+  scene.transfer_function.hi = 50;
+  const auto kept = open_volume("shapes.svol");
+  const auto cells = open(kept, scene);
+  EXPECT_EQ(cells->unknown_cells(), 0u);
+  double volume = 0;
+  for (const auto& tetrahedron : cells_of(*cells)) {
+    volume += volume_of(tetrahedron);
+    for (const auto& [x, y, z, value, factor] : tetrahedron) EXPECT_EQ(value, x + 2 * y + 4 * z);
+  }
+  EXPECT_NEAR(volume, 3, 1e-12);
+}
+
+TEST_F(FileCellsOf, EveryShapeWithValuesOfItsOwn) {
+  std::ofstream(path("shapes.vtk")) << shapes();
+  test::build_input(path("shapes.vtk"), path("shapes.svol"), exact(),
+                    {.selection = {"number"}, .cells = CellValues::own});
+  Scene scene = scene_of_all();
+  scene.attribute = "number";
+  scene.opacity = SceneOpacity{"number", scene.transfer_function};
+  scene.camera.position = {4, 3, 30};
+  scene.camera.focal_point = {4, 3, 0};
+  std::map<double, double> volumes;
+  const auto kept = open_volume("shapes.svol");
+  for (const auto& tetrahedron : cells_of(*open(kept, scene))) {
+    volumes[tetrahedron[0][3]] += volume_of(tetrahedron);
+    EXPECT_EQ(tetrahedron[0][4], tetrahedron[0][3]);
+  }
+  ASSERT_EQ(volumes.size(), volumes_of_shapes.size());
+  for (std::size_t cell = 0; cell < volumes_of_shapes.size(); ++cell)
+    EXPECT_NEAR(volumes[static_cast<double>(cell)], volumes_of_shapes[cell], 1e-12) << cell;
+}
+
+TEST_F(FileCellsOf, AMeshAreAllOfItsCells) {
+  const Piece piece = lattice();
+  const Tetrahedra expected = cells_of(piece);
+  const auto volume = build(piece);
+  for (const std::uint64_t bytes : {memory, std::uint64_t{1} << 16, std::uint64_t{0}}) {
+    const auto cells = open(volume, scene_of_all(), bytes);
+    EXPECT_GT(cells->chunks().size(), 8u);
+    std::size_t about = 0;
+    for (const CellSource::Chunk& chunk : cells->chunks()) about += chunk.tetrahedra;
+    EXPECT_EQ(about, expected.size());
+    EXPECT_TRUE(cells_of(*cells) == expected) << bytes;
+  }
+}
+
+// With all memory, each part of the file is read once.
+TEST_F(FileCellsOf, AMeshAreReadByThreadsOnce) {
+  const Piece piece = lattice();
+  const Tetrahedra expected = cells_of(piece);
+  const auto alone = build(piece), shared = open_volume("mesh.svol");
+  const auto first = open(alone, scene_of_all()), second = open(shared, scene_of_all());
+  static_cast<void>(cells_of(*first));
+  std::vector<Tetrahedra> found(4);
+  std::vector<std::thread> threads;
+  for (std::size_t t = 0; t < found.size(); ++t)
+    threads.emplace_back([&, t] {
+      DrawnCells scratch;
+      for (std::size_t i = t; i < second->chunks().size(); i += found.size()) {
+        const auto cells = second->read(second->chunks()[i], scratch);
+        ASSERT_EQ(test::message_of(cells), "");
+        add(**cells, found[t]);
+      }
+    });
+  for (std::thread& thread : threads) thread.join();
+  Tetrahedra all;
+  for (const Tetrahedra& part : found) all.insert(all.end(), part.begin(), part.end());
+  std::ranges::sort(all);
+  EXPECT_TRUE(all == expected);
+  EXPECT_EQ(shared->bytes_read(), alone->bytes_read());
+  EXPECT_LE(alone->bytes_read(), alone->file_bytes());
+}
+
+// Cells without a visible value, or outside of the view, are not read. The picture has all others.
+TEST_F(FileCellsOf, AViewAreThoseThatItShows) {
+  const Piece piece = lattice();
+  const auto volume = build(piece);
+  Scene close = scene_of_all(), inside = scene_of_all(), parallel = scene_of_all(), boxed = scene_of_all(),
+        cut = scene_of_all();
+  close.camera.position = {0.9, 0.9, 1.2};
+  close.camera.focal_point = {0.9, 0.9, 0.5};
+  inside.camera.position = {0.5, 0.5, 0.3};
+  inside.camera.focal_point = {0.5, 0.4, -0.3};
+  parallel.camera.projection = Camera::Projection::orthographic;
+  parallel.camera.parallel_height = 0.2;
+  parallel.camera.focal_point = {0.9, 0.9, 0.1};
+  boxed.clip_box = Box{{0.1, 0.3, 0.2}, {0.4, 0.6, 0.35}};
+  cut.clip_planes = {{.point = {0.3, 0.3, 0.3}, .normal = {-1, -1, 0.2}}};
+  const std::size_t all = open(volume, scene_of_all())->chunks().size();
+  const std::vector<std::array<std::uint32_t, 4>> tetrahedra(piece.tetrahedra.begin(), piece.tetrahedra.end());
+  for (const Scene& scene : {narrow(), close, inside, parallel, boxed, cut}) {
+    const auto cells = open(volume, scene);
+    EXPECT_LT(cells->chunks().size(), all);
+    const auto picture = picture_of(*cells, scene).image,
+               expected = test::value_of(render_reference({piece.points, piece.values[0], tetrahedra}, scene)).image;
+    EXPECT_GT(std::ranges::max(expected.pixels, {}, &vec4::a).a, 0.1F);
+    EXPECT_LE(compare_images(picture, expected)->max, 1e-6);
+  }
+}
+
+TEST_F(FileCellsOf, AnOpacityHaveItsValues) {
+  Piece piece = lattice();
+  piece.values.push_back(test::sample({piece.points, {}}, [](dvec3 p) { return double{static_cast<float>(p.z)}; }));
+  const auto volume = build(piece, {"value", "height"});
+  Scene scene = scene_of_all();
+  scene.opacity = SceneOpacity{"height", scene.transfer_function};
+  scene.opacity->function.densities = {{0, 1.0}};
+  EXPECT_TRUE(cells_of(*open(volume, scene)) == cells_of(piece));
+  scene.opacity->function.lo = 0;
+  scene.opacity->function.hi = 1;
+  scene.opacity->function.densities = {{0.1, 1.0}, {0.2, 0.0}};
+  const auto cells = open(volume, scene);
+  EXPECT_LT(cells->chunks().size(), open(volume, scene_of_all())->chunks().size());
+  double lowest = 1;
+  for (const auto& tetrahedron : cells_of(*cells)) lowest = std::min(lowest, tetrahedron[0][4]);
+  EXPECT_LT(lowest, 0.1);
+}
+
+TEST_F(FileCellsOf, AStepHaveItsValues) {
+  const test::Mesh mesh = test::lattice(12);
+  std::vector<SeriesStep> steps;
+  const auto field = [](double step) { return [=](dvec3 p) { return double{static_cast<float>(step * p.x + p.y)}; }; };
+  for (const double step : {0.0, 1.0, 2.0}) steps.push_back(test::mesh_step(step, mesh, field(step)));
+  ASSERT_EQ(test::message_of(build_series(steps, path("series.svol"), exact(), [](const char*, double) {})), "");
+  const auto series = open_volume("series.svol");
+  Scene scene = scene_of_all();
+  scene.transfer_function.lo = 0;
+  scene.transfer_function.hi = 3;
+  for (const std::size_t step : {0, 1, 2}) {
+    const auto volume = test::value_of(series->at_step(step));
+    scene.transfer_function.densities = {{0, 1.0}};
+    EXPECT_TRUE(cells_of(*open(volume, scene)) == cells_of(test::mesh_piece(mesh, field(static_cast<double>(step)))));
+    scene.transfer_function.densities = {{0.8, 0.0}, {1, 1.0}};  // values above 2.4
+    EXPECT_EQ(open(volume, scene)->chunks().empty(), step < 2) << step;
+  }
+}
+
+TEST_F(FileCellsOf, UnknownShapesAreLeftOutAndCounted) {
+  std::ofstream(path("shapes.vtk")) << shapes();
+  test::build_input(path("shapes.vtk"), path("shapes.svol"), exact(), {.selection = {"value"}});
+  const std::string text = read_text_file(path("shapes.svol")).value();
+  const auto bytes = std::as_bytes(std::span(text));
+  const auto changed =
+      test::Dissected({bytes.begin(), bytes.end()}).assemble([](test::Part part, std::size_t, format::Bytes& record) {
+        constexpr auto wedge = static_cast<std::byte>(format::CellShape::wedge);
+        // The shape of each chunk entry, and that of each kind.
+        std::size_t at = 32, step = sizeof(format::CellChunkEntry);
+        if (part == test::Part::cell_root) at = 0, step = sizeof(format::CellKind);
+        if (part != test::Part::cell_root && part != test::Part::cell_entries) return;
+        for (std::size_t i = 0; i < 5; ++i, at += step)
+          if (record[at] == wedge) record[at] = std::byte{77};
+      });
+  std::ofstream(path("newer.svol"), std::ios::binary)
+      .write(reinterpret_cast<const char*>(changed.data()), static_cast<std::streamsize>(changed.size()));
+  Scene scene = scene_of_all();
+  scene.camera.position = {4, 3, 30};
+  scene.camera.focal_point = {4, 3, 0};
+  scene.transfer_function.densities = {{0, 1.0}};
+  const auto newer = open_volume("newer.svol");
+  const auto cells = open(newer, scene);
+  EXPECT_EQ(cells->unknown_cells(), 1u);
+  double volume = 0;
+  for (const auto& tetrahedron : cells_of(*cells)) volume += volume_of(tetrahedron);
+  EXPECT_NEAR(volume, 2.5, 1e-12);
+}
+
+TEST_F(FileCellsOf, AFileWithoutCellsAreRefused) {
+  test::build_mesh(
+      test::lattice(4), [](dvec3 p) { return p.x; }, path("plain.svol"));
+  const auto plain = open_volume("plain.svol");
+  const auto refused = KeptCells::open(*plain, scene_of_all(), 0);
+  EXPECT_THAT(test::message_of(refused), HasSubstr("svbuild --keep-cells"));
+  Scene other = scene_of_all();
+  other.attribute = "no such";
+  const auto unknown = KeptCells::open(*plain, other, 0);
+  EXPECT_THAT(test::message_of(unknown), HasSubstr("no such"));
+}
+
+// The pieces of rays in tetrahedra whose middle is in the clip region.
+double segments_of(const Tetrahedra& tetrahedra, Scene scene) {
+  const ClipRegion clip = make_view(scene).value().clip;
+  scene.clip_box.reset();
+  scene.clip_planes.clear();
+  std::vector<dvec3> points;
+  std::vector<double> values;
+  std::vector<std::array<std::uint32_t, 4>> inside;
+  for (const auto& tetrahedron : tetrahedra) {
+    dvec3 middle(0);
+    for (const auto& [x, y, z, value, factor] : tetrahedron) middle += dvec3(x, y, z) / 4.0;
+    if (!clip.contains(middle)) continue;
+    const auto first = static_cast<std::uint32_t>(points.size());
+    inside.push_back({first, first + 1, first + 2, first + 3});
+    for (const auto& [x, y, z, value, factor] : tetrahedron) {
+      points.emplace_back(x, y, z);
+      values.push_back(value);
+    }
+  }
+  return static_cast<double>(test::value_of(render_reference({points, values, inside}, scene)).segments);
+}
+
+TEST_F(FileCellsOf, AViewHaveAboutTheEstimatedSegments) {
+  const auto volume = build(lattice());
+  Scene all = scene_of_all();
+  all.camera.position = {1.7, -1.5, 2.4};
+  Scene inside = all, beside = all, parallel = all, boxed = all, cut = all;
+  inside.camera.position = {0.8, 0.3, 0.6};
+  inside.camera.focal_point = {0.2, 0.5, 0.1};
+  beside.camera.focal_point = {0.9, 0.5, 0.5};
+  parallel.camera.projection = Camera::Projection::orthographic;
+  parallel.camera.parallel_height = 1.2;
+  boxed.clip_box = Box{{0.1, 0.3, 0.2}, {0.4, 0.6, 0.7}};
+  cut.clip_planes = {{.point = {0.5, 0.5, 0.3}, .normal = {-1, -1, 0.2}}};
+  for (const Scene& scene : {all, inside, beside, parallel, boxed, cut}) {
+    const auto cells = open(volume, scene);
+    const double truth = segments_of(cells_of(*cells), scene);
+    EXPECT_GT(truth, 1000);
+    EXPECT_GT(cells->estimate_segments(), truth / 2);
+    EXPECT_LT(cells->estimate_segments(), truth * 2);
+  }
+}
+
+}  // namespace
+}  // namespace splatvol
