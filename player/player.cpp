@@ -457,6 +457,7 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
     const double share = 1 / std::max<double>(1, static_cast<double>(layers.size()));
     if (progress) drawing.progress = [&](double part) { progress((static_cast<double>(done) + part) * share); };
     auto drawn = cell_rasterizer_.draw(*cells, drawing);
+    SPLATVOL_TRY(call.check());
     if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return fail_in(volume.name(), drawn.error());
     SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
     exact.segments += picture.segments;

@@ -573,8 +573,8 @@ void add_boundary_options(CommandLine& app, Options& options) {
   auto* keep = app.add_flag(
       "--keep-cells", options.keep_cells,
       "Keep the cells of the mesh in the file, or the Delaunay tetrahedra that join its points, 2 to 3 bytes a "
-      "tetrahedron: svexport --cells gives them back. In a series, blocks that touch keep values of their own there. A "
-      "draft: a later version will ask to build the file again");
+      "tetrahedron: svrender --exact draws them, svexport --cells gives them back. In a series, blocks that touch keep "
+      "values of their own there. A draft: a later version will ask to build the file again");
   app.add_flag("--drop-cells", options.drop_cells, "Leave the cells of the mesh out of the file, as is usual")
       ->excludes(keep);
   app.add_flag(

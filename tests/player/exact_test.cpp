@@ -146,6 +146,17 @@ TEST_F(ExactPictures, OfAStepHaveItsValues) {
   EXPECT_GT(rmse(last, truth(mesh_, scene())), 0.01);
 }
 
+TEST_F(ExactPictures, AreCancelled) {
+  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  const auto player = open("m.svol");
+  const Status cancelled = player->draw_exact([&](double) { player->cancel(); });
+  ASSERT_FALSE(cancelled);
+  EXPECT_EQ(cancelled.error().code, ErrorCode::cancelled);
+  EXPECT_THAT(cancelled.error().message, HasSubstr("m.svol: cancelled"));
+  EXPECT_FALSE(player->exact());
+  EXPECT_LE(rmse(drawn(*player), truth(mesh_, scene())), 1e-5);
+}
+
 TEST_F(ExactPictures, NeedCells) {
   test::build_mesh(mesh_, waves, path("plain.svol"));
   const auto player = open("plain.svol");

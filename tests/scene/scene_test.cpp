@@ -222,6 +222,13 @@ TEST(ParseScene, ItsUseIsReadAndWrittenBack) {
   document.update({{"file", "a.svol"}, {"step", 3}, {"tolerance", 0.5}, {"kernel", "octant"}});
   const auto used = test::value_of(parse_used_scene(document.dump()));
   EXPECT_EQ(used.use, (SceneUse{.file = "a.svol", .step = 3, .tolerance = 0.5, .kernel = "octant"}));
+  document.erase("tolerance");
+  document["exact"] = true;
+  const UsedScene exact = parse_used_scene(document.dump()).value();
+  EXPECT_TRUE(exact.use.exact);
+  EXPECT_EQ(parse_used_scene(to_json(exact))->use, exact.use);
+  document.erase("exact");
+  document["tolerance"] = 0.5;
   EXPECT_EQ(used.scene, *parse_scene(valid_scene().dump()));
   for (const int indent : {1, -1}) {
     const auto again = parse_used_scene(to_json(used, indent));
