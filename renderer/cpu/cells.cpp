@@ -64,14 +64,20 @@ struct Tile {
   void clear() {
     for (auto& channel : light.color) channel.fill(0);
     light.transmittance.fill(1);
-    waiting.clear();
-    shades.clear();
+    waiting = {};
+    shades = {};
     counts.clear();
     chunks.clear();
     next = 0;
     is_open = true;
   }
 };
+
+std::uint64_t waiting_bytes(std::span<const Tile> tiles) {
+  std::uint64_t bytes = 0;
+  for (const Tile& tile : tiles) bytes += (tile.waiting.capacity() + tile.shades.capacity()) * sizeof(CellSegment);
+  return bytes;
+}
 
 struct SetupScratch {
   DrawnCells cells;
@@ -127,16 +133,11 @@ class CellSweep {
     picture_.image.height = view_.height;
     picture_.image.pixels.assign(static_cast<std::size_t>(view_.width) * static_cast<std::size_t>(view_.height),
                                  vec4(0));
-    // Bands of rows that are left, the next one last: a band is halved if too much waits in it.
-    std::vector<std::pair<int, int>> bands = {{0, up_}};
-    while (!bands.empty()) {
-      const auto [begin, end] = bands.back();
-      bands.pop_back();
-      SPLATVOL_TRY_ASSIGN(is_drawn, draw_band(begin, end));
-      if (is_drawn) continue;
-      const int half = (begin + end) / 2;
-      bands.emplace_back(half, end);
-      bands.emplace_back(begin, half);
+    int height = up_;
+    for (int begin = 0; begin < up_;) {
+      SPLATVOL_TRY_ASSIGN(end, draw_band(begin, std::min(begin + height, up_)));
+      height = end - begin;
+      begin = end;
     }
     picture_.segments = drawn_segments_;
     return std::move(picture_);
@@ -147,7 +148,7 @@ class CellSweep {
   [[nodiscard]] PixelRectangle tiles_of(const Box& box) const;
   [[nodiscard]] double nearest_depth(const Box& box, int column, int row) const;
   [[nodiscard]] float first_key(double depth) const;
-  Result<bool> draw_band(int begin, int end);
+  Result<int> draw_band(int begin, int end);
   [[nodiscard]] bool shows(const Chunk& chunk, int begin, int end) const;
   Status read(const Chunk& chunk, CellsOnScreen& screen);
   void place_values(const DrawnCells& cells, CellSetup& setup) const;
@@ -252,8 +253,8 @@ float CellSweep::nearest_d(const CellsOnScreen& screen, float key) const {
   return d;
 }
 
-// Returns false if more segments wait than fit into memory.
-Result<bool> CellSweep::draw_band(int begin, int end) {
+// Draws a band of rows. Leaves out upper ones if more segments wait than fit into memory. Returns where it ends.
+Result<int> CellSweep::draw_band(int begin, int end) {
   band_begin_ = begin;
   std::vector<Tile>& tiles = workspace_.tiles;
   tiles.resize(static_cast<std::size_t>(across_) * static_cast<std::size_t>(end - begin));
@@ -297,19 +298,20 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
     });
     SPLATVOL_TRY(check_interruption());
     SPLATVOL_TRY(status);
-    std::atomic<std::uint64_t> waiting = 0;
     std::atomic<bool> is_full = false;
     tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
       if (stop.stop_requested()) return;
       const int row = begin + static_cast<int>(i) / across_, column = static_cast<int>(i) % across_;
       if (!draw_tile(column, row, first, screens, tiles[i])) is_full = true;
-      waiting += (tiles[i].waiting.capacity() + tiles[i].shades.capacity()) * sizeof(CellSegment);
     });
     SPLATVOL_TRY(check_interruption());
     if (is_full)
       return fail(ErrorCode::out_of_budget, "more than {} cells overlap at a place: draw splats instead",
                   TileSegments::most_room);
-    if (waiting > drawing_.memory / 2 && end - begin > 1) return false;
+    while (end - begin > 1 && waiting_bytes(tiles) > drawing_.memory / 2) {
+      end = (begin + end + 1) / 2;
+      tiles.resize(static_cast<std::size_t>(across_) * static_cast<std::size_t>(end - begin));
+    }
     first = next;
     if (drawing_.progress && !chunks_.empty())
       drawing_.progress((begin + (end - begin) * static_cast<double>(first) / static_cast<double>(chunks_.size())) /
@@ -317,7 +319,7 @@ Result<bool> CellSweep::draw_band(int begin, int end) {
   }
   for (std::size_t i = 0; i < tiles.size(); ++i)
     finish_tile(static_cast<int>(i) % across_, begin + static_cast<int>(i) / across_, tiles[i]);
-  return true;
+  return end;
 }
 
 bool CellSweep::shows(const Chunk& chunk, int begin, int end) const {
@@ -608,6 +610,13 @@ bool CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<co
     return true;
   }
   tile.counts.assign(segments.counts.begin(), segments.counts.end());
+  const auto count = static_cast<std::size_t>(std::accumulate(tile.counts.begin(), tile.counts.end(), std::int64_t{0}));
+  const auto make_room = [&](auto& waiting) {
+    if (waiting.capacity() > 2 * count) waiting = {};
+    waiting.reserve(count);
+  };
+  make_room(tile.waiting);
+  if (has_shades) make_room(tile.shades);
   for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
     const auto keep = [&](const auto& all, auto& waiting) {
       const auto from = all.begin() + static_cast<std::ptrdiff_t>(segments.begin_of(pixel));
