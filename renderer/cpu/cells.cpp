@@ -51,6 +51,13 @@ struct InTile {
   float later_key;      // nor has any of the chunks behind it
 };
 
+/// Chunks that are read together.
+struct Batch {
+  std::uint32_t first = 0;            // in the order of chunks
+  std::vector<std::int32_t> slots;    // [number in the order, less first]: index of `chunks`; -1: it shows nothing
+  std::vector<std::uint32_t> chunks;  // numbers in the order
+};
+
 /// A tile between batches.
 struct Tile {
   CellTileLight light;
@@ -158,7 +165,7 @@ class CellSweep {
   using TileDepths = std::array<std::array<double, 2>, cell_tile_pixels>;
   void set_limits(const CellsOnScreen& screen, const TileDepths& depths, TileSegments& segments) const;
   static void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen);
-  bool draw_tile(int column, int row, std::uint32_t first, std::span<const CellsOnScreen> screens, Tile& tile);
+  bool draw_tile(int column, int row, const Batch& batch, Tile& tile);
   [[nodiscard]] float nearest_d(const CellsOnScreen& screen, float key) const;
   void finish_tile(int column, int row, const Tile& tile);
   [[nodiscard]] Tile& tile_at(int column, int row) {
@@ -271,28 +278,31 @@ Result<int> CellSweep::draw_band(int begin, int end) {
 
   constexpr std::uint64_t bytes_of_cell = sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t);
   const std::uint64_t most = std::min<std::uint64_t>(drawing_.memory / 4, std::uint64_t{128} << 20);
-  std::vector<std::uint32_t> batch;
+  Batch batch;
   for (std::uint32_t first = 0; first < chunks_.size();) {
     SPLATVOL_TRY(check_interruption());
-    batch.clear();
+    batch.chunks.clear();
+    batch.slots.clear();
+    batch.first = first;
     std::uint32_t next = first;
-    for (std::uint64_t bytes = 0; next < chunks_.size() && (bytes < most || batch.empty()); ++next) {
-      if (!shows(chunks_[next], begin, end)) continue;
-      batch.push_back(next);
+    for (std::uint64_t bytes = 0; next < chunks_.size() && (bytes < most || batch.chunks.empty()); ++next) {
+      const bool is_shown = shows(chunks_[next], begin, end);
+      batch.slots.push_back(is_shown ? static_cast<std::int32_t>(batch.chunks.size()) : -1);
+      if (!is_shown) continue;
+      batch.chunks.push_back(next);
       bytes += chunks_[next].source.tetrahedra * bytes_of_cell;
     }
     // What an earlier batch had stays for its memory.
-    if (workspace_.screens.size() < next - first) workspace_.screens.resize(next - first);
-    const std::span<CellsOnScreen> screens = std::span(workspace_.screens).first(next - first);
-    for (CellsOnScreen& screen : screens) screen.clear();
+    if (workspace_.screens.size() < batch.chunks.size()) workspace_.screens.resize(batch.chunks.size());
+    for (CellsOnScreen& screen : workspace_.screens) screen.clear();
     // Threads of the loops know nothing of the stop of this one.
     const std::stop_token stop = stop_of_thread();
     std::mutex mutex;
     Status status;
-    tbb::parallel_for(std::size_t{0}, batch.size(), [&](std::size_t i) {
+    tbb::parallel_for(std::size_t{0}, batch.chunks.size(), [&](std::size_t i) {
       const Interruptible heeds_stop(stop);
       if (is_interrupted()) return;
-      Status read_one = read(chunks_[batch[i]], screens[batch[i] - first]);
+      Status read_one = read(chunks_[batch.chunks[i]], workspace_.screens[i]);
       const std::scoped_lock lock(mutex);
       if (!read_one && status) status = std::move(read_one);
     });
@@ -302,7 +312,7 @@ Result<int> CellSweep::draw_band(int begin, int end) {
     tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
       if (stop.stop_requested()) return;
       const int row = begin + static_cast<int>(i) / across_, column = static_cast<int>(i) % across_;
-      if (!draw_tile(column, row, first, screens, tiles[i])) is_full = true;
+      if (!draw_tile(column, row, batch, tiles[i])) is_full = true;
     });
     SPLATVOL_TRY(check_interruption());
     if (is_full)
@@ -547,10 +557,9 @@ void CellSweep::sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
 }
 
 // Returns false if there are too many segments.
-bool CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<const CellsOnScreen> screens,
-                          Tile& tile) {
+bool CellSweep::draw_tile(int column, int row, const Batch& batch, Tile& tile) {
   constexpr std::uint64_t blended_at_once = std::uint64_t{32} * cell_tile_pixels;
-  const auto end = static_cast<std::uint32_t>(first + screens.size());
+  const auto end = static_cast<std::uint32_t>(batch.first + batch.slots.size());
   const auto is_in_batch = [&] { return tile.next < tile.chunks.size() && tile.chunks[tile.next].chunk < end; };
   if (!is_in_batch()) return true;
   if (!tile.is_open) {
@@ -586,14 +595,16 @@ bool CellSweep::draw_tile(int column, int row, std::uint32_t first, std::span<co
   float later_key = -farthest;
   for (; is_in_batch(); ++tile.next) {
     const InTile& chunk = tile.chunks[tile.next];
-    const CellsOnScreen& screen = screens[chunk.chunk - first];
+    later_key = chunk.later_key;
+    const std::int32_t slot = batch.slots[chunk.chunk - batch.first];
+    if (slot < 0) continue;
+    const CellsOnScreen& screen = workspace_.screens[static_cast<std::size_t>(slot)];
     const std::uint64_t had = segments.added;
     if (frame_.has_limits()) set_limits(screen, depths, segments);
     add_segments(frame_, screen, screen.in_tile(column, row), area, nearest_d(screen, chunk.first_key), segments);
     if (segments.is_full) return false;
     unblended += segments.added - had;
     drawn_segments_ += segments.added - had;
-    later_key = chunk.later_key;
     if (unblended < blended_at_once) continue;
     tile.is_open = blend_segments(frame_, area, later_key, segments, tile.light);
     unblended = 0;
