@@ -15,9 +15,13 @@ double seconds_now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+int number_count(const Quality& quality) {
+  return quality.max_error.has_value() + quality.max_splats.has_value() + quality.tolerance_percent.has_value() +
+         quality.resolution.has_value() + (quality.exact ? 1 : 0);
+}
+
 Status check(const Quality& quality) {
-  const int numbers = quality.max_error.has_value() + quality.max_splats.has_value() +
-                      quality.tolerance_percent.has_value() + quality.resolution.has_value() + (quality.exact ? 1 : 0);
+  const int numbers = number_count(quality);
   if (numbers > 1) return fail(ErrorCode::invalid_argument, "a quality has one number, not {}", numbers);
   if (quality.max_error && !(*quality.max_error > 0 && std::isfinite(*quality.max_error)))
     return fail(ErrorCode::invalid_argument, "an error of {}: take one above 0", *quality.max_error);
@@ -92,10 +96,22 @@ Status RendererCore::draw_exact() {
   return {};
 }
 
+// Whether cells are drawn where nobody tells how good a picture is to be.
+Result<bool> RendererCore::is_exact_by_default() {
+  const PlayerOptions& options = player_->options();
+  if (options.in_current_context || options.device == Device::gl) return false;
+  SPLATVOL_TRY_ASSIGN(segments, player_->estimate_segments());
+  return segments && *segments <= most_exact_segments;
+}
+
 Status RendererCore::draw(const Quality& quality) {
   const double start = seconds_now();
   SPLATVOL_TRY(check(quality));
   if (quality.exact) return draw_exact();
+  if (number_count(quality) == 0) {
+    SPLATVOL_TRY_ASSIGN(is_exact, is_exact_by_default());
+    if (is_exact) return draw_exact();
+  }
   const DetailOptions detail = detail_of(quality, player_->info().point_count());
   const bool compares = detail.goal && detail.goal->max_error > 0;
   if (!compares) return take_statistics(start, player_->draw_frame({.detail = detail}));

@@ -32,6 +32,7 @@ class RendererCore {
   explicit RendererCore(std::unique_ptr<Player> player) : player_(std::move(player)) {}
   [[nodiscard]] Status take_statistics(double start, const Status& drawn, std::optional<double> error = std::nullopt);
   [[nodiscard]] Status draw_exact();
+  [[nodiscard]] Result<bool> is_exact_by_default();
   void add_left_out();
 
   std::unique_ptr<Player> player_;

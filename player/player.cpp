@@ -424,6 +424,20 @@ std::vector<SlicePicture> Player::draw_slices(const View& view) const {
   return pictures;
 }
 
+// The cells in the view.
+Result<std::unique_ptr<const FileCells>> Player::open_cells() {
+  if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
+  if (!kept_cells_) SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(streamer_->volume(), scene_, options_.memory / 2));
+  return FileCells::open(kept_cells_, scene_, view_);
+}
+
+Result<std::optional<double>> Player::estimate_segments() {
+  const Call call(*this);
+  if (!is_lost_ && !format::CellReader::has_cells(streamer_->volume())) return std::nullopt;
+  SPLATVOL_TRY_ASSIGN(cells, open_cells());
+  return cells->estimate_segments();
+}
+
 // The parts of the file and the pieces of rays that wait take half of the memory each.
 Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing) {
   const Call call(*this);
@@ -431,10 +445,8 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
   const auto start = Clock::now();
   if (!view_.slices.empty())
     SPLATVOL_TRY(choose({.detail = {.tolerance_percent = 100.0 / std::min(view_.width, view_.height)}}));
-  if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
+  SPLATVOL_TRY_ASSIGN(cells, open_cells());
   const format::Volume& volume = streamer_->volume();
-  if (!kept_cells_) SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(volume, scene_, options_.memory / 2));
-  SPLATVOL_TRY_ASSIGN(cells, FileCells::open(kept_cells_, scene_, view_));
   times_ = {seconds_since(start), 0, {}, 0, 0};
 
   const auto surfaces_start = Clock::now();

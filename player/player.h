@@ -27,6 +27,7 @@
 
 namespace splatvol {
 
+class FileCells;
 class KeptCells;
 class StepAhead;
 
@@ -73,6 +74,10 @@ struct PlayerTimes {
   double frame = 0;     // all of it
   double surfaces = 0;  // of it, for surfaces and slices: fewer splats would hardly change it
 };
+
+/// A picture that is to be there soon is exact if its cells make no more segments: about a second's work of two cores.
+/// Work is counted, and no clock decides, so a picture does not depend on the machine.
+inline constexpr double most_exact_segments = 6e7;
 
 /// An exact picture of the cells that a file keeps.
 struct ExactPicture {
@@ -187,6 +192,10 @@ class Player {
   /// `seconds` is finite and above 0.
   [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds, const DrawOptions& options = {});
 
+  /// Estimates the pieces of rays in the exact picture's tetrahedra, from the entries of chunks. None: the file keeps
+  /// no cells.
+  [[nodiscard]] Result<std::optional<double>> estimate_segments();
+
   /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. Values on slices
   /// are those of splats of about a pixel. Fails if the file keeps no cells. Calls `progress` with the share that is
   /// done, in [0, 1]. `sample_spacing`: pixels from one sample to the next; with surfaces 1.
@@ -256,6 +265,7 @@ class Player {
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
   void lay_surfaces(const View& view);
+  [[nodiscard]] Result<std::unique_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
   [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;
 

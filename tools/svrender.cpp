@@ -64,6 +64,7 @@ Status use_scene(RenderOptions& options) {
   if (!options.kernel && !use.kernel.empty()) options.kernel = use.kernel;
   if (!options.step.step && !options.step.time && options.steps.empty()) options.step.step = use.step;
   if (options.tells_detail) return {};
+  if (use.exact || use.max_error || use.tolerance) options.chooses_detail = false;
   if (use.exact) {
     options.exact = true;
     options.max_error.reset();
@@ -94,6 +95,25 @@ Status check_exact(const RenderOptions& options) {
   return {};
 }
 
+// Where nobody asks for splats, or for a detail that only they have, cells are drawn if they are few enough.
+Status choose_exact(RenderOptions& options, Drawing& drawing) {
+  RenderOptions exact = options;
+  exact.exact = true;
+  if (!options.chooses_detail || options.exact || options.kernel || !check_exact(exact)) return {};
+  SPLATVOL_TRY_ASSIGN(segments, drawing.player->estimate_segments());
+  if (!segments) return {};
+  if (*segments > most_exact_segments) {
+    drawing.too_many_segments = segments;
+    return {};
+  }
+  options.exact = true;
+  options.max_error.reset();
+  options.grows = false;
+  drawing.max_error.reset();
+  drawing.detail = options.detail;
+  return {};
+}
+
 Status render(RenderOptions options) {
   const double start = seconds_now();
   SPLATVOL_TRY(use_scene(options));
@@ -107,6 +127,7 @@ Status render(RenderOptions options) {
   if (const auto view = make_view(scene); !view)
     return fail_in(options.scene.empty() ? options.volume : options.scene, view.error());
   SPLATVOL_TRY_ASSIGN(drawing, prepare_drawing(options, scene));
+  SPLATVOL_TRY(choose_exact(options, drawing));
   const Player& player = *drawing.player;
 
   Timings timings;

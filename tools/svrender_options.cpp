@@ -175,6 +175,7 @@ void set_default_error(CommandLine& app, RenderOptions& options) {
   if (!options.progress_frames.empty() && !options.moves() && !options.plays()) return;
   options.max_error = default_max_error;
   options.grows = !options.moves() && !options.plays();
+  options.chooses_detail = true;
 }
 
 void add_frame_options(CommandLine& app, RenderOptions& options) {

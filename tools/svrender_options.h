@@ -48,8 +48,9 @@ struct RenderOptions {
   bool exact = false;  // cells, and no splats
   DetailOptions detail;
   std::optional<double> max_error;
-  bool tells_detail = false;  // else the scene may tell it
-  bool grows = false;         // to max_error in finer and finer pictures, instead of looking for the fewest splats
+  bool tells_detail = false;    // else the scene may tell it
+  bool chooses_detail = false;  // nobody does
+  bool grows = false;           // to max_error in finer and finer pictures, instead of looking for the fewest splats
   std::optional<std::uint64_t> splats;
   std::optional<double> milliseconds;
   int repeat = 1;
