@@ -10,7 +10,7 @@ namespace {
 
 using glm::dvec4;
 
-constexpr double narrowest = 2e-6;  // piece, in u: single precision tells places within it
+constexpr double narrowest = 3e-7;  // piece, in u: single precision tells places within it
 constexpr int bent_steps = 2048;    // of a domain on a bent axis: svtruth's
 
 struct UPiece {
@@ -67,7 +67,11 @@ FunctionPieces::FunctionPieces(const TransferFunction& function, double length) 
         peak[c] += width * (p.at_begin[c] * (k0 / 3 + k1 / 6) + p.at_end[c] * (k0 / 6 + k1 / 3));
       peak[3] += width * (k0 + k1) / 2;
     } else {
-      add(p.begin, p.at_begin, (p.at_end - p.at_begin) / width);
+      // A ray that crosses the piece gets the whole integral, as wide as single precision makes the piece.
+      const double rounded =
+          static_cast<double>(static_cast<float>(p.end)) - static_cast<double>(static_cast<float>(p.begin));
+      const dvec4 scale(1, 1, 1, width / rounded);
+      add(p.begin, p.at_begin * scale, (p.at_end - p.at_begin) / rounded * scale);
     }
   }
   add(1, outer(2), dvec4(0));

@@ -127,7 +127,7 @@ TEST(Cells, OfALatticeCountOnce) {  // rays run along faces and edges, values of
 
 TEST(Cells, ShowNarrowPeaks) {
   const Mesh mesh = bent_box(6);
-  for (const double width : {1e-2, 1e-3, 1e-4, 1e-6, 1e-9}) {
+  for (const double width : {1e-2, 1e-3, 1e-4, 1e-6, 1e-7, 1e-9}) {
     SCOPED_TRACE(width);
     Drawn drawn{mesh, colored_scene(1)};
     drawn.scene.transfer_function.densities = {{0, 0}, {0.6 - width, 0}, {0.6, 0.4 / width}, {0.6 + width, 0}, {1, 0}};
