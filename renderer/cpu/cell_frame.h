@@ -158,8 +158,19 @@ struct CellSetup {
   std::vector<std::uint32_t> next;  // [tile]
 };
 
+/// The largest d, in size.
+inline constexpr float farthest = 1e30F;
+
+/// Set setup.points.u and setup.opacities.
+void place_values(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup);
+
 /// Lists the cells of a chunk with a visible value: setup.seen. Requires setup.points.u.
 void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup);
+
+/// Places the points of these: setup.in_view, the rest of setup.points, and what `screen` has of depths. `box`: round
+/// the chunk, in view coordinates.
+void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup,
+                  CellsOnScreen& screen);
 
 /// Sets them up: screen.cells and setup.keys. Requires setup.in_view, setup.points, and what `screen` has of depths.
 void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen);
@@ -176,6 +187,12 @@ struct FacesOfCell {
 /// those of no such corner stay. `u`: of the corners. Returns false if it covers nothing.
 bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
                     const FacesOfCell& faces, const std::array<float, 4>& u, CellOnScreen& cell, CellsOnScreen& screen);
+
+/// Sets screen.shadings.
+void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen);
+
+/// Lists the cells of each tile, nearest first.
+void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen);
 
 /// A piece of a ray in a cell.
 struct CellSegment {

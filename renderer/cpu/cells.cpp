@@ -14,6 +14,7 @@
 #include "base/interruption.h"
 #include "renderer/cpu/cell_frame.h"
 #include "renderer/cpu/samples.h"
+#include "scene/clipped_depths.h"
 #include "scene/tile_grid.h"
 
 namespace splatvol {
@@ -21,9 +22,6 @@ namespace splatvol {
 using namespace tiles;
 
 namespace {
-
-constexpr double largest_u = 1e28;
-constexpr float farthest = 1e30F;  // d, in size
 
 /// The box round what is in a chunk, in view coordinates.
 Box box_in_view(const View& view, const Box& box) {
@@ -158,13 +156,9 @@ class CellSweep {
   Result<int> draw_band(int begin, int end);
   [[nodiscard]] bool shows(const Chunk& chunk, int begin, int end) const;
   Status read(const Chunk& chunk, CellsOnScreen& screen);
-  void place_values(const DrawnCells& cells, CellSetup& setup) const;
-  void place_points(const Chunk& chunk, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) const;
-  void shade(const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen) const;
-  [[nodiscard]] std::array<double, 2> visible_depths(int x, int y) const;
-  using TileDepths = std::array<std::array<double, 2>, cell_tile_pixels>;
+  [[nodiscard]] VisibleDepths visible_depths(int x, int y) const;
+  using TileDepths = std::array<VisibleDepths, cell_tile_pixels>;
   void set_limits(const CellsOnScreen& screen, const TileDepths& depths, TileSegments& segments) const;
-  static void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen);
   bool draw_tile(int column, int row, const Batch& batch, Tile& tile);
   [[nodiscard]] float nearest_d(const CellsOnScreen& screen, float key) const;
   void finish_tile(int column, int row, const Tile& tile);
@@ -344,165 +338,24 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   SPLATVOL_TRY_ASSIGN(held, source_.read(chunk.source, memory));
   const DrawnCells& cells = *held;
   if (cells.tetrahedra.empty()) return {};
-  place_values(cells, setup);
+  place_values(frame_, cells, setup);
   list_seen_cells(frame_, cells, setup);
   if (setup.seen.empty()) return {};
-  place_points(chunk, cells, setup, screen);
+  place_points(frame_, chunk.box, cells, setup, screen);
   set_up_cells(frame_, cells, setup, screen);
-  if (frame_.has_shades()) shade(cells, setup, screen);
+  if (frame_.has_shades()) shade_cells(frame_, cells, setup, screen);
   sort_into_tiles(setup, screen);
   return {};
 }
 
-void CellSweep::place_values(const DrawnCells& cells, CellSetup& setup) const {
-  const auto to_u = [](const std::vector<double>& values, double low, double inverse, std::vector<float>& all) {
-    all.resize(values.size());
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      const double u = (values[i] - low) * inverse;
-      all[i] = static_cast<float>(std::isnan(u) ? u : std::clamp(u, -largest_u, largest_u));
-    }
-  };
-  std::vector<float>& u = setup.points.u;
-  to_u(cells.values, frame_.low, frame_.inverse_domain, u);
-  if (!frame_.opacity) return;
-  to_u(cells.opacity_values, frame_.opacity_low, frame_.opacity_inverse, setup.opacities);
-  for (std::size_t i = 0; i < u.size(); ++i)
-    if (std::isnan(setup.opacities[i])) u[i] = setup.opacities[i];
-}
-
-// Only points of cells that are seen: often they are few.
-void CellSweep::place_points(const Chunk& chunk, const DrawnCells& cells, CellSetup& setup,
-                             CellsOnScreen& screen) const {
-  const std::size_t count = cells.points.size();
-  const bool orthographic = view_.orthographic;
-  const double middle = 0.5 * (std::max(chunk.box.low.z, 0.0) + chunk.box.high.z);
-  const double w = static_cast<float>(orthographic ? middle : 1 / middle);
-  screen.w = static_cast<float>(w);
-  screen.key_offset = static_cast<float>(orthographic ? frame_.farthest_w - w : w - frame_.farthest_w);
-  screen.eye_d = static_cast<float>(orthographic ? w : 1 / frame_.nearest - w);
-  screen.farthest_d = orthographic ? -farthest : -screen.w;
-  setup.is_used.assign(count, 0);
-  for (const std::int32_t cell : setup.seen)
-    for (const std::uint32_t point : cells.tetrahedra[static_cast<std::size_t>(cell)]) setup.is_used[point] = 1;
-  PointsOnScreen& points = setup.points;
-  setup.in_view.resize(count);
-  for (auto* numbers : {&points.x, &points.y, &points.d, &points.w}) numbers->resize(count);
-  points.is_far_out.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    if (setup.is_used[i] == 0) continue;
-    const dvec3 p = setup.in_view[i] = view_.to_view(cells.points[i]);
-    const double inverse = 1 / p.z, scale = orthographic ? view_.focal : view_.focal * inverse;
-    points.x[i] = static_cast<float>(p.x * scale);
-    points.y[i] = static_cast<float>(p.y * scale);
-    points.d[i] = static_cast<float>(orthographic ? w - p.z : inverse - w);
-    points.w[i] = static_cast<float>(orthographic ? 1 : inverse);
-    const bool is_near = std::abs(points.x[i]) <= frame_.widest && std::abs(points.y[i]) <= frame_.widest;
-    points.is_far_out[i] = is_near && p.z > frame_.nearest ? 0 : 1;
-  }
-}
-
-// In double precision, as everything cancels where the eye is far away.
-void CellSweep::shade(const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen) const {
-  const double focal = view_.focal;
-  screen.shadings.resize(screen.cells.size());
-  for (std::size_t i = 0; i < screen.cells.size(); ++i) {
-    const auto number = static_cast<std::size_t>(setup.numbers[i]);
-    const std::array<std::uint32_t, 4>& corners = cells.tetrahedra[number];
-    std::array<dvec3, 4> p;
-    for (std::size_t k = 0; k < 4; ++k) p[k] = setup.in_view[corners[k]];
-    const dvec3 q = p[1] - p[0], r = p[2] - p[0], s = p[3] - p[0];
-    const std::array<dvec3, 3> normals = {glm::cross(r, s), glm::cross(s, q), glm::cross(q, r)};
-    const auto at = [&](const auto& all, std::size_t k) { return double{all[cells.constant ? number : corners[k]]}; };
-    const auto sum = [&](const auto& all) {
-      dvec3 result(0);
-      for (std::size_t k = 0; k < 3; ++k) result += (at(all, k + 1) - at(all, 0)) * normals[k];
-      return result;
-    };
-
-    // The reference is a corner in the picture, or else the middle of the picture.
-    CellShading& shading = screen.shadings[i];
-    shading = {};
-    const dvec3& farthest_corner = *std::ranges::max_element(p, {}, [](const dvec3& corner) { return corner.z; });
-    const double scale = view_.orthographic ? focal : focal / farthest_corner.z;
-    const dvec2 place = dvec2(farthest_corner) * scale;
-    const bool is_inside = std::abs(place.x) <= frame_.widest && std::abs(place.y) <= frame_.widest;
-    const double w = screen.w;
-    dvec3 reference(0);  // in view coordinates, on the line of sight if it is no corner
-    if (is_inside) {
-      shading.x = static_cast<float>(place.x), shading.y = static_cast<float>(place.y);
-      reference = farthest_corner;
-      shading.d = static_cast<float>(view_.orthographic ? w - reference.z : 1 / reference.z - w);
-    }
-    if (frame_.lighting && !cells.constant) {
-      const dvec3 gradient = sum(cells.values);
-      const double length = glm::length(gradient);
-      if (length > 0) {
-        const dvec3 g = gradient / length;
-        shading.has_gradient = true;
-        if (view_.orthographic) {
-          shading.l0 = static_cast<float>(g.z);
-        } else {
-          const double depth = is_inside ? reference.z : 1;
-          shading.lx = static_cast<float>(g.x / focal), shading.ly = static_cast<float>(g.y / focal);
-          shading.l0 = static_cast<float>(is_inside ? glm::dot(g, reference) / depth : g.z);
-        }
-      }
-    }
-    if (!frame_.opacity) continue;
-    const double volume = glm::dot(q, normals[0]);
-    const dvec3 slope = volume == 0 ? dvec3(0) : sum(setup.opacities) / volume;
-    const double o0 = at(setup.opacities, 0);
-    const auto value = [&](const dvec3& place_in_view) { return o0 + glm::dot(slope, place_in_view - p[0]); };
-    std::array<double, 4> all{};
-    for (std::size_t k = 0; k < 4; ++k) all[k] = at(setup.opacities, k);
-    shading.low = static_cast<float>(std::ranges::min(all)), shading.high = static_cast<float>(std::ranges::max(all));
-    shading.o = nearest_float(value(reference));
-    shading.ox = nearest_float(slope.x / focal), shading.oy = nearest_float(slope.y / focal);
-    if (view_.orthographic) {
-      shading.od = nearest_float(-slope.z);
-      if (!is_inside) shading.oc = nearest_float(slope.z * w);
-    } else if (is_inside) {
-      shading.od = nearest_float(-glm::dot(slope, reference));
-    } else {
-      shading.oc = nearest_float(slope.z);
-    }
-  }
-}
-
 // Between which depths a pixel's ray shows something.
-std::array<double, 2> CellSweep::visible_depths(int x, int y) const {
-  constexpr double infinity = std::numeric_limits<double>::infinity();
-  double from = 0, to = infinity;
-  if (frame_.surfaces) {
-    const double depth =
-        frame_.surfaces->depths[static_cast<std::size_t>(view_.height - 1 - y) * static_cast<std::size_t>(view_.width) +
-                                static_cast<std::size_t>(x)];
-    if (!std::isnan(depth)) to = depth;
-  }
-  const dvec3 aside =
-      (x - frame_.middle_x) / view_.focal * view_.right + (y - frame_.middle_y) / view_.focal * view_.up;
-  const dvec3 origin = view_.orthographic ? view_.eye + aside : view_.eye;
-  const dvec3 along = view_.orthographic ? view_.forward : view_.forward + aside;
-  for (const Plane& plane : view_.clip.planes) {
-    const double distance = plane.distance(origin), rise = glm::dot(plane.normal, along);
-    if (rise > 0)
-      from = std::max(from, -distance / rise);
-    else if (rise < 0)
-      to = std::min(to, -distance / rise);
-    else if (distance < 0)
-      to = 0;
-  }
-  for (int axis = 0; axis < 3 && view_.clip.box; ++axis) {
-    const double low = view_.clip.box->low[axis] - origin[axis], high = view_.clip.box->high[axis] - origin[axis];
-    if (along[axis] == 0) {
-      if (low > 0 || high < 0) to = 0;
-      continue;
-    }
-    const auto [first, last] = std::minmax({low / along[axis], high / along[axis]});
-    from = std::max(from, first);
-    to = std::min(to, last);
-  }
-  return {from, to};
+VisibleDepths CellSweep::visible_depths(int x, int y) const {
+  VisibleDepths range = clipped_depths(view_, (x - frame_.middle_x) / view_.focal, (y - frame_.middle_y) / view_.focal);
+  if (!frame_.surfaces) return range;
+  const auto row = static_cast<std::size_t>(view_.height - 1 - y), column = static_cast<std::size_t>(x);
+  const double depth = frame_.surfaces->depths[row * static_cast<std::size_t>(view_.width) + column];
+  if (!std::isnan(depth)) range.to = std::min(range.to, depth);
+  return range;
 }
 
 void CellSweep::set_limits(const CellsOnScreen& screen, const TileDepths& depths, TileSegments& segments) const {
@@ -512,47 +365,8 @@ void CellSweep::set_limits(const CellsOnScreen& screen, const TileDepths& depths
     return static_cast<float>(view_.orthographic ? screen.w - depth : 1 / depth - screen.w);
   };
   for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
-    segments.near_limits[pixel] = d_of(depths[pixel][0]);
-    segments.far_limits[pixel] = d_of(depths[pixel][1]);
-  }
-}
-
-// Sorts by the upper halves: by 11 bits of them, three times.
-void sort_keys(std::vector<std::uint64_t>& keys, std::vector<std::uint64_t>& scratch) {
-  scratch.resize(keys.size());
-  for (int shift = 32; shift < 64; shift += 11) {
-    const auto digit = [&](std::uint64_t key) { return key >> shift & 2047; };
-    std::array<std::uint32_t, 2049> begins{};
-    for (const std::uint64_t key : keys) ++begins[digit(key) + 1];
-    std::partial_sum(begins.begin(), begins.end(), begins.begin());
-    for (const std::uint64_t key : keys) scratch[begins[digit(key)]++] = key;
-    std::swap(keys, scratch);
-  }
-}
-
-void CellSweep::sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
-  sort_keys(setup.keys, setup.sorted);
-  if (setup.tiles.empty()) return;
-  TileBounds all = setup.tiles[0];
-  for (const TileBounds& own : setup.tiles)
-    all = {std::min(all.left, own.left), std::max(all.right, own.right), std::min(all.bottom, own.bottom),
-           std::max(all.top, own.top)};
-  screen.tiles_left = all.left, screen.tiles_bottom = all.bottom;
-  screen.tiles_across = all.right - all.left + 1, screen.tiles_up = all.top - all.bottom + 1;
-  const auto visit = [&](const TileBounds& own, const auto& use) {
-    for (int row = own.bottom; row <= own.top; ++row)
-      for (int column = own.left; column <= own.right; ++column)
-        use(static_cast<std::size_t>((row - all.bottom) * screen.tiles_across + column - all.left));
-  };
-  screen.begins.assign(static_cast<std::size_t>(screen.tiles_across) * static_cast<std::size_t>(screen.tiles_up) + 1,
-                       0);
-  for (const TileBounds& own : setup.tiles) visit(own, [&](std::size_t tile) { ++screen.begins[tile + 1]; });
-  std::partial_sum(screen.begins.begin(), screen.begins.end(), screen.begins.begin());
-  screen.numbers.resize(screen.begins.back());
-  setup.next.assign(screen.begins.begin(), screen.begins.end() - 1);
-  for (const std::uint64_t key : setup.keys) {
-    const auto number = static_cast<std::uint32_t>(key);
-    visit(setup.tiles[number], [&](std::size_t tile) { screen.numbers[setup.next[tile]++] = number; });
+    segments.near_limits[pixel] = d_of(depths[pixel].from);
+    segments.far_limits[pixel] = d_of(depths[pixel].to);
   }
 }
 
@@ -589,7 +403,7 @@ bool CellSweep::draw_tile(int column, int row, const Batch& batch, Tile& tile) {
     for (int pixel = 0; pixel < cell_tile_pixels; ++pixel) {
       const int x = area.left + pixel % cell_tile_side, y = area.bottom + pixel / cell_tile_side;
       depths[static_cast<std::size_t>(pixel)] =
-          x < view_.width && y < view_.height ? visible_depths(x, y) : std::array{0.0, 0.0};
+          x < view_.width && y < view_.height ? visible_depths(x, y) : VisibleDepths{0, 0};
     }
   std::uint64_t unblended = 0;
   float later_key = -farthest;
@@ -661,17 +475,14 @@ Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDra
   const View view = spacing > 1 ? sampled_view(drawing.view, spacing) : drawing.view;
   SPLATVOL_TRY_ASSIGN(picture, CellSweep(source, drawing, view, *workspace_).draw());
   if (spacing <= 1) return picture;
-  Image rows, whole;
-  whole.width = drawing.view.width;
-  whole.height = drawing.view.height;
+  Image rows, whole{drawing.view.width, drawing.view.height, {}};
+  whole.pixels.resize(static_cast<std::size_t>(whole.width) * static_cast<std::size_t>(whole.height));
   interpolate(picture.image, spacing, rows, whole);
   picture.image = std::move(whole);
   return picture;
 }
 
-namespace tiles {
-
-bool TileSegments::make_room() {
+bool tiles::TileSegments::make_room() {
   const int more_room = 2 * room + 4;
   is_full = is_full || more_room > most_room;
   if (is_full) return false;
@@ -689,116 +500,4 @@ bool TileSegments::make_room() {
   return true;
 }
 
-namespace {
-
-// A plane through three corners of which one may be behind the eye: in double precision, by their places in space.
-struct PlaneInSpace {
-  CellOnScreen::Face face;
-  CellOnScreen::Reference reference;
-  bool is_positive;  // as the area on the screen would be
-};
-
-PlaneInSpace plane_in_space(const CellFrame& frame, const std::array<dvec3, 3>& p, const std::array<double, 3>& u,
-                            double w) {
-  const View& view = *frame.view;
-  const dvec3 q = p[1] - p[0], r = p[2] - p[0], normal = glm::cross(q, r);
-  const double square = std::max(glm::dot(normal, normal), std::numeric_limits<double>::min());
-  const dvec3 gradient = ((u[1] - u[0]) * glm::cross(r, normal) + (u[2] - u[0]) * glm::cross(normal, q)) / square;
-  const auto not_zero = [](double x) { return x == 0 ? 1e-300 : x; };
-  // A plane that is seen edge-on is as steep as numbers allow.
-  const auto number = [](double x) { return static_cast<float>(std::clamp(x, -1e18, 1e18)); };
-  const double focal = view.focal;
-  if (view.orthographic) {
-    const double across = not_zero(normal.z), offset = glm::dot(normal, p[0]);
-    const double a = normal.x / across / focal, b = normal.y / across / focal, z = offset / across;
-    return {{number(a), number(b), number(gradient.x / focal - gradient.z * a),
-             number(gradient.y / focal - gradient.z * b)},
-            {0, 0, number(w - z), number(u[0] + glm::dot(gradient, dvec3(0, 0, z) - p[0]))},
-            across > 0};
-  }
-  const double offset = not_zero(glm::dot(normal, p[0])), along = glm::dot(gradient, p[0]);
-  const double a = normal.x / offset / focal, b = normal.y / offset / focal, c = normal.z / offset;
-  // 1/z at the reference must not be 0: of a few pixels, the one where it is largest.
-  const double x_end = frame.middle_x, y_end = frame.middle_y;
-  dvec2 at(0);
-  for (const dvec2 other : {dvec2(x_end, y_end), dvec2(-x_end, y_end), dvec2(x_end, -y_end), dvec2(-x_end, -y_end)})
-    if (std::abs(a * other.x + b * other.y + c) > std::abs(a * at.x + b * at.y + c)) at = other;
-  const double inverse_z = not_zero(a * at.x + b * at.y + c);
-  const double in_u = (glm::dot(gradient, dvec3(at / focal, 1)) - along * inverse_z) / inverse_z;
-  return {{number(a), number(b), number(gradient.x / focal - (along + in_u) * a),
-           number(gradient.y / focal - (along + in_u) * b)},
-          {static_cast<float>(at.x), static_cast<float>(at.y), number(inverse_z - w), number(u[0] + in_u)},
-          offset > 0};
-}
-
-// The values on the eye's plane: in perspective those at the eye.
-void set_eye_plane(const CellFrame& frame, const std::array<dvec3, 4>& p, const std::array<float, 4>& u,
-                   FarOut& far_out) {
-  const dvec3 q = p[1] - p[0], r = p[2] - p[0], s = p[3] - p[0];
-  const dvec3 sum = double{u[1] - u[0]} * glm::cross(r, s) + double{u[2] - u[0]} * glm::cross(s, q) +
-                    double{u[3] - u[0]} * glm::cross(q, r);
-  const double volume = glm::dot(q, glm::cross(r, s));
-  const dvec3 gradient = volume == 0 ? dvec3(0) : sum / volume;
-  far_out.eye_u = nearest_float(u[0] - glm::dot(gradient, p[0]));
-  if (!frame.view->orthographic) return;
-  far_out.eye_e = nearest_float(gradient.x / frame.view->focal);
-  far_out.eye_f = nearest_float(gradient.y / frame.view->focal);
-}
-
-// The pixels that a cell may cover; false: none.
-bool bound_pixels(const CellFrame& frame, const std::array<dvec3, 4>& corners, CellOnScreen& cell) {
-  const View& view = *frame.view;
-  dvec2 low(1e9), high(-1e9);
-  const auto reach = [&](const dvec3& p) {
-    const dvec2 at = dvec2(p) * (view.orthographic ? view.focal : view.focal / p.z);
-    low = glm::min(low, at), high = glm::max(high, at);
-  };
-  const double nearest = frame.nearest;
-  for (const dvec3& p : corners) {
-    if (view.orthographic || p.z > nearest) reach(p);
-    if (view.orthographic || p.z <= nearest) continue;
-    for (const dvec3& q : corners)
-      if (q.z <= nearest) reach(glm::mix(q, p, (nearest - q.z) / (p.z - q.z)));
-  }
-  const auto pixel = [](double x, double first, double last) {
-    return static_cast<std::int32_t>(std::clamp(x, first, last));
-  };
-  cell.left = pixel(std::ceil(low.x + frame.middle_x - frame.slack), 0, view.width);
-  cell.right = pixel(std::floor(high.x + frame.middle_x + frame.slack), -1, view.width - 1);
-  cell.bottom = pixel(std::ceil(low.y + frame.middle_y - frame.slack), 0, view.height);
-  cell.top = pixel(std::floor(high.y + frame.middle_y + frame.slack), -1, view.height - 1);
-  return cell.left <= cell.right && cell.bottom <= cell.top;
-}
-
-}  // namespace
-
-bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
-                    const FacesOfCell& faces, const std::array<float, 4>& u, CellOnScreen& cell,
-                    CellsOnScreen& screen) {
-  const PointsOnScreen& points = setup.points;
-  std::array<dvec3, 4> p;
-  for (std::size_t k = 0; k < 4; ++k) p[k] = setup.in_view[corners[k]];
-  if (!bound_pixels(frame, p, cell)) return false;
-  FarOut far_out{};
-  std::size_t fronts = 0, backs = 4;
-  for (std::size_t k = 0; k < 4; ++k) {
-    const auto [a, b, c, opposite] = face_corners[k];
-    PlaneInSpace plane{faces.planes[k],
-                       {points.x[corners[a]], points.y[corners[a]], points.d[corners[a]], u[a]},
-                       !faces.is_negative[k]};
-    if ((points.is_far_out[corners[a]] | points.is_far_out[corners[b]] | points.is_far_out[corners[c]]) != 0)
-      plane = plane_in_space(frame, {p[a], p[b], p[c]}, {u[a], u[b], u[c]}, screen.w);
-    const double side = glm::dot(glm::cross(p[b] - p[a], p[c] - p[a]), p[opposite] - p[a]);
-    const std::size_t at = plane.is_positive == (side > 0) ? fronts++ : --backs;
-    cell.faces[at] = plane.face;
-    far_out.references[at] = plane.reference;
-  }
-  cell.fronts = static_cast<std::uint8_t>(fronts);
-  cell.far_out = static_cast<std::int32_t>(screen.far_out.size());
-  set_eye_plane(frame, p, u, far_out);
-  screen.far_out.push_back(far_out);
-  return true;
-}
-
-}  // namespace tiles
 }  // namespace splatvol

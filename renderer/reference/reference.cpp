@@ -16,6 +16,7 @@
 
 #include "renderer/reference/cell.h"
 #include "renderer/reference/emission_absorption.h"
+#include "scene/clipped_depths.h"
 
 namespace splatvol {
 namespace {
@@ -81,7 +82,6 @@ class CellProjection {
   void draw_tiles(const std::function<void(double)>& progress);
   void draw_area(std::span<const std::uint32_t> cells, const PixelRectangle& area, Scratch& scratch);
   void gather_cell(std::size_t cell, const PixelRectangle& area, Scratch& scratch) const;
-  [[nodiscard]] std::array<double, 2> visible_depths(const PixelRay& ray) const;
   [[nodiscard]] double surface_depth(int x, int y) const;
   vec4 integrate(const PixelRay& ray, double surface, std::vector<Segment>& segments) const;
 
@@ -239,35 +239,6 @@ void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, S
   }
 }
 
-/// Returns the depths between which a ray is in front of the eye and in the clip region.
-std::array<double, 2> CellProjection::visible_depths(const PixelRay& ray) const {
-  double from = 0, to = std::numeric_limits<double>::infinity();
-  if (view_.clip.is_all()) return {from, to};
-  const dvec3 aside = ray.a * view_.right + ray.b * view_.up;
-  const dvec3 origin = view_.orthographic ? view_.eye + aside : view_.eye;
-  const dvec3 along = view_.orthographic ? view_.forward : view_.forward + aside;
-  for (const Plane& plane : view_.clip.planes) {
-    const double distance = plane.distance(origin), rise = glm::dot(plane.normal, along);
-    if (rise > 0)
-      from = std::max(from, -distance / rise);
-    else if (rise < 0)
-      to = std::min(to, -distance / rise);
-    else if (distance < 0)
-      to = 0;
-  }
-  for (int axis = 0; axis < 3 && view_.clip.box; ++axis) {
-    const double low = view_.clip.box->low[axis] - origin[axis], high = view_.clip.box->high[axis] - origin[axis];
-    if (along[axis] == 0) {
-      if (low > 0 || high < 0) to = 0;
-      continue;
-    }
-    const auto [first, last] = std::minmax({low / along[axis], high / along[axis]});
-    from = std::max(from, first);
-    to = std::min(to, last);
-  }
-  return {from, to};
-}
-
 /// Returns the depth where a pixel's ray ends; infinity: nowhere.
 double CellProjection::surface_depth(int x, int y) const {
   constexpr double infinity = std::numeric_limits<double>::infinity();
@@ -281,7 +252,7 @@ vec4 CellProjection::integrate(const PixelRay& ray, double surface, std::vector<
     return a.enter != b.enter ? a.enter < b.enter : a.leave < b.leave;
   });
   const double world_per_depth = view_.orthographic ? 1 : std::sqrt(1 + ray.a * ray.a + ray.b * ray.b);
-  const auto [from, visible_to] = visible_depths(ray);
+  const auto [from, visible_to] = clipped_depths(view_, ray.a, ray.b);
   const double to = std::min(visible_to, surface);
   RayLight light;
   for (const Segment& segment : segments) {

@@ -283,6 +283,22 @@ TEST(Cells, AreAlikeForAllInstructionSets) {
   test::for_each_target([&] { EXPECT_LE(difference(draw(source, drawn.drawing()), first).most, 2e-6); });
 }
 
+TEST(Cells, AreInterpolatedBetweenSamples) {
+  Drawn drawn{bent_box(8), colored_scene(4)};
+  drawn.scene.width = 256, drawn.scene.height = 231;
+  const MeshSource source(drawn.view(), 1000);
+  CellDrawing drawing = drawn.drawing();
+  const Image exact = draw(source, drawing);
+  double before = 1;
+  for (const int spacing : {8, 4, 2}) {
+    drawing.sample_spacing = spacing;
+    const double rmse = difference(draw(source, drawing), exact).rmse;
+    EXPECT_LT(rmse, before);
+    before = rmse;
+  }
+  EXPECT_LT(before, 0.005);
+}
+
 TEST(Cells, OfNoSource) {
   const Mesh empty;
   const MeshSource source(empty.view(), 100);

@@ -1,0 +1,122 @@
+// Cells with a corner behind the eye, or far outside of the picture.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "renderer/common.h"
+#include "renderer/cpu/cell_frame.h"
+
+namespace splatvol::tiles {
+namespace {
+
+// A plane through three corners of which one may be behind the eye: in double precision, by their places in space.
+struct PlaneInSpace {
+  CellOnScreen::Face face;
+  CellOnScreen::Reference reference;
+  bool is_positive;  // as the area on the screen would be
+};
+
+PlaneInSpace plane_in_space(const CellFrame& frame, const std::array<dvec3, 3>& p, const std::array<double, 3>& u,
+                            double w) {
+  const View& view = *frame.view;
+  const dvec3 q = p[1] - p[0], r = p[2] - p[0], normal = glm::cross(q, r);
+  const double square = std::max(glm::dot(normal, normal), std::numeric_limits<double>::min());
+  const dvec3 gradient = ((u[1] - u[0]) * glm::cross(r, normal) + (u[2] - u[0]) * glm::cross(normal, q)) / square;
+  const auto not_zero = [](double x) { return x == 0 ? 1e-300 : x; };
+  // A plane that is seen edge-on is as steep as numbers allow.
+  const auto number = [](double x) { return static_cast<float>(std::clamp(x, -1e18, 1e18)); };
+  const double focal = view.focal;
+  if (view.orthographic) {
+    const double across = not_zero(normal.z), offset = glm::dot(normal, p[0]);
+    const double a = normal.x / across / focal, b = normal.y / across / focal, z = offset / across;
+    return {{number(a), number(b), number(gradient.x / focal - gradient.z * a),
+             number(gradient.y / focal - gradient.z * b)},
+            {0, 0, number(w - z), number(u[0] + glm::dot(gradient, dvec3(0, 0, z) - p[0]))},
+            across > 0};
+  }
+  const double offset = not_zero(glm::dot(normal, p[0])), along = glm::dot(gradient, p[0]);
+  const double a = normal.x / offset / focal, b = normal.y / offset / focal, c = normal.z / offset;
+  // 1/z at the reference must not be 0: of a few pixels, the one where it is largest.
+  const double x_end = frame.middle_x, y_end = frame.middle_y;
+  dvec2 at(0);
+  for (const dvec2 other : {dvec2(x_end, y_end), dvec2(-x_end, y_end), dvec2(x_end, -y_end), dvec2(-x_end, -y_end)})
+    if (std::abs(a * other.x + b * other.y + c) > std::abs(a * at.x + b * at.y + c)) at = other;
+  const double inverse_z = not_zero(a * at.x + b * at.y + c);
+  const double in_u = (glm::dot(gradient, dvec3(at / focal, 1)) - along * inverse_z) / inverse_z;
+  return {{number(a), number(b), number(gradient.x / focal - (along + in_u) * a),
+           number(gradient.y / focal - (along + in_u) * b)},
+          {static_cast<float>(at.x), static_cast<float>(at.y), number(inverse_z - w), number(u[0] + in_u)},
+          offset > 0};
+}
+
+// The values on the eye's plane: in perspective those at the eye.
+void set_eye_plane(const CellFrame& frame, const std::array<dvec3, 4>& p, const std::array<float, 4>& u,
+                   FarOut& far_out) {
+  const dvec3 q = p[1] - p[0], r = p[2] - p[0], s = p[3] - p[0];
+  const dvec3 sum = double{u[1] - u[0]} * glm::cross(r, s) + double{u[2] - u[0]} * glm::cross(s, q) +
+                    double{u[3] - u[0]} * glm::cross(q, r);
+  const double volume = glm::dot(q, glm::cross(r, s));
+  const dvec3 gradient = volume == 0 ? dvec3(0) : sum / volume;
+  far_out.eye_u = nearest_float(u[0] - glm::dot(gradient, p[0]));
+  if (!frame.view->orthographic) return;
+  far_out.eye_e = nearest_float(gradient.x / frame.view->focal);
+  far_out.eye_f = nearest_float(gradient.y / frame.view->focal);
+}
+
+// The pixels that a cell may cover; false: none.
+bool bound_pixels(const CellFrame& frame, const std::array<dvec3, 4>& corners, CellOnScreen& cell) {
+  const View& view = *frame.view;
+  dvec2 low(1e9), high(-1e9);
+  const auto reach = [&](const dvec3& p) {
+    const dvec2 at = dvec2(p) * (view.orthographic ? view.focal : view.focal / p.z);
+    low = glm::min(low, at), high = glm::max(high, at);
+  };
+  const double nearest = frame.nearest;
+  for (const dvec3& p : corners) {
+    if (view.orthographic || p.z > nearest) reach(p);
+    if (view.orthographic || p.z <= nearest) continue;
+    for (const dvec3& q : corners)
+      if (q.z <= nearest) reach(glm::mix(q, p, (nearest - q.z) / (p.z - q.z)));
+  }
+  const auto pixel = [](double x, double first, double last) {
+    return static_cast<std::int32_t>(std::clamp(x, first, last));
+  };
+  cell.left = pixel(std::ceil(low.x + frame.middle_x - frame.slack), 0, view.width);
+  cell.right = pixel(std::floor(high.x + frame.middle_x + frame.slack), -1, view.width - 1);
+  cell.bottom = pixel(std::ceil(low.y + frame.middle_y - frame.slack), 0, view.height);
+  cell.top = pixel(std::floor(high.y + frame.middle_y + frame.slack), -1, view.height - 1);
+  return cell.left <= cell.right && cell.bottom <= cell.top;
+}
+
+}  // namespace
+
+bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
+                    const FacesOfCell& faces, const std::array<float, 4>& u, CellOnScreen& cell,
+                    CellsOnScreen& screen) {
+  const PointsOnScreen& points = setup.points;
+  std::array<dvec3, 4> p;
+  for (std::size_t k = 0; k < 4; ++k) p[k] = setup.in_view[corners[k]];
+  if (!bound_pixels(frame, p, cell)) return false;
+  FarOut far_out{};
+  std::size_t fronts = 0, backs = 4;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto [a, b, c, opposite] = face_corners[k];
+    PlaneInSpace plane{faces.planes[k],
+                       {points.x[corners[a]], points.y[corners[a]], points.d[corners[a]], u[a]},
+                       !faces.is_negative[k]};
+    if ((points.is_far_out[corners[a]] | points.is_far_out[corners[b]] | points.is_far_out[corners[c]]) != 0)
+      plane = plane_in_space(frame, {p[a], p[b], p[c]}, {u[a], u[b], u[c]}, screen.w);
+    const double side = glm::dot(glm::cross(p[b] - p[a], p[c] - p[a]), p[opposite] - p[a]);
+    const std::size_t at = plane.is_positive == (side > 0) ? fronts++ : --backs;
+    cell.faces[at] = plane.face;
+    far_out.references[at] = plane.reference;
+  }
+  cell.fronts = static_cast<std::uint8_t>(fronts);
+  cell.far_out = static_cast<std::int32_t>(screen.far_out.size());
+  set_eye_plane(frame, p, u, far_out);
+  screen.far_out.push_back(far_out);
+  return true;
+}
+
+}  // namespace splatvol::tiles

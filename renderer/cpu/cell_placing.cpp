@@ -1,0 +1,181 @@
+// Places the cells of a chunk on the screen, as far as no instruction set matters.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <optional>
+#include <utility>
+
+#include "renderer/common.h"
+#include "renderer/cpu/cell_frame.h"
+
+namespace splatvol::tiles {
+namespace {
+
+constexpr double largest_u = 1e28;
+
+// Sorts by the upper halves: by 11 bits of them, three times.
+void sort_keys(std::vector<std::uint64_t>& keys, std::vector<std::uint64_t>& scratch) {
+  scratch.resize(keys.size());
+  for (int shift = 32; shift < 64; shift += 11) {
+    const auto digit = [&](std::uint64_t key) { return key >> shift & 2047; };
+    std::array<std::uint32_t, 2049> begins{};
+    for (const std::uint64_t key : keys) ++begins[digit(key) + 1];
+    std::partial_sum(begins.begin(), begins.end(), begins.begin());
+    for (const std::uint64_t key : keys) scratch[begins[digit(key)]++] = key;
+    std::swap(keys, scratch);
+  }
+}
+
+// A cell in view coordinates.
+struct CellInSpace {
+  std::array<dvec3, 4> corners;
+
+  [[nodiscard]] double volume() const { return glm::dot(edge(1), glm::cross(edge(2), edge(3))); }
+  // Times the volume.
+  [[nodiscard]] dvec3 gradient(const std::array<double, 4>& values) const {
+    return (values[1] - values[0]) * glm::cross(edge(2), edge(3)) +
+           (values[2] - values[0]) * glm::cross(edge(3), edge(1)) +
+           (values[3] - values[0]) * glm::cross(edge(1), edge(2));
+  }
+
+ private:
+  [[nodiscard]] dvec3 edge(std::size_t corner) const { return corners[corner] - corners[0]; }
+};
+
+// The reference is the farthest corner, unless it is far outside of the picture: then its middle, and none is returned.
+std::optional<dvec3> set_reference(const CellFrame& frame, const CellInSpace& cell, double w, CellShading& shading) {
+  const View& view = *frame.view;
+  const dvec3& farthest_corner =
+      *std::ranges::max_element(cell.corners, {}, [](const dvec3& corner) { return corner.z; });
+  const dvec2 place = dvec2(farthest_corner) * (view.orthographic ? view.focal : view.focal / farthest_corner.z);
+  if (!(std::abs(place.x) <= frame.widest && std::abs(place.y) <= frame.widest)) return std::nullopt;
+  shading.x = static_cast<float>(place.x), shading.y = static_cast<float>(place.y);
+  shading.d = static_cast<float>(view.orthographic ? w - farthest_corner.z : 1 / farthest_corner.z - w);
+  return farthest_corner;
+}
+
+void set_light(const View& view, const dvec3& gradient, const std::optional<dvec3>& reference, CellShading& shading) {
+  const double length = glm::length(gradient);
+  if (!(length > 0)) return;
+  const dvec3 g = gradient / length;
+  shading.has_gradient = true;
+  if (view.orthographic) {
+    shading.l0 = static_cast<float>(g.z);
+    return;
+  }
+  shading.lx = static_cast<float>(g.x / view.focal), shading.ly = static_cast<float>(g.y / view.focal);
+  shading.l0 = static_cast<float>(reference ? glm::dot(g, *reference) / reference->z : g.z);
+}
+
+void set_opacity(const View& view, const CellInSpace& cell, const std::array<double, 4>& values,
+                 const std::optional<dvec3>& reference, double w, CellShading& shading) {
+  const double volume = cell.volume();
+  const dvec3 slope = volume == 0 ? dvec3(0) : cell.gradient(values) / volume;
+  shading.low = static_cast<float>(std::ranges::min(values)),
+  shading.high = static_cast<float>(std::ranges::max(values));
+  shading.o = nearest_float(values[0] + glm::dot(slope, reference.value_or(dvec3(0)) - cell.corners[0]));
+  shading.ox = nearest_float(slope.x / view.focal), shading.oy = nearest_float(slope.y / view.focal);
+  if (view.orthographic) shading.od = nearest_float(-slope.z);
+  if (!view.orthographic && reference) shading.od = nearest_float(-glm::dot(slope, *reference));
+  if (!reference) shading.oc = nearest_float(view.orthographic ? slope.z * w : slope.z);
+}
+
+}  // namespace
+
+void place_values(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
+  const auto to_u = [](const std::vector<double>& values, double low, double inverse, std::vector<float>& all) {
+    all.resize(values.size());
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      const double u = (values[i] - low) * inverse;
+      all[i] = static_cast<float>(std::isnan(u) ? u : std::clamp(u, -largest_u, largest_u));
+    }
+  };
+  std::vector<float>& u = setup.points.u;
+  to_u(cells.values, frame.low, frame.inverse_domain, u);
+  if (!frame.opacity) return;
+  to_u(cells.opacity_values, frame.opacity_low, frame.opacity_inverse, setup.opacities);
+  for (std::size_t i = 0; i < u.size(); ++i)
+    if (std::isnan(setup.opacities[i])) u[i] = setup.opacities[i];
+}
+
+// Only points of cells that are seen: often they are few.
+void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup,
+                  CellsOnScreen& screen) {
+  const View& view = *frame.view;
+  const std::size_t count = cells.points.size();
+  const bool orthographic = view.orthographic;
+  const double middle = 0.5 * (std::max(box.low.z, 0.0) + box.high.z);
+  const double w = static_cast<float>(orthographic ? middle : 1 / middle);
+  screen.w = static_cast<float>(w);
+  screen.key_offset = static_cast<float>(orthographic ? frame.farthest_w - w : w - frame.farthest_w);
+  screen.eye_d = static_cast<float>(orthographic ? w : 1 / frame.nearest - w);
+  screen.farthest_d = orthographic ? -farthest : -screen.w;
+  setup.is_used.assign(count, 0);
+  for (const std::int32_t cell : setup.seen)
+    for (const std::uint32_t point : cells.tetrahedra[static_cast<std::size_t>(cell)]) setup.is_used[point] = 1;
+  PointsOnScreen& points = setup.points;
+  setup.in_view.resize(count);
+  for (auto* numbers : {&points.x, &points.y, &points.d, &points.w}) numbers->resize(count);
+  points.is_far_out.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    if (setup.is_used[i] == 0) continue;
+    const dvec3 p = setup.in_view[i] = view.to_view(cells.points[i]);
+    const double inverse = 1 / p.z, scale = orthographic ? view.focal : view.focal * inverse;
+    points.x[i] = static_cast<float>(p.x * scale);
+    points.y[i] = static_cast<float>(p.y * scale);
+    points.d[i] = static_cast<float>(orthographic ? w - p.z : inverse - w);
+    points.w[i] = static_cast<float>(orthographic ? 1 : inverse);
+    const bool is_near = std::abs(points.x[i]) <= frame.widest && std::abs(points.y[i]) <= frame.widest;
+    points.is_far_out[i] = is_near && p.z > frame.nearest ? 0 : 1;
+  }
+}
+
+// In double precision, as everything cancels where the eye is far away.
+void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen) {
+  screen.shadings.resize(screen.cells.size());
+  for (std::size_t i = 0; i < screen.cells.size(); ++i) {
+    const auto number = static_cast<std::size_t>(setup.numbers[i]);
+    CellInSpace cell;
+    for (std::size_t k = 0; k < 4; ++k) cell.corners[k] = setup.in_view[cells.tetrahedra[number][k]];
+    const auto of_corners = [&](const auto& all) {
+      std::array<double, 4> values{};
+      for (std::size_t k = 0; k < 4; ++k) values[k] = all[cells.constant ? number : cells.tetrahedra[number][k]];
+      return values;
+    };
+    CellShading& shading = screen.shadings[i];
+    shading = {};
+    const std::optional<dvec3> reference = set_reference(frame, cell, screen.w, shading);
+    if (frame.lighting) set_light(*frame.view, cell.gradient(of_corners(cells.values)), reference, shading);
+    if (frame.opacity) set_opacity(*frame.view, cell, of_corners(setup.opacities), reference, screen.w, shading);
+  }
+}
+
+void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
+  sort_keys(setup.keys, setup.sorted);
+  if (setup.tiles.empty()) return;
+  TileBounds all = setup.tiles[0];
+  for (const TileBounds& own : setup.tiles)
+    all = {std::min(all.left, own.left), std::max(all.right, own.right), std::min(all.bottom, own.bottom),
+           std::max(all.top, own.top)};
+  screen.tiles_left = all.left, screen.tiles_bottom = all.bottom;
+  screen.tiles_across = all.right - all.left + 1, screen.tiles_up = all.top - all.bottom + 1;
+  const auto visit = [&](const TileBounds& own, const auto& use) {
+    for (int row = own.bottom; row <= own.top; ++row)
+      for (int column = own.left; column <= own.right; ++column)
+        use(static_cast<std::size_t>((row - all.bottom) * screen.tiles_across + column - all.left));
+  };
+  screen.begins.assign(static_cast<std::size_t>(screen.tiles_across) * static_cast<std::size_t>(screen.tiles_up) + 1,
+                       0);
+  for (const TileBounds& own : setup.tiles) visit(own, [&](std::size_t tile) { ++screen.begins[tile + 1]; });
+  std::partial_sum(screen.begins.begin(), screen.begins.end(), screen.begins.begin());
+  screen.numbers.resize(screen.begins.back());
+  setup.next.assign(screen.begins.begin(), screen.begins.end() - 1);
+  for (const std::uint64_t key : setup.keys) {
+    const auto number = static_cast<std::uint32_t>(key);
+    visit(setup.tiles[number], [&](std::size_t tile) { screen.numbers[setup.next[tile]++] = number; });
+  }
+}
+
+}  // namespace splatvol::tiles
