@@ -291,9 +291,9 @@ class File:
     ) -> Iterator[Frame]:
         """Draws picture after picture while the file loads; the last one is complete. The first comes at once.
 
-        Arguments as for ``render``, besides ``exact``. ``interval``: seconds to wait for more of the file before the next picture. Each
-        picture is an array of its own. A part that cannot be read is in ``statistics.unreadable``, and its place drawn
-        coarser.
+        Arguments as for ``render``, besides ``exact``. ``interval``: seconds to wait for more of the file before the next
+        picture. Each picture is an array of its own. A part that cannot be read is in ``statistics.unreadable``, and its
+        place drawn coarser.
         """
         renderer = Renderer(self._path, memory, self.step)
         renderer.set_scene(self._scene_for(renderer, scene, size))
