@@ -424,22 +424,33 @@ std::vector<SlicePicture> Player::draw_slices(const View& view) const {
   return pictures;
 }
 
+bool Player::has_cells() const { return format::CellReader::has_cells(streamer_->volume()); }
+
 // The parts of the file and the pieces of rays that wait take half of the memory each.
+Result<std::unique_ptr<const FileCells>> Player::open_cells() {
+  if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
+  if (!kept_cells_) SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(streamer_->volume(), scene_, options_.memory / 2));
+  return FileCells::open(kept_cells_, scene_, view_);
+}
+
+Result<ExactPicture> Player::estimate_exact() {
+  const Call call(*this);
+  SPLATVOL_TRY_ASSIGN(cells, open_cells());
+  return ExactPicture{static_cast<std::uint64_t>(cells->estimate_segments()), cells->chunks().size(),
+                      cells->unknown_cells()};
+}
+
 Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing) {
   const Call call(*this);
   exact_.reset();
   const auto start = Clock::now();
   if (!view_.slices.empty())
     SPLATVOL_TRY(choose({.detail = {.tolerance_percent = 100.0 / std::min(view_.width, view_.height)}}));
-  if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
-  const format::Volume& volume = streamer_->volume();
-  if (!kept_cells_) SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(volume, scene_, options_.memory / 2));
-  SPLATVOL_TRY_ASSIGN(cells, FileCells::open(kept_cells_, scene_, view_));
+  SPLATVOL_TRY_ASSIGN(cells, open_cells());
   times_ = {seconds_since(start), 0, {}, 0, 0};
 
   const auto surfaces_start = Clock::now();
   lay_surfaces(view_);
-  frame_ = nullptr;
   times_.surfaces = seconds_since(surfaces_start);
 
   const auto draw_start = Clock::now();
@@ -458,7 +469,8 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
     if (progress) drawing.progress = [&](double part) { progress((static_cast<double>(done) + part) * share); };
     auto drawn = cell_rasterizer_.draw(*cells, drawing);
     SPLATVOL_TRY(call.check());
-    if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return fail_in(volume.name(), drawn.error());
+    if (!drawn && drawn.error().code == ErrorCode::out_of_budget)
+      return fail_in(streamer_->volume().name(), drawn.error());
     SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
     exact.segments += picture.segments;
     ++done;

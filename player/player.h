@@ -27,6 +27,7 @@
 
 namespace splatvol {
 
+class FileCells;
 class KeptCells;
 class StepAhead;
 
@@ -192,6 +193,13 @@ class Player {
   /// done, in [0, 1]. `sample_spacing`: pixels from one sample to the next; with surfaces 1.
   [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 1);
 
+  /// Tells of `draw_exact` how many chunks and about how many pieces of rays it draws. Reads what chunks the file has.
+  /// Fails if it keeps no cells.
+  [[nodiscard]] Result<ExactPicture> estimate_exact();
+
+  /// Whether the file keeps cells.
+  [[nodiscard]] bool has_cells() const;
+
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
   [[nodiscard]] Status draw_again(const DrawOptions& options = {});
 
@@ -202,7 +210,8 @@ class Player {
   /// second besides the time of a frame. Does nothing to later calls. Thread-safe.
   void cancel();
 
-  /// Returns the splats of the last frame. Null before the first, after a call that failed, and after an exact picture.
+  /// Returns the splats of the last frame, also after an exact picture. Null before the first, and after a call that
+  /// failed.
   [[nodiscard]] const FrameSplats* frame() const { return frame_; }
 
   /// Returns what is known of the last picture if it is exact; else nothing.
@@ -255,6 +264,7 @@ class Player {
   [[nodiscard]] Status set_draw_list();
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
+  [[nodiscard]] Result<std::unique_ptr<const FileCells>> open_cells();
   void lay_surfaces(const View& view);
   [[nodiscard]] bool shows_surfaces() const;
   [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;

@@ -648,9 +648,8 @@ Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDra
   const View view = spacing > 1 ? sampled_view(drawing.view, spacing) : drawing.view;
   SPLATVOL_TRY_ASSIGN(picture, CellSweep(source, drawing, view, *workspace_).draw());
   if (spacing <= 1) return picture;
-  Image rows, whole;
-  whole.width = drawing.view.width;
-  whole.height = drawing.view.height;
+  Image rows, whole{drawing.view.width, drawing.view.height, {}};
+  whole.pixels.resize(static_cast<std::size_t>(whole.width) * static_cast<std::size_t>(whole.height));
   interpolate(picture.image, spacing, rows, whole);
   picture.image = std::move(whole);
   return picture;
