@@ -99,9 +99,9 @@ Status RendererCore::draw_exact() {
 // Whether cells are drawn where nobody tells how good a picture is to be.
 Result<bool> RendererCore::is_exact_by_default() {
   const PlayerOptions& options = player_->options();
-  if (options.in_current_context || options.device == Device::gl) return false;
-  SPLATVOL_TRY_ASSIGN(segments, player_->estimate_segments());
-  return segments && *segments <= most_exact_segments;
+  if (options.in_current_context || options.device == Device::gl || !player_->has_cells()) return false;
+  SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
+  return estimate.segments <= most_exact_segments && estimate.unknown_cells == 0;
 }
 
 Status RendererCore::draw(const Quality& quality) {

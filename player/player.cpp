@@ -424,6 +424,8 @@ std::vector<SlicePicture> Player::draw_slices(const View& view) const {
   return pictures;
 }
 
+bool Player::has_cells() const { return !is_lost_ && format::CellReader::has_cells(streamer_->volume()); }
+
 // The cells in the view.
 Result<std::unique_ptr<const FileCells>> Player::open_cells() {
   if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
@@ -431,11 +433,11 @@ Result<std::unique_ptr<const FileCells>> Player::open_cells() {
   return FileCells::open(kept_cells_, scene_, view_);
 }
 
-Result<std::optional<double>> Player::estimate_segments() {
+Result<ExactPicture> Player::estimate_exact() {
   const Call call(*this);
-  if (!is_lost_ && !format::CellReader::has_cells(streamer_->volume())) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
-  return cells->estimate_segments();
+  return ExactPicture{static_cast<std::uint64_t>(cells->estimate_segments()), cells->chunks().size(),
+                      cells->unknown_cells()};
 }
 
 // The parts of the file and the pieces of rays that wait take half of the memory each.
@@ -446,12 +448,10 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
   if (!view_.slices.empty())
     SPLATVOL_TRY(choose({.detail = {.tolerance_percent = 100.0 / std::min(view_.width, view_.height)}}));
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
-  const format::Volume& volume = streamer_->volume();
   times_ = {seconds_since(start), 0, {}, 0, 0};
 
   const auto surfaces_start = Clock::now();
   lay_surfaces(view_);
-  frame_ = nullptr;
   times_.surfaces = seconds_since(surfaces_start);
 
   const auto draw_start = Clock::now();
@@ -470,7 +470,8 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
     if (progress) drawing.progress = [&](double part) { progress((static_cast<double>(done) + part) * share); };
     auto drawn = cell_rasterizer_.draw(*cells, drawing);
     SPLATVOL_TRY(call.check());
-    if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return fail_in(volume.name(), drawn.error());
+    if (!drawn && drawn.error().code == ErrorCode::out_of_budget)
+      return fail_in(streamer_->volume().name(), drawn.error());
     SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
     exact.segments += picture.segments;
     ++done;

@@ -77,7 +77,7 @@ struct PlayerTimes {
 
 /// A picture that is to be there soon is exact if its cells make no more segments: about a second's work of two cores.
 /// Work is counted, and no clock decides, so a picture does not depend on the machine.
-inline constexpr double most_exact_segments = 6e7;
+inline constexpr std::uint64_t most_exact_segments = 60'000'000;
 
 /// An exact picture of the cells that a file keeps.
 struct ExactPicture {
@@ -192,14 +192,17 @@ class Player {
   /// `seconds` is finite and above 0.
   [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds, const DrawOptions& options = {});
 
-  /// Estimates the pieces of rays in the exact picture's tetrahedra, from the entries of chunks. None: the file keeps
-  /// no cells.
-  [[nodiscard]] Result<std::optional<double>> estimate_segments();
-
   /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. Values on slices
   /// are those of splats of about a pixel. Fails if the file keeps no cells. Calls `progress` with the share that is
   /// done, in [0, 1]. `sample_spacing`: pixels from one sample to the next; with surfaces 1.
   [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 1);
+
+  /// Tells of `draw_exact` how many chunks and about how many pieces of rays it draws. Reads what chunks the file has.
+  /// Fails if it keeps no cells.
+  [[nodiscard]] Result<ExactPicture> estimate_exact();
+
+  /// Whether the file keeps cells.
+  [[nodiscard]] bool has_cells() const;
 
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
   [[nodiscard]] Status draw_again(const DrawOptions& options = {});
@@ -211,7 +214,8 @@ class Player {
   /// second besides the time of a frame. Does nothing to later calls. Thread-safe.
   void cancel();
 
-  /// Returns the splats of the last frame. Null before the first, after a call that failed, and after an exact picture.
+  /// Returns the splats of the last frame, also after an exact picture. Null before the first, and after a call that
+  /// failed.
   [[nodiscard]] const FrameSplats* frame() const { return frame_; }
 
   /// Returns what is known of the last picture if it is exact; else nothing.

@@ -100,12 +100,10 @@ Status choose_exact(RenderOptions& options, Drawing& drawing) {
   RenderOptions exact = options;
   exact.exact = true;
   if (!options.chooses_detail || options.exact || options.kernel || !check_exact(exact)) return {};
-  SPLATVOL_TRY_ASSIGN(segments, drawing.player->estimate_segments());
-  if (!segments) return {};
-  if (*segments > most_exact_segments) {
-    drawing.too_many_segments = segments;
-    return {};
-  }
+  if (!drawing.player->has_cells()) return {};
+  SPLATVOL_TRY_ASSIGN(estimate, drawing.player->estimate_exact());
+  if (estimate.segments > most_exact_segments) drawing.too_many_segments = estimate.segments;
+  if (estimate.segments > most_exact_segments || estimate.unknown_cells > 0) return {};
   options.exact = true;
   options.max_error.reset();
   options.grows = false;

@@ -134,7 +134,7 @@ void print_summary(const RenderOptions& options, const Drawing& drawing, const T
             streamer.volume().file_bytes(), timings.first_image);
   if (drawing.too_many_segments)
     print_out("{}: splats, as the file's cells make about {:.0f} million segments: --exact draws them\n",
-              options.written(), *drawing.too_many_segments / 1e6);
+              options.written(), static_cast<double>(*drawing.too_many_segments) / 1e6);
   if (frame.detail.goal) {
     print_goal(options, drawing);
     return;

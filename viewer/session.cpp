@@ -144,6 +144,9 @@ constexpr std::uint64_t least_first_splats = std::uint64_t{1} << 13;
 // surfaces are compared with each of its pixels.
 constexpr std::uint64_t least_among_surfaces = std::uint64_t{1} << 15;
 
+// Pixels between samples of the first exact picture at rest.
+constexpr int coarsest_exact_spacing = 4;
+
 // Longest time that the picture of the step before stays. Then the new one is drawn as coarse as it is.
 constexpr double longest_wait_seconds = 2;
 
@@ -443,10 +446,10 @@ Status Session::apply() {
     drawn = scene = used_scene_;
     SPLATVOL_TRY(player_->set_scene(scene));
   }
-  const bool same = player_->options().memory == used_settings_.memory &&
-                    player_->options().kernel == used_settings_.kernel &&
-                    settings.tolerance == used_settings_.tolerance && settings.max_error == used_settings_.max_error &&
-                    have_same_picture(drawn, used_scene_);
+  const bool same =
+      player_->options().memory == used_settings_.memory && player_->options().kernel == used_settings_.kernel &&
+      settings.tolerance == used_settings_.tolerance && settings.max_error == used_settings_.max_error &&
+      settings.most_exact_segments == used_settings_.most_exact_segments && have_same_picture(drawn, used_scene_);
   view_ = player_->view();
   used_scene_ = std::move(drawn);
   used_settings_ = settings;
@@ -499,6 +502,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   if (moves && moving_is_drawn_ && !awaits_step_) return {};  // the picture stays
   if (!moves && asked_step_) return {};                       // the picture stays
   if (!moves && !sharpening_) begin_rest();
+  if (!moves && sharpening_->is_done() && exact_spacing_ > 0) return begin_exact();
   FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
                        .change = moves ? 1 : std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
   if (moves)
@@ -506,9 +510,10 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   else
     request.detail = sharpening_->detail();
   DrawOptions options;
-  if (!moves && !awaits_step_ && can_draw_aside()) return draw_aside(request, options);
+  if (!moves && !awaits_step_ && can_draw_aside())
+    return draw_aside([this, request, options] { return draw_splats(request, options); });
 
-  if (moves && player_->has_drawn_surfaces()) SPLATVOL_TRY(player_->set_scene(half_as_large(used_scene_)));
+  if (moves && has_surfaces()) SPLATVOL_TRY(player_->set_scene(half_as_large(used_scene_)));
   SPLATVOL_TRY(player_->choose(request));
   note_frame();
   awaited_seconds_ += seconds;
@@ -535,8 +540,14 @@ void Session::set_window_seconds(double seconds) {
   pacer_.set_seconds(std::max(frame_seconds - reserve - seconds, shortest));
 }
 
+// Whether surfaces were in the last picture. An exact one does not tell.
+bool Session::has_surfaces() const {
+  if (!player_->exact()) return player_->has_drawn_surfaces();
+  return !used_scene_.surfaces.empty() || !used_scene_.slices.empty();
+}
+
 std::uint64_t Session::moving_splats() const {
-  return player_->has_drawn_surfaces() ? std::max(pacer_.splats(), least_among_surfaces) : pacer_.splats();
+  return has_surfaces() ? std::max(pacer_.splats(), least_among_surfaces) : pacer_.splats();
 }
 
 void Session::note_drawn() {
@@ -552,8 +563,9 @@ bool Session::is_drawn_by_processor() const {
 // A context of OpenGL belongs to this thread.
 bool Session::can_draw_aside() const { return settings.hurries && is_drawn_by_processor(); }
 
-Status Session::draw_aside(const FrameRequest& request, const DrawOptions& options) {
+Status Session::draw_aside(const std::function<Status()>& draw) {
   before_ = {{},
+             player_->exact(),
              player_->streamer().drawn_nodes(),
              player_->streamer().statistics(),
              player_->is_reading_ahead(),
@@ -561,24 +573,85 @@ Status Session::draw_aside(const FrameRequest& request, const DrawOptions& optio
   if (const FrameSplats* frame = player_->frame()) before_.frame = without_list(*frame);
   undrawn_seconds_ = 0;
   stop_ = std::stop_source();
-  const auto draw = [this, request, options, stop = stop_.get_token()]() -> Status {
+  const auto draw_interruptibly = [draw, stop = stop_.get_token()]() -> Status {
     const Interruptible interruptible(stop);
     const LowPriority low;
-    SPLATVOL_TRY(player_->choose(request));
-    SPLATVOL_TRY(player_->draw(options));
-    if (!request.detail.goal || !player_->frame()->progress.settled) return {};
-    // What `finish_picture` compares. It is copied here, where nobody waits for it.
-    SPLATVOL_TRY_ASSIGN(drawn, player_->image());
-    drawn_aside_ = std::move(drawn);
-    return {};
+    return draw();
   };
   try {
-    drawing_ = std::async(std::launch::async, draw);
+    drawing_ = std::async(std::launch::async, draw_interruptibly);
   } catch (const std::system_error&) {
-    drawing_ = std::async(std::launch::deferred, draw);  // no thread starts: it is drawn here
+    drawing_ = std::async(std::launch::deferred, draw_interruptibly);  // no thread starts: it is drawn here
     drawing_.wait();
   }
   return end_drawing(false);
+}
+
+// Chooses splats and draws them, on a thread of its own.
+Status Session::draw_splats(const FrameRequest& request, const DrawOptions& options) {
+  SPLATVOL_TRY(player_->choose(request));
+  SPLATVOL_TRY(player_->draw(options));
+  if (!request.detail.goal || !player_->frame()->progress.settled) return {};
+  // What `finish_picture` compares. It is copied here, where nobody waits for it.
+  SPLATVOL_TRY_ASSIGN(drawn, player_->image());
+  drawn_aside_ = std::move(drawn);
+  return {};
+}
+
+// Where nobody looks at coarser pictures, there are none. 0: splats are wanted, or there is nothing else.
+int Session::first_exact_spacing() const {
+  const ViewSettings& used = used_settings_;
+  if (used.tolerance || used.kernel == KernelKind::octant || used.most_exact_segments == 0) return 0;
+  if (!player_->has_cells()) return 0;
+  return used.hurries ? coarsest_exact_spacing : 1;
+}
+
+// Begins the next exact picture. Until it is there, the window shows a copy of the one before.
+Status Session::begin_exact() {
+  SPLATVOL_TRY(encode_picture());
+  if (settings.hurries) return draw_aside([this] { return draw_exact(); });
+  return finish_exact(draw_exact());
+}
+
+// Draws it, unless it is too much work: then none follows. Needs no context of OpenGL.
+Status Session::draw_exact() {
+  if (!player_->exact()) {
+    SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
+    if (estimate.unknown_cells > 0)
+      return fail(ErrorCode::unsupported, "{}: {} of its cells have shapes that only a newer svview knows", path_,
+                  estimate.unknown_cells);
+    if (estimate.segments > used_settings_.most_exact_segments) {
+      exact_spacing_ = 0;
+      return {};
+    }
+  }
+  return player_->draw_exact({}, exact_spacing_);
+}
+
+// Goes on to finer samples. If the picture cannot be drawn, splats are. After an interruption all begins anew.
+Status Session::finish_exact(const Status& drawn) {
+  if (!drawn && drawn.error().code == ErrorCode::cancelled) {
+    sharpening_.reset();
+    return {};
+  }
+  if (!drawn) {
+    const std::string trouble = drawn.error().message + ": splats are shown, no exact picture";
+    if (std::ranges::find(troubles_, trouble) == troubles_.end()) troubles_.push_back(trouble);
+    const bool shows_splats = exact_spacing_ == first_exact_spacing() && frame();
+    if (!shows_splats) begin_rest();
+    exact_spacing_ = 0;
+  } else if (exact_spacing_ > 0) {
+    note_drawn();
+    exact_spacing_ = player_->sample_spacing() / 2;
+  }
+  settle();
+  return {};
+}
+
+// Whether the last picture is there.
+void Session::settle() {
+  settled_ = sharpening_->is_done() && exact_spacing_ == 0;
+  if (settled_) read_ahead(step() + 1);
 }
 
 // Takes over the picture if it is there, or comes soon.
@@ -587,6 +660,7 @@ Status Session::end_drawing(bool is_busy) {
   if (drawing_.wait_for(is_busy ? std::chrono::milliseconds{0} : patience) == std::future_status::timeout) return {};
   const Status drawn = drawing_.get();
   std::optional<Image> image = std::exchange(drawn_aside_, std::nullopt);
+  if (sharpening_->is_done()) return finish_exact(drawn);
   if (!drawn && drawn.error().code == ErrorCode::cancelled) return {};
   SPLATVOL_TRY(drawn);
   note_frame();
@@ -614,6 +688,7 @@ void Session::begin_rest() {
   if (!settings.tolerance && info().point_count() <= points_drawn_at_once) options.tolerance = 0;
   if (settings.hurries && frame()) options.first_splats = std::bit_floor(std::max(frame()->splats, least_first_splats));
   sharpening_.emplace(options);
+  exact_spacing_ = first_exact_spacing();
 }
 
 // Goes on to a finer picture, unless this one is the last. `drawn`: this one, unless the player still has to copy it.
@@ -622,8 +697,7 @@ Status Session::finish_picture(std::optional<Image> drawn) {
     if (drawn) return *std::move(drawn);
     return player_->image();
   }));
-  settled_ = sharpening_->is_done();
-  if (settled_) read_ahead(step() + 1);
+  settle();
   return {};
 }
 

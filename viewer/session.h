@@ -4,6 +4,7 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <future>
 #include <memory>
 #include <optional>
@@ -45,6 +46,9 @@ struct ViewSettings {
   // Whether a thread reads what another attribute, kernel or memory, or surfaces need, while pictures are drawn without
   // the change. Else it is read by the next draw.
   bool reads_aside = true;
+
+  // Pieces of rays in a tetrahedron that an exact picture may have at rest; 0: splats.
+  std::uint64_t most_exact_segments = splatvol::most_exact_segments;
 };
 
 /// What a session reads of a file. Made on any thread (Session::read).
@@ -82,16 +86,16 @@ class Session {
   [[nodiscard]] static Result<std::unique_ptr<Session>> open(SessionFile file);
 
   /// Updates the picture for `scene` and `settings`, as well as one frame has time for: coarse while they change, finer
-  /// from call to call at rest. `seconds`: since the last call. A picture that cannot be drawn is tried again after a
-  /// change; until then, each call fails alike. While `is_busy`, somebody uses the interface, and would wait for a
-  /// finer picture: none is drawn.
+  /// from call to call at rest, and exact in the end if the file keeps cells. `seconds`: since the last call. A picture
+  /// that cannot be drawn is tried again after a change; until then, each call fails alike. While `is_busy`, somebody
+  /// uses the interface, and would wait for a finer picture: none is drawn.
   [[nodiscard]] Status draw(int width, int height, double seconds, bool is_busy = false);
 
   /// Tells how long the window takes for a frame besides its picture. While something moves, both together take a
   /// sixtieth of a second.
   void set_window_seconds(double seconds);
 
-  /// Whether a thread chooses splats and draws a picture at rest: calls of `draw` do not wait for it long. Then
+  /// Whether a thread draws a picture at rest: calls of `draw` do not wait for it long. Then
   /// `image` and `page` must not be called; `shown_picture` is the one before.
   [[nodiscard]] bool is_drawing() const { return drawing_.valid(); }
 
@@ -195,6 +199,11 @@ class Session {
     if (!is_drawing()) return player_->frame();
     return before_.frame ? &*before_.frame : nullptr;
   }
+
+  /// Returns what is known of the last picture if it is exact; else nothing.
+  [[nodiscard]] const std::optional<ExactPicture>& exact() const {
+    return is_drawing() ? before_.exact : player_->exact();
+  }
   [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const {
     return is_drawing() ? before_.nodes : player_->streamer().drawn_nodes();
   }
@@ -256,7 +265,14 @@ class Session {
   [[nodiscard]] Status fit_camera();
   void begin_rest();
   [[nodiscard]] bool can_draw_aside() const;
-  [[nodiscard]] Status draw_aside(const FrameRequest& request, const DrawOptions& options);
+  [[nodiscard]] Status draw_aside(const std::function<Status()>& draw);
+  [[nodiscard]] Status draw_splats(const FrameRequest& request, const DrawOptions& options);
+  [[nodiscard]] int first_exact_spacing() const;
+  [[nodiscard]] Status begin_exact();
+  [[nodiscard]] Status draw_exact();
+  [[nodiscard]] Status finish_exact(const Status& drawn);
+  void settle();
+  [[nodiscard]] bool has_surfaces() const;
   [[nodiscard]] Status end_drawing(bool is_busy);
   void interrupt_drawing();
   void note_frame();
@@ -319,6 +335,7 @@ class Session {
   double still_seconds_ = 0;              // since the scene changed last
   FramePacer pacer_{0.011};               // of pictures while something moves
   std::optional<Sharpening> sharpening_;  // at rest
+  int exact_spacing_ = 0;                 // of samples in the next exact picture, after splats; 0: there is none
   std::vector<std::string> troubles_;
 
   // Of the last picture.
@@ -334,6 +351,7 @@ class Session {
   // What is told meanwhile.
   struct Before {
     std::optional<FrameSplats> frame;
+    std::optional<ExactPicture> exact;
     std::vector<DrawnNode> nodes;
     StreamerStatistics statistics;
     bool is_reading_ahead = false;

@@ -54,8 +54,22 @@ Status copy_png(const std::string& path) {
   return code == 0 ? Status{} : fail(ErrorCode::io, "{} failed: save the picture", program);
 }
 
+// Tells what is in the picture.
+std::string drawn_text(const Session& session) {
+  if (const auto& exact = session.exact())
+    return fmt::format("{} segments of rays, in {} chunks of cells\n", exact->segments, exact->chunks);
+  const FrameSplats& frame = *session.frame();
+  std::string text = fmt::format("{} points as {} splats\n", session.info().point_count(), frame.splats);
+  for (std::size_t r = 0; r < frame.splats_by_resolution.size(); ++r)
+    if (frame.splats_by_resolution[r] > 0)
+      text += fmt::format("  resolution {}: {} splats in {} nodes\n", r, frame.splats_by_resolution[r],
+                          frame.nodes_by_resolution[r]);
+  return text;
+}
+
 // Tells how fine the picture is, and why it is not finer.
 std::string detail_text(const Session& session) {
+  if (session.exact()) return session.is_settled() ? "exact" : "exact, with fewer samples than pixels: it sharpens";
   const FrameSplats& frame = *session.frame();
   const auto& sharpening = session.sharpening();
   if (!sharpening) return fmt::format("coarse while it moves, an error of about {:.1g}", frame.expected_error);
@@ -466,22 +480,17 @@ void Viewer::draw_hud() {
   const FrameSplats* frame = session_->frame();
   if (!frame) return;
   const StreamerStatistics statistics = session_->statistics();
-  std::string resolutions;
-  for (std::size_t r = 0; r < frame->splats_by_resolution.size(); ++r)
-    if (frame->splats_by_resolution[r] > 0)
-      resolutions += fmt::format("  resolution {}: {} splats in {} nodes\n", r, frame->splats_by_resolution[r],
-                                 frame->nodes_by_resolution[r]);
   const auto bytes = [](std::uint64_t count) { return byte_text(static_cast<double>(count)); };
   const FrameProgress& progress = frame->progress;
   std::string text = fmt::format("{:.0f} frames/s, picture {:.1f} ms\n", frame_seconds_ > 0 ? 1 / frame_seconds_ : 0,
                                  1000 * session_->draw_seconds());
-  text += fmt::format("{} points as {} splats\n{}", session_->info().point_count(), frame->splats, resolutions);
+  text += drawn_text(*session_);
   text += detail_text(*session_) + "\n";
   text += fmt::format("{} of {} in use, and {} to draw\n", bytes(statistics.bytes_resident),
                       bytes(session_->settings.memory), bytes(session_->device_bytes()));
   const std::string device = session_->device_text(), name = device.substr(0, device.find(','));
   const bool is_open = name.find('(') != std::string::npos && name.find(')') == std::string::npos;
-  text += fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
+  text += session_->exact() ? "drawn by the processor\n" : fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
   text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session_->file_bytes()));
   text += fmt::format("{} parts pending ({})", progress.missing_rows + progress.missing_pages,
                       bytes(progress.missing_bytes));

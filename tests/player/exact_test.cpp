@@ -55,7 +55,6 @@ class ExactPictures : public test::FolderTest {
   static Image drawn(Player& player) {
     EXPECT_EQ(test::message_of(player.draw_exact()), "");
     EXPECT_TRUE(player.exact());
-    EXPECT_FALSE(player.frame());
     return test::value_of(player.image());
   }
 

@@ -1,0 +1,209 @@
+// The exact picture of a file that keeps cells, at rest.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/file.h"
+#include "format/volume.h"
+#include "pictures/image.h"
+#include "renderer/reference/reference.h"
+#include "tests/builder/support/built_mesh.h"
+#include "tests/support/results.h"
+#include "tests/viewer/viewer_fixture.h"
+#include "viewer/session.h"
+
+namespace splatvol {
+namespace {
+
+double waves(dvec3 p) { return double{static_cast<float>(p.x + 0.3 * std::sin(8 * p.y))}; }
+
+class ExactAtRest : public test::FolderTest {
+ protected:
+  static void build(const test::Mesh& mesh, const std::string& path, bool keeps_cells = true) {
+    BuildOptions options{.keep_cells = keeps_cells};
+    options.exact = {.positions = true, .values = true};
+    test::build_mesh(mesh, waves, path, options);
+  }
+  static ViewSettings on_processor() {
+    ViewSettings settings;
+    settings.device = Device::cpu;
+    settings.in_current_context = false;
+    settings.reads_aside = false;
+    return settings;
+  }
+  [[nodiscard]] std::unique_ptr<Session> open(const ViewSettings& settings, const std::string& name = "m.svol") const {
+    return test::value_of(Session::open(path(name), "", settings));
+  }
+  void draw(Session& session, double seconds = test::long_time) const {
+    ASSERT_EQ(test::message_of(session.draw(width_, height_, seconds)), "");
+  }
+  Image settled(Session& session) const {
+    std::uint64_t segments = 0;
+    for (int frames = 0; frames == 0 || (!session.is_settled() && frames < 10000); ++frames) {
+      draw(session);
+      if (!session.exact()) continue;
+      EXPECT_GE(session.exact()->segments, segments) << "the picture sharpens";
+      segments = session.exact()->segments;
+    }
+    EXPECT_TRUE(session.is_settled());
+    return test::value_of(session.image());
+  }
+  static Image truth(const test::Mesh& mesh, const Scene& scene) {
+    const std::vector<double> values = test::sample(mesh, waves);
+    const std::vector<std::array<std::uint32_t, 4>> tetrahedra(mesh.tetrahedra.begin(), mesh.tetrahedra.end());
+    return test::value_of(render_reference({mesh.points, values, tetrahedra}, scene)).image;
+  }
+  static double difference(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
+
+  int width_ = 120, height_ = 90;
+  const test::Mesh mesh_ = test::jittered(12, 0.2);
+};
+
+TEST_F(ExactAtRest, IsThePictureOfTheReference) {
+  build(mesh_, path("m.svol"));
+  for (const bool hurries : {true, false}) {
+    ViewSettings settings = on_processor();
+    settings.hurries = hurries;
+    const auto session = open(settings);
+    const Image first = settled(*session);
+    EXPECT_LE(difference(first, truth(mesh_, session->scene)), 1e-4);
+    ASSERT_TRUE(session->exact());
+    EXPECT_GT(session->exact()->segments, 1000u);
+    ASSERT_TRUE(session->frame()) << "for probes";
+
+    // Something moves: splats, in the whole size.
+    session->scene.camera.position += dvec3(0.1);
+    draw(*session, 0.001);
+    if (hurries) {
+      EXPECT_FALSE(session->exact());
+      EXPECT_EQ(test::value_of(session->image()).width, width_);
+      EXPECT_GT(difference(test::value_of(session->image()), truth(mesh_, session->scene)), 1e-4);
+    }
+    const Image second = settled(*session);
+    EXPECT_LE(difference(second, truth(mesh_, session->scene)), 1e-4);
+    EXPECT_TRUE(session->exact());
+  }
+}
+
+TEST_F(ExactAtRest, IsGivenUpForAChange) {
+  build(test::jittered(24, 0.2), path("m.svol"));
+  width_ = 600, height_ = 450;
+  const auto session = open(on_processor());
+  const Image whole = settled(*session);
+  const Camera camera = session->scene.camera;
+  int given_up = 0;
+  for (int tries = 0; tries < 4; ++tries) {
+    session->scene.camera.position += dvec3(0.01);
+    draw(*session, 0.001);
+    const auto is_being_drawn = [&] {
+      return session->is_drawing() && session->sharpening() && session->sharpening()->is_done();
+    };
+    for (int frames = 0; !is_being_drawn() && !session->is_settled() && frames < 10000; ++frames) draw(*session);
+    given_up += session->is_drawing() ? 1 : 0;
+    session->scene.camera.position += dvec3(0.01);
+    for (int frames = 0; frames == 0 || (session->is_drawing() && frames < 10000); ++frames) draw(*session, 0.001);
+    EXPECT_FALSE(session->exact());
+    EXPECT_FALSE(session->is_settled());
+  }
+  EXPECT_GT(given_up, 0) << "each picture was there at once";
+  session->scene.camera = camera;
+  EXPECT_EQ(compare_images(settled(*session), whole)->max, 0);
+  session->scene.camera.position += dvec3(0.01);
+  draw(*session);  // may still be drawing at its end
+}
+
+TEST_F(ExactAtRest, NeedsCellsAndFewSegments) {
+  build(mesh_, path("m.svol"));
+  build(mesh_, path("points.svol"), false);
+  const auto without = open(on_processor(), "points.svol");
+  const Image splats = settled(*without);
+  EXPECT_FALSE(without->exact());
+
+  ViewSettings settings = on_processor();
+  settings.most_exact_segments = 1000;
+  const auto session = open(settings);
+  EXPECT_EQ(compare_images(settled(*session), splats)->max, 0);
+  EXPECT_FALSE(session->exact());
+  EXPECT_TRUE(session->troubles().empty());
+
+  session->settings.most_exact_segments = 10'000'000;
+  settled(*session);
+  EXPECT_TRUE(session->exact());
+
+  // Who asks for a tolerance or for octants looks at splats.
+  session->settings.tolerance = 0;
+  settled(*session);
+  EXPECT_FALSE(session->exact());
+  session->settings.tolerance.reset();
+  session->settings.kernel = KernelKind::octant;
+  settled(*session);
+  EXPECT_FALSE(session->exact());
+}
+
+TEST_F(ExactAtRest, FailsOnce) {
+  build(mesh_, path("m.svol"));
+  std::string bytes = *read_text_file(path("m.svol"));
+  const auto volume = *format::Volume::open(*open_file(path("m.svol")));
+  const auto cells =
+      std::ranges::find(volume->sections(), format::SectionKind::cells_draft, &format::SectionEntry::kind);
+  ASSERT_NE(cells, volume->sections().end());
+  bytes[cells->offset + cells->packed_bytes / 2] ^= 0x55;
+  std::ofstream(path("damaged.svol"), std::ios::binary) << bytes;
+
+  ViewSettings settings = on_processor();
+  settings.most_exact_segments = 0;
+  const Image splats = settled(*open(settings));
+  const auto session = open(on_processor(), "damaged.svol");
+  for (int tries = 0; tries < 2; ++tries) {
+    EXPECT_EQ(compare_images(settled(*session), splats)->max, 0);
+    EXPECT_FALSE(session->exact());
+    EXPECT_EQ(session->troubles().size(), 1u);
+    const Camera camera = session->scene.camera;
+    session->scene.camera.position += dvec3(0.1);
+    settled(*session);
+    session->scene.camera = camera;
+  }
+}
+
+TEST_F(ExactAtRest, HasTheLightOfFewerSamples) {
+  build(mesh_, path("m.svol"));
+  const auto player = test::value_of(Player::open(path("m.svol"), std::nullopt, {.device = Device::cpu}));
+  const auto light = [&](int spacing) {
+    EXPECT_EQ(test::message_of(player->draw_exact({}, spacing)), "");
+    dvec3 sum(0);
+    for (const vec4& pixel : test::value_of(player->image()).pixels) sum += dvec3(pixel);
+    return sum.x + sum.y + sum.z;
+  };
+  const double exact = light(1);
+  for (const int spacing : {2, 4}) EXPECT_NEAR(light(spacing) / exact, 1, 0.01) << spacing;
+}
+
+// Where a graphics card draws what moves, the processor draws the picture at rest, and the window shows it.
+class ExactViewer : public test::ViewerFixture {};
+
+TEST_F(ExactViewer, ShowsTheProcessorsPicture) {
+  test::build_mesh(test::jittered(12, 0.2), waves, path("m.svol"), {.keep_cells = true});
+  std::vector<Image> screens;
+  for (const Device device : {Device::gl, Device::cpu}) {
+    resize(300, 200);
+    ViewerOptions options;
+    options.volume = path("m.svol");
+    options.settings.device = device;
+    open(options);
+    settle();
+    EXPECT_TRUE(viewer->session()->exact());
+    press(key::tab);  // without the panel
+    settle();
+    screens.push_back(screen());
+  }
+  EXPECT_LE(compare_images(screens[0], screens[1])->max, 0.02);
+}
+
+}  // namespace
+}  // namespace splatvol
