@@ -259,7 +259,7 @@ Result<int> CellSweep::draw_band(int begin, int end) {
   band_begin_ = begin;
   std::vector<Tile>& tiles = workspace_.tiles;
   tiles.resize(static_cast<std::size_t>(across_) * static_cast<std::size_t>(end - begin));
-  for (Tile& tile : tiles) tile.clear();
+  tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) { tiles[i].clear(); });
   for (std::uint32_t number = 0; number < chunks_.size(); ++number) {
     const Chunk& chunk = chunks_[number];
     for (int row = std::max(chunk.tiles.y0, begin); row <= std::min(chunk.tiles.y1, end - 1); ++row)
@@ -321,8 +321,9 @@ Result<int> CellSweep::draw_band(int begin, int end) {
       drawing_.progress((begin + (end - begin) * static_cast<double>(first) / static_cast<double>(chunks_.size())) /
                         up_);
   }
-  for (std::size_t i = 0; i < tiles.size(); ++i)
+  tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
     finish_tile(static_cast<int>(i) % across_, begin + static_cast<int>(i) / across_, tiles[i]);
+  });
   return end;
 }
 
