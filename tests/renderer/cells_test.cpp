@@ -299,6 +299,27 @@ TEST(Cells, AreInterpolatedBetweenSamples) {
   EXPECT_LT(before, 0.005);
 }
 
+TEST(Cells, KeepTheirLightBetweenSamples) {
+  Drawn drawn{bent_box(8), colored_scene(4)};
+  drawn.scene.width = 256, drawn.scene.height = 231;
+  drawn.scene.transfer_function.densities = {{0, 0}, {0.59, 0}, {0.6, 40}, {0.61, 0}, {1, 0}};  // thin bright lines
+  const MeshSource source(drawn.view(), 1000);
+  CellDrawing drawing = drawn.drawing();
+  const auto light_of = [](const Image& image) {
+    double sum = 0;
+    for (const vec4& pixel : image.pixels) {
+      EXPECT_GE(std::min({pixel.r, pixel.g, pixel.b}), 0.0F);
+      sum += double{pixel.r} + double{pixel.g} + double{pixel.b};
+    }
+    return sum;
+  };
+  const double light = light_of(draw(source, drawing));
+  for (const int spacing : {2, 4}) {
+    drawing.sample_spacing = spacing;
+    EXPECT_NEAR(light_of(draw(source, drawing)) / light, 1, 0.01);
+  }
+}
+
 TEST(Cells, OfNoSource) {
   const Mesh empty;
   const MeshSource source(empty.view(), 100);
