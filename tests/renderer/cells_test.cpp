@@ -280,7 +280,7 @@ TEST(Cells, AreAlikeForAllInstructionSets) {
   drawn.scene.lighting = Lighting{0.2, 0.7};
   const MeshSource source(drawn.view(), 1000);
   const Image first = draw(source, drawn.drawing());
-  test::for_each_target([&] { EXPECT_LE(difference(draw(source, drawn.drawing()), first).most, 2e-6); });
+  test::for_each_target([&] { EXPECT_LE(difference(draw(source, drawn.drawing()), first).most, 1e-6); });
 }
 
 TEST(Cells, AreInterpolatedBetweenSamples) {
