@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
+#include <glm/vector_relational.hpp>
+#include <optional>
 #include <utility>
 
 #include "base/interruption.h"
+#include "scene/clipped_depths.h"
 #include "streamer/frustum.h"
 #include "streamer/visibility.h"
 
@@ -52,29 +54,6 @@ void spread(std::span<const std::uint32_t> counts, std::vector<double>& values) 
   values = std::move(spread);
 }
 
-// A part of a ray: depths from `begin` to `end`.
-struct Interval {
-  double begin, end;
-
-  void keep(double low, double high) {
-    begin = std::max(begin, low);
-    end = std::min(end, high);
-  }
-  // Where offset + slope * depth >= 0.
-  void keep_positive(double offset, double slope) {
-    constexpr double infinity = std::numeric_limits<double>::infinity();
-    if (slope > 0) keep(-offset / slope, infinity);
-    if (slope < 0) keep(-infinity, -offset / slope);
-    if (slope == 0 && offset < 0) end = -infinity;
-  }
-  void keep_box(const Box& box, const dvec3& from, const dvec3& direction) {
-    for (int axis = 0; axis < 3; ++axis) {
-      keep_positive(from[axis] - box.low[axis], direction[axis]);
-      keep_positive(box.high[axis] - from[axis], -direction[axis]);
-    }
-  }
-};
-
 // A rectangle of the picture, in pixels.
 struct Rectangle {
   dvec2 low, high;
@@ -98,21 +77,21 @@ Rectangle rectangle_of(const Box& box, const View& view) {
 // The sum of the lengths of all pixels' rays in a box.
 double length_of_rays(const Box& box, const View& view) {
   constexpr int samples = 4;  // along each side of the rectangle
+  View in_box = view;
+  if (const std::optional<Box>& clip = view.clip.box)
+    in_box.clip.box = {glm::max(box.low, clip->low), glm::min(box.high, clip->high)};
+  else
+    in_box.clip.box = box;
+  if (glm::any(glm::greaterThan(in_box.clip.box->low, in_box.clip.box->high))) return 0;
   const Rectangle rectangle = rectangle_of(box, view);
   const dvec2 step = (rectangle.high - rectangle.low) / double{samples};
   double sum = 0;
   for (int sample = 0; sample < samples * samples; ++sample) {
     const dvec2 pixel = rectangle.low + step * (dvec2(sample % samples, sample / samples) + 0.5);
     const dvec2 at = (pixel - 0.5 * dvec2(view.width, view.height)) / view.focal;
-    const dvec3 aside = at.x * view.right + at.y * view.up;
-    const dvec3 from = view.orthographic ? view.eye + aside : view.eye;
-    const dvec3 direction = view.orthographic ? view.forward : view.forward + aside;
-    Interval inside{0, std::numeric_limits<double>::infinity()};
-    inside.keep_box(box, from, direction);
-    if (view.clip.box) inside.keep_box(*view.clip.box, from, direction);
-    for (const Plane& plane : view.clip.planes)
-      inside.keep_positive(plane.distance(from), glm::dot(plane.normal, direction));
-    if (inside.begin < inside.end) sum += (inside.end - inside.begin) * glm::length(direction);
+    const VisibleDepths inside = clipped_depths(in_box, at.x, at.y);
+    if (inside.from < inside.to)
+      sum += (inside.to - inside.from) * (view.orthographic ? 1 : std::sqrt(1 + at.x * at.x + at.y * at.y));
   }
   return sum * step.x * step.y;
 }

@@ -40,17 +40,16 @@ std::vector<UPiece> pieces_by_value(const TransferFunction& function) {
 
 }  // namespace
 
-FunctionPieces::FunctionPieces(const TransferFunction& function, double length) {
+FunctionPieces::FunctionPieces(const TransferFunction& function) {
   const auto outer = [&](double t) { return dvec4(function.color_at(t), function.extinction_at(t)); };
   dvec4 peak(0);  // colour times extinction, extinction: integrals
   const auto add = [&](double start, const dvec4& at, const dvec4& slope) {
     starts.push_back(static_cast<float>(start));
     for (int c = 0; c < 4; ++c) {
-      const double scale = c == 3 ? 1 / length : 1;
-      values[static_cast<std::size_t>(c)].push_back(nearest_float(at[c] * scale));
-      slopes[static_cast<std::size_t>(c)].push_back(nearest_float(slope[c] * scale));
+      values[static_cast<std::size_t>(c)].push_back(nearest_float(at[c]));
+      slopes[static_cast<std::size_t>(c)].push_back(nearest_float(slope[c]));
     }
-    peaks.push_back(nearest_float(peak[3] / length));
+    peaks.push_back(nearest_float(peak[3]));
     for (int c = 0; c < 3; ++c)
       peak_colors[static_cast<std::size_t>(c)].push_back(peak[3] > 0 ? static_cast<float>(peak[c] / peak[3]) : 0.0F);
     has_peaks = has_peaks || peak[3] > 0;

@@ -33,8 +33,7 @@ struct FunctionPieces {
   /// [bin]: how many bins before this one show something.
   std::vector<std::int32_t> visible_before;
 
-  /// `length`: a world unit in units of length.
-  FunctionPieces(const TransferFunction& function, double length);
+  explicit FunctionPieces(const TransferFunction& function);
 
   [[nodiscard]] bool fit_registers() const { return count <= in_registers; }
 };

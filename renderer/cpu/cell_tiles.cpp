@@ -431,18 +431,17 @@ class Integrator {
   }
 
  private:
-  // Upwards a knot belongs to what follows it, downwards to what precedes it.
+  // Returns the piece that a ray is in from `u` on. Upwards a knot belongs to what follows it, downwards to what
+  // precedes it.
   [[nodiscard]] HWY_INLINE Int piece_at(Float u, Mask up) const {
     if (!few) return piece_in(function_, u, up);
     Int piece(-1);
-    {
-      for (std::size_t i = 0; i < function_.count; ++i) {
-        const Float start(function_.starts[i]);
-        const Mask begun = either(both(up, start <= u), hn::AndNot(up, start < u));
-        piece = piece + select_int(begun, Int(1), Int(0));
-      }
-      return piece;
+    for (std::size_t i = 0; i < function_.count; ++i) {
+      const Float start(function_.starts[i]);
+      const Mask begun = either(both(up, start <= u), hn::AndNot(up, start < u));
+      piece = piece + select_int(begun, Int(1), Int(0));
     }
+    return piece;
   }
   [[nodiscard]] static HWY_INLINE Int piece_in(const FunctionPieces& function, Float u, Mask up) {
     const Float bin = clamp(fma(u, static_cast<float>(FunctionPieces::bins), 1.0F), 0.0F,

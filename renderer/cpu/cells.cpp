@@ -108,7 +108,7 @@ class CellSweep {
       : source_(source),
         drawing_(drawing),
         view_(view),
-        function_(drawing.transfer.function, 1),
+        function_(drawing.transfer.function),
         across_((view.width + cell_tile_side - 1) / cell_tile_side),
         up_((view.height + cell_tile_side - 1) / cell_tile_side),
         workspace_(workspace) {
@@ -124,7 +124,7 @@ class CellSweep {
     if (drawing.lighting) frame_.lighting = &*drawing.lighting;
     frame_.surfaces = drawing.surfaces;
     if (const TransferFunction* opacity = drawing.transfer.opacity) {
-      opacity_.emplace(*opacity, 1);
+      opacity_.emplace(*opacity);
       frame_.opacity = &*opacity_;
       frame_.opacity_low = opacity->lo;
       frame_.opacity_inverse = 1 / (opacity->hi - opacity->lo);
@@ -385,6 +385,7 @@ bool CellSweep::draw_tile(int column, int row, const Batch& batch, Tile& tile) {
   const bool has_shades = frame_.has_shades();
   if (has_shades) segments.shades.resize(segments.segments.size());
   segments.counts.fill(0);
+  segments.is_full = false;  // an earlier picture may have failed
   if (!tile.counts.empty()) {
     while (segments.room < std::ranges::max(tile.counts)) static_cast<void>(segments.make_room());
     std::size_t from = 0;
