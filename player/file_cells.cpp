@@ -174,8 +174,8 @@ Status KeptCells::decode_constant(const format::CellChunk& kept, const format::L
 
 Result<std::unique_ptr<const FileCells>> FileCells::open(std::shared_ptr<const KeptCells> kept, const Scene& scene,
                                                          const View& view) {
-  std::unique_ptr<FileCells> cells(new FileCells(std::move(kept), view));
-  SPLATVOL_TRY(cells->read_entries(scene));
+  std::unique_ptr<FileCells> cells(new FileCells(std::move(kept), scene, view));
+  SPLATVOL_TRY(cells->read_entries());
   return cells;
 }
 
@@ -186,13 +186,14 @@ std::uint64_t FileCells::unknown_cells() const {
   return unknown;
 }
 
-Status FileCells::read_entries(const Scene& scene) {
+Status FileCells::read_entries() {
   const format::CellReader& reader = kept_->reader();
   const format::SummaryAttributes& attributes = kept_->attributes();
   const std::vector<format::Attribute>& all = reader.volume().info().attributes;
   const format::Attribute* const opacity =
       attributes.opacity < 0 ? nullptr : &all[static_cast<std::size_t>(attributes.opacity)];
-  const ValueVisibility visibility(transfer_of(scene), {all[static_cast<std::size_t>(attributes.values)], opacity});
+  const Transfer transfer(function_, opacity_ ? &opacity_->function : nullptr);
+  const ValueVisibility visibility(transfer, {all[static_cast<std::size_t>(attributes.values)], opacity});
   const Frustum frustum(view_, 0);
   for (std::size_t number = 0; number < reader.pages().size(); ++number) {
     const format::CellPageRef& ref = reader.pages()[number];

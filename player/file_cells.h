@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -52,6 +53,11 @@ class FileCells final : public CellSource {
   [[nodiscard]] static Result<std::unique_ptr<const FileCells>> open(std::shared_ptr<const KeptCells> kept,
                                                                      const Scene& scene, const View& view);
 
+  /// Whether open() would give the same again.
+  [[nodiscard]] bool are_of(const std::shared_ptr<const KeptCells>& kept, const Scene& scene, const View& view) const {
+    return kept_ == kept && function_ == scene.transfer_function && opacity_ == scene.opacity && view_ == view;
+  }
+
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
   [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
     return kept_->read(entries_[chunk.number], scratch);
@@ -65,10 +71,13 @@ class FileCells final : public CellSource {
   [[nodiscard]] double estimate_segments() const;
 
  private:
-  FileCells(std::shared_ptr<const KeptCells> kept, const View& view) : kept_(std::move(kept)), view_(view) {}
-  [[nodiscard]] Status read_entries(const Scene& scene);
+  FileCells(std::shared_ptr<const KeptCells> kept, const Scene& scene, const View& view)
+      : kept_(std::move(kept)), function_(scene.transfer_function), opacity_(scene.opacity), view_(view) {}
+  [[nodiscard]] Status read_entries();
 
   std::shared_ptr<const KeptCells> kept_;
+  TransferFunction function_;
+  std::optional<SceneOpacity> opacity_;
   View view_;
   std::vector<Chunk> chunks_;
   std::vector<format::CellChunkEntry> entries_;  // [Chunk::number]

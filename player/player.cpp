@@ -203,6 +203,7 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
     frame_ = nullptr;
     is_lost_ = false;
     kept_cells_.reset();
+    cells_.reset();
     streamer_ = std::move(streamer);
   }
   if (other) {
@@ -263,6 +264,7 @@ Status Player::change_step(std::size_t step) {
   }
   is_lost_ = true;
   kept_cells_.reset();
+  cells_.reset();
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
   is_lost_ = false;
   return {};
@@ -427,10 +429,13 @@ std::vector<SlicePicture> Player::draw_slices(const View& view) const {
 bool Player::has_cells() const { return !is_lost_ && format::CellReader::has_cells(streamer_->volume()); }
 
 // The cells in the view.
-Result<std::unique_ptr<const FileCells>> Player::open_cells() {
+Result<std::shared_ptr<const FileCells>> Player::open_cells() {
   if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
   if (!kept_cells_) SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(streamer_->volume(), scene_, options_.memory / 2));
-  return FileCells::open(kept_cells_, scene_, view_);
+  // An estimate and the pictures of a view at rest read the entries of chunks once.
+  if (!cells_ || !cells_->are_of(kept_cells_, scene_, view_))
+    SPLATVOL_TRY_SET(cells_, FileCells::open(kept_cells_, scene_, view_));
+  return cells_;
 }
 
 Result<ExactPicture> Player::estimate_exact() {

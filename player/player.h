@@ -269,7 +269,7 @@ class Player {
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
   void lay_surfaces(const View& view);
-  [[nodiscard]] Result<std::unique_ptr<const FileCells>> open_cells();
+  [[nodiscard]] Result<std::shared_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
   [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;
 
@@ -285,6 +285,7 @@ class Player {
   std::unique_ptr<Rasterizer> rasterizer_;
   CellRasterizer cell_rasterizer_;
   std::shared_ptr<const KeptCells> kept_cells_;          // of the streamer's volume; null: none was needed yet
+  std::shared_ptr<const FileCells> cells_;               // of these, in the view that asked last
   std::shared_ptr<const SurfaceDepths> surface_depths_;  // of another program
   std::vector<Surface> surfaces_;                        // of the scene
   SurfaceLayers surface_layers_;                         // of the last picture with surfaces or slices

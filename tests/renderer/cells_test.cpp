@@ -275,6 +275,23 @@ TEST(Cells, AreTheSameBitsForAnyThreadsMemoryAndOrder) {
   expect_same(draw(source, drawing));
 }
 
+TEST(Cells, AreTheSameBitsWithTheMemoryOfOtherPictures) {
+  Drawn drawn{bent_box(8), colored_scene(4, {0.5, 0.31, -0.3})};
+  const Drawn plain = drawn;
+  drawn.scene.lighting = Lighting{0.2, 0.7};
+  drawn.scene.clip_planes = {{{0.5, 0.5, 0.5}, {1, -0.6, 0.3}, true}};
+  drawn.scene.width = 130;
+  const MeshSource source(drawn.view(), 300);
+  CellRasterizer rasterizer;
+  for (const Drawn* next : std::initializer_list<const Drawn*>{&drawn, &plain, &drawn}) {
+    const Image fresh = draw(source, next->drawing());
+    const auto again = rasterizer.draw(source, next->drawing());
+    ASSERT_TRUE(again) << again.error().message;
+    ASSERT_EQ(again->image.pixels.size(), fresh.pixels.size());
+    EXPECT_EQ(std::memcmp(again->image.pixels.data(), fresh.pixels.data(), fresh.pixels.size() * sizeof(vec4)), 0);
+  }
+}
+
 TEST(Cells, AreAlikeForAllInstructionSets) {
   Drawn drawn{bent_box(6), colored_scene(4)};
   drawn.scene.lighting = Lighting{0.2, 0.7};
