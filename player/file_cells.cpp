@@ -15,6 +15,9 @@
 namespace splatvol {
 namespace {
 
+// Kinds of held parts.
+constexpr int chunk_part = 0, page_part = 1;
+
 Box box_of(const double (&low)[3], const double (&high)[3]) {
   return {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
 }
@@ -128,7 +131,7 @@ KeptCells::KeptCells(std::unique_ptr<const format::CellReader> reader, const for
       attributes_(attributes),
       holds_all_(decoded_bytes(*reader_) <= memory / 2),
       points_(*reader_, attributes, holds_all_ ? memory / 2 : memory),
-      chunks_(memory) {}
+      parts_(memory) {}
 
 Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, DrawnCells& scratch) const {
   if (!holds_all_) {
@@ -140,8 +143,29 @@ Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, D
     SPLATVOL_TRY(decode(entry, cells));
     return cells;
   };
-  SPLATVOL_TRY_ASSIGN(cells, chunks_.get<DrawnCells>({0, entry.offset}, 0, read));  // 0 bytes: it stays
+  SPLATVOL_TRY_ASSIGN(cells, parts_.get<DrawnCells>({chunk_part, entry.offset}, 0, read));  // 0 bytes: it stays
   return cells.get();
+}
+
+Result<std::shared_ptr<const format::CellPage>> KeptCells::read_page(std::size_t page) const {
+  const auto read = [&] { return reader_->read_page(page, attributes_); };
+  if (holds_all_) return parts_.get<format::CellPage>({page_part, page}, 0, read);
+  SPLATVOL_TRY_ASSIGN(entries, read());
+  return std::make_shared<const format::CellPage>(std::move(entries));
+}
+
+Status KeptCells::hold_all() const {
+  if (!holds_all_ || are_held_) return {};
+  DrawnCells scratch;
+  for (std::size_t number = 0; number < reader_->pages().size(); ++number) {
+    SPLATVOL_TRY_ASSIGN(page, read_page(number));
+    for (const format::CellChunkEntry& entry : page->chunks) {
+      SPLATVOL_TRY(check_interruption());
+      if (format::is_known(entry.shape, entry.field)) SPLATVOL_TRY(read(entry, scratch));
+    }
+  }
+  are_held_ = true;
+  return {};
 }
 
 Status KeptCells::decode(const format::CellChunkEntry& entry, DrawnCells& cells) const {
@@ -199,12 +223,12 @@ Status FileCells::read_entries() {
     const format::CellPageRef& ref = reader.pages()[number];
     if (!frustum.touches(box_of(ref.low, ref.high))) continue;
     SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY_ASSIGN(page, reader.read_page(number, attributes));
-    for (std::size_t i = 0; i < page.chunks.size(); ++i) {
-      const format::CellChunkEntry& entry = page.chunks[i];
+    SPLATVOL_TRY_ASSIGN(page, kept_->read_page(number));
+    for (std::size_t i = 0; i < page->chunks.size(); ++i) {
+      const format::CellChunkEntry& entry = page->chunks[i];
       const Box box = box_of(entry.low, entry.high);
       if (!format::is_known(entry.shape, entry.field) || !frustum.touches(box) ||
-          !visibility.shows({page.summaries[i], opacity ? &page.opacity_summaries[i] : nullptr}))
+          !visibility.shows({page->summaries[i], opacity ? &page->opacity_summaries[i] : nullptr}))
         continue;
       const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
       chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
@@ -212,6 +236,12 @@ Status FileCells::read_entries() {
     }
   }
   return {};
+}
+
+std::uint64_t FileCells::tetrahedra() const {
+  std::uint64_t tetrahedra = 0;
+  for (const Chunk& chunk : chunks_) tetrahedra += chunk.tetrahedra;
+  return tetrahedra;
 }
 
 // The faces of a tetrahedron cover a quarter of their area, in the mean over all directions.

@@ -1,6 +1,8 @@
 // The cells of a file, as a view shows them.
 #pragma once
 
+#include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -32,6 +34,15 @@ class KeptCells {
   /// As CellSource::read.
   [[nodiscard]] Result<const DrawnCells*> read(const format::CellChunkEntry& entry, DrawnCells& scratch) const;
 
+  /// As CellReader::read_page, of these attributes.
+  [[nodiscard]] Result<std::shared_ptr<const format::CellPage>> read_page(std::size_t page) const;
+
+  /// Reads all cells, unless memory lacks the room for them.
+  [[nodiscard]] Status hold_all() const;
+
+  /// Whether all are held: nothing will be read.
+  [[nodiscard]] bool are_held() const { return are_held_; }
+
  private:
   KeptCells(std::unique_ptr<const format::CellReader> reader, const format::SummaryAttributes& attributes,
             std::uint64_t memory);
@@ -43,7 +54,8 @@ class KeptCells {
   format::SummaryAttributes attributes_;
   bool holds_all_;  // memory has room for all cells, decoded
   CellPoints points_;
-  mutable HeldParts chunks_;  // all that were read, if it holds all
+  mutable HeldParts parts_;  // pages and chunks that were read, if it holds all
+  mutable std::atomic<bool> are_held_ = false;
 };
 
 /// Chunks of cells that may be in a view and have a visible value. Others are not read.
@@ -65,6 +77,9 @@ class FileCells final : public CellSource {
 
   /// Cells of shapes and fields that this program does not know. They are left out.
   [[nodiscard]] std::uint64_t unknown_cells() const;
+
+  /// Tetrahedra of the chunks; about.
+  [[nodiscard]] std::uint64_t tetrahedra() const;
 
   /// Estimates the pieces of rays in a tetrahedron of the chunks: as if each chunk filled its box evenly, with faces in
   /// all directions.

@@ -62,7 +62,6 @@ class Player::Call {
 
   [[nodiscard]] Status check() const {
     if (!is_interrupted()) return {};
-    player_.frame_ = nullptr;
     return fail(ErrorCode::cancelled, "{}: cancelled", player_.steps_.name());
   }
 
@@ -428,10 +427,23 @@ std::vector<SlicePicture> Player::draw_slices(const View& view) const {
 
 bool Player::has_cells() const { return !is_lost_ && format::CellReader::has_cells(streamer_->volume()); }
 
-// The cells in the view.
-Result<std::shared_ptr<const FileCells>> Player::open_cells() {
+Result<std::shared_ptr<const KeptCells>> Player::kept_cells() {
   if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
   if (!kept_cells_) SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(streamer_->volume(), scene_, options_.memory / 2));
+  return kept_cells_;
+}
+
+Status Player::hold_cells() {
+  const Call call(*this);
+  SPLATVOL_TRY_ASSIGN(kept, kept_cells());
+  return kept->hold_all();
+}
+
+bool Player::holds_cells() const { return kept_cells_ && kept_cells_->are_held(); }
+
+// The cells in the view.
+Result<std::shared_ptr<const FileCells>> Player::open_cells() {
+  SPLATVOL_TRY(kept_cells());
   // An estimate and the pictures of a view at rest read the entries of chunks once.
   if (!cells_ || !cells_->are_of(kept_cells_, scene_, view_))
     SPLATVOL_TRY_SET(cells_, FileCells::open(kept_cells_, scene_, view_));
@@ -442,7 +454,7 @@ Result<ExactPicture> Player::estimate_exact() {
   const Call call(*this);
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
   return ExactPicture{static_cast<std::uint64_t>(cells->estimate_segments()), cells->chunks().size(),
-                      cells->unknown_cells()};
+                      cells->tetrahedra(), cells->unknown_cells()};
 }
 
 // The parts of the file and the pieces of rays that wait take half of the memory each.
@@ -461,7 +473,7 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
 
   const auto draw_start = Clock::now();
   const std::vector<SurfaceLayer>& layers = surface_layers_.layers;
-  ExactPicture exact{0, cells->chunks().size(), cells->unknown_cells()};
+  ExactPicture exact{0, cells->chunks().size(), cells->tetrahedra(), cells->unknown_cells()};
   std::size_t done = 0;  // pictures
   sample_spacing_ = layers.empty() && !surface_depths_ ? sample_spacing : 1;
   const auto draw_to = [&](const SurfaceDepths* surfaces) -> Result<Image> {

@@ -83,6 +83,7 @@ inline constexpr std::uint64_t most_exact_segments = 60'000'000;
 struct ExactPicture {
   std::uint64_t segments = 0;       // pieces of rays in a tetrahedron with a visible value
   std::uint64_t chunks = 0;         // of cells, that are in the view and may be visible
+  std::uint64_t tetrahedra = 0;     // in these; about
   std::uint64_t unknown_cells = 0;  // of shapes that this program does not know: they are left out
 };
 
@@ -204,6 +205,12 @@ class Player {
   /// Whether the file keeps cells.
   [[nodiscard]] bool has_cells() const;
 
+  /// Reads all cells, if memory has room for them: then exact pictures read nothing more. Fails if the file keeps none.
+  [[nodiscard]] Status hold_cells();
+
+  /// Whether they are held.
+  [[nodiscard]] bool holds_cells() const;
+
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
   [[nodiscard]] Status draw_again(const DrawOptions& options = {});
 
@@ -269,6 +276,7 @@ class Player {
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
   void lay_surfaces(const View& view);
+  [[nodiscard]] Result<std::shared_ptr<const KeptCells>> kept_cells();
   [[nodiscard]] Result<std::shared_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
   [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;

@@ -32,6 +32,9 @@ class Sharpening {
   /// needed. Fails if it fails.
   [[nodiscard]] Status add(const FrameSplats& frame, const std::function<Result<Image>()>& picture);
 
+  /// Leaves all pictures out: there is a better one.
+  void skip() { done_ = true; }
+
   /// Whether the last picture is there.
   [[nodiscard]] bool is_done() const { return done_; }
 

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <system_error>
 #include <utility>
 
@@ -76,7 +77,8 @@ SceneUse joined(const SceneUse& first, const SceneUse& second) {
   SceneUse use = first;
   if (use.file.empty()) use.file = second.file;
   if (!use.step) use.step = second.step;
-  if (!use.max_error && !use.tolerance) {
+  if (!use.exact && !use.max_error && !use.tolerance) {
+    use.exact = second.exact;
     use.max_error = second.max_error;
     use.tolerance = second.tolerance;
   }
@@ -84,9 +86,16 @@ SceneUse joined(const SceneUse& first, const SceneUse& second) {
   return use;
 }
 
+// An exact picture is wanted, whatever the work.
+constexpr std::uint64_t any_segments = std::numeric_limits<std::uint64_t>::max();
+
 ViewSettings with_use(ViewSettings settings, const SceneUse& use) {
   if (use.max_error) settings.max_error = *use.max_error;
-  if (use.max_error || use.tolerance) settings.tolerance = use.tolerance;
+  if (use.exact || use.max_error || use.tolerance) settings.tolerance = use.tolerance;
+  if (use.exact)
+    settings.most_exact_segments = any_segments;
+  else if (use.max_error || use.tolerance)
+    settings.most_exact_segments = most_exact_segments;
   if (!use.kernel.empty()) settings.kernel = use.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
   return settings;
 }
@@ -152,6 +161,8 @@ constexpr double longest_wait_seconds = 2;
 
 // Longest wait of one frame for the first picture of a step.
 constexpr double step_wait_seconds = 0.02;
+
+SamplePacer::Work work_of(const ExactPicture& estimate) { return {estimate.tetrahedra, estimate.segments}; }
 
 // Returns the sample spacing while something moves, for a picture of this many splats. It is three times as wide as one
 // that loses nothing: in the same time, many small splats make a better picture than a few sharp ones.
@@ -281,6 +292,8 @@ UsedScene Session::used_scene() const {
   if (times().size() > 1) used.use.step = step();
   if (settings.tolerance)
     used.use.tolerance = settings.tolerance;
+  else if (exact())
+    used.use.exact = true;
   else
     used.use.max_error = settings.max_error;
   used.use.kernel = settings.kernel == KernelKind::octant ? "octant" : "moments";
@@ -502,7 +515,11 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   if (moves && moving_is_drawn_ && !awaits_step_) return {};  // the picture stays
   if (!moves && asked_step_) return {};                       // the picture stays
   if (!moves && !sharpening_) begin_rest();
-  if (!moves && sharpening_->is_done() && exact_spacing_ > 0) return begin_exact();
+  if (!moves && sharpening_->is_done()) return exact_spacing_ > 0 ? begin_exact() : begin_making_ready();
+  if (moves && !awaits_step_) {
+    SPLATVOL_TRY_ASSIGN(is_exact, draw_moving_exact());
+    if (is_exact) return {};
+  }
   FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
                        .change = moves ? 1 : std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
   if (moves)
@@ -537,7 +554,9 @@ void Session::note_frame() {
 
 void Session::set_window_seconds(double seconds) {
   constexpr double frame_seconds = 1.0 / 60, reserve = 0.001, shortest = 0.004;
-  pacer_.set_seconds(std::max(frame_seconds - reserve - seconds, shortest));
+  const double left = std::max(frame_seconds - reserve - seconds, shortest);
+  pacer_.set_seconds(left);
+  sample_pacer_.set_seconds(left);
 }
 
 // Whether surfaces were in the last picture. An exact one does not tell.
@@ -622,10 +641,67 @@ Status Session::draw_exact() {
                   estimate.unknown_cells);
     if (estimate.segments > used_settings_.most_exact_segments) {
       exact_spacing_ = 0;
+      is_to_make_ready_ = false;
       return {};
     }
   }
   return player_->draw_exact({}, exact_spacing_);
+}
+
+// Draws an exact picture of something that moves, with samples some pixels apart. Returns false if there is no time, or
+// cells would have to be read: then splats move.
+Result<bool> Session::draw_moving_exact() {
+  const bool has_layers = !used_scene_.surfaces.empty() || !used_scene_.slices.empty();
+  if (first_exact_spacing() == 0 || !is_drawn_by_processor() || has_layers || !player_->holds_cells()) return false;
+  SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
+  if (estimate.unknown_cells > 0 || estimate.segments > used_settings_.most_exact_segments) return false;
+  const int spacing = sample_pacer_.spacing(work_of(estimate));
+  if (spacing == 0) return false;
+  undrawn_seconds_ = 0;
+  if (!player_->draw_exact({}, spacing)) return false;  // at rest the reason is told
+  note_drawn();
+  SPLATVOL_TRY(learn_from_exact());
+  moving_is_drawn_ = true;
+  return true;
+}
+
+// Learns the time of the last exact picture.
+Status Session::learn_from_exact() {
+  SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
+  sample_pacer_.add(work_of(estimate), player_->sample_spacing(), draw_seconds_);
+  return {};
+}
+
+// Begins what makes it possible.
+Status Session::begin_making_ready() {
+  SPLATVOL_TRY(encode_picture());
+  return draw_aside([this] { return make_ready(); });
+}
+
+// Reads all cells if there is time to draw them while something moves. Probes need the splats of this view.
+Status Session::make_ready() {
+  SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
+  if (sample_pacer_.fits(work_of(estimate))) SPLATVOL_TRY(player_->hold_cells());
+  if (!skips_splats_) return {};
+  const double max_error = info().point_count() <= points_drawn_at_once ? 0 : used_settings_.max_error;
+  return player_->choose({.detail = {.goal = ErrorGoal{max_error, player_->device_splats()}}});
+}
+
+Status Session::finish_making_ready(const Status& made) {
+  if (!made && made.error().code == ErrorCode::cancelled) {
+    sharpening_.reset();
+    return {};
+  }
+  if (!made) troubles_.push_back(made.error().message);
+  is_to_make_ready_ = false;
+  settle();
+  return {};
+}
+
+// Says once why there is no exact picture.
+void Session::tell_of_splats(const std::string& reason) {
+  const std::string trouble = reason + ": splats are shown, no exact picture";
+  if (std::ranges::find(troubles_, trouble) == troubles_.end()) troubles_.push_back(trouble);
 }
 
 // Goes on to finer samples. If the picture cannot be drawn, splats are. After an interruption all begins anew.
@@ -635,13 +711,14 @@ Status Session::finish_exact(const Status& drawn) {
     return {};
   }
   if (!drawn) {
-    const std::string trouble = drawn.error().message + ": splats are shown, no exact picture";
-    if (std::ranges::find(troubles_, trouble) == troubles_.end()) troubles_.push_back(trouble);
-    const bool shows_splats = exact_spacing_ == first_exact_spacing() && frame();
+    tell_of_splats(drawn.error().message);
+    const bool shows_splats = !skips_splats_ && exact_spacing_ == first_exact_spacing() && frame();
     if (!shows_splats) begin_rest();
     exact_spacing_ = 0;
+    is_to_make_ready_ = false;
   } else if (exact_spacing_ > 0) {
     note_drawn();
+    if (player_->holds_cells()) SPLATVOL_TRY(learn_from_exact());  // else its time is that of reading
     exact_spacing_ = player_->sample_spacing() / 2;
   }
   settle();
@@ -650,7 +727,7 @@ Status Session::finish_exact(const Status& drawn) {
 
 // Whether the last picture is there.
 void Session::settle() {
-  settled_ = sharpening_->is_done() && exact_spacing_ == 0;
+  settled_ = sharpening_->is_done() && exact_spacing_ == 0 && !is_to_make_ready_;
   if (settled_) read_ahead(step() + 1);
 }
 
@@ -660,7 +737,8 @@ Status Session::end_drawing(bool is_busy) {
   if (drawing_.wait_for(is_busy ? std::chrono::milliseconds{0} : patience) == std::future_status::timeout) return {};
   const Status drawn = drawing_.get();
   std::optional<Image> image = std::exchange(drawn_aside_, std::nullopt);
-  if (sharpening_->is_done()) return finish_exact(drawn);
+  if (sharpening_->is_done())
+    return exact_spacing_ == 0 && is_to_make_ready_ ? finish_making_ready(drawn) : finish_exact(drawn);
   if (!drawn && drawn.error().code == ErrorCode::cancelled) return {};
   SPLATVOL_TRY(drawn);
   note_frame();
@@ -689,6 +767,13 @@ void Session::begin_rest() {
   if (settings.hurries && frame()) options.first_splats = std::bit_floor(std::max(frame()->splats, least_first_splats));
   sharpening_.emplace(options);
   exact_spacing_ = first_exact_spacing();
+  if (settings.most_exact_segments == any_segments && !player_->has_cells())
+    tell_of_splats(path_ + ": it keeps no cells");
+  is_to_make_ready_ = exact_spacing_ > 0 && can_draw_aside();
+  skips_splats_ = moving_is_drawn_ && player_->exact();
+  if (!skips_splats_) return;
+  sharpening_->skip();
+  exact_spacing_ = player_->sample_spacing() / 2;
 }
 
 // Goes on to a finer picture, unless this one is the last. `drawn`: this one, unless the player still has to copy it.

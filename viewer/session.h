@@ -19,6 +19,7 @@
 #include "pictures/page.h"
 #include "player/frame_pacer.h"
 #include "player/player.h"
+#include "player/sample_pacer.h"
 #include "player/sharpening.h"
 #include "renderer/gl/picture_texture.h"
 #include "scene/scene.h"
@@ -267,10 +268,16 @@ class Session {
   [[nodiscard]] bool can_draw_aside() const;
   [[nodiscard]] Status draw_aside(const std::function<Status()>& draw);
   [[nodiscard]] Status draw_splats(const FrameRequest& request, const DrawOptions& options);
+  [[nodiscard]] Result<bool> draw_moving_exact();
+  [[nodiscard]] Status learn_from_exact();
   [[nodiscard]] int first_exact_spacing() const;
   [[nodiscard]] Status begin_exact();
+  [[nodiscard]] Status begin_making_ready();
+  [[nodiscard]] Status make_ready();
+  [[nodiscard]] Status finish_making_ready(const Status& made);
   [[nodiscard]] Status draw_exact();
   [[nodiscard]] Status finish_exact(const Status& drawn);
+  void tell_of_splats(const std::string& reason);
   void settle();
   [[nodiscard]] bool has_surfaces() const;
   [[nodiscard]] Status end_drawing(bool is_busy);
@@ -335,7 +342,10 @@ class Session {
   double still_seconds_ = 0;              // since the scene changed last
   FramePacer pacer_{0.011};               // of pictures while something moves
   std::optional<Sharpening> sharpening_;  // at rest
+  SamplePacer sample_pacer_;              // of exact pictures while something moves
   int exact_spacing_ = 0;                 // of samples in the next exact picture, after splats; 0: there is none
+  bool skips_splats_ = false;             // exact pictures follow those of the movement
+  bool is_to_make_ready_ = false;         // for exact pictures while something moves; after those at rest
   std::vector<std::string> troubles_;
 
   // Of the last picture.

@@ -77,18 +77,77 @@ TEST_F(ExactAtRest, IsThePictureOfTheReference) {
     EXPECT_GT(session->exact()->segments, 1000u);
     ASSERT_TRUE(session->frame()) << "for probes";
 
-    // Something moves: splats, in the whole size.
     session->scene.camera.position += dvec3(0.1);
     draw(*session, 0.001);
-    if (hurries) {
-      EXPECT_FALSE(session->exact());
-      EXPECT_EQ(test::value_of(session->image()).width, width_);
-      EXPECT_GT(difference(test::value_of(session->image()), truth(mesh_, session->scene)), 1e-4);
-    }
     const Image second = settled(*session);
     EXPECT_LE(difference(second, truth(mesh_, session->scene)), 1e-4);
     EXPECT_TRUE(session->exact());
   }
+}
+
+// Exact pictures move, with samples some pixels apart, and exact ones follow at rest. No splats come between.
+TEST_F(ExactAtRest, MovesExactly) {
+  const test::Mesh mesh = test::jittered(24, 0.2);  // of several nodes
+  build(mesh, path("m.svol"));
+  const auto session = open(on_processor());
+  settled(*session);
+  const std::uint64_t serial = session->frame()->serial;
+  const auto light_of = [](const Image& picture) {
+    dvec3 sum(0);
+    for (const vec4& pixel : picture.pixels) sum += dvec3(pixel);
+    return sum.x + sum.y + sum.z;
+  };
+  for (int step = 0; step < 3; ++step) {
+    session->scene.camera.position += dvec3(0.05);
+    draw(*session, 0.001);
+    ASSERT_TRUE(session->exact());
+    EXPECT_FALSE(session->sharpening());
+    EXPECT_EQ(session->frame()->serial, serial) << "splats were chosen";
+    const Image picture = test::value_of(session->image());
+    const Image exact = truth(mesh, session->scene);
+    EXPECT_LE(difference(picture, exact), 0.02);
+    EXPECT_NEAR(light_of(picture) / light_of(exact), 1, 0.01);
+  }
+  const std::uint64_t splats = session->frame()->splats;
+  Camera& camera = session->scene.camera;
+  camera.position += 0.97 * (camera.focal_point - camera.position);
+  draw(*session, 0.001);
+  for (int frames = 0; !session->is_settled() && frames < 10000; ++frames) {
+    draw(*session);
+    ASSERT_TRUE(session->exact());
+  }
+  EXPECT_LE(difference(test::value_of(session->image()), truth(mesh, session->scene)), 1e-4);
+  EXPECT_LT(session->frame()->splats, splats) << "probes need the splats of this view";
+
+  // Slices need the values of splats.
+  session->scene.slices = {{.point = mesh.points[mesh.points.size() / 2], .normal = {0, 0, 1}}};
+  settled(*session);
+  session->scene.camera.position += dvec3(0.05);
+  draw(*session, 0.001);
+  EXPECT_FALSE(session->exact());
+}
+
+TEST_F(ExactAtRest, IsWhatASceneAsksFor) {
+  build(mesh_, path("m.svol"));
+  build(mesh_, path("points.svol"), false);
+  ViewSettings settings = on_processor();
+  settings.most_exact_segments = 1000;
+  const auto session = open(settings);
+  settled(*session);
+  EXPECT_FALSE(session->exact());
+  EXPECT_FALSE(session->used_scene().use.exact);
+
+  ASSERT_EQ(test::message_of(session->use({.exact = true})), "");
+  settled(*session);
+  EXPECT_TRUE(session->exact());
+  EXPECT_TRUE(session->used_scene().use.exact);
+  EXPECT_FALSE(session->used_scene().use.max_error);
+
+  const auto without = open(on_processor(), "points.svol");
+  ASSERT_EQ(test::message_of(without->use({.exact = true})), "");
+  settled(*without);
+  ASSERT_EQ(without->troubles().size(), 1u);
+  EXPECT_NE(without->troubles()[0].find("keeps no cells"), std::string::npos) << without->troubles()[0];
 }
 
 TEST_F(ExactAtRest, IsGivenUpForAChange) {
@@ -108,7 +167,7 @@ TEST_F(ExactAtRest, IsGivenUpForAChange) {
     given_up += session->is_drawing() ? 1 : 0;
     session->scene.camera.position += dvec3(0.01);
     for (int frames = 0; frames == 0 || (session->is_drawing() && frames < 10000); ++frames) draw(*session, 0.001);
-    EXPECT_FALSE(session->exact());
+    EXPECT_FALSE(session->sharpening()) << "it moves";
     EXPECT_FALSE(session->is_settled());
   }
   EXPECT_GT(given_up, 0) << "each picture was there at once";
