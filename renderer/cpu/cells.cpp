@@ -479,7 +479,7 @@ Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDra
   if (spacing <= 1) return picture;
   Image rows, whole{drawing.view.width, drawing.view.height, {}};
   whole.pixels.resize(static_cast<std::size_t>(whole.width) * static_cast<std::size_t>(whole.height));
-  interpolate(picture.image, spacing, Interpolation::monotone, rows, whole);
+  interpolate(picture.image, spacing, rows, whole);
   picture.image = std::move(whole);
   return picture;
 }

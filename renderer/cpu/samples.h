@@ -10,13 +10,8 @@ namespace splatvol::tiles {
 /// pixels lie between samples. The middle of the picture stays the same point.
 [[nodiscard]] View sampled_view(View view, int spacing);
 
-enum class Interpolation {
-  catmull_rom,  // smooth pictures
-  monotone,     // the same without overshoot: thin bright lines keep their light
-};
-
-/// Interpolates by cubics, one axis after the other: makes a picture of this size from `samples`, a picture of its
-/// sampled_view. `rows`: scratch memory.
-void interpolate(const Image& samples, int spacing, Interpolation interpolation, Image& rows, Image& picture);
+/// Makes a picture of this size from `samples`, a picture of its sampled_view: by cubics that do not overshoot, so that
+/// thin bright lines keep their light, one axis after the other. `rows`: scratch memory.
+void interpolate(const Image& samples, int spacing, Image& rows, Image& picture);
 
 }  // namespace splatvol::tiles

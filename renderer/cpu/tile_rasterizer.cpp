@@ -236,7 +236,7 @@ Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sam
   SPLATVOL_TRY(check_interruption());
   stopwatch.lap();
   resize(picture_, view.width, view.height);
-  interpolate(samples_, sample_spacing, Interpolation::catmull_rom, sample_rows_, picture_);
+  interpolate(samples_, sample_spacing, sample_rows_, picture_);
   times.draw += stopwatch.lap();
   return times;
 }

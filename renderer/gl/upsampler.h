@@ -14,7 +14,7 @@ namespace splatvol {
 /// point.
 [[nodiscard]] View sampled_view(View view, int spacing);
 
-/// Interpolates a picture by cubics, one axis after the other.
+/// Interpolates a picture by cubics that do not overshoot, one axis after the other.
 class Upsampler {
  public:
   /// Needs a current context.
