@@ -9,9 +9,9 @@
 
 #include "base/error.h"
 #include "format/cell_reader.h"
+#include "format/held_parts.h"
+#include "format/ranked_points.h"
 #include "format/volume.h"
-#include "player/cell_points.h"
-#include "player/held_parts.h"
 #include "renderer/cell_source.h"
 #include "scene/scene.h"
 
@@ -32,18 +32,31 @@ class KeptCells {
   /// As CellSource::read.
   [[nodiscard]] Result<const DrawnCells*> read(const format::CellChunkEntry& entry, DrawnCells& scratch) const;
 
+  /// What was read ahead. While it lives, read() finds it in memory.
+  using Ahead = std::vector<std::shared_ptr<const format::BytesAhead>>;
+
+  /// Reads what these chunks need ahead: of a file that is far (format::Volume::is_far) and only so much as fits into
+  /// memory.
+  [[nodiscard]] Result<Ahead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
+
+  /// The same for pages of chunks.
+  [[nodiscard]] Result<Ahead> read_pages_ahead(std::span<const std::size_t> pages) const;
+
  private:
   KeptCells(std::unique_ptr<const format::CellReader> reader, const format::SummaryAttributes& attributes,
             std::uint64_t memory);
   [[nodiscard]] Status decode(const format::CellChunkEntry& entry, DrawnCells& cells) const;
+  [[nodiscard]] Status read_values(std::span<const format::RankedPoints::Place> places, DrawnCells& cells) const;
   [[nodiscard]] Status decode_constant(const format::CellChunk& kept, const format::LocalCells& local,
                                        DrawnCells& cells) const;
 
   std::unique_ptr<const format::CellReader> reader_;
   format::SummaryAttributes attributes_;
+  std::uint64_t ahead_memory_, vertex_memory_;
   bool holds_all_;  // memory has room for all cells, decoded
-  CellPoints points_;
-  mutable HeldParts chunks_;  // all that were read, if it holds all
+  format::RankedPoints points_;
+  format::CellVertices vertices_;
+  mutable format::HeldParts chunks_;  // all that were read, if it holds all
 };
 
 /// Chunks of cells that may be in a view and have a visible value. Others are not read.
@@ -62,6 +75,7 @@ class FileCells final : public CellSource {
   [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
     return kept_->read(entries_[chunk.number], scratch);
   }
+  [[nodiscard]] Result<std::shared_ptr<const void>> read_ahead(std::span<const std::uint64_t> numbers) const override;
 
   /// Cells of shapes and fields that this program does not know. They are left out.
   [[nodiscard]] std::uint64_t unknown_cells() const;
