@@ -21,10 +21,12 @@ struct ByteRange {
   [[nodiscard]] bool operator==(const ByteRange&) const = default;
 };
 
-/// Returns ranges that cover all of `ranges`, ascending, without gaps that are cheap to read through. Of a far source a
-/// request costs as much as 256 KiB: the smallest gaps are closed until two ranges are left, and one more for each
-/// 256 KiB of all.
-[[nodiscard]] std::vector<ByteRange> join_ranges(std::vector<ByteRange> ranges);
+/// Joins ranges between which there are at most `gap` bytes. Returns them in ascending order, without overlap.
+[[nodiscard]] std::vector<ByteRange> join_ranges(std::vector<ByteRange> ranges, std::uint64_t gap);
+
+/// Joins ranges as if a request cost as much as 256 KiB: over the smallest gaps, until two ranges are left, and one more
+/// for each 256 KiB of all.
+[[nodiscard]] std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges);
 
 /// The bytes of a file, with a count of those that were read. Thread-safe.
 class CountedSource {
@@ -36,6 +38,9 @@ class CountedSource {
 
   /// As ByteSource::read. Takes bytes that were read ahead from memory.
   [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out);
+
+  /// As ByteSource::read_parts.
+  [[nodiscard]] Result<bool> read_parts(std::span<const ByteSource::Part> parts);
 
  private:
   friend class BytesAhead;
@@ -55,15 +60,19 @@ class CountedSource {
 /// Bytes that were read before they are needed. While it lives, its source takes them from here.
 class BytesAhead {
  public:
-  /// Reads ranges, several at once.
+  /// Reads ranges, by few requests, several at once: by requests for many ranges if the source can, else joined to few.
+  /// Returns null if they would take more than `memory` bytes.
   [[nodiscard]] static Result<std::shared_ptr<const BytesAhead>> read(std::shared_ptr<CountedSource> source,
-                                                                      std::span<const ByteRange> ranges);
+                                                                      std::vector<ByteRange> ranges,
+                                                                      std::uint64_t memory);
   BytesAhead(const BytesAhead&) = delete;
   BytesAhead& operator=(const BytesAhead&) = delete;
   ~BytesAhead();
 
  private:
   explicit BytesAhead(std::shared_ptr<CountedSource> source) : source_(std::move(source)) {}
+  [[nodiscard]] bool make_room(std::span<const ByteRange> ranges, std::uint64_t memory);
+  [[nodiscard]] Result<bool> read_parts();
 
   std::shared_ptr<CountedSource> source_;
   std::vector<CountedSource::Held> held_;

@@ -210,11 +210,7 @@ Result<std::shared_ptr<const BytesAhead>> Volume::read_ahead(std::vector<ByteRan
     return file_->holds(range.begin, count) || (step_part_ && range.begin >= step_part_->begin() &&
                                                 step_part_->holds(range.begin - step_part_->begin(), count));
   });
-  ranges = join_ranges(std::move(ranges));
-  std::uint64_t bytes = 0;
-  for (const ByteRange& range : ranges) bytes += range.end - range.begin;
-  if (ranges.empty() || bytes > memory) return nullptr;
-  return BytesAhead::read(source_, ranges);
+  return ranges.empty() ? nullptr : BytesAhead::read(source_, std::move(ranges), memory);
 }
 
 Status Volume::read_directory_root(Directory directory) {
