@@ -31,6 +31,16 @@ class ByteSource {
 
   /// Name for messages: a path or an address.
   [[nodiscard]] virtual const std::string& name() const = 0;
+
+  /// Bytes at an offset, and where they go.
+  struct Part {
+    std::uint64_t offset;
+    std::span<std::byte> out;
+  };
+
+  /// Fills several parts by one request to a server. Requires ascending parts that do not overlap, in the file. Returns
+  /// false if the source cannot do so: then each is to be read by itself.
+  [[nodiscard]] virtual Result<bool> read_parts(std::span<const Part> /*parts*/) { return false; }
 };
 
 /// Fails with invalid_data unless the source has the bytes [offset, offset + count).

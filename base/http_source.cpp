@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <charconv>
 #include <csignal>
@@ -205,19 +206,16 @@ bool may_pass(CURLcode code) {
   return std::ranges::find(passing, code) != passing.end();
 }
 
-// One request for the bytes from `offset` on: out.size() of them, or fewer if the file ends before.
+// One request, and the answer.
 class Exchange {
  public:
-  // `content`: from earlier answers. If it is empty, this answer sets it.
-  Exchange(const Connection& connection, std::uint64_t offset, std::span<std::byte> out,
-           std::optional<Content>& content)
-      : connection_(connection), handle_(connection.handle.get()), offset_(offset), out_(out), content_(content) {}
+  Exchange(const Exchange&) = delete;
+  Exchange& operator=(const Exchange&) = delete;
 
-  // Returns nothing if all bytes came.
-  std::optional<Failure> run() {
-    const std::string range = fmt::format("{}-{}", offset_, offset_ + out_.size() - 1);
+  // Asks for ranges. Returns nothing if all bytes came.
+  std::optional<Failure> run(const std::string& ranges) {
     std::array<char, CURL_ERROR_SIZE> text{};
-    libcurl().easy_setopt(handle_, CURLOPT_RANGE, range.c_str());
+    libcurl().easy_setopt(handle_, CURLOPT_RANGE, ranges.c_str());
     libcurl().easy_setopt(handle_, CURLOPT_WRITEFUNCTION, &Exchange::receive);
     libcurl().easy_setopt(handle_, CURLOPT_WRITEDATA, this);
     libcurl().easy_setopt(handle_, CURLOPT_ERRORBUFFER, text.data());
@@ -230,13 +228,42 @@ class Exchange {
     if (is_interrupted()) return Failure{"interrupted"};
     if (code == CURLE_OK) check_once();
     if (failure_) return failure_;
-    if (checked_ && received_ == expected_) return {};
-    if (code == CURLE_OK) return Failure{fmt::format("{} bytes came instead of {}", received_, expected_), true};
-    return Failure{text[0] != '\0' ? text.data() : libcurl().easy_strerror(code), may_pass(code)};
+    if (code != CURLE_OK) {
+      if (checked_ && is_complete()) return {};
+      return Failure{text[0] != '\0' ? text.data() : libcurl().easy_strerror(code), may_pass(code)};
+    }
+    return finish();
   }
 
-  // Bytes that have been received, from the beginning of `out`; valid after a failure too.
-  std::size_t received() const { return received_; }
+ protected:
+  // `content`: from earlier answers. If it is empty, this answer sets it.
+  Exchange(const Connection& connection, std::optional<Content>& content)
+      : handle_(connection.handle.get()), connection_(connection), content_(content) {}
+  ~Exchange() = default;
+
+  // Checks the header of an answer with status 206. Returns nothing if it is good.
+  virtual std::optional<Failure> check() = 0;
+
+  // Takes the next bytes of the body.
+  virtual std::optional<Failure> take(std::span<const char> bytes) = 0;
+
+  // Whether all bytes have come.
+  [[nodiscard]] virtual bool is_complete() const = 0;
+
+  // Ends an answer that has come as a whole.
+  virtual std::optional<Failure> finish() = 0;
+
+  // Checks that a file of this size is the one that is open.
+  std::optional<Failure> check_content(std::uint64_t size) {
+    std::string version = header_of(handle_, "ETag");
+    if (version.empty()) version = header_of(handle_, "Last-Modified");
+    const Content content{size, std::move(version)};
+    if (!content_) content_ = content;
+    if (content != *content_) return changed();
+    return {};
+  }
+
+  CURL* handle_;
 
  private:
   static std::size_t receive(const char* bytes, std::size_t /*one*/, std::size_t count, void* self) {
@@ -246,49 +273,155 @@ class Exchange {
   // Returns false to end the transfer.
   bool add(std::span<const char> bytes) {
     check_once();
-    if (!failure_ && bytes.size() > expected_ - received_) failure_ = {"the server sends more than was asked for"};
-    if (failure_) return false;
-    std::ranges::copy(std::as_bytes(bytes), out_.begin() + static_cast<std::ptrdiff_t>(received_));
-    received_ += bytes.size();
-    return true;
+    if (!failure_) failure_ = take(bytes);
+    return !failure_;
   }
 
   void check_once() {
-    if (!std::exchange(checked_, true)) failure_ = check();
+    if (std::exchange(checked_, true)) return;
+    const long status = info_of<long>(handle_, CURLINFO_RESPONSE_CODE);
+    if (status == 416 && content_)
+      failure_ = changed();
+    else
+      failure_ = status == 206 ? check() : failure_of_status(handle_, status);
   }
 
-  // Checks the header of the answer. Returns nothing if it is good.
-  std::optional<Failure> check() {
-    const long status = info_of<long>(handle_, CURLINFO_RESPONSE_CODE);
-    if (status == 416 && content_) return changed();
-    if (status != 206) return failure_of_status(handle_, status);
+  static Failure changed() { return {"the file changed on the server while it was open"}; }
 
+  const Connection& connection_;
+  std::optional<Content>& content_;
+  bool checked_ = false;
+  std::optional<Failure> failure_;
+};
+
+// One request for the bytes from `offset` on: out.size() of them, or fewer if the file ends before.
+class RangeExchange final : public Exchange {
+ public:
+  RangeExchange(const Connection& connection, std::uint64_t offset, std::span<std::byte> out,
+                std::optional<Content>& content)
+      : Exchange(connection, content), offset_(offset), out_(out) {}
+
+  std::optional<Failure> run() { return Exchange::run(fmt::format("{}-{}", offset_, offset_ + out_.size() - 1)); }
+
+  // Bytes that have been received, from the beginning of `out`; valid after a failure too.
+  std::size_t received() const { return received_; }
+
+ private:
+  std::optional<Failure> check() override {
     const std::string text = header_of(handle_, "Content-Range");
     const auto range = parse_content_range(text);
     if (!range || range->first != offset_ || range->size <= offset_ ||
         range->last - offset_ != std::min<std::uint64_t>(out_.size(), range->size - offset_) - 1)
       return Failure{
           fmt::format("asked for bytes {} to {}, the server answers '{}'", offset_, offset_ + out_.size() - 1, text)};
-    std::string version = header_of(handle_, "ETag");
-    if (version.empty()) version = header_of(handle_, "Last-Modified");
-    const Content content{range->size, std::move(version)};
-    if (!content_) content_ = content;
-    if (content != *content_) return changed();
     expected_ = range->last - range->first + 1;
+    return check_content(range->size);
+  }
+
+  std::optional<Failure> take(std::span<const char> bytes) override {
+    if (bytes.size() > expected_ - received_) return Failure{"the server sends more than was asked for"};
+    std::ranges::copy(std::as_bytes(bytes), out_.begin() + static_cast<std::ptrdiff_t>(received_));
+    received_ += bytes.size();
     return {};
   }
 
-  static Failure changed() { return {"the file changed on the server while it was open"}; }
+  bool is_complete() const override { return received_ == expected_; }
 
-  const Connection& connection_;
-  CURL* handle_;
+  std::optional<Failure> finish() override {
+    if (is_complete()) return {};
+    return Failure{fmt::format("{} bytes came instead of {}", received_, expected_), true};
+  }
+
   std::uint64_t offset_;
   std::span<std::byte> out_;
-  std::optional<Content>& content_;
-  bool checked_ = false;
   std::size_t expected_ = 0;
   std::size_t received_ = 0;
-  std::optional<Failure> failure_;
+};
+
+// One request for several ranges. The answer has them as parts of a message (RFC 9110, 14.6), in any order; a server
+// may join some.
+class PartsExchange final : public Exchange {
+ public:
+  PartsExchange(const Connection& connection, std::span<const ByteSource::Part> parts, std::optional<Content>& content)
+      : Exchange(connection, content), parts_(parts), most_bytes_(std::size_t{4} << 10) {
+    for (const ByteSource::Part& part : parts) most_bytes_ += part.out.size() + head_bytes_of_part;
+  }
+
+  std::optional<Failure> run() {
+    std::string ranges;
+    for (const ByteSource::Part& part : parts_)
+      ranges += fmt::format("{}{}-{}", ranges.empty() ? "" : ",", part.offset, part.offset + part.out.size() - 1);
+    return Exchange::run(ranges);
+  }
+
+ private:
+  static constexpr std::size_t head_bytes_of_part = std::size_t{2} << 10;  // with gaps that a server closes
+
+  std::optional<Failure> check() override {
+    std::string type = header_of(handle_, "Content-Type");
+    std::ranges::transform(type, type.begin(), [](char c) { return c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c; });
+    const std::size_t at = type.find("boundary=");
+    if (!type.starts_with("multipart/byteranges") || at == std::string::npos) return no_parts();
+    boundary_ = std::string(header_of(handle_, "Content-Type")).substr(at + std::string_view("boundary=").size());
+    boundary_ = boundary_.substr(0, boundary_.find(';'));
+    std::erase(boundary_, '"');
+    boundary_.insert(0, "\r\n--");
+    body_ = "\r\n";  // the first boundary may stand at the beginning
+    return {};
+  }
+
+  std::optional<Failure> take(std::span<const char> bytes) override {
+    if (bytes.size() > most_bytes_ - body_.size()) return Failure{"the server sends more than was asked for"};
+    body_.append(bytes.data(), bytes.size());
+    return {};
+  }
+
+  bool is_complete() const override { return false; }
+
+  std::optional<Failure> finish() override {
+    std::vector<std::pair<ContentRange, std::string_view>> came;
+    const std::string_view body = body_;
+    std::size_t at = body.find(boundary_);
+    while (at != std::string_view::npos && !body.substr(at + boundary_.size()).starts_with("--")) {
+      const std::size_t end = body.find("\r\n\r\n", at + boundary_.size());
+      if (end == std::string_view::npos) return no_parts();
+      const auto range = range_of(body.substr(at + boundary_.size(), end - at - boundary_.size()));
+      const std::string_view bytes = body.substr(end + 4);
+      if (!range || range->first > range->last || range->last - range->first >= bytes.size()) return no_parts();
+      came.emplace_back(*range, bytes.substr(0, range->last - range->first + 1));
+      if (auto other = check_content(range->size)) return other;
+      at = body.find(boundary_, end + 4 + came.back().second.size());
+    }
+    for (const ByteSource::Part& part : parts_) {
+      const auto found = std::ranges::find_if(came, [&](const auto& one) {
+        return one.first.first <= part.offset && part.offset + part.out.size() - 1 <= one.first.last;
+      });
+      if (found == came.end()) return no_parts();
+      const std::string_view bytes = found->second.substr(part.offset - found->first.first, part.out.size());
+      std::ranges::copy(std::as_bytes(std::span(bytes)), part.out.begin());
+    }
+    return {};
+  }
+
+  // Of a part, whose head has lines.
+  static std::optional<ContentRange> range_of(std::string_view head) {
+    constexpr std::string_view field = "content-range:";
+    while (!head.empty()) {
+      std::string line(head.substr(0, head.find("\r\n")));
+      head.remove_prefix(std::min(head.size(), line.size() + 2));
+      std::ranges::transform(line, line.begin(), [](char c) { return c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c; });
+      if (!line.starts_with(field)) continue;
+      const std::size_t text = line.find_first_not_of(' ', field.size());
+      return text == std::string::npos ? std::nullopt : parse_content_range(line.substr(text));
+    }
+    return {};
+  }
+
+  static Failure no_parts() { return {"the server does not answer with the ranges that were asked for"}; }
+
+  std::span<const ByteSource::Part> parts_;
+  std::size_t most_bytes_;
+  std::string boundary_, body_;
 };
 
 class HttpSource final : public ByteSource {
@@ -320,17 +453,44 @@ class HttpSource final : public ByteSource {
     return out.empty() ? Status{} : fetch(offset, out);
   }
 
+  // A server that does not know several ranges of a request, or does not want them, is not asked again.
+  Result<bool> read_parts(std::span<const Part> parts) override {
+    if (!knows_parts_) return false;
+    for (const Part& part : parts) SPLATVOL_TRY(check_range(*this, part.offset, part.out.size()));
+    bool passed = false;
+    const Status got = transfer([&](const Connection& connection) {
+      auto failure = PartsExchange(connection, parts, content_).run();
+      passed = failure && failure->may_pass;
+      return failure;
+    });
+    if (got) return true;
+    if (passed || is_interrupted()) return tl::unexpected(got.error());
+    knows_parts_ = false;
+    return false;
+  }
+
  private:
   // After a failure, goes on behind the bytes that have come.
   Status fetch(std::uint64_t offset, std::span<std::byte> out) {
+    return transfer([&](const Connection& connection) {
+      RangeExchange exchange(connection, offset, out, content_);
+      auto failure = exchange.run();
+      offset += exchange.received();
+      out = out.subspan(exchange.received());
+      return failure;
+    });
+  }
+
+  // Calls `attempt` until it returns no failure, or one that is final.
+  template <class Attempt>
+  Status transfer(const Attempt& attempt_once) {
     SPLATVOL_TRY_ASSIGN(connection, acquire_connection());
     CURL* const handle = connection.handle.get();
     milliseconds wait = options_.first_wait;
     for (int attempt = 1;; ++attempt, wait *= 2) {
       const std::string address = current_address();
       libcurl().easy_setopt(handle, CURLOPT_URL, address.c_str());
-      Exchange exchange(connection, offset, out, content_);
-      const auto failure = exchange.run();
+      const std::optional<Failure> failure = attempt_once(connection);
       if (!failure) {
         const char* reached = info_of<const char*>(handle, CURLINFO_EFFECTIVE_URL);
         set_address(reached ? reached : url_);
@@ -343,8 +503,6 @@ class HttpSource final : public ByteSource {
       }
       if (!failure->may_pass || attempt >= options_.attempts || failure->wait > options_.longest_wait)
         return fail(ErrorCode::io, "{}: {}", name_, failure->reason);
-      offset += exchange.received();
-      out = out.subspan(exchange.received());
       const milliseconds pause = std::max(wait, failure->wait);
       options_.wait ? options_.wait(pause) : sleep_interruptibly(pause);
     }
@@ -406,6 +564,7 @@ class HttpSource final : public ByteSource {
   const HttpOptions options_;
   std::optional<Content> content_;  // constant once open
   std::vector<std::byte> head_;     // the file's first bytes
+  std::atomic<bool> knows_parts_ = true;
   std::mutex mutex_;
   std::vector<Connection> idle_;
   std::string address_;

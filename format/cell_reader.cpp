@@ -9,10 +9,10 @@
 namespace splatvol::format {
 namespace {
 
-constexpr std::uint64_t draft = 1;  // CellsTail::version
-
-// The root is mostly within one read of so many bytes.
-constexpr std::uint64_t first_read_bytes = std::uint64_t{1} << 16;
+// How many bytes at the end of a section are read at once: they hold the root, and mostly all pages of chunks.
+std::uint64_t first_read_bytes(std::uint64_t section) {
+  return std::min(section, std::clamp<std::uint64_t>(section / 64, std::uint64_t{1} << 16, std::uint64_t{1} << 19));
+}
 
 bool is_box(const double (&low)[3], const double (&high)[3]) {
   for (int axis = 0; axis < 3; ++axis)
@@ -65,6 +65,7 @@ Result<std::unique_ptr<const CellReader>> CellReader::open(const Volume& volume)
   };
   std::unique_ptr<CellReader> reader(new CellReader(volume.info(), volume.name(), section->packed_bytes, read));
   reader->volume_ = &volume;
+  reader->begin_ = section->offset;
   SPLATVOL_TRY(reader->read_root());
   if (volume.series()) SPLATVOL_TRY(reader->read_step());
   return reader;
@@ -89,8 +90,11 @@ Status CellReader::read_step() {
   const std::uint64_t table = pages_.size() * sizeof(SummaryPageRef) + sizeof(std::uint64_t);
   if (table > section->packed_bytes) return broken("the summaries of cells have the wrong length");
   step_offset_ = volume_->series()->steps[volume_->step()].offset + section->offset;
-  SPLATVOL_TRY_ASSIGN(bytes, volume_->read_bytes(step_offset_ + section->packed_bytes - table, table));
-  std::span<const std::byte> records = std::span<const std::byte>(bytes).first(table - sizeof(std::uint64_t));
+  const std::uint64_t first = std::max(table, first_read_bytes(section->packed_bytes));
+  SPLATVOL_TRY_SET(step_tail_.bytes, volume_->read_bytes(step_offset_ + section->packed_bytes - first, first));
+  step_tail_.begin = section->packed_bytes - first;
+  const auto bytes = std::span<const std::byte>(step_tail_.bytes).last(table);
+  std::span<const std::byte> records = bytes.first(table - sizeof(std::uint64_t));
   if (hash_bytes(records) != read_record<std::uint64_t>(bytes, records.size()))
     return broken("the summaries of cells: checksum mismatch");
   step_pages_ = take_records<SummaryPageRef>(records, pages_.size());
@@ -102,17 +106,24 @@ Status CellReader::read_step() {
       return broken("the summaries of cells do not tile their section");
     next += ref.page_bytes;
   }
-  return next == section->packed_bytes - table ? Status{} : broken("the summaries of cells do not tile their section");
+  if (next != section->packed_bytes - table) return broken("the summaries of cells do not tile their section");
+  step_tail_.bytes.resize(first - table);
+  return {};
+}
+
+// Reads a part of the section.
+Result<Bytes> CellReader::read(std::uint64_t offset, std::uint64_t count) const {
+  if (tail_.holds(offset, count)) return tail_.part(offset, count);
+  return read_(offset, count);
 }
 
 // Numbers that the file states take no memory before its own length backs them.
 Status CellReader::read_root() {
   const std::uint64_t section = bytes_;
   if (section < sizeof(CellsTail)) return broken("the section of cells is too short");
-  const std::uint64_t first = std::min(section, first_read_bytes);
-  SPLATVOL_TRY_ASSIGN(bytes, read_(section - first, first));
+  SPLATVOL_TRY_ASSIGN(bytes, read_(section - first_read_bytes(section), first_read_bytes(section)));
   const auto tail = read_record<CellsTail>(bytes, bytes.size() - sizeof(CellsTail));
-  if (tail.version != draft)
+  if (tail.version != cells_version)
     return fail(ErrorCode::unsupported, "{}: its cells are of a draft that this program does not read: build it again",
                 name_);
   const std::uint64_t points = info_.resolution_counts.back(), left = section - sizeof(CellsTail);
@@ -130,7 +141,11 @@ Status CellReader::read_root() {
     SPLATVOL_TRY_ASSIGN(whole, read_(section - root_bytes_, root_bytes_));
     bytes = std::move(whole);
   }
-  return take_root(std::span<const std::byte>(bytes).last(root_bytes_), tail);
+  SPLATVOL_TRY(take_root(std::span<const std::byte>(bytes).last(root_bytes_), tail));
+  tail_.begin = section - bytes.size();
+  bytes.resize(bytes.size() - root_bytes_);
+  tail_.bytes = std::move(bytes);
+  return {};
 }
 
 Status CellReader::take_root(std::span<const std::byte> root, const CellsTail& tail) {
@@ -145,7 +160,7 @@ Status CellReader::take_root(std::span<const std::byte> root, const CellsTail& t
   return check_tiling();
 }
 
-// Pages of ranks and of vertices; then the chunks of each page of chunks, and the page; then the root.
+// Pages of ranks and of vertices; then the chunks; then the pages of chunks; then the root.
 Status CellReader::check_tiling() const {
   const std::uint64_t end = bytes_ - root_bytes_;
   const std::uint64_t table = (1 + attributes_) * sizeof(IndexPagePart);
@@ -165,17 +180,27 @@ Status CellReader::check_tiling() const {
       return broken("a page of vertices has the wrong length");
     next += page.packed_bytes;
   }
-  for (const CellPageRef& page : pages_) {
-    if (page.offset < next || page.offset > end || page.page_bytes > end - page.offset || page.page_bytes < table)
+  const std::uint64_t chunks_end = pages_.empty() ? end : pages_.front().offset;
+  if (next > chunks_end || (pages_.empty() ? end : pages_.front().chunks_offset) != next) return untiled();
+  next = chunks_end;
+  for (std::size_t p = 0; p < pages_.size(); ++p) {
+    const CellPageRef& page = pages_[p];
+    if (page.offset != next || page.offset > end || page.page_bytes > end - page.offset || page.page_bytes < table ||
+        page.chunks_offset > chunks_end_of(p))
       return untiled();
     if (page.chunks == 0 || page.chunks > max_page_chunks || page.page_bytes > table + page.chunks * chunk_bytes ||
         !is_box(page.low, page.high) || !is_area(page.area))
       return broken("a page of cells is out of range");
-    next = page.offset + page.page_bytes;
+    next += page.page_bytes;
     chunks += page.chunks;
   }
   if (chunks != chunk_count_) return broken("the chunks of cells are not as many as stated");
   return next == end ? Status{} : untiled();
+}
+
+// Where the chunks of a page end.
+std::uint64_t CellReader::chunks_end_of(std::size_t page) const {
+  return page + 1 < pages_.size() ? pages_[page + 1].chunks_offset : pages_.front().offset;
 }
 
 std::uint64_t CellReader::rank_bytes() const {
@@ -198,7 +223,8 @@ std::uint64_t CellReader::directory_bytes() const {
 
 std::uint64_t CellReader::memory_bytes() const {
   return kinds_.size() * sizeof(CellKind) + pages_.size() * sizeof(CellPageRef) +
-         (rank_pages_.size() + vertex_pages_.size()) * sizeof(PackedPageRef);
+         (rank_pages_.size() + vertex_pages_.size()) * sizeof(PackedPageRef) + tail_.bytes.size() +
+         step_pages_.size() * sizeof(SummaryPageRef) + step_tail_.bytes.size();
 }
 
 Status CellReader::check_entry(const CellChunkEntry& entry) const {
@@ -233,10 +259,27 @@ Result<CellReader::Parts> CellReader::read_parts(Bytes bytes, std::uint64_t hash
   return parts;
 }
 
+ByteRange CellReader::range_of(const CellChunkEntry& entry) const {
+  return {begin_ + entry.offset, begin_ + entry.offset + entry.packed_bytes};
+}
+
+Result<std::shared_ptr<const BytesAhead>> CellReader::read_pages_ahead(std::span<const std::size_t> pages,
+                                                                       std::uint64_t memory) const {
+  std::vector<ByteRange> ranges;
+  const auto add = [&](const Tail& tail, std::uint64_t begin, std::uint64_t offset, std::uint64_t count) {
+    if (!tail.holds(offset, count)) ranges.push_back({begin + offset, begin + offset + count});
+  };
+  for (const std::size_t page : pages) {
+    add(tail_, begin_, pages_[page].offset, pages_[page].page_bytes);
+    if (!step_pages_.empty()) add(step_tail_, step_offset_, step_pages_[page].offset, step_pages_[page].page_bytes);
+  }
+  return volume_->read_ahead(std::move(ranges), memory);
+}
+
 Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes& attributes) const {
   const CellPageRef& ref = pages_[page];
   const std::string what = fmt::format("{}: page {} of the cells", name_, page);
-  SPLATVOL_TRY_ASSIGN(bytes, read_(ref.offset, ref.page_bytes));
+  SPLATVOL_TRY_ASSIGN(bytes, this->read(ref.offset, ref.page_bytes));
   SPLATVOL_TRY_ASSIGN(
       parts, read_parts(std::move(bytes), ref.hash, 1 + attributes_, sizeof(CellChunkEntry), ref.chunks, what));
   CellPage read;
@@ -245,14 +288,15 @@ Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes
   SPLATVOL_TRY_ASSIGN(entries, unpack_checked(parts.at[0].second, packed, what));
   std::span<const std::byte> records = entries;
   read.chunks = take_records<CellChunkEntry>(records, ref.chunks);
-  std::uint64_t next = page > 0 ? pages_[page - 1].offset + pages_[page - 1].page_bytes : rank_bytes() + vertex_bytes();
+  std::uint64_t next = ref.chunks_offset;
+  const std::uint64_t end = chunks_end_of(page);
   for (const CellChunkEntry& entry : read.chunks) {
     SPLATVOL_TRY(check_entry(entry));
-    if (entry.offset != next || entry.packed_bytes > ref.offset - next || !is_within(entry, ref))
+    if (entry.offset != next || entry.packed_bytes > end - next || !is_within(entry, ref))
       return broken("chunks of cells do not tile their section, or pass the box of their page");
     next += entry.packed_bytes;
   }
-  if (next != ref.offset) return broken("chunks of cells do not tile their section");
+  if (next != end) return broken("chunks of cells do not tile their section");
   if (attributes.values >= 0) SPLATVOL_TRY_SET(read.summaries, read_summaries(page, attributes.values, parts));
   if (attributes.opacity >= 0)
     SPLATVOL_TRY_SET(read.opacity_summaries, read_summaries(page, attributes.opacity, parts));
@@ -275,21 +319,23 @@ Result<std::vector<ValueSummary>> CellReader::read_summaries(std::size_t page, i
     return std::vector<ValueSummary>(chunks, {-all, all, ~std::uint64_t{0}});
   }
   const SummaryPageRef& ref = step_pages_[page];
-  SPLATVOL_TRY_ASSIGN(bytes, volume_->read_bytes(step_offset_ + ref.offset, ref.page_bytes));
+  SPLATVOL_TRY_ASSIGN(bytes, step_tail_.holds(ref.offset, ref.page_bytes)
+                                 ? step_tail_.part(ref.offset, ref.page_bytes)
+                                 : volume_->read_bytes(step_offset_ + ref.offset, ref.page_bytes));
   SPLATVOL_TRY_ASSIGN(step_parts,
                       read_parts(std::move(bytes), ref.hash, info_.attributes.size(), summary_bytes, chunks, what));
   return unpack(step_parts, static_cast<std::size_t>(attribute));
 }
 
 Result<CellChunk> CellReader::read_chunk(const CellChunkEntry& entry) const {
-  SPLATVOL_TRY_ASSIGN(packed, read_(entry.offset, entry.packed_bytes));
+  SPLATVOL_TRY_ASSIGN(packed, read(entry.offset, entry.packed_bytes));
   const std::string what = fmt::format("{}: cells at {}", name_, entry.offset);
   return unpack_cells(entry, packed, info_.resolution_counts.back(), vertex_count_, what);
 }
 
 Result<std::vector<dvec3>> CellReader::read_vertex_page(std::size_t page) const {
   const PackedPageRef& ref = vertex_pages_[page];
-  SPLATVOL_TRY_ASSIGN(packed, read_(ref.offset, ref.packed_bytes));
+  SPLATVOL_TRY_ASSIGN(packed, read(ref.offset, ref.packed_bytes));
   const std::uint64_t first = page * std::uint64_t{vertex_page_points};
   std::vector<dvec3> vertices(std::min<std::uint64_t>(vertex_page_points, vertex_count_ - first));
   ChunkEntry entry{};
@@ -302,13 +348,13 @@ Result<std::vector<dvec3>> CellReader::read_vertex_page(std::size_t page) const 
 }
 
 Status CellReader::check_bytes(const CellChunkEntry& entry) const {
-  SPLATVOL_TRY_ASSIGN(packed, read_(entry.offset, entry.packed_bytes));
+  SPLATVOL_TRY_ASSIGN(packed, read(entry.offset, entry.packed_bytes));
   return check_packed(entry, packed, fmt::format("{}: cells at {}", name_, entry.offset));
 }
 
 Result<RankPage> CellReader::read_rank_page(std::size_t page) const {
   const PackedPageRef& ref = rank_pages_[page];
-  SPLATVOL_TRY_ASSIGN(packed, read_(ref.offset, ref.packed_bytes));
+  SPLATVOL_TRY_ASSIGN(packed, read(ref.offset, ref.packed_bytes));
   const std::uint64_t first = page * std::uint64_t{rank_page_points};
   const std::uint64_t ranks = std::min<std::uint64_t>(rank_page_points, info_.resolution_counts.back() - first);
   const std::string what = fmt::format("{}: page {} of ranks", name_, page);

@@ -26,8 +26,8 @@ struct CellPage {
 /// as Volume does. Thread-safe.
 class CellReader {
  public:
-  /// Reads the root: mostly in one read, at the end of the section. Returns null if the file keeps no cells. The volume
-  /// must outlive the reader.
+  /// Reads the root and the pages of chunks that one read at the end of the section brings in, mostly all. Returns null
+  /// if the file keeps no cells. The volume must outlive the reader.
   [[nodiscard]] static Result<std::unique_ptr<const CellReader>> open(const Volume& volume);
 
   /// The same for a section that is not in a file yet. `info`: of the file it will be in, which must outlive the
@@ -62,6 +62,10 @@ class CellReader {
   /// have any value.
   [[nodiscard]] Result<CellPage> read_page(std::size_t page, const SummaryAttributes& attributes) const;
 
+  /// Reads pages ahead (Volume::read_ahead). Requires a reader of a file.
+  [[nodiscard]] Result<std::shared_ptr<const BytesAhead>> read_pages_ahead(std::span<const std::size_t> pages,
+                                                                           std::uint64_t memory) const;
+
   /// Whether a step has summaries. Without, its chunks count as visible.
   [[nodiscard]] bool has_step_summaries() const { return !step_pages_.empty(); }
 
@@ -76,6 +80,11 @@ class CellReader {
   [[nodiscard]] std::size_t vertex_page_count() const { return vertex_pages_.size(); }
   [[nodiscard]] Result<std::vector<dvec3>> read_vertex_page(std::size_t page) const;
 
+  /// Where parts are in the file. Require a reader of a file.
+  [[nodiscard]] ByteRange range_of(const CellChunkEntry& entry) const;
+  [[nodiscard]] ByteRange range_of_rank_page(std::size_t page) const { return range_of(rank_pages_[page]); }
+  [[nodiscard]] ByteRange range_of_vertex_page(std::size_t page) const { return range_of(vertex_pages_[page]); }
+
   [[nodiscard]] std::size_t rank_page_count() const { return rank_pages_.size(); }
   [[nodiscard]] Result<RankPage> read_rank_page(std::size_t page) const;
 
@@ -84,8 +93,26 @@ class CellReader {
   [[nodiscard]] Status read_root();
   [[nodiscard]] Status take_root(std::span<const std::byte> root, const CellsTail& tail);
   [[nodiscard]] Status check_tiling() const;
+  [[nodiscard]] std::uint64_t chunks_end_of(std::size_t page) const;
+  [[nodiscard]] ByteRange range_of(const PackedPageRef& ref) const {
+    return {begin_ + ref.offset, begin_ + ref.offset + ref.packed_bytes};
+  }
+  [[nodiscard]] Result<Bytes> read(std::uint64_t offset, std::uint64_t count) const;
   [[nodiscard]] Status check_entry(const CellChunkEntry& entry) const;
   [[nodiscard]] Status read_step();
+  // The end of a section, without its root.
+  struct Tail {
+    std::uint64_t begin = 0;  // offset in the section
+    Bytes bytes = {};
+
+    [[nodiscard]] bool holds(std::uint64_t offset, std::uint64_t count) const {
+      return offset >= begin && offset - begin <= bytes.size() && count <= bytes.size() - (offset - begin);
+    }
+    [[nodiscard]] Bytes part(std::uint64_t offset, std::uint64_t count) const {
+      const auto first = bytes.begin() + static_cast<std::ptrdiff_t>(offset - begin);
+      return {first, first + static_cast<std::ptrdiff_t>(count)};
+    }
+  };
   struct Parts {
     Bytes bytes;                                              // of the page
     std::vector<std::pair<std::uint64_t, IndexPagePart>> at;  // offset in the page, part
@@ -99,12 +126,15 @@ class CellReader {
   const Volume* volume_ = nullptr;
   const VolumeInfo& info_;
   std::string name_;
+  std::uint64_t begin_ = 0;  // of the section in the file
   std::uint64_t bytes_;
   ReadBytes read_;
+  Tail tail_;
   std::size_t attributes_;                  // of which pages of chunks have summaries
   std::uint64_t step_offset_ = 0;           // in the file, of the summaries of a step
   std::vector<SummaryPageRef> step_pages_;  // [page of chunks]
-  std::vector<std::uint64_t> counts_;       // [segment]: points
+  Tail step_tail_;
+  std::vector<std::uint64_t> counts_;  // [segment]: points
   std::uint64_t root_bytes_ = 0;
   std::uint64_t chunk_count_ = 0;
   std::vector<CellKind> kinds_;

@@ -45,12 +45,6 @@ bool has_valid_codec(const SectionEntry& section) {
 
 }  // namespace
 
-Status CountedSource::read(std::uint64_t offset, std::span<std::byte> out) {
-  SPLATVOL_TRY(source->read(offset, out));
-  bytes_read += out.size();
-  return {};
-}
-
 void seal(Superblock& superblock) {
   superblock.hash = hash_bytes(std::as_bytes(std::span(&superblock, 1)).first(offsetof(Superblock, hash)));
 }

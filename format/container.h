@@ -1,7 +1,6 @@
 // Sections behind a superblock: of a file, or of a step in a file (spec/svol-1.md, sections 2, 3 and 11).
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -14,16 +13,9 @@
 #include "base/file.h"
 #include "format/codec.h"
 #include "format/layout.h"
+#include "format/read_ahead.h"
 
 namespace splatvol::format {
-
-/// The bytes of a file, with a count of those that were read. Thread-safe.
-struct CountedSource {
-  std::unique_ptr<ByteSource> source;
-  std::atomic<std::uint64_t> bytes_read = 0;
-
-  [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out);
-};
 
 /// Puts the hash of the superblock's other fields into it.
 void seal(Superblock& superblock);

@@ -193,16 +193,17 @@ struct CellChunkEntry {          // spec 14
 };
 static_assert(sizeof(CellChunkEntry) == 96 && offsetof(CellChunkEntry, area) == 88);
 
-struct CellPageRef {         // spec 14
-  std::uint64_t offset;      //  0: within the section
-  std::uint32_t page_bytes;  //  8
-  std::uint32_t chunks;      // 12
-  std::uint64_t hash;        // 16: of the part table
-  double low[3];             // 24: box round the chunks
-  double high[3];            // 48
-  double area;               // 72: of all chunks
+struct CellPageRef {            // spec 14
+  std::uint64_t offset;         //  0: within the section
+  std::uint32_t page_bytes;     //  8
+  std::uint32_t chunks;         // 12
+  std::uint64_t hash;           // 16: of the part table
+  std::uint64_t chunks_offset;  // 24: of its first chunk, within the section
+  double low[3];                // 32: box round the chunks
+  double high[3];               // 56
+  double area;                  // 80: of all chunks
 };
-static_assert(sizeof(CellPageRef) == 80 && offsetof(CellPageRef, area) == 72);
+static_assert(sizeof(CellPageRef) == 88 && offsetof(CellPageRef, area) == 80);
 
 struct PackedPageRef {           // spec 14: a page of ranks or of vertices
   std::uint64_t offset;          //  0: within the section
@@ -228,9 +229,10 @@ struct CellsTail {         // spec 14
   std::uint64_t pages;     // 16: of chunk entries
   std::uint64_t vertices;  // 24
   std::uint32_t kinds;     // 32
-  std::uint32_t version;   // 36: of the draft
+  std::uint32_t version;   // 36: cells_version
 };
 static_assert(sizeof(CellsTail) == 40);
+inline constexpr std::uint32_t cells_version = 2;  // of the draft
 
 struct StepDirectoryHead {   // spec 11
   std::uint64_t hash;        //  0: of all bytes of the step directory behind it

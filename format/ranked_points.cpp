@@ -1,126 +1,135 @@
 #include "format/ranked_points.h"
 
 #include <algorithm>
-#include <numeric>
 #include <string>
 #include <utility>
 
-#include "format/last_used.h"
+#include "format/held_parts.h"
 #include "format/volume_chunks.h"
 
 namespace splatvol::format {
 namespace {
 
-// A page of ranks, and the number of each point among those of its segment.
+// The segments of consecutive ranks, and the number of each point among those of its segment.
 struct RankTable {
   std::vector<std::uint8_t> segments;
-  std::vector<std::uint64_t> numbers;
+  std::vector<std::uint16_t> numbers;  // less `before`
+  std::vector<std::uint64_t> before;   // [segment]
 };
 
 RankTable table_of(RankPage page) {
-  RankTable table{std::move(page.segments), {}};
+  RankTable table{std::move(page.segments), {}, std::move(page.before)};
+  std::vector<std::uint16_t> next(table.before.size());
   table.numbers.reserve(table.segments.size());
-  for (const std::uint8_t segment : table.segments) table.numbers.push_back(page.before[segment]++);
+  for (const std::uint8_t segment : table.segments) table.numbers.push_back(next[segment]++);
   return table;
 }
+
+// Kinds of parts; from first_values on: values of attributes.
+enum Kind : int { rank_page, positions_of_group, first_values };
+
+// The share of the memory for pages of the directory.
+constexpr std::uint64_t directory_share = 16;
 
 }  // namespace
 
 struct RankedPoints::Held {
   std::shared_ptr<const ChunkSource> chunks;
   ReadRankPage read_rank_page;
-  std::uint64_t memory;
-  LastUsed<std::size_t, RankTable> ranks = {};
-  LastUsed<std::uint64_t, std::vector<dvec3>> positions = {};               // group
-  LastUsed<std::pair<int, std::uint64_t>, std::vector<float>> values = {};  // attribute, group
+  HeldParts parts;
+  const CellReader* cells = nullptr;  // of a file
+  const VolumeChunks* chunks_of_file = nullptr;
 
-  Result<const RankTable*> table(std::size_t page) {
-    if (const RankTable* held = ranks.find(page)) return held;
-    SPLATVOL_TRY_ASSIGN(read, read_rank_page(page));
-    return &ranks.add(page, table_of(std::move(read)), rank_page_points * 9, memory / 4);
+  [[nodiscard]] Result<std::shared_ptr<const RankTable>> table(std::size_t page) {
+    constexpr std::uint64_t bytes = rank_page_points * (sizeof(std::uint8_t) + sizeof(std::uint16_t));
+    return parts.get<RankTable>({rank_page, page}, bytes, [&]() -> Result<RankTable> {
+      SPLATVOL_TRY_ASSIGN(read, read_rank_page(page));
+      return table_of(std::move(read));
+    });
   }
 
-  Result<const std::vector<dvec3>*> positions_of(std::uint64_t group) {
-    if (const auto* held = positions.find(group)) return held;
-    SPLATVOL_TRY_ASSIGN(chunk, chunks->read_chunk(ColumnKind::position, -1, group));
-    std::vector<dvec3> read(chunks->rows().group(group).count);
-    SPLATVOL_TRY(unpack_positions(chunk.entry, chunk.bytes, read, chunks->info().cube, "positions of cells' corners"));
-    const std::uint64_t bytes = read.size() * sizeof(dvec3);
-    return &positions.add(group, std::move(read), bytes, memory / 2);
+  [[nodiscard]] Result<std::shared_ptr<const std::vector<dvec3>>> positions_of(std::uint64_t group) {
+    const std::uint32_t count = chunks->rows().group(group).count;
+    return parts.get<std::vector<dvec3>>(
+        {positions_of_group, group}, count * sizeof(dvec3), [&]() -> Result<std::vector<dvec3>> {
+          SPLATVOL_TRY_ASSIGN(chunk, chunks->read_chunk(ColumnKind::position, -1, group));
+          std::vector<dvec3> read(count);
+          SPLATVOL_TRY(unpack_positions(chunk.entry, chunk.bytes, read, chunks->info().cube, what("positions")));
+          return read;
+        });
   }
 
-  Result<const std::vector<float>*> values_of(int attribute, std::uint64_t group) {
-    if (const auto* held = values.find({attribute, group})) return held;
-    SPLATVOL_TRY_ASSIGN(chunk, chunks->read_chunk(ColumnKind::value, attribute, group));
-    std::vector<float> read(chunks->rows().group(group).count);
-    SPLATVOL_TRY(unpack_values(chunk.entry, chunk.bytes, read, "values of cells' corners"));
-    const std::uint64_t bytes = read.size() * sizeof(float);
-    return &values.add({attribute, group}, std::move(read), bytes, memory / 4);
+  [[nodiscard]] Result<std::shared_ptr<const std::vector<float>>> values_of(int attribute, std::uint64_t group) {
+    const std::uint32_t count = chunks->rows().group(group).count;
+    return parts.get<std::vector<float>>(
+        {first_values + attribute, group}, count * sizeof(float), [&]() -> Result<std::vector<float>> {
+          SPLATVOL_TRY_ASSIGN(chunk, chunks->read_chunk(ColumnKind::value, attribute, group));
+          std::vector<float> read(count);
+          SPLATVOL_TRY(unpack_values(chunk.entry, chunk.bytes, read, what("values")));
+          return read;
+        });
+  }
+
+  [[nodiscard]] std::string what(const char* numbers) const {
+    return (cells ? cells->volume().name() + ": " : std::string()) + numbers + " of cells' corners";
+  }
+
+  // Copies numbers of places. The points of each segment have ascending ranks, so each group is looked up once.
+  // `get(group)` returns a group's numbers.
+  template <class Number, class Get>
+  [[nodiscard]] Status gather(std::span<const Place> places, std::vector<Number>& numbers, const Get& get) const {
+    struct Present {
+      std::uint64_t group = 0;
+      std::shared_ptr<const std::vector<Number>> numbers = nullptr;
+    };
+    std::vector<Present> of_segments(chunks->info().resolutions());
+    numbers.resize(places.size());
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      const Place& place = places[i];
+      Present& present = of_segments[place.segment];
+      if (!present.numbers || present.group != place.group) {
+        SPLATVOL_TRY_SET(present.numbers, get(place.group));
+        present.group = place.group;
+      }
+      numbers[i] = (*present.numbers)[place.index];
+    }
+    return {};
   }
 };
 
 RankedPoints::RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page, std::uint64_t memory)
-    : held_(std::make_unique<Held>(Held{std::move(chunks), std::move(read_rank_page), memory})) {}
+    : held_(new Held{std::move(chunks), std::move(read_rank_page), HeldParts(memory)}) {}
 
-RankedPoints::RankedPoints(const CellReader& cells, std::uint64_t memory)
-    : RankedPoints(
-          std::make_shared<VolumeChunks>(cells.volume(), memory / 8),
-          [&cells](std::size_t page) { return cells.read_rank_page(page); }, memory) {}
+RankedPoints::RankedPoints(const CellReader& cells, std::uint64_t memory) {
+  auto chunks = std::make_shared<const VolumeChunks>(cells.volume(), memory / directory_share);
+  const VolumeChunks* const of_file = chunks.get();
+  held_.reset(new Held{std::move(chunks), [&cells](std::size_t page) { return cells.read_rank_page(page); },
+                       HeldParts(memory - memory / directory_share), &cells, of_file});
+}
+
 RankedPoints::~RankedPoints() = default;
 
-Status RankedPoints::find(std::span<const std::uint64_t> ranks, std::vector<Place>& places) {
+Status RankedPoints::find(std::span<const std::uint64_t> ranks, std::vector<Place>& places) const {
   const RowLayout& rows = held_->chunks->rows();
   const VolumeInfo& info = held_->chunks->info();
   places.clear();
   places.reserve(ranks.size());
-  const RankTable* table = nullptr;
+  std::shared_ptr<const RankTable> table;
   std::uint64_t present = 0;
   for (const std::uint64_t rank : ranks) {
     const std::uint64_t page = rank / rank_page_points;
     if (!table || page != present) {
-      SPLATVOL_TRY_ASSIGN(found, held_->table(page));
-      table = found;
+      SPLATVOL_TRY_SET(table, held_->table(page));
       present = page;
     }
     const std::size_t at = rank % rank_page_points, segment = table->segments[at];
-    const std::uint64_t number = table->numbers[at];
-    places.push_back(
-        {rows.group_at(segment, number), static_cast<std::uint32_t>(number % info.points_per_chunk[segment])});
+    const std::uint64_t number = table->before[segment] + table->numbers[at];
+    places.push_back({rows.group_at(segment, number),
+                      static_cast<std::uint32_t>(number % info.points_per_chunk[segment]),
+                      static_cast<std::uint32_t>(segment)});
   }
   return {};
 }
-
-namespace {
-
-// The places in the order of their groups, of which there are few.
-std::vector<std::uint32_t> order_by_group(std::span<const RankedPoints::Place> places) {
-  const std::vector<std::uint64_t> groups = RankedPoints::groups_of(places);
-  std::vector<std::uint32_t> number_of(places.size()), begins(groups.size() + 1);
-  for (std::size_t i = 0; i < places.size(); ++i) {
-    number_of[i] = static_cast<std::uint32_t>(std::ranges::lower_bound(groups, places[i].group) - groups.begin());
-    ++begins[number_of[i] + 1];
-  }
-  std::partial_sum(begins.begin(), begins.end(), begins.begin());
-  std::vector<std::uint32_t> order(places.size());
-  for (std::uint32_t i = 0; i < places.size(); ++i) order[begins[number_of[i]]++] = i;
-  return order;
-}
-
-// Copies numbers of places, group by group. `get(group)` returns a group's numbers.
-template <class Number, class Get>
-Status gather(std::span<const RankedPoints::Place> places, std::vector<Number>& numbers, const Get& get) {
-  const std::vector<std::uint32_t> order = order_by_group(places);
-  numbers.resize(places.size());
-  for (std::size_t k = 0; k < order.size();) {
-    const std::uint64_t group = places[order[k]].group;
-    SPLATVOL_TRY_ASSIGN(of_group, get(group));
-    for (; k < order.size() && places[order[k]].group == group; ++k)
-      numbers[order[k]] = (*of_group)[places[order[k]].index];
-  }
-  return {};
-}
-
-}  // namespace
 
 std::vector<std::uint64_t> RankedPoints::groups_of(std::span<const Place> places) {
   std::vector<std::uint64_t> groups;
@@ -131,41 +140,64 @@ std::vector<std::uint64_t> RankedPoints::groups_of(std::span<const Place> places
   return groups;
 }
 
-Status RankedPoints::read_positions(std::span<const Place> places, std::vector<dvec3>& positions) {
-  return gather(places, positions, [&](std::uint64_t group) { return held_->positions_of(group); });
+Status RankedPoints::read_positions(std::span<const Place> places, std::vector<dvec3>& positions) const {
+  return held_->gather(places, positions, [&](std::uint64_t group) { return held_->positions_of(group); });
 }
 
-Status RankedPoints::read_values(std::span<const Place> places, int attribute, std::vector<float>& values) {
-  return gather(places, values, [&](std::uint64_t group) { return held_->values_of(attribute, group); });
+Status RankedPoints::read_values(std::span<const Place> places, int attribute, std::vector<float>& values) const {
+  return held_->gather(places, values, [&](std::uint64_t group) { return held_->values_of(attribute, group); });
+}
+
+Result<std::shared_ptr<const BytesAhead>> RankedPoints::read_ahead(std::span<const std::uint64_t> ranks,
+                                                                   std::span<const int> attributes, bool positions,
+                                                                   std::uint64_t memory) const {
+  if (!held_->cells || !held_->cells->volume().is_far()) return nullptr;
+  const Volume& volume = held_->cells->volume();
+  std::vector<std::uint64_t> pages;
+  for (const std::uint64_t rank : ranks)
+    if (pages.empty() || rank / rank_page_points != pages.back()) pages.push_back(rank / rank_page_points);
+  std::ranges::sort(pages);
+  pages.erase(std::ranges::unique(pages).begin(), pages.end());
+  std::vector<ByteRange> ranges;
+  for (const std::uint64_t page : pages)
+    if (!held_->parts.holds({rank_page, page})) ranges.push_back(held_->cells->range_of_rank_page(page));
+  SPLATVOL_TRY_ASSIGN(rank_pages, volume.read_ahead(std::move(ranges), memory));
+  std::vector<Place> places;
+  SPLATVOL_TRY(find(ranks, places));
+  std::vector<ChunkName> chunks;
+  for (const std::uint64_t group : groups_of(places)) {
+    if (positions && !held_->parts.holds({positions_of_group, group}))
+      chunks.push_back({ColumnKind::position, -1, group});
+    for (const int attribute : attributes)
+      if (!held_->parts.holds({first_values + attribute, group}))
+        chunks.push_back({ColumnKind::value, attribute, group});
+  }
+  SPLATVOL_TRY_ASSIGN(bytes, held_->chunks_of_file->ranges_of(chunks, memory));
+  return volume.read_ahead(std::move(bytes), memory);
 }
 
 struct CellVertices::Held {
   ReadPage read_page;
-  std::uint64_t memory;
-  LastUsed<std::size_t, std::vector<dvec3>> pages = {};
+  HeldParts pages;
 };
 
 CellVertices::CellVertices(ReadPage read_page, std::uint64_t memory)
-    : held_(std::make_unique<Held>(Held{std::move(read_page), memory})) {}
+    : held_(new Held{std::move(read_page), HeldParts(memory)}) {}
 CellVertices::~CellVertices() = default;
 
-Status CellVertices::read_positions(std::span<const std::uint64_t> vertices, std::vector<dvec3>& positions) {
-  positions.clear();
-  positions.reserve(vertices.size());
-  const std::vector<dvec3>* page = nullptr;
-  std::size_t present = 0;
-  for (const std::uint64_t vertex : vertices) {
-    const std::size_t number = vertex / vertex_page_points;
+Status CellVertices::read_positions(std::span<const std::uint64_t> vertices, std::vector<dvec3>& positions) const {
+  positions.resize(vertices.size());
+  std::shared_ptr<const std::vector<dvec3>> page;
+  std::uint64_t present = 0;
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    const std::uint64_t number = vertices[i] / vertex_page_points;
     if (!page || number != present) {
-      page = held_->pages.find(number);
-      if (!page) {
-        SPLATVOL_TRY_ASSIGN(read, held_->read_page(number));
-        const std::uint64_t bytes = read.size() * sizeof(dvec3);
-        page = &held_->pages.add(number, std::move(read), bytes, held_->memory);
-      }
+      const auto read = [&] { return held_->read_page(number); };
+      SPLATVOL_TRY_SET(page,
+                       held_->pages.get<std::vector<dvec3>>({0, number}, vertex_page_points * sizeof(dvec3), read));
       present = number;
     }
-    positions.push_back((*page)[vertex % vertex_page_points]);
+    positions[i] = (*page)[vertices[i] % vertex_page_points];
   }
   return {};
 }

@@ -14,13 +14,14 @@
 
 namespace splatvol::format {
 
-/// Reads attributes of points that are named by their ranks. Holds parts of the file that were read last. Not
-/// thread-safe.
+/// Reads attributes of points that are named by their ranks. Holds parts of the file that were used last, decoded: what
+/// several threads need is read once. Thread-safe.
 class RankedPoints {
  public:
   using ReadRankPage = std::function<Result<RankPage>(std::size_t page)>;
 
-  /// `memory`: bytes to hold, besides what one call needs. What `read_rank_page` needs must outlive this.
+  /// `memory`: bytes to hold, besides what calls in progress need. `read_rank_page` is called by several threads; what
+  /// it needs must outlive this.
   RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page, std::uint64_t memory);
 
   /// The same for a file, at its step. The reader must outlive this.
@@ -31,34 +32,42 @@ class RankedPoints {
   struct Place {
     std::uint64_t group = 0;
     std::uint32_t index = 0;
+    std::uint32_t segment = 0;
   };
 
-  /// Finds points. Requires ranks of the file; ascending ones are faster.
-  [[nodiscard]] Status find(std::span<const std::uint64_t> ranks, std::vector<Place>& places);
+  /// Finds points. Requires ranks of the file; ascending ones are faster, here and below.
+  [[nodiscard]] Status find(std::span<const std::uint64_t> ranks, std::vector<Place>& places) const;
 
   /// The groups of places: ascending, each once.
   [[nodiscard]] static std::vector<std::uint64_t> groups_of(std::span<const Place> places);
 
   /// Read the positions, or the stored values of an attribute (NaN: missing), of points that were found.
-  [[nodiscard]] Status read_positions(std::span<const Place> places, std::vector<dvec3>& positions);
-  [[nodiscard]] Status read_values(std::span<const Place> places, int attribute, std::vector<float>& values);
+  [[nodiscard]] Status read_positions(std::span<const Place> places, std::vector<dvec3>& positions) const;
+  [[nodiscard]] Status read_values(std::span<const Place> places, int attribute, std::vector<float>& values) const;
+
+  /// Reads the bytes that these points need ahead (Volume::read_ahead), with pages of ranks and of the directory, for
+  /// `attributes` and, if `positions`, for positions. Returns null if nothing is read.
+  [[nodiscard]] Result<std::shared_ptr<const BytesAhead>> read_ahead(std::span<const std::uint64_t> ranks,
+                                                                     std::span<const int> attributes, bool positions,
+                                                                     std::uint64_t memory) const;
 
  private:
   struct Held;
   std::unique_ptr<Held> held_;
 };
 
-/// Reads positions of vertices of cells. Holds pages that were read last. Not thread-safe.
+/// Reads positions of vertices of cells. Holds pages that were used last. Thread-safe.
 class CellVertices {
  public:
   using ReadPage = std::function<Result<std::vector<dvec3>>(std::size_t page)>;
 
-  /// `memory`: bytes to hold, besides a page. What `read_page` needs must outlive this.
+  /// `memory`: bytes to hold, besides pages in use. `read_page` is called by several threads; what it needs must
+  /// outlive this.
   CellVertices(ReadPage read_page, std::uint64_t memory);
   ~CellVertices();
 
   /// Requires vertices that are there; ascending ones are faster.
-  [[nodiscard]] Status read_positions(std::span<const std::uint64_t> vertices, std::vector<dvec3>& positions);
+  [[nodiscard]] Status read_positions(std::span<const std::uint64_t> vertices, std::vector<dvec3>& positions) const;
 
  private:
   struct Held;

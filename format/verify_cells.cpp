@@ -7,7 +7,6 @@
 #include <bit>
 #include <cmath>
 #include <map>
-#include <memory>
 #include <numeric>
 #include <optional>
 #include <string>
@@ -62,16 +61,13 @@ class CellVerifier {
         info_(volume_.info()),
         progress_(progress),
         threads_(std::max<std::size_t>(threads, 1)),
+        points_(cells, threads_ * held_bytes),
+        vertices_([&cells](std::size_t page) { return cells.read_vertex_page(page); }, threads_ * held_bytes),
         ends_(cells.pages().size()),
         kinds_(threads_) {
     // Summaries of a series are in its steps.
     if (!info_.series || of_step)
       for (const Attribute& attribute : info_.attributes) bins_.push_back(bins_of(attribute));
-    const auto read_vertices = [&cells](std::size_t page) { return cells.read_vertex_page(page); };
-    for (std::size_t thread = 0; thread < threads_; ++thread) {
-      points_.push_back(std::make_unique<RankedPoints>(cells, held_bytes));
-      vertices_.push_back(std::make_unique<CellVertices>(read_vertices, held_bytes));
-    }
   }
 
   // Checks the pages of chunks: all of them, or what the step has of them.
@@ -161,7 +157,7 @@ class CellVerifier {
       box.include(dvec3(entry.high[0], entry.high[1], entry.high[2]));
       area += entry.area;
       count(entry, thread);
-      SPLATVOL_TRY(check_chunk(entry, thread, ends_[number], [&](std::size_t a) { return summaries[a][chunk]; }));
+      SPLATVOL_TRY(check_chunk(entry, ends_[number], [&](std::size_t a) { return summaries[a][chunk]; }));
       SPLATVOL_TRY(check_interruption());
     }
     const CellPageRef& ref = cells_.pages()[number];
@@ -177,52 +173,49 @@ class CellVerifier {
   }
 
   template <class SummaryOf>
-  Status check_chunk(const CellChunkEntry& entry, std::size_t thread, Ends& ends, const SummaryOf& summary_of) {
+  Status check_chunk(const CellChunkEntry& entry, Ends& ends, const SummaryOf& summary_of) const {
     if (!is_known(entry.shape, entry.field)) return cells_.check_bytes(entry);
     SPLATVOL_TRY_ASSIGN(cells, cells_.read_chunk(entry));
     SPLATVOL_TRY(check_order(cells, ends));
-    return cells.field == CellField::constant ? check_constant(cells, entry, thread, summary_of)
-                                              : check_linear(cells, entry, thread, summary_of);
+    return cells.field == CellField::constant ? check_constant(cells, entry, summary_of)
+                                              : check_linear(cells, entry, summary_of);
   }
 
   template <class SummaryOf>
-  Status check_linear(const CellChunk& cells, const CellChunkEntry& entry, std::size_t thread,
-                      const SummaryOf& summary_of) {
+  Status check_linear(const CellChunk& cells, const CellChunkEntry& entry, const SummaryOf& summary_of) const {
     const LocalCells local = number_corners(cells.corners);
-    RankedPoints& points = *points_[thread];
-    SPLATVOL_TRY_ASSIGN(places, find_points(local.ranks, thread));
+    SPLATVOL_TRY_ASSIGN(places, find_points(local.ranks));
     std::vector<dvec3> positions;
-    SPLATVOL_TRY(points.read_positions(places, positions));
+    SPLATVOL_TRY(points_.read_positions(places, positions));
     SPLATVOL_TRY(check_extent(cells, entry, local, positions));
     std::vector<float> values;
     for (std::size_t a = 0; a < bins_.size(); ++a) {
       if (info_.find_column(ColumnKind::value, static_cast<int>(a)) < 0) continue;
-      SPLATVOL_TRY(points.read_values(places, static_cast<int>(a), values));
+      SPLATVOL_TRY(points_.read_values(places, static_cast<int>(a), values));
       SPLATVOL_TRY(check_summary(summarize_cells(cells, local, values, bins_[a]), summary_of(a)));
     }
     return {};
   }
 
   template <class SummaryOf>
-  Status check_constant(const CellChunk& cells, const CellChunkEntry& entry, std::size_t thread,
-                        const SummaryOf& summary_of) {
+  Status check_constant(const CellChunk& cells, const CellChunkEntry& entry, const SummaryOf& summary_of) const {
     const LocalCells local = number_corners(cells.corners);
     std::vector<dvec3> positions;
-    SPLATVOL_TRY(vertices_[thread]->read_positions(local.ranks, positions));
+    SPLATVOL_TRY(vertices_.read_positions(local.ranks, positions));
     SPLATVOL_TRY(check_extent(cells, entry, local, positions));
-    SPLATVOL_TRY_ASSIGN(places, find_points(cells.points, thread));
+    SPLATVOL_TRY_ASSIGN(places, find_points(cells.points));
     std::vector<float> values;
     for (std::size_t a = 0; a < bins_.size(); ++a) {
       if (info_.find_column(ColumnKind::value, static_cast<int>(a)) < 0) continue;
-      SPLATVOL_TRY(points_[thread]->read_values(places, static_cast<int>(a), values));
+      SPLATVOL_TRY(points_.read_values(places, static_cast<int>(a), values));
       SPLATVOL_TRY(check_summary(bins_[a].summarize(values), summary_of(a)));
     }
     return {};
   }
 
-  Result<std::vector<RankedPoints::Place>> find_points(std::span<const std::uint64_t> ranks, std::size_t thread) {
+  Result<std::vector<RankedPoints::Place>> find_points(std::span<const std::uint64_t> ranks) const {
     std::vector<RankedPoints::Place> places;
-    SPLATVOL_TRY(points_[thread]->find(ranks, places));
+    SPLATVOL_TRY(points_.find(ranks, places));
     if (RankedPoints::groups_of(places).size() > max_chunk_groups)
       return broken("a chunk of cells has corners in too many groups");
     return places;
@@ -284,11 +277,11 @@ class CellVerifier {
   const VolumeInfo& info_;
   const std::function<void(double)>& progress_;  // called by this thread only
   std::size_t threads_;
-  std::vector<ValueBins> bins_;                          // [attribute]
-  std::vector<std::unique_ptr<RankedPoints>> points_;    // [thread]
-  std::vector<std::unique_ptr<CellVertices>> vertices_;  // [thread]
-  std::vector<Ends> ends_;                               // [page]
-  std::vector<Kinds> kinds_;                             // [thread]
+  std::vector<ValueBins> bins_;  // [attribute]
+  RankedPoints points_;
+  CellVertices vertices_;
+  std::vector<Ends> ends_;    // [page]
+  std::vector<Kinds> kinds_;  // [thread]
 
   // Of check_ranks().
   std::uint64_t rank_ = 0;

@@ -30,9 +30,8 @@ bool has_valid_range(const ChunkEntry& entry, ColumnKind kind) {
 
 Result<std::shared_ptr<const Volume>> Volume::open(std::unique_ptr<ByteSource> source) {
   std::shared_ptr<Volume> volume(new Volume());
-  volume->source_ = std::make_shared<CountedSource>();
-  volume->source_->source = std::move(source);
-  const std::uint64_t size = volume->source_->source->size();
+  volume->source_ = std::make_shared<CountedSource>(std::move(source));
+  const std::uint64_t size = volume->source_->source().size();
   SPLATVOL_TRY_ASSIGN(file, Container::open(volume->source_, Container::Kind::file, 0, size, volume->name()));
   volume->file_ = std::move(file);
   SPLATVOL_TRY(volume->read_metadata());
@@ -156,7 +155,7 @@ Status Volume::read_series() {
   std::ranges::copy_if(series->entries, std::back_inserter(series->steps),
                        [](const StepEntry& entry) { return entry.kind == StepEntryKind::step; });
   SPLATVOL_TRY(check_entries(*series));
-  series->bytes_behind = source_->source->size() - file_->bytes();
+  series->bytes_behind = source_->source().size() - file_->bytes();
   series_ = std::move(series);
   return {};
 }
@@ -199,6 +198,19 @@ Result<Bytes> Volume::read_bytes(std::uint64_t offset, std::uint64_t count) cons
   if (step_part_ && offset >= step_part_->begin() && offset - step_part_->begin() < step_part_->bytes())
     return step_part_->read_bytes(offset - step_part_->begin(), count);
   return file_->read_bytes(offset, count);
+}
+
+bool Volume::is_far() const { return cheap_gap() >= std::uint64_t{16} << 10; }
+
+Result<std::shared_ptr<const BytesAhead>> Volume::read_ahead(std::vector<ByteRange> ranges,
+                                                             std::uint64_t memory) const {
+  if (!is_far()) return nullptr;
+  std::erase_if(ranges, [&](const ByteRange& range) {
+    const std::uint64_t count = range.end - range.begin;
+    return file_->holds(range.begin, count) || (step_part_ && range.begin >= step_part_->begin() &&
+                                                step_part_->holds(range.begin - step_part_->begin(), count));
+  });
+  return ranges.empty() ? nullptr : BytesAhead::read(source_, std::move(ranges), memory);
 }
 
 Status Volume::read_directory_root(Directory directory) {
@@ -392,6 +404,13 @@ std::vector<int> Volume::columns_of_row(const DirectoryPage& page, std::uint64_t
   std::vector<int> columns = directory.rows.columns_of_row(row);
   for (int& column : columns) column += directory.first_column;
   return columns;
+}
+
+ByteRange Volume::range_of_directory_page(std::uint64_t page) const {
+  const auto [directory, directory_number, number] = page_at(page);
+  const DirectoryPageRef& ref = directory.refs[number];
+  const std::uint64_t begin = directory.container->begin() + ref.offset;
+  return {begin, begin + ref.bytes};
 }
 
 Result<DirectoryPage> Volume::read_directory_page(std::uint64_t page) const {

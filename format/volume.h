@@ -63,7 +63,7 @@ class Volume {
 
   /// Returns the columns that all steps of a series share. For other files, the same as info().
   [[nodiscard]] const VolumeInfo& file_info() const { return file_info_; }
-  [[nodiscard]] const std::string& name() const { return source_->source->name(); }
+  [[nodiscard]] const std::string& name() const { return source_->source().name(); }
   [[nodiscard]] std::uint64_t file_bytes() const { return file_->bytes(); }
   [[nodiscard]] std::uint64_t preamble_bytes() const { return file_->preamble_bytes(); }
 
@@ -96,7 +96,7 @@ class Volume {
   [[nodiscard]] std::uint64_t memory_bytes() const;
 
   /// Returns how many bytes were read from the source so far, at all steps.
-  [[nodiscard]] std::uint64_t bytes_read() const { return source_->bytes_read; }
+  [[nodiscard]] std::uint64_t bytes_read() const { return source_->bytes_read(); }
 
   /// Reads the page with the root node, and its summaries of these attributes.
   [[nodiscard]] Result<IndexPage> read_index_root(const SummaryAttributes& attributes) const;
@@ -132,6 +132,7 @@ class Volume {
   [[nodiscard]] std::vector<int> columns_of_row(const DirectoryPage& page, std::uint64_t row) const;
 
   [[nodiscard]] Result<DirectoryPage> read_directory_page(std::uint64_t page) const;
+  [[nodiscard]] ByteRange range_of_directory_page(std::uint64_t page) const;
 
   /// Finds a chunk in the page that covers its row and column. Requires a column that the row has.
   [[nodiscard]] const ChunkLocation& find_chunk(const DirectoryPage& page, std::uint64_t row, int column) const;
@@ -140,7 +141,16 @@ class Volume {
   [[nodiscard]] Result<Bytes> read_bytes(std::uint64_t offset, std::uint64_t count) const;
 
   /// See ByteSource.
-  [[nodiscard]] std::uint64_t cheap_gap() const { return source_->source->cheap_gap(); }
+  [[nodiscard]] std::uint64_t cheap_gap() const { return source_->source().cheap_gap(); }
+
+  /// Whether each read takes a while, whatever its length: from a web server.
+  [[nodiscard]] bool is_far() const;
+
+  /// Reads ranges of the file before they are needed, joined and several at once. While the result lives, all reads of
+  /// them take them from memory. Returns null and reads nothing if the file is not far, if it has read them already,
+  /// or if they would take more than `memory` bytes.
+  [[nodiscard]] Result<std::shared_ptr<const BytesAhead>> read_ahead(std::vector<ByteRange> ranges,
+                                                                     std::uint64_t memory) const;
 
   /// Reads the counts of values for each attribute. Returns none if the file has no such section.
   [[nodiscard]] Result<Histograms> read_histograms() const;

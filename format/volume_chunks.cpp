@@ -5,13 +5,40 @@
 namespace splatvol::format {
 
 Result<PackedChunk> VolumeChunks::read_chunk(ColumnKind kind, int attribute, std::uint64_t group) const {
-  const int column = volume_.info().find_column(kind, attribute);
-  if (column < 0) return fail(ErrorCode::invalid_argument, "{}: attribute {} has no values", volume_.name(), attribute);
-  const std::uint64_t row = volume_.rows().row(volume_.rows().group(group).segment, group);
-  SPLATVOL_TRY_ASSIGN(page, this->page(volume_.directory_page_of_row(row, column)));
-  const ChunkLocation& location = volume_.find_chunk(*page, row, column);
+  SPLATVOL_TRY_ASSIGN(entry, find({kind, attribute, group}));
+  SPLATVOL_TRY_ASSIGN(location, locate(entry));
   SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(location.offset, location.entry.packed_bytes));
   return PackedChunk{location.entry, std::move(bytes)};
+}
+
+Result<std::vector<ByteRange>> VolumeChunks::ranges_of(std::span<const ChunkName> chunks, std::uint64_t memory) const {
+  std::vector<Entry> entries;
+  std::vector<ByteRange> pages, ranges;
+  for (const ChunkName& chunk : chunks) {
+    SPLATVOL_TRY_ASSIGN(entry, find(chunk));
+    entries.push_back(entry);
+    const std::scoped_lock lock(mutex_);
+    if (!pages_.find(entry.page)) pages.push_back(volume_.range_of_directory_page(entry.page));
+  }
+  SPLATVOL_TRY_ASSIGN(ahead, volume_.read_ahead(std::move(pages), memory));
+  for (const Entry& entry : entries) {
+    SPLATVOL_TRY_ASSIGN(location, locate(entry));
+    ranges.push_back({location.offset, location.offset + location.entry.packed_bytes});
+  }
+  return ranges;
+}
+
+Result<VolumeChunks::Entry> VolumeChunks::find(const ChunkName& chunk) const {
+  const int column = volume_.info().find_column(chunk.kind, chunk.attribute);
+  if (column < 0)
+    return fail(ErrorCode::invalid_argument, "{}: attribute {} has no values", volume_.name(), chunk.attribute);
+  const std::uint64_t row = volume_.rows().row(volume_.rows().group(chunk.group).segment, chunk.group);
+  return Entry{column, row, volume_.directory_page_of_row(row, column)};
+}
+
+Result<ChunkLocation> VolumeChunks::locate(const Entry& entry) const {
+  SPLATVOL_TRY_ASSIGN(page, this->page(entry.page));
+  return volume_.find_chunk(*page, entry.row, entry.column);
 }
 
 Result<VolumeChunks::Page> VolumeChunks::page(std::uint64_t number) const {

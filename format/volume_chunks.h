@@ -11,6 +11,13 @@
 
 namespace splatvol::format {
 
+/// The chunk of a group in the row of the resolution that adds it.
+struct ChunkName {
+  ColumnKind kind;
+  int attribute;  // -1: none
+  std::uint64_t group;
+};
+
 /// Holds directory pages that were used last.
 class VolumeChunks final : public ChunkSource {
  public:
@@ -21,8 +28,19 @@ class VolumeChunks final : public ChunkSource {
   [[nodiscard]] const RowLayout& rows() const override { return volume_.rows(); }
   [[nodiscard]] Result<PackedChunk> read_chunk(ColumnKind kind, int attribute, std::uint64_t group) const override;
 
+  /// Returns where chunks are in the file, in the same order. Reads pages of the directory ahead (Volume::read_ahead).
+  [[nodiscard]] Result<std::vector<ByteRange>> ranges_of(std::span<const ChunkName> chunks, std::uint64_t memory) const;
+
  private:
   using Page = std::shared_ptr<const DirectoryPage>;
+  // Where a chunk stands in the directory.
+  struct Entry {
+    int column;
+    std::uint64_t row;
+    std::uint64_t page;
+  };
+  [[nodiscard]] Result<Entry> find(const ChunkName& chunk) const;
+  [[nodiscard]] Result<ChunkLocation> locate(const Entry& entry) const;
   [[nodiscard]] Result<Page> page(std::uint64_t number) const;
 
   const Volume& volume_;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <glm/vector_relational.hpp>
+#include <iterator>
 #include <optional>
 #include <utility>
 
@@ -129,8 +130,11 @@ KeptCells::KeptCells(std::unique_ptr<const format::CellReader> reader, const for
                      std::uint64_t memory)
     : reader_(std::move(reader)),
       attributes_(attributes),
+      ahead_memory_(reader_->volume().is_far() ? memory / 8 : 0),
+      vertex_memory_(reader_->vertex_count() > 0 ? memory / 4 : 0),
       holds_all_(decoded_bytes(*reader_) <= memory / 2),
-      points_(*reader_, attributes, holds_all_ ? memory / 2 : memory),
+      points_(*reader_, (holds_all_ ? memory / 2 : memory) - ahead_memory_ - vertex_memory_),
+      vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, vertex_memory_),
       parts_(memory) {}
 
 Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, DrawnCells& scratch) const {
@@ -159,6 +163,7 @@ Status KeptCells::hold_all() const {
   DrawnCells scratch;
   for (std::size_t number = 0; number < reader_->pages().size(); ++number) {
     SPLATVOL_TRY_ASSIGN(page, read_page(number));
+    SPLATVOL_TRY_ASSIGN(ahead, read_ahead(page->chunks));
     for (const format::CellChunkEntry& entry : page->chunks) {
       SPLATVOL_TRY(check_interruption());
       if (format::is_known(entry.shape, entry.field)) SPLATVOL_TRY(read(entry, scratch));
@@ -176,13 +181,33 @@ Status KeptCells::decode(const format::CellChunkEntry& entry, DrawnCells& cells)
   cells.tetrahedra.reserve(kept.size() * tetrahedra_of(entry.shape));
   if (cells.constant) return decode_constant(kept, local, cells);
   format::for_each_tetrahedron(kept, local, [&](const auto& corners) { cells.tetrahedra.push_back(sorted(corners)); });
-  return points_.read(local.ranks, &cells.points, cells.values, cells.opacity_values);
+  std::vector<format::RankedPoints::Place> places;
+  SPLATVOL_TRY(points_.find(local.ranks, places));
+  SPLATVOL_TRY(points_.read_positions(places, cells.points));
+  return read_values(places, cells);
+}
+
+Status KeptCells::read_values(std::span<const format::RankedPoints::Place> places, DrawnCells& cells) const {
+  std::vector<float> stored;
+  const auto read = [&](int number, std::vector<double>& values) -> Status {
+    values.clear();
+    if (number < 0) return {};
+    SPLATVOL_TRY(points_.read_values(places, number, stored));
+    const format::Attribute& attribute = reader_->volume().info().attributes[static_cast<std::size_t>(number)];
+    values.reserve(stored.size());
+    for (const float value : stored) values.push_back(attribute.value(double{value}));
+    return {};
+  };
+  SPLATVOL_TRY(read(attributes_.values, cells.values));
+  return read(attributes_.opacity, cells.opacity_values);
 }
 
 Status KeptCells::decode_constant(const format::CellChunk& kept, const format::LocalCells& local,
                                   DrawnCells& cells) const {
-  SPLATVOL_TRY(points_.read_vertices(local.ranks, cells.points));
-  SPLATVOL_TRY(points_.read(kept.points, nullptr, cells.values, cells.opacity_values));
+  SPLATVOL_TRY(vertices_.read_positions(local.ranks, cells.points));
+  std::vector<format::RankedPoints::Place> places;
+  SPLATVOL_TRY(points_.find(kept.points, places));
+  SPLATVOL_TRY(read_values(places, cells));
   std::vector<std::uint32_t> counts(kept.size());
   for (std::size_t cell = 0; cell < kept.size(); ++cell) {
     const std::uint32_t* const corners = local.corners.data() + kept.begin_of(cell);
@@ -194,6 +219,62 @@ Status KeptCells::decode_constant(const format::CellChunk& kept, const format::L
   spread(counts, cells.values);
   spread(counts, cells.opacity_values);
   return {};
+}
+
+// The chunks tell which points they need, so they are decoded here and once more when they are drawn: that takes little
+// beside what a server takes to answer.
+Result<KeptCells::Ahead> KeptCells::read_ahead(std::span<const format::CellChunkEntry> entries) const {
+  const format::Volume& volume = reader_->volume();
+  Ahead ahead;
+  if (!volume.is_far()) return ahead;
+  const auto add = [&](std::vector<format::ByteRange> ranges) -> Status {
+    SPLATVOL_TRY_ASSIGN(bytes, volume.read_ahead(std::move(ranges), ahead_memory_));
+    ahead.push_back(std::move(bytes));
+    return {};
+  };
+  std::vector<format::CellChunkEntry> missing;
+  std::vector<format::ByteRange> chunks, vertices;
+  for (const format::CellChunkEntry& entry : entries) {
+    if (holds_all_ && parts_.holds({chunk_part, entry.offset})) continue;
+    missing.push_back(entry);
+    chunks.push_back(reader_->range_of(entry));
+  }
+  SPLATVOL_TRY(add(std::move(chunks)));
+  std::vector<std::uint64_t> ranks;
+  bool has_positions = false;
+  for (const format::CellChunkEntry& entry : missing) {
+    SPLATVOL_TRY(check_interruption());
+    SPLATVOL_TRY_ASSIGN(kept, reader_->read_chunk(entry));
+    const bool is_constant = entry.field == format::CellField::constant;
+    has_positions = has_positions || !is_constant;
+    const std::vector<std::uint64_t> corners = format::number_corners(kept.corners).ranks;
+    if (is_constant)
+      for (const std::uint64_t vertex : corners)
+        vertices.push_back(reader_->range_of_vertex_page(vertex / format::vertex_page_points));
+    const std::vector<std::uint64_t>& points = is_constant ? kept.points : corners;
+    ranks.insert(ranks.end(), points.begin(), points.end());
+  }
+  SPLATVOL_TRY(add(std::move(vertices)));
+  std::vector<int> attributes = {attributes_.values};
+  if (attributes_.opacity >= 0) attributes.push_back(attributes_.opacity);
+  SPLATVOL_TRY_ASSIGN(points, points_.read_ahead(ranks, attributes, has_positions, ahead_memory_));
+  ahead.push_back(std::move(points));
+  return ahead;
+}
+
+Result<KeptCells::Ahead> KeptCells::read_pages_ahead(std::span<const std::size_t> pages) const {
+  std::vector<std::size_t> missing;
+  std::ranges::copy_if(pages, std::back_inserter(missing),
+                       [&](std::size_t page) { return !holds_all_ || !parts_.holds({page_part, page}); });
+  SPLATVOL_TRY_ASSIGN(bytes, reader_->read_pages_ahead(missing, ahead_memory_));
+  return Ahead{std::move(bytes)};
+}
+
+Result<std::shared_ptr<const void>> FileCells::read_ahead(std::span<const std::uint64_t> numbers) const {
+  std::vector<format::CellChunkEntry> entries;
+  for (const std::uint64_t number : numbers) entries.push_back(entries_[number]);
+  SPLATVOL_TRY_ASSIGN(ahead, kept_->read_ahead(entries));
+  return std::make_shared<const KeptCells::Ahead>(std::move(ahead));
 }
 
 Result<std::unique_ptr<const FileCells>> FileCells::open(std::shared_ptr<const KeptCells> kept, const Scene& scene,
@@ -219,9 +300,13 @@ Status FileCells::read_entries() {
   const Transfer transfer(function_, opacity_ ? &opacity_->function : nullptr);
   const ValueVisibility visibility(transfer, {all[static_cast<std::size_t>(attributes.values)], opacity});
   const Frustum frustum(view_, 0);
+  std::vector<std::size_t> numbers;
   for (std::size_t number = 0; number < reader.pages().size(); ++number) {
     const format::CellPageRef& ref = reader.pages()[number];
-    if (!frustum.touches(box_of(ref.low, ref.high))) continue;
+    if (frustum.touches(box_of(ref.low, ref.high))) numbers.push_back(number);
+  }
+  SPLATVOL_TRY_ASSIGN(ahead, kept_->read_pages_ahead(numbers));
+  for (const std::size_t number : numbers) {
     SPLATVOL_TRY(check_interruption());
     SPLATVOL_TRY_ASSIGN(page, kept_->read_page(number));
     for (std::size_t i = 0; i < page->chunks.size(); ++i) {

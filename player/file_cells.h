@@ -11,9 +11,9 @@
 
 #include "base/error.h"
 #include "format/cell_reader.h"
+#include "format/held_parts.h"
+#include "format/ranked_points.h"
 #include "format/volume.h"
-#include "player/cell_points.h"
-#include "player/held_parts.h"
 #include "renderer/cell_source.h"
 #include "scene/scene.h"
 
@@ -43,18 +43,31 @@ class KeptCells {
   /// Whether all are held: nothing will be read.
   [[nodiscard]] bool are_held() const { return are_held_; }
 
+  /// What was read ahead. While it lives, read() finds it in memory.
+  using Ahead = std::vector<std::shared_ptr<const format::BytesAhead>>;
+
+  /// Reads what these chunks need ahead: of a file that is far (format::Volume::is_far) and only so much as fits into
+  /// memory.
+  [[nodiscard]] Result<Ahead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
+
+  /// The same for pages of chunks.
+  [[nodiscard]] Result<Ahead> read_pages_ahead(std::span<const std::size_t> pages) const;
+
  private:
   KeptCells(std::unique_ptr<const format::CellReader> reader, const format::SummaryAttributes& attributes,
             std::uint64_t memory);
   [[nodiscard]] Status decode(const format::CellChunkEntry& entry, DrawnCells& cells) const;
+  [[nodiscard]] Status read_values(std::span<const format::RankedPoints::Place> places, DrawnCells& cells) const;
   [[nodiscard]] Status decode_constant(const format::CellChunk& kept, const format::LocalCells& local,
                                        DrawnCells& cells) const;
 
   std::unique_ptr<const format::CellReader> reader_;
   format::SummaryAttributes attributes_;
+  std::uint64_t ahead_memory_, vertex_memory_;
   bool holds_all_;  // memory has room for all cells, decoded
-  CellPoints points_;
-  mutable HeldParts parts_;  // pages and chunks that were read, if it holds all
+  format::RankedPoints points_;
+  format::CellVertices vertices_;
+  mutable format::HeldParts parts_;  // pages and chunks that were read, if it holds all
   mutable std::atomic<bool> are_held_ = false;
 };
 
@@ -74,6 +87,7 @@ class FileCells final : public CellSource {
   [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
     return kept_->read(entries_[chunk.number], scratch);
   }
+  [[nodiscard]] Result<std::shared_ptr<const void>> read_ahead(std::span<const std::uint64_t> numbers) const override;
 
   /// Cells of shapes and fields that this program does not know. They are left out.
   [[nodiscard]] std::uint64_t unknown_cells() const;

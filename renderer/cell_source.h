@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -41,6 +42,13 @@ class CellSource {
 
   /// The chunks that may show something, in any order. Each cell is in one.
   [[nodiscard]] virtual std::span<const Chunk> chunks() const = 0;
+
+  /// Called before chunks are read, by their numbers: a source far away can then read what all of them need at once.
+  /// The result is kept until they are read.
+  [[nodiscard]] virtual Result<std::shared_ptr<const void>> read_ahead(
+      std::span<const std::uint64_t> /*numbers*/) const {
+    return nullptr;
+  }
 
   /// Reads a chunk: into `scratch`, whose memory it keeps, unless it holds the cells itself. Returns where they are
   /// until the next call with this scratch. Thread-safe.

@@ -24,6 +24,12 @@ class CountedSource final : public ByteSource {
     *count_ += out.size();
     return {};
   }
+  [[nodiscard]] Result<bool> read_parts(std::span<const Part> parts) override {
+    SPLATVOL_TRY_ASSIGN(read, source_->read_parts(parts));
+    if (read)
+      for (const Part& part : parts) *count_ += part.out.size();
+    return read;
+  }
 
  private:
   std::unique_ptr<ByteSource> source_;

@@ -16,6 +16,7 @@
 #include "base/temp_file.h"
 #include "builder/mesh/tetrahedra.h"
 #include "format/cells.h"
+#include "format/directory_writer.h"
 #include "format/octree.h"
 #include "format/ranked_points.h"
 
@@ -92,13 +93,8 @@ class RankPages {
 // Makes chunks. Each thread has one.
 class ChunkMaker {
  public:
-  // `vertices`: null if the corners are points.
-  ChunkMaker(std::shared_ptr<const format::ChunkSource> chunks, const RankPages& ranks, const VertexSort* vertices,
-             std::uint64_t memory)
-      : info_(chunks->info()),
-        points_(
-            std::move(chunks), [&ranks](std::size_t page) { return ranks.read(page); }, memory),
-        vertices_([vertices, &cube = info_.cube](std::size_t page) { return vertices->read(page, cube); }, memory / 2) {
+  ChunkMaker(const format::VolumeInfo& info, const format::RankedPoints& points, const format::CellVertices& vertices)
+      : info_(info), points_(points), vertices_(vertices) {
     for (const format::Attribute& attribute : info_.attributes) bins_.push_back(format::bins_of(attribute));
   }
 
@@ -163,8 +159,8 @@ class ChunkMaker {
   }
 
   const format::VolumeInfo& info_;
-  format::RankedPoints points_;
-  format::CellVertices vertices_;
+  const format::RankedPoints& points_;
+  const format::CellVertices& vertices_;
   std::vector<format::ValueBins> bins_;  // [attribute]
   std::vector<format::RankedPoints::Place> places_;
   std::vector<dvec3> positions_;
@@ -174,7 +170,9 @@ class ChunkMaker {
 // Lays the parts of the section out.
 class SectionWriter {
  public:
-  SectionWriter(std::size_t attributes, const Append& append) : summaries_(attributes), append_(append) {}
+  // `waiting`: an empty file for the pages of chunks, which follow the last chunk.
+  SectionWriter(std::size_t attributes, TempFile waiting, const Append& append)
+      : summaries_(attributes), page_bytes_(std::move(waiting)), append_(append) {}
 
   Status add(MadeChunk chunk) {
     format::CellChunkEntry& entry = chunk.packed.entry;
@@ -202,9 +200,11 @@ class SectionWriter {
   }
   void set_vertices(std::uint64_t count) { vertex_count_ = count; }
 
-  // Adds the root. Returns the bytes of the section.
+  // Adds the pages of chunks and the root. Returns the bytes of the section.
   Result<std::uint64_t> finish() {
     if (!chunks_.empty()) SPLATVOL_TRY(close_page());
+    for (format::CellPageRef& page : pages_) page.offset += offset_;
+    SPLATVOL_TRY(format::move_bytes(page_bytes_, [&](std::span<const std::byte> bytes) { return append(bytes); }));
     format::Bytes root;
     for (const format::CellKind& kind : kinds_) format::append_record(root, kind);
     for (const format::CellPageRef& page : pages_) format::append_record(root, page);
@@ -214,7 +214,7 @@ class SectionWriter {
                                  .pages = pages_.size(),
                                  .vertices = vertex_count_,
                                  .kinds = static_cast<std::uint32_t>(kinds_.size()),
-                                 .version = 1};
+                                 .version = format::cells_version};
     format::append_record(root, tail);
     SPLATVOL_TRY(append(root));
     return offset_;
@@ -240,21 +240,23 @@ class SectionWriter {
       format::append_part(table, parts, format::pack_summaries(summaries));
       summaries.clear();
     }
-    ref.offset = offset_;
+    ref.offset = page_bytes_.size();  // more when all chunks are there
     ref.page_bytes = static_cast<std::uint32_t>(table.size() + parts.size());
     ref.chunks = static_cast<std::uint32_t>(chunks_.size());
     ref.hash = format::hash_bytes(table);
+    ref.chunks_offset = chunks_.front().offset;
     for (int axis = 0; axis < 3; ++axis) {
       ref.low[axis] = box.low[axis];
       ref.high[axis] = box.high[axis];
     }
     pages_.push_back(ref);
     chunks_.clear();
-    SPLATVOL_TRY(append(table));
-    return append(parts);
+    SPLATVOL_TRY(page_bytes_.append(table));
+    return page_bytes_.append(parts);
   }
 
   std::vector<std::vector<format::ValueSummary>> summaries_;  // [attribute][chunk of the page]
+  TempFile page_bytes_;
   const Append& append_;
   std::uint64_t offset_ = 0;
   std::uint64_t chunk_count_ = 0;
@@ -268,15 +270,18 @@ class SectionWriter {
 // Makes chunks on several threads, and writes them in order.
 class ChunkPipeline {
  public:
-  ChunkPipeline(MeshCells& cells, std::shared_ptr<const format::ChunkSource> chunks, const RankPages& ranks,
+  ChunkPipeline(MeshCells& cells, const std::shared_ptr<const format::ChunkSource>& chunks, const RankPages& ranks,
                 std::uint64_t memory, SectionWriter& writer, const std::function<void(double)>& progress)
       : cells_(cells),
         writer_(writer),
         progress_(progress),
         threads_(static_cast<std::size_t>(tbb::this_task_arena::max_concurrency())),
-        makers_([chunks = std::move(chunks), &ranks, vertices = cells.vertices(), bytes = memory / threads_] {
-          return ChunkMaker(chunks, ranks, vertices, bytes);
-        }) {}
+        points_(
+            chunks, [&ranks](std::size_t page) { return ranks.read(page); }, memory),
+        vertices_([vertices = cells.vertices(),
+                   &cube = chunks->info().cube](std::size_t page) { return vertices->read(page, cube); },
+                  memory / 2),
+        makers_([this, &info = chunks->info()] { return ChunkMaker(info, points_, vertices_); }) {}
 
   Result<CellReport> run() {
     constexpr auto in_order = tbb::filter_mode::serial_in_order, parallel = tbb::filter_mode::parallel;
@@ -326,6 +331,8 @@ class ChunkPipeline {
   const std::function<void(double)>& progress_;
   const std::stop_token stop_ = stop_of_thread();  // of the caller: any thread may take
   std::size_t threads_;
+  format::RankedPoints points_;
+  format::CellVertices vertices_;  // none is read if the corners are points
   tbb::enumerable_thread_specific<ChunkMaker> makers_;
   CellReport report_;
   Status taken_, written_;
@@ -338,7 +345,8 @@ Result<CellReport> write_cells(MeshCells& cells, std::shared_ptr<const format::C
                                std::uint64_t memory, const std::string& folder,
                                const std::function<Status(std::span<const std::byte>)>& append,
                                const std::function<void(double)>& progress) {
-  SectionWriter writer(chunks->info().attributes.size(), append);
+  SPLATVOL_TRY_ASSIGN(waiting, TempFile::create(folder));
+  SectionWriter writer(chunks->info().attributes.size(), std::move(waiting), append);
   SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder));
   RankPages ranks(chunks->info(), std::move(file));
   SPLATVOL_TRY(ranks.make(cells, [&](const format::PackedPageRef& page, std::span<const std::byte> packed) {
@@ -351,7 +359,7 @@ Result<CellReport> write_cells(MeshCells& cells, std::shared_ptr<const format::C
       SPLATVOL_TRY(writer.add(vertices->pages()[page], packed));
     }
   }
-  SPLATVOL_TRY_ASSIGN(report, ChunkPipeline(cells, std::move(chunks), ranks, memory, writer, progress).run());
+  SPLATVOL_TRY_ASSIGN(report, ChunkPipeline(cells, chunks, ranks, memory, writer, progress).run());
   report.collapsed = cells.collapsed();
   SPLATVOL_TRY_ASSIGN(bytes, writer.finish());
   report.bytes = bytes;

@@ -2,9 +2,7 @@
 
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
 
-#include <utility>
 #include <vector>
 
 #include "base/interruption.h"
@@ -16,11 +14,8 @@ namespace {
 // Summarizes chunks. Each thread has one.
 class ChunkSummarizer {
  public:
-  ChunkSummarizer(const format::CellReader& cells, std::shared_ptr<const format::ChunkSource> values,
-                  std::uint64_t memory)
-      : cells_(cells),
-        points_(
-            std::move(values), [&cells](std::size_t page) { return cells.read_rank_page(page); }, memory) {}
+  ChunkSummarizer(const format::CellReader& cells, const format::RankedPoints& points)
+      : cells_(cells), points_(points) {}
 
   // Sets summaries[attribute][chunk].
   Status run(const format::CellChunkEntry& entry, std::size_t chunk, std::span<const format::ValueBins> bins,
@@ -39,7 +34,7 @@ class ChunkSummarizer {
 
  private:
   const format::CellReader& cells_;
-  format::RankedPoints points_;
+  const format::RankedPoints& points_;
   std::vector<format::RankedPoints::Place> places_;
   std::vector<float> values_;
 };
@@ -51,9 +46,9 @@ Status write_step_summaries(const format::CellReader& cells, const std::shared_p
                             const std::function<Status(std::span<const std::byte>)>& append) {
   std::vector<format::ValueBins> bins;
   for (const format::Attribute& attribute : attributes) bins.push_back(format::bins_of(attribute));
-  const auto threads = static_cast<std::uint64_t>(tbb::this_task_arena::max_concurrency());
-  tbb::enumerable_thread_specific<ChunkSummarizer> summarizers(
-      [&] { return ChunkSummarizer(cells, values, memory / threads); });
+  const format::RankedPoints points(
+      values, [&](std::size_t page) { return cells.read_rank_page(page); }, memory);
+  tbb::enumerable_thread_specific<ChunkSummarizer> summarizers([&] { return ChunkSummarizer(cells, points); });
   format::Bytes refs;
   std::uint64_t offset = 0;
   for (std::size_t number = 0; number < cells.pages().size(); ++number) {

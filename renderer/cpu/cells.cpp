@@ -286,6 +286,9 @@ Result<int> CellSweep::draw_band(int begin, int end) {
       batch.chunks.push_back(next);
       bytes += chunks_[next].source.tetrahedra * bytes_of_cell;
     }
+    std::vector<std::uint64_t> numbers;
+    for (const std::uint32_t chunk : batch.chunks) numbers.push_back(chunks_[chunk].source.number);
+    SPLATVOL_TRY_ASSIGN(ahead, source_.read_ahead(numbers));
     // What an earlier batch had stays for its memory.
     if (workspace_.screens.size() < batch.chunks.size()) workspace_.screens.resize(batch.chunks.size());
     for (CellsOnScreen& screen : workspace_.screens) screen.clear();

@@ -533,7 +533,8 @@ TEST_F(DamagedCells, TheSectionIsRawAndThereOnce) {
 
 TEST_F(DamagedCells, TheRootFollowsItsRules) {
   const std::string wrong_length = "the root of the cells has the wrong length [R23]";
-  expect_unopened(edit_tail([](Tail& tail) { tail.version = 2; }), "build it again");
+  for (const std::uint32_t version : {cells_version - 1, cells_version + 1})
+    expect_unopened(edit_tail([=](Tail& tail) { tail.version = version; }), "build it again");
   for (const std::uint64_t pages : {std::uint64_t{1} << 20, std::uint64_t{1} << 60, ~std::uint64_t{0}})
     expect_unopened(edit_tail([=](Tail& tail) { tail.pages = pages; }), wrong_length);
   expect_unopened(edit_tail([](Tail& tail) { tail.kinds = ~0u; }), wrong_length);
@@ -565,9 +566,14 @@ TEST_F(DamagedCells, PagesTileTheSection) {
     expect_unopened(edit_page([=](CellPageRef& ref) { ref.high[2] = number; }), range);
   for (const double number : {-1.0, nan, std::numeric_limits<double>::infinity()})
     expect_unopened(edit_page([=](CellPageRef& ref) { ref.area = number; }), range);
-  // A page ends where its parts do. What is no part of a page belongs to none.
-  expect_refused(Part::cell_root, 0, edit_page([](CellPageRef& ref) { --ref.page_bytes; }), "[R23]");
-  expect_refused(Part::cell_root, 0, edit_page([](CellPageRef& ref) { ++ref.offset, --ref.page_bytes; }), "mismatch");
+  // What is no part of a page belongs to none.
+  expect_unopened(edit_page([](CellPageRef& ref) { --ref.page_bytes; }), untiled);
+  expect_unopened(edit_page([](CellPageRef& ref) { ++ref.offset, --ref.page_bytes; }), untiled);
+  for (const std::uint64_t offset : {std::uint64_t{0}, std::uint64_t{1} << 40, ~std::uint64_t{0}})
+    expect_unopened(edit_page([=](CellPageRef& ref) { ref.chunks_offset = offset; }), untiled);
+  for (const std::uint64_t step : {std::uint64_t{1}, ~std::uint64_t{0}})
+    expect_refused(Part::cell_root, 0, edit_page([=](CellPageRef& ref) { ref.chunks_offset += step; }),
+                   "chunks of cells do not tile their section");
 }
 
 TEST_F(DamagedCells, PartsOfAPageHaveTheirLengths) {

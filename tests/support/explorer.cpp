@@ -63,7 +63,7 @@ class Explorer {
     note(cells.has_value());
     if (!cells || !*cells) return;
     const CellReader& reader = **cells;
-    require(reader.memory_bytes() <= reader.section_bytes(), "a root takes no more memory than bytes");
+    require(reader.memory_bytes() <= volume_.file_bytes(), "a root takes no more memory than bytes");
     require(reader.directory_bytes() + reader.rank_bytes() <= reader.section_bytes(), "parts are in the section");
     RankedPoints points(reader, std::uint64_t{1} << 20);
     std::uint64_t chunks = 0;

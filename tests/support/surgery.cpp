@@ -196,7 +196,6 @@ class Dissected::Reader {
       cells.chunks.push_back(unpack_or_copy(*packed, entry->unpacked_bytes));
       next += packed->size();
     }
-    next += page.ref.page_bytes;
     return true;
   }
 
@@ -487,7 +486,14 @@ class Dissected::Assembler {
                                              static_cast<std::uint32_t>(payload.size()), hash_bytes(bytes)});
       append(section, bytes);
     }
-    for (const Cells::Page& page : cells.pages) append_record(root, pack_cell_page(cells, page, section));
+    Bytes pages;  // which follow the chunks
+    for (const Cells::Page& page : cells.pages) append_record(root, pack_cell_page(cells, page, section, pages));
+    for (std::size_t at = cells.kinds.size(); at < root.size(); at += sizeof(CellPageRef)) {
+      auto ref = read_record<CellPageRef>(root, at);
+      ref.offset += section.size();
+      overwrite(root, at, ref);
+    }
+    append(section, pages);
     for (std::size_t at = 0; at < cells.kinds.size(); at += sizeof(CellKind)) {
       auto kind = read_record<CellKind>(root, at);
       kind.packed_bytes = cell_bytes_[{kind.shape, kind.field}];
@@ -508,8 +514,10 @@ class Dissected::Assembler {
     return section.size();
   }
 
-  CellPageRef pack_cell_page(const Cells& cells, const Cells::Page& page, Bytes& section) {
+  CellPageRef pack_cell_page(const Cells& cells, const Cells::Page& page, Bytes& section, Bytes& pages) {
     std::vector<Bytes> parts = page.parts;
+    CellPageRef ref = page.ref;
+    ref.chunks_offset = section.size();
     for (std::size_t c = 0; c < page.chunks.size(); ++c) {
       Bytes payload = cells.chunks[page.chunks[c]];
       operate(Part::cells, payload);
@@ -532,12 +540,11 @@ class Dissected::Assembler {
       append(content, part);
     }
     operate(Part::cell_table, table);
-    CellPageRef ref = page.ref;
-    ref.offset = section.size();
+    ref.offset = pages.size();
     ref.page_bytes = static_cast<std::uint32_t>(table.size() + content.size());
     ref.hash = hash_bytes(table);
-    append(section, table);
-    append(section, content);
+    append(pages, table);
+    append(pages, content);
     return ref;
   }
 

@@ -85,12 +85,14 @@ class SectionOfCells {
         SPLATVOL_TRY(add_chunk(chunk));
       }
     if (!page_.entries.empty()) close_page();
+    for (CellPageRef& page : pages_) page.offset += section_.size();
+    append(page_bytes_);
     Bytes root;
     for (const CellKind& kind : kinds_) append_record(root, kind);
     for (const CellPageRef& page : pages_) append_record(root, page);
     for (const PackedPageRef& page : ranks) append_record(root, page);
-    append_record(root,
-                  CellsTail{hash_bytes(root), chunks_, pages_.size(), 0, static_cast<std::uint32_t>(kinds_.size()), 1});
+    append_record(root, CellsTail{hash_bytes(root), chunks_, pages_.size(), 0,
+                                  static_cast<std::uint32_t>(kinds_.size()), cells_version});
     append(root);
     return std::move(section_);
   }
@@ -134,8 +136,10 @@ class SectionOfCells {
 
   void close_page() {
     CellPageRef& ref = pages_.emplace_back();
-    ref.offset = section_.size();
-    append(pack_page(page_, ref));
+    ref.offset = page_bytes_.size();
+    ref.chunks_offset = page_.entries.front().offset;
+    const Bytes packed = pack_page(page_, ref);
+    page_bytes_.insert(page_bytes_.end(), packed.begin(), packed.end());
     page_.entries.clear();
     for (std::vector<ValueSummary>& summaries : page_.summaries) summaries.clear();
   }
@@ -146,6 +150,7 @@ class SectionOfCells {
   RankedPoints points_;
   Bytes section_;
   Page page_;
+  Bytes page_bytes_;  // of all pages, which follow the chunks
   std::vector<CellPageRef> pages_;
   std::vector<CellKind> kinds_;
   std::uint64_t chunks_ = 0;

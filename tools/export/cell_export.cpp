@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <array>
@@ -31,7 +30,7 @@ using format::CellShape;
 
 static_assert(sizeof(dvec3) == 3 * sizeof(double), "positions are written as they are");
 
-constexpr std::uint64_t held_bytes = std::uint64_t{128} << 20;  // of parts of the file that were read, on all threads
+constexpr std::uint64_t held_bytes = std::uint64_t{128} << 20;  // of parts of the file that were read
 constexpr std::size_t chunks_at_once = 64;
 constexpr std::uint64_t cells_at_once = std::uint64_t{1} << 17;  // of these chunks, unless one has more
 constexpr std::size_t slice_points = std::size_t{1} << 14;
@@ -121,12 +120,12 @@ struct Slice {
 class PartReader {
  public:
   PartReader(const format::CellReader& cells, CellField field, const format::SplatSelection& selection,
-             std::uint64_t memory)
+             const format::RankedPoints& points, const format::CellVertices& vertices)
       : cells_(cells),
         selection_(selection),
         are_vertices_(field == CellField::constant),
-        points_(cells, are_vertices_ ? memory / 2 : memory),
-        vertices_([&cells](std::size_t page) { return cells.read_vertex_page(page); }, memory / 2) {}
+        points_(points),
+        vertices_(vertices) {}
 
   Status read(const CellChunkEntry& entry, ChunkCells& chunk) {
     SPLATVOL_TRY_ASSIGN(cells, cells_.read_chunk(entry));
@@ -194,8 +193,8 @@ class PartReader {
   const format::CellReader& cells_;
   const format::SplatSelection& selection_;
   bool are_vertices_;  // corners
-  format::RankedPoints points_;
-  format::CellVertices vertices_;
+  const format::RankedPoints& points_;
+  const format::CellVertices& vertices_;
   std::vector<format::RankedPoints::Place> places_;
   std::vector<dvec3> positions_;
   std::vector<float> stored_;
@@ -212,8 +211,10 @@ class CellExport {
         progress_(progress),
         used_(field == CellField::constant ? cells.vertex_count() : cells.volume().info().resolution_counts.back()),
         points_(std::move(points)),
-        readers_([&cells, field, &selection, threads = tbb::this_task_arena::max_concurrency()] {
-          return PartReader(cells, field, selection, held_bytes / static_cast<std::uint64_t>(threads));
+        held_points_(cells, field == CellField::constant ? held_bytes / 2 : held_bytes),
+        held_vertices_([&cells](std::size_t page) { return cells.read_vertex_page(page); }, held_bytes / 2),
+        readers_([this, &cells, field, &selection] {
+          return PartReader(cells, field, selection, held_points_, held_vertices_);
         }) {
     cell_arrays_ = vtu_.add_cells();  // the first: its numbers are written before the others are counted
     point_arrays_ = vtu_.add({.of = VtuArray::Of::points, .name = "Points", .components = 3});
@@ -413,6 +414,8 @@ class CellExport {
   std::uint64_t corners_ = 0, written_ = 0;  // of slices: points and cells
   std::vector<Run> runs_;
   CellsReport report_;
+  format::RankedPoints held_points_;
+  format::CellVertices held_vertices_;
   tbb::enumerable_thread_specific<PartReader> readers_;
 };
 

@@ -531,17 +531,20 @@ class OwnSection {
                                                   static_cast<std::uint32_t>(raw.size()), format::hash_bytes(packed)});
       parts.insert(parts.end(), packed.begin(), packed.end());
     }
-    ref.offset = bytes_.size();
+    ref.offset = page_bytes_.size();
+    ref.chunks_offset = chunks_.front().offset;
     ref.page_bytes = static_cast<std::uint32_t>(table.size() + parts.size());
     ref.chunks = static_cast<std::uint32_t>(chunks_.size());
     ref.hash = format::hash_bytes(table);
-    append(table);
-    append(parts);
+    page_bytes_.insert(page_bytes_.end(), table.begin(), table.end());
+    page_bytes_.insert(page_bytes_.end(), parts.begin(), parts.end());
     pages_.push_back(ref);
     chunks_.clear();
   }
 
   [[nodiscard]] format::Bytes finish() {
+    for (format::CellPageRef& page : pages_) page.offset += bytes_.size();
+    append(page_bytes_);
     format::Bytes root;
     for (const format::CellKind& kind : kinds_) format::append_record(root, kind);
     for (const format::CellPageRef& page : pages_) format::append_record(root, page);
@@ -551,7 +554,7 @@ class OwnSection {
                                                   .pages = pages_.size(),
                                                   .vertices = 0,
                                                   .kinds = static_cast<std::uint32_t>(kinds_.size()),
-                                                  .version = 1});
+                                                  .version = format::cells_version});
     append(root);
     return bytes_;
   }
@@ -564,6 +567,7 @@ class OwnSection {
   format::Bytes bytes_;
   format::PackedPageRef rank_page_{};
   std::vector<format::CellChunkEntry> chunks_;  // of the page
+  format::Bytes page_bytes_;                    // of all pages, which follow the chunks
   std::vector<format::CellPageRef> pages_;
   std::vector<format::CellKind> kinds_;  // one for each chunk
 };

@@ -10,7 +10,7 @@
 #include "base/error.h"
 #include "format/last_used.h"
 
-namespace splatvol {
+namespace splatvol::format {
 
 /// Holds parts that were used last. Each is read once while it is held, whoever asks for it first. Thread-safe.
 class HeldParts {
@@ -38,6 +38,12 @@ class HeldParts {
     return std::static_pointer_cast<const Part>(slot->part);
   }
 
+  /// Whether a part is held: get() does not read it.
+  [[nodiscard]] bool holds(const Key& key) {
+    const std::scoped_lock lock(mutex_);
+    return slots_.find(key) != nullptr;
+  }
+
  private:
   struct Slot {
     std::mutex mutex;  // the first thread reads, others wait
@@ -52,7 +58,7 @@ class HeldParts {
 
   std::uint64_t memory_;
   std::mutex mutex_;
-  format::LastUsed<Key, std::shared_ptr<Slot>> slots_;
+  LastUsed<Key, std::shared_ptr<Slot>> slots_;
 };
 
-}  // namespace splatvol
+}  // namespace splatvol::format

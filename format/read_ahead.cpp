@@ -1,0 +1,136 @@
+#include "format/read_ahead.h"
+
+#include <algorithm>
+#include <mutex>
+#include <utility>
+
+#include "format/run_tasks.h"
+
+namespace splatvol::format {
+namespace {
+
+constexpr std::size_t requests_at_once = 6;  // as browsers have to a server
+
+// What a request costs, in bytes, if it has one range; and how many are for nothing, as they are under way together.
+constexpr std::uint64_t bytes_of_request = std::uint64_t{256} << 10;
+constexpr std::size_t free_requests = 2;
+
+// Of a request for many ranges: what a range costs, in bytes, and the most of both. Servers refuse requests with more.
+constexpr std::uint64_t bytes_of_part = 256;
+constexpr std::size_t most_parts = 100;
+constexpr std::uint64_t most_part_bytes = std::uint64_t{1} << 20;
+
+}  // namespace
+
+std::vector<ByteRange> join_ranges(std::vector<ByteRange> ranges, std::uint64_t gap) {
+  std::erase_if(ranges, [](const ByteRange& range) { return range.begin >= range.end; });
+  std::ranges::sort(ranges, {}, &ByteRange::begin);
+  std::vector<ByteRange> joined;
+  for (const ByteRange& range : ranges)
+    if (!joined.empty() && (range.begin <= joined.back().end || range.begin - joined.back().end <= gap))
+      joined.back().end = std::max(joined.back().end, range.end);
+    else
+      joined.push_back(range);
+  return joined;
+}
+
+std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges) {
+  ranges = join_ranges(std::move(ranges), 0);
+  std::vector<std::uint64_t> gaps;
+  std::uint64_t bytes = 0;
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    bytes += ranges[i].end - ranges[i].begin;
+    if (i > 0) gaps.push_back(ranges[i].begin - ranges[i - 1].end);
+  }
+  std::ranges::sort(gaps);
+  std::size_t closed = 0;
+  while (closed < gaps.size() && ranges.size() - closed > free_requests + bytes / bytes_of_request)
+    bytes += gaps[closed++];
+  return closed == 0 ? ranges : join_ranges(std::move(ranges), gaps[closed - 1]);
+}
+
+Status CountedSource::read(std::uint64_t offset, std::span<std::byte> out) {
+  if (holds_any_ && take_held(offset, out)) return {};
+  SPLATVOL_TRY(source_->read(offset, out));
+  bytes_read_ += out.size();
+  return {};
+}
+
+bool CountedSource::take_held(std::uint64_t offset, std::span<std::byte> out) const {
+  const std::shared_lock lock(mutex_);
+  for (const Held* held : held_) {
+    if (offset < held->begin || offset - held->begin > held->bytes.size() ||
+        out.size() > held->bytes.size() - (offset - held->begin))
+      continue;
+    std::ranges::copy(std::span(held->bytes).subspan(offset - held->begin, out.size()), out.begin());
+    return true;
+  }
+  return false;
+}
+
+Result<bool> CountedSource::read_parts(std::span<const ByteSource::Part> parts) {
+  SPLATVOL_TRY_ASSIGN(read, source_->read_parts(parts));
+  if (read)
+    for (const ByteSource::Part& part : parts) bytes_read_ += part.out.size();
+  return read;
+}
+
+Result<std::shared_ptr<const BytesAhead>> BytesAhead::read(std::shared_ptr<CountedSource> source,
+                                                           std::vector<ByteRange> ranges, std::uint64_t memory) {
+  std::shared_ptr<BytesAhead> ahead(new BytesAhead(std::move(source)));
+  if (!ahead->make_room(join_ranges(ranges, bytes_of_part), memory)) return nullptr;
+  SPLATVOL_TRY_ASSIGN(is_read, ahead->read_parts());
+  CountedSource& from = *ahead->source_;
+  if (!is_read) {
+    if (!ahead->make_room(join_to_few(std::move(ranges)), memory)) return nullptr;
+    SPLATVOL_TRY(run_tasks(ahead->held_.size(), requests_at_once, [&](std::size_t i, std::size_t /*thread*/) {
+      return from.read(ahead->held_[i].begin, ahead->held_[i].bytes);
+    }));
+  }
+  const std::unique_lock lock(from.mutex_);
+  for (const CountedSource::Held& held : ahead->held_) from.held_.push_back(&held);
+  from.holds_any_ = !from.held_.empty();
+  return ahead;
+}
+
+bool BytesAhead::make_room(std::span<const ByteRange> ranges, std::uint64_t memory) {
+  held_.clear();
+  std::uint64_t bytes = 0;
+  for (const ByteRange& range : ranges) bytes += range.end - range.begin;
+  if (bytes > memory) return false;
+  for (const ByteRange& range : ranges) held_.push_back({range.begin, Bytes(range.end - range.begin)});
+  return true;
+}
+
+// Returns false if the source knows no requests for many ranges.
+Result<bool> BytesAhead::read_parts() {
+  std::vector<std::vector<ByteSource::Part>> requests;
+  std::uint64_t bytes = 0;
+  for (CountedSource::Held& held : held_) {
+    if (requests.empty() || requests.back().size() == most_parts || bytes + held.bytes.size() > most_part_bytes) {
+      requests.emplace_back();
+      bytes = 0;
+    }
+    requests.back().push_back({held.begin, held.bytes});
+    bytes += held.bytes.size();
+  }
+  std::atomic<bool> knows = true;
+  SPLATVOL_TRY(run_tasks(requests.size(), requests_at_once, [&](std::size_t i, std::size_t /*thread*/) -> Status {
+    const std::vector<ByteSource::Part>& request = requests[i];
+    if (request.size() == 1) return source_->read(request[0].offset, request[0].out);
+    SPLATVOL_TRY_ASSIGN(read, source_->read_parts(request));
+    if (!read) knows = false;
+    return {};
+  }));
+  return knows.load();
+}
+
+BytesAhead::~BytesAhead() {
+  const std::unique_lock lock(source_->mutex_);
+  std::erase_if(source_->held_, [&](const CountedSource::Held* one) {
+    return std::ranges::any_of(held_, [&](const CountedSource::Held& own) { return &own == one; });
+  });
+  source_->holds_any_ = !source_->held_.empty();
+}
+
+}  // namespace splatvol::format

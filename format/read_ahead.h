@@ -1,0 +1,81 @@
+// Reads of a file that are joined, and made before their bytes are needed.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <shared_mutex>
+#include <span>
+#include <vector>
+
+#include "base/error.h"
+#include "base/file.h"
+#include "format/codec.h"
+
+namespace splatvol::format {
+
+/// Bytes of a file, from `begin` up to `end`.
+struct ByteRange {
+  std::uint64_t begin = 0, end = 0;
+
+  [[nodiscard]] bool operator==(const ByteRange&) const = default;
+};
+
+/// Joins ranges between which there are at most `gap` bytes. Returns them in ascending order, without overlap.
+[[nodiscard]] std::vector<ByteRange> join_ranges(std::vector<ByteRange> ranges, std::uint64_t gap);
+
+/// Joins ranges as if a request cost as much as 256 KiB: over the smallest gaps, until two ranges are left, and one more
+/// for each 256 KiB of all.
+[[nodiscard]] std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges);
+
+/// The bytes of a file, with a count of those that were read. Thread-safe.
+class CountedSource {
+ public:
+  explicit CountedSource(std::unique_ptr<ByteSource> source) : source_(std::move(source)) {}
+
+  [[nodiscard]] const ByteSource& source() const { return *source_; }
+  [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
+
+  /// As ByteSource::read. Takes bytes that were read ahead from memory.
+  [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out);
+
+  /// As ByteSource::read_parts.
+  [[nodiscard]] Result<bool> read_parts(std::span<const ByteSource::Part> parts);
+
+ private:
+  friend class BytesAhead;
+  struct Held {
+    std::uint64_t begin;
+    Bytes bytes;
+  };
+  [[nodiscard]] bool take_held(std::uint64_t offset, std::span<std::byte> out) const;
+
+  std::unique_ptr<ByteSource> source_;
+  std::atomic<std::uint64_t> bytes_read_ = 0;
+  std::atomic<bool> holds_any_ = false;
+  mutable std::shared_mutex mutex_;
+  std::vector<const Held*> held_;
+};
+
+/// Bytes that were read before they are needed. While it lives, its source takes them from here.
+class BytesAhead {
+ public:
+  /// Reads ranges, by few requests, several at once: by requests for many ranges if the source can, else joined to few.
+  /// Returns null if they would take more than `memory` bytes.
+  [[nodiscard]] static Result<std::shared_ptr<const BytesAhead>> read(std::shared_ptr<CountedSource> source,
+                                                                      std::vector<ByteRange> ranges,
+                                                                      std::uint64_t memory);
+  BytesAhead(const BytesAhead&) = delete;
+  BytesAhead& operator=(const BytesAhead&) = delete;
+  ~BytesAhead();
+
+ private:
+  explicit BytesAhead(std::shared_ptr<CountedSource> source) : source_(std::move(source)) {}
+  [[nodiscard]] bool make_room(std::span<const ByteRange> ranges, std::uint64_t memory);
+  [[nodiscard]] Result<bool> read_parts();
+
+  std::shared_ptr<CountedSource> source_;
+  std::vector<CountedSource::Held> held_;
+};
+
+}  // namespace splatvol::format
