@@ -72,7 +72,7 @@ TEST_F(DrawFile, KeepsToItsQuality) {
 
 TEST_F(DrawFile, RefusesExactPicturesWithoutCells) {
   Renderer renderer = open();
-  EXPECT_THAT(renderer.render({.exact = true}).error().message, HasSubstr("svbuild --keep-cells"));
+  EXPECT_THAT(renderer.render({.exact = true}).error().message, HasSubstr("without --drop-cells"));
   EXPECT_THAT(renderer.render({.max_error = 0.02, .exact = true}).error().message, HasSubstr("one number"));
   EXPECT_THAT(renderer.render_now(0, {.exact = true}).error().message, HasSubstr("no frames on the way"));
   EXPECT_TRUE(renderer.render());

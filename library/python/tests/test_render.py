@@ -61,7 +61,7 @@ def test_qualities(ball_file):
 
 
 def test_exact_pictures_need_cells(ball_file):
-    with pytest.raises(splatvol.InvalidArgumentError, match="--keep-cells"):
+    with pytest.raises(splatvol.InvalidArgumentError, match="--drop-cells"):
         ball_file.render(constant_scene(), exact=True)
     with pytest.raises(splatvol.InvalidArgumentError, match="one number"):
         ball_file.render(constant_scene(), exact=True, tolerance=0)
