@@ -54,11 +54,11 @@ CellReader::CellReader(const VolumeInfo& info, std::string name, std::uint64_t b
       counts_(segment_counts(info)) {}
 
 bool CellReader::has_cells(const Volume& volume) {
-  return std::ranges::find(volume.sections(), SectionKind::cells_draft, &SectionEntry::kind) != volume.sections().end();
+  return std::ranges::find(volume.sections(), SectionKind::cells, &SectionEntry::kind) != volume.sections().end();
 }
 
 Result<std::unique_ptr<const CellReader>> CellReader::open(const Volume& volume) {
-  const auto section = std::ranges::find(volume.sections(), SectionKind::cells_draft, &SectionEntry::kind);
+  const auto section = std::ranges::find(volume.sections(), SectionKind::cells, &SectionEntry::kind);
   if (section == volume.sections().end()) return nullptr;
   const auto read = [&volume, begin = section->offset](std::uint64_t offset, std::uint64_t count) {
     return volume.read_bytes(begin + offset, count);
@@ -85,7 +85,7 @@ tl::unexpected<Error> CellReader::broken(std::string_view rule) const {
 // The table of a step's pages of summaries is the last part of their section.
 Status CellReader::read_step() {
   const std::vector<SectionEntry> sections = volume_->step_sections();
-  const auto section = std::ranges::find(sections, SectionKind::cell_summaries_draft, &SectionEntry::kind);
+  const auto section = std::ranges::find(sections, SectionKind::cell_summaries, &SectionEntry::kind);
   if (section == sections.end()) return {};
   const std::uint64_t table = pages_.size() * sizeof(SummaryPageRef) + sizeof(std::uint64_t);
   if (table > section->packed_bytes) return broken("the summaries of cells have the wrong length");
@@ -124,7 +124,7 @@ Status CellReader::read_root() {
   SPLATVOL_TRY_ASSIGN(bytes, read_(section - first_read_bytes(section), first_read_bytes(section)));
   const auto tail = read_record<CellsTail>(bytes, bytes.size() - sizeof(CellsTail));
   if (tail.version != cells_version)
-    return fail(ErrorCode::unsupported, "{}: its cells are of a draft that this program does not read: build it again",
+    return fail(ErrorCode::unsupported, "{}: its cells are laid out in a way that this program does not know [R23]",
                 name_);
   const std::uint64_t points = info_.resolution_counts.back(), left = section - sizeof(CellsTail);
   const std::uint64_t rank_pages = (points + rank_page_points - 1) / rank_page_points;

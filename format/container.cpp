@@ -14,7 +14,7 @@ constexpr std::array required_sections = {SectionKind::metadata,       SectionKi
                                           SectionKind::index_pages,    SectionKind::directory_pages};
 
 bool is_raw_and_optional(SectionKind kind) {
-  return kind == SectionKind::boundary || kind == SectionKind::cells_draft || kind == SectionKind::cell_summaries_draft;
+  return kind == SectionKind::boundary || kind == SectionKind::cells || kind == SectionKind::cell_summaries;
 }
 
 bool is_known(SectionKind kind) {
@@ -55,7 +55,7 @@ Bytes pack_front(Superblock superblock, bool is_step, std::span<const SectionEnt
   const auto has = [&](SectionKind kind) {
     return std::ranges::find(sections, kind, &SectionEntry::kind) != sections.end();
   };
-  const bool has_cells = has(SectionKind::cells_draft) || has(SectionKind::cell_summaries_draft);
+  const bool has_cells = has(SectionKind::cells) || has(SectionKind::cell_summaries);
   superblock.minor_version = has_cells                    ? cells_minor_version
                              : has(SectionKind::boundary) ? boundary_minor_version
                                                           : minor_version;
@@ -166,10 +166,9 @@ Status Container::check_section_kinds() const {
     return broken("a section is absent or appears twice [R8]");
   if (std::ranges::count(sections_, SectionKind::boundary, &SectionEntry::kind) > (kind_ == Kind::step ? 0 : 1))
     return broken("a boundary appears twice, or in a step [R8]");
-  if (std::ranges::count(sections_, SectionKind::cells_draft, &SectionEntry::kind) > (kind_ == Kind::step ? 0 : 1))
+  if (std::ranges::count(sections_, SectionKind::cells, &SectionEntry::kind) > (kind_ == Kind::step ? 0 : 1))
     return broken("cells appear twice, or in a step [R8]");
-  if (std::ranges::count(sections_, SectionKind::cell_summaries_draft, &SectionEntry::kind) >
-      (kind_ == Kind::step ? 1 : 0))
+  if (std::ranges::count(sections_, SectionKind::cell_summaries, &SectionEntry::kind) > (kind_ == Kind::step ? 1 : 0))
     return broken("summaries of cells appear twice, or in no step [R8]");
   for (const SectionKind kind : {SectionKind::metadata, SectionKind::index_root, SectionKind::directory_root}) {
     const SectionEntry& section = *find_section(kind);

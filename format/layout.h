@@ -15,7 +15,7 @@ inline constexpr std::uint8_t footer_magic[8] = {'S', 'V', 'O', 'L', 'E', 'N', '
 inline constexpr std::uint16_t major_version = 1;
 inline constexpr std::uint16_t minor_version = 0;
 inline constexpr std::uint16_t boundary_minor_version = 1;  // of a file with the section `boundary`
-inline constexpr std::uint16_t cells_minor_version = 2;     // of a file with the section `cells_draft`
+inline constexpr std::uint16_t cells_minor_version = 2;     // of a file with the section `cells`
 inline constexpr std::uint64_t max_preamble_bytes = 1u << 20;
 inline constexpr std::uint64_t min_first_read_bytes = 32u << 10;
 inline constexpr std::uint64_t max_first_read_bytes = 512u << 10;
@@ -61,8 +61,8 @@ enum class SectionKind : std::uint32_t {
   padding = 8,
   summary_table = 9,  // of a step
   boundary = 10,
-  cells_draft = 11,           // of a file that is built before the section is final: the final one has another kind
-  cell_summaries_draft = 12,  // of a step
+  cells = 13,           // 11 and 12 were those of a draft
+  cell_summaries = 14,  // of a step
 };
 
 /// Returns the largest unpacked size of metadata of `packed_bytes` (rule R7). JSON takes many times its length in
@@ -232,7 +232,7 @@ struct CellsTail {         // spec 14
   std::uint32_t version;   // 36: cells_version
 };
 static_assert(sizeof(CellsTail) == 40);
-inline constexpr std::uint32_t cells_version = 2;  // of the draft
+inline constexpr std::uint32_t cells_version = 1;
 
 struct StepDirectoryHead {   // spec 11
   std::uint64_t hash;        //  0: of all bytes of the step directory behind it

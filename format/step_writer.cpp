@@ -133,7 +133,7 @@ void StepWriter::add_sections(const Bytes& directory_root) {
   add_extent(SectionKind::directory_pages, directory_.tail().size(), 0, 0);
   if (!cells_) return;
   sections_.push_back(
-      {SectionKind::cell_summaries_draft, 0, end_, cells_->size(), cells_->size(), cells_hash_, Codec::raw, 0});
+      {SectionKind::cell_summaries, 0, end_, cells_->size(), cells_->size(), cells_hash_, Codec::raw, 0});
   end_ += cells_->size();
 }
 

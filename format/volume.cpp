@@ -125,7 +125,7 @@ Status Volume::read_metadata() {
     return broken("its superblock does not say whether it has steps [R18]");
   if (info->boundary.has_value() != (file_->find_section(SectionKind::boundary) != nullptr))
     return broken("its metadata do not say whether it has a boundary [R21]");
-  if (info->cells.has_value() != (file_->find_section(SectionKind::cells_draft) != nullptr))
+  if (info->cells.has_value() != (file_->find_section(SectionKind::cells) != nullptr))
     return broken("its metadata do not say whether it has cells [R23]");
   info_ = file_info_ = std::move(*info);
   rows_ = RowLayout(info_);

@@ -24,7 +24,7 @@ using nlohmann::json;
 
 constexpr std::uint64_t max_points = (std::uint64_t{1} << 48) - 1;
 constexpr int max_nesting = 32;
-constexpr const char* cells_key = "cells_draft";
+constexpr const char* cells_key = "cells";
 
 constexpr std::array<std::pair<ColumnKind, const char*>, 7> column_names = {{
     {ColumnKind::position, "position"},

@@ -265,8 +265,8 @@ void VolumeWriter::add_sections(const Tail& tail, const Bytes& padding) {
   if (info_.boundary)
     add_section(SectionKind::boundary, false, tail.boundary_offset, boundary_, boundary_.size(), Codec::raw);
   if (write_cells_)
-    sections_.push_back({SectionKind::cells_draft, 0, tail.cells_offset, tail.cells_bytes, tail.cells_bytes,
-                         tail.cells_hash, Codec::raw, 0});
+    sections_.push_back(
+        {SectionKind::cells, 0, tail.cells_offset, tail.cells_bytes, tail.cells_bytes, tail.cells_hash, Codec::raw, 0});
 }
 
 // The superblock and the section table.

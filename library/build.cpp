@@ -31,6 +31,7 @@ Result<BuildOptions> build_options_of(const MeshBuildOptions& options) {
   result.exact = {.positions = options.exact, .values = options.exact};
   result.strict = options.strict;
   result.boundary_triangles = options.boundary_triangles;
+  result.keep_cells = options.keep_cells;
   result.inputs = {options.name};
   result.builder = "splatvol " SPLATVOL_VERSION;
   return result;
@@ -42,7 +43,8 @@ MeshBuildReport report_of(const BuildReport& built, std::vector<std::string> con
                          .connectivity = connectivity_name(built.connectivity),
                          .census = {},
                          .warnings = warning_lines(built),
-                         .conversions = std::move(conversions)};
+                         .conversions = std::move(conversions),
+                         .kept_cells = built.kept_cells ? built.kept_cells->cells : 0};
   for (const CensusLine& line : census_lines(built)) report.census.emplace_back(line.words, line.count);
   return report;
 }

@@ -120,7 +120,7 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
   SPLATVOL_TRY_ASSIGN(reader, format::CellReader::open(volume));
   if (!reader)
     return fail(ErrorCode::invalid_argument,
-                "{}: it keeps no cells, and only these are drawn exactly: build it with svbuild --keep-cells",
+                "{}: it keeps no cells, and only these are drawn exactly: build it from a mesh, without --drop-cells",
                 volume.name());
   return std::shared_ptr<const KeptCells>(new KeptCells(std::move(reader), attributes, memory));
 }

@@ -49,8 +49,7 @@ struct Options {
   bool exact = false;
   bool strict = false;
   bool boundary = false;
-  bool keep_cells = false;
-  bool drop_cells = false;               // the default
+  bool drop_cells = false;
   std::uint64_t boundary_triangles = 0;  // 0: the default, if there is a boundary
   std::string cells = "averaged";
   std::string up;  // x, y, z; empty: as is usual for the input
@@ -112,7 +111,7 @@ struct InputNotes {
   std::optional<TimeStep> step;          // that was taken of several
   std::vector<double> times;             // of a series
   std::vector<std::string> conversions;  // Source::conversions()
-  std::vector<std::string> warnings;     // SeriesReport::warnings
+  std::vector<std::string> warnings;     // about the file or the files, not about the input
   JointWork work = {};                   // of several processes
   StageTimes stages = {};                // of a single step
 };
@@ -209,7 +208,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
   build_options.leaf_points = options.leaf;
   build_options.gradients = options.gradients;
   build_options.strict = options.strict;
-  build_options.keep_cells = options.keep_cells;
+  build_options.keep_cells = !options.drop_cells;
   build_options.exact = {.positions = options.exact, .values = options.exact};
   if (options.boundary || options.boundary_triangles > 0)
     build_options.boundary_triangles =
@@ -402,7 +401,8 @@ void print_estimate(const Options& options, const Estimate& estimate) {
   print_out("  {}\n", input.was_read ? "counted by reading all of it: it does not declare how much it holds"
                                      : "as it declares; nothing else was read");
   const BuildEstimate& build = estimate.build;
-  print_out("  {:>24} the file, with connectivity {}\n", bytes_text(build.file), connectivity_name(build.connectivity));
+  print_out("  {:>24} the file, with connectivity {}{}\n", bytes_text(build.file),
+            connectivity_name(build.connectivity), build.keeps_cells ? ", cells kept" : "");
   print_out("  {:>24} of disk while it is built, the file included\n", bytes_text(build.disk));
   print_out("  {:>24} of memory, of which --memory grants {}\n", bytes_text(build.memory),
             bytes_text(static_cast<double>(estimate.memory)));
@@ -430,6 +430,7 @@ void print_estimate_json(const Estimate& estimate) {
                                      {"steps", estimate.steps},
                                      {"counted_by_reading", input.was_read},
                                      {"connectivity", connectivity_name(estimate.build.connectivity)},
+                                     {"keeps_cells", estimate.build.keeps_cells},
                                      {"file_bytes", json_of(estimate.build.file)},
                                      {"disk_bytes", json_of(estimate.build.disk)},
                                      {"memory_bytes", json_of(estimate.build.memory)},
@@ -469,12 +470,15 @@ Status build(const Options& options) {
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
   if (is_series(options)) SPLATVOL_TRY(require_one_rank("a time series"));
-  if (options.keep_cells && cell_values_of(options.cells) == CellValues::own)
-    SPLATVOL_TRY(require_one_rank("a file that keeps cells of their own"));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
   InputNotes notes;
   notes.memory = build_options.memory;
+  // No process knows the corners of the others' cells, and these are no points.
+  if (build_options.keep_cells && cell_values_of(options.cells) == CellValues::own && !require_one_rank("it")) {
+    build_options.keep_cells = false;
+    notes.warnings.emplace_back("the file does not keep cells of their own: only one process alone can do so");
+  }
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
   ReaderProcess reader(reader_options);
   const std::string left_out = describe_left_out(options.inputs);
@@ -570,13 +574,10 @@ void add_format_options(CommandLine& app, Options& options) {
 }
 
 void add_boundary_options(CommandLine& app, Options& options) {
-  auto* keep = app.add_flag(
-      "--keep-cells", options.keep_cells,
-      "Keep the cells of the mesh in the file, or the Delaunay tetrahedra that join its points, 2 to 3 bytes a "
-      "tetrahedron: svrender --exact draws them, svexport --cells gives them back. In a series, blocks that touch keep "
-      "values of their own there. A draft: a later version will ask to build the file again");
-  app.add_flag("--drop-cells", options.drop_cells, "Leave the cells of the mesh out of the file, as is usual")
-      ->excludes(keep);
+  app.add_flag("--drop-cells", options.drop_cells,
+               "Leave the cells of the mesh, or the Delaunay tetrahedra that join its points, out of the file: 2 to 3 "
+               "bytes a tetrahedron less. Then there are no exact pictures and no svexport --cells, and in a series, "
+               "blocks that touch share the values there. An append to OUT.svol does as its file does");
   app.add_flag(
       "--boundary", options.boundary,
       "Keep the boundary of the mesh in the file, for scenes that draw it: the faces of one cell only, by the "

@@ -181,8 +181,8 @@ void add_selection_options(CommandLine& app, Options& options) {
       ->type_name("R");
   app.add_flag(
       "--cells", options.cells,
-      "Write the cells of the mesh with their points and values, from a file that svbuild --keep-cells has "
-      "made; for .vtu. Polyhedra are written as the tetrahedra that they are split into. Cells of svbuild --cells own "
+      "Write the cells of the mesh with their points and values, from a file that keeps them; for .vtu. Polyhedra are "
+      "written as the tetrahedra that they are split into. Cells of svbuild --cells own "
       "have values themselves, and their points have none. A box takes every cell whose own bounding box meets it, as "
       "positions are stored");
   app.add_option("--box", options.box, "Only the voxels whose centres, or the points, that lie in this box")

@@ -51,10 +51,10 @@ struct Survey {
 };
 
 const char* name_of(format::SectionKind kind) {
-  constexpr std::array names = {"metadata",      "index_root",      "directory_root", "rows",
-                                "index_pages",   "directory_pages", "histograms",     "padding",
-                                "summary_table", "boundary",        "cells_draft",    "cell_summaries_draft"};
-  static_assert(names.size() == static_cast<std::size_t>(format::SectionKind::cell_summaries_draft));
+  constexpr std::array names = {"metadata",        "index_root", "directory_root", "rows",          "index_pages",
+                                "directory_pages", "histograms", "padding",        "summary_table", "boundary",
+                                "unknown",         "unknown",    "cells",          "cell_summaries"};
+  static_assert(names.size() == static_cast<std::size_t>(format::SectionKind::cell_summaries));
   const auto number = static_cast<std::size_t>(kind);  // from 1 on
   return number >= 1 && number <= names.size() ? names[number - 1] : "unknown";
 }

@@ -48,7 +48,8 @@ Status draw_exact(Drawing& drawing, bool is_alone) {
 }
 
 Status draw_frame(const RenderOptions& options, Drawing& drawing, Timings& timings) {
-  if (options.exact)
+  // If nobody asked for an exact picture, a step that has no cells is drawn by splats.
+  if (options.exact && (!options.chooses_detail || drawing.player->has_cells()))
     SPLATVOL_TRY(draw_exact(drawing, !options.moves() && !options.plays()));
   else
     SPLATVOL_TRY(drawing.player->draw_frame(request_of(options, drawing), drawing.how));
@@ -231,7 +232,7 @@ Status draw_steady_frames(const RenderOptions& options, Drawing& drawing, Timing
   timings.frame.clear();
   ProgressBar bar("draw");
   for (int i = 0; i < options.repeat; ++i) {
-    SPLATVOL_TRY(options.exact ? draw_exact(drawing, false) : drawing.player->draw_again(drawing.how));
+    SPLATVOL_TRY(drawing.player->exact() ? draw_exact(drawing, false) : drawing.player->draw_again(drawing.how));
     timings.add(drawing.player->times());
     bar.update((i + 1.0) / options.repeat);
   }

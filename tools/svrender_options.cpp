@@ -98,8 +98,7 @@ void add_detail_options(CommandLine& app, RenderOptions& options) {
           ->excludes(resolution)
           ->excludes(max_error)
           ->excludes(splats);
-  app.add_flag("--exact", options.exact,
-               "Draw the cells of the mesh exactly, by the processor, and no splats: of a file of svbuild --keep-cells")
+  app.add_flag("--exact", options.exact, "Draw the cells of the mesh exactly, by the processor, and no splats")
       ->excludes(tolerance)
       ->excludes(resolution)
       ->excludes(max_error)

@@ -122,7 +122,7 @@ def write_csv(path, fields, rows):
 
 
 def build(bench, mesh, connectivity="mesh"):
-    options = [] if connectivity == "mesh" else ["--connectivity", connectivity]
+    options = ["--drop-cells"] + ([] if connectivity == "mesh" else ["--connectivity", connectivity])
     runs = [
         bench.run_json("svbuild", bench.mesh(mesh), "-o", bench.volume(mesh, connectivity), *options, "--json")
         for _ in range(bench.plan["builds"])
@@ -349,7 +349,7 @@ def measure_lit(bench, view, points):
     scene.write_text(json.dumps(description))
     bench.run("svtruth", bench.mesh(mesh_of(view)), "--scene", scene, "-o", truth)
     if "octant" in bench.plan["kernels"]:  # which needs gradients for its light
-        bench.run("svbuild", bench.mesh(mesh_of(view)), "-o", bench.volume(mesh_of(view)), "--gradients")
+        bench.run("svbuild", bench.mesh(mesh_of(view)), "-o", bench.volume(mesh_of(view)), "--gradients", "--drop-cells")
     bench.picture_of(f"{view}-lit-exact", truth, description.get("background", [0, 0, 0]))
     contenders = [
         Splats(bench, view, scene, truth, Setting(kernel, device=bench.plan["devices"][0]), label=f"lit-{kernel}")

@@ -389,7 +389,7 @@ def building(results):
     return [
         "## Building",
         "",
-        *paragraph(f"""`svbuild MESH.vtu -o MESH.svol`, all attributes, {results.plan['builds']} runs each, reading the
+        *paragraph(f"""`svbuild MESH.vtu --drop-cells -o MESH.svol`, all attributes, {results.plan['builds']} runs each, reading the
             mesh included. `--connectivity` other than mesh leaves the mesh's cells aside: scattered points. Larger
             inputs are in [scale.md](scale.md), and the cost of a view of them in [paging.md](paging.md)."""),
         *table(columns, results.builds),

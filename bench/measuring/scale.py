@@ -101,9 +101,9 @@ def run(options):
     joined = [f"gen:points:count={count},distribution=vortex,type=float32" for count in counts]
     files = [f"{count} points in a .npy" for count in options.npy.split(",") if count]
     runs = [(source, ["--connectivity", "boxes"]) for source in scattered + files]
-    runs += [(source, []) for source in meshes]
+    runs += [(source, options) for source in meshes for options in ([], ["--drop-cells"])]
     runs += [(source, ["--connectivity", "boxes"]) for source in hard]
-    runs += [(source, ["--connectivity", "delaunay"]) for source in joined]
+    runs += [(source, ["--connectivity", "delaunay", *more]) for source in joined for more in ([], ["--drop-cells"])]
     version = output_of(options.programs / "svbuild", "--version").strip()
     lines = [
         "# Scale",
@@ -119,9 +119,10 @@ def run(options):
         *table_head(*TITLES),
     ]
     with tempfile.TemporaryDirectory(prefix="svbench-", dir=options.work) as work:
-        for source, connectivity in runs:
+        for source, chosen in runs:
             with make_input(source, options.programs / "svgen", work) as made:
-                said = build(options.programs / "svbuild", made, options.memory, connectivity, work)
-            lines.append(row(" ".join([source, *connectivity[1:]]), options.memory, said))
+                said = build(options.programs / "svbuild", made, options.memory, chosen, work)
+            label = " ".join([source, *(option for option in chosen if option != "--connectivity")])
+            lines.append(row(label, options.memory, said))
             print(lines[-1], flush=True)
     write_first_section(options.out, lines)

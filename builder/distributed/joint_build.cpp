@@ -94,16 +94,20 @@ class JointBuild {
     SPLATVOL_TRY_ASSIGN(cube, bounding_cube(bounds.value_or(pieces_.reader().box())));
     cube_ = cube;
     summary_ = pieces_.reader().summary(joined_attributes(options_));
+    if (estimates() && joins_by_boxes()) cells_ = nullptr;
     return {};
+  }
+
+  [[nodiscard]] bool joins_by_boxes() const {
+    return options_.connectivity == Connectivity::boxes ||
+           (options_.connectivity == Connectivity::automatic && records() > most_cells);
   }
 
   // Whether what comes after the sort can be done range by range.
   [[nodiscard]] bool reduces_in_ranges() const {
-    const bool boxes = options_.connectivity == Connectivity::boxes ||
-                       (options_.connectivity == Connectivity::automatic && records() > most_cells);
     const bool refused =
         options_.connectivity == Connectivity::automatic && !describe_no_volume(summary_.cells).empty();
-    return (is_joined_by_cells(summary_) || (boxes && !refused && !cells_)) &&
+    return (is_joined_by_cells(summary_) || (joins_by_boxes() && !refused)) &&
            options_.reduction == Reduction::octree && records() > most_fitted_points;
   }
 
@@ -234,7 +238,7 @@ class JointBuild {
     if (!ranks_.is_first()) return ranks_.agree_on(Result<BuildReport>());
     PointStream points(layout_, summary_, std::move(*sorter_), std::move(corners));
     MeshCells* cells = cells_ ? &cells_->cells() : nullptr;
-    if (layout_.has_tags())
+    if (cells && layout_.has_tags())
       points.watch_ranks(0, [cells](PointTag tag, std::uint64_t rank) { return cells->add_rank(tag, rank); });
     return ranks_.agree_on(
         build_from_points(std::move(points), file.take_file(), folder_, options_, progress_, nullptr, cells));
@@ -296,7 +300,7 @@ class JointBuild {
   const std::string& output_;
   const BuildOptions& options_;
   const BuildProgress& progress_;
-  JointCells* cells_;  // null: the file keeps none
+  JointCells* cells_;  // null: there are none to keep
   std::string folder_;
   std::size_t memory_;  // for the points
   PointRecords layout_;

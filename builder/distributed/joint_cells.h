@@ -21,7 +21,7 @@ namespace splatvol {
 /// neither on the numbers of pieces nor on who read them.
 class JointCells {
  public:
-  /// Returns null if the options ask for no cells. Fails as start_cells().
+  /// Returns null as start_cells() does.
   [[nodiscard]] static Result<std::unique_ptr<JointCells>> create(Ranks& ranks, const Source& source,
                                                                   const BuildOptions& options,
                                                                   const std::string& folder);

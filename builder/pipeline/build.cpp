@@ -19,10 +19,9 @@ namespace {
 
 // Returns the file's size in bytes. `boundary`: null if the file gets none.
 Result<std::uint64_t> write(AtomicFile file, ReducedSource reduced, StoredBoundary* boundary,
-                            format::WriteCells write_cells, MeshCells* cells, const std::string& folder,
-                            const BuildProgress& progress) {
+                            format::WriteCells write_cells, const std::string& folder, const BuildProgress& progress) {
   if (boundary) reduced.info.boundary = boundary->packed.info;
-  SPLATVOL_TRY_ASSIGN(index, pack_index(reduced, folder, {}, cells));
+  SPLATVOL_TRY_ASSIGN(index, pack_index(reduced, folder));
   SPLATVOL_TRY_ASSIGN(writer, format::VolumeWriter::create(std::move(file), reduced.files.coarse_bytes(), reduced.info,
                                                            std::move(index), folder));
   if (boundary) writer->set_boundary(std::move(boundary->packed.section));
@@ -87,11 +86,13 @@ Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const
       boundary.emplace(std::move(stored));
     }
     format::WriteCells add_cells;
-    if (cells) {
+    if (reduced.cells) {
       progress("sorting cells", 0);
-      SPLATVOL_TRY(cells->sort());
-      if (cells->count() == 0) return fail(ErrorCode::invalid_data, "there is no cell to keep: leave --keep-cells out");
-      reduced.info.cells = format::CellsInfo{cells->hash()};
+      SPLATVOL_TRY(reduced.cells->sort());
+      if (reduced.cells->count() == 0) reduced.cells = nullptr;
+    }
+    if (reduced.cells) {
+      reduced.info.cells = format::CellsInfo{reduced.cells->hash()};
       add_cells = [&](std::shared_ptr<const format::ChunkSource> chunks, const format::AppendBytes& append) -> Status {
         const auto write = [&](double fraction) { progress("writing cells", fraction); };
         SPLATVOL_TRY_SET(kept, write_cells(*cells, std::move(chunks), options.memory / 4, folder, append, write));
@@ -99,7 +100,7 @@ Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const
       };
     }
     SPLATVOL_TRY_ASSIGN(written, write(std::move(file), std::move(reduced), boundary ? &*boundary : nullptr,
-                                       std::move(add_cells), cells, folder, progress));
+                                       std::move(add_cells), folder, progress));
     bytes = written;
     return {};
   };

@@ -41,7 +41,7 @@ struct BuildOptions {
   int up = -1;                                                  // format::VolumeInfo::up
   bool strict = false;                                          // fail if the input would change (check_unchanged)
   std::uint64_t boundary_triangles = 0;                         // most triangles of the mesh's boundary; 0: none
-  bool keep_cells = false;  // the file keeps the mesh's cells, or Delaunay tetrahedra
+  bool keep_cells = false;  // the file keeps the mesh's cells, or Delaunay tetrahedra, if there are any
 };
 
 /// Numbers that lose their detail in the file.

@@ -138,11 +138,6 @@ Status keep(std::span<const Tetrahedron> tetrahedra, std::span<const dvec3> posi
 Result<Connection> connect_many(const BuildOptions& options, PointStream& points, const std::string& folder,
                                 MeshCells* cells) {
   const bool choose = options.connectivity == Connectivity::automatic;
-  if (cells && choose)
-    return fail(ErrorCode::invalid_argument,
-                "by default no tetrahedra join more than {} points, so there are no cells to keep: take "
-                "--connectivity delaunay, or leave --keep-cells out",
-                options.held_points);
   if (options.connectivity == Connectivity::boxes || (choose && points.count() > most_cells))
     return Connection{
         .used = Connectivity::boxes, .next = next_of(points), .points = points.count(), .needs_estimate = true};
@@ -179,10 +174,11 @@ Result<Connection> connect_held(const BuildOptions& options, PointStream& points
   Connection connection{.used = Connectivity::none, .next = {}, .points = all.size(), .least_memory = needed};
   if (options.connectivity != Connectivity::none) {
     SPLATVOL_TRY_ASSIGN(tetrahedra, delaunay_tetrahedra(all.positions));
-    if (tetrahedra.empty() && (options.connectivity == Connectivity::delaunay || cells))
-      return fail(ErrorCode::invalid_data,
-                  "the points lie at one place, on a line or in a plane: no tetrahedron joins them; {}",
-                  cells ? "--connectivity none without --keep-cells draws them" : "--connectivity none draws them");
+    if (tetrahedra.empty() && options.connectivity == Connectivity::delaunay)
+      return fail(
+          ErrorCode::invalid_data,
+          "the points lie at one place, on a line or in a plane: no tetrahedron joins them; --connectivity none "
+          "draws them");
     if (!tetrahedra.empty()) {
       if (cells) SPLATVOL_TRY(keep(tetrahedra, all.positions, *cells));
       connection.used = Connectivity::delaunay;

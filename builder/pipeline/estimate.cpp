@@ -183,6 +183,7 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
   estimate.file = points * (bytes.geometry + count * attributes * bytes.value) + Range{8 * kibi, 40 * kibi};
   const bool are_joined = estimate.connectivity == Connectivity::delaunay;
   const double cells = !options.keep_cells ? 0 : are_joined ? tetrahedra_of_a_point * points : tetrahedra;  // at most
+  estimate.keeps_cells = cells > 0;
   estimate.file = estimate.file + cells * bytes_of_kept_tetrahedron;
 
   // Steps are reduced together, as many as memory allows: their values are attributes of one source.

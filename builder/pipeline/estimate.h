@@ -41,6 +41,7 @@ struct Range {
 /// What a build needs. Bytes and seconds.
 struct BuildEstimate {
   Connectivity connectivity = Connectivity::mesh;  // that the build will use
+  bool keeps_cells = false;                        // in the file
   Range file = {};                                 // bytes of the output
   Range disk = {};                                 // most bytes at a time: temporary files, and the output so far
   Range memory = {};                               // most bytes held, without the process that reads foreign formats

@@ -62,7 +62,7 @@ class Reducer {
                               .stored = stored},
                              info_);
     if (options_.strict) SPLATVOL_TRY(check_unchanged(report));
-    SPLATVOL_TRY(write({std::move(info_), report, files, leaves, pass, stored.histograms()}));
+    SPLATVOL_TRY(write({std::move(info_), report, files, leaves, pass, stored.histograms(), cells_}));
     return report;
   }
 
@@ -168,6 +168,7 @@ Result<BuildReport> reduce_points(PointStream stream, const BuildOptions& option
   progress("connecting", 0);
   std::optional<PointStream> points(std::move(stream));
   SPLATVOL_TRY_ASSIGN(connection, connect(options, *points, folder, cells));
+  if (connection.used == Connectivity::none || connection.used == Connectivity::boxes) cells = nullptr;
   return Reducer(options, points, std::move(connection), folder, progress, cells).run(files, write);
 }
 
@@ -198,7 +199,7 @@ BuildReport complete_description(const BuildOptions& options, const InputSummary
 }
 
 Result<format::PackedIndex> pack_index(ReducedSource& reduced, const std::string& folder,
-                                       const format::IndexPacker::EmitSummaries& emit_summaries, MeshCells* cells) {
+                                       const format::IndexPacker::EmitSummaries& emit_summaries) {
   const std::size_t resolutions = reduced.info.resolutions(), attributes = reduced.info.attributes.size();
   SPLATVOL_TRY_ASSIGN(pages, TempFile::create(folder));
   const auto emit = [&](const format::PackedIndexPage& page) { return pages.append(page.bytes); };
@@ -206,7 +207,7 @@ Result<format::PackedIndex> pack_index(ReducedSource& reduced, const std::string
                                      : IndexStream(reduced.info.cube, resolutions, attributes, emit);
   const auto add = [&](IndexLeaf leaf) -> Status {
     const std::uint64_t points = std::accumulate(leaf.counts.begin(), leaf.counts.end(), std::uint64_t{0});
-    if (cells) SPLATVOL_TRY(cells->add_leaf(points));
+    if (reduced.cells) SPLATVOL_TRY(reduced.cells->add_leaf(points));
     return index.add(std::move(leaf));
   };
   SPLATVOL_TRY(reduced.leaves.read(resolutions, reduced.pass.late_leaves(), add));

@@ -25,6 +25,7 @@ struct ReducedSource {
   IndexLeafSpool& leaves;
   const ReductionPass& pass;
   format::Histograms histograms;
+  MeshCells* cells = nullptr;  // that may be kept; null: there are none
 };
 
 using WriteReduced = std::function<Status(ReducedSource)>;
@@ -50,7 +51,7 @@ using WriteReduced = std::function<Status(ReducedSource)>;
 [[nodiscard]] JoinedAttributes joined_attributes(const BuildOptions& options);
 
 /// The same as reduce_source for points that are sorted. `cells`: learns what stays for coarser resolutions, and gets
-/// tetrahedra that join scattered points; may be null.
+/// tetrahedra that join scattered points; may be null. `write` gets them unless what joins the points has none.
 [[nodiscard]] Result<BuildReport> reduce_points(PointStream points, const BuildOptions& options, RowFiles& files,
                                                 const std::string& folder, const BuildProgress& progress,
                                                 const WriteReduced& write, MeshCells* cells = nullptr);
@@ -69,10 +70,9 @@ struct ReductionFacts {
 [[nodiscard]] BuildReport complete_description(const BuildOptions& options, const InputSummary& input,
                                                const ReductionFacts& facts, format::VolumeInfo& info);
 
-/// Packs the index. With `emit_summaries`: that of a time series (format::IndexPacker). `cells`: learns the sizes of
-/// index leaves; may be null. Called once.
+/// Packs the index, and tells the cells the sizes of its leaves. With `emit_summaries`: that of a time series
+/// (format::IndexPacker). Called once.
 [[nodiscard]] Result<format::PackedIndex> pack_index(ReducedSource& reduced, const std::string& folder,
-                                                     const format::IndexPacker::EmitSummaries& emit_summaries = {},
-                                                     MeshCells* cells = nullptr);
+                                                     const format::IndexPacker::EmitSummaries& emit_summaries = {});
 
 }  // namespace splatvol

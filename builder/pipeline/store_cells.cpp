@@ -4,24 +4,26 @@
 #include "builder/pipeline/store_boundary.h"
 
 namespace splatvol {
+namespace {
+
+// Whether there may be cells to keep. Voxels have none. Points that `automatic` joins may be too many for tetrahedra.
+bool may_keep_cells(const Source& source, const BuildOptions& options) {
+  if (!options.keep_cells || (uses_cells(options) && source.brings_material())) return false;
+  if (options.connectivity == Connectivity::mesh) return source.may_have_cells();
+  return options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::delaunay;
+}
+
+}  // namespace
 
 Result<std::unique_ptr<MeshCells>> start_cells(const Source& source, const BuildOptions& options,
                                                const std::string& folder) {
-  if (!options.keep_cells) return nullptr;
-  if (options.connectivity == Connectivity::none || options.connectivity == Connectivity::boxes)
-    return fail(ErrorCode::invalid_argument,
-                "the connectivity '{}' joins points without tetrahedra: take --connectivity delaunay, or leave "
-                "--keep-cells out",
-                connectivity_name(options.connectivity));
-  const bool no_mesh = options.connectivity == Connectivity::mesh && !source.may_have_cells();
-  if (no_mesh || (uses_cells(options) && source.brings_material()))
-    return fail(ErrorCode::invalid_argument, "the input has no cells that a file can keep: leave --keep-cells out");
+  if (!may_keep_cells(source, options)) return nullptr;
   return MeshCells::create(options.memory / 2, folder, options.exact.positions);
 }
 
 // Points that are joined by tetrahedra have their ranks by then.
 bool keeps_cells_of_pieces(const Source& source, const BuildOptions& options) {
-  return options.keep_cells && uses_cells(options) && source.may_have_cells();
+  return may_keep_cells(source, options) && uses_cells(options) && source.may_have_cells();
 }
 
 WatchPoints watch_points(const Source& source, const BuildOptions& options, BoundaryFaces* faces, MeshCells* cells) {

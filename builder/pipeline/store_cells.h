@@ -12,7 +12,7 @@
 
 namespace splatvol {
 
-/// Makes an empty store of cells, with a part of the memory; null if the options ask for none. Fails if it is sure that
+/// Makes an empty store of cells, with a part of the memory; null if the options ask for none, or if it is sure that
 /// there are none to keep.
 [[nodiscard]] Result<std::unique_ptr<MeshCells>> start_cells(const Source& source, const BuildOptions& options,
                                                              const std::string& folder);

@@ -137,6 +137,9 @@ class SeriesBuild {
       : options_(options), folder_(std::move(folder)), progress_(progress), target_(target), number_(first_number) {
     // Attributes may be equal in all steps of a group, and differ in later steps.
     options_.join_attributes = false;
+    // A new file that keeps cells shows where two blocks differ. An append follows the rule of its file.
+    blocks_apart_ = target.info ? target.info->cells && target.info->cells->blocks_apart
+                                : options.keep_cells && uses_cells(options);
   }
 
   // Reduces all steps, group by group.
@@ -177,13 +180,8 @@ class SeriesBuild {
     std::vector<std::string> conversions;
   };
 
-  // A new file that keeps cells shows where two blocks differ. An append follows the rule of its file.
-  [[nodiscard]] bool keeps_blocks_apart() const {
-    return target_.info ? target_.info->cells && target_.info->cells->blocks_apart : options_.keep_cells;
-  }
-
   Result<BuiltGroup> run_group() {
-    SPLATVOL_TRY_ASSIGN(source, StepGroup::open(group_, keeps_blocks_apart()));
+    SPLATVOL_TRY_ASSIGN(source, StepGroup::open(group_, blocks_apart_));
     if (target_.file) {
       SPLATVOL_TRY_ASSIGN(faces, start_boundary(*source, options_, folder_));
       faces_ = std::move(faces);
@@ -196,6 +194,7 @@ class SeriesBuild {
                         reduce_source(*source, options_, files, folder_, progress_, write_group,
                                       watch_points(*source, options_, faces_.get(), cells_.get()), cells_.get()));
     cells_.reset();
+    report.kept_cells = std::exchange(kept_cells_, std::nullopt);
     if (boundary_) {
       report.least_memory = std::max(report.least_memory, boundary_->held_bytes);
       report.boundary = std::move(boundary_->report);
@@ -213,7 +212,7 @@ class SeriesBuild {
       boundary_.emplace(std::move(boundary));
       faces_.reset();
     }
-    if (cells_) SPLATVOL_TRY(find_cells(reduced));
+    SPLATVOL_TRY(find_cells(reduced));
     if (!target_.info) {
       SPLATVOL_TRY_ASSIGN(info, describe_series(reduced.info, names, series_provenance(reduced.report)));
       target_.info = std::move(info);
@@ -228,8 +227,7 @@ class SeriesBuild {
         SPLATVOL_TRY(summaries[s].add(std::span(of_page).subspan(s * names.size(), names.size())));
       return {};
     };
-    MeshCells* leaves = target_.file ? cells_.get() : nullptr;
-    SPLATVOL_TRY_ASSIGN(index, pack_index(reduced, folder_, add_summaries, leaves));
+    SPLATVOL_TRY_ASSIGN(index, pack_index(reduced, folder_, add_summaries));
     SPLATVOL_TRY_ASSIGN(index_hash, hash_index(index));
     std::vector<std::unique_ptr<StepWriter>> writers;
     SPLATVOL_TRY(create_writers(source, reduced, summaries, writers));
@@ -240,31 +238,38 @@ class SeriesBuild {
       if (boundary_) target_.writer->set_boundary(std::move(boundary_->packed.section));
     }
     SPLATVOL_TRY(write_rows(reduced, writers, index_hash));
-    if (target_.file && cells_) SPLATVOL_TRY(make_section());
+    if (reduced.cells) SPLATVOL_TRY(make_section(*reduced.cells));
+    options_.keep_cells = target_.info->cells.has_value();
     target_.file.reset();
     if (target_.cells) SPLATVOL_TRY(add_cell_summaries(writers));
     std::ranges::move(writers, std::back_inserter(target_.steps));
     return {};
   }
 
-  // Sorts the cells of the first group, and compares those of the others.
+  // Sorts the cells of the first group, which are written, and compares those of the others.
   Status find_cells(ReducedSource& reduced) {
-    progress_("sorting cells", 0);
-    SPLATVOL_TRY(target_.file ? cells_->sort() : cells_->hash_only());
-    reduced.info.cells = format::CellsInfo{cells_->hash(), keeps_blocks_apart()};
+    const bool is_first = target_.file.has_value();
+    if (reduced.cells) {
+      progress_("sorting cells", 0);
+      SPLATVOL_TRY(is_first ? reduced.cells->sort() : reduced.cells->hash_only());
+      if (!is_first || reduced.cells->count() > 0)
+        reduced.info.cells = format::CellsInfo{reduced.cells->hash(), blocks_apart_};
+    }
+    if (!is_first || !reduced.info.cells) reduced.cells = nullptr;
     if (!target_.info || target_.info->cells == reduced.info.cells) return {};
     return fail(ErrorCode::invalid_data, "{}: its cells are not those of the steps before: {}", group_.front().name,
                 series_of_files_hint);
   }
 
   // Makes the section of cells, which stands in front of the steps. Its summaries are theirs.
-  Status make_section() {
+  Status make_section(MeshCells& cells) {
     SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
     TempFile& section = target_.section.emplace(std::move(file));
     SPLATVOL_TRY_ASSIGN(chunks, target_.writer->chunks());
     const auto append = [&](std::span<const std::byte> bytes) { return section.append(bytes); };
     const auto progress = [&](double fraction) { progress_("writing cells", fraction); };
-    SPLATVOL_TRY(write_cells(*cells_, std::move(chunks), options_.memory / 4, folder_, append, progress));
+    SPLATVOL_TRY_SET(kept_cells_,
+                     write_cells(cells, std::move(chunks), options_.memory / 4, folder_, append, progress));
     target_.writer->set_cells([&section](const std::shared_ptr<const format::ChunkSource>&,
                                          const format::AppendBytes& to) { return format::move_bytes(section, to); });
     const auto read = [&section](std::uint64_t offset, std::uint64_t count) -> Result<format::Bytes> {
@@ -377,8 +382,10 @@ class SeriesBuild {
   Target& target_;
   std::vector<SeriesStep> group_;
   std::unique_ptr<BoundaryFaces> faces_;    // of the first group, if the file gets a boundary
-  std::unique_ptr<MeshCells> cells_;        // of the present group, if the series keeps cells
+  std::unique_ptr<MeshCells> cells_;        // of the present group, if the series may keep cells
+  std::optional<CellReport> kept_cells_;    // of the first group
   std::optional<StoredBoundary> boundary_;  // of the first group
+  bool blocks_apart_;                       // vertices of different blocks are different points
   std::optional<bool> has_times_;
   double number_;  // of the next step without a time
 };
@@ -432,11 +439,6 @@ Result<SeriesReport> append_to_series(std::vector<SeriesStep> steps, const std::
   SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
   if (!volume->series())
     return fail(ErrorCode::invalid_argument, "{}: not a time series: build it with --series or --times first", path);
-  if (options.keep_cells && !volume->file_info().cells)
-    return fail(
-        ErrorCode::invalid_argument,
-        "{}: it keeps no cells, and an append does not add them: leave --keep-cells out, or build the series anew",
-        path);
   if (options.boundary_triangles > 0)
     return fail(ErrorCode::invalid_argument,
                 "{}: an append does not change the boundary: leave it out, or build the series anew", path);

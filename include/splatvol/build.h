@@ -63,6 +63,10 @@ struct MeshBuildOptions {
   /// "outer", for scenes that draw it (SceneSurface::boundary). Faces that are not connected are the patches "outer 1",
   /// "outer 2", ..., the largest first. If there are more triangles, they are simplified. 0: none.
   std::uint64_t boundary_triangles = 0;
+
+  /// The file keeps the cells of the mesh, or the Delaunay tetrahedra that join its points, if there are any. By them
+  /// pictures are exact (Quality::exact). An append does as its file does.
+  bool keep_cells = true;
 };
 
 /// What was built.
@@ -73,6 +77,7 @@ struct MeshBuildReport {
   std::vector<std::pair<std::string, std::uint64_t>> census;  // what was counted or left out, in words
   std::vector<std::string> warnings;
   std::vector<std::string> conversions;  // attributes that are not as in the input
+  std::uint64_t kept_cells = 0;          // in the file; of an append 0
 };
 
 /// Builds a .svol file, which appears whole or not at all. The same arrays give the same bytes, whatever the memory and

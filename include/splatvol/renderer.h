@@ -30,7 +30,7 @@ struct RendererOptions {
 
 /// How good a picture is to be. At most one of the numbers, or `exact`.
 ///
-/// None of them: the cells of a file of `svbuild --keep-cells`, exactly, if they make up to about 6e7 pieces of rays in
+/// None of them: the cells of a file that keeps them, exactly, if they make up to about 6e7 pieces of rays in
 /// Renderer::render (about a second's work of two cores). Else all points of a file of up to 2^19 points. Of a larger
 /// file, finer and finer pictures, until one has an error of .002.
 struct Quality {
@@ -39,8 +39,7 @@ struct Quality {
   std::optional<double> tolerance_percent = {};  // the largest share of the shorter side for a splat; 0: all points
   std::optional<std::size_t> resolution = {};    // that of all points; 0: the coarsest
 
-  /// Draws the cells of a file of `svbuild --keep-cells` exactly, by the processor, and no splats. For Renderer::render
-  /// only.
+  /// Draws the cells of a file that keeps them exactly, by the processor, and no splats. For Renderer::render only.
   bool exact = false;
 };
 

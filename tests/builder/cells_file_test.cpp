@@ -411,11 +411,13 @@ TEST_F(CellsFile, BytesDoNotDependOnMemoryAndThreads) {
     }
 }
 
-TEST_F(CellsFile, InputsWithoutCellsAreRefused) {
-  const auto built =
-      try_build({jittered_piece(3)}, "none.svol", {.connectivity = Connectivity::none, .keep_cells = true});
-  EXPECT_THAT(test::message_of(built), HasSubstr("leave --keep-cells out"));
-  EXPECT_EQ(names(), std::vector<std::string>());
+TEST_F(CellsFile, OtherConnectivitiesLeaveThemOut) {
+  for (const bool keeps : {true, false}) {
+    const BuildReport report = build({jittered_piece(3)}, keeps ? "kept.svol" : "dropped.svol",
+                                     {.connectivity = Connectivity::none, .keep_cells = keeps});
+    EXPECT_FALSE(report.kept_cells);
+  }
+  EXPECT_TRUE(read("kept.svol") == read("dropped.svol"));
 }
 
 // A stop while cells are written.

@@ -383,9 +383,29 @@ TEST_F(KeptCells, OfASeriesDoNotChange) {
   const auto refused = append_to_series({test::step_of("step 1", 1, pieces)}, path("series.svol"), {}, silent);
   ASSERT_FALSE(refused);
   EXPECT_EQ(open_checked("series.svol")->series()->steps.size(), 1u);
-  ASSERT_EQ(test::message_of(build_series(steps(0, 1), path("plain.svol"), {}, silent)), "");
-  EXPECT_THAT(test::message_of(append_to_series(steps(1, 2), path("plain.svol"), options, silent)),
-              HasSubstr("it keeps no cells"));
+}
+
+TEST_F(KeptCells, OfAnAppendAreThoseOfTheFile) {
+  for (const bool keeps : {true, false}) {
+    ASSERT_EQ(test::message_of(build_series(steps(0, 1), path("series.svol"), {.keep_cells = keeps}, silent)), "");
+    ASSERT_EQ(test::message_of(append_to_series(steps(1, 2), path("series.svol"), {.keep_cells = !keeps}, silent)), "");
+    const auto series = open_checked("series.svol");
+    EXPECT_EQ(series->series()->steps.size(), 2u);
+    EXPECT_EQ(series->info().cells.has_value(), keeps);
+  }
+}
+
+// Points that others than cells join, in one group of steps and in several.
+TEST_F(KeptCells, AreLeftOutOfASeriesThatHasNone) {
+  const auto build = [&](const char* name, BuildOptions options) {
+    options.connectivity = Connectivity::none;
+    ASSERT_EQ(test::message_of(build_series(steps(0, 3), path(name), options, silent)), "");
+  };
+  build("dropped.svol", {});
+  for (const std::uint64_t memory : {std::uint64_t{1} << 20, std::uint64_t{1} << 30}) {
+    build("kept.svol", {.memory = memory, .keep_cells = true});
+    EXPECT_TRUE(read_text_file(path("kept.svol")).value() == read_text_file(path("dropped.svol")).value()) << memory;
+  }
 }
 
 // Two bodies that touch, the first in two pieces. Their values agree at step 0, and later they jump. `second`: number

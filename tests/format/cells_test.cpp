@@ -383,13 +383,13 @@ TEST(CellsOfAFile, AreNothingToReadersThatDoNotKnowThem) {
       Dissected(test_volume_bytes(volume_with_cells())).assemble([](Part part, std::size_t, Bytes& bytes) {
         if (part == Part::metadata) {
           std::string json = test::text_of(bytes);
-          const std::size_t at = json.find("\"cells_draft\"");
+          const std::size_t at = json.find("\"cells\"");
           ASSERT_NE(at, std::string::npos);
-          bytes = test::bytes_of(json.replace(at, 13, "\"later_thing\""));
+          bytes = test::bytes_of(json.replace(at, 7, "\"later_thing\""));
         }
         for (std::size_t at = 0; part == Part::section_table && at < bytes.size(); at += sizeof(SectionEntry)) {
           auto section = read_record<SectionEntry>(bytes, at);
-          if (section.kind == SectionKind::cells_draft) section.kind = static_cast<SectionKind>(200);
+          if (section.kind == SectionKind::cells) section.kind = static_cast<SectionKind>(200);
           std::memcpy(bytes.data() + at, &section, sizeof(section));
         }
       });
@@ -494,7 +494,7 @@ TEST_F(DamagedCells, MetadataFollowTheirRules) {
       bytes = test::bytes_of(json.replace(at, old.size(), text));
     };
   };
-  expect_refused(Part::metadata, 0, replace("\"cells_draft\"", "\"x\""), "do not say whether it has cells [R23]");
+  expect_refused(Part::metadata, 0, replace("\"cells\"", "\"x\""), "do not say whether it has cells [R23]");
   for (const char* hash : {"\"0123456789abcde\"", "\"0123456789abcdef0\"", "\"0123456789abcdeg\"",
                            "\"-123456789abcdef\"", "\"0x23456789abcdef\"", "\"\"", "7", "null"})
     expect_refused(Part::metadata, 0, replace("\"0123456789abcdef\"", hash), "[R9]");
@@ -504,7 +504,7 @@ TEST_F(DamagedCells, MetadataFollowTheirRules) {
   const Bytes plain = Dissected(test_volume_bytes(plain_volume())).assemble([](Part part, std::size_t, Bytes& bytes) {
     if (part != Part::metadata) return;
     std::string json = test::text_of(bytes);
-    bytes = test::bytes_of(json.insert(1, R"("cells_draft":{"hash":"0123456789abcdef"},)"));
+    bytes = test::bytes_of(json.insert(1, R"("cells":{"hash":"0123456789abcdef"},)"));
   });
   EXPECT_THAT(error_of(plain), HasSubstr("do not say whether it has cells [R23]"));
 }
@@ -516,7 +516,7 @@ TEST_F(DamagedCells, TheSectionIsRawAndThereOnce) {
     });
   };
   const auto pack_cells = [](SectionEntry& section) {
-    if (section.kind != SectionKind::cells_draft) return;
+    if (section.kind != SectionKind::cells) return;
     section.codec = Codec::zstd;
     section.unpacked_bytes = section.packed_bytes + 1;
   };
@@ -524,7 +524,7 @@ TEST_F(DamagedCells, TheSectionIsRawAndThereOnce) {
   EXPECT_FALSE(open(edit_sections(pack_cells)));
   const auto twice = [](SectionEntry& section) {
     if (section.kind != SectionKind::histograms) return;
-    section.kind = SectionKind::cells_draft;
+    section.kind = SectionKind::cells;
     section.codec = Codec::raw;
     section.unpacked_bytes = section.packed_bytes;
   };
@@ -534,7 +534,7 @@ TEST_F(DamagedCells, TheSectionIsRawAndThereOnce) {
 TEST_F(DamagedCells, TheRootFollowsItsRules) {
   const std::string wrong_length = "the root of the cells has the wrong length [R23]";
   for (const std::uint32_t version : {cells_version - 1, cells_version + 1})
-    expect_unopened(edit_tail([=](Tail& tail) { tail.version = version; }), "build it again");
+    expect_unopened(edit_tail([=](Tail& tail) { tail.version = version; }), "does not know [R23]");
   for (const std::uint64_t pages : {std::uint64_t{1} << 20, std::uint64_t{1} << 60, ~std::uint64_t{0}})
     expect_unopened(edit_tail([=](Tail& tail) { tail.pages = pages; }), wrong_length);
   expect_unopened(edit_tail([](Tail& tail) { tail.kinds = ~0u; }), wrong_length);
@@ -854,7 +854,7 @@ TEST_F(DamagedPolyhedra, AreInOrder) {
 // Hashes are wrong here.
 TEST_F(DamagedCells, EachFlippedByteAndCutIsFound) {
   const auto volume = open(file_).value();
-  const auto section = std::ranges::find(volume->sections(), SectionKind::cells_draft, &SectionEntry::kind);
+  const auto section = std::ranges::find(volume->sections(), SectionKind::cells, &SectionEntry::kind);
   ASSERT_NE(section, volume->sections().end());
   const std::size_t step = test::is_sanitized ? 7 : 1;  // each takes ten times as long there
   for (std::uint64_t at = section->offset; at < section->offset + section->packed_bytes; at += step) {

@@ -9,6 +9,8 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "player/file_cells.h"
+#include "renderer/cpu/cells.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "streamer/streamer.h"
 
@@ -24,6 +26,14 @@ Result<Image> draw(Streamer& streamer, const Scene& scene, Compositing compositi
   SPLATVOL_TRY(rasterizer.set_draw_list(frame->list));
   SPLATVOL_TRY(rasterizer.draw(view, SortMode::exact, 1));
   return rasterizer.read_image();
+}
+
+Result<Image> draw_cells(const format::Volume& volume, const Scene& scene) {
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
+  SPLATVOL_TRY_ASSIGN(kept, KeptCells::open(volume, scene, std::uint64_t{1} << 24));
+  SPLATVOL_TRY_ASSIGN(cells, FileCells::open(std::move(kept), scene, view));
+  SPLATVOL_TRY_ASSIGN(drawn, CellRasterizer().draw(*cells, {.view = view, .transfer = transfer_of(scene)}));
+  return std::move(drawn.image);
 }
 
 vec4 mean_of_block(const Image& image, int left, int top) {
@@ -75,6 +85,11 @@ Result<std::string> golden_picture(const std::string& file, const Scene& scene) 
     SPLATVOL_TRY_ASSIGN(image, draw(*streamer, small, compositing));
     SPLATVOL_TRY_ASSIGN(blocks, text_of(image));
     text += fmt::format("{}\n{}", name, blocks);
+  }
+  if (volume->file_info().cells) {
+    SPLATVOL_TRY_ASSIGN(image, draw_cells(*volume, small));
+    SPLATVOL_TRY_ASSIGN(blocks, text_of(image));
+    text += fmt::format("cells\n{}", blocks);
   }
   return text;
 }

@@ -16,9 +16,9 @@ inline constexpr int golden_size = 64, golden_block = 4;
 [[nodiscard]] Result<Scene> golden_scene(const std::filesystem::path& file);
 
 /// Draws all points of a file, one over the other and in slabs, and returns both pictures as text; only the first, by
-/// the kernel octant, if the file has no moments. The text has a line with the way, then a line for each row of blocks,
-/// with four hexadecimal digits for each of red, green, blue and alpha: from 0 to
-/// 1. Fails if the file cannot be drawn or the picture is empty.
+/// the kernel octant, if the file has no moments. If it keeps cells, their exact picture follows. The text has a line
+/// with the way, then a line for each row of blocks, with four hexadecimal digits for each of red, green, blue and
+/// alpha: from 0 to 1. Fails if the file cannot be drawn or the picture is empty.
 [[nodiscard]] Result<std::string> golden_picture(const std::string& file, const Scene& scene);
 
 }  // namespace splatvol::test

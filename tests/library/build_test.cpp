@@ -38,8 +38,16 @@ TEST_F(BuildArrays, TellsWhatWasBuilt) {
   EXPECT_EQ(report.resolution_counts.back(), 729);
   EXPECT_EQ(report.connectivity, "mesh");
   EXPECT_EQ(report.file_bytes, folder_.read("a.svol").size());
+  EXPECT_EQ(report.kept_cells, 8 * 8 * 8 * 6);
   EXPECT_FALSE(report.census.empty());
   EXPECT_FALSE(stages.empty());
+}
+
+TEST_F(BuildArrays, LeavesCellsOutIfAsked) {
+  const MeshBuildReport kept = build(lattice_.mesh(), path_).value();
+  const MeshBuildReport dropped = build(lattice_.mesh(), path_, {.keep_cells = false}).value();
+  EXPECT_EQ(dropped.kept_cells, 0);
+  EXPECT_LT(dropped.file_bytes, kept.file_bytes);
 }
 
 TEST_F(BuildArrays, SinglePrecisionIsReadWhereItLies) {
@@ -59,7 +67,9 @@ TEST_F(BuildArrays, PointsWithoutCells) {
   mesh.types = {};
   const MeshBuildReport report = build(mesh, path_).value();
   EXPECT_EQ(report.connectivity, "delaunay");
+  EXPECT_GT(report.kept_cells, 5 * 8 * 8 * 8 - 1);
   EXPECT_EQ(File::open(path_)->point_count(), 729);
+  EXPECT_EQ(build(mesh, path_, {.connectivity = "none"})->kept_cells, 0);
 }
 
 TEST_F(BuildArrays, VectorsHaveMagnitudeAndComponents) {

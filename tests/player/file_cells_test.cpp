@@ -370,7 +370,7 @@ TEST_F(FileCellsOf, AFileWithoutCellsAreRefused) {
       test::lattice(4), [](dvec3 p) { return p.x; }, path("plain.svol"));
   const auto plain = open_volume("plain.svol");
   const auto refused = KeptCells::open(*plain, scene_of_all(), 0);
-  EXPECT_THAT(test::message_of(refused), HasSubstr("svbuild --keep-cells"));
+  EXPECT_THAT(test::message_of(refused), HasSubstr("without --drop-cells"));
   Scene other = scene_of_all();
   other.attribute = "no such";
   const auto unknown = KeptCells::open(*plain, other, 0);

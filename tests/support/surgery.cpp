@@ -126,12 +126,12 @@ class Dissected::Reader {
 
   // Cells whose parts are not found stay one section.
   void read_cells() {
-    const SectionEntry* const section = find(SectionKind::cells_draft);
+    const SectionEntry* const section = find(SectionKind::cells);
     if (!section || body_.is_step) return;
     Cells cells;
     if (!read_cells(bytes_of(*section), cells)) return;
     body_.cells = std::move(cells);
-    body_.plain.erase(SectionKind::cells_draft);
+    body_.plain.erase(SectionKind::cells);
   }
 
   bool read_cells(View bytes, Cells& cells) {
@@ -443,12 +443,12 @@ class Dissected::Assembler {
                                                 : Part::other_section,
               bytes);
       // These are raw, whatever a file packs otherwise [R7].
-      const bool is_raw = kind == SectionKind::cells_draft || kind == SectionKind::cell_summaries_draft;
+      const bool is_raw = kind == SectionKind::cells || kind == SectionKind::cell_summaries;
       sections[kind] = is_raw ? bytes : packed(bytes);
       unpacked_bytes[kind] = bytes.size();
     }
     if (!body.patches.empty()) unpacked_bytes[SectionKind::boundary] = pack_patches(body, sections);
-    if (body.cells) unpacked_bytes[SectionKind::cells_draft] = pack_cells(*body.cells, sections);
+    if (body.cells) unpacked_bytes[SectionKind::cells] = pack_cells(*body.cells, sections);
     const IndexPageRef root = pack_pages(body, sections);
     const std::vector<ChunkEntry> entries = pack_chunks(body, sections);
     pack_directory(body, entries, sections);
@@ -476,7 +476,7 @@ class Dissected::Assembler {
 
   // Returns the bytes of the section, which is not packed as a whole.
   std::uint64_t pack_cells(const Cells& cells, Packed& sections) {
-    Bytes& section = sections[SectionKind::cells_draft];
+    Bytes& section = sections[SectionKind::cells];
     Bytes root = cells.kinds, rank_refs;
     for (const Bytes& page : cells.rank_pages) {
       Bytes payload = page;

@@ -37,7 +37,7 @@ struct Use {
 const std::vector<Use>& uses() {
   const std::string series = "svbuild --threads 1 --series a.csv b.csv -o out/s.svol";
   const std::string files = "svbuild --threads 1 --series-of-files a.csv b.csv -o out/s.svols";
-  const std::string mesh = "svbuild gen:mesh:cells=48 --keep-cells -o out/m.svol";
+  const std::string mesh = "svbuild gen:mesh:cells=48 -o out/m.svol";
   const std::string cells = "svexport out/m.svol --cells -o out/m.vtu";
   static const std::vector<Use> all = {
       {"a build", {"svbuild b.csv -o out/s.svol"}, "svbuild --threads 1 a.csv -o out/s.svol"},
@@ -55,10 +55,10 @@ const std::vector<Use>& uses() {
       {"an export of cells", {mesh}, cells},
       {"an export of cells where files have names", {mesh}, cells, SPLATVOL_NO_TMPFILE},
       {"voxels", {}, "svexport a.svol --voxel 0.5 -o out/m.vdb"},
-      {"a build with cells", {}, "svbuild --threads 1 --keep-cells gen:mesh:cells=300,pieces=2 -o out/s.svol"},
+      {"a build with cells", {}, "svbuild --threads 1 gen:mesh:cells=300,pieces=2 -o out/s.svol"},
       {"cells where files have names",
        {"svbuild b.csv -o out/s.svol"},
-       "svbuild --threads 1 --keep-cells gen:mesh:cells=300,pieces=2 -o out/s.svol",
+       "svbuild --threads 1 gen:mesh:cells=300,pieces=2 -o out/s.svol",
        SPLATVOL_NO_TMPFILE}};
   return all;
 }

@@ -54,7 +54,7 @@ TEST_F(Estimate, IsWithinAFactorOfTwoOfTheFile) {
   expect_size("gen:points:count=2e5 --connectivity boxes");
   expect_size("gen:mesh:cells=3e5");
   expect_size("gen:points:count=2e5 --connectivity boxes --exact");
-  expect_size("gen:points:count=2e4 --keep-cells");
+  expect_size("gen:points:count=2e4");
 }
 
 TEST_F(Estimate, OfSeveralAttributesIsToo) {

@@ -191,26 +191,26 @@ INSTANTIATE_TEST_SUITE_P(
     Inputs, SameBytes,
     testing::ValuesIn(test::sample_of<Input>(
         {Input{"boxes", "gen:points:count={points},distribution=vortex,type=float32 --connectivity boxes"},
-         Input{"mesh", "gen:mesh:cells={cells},pieces=12"},
+         Input{"mesh", "gen:mesh:cells={cells},pieces=12 --drop-cells"},
          Input{"gradients", "p0.npy p1.npy p2.npy p3.npy p4.npy --connectivity boxes --gradients --exact --leaf 16",
                Input::Files::points},
-         Input{"fitted_mesh", "gen:mesh:cells=1e5,pieces=8"},
-         Input{"kept_cells_of_a_fitted_mesh", "gen:mesh:cells=1e5,pieces=8 --keep-cells"},
-         Input{"kept_delaunay_cells", "gen:points:count=2e4,distribution=clusters --keep-cells"},
-         Input{"files_of_cells", "mesh --cells own", Input::Files::mesh},
+         Input{"fitted_mesh", "gen:mesh:cells=1e5,pieces=8 --drop-cells"},
+         Input{"kept_cells_of_a_fitted_mesh", "gen:mesh:cells=1e5,pieces=8"},
+         Input{"kept_delaunay_cells", "gen:points:count=2e4,distribution=clusters"},
+         Input{"files_of_cells", "mesh --cells own --drop-cells", Input::Files::mesh},
          Input{"two_clusters", "gen:points:count={points},distribution=two-clusters --connectivity boxes --memory 64M"},
          Input{"attributes", "p0.npy p1.npy p2.npy p3.npy p4.npy --connectivity boxes", Input::Files::points},
          Input{"half_tiny", "gen:points:count={points},distribution=half-tiny --connectivity boxes"},
          Input{"equal", "gen:points:count={points},distribution=equal --connectivity boxes"},
-         Input{"one_piece", "gen:mesh:cells={cells},pieces=1"},
+         Input{"one_piece", "gen:mesh:cells={cells},pieces=1 --drop-cells"},
          Input{"large_leaves", "gen:points:count={points},distribution=vortex --connectivity boxes --leaf 300"},
-         Input{"mesh_of_large_leaves", "gen:mesh:cells={cells},pieces=12 --leaf 300 --memory 128M"},
+         Input{"mesh_of_large_leaves", "gen:mesh:cells={cells},pieces=12 --drop-cells --leaf 300 --memory 128M"},
          Input{"few_points", "gen:points:count=4,distribution=uniform --connectivity none"},
-         Input{"joined_at_once", "gen:points:count=2e4,distribution=clusters"},
+         Input{"joined_at_once", "gen:points:count=2e4,distribution=clusters --drop-cells"},
          Input{"other_reduction", "p0.npy p1.npy p2.npy p3.npy p4.npy --connectivity boxes --reduction kdtree",
                Input::Files::points},
-         Input{"kept_cells", "gen:mesh:cells={cells},pieces=12 --keep-cells"},
-         Input{"kept_cells_of_files", "mesh --keep-cells", Input::Files::mesh}},
+         Input{"kept_cells", "gen:mesh:cells={cells},pieces=12"},
+         Input{"kept_cells_of_files", "mesh", Input::Files::mesh}},
         7)),
     [](const auto& input) { return input.param.name; });
 
@@ -295,6 +295,15 @@ TEST_F(RanksTest, RefuseWhatOneProcessDoes) {
   expect_one_failure(ranks(2, "gen:points:count=100 --series -o out/a.svol"), "work of one process");
   expect_one_failure(ranks(2, "gen:mesh:cells=1000 --boundary -o out/a.svol"),
                      "--boundary is work of one process: start svbuild without MPI");
+}
+
+TEST_F(RanksTest, TellThatCellsOfTheirOwnAreNotKept) {
+  const std::string build = "gen:mesh:cells=1000 --cells own";
+  expect_done("svbuild " + build + " --drop-cells -o out/dropped.svol");
+  const Outcome together = run(ranks(2, build + " -o out/together.svol"));
+  ASSERT_EQ(together.code, 0) << together.err;
+  EXPECT_THAT(together.out, HasSubstr("warning: the file does not keep cells of their own"));
+  EXPECT_EQ(run("cmp out/dropped.svol out/together.svol").out, "");
 }
 
 TEST_F(RanksTest, SayOnceWhatIsWrongWithTheCommand) {

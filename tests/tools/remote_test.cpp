@@ -76,7 +76,7 @@ TEST_F(ProgramsOnUrl, PlaySeriesOfFiles) {
 
 // Cells of a box are as those of the file itself, and a small part of the file is read for them.
 TEST_F(ProgramsOnUrl, ExportCellsOfABox) {
-  expect_done("svbuild gen:mesh:cells=4e5 --keep-cells -o mesh.svol");
+  expect_done("svbuild gen:mesh:cells=4e5 -o mesh.svol");
   for (const std::string box : {"--box 0.5,0.5,0.5,0.52,0.52,0.52", ""}) {
     expect_done(fmt::format("svexport mesh.svol -o near.vtu --cells {}", box));
     const std::uint64_t before = sent_bytes();

@@ -76,7 +76,7 @@ TEST_F(Svexport, WhatCannotBeIsOneLine) {
 }
 
 TEST_F(Svexport, WritesCells) {
-  expect_done("svbuild gen:mesh:cells=6000 --keep-cells --exact -o mesh.svol");
+  expect_done("svbuild gen:mesh:cells=6000 --exact -o mesh.svol");
   const auto all = document_of(ProgramTest::run("svexport mesh.svol -o all.vtu --cells --json"));
   EXPECT_EQ(all["cells"], 6000);
   EXPECT_EQ(all["points"], 11 * 11 * 11);
@@ -91,7 +91,7 @@ TEST_F(Svexport, WritesCells) {
   EXPECT_LT(fs::file_size(path("part.vtu")), fs::file_size(path("all.vtu")) / 10);
   for (const auto& [arguments, reason] : std::vector<std::pair<std::string, std::string>>{
            {"mesh.svol --box 5,5,5,6,6,6", "mesh.svol: no cells in the box"},
-           {"in.svol", "in.svol: keeps no cells: build it with svbuild --keep-cells"},
+           {"in.svol", "in.svol: keeps no cells: build it from a mesh, without --drop-cells"},
            {"mesh.svol --attribute b", "no attribute \"b\""}})
     expect_refusal("svexport " + arguments + " -o out.vtu --cells", reason);
   write("mine.vtu", "<VTKFile/>");
@@ -102,7 +102,7 @@ TEST_F(Svexport, WritesCells) {
 
 // A limit on file sizes, of 4 units of 512 or 1024 bytes, acts like a full disk.
 TEST_F(Svexport, WhatCannotBeWrittenIsNotThere) {
-  expect_done("svbuild gen:mesh:cells=6000 --keep-cells -o mesh.svol");
+  expect_done("svbuild gen:mesh:cells=6000 -o mesh.svol");
   for (const std::string arguments :
        {"in.svol -o out.vdb --voxel 0.01", "in.svol -o out.vtu", "mesh.svol -o out.vtu --cells"}) {
     EXPECT_EQ(ProgramTest::run("ulimit -f 4; svexport " + arguments).code, 1) << arguments;

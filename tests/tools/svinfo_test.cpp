@@ -196,7 +196,7 @@ TEST_F(Svinfo, TellsOfCells) {
   EXPECT_GT(bytes("ranks"), 0u);
   bool found = false;
   for (const json& section : document["sections"]) {
-    if (section["kind"] != "cells_draft") continue;
+    if (section["kind"] != "cells") continue;
     found = true;
     EXPECT_EQ(section["bytes"], cells["bytes"]["all"]);
   }

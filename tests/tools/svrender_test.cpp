@@ -106,7 +106,7 @@ TEST_F(Svrender, DrawsAPictureAndItsStatistics) {
 }
 
 TEST_F(Svrender, DrawsCellsExactly) {
-  expect_done("svbuild gen:mesh:cells=20000 -o mesh.svol --keep-cells --exact");
+  expect_done("svbuild gen:mesh:cells=20000 -o mesh.svol --exact");
   scene_["camera"]["position"] = {5, 4, 6};
   scene_["camera"]["focal_point"] = {0, 0, 0};
   scene_["attribute"] = "value";
@@ -140,13 +140,13 @@ TEST_F(Svrender, DrawsCellsExactly) {
                  "--kernel octant: an exact picture has no splats");
   for (const char* option : {"--device gl", "--raster slabs", "--sort none", "--progress-frames ."})
     expect_refusal(std::string("mesh.svol --scene s.json -o no.exr ") + option, "an exact picture ");
-  expect_refusal("v.svol --exact -o no.exr", "svbuild --keep-cells");
+  expect_refusal("v.svol --exact -o no.exr", "--drop-cells");
   for (const char* option : {"--tolerance 1", "--max-error .1", "--resolution 0", "--splats 9", "--milliseconds 9"})
     expect_wrong(std::string("--exact ") + option);
 }
 
 TEST_F(Svrender, DrawsCellsOfAMovingCameraExactly) {
-  expect_done("svbuild gen:mesh:cells=5000 -o mesh.svol --keep-cells");
+  expect_done("svbuild gen:mesh:cells=5000 -o mesh.svol");
   expect_done("svrender mesh.svol --exact --size 40x30 --turntable 3 --progress-frames . --stats stats.json -o a.exr");
   EXPECT_EQ(statistics().at("path_frames").size(), 3u);
   EXPECT_GT(statistics().at("path_frames")[1].at("step"), 0);

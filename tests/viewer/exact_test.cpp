@@ -209,8 +209,7 @@ TEST_F(ExactAtRest, FailsOnce) {
   build(mesh_, path("m.svol"));
   std::string bytes = *read_text_file(path("m.svol"));
   const auto volume = *format::Volume::open(*open_file(path("m.svol")));
-  const auto cells =
-      std::ranges::find(volume->sections(), format::SectionKind::cells_draft, &format::SectionEntry::kind);
+  const auto cells = std::ranges::find(volume->sections(), format::SectionKind::cells, &format::SectionEntry::kind);
   ASSERT_NE(cells, volume->sections().end());
   bytes[cells->offset + cells->packed_bytes / 2] ^= 0x55;
   std::ofstream(path("damaged.svol"), std::ios::binary) << bytes;

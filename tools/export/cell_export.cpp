@@ -441,7 +441,8 @@ Result<CellsReport> export_cells(const format::Volume& volume, const std::string
   SPLATVOL_TRY(check_vtu_names(volume.name(), selection.names));
   SPLATVOL_TRY_ASSIGN(cells, format::CellReader::open(volume));
   if (!cells)
-    return fail(ErrorCode::invalid_argument, "{}: keeps no cells: build it with svbuild --keep-cells", volume.name());
+    return fail(ErrorCode::invalid_argument, "{}: keeps no cells: build it from a mesh, without --drop-cells",
+                volume.name());
   SPLATVOL_TRY_ASSIGN(field, field_of(*cells));
   for (const std::size_t a : selection.attributes)
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)

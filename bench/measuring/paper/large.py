@@ -73,7 +73,7 @@ def build(paper, mesh, *options):
     """Returns the file, and svbuild's summary with its time and memory."""
     options = (*mesh.options, *options)
     path = folder(paper) / f"{mesh.name.partition(':')[0]}{''.join(options)}.svol"
-    command = ("svbuild", mesh.source, "-o", path, "--memory", MEMORY, "--json", *options)
+    command = ("svbuild", mesh.source, "-o", path, "--memory", MEMORY, "--drop-cells", "--json", *options)
     return made_once(path, lambda: measured(paper, *command))
 
 

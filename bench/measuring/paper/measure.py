@@ -33,7 +33,7 @@ class Paper:
             source = self.mesh(mesh) if isinstance(mesh, str) else mesh
             file = self.work / f"{source.stem}{''.join(options)}.svol"
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
-            summary = json.loads(self.run("svbuild", source, "-o", file, "--gradients", "--json", *options))
+            summary = json.loads(self.run("svbuild", source, "-o", file, "--gradients", "--drop-cells", "--json", *options))
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
             seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
             self.built[mesh, *options] = file, summary, seconds

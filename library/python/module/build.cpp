@@ -82,7 +82,7 @@ struct Step {
 nb::dict report_of(const MeshBuildReport& report) {
   return dict_of("resolution_counts", report.resolution_counts, "file_bytes", report.file_bytes, "connectivity",
                  report.connectivity, "census", report.census, "warnings", report.warnings, "conversions",
-                 report.conversions);
+                 report.conversions, "kept_cells", report.kept_cells);
 }
 
 // Runs write(options), which tells its progress.
@@ -158,6 +158,7 @@ void add_build(nb::module_& module) {
       .def_rw("temp_folder", &MeshBuildOptions::temp_folder)
       .def_rw("name", &MeshBuildOptions::name)
       .def_rw("boundary_triangles", &MeshBuildOptions::boundary_triangles)
+      .def_rw("keep_cells", &MeshBuildOptions::keep_cells)
       .def_prop_rw(
           "up", [](const MeshBuildOptions& o) { return o.up == 0 ? std::string() : std::string(1, o.up); },
           [](MeshBuildOptions& o, const std::string& up) { o.up = up.empty() ? '\0' : up[0]; });

@@ -31,6 +31,7 @@ class BuildReport:
     census: Dict[str, int]  #: what was counted or left out, in words
     warnings: List[str]
     conversions: List[str]  #: attributes that are not as in the input
+    kept_cells: int  #: in the file; of an append 0
 
 
 class Step(NamedTuple):
@@ -129,6 +130,7 @@ def build(
     temp_folder: Union[None, str, "os.PathLike[str]"] = None,
     up: str = "",
     boundary_triangles: int = 0,
+    keep_cells: bool = True,
     progress: Optional[Progress] = None,
 ) -> BuildReport:
     """Builds a .svol file from a mesh or from scattered points. It appears whole or not at all.
@@ -148,8 +150,9 @@ def build(
     fails if the file would not be the input as it is. ``memory``: bytes to hold besides the arrays; 0: a quarter of the
     machine's. ``temp_folder``: None: the output's folder. ``up``: "x", "y" or "z", upwards in pictures.
     ``boundary_triangles``: most triangles of the mesh's boundary, kept as the patch "outer" for scenes that draw it, or
-    as "outer 1", "outer 2", ..., the largest first, if it is not connected; 0: none. ``progress(stage, share)``:
-    called now and then, with the share of the stage that is done.
+    as "outer 1", "outer 2", ..., the largest first, if it is not connected; 0: none. ``keep_cells``: the file
+    keeps the cells, or the Delaunay tetrahedra that join the points: by them pictures are exact. ``progress(stage,
+    share)``: called now and then, with the share of the stage that is done.
 
     Raises ``InvalidArgumentError`` or ``InvalidDataError`` if arrays do not fit each other, or if a coordinate or a
     point number is masked, ``UnsupportedError`` for cells of other types, ``FileError`` if the disk refuses. Then, and after Ctrl-C, a file that was there stays.
@@ -158,7 +161,7 @@ def build(
     options = dict(
         units=units, own_cells=own_cells, connectivity=connectivity, reduction=reduction, missing=missing, exact=exact,
         strict=strict, memory=memory, temp_folder=temp_folder, up=up,
-        boundary_triangles=boundary_triangles,
+        boundary_triangles=boundary_triangles, keep_cells=keep_cells,
     )
     return _build(mesh, path, options, progress)
 
@@ -200,7 +203,7 @@ def build_series(
     ``units`` on.
 
     ``append=True`` adds steps to a series that is there, behind its last time. Points, cells, and the options that
-    choose how they are joined, must be as they were. If this fails, or by Ctrl-C, the file stays as it was, unless
+    choose how they are joined, must be as they were; ``keep_cells`` is that of the file. If this fails, or by Ctrl-C, the file stays as it was, unless
     the message says that the steps are in the file.
 
     The report is that of the first steps that are built together; warnings are of all. Raises as ``build``, and
@@ -250,7 +253,7 @@ def _core_mesh(mesh: MeshArrays, units: Mapping[str, str]) -> Any:
 
 _OPTIONS = {
     "own_cells", "connectivity", "reduction", "missing", "exact", "strict", "memory", "temp_folder", "up",
-    "boundary_triangles",
+    "boundary_triangles", "keep_cells",
 }
 
 

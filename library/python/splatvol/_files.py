@@ -258,12 +258,12 @@ class File:
         ``scene``: a dictionary or the path of a scene file (docs/scene.md); None: one that fits the data. ``size``:
         width and height, instead of the scene's. The background is not applied: ``to_srgb8`` and ``save`` do that.
 
-        ``quality``: at most one of these says how good the picture is to be; without them it has all points of a small
-        file, and else an error of .002. ``max_error``: root mean square of linear RGB, against the exact picture. ``splats``:
+        ``quality``: at most one of these says how good the picture is to be; without them it is exact if the file keeps
+        cells and that is about a second's work; else it has all points of a small file, or an error of .002. ``max_error``: root mean square of linear RGB, against the exact picture. ``splats``:
         their number. ``tolerance``: the largest share of the shorter side that a splat may cover, in per cent; 0: all
         points. ``resolution``: that of all points; 0: the coarsest. ``seconds``: the best picture that can be there by
-        then; the speed is learnt from call to call. ``exact=True``: the cells of a file of ``svbuild --keep-cells``,
-        exactly, and no splats.
+        then; the speed is learnt from call to call. ``exact=True``: the cells of a file that keeps them, exactly, and no
+        splats.
 
         ``depths``: (height, width), opaque surfaces that hide what lies behind them: at each pixel's centre, the
         distance from the eye's plane along the view's axis, in world units; infinity or NaN: none. ``memory``: bytes to

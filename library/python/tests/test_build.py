@@ -21,6 +21,7 @@ def test_exact_files_give_back_points_and_values(tmp_path, ball_mesh):
     assert report.resolution_counts[-1] == len(points)
     assert report.file_bytes == os.path.getsize(tmp_path / "a.svol")
     assert report.connectivity == "mesh"
+    assert report.kept_cells == len(cells)
     np.testing.assert_array_equal(sorted_rows(read.positions, read.values["T"]), sorted_rows(points, values))
 
 

@@ -60,9 +60,17 @@ def test_qualities(ball_file):
             ball_file.render(scene, **two)
 
 
-def test_exact_pictures_need_cells(ball_file):
-    with pytest.raises(splatvol.InvalidArgumentError, match="--keep-cells"):
-        ball_file.render(constant_scene(), exact=True)
+def test_pictures_of_few_cells_are_exact(ball_file):
+    exact = ball_file.render(constant_scene(), exact=True)
+    assert exact.any() and ball_file.statistics.splats == 0
+    np.testing.assert_array_equal(ball_file.render(constant_scene()), exact)
+
+
+def test_exact_pictures_need_cells(ball_file, ball_mesh, tmp_path):
+    points, cells = ball_mesh
+    assert splatvol.build(points, cells, {"T": points[:, 0]}, tmp_path / "a.svol", keep_cells=False).kept_cells == 0
+    with pytest.raises(splatvol.InvalidArgumentError, match="--drop-cells"):
+        splatvol.open(tmp_path / "a.svol").render(exact=True)
     with pytest.raises(splatvol.InvalidArgumentError, match="one number"):
         ball_file.render(constant_scene(), exact=True, tolerance=0)
     with pytest.raises(splatvol.InvalidArgumentError, match="no frames"):

@@ -358,7 +358,7 @@ TEST_F(CellExport, AFileWithoutCellsIsRefused) {
   const auto source = test::value_of(open_source({"gen:mesh:cells=1e3"}, {}));
   const auto volume = build(*source, "in.svol", true, false);
   EXPECT_EQ(try_export(*volume).error().message,
-            path("in.svol") + ": keeps no cells: build it with svbuild --keep-cells");
+            path("in.svol") + ": keeps no cells: build it from a mesh, without --drop-cells");
   EXPECT_EQ(names(), std::vector<std::string>{"in.svol"});
 }
 
