@@ -29,9 +29,13 @@ class Case:
     vtk: bool = False  # compared with VTK
     baseline: bool = False  # compared with the exact picture of the base case, which units do not change
     truth: Callable = None  # makes the mesh of the exact picture, if it is another one
-    ways: tuple = ()  # the only ways to draw it; none: all
+    ways: tuple = ()  # the only ways to draw it besides "exact"; none: all
     large: bool = False  # drawn as PNG: its numbers take gigabytes
     says: str = ""  # a part of the line, if REFUSED
+    exact_bound: float = 0.002  # of the way "exact"
+
+    def has_way(self, way):
+        return not self.large if way == "exact" else not self.ways or way in self.ways
 
 
 def scene(size=1.0, shift=(0.0, 0.0, 0.0), eye=(2.2, 1.6, 4.0), target=(0, 0, 0), fov=30.0, height=2.6, pixels=(256, 256),

@@ -22,6 +22,7 @@ FRAME_FIELDS = (
     "expected_error rmse psnr max light ripple outline flip"
 ).split()
 BUILD_FIELDS = "mesh connectivity points resolutions seconds seconds_min seconds_max file_bytes input_bytes".split()
+CELLS = "cells"
 REFERENCE_FIELDS = "view tetrahedra segments_per_pixel seconds rmse max".split()
 
 
@@ -122,7 +123,8 @@ def write_csv(path, fields, rows):
 
 
 def build(bench, mesh, connectivity="mesh"):
-    options = ["--drop-cells"] + ([] if connectivity == "mesh" else ["--connectivity", connectivity])
+    """`connectivity`: that of svbuild, without cells; or CELLS: the mesh's, which are kept."""
+    options = {CELLS: [], "mesh": ["--drop-cells"]}.get(connectivity, ["--drop-cells", "--connectivity", connectivity])
     runs = [
         bench.run_json("svbuild", bench.mesh(mesh), "-o", bench.volume(mesh, connectivity), *options, "--json")
         for _ in range(bench.plan["builds"])
@@ -198,6 +200,22 @@ class Splats(Contender):
         stats = self.draw(self.bench.work / "turn.exr", frames)
         names = ("frame", "frame_min", "frame_max", "cut", "sort", "draw")
         return {f"{name}_s": stats["seconds"][name] for name in names} | {"first_image_s": stats["first_image_seconds"]}
+
+
+class Cells(Splats):
+    """The mesh's own cells, drawn exactly by svrender."""
+
+    def __init__(self, bench, view):
+        row = {"connectivity": CELLS, "device": "cpu", "kernel": CELLS}
+        Contender.__init__(self, bench, view, bench.scene(view), bench.truth(view), row, None)
+        self.volume = bench.volume(mesh_of(view), CELLS)
+
+    def arguments(self):
+        return ["--exact"]
+
+    def first_picture(self, exr):
+        stats = self.draw(exr, 1)
+        return {name: stats[name] for name in ("sample_spacing", "bytes_read", "file_bytes")}
 
 
 class ByDefault(Splats):
@@ -305,7 +323,7 @@ def measure_view(bench, view, finest, points, note):
     ]
     bench.picture_of(f"{view}-exact", truth, contenders[0].background)
     with ExitStack() as stack:
-        contenders.append(Exact(bench, view))
+        contenders += [Cells(bench, view), Exact(bench, view)]
         if "peers" in bench.extras:
             process = stack.enter_context(peers.Peers(bench.mesh(mesh_of(view)), scene))
             contenders += [Peer(bench, view, kind, process) for kind in peers.KINDS]
@@ -389,7 +407,7 @@ def measure_builds(bench, say):
     """Builds every mesh, and those of the part `scattered` without their cells too."""
     for mesh in dict.fromkeys(map(mesh_of, bench.plan["views"])):
         without_cells = bench.plan["connectivities"] if mesh in bench.plan["scattered"] else []
-        for connectivity in ("mesh", *without_cells):
+        for connectivity in (CELLS, "mesh", *without_cells):
             say(f"build {mesh}, {connectivity}")
             yield build(bench, mesh, connectivity)
 

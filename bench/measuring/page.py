@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from .common import table_head, wrapped
 
 PEER_NAMES = {"projected-tets": "VTK projected tetrahedra", "ray-cast": "VTK ray cast"}
+CELLS = "cells"
 EXACT = "svtruth"
-NAMES = PEER_NAMES | {EXACT: "`svtruth`: exact"}
+NAMES = PEER_NAMES | {CELLS: "`svrender --exact`", EXACT: "`svtruth`"}
 TEXT = {"part", "view", "mesh", "connectivity", "device", "kernel", "sort", "raster", "sampling", "resolutions"}
 
 
@@ -273,8 +274,9 @@ def all_beside(results):
     return [
         "## All points, by device, beside VTK and exact pictures",
         "",
-        *paragraph(f"""`svrender --tolerance 0 --device DEVICE`, VTK's mappers, and `svtruth`, which draws the exact
-            picture: its error is 0 by definition, and the RMSE is that against an independent program. Geometric
+        *paragraph(f"""`svrender --tolerance 0 --device DEVICE` draws splats, and `svrender --exact` the cells that the
+            file keeps. Beside them VTK's mappers, and `svtruth`, which draws the exact picture from the mesh: its error
+            is 0 by definition, and the RMSE is that against an independent program. Geometric
             means of frame times over those of `{results.kernel}`, {results.device}:
             {", ".join(f"{title} {ratio:.2f}" for title, ratio in ratios[1:]) or "no others"}."""),
         *table(columns, results.views),
@@ -389,8 +391,9 @@ def building(results):
     return [
         "## Building",
         "",
-        *paragraph(f"""`svbuild MESH.vtu --drop-cells -o MESH.svol`, all attributes, {results.plan['builds']} runs each, reading the
-            mesh included. `--connectivity` other than mesh leaves the mesh's cells aside: scattered points. Larger
+        *paragraph(f"""`svbuild MESH.vtu -o MESH.svol`, all attributes, {results.plan['builds']} runs each, reading the
+            mesh included. Files of the connectivity cells keep the mesh's cells, by default; all others are built with
+            `--drop-cells`. `--connectivity` other than mesh leaves the mesh's cells aside: scattered points. Larger
             inputs are in [scale.md](scale.md), and the cost of a view of them in [paging.md](paging.md)."""),
         *table(columns, results.builds),
     ]
