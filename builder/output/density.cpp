@@ -29,7 +29,7 @@ constexpr double least_density = 1.0 / 8, largest_density = 8;
 // their rounding 80, thousands of cells round one vertex thousands.
 constexpr std::uint64_t most_in_sight = 112;                       // of a splat, on average
 constexpr std::uint64_t always_in_sight = std::uint64_t{1} << 20;  // of all splats together, besides
-constexpr std::uint32_t most_counted = 4096;                       // in sight of a splat, if it is too much for all
+constexpr std::uint32_t most_counted = 1024;                       // in sight of a splat, if it is too much for all
 
 // Samples of a splat's material, at the positions origin + x spacing[0] + y spacing[1] + z spacing[2] with x, y and z
 // from `offsets`.
@@ -249,14 +249,14 @@ class DensityFit {
     const std::vector<BoxTree> trees = make_trees(ellipsoids_);
     const std::uint64_t most = most_in_sight * splats_.size() + always_in_sight;
     is_left_.resize(splats_.size());
-    find_views(trees, most);
+    find_views(trees, most, portion_size);
     if (seen_ <= most) return;
     leave_crowded(trees, most);
-    find_views(trees, most);
+    find_views(trees, most, 1);  // the boxes of portions meet those of all that is crowded
   }
 
-  // Ends early if more than `most` is in sight.
-  void find_views(const std::vector<BoxTree>& trees, std::uint64_t most) {
+  // So many splats search at once. Ends early if more than `most` is in sight.
+  void find_views(const std::vector<BoxTree>& trees, std::uint64_t most, std::size_t at_once) {
     portions_.clear();
     portions_.resize((splats_.size() + portion_size - 1) / portion_size);
     seen_ = 0;
@@ -266,16 +266,23 @@ class DensityFit {
       search.first = b * portion_size;
       search.most = most;
       find_looks(b, search);
-      Bounds bounds;
-      for (const Search::Look& look : search.looks) bounds.include(look.bounds);
-      search.found.clear();
-      for (const BoxTree& tree : trees)
-        tree.for_each(bounds, [&](const BoxTree::Member& member) { search.found.push_back(member); });
-      search.candidates.resize(search.found.size());
-      std::iota(search.candidates.begin(), search.candidates.end(), 0);
-      append_views(search, 0, search.looks.size(), 0, search.found.size(), portions_[b]);
+      for (std::size_t k = 0; k < search.looks.size(); k += at_once)
+        find_views(trees, search, k, std::min(k + at_once, search.looks.size()), portions_[b]);
       portions_[b].views.shrink_to_fit();
     });
+  }
+
+  // Of splats [begin, end) of a portion.
+  void find_views(const std::vector<BoxTree>& trees, Search& search, std::size_t begin, std::size_t end,
+                  Portion& portion) {
+    Bounds bounds;
+    for (std::size_t k = begin; k < end; ++k) bounds.include(search.looks[k].bounds);
+    search.found.clear();
+    for (const BoxTree& tree : trees)
+      tree.for_each(bounds, [&](const BoxTree::Member& member) { search.found.push_back(member); });
+    search.candidates.resize(search.found.size());
+    std::iota(search.candidates.begin(), search.candidates.end(), 0);
+    append_views(search, begin, end, 0, search.found.size(), portion);
   }
 
   // Chooses the splats that are left as they are, so that at most `most` is in sight of the others.
