@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -23,6 +24,12 @@ constexpr int iterations = 12;
 constexpr double damping = 0.7;  // without it, splats that see each other would swing
 constexpr int spreading_passes = 2;
 constexpr double least_density = 1.0 / 8, largest_density = 8;
+
+// Bounds of the work, and so of the memory. Meshes have some 30 ellipsoids in sight of a splat, layers thinner than
+// their rounding 80, thousands of cells round one vertex thousands.
+constexpr std::uint64_t most_in_sight = 112;                       // of a splat, on average
+constexpr std::uint64_t always_in_sight = std::uint64_t{1} << 20;  // of all splats together, besides
+constexpr std::uint32_t most_counted = 1024;                       // in sight of a splat, if it is too much for all
 
 // Samples of a splat's material, at the positions origin + x spacing[0] + y spacing[1] + z spacing[2] with x, y and z
 // from `offsets`.
@@ -118,22 +125,35 @@ class BoxTree {
   // Calls visit(member) for every ellipsoid whose box meets these bounds.
   template <class Visit>
   void for_each(const Bounds& bounds, const Visit& visit) const {
-    descend(tiers_.size() - 1, 0, bounds, visit);
+    descend(tiers_.size() - 1, 0, bounds, [&](const Member& member) {
+      visit(member);
+      return true;
+    });
+  }
+
+  // Returns how many ellipsoids' boxes meet these bounds; `most` if they are more.
+  [[nodiscard]] std::uint32_t count(const Bounds& bounds, std::uint32_t most) const {
+    std::uint32_t count = 0;
+    descend(tiers_.size() - 1, 0, bounds, [&](const Member& /*member*/) { return ++count < most; });
+    return count;
   }
 
  private:
   static constexpr std::size_t fan = 4;
 
+  // Ends when `visit` returns false; returns whether it did not.
   template <class Visit>
-  void descend(std::size_t tier, std::size_t i, const Bounds& bounds, const Visit& visit) const {
-    if (!tiers_[tier][i].meets(bounds)) return;
+  bool descend(std::size_t tier, std::size_t i, const Bounds& bounds, const Visit& visit) const {
+    if (!tiers_[tier][i].meets(bounds)) return true;
     const std::size_t end = std::min((i + 1) * fan, tier == 0 ? members_.size() : tiers_[tier - 1].size());
     for (std::size_t child = i * fan; child < end; ++child) {
-      if (tier > 0)
-        descend(tier - 1, child, bounds, visit);
-      else if (const Member found = member(child); found.bounds.meets(bounds))
-        visit(found);
+      if (tier > 0) {
+        if (!descend(tier - 1, child, bounds, visit)) return false;
+      } else if (const Member found = member(child); found.bounds.meets(bounds) && !visit(found)) {
+        return false;
+      }
     }
+    return true;
   }
 
   // Bounds are made anew: to keep them would take more memory than all the rest of the tree.
@@ -217,45 +237,93 @@ class DensityFit {
       Bounds bounds;       // round the lattice; inside out if the splat draws nothing
       double samples = 0;  // in the material
     };
+    std::size_t first = 0;                  // splat of the portion
+    std::uint64_t most = 0;                 // in sight of all
     std::vector<Look> looks;                // [splat of the portion]
     std::vector<BoxTree::Member> found;     // by the whole portion
     std::vector<std::uint32_t> candidates;  // indices of `found`: a range of splats has its own behind its parent's
   };
 
+  // If too much is in sight of all splats together, those that have most in sight keep their densities.
   void find_views() {
     const std::vector<BoxTree> trees = make_trees(ellipsoids_);
+    const std::uint64_t most = most_in_sight * splats_.size() + always_in_sight;
+    is_left_.resize(splats_.size());
+    find_views(trees, most, portion_size);
+    if (seen_ <= most) return;
+    leave_crowded(trees, most);
+    find_views(trees, most, 1);  // the boxes of portions meet those of all that is crowded
+  }
+
+  // So many splats search at once. Ends early if more than `most` is in sight.
+  void find_views(const std::vector<BoxTree>& trees, std::uint64_t most, std::size_t at_once) {
+    portions_.clear();
     portions_.resize((splats_.size() + portion_size - 1) / portion_size);
+    seen_ = 0;
     tbb::enumerable_thread_specific<Search> searches;
     tbb::parallel_for(std::size_t{0}, portions_.size(), [&](std::size_t b) {
       Search& search = searches.local();
+      search.first = b * portion_size;
+      search.most = most;
       find_looks(b, search);
-      Bounds bounds;
-      for (const Search::Look& look : search.looks) bounds.include(look.bounds);
-      search.found.clear();
-      for (const BoxTree& tree : trees)
-        tree.for_each(bounds, [&](const BoxTree::Member& member) { search.found.push_back(member); });
-      search.candidates.resize(search.found.size());
-      std::iota(search.candidates.begin(), search.candidates.end(), 0);
-      append_views(search, 0, search.looks.size(), 0, search.found.size(), portions_[b]);
+      for (std::size_t k = 0; k < search.looks.size(); k += at_once)
+        find_views(trees, search, k, std::min(k + at_once, search.looks.size()), portions_[b]);
       portions_[b].views.shrink_to_fit();
     });
+  }
+
+  // Of splats [begin, end) of a portion.
+  void find_views(const std::vector<BoxTree>& trees, Search& search, std::size_t begin, std::size_t end,
+                  Portion& portion) {
+    Bounds bounds;
+    for (std::size_t k = begin; k < end; ++k) bounds.include(search.looks[k].bounds);
+    search.found.clear();
+    for (const BoxTree& tree : trees)
+      tree.for_each(bounds, [&](const BoxTree::Member& member) { search.found.push_back(member); });
+    search.candidates.resize(search.found.size());
+    std::iota(search.candidates.begin(), search.candidates.end(), 0);
+    append_views(search, begin, end, 0, search.found.size(), portion);
+  }
+
+  // Chooses the splats that are left as they are, so that at most `most` is in sight of the others.
+  void leave_crowded(const std::vector<BoxTree>& trees, std::uint64_t most) {
+    std::vector<std::uint32_t> counts(splats_.size());
+    tbb::parallel_for(std::size_t{0}, counts.size(), [&](std::size_t i) {
+      const Search::Look look = look_of(i);
+      for (const BoxTree& tree : trees) {
+        if (counts[i] == most_counted) break;
+        counts[i] += tree.count(look.bounds, most_counted - counts[i]);
+      }
+    });
+    std::vector<std::uint64_t> splats(most_counted + 1);  // [count]
+    for (const std::uint32_t count : counts) ++splats[count];
+    std::uint32_t limit = 0;
+    for (std::uint64_t sum = 0; limit + 1 < most_counted; ++limit)
+      if ((sum += splats[limit + 1] * (limit + 1)) > most) break;
+    for (std::size_t i = 0; i < counts.size(); ++i) is_left_[i] = counts[i] > limit ? 1 : 0;
   }
 
   void find_looks(std::size_t b, Search& search) const {
     search.looks.clear();
     for (std::size_t i = b * portion_size; i < std::min((b + 1) * portion_size, splats_.size()); ++i) {
-      Search::Look& look = search.looks.emplace_back();
-      if (!(ellipsoids_[i].peak > 0)) continue;
-      look.lattice = make_lattice(splats_[i]);
-      look.bounds = {look.lattice.origin, look.lattice.reach};
-      for (const float weight : look.lattice.weights) look.samples += static_cast<double>(weight);
+      search.looks.push_back(is_left_[i] != 0 ? Search::Look{} : look_of(i));
     }
+  }
+
+  [[nodiscard]] Search::Look look_of(std::size_t i) const {
+    Search::Look look;
+    if (!(ellipsoids_[i].peak > 0)) return look;
+    look.lattice = make_lattice(splats_[i]);
+    look.bounds = {look.lattice.origin, look.lattice.reach};
+    for (const float weight : look.lattice.weights) look.samples += static_cast<double>(weight);
+    return look;
   }
 
   // Appends the views of splats [begin, end), whose candidates are [first, last). Neighbours in Morton order look at
   // about the same ellipsoids: each half of a range chooses from those that the whole range has in sight.
   void append_views(Search& search, std::size_t begin, std::size_t end, std::size_t first, std::size_t last,
-                    Portion& portion) const {
+                    Portion& portion) {
+    if (seen_ > search.most) return;
     Bounds bounds;
     for (std::size_t k = begin; k < end; ++k) bounds.include(search.looks[k].bounds);
     std::vector<std::uint32_t>& candidates = search.candidates;
@@ -272,6 +340,9 @@ class DensityFit {
       return;
     }
     const Search::Look& look = search.looks[begin];
+    const std::size_t i = search.first + begin;
+    if (look.samples > 0 && (seen_ += in_sight - last) > search.most) return;
+    if (is_left_[i] != 0) portion.views.push_back({static_cast<std::uint32_t>(i), 1});  // it sees itself
     for (std::size_t c = last; c < in_sight && look.samples > 0; ++c) {
       const std::uint32_t j = search.found[candidates[c]].ellipsoid;
       const double seen = density_over(ellipsoids_[j], look.lattice);
@@ -325,6 +396,8 @@ class DensityFit {
   std::span<FittedSplat> splats_;
   std::vector<Ellipsoid> ellipsoids_;
   std::vector<Portion> portions_;
+  std::vector<std::uint8_t> is_left_;    // [splat]: 1: its density stays as it is
+  std::atomic<std::uint64_t> seen_ = 0;  // ellipsoids in sight of all other splats: whose boxes meet their lattices'
 };
 
 }  // namespace

@@ -127,6 +127,23 @@ TEST_F(HttpSource, AsksForWhatIsReadAndNothingElse) {
                                  "206 267232 bytes=32768-299999"));
 }
 
+TEST_F(HttpSource, ReadsManyPartsByOneRequest) {
+  const auto source = test::value_of(open_url(nginx_->url("data")));
+  for (const std::size_t count : {2u, 3u, 100u}) {
+    std::vector<std::string> texts;
+    for (std::size_t i = 0; i < count; ++i) texts.emplace_back(1 + i % 3, '?');
+    std::vector<ByteSource::Part> parts;
+    for (std::size_t i = 0; i < count; ++i)
+      parts.push_back({40'000 + 2'000 * i, std::as_writable_bytes(std::span(texts[i]))});
+    EXPECT_TRUE(test::value_of(source->read_parts(parts)));
+    for (std::size_t i = 0; i < count; ++i) EXPECT_EQ(texts[i], text_.substr(40'000 + 2'000 * i, texts[i].size()));
+  }
+  std::string last(1, '?');  // when it is answered, the answers before are in the log
+  EXPECT_TRUE(read(*source, 299'999, last));
+  const auto of_parts = [](const std::string& line) { return line.find("40000-") != std::string::npos; };
+  EXPECT_EQ(std::ranges::count_if(log(), of_parts), 3);
+}
+
 TEST_F(HttpSource, ReadsFilesShorterThanTheFirstRequest) {
   folder_.write("short", "0123456789");
   const auto source = open_url(nginx_->url("short")).value();
@@ -290,6 +307,64 @@ TEST(MisbehavingServer, WaitsAsLongAsTheServerWishesWithinReason) {
   Patience none;
   EXPECT_THAT(outcome(never, none.options()), HasSubstr("the server answers 503"));
   EXPECT_THAT(none.waits, ElementsAre());
+}
+
+// Asks for bytes 50 000 to 50 009 and 60 000 to 60 019. Returns "read", "cannot" or the error.
+std::string outcome_of_parts(ByteSource& source) {
+  std::string first(10, '?'), second(20, '?');
+  const std::vector<ByteSource::Part> parts = {{50'000, std::as_writable_bytes(std::span(first))},
+                                               {60'000, std::as_writable_bytes(std::span(second))}};
+  const auto read = source.read_parts(parts);
+  if (!read) return read.error().message;
+  if (!*read) return "cannot";
+  return first == served().substr(50'000, 10) && second == served().substr(60'000, 20) ? "read" : "other bytes";
+}
+
+Reply parts_of(const std::string& body, const std::string& type = "multipart/byteranges; boundary=B",
+               const std::string& status = "206 Partial Content") {
+  return {fmt::format("HTTP/1.1 {}\r\nContent-Type: {}\r\nETag: \"one\"\r\nContent-Length: {}\r\n\r\n{}", status, type,
+                      body.size(), body),
+          Reply::Then::keep};
+}
+
+std::string part_of(std::size_t from, std::size_t count, std::size_t size = served().size()) {
+  return fmt::format("\r\n--B\r\nContent-Type: x/y\r\nContent-range: bytes {}-{}/{}\r\n\r\n{}", from, from + count - 1,
+                     size, served().substr(from, count));
+}
+
+TEST(MisbehavingServer, PartsComeInAnyOrderAndJoined) {
+  const std::string first = part_of(50'000, 10), second = part_of(60'000, 20), end = "\r\n--B--\r\n";
+  for (const std::string& body : {first + second + end, second + first + end, "preamble" + first + second + end,
+                                  (first + second + end).substr(2), part_of(49'990, 30) + second + end}) {
+    const ScriptedServer server({head(), parts_of(body)});
+    EXPECT_EQ(outcome_of_parts(*test::value_of(open_url(server.url("data")))), "read") << body;
+    EXPECT_THAT(server.requests()[1], HasSubstr("Range: bytes=50000-50009,60000-60019"));
+  }
+  const ScriptedServer quoted({head(), parts_of(first + second + end, "Multipart/ByteRanges; boundary=\"B\"; a=b")});
+  EXPECT_EQ(outcome_of_parts(*test::value_of(open_url(quoted.url("data")))), "read");
+}
+
+// A server that does not answer with parts is asked for single ranges from then on.
+TEST(MisbehavingServer, WithoutPartsIsNotAskedAgain) {
+  const std::string first = part_of(50'000, 10), second = part_of(60'000, 20), end = "\r\n--B--\r\n";
+  const std::string other = part_of(60'000, 20, 7);
+  std::string cut = first + second;
+  cut.resize(cut.size() - 1);
+  for (const Reply& reply :
+       {answer("200 OK"), answer("400 Bad Request"), answer("416 Range Not Satisfiable"), part(50'000, 10),
+        parts_of(first + end), parts_of(cut), parts_of(second + end), parts_of(""), parts_of("\r\n--B\r\n"),
+        parts_of("\r\n--B\r\nContent-Range: bytes 9-2/3\r\n\r\n"), parts_of(first + other + end),
+        parts_of(first + second + end, "multipart/byteranges"), parts_of(std::string(10'000, 'x'))}) {
+    const ScriptedServer server({head(), reply, part(50'000, 1000)});
+    const auto source = test::value_of(open_url(server.url("data")));
+    EXPECT_EQ(outcome_of_parts(*source), "cannot") << reply.text;
+    const std::size_t requests = server.requests().size();
+    EXPECT_EQ(outcome_of_parts(*source), "cannot");
+    EXPECT_EQ(server.requests().size(), requests);
+    std::string out(1000, '?');
+    EXPECT_TRUE(read(*source, 50'000, out)) << reply.text;
+    EXPECT_EQ(out, served().substr(50'000, 1000));
+  }
 }
 
 TEST(MisbehavingServer, AStalledTransferIsTriedAgain) {

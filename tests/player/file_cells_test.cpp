@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <fstream>
 #include <map>
@@ -270,6 +271,74 @@ TEST_F(FileCellsOf, AMeshAreReadByThreadsOnce) {
   EXPECT_TRUE(all == expected);
   EXPECT_EQ(shared->bytes_read(), alone->bytes_read());
   EXPECT_LE(alone->bytes_read(), alone->file_bytes());
+}
+
+// A file as on a web server, which counts requests.
+class FarFile final : public ByteSource {
+ public:
+  struct Counts {
+    std::atomic<std::uint64_t> requests = 0, bytes = 0;
+  };
+  // `knows_parts`: whether a request may name several ranges.
+  FarFile(const std::string& path, bool knows_parts, std::shared_ptr<Counts> counts)
+      : file_(open_file(path).value()), knows_parts_(knows_parts), counts_(std::move(counts)) {}
+
+  [[nodiscard]] std::uint64_t size() const override { return file_->size(); }
+  [[nodiscard]] const std::string& name() const override { return file_->name(); }
+  [[nodiscard]] std::uint64_t cheap_gap() const override { return std::uint64_t{64} << 10; }
+  [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out) override {
+    ++counts_->requests;
+    counts_->bytes += out.size();
+    return file_->read(offset, out);
+  }
+  [[nodiscard]] Result<bool> read_parts(std::span<const Part> parts) override {
+    if (!knows_parts_) return false;
+    ++counts_->requests;
+    std::uint64_t end = 0;
+    for (const Part& part : parts) {
+      EXPECT_GE(part.offset, end);
+      end = part.offset + part.out.size();
+      counts_->bytes += part.out.size();
+      SPLATVOL_TRY(file_->read(part.offset, part.out));
+    }
+    return true;
+  }
+
+ private:
+  std::unique_ptr<ByteSource> file_;
+  bool knows_parts_;
+  std::shared_ptr<Counts> counts_;
+};
+
+// What the chunks of a view need is read ahead.
+TEST_F(FileCellsOf, AFarFileAreReadByFewRequests) {
+  build(lattice());
+  std::ofstream(path("shapes.vtk")) << shapes();
+  test::build_input(path("shapes.vtk"), path("own.svol"), exact(), {.selection = {"number"}, .cells = CellValues::own});
+  Scene all = scene_of_all(), boxed = scene_of_all(), own = scene_of_all();
+  boxed.clip_box = Box{{0.1, 0.3, 0.2}, {0.5, 0.6, 0.35}};
+  own.attribute = "number";
+  own.opacity = SceneOpacity{"number", own.transfer_function};
+  for (const bool knows_parts : {true, false})
+    for (const Scene& scene : {all, boxed, own}) {
+      const std::string file = path(scene.attribute == "number" ? "own.svol" : "mesh.svol");
+      const auto near = test::value_of(format::Volume::open(*open_file(file)));
+      const Tetrahedra expected = cells_of(*open(near, scene));
+      const auto counts = std::make_shared<FarFile::Counts>();
+      const auto far = test::value_of(format::Volume::open(std::make_unique<FarFile>(file, knows_parts, counts)));
+      const auto cells = open(far, scene);
+      std::vector<std::uint64_t> numbers;
+      for (const CellSource::Chunk& chunk : cells->chunks()) numbers.push_back(chunk.number);
+      const auto ahead = test::value_of(cells->read_ahead(numbers));
+      const std::uint64_t requests = counts->requests;
+      EXPECT_TRUE(cells_of(*cells) == expected);
+      EXPECT_EQ(counts->requests, requests) << "all was read ahead";
+      EXPECT_LE(requests, 12 + counts->bytes / (std::uint64_t{256} << 10));
+      EXPECT_EQ(far->bytes_read(), counts->bytes);
+      if (knows_parts) {
+        EXPECT_LE(static_cast<double>(counts->bytes), 1.1 * static_cast<double>(near->bytes_read()));
+      }
+    }
 }
 
 // Cells without a visible value, or outside of the view, are not read. The picture has all others.

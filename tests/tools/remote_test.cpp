@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <sstream>
 
@@ -35,6 +36,11 @@ class ProgramsOnUrl : public test::ProgramTest {
       if (words >> status >> bytes) sum += bytes;
     }
     return sum;
+  }
+
+  std::uint64_t requests() const {
+    const std::string log = read("access.log");
+    return static_cast<std::uint64_t>(std::ranges::count(log, '\n'));
   }
 
   std::unique_ptr<test::Nginx> nginx_;
@@ -86,6 +92,22 @@ TEST_F(ProgramsOnUrl, ExportCellsOfABox) {
     EXPECT_LT(sent, box.empty() ? file : file / 10);
     EXPECT_GT(sent, 0U);
   }
+}
+
+// A cold exact view of a twentieth of the volume reads little of the cells and points, by few requests.
+TEST_F(ProgramsOnUrl, DrawCellsByFewRequests) {
+  expect_done("svbuild gen:mesh:cells=1e6 --keep-cells -o mesh.svol");
+  expect_done("svinfo mesh.svol --scene s.json");
+  std::string scene = read("s.json");
+  scene.insert(scene.find('{') + 1, R"("clip_box": {"low": [-1.3, -0.9, -0.7], "high": [-0.13, 0.27, 0.47]},)");
+  write("s.json", scene);
+  expect_done("svrender mesh.svol --scene s.json --exact -o near.exr --size 64x64");
+  const std::uint64_t bytes_before = sent_bytes(), before = requests();
+  expect_done(fmt::format("svrender {} --scene s.json --exact -o far.exr --size 64x64", nginx_->url("mesh.svol")));
+  EXPECT_EQ(read_exr(path("far.exr")).value().pixels, read_exr(path("near.exr")).value().pixels);
+  const std::uint64_t sent = sent_bytes() - bytes_before;
+  EXPECT_LE(requests() - before, 12 + sent / (std::uint64_t{256} << 10));
+  EXPECT_LT(sent, std::filesystem::file_size(path("mesh.svol")) / 6);
 }
 
 }  // namespace

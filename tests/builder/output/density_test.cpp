@@ -106,6 +106,19 @@ TEST(Density, AHalfCellAtABoundaryIsAsDenseAsTheRest) {
   EXPECT_NEAR(at(4), 1, 0.05);
 }
 
+// Thousands of cells round one vertex all see each other. Those are left as they are; the rest is fitted as without
+// them.
+TEST(Density, ACrowdIsLeftAsItIs) {
+  std::vector<FittedSplat> splats = checkerboard(10, 1.0 / 3);
+  const std::size_t rest = splats.size();
+  std::vector<FittedSplat> alone = splats;
+  fit_densities(alone);
+  for (int i = 0; i < 3000; ++i) splats.push_back(box({100 + 1e-5 * i, 100, 100}, dvec3(1)));
+  fit_densities(splats);
+  for (std::size_t i = 0; i < rest; ++i) EXPECT_EQ(splats[i].shape.density, alone[i].shape.density);
+  for (std::size_t i = rest; i < splats.size(); ++i) EXPECT_EQ(splats[i].shape.density, 1);
+}
+
 TEST(Density, HardCases) {
   std::vector<FittedSplat> none;
   fit_densities(none);
