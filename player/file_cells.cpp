@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "scene/box_in_view.h"
 #include "scene/clipped_depths.h"
 #include "streamer/frustum.h"
 #include "streamer/visibility.h"
@@ -63,9 +64,7 @@ struct Rectangle {
 Rectangle rectangle_of(const Box& box, const View& view) {
   const dvec2 size(view.width, view.height);
   Rectangle rectangle{size, dvec2(0)};
-  for (int corner = 0; corner < 8; ++corner) {
-    const dvec3 at = view.to_view({(corner & 1 ? box.high : box.low).x, (corner & 2 ? box.high : box.low).y,
-                                   (corner & 4 ? box.high : box.low).z});
+  for (const dvec3& at : corners_in_view(view, box)) {
     if (!view.orthographic && !(at.z > 0)) return {dvec2(0), size};
     const dvec2 pixel = dvec2(at) * (view.orthographic ? view.focal : view.focal / at.z) + 0.5 * size;
     rectangle.low = glm::min(rectangle.low, pixel);
@@ -94,6 +93,27 @@ double length_of_rays(const Box& box, const View& view) {
       sum += (inside.to - inside.from) * (view.orthographic ? 1 : std::sqrt(1 + at.x * at.x + at.y * at.y));
   }
   return sum * step.x * step.y;
+}
+
+// The share of a chunk's cells with a visible value: about. Values count as spread evenly over the occupied bins of
+// their range, and a cell as a cube of six tetrahedra of a linear field.
+double shown_share(const TransferFunction& function, const format::Attribute& attribute,
+                   const format::ValueSummary& summary, const format::CellChunkEntry& entry) {
+  constexpr int samples = 256;
+  const double low = attribute.offset + attribute.scale * static_cast<double>(summary.min);
+  const double high = attribute.offset + attribute.scale * static_cast<double>(summary.max);
+  const double cubes = static_cast<double>(entry.cells * tetrahedra_of(entry.shape)) / 6;
+  const double half_range = entry.field == format::CellField::constant ? 0 : 0.5 * (high - low) / std::cbrt(cubes);
+  int shown = 0, all = 0;
+  for (int sample = 0; sample < samples; ++sample) {
+    const double value = low + (high - low) * (sample + 0.5) / samples;
+    const double bin = 64 * (value - attribute.min) / (attribute.max - attribute.min);
+    if (high > low && (summary.occupancy >> static_cast<int>(std::clamp(bin, 0.0, 63.0)) & 1) == 0) continue;
+    ++all;
+    shown += extinction_within(function, value - half_range, value + half_range) ? 1 : 0;
+  }
+  // It has a visible value.
+  return std::max(shown, 1) / static_cast<double>(std::max(all, 1));
 }
 
 // The bytes of all cells of a file, decoded: about.
@@ -209,6 +229,11 @@ Status FileCells::read_entries() {
       const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
       chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
       entries_.push_back(entry);
+      shown_.push_back(
+          shown_share(function_, all[static_cast<std::size_t>(attributes.values)], page.summaries[i], entry));
+      if (opacity)
+        shown_.back() =
+            std::min(shown_.back(), shown_share(opacity_->function, *opacity, page.opacity_summaries[i], entry));
     }
   }
   return {};
@@ -224,7 +249,8 @@ double FileCells::estimate_segments() const {
     const Box box{chunk.box.low - margin, chunk.box.high + margin};
     const dvec3 size = box.extent();
     const double volume = size.x * size.y * size.z;
-    if (volume > 0) segments += entries_[chunk.number].area / 4 / volume * length_of_rays(box, view_);
+    if (volume > 0)
+      segments += shown_[chunk.number] * entries_[chunk.number].area / 4 / volume * length_of_rays(box, view_);
   }
   return segments;
 }

@@ -66,8 +66,8 @@ class FileCells final : public CellSource {
   /// Cells of shapes and fields that this program does not know. They are left out.
   [[nodiscard]] std::uint64_t unknown_cells() const;
 
-  /// Estimates the pieces of rays in a tetrahedron of the chunks: as if each chunk filled its box evenly, with faces in
-  /// all directions.
+  /// Estimates the pieces of rays in a tetrahedron with a visible value: as if each chunk filled its box evenly, with
+  /// faces in all directions.
   [[nodiscard]] double estimate_segments() const;
 
  private:
@@ -81,6 +81,7 @@ class FileCells final : public CellSource {
   View view_;
   std::vector<Chunk> chunks_;
   std::vector<format::CellChunkEntry> entries_;  // [Chunk::number]
+  std::vector<double> shown_;                    // of the same: the share of cells with a visible value; about
 };
 
 }  // namespace splatvol
