@@ -95,25 +95,58 @@ double length_of_rays(const Box& box, const View& view) {
   return sum * step.x * step.y;
 }
 
-// The share of a chunk's cells with a visible value: about. Values count as spread evenly over the occupied bins of
-// their range, and a cell as a cube of six tetrahedra of a linear field.
-double shown_share(const TransferFunction& function, const format::Attribute& attribute,
-                   const format::ValueSummary& summary, const format::CellChunkEntry& entry) {
-  constexpr int samples = 256;
-  const double low = attribute.offset + attribute.scale * static_cast<double>(summary.min);
-  const double high = attribute.offset + attribute.scale * static_cast<double>(summary.max);
-  const double cubes = static_cast<double>(entry.cells * tetrahedra_of(entry.shape)) / 6;
-  const double half_range = entry.field == format::CellField::constant ? 0 : 0.5 * (high - low) / std::cbrt(cubes);
-  int shown = 0, all = 0;
-  for (int sample = 0; sample < samples; ++sample) {
-    const double value = low + (high - low) * (sample + 0.5) / samples;
-    const double bin = 64 * (value - attribute.min) / (attribute.max - attribute.min);
-    if (high > low && (summary.occupancy >> static_cast<int>(std::clamp(bin, 0.0, 63.0)) & 1) == 0) continue;
-    ++all;
-    shown += extinction_within(function, value - half_range, value + half_range) ? 1 : 0;
+// The values of a chunk, as quantiles. Within its range and bins, they are as frequent as in all of the file.
+class Quantiles {
+ public:
+  Quantiles(const format::Attribute& attribute, const format::Histogram* histogram,
+            const format::ValueSummary& summary) {
+    const double low = attribute.offset + attribute.scale * static_cast<double>(summary.min);
+    const double high = attribute.offset + attribute.scale * static_cast<double>(summary.max);
+    const double width = (attribute.max - attribute.min) / 64;
+    double before = 0;
+    for (std::size_t bin = 0; bin < 64; ++bin) {
+      if ((summary.occupancy >> bin & 1) == 0) continue;
+      const double begin = attribute.min + static_cast<double>(bin) * width;
+      const double from = std::clamp(begin, low, high), to = std::clamp(begin + width, low, high);
+      const double share = width > 0 ? (to - from) / width : 1;
+      parts_.push_back({from, to, before});
+      before += std::max(share * (histogram ? static_cast<double>((*histogram)[bin]) : 1), 1e-9);
+    }
+    parts_.push_back({high, high, before});
   }
-  // It has a visible value.
-  return std::max(shown, 1) / static_cast<double>(std::max(all, 1));
+
+  // `share`: of the values, that are lower; in [0, 1].
+  [[nodiscard]] double value_at(double share) const {
+    const double at = share * parts_.back().before;
+    const auto next = std::ranges::upper_bound(parts_.begin() + 1, parts_.end() - 1, at, {}, &Part::before);
+    const Part& part = *(next - 1);
+    return part.from + (part.to - part.from) * std::min(1.0, (at - part.before) / (next->before - part.before));
+  }
+
+ private:
+  struct Part {
+    double from, to;  // values
+    double before;    // values that are lower
+  };
+  std::vector<Part> parts_;
+};
+
+// The share of a chunk's cells with a visible value: about. A cell counts as a cube of six tetrahedra. It has the
+// values between two quantiles: of n cubes, n^(2/3) meet the surface of the middle value, and fewer that of a high or
+// low one.
+double shown_share(const TransferFunction& function, const Quantiles& values, const format::CellChunkEntry& entry) {
+  constexpr int samples = 256;
+  const double cubes = std::max(1.0, static_cast<double>(entry.cells * tetrahedra_of(entry.shape)) / 6);
+  const double most_reach = entry.field == format::CellField::constant ? 0 : 0.5 / std::cbrt(cubes);
+  int shown = 0;
+  for (int sample = 0; sample < samples; ++sample) {
+    const double share = (sample + 0.5) / samples;
+    const double reach = most_reach * std::pow(2 * std::min(share, 1 - share), 2.0 / 3);
+    const double low = values.value_at(std::max(share - reach, 0.0)),
+                 high = values.value_at(std::min(share + reach, 1.0));
+    if (extinction_within(function, low, high)) ++shown;
+  }
+  return std::max(shown, 1) / double{samples};
 }
 
 // The bytes of all cells of a file, decoded: about.
@@ -229,18 +262,23 @@ Status FileCells::read_entries() {
       const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
       chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
       entries_.push_back(entry);
-      shown_.push_back(
-          shown_share(function_, all[static_cast<std::size_t>(attributes.values)], page.summaries[i], entry));
-      if (opacity)
-        shown_.back() =
-            std::min(shown_.back(), shown_share(opacity_->function, *opacity, page.opacity_summaries[i], entry));
+      summaries_.push_back({page.summaries[i], opacity ? page.opacity_summaries[i] : format::ValueSummary()});
     }
   }
   return {};
 }
 
 // The faces of a tetrahedron cover a quarter of their area, in the mean over all directions.
-double FileCells::estimate_segments() const {
+Result<double> FileCells::estimate_segments() const {
+  const format::Volume& volume = kept_->reader().volume();
+  const format::SummaryAttributes& attributes = kept_->attributes();
+  SPLATVOL_TRY_ASSIGN(histograms, volume.read_histograms());
+  const auto shown = [&](int number, const TransferFunction& function, const format::ValueSummary& summary,
+                         const format::CellChunkEntry& entry) {
+    const auto attribute = static_cast<std::size_t>(number);
+    const format::Histogram* const histogram = histograms.empty() ? nullptr : &histograms[attribute];
+    return shown_share(function, Quantiles(volume.info().attributes[attribute], histogram, summary), entry);
+  };
   double segments = 0;
   for (const Chunk& chunk : chunks_) {
     const dvec3 extent = chunk.box.extent();
@@ -248,10 +286,15 @@ double FileCells::estimate_segments() const {
     const dvec3 margin = 0.5 * glm::max(dvec3(least) - extent, dvec3(0));
     const Box box{chunk.box.low - margin, chunk.box.high + margin};
     const dvec3 size = box.extent();
-    const double volume = size.x * size.y * size.z;
-    if (volume > 0)
-      segments += shown_[chunk.number] * entries_[chunk.number].area / 4 / volume * length_of_rays(box, view_);
+    const double volume_of_box = size.x * size.y * size.z;
+    if (!(volume_of_box > 0)) continue;
+    const auto& [values, opacities] = summaries_[chunk.number];
+    const format::CellChunkEntry& entry = entries_[chunk.number];
+    double share = shown(attributes.values, function_, values, entry);
+    if (opacity_) share = std::min(share, shown(attributes.opacity, opacity_->function, opacities, entry));
+    segments += share * entry.area / 4 / volume_of_box * length_of_rays(box, view_);
   }
+  if (getenv("EST")) fprintf(stderr, "estimate %.0f\n", segments);
   return segments;
 }
 

@@ -1,6 +1,7 @@
 // The cells of a file, as a view shows them.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -68,7 +69,7 @@ class FileCells final : public CellSource {
 
   /// Estimates the pieces of rays in a tetrahedron with a visible value: as if each chunk filled its box evenly, with
   /// faces in all directions.
-  [[nodiscard]] double estimate_segments() const;
+  [[nodiscard]] Result<double> estimate_segments() const;
 
  private:
   FileCells(std::shared_ptr<const KeptCells> kept, const Scene& scene, const View& view)
@@ -80,8 +81,8 @@ class FileCells final : public CellSource {
   std::optional<SceneOpacity> opacity_;
   View view_;
   std::vector<Chunk> chunks_;
-  std::vector<format::CellChunkEntry> entries_;  // [Chunk::number]
-  std::vector<double> shown_;                    // of the same: the share of cells with a visible value; about
+  std::vector<format::CellChunkEntry> entries_;                 // [Chunk::number]
+  std::vector<std::array<format::ValueSummary, 2>> summaries_;  // of these: the values, and the opacity's
 };
 
 }  // namespace splatvol

@@ -441,8 +441,8 @@ Result<std::shared_ptr<const FileCells>> Player::open_cells() {
 Result<ExactPicture> Player::estimate_exact() {
   const Call call(*this);
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
-  return ExactPicture{static_cast<std::uint64_t>(cells->estimate_segments()), cells->chunks().size(),
-                      cells->unknown_cells()};
+  SPLATVOL_TRY_ASSIGN(segments, cells->estimate_segments());
+  return ExactPicture{static_cast<std::uint64_t>(segments), cells->chunks().size(), cells->unknown_cells()};
 }
 
 // The parts of the file and the pieces of rays that wait take half of the memory each.

@@ -380,11 +380,13 @@ class Integrator {
     Int piece = piece_at(u, up);
     Float left = length;
     const Float fall = (factors.last - factors.first) / max(length, 1e-37F);
+    // Where what is left is known best: by its length, or near u = 0 by u.
+    const Mask by_left = abs(end) >= abs(change);
     while (any(todo)) {
       const Float start = starts_.at(piece), next = starts_.at(piece + Int(1)), x = u - start;
       const Float to = select(up, min(end, next), max(end, start));
       Mask last = either(flat, hn::Eq(to.v, end.v));
-      const Float whole = select(last, left, (to - u) * per_u), slope = slopes_[3].at(piece);
+      const Float whole = select(both(last, by_left), max(left, 0.0F), (to - u) * per_u), slope = slopes_[3].at(piece);
       const Float k = max(fma(slope, x, values_[3].at(piece)), 0.0F), rise = slope * (to - u);
       // Extinction times factor counts as linear only to choose steps.
       Float factor(1.0F), first = k, change_of_step = rise;

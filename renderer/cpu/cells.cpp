@@ -59,6 +59,12 @@ struct Batch {
   [[nodiscard]] std::uint32_t end() const { return first + static_cast<std::uint32_t>(slots.size()); }
 };
 
+/// Gives back the memory: a list's assignment would keep it.
+template <class T>
+void release(std::vector<T>& all) {
+  std::vector<T>().swap(all);
+}
+
 /// A tile between batches.
 struct Tile {
   CellTileArea area;
@@ -83,8 +89,8 @@ struct Tile {
   void leave() {
     is_left = true;
     is_open = false;
-    waiting = {};
-    shades = {};
+    release(waiting);
+    release(shades);
   }
 };
 
@@ -184,7 +190,7 @@ class CellSweep {
   Status read(const Chunk& chunk, CellsOnScreen& screen);
   Status leave_what_does_not_fit();
   Status leave(Tile& tile);
-  Status leave_half();
+  void leave_half();
   void report(double share);
 
   [[nodiscard]] double layer_depth(const CellLayer& layer, int x, int y) const;
@@ -460,7 +466,10 @@ Status CellSweep::leave_what_does_not_fit() {
     const std::uint64_t bytes = waiting_bytes(workspace_.tiles);
     const bool is_one_tile = tile_of(area_.x0) == tile_of(area_.x1) && tile_of(area_.y0) == tile_of(area_.y1);
     if (bytes <= drawing_.memory / 2 || (is_one_tile && bytes <= least_room)) return {};
-    SPLATVOL_TRY(is_one_tile ? leave(tile_at(tile_of(area_.x0), tile_of(area_.y0))) : leave_half());
+    if (is_one_tile)
+      SPLATVOL_TRY(leave(tile_at(tile_of(area_.x0), tile_of(area_.y0))));
+    else
+      leave_half();
   }
 }
 
@@ -477,15 +486,21 @@ Status CellSweep::leave(Tile& tile) {
   return {};
 }
 
-Status CellSweep::leave_half() {
+// Leaves half of the area to other sweeps: to one, unless some of its tiles have been left already.
+void CellSweep::leave_half() {
   const PixelRectangle other = *halve(area_);
   most_rows_ = tile_of(area_.y1) - tile_of(area_.y0) + 1;
+  const std::size_t left_before = left_.size();
+  bool is_whole = true;
   visit_tiles({tile_of(other.x0), tile_of(other.x1), tile_of(other.y0), tile_of(other.y1)}, [&](int, int, Tile& tile) {
+    is_whole = is_whole && !tile.is_left;
     if (tile.is_left) return;
     left_.push_back(tile.area.in_picture());
     tile.leave();
   });
-  return {};
+  if (!is_whole) return;
+  left_.resize(left_before);
+  left_.push_back(other);
 }
 
 void CellSweep::report(double share) {
@@ -621,13 +636,13 @@ void CellSweep::keep_waiting(const TileSegments& segments, Tile& tile) const {
   tile.shades.clear();
   tile.counts.clear();
   if (!tile.is_open || count == 0) {
-    tile.waiting = {};
-    tile.shades = {};
+    release(tile.waiting);
+    release(tile.shades);
     return;
   }
   tile.counts.assign(segments.counts.begin(), segments.counts.end());
   const auto make_room = [&](auto& waiting) {
-    if (waiting.capacity() > 2 * count) waiting = {};
+    if (waiting.capacity() > 2 * count) release(waiting);
     waiting.reserve(count);
   };
   make_room(tile.waiting);

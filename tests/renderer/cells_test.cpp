@@ -136,6 +136,16 @@ TEST(Cells, ShowNarrowPeaks) {
   }
 }
 
+TEST(Cells, ShowNarrowPeaksAtTheValueOfARegion) {
+  for (const double width : {1e-2, 1e-5, 1e-7, 2e-7, 1e-9}) {
+    SCOPED_TRACE(width);
+    const double value = 0.6 + 0.4 * width;
+    Drawn drawn{bent_box(6, [&](dvec3 p) { return p.x < 0.4 ? value : curved(p); }), colored_scene(1)};
+    drawn.scene.transfer_function.densities = {{0, 0}, {0.6 - width, 0}, {0.6, 0.4 / width}, {0.6 + width, 0}, {1, 0}};
+    expect_exact(drawn, 1e-4, 5e-3);
+  }
+}
+
 TEST(Cells, ShowFunctionsOfManyPiecesAndBentAxes) {
   Drawn drawn{bent_box(6), colored_scene(4)};
   std::mt19937 random(5);
