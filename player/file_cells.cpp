@@ -294,7 +294,6 @@ Result<double> FileCells::estimate_segments() const {
     if (opacity_) share = std::min(share, shown(attributes.opacity, opacity_->function, opacities, entry));
     segments += share * entry.area / 4 / volume_of_box * length_of_rays(box, view_);
   }
-  if (getenv("EST")) fprintf(stderr, "estimate %.0f\n", segments);
   return segments;
 }
 
