@@ -317,7 +317,7 @@ Drawn heap_of_cells(std::size_t count, int pixels) {
 }
 
 TEST(Cells, ThatOverlapByThousandsNeedLittleMemory) {
-  const Drawn drawn = heap_of_cells(1500, 16);
+  const Drawn drawn = heap_of_cells(800, 16);
   expect_exact(drawn, 1e-5, 1e-3);
   const MeshSource source(drawn.view(), 500);
   CellDrawing drawing = drawn.drawing();
@@ -327,8 +327,8 @@ TEST(Cells, ThatOverlapByThousandsNeedLittleMemory) {
 }
 
 TEST(Cells, ThatOverlapBeyondMemoryAreAnError) {
-  const Drawn drawn = heap_of_cells(40000, 6);
-  const MeshSource source(drawn.view(), 10000);
+  const Drawn drawn = heap_of_cells(25000, 4);
+  const MeshSource source(drawn.view(), 25000);
   CellDrawing drawing = drawn.drawing();
   drawing.memory = 1 << 12;
   CellRasterizer rasterizer;
@@ -388,6 +388,28 @@ TEST(Cells, FarAwaySmallAndThin) {
   expect_exact(
       with([](dvec3 p) { return dvec3(std::pow(10, 9 * p.x - 9), p.y, p.z); }, 4, {2.3, 1.9, 3.1}, {0.5, 0.5, 0.5}, 30),
       1e-4, 2e-2);
+}
+
+TEST(Cells, ThatAreLongRoundADenseCorner) {
+  Drawn drawn{make_ball(2), colored_scene(1, {2.2, 1.5, 0.8})};
+  std::mt19937 random(9);
+  std::uniform_real_distribution<double> any(0, 0.05);
+  for (dvec3& point : drawn.mesh.points) point.x *= 20;
+  drawn.mesh.values.assign(drawn.mesh.points.size(), 1);
+  for (std::size_t i = 1; i < drawn.mesh.values.size(); ++i) drawn.mesh.values[i] = any(random);
+  drawn.scene.transfer_function.densities = {{0, 0}, {0.1, 0.01}, {0.5, 0.2}, {0.9, 40}, {1, 1000}};
+  look(drawn.scene, {2.2, 1.5, 0.8}, {0, 0, 0});
+  expect_exact(drawn, 1e-4, 2e-3);
+  look(drawn.scene, {30, 25, 8}, {0, 0, 0});
+  expect_exact(drawn, 1e-4, 2e-3);
+}
+
+TEST(Cells, WithARampOverTenOfThemInDenseMatter) {
+  for (const double extinction : {1e3, 1e6, 1e9}) {
+    Drawn drawn{bent_box(10, [](dvec3 p) { return p.x; }), colored_scene(1, {-2.3, 1.9, 3.1})};
+    drawn.scene.transfer_function.densities = {{0, 0}, {1, extinction}};
+    expect_exact(drawn, 1e-4, 2e-3);
+  }
 }
 
 TEST(Cells, AreTheSameBitsForAnyThreadsMemoryAndOrder) {
