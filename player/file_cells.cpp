@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "scene/box_in_view.h"
 #include "scene/clipped_depths.h"
 #include "streamer/frustum.h"
 #include "streamer/visibility.h"
@@ -17,7 +18,7 @@ namespace splatvol {
 namespace {
 
 // Kinds of held parts.
-constexpr int chunk_part = 0, page_part = 1;
+constexpr int chunk_part = 0, page_part = 1, histograms_part = 2;
 
 Box box_of(const double (&low)[3], const double (&high)[3]) {
   return {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
@@ -67,9 +68,7 @@ struct Rectangle {
 Rectangle rectangle_of(const Box& box, const View& view) {
   const dvec2 size(view.width, view.height);
   Rectangle rectangle{size, dvec2(0)};
-  for (int corner = 0; corner < 8; ++corner) {
-    const dvec3 at = view.to_view({(corner & 1 ? box.high : box.low).x, (corner & 2 ? box.high : box.low).y,
-                                   (corner & 4 ? box.high : box.low).z});
+  for (const dvec3& at : corners_in_view(view, box)) {
     if (!view.orthographic && !(at.z > 0)) return {dvec2(0), size};
     const dvec2 pixel = dvec2(at) * (view.orthographic ? view.focal : view.focal / at.z) + 0.5 * size;
     rectangle.low = glm::min(rectangle.low, pixel);
@@ -98,6 +97,60 @@ double length_of_rays(const Box& box, const View& view) {
       sum += (inside.to - inside.from) * (view.orthographic ? 1 : std::sqrt(1 + at.x * at.x + at.y * at.y));
   }
   return sum * step.x * step.y;
+}
+
+// The values of a chunk, as quantiles. Within its range and bins, they are as frequent as in all of the file.
+class Quantiles {
+ public:
+  Quantiles(const format::Attribute& attribute, const format::Histogram* histogram,
+            const format::ValueSummary& summary) {
+    const double low = attribute.offset + attribute.scale * static_cast<double>(summary.min);
+    const double high = attribute.offset + attribute.scale * static_cast<double>(summary.max);
+    const double width = (attribute.max - attribute.min) / 64;
+    double before = 0;
+    for (std::size_t bin = 0; bin < 64; ++bin) {
+      if ((summary.occupancy >> bin & 1) == 0) continue;
+      const double begin = attribute.min + static_cast<double>(bin) * width;
+      const double from = std::clamp(begin, low, high), to = std::clamp(begin + width, low, high);
+      const double share = width > 0 ? (to - from) / width : 1;
+      parts_.push_back({from, to, before});
+      before += std::max(share * (histogram ? static_cast<double>((*histogram)[bin]) : 1), 1e-9);
+    }
+    parts_.push_back({high, high, before});
+  }
+
+  // `share`: of the values, that are lower; in [0, 1].
+  [[nodiscard]] double value_at(double share) const {
+    const double at = share * parts_.back().before;
+    const auto next = std::ranges::upper_bound(parts_.begin() + 1, parts_.end() - 1, at, {}, &Part::before);
+    const Part& part = *(next - 1);
+    return part.from + (part.to - part.from) * std::min(1.0, (at - part.before) / (next->before - part.before));
+  }
+
+ private:
+  struct Part {
+    double from, to;  // values
+    double before;    // values that are lower
+  };
+  std::vector<Part> parts_;
+};
+
+// The share of a chunk's cells with a visible value: about. A cell counts as a cube of six tetrahedra. It has the
+// values between two quantiles: of n cubes, n^(2/3) meet the surface of the middle value, and fewer that of a high or
+// low one.
+double shown_share(const TransferFunction& function, const Quantiles& values, const format::CellChunkEntry& entry) {
+  constexpr int samples = 256;
+  const double cubes = std::max(1.0, static_cast<double>(entry.cells * tetrahedra_of(entry.shape)) / 6);
+  const double most_reach = entry.field == format::CellField::constant ? 0 : 0.5 / std::cbrt(cubes);
+  int shown = 0;
+  for (int sample = 0; sample < samples; ++sample) {
+    const double share = (sample + 0.5) / samples;
+    const double reach = most_reach * std::pow(2 * std::min(share, 1 - share), 2.0 / 3);
+    const double low = values.value_at(std::max(share - reach, 0.0)),
+                 high = values.value_at(std::min(share + reach, 1.0));
+    if (extinction_within(function, low, high)) ++shown;
+  }
+  return std::max(shown, 1) / double{samples};
 }
 
 // The bytes of all cells of a file, decoded: about.
@@ -156,6 +209,11 @@ Result<std::shared_ptr<const format::CellPage>> KeptCells::read_page(std::size_t
   if (holds_all_) return parts_.get<format::CellPage>({page_part, page}, 0, read);
   SPLATVOL_TRY_ASSIGN(entries, read());
   return std::make_shared<const format::CellPage>(std::move(entries));
+}
+
+Result<std::shared_ptr<const format::Histograms>> KeptCells::read_histograms() const {
+  return parts_.get<format::Histograms>({histograms_part, 0}, 0,
+                                        [this] { return reader_->volume().read_histograms(); });
 }
 
 Status KeptCells::hold_all() const {
@@ -264,8 +322,9 @@ Result<KeptCells::Ahead> KeptCells::read_ahead(std::span<const format::CellChunk
 
 Result<KeptCells::Ahead> KeptCells::read_pages_ahead(std::span<const std::size_t> pages) const {
   std::vector<std::size_t> missing;
-  std::ranges::copy_if(pages, std::back_inserter(missing),
-                       [&](std::size_t page) { return !holds_all_ || !parts_.holds({page_part, page}); });
+  std::ranges::copy_if(pages, std::back_inserter(missing), [&](std::size_t page) {
+    return !holds_all_ || !parts_.holds({page_part, page});
+  });
   SPLATVOL_TRY_ASSIGN(bytes, reader_->read_pages_ahead(missing, ahead_memory_));
   return Ahead{std::move(bytes)};
 }
@@ -318,6 +377,7 @@ Status FileCells::read_entries() {
       const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
       chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
       entries_.push_back(entry);
+      summaries_.push_back({page.summaries[i], opacity ? page.opacity_summaries[i] : format::ValueSummary()});
     }
   }
   return {};
@@ -330,7 +390,16 @@ std::uint64_t FileCells::tetrahedra() const {
 }
 
 // The faces of a tetrahedron cover a quarter of their area, in the mean over all directions.
-double FileCells::estimate_segments() const {
+Result<double> FileCells::estimate_segments() const {
+  const format::Volume& volume = kept_->reader().volume();
+  const format::SummaryAttributes& attributes = kept_->attributes();
+  SPLATVOL_TRY_ASSIGN(histograms, kept_->read_histograms());
+  const auto shown = [&](int number, const TransferFunction& function, const format::ValueSummary& summary,
+                         const format::CellChunkEntry& entry) {
+    const auto attribute = static_cast<std::size_t>(number);
+    const format::Histogram* const histogram = histograms->empty() ? nullptr : &(*histograms)[attribute];
+    return shown_share(function, Quantiles(volume.info().attributes[attribute], histogram, summary), entry);
+  };
   double segments = 0;
   for (const Chunk& chunk : chunks_) {
     const dvec3 extent = chunk.box.extent();
@@ -338,8 +407,13 @@ double FileCells::estimate_segments() const {
     const dvec3 margin = 0.5 * glm::max(dvec3(least) - extent, dvec3(0));
     const Box box{chunk.box.low - margin, chunk.box.high + margin};
     const dvec3 size = box.extent();
-    const double volume = size.x * size.y * size.z;
-    if (volume > 0) segments += entries_[chunk.number].area / 4 / volume * length_of_rays(box, view_);
+    const double volume_of_box = size.x * size.y * size.z;
+    if (!(volume_of_box > 0)) continue;
+    const auto& [values, opacities] = summaries_[chunk.number];
+    const format::CellChunkEntry& entry = entries_[chunk.number];
+    double share = shown(attributes.values, function_, values, entry);
+    if (opacity_) share = std::min(share, shown(attributes.opacity, opacity_->function, opacities, entry));
+    segments += share * entry.area / 4 / volume_of_box * length_of_rays(box, view_);
   }
   return segments;
 }

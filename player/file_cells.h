@@ -1,6 +1,7 @@
 // The cells of a file, as a view shows them.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
@@ -36,6 +37,9 @@ class KeptCells {
 
   /// As CellReader::read_page, of these attributes.
   [[nodiscard]] Result<std::shared_ptr<const format::CellPage>> read_page(std::size_t page) const;
+
+  /// Reads the histograms of all attributes once.
+  [[nodiscard]] Result<std::shared_ptr<const format::Histograms>> read_histograms() const;
 
   /// Reads all cells, unless memory lacks the room for them.
   [[nodiscard]] Status hold_all() const;
@@ -95,9 +99,9 @@ class FileCells final : public CellSource {
   /// Tetrahedra of the chunks; about.
   [[nodiscard]] std::uint64_t tetrahedra() const;
 
-  /// Estimates the pieces of rays in a tetrahedron of the chunks: as if each chunk filled its box evenly, with faces in
-  /// all directions.
-  [[nodiscard]] double estimate_segments() const;
+  /// Estimates the pieces of rays in a tetrahedron with a visible value: as if each chunk filled its box evenly, with
+  /// faces in all directions.
+  [[nodiscard]] Result<double> estimate_segments() const;
 
  private:
   FileCells(std::shared_ptr<const KeptCells> kept, const Scene& scene, const View& view)
@@ -109,7 +113,8 @@ class FileCells final : public CellSource {
   std::optional<SceneOpacity> opacity_;
   View view_;
   std::vector<Chunk> chunks_;
-  std::vector<format::CellChunkEntry> entries_;  // [Chunk::number]
+  std::vector<format::CellChunkEntry> entries_;                 // [Chunk::number]
+  std::vector<std::array<format::ValueSummary, 2>> summaries_;  // of these: the values, and the opacity's
 };
 
 }  // namespace splatvol

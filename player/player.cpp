@@ -453,8 +453,9 @@ Result<std::shared_ptr<const FileCells>> Player::open_cells() {
 Result<ExactPicture> Player::estimate_exact() {
   const Call call(*this);
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
-  return ExactPicture{static_cast<std::uint64_t>(cells->estimate_segments()), cells->chunks().size(),
-                      cells->tetrahedra(), cells->unknown_cells()};
+  SPLATVOL_TRY_ASSIGN(segments, cells->estimate_segments());
+  return ExactPicture{static_cast<std::uint64_t>(segments), cells->chunks().size(), cells->tetrahedra(),
+                      cells->unknown_cells()};
 }
 
 // The parts of the file and the pieces of rays that wait take half of the memory each.
@@ -472,39 +473,23 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
   times_.surfaces = seconds_since(surfaces_start);
 
   const auto draw_start = Clock::now();
-  const std::vector<SurfaceLayer>& layers = surface_layers_.layers;
-  ExactPicture exact{0, cells->chunks().size(), cells->tetrahedra(), cells->unknown_cells()};
-  std::size_t done = 0;  // pictures
-  sample_spacing_ = layers.empty() && !surface_depths_ ? sample_spacing : 1;
-  const auto draw_to = [&](const SurfaceDepths* surfaces) -> Result<Image> {
-    CellDrawing drawing{.view = view_,
-                        .transfer = transfer_of(scene_),
-                        .lighting = scene_.lighting,
-                        .surfaces = surfaces,
-                        .sample_spacing = sample_spacing_,
-                        .memory = options_.memory / 2};
-    const double share = 1 / std::max<double>(1, static_cast<double>(layers.size()));
-    if (progress) drawing.progress = [&](double part) { progress((static_cast<double>(done) + part) * share); };
-    auto drawn = cell_rasterizer_.draw(*cells, drawing);
-    SPLATVOL_TRY(call.check());
-    if (!drawn && drawn.error().code == ErrorCode::out_of_budget)
-      return fail_in(streamer_->volume().name(), drawn.error());
-    SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
-    exact.segments += picture.segments;
-    ++done;
-    return std::move(picture.image);
-  };
-  if (layers.empty()) {
-    SPLATVOL_TRY_SET(picture_, draw_to(surface_depths_.get()));
-  } else {
-    SurfaceComposite composite;
-    for (const SurfaceLayer& layer : layers) {
-      SPLATVOL_TRY_ASSIGN(in_front, draw_to(&layer.depths));
-      composite.add(in_front, layer);
-    }
-    picture_ = composite.finish();
-  }
-  exact_ = exact;
+  std::vector<CellLayer> layers;
+  for (const SurfaceLayer& layer : surface_layers_.layers) layers.push_back({&layer.depths, &layer.light});
+  if (layers.empty() && surface_depths_) layers.push_back({surface_depths_.get()});
+  sample_spacing_ = layers.empty() ? sample_spacing : 1;
+  auto drawn = cell_rasterizer_.draw(*cells, {.view = view_,
+                                              .transfer = transfer_of(scene_),
+                                              .lighting = scene_.lighting,
+                                              .layers = std::move(layers),
+                                              .sample_spacing = sample_spacing_,
+                                              .memory = options_.memory / 2,
+                                              .progress = progress});
+  SPLATVOL_TRY(call.check());
+  if (!drawn && drawn.error().code == ErrorCode::out_of_budget)
+    return fail_in(streamer_->volume().name(), drawn.error());
+  SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
+  picture_ = std::move(picture.image);
+  exact_ = ExactPicture{picture.segments, cells->chunks().size(), cells->tetrahedra(), cells->unknown_cells()};
   times_.draw.draw = seconds_since(draw_start);
   times_.frame = seconds_since(start);
   return {};

@@ -16,7 +16,7 @@
 #include "renderer/cpu/cell_function.h"
 #include "renderer/cpu/frame.h"
 #include "scene/scene.h"
-#include "splatvol/surface_depths.h"
+#include "scene/tile_grid.h"
 
 namespace splatvol::tiles {
 
@@ -27,7 +27,7 @@ inline constexpr int cell_tile_pixels = cell_tile_side * cell_tile_side;
 struct CellFrame {
   const View* view = nullptr;
   const FunctionPieces* function = nullptr;
-  double low = 0, inverse_domain = 1;  // u = (value - low) * inverse_domain
+  double low = 0, inverse_domain = 1;  // u = (value - low) * inverse_domain - function->origin
   double middle_x = 0, middle_y = 0;   // of the picture, from the middle of pixel (0, 0)
   double nearest = 0;                  // depth: what is nearer counts as behind the eye
   double farthest_w = 0;               // w of all chunks' farthest depth: keys count from there
@@ -38,10 +38,10 @@ struct CellFrame {
   const Lighting* lighting = nullptr;
   const FunctionPieces* opacity = nullptr;      // its extinctions are factors
   double opacity_low = 0, opacity_inverse = 1;  // as of the values
-  const SurfaceDepths* surfaces = nullptr;
+  std::size_t layers = 0;                       // of surfaces
 
   [[nodiscard]] bool has_shades() const { return lighting || opacity; }
-  [[nodiscard]] bool has_limits() const { return surfaces || !view->clip.is_all(); }
+  [[nodiscard]] bool has_limits() const { return layers > 0 || !view->clip.is_all(); }
 };
 
 /// A tetrahedron on the screen.
@@ -210,41 +210,71 @@ struct SegmentShade {
 };
 static_assert(sizeof(SegmentShade) == sizeof(CellSegment));
 
-/// Where a tile lies.
+/// Where a tile lies, and which of its pixels are drawn: some rows, or a part of one.
 struct CellTileArea {
   int left, bottom;
+  PixelRectangle pixels;  // from the tile's corner
+
+  [[nodiscard]] PixelRectangle in_picture() const {
+    return {left + pixels.x0, left + pixels.x1, bottom + pixels.y0, bottom + pixels.y1};
+  }
+  [[nodiscard]] std::size_t first_pixel() const { return number_of(pixels.x0, pixels.y0); }
+  [[nodiscard]] std::size_t last_pixel() const { return number_of(pixels.x1, pixels.y1); }
+  [[nodiscard]] static std::size_t number_of(int column, int row) {
+    return static_cast<std::size_t>(row * cell_tile_side + column);
+  }
 };
 
 /// The light of a tile's pixels.
 struct CellTileLight {
   alignas(64) std::array<std::array<float, cell_tile_pixels>, 3> color;  // premultiplied
   alignas(64) std::array<float, cell_tile_pixels> transmittance;
+  alignas(64) std::array<std::int32_t, cell_tile_pixels> layers;  // how many are blended
 };
 
-/// The segments of a tile: `room` places for each pixel. Kept between tiles for its memory.
+/// A layer of surfaces in a tile.
+struct CellTileLayer {
+  alignas(64) std::array<float, cell_tile_pixels> keys;                  // no segment behind it has a lower one
+  alignas(64) std::array<std::array<float, cell_tile_pixels>, 4> light;  // premultiplied; opacity
+};
+
+/// The segments of a tile: `room` places for each pixel that is drawn. Kept between tiles for its memory.
 struct TileSegments {
   /// A number for each lane.
   struct alignas(64) Lanes {
     std::array<float, most_lanes> numbers;
   };
 
-  int room = 68;  // no power of two: the cache has places for neighbours
-  std::vector<CellSegment> segments = std::vector<CellSegment>(std::size_t{68} * cell_tile_pixels);
+  static constexpr int least_room = 68;  // no power of two: the cache has places for neighbours
+  int room = least_room;
+  std::size_t first_pixel = 0, pixels = 0;
+  std::vector<CellSegment> segments;
   alignas(64) std::array<std::int32_t, cell_tile_pixels> counts{};
   alignas(64) std::array<std::int32_t, cell_tile_pixels + 2 * most_lanes> covered;  // pixels of a cell
   std::vector<SegmentShade> shades;  // [segment], if the frame has shades
 
-  // [pixel]: between which d of the chunk something is drawn, if the frame has limits.
-  alignas(64) std::array<float, cell_tile_pixels> near_limits, far_limits;
+  // If the frame has limits. [limit][pixel]: d of the chunk, from near to far: where the clip region begins, layers,
+  // and where it ends.
+  struct alignas(64) Limits {
+    std::array<float, cell_tile_pixels> d;
+  };
+  std::vector<Limits> limits;
+  alignas(64) std::array<float, cell_tile_pixels> end_keys;  // [pixel]: no visible segment has a higher key
+  std::vector<CellTileLayer> layers;                         // and one behind all, which no ray reaches
 
   std::vector<Lanes> keys;    // of some pixels, one in each lane: in ascending order
   std::vector<Lanes> places;  // of their segments: bits of integers
   std::uint64_t added = 0;    // segments
   bool is_full = false;
-  static constexpr int most_room = 1 << 20;  // integers of 32 bits are places of numbers
+  std::uint64_t most_bytes = 0;  // that it may take
 
-  [[nodiscard]] std::size_t begin_of(std::size_t pixel) const { return pixel * static_cast<std::size_t>(room); }
-  /// Makes room for twice as many. Returns false, and sets is_full, if there are too many.
+  /// Forgets all segments.
+  void begin(const CellTileArea& area, bool has_shades);
+  [[nodiscard]] std::size_t begin_of(std::size_t pixel) const {
+    return (pixel - first_pixel) * static_cast<std::size_t>(room);
+  }
+  [[nodiscard]] std::uint64_t count() const;
+  /// Makes room for twice as many. Returns false, and sets is_full, if these would take too many bytes.
   bool make_room();
 };
 
@@ -253,7 +283,8 @@ struct TileSegments {
 void add_segments(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
                   const CellTileArea& area, float nearest_d, TileSegments& tile);
 
-/// Adds the light of all segments whose key is below `end`, and drops them. Returns whether more can be seen.
+/// Adds the light of all segments whose key is below `end`, with that of the layers in front of them and of `end`, and
+/// drops the segments. Returns whether more can be seen.
 bool blend_segments(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile,
                     CellTileLight& light);
 

@@ -10,12 +10,20 @@ namespace {
 
 using glm::dvec4;
 
-constexpr double narrowest = 3e-7;  // piece, in u: single precision tells places within it
-constexpr int bent_steps = 2048;    // of a domain on a bent axis: svtruth's
+constexpr int bent_steps = 2048;  // of a domain on a bent axis: svtruth's
 
 struct UPiece {
   double begin, end;
   dvec4 at_begin, at_end;
+
+  [[nodiscard]] double width() const { return end - begin; }
+  [[nodiscard]] bool shows() const { return at_begin[3] + at_end[3] > 0; }
+  // Whether double precision tells places within it.
+  [[nodiscard]] bool is_resolved() const { return width() > 1e-13 * std::max(std::abs(begin), std::abs(end)); }
+  // The same for single precision, of distances from `origin`.
+  [[nodiscard]] bool is_resolved_from(double origin) const {
+    return is_resolved() && width() >= 3e-7 * std::max(std::abs(begin - origin), std::abs(end - origin));
+  }
 };
 
 // Pieces of the domain, by u.
@@ -38,13 +46,24 @@ std::vector<UPiece> pieces_by_value(const TransferFunction& function) {
   return pieces;
 }
 
+// The denser end of the narrowest piece that shows something.
+double choose_origin(const std::vector<UPiece>& pieces) {
+  const UPiece* narrowest = nullptr;
+  for (const UPiece& piece : pieces)
+    if (piece.shows() && piece.is_resolved() && (!narrowest || piece.width() < narrowest->width())) narrowest = &piece;
+  if (!narrowest) return 0;
+  return narrowest->at_begin[3] > narrowest->at_end[3] ? narrowest->begin : narrowest->end;
+}
+
 }  // namespace
 
 FunctionPieces::FunctionPieces(const TransferFunction& function) {
   const auto outer = [&](double t) { return dvec4(function.color_at(t), function.extinction_at(t)); };
   dvec4 peak(0);  // colour times extinction, extinction: integrals
+  const std::vector<UPiece> pieces = pieces_by_value(function);
+  origin = choose_origin(pieces);
   const auto add = [&](double start, const dvec4& at, const dvec4& slope) {
-    starts.push_back(static_cast<float>(start));
+    starts.push_back(static_cast<float>(start - origin));
     for (int c = 0; c < 4; ++c) {
       values[static_cast<std::size_t>(c)].push_back(nearest_float(at[c]));
       slopes[static_cast<std::size_t>(c)].push_back(nearest_float(slope[c]));
@@ -57,36 +76,38 @@ FunctionPieces::FunctionPieces(const TransferFunction& function) {
     ++count;
   };
   add(-static_cast<double>(outside), outer(-1), dvec4(0));
-  const bool is_linear = function.axis == ValueAxis::linear;
-  for (const UPiece& p : pieces_by_value(function)) {
-    const double width = p.end - p.begin;
-    if (width < narrowest * (is_linear ? 1 : std::abs(p.end))) {
+  for (const UPiece& p : pieces) {
+    const double width = p.width();
+    if (!p.is_resolved_from(origin)) {
       const double k0 = p.at_begin[3], k1 = p.at_end[3];
       for (int c = 0; c < 3; ++c)
         peak[c] += width * (p.at_begin[c] * (k0 / 3 + k1 / 6) + p.at_end[c] * (k0 / 6 + k1 / 3));
       peak[3] += width * (k0 + k1) / 2;
     } else {
       // A ray that crosses the piece gets the whole integral, as wide as single precision makes the piece.
-      const double rounded =
-          static_cast<double>(static_cast<float>(p.end)) - static_cast<double>(static_cast<float>(p.begin));
+      const double rounded = static_cast<double>(static_cast<float>(p.end - origin)) -
+                             static_cast<double>(static_cast<float>(p.begin - origin));
       const dvec4 scale(1, 1, 1, width / rounded);
       add(p.begin, p.at_begin * scale, (p.at_end - p.at_begin) / rounded * scale);
     }
   }
   add(1, outer(2), dvec4(0));
 
-  // A bin shows something if a piece in it has extinction, or a peak is in it.
+  // A bin shows something if a piece in it has extinction, or a peak is in it. Rounding may take values to the next
+  // bin.
+  constexpr double margin = 1e-6;
+  bin_of_origin = static_cast<float>(origin * bins + 1);
   const auto shows = [&](std::size_t i) { return values[3][i] > 0 || slopes[3][i] > 0; };
   std::int32_t piece = 0, visible = 0;
   for (int bin = 0; bin < bins + 2; ++bin) {
-    const float low = bin == 0 ? -outside : static_cast<float>(bin - 1) / bins;
-    const float high = bin == bins + 1 ? outside : static_cast<float>(bin) / bins;
+    const auto edge = [&](int number, double outwards) {
+      return static_cast<float>(static_cast<double>(number) / bins - origin + outwards);
+    };
+    const float low = bin == 0 ? -outside : edge(bin - 1, -margin), high = bin > bins ? outside : edge(bin, margin);
     while (static_cast<std::size_t>(piece) + 1 < count && starts[static_cast<std::size_t>(piece) + 1] <= low) ++piece;
     first_of_bin.push_back(piece);
     visible_before.push_back(visible);
     bool shown = peaks[static_cast<std::size_t>(piece)] > 0 || shows(static_cast<std::size_t>(piece));
-    if (piece > 0 && starts[static_cast<std::size_t>(piece)] == low)
-      shown = shown || shows(static_cast<std::size_t>(piece) - 1);
     for (std::size_t i = static_cast<std::size_t>(piece) + 1; i < count && starts[i] <= high; ++i)
       shown = shown || shows(i) || peaks[i] > 0;
     visible += shown ? 1 : 0;

@@ -85,17 +85,18 @@ void set_opacity(const View& view, const CellInSpace& cell, const std::array<dou
 }  // namespace
 
 void place_values(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
-  const auto to_u = [](const std::vector<double>& values, double low, double inverse, std::vector<float>& all) {
+  const auto to_u = [](const std::vector<double>& values, double low, double inverse, double origin,
+                       std::vector<float>& all) {
     all.resize(values.size());
     for (std::size_t i = 0; i < values.size(); ++i) {
-      const double u = (values[i] - low) * inverse;
+      const double u = (values[i] - low) * inverse - origin;
       all[i] = static_cast<float>(std::isnan(u) ? u : std::clamp(u, -largest_u, largest_u));
     }
   };
   std::vector<float>& u = setup.points.u;
-  to_u(cells.values, frame.low, frame.inverse_domain, u);
+  to_u(cells.values, frame.low, frame.inverse_domain, frame.function->origin, u);
   if (!frame.opacity) return;
-  to_u(cells.opacity_values, frame.opacity_low, frame.opacity_inverse, setup.opacities);
+  to_u(cells.opacity_values, frame.opacity_low, frame.opacity_inverse, frame.opacity->origin, setup.opacities);
   for (std::size_t i = 0; i < u.size(); ++i)
     if (std::isnan(setup.opacities[i])) u[i] = setup.opacities[i];
 }

@@ -62,7 +62,7 @@ void list_seen(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup
   const IntTag tag;
   setup.seen.resize(count + lanes);
   const auto bin_of = [&](Float u) HWY_ATTR {
-    return truncate(clamp(fma(u, static_cast<float>(FunctionPieces::bins), 1.0F), 0.0F,
+    return truncate(clamp(fma(u, static_cast<float>(FunctionPieces::bins), function.bin_of_origin), 0.0F,
                           static_cast<float>(FunctionPieces::bins + 1)));
   };
   std::size_t seen = 0;

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <numeric>
 #include <tuple>
 #include <utility>
 
@@ -34,6 +35,7 @@ HWY_INLINE Float reciprocal(Float a) {
 /// Where a tile's pixels lie, from the picture's middle.
 struct TileCorner {
   int left, bottom;
+  PixelRectangle pixels;  // of the tile, that are drawn
   float x, y;
 };
 
@@ -49,8 +51,10 @@ constexpr auto rectangle_pixels = [] {
 /// Lists the tile's pixels (16 row + column) that a cell's outline may enclose. Returns how many they are.
 HWY_INLINE int list_covered(const CellOnScreen& cell, const TileCorner& tile, float slack,
                             std::int32_t* HWY_RESTRICT covered) {
-  const int left = std::max(cell.left - tile.left, 0), right = std::min(cell.right - tile.left, cell_tile_side - 1);
-  const int bottom = std::max(cell.bottom - tile.bottom, 0), top = std::min(cell.top - tile.bottom, cell_tile_side - 1);
+  const PixelRectangle& drawn = tile.pixels;
+  const int left = std::max(cell.left - tile.left, drawn.x0), right = std::min(cell.right - tile.left, drawn.x1);
+  const int bottom = std::max(cell.bottom - tile.bottom, drawn.y0), top = std::min(cell.top - tile.bottom, drawn.y1);
+  if (left > right || bottom > top) return 0;
   const int lanes = lane_count();
   alignas(64) std::array<std::int32_t, cell_tile_side> from, to;
   const int width_of_all = right - left + 1, pixels = width_of_all * (top - bottom + 1);
@@ -125,6 +129,83 @@ HWY_INLINE Float light_at(const CellTile& t, const CellShading& shading, Float x
   return fma(along / sqrt(fma(a, a, fma(b, b, 1.0F))), diffuse, ambient);
 }
 
+/// Segments of some pixels.
+struct Segments {
+  Float key, length, u_enter, u_leave;
+  Float lighting, o_enter, o_leave;
+};
+
+/// Adds segments. `hits`: bit i: of the pixel tile.covered[first + i].
+template <bool has_shades>
+HWY_INLINE void store_segments(const Segments& segments, std::uint32_t hits, int first, TileSegments& tile) {
+  alignas(64) std::array<CellSegment, most_lanes> made;
+  alignas(64) std::array<SegmentShade, most_lanes> shades;
+  hn::StoreInterleaved4(segments.key.v, segments.length.v, segments.u_enter.v, segments.u_leave.v, FloatTag(),
+                        reinterpret_cast<float*>(made.data()));
+  if constexpr (has_shades)
+    hn::StoreInterleaved4(segments.lighting.v, segments.o_enter.v, segments.o_leave.v, segments.lighting.v, FloatTag(),
+                          reinterpret_cast<float*>(shades.data()));
+  tile.added += static_cast<std::uint64_t>(std::popcount(hits));
+  for (std::uint32_t bits = hits; bits != 0; bits &= bits - 1) {
+    const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
+    const auto at = static_cast<std::size_t>(tile.covered[static_cast<std::size_t>(first) + lane]);
+    const std::int32_t held = tile.counts[at];
+    if (held >= tile.room && !tile.make_room()) return;
+    tile.counts[at] = held + 1;
+    const std::size_t place = tile.begin_of(at) + static_cast<std::size_t>(held);
+    tile.segments[place] = made[lane];
+    if constexpr (has_shades) tile.shades[place] = shades[lane];
+  }
+}
+
+/// Segments before layers and the clip region cut them.
+struct WholeSegments {
+  Segments segments;
+  Float near_d, far_d, near_z, far_z;
+  Int pixel;
+  Mask hit;
+};
+
+/// 1/z, or 1 in orthographic projection, that turns values linear in the pixel into values.
+template <bool orthographic>
+HWY_INLINE Float z_at(const CellTile& t, Float d) {
+  return orthographic ? Float(1.0F) : reciprocal(d + t.screen.w);
+}
+HWY_INLINE Float depth_between(Float near_d, Float near_z, Float far_d, Float far_z) {
+  return (near_d - far_d) * near_z * far_z;
+}
+
+/// Adds the parts of segments between each two limits. In front of a layer, and behind it, the order stays that of
+/// whole cells.
+template <bool orthographic, bool has_shades>
+HWY_NOINLINE void add_parts(const CellTile& t, const WholeSegments& whole, int first, TileSegments& tile) {
+  // Lanes behind the last pixel may have any number.
+  const Int pixel = whole.pixel & Int(cell_tile_pixels - 1);
+  for (std::size_t part = 0; part <= t.frame.layers; ++part) {
+    const Float from = min(whole.near_d, gather(tile.limits[part].d.data(), pixel));
+    const Float to = max(whole.far_d, gather(tile.limits[part + 1].d.data(), pixel));
+    Segments segments = whole.segments;
+    Mask hit = both(whole.hit, from > to);
+    if (part < t.frame.layers) hit = both(hit, segments.key < gather(tile.layers[part].keys.data(), pixel));
+    if (!any(hit)) continue;
+    if (part > 0) segments.key = max(segments.key, gather(tile.layers[part - 1].keys.data(), pixel));
+    const Float from_z = z_at<orthographic>(t, from), to_z = z_at<orthographic>(t, to);
+    const Float inverse = Float(1.0F) / segments.length;
+    const Float before = depth_between(whole.near_d, whole.near_z, from, from_z) * inverse;
+    const Float behind = depth_between(to, to_z, whole.far_d, whole.far_z) * inverse;
+    const auto cut = [&](Float& at_enter, Float& at_leave) HWY_ATTR {
+      const Float change = at_leave - at_enter;
+      at_enter = fma(change, before, at_enter);
+      at_leave = fnma(change, behind, at_leave);
+    };
+    cut(segments.u_enter, segments.u_leave);
+    if (has_shades) cut(segments.o_enter, segments.o_leave);
+    segments.length = depth_between(from, from_z, to, to_z);
+    store_segments<has_shades>(segments, mask_bits(hit), first, tile);
+    if (tile.is_full) return;
+  }
+}
+
 /// Adds the segments of a cell. `far_out`: what it has besides, or null.
 template <bool orthographic, bool is_far_out, bool has_shades>
 HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarOut* far_out, const CellShading* shading,
@@ -176,60 +257,30 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
     }
     enter.d = min(enter.d, t.nearest_d);
     const auto valid = hn::FirstN(FloatTag(), static_cast<std::size_t>(std::min(count - first, lane_count())));
-    Mask hit = both(enter.d > leave.d, valid);
+    const Mask hit = both(enter.d > leave.d, valid);
     if (!any(hit)) continue;
 
-    const auto z_at = [&](Float d) HWY_ATTR { return orthographic ? Float(1.0F) : reciprocal(d + screen.w); };
-    const Float near_z = z_at(enter.d), far_z = z_at(leave.d);
-    const auto between = [&](Float near_d, Float near, Float far_d, Float far)
-                             HWY_ATTR { return (near_d - far_d) * near * far; };
-    Float length = between(enter.d, near_z, leave.d, far_z);
-    Float u_enter = clamp(fma(enter.n, near_z, enter.u), cell.low, cell.high);
-    Float u_leave = clamp(fma(leave.n, far_z, leave.u), cell.low, cell.high);
+    const Float near_z = z_at<orthographic>(t, enter.d), far_z = z_at<orthographic>(t, leave.d);
+    const Float length = depth_between(enter.d, near_z, leave.d, far_z);
+    const Float u_enter = clamp(fma(enter.n, near_z, enter.u), cell.low, cell.high);
+    const Float u_leave = clamp(fma(leave.n, far_z, leave.u), cell.low, cell.high);
     Float o_enter(0.0F), o_leave(0.0F);
     if (has_shades && t.frame.opacity) {
       const Float dx_shade = x - shading->x, dy_shade = y - shading->y;
       o_enter = opacity_at(*shading, dx_shade, dy_shade, enter.d, near_z);
       o_leave = opacity_at(*shading, dx_shade, dy_shade, leave.d, far_z);
     }
-    if (t.has_limits) {  // the order stays that of whole cells
-      const Float from = min(enter.d, gather(tile.near_limits.data(), pixel));
-      const Float to = max(leave.d, gather(tile.far_limits.data(), pixel));
-      hit = both(hit, from > to);
-      if (!any(hit)) continue;
-      const Float from_z = z_at(from), to_z = z_at(to), inverse = Float(1.0F) / length;
-      const Float before = between(enter.d, near_z, from, from_z) * inverse;
-      const Float behind = between(to, to_z, leave.d, far_z) * inverse;
-      const auto cut = [&](Float& at_enter, Float& at_leave) HWY_ATTR {
-        const Float change = at_leave - at_enter;
-        at_enter = fma(change, before, at_enter);
-        at_leave = fnma(change, behind, at_leave);
-      };
-      cut(u_enter, u_leave);
-      if (has_shades) cut(o_enter, o_leave);
-      length = between(from, from_z, to, to_z);
+    const Float key = -(enter.d + screen.key_offset);
+    const Float lighting = has_shades && t.frame.lighting ? light_at<orthographic>(t, *shading, x, y) : Float(1.0F);
+    if (t.has_limits) {
+      const WholeSegments whole{
+          {key, length, u_enter, u_leave, lighting, o_enter, o_leave}, enter.d, leave.d, near_z, far_z, pixel, hit};
+      add_parts<orthographic, has_shades>(t, whole, first, tile);
+    } else {
+      store_segments<has_shades>({key, length, u_enter, u_leave, lighting, o_enter, o_leave}, mask_bits(hit), first,
+                                 tile);
     }
-    alignas(64) std::array<CellSegment, most_lanes> made;
-    alignas(64) std::array<SegmentShade, most_lanes> shades;
-    hn::StoreInterleaved4((-(enter.d + screen.key_offset)).v, length.v, u_enter.v, u_leave.v, FloatTag(),
-                          reinterpret_cast<float*>(made.data()));
-    if constexpr (has_shades) {
-      const Float lighting = t.frame.lighting ? light_at<orthographic>(t, *shading, x, y) : Float(1.0F);
-      hn::StoreInterleaved4(lighting.v, o_enter.v, o_leave.v, lighting.v, FloatTag(),
-                            reinterpret_cast<float*>(shades.data()));
-    }
-    const std::uint32_t hits = mask_bits(hit);
-    tile.added += static_cast<std::uint64_t>(std::popcount(hits));
-    for (std::uint32_t bits = hits; bits != 0; bits &= bits - 1) {
-      const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
-      const auto at = static_cast<std::size_t>(tile.covered[static_cast<std::size_t>(first) + lane]);
-      const std::int32_t held = tile.counts[at];
-      if (held >= tile.room && !tile.make_room()) return;
-      tile.counts[at] = held + 1;
-      const std::size_t place = tile.begin_of(at) + static_cast<std::size_t>(held);
-      tile.segments[place] = made[lane];
-      if constexpr (has_shades) tile.shades[place] = shades[lane];
-    }
+    if (tile.is_full) return;
   }
 }
 
@@ -253,7 +304,7 @@ void add_cells(const CellFrame& frame, const CellsOnScreen& screen, std::span<co
                const CellTileArea& area, float nearest_d, TileSegments& tile) {
   const CellTile t = {frame,
                       screen,
-                      {area.left, area.bottom, static_cast<float>(area.left - frame.middle_x),
+                      {area.left, area.bottom, area.pixels, static_cast<float>(area.left - frame.middle_x),
                        static_cast<float>(area.bottom - frame.middle_y)},
                       nearest_d,
                       static_cast<float>(1 / frame.view->focal),
@@ -329,11 +380,13 @@ class Integrator {
     Int piece = piece_at(u, up);
     Float left = length;
     const Float fall = (factors.last - factors.first) / max(length, 1e-37F);
+    // Where what is left is known best: by its length, or near u = 0 by u.
+    const Mask by_left = abs(end) >= abs(change);
     while (any(todo)) {
       const Float start = starts_.at(piece), next = starts_.at(piece + Int(1)), x = u - start;
       const Float to = select(up, min(end, next), max(end, start));
       Mask last = either(flat, hn::Eq(to.v, end.v));
-      const Float whole = select(last, left, (to - u) * per_u), slope = slopes_[3].at(piece);
+      const Float whole = select(both(last, by_left), max(left, 0.0F), (to - u) * per_u), slope = slopes_[3].at(piece);
       const Float k = max(fma(slope, x, values_[3].at(piece)), 0.0F), rise = slope * (to - u);
       // Extinction times factor counts as linear only to choose steps.
       Float factor(1.0F), first = k, change_of_step = rise;
@@ -444,7 +497,7 @@ class Integrator {
     return piece;
   }
   [[nodiscard]] static HWY_INLINE Int piece_in(const FunctionPieces& function, Float u, Mask up) {
-    const Float bin = clamp(fma(u, static_cast<float>(FunctionPieces::bins), 1.0F), 0.0F,
+    const Float bin = clamp(fma(u, static_cast<float>(FunctionPieces::bins), function.bin_of_origin), 0.0F,
                             static_cast<float>(FunctionPieces::bins + 1));
     Int piece = Int(hn::GatherIndex(IntTag(), function.first_of_bin.data(), truncate(bin).v));
     for (;;) {
@@ -479,7 +532,14 @@ HWY_INLINE Float segment_part(const CellSegment* segments, Int place, int part) 
   return gather(reinterpret_cast<const float*>(segments) + part, place);
 }
 
-/// Blends the segments of pixels side by side.
+/// Lets a surface's light cover what is behind it.
+HWY_INLINE void add_surface(Mask met, const std::array<Float, 3>& color, Float opacity, Light& light) {
+  const Float front = only(met, light.transmittance);
+  for (std::size_t c = 0; c < 3; ++c) light.color[c] = fma(front, color[c], light.color[c]);
+  light.transmittance = fnma(front, opacity, light.transmittance);
+}
+
+/// Blends the segments of pixels side by side, and the layers between them.
 template <bool few, bool has_shades>
 class PixelBlender {
  public:
@@ -491,16 +551,19 @@ class PixelBlender {
     const Int count = load(tile_.counts.data() + first);
     const std::int32_t most = hn::GetLane(hn::MaxOfLanes(IntTag(), count.v));
     const Float transmittance = load(light_.transmittance.data() + first);
-    if (most == 0) return any(transmittance > Float(0.0F));
+    const bool has_layers = frame_.layers > 0;
+    if (most == 0 && !has_layers) return is_open(first, end, transmittance);
     const Int before_end = sort(first, count, most, end);
     Light light{{load(light_.color[0].data() + first), load(light_.color[1].data() + first),
                  load(light_.color[2].data() + first)},
                 transmittance};
+    Int layers = load(light_.layers.data() + first);
     const Float stretch = stretch_of(first);
     const std::int32_t ends = hn::GetLane(hn::MaxOfLanes(IntTag(), before_end.v));
     for (std::int32_t k = 0; k < ends; ++k) {
       const Mask todo = both(mask_of(hn::Gt(before_end.v, Int(k).v)), light.transmittance > Float(0.0F));
       if (!any(todo)) continue;
+      if (has_layers) add_layers(first, todo, load(keys_at(k)), layers, light);
       const Int place = place_at(k);
       const CellSegment* const all = tile_.segments.data();
       const Float u = segment_part(all, place, 2), end_u = segment_part(all, place, 3);
@@ -518,11 +581,14 @@ class PixelBlender {
       }
       light.transmittance = only(light.transmittance > Float(closed), light.transmittance);
     }
+    if (has_layers) {
+      add_layers(first, light.transmittance > Float(0.0F), end, layers, light);
+      store(layers, light_.layers.data() + first);
+    }
     store(light.transmittance, light_.transmittance.data() + first);
     for (std::size_t c = 0; c < 3; ++c) store(light.color[c], light_.color[c].data() + first);
-    const bool is_open = any(light.transmittance > Float(0.0F));
     keep_rest(first, count, before_end);
-    return is_open;
+    return is_open(first, end, light.transmittance);
   }
 
  private:
@@ -536,17 +602,74 @@ class PixelBlender {
     store(bits_as_float(place), tile_.places[static_cast<std::size_t>(k)].numbers.data());
   }
 
-  // Sorts by insertion, all lanes at once: segments are nearly sorted. Returns how many are before `end`.
-  HWY_INLINE Int sort(std::size_t first, Int count, std::int32_t most, float end) {
-    if (static_cast<std::size_t>(most) > tile_.keys.size()) {
-      tile_.keys.resize(2 * static_cast<std::size_t>(most));
-      tile_.places.resize(2 * static_cast<std::size_t>(most));
+  // Whether more than what is before `end` can be seen.
+  [[nodiscard]] HWY_INLINE bool is_open(std::size_t first, float end, Float transmittance) const {
+    const Mask open = transmittance > Float(0.0F);
+    if (!frame_.has_limits()) return any(open);
+    return any(both(open, load(tile_.end_keys.data() + first) > Float(end)));
+  }
+
+  // Adds the layers that are not behind `key`. Most pictures have none: their light stays in registers.
+  HWY_INLINE void add_layers(std::size_t first, Mask todo, Float key, Int& layers, Light& light) const {
+    Light with = light;
+    Int blended = layers;
+    add_some_layers(first, todo, key, blended, with);
+    light = with;
+    layers = blended;
+  }
+  HWY_NOINLINE void add_some_layers(std::size_t first, Mask todo, Float key, Int& layers, Light& light) const {
+    constexpr int part = cell_tile_pixels, layer = sizeof(CellTileLayer) / sizeof(float);
+    const float* const numbers = reinterpret_cast<const float*>(tile_.layers.data());
+    for (;;) {
+      const Int place = layers * Int(layer) + (lane_indices() + Int(static_cast<std::int32_t>(first)));
+      const Mask met = both(todo, gather(numbers, place) <= key);
+      if (!any(met)) return;
+      const auto number = [&](int i) HWY_ATTR { return gather(numbers, place + Int(i * part)); };
+      add_surface(met, {number(1), number(2), number(3)}, number(4), light);
+      light.transmittance = only(light.transmittance > Float(closed), light.transmittance);
+      layers = layers + select_int(met, Int(1), Int(0));
     }
-    const Int start = (lane_indices() + Int(static_cast<std::int32_t>(first))) * Int(4 * tile_.room);
+  }
+
+  // Sorts, and returns how many are before `end`. Few segments are sorted by insertion, all lanes at once: they are
+  // nearly sorted.
+  HWY_INLINE Int sort(std::size_t first, Int count, std::int32_t most, float end) {
+    constexpr std::int32_t few_segments = 1024;
+    if (static_cast<std::size_t>(most) > tile_.keys.size()) {
+      tile_.keys.resize(static_cast<std::size_t>(most));
+      tile_.places.resize(static_cast<std::size_t>(most));
+    }
+    return most > few_segments ? sort_many(first, count, most, end) : insert_all(first, count, most, end);
+  }
+
+  Int sort_many(std::size_t first, Int count, std::int32_t most, float end) {
+    alignas(64) std::array<std::int32_t, most_lanes> counts, before_end{};
+    store(count, counts.data());
+    for (std::size_t lane = 0; lane < static_cast<std::size_t>(lane_count()); ++lane) {
+      numbers_.resize(static_cast<std::size_t>(counts[lane]));
+      if (!numbers_.empty()) std::iota(numbers_.begin(), numbers_.end(), tile_.begin_of(first + lane));
+      std::ranges::sort(numbers_, [&](std::size_t a, std::size_t b) {
+        const float key = tile_.segments[a].key, other = tile_.segments[b].key;
+        return key != other ? key < other : is_before(a, b);
+      });
+      for (std::size_t k = 0; k < static_cast<std::size_t>(most); ++k) {
+        const bool in = k < numbers_.size();
+        const float key = in ? tile_.segments[numbers_[k]].key : 3e38F;
+        tile_.keys[k].numbers[lane] = key;
+        tile_.places[k].numbers[lane] = std::bit_cast<float>(in ? static_cast<std::int32_t>(4 * numbers_[k]) : 0);
+        before_end[lane] += key < end ? 1 : 0;
+      }
+    }
+    return load(before_end.data());
+  }
+
+  HWY_INLINE Int insert_all(std::size_t first, Int count, std::int32_t most, float end) {
+    const Int pixel = lane_indices() + Int(static_cast<std::int32_t>(first) - static_cast<int>(tile_.first_pixel));
+    const Int start = pixel * Int(4 * tile_.room);
     Int before_end(0);
     for (std::int32_t k = 0; k < most; ++k) {
       const Mask in = mask_of(hn::Gt(count.v, Int(k).v));
-      Int place = select_int(in, start + Int(4 * k), start);
+      Int place = select_int(in, start + Int(4 * k), Int(0));
       Float key = select(in, segment_part(tile_.segments.data(), place, 0), 3e38F);
       before_end = before_end + select_int(key < Float(end), Int(1), Int(0));
       std::int32_t j = k;
@@ -586,13 +709,15 @@ class PixelBlender {
         }
   }
   [[nodiscard]] bool is_before(std::size_t lane, std::int32_t a, std::int32_t b) {
-    if (keys_at(a)[lane] != keys_at(b)[lane]) return false;
-    const CellSegment &first = tile_.segments[number_at(lane, a)], &second = tile_.segments[number_at(lane, b)];
+    return keys_at(a)[lane] == keys_at(b)[lane] && is_before(number_at(lane, a), number_at(lane, b));
+  }
+  [[nodiscard]] bool is_before(std::size_t a, std::size_t b) const {
+    const CellSegment &first = tile_.segments[a], &second = tile_.segments[b];
     const auto order = [](const CellSegment& segment) {
       return std::tie(segment.length, segment.u_enter, segment.u_leave);
     };
     if (!has_shades || order(first) != order(second)) return order(first) < order(second);
-    const SegmentShade &shade = tile_.shades[number_at(lane, a)], &other = tile_.shades[number_at(lane, b)];
+    const SegmentShade &shade = tile_.shades[a], &other = tile_.shades[b];
     return std::tie(shade.lighting, shade.o_enter, shade.o_leave) <
            std::tie(other.lighting, other.o_enter, other.o_leave);
   }
@@ -620,6 +745,7 @@ class PixelBlender {
     store(blended, done.data());
     store(rest, left.data());
     for (std::size_t lane = 0; lane < static_cast<std::size_t>(lane_count()); ++lane) {
+      if (left[lane] == 0) continue;
       const auto keep = [&](auto& all, auto& kept) {
         kept.clear();
         for (std::int32_t k = 0; k < left[lane]; ++k) kept.push_back(all[number_at(lane, done[lane] + k)]);
@@ -635,6 +761,7 @@ class PixelBlender {
   TileSegments& tile_;
   CellTileLight& light_;
   Integrator<few> integrator_;
+  std::vector<std::size_t> numbers_;
   std::vector<CellSegment> kept_;
   std::vector<SegmentShade> kept_shades_;
 };
@@ -643,7 +770,8 @@ template <bool few, bool has_shades>
 bool blend_all(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile, CellTileLight& light) {
   PixelBlender<few, has_shades> blender(frame, area, tile, light);
   bool is_open = false;
-  for (std::size_t first = 0; first < cell_tile_pixels; first += static_cast<std::size_t>(lane_count()))
+  const auto lanes = static_cast<std::size_t>(lane_count());
+  for (std::size_t first = area.first_pixel() / lanes * lanes; first <= area.last_pixel(); first += lanes)
     is_open |= blender.blend(first, end);
   return is_open;
 }

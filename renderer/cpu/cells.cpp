@@ -2,9 +2,9 @@
 
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
 #include <mutex>
@@ -14,6 +14,7 @@
 #include "base/interruption.h"
 #include "renderer/cpu/cell_frame.h"
 #include "renderer/cpu/samples.h"
+#include "scene/box_in_view.h"
 #include "scene/clipped_depths.h"
 #include "scene/tile_grid.h"
 
@@ -23,12 +24,12 @@ using namespace tiles;
 
 namespace {
 
+constexpr float behind_all = 2 * farthest;  // key
+
 /// The box round what is in a chunk, in view coordinates.
 Box box_in_view(const View& view, const Box& box) {
   Box result;
-  for (int i = 0; i < 8; ++i)
-    result.include(view.to_view({(i & 1) != 0 ? box.high.x : box.low.x, (i & 2) != 0 ? box.high.y : box.low.y,
-                                 (i & 4) != 0 ? box.high.z : box.low.z}));
+  for (const dvec3& corner : corners_in_view(view, box)) result.include(corner);
   // Rounded outwards.
   const dvec3 margin = 1e-12 * glm::max(glm::abs(result.low), glm::abs(result.high));
   result.low -= margin, result.high += margin;
@@ -54,27 +55,42 @@ struct Batch {
   std::uint32_t first = 0;            // in the order of chunks
   std::vector<std::int32_t> slots;    // [number in the order, less first]: index of `chunks`; -1: it shows nothing
   std::vector<std::uint32_t> chunks;  // numbers in the order
+
+  [[nodiscard]] std::uint32_t end() const { return first + static_cast<std::uint32_t>(slots.size()); }
 };
+
+/// Gives back the memory: a list's assignment would keep it.
+template <class T>
+void release(std::vector<T>& all) {
+  std::vector<T>().swap(all);
+}
 
 /// A tile between batches.
 struct Tile {
+  CellTileArea area;
   CellTileLight light;
   std::vector<CellSegment> waiting;  // pixel by pixel
   std::vector<SegmentShade> shades;  // of these
   std::vector<std::int32_t> counts;  // [pixel]; empty: none wait
   std::vector<InTile> chunks;
-  std::size_t next = 0;  // of these
+  std::size_t next = 0;        // of these
+  std::uint64_t segments = 0;  // drawn
+  float end_key = behind_all;  // no segment behind it is seen
   bool is_open = true;
+  bool is_full = false;  // it has more segments than fit into memory
+  bool is_left = false;  // for another sweep
 
-  void clear() {
-    for (auto& channel : light.color) channel.fill(0);
-    light.transmittance.fill(1);
-    waiting = {};
-    shades = {};
-    counts.clear();
+  void begin(const CellTileArea& drawn) {
+    *this = {.area = drawn, .light = {}, .waiting = {}, .shades = {}, .counts = {}, .chunks = std::move(chunks)};
     chunks.clear();
-    next = 0;
-    is_open = true;
+    for (int y = area.pixels.y0; y <= area.pixels.y1; ++y)
+      for (int x = area.pixels.x0; x <= area.pixels.x1; ++x) light.transmittance[CellTileArea::number_of(x, y)] = 1;
+  }
+  void leave() {
+    is_left = true;
+    is_open = false;
+    release(waiting);
+    release(shades);
   }
 };
 
@@ -89,6 +105,34 @@ struct SetupScratch {
   CellSetup setup;
 };
 
+struct TileScratch {
+  TileSegments segments;
+  std::vector<std::array<double, cell_tile_pixels>> limits;  // as TileSegments::limits, but nearness
+};
+
+constexpr int tile_of(int pixel) { return pixel / cell_tile_side; }
+
+/// Halves what is drawn: tiles, then rows of one, then a row. Keeps one half, and returns the other; none of a pixel.
+std::optional<PixelRectangle> halve(PixelRectangle& area) {
+  const auto cut = [](int& last, int first, int side) -> std::optional<int> {
+    const int begin = first / side, end = last / side + 1;
+    if (end - begin < 2) return std::nullopt;
+    const int middle = (begin + end + 1) / 2 * side;
+    last = middle - 1;
+    return middle;
+  };
+  PixelRectangle other = area;
+  for (const int side : {cell_tile_side, 1}) {
+    if (const auto middle = cut(area.y1, area.y0, side)) return other.y0 = *middle, other;
+    if (const auto middle = cut(area.x1, area.x0, side)) return other.x0 = *middle, other;
+  }
+  return std::nullopt;
+}
+
+std::int64_t pixels_of(const PixelRectangle& area) {
+  return std::int64_t{area.x1 - area.x0 + 1} * (area.y1 - area.y0 + 1);
+}
+
 }  // namespace
 
 /// What pictures share: its memory.
@@ -96,22 +140,16 @@ struct tiles::CellWorkspace {
   std::vector<Tile> tiles;             // of a band
   std::vector<CellsOnScreen> screens;  // of a batch
   tbb::enumerable_thread_specific<SetupScratch> scratches;
-  tbb::enumerable_thread_specific<TileSegments> segments;
+  tbb::enumerable_thread_specific<TileScratch> tile_scratches;
 };
 
 namespace {
 
-/// The picture of cells in a band of tiles.
+/// The picture of cells: in one sweep over the chunks, or in one for each part of the picture.
 class CellSweep {
  public:
   CellSweep(const CellSource& source, const CellDrawing& drawing, const View& view, CellWorkspace& workspace)
-      : source_(source),
-        drawing_(drawing),
-        view_(view),
-        function_(drawing.transfer.function),
-        across_((view.width + cell_tile_side - 1) / cell_tile_side),
-        up_((view.height + cell_tile_side - 1) / cell_tile_side),
-        workspace_(workspace) {
+      : source_(source), drawing_(drawing), view_(view), function_(drawing.transfer.function), workspace_(workspace) {
     const TransferFunction& function = drawing.transfer.function;
     frame_.view = &view_;
     frame_.function = &function_;
@@ -122,52 +160,75 @@ class CellSweep {
     const auto side = static_cast<float>(std::max(view.width, view.height));
     frame_.widest = std::max(1024.0F, 2 * side);
     if (drawing.lighting) frame_.lighting = &*drawing.lighting;
-    frame_.surfaces = drawing.surfaces;
     if (const TransferFunction* opacity = drawing.transfer.opacity) {
       opacity_.emplace(*opacity);
       frame_.opacity = &*opacity_;
       frame_.opacity_low = opacity->lo;
       frame_.opacity_inverse = 1 / (opacity->hi - opacity->lo);
     }
+    frame_.layers = drawing.layers.size();
     frame_.slack = std::max(0.002F, 4e-6F * side);
     order_chunks();
   }
 
-  Result<CellPicture> draw() {
-    picture_.image.width = view_.width;
-    picture_.image.height = view_.height;
-    picture_.image.pixels.assign(static_cast<std::size_t>(view_.width) * static_cast<std::size_t>(view_.height),
-                                 vec4(0));
-    int height = up_;
-    for (int begin = 0; begin < up_;) {
-      SPLATVOL_TRY_ASSIGN(end, draw_band(begin, std::min(begin + height, up_)));
-      height = end - begin;
-      begin = end;
-    }
-    picture_.segments = drawn_segments_;
-    return std::move(picture_);
-  }
+  Result<CellPicture> draw();
 
  private:
   void order_chunks();
   [[nodiscard]] PixelRectangle tiles_of(const Box& box) const;
   [[nodiscard]] double nearest_depth(const Box& box, int column, int row) const;
-  [[nodiscard]] float first_key(double depth) const;
-  Result<int> draw_band(int begin, int end);
-  [[nodiscard]] bool shows(const Chunk& chunk, int begin, int end) const;
-  Status read(const Chunk& chunk, CellsOnScreen& screen);
-  [[nodiscard]] VisibleDepths visible_depths(int x, int y) const;
-  using TileDepths = std::array<VisibleDepths, cell_tile_pixels>;
-  void set_limits(const CellsOnScreen& screen, const TileDepths& depths, TileSegments& segments) const;
-  bool draw_tile(int column, int row, const Batch& batch, Tile& tile);
+  [[nodiscard]] double nearness(double depth) const;
+  [[nodiscard]] float key_of(double depth) const;
+  [[nodiscard]] float first_key(const Chunk& chunk, int column, int row) const;
   [[nodiscard]] float nearest_d(const CellsOnScreen& screen, float key) const;
-  void finish_tile(int column, int row, const Tile& tile);
-  [[nodiscard]] Tile& tile_at(int column, int row) {
-    return workspace_.tiles[static_cast<std::size_t>(row - band_begin_) * static_cast<std::size_t>(across_) +
-                            static_cast<std::size_t>(column)];
+
+  Status draw_area(const PixelRectangle& area);
+  void begin_tiles();
+  void choose_batch(std::uint32_t first);
+  [[nodiscard]] bool shows(const Chunk& chunk) const;
+  Status read_batch();
+  Status read(const Chunk& chunk, CellsOnScreen& screen);
+  Status leave_what_does_not_fit();
+  Status leave(Tile& tile);
+  void leave_half();
+  void report(double share);
+
+  [[nodiscard]] double layer_depth(const CellLayer& layer, int x, int y) const;
+  [[nodiscard]] double opaque_depth(int x, int y) const;
+  void begin_limits(const CellTileArea& area, TileScratch& scratch) const;
+  void set_limits(const CellsOnScreen& screen, TileScratch& scratch) const;
+  void draw_tile(int column, int row, Tile& tile);
+  void add_chunks(int column, int row, Tile& tile, TileScratch& scratch);
+  void restore_waiting(const Tile& tile, TileSegments& segments) const;
+  void keep_waiting(const TileSegments& segments, Tile& tile) const;
+  void finish_tile(const Tile& tile);
+
+  // The bytes that a thread's segments may take, at the least.
+  static constexpr std::uint64_t least_room = std::uint64_t{4} << 20;
+
+  // Visits the tiles of the area that a rectangle of tiles has.
+  template <class Visit>
+  void visit_tiles(const PixelRectangle& tiles, const Visit& visit) const {
+    for (int row = std::max(tiles.y0, tiles_.y0); row <= std::min(tiles.y1, tiles_.y1); ++row)
+      for (int column = std::max(tiles.x0, tiles_.x0); column <= std::min(tiles.x1, tiles_.x1); ++column)
+        visit(column, row, tile_at(column, row));
   }
-  [[nodiscard]] const Tile& tile_at(int column, int row) const {
-    return const_cast<CellSweep*>(this)->tile_at(column, row);
+  [[nodiscard]] int across() const { return tiles_.x1 - tiles_.x0 + 1; }
+  [[nodiscard]] Tile& tile_at(int column, int row) const {
+    return workspace_.tiles[static_cast<std::size_t>(row - tiles_.y0) * static_cast<std::size_t>(across()) +
+                            static_cast<std::size_t>(column - tiles_.x0)];
+  }
+  // Visits all tiles of the area, in parallel.
+  template <class Visit>
+  void for_each_tile(const Visit& visit) {
+    tbb::parallel_for(std::size_t{0}, workspace_.tiles.size(), [&](std::size_t i) {
+      visit(tiles_.x0 + static_cast<int>(i) % across(), tiles_.y0 + static_cast<int>(i) / across(),
+            workspace_.tiles[i]);
+    });
+  }
+  [[nodiscard]] std::size_t place_of(int x, int y) const {
+    return static_cast<std::size_t>(view_.height - 1 - y) * static_cast<std::size_t>(view_.width) +
+           static_cast<std::size_t>(x);
   }
 
   const CellSource& source_;
@@ -176,11 +237,15 @@ class CellSweep {
   FunctionPieces function_;
   std::optional<FunctionPieces> opacity_;
   CellFrame frame_;
-  int across_, up_;            // tiles
   std::vector<Chunk> chunks_;  // by their nearest depth
-  int band_begin_ = 0;
   CellWorkspace& workspace_;
-  std::atomic<std::uint64_t> drawn_segments_ = 0;
+
+  std::vector<PixelRectangle> left_;                 // what other sweeps draw
+  PixelRectangle area_{}, tiles_{};                  // of this sweep: what it still draws; all of its tiles
+  int most_rows_ = std::numeric_limits<int>::max();  // of tiles, that fit into memory
+  Batch batch_;
+  std::int64_t finished_pixels_ = 0;
+  double reported_ = 0;
   CellPicture picture_;
 };
 
@@ -222,7 +287,7 @@ PixelRectangle CellSweep::tiles_of(const Box& box) const {
   const auto [left, right] = range(box.low.x, box.high.x, frame_.middle_x, view_.width);
   const auto [bottom, top] = range(box.low.y, box.high.y, frame_.middle_y, view_.height);
   if (left > right || bottom > top) return {0, -1, 0, -1};
-  return {left / cell_tile_side, right / cell_tile_side, bottom / cell_tile_side, top / cell_tile_side};
+  return {tile_of(left), tile_of(right), tile_of(bottom), tile_of(top)};
 }
 
 // A depth that no ray of the tile reaches before it is in the box.
@@ -240,11 +305,21 @@ double CellSweep::nearest_depth(const Box& box, int column, int row) const {
   return depth * (1 - 1e-6);
 }
 
-// A key that no segment has that begins at this depth or behind it.
-float CellSweep::first_key(double depth) const {
-  const double d =
-      view_.orthographic ? frame_.farthest_w - depth : 1 / std::max(depth, frame_.nearest) - frame_.farthest_w;
-  return std::nextafter(static_cast<float>(-d), -farthest);
+// Rises towards the eye, and differs from each chunk's d by a number.
+double CellSweep::nearness(double depth) const {
+  if (depth == std::numeric_limits<double>::infinity()) return -double{farthest};
+  if (view_.orthographic) return -depth;
+  return depth > 0 ? 1 / depth : double{farthest};
+}
+
+float CellSweep::key_of(double depth) const {
+  return static_cast<float>(-(nearness(depth) + (view_.orthographic ? frame_.farthest_w : -frame_.farthest_w)));
+}
+
+// A key that no segment of a chunk in the tile has, nor a lower one.
+float CellSweep::first_key(const Chunk& chunk, int column, int row) const {
+  const double depth = std::max(nearest_depth(chunk.box, column, row), frame_.nearest);
+  return std::nextafter(key_of(depth), -farthest);
 }
 
 // The largest d whose key is not below `key`.
@@ -254,87 +329,121 @@ float CellSweep::nearest_d(const CellsOnScreen& screen, float key) const {
   return d;
 }
 
-// Draws a band of rows. Leaves out upper ones if more segments wait than fit into memory. Returns where it ends.
-Result<int> CellSweep::draw_band(int begin, int end) {
-  band_begin_ = begin;
-  std::vector<Tile>& tiles = workspace_.tiles;
-  tiles.resize(static_cast<std::size_t>(across_) * static_cast<std::size_t>(end - begin));
-  tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) { tiles[i].clear(); });
-  for (std::uint32_t number = 0; number < chunks_.size(); ++number) {
-    const Chunk& chunk = chunks_[number];
-    for (int row = std::max(chunk.tiles.y0, begin); row <= std::min(chunk.tiles.y1, end - 1); ++row)
-      for (int column = chunk.tiles.x0; column <= chunk.tiles.x1; ++column)
-        tile_at(column, row).chunks.push_back({number, first_key(nearest_depth(chunk.box, column, row)), farthest});
-  }
-  for (Tile& tile : tiles)
-    for (std::size_t i = tile.chunks.size(); i-- > 1;)
-      tile.chunks[i - 1].later_key = std::min(tile.chunks[i].first_key, tile.chunks[i].later_key);
-
-  constexpr std::uint64_t bytes_of_cell = sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t);
-  const std::uint64_t most = std::min<std::uint64_t>(drawing_.memory / 4, std::uint64_t{128} << 20);
-  Batch batch;
-  for (std::uint32_t first = 0; first < chunks_.size();) {
-    SPLATVOL_TRY(check_interruption());
-    batch.chunks.clear();
-    batch.slots.clear();
-    batch.first = first;
-    std::uint32_t next = first;
-    for (std::uint64_t bytes = 0; next < chunks_.size() && (bytes < most || batch.chunks.empty()); ++next) {
-      const bool is_shown = shows(chunks_[next], begin, end);
-      batch.slots.push_back(is_shown ? static_cast<std::int32_t>(batch.chunks.size()) : -1);
-      if (!is_shown) continue;
-      batch.chunks.push_back(next);
-      bytes += chunks_[next].source.tetrahedra * bytes_of_cell;
+Result<CellPicture> CellSweep::draw() {
+  picture_.image.width = view_.width;
+  picture_.image.height = view_.height;
+  picture_.image.pixels.assign(static_cast<std::size_t>(view_.width) * static_cast<std::size_t>(view_.height), vec4(0));
+  left_ = {{0, view_.width - 1, 0, view_.height - 1}};
+  while (!left_.empty()) {
+    PixelRectangle area = left_.back();
+    left_.pop_back();
+    if (tile_of(area.y1) - tile_of(area.y0) >= most_rows_) {
+      PixelRectangle& rest = left_.emplace_back(area);
+      rest.y0 = (tile_of(area.y0) + most_rows_) * cell_tile_side;
+      area.y1 = rest.y0 - 1;
     }
-    std::vector<std::uint64_t> numbers;
-    for (const std::uint32_t chunk : batch.chunks) numbers.push_back(chunks_[chunk].source.number);
-    SPLATVOL_TRY_ASSIGN(ahead, source_.read_ahead(numbers));
-    // What an earlier batch had stays for its memory.
-    if (workspace_.screens.size() < batch.chunks.size()) workspace_.screens.resize(batch.chunks.size());
-    for (CellsOnScreen& screen : workspace_.screens) screen.clear();
-    // Threads of the loops know nothing of the stop of this one.
-    const std::stop_token stop = stop_of_thread();
-    std::mutex mutex;
-    Status status;
-    tbb::parallel_for(std::size_t{0}, batch.chunks.size(), [&](std::size_t i) {
-      const Interruptible heeds_stop(stop);
-      if (is_interrupted()) return;
-      Status read_one = read(chunks_[batch.chunks[i]], workspace_.screens[i]);
-      const std::scoped_lock lock(mutex);
-      if (!read_one && status) status = std::move(read_one);
-    });
-    SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY(status);
-    std::atomic<bool> is_full = false;
-    tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
-      if (stop.stop_requested()) return;
-      const int row = begin + static_cast<int>(i) / across_, column = static_cast<int>(i) % across_;
-      if (!draw_tile(column, row, batch, tiles[i])) is_full = true;
-    });
-    SPLATVOL_TRY(check_interruption());
-    if (is_full)
-      return fail(ErrorCode::out_of_budget, "more than {} cells overlap at a place: draw splats instead",
-                  TileSegments::most_room);
-    while (end - begin > 1 && waiting_bytes(tiles) > drawing_.memory / 2) {
-      end = (begin + end + 1) / 2;
-      tiles.resize(static_cast<std::size_t>(across_) * static_cast<std::size_t>(end - begin));
-    }
-    first = next;
-    if (drawing_.progress && !chunks_.empty())
-      drawing_.progress((begin + (end - begin) * static_cast<double>(first) / static_cast<double>(chunks_.size())) /
-                        up_);
+    SPLATVOL_TRY(draw_area(area));
   }
-  tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
-    finish_tile(static_cast<int>(i) % across_, begin + static_cast<int>(i) / across_, tiles[i]);
-  });
-  return end;
+  return std::move(picture_);
 }
 
-bool CellSweep::shows(const Chunk& chunk, int begin, int end) const {
-  for (int row = std::max(chunk.tiles.y0, begin); row <= std::min(chunk.tiles.y1, end - 1); ++row)
-    for (int column = chunk.tiles.x0; column <= chunk.tiles.x1; ++column)
-      if (tile_at(column, row).is_open) return true;
-  return false;
+Status CellSweep::draw_area(const PixelRectangle& area) {
+  area_ = area;
+  tiles_ = {tile_of(area.x0), tile_of(area.x1), tile_of(area.y0), tile_of(area.y1)};
+  begin_tiles();
+  // Threads of the loops know nothing of the stop of this one.
+  const std::stop_token stop = stop_of_thread();
+  for (std::uint32_t first = 0; first < chunks_.size(); first = batch_.end()) {
+    SPLATVOL_TRY(check_interruption());
+    choose_batch(first);
+    SPLATVOL_TRY(read_batch());
+    for_each_tile([&](int column, int row, Tile& tile) {
+      if (!stop.stop_requested()) draw_tile(column, row, tile);
+    });
+    SPLATVOL_TRY(check_interruption());
+    SPLATVOL_TRY(leave_what_does_not_fit());
+    report(static_cast<double>(batch_.end()) / static_cast<double>(chunks_.size()));
+  }
+  for_each_tile([&](int, int, const Tile& tile) {
+    if (!tile.is_left) finish_tile(tile);
+  });
+  for (const Tile& tile : workspace_.tiles) {
+    if (tile.is_left) continue;
+    picture_.segments += tile.segments;
+    finished_pixels_ += pixels_of(tile.area.pixels);
+  }
+  return {};
+}
+
+void CellSweep::begin_tiles() {
+  workspace_.tiles.resize(static_cast<std::size_t>(across()) * static_cast<std::size_t>(tiles_.y1 - tiles_.y0 + 1));
+  for_each_tile([&](int column, int row, Tile& tile) {
+    const int left = column * cell_tile_side, bottom = row * cell_tile_side;
+    const auto within = [](int first, int last, int begin) {
+      return std::pair(std::max(first - begin, 0), std::min(last - begin, cell_tile_side - 1));
+    };
+    const auto [x0, x1] = within(area_.x0, area_.x1, left);
+    const auto [y0, y1] = within(area_.y0, area_.y1, bottom);
+    tile.begin({left, bottom, {x0, x1, y0, y1}});
+    if (frame_.layers == 0) return;
+    tile.end_key = -farthest;
+    for (int y = y0; y <= y1; ++y)
+      for (int x = x0; x <= x1; ++x) tile.end_key = std::max(tile.end_key, key_of(opaque_depth(left + x, bottom + y)));
+  });
+  for (std::uint32_t number = 0; number < chunks_.size(); ++number)
+    visit_tiles(chunks_[number].tiles, [&](int column, int row, Tile& tile) {
+      const float key = first_key(chunks_[number], column, row);
+      if (key < tile.end_key) tile.chunks.push_back({number, key, farthest});
+    });
+  for (Tile& tile : workspace_.tiles)
+    for (std::size_t i = tile.chunks.size(); i-- > 1;)
+      tile.chunks[i - 1].later_key = std::min(tile.chunks[i].first_key, tile.chunks[i].later_key);
+}
+
+void CellSweep::choose_batch(std::uint32_t first) {
+  constexpr std::uint64_t bytes_of_cell = sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t);
+  const std::uint64_t most = std::min<std::uint64_t>(drawing_.memory / 4, std::uint64_t{128} << 20);
+  batch_.first = first;
+  batch_.chunks.clear();
+  batch_.slots.clear();
+  std::uint64_t bytes = 0;
+  while (batch_.end() < chunks_.size() && (bytes < most || batch_.chunks.empty())) {
+    const std::uint32_t next = batch_.end();
+    const bool is_shown = shows(chunks_[next]);
+    batch_.slots.push_back(is_shown ? static_cast<std::int32_t>(batch_.chunks.size()) : -1);
+    if (!is_shown) continue;
+    batch_.chunks.push_back(next);
+    bytes += chunks_[next].source.tetrahedra * bytes_of_cell;
+  }
+}
+
+bool CellSweep::shows(const Chunk& chunk) const {
+  bool is_shown = false;
+  visit_tiles(chunk.tiles, [&](int column, int row, const Tile& tile) {
+    is_shown = is_shown || (tile.is_open && first_key(chunk, column, row) < tile.end_key);
+  });
+  return is_shown;
+}
+
+Status CellSweep::read_batch() {
+  std::vector<std::uint64_t> numbers;
+  for (const std::uint32_t chunk : batch_.chunks) numbers.push_back(chunks_[chunk].source.number);
+  SPLATVOL_TRY_ASSIGN(ahead, source_.read_ahead(numbers));
+  // What an earlier batch had stays for its memory.
+  if (workspace_.screens.size() < batch_.chunks.size()) workspace_.screens.resize(batch_.chunks.size());
+  for (CellsOnScreen& screen : workspace_.screens) screen.clear();
+  const std::stop_token stop = stop_of_thread();
+  std::mutex mutex;
+  Status status;
+  tbb::parallel_for(std::size_t{0}, batch_.chunks.size(), [&](std::size_t i) {
+    const Interruptible heeds_stop(stop);
+    if (is_interrupted()) return;
+    Status read_one = read(chunks_[batch_.chunks[i]], workspace_.screens[i]);
+    const std::scoped_lock lock(mutex);
+    if (!read_one && status) status = std::move(read_one);
+  });
+  SPLATVOL_TRY(check_interruption());
+  return status;
 }
 
 Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
@@ -352,121 +461,222 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   return {};
 }
 
-// Between which depths a pixel's ray shows something.
-VisibleDepths CellSweep::visible_depths(int x, int y) const {
-  VisibleDepths range = clipped_depths(view_, (x - frame_.middle_x) / view_.focal, (y - frame_.middle_y) / view_.focal);
-  if (!frame_.surfaces) return range;
-  const auto row = static_cast<std::size_t>(view_.height - 1 - y), column = static_cast<std::size_t>(x);
-  const double depth = frame_.surfaces->depths[row * static_cast<std::size_t>(view_.width) + column];
-  if (!std::isnan(depth)) range.to = std::min(range.to, depth);
-  return range;
+// Leaves parts of the area to other sweeps, so that memory holds the rest.
+Status CellSweep::leave_what_does_not_fit() {
+  for (Tile& tile : workspace_.tiles)
+    if (tile.is_full && !tile.is_left) SPLATVOL_TRY(leave(tile));
+  for (;;) {
+    const std::uint64_t bytes = waiting_bytes(workspace_.tiles);
+    const bool is_one_tile = tile_of(area_.x0) == tile_of(area_.x1) && tile_of(area_.y0) == tile_of(area_.y1);
+    if (bytes <= drawing_.memory / 2 || (is_one_tile && bytes <= least_room)) return {};
+    if (is_one_tile)
+      SPLATVOL_TRY(leave(tile_at(tile_of(area_.x0), tile_of(area_.y0))));
+    else
+      leave_half();
+  }
 }
 
-void CellSweep::set_limits(const CellsOnScreen& screen, const TileDepths& depths, TileSegments& segments) const {
-  const auto d_of = [&](double depth) {
-    if (depth <= 0) return farthest;
-    if (depth == std::numeric_limits<double>::infinity()) return -farthest;
-    return static_cast<float>(view_.orthographic ? screen.w - depth : 1 / depth - screen.w);
+// Leaves a tile to two sweeps.
+Status CellSweep::leave(Tile& tile) {
+  PixelRectangle half = tile.area.in_picture();
+  const std::optional<PixelRectangle> other = halve(half);
+  if (!other)
+    return fail(ErrorCode::out_of_budget,
+                "the cells that overlap in a pixel need more memory: give more, or draw splats");
+  left_.push_back(half);
+  left_.push_back(*other);
+  tile.leave();
+  return {};
+}
+
+// Leaves half of the area to other sweeps: to one, unless some of its tiles have been left already.
+void CellSweep::leave_half() {
+  const PixelRectangle other = *halve(area_);
+  most_rows_ = tile_of(area_.y1) - tile_of(area_.y0) + 1;
+  const std::size_t left_before = left_.size();
+  bool is_whole = true;
+  visit_tiles({tile_of(other.x0), tile_of(other.x1), tile_of(other.y0), tile_of(other.y1)}, [&](int, int, Tile& tile) {
+    is_whole = is_whole && !tile.is_left;
+    if (tile.is_left) return;
+    left_.push_back(tile.area.in_picture());
+    tile.leave();
+  });
+  if (!is_whole) return;
+  left_.resize(left_before);
+  left_.push_back(other);
+}
+
+void CellSweep::report(double share) {
+  if (!drawing_.progress) return;
+  std::int64_t pixels = 0;
+  for (const Tile& tile : workspace_.tiles) pixels += tile.is_left ? 0 : pixels_of(tile.area.pixels);
+  const double done = (static_cast<double>(finished_pixels_) + share * static_cast<double>(pixels)) /
+                      static_cast<double>(picture_.image.pixels.size());
+  drawing_.progress(reported_ = std::max(reported_, done));
+}
+
+// Where a pixel's ray meets a layer.
+double CellSweep::layer_depth(const CellLayer& layer, int x, int y) const {
+  const double depth = layer.depths->depths[place_of(x, y)];
+  return std::isnan(depth) ? std::numeric_limits<double>::infinity() : depth;
+}
+
+// Where a pixel's ray meets its nearest opaque layer.
+double CellSweep::opaque_depth(int x, int y) const {
+  for (const CellLayer& layer : drawing_.layers)
+    if (!layer.light || layer.light->pixels[place_of(x, y)].a >= 1) return layer_depth(layer, x, y);
+  return std::numeric_limits<double>::infinity();
+}
+
+// Prepares the layers of a tile, and between which depths its rays show something.
+void CellSweep::begin_limits(const CellTileArea& area, TileScratch& scratch) const {
+  TileSegments& segments = scratch.segments;
+  const std::size_t layers = frame_.layers;
+  segments.limits.resize(layers + 2);
+  scratch.limits.resize(layers + 2);
+  segments.layers.resize(layers + 1);
+  segments.layers[layers].keys.fill(behind_all);
+  segments.end_keys.fill(behind_all);
+  for (auto& limit : scratch.limits) limit.fill(0);
+  for (int y = area.bottom + area.pixels.y0; y <= area.bottom + area.pixels.y1; ++y)
+    for (int x = area.left + area.pixels.x0; x <= area.left + area.pixels.x1; ++x) {
+      const std::size_t pixel = CellTileArea::number_of(x - area.left, y - area.bottom);
+      const VisibleDepths visible =
+          clipped_depths(view_, (x - frame_.middle_x) / view_.focal, (y - frame_.middle_y) / view_.focal);
+      const double end = opaque_depth(x, y), from = nearness(visible.from);
+      const double to = std::min(from, nearness(std::min(visible.to, end)));
+      scratch.limits.front()[pixel] = from;
+      scratch.limits.back()[pixel] = to;
+      segments.end_keys[pixel] = key_of(end);
+      for (std::size_t i = 0; i < layers; ++i) {
+        const CellLayer& layer = drawing_.layers[i];
+        const double depth = layer_depth(layer, x, y);
+        scratch.limits[i + 1][pixel] = std::clamp(nearness(depth), to, from);
+        segments.layers[i].keys[pixel] = key_of(depth);
+        const vec4 light = layer.light ? layer.light->pixels[place_of(x, y)] : vec4(0);
+        for (int c = 0; c < 4; ++c) segments.layers[i].light[static_cast<std::size_t>(c)][pixel] = light[c];
+      }
+    }
+}
+
+void CellSweep::set_limits(const CellsOnScreen& screen, TileScratch& scratch) const {
+  const double offset = view_.orthographic ? screen.w : -double{screen.w};
+  for (std::size_t i = 0; i < scratch.limits.size(); ++i)
+    for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel)
+      scratch.segments.limits[i].d[pixel] = static_cast<float>(scratch.limits[i][pixel] + offset);
+}
+
+void CellSweep::draw_tile(int column, int row, Tile& tile) {
+  const auto is_in_batch = [&] {
+    return tile.next < tile.chunks.size() && tile.chunks[tile.next].chunk < batch_.end();
   };
-  for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
-    segments.near_limits[pixel] = d_of(depths[pixel].from);
-    segments.far_limits[pixel] = d_of(depths[pixel].to);
+  if (!is_in_batch()) return;
+  if (tile.is_open) {
+    TileScratch& scratch = workspace_.tile_scratches.local();
+    TileSegments& segments = scratch.segments;
+    segments.most_bytes =
+        std::max(drawing_.memory / 4 / static_cast<unsigned>(tbb::this_task_arena::max_concurrency()), least_room);
+    segments.begin(tile.area, frame_.has_shades());
+    if (!tile.counts.empty()) restore_waiting(tile, segments);
+    if (frame_.has_limits()) begin_limits(tile.area, scratch);
+    add_chunks(column, row, tile, scratch);
+    if (tile.is_full) return;
+    keep_waiting(segments, tile);
   }
+  while (is_in_batch()) ++tile.next;
 }
 
-// Returns false if there are too many segments.
-bool CellSweep::draw_tile(int column, int row, const Batch& batch, Tile& tile) {
+// Adds the segments of the batch's chunks, and blends what is final.
+void CellSweep::add_chunks(int column, int row, Tile& tile, TileScratch& scratch) {
   constexpr std::uint64_t blended_at_once = std::uint64_t{32} * cell_tile_pixels;
-  const auto end = static_cast<std::uint32_t>(batch.first + batch.slots.size());
-  const auto is_in_batch = [&] { return tile.next < tile.chunks.size() && tile.chunks[tile.next].chunk < end; };
-  if (!is_in_batch()) return true;
-  if (!tile.is_open) {
-    while (is_in_batch()) ++tile.next;
-    return true;
-  }
-  TileSegments& segments = workspace_.segments.local();
-  const bool has_shades = frame_.has_shades();
-  if (has_shades) segments.shades.resize(segments.segments.size());
-  segments.counts.fill(0);
-  segments.is_full = false;  // an earlier picture may have failed
-  if (!tile.counts.empty()) {
-    while (segments.room < std::ranges::max(tile.counts)) static_cast<void>(segments.make_room());
-    std::size_t from = 0;
-    for (std::size_t pixel = 0; pixel < cell_tile_pixels; from += static_cast<std::size_t>(tile.counts[pixel++])) {
-      const auto copy = [&](const auto& waiting, auto& all) {
-        std::copy_n(waiting.begin() + static_cast<std::ptrdiff_t>(from), tile.counts[pixel],
-                    all.begin() + static_cast<std::ptrdiff_t>(segments.begin_of(pixel)));
-      };
-      copy(tile.waiting, segments.segments);
-      if (has_shades) copy(tile.shades, segments.shades);
-    }
-    std::ranges::copy(tile.counts, segments.counts.begin());
-  }
-  const CellTileArea area = {column * cell_tile_side, row * cell_tile_side};
-  TileDepths depths;
-  if (frame_.has_limits())
-    for (int pixel = 0; pixel < cell_tile_pixels; ++pixel) {
-      const int x = area.left + pixel % cell_tile_side, y = area.bottom + pixel / cell_tile_side;
-      depths[static_cast<std::size_t>(pixel)] =
-          x < view_.width && y < view_.height ? visible_depths(x, y) : VisibleDepths{0, 0};
-    }
-  std::uint64_t unblended = 0;
+  TileSegments& segments = scratch.segments;
+  std::uint64_t unblended = 0, waiting = segments.count();
   float later_key = -farthest;
-  for (; is_in_batch(); ++tile.next) {
+  const auto blend = [&] {
+    tile.is_open = blend_segments(frame_, tile.area, later_key, segments, tile.light);
+    unblended = 0;
+    waiting = segments.count();
+  };
+  for (; tile.next < tile.chunks.size() && tile.chunks[tile.next].chunk < batch_.end(); ++tile.next) {
     const InTile& chunk = tile.chunks[tile.next];
     later_key = chunk.later_key;
-    const std::int32_t slot = batch.slots[chunk.chunk - batch.first];
+    const std::int32_t slot = batch_.slots[chunk.chunk - batch_.first];
     if (slot < 0) continue;
     const CellsOnScreen& screen = workspace_.screens[static_cast<std::size_t>(slot)];
     const std::uint64_t had = segments.added;
-    if (frame_.has_limits()) set_limits(screen, depths, segments);
-    add_segments(frame_, screen, screen.in_tile(column, row), area, nearest_d(screen, chunk.first_key), segments);
-    if (segments.is_full) return false;
+    if (frame_.has_limits()) set_limits(screen, scratch);
+    add_segments(frame_, screen, screen.in_tile(column, row), tile.area, nearest_d(screen, chunk.first_key), segments);
+    tile.is_full = segments.is_full;
+    if (tile.is_full) return;
     unblended += segments.added - had;
-    drawn_segments_ += segments.added - had;
-    if (unblended < blended_at_once) continue;
-    tile.is_open = blend_segments(frame_, area, later_key, segments, tile.light);
-    unblended = 0;
-    if (!tile.is_open) break;
+    tile.segments += segments.added - had;
+    // Those that wait are sorted again each time.
+    if (unblended < std::max(blended_at_once, waiting / 4)) continue;
+    blend();
+    if (!tile.is_open) return;
   }
-  if (tile.is_open) tile.is_open = blend_segments(frame_, area, later_key, segments, tile.light);
-  while (is_in_batch()) ++tile.next;
+  blend();
+}
+
+void CellSweep::restore_waiting(const Tile& tile, TileSegments& segments) const {
+  while (segments.room < std::ranges::max(tile.counts)) static_cast<void>(segments.make_room());
+  std::size_t from = 0;
+  for (std::size_t pixel = 0; pixel < cell_tile_pixels; from += static_cast<std::size_t>(tile.counts[pixel++])) {
+    if (tile.counts[pixel] == 0) continue;
+    const auto copy = [&](const auto& waiting, auto& all) {
+      std::copy_n(waiting.begin() + static_cast<std::ptrdiff_t>(from), tile.counts[pixel],
+                  all.begin() + static_cast<std::ptrdiff_t>(segments.begin_of(pixel)));
+    };
+    copy(tile.waiting, segments.segments);
+    if (frame_.has_shades()) copy(tile.shades, segments.shades);
+  }
+  std::ranges::copy(tile.counts, segments.counts.begin());
+}
+
+void CellSweep::keep_waiting(const TileSegments& segments, Tile& tile) const {
+  const std::uint64_t count = segments.count();
   tile.waiting.clear();
   tile.shades.clear();
   tile.counts.clear();
-  if (!tile.is_open || std::ranges::max(segments.counts) == 0) {
-    tile.waiting = {};
-    tile.shades = {};
-    return true;
+  if (!tile.is_open || count == 0) {
+    release(tile.waiting);
+    release(tile.shades);
+    return;
   }
   tile.counts.assign(segments.counts.begin(), segments.counts.end());
-  const auto count = static_cast<std::size_t>(std::accumulate(tile.counts.begin(), tile.counts.end(), std::int64_t{0}));
   const auto make_room = [&](auto& waiting) {
-    if (waiting.capacity() > 2 * count) waiting = {};
+    if (waiting.capacity() > 2 * count) release(waiting);
     waiting.reserve(count);
   };
   make_room(tile.waiting);
-  if (has_shades) make_room(tile.shades);
+  if (frame_.has_shades()) make_room(tile.shades);
   for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
+    if (segments.counts[pixel] == 0) continue;
     const auto keep = [&](const auto& all, auto& waiting) {
       const auto from = all.begin() + static_cast<std::ptrdiff_t>(segments.begin_of(pixel));
       waiting.insert(waiting.end(), from, from + segments.counts[pixel]);
     };
     keep(segments.segments, tile.waiting);
-    if (has_shades) keep(segments.shades, tile.shades);
+    if (frame_.has_shades()) keep(segments.shades, tile.shades);
   }
-  return true;
 }
 
-void CellSweep::finish_tile(int column, int row, const Tile& tile) {
-  for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
-    const int x = column * cell_tile_side + static_cast<int>(pixel) % cell_tile_side;
-    const int y = row * cell_tile_side + static_cast<int>(pixel) / cell_tile_side;
-    if (x >= view_.width || y >= view_.height) continue;
-    const auto& color = tile.light.color;
-    picture_.image.at(x, view_.height - 1 - y) =
-        vec4(color[0][pixel], color[1][pixel], color[2][pixel], 1 - tile.light.transmittance[pixel]);
-  }
+void CellSweep::finish_tile(const Tile& tile) {
+  const PixelRectangle area = tile.area.in_picture();
+  for (int y = area.y0; y <= area.y1; ++y)
+    for (int x = area.x0; x <= area.x1; ++x) {
+      const std::size_t pixel = CellTileArea::number_of(x - tile.area.left, y - tile.area.bottom);
+      const auto& color = tile.light.color;
+      vec4 light(color[0][pixel], color[1][pixel], color[2][pixel], tile.light.transmittance[pixel]);
+      // Layers of tiles without cells.
+      for (auto i = static_cast<std::size_t>(tile.light.layers[pixel]); i < frame_.layers; ++i)
+        if (const Image* layer = drawing_.layers[i].light) {
+          const vec4& surface = layer->pixels[place_of(x, y)];
+          light = vec4(vec3(light) + light.a * vec3(surface), light.a * (1 - surface.a));
+        }
+      light.a = 1 - light.a;
+      picture_.image.pixels[place_of(x, y)] = light;
+    }
 }
 
 }  // namespace
@@ -476,7 +686,7 @@ CellRasterizer::~CellRasterizer() = default;
 
 Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDrawing& drawing) {
   // Wider samples would blur the outlines of surfaces.
-  const int spacing = drawing.surfaces ? 1 : drawing.sample_spacing;
+  const int spacing = drawing.layers.empty() ? drawing.sample_spacing : 1;
   const View view = spacing > 1 ? sampled_view(drawing.view, spacing) : drawing.view;
   SPLATVOL_TRY_ASSIGN(picture, CellSweep(source, drawing, view, *workspace_).draw());
   if (spacing <= 1) return picture;
@@ -487,21 +697,42 @@ Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDra
   return picture;
 }
 
+void tiles::TileSegments::begin(const CellTileArea& area, bool has_shades) {
+  first_pixel = area.first_pixel();
+  const std::size_t all = area.last_pixel() - first_pixel + 1;
+  if (all != pixels) room = least_room;
+  pixels = all;
+  const std::size_t all_places = pixels * static_cast<std::size_t>(room);
+  segments.resize(all_places);
+  shades.resize(has_shades ? all_places : 0);
+  counts.fill(0);
+  is_full = false;
+}
+
+std::uint64_t tiles::TileSegments::count() const {
+  return static_cast<std::uint64_t>(std::accumulate(counts.begin(), counts.end(), std::int64_t{0}));
+}
+
 bool tiles::TileSegments::make_room() {
-  const int more_room = 2 * room + 4;
-  is_full = is_full || more_room > most_room;
+  const std::uint64_t more_room = 2 * static_cast<std::uint64_t>(room) + 4;
+  // What there is, and what takes its place; the keys and places of the deepest pixels, in the same way.
+  const std::uint64_t of_place = pixels * sizeof(CellSegment) * (shades.empty() ? 1 : 2) + 2 * sizeof(Lanes);
+  // Integers of 32 bits are places of numbers.
+  constexpr std::uint64_t most_places = std::numeric_limits<std::int32_t>::max() / 4;
+  is_full = is_full || (static_cast<std::uint64_t>(room) + more_room) * of_place > most_bytes ||
+            more_room * pixels > most_places;
   if (is_full) return false;
   const auto spread = [&](auto& all) {
     if (all.empty()) return;
-    std::remove_reference_t<decltype(all)> more(static_cast<std::size_t>(more_room) * cell_tile_pixels);
-    for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel)
+    std::remove_reference_t<decltype(all)> more(more_room * pixels);
+    for (std::size_t pixel = first_pixel; pixel < first_pixel + pixels; ++pixel)
       std::copy_n(all.begin() + static_cast<std::ptrdiff_t>(begin_of(pixel)), std::min(counts[pixel], room),
-                  more.begin() + static_cast<std::ptrdiff_t>(pixel * static_cast<std::size_t>(more_room)));
+                  more.begin() + static_cast<std::ptrdiff_t>((pixel - first_pixel) * more_room));
     all = std::move(more);
   };
   spread(segments);
   spread(shades);
-  room = more_room;
+  room = static_cast<int>(more_room);
   return true;
 }
 

@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "base/error.h"
 #include "pictures/image.h"
@@ -18,13 +19,19 @@ namespace tiles {
 struct CellWorkspace;
 }
 
+/// A surface in each pixel.
+struct CellLayer {
+  const SurfaceDepths* depths = nullptr;
+  const Image* light = nullptr;  // premultiplied; alpha: the opacity. Null: rays end at these depths, and show nothing
+};
+
 struct CellDrawing {
   View view;
   Transfer transfer;  // refers to functions, which must outlive the drawing
   std::optional<Lighting> lighting = {};
-  const SurfaceDepths* surfaces = nullptr;        // as Rasterizer::set_surface_depths
-  int sample_spacing = 1;                         // as Rasterizer::draw
-  std::uint64_t memory = std::uint64_t{1} << 30;  // bytes, besides the picture and one chunk for each thread
+  std::vector<CellLayer> layers = {};             // of the picture's size; none lies in front of the one before it
+  int sample_spacing = 1;                         // as Rasterizer::draw; 1 with layers
+  std::uint64_t memory = std::uint64_t{1} << 30;  // bytes, besides the picture, and a chunk and 4 MiB for each thread
 
   /// Called with the share that is done, in [0, 1], one call at a time.
   std::function<void(double)> progress = {};
@@ -32,7 +39,7 @@ struct CellDrawing {
 
 struct CellPicture {
   Image image;                 // linear premultiplied RGBA
-  std::uint64_t segments = 0;  // pieces of rays in a tetrahedron with a visible value
+  std::uint64_t segments = 0;  // pieces of rays in a tetrahedron with a visible value, between two layers
 };
 
 /// Draws exact pictures of cells: as render_reference() (renderer/reference/reference.h), in single precision where
@@ -42,9 +49,10 @@ class CellRasterizer {
   CellRasterizer();
   ~CellRasterizer();
 
-  /// Reads each chunk at most once if what waits fits into memory, else once for each band of the picture. The picture
-  /// does not depend on threads, memory and the order of chunks. Fails with ErrorCode::cancelled if the thread is
-  /// interrupted, with ErrorCode::out_of_budget if a million cells overlap at a place, and if the source fails.
+  /// Reads each chunk at most once if what waits fits into memory, else once for each part of the picture: down to a
+  /// single pixel. A chunk that lies behind opaque layers is not read. The picture does not depend on threads, memory
+  /// and the order of chunks. Fails with ErrorCode::cancelled if the thread is interrupted, with
+  /// ErrorCode::out_of_budget if a pixel's segments do not fit into memory, and if the source fails.
   [[nodiscard]] Result<CellPicture> draw(const CellSource& source, const CellDrawing& drawing);
 
  private:

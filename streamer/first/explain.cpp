@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 
+#include "scene/box_in_view.h"
 #include "streamer/first/survey.h"
 
 namespace splatvol {
@@ -10,11 +11,10 @@ namespace {
 
 bool is_in_sight(const View& view, const Box& box) {
   // A box is in sight if each of the five planes has a corner inside. Some boxes beside the view pass too.
+  const std::array<dvec3, 8> corners = corners_in_view(view, box);
   for (int plane = 0; plane < 5; ++plane) {
     bool inside = false;
-    for (int corner = 0; corner < 8; ++corner) {
-      const dvec3 p = view.to_view({corner & 1 ? box.high.x : box.low.x, corner & 2 ? box.high.y : box.low.y,
-                                    corner & 4 ? box.high.z : box.low.z});
+    for (const dvec3& p : corners) {
       const double depth = view.orthographic ? 1 : p.z;
       const double x = view.focal * p.x, y = view.focal * p.y;
       const double half_width = 0.5 * view.width * depth, half_height = 0.5 * view.height * depth;

@@ -3,13 +3,17 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
+#include <iomanip>
 #include <memory>
+#include <random>
 #include <string>
 #include <vector>
 
 #include "pictures/image.h"
 #include "player/player.h"
 #include "renderer/reference/reference.h"
+#include "tests/builder/support/built_input.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/renderer/surfaces/shapes.h"
 #include "tests/support/results.h"
@@ -143,6 +147,79 @@ TEST_F(ExactPictures, OfAStepHaveItsValues) {
   ASSERT_EQ(test::message_of(player->show_step(1)), "");
   EXPECT_EQ(compare_images(drawn(*player), last)->max, 0);
   EXPECT_GT(rmse(last, truth(mesh_, scene())), 0.01);
+}
+
+// The exact picture of what a source gives.
+Image truth_of(Source& source, const Scene& scene) {
+  Piece all;
+  all.values.resize(1);
+  while (const auto piece = test::value_of(source.next())) {
+    const auto first = static_cast<std::uint32_t>(all.points.size());
+    all.points.insert(all.points.end(), piece->points.begin(), piece->points.end());
+    all.values[0].insert(all.values[0].end(), piece->values[0].begin(), piece->values[0].end());
+    for (const auto& [a, b, c, d] : piece->tetrahedra)
+      all.tetrahedra.push_back({first + a, first + b, first + c, first + d});
+  }
+  return test::value_of(render_reference({all.points, all.values[0], all.tetrahedra}, scene)).image;
+}
+
+TEST_F(ExactPictures, OfHexahedraHaveTheirDiagonals) {
+  constexpr int n = 5;
+  std::ofstream file(path("hexahedra.vtk"));
+  file << "# vtk DataFile Version 3.0\nhexahedra\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS "
+       << (n + 1) * (n + 1) * (n + 1) << " double\n";
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> move(-0.25 / n, 0.25 / n);
+  std::vector<float> values;
+  for (int i = 0; i < (n + 1) * (n + 1) * (n + 1); ++i) {
+    const dvec3 p = dvec3(i % (n + 1), i / (n + 1) % (n + 1), i / (n + 1) / (n + 1)) / double{n} +
+                    dvec3(move(random), move(random), move(random));
+    file << p.x << ' ' << p.y << ' ' << p.z << '\n';
+    values.push_back(static_cast<float>(waves(p) + 0.5 * p.z * p.y));
+  }
+  file << "CELLS " << n * n * n << ' ' << 9 * n * n * n << '\n';
+  constexpr int turns[3][8] = {{0, 1, 2, 3, 4, 5, 6, 7}, {1, 2, 3, 0, 5, 6, 7, 4}, {4, 0, 3, 7, 5, 1, 2, 6}};
+  for (int cell = 0; cell < n * n * n; ++cell) {
+    const int first = cell % n + (n + 1) * (cell / n % n + (n + 1) * (cell / n / n));
+    const int up = n + 1, on = (n + 1) * (n + 1);
+    const int corners[8] = {first,      first + 1,      first + up + 1,      first + up,
+                            first + on, first + on + 1, first + on + up + 1, first + on + up};
+    file << 8;
+    for (const int corner : turns[random() % 3]) file << ' ' << corners[corner];
+    file << '\n';
+  }
+  file << "CELL_TYPES " << n * n * n << '\n';
+  for (int cell = 0; cell < n * n * n; ++cell) file << "12\n";
+  file << "POINT_DATA " << values.size() << "\nSCALARS value float\nLOOKUP_TABLE default\n" << std::setprecision(9);
+  for (const float value : values) file << value << '\n';
+  file.close();
+  test::build_input(path("hexahedra.vtk"), path("h.svol"), exact());
+  const auto source = test::value_of(open_source({path("hexahedra.vtk")}, {}));
+  const auto player = open("h.svol");
+  EXPECT_LE(rmse(drawn(*player), truth_of(*source, scene())), 1e-4);
+}
+
+TEST_F(ExactPictures, OfBlocksInASeriesKeepTheValuesOfEach) {
+  const auto blocks = [&](double step) {
+    Piece low = test::mesh_piece(test::jittered(5, 0), waves);
+    Piece high = low;
+    low.block = 1, high.block = 2;
+    for (dvec3& point : high.points) point.x += 1;
+    for (double& value : high.values[0]) value = static_cast<float>(1.1 - 0.2 * step + 0.1 * value);
+    return test::PieceSource({low, high});
+  };
+  std::vector<SeriesStep> steps;
+  for (const double step : {0.0, 1.0})
+    steps.push_back({"a step", step, [=]() -> Result<std::unique_ptr<Source>> {
+                       return std::make_unique<test::PieceSource>(blocks(step));
+                     }});
+  ASSERT_EQ(test::message_of(build_series(steps, path("blocks.svol"), exact(), [](const char*, double) {})), "");
+  const auto player = open("blocks.svol");
+  for (const std::size_t step : {std::size_t{0}, std::size_t{1}}) {
+    ASSERT_EQ(test::message_of(player->show_step(step)), "");
+    test::PieceSource source = blocks(static_cast<double>(step));
+    EXPECT_LE(rmse(drawn(*player), truth_of(source, scene())), 1e-5);
+  }
 }
 
 TEST_F(ExactPictures, AreCancelled) {

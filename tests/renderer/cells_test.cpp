@@ -4,11 +4,13 @@
 #include <gtest/gtest.h>
 #include <oneapi/tbb/task_arena.h>
 
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <optional>
 #include <random>
 
+#include "renderer/surfaces/draw_surfaces.h"
 #include "tests/renderer/mesh_source.h"
 #include "tests/renderer/reference/meshes.h"
 #include "tests/renderer/targets.h"
@@ -34,10 +36,9 @@ struct Drawn {
   [[nodiscard]] CellDrawing drawing() const {
     auto view = make_view(scene);
     EXPECT_TRUE(view);
-    return {.view = *view,
-            .transfer = transfer_of(scene),
-            .lighting = scene.lighting,
-            .surfaces = surfaces ? &*surfaces : nullptr};
+    CellDrawing drawing{.view = *view, .transfer = transfer_of(scene), .lighting = scene.lighting};
+    if (surfaces) drawing.layers.push_back({&*surfaces});
+    return drawing;
   }
 };
 
@@ -135,6 +136,16 @@ TEST(Cells, ShowNarrowPeaks) {
   }
 }
 
+TEST(Cells, ShowNarrowPeaksAtTheValueOfARegion) {
+  for (const double width : {1e-2, 1e-5, 1e-7, 2e-7, 1e-9}) {
+    SCOPED_TRACE(width);
+    const double value = 0.6 + 0.4 * width;
+    Drawn drawn{bent_box(6, [&](dvec3 p) { return p.x < 0.4 ? value : curved(p); }), colored_scene(1)};
+    drawn.scene.transfer_function.densities = {{0, 0}, {0.6 - width, 0}, {0.6, 0.4 / width}, {0.6 + width, 0}, {1, 0}};
+    expect_exact(drawn, 1e-4, 5e-3);
+  }
+}
+
 TEST(Cells, ShowFunctionsOfManyPiecesAndBentAxes) {
   Drawn drawn{bent_box(6), colored_scene(4)};
   std::mt19937 random(5);
@@ -203,6 +214,131 @@ TEST(Cells, AreCutByBoxesPlanesAndSurfaces) {
   }
 }
 
+// Layers of surfaces in each pixel: translucent ones, and an opaque one in a part of the picture.
+struct Layers {
+  std::vector<SurfaceLayer> all;
+
+  Layers(int width, int height, std::size_t translucent) {
+    std::mt19937 random(11);
+    std::uniform_real_distribution<float> any(0, 1);
+    for (std::size_t i = 0; i <= translucent; ++i) all.push_back({{width, height, {}}, {width, height, {}}});
+    for (int pixel = 0; pixel < width * height; ++pixel) {
+      const bool has_opaque = pixel % 3 == 0;
+      const auto count = static_cast<std::size_t>(any(random) * static_cast<float>(translucent + 1));
+      float depth = 2.6F + any(random);
+      for (std::size_t i = 0; i <= translucent; ++i) {
+        const bool is_one = i < count, is_opaque = !is_one && has_opaque;
+        if (is_one || i == count) depth += 0.5F * any(random);
+        const float opacity = is_one ? any(random) : is_opaque ? 1.0F : 0.0F;
+        all[i].depths.depths.push_back(is_one || is_opaque ? depth : std::numeric_limits<float>::infinity());
+        all[i].light.pixels.emplace_back(opacity * vec3(0.9F, 0.3F * static_cast<float>(pixel % 2), 0.5F), opacity);
+      }
+    }
+  }
+  [[nodiscard]] std::vector<CellLayer> drawn() const {
+    std::vector<CellLayer> layers;
+    for (const SurfaceLayer& layer : all) layers.push_back({&layer.depths, &layer.light});
+    return layers;
+  }
+};
+
+TEST(Cells, ShowSurfacesInTheirPlace) {
+  for (const double extinction : {0.3, 4.0})
+    for (const bool orthographic : {false, true}) {
+      SCOPED_TRACE(testing::Message() << extinction << (orthographic ? " orthographic" : ""));
+      Drawn drawn{bent_box(6), colored_scene(extinction)};
+      drawn.scene.lighting = Lighting{0.2, 0.7};
+      if (orthographic) make_orthographic(drawn.scene, 1.5);
+      drawn.scene.clip_planes = {{{0.5, 0.5, 0.5}, {1, -0.6, 0.3}, true}};
+      const Layers layers(drawn.scene.width, drawn.scene.height, 3);
+      SurfaceComposite composite;
+      for (const SurfaceLayer& layer : layers.all) {
+        const auto in_front = render_reference(drawn.view(), drawn.scene, {.surface_depths = &layer.depths});
+        ASSERT_TRUE(in_front) << in_front.error().message;
+        composite.add(in_front->image, layer);
+      }
+      CellDrawing drawing = drawn.drawing();
+      drawing.layers = layers.drawn();
+      const Image image = draw(MeshSource(drawn.view(), 100), drawing);
+      const Difference error = difference(image, composite.finish());
+      EXPECT_LE(error.rmse, 1e-5);
+      EXPECT_LE(error.most, 1e-3);
+      drawing.memory = 1 << 12;
+      EXPECT_EQ(difference(draw(MeshSource(drawn.view(), 100), drawing), image).most, 0);
+    }
+}
+
+TEST(Cells, BehindOpaqueSurfacesAreNotRead) {
+  class CountingSource final : public MeshSource {
+   public:
+    using MeshSource::MeshSource;
+    [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
+      ++reads;
+      return MeshSource::read(chunk, scratch);
+    }
+    mutable std::atomic<std::size_t> reads = 0;
+  };
+  Drawn drawn{bent_box(8), colored_scene(0.5, {0.5, 0.5, 4})};
+  look(drawn.scene, {0.5, 0.5, 4}, {0.5, 0.5, 0.5});
+  const int width = drawn.scene.width, height = drawn.scene.height;
+  const auto pixels = static_cast<std::size_t>(width * height);
+  const SurfaceDepths middle{width, height, std::vector<float>(pixels, 3.2F)};
+  const Image light{width, height, std::vector<vec4>(pixels, vec4(0, 1, 0, 1))};
+  const CountingSource all(drawn.view(), 50), in_front(drawn.view(), 50), of_host(drawn.view(), 50);
+  CellDrawing drawing = drawn.drawing();
+  const Image without = draw(all, drawing);
+  drawing.layers = {{&middle, &light}};
+  const Image picture = draw(in_front, drawing);
+  EXPECT_LT(in_front.reads, 0.7 * static_cast<double>(all.reads));
+  for (const vec4& pixel : picture.pixels) EXPECT_EQ(pixel.a, 1.0F);
+  drawing.layers = {{&middle}};
+  const Image ended = draw(of_host, drawing);
+  EXPECT_EQ(of_host.reads, in_front.reads);
+  for (std::size_t i = 0; i < pixels; ++i) {
+    EXPECT_LE(ended.pixels[i].a, without.pixels[i].a + 1e-5F);
+    EXPECT_NEAR(picture.pixels[i].g, ended.pixels[i].g + 1 - ended.pixels[i].a, 1e-5F);
+  }
+}
+
+// Nearly the same tetrahedron many times.
+Drawn heap_of_cells(std::size_t count, int pixels) {
+  Drawn drawn{{}, colored_scene(4.0 / static_cast<double>(count))};
+  drawn.scene.width = drawn.scene.height = pixels;
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> any(0, 1);
+  for (std::uint32_t i = 0; i < count; ++i) {
+    for (const dvec3& corner : {dvec3(0), dvec3(1, 0, 0), dvec3(0, 1, 0), dvec3(0, 0, 1)}) {
+      drawn.mesh.points.push_back(corner + 0.1 * dvec3(any(random), any(random), any(random)));
+      drawn.mesh.values.push_back(any(random));
+    }
+    drawn.mesh.tetrahedra.push_back({4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 3});
+  }
+  return drawn;
+}
+
+TEST(Cells, ThatOverlapByThousandsNeedLittleMemory) {
+  const Drawn drawn = heap_of_cells(800, 16);
+  expect_exact(drawn, 1e-5, 1e-3);
+  const MeshSource source(drawn.view(), 500);
+  CellDrawing drawing = drawn.drawing();
+  const Image image = draw(source, drawing);
+  drawing.memory = 1 << 12;
+  EXPECT_EQ(difference(draw(source, drawing), image).most, 0);
+}
+
+TEST(Cells, ThatOverlapBeyondMemoryAreAnError) {
+  const Drawn drawn = heap_of_cells(25000, 4);
+  const MeshSource source(drawn.view(), 25000);
+  CellDrawing drawing = drawn.drawing();
+  drawing.memory = 1 << 12;
+  CellRasterizer rasterizer;
+  const auto failed = rasterizer.draw(source, drawing);
+  ASSERT_FALSE(failed);
+  EXPECT_EQ(failed.error().code, ErrorCode::out_of_budget);
+  drawing.memory = std::uint64_t{1} << 32;
+  EXPECT_TRUE(rasterizer.draw(source, drawing));
+}
+
 TEST(Cells, OfOneValueEach) {
   Drawn drawn{bent_box(5), colored_scene(4)};
   drawn.constant = true;
@@ -252,6 +388,28 @@ TEST(Cells, FarAwaySmallAndThin) {
   expect_exact(
       with([](dvec3 p) { return dvec3(std::pow(10, 9 * p.x - 9), p.y, p.z); }, 4, {2.3, 1.9, 3.1}, {0.5, 0.5, 0.5}, 30),
       1e-4, 2e-2);
+}
+
+TEST(Cells, ThatAreLongRoundADenseCorner) {
+  Drawn drawn{make_ball(2), colored_scene(1, {2.2, 1.5, 0.8})};
+  std::mt19937 random(9);
+  std::uniform_real_distribution<double> any(0, 0.05);
+  for (dvec3& point : drawn.mesh.points) point.x *= 20;
+  drawn.mesh.values.assign(drawn.mesh.points.size(), 1);
+  for (std::size_t i = 1; i < drawn.mesh.values.size(); ++i) drawn.mesh.values[i] = any(random);
+  drawn.scene.transfer_function.densities = {{0, 0}, {0.1, 0.01}, {0.5, 0.2}, {0.9, 40}, {1, 1000}};
+  look(drawn.scene, {2.2, 1.5, 0.8}, {0, 0, 0});
+  expect_exact(drawn, 1e-4, 2e-3);
+  look(drawn.scene, {30, 25, 8}, {0, 0, 0});
+  expect_exact(drawn, 1e-4, 2e-3);
+}
+
+TEST(Cells, WithARampOverTenOfThemInDenseMatter) {
+  for (const double extinction : {1e3, 1e6, 1e9}) {
+    Drawn drawn{bent_box(10, [](dvec3 p) { return p.x; }), colored_scene(1, {-2.3, 1.9, 3.1})};
+    drawn.scene.transfer_function.densities = {{0, 0}, {1, extinction}};
+    expect_exact(drawn, 1e-4, 2e-3);
+  }
 }
 
 TEST(Cells, AreTheSameBitsForAnyThreadsMemoryAndOrder) {
