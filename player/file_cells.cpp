@@ -139,7 +139,7 @@ class Quantiles {
 // values between two quantiles: of n cubes, n^(2/3) meet the surface of the middle value, and fewer that of a high or
 // low one.
 double shown_share(const TransferFunction& function, const Quantiles& values, const format::CellChunkEntry& entry) {
-  constexpr int samples = 256;
+  constexpr int samples = 64;
   const double cubes = std::max(1.0, static_cast<double>(entry.cells * tetrahedra_of(entry.shape)) / 6);
   const double most_reach = entry.field == format::CellField::constant ? 0 : 0.5 / std::cbrt(cubes);
   int shown = 0;
@@ -227,6 +227,7 @@ Status KeptCells::hold_all() const {
       if (format::is_known(entry.shape, entry.field)) SPLATVOL_TRY(read(entry, scratch));
     }
   }
+  SPLATVOL_TRY(read_histograms());  // of estimates
   are_held_ = true;
   return {};
 }
@@ -377,7 +378,7 @@ Status FileCells::read_entries() {
       const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
       chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
       entries_.push_back(entry);
-      summaries_.push_back({page.summaries[i], opacity ? page.opacity_summaries[i] : format::ValueSummary()});
+      summaries_.push_back({page->summaries[i], opacity ? page->opacity_summaries[i] : format::ValueSummary()});
     }
   }
   return {};

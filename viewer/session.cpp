@@ -655,21 +655,15 @@ Result<bool> Session::draw_moving_exact() {
   if (first_exact_spacing() == 0 || !is_drawn_by_processor() || has_layers || !player_->holds_cells()) return false;
   SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
   if (estimate.unknown_cells > 0 || estimate.segments > used_settings_.most_exact_segments) return false;
-  const int spacing = sample_pacer_.spacing(work_of(estimate));
+  const SamplePacer::Work work = work_of(estimate);
+  const int spacing = sample_pacer_.spacing(work);
   if (spacing == 0) return false;
   undrawn_seconds_ = 0;
   if (!player_->draw_exact({}, spacing)) return false;  // at rest the reason is told
   note_drawn();
-  SPLATVOL_TRY(learn_from_exact());
+  sample_pacer_.add(work, spacing, draw_seconds_);
   moving_is_drawn_ = true;
   return true;
-}
-
-// Learns the time of the last exact picture.
-Status Session::learn_from_exact() {
-  SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
-  sample_pacer_.add(work_of(estimate), player_->sample_spacing(), draw_seconds_);
-  return {};
 }
 
 // Begins what makes it possible.
@@ -718,7 +712,10 @@ Status Session::finish_exact(const Status& drawn) {
     is_to_make_ready_ = false;
   } else if (exact_spacing_ > 0) {
     note_drawn();
-    if (player_->holds_cells()) SPLATVOL_TRY(learn_from_exact());  // else its time is that of reading
+    if (player_->holds_cells()) {  // else its time is that of reading
+      SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
+      sample_pacer_.add(work_of(estimate), player_->sample_spacing(), draw_seconds_);
+    }
     exact_spacing_ = player_->sample_spacing() / 2;
   }
   settle();

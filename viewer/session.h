@@ -269,7 +269,6 @@ class Session {
   [[nodiscard]] Status draw_aside(const std::function<Status()>& draw);
   [[nodiscard]] Status draw_splats(const FrameRequest& request, const DrawOptions& options);
   [[nodiscard]] Result<bool> draw_moving_exact();
-  [[nodiscard]] Status learn_from_exact();
   [[nodiscard]] int first_exact_spacing() const;
   [[nodiscard]] Status begin_exact();
   [[nodiscard]] Status begin_making_ready();
