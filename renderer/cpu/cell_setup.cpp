@@ -42,16 +42,19 @@ HWY_INLINE Plane plane_through(const Corner& p, const Corner& q, const Corner& r
   const Float qx = q.x - p.x, qy = q.y - p.y, rx = r.x - p.x, ry = r.y - p.y;
   const Float product = qy * rx, exact = fma(qx, ry, -product), size = max(abs(qx * ry) + abs(product), 1e-25F);
   const Mask is_step = abs(exact) < size * 1e-6F;
-  const Float least = size * 1e-12F;
-  const Float area = select(is_step, select(exact < Float(0.0F), -least, least), exact);
-  const Float inverse = Float(1.0F) / area;
   const auto across = [&](Float along_q, Float along_r) HWY_ATTR {
-    return std::array{fma(along_q, ry, -(along_r * qy)) * inverse, fma(along_r, qx, -(along_q * rx)) * inverse};
+    return std::array{fma(along_q, ry, -(along_r * qy)), fma(along_r, qx, -(along_q * rx))};
   };
-  const auto [a, b] = across(q.d - p.d, r.d - p.d);
+  const Float qd = q.d - p.d, rd = r.d - p.d;
+  const auto [a, b] = across(qd, rd);
   const auto [e, f] = across((q.u - p.u) * q.w, (r.u - p.u) * r.w);
-  const Float turn = only(is_step, max(abs(a), abs(b)) * 1e-6F);
-  return {a + turn, fma(turn, 1.37F, b), e, f, area};
+  // A step is so steep that a millionth of a pixel beside it is far before or behind the face.
+  const Float largest = max(max(abs(a), abs(b)), 1e-37F), height = max(abs(qd), abs(rd)) * 1e12F;
+  const Float area = select(is_step, select(exact < Float(0.0F), -largest, largest), exact);
+  const Float inverse = Float(1.0F) / area, scale = select(is_step, inverse * height, inverse);
+  const Float turn = only(is_step, height * 1e-6F);
+  return {fma(a, scale, turn), fma(b, scale, turn * 1.37F), only(hn::Not(is_step), e * inverse),
+          only(hn::Not(is_step), f * inverse), area};
 }
 
 /// Lists the tetrahedra with a visible value.

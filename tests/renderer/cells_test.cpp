@@ -114,16 +114,18 @@ TEST(Cells, AreExactFromOutsideAndInside) {
 }
 
 TEST(Cells, OfALatticeCountOnce) {  // rays run along faces and edges, values of knots lie on faces
-  const Mesh mesh = make_box(8, [](dvec3 p) { return p.x; });
-  for (const bool orthographic : {false, true}) {
-    Drawn drawn{mesh, colored_scene(3, {0.5, 0.5, 4})};
-    look(drawn.scene, {0.5, 0.5, 4}, {0.5, 0.5, 0.5});
-    drawn.scene.width = drawn.scene.height = 64;
-    if (orthographic) make_orthographic(drawn.scene, 1);
-    expect_exact(drawn, 1e-5, 1e-4);
-    look(drawn.scene, {4, 0.5, 0.5}, {0.5, 0.5, 0.5});
-    expect_exact(drawn, 1e-5, 1e-4);
-  }
+  for (const double size : {1.0, 1e6})
+    for (const bool orthographic : {false, true}) {
+      SCOPED_TRACE(testing::Message() << "size " << size << (orthographic ? " orthographic" : ""));
+      Drawn drawn{make_box(8, [](dvec3 p) { return p.x; }), colored_scene(3 / size)};
+      for (dvec3& point : drawn.mesh.points) point *= size;
+      drawn.scene.width = drawn.scene.height = 64;
+      look(drawn.scene, size * dvec3(0.5, 0.5, 4), dvec3(0.5 * size));
+      if (orthographic) make_orthographic(drawn.scene, size);
+      expect_exact(drawn, 1e-5, 1e-4);
+      look(drawn.scene, size * dvec3(4, 0.5, 0.5), dvec3(0.5 * size));
+      expect_exact(drawn, 1e-5, 1e-4);
+    }
 }
 
 TEST(Cells, ShowNarrowPeaks) {
