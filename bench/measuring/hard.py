@@ -224,10 +224,11 @@ def vtk_figure(error):
 
 
 HEAD = """
-`bench/svbench hard` made this page. Each case is a small mesh and a scene; `svrender --tolerance 0` draws all points of
-it in perspective and in parallel projection. The figures are root mean square errors of linear RGB against the exact
-picture (`svtruth`), the larger of the projections. *Signal* is the error of an empty picture. The bound holds for the
-kernel `moments`, one by one and in slabs. `octant`, the paper's kernel, knows neither the shape of cells nor the spread
+`bench/svbench hard` made this page. Each case is a small mesh and a scene, in perspective and in parallel projection.
+`svrender --exact` draws the cells that the file keeps, and `svrender --tolerance 0` all points. The figures are root mean
+square errors of linear RGB against the exact picture (`svtruth`), the larger of the projections. *Signal* is the error
+of an empty picture. The bound holds for the kernel `moments`, one by one and in slabs. That of *exact* is .002: the file
+rounds positions and values. `octant`, the paper's kernel, knows neither the shape of cells nor the spread
 of their values: its error is to be below .85 of the signal, and functions have no bound there. Each bound is below half
 of the signal, and each picture has light in it: an empty one would fail. A case is *right* within its bounds. Else it
 ends with one line, which the table shows. **Bold** is neither. Cases in other units are compared with the exact picture
