@@ -24,8 +24,8 @@ struct ByteRange {
 /// Joins ranges between which there are at most `gap` bytes. Returns them in ascending order, without overlap.
 [[nodiscard]] std::vector<ByteRange> join_ranges(std::vector<ByteRange> ranges, std::uint64_t gap);
 
-/// Joins ranges as if a request cost as much as 256 KiB: over the smallest gaps, until two ranges are left, and one more
-/// for each 256 KiB of all.
+/// Joins ranges as if a request cost as much as 256 KiB: over the smallest gaps, until two ranges are left, and one
+/// more for each 256 KiB of all.
 [[nodiscard]] std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges);
 
 /// The bytes of a file, with a count of those that were read. Thread-safe.

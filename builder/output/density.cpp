@@ -29,7 +29,7 @@ constexpr double least_density = 1.0 / 8, largest_density = 8;
 // their rounding 80, thousands of cells round one vertex thousands.
 constexpr std::uint64_t most_in_sight = 112;                       // of a splat, on average
 constexpr std::uint64_t always_in_sight = std::uint64_t{1} << 20;  // of all splats together, besides
-constexpr std::uint32_t most_counted = 1024;                       // in sight of a splat, if it is too much for all
+constexpr std::uint32_t most_counted = 256;                        // in sight of a splat, if it is too much for all
 
 // Samples of a splat's material, at the positions origin + x spacing[0] + y spacing[1] + z spacing[2] with x, y and z
 // from `offsets`.
