@@ -135,13 +135,13 @@ class Quantiles {
 // values between two quantiles: of n cubes, n^(2/3) meet the surface of the middle value, and fewer that of a high or
 // low one.
 double shown_share(const TransferFunction& function, const Quantiles& values, const format::CellChunkEntry& entry) {
-  constexpr int samples = 256;
+  constexpr int samples = 64;
   const double cubes = std::max(1.0, static_cast<double>(entry.cells * tetrahedra_of(entry.shape)) / 6);
   const double most_reach = entry.field == format::CellField::constant ? 0 : 0.5 / std::cbrt(cubes);
   int shown = 0;
   for (int sample = 0; sample < samples; ++sample) {
     const double share = (sample + 0.5) / samples;
-    const double reach = most_reach * std::pow(2 * std::min(share, 1 - share), 2.0 / 3);
+    const double reach = most_reach * std::cbrt(4 * std::min(share * share, (1 - share) * (1 - share)));
     const double low = values.value_at(std::max(share - reach, 0.0)),
                  high = values.value_at(std::min(share + reach, 1.0));
     if (extinction_within(function, low, high)) ++shown;
