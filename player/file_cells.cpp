@@ -145,7 +145,7 @@ double shown_share(const TransferFunction& function, const Quantiles& values, co
   int shown = 0;
   for (int sample = 0; sample < samples; ++sample) {
     const double share = (sample + 0.5) / samples;
-    const double reach = most_reach * std::pow(2 * std::min(share, 1 - share), 2.0 / 3);
+    const double reach = most_reach * std::cbrt(4 * std::min(share * share, (1 - share) * (1 - share)));
     const double low = values.value_at(std::max(share - reach, 0.0)),
                  high = values.value_at(std::min(share + reach, 1.0));
     if (extinction_within(function, low, high)) ++shown;
