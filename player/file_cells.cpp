@@ -183,6 +183,12 @@ KeptCells::KeptCells(std::unique_ptr<const format::CellReader> reader, const for
       points_(*reader_, attributes, holds_all_ ? memory / 2 : memory),
       chunks_(memory) {}
 
+Result<std::span<const format::Histogram>> KeptCells::histograms() const {
+  const std::scoped_lock lock(mutex_);
+  if (!histograms_) SPLATVOL_TRY_SET(histograms_, reader_->volume().read_histograms());
+  return std::span<const format::Histogram>(*histograms_);
+}
+
 Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, DrawnCells& scratch) const {
   if (!holds_all_) {
     SPLATVOL_TRY(decode(entry, scratch));
@@ -270,14 +276,14 @@ Status FileCells::read_entries() {
 
 // The faces of a tetrahedron cover a quarter of their area, in the mean over all directions.
 Result<double> FileCells::estimate_segments() const {
-  const format::Volume& volume = kept_->reader().volume();
+  const std::vector<format::Attribute>& all = kept_->reader().volume().info().attributes;
   const format::SummaryAttributes& attributes = kept_->attributes();
-  SPLATVOL_TRY_ASSIGN(histograms, volume.read_histograms());
+  SPLATVOL_TRY_ASSIGN(histograms, kept_->histograms());
   const auto shown = [&](int number, const TransferFunction& function, const format::ValueSummary& summary,
                          const format::CellChunkEntry& entry) {
     const auto attribute = static_cast<std::size_t>(number);
     const format::Histogram* const histogram = histograms.empty() ? nullptr : &histograms[attribute];
-    return shown_share(function, Quantiles(volume.info().attributes[attribute], histogram, summary), entry);
+    return shown_share(function, Quantiles(all[attribute], histogram, summary), entry);
   };
   double segments = 0;
   for (const Chunk& chunk : chunks_) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <vector>
@@ -30,6 +31,9 @@ class KeptCells {
   [[nodiscard]] const format::CellReader& reader() const { return *reader_; }
   [[nodiscard]] const format::SummaryAttributes& attributes() const { return attributes_; }
 
+  /// The counts of values for each attribute, or none. Reads them once.
+  [[nodiscard]] Result<std::span<const format::Histogram>> histograms() const;
+
   /// As CellSource::read.
   [[nodiscard]] Result<const DrawnCells*> read(const format::CellChunkEntry& entry, DrawnCells& scratch) const;
 
@@ -45,6 +49,8 @@ class KeptCells {
   bool holds_all_;  // memory has room for all cells, decoded
   CellPoints points_;
   mutable HeldParts chunks_;  // all that were read, if it holds all
+  mutable std::mutex mutex_;  // of the histograms
+  mutable std::optional<std::vector<format::Histogram>> histograms_;
 };
 
 /// Chunks of cells that may be in a view and have a visible value. Others are not read.
