@@ -392,14 +392,14 @@ std::uint64_t FileCells::tetrahedra() const {
 
 // The faces of a tetrahedron cover a quarter of their area, in the mean over all directions.
 Result<double> FileCells::estimate_segments() const {
-  const format::Volume& volume = kept_->reader().volume();
+  const std::vector<format::Attribute>& all = kept_->reader().volume().info().attributes;
   const format::SummaryAttributes& attributes = kept_->attributes();
   SPLATVOL_TRY_ASSIGN(histograms, kept_->read_histograms());
   const auto shown = [&](int number, const TransferFunction& function, const format::ValueSummary& summary,
                          const format::CellChunkEntry& entry) {
     const auto attribute = static_cast<std::size_t>(number);
     const format::Histogram* const histogram = histograms->empty() ? nullptr : &(*histograms)[attribute];
-    return shown_share(function, Quantiles(volume.info().attributes[attribute], histogram, summary), entry);
+    return shown_share(function, Quantiles(all[attribute], histogram, summary), entry);
   };
   double segments = 0;
   for (const Chunk& chunk : chunks_) {

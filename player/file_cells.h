@@ -38,7 +38,7 @@ class KeptCells {
   /// As CellReader::read_page, of these attributes.
   [[nodiscard]] Result<std::shared_ptr<const format::CellPage>> read_page(std::size_t page) const;
 
-  /// Reads the histograms of all attributes once.
+  /// Reads the histograms of all attributes, or none, once.
   [[nodiscard]] Result<std::shared_ptr<const format::Histograms>> read_histograms() const;
 
   /// Reads all cells, unless memory lacks the room for them.

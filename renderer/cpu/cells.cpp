@@ -59,7 +59,7 @@ struct Batch {
   [[nodiscard]] std::uint32_t end() const { return first + static_cast<std::uint32_t>(slots.size()); }
 };
 
-/// Gives back the memory: a list's assignment would keep it.
+/// Gives back the memory. Assigning {} would keep it.
 template <class T>
 void release(std::vector<T>& all) {
   std::vector<T>().swap(all);
@@ -123,8 +123,14 @@ std::optional<PixelRectangle> halve(PixelRectangle& area) {
   };
   PixelRectangle other = area;
   for (const int side : {cell_tile_side, 1}) {
-    if (const auto middle = cut(area.y1, area.y0, side)) return other.y0 = *middle, other;
-    if (const auto middle = cut(area.x1, area.x0, side)) return other.x0 = *middle, other;
+    if (const auto middle = cut(area.y1, area.y0, side)) {
+      other.y0 = *middle;
+      return other;
+    }
+    if (const auto middle = cut(area.x1, area.x0, side)) {
+      other.x0 = *middle;
+      return other;
+    }
   }
   return std::nullopt;
 }
@@ -137,7 +143,7 @@ std::int64_t pixels_of(const PixelRectangle& area) {
 
 /// What pictures share: its memory.
 struct tiles::CellWorkspace {
-  std::vector<Tile> tiles;             // of a band
+  std::vector<Tile> tiles;             // of a sweep
   std::vector<CellsOnScreen> screens;  // of a batch
   tbb::enumerable_thread_specific<SetupScratch> scratches;
   tbb::enumerable_thread_specific<TileScratch> tile_scratches;
