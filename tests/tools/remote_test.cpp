@@ -96,7 +96,7 @@ TEST_F(ProgramsOnUrl, ExportCellsOfABox) {
 
 // A cold exact view of a twentieth of the volume reads little of the cells and points, by few requests.
 TEST_F(ProgramsOnUrl, DrawCellsByFewRequests) {
-  expect_done("svbuild gen:mesh:cells=1e6 --keep-cells -o mesh.svol");
+  expect_done("svbuild gen:mesh:cells=1e6 -o mesh.svol");
   expect_done("svinfo mesh.svol --scene s.json");
   std::string scene = read("s.json");
   scene.insert(scene.find('{') + 1, R"("clip_box": {"low": [-1.3, -0.9, -0.7], "high": [-0.13, 0.27, 0.47]},)");
