@@ -49,12 +49,14 @@ HWY_INLINE Plane plane_through(const Corner& p, const Corner& q, const Corner& r
   const auto [a, b] = across(qd, rd);
   const auto [e, f] = across((q.u - p.u) * q.w, (r.u - p.u) * r.w);
   // A step is so steep that a millionth of a pixel beside it is far before or behind the face.
-  const Float largest = max(max(abs(a), abs(b)), 1e-37F), height = max(abs(qd), abs(rd)) * 1e12F;
+  const Float largest = max(max(abs(a), abs(b)), 1e-37F), height = min(max(abs(qd), abs(rd)) * 1e12F, 1e33F);
+  const Float steep = min(height / largest, 1e30F);
   const Float area = select(is_step, select(exact < Float(0.0F), -largest, largest), exact);
-  const Float inverse = Float(1.0F) / area, scale = select(is_step, inverse * height, inverse);
-  const Float turn = only(is_step, height * 1e-6F);
-  return {fma(a, scale, turn), fma(b, scale, turn * 1.37F), only(hn::Not(is_step), e * inverse),
-          only(hn::Not(is_step), f * inverse), area};
+  const Float inverse = only(hn::Not(is_step), Float(1.0F) / area);
+  const Float scale = select(is_step, select(exact < Float(0.0F), -steep, steep), inverse);
+  const Float across_a = a * scale, across_b = b * scale;
+  const Float turn = only(is_step, max(abs(across_a), abs(across_b)) * 1e-6F);
+  return {across_a + turn, fma(turn, 1.37F, across_b), e * inverse, f * inverse, area};
 }
 
 /// Lists the tetrahedra with a visible value.
