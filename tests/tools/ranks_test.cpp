@@ -298,7 +298,8 @@ TEST_F(RanksTest, RefuseWhatOneProcessDoes) {
 }
 
 TEST_F(RanksTest, TellThatCellsOfTheirOwnAreNotKept) {
-  const std::string build = "gen:mesh:cells=1000 --cells own";
+  expect_done("svgen mesh --cells 1000 --pieces 2 -o mesh");
+  const std::string build = "mesh --cells own";
   expect_done("svbuild " + build + " --drop-cells -o out/dropped.svol");
   const Outcome together = run(ranks(2, build + " -o out/together.svol"));
   ASSERT_EQ(together.code, 0) << together.err;
