@@ -269,7 +269,10 @@ BOUNDS = """
   is opaque, too, if the extinction is steep enough: a surface seems nearer by 4 spreads at 1e6 per size, by 6 to 7 at
   1e12, and by 9 at most, where the distribution ends. Larger extinctions than 1e20 are drawn as 1e20. If all values are
   opaque, ellipsoids reach over the outline by a part of a cell.
-- **Narrow peaks** are thin surfaces in the same sense.
+- **Narrow peaks** are thin surfaces in the same sense. The file rounds positions and values, so *exact* finds these
+  surfaces to within the rounding: the bound is .01 there.
+- **Plates of 1:1e8 and thinner** are not drawn exactly: depths in a chunk of cells are numbers in single precision, which do
+  not know a thickness below a millionth of the chunk. Splats know it.
 - **Ten decades, seen at the lowest**: a cell has values of three times the domain, which its splats spread normally.
 - **Plates, dense**: one by one, splats are sorted by their centres, and what lies in one plane has no order. Slabs need none.
   Plates thinner than pixels have no depth in a slab: their density is that of their splats, which ripples.

@@ -387,7 +387,7 @@ class Integrator {
       const Float to = select(up, min(end, next), max(end, start));
       Mask last = either(flat, hn::Eq(to.v, end.v));
       const Float whole = select(both(last, by_left), max(left, 0.0F), (to - u) * per_u), slope = slopes_[3].at(piece);
-      const Float k = max(fma(slope, x, values_[3].at(piece)), 0.0F), rise = slope * (to - u);
+      Float k = max(fma(slope, x, values_[3].at(piece)), 0.0F), rise = slope * (to - u);
       // Extinction times factor counts as linear only to choose steps.
       Float factor(1.0F), first = k, change_of_step = rise;
       if constexpr (factored) {
@@ -398,7 +398,12 @@ class Integrator {
       const Mask is_dense = both(fma(change_of_step, 0.5F, first) * whole > Float(1.0F), todo);
       Float part(1.0F);
       if (any(is_dense)) {  // first whole p + change whole p^2 / 2 = 1
-        const Float a = first * whole, b = change_of_step * whole;
+        // Denser matter is opaque at once, too, and its squares would overflow.
+        const Float most = Float(1e18F) / max(whole, 1e-18F), least = Float(0.0F) - most;
+        const Mask exceeds = max(k, k + rise) > most;
+        rise = select(exceeds, min(k + rise, most) - min(k, most), rise);
+        k = min(k, most);
+        const Float a = min(first, most) * whole, b = max(min(change_of_step, most), least) * whole;
         const Float root = Float(2.0F) / (a + sqrt(max(fma(b, 2.0F, a * a), 0.0F)));
         part = select(is_dense, min(root, 1.0F), part);
         last = hn::AndNot(is_dense, last);

@@ -111,7 +111,9 @@ TEST_F(KeptCells, OfTheirOwnHaveOneValueAndTheMeshsCorners) {
         found.insert(static_cast<int>(std::lround(value)));
       }
     }
-    if (exact) EXPECT_EQ(found.size(), static_cast<std::size_t>(n * n * n));
+    if (exact) {
+      EXPECT_EQ(found.size(), static_cast<std::size_t>(n * n * n));
+    }
   }
 }
 
@@ -165,8 +167,9 @@ TEST_F(KeptCells, OfEachShapeFillWhatTheyFill) {
     double sum = 0;
     for (const auto& [a, b, c, d] : format::tetrahedra_of(chunk.shape, chunk.split_at(0)))
       sum += std::abs(glm::dot(corners[b] - corners[a], glm::cross(corners[c] - corners[a], corners[d] - corners[a])));
-    if (const auto expected = volumes.find(chunk.shape); expected != volumes.end())
+    if (const auto expected = volumes.find(chunk.shape); expected != volumes.end()) {
       EXPECT_NEAR(sum / 6, expected->second, 1e-12);
+    }
   }
   // The cells are the same if the nodes of a cell are listed in another order.
   const std::uint64_t hash = volume->info().cells->hash;

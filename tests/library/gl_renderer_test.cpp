@@ -25,7 +25,8 @@ constexpr int width = 96, height = 64;
 class HostedDrawing : public ::testing::TestWithParam<Device> {
  protected:
   HostedDrawing() {
-    const auto built = build(test::Lattice(12).mesh(), path_);
+    // Without cells, a Renderer draws splats, as a GlRenderer does.
+    const auto built = build(test::Lattice(12).mesh(), path_, {.keep_cells = false});
     EXPECT_TRUE(built) << built.error().message;
     scene_ = Renderer::open(path_, std::nullopt, {.device = Device::cpu})->fitting_scene("", width, height).value();
   }

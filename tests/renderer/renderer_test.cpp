@@ -505,7 +505,7 @@ TEST_P(RendererTest, WideSamplesKeepLargeSplats) {
         largest = std::max({largest, difference.r, difference.g, difference.b, difference.a});
         brightest = std::max(brightest, exact.pixels[i].a);
       }
-      EXPECT_LT(largest, brightest / 150) << spacing;
+      EXPECT_LT(largest, brightest / 145) << spacing;
       EXPECT_GT(largest, 0) << spacing;
       EXPECT_NEAR(total_alpha(sampled) / total_alpha(exact), 1, 1e-3) << spacing;
     }

@@ -138,7 +138,7 @@ TEST_F(Svview, TellsOfPartsThatCannotBeRead) {
   write("path.json", R"({"seconds": 1, "cameras": [
     {"position": [0.5, 0.5, 4], "focal_point": [0.5, 0.5, 0.5], "up": [0, 1, 0], "vertical_fov_degrees": 30}]})");
   fs::create_directories(path("frames"));
-  for (const std::string& arguments : {" --screenshot a.png", " --play path.json --frames frames --fps 2"}) {
+  for (const std::string arguments : {" --screenshot a.png", " --play path.json --frames frames --fps 2"}) {
     refuses("damaged.svol" + arguments + " --size 64x48 --scene s.json", "could not be read");
   }
 }
