@@ -23,26 +23,28 @@ PlaneInSpace plane_in_space(const CellFrame& frame, const std::array<dvec3, 3>& 
   const dvec3 q = p[1] - p[0], r = p[2] - p[0], normal = glm::cross(q, r);
   const double square = std::max(glm::dot(normal, normal), std::numeric_limits<double>::min());
   const dvec3 gradient = ((u[1] - u[0]) * glm::cross(r, normal) + (u[2] - u[0]) * glm::cross(normal, q)) / square;
-  const auto not_zero = [](double x) { return x == 0 ? 1e-300 : x; };
-  // A plane that is seen edge-on is as steep as numbers allow.
+  const auto not_below = [](double x, double least) { return std::abs(x) < least ? std::copysign(least, x) : x; };
   const auto number = [](double x) { return static_cast<float>(std::clamp(x, -1e18, 1e18)); };
-  const double focal = view.focal;
+  const double focal = view.focal, tiny = std::numeric_limits<double>::min();
+  // A plane that is seen edge-on, or has the eye in it, is steep as a whole: its direction counts.
   if (view.orthographic) {
-    const double across = not_zero(normal.z), offset = glm::dot(normal, p[0]);
+    const double steepest = 1e-9 * std::max(std::abs(normal.x), std::abs(normal.y));
+    const double across = not_below(normal.z, std::max(steepest, tiny)), offset = glm::dot(normal, p[0]);
     const double a = normal.x / across / focal, b = normal.y / across / focal, z = offset / across;
     return {{number(a), number(b), number(gradient.x / focal - gradient.z * a),
              number(gradient.y / focal - gradient.z * b)},
             {0, 0, number(w - z), number(u[0] + glm::dot(gradient, dvec3(0, 0, z) - p[0]))},
             across > 0};
   }
-  const double offset = not_zero(glm::dot(normal, p[0])), along = glm::dot(gradient, p[0]);
+  const double steepest = 1e-3 * frame.nearest * glm::length(normal);
+  const double offset = not_below(glm::dot(normal, p[0]), std::max(steepest, tiny)), along = glm::dot(gradient, p[0]);
   const double a = normal.x / offset / focal, b = normal.y / offset / focal, c = normal.z / offset;
   // 1/z at the reference must not be 0: of a few pixels, the one where it is largest.
   const double x_end = frame.middle_x, y_end = frame.middle_y;
   dvec2 at(0);
   for (const dvec2 other : {dvec2(x_end, y_end), dvec2(-x_end, y_end), dvec2(x_end, -y_end), dvec2(-x_end, -y_end)})
     if (std::abs(a * other.x + b * other.y + c) > std::abs(a * at.x + b * at.y + c)) at = other;
-  const double inverse_z = not_zero(a * at.x + b * at.y + c);
+  const double inverse_z = not_below(a * at.x + b * at.y + c, tiny);
   const double in_u = (glm::dot(gradient, dvec3(at / focal, 1)) - along * inverse_z) / inverse_z;
   return {{number(a), number(b), number(gradient.x / focal - (along + in_u) * a),
            number(gradient.y / focal - (along + in_u) * b)},

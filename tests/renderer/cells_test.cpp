@@ -113,6 +113,19 @@ TEST(Cells, AreExactFromOutsideAndInside) {
       }
 }
 
+TEST(Cells, RoundAnEyeOnTheirBoundary) {
+  const Mesh mesh = make_box(8, curved);
+  for (const dvec3 eye : {dvec3(0.5, 0.5, 0.5), dvec3(0.53, 0.5, 0.5), dvec3(0.53, 0.52, 0.5)})
+    for (const bool orthographic : {false, true}) {
+      SCOPED_TRACE(testing::Message() << eye.x << " " << eye.y << (orthographic ? " orthographic" : ""));
+      Drawn drawn{mesh, colored_scene(3)};
+      look(drawn.scene, eye, eye + dvec3(1.5, 1, 2));
+      drawn.scene.camera.vertical_fov_degrees = 60;
+      if (orthographic) make_orthographic(drawn.scene, 1.5);
+      expect_exact(drawn, 1e-5, 1e-3);
+    }
+}
+
 TEST(Cells, OfALatticeCountOnce) {  // rays run along faces and edges, values of knots lie on faces
   for (const double size : {1.0, 1e6})
     for (const bool orthographic : {false, true}) {
