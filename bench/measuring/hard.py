@@ -271,6 +271,8 @@ BOUNDS = """
   opaque, ellipsoids reach over the outline by a part of a cell.
 - **Narrow peaks** are thin surfaces in the same sense. The file rounds positions and values, so *exact* finds these
   surfaces to within the rounding: the bound is .01 there.
+- **A domain from 0 to 1e-38**: *exact* cuts values off at 1e28 widths of the domain, so where a cell's values cross it is
+  found to within the cell.
 - **Plates of 1:1e8 and thinner** are not drawn exactly: depths in a chunk of cells are numbers in single precision, which do
   not know a thickness below a millionth of the chunk. Splats know it.
 - **Ten decades, seen at the lowest**: a cell has values of three times the domain, which its splats spread normally.
