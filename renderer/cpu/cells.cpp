@@ -14,6 +14,7 @@
 #include "base/interruption.h"
 #include "renderer/cpu/cell_frame.h"
 #include "renderer/cpu/samples.h"
+#include "renderer/sampled_view.h"
 #include "scene/box_in_view.h"
 #include "scene/clipped_depths.h"
 #include "scene/tile_grid.h"

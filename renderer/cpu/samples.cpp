@@ -93,15 +93,6 @@ vec4 sound_pixel(const Channels& pixel) {
 
 }  // namespace
 
-View sampled_view(View view, int spacing) {
-  const auto count = [spacing](int pixels) { return (pixels + spacing - 1) / spacing + 2; };
-  if (spacing == 1) return view;
-  view.width = count(view.width);
-  view.height = count(view.height);
-  view.focal /= spacing;
-  return view;
-}
-
 void interpolate(const Image& samples, int spacing, Image& rows, Image& picture) {
   rows.width = samples.width;
   rows.height = picture.height;

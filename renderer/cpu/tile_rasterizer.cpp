@@ -14,6 +14,7 @@
 #include "renderer/cpu/moments_kernel.h"
 #include "renderer/cpu/octant_kernel.h"
 #include "renderer/cpu/samples.h"
+#include "renderer/sampled_view.h"
 #include "renderer/transfer_table.h"
 
 namespace splatvol {

@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "renderer/gl/flip_rows.h"
+#include "renderer/sampled_view.h"
 #include "renderer/transfer_table.h"
 
 namespace splatvol {

@@ -4,14 +4,6 @@
 
 namespace splatvol {
 
-View sampled_view(View view, int spacing) {
-  if (spacing == 1) return view;
-  view.width = sample_count(view.width, spacing);
-  view.height = sample_count(view.height, spacing);
-  view.focal /= spacing;
-  return view;
-}
-
 Result<Upsampler> Upsampler::create() {
   SPLATVOL_TRY_ASSIGN(program,
                       build_program("interpolation between samples", {{GL_VERTEX_SHADER, {shaders::upsample_vert}},

@@ -1,18 +1,10 @@
-// Samples farther apart than pixels, and the picture between them. Internal to the renderer.
+// The picture between samples that are farther apart than pixels. Internal to the renderer.
 #pragma once
 
 #include "renderer/gl/gl_objects.h"
 #include "renderer/gl/target.h"
-#include "scene/scene.h"
 
 namespace splatvol {
-
-/// Returns how many samples `pixels` along an axis need: one beyond each end at most, so that all lie between samples.
-[[nodiscard]] constexpr int sample_count(int pixels, int spacing) { return (pixels + spacing - 1) / spacing + 2; }
-
-/// Returns `view` with one sample for every `spacing` x `spacing` pixels. The middle of the picture stays the same
-/// point.
-[[nodiscard]] View sampled_view(View view, int spacing);
 
 /// Interpolates a picture by cubics that do not overshoot, one axis after the other.
 class Upsampler {
