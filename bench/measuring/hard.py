@@ -265,9 +265,9 @@ BOUNDS = """
 - **A vertex of cells far away**: each vertex is one ellipsoid. That of a vertex whose cells are in part needles is as long
   as these, so what it has in the body is lost. Only vertices beside the far one are affected.
 - **Opaque matter**: what is seen is one surface, where the opacity rises. Splats know the values in a cell by mean, gradient
-  and spread, so the surface is found to within a part of a cell. The spread counts as a normal distribution, whose far end
-  is opaque, too, if the extinction is steep enough: a surface seems nearer by 4 spreads at 1e6 per size, by 6 to 7 at
-  1e12, and by 9 at most, where the distribution ends. Larger extinctions than 1e20 are drawn as 1e20. If all values are
+  and spread, so the surface is found to within a part of a cell. The spread counts as a normal distribution. If the
+  extinction is steep enough, its far end is opaque, too. So a surface seems nearer: by 4 spreads at 1e6 per size, by 6
+  to 7 at 1e12, and by at most 9, where the distribution ends. Larger extinctions than 1e20 are drawn as 1e20. If all values are
   opaque, ellipsoids reach over the outline by a part of a cell.
 - **Narrow peaks** are thin surfaces in the same sense. The file rounds positions and values, so *exact* finds these
   surfaces to within the rounding: the bound is .01 there.

@@ -255,7 +255,7 @@ class DensityFit {
     find_views(trees, most, 1);  // the boxes of portions meet those of all that is crowded
   }
 
-  // So many splats search at once. Ends early if more than `most` is in sight.
+  // `at_once`: splats that search together. Ends early if more than `most` is in sight.
   void find_views(const std::vector<BoxTree>& trees, std::uint64_t most, std::size_t at_once) {
     portions_.clear();
     portions_.resize((splats_.size() + portion_size - 1) / portion_size);
