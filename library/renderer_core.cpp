@@ -110,7 +110,11 @@ Status RendererCore::draw(const Quality& quality) {
   if (quality.exact) return draw_exact();
   if (number_count(quality) == 0) {
     SPLATVOL_TRY_ASSIGN(is_exact, is_exact_by_default());
-    if (is_exact) return draw_exact();
+    if (is_exact) {
+      const Status drawn = draw_exact();
+      // Cells too thin for an exact picture are drawn as splats.
+      if (drawn || drawn.error().code != ErrorCode::unsupported) return drawn;
+    }
   }
   const DetailOptions detail = detail_of(quality, player_->info().point_count());
   const bool compares = detail.goal && detail.goal->max_error > 0;

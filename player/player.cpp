@@ -485,7 +485,7 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
                                               .memory = options_.memory / 2,
                                               .progress = progress});
   SPLATVOL_TRY(call.check());
-  if (!drawn && drawn.error().code == ErrorCode::out_of_budget)
+  if (!drawn && (drawn.error().code == ErrorCode::out_of_budget || drawn.error().code == ErrorCode::unsupported))
     return fail_in(streamer_->volume().name(), drawn.error());
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
   picture_ = std::move(picture.image);

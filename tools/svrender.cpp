@@ -102,7 +102,9 @@ Status choose_exact(RenderOptions& options, Drawing& drawing) {
   if (!options.chooses_detail || options.exact || options.kernel || !check_exact(exact)) return {};
   if (!drawing.player->has_cells()) return {};
   SPLATVOL_TRY_ASSIGN(estimate, drawing.player->estimate_exact());
-  if (estimate.segments > most_exact_segments) drawing.too_many_segments = estimate.segments;
+  if (estimate.segments > most_exact_segments)
+    drawing.why_splats = fmt::format("the file's cells make about {:.0f} million segments: --exact draws them",
+                                     static_cast<double>(estimate.segments) / 1e6);
   if (estimate.segments > most_exact_segments || estimate.unknown_cells > 0) return {};
   options.exact = true;
   options.max_error.reset();
@@ -110,6 +112,20 @@ Status choose_exact(RenderOptions& options, Drawing& drawing) {
   drawing.max_error.reset();
   drawing.detail = options.detail;
   return {};
+}
+
+// Draws what the options ask for. An exact picture that nobody asked for, of cells too thin for one, becomes splats.
+Result<std::vector<Error>> draw(RenderOptions& options, const Composition& composition, Drawing& drawing,
+                                Timings& timings, double start) {
+  const RenderOptions asked = options;
+  SPLATVOL_TRY(choose_exact(options, drawing));
+  auto drawn = draw_picture(options, composition, drawing, timings, start);
+  if (drawn || drawn.error().code != ErrorCode::unsupported || asked.exact || !options.exact) return drawn;
+  options = asked;
+  timings = {};
+  SPLATVOL_TRY_SET(drawing, prepare_drawing(options, composition.scene));
+  drawing.why_splats = "cells are too thin for an exact picture";
+  return draw_picture(options, composition, drawing, timings, start);
 }
 
 Status render(RenderOptions options) {
@@ -125,11 +141,10 @@ Status render(RenderOptions options) {
   if (const auto view = make_view(scene); !view)
     return fail_in(options.scene.empty() ? options.volume : options.scene, view.error());
   SPLATVOL_TRY_ASSIGN(drawing, prepare_drawing(options, scene));
-  SPLATVOL_TRY(choose_exact(options, drawing));
-  const Player& player = *drawing.player;
 
   Timings timings;
-  SPLATVOL_TRY_ASSIGN(unreadable, draw_picture(options, composition, drawing, timings, start));
+  SPLATVOL_TRY_ASSIGN(unreadable, draw(options, composition, drawing, timings, start));
+  const Player& player = *drawing.player;
   SPLATVOL_TRY_ASSIGN(image, player.image());
   timings.first_image = seconds_now() - start;
   SPLATVOL_TRY(warn_if_empty(options, player, image));

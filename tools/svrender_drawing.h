@@ -53,8 +53,8 @@ struct Drawing {
   DrawOptions how;
   std::optional<double> max_error;  // that is looked for by comparing pictures
   std::unique_ptr<Player> player = nullptr;
-  std::optional<ErrorSearch> search = std::nullopt;               // of max_error, for the view that it was measured at
-  std::optional<std::uint64_t> too_many_segments = std::nullopt;  // of cells, so that splats are drawn instead
+  std::optional<ErrorSearch> search = std::nullopt;  // of max_error, for the view that it was measured at
+  std::string why_splats = {};                       // instead of an exact picture; empty: nothing to tell
 };
 
 /// Opens the volume and sets up the renderer. Errors name the file or the option.

@@ -132,9 +132,7 @@ void print_summary(const RenderOptions& options, const Drawing& drawing, const T
   print_out("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n", options.written(),
             scene.width, scene.height, frame.splats, frame.nodes, streamer.statistics().bytes_read,
             streamer.volume().file_bytes(), timings.first_image);
-  if (drawing.too_many_segments)
-    print_out("{}: splats, as the file's cells make about {:.0f} million segments: --exact draws them\n",
-              options.written(), static_cast<double>(*drawing.too_many_segments) / 1e6);
+  if (!drawing.why_splats.empty()) print_out("{}: splats, as {}\n", options.written(), drawing.why_splats);
   if (frame.detail.goal) {
     print_goal(options, drawing);
     return;

@@ -273,8 +273,9 @@ BOUNDS = """
   surfaces to within the rounding: the bound is .01 there.
 - **A domain from 0 to 1e-38**: *exact* cuts values off at 1e28 widths of the domain, so where a cell's values cross it is
   found to within the cell.
-- **Plates of 1:1e8 and thinner** are not drawn exactly: depths in a chunk of cells are numbers in single precision, which do
-  not know a thickness below a millionth of the chunk. Splats know it.
+- **Plates of 1:1e8 and thinner**: *exact* knows their thickness, as depths in a flat chunk of cells count from its plane.
+  Single precision has no order of chunks that lie one on the other there. Several such plates in one chunk are an error of
+  `--exact`, and splats by default.
 - **Ten decades, seen at the lowest**: a cell has values of three times the domain, which its splats spread normally.
 - **Plates, dense**: one by one, splats are sorted by their centres, and what lies in one plane has no order. Slabs need none.
   Plates thinner than pixels have no depth in a slab: their density is that of their splats, which ripples.

@@ -33,11 +33,11 @@ class Case:
     ways: tuple = ()  # the only ways to draw it besides "exact"; none: all
     large: bool = False  # drawn as PNG: its numbers take gigabytes
     says: str = ""  # a part of the line, if REFUSED
-    exact_bound: float | None = 0.002  # of the way "exact"; None: it is left out
+    exact_bound: float = 0.002  # of the way "exact"
 
     def has_way(self, way):
         if way == "exact":
-            return not self.large and self.exact_bound is not None
+            return not self.large
         return not self.ways or way in self.ways
 
 
@@ -234,7 +234,6 @@ def functions():
         for what, factor, bound in (("thin", ratio / 30, 0.003 if ratio <= 100 else 0.006), ("dense", max(3 * ratio, 300), 0.07)):
             yield Case("Functions", f"a plate of 1:{ratio:g}, {what}", lambda r=ratio: meshes.flat(r),
                        scene(density=[[0, 0.2 * factor], [1, 3.0 * factor]]), bound, quick=ratio >= 10**8, vtk=True,
-                       exact_bound=0.002 if ratio < 10**8 else None,  # single precision does not know their thickness
                        ways=WITHOUT_OCTANT)  # to octant, a plate is balls as small as it is thin
     yield Case("Functions", "one tetrahedron", meshes.one_tetrahedron, scene(density=[[0, 0.5], [1, 2.0]]), 0.06, quick=True, vtk=True)
     yield Case("Functions", "a lattice along its axis", lattice, scene(eye=(0, 0, 5.0), height=2.57, density=[[0, 0.2], [1, 3.0]]), 0.02,

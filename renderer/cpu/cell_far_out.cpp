@@ -18,22 +18,23 @@ struct PlaneInSpace {
 };
 
 PlaneInSpace plane_in_space(const CellFrame& frame, const std::array<dvec3, 3>& p, const std::array<double, 3>& u,
-                            double w) {
+                            const DepthOrigin& origin) {
   const View& view = *frame.view;
   const dvec3 q = p[1] - p[0], r = p[2] - p[0], normal = glm::cross(q, r);
   const double square = std::max(glm::dot(normal, normal), std::numeric_limits<double>::min());
   const dvec3 gradient = ((u[1] - u[0]) * glm::cross(r, normal) + (u[2] - u[0]) * glm::cross(normal, q)) / square;
   const auto not_below = [](double x, double least) { return std::abs(x) < least ? std::copysign(least, x) : x; };
   const auto number = [](double x) { return static_cast<float>(std::clamp(x, -1e18, 1e18)); };
+  const auto w_at = [&](const dvec2& pixel) { return origin.w + origin.rise(pixel.x, pixel.y); };
   const double focal = view.focal, tiny = std::numeric_limits<double>::min();
   // A plane that is seen edge-on, or has the eye in it, is steep as a whole: its direction counts.
   if (view.orthographic) {
     const double steepest = 1e-9 * std::max(std::abs(normal.x), std::abs(normal.y));
     const double across = not_below(normal.z, std::max(steepest, tiny)), offset = glm::dot(normal, p[0]);
     const double a = normal.x / across / focal, b = normal.y / across / focal, z = offset / across;
-    return {{number(a), number(b), number(gradient.x / focal - gradient.z * a),
+    return {{number(a - origin.wx), number(b - origin.wy), number(gradient.x / focal - gradient.z * a),
              number(gradient.y / focal - gradient.z * b)},
-            {0, 0, number(w - z), number(u[0] + glm::dot(gradient, dvec3(0, 0, z) - p[0]))},
+            {0, 0, number(-z - w_at(dvec2(0))), number(u[0] + glm::dot(gradient, dvec3(0, 0, z) - p[0]))},
             across > 0};
   }
   const double steepest = 1e-3 * frame.nearest * glm::length(normal);
@@ -46,9 +47,9 @@ PlaneInSpace plane_in_space(const CellFrame& frame, const std::array<dvec3, 3>& 
     if (std::abs(a * other.x + b * other.y + c) > std::abs(a * at.x + b * at.y + c)) at = other;
   const double inverse_z = not_below(a * at.x + b * at.y + c, tiny);
   const double in_u = (glm::dot(gradient, dvec3(at / focal, 1)) - along * inverse_z) / inverse_z;
-  return {{number(a), number(b), number(gradient.x / focal - (along + in_u) * a),
+  return {{number(a - origin.wx), number(b - origin.wy), number(gradient.x / focal - (along + in_u) * a),
            number(gradient.y / focal - (along + in_u) * b)},
-          {static_cast<float>(at.x), static_cast<float>(at.y), number(inverse_z - w), number(u[0] + in_u)},
+          {static_cast<float>(at.x), static_cast<float>(at.y), number(inverse_z - w_at(at)), number(u[0] + in_u)},
           offset > 0};
 }
 
@@ -108,7 +109,7 @@ bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& 
                        {points.x[corners[a]], points.y[corners[a]], points.d[corners[a]], u[a]},
                        !faces.is_negative[k]};
     if ((points.is_far_out[corners[a]] | points.is_far_out[corners[b]] | points.is_far_out[corners[c]]) != 0)
-      plane = plane_in_space(frame, {p[a], p[b], p[c]}, {u[a], u[b], u[c]}, screen.w);
+      plane = plane_in_space(frame, {p[a], p[b], p[c]}, {u[a], u[b], u[c]}, screen.origin);
     const double side = glm::dot(glm::cross(p[b] - p[a], p[c] - p[a]), p[opposite] - p[a]);
     const std::size_t at = plane.is_positive == (side > 0) ? fronts++ : --backs;
     cell.faces[at] = plane.face;

@@ -2,7 +2,8 @@
 // only one that computes with it.
 //
 // Pixels count from the picture's middle. Depths are d = 1/z - w for a w of the chunk; in orthographic projection d =
-// w - z. So d is linear in the pixel on every plane, and falls with depth.
+// w - z. If a chunk is flat, w is linear in the pixel: then d counts from a plane in the chunk, and knows how thick it
+// is. So d is linear in the pixel on every plane, and falls with depth.
 #pragma once
 
 #include <array>
@@ -30,7 +31,7 @@ struct CellFrame {
   double low = 0, inverse_domain = 1;  // u = (value - low) * inverse_domain - function->origin
   double middle_x = 0, middle_y = 0;   // of the picture, from the middle of pixel (0, 0)
   double nearest = 0;                  // depth: what is nearer counts as behind the eye
-  double farthest_w = 0;               // w of all chunks' farthest depth: keys count from there
+  double farthest_nearness = 0;        // 1/z of all chunks' farthest depth, or -z: keys count from there
   float widest = 0;                    // pixels from the middle at which a corner is far out
   float slack = 0;                     // pixels by which outlines are widened
 
@@ -104,11 +105,21 @@ class CellArray {
   std::size_t capacity_ = 0, size_ = 0;
 };
 
+/// Where d = 0 lies: w + wx (x - at_x) + wy (y - at_y) is 1/z there; in orthographic projection -z.
+struct DepthOrigin {
+  double w = 0, wx = 0, wy = 0;
+  double at_x = 0, at_y = 0;
+
+  /// What w is more at a pixel than at (at_x, at_y).
+  [[nodiscard]] double rise(double x, double y) const { return wx * (x - at_x) + wy * (y - at_y); }
+};
+
 /// A chunk on the screen.
 struct CellsOnScreen {
-  float w = 0;                      // 1/z of d = 0; in orthographic projection the depth
-  float key_offset = 0;             // from d to keys
-  float eye_d = 0, farthest_d = 0;  // of the eye's plane; beyond all
+  DepthOrigin origin;
+  float key_offset = 0;             // from d to keys, at (at_x, at_y)
+  float eye_d = 0, farthest_d = 0;  // of the eye's plane; beyond all; there
+  bool is_too_thin = false;         // single precision does not know how thick most of its cells are
   CellArray cells;
   std::vector<FarOut> far_out;
   std::vector<CellShading> shadings;  // [cell], if the frame has shades
@@ -126,6 +137,7 @@ struct CellsOnScreen {
     return std::span(numbers).subspan(begins[tile], begins[tile + 1] - begins[tile]);
   }
   void clear() {
+    is_too_thin = false;
     cells.clear();
     far_out.clear();
     shadings.clear();
@@ -172,7 +184,8 @@ void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup&
 void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup,
                   CellsOnScreen& screen);
 
-/// Sets them up: screen.cells and setup.keys. Requires setup.in_view, setup.points, and what `screen` has of depths.
+/// Sets them up: screen.cells, screen.is_too_thin and setup.keys. Requires setup.in_view, setup.points, and what
+/// `screen` has of depths.
 void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen);
 
 /// The faces of a cell: that of corners 0, 1, 2; of 0, 1, 3; of 0, 2, 3; of 1, 2, 3.
@@ -278,10 +291,10 @@ struct TileSegments {
   bool make_room();
 };
 
-/// Adds the segments of cells. `numbers`: of cells of `screen` that may cover the tile. `nearest_d`: of what is in
-/// front of the eye, and in the chunk.
+/// Adds the segments of cells. `numbers`: of cells of `screen` that may cover the tile. `first_key`: no segment gets a
+/// lower one.
 void add_segments(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
-                  const CellTileArea& area, float nearest_d, TileSegments& tile);
+                  const CellTileArea& area, float first_key, TileSegments& tile);
 
 /// Adds the light of all segments whose key is below `end`, with that of the layers in front of them and of `end`, and
 /// drops the segments. Returns whether more can be seen.

@@ -44,15 +44,48 @@ struct CellInSpace {
   [[nodiscard]] dvec3 edge(std::size_t corner) const { return corners[corner] - corners[0]; }
 };
 
+double nearness(const View& view, double depth) { return view.orthographic ? -depth : 1 / depth; }
+
+// The plane of the points of a flat chunk, by least squares of their nearness; none if the chunk is not flat.
+std::optional<DepthOrigin> plane_of(const CellFrame& frame, const CellSetup& setup) {
+  const View& view = *frame.view;
+  std::optional<dvec3> first;
+  double count = 0;
+  dvec3 sum(0);
+  glm::dmat3 products(0);
+  for (std::size_t i = 0; i < setup.in_view.size(); ++i) {
+    const dvec3& p = setup.in_view[i];
+    if (setup.is_used[i] == 0 || p.z <= frame.nearest) continue;
+    const double scale = view.orthographic ? view.focal : view.focal / p.z;
+    const dvec3 at(p.x * scale, p.y * scale, nearness(view, p.z));
+    if (!first) first = at;
+    const dvec3 offset = at - *first;
+    count += 1, sum += offset, products += glm::outerProduct(offset, offset);
+  }
+  if (!first) return std::nullopt;
+  const dvec3 mean = sum / count;
+  const glm::dmat3 spread = products / count - glm::outerProduct(mean, mean);
+  const double determinant = spread[0][0] * spread[1][1] - spread[0][1] * spread[0][1];
+  const double trace = spread[0][0] + spread[1][1];
+  if (!(determinant > 1e-8 * trace * trace)) return std::nullopt;  // seen edge-on
+  const double a = (spread[1][1] * spread[0][2] - spread[0][1] * spread[1][2]) / determinant;
+  const double b = (spread[0][0] * spread[1][2] - spread[0][1] * spread[0][2]) / determinant;
+  const double rest = spread[2][2] - a * spread[0][2] - b * spread[1][2];
+  if (!(rest < 0.01 * spread[2][2])) return std::nullopt;
+  const dvec3 middle = *first + mean;
+  return DepthOrigin{middle.z, a, b, middle.x, middle.y};
+}
+
 // The reference is the farthest corner, unless it is far outside of the picture: then its middle, and none is returned.
-std::optional<dvec3> set_reference(const CellFrame& frame, const CellInSpace& cell, double w, CellShading& shading) {
+std::optional<dvec3> set_reference(const CellFrame& frame, const CellInSpace& cell, const DepthOrigin& origin,
+                                   CellShading& shading) {
   const View& view = *frame.view;
   const dvec3& farthest_corner =
       *std::ranges::max_element(cell.corners, {}, [](const dvec3& corner) { return corner.z; });
   const dvec2 place = dvec2(farthest_corner) * (view.orthographic ? view.focal : view.focal / farthest_corner.z);
   if (!(std::abs(place.x) <= frame.widest && std::abs(place.y) <= frame.widest)) return std::nullopt;
   shading.x = static_cast<float>(place.x), shading.y = static_cast<float>(place.y);
-  shading.d = static_cast<float>(view.orthographic ? w - farthest_corner.z : 1 / farthest_corner.z - w);
+  shading.d = static_cast<float>(nearness(view, farthest_corner.z) - origin.w - origin.rise(place.x, place.y));
   return farthest_corner;
 }
 
@@ -70,16 +103,19 @@ void set_light(const View& view, const dvec3& gradient, const std::optional<dvec
 }
 
 void set_opacity(const View& view, const CellInSpace& cell, const std::array<double, 4>& values,
-                 const std::optional<dvec3>& reference, double w, CellShading& shading) {
+                 const std::optional<dvec3>& reference, const DepthOrigin& origin, CellShading& shading) {
   const double volume = cell.volume();
   const dvec3 slope = volume == 0 ? dvec3(0) : cell.gradient(values) / volume;
   shading.low = static_cast<float>(std::ranges::min(values)),
   shading.high = static_cast<float>(std::ranges::max(values));
   shading.o = nearest_float(values[0] + glm::dot(slope, reference.value_or(dvec3(0)) - cell.corners[0]));
-  shading.ox = nearest_float(slope.x / view.focal), shading.oy = nearest_float(slope.y / view.focal);
-  if (view.orthographic) shading.od = nearest_float(-slope.z);
-  if (!view.orthographic && reference) shading.od = nearest_float(-glm::dot(slope, *reference));
-  if (!reference) shading.oc = nearest_float(view.orthographic ? slope.z * w : slope.z);
+  double by_depth = 0;
+  if (view.orthographic) by_depth = -slope.z;
+  if (!view.orthographic && reference) by_depth = -glm::dot(slope, *reference);
+  shading.ox = nearest_float(slope.x / view.focal + by_depth * origin.wx);
+  shading.oy = nearest_float(slope.y / view.focal + by_depth * origin.wy);
+  shading.od = nearest_float(by_depth);
+  if (!reference) shading.oc = nearest_float(view.orthographic ? by_depth * (origin.w + origin.rise(0, 0)) : slope.z);
 }
 
 }  // namespace
@@ -106,28 +142,32 @@ void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cell
                   CellsOnScreen& screen) {
   const View& view = *frame.view;
   const std::size_t count = cells.points.size();
-  const bool orthographic = view.orthographic;
-  const double middle = 0.5 * (std::max(box.low.z, 0.0) + box.high.z);
-  const double w = static_cast<float>(orthographic ? middle : 1 / middle);
-  screen.w = static_cast<float>(w);
-  screen.key_offset = static_cast<float>(orthographic ? frame.farthest_w - w : w - frame.farthest_w);
-  screen.eye_d = static_cast<float>(orthographic ? w : 1 / frame.nearest - w);
-  screen.farthest_d = orthographic ? -farthest : -screen.w;
   setup.is_used.assign(count, 0);
   for (const std::int32_t cell : setup.seen)
     for (const std::uint32_t point : cells.tetrahedra[static_cast<std::size_t>(cell)]) setup.is_used[point] = 1;
-  PointsOnScreen& points = setup.points;
   setup.in_view.resize(count);
+  for (std::size_t i = 0; i < count; ++i)
+    if (setup.is_used[i] != 0) setup.in_view[i] = view.to_view(cells.points[i]);
+
+  const double middle = 0.5 * (std::max(box.low.z, 0.0) + box.high.z);
+  DepthOrigin& origin = screen.origin;
+  origin = plane_of(frame, setup).value_or(DepthOrigin{nearness(view, middle)});
+  screen.key_offset = static_cast<float>(origin.w - frame.farthest_nearness);
+  screen.eye_d = static_cast<float>((view.orthographic ? 0 : 1 / frame.nearest) - origin.w);
+  screen.farthest_d = view.orthographic ? -farthest : static_cast<float>(-origin.w);
+
+  PointsOnScreen& points = setup.points;
   for (auto* numbers : {&points.x, &points.y, &points.d, &points.w}) numbers->resize(count);
   points.is_far_out.resize(count);
   for (std::size_t i = 0; i < count; ++i) {
     if (setup.is_used[i] == 0) continue;
-    const dvec3 p = setup.in_view[i] = view.to_view(cells.points[i]);
-    const double inverse = 1 / p.z, scale = orthographic ? view.focal : view.focal * inverse;
-    points.x[i] = static_cast<float>(p.x * scale);
-    points.y[i] = static_cast<float>(p.y * scale);
-    points.d[i] = static_cast<float>(orthographic ? w - p.z : inverse - w);
-    points.w[i] = static_cast<float>(orthographic ? 1 : inverse);
+    const dvec3& p = setup.in_view[i];
+    const double inverse = 1 / p.z, scale = view.orthographic ? view.focal : view.focal * inverse;
+    const double x = p.x * scale, y = p.y * scale;
+    points.x[i] = static_cast<float>(x);
+    points.y[i] = static_cast<float>(y);
+    points.d[i] = static_cast<float>((view.orthographic ? -p.z : inverse) - origin.w - origin.rise(x, y));
+    points.w[i] = static_cast<float>(view.orthographic ? 1 : inverse);
     const bool is_near = std::abs(points.x[i]) <= frame.widest && std::abs(points.y[i]) <= frame.widest;
     points.is_far_out[i] = is_near && p.z > frame.nearest ? 0 : 1;
   }
@@ -147,9 +187,9 @@ void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetu
     };
     CellShading& shading = screen.shadings[i];
     shading = {};
-    const std::optional<dvec3> reference = set_reference(frame, cell, screen.w, shading);
+    const std::optional<dvec3> reference = set_reference(frame, cell, screen.origin, shading);
     if (frame.lighting) set_light(*frame.view, cell.gradient(of_corners(cells.values)), reference, shading);
-    if (frame.opacity) set_opacity(*frame.view, cell, of_corners(setup.opacities), reference, screen.w, shading);
+    if (frame.opacity) set_opacity(*frame.view, cell, of_corners(setup.opacities), reference, screen.origin, shading);
   }
 }
 

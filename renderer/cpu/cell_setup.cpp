@@ -107,6 +107,28 @@ void list_seen(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup
   setup.seen.resize(seen);
 }
 
+/// Tells whether most of a chunk is in cells whose thickness is lost in the rounding of depths. Corners outside of the
+/// picture have depths of any size, and cells with one do not count.
+class Thickness {
+ public:
+  HWY_INLINE Thickness() : thick_(0.0F), thin_(0.0F) {}
+
+  // `volume`: on the screen, that of six cells. `size`: the largest depth of a corner times twice the largest face.
+  HWY_INLINE void add(Mask counts, Float volume, Float size) {
+    const Float least = size * 2e-6F;  // each depth is rounded by 6e-8 of its size: 3 % of this thickness
+    const Mask is_thin = volume < least;
+    thick_ = thick_ + only(hn::AndNot(is_thin, counts), volume);
+    thin_ = thin_ + only(both(is_thin, counts), least);
+  }
+  [[nodiscard]] bool is_lost() const {
+    const auto sum = [](Float all) HWY_ATTR { return hn::GetLane(hn::SumOfLanes(FloatTag(), all.v)); };
+    return sum(thin_) > sum(thick_);
+  }
+
+ private:
+  Float thick_, thin_;  // sums of volumes; of thin cells, those that they have at the most
+};
+
 void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) {
   const auto lanes = static_cast<std::size_t>(lane_count());
   const std::size_t count = setup.seen.size();
@@ -118,6 +140,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
   setup.numbers.resize(count);
   setup.tiles.resize(count);
   std::size_t made = 0;
+  Thickness thickness;
   for (std::size_t first = 0; first < count; first += lanes) {
     alignas(64) std::array<std::array<std::int32_t, most_lanes>, 4> numbers;
     const std::size_t end = std::min(lanes, count - first);
@@ -162,6 +185,12 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
                 sx = s.x - p.x, sy = s.y - p.y, sd = s.d - p.d;
     const Float volume =
         fma(qx, fma(ry, sd, -(rd * sy)), fma(qy, fma(rd, sx, -(rx * sd)), qd * fma(rx, sy, -(ry * sx))));
+    const auto largest = [](Float a, Float b, Float c, Float d)
+                             HWY_ATTR { return max(max(abs(a), abs(b)), max(abs(c), abs(d))); };
+    thickness.add(
+        hn::AndNot(is_far_out, in), abs(volume),
+        largest(p.d, q.d, r.d, s.d) * largest(planes[0].area, planes[1].area, planes[2].area, planes[3].area));
+
     // A face is in front if its plane is nearer than the corner opposite of it.
     const Mask is_negative = volume < Float(0.0F);
     std::array<std::uint32_t, 4> front_bits;
@@ -229,6 +258,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
       ++made;
     }
   }
+  screen.is_too_thin = thickness.is_lost();
   screen.cells.resize(made);
   setup.keys.resize(made);
   setup.tiles.resize(made);

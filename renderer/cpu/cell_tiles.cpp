@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstring>
 #include <numeric>
-#include <tuple>
 #include <utility>
 
 #include "renderer/cpu/cell_frame.h"
@@ -106,9 +105,12 @@ struct CellTile {
   const CellFrame& frame;
   const CellsOnScreen& screen;
   TileCorner corner;
-  float nearest_d;
+  float first_key;  // no segment gets a lower one
+  float nearest_d;  // of what is in the chunk, and in front of the eye: where the origin has not risen
   float per_pixel;  // 1 / focal: slope of rays
   bool has_limits;
+  bool is_flat;  // the origin is a plane
+  float w, wx, wy, at_x, at_y;
 };
 
 /// The opacity's attribute where a ray enters or leaves.
@@ -162,14 +164,15 @@ HWY_INLINE void store_segments(const Segments& segments, std::uint32_t hits, int
 struct WholeSegments {
   Segments segments;
   Float near_d, far_d, near_z, far_z;
+  Float w;  // of the origin
   Int pixel;
   Mask hit;
 };
 
 /// 1/z, or 1 in orthographic projection, that turns values linear in the pixel into values.
 template <bool orthographic>
-HWY_INLINE Float z_at(const CellTile& t, Float d) {
-  return orthographic ? Float(1.0F) : reciprocal(d + t.screen.w);
+HWY_INLINE Float z_at(Float d, Float w) {
+  return orthographic ? Float(1.0F) : reciprocal(d + w);
 }
 HWY_INLINE Float depth_between(Float near_d, Float near_z, Float far_d, Float far_z) {
   return (near_d - far_d) * near_z * far_z;
@@ -189,7 +192,7 @@ HWY_NOINLINE void add_parts(const CellTile& t, const WholeSegments& whole, int f
     if (part < t.frame.layers) hit = both(hit, segments.key < gather(tile.layers[part].keys.data(), pixel));
     if (!any(hit)) continue;
     if (part > 0) segments.key = max(segments.key, gather(tile.layers[part - 1].keys.data(), pixel));
-    const Float from_z = z_at<orthographic>(t, from), to_z = z_at<orthographic>(t, to);
+    const Float from_z = z_at<orthographic>(from, whole.w), to_z = z_at<orthographic>(to, whole.w);
     const Float inverse = Float(1.0F) / segments.length;
     const Float before = depth_between(whole.near_d, whole.near_z, from, from_z) * inverse;
     const Float behind = depth_between(to, to_z, whole.far_d, whole.far_z) * inverse;
@@ -236,10 +239,12 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
       const Mask is_sooner = face.d > other.d;
       return Crossing{max(face.d, other.d), select(is_sooner, face.n, other.n), select(is_sooner, face.u, other.u)};
     };
+    Float rise(0.0F);
+    if (t.is_flat) rise = fma(x - t.at_x, t.wx, (y - t.at_y) * t.wy);
     Crossing enter, leave;
     if constexpr (is_far_out) {
-      enter = {screen.eye_d, 0.0F, fma(far_out->eye_e, x, fma(far_out->eye_f, y, far_out->eye_u))};
-      leave = {screen.farthest_d, 0.0F, 0.0F};
+      enter = {Float(screen.eye_d) - rise, 0.0F, fma(far_out->eye_e, x, fma(far_out->eye_f, y, far_out->eye_u))};
+      leave = {Float(screen.farthest_d) - rise, 0.0F, 0.0F};
       for (int k = 0; k < 4; ++k)
         if (k < cell.fronts)
           enter = enter_at(cross(k), enter);
@@ -255,12 +260,13 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
       enter = enter_at(cross(2), enter_at(cross(1), cross(0)));
       leave = cross(3);
     }
-    enter.d = min(enter.d, t.nearest_d);
+    enter.d = min(enter.d, Float(t.nearest_d) - rise);
     const auto valid = hn::FirstN(FloatTag(), static_cast<std::size_t>(std::min(count - first, lane_count())));
     const Mask hit = both(enter.d > leave.d, valid);
     if (!any(hit)) continue;
 
-    const Float near_z = z_at<orthographic>(t, enter.d), far_z = z_at<orthographic>(t, leave.d);
+    const Float w = rise + t.w;
+    const Float near_z = z_at<orthographic>(enter.d, w), far_z = z_at<orthographic>(leave.d, w);
     const Float length = depth_between(enter.d, near_z, leave.d, far_z);
     const Float u_enter = clamp(fma(enter.n, near_z, enter.u), cell.low, cell.high);
     const Float u_leave = clamp(fma(leave.n, far_z, leave.u), cell.low, cell.high);
@@ -270,11 +276,11 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
       o_enter = opacity_at(*shading, dx_shade, dy_shade, enter.d, near_z);
       o_leave = opacity_at(*shading, dx_shade, dy_shade, leave.d, far_z);
     }
-    const Float key = -(enter.d + screen.key_offset);
+    const Float key = max(-(enter.d + (rise + screen.key_offset)), t.first_key);
     const Float lighting = has_shades && t.frame.lighting ? light_at<orthographic>(t, *shading, x, y) : Float(1.0F);
     if (t.has_limits) {
       const WholeSegments whole{
-          {key, length, u_enter, u_leave, lighting, o_enter, o_leave}, enter.d, leave.d, near_z, far_z, pixel, hit};
+          {key, length, u_enter, u_leave, lighting, o_enter, o_leave}, enter.d, leave.d, near_z, far_z, w, pixel, hit};
       add_parts<orthographic, has_shades>(t, whole, first, tile);
     } else {
       store_segments<has_shades>({key, length, u_enter, u_leave, lighting, o_enter, o_leave}, mask_bits(hit), first,
@@ -301,14 +307,24 @@ void add_all(const CellTile& t, std::span<const std::uint32_t> numbers, TileSegm
 }
 
 void add_cells(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
-               const CellTileArea& area, float nearest_d, TileSegments& tile) {
+               const CellTileArea& area, float first_key, TileSegments& tile) {
+  const DepthOrigin& origin = screen.origin;
+  // Rounding must not cut off a part of a thin cell.
+  const float slack = 1e-6F * (std::abs(first_key) + std::abs(screen.key_offset));
   const CellTile t = {frame,
                       screen,
                       {area.left, area.bottom, area.pixels, static_cast<float>(area.left - frame.middle_x),
                        static_cast<float>(area.bottom - frame.middle_y)},
-                      nearest_d,
+                      first_key,
+                      slack - first_key - screen.key_offset,
                       static_cast<float>(1 / frame.view->focal),
-                      frame.has_limits()};
+                      frame.has_limits(),
+                      origin.wx != 0 || origin.wy != 0,
+                      static_cast<float>(origin.w),
+                      static_cast<float>(origin.wx),
+                      static_cast<float>(origin.wy),
+                      static_cast<float>(origin.at_x),
+                      static_cast<float>(origin.at_y)};
   const bool has_shades = frame.has_shades();
   if (frame.view->orthographic)
     has_shades ? add_all<true, true>(t, numbers, tile) : add_all<true, false>(t, numbers, tile);
@@ -637,7 +653,7 @@ class PixelBlender {
   }
 
   // Sorts, and returns how many are before `end`. Few segments are sorted by insertion, all lanes at once: they are
-  // nearly sorted.
+  // nearly sorted. Those with one key stay in the order of chunks, and of the cells of each.
   HWY_INLINE Int sort(std::size_t first, Int count, std::int32_t most, float end) {
     constexpr std::int32_t few_segments = 1024;
     if (static_cast<std::size_t>(most) > tile_.keys.size()) {
@@ -655,7 +671,7 @@ class PixelBlender {
       if (!numbers_.empty()) std::iota(numbers_.begin(), numbers_.end(), tile_.begin_of(first + lane));
       std::ranges::sort(numbers_, [&](std::size_t a, std::size_t b) {
         const float key = tile_.segments[a].key, other = tile_.segments[b].key;
-        return key != other ? key < other : is_before(a, b);
+        return key != other ? key < other : a < b;
       });
       for (std::size_t k = 0; k < static_cast<std::size_t>(most); ++k) {
         const bool in = k < numbers_.size();
@@ -691,41 +707,9 @@ class PixelBlender {
       store(key, keys_at(j));
       set_place(j, place);
     }
-    Mask has_ties = hn::FirstN(FloatTag(), 0);
-    for (std::int32_t k = 1; k < most; ++k)
-      has_ties = either(has_ties,
-                        both(hn::Eq(load(keys_at(k)).v, load(keys_at(k - 1)).v), mask_of(hn::Gt(count.v, Int(k).v))));
-    if (any(has_ties)) order_ties(count);
     return before_end;
   }
 
-  // Segments with one key are in an order that does not depend on that of cells.
-  void order_ties(Int count) {
-    alignas(64) std::array<std::int32_t, most_lanes> counts;
-    store(count, counts.data());
-    const auto lanes = static_cast<std::size_t>(lane_count());
-    for (std::size_t lane = 0; lane < lanes; ++lane)
-      for (std::int32_t k = 1; k < counts[lane]; ++k)
-        for (std::int32_t j = k; j > 0 && is_before(lane, j, j - 1); --j) {
-          std::swap(keys_at(j)[lane], keys_at(j - 1)[lane]);
-          auto& places = tile_.places;
-          std::swap(places[static_cast<std::size_t>(j)].numbers[lane],
-                    places[static_cast<std::size_t>(j) - 1].numbers[lane]);
-        }
-  }
-  [[nodiscard]] bool is_before(std::size_t lane, std::int32_t a, std::int32_t b) {
-    return keys_at(a)[lane] == keys_at(b)[lane] && is_before(number_at(lane, a), number_at(lane, b));
-  }
-  [[nodiscard]] bool is_before(std::size_t a, std::size_t b) const {
-    const CellSegment &first = tile_.segments[a], &second = tile_.segments[b];
-    const auto order = [](const CellSegment& segment) {
-      return std::tie(segment.length, segment.u_enter, segment.u_leave);
-    };
-    if (!has_shades || order(first) != order(second)) return order(first) < order(second);
-    const SegmentShade &shade = tile_.shades[a], &other = tile_.shades[b];
-    return std::tie(shade.lighting, shade.o_enter, shade.o_leave) <
-           std::tie(other.lighting, other.o_enter, other.o_leave);
-  }
   [[nodiscard]] std::size_t number_at(std::size_t lane, std::int32_t k) const {
     const auto place = std::bit_cast<std::int32_t>(tile_.places[static_cast<std::size_t>(k)].numbers[lane]);
     return static_cast<std::size_t>(place / 4);
@@ -800,8 +784,8 @@ HWY_EXPORT(add_cells);
 HWY_EXPORT(blend);
 
 void add_segments(const CellFrame& frame, const CellsOnScreen& screen, std::span<const std::uint32_t> numbers,
-                  const CellTileArea& area, float nearest_d, TileSegments& tile) {
-  HWY_DYNAMIC_DISPATCH(add_cells)(frame, screen, numbers, area, nearest_d, tile);
+                  const CellTileArea& area, float first_key, TileSegments& tile) {
+  HWY_DYNAMIC_DISPATCH(add_cells)(frame, screen, numbers, area, first_key, tile);
 }
 
 bool blend_segments(const CellFrame& frame, const CellTileArea& area, float end, TileSegments& tile,

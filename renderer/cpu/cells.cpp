@@ -187,7 +187,6 @@ class CellSweep {
   [[nodiscard]] double nearness(double depth) const;
   [[nodiscard]] float key_of(double depth) const;
   [[nodiscard]] float first_key(const Chunk& chunk, int column, int row) const;
-  [[nodiscard]] float nearest_d(const CellsOnScreen& screen, float key) const;
 
   Status draw_area(const PixelRectangle& area);
   void begin_tiles();
@@ -203,7 +202,7 @@ class CellSweep {
   [[nodiscard]] double layer_depth(const CellLayer& layer, int x, int y) const;
   [[nodiscard]] double opaque_depth(int x, int y) const;
   void begin_limits(const CellTileArea& area, TileScratch& scratch) const;
-  void set_limits(const CellsOnScreen& screen, TileScratch& scratch) const;
+  void set_limits(const CellTileArea& area, const CellsOnScreen& screen, TileScratch& scratch) const;
   void draw_tile(int column, int row, Tile& tile);
   void add_chunks(int column, int row, Tile& tile, TileScratch& scratch);
   void restore_waiting(const Tile& tile, TileSegments& segments) const;
@@ -263,7 +262,7 @@ void CellSweep::order_chunks() {
     reach = std::max(reach, chunks_.back().box.high.z);
   }
   frame_.nearest = view_.orthographic ? 0 : 1e-7 * reach;
-  frame_.farthest_w = view_.orthographic ? reach : 1 / std::max(reach, std::numeric_limits<double>::min());
+  frame_.farthest_nearness = nearness(std::max(reach, std::numeric_limits<double>::min()));
   std::erase_if(chunks_, [&](Chunk& chunk) {
     if (chunk.box.high.z <= frame_.nearest) return true;
     chunk.tiles = tiles_of(chunk.box);
@@ -319,21 +318,12 @@ double CellSweep::nearness(double depth) const {
   return depth > 0 ? 1 / depth : double{farthest};
 }
 
-float CellSweep::key_of(double depth) const {
-  return static_cast<float>(-(nearness(depth) + (view_.orthographic ? frame_.farthest_w : -frame_.farthest_w)));
-}
+float CellSweep::key_of(double depth) const { return static_cast<float>(frame_.farthest_nearness - nearness(depth)); }
 
 // A key that no segment of a chunk in the tile has, nor a lower one.
 float CellSweep::first_key(const Chunk& chunk, int column, int row) const {
   const double depth = std::max(nearest_depth(chunk.box, column, row), frame_.nearest);
   return std::nextafter(key_of(depth), -farthest);
-}
-
-// The largest d whose key is not below `key`.
-float CellSweep::nearest_d(const CellsOnScreen& screen, float key) const {
-  float d = -key - screen.key_offset;
-  while (-(d + screen.key_offset) < key) d = std::nextafter(d, -farthest);
-  return d;
 }
 
 Result<CellPicture> CellSweep::draw() {
@@ -463,6 +453,10 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   if (setup.seen.empty()) return {};
   place_points(frame_, chunk.box, cells, setup, screen);
   set_up_cells(frame_, cells, setup, screen);
+  if (screen.is_too_thin)
+    return fail(
+        ErrorCode::unsupported,
+        "cells are too thin for an exact picture, as single precision does not know their thickness: draw splats");
   if (frame_.has_shades()) shade_cells(frame_, cells, setup, screen);
   sort_into_tiles(setup, screen);
   return {};
@@ -566,11 +560,15 @@ void CellSweep::begin_limits(const CellTileArea& area, TileScratch& scratch) con
     }
 }
 
-void CellSweep::set_limits(const CellsOnScreen& screen, TileScratch& scratch) const {
-  const double offset = view_.orthographic ? screen.w : -double{screen.w};
-  for (std::size_t i = 0; i < scratch.limits.size(); ++i)
-    for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel)
-      scratch.segments.limits[i].d[pixel] = static_cast<float>(scratch.limits[i][pixel] + offset);
+void CellSweep::set_limits(const CellTileArea& area, const CellsOnScreen& screen, TileScratch& scratch) const {
+  const DepthOrigin& origin = screen.origin;
+  for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
+    const int x = area.left + static_cast<int>(pixel) % cell_tile_side;
+    const int y = area.bottom + static_cast<int>(pixel) / cell_tile_side;
+    const double w = origin.w + origin.rise(x - frame_.middle_x, y - frame_.middle_y);
+    for (std::size_t i = 0; i < scratch.limits.size(); ++i)
+      scratch.segments.limits[i].d[pixel] = static_cast<float>(scratch.limits[i][pixel] - w);
+  }
 }
 
 void CellSweep::draw_tile(int column, int row, Tile& tile) {
@@ -611,8 +609,8 @@ void CellSweep::add_chunks(int column, int row, Tile& tile, TileScratch& scratch
     if (slot < 0) continue;
     const CellsOnScreen& screen = workspace_.screens[static_cast<std::size_t>(slot)];
     const std::uint64_t had = segments.added;
-    if (frame_.has_limits()) set_limits(screen, scratch);
-    add_segments(frame_, screen, screen.in_tile(column, row), tile.area, nearest_d(screen, chunk.first_key), segments);
+    if (frame_.has_limits()) set_limits(tile.area, screen, scratch);
+    add_segments(frame_, screen, screen.in_tile(column, row), tile.area, chunk.first_key, segments);
     tile.is_full = segments.is_full;
     if (tile.is_full) return;
     unblended += segments.added - had;

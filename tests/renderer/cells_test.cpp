@@ -405,6 +405,53 @@ TEST(Cells, FarAwaySmallAndThin) {
       1e-4, 2e-2);
 }
 
+// A plate from (0, 0, 0) to (1, 1, thickness), which lets some of the light through.
+Drawn plate(double thickness, const Field& field) {
+  Drawn drawn{bent_box(8, field), colored_scene(2 / thickness)};
+  for (std::size_t i = 0; i < drawn.mesh.points.size(); ++i) {
+    drawn.mesh.values[i] = field(drawn.mesh.points[i]);
+    drawn.mesh.points[i].z *= thickness;
+  }
+  look(drawn.scene, {2.3, 1.9, 0.7}, {0.5, 0.5, 0});
+  drawn.scene.camera.parallel_height = 1.2;
+  return drawn;
+}
+
+TEST(Cells, InThinPlates) {
+  for (const auto projection : {Camera::Projection::perspective, Camera::Projection::orthographic}) {
+    Drawn layers = plate(1e-4, [](dvec3 p) { return 0.2 * p.x + 0.8 * p.z; });
+    layers.scene.camera.projection = projection;
+    expect_exact(layers, 1e-4, 1e-2);
+    // Single precision has no order of such layers.
+    for (const double thickness : {1e-8, 1e-12}) {
+      Drawn drawn = plate(thickness, [](dvec3 p) { return 0.7 * p.x + 0.3 * p.y; });
+      drawn.scene.camera.projection = projection;
+      expect_exact(drawn, 1e-4, 1e-2);
+      drawn.scene.lighting = Lighting{0.2, 0.7};
+      drawn.scene.clip_planes = {{{0.5, 0.5, 0}, {1, -0.6, 0}, true}};
+      expect_exact(drawn, 1e-4, 1e-2);
+    }
+  }
+}
+
+// Depths count from one plane in a chunk.
+TEST(Cells, InTwoPlatesThinnerThanSinglePrecisionAreAnError) {
+  const auto draw_with = [&](double thickness) {
+    Drawn drawn = plate(thickness, curved);
+    const Mesh one = drawn.mesh;
+    for (const dvec3& point : one.points) drawn.mesh.points.emplace_back(point.z, point.x, point.y);
+    drawn.mesh.values.insert(drawn.mesh.values.end(), one.values.begin(), one.values.end());
+    const auto begin = static_cast<std::uint32_t>(one.points.size());
+    for (const auto& [a, b, c, d] : one.tetrahedra)
+      drawn.mesh.tetrahedra.push_back({begin + a, begin + b, begin + c, begin + d});
+    return CellRasterizer().draw(MeshSource(drawn.view(), 100000), drawn.drawing());
+  };
+  EXPECT_TRUE(draw_with(1e-4));
+  const auto failed = draw_with(1e-8);
+  ASSERT_FALSE(failed);
+  EXPECT_EQ(failed.error().code, ErrorCode::unsupported);
+}
+
 TEST(Cells, ThatAreLongRoundADenseCorner) {
   Drawn drawn{make_ball(2), colored_scene(1, {2.2, 1.5, 0.8})};
   std::mt19937 random(9);
