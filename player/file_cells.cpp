@@ -5,6 +5,7 @@
 #include <cmath>
 #include <glm/vector_relational.hpp>
 #include <iterator>
+#include <limits>
 #include <optional>
 #include <utility>
 
@@ -18,7 +19,7 @@ namespace splatvol {
 namespace {
 
 // Kinds of held parts.
-constexpr int chunk_part = 0, page_part = 1, histograms_part = 2;
+constexpr int chunk_part = 0, page_part = 1;
 
 Box box_of(const double (&low)[3], const double (&high)[3]) {
   return {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
@@ -99,58 +100,31 @@ double length_of_rays(const Box& box, const View& view) {
   return sum * step.x * step.y;
 }
 
-// The values of a chunk, as quantiles. Within its range and bins, they are as frequent as in all of the file.
-class Quantiles {
- public:
-  Quantiles(const format::Attribute& attribute, const format::Histogram* histogram,
-            const format::ValueSummary& summary) {
-    const double low = attribute.offset + attribute.scale * static_cast<double>(summary.min);
-    const double high = attribute.offset + attribute.scale * static_cast<double>(summary.max);
-    const double width = (attribute.max - attribute.min) / 64;
-    double before = 0;
-    for (std::size_t bin = 0; bin < 64; ++bin) {
-      if ((summary.occupancy >> bin & 1) == 0) continue;
-      const double begin = attribute.min + static_cast<double>(bin) * width;
-      const double from = std::clamp(begin, low, high), to = std::clamp(begin + width, low, high);
-      const double share = width > 0 ? (to - from) / width : 1;
-      parts_.push_back({from, to, before});
-      before += std::max(share * (histogram ? static_cast<double>((*histogram)[bin]) : 1), 1e-9);
+// The share of a chunk's cells with a visible value, by the areas of their faces. Looks at some of many cells.
+double shown_share_of(const DrawnCells& cells, const Transfer& transfer) {
+  constexpr std::size_t looked_at = 256;
+  const auto shows = [&](const std::vector<double>& values, std::size_t number, const TransferFunction& function) {
+    double low = std::numeric_limits<double>::infinity(), high = -low;
+    for (const std::uint32_t corner : cells.tetrahedra[number]) {
+      const double value = values[cells.constant ? number : corner];
+      if (std::isnan(value)) return false;
+      low = std::min(low, value), high = std::max(high, value);
     }
-    parts_.push_back({high, high, before});
-  }
-
-  // `share`: of the values, that are lower; in [0, 1].
-  [[nodiscard]] double value_at(double share) const {
-    const double at = share * parts_.back().before;
-    const auto next = std::ranges::upper_bound(parts_.begin() + 1, parts_.end() - 1, at, {}, &Part::before);
-    const Part& part = *(next - 1);
-    return part.from + (part.to - part.from) * std::min(1.0, (at - part.before) / (next->before - part.before));
-  }
-
- private:
-  struct Part {
-    double from, to;  // values
-    double before;    // values that are lower
+    return extinction_within(function, low, high);
   };
-  std::vector<Part> parts_;
-};
-
-// The share of a chunk's cells with a visible value: about. A cell counts as a cube of six tetrahedra. It has the
-// values between two quantiles: of n cubes, n^(2/3) meet the surface of the middle value, and fewer that of a high or
-// low one.
-double shown_share(const TransferFunction& function, const Quantiles& values, const format::CellChunkEntry& entry) {
-  constexpr int samples = 64;
-  const double cubes = std::max(1.0, static_cast<double>(entry.cells * tetrahedra_of(entry.shape)) / 6);
-  const double most_reach = entry.field == format::CellField::constant ? 0 : 0.5 / std::cbrt(cubes);
-  int shown = 0;
-  for (int sample = 0; sample < samples; ++sample) {
-    const double share = (sample + 0.5) / samples;
-    const double reach = most_reach * std::cbrt(4 * std::min(share * share, (1 - share) * (1 - share)));
-    const double low = values.value_at(std::max(share - reach, 0.0)),
-                 high = values.value_at(std::min(share + reach, 1.0));
-    if (extinction_within(function, low, high)) ++shown;
+  double all = 0, shown = 0;
+  const std::size_t step = 1 + cells.tetrahedra.size() / looked_at;
+  for (std::size_t number = 0; number < cells.tetrahedra.size(); number += step) {
+    const auto& [a, b, c, d] = cells.tetrahedra[number];
+    const dvec3 p = cells.points[a], q = cells.points[b] - p, r = cells.points[c] - p, s = cells.points[d] - p;
+    const double area = glm::length(glm::cross(q, r)) + glm::length(glm::cross(q, s)) + glm::length(glm::cross(r, s)) +
+                        glm::length(glm::cross(r - q, s - q));
+    all += area;
+    if (shows(cells.values, number, transfer.function) &&
+        (!transfer.opacity || shows(cells.opacity_values, number, *transfer.opacity)))
+      shown += area;
   }
-  return std::max(shown, 1) / double{samples};
+  return all > 0 ? shown / all : 0;
 }
 
 // The bytes of all cells of a file, decoded: about.
@@ -211,9 +185,20 @@ Result<std::shared_ptr<const format::CellPage>> KeptCells::read_page(std::size_t
   return std::make_shared<const format::CellPage>(std::move(entries));
 }
 
-Result<std::shared_ptr<const format::Histograms>> KeptCells::read_histograms() const {
-  return parts_.get<format::Histograms>({histograms_part, 0}, 0,
-                                        [this] { return reader_->volume().read_histograms(); });
+Result<double> KeptCells::shown_share(const format::CellChunkEntry& entry, const TransferFunction& function,
+                                      const std::optional<SceneOpacity>& opacity) const {
+  const std::scoped_lock lock(shares_mutex_);
+  if (shares_function_ != function || shares_opacity_ != opacity) {
+    shares_function_ = function, shares_opacity_ = opacity;
+    shares_.clear();
+  }
+  const auto known = shares_.find(entry.offset);
+  if (known != shares_.end()) return known->second;
+  DrawnCells scratch;
+  SPLATVOL_TRY_ASSIGN(cells, read(entry, scratch));
+  const double share = shown_share_of(*cells, Transfer(function, opacity ? &opacity->function : nullptr));
+  shares_.emplace(entry.offset, share);
+  return share;
 }
 
 Status KeptCells::hold_all() const {
@@ -227,7 +212,6 @@ Status KeptCells::hold_all() const {
       if (format::is_known(entry.shape, entry.field)) SPLATVOL_TRY(read(entry, scratch));
     }
   }
-  SPLATVOL_TRY(read_histograms());  // of estimates
   are_held_ = true;
   return {};
 }
@@ -378,7 +362,6 @@ Status FileCells::read_entries() {
       const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
       chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
       entries_.push_back(entry);
-      summaries_.push_back({page->summaries[i], opacity ? page->opacity_summaries[i] : format::ValueSummary()});
     }
   }
   return {};
@@ -391,30 +374,40 @@ std::uint64_t FileCells::tetrahedra() const {
 }
 
 // The faces of a tetrahedron cover a quarter of their area, in the mean over all directions.
+double FileCells::segments_of_all(const Chunk& chunk) const {
+  const dvec3 extent = chunk.box.extent();
+  const double least = 1e-6 * std::max({extent.x, extent.y, extent.z});  // of a flat box
+  const dvec3 margin = 0.5 * glm::max(dvec3(least) - extent, dvec3(0));
+  const Box box{chunk.box.low - margin, chunk.box.high + margin};
+  const dvec3 size = box.extent();
+  const double volume = size.x * size.y * size.z;
+  return volume > 0 ? entries_[chunk.number].area / 4 / volume * length_of_rays(box, view_) : 0;
+}
+
+// Of many chunks, those are read in which equal parts of all segments would have their middles.
 Result<double> FileCells::estimate_segments() const {
-  const std::vector<format::Attribute>& all = kept_->reader().volume().info().attributes;
-  const format::SummaryAttributes& attributes = kept_->attributes();
-  SPLATVOL_TRY_ASSIGN(histograms, kept_->read_histograms());
-  const auto shown = [&](int number, const TransferFunction& function, const format::ValueSummary& summary,
-                         const format::CellChunkEntry& entry) {
-    const auto attribute = static_cast<std::size_t>(number);
-    const format::Histogram* const histogram = histograms->empty() ? nullptr : &(*histograms)[attribute];
-    return shown_share(function, Quantiles(all[attribute], histogram, summary), entry);
-  };
+  const std::size_t most_read = kept_->reader().volume().is_far() ? 16 : 64;
+  std::vector<double> end_of(chunks_.size());  // running sums
+  double all = 0;
+  for (std::size_t i = 0; i < chunks_.size(); ++i) end_of[i] = all += segments_of_all(chunks_[i]);
+  std::vector<std::pair<std::uint64_t, double>> read;  // numbers of chunks, and the segments that each stands for
+  if (chunks_.size() <= most_read)
+    for (std::size_t i = 0; i < chunks_.size(); ++i)
+      read.emplace_back(chunks_[i].number, end_of[i] - (i > 0 ? end_of[i - 1] : 0));
+  else
+    for (std::size_t part = 0; part < most_read; ++part) {
+      const double middle = all * (static_cast<double>(part) + 0.5) / static_cast<double>(most_read);
+      const auto chunk = static_cast<std::size_t>(std::ranges::lower_bound(end_of, middle) - end_of.begin());
+      read.emplace_back(chunks_[std::min(chunk, chunks_.size() - 1)].number, all / static_cast<double>(most_read));
+    }
+  std::vector<std::uint64_t> numbers;
+  for (const auto& [number, stands_for] : read) numbers.push_back(number);
+  SPLATVOL_TRY_ASSIGN(ahead, read_ahead(numbers));
   double segments = 0;
-  for (const Chunk& chunk : chunks_) {
-    const dvec3 extent = chunk.box.extent();
-    const double least = 1e-6 * std::max({extent.x, extent.y, extent.z});  // of a flat box
-    const dvec3 margin = 0.5 * glm::max(dvec3(least) - extent, dvec3(0));
-    const Box box{chunk.box.low - margin, chunk.box.high + margin};
-    const dvec3 size = box.extent();
-    const double volume_of_box = size.x * size.y * size.z;
-    if (!(volume_of_box > 0)) continue;
-    const auto& [values, opacities] = summaries_[chunk.number];
-    const format::CellChunkEntry& entry = entries_[chunk.number];
-    double share = shown(attributes.values, function_, values, entry);
-    if (opacity_) share = std::min(share, shown(attributes.opacity, opacity_->function, opacities, entry));
-    segments += share * entry.area / 4 / volume_of_box * length_of_rays(box, view_);
+  for (const auto& [number, stands_for] : read) {
+    SPLATVOL_TRY(check_interruption());
+    SPLATVOL_TRY_ASSIGN(share, kept_->shown_share(entries_[number], function_, opacity_));
+    segments += share * stands_for;
   }
   return segments;
 }

@@ -1,13 +1,14 @@
 // The cells of a file, as a view shows them.
 #pragma once
 
-#include <array>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
+#include <unordered_map>
 #include <vector>
 
 #include "base/error.h"
@@ -38,8 +39,10 @@ class KeptCells {
   /// As CellReader::read_page, of these attributes.
   [[nodiscard]] Result<std::shared_ptr<const format::CellPage>> read_page(std::size_t page) const;
 
-  /// Reads the histograms of all attributes, or none, once.
-  [[nodiscard]] Result<std::shared_ptr<const format::Histograms>> read_histograms() const;
+  /// Reads a chunk, and returns the share of its cells with a visible value: about, and by the areas of their faces.
+  /// Remembers it while the functions stay.
+  [[nodiscard]] Result<double> shown_share(const format::CellChunkEntry& entry, const TransferFunction& function,
+                                           const std::optional<SceneOpacity>& opacity) const;
 
   /// Reads all cells, unless memory lacks the room for them.
   [[nodiscard]] Status hold_all() const;
@@ -73,6 +76,11 @@ class KeptCells {
   format::CellVertices vertices_;
   mutable format::HeldParts parts_;  // pages and chunks that were read, if it holds all
   mutable std::atomic<bool> are_held_ = false;
+
+  mutable std::mutex shares_mutex_;
+  mutable TransferFunction shares_function_;  // of these:
+  mutable std::optional<SceneOpacity> shares_opacity_;
+  mutable std::unordered_map<std::uint64_t, double> shares_;  // [CellChunkEntry::offset]: shown_share
 };
 
 /// Chunks of cells that may be in a view and have a visible value. Others are not read.
@@ -100,21 +108,21 @@ class FileCells final : public CellSource {
   [[nodiscard]] std::uint64_t tetrahedra() const;
 
   /// Estimates the pieces of rays in a tetrahedron with a visible value: as if each chunk filled its box evenly, with
-  /// faces in all directions.
+  /// faces in all directions. Reads some of the chunks.
   [[nodiscard]] Result<double> estimate_segments() const;
 
  private:
   FileCells(std::shared_ptr<const KeptCells> kept, const Scene& scene, const View& view)
       : kept_(std::move(kept)), function_(scene.transfer_function), opacity_(scene.opacity), view_(view) {}
   [[nodiscard]] Status read_entries();
+  [[nodiscard]] double segments_of_all(const Chunk& chunk) const;  // estimated, if all of its cells were visible
 
   std::shared_ptr<const KeptCells> kept_;
   TransferFunction function_;
   std::optional<SceneOpacity> opacity_;
   View view_;
   std::vector<Chunk> chunks_;
-  std::vector<format::CellChunkEntry> entries_;                 // [Chunk::number]
-  std::vector<std::array<format::ValueSummary, 2>> summaries_;  // of these: the values, and the opacity's
+  std::vector<format::CellChunkEntry> entries_;  // [Chunk::number]
 };
 
 }  // namespace splatvol
