@@ -100,6 +100,7 @@ Status RendererCore::draw_exact() {
 Result<bool> RendererCore::is_exact_by_default() {
   const PlayerOptions& options = player_->options();
   if (options.in_current_context || options.device == Device::gl || !player_->has_cells()) return false;
+  if (player_->shows_contours()) return true;
   SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
   return estimate.segments <= most_exact_segments && estimate.unknown_cells == 0;
 }

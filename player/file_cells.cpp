@@ -101,18 +101,22 @@ double length_of_rays(const Box& box, const View& view) {
 }
 
 // The share of a chunk's cells with a visible value, by the areas of their faces. Looks at some of many cells.
-double shown_share_of(const DrawnCells& cells, const Transfer& transfer) {
+double shown_share_of(const DrawnCells& cells, const ShownInCells& shown) {
   constexpr std::size_t looked_at = 256;
-  const auto shows = [&](const std::vector<double>& values, std::size_t number, const TransferFunction& function) {
+  // Whether the values of a tetrahedron are visible, none of which may be missing.
+  const auto shows = [&](std::size_t number, const std::vector<double>& values, const auto& is_visible) {
     double low = std::numeric_limits<double>::infinity(), high = -low;
     for (const std::uint32_t corner : cells.tetrahedra[number]) {
       const double value = values[cells.constant ? number : corner];
       if (std::isnan(value)) return false;
       low = std::min(low, value), high = std::max(high, value);
     }
-    return extinction_within(function, low, high);
+    return is_visible(low, high);
   };
-  double all = 0, shown = 0;
+  const auto by = [](const TransferFunction& function) {
+    return [&function](double low, double high) { return extinction_within(function, low, high); };
+  };
+  double all = 0, seen = 0;
   const std::size_t step = 1 + cells.tetrahedra.size() / looked_at;
   for (std::size_t number = 0; number < cells.tetrahedra.size(); number += step) {
     const auto& [a, b, c, d] = cells.tetrahedra[number];
@@ -120,11 +124,13 @@ double shown_share_of(const DrawnCells& cells, const Transfer& transfer) {
     const double area = glm::length(glm::cross(q, r)) + glm::length(glm::cross(q, s)) + glm::length(glm::cross(r, s)) +
                         glm::length(glm::cross(r - q, s - q));
     all += area;
-    if (shows(cells.values, number, transfer.function) &&
-        (!transfer.opacity || shows(cells.opacity_values, number, *transfer.opacity)))
-      shown += area;
+    const bool has_matter = shows(number, cells.values, by(shown.function)) &&
+                            (!shown.opacity || shows(number, cells.opacity_values, by(shown.opacity->function)));
+    if (has_matter ||
+        shows(number, cells.values, [&](double low, double high) { return shown.has_contour(low, high); }))
+      seen += area;
   }
-  return all > 0 ? shown / all : 0;
+  return all > 0 ? seen / all : 0;
 }
 
 // The bytes of all cells of a file, decoded: about.
@@ -136,6 +142,15 @@ std::uint64_t decoded_bytes(const format::CellReader& cells) {
 }
 
 }  // namespace
+
+ShownInCells::ShownInCells(const Scene& scene) : function(scene.transfer_function), opacity(scene.opacity) {
+  for (const Contour& contour : contours_of(scene).surfaces) contours.push_back(contour.value);
+}
+
+bool ShownInCells::has_contour(double low, double high) const {
+  const auto above = std::ranges::lower_bound(contours, low);
+  return above != contours.end() && *above <= high;
+}
 
 Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& volume, const Scene& scene,
                                                          std::uint64_t memory) {
@@ -149,14 +164,26 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
     return fail(ErrorCode::invalid_argument,
                 "{}: it keeps no cells, and only these are drawn exactly: build it from a mesh, without --drop-cells",
                 volume.name());
-  return std::shared_ptr<const KeptCells>(new KeptCells(std::move(reader), attributes, memory));
+  const Contours contours = contours_of(scene);
+  const auto is_constant = [](const format::CellKind& kind) { return kind.field == format::CellField::constant; };
+  if (!contours.surfaces.empty() && std::ranges::all_of(reader->kinds(), is_constant))
+    return fail(ErrorCode::invalid_argument,
+                "{}: contours: each cell has one value, and so nothing passes another: build it without --cells own",
+                volume.name());
+  int color = -1;
+  if (!contours.attribute.empty())
+    SPLATVOL_TRY_SET(color, format::find_attribute(info, contours.attribute, volume.name()));
+  return std::shared_ptr<const KeptCells>(
+      new KeptCells(std::move(reader), attributes, color, contours.attribute, memory));
 }
 
 // Points take less memory than the cells. So half of it has room for them if it has for all cells.
 KeptCells::KeptCells(std::unique_ptr<const format::CellReader> reader, const format::SummaryAttributes& attributes,
-                     std::uint64_t memory)
+                     int color, std::string color_name, std::uint64_t memory)
     : reader_(std::move(reader)),
       attributes_(attributes),
+      color_(color),
+      color_name_(std::move(color_name)),
       ahead_memory_(reader_->volume().is_far() ? memory / 8 : 0),
       vertex_memory_(reader_->vertex_count() > 0 ? memory / 4 : 0),
       holds_all_(decoded_bytes(*reader_) <= memory / 2),
@@ -185,18 +212,17 @@ Result<std::shared_ptr<const format::CellPage>> KeptCells::read_page(std::size_t
   return std::make_shared<const format::CellPage>(std::move(entries));
 }
 
-Result<double> KeptCells::shown_share(const format::CellChunkEntry& entry, const TransferFunction& function,
-                                      const std::optional<SceneOpacity>& opacity) const {
+Result<double> KeptCells::shown_share(const format::CellChunkEntry& entry, const ShownInCells& shown) const {
   const std::scoped_lock lock(shares_mutex_);
-  if (shares_function_ != function || shares_opacity_ != opacity) {
-    shares_function_ = function, shares_opacity_ = opacity;
+  if (shares_of_ != shown) {
+    shares_of_ = shown;
     shares_.clear();
   }
   const auto known = shares_.find(entry.offset);
   if (known != shares_.end()) return known->second;
   DrawnCells scratch;
   SPLATVOL_TRY_ASSIGN(cells, read(entry, scratch));
-  const double share = shown_share_of(*cells, Transfer(function, opacity ? &opacity->function : nullptr));
+  const double share = shown_share_of(*cells, shown);
   shares_.emplace(entry.offset, share);
   return share;
 }
@@ -242,7 +268,8 @@ Status KeptCells::read_values(std::span<const format::RankedPoints::Place> place
     return {};
   };
   SPLATVOL_TRY(read(attributes_.values, cells.values));
-  return read(attributes_.opacity, cells.opacity_values);
+  SPLATVOL_TRY(read(attributes_.opacity, cells.opacity_values));
+  return read(color_, cells.color_values);
 }
 
 Status KeptCells::decode_constant(const format::CellChunk& kept, const format::LocalCells& local,
@@ -261,6 +288,7 @@ Status KeptCells::decode_constant(const format::CellChunk& kept, const format::L
   }
   spread(counts, cells.values);
   spread(counts, cells.opacity_values);
+  spread(counts, cells.color_values);
   return {};
 }
 
@@ -299,7 +327,8 @@ Result<KeptCells::Ahead> KeptCells::read_ahead(std::span<const format::CellChunk
   }
   SPLATVOL_TRY(add(std::move(vertices)));
   std::vector<int> attributes = {attributes_.values};
-  if (attributes_.opacity >= 0) attributes.push_back(attributes_.opacity);
+  for (const int other : {attributes_.opacity, color_})
+    if (other >= 0 && std::ranges::find(attributes, other) == attributes.end()) attributes.push_back(other);
   SPLATVOL_TRY_ASSIGN(points, points_.read_ahead(ranks, attributes, has_positions, ahead_memory_));
   ahead.push_back(std::move(points));
   return ahead;
@@ -341,7 +370,7 @@ Status FileCells::read_entries() {
   const std::vector<format::Attribute>& all = reader.volume().info().attributes;
   const format::Attribute* const opacity =
       attributes.opacity < 0 ? nullptr : &all[static_cast<std::size_t>(attributes.opacity)];
-  const Transfer transfer(function_, opacity_ ? &opacity_->function : nullptr);
+  const Transfer transfer(shown_.function, shown_.opacity ? &shown_.opacity->function : nullptr);
   const ValueVisibility visibility(transfer, {all[static_cast<std::size_t>(attributes.values)], opacity});
   const Frustum frustum(view_, 0);
   std::vector<std::size_t> numbers;
@@ -356,8 +385,10 @@ Status FileCells::read_entries() {
     for (std::size_t i = 0; i < page->chunks.size(); ++i) {
       const format::CellChunkEntry& entry = page->chunks[i];
       const Box box = box_of(entry.low, entry.high);
+      const format::ValueSummary& values = page->summaries[i];
       if (!format::is_known(entry.shape, entry.field) || !frustum.touches(box) ||
-          !visibility.shows({page->summaries[i], opacity ? &page->opacity_summaries[i] : nullptr}))
+          (!visibility.shows({values, opacity ? &page->opacity_summaries[i] : nullptr}) &&
+           !may_meet_event(box, values)))
         continue;
       const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
       chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
@@ -365,6 +396,19 @@ Status FileCells::read_entries() {
     }
   }
   return {};
+}
+
+// Whether rays may meet a contour or a slice in a chunk. Missing values have an empty range.
+bool FileCells::may_meet_event(const Box& box, const format::ValueSummary& values) const {
+  if (!(values.min <= values.max)) return false;
+  const auto number = static_cast<std::size_t>(kept_->attributes().values);
+  const format::Attribute& attribute = kept_->reader().volume().info().attributes[number];
+  if (shown_.has_contour(attribute.value(double{values.min}), attribute.value(double{values.max}))) return true;
+  const dvec3 middle = 0.5 * (box.low + box.high), half = 0.5 * box.extent();
+  return std::ranges::any_of(view_.slices, [&](const Slice& slice) {
+    const double reach = glm::dot(glm::abs(slice.plane.normal), half);
+    return std::abs(slice.plane.distance(middle)) <= reach + 1e-9 * glm::length(half);
+  });
 }
 
 std::uint64_t FileCells::tetrahedra() const {
@@ -406,7 +450,7 @@ Result<double> FileCells::estimate_segments() const {
   double segments = 0;
   for (const auto& [number, stands_for] : read) {
     SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY_ASSIGN(share, kept_->shown_share(entries_[number], function_, opacity_));
+    SPLATVOL_TRY_ASSIGN(share, kept_->shown_share(entries_[number], shown_));
     segments += share * stands_for;
   }
   return segments;

@@ -8,6 +8,7 @@
 #include <mutex>
 #include <optional>
 #include <span>
+#include <string>
 #include <unordered_map>
 #include <vector>
 
@@ -21,6 +22,19 @@
 
 namespace splatvol {
 
+/// Which values of cells a scene shows.
+struct ShownInCells {
+  explicit ShownInCells(const Scene& scene);
+  ShownInCells() = default;
+
+  TransferFunction function = {};
+  std::optional<SceneOpacity> opacity = {};
+  std::vector<double> contours = {};  // in ascending order
+
+  [[nodiscard]] bool has_contour(double low, double high) const;
+  [[nodiscard]] bool operator==(const ShownInCells&) const = default;
+};
+
 /// The cells that a file keeps, with the values of a scene's attributes. Holds what was read last, for the next
 /// picture. Thread-safe.
 class KeptCells {
@@ -33,6 +47,9 @@ class KeptCells {
   [[nodiscard]] const format::CellReader& reader() const { return *reader_; }
   [[nodiscard]] const format::SummaryAttributes& attributes() const { return attributes_; }
 
+  /// The attribute that colours contours; empty: none.
+  [[nodiscard]] const std::string& color_attribute() const { return color_name_; }
+
   /// As CellSource::read.
   [[nodiscard]] Result<const DrawnCells*> read(const format::CellChunkEntry& entry, DrawnCells& scratch) const;
 
@@ -40,9 +57,8 @@ class KeptCells {
   [[nodiscard]] Result<std::shared_ptr<const format::CellPage>> read_page(std::size_t page) const;
 
   /// Reads a chunk, and returns the share of its cells with a visible value: about, and by the areas of their faces.
-  /// Remembers it while the functions stay.
-  [[nodiscard]] Result<double> shown_share(const format::CellChunkEntry& entry, const TransferFunction& function,
-                                           const std::optional<SceneOpacity>& opacity) const;
+  /// Remembers it for the last `shown`.
+  [[nodiscard]] Result<double> shown_share(const format::CellChunkEntry& entry, const ShownInCells& shown) const;
 
   /// Reads all cells, unless memory lacks the room for them.
   [[nodiscard]] Status hold_all() const;
@@ -61,8 +77,8 @@ class KeptCells {
   [[nodiscard]] Result<Ahead> read_pages_ahead(std::span<const std::size_t> pages) const;
 
  private:
-  KeptCells(std::unique_ptr<const format::CellReader> reader, const format::SummaryAttributes& attributes,
-            std::uint64_t memory);
+  KeptCells(std::unique_ptr<const format::CellReader> reader, const format::SummaryAttributes& attributes, int color,
+            std::string color_name, std::uint64_t memory);
   [[nodiscard]] Status decode(const format::CellChunkEntry& entry, DrawnCells& cells) const;
   [[nodiscard]] Status read_values(std::span<const format::RankedPoints::Place> places, DrawnCells& cells) const;
   [[nodiscard]] Status decode_constant(const format::CellChunk& kept, const format::LocalCells& local,
@@ -70,6 +86,8 @@ class KeptCells {
 
   std::unique_ptr<const format::CellReader> reader_;
   format::SummaryAttributes attributes_;
+  int color_;  // the attribute that colours contours; -1: none
+  std::string color_name_;
   std::uint64_t ahead_memory_, vertex_memory_;
   bool holds_all_;  // memory has room for all cells, decoded
   format::RankedPoints points_;
@@ -78,21 +96,20 @@ class KeptCells {
   mutable std::atomic<bool> are_held_ = false;
 
   mutable std::mutex shares_mutex_;
-  mutable TransferFunction shares_function_;  // of these:
-  mutable std::optional<SceneOpacity> shares_opacity_;
+  mutable ShownInCells shares_of_;
   mutable std::unordered_map<std::uint64_t, double> shares_;  // [CellChunkEntry::offset]: shown_share
 };
 
-/// Chunks of cells that may be in a view and have a visible value. Others are not read.
+/// Chunks of cells that may be in a view and have a visible value, a contour or a slice. Others are not read.
 class FileCells final : public CellSource {
  public:
-  /// Reads the entries of chunks. `scene`: its functions count, and nothing else.
+  /// Reads the entries of chunks. `scene`: its functions and contours count, and nothing else.
   [[nodiscard]] static Result<std::unique_ptr<const FileCells>> open(std::shared_ptr<const KeptCells> kept,
                                                                      const Scene& scene, const View& view);
 
   /// Whether open() would give the same again.
   [[nodiscard]] bool are_of(const std::shared_ptr<const KeptCells>& kept, const Scene& scene, const View& view) const {
-    return kept_ == kept && function_ == scene.transfer_function && opacity_ == scene.opacity && view_ == view;
+    return kept_ == kept && shown_ == ShownInCells(scene) && view_ == view;
   }
 
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
@@ -113,13 +130,13 @@ class FileCells final : public CellSource {
 
  private:
   FileCells(std::shared_ptr<const KeptCells> kept, const Scene& scene, const View& view)
-      : kept_(std::move(kept)), function_(scene.transfer_function), opacity_(scene.opacity), view_(view) {}
+      : kept_(std::move(kept)), shown_(scene), view_(view) {}
   [[nodiscard]] Status read_entries();
   [[nodiscard]] double segments_of_all(const Chunk& chunk) const;  // estimated, if all of its cells were visible
+  [[nodiscard]] bool may_meet_event(const Box& box, const format::ValueSummary& values) const;
 
   std::shared_ptr<const KeptCells> kept_;
-  TransferFunction function_;
-  std::optional<SceneOpacity> opacity_;
+  ShownInCells shown_;
   View view_;
   std::vector<Chunk> chunks_;
   std::vector<format::CellChunkEntry> entries_;  // [Chunk::number]

@@ -344,6 +344,7 @@ Status Player::set_draw_list() {
 
 Status Player::draw(const DrawOptions& options) {
   if (!frame_) return fail(ErrorCode::invalid_argument, "{}: no splats are chosen to be drawn", steps_.name());
+  if (!options.leaves_out_contours && shows_contours()) return fail_without_contours();
   const auto start = Clock::now();
   const double chosen_in = times_.frame;
   exact_.reset();
@@ -362,6 +363,18 @@ Status Player::draw(const DrawOptions& options) {
   return {};
 }
 
+// Nothing that the scene shows is missing in silence.
+Status Player::fail_without_contours() const {
+  if (has_cells())
+    return fail(ErrorCode::invalid_argument,
+                "{}: splats have no contours: draw it exactly, with no option for splats, OpenGL or frames on the way",
+                steps_.name());
+  return fail(ErrorCode::invalid_argument,
+              "{}: it keeps no cells, and only these have contours: build it from a mesh, without --drop-cells, or "
+              "show an isovalue",
+              steps_.name());
+}
+
 Result<FrameTimes> Player::draw_volume(const View& view) {
   picture_.reset();
   if (surface_depths_) sample_spacing_ = 1;
@@ -370,9 +383,9 @@ Result<FrameTimes> Player::draw_volume(const View& view) {
   return times;
 }
 
-// Finds the layers of surfaces and slices.
-void Player::lay_surfaces(const View& view) {
-  if (!view.slices.empty()) {
+// Finds the layers of surfaces, and of slices unless cells have their values.
+void Player::lay_surfaces(const View& view, bool has_slices) {
+  if (has_slices && !view.slices.empty()) {
     surface_layers_ = draw_surfaces(surfaces_, draw_slices(view), view);
     surfaces_view_.reset();
   } else if (surfaces_view_ != view) {
@@ -385,7 +398,7 @@ void Player::lay_surfaces(const View& view) {
 Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
   const auto start = Clock::now();
   double volume_seconds = 0;
-  lay_surfaces(view);
+  lay_surfaces(view, true);
   times_.surfaces = seconds_since(start);
   if (surface_layers_.layers.empty()) return draw_volume(view);
   picture_.reset();
@@ -429,6 +442,7 @@ bool Player::has_cells() const { return !is_lost_ && format::CellReader::has_cel
 
 Result<std::shared_ptr<const KeptCells>> Player::kept_cells() {
   if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
+  if (kept_cells_ && kept_cells_->color_attribute() != contours_of(scene_).attribute) kept_cells_.reset();
   if (!kept_cells_) SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(streamer_->volume(), scene_, options_.memory / 2));
   return kept_cells_;
 }
@@ -439,7 +453,9 @@ Status Player::hold_cells() {
   return kept->hold_all();
 }
 
-bool Player::holds_cells() const { return kept_cells_ && kept_cells_->are_held(); }
+bool Player::holds_cells() const {
+  return kept_cells_ && kept_cells_->are_held() && kept_cells_->color_attribute() == contours_of(scene_).attribute;
+}
 
 // The cells in the view.
 Result<std::shared_ptr<const FileCells>> Player::open_cells() {
@@ -463,13 +479,11 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
   const Call call(*this);
   exact_.reset();
   const auto start = Clock::now();
-  if (!view_.slices.empty())
-    SPLATVOL_TRY(choose({.detail = {.tolerance_percent = 100.0 / std::min(view_.width, view_.height)}}));
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
   times_ = {seconds_since(start), 0, {}, 0, 0};
 
   const auto surfaces_start = Clock::now();
-  lay_surfaces(view_);
+  lay_surfaces(view_, false);
   times_.surfaces = seconds_since(surfaces_start);
 
   const auto draw_start = Clock::now();
@@ -480,6 +494,7 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
   auto drawn = cell_rasterizer_.draw(*cells, {.view = view_,
                                               .transfer = transfer_of(scene_),
                                               .lighting = scene_.lighting,
+                                              .contours = contours_of(scene_),
                                               .layers = std::move(layers),
                                               .sample_spacing = sample_spacing_,
                                               .memory = options_.memory / 2,

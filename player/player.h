@@ -53,6 +53,7 @@ struct DrawOptions {
   SortMode sort = SortMode::exact;
   Compositing compositing = Compositing::splats;
   int sample_spacing = 0;  // pixels from one sample to the next, up to max_sample_spacing; 0: as many as lose nothing
+  bool leaves_out_contours = false;  // else splats are not drawn of a scene that shows contours: they have none
 };
 
 /// What a frame is made of.
@@ -193,14 +194,17 @@ class Player {
   /// `seconds` is finite and above 0.
   [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds, const DrawOptions& options = {});
 
-  /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. Values on slices
-  /// are those of splats of about a pixel. Fails if the file keeps no cells. Calls `progress` with the share that is
+  /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. Fails if
+  /// the file keeps no cells. Calls `progress` with the share that is
   /// done, in [0, 1]. `sample_spacing`: pixels from one sample to the next; with surfaces 1.
   [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 1);
 
   /// Tells of `draw_exact` how many chunks and about how many pieces of rays it draws. Reads what chunks the file has.
   /// Fails if it keeps no cells.
   [[nodiscard]] Result<ExactPicture> estimate_exact();
+
+  /// Whether the scene shows contours: only exact pictures have them.
+  [[nodiscard]] bool shows_contours() const { return !contours_of(scene_).surfaces.empty(); }
 
   /// Whether the file keeps cells.
   [[nodiscard]] bool has_cells() const;
@@ -275,10 +279,11 @@ class Player {
   [[nodiscard]] Status set_draw_list();
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
-  void lay_surfaces(const View& view);
+  void lay_surfaces(const View& view, bool has_slices);
   [[nodiscard]] Result<std::shared_ptr<const KeptCells>> kept_cells();
   [[nodiscard]] Result<std::shared_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
+  [[nodiscard]] Status fail_without_contours() const;
   [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;
 
   format::Steps steps_;

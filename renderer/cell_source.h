@@ -18,13 +18,14 @@ struct DrawnCells {
   std::vector<dvec3> points;           // world coordinates
   std::vector<double> values;          // [point], or [tetrahedron] if constant; NaN: missing
   std::vector<double> opacity_values;  // as values, of the scene's opacity; empty: none
+  std::vector<double> color_values;    // as values, of the attribute that colours contours; empty: none
   bool constant = false;
 
   /// [tetrahedron]: points in ascending order of numbers. The same points of two chunks have numbers in the same order.
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;
 
   [[nodiscard]] std::uint64_t memory_bytes() const {
-    return points.capacity() * sizeof(dvec3) + (values.capacity() + opacity_values.capacity()) * sizeof(double) +
+    return points.capacity() * sizeof(dvec3) + (values.capacity() + opacity_values.capacity() + color_values.capacity()) * sizeof(double) +
            tetrahedra.capacity() * sizeof(tetrahedra[0]);
   }
 };

@@ -1,6 +1,7 @@
 #include "scene/clipped_depths.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 namespace splatvol {
@@ -30,6 +31,29 @@ VisibleDepths clipped_depths(const View& view, double a, double b) {
     range.to = std::min(range.to, last);
   }
   return range;
+}
+
+bool is_clipped(const View& view, double a, double b, double depth) {
+  if (view.clip.is_all()) return false;
+  const double w = view.orthographic ? 1 : depth;
+  const dvec3 position = view.eye + a * w * view.right + b * w * view.up + depth * view.forward;
+  double size = std::abs(depth) + 1e-6 * glm::length(view.eye);
+  if (view.clip.box) size += glm::length(view.clip.box->extent());
+  return !view.clip.contains(position, 1e-9 * size);
+}
+
+PlaneDepths::PlaneDepths(const View& view, const Plane& plane)
+    : view_(view),
+      normal_(glm::dot(plane.normal, view.right), glm::dot(plane.normal, view.up),
+              glm::dot(plane.normal, view.forward)),
+      distance_(-plane.distance(view.eye)) {}
+
+double PlaneDepths::at(double a, double b) const {
+  constexpr double largest = std::numeric_limits<float>::max();
+  const double depth = view_.orthographic ? (distance_ - a * normal_.x - b * normal_.y) / normal_.z
+                                          : distance_ / (a * normal_.x + b * normal_.y + normal_.z);
+  return depth > 0 && depth < largest && !is_clipped(view_, a, b, depth) ? depth
+                                                                         : std::numeric_limits<double>::infinity();
 }
 
 }  // namespace splatvol

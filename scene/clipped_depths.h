@@ -14,4 +14,23 @@ struct VisibleDepths {
 /// z) in perspective, and (a, b, z) in orthographic projection.
 [[nodiscard]] VisibleDepths clipped_depths(const View& view, double a, double b);
 
+/// Returns whether the position at a depth of such a ray is outside of the clip region. One in a face of the region is
+/// inside.
+[[nodiscard]] bool is_clipped(const View& view, double a, double b, double depth);
+
+/// Where rays meet a plane. The view must outlive it.
+class PlaneDepths {
+ public:
+  PlaneDepths(const View& view, const Plane& plane);
+
+  /// Returns the depth at which a ray meets the plane. Infinity: nowhere, outside of the clip region, or behind the
+  /// eye's plane.
+  [[nodiscard]] double at(double a, double b) const;
+
+ private:
+  const View& view_;
+  dvec3 normal_;  // in view coordinates
+  double distance_;
+};
+
 }  // namespace splatvol

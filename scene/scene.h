@@ -54,6 +54,29 @@ struct UsedScene {
   return scene.opacity ? scene.opacity->attribute : "";
 }
 
+/// A surface on which the scene's attribute has one value.
+struct Contour {
+  double value;
+  dvec3 color;              // linear
+  double opacity;           // (0, 1]
+  bool is_colored = false;  // by Contours::colors, instead of `color`
+
+  [[nodiscard]] bool operator==(const Contour&) const = default;
+};
+
+/// The contours of a scene that are shown, by their values, of which no two are equal.
+struct Contours {
+  std::vector<Contour> surfaces;
+  std::string attribute = {};    // whose values colour some of them; empty: none
+  TransferFunction colors = {};  // of these values
+  Lighting lighting = {};        // the scene's, or the default: a contour is always lit
+
+  [[nodiscard]] bool operator==(const Contours&) const = default;
+};
+
+/// Returns the contours of a scene that are shown and not wholly transparent.
+[[nodiscard]] Contours contours_of(const Scene& scene);
+
 /// A plane in world units.
 struct Plane {
   dvec3 point;

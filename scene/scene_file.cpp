@@ -158,12 +158,18 @@ Status read_domain(const JsonField& field, TransferFunction& function) {
   return read_axis(field, domain, function);
 }
 
+Result<std::vector<TransferFunction::Color>> read_colors(const JsonField& field) {
+  SPLATVOL_TRY_ASSIGN(rows, read_curve(field, 3));
+  std::vector<TransferFunction::Color> colors;
+  for (const auto& row : rows) colors.push_back({row[0], {row[1], row[2], row[3]}});
+  return colors;
+}
+
 Result<TransferFunction> read_transfer_function(const JsonField& field) {
   SPLATVOL_TRY(field.check_names({"domain", "axis", "linear_width", "colors", "density", "isovalue"}));
   TransferFunction function;
   SPLATVOL_TRY(read_domain(field, function));
-  SPLATVOL_TRY_ASSIGN(colors, read_curve(field.member("colors"), 3));
-  for (const auto& row : colors) function.colors.push_back({row[0], {row[1], row[2], row[3]}});
+  SPLATVOL_TRY_SET(function.colors, read_colors(field.member("colors")));
   if (field.has("isovalue")) {
     if (field.has("density")) return field.wrong("both density and isovalue; leave one of them out");
     SPLATVOL_TRY_ASSIGN(isovalue, read_isovalue(field.member("isovalue"), function));
@@ -224,6 +230,54 @@ Result<SceneSurface> read_surface(const JsonField& field) {
   SPLATVOL_TRY(read_truth(field.member("shown"), surface.shown));
   SPLATVOL_TRY(read_truth(field.member("edges"), surface.edges));
   return surface;
+}
+
+Result<SceneColoring> read_coloring(const JsonField& field) {
+  SPLATVOL_TRY(field.check_names({"attribute", "domain", "axis", "linear_width", "colors"}));
+  SceneColoring coloring;
+  SPLATVOL_TRY_SET(coloring.attribute, name(field.member("attribute")));
+  SPLATVOL_TRY(read_domain(field, coloring.function));
+  SPLATVOL_TRY_SET(coloring.function.colors, read_colors(field.member("colors")));
+  coloring.function.densities = {{0, 1}};
+  return coloring;
+}
+
+Result<SceneContour> read_contour(const JsonField& field) {
+  SPLATVOL_TRY(field.check_names({"values", "color", "color_by", "opacity", "shown"}));
+  SceneContour contour;
+  const JsonField values = field.member("values");
+  if (values.size() == 0) return values.wrong("not a list of values");
+  SPLATVOL_TRY_SET(contour.values, values.each(&number));
+  if (field.has("color") && field.has("color_by")) return field.wrong("give \"color\" or \"color_by\", not both");
+  if (field.has("color")) SPLATVOL_TRY_SET(contour.color, color(field.member("color")));
+  if (field.has("color_by")) SPLATVOL_TRY_SET(contour.color_by, read_coloring(field.member("color_by")));
+  SPLATVOL_TRY(read_opacity(field.member("opacity"), contour.opacity));
+  SPLATVOL_TRY(read_truth(field.member("shown"), contour.shown));
+  return contour;
+}
+
+// Each value costs time in every cell.
+constexpr std::size_t most_contours = 256;
+
+Result<std::vector<SceneContour>> read_contours(const JsonField& field) {
+  SPLATVOL_TRY_ASSIGN(contours, field.each(&read_contour));
+  std::vector<double> values;
+  const SceneColoring* coloring = nullptr;
+  for (std::size_t i = 0; i < contours.size(); ++i) {
+    const JsonField contour = field.element(i);
+    for (const double value : contours[i].values) {
+      if (std::ranges::find(values, value) != values.end())
+        return contour.member("values").wrong("{} is given twice; one surface has one look", value);
+      values.push_back(value);
+    }
+    if (!contours[i].color_by) continue;
+    if (coloring && *coloring != *contours[i].color_by)
+      return contour.member("color_by").wrong("differs from that of another contour; give all the same");
+    coloring = &*contours[i].color_by;
+  }
+  if (values.size() > most_contours)
+    return field.wrong("{} values; at most {} are drawn", values.size(), most_contours);
+  return contours;
 }
 
 Status read_plane(const JsonField& field, dvec3& point, dvec3& normal) {
@@ -289,9 +343,10 @@ Result<Box> read_clip_box(const JsonField& field) {
 
 Result<Scene> read_scene(const JsonField& field) {
   if (!field.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
-  SPLATVOL_TRY(field.check_names({"file", "step", "exact", "max_error", "tolerance", "kernel", "camera", "image",
-                                  "background", "attribute", "transfer_function", "clip_box", "lighting", "outline",
-                                  "surfaces", "slices", "clip_planes", "scalar_bar", "opacity"}));
+  SPLATVOL_TRY(field.check_names({"file",     "step",    "exact",      "max_error", "tolerance",         "kernel",
+                                  "camera",   "image",   "background", "attribute", "transfer_function", "clip_box",
+                                  "lighting", "outline", "surfaces",   "slices",    "clip_planes",       "scalar_bar",
+                                  "opacity",  "contours"}));
   Scene scene;
   SPLATVOL_TRY_SET(scene.camera, read_camera(field.member("camera")));
   SPLATVOL_TRY(read_size(field.member("image"), scene));
@@ -307,6 +362,7 @@ Result<Scene> read_scene(const JsonField& field) {
   SPLATVOL_TRY(read_truth(field.member("outline"), scene.outline));
   if (field.has("scalar_bar")) SPLATVOL_TRY_SET(scene.scalar_bar, read_scalar_bar(field.member("scalar_bar")));
   if (field.has("surfaces")) SPLATVOL_TRY_SET(scene.surfaces, read_surfaces(field.member("surfaces")));
+  if (field.has("contours")) SPLATVOL_TRY_SET(scene.contours, read_contours(field.member("contours")));
   SPLATVOL_TRY(read_planes(field.member("slices"), &read_slice, scene.slices));
   SPLATVOL_TRY(read_planes(field.member("clip_planes"), &read_clip_plane, scene.clip_planes));
   return scene;
@@ -364,6 +420,24 @@ void add_domain(const TransferFunction& function, nlohmann::ordered_json& docume
   if (function.axis != ValueAxis::linear)
     document["axis"] = std::ranges::find(axes, function.axis, [](auto& axis) { return axis.second; })->first;
   if (function.axis == ValueAxis::asinh) document["linear_width"] = function.linear_width;
+}
+
+void add_colors(const TransferFunction& function, nlohmann::ordered_json& document) {
+  for (const auto& [t, rgb] : function.colors) document["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
+}
+
+nlohmann::ordered_json json_of(const SceneContour& contour) {
+  nlohmann::ordered_json document = {{"values", contour.values}};
+  if (contour.color) document["color"] = json_of(*contour.color);
+  if (contour.color_by) {
+    nlohmann::ordered_json& coloring = document["color_by"];
+    coloring["attribute"] = contour.color_by->attribute;
+    add_domain(contour.color_by->function, coloring);
+    add_colors(contour.color_by->function, coloring);
+  }
+  document["opacity"] = contour.opacity;
+  document["shown"] = contour.shown;
+  return document;
 }
 
 std::string text_of(const nlohmann::ordered_json& document, int indent = 1) {
@@ -424,7 +498,7 @@ std::string to_json(const UsedScene& used, int indent) {
   document["attribute"] = scene.attribute;
   nlohmann::ordered_json& function = document["transfer_function"];
   add_domain(scene.transfer_function, function);
-  for (const auto& [t, rgb] : scene.transfer_function.colors) function["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
+  add_colors(scene.transfer_function, function);
   // By its name only if it comes back to the last bit.
   const auto isovalue = isovalue_of(scene.transfer_function);
   if (isovalue && densities_of(scene.transfer_function, *isovalue) == scene.transfer_function.densities)
@@ -454,6 +528,7 @@ std::string to_json(const UsedScene& used, int indent) {
                                     {"opacity", surface.opacity},
                                     {"shown", surface.shown},
                                     {"edges", surface.edges}});
+  for (const SceneContour& contour : scene.contours) document["contours"].push_back(json_of(contour));
   for (const SceneSlice& slice : scene.slices)
     document["slices"].push_back({{"point", json_of(slice.point)},
                                   {"normal", json_of(slice.normal)},

@@ -95,17 +95,20 @@ Status check_exact(const RenderOptions& options) {
   return {};
 }
 
-// Where nobody asks for splats, or for a detail that only they have, cells are drawn if they are few enough.
+// Where nobody asks for splats, or for a detail that only they have, cells are drawn if they are few enough. Contours
+// are drawn by them, however many they are.
 Status choose_exact(RenderOptions& options, Drawing& drawing) {
   RenderOptions exact = options;
   exact.exact = true;
   if (!options.chooses_detail || options.exact || options.kernel || !check_exact(exact)) return {};
   if (!drawing.player->has_cells()) return {};
   SPLATVOL_TRY_ASSIGN(estimate, drawing.player->estimate_exact());
-  if (estimate.segments > most_exact_segments)
-    drawing.why_splats = fmt::format("the file's cells make about {:.0f} million segments: --exact draws them",
-                                     static_cast<double>(estimate.segments) / 1e6);
-  if (estimate.segments > most_exact_segments || estimate.unknown_cells > 0) return {};
+  if (!drawing.player->shows_contours()) {
+    if (estimate.segments > most_exact_segments)
+      drawing.why_splats = fmt::format("the file's cells make about {:.0f} million segments: --exact draws them",
+                                       static_cast<double>(estimate.segments) / 1e6);
+    if (estimate.segments > most_exact_segments || estimate.unknown_cells > 0) return {};
+  }
   options.exact = true;
   options.max_error.reset();
   options.grows = false;

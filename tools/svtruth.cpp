@@ -46,6 +46,11 @@ struct Mesh {
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;
   bool constant = false;               // values: of the tetrahedra
   std::vector<double> opacity_values;  // as values; none without an opacity
+  std::vector<double> color_values;    // as values; none unless an attribute colours contours
+
+  [[nodiscard]] TetMesh view() const {
+    return {points, values, tetrahedra, constant, opacity_values, color_values};
+  }
 };
 
 void append_values(const Piece& piece, std::size_t attribute, std::vector<double>& values) {
@@ -58,8 +63,12 @@ void append_values(const Piece& piece, std::size_t attribute, std::vector<double
     if (point != PointCells::no_point) values.push_back(all[point]);
 }
 
-/// `opacity`: of Piece::values; none without an opacity.
-Status append_piece(const Piece& piece, std::optional<std::size_t> opacity, Mesh& mesh) {
+/// Of Piece::values; none without an opacity, and unless an attribute colours contours.
+struct OtherAttributes {
+  std::optional<std::size_t> opacity, color;
+};
+
+Status append_piece(const Piece& piece, const OtherAttributes& others, Mesh& mesh) {
   const std::vector<dvec3>& points = piece.cells ? piece.cells->corners : piece.points;
   const auto& tetrahedra = piece.cells ? piece.cells->tetrahedra : piece.tetrahedra;
   if (points.size() > std::numeric_limits<std::uint32_t>::max() - mesh.points.size())
@@ -67,7 +76,8 @@ Status append_piece(const Piece& piece, std::optional<std::size_t> opacity, Mesh
   const auto offset = static_cast<std::uint32_t>(mesh.points.size());
   mesh.points.insert(mesh.points.end(), points.begin(), points.end());
   append_values(piece, 0, mesh.values);
-  if (opacity) append_values(piece, *opacity, mesh.opacity_values);
+  if (others.opacity) append_values(piece, *others.opacity, mesh.opacity_values);
+  if (others.color) append_values(piece, *others.color, mesh.color_values);
   mesh.tetrahedra.reserve(mesh.tetrahedra.size() + tetrahedra.size());
   for (std::size_t t = 0; t < tetrahedra.size(); ++t) {
     if (piece.cells && piece.cells->points[t] == PointCells::no_point) continue;
@@ -82,11 +92,17 @@ Status append_piece(const Piece& piece, std::optional<std::size_t> opacity, Mesh
 Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene, SourceOptions source_options,
                        const ReaderProcessOptions& reader_options, BoundaryFaces* boundary) {
   source_options.selection = {scene.attribute};
-  std::optional<std::size_t> opacity;
-  if (scene.opacity) {
-    opacity = scene.opacity->attribute == scene.attribute ? 0 : 1;
-    if (*opacity == 1) source_options.selection.push_back(scene.opacity->attribute);
-  }
+  const auto select = [&](const std::string& attribute) -> std::optional<std::size_t> {
+    if (attribute.empty()) return std::nullopt;
+    std::vector<std::string>& selection = source_options.selection;
+    const auto found = std::ranges::find(selection, attribute);
+    const auto number = static_cast<std::size_t>(found - selection.begin());
+    if (found == selection.end()) selection.push_back(attribute);
+    return number;
+  };
+  OtherAttributes others;
+  others.opacity = select(opacity_attribute_of(scene));
+  others.color = select(contours_of(scene).attribute);
   warn_of_left_out(paths);
   ReaderProcess reader(reader_options);
   SPLATVOL_TRY_ASSIGN(source, open_safely(reader, paths, source_options));
@@ -97,7 +113,7 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene
     SPLATVOL_TRY_ASSIGN(piece, source->next());
     if (!piece) break;
     if (boundary) SPLATVOL_TRY(boundary->add(*piece));
-    if (auto status = append_piece(*piece, opacity, mesh); !status) return fail_in(paths.front(), status.error());
+    if (auto status = append_piece(*piece, others, mesh); !status) return fail_in(paths.front(), status.error());
     bar.update(static_cast<double>(read) / static_cast<double>(source->piece_count()));
   }
   if (mesh.tetrahedra.empty()) return fail(ErrorCode::invalid_data, "{}: no cells with a volume", paths.front());
@@ -137,7 +153,7 @@ Result<TriangleMesh> join_patches(const std::string& path, const std::string& pa
 Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& scene, std::span<const Surface> surfaces,
                                               unsigned threads) {
   ProgressBar bar("draw");
-  const TetMesh tet_mesh{mesh.points, mesh.values, mesh.tetrahedra, mesh.constant, mesh.opacity_values};
+  const TetMesh tet_mesh = mesh.view();
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   SPLATVOL_TRY_ASSIGN(slices, draw_slices(tet_mesh, view, scene.transfer_function));
   const SurfaceLayers drawn = draw_surfaces(surfaces, slices, view, std::numeric_limits<std::size_t>::max());

@@ -92,6 +92,25 @@ struct SceneOpacity {
   [[nodiscard]] bool operator==(const SceneOpacity&) const = default;
 };
 
+/// Colours by the values of an attribute.
+struct SceneColoring {
+  std::string attribute;
+  TransferFunction function;  // its densities are not used
+
+  [[nodiscard]] bool operator==(const SceneColoring&) const = default;
+};
+
+/// Surfaces on which the scene's attribute has one value, in the mesh's own cells. They are lit.
+struct SceneContour {
+  std::vector<double> values;        // of one surface each
+  std::optional<dvec3> color = {};   // linear; none: that of the transfer function
+  std::optional<SceneColoring> color_by = {};  // instead of `color`; the same in all contours of a scene
+  double opacity = 1;                // [0, 1]; 1 hides what lies behind
+  bool shown = true;
+
+  [[nodiscard]] bool operator==(const SceneContour&) const = default;
+};
+
 struct Scene {
   [[nodiscard]] bool operator==(const Scene&) const = default;
 
@@ -109,6 +128,7 @@ struct Scene {
   std::vector<SceneSlice> slices = {};
   std::vector<SceneClipPlane> clip_planes = {};
   std::optional<SceneOpacity> opacity = {};
+  std::vector<SceneContour> contours = {};
 };
 
 /// Reads a scene from JSON text. The error names the field that is missing or out of range.

@@ -53,18 +53,18 @@ PlaneInSpace plane_in_space(const CellFrame& frame, const std::array<dvec3, 3>& 
           offset > 0};
 }
 
-// The values on the eye's plane: in perspective those at the eye.
-void set_eye_plane(const CellFrame& frame, const std::array<dvec3, 4>& p, const std::array<float, 4>& u,
-                   FarOut& far_out) {
+// The values on the eye's plane: in perspective those at the eye. `plane`: FarOut or ContourInCell.
+template <class Plane>
+void set_eye_plane(const CellFrame& frame, const std::array<dvec3, 4>& p, const std::array<float, 4>& u, Plane& plane) {
   const dvec3 q = p[1] - p[0], r = p[2] - p[0], s = p[3] - p[0];
   const dvec3 sum = double{u[1] - u[0]} * glm::cross(r, s) + double{u[2] - u[0]} * glm::cross(s, q) +
                     double{u[3] - u[0]} * glm::cross(q, r);
   const double volume = glm::dot(q, glm::cross(r, s));
   const dvec3 gradient = volume == 0 ? dvec3(0) : sum / volume;
-  far_out.eye_u = nearest_float(u[0] - glm::dot(gradient, p[0]));
+  plane.eye_u = nearest_float(u[0] - glm::dot(gradient, p[0]));
   if (!frame.view->orthographic) return;
-  far_out.eye_e = nearest_float(gradient.x / frame.view->focal);
-  far_out.eye_f = nearest_float(gradient.y / frame.view->focal);
+  plane.eye_e = nearest_float(gradient.x / frame.view->focal);
+  plane.eye_f = nearest_float(gradient.y / frame.view->focal);
 }
 
 // The pixels that a cell may cover; false: none.
@@ -103,6 +103,7 @@ bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& 
   if (!bound_pixels(frame, p, cell)) return false;
   FarOut far_out{};
   std::size_t fronts = 0, backs = 4;
+  unsigned order = 0;
   for (std::size_t k = 0; k < 4; ++k) {
     const auto [a, b, c, opposite] = face_corners[k];
     PlaneInSpace plane{faces.planes[k],
@@ -114,12 +115,45 @@ bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& 
     const std::size_t at = plane.is_positive == (side > 0) ? fronts++ : --backs;
     cell.faces[at] = plane.face;
     far_out.references[at] = plane.reference;
+    order |= static_cast<unsigned>(k) << (2 * at);
   }
   cell.fronts = static_cast<std::uint8_t>(fronts);
+  cell.order = static_cast<std::uint8_t>(order);
   cell.far_out = static_cast<std::int32_t>(screen.far_out.size());
   set_eye_plane(frame, p, u, far_out);
   screen.far_out.push_back(far_out);
   return true;
+}
+
+ContourInCell contour_in(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
+                         const CellOnScreen& cell, const CellsOnScreen& screen, const std::array<float, 4>& u) {
+  const PointsOnScreen& points = setup.points;
+  std::array<dvec3, 4> p;
+  for (std::size_t k = 0; k < 4; ++k) p[k] = setup.in_view[corners[k]];
+  ContourInCell contour{};
+  for (std::size_t at = 0; at < 4; ++at) {
+    const auto [a, b, c, opposite] = face_corners[cell.order >> (2 * at) & 3U];
+    ContourInCell::Face& face = contour.faces[at];
+    face.low = std::min({u[a], u[b], u[c]}), face.high = std::max({u[a], u[b], u[c]});
+    const std::uint32_t first = corners[a], second = corners[b], third = corners[c];
+    if ((points.is_far_out[first] | points.is_far_out[second] | points.is_far_out[third]) != 0) {
+      const PlaneInSpace plane = plane_in_space(frame, {p[a], p[b], p[c]}, {u[a], u[b], u[c]}, screen.origin);
+      face.u = plane.reference.u, face.e = plane.face.e, face.f = plane.face.f;
+      continue;
+    }
+    // As plane_through() in cell_setup.cpp.
+    const float qx = points.x[second] - points.x[first], qy = points.y[second] - points.y[first];
+    const float rx = points.x[third] - points.x[first], ry = points.y[third] - points.y[first];
+    const float product = qy * rx, area = std::fma(qx, ry, -product);
+    const float size = std::max(std::abs(qx * ry) + std::abs(product), 1e-25F);
+    face.u = u[a];
+    if (std::abs(area) < size * 1e-6F) continue;
+    const float along_q = (u[b] - u[a]) * points.w[second], along_r = (u[c] - u[a]) * points.w[third];
+    face.e = std::fma(along_q, ry, -(along_r * qy)) / area;
+    face.f = std::fma(along_r, qx, -(along_q * rx)) / area;
+  }
+  if (cell.far_out >= 0) set_eye_plane(frame, p, u, contour);
+  return contour;
 }
 
 }  // namespace splatvol::tiles

@@ -6,7 +6,9 @@
 // is. So d is linear in the pixel on every plane, and falls with depth.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -24,6 +26,24 @@ namespace splatvol::tiles {
 inline constexpr int cell_tile_side = 16;
 inline constexpr int cell_tile_pixels = cell_tile_side * cell_tile_side;
 
+/// What rays meet in cells besides matter, each with its look: contours by rising values, then slices. A ray meets a
+/// contour where its value rises to that of the contour, or falls below: so a place on a face belongs to one cell.
+struct CellEvents {
+  enum class Coloring { own, by_attribute, by_value };  // `colors`; CellFrame::contour_colors; the transfer function
+
+  std::vector<double> values;  // of contours
+  std::vector<float> u;        // the same
+  std::vector<float> opacities;
+  std::array<std::vector<float>, 3> colors;  // of whole opacity
+  std::vector<std::int32_t> colorings;
+
+  // Rounding of a value on a face, as a share of the largest u there: a value counts as higher by this much. So all
+  // values that are those of a contour lie on one side of it.
+  static constexpr float slack = 4e-7F;
+
+  [[nodiscard]] int contours() const { return static_cast<int>(values.size()); }
+};
+
 /// The constants of a picture of cells. Lengths are in world units.
 struct CellFrame {
   const View* view = nullptr;
@@ -40,6 +60,11 @@ struct CellFrame {
   const FunctionPieces* opacity = nullptr;      // its extinctions are factors
   double opacity_low = 0, opacity_inverse = 1;  // as of the values
   std::size_t layers = 0;                       // of surfaces
+
+  const CellEvents* events = nullptr;  // null: there are none
+  Lighting contour_lighting = {};
+  const FunctionPieces* contour_colors = nullptr;  // by an attribute; null: none has such colours
+  double contour_low = 0, contour_inverse = 1;     // as of the values
 
   [[nodiscard]] bool has_shades() const { return lighting || opacity; }
   [[nodiscard]] bool has_limits() const { return layers > 0 || !view->clip.is_all(); }
@@ -62,7 +87,8 @@ struct CellOnScreen {
   std::int32_t left, right, bottom, top;  // pixels that it may cover, from the picture's lower left corner
   std::uint8_t fronts;                    // faces in front
   std::uint8_t second;                    // bit i: face i has the reference 1
-  std::int16_t spare;
+  std::uint8_t order;                     // 2 bits for each face, in the order of `faces`: its number in face_corners
+  bool shows_matter, has_events;
   std::int32_t far_out;  // number of its FarOut; -1: none
 };
 
@@ -72,14 +98,38 @@ struct FarOut {
   float eye_u, eye_e, eye_f;                          // the eye's plane: u = eye_u + eye_e x + eye_f y
 };
 
-/// How a cell is lit, and its opacity, by distances from a reference: factor = o + (ox dx + oy dy + od dd + oc) z,
-/// within its corners'; the cosine of the gradient with a ray is |lx dx + ly dy + l0| over the ray's length for a unit
-/// of depth.
+/// Another attribute in a cell, by distances from a reference: its value is at + (x dx + y dy + d dd + c) z, within its
+/// corners'.
+struct FieldOnScreen {
+  float at, x, y, d, c, low, high;
+};
+
+/// How a cell is lit, its opacity and its colours, by distances from a reference. The cosine of the gradient with a ray
+/// is |lx dx + ly dy + l0| over the ray's length for a unit of depth.
 struct CellShading {
   float x, y, d;  // the reference
-  float o, ox, oy, od, oc, low, high;
+  FieldOnScreen opacity, color;
   float lx, ly, l0;
   bool has_gradient;
+  bool has_color;  // else values are missing
+};
+
+/// What rays may meet in a cell.
+struct EventsOfCell {
+  std::int32_t first, end;   // contours
+  std::uint32_t contour_at;  // the first of them: in CellsOnScreen::contours
+  std::uint64_t slices;      // a bit for each
+};
+
+/// The values in a cell less that of a contour, as u: so that single precision tells which side of the contour they are
+/// on. Both cells of a face have the same bits here.
+struct ContourInCell {
+  /// At pixel (x, y): u = u_r + (e dx + f dy) z, as those of CellOnScreen::Face, within [low, high].
+  struct Face {
+    float u, e, f, low, high;
+  };
+  std::array<Face, 4> faces;  // in the order of CellOnScreen::faces
+  float eye_u, eye_e, eye_f;  // as those of FarOut
 };
 
 /// Cells whose memory stays when they are set up anew, and is not filled before.
@@ -122,7 +172,10 @@ struct CellsOnScreen {
   bool is_too_thin = false;         // single precision does not know how thick most of its cells are
   CellArray cells;
   std::vector<FarOut> far_out;
-  std::vector<CellShading> shadings;  // [cell], if the frame has shades
+  std::vector<CellShading> shadings;  // [cell], if the frame has shades or events
+  std::vector<EventsOfCell> events;   // [cell], if the frame has events
+  std::vector<ContourInCell> contours;
+  std::uint64_t slices = 0;  // that cut a cell; a bit for each
 
   // The cells of each tile in a rectangle of tiles, nearest first.
   int tiles_left = 0, tiles_bottom = 0, tiles_across = 0, tiles_up = 0;
@@ -141,6 +194,9 @@ struct CellsOnScreen {
     cells.clear();
     far_out.clear();
     shadings.clear();
+    events.clear();
+    contours.clear();
+    slices = 0;
     tiles_across = tiles_up = 0;
   }
 };
@@ -165,7 +221,15 @@ struct CellSetup {
   std::vector<std::int32_t> numbers;  // of screen.cells: the tetrahedron
   std::vector<TileBounds> tiles;      // of screen.cells
   std::vector<float> opacities;       // as points.u
-  std::vector<std::uint64_t> keys;    // of cells: nearer ones have lower keys; the cell's number below
+  std::vector<float> colors;          // as points.u, of the attribute that colours contours
+
+  // Slices: bits of those that a point is on one side of, or on both if it is on the slice.
+  struct Sides {
+    std::uint64_t before, behind;
+  };
+  std::vector<Sides> sides;          // [point]; empty: no slice cuts the chunk
+  std::vector<std::int32_t> is_cut;  // [tetrahedron], with more behind; empty: as `sides`
+  std::vector<std::uint64_t> keys;   // of cells: nearer ones have lower keys; the cell's number below
   std::vector<std::uint64_t> sorted;
   std::vector<std::uint32_t> next;  // [tile]
 };
@@ -173,10 +237,21 @@ struct CellSetup {
 /// The largest d, in size.
 inline constexpr float farthest = 1e30F;
 
-/// Set setup.points.u and setup.opacities.
+/// Returns a value as u. NaN stays.
+inline float u_of(double value, double low, double inverse_domain, double origin) {
+  constexpr double largest = 1e28;
+  const double u = (value - low) * inverse_domain - origin;
+  return static_cast<float>(std::isnan(u) ? u : std::clamp(u, -largest, largest));
+}
+
+/// Finds the tetrahedra that slices cut: setup.sides and setup.is_cut. `box`: round the chunk, in world coordinates.
+void cut_by_slices(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup);
+
+/// Set setup.points.u, setup.opacities and setup.colors.
 void place_values(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup);
 
-/// Lists the cells of a chunk with a visible value: setup.seen. Requires setup.points.u.
+/// Lists the cells of a chunk with a visible value, or with an event: setup.seen. Requires setup.points.u and
+/// setup.is_cut.
 void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup);
 
 /// Places the points of these: setup.in_view, the rest of setup.points, and what `screen` has of depths. `box`: round
@@ -201,13 +276,18 @@ struct FacesOfCell {
 bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
                     const FacesOfCell& faces, const std::array<float, 4>& u, CellOnScreen& cell, CellsOnScreen& screen);
 
-/// Sets screen.shadings.
+/// Returns a cell's values less that of a contour. `u`: these values at its corners.
+ContourInCell contour_in(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
+                         const CellOnScreen& cell, const CellsOnScreen& screen, const std::array<float, 4>& u);
+
+/// Sets screen.shadings and screen.events, and what cells show.
 void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen);
 
 /// Lists the cells of each tile, nearest first.
 void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen);
 
-/// A piece of a ray in a cell.
+/// A piece of a ray in a cell, or an event: then `length` is its number below 0 (EventNumbers), `u_enter` the value
+/// that colours it, and `u_leave` its light.
 struct CellSegment {
   float key;     // rises with the depth at which the ray enters the cell
   float length;  // as a difference of depths
@@ -242,7 +322,8 @@ struct CellTileArea {
 struct CellTileLight {
   alignas(64) std::array<std::array<float, cell_tile_pixels>, 3> color;  // premultiplied
   alignas(64) std::array<float, cell_tile_pixels> transmittance;
-  alignas(64) std::array<std::int32_t, cell_tile_pixels> layers;  // how many are blended
+  alignas(64) std::array<std::int32_t, cell_tile_pixels> layers;                 // how many are blended
+  alignas(64) std::array<std::array<std::int32_t, cell_tile_pixels>, 2> slices;  // a bit for each that is blended
 };
 
 /// A layer of surfaces in a tile.
@@ -274,6 +355,7 @@ struct TileSegments {
   std::vector<Limits> limits;
   alignas(64) std::array<float, cell_tile_pixels> end_keys;  // [pixel]: no visible segment has a higher key
   std::vector<CellTileLayer> layers;                         // and one behind all, which no ray reaches
+  std::vector<Limits> slices;                                // [slice][pixel]: d of the chunk, where the ray meets it
 
   std::vector<Lanes> keys;    // of some pixels, one in each lane: in ascending order
   std::vector<Lanes> places;  // of their segments: bits of integers

@@ -13,8 +13,6 @@
 namespace splatvol::tiles {
 namespace {
 
-constexpr double largest_u = 1e28;
-
 // Sorts by the upper halves: by 11 bits of them, three times.
 void sort_keys(std::vector<std::uint64_t>& keys, std::vector<std::uint64_t>& scratch) {
   scratch.resize(keys.size());
@@ -102,35 +100,95 @@ void set_light(const View& view, const dvec3& gradient, const std::optional<dvec
   shading.l0 = static_cast<float>(reference ? glm::dot(g, *reference) / reference->z : g.z);
 }
 
-void set_opacity(const View& view, const CellInSpace& cell, const std::array<double, 4>& values,
-                 const std::optional<dvec3>& reference, const DepthOrigin& origin, CellShading& shading) {
+FieldOnScreen field_in(const View& view, const CellInSpace& cell, const std::array<double, 4>& values,
+                       const std::optional<dvec3>& reference, const DepthOrigin& origin) {
   const double volume = cell.volume();
   const dvec3 slope = volume == 0 ? dvec3(0) : cell.gradient(values) / volume;
-  shading.low = static_cast<float>(std::ranges::min(values)),
-  shading.high = static_cast<float>(std::ranges::max(values));
-  shading.o = nearest_float(values[0] + glm::dot(slope, reference.value_or(dvec3(0)) - cell.corners[0]));
+  FieldOnScreen field{};
+  field.low = static_cast<float>(std::ranges::min(values)), field.high = static_cast<float>(std::ranges::max(values));
+  field.at = nearest_float(values[0] + glm::dot(slope, reference.value_or(dvec3(0)) - cell.corners[0]));
   double by_depth = 0;
   if (view.orthographic) by_depth = -slope.z;
   if (!view.orthographic && reference) by_depth = -glm::dot(slope, *reference);
-  shading.ox = nearest_float(slope.x / view.focal + by_depth * origin.wx);
-  shading.oy = nearest_float(slope.y / view.focal + by_depth * origin.wy);
-  shading.od = nearest_float(by_depth);
-  if (!reference) shading.oc = nearest_float(view.orthographic ? by_depth * (origin.w + origin.rise(0, 0)) : slope.z);
+  field.x = nearest_float(slope.x / view.focal + by_depth * origin.wx);
+  field.y = nearest_float(slope.y / view.focal + by_depth * origin.wy);
+  field.d = nearest_float(by_depth);
+  if (!reference) field.c = nearest_float(view.orthographic ? by_depth * (origin.w + origin.rise(0, 0)) : slope.z);
+  return field;
+}
+
+// Whether an interval of u may have extinction.
+bool shows_matter(const FunctionPieces& function, float low, float high) {
+  const auto bin_of = [&](float u) {
+    const float bin = u * static_cast<float>(FunctionPieces::bins) + function.bin_of_origin;
+    return static_cast<std::size_t>(std::clamp(bin, 0.0F, static_cast<float>(FunctionPieces::bins + 1)));
+  };
+  return function.visible_before[bin_of(high) + 1] > function.visible_before[bin_of(low)];
+}
+
+// The slices that cut a cell; a bit for each.
+std::uint64_t slices_through(const CellSetup& setup, const std::array<std::uint32_t, 4>& corners) {
+  if (setup.sides.empty()) return 0;
+  std::uint64_t before = 0, behind = 0;
+  for (const std::uint32_t corner : corners) before |= setup.sides[corner].before, behind |= setup.sides[corner].behind;
+  return before & behind;
+}
+
+// Lists what rays may meet in a cell.
+EventsOfCell list_events(const CellFrame& frame, const DrawnCells& cells, std::size_t number, const CellSetup& setup,
+                         const CellOnScreen& cell, CellsOnScreen& screen) {
+  const std::array<std::uint32_t, 4>& corners = cells.tetrahedra[number];
+  EventsOfCell events{0, 0, static_cast<std::uint32_t>(screen.contours.size()), slices_through(setup, corners)};
+  if (cells.constant) return events;
+  const std::vector<double>& values = frame.events->values;
+  std::array<double, 4> own{};
+  for (std::size_t k = 0; k < 4; ++k) own[k] = cells.values[corners[k]];
+  const auto [low, high] = std::ranges::minmax(own);
+  events.first = static_cast<std::int32_t>(std::ranges::upper_bound(values, low) - values.begin());
+  for (events.end = events.first; events.end < frame.events->contours(); ++events.end) {
+    const double value = values[static_cast<std::size_t>(events.end)];
+    if (high + double{CellEvents::slack} * (value - low) < value) break;
+    std::array<float, 4> u{};
+    for (std::size_t k = 0; k < 4; ++k) u[k] = u_of(own[k], value, frame.inverse_domain, 0);
+    screen.contours.push_back(contour_in(frame, corners, setup, cell, screen, u));
+  }
+  return events;
 }
 
 }  // namespace
+
+void cut_by_slices(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup) {
+  setup.sides.clear();
+  setup.is_cut.clear();
+  const std::vector<Slice>& slices = frame.view->slices;
+  const dvec3 middle = 0.5 * (box.low + box.high), half = 0.5 * box.extent();
+  const double margin = 1e-9 * glm::length(half);
+  for (std::size_t i = 0; i < slices.size(); ++i) {
+    const Plane& plane = slices[i].plane;
+    if (std::abs(plane.distance(middle)) > glm::dot(glm::abs(plane.normal), half) + margin) continue;
+    setup.sides.resize(cells.points.size(), {0, 0});
+    for (std::size_t point = 0; point < cells.points.size(); ++point) {
+      const double distance = plane.distance(cells.points[point]);
+      if (distance <= margin) setup.sides[point].before |= std::uint64_t{1} << i;
+      if (distance >= -margin) setup.sides[point].behind |= std::uint64_t{1} << i;
+    }
+  }
+  if (setup.sides.empty()) return;
+  setup.is_cut.assign(cells.tetrahedra.size() + most_lanes, 0);
+  for (std::size_t i = 0; i < cells.tetrahedra.size(); ++i)
+    setup.is_cut[i] = slices_through(setup, cells.tetrahedra[i]) != 0 ? 1 : 0;
+}
 
 void place_values(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
   const auto to_u = [](const std::vector<double>& values, double low, double inverse, double origin,
                        std::vector<float>& all) {
     all.resize(values.size());
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      const double u = (values[i] - low) * inverse - origin;
-      all[i] = static_cast<float>(std::isnan(u) ? u : std::clamp(u, -largest_u, largest_u));
-    }
+    for (std::size_t i = 0; i < values.size(); ++i) all[i] = u_of(values[i], low, inverse, origin);
   };
   std::vector<float>& u = setup.points.u;
   to_u(cells.values, frame.low, frame.inverse_domain, frame.function->origin, u);
+  if (frame.contour_colors)
+    to_u(cells.color_values, frame.contour_low, frame.contour_inverse, frame.contour_colors->origin, setup.colors);
   if (!frame.opacity) return;
   to_u(cells.opacity_values, frame.opacity_low, frame.opacity_inverse, frame.opacity->origin, setup.opacities);
   for (std::size_t i = 0; i < u.size(); ++i)
@@ -176,20 +234,42 @@ void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cell
 // In double precision, as everything cancels where the eye is far away.
 void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen) {
   screen.shadings.resize(screen.cells.size());
+  if (frame.events) screen.events.resize(screen.cells.size());
   for (std::size_t i = 0; i < screen.cells.size(); ++i) {
     const auto number = static_cast<std::size_t>(setup.numbers[i]);
-    CellInSpace cell;
-    for (std::size_t k = 0; k < 4; ++k) cell.corners[k] = setup.in_view[cells.tetrahedra[number][k]];
     const auto of_corners = [&](const auto& all) {
-      std::array<double, 4> values{};
+      std::array<typename std::remove_cvref_t<decltype(all)>::value_type, 4> values{};
       for (std::size_t k = 0; k < 4; ++k) values[k] = all[cells.constant ? number : cells.tetrahedra[number][k]];
       return values;
+    };
+    bool has_contours = false;
+    if (frame.events) {
+      CellOnScreen& on_screen = screen.cells[i];
+      const EventsOfCell& events = screen.events[i] = list_events(frame, cells, number, setup, on_screen, screen);
+      has_contours = events.first < events.end;
+      on_screen.has_events = has_contours || events.slices != 0;
+      on_screen.shows_matter = shows_matter(*frame.function, on_screen.low, on_screen.high);
+      screen.slices |= events.slices;
+    }
+    if (!frame.has_shades() && !has_contours) continue;
+    CellInSpace cell;
+    for (std::size_t k = 0; k < 4; ++k) cell.corners[k] = setup.in_view[cells.tetrahedra[number][k]];
+    const auto in_double = [&](const std::vector<float>& all) {
+      const std::array<float, 4> values = of_corners(all);
+      return std::array<double, 4>{values[0], values[1], values[2], values[3]};
     };
     CellShading& shading = screen.shadings[i];
     shading = {};
     const std::optional<dvec3> reference = set_reference(frame, cell, screen.origin, shading);
-    if (frame.lighting) set_light(*frame.view, cell.gradient(of_corners(cells.values)), reference, shading);
-    if (frame.opacity) set_opacity(*frame.view, cell, of_corners(setup.opacities), reference, screen.origin, shading);
+    if (frame.lighting || has_contours)
+      set_light(*frame.view, cell.gradient(of_corners(cells.values)), reference, shading);
+    const auto field = [&](const std::vector<float>& all) {
+      return field_in(*frame.view, cell, in_double(all), reference, screen.origin);
+    };
+    if (frame.opacity) shading.opacity = field(setup.opacities);
+    if (!has_contours || !frame.contour_colors) continue;
+    shading.has_color = std::ranges::none_of(of_corners(setup.colors), [](float u) { return std::isnan(u); });
+    if (shading.has_color) shading.color = field(setup.colors);
   }
 }
 

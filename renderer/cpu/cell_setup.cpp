@@ -98,8 +98,14 @@ void list_seen(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup
       return Int(hn::GatherIndex(tag, function.visible_before.data(), bin.v));
     };
     const Int first_bin = bin_of(low), last_bin = bin_of(high);
-    const auto shows = hn::And(hn::Gt(visible_before(last_bin + Int(1)).v, visible_before(first_bin).v),
-                               hn::RebindMask(tag, is_number(low)));
+    auto shows = hn::Gt(visible_before(last_bin + Int(1)).v, visible_before(first_bin).v);
+    if (frame.events) {
+      const Float most = fma(max(abs(low), abs(high)), CellEvents::slack, high);
+      for (const float u : frame.events->u)
+        shows = hn::Or(shows, hn::RebindMask(tag, both(low <= Float(u), most >= Float(u))));
+      if (!setup.is_cut.empty()) shows = hn::Or(shows, hn::Gt(load(setup.is_cut.data() + first).v, hn::Zero(tag)));
+    }
+    shows = hn::And(shows, hn::RebindMask(tag, is_number(low)));
     const auto valid = hn::FirstN(tag, std::min(lanes, count - first));
     const Int numbers = lane_indices() + Int(static_cast<std::int32_t>(first));
     seen += hn::CompressStore(numbers.v, hn::And(shows, valid), tag, setup.seen.data() + seen);
@@ -223,13 +229,18 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
       take(&cell.others, 2);
       std::size_t fronts = 0, backs = 4;
       std::uint8_t second = 0;
+      unsigned numbers_in_order = 0;
       for (std::size_t k = 0; k < 4; ++k) {
         const std::size_t at = (front_bits[k] >> lane & 1) != 0 ? fronts++ : --backs;
         take(&cell.faces[at], 3 + k);
+        numbers_in_order |= static_cast<unsigned>(k) << (2 * at);
         if (k == 3) second = static_cast<std::uint8_t>(1U << at);
       }
       cell.fronts = static_cast<std::uint8_t>(fronts);
       cell.second = second;
+      cell.order = static_cast<std::uint8_t>(numbers_in_order);
+      cell.shows_matter = true;
+      cell.has_events = false;
       cell.far_out = -1;
       cell.low = groups[7][4 * lane];
       cell.high = groups[7][4 * lane + 1];

@@ -100,6 +100,19 @@ struct Crossing {
   Float d, n, u;  // depth; the value is u + n z
 };
 
+/// The same on a face whose number matters: in CellOnScreen::faces; 4: the eye's plane.
+struct CrossingOfFace : Crossing {
+  Int face;
+};
+
+HWY_INLINE Crossing select(Mask mask, const Crossing& yes, const Crossing& no) {
+  return {select(mask, yes.d, no.d), select(mask, yes.n, no.n), select(mask, yes.u, no.u)};
+}
+HWY_INLINE CrossingOfFace select(Mask mask, const CrossingOfFace& yes, const CrossingOfFace& no) {
+  return {select(mask, static_cast<const Crossing&>(yes), static_cast<const Crossing&>(no)),
+          select_int(mask, yes.face, no.face)};
+}
+
 /// What holds for a tile and a chunk.
 struct CellTile {
   const CellFrame& frame;
@@ -113,17 +126,16 @@ struct CellTile {
   float w, wx, wy, at_x, at_y;
 };
 
-/// The opacity's attribute where a ray enters or leaves.
-HWY_INLINE Float opacity_at(const CellShading& shading, Float dx, Float dy, Float d, Float z) {
-  const Float along = fma(dx, shading.ox, fma(dy, shading.oy, fma(d - shading.d, shading.od, shading.oc)));
-  return clamp(fma(along, z, shading.o), shading.low, shading.high);
+/// Another attribute where a ray enters or leaves. `d`: from that of the reference.
+HWY_INLINE Float field_at(const FieldOnScreen& field, Float dx, Float dy, Float d, Float z) {
+  const Float along = fma(dx, field.x, fma(dy, field.y, fma(d, field.d, field.c)));
+  return clamp(fma(along, z, field.at), field.low, field.high);
 }
 
-/// The factor on the colours of a cell in a lit picture.
+/// The factor on the colours of a lit cell.
 template <bool orthographic>
-HWY_INLINE Float light_at(const CellTile& t, const CellShading& shading, Float x, Float y) {
-  const auto ambient = static_cast<float>(t.frame.lighting->ambient),
-             diffuse = static_cast<float>(t.frame.lighting->diffuse);
+HWY_INLINE Float light_at(const CellTile& t, const Lighting& lighting, const CellShading& shading, Float x, Float y) {
+  const auto ambient = static_cast<float>(lighting.ambient), diffuse = static_cast<float>(lighting.diffuse);
   if (!shading.has_gradient) return ambient + diffuse;
   const Float along = abs(fma(x - shading.x, shading.lx, fma(y - shading.y, shading.ly, shading.l0)));
   if (orthographic) return fma(along, diffuse, ambient);
@@ -164,7 +176,7 @@ HWY_INLINE void store_segments(const Segments& segments, std::uint32_t hits, int
 struct WholeSegments {
   Segments segments;
   Float near_d, far_d, near_z, far_z;
-  Float w;  // of the origin
+  Float w, key_offset;  // of the chunk at the pixel
   Int pixel;
   Mask hit;
 };
@@ -209,10 +221,203 @@ HWY_NOINLINE void add_parts(const CellTile& t, const WholeSegments& whole, int f
   }
 }
 
-/// Adds the segments of a cell. `far_out`: what it has besides, or null.
-template <bool orthographic, bool is_far_out, bool has_shades>
+/// A share of a segment, as a place of its own on it: `share` is 0 where it begins, and 1 where it ends.
+template <bool orthographic>
+HWY_INLINE Float z_of_share(const WholeSegments& whole, Float share) {
+  return orthographic ? Float(1.0F) : fma(whole.far_z - whole.near_z, share, whole.near_z);
+}
+HWY_INLINE Float d_of_share(const WholeSegments& whole, Float share, Float z) {
+  const Float d = fma(whole.far_d - whole.near_d, share * whole.far_z / z, whole.near_d);
+  return select(share >= Float(1.0F), whole.far_d, clamp(d, whole.far_d, whole.near_d));
+}
+/// The other way: the share of a depth.
+HWY_INLINE Float share_of_depth(const WholeSegments& whole, Float d, Float z) {
+  return clamp(depth_between(whole.near_d, whole.near_z, d, z) / max(whole.segments.length, 1e-37F), 0.0F, 1.0F);
+}
+HWY_INLINE Float mix(Float from, Float to, Float share) { return fma(to - from, share, from); }
+
+/// Cuts off what lies behind a share of the segments, and returns it. The order of parts is that of their own depths.
+HWY_INLINE WholeSegments cut_at(WholeSegments& whole, Float share, Float d, Float z) {
+  WholeSegments behind = whole;
+  Segments &front = whole.segments, &rest = behind.segments;
+  front.length = whole.segments.length * share;
+  rest.length = rest.length - front.length;
+  front.u_leave = rest.u_enter = mix(rest.u_enter, rest.u_leave, share);
+  front.o_leave = rest.o_enter = mix(rest.o_enter, rest.o_leave, share);
+  rest.key = max(front.key, -(d + whole.key_offset));
+  whole.far_d = behind.near_d = d;
+  whole.far_z = behind.near_z = z;
+  return behind;
+}
+
+/// Adds segments, cut by layers and the clip region if there are some.
+template <bool orthographic, bool has_shades>
+HWY_INLINE void add_whole(const CellTile& t, const WholeSegments& whole, int first, TileSegments& tile) {
+  if (t.has_limits)
+    add_parts<orthographic, has_shades>(t, whole, first, tile);
+  else
+    store_segments<has_shades>(whole.segments, mask_bits(whole.hit), first, tile);
+}
+
+/// The same, cut by slices too. `slices`: a bit for each.
+template <bool orthographic, bool has_shades>
+HWY_NOINLINE void add_between_slices(const CellTile& t, WholeSegments whole, std::uint64_t slices, int first,
+                                     TileSegments& tile) {
+  for (; slices != 0; slices &= slices - 1) {
+    const auto slice = static_cast<std::size_t>(std::countr_zero(slices));
+    const Float d = gather(tile.slices[slice].d.data(), whole.pixel & Int(cell_tile_pixels - 1));
+    const Mask cut = both(whole.hit, both(d<whole.near_d, d> whole.far_d));
+    if (!any(cut)) continue;
+    const Float z = z_at<orthographic>(d, whole.w);
+    WholeSegments in_front = whole;
+    WholeSegments behind = cut_at(in_front, share_of_depth(whole, d, z), d, z);
+    behind.hit = in_front.hit = cut;
+    add_between_slices<orthographic, has_shades>(t, in_front, slices & (slices - 1), first, tile);
+    add_between_slices<orthographic, has_shades>(t, behind, slices & (slices - 1), first, tile);
+    whole.hit = hn::AndNot(cut, whole.hit);
+  }
+  if (any(whole.hit)) add_whole<orthographic, has_shades>(t, whole, first, tile);
+}
+
+/// Adds an event on each segment of a mask. `number`: as events in the order of the ray sort, from 1 up.
+template <bool has_shades>
+HWY_INLINE void add_event(const WholeSegments& whole, Mask met, Float d, Float number, Float value, Float light,
+                          int first, TileSegments& tile) {
+  Segments event{};
+  event.key = max(whole.segments.key, -(d + whole.key_offset));
+  event.length = -number;
+  event.u_enter = value, event.u_leave = light;
+  event.lighting = event.o_enter = event.o_leave = Float(0.0F);
+  store_segments<has_shades>(event, mask_bits(met), first, tile);
+}
+
+/// A cell in which rays may meet something.
+struct CellWithEvents {
+  const CellOnScreen& cell;
+  const FarOut* far_out;
+  const CellShading& shading;
+  const EventsOfCell& events;
+};
+
+/// Pixels, and by which faces their rays enter and leave a cell.
+struct RaysInCell {
+  Float x, y;
+  Int enter, leave;
+};
+
+/// Where rays enter or leave: values less that of a contour, and whether they count as above it.
+struct SideOfContour {
+  Float u;
+  Mask is_above;
+};
+HWY_INLINE SideOfContour side_on_faces(const CellWithEvents& c, const ContourInCell& contour, const RaysInCell& rays,
+                                       Int number, int begin, int end, Float z) {
+  SideOfContour side;
+  side.u = fma(contour.eye_e, rays.x, fma(contour.eye_f, rays.y, contour.eye_u));
+  side.is_above = side.u >= Float(0.0F);
+  for (int k = begin; k < end; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    const ContourInCell::Face& face = contour.faces[at];
+    const CellOnScreen::Reference& reference =
+        c.far_out ? c.far_out->references[at] : c.cell.corners[c.cell.second >> k & 1];
+    const Float n = fma(face.e, rays.x - reference.x, (rays.y - reference.y) * face.f);
+    const Float u = clamp(fma(n, z, face.u), face.low, face.high);
+    const float slack = std::max(std::abs(face.low), std::abs(face.high)) * CellEvents::slack;
+    const Mask here = mask_of(hn::Eq(number.v, Int(k).v));
+    side.u = select(here, u, side.u);
+    side.is_above = either(hn::AndNot(here, side.is_above), both(here, u + slack >= Float(0.0F)));
+  }
+  return side;
+}
+
+/// Adds contours, and the segments between them.
+template <bool orthographic, bool has_shades>
+HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const WholeSegments& whole,
+                             const RaysInCell& rays, int first, TileSegments& tile) {
+  const std::int32_t contours = t.frame.events->contours();
+  const Mask rises = whole.segments.u_leave >= whole.segments.u_enter;
+  const auto add_part = [&](Float from, Float to) HWY_ATTR {
+    WholeSegments part = whole;
+    part.hit = both(whole.hit, from < to);
+    if (!c.cell.shows_matter || !any(part.hit)) return;
+    part.near_z = z_of_share<orthographic>(whole, from), part.far_z = z_of_share<orthographic>(whole, to);
+    part.near_d = d_of_share(whole, from, part.near_z), part.far_d = d_of_share(whole, to, part.far_z);
+    Segments& segments = part.segments;
+    segments.length = whole.segments.length * (to - from);
+    segments.u_enter = mix(whole.segments.u_enter, whole.segments.u_leave, from);
+    segments.u_leave = mix(whole.segments.u_enter, whole.segments.u_leave, to);
+    segments.o_enter = mix(whole.segments.o_enter, whole.segments.o_leave, from);
+    segments.o_leave = mix(whole.segments.o_enter, whole.segments.o_leave, to);
+    segments.key = select(from > Float(0.0F), max(segments.key, -(part.near_d + whole.key_offset)), segments.key);
+    add_between_slices<orthographic, has_shades>(t, part, c.events.slices, first, tile);
+  };
+  // A ray that rises meets lower values first, and one that falls higher ones.
+  Float before = select(rises, Float(0.0F), Float(1.0F));
+  for (std::int32_t i = c.events.first; i < c.events.end; ++i) {
+    const ContourInCell& contour =
+        t.screen.contours[c.events.contour_at + static_cast<std::uint32_t>(i - c.events.first)];
+    const SideOfContour enter = side_on_faces(c, contour, rays, rays.enter, 0, c.cell.fronts, whole.near_z);
+    const SideOfContour leave = side_on_faces(c, contour, rays, rays.leave, c.cell.fronts, 4, whole.far_z);
+    Mask met = both(whole.hit, hn::Xor(enter.is_above, leave.is_above));
+    const Float change = leave.u - enter.u, none = select(hn::Xor(rises, enter.is_above), Float(1.0F), Float(0.0F));
+    const Mask is_flat = hn::Eq(change.v, hn::Zero(FloatTag()));
+    Float share = clamp(-enter.u / select(is_flat, Float(1.0F), change), 0.0F, 1.0F);
+    share = select(met, share, none);
+    add_part(min(before, share), max(before, share));
+    if (tile.is_full) return;
+    before = share;
+    if (!any(met)) continue;
+    const Float z = z_of_share<orthographic>(whole, share), d = d_of_share(whole, share, z);
+    if (t.has_limits) {
+      const Int pixel = whole.pixel & Int(cell_tile_pixels - 1);
+      met = both(
+          met, both(d <= gather(tile.limits.front().d.data(), pixel), d >= gather(tile.limits.back().d.data(), pixel)));
+    }
+    Float color(0.0F);
+    if (t.frame.contour_colors) {
+      color = Float(FunctionPieces::outside);
+      if (c.shading.has_color)
+        color = field_at(c.shading.color, rays.x - c.shading.x, rays.y - c.shading.y, d - c.shading.d, z);
+    }
+    const Float light = light_at<orthographic>(t, t.frame.contour_lighting, c.shading, rays.x, rays.y);
+    const Float number =
+        select(leave.is_above, Float(static_cast<float>(contours - i)), Float(static_cast<float>(contours + i + 1)));
+    add_event<has_shades>(whole, met, d, number, color, light, first, tile);
+    if (tile.is_full) return;
+  }
+  const Float last = select(rises, Float(1.0F), Float(0.0F));
+  add_part(min(before, last), max(before, last));
+}
+
+/// Adds what rays meet in a cell, and the segments between.
+template <bool orthographic, bool has_shades>
+HWY_NOINLINE void add_with_events(const CellTile& t, const CellWithEvents& c, const WholeSegments& whole,
+                                  const RaysInCell& rays, int first, TileSegments& tile) {
+  for (std::uint64_t slices = c.events.slices; slices != 0; slices &= slices - 1) {
+    const auto slice = static_cast<std::size_t>(std::countr_zero(slices));
+    Float d = gather(tile.slices[slice].d.data(), whole.pixel & Int(cell_tile_pixels - 1));
+    // Cells end a little later: of neighbours, the first one that has the place counts.
+    const Float margin = fma(whole.near_d - whole.far_d, 1e-6F, max(abs(whole.near_d), abs(whole.far_d)) * 4e-7F);
+    const Mask met = both(whole.hit, both(d <= whole.near_d + margin, d >= whole.far_d - margin));
+    if (!any(met)) continue;
+    d = clamp(d, whole.far_d, whole.near_d);
+    const Float share = share_of_depth(whole, d, z_at<orthographic>(d, whole.w));
+    const auto number = static_cast<float>(2 * t.frame.events->contours() + static_cast<int>(slice) + 1);
+    add_event<has_shades>(whole, met, d, number, mix(whole.segments.u_enter, whole.segments.u_leave, share), 1.0F,
+                          first, tile);
+    if (tile.is_full) return;
+  }
+  if (c.events.first < c.events.end)
+    add_contours<orthographic, has_shades>(t, c, whole, rays, first, tile);
+  else if (c.cell.shows_matter)
+    add_between_slices<orthographic, has_shades>(t, whole, c.events.slices, first, tile);
+}
+
+/// Adds the segments of a cell. `far_out`: what it has besides, or null; so with `events`.
+template <bool orthographic, bool is_far_out, bool has_shades, bool has_events>
 HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarOut* far_out, const CellShading* shading,
-                         TileSegments& tile) {
+                         const EventsOfCell* events, TileSegments& tile) {
+  using CrossingOfCell = std::conditional_t<has_events, CrossingOfFace, Crossing>;
   const CellsOnScreen& screen = t.screen;
   const TileCorner& corner = t.corner;
   const CellOnScreen::Reference* const references = is_far_out ? far_out->references.data() : cell.corners.data();
@@ -228,23 +433,27 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
       const CellOnScreen::Face& face = cell.faces[static_cast<std::size_t>(k)];
       const int r = is_far_out ? k : cell.second >> k & 1;
       // Both cells of a face round the same numbers in the same way up to here.
-      return Crossing{fma(face.a, dx[r], dy[r] * face.b) + references[r].d, fma(face.e, dx[r], dy[r] * face.f),
-                      references[r].u};
+      CrossingOfCell crossing;
+      crossing.d = fma(face.a, dx[r], dy[r] * face.b) + references[r].d;
+      crossing.n = fma(face.e, dx[r], dy[r] * face.f);
+      crossing.u = references[r].u;
+      if constexpr (has_events) crossing.face = Int(k);
+      return crossing;
     };
-    const auto enter_at = [&](const Crossing& face, const Crossing& other) HWY_ATTR {
-      const Mask is_later = face.d < other.d;
-      return Crossing{min(face.d, other.d), select(is_later, face.n, other.n), select(is_later, face.u, other.u)};
-    };
-    const auto leave_at = [&](const Crossing& face, const Crossing& other) HWY_ATTR {
-      const Mask is_sooner = face.d > other.d;
-      return Crossing{max(face.d, other.d), select(is_sooner, face.n, other.n), select(is_sooner, face.u, other.u)};
-    };
+    const auto enter_at = [&](const CrossingOfCell& face, const CrossingOfCell& other)
+                              HWY_ATTR { return select(face.d < other.d, face, other); };
+    const auto leave_at = [&](const CrossingOfCell& face, const CrossingOfCell& other)
+                              HWY_ATTR { return select(face.d > other.d, face, other); };
     Float rise(0.0F);
     if (t.is_flat) rise = fma(x - t.at_x, t.wx, (y - t.at_y) * t.wy);
-    Crossing enter, leave;
+    CrossingOfCell enter, leave;
     if constexpr (is_far_out) {
-      enter = {Float(screen.eye_d) - rise, 0.0F, fma(far_out->eye_e, x, fma(far_out->eye_f, y, far_out->eye_u))};
-      leave = {Float(screen.farthest_d) - rise, 0.0F, 0.0F};
+      const auto set_plane = [&](Float d, Float u, CrossingOfCell& plane) HWY_ATTR {
+        plane.d = d - rise, plane.n = Float(0.0F), plane.u = u;
+        if constexpr (has_events) plane.face = Int(4);
+      };
+      set_plane(screen.eye_d, fma(far_out->eye_e, x, fma(far_out->eye_f, y, far_out->eye_u)), enter);
+      set_plane(screen.farthest_d, 0.0F, leave);
       for (int k = 0; k < 4; ++k)
         if (k < cell.fronts)
           enter = enter_at(cross(k), enter);
@@ -273,18 +482,26 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
     Float o_enter(0.0F), o_leave(0.0F);
     if (has_shades && t.frame.opacity) {
       const Float dx_shade = x - shading->x, dy_shade = y - shading->y;
-      o_enter = opacity_at(*shading, dx_shade, dy_shade, enter.d, near_z);
-      o_leave = opacity_at(*shading, dx_shade, dy_shade, leave.d, far_z);
+      o_enter = field_at(shading->opacity, dx_shade, dy_shade, enter.d - shading->d, near_z);
+      o_leave = field_at(shading->opacity, dx_shade, dy_shade, leave.d - shading->d, far_z);
     }
-    const Float key = max(-(enter.d + (rise + screen.key_offset)), t.first_key);
-    const Float lighting = has_shades && t.frame.lighting ? light_at<orthographic>(t, *shading, x, y) : Float(1.0F);
-    if (t.has_limits) {
-      const WholeSegments whole{
-          {key, length, u_enter, u_leave, lighting, o_enter, o_leave}, enter.d, leave.d, near_z, far_z, w, pixel, hit};
-      add_parts<orthographic, has_shades>(t, whole, first, tile);
+    const Float key_offset = rise + screen.key_offset, key = max(-(enter.d + key_offset), t.first_key);
+    const Float lighting =
+        has_shades && t.frame.lighting ? light_at<orthographic>(t, *t.frame.lighting, *shading, x, y) : Float(1.0F);
+    const WholeSegments whole{{key, length, u_enter, u_leave, lighting, o_enter, o_leave},
+                              enter.d,
+                              leave.d,
+                              near_z,
+                              far_z,
+                              w,
+                              key_offset,
+                              pixel,
+                              hit};
+    if constexpr (has_events) {
+      add_with_events<orthographic, has_shades>(t, {cell, far_out, *shading, *events}, whole,
+                                                {x, y, enter.face, leave.face}, first, tile);
     } else {
-      store_segments<has_shades>({key, length, u_enter, u_leave, lighting, o_enter, o_leave}, mask_bits(hit), first,
-                                 tile);
+      add_whole<orthographic, has_shades>(t, whole, first, tile);
     }
     if (tile.is_full) return;
   }
@@ -297,12 +514,20 @@ void add_all(const CellTile& t, std::span<const std::uint32_t> numbers, TileSegm
     const auto* soon = reinterpret_cast<const char*>(&screen.cells[numbers[std::min(i + 6, numbers.size() - 1)]]);
     for (std::size_t at = 0; at < sizeof(CellOnScreen); at += 64) hwy::Prefetch(soon + at);
     const CellOnScreen& cell = screen.cells[numbers[i]];
-    const CellShading* const shading = has_shades ? &screen.shadings[numbers[i]] : nullptr;
-    if (cell.far_out < 0)
-      add_cell<orthographic, false, has_shades>(t, cell, nullptr, shading, tile);
-    else
-      add_cell<orthographic, true, has_shades>(t, cell, &screen.far_out[static_cast<std::size_t>(cell.far_out)],
-                                               shading, tile);
+    if (!cell.shows_matter && !cell.has_events) continue;
+    const CellShading* const shading = screen.shadings.empty() ? nullptr : &screen.shadings[numbers[i]];
+    const FarOut* const far_out = cell.far_out < 0 ? nullptr : &screen.far_out[static_cast<std::size_t>(cell.far_out)];
+    if (cell.has_events) {
+      const EventsOfCell* const events = &screen.events[numbers[i]];
+      if (far_out)
+        add_cell<orthographic, true, has_shades, true>(t, cell, far_out, shading, events, tile);
+      else
+        add_cell<orthographic, false, has_shades, true>(t, cell, nullptr, shading, events, tile);
+    } else if (far_out) {
+      add_cell<orthographic, true, has_shades, false>(t, cell, far_out, shading, nullptr, tile);
+    } else {
+      add_cell<orthographic, false, has_shades, false>(t, cell, nullptr, shading, nullptr, tile);
+    }
   }
 }
 
@@ -373,6 +598,27 @@ struct Factors {
   Float lighting;
   Float first, last;  // of the opacity, at its ends; linear between them
 };
+
+/// Returns the piece of a function that a ray is in from `u` on. Upwards a knot belongs to what follows it, downwards
+/// to what precedes it.
+HWY_INLINE Int piece_in(const FunctionPieces& function, Float u, Mask up) {
+  const Float bin = clamp(fma(u, static_cast<float>(FunctionPieces::bins), function.bin_of_origin), 0.0F,
+                          static_cast<float>(FunctionPieces::bins + 1));
+  Int piece = Int(hn::GatherIndex(IntTag(), function.first_of_bin.data(), truncate(bin).v));
+  for (;;) {
+    const Mask later = gather(function.starts.data(), piece + Int(1)) <= u;
+    if (!any(later)) break;
+    piece = piece + select_int(later, Int(1), Int(0));
+  }
+  // Rounding of the bin may have led too far.
+  for (;;) {
+    const Float start = gather(function.starts.data(), piece);
+    const Mask sooner = either(start > u, hn::AndNot(up, start >= u));
+    if (!any(sooner)) break;
+    piece = piece - select_int(sooner, Int(1), Int(0));
+  }
+  return piece;
+}
 
 template <bool few>
 class Integrator {
@@ -505,8 +751,7 @@ class Integrator {
   }
 
  private:
-  // Returns the piece that a ray is in from `u` on. Upwards a knot belongs to what follows it, downwards to what
-  // precedes it.
+  // As piece_in.
   [[nodiscard]] HWY_INLINE Int piece_at(Float u, Mask up) const {
     if (!few) return piece_in(function_, u, up);
     Int piece(-1);
@@ -517,25 +762,6 @@ class Integrator {
     }
     return piece;
   }
-  [[nodiscard]] static HWY_INLINE Int piece_in(const FunctionPieces& function, Float u, Mask up) {
-    const Float bin = clamp(fma(u, static_cast<float>(FunctionPieces::bins), function.bin_of_origin), 0.0F,
-                            static_cast<float>(FunctionPieces::bins + 1));
-    Int piece = Int(hn::GatherIndex(IntTag(), function.first_of_bin.data(), truncate(bin).v));
-    for (;;) {
-      const Mask later = gather(function.starts.data(), piece + Int(1)) <= u;
-      if (!any(later)) break;
-      piece = piece + select_int(later, Int(1), Int(0));
-    }
-    // Rounding of the bin may have led too far.
-    for (;;) {
-      const Float start = gather(function.starts.data(), piece);
-      const Mask sooner = either(start > u, hn::AndNot(up, start >= u));
-      if (!any(sooner)) break;
-      piece = piece - select_int(sooner, Int(1), Int(0));
-    }
-    return piece;
-  }
-
   HWY_INLINE void add_peak(Mask crossed, Int peak, Float per_u, Float lighting, Light& light) const {
     const Float depth = gather(function_.peaks.data(), peak) * per_u;
     const Float alpha = only(crossed, opacity(depth) * light.transmittance);
@@ -560,6 +786,16 @@ HWY_INLINE void add_surface(Mask met, const std::array<Float, 3>& color, Float o
   light.transmittance = fnma(front, opacity, light.transmittance);
 }
 
+/// Returns a function's colour.
+HWY_INLINE std::array<Float, 3> color_at(const FunctionPieces& function, Float u) {
+  const Int piece = piece_in(function, u, u >= u);
+  const Float x = u - gather(function.starts.data(), piece);
+  std::array<Float, 3> color;
+  for (std::size_t c = 0; c < 3; ++c)
+    color[c] = fma(gather(function.slopes[c].data(), piece), x, gather(function.values[c].data(), piece));
+  return color;
+}
+
 /// Blends the segments of pixels side by side, and the layers between them.
 template <bool few, bool has_shades>
 class PixelBlender {
@@ -572,7 +808,7 @@ class PixelBlender {
     const Int count = load(tile_.counts.data() + first);
     const std::int32_t most = hn::GetLane(hn::MaxOfLanes(IntTag(), count.v));
     const Float transmittance = load(light_.transmittance.data() + first);
-    const bool has_layers = frame_.layers > 0;
+    const bool has_layers = frame_.layers > 0, has_events = frame_.events;
     if (most == 0 && !has_layers) return is_open(first, end, transmittance);
     const Int before_end = sort(first, count, most, end);
     Light light{{load(light_.color[0].data() + first), load(light_.color[1].data() + first),
@@ -582,10 +818,16 @@ class PixelBlender {
     const Float stretch = stretch_of(first);
     const std::int32_t ends = hn::GetLane(hn::MaxOfLanes(IntTag(), before_end.v));
     for (std::int32_t k = 0; k < ends; ++k) {
-      const Mask todo = both(mask_of(hn::Gt(before_end.v, Int(k).v)), light.transmittance > Float(0.0F));
+      Mask todo = both(mask_of(hn::Gt(before_end.v, Int(k).v)), light.transmittance > Float(0.0F));
       if (!any(todo)) continue;
       if (has_layers) add_layers(first, todo, load(keys_at(k)), layers, light);
       const Int place = place_at(k);
+      if (has_events) {
+        const Mask is_event = segment_part(tile_.segments.data(), place, 1) < Float(0.0F), met = both(todo, is_event);
+        if (any(met)) add_events(first, met, place, light);
+        todo = hn::AndNot(is_event, todo);
+        if (!any(todo)) continue;
+      }
       const CellSegment* const all = tile_.segments.data();
       const Float u = segment_part(all, place, 2), end_u = segment_part(all, place, 3);
       const Float length = segment_part(all, place, 1) * stretch;
@@ -652,6 +894,56 @@ class PixelBlender {
     }
   }
 
+  // Adds contours and slices.
+  HWY_INLINE void add_events(std::size_t first, Mask met, Int place, Light& light) {
+    Light with = light;
+    add_some_events(first, met, place, with);
+    light = with;
+  }
+  HWY_NOINLINE void add_some_events(std::size_t first, Mask met, Int place, Light& light) {
+    const CellEvents& events = *frame_.events;
+    const CellSegment* const all = tile_.segments.data();
+    const Int contours(events.contours()), number = truncate(-segment_part(all, place, 1)) - Int(1);
+    const Mask rises = mask_of(hn::Lt(number.v, contours.v));
+    const Int event = min(max(select_int(rises, contours - Int(1) - number, number - contours), Int(0)),
+                          Int(static_cast<std::int32_t>(events.opacities.size()) - 1));
+    met = hn::AndNot(add_to_slices(first, both(met, hn::Not(mask_of(hn::Lt(event.v, contours.v)))), event - contours),
+                     met);
+    const Float value = segment_part(all, place, 2), factor = segment_part(all, place, 3);
+    const Int coloring(hn::GatherIndex(IntTag(), events.colorings.data(), event.v));
+    std::array<Float, 3> color;
+    for (std::size_t c = 0; c < 3; ++c) color[c] = gather(events.colors[c].data(), event);
+    const auto take = [&](CellEvents::Coloring kind, const FunctionPieces* function) HWY_ATTR {
+      const Mask is_kind = both(met, mask_of(hn::Eq(coloring.v, Int(static_cast<int>(kind)).v)));
+      if (!any(is_kind)) return;
+      const Mask is_missing = both(is_kind, value >= Float(FunctionPieces::outside));
+      const std::array<Float, 3> by_function = color_at(*function, only(hn::AndNot(is_missing, is_kind), value));
+      for (std::size_t c = 0; c < 3; ++c) color[c] = select(is_kind, by_function[c], color[c]);
+      met = hn::AndNot(is_missing, met);
+    };
+    take(CellEvents::Coloring::by_attribute, frame_.contour_colors);
+    take(CellEvents::Coloring::by_value, frame_.function);
+    const Float opacity = gather(events.opacities.data(), event);
+    for (Float& channel : color) channel = channel * (factor * opacity);
+    add_surface(met, color, opacity, light);
+    light.transmittance = only(light.transmittance > Float(closed), light.transmittance);
+  }
+
+  // Takes note of slices. Returns which had been met before: a place on a face is in both of its cells.
+  HWY_INLINE Mask add_to_slices(std::size_t first, Mask met, Int slice) {
+    Mask again = hn::FirstN(FloatTag(), 0);
+    if (!any(met)) return again;
+    const Int bit(hn::Shl(Int(1).v, (slice & Int(31)).v));
+    for (int word = 0; word < 2; ++word) {
+      std::int32_t* const bits = light_.slices[static_cast<std::size_t>(word)].data() + first;
+      const Mask here = both(met, mask_of(hn::Eq(shift_right<5>(slice).v, Int(word).v)));
+      const Int before = load(bits);
+      again = either(again, hn::AndNot(is_zero(before & bit), here));
+      store(before | select_int(here, bit, Int(0)), bits);
+    }
+    return again;
+  }
+
   // Sorts, and returns how many are before `end`. Few segments are sorted by insertion, all lanes at once: they are
   // nearly sorted. Those with one key stay in the order of chunks, and of the cells of each.
   HWY_INLINE Int sort(std::size_t first, Int count, std::int32_t most, float end) {
@@ -671,7 +963,7 @@ class PixelBlender {
       if (!numbers_.empty()) std::iota(numbers_.begin(), numbers_.end(), tile_.begin_of(first + lane));
       std::ranges::sort(numbers_, [&](std::size_t a, std::size_t b) {
         const float key = tile_.segments[a].key, other = tile_.segments[b].key;
-        return key != other ? key < other : a < b;
+        return key != other ? key < other : is_before(a, b) || (!is_before(b, a) && a < b);
       });
       for (std::size_t k = 0; k < static_cast<std::size_t>(most); ++k) {
         const bool in = k < numbers_.size();
@@ -707,7 +999,27 @@ class PixelBlender {
       store(key, keys_at(j));
       set_place(j, place);
     }
+    if (frame_.events) order_ties(count);
     return before_end;
+  }
+
+  // What rays meet comes before segments with its key, in its own order. Segments keep theirs.
+  void order_ties(Int count) {
+    alignas(64) std::array<std::int32_t, most_lanes> counts;
+    store(count, counts.data());
+    const auto lanes = static_cast<std::size_t>(lane_count());
+    for (std::size_t lane = 0; lane < lanes; ++lane)
+      for (std::int32_t k = 1; k < counts[lane]; ++k)
+        for (std::int32_t j = k;
+             j > 0 && keys_at(j)[lane] == keys_at(j - 1)[lane] && is_before(number_at(lane, j), number_at(lane, j - 1));
+             --j) {
+          auto& places = tile_.places;
+          std::swap(places[static_cast<std::size_t>(j)].numbers[lane],
+                    places[static_cast<std::size_t>(j) - 1].numbers[lane]);
+        }
+  }
+  [[nodiscard]] bool is_before(std::size_t a, std::size_t b) const {
+    return std::min(tile_.segments[a].length, 0.0F) < std::min(tile_.segments[b].length, 0.0F);
   }
 
   [[nodiscard]] std::size_t number_at(std::size_t lane, std::int32_t k) const {

@@ -5,6 +5,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <mutex>
@@ -12,6 +13,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "renderer/common.h"
 #include "renderer/cpu/cell_frame.h"
 #include "renderer/cpu/samples.h"
 #include "renderer/sampled_view.h"
@@ -108,7 +110,7 @@ struct SetupScratch {
 
 struct TileScratch {
   TileSegments segments;
-  std::vector<std::array<double, cell_tile_pixels>> limits;  // as TileSegments::limits, but nearness
+  std::vector<std::array<double, cell_tile_pixels>> limits, slices;  // as those of TileSegments, but nearness
 };
 
 constexpr int tile_of(int pixel) { return pixel / cell_tile_side; }
@@ -174,6 +176,7 @@ class CellSweep {
       frame_.opacity_inverse = 1 / (opacity->hi - opacity->lo);
     }
     frame_.layers = drawing.layers.size();
+    set_events();
     frame_.slack = std::max(0.002F, 4e-6F * side);
     order_chunks();
   }
@@ -181,6 +184,7 @@ class CellSweep {
   Result<CellPicture> draw();
 
  private:
+  void set_events();
   void order_chunks();
   [[nodiscard]] PixelRectangle tiles_of(const Box& box) const;
   [[nodiscard]] double nearest_depth(const Box& box, int column, int row) const;
@@ -201,6 +205,7 @@ class CellSweep {
 
   [[nodiscard]] double layer_depth(const CellLayer& layer, int x, int y) const;
   [[nodiscard]] double opaque_depth(int x, int y) const;
+  void begin_slices(const CellTileArea& area, TileScratch& scratch) const;
   void begin_limits(const CellTileArea& area, TileScratch& scratch) const;
   void set_limits(const CellTileArea& area, const CellsOnScreen& screen, TileScratch& scratch) const;
   void draw_tile(int column, int row, Tile& tile);
@@ -241,7 +246,9 @@ class CellSweep {
   const CellDrawing& drawing_;
   View view_;
   FunctionPieces function_;
-  std::optional<FunctionPieces> opacity_;
+  std::optional<FunctionPieces> opacity_, contour_colors_;
+  CellEvents events_;
+  std::vector<PlaneDepths> slices_;
   CellFrame frame_;
   std::vector<Chunk> chunks_;  // by their nearest depth
   CellWorkspace& workspace_;
@@ -254,6 +261,33 @@ class CellSweep {
   double reported_ = 0;
   CellPicture picture_;
 };
+
+void CellSweep::set_events() {
+  const Contours& contours = drawing_.contours;
+  if (contours.surfaces.empty() && view_.slices.empty()) return;
+  const auto add = [&](double opacity, const dvec3& color, CellEvents::Coloring coloring) {
+    events_.opacities.push_back(static_cast<float>(opacity));
+    for (int c = 0; c < 3; ++c) events_.colors[static_cast<std::size_t>(c)].push_back(nearest_float(color[c]));
+    events_.colorings.push_back(static_cast<std::int32_t>(coloring));
+  };
+  for (const Contour& contour : contours.surfaces) {
+    events_.values.push_back(contour.value);
+    events_.u.push_back(u_of(contour.value, frame_.low, frame_.inverse_domain, function_.origin));
+    add(contour.opacity, contour.color,
+        contour.is_colored ? CellEvents::Coloring::by_attribute : CellEvents::Coloring::own);
+  }
+  for (const Slice& slice : view_.slices) {
+    add(slice.opacity, dvec3(0), CellEvents::Coloring::by_value);
+    slices_.emplace_back(view_, slice.plane);
+  }
+  frame_.events = &events_;
+  frame_.contour_lighting = contours.lighting;
+  if (contours.attribute.empty()) return;
+  contour_colors_.emplace(contours.colors);
+  frame_.contour_colors = &*contour_colors_;
+  frame_.contour_low = contours.colors.lo;
+  frame_.contour_inverse = 1 / (contours.colors.hi - contours.colors.lo);
+}
 
 void CellSweep::order_chunks() {
   double reach = 0;
@@ -449,6 +483,7 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   const DrawnCells& cells = *held;
   if (cells.tetrahedra.empty()) return {};
   place_values(frame_, cells, setup);
+  cut_by_slices(frame_, chunk.source.box, cells, setup);
   list_seen_cells(frame_, cells, setup);
   if (setup.seen.empty()) return {};
   place_points(frame_, chunk.box, cells, setup, screen);
@@ -457,7 +492,7 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
     return fail(
         ErrorCode::unsupported,
         "cells are too thin for an exact picture, as single precision does not know their thickness: draw splats");
-  if (frame_.has_shades()) shade_cells(frame_, cells, setup, screen);
+  if (frame_.has_shades() || frame_.events) shade_cells(frame_, cells, setup, screen);
   sort_into_tiles(setup, screen);
   return {};
 }
@@ -529,6 +564,19 @@ double CellSweep::opaque_depth(int x, int y) const {
   return std::numeric_limits<double>::infinity();
 }
 
+// Finds where the rays of a tile meet slices.
+void CellSweep::begin_slices(const CellTileArea& area, TileScratch& scratch) const {
+  scratch.slices.resize(slices_.size());
+  scratch.segments.slices.resize(slices_.size());
+  for (std::size_t i = 0; i < slices_.size(); ++i) {
+    scratch.slices[i].fill(-double{farthest});
+    for (int y = area.pixels.y0; y <= area.pixels.y1; ++y)
+      for (int x = area.pixels.x0; x <= area.pixels.x1; ++x)
+        scratch.slices[i][CellTileArea::number_of(x, y)] = nearness(slices_[i].at(
+            (area.left + x - frame_.middle_x) / view_.focal, (area.bottom + y - frame_.middle_y) / view_.focal));
+  }
+}
+
 // Prepares the layers of a tile, and between which depths its rays show something.
 void CellSweep::begin_limits(const CellTileArea& area, TileScratch& scratch) const {
   TileSegments& segments = scratch.segments;
@@ -562,12 +610,18 @@ void CellSweep::begin_limits(const CellTileArea& area, TileScratch& scratch) con
 
 void CellSweep::set_limits(const CellTileArea& area, const CellsOnScreen& screen, TileScratch& scratch) const {
   const DepthOrigin& origin = screen.origin;
-  for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
-    const int x = area.left + static_cast<int>(pixel) % cell_tile_side;
-    const int y = area.bottom + static_cast<int>(pixel) / cell_tile_side;
-    const double w = origin.w + origin.rise(x - frame_.middle_x, y - frame_.middle_y);
-    for (std::size_t i = 0; i < scratch.limits.size(); ++i)
-      scratch.segments.limits[i].d[pixel] = static_cast<float>(scratch.limits[i][pixel] - w);
+  const auto set = [&](const std::array<double, cell_tile_pixels>& from, TileSegments::Limits& to) {
+    for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
+      const int x = area.left + static_cast<int>(pixel) % cell_tile_side;
+      const int y = area.bottom + static_cast<int>(pixel) / cell_tile_side;
+      to.d[pixel] = static_cast<float>(from[pixel] - origin.w - origin.rise(x - frame_.middle_x, y - frame_.middle_y));
+    }
+  };
+  if (frame_.has_limits())
+    for (std::size_t i = 0; i < scratch.limits.size(); ++i) set(scratch.limits[i], scratch.segments.limits[i]);
+  for (std::uint64_t slices = screen.slices; slices != 0; slices &= slices - 1) {
+    const auto slice = static_cast<std::size_t>(std::countr_zero(slices));
+    set(scratch.slices[slice], scratch.segments.slices[slice]);
   }
 }
 
@@ -583,6 +637,7 @@ void CellSweep::draw_tile(int column, int row, Tile& tile) {
         std::max(drawing_.memory / 4 / static_cast<unsigned>(tbb::this_task_arena::max_concurrency()), least_room);
     segments.begin(tile.area, frame_.has_shades());
     if (!tile.counts.empty()) restore_waiting(tile, segments);
+    if (!slices_.empty()) begin_slices(tile.area, scratch);
     if (frame_.has_limits()) begin_limits(tile.area, scratch);
     add_chunks(column, row, tile, scratch);
     if (tile.is_full) return;
@@ -609,7 +664,7 @@ void CellSweep::add_chunks(int column, int row, Tile& tile, TileScratch& scratch
     if (slot < 0) continue;
     const CellsOnScreen& screen = workspace_.screens[static_cast<std::size_t>(slot)];
     const std::uint64_t had = segments.added;
-    if (frame_.has_limits()) set_limits(tile.area, screen, scratch);
+    set_limits(tile.area, screen, scratch);
     add_segments(frame_, screen, screen.in_tile(column, row), tile.area, chunk.first_key, segments);
     tile.is_full = segments.is_full;
     if (tile.is_full) return;

@@ -29,6 +29,7 @@ struct CellDrawing {
   View view;
   Transfer transfer;  // refers to functions, which must outlive the drawing
   std::optional<Lighting> lighting = {};
+  Contours contours = {};
   std::vector<CellLayer> layers = {};             // of the picture's size; none lies in front of the one before it
   int sample_spacing = 1;                         // as Rasterizer::draw; 1 with layers
   std::uint64_t memory = std::uint64_t{1} << 30;  // bytes, besides the picture, and a chunk and 4 MiB for each thread
@@ -39,11 +40,12 @@ struct CellDrawing {
 
 struct CellPicture {
   Image image;                 // linear premultiplied RGBA
-  std::uint64_t segments = 0;  // pieces of rays in a tetrahedron with a visible value, between two layers
+  std::uint64_t segments = 0;  // pieces of rays in a tetrahedron with a visible value, between two layers, and events
 };
 
-/// Draws exact pictures of cells: as render_reference() (renderer/reference/reference.h), in single precision where
-/// that does not show. Keeps its memory between pictures. Not thread-safe; it draws on all threads.
+/// Draws exact pictures of cells, with contours and the view's slices: as render_reference()
+/// (renderer/reference/reference.h), in single precision where that does not show. Keeps its memory between pictures.
+/// Not thread-safe; it draws on all threads.
 class CellRasterizer {
  public:
   CellRasterizer();

@@ -12,6 +12,9 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 /// Pixels. Far above the rounding error of a projected coordinate, and small enough to cost no time.
 constexpr double bounds_margin = 1e-6;
 
+/// As a share of the largest value at a face's vertices.
+constexpr double rounding_of_values = 1e-14;
+
 constexpr int edges[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
 /// The vertices of the face opposite each vertex.
@@ -167,6 +170,8 @@ unsigned CellCrosser::faces_hit_exactly() const {
 
 CellCrosser::FaceHit CellCrosser::hit_face(int opposite) const {
   const auto [i, j, k] = faces[opposite];
+  const auto [low, high] = std::minmax({values_[i], values_[j], values_[k]});
+  const double rounding = rounding_of_values * std::max(std::abs(low), std::abs(high));
 
   // Barycentric weights. If the face is seen edge on, the first turn of the ray that shows it gives them.
   const auto weigh = [&](const auto& p, const auto& q) -> std::optional<FaceHit> {
@@ -176,7 +181,8 @@ CellCrosser::FaceHit CellCrosser::hit_face(int opposite) const {
     const double sum = weight_i + weight_j + weight_k;
     if (sum == 0) return std::nullopt;
     return FaceHit{(weight_i * corners_[i].z + weight_j * corners_[j].z + weight_k * corners_[k].z) / sum,
-                   (weight_i * values_[i] + weight_j * values_[j] + weight_k * values_[k]) / sum};
+                   std::clamp((weight_i * values_[i] + weight_j * values_[j] + weight_k * values_[k]) / sum, low, high),
+                   rounding};
   };
   const auto u = [&](int vertex) { return u_[vertex]; };
   const auto w = [&](int vertex) { return w_[vertex]; };
@@ -184,7 +190,7 @@ CellCrosser::FaceHit CellCrosser::hit_face(int opposite) const {
   if (const auto hit = weigh(u, w)) return *hit;
   if (const auto hit = weigh(w, z)) return *hit;
   if (const auto hit = weigh(z, u)) return *hit;
-  return {corners_[i].z, values_[i]};
+  return {corners_[i].z, values_[i], rounding};
 }
 
 std::optional<Crossing> CellCrosser::cross(double a) {
@@ -208,7 +214,7 @@ std::optional<Crossing> CellCrosser::cross(double a) {
     if (hit >> face & 1) found[count++] = hit_face(face);
   if (count != 2) return std::nullopt;
   if (found[1].depth < found[0].depth) std::swap(found[0], found[1]);
-  return Crossing{found[0].depth, found[1].depth, found[0].value, found[1].value};
+  return Crossing{found[0].depth, found[1].depth, found[0].value, found[1].value, found[0].rounding, found[1].rounding};
 }
 
 }  // namespace splatvol

@@ -21,6 +21,10 @@ struct PixelRay {
 struct Crossing {
   double enter, leave;
   double value_enter, value_leave;
+
+  // Bounds of the values' rounding. Like the values' sides of a number beyond it, they belong to the faces: the cell on
+  // the other side has the same.
+  double rounding_enter = 0, rounding_leave = 0;
 };
 
 /// Returns the direction of the value's gradient in the tetrahedron, in the coordinates of `corners`: a vector of
@@ -58,7 +62,7 @@ class CellCrosser {
 
  private:
   struct FaceHit {
-    double depth, value;
+    double depth, value, rounding;
   };
 
   [[nodiscard]] int edge_sign(int i, int j) const;

@@ -33,6 +33,12 @@ StepIntegrals step_integrals(double t) {
 
 vec4 RayLight::rgba() const { return vec4(color, -std::expm1(-depth)); }
 
+void RayLight::add_surface(const dvec3& rgb, double opacity) {
+  color += transmittance * opacity * rgb;
+  depth -= std::log1p(-opacity);
+  transmittance *= 1 - opacity;
+}
+
 PiecewiseTransfer::PiecewiseTransfer(const TransferFunction& function)
     : largest_step_((function.hi - function.lo) / integration_steps_per_domain) {
   for (const double t : bends(function)) breaks_.push_back(function.value_at(t));

@@ -15,6 +15,9 @@ struct RayLight {
   double lighting = 1;  // factor on the colours that are added next
 
   [[nodiscard]] vec4 rgba() const;
+
+  /// Adds a surface. `opacity`: [0, 1].
+  void add_surface(const dvec3& rgb, double opacity);
 };
 
 /// What runs linearly along a stretch of a ray, at its two ends.

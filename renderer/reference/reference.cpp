@@ -43,6 +43,7 @@ class CellProjection {
         transfer_(scene.transfer_function),
         opacity_(scene.opacity ? std::optional<PiecewiseTransfer>(scene.opacity->function) : std::nullopt),
         lighting_(scene.lighting),
+        contours_(contours_of(scene)),
         tiles_(tile_side, view.width, view.height) {
     image_.width = view.width;
     image_.height = view.height;
@@ -61,6 +62,8 @@ class CellProjection {
   struct Segment : Crossing {
     double lighting;        // factor of the colour
     Ends opacity_values{};  // if the scene has an opacity
+    double contour_lighting = 1;
+    Ends color_values{};  // if an attribute colours contours
   };
 
   /// The segments of a part of a tile, by pixel; kept between tiles for its memory.
@@ -79,6 +82,9 @@ class CellProjection {
 
   void fill_tiles();
 
+  template <class Visit>
+  void visit_contours(const Segment& segment, const Visit& visit) const;
+
   void draw_tiles(const std::function<void(double)>& progress);
   void draw_area(std::span<const std::uint32_t> cells, const PixelRectangle& area, Scratch& scratch);
   void gather_cell(std::size_t cell, const PixelRectangle& area, Scratch& scratch) const;
@@ -91,6 +97,7 @@ class CellProjection {
   PiecewiseTransfer transfer_;
   std::optional<PiecewiseTransfer> opacity_;
   std::optional<Lighting> lighting_;
+  Contours contours_;
   Image image_;
   TileGrid tiles_;
   std::vector<dvec3> points_;               // view coordinates
@@ -218,11 +225,17 @@ void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, S
   // It crosses on the same segment.
   std::optional<CellCrosser> opacity_crosser;
   if (opacity_) opacity_crosser.emplace(view_.orthographic, corners(cell), values(cell, mesh_.opacity_values));
-  const dvec3 cell_gradient = lighting_ ? gradient(cell) : dvec3(0);
+  const bool has_contours = !contours_.surfaces.empty();
+  std::optional<CellCrosser> color_crosser;
+  if (!contours_.attribute.empty())
+    color_crosser.emplace(view_.orthographic, corners(cell), values(cell, mesh_.color_values));
+  const dvec3 cell_gradient = lighting_ || has_contours ? gradient(cell) : dvec3(0);
   const int width = area.x1 - area.x0 + 1;
   for (int y = common.y0; y <= common.y1; ++y) {
     const double b = pixel_ray(view_, 0, y).b;
-    if (!crosser.select_row(b) || (opacity_crosser && !opacity_crosser->select_row(b))) continue;
+    if (!crosser.select_row(b) || (opacity_crosser && !opacity_crosser->select_row(b)) ||
+        (color_crosser && !color_crosser->select_row(b)))
+      continue;
     auto* row = &scratch.pixels[static_cast<std::size_t>(y - area.y0) * width];
     for (int x = common.x0; x <= common.x1; ++x) {
       const PixelRay ray = pixel_ray(view_, x, y);
@@ -232,6 +245,11 @@ void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, S
       if (opacity_crosser) {
         const auto of_opacity = opacity_crosser->cross(ray.a);
         segment.opacity_values = {of_opacity->value_enter, of_opacity->value_leave};
+      }
+      if (has_contours) segment.contour_lighting = contours_.lighting.factor(direction(ray), cell_gradient);
+      if (color_crosser) {
+        const auto of_color = color_crosser->cross(ray.a);
+        segment.color_values = {of_color->value_enter, of_color->value_leave};
       }
       row[x - area.x0].push_back(segment);
       ++scratch.count;
@@ -257,21 +275,54 @@ vec4 CellProjection::integrate(const PixelRay& ray, double surface, std::vector<
   RayLight light;
   for (const Segment& segment : segments) {
     // The invisible part is cut off only here: the order above is the order of whole cells.
-    const double enter = std::max(segment.enter, from), leave = std::min(segment.leave, to);
-    if (!(enter < leave)) continue;
-    const auto between = [&](const Ends& ends) {
-      const auto at = [&](double depth) { return ends.at((depth - segment.enter) / (segment.leave - segment.enter)); };
-      return Ends{at(enter), leave == segment.leave ? ends.back : at(leave)};
+    const auto add_matter = [&](double first, double last) {
+      const double enter = std::max(first, from), leave = std::min(last, to);
+      if (!(enter < leave)) return;
+      const auto between = [&](const Ends& ends) {
+        const auto at = [&](double depth) {
+          return ends.at((depth - segment.enter) / (segment.leave - segment.enter));
+        };
+        return Ends{at(enter), leave == segment.leave ? ends.back : at(leave)};
+      };
+      light.lighting = segment.lighting;
+      const Ends values = between({segment.value_enter, segment.value_leave});
+      const double length = (leave - enter) * world_per_depth;
+      if (opacity_)
+        transfer_.add(values, *opacity_, between(segment.opacity_values), length, light);
+      else
+        transfer_.add(values, length, light);
     };
-    light.lighting = segment.lighting;
-    const Ends values = between({segment.value_enter, segment.value_leave});
-    const double length = (leave - enter) * world_per_depth;
-    if (opacity_)
-      transfer_.add(values, *opacity_, between(segment.opacity_values), length, light);
-    else
-      transfer_.add(values, length, light);
+    double done = segment.enter;
+    visit_contours(segment, [&](const Contour& contour, double share) {
+      const double depth = segment.enter + share * (segment.leave - segment.enter);
+      add_matter(done, depth);
+      done = depth;
+      if (depth < from || depth > to) return;
+      const double value = segment.color_values.at(share);
+      if (contour.is_colored && !std::isfinite(value)) return;
+      const dvec3 rgb = contour.is_colored ? contours_.colors.color(value) : contour.color;
+      light.add_surface(segment.contour_lighting * rgb, contour.opacity);
+    });
+    add_matter(done, segment.leave);
   }
   return light.rgba();
+}
+
+/// Calls visit(contour, share of the segment) for each contour that the ray meets, front to back.
+template <class Visit>
+void CellProjection::visit_contours(const Segment& segment, const Visit& visit) const {
+  const double front = segment.value_enter, back = segment.value_leave;
+  const auto visit_one = [&](const Contour& contour) {
+    const bool begins_above = front + segment.rounding_enter >= contour.value;
+    const bool ends_above = back + segment.rounding_leave >= contour.value;
+    if (begins_above == ends_above) return;
+    visit(contour, front == back ? 0.0 : std::clamp((contour.value - front) / (back - front), 0.0, 1.0));
+  };
+  const std::vector<Contour>& contours = contours_.surfaces;
+  if (front <= back)
+    std::for_each(contours.begin(), contours.end(), visit_one);
+  else
+    std::for_each(contours.rbegin(), contours.rend(), visit_one);
 }
 
 }  // namespace
@@ -283,6 +334,9 @@ Status check_mesh(const TetMesh& mesh) {
                 mesh.values.size());
   if (!mesh.opacity_values.empty() && mesh.opacity_values.size() != expected)
     return fail(ErrorCode::invalid_argument, "{} values and {} of the opacity", expected, mesh.opacity_values.size());
+  if (!mesh.color_values.empty() && mesh.color_values.size() != expected)
+    return fail(ErrorCode::invalid_argument, "{} values and {} of the contours' colours", expected,
+                mesh.color_values.size());
   for (std::size_t cell = 0; cell < mesh.tetrahedra.size(); ++cell)
     for (const std::uint32_t point : mesh.tetrahedra[cell])
       if (point >= mesh.points.size())
@@ -295,6 +349,12 @@ Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scen
   SPLATVOL_TRY(check_mesh(mesh));
   if (scene.opacity && mesh.opacity_values.size() != mesh.values.size())
     return fail(ErrorCode::invalid_argument, "no values of the opacity attribute '{}'", scene.opacity->attribute);
+  const Contours contours = contours_of(scene);
+  if (mesh.constant && !contours.surfaces.empty())
+    return fail(ErrorCode::invalid_argument, "contours: each cell has one value, and so nothing passes another");
+  if (!contours.attribute.empty() && mesh.color_values.size() != mesh.values.size())
+    return fail(ErrorCode::invalid_argument, "no values of the attribute '{}' that colours contours",
+                contours.attribute);
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   const SurfaceDepths* surfaces = options.surface_depths;
   if (surfaces && (surfaces->width != view.width || surfaces->height != view.height ||

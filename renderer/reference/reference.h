@@ -21,6 +21,7 @@ struct TetMesh {
   std::span<const std::array<std::uint32_t, 4>> tetrahedra;  // indices into points; any orientation, flat ones too
   bool constant = false;                                     // values: one for each tetrahedron instead
   std::span<const double> opacity_values = {};               // as values, of the scene's opacity; none without one
+  std::span<const double> color_values = {};  // as values, of the attribute that colours contours; none without one
 };
 
 /// Fails if arrays differ in length, or if an index is out of range.
@@ -52,11 +53,16 @@ struct ReferencePicture {
 /// tetrahedra a ray crosses, so a ray inside a face, through an edge or a vertex counts once. All tetrahedra that
 /// overlap count.
 ///
+/// A contour is a surface where the value on a segment rises to that of the contour, or falls below. It is lit by the
+/// tetrahedron's gradient. Values beyond by less than rounding count as that of the contour, so that a face whose
+/// vertices all have this value is one surface. Where the value that colours it is missing, it is not drawn.
+///
 /// A tetrahedron contributes nothing if a value or a position of it, or of one of its vertices, is missing (not
 /// finite). Requires coordinates relative to the eye that are 0 or between 1e-100 and 1e100 in size; values beyond
 /// 1e100 count as 1e100. The result does not depend on threads. Needs 24 bytes for each point, 20 to 30 for each
 /// tetrahedron, and about 100 MiB for each thread. Fails if memory is too small, an index is out of range, arrays
-/// differ in length, the opacity has no values, the camera is degenerate, or depths of surfaces do not have the
+/// differ in length, the opacity or the colours of contours have no values, contours are to be drawn in cells of constant
+/// values, the camera is degenerate, or depths of surfaces do not have the
 /// picture's size.
 [[nodiscard]] Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
                                                         const ReferenceOptions& options = {});

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "scene/clipped_depths.h"
 #include "scene/tile_grid.h"
 
 namespace splatvol {
@@ -110,17 +111,6 @@ class TriangleOnRays {
   std::array<dvec3, 3> corners_;
   std::array<double, 3> w_{}, u_{}, v_{};
 };
-
-// Returns whether a position on a pixel's ray is outside of the clip region.
-bool is_clipped(const View& view, double a, double b, double depth) {
-  if (view.clip.is_all()) return false;
-  const double w = view.orthographic ? 1 : depth;
-  const dvec3 position = view.eye + a * w * view.right + b * w * view.up + depth * view.forward;
-  // A surface in a face of the region is inside.
-  double size = std::abs(depth) + 1e-6 * glm::length(view.eye);
-  if (view.clip.box) size += glm::length(view.clip.box->extent());
-  return !view.clip.contains(position, 1e-9 * size);
-}
 
 // A surface in view coordinates.
 struct ViewedSurface {
@@ -381,18 +371,12 @@ SurfaceLayers SurfaceDrawing::draw(std::size_t most_layers) {
 
 std::vector<double> slice_depths(const View& view, const Plane& plane) {
   std::vector<double> depths(static_cast<std::size_t>(view.width) * view.height, infinity);
-  const dvec3 normal(glm::dot(plane.normal, view.right), glm::dot(plane.normal, view.up),
-                     glm::dot(plane.normal, view.forward));
-  const double distance = -plane.distance(view.eye);
+  const PlaneDepths on_rays(view, plane);
   tbb::parallel_for(0, view.height, [&](int row) {
     const double b = (0.5 * view.height - row - 0.5) / view.focal;
-    for (int x = 0; x < view.width; ++x) {
-      const double a = (x + 0.5 - 0.5 * view.width) / view.focal;
-      const double depth = view.orthographic ? (distance - a * normal.x - b * normal.y) / normal.z
-                                             : distance / (a * normal.x + b * normal.y + normal.z);
-      if (depth > 0 && depth < largest_depth && !is_clipped(view, a, b, depth))
-        depths[static_cast<std::size_t>(row) * view.width + x] = depth;
-    }
+    for (int x = 0; x < view.width; ++x)
+      depths[static_cast<std::size_t>(row) * view.width + x] =
+          on_rays.at((x + 0.5 - 0.5 * view.width) / view.focal, b);
   });
   return depths;
 }

@@ -67,6 +67,7 @@ class MeshSource : public CellSource {
     for (const std::uint32_t number : of_values) {
       cells.values.push_back(mesh_.values[number]);
       if (!mesh_.opacity_values.empty()) cells.opacity_values.push_back(mesh_.opacity_values[number]);
+      if (!mesh_.color_values.empty()) cells.color_values.push_back(mesh_.color_values[number]);
     }
     cells.constant = mesh_.constant;
     for (const std::uint32_t cell : numbers) {
