@@ -1,4 +1,4 @@
-// Tasks on several threads. Internal to format.
+// Tasks on several threads.
 #pragma once
 
 #include <algorithm>

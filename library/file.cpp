@@ -7,7 +7,9 @@
 #include "base/interruption.h"
 #include "format/splat_reader.h"
 #include "format/steps.h"
-#include "library/field_sampler.h"
+#include "sampler/cell_sampler.h"
+#include "sampler/cell_tetrahedra.h"
+#include "sampler/splat_sampler.h"
 
 namespace splatvol {
 namespace {
@@ -27,6 +29,9 @@ std::size_t finest_within(const std::vector<std::uint64_t>& counts, std::uint64_
   const auto above = std::ranges::upper_bound(counts, most);
   return above == counts.begin() ? 0 : static_cast<std::size_t>(above - counts.begin()) - 1;
 }
+
+// Of parts of the file that were read.
+constexpr std::uint64_t held_bytes = std::uint64_t{128} << 20;
 
 bool contains(const Box& box, const dvec3& p) {
   return glm::all(glm::lessThanEqual(box.low, p)) && glm::all(glm::lessThanEqual(p, box.high));
@@ -151,8 +156,13 @@ Result<std::vector<double>> File::sample(std::span<const dvec3> positions, const
   if (positions.size() >= std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::invalid_argument, "{}: {} positions; at most 2^32 - 2 at once", name(), positions.size());
   const format::Volume& volume = *contents_->volume;
+  if (!resolution) {
+    SPLATVOL_TRY_ASSIGN(number, format::find_attribute(volume.info(), attribute, name()));
+    SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, {static_cast<std::size_t>(number)}, held_bytes));
+    if (cells && cells->unknown_cells() == 0) return sample_cells(*cells, positions);
+  }
   SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, resolution, {attribute}, format::SplatSelection().box));
-  FieldSampler sampler(positions);
+  SplatSampler sampler(positions);
   const format::SplatReader reader(volume, selection);
   for (std::uint64_t g = 0; g < reader.group_count(); ++g) {
     SPLATVOL_TRY(check_interruption());

@@ -292,46 +292,16 @@ Status KeptCells::decode_constant(const format::CellChunk& kept, const format::L
   return {};
 }
 
-// The chunks tell which points they need, so they are decoded here and once more when they are drawn: that takes little
-// beside what a server takes to answer.
 Result<KeptCells::Ahead> KeptCells::read_ahead(std::span<const format::CellChunkEntry> entries) const {
-  const format::Volume& volume = reader_->volume();
-  Ahead ahead;
-  if (!volume.is_far()) return ahead;
-  const auto add = [&](std::vector<format::ByteRange> ranges) -> Status {
-    SPLATVOL_TRY_ASSIGN(bytes, volume.read_ahead(std::move(ranges), ahead_memory_));
-    ahead.push_back(std::move(bytes));
-    return {};
-  };
+  if (!reader_->volume().is_far()) return Ahead{};
   std::vector<format::CellChunkEntry> missing;
-  std::vector<format::ByteRange> chunks, vertices;
-  for (const format::CellChunkEntry& entry : entries) {
-    if (holds_all_ && parts_.holds({chunk_part, entry.offset})) continue;
-    missing.push_back(entry);
-    chunks.push_back(reader_->range_of(entry));
-  }
-  SPLATVOL_TRY(add(std::move(chunks)));
-  std::vector<std::uint64_t> ranks;
-  bool has_positions = false;
-  for (const format::CellChunkEntry& entry : missing) {
-    SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY_ASSIGN(kept, reader_->read_chunk(entry));
-    const bool is_constant = entry.field == format::CellField::constant;
-    has_positions = has_positions || !is_constant;
-    const std::vector<std::uint64_t> corners = format::number_corners(kept.corners).ranks;
-    if (is_constant)
-      for (const std::uint64_t vertex : corners)
-        vertices.push_back(reader_->range_of_vertex_page(vertex / format::vertex_page_points));
-    const std::vector<std::uint64_t>& points = is_constant ? kept.points : corners;
-    ranks.insert(ranks.end(), points.begin(), points.end());
-  }
-  SPLATVOL_TRY(add(std::move(vertices)));
+  std::ranges::copy_if(entries, std::back_inserter(missing), [&](const format::CellChunkEntry& entry) {
+    return !holds_all_ || !parts_.holds({chunk_part, entry.offset});
+  });
   std::vector<int> attributes = {attributes_.values};
   for (const int other : {attributes_.opacity, color_})
     if (other >= 0 && std::ranges::find(attributes, other) == attributes.end()) attributes.push_back(other);
-  SPLATVOL_TRY_ASSIGN(points, points_.read_ahead(ranks, attributes, has_positions, ahead_memory_));
-  ahead.push_back(std::move(points));
-  return ahead;
+  return format::read_cells_ahead(*reader_, points_, missing, attributes, ahead_memory_);
 }
 
 Result<KeptCells::Ahead> KeptCells::read_pages_ahead(std::span<const std::size_t> pages) const {

@@ -14,6 +14,7 @@
 
 #include "base/error.h"
 #include "format/cell_reader.h"
+#include "format/cells_ahead.h"
 #include "format/held_parts.h"
 #include "format/ranked_points.h"
 #include "format/volume.h"
@@ -66,8 +67,7 @@ class KeptCells {
   /// Whether all are held: nothing will be read.
   [[nodiscard]] bool are_held() const { return are_held_; }
 
-  /// What was read ahead. While it lives, read() finds it in memory.
-  using Ahead = std::vector<std::shared_ptr<const format::BytesAhead>>;
+  using Ahead = format::CellsAhead;
 
   /// Reads what these chunks need ahead: of a file that is far (format::Volume::is_far) and only so much as fits into
   /// memory.

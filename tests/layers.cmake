@@ -7,7 +7,7 @@ set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources
                   builder/sources/vtk builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
                   builder/pipeline builder/series)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
-set(layers splatvol base scene pictures splat format ${builder_rooms} builder/distributed streamer streamer/first
+set(layers splatvol base scene pictures splat format sampler ${builder_rooms} builder/distributed streamer streamer/first
            ${renderer_rooms} renderer/surfaces renderer/reference player library library/python library/examples viewer
            tools/export tools tests/support tests/fuzz bench)
 
@@ -18,6 +18,7 @@ set(scene_knows base)
 set(pictures_knows base scene)
 set(splat_knows base)
 set(format_knows base splat)
+set(sampler_knows base splat format)
 set(builder/sorting_knows base format)
 set(builder/mesh_knows base format)
 set(builder/scattered_knows base format builder/mesh)
@@ -43,12 +44,12 @@ set(renderer/device_knows base scene pictures splat renderer renderer/cpu render
 set(renderer/surfaces_knows base scene pictures)
 set(renderer/reference_knows base scene pictures)
 set(player_knows base scene pictures splat format streamer streamer/first ${renderer_rooms} renderer/surfaces)
-set(library_knows base scene pictures splat format ${builder_rooms} streamer streamer/first ${renderer_rooms} player)
+set(library_knows base scene pictures splat format sampler ${builder_rooms} streamer streamer/first ${renderer_rooms} player)
 set(library/python_knows ${library_knows} library)
 set(library/examples_knows)
 set(viewer_knows ${player_knows} player)
-set(tools/export_knows base splat format)
-set(tools_knows ${viewer_knows} viewer ${builder_rooms} builder/distributed renderer/reference tools/export)
+set(tools/export_knows base splat format sampler)
+set(tools_knows ${viewer_knows} viewer sampler ${builder_rooms} builder/distributed renderer/reference tools/export)
 set(tests/support_knows base splat format ${builder_rooms})
 set(tests/fuzz_knows ${tools_knows} tests/support)
 set(bench_knows ${tools_knows} tools)

@@ -96,9 +96,16 @@ class SPLATVOL_EXPORT File {
   /// file lacks the resolution or an attribute.
   [[nodiscard]] Result<Points> points(const PointsRequest& request = {}) const;
 
-  /// Returns the values of an attribute at positions, in world units; NaN where no material is, or no value. They are
-  /// the means of the splats' linear fields, weighted by their densities. Reads the whole resolution (none: the
-  /// finest), chunk by chunk. Takes about 64 bytes for each position.
+  /// Returns the values of an attribute at positions, in world units; NaN where no material is, or no value. Requires
+  /// fewer than 2^32 - 1 positions, and takes about 64 bytes for each.
+  ///
+  /// Of a file that keeps cells, they are the mesh's own: linear in each tetrahedron of a cell, or the value of the cell
+  /// where cells have values of their own. Where cells overlap, the first of the file counts. A position outside of all
+  /// cells, but nearer than the file rounds positions, has the value of the nearest point of a cell. Reads the chunks
+  /// of cells round the positions, and holds at most 128 MiB of them.
+  ///
+  /// Of other files, or with a `resolution`, they are the means of the splats' linear fields, weighted by their
+  /// densities. Reads the whole resolution (none: the finest), chunk by chunk.
   [[nodiscard]] Result<std::vector<double>> sample(std::span<const dvec3> positions, const std::string& attribute,
                                                    std::optional<std::size_t> resolution = std::nullopt) const;
 

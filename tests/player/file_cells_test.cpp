@@ -1,7 +1,6 @@
 // The cells of files, as views show them.
 #include "player/file_cells.h"
 
-#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -22,6 +21,7 @@
 #include "streamer/visibility.h"
 #include "tests/builder/support/built_input.h"
 #include "tests/builder/support/built_mesh.h"
+#include "tests/builder/support/mesh_of_shapes.h"
 #include "tests/support/results.h"
 #include "tests/support/surgery.h"
 #include "tests/support/temp_folder.h"
@@ -160,42 +160,10 @@ class FileCellsOf : public test::FolderTest {
   }
 };
 
-// One cell of each shape. The value of a point is x + 2 y + 4 z; that of a cell is its number.
-std::string shapes() {
-  std::vector<dvec3> points;
-  for (const double left : {0.0, 8.0})
-    for (const dvec3& p : {dvec3(0, 0, 0), {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}})
-      points.push_back(p + dvec3(left, 0, 0));
-  for (const dvec3& p : {dvec3(0.5, 0.5, 2),
-                         {2, 0, 0},
-                         {2, 1, 0},
-                         {2, 0.5, 1},
-                         {3, 0, 0},
-                         {3, 1, 0},
-                         {3, 0.5, 1},
-                         {5, 5, 5},
-                         {6, 5, 5},
-                         {5, 6, 5},
-                         {5, 5, 6}})
-    points.push_back(p);
-  std::string positions, values;
-  for (const dvec3& p : points) {
-    positions += fmt::format("{} {} {}\n", p.x, p.y, p.z);
-    values += fmt::format("{}\n", p.x + 2 * p.y + 4 * p.z);
-  }
-  return fmt::format(
-      "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {0} double\n{1}CELLS 5 59\n"
-      "8 0 1 2 3 4 5 6 7\n5 4 5 6 7 16\n6 17 18 19 20 21 22\n4 23 24 25 26\n"
-      "31 6  4 8 12 15 11  4 9 10 14 13  4 8 9 13 12  4 11 15 14 10  4 8 11 10 9  4 12 13 14 15\n"
-      "CELL_TYPES 5\n12\n14\n13\n10\n42\nPOINT_DATA {0}\nSCALARS value double 1\nLOOKUP_TABLE default\n{2}"
-      "CELL_DATA 5\nSCALARS number double 1\nLOOKUP_TABLE default\n0\n1\n2\n3\n4\n",
-      points.size(), positions, values);
-}
-
 const std::vector<double> volumes_of_shapes = {1, 1.0 / 3, 0.5, 1.0 / 6, 1};
 
 TEST_F(FileCellsOf, EveryShape) {
-  std::ofstream(path("shapes.vtk")) << shapes();
+  std::ofstream(path("shapes.vtk")) << test::mesh_of_shapes();
   test::build_input(path("shapes.vtk"), path("shapes.svol"), exact(), {.selection = {"value"}});
   Scene scene = scene_of_all();
   scene.camera.position = {4, 3, 30};
@@ -214,7 +182,7 @@ TEST_F(FileCellsOf, EveryShape) {
 }
 
 TEST_F(FileCellsOf, EveryShapeWithValuesOfItsOwn) {
-  std::ofstream(path("shapes.vtk")) << shapes();
+  std::ofstream(path("shapes.vtk")) << test::mesh_of_shapes();
   test::build_input(path("shapes.vtk"), path("shapes.svol"), exact(),
                     {.selection = {"number"}, .cells = CellValues::own});
   Scene scene = scene_of_all();
@@ -314,7 +282,7 @@ class FarFile final : public ByteSource {
 // What the chunks of a view need is read ahead.
 TEST_F(FileCellsOf, AFarFileAreReadByFewRequests) {
   build(lattice());
-  std::ofstream(path("shapes.vtk")) << shapes();
+  std::ofstream(path("shapes.vtk")) << test::mesh_of_shapes();
   test::build_input(path("shapes.vtk"), path("own.svol"), exact(), {.selection = {"number"}, .cells = CellValues::own});
   Scene all = scene_of_all(), boxed = scene_of_all(), own = scene_of_all();
   boxed.clip_box = Box{{0.1, 0.3, 0.2}, {0.5, 0.6, 0.35}};
@@ -407,7 +375,7 @@ TEST_F(FileCellsOf, AStepHaveItsValues) {
 }
 
 TEST_F(FileCellsOf, UnknownShapesAreLeftOutAndCounted) {
-  std::ofstream(path("shapes.vtk")) << shapes();
+  std::ofstream(path("shapes.vtk")) << test::mesh_of_shapes();
   test::build_input(path("shapes.vtk"), path("shapes.svol"), exact(), {.selection = {"value"}});
   const std::string text = read_text_file(path("shapes.svol")).value();
   const auto bytes = std::as_bytes(std::span(text));

@@ -1,0 +1,24 @@
+// Reads what cells need before they are needed.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "base/error.h"
+#include "format/cell_reader.h"
+#include "format/ranked_points.h"
+
+namespace splatvol::format {
+
+/// What was read ahead. While it lives, reads of it take it from memory.
+using CellsAhead = std::vector<std::shared_ptr<const BytesAhead>>;
+
+/// Reads chunks of cells ahead, with the positions of their corners and their values of `attributes`: of a file that is
+/// far (Volume::is_far), in several steps of at most `memory` bytes each. `points`: of the reader.
+[[nodiscard]] Result<CellsAhead> read_cells_ahead(const CellReader& cells, const RankedPoints& points,
+                                                  std::span<const CellChunkEntry> entries,
+                                                  std::span<const int> attributes, std::uint64_t memory);
+
+}  // namespace splatvol::format

@@ -1,0 +1,124 @@
+#include "sampler/cell_sampler.h"
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+
+#include "sampler/position_tree.h"
+
+namespace splatvol {
+namespace {
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+double mean(const std::array<double, 4>& values, const CornerWeights& weights) {
+  return weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2] + weights[3] * values[3];
+}
+
+// Values at positions, from the cells that were looked at so far.
+class Samples {
+ public:
+  Samples(std::span<const dvec3> positions, double reach)
+      : positions_(positions),
+        reach_(reach),
+        tree_(positions),
+        values_(positions.size(), std::numeric_limits<double>::quiet_NaN()),
+        distances_(positions.size(), infinity) {}
+
+  // The value of a position in a chunk of cells.
+  struct Found {
+    std::uint32_t position;
+    double value = 0, distance = infinity;  // from the cell
+  };
+
+  [[nodiscard]] bool has_any_in(Box box) const {
+    widen(box);
+    bool has_any = false;
+    tree_.visit_near(box, [&](std::uint32_t i) { has_any = has_any || is_in(box, positions_[i]); });
+    return has_any;
+  }
+
+  // Finds the positions of a chunk that no cell before has. Thread-safe.
+  [[nodiscard]] std::vector<Found> find(Box box, const Tetrahedra& tetrahedra) const {
+    widen(box);
+    std::vector<Found> all;
+    std::vector<dvec3> positions;
+    tree_.visit_near(box, [&](std::uint32_t i) {
+      if (!(distances_[i] > 0) || !is_in(box, positions_[i])) return;
+      all.push_back({i});
+      positions.push_back(positions_[i]);
+    });
+    const PositionTree near(positions);
+    for (std::size_t t = 0; t < tetrahedra.size(); ++t) {
+      const std::array<double, 4> values = tetrahedra.values_of(t, 0);
+      if (std::isnan(values[0] + values[1] + values[2] + values[3])) continue;
+      const TetrahedronCorners corners = tetrahedra.corners_of(t);
+      Box around;
+      for (const dvec3& corner : corners) around.include(corner);
+      widen(around);
+      near.visit_near(around, [&](std::uint32_t i) {
+        if (all[i].distance > 0 && is_in(around, positions[i])) look(corners, values, positions[i], all[i]);
+      });
+    }
+    std::erase_if(all, [](const Found& found) { return found.distance == infinity; });
+    return all;
+  }
+
+  // Takes what was found in a chunk, chunk by chunk.
+  void take(std::span<const Found> all) {
+    for (const Found& found : all) {
+      if (!(found.distance < distances_[found.position])) continue;
+      distances_[found.position] = found.distance;
+      values_[found.position] = found.value;
+    }
+  }
+
+  [[nodiscard]] std::vector<double> values() && { return std::move(values_); }
+
+ private:
+  void widen(Box& box) const {
+    box.low -= reach_;
+    box.high += reach_;
+  }
+  static bool is_in(const Box& box, const dvec3& position) { return squared_distance(box, position) == 0; }
+
+  void look(const TetrahedronCorners& corners, const std::array<double, 4>& values, const dvec3& position,
+            Found& found) const {
+    if (const auto weights = weights_in(corners, position)) {
+      found.value = mean(values, *weights);
+      found.distance = 0;
+    } else if (const auto nearest = nearest_on(corners, position, reach_);
+               nearest && nearest->distance < found.distance) {
+      found.value = mean(values, nearest->weights);
+      found.distance = nearest->distance;
+    }
+  }
+
+  std::span<const dvec3> positions_;
+  double reach_;
+  PositionTree tree_;
+  std::vector<double> values_;     // [position]
+  std::vector<double> distances_;  // [position]: from the cell that has the value; infinity: none
+};
+
+}  // namespace
+
+Result<std::vector<double>> sample_cells(const CellTetrahedra& cells, std::span<const dvec3> positions) {
+  Samples samples(positions, cells.reach());
+  SPLATVOL_TRY_ASSIGN(chunks, cells.chunks([&](const Box& box) { return samples.has_any_in(box); }));
+  using Part = std::vector<Samples::Found>;
+  SPLATVOL_TRY(cells.for_each<Part>(
+      chunks,
+      [&](const format::CellChunkEntry& entry, const Tetrahedra& tetrahedra, Part& part) -> Status {
+        part = samples.find(box_of_cells(entry), tetrahedra);
+        return {};
+      },
+      [&](const format::CellChunkEntry& /*entry*/, const Part& part) -> Status {
+        samples.take(part);
+        return {};
+      }));
+  return std::move(samples).values();
+}
+
+}  // namespace splatvol

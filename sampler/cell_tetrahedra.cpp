@@ -1,0 +1,113 @@
+#include "sampler/cell_tetrahedra.h"
+
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace splatvol {
+
+Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
+                                                                   std::vector<std::size_t> attributes,
+                                                                   std::uint64_t memory) {
+  for (const std::size_t a : attributes)
+    if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
+      return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
+                  volume.info().attributes[a].name);
+  SPLATVOL_TRY_ASSIGN(reader, format::CellReader::open(volume));
+  if (!reader) return nullptr;
+  return std::unique_ptr<const CellTetrahedra>(new CellTetrahedra(std::move(reader), std::move(attributes), memory));
+}
+
+CellTetrahedra::CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
+                               std::uint64_t memory)
+    : reader_(std::move(reader)),
+      attributes_(std::move(attributes)),
+      ahead_memory_(reader_->volume().is_far() ? memory / 4 : 0),
+      vertex_memory_(reader_->vertex_count() > 0 ? memory / 4 : 0),
+      points_(*reader_, memory - ahead_memory_ - vertex_memory_),
+      vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, vertex_memory_) {}
+
+std::uint64_t CellTetrahedra::unknown_cells() const {
+  std::uint64_t unknown = 0;
+  for (const format::CellKind& kind : reader_->kinds())
+    if (!format::is_known(kind.shape, kind.field)) unknown += kind.cells;
+  return unknown;
+}
+
+bool CellTetrahedra::has_constant() const {
+  return std::ranges::any_of(reader_->kinds(),
+                             [](const format::CellKind& kind) { return kind.field == format::CellField::constant; });
+}
+
+double CellTetrahedra::reach() const {
+  const format::VolumeInfo& info = reader_->volume().info();
+  constexpr double rounding = 32 * std::numeric_limits<double>::epsilon();
+  double largest = 0;
+  for (int axis = 0; axis < 3; ++axis)
+    largest = std::max({largest, std::abs(info.cube.origin[axis]), std::abs(info.cube.origin[axis] + info.cube.edge)});
+  return 1.01 * std::sqrt(3.0) * info.position_error + rounding * largest;
+}
+
+Result<std::vector<format::CellChunkEntry>> CellTetrahedra::chunks(
+    const std::function<bool(const Box&)>& meets, const std::function<bool(const format::ValueSummary&)>& shows) const {
+  std::vector<std::size_t> numbers;
+  for (std::size_t number = 0; number < reader_->pages().size(); ++number)
+    if (meets(box_of_cells(reader_->pages()[number]))) numbers.push_back(number);
+  SPLATVOL_TRY_ASSIGN(ahead, reader_->read_pages_ahead(numbers, ahead_memory_));
+  std::vector<format::CellChunkEntry> chunks;
+  for (const std::size_t number : numbers) {
+    SPLATVOL_TRY(check_interruption());
+    SPLATVOL_TRY_ASSIGN(page, reader_->read_page(number, {.values = shows ? static_cast<int>(attributes_[0]) : -1}));
+    for (std::size_t i = 0; i < page.chunks.size(); ++i) {
+      const format::CellChunkEntry& entry = page.chunks[i];
+      if (format::is_known(entry.shape, entry.field) && meets(box_of_cells(entry)) &&
+          (!shows || shows(page.summaries[i])))
+        chunks.push_back(entry);
+    }
+  }
+  return chunks;
+}
+
+Result<format::CellsAhead> CellTetrahedra::read_ahead(std::span<const format::CellChunkEntry> entries) const {
+  const std::vector<int> attributes(attributes_.begin(), attributes_.end());
+  return format::read_cells_ahead(*reader_, points_, entries, attributes, ahead_memory_);
+}
+
+Result<Tetrahedra> CellTetrahedra::read(const format::CellChunkEntry& entry) const {
+  SPLATVOL_TRY_ASSIGN(cells, reader_->read_chunk(entry));
+  format::LocalCells local = format::number_corners(cells.corners);
+  Tetrahedra tetrahedra;
+  tetrahedra.constant = entry.field == format::CellField::constant;
+  for (std::size_t cell = 0; cell < cells.size(); ++cell) {
+    const std::uint32_t* const corners = local.corners.data() + cells.begin_of(cell);
+    format::for_each_tetrahedron(cells, cell, [&](const std::array<std::uint8_t, 4>& at) {
+      std::array<std::uint32_t, 4>& added =
+          tetrahedra.corners.emplace_back(std::array{corners[at[0]], corners[at[1]], corners[at[2]], corners[at[3]]});
+      std::ranges::sort(added);
+      if (tetrahedra.constant) tetrahedra.cells.push_back(static_cast<std::uint32_t>(cell));
+    });
+  }
+  tetrahedra.ranks = std::move(local.ranks);
+  if (tetrahedra.constant) SPLATVOL_TRY(vertices_.read_positions(tetrahedra.ranks, tetrahedra.points));
+  SPLATVOL_TRY(
+      read_values(tetrahedra.constant ? cells.points : tetrahedra.ranks, !tetrahedra.constant, tetrahedra));
+  return tetrahedra;
+}
+
+Status CellTetrahedra::read_values(std::span<const std::uint64_t> ranks, bool positions,
+                                   Tetrahedra& tetrahedra) const {
+  std::vector<format::RankedPoints::Place> places;
+  SPLATVOL_TRY(points_.find(ranks, places));
+  if (positions) SPLATVOL_TRY(points_.read_positions(places, tetrahedra.points));
+  std::vector<float> stored;
+  for (const std::size_t a : attributes_) {
+    SPLATVOL_TRY(points_.read_values(places, static_cast<int>(a), stored));
+    const format::Attribute& attribute = reader_->volume().info().attributes[a];
+    std::vector<double>& values = tetrahedra.values.emplace_back();
+    values.reserve(stored.size());
+    for (const float value : stored) values.push_back(attribute.value(double{value}));
+  }
+  return {};
+}
+
+}  // namespace splatvol

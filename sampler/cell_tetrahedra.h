@@ -1,0 +1,127 @@
+// The tetrahedra of the cells that a file keeps, chunk by chunk.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <thread>
+#include <vector>
+
+#include "base/error.h"
+#include "base/interruption.h"
+#include "format/cell_reader.h"
+#include "format/cells_ahead.h"
+#include "format/ranked_points.h"
+#include "format/run_tasks.h"
+#include "format/volume.h"
+#include "sampler/tetrahedron.h"
+
+namespace splatvol {
+
+/// The tetrahedra of a chunk of cells, in the order of the cells.
+struct Tetrahedra {
+  std::vector<std::uint64_t> ranks;                   // [point]: ascending; of cells of their own, numbers of vertices
+  std::vector<dvec3> points;                          // world coordinates
+  std::vector<std::array<std::uint32_t, 4>> corners;  // [tetrahedron]: points, ascending
+  std::vector<std::uint32_t> cells;                   // [tetrahedron]: the number of its cell in the chunk, if constant
+  bool constant = false;                              // a value holds in all of a cell
+
+  /// [attribute][point], or [attribute][cell] if constant. NaN: missing. A tetrahedron with a missing value at a corner
+  /// has no values.
+  std::vector<std::vector<double>> values;
+
+  [[nodiscard]] std::size_t size() const { return corners.size(); }
+  [[nodiscard]] TetrahedronCorners corners_of(std::size_t tetrahedron) const {
+    const auto& [a, b, c, d] = corners[tetrahedron];
+    return {points[a], points[b], points[c], points[d]};
+  }
+  /// Returns the values at the corners; equal ones if constant.
+  [[nodiscard]] std::array<double, 4> values_of(std::size_t tetrahedron, std::size_t attribute) const {
+    const std::vector<double>& all = values[attribute];
+    const auto& [a, b, c, d] = corners[tetrahedron];
+    if (!constant) return {all[a], all[b], all[c], all[d]};
+    const double value = all[cells[tetrahedron]];
+    return {value, value, value, value};
+  }
+};
+
+/// The box of a chunk of cells, or of a page of them, as positions are stored.
+template <class Entry>
+[[nodiscard]] Box box_of_cells(const Entry& entry) {
+  return {{entry.low[0], entry.low[1], entry.low[2]}, {entry.high[0], entry.high[1], entry.high[2]}};
+}
+
+/// Reads tetrahedra with their values. Of a series, at the volume's step. Thread-safe.
+class CellTetrahedra {
+ public:
+  /// `attributes`: indices into VolumeInfo::attributes. `memory`: bytes to hold of the file. The volume must outlive
+  /// the result. Returns null if the file keeps no cells.
+  [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(const format::Volume& volume,
+                                                                          std::vector<std::size_t> attributes,
+                                                                          std::uint64_t memory);
+
+  [[nodiscard]] const format::CellReader& reader() const { return *reader_; }
+  [[nodiscard]] const std::vector<std::size_t>& attributes() const { return attributes_; }
+
+  /// Cells of shapes and fields that this program does not know. They are left out.
+  [[nodiscard]] std::uint64_t unknown_cells() const;
+
+  /// Whether some cells have values of their own, instead of values at their corners.
+  [[nodiscard]] bool has_constant() const;
+
+  /// How far corners may be from where they were in the input, and positions from faces that they lie on: world units.
+  /// A position that is no farther from a cell counts as in it.
+  [[nodiscard]] double reach() const;
+
+  /// Returns the chunks whose boxes `meets` accepts, and the ranges and bins of whose first attribute `shows` accepts,
+  /// in the order of the file. Reads pages of chunks whose boxes are accepted. 96 bytes each.
+  [[nodiscard]] Result<std::vector<format::CellChunkEntry>> chunks(
+      const std::function<bool(const Box&)>& meets,
+      const std::function<bool(const format::ValueSummary&)>& shows = {}) const;
+
+  /// Reads a chunk.
+  [[nodiscard]] Result<Tetrahedra> read(const format::CellChunkEntry& entry) const;
+
+  /// Reads chunks on several threads: calls work(entry, tetrahedra, part) with a new `Part` for each, and then
+  /// take(entry, part) in the order of `entries`, on this thread. Holds a few chunks and parts at a time. Both return a
+  /// Status.
+  template <class Part, class Work, class Take>
+  [[nodiscard]] Status for_each(std::span<const format::CellChunkEntry> entries, const Work& work,
+                                const Take& take) const {
+    constexpr std::uint64_t cells_at_once = std::uint64_t{1} << 17;
+    while (!entries.empty()) {
+      std::size_t count = 1;
+      for (std::uint64_t cells = entries[0].cells; count < entries.size(); ++count)
+        if ((cells += entries[count].cells) > cells_at_once) break;
+      SPLATVOL_TRY(check_interruption());
+      SPLATVOL_TRY_ASSIGN(ahead, read_ahead(entries.first(count)));
+      std::vector<Part> parts(count);
+      const auto run = [&](std::size_t i, std::size_t /*thread*/) -> Status {
+        SPLATVOL_TRY_ASSIGN(tetrahedra, read(entries[i]));
+        return work(entries[i], tetrahedra, parts[i]);
+      };
+      SPLATVOL_TRY(format::run_tasks(count, std::max(1u, std::thread::hardware_concurrency()), run));
+      for (std::size_t i = 0; i < count; ++i) SPLATVOL_TRY(take(entries[i], parts[i]));
+      entries = entries.subspan(count);
+    }
+    return {};
+  }
+
+ private:
+  CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
+                 std::uint64_t memory);
+  [[nodiscard]] Result<format::CellsAhead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
+  [[nodiscard]] Status read_values(std::span<const std::uint64_t> ranks, bool positions, Tetrahedra& tetrahedra) const;
+
+  std::unique_ptr<const format::CellReader> reader_;
+  std::vector<std::size_t> attributes_;
+  std::uint64_t ahead_memory_, vertex_memory_;
+  format::RankedPoints points_;
+  format::CellVertices vertices_;
+};
+
+}  // namespace splatvol
