@@ -19,9 +19,9 @@ double mean(const std::array<double, 4>& values, const CornerWeights& weights) {
 // Values at positions, from the cells that were looked at so far.
 class Samples {
  public:
-  Samples(std::span<const dvec3> positions, double reach)
-      : positions_(positions),
-        reach_(reach),
+  Samples(const CellTetrahedra& cells, std::span<const dvec3> positions)
+      : cells_(cells),
+        positions_(positions),
         tree_(positions),
         values_(positions.size(), std::numeric_limits<double>::quiet_NaN()),
         distances_(positions.size(), infinity) {}
@@ -33,7 +33,7 @@ class Samples {
   };
 
   [[nodiscard]] bool has_any_in(Box box) const {
-    widen(box);
+    widen(box, cells_.reach());
     bool has_any = false;
     tree_.visit_near(box, [&](std::uint32_t i) { has_any = has_any || is_in(box, positions_[i]); });
     return has_any;
@@ -41,7 +41,7 @@ class Samples {
 
   // Finds the positions of a chunk that no cell before has. Thread-safe.
   [[nodiscard]] std::vector<Found> find(Box box, const Tetrahedra& tetrahedra) const {
-    widen(box);
+    widen(box, cells_.reach());
     std::vector<Found> all;
     std::vector<dvec3> positions;
     tree_.visit_near(box, [&](std::uint32_t i) {
@@ -56,9 +56,10 @@ class Samples {
       const TetrahedronCorners corners = tetrahedra.corners_of(t);
       Box around;
       for (const dvec3& corner : corners) around.include(corner);
-      widen(around);
+      const double reach = cells_.reach(around);
+      widen(around, reach);
       near.visit_near(around, [&](std::uint32_t i) {
-        if (all[i].distance > 0 && is_in(around, positions[i])) look(corners, values, positions[i], all[i]);
+        if (all[i].distance > 0 && is_in(around, positions[i])) look(corners, values, reach, positions[i], all[i]);
       });
     }
     std::erase_if(all, [](const Found& found) { return found.distance == infinity; });
@@ -77,26 +78,26 @@ class Samples {
   [[nodiscard]] std::vector<double> values() && { return std::move(values_); }
 
  private:
-  void widen(Box& box) const {
-    box.low -= reach_;
-    box.high += reach_;
+  static void widen(Box& box, double reach) {
+    box.low -= reach;
+    box.high += reach;
   }
   static bool is_in(const Box& box, const dvec3& position) { return squared_distance(box, position) == 0; }
 
-  void look(const TetrahedronCorners& corners, const std::array<double, 4>& values, const dvec3& position,
-            Found& found) const {
+  static void look(const TetrahedronCorners& corners, const std::array<double, 4>& values, double reach,
+                   const dvec3& position, Found& found) {
     if (const auto weights = weights_in(corners, position)) {
       found.value = mean(values, *weights);
       found.distance = 0;
-    } else if (const auto nearest = nearest_on(corners, position, reach_);
+    } else if (const auto nearest = nearest_on(corners, position, reach);
                nearest && nearest->distance < found.distance) {
       found.value = mean(values, nearest->weights);
       found.distance = nearest->distance;
     }
   }
 
+  const CellTetrahedra& cells_;
   std::span<const dvec3> positions_;
-  double reach_;
   PositionTree tree_;
   std::vector<double> values_;     // [position]
   std::vector<double> distances_;  // [position]: from the cell that has the value; infinity: none
@@ -105,7 +106,7 @@ class Samples {
 }  // namespace
 
 Result<std::vector<double>> sample_cells(const CellTetrahedra& cells, std::span<const dvec3> positions) {
-  Samples samples(positions, cells.reach());
+  Samples samples(cells, positions);
   SPLATVOL_TRY_ASSIGN(chunks, cells.chunks([&](const Box& box) { return samples.has_any_in(box); }));
   using Part = std::vector<Samples::Found>;
   SPLATVOL_TRY(cells.for_each<Part>(

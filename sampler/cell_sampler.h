@@ -11,9 +11,9 @@
 namespace splatvol {
 
 /// Returns the values of the cells' first attribute at positions, in world units: the linear interpolation in the
-/// tetrahedron that a position is in, or the value of its cell. NaN where no cell with a value is. Of several cells at a
-/// position, the first of the file counts. A position that rounding has moved out of all cells (CellTetrahedra::reach)
-/// has the value of the nearest point of a cell.
+/// tetrahedron that a position is in, or the value of its cell. NaN where no cell with a value is. Of several cells at
+/// a position, the first of the file counts. A position that rounding has moved out of all cells
+/// (CellTetrahedra::reach) has the value of the nearest point of a cell.
 ///
 /// Requires fewer than 2^32 - 1 positions. Reads chunks whose boxes have positions in them. Takes about 40 bytes for
 /// each position. Does not depend on threads.

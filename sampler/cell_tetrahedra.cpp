@@ -5,6 +5,17 @@
 #include <utility>
 
 namespace splatvol {
+namespace {
+
+// Of positions in a cube.
+double rounding_of(const Cube& cube) {
+  double largest = 0;
+  for (int axis = 0; axis < 3; ++axis)
+    largest = std::max({largest, std::abs(cube.origin[axis]), std::abs(cube.origin[axis] + cube.edge)});
+  return 32 * std::numeric_limits<double>::epsilon() * largest;
+}
+
+}  // namespace
 
 Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
                                                                    std::vector<std::size_t> attributes,
@@ -25,7 +36,9 @@ CellTetrahedra::CellTetrahedra(std::unique_ptr<const format::CellReader> reader,
       ahead_memory_(reader_->volume().is_far() ? memory / 4 : 0),
       vertex_memory_(reader_->vertex_count() > 0 ? memory / 4 : 0),
       points_(*reader_, memory - ahead_memory_ - vertex_memory_),
-      vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, vertex_memory_) {}
+      vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, vertex_memory_),
+      moved_(1.01 * std::sqrt(3.0) * reader_->volume().info().position_error),
+      rounding_(rounding_of(reader_->volume().info().cube)) {}
 
 std::uint64_t CellTetrahedra::unknown_cells() const {
   std::uint64_t unknown = 0;
@@ -37,15 +50,6 @@ std::uint64_t CellTetrahedra::unknown_cells() const {
 bool CellTetrahedra::has_constant() const {
   return std::ranges::any_of(reader_->kinds(),
                              [](const format::CellKind& kind) { return kind.field == format::CellField::constant; });
-}
-
-double CellTetrahedra::reach() const {
-  const format::VolumeInfo& info = reader_->volume().info();
-  constexpr double rounding = 32 * std::numeric_limits<double>::epsilon();
-  double largest = 0;
-  for (int axis = 0; axis < 3; ++axis)
-    largest = std::max({largest, std::abs(info.cube.origin[axis]), std::abs(info.cube.origin[axis] + info.cube.edge)});
-  return 1.01 * std::sqrt(3.0) * info.position_error + rounding * largest;
 }
 
 Result<std::vector<format::CellChunkEntry>> CellTetrahedra::chunks(
@@ -89,13 +93,11 @@ Result<Tetrahedra> CellTetrahedra::read(const format::CellChunkEntry& entry) con
   }
   tetrahedra.ranks = std::move(local.ranks);
   if (tetrahedra.constant) SPLATVOL_TRY(vertices_.read_positions(tetrahedra.ranks, tetrahedra.points));
-  SPLATVOL_TRY(
-      read_values(tetrahedra.constant ? cells.points : tetrahedra.ranks, !tetrahedra.constant, tetrahedra));
+  SPLATVOL_TRY(read_values(tetrahedra.constant ? cells.points : tetrahedra.ranks, !tetrahedra.constant, tetrahedra));
   return tetrahedra;
 }
 
-Status CellTetrahedra::read_values(std::span<const std::uint64_t> ranks, bool positions,
-                                   Tetrahedra& tetrahedra) const {
+Status CellTetrahedra::read_values(std::span<const std::uint64_t> ranks, bool positions, Tetrahedra& tetrahedra) const {
   std::vector<format::RankedPoints::Place> places;
   SPLATVOL_TRY(points_.find(ranks, places));
   if (positions) SPLATVOL_TRY(points_.read_positions(places, tetrahedra.points));

@@ -73,9 +73,13 @@ class CellTetrahedra {
   /// Whether some cells have values of their own, instead of values at their corners.
   [[nodiscard]] bool has_constant() const;
 
-  /// How far corners may be from where they were in the input, and positions from faces that they lie on: world units.
-  /// A position that is no farther from a cell counts as in it.
-  [[nodiscard]] double reach() const;
+  /// How far a position may be from a cell that it was in before the file rounded the cell's corners: world units. For
+  /// a tetrahedron in this box; for any, without a box. Rounding is much finer than cells.
+  [[nodiscard]] double reach(const Box& tetrahedron) const {
+    const dvec3 extent = tetrahedron.extent();
+    return std::min(moved_, std::max({extent.x, extent.y, extent.z}) / 16) + rounding_;
+  }
+  [[nodiscard]] double reach() const { return moved_ + rounding_; }
 
   /// Returns the chunks whose boxes `meets` accepts, and the ranges and bins of whose first attribute `shows` accepts,
   /// in the order of the file. Reads pages of chunks whose boxes are accepted. 96 bytes each.
@@ -122,6 +126,7 @@ class CellTetrahedra {
   std::uint64_t ahead_memory_, vertex_memory_;
   format::RankedPoints points_;
   format::CellVertices vertices_;
+  double moved_, rounding_;  // most that a corner is away from that of the input; of computed positions
 };
 
 }  // namespace splatvol

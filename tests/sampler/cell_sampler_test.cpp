@@ -94,8 +94,8 @@ TEST_F(SampledCells, AreTheMeshs) {
   EXPECT_TRUE(sample({}).empty());
 }
 
-// Positions are read from a lattice as exactly as it was given, and the file rounds it: those at the boundary come to lie
-// outside, and others on faces.
+// Positions are read from a lattice as exactly as it was given, and the file rounds it: those at the boundary come to
+// lie outside, and others on faces.
 TEST_F(SampledCells, RoundingOpensNoGap) {
   const test::Mesh mesh = test::jittered(20, 0.2);
   build(test::mesh_piece(mesh, [](dvec3 p) { return p.x + 2 * p.y; }), {.keep_cells = true});
@@ -127,7 +127,8 @@ TEST_F(SampledCells, OfSeveralTheFirstCounts) {
     const Tetrahedra tetrahedra = test::value_of(cells->read(entry));
     for (std::size_t t = 0; t < tetrahedra.size(); ++t)
       for (std::size_t i = 0; i < positions.size(); ++i)
-        if (const auto weights = weights_in(tetrahedra.corners_of(t), positions[i]); weights && std::isnan(expected[i])) {
+        if (const auto weights = weights_in(tetrahedra.corners_of(t), positions[i]);
+            weights && std::isnan(expected[i])) {
           expected[i] = 0;
           for (std::size_t k = 0; k < 4; ++k) expected[i] += (*weights)[k] * tetrahedra.values_of(t, 0)[k];
         }
@@ -158,9 +159,9 @@ TEST_F(SampledCells, ACellWithAMissingValueHasNone) {
 TEST_F(SampledCells, EveryShape) {
   std::ofstream(path("shapes.vtk")) << test::mesh_of_shapes();
   test::build_input(path("shapes.vtk"), path("points.svol"), exact(), {.selection = {"value"}});
-  test::build_input(path("shapes.vtk"), path("own.svol"), exact(),
-                    {.selection = {"number"}, .cells = CellValues::own});
-  const std::vector<dvec3> inside = {{0.3, 0.6, 0.8}, {0.5, 0.6, 1.5}, {2.5, 0.5, 0.3}, {5.2, 5.2, 5.2}, {8.3, 0.2, 0.9}};
+  test::build_input(path("shapes.vtk"), path("own.svol"), exact(), {.selection = {"number"}, .cells = CellValues::own});
+  const std::vector<dvec3> inside = {
+      {0.3, 0.6, 0.8}, {0.5, 0.6, 1.5}, {2.5, 0.5, 0.3}, {5.2, 5.2, 5.2}, {8.3, 0.2, 0.9}};
   open("points.svol");
   const std::vector<double> of_points = sample(inside);
   open("own.svol");

@@ -10,8 +10,8 @@
 
 namespace splatvol::test {
 
-/// A file of VTK with one cell of each shape: hexahedron, pyramid, wedge, tetrahedron, polyhedron. The array "value" of points
-/// is x + 2 y + 4 z; "number" of cells is the cell's number.
+/// A file of VTK with one cell of each shape: hexahedron, pyramid, wedge, tetrahedron, polyhedron. The array "value" of
+/// points is x + 2 y + 4 z; "number" of cells is the cell's number.
 inline std::string mesh_of_shapes() {
   std::vector<dvec3> points;
   for (const double left : {0.0, 8.0})
