@@ -21,8 +21,8 @@ using namespace std::string_view_literals;
 // Each tells whether the first bytes of a file have the mark of an export.
 using HasMark = bool (*)(std::string_view bytes);
 
-bool vtu_has_mark(std::string_view bytes) {
-  return bytes.substr(0, bytes.find("<VTKFile")).find(vtu_export_mark) != std::string_view::npos;
+bool vtk_has_mark(std::string_view bytes) {
+  return bytes.substr(0, bytes.find("<VTKFile")).find(vtk_export_mark) != std::string_view::npos;
 }
 
 bool vdb_has_mark(std::string_view bytes) {
@@ -31,26 +31,36 @@ bool vdb_has_mark(std::string_view bytes) {
   return bytes.find(mark) != std::string_view::npos;
 }
 
-// The header of a .npy file has room for nothing but the array's description.
-bool npy_has_mark(std::string_view /*bytes*/) { return false; }
+bool stl_has_mark(std::string_view bytes) { return bytes.starts_with(stl_export_mark); }
+
+bool glb_has_mark(std::string_view bytes) { return bytes.find(glb_export_mark) != std::string_view::npos; }
+
+// The header of a .npy file has room for nothing but the array's description, and a .csv file has no other header.
+bool has_no_mark(std::string_view /*bytes*/) { return false; }
 
 /// A kind of file: by its extension and its first bytes. Of a text file, the first characters that are no white space.
+/// Without `starts`, it may begin with anything.
 struct FileKind {
   std::string_view extension;
   std::string_view name;
   std::array<std::string_view, 2> starts;
   HasMark has_mark = nullptr;  // of a kind that is also an input
 };
-constexpr std::array<FileKind, 8> kinds = {{{".svol", "a .svol file", {"\x89SVOL\r\n\x1a"sv}},
-                                            {".png", "a PNG picture", {"\x89PNG\r\n\x1a\n"sv}},
-                                            {".exr", "an OpenEXR picture", {"\x76\x2f\x31\x01"sv}},
-                                            {".json", "JSON", {"{"sv, "["sv}},
-                                            {".svols", "an index of .svol files", {"{"sv}},
-                                            {".npy", "a .npy file", {"\x93NUMPY"sv}, npy_has_mark},
-                                            {".vdb", "an OpenVDB file", {" BDV"sv}, vdb_has_mark},
-                                            {".vtu", "a VTK file", {"<?xml"sv, "<VTKFile"sv}, vtu_has_mark}}};
+constexpr std::array<FileKind, 12> kinds = {{{".svol", "a .svol file", {"\x89SVOL\r\n\x1a"sv}},
+                                             {".png", "a PNG picture", {"\x89PNG\r\n\x1a\n"sv}},
+                                             {".exr", "an OpenEXR picture", {"\x76\x2f\x31\x01"sv}},
+                                             {".json", "JSON", {"{"sv, "["sv}},
+                                             {".svols", "an index of .svol files", {"{"sv}},
+                                             {".npy", "a .npy file", {"\x93NUMPY"sv}, has_no_mark},
+                                             {".vdb", "an OpenVDB file", {" BDV"sv}, vdb_has_mark},
+                                             {".vtu", "a VTK file", {"<?xml"sv, "<VTKFile"sv}, vtk_has_mark},
+                                             {".vtp", "a VTK file", {"<?xml"sv, "<VTKFile"sv}, vtk_has_mark},
+                                             {".glb", "a glTF file", {"glTF"sv}, glb_has_mark},
+                                             {".stl", "an STL file", {}, stl_has_mark},
+                                             {".csv", "a table", {}, has_no_mark}}};
 
 bool is_of(const FileKind& kind, std::string_view bytes) {
+  if (kind.starts[0].empty()) return true;
   const std::string_view text = bytes.substr(std::min(bytes.find_first_not_of(" \t\r\n"), bytes.size()));
   return std::ranges::any_of(kind.starts, [&](std::string_view start) {
     return !start.empty() && (bytes.starts_with(start) || text.starts_with(start));

@@ -17,6 +17,11 @@ double rounding_of(const Cube& cube) {
 
 }  // namespace
 
+tl::unexpected<Error> fail_without_cells(const format::Volume& volume) {
+  return fail(ErrorCode::invalid_argument, "{}: keeps no cells: build it from a mesh, without --drop-cells",
+              volume.name());
+}
+
 Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
                                                                    std::vector<std::size_t> attributes,
                                                                    std::uint64_t memory) {

@@ -49,6 +49,9 @@ struct Tetrahedra {
   }
 };
 
+/// The failure of what needs cells and finds none.
+[[nodiscard]] tl::unexpected<Error> fail_without_cells(const format::Volume& volume);
+
 /// The box of a chunk of cells, or of a page of them, as positions are stored.
 template <class Entry>
 [[nodiscard]] Box box_of_cells(const Entry& entry) {
@@ -80,6 +83,9 @@ class CellTetrahedra {
     return std::min(moved_, std::max({extent.x, extent.y, extent.z}) / 16) + rounding_;
   }
   [[nodiscard]] double reach() const { return moved_ + rounding_; }
+
+  /// The part of it that is due to computed positions.
+  [[nodiscard]] double rounding() const { return rounding_; }
 
   /// Returns the chunks whose boxes `meets` accepts, and the ranges and bins of whose first attribute `shows` accepts,
   /// in the order of the file. Reads pages of chunks whose boxes are accepted. 96 bytes each.

@@ -1,4 +1,4 @@
-// svexport: a .svol file in, voxels (.vdb), points or cells (.vtu) out.
+// svexport: a .svol file in; voxels (.vdb), points or cells (.vtu), or a contour (.vtp, .stl, .glb) out.
 #include <fmt/format.h>
 
 #include <cmath>
@@ -9,6 +9,7 @@
 #include "base/json.h"
 #include "base/memory_limit.h"
 #include "tools/export/cell_export.h"
+#include "tools/export/contour_export.h"
 #include "tools/export/vdb_export.h"
 #include "tools/export/vtu_export.h"
 #include "tools/steps.h"
@@ -27,22 +28,33 @@ struct Options {
   std::optional<std::size_t> resolution;
   std::vector<double> box;
   bool cells = false;
+  std::optional<double> contour;
   double voxel = 0;
   std::string memory;
   Replace replace = Replace::exports;
   bool json = false;
 
   [[nodiscard]] bool is_vdb() const { return output.ends_with(".vdb"); }
+  [[nodiscard]] bool is_surface() const {
+    return output.ends_with(".vtp") || output.ends_with(".stl") || output.ends_with(".glb");
+  }
 };
 
 // Checks the options against each other: CLI11 sees only one option at a time.
 void check_usage(const Options& options) {
-  if (!options.is_vdb() && !options.output.ends_with(".vtu")) wrong_option("--output", "must end in .vdb or .vtu");
+  if (!options.is_vdb() && !options.output.ends_with(".vtu") && !options.is_surface())
+    wrong_option("--output", "must end in .vdb, .vtu, .vtp, .stl or .glb");
   if (options.is_vdb() && options.voxel == 0) missing_option("--voxel");
-  if (!options.is_vdb() && (options.voxel != 0 || !options.memory.empty()))
-    wrong_option("--output", "--voxel and --memory are for .vdb files");
-  if (options.cells && options.is_vdb()) wrong_option("--cells", "is for .vtu files");
-  if (options.cells && options.resolution) wrong_option("--resolution", "--cells has no resolutions: leave it out");
+  if (!options.is_vdb() && options.voxel != 0) wrong_option("--output", "--voxel is for .vdb files");
+  if (!options.is_vdb() && !options.contour && !options.memory.empty())
+    wrong_option("--output", "--memory is for .vdb files and contours");
+  if (options.cells && !options.output.ends_with(".vtu")) wrong_option("--cells", "is for .vtu files");
+  if (options.is_surface() && !options.contour) missing_option("--contour");
+  if (options.contour && !options.is_surface()) wrong_option("--contour", "is for .vtp, .stl and .glb files");
+  if (options.contour && options.attributes.size() > 1 && !options.output.ends_with(".vtp"))
+    wrong_option("--attribute", "only .vtp files have values: take the attribute of the contour alone");
+  if ((options.cells || options.contour) && options.resolution)
+    wrong_option("--resolution", "cells have no resolutions: leave it out");
   for (std::size_t axis = 0; axis < 3 && !options.box.empty(); ++axis)
     if (!(options.box[axis] <= options.box[axis + 3])) wrong_option("--box", "the first corner must be the lower one");
 }
@@ -51,12 +63,14 @@ std::function<void(double)> show_progress() {
   return [bar = std::make_shared<ProgressBar>("exporting")](double fraction) { bar->update(fraction); };
 }
 
+Result<std::uint64_t> memory_of(const Options& options) {
+  if (options.memory.empty()) return memory_limit() / 4;
+  return parse_bytes(options.memory);
+}
+
 Result<json> export_voxels(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
-  std::uint64_t memory = memory_limit() / 4;
-  if (!options.memory.empty()) {
-    SPLATVOL_TRY(store(parse_bytes(options.memory), memory));
-  }
+  SPLATVOL_TRY_ASSIGN(memory, memory_of(options));
   const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(report,
                       export_vdb(volume, options.output, selection, options.voxel, memory, progress, options.replace));
@@ -85,6 +99,31 @@ Result<json> export_mesh(const format::Volume& volume, const format::SplatSelect
               {"renamed", json::object()},
               {"position_error", volume.info().position_error},
               {"value_errors", value_errors(volume, selection)}};
+}
+
+// The surface, and how much it can differ from that of the mesh as it was given.
+Result<json> export_surface(const format::Volume& volume, const format::SplatSelection& selection,
+                            const Options& options) {
+  if (options.attributes.empty() && selection.names.size() > 1)
+    return fail(ErrorCode::invalid_argument,
+                "{}: has several attributes: --attribute chooses that of the contour, of {}", volume.name(),
+                fmt::join(selection.names, ", "));
+  SPLATVOL_TRY_ASSIGN(memory, memory_of(options));
+  const auto progress = show_progress();
+  SPLATVOL_TRY_ASSIGN(
+      report, export_contour(volume, options.output, selection, *options.contour, memory, progress, options.replace));
+  json result{{"output", options.output},
+              {"triangles", report.triangles},
+              {"area", report.area},
+              {"closed", report.closed},
+              {"volume", report.closed ? json(report.volume) : json()},
+              {"left_out", report.left_out},
+              {"file_bytes", report.file_bytes},
+              {"renamed", json::object()},
+              {"position_error", volume.info().position_error},
+              {"value_errors", value_errors(volume, selection)}};
+  if (report.vertices > 0) result["vertices"] = report.vertices;
+  return result;
 }
 
 Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection,
@@ -119,6 +158,13 @@ void print_text(const json& report) {
               report["splats"].get<std::uint64_t>(), report["voxel_mass"].get<double>(),
               report["splat_mass"].get<double>(), report["file_bytes"].get<std::uint64_t>(),
               report["seconds"].get<double>());
+  else if (report.contains("triangles"))
+    print_out("{}: {} triangles, area {:.9g}, {}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
+              report["triangles"].get<std::uint64_t>(), report["area"].get<double>(),
+              report["closed"].get<bool>()
+                  ? fmt::format("closed round a volume of {:.9g}", report["volume"].get<double>())
+                  : std::string("open"),
+              report["file_bytes"].get<std::uint64_t>(), report["seconds"].get<double>());
   else if (report.contains("cells"))
     print_out("{}: {} cells with {} points, volume {:.9g}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
               report["cells"].get<std::uint64_t>(), report["points"].get<std::uint64_t>(),
@@ -143,7 +189,10 @@ Status run_export(const Options& options) {
   if (!options.box.empty())
     box = {{options.box[0], options.box[1], options.box[2]}, {options.box[3], options.box[4], options.box[5]}};
   SPLATVOL_TRY_ASSIGN(selection, format::select_splats(*volume, options.resolution, options.attributes, box));
-  const auto export_it = options.is_vdb() ? export_voxels : options.cells ? export_mesh : export_points;
+  const auto export_it = options.is_vdb()  ? export_voxels
+                         : options.contour ? export_surface
+                         : options.cells   ? export_mesh
+                                           : export_points;
   SPLATVOL_TRY_ASSIGN(report, export_it(*volume, selection, options));
   report["seconds"] = seconds_now() - start;
   if (options.json)
@@ -163,16 +212,20 @@ void add_file_options(CommandLine& app, Options& options) {
          "attribute A, \"A mean\", \"A deviation\", \"A covariance\" and \"A gradient\" of its moments, and "
          "the gradient direction that svbuild --gradients stores for the point, \"A gradient direction\". An "
          "attribute keeps its name: what svexport calls so becomes \"NAME (splat)\". Positions and values are those of "
-         "the input up to the errors that the result states; svbuild --exact leaves none. Replaces its own exports, "
-         "other files with --force only")
+         "the input up to the errors that the result states; svbuild --exact leaves none. .vtp, .stl, .glb: the "
+         "triangles "
+         "of a contour; .vtp has the values of all attributes of --attribute. Replaces its own exports, other files "
+         "with "
+         "--force only")
       ->required()
-      ->type_name("OUT.vdb|OUT.vtu")
+      ->type_name("OUT.vdb|OUT.vtu|OUT.vtp|OUT.stl|OUT.glb")
       ->check(check_not_empty);
 }
 
 void add_selection_options(CommandLine& app, Options& options) {
-  app.add_option("--attribute", options.attributes,
-                 "An attribute to export; repeatable (default: all, by all their names)")
+  app.add_option(
+         "--attribute", options.attributes,
+         "An attribute to export; repeatable (default: all, by all their names). The first is that of the contour")
       ->check(check_not_empty)
       ->type_name("NAME")
       ->allow_extra_args(false);
@@ -185,6 +238,13 @@ void add_selection_options(CommandLine& app, Options& options) {
       "written as the tetrahedra that they are split into. Cells of svbuild --cells own "
       "have values themselves, and their points have none. A box takes every cell whose own bounding box meets it, as "
       "positions are stored");
+  app.add_option(
+         "--contour", options.contour,
+         "Write the surface where the attribute has this value, in the cells of the mesh, from a file that keeps "
+         "them; for .vtp, .stl and .glb. The result has its area, whether it is closed, and then the volume of "
+         "the values above that it encloses")
+      ->type_name("VALUE")
+      ->check(check_finite);
   app.add_option("--box", options.box, "Only the voxels whose centres, or the points, that lie in this box")
       ->type_name("X0,Y0,Z0,X1,Y1,Z1")
       ->delimiter(',')
@@ -196,8 +256,10 @@ void add_selection_options(CommandLine& app, Options& options) {
         const double number = std::strtod(text.c_str(), nullptr);
         return number > 0 && std::isfinite(number) ? std::string() : "'" + text + "' is not a size";
       });
-  app.add_option("--memory", options.memory,
-                 "Bytes that the voxels may take, such as 2G (default: a quarter of the machine's or container's)")
+  app.add_option(
+         "--memory", options.memory,
+         "Bytes that the voxels, or the open vertices of a contour, may take, such as 2G (default: a quarter of "
+         "the machine's or container's)")
       ->type_name("SIZE")
       ->check(check_of(parse_bytes));
   add_force_option(app, options.replace);
@@ -210,8 +272,10 @@ void add_selection_options(CommandLine& app, Options& options) {
 int main(int argc, char** argv) {
   using namespace splatvol;
   Options options;
-  CommandLine app("Exports a .svol file to voxels (.vdb, for OpenVDB), or to points or cells (.vtu, for VTK)",
-                  "svexport");
+  CommandLine app(
+      "Exports a .svol file to voxels (.vdb, for OpenVDB), to points or cells (.vtu, for VTK), or to the "
+      "triangles of a contour (.vtp, .stl, .glb)",
+      "svexport");
   add_file_options(app, options);
   add_selection_options(app, options);
   app.callback([&] { check_usage(options); });

@@ -209,7 +209,7 @@ std::string vdb_with(const std::string& uuid, const std::string& mark) {
 // A mesh of the user's has no mark, however near to one its text comes. Marks do not survive a change.
 TEST_F(FileTest, WhatMayBeAnInputIsReplacedIfItHasAMarkOnly) {
   const std::string uuid(36, 'a'), other_uuid(36, 'b'), declared = "<?xml version=\"1.0\"?>\n";
-  const std::string mark(vtu_export_mark), element = "<VTKFile type=\"UnstructuredGrid\">\n";
+  const std::string mark(vtk_export_mark), element = "<VTKFile type=\"UnstructuredGrid\">\n";
   const std::vector<std::pair<std::string, std::string>> exports = {
       {"a.vtu", declared + mark + "\n" + element},
       {"a.VTU", declared + "<!-- mine -->" + mark + element},

@@ -18,6 +18,7 @@
 #include "base/temp_file.h"
 #include "format/cell_reader.h"
 #include "format/ranked_points.h"
+#include "sampler/cell_tetrahedra.h"
 #include "tools/export/used_ranks.h"
 #include "tools/export/vtu_file.h"
 
@@ -63,11 +64,6 @@ bool meets(const Box& box, const Box& other) {
 
 bool is_within(const Box& box, const Box& other) {
   return glm::all(glm::lessThanEqual(other.low, box.low)) && glm::all(glm::lessThanEqual(box.high, other.high));
-}
-
-template <class Entry>
-Box box_of(const Entry& entry) {
-  return {{entry.low[0], entry.low[1], entry.low[2]}, {entry.high[0], entry.high[1], entry.high[2]}};
 }
 
 double volume_of(const std::array<std::uint8_t, 4>& tetrahedron, std::span<const dvec3> corners) {
@@ -131,7 +127,7 @@ class PartReader {
     SPLATVOL_TRY_ASSIGN(cells, cells_.read_chunk(entry));
     const format::LocalCells local = format::number_corners(cells.corners);
     SPLATVOL_TRY(read_positions(local.ranks, positions_));
-    const bool is_whole = is_within(box_of(entry), selection_.box);
+    const bool is_whole = is_within(box_of_cells(entry), selection_.box);
     std::vector<dvec3> corners;
     std::vector<std::uint64_t> ranks;
     for (std::size_t cell = 0; cell < cells.size(); ++cell) {
@@ -250,7 +246,7 @@ class CellExport {
   Status write_ranks() {
     const std::vector<format::CellPageRef>& pages = cells_.pages();
     for (std::size_t p = 0; p < pages.size(); ++p) {
-      if (meets(box_of(pages[p]), selection_.box)) SPLATVOL_TRY(write_page(p));
+      if (meets(box_of_cells(pages[p]), selection_.box)) SPLATVOL_TRY(write_page(p));
       progress_(0.6 * static_cast<double>(p + 1) / static_cast<double>(pages.size()));
     }
     return {};
@@ -258,7 +254,8 @@ class CellExport {
 
   Status write_page(std::size_t number) {
     SPLATVOL_TRY_ASSIGN(page, cells_.read_page(number, {}));
-    std::erase_if(page.chunks, [&](const CellChunkEntry& entry) { return !meets(box_of(entry), selection_.box); });
+    std::erase_if(page.chunks,
+                  [&](const CellChunkEntry& entry) { return !meets(box_of_cells(entry), selection_.box); });
     std::erase_if(page.chunks, [&](const CellChunkEntry& entry) {
       const bool is_known = format::is_known(entry.shape, entry.field) && vtk_type(written_shape(entry.shape)) != 0;
       if (!is_known) report_.left_out += entry.cells;
@@ -440,9 +437,7 @@ Result<CellsReport> export_cells(const format::Volume& volume, const std::string
                                  Replace replace) {
   SPLATVOL_TRY(check_vtu_names(volume.name(), selection.names));
   SPLATVOL_TRY_ASSIGN(cells, format::CellReader::open(volume));
-  if (!cells)
-    return fail(ErrorCode::invalid_argument, "{}: keeps no cells: build it from a mesh, without --drop-cells",
-                volume.name());
+  if (!cells) return fail_without_cells(volume);
   SPLATVOL_TRY_ASSIGN(field, field_of(*cells));
   for (const std::size_t a : selection.attributes)
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)

@@ -59,7 +59,9 @@ std::uint64_t count_of(VtuArray::Of of, const VtuCounts& counts) {
 
 std::uint64_t tuple_bytes(const VtuArray& array) { return array.components * array.number_bytes; }
 
-std::string element(const VtuArray& array, std::uint64_t offset) {
+}  // namespace
+
+std::string vtk_array_element(const VtuArray& array, std::uint64_t offset) {
   // VTK's own key for the unit of an array.
   const std::string unit = fmt::format(
       ">\n          <InformationKey name=\"UNITS_LABEL\" location=\"vtkDataArray\">{}</InformationKey>"
@@ -69,8 +71,6 @@ std::string element(const VtuArray& array, std::uint64_t offset) {
       "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" offset=\"{}\"{}",
       array.type, escape_xml(array.name), array.components, offset, array.unit.empty() ? "/>\n" : unit);
 }
-
-}  // namespace
 
 std::string escape_xml(std::string_view text) {
   std::string escaped;
@@ -160,7 +160,8 @@ std::string VtuFile::header() const {
   const auto elements = [&](std::initializer_list<VtuArray::Of> kinds) {
     std::string text;
     for (const Placed& placed : arrays_)
-      if (std::ranges::find(kinds, placed.array.of) != kinds.end()) text += element(placed.array, placed.offset);
+      if (std::ranges::find(kinds, placed.array.of) != kinds.end())
+        text += vtk_array_element(placed.array, placed.offset);
     return text;
   };
   std::string of_cells = elements({VtuArray::Of::cell_data});
@@ -172,7 +173,7 @@ std::string VtuFile::header() const {
       "    <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n"
       "      <Points>\n{}      </Points>\n      <Cells>\n{}      </Cells>\n      <PointData>\n{}      </PointData>\n{}"
       "    </Piece>\n  </UnstructuredGrid>\n",
-      vtu_export_mark, counts_.points, counts_.cells, elements({VtuArray::Of::points}),
+      vtk_export_mark, counts_.points, counts_.cells, elements({VtuArray::Of::points}),
       elements({VtuArray::Of::corners, VtuArray::Of::cells}), elements({VtuArray::Of::point_data}), of_cells);
   constexpr std::string_view appended = "  <AppendedData encoding=\"raw\">\n   _";
   const std::uint64_t length = text.size() + appended.size();

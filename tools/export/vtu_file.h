@@ -40,6 +40,9 @@ struct VtuArray {
   std::string unit = {};
 };
 
+/// Returns the element of an array of appended data. `offset`: in the data, of the array's length.
+[[nodiscard]] std::string vtk_array_element(const VtuArray& array, std::uint64_t offset);
+
 /// A .vtu file of one piece: an UnstructuredGrid of the file version 1.0, with appended raw data and the mark of an
 /// export (base/replaceable.h). Its user writes the numbers, in any order.
 class VtuFile {

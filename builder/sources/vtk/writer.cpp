@@ -54,7 +54,7 @@ class Writer final : public vtkXMLUnstructuredGridWriter {
   // declaration is written here; VTK writes none for data that are not encoded.
   int StartFile() override {
     if (!is_export || EncodeAppendedData == 0) return vtkXMLUnstructuredGridWriter::StartFile();
-    *Stream << "<?xml version=\"1.0\"?>\n" << vtu_export_mark << '\n';
+    *Stream << "<?xml version=\"1.0\"?>\n" << vtk_export_mark << '\n';
     EncodeAppendedDataOff();
     const int started = vtkXMLUnstructuredGridWriter::StartFile();
     EncodeAppendedDataOn();
