@@ -351,11 +351,9 @@ Status Player::draw(const DrawOptions& options) {
   SPLATVOL_TRY(set_draw_list());
   const double set_seconds = seconds_since(start);
   const View view = view_now();
-  compositing_ = options.compositing;
-  SPLATVOL_TRY(rasterizer_->set_compositing(compositing_));
   sort_ = options.sort;
-  sample_spacing_ = options.sample_spacing > 0 ? options.sample_spacing
-                                               : automatic_sample_spacing(view, frame_->detail, compositing_);
+  sample_spacing_ =
+      options.sample_spacing > 0 ? options.sample_spacing : automatic_sample_spacing(view, frame_->detail);
   SPLATVOL_TRY_ASSIGN(times, shows_surfaces() ? draw_with_surfaces(view) : draw_volume(view));
   times.upload += set_seconds;
   times_.draw = times;
@@ -379,7 +377,6 @@ Result<FrameTimes> Player::draw_volume(const View& view) {
   picture_.reset();
   if (surface_depths_) sample_spacing_ = 1;
   SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, sort_, sample_spacing_));
-  compositing_ = rasterizer_->drawn_compositing();
   return times;
 }
 
@@ -418,7 +415,6 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
     }
     return {};
   }();
-  compositing_ = rasterizer_->drawn_compositing();
   SPLATVOL_TRY(rasterizer_->set_surface_depths(nullptr));
   if (!drawn) return tl::unexpected(drawn.error());
   picture_ = composite.finish();

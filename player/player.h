@@ -51,7 +51,6 @@ struct PlayerOptions {
 
 struct DrawOptions {
   SortMode sort = SortMode::exact;
-  Compositing compositing = Compositing::splats;
   int sample_spacing = 0;  // pixels from one sample to the next, up to max_sample_spacing; 0: as many as lose nothing
   bool leaves_out_contours = false;  // else splats are not drawn of a scene that shows contours: they have none
 };
@@ -237,7 +236,6 @@ class Player {
 
   /// Returns how the last frame was drawn.
   [[nodiscard]] SortMode sort() const { return sort_; }
-  [[nodiscard]] Compositing compositing() const { return compositing_; }
   [[nodiscard]] int sample_spacing() const { return sample_spacing_; }
   [[nodiscard]] const PlayerTimes& times() const { return times_; }
 
@@ -309,7 +307,6 @@ class Player {
   std::optional<ExactPicture> exact_;
   FrameRequest request_;
   SortMode sort_ = SortMode::exact;
-  Compositing compositing_ = Compositing::splats;
   int sample_spacing_ = 1;
   PlayerTimes times_;
   FramePacer pacer_{1};

@@ -10,10 +10,9 @@
 namespace splatvol {
 
 /// Returns the pixels from one sample to the next, for Rasterizer::draw. A twelfth of the pixels that a splat may cover
-/// loses next to nothing (docs/accuracy.md). Slabs have wider samples of their own for large splats.
-[[nodiscard]] inline int automatic_sample_spacing(const View& view, const DetailOptions& detail,
-                                                  Compositing compositing) {
-  if (detail.resolution || detail.goal || compositing == Compositing::slabs) return 1;
+/// loses next to nothing (docs/accuracy.md).
+[[nodiscard]] inline int automatic_sample_spacing(const View& view, const DetailOptions& detail) {
+  if (detail.resolution || detail.goal) return 1;
   const double covered = detail.tolerance_percent / 100 * std::min(view.width, view.height);
   return std::clamp(static_cast<int>(std::min(covered, 1e6) / 12), 1, 6);
 }

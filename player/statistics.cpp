@@ -39,8 +39,6 @@ std::string_view name_of(SortMode sort) {
   return sort == SortMode::axis ? "axis" : "exact";
 }
 
-std::string_view name_of(Compositing compositing) { return compositing == Compositing::slabs ? "slabs" : "splats"; }
-
 json statistics_of(const Player& player) {
   if (player.exact()) return statistics_of_exact(player);
   const FrameSplats& frame = *player.frame();
@@ -52,7 +50,6 @@ json statistics_of(const Player& player) {
           {"height", scene.height},
           {"kernel", name_of(player.options().kernel)},
           {"sort", name_of(player.sort())},
-          {"raster", name_of(player.compositing())},
           {"lighting", lighting_of(scene)},
           {"sample_spacing", player.sample_spacing()},
           {"splats", frame.splats},

@@ -11,7 +11,6 @@ namespace splatvol {
 /// Return the words of svrender's options.
 [[nodiscard]] std::string_view name_of(KernelKind kernel);
 [[nodiscard]] std::string_view name_of(SortMode sort);
-[[nodiscard]] std::string_view name_of(Compositing compositing);
 
 /// Returns the statistics of the last frame, as `svrender --stats` writes them. Requires a frame, or an
 /// exact picture.

@@ -25,7 +25,8 @@ struct DrawnCells {
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;
 
   [[nodiscard]] std::uint64_t memory_bytes() const {
-    return points.capacity() * sizeof(dvec3) + (values.capacity() + opacity_values.capacity() + color_values.capacity()) * sizeof(double) +
+    return points.capacity() * sizeof(dvec3) +
+           (values.capacity() + opacity_values.capacity() + color_values.capacity()) * sizeof(double) +
            tetrahedra.capacity() * sizeof(tetrahedra[0]);
   }
 };

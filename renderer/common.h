@@ -56,7 +56,7 @@ struct TableSize {
 
 /// Largest deviation and distance of t of a splat's values on a linear axis: squares stay finite however narrow the
 /// domain is. Mean and deviation shrink by one factor, which changes next to nothing in what the splat shows of the
-/// domain: a jump. Neighbours have about the same deviation, so slabs may mix them.
+/// domain: a jump.
 using drawing::farthest_t;
 using drawing::largest_t_deviation;
 

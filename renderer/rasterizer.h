@@ -22,12 +22,6 @@ enum class SortMode {
   exact,  // back to front, by distance to the eye (perspective) or depth (orthographic)
 };
 
-/// How splats that overlap become a picture.
-enum class Compositing {
-  splats,  // one is drawn over the other
-  slabs,   // those in a slab of depth are mixed, and their density is divided by its sum: no order, no ripple
-};
-
 inline constexpr int max_sample_spacing = 64;
 
 /// The parts of a frame's time, in seconds. Each part is waited for.
@@ -52,14 +46,6 @@ class Rasterizer {
   /// Sets a light at the eye, or none: colours as they are.
   virtual void set_lighting(const std::optional<Lighting>& lighting) = 0;
 
-  /// Sets how splats that overlap become a picture: `splats` until then. Fails for `slabs` unless the processor draws
-  /// and the kernel is `moments`. Pictures of fewer than 64 pixels, and of data more than 1024 edges of its
-  /// cube (DrawingUnits) away, are drawn one by one all the same.
-  [[nodiscard]] virtual Status set_compositing(Compositing compositing) {
-    if (compositing == Compositing::splats) return {};
-    return fail(ErrorCode::invalid_argument, "OpenGL does not draw in slabs: take the device cpu");
-  }
-
   /// Sets what is drawn from now on, back to front. Holds the rows until the next call. Only rows that were not in the
   /// list before cost more than their range. Fails if the rows are of another kernel, and with ErrorCode::device if
   /// the device cannot hold them; then nothing is drawn.
@@ -77,15 +63,12 @@ class Rasterizer {
   /// Draws the splats as `view` sees them, on transparent black. Fails if the picture is larger than the device allows,
   /// or has another size than the depths of the surfaces. Fails with ErrorCode::cancelled if the thread is interrupted
   /// (base/interruption.h) and the device looks at it: the processor does.
-  /// A splat draws nothing if its value is NaN, or if its weight is 0, or its extinction unless it is mixed with
-  /// others. A splat of `octant` draws nothing either if its centre is not in front of the eye.
+  /// A splat draws nothing if its value is NaN, or if its weight or extinction is 0. A splat of `octant` draws nothing
+  /// either if its centre is not in front of the eye.
   ///
   /// `sample_spacing`: pixels from one sample to the next, 1 to max_sample_spacing. The pixels between are
   /// interpolated. Wide samples lose no detail of large splats, whose drawing time goes by samples.
   [[nodiscard]] virtual Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) = 0;
-
-  /// Returns how splats became the picture of the last draw.
-  [[nodiscard]] virtual Compositing drawn_compositing() const { return Compositing::splats; }
 
   /// Returns the picture of the last draw. Fails before the first.
   [[nodiscard]] virtual Result<Image> read_image() const = 0;

@@ -88,7 +88,6 @@ Status check_exact(const RenderOptions& options) {
   };
   if (options.kernel == "octant") return refuse("--kernel octant", "has no splats");
   if (options.sort != "exact") return refuse("--sort", "has no splats");
-  if (options.raster != "auto") return refuse("--raster", "has no splats");
   if (options.device == "gl") return refuse("--device gl", "is drawn by the processor");
   if (!options.progress_frames.empty() && !options.moves() && !options.plays())
     return refuse("--progress-frames", "has no frames on the way to it");

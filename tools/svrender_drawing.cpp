@@ -24,7 +24,6 @@ KernelKind kernel_of(const RenderOptions& options) {
 DrawOptions how_to_draw(const RenderOptions& options) {
   DrawOptions how;
   if (options.sort != "exact") how.sort = options.sort == "none" ? SortMode::none : SortMode::axis;
-  if (options.raster == "slabs") how.compositing = Compositing::slabs;
   if (options.sampling != "auto") how.sample_spacing = std::atoi(options.sampling.c_str());
   return how;
 }
@@ -181,8 +180,7 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   SPLATVOL_TRY(store(parse_bytes(options.memory), setup.memory));
   SPLATVOL_TRY(store(parse_bytes(options.gpu_memory), setup.gpu_memory));
   SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
-  const bool on_processor = options.raster == "slabs" || options.exact;
-  setup.device = device == Device::automatic && on_processor ? Device::cpu : device;
+  setup.device = device == Device::automatic && options.exact ? Device::cpu : device;
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
   setup.read_surface = surface_reader(reader_options);
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));
@@ -264,7 +262,6 @@ Provenance provenance_of(const RenderOptions& options, const Drawing& drawing) {
   }
   provenance["kernel"] = options.kernel.value_or("moments");
   provenance["sort"] = options.sort;
-  provenance["raster"] = std::string(name_of(player.compositing()));
   provenance["splats"] = fmt::format("{}", frame.splats);
   provenance["renderer"] = player.rasterizer().description();
   if (frame.detail.goal)

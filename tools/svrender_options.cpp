@@ -119,16 +119,9 @@ void add_drawing_options(CommandLine& app, RenderOptions& options) {
       ->one_of({"none", "axis", "exact"})
       ->capture_default_str()
       ->group(for_measurements);
-  app.add_option("--raster", options.raster,
-                 "splats: one drawn over the other, in their order; slabs: the processor mixes the splats in a slab of "
-                 "depth and divides their density by its sum: less ripple, but slower, and false colours where bodies "
-                 "of other values meet. auto: splats")
-      ->one_of({"auto", "splats", "slabs"})
-      ->capture_default_str()
-      ->group(for_measurements);
   app.add_option("--sampling", options.sampling,
                  "Pixels from one sample of the picture to the next, 1 to 64; the rest is interpolated. auto: a "
-                 "twelfth of what the tolerance lets a splat cover, at most 6; 1 without a tolerance, and in slabs")
+                 "twelfth of what the tolerance lets a splat cover, at most 6; 1 without a tolerance")
       ->type_name("PIXELS")
       ->check(check_sampling)
       ->capture_default_str()

@@ -42,7 +42,6 @@ struct RenderOptions {
   std::string device = "auto";
   ReadingOptions reading;  // of surfaces
   std::string sort = "exact";
-  std::string raster = "auto";
   std::optional<std::string> kernel;
   std::string sampling = "auto";
   bool exact = false;  // cells, and no splats

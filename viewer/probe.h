@@ -51,9 +51,8 @@ class ProbedFrame {
   ProbedFrame(DrawList list, const DrawingUnits& units);
 
   /// Follows a ray. Splats, boundary planes, weights and the spread of values count as in the picture, besides what the
-  /// rasterizers round; a splat of the kernel octant is a round Gaussian. Splats count one by one: where slabs mix
-  /// them, or octants are flat, the `opacity` of the picture tells how much all optical depths are to be scaled. None
-  /// if the ray meets nothing visible.
+  /// rasterizers round; a splat of the kernel octant is a round Gaussian. Where octants are flat, the `opacity` of the
+  /// picture tells how much all optical depths are to be scaled. None if the ray meets nothing visible.
   [[nodiscard]] std::optional<Probe> probe(const Transfer& transfer, const Looking& looking,
                                            std::optional<double> opacity = {}) const;
 

@@ -24,7 +24,6 @@ LEAST_LIGHT = 0.01  # of the exact picture's
 WAYS = {
     "exact": ["--exact"],
     "splats": ["--tolerance", "0", "--device", "cpu"],
-    "slabs": ["--tolerance", "0", "--raster", "slabs", "--device", "cpu"],
     "octant": ["--tolerance", "0", "--kernel", "octant", "--device", "cpu"],
     "OpenGL": ["--tolerance", "0", "--device", "gl"],
 }
@@ -227,7 +226,7 @@ HEAD = """
 `bench/svbench hard` made this page. Each case is a small mesh and a scene, in perspective and in parallel projection.
 `svrender --exact` draws the cells that the file keeps, and `svrender --tolerance 0` all points. The figures are root mean
 square errors of linear RGB against the exact picture (`svtruth`), the larger of the projections. *Signal* is the error
-of an empty picture. The bound holds for the kernel `moments`, one by one and in slabs. That of *exact* is .002: the file
+of an empty picture. The bound holds for the kernel `moments`. That of *exact* is .002: the file
 rounds positions and values. `octant`, the paper's kernel, knows neither the shape of cells nor the spread
 of their values: its error is to be below .85 of the signal, and functions have no bound there. Each bound is below half
 of the signal, and each picture has light in it: an empty one would fail. A case is *right* within its bounds. Else it
@@ -247,13 +246,13 @@ def page(results, options):
     compared = [result for result in results if result.vtk]
     if compared:
         kinds = list(compared[0].vtk)
-        lines += ["", "## Beside VTK", "The same meshes and scenes, drawn by VTK's mappers. Ratio: splats, the default, to the better of these.",
-                  f"| case | splats | slabs | {' | '.join(kinds)} | ratio |", f"|---|---|---|{'---|' * len(kinds)}---|"]
+        lines += ["", "## Beside VTK", "The same meshes and scenes, drawn by VTK's mappers. Ratio: splats to the better of these.",
+                  f"| case | splats | {' | '.join(kinds)} | ratio |", f"|---|---|{'---|' * len(kinds)}---|"]
         for result in compared:
-            ours = [f"{result.errors.get(way, float('nan')):.4f}" for way in ("splats", "slabs")]
-            ratio = result.errors.get("splats", float("nan")) / min(result.vtk.values())
-            ours_and_theirs = ours + [vtk_figure(result.vtk[kind]) for kind in kinds]
-            lines.append(f"| {result.case.name} | {' | '.join(ours_and_theirs)} | {ratio:.2f} |")
+            ours = result.errors.get("splats", float("nan"))
+            theirs = [vtk_figure(result.vtk[kind]) for kind in kinds]
+            ratio = ours / min(result.vtk.values())
+            lines.append(f"| {result.case.name} | {ours:.4f} | {' | '.join(theirs)} | {ratio:.2f} |")
     return "\n".join(lines) + "\n" + BOUNDS
 
 
@@ -277,9 +276,8 @@ BOUNDS = """
   Single precision has no order of chunks that lie one on the other there. Several such plates in one chunk are an error of
   `--exact`, and splats by default.
 - **Ten decades, seen at the lowest**: a cell has values of three times the domain, which its splats spread normally.
-- **Plates, dense**: one by one, splats are sorted by their centres, and what lies in one plane has no order. Slabs need none.
-  Plates thinner than pixels have no depth in a slab: their density is that of their splats, which ripples.
-- **0 and 1 at random**: slabs mix the values of neighbours before they are classified. One by one, each splat keeps its own.
+- **Plates, dense**: splats are sorted by their centres, and what lies in one plane has no order.
+- **0 and 1 at random**: a splat knows a plane and a spread of its own values, and not those of its neighbours.
 - **Thin layers round a sphere** differ at the outline, which ellipsoids make a pixel wider.
 - **One tetrahedron** is four ellipsoids.
 - **1 x 1 pixels**: splats are no narrower than pixels, so the picture is a mean over the pixel, and an exact ray is none.
@@ -298,7 +296,7 @@ functions that are narrow. Where they have not:
 |---|---|
 | extinction of 1e2 to 1e12 per size | VTK's ray caster samples the cells themselves, and finds an opaque surface exactly while its steps meet the ramp |
 | 0 and 1 at random | both of VTK's mappers interpolate in each cell. Splats have a plane and a spread for each point |
-| plates of 1:30 and 1:100, and a peak of 1e-02, dense | what lies in one plane has no order of its centres. Slabs need none |
+| plates of 1:30 and 1:100, and a peak of 1e-02, dense | what lies in one plane has no order of its centres |
 | a plate of 1:30, dense | VTK's projected tetrahedra have its exact outline; splats are ellipsoids cut off by planes |
 | one tetrahedron, a lattice along its axis | the same: most of the error lies at edges, of which an ellipsoid has one plane |
 """

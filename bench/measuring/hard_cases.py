@@ -10,8 +10,7 @@ import numpy as np
 from . import hard_meshes as meshes
 
 REFUSED = "refused"  # instead of a bound: one clear line, and no picture but an empty one
-WITHOUT_OCTANT = ("splats", "slabs", "OpenGL")
-WITHOUT_SLABS = ("splats", "octant", "OpenGL")
+WITHOUT_OCTANT = ("splats", "OpenGL")
 ROUNDED = 0.01  # where a rounded position or value moves what is seen
 BALL = 0.01  # for the ball of 12 cells across, whatever its units are: ellipsoids make its surface
 
@@ -269,11 +268,10 @@ def cameras():
 def shapes():
     yield Case("Meshes", "cells of nine decades", meshes.graded, scene(), 0.02, quick=True)
     yield Case("Meshes", "hanging nodes", meshes.hanging, scene(), 0.01, quick=True)
-    # In slabs, the mean of both values is classified, and layers far thinner than pixels are lost.
     visible = scene(domain=(0, 1), density=[[0, 0], [0.5, 0], [1, 3.0]])
-    yield Case("Meshes", "a body in another, which is invisible", meshes.body_in_another, visible, 0.02, quick=True, ways=WITHOUT_SLABS)
+    yield Case("Meshes", "a body in another, which is invisible", meshes.body_in_another, visible, 0.02, quick=True)
     opaque = scene(density=[[0, 500], [1, 5000]])
-    yield Case("Meshes", "thin layers round a sphere", meshes.layers_round_a_sphere, opaque, 0.08, quick=True, ways=("splats", "OpenGL"))
+    yield Case("Meshes", "thin layers round a sphere", meshes.layers_round_a_sphere, opaque, 0.08, quick=True, ways=WITHOUT_OCTANT)
     yield Case("Meshes", "inverted cells", lambda: inverted(ball()), scene(), BALL, baseline=True)
     yield Case("Meshes", "flat cells among others", lambda: with_flat_cells(ball()), scene(), BALL, quick=True, baseline=True)
     yield Case("Meshes", "a position that is NaN", lambda: changed(ball(), 30, position=np.nan), scene(), 0.01)

@@ -17,7 +17,7 @@ from . import peers, pictures
 from .common import output_of, processor
 
 FRAME_FIELDS = (
-    "part view mesh connectivity device kernel tolerance resolution max_splats max_error sort raster sampling "
+    "part view mesh connectivity device kernel tolerance resolution max_splats max_error sort sampling "
     "sample_spacing points splats nodes bytes_read file_bytes first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s "
     "expected_error rmse psnr max light ripple outline flip"
 ).split()
@@ -34,7 +34,6 @@ class Setting:
     tolerance: float = 0
     resolution: int | None = None
     sort: str = "exact"
-    raster: str = "splats"
     sampling: str = "auto"
     splats: int | None = None
     device: str = "auto"
@@ -47,7 +46,7 @@ class Setting:
         return {"resolution": self.resolution}
 
     def options(self):
-        names = ("device", "kernel", "sort", "raster", "sampling")
+        names = ("device", "kernel", "sort", "sampling")
         return {name: getattr(self, name) for name in names} | self.detail()
 
     def row(self):
@@ -164,7 +163,7 @@ class Contender:
         self.row |= self.bench.errors(self.truth, exr, self.background)
         if self.label:
             self.bench.picture_of(f"{self.row['view']}-{self.label}", exr, self.background)
-        if self.label in ("moments-0", "slabs-0"):
+        if self.label == "moments-0":
             self.bench.difference_of(f"{self.row['view']}-{self.label}", self.truth, exr)
 
     def take_turn(self, frames):
@@ -294,7 +293,7 @@ def take_turns(bench, part, points, contenders):
 
 def settings(plan, kernel, finest):
     """Yields tolerances and the resolutions below the finest, each with every sampling. Then the other ways to sort,
-    with all points, the tolerances on other devices, and those mixed in slabs."""
+    with all points, and the tolerances on other devices."""
     device, *others = plan["devices"]
     resolutions = range(finest - 1, max(finest - 1 - plan["resolutions"], -1), -1)
     for sampling in plan["samplings"]:
@@ -302,16 +301,13 @@ def settings(plan, kernel, finest):
         yield from (Setting(kernel, resolution=r, sampling=sampling, device=device) for r in resolutions)
     yield from (Setting(kernel, 0, sort=sort, device=device) for sort in plan["sorts"] if sort != "exact")
     yield from (Setting(kernel, t, device=other) for other in others for t in plan["tolerances"])
-    if kernel == "moments" and device != "gl":
-        yield from (Setting(kernel, t, raster="slabs", device=device) for t in plan["tolerances"])
 
 
 def picture_label(plan, setting):
     """Returns the name of a setting's picture if the page shows it, else None."""
     usual = setting.sort == "exact" and setting.sampling == "auto" and setting.device == plan["devices"][0]
     shown = usual and setting.resolution is None and setting.tolerance in plan["pictured_tolerances"]
-    name = setting.kernel if setting.raster == "splats" else setting.raster
-    return f"{name}-{setting.tolerance:g}" if shown else None
+    return f"{setting.kernel}-{setting.tolerance:g}" if shown else None
 
 
 def measure_view(bench, view, finest, points, note):

@@ -12,7 +12,7 @@ PEER_NAMES = {"projected-tets": "VTK projected tetrahedra", "ray-cast": "VTK ray
 CELLS = "cells"
 EXACT = "svtruth"
 NAMES = PEER_NAMES | {CELLS: "`svrender --exact`", EXACT: "`svtruth`"}
-TEXT = {"part", "view", "mesh", "connectivity", "device", "kernel", "sort", "raster", "sampling", "resolutions"}
+TEXT = {"part", "view", "mesh", "connectivity", "device", "kernel", "sort", "sampling", "resolutions"}
 
 
 class Row(dict):
@@ -50,7 +50,7 @@ class Results:
 
     def by_tolerance(self, view, tolerance, kernel, **columns):
         """Returns a usual frame of a tolerance, but for the columns named."""
-        usual = {"sort": "exact", "raster": "splats", "sampling": "auto", "device": self.device}
+        usual = {"sort": "exact", "sampling": "auto", "device": self.device}
         return self.one(view=view, tolerance=tolerance, kernel=kernel, **(usual | columns))
 
     def all_points(self, view, kernel, **columns):
@@ -104,8 +104,6 @@ def setting(row):
         words = [f"{row.tolerance:g} %" if row.tolerance is not None else f"resolution {row.resolution:.0f}"]
     if row.sort != "exact":
         words.append(f"sort {row.sort}")
-    if row.raster != "splats":
-        words.append(row.raster)
     if row.sample_spacing > 1:
         words.append(f"samples {row.sample_spacing:.0f} pixels apart")
     return ", ".join(words)
@@ -307,29 +305,6 @@ def growth(results):
     ]
 
 
-def slabs(results):
-    """Splats drawn one over the other beside splats mixed in slabs."""
-    pairs = [
-        [results.all_points(view, "moments", raster=raster) for raster in ("splats", "slabs")] for view in results.views
-    ]
-    pairs = [pair for pair in pairs if all(pair)]
-    if not pairs:
-        return []
-
-    def ratio(which):
-        return f"{geometric_mean([mixed[which] / plain[which] for plain, mixed in pairs if plain[which]]):.2f}"
-
-    return [
-        "## Mixed in slabs",
-        "",
-        *paragraph(f"""`--raster splats` draws one splat over the other; `--raster slabs` mixes them.
-            [accuracy.md](accuracy.md#mixed-in-slabs) has both for each view. Ripple is the error beside the outline of
-            the exact picture that is narrower than about 16 pixels, outline the error within 3 pixels of it (`svdiff`).
-            Geometric means with all points, slabs over splats: frame times {ratio("frame_s")}, RMSE {ratio("rmse")},
-            ripple {ratio("ripple")}, outline {ratio("outline")}."""),
-    ]
-
-
 # Smaller sections.
 
 
@@ -446,7 +421,7 @@ SHOWN = {
     "bluntfin-close-moments-5": "`moments`, 5 %",
     "bluntfin-close-projected-tets": PEER_NAMES["projected-tets"],
 }
-SHOWN_IN_ACCURACY = [f"{mesh}-{way}-0-difference" for mesh in ("bluntfin", "post") for way in ("moments", "slabs")]
+SHOWN_IN_ACCURACY = [f"{mesh}-moments-0-difference" for mesh in ("bluntfin", "post")]
 TABLES = ("frames.csv", "builds.csv", "reference.csv", "run.json")
 
 
@@ -523,7 +498,7 @@ def write(results, docs, plotted):
     """Writes results.md, results/ and pictures/ in `docs`. `plotted`: whether there is a plot."""
     docs.mkdir(parents=True, exist_ok=True)
     lines = head(results, plotted) + gallery(results, docs)
-    for section in (by_default, all_beside, against_peers, slabs, growth):
+    for section in (by_default, all_beside, against_peers, growth):
         lines += section(results)
     for section in (equal, sorting, building, scattered, lit, reference):
         lines += section(results)

@@ -22,7 +22,7 @@ TITLES = (
 def render(programs, file, options, work, *more):
     """Draws one picture. Returns svrender's statistics, with the peak memory of its process in bytes."""
     command = [programs / "svrender", file, "--scene", options.scene, "--tolerance", options.tolerance]
-    command += ["--memory", options.memory, "--device", options.device, "--raster", options.raster]
+    command += ["--memory", options.memory, "--device", options.device]
     command += ["-o", Path(work) / "picture.png"]
     command += ["--stats", Path(work) / "stats.json", *more]
     _, took = measured(*command)
@@ -59,7 +59,6 @@ def add_options(parser):
     parser.add_argument("--tolerance", default="3")
     parser.add_argument("--memory", default="64M")
     parser.add_argument("--device", choices=["cpu", "gl"], default="cpu", help="--device of svrender")
-    parser.add_argument("--raster", choices=["splats", "slabs"], default="splats", help="--raster of svrender")
     parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "docs/paging.md")
 
@@ -70,7 +69,7 @@ def run(options):
         "",
         *wrapped(
             f"""Made by `bench/svbench paging` at a tolerance of {options.tolerance} % in {options.memory}:
-            {os.cpu_count()} cores of {processor()}, `--device {options.device} --raster {options.raster}`. The same
+            {os.cpu_count()} cores of {processor()}, `--device {options.device}`. The same
             scene shows the same vortex in more and more points. The file is dropped from the system's cache before each
             run. The time of the first picture counts from the beginning of the program's work: the median of
             {options.turns} runs, and their range. `--progress-frames` draws the data that is there and does not wait.

@@ -21,10 +21,8 @@ def _splats(panel, rows, color, kernel):
     def by_tolerance(of):
         return sorted((row for row in of if row.tolerance is not None), key=lambda row: row.tolerance)
 
-    usual = [row for row in rows if row.sort == "exact" and row.raster == "splats" and row.sampling == "auto"]
+    usual = [row for row in rows if row.sort == "exact" and row.sampling == "auto"]
     curve(by_tolerance(usual), "o-", 5, f"{kernel}, by tolerance", linewidth=1.5)
-    mixed = [row for row in rows if row.raster == "slabs"]
-    curve(by_tolerance(mixed), "s--", 4, "slabs, by tolerance", linewidth=1)
     fixed = [row for row in usual if row.resolution is not None]
     curve(fixed, "o", 7, f"{kernel}, fixed resolutions", markerfacecolor="none")
     sampled = [row for row in rows if row.sampling == "4"]

@@ -95,7 +95,6 @@ struct RangeInView {
 enum class SortKey {
   distance,  // to the eye; depth in orthographic projection
   depth,
-  front,  // a depth that the splat does not reach, if it is not behind the eye
 };
 
 inline constexpr unsigned splats_per_group = 64;
@@ -163,28 +162,8 @@ struct NearSplat {
   float stretch;
   float spread, light;  // of all pixels, for an ellipse; negative: each pixel has its own
   float inverse_depth;  // 1 / depth of k = 1
-  float opacity;        // factor on the extinction, in slabs; else the strength has it
 };
-static_assert(sizeof(NearSplat) == 180);
-
-inline constexpr int coarsest_samples = 8;
-
-/// What slabs need of a near splat besides. Depths are in drawing units.
-struct SlabSplat {
-  float front, back;  // depths between which it lies
-  float depth;        // of k = 1
-  float chord;        // through its centre, as a difference of depths
-  float weight;       // about its optical depth; 0: nothing of it can be seen
-  float spacing;      // of the pixels at which it is sampled: 1, 2, 4 ... coarsest_samples
-  float stretch;      // as the near splat's
-  float kept;         // its volume before it was widened to pixels, as a share of that after
-};
-
-/// A part of a tile between two depths, in drawing units.
-struct Slab {
-  float front, back;
-  float kept = 1;  // mean of the splats in it, by optical depth
-};
+static_assert(sizeof(NearSplat) == 176);
 
 /// A splat of the kernel octant: a round Gaussian, whose alpha falls as 2^-(distance^2).
 struct GaussianSplat {
@@ -211,8 +190,7 @@ struct ScreenSplats {
   FarSplat* far = nullptr;
   NearSplat* near = nullptr;
   GaussianSplat* gaussians = nullptr;
-  SlabSplat* slab = nullptr;  // null: splats are not mixed in slabs
-  float* depths = nullptr;    // of Gaussians, as far as surfaces may hide them, else negative; null: no surfaces
+  float* depths = nullptr;  // of Gaussians, as far as surfaces may hide them, else negative; null: no surfaces
 
   [[nodiscard]] ScreenSplats from(std::size_t slot) const {
     return {bounds + slot,
@@ -220,7 +198,6 @@ struct ScreenSplats {
             far ? far + slot : nullptr,
             near ? near + slot : nullptr,
             gaussians ? gaussians + slot : nullptr,
-            slab ? slab + slot : nullptr,
             depths ? depths + slot : nullptr};
   }
 };

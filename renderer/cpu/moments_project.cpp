@@ -95,7 +95,6 @@ struct Body {
   Vector3 l_x, l_y, l_z;  // rows of L
   Vector3 u, v, w;        // columns of L^-1
   Float volume;           // determinant of L
-  Float kept;             // volume before it was widened to pixels, as a share
   Float longest;          // bound on the half axes
   Mask near;              // the eye's plane cuts it or almost touches it
   Vector3 normal;         // of the boundary in the ball's coordinates, outwards; 0: no boundary
@@ -218,7 +217,6 @@ HWY_INLINE Mask make_body(const FrameConstants& frame, const Records& records, V
                         sqrt(fma(deviations.y, deviations.y, low_pass)),
                         sqrt(fma(deviations.z, deviations.z, low_pass))};
   const Vector3 kept{deviations.x / widened.x, deviations.y / widened.y, deviations.z / widened.z};
-  body.kept = kept.x * kept.y * kept.z;
   value = value_of(frame, records, kept, widened);
 
   set_boundary(kept, foot, body);
@@ -487,7 +485,6 @@ struct Fields {
 };
 using FarFields = Fields<(offsetof(FarSplat, column_reach) + sizeof(float)) / 4>;
 using NearFields = Fields<sizeof(NearSplat) / 4>;
-using SlabFields = Fields<sizeof(SlabSplat) / 4>;
 
 /// A splat between outline and fields.
 struct Screen {
@@ -603,11 +600,8 @@ HWY_INLINE void add_linear(Vector3 constant, Vector3 by_x, Vector3 by_y, const T
   fields.add(fma(by_x, m.x_v, by_y * m.y_v));
 }
 
-/// Returns the depth of k = 1, in drawing units.
-HWY_INLINE Float unit_depth(const Body& body, const Rays& rays) { return rays.scale * body.pixel_size; }
-
 HWY_INLINE void set_near_fields(const Body& body, const Value& value, const Rays& rays, const Middle& middle,
-                                Float strength, Float opacity, const Screen& screen, NearFields& fields) {
+                                Float strength, const Screen& screen, NearFields& fields) {
   add_outline(screen, body.near, fields);
   const ToPixels& m = screen.to_pixels;
   add_linear(rays.d_0, rays.d_1, rays.d_2, m, fields);
@@ -624,8 +618,7 @@ HWY_INLINE void set_near_fields(const Body& body, const Value& value, const Rays
   fields.add(body.stretch);
   fields.add(select(body.near, -1.0F, middle.spread));
   fields.add(select(body.near, -1.0F, middle.light));
-  fields.add(Float(1.0F) / unit_depth(body, rays));
-  fields.add(opacity);
+  fields.add(Float(1.0F) / (rays.scale * body.pixel_size));
 }
 
 /// Returns where single precision holds all of the splat: else it is so large or so near that it overflows.
@@ -659,24 +652,22 @@ struct Bounds {
   alignas(64) std::array<std::int32_t, most_lanes> left, bottom, right, top;
 };
 
-/// `margin`: of pixels around the outline that belong to it.
-HWY_INLINE void set_bounds(const FrameConstants& frame, const Screen& screen, Mask near, Float margin, Bounds& bounds) {
+HWY_INLINE void set_bounds(const FrameConstants& frame, const Screen& screen, Mask near, Bounds& bounds) {
   const Float reach_x = screen.e_1.x * screen.reach;
   const Float half_height = sqrt(fma(screen.e_1.y, screen.e_1.y, screen.e_2.y * screen.e_2.y));
   const Float reach_y = select(near, screen.e_2.y, min(half_height, (abs(screen.e_1.y) + screen.e_2.y) * screen.reach));
   const auto pixel = [](Float at, float end)
                          HWY_ATTR { return max(truncate(hn::Ceil(clamp(at - 0.5F, 0.0F, end).v)), Int(0)); };
-  store(pixel(screen.x - reach_x - margin, frame.width), bounds.left.data());
-  store(pixel(screen.x + reach_x + margin, frame.width), bounds.right.data());
-  store(pixel(screen.y - reach_y - margin, frame.height), bounds.bottom.data());
-  store(pixel(screen.y + reach_y + margin, frame.height), bounds.top.data());
+  store(pixel(screen.x - reach_x, frame.width), bounds.left.data());
+  store(pixel(screen.x + reach_x, frame.width), bounds.right.data());
+  store(pixel(screen.y - reach_y, frame.height), bounds.bottom.data());
+  store(pixel(screen.y + reach_y, frame.height), bounds.top.data());
 }
 
 struct Projection {
   Bounds bounds;
   FarFields far;
   NearFields near;
-  SlabFields slab;
   alignas(64) std::array<std::int32_t, most_lanes> forms;  // as Form
 };
 
@@ -686,23 +677,6 @@ HWY_INLINE Mask masses_of(const Records& records, Float& mass) {
   mass = log_number(code) * load(records.ranges.mass_scale.data()) * to_float(bits_of<16, 8>(records.word(8)));
   const Mask positive = both(mass > Float(0.0F), mask_of(hn::Gt(code.v, hn::Zero(IntTag()))));
   return both(both(positive, is_finite(mass)), is_finite(bits_as_float(records.word(7))));
-}
-
-/// Returns the spacing of the pixels at which a splat is sampled in slabs. What lies between them is interpolated: sums
-/// of many splats are smooth where each of them is. Boundaries are not. Nor are sheets that are seen from the side:
-/// from one sample to the next their depth may change by half a chord, which is a slab, and no more.
-HWY_INLINE Float sample_spacing(const Body& body, const Rays& rays, const Screen& screen) {
-  constexpr float samples_across = 4.0F;  // of the smaller half of the outline's chords through its centre
-  const Float half_width = screen.e_1.x * screen.e_2.y / sqrt(screen.height2);
-  const Float least = min(half_width, screen.e_2.y);
-  const Float reach2 = dot(body.l_z, body.l_z), half2 = rays.scale * rays.scale / dot(rays.d_0, rays.d_0);
-  const Float by_slope = sqrt(half2 / max(reach2 - half2, reach2 * 1e-6F));
-  const Float most = least * min(by_slope, 1.0F / samples_across);
-  const Mask smooth = both(body.stretch <= Float(0.0F), body.centre.z > length(body.l_z));
-  Float spacing(1.0F);
-  for (int doubled = 2; doubled <= coarsest_samples; doubled *= 2)
-    spacing = select(both(smooth, most >= Float(static_cast<float>(doubled))), static_cast<float>(doubled), spacing);
-  return spacing;
 }
 
 /// Depths between which a splat lies, in drawing units.
@@ -732,34 +706,13 @@ HWY_INLINE Hidden hidden_by(const Surfaces& surfaces, const DepthExtent& extent,
   return {all, hn::AndNot(all, extent.back > load(nearest.data()))};
 }
 
-/// `peak`: the largest extinction in the splat.
-HWY_INLINE void set_slab_fields(const Body& body, const Rays& rays, Float strength, Float peak, Float spacing,
-                                SlabFields& fields) {
-  const auto [reach, front, back] = depth_extent(body);
-  const Float depth = unit_depth(body, rays);
-  const Float root = inverse_sqrt(dot(rays.d_0, rays.d_0));
-  fields.add(front);
-  fields.add(back);
-  fields.add(depth);
-  fields.add(min(root * depth * 2.0F, reach * 2.0F));
-  fields.add(max(root * strength * peak, 1e-12F));
-  fields.add(spacing);
-  fields.add(body.stretch);
-  fields.add(body.kept);
-}
-
 /// Projects a splat in each lane.
-void project(const FrameConstants& frame, const Records& records, bool in_slabs, Projection& result) {
+void project(const FrameConstants& frame, const Records& records, Projection& result) {
   Float mass;
   Mask drawn = masses_of(records, mass);
-  Float opacity(1.0F);
   if (frame.opacity.factors) {
-    opacity = opacity_factor(frame, records.opacities);
-    // Slabs tell by the masses where material is.
-    if (!in_slabs) {
-      mass = mass * opacity;
-      drawn = both(drawn, mass > Float(0.0F));
-    }
+    mass = mass * opacity_factor(frame, records.opacities);
+    drawn = both(drawn, mass > Float(0.0F));
   }
   const Vector3 centre = position_in_view(frame, records);
   drawn = both(drawn, is_finite(centre.x + centre.y + centre.z));
@@ -769,7 +722,7 @@ void project(const FrameConstants& frame, const Records& records, bool in_slabs,
   drawn = both(drawn, make_body(frame, records, centre, body, value));
   const Float extent = fma(sqrt(value.residual), 4.0F, length(value.gradient));
   const Float peak = peak_extinction(frame, value.mean - extent, value.mean + extent);
-  if (!in_slabs) drawn = both(drawn, peak > Float(0.0F));  // the others are mixed with their neighbours
+  drawn = both(drawn, peak > Float(0.0F));
 
   const float focal = frame.orthographic ? 1.0F : frame.focal;
   const Vector2 half_image{0.5F * frame.width / focal, 0.5F * frame.height / focal};
@@ -791,35 +744,26 @@ void project(const FrameConstants& frame, const Records& records, bool in_slabs,
   Float cut_strength = strength;
   const Mask bright = cut_rim(body, rays, peak, cut_strength, terms, screen);
   const Mask bright_near = peak * strength / rays.scale * body.longest > Float(least_depth);
-  if (in_slabs) {
-    screen.reach = 1.0F;
-  } else {
-    drawn = both(drawn, either(both(body.near, bright_near), hn::AndNot(body.near, bright)));
-    screen.reach = select(body.near, 1.0F, screen.reach);
-    strength = select(body.near, strength, cut_strength);
-  }
+  drawn = both(drawn, either(both(body.near, bright_near), hn::AndNot(body.near, bright)));
+  screen.reach = select(body.near, 1.0F, screen.reach);
+  strength = select(body.near, strength, cut_strength);
 
   const Mask changing = max(size_of(terms.g_change), size_of(terms.ray_change)) > Float(most_change);
-  Float spacing = in_slabs ? sample_spacing(body, rays, screen) : 1.0F;
-  set_bounds(frame, screen, body.near, spacing - 1.0F, result.bounds);
+  set_bounds(frame, screen, body.near, result.bounds);
   Mask partial = Float(0.0F) > Float(0.0F);
   if (frame.surfaces) {
     const Hidden hidden = hidden_by(*frame.surfaces, depth_extent(body), result.bounds);
     drawn = hn::AndNot(hidden.all, drawn);
     partial = both(drawn, hidden.part);
-    // At a surface's outline, chords are not smooth from pixel to pixel.
-    spacing = select(partial, 1.0F, spacing);
-    set_bounds(frame, screen, body.near, spacing - 1.0F, result.bounds);
   }
-  const Mask near = in_slabs ? drawn : both(drawn, either(partial, either(body.near, changing)));
+  const Mask near = both(drawn, either(partial, either(body.near, changing)));
   const Mask far = hn::AndNot(near, drawn);
   const Int near_form = select_int(partial, static_cast<int>(Form::partial), static_cast<int>(Form::near));
   store(select_int(near, near_form, select_int(far, static_cast<int>(Form::far), 0)), result.forms.data());
   const Middle middle = make_middle(frame, body, value, rays, terms);
-  result.far.used = result.near.used = result.slab.used = 0;
-  if (in_slabs) set_slab_fields(body, rays, strength, peak * opacity, spacing, result.slab);
+  result.far.used = result.near.used = 0;
   if (any(far)) set_far_fields(frame, body, value, rays, terms, middle, screen, result.far);
-  if (any(near)) set_near_fields(body, value, rays, middle, strength, opacity, screen, result.near);
+  if (any(near)) set_near_fields(body, value, rays, middle, strength, screen, result.near);
 }
 
 void write_splat(const Projection& projection, int lane, const ScreenSplats& screen, std::size_t slot) {
@@ -833,7 +777,6 @@ void write_splat(const Projection& projection, int lane, const ScreenSplats& scr
   if (screen.forms[slot] == Form::far) projection.far.copy(lane, &screen.far[slot]);
   if (screen.forms[slot] != Form::near && screen.forms[slot] != Form::partial) return;
   projection.near.copy(lane, &screen.near[slot]);
-  if (screen.slab) projection.slab.copy(lane, &screen.slab[slot]);
 }
 
 void project_all(const FrameConstants& frame, const SplatNumbers& splats, std::span<const std::uint32_t> numbers,
@@ -841,7 +784,7 @@ void project_all(const FrameConstants& frame, const SplatNumbers& splats, std::s
   Records records{};
   Projection projection{};
   for_each_group(splats, numbers, records, [&](std::size_t first, std::size_t count) HWY_ATTR {
-    project(frame, records, screen.slab != nullptr, projection);
+    project(frame, records, projection);
     for (std::size_t lane = 0; lane < count; ++lane)
       write_splat(projection, static_cast<int>(lane), screen, first + lane);
   });
@@ -857,12 +800,6 @@ Int keys_of(const FrameConstants& frame, const Records& records, SortKey kind) {
   Mask hidden = either(is_outside(frame, centre, radius), either(is_zero(mass), is_zero(coverage)));
   hidden = either(hidden, hn::Not(is_finite(bits_as_float(records.word(7)))));
   Float distance = frame.orthographic ? centre.z : length(centre);
-  if (kind == SortKey::front) {
-    const Float pixel = (frame.orthographic ? Float(1.0F) : max(centre.z, 0.0F) + radius) * (1.0F / frame.focal);
-    // The raster widens a splat by at most so many pixels.
-    const Float widened = pixel * fma(foot, 1.1F, 1.0F) * (half_axis * 0.45F);
-    distance = centre.z - (radius + widened) * 1.001F;
-  }
   return select_int(hidden, -1, key_of(max(distance, 0.0F)));
 }
 
@@ -887,8 +824,6 @@ HWY_EXPORT(target_name);
 void moments_keys(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys) {
   HWY_DYNAMIC_DISPATCH(keys_of_range)(frame, range, kind, keys);
 }
-
-float front_of_key(std::uint32_t key) { return std::bit_cast<float>(key ^ 0x7fffffffU); }  // projection-inl.h: key_of
 
 void project_moments(const FrameConstants& frame, const SplatNumbers& splats, std::span<const std::uint32_t> numbers,
                      const ScreenSplats& screen) {

@@ -125,11 +125,7 @@ void clear(Image& image, int width, int height) {
 
 }  // namespace
 
-struct TileRasterizer::Workspaces {
-  tbb::enumerable_thread_specific<SlabWorkspace> of_threads;
-};
-
-TileRasterizer::TileRasterizer(KernelKind kernel) : kernel_(kernel), workspaces_(std::make_unique<Workspaces>()) {}
+TileRasterizer::TileRasterizer(KernelKind kernel) : kernel_(kernel) {}
 
 TileRasterizer::~TileRasterizer() = default;
 
@@ -154,13 +150,6 @@ void TileRasterizer::set_tables(const TransferFunction& function) {
   for (const std::vector<float>& level : make_peak_levels(function, peak_entries))
     peaks_.insert(peaks_.end(), level.begin(), level.end());
   frame_.peaks = peaks_.data();
-}
-
-Status TileRasterizer::set_compositing(Compositing compositing) {
-  if (compositing == Compositing::slabs && kernel_ != KernelKind::moments)
-    return fail(ErrorCode::invalid_argument, "the kernel octant is not drawn in slabs: take the kernel moments");
-  compositing_ = compositing;
-  return {};
 }
 
 void TileRasterizer::set_lighting(const std::optional<Lighting>& lighting) { lighting_ = lighting; }
@@ -269,19 +258,9 @@ void TileRasterizer::set_view(const View& view) {
   }
 }
 
-// Slabs need depths that single precision tells apart, and pixels that are not much larger than splats.
-bool TileRasterizer::can_mix() const {
-  constexpr float edges_away = 1024, least_pixels = 64;  // of the file's cube
-  const float farthest = nearest_float(edges_away * units_.cube);
-  const auto is_near = [farthest](const RangeInView& range) { return std::abs(range.z) < farthest; };
-  return frame_.width * frame_.height >= least_pixels && std::ranges::all_of(ranges_, is_near);
-}
-
 void TileRasterizer::draw_samples(const View& view, SortMode sort, Image& target, FrameTimes& times) {
   Stopwatch stopwatch;
   set_view(view);
-  const bool mixes = compositing_ == Compositing::slabs && can_mix();
-  if (mixes != std::exchange(mixes_, mixes)) ordered_view_.reset();
   if (ranges_.empty()) return;
   times.upload += stopwatch.lap();
   const Sequence sequence = sequence_of(view, sort);
@@ -289,8 +268,6 @@ void TileRasterizer::draw_samples(const View& view, SortMode sort, Image& target
 
   grid_ = {view.width, view.height};
   closed_.assign(grid_.size(), 0);
-  carried_ = 0;
-  depths_ = {0, 0};
   for (std::size_t first = 0; first < sequence.count && std::ranges::count(closed_, 0) > 0; first += splats_per_batch) {
     if (is_interrupted()) return;
     draw_batch(sequence, first, target);
@@ -299,7 +276,6 @@ void TileRasterizer::draw_samples(const View& view, SortMode sort, Image& target
 }
 
 TileRasterizer::Sequence TileRasterizer::sequence_of(const View& view, SortMode sort) {
-  if (mixes_) sort = SortMode::exact;  // by front
   if (sort == SortMode::axis) {
     const int axis = longest_axis(glm::abs(view.forward));
     // Orders run back to front along the axis.
@@ -308,7 +284,7 @@ TileRasterizer::Sequence TileRasterizer::sequence_of(const View& view, SortMode 
   }
   if (sort == SortMode::none) return {nullptr, list_.splats, true};
   if (ordered_view_ != view) {
-    order_ = sort_keys(sorter_, mixes_ ? SortKey::front : SortKey::distance);
+    order_ = sort_keys(sorter_, SortKey::distance);
     ordered_view_ = view;
   }
   return {order_.data(), order_.size(), true};
@@ -346,55 +322,39 @@ std::span<const std::uint32_t> TileRasterizer::sort_keys(KeySorter& sorter, Sort
   return sorter.sort(keys_);
 }
 
-/// Makes room for a batch behind the slots that were carried over.
 void TileRasterizer::reserve_batch() {
-  const std::size_t batch = std::min<std::size_t>(splats_per_batch, list_.splats), slots = carried_ + batch;
+  const std::size_t batch = std::min<std::size_t>(splats_per_batch, list_.splats);
   if (numbers_.size() < batch) numbers_.resize(batch);
-  if (bounds_.size() < slots) bounds_.resize(slots);
-  if (forms_.size() < slots) forms_.resize(slots);
+  if (bounds_.size() < batch) bounds_.resize(batch);
+  if (forms_.size() < batch) forms_.resize(batch);
   if (kernel_ == KernelKind::octant) {
-    gaussians_.reserve(slots);
-    if (frame_.surfaces) depths_of_gaussians_.reserve(slots);
+    gaussians_.reserve(batch);
+    if (frame_.surfaces) depths_of_gaussians_.reserve(batch);
     return;
   }
-  near_.reserve(slots, carried_);
-  if (mixes_)
-    slab_.reserve(slots, carried_);
-  else
-    far_.reserve(slots);
+  near_.reserve(batch);
+  far_.reserve(batch);
 }
 
 ScreenSplats TileRasterizer::screen() {
-  return {bounds_.data(),
-          forms_.data(),
-          far_.data(),
-          near_.data(),
-          gaussians_.data(),
-          mixes_ ? slab_.data() : nullptr,
-          frame_.surfaces ? depths_of_gaussians_.data() : nullptr};
+  return {bounds_.data(), forms_.data(),     far_.data(),
+          near_.data(),   gaussians_.data(), frame_.surfaces ? depths_of_gaussians_.data() : nullptr};
 }
 
 void TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, Image& target) {
-  const std::size_t count = std::min(splats_per_batch, sequence.count - first), slots = carried_ + count;
+  const std::size_t count = std::min(splats_per_batch, sequence.count - first);
   reserve_batch();
   project_batch(sequence, first, count);
-  if (mixes_) {
-    const std::size_t next = first + count;
-    const float end = next < sequence.count ? front_of_key(keys_[sequence[next]]) : std::numeric_limits<float>::max();
-    depths_ = {depths_.back, end};
-  }
-  draw_tiles(slots, target);
-  if (mixes_) carry_over(slots);
+  draw_tiles(count, target);
 }
 
-/// Projects splats into the slots behind those that were carried over.
 void TileRasterizer::project_batch(const Sequence& sequence, std::size_t first, std::size_t count) {
   const SplatNumbers numbers{ranges_, first_ranges_};
   const auto project = kernel_ == KernelKind::moments ? project_moments : project_octant;
   tbb::parallel_for(std::size_t{0}, (count + splats_per_task - 1) / splats_per_task, [&](std::size_t task) {
     const std::size_t begin = task * splats_per_task, end = std::min(begin + splats_per_task, count);
     for (std::size_t i = begin; i < end; ++i) numbers_[i] = sequence[first + i];
-    project(frame_, numbers, std::span(numbers_).subspan(begin, end - begin), screen().from(carried_ + begin));
+    project(frame_, numbers, std::span(numbers_).subspan(begin, end - begin), screen().from(begin));
   });
 }
 
@@ -416,27 +376,12 @@ void TileRasterizer::draw_tile(std::size_t tile, Image& target) {
   pixels.values.fill(0);
   load_pixels(target, area, pixels);
   bool opaque = false;
-  if (mixes_)
-    opaque = blend_slabs(frame_, screen(), slots, depths_, area, workspaces_->of_threads.local(), pixels);
-  else if (kernel_ == KernelKind::moments)
+  if (kernel_ == KernelKind::moments)
     opaque = blend_moments(frame_, screen(), slots, area, pixels);
   else
     opaque = blend_octant(frame_, screen(), slots, area, pixels);
   closed_[tile] = opaque ? 1 : 0;
   store_pixels(pixels, area, target);
-}
-
-/// Moves the splats that reach behind the batch into its first slots.
-void TileRasterizer::carry_over(std::size_t slots) {
-  carried_ = 0;
-  for (std::size_t slot = 0; slot < slots; ++slot) {
-    const bool is_near = forms_[slot] == Form::near || forms_[slot] == Form::partial;
-    if (!is_near || slab_.data()[slot].back <= depths_.back) continue;
-    bounds_[carried_] = bounds_[slot];
-    forms_[carried_] = forms_[slot];
-    near_.data()[carried_] = near_.data()[slot];
-    slab_.data()[carried_++] = slab_.data()[slot];
-  }
 }
 
 Result<Image> TileRasterizer::read_image() const {
@@ -449,8 +394,7 @@ std::uint64_t TileRasterizer::device_bytes() const {
                         bytes_of(first_ranges_) + bytes_of(keys_) + sorter_.memory_bytes() + bytes_of(numbers_) +
                         bytes_of(bounds_) + bytes_of(forms_) + far_.memory_bytes() + near_.memory_bytes() +
                         gaussians_.memory_bytes() + bins_.memory_bytes() + bytes_of(closed_);
-  bytes += slab_.memory_bytes() + depths_of_gaussians_.memory_bytes() + (surfaces_ ? surfaces_->memory_bytes() : 0);
-  for (const SlabWorkspace& workspace : workspaces_->of_threads) bytes += workspace.memory_bytes();
+  bytes += depths_of_gaussians_.memory_bytes() + (surfaces_ ? surfaces_->memory_bytes() : 0);
   for (const std::vector<std::uint32_t>& order : axis_orders_) bytes += bytes_of(order);
   for (const Image* image : {&picture_, &samples_, &sample_rows_}) bytes += bytes_of(image->pixels);
   return bytes;

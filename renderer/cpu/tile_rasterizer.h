@@ -27,12 +27,10 @@ inline constexpr int largest_tiled_side = 16384;
 template <class Element>
 class Scratch {
  public:
-  /// Keeps the first elements, and loses the others if it grows.
-  void reserve(std::size_t count, std::size_t kept = 0) {
+  /// Loses all elements if it grows.
+  void reserve(std::size_t count) {
     if (count <= size_) return;
-    auto elements = std::make_unique_for_overwrite<Element[]>(count);
-    std::copy_n(elements_.get(), kept, elements.get());
-    elements_ = std::move(elements);
+    elements_ = std::make_unique_for_overwrite<Element[]>(count);
     size_ = count;
   }
   [[nodiscard]] Element* data() { return elements_.get(); }
@@ -55,15 +53,10 @@ class TileRasterizer final : public Rasterizer {
 
   [[nodiscard]] Status set_transfer_function(const Transfer& transfer, const DrawingUnits& units) override;
   void set_lighting(const std::optional<Lighting>& lighting) override;
-  /// Slabs have no order of splats: `draw` then ignores its sort mode.
-  [[nodiscard]] Status set_compositing(Compositing compositing) override;
   [[nodiscard]] Status set_draw_list(const DrawList& list) override;
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) override;
   [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
   [[nodiscard]] Result<Image> read_image() const override;
-  [[nodiscard]] Compositing drawn_compositing() const override {
-    return mixes_ ? Compositing::slabs : Compositing::splats;
-  }
   [[nodiscard]] std::uint64_t device_bytes() const override;
   [[nodiscard]] std::string description() const override;
 
@@ -83,7 +76,6 @@ class TileRasterizer final : public Rasterizer {
     }
   };
   void set_tables(const TransferFunction& function);
-  [[nodiscard]] bool can_mix() const;
   void set_view(const View& view);
   [[nodiscard]] Status prepare_surfaces(const View& view);
   void draw_samples(const View& view, SortMode sort, Image& target, FrameTimes& times);
@@ -95,14 +87,9 @@ class TileRasterizer final : public Rasterizer {
   void project_batch(const Sequence& sequence, std::size_t first, std::size_t count);
   void draw_tiles(std::size_t slots, Image& target);
   void draw_tile(std::size_t tile, Image& target);
-  void carry_over(std::size_t slots);
   [[nodiscard]] tiles::ScreenSplats screen();
 
-  struct Workspaces;  // of slabs, one for each thread
-
   KernelKind kernel_;
-  Compositing compositing_ = Compositing::splats;
-  bool mixes_ = false;  // in the last picture
   DrawingUnits units_;
   std::optional<Lighting> lighting_;
   tiles::FrameConstants frame_;
@@ -129,11 +116,7 @@ class TileRasterizer final : public Rasterizer {
   Scratch<tiles::FarSplat> far_;
   Scratch<tiles::NearSplat> near_;
   Scratch<tiles::GaussianSplat> gaussians_;
-  Scratch<tiles::SlabSplat> slab_;
   Scratch<float> depths_of_gaussians_;
-  std::size_t carried_ = 0;   // slots at the beginning of a batch, whose splats reach behind the batch before
-  tiles::Slab depths_{0, 0};  // of a batch
-  std::unique_ptr<Workspaces> workspaces_;
   tiles::Bins bins_;
 
   tiles::TileGrid grid_;

@@ -52,13 +52,6 @@ HWY_INLINE Float clamp(Float x, Float low, Float high) { return min(max(x, low),
 HWY_INLINE Float abs(Float a) { return hn::Abs(a.v); }
 HWY_INLINE Float sqrt(Float a) { return hn::Sqrt(a.v); }
 HWY_INLINE Float inverse_sqrt(Float a) { return Float(1.0F) / sqrt(a); }
-/// The same, faster, with a relative error of 1e-6. Requires a >= 1e-36.
-HWY_INLINE Float fast_inverse_sqrt(Float a) {
-  const Float guess = hn::ApproximateReciprocalSqrt(a.v);
-  return guess * fnma(a * guess, guess * 0.5F, 1.5F);
-}
-/// The same with a relative error of 4e-4.
-HWY_INLINE Float rough_inverse_sqrt(Float a) { return hn::ApproximateReciprocalSqrt(a.v); }
 HWY_INLINE Float select(Mask mask, Float yes, Float no) { return hn::IfThenElse(mask, yes.v, no.v); }
 HWY_INLINE Float only(Mask mask, Float yes) { return hn::IfThenElseZero(mask, yes.v); }
 HWY_INLINE Mask both(Mask a, Mask b) { return hn::And(a, b); }

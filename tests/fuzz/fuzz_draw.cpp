@@ -144,8 +144,6 @@ Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings&
   }
   SPLATVOL_TRY_ASSIGN(rasterizer, rasterizer_for(options.kernel, scene, streamer->units()));
   rasterizer->set_lighting(settings.light & 1 ? std::optional(Lighting{}) : std::nullopt);
-  const bool slabs = options.kernel == KernelKind::moments && (settings.drawing & 1);
-  SPLATVOL_TRY(rasterizer->set_compositing(slabs ? Compositing::slabs : Compositing::splats));
   SPLATVOL_TRY(rasterizer->set_draw_list(frame->list));
   constexpr SortMode sorts[] = {SortMode::none, SortMode::axis, SortMode::exact, SortMode::exact};
   SPLATVOL_TRY(rasterizer->draw(view, sorts[settings.drawing >> 1 & 3], 1 + (settings.drawing >> 3 & 3)));

@@ -29,7 +29,6 @@ namespace {
 
 using test::all_ways;
 using test::by_gl;
-using test::by_slabs;
 using test::by_splats;
 using test::Way;
 using ::testing::HasSubstr;
@@ -133,9 +132,8 @@ std::vector<Case> random_cases(std::size_t count) {
   std::vector<Case> cases;
   for (const Way& way : all_ways()) {
     cases.push_back({way.name, way, KernelKind::moments, test::list_of(test::random_splats(count))});
-    if (way.compositing == Compositing::splats)
-      cases.push_back({std::string(way.name) + ", octant", way, KernelKind::octant,
-                       test::make_list(octants, {{dvec3(0), 0, octants.size()}})});
+    cases.push_back({std::string(way.name) + ", octant", way, KernelKind::octant,
+                     test::make_list(octants, {{dvec3(0), 0, octants.size()}})});
   }
   return cases;
 }
@@ -187,7 +185,6 @@ TEST(Depths, ARoundSplatHasItsClosedForm) {
     const double pixel = (orthographic ? 1 : centre) / view.focal;
     const double a = moments_half_width * std::sqrt(deviation * deviation + 0.1 * pixel * pixel);
     for (const Way& way : all_ways()) {
-      if (way.compositing == Compositing::slabs) continue;  // they divide by the density
       Drawn drawn(way, test::list_of({splat}), test::uniform(1));
       for (const double depth : {2.2, 2.5, 2.8, 3.0, 3.1, 3.5, 3.7}) {
         SCOPED_TRACE(testing::Message() << way.name << ", orthographic " << orthographic << ", depth " << depth);
@@ -219,7 +216,6 @@ TEST(Depths, TheValueIsThatOfWhatIsInFront) {
   function.colors = {{0, dvec3(0)}, {1, dvec3(1)}};
   const View view = test::view_from(dvec3(0, 0, 3), true, 97, 97);
   for (const Way& way : all_ways()) {
-    if (way.compositing == Compositing::slabs) continue;
     Drawn drawn(way, test::list_of({splat}), function);
     for (const double depth : {2.7, 3.0, 3.2, 4.0}) {
       const vec4 middle = drawn.picture(view, constant(view, depth)).at(48, 48);
@@ -259,7 +255,7 @@ TEST(Depths, BodiesAreAsTheirRaysSay) {
           SCOPED_TRACE(testing::Message()
                        << way.name << ", " << name << ", orthographic " << orthographic << ", eye " << eye.x);
           const double error = rmse(drawn.picture(view, depths), test::exact(bodies, 1, view, &depths));
-          EXPECT_LT(error, way.compositing == Compositing::slabs ? 0.0065 : 0.02);
+          EXPECT_LT(error, 0.02);
           EXPECT_LT(error, 1.6 * without + 1e-3);
         }
       }
@@ -299,8 +295,7 @@ TEST(Depths, HideToTheEdgeOfAPixel) {
               squares += std::pow(image.at(x, y)[i] - without.at(x, y)[i], 2);
           }
       // Splats that are cut on the left are drawn in the near form, and have samples at each pixel.
-      const double bound = c.way.compositing == Compositing::slabs ? 0.012 : 1e-3;
-      EXPECT_LT(std::sqrt(squares / (4.0 * 70 * view.height)), bound);
+      EXPECT_LT(std::sqrt(squares / (4.0 * 70 * view.height)), 1e-3);
     }
 }
 
@@ -334,7 +329,6 @@ TEST(Depths, OctantSplatsAreFlat) {
   const DrawList list = test::make_list(std::vector{splat}, {{dvec3(0), 0, 1}});
   const View view = test::view_from(dvec3(0, 0, 3), false, 65, 65);
   for (const Way& way : all_ways()) {
-    if (way.compositing == Compositing::slabs) continue;
     Drawn drawn(way, KernelKind::octant, list, test::uniform(1));
     const Image without = drawn.picture(view);
     EXPECT_TRUE(are_same_bits(drawn.picture(view, constant(view, 3.01)), without));
@@ -396,14 +390,12 @@ TEST(Depths, AreTheSameBitsWithAnyNumberOfThreads) {
   const View view = test::view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
   const SurfaceDepths depths = ball(view, dvec3(0), 0.7);
   const DrawList list = test::list_of(test::random_splats(90'000, 0.002, 0.2));  // two batches
-  for (const Way& way : {by_splats, by_slabs}) {
-    std::optional<Image> first;
-    for (const std::size_t threads : {1, 2, 5}) {
-      const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-      const Image image = Drawn(way, list, test::lively()).picture(view, depths);
-      if (!first) first = image;
-      EXPECT_TRUE(are_same_bits(image, *first)) << way.name << " " << threads;
-    }
+  std::optional<Image> first;
+  for (const std::size_t threads : {1, 2, 5}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    const Image image = Drawn(by_splats, list, test::lively()).picture(view, depths);
+    if (!first) first = image;
+    EXPECT_TRUE(are_same_bits(image, *first)) << threads;
   }
 }
 
@@ -411,11 +403,9 @@ TEST(Depths, AreTheSamePictureWithAnyInstructions) {
   const View view = test::view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
   const SurfaceDepths depths = ball(view, dvec3(0), 0.7);
   const DrawList list = test::list_of(test::random_splats(5000));
-  for (const Way& way : {by_splats, by_slabs}) {
-    const Image newest = Drawn(way, list, test::lively()).picture(view, depths);
-    test::for_each_target(
-        [&] { EXPECT_LT(rmse(newest, Drawn(way, list, test::lively()).picture(view, depths)), 1e-4); });
-  }
+  const Image newest = Drawn(by_splats, list, test::lively()).picture(view, depths);
+  test::for_each_target(
+      [&] { EXPECT_LT(rmse(newest, Drawn(by_splats, list, test::lively()).picture(view, depths)), 1e-4); });
 }
 
 TEST(Surfaces, RangesHoldTheDepthsOfTheirPixels) {

@@ -108,7 +108,6 @@ TEST(Opacity, EachSplatHasItsOwn) {
   }
   const TransferFunction function = lively(), factors = ramp();
   for (const Way& way : all_ways()) {
-    if (way.compositing == Compositing::slabs) continue;  // they mix neighbours
     SCOPED_TRACE(way.name);
     Drawing drawing(way);
     const Image expected = drawing.picture(list_of(shown, {}), function);
@@ -213,7 +212,6 @@ TEST(Opacity, ServesTheKernelOctant) {
   }
   const TransferFunction function = lively(), factors = ramp();
   for (const Way& way : all_ways()) {
-    if (way.compositing == Compositing::slabs) continue;
     SCOPED_TRACE(way.name);
     Drawing drawing(way, KernelKind::octant);
     const Image expected = drawing.picture(list_of(shown, {}), times(function, 0.4));
@@ -237,7 +235,6 @@ TEST(Opacity, HoldsWhileListsChange) {
     append(without, pack_row(std::span(splats), dvec3(0), 1), 0, each, 1);
   }
   for (const Way& way : all_ways()) {
-    if (way.compositing == Compositing::slabs) continue;
     SCOPED_TRACE(way.name);
     const Image expected = Drawing(way).picture(all, {function, &factors});
     Drawing drawing(way);

@@ -92,13 +92,11 @@ Scene scene_in(const Scales& scales) {
 }
 
 // How a file is drawn.
-enum class Way { gl, slabs, splats };
+enum class Way { gl, processor };
 
 std::unique_ptr<Rasterizer> make_rasterizer(KernelKind kernel, Way way) {
   if (way == Way::gl) return GlRasterizer::create(kernel).value();
-  auto rasterizer = std::make_unique<TileRasterizer>(kernel);
-  EXPECT_TRUE(rasterizer->set_compositing(way == Way::slabs ? Compositing::slabs : Compositing::splats));
-  return rasterizer;
+  return std::make_unique<TileRasterizer>(kernel);
 }
 
 // Builds files and draws them.
@@ -125,7 +123,6 @@ class RendererTestBuilt : public test::FolderTest {
     const FrameSplats& frame = *streamer->request(view, scene.transfer_function, detail).value();
     EXPECT_TRUE(renderer->set_draw_list(frame.list));
     EXPECT_TRUE(renderer->draw(view, SortMode::exact, 1));
-    EXPECT_EQ(renderer->drawn_compositing() == Compositing::slabs, way == Way::slabs);
     return renderer->read_image().value();
   }
 
@@ -173,12 +170,11 @@ class RendererTestFunctions : public RendererTestBuilt {
 
  private:
   static constexpr Scales around_zero{1, 1, 0, -0.5};
-  static constexpr std::array<std::tuple<KernelKind, Way, const char*>, 5> ways{
+  static constexpr std::array<std::tuple<KernelKind, Way, const char*>, 4> ways{
       {{KernelKind::moments, Way::gl, "OpenGL"},
-       {KernelKind::moments, Way::slabs, "slabs"},
-       {KernelKind::moments, Way::splats, "splats"},
+       {KernelKind::moments, Way::processor, "processor"},
        {KernelKind::octant, Way::gl, "octant, OpenGL"},
-       {KernelKind::octant, Way::splats, "octant"}}};
+       {KernelKind::octant, Way::processor, "octant, processor"}}};
 
   static Scene scene_of(const TransferFunction& function) {
     Scene scene = scene_in({});
@@ -271,20 +267,16 @@ TEST_P(RendererTestScales, DoNotChangeThePicture) {
   check(KernelKind::octant, {.tolerance_percent = 2}, as_is);
 }
 
-// The processor's own: slabs are cut at depths, which have a unit.
 TEST_P(RendererTestScales, DoNotChangeThePictureOfTheProcessor) {
   const auto as_is = [](Scene&, const Scales&) {};
   const auto parallel = [](Scene& scene, const Scales& scales) {
     scene.camera.projection = Camera::Projection::orthographic;
     scene.camera.parallel_height = 4 * scales.length;
   };
-  for (const Way way : {Way::slabs, Way::splats}) {
-    SCOPED_TRACE(way == Way::slabs ? "slabs" : "splats");
-    check(KernelKind::moments, {.tolerance_percent = 0}, as_is, way);
-    check(KernelKind::moments, {.tolerance_percent = 10}, as_is, way);
-    check(KernelKind::moments, {.tolerance_percent = 1}, parallel, way);
-  }
-  check(KernelKind::octant, {.tolerance_percent = 2}, as_is, Way::splats);
+  check(KernelKind::moments, {.tolerance_percent = 0}, as_is, Way::processor);
+  check(KernelKind::moments, {.tolerance_percent = 10}, as_is, Way::processor);
+  check(KernelKind::moments, {.tolerance_percent = 1}, parallel, Way::processor);
+  check(KernelKind::octant, {.tolerance_percent = 2}, as_is, Way::processor);
 }
 
 TEST_P(RendererTestScales, DoNotChangeLightClipBoxAndParallelRays) {
@@ -335,7 +327,7 @@ TEST_P(RendererTestScales, DoNotChangeTheDefaultScene) {
 
 // A fill value that nobody knows as one, or any value far from all others, does not cost these their precision.
 TEST_F(RendererTestBuilt, OneFarValueLeavesTheOthersAsTheyWere) {
-  constexpr std::array<Way, 3> ways{Way::gl, Way::slabs, Way::splats};
+  constexpr std::array<Way, 2> ways{Way::gl, Way::processor};
   const auto errors = [&](std::optional<double> first) {
     build(plain_, ScaledMesh({}, first));
     const Image exact = exact_picture({}, first);
@@ -349,9 +341,7 @@ TEST_F(RendererTestBuilt, OneFarValueLeavesTheOthersAsTheyWere) {
   const auto usual = errors(std::nullopt);
   for (const double far : {1e3, 1e6, 1e8, 9.969209968386869e36, -1e30}) {
     const auto error = errors(far);
-    // Slabs mix the splats beside it with those behind these.
-    for (std::size_t i = 0; i < ways.size(); ++i)
-      EXPECT_LE(error[i], (ways[i] == Way::slabs ? 1.7 : 1.1) * usual[i]) << far << ", way " << i;
+    for (std::size_t i = 0; i < ways.size(); ++i) EXPECT_LE(error[i], 1.1 * usual[i]) << far << ", way " << i;
   }
 }
 

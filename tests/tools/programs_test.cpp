@@ -470,7 +470,7 @@ class RealData : public Programs {
   std::string built_;
 };
 
-constexpr const char* all_ways[] = {"--device cpu", "--device cpu --raster splats", "--device gl"};
+constexpr const char* all_ways[] = {"--device cpu", "--device gl"};
 
 TEST_F(RealData, TruthAgreesWithAnIndependentProgram) {
   for (const std::string& view : test::sample_of<std::string>(
@@ -679,10 +679,10 @@ TEST_F(RealData, TheSamplingOfATolerancesSplatsLosesNextToNothing) {
   for (const std::string& name : test::sample_of<std::string>({"post", "bluntfin", "wing"})) {
     build(name);
     for (const std::string tolerance : {"5", "10", "20"}) {
-      const json stats = render(name, "--raster splats --tolerance " + tolerance);
+      const json stats = render(name, "--tolerance " + tolerance);
       EXPECT_GT(stats["sample_spacing"], 1) << name;
       const double sampled = error_to_truth(name);
-      (void)render(name, "--raster splats --sampling 1 --tolerance " + tolerance);
+      (void)render(name, "--sampling 1 --tolerance " + tolerance);
       EXPECT_LT(sampled, 1.1 * error_to_truth(name)) << name << " " << tolerance;
     }
   }

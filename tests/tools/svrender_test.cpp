@@ -138,7 +138,7 @@ TEST_F(Svrender, DrawsCellsExactly) {
   EXPECT_THAT(run("mesh.svol --scene s.json -o scene.exr --splats 100").text, HasSubstr(" splats in "));
   expect_refusal("mesh.svol --scene s.json -o no.exr --kernel octant",
                  "--kernel octant: an exact picture has no splats");
-  for (const char* option : {"--device gl", "--raster slabs", "--sort none", "--progress-frames ."})
+  for (const char* option : {"--device gl", "--sort none", "--progress-frames ."})
     expect_refusal(std::string("mesh.svol --scene s.json -o no.exr ") + option, "an exact picture ");
   expect_refusal("v.svol --exact -o no.exr", "--drop-cells");
   for (const char* option : {"--tolerance 1", "--max-error .1", "--resolution 0", "--splats 9", "--milliseconds 9"})
@@ -179,11 +179,6 @@ TEST_F(Svrender, SlicesClipPlanesAndIsovaluesAreOptions) {
     expect_wrong(options);
 }
 
-TEST_F(Svrender, SlabsNeedTheProcessorAndMoments) {
-  expect_refusal("v.svol --scene s.json -o out.png --raster slabs --device gl", "cpu");
-  expect_refusal("v.svol --scene s.json -o out.png --raster slabs --kernel octant", "take the kernel moments");
-}
-
 TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   const auto statistics = [&](const std::string& options) {
     return test::document_of(run("v.svol --scene s.json -o out.png --stats - " + options));
@@ -204,14 +199,10 @@ TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   EXPECT_EQ(statistics("--size 20x10").at("width"), 20);
   for (const char* sort : {"none", "axis", "exact"})
     EXPECT_EQ(statistics(fmt::format("--sort {}", sort)).at("sort"), sort);
-  for (const char* other : {"", "--device cpu", "--raster auto", "--raster splats", "--device gl", "--kernel octant"})
-    EXPECT_EQ(statistics(other).at("raster"), "splats") << other;
-  EXPECT_EQ(statistics("--raster slabs --sort none").at("raster"), "slabs");
   EXPECT_EQ(statistics("--sampling 3").at("sample_spacing"), 3);
   EXPECT_EQ(statistics("").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("--tolerance 12.5 --size 400x500").at("sample_spacing"), 4);  // of 50 pixels
   EXPECT_EQ(statistics("--tolerance 1e30").at("sample_spacing"), 6);
-  EXPECT_EQ(statistics("--raster slabs --tolerance 1e30").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("--tolerance 50 --sampling 1").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("--resolution 0").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("").at("kernel"), "moments");
@@ -400,7 +391,7 @@ TEST_F(Svrender, DevicesDrawTheSamePicture) {
   scene_["lighting"] = true;
   write_scene();
   for (const char* options : {"--tolerance 0", "--tolerance 9", "--kernel octant", "--sort axis --tolerance 2"}) {
-    expect_done(fmt::format("svrender v.svol --scene s.json -o cpu.exr --device cpu --raster splats {}", options));
+    expect_done(fmt::format("svrender v.svol --scene s.json -o cpu.exr --device cpu {}", options));
     expect_done(fmt::format("svrender v.svol --scene s.json -o gl.exr --device gl {}", options));
     const ImageDifference difference = compare_images(picture_of("cpu.exr"), picture_of("gl.exr")).value();
     EXPECT_LT(difference.rmse, 1e-4) << options;

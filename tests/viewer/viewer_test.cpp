@@ -83,8 +83,7 @@ TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
   const View view = make_view(saved.camera, saved.width, saved.height).value();
   const auto splats = streamer->request(view, saved.transfer_function, {0.0, {}}).value();
   ASSERT_TRUE(renderer->set_draw_list(splats->list));
-  ASSERT_TRUE(
-      renderer->draw(view, SortMode::exact, automatic_sample_spacing(view, splats->detail, Compositing::splats)));
+  ASSERT_TRUE(renderer->draw(view, SortMode::exact, automatic_sample_spacing(view, splats->detail)));
   const auto difference = compare_images(shown, renderer->read_image().value()).value();
   EXPECT_EQ(difference.max, 0);
 }

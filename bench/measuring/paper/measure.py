@@ -42,7 +42,7 @@ class Paper:
     def render(self, file, scene, *options):
         """Draws one splat over the other, as the paper does. Returns the picture and svrender's statistics."""
         picture = self.new_file(".exr")
-        usual = ["--scene", scene, "-o", picture, "--stats", "-", "--raster", "splats"]
+        usual = ["--scene", scene, "-o", picture, "--stats", "-"]
         return picture, json.loads(self.run("svrender", file, *usual, *options))
 
     def new_file(self, ending):
