@@ -67,6 +67,41 @@ void set_eye_plane(const CellFrame& frame, const std::array<dvec3, 4>& p, const 
   plane.eye_f = nearest_float(gradient.y / frame.view->focal);
 }
 
+// s on a face whose corners have places on the screen. One that is seen edge-on has none.
+void set_near_face(const CellFrame& frame, const std::array<dvec3, 3>& p, const std::array<double, 3>& u,
+                   ContourInCell::Face& face) {
+  const View& view = *frame.view;
+  std::array<dvec2, 3> at;
+  std::array<double, 3> s;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const double w = view.orthographic ? 1 : 1 / p[k].z;
+    at[k] = dvec2(p[k]) * (view.focal * w);
+    s[k] = u[k] * w;
+  }
+  face.x = at[0].x, face.y = at[0].y;
+  face.largest_s = nearest_float(std::max({std::abs(s[0]), std::abs(s[1]), std::abs(s[2])}));
+  const dvec2 q = at[1] - at[0], r = at[2] - at[0];
+  const double area = q.x * r.y - q.y * r.x;
+  if (area == 0) return;
+  face.s = s[0];
+  face.e = ((s[1] - s[0]) * r.y - (s[2] - s[0]) * q.y) / area;
+  face.f = ((s[2] - s[0]) * q.x - (s[1] - s[0]) * r.x) / area;
+}
+
+// The same if a corner is behind the eye or far outside of the picture, in perspective: from the picture's middle.
+void set_far_face(const CellFrame& frame, const std::array<dvec3, 3>& p, const std::array<double, 3>& u,
+                  ContourInCell::Face& face) {
+  const dvec3 q = p[1] - p[0], r = p[2] - p[0], normal = glm::cross(q, r);
+  const double square = glm::dot(normal, normal), offset = glm::dot(normal, p[0]);
+  face.x = face.y = 0;
+  if (square == 0 || offset == 0) return;
+  const dvec3 gradient = ((u[1] - u[0]) * glm::cross(r, normal) + (u[2] - u[0]) * glm::cross(normal, q)) / square;
+  const dvec3 slope = (u[0] - glm::dot(gradient, p[0])) / offset * normal + gradient;
+  face.s = slope.z, face.e = slope.x / frame.view->focal, face.f = slope.y / frame.view->focal;
+  face.largest_s = nearest_float(std::abs(face.s) + std::abs(face.e) * frame.middle_x +
+                                 std::abs(face.f) * frame.middle_y);
+}
+
 // The pixels that a cell may cover; false: none.
 bool bound_pixels(const CellFrame& frame, const std::array<dvec3, 4>& corners, CellOnScreen& cell) {
   const View& view = *frame.view;
@@ -126,31 +161,24 @@ bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& 
 }
 
 ContourInCell contour_in(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
-                         const CellOnScreen& cell, const CellsOnScreen& screen, const std::array<float, 4>& u) {
-  const PointsOnScreen& points = setup.points;
+                         const CellOnScreen& cell, const std::array<float, 4>& u) {
   std::array<dvec3, 4> p;
   for (std::size_t k = 0; k < 4; ++k) p[k] = setup.in_view[corners[k]];
   ContourInCell contour{};
   for (std::size_t at = 0; at < 4; ++at) {
     const auto [a, b, c, opposite] = face_corners[cell.order >> (2 * at) & 3U];
     ContourInCell::Face& face = contour.faces[at];
+    const bool is_far_out = (setup.points.is_far_out[corners[a]] | setup.points.is_far_out[corners[b]] |
+                             setup.points.is_far_out[corners[c]]) != 0;
+    if (is_far_out && !frame.view->orthographic)
+      set_far_face(frame, {p[a], p[b], p[c]}, {u[a], u[b], u[c]}, face);
+    else
+      set_near_face(frame, {p[a], p[b], p[c]}, {u[a], u[b], u[c]}, face);
     face.low = std::min({u[a], u[b], u[c]}), face.high = std::max({u[a], u[b], u[c]});
-    const std::uint32_t first = corners[a], second = corners[b], third = corners[c];
-    if ((points.is_far_out[first] | points.is_far_out[second] | points.is_far_out[third]) != 0) {
-      const PlaneInSpace plane = plane_in_space(frame, {p[a], p[b], p[c]}, {u[a], u[b], u[c]}, screen.origin);
-      face.u = plane.reference.u, face.e = plane.face.e, face.f = plane.face.f;
-      continue;
-    }
-    // As plane_through() in cell_setup.cpp.
-    const float qx = points.x[second] - points.x[first], qy = points.y[second] - points.y[first];
-    const float rx = points.x[third] - points.x[first], ry = points.y[third] - points.y[first];
-    const float product = qy * rx, area = std::fma(qx, ry, -product);
-    const float size = std::max(std::abs(qx * ry) + std::abs(product), 1e-25F);
-    face.u = u[a];
-    if (std::abs(area) < size * 1e-6F) continue;
-    const float along_q = (u[b] - u[a]) * points.w[second], along_r = (u[c] - u[a]) * points.w[third];
-    face.e = std::fma(along_q, ry, -(along_r * qy)) / area;
-    face.f = std::fma(along_r, qx, -(along_q * rx)) / area;
+    face.whole_x = static_cast<float>(std::floor(face.x)), face.whole_y = static_cast<float>(std::floor(face.y));
+    face.rest_x = static_cast<float>(face.x - std::floor(face.x));
+    face.rest_y = static_cast<float>(face.y - std::floor(face.y));
+    face.single_s = nearest_float(face.s), face.single_e = nearest_float(face.e), face.single_f = nearest_float(face.f);
   }
   if (cell.far_out >= 0) set_eye_plane(frame, p, u, contour);
   return contour;

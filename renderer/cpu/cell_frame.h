@@ -37,9 +37,10 @@ struct CellEvents {
   std::array<std::vector<float>, 3> colors;  // of whole opacity
   std::vector<std::int32_t> colorings;
 
-  // Rounding of a value on a face, as a share of the largest u there: a value counts as higher by this much. So all
-  // values that are those of a contour lie on one side of it.
-  static constexpr float slack = 4e-7F;
+  // Bounds of the rounding of s on a face (ContourInCell), as shares of the largest one there. A value that double
+  // precision cannot tell from that of a contour counts as higher.
+  static constexpr float single_rounding = 2e-6F;
+  static constexpr double rounding = 1e-13;
 
   [[nodiscard]] int contours() const { return static_cast<int>(values.size()); }
 };
@@ -121,12 +122,17 @@ struct EventsOfCell {
   std::uint64_t slices;      // a bit for each
 };
 
-/// The values in a cell less that of a contour, as u: so that single precision tells which side of the contour they are
-/// on. Both cells of a face have the same bits here.
+/// The values in a cell less that of a contour, as u. Both cells of a face have the same bits here.
 struct ContourInCell {
-  /// At pixel (x, y): u = u_r + (e dx + f dy) z, as those of CellOnScreen::Face, within [low, high].
+  /// The values over the depth, s = u / z, or u in orthographic projection: linear in the pixel. Where single precision
+  /// cannot tell its sign, double precision does.
   struct Face {
-    float u, e, f, low, high;
+    double x, y, s, e, f;                // s at (x, y), and its slopes
+    float whole_x, whole_y;              // of x and y: a whole number, and
+    float rest_x, rest_y;                // the rest
+    float single_s, single_e, single_f;  // as s, e, f
+    float low, high;                     // least and largest u
+    float largest_s;                     // in size
   };
   std::array<Face, 4> faces;  // in the order of CellOnScreen::faces
   float eye_u, eye_e, eye_f;  // as those of FarOut
@@ -278,7 +284,7 @@ bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& 
 
 /// Returns a cell's values less that of a contour. `u`: these values at its corners.
 ContourInCell contour_in(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
-                         const CellOnScreen& cell, const CellsOnScreen& screen, const std::array<float, 4>& u);
+                         const CellOnScreen& cell, const std::array<float, 4>& u);
 
 /// Sets screen.shadings and screen.events, and what cells show.
 void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen);

@@ -147,10 +147,10 @@ EventsOfCell list_events(const CellFrame& frame, const DrawnCells& cells, std::s
   events.first = static_cast<std::int32_t>(std::ranges::upper_bound(values, low) - values.begin());
   for (events.end = events.first; events.end < frame.events->contours(); ++events.end) {
     const double value = values[static_cast<std::size_t>(events.end)];
-    if (high + double{CellEvents::slack} * (value - low) < value) break;
+    if (high < value) break;
     std::array<float, 4> u{};
     for (std::size_t k = 0; k < 4; ++k) u[k] = u_of(own[k], value, frame.inverse_domain, 0);
-    screen.contours.push_back(contour_in(frame, corners, setup, cell, screen, u));
+    screen.contours.push_back(contour_in(frame, corners, setup, cell, u));
   }
   return events;
 }

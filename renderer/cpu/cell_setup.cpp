@@ -100,9 +100,8 @@ void list_seen(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup
     const Int first_bin = bin_of(low), last_bin = bin_of(high);
     auto shows = hn::Gt(visible_before(last_bin + Int(1)).v, visible_before(first_bin).v);
     if (frame.events) {
-      const Float most = fma(max(abs(low), abs(high)), CellEvents::slack, high);
       for (const float u : frame.events->u)
-        shows = hn::Or(shows, hn::RebindMask(tag, both(low <= Float(u), most >= Float(u))));
+        shows = hn::Or(shows, hn::RebindMask(tag, both(low <= Float(u), high >= Float(u))));
       if (!setup.is_cut.empty()) shows = hn::Or(shows, hn::Gt(load(setup.is_cut.data() + first).v, hn::Zero(tag)));
     }
     shows = hn::And(shows, hn::RebindMask(tag, is_number(low)));

@@ -294,7 +294,6 @@ HWY_INLINE void add_event(const WholeSegments& whole, Mask met, Float d, Float n
 /// A cell in which rays may meet something.
 struct CellWithEvents {
   const CellOnScreen& cell;
-  const FarOut* far_out;
   const CellShading& shading;
   const EventsOfCell& events;
 };
@@ -310,22 +309,41 @@ struct SideOfContour {
   Float u;
   Mask is_above;
 };
-HWY_INLINE SideOfContour side_on_faces(const CellWithEvents& c, const ContourInCell& contour, const RaysInCell& rays,
-                                       Int number, int begin, int end, Float z) {
+
+/// Tells by double precision on which side places on a face are. `lanes`: a bit for each.
+HWY_NOINLINE std::uint32_t bits_above(const ContourInCell::Face& face, const RaysInCell& rays, std::uint32_t lanes) {
+  alignas(64) std::array<float, most_lanes> x, y;
+  store(rays.x, x.data());
+  store(rays.y, y.data());
+  std::uint32_t above = 0;
+  for (; lanes != 0; lanes &= lanes - 1) {
+    const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
+    const double s = face.s + face.e * (double{x[lane]} - face.x) + face.f * (double{y[lane]} - face.y);
+    if (s >= -CellEvents::rounding * double{face.largest_s}) above |= 1U << lane;
+  }
+  return above;
+}
+
+HWY_INLINE SideOfContour side_on_faces(const ContourInCell& contour, const RaysInCell& rays, Int number, int begin,
+                                       int end, Mask hit, Float z) {
   SideOfContour side;
   side.u = fma(contour.eye_e, rays.x, fma(contour.eye_f, rays.y, contour.eye_u));
   side.is_above = side.u >= Float(0.0F);
   for (int k = begin; k < end; ++k) {
-    const auto at = static_cast<std::size_t>(k);
-    const ContourInCell::Face& face = contour.faces[at];
-    const CellOnScreen::Reference& reference =
-        c.far_out ? c.far_out->references[at] : c.cell.corners[c.cell.second >> k & 1];
-    const Float n = fma(face.e, rays.x - reference.x, (rays.y - reference.y) * face.f);
-    const Float u = clamp(fma(n, z, face.u), face.low, face.high);
-    const float slack = std::max(std::abs(face.low), std::abs(face.high)) * CellEvents::slack;
-    const Mask here = mask_of(hn::Eq(number.v, Int(k).v));
-    side.u = select(here, u, side.u);
-    side.is_above = either(hn::AndNot(here, side.is_above), both(here, u + slack >= Float(0.0F)));
+    const ContourInCell::Face& face = contour.faces[static_cast<std::size_t>(k)];
+    const Mask here = both(hit, mask_of(hn::Eq(number.v, Int(k).v)));
+    if (!any(here)) continue;
+    const Float dx = (rays.x - face.whole_x) - face.rest_x, dy = (rays.y - face.whole_y) - face.rest_y;
+    const Float s = fma(dx, face.single_e, fma(dy, face.single_f, face.single_s));
+    Mask is_above = s >= Float(0.0F);
+    const Mask is_near = both(here, abs(s) <= Float(face.largest_s * CellEvents::single_rounding));
+    if (any(is_near)) {
+      const Int bits(static_cast<std::int32_t>(bits_above(face, rays, mask_bits(is_near))));
+      const Mask is_set = hn::Not(is_zero(bits & Int(hn::Shl(Int(1).v, lane_indices().v))));
+      is_above = either(hn::AndNot(is_near, is_above), both(is_near, is_set));
+    }
+    side.u = select(here, clamp(s * z, face.low, face.high), side.u);
+    side.is_above = either(hn::AndNot(here, side.is_above), both(here, is_above));
   }
   return side;
 }
@@ -356,8 +374,8 @@ HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const W
   for (std::int32_t i = c.events.first; i < c.events.end; ++i) {
     const ContourInCell& contour =
         t.screen.contours[c.events.contour_at + static_cast<std::uint32_t>(i - c.events.first)];
-    const SideOfContour enter = side_on_faces(c, contour, rays, rays.enter, 0, c.cell.fronts, whole.near_z);
-    const SideOfContour leave = side_on_faces(c, contour, rays, rays.leave, c.cell.fronts, 4, whole.far_z);
+    const SideOfContour enter = side_on_faces(contour, rays, rays.enter, 0, c.cell.fronts, whole.hit, whole.near_z);
+    const SideOfContour leave = side_on_faces(contour, rays, rays.leave, c.cell.fronts, 4, whole.hit, whole.far_z);
     Mask met = both(whole.hit, hn::Xor(enter.is_above, leave.is_above));
     const Float change = leave.u - enter.u, none = select(hn::Xor(rises, enter.is_above), Float(1.0F), Float(0.0F));
     const Mask is_flat = hn::Eq(change.v, hn::Zero(FloatTag()));
@@ -498,7 +516,7 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
                               pixel,
                               hit};
     if constexpr (has_events) {
-      add_with_events<orthographic, has_shades>(t, {cell, far_out, *shading, *events}, whole,
+      add_with_events<orthographic, has_shades>(t, {cell, *shading, *events}, whole,
                                                 {x, y, enter.face, leave.face}, first, tile);
     } else {
       add_whole<orthographic, has_shades>(t, whole, first, tile);
