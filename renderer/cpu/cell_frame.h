@@ -120,6 +120,7 @@ struct EventsOfCell {
   std::int32_t first, end;   // contours
   std::uint32_t contour_at;  // the first of them: in CellsOnScreen::contours
   std::uint64_t slices;      // a bit for each
+  std::array<std::uint64_t, 4> slices_of_faces;  // those in which faces lie, in the order of CellOnScreen::faces
 };
 
 /// The values in a cell less that of a contour, as u. Both cells of a face have the same bits here.

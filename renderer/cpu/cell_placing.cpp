@@ -138,7 +138,15 @@ std::uint64_t slices_through(const CellSetup& setup, const std::array<std::uint3
 EventsOfCell list_events(const CellFrame& frame, const DrawnCells& cells, std::size_t number, const CellSetup& setup,
                          const CellOnScreen& cell, CellsOnScreen& screen) {
   const std::array<std::uint32_t, 4>& corners = cells.tetrahedra[number];
-  EventsOfCell events{0, 0, static_cast<std::uint32_t>(screen.contours.size()), slices_through(setup, corners)};
+  EventsOfCell events{0, 0, static_cast<std::uint32_t>(screen.contours.size()), slices_through(setup, corners), {}};
+  for (std::size_t at = 0; at < 4 && events.slices != 0; ++at) {
+    const auto& of_face = face_corners[cell.order >> (2 * at) & 3U];
+    std::uint64_t& in_face = events.slices_of_faces[at] = events.slices;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const CellSetup::Sides& sides = setup.sides[corners[of_face[k]]];
+      in_face &= sides.before & sides.behind;
+    }
+  }
   if (cells.constant) return events;
   const std::vector<double>& values = frame.events->values;
   std::array<double, 4> own{};

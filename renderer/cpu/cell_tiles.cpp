@@ -416,7 +416,12 @@ HWY_NOINLINE void add_with_events(const CellTile& t, const CellWithEvents& c, co
     Float d = gather(tile.slices[slice].d.data(), whole.pixel & Int(cell_tile_pixels - 1));
     // Cells end a little later: of neighbours, the first one that has the place counts.
     const Float margin = fma(whole.near_d - whole.far_d, 1e-6F, max(abs(whole.near_d), abs(whole.far_d)) * 4e-7F);
-    const Mask met = both(whole.hit, both(d <= whole.near_d + margin, d >= whole.far_d - margin));
+    Mask met = both(d <= whole.near_d + margin, d >= whole.far_d - margin);
+    // Rounding of depths may take a slice off the face in which it lies.
+    for (std::int32_t k = 0; k < 4; ++k)
+      if ((c.events.slices_of_faces[static_cast<std::size_t>(k)] >> slice & 1) != 0)
+        met = either(met, either(mask_of(hn::Eq(rays.enter.v, Int(k).v)), mask_of(hn::Eq(rays.leave.v, Int(k).v))));
+    met = both(both(met, whole.hit), d > Float(-0.5F * farthest));
     if (!any(met)) continue;
     d = clamp(d, whole.far_d, whole.near_d);
     const Float share = share_of_depth(whole, d, z_at<orthographic>(d, whole.w));
