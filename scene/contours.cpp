@@ -1,8 +1,31 @@
 #include <algorithm>
+#include <cmath>
+#include <vector>
 
 #include "scene/scene.h"
 
 namespace splatvol {
+
+Status check_contours(const std::vector<SceneContour>& contours) {
+  constexpr std::size_t most = 256;  // each value costs time in every cell
+  std::vector<double> values;
+  const SceneColoring* coloring = nullptr;
+  for (const SceneContour& contour : contours) {
+    values.insert(values.end(), contour.values.begin(), contour.values.end());
+    if (!contour.color_by) continue;
+    if (coloring && *coloring != *contour.color_by)
+      return fail(ErrorCode::invalid_data, "contours: two differ in color_by; give all the same");
+    coloring = &*contour.color_by;
+  }
+  if (values.size() > most)
+    return fail(ErrorCode::invalid_data, "contours: {} values; at most {} are drawn", values.size(), most);
+  if (!std::ranges::all_of(values, [](double value) { return std::isfinite(value); }))
+    return fail(ErrorCode::invalid_data, "contours: a value is not finite");
+  std::ranges::sort(values);
+  if (const auto twice = std::ranges::adjacent_find(values); twice != values.end())
+    return fail(ErrorCode::invalid_data, "contours: the value {} is given twice; one surface has one look", *twice);
+  return {};
+}
 
 Contours contours_of(const Scene& scene) {
   Contours all;

@@ -74,7 +74,10 @@ struct Contours {
   [[nodiscard]] bool operator==(const Contours&) const = default;
 };
 
-/// Returns the contours of a scene that are shown and not wholly transparent.
+/// Fails if contours have too many values, equal ones, one that is not finite, or differ in what colours them.
+[[nodiscard]] Status check_contours(const std::vector<SceneContour>& contours);
+
+/// Returns the contours of a scene that are shown and not wholly transparent. Requires check_contours.
 [[nodiscard]] Contours contours_of(const Scene& scene);
 
 /// A plane in world units.
@@ -106,6 +109,9 @@ struct ClipRegion {
 
   [[nodiscard]] bool operator==(const ClipRegion&) const = default;
 };
+
+/// Most slices of a view.
+inline constexpr std::size_t most_slices = 64;
 
 /// A slice of the scene.
 struct Slice {
@@ -144,7 +150,8 @@ struct View {
 /// Fails if the camera's axes are degenerate: the position equals the focal point, or up lies along the line of sight.
 [[nodiscard]] Result<View> make_view(const Camera& camera, int width, int height);
 
-/// Returns the view of the scene's camera, with its clip box, active clip planes, and slices that are shown.
+/// Returns the view of the scene's camera, with its clip box, active clip planes, and slices that are shown. Fails if
+/// check_contours does, and if more than 64 slices are shown.
 [[nodiscard]] Result<View> make_view(const Scene& scene);
 
 }  // namespace splatvol

@@ -256,30 +256,6 @@ Result<SceneContour> read_contour(const JsonField& field) {
   return contour;
 }
 
-// Each value costs time in every cell.
-constexpr std::size_t most_contours = 256;
-
-Result<std::vector<SceneContour>> read_contours(const JsonField& field) {
-  SPLATVOL_TRY_ASSIGN(contours, field.each(&read_contour));
-  std::vector<double> values;
-  const SceneColoring* coloring = nullptr;
-  for (std::size_t i = 0; i < contours.size(); ++i) {
-    const JsonField contour = field.element(i);
-    for (const double value : contours[i].values) {
-      if (std::ranges::find(values, value) != values.end())
-        return contour.member("values").wrong("{} is given twice; one surface has one look", value);
-      values.push_back(value);
-    }
-    if (!contours[i].color_by) continue;
-    if (coloring && *coloring != *contours[i].color_by)
-      return contour.member("color_by").wrong("differs from that of another contour; give all the same");
-    coloring = &*contours[i].color_by;
-  }
-  if (values.size() > most_contours)
-    return field.wrong("{} values; at most {} are drawn", values.size(), most_contours);
-  return contours;
-}
-
 Status read_plane(const JsonField& field, dvec3& point, dvec3& normal) {
   SPLATVOL_TRY_SET(point, vector(field.member("point")));
   SPLATVOL_TRY_SET(normal, vector(field.member("normal")));
@@ -362,7 +338,10 @@ Result<Scene> read_scene(const JsonField& field) {
   SPLATVOL_TRY(read_truth(field.member("outline"), scene.outline));
   if (field.has("scalar_bar")) SPLATVOL_TRY_SET(scene.scalar_bar, read_scalar_bar(field.member("scalar_bar")));
   if (field.has("surfaces")) SPLATVOL_TRY_SET(scene.surfaces, read_surfaces(field.member("surfaces")));
-  if (field.has("contours")) SPLATVOL_TRY_SET(scene.contours, read_contours(field.member("contours")));
+  if (const JsonField contours = field.member("contours"); contours.exists()) {
+    SPLATVOL_TRY_SET(scene.contours, contours.each(&read_contour));
+    SPLATVOL_TRY(check_contours(scene.contours));
+  }
   SPLATVOL_TRY(read_planes(field.member("slices"), &read_slice, scene.slices));
   SPLATVOL_TRY(read_planes(field.member("clip_planes"), &read_clip_plane, scene.clip_planes));
   return scene;

@@ -78,6 +78,9 @@ Result<View> make_view(const Scene& scene) {
   for (const SceneSlice& slice : scene.slices)
     if (slice.shown && slice.opacity > 0)
       view.slices.push_back({make_plane(slice.point, slice.normal), std::min(slice.opacity, 1.0)});
+  if (view.slices.size() > most_slices)
+    return fail(ErrorCode::invalid_argument, "{} slices; at most {} are drawn", view.slices.size(), most_slices);
+  SPLATVOL_TRY(check_contours(scene.contours));
   return view;
 }
 

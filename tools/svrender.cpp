@@ -47,7 +47,9 @@ Status warn_if_empty(const RenderOptions& options, const Player& player, const I
   if (std::ranges::any_of(image.pixels, [](const vec4& pixel) { return pixel.a >= least_alpha; })) return {};
   SPLATVOL_TRY_ASSIGN(bounds, domain_of(player.streamer().volume()));
   EmptyReason why = why_empty(player.view(), transfer_of(player.scene()), player.streamer().shown_attributes(), bounds);
-  if (!why) {
+  if (player.shows_contours()) {
+    why = {"no contour is in the picture", "take values that are in the data, or move the camera"};
+  } else if (!why) {
     SPLATVOL_TRY_ASSIGN(without_material, why_without_material(player.streamer().volume()));
     const bool draws = player.exact() ? player.exact()->chunks > 0 : player.frame()->splats > 0;
     why = without_material ? without_material : why_empty_in_view(draws);

@@ -526,7 +526,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
     request.detail.goal = ErrorGoal{0, std::min(moving_splats(), player_->device_splats())};
   else
     request.detail = sharpening_->detail();
-  DrawOptions options;
+  DrawOptions options{.leaves_out_contours = true};  // they come at rest
   if (!moves && !awaits_step_ && can_draw_aside())
     return draw_aside([this, request, options] { return draw_splats(request, options); });
 
@@ -617,11 +617,12 @@ Status Session::draw_splats(const FrameRequest& request, const DrawOptions& opti
   return {};
 }
 
-// Where nobody looks at coarser pictures, there are none. 0: splats are wanted, or there is nothing else.
+// Where nobody looks at coarser pictures, there are none. 0: splats are wanted, or there is nothing else. Splats have no
+// contours.
 int Session::first_exact_spacing() const {
   const ViewSettings& used = used_settings_;
-  if (used.tolerance || used.kernel == KernelKind::octant || used.most_exact_segments == 0) return 0;
-  if (!player_->has_cells()) return 0;
+  const bool wants_splats = used.tolerance || used.kernel == KernelKind::octant || used.most_exact_segments == 0;
+  if ((wants_splats && !player_->shows_contours()) || !player_->has_cells()) return 0;
   return used.hurries ? coarsest_exact_spacing : 1;
 }
 
@@ -639,7 +640,7 @@ Status Session::draw_exact() {
     if (estimate.unknown_cells > 0)
       return fail(ErrorCode::unsupported, "{}: {} of its cells have shapes that only a newer svview knows", path_,
                   estimate.unknown_cells);
-    if (estimate.segments > used_settings_.most_exact_segments) {
+    if (estimate.segments > used_settings_.most_exact_segments && !player_->shows_contours()) {
       exact_spacing_ = 0;
       is_to_make_ready_ = false;
       return {};
@@ -764,7 +765,9 @@ void Session::begin_rest() {
   if (settings.hurries && frame()) options.first_splats = std::bit_floor(std::max(frame()->splats, least_first_splats));
   sharpening_.emplace(options);
   exact_spacing_ = first_exact_spacing();
-  if (settings.most_exact_segments == any_segments && !player_->has_cells())
+  if (player_->shows_contours() && !player_->has_cells())
+    tell_of_splats(path_ + ": it keeps no cells, and only these have contours");
+  else if (settings.most_exact_segments == any_segments && !player_->has_cells())
     tell_of_splats(path_ + ": it keeps no cells");
   is_to_make_ready_ = exact_spacing_ > 0 && can_draw_aside();
   skips_splats_ = moving_is_drawn_ && player_->exact();

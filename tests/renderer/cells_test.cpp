@@ -11,94 +11,21 @@
 #include <random>
 
 #include "renderer/surfaces/draw_surfaces.h"
-#include "tests/renderer/mesh_source.h"
-#include "tests/renderer/reference/meshes.h"
+#include "tests/renderer/drawn_cells.h"
 #include "tests/renderer/targets.h"
 
 namespace splatvol {
 namespace {
 
+using test::Difference;
+using test::Drawn;
 using test::MeshSource;
-
-struct Drawn {
-  Mesh mesh;
-  Scene scene;
-  std::vector<double> opacity_values = {};
-  bool constant = false;
-  std::optional<SurfaceDepths> surfaces = {};
-
-  [[nodiscard]] TetMesh view() const {
-    TetMesh view = mesh.view();
-    view.constant = constant;
-    view.opacity_values = opacity_values;
-    return view;
-  }
-  [[nodiscard]] CellDrawing drawing() const {
-    auto view = make_view(scene);
-    EXPECT_TRUE(view);
-    CellDrawing drawing{.view = *view, .transfer = transfer_of(scene), .lighting = scene.lighting};
-    if (surfaces) drawing.layers.push_back({&*surfaces});
-    return drawing;
-  }
-};
-
-Image draw(const MeshSource& source, const CellDrawing& drawing) {
-  const auto picture = CellRasterizer().draw(source, drawing);
-  EXPECT_TRUE(picture) << picture.error().message;
-  return picture ? picture->image : Image{};
-}
-
-struct Difference {
-  double rmse = 0, most = 0;
-};
-Difference difference(const Image& a, const Image& b) {
-  EXPECT_EQ(a.pixels.size(), b.pixels.size());
-  Difference result;
-  for (std::size_t i = 0; i < a.pixels.size() && i < b.pixels.size(); ++i)
-    for (int c = 0; c < 4; ++c) {
-      const double error = std::abs(double{a.pixels[i][c]} - double{b.pixels[i][c]});
-      EXPECT_FALSE(std::isnan(error)) << "pixel " << i;
-      result.rmse += error * error / (4.0 * static_cast<double>(a.pixels.size()));
-      result.most = std::max(result.most, error);
-    }
-  result.rmse = std::sqrt(result.rmse);
-  return result;
-}
-
-// Pictures in chunks of a few sizes against the exact one.
-void expect_exact(const Drawn& drawn, double rmse, double most) {
-  ReferenceOptions options;
-  if (drawn.surfaces) options.surface_depths = &*drawn.surfaces;
-  const auto exact = render_reference(drawn.view(), drawn.scene, options);
-  ASSERT_TRUE(exact) << exact.error().message;
-  double alpha = 0;
-  for (const vec4& pixel : exact->image.pixels) alpha = std::max<double>(alpha, pixel.a);
-  EXPECT_GT(alpha, 0.01) << "an empty picture tells nothing";
-  for (const std::size_t cells : {std::size_t{100000}, std::size_t{300}}) {
-    const Difference error = difference(draw(MeshSource(drawn.view(), cells), drawn.drawing()), exact->image);
-    EXPECT_LE(error.rmse, rmse) << "chunks of " << cells;
-    EXPECT_LE(error.most, most) << "chunks of " << cells;
-  }
-}
-
-double curved(dvec3 p) { return 0.5 + 0.4 * std::sin(5 * p.x + 2 * p.y) * std::cos(4 * p.z - p.y); }
-
-// Points move, so that no ray runs along a face.
-Mesh bent_box(std::uint32_t n, const Field& field = curved) {
-  Mesh mesh = make_box(n, field);
-  std::mt19937 random(7);
-  std::uniform_real_distribution<double> move(-0.2 / n, 0.2 / n);
-  for (dvec3& point : mesh.points) point += dvec3(move(random), move(random), move(random));
-  return mesh;
-}
-
-Scene colored_scene(double extinction, dvec3 eye = {2.3, 1.9, 3.1}) {
-  Scene scene = make_scene(extinction, 70, 61);
-  scene.transfer_function.colors = {{0, {0.1, 0.2, 0.9}}, {0.3, {0.9, 0.1, 0}}, {0.6, {0, 1, 0.3}}, {1, {1, 1, 0.5}}};
-  scene.transfer_function.densities = {{0, 0}, {0.2, extinction}, {0.5, 0.1 * extinction}, {1, 2 * extinction}};
-  look(scene, eye, {0.53, 0.31, 0.2});
-  return scene;
-}
+using test::bent_box;
+using test::colored_scene;
+using test::curved;
+using test::difference;
+using test::draw;
+using test::expect_exact;
 
 TEST(Cells, AreExactFromOutsideAndInside) {
   const Mesh mesh = bent_box(8);

@@ -140,6 +140,56 @@ TEST(ParseScene, AnOpacityIsReadAndWrittenBack) {
   EXPECT_THAT(error_of(changed("/opacity", 0.5)), StartsWith("opacity"));
 }
 
+TEST(ParseScene, ContoursAreReadAndWrittenBack) {
+  const json coloring = {{"attribute", "T"}, {"domain", {1, 100}}, {"axis", "log"}, {"colors", {{0, 0, 0, 1}}}};
+  const json contours = {{{"values", {0.25, -1}}, {"color", {1, 0.5, 0}}, {"opacity", 0.5}},
+                         {{"values", {3}}, {"color_by", coloring}},
+                         {{"values", {2}}, {"shown", false}},
+                         {{"values", {7}}}};
+  const auto scene = test::value_of(parse_scene(changed("/contours", contours)));
+  EXPECT_EQ(scene.contours[0], (SceneContour{.values = {0.25, -1}, .color = dvec3(1, 0.5, 0), .opacity = 0.5}));
+  EXPECT_EQ(scene.contours[1].color_by->attribute, "T");
+  EXPECT_EQ(parse_scene(scene_to_json(scene)).value(), scene);
+
+  // Those that are shown, by their values.
+  const Contours shown = contours_of(scene);
+  ASSERT_EQ(shown.surfaces.size(), 4U);
+  const dvec3 color = scene.transfer_function.color(7);
+  EXPECT_EQ(shown.surfaces[0], (Contour{.value = -1, .color = {1, 0.5, 0}, .opacity = 0.5}));
+  EXPECT_EQ(shown.surfaces[1], (Contour{.value = 0.25, .color = {1, 0.5, 0}, .opacity = 0.5}));
+  EXPECT_TRUE(shown.surfaces[2].is_colored);
+  EXPECT_EQ(shown.surfaces[3], (Contour{.value = 7, .color = color, .opacity = 1}));
+  EXPECT_EQ(shown.attribute, "T");
+  EXPECT_EQ(shown.colors.axis, ValueAxis::log);
+}
+
+TEST(ParseScene, NamesTheWrongPartOfAContour) {
+  const auto refuses = [](const json& contours, const std::string& message) {
+    EXPECT_THAT(error_of(changed("/contours", contours)), StartsWith(message));
+  };
+  refuses(1, "contours: not a list");
+  refuses({{{"values", json::array()}}}, "contours[0].values: not a list of values");
+  refuses({{{"values", 3}}}, "contours[0].values: not a list of values");
+  refuses({{{"values", {1, "x"}}}}, "contours[0].values[1]: not a number");
+  refuses({{{"value", {1}}}}, "contours[0].value: no such field; the nearest is contours[0].values");
+  refuses({{{"values", {1}}, {"opacity", 2}}}, "contours[0].opacity: 2 is outside [0, 1]");
+  refuses({{{"values", {1}}, {"shown", 2}}}, "contours[0].shown: neither");
+  refuses({{{"values", {1}}, {"color", {1, -1, 1}}}}, "contours[0].color: negative");
+  json coloring = {{"attribute", "T"}, {"domain", {1, 100}}, {"colors", {{0, 0, 0, 1}}}};
+  refuses({{{"values", {1}}, {"color", {1, 1, 1}}, {"color_by", coloring}}}, "contours[0]: give \"color\" or");
+  json other = coloring;
+  other["domain"] = {2, 3};
+  refuses({{{"values", {1}}, {"color_by", coloring}}, {{"values", {2}}, {"color_by", other}}}, "contours: two differ");
+  other["domain"] = {3, 3};
+  refuses({{{"values", {1}}, {"color_by", other}}}, "contours[0].color_by.domain: [3, 3] is not an interval");
+  refuses({{{"values", {1, 2}}}, {{"values", {2}}}}, "contours: the value 2 is given twice");
+  refuses({{{"values", json(std::vector<int>(257, 0))}}}, "contours: 257 values; at most 256");
+
+  Scene scene = parse_scene(valid_scene().dump()).value();
+  scene.contours = {{.values = {std::nan("")}}};
+  EXPECT_EQ(make_view(scene).error().message, "contours: a value is not finite");
+}
+
 TEST(ParseScene, SlicesAndClipPlanesAreReadAndWrittenBack) {
   json text = json::parse(
       changed("/slices",

@@ -1,0 +1,287 @@
+// Contours and slices in pictures of cells, against the exact ones and closed forms.
+#include <gtest/gtest.h>
+#include <oneapi/tbb/task_arena.h>
+
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "tests/renderer/drawn_cells.h"
+#include "tests/renderer/targets.h"
+
+namespace splatvol {
+namespace {
+
+using test::bent_box;
+using test::colored_scene;
+using test::curved;
+using test::difference;
+using test::draw;
+using test::Drawn;
+using test::expect_exact;
+using test::MeshSource;
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+
+SceneColoring coloring() {
+  SceneColoring coloring{"other", {}};
+  coloring.function.lo = 2, coloring.function.hi = 4;
+  coloring.function.colors = {{0, {1, 0, 0.2}}, {0.4, {0, 1, 0}}, {0.7, {0.2, 0.3, 1}}, {1, {1, 1, 0}}};
+  return coloring;
+}
+
+std::vector<double> other_values(const Mesh& mesh) {
+  std::vector<double> values;
+  for (const dvec3& p : mesh.points) values.push_back(3 + std::cos(7 * p.x + 3 * p.z));
+  return values;
+}
+
+// One opaque contour, and several translucent ones with all ways to colour them.
+std::vector<std::vector<SceneContour>> contours() {
+  return {{{.values = {0.55}, .color = dvec3(1, 0.8, 0.3)}},
+          {{.values = {0.3, 0.62}, .opacity = 0.4},
+           {.values = {0.45}, .color_by = coloring(), .opacity = 0.7},
+           {.values = {0.75, -3, 1.4}, .color = dvec3(1), .opacity = 0.2}}};
+}
+
+TEST(Contours, AreExactWithAndWithoutMatter) {
+  const Mesh mesh = bent_box(7);
+  for (const auto& all : contours())
+    for (const double extinction : {0.0, 3.0})
+      for (const dvec3 eye : {dvec3(2.3, 1.9, 3.1), dvec3(0.41, 0.63, 0.57)})
+        for (const bool orthographic : {false, true}) {
+          SCOPED_TRACE(testing::Message() << all.size() << " " << extinction << " from " << eye.x
+                                          << (orthographic ? " orthographic" : ""));
+          Drawn drawn{mesh, colored_scene(extinction, eye)};
+          drawn.scene.camera.vertical_fov_degrees = 60;
+          drawn.scene.contours = all;
+          drawn.color_values = other_values(mesh);
+          if (orthographic) make_orthographic(drawn.scene, 1.5);
+          expect_exact(drawn, 1e-5, 1e-3);
+        }
+}
+
+TEST(Contours, AreExactBesideAllElse) {
+  for (const auto& all : contours())
+    for (const bool orthographic : {false, true}) {
+      Drawn drawn{bent_box(6), colored_scene(4)};
+      drawn.scene.contours = all;
+      drawn.color_values = other_values(drawn.mesh);
+      if (orthographic) make_orthographic(drawn.scene, 1.5);
+      drawn.scene.lighting = Lighting{0.2, 0.7};
+      SceneOpacity opacity{"other", {}};
+      opacity.function.lo = 2, opacity.function.hi = 4;
+      opacity.function.colors = {{0, dvec3(1)}};
+      opacity.function.densities = {{0, 0}, {0.3, 0}, {0.6, 1}, {0.8, 0.1}};
+      drawn.scene.opacity = opacity;
+      drawn.opacity_values = other_values(drawn.mesh);
+      drawn.scene.clip_box = Box{{0.15, 0.2, 0.1}, {0.83, 0.77, 0.9}};
+      drawn.scene.clip_planes = {{{0.5, 0.5, 0.5}, {1, -0.6, 0.3}, true}};
+      drawn.mesh.values[100] = nan;
+      drawn.color_values[150] = nan;
+      expect_exact(drawn, 1e-5, 1e-3);
+      drawn.surfaces = SurfaceDepths{drawn.scene.width, drawn.scene.height, {}};
+      for (int i = 0; i < drawn.scene.width * drawn.scene.height; ++i)
+        drawn.surfaces->depths.push_back(3.0F + 0.01F * static_cast<float>(i % 97));
+      expect_exact(drawn, 1e-5, 1e-3);
+    }
+}
+
+TEST(Contours, OnBentAxesAndFarFromTheDomain) {
+  Drawn drawn{bent_box(6), colored_scene(4)};
+  auto& function = drawn.scene.transfer_function;
+  function.lo = 0.4, function.hi = 0.4001;
+  drawn.scene.contours = {{.values = {0.2, 0.7}, .opacity = 0.6}};
+  expect_exact(drawn, 1e-4, 5e-3);
+  function.hi = 1;
+  function.axis = ValueAxis::log;
+  expect_exact(drawn, 2e-5, 1e-3);
+}
+
+// The alpha of pixels whose rays meet a plane once.
+void expect_plane(const Drawn& drawn, double x, double opacity) {
+  for (const Image& image : {test::truth(drawn), draw(MeshSource(drawn.view(), 100000), drawn.drawing()),
+                             draw(MeshSource(drawn.view(), 60), drawn.drawing())})
+    for_each_ray(drawn.scene, image, [&](const WorldRay& ray, const vec4& pixel) {
+      const double way = (x - ray.origin.x) / ray.direction.x;
+      const dvec3 place = ray.origin + way * ray.direction;
+      if (std::abs(box_interval(ray).x - way) < 1e-6 || std::abs(box_interval(ray).y - way) < 1e-6) return;
+      const bool is_met = way > 0 && place.y > 0 && place.y < 1 && place.z > 0 && place.z < 1;
+      EXPECT_NEAR(pixel.a, is_met ? opacity : 0, 1e-6);
+    });
+}
+
+// Rays run along faces and edges, and the contour is made of faces: each of them has two cells.
+TEST(Contours, OnFacesCountOnce) {
+  for (const bool orthographic : {false, true})
+    for (const dvec3 eye : {dvec3(4, 0.5, 0.5), dvec3(-3, 0.5, 0.5), dvec3(2.5, 2.5, 2.5), dvec3(2.3, 1.9, 3.1)})
+      for (const double size : {1.0, 1e6}) {
+        SCOPED_TRACE(testing::Message() << eye.x << " " << eye.y << (orthographic ? " orthographic" : ""));
+        Drawn drawn{make_box(8, [&](dvec3 p) { return size * p.x; }), make_scene(0, 33, 33)};
+        drawn.scene.transfer_function.hi = 2 * size;
+        look(drawn.scene, eye, dvec3(0.5));
+        if (orthographic) make_orthographic(drawn.scene, 1.1);
+        for (const double x : {0.5, 0.25, 0.3}) {
+          drawn.scene.contours = {{.values = {size * x}, .opacity = 0.5}};
+          expect_plane(drawn, x, 0.5);
+        }
+      }
+}
+
+// It is the border of what is at least as high.
+TEST(Contours, OfTheValueOfARegionAreItsBorder) {
+  const auto drawn_of = [](const Field& field) {
+    Drawn drawn{make_box(8, field), make_scene(0, 32, 32)};
+    look(drawn.scene, {4, 0.45, 0.55}, dvec3(0.5));
+    drawn.scene.contours = {{.values = {0.6}, .opacity = 0.5}};
+    return drawn;
+  };
+  expect_plane(drawn_of([](dvec3 p) { return p.x <= 0.5 ? 0.6 : 1.1 - p.x; }), 0.5, 0.5);
+  expect_plane(drawn_of([](dvec3 p) { return p.x <= 0.5 ? 0.6 : 0.1 + p.x; }), 0.5, 0);
+  expect_plane(drawn_of([](dvec3) { return 0.6; }), 0.5, 0);
+  expect_plane(drawn_of([](dvec3 p) { return p.x <= 0.5 ? 0.6 - 1e-15 : 0.1 + p.x; }), 0.5, 0.5);
+}
+
+TEST(Contours, AreLitByTheirGradients) {
+  for (const bool is_lit : {false, true}) {
+    Drawn drawn{make_box(4, [](dvec3 p) { return p.x; }), make_scene(0, 32, 32)};
+    look(drawn.scene, {4, 1.5, 2.5}, dvec3(0.5));
+    if (is_lit) drawn.scene.lighting = Lighting{0.1, 0.6};
+    const Lighting lighting = drawn.scene.lighting.value_or(Lighting());
+    drawn.scene.contours = {{.values = {0.4}, .color = dvec3(1, 0.5, 0.25)}};
+    int met = 0;
+    for (const Image& image : {test::truth(drawn), draw(MeshSource(drawn.view(), 100), drawn.drawing())})
+      for_each_ray(drawn.scene, image, [&](const WorldRay& ray, const vec4& pixel) {
+        if (pixel.a == 0) return;
+        ++met;
+        const double light = lighting.factor(ray.direction, {1, 0, 0});
+        EXPECT_LE(glm::distance(pixel, vec4(vec3(light * dvec3(1, 0.5, 0.25)), 1)), 1e-6);
+      });
+    EXPECT_GT(met, 100);
+  }
+}
+
+TEST(Contours, InCellsOfOneValueShowNothing) {
+  Drawn drawn{bent_box(3), colored_scene(0)};
+  drawn.constant = true;
+  drawn.mesh.values.assign(drawn.mesh.tetrahedra.size(), 0.5);
+  drawn.mesh.values[0] = 0.9;
+  drawn.scene.contours = {{.values = {0.5, 0.7}}};
+  for (const vec4& pixel : draw(MeshSource(drawn.view(), 1000), drawn.drawing()).pixels) EXPECT_EQ(pixel, vec4(0));
+  EXPECT_FALSE(render_reference(drawn.view(), drawn.scene));
+}
+
+TEST(Contours, ThatAreOpaqueHideChunks) {
+  class CountingSource final : public MeshSource {
+   public:
+    using MeshSource::MeshSource;
+    [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
+      ++reads;
+      return MeshSource::read(chunk, scratch);
+    }
+    mutable std::atomic<std::size_t> reads = 0;
+  };
+  Drawn drawn{make_box(12, [](dvec3 p) { return p.z; }), colored_scene(0.5)};
+  look(drawn.scene, {0.5, 0.5, 4}, dvec3(0.5));
+  drawn.scene.camera.vertical_fov_degrees = 8;  // all rays meet the contour
+  const auto reads = [&](double opacity) {
+    drawn.scene.contours = {{.values = {0.9}, .opacity = opacity}};
+    const CountingSource source(drawn.view(), 100);
+    CellDrawing drawing = drawn.drawing();
+    drawing.memory = 1 << 18;  // small batches
+    draw(source, drawing);
+    return source.reads.load();
+  };
+  EXPECT_LT(reads(1), reads(0.5) / 2);
+}
+
+TEST(Slices, HaveTheValuesOfTheirCells) {
+  const Mesh mesh = bent_box(7);
+  for (const double extinction : {0.0, 3.0})
+    for (const double opacity : {1.0, 0.4})
+      for (const dvec3 eye : {dvec3(2.3, 1.9, 3.1), dvec3(0.41, 0.63, 0.57)})
+        for (const bool orthographic : {false, true}) {
+          Drawn drawn{mesh, colored_scene(extinction, eye)};
+          drawn.scene.camera.vertical_fov_degrees = 60;
+          if (orthographic) make_orthographic(drawn.scene, 1.5);
+          drawn.mesh.values[100] = nan;
+          drawn.scene.slices = {{.point = dvec3(0.4), .normal = {1, 0.3, -0.2}, .opacity = opacity},
+                                {.point = dvec3(0.5), .normal = {-0.2, 0.9, 0.3}, .opacity = opacity},
+                                {.point = dvec3(0.6), .normal = {0.2, 0.1, 0.9}, .opacity = opacity}};
+          expect_exact(drawn, 1e-5, 2e-3);
+          drawn.scene.contours = contours()[1];
+          drawn.color_values = other_values(mesh);
+          drawn.scene.clip_planes = {{{0.5, 0.5, 0.5}, {1, -0.6, 0.3}, true}};
+          expect_exact(drawn, 1e-5, 2e-3);
+        }
+}
+
+// A place on a face belongs to two cells: a slice that all of it lies on is drawn once, and whole.
+TEST(Slices, InFacesOfCells) {
+  for (const bool orthographic : {false, true})
+    for (const double y : {0.0, 0.25, 1.0}) {
+      Drawn drawn{make_box(8, curved), make_scene(0, 40, 40)};
+      look(drawn.scene, {2.3, 2.9, 3.1}, dvec3(0.5));
+      if (orthographic) make_orthographic(drawn.scene, 1.8);
+      drawn.scene.slices = {{.point = {0, y, 0}, .normal = {0, 1, 0}, .opacity = 0.5}};
+      for (const std::size_t cells : {100000, 60})
+        for_each_ray(drawn.scene, draw(MeshSource(drawn.view(), cells), drawn.drawing()),
+                     [&](const WorldRay& ray, const vec4& pixel) {
+                       const double way = (y - ray.origin.y) / ray.direction.y;
+                       const dvec3 place = ray.origin + way * ray.direction;
+                       const double margin = std::min({place.x, place.z, 1 - place.x, 1 - place.z});
+                       if (std::abs(margin) < 1e-4) return;
+                       EXPECT_NEAR(pixel.a, margin > 0 ? 0.5 : 0, 1e-6);
+                     });
+    }
+}
+
+TEST(Slices, OfCellsOfOneValueEach) {
+  Drawn drawn{bent_box(5), colored_scene(4)};
+  drawn.constant = true;
+  drawn.mesh.values.clear();
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> any(0, 1);
+  for (std::size_t i = 0; i < drawn.mesh.tetrahedra.size(); ++i) drawn.mesh.values.push_back(any(random));
+  drawn.mesh.values[17] = nan;
+  drawn.scene.slices = {{.point = dvec3(0.4), .normal = {1, 0.3, -0.2}, .opacity = 0.7}};
+  expect_exact(drawn, 1e-5, 2e-3);
+}
+
+Drawn with_all() {
+  Drawn drawn{bent_box(8), colored_scene(4, {0.5, 0.31, -0.3})};
+  drawn.scene.camera.vertical_fov_degrees = 60;
+  drawn.scene.contours = contours()[1];
+  drawn.color_values = other_values(drawn.mesh);
+  drawn.scene.slices = {{.point = dvec3(0.4), .normal = {1, 0.3, -0.2}, .opacity = 0.6}};
+  return drawn;
+}
+
+TEST(CellEvents, AreTheSameBitsForAnyThreadsMemoryAndOrder) {
+  const Drawn drawn = with_all();
+  MeshSource source(drawn.view(), 200);
+  CellDrawing drawing = drawn.drawing();
+  const Image first = draw(source, drawing);
+  const auto expect_same = [&](const Image& image) {
+    ASSERT_EQ(image.pixels.size(), first.pixels.size());
+    EXPECT_EQ(std::memcmp(image.pixels.data(), first.pixels.data(), first.pixels.size() * sizeof(vec4)), 0);
+  };
+  for (const std::uint64_t memory : {std::uint64_t{1} << 12, std::uint64_t{1} << 34}) {
+    drawing.memory = memory;
+    expect_same(draw(source, drawing));
+  }
+  tbb::task_arena(1).execute([&] { expect_same(draw(source, drawing)); });
+  source.reverse();
+  expect_same(draw(source, drawing));
+}
+
+TEST(CellEvents, AreAlikeForAllInstructionSets) {
+  const Drawn drawn = with_all();
+  const MeshSource source(drawn.view(), 1000);
+  const Image first = draw(source, drawn.drawing());
+  test::for_each_target([&] { EXPECT_LE(difference(draw(source, drawn.drawing()), first).rmse, 1e-6); });
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,126 @@
+// Meshes drawn by CellRasterizer, and exactly.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include "renderer/cpu/cells.h"
+#include "renderer/reference/slice.h"
+#include "renderer/surfaces/draw_surfaces.h"
+#include "tests/renderer/mesh_source.h"
+#include "tests/renderer/reference/meshes.h"
+
+namespace splatvol::test {
+
+struct Drawn {
+  Mesh mesh;
+  Scene scene;
+  std::vector<double> opacity_values = {};
+  std::vector<double> color_values = {};
+  bool constant = false;
+  std::optional<SurfaceDepths> surfaces = {};
+
+  [[nodiscard]] TetMesh view() const {
+    TetMesh view = mesh.view();
+    view.constant = constant;
+    view.opacity_values = opacity_values;
+    view.color_values = color_values;
+    return view;
+  }
+  [[nodiscard]] CellDrawing drawing() const {
+    auto view = make_view(scene);
+    EXPECT_TRUE(view);
+    CellDrawing drawing{.view = *view,
+                        .transfer = transfer_of(scene),
+                        .lighting = scene.lighting,
+                        .contours = contours_of(scene)};
+    if (surfaces) drawing.layers.push_back({&*surfaces});
+    return drawing;
+  }
+};
+
+inline Image draw(const MeshSource& source, const CellDrawing& drawing) {
+  const auto picture = CellRasterizer().draw(source, drawing);
+  EXPECT_TRUE(picture) << picture.error().message;
+  return picture ? picture->image : Image{};
+}
+
+struct Difference {
+  double rmse = 0, most = 0;
+};
+inline Difference difference(const Image& a, const Image& b) {
+  EXPECT_EQ(a.pixels.size(), b.pixels.size());
+  Difference result;
+  for (std::size_t i = 0; i < a.pixels.size() && i < b.pixels.size(); ++i)
+    for (int c = 0; c < 4; ++c) {
+      const double error = std::abs(double{a.pixels[i][c]} - double{b.pixels[i][c]});
+      EXPECT_FALSE(std::isnan(error)) << "pixel " << i;
+      result.rmse += error * error / (4.0 * static_cast<double>(a.pixels.size()));
+      result.most = std::max(result.most, error);
+    }
+  result.rmse = std::sqrt(result.rmse);
+  return result;
+}
+
+/// The exact picture, with the scene's slices.
+inline Image truth(const Drawn& drawn) {
+  const auto render = [&](const SurfaceDepths* depths) {
+    auto exact = render_reference(drawn.view(), drawn.scene, {.surface_depths = depths});
+    EXPECT_TRUE(exact) << exact.error().message;
+    return exact ? std::move(exact->image) : Image{};
+  };
+  const auto view = make_view(drawn.scene);
+  EXPECT_TRUE(view);
+  if (view->slices.empty()) return render(drawn.surfaces ? &*drawn.surfaces : nullptr);
+  std::vector<SlicePicture> slices;
+  for (const Slice& slice : view->slices) {
+    std::vector<double> depths = slice_depths(*view, slice.plane);
+    const auto values = exact_slice(drawn.view(), *view, slice.plane, depths);
+    EXPECT_TRUE(values);
+    slices.push_back(color_slice(*view, slice, std::move(depths), *values, drawn.scene.transfer_function));
+  }
+  SurfaceComposite composite;
+  for (const SurfaceLayer& layer : draw_surfaces({}, slices, *view, 64).layers)
+    composite.add(render(&layer.depths), layer);
+  return composite.finish();
+}
+
+/// Pictures in chunks of a few sizes against the exact one.
+inline void expect_exact(const Drawn& drawn, double rmse, double most) {
+  const Image exact = truth(drawn);
+  double alpha = 0;
+  for (const vec4& pixel : exact.pixels) alpha = std::max<double>(alpha, pixel.a);
+  EXPECT_GT(alpha, 0.01) << "an empty picture tells nothing";
+  for (const std::size_t cells : {std::size_t{100000}, std::size_t{300}}) {
+    const Difference error = difference(draw(MeshSource(drawn.view(), cells), drawn.drawing()), exact);
+    EXPECT_LE(error.rmse, rmse) << "chunks of " << cells;
+    EXPECT_LE(error.most, most) << "chunks of " << cells;
+  }
+}
+
+inline double curved(dvec3 p) { return 0.5 + 0.4 * std::sin(5 * p.x + 2 * p.y) * std::cos(4 * p.z - p.y); }
+
+/// Points move, so that no ray runs along a face.
+inline Mesh bent_box(std::uint32_t n, const Field& field = curved) {
+  Mesh mesh = make_box(n, field);
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> move(-0.2 / n, 0.2 / n);
+  for (dvec3& point : mesh.points) point += dvec3(move(random), move(random), move(random));
+  return mesh;
+}
+
+inline Scene colored_scene(double extinction, dvec3 eye = {2.3, 1.9, 3.1}) {
+  Scene scene = make_scene(extinction, 70, 61);
+  scene.transfer_function.colors = {{0, {0.1, 0.2, 0.9}}, {0.3, {0.9, 0.1, 0}}, {0.6, {0, 1, 0.3}}, {1, {1, 1, 0.5}}};
+  scene.transfer_function.densities = {{0, 0}, {0.2, extinction}, {0.5, 0.1 * extinction}, {1, 2 * extinction}};
+  look(scene, eye, {0.53, 0.31, 0.2});
+  return scene;
+}
+
+}  // namespace splatvol::test
