@@ -48,9 +48,7 @@ struct Mesh {
   std::vector<double> opacity_values;  // as values; none without an opacity
   std::vector<double> color_values;    // as values; none unless an attribute colours contours
 
-  [[nodiscard]] TetMesh view() const {
-    return {points, values, tetrahedra, constant, opacity_values, color_values};
-  }
+  [[nodiscard]] TetMesh view() const { return {points, values, tetrahedra, constant, opacity_values, color_values}; }
 };
 
 void append_values(const Piece& piece, std::size_t attribute, std::vector<double>& values) {

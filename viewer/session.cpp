@@ -617,8 +617,8 @@ Status Session::draw_splats(const FrameRequest& request, const DrawOptions& opti
   return {};
 }
 
-// Where nobody looks at coarser pictures, there are none. 0: splats are wanted, or there is nothing else. Splats have no
-// contours.
+// Where nobody looks at coarser pictures, there are none. 0: splats are wanted, or there is nothing else. Splats have
+// no contours.
 int Session::first_exact_spacing() const {
   const ViewSettings& used = used_settings_;
   const bool wants_splats = used.tolerance || used.kernel == KernelKind::octant || used.most_exact_segments == 0;

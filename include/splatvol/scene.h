@@ -102,10 +102,10 @@ struct SceneColoring {
 
 /// Surfaces on which the scene's attribute has one value, in the mesh's own cells. They are lit.
 struct SceneContour {
-  std::vector<double> values;        // of one surface each
-  std::optional<dvec3> color = {};   // linear; none: that of the transfer function
+  std::vector<double> values;                  // of one surface each
+  std::optional<dvec3> color = {};             // linear; none: that of the transfer function
   std::optional<SceneColoring> color_by = {};  // instead of `color`; the same in all contours of a scene
-  double opacity = 1;                // [0, 1]; 1 hides what lies behind
+  double opacity = 1;                          // [0, 1]; 1 hides what lies behind
   bool shown = true;
 
   [[nodiscard]] bool operator==(const SceneContour&) const = default;

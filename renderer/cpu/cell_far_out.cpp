@@ -67,7 +67,8 @@ void set_eye_plane(const CellFrame& frame, const std::array<dvec3, 4>& p, const 
   plane.eye_f = nearest_float(gradient.y / frame.view->focal);
 }
 
-// s on a face whose corners have places on the screen. One that is seen edge-on has none.
+// s on a face whose corners have places on the screen. On one that is seen edge-on, rays
+// meet the first corner only, as in plane_through() of cell_setup.cpp.
 void set_near_face(const CellFrame& frame, const std::array<dvec3, 3>& p, const std::array<double, 3>& u,
                    ContourInCell::Face& face) {
   const View& view = *frame.view;
@@ -82,8 +83,8 @@ void set_near_face(const CellFrame& frame, const std::array<dvec3, 3>& p, const 
   face.largest_s = nearest_float(std::max({std::abs(s[0]), std::abs(s[1]), std::abs(s[2])}));
   const dvec2 q = at[1] - at[0], r = at[2] - at[0];
   const double area = q.x * r.y - q.y * r.x;
-  if (area == 0) return;
   face.s = s[0];
+  if (std::abs(area) <= 1e-6 * (std::abs(q.x * r.y) + std::abs(q.y * r.x))) return;
   face.e = ((s[1] - s[0]) * r.y - (s[2] - s[0]) * q.y) / area;
   face.f = ((s[2] - s[0]) * q.x - (s[1] - s[0]) * r.x) / area;
 }
@@ -98,8 +99,8 @@ void set_far_face(const CellFrame& frame, const std::array<dvec3, 3>& p, const s
   const dvec3 gradient = ((u[1] - u[0]) * glm::cross(r, normal) + (u[2] - u[0]) * glm::cross(normal, q)) / square;
   const dvec3 slope = (u[0] - glm::dot(gradient, p[0])) / offset * normal + gradient;
   face.s = slope.z, face.e = slope.x / frame.view->focal, face.f = slope.y / frame.view->focal;
-  face.largest_s = nearest_float(std::abs(face.s) + std::abs(face.e) * frame.middle_x +
-                                 std::abs(face.f) * frame.middle_y);
+  face.largest_s =
+      nearest_float(std::abs(face.s) + std::abs(face.e) * frame.middle_x + std::abs(face.f) * frame.middle_y);
 }
 
 // The pixels that a cell may cover; false: none.

@@ -117,9 +117,9 @@ struct CellShading {
 
 /// What rays may meet in a cell.
 struct EventsOfCell {
-  std::int32_t first, end;   // contours
-  std::uint32_t contour_at;  // the first of them: in CellsOnScreen::contours
-  std::uint64_t slices;      // a bit for each
+  std::int32_t first, end;                       // contours
+  std::uint32_t contour_at;                      // the first of them: in CellsOnScreen::contours
+  std::uint64_t slices;                          // a bit for each
   std::array<std::uint64_t, 4> slices_of_faces;  // those in which faces lie, in the order of CellOnScreen::faces
 };
 

@@ -411,12 +411,15 @@ HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const W
 template <bool orthographic, bool has_shades>
 HWY_NOINLINE void add_with_events(const CellTile& t, const CellWithEvents& c, const WholeSegments& whole,
                                   const RaysInCell& rays, int first, TileSegments& tile) {
+  // Cells begin a little sooner and end a little later: of neighbours, the first one that has a place counts.
+  const auto margin = [&](Float d, Float z)
+                          HWY_ATTR { return fma(abs(d), 4e-7F, whole.segments.length * 1e-6F / (z * z)); };
+  const Float nearest = whole.near_d + margin(whole.near_d, whole.near_z);
+  const Float farthest_here = whole.far_d - margin(whole.far_d, whole.far_z);
   for (std::uint64_t slices = c.events.slices; slices != 0; slices &= slices - 1) {
     const auto slice = static_cast<std::size_t>(std::countr_zero(slices));
     Float d = gather(tile.slices[slice].d.data(), whole.pixel & Int(cell_tile_pixels - 1));
-    // Cells end a little later: of neighbours, the first one that has the place counts.
-    const Float margin = fma(whole.near_d - whole.far_d, 1e-6F, max(abs(whole.near_d), abs(whole.far_d)) * 4e-7F);
-    Mask met = both(d <= whole.near_d + margin, d >= whole.far_d - margin);
+    Mask met = both(d <= nearest, d >= farthest_here);
     // Rounding of depths may take a slice off the face in which it lies.
     for (std::int32_t k = 0; k < 4; ++k)
       if ((c.events.slices_of_faces[static_cast<std::size_t>(k)] >> slice & 1) != 0)
@@ -521,8 +524,8 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
                               pixel,
                               hit};
     if constexpr (has_events) {
-      add_with_events<orthographic, has_shades>(t, {cell, *shading, *events}, whole,
-                                                {x, y, enter.face, leave.face}, first, tile);
+      add_with_events<orthographic, has_shades>(t, {cell, *shading, *events}, whole, {x, y, enter.face, leave.face},
+                                                first, tile);
     } else {
       add_whole<orthographic, has_shades>(t, whole, first, tile);
     }

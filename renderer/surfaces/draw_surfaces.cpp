@@ -375,8 +375,7 @@ std::vector<double> slice_depths(const View& view, const Plane& plane) {
   tbb::parallel_for(0, view.height, [&](int row) {
     const double b = (0.5 * view.height - row - 0.5) / view.focal;
     for (int x = 0; x < view.width; ++x)
-      depths[static_cast<std::size_t>(row) * view.width + x] =
-          on_rays.at((x + 0.5 - 0.5 * view.width) / view.focal, b);
+      depths[static_cast<std::size_t>(row) * view.width + x] = on_rays.at((x + 0.5 - 0.5 * view.width) / view.focal, b);
   });
   return depths;
 }

@@ -101,15 +101,17 @@ TEST(Contours, OnBentAxesAndFarFromTheDomain) {
 
 // The alpha of pixels whose rays meet a plane once.
 void expect_plane(const Drawn& drawn, double x, double opacity) {
+  int way_of_drawing = 0;
   for (const Image& image : {test::truth(drawn), draw(MeshSource(drawn.view(), 100000), drawn.drawing()),
-                             draw(MeshSource(drawn.view(), 60), drawn.drawing())})
+                             draw(MeshSource(drawn.view(), 60), drawn.drawing())}) {
+    SCOPED_TRACE(way_of_drawing++);
     for_each_ray(drawn.scene, image, [&](const WorldRay& ray, const vec4& pixel) {
-      const double way = (x - ray.origin.x) / ray.direction.x;
-      const dvec3 place = ray.origin + way * ray.direction;
-      if (std::abs(box_interval(ray).x - way) < 1e-6 || std::abs(box_interval(ray).y - way) < 1e-6) return;
-      const bool is_met = way > 0 && place.y > 0 && place.y < 1 && place.z > 0 && place.z < 1;
-      EXPECT_NEAR(pixel.a, is_met ? opacity : 0, 1e-6);
+      const dvec3 place = ray.origin + (x - ray.origin.x) / ray.direction.x * ray.direction;
+      const double margin = std::min({place.y, place.z, 1 - place.y, 1 - place.z});
+      if (std::abs(margin) < 1e-6) return;
+      EXPECT_NEAR(pixel.a, margin > 0 ? opacity : 0, 1e-6);
     });
+  }
 }
 
 // Rays run along faces and edges, and the contour is made of faces: each of them has two cells.
@@ -118,7 +120,7 @@ TEST(Contours, OnFacesCountOnce) {
     for (const dvec3 eye : {dvec3(4, 0.5, 0.5), dvec3(-3, 0.5, 0.5), dvec3(2.5, 2.5, 2.5), dvec3(2.3, 1.9, 3.1)})
       for (const double size : {1.0, 1e6}) {
         SCOPED_TRACE(testing::Message() << eye.x << " " << eye.y << (orthographic ? " orthographic" : ""));
-        Drawn drawn{make_box(8, [&](dvec3 p) { return size * p.x; }), make_scene(0, 33, 33)};
+        Drawn drawn{make_box(8, [&](dvec3 p) { return size * p.x; }), make_scene(0, 32, 32)};
         drawn.scene.transfer_function.hi = 2 * size;
         look(drawn.scene, eye, dvec3(0.5));
         if (orthographic) make_orthographic(drawn.scene, 1.1);
@@ -140,7 +142,7 @@ TEST(Contours, OfTheValueOfARegionAreItsBorder) {
   expect_plane(drawn_of([](dvec3 p) { return p.x <= 0.5 ? 0.6 : 1.1 - p.x; }), 0.5, 0.5);
   expect_plane(drawn_of([](dvec3 p) { return p.x <= 0.5 ? 0.6 : 0.1 + p.x; }), 0.5, 0);
   expect_plane(drawn_of([](dvec3) { return 0.6; }), 0.5, 0);
-  expect_plane(drawn_of([](dvec3 p) { return p.x <= 0.5 ? 0.6 - 1e-15 : 0.1 + p.x; }), 0.5, 0.5);
+  expect_plane(drawn_of([](dvec3 p) { return p.x <= 0.5 ? 0.6 - 1e-12 : 0.1 + p.x; }), 0.5, 0.5);
 }
 
 TEST(Contours, AreLitByTheirGradients) {
@@ -205,6 +207,8 @@ TEST(Slices, HaveTheValuesOfTheirCells) {
           Drawn drawn{mesh, colored_scene(extinction, eye)};
           drawn.scene.camera.vertical_fov_degrees = 60;
           if (orthographic) make_orthographic(drawn.scene, 1.5);
+          SCOPED_TRACE(testing::Message()
+                       << extinction << " " << opacity << " from " << eye.x << (orthographic ? " orthographic" : ""));
           drawn.mesh.values[100] = nan;
           drawn.scene.slices = {{.point = dvec3(0.4), .normal = {1, 0.3, -0.2}, .opacity = opacity},
                                 {.point = dvec3(0.5), .normal = {-0.2, 0.9, 0.3}, .opacity = opacity},

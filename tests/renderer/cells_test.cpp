@@ -17,15 +17,15 @@
 namespace splatvol {
 namespace {
 
-using test::Difference;
-using test::Drawn;
-using test::MeshSource;
 using test::bent_box;
 using test::colored_scene;
 using test::curved;
+using test::Difference;
 using test::difference;
 using test::draw;
+using test::Drawn;
 using test::expect_exact;
+using test::MeshSource;
 
 TEST(Cells, AreExactFromOutsideAndInside) {
   const Mesh mesh = bent_box(8);

@@ -36,10 +36,8 @@ struct Drawn {
   [[nodiscard]] CellDrawing drawing() const {
     auto view = make_view(scene);
     EXPECT_TRUE(view);
-    CellDrawing drawing{.view = *view,
-                        .transfer = transfer_of(scene),
-                        .lighting = scene.lighting,
-                        .contours = contours_of(scene)};
+    CellDrawing drawing{
+        .view = *view, .transfer = transfer_of(scene), .lighting = scene.lighting, .contours = contours_of(scene)};
     if (surfaces) drawing.layers.push_back({&*surfaces});
     return drawing;
   }
