@@ -7,6 +7,7 @@
 #include "base/interruption.h"
 #include "format/splat_reader.h"
 #include "format/steps.h"
+#include "sampler/cell_line.h"
 #include "sampler/cell_sampler.h"
 #include "sampler/cell_tetrahedra.h"
 #include "sampler/splat_sampler.h"
@@ -173,6 +174,19 @@ Result<std::vector<double>> File::sample(std::span<const dvec3> positions, const
   const format::Attribute& stored = volume.info().attributes[selection.attributes[0]];
   for (double& value : values) value = stored.value(value);
   return values;
+}
+
+Result<LineSamples> File::sample_line(const dvec3& start, const dvec3& end, const std::vector<std::string>& attributes,
+                                      std::optional<std::size_t> samples) const {
+  if (samples && *samples < 2) return fail(ErrorCode::invalid_argument, "{}: a line has two samples or more", name());
+  const format::Volume& volume = *contents_->volume;
+  SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, {}, attributes, format::SplatSelection().box));
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, selection.attributes, held_bytes));
+  if (!cells) return fail_without_cells(volume);
+  SPLATVOL_TRY_ASSIGN(rows, follow_line(*cells, start, end));
+  if (samples) rows = in_equal_steps(rows, start, end, *samples);
+  return LineSamples{std::move(selection.names), std::move(rows.arc_lengths), std::move(rows.positions),
+                     std::move(rows.values)};
 }
 
 Status File::verify(const std::function<void(double)>& progress) const {

@@ -12,10 +12,6 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-double mean(const std::array<double, 4>& values, const CornerWeights& weights) {
-  return weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2] + weights[3] * values[3];
-}
-
 // Values at positions, from the cells that were looked at so far.
 class Samples {
  public:
@@ -87,11 +83,11 @@ class Samples {
   static void look(const TetrahedronCorners& corners, const std::array<double, 4>& values, double reach,
                    const dvec3& position, Found& found) {
     if (const auto weights = weights_in(corners, position)) {
-      found.value = mean(values, *weights);
+      found.value = value_at(values, *weights);
       found.distance = 0;
     } else if (const auto nearest = nearest_on(corners, position, reach);
                nearest && nearest->distance < found.distance) {
-      found.value = mean(values, nearest->weights);
+      found.value = value_at(values, nearest->weights);
       found.distance = nearest->distance;
     }
   }

@@ -77,10 +77,10 @@ class CellTetrahedra {
   [[nodiscard]] bool has_constant() const;
 
   /// How far a position may be from a cell that it was in before the file rounded the cell's corners: world units. For
-  /// a tetrahedron in this box; for any, without a box. Rounding is much finer than cells.
+  /// a tetrahedron in this box; for any, without a box. Rounding is much finer than cells (spec, section 8).
   [[nodiscard]] double reach(const Box& tetrahedron) const {
     const dvec3 extent = tetrahedron.extent();
-    return std::min(moved_, std::max({extent.x, extent.y, extent.z}) / 16) + rounding_;
+    return std::min(moved_, std::max({extent.x, extent.y, extent.z}) / 64) + rounding_;
   }
   [[nodiscard]] double reach() const { return moved_ + rounding_; }
 

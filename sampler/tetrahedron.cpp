@@ -33,6 +33,12 @@ double nearest_share(const dvec3& a, const dvec3& b, const dvec3& position) {
 
 }  // namespace
 
+double value_at(const std::array<double, 4>& values, const CornerWeights& weights) {
+  const double mean = weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2] + weights[3] * values[3];
+  const auto [low, high] = std::ranges::minmax(values);
+  return std::isnan(mean) ? mean : std::clamp(mean, low, high);
+}
+
 std::optional<CornerWeights> weights_in(const TetrahedronCorners& corners, const dvec3& position) {
   CornerWeights weights = volumes_of(corners, position);
   const double sum = weights[0] + weights[1] + weights[2] + weights[3];

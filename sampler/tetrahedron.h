@@ -15,6 +15,9 @@ using TetrahedronCorners = std::array<dvec3, 4>;
 /// Weights of the corners, which add up to 1.
 using CornerWeights = std::array<double, 4>;
 
+/// Returns the mean of the values at the corners. It is not outside of their range.
+[[nodiscard]] double value_at(const std::array<double, 4>& values, const CornerWeights& weights);
+
 /// Returns the barycentric coordinates of a position in the tetrahedron or on its surface; none outside, or if the
 /// tetrahedron is flat. At a corner, its weight is exactly 1.
 [[nodiscard]] std::optional<CornerWeights> weights_in(const TetrahedronCorners& corners, const dvec3& position);

@@ -1,4 +1,5 @@
-// svexport: a .svol file in; voxels (.vdb), points or cells (.vtu), or a contour (.vtp, .stl, .glb) out.
+// svexport: a .svol file in; voxels (.vdb), points or cells (.vtu), a contour (.vtp, .stl, .glb), or a line of sight
+// (.csv) out.
 #include <fmt/format.h>
 
 #include <cmath>
@@ -10,6 +11,7 @@
 #include "base/memory_limit.h"
 #include "tools/export/cell_export.h"
 #include "tools/export/contour_export.h"
+#include "tools/export/line_export.h"
 #include "tools/export/vdb_export.h"
 #include "tools/export/vtu_export.h"
 #include "tools/steps.h"
@@ -29,21 +31,38 @@ struct Options {
   std::vector<double> box;
   bool cells = false;
   std::optional<double> contour;
+  std::string line;
+  std::optional<std::size_t> samples;
   double voxel = 0;
   std::string memory;
   Replace replace = Replace::exports;
   bool json = false;
 
   [[nodiscard]] bool is_vdb() const { return output.ends_with(".vdb"); }
+  [[nodiscard]] bool is_table() const { return output.ends_with(".csv"); }
   [[nodiscard]] bool is_surface() const {
     return output.ends_with(".vtp") || output.ends_with(".stl") || output.ends_with(".glb");
   }
 };
 
+// Returns the six numbers of two positions.
+Result<std::vector<double>> parse_line(const std::string& text) {
+  std::vector<double> numbers;
+  const char* at = text.c_str();
+  for (const char separator : {',', ',', ':', ',', ',', '\0'}) {
+    char* end = nullptr;
+    numbers.push_back(std::strtod(at, &end));
+    if (end == at || *end != separator || !std::isfinite(numbers.back()))
+      return fail(ErrorCode::invalid_argument, "'{}' is not two positions, such as 0,0,0:1,0,0", text);
+    at = end + 1;
+  }
+  return numbers;
+}
+
 // Checks the options against each other: CLI11 sees only one option at a time.
 void check_usage(const Options& options) {
-  if (!options.is_vdb() && !options.output.ends_with(".vtu") && !options.is_surface())
-    wrong_option("--output", "must end in .vdb, .vtu, .vtp, .stl or .glb");
+  if (!options.is_vdb() && !options.output.ends_with(".vtu") && !options.is_surface() && !options.is_table())
+    wrong_option("--output", "must end in .vdb, .vtu, .vtp, .stl, .glb or .csv");
   if (options.is_vdb() && options.voxel == 0) missing_option("--voxel");
   if (!options.is_vdb() && options.voxel != 0) wrong_option("--output", "--voxel is for .vdb files");
   if (!options.is_vdb() && !options.contour && !options.memory.empty())
@@ -53,7 +72,11 @@ void check_usage(const Options& options) {
   if (options.contour && !options.is_surface()) wrong_option("--contour", "is for .vtp, .stl and .glb files");
   if (options.contour && options.attributes.size() > 1 && !options.output.ends_with(".vtp"))
     wrong_option("--attribute", "only .vtp files have values: take the attribute of the contour alone");
-  if ((options.cells || options.contour) && options.resolution)
+  if (options.is_table() && options.line.empty()) missing_option("--line");
+  if (!options.line.empty() && !options.is_table()) wrong_option("--line", "is for .csv files");
+  if (!options.line.empty() && !options.box.empty()) wrong_option("--box", "a line has no box");
+  if (options.samples && options.line.empty()) wrong_option("--samples", "is for --line");
+  if ((options.cells || options.contour || !options.line.empty()) && options.resolution)
     wrong_option("--resolution", "cells have no resolutions: leave it out");
   for (std::size_t axis = 0; axis < 3 && !options.box.empty(); ++axis)
     if (!(options.box[axis] <= options.box[axis + 3])) wrong_option("--box", "the first corner must be the lower one");
@@ -126,6 +149,21 @@ Result<json> export_surface(const format::Volume& volume, const format::SplatSel
   return result;
 }
 
+Result<json> export_table(const format::Volume& volume, const format::SplatSelection& selection,
+                          const Options& options) {
+  SPLATVOL_TRY_ASSIGN(at, parse_line(options.line));
+  SPLATVOL_TRY_ASSIGN(report, export_line(volume, options.output, selection, {at[0], at[1], at[2]},
+                                          {at[3], at[4], at[5]}, options.samples, options.replace));
+  return json{{"output", options.output},
+              {"rows", report.rows},
+              {"length", report.length},
+              {"inside", report.inside},
+              {"file_bytes", report.file_bytes},
+              {"renamed", report.renamed},
+              {"position_error", volume.info().position_error},
+              {"value_errors", value_errors(volume, selection)}};
+}
+
 Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
   const auto progress = show_progress();
@@ -165,6 +203,11 @@ void print_text(const json& report) {
                   ? fmt::format("closed round a volume of {:.9g}", report["volume"].get<double>())
                   : std::string("open"),
               report["file_bytes"].get<std::uint64_t>(), report["seconds"].get<double>());
+  else if (report.contains("rows"))
+    print_out("{}: {} rows, length {:.9g}, of which {:.9g} in cells, {} bytes, {:.2f} s\n",
+              report["output"].get<std::string>(), report["rows"].get<std::uint64_t>(), report["length"].get<double>(),
+              report["inside"].get<double>(), report["file_bytes"].get<std::uint64_t>(),
+              report["seconds"].get<double>());
   else if (report.contains("cells"))
     print_out("{}: {} cells with {} points, volume {:.9g}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
               report["cells"].get<std::uint64_t>(), report["points"].get<std::uint64_t>(),
@@ -189,10 +232,11 @@ Status run_export(const Options& options) {
   if (!options.box.empty())
     box = {{options.box[0], options.box[1], options.box[2]}, {options.box[3], options.box[4], options.box[5]}};
   SPLATVOL_TRY_ASSIGN(selection, format::select_splats(*volume, options.resolution, options.attributes, box));
-  const auto export_it = options.is_vdb()  ? export_voxels
-                         : options.contour ? export_surface
-                         : options.cells   ? export_mesh
-                                           : export_points;
+  const auto export_it = options.is_vdb()        ? export_voxels
+                         : options.contour       ? export_surface
+                         : !options.line.empty() ? export_table
+                         : options.cells         ? export_mesh
+                                                 : export_points;
   SPLATVOL_TRY_ASSIGN(report, export_it(*volume, selection, options));
   report["seconds"] = seconds_now() - start;
   if (options.json)
@@ -214,11 +258,13 @@ void add_file_options(CommandLine& app, Options& options) {
          "attribute keeps its name: what svexport calls so becomes \"NAME (splat)\". Positions and values are those of "
          "the input up to the errors that the result states; svbuild --exact leaves none. .vtp, .stl, .glb: the "
          "triangles "
-         "of a contour; .vtp has the values of all attributes of --attribute. Replaces its own exports, other files "
+         "of a contour; .vtp has the values of all attributes of --attribute. .csv: a table of the values along a "
+         "line. "
+         "Replaces its own exports, other files "
          "with "
          "--force only")
       ->required()
-      ->type_name("OUT.vdb|OUT.vtu|OUT.vtp|OUT.stl|OUT.glb")
+      ->type_name("OUT.vdb|OUT.vtu|OUT.vtp|OUT.stl|OUT.glb|OUT.csv")
       ->check(check_not_empty);
 }
 
@@ -245,6 +291,18 @@ void add_selection_options(CommandLine& app, Options& options) {
          "the values above that it encloses")
       ->type_name("VALUE")
       ->check(check_finite);
+  app.add_option(
+         "--line", options.line,
+         "Write the values along the line between two positions, in the cells of the mesh, from a file that keeps "
+         "them; "
+         "for .csv: arc length, x, y, z and the attributes, a row at each crossing from a tetrahedron of the cells to "
+         "another. Values are linear between rows. Where they jump, two rows have one position. Outside of all cells, "
+         "values are nan. An existing .csv is replaced with --force only: it has no room for a mark")
+      ->type_name("X,Y,Z:X,Y,Z")
+      ->check(check_of(parse_line));
+  app.add_option("--samples", options.samples, "As many rows in equal steps instead, both ends of the line included")
+      ->range(2, 100'000'000)
+      ->type_name("N");
   app.add_option("--box", options.box, "Only the voxels whose centres, or the points, that lie in this box")
       ->type_name("X0,Y0,Z0,X1,Y1,Z1")
       ->delimiter(',')

@@ -54,6 +54,14 @@ struct Points {
   std::vector<std::vector<double>> deviations;     // [attribute][point]: standard deviations
 };
 
+/// Values along a line.
+struct LineSamples {
+  std::vector<std::string> names;           // [attribute]
+  std::vector<double> arc_lengths;          // [row]: from the start, world units; they do not fall
+  std::vector<dvec3> positions;             // [row]
+  std::vector<std::vector<double>> values;  // [attribute][row]; NaN: no cell, or no value
+};
+
 /// An open file; of a time series, at one of its steps. Each byte is checked before it is used. Errors name the file.
 /// Thread-safe, except for `show_step`.
 class SPLATVOL_EXPORT File {
@@ -99,15 +107,27 @@ class SPLATVOL_EXPORT File {
   /// Returns the values of an attribute at positions, in world units; NaN where no material is, or no value. Requires
   /// fewer than 2^32 - 1 positions, and takes about 64 bytes for each.
   ///
-  /// Of a file that keeps cells, they are the mesh's own: linear in each tetrahedron of a cell, or the value of the cell
-  /// where cells have values of their own. Where cells overlap, the first of the file counts. A position outside of all
-  /// cells, but nearer than the file rounds positions, has the value of the nearest point of a cell. Reads the chunks
-  /// of cells round the positions, and holds at most 128 MiB of them.
+  /// Of a file that keeps cells, they are the mesh's own: linear in each tetrahedron of a cell, or the value of the
+  /// cell where cells have values of their own. Where cells overlap, the first of the file counts. A position outside
+  /// of all cells, but nearer than the file rounds positions, has the value of the nearest point of a cell. Reads the
+  /// chunks of cells round the positions, and holds at most 128 MiB of them.
   ///
   /// Of other files, or with a `resolution`, they are the means of the splats' linear fields, weighted by their
   /// densities. Reads the whole resolution (none: the finest), chunk by chunk.
   [[nodiscard]] Result<std::vector<double>> sample(std::span<const dvec3> positions, const std::string& attribute,
                                                    std::optional<std::size_t> resolution = std::nullopt) const;
+
+  /// Returns the values of attributes (empty: all) along the line from `start` to `end`, of a file that keeps cells: a
+  /// row at each crossing from a tetrahedron of the cells to another, and at both ends. Between two rows, all values
+  /// are linear: nothing is left out. Where values jump, two rows have one position: at borders of blocks and of cells
+  /// that have values of their own, and where the line enters or leaves the mesh. Outside, values are NaN.
+  ///
+  /// With `samples`, returns so many rows in equal steps instead, from `start` to `end`. Values are as `sample` returns
+  /// them. Reads the chunks of cells that the line meets. Fails if the file keeps no cells or has some of a shape that
+  /// this version does not know, unless the line is finite and longer than 0, or if there is one sample.
+  [[nodiscard]] Result<LineSamples> sample_line(const dvec3& start, const dvec3& end,
+                                                const std::vector<std::string>& attributes = {},
+                                                std::optional<std::size_t> samples = std::nullopt) const;
 
   /// Checks every byte of the file; of an index, of the files of all steps, and its units and ranges. Calls `progress`
   /// with the share done, in [0, 1].

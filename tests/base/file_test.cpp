@@ -172,9 +172,9 @@ TEST_F(FileTest, CommitReplacesAnOldFile) {
 
 TEST_F(FileTest, OnlyAFileOfTheSameKindIsReplaced) {
   const std::map<std::string, std::string> starts = {
-      {"a.svol", "\x89SVOL\r\n\x1a"},      {"a.PNG", "\x89PNG\r\n\x1a\n"}, {"a.exr", "\x76\x2f\x31\x01"},
-      {"a.json", " \n{\"camera\": {}}"},   {"a.npy", "\x93NUMPY"},         {"a.vdb", std::string(" BDV\0\0\0\0", 8)},
-      {"a.vtu", "<?xml version=\"1.0\"?>"}};
+      {"a.svol", "\x89SVOL\r\n\x1a"},       {"a.PNG", "\x89PNG\r\n\x1a\n"}, {"a.exr", "\x76\x2f\x31\x01"},
+      {"a.json", " \n{\"camera\": {}}"},    {"a.npy", "\x93NUMPY"},         {"a.vdb", std::string(" BDV\0\0\0\0", 8)},
+      {"a.vtu", "<?xml version=\"1.0\"?>"}, {"a.vtp", "<VTKFile"},          {"a.glb", "glTF"}};
   for (const auto& [name, start] : starts) {
     write(name, start + " and more");
     EXPECT_TRUE(check_replaceable(path(name), Replace::any)) << name;
@@ -213,6 +213,9 @@ TEST_F(FileTest, WhatMayBeAnInputIsReplacedIfItHasAMarkOnly) {
   const std::vector<std::pair<std::string, std::string>> exports = {
       {"a.vtu", declared + mark + "\n" + element},
       {"a.VTU", declared + "<!-- mine -->" + mark + element},
+      {"a.vtp", declared + mark + element},
+      {"a.stl", std::string(stl_export_mark) + std::string(70, '\0')},
+      {"a.glb", "glTF {\"asset\":{" + std::string(glb_export_mark)},
       {"a.vdb", vdb_with(uuid, vdb_export_mark(uuid))}};
   for (const auto& [name, content] : exports) {
     write(name, content);
@@ -228,6 +231,9 @@ TEST_F(FileTest, WhatMayBeAnInputIsReplacedIfItHasAMarkOnly) {
       {"a.vdb", vdb_with(uuid, vdb_export_mark(other_uuid))},
       {"a.vdb", vdb_with(uuid, "")},
       {"a.vdb", " BDV"},
+      {"a.stl", "solid " + std::string(stl_export_mark)},
+      {"a.glb", "glTF {\"asset\":{\"generator\":\"another\""},
+      {"a.csv", "x,y,z\n"},
       {"a.npy", "\x93NUMPY" + mark}};
   for (const auto& [name, content] : inputs) {
     write(name, content);

@@ -5,24 +5,14 @@
 
 #include <cmath>
 #include <fstream>
-#include <limits>
-#include <random>
 
-#include "base/file.h"
-#include "tests/builder/support/built_input.h"
-#include "tests/builder/support/built_mesh.h"
-#include "tests/builder/support/mesh_of_shapes.h"
-#include "tests/support/random.h"
-#include "tests/support/results.h"
-#include "tests/support/temp_folder.h"
+#include "tests/sampler/sampled_cells.h"
 
 namespace splatvol {
 namespace {
 
-constexpr double none = std::numeric_limits<double>::quiet_NaN();
-
-// Single precision has the values.
-double field(const dvec3& p) { return double{static_cast<float>(std::sin(5 * p.x) + p.y * p.z)}; }
+using test::field;
+using test::none;
 
 // The value by another way: Cramer's rule in each tetrahedron, the first that has the position.
 double value_in(const test::Mesh& mesh, const std::vector<double>& values, const dvec3& position) {
@@ -40,37 +30,7 @@ double value_in(const test::Mesh& mesh, const std::vector<double>& values, const
   return none;
 }
 
-class SampledCells : public test::FolderTest {
- protected:
-  [[nodiscard]] static BuildOptions exact() {
-    BuildOptions options{.keep_cells = true};
-    options.exact = {.positions = true, .values = true};
-    return options;
-  }
-
-  void build(const Piece& piece, const BuildOptions& options = exact()) {
-    test::PieceSource source({piece}, {.attributes = {"value"}});
-    ASSERT_EQ(test::message_of(build_volume(source, path("mesh.svol"), options, [](const char*, double) {})), "");
-    open("mesh.svol");
-  }
-
-  void open(const std::string& name) { volume_ = test::value_of(format::Volume::open(*open_file(path(name)))); }
-
-  [[nodiscard]] std::vector<double> sample(const std::vector<dvec3>& positions, std::uint64_t memory = 1 << 24) const {
-    const auto cells = test::value_of(CellTetrahedra::open(*volume_, {0}, memory));
-    return test::value_of(sample_cells(*cells, positions));
-  }
-
-  std::vector<dvec3> random_positions(std::size_t count, double low, double high) {
-    std::uniform_real_distribution<double> uniform(low, high);
-    std::vector<dvec3> positions;
-    for (std::size_t i = 0; i < count; ++i) positions.push_back(test::random_vector(uniform, random_));
-    return positions;
-  }
-
-  std::mt19937_64 random_{7};
-  std::shared_ptr<const format::Volume> volume_;
-};
+using SampledCells = test::SampledCells;
 
 TEST_F(SampledCells, AreTheMeshs) {
   const test::Mesh mesh = test::jittered(20, 0.2);
@@ -120,11 +80,11 @@ TEST_F(SampledCells, OfSeveralTheFirstCounts) {
   build(piece);
   const std::vector<dvec3> positions = random_positions(300, 0.2, 0.8);
   const std::vector<double> found = sample(positions, 1 << 24), again = sample(positions, 1 << 16);
-  const auto cells = test::value_of(CellTetrahedra::open(*volume_, {0}, 1 << 24));
-  const auto entries = test::value_of(cells->chunks([](const Box&) { return true; }));
+  const auto all = cells();
+  const auto entries = test::value_of(all->chunks([](const Box&) { return true; }));
   std::vector<double> expected(positions.size(), none);
   for (const format::CellChunkEntry& entry : entries) {
-    const Tetrahedra tetrahedra = test::value_of(cells->read(entry));
+    const Tetrahedra tetrahedra = test::value_of(all->read(entry));
     for (std::size_t t = 0; t < tetrahedra.size(); ++t)
       for (std::size_t i = 0; i < positions.size(); ++i)
         if (const auto weights = weights_in(tetrahedra.corners_of(t), positions[i]);

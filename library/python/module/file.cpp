@@ -107,6 +107,18 @@ OutArray<double> sample(const SharedFile& file,
   return take(file.read([&](const File& opened) { return opened.sample(where, attribute, resolution); }));
 }
 
+nb::dict sample_line(const SharedFile& file, const Corner& start, const Corner& end,
+                     const std::vector<std::string>& attributes, std::optional<std::size_t> samples) {
+  LineSamples line = file.read(
+      [&](const File& opened) { return opened.sample_line(vector_of(start), vector_of(end), attributes, samples); });
+  nb::dict dict;
+  dict["names"] = line.names;
+  dict["arc_lengths"] = take(std::move(line.arc_lengths));
+  dict["positions"] = take(std::move(line.positions));
+  dict["values"] = lists_of(std::move(line.values));
+  return dict;
+}
+
 void verify(const SharedFile& file, const nb::object& progress) {
   ProgressBox box;
   WhileCalling meanwhile;
@@ -153,6 +165,7 @@ void add_file(nb::module_& module) {
       .def("points", &read_points, "resolution"_a.none(), "max_points"_a.none(), "attributes"_a, "box"_a.none(),
            "material"_a)
       .def("sample", &sample, "positions"_a.noconvert(), "attribute"_a, "resolution"_a.none())
+      .def("sample_line", &sample_line, "start"_a, "end"_a, "attributes"_a, "samples"_a.none())
       .def("verify", &verify, "progress"_a.none())
       .def("file_bytes", [](const SharedFile& file) { return file.look([](const File& f) { return f.file_bytes(); }); })
       .def("bytes_read",

@@ -50,6 +50,15 @@ class Points:
     deviations: Dict[str, Floats]  #: attribute: (n,), standard deviations of the values in the material
 
 
+@dataclass(frozen=True)
+class LineSamples:
+    """Values along a line. NaN: no cell, or no value."""
+
+    arc_lengths: Floats  #: (n,), from the start, world units; they do not fall
+    positions: Floats  #: (n, 3), world units
+    values: Dict[str, Floats]  #: attribute: (n,)
+
+
 class Frame(NamedTuple):
     """A picture on the way to the complete one."""
 
@@ -207,9 +216,15 @@ class File:
     ) -> Floats:
         """Returns the values of an attribute at positions: (n,), NaN where no material is, or no value.
 
-        ``points``: (n, 3), world units; copied unless float64 and contiguous. ``attribute``: None: the first.
-        ``resolution``: None: the finest. All of it is read, chunk by chunk. Takes about 64 bytes for each position.
-        Values are those between the points: the means of the splats' linear fields, weighted by their densities.
+        ``points``: (n, 3), world units; copied unless float64 and contiguous. ``attribute``: None: the first. Takes
+        about 64 bytes for each position.
+
+        Of a file that keeps cells, values are the mesh's own: linear in each tetrahedron of a cell, or the value of the
+        cell where cells have values of their own. At a point of the mesh, it is the point's value up to the file's
+        rounding. Where cells overlap, the first of the file counts.
+
+        Of other files, or with a ``resolution``, they are the means of the splats' linear fields, weighted by their
+        densities. All of the resolution (None: the finest) is read, chunk by chunk.
 
         Raises ``InvalidArgumentError`` if the file lacks the attribute or the resolution.
         """
@@ -218,6 +233,26 @@ class File:
             raise InvalidArgumentError(f"{self.name}: positions have the shape (n, 3), not {positions.shape}")
         name = self.attributes[0].name if attribute is None else attribute
         return self._file.sample(positions, name, resolution)
+
+    def sample_line(
+        self,
+        start: Sequence[float],
+        end: Sequence[float],
+        attributes: Optional[Sequence[str]] = None,
+        samples: Optional[int] = None,
+    ) -> LineSamples:
+        """Returns the values of attributes (None: all) along the line between two positions, of a file that keeps cells.
+
+        A row stands at each crossing from a tetrahedron of the cells to another, and at both ends. Between two rows, all
+        values are linear. Where values jump, two rows have one position: at borders of blocks and of cells that have
+        values of their own, and where the line enters or leaves the mesh. Outside, values are NaN, so that a plot of
+        them has gaps. ``samples``: so many rows in equal steps instead, both ends included.
+
+        Raises ``InvalidArgumentError`` if the file keeps no cells or lacks an attribute, or if the line has no length.
+        """
+        names = [attributes] if isinstance(attributes, str) else list(attributes or [])
+        read = self._file.sample_line(_corner(start), _corner(end), names, samples)
+        return LineSamples(read["arc_lengths"], read["positions"], dict(zip(read["names"], read["values"])))
 
     def verify(self, progress: Optional[Callable[[float], Any]] = None) -> None:
         """Checks every byte of the file; of an index, of the files of all steps, and its units and ranges.

@@ -1,0 +1,35 @@
+// Values along a line through the cells that a file keeps.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "sampler/cell_tetrahedra.h"
+
+namespace splatvol {
+
+/// Values along a line from a start to an end. Rows follow each other along it.
+struct LineRows {
+  std::vector<double> arc_lengths;          // [row]: from the start, world units
+  std::vector<dvec3> positions;             // [row]
+  std::vector<std::vector<double>> values;  // [attribute][row]; NaN: no cell, or no value
+};
+
+/// Follows a line through the cells, and returns a row wherever it crosses from a tetrahedron to another, and at its
+/// ends. Between two rows, all values are linear. Where they jump, two rows have one position: at borders of cells of
+/// their own and of blocks, and where the line leaves all cells or enters one. So a gap is a pair of rows of NaN.
+///
+/// Where cells overlap, the first of the file with a value counts. Lines on faces and edges, and gaps that rounding
+/// opens, are as in sample_cells(). Reads the chunks of cells whose boxes meet the line, and holds their tetrahedra on
+/// the line. Does not depend on threads. Fails if cells have shapes that this program does not know, or unless the line
+/// is finite and longer than 0.
+[[nodiscard]] Result<LineRows> follow_line(const CellTetrahedra& cells, const dvec3& start, const dvec3& end);
+
+/// Returns the values at positions in equal steps along the line, both ends included: those of follow_line() between
+/// its rows. Where values jump, that in front counts, or the one that is there. Requires at least two positions.
+[[nodiscard]] LineRows in_equal_steps(const LineRows& rows, const dvec3& start, const dvec3& end,
+                                      std::size_t positions);
+
+}  // namespace splatvol
