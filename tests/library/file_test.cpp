@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <glm/geometric.hpp>
 #include <numeric>
 
 #include "splatvol/build.h"
@@ -84,12 +85,42 @@ TEST_F(OpenFile, SamplesALinearField) {
                         0.02 + 0.96 * std::fmod(i * 0.732, 1));
   outside = {dvec3(1.2), dvec3(-0.2, 0.5, 0.5), dvec3(NAN), dvec3(1e300)};
   const File file = open();
-  const std::vector<double> values = file.sample(inside, "v").value();
-  for (std::size_t i = 0; i < inside.size(); ++i)
-    EXPECT_NEAR(values[i], test::Lattice::field(inside[i].x, inside[i].y, inside[i].z), 0.02) << i;
+  const std::vector<double> of_cells = file.sample(inside, "v").value();
+  const std::vector<double> of_splats = file.sample(inside, "v", file.resolution_counts().size() - 1).value();
+  for (std::size_t i = 0; i < inside.size(); ++i) {
+    const double expected = test::Lattice::field(inside[i].x, inside[i].y, inside[i].z);
+    EXPECT_NEAR(of_cells[i], expected, 1e-6) << i;
+    EXPECT_NEAR(of_splats[i], expected, 0.02) << i;
+  }
   const std::vector<double> nothing = file.sample(outside, "v").value();
   for (const double value : nothing) EXPECT_TRUE(std::isnan(value));
   EXPECT_TRUE(file.sample({}, "v").value().empty());
+}
+
+TEST_F(OpenFile, FollowsALine) {
+  const File file = open();
+  const dvec3 start(-0.5, 0.4, 0.3), end(1.5, 0.6, 0.7);
+  const LineSamples rows = file.sample_line(start, end).value();
+  EXPECT_EQ(rows.names, std::vector<std::string>{"v"});
+  double inside = 0;
+  for (std::size_t row = 1; row < rows.arc_lengths.size(); ++row) {
+    const dvec3& p = rows.positions[row];
+    if (std::isnan(rows.values[0][row])) continue;
+    EXPECT_NEAR(rows.values[0][row], test::Lattice::field(p.x, p.y, p.z), 1e-6);
+    inside += rows.arc_lengths[row] - rows.arc_lengths[row - 1];
+  }
+  EXPECT_NEAR(inside, glm::length(end - start) / 2, 1e-9);
+  const LineSamples even = file.sample_line(start, end, {"v"}, 5).value();
+  ASSERT_EQ(even.values[0].size(), 5);
+  EXPECT_TRUE(std::isnan(even.values[0][0]) && std::isnan(even.values[0][4]));
+  EXPECT_NEAR(even.values[0][2], test::Lattice::field(0.5, 0.5, 0.5), 1e-6);
+  EXPECT_THAT(file.sample_line(start, start).error().message, HasSubstr("no length"));
+  EXPECT_THAT(file.sample_line(start, end, {}, 1).error().message, HasSubstr("two samples"));
+  EXPECT_THAT(file.sample_line(start, end, {"w"}).error().message, HasSubstr("no attribute \"w\""));
+  MeshBuildOptions options;
+  options.keep_cells = false;
+  ASSERT_TRUE(build(lattice_.mesh(), path_, options));
+  EXPECT_THAT(open().sample_line(start, end).error().message, HasSubstr("keeps no cells"));
 }
 
 TEST_F(OpenFile, TellsWhatIsNotThere) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "tests/support/program_json.h"
@@ -60,6 +61,20 @@ TEST_F(Svexport, WrongUsageIsTwo) {
                                                         {"out.vtu", "--cells --voxel 1"},
                                                         {"out.vtu", "--cells --memory 1G"},
                                                         {"out.vdb", "--cells --voxel 1"},
+                                                        {"out.stl", ""},
+                                                        {"out.vtu", "--contour 0.5"},
+                                                        {"out.stl", "--contour inf"},
+                                                        {"out.stl", "--contour 0.5 --resolution 1"},
+                                                        {"out.glb", "--contour 1 --attribute a --attribute b"},
+                                                        {"out.csv", ""},
+                                                        {"out.csv", "--line 0,0,0"},
+                                                        {"out.csv", "--line 0,0,0:1,0"},
+                                                        {"out.csv", "--line 0,0,0:1,0,nan"},
+                                                        {"out.csv", "--line 0,0,0:1,0,0:"},
+                                                        {"out.csv", "--line 0,0,0:1,0,0 --samples 1"},
+                                                        {"out.csv", "--line 0,0,0:1,0,0 --box 0,0,0,1,1,1"},
+                                                        {"out.vtu", "--line 0,0,0:1,0,0"},
+                                                        {"out.vtu", "--samples 5"},
                                                         {"out.vtu", "--resolution -1"},
                                                         {"out.vtu", "--resolution 18446744073709551616"}})
     EXPECT_EQ(run(output, arguments).code, 2) << output << " " << arguments;
@@ -73,6 +88,52 @@ TEST_F(Svexport, WhatCannotBeIsOneLine) {
                                                         {"--voxel 1e-5 --box 0.5,0,0,0.5,1,1", "--box"}}) {
     expect_refusal("svexport in.svol -o out.vdb " + arguments, reason);
   }
+}
+
+TEST_F(Svexport, WritesContours) {
+  expect_done("svbuild gen:mesh:cells=6000 -o mesh.svol");
+  const auto stl = document_of(ProgramTest::run("svexport mesh.svol -o out.stl --contour 0.5 --json"));
+  const auto vtp =
+      document_of(ProgramTest::run("svexport mesh.svol -o out.vtp --contour 0.5 --attribute value --json"));
+  const auto glb = document_of(ProgramTest::run("svexport mesh.svol -o out.glb --contour 0.5 --memory 16M --json"));
+  for (const auto& report : {stl, vtp, glb}) {
+    EXPECT_EQ(report["closed"], true);
+    EXPECT_EQ(report["area"], stl["area"]);
+    EXPECT_EQ(report["volume"], stl["volume"]);
+    EXPECT_GT(report["volume"].get<double>(), 0);
+    EXPECT_EQ(report["file_bytes"], fs::file_size(path(report["output"].get<std::string>())));
+  }
+  EXPECT_EQ(vtp["vertices"], glb["vertices"]);
+  EXPECT_THAT(ProgramTest::run("svexport mesh.svol -o out.stl --contour 0.5").out,
+              ::testing::MatchesRegex("out.stl: [0-9]+ triangles, area [^\n]*, closed round a volume of [^\n]*\n"
+                                      "  largest errors: of a coordinate [^\n]*, value [^\n]*\n"));
+  EXPECT_THAT(ProgramTest::run("svexport mesh.svol -o out.stl --contour 0.5 --box -2,0,-1,2,2,1").out,
+              HasSubstr("open"));
+  expect_refusal("svexport mesh.svol -o out.stl --contour 9", "mesh.svol: \"value\" has values from");
+  expect_refusal("svexport in.svol -o out.stl --contour 0.5", "keeps no cells");
+  ASSERT_TRUE(test::write_test_volume(
+      test::make_test_volume(test::random_points(20, 3), {std::vector(20, 1.0), std::vector(20, 2.0)}),
+      path("in.svol")));
+  expect_refusal("svexport in.svol -o out.stl --contour 0.5", "in.svol: has several attributes");
+  expect_done("svexport mesh.svol -o out.glb --contour 0.5");  // its own
+  std::ofstream(path("mine.stl")) << "solid mine";
+  expect_refusal("svexport mesh.svol -o mine.stl --contour 0.5", "--force");
+}
+
+TEST_F(Svexport, WritesLines) {
+  expect_done("svbuild gen:mesh:cells=6000 --exact -o mesh.svol");
+  const auto report = document_of(ProgramTest::run("svexport mesh.svol -o out.csv --line -3,0,0.1:3,0.2,0 --json"));
+  EXPECT_GT(report["rows"], 20);
+  EXPECT_GT(report["inside"].get<double>(), 3.9);
+  EXPECT_LT(report["inside"].get<double>(), 4.1);
+  EXPECT_THAT(read("out.csv"), ::testing::StartsWith("arc_length,x,y,z,value\n0,-3,0,0.1,nan\n1.0"));
+  const std::string even = "svexport mesh.svol -o out.csv --line -3,0,0.1:3,0.2,0 --samples 3";
+  expect_refusal(even, "--force");
+  EXPECT_THAT(ProgramTest::run(even + " --force").out, HasSubstr("out.csv: 3 rows, length 6.0"));
+  EXPECT_THAT(read("out.csv"), ::testing::MatchesRegex("arc_length,x,y,z,value\n0,-3,0,0.1,nan\n"
+                                                       "[0-9.]+,0,0.1,0.05,[0-9.e-]+\n[0-9.]+,3,0.2,0,nan\n"));
+  expect_refusal("svexport in.svol -o none.csv --line 0,0,0:1,0,0", "keeps no cells");
+  expect_refusal("svexport mesh.svol -o none.csv --line 1,0,0:1,0,0", "the line has no length");
 }
 
 TEST_F(Svexport, WritesCells) {

@@ -40,10 +40,32 @@ def test_resolutions_boxes_and_attributes(ball_file):
 def test_samples_of_a_linear_field_are_that_field(ball_file):
     random = np.random.default_rng(4).uniform(-1, 1, (2000, 3))
     inside = random[np.linalg.norm(random, axis=1) < .85]
-    np.testing.assert_allclose(ball_file.sample(inside), linear(inside), atol=.02)
+    np.testing.assert_allclose(ball_file.sample(inside), linear(inside), atol=1e-6)
+    of_splats = ball_file.sample(inside, resolution=len(ball_file.resolution_counts) - 1)
+    np.testing.assert_allclose(of_splats, linear(inside), atol=.02)
     outside = random[np.linalg.norm(random, axis=1) > 1.3]
     assert np.isnan(ball_file.sample(outside, "T")).all()
     assert ball_file.sample(np.empty((0, 3))).shape == (0,)
+
+
+def test_samples_of_cells_are_the_meshs(ball_file):
+    points = ball_file.points()
+    np.testing.assert_array_equal(ball_file.sample(points.positions), points.values["T"])
+    inside = .5 * points.positions + .1
+    np.testing.assert_allclose(ball_file.sample(inside), linear(inside), atol=1e-6)
+
+
+def test_a_line_has_all_crossings(ball_file):
+    line = ball_file.sample_line((-2, .1, .2), (2, .2, .1))
+    assert list(line.values) == ["T", "U", "U[0]", "U[1]", "U[2]"]
+    values = line.values["T"]
+    assert len(values) > 32 and np.isnan(values[[0, 1, -2, -1]]).all() and not np.isnan(values[2:-2]).any()
+    np.testing.assert_allclose(values[2:-2], linear(line.positions[2:-2]), atol=1e-6)
+    np.testing.assert_allclose(line.arc_lengths, np.linalg.norm(line.positions - line.positions[0], axis=1), atol=1e-12)
+    even = ball_file.sample_line((-2, .1, .2), (2, .2, .1), "T", samples=30)
+    np.testing.assert_allclose(even.values["T"], ball_file.sample(even.positions), atol=1e-12)
+    with pytest.raises(splatvol.InvalidArgumentError, match="no length"):
+        ball_file.sample_line((0, 0, 0), (0, 0, 0))
 
 
 def test_verify_tells_its_progress(ball_file):
