@@ -107,7 +107,7 @@ TEST_F(Svexport, WritesContours) {
   EXPECT_THAT(ProgramTest::run("svexport mesh.svol -o out.stl --contour 0.5").out,
               ::testing::MatchesRegex("out.stl: [0-9]+ triangles, area [^\n]*, closed round a volume of [^\n]*\n"
                                       "  largest errors: of a coordinate [^\n]*, value [^\n]*\n"));
-  EXPECT_THAT(ProgramTest::run("svexport mesh.svol -o out.stl --contour 0.2 --box -2,-2,-1,-1.18,2,1").out,
+  EXPECT_THAT(ProgramTest::run("svexport mesh.svol -o out.stl --contour 0.2 --box -1.2,-1.25,-0.1,-1.18,-1.2,0").out,
               HasSubstr("open"));
   expect_refusal("svexport mesh.svol -o out.stl --contour 9", "mesh.svol: \"value\" has values from");
   expect_refusal("svexport in.svol -o out.stl --contour 0.5", "keeps no cells");
