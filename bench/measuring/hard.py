@@ -223,16 +223,13 @@ def vtk_figure(error):
 
 
 HEAD = """
-`bench/svbench hard` made this page. Each case is a small mesh and a scene, in perspective and in parallel projection.
-`svrender --exact` draws the cells that the file keeps, and `svrender --tolerance 0` all points. The figures are root mean
-square errors of linear RGB against the exact picture (`svtruth`), the larger of the projections. *Signal* is the error
-of an empty picture. The bound holds for the kernel `moments`. That of *exact* is .002: the file
-rounds positions and values. `octant`, the paper's kernel, knows neither the shape of cells nor the spread
-of their values: its error is to be below .85 of the signal, and functions have no bound there. Each bound is below half
-of the signal, and each picture has light in it: an empty one would fail. A case is *right* within its bounds. Else it
-ends with one line, which the table shows. **Bold** is neither. Cases in other units are compared with the exact picture
-in units of 1. `bench/svbench hard --quick` draws a part of them. The tests draw a
-sample of this part, and those of the label `long` draw all cases.
+`bench/svbench hard` made this page. [accuracy.md](accuracy.md#hard-cases) says what bounds the errors. Each case is a
+small mesh and a scene, in perspective and in parallel projection. Figures are root mean square errors of linear RGB
+against `svtruth`, the larger of the projections. *Signal* is the error of an empty picture. *Exact* is `svrender
+--exact`. Its bound is .002, and larger for some functions. *Splats*, *octant* and *OpenGL* are `--tolerance 0`.
+*Octant* is the kernel of the paper. Its bound is .85 of the signal; for functions it has none. A case is *right* within
+its bounds. Else it ends with the line shown. **Bold** is neither. Cases in other units are compared with the exact
+picture in units of 1.
 """
 
 
@@ -253,53 +250,7 @@ def page(results, options):
             theirs = [vtk_figure(result.vtk[kind]) for kind in kinds]
             ratio = ours / min(result.vtk.values())
             lines.append(f"| {result.case.name} | {ours:.4f} | {' | '.join(theirs)} | {ratio:.2f} |")
-    return "\n".join(lines) + "\n" + BOUNDS
-
-
-# What is known about the errors that are not small.
-BOUNDS = """
-## What bounds the rest
-- **The ball** has 12 cells across, and its surface consists of ellipsoids cut off by planes. Most of its error lies at the
-  outline; a finer mesh has less.
-- **A vertex of cells far away**: each vertex is one ellipsoid. That of a vertex whose cells are in part needles is as long
-  as these, so what it has in the body is lost. Only vertices beside the far one are affected.
-- **Opaque matter**: what is seen is one surface, where the opacity rises. Splats know the values in a cell by mean, gradient
-  and spread, so the surface is found to within a part of a cell. The spread counts as a normal distribution. If the
-  extinction is steep enough, its far end is opaque, too. So a surface seems nearer: by 4 spreads at 1e6 per size, by 6
-  to 7 at 1e12, and by at most 9, where the distribution ends. Larger extinctions than 1e20 are drawn as 1e20. If all values are
-  opaque, ellipsoids reach over the outline by a part of a cell.
-- **Narrow peaks** are thin surfaces in the same sense. The file rounds positions and values, so *exact* finds these
-  surfaces to within the rounding: the bound is .01 there.
-- **A domain from 0 to 1e-38**: *exact* cuts values off at 1e28 widths of the domain, so where a cell's values cross it is
-  found to within the cell.
-- **Plates of 1:1e8 and thinner**: *exact* knows their thickness, as depths in a flat chunk of cells count from its plane.
-  Single precision has no order of chunks that lie one on the other there. Several such plates in one chunk are an error of
-  `--exact`, and splats by default.
-- **Ten decades, seen at the lowest**: a cell has values of three times the domain, which its splats spread normally.
-- **Plates, dense**: splats are sorted by their centres, and what lies in one plane has no order.
-- **0 and 1 at random**: a splat knows a plane and a spread of its own values, and not those of its neighbours.
-- **Thin layers round a sphere** differ at the outline, which ellipsoids make a pixel wider.
-- **One tetrahedron** is four ellipsoids.
-- **1 x 1 pixels**: splats are no narrower than pixels, so the picture is a mean over the pixel, and an exact ray is none.
-- **One outlier** changes the picture where its own cells are, as it must, and half a cell farther.
-- **Missing values** (NaN) at a tenth of the points take whole cells away. A splat knows the share of its material that has
-  a value, and not where.
-- **Values below 1e-57 of the largest** are stored as 0: single precision has no room for them. `--missing` takes an
-  outlier of such a size away.
-- **octant** has a ball for each point, as large as the octree's leaf and with one value. It is not drawn where this shows
-  nothing by design: plates, needles, points at one place, peaks that no point's value meets, and 179 degrees.
-
-Splats are meant to have at most half of the error of VTK's better mapper, which cuts colours off at 1 and steps over
-functions that are narrow. Where they have not:
-
-| case | why |
-|---|---|
-| extinction of 1e2 to 1e12 per size | VTK's ray caster samples the cells themselves, and finds an opaque surface exactly while its steps meet the ramp |
-| 0 and 1 at random | both of VTK's mappers interpolate in each cell. Splats have a plane and a spread for each point |
-| plates of 1:30 and 1:100, and a peak of 1e-02, dense | what lies in one plane has no order of its centres |
-| a plate of 1:30, dense | VTK's projected tetrahedra have its exact outline; splats are ellipsoids cut off by planes |
-| one tetrahedron, a lattice along its axis | the same: most of the error lies at edges, of which an ellipsoid has one plane |
-"""
+    return "\n".join(lines) + "\n"
 
 
 def add_options(parser):
