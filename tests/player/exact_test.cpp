@@ -13,6 +13,8 @@
 #include "pictures/image.h"
 #include "player/player.h"
 #include "renderer/reference/reference.h"
+#include "renderer/reference/slice.h"
+#include "renderer/surfaces/draw_surfaces.h"
 #include "tests/builder/support/built_input.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/renderer/surfaces/shapes.h"
@@ -120,7 +122,7 @@ TEST_F(ExactPictures, EndAtSurfaces) {
   ASSERT_EQ(test::message_of(player->set_surface_depths(nullptr)), "");
   EXPECT_LE(rmse(drawn(*player), truth(mesh_, scene())), 1e-5);
 
-  // Of the scene: as those of a picture of splats. A slice has about its values.
+  // Of the scene: as those of a picture of splats. A slice has about the same values there.
   for (const double opacity : {1.0, 0.4}) {
     Scene with = scene();
     with.surfaces = {{.file = "plate", .color = dvec3(0, 1, 0), .opacity = opacity}};
@@ -231,6 +233,117 @@ TEST_F(ExactPictures, AreCancelled) {
   EXPECT_THAT(cancelled.error().message, HasSubstr("m.svol: cancelled"));
   EXPECT_FALSE(player->exact());
   EXPECT_LE(rmse(drawn(*player), truth(mesh_, scene())), 1e-5);
+}
+
+// A mesh whose second attribute is the depth.
+Piece with_depth(const test::Mesh& mesh, const std::function<double(dvec3)>& field) {
+  Piece piece = test::mesh_piece(mesh, field);
+  piece.values.emplace_back();
+  for (const dvec3& p : piece.points) piece.values[1].push_back(double{static_cast<float>(p.z)});
+  return piece;
+}
+
+Scene with_contours(Scene scene) {
+  SceneColoring coloring{"depth", {}};
+  coloring.function.colors = {{0, {1, 0, 0}}, {0.5, {0, 1, 0}}, {1, {0.2, 0.3, 1}}};
+  coloring.function.densities = {{0, 1}};
+  scene.contours = {{.values = {0.3, 0.5}, .color_by = coloring, .opacity = 0.6},
+                    {.values = {0.8, 1.0}, .color = dvec3(1, 1, 0.5)}};
+  return scene;
+}
+
+TEST_F(ExactPictures, HaveContours) {
+  const Piece piece = with_depth(mesh_, waves);
+  test::PieceSource source({piece}, {.attributes = {"value", "depth"}});
+  test::require(build_volume(source, path("two.svol"), exact(), [](const char*, double) {}));
+  const auto player = open("two.svol");
+  const TetMesh mesh{piece.points, piece.values[0], piece.tetrahedra, false, {}, piece.values[1]};
+  const auto expect_exact = [&](const Scene& scene) {
+    ASSERT_EQ(test::message_of(player->set_scene(scene)), "");
+    EXPECT_LE(rmse(drawn(*player), test::value_of(render_reference(mesh, scene)).image), 1e-5);
+  };
+  expect_exact(scene());
+  expect_exact(with_contours(scene()));  // needs another attribute than before
+  Scene other = with_contours(scene());
+  other.transfer_function.densities = {{0, 0}, {1, 0}};
+  expect_exact(other);  // chunks without visible values
+  other.contours[0].shown = false;
+  expect_exact(other);
+  EXPECT_TRUE(player->shows_contours());
+  other.contours[1].opacity = 0;
+  ASSERT_EQ(test::message_of(player->set_scene(other)), "");
+  EXPECT_FALSE(player->shows_contours());
+
+  other = with_contours(scene());
+  other.contours[0].color_by->attribute = "depht";
+  ASSERT_EQ(test::message_of(player->set_scene(other)), "");
+  EXPECT_THAT(test::message_of(player->draw_exact()), HasSubstr("two.svol: no attribute \"depht\""));
+  other.contours[0].values.push_back(1.0);
+  EXPECT_THAT(test::message_of(player->set_scene(other)), HasSubstr("the value 1 is given twice"));
+}
+
+// Chunks without a contour are not read, nor those that no slice cuts.
+TEST_F(ExactPictures, ReadWhatContoursAndSlicesNeed) {
+  const test::Mesh mesh = test::jittered(30, 0.2);
+  test::build_mesh(mesh, waves, path("m.svol"), exact());
+  Scene scene = this->scene();
+  scene.transfer_function.densities = {{0, 0}, {1, 0}};
+  const auto chunks = [&](const Scene& shown) {
+    const auto player = open("m.svol");
+    EXPECT_EQ(test::message_of(player->set_scene(shown)), "");
+    EXPECT_EQ(test::message_of(player->draw_exact()), "");
+    return player->exact()->chunks;
+  };
+  EXPECT_EQ(chunks(scene), 0U);
+  Scene all = scene;
+  all.transfer_function.densities = {{0, 1}};
+  const std::uint64_t whole = chunks(all);
+  Scene with = scene;
+  with.contours = {{.values = {0.0}}};
+  const std::uint64_t of_contour = chunks(with);
+  EXPECT_GT(of_contour, 0U);
+  EXPECT_LT(of_contour, whole);
+  with = scene;
+  with.slices = {{.point = dvec3(0.1), .normal = {1, 0, 0}}};
+  const std::uint64_t of_slice = chunks(with);
+  EXPECT_GT(of_slice, 0U);
+  EXPECT_LT(of_slice, whole);
+}
+
+TEST_F(ExactPictures, HaveTheSlicesOfTheMesh) {
+  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  const auto player = open("m.svol");
+  Scene with = scene();
+  with.slices = {{.point = dvec3(0.5), .normal = {1, 0.2, 0.4}}};
+  ASSERT_EQ(test::message_of(player->set_scene(with)), "");
+  const Image picture = drawn(*player);
+  const View& view = player->view();
+  const std::vector<double> depths = slice_depths(view, view.slices[0].plane);
+  const std::vector<double> mesh_values = test::sample(mesh_, waves);
+  const std::vector<std::array<std::uint32_t, 4>> tetrahedra(mesh_.tetrahedra.begin(), mesh_.tetrahedra.end());
+  const TetMesh mesh{mesh_.points, mesh_values, tetrahedra};
+  const auto values = test::value_of(exact_slice(mesh, view, view.slices[0].plane, depths));
+  SurfaceComposite composite;
+  const std::vector<SlicePicture> slices = {
+      color_slice(view, view.slices[0], depths, values, with.transfer_function)};
+  for (const SurfaceLayer& layer : draw_surfaces({}, slices, view).layers)
+    composite.add(truth(mesh_, with, &layer.depths), layer);
+  EXPECT_LE(rmse(picture, composite.finish()), 1e-5);
+}
+
+TEST_F(ExactPictures, AloneHaveContours) {
+  test::build_mesh(mesh_, waves, path("plain.svol"), {.keep_cells = false});
+  Scene with = scene();
+  with.contours = {{.values = {0.5}}};
+  const auto plain = open("plain.svol");
+  ASSERT_EQ(test::message_of(plain->set_scene(with)), "");
+  EXPECT_THAT(test::message_of(plain->draw_frame({})), HasSubstr("plain.svol: it keeps no cells, and only these have"));
+  EXPECT_EQ(test::message_of(plain->draw_frame({}, {.leaves_out_contours = true})), "");
+
+  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  const auto player = open("m.svol");
+  ASSERT_EQ(test::message_of(player->set_scene(with)), "");
+  EXPECT_THAT(test::message_of(player->draw_frame({})), HasSubstr("m.svol: splats have no contours: draw it exactly"));
 }
 
 TEST_F(ExactPictures, NeedCells) {

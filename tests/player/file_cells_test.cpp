@@ -199,6 +199,9 @@ TEST_F(FileCellsOf, EveryShapeWithValuesOfItsOwn) {
   ASSERT_EQ(volumes.size(), volumes_of_shapes.size());
   for (std::size_t cell = 0; cell < volumes_of_shapes.size(); ++cell)
     EXPECT_NEAR(volumes[static_cast<double>(cell)], volumes_of_shapes[cell], 1e-12) << cell;
+
+  scene.contours = {{.values = {2}}};
+  EXPECT_THAT(test::message_of(KeptCells::open(*kept, scene, 0)), HasSubstr("contours: each cell has one value"));
 }
 
 TEST_F(FileCellsOf, AMeshAreAllOfItsCells) {

@@ -127,6 +127,38 @@ TEST_F(ExactAtRest, MovesExactly) {
   EXPECT_FALSE(session->exact());
 }
 
+// Splats have none: whoever asks for splats sees contours at rest all the same.
+TEST_F(ExactAtRest, HasContours) {
+  build(mesh_, path("m.svol"));
+  build(mesh_, path("points.svol"), false);
+  ViewSettings settings = on_processor();
+  settings.most_exact_segments = 0;
+  settings.tolerance = 1;
+  const auto session = open(settings);
+  settled(*session);
+  EXPECT_FALSE(session->exact());
+  session->scene.contours = {{.values = {0.3}, .opacity = 0.5}, {.values = {0.6}, .color = dvec3(1, 1, 0)}};
+  EXPECT_LE(difference(settled(*session), truth(mesh_, session->scene)), 1e-4);
+  EXPECT_TRUE(session->exact());
+  EXPECT_EQ(test::value_of(parse_scene(scene_to_json(session->used_scene().scene))).contours, session->scene.contours);
+  EXPECT_TRUE(session->troubles().empty());
+
+  // They move, too.
+  const auto mover = open(on_processor());
+  mover->scene.contours = session->scene.contours;
+  settled(*mover);
+  mover->scene.camera.position += dvec3(0.05);
+  draw(*mover, 0.001);
+  EXPECT_TRUE(mover->exact());
+  EXPECT_LE(difference(test::value_of(mover->image()), truth(mesh_, mover->scene)), 0.05);
+
+  const auto without = open(on_processor(), "points.svol");
+  without->scene.contours = session->scene.contours;
+  settled(*without);
+  ASSERT_EQ(without->troubles().size(), 1u);
+  EXPECT_NE(without->troubles()[0].find("only these have contours"), std::string::npos) << without->troubles()[0];
+}
+
 TEST_F(ExactAtRest, IsWhatASceneAsksFor) {
   build(mesh_, path("m.svol"));
   build(mesh_, path("points.svol"), false);
