@@ -1,9 +1,14 @@
 #include "sampler/cell_sampler.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <limits>
+#include <optional>
+#include <utility>
 
 #include "sampler/position_tree.h"
 
@@ -38,28 +43,20 @@ class Samples {
   // Finds the positions of a chunk that no cell before has. Thread-safe.
   [[nodiscard]] std::vector<Found> find(Box box, const Tetrahedra& tetrahedra) const {
     widen(box, cells_.reach());
-    std::vector<Found> all;
-    std::vector<dvec3> positions;
+    std::vector<Found> inside, near;
     tree_.visit_near(box, [&](std::uint32_t i) {
-      if (!(distances_[i] > 0) || !is_in(box, positions_[i])) return;
-      all.push_back({i});
-      positions.push_back(positions_[i]);
+      if (distances_[i] > 0 && is_in(box, positions_[i])) near.push_back({i});
     });
-    const PositionTree near(positions);
-    for (std::size_t t = 0; t < tetrahedra.size(); ++t) {
-      const std::array<double, 4> values = tetrahedra.values_of(t, 0);
-      if (std::isnan(values[0] + values[1] + values[2] + values[3])) continue;
-      const TetrahedronCorners corners = tetrahedra.corners_of(t);
-      Box around;
-      for (const dvec3& corner : corners) around.include(corner);
-      const double reach = cells_.reach(around);
-      widen(around, reach);
-      near.visit_near(around, [&](std::uint32_t i) {
-        if (all[i].distance > 0 && is_in(around, positions[i])) look(corners, values, reach, positions[i], all[i]);
-      });
+    // Mostly, all are in cells: few are left to compare with surfaces.
+    for (const bool with_reach : {false, true}) {
+      visit_cells(tetrahedra, with_reach, near);
+      const auto outside = std::ranges::partition(near, [](const Found& found) { return !(found.distance > 0); });
+      inside.insert(inside.end(), near.begin(), outside.begin());
+      near.erase(near.begin(), outside.begin());
     }
-    std::erase_if(all, [](const Found& found) { return found.distance == infinity; });
-    return all;
+    std::ranges::copy_if(near, std::back_inserter(inside),
+                         [](const Found& found) { return found.distance < infinity; });
+    return inside;
   }
 
   // Takes what was found in a chunk, chunk by chunk.
@@ -80,16 +77,33 @@ class Samples {
   }
   static bool is_in(const Box& box, const dvec3& position) { return squared_distance(box, position) == 0; }
 
-  static void look(const TetrahedronCorners& corners, const std::array<double, 4>& values, double reach,
-                   const dvec3& position, Found& found) {
-    if (const auto weights = weights_in(corners, position)) {
-      found.value = value_at(values, *weights);
-      found.distance = 0;
-    } else if (const auto nearest = nearest_on(corners, position, reach);
-               nearest && nearest->distance < found.distance) {
-      found.value = value_at(values, nearest->weights);
-      found.distance = nearest->distance;
+  // Looks for positions in tetrahedra, or on those within reach.
+  void visit_cells(const Tetrahedra& tetrahedra, bool with_reach, std::vector<Found>& all) const {
+    std::vector<dvec3> positions;
+    for (const Found& found : all) positions.push_back(positions_[found.position]);
+    const PositionTree tree(positions);
+    for (std::size_t t = 0; t < tetrahedra.size() && !tree.empty(); ++t) {
+      const std::array<double, 4> values = tetrahedra.values_of(t, 0);
+      if (std::isnan(values[0] + values[1] + values[2] + values[3])) continue;
+      const TetrahedronCorners corners = tetrahedra.corners_of(t);
+      Box around;
+      for (const dvec3& corner : corners) around.include(corner);
+      const double reach = with_reach ? cells_.reach(around) : 0;
+      widen(around, reach);
+      tree.visit_near(around, [&](std::uint32_t i) {
+        if (!(all[i].distance > 0) || !is_in(around, positions[i])) return;
+        if (with_reach)
+          take_nearest(nearest_on(corners, positions[i], reach), values, all[i]);
+        else if (const auto weights = weights_in(corners, positions[i]))
+          all[i] = {all[i].position, value_at(values, *weights), 0};
+      });
     }
+  }
+
+  static void take_nearest(const std::optional<SurfacePoint>& nearest, const std::array<double, 4>& values,
+                           Found& found) {
+    if (nearest && nearest->distance < found.distance)
+      found = {found.position, value_at(values, nearest->weights), nearest->distance};
   }
 
   const CellTetrahedra& cells_;
