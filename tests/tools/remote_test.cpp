@@ -94,6 +94,23 @@ TEST_F(ProgramsOnUrl, ExportCellsOfABox) {
   }
 }
 
+// A contour and a line, too: each reads the chunks that it meets, by few requests.
+TEST_F(ProgramsOnUrl, ExportContoursAndLines) {
+  expect_done("svbuild gen:mesh:cells=4e5 -o mesh.svol");
+  const std::uint64_t file = std::filesystem::file_size(path("mesh.svol"));
+  for (const std::string arguments : {"near.vtp --contour 0.5", "near.csv --line 0.1,0.2,-1:0.15,0.1,1"}) {
+    std::string far = arguments;
+    far.replace(0, 4, "far");
+    expect_done("svexport mesh.svol -o " + arguments);
+    const std::uint64_t before = sent_bytes(), requests_before = requests();
+    expect_done(fmt::format("svexport {} -o {}", nginx_->url("mesh.svol"), far));
+    EXPECT_LE(requests() - requests_before, 20) << arguments;
+    const std::string kind = arguments.substr(4, 4);
+    EXPECT_TRUE(read("far" + kind) == read("near" + kind)) << kind;
+    EXPECT_LT(sent_bytes() - before, file / 3) << kind;
+  }
+}
+
 // A cold exact view of a twentieth of the volume reads little of the cells and points, by few requests.
 TEST_F(ProgramsOnUrl, DrawCellsByFewRequests) {
   expect_done("svbuild gen:mesh:cells=1e6 -o mesh.svol");
