@@ -324,8 +324,7 @@ TEST_F(ExactPictures, HaveTheSlicesOfTheMesh) {
   const TetMesh mesh{mesh_.points, mesh_values, tetrahedra};
   const auto values = test::value_of(exact_slice(mesh, view, view.slices[0].plane, depths));
   SurfaceComposite composite;
-  const std::vector<SlicePicture> slices = {
-      color_slice(view, view.slices[0], depths, values, with.transfer_function)};
+  const std::vector<SlicePicture> slices = {color_slice(view, view.slices[0], depths, values, with.transfer_function)};
   for (const SurfaceLayer& layer : draw_surfaces({}, slices, view).layers)
     composite.add(truth(mesh_, with, &layer.depths), layer);
   EXPECT_LE(rmse(picture, composite.finish()), 1e-5);
