@@ -225,8 +225,9 @@ std::vector<double> values_at(const Crossed& crossed, double share, const dvec3&
   return values;
 }
 
-Result<std::vector<Crossed>> find_crossed(const CellTetrahedra& cells, const Line& line) {
-  const auto meets = [&](const Box& box) { return !line.in(box, cells.reach()).is_empty(); };
+// `rounding`: of positions on the line.
+Result<std::vector<Crossed>> find_crossed(const CellTetrahedra& cells, const Line& line, double rounding) {
+  const auto meets = [&](const Box& box) { return !line.in(box, cells.reach() + rounding).is_empty(); };
   SPLATVOL_TRY_ASSIGN(chunks, cells.chunks(meets));
   std::vector<Crossed> all;
   using Part = std::vector<Crossed>;
@@ -236,9 +237,9 @@ Result<std::vector<Crossed>> find_crossed(const CellTetrahedra& cells, const Lin
       const TetrahedronCorners corners = tetrahedra.corners_of(t);
       Box box;
       for (const dvec3& corner : corners) box.include(corner);
-      const double reach = cells.reach(box);
+      const double reach = cells.reach(box) + rounding;
       Crossed crossed{corners, reach, line.in(box, reach)};
-      if (crossed.near.is_empty() || !cross(line, cells.rounding(), crossed)) continue;
+      if (crossed.near.is_empty() || !cross(line, rounding, crossed)) continue;
       crossed.cell = first + (tetrahedra.constant ? tetrahedra.cells[t] : t);
       for (std::size_t a = 0; a < cells.attributes().size(); ++a) crossed.values.push_back(tetrahedra.values_of(t, a));
       part.push_back(std::move(crossed));
@@ -262,13 +263,16 @@ Result<LineRows> follow_line(const CellTetrahedra& cells, const dvec3& start, co
   if (cells.unknown_cells() > 0)
     return fail(ErrorCode::unsupported, "{}: {} of its cells have shapes that this version does not know", name,
                 cells.unknown_cells());
-  SPLATVOL_TRY_ASSIGN(all, find_crossed(cells, line));
+  const double rounding = std::max({cells.rounding(), rounding_of(start), rounding_of(end)});
+  if (rounding > cells.rounding() && rounding > 1e-6 * cells.reader().volume().info().cube.edge)
+    return fail(ErrorCode::invalid_argument, "{}: the line is too long to tell where it meets cells", name);
+  SPLATVOL_TRY_ASSIGN(all, find_crossed(cells, line, rounding));
   std::vector<double> shares = {0, 1};
   for (const Crossed& crossed : all) {
     const Range& range = crossed.is_crossed() ? crossed.inside : crossed.near;
     shares.insert(shares.end(), {range.begin, range.end});
   }
-  const Stops stops(std::move(shares), cells.rounding() / line.length());
+  const Stops stops(std::move(shares), rounding / line.length());
   const std::vector<std::size_t> owners = find_owners(line, all, stops);
 
   std::vector<double> tolerances;

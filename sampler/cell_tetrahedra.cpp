@@ -5,17 +5,6 @@
 #include <utility>
 
 namespace splatvol {
-namespace {
-
-// Of positions in a cube.
-double rounding_of(const Cube& cube) {
-  double largest = 0;
-  for (int axis = 0; axis < 3; ++axis)
-    largest = std::max({largest, std::abs(cube.origin[axis]), std::abs(cube.origin[axis] + cube.edge)});
-  return 32 * std::numeric_limits<double>::epsilon() * largest;
-}
-
-}  // namespace
 
 tl::unexpected<Error> fail_without_cells(const format::Volume& volume) {
   return fail(ErrorCode::invalid_argument, "{}: keeps no cells: build it from a mesh, without --drop-cells",
@@ -43,7 +32,8 @@ CellTetrahedra::CellTetrahedra(std::unique_ptr<const format::CellReader> reader,
       points_(*reader_, memory - ahead_memory_ - vertex_memory_),
       vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, vertex_memory_),
       moved_(1.01 * std::sqrt(3.0) * reader_->volume().info().position_error),
-      rounding_(rounding_of(reader_->volume().info().cube)) {}
+      rounding_(std::max(rounding_of(reader_->volume().info().cube.origin),
+                         rounding_of(reader_->volume().info().cube.origin + reader_->volume().info().cube.edge))) {}
 
 std::uint64_t CellTetrahedra::unknown_cells() const {
   std::uint64_t unknown = 0;
@@ -75,6 +65,16 @@ Result<std::vector<format::CellChunkEntry>> CellTetrahedra::chunks(
     }
   }
   return chunks;
+}
+
+// So many chunks that all threads have work, and that their tetrahedra take little memory.
+std::size_t CellTetrahedra::count_at_once(std::span<const format::CellChunkEntry> entries) {
+  constexpr std::uint64_t cells_at_once = std::uint64_t{1} << 17, of_polyhedron = 20;
+  std::uint64_t cells = 0;
+  std::size_t count = 0;
+  for (; count < entries.size() && (count == 0 || cells < cells_at_once); ++count)
+    cells += entries[count].cells * (entries[count].shape == format::CellShape::polyhedron ? of_polyhedron : 1);
+  return count;
 }
 
 Result<format::CellsAhead> CellTetrahedra::read_ahead(std::span<const format::CellChunkEntry> entries) const {

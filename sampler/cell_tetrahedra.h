@@ -102,11 +102,8 @@ class CellTetrahedra {
   template <class Part, class Work, class Take>
   [[nodiscard]] Status for_each(std::span<const format::CellChunkEntry> entries, const Work& work,
                                 const Take& take) const {
-    constexpr std::uint64_t cells_at_once = std::uint64_t{1} << 17;
     while (!entries.empty()) {
-      std::size_t count = 1;
-      for (std::uint64_t cells = entries[0].cells; count < entries.size(); ++count)
-        if ((cells += entries[count].cells) > cells_at_once) break;
+      const std::size_t count = count_at_once(entries);
       SPLATVOL_TRY(check_interruption());
       SPLATVOL_TRY_ASSIGN(ahead, read_ahead(entries.first(count)));
       std::vector<Part> parts(count);
@@ -124,6 +121,7 @@ class CellTetrahedra {
  private:
   CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
                  std::uint64_t memory);
+  [[nodiscard]] static std::size_t count_at_once(std::span<const format::CellChunkEntry> entries);
   [[nodiscard]] Result<format::CellsAhead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
   [[nodiscard]] Status read_values(std::span<const std::uint64_t> ranks, bool positions, Tetrahedra& tetrahedra) const;
 

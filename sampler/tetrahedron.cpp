@@ -33,6 +33,11 @@ double nearest_share(const dvec3& a, const dvec3& b, const dvec3& position) {
 
 }  // namespace
 
+double rounding_of(const dvec3& position) {
+  return 8 * std::numeric_limits<double>::epsilon() *
+         std::max({std::abs(position.x), std::abs(position.y), std::abs(position.z)});
+}
+
 double value_at(const std::array<double, 4>& values, const CornerWeights& weights) {
   const double mean = weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2] + weights[3] * values[3];
   const auto [low, high] = std::ranges::minmax(values);

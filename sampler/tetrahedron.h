@@ -8,6 +8,9 @@
 
 namespace splatvol {
 
+/// Returns how far a computed position may be from where it should be, for one with coordinates as large as these.
+[[nodiscard]] double rounding_of(const dvec3& position);
+
 /// The corners of a tetrahedron, in ascending order of their ranks. Then two that share a face agree to the last bit on
 /// which side of it a position lies.
 using TetrahedronCorners = std::array<dvec3, 4>;

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <set>
@@ -31,7 +32,7 @@ class LineOfCells : public test::SampledCells {
     EXPECT_EQ(rows.positions.back(), end);
     for (std::size_t row = 1; row < rows.arc_lengths.size(); ++row) {
       EXPECT_GE(rows.arc_lengths[row], rows.arc_lengths[row - 1]);
-      EXPECT_NEAR(glm::length(rows.positions[row] - start), rows.arc_lengths[row], 1e-12);
+      EXPECT_NEAR(glm::length(rows.positions[row] - start), rows.arc_lengths[row], 1e-14 * glm::length(end - start));
       if (rows.arc_lengths[row] > rows.arc_lengths[row - 1]) continue;
       EXPECT_FALSE(rows.values[0][row] == rows.values[0][row - 1]);
     }
@@ -139,6 +140,10 @@ TEST_F(LineOfCells, NeedsALength) {
   build(test::mesh_piece(test::lattice(2), field));
   for (const dvec3& end : {dvec3(0.5), dvec3(none), dvec3(1e308), dvec3(std::numeric_limits<double>::infinity())})
     EXPECT_THAT(test::message_of(follow_line(*cells(), dvec3(0.5), end)), HasSubstr("length"));
+  EXPECT_THAT(test::message_of(follow_line(*cells(), dvec3(0.5), dvec3(1e12))), HasSubstr("too long"));
+  const LineRows far = follow({-1e6, 0.4, 0.3}, {1e6, 0.5, 0.6});
+  EXPECT_EQ(std::ranges::count_if(far.values[0], [](double value) { return std::isnan(value); }), 4)
+      << "no gap between";
 }
 
 }  // namespace

@@ -54,6 +54,7 @@ const std::vector<Use>& uses() {
       {"a mesh", {}, "svexport a.svol -o out/m.vtu"},
       {"an export of cells", {mesh}, cells},
       {"an export of cells where files have names", {mesh}, cells, SPLATVOL_NO_TMPFILE},
+      {"a contour", {mesh}, "svexport out/m.svol --contour 0 -o out/m.vtp"},
       {"voxels", {}, "svexport a.svol --voxel 0.5 -o out/m.vdb"},
       {"a build with cells", {}, "svbuild --threads 1 gen:mesh:cells=300,pieces=2 -o out/s.svol"},
       {"cells where files have names",

@@ -290,6 +290,8 @@ TEST_F(Programs, InfinityAndNanAreNoNumbersOfOptions) {
       {"svview a.svol --screenshot a.png",
        {"--max-error", "--tolerance", "--fps", "--memory", "--gpu-memory", "--step"}},
       {"svexport a.svol -o a.vdb", {"--voxel", "--time", "--resolution", "--memory", "--step"}},
+      {"svexport a.svol -o a.stl", {"--contour"}},
+      {"svexport a.svol -o a.csv --line 0,0,0:1,0,0", {"--samples"}},
       {"svinfo a.svol", {"--time", "--step"}},
       {"svbuild a.csv -o a.svol",
        {"--time", "--leaf", "--memory", "--threads", "--boundary-triangles", "--read-memory", "--read-timeout"}},
