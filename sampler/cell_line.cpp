@@ -12,7 +12,7 @@ namespace splatvol {
 namespace {
 
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
-constexpr std::size_t no_owner = std::numeric_limits<std::size_t>::max();
+constexpr std::size_t no_number = std::numeric_limits<std::size_t>::max();
 
 // A part of the line, as shares of its length.
 struct Range {
@@ -61,8 +61,7 @@ struct Crossed {
   }
 
   // Linear between the ends of `inside`.
-  [[nodiscard]] CornerWeights weights_at(double share, const dvec3& position) const {
-    if (!is_crossed()) return nearest_on(corners, position, std::numeric_limits<double>::infinity())->weights;
+  [[nodiscard]] CornerWeights weights_at(double share) const {
     const double way = std::clamp((share - inside.begin) / (inside.end - inside.begin), 0.0, 1.0);
     CornerWeights weights{};
     for (std::size_t k = 0; k < 4; ++k) weights[k] = (1 - way) * at_begin[k] + way * at_end[k];
@@ -154,31 +153,38 @@ class Stops {
   std::vector<double> stops_;
 };
 
-// Which tetrahedron each interval between stops belongs to.
-std::vector<std::size_t> find_owners(const Line& line, const std::vector<Crossed>& all, const Stops& stops) {
-  std::vector<std::size_t> owners(stops.intervals(), no_owner);
+// Which tetrahedron an interval between stops belongs to.
+struct Owner {
+  std::size_t number = no_number;
+  bool is_inside = false;  // else the tetrahedron is the nearest one within reach
+
+  [[nodiscard]] bool operator==(const Owner&) const = default;
+};
+
+std::vector<Owner> find_owners(const Line& line, const std::vector<Crossed>& all, const Stops& stops) {
+  std::vector<Owner> owners(stops.intervals());
   for (std::size_t number = 0; number < all.size(); ++number) {
     const Crossed& crossed = all[number];
     if (!crossed.is_crossed() || !crossed.has_values()) continue;
     const std::size_t end = stops.stop_of(crossed.inside.end);
-    for (std::size_t i = stops.stop_of(crossed.inside.begin); i < end; ++i) owners[i] = std::min(owners[i], number);
+    for (std::size_t i = stops.stop_of(crossed.inside.begin); i < end; ++i)
+      if (!owners[i].is_inside) owners[i] = {number, true};
   }
   // What rounding has left between tetrahedra.
   std::vector<double> distances(owners.size(), std::numeric_limits<double>::infinity());
-  std::vector<std::size_t> nearest = owners;
   for (std::size_t number = 0; number < all.size(); ++number) {
     const Crossed& crossed = all[number];
     if (!crossed.has_values()) continue;
     const std::size_t end = std::min(stops.stop_of(crossed.near.end) + 1, owners.size());
     for (std::size_t i = stops.stop_of(crossed.near.begin); i < end; ++i) {
-      if (owners[i] != no_owner) continue;
+      if (owners[i].is_inside) continue;
       const auto point = nearest_on(crossed.corners, line.at(stops.middle_of(i)), crossed.reach);
       if (!point || !(point->distance < distances[i])) continue;
       distances[i] = point->distance;
-      nearest[i] = number;
+      owners[i] = {number, false};
     }
   }
-  return nearest;
+  return owners;
 }
 
 // Adds rows piece by piece.
@@ -218,8 +224,10 @@ class Rows {
   LineRows rows_;
 };
 
-std::vector<double> values_at(const Crossed& crossed, double share, const dvec3& position) {
-  const CornerWeights weights = crossed.weights_at(share, position);
+std::vector<double> values_at(const Crossed& crossed, bool is_inside, double share, const dvec3& position) {
+  constexpr double anywhere = std::numeric_limits<double>::infinity();
+  const CornerWeights weights =
+      is_inside ? crossed.weights_at(share) : nearest_on(crossed.corners, position, anywhere)->weights;
   std::vector<double> values;
   for (const auto& of_corners : crossed.values) values.push_back(value_at(of_corners, weights));
   return values;
@@ -273,7 +281,7 @@ Result<LineRows> follow_line(const CellTetrahedra& cells, const dvec3& start, co
     shares.insert(shares.end(), {range.begin, range.end});
   }
   const Stops stops(std::move(shares), rounding / line.length());
-  const std::vector<std::size_t> owners = find_owners(line, all, stops);
+  const std::vector<Owner> owners = find_owners(line, all, stops);
 
   std::vector<double> tolerances;
   for (const std::size_t a : cells.attributes()) {
@@ -282,18 +290,19 @@ Result<LineRows> follow_line(const CellTetrahedra& cells, const dvec3& start, co
   }
   Rows rows(line, std::move(tolerances));
   const std::vector<double> nothing(cells.attributes().size(), none);
-  const auto are_one = [&](std::size_t a, std::size_t b) {
-    return a == b || (a != no_owner && b != no_owner && all[a].cell == all[b].cell);
+  const auto are_one = [&](const Owner& a, const Owner& b) {
+    return a == b || (a.is_inside && b.is_inside && all[a.number].cell == all[b.number].cell);
   };
   for (std::size_t i = 0, next = 0; i < owners.size(); i = next) {
     for (next = i + 1; next < owners.size() && are_one(owners[i], owners[next]);) ++next;
     const double from = stops.at(i), to = stops.at(next);
-    if (owners[i] == no_owner) {
+    const auto [number, is_inside] = owners[i];
+    if (number == no_number) {
       rows.add_piece(from, to, nothing, nothing);
       continue;
     }
-    const Crossed& crossed = all[owners[i]];
-    rows.add_piece(from, to, values_at(crossed, from, line.at(from)), values_at(crossed, to, line.at(to)));
+    rows.add_piece(from, to, values_at(all[number], is_inside, from, line.at(from)),
+                   values_at(all[number], is_inside, to, line.at(to)));
   }
   return std::move(rows).rows();
 }
