@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <iterator>
 #include <limits>
 #include <optional>
 #include <utility>
@@ -33,30 +32,24 @@ class Samples {
     double value = 0, distance = infinity;  // from the cell
   };
 
-  [[nodiscard]] bool has_any_in(Box box) const {
-    widen(box, cells_.reach());
+  // Whether positions that no cell before has are in a box, or so near.
+  [[nodiscard]] bool has_any_in(Box box, double reach) const {
+    widen(box, reach);
     bool has_any = false;
-    tree_.visit_near(box, [&](std::uint32_t i) { has_any = has_any || is_in(box, positions_[i]); });
+    tree_.visit_near(box, [&](std::uint32_t i) { has_any = has_any || is_open_in(box, i); });
     return has_any;
   }
 
-  // Finds the positions of a chunk that no cell before has. Thread-safe.
-  [[nodiscard]] std::vector<Found> find(Box box, const Tetrahedra& tetrahedra) const {
-    widen(box, cells_.reach());
-    std::vector<Found> inside, near;
+  // Finds such positions in the tetrahedra of a chunk, or those on which they come to lie `with_reach`. Thread-safe.
+  [[nodiscard]] std::vector<Found> find(Box box, const Tetrahedra& tetrahedra, bool with_reach) const {
+    widen(box, with_reach ? cells_.reach() : 0);
+    std::vector<Found> all;
     tree_.visit_near(box, [&](std::uint32_t i) {
-      if (distances_[i] > 0 && is_in(box, positions_[i])) near.push_back({i});
+      if (is_open_in(box, i)) all.push_back({i});
     });
-    // Mostly, all are in cells: few are left to compare with surfaces.
-    for (const bool with_reach : {false, true}) {
-      visit_cells(tetrahedra, with_reach, near);
-      const auto outside = std::ranges::partition(near, [](const Found& found) { return !(found.distance > 0); });
-      inside.insert(inside.end(), near.begin(), outside.begin());
-      near.erase(near.begin(), outside.begin());
-    }
-    std::ranges::copy_if(near, std::back_inserter(inside),
-                         [](const Found& found) { return found.distance < infinity; });
-    return inside;
+    visit_cells(tetrahedra, with_reach, all);
+    std::erase_if(all, [](const Found& found) { return found.distance == infinity; });
+    return all;
   }
 
   // Takes what was found in a chunk, chunk by chunk.
@@ -76,8 +69,10 @@ class Samples {
     box.high += reach;
   }
   static bool is_in(const Box& box, const dvec3& position) { return squared_distance(box, position) == 0; }
+  [[nodiscard]] bool is_open_in(const Box& box, std::uint32_t position) const {
+    return distances_[position] > 0 && is_in(box, positions_[position]);
+  }
 
-  // Looks for positions in tetrahedra, or on those within reach.
   void visit_cells(const Tetrahedra& tetrahedra, bool with_reach, std::vector<Found>& all) const {
     std::vector<dvec3> positions;
     for (const Found& found : all) positions.push_back(positions_[found.position]);
@@ -117,18 +112,23 @@ class Samples {
 
 Result<std::vector<double>> sample_cells(const CellTetrahedra& cells, std::span<const dvec3> positions) {
   Samples samples(cells, positions);
-  SPLATVOL_TRY_ASSIGN(chunks, cells.chunks([&](const Box& box) { return samples.has_any_in(box); }));
+  // Mostly, all positions are in cells, or far from all. Those that rounding may have moved out of cells are left for
+  // another pass, which reads the chunks round them.
   using Part = std::vector<Samples::Found>;
-  SPLATVOL_TRY(cells.for_each<Part>(
-      chunks,
-      [&](const format::CellChunkEntry& entry, const Tetrahedra& tetrahedra, Part& part) -> Status {
-        part = samples.find(box_of_cells(entry), tetrahedra);
-        return {};
-      },
-      [&](const format::CellChunkEntry& /*entry*/, const Part& part) -> Status {
-        samples.take(part);
-        return {};
-      }));
+  for (const bool with_reach : {false, true}) {
+    const double reach = with_reach ? cells.reach() : 0;
+    SPLATVOL_TRY_ASSIGN(chunks, cells.chunks([&](const Box& box) { return samples.has_any_in(box, reach); }));
+    SPLATVOL_TRY(cells.for_each<Part>(
+        chunks,
+        [&](const format::CellChunkEntry& entry, const Tetrahedra& tetrahedra, Part& part) -> Status {
+          part = samples.find(box_of_cells(entry), tetrahedra, with_reach);
+          return {};
+        },
+        [&](const format::CellChunkEntry& /*entry*/, const Part& part) -> Status {
+          samples.take(part);
+          return {};
+        }));
+  }
   return std::move(samples).values();
 }
 

@@ -8,7 +8,7 @@
 namespace splatvol {
 namespace {
 
-constexpr std::uint32_t leaf_positions = 16;
+constexpr std::uint32_t leaf_positions = 8;
 
 bool is_finite(const dvec3& position) {
   return std::isfinite(position.x) && std::isfinite(position.y) && std::isfinite(position.z);
