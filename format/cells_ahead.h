@@ -12,7 +12,7 @@
 
 namespace splatvol::format {
 
-/// What was read ahead. While it lives, reads of it take it from memory.
+/// Bytes that were read ahead. While they live, reads take them from memory.
 using CellsAhead = std::vector<std::shared_ptr<const BytesAhead>>;
 
 /// Reads chunks of cells ahead, with the positions of their corners and their values of `attributes`: of a file that is

@@ -19,7 +19,7 @@ struct LineRows {
 
 /// Follows a line through the cells, and returns a row wherever it crosses from a tetrahedron to another, and at its
 /// ends. Between two rows, all values are linear. Where they jump, two rows have one position: at borders of cells of
-/// their own and of blocks, and where the line leaves all cells or enters one. So a gap is a pair of rows of NaN.
+/// their own and of blocks, and where the line leaves all cells or enters one. A gap is two rows of NaN.
 ///
 /// Where cells overlap, the first of the file with a value counts. Lines on faces and edges, and gaps that rounding
 /// opens, are as in sample_cells(). Reads the chunks of cells whose boxes meet the line, and holds their tetrahedra on
@@ -28,7 +28,7 @@ struct LineRows {
 [[nodiscard]] Result<LineRows> follow_line(const CellTetrahedra& cells, const dvec3& start, const dvec3& end);
 
 /// Returns the values at positions in equal steps along the line, both ends included: those of follow_line() between
-/// its rows. Where values jump, that in front counts, or the one that is there. Requires at least two positions.
+/// its rows. Where values jump, takes the value in front, or the other if that is NaN. Requires at least two positions.
 [[nodiscard]] LineRows in_equal_steps(const LineRows& rows, const dvec3& start, const dvec3& end,
                                       std::size_t positions);
 

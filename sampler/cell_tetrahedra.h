@@ -87,8 +87,8 @@ class CellTetrahedra {
   /// The part of it that is due to computed positions.
   [[nodiscard]] double rounding() const { return rounding_; }
 
-  /// Returns the chunks whose boxes `meets` accepts, and the ranges and bins of whose first attribute `shows` accepts,
-  /// in the order of the file. Reads pages of chunks whose boxes are accepted. 96 bytes each.
+  /// Returns chunks in the order of the file: those whose boxes `meets` accepts, and whose ranges of the first
+  /// attribute `shows` accepts. Reads the pages of chunks whose boxes are accepted. A chunk takes 96 bytes.
   [[nodiscard]] Result<std::vector<format::CellChunkEntry>> chunks(
       const std::function<bool(const Box&)>& meets,
       const std::function<bool(const format::ValueSummary&)>& shows = {}) const;

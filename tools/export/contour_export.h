@@ -31,7 +31,7 @@ struct ContourReport {
 /// in the order of their ranks, so it has the same bits in all cells, and no gap opens. Its number is the same in them,
 /// too. The surface ends at the border of the mesh, of the box, and of cells with a missing value.
 ///
-/// Reads chunks of cells whose boxes meet that box and whose ranges hold the value, one after another. Of `memory`, up
+/// Reads a chunk of cells if its box meets the selection's and its range holds the value. Of `memory`, up
 /// to 128 MiB hold parts of the file, and half has room for vertices that chunks to come may share. Fails if that does
 /// not suffice. Temporary files beside `path` take as much as the output. Does not depend on threads or memory.
 /// Fails if the file keeps no cells, if some have values of their own, if the contour is empty, if the selection has

@@ -52,7 +52,7 @@ double length_inside(const LineRows& rows) {
 Status write_rows(AtomicFile& file, const LineRows& rows) {
   std::string text;
   const auto flush = [&] {
-    const Status status = file.append(std::as_bytes(std::span(text)));
+    Status status = file.append(std::as_bytes(std::span(text)));
     text.clear();
     return status;
   };

@@ -24,9 +24,10 @@ struct LineReport {
       {};  // usual name of a column: its name, where an attribute has the usual one
 };
 
-/// Writes a table as CSV (RFC 4180): a line of names, then arc length, x, y, z and all attributes of the selection, row
-/// by row: those of follow_line(), or so many in equal steps if there are `samples`, at least 2. Numbers read back to
-/// the same bits; `nan` where no cell is, or no value. The selection's resolution and box do not matter.
+/// Writes a table as CSV (RFC 4180). Its columns are arc length, x, y, z and the attributes of the selection, and the
+/// first line has their names. Rows are those of follow_line(). With `samples`, at least 2, there are as many rows, in
+/// equal steps. Numbers read back to the same bits. Outside of cells, and where a value is missing, stands `nan`. The
+/// selection's resolution and box do not matter.
 ///
 /// Fails if the file keeps no cells, as follow_line() does, if the selection has two attributes of one name, or if
 /// `path` may not be replaced: a table has no mark.
