@@ -5,11 +5,14 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <span>
 #include <utility>
 #include <variant>
 
 #include "renderer/slice_values.h"
 #include "renderer/transfer_table.h"
+#include "sampler/cell_line.h"
+#include "sampler/cell_sampler.h"
 #include "splat/ellipsoid.h"
 #include "splat/kernel.h"
 
@@ -277,6 +280,30 @@ std::optional<Probe> ProbedFrame::probe(const Transfer& transfer, const Looking&
                  opacity, samples_of(chords, extinctions)};
   }
   return {};
+}
+
+Result<std::shared_ptr<const ProbedCells>> ProbedCells::open(const format::Steps& steps, std::size_t step,
+                                                             const std::string& attribute) {
+  constexpr std::uint64_t held_bytes = std::uint64_t{16} << 20;
+  SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
+  if (volume->is_far()) return nullptr;
+  SPLATVOL_TRY_ASSIGN(number, format::find_attribute(volume->info(), attribute, volume->name()));
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(*volume, {static_cast<std::size_t>(number)}, held_bytes));
+  if (!cells || cells->unknown_cells() > 0) return nullptr;
+  return std::shared_ptr<const ProbedCells>(new ProbedCells(std::move(volume), std::move(cells)));
+}
+
+void ProbedCells::take_values(const Ray& ray, Probe& probe) const {
+  const auto value = sample_cells(*cells_, std::span(&probe.position, 1));
+  if (!value) return;
+  if (!std::isnan(value->front())) probe.value = value->front();
+  if (probe.samples.size() < 2) return;
+  const dvec3 start = ray.origin + probe.samples.front().distance * ray.direction;
+  const dvec3 end = ray.origin + probe.samples.back().distance * ray.direction;
+  const auto rows = follow_line(*cells_, start, end);
+  if (!rows) return;
+  const LineRows samples = in_equal_steps(*rows, start, end, probe.samples.size());
+  for (std::size_t i = 0; i < probe.samples.size(); ++i) probe.samples[i].value = samples.values[0][i];
 }
 
 std::optional<Probe> probe_slices(const DrawList& sliced, const DrawingUnits& units, const View& view, const Ray& ray) {

@@ -1,11 +1,17 @@
 // The values along a ray through the splats of a frame.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "base/math.h"
+#include "format/steps.h"
+#include "sampler/cell_tetrahedra.h"
 #include "scene/scene.h"
 #include "splat/record.h"
 
@@ -31,7 +37,7 @@ struct Looking {
 
 /// What a ray meets.
 struct Probe {
-  double value;    // at `position`: the mean of the splats there, weighted by their densities
+  double value;    // at `position`: the mean of the splats there, weighted by their densities; or the mesh's own
   dvec3 position;  // the ray has lost half of the light there that it loses in all
   double opacity;  // of the whole ray, [0, 1]
 
@@ -69,6 +75,26 @@ class ProbedFrame {
   DrawList list_;
   DrawingUnits units_;
   std::vector<Chunk> chunks_;
+};
+
+/// The cells of a step, to read values of an attribute off them.
+class ProbedCells {
+ public:
+  /// Returns null if the file keeps no cells or has some of a shape that this program does not know, and if it is far:
+  /// then probes do not wait for a server. Holds up to 16 MiB of the file.
+  [[nodiscard]] static Result<std::shared_ptr<const ProbedCells>> open(const format::Steps& steps, std::size_t step,
+                                                                       const std::string& attribute);
+
+  /// Replaces the values of a probe by those of the cells, also in the samples. Where no cell is, the value at the
+  /// position stays, and a sample has none. If the cells cannot be read, all values stay.
+  void take_values(const Ray& ray, Probe& probe) const;
+
+ private:
+  ProbedCells(std::shared_ptr<const format::Volume> volume, std::unique_ptr<const CellTetrahedra> cells)
+      : volume_(std::move(volume)), cells_(std::move(cells)) {}
+
+  std::shared_ptr<const format::Volume> volume_;
+  std::unique_ptr<const CellTetrahedra> cells_;
 };
 
 /// Returns the value where a ray meets the nearest slice of the view that has one there, without samples; none without

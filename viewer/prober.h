@@ -5,7 +5,9 @@
 #include <future>
 #include <memory>
 #include <optional>
+#include <string>
 
+#include "format/steps.h"
 #include "streamer/streamer.h"
 #include "viewer/probe.h"
 
@@ -24,9 +26,16 @@ class Prober {
     [[nodiscard]] bool operator==(const Question&) const = default;
   };
 
+  /// The cells of a frame's file, whose values the probe shows.
+  struct CellsOf {
+    format::Steps steps;
+    std::size_t step = 0;
+    std::string attribute;
+  };
+
   /// Asks about a frame, unless this has been asked before. Copies the frame's list. An answer that is on its way comes
-  /// first: then nothing is asked.
-  void ask(const Question& question, const FrameSplats& frame, const DrawingUnits& units);
+  /// first: then nothing is asked. If the cells cannot be opened, values are those of splats.
+  void ask(const Question& question, const FrameSplats& frame, const DrawingUnits& units, const CellsOf& cells);
 
   /// Returns the answer to a question, null until it is there. The answer may be that the ray meets nothing.
   [[nodiscard]] const std::optional<Probe>* answer_to(const Question& question);
@@ -43,6 +52,7 @@ class Prober {
  private:
   struct Answer {
     std::shared_ptr<const ProbedFrame> frame;
+    std::shared_ptr<const ProbedCells> cells;
     std::optional<Probe> probe;
   };
 
@@ -51,7 +61,8 @@ class Prober {
   std::optional<Question> answered_;
   std::optional<Probe> probe_;
   std::shared_ptr<const ProbedFrame> frame_;
-  std::uint64_t serial_ = 0;  // of frame_
+  std::shared_ptr<const ProbedCells> cells_;  // of frame_; null: none
+  std::uint64_t serial_ = 0;                  // of frame_
 };
 
 }  // namespace splatvol

@@ -133,6 +133,9 @@ class Session {
   /// Returns the times of the steps of a time series, in one file or in several; none for another file.
   [[nodiscard]] const std::vector<double>& times() const { return player_->steps().times(); }
 
+  /// The file, or the files of a series.
+  [[nodiscard]] const format::Steps& steps() const { return player_->steps(); }
+
   /// Whether each of them is a file.
   [[nodiscard]] bool steps_are_files() const { return player_->steps().are_files(); }
 

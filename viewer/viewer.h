@@ -135,6 +135,7 @@ class Viewer {
   void draw_probes();
   [[nodiscard]] dvec2 pixel_at(const dvec2& position) const;
   [[nodiscard]] Prober::Question question_about(const Looking& looking) const;
+  [[nodiscard]] Prober::CellsOf probed_cells() const;
   void pin(const dvec2& position);
   [[nodiscard]] std::optional<Probe> with_slices(const std::optional<Probe>& volume, const Ray& ray) const;
   void draw_hovered();

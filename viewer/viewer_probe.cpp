@@ -98,6 +98,10 @@ Prober::Question Viewer::question_about(const Looking& looking) const {
   return question;
 }
 
+Prober::CellsOf Viewer::probed_cells() const {
+  return {session_->steps(), session_->step(), session_->drawn_scene().attribute};
+}
+
 // A slice in front of the volume's middle takes its place.
 std::optional<Probe> Viewer::with_slices(const std::optional<Probe>& volume, const Ray& ray) const {
   auto on_slice = probe_slices(session_->frame()->sliced, session_->units(), session_->view(), ray);
@@ -126,7 +130,7 @@ void Viewer::draw_probes() {
       pin_->probe = with_slices(*answer, pin_->looking.ray);
       if (!pin_->probe) pin_.reset();  // nothing is there
     } else if (pin_->asked != question) {
-      prober_.ask(question, *frame, session_->units());
+      prober_.ask(question, *frame, session_->units(), probed_cells());
     }
   }
   draw_pinned();
@@ -139,7 +143,7 @@ void Viewer::draw_hovered() {
   const dvec2 pixel = glm::floor(pixel_at(pointer_)) + 0.5;
   const Prober::Question question = question_about(looking_through(session_->view(), pixel.x, pixel.y));
   const auto* answer = prober_.answer_to(question);
-  if (!answer) return prober_.ask(question, *session_->frame(), session_->units());
+  if (!answer) return prober_.ask(question, *session_->frame(), session_->units(), probed_cells());
   if (const auto found = with_slices(*answer, question.looking.ray))
     ImGui::SetTooltip("%s", words_of(*found, session_->attribute()).c_str());
 }

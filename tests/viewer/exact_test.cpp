@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -16,6 +17,7 @@
 #include "tests/builder/support/built_mesh.h"
 #include "tests/support/results.h"
 #include "tests/viewer/viewer_fixture.h"
+#include "viewer/probe.h"
 #include "viewer/session.h"
 
 namespace splatvol {
@@ -83,6 +85,46 @@ TEST_F(ExactAtRest, IsThePictureOfTheReference) {
     EXPECT_LE(difference(second, truth(mesh_, session->scene)), 1e-4);
     EXPECT_TRUE(session->exact());
   }
+}
+
+// The value at a position, tetrahedron by tetrahedron; NaN: none.
+double value_in(const test::Mesh& mesh, const dvec3& position) {
+  for (const auto& [a, b, c, d] : mesh.tetrahedra) {
+    const dvec3& origin = mesh.points[a];
+    const dvec3 weights =
+        glm::inverse(dmat3(mesh.points[b] - origin, mesh.points[c] - origin, mesh.points[d] - origin)) *
+        (position - origin);
+    const double first = 1 - weights.x - weights.y - weights.z;
+    if (std::min({first, weights.x, weights.y, weights.z}) < 0) continue;
+    return first * waves(origin) + weights.x * waves(mesh.points[b]) + weights.y * waves(mesh.points[c]) +
+           weights.z * waves(mesh.points[d]);
+  }
+  return std::numeric_limits<double>::quiet_NaN();
+}
+
+TEST_F(ExactAtRest, ProbesHaveTheMeshsOwnValues) {
+  build(mesh_, path("m.svol"));
+  build(mesh_, path("without.svol"), false);
+  const auto session = open(on_processor());
+  settled(*session);
+  const auto cells = test::value_of(ProbedCells::open(session->steps(), 0, "value"));
+  ASSERT_TRUE(cells);
+  const Looking looking = looking_through(session->view(), 0.5 * width_, 0.5 * height_);
+  auto probe = ProbedFrame(session->frame()->list, session->units())
+                   .probe({session->drawn_scene().transfer_function, nullptr}, looking);
+  ASSERT_TRUE(probe);
+  cells->take_values(looking.ray, *probe);
+  EXPECT_NEAR(probe->value, value_in(mesh_, probe->position), 1e-9);
+  std::size_t inside = 0;
+  for (std::size_t i = 0; i < probe->samples.size(); i += 8) {
+    const Probe::Sample& sample = probe->samples[i];
+    const double expected = value_in(mesh_, looking.ray.origin + sample.distance * looking.ray.direction);
+    EXPECT_EQ(std::isnan(sample.value), std::isnan(expected)) << i;
+    EXPECT_TRUE(std::isnan(expected) || std::abs(sample.value - expected) < 1e-9) << i;
+    inside += std::isnan(expected) ? 0 : 1;
+  }
+  EXPECT_GT(inside, 16);
+  EXPECT_FALSE(test::value_of(ProbedCells::open(open(on_processor(), "without.svol")->steps(), 0, "value")));
 }
 
 // Exact pictures move, with samples some pixels apart, and exact ones follow at rest. No splats come between.
