@@ -12,7 +12,7 @@ namespace {
 using Edge = std::uint64_t;
 Edge edge_of(std::uint32_t a, std::uint32_t b) { return std::uint64_t{std::min(a, b)} << 32 | std::max(a, b); }
 
-// The corners of a tetrahedron that stand in front, in an order of positive volume if the tetrahedron has one.
+// The corners of a tetrahedron, in an order of positive volume unless it is flat.
 struct Sides {
   std::array<std::uint32_t, 4> corners;  // those inside, then those outside
   std::size_t inside;
