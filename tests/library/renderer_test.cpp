@@ -72,6 +72,19 @@ TEST_F(DrawFile, KeepsToItsQuality) {
   EXPECT_EQ(renderer.render()->pixels, exact.pixels);
 }
 
+TEST_F(DrawFile, DrawsContoursExactly) {
+  Renderer renderer = open();
+  Scene scene = renderer.scene();
+  scene.transfer_function.densities = {{0, 0}};
+  scene.contours = {{.values = {0.5 * (scene.transfer_function.lo + scene.transfer_function.hi)}}};
+  ASSERT_TRUE(renderer.set_scene(scene));
+  const Image image = renderer.render().value();
+  EXPECT_EQ(largest_alpha(image), 1);
+  EXPECT_EQ(renderer.render({.exact = true})->pixels, image.pixels);
+  for (const auto& refused : {renderer.render({.max_splats = 9}), renderer.render_within(1), renderer.render_now()})
+    EXPECT_THAT(refused.error().message, HasSubstr("splats have no contours"));
+}
+
 TEST_F(DrawFile, RefusesExactPicturesWithoutCells) {
   ASSERT_TRUE(build(test::Lattice(20).mesh(), path_, {.keep_cells = false}));
   Renderer renderer = open();

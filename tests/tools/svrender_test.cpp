@@ -130,6 +130,21 @@ TEST_F(Svrender, DrawsCellsExactly) {
   check("parallel");
   scene_["clip_planes"] = {{{"point", {0, 0, 0}}, {"normal", {-1, -0.2, 0.3}}}};
   check("clipped");
+  scene_["contours"] = {{{"values", {0.3, 0.6}}, {"opacity", 0.5}}};
+  scene_["slices"] = {{{"point", {0, 0.1, 0}}, {"normal", {0.1, 1, 0}}, {"opacity", 0.5}}};
+  check("with contours and a slice");
+  EXPECT_THAT(run("mesh.svol --scene s.json -o scene.exr").text, HasSubstr("64 x 48 pixels, exact, "));
+  for (const char* option : {"--tolerance 1", "--splats 9", "--device gl", "--progress-frames ."})
+    expect_refusal(std::string("mesh.svol --scene s.json -o no.exr ") + option, "splats have no contours");
+  scene_["attribute"] = "a0";
+  write_scene();
+  expect_refusal("v.svol --scene s.json -o no.exr", "it keeps no cells, and only these have contours");
+
+  scene_ = plain;
+  scene_["transfer_function"]["density"] = {{0, 0}};
+  scene_["contours"] = {{{"values", {99}}}};
+  write_scene();
+  EXPECT_THAT(run("mesh.svol --scene s.json -o empty.png").text, HasSubstr("no contour is in the picture"));
 
   scene_ = plain;
   scene_["exact"] = true;
