@@ -842,8 +842,9 @@ Result<Image> Session::page(const PageText& text, bool transparent) const {
   return compose_page(page, std::move(image), text, used_scene_.transfer_function, ink, transparent);
 }
 
+// Contours may show where the volume does not.
 std::string Session::explain() const {
-  if (!frame()) return {};
+  if (!frame() || !contours_of(used_scene_).surfaces.empty()) return {};
   const auto sentence = [](const EmptyReason& why, const std::string& remedy) {
     std::string text = fmt::format("{}: {}.", why.reason, remedy);
     text[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(text[0])));

@@ -432,7 +432,10 @@ void CellSweep::begin_tiles() {
 }
 
 void CellSweep::choose_batch(std::uint32_t first) {
-  constexpr std::uint64_t bytes_of_cell = sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t);
+  // A cell has about one contour, or none.
+  const std::uint64_t bytes_of_cell =
+      sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t) +
+      (frame_.events ? sizeof(CellShading) + sizeof(EventsOfCell) + sizeof(ContourInCell) : 0);
   const std::uint64_t most = std::min<std::uint64_t>(drawing_.memory / 4, std::uint64_t{128} << 20);
   batch_.first = first;
   batch_.chunks.clear();

@@ -21,7 +21,7 @@ bool is_same(const Scene& a, const Scene& b) {
   return a.camera == b.camera && a.width == b.width && a.height == b.height && a.background == b.background &&
          a.attribute == b.attribute && a.transfer_function == b.transfer_function && a.lighting == b.lighting &&
          a.clip_box == b.clip_box && a.outline == b.outline && a.surfaces == b.surfaces && a.slices == b.slices &&
-         a.clip_planes == b.clip_planes && a.opacity == b.opacity;
+         a.clip_planes == b.clip_planes && a.opacity == b.opacity && a.contours == b.contours;
 }
 
 void check_function(const TransferFunction& function) {
@@ -99,6 +99,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     require(std::abs(glm::length(plane.normal) - 1) < 1e-9, "normals of clip planes have length 1");
   check_function(scene->transfer_function);
   if (scene->opacity) check_function(scene->opacity->function);
+  const Contours contours = contours_of(*scene);
+  require(std::ranges::is_sorted(contours.surfaces, {}, &Contour::value), "contours rise");
+  if (!contours.attribute.empty()) check_function(contours.colors);
   if (scene->transfer_function.densities.size() + scene->transfer_function.colors.size() < 64)
     check_tables(scene->transfer_function);
   return 0;

@@ -217,6 +217,8 @@ Status add_scenes(Seeds& seeds) {
   scene.slices = {{.point = {1, 2, 3}, .normal = {0, 0, 1}}, {.normal = {1, -1, 2}, .opacity = 0.5, .shown = false}};
   scene.clip_planes = {{.point = {0.5, 0, 0}, .normal = {1, 1, 0}}};
   scene.opacity = SceneOpacity{"T", {.lo = 2, .hi = 9, .colors = {{0, dvec3(1)}}, .densities = {{0, 0}, {1, 1}}}};
+  scene.contours = {{.values = {3, 4.5}, .color_by = SceneColoring{"T", scene.opacity->function}, .opacity = 0.5},
+                    {.values = {2}, .color = dvec3(1)}};
   SPLATVOL_TRY(seeds.add("fuzz_scene", scene_to_json(scene)));
   scene.transfer_function.axis = ValueAxis::asinh;
   scene.transfer_function.lo = -1000;

@@ -182,6 +182,11 @@ TEST_F(ExactAtRest, HasContours) {
   session->scene.contours = {{.values = {0.3}, .opacity = 0.5}, {.values = {0.6}, .color = dvec3(1, 1, 0)}};
   EXPECT_LE(difference(settled(*session), truth(mesh_, session->scene)), 1e-4);
   EXPECT_TRUE(session->exact());
+  const TransferFunction function = session->scene.transfer_function;
+  session->scene.transfer_function.densities = {{0, 0}};
+  settled(*session);
+  EXPECT_EQ(session->explain(), "") << "contours are there";
+  session->scene.transfer_function = function;
   EXPECT_EQ(test::value_of(parse_scene(scene_to_json(session->used_scene().scene))).contours, session->scene.contours);
   EXPECT_TRUE(session->troubles().empty());
 
