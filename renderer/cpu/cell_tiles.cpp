@@ -266,7 +266,7 @@ HWY_NOINLINE void add_between_slices(const CellTile& t, WholeSegments whole, std
   for (; slices != 0; slices &= slices - 1) {
     const auto slice = static_cast<std::size_t>(std::countr_zero(slices));
     const Float d = gather(tile.slices[slice].d.data(), whole.pixel & Int(cell_tile_pixels - 1));
-    const Mask cut = both(whole.hit, both(d<whole.near_d, d> whole.far_d));
+    const Mask cut = both(whole.hit, both(whole.near_d > d, d > whole.far_d));
     if (!any(cut)) continue;
     const Float z = z_at<orthographic>(d, whole.w);
     WholeSegments in_front = whole;
