@@ -126,6 +126,8 @@ bool shows_matter(const FunctionPieces& function, float low, float high) {
   return function.visible_before[bin_of(high) + 1] > function.visible_before[bin_of(low)];
 }
 
+bool is_nan(float u) { return std::isnan(u); }
+
 // The slices that cut a cell; a bit for each.
 std::uint64_t slices_through(const CellSetup& setup, const std::array<std::uint32_t, 4>& corners) {
   if (setup.sides.empty()) return 0;
@@ -199,7 +201,8 @@ void place_values(const CellFrame& frame, const DrawnCells& cells, CellSetup& se
     to_u(cells.color_values, frame.contour_low, frame.contour_inverse, frame.contour_colors->origin, setup.colors);
   if (!frame.opacity) return;
   to_u(cells.opacity_values, frame.opacity_low, frame.opacity_inverse, frame.opacity->origin, setup.opacities);
-  for (std::size_t i = 0; i < u.size(); ++i)
+  // Slices show values whatever the opacity is.
+  for (std::size_t i = 0; i < u.size() && frame.view->slices.empty(); ++i)
     if (std::isnan(setup.opacities[i])) u[i] = setup.opacities[i];
 }
 
@@ -253,10 +256,12 @@ void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetu
     bool has_contours = false;
     if (frame.events) {
       CellOnScreen& on_screen = screen.cells[i];
-      const EventsOfCell& events = screen.events[i] = list_events(frame, cells, number, setup, on_screen, screen);
+      EventsOfCell& events = screen.events[i] = list_events(frame, cells, number, setup, on_screen, screen);
+      const bool is_missing = frame.opacity && std::ranges::any_of(of_corners(setup.opacities), is_nan);
+      if (is_missing) events.end = events.first;
       has_contours = events.first < events.end;
       on_screen.has_events = has_contours || events.slices != 0;
-      on_screen.shows_matter = shows_matter(*frame.function, on_screen.low, on_screen.high);
+      on_screen.shows_matter = !is_missing && shows_matter(*frame.function, on_screen.low, on_screen.high);
       screen.slices |= events.slices;
     }
     if (!frame.has_shades() && !has_contours) continue;
@@ -276,7 +281,7 @@ void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetu
     };
     if (frame.opacity) shading.opacity = field(setup.opacities);
     if (!has_contours || !frame.contour_colors) continue;
-    shading.has_color = std::ranges::none_of(of_corners(setup.colors), [](float u) { return std::isnan(u); });
+    shading.has_color = std::ranges::none_of(of_corners(setup.colors), is_nan);
     if (shading.has_color) shading.color = field(setup.colors);
   }
 }

@@ -218,6 +218,12 @@ TEST(Slices, HaveTheValuesOfTheirCells) {
           drawn.color_values = other_values(mesh);
           drawn.scene.clip_planes = {{{0.5, 0.5, 0.5}, {1, -0.6, 0.3}, true}};
           expect_exact(drawn, 1e-5, 2e-3);
+          SceneOpacity by_other{"other", coloring().function};  // hides neither a slice nor a contour
+          by_other.function.densities = {{0, 0}, {0.5, 0}, {1, 1}};
+          drawn.scene.opacity = by_other;
+          drawn.opacity_values = other_values(mesh);
+          drawn.opacity_values[200] = drawn.opacity_values[300] = nan;  // but the matter
+          expect_exact(drawn, 1e-5, 2e-3);
         }
 }
 

@@ -196,7 +196,9 @@ TEST_F(ExactAtRest, HasContours) {
   settled(*mover);
   mover->scene.camera.position += dvec3(0.05);
   draw(*mover, 0.001);
-  if (mover->exact()) EXPECT_LE(difference(test::value_of(mover->image()), truth(mesh_, mover->scene)), 0.05);
+  if (mover->exact()) {
+    EXPECT_LE(difference(test::value_of(mover->image()), truth(mesh_, mover->scene)), 0.05);
+  }
 
   const auto without = open(on_processor(), "points.svol");
   without->scene.contours = session->scene.contours;
