@@ -241,6 +241,10 @@ struct CellSetup {
   std::vector<std::uint32_t> next;  // [tile]
 };
 
+/// Pixels by which all rays are moved, so that none runs along a face, or through an edge or a vertex. All cells see
+/// the same move: a ray is in one of those that meet there.
+inline constexpr float ray_shift_x = 1.1e-6F, ray_shift_y = 0.7e-6F;
+
 /// The largest d, in size.
 inline constexpr float farthest = 1e30F;
 

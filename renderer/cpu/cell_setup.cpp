@@ -36,8 +36,8 @@ struct Plane {
 };
 
 /// Returns the plane through three corners, in the order of their ranks. One that is seen edge-on is nearly a step: it
-/// lies before all of a ray on one side, and behind all on the other, so that its values do not count. It is turned by
-/// so little that no ray but one through a corner meets it.
+/// lies before all of a ray on one side, and behind all on the other, so that its values do not count. No ray is on
+/// neither side (ray_shift_x).
 HWY_INLINE Plane plane_through(const Corner& p, const Corner& q, const Corner& r) {
   const Float qx = q.x - p.x, qy = q.y - p.y, rx = r.x - p.x, ry = r.y - p.y;
   const Float product = qy * rx, exact = fma(qx, ry, -product), size = max(abs(qx * ry) + abs(product), 1e-25F);
@@ -54,9 +54,7 @@ HWY_INLINE Plane plane_through(const Corner& p, const Corner& q, const Corner& r
   const Float area = select(is_step, select(exact < Float(0.0F), -largest, largest), exact);
   const Float inverse = only(hn::Not(is_step), Float(1.0F) / area);
   const Float scale = select(is_step, select(exact < Float(0.0F), -steep, steep), inverse);
-  const Float across_a = a * scale, across_b = b * scale;
-  const Float turn = only(is_step, max(abs(across_a), abs(across_b)) * 1e-6F);
-  return {across_a + turn, fma(turn, 1.37F, across_b), e * inverse, f * inverse, area};
+  return {a * scale, b * scale, e * inverse, f * inverse, area};
 }
 
 /// Lists the tetrahedra with a visible value.

@@ -411,11 +411,21 @@ HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const W
 template <bool orthographic, bool has_shades>
 HWY_NOINLINE void add_with_events(const CellTile& t, const CellWithEvents& c, const WholeSegments& whole,
                                   const RaysInCell& rays, int first, TileSegments& tile) {
-  // Cells begin a little sooner and end a little later: of neighbours, the first one that has a place counts.
-  const auto margin = [&](Float d, Float z)
-                          HWY_ATTR { return fma(abs(d), 4e-7F, whole.segments.length * 1e-6F / (z * z)); };
-  const Float nearest = whole.near_d + margin(whole.near_d, whole.near_z);
-  const Float farthest_here = whole.far_d - margin(whole.far_d, whole.far_z);
+  // Cells begin a little sooner and end a little later, as far as places on the screen are rounded: of neighbours, the
+  // first one that has a place counts.
+  Float enter_slope(0.0F), leave_slope(0.0F);
+  for (std::int32_t k = 0; k < 4 && c.events.slices != 0; ++k) {
+    const CellOnScreen::Face& face = c.cell.faces[static_cast<std::size_t>(k)];
+    const Float slope((std::abs(face.a) + std::abs(face.b)) * (0.02F * t.frame.slack));
+    enter_slope = select(mask_of(hn::Eq(rays.enter.v, Int(k).v)), slope, enter_slope);
+    leave_slope = select(mask_of(hn::Eq(rays.leave.v, Int(k).v)), slope, leave_slope);
+  }
+  const auto margin = [&](Float d, Float z, Float slope) HWY_ATTR {
+    const Float length = whole.segments.length / (z * z);
+    return fma(abs(d), 4e-7F, fma(length, 1e-6F, min(slope, length * 0.01F)));
+  };
+  const Float nearest = whole.near_d + margin(whole.near_d, whole.near_z, enter_slope);
+  const Float farthest_here = whole.far_d - margin(whole.far_d, whole.far_z, leave_slope);
   for (std::uint64_t slices = c.events.slices; slices != 0; slices &= slices - 1) {
     const auto slice = static_cast<std::size_t>(std::countr_zero(slices));
     Float d = gather(tile.slices[slice].d.data(), whole.pixel & Int(cell_tile_pixels - 1));
@@ -454,7 +464,8 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
     const Float x = to_float(pixel & Int(cell_tile_side - 1)) + corner.x,
                 y = to_float(shift_right<4>(pixel)) + corner.y;
     std::array<Float, most_references> dx, dy;
-    for (int r = 0; r < most_references; ++r) dx[r] = x - references[r].x, dy[r] = y - references[r].y;
+    for (int r = 0; r < most_references; ++r)
+      dx[r] = (x - references[r].x) + ray_shift_x, dy[r] = (y - references[r].y) + ray_shift_y;
     const auto cross = [&](int k) HWY_ATTR {
       const CellOnScreen::Face& face = cell.faces[static_cast<std::size_t>(k)];
       const int r = is_far_out ? k : cell.second >> k & 1;

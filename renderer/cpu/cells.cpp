@@ -567,7 +567,7 @@ double CellSweep::opaque_depth(int x, int y) const {
   return std::numeric_limits<double>::infinity();
 }
 
-// Finds where the rays of a tile meet slices.
+// Finds where the rays of a tile meet slices: moved as they are.
 void CellSweep::begin_slices(const CellTileArea& area, TileScratch& scratch) const {
   scratch.slices.resize(slices_.size());
   scratch.segments.slices.resize(slices_.size());
@@ -575,8 +575,9 @@ void CellSweep::begin_slices(const CellTileArea& area, TileScratch& scratch) con
     scratch.slices[i].fill(-double{farthest});
     for (int y = area.pixels.y0; y <= area.pixels.y1; ++y)
       for (int x = area.pixels.x0; x <= area.pixels.x1; ++x)
-        scratch.slices[i][CellTileArea::number_of(x, y)] = nearness(slices_[i].at(
-            (area.left + x - frame_.middle_x) / view_.focal, (area.bottom + y - frame_.middle_y) / view_.focal));
+        scratch.slices[i][CellTileArea::number_of(x, y)] =
+            nearness(slices_[i].at((area.left + x - frame_.middle_x + ray_shift_x) / view_.focal,
+                                   (area.bottom + y - frame_.middle_y + ray_shift_y) / view_.focal));
   }
 }
 

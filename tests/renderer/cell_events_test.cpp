@@ -120,7 +120,7 @@ TEST(Contours, OnFacesCountOnce) {
     for (const dvec3 eye : {dvec3(4, 0.5, 0.5), dvec3(-3, 0.5, 0.5), dvec3(2.5, 2.5, 2.5), dvec3(2.3, 1.9, 3.1)})
       for (const double size : {1.0, 1e6}) {
         SCOPED_TRACE(testing::Message() << eye.x << " " << eye.y << (orthographic ? " orthographic" : ""));
-        Drawn drawn{make_box(8, [&](dvec3 p) { return size * p.x; }), make_scene(0, 32, 32)};
+        Drawn drawn{make_box(8, [&](dvec3 p) { return size * p.x; }), make_scene(0, 33, 33)};
         drawn.scene.transfer_function.hi = 2 * size;
         look(drawn.scene, eye, dvec3(0.5));
         if (orthographic) make_orthographic(drawn.scene, 1.1);

@@ -68,6 +68,20 @@ TEST(Cells, OfALatticeCountOnce) {  // rays run along faces and edges, values of
     }
 }
 
+// Pixels lie 1/16 apart from the centre of a box with vertices 1/4 apart.
+TEST(Cells, OnRaysAlongTheirEdgesCountOnce) {
+  for (const bool orthographic : {false, true})
+    for (const dvec3 direction : {dvec3(0, 0, 1), dvec3(0, 0, -1), dvec3(0, 1, 0), dvec3(0, -1, 0), dvec3(1, 0, 0),
+                                  dvec3(-1, 0, 0), dvec3(1, 1, 1), dvec3(-1, -1, -1), dvec3(1, -1, 0)}) {
+      SCOPED_TRACE(testing::Message() << direction.x << direction.y << direction.z << orthographic);
+      Drawn drawn{make_box(4, [](dvec3 p) { return p.x; }), make_scene(3, 15, 15)};
+      drawn.scene.camera.vertical_fov_degrees = 13;
+      if (orthographic) make_orthographic(drawn.scene, 15.0 / 16);
+      look(drawn.scene, dvec3(0.5) - 4.0 * direction, dvec3(0.5), direction.y == 0 ? dvec3(0, 1, 0) : dvec3(0, 0, 1));
+      expect_exact(drawn, 1e-6, 1e-5);
+    }
+}
+
 TEST(Cells, ShowNarrowPeaks) {
   const Mesh mesh = bent_box(6);
   for (const double width : {1e-2, 1e-3, 1e-4, 1e-6, 1e-7, 1e-9}) {
