@@ -193,9 +193,9 @@ class Player {
   /// `seconds` is finite and above 0.
   [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds, const DrawOptions& options = {});
 
-  /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. Fails if
-  /// the file keeps no cells. Calls `progress` with the share that is
-  /// done, in [0, 1]. `sample_spacing`: pixels from one sample to the next; with surfaces 1.
+  /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. `progress` is
+  /// called with the share that is done, in [0, 1]. `sample_spacing`: pixels from one sample to the next; with surfaces
+  /// 1. Fails if the file keeps no cells, and as CellRasterizer::draw.
   [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 1);
 
   /// Tells of `draw_exact` how many chunks and about how many pieces of rays it draws. Reads what chunks the file has.

@@ -67,7 +67,7 @@ Result<std::vector<format::CellChunkEntry>> CellTetrahedra::chunks(
   return chunks;
 }
 
-// So many chunks that all threads have work, and that their tetrahedra take little memory.
+// Returns how many chunks are read together: all threads have work, and the tetrahedra take little memory.
 std::size_t CellTetrahedra::count_at_once(std::span<const format::CellChunkEntry> entries) {
   constexpr std::uint64_t cells_at_once = std::uint64_t{1} << 17, of_polyhedron = 20;
   std::uint64_t cells = 0;

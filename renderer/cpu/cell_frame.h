@@ -297,7 +297,7 @@ void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetu
 /// Lists the cells of each tile, nearest first.
 void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen);
 
-/// A piece of a ray in a cell, or an event: then `length` is its number below 0 (EventNumbers), `u_enter` the value
+/// A piece of a ray in a cell, or an event: then `length` is its number below 0, `u_enter` the value
 /// that colours it, and `u_leave` its light.
 struct CellSegment {
   float key;     // rises with the depth at which the ray enters the cell

@@ -60,9 +60,10 @@ struct ReferencePicture {
 /// A tetrahedron contributes nothing if a value or a position of it, or of one of its vertices, is missing (not
 /// finite). Requires coordinates relative to the eye that are 0 or between 1e-100 and 1e100 in size; values beyond
 /// 1e100 count as 1e100. The result does not depend on threads. Needs 24 bytes for each point, 20 to 30 for each
-/// tetrahedron, and about 100 MiB for each thread. Fails if memory is too small, an index is out of range, arrays
-/// differ in length, the opacity or the colours of contours have no values, contours are to be drawn in cells of
-/// constant values, the camera is degenerate, or depths of surfaces do not have the picture's size.
+/// tetrahedron, and about 100 MiB for each thread. Fails if memory is too small, or an index is out of range. Fails if
+/// arrays differ in length, or the opacity or the colours of contours have no values. Fails if a scene with contours
+/// has cells of constant values. Fails if the camera is degenerate, or depths of surfaces do not have the picture's
+/// size.
 [[nodiscard]] Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
                                                         const ReferenceOptions& options = {});
 

@@ -1,10 +1,8 @@
 // Contours and slices in pictures of cells, against the exact ones and closed forms.
 #include <gtest/gtest.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include <atomic>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
 #include "tests/renderer/drawn_cells.h"
@@ -268,23 +266,7 @@ Drawn with_all() {
   return drawn;
 }
 
-TEST(CellEvents, AreTheSameBitsForAnyThreadsMemoryAndOrder) {
-  const Drawn drawn = with_all();
-  MeshSource source(drawn.view(), 200);
-  CellDrawing drawing = drawn.drawing();
-  const Image first = draw(source, drawing);
-  const auto expect_same = [&](const Image& image) {
-    ASSERT_EQ(image.pixels.size(), first.pixels.size());
-    EXPECT_EQ(std::memcmp(image.pixels.data(), first.pixels.data(), first.pixels.size() * sizeof(vec4)), 0);
-  };
-  for (const std::uint64_t memory : {std::uint64_t{1} << 12, std::uint64_t{1} << 34}) {
-    drawing.memory = memory;
-    expect_same(draw(source, drawing));
-  }
-  tbb::task_arena(1).execute([&] { expect_same(draw(source, drawing)); });
-  source.reverse();
-  expect_same(draw(source, drawing));
-}
+TEST(CellEvents, AreTheSameBitsForAnyThreadsMemoryAndOrder) { expect_same_bits(with_all()); }
 
 TEST(CellEvents, AreAlikeForAllInstructionSets) {
   const Drawn drawn = with_all();

@@ -2,7 +2,6 @@
 #include "renderer/cpu/cells.h"
 
 #include <gtest/gtest.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include <atomic>
 #include <cmath>
@@ -420,20 +419,7 @@ TEST(Cells, AreTheSameBitsForAnyThreadsMemoryAndOrder) {
   drawn.scene.camera.vertical_fov_degrees = 60;
   const std::size_t copies = drawn.mesh.tetrahedra.size() / 2;  // ties
   for (std::size_t i = 0; i < copies; ++i) drawn.mesh.tetrahedra.push_back(drawn.mesh.tetrahedra[i]);
-  MeshSource source(drawn.view(), 200);
-  CellDrawing drawing = drawn.drawing();
-  const Image first = draw(source, drawing);
-  const auto expect_same = [&](const Image& image) {
-    ASSERT_EQ(image.pixels.size(), first.pixels.size());
-    EXPECT_EQ(std::memcmp(image.pixels.data(), first.pixels.data(), first.pixels.size() * sizeof(vec4)), 0);
-  };
-  for (const std::uint64_t memory : {std::uint64_t{1} << 12, std::uint64_t{1} << 18, std::uint64_t{1} << 34}) {
-    drawing.memory = memory;
-    expect_same(draw(source, drawing));
-  }
-  tbb::task_arena(1).execute([&] { expect_same(draw(source, drawing)); });
-  source.reverse();
-  expect_same(draw(source, drawing));
+  expect_same_bits(drawn);
 }
 
 TEST(Cells, AreTheSameBitsWithTheMemoryOfOtherPictures) {

@@ -2,9 +2,12 @@
 #pragma once
 
 #include <gtest/gtest.h>
+#include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <optional>
 #include <random>
 #include <utility>
@@ -100,6 +103,24 @@ inline void expect_exact(const Drawn& drawn, double rmse, double most) {
     EXPECT_LE(error.rmse, rmse) << "chunks of " << cells;
     EXPECT_LE(error.most, most) << "chunks of " << cells;
   }
+}
+
+/// Pictures for any threads, memory and order of chunks.
+inline void expect_same_bits(const Drawn& drawn) {
+  MeshSource source(drawn.view(), 200);
+  CellDrawing drawing = drawn.drawing();
+  const Image first = draw(source, drawing);
+  const auto expect_same = [&](const Image& image) {
+    ASSERT_EQ(image.pixels.size(), first.pixels.size());
+    EXPECT_EQ(std::memcmp(image.pixels.data(), first.pixels.data(), first.pixels.size() * sizeof(vec4)), 0);
+  };
+  for (const std::uint64_t memory : {std::uint64_t{1} << 12, std::uint64_t{1} << 18, std::uint64_t{1} << 34}) {
+    drawing.memory = memory;
+    expect_same(draw(source, drawing));
+  }
+  tbb::task_arena(1).execute([&] { expect_same(draw(source, drawing)); });
+  source.reverse();
+  expect_same(draw(source, drawing));
 }
 
 inline double curved(dvec3 p) { return 0.5 + 0.4 * std::sin(5 * p.x + 2 * p.y) * std::cos(4 * p.z - p.y); }

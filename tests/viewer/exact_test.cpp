@@ -162,7 +162,7 @@ TEST_F(ExactAtRest, MovesExactly) {
   EXPECT_LE(difference(test::value_of(session->image()), truth(mesh, session->scene)), 1e-4);
   EXPECT_LT(session->frame()->splats, splats) << "probes need the splats of this view";
 
-  // Slices need the values of splats.
+  // Slices that move have the values of splats.
   session->scene.slices = {{.point = mesh.points[mesh.points.size() / 2], .normal = {0, 0, 1}}};
   settled(*session);
   session->scene.camera.position += dvec3(0.05);
