@@ -26,6 +26,9 @@ PlaneInSpace plane_in_space(const CellFrame& frame, const std::array<dvec3, 3>& 
   const auto not_below = [](double x, double least) { return std::abs(x) < least ? std::copysign(least, x) : x; };
   const auto number = [](double x) { return static_cast<float>(std::clamp(x, -1e18, 1e18)); };
   const auto w_at = [&](const dvec2& pixel) { return origin.w + origin.rise(pixel.x, pixel.y); };
+  const auto moved = [&](double d, double a, double b) {
+    return number(d + (a - origin.wx) * ray_shift_x + (b - origin.wy) * ray_shift_y);
+  };
   const double focal = view.focal, tiny = std::numeric_limits<double>::min();
   // A plane that is seen edge-on, or has the eye in it, is steep as a whole: its direction counts.
   if (view.orthographic) {
@@ -33,8 +36,8 @@ PlaneInSpace plane_in_space(const CellFrame& frame, const std::array<dvec3, 3>& 
     const double across = not_below(normal.z, std::max(steepest, tiny)), offset = glm::dot(normal, p[0]);
     const double a = normal.x / across / focal, b = normal.y / across / focal, z = offset / across;
     return {{number(a - origin.wx), number(b - origin.wy), number(gradient.x / focal - gradient.z * a),
-             number(gradient.y / focal - gradient.z * b)},
-            {0, 0, number(-z - w_at(dvec2(0))), number(u[0] + glm::dot(gradient, dvec3(0, 0, z) - p[0]))},
+             number(gradient.y / focal - gradient.z * b), moved(-z - w_at(dvec2(0)), a, b)},
+            {0, 0, number(u[0] + glm::dot(gradient, dvec3(0, 0, z) - p[0]))},
             across > 0};
   }
   const double steepest = 1e-3 * frame.nearest * glm::length(normal);
@@ -48,8 +51,8 @@ PlaneInSpace plane_in_space(const CellFrame& frame, const std::array<dvec3, 3>& 
   const double inverse_z = not_below(a * at.x + b * at.y + c, tiny);
   const double in_u = (glm::dot(gradient, dvec3(at / focal, 1)) - along * inverse_z) / inverse_z;
   return {{number(a - origin.wx), number(b - origin.wy), number(gradient.x / focal - (along + in_u) * a),
-           number(gradient.y / focal - (along + in_u) * b)},
-          {static_cast<float>(at.x), static_cast<float>(at.y), number(inverse_z - w_at(at)), number(u[0] + in_u)},
+           number(gradient.y / focal - (along + in_u) * b), moved(inverse_z - w_at(at), a, b)},
+          {static_cast<float>(at.x), static_cast<float>(at.y), number(u[0] + in_u)},
           offset > 0};
 }
 
@@ -142,9 +145,7 @@ bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& 
   unsigned order = 0;
   for (std::size_t k = 0; k < 4; ++k) {
     const auto [a, b, c, opposite] = face_corners[k];
-    PlaneInSpace plane{faces.planes[k],
-                       {points.x[corners[a]], points.y[corners[a]], points.d[corners[a]], u[a]},
-                       !faces.is_negative[k]};
+    PlaneInSpace plane{faces.planes[k], {points.x[corners[a]], points.y[corners[a]], u[a]}, !faces.is_negative[k]};
     if ((points.is_far_out[corners[a]] | points.is_far_out[corners[b]] | points.is_far_out[corners[c]]) != 0)
       plane = plane_in_space(frame, {p[a], p[b], p[c]}, {u[a], u[b], u[c]}, screen.origin);
     const double side = glm::dot(glm::cross(p[b] - p[a], p[c] - p[a]), p[opposite] - p[a]);

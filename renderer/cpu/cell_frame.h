@@ -71,15 +71,20 @@ struct CellFrame {
   [[nodiscard]] bool has_limits() const { return layers > 0 || !view->clip.is_all(); }
 };
 
+/// Pixels by which all rays are moved, so that none runs along a face, or through an edge or a vertex: it is in one of
+/// the cells that meet there.
+inline constexpr float ray_shift_x = 1.1e-6F, ray_shift_y = 0.7e-6F;
+
 /// A tetrahedron on the screen.
 struct CellOnScreen {
-  /// A plane at pixel (x, y): d = d_r + a dx + b dy, u = u_r + (e dx + f dy) z, for the distances from its reference
-  /// r. Two cells that share a face have the same bits here, and so the same depth and value.
+  /// A plane at pixel (x, y): d + a dx + b dy is its depth, u + (e dx + f dy) z its value, for the distances from its
+  /// reference. d is that of a moved ray. Two cells that share a face have the same bits here, and so the same depth
+  /// and value.
   struct Face {
-    float a, b, e, f;
+    float a, b, e, f, d;
   };
   struct Reference {
-    float x, y, d, u;
+    float x, y, u;
   };
   std::array<Reference, 2> corners;       // 0 and 1: the references of their faces
   std::array<float, 4> others;            // x, y of corner 2 and of corner 3
@@ -240,10 +245,6 @@ struct CellSetup {
   std::vector<std::uint64_t> sorted;
   std::vector<std::uint32_t> next;  // [tile]
 };
-
-/// Pixels by which all rays are moved, so that none runs along a face, or through an edge or a vertex. All cells see
-/// the same move: a ray is in one of those that meet there.
-inline constexpr float ray_shift_x = 1.1e-6F, ray_shift_y = 0.7e-6F;
 
 /// The largest d, in size.
 inline constexpr float farthest = 1e30F;

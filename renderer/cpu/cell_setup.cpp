@@ -32,6 +32,7 @@ HWY_INLINE Corner corner_at(const PointsOnScreen& points, Int number) {
 
 struct Plane {
   Float a, b, e, f;
+  Float d;     // of a moved ray through the first corner
   Float area;  // twice that on the screen, with a sign
 };
 
@@ -54,7 +55,8 @@ HWY_INLINE Plane plane_through(const Corner& p, const Corner& q, const Corner& r
   const Float area = select(is_step, select(exact < Float(0.0F), -largest, largest), exact);
   const Float inverse = only(hn::Not(is_step), Float(1.0F) / area);
   const Float scale = select(is_step, select(exact < Float(0.0F), -steep, steep), inverse);
-  return {a * scale, b * scale, e * inverse, f * inverse, area};
+  const Float slope_x = a * scale, slope_y = b * scale;
+  return {slope_x, slope_y, e * inverse, f * inverse, fma(slope_x, ray_shift_x, fma(slope_y, ray_shift_y, p.d)), area};
 }
 
 /// Lists the tetrahedra with a visible value.
@@ -203,14 +205,15 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
     }
 
     // Numbers of a cell side by side: [group of four][lane][number].
-    alignas(64) std::array<std::array<float, 4 * most_lanes>, 8> groups;
+    alignas(64) std::array<std::array<float, 4 * most_lanes>, 9> groups;
     const auto put = [&](std::size_t group, Float a, Float b, Float c, Float d)
                          HWY_ATTR { hn::StoreInterleaved4(a.v, b.v, c.v, d.v, FloatTag(), groups[group].data()); };
-    put(0, p.x, p.y, p.d, p.u);
-    put(1, q.x, q.y, q.d, q.u);
+    put(0, p.x, p.y, p.u, 0.0F);
+    put(1, q.x, q.y, q.u, 0.0F);
     put(2, r.x, r.y, s.x, s.y);
     for (std::size_t k = 0; k < 4; ++k) put(3 + k, planes[k].a, planes[k].b, planes[k].e, planes[k].f);
-    put(7, least(&Corner::u), most(&Corner::u), (p.d + q.d) + (r.d + s.d), 0.0F);
+    put(7, planes[0].d, planes[1].d, planes[2].d, planes[3].d);
+    put(8, least(&Corner::u), most(&Corner::u), (p.d + q.d) + (r.d + s.d), 0.0F);
     std::array<std::uint32_t, 4> area_bits;  // of negative areas
     for (std::size_t k = 0; k < 4; ++k) area_bits[k] = mask_bits(planes[k].area < Float(0.0F));
     alignas(64) std::array<std::int32_t, 4 * most_lanes> bounds;
@@ -220,16 +223,22 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
     for (std::uint32_t bits = mask_bits(in); bits != 0; bits &= bits - 1) {
       const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
       CellOnScreen& cell = screen.cells[made];
-      const auto take = [&](void* to, std::size_t group) { std::memcpy(to, &groups[group][4 * lane], 16); };
-      take(&cell.corners[0], 0);
-      take(&cell.corners[1], 1);
+      const auto take = [&](void* to, std::size_t group, std::size_t bytes = 16) {
+        std::memcpy(to, &groups[group][4 * lane], bytes);
+      };
+      const auto take_face = [&](CellOnScreen::Face& face, std::size_t k) {
+        take(&face, 3 + k);
+        face.d = groups[7][4 * lane + k];
+      };
+      take(&cell.corners[0], 0, sizeof(CellOnScreen::Reference));
+      take(&cell.corners[1], 1, sizeof(CellOnScreen::Reference));
       take(&cell.others, 2);
       std::size_t fronts = 0, backs = 4;
       std::uint8_t second = 0;
       unsigned numbers_in_order = 0;
       for (std::size_t k = 0; k < 4; ++k) {
         const std::size_t at = (front_bits[k] >> lane & 1) != 0 ? fronts++ : --backs;
-        take(&cell.faces[at], 3 + k);
+        take_face(cell.faces[at], k);
         numbers_in_order |= static_cast<unsigned>(k) << (2 * at);
         if (k == 3) second = static_cast<std::uint8_t>(1U << at);
       }
@@ -239,13 +248,13 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
       cell.shows_matter = true;
       cell.has_events = false;
       cell.far_out = -1;
-      cell.low = groups[7][4 * lane];
-      cell.high = groups[7][4 * lane + 1];
+      cell.low = groups[8][4 * lane];
+      cell.high = groups[8][4 * lane + 1];
       std::memcpy(&cell.left, &bounds[4 * lane], 16);
       if ((far_out_bits >> lane & 1) != 0) {
         FacesOfCell faces;
         for (std::size_t k = 0; k < 4; ++k) {
-          take(&faces.planes[k], 3 + k);
+          take_face(faces.planes[k], k);
           faces.is_negative[k] = (area_bits[k] >> lane & 1) != 0;
         }
         const auto number = static_cast<std::size_t>(setup.seen[first + lane]);
@@ -257,7 +266,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
         continue;  // so flat that rounding has turned a face
       }
       // Nearer cells have larger d, and lower keys.
-      const auto order = std::bit_cast<std::uint32_t>(groups[7][4 * lane + 2]);
+      const auto order = std::bit_cast<std::uint32_t>(groups[8][4 * lane + 2]);
       const std::uint32_t key = (order >> 31) != 0 ? order : ~(order | 0x80000000U);
       const auto tile_of = [](std::int32_t at) { return static_cast<std::uint16_t>(at / cell_tile_side); };
       setup.tiles[made] = {tile_of(cell.left), tile_of(cell.right), tile_of(cell.bottom), tile_of(cell.top)};

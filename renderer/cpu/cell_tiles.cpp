@@ -464,14 +464,13 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
     const Float x = to_float(pixel & Int(cell_tile_side - 1)) + corner.x,
                 y = to_float(shift_right<4>(pixel)) + corner.y;
     std::array<Float, most_references> dx, dy;
-    for (int r = 0; r < most_references; ++r)
-      dx[r] = (x - references[r].x) + ray_shift_x, dy[r] = (y - references[r].y) + ray_shift_y;
+    for (int r = 0; r < most_references; ++r) dx[r] = x - references[r].x, dy[r] = y - references[r].y;
     const auto cross = [&](int k) HWY_ATTR {
       const CellOnScreen::Face& face = cell.faces[static_cast<std::size_t>(k)];
       const int r = is_far_out ? k : cell.second >> k & 1;
       // Both cells of a face round the same numbers in the same way up to here.
       CrossingOfCell crossing;
-      crossing.d = fma(face.a, dx[r], dy[r] * face.b) + references[r].d;
+      crossing.d = fma(face.a, dx[r], dy[r] * face.b) + face.d;
       crossing.n = fma(face.e, dx[r], dy[r] * face.f);
       crossing.u = references[r].u;
       if constexpr (has_events) crossing.face = Int(k);
