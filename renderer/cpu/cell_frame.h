@@ -346,9 +346,10 @@ struct CellTileLayer {
 
 /// The segments of a tile: `room` places for each pixel that is drawn. Kept between tiles for its memory.
 struct TileSegments {
-  /// A number for each lane.
-  struct alignas(64) Lanes {
-    std::array<float, most_lanes> numbers;
+  /// A segment of each of some pixels.
+  struct alignas(64) Row {
+    std::array<float, most_lanes> keys;
+    std::array<std::int32_t, most_lanes> places;  // in `segments`, in floats
   };
 
   static constexpr int least_room = 68;  // no power of two: the cache has places for neighbours
@@ -369,9 +370,8 @@ struct TileSegments {
   std::vector<CellTileLayer> layers;                         // and one behind all, which no ray reaches
   std::vector<Limits> slices;                                // [slice][pixel]: d of the chunk, where the ray meets it
 
-  std::vector<Lanes> keys;    // of some pixels, one in each lane: in ascending order
-  std::vector<Lanes> places;  // of their segments: bits of integers
-  std::uint64_t added = 0;    // segments
+  std::vector<Row> rows;    // by ascending keys
+  std::uint64_t added = 0;  // segments
   bool is_full = false;
   std::uint64_t most_bytes = 0;  // that it may take
 

@@ -856,8 +856,8 @@ class PixelBlender {
     for (std::int32_t k = 0; k < ends; ++k) {
       Mask todo = both(mask_of(hn::Gt(before_end.v, Int(k).v)), light.transmittance > Float(0.0F));
       if (!any(todo)) continue;
-      if (has_layers) add_layers(first, todo, load(keys_at(k)), layers, light);
-      const Int place = place_at(k);
+      if (has_layers) add_layers(first, todo, load(row_at(k).keys.data()), layers, light);
+      const Int place = load(row_at(k).places.data());
       if (has_events) {
         const Mask is_event = segment_part(tile_.segments.data(), place, 1) < Float(0.0F), met = both(todo, is_event);
         if (any(met)) add_events(first, met, place, light);
@@ -891,15 +891,7 @@ class PixelBlender {
   }
 
  private:
-  [[nodiscard]] HWY_INLINE float* keys_at(std::int32_t k) {
-    return tile_.keys[static_cast<std::size_t>(k)].numbers.data();
-  }
-  [[nodiscard]] HWY_INLINE Int place_at(std::int32_t k) {
-    return bits_as_int(load(tile_.places[static_cast<std::size_t>(k)].numbers.data()));
-  }
-  HWY_INLINE void set_place(std::int32_t k, Int place) {
-    store(bits_as_float(place), tile_.places[static_cast<std::size_t>(k)].numbers.data());
-  }
+  [[nodiscard]] HWY_INLINE TileSegments::Row& row_at(std::int32_t k) { return tile_.rows[static_cast<std::size_t>(k)]; }
 
   // Whether more than what is before `end` can be seen.
   [[nodiscard]] HWY_INLINE bool is_open(std::size_t first, float end, Float transmittance) const {
@@ -984,10 +976,8 @@ class PixelBlender {
   // nearly sorted. Those with one key stay in the order of chunks, and of the cells of each.
   HWY_INLINE Int sort(std::size_t first, Int count, std::int32_t most, float end) {
     constexpr std::int32_t few_segments = 1024;
-    if (static_cast<std::size_t>(most) > tile_.keys.size()) {
-      tile_.keys.resize(static_cast<std::size_t>(most));
-      tile_.places.resize(static_cast<std::size_t>(most));
-    }
+    // Rows are inserted by two.
+    if (static_cast<std::size_t>(most) + 1 > tile_.rows.size()) tile_.rows.resize(static_cast<std::size_t>(most) + 1);
     return most > few_segments ? sort_many(first, count, most, end) : insert_all(first, count, most, end);
   }
 
@@ -1004,8 +994,8 @@ class PixelBlender {
       for (std::size_t k = 0; k < static_cast<std::size_t>(most); ++k) {
         const bool in = k < numbers_.size();
         const float key = in ? tile_.segments[numbers_[k]].key : 3e38F;
-        tile_.keys[k].numbers[lane] = key;
-        tile_.places[k].numbers[lane] = std::bit_cast<float>(in ? static_cast<std::int32_t>(4 * numbers_[k]) : 0);
+        tile_.rows[k].keys[lane] = key;
+        tile_.rows[k].places[lane] = in ? static_cast<std::int32_t>(4 * numbers_[k]) : 0;
         before_end[lane] += key < end ? 1 : 0;
       }
     }
@@ -1016,24 +1006,43 @@ class PixelBlender {
     const Int pixel = lane_indices() + Int(static_cast<std::int32_t>(first) - static_cast<int>(tile_.first_pixel));
     const Int start = pixel * Int(4 * tile_.room);
     Int before_end(0);
-    for (std::int32_t k = 0; k < most; ++k) {
-      const Mask in = mask_of(hn::Gt(count.v, Int(k).v));
-      Int place = select_int(in, start + Int(4 * k), Int(0));
-      Float key = select(in, segment_part(tile_.segments.data(), place, 0), 3e38F);
-      before_end = before_end + select_int(key < Float(end), Int(1), Int(0));
+    TileSegments::Row* const rows = tile_.rows.data();
+    const auto put = [&](std::int32_t k, Float key, Int place) HWY_ATTR {
+      store(key, rows[k].keys.data());
+      store(place, rows[k].places.data());
+    };
+    for (std::int32_t k = 0; k < most; k += 2) {
+      const auto take = [&](std::int32_t number, Float& key, Int& place) HWY_ATTR {
+        const Mask in = mask_of(hn::Gt(count.v, Int(number).v));
+        place = select_int(in, start + Int(4 * number), Int(0));
+        key = select(in, segment_part(tile_.segments.data(), place, 0), 3e38F);
+        before_end = before_end + select_int(key < Float(end), Int(1), Int(0));
+      };
+      Float key, next_key;
+      Int place, next_place;
+      take(k, key, place);
+      take(k + 1, next_key, next_place);
+      const Mask turned = key > next_key;
+      const Float lower = min(key, next_key);
+      next_key = max(key, next_key);
+      key = lower;
+      const Int place_of_lower = select_int(turned, next_place, place);
+      next_place = select_int(turned, place, next_place);
+      place = place_of_lower;
       std::int32_t j = k;
       for (; j > 0; --j) {
-        const Float key_before = load(keys_at(j - 1));
-        const Mask later = key_before > key;
+        const Float before = load(rows[j - 1].keys.data());
+        const Mask later = before > key, last = before > next_key;
         if (!any(later)) break;
-        const Int place_before = place_at(j - 1);
-        store(select(later, key_before, key), keys_at(j));
-        set_place(j, select_int(later, place_before, place));
-        key = select(later, key, key_before);
+        const Int place_before = load(rows[j - 1].places.data());
+        put(j + 1, max(before, next_key), select_int(last, place_before, next_place));
+        next_place = select_int(last, next_place, select_int(later, place_before, place));
+        next_key = max(key, min(before, next_key));
         place = select_int(later, place, place_before);
+        key = min(key, before);
       }
-      store(key, keys_at(j));
-      set_place(j, place);
+      put(j, key, place);
+      put(j + 1, next_key, next_place);
     }
     if (frame_.events) order_ties(count);
     return before_end;
@@ -1046,21 +1055,17 @@ class PixelBlender {
     const auto lanes = static_cast<std::size_t>(lane_count());
     for (std::size_t lane = 0; lane < lanes; ++lane)
       for (std::int32_t k = 1; k < counts[lane]; ++k)
-        for (std::int32_t j = k;
-             j > 0 && keys_at(j)[lane] == keys_at(j - 1)[lane] && is_before(number_at(lane, j), number_at(lane, j - 1));
-             --j) {
-          auto& places = tile_.places;
-          std::swap(places[static_cast<std::size_t>(j)].numbers[lane],
-                    places[static_cast<std::size_t>(j) - 1].numbers[lane]);
-        }
+        for (std::int32_t j = k; j > 0 && row_at(j).keys[lane] == row_at(j - 1).keys[lane] &&
+                                 is_before(number_at(lane, j), number_at(lane, j - 1));
+             --j)
+          std::swap(row_at(j).places[lane], row_at(j - 1).places[lane]);
   }
   [[nodiscard]] bool is_before(std::size_t a, std::size_t b) const {
     return std::min(tile_.segments[a].length, 0.0F) < std::min(tile_.segments[b].length, 0.0F);
   }
 
   [[nodiscard]] std::size_t number_at(std::size_t lane, std::int32_t k) const {
-    const auto place = std::bit_cast<std::int32_t>(tile_.places[static_cast<std::size_t>(k)].numbers[lane]);
-    return static_cast<std::size_t>(place / 4);
+    return static_cast<std::size_t>(tile_.rows[static_cast<std::size_t>(k)].places[lane] / 4);
   }
 
   // The length of rays for a unit of depth.

@@ -780,7 +780,7 @@ std::uint64_t tiles::TileSegments::count() const {
 bool tiles::TileSegments::make_room() {
   const std::uint64_t more_room = 2 * static_cast<std::uint64_t>(room) + 4;
   // What there is, and what takes its place; the keys and places of the deepest pixels, in the same way.
-  const std::uint64_t of_place = pixels * sizeof(CellSegment) * (shades.empty() ? 1 : 2) + 2 * sizeof(Lanes);
+  const std::uint64_t of_place = pixels * sizeof(CellSegment) * (shades.empty() ? 1 : 2) + sizeof(Row);
   // Integers of 32 bits are places of numbers.
   constexpr std::uint64_t most_places = std::numeric_limits<std::int32_t>::max() / 4;
   is_full = is_full || (static_cast<std::uint64_t>(room) + more_room) * of_place > most_bytes ||
