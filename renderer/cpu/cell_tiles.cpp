@@ -149,9 +149,9 @@ struct Segments {
   Float lighting, o_enter, o_leave;
 };
 
-/// Adds segments. `hits`: bit i: of the pixel tile.covered[first + i].
+/// Adds segments of different pixels.
 template <bool has_shades>
-HWY_INLINE void store_segments(const Segments& segments, std::uint32_t hits, int first, TileSegments& tile) {
+HWY_INLINE void store_segments(const Segments& segments, Mask hit, Int pixel, TileSegments& tile) {
   alignas(64) std::array<CellSegment, most_lanes> made;
   alignas(64) std::array<SegmentShade, most_lanes> shades;
   hn::StoreInterleaved4(segments.key.v, segments.length.v, segments.u_enter.v, segments.u_leave.v, FloatTag(),
@@ -159,16 +159,22 @@ HWY_INLINE void store_segments(const Segments& segments, std::uint32_t hits, int
   if constexpr (has_shades)
     hn::StoreInterleaved4(segments.lighting.v, segments.o_enter.v, segments.o_leave.v, segments.lighting.v, FloatTag(),
                           reinterpret_cast<float*>(shades.data()));
-  tile.added += static_cast<std::uint64_t>(std::popcount(hits));
-  for (std::uint32_t bits = hits; bits != 0; bits &= bits - 1) {
+  // Lanes without a hit may have any number.
+  pixel = pixel & Int(cell_tile_pixels - 1);
+  const auto hits = hn::RebindMask(IntTag(), hit);
+  const Int held(hn::GatherIndex(IntTag(), tile.counts.data(), pixel.v));
+  if (!hn::AllFalse(IntTag(), hn::AndNot(hn::Lt(held.v, Int(tile.room).v), hits)) && !tile.make_room()) return;
+  alignas(64) std::array<std::int32_t, most_lanes> pixels, places;
+  store(pixel, pixels.data());
+  store((pixel - Int(static_cast<std::int32_t>(tile.first_pixel))) * Int(tile.room) + held, places.data());
+  CellSegment* const all = tile.segments.data();
+  std::uint32_t bits = mask_bits(hit);
+  tile.added += static_cast<std::uint64_t>(std::popcount(bits));
+  for (; bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
-    const auto at = static_cast<std::size_t>(tile.covered[static_cast<std::size_t>(first) + lane]);
-    const std::int32_t held = tile.counts[at];
-    if (held >= tile.room && !tile.make_room()) return;
-    tile.counts[at] = held + 1;
-    const std::size_t place = tile.begin_of(at) + static_cast<std::size_t>(held);
-    tile.segments[place] = made[lane];
-    if constexpr (has_shades) tile.shades[place] = shades[lane];
+    ++tile.counts[static_cast<std::size_t>(pixels[lane])];
+    all[places[lane]] = made[lane];
+    if constexpr (has_shades) tile.shades[static_cast<std::size_t>(places[lane])] = shades[lane];
   }
 }
 
@@ -193,7 +199,7 @@ HWY_INLINE Float depth_between(Float near_d, Float near_z, Float far_d, Float fa
 /// Adds the parts of segments between each two limits. In front of a layer, and behind it, the order stays that of
 /// whole cells.
 template <bool orthographic, bool has_shades>
-HWY_NOINLINE void add_parts(const CellTile& t, const WholeSegments& whole, int first, TileSegments& tile) {
+HWY_NOINLINE void add_parts(const CellTile& t, const WholeSegments& whole, TileSegments& tile) {
   // Lanes behind the last pixel may have any number.
   const Int pixel = whole.pixel & Int(cell_tile_pixels - 1);
   for (std::size_t part = 0; part <= t.frame.layers; ++part) {
@@ -216,7 +222,7 @@ HWY_NOINLINE void add_parts(const CellTile& t, const WholeSegments& whole, int f
     cut(segments.u_enter, segments.u_leave);
     if (has_shades) cut(segments.o_enter, segments.o_leave);
     segments.length = depth_between(from, from_z, to, to_z);
-    store_segments<has_shades>(segments, mask_bits(hit), first, tile);
+    store_segments<has_shades>(segments, hit, whole.pixel, tile);
     if (tile.is_full) return;
   }
 }
@@ -252,17 +258,16 @@ HWY_INLINE WholeSegments cut_at(WholeSegments& whole, Float share, Float d, Floa
 
 /// Adds segments, cut by layers and the clip region if there are some.
 template <bool orthographic, bool has_shades>
-HWY_INLINE void add_whole(const CellTile& t, const WholeSegments& whole, int first, TileSegments& tile) {
+HWY_INLINE void add_whole(const CellTile& t, const WholeSegments& whole, TileSegments& tile) {
   if (t.has_limits)
-    add_parts<orthographic, has_shades>(t, whole, first, tile);
+    add_parts<orthographic, has_shades>(t, whole, tile);
   else
-    store_segments<has_shades>(whole.segments, mask_bits(whole.hit), first, tile);
+    store_segments<has_shades>(whole.segments, whole.hit, whole.pixel, tile);
 }
 
 /// The same, cut by slices too. `slices`: a bit for each.
 template <bool orthographic, bool has_shades>
-HWY_NOINLINE void add_between_slices(const CellTile& t, WholeSegments whole, std::uint64_t slices, int first,
-                                     TileSegments& tile) {
+HWY_NOINLINE void add_between_slices(const CellTile& t, WholeSegments whole, std::uint64_t slices, TileSegments& tile) {
   for (; slices != 0; slices &= slices - 1) {
     const auto slice = static_cast<std::size_t>(std::countr_zero(slices));
     const Float d = gather(tile.slices[slice].d.data(), whole.pixel & Int(cell_tile_pixels - 1));
@@ -272,23 +277,23 @@ HWY_NOINLINE void add_between_slices(const CellTile& t, WholeSegments whole, std
     WholeSegments in_front = whole;
     WholeSegments behind = cut_at(in_front, share_of_depth(whole, d, z), d, z);
     behind.hit = in_front.hit = cut;
-    add_between_slices<orthographic, has_shades>(t, in_front, slices & (slices - 1), first, tile);
-    add_between_slices<orthographic, has_shades>(t, behind, slices & (slices - 1), first, tile);
+    add_between_slices<orthographic, has_shades>(t, in_front, slices & (slices - 1), tile);
+    add_between_slices<orthographic, has_shades>(t, behind, slices & (slices - 1), tile);
     whole.hit = hn::AndNot(cut, whole.hit);
   }
-  if (any(whole.hit)) add_whole<orthographic, has_shades>(t, whole, first, tile);
+  if (any(whole.hit)) add_whole<orthographic, has_shades>(t, whole, tile);
 }
 
 /// Adds an event on each segment of a mask. `number`: as events in the order of the ray sort, from 1 up.
 template <bool has_shades>
 HWY_INLINE void add_event(const WholeSegments& whole, Mask met, Float d, Float number, Float value, Float light,
-                          int first, TileSegments& tile) {
+                          TileSegments& tile) {
   Segments event{};
   event.key = max(whole.segments.key, -(d + whole.key_offset));
   event.length = -number;
   event.u_enter = value, event.u_leave = light;
   event.lighting = event.o_enter = event.o_leave = Float(0.0F);
-  store_segments<has_shades>(event, mask_bits(met), first, tile);
+  store_segments<has_shades>(event, met, whole.pixel, tile);
 }
 
 /// A cell in which rays may meet something.
@@ -351,7 +356,7 @@ HWY_INLINE SideOfContour side_on_faces(const ContourInCell& contour, const RaysI
 /// Adds contours, and the segments between them.
 template <bool orthographic, bool has_shades>
 HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const WholeSegments& whole,
-                             const RaysInCell& rays, int first, TileSegments& tile) {
+                             const RaysInCell& rays, TileSegments& tile) {
   const std::int32_t contours = t.frame.events->contours();
   const Mask rises = whole.segments.u_leave >= whole.segments.u_enter;
   const auto add_part = [&](Float from, Float to) HWY_ATTR {
@@ -367,7 +372,7 @@ HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const W
     segments.o_enter = mix(whole.segments.o_enter, whole.segments.o_leave, from);
     segments.o_leave = mix(whole.segments.o_enter, whole.segments.o_leave, to);
     segments.key = select(from > Float(0.0F), max(segments.key, -(part.near_d + whole.key_offset)), segments.key);
-    add_between_slices<orthographic, has_shades>(t, part, c.events.slices, first, tile);
+    add_between_slices<orthographic, has_shades>(t, part, c.events.slices, tile);
   };
   // A ray that rises meets lower values first, and one that falls higher ones.
   Float before = select(rises, Float(0.0F), Float(1.0F));
@@ -400,7 +405,7 @@ HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const W
     const Float light = light_at<orthographic>(t, t.frame.contour_lighting, c.shading, rays.x, rays.y);
     const Float number =
         select(leave.is_above, Float(static_cast<float>(contours - i)), Float(static_cast<float>(contours + i + 1)));
-    add_event<has_shades>(whole, met, d, number, color, light, first, tile);
+    add_event<has_shades>(whole, met, d, number, color, light, tile);
     if (tile.is_full) return;
   }
   const Float last = select(rises, Float(1.0F), Float(0.0F));
@@ -410,7 +415,7 @@ HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const W
 /// Adds what rays meet in a cell, and the segments between.
 template <bool orthographic, bool has_shades>
 HWY_NOINLINE void add_with_events(const CellTile& t, const CellWithEvents& c, const WholeSegments& whole,
-                                  const RaysInCell& rays, int first, TileSegments& tile) {
+                                  const RaysInCell& rays, TileSegments& tile) {
   // Cells begin a little sooner and end a little later, as far as places on the screen are rounded: of neighbours, the
   // first one that has a place counts.
   Float enter_slope(0.0F), leave_slope(0.0F);
@@ -440,13 +445,13 @@ HWY_NOINLINE void add_with_events(const CellTile& t, const CellWithEvents& c, co
     const Float share = share_of_depth(whole, d, z_at<orthographic>(d, whole.w));
     const auto number = static_cast<float>(2 * t.frame.events->contours() + static_cast<int>(slice) + 1);
     add_event<has_shades>(whole, met, d, number, mix(whole.segments.u_enter, whole.segments.u_leave, share), 1.0F,
-                          first, tile);
+                          tile);
     if (tile.is_full) return;
   }
   if (c.events.first < c.events.end)
-    add_contours<orthographic, has_shades>(t, c, whole, rays, first, tile);
+    add_contours<orthographic, has_shades>(t, c, whole, rays, tile);
   else if (c.cell.shows_matter)
-    add_between_slices<orthographic, has_shades>(t, whole, c.events.slices, first, tile);
+    add_between_slices<orthographic, has_shades>(t, whole, c.events.slices, tile);
 }
 
 /// Adds the segments of a cell. `far_out`: what it has besides, or null; so with `events`.
@@ -535,9 +540,9 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
                               hit};
     if constexpr (has_events) {
       add_with_events<orthographic, has_shades>(t, {cell, *shading, *events}, whole, {x, y, enter.face, leave.face},
-                                                first, tile);
+                                                tile);
     } else {
-      add_whole<orthographic, has_shades>(t, whole, first, tile);
+      add_whole<orthographic, has_shades>(t, whole, tile);
     }
     if (tile.is_full) return;
   }
