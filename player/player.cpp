@@ -487,18 +487,21 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
   for (const SurfaceLayer& layer : surface_layers_.layers) layers.push_back({&layer.depths, &layer.light});
   if (layers.empty() && surface_depths_) layers.push_back({surface_depths_.get()});
   sample_spacing_ = layers.empty() ? sample_spacing : 1;
-  auto drawn = cell_rasterizer_.draw(*cells, {.view = view_,
-                                              .transfer = transfer_of(scene_),
-                                              .lighting = scene_.lighting,
-                                              .contours = contours_of(scene_),
-                                              .layers = std::move(layers),
-                                              .sample_spacing = sample_spacing_,
-                                              .memory = options_.memory / 2,
-                                              .progress = progress});
+  auto drawn = cell_rasterizer_.draw(*cells,
+                                     {.view = view_,
+                                      .transfer = transfer_of(scene_),
+                                      .lighting = scene_.lighting,
+                                      .contours = contours_of(scene_),
+                                      .layers = std::move(layers),
+                                      .sample_spacing = sample_spacing_,
+                                      .memory = options_.memory / 2,
+                                      .progress = progress},
+                                     std::exchange(spare_picture_, {}));
   SPLATVOL_TRY(call.check());
   if (!drawn && (drawn.error().code == ErrorCode::out_of_budget || drawn.error().code == ErrorCode::unsupported))
     return fail_in(streamer_->volume().name(), drawn.error());
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
+  if (picture_) spare_picture_ = std::move(*picture_);
   picture_ = std::move(picture.image);
   exact_ = ExactPicture{picture.segments, cells->chunks().size(), cells->tetrahedra(), cells->unknown_cells()};
   times_.draw.draw = seconds_since(draw_start);

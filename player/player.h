@@ -301,6 +301,7 @@ class Player {
   std::vector<Surface> surfaces_;                        // of the scene
   SurfaceLayers surface_layers_;                         // of the last picture with surfaces or slices
   std::optional<View> surfaces_view_;                    // shows the layers; none: they are to be drawn
+  Image spare_picture_;                                  // its memory becomes that of the next exact picture
   std::optional<Image> picture_;                         // the last one, if surfaces were in it or it is exact
   std::uint64_t room_ = 0;                               // splats that the device took, as far as is known
   const FrameSplats* frame_ = nullptr;

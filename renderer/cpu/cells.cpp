@@ -71,7 +71,7 @@ void release(std::vector<T>& all) {
 /// A tile between batches.
 struct Tile {
   CellTileArea area;
-  CellTileLight light;
+  CellTileLight light;               // if it has chunks or layers
   std::vector<CellSegment> waiting;  // pixel by pixel
   std::vector<SegmentShade> shades;  // of these
   std::vector<std::int32_t> counts;  // [pixel]; empty: none wait
@@ -84,8 +84,19 @@ struct Tile {
   bool is_left = false;  // for another sweep
 
   void begin(const CellTileArea& drawn) {
-    *this = {.area = drawn, .light = {}, .waiting = {}, .shades = {}, .counts = {}, .chunks = std::move(chunks)};
+    area = drawn;
+    release(waiting);
+    release(shades);
+    counts.clear();
     chunks.clear();
+    next = 0;
+    segments = 0;
+    end_key = behind_all;
+    is_open = true;
+    is_full = is_left = false;
+  }
+  void begin_light() {
+    light = {};
     for (int y = area.pixels.y0; y <= area.pixels.y1; ++y)
       for (int x = area.pixels.x0; x <= area.pixels.x1; ++x) light.transmittance[CellTileArea::number_of(x, y)] = 1;
   }
@@ -181,7 +192,8 @@ class CellSweep {
     order_chunks();
   }
 
-  Result<CellPicture> draw();
+  /// `memory`: as that of CellRasterizer::draw.
+  Result<CellPicture> draw(Image memory);
 
  private:
   void set_events();
@@ -212,6 +224,7 @@ class CellSweep {
   void add_chunks(int column, int row, Tile& tile, TileScratch& scratch);
   void restore_waiting(const Tile& tile, TileSegments& segments) const;
   void keep_waiting(const TileSegments& segments, Tile& tile) const;
+  [[nodiscard]] bool has_light(const Tile& tile) const { return !tile.chunks.empty() || frame_.layers > 0; }
   void finish_tile(const Tile& tile);
 
   // The bytes that a thread's segments may take, at the least.
@@ -360,7 +373,8 @@ float CellSweep::first_key(const Chunk& chunk, int column, int row) const {
   return std::nextafter(key_of(depth), -farthest);
 }
 
-Result<CellPicture> CellSweep::draw() {
+Result<CellPicture> CellSweep::draw(Image memory) {
+  picture_.image = std::move(memory);
   picture_.image.width = view_.width;
   picture_.image.height = view_.height;
   picture_.image.pixels.assign(static_cast<std::size_t>(view_.width) * static_cast<std::size_t>(view_.height), vec4(0));
@@ -396,7 +410,7 @@ Status CellSweep::draw_area(const PixelRectangle& area) {
     report(static_cast<double>(batch_.end()) / static_cast<double>(chunks_.size()));
   }
   for_each_tile([&](int, int, const Tile& tile) {
-    if (!tile.is_left) finish_tile(tile);
+    if (!tile.is_left && has_light(tile)) finish_tile(tile);
   });
   for (const Tile& tile : workspace_.tiles) {
     if (tile.is_left) continue;
@@ -426,9 +440,11 @@ void CellSweep::begin_tiles() {
       const float key = first_key(chunks_[number], column, row);
       if (key < tile.end_key) tile.chunks.push_back({number, key, farthest});
     });
-  for (Tile& tile : workspace_.tiles)
+  for_each_tile([&](int, int, Tile& tile) {
     for (std::size_t i = tile.chunks.size(); i-- > 1;)
       tile.chunks[i - 1].later_key = std::min(tile.chunks[i].first_key, tile.chunks[i].later_key);
+    if (has_light(tile)) tile.begin_light();
+  });
 }
 
 void CellSweep::choose_batch(std::uint32_t first) {
@@ -748,11 +764,11 @@ void CellSweep::finish_tile(const Tile& tile) {
 CellRasterizer::CellRasterizer() : workspace_(std::make_unique<CellWorkspace>()) {}
 CellRasterizer::~CellRasterizer() = default;
 
-Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDrawing& drawing) {
+Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDrawing& drawing, Image memory) {
   // Wider samples would blur the outlines of surfaces.
   const int spacing = drawing.layers.empty() ? drawing.sample_spacing : 1;
   const View view = spacing > 1 ? sampled_view(drawing.view, spacing) : drawing.view;
-  SPLATVOL_TRY_ASSIGN(picture, CellSweep(source, drawing, view, *workspace_).draw());
+  SPLATVOL_TRY_ASSIGN(picture, CellSweep(source, drawing, view, *workspace_).draw(std::move(memory)));
   if (spacing <= 1) return picture;
   Image rows, whole{drawing.view.width, drawing.view.height, {}};
   whole.pixels.resize(static_cast<std::size_t>(whole.width) * static_cast<std::size_t>(whole.height));
