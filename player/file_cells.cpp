@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <glm/matrix.hpp>
 #include <glm/vector_relational.hpp>
 #include <iterator>
 #include <limits>
@@ -78,8 +79,9 @@ Rectangle rectangle_of(const Box& box, const View& view) {
   return {glm::clamp(rectangle.low, dvec2(0), size), glm::clamp(rectangle.high, dvec2(0), size)};
 }
 
-// The sum of the lengths of all pixels' rays in a box.
-double length_of_rays(const Box& box, const View& view) {
+// How many faces all pixels' rays meet in a box that has an area of 2 in each unit of volume. For normals n of faces,
+// the mean of |n v| is 1/2 if they have all directions v, and the root of a mean square is about proportional to it.
+double faces_on_rays(const Box& box, const dmat3& normals, const View& view) {
   constexpr int samples = 4;  // along each side of the rectangle
   View in_box = view;
   if (const std::optional<Box>& clip = view.clip.box)
@@ -94,14 +96,15 @@ double length_of_rays(const Box& box, const View& view) {
     const dvec2 pixel = rectangle.low + step * (dvec2(sample % samples, sample / samples) + 0.5);
     const dvec2 at = (pixel - 0.5 * dvec2(view.width, view.height)) / view.focal;
     const VisibleDepths inside = clipped_depths(in_box, at.x, at.y);
-    if (inside.from < inside.to)
-      sum += (inside.to - inside.from) * (view.orthographic ? 1 : std::sqrt(1 + at.x * at.x + at.y * at.y));
+    if (!(inside.from < inside.to)) continue;
+    const dvec3 ray = view.orthographic ? view.forward : view.forward + at.x * view.right + at.y * view.up;
+    sum += (inside.to - inside.from) * std::sqrt(3 * std::max(glm::dot(ray, normals * ray), 0.0));
   }
   return sum * step.x * step.y;
 }
 
-// The share of a chunk's cells with a visible value, by the areas of their faces. Looks at some of many cells.
-double shown_share_of(const DrawnCells& cells, const ShownInCells& shown) {
+// Looks at some of many cells.
+ShownFaces shown_faces_of(const DrawnCells& cells, const ShownInCells& shown) {
   constexpr std::size_t looked_at = 256;
   // Whether the values of a tetrahedron are visible, none of which may be missing.
   const auto shows = [&](std::size_t number, const std::vector<double>& values, const auto& is_visible) {
@@ -117,20 +120,25 @@ double shown_share_of(const DrawnCells& cells, const ShownInCells& shown) {
     return [&function](double low, double high) { return extinction_within(function, low, high); };
   };
   double all = 0, seen = 0;
+  dmat3 normals(0);
   const std::size_t step = 1 + cells.tetrahedra.size() / looked_at;
   for (std::size_t number = 0; number < cells.tetrahedra.size(); number += step) {
     const auto& [a, b, c, d] = cells.tetrahedra[number];
     const dvec3 p = cells.points[a], q = cells.points[b] - p, r = cells.points[c] - p, s = cells.points[d] - p;
-    const double area = glm::length(glm::cross(q, r)) + glm::length(glm::cross(q, s)) + glm::length(glm::cross(r, s)) +
-                        glm::length(glm::cross(r - q, s - q));
-    all += area;
+    const std::array<dvec3, 4> faces = {glm::cross(q, r), glm::cross(q, s), glm::cross(r, s),
+                                        glm::cross(r - q, s - q)};  // normals, as long as their areas
+    for (const dvec3& face : faces) all += glm::length(face);
     const bool has_matter = shows(number, cells.values, by(shown.function)) &&
                             (!shown.opacity || shows(number, cells.opacity_values, by(shown.opacity->function)));
     if (has_matter ||
         shows(number, cells.values, [&](double low, double high) { return shown.has_contour(low, high); }))
-      seen += area;
+      for (const dvec3& face : faces) {
+        const double area = glm::length(face);
+        seen += area;
+        if (area > 0) normals += glm::outerProduct(face, face / area);
+      }
   }
-  return all > 0 ? seen / all : 0;
+  return seen > 0 ? ShownFaces{seen / all, normals / seen} : ShownFaces{0};
 }
 
 // The bytes of all cells of a file, decoded: about.
@@ -212,19 +220,19 @@ Result<std::shared_ptr<const format::CellPage>> KeptCells::read_page(std::size_t
   return std::make_shared<const format::CellPage>(std::move(entries));
 }
 
-Result<double> KeptCells::shown_share(const format::CellChunkEntry& entry, const ShownInCells& shown) const {
-  const std::scoped_lock lock(shares_mutex_);
-  if (shares_of_ != shown) {
-    shares_of_ = shown;
-    shares_.clear();
+Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, const ShownInCells& shown) const {
+  const std::scoped_lock lock(faces_mutex_);
+  if (faces_of_ != shown) {
+    faces_of_ = shown;
+    faces_.clear();
   }
-  const auto known = shares_.find(entry.offset);
-  if (known != shares_.end()) return known->second;
+  const auto known = faces_.find(entry.offset);
+  if (known != faces_.end()) return known->second;
   DrawnCells scratch;
   SPLATVOL_TRY_ASSIGN(cells, read(entry, scratch));
-  const double share = shown_share_of(*cells, shown);
-  shares_.emplace(entry.offset, share);
-  return share;
+  const ShownFaces faces = shown_faces_of(*cells, shown);
+  faces_.emplace(entry.offset, faces);
+  return faces;
 }
 
 Status KeptCells::hold_all() const {
@@ -387,15 +395,16 @@ std::uint64_t FileCells::tetrahedra() const {
   return tetrahedra;
 }
 
-// The faces of a tetrahedron cover a quarter of their area, in the mean over all directions.
-double FileCells::segments_of_all(const Chunk& chunk) const {
+// A ray enters and leaves by a face.
+double FileCells::segments_of(const Chunk& chunk, const ShownFaces& faces) const {
   const dvec3 extent = chunk.box.extent();
   const double least = 1e-6 * std::max({extent.x, extent.y, extent.z});  // of a flat box
   const dvec3 margin = 0.5 * glm::max(dvec3(least) - extent, dvec3(0));
   const Box box{chunk.box.low - margin, chunk.box.high + margin};
   const dvec3 size = box.extent();
   const double volume = size.x * size.y * size.z;
-  return volume > 0 ? entries_[chunk.number].area / 4 / volume * length_of_rays(box, view_) : 0;
+  const double area = entries_[chunk.number].area * faces.share;
+  return volume > 0 ? area / 4 / volume * faces_on_rays(box, faces.normals, view_) : 0;
 }
 
 // Of many chunks, those are read in which equal parts of all segments would have their middles.
@@ -403,7 +412,7 @@ Result<double> FileCells::estimate_segments() const {
   const std::size_t most_read = kept_->reader().volume().is_far() ? 16 : 64;
   std::vector<double> end_of(chunks_.size());  // running sums
   double all = 0;
-  for (std::size_t i = 0; i < chunks_.size(); ++i) end_of[i] = all += segments_of_all(chunks_[i]);
+  for (std::size_t i = 0; i < chunks_.size(); ++i) end_of[i] = all += segments_of(chunks_[i], {});
   std::vector<std::pair<std::uint64_t, double>> read;  // numbers of chunks, and the segments that each stands for
   if (chunks_.size() <= most_read)
     for (std::size_t i = 0; i < chunks_.size(); ++i)
@@ -420,8 +429,9 @@ Result<double> FileCells::estimate_segments() const {
   double segments = 0;
   for (const auto& [number, stands_for] : read) {
     SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY_ASSIGN(share, kept_->shown_share(entries_[number], shown_));
-    segments += share * stands_for;
+    SPLATVOL_TRY_ASSIGN(faces, kept_->shown_faces(entries_[number], shown_));
+    const double of_all = segments_of(chunks_[number], {});
+    if (of_all > 0) segments += segments_of(chunks_[number], faces) / of_all * stands_for;
   }
   return segments;
 }

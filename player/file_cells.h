@@ -36,6 +36,12 @@ struct ShownInCells {
   [[nodiscard]] bool operator==(const ShownInCells&) const = default;
 };
 
+/// The faces of a chunk's cells with a visible value: about.
+struct ShownFaces {
+  double share = 1;        // of the areas of all faces in the chunk
+  dmat3 normals{1.0 / 3};  // [i][j]: the mean of n_i n_j for their normals n, by areas
+};
+
 /// The cells that a file keeps, with the values of a scene's attributes. Holds what was read last, for the next
 /// picture. Thread-safe.
 class KeptCells {
@@ -57,9 +63,8 @@ class KeptCells {
   /// As CellReader::read_page, of these attributes.
   [[nodiscard]] Result<std::shared_ptr<const format::CellPage>> read_page(std::size_t page) const;
 
-  /// Reads a chunk, and returns the share of its cells with a visible value: about, and by the areas of their faces.
-  /// Remembers it for the last `shown`.
-  [[nodiscard]] Result<double> shown_share(const format::CellChunkEntry& entry, const ShownInCells& shown) const;
+  /// Reads a chunk, and remembers its faces for the last `shown`.
+  [[nodiscard]] Result<ShownFaces> shown_faces(const format::CellChunkEntry& entry, const ShownInCells& shown) const;
 
   /// Reads all cells, unless memory lacks the room for them.
   [[nodiscard]] Status hold_all() const;
@@ -95,9 +100,9 @@ class KeptCells {
   mutable format::HeldParts parts_;  // pages and chunks that were read, if it holds all
   mutable std::atomic<bool> are_held_ = false;
 
-  mutable std::mutex shares_mutex_;
-  mutable ShownInCells shares_of_;
-  mutable std::unordered_map<std::uint64_t, double> shares_;  // [CellChunkEntry::offset]: shown_share
+  mutable std::mutex faces_mutex_;
+  mutable ShownInCells faces_of_;
+  mutable std::unordered_map<std::uint64_t, ShownFaces> faces_;  // [CellChunkEntry::offset]
 };
 
 /// Chunks of cells that may be in a view and have a visible value, a contour or a slice. Others are not read.
@@ -124,15 +129,16 @@ class FileCells final : public CellSource {
   /// Tetrahedra of the chunks; about.
   [[nodiscard]] std::uint64_t tetrahedra() const;
 
-  /// Estimates the pieces of rays in a tetrahedron with a visible value: as if each chunk filled its box evenly, with
-  /// faces in all directions. Reads some of the chunks.
+  /// Estimates the pieces of rays in a tetrahedron with a visible value: as if each chunk filled its box evenly. Reads
+  /// some of the chunks.
   [[nodiscard]] Result<double> estimate_segments() const;
 
  private:
   FileCells(std::shared_ptr<const KeptCells> kept, const Scene& scene, const View& view)
       : kept_(std::move(kept)), shown_(scene), view_(view) {}
   [[nodiscard]] Status read_entries();
-  [[nodiscard]] double segments_of_all(const Chunk& chunk) const;  // estimated, if all of its cells were visible
+  // Estimated, if a chunk shows these faces.
+  [[nodiscard]] double segments_of(const Chunk& chunk, const ShownFaces& faces) const;
   [[nodiscard]] bool may_meet_event(const Box& box, const format::ValueSummary& values) const;
 
   std::shared_ptr<const KeptCells> kept_;
