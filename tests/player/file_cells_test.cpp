@@ -467,7 +467,7 @@ TEST_F(FileCellsOf, AViewHaveAboutTheEstimatedSegments) {
   }
 }
 
-// Rays meet few faces of flat cells from their side.
+// Rays meet few faces of flat cells from their side: if faces had all directions, ten times as many.
 TEST_F(FileCellsOf, FlatLayersHaveAboutTheEstimatedSegments) {
   Piece flat = lattice();
   for (dvec3& p : flat.points) p.z *= 0.02;
@@ -481,8 +481,8 @@ TEST_F(FileCellsOf, FlatLayersHaveAboutTheEstimatedSegments) {
     const auto cells = open(volume, scene);
     const double truth = segments_of(cells_of(*cells), scene), estimate = test::value_of(cells->estimate_segments());
     EXPECT_GT(truth, 300);
-    EXPECT_GT(estimate, truth / 1.7);
-    EXPECT_LT(estimate, truth * 1.7);
+    EXPECT_GT(estimate, truth / 1.4);
+    EXPECT_LT(estimate, truth * 2.5);
   }
 }
 
