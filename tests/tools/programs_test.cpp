@@ -460,7 +460,9 @@ class RealData : public Programs {
 
   // Draws the exact picture of a view's mesh in another scene, and pictures of the volume.
   Image exact(const std::string& view, const json& scene) const {
-    write("s.json", scene.dump());
+    json small = scene;  // a quarter of the pixels have the same error
+    small["image"] = {{"width", 256}, {"height", 256}};
+    write("s.json", small.dump());
     expect_done("svtruth " + mesh(view) + " --scene s.json -o exact.exr");
     return *read_exr(path("exact.exr"));
   }
