@@ -24,6 +24,7 @@
 #include "builder/series/series_build.h"
 #include "builder/series/series_files.h"
 #include "builder/series/series_inputs.h"
+#include "builder/sources/formats.h"
 #include "format/steps.h"
 #include "tools/cells_option.h"
 #include "tools/reading.h"
@@ -502,9 +503,8 @@ Status build(const Options& options) {
 
 void add_input_options(CommandLine& app, Options& options) {
   app.add_option("inputs", options.inputs,
-                 "Meshes (.vtu, .pvtu, .vtk, .vtm, .pvd, ..., .e, .case, .foam, .cgns, .msh), voxels (.vdb), folders "
-                 "of them, points (.npy, .csv), a mesh of SU2 and its .csv, a PLOT3D grid and its solution, or points "
-                 "or a mesh to generate, as svgen does (gen:points:count=1e6)")
+                 "Meshes, voxels and points, or folders of them: " + input_formats_for_help() +
+                     "; or points or a mesh to generate, as svgen does (gen:points:count=1e6)")
       ->required()
       ->type_name("IN...");
   app.add_option("-o,--output", options.output, "The file to write; needed but with --estimate")

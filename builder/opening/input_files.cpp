@@ -4,10 +4,8 @@
 
 #include <algorithm>
 #include <cctype>
-#include <charconv>
 #include <cstdint>
 #include <filesystem>
-#include <initializer_list>
 #include <iterator>
 #include <map>
 #include <optional>
@@ -16,97 +14,12 @@
 #include <string_view>
 #include <utility>
 
-#include "base/file.h"
-#include "base/names.h"
 #include "base/replaceable.h"
-#include "builder/sources/npy_header.h"
+#include "builder/sources/formats.h"
 #include "builder/sources/read_text.h"
-#include "builder/sources/vdb_source.h"
-#include "builder/sources/vtk/netcdf_checks.h"
 
 namespace splatvol {
 namespace {
-
-/// `name`: in lower case.
-bool ends_in(std::string_view name, std::initializer_list<std::string_view> ends) {
-  return std::ranges::any_of(ends, [&](std::string_view end) { return name.ends_with(end); });
-}
-
-/// The format of a multi-block file by its extension. `name`: in lower case.
-std::optional<VtkFile::Kind> kind_of_extension(std::string_view name) {
-  if (ends_in(name, {".e", ".exo", ".exii", ".ex2", ".g", ".gen"})) return VtkFile::Kind::exodus;
-  if (ends_in(name, {".case", ".encas"})) return VtkFile::Kind::ensight;
-  if (name.ends_with(".foam")) return VtkFile::Kind::openfoam;
-  if (name.ends_with(".cgns")) return VtkFile::Kind::cgns;
-  if (name.ends_with(".msh")) return VtkFile::Kind::gmsh;
-  if (name.ends_with(".su2")) return VtkFile::Kind::su2;
-  return ends_in(name, {".vtkhdf", ".hdf"}) ? std::optional(VtkFile::Kind::vtkhdf) : std::nullopt;
-}
-
-/// Removes `mark` and the digits behind it from the end of a name. Returns whether they were there.
-bool cut_number(std::string_view& name, std::string_view mark) {
-  const std::size_t last = name.find_last_not_of("0123456789");
-  if (last == std::string_view::npos || last + 1 == name.size() || !name.substr(0, last + 1).ends_with(mark))
-    return false;
-  name = name.substr(0, last + 1 - mark.size());
-  return true;
-}
-
-/// Finds the format of a multi-block file by its name, in either case: most of these files are HDF5 or plain text. An
-/// Exodus file that holds a part of a mesh has a name such as "mesh.e.4.0", one of a run that went on "mesh.e-s002".
-std::optional<VtkFile::Kind> multi_block_kind(std::string_view path) {
-  if (path.ends_with("/system/controlDict")) return VtkFile::Kind::openfoam;
-  const std::string lower = in_lower_case(std::string(path));
-  std::string_view name = lower;
-  if (const auto kind = kind_of_extension(name)) return kind;
-  const bool is_part = cut_number(name, ".") && cut_number(name, ".");
-  const bool goes_on = cut_number(name, "-s");
-  if (!is_part && !goes_on) return std::nullopt;
-  return kind_of_extension(name) == VtkFile::Kind::exodus ? kind_of_extension(name) : std::nullopt;
-}
-
-std::string xml_attribute(std::string_view element, std::string_view name) {
-  for (const char quote : {'"', '\''}) {
-    const std::string start = fmt::format(" {}={}", name, quote);
-    const std::size_t at = element.find(start);
-    if (at == std::string_view::npos) continue;
-    const std::size_t first = at + start.size();
-    return std::string(element.substr(first, element.find(quote, first) - first));
-  }
-  return {};
-}
-
-bool parse_version(std::string_view text, FileHeader& header) {
-  const char* end = text.data() + text.size();
-  const auto major = std::from_chars(text.data(), end, header.major);
-  if (major.ec != std::errc{} || major.ptr == end || *major.ptr != '.') return false;
-  return std::from_chars(major.ptr + 1, end, header.minor).ec == std::errc{};
-}
-
-constexpr std::string_view legacy_start = "# vtk DataFile Version ";
-
-Result<FileHeader> read_legacy_header(const std::string& path, std::string_view text) {
-  FileHeader header;
-  header.format = FileHeader::Format::vtk_legacy;
-  if (!parse_version(text.substr(legacy_start.size()), header))
-    return fail(ErrorCode::invalid_data, "{}: the version in its first line is not a number", path);
-  return header;
-}
-
-/// `element`: the start tag of the VTKFile element.
-Result<FileHeader> read_xml_header(const std::string& path, std::string element) {
-  // White space of any kind may separate XML attributes.
-  std::ranges::replace_if(
-      element, [](char c) { return c == '\n' || c == '\r' || c == '\t'; }, ' ');
-  FileHeader header;
-  header.format = FileHeader::Format::vtk_xml;
-  header.type = xml_attribute(element, "type");
-  const std::string version = xml_attribute(element, "version");
-  if (!version.empty() && !parse_version(version, header))
-    return fail(ErrorCode::invalid_data, "{}: the version \"{}\" of its VTKFile element is not a number", path,
-                version);
-  return header;
-}
 
 /// Compares names with numbers by size: "piece2" comes before "piece10".
 bool name_before(std::string_view a, std::string_view b) {
@@ -128,21 +41,13 @@ bool name_before(std::string_view a, std::string_view b) {
   return a.size() < b.size();
 }
 
-bool is_known(const std::string& name) {
-  return has_vtk_extension(name) || multi_block_kind(name) || has_extension(name, ".npy") ||
-         has_extension(name, ".vdb") || is_csv(name);
-}
-
 /// Whether a file that no name tells to be an input holds data nevertheless. Parallel files of VTK's only name others.
 bool holds_data(const std::string& path) {
   const auto start = read_text(path, 64);
   if (!start) return false;
-  if (ends_in(in_lower_case(path), {".h5", ".hdf5", ".he5", ".h5m", ".xdmf", ".xmf", ".nc", ".nc4", ".cdf", ".med",
-                                    ".plt", ".szplt", ".tec", ".frd", ".inp", ".unv", ".nek5000", ".d3plot"}))
-    return true;
+  if (is_foreign(path)) return true;
   const auto header = read_header(path);
-  if (header && header->format != FileHeader::Format::other)
-    return !header->type.starts_with('P') || header->type == "PolyData";
+  if (header && header->format) return !header->type.starts_with('P') || header->type == "PolyData";
   return is_hdf5(*start);
 }
 
@@ -157,7 +62,7 @@ Result<Folder> list_folder(const std::string& path) {
   Folder folder;
   for (std::filesystem::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename();
-    if (!name.starts_with('.')) (is_known(name) ? folder.inputs : folder.others).push_back(name);
+    if (!name.starts_with('.')) (format_of_name(name) ? folder.inputs : folder.others).push_back(name);
   }
   if (error) return fail(ErrorCode::io, "{}: {}", path, error.message());
   // A .pvd names the files beside it, and tells their times.
@@ -228,31 +133,6 @@ bool is_plain_folder(const std::string& input) {
 
 }  // namespace
 
-bool is_csv(std::string_view path) {
-  const std::string name(path);
-  return has_extension(name, ".csv") || has_extension(name, ".tsv");
-}
-
-bool has_vtk_extension(std::string_view path) {
-  return ends_in(in_lower_case(std::string(path)),
-                 {".vtu", ".pvtu", ".vtk", ".vts", ".vtr", ".vti", ".vtp", ".pvd", ".vtm", ".vtpd", ".vtpc"});
-}
-
-Result<FileHeader> read_header(const std::string& path) {
-  using Format = FileHeader::Format;
-  SPLATVOL_TRY_ASSIGN(text, read_text(path, 65536));
-  if (text.starts_with(npy_magic) || has_extension(path, ".npy")) return FileHeader{.format = Format::npy};
-  if (is_csv(path)) return FileHeader{.format = Format::csv};
-  if (text.starts_with(vdb_magic) || has_extension(path, ".vdb")) return FileHeader{.format = Format::vdb};
-  // Exodus files in NetCDF's own format may have any name.
-  if (const auto kind = is_netcdf(text) ? VtkFile::Kind::exodus : multi_block_kind(path))
-    return FileHeader{.format = Format::multi_block, .kind = *kind};
-  if (text.starts_with(legacy_start)) return read_legacy_header(path, text);
-  const std::size_t tag = text.find("<VTKFile");
-  if (tag == std::string::npos) return FileHeader{};
-  return read_xml_header(path, text.substr(tag, text.find('>', tag) - tag));
-}
-
 Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) {
   std::vector<std::string> paths;
   for (const std::string& input : inputs) {
@@ -269,7 +149,7 @@ Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& 
   }
   std::vector<std::string> exodus;
   std::ranges::copy_if(paths, std::back_inserter(exodus),
-                       [](const std::string& path) { return multi_block_kind(path) == VtkFile::Kind::exodus; });
+                       [](const std::string& path) { return format_of_name(path) == InputFormat::exodus; });
   SPLATVOL_TRY(check_exodus_pieces(exodus));
   return paths;
 }
@@ -289,7 +169,7 @@ std::vector<std::string> files_left_out(const std::vector<std::string>& inputs) 
 int usual_up(const std::vector<std::string>& inputs) {
   std::error_code ignored;
   for (const std::string& input : inputs)
-    if (multi_block_kind(input) == VtkFile::Kind::openfoam ||
+    if (format_of_name(input) == InputFormat::openfoam ||
         std::filesystem::exists(std::filesystem::path(input) / "system" / "controlDict", ignored))
       return 2;
   return -1;

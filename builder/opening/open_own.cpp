@@ -4,6 +4,7 @@
 
 #include "builder/opening/input_files.h"
 #include "builder/sources/csv_source.h"
+#include "builder/sources/formats.h"
 #include "builder/sources/generator.h"
 #include "builder/sources/npy_source.h"
 
@@ -25,10 +26,9 @@ Result<std::unique_ptr<Source>> open_own(const std::vector<std::string>& inputs,
   SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
   if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
   SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
-  if (first.format != FileHeader::Format::npy && first.format != FileHeader::Format::csv)
-    return std::unique_ptr<Source>();
+  if (first.format != InputFormat::numpy && first.format != InputFormat::table) return std::unique_ptr<Source>();
   if (options.cells == CellValues::own) return fail_no_cells(paths[0]);
-  return first.format == FileHeader::Format::npy ? open_npy_files(paths, options) : open_csv_files(paths, options);
+  return first.format == InputFormat::numpy ? open_npy_files(paths, options) : open_csv_files(paths, options);
 }
 
 Result<std::optional<std::vector<ArrayShape>>> list_own_arrays(const std::vector<std::string>& inputs,
@@ -37,8 +37,8 @@ Result<std::optional<std::vector<ArrayShape>>> list_own_arrays(const std::vector
   SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
   if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
   SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
-  const bool is_npy = first.format == FileHeader::Format::npy;
-  if (!is_npy && first.format != FileHeader::Format::csv) return std::nullopt;
+  const bool is_npy = first.format == InputFormat::numpy;
+  if (!is_npy && first.format != InputFormat::table) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(arrays, is_npy ? list_npy_arrays(paths, options) : list_csv_arrays(paths, options));
   return std::optional(std::move(arrays));
 }

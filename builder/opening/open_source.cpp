@@ -1,5 +1,6 @@
 #include "builder/opening/open_source.h"
 
+#include <array>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -10,6 +11,7 @@
 #include "base/printable.h"
 #include "builder/opening/input_files.h"
 #include "builder/opening/open_own.h"
+#include "builder/sources/formats.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vdb_source.h"
@@ -47,10 +49,6 @@ Result<VtkFile> identify_xml(const std::string& path, const FileHeader& header) 
   return VtkFile{path, *kind};
 }
 
-bool is_composite(const FileHeader& header) {
-  return is_one_of(header.type, {"vtkMultiBlockDataSet", "vtkPartitionedDataSet", "vtkPartitionedDataSetCollection"});
-}
-
 /// A file that names files is not one of those that it names, at any depth.
 constexpr int deepest_nesting = 16;
 
@@ -70,7 +68,7 @@ class KnownFiles {
     const std::string file = canonical(path);
     const auto known = names_.find(file);
     if (known != names_.end()) return known->second;
-    if (is_composite(header)) {
+    if (header.format == InputFormat::vtk_blocks) {
       SPLATVOL_TRY_ASSIGN(blocks, block_files(path));
       return names_[file] = std::move(blocks);
     }
@@ -86,7 +84,7 @@ class KnownFiles {
     const auto [known, is_new] = counts_.try_emplace(canonical(path), 1.0);
     if (!is_new || nesting == deepest_nesting) return known->second;
     const auto header = this->header(path);
-    if (!header || (!is_composite(*header) && header->type != "PUnstructuredGrid")) return 1;
+    if (!header || (header->format != InputFormat::vtk_blocks && header->format != InputFormat::vtk_parallel)) return 1;
     const auto names = this->names(path, *header);
     if (!names) return 1;
     double sum = 1;
@@ -112,14 +110,18 @@ class KnownFiles {
   std::map<std::string, double> counts_;
 };
 
+/// Appends a file to those for VTK's readers. `nesting`: how many files name each other on the way to it.
+using Append = Status(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files, KnownFiles& known,
+                      int nesting);
+
 /// Appends the pieces that a .pvtu names.
-Status append_pieces(const std::string& path, const FileHeader& of_path, std::vector<VtkFile>& files,
-                     KnownFiles& known) {
+Status append_pieces(const std::string& path, const FileHeader& of_path, std::vector<VtkFile>& files, KnownFiles& known,
+                     int /*nesting*/) {
   SPLATVOL_TRY_ASSIGN(pieces, known.names(path, of_path));
   for (const auto& [piece, block] : pieces) {
     const auto header = known.header(piece);
     if (!header) return fail_in(path, header.error());
-    if (header->format != FileHeader::Format::vtk_xml || header->type != "UnstructuredGrid")
+    if (header->format != InputFormat::vtk_xml || header->type != "UnstructuredGrid")
       return fail(ErrorCode::invalid_data, "{}: its piece {} is not a .vtu file", path, piece);
     SPLATVOL_TRY_ASSIGN(file, identify_xml(piece, *header));
     files.push_back(file);
@@ -147,30 +149,72 @@ Status append_composite(const std::string& path, const FileHeader& header, std::
   return {};
 }
 
-Status append_file(const std::string& path, std::vector<VtkFile>& files, KnownFiles& known, int nesting) {
-  SPLATVOL_TRY_ASSIGN(header, known.header(path));
-  for (const auto& [format, extension] :
-       {std::pair(FileHeader::Format::npy, "npy"), {FileHeader::Format::csv, "csv"}, {FileHeader::Format::vdb, "vdb"}})
-    if (header.format == format)
-      return fail(ErrorCode::invalid_argument, "{}: a .{} file among meshes", path, extension);
-  if (header.format == FileHeader::Format::other)
-    return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
-                path);
-  if (header.format == FileHeader::Format::multi_block) {
-    files.push_back({path, header.kind});
-    return {};
-  }
-  if (header.format == FileHeader::Format::vtk_legacy) {
-    if (newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
-    files.push_back({path, VtkFile::Kind::legacy});
-    return {};
-  }
-  if (header.type == "PUnstructuredGrid") return append_pieces(path, header, files, known);
-  if (is_composite(header)) return append_composite(path, header, files, known, nesting);
-  if (header.type == "Collection") return fail(ErrorCode::invalid_argument, "{}: a .pvd must be the only input", path);
+Status append_xml(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files, KnownFiles& /*known*/,
+                  int /*nesting*/) {
   SPLATVOL_TRY_ASSIGN(file, identify_xml(path, header));
   files.push_back(file);
   return {};
+}
+
+Status append_legacy(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files,
+                     KnownFiles& /*known*/, int /*nesting*/) {
+  if (newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
+  files.push_back({path, VtkFile::Kind::legacy});
+  return {};
+}
+
+template <VtkFile::Kind kind>
+Status append_as(const std::string& path, const FileHeader& /*header*/, std::vector<VtkFile>& files,
+                 KnownFiles& /*known*/, int /*nesting*/) {
+  files.push_back({path, kind});
+  return {};
+}
+
+Status refuse_series(const std::string& path, const FileHeader& /*header*/, std::vector<VtkFile>& /*files*/,
+                     KnownFiles& /*known*/, int /*nesting*/) {
+  return fail(ErrorCode::invalid_argument, "{}: a .pvd must be the only input", path);
+}
+
+Status refuse_among_meshes(const std::string& path, const FileHeader& header, std::vector<VtkFile>& /*files*/,
+                           KnownFiles& /*known*/, int /*nesting*/) {
+  return fail(ErrorCode::invalid_argument, "{}: a file of {} among meshes", path, name_of(*header.format));
+}
+
+struct Opener {
+  InputFormat format;
+  Append* append;
+};
+constexpr std::array<Opener, input_format_count> openers = {{
+    {InputFormat::vtk_xml, append_xml},
+    {InputFormat::vtk_parallel, append_pieces},
+    {InputFormat::vtk_legacy, append_legacy},
+    {InputFormat::vtk_blocks, append_composite},
+    {InputFormat::vtk_series, refuse_series},
+    {InputFormat::vtkhdf, append_as<VtkFile::Kind::vtkhdf>},
+    {InputFormat::plot3d, refuse_among_meshes},
+    {InputFormat::exodus, append_as<VtkFile::Kind::exodus>},
+    {InputFormat::cgns, append_as<VtkFile::Kind::cgns>},
+    {InputFormat::ensight, append_as<VtkFile::Kind::ensight>},
+    {InputFormat::openfoam, append_as<VtkFile::Kind::openfoam>},
+    {InputFormat::gmsh, append_as<VtkFile::Kind::gmsh>},
+    {InputFormat::su2, append_as<VtkFile::Kind::su2>},
+    {InputFormat::openvdb, refuse_among_meshes},
+    {InputFormat::numpy, refuse_among_meshes},
+    {InputFormat::table, refuse_among_meshes},
+}};
+static_assert([] {
+  for (std::size_t i = 0; i < openers.size(); ++i)
+    if (static_cast<std::size_t>(openers[i].format) != i) return false;
+  return true;
+}());
+
+Status append_file(const std::string& path, std::vector<VtkFile>& files, KnownFiles& known, int nesting) {
+  SPLATVOL_TRY_ASSIGN(header, known.header(path));
+  if (!header.format && is_foreign(path)) return fail(ErrorCode::unsupported, "{}: {}", path, way_out(path));
+  if (!header.format)
+    return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
+                path);
+  return openers[static_cast<std::size_t>(*header.format)].append(path, header, files, known, nesting);
 }
 
 std::string normal_path(const VtkFile& file) { return std::filesystem::path(file.path).lexically_normal().string(); }
@@ -203,7 +247,7 @@ Status check_count(const std::vector<std::string>& paths, KnownFiles& known) {
 /// the input is no .pvd.
 Result<std::optional<TimeStep>> expand_pvd(std::vector<std::string>& paths, const FileHeader& first,
                                            std::optional<double> time, KnownFiles& known) {
-  if (first.type != "Collection" || paths.size() != 1) return std::optional<TimeStep>();
+  if (first.format != InputFormat::vtk_series || paths.size() != 1) return std::optional<TimeStep>();
   SPLATVOL_TRY_ASSIGN(steps, pvd_steps(paths[0]));
   std::vector<double> times;
   for (const auto& of_collection : steps) times.push_back(of_collection.time);
@@ -232,7 +276,8 @@ Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<st
   for (std::size_t i = 0; i < paths.size(); ++i) {
     SPLATVOL_TRY(append_file(paths[i], input.files, known));
     // A .csv behind an SU2 mesh holds its values.
-    if (input.files.back().kind == VtkFile::Kind::su2 && i + 1 < paths.size() && is_csv(paths[i + 1]))
+    if (input.files.back().kind == VtkFile::Kind::su2 && i + 1 < paths.size() &&
+        format_of_name(paths[i + 1]) == InputFormat::table)
       input.files.back().values = paths[++i];
   }
   if (paths != inputs) drop_repeated(input.files);
@@ -242,7 +287,7 @@ Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<st
 }
 
 bool is_plot3d(const FileHeader& first, const std::string& path) {
-  return first.format == FileHeader::Format::other && !has_vtk_extension(path);
+  return !first.format && !format_of_name(path) && !is_foreign(path);
 }
 
 Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs, const SourceOptions& options) {
@@ -253,16 +298,16 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
   if (!options.columns.empty())
     return fail(ErrorCode::invalid_argument, "{}: neither a .npy nor a .csv file, so its columns cannot be named",
                 paths[0]);
-  if (first.format == FileHeader::Format::vdb) {
+  if (first.format == InputFormat::openvdb) {
     if (options.cells == CellValues::own) return fail_no_cells(paths[0]);
     return open_vdb_files(paths, options);
   }
   if (is_plot3d(first, paths[0])) {
     if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options);
-    return fail(
-        ErrorCode::invalid_argument,
-        "{}: neither a VTK nor a .npy nor a .vdb file; a PLOT3D grid needs its solution as the second of two files",
-        paths[0]);
+    return fail(ErrorCode::invalid_argument,
+                "{}: its format is not known ('svbuild --help' lists those that are read); a PLOT3D grid needs its "
+                "solution as the second of two files",
+                paths[0]);
   }
   SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));
   return open_vtk_files(std::move(input.files), options, input.step);
@@ -283,7 +328,7 @@ Result<std::optional<std::vector<ArrayShape>>> list_arrays(const std::vector<std
   if (own) return own;
   SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
   SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
-  if (first.format == FileHeader::Format::vdb) {
+  if (first.format == InputFormat::openvdb) {
     SPLATVOL_TRY_ASSIGN(grids, list_vdb_grids(paths));
     return std::optional(std::move(grids));
   }

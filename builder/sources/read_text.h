@@ -40,6 +40,14 @@ std::optional<T> number_of(std::string_view word) {
   return error == std::errc() && end == word.data() + word.size() ? std::optional(number) : std::nullopt;
 }
 
+/// Whether a file begins like HDF5.
+[[nodiscard]] inline bool is_hdf5(std::string_view start) { return start.starts_with("\x89HDF\r\n\x1a\n"); }
+
+/// Whether a file begins like one of NetCDF's own formats, which Exodus uses.
+[[nodiscard]] inline bool is_netcdf(std::string_view start) {
+  return start.size() > 3 && start.starts_with("CDF") && (start[3] == 1 || start[3] == 2 || start[3] == 5);
+}
+
 /// Returns the number that some bytes are, at most eight.
 [[nodiscard]] std::uint64_t number_in(std::string_view bytes, bool big_endian);
 

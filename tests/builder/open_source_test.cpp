@@ -15,6 +15,7 @@
 
 #include "base/file.h"
 #include "builder/opening/input_files.h"
+#include "builder/sources/formats.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/read_input.h"
@@ -394,7 +395,7 @@ TEST_F(SourceTest, MeshesAreNoPointsOfNpyFiles) {
   const std::string mesh = write("x.vtu", test::tetrahedron_at(0).file());
   const std::string points = write("part1.npy", magic + header + '\n' + std::string(16, '\0'));
   EXPECT_THAT(error_of({folder_}), AllOf(StartsWith(folder_), HasSubstr("x.vtu")));
-  EXPECT_THAT(error_of({mesh, points}), HasSubstr("a .npy file among meshes"));
+  EXPECT_THAT(error_of({mesh, points}), HasSubstr("a file of NumPy among meshes"));
   EXPECT_THAT(error_of({mesh}, {{}, {"x", "y", "z", "s"}}), HasSubstr("columns cannot be named"));
 }
 
@@ -426,13 +427,45 @@ TEST_F(SourceTest, NamesOfAnyCaseAreKnown) {
   EXPECT_THAT(files_left_out({folder_ + "pieces"}), testing::IsEmpty());
   for (const char* name : {"a.E", "a.e-s002", "a.e-s002.4.1", "a.exo.4.0", "a.GEN", "a.gen", "a.G"}) {
     const auto header = test::value_of(read_header(write(name, "\x89HDF\r\n\x1a\n")));
-    EXPECT_EQ(header.kind, VtkFile::Kind::exodus) << name;
+    EXPECT_EQ(header.format, InputFormat::exodus) << name;
   }
-  EXPECT_EQ(read_header(write("A.CASE", "FORMAT\n"))->kind, VtkFile::Kind::ensight);
-  EXPECT_EQ(read_header(write("a.NPY", ""))->format, FileHeader::Format::npy);
-  EXPECT_EQ(read_header(write("a.TSV", ""))->format, FileHeader::Format::csv);
+  EXPECT_EQ(read_header(write("A.CASE", "FORMAT\n"))->format, InputFormat::ensight);
+  EXPECT_EQ(read_header(write("a.NPY", ""))->format, InputFormat::numpy);
+  EXPECT_EQ(read_header(write("a.TSV", ""))->format, InputFormat::table);
   for (const char* name : {"a.e-s", "a-s002", "s002", "a.vtk-s1"})
-    EXPECT_EQ(read_header(write(name, "x"))->format, FileHeader::Format::other) << name;
+    EXPECT_EQ(read_header(write(name, "x"))->format, std::nullopt) << name;
+}
+
+TEST(InputFormats, ThePageHasTheirTable) {
+  const auto page = test::value_of(read_text_file(SPLATVOL_FORMATS_PAGE));
+  EXPECT_NE(page.find(input_formats_for_page()), std::string::npos) << "its table should be:\n"
+                                                                    << input_formats_for_page();
+}
+
+TEST(InputFormats, EachExtensionIsOfOneFormat) {
+  std::vector<std::string_view> all;
+  for (const FormatRow& row : input_formats()) {
+    std::string_view rest = row.extensions;
+    while (!rest.empty()) {
+      const std::string_view extension = rest.substr(0, rest.find(' '));
+      rest.remove_prefix(std::min(extension.size() + 1, rest.size()));
+      EXPECT_EQ(format_of_name("a" + std::string(extension)), row.format) << extension;
+      EXPECT_FALSE(is_foreign("a" + std::string(extension))) << extension;
+      all.push_back(extension);
+    }
+  }
+  std::ranges::sort(all);
+  EXPECT_EQ(std::ranges::adjacent_find(all), all.end());
+}
+
+TEST_F(SourceTest, FormatsThatAreNotReadNameTheWayOut) {
+  const std::string mesh = write("mesh.vtu", hexahedron_mesh().file());
+  for (const char* name : {"a.xdmf", "a.h5", "a.cas.h5", "a.nc", "a.med", "a.plt", "a.frd", "a.inp", "a.NEK5000"}) {
+    const std::string path = write(name, "some bytes\n");
+    for (const auto& inputs : {std::vector{path}, {path, mesh}, {mesh, path}, {path, path}})
+      EXPECT_THAT(error_of(inputs), AllOf(StartsWith(path + ": files of "), HasSubstr("are not read: "))) << name;
+  }
+  EXPECT_THAT(error_of({write("a.bin", "some bytes\n")}), HasSubstr("its format is not known"));
 }
 
 TEST_F(SourceTest, DataThatAFolderLeavesOutIsNamed) {

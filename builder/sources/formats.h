@@ -1,0 +1,80 @@
+// The formats of inputs: one table for names of files, messages, help and docs/formats.md.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "base/error.h"
+
+namespace splatvol {
+
+/// In the order of the table.
+enum class InputFormat : std::uint8_t {
+  vtk_xml,
+  vtk_parallel,
+  vtk_legacy,
+  vtk_blocks,
+  vtk_series,
+  vtkhdf,
+  plot3d,
+  exodus,
+  cgns,
+  ensight,
+  openfoam,
+  gmsh,
+  su2,
+  openvdb,
+  numpy,
+  table
+};
+inline constexpr std::size_t input_format_count = 16;
+
+struct FormatRow {
+  InputFormat format;
+  std::string_view name;        // in messages and help
+  std::string_view extensions;  // of its files, in lower case, with a blank between; empty: any
+  std::string_view help;        // the files, in the help of programs
+  // The rest of a row of docs/formats.md: what the files are, what is held at once, how a time step is chosen, which
+  // cells are read, and what is left out.
+  std::string_view files, held, steps, cells, left_out;
+};
+
+/// [format]
+[[nodiscard]] const std::array<FormatRow, input_format_count>& input_formats();
+
+[[nodiscard]] std::string_view name_of(InputFormat format);
+
+/// The formats as the help of programs lists them.
+[[nodiscard]] std::string input_formats_for_help();
+
+/// The table of docs/formats.md.
+[[nodiscard]] std::string input_formats_for_page();
+
+/// Finds a format by the name of a file, in either case. An Exodus file that holds a part of a mesh has a name such as
+/// "mesh.e.4.0", one of a run that went on "mesh.e-s002"; a case of OpenFOAM may be its system/controlDict.
+[[nodiscard]] std::optional<InputFormat> format_of_name(std::string_view path);
+
+/// How a file begins.
+struct FileHeader {
+  std::optional<InputFormat> format = {};  // none: it is not known
+  std::string type = {};                   // of VTK's XML files: "UnstructuredGrid", ...
+  int major = 0;                           // version, of VTK's files
+  int minor = 0;
+};
+
+/// Finds the format of a file by its first 64 KiB and its name. A grid of PLOT3D looks like no other format, and is not
+/// known. Fails if the file cannot be read, or its version is no number.
+[[nodiscard]] Result<FileHeader> read_header(const std::string& path);
+
+/// Whether the file has data in a format that is not read, by its name.
+[[nodiscard]] bool is_foreign(std::string_view path);
+
+/// Returns how a file of a format that is not read becomes one that is.
+[[nodiscard]] std::string way_out(std::string_view path);
+
+}  // namespace splatvol
