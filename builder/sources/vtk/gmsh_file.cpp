@@ -66,12 +66,23 @@ class Scanner {
     return line;
   }
 
-  /// Reads a text between quotation marks on a line of its own.
-  std::string quoted() {
+  /// Reads the name that ends a line. It may stand between quotation marks.
+  std::string name() {
     skip_space();
-    const std::string_view whole = line();
-    if (whole.size() < 2 || whole.front() != '"' || whole.back() != '"') failed_ = true;
-    return failed_ ? std::string() : std::string(whole.substr(1, whole.size() - 2));
+    std::string_view name = line();
+    if (name.starts_with('"')) {
+      if (name.size() < 2 || name.back() != '"') failed_ = true;
+      name = name.substr(1, std::max<std::size_t>(name.size(), 2) - 2);
+    } else if (name.starts_with('$')) {
+      failed_ = true;  // the next section
+    }
+    return failed_ ? std::string() : std::string(name);
+  }
+
+  /// Tells whether a digit comes next, behind spaces.
+  bool digit_follows() {
+    skip_space();
+    return at_ < bytes_.size() && bytes_[at_] >= '0' && bytes_[at_] <= '9';
   }
 
   /// Moves behind a line "$End" + name; fails if there is none. Spaces may stand before it.
@@ -140,34 +151,60 @@ class GmshReader {
   Result<GmshFile> read() {
     SPLATVOL_TRY(read_format());
     while (in_.left() > 0) {
-      const std::string section(in_.line());
-      if (section.empty()) continue;
-      if (!section.starts_with('$'))
+      const std::string_view line = in_.line();
+      if (is_comment(line)) continue;
+      if (!line.starts_with('$'))
         return fail(ErrorCode::invalid_data, "{}: a line stands outside of the sections: damaged", path_);
-      SPLATVOL_TRY(read_section(section.substr(1)));
+      const std::string section = name_of_section(line);
+      SPLATVOL_TRY(read_section(section));
       if (in_.failed())
-        return fail(ErrorCode::invalid_data, "{}: the section ${} is damaged or cut off", path_, section.substr(1, 40));
+        return fail(ErrorCode::invalid_data, "{}: the section ${} is damaged or cut off", path_, section.substr(0, 40));
     }
     name_groups();
     return std::move(file_);
   }
 
  private:
+  /// Empty lines count as comments.
+  static bool is_comment(std::string_view line) {
+    return line.empty() || std::string_view("#%!*;").find(line.front()) != std::string_view::npos ||
+           line.starts_with("//");
+  }
+
+  /// Returns the first word of a section's first line, without the "$".
+  static std::string name_of_section(std::string_view line) {
+    return std::string(line.substr(1, line.find_first_of(" \t") - 1));
+  }
+
+  /// Moves behind the line "$MeshFormat". Comments may stand before it, in lines and in sections of other names.
+  void find_format() {
+    while (in_.left() > 0 && !in_.failed()) {
+      const std::string_view line = in_.line();
+      if (is_comment(line)) continue;
+      if (line == "$MeshFormat") return;
+      const std::string section = line.starts_with('$') ? name_of_section(line) : "";
+      if (section.empty() || section == "Nodes" || section == "Elements" || section.ends_with("Data")) break;
+      in_.skip_section(section);
+    }
+    in_.fail();
+  }
+
   Status read_format() {
-    const std::string_view first = in_.line();
-    if (first != "$MeshFormat")
+    find_format();
+    if (in_.failed())
       return fail(ErrorCode::invalid_data, "{}: not a Gmsh file (it does not begin with $MeshFormat)", path_);
     version_ = in_.text<double>();
     const int type = in_.text<int>(), size = in_.text<int>();
     in_.line();
     if (in_.failed() || type < 0 || type > 1) return fail(ErrorCode::invalid_data, "{}: $MeshFormat is damaged", path_);
-    if (version_ != 2.2 && version_ != 4.1)
+    is_version_2_ = version_ >= 2 && version_ <= 2.2;
+    if (!is_version_2_ && version_ != 4.1)
       return fail(ErrorCode::unsupported,
-                  "{}: Gmsh's format {} cannot be read, only 2.2 and 4.1: gmsh {} -save -format msh41 -o OUT.msh",
+                  "{}: Gmsh's format {} cannot be read, only 2 to 2.2 and 4.1: gmsh {} -save -format msh41 -o OUT.msh",
                   path_, version_, path_);
     if (size != 8) return fail(ErrorCode::unsupported, "{}: numbers of {} bytes instead of 8", path_, size);
     in_.set_binary(type == 1);
-    file_.may_repeat = version_ == 2.2;
+    file_.may_repeat = is_version_2_;
     if (type == 1 && in_.number<std::int32_t>() != 1)
       return fail(ErrorCode::unsupported, "{}: written by a machine of the other byte order: save it as ascii", path_);
     in_.end("MeshFormat");
@@ -182,9 +219,9 @@ class GmshReader {
       return {};
     }
     if (name == "Nodes") {
-      version_ == 2.2 ? read_nodes_2() : read_nodes_4();
+      is_version_2_ ? read_nodes_2() : read_nodes_4();
     } else if (name == "Elements") {
-      SPLATVOL_TRY(version_ == 2.2 ? read_elements_2() : read_elements_4());
+      SPLATVOL_TRY(is_version_2_ ? read_elements_2() : read_elements_4());
     } else if (name == "PhysicalNames" && wants_groups_) {
       read_names();
     } else if (name == "Entities" && wants_groups_) {
@@ -206,13 +243,16 @@ class GmshReader {
     return {};
   }
 
-  /// Reads the names of physical groups. They are text in binary files too.
+  /// Reads the names of physical groups. They are text in binary files too. Format 2.0 gives no dimensions.
   void read_names() {
     const auto count = in_.text<std::uint64_t>();
     for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) {
-      const int dimension = in_.text<int>();
-      const auto tag = in_.text<std::int64_t>();
-      const std::string name = in_.quoted();
+      auto dimension = std::int64_t{2}, tag = in_.text<std::int64_t>();
+      if (version_ > 2 || in_.digit_follows()) {
+        dimension = tag;
+        tag = in_.text<std::int64_t>();
+      }
+      const std::string name = in_.name();
       if (dimension == 2 && !name.empty()) group_names_.try_emplace(tag, name);
     }
   }
@@ -368,7 +408,7 @@ class GmshReader {
     const auto strings = in_.text<std::uint64_t>();
     in_.line();
     for (std::uint64_t i = 0; i < strings && !in_.failed(); ++i) {
-      const std::string text = in_.quoted();
+      const std::string text = in_.name();
       if (i == 0) view.name = text;
     }
     const auto reals = in_.text<std::uint64_t>();
@@ -404,6 +444,7 @@ class GmshReader {
   Scanner in_;
   bool wants_groups_, headers_only_;
   double version_ = 0;
+  bool is_version_2_ = false;                                           // 2.0, 2.1 or 2.2
   std::map<std::int64_t, std::string> group_names_;                     // of surfaces, by their tags
   std::map<std::int64_t, std::vector<std::size_t>> elements_of_group_;  // by the group's tag
   std::map<int, std::vector<std::int64_t>> groups_of_surface_;          // version 4.1: by the surface's tag

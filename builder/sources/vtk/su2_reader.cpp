@@ -91,8 +91,10 @@ class Su2Reader {
       const std::size_t equals = line.find('=');
       std::string_view key = line.substr(0, equals);
       while (key.ends_with(' ')) key.remove_suffix(1);
-      if (equals == std::string_view::npos) return fail_line("outside of a list");
-      SPLATVOL_TRY(read_entry(key, line.substr(equals + 1)));
+      if (equals != std::string_view::npos)
+        SPLATVOL_TRY(read_entry(key, line.substr(equals + 1)));
+      else if (!is_left_out_)
+        return fail_line("outside of a list");
     }
     if (dimension_ != 3)
       return fail(ErrorCode::unsupported, "{}: a mesh of {} dimensions; splatvol draws volumes", path_, dimension_);
@@ -138,6 +140,8 @@ class Su2Reader {
 
   Status read_entry(std::string_view key, std::string_view value) {
     Words words(value);
+    is_left_out_ = !is_one_of(
+        key, {"NZONE", "IZONE", "NDIME", "NELEM", "NPOIN", "NMARK", "MARKER_TAG", "MARKER_ELEMS", "NCORNERS"});
     if (key == "NZONE") {
       int zones = 0;
       if (!words.next(zones) || zones != 1)
@@ -147,7 +151,13 @@ class Su2Reader {
     if (key == "NELEM") return read_cells(words);
     if (key == "NPOIN") return read_points(words);
     if (wants_markers_ && key == "NMARK" && !words.next(markers_)) return fail_line("no number");
-    if (wants_markers_ && key == "MARKER_TAG") return read_tag(value);
+    if (key == "MARKER_TAG") return read_tag(value);
+    if (key == "MARKER_ELEMS" && tag_ == "SEND_RECEIVE") {  // points that processes exchange; SEND_RECV stands before
+      is_left_out_ = true;
+      ++markers_read_;
+      tag_.clear();
+      return {};
+    }
     if (wants_markers_ && key == "MARKER_ELEMS") return read_marker(words);
     if (key == "MARKER_ELEMS" || key == "NCORNERS") return skip_lines(words);
     return {};
@@ -173,7 +183,7 @@ class Su2Reader {
 
   Status read_tag(std::string_view tag) {
     tag_ = trimmed(tag);
-    if (tag_.empty()) return fail_line("a marker without a name");
+    if (wants_markers_ && tag_.empty()) return fail_line("a marker without a name");
     return {};
   }
 
@@ -240,7 +250,8 @@ class Su2Reader {
   const std::string& path_;
   std::string_view text_;  // that is not read yet
   std::uint64_t line_ = 0;
-  bool ended_ = false;  // the file, in the current line
+  bool ended_ = false;        // the file, in the current line
+  bool is_left_out_ = false;  // the entry that was read last, with its lines: boxes to deform a mesh, periods
   int dimension_ = 0;
   bool has_points_ = false;
   bool has_cells_ = false;

@@ -520,7 +520,7 @@ TEST_F(FormatsTest, DamagedGmsh) {
   };
   const std::string format = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", nodes = "$Nodes\n1\n1 0 0 0\n$EndNodes\n";
   EXPECT_THAT(of("Not what the name says\n"), HasSubstr("does not begin with $MeshFormat"));
-  EXPECT_THAT(of("$MeshFormat\n4 0 8\n$EndMeshFormat\n"), HasSubstr("format 4 cannot be read, only 2.2 and 4.1"));
+  EXPECT_THAT(of("$MeshFormat\n4 0 8\n$EndMeshFormat\n"), HasSubstr("format 4 cannot be read, only 2 to 2.2 and 4.1"));
   EXPECT_THAT(of(format), HasSubstr("no nodes in it"));
   EXPECT_THAT(of(format + "$Nodes\n1000000000000\n1 0 0 0\n$EndNodes\n"), HasSubstr("$Nodes is damaged or cut off"));
   EXPECT_THAT(of(format + nodes + "$Elements\n1\n1 4 0 1 2 3 4\n$EndElements\n"),
@@ -571,6 +571,34 @@ TEST_F(FormatsTest, GroupsOfGmshArePatches) {
 }
 
 // A quadratic face is cut as the cell behind it is.
+// Formats 2.0 and 2.1, names without quotation marks, and comments.
+TEST_F(FormatsTest, OtherTextsOfGmsh) {
+  const std::string whole = gmsh_2(false, gmsh_cube(false, cube_surfaces));
+  const auto changed = [&](const std::vector<std::pair<std::string, std::string>>& changes) {
+    std::string text = whole;
+    for (const auto& [from, to] : changes)
+      for (std::size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
+        text.replace(at, from.size(), to);
+    return text;
+  };
+  const std::string comments = "# made by hand\n\n$Comments\n$NoSection\n1 2 3\n$EndComments\n// more\n";
+  const std::string names = "3\n1 \"wall\"\n2 \"floor\"\n3 \"all\"\n";  // without dimensions
+  for (const std::string& text : {changed({{"\n2.2 ", "\n2 "}}), changed({{"\n2.2 ", "\n2.1 "}}), changed({{"\"", ""}}),
+                                  changed({{"\n2.2 ", "\n2.0 "}, {cube_names, names}}), comments + whole,
+                                  changed({{"$Nodes", comments + "$Nodes"}, {"$Elements", comments + "$Elements"}})}) {
+    write("a.msh", text);
+    EXPECT_THAT(patches_of({"a.msh"}), UnorderedElementsAre(Pair("wall", 2), Pair("floor", 2),
+                                                            Pair("physical surface 7", 2), Pair("outer", 6)))
+        << text;
+    EXPECT_THAT(test::value_of(read_input({path("a.msh")})).attributes, ElementsAre("f")) << text;
+  }
+  for (const auto& [from, to, part] : std::vector<std::array<std::string, 3>>{
+           {"\"f\"", "\"f", "$NodeData is damaged"}, {"$Nodes", "1 2 3\n$Nodes", "outside of the sections"}}) {
+    write("a.msh", changed({{from, to}}));
+    EXPECT_THAT(error_of("a.msh"), HasSubstr(part));
+  }
+}
+
 TEST_F(FormatsTest, QuadraticGroupsOfGmshArePatches) {
   const std::vector<dvec3> points = quadratic_points();
   const auto patches = [&](const std::string& elements) {
@@ -599,7 +627,7 @@ TEST_F(FormatsTest, DamagedGroupsOfGmsh) {
     return error_of("a.msh", wanted);
   };
   const std::vector<GmshSurface> bottom = {{{1, 2, 3, 4}, {1}}};
-  for (const char* names : {"1\n2 1 wall\n", "1\n2 \"wall\"\n", "9\n2 1 \"wall\"\n", "wall\n"}) {
+  for (const char* names : {"1\n2 1 \"wall\n", "1\n2 1\n", "1\n2 \"wall\"\n", "9\n2 1 \"wall\"\n", "wall\n"}) {
     EXPECT_THAT(error_with(names, bottom), HasSubstr("$PhysicalNames is damaged or cut off")) << names;
     EXPECT_EQ(error_of("a.msh"), "(no error)") << "nobody asks for names";
   }
@@ -667,6 +695,29 @@ TEST_F(FormatsTest, Su2) {
       EXPECT_NE(message, "(no error)") << bytes;
     }
   }
+}
+
+// Behind the mesh: boxes that deform it, the points that processes exchange, and periods.
+TEST_F(FormatsTest, Su2LeavesOutOtherEntries) {
+  const std::string boxes =
+      "FFD_NBOX= 1\nFFD_NLEVEL= 1\nFFD_TAG= BOX\nFFD_LEVEL= 0\nFFD_DEGREE_I= 1\nFFD_CORNER_POINTS= 2\n0\t0\t0\n1 0 0\n"
+      "FFD_CONTROL_POINTS= 1\n0\t0\t0\t0.0\t0.0\t0.0\nFFD_SURFACE_POINTS= 1\nwall\t1\t0.5\t0.5\t0.5\n";
+  const std::string periods = "NPERIODIC= 1\nPERIODIC_INDEX= 0\n0.0 0.0 0.0\n0.0 0.0 0.0\n1.0 0.0 0.0\n";
+  const std::string exchange =
+      "MARKER_TAG= SEND_RECEIVE\nMARKER_ELEMS= 2\nSEND_RECV= 1\n1 0 0\n1 1 0\nMARKER_TAG= SEND_RECEIVE\n"
+      "MARKER_ELEMS= 1\nSEND_RECV= -1\n1 2 0\n";
+  std::string markers = su2_mesh;
+  markers.replace(markers.find("NMARK= 1"), 8, "NMARK= 3");
+  write("restart.csv", su2_restart());
+  for (const std::string& mesh :
+       {su2_mesh + boxes + periods, markers + exchange + boxes, markers + exchange + periods}) {
+    write("a.su2", mesh);
+    EXPECT_EQ(test::value_of(read_input({path("a.su2"), path("restart.csv")})).points, 9u);
+    EXPECT_THAT(patches_of({"a.su2", "restart.csv"}), UnorderedElementsAre(Pair("wall", 2), Pair("outer", 12)));
+  }
+  write("a.su2", su2_mesh + "0 0 0\n" + boxes);
+  EXPECT_THAT(test::error_of({path("a.su2"), path("restart.csv")}),
+              HasSubstr("line 20 is damaged, cut off or outside"));
 }
 
 // Half of a number is no number.
