@@ -41,11 +41,15 @@ bool name_before(std::string_view a, std::string_view b) {
   return a.size() < b.size();
 }
 
+/// Whether a folder's file is an input. A .txt may be any text.
+bool is_known(const std::string& name) { return format_of_name(name) && !has_extension(name, ".txt"); }
+
 /// Whether a file that no name tells to be an input holds data nevertheless. Parallel files of VTK's only name others.
 bool holds_data(const std::string& path) {
   const auto start = read_text(path, 64);
   if (!start) return false;
   if (is_foreign(path)) return true;
+  if (has_extension(path, ".txt")) return is_table(path);
   const auto header = read_header(path);
   if (header && header->format) return !header->type.starts_with('P') || header->type == "PolyData";
   return is_hdf5(*start);
@@ -62,7 +66,7 @@ Result<Folder> list_folder(const std::string& path) {
   Folder folder;
   for (std::filesystem::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename();
-    if (!name.starts_with('.')) (format_of_name(name) ? folder.inputs : folder.others).push_back(name);
+    if (!name.starts_with('.')) (is_known(name) ? folder.inputs : folder.others).push_back(name);
   }
   if (error) return fail(ErrorCode::io, "{}: {}", path, error.message());
   // A .pvd names the files beside it, and tells their times.

@@ -42,9 +42,12 @@ struct CsvLine {
 
 /// The place up to which a file has been read.
 struct Progress {
+  enum class Section { values, heading, other };
+
   std::size_t file = 0;
   std::uint64_t offset = 0;
   std::uint64_t line = 1;
+  Section section = Section::values;  // what the next line holds
 };
 
 /// Reads the values of some lines.
@@ -156,13 +159,13 @@ class CsvSource final : public Source {
       const CsvFile& file = files_[at_.file];
       SPLATVOL_TRY_ASSIGN(bytes, open_file(file.path));
       SPLATVOL_TRY_ASSIGN(text, read_lines(file, *bytes));
-      std::vector<CsvLine> lines = split_lines(text);
+      SPLATVOL_TRY_ASSIGN(lines, split_lines(file, text));
       auto piece = std::make_unique<Piece>();
       SPLATVOL_TRY(LineReader(file, lines, *piece).read());
       drop_far_points(piece->points);
       for (std::vector<double>& values : piece->values) piece->fills.push_back(missing_.replace(values));
       if (at_.offset >= file.bytes) {
-        piece->census.open_ends = ends_openly(file, text) ? 1 : 0;
+        piece->census.open_ends = at_.section == Progress::Section::values && ends_openly(file, text) ? 1 : 0;
         ++at_.file;
         start_file();
       }
@@ -175,8 +178,8 @@ class CsvSource final : public Source {
   /// quotation mark, tells that it is whole.
   static bool ends_openly(const CsvFile& file, std::string_view text) {
     const char last = text.empty() ? '\n' : text.back();
-    const bool is_closed =
-        last != file.table.separator && (last == '"' || std::isspace(static_cast<unsigned char>(last)));
+    const bool is_empty_field = last == file.table.separator && last != ' ';
+    const bool is_closed = !is_empty_field && (last == '"' || std::isspace(static_cast<unsigned char>(last)));
     const std::size_t column = file.table.columns.size() - 1;
     const bool is_read = std::ranges::find(file.values, column) != file.values.end() ||
                          std::ranges::find(file.table.position, column) != file.table.position.end();
@@ -198,17 +201,37 @@ class CsvSource final : public Source {
     return text;
   }
 
-  /// Splits a text into lines that are not empty, and moves on by them.
-  std::vector<CsvLine> split_lines(std::string_view text) {
+  /// Splits a text into the lines that hold values, and moves on by them.
+  Result<std::vector<CsvLine>> split_lines(const CsvFile& file, std::string_view text) {
     std::vector<CsvLine> lines;
     for (std::size_t begin = 0; begin < text.size(); ++at_.line) {
       const std::size_t end = std::min(text.find('\n', begin), text.size());
       std::string_view line = text.substr(begin, end - begin);
       begin = end + 1;
       if (line.ends_with('\r')) line.remove_suffix(1);
-      if (line.find_first_not_of(" \t") != std::string_view::npos) lines.push_back({line, at_.line});
+      SPLATVOL_TRY_ASSIGN(is_value, holds_values(file, line));
+      if (is_value) lines.push_back({line, at_.line});
     }
     return lines;
+  }
+
+  /// Whether a line is neither empty nor a comment, nor in a section that holds no values. Moves on by sections.
+  Result<bool> holds_values(const CsvFile& file, std::string_view line) {
+    using Section = Progress::Section;
+    const std::string_view text = trimmed(line);
+    if (text.empty() || (file.table.comment != 0 && text.front() == file.table.comment)) return false;
+    if (!file.table.has_sections) return true;
+    if (is_csv_section(line)) {
+      at_.section = is_csv_data_section(line) ? Section::heading : Section::other;
+      return false;
+    }
+    const Section section = at_.section;
+    if (section != Section::heading) return section == Section::values;
+    at_.section = Section::values;
+    if (text != trimmed(file.table.heading))
+      return fail(ErrorCode::invalid_data, "{}: line {}: not the columns of the first section [Data]", file.path,
+                  at_.line);
+    return false;
   }
 
   std::vector<CsvFile> files_;

@@ -42,7 +42,7 @@ char find_separator(std::string_view line) {
 /// The lines at the beginning of a file that are not empty.
 class Heading {
  public:
-  explicit Heading(std::string_view text) : text_(text) {}
+  explicit Heading(std::string_view text) : text_(text), at_(text.starts_with("\xEF\xBB\xBF") ? 3 : 0) {}
 
   /// Returns the next line that is not empty; nothing after the last.
   std::optional<std::string_view> next() {
@@ -63,12 +63,84 @@ class Heading {
 
  private:
   std::string_view text_;
-  std::size_t at_ = 0;
+  std::size_t at_;  // behind the mark of UTF-8
   std::size_t line_offset_ = 0;
   std::uint64_t line_ = 0;
 };
 
 bool is_value(std::string_view field) { return is_missing_field(field) || csv_number(field).has_value(); }
+
+bool is_comment(std::string_view line) { return trimmed(line).starts_with('#') || trimmed(line).starts_with('%'); }
+
+/// Whether a line holds nothing but values, whatever separates them.
+bool holds_values(std::string_view line) {
+  std::vector<std::string_view> fields;
+  return std::ranges::any_of(std::string_view(",;\t "), [&](char separator) {
+    return split_csv_line(line, separator, fields) && std::ranges::all_of(fields, is_value);
+  });
+}
+
+/// Whether a line behind a comment holds values, and texts perhaps: a line of names has no three numbers.
+bool holds_numbers(std::string_view line) {
+  std::vector<std::string_view> fields;
+  return std::ranges::any_of(std::string_view(",;\t "), [&](char separator) {
+    return split_csv_line(line, separator, fields) &&
+           std::ranges::count_if(fields, [](std::string_view field) { return csv_number(field).has_value(); }) >= 3;
+  });
+}
+
+/// Splits names at two spaces or more.
+std::vector<std::string_view> split_at_gaps(std::string_view line) {
+  std::vector<std::string_view> names;
+  for (line = trimmed(line); !line.empty();) {
+    const std::size_t gap = std::min({line.find("  "), line.find('\t'), line.size()});
+    names.push_back(trimmed(line.substr(0, gap)));
+    line = trimmed(line.substr(gap));
+  }
+  return names;
+}
+
+/// Splits names at spaces that no bracket follows: a unit belongs to its name.
+std::vector<std::string_view> split_at_names(std::string_view line) {
+  std::vector<std::string_view> names;
+  for (line = trimmed(line); !line.empty();) {
+    std::size_t end = line.find_first_of(" \t");
+    const std::size_t next = std::min(line.find_first_not_of(" \t", end), line.size());
+    if (next < line.size() && (line[next] == '(' || line[next] == '['))
+      end = line.find(line[next] == '(' ? ')' : ']', next);
+    end = std::min(line.find_first_of(" \t", end), line.size());
+    names.push_back(line.substr(0, end));
+    line = trimmed(line.substr(end));
+  }
+  return names;
+}
+
+/// Splits the line of names above values between spaces: the names may hold spaces, or commas may separate them.
+void split_names(std::string_view heading, std::size_t columns, std::vector<std::string_view>& names) {
+  if (split_csv_line(heading, find_separator(heading), names) && names.size() == columns) return;
+  if (split_csv_line(heading, ' ', names) && names.size() == columns) return;
+  names = split_at_gaps(heading);
+  if (names.size() != columns) names = split_at_names(heading);
+}
+
+/// Moves to the first line that may hold names or values. Notes the sections and comments before it; returns the last
+/// comment.
+Result<std::optional<std::string_view>> skip_comments(const std::string& path, Heading& heading,
+                                                      std::optional<std::string_view>& line, CsvTable& table) {
+  if (is_csv_section(*line)) {
+    table.has_sections = true;
+    while (line && !is_csv_data_section(*line)) line = heading.next();
+    if (line) line = heading.next();
+    if (!line) return fail(ErrorCode::invalid_data, "{}: no line in a section [Data]", path);
+  }
+  std::optional<std::string_view> last;
+  for (; line && is_comment(*line); line = heading.next()) {
+    last = trimmed(*line);
+    table.comment = last->front();
+    last->remove_prefix(1);
+  }
+  return last;
+}
 
 std::string list_names(const CsvTable& table) {
   std::vector<std::string> names;
@@ -79,9 +151,9 @@ std::string list_names(const CsvTable& table) {
 /// The column of an axis: the first of the usual names that some column has. `columns`: the first of each plain name.
 std::optional<std::size_t> find_axis(const std::unordered_map<std::string, std::size_t>& columns, std::size_t axis) {
   const std::string a(1, "xyz"[axis]), i = std::to_string(axis);
-  for (const std::string& usual :
-       {a, "points" + i, "coord" + a, a + "coord", "coordinate" + a, a + "coordinate", "coordinates" + i, "coords" + i,
-        "coordinates" + a, "position" + a, a + "position", "pos" + a, a + "pos", "point" + a, "points" + a})
+  for (const std::string& usual : {a, "points" + i, "coord" + a, a + "coord", "coordinate" + a, a + "coordinate",
+                                   "coordinates" + i, "coords" + i, "coordinates" + a, "position" + a, a + "position",
+                                   "pos" + a, a + "pos", "point" + a, "points" + a, "centroid" + a})
     if (const auto column = columns.find(usual); column != columns.end()) return column->second;
   return std::nullopt;
 }
@@ -89,6 +161,10 @@ std::optional<std::size_t> find_axis(const std::unordered_map<std::string, std::
 Status find_position(const std::string& path, CsvTable& table) {
   std::unordered_map<std::string, std::size_t> columns;
   for (std::size_t c = 0; c < table.columns.size(); ++c) columns.emplace(plain_name(table.columns[c].name), c);
+  for (std::size_t c = 0; c < table.columns.size(); ++c) {  // any unit
+    const std::string& name = table.columns[c].name;
+    columns.emplace(plain_name(name.substr(0, name.find_last_of("(["))), c);
+  }
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const auto column = find_axis(columns, axis);
     if (!column)
@@ -116,6 +192,13 @@ void name_columns(std::span<const std::string_view> fields, CsvTable& table) {
   }
 }
 
+/// CFX-Post writes the position twice if it is among the chosen variables.
+void drop_repeated_positions(CsvTable& table) {
+  for (std::size_t c = 0; c < table.columns.size(); ++c)
+    for (const std::size_t axis : table.position)
+      if (c != axis && table.columns[c].name == table.columns[axis].name) table.columns[c].name = "_";
+}
+
 Status check_names(const std::string& path, const CsvTable& table) {
   std::vector<std::string> names;
   for (const CsvColumn& column : table.columns)
@@ -137,6 +220,10 @@ Status use_names(const std::string& path, const std::vector<std::string>& names,
 
 bool split_csv_line(std::string_view line, char separator, std::vector<std::string_view>& fields) {
   fields.clear();
+  if (separator == ' ') line = trimmed(line);
+  const auto find = [&](std::size_t from) {
+    return separator == ' ' ? line.find_first_of(" \t", from) : line.find(separator, from);
+  };
   for (std::size_t at = 0;;) {
     std::size_t begin = at;
     while (begin < line.size() && line[begin] != separator && is_white_space(line[begin])) ++begin;
@@ -145,13 +232,13 @@ bool split_csv_line(std::string_view line, char separator, std::vector<std::stri
       while (end != std::string_view::npos && line.substr(end, 2) == "\"\"") end = line.find('"', end + 2);
       if (end == std::string_view::npos) return false;
       fields.push_back(trimmed(line.substr(begin + 1, end - begin - 1)));
-      at = line.find(separator, end);
+      at = find(end);
     } else {
-      at = line.find(separator, at);
+      at = find(begin);
       fields.push_back(trimmed(line.substr(begin, at == std::string_view::npos ? at : at - begin)));
     }
     if (at == std::string_view::npos) return true;
-    ++at;
+    at = separator == ' ' ? line.find_first_not_of(" \t", at) : at + 1;
   }
 }
 
@@ -176,36 +263,59 @@ std::optional<double> csv_number(std::string_view field) {
   return csv_number(text);
 }
 
+bool is_csv_section(std::string_view line) {
+  line = trimmed(line);
+  return line.starts_with('[') && line.ends_with(']');
+}
+
+bool is_csv_data_section(std::string_view line) { return is_csv_section(line) && plain_name(line) == "data"; }
+
 Result<CsvTable> read_csv_table(ByteSource& file, const std::vector<std::string>& names) {
   const std::string& path = file.name();
   SPLATVOL_TRY_ASSIGN(text, read_text(file, 0, largest_heading));
   Heading heading(text);
-  const std::size_t mark = text.starts_with("\xEF\xBB\xBF") ? 3 : 0;  // of UTF-8
   auto line = heading.next();
-  if (line) line->remove_prefix(heading.line_offset() == 0 ? mark : 0);
   if (!line) return fail(ErrorCode::invalid_data, "{}: empty", path);
   CsvTable table;
-  table.separator = find_separator(*line);
-  std::vector<std::string_view> fields;
-  if (!split_csv_line(line->substr(line->starts_with('#') ? 1 : 0), table.separator, fields))
-    return fail(ErrorCode::invalid_data, "{}: line {}: a quotation mark is not closed in its line", path,
-                heading.line());
-  const bool has_heading = !std::ranges::all_of(fields, is_value);
-  if (!has_heading && names.empty())
+  std::uint64_t heading_line = heading.line();
+  SPLATVOL_TRY_ASSIGN(names_line, skip_comments(path, heading, line, table));
+  if (line && !holds_values(*line) && !(names_line && holds_numbers(*line))) {
+    names_line = line;
+    heading_line = heading.line();
+    line = heading.next();
+    while (line && table.comment != 0 && trimmed(*line).starts_with(table.comment)) line = heading.next();
+  }
+  if (!names_line && names.empty())
     return fail(ErrorCode::invalid_data, "{}: its first line holds no names of columns; give them: --columns x,y,z,...",
                 path);
-  name_columns(fields, table);
-  if (!names.empty()) SPLATVOL_TRY(use_names(path, names, table));
-  SPLATVOL_TRY(check_names(path, table));
-
-  if (has_heading) line = heading.next();
   if (!line) return fail(ErrorCode::invalid_data, "{}: no line after the names of the columns", path);
-  table.data_offset = heading.line_offset() + (has_heading ? 0 : mark);
+  table.heading = names_line.value_or("");
+  table.data_offset = heading.line_offset();
   table.data_line = heading.line();
-  if (split_csv_line(*line, table.separator, fields))
+
+  table.separator = find_separator(names_line.value_or(*line));
+  std::vector<std::string_view> fields, titles;
+  const bool is_split = split_csv_line(*line, table.separator, fields);
+  if (is_split && fields.size() == 1 && fields[0].find_first_of(" \t") != std::string_view::npos &&
+      holds_values(*line)) {
+    table.separator = ' ';
+    (void)split_csv_line(*line, ' ', fields);
+    split_names(names_line.value_or(*line), fields.size(), titles);
+    if (names.empty() && titles.size() != fields.size())
+      return fail(ErrorCode::invalid_data, "{}: line {}: {} names of columns, but line {} has {}; --columns x,y,z,...",
+                  path, heading_line, titles.size(), table.data_line, fields.size());
+    titles.resize(fields.size());
+  } else if (!split_csv_line(names_line.value_or(*line), table.separator, titles)) {
+    return fail(ErrorCode::invalid_data, "{}: line {}: a quotation mark is not closed in its line", path, heading_line);
+  }
+  name_columns(titles, table);
+  if (!names.empty()) SPLATVOL_TRY(use_names(path, names, table));
+  if (is_split)
     for (std::size_t c = 0; c < std::min(fields.size(), table.columns.size()); ++c)
       table.columns[c].is_text = !is_value(fields[c]);
   SPLATVOL_TRY(find_position(path, table));
+  if (table.has_sections) drop_repeated_positions(table);
+  SPLATVOL_TRY(check_names(path, table));
   return table;
 }
 
@@ -214,7 +324,7 @@ std::vector<std::size_t> attribute_columns(const CsvTable& table) {
   for (std::size_t c = 0; c < table.columns.size(); ++c) {
     const CsvColumn& column = table.columns[c];
     const std::string plain = plain_name(column.name);
-    const bool is_id = is_one_of(plain, {"pointid", "cellid", "nodeid", "nodenumber", "vtkghosttype"}) ||
+    const bool is_id = is_one_of(plain, {"pointid", "cellid", "nodeid", "nodenumber", "cellnumber", "vtkghosttype"}) ||
                        plain.starts_with("vtkoriginal");
     const bool is_position = std::ranges::find(table.position, c) != table.position.end();
     if (!column.name.empty() && column.name != "_" && !column.is_text && !is_id && !is_position) columns.push_back(c);

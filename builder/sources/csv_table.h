@@ -1,4 +1,4 @@
-// The layout of .csv files, and their lines.
+// The layout of tables (.csv, .tsv, .txt), and their lines.
 #pragma once
 
 #include <array>
@@ -22,15 +22,19 @@ struct CsvColumn {
 
 /// The columns of a .csv file, and where its values begin.
 struct CsvTable {
-  char separator = ',';
+  char separator = ',';       // ' ': runs of spaces and tabs
+  char comment = 0;           // lines that begin with it are left out; 0: none are
+  bool has_sections = false;  // as CFX-Post's: lines such as [Data] begin them, and those of [Data] hold values
+  std::string heading;        // the line of names; each section [Data] begins with it
   std::vector<CsvColumn> columns;
   std::array<std::size_t, 3> position{};  // the columns x, y and z
   std::uint64_t data_offset = 0;
   std::uint64_t data_line = 1;  // the number of the line at data_offset, from 1
 };
 
-/// Splits a line at its separators into `fields`, without white space and quotation marks round them. A separator
-/// between quotation marks belongs to the field. Returns false if a quotation mark is not closed.
+/// Splits a line at its separators into `fields`, without white space and quotation marks round them. The separator ' '
+/// stands for runs of white space. A separator between quotation marks belongs to the field. Returns false if a
+/// quotation mark is not closed.
 [[nodiscard]] bool split_csv_line(std::string_view line, char separator, std::vector<std::string_view>& fields);
 
 /// Whether a field says that there is no value: empty, "nan", "NA", "null", "none" or "-".
@@ -39,9 +43,13 @@ struct CsvTable {
 /// Reads a number, also with a Fortran exponent such as 1.5D+03. Empty if the field is not one.
 [[nodiscard]] std::optional<double> csv_number(std::string_view field);
 
-/// Reads the heading of a file. `names` are the names of its columns, in place of those in the heading; the file may
-/// have no heading then. Without them, finds the position by common names: x, Points:0, coord x, X [m].
-/// Safe on untrusted bytes.
+/// Whether a line begins a section, and whether that is [Data].
+[[nodiscard]] bool is_csv_section(std::string_view line);
+[[nodiscard]] bool is_csv_data_section(std::string_view line);
+
+/// Reads the heading of a file: the line of names, behind comments (# or %) or as the last of them. `names` are the
+/// names of its columns, in place of those in the heading; the file may have no heading then. Without them, finds the
+/// position by common names: x, Points:0, coord x, X [m], X (m). Safe on untrusted bytes.
 [[nodiscard]] Result<CsvTable> read_csv_table(ByteSource& file, const std::vector<std::string>& names);
 
 /// The columns that are attributes: all but positions, texts, ids, ghost flags and those without a name.

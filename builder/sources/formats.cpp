@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "base/names.h"
+#include "builder/sources/csv_table.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vdb_source.h"
@@ -37,18 +38,19 @@ constexpr std::array<FormatRow, input_format_count> rows = {{
     {InputFormat::openfoam, "OpenFOAM", ".foam", "a case's folder or .foam", "or a case's folder; ascii, binary, `.gz`",
      "the mesh of a time step; decomposed: a processor, and all points on the outsides of processors", "`--time`",
      "polyhedra", "sets, zones, particles; patches without `--boundary`"},
-    {InputFormat::gmsh, "Gmsh", ".msh", "", "2.2 and 4.1, ascii and binary", "the file and its mesh", "`--time`",
-     "order 1 and 2",
+    {InputFormat::gmsh, "Gmsh", ".msh", "", "2, 2.1, 2.2 and 4.1, ascii and binary", "the file and its mesh",
+     "`--time`", "order 1 and 2",
      "periodic links, partitions, physical groups of volumes, curves and points; those of surfaces without "
      "`--boundary`"},
     {InputFormat::su2, "SU2", ".su2", ".su2 and its .csv", "and a `.csv` with its solution",
-     "the mesh file and its mesh", "", "linear cells", "markers without `--boundary`"},
+     "the mesh file and its mesh", "", "linear cells",
+     "markers without `--boundary`; boxes that deform the mesh, periods"},
     {InputFormat::openvdb, "OpenVDB", ".vdb", "", "file versions 220 and later", "the grids of a file", "",
      "voxels and tiles, each its own box", "grids of other types"},
     {InputFormat::numpy, "NumPy", ".npy", "", "", "two pieces of 2^18 points", "", "none: scattered points",
      "columns called `_`"},
-    {InputFormat::table, "tables", ".csv .tsv", "", "", "two pieces of at most 2^18 lines", "",
-     "none: scattered points", "columns of texts and ids, columns called `_`"},
+    {InputFormat::table, "tables", ".csv .tsv .txt", "", "texts of other names, too, if their first lines are a table",
+     "two pieces of at most 2^18 lines", "", "none: scattered points", "columns of texts and ids, columns called `_`"},
 }};
 
 constexpr bool are_in_order() {
@@ -206,8 +208,14 @@ Result<FileHeader> read_header(const std::string& path) {
   if (named && is_known_by_name(*named)) return FileHeader{.format = named};
   if (text.starts_with(legacy_start)) return read_legacy_header(path, text);
   const std::size_t tag = text.find("<VTKFile");
-  if (tag == std::string::npos) return FileHeader{};
+  if (tag == std::string::npos)
+    return FileHeader{.format = !is_foreign(path) && is_table(path) ? std::optional(InputFormat::table) : std::nullopt};
   return read_xml_header(path, text.substr(tag, text.find('>', tag) - tag));
+}
+
+bool is_table(const std::string& path) {
+  const auto file = open_file(path);
+  return file && read_csv_table(**file, {});
 }
 
 bool is_foreign(std::string_view path) { return foreign_format_of(path) != nullptr; }

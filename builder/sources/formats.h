@@ -71,6 +71,9 @@ struct FileHeader {
 /// known. Fails if the file cannot be read, or its version is no number.
 [[nodiscard]] Result<FileHeader> read_header(const std::string& path);
 
+/// Whether a file is a table, whatever its name is.
+[[nodiscard]] bool is_table(const std::string& path);
+
 /// Whether the file has data in a format that is not read, by its name.
 [[nodiscard]] bool is_foreign(std::string_view path);
 

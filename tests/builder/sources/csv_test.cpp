@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "builder/opening/input_files.h"
 #include "builder/opening/open_own.h"
 #include "builder/sources/csv_table.h"
 #include "builder/sources/units.h"
@@ -48,6 +49,50 @@ TEST_F(CsvTest, Separators) {
   expect_two_points("\xEF\xBB\xBFx,y,z,p\n\"1\",2,+3,7\n4.0e0,5,6.D+00,\"\"\n");
   expect_two_points("x,y,name,z,p\n1,2,\"a, \"\"b\"\"\",3,7\n4,5,c,6,NA\n");
   expect_two_points("PointID,x,y,z,p\n1,1,2,3,7\n2,4,5,6,-\n");
+}
+
+// Tables of STAR-CCM+, Fluent, COMSOL and CFX-Post.
+TEST_F(CsvTest, TablesOfSimulations) {
+  expect_two_points("\"p (Pa)\",\"X (m)\",\"Y (m)\",\"Z (m)\"\n7,1,2,3\nNaN,4,5,6\n");
+  expect_two_points("nodenumber, x-coordinate, y-coordinate, z-coordinate, p\n1, 1, 2, 3, 7\n2, 4, 5, 6, nan\n");
+  expect_two_points("  cellnumber  x-coordinate  y-coordinate  z-coordinate  p\n 1  1.0 2 3\t7 \n 2  4 5 6 nan\n");
+  expect_two_points(
+      "% Model:    a, b.mph\n% Dimension:   3\n% Description:  Pressure\n"
+      "% x                   y               z                 p (Pa)\n1   2   3   7\n4   5   6   NaN\n");
+  expect_two_points("% Model,a.mph\n% X,Y,Z,p (Pa) @ freq=1\n1,2,3,7\n4,5,6,NaN\n", {"x", "y", "z", "p"});
+  expect_two_points("% x y z p (Pa)\n1 2 3 7\n% half\n4 5 6 NaN\n");
+  expect_two_points("# some words\n\n# more\nx;y;z;p\n1;2;3;7\n# half\n4;5;6;\n");
+  expect_two_points("# x,y,z,p,name\n1,2,3,7,a\n4,5,6,,b\n");
+  expect_two_points(
+      "\n[Name]\nInlet\n\n[Spatial Fields]\nX, Y, Z\n\n[Data]\nNode Number, X [ m ], Y [ m ], Z [ m ], p [ Pa ], X [ m "
+      "], "
+      "Y [ m ], Z [ m ]\n0, 1, 2, 3, 7, 1, 2, 3\n1, 4, 5, 6, null, 4, 5, 6\n\n[Faces]\n0, 1, 2, 3\n0, 1\n");
+  const std::string part = "[Data]\nX [ m ],Y [ m ],Z [ m ],p [ Pa ]\n";
+  expect_two_points("[Name]\na\n" + part + "1,2,3,7\n[Faces]\n0,1,2\n[Name]\nb\n" + part +
+                    "4,5,6,null\n[Lines]\n0,1\n");
+  EXPECT_THAT(error_of({write("a.csv", part + "1,2,3,7\n[Data]\nX,Y,Z,q\n4,5,6,7\n")}),
+              HasSubstr("line 5: not the columns of the first section [Data]"));
+  EXPECT_THAT(error_of({write("a.csv", "[Name]\na\n[Faces]\n0,1,2\n")}), HasSubstr("no line in a section [Data]"));
+  EXPECT_THAT(error_of({write("a.csv", "% x y z p q\n1 2 3 4\n")}),
+              HasSubstr("line 1: 5 names of columns, but line 2 has 4"));
+  EXPECT_THAT(error_of({write("a.csv", "x y z p\n1 2 3 4\n1 2 3\n")}), HasSubstr("line 3: 3 fields instead of 4"));
+  EXPECT_THAT(error_of({write("a.csv", "x,y,z,p\n1,2,3,4\n# half\n")}), HasSubstr("line 3: 1 fields instead of 4"));
+}
+
+// Tables of other names: those called .txt, and those that are told by their lines.
+TEST_F(CsvTest, NamesOfTables) {
+  for (const char* name : {"a.txt", "a.TXT", "a.tsv", "a.dat", "a-0001"}) {
+    const auto input = read_input({write(name, "x y z p\n1 2 3 4\n")});
+    ASSERT_TRUE(input) << name;
+    EXPECT_THAT(input->attributes, ElementsAre("p"));
+  }
+  // Readme files of a folder are no tables, and tables called .txt are named as left out.
+  write("b/a.csv", "x,y,z,p\n1,2,3,4\n");
+  write("b/readme.txt", "What this is.\nA folder, a table, a text.\n");
+  EXPECT_THAT(files_left_out({path("b")}), ElementsAre());
+  write("b/c.txt", "x,y,z,p\n1,2,3,4\n");
+  EXPECT_THAT(files_left_out({path("b")}), ElementsAre(path("b/c.txt")));
+  EXPECT_EQ(test::value_of(read_input({path("b")})).points, 1u);
 }
 
 TEST_F(CsvTest, ColumnsAreNamed) {
@@ -152,6 +197,25 @@ TEST(Units, Texts) {
   heading = "Heat Flux [ W m^-2 ]";
   EXPECT_EQ(cut_unit(heading), "W m^-2");
   EXPECT_EQ(heading, "Heat Flux");
+  heading = "Velocity (m/s) @ t=1";
+  EXPECT_EQ(cut_unit(heading), "m/s");
+  EXPECT_EQ(heading, "Velocity @ t=1");
+  for (const auto& [whole, unit] :
+       std::vector<std::pair<std::string, std::string>>{{"k (J/kg)", "J/kg"},
+                                                        {"h (W/(m^2 K))", "W/(m^2 K)"},
+                                                        {"T (\xC2\xB0\x43)", "\xC2\xB0\x43"},
+                                                        {"w (/s)", "/s"},
+                                                        {"mu (Pa-s)", "Pa-s"},
+                                                        {"cp (-)", ""}}) {
+    heading = whole;
+    EXPECT_EQ(cut_unit(heading), unit);
+    EXPECT_EQ(heading, whole.substr(0, whole.find(' ')));
+  }
+  for (const char* whole : {"p (cells)", "U (x)", "f(t)", "Mean (1)", "(m)", "U (magnitude)", "a (", ")"}) {
+    heading = whole;
+    EXPECT_EQ(cut_unit(heading), "") << whole;
+    EXPECT_EQ(heading, whole);
+  }
 }
 
 }  // namespace
