@@ -92,8 +92,64 @@ std::vector<Faces> cut_corners(const Faces& faces, const std::vector<Edge>& edge
   return parts;
 }
 
+/// The faces of a part of a cell. `nodes`: those of the cell that are its nodes.
+Faces faces_at(Faces faces, const Face& nodes) {
+  for (Face& face : faces)
+    for (std::uint8_t& node : face) node = nodes[node];
+  return faces;
+}
+
+/// Cuts a biquadratic hexahedron at half its height. Each half is a wedge for each upright edge and a core between
+/// them, so that its faces are cut as those of its neighbours: base and top as of quadratic cells, the sides into
+/// quarters.
+std::vector<Faces> cut_hexahedron() {
+  constexpr std::array<std::uint8_t, 4> sides = {22, 21, 23, 20};  // side i is between the corners i and i + 1
+  std::vector<Faces> parts;
+  for (const bool upper : {false, true}) {
+    Face core(8);
+    for (std::uint8_t i = 0; i < 4; ++i) {
+      const auto before = static_cast<std::uint8_t>((i + 3) % 4);
+      const auto first = static_cast<std::uint8_t>(upper ? 12 : 8);  // edge of the base or top
+      const std::uint8_t corner = upper ? i + 4 : i, edge = 16 + i;
+      const Face base = {corner, static_cast<std::uint8_t>(first + before), static_cast<std::uint8_t>(first + i)};
+      const Face middle = {edge, sides[before], sides[i]};
+      const Face& low = upper ? middle : base;
+      const Face& high = upper ? base : middle;
+      parts.push_back(faces_at(wedge_faces, {low[0], low[1], low[2], high[0], high[1], high[2]}));
+      core[i] = low[2];
+      core[i + 4u] = high[2];
+    }
+    parts.push_back(faces_at(hexahedron_faces, core));
+  }
+  return parts;
+}
+
+/// Cuts a triquadratic pyramid into a part for each piece of its surface, from its middle: the base in quarters, each
+/// side as corners and three triangles between the middles.
+std::vector<Faces> cut_pyramid() {
+  constexpr std::uint8_t base = 13, middle = 18, top = 4;
+  std::vector<Faces> parts;
+  const auto add_triangle = [&](std::uint8_t a, std::uint8_t b, std::uint8_t c) {
+    parts.push_back(faces_at(tetrahedron_faces, {a, c, b, middle}));
+  };
+  for (std::uint8_t i = 0; i < 4; ++i) {
+    const auto next = static_cast<std::uint8_t>((i + 1) % 4), before = static_cast<std::uint8_t>((i + 3) % 4);
+    const auto edge = static_cast<std::uint8_t>(5 + i), edge_before = static_cast<std::uint8_t>(5 + before);
+    const auto up = static_cast<std::uint8_t>(9 + i), up_next = static_cast<std::uint8_t>(9 + next);
+    const auto side = static_cast<std::uint8_t>(14 + i);
+    parts.push_back(faces_at(pyramid_faces, {i, edge, base, edge_before, middle}));
+    add_triangle(i, edge, up);
+    add_triangle(next, up_next, edge);
+    add_triangle(top, up, up_next);
+    add_triangle(edge, up_next, side);
+    add_triangle(up_next, up, side);
+    add_triangle(up, edge, side);
+  }
+  return parts;
+}
+
 const Shape& shape_of(CellShape shape) {
-  static const std::array<Shape, 11> shapes = {{
+  static const std::array<Shape, 13> shapes = {{
       {"tetrahedron", 4, {tetrahedron_faces}},
       {"voxel", 8, {voxel_faces}},
       {"hexahedron", 8, {hexahedron_faces}},
@@ -105,6 +161,8 @@ const Shape& shape_of(CellShape shape) {
       {"quadratic hexahedron", 20, cut_corners(hexahedron_faces, hexahedron_edges, 8)},
       {"quadratic wedge", 15, cut_corners(wedge_faces, wedge_edges, 6)},
       {"quadratic pyramid", 13, cut_corners(pyramid_faces, pyramid_edges, 5)},
+      {"biquadratic hexahedron", 24, cut_hexahedron()},
+      {"triquadratic pyramid", 19, cut_pyramid()},
   }};
   return shapes[static_cast<std::size_t>(shape)];
 }

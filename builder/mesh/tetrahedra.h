@@ -26,9 +26,11 @@ enum class CellShape {
   quadratic_hexahedron,
   quadratic_wedge,
   quadratic_pyramid,
+  biquadratic_hexahedron,  // as a quadratic one, then nodes in the middles of the sides -x, +x, -y, +y
+  triquadratic_pyramid,    // as a quadratic one, then nodes in the middles of its base, of its sides, and of the cell
 };
 
-/// The number of nodes in a cell of this shape: 4 to 20.
+/// The number of nodes in a cell of this shape: 4 to 24.
 [[nodiscard]] std::size_t node_count(CellShape shape);
 
 /// Whether a cell of this shape has corners only.
@@ -50,7 +52,7 @@ enum class CellShape {
 /// A cell's tetrahedra share an apex: the lowest vertex from which no tetrahedron is inverted. If there is none, the
 /// apex is the vertex that inverts the least volume, and the cell counts as not star-shaped. Inverted volume below a
 /// millionth of the cell's volume counts as rounding. A quadratic cell is cut at its mid-edge nodes into a cap for each
-/// corner and a core, so that every node takes part.
+/// corner and a core, so that every node takes part. With nodes in the middles of faces it is cut at these, too.
 ///
 /// A collapsed cell (a node given twice) gives fewer tetrahedra, a cell with a position that is not finite gives none.
 /// Keeps its scratch memory, so that a cell costs no allocation. Not thread-safe.

@@ -465,12 +465,24 @@ class LegacyFile {
     return std::ranges::equal(word, keyword, [](unsigned char a, char b) { return std::tolower(a) == b; });
   }
 
-  /// Ends at an empty line.
+  /// Ends at an empty line, or with the file behind all that it declares: INFORMATION and a number of entries, each a
+  /// line NAME and a line DATA, or names of components.
   bool metadata() {
+    constexpr std::string_view information = "INFORMATION ";
     words_.line();
-    while (!words_.at_end())
-      if (const std::string line = words_.line(); std::ranges::all_of(line, is_white_space)) return true;
-    return false;
+    std::uint64_t lines_left = 1;
+    while (!words_.at_end()) {
+      const std::string text = words_.line();
+      const std::string_view line = trimmed(text);
+      if (line.empty()) return true;
+      if (line.starts_with(information))
+        lines_left = 2 * std::uint64_t{number_of<std::uint32_t>(line.substr(information.size())).value_or(1)};
+      else if (line == "COMPONENT_NAMES")
+        lines_left = 0;
+      else if (line.starts_with("NAME ") || line.starts_with("DATA "))
+        lines_left -= std::min<std::uint64_t>(lines_left, 1);
+    }
+    return lines_left == 0 && words_.ended_line();
   }
 
   FileWords words_;

@@ -108,6 +108,16 @@ std::vector<dvec3> quadratic(std::vector<dvec3> corners, const std::vector<std::
   return corners;
 }
 
+/// Adds nodes in the middles of some nodes.
+std::vector<dvec3> with_middles(std::vector<dvec3> points, const std::vector<Nodes>& groups) {
+  for (const Nodes& group : groups) {
+    dvec3 sum(0);
+    for (const std::uint32_t node : group) sum += points[node];
+    points.push_back(sum / static_cast<double>(group.size()));
+  }
+  return points;
+}
+
 const std::vector<std::pair<int, int>> tetrahedron_edges = {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}};
 const std::vector<std::pair<int, int>> hexahedron_edges = {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6},
                                                            {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}};
@@ -138,7 +148,14 @@ std::vector<UnitCell> unit_cells() {
           {CellShape::quadratic_tetrahedron, quadratic(tetrahedron, tetrahedron_edges), 1.0 / 6, 8},
           {CellShape::quadratic_hexahedron, quadratic(cube, hexahedron_edges), 1, 0},
           {CellShape::quadratic_wedge, quadratic(wedge, wedge_edges), 0.5, 0},
-          {CellShape::quadratic_pyramid, quadratic(pyramid, pyramid_edges), 1.0 / 3, 0}};
+          {CellShape::quadratic_pyramid, quadratic(pyramid, pyramid_edges), 1.0 / 3, 0},
+          {CellShape::biquadratic_hexahedron,
+           with_middles(quadratic(cube, hexahedron_edges), {{0, 3, 7, 4}, {1, 2, 6, 5}, {0, 1, 5, 4}, {2, 3, 7, 6}}), 1,
+           36},
+          {CellShape::triquadratic_pyramid,
+           with_middles(quadratic(pyramid, pyramid_edges),
+                        {{0, 1, 2, 3}, {0, 1, 4}, {1, 2, 4}, {2, 3, 4}, {3, 0, 4}, {0, 1, 2, 3, 4}}),
+           1.0 / 3, 32}};
 }
 
 TEST(Tetrahedra, UnitCellsKeepTheirVolume) {
@@ -159,6 +176,35 @@ TEST(Tetrahedra, UnitCellsKeepTheirVolume) {
     EXPECT_EQ(used.size(), cell.points.size()) << "every node takes part";
     for (const auto& [triangle, uses] : triangle_uses(split.tetrahedra)) EXPECT_LE(uses, 2);
   }
+}
+
+/// The triangles on the plane z = `z`, by sorted positions of their corners.
+std::set<std::vector<std::array<double, 2>>> triangles_at(double z, const std::vector<dvec3>& points,
+                                                          const Split& split) {
+  std::set<std::vector<std::array<double, 2>>> triangles;
+  for (const auto& [triangle, uses] : triangle_uses(split.tetrahedra)) {
+    std::vector<std::array<double, 2>> corners;
+    for (const std::uint32_t i : triangle)
+      if (points[i].z == z) corners.push_back({points[i].x, points[i].y});
+    std::ranges::sort(corners);
+    if (corners.size() == 3) triangles.insert(corners);
+  }
+  return triangles;
+}
+
+// The base of a biquadratic hexahedron is cut as a quadratic cell's, its sides as those of cells with middles.
+TEST(Tetrahedra, BiquadraticHexahedraFitTheirNeighbours) {
+  const std::vector<UnitCell> cells = unit_cells();
+  const auto cell_of = [&](CellShape shape) { return *std::ranges::find(cells, shape, &UnitCell::shape); };
+  UnitCell biquadratic = cell_of(CellShape::biquadratic_hexahedron);
+  const UnitCell quadratic = cell_of(CellShape::quadratic_hexahedron),
+                 pyramid = cell_of(CellShape::triquadratic_pyramid);
+  const auto faces_of = [](const UnitCell& cell) {
+    return triangles_at(0, cell.points, split_cell(cell.shape, cell.points));
+  };
+  EXPECT_EQ(faces_of(biquadratic), faces_of(quadratic));
+  for (dvec3& p : biquadratic.points) p = dvec3(p.x, 1 - p.z, p.y);  // stands on a side
+  EXPECT_EQ(faces_of(biquadratic), faces_of(pyramid));
 }
 
 TEST(Tetrahedra, VolumeDoesNotDependOnPositionOrRotation) {

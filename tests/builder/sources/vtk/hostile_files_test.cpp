@@ -79,6 +79,20 @@ TEST_F(HostileFilesTest, SoundFilesAreRead) {
   EXPECT_EQ(error_of("a.vti", image({"0 1", "1 2"})), sound);
 }
 
+// The last array of a file may end with METADATA, without an empty line behind it.
+TEST_F(HostileFilesTest, LegacyFilesThatEndWithMetadata) {
+  const auto error_with = [&](const std::string& metadata) {
+    return error_of("a.vtk", legacy(legacy_cells + legacy_values + "METADATA\n" + metadata));
+  };
+  const std::string range = "NAME L2_NORM_RANGE LOCATION vtkDataArray\nDATA 2 1 4\n";
+  for (const std::string& whole : {std::string("INFORMATION 0\n"), "INFORMATION 1\n" + range,
+                                   "INFORMATION 1\n" + range + "\n", std::string("COMPONENT_NAMES\na\n")})
+    EXPECT_EQ(error_with(whole), sound) << whole;
+  for (const std::string& part : {std::string(), std::string("INFORMATION 0"), std::string("INFORMATION 1\n"),
+                                  "INFORMATION 2\n" + range, std::string("INFORMATION 99999999999\n")})
+    EXPECT_THAT(error_with(part), HasSubstr("it ends within its section METADATA")) << part;
+}
+
 TEST_F(HostileFilesTest, LegacyCellsThatAreNotThere) {
   EXPECT_NE(error_of("a.vtk", legacy("CELLS 2 0\nCELL_TYPES 1\n10\nPOINT_DATA 4\n" + legacy_values)), sound);
   EXPECT_NE(error_of("a.vtk", legacy("CELLS 2 0\n\nCELL_TYPES 2\n10 10\nPOINT_DATA 4\n" + legacy_values)), sound);
