@@ -179,10 +179,14 @@ std::string input_formats_for_help() {
 std::string input_formats_for_page() {
   std::string text =
       "| format | extensions | files | held at once | time steps | cells | left out |\n|---|---|---|---|---|---|---|\n";
-  const auto cell = [](std::string_view words) { return words.empty() ? " |" : fmt::format(" {} |", words); };
-  for (const FormatRow& row : rows)
-    text += "|" + cell(row.name) + cell(row.extensions.empty() ? "any" : fmt::format("`{}`", row.extensions)) +
-            cell(row.files) + cell(row.held) + cell(row.steps) + cell(row.cells) + cell(row.left_out) + "\n";
+  const auto add = [&](std::string_view words) { text += words.empty() ? " |" : fmt::format(" {} |", words); };
+  for (const FormatRow& row : rows) {
+    text += "|";
+    add(row.name);
+    add(row.extensions.empty() ? "any" : fmt::format("`{}`", row.extensions));
+    for (const std::string_view words : {row.files, row.held, row.steps, row.cells, row.left_out}) add(words);
+    text += "\n";
+  }
   return text;
 }
 
