@@ -5,29 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numeric>
 
+#include "base/names.h"
 #include "base/nesting.h"
 
 namespace splatvol {
-namespace {
-
-/// Returns how many letters must be added, left out or replaced to turn one word into the other (Levenshtein).
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    std::size_t diagonal = std::exchange(row[0], i + 1);
-    for (std::size_t j = 0; j < b.size(); ++j) {
-      const std::size_t replaced = diagonal + (a[i] == b[j] ? 0 : 1);
-      diagonal = std::exchange(row[j + 1], std::min({row[j] + 1, row[j + 1] + 1, replaced}));
-    }
-  }
-  return row.back();
-}
-
-}  // namespace
-
 nlohmann::json parse_json(std::string_view text) { return nlohmann::json::parse(text); }
 
 nlohmann::ordered_json parse_ordered_json(std::string_view text) { return nlohmann::ordered_json::parse(text); }
@@ -69,10 +51,8 @@ Status JsonField::check_names(std::initializer_list<std::string_view> known) con
   if (!is_object()) return wrong("not an object");
   for (const auto& [name, value] : value_->items()) {
     if (name.starts_with("x-") || std::ranges::find(known, name) != known.end()) continue;
-    const auto nearest = std::ranges::min_element(
-        known, {}, [&, &word = name](std::string_view other) { return edit_distance(word, other); });
     return fail(ErrorCode::invalid_data, "{}: no such field; the nearest is {} (names of your own begin with x-)",
-                path_of(name), path_of(*nearest));
+                path_of(name), path_of(nearest_name(name, {known.begin(), known.size()})));
   }
   return {};
 }

@@ -5,6 +5,23 @@
 #include <algorithm>
 
 namespace splatvol {
+namespace {
+
+/// Returns how many letters must be added, left out or replaced to turn one word into the other (Levenshtein).
+std::size_t edit_distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = std::exchange(row[0], i + 1);
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i] == b[j] ? 0 : 1);
+      diagonal = std::exchange(row[j + 1], std::min({row[j] + 1, row[j + 1] + 1, replaced}));
+    }
+  }
+  return row.back();
+}
+
+}  // namespace
 
 tl::unexpected<Error> fail_no_attribute(const std::string& file, const std::string& name,
                                         std::span<const std::string> available) {
@@ -38,6 +55,10 @@ Result<std::vector<std::size_t>> find_patches(const std::string& file, const std
   if (!found.empty()) return found;
   return fail(ErrorCode::invalid_argument, "{}: no patch \"{}\" in its boundary; there are: {}", file, pattern,
               fmt::join(names, ", "));
+}
+
+std::string_view nearest_name(std::string_view name, std::span<const std::string_view> known) {
+  return *std::ranges::min_element(known, {}, [&](std::string_view other) { return edit_distance(name, other); });
 }
 
 std::string in_lower_case(std::string text) {

@@ -25,6 +25,9 @@ namespace splatvol {
 [[nodiscard]] Result<std::vector<std::size_t>> find_patches(const std::string& file, const std::string& pattern,
                                                             std::span<const std::string> names);
 
+/// Returns the name that becomes `name` by the fewest changes of a letter. Requires that there is one.
+[[nodiscard]] std::string_view nearest_name(std::string_view name, std::span<const std::string_view> known);
+
 /// Returns a text with its letters A to Z in lower case.
 [[nodiscard]] std::string in_lower_case(std::string text);
 

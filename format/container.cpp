@@ -99,7 +99,7 @@ Status Container::read_superblock(std::uint64_t bytes) {
   superblock_ = read_record<Superblock>(preamble_, 0);
   const bool is_step = kind_ == Kind::step;
   if (!std::ranges::equal(superblock_.magic, is_step ? step_magic : magic))
-    return broken(is_step ? "not a step [R18]" : "not a .svol file");
+    return broken(is_step ? "not a step [R18]" : "not a .svol file; svbuild makes one of a mesh or of points");
   if (superblock_.major_version != major_version)
     return fail(ErrorCode::unsupported, "{}: written in format {}.{}; this program reads 1.x", name_,
                 superblock_.major_version, superblock_.minor_version);

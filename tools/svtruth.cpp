@@ -106,10 +106,10 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene
   SPLATVOL_TRY_ASSIGN(source, open_safely(reader, paths, source_options));
   ProgressBar bar("read");
   Mesh mesh;
-  mesh.constant = source_options.cells == CellValues::own;
   for (std::size_t read = 1;; ++read) {
     SPLATVOL_TRY_ASSIGN(piece, source->next());
     if (!piece) break;
+    mesh.constant = piece->cells.has_value();
     if (boundary) SPLATVOL_TRY(boundary->add(*piece));
     if (auto status = append_piece(*piece, others, mesh); !status) return fail_in(paths.front(), status.error());
     bar.update(static_cast<double>(read) / static_cast<double>(source->piece_count()));

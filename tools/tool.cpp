@@ -21,6 +21,7 @@
 #include <string_view>
 
 #include "base/memory_limit.h"
+#include "base/names.h"
 #include "base/printable.h"
 #include "tools/ending.h"
 #include "tools/limits.h"
@@ -74,6 +75,31 @@ int print_fully(CommandLine& app, std::string_view text) {
   return printed ? 0 : fail_with(app, "cannot write to the standard output");
 }
 
+void add_options(const CLI::App& app, std::vector<std::string>& names) {
+  for (const CLI::Option* option : app.get_options({})) {
+    for (const std::string& name : option->get_lnames()) names.push_back(fmt::format("--{}", name));
+    for (const std::string& name : option->get_snames()) names.push_back(fmt::format("-{}", name));
+  }
+  for (const CLI::App* command : app.get_subcommands({})) add_options(*command, names);
+}
+
+// What is wrong with the first option that there is not; empty: there are all. A number may begin as an option does.
+std::string unknown_option(const CLI::App& app, std::span<char* const> arguments) {
+  std::vector<std::string> names;
+  add_options(app, names);
+  const std::vector<std::string_view> known(names.begin(), names.end());
+  for (const std::string_view argument : arguments) {
+    if (argument == "--") break;
+    if (argument.size() < 2 || argument[0] != '-' || argument[1] == '.' || (argument[1] >= '0' && argument[1] <= '9'))
+      continue;
+    const bool is_long = argument[1] == '-';
+    const std::string_view name = is_long ? argument.substr(0, argument.find('=')) : argument.substr(0, 2);
+    if (std::ranges::find(known, name) != known.end()) continue;
+    return fmt::format("{}: no such option; the nearest is {}", name, nearest_name(name, known));
+  }
+  return "";
+}
+
 // May throw what the libraries throw.
 int parse_and_run(CommandLine& app, int argc, char** argv, const std::function<Status()>& body) {
   app.parser().set_version_flag("--version", app.get_name() + " " SPLATVOL_VERSION);
@@ -81,6 +107,12 @@ int parse_and_run(CommandLine& app, int argc, char** argv, const std::function<S
   try {
     app.parser().parse(argc, argv);
   } catch (const CLI::ParseError& error) {
+    const std::string unknown =
+        unknown_option(app.parser(), std::span(argv, static_cast<std::size_t>(argc)).subspan(1));
+    if (error.get_exit_code() != 0 && !unknown.empty()) {
+      say(app.get_name(), unknown);
+      return 2;
+    }
     return app.parser().exit(error) != 0 ? 2 : print_fully(app, "");
   }
 

@@ -69,7 +69,12 @@ class JointBuild {
  private:
   [[nodiscard]] WatchPiece watch_piece() const {
     if (!layout_.has_tags()) return {};
-    return [cells = cells_](const Piece& piece) { return cells->add(piece); };
+    return [this](const Piece& piece) -> Status {
+      if (piece.cells && ranks_.size() > 1)
+        return fail(ErrorCode::unsupported,
+                    "several processes cannot keep cells of their own in the file: start one, or add --drop-cells");
+      return cells_->add(piece);
+    };
   }
   [[nodiscard]] bool has_range() const { return ranks_.rank() <= begins_.size(); }
   [[nodiscard]] std::uint64_t round_memory() const { return memory_ / 16; }

@@ -37,9 +37,9 @@ Result<std::optional<std::vector<ArrayShape>>> list_own_arrays(const std::vector
   SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
   if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
   SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
-  const bool is_npy = first.format == InputFormat::numpy;
-  if (!is_npy && first.format != InputFormat::table) return std::nullopt;
-  SPLATVOL_TRY_ASSIGN(arrays, is_npy ? list_npy_arrays(paths, options) : list_csv_arrays(paths, options));
+  const bool is_numpy = first.format == InputFormat::numpy;
+  if (!is_numpy && first.format != InputFormat::table) return std::nullopt;
+  SPLATVOL_TRY_ASSIGN(arrays, is_numpy ? list_npy_arrays(paths, options) : list_csv_arrays(paths, options));
   return std::optional(std::move(arrays));
 }
 

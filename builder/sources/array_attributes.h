@@ -22,7 +22,8 @@ struct ArrayAttribute {
   int components = 1;
   int component = 0;
   bool of_cells = false;
-  bool has_twin = false;  // points and cells both have an array of this name
+  bool has_twin = false;   // points and cells both have an array of this name
+  bool is_volume = false;  // no array's values, but the cells' volumes
 };
 
 /// Ends of the names of attributes whose array's name is taken.

@@ -28,6 +28,17 @@ std::optional<std::vector<std::uint32_t>> linear_cells(const DataSet& data, cons
   return divide_lattice(kind.shape, *order, linear_axis ? 1 : *order, data.parametric_points(kind.vtk_type, count));
 }
 
+/// The volumes of cells.
+class CellVolumes final : public NumberArray {
+ public:
+  [[nodiscard]] int components() const override { return 1; }
+  void read(int /*component*/, std::span<const std::uint32_t> elements, std::span<double> values) const override {
+    std::ranges::transform(elements, values.begin(), [&](std::uint32_t cell) { return volumes[cell]; });
+  }
+
+  std::vector<double> volumes;
+};
+
 /// Makes one piece of one data set.
 class PieceMaker {
  public:
@@ -94,15 +105,21 @@ class PieceMaker {
   /// Finds the array of each attribute, and whether the volumes of the cells are needed.
   Status find_arrays() {
     for (std::size_t a = 0; a < attributes_.size(); ++a) {
-      SPLATVOL_TRY_ASSIGN(found, data_.find_array(name_, attributes_, a));
+      SPLATVOL_TRY_ASSIGN(found, find_array(a));
       averages_ = averages_ || (found.of_cells && !own_cells_);
       arrays_.push_back(std::move(found));
     }
-    if (averages_) volumes_.resize(data_.cell_count());
+    if (averages_ || cell_volumes_) volumes_.resize(data_.cell_count());
     if (own_cells_ && data_.cell_count() >= PointCells::no_point)
       return fail(ErrorCode::unsupported, "{}: a piece of {} cells; at most 2^32 - 2 are supported", name_,
                   data_.cell_count());
     return {};
+  }
+
+  Result<FoundArray> find_array(std::size_t attribute) {
+    if (!attributes_[attribute].is_volume) return data_.find_array(name_, attributes_, attribute);
+    cell_volumes_ = std::make_shared<CellVolumes>();
+    return FoundArray{cell_volumes_, true};
   }
 
   Status read_cells() {
@@ -117,8 +134,9 @@ class PieceMaker {
       const std::size_t first = piece_->tetrahedra.size();
       SPLATVOL_TRY(read_cell(cell, splitter));
       if (own_cells_) begins_.push_back(first);
-      if (averages_) volumes_[cell] += volume_of(piece_->tetrahedra, first);
+      if (!volumes_.empty()) volumes_[cell] += volume_of(piece_->tetrahedra, first);
     }
+    if (cell_volumes_) cell_volumes_->volumes = volumes_;
     return {};
   }
 
@@ -416,15 +434,16 @@ class PieceMaker {
   std::span<const std::uint8_t> point_ghosts_;
 
   std::unique_ptr<Piece> piece_ = std::make_unique<Piece>();
-  std::shared_ptr<LentArrays> lent_;        // null: values are copied
-  std::vector<Use> use_;                    // of each point
-  std::vector<std::uint32_t> kept_;         // points that stay; or cells that are points
-  std::vector<FoundArray> arrays_;          // [attribute]
-  bool averages_ = false;                   // arrays of the cells to the points
-  std::vector<double> volumes_;             // [cell], as CellAverages takes them; only if it averages
-  std::vector<std::size_t> begins_;         // [cell that is a point]: its tetrahedra
-  std::vector<std::uint32_t> cell_points_;  // of the current cell
-  std::vector<std::int64_t> ids_;           // the same, as they come
+  std::shared_ptr<LentArrays> lent_;           // null: values are copied
+  std::vector<Use> use_;                       // of each point
+  std::vector<std::uint32_t> kept_;            // points that stay; or cells that are points
+  std::vector<FoundArray> arrays_;             // [attribute]
+  bool averages_ = false;                      // arrays of the cells to the points
+  std::vector<double> volumes_;                // [cell], as CellAverages takes them; only if they are needed
+  std::shared_ptr<CellVolumes> cell_volumes_;  // null: no attribute has them
+  std::vector<std::size_t> begins_;            // [cell that is a point]: its tetrahedra
+  std::vector<std::uint32_t> cell_points_;     // of the current cell
+  std::vector<std::int64_t> ids_;              // the same, as they come
   const CellKind* last_kind_ = nullptr;
   std::uint64_t* kind_count_ = nullptr;
   std::map<std::pair<int, std::size_t>, std::optional<std::vector<std::uint32_t>>> lattice_cells_;

@@ -73,6 +73,6 @@ class StepGroup final : public Source {
 
 /// The hint of messages that refuse a mesh that changes.
 inline constexpr const char* series_of_files_hint =
-    "the steps of one file need one mesh; svbuild --series-of-files writes a file for each step";
+    "the steps of one file need one mesh; svbuild --times all --series-of-files writes a file for each step";
 
 }  // namespace splatvol

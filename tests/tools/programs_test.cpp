@@ -67,8 +67,6 @@ TEST_F(Programs, BuildRefusesBadInput) {
   expect_refusal("svbuild text.vtu" + to, "text.vtu");
   write("next.vtu", small_mesh(small_data, "9.0"));
   expect_refusal("svbuild next.vtu" + to, "next.vtu");
-  write("bare.vtu", small_mesh(""));
-  expect_refusal("svbuild bare.vtu" + to, "no arrays of numbers");
   write("mesh.vtu", small_mesh(small_data));
   const std::string whole = read("mesh.vtu");
   write("half.vtu", whole.substr(0, whole.size() / 2));
@@ -351,6 +349,14 @@ TEST_F(Programs, WrongUsageExitsWithTwo) {
                               "svrender a.svol --sort sideways", "svinfo", "svdiff one.exr", "svtruth"})
     EXPECT_EQ(run(command).code, 2) << command;
   EXPECT_THAT(run("svbuild in.vtu -o out.svol --leaf 5").err, HasSubstr("fewer than 8"));
+}
+
+TEST_F(Programs, MisspeltOptionsNameTheNearest) {
+  expect_refusal("svbuild in.vtu -o out.svol --memry=3", "--memry: no such option; the nearest is --memory", 2);
+  expect_refusal("svbuild in.vtu -o out.svol --missing -9999 --strickt", "the nearest is --strict", 2);
+  expect_refusal("svrender a.svol --tolerace 1", "the nearest is --tolerance", 2);
+  expect_refusal("svgen --sede 2", "the nearest is --seed", 2);
+  EXPECT_THAT(run("svbuild in.vtu --leaf 7").err, Not(HasSubstr("no such option")));
 }
 
 TEST_F(Programs, TerminalsDoNotObeyNamesOfFiles) {

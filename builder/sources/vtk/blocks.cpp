@@ -82,6 +82,11 @@ class BlockDataSets final : public VtkDataSets {
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
   std::uint64_t block() const override { return returned_block_.number; }
+  std::size_t blocks() const override { return file_.kind == VtkFile::Kind::openfoam ? 1 : count(); }
+  std::string block_word() const override { return file_.kind == VtkFile::Kind::ensight ? "part" : "block"; }
+  std::size_t block_in_file() const override {
+    return blocks() == 1 ? 1 : reader_->portions() > 1 ? static_cast<std::size_t>(portion_) : returned_;
+  }
   CellCensus take_changes() override {
     CellCensus changes = std::exchange(changes_, {});
     changes += reader_->take_changes();

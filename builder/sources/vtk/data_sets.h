@@ -71,6 +71,15 @@ class VtkDataSets {
   /// As Piece::block, of the last data set.
   [[nodiscard]] virtual std::uint64_t block() const { return 0; }
 
+  /// How many blocks the first file tells apart, once it is open: bodies, zones or parts; 1: none.
+  [[nodiscard]] virtual std::size_t blocks() const { return 1; }
+
+  /// What such a block is called.
+  [[nodiscard]] virtual std::string block_word() const { return "block"; }
+
+  /// The number of the last data set's block, from 1 on, in the order of its file.
+  [[nodiscard]] virtual std::size_t block_in_file() const { return 1; }
+
   /// The file of the last data set.
   [[nodiscard]] virtual const std::string& path() const = 0;
 

@@ -43,6 +43,7 @@ class FileDataSets final : public VtkDataSets {
   /// The blocks that a composite file names.
   FileDataSets(const VtkFile& composite, const SourceOptions& options) : FileDataSets(composite.blocks, options) {
     path_ = composite.path;
+    is_composite_ = true;
     for (VtkFile& file : files_) file.is_block = true;
   }
 
@@ -103,6 +104,17 @@ class FileDataSets final : public VtkDataSets {
 
   std::uint64_t block() const override { return inner_block(files_[file_ - 1].block, blocks_ ? blocks_->block() : 0); }
 
+  std::size_t blocks() const override {
+    if (!files_.empty() && files_[0].kind == VtkFile::Kind::composite) return blocks_in(files_[0]);
+    return blocks_ ? blocks_->blocks() : 1;
+  }
+  std::string block_word() const override { return blocks_ ? blocks_->block_word() : "block"; }
+  std::size_t block_in_file() const override {
+    std::size_t before = 0;
+    for (std::size_t file = 0; is_composite_ && file + 1 < file_; ++file) before += blocks_in(files_[file]);
+    return before + (blocks_ ? blocks_->block_in_file() : 1);
+  }
+
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     for (;;) {
       SPLATVOL_TRY_ASSIGN(data, next_of_file());
@@ -152,6 +164,13 @@ class FileDataSets final : public VtkDataSets {
   static bool is_xml(VtkFile::Kind kind) {
     return kind == VtkFile::Kind::unstructured || kind == VtkFile::Kind::structured ||
            kind == VtkFile::Kind::rectilinear || kind == VtkFile::Kind::image || kind == VtkFile::Kind::poly;
+  }
+
+  static std::size_t blocks_in(const VtkFile& file) {
+    if (file.kind != VtkFile::Kind::composite) return 1;
+    std::size_t blocks = 0;
+    for (const VtkFile& block : file.blocks) blocks += blocks_in(block);
+    return blocks;
   }
 
   [[nodiscard]] bool is_selected(std::size_t file) const {
@@ -274,6 +293,7 @@ class FileDataSets final : public VtkDataSets {
 
   std::vector<VtkFile> files_;
   SourceOptions options_;
+  bool is_composite_ = false;  // the files are blocks
   std::optional<TimeStep> step_;
   std::size_t file_ = 0;                                // the next one
   std::uint32_t in_file_ = 0;                           // data sets of the current file so far

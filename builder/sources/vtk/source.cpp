@@ -1,8 +1,10 @@
 #include "builder/sources/vtk/source.h"
 
 #include <fmt/ranges.h>
+#include <vtkCellData.h>
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>
+#include <vtkDoubleArray.h>
 #include <vtkFieldData.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkMultiBlockPLOT3DReader.h>
@@ -69,8 +71,7 @@ class VtkSource final : public Source {
     SPLATVOL_TRY(arrays_.add(path, array_shapes(*pending_)));
     SPLATVOL_TRY(data_sets_->announce(arrays_));
     SPLATVOL_TRY_ASSIGN(all, arrays_.attributes(path, options_.cells));
-    if (all.empty() && options_.selection.empty())
-      return fail(ErrorCode::invalid_data, "{}: the mesh has no arrays of numbers at its points or cells", path);
+    if (all.empty()) SPLATVOL_TRY_SET(all, make_attribute());
     available_ = names_of(all);
     attributes_ = select_attributes(all, options_.selection, options_.cells, missing, options_.may_lack);
     names_ = names_of(attributes_);
@@ -89,6 +90,7 @@ class VtkSource final : public Source {
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
     number_ = pending_number_;
     const std::uint64_t block = data_sets_->block();
+    if (numbers_blocks_) add_block_number(*data);
     SPLATVOL_TRY(arrays_.check(data_sets_->path(), wanted(array_shapes(*data))));
     SPLATVOL_TRY_ASSIGN(piece, make_piece(
                                    data_sets_->path(), *data, attributes_, options_.cells, missing_,
@@ -120,7 +122,8 @@ class VtkSource final : public Source {
   bool averages_by_piece() const override {
     return !own_cells_ && data_sets_->averages_by_data_set() &&
            std::ranges::any_of(attributes_, [&](const ArrayAttribute& attribute) {
-             return attribute.has_twin ? attribute.of_cells : arrays_.is_of_cells(attribute.array);
+             return attribute.has_twin || attribute.is_volume ? attribute.of_cells
+                                                              : arrays_.is_of_cells(attribute.array);
            });
   }
 
@@ -128,6 +131,7 @@ class VtkSource final : public Source {
 
   std::vector<std::string> conversions() const override {
     std::vector<std::string> lines;
+    if (!made_.empty()) lines.push_back(made_);
     if (!converted_.empty())
       lines.push_back(fmt::format("{}: of {}", fmt::join(in_order(converted_), ", "),
                                   own_cells_ ? "points, averaged to cells" : "cells, averaged to points"));
@@ -136,6 +140,32 @@ class VtkSource final : public Source {
   }
 
  private:
+  /// Makes an attribute for a mesh without values: the numbers of its blocks, or the volumes of its cells.
+  Result<std::vector<ArrayAttribute>> make_attribute() {
+    if (pending_->GetNumberOfCells() == 0)
+      return fail(ErrorCode::invalid_data, "{}: no arrays of numbers at its points, and no cells", data_sets_->path());
+    if (data_sets_->blocks() < 2) {
+      made_ = "cell_volume: the mesh has no values, so these are the volumes of its cells";
+      return std::vector{
+          ArrayAttribute{.name = "cell_volume", .array = "cell_volume", .of_cells = true, .is_volume = true}};
+    }
+    numbers_blocks_ = own_cells_ = true;  // means of numbers would be numbers of blocks that there are not
+    options_.cells = CellValues::own;
+    const std::string word = data_sets_->block_word();
+    made_ = fmt::format("{}: the mesh has no values, so these are the numbers of its {}s, in the order of the file",
+                        word, word);
+    SPLATVOL_TRY(arrays_.add(data_sets_->path(), std::vector{ArrayShape{.name = word, .of_cells = true}}));
+    return arrays_.attributes(data_sets_->path(), options_.cells);
+  }
+
+  void add_block_number(vtkDataSet& data) const {
+    const vtkNew<vtkDoubleArray> numbers;
+    numbers->SetName(data_sets_->block_word().c_str());
+    numbers->SetNumberOfValues(data.GetNumberOfCells());
+    numbers->FillValue(static_cast<double>(data_sets_->block_in_file()));
+    data.GetCellData()->AddArray(numbers);
+  }
+
   [[nodiscard]] tl::unexpected<Error> fail_no_points() const {
     const std::string surfaces = describe_no_volume(data_sets_->left_out());
     if (surfaces.empty()) return fail(ErrorCode::invalid_data, "{}: the mesh has no points", data_sets_->path());
@@ -181,6 +211,8 @@ class VtkSource final : public Source {
   void note_differences(vtkDataSet& data) {
     std::set<std::string> vectors;
     for (const ArrayAttribute& attribute : attributes_) {
+      if (attribute.is_volume && !own_cells_) converted_.insert(attribute.name);
+      if (attribute.is_volume) continue;
       const auto values = find_values({}, data, attribute);
       if (!values || (values->array && values->of_cells == own_cells_)) continue;
       if (attribute.component == ArrayAttribute::magnitude) vectors.insert(attribute.array);
@@ -208,6 +240,8 @@ class VtkSource final : public Source {
   MissingValues missing_;
   std::uint64_t points_ = 0;                   // of the pieces so far
   std::set<std::string> converted_, lacking_;  // attributes
+  std::string made_;                           // what is said of an attribute that the source made; empty: it made none
+  bool numbers_blocks_ = false;                // in an array of the cells
   std::optional<TimeStep> step_;               // instead of that of data_sets_
   ArrayUnion arrays_;                          // of all pieces
   std::vector<ArrayAttribute> attributes_;

@@ -339,17 +339,11 @@ Result<CellCensus> add_values(const VtkFile& file, const Su2Mesh& mesh, const st
 Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file, const std::vector<std::string>& selection) {
   SPLATVOL_TRY_ASSIGN(text, read_text(file.path));
   SPLATVOL_TRY_ASSIGN(mesh, Su2Reader(file.path, text, file.patches).read());
-  if (file.values.empty())
-    return fail(
-        ErrorCode::invalid_data,
-        "{}: an SU2 mesh has no values; give the solution as a second file: svbuild {} restart_flow.csv, or the "
-        ".vtu that SU2 writes",
-        file.path, file.path);
   vtkSmartPointer<vtkDataSet> data;
   Result<CellCensus> added;
   SPLATVOL_TRY(run_vtk(file.path, [&] {
     const auto grid = make_grid(mesh);
-    added = add_values(file, mesh, selection, *grid);
+    if (!file.values.empty()) added = add_values(file, mesh, selection, *grid);
     data = grid;
   }));
   if (!added) return tl::unexpected(added.error());
@@ -358,7 +352,7 @@ Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file, const std::ve
 }
 
 Result<std::vector<ArrayShape>> su2_arrays(const VtkFile& file) {
-  if (file.values.empty()) return std::vector<ArrayShape>();  // open_su2() fails
+  if (file.values.empty()) return std::vector<ArrayShape>();
   return list_csv_arrays({file.values}, {});
 }
 

@@ -22,6 +22,7 @@ using test::Input;
 using test::read_input;
 using test::VtkArray;
 using ::testing::AllOf;
+using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -287,6 +288,31 @@ TEST_F(CellDataTest, FilesOfOwnCellsHoldConstantCells) {
   EXPECT_EQ(report.connectivity, Connectivity::mesh);
   EXPECT_EQ(report.missing.at(0).second, 1u);
   EXPECT_EQ(report.points.merged, 0u);
+}
+
+// A mesh without values has those of its cells: volumes, or numbers of blocks.
+TEST_F(CellDataTest, OfAMeshWithoutValuesAreMade) {
+  write("a.vti", image(2, 1, {}));
+  write("b.vti", image(4, 0.5, {}));
+  for (const CellValues cells : {CellValues::averaged, CellValues::own}) {
+    const auto volumes = test::value_of(read_input({path("b.vti")}, {.cells = cells}));
+    EXPECT_THAT(volumes.attributes, ElementsAre("cell_volume"));
+    EXPECT_EQ(volumes.points, cells == CellValues::own ? 64u : 125u);
+    for (const double value : volumes.pieces.at(0).values.at(0)) EXPECT_DOUBLE_EQ(value, 0.125);
+  }
+  const std::string blocks = write("all.vtm", test::vtm_file({"a.vti", "b.vti"}));
+  for (const auto& selection : {std::vector<std::string>{}, {"block"}}) {
+    const auto numbers = test::value_of(read_input({blocks}, {.selection = selection}));
+    EXPECT_THAT(numbers.attributes, ElementsAre("block"));
+    EXPECT_EQ(numbers.points, 8u + 64);
+    ASSERT_EQ(numbers.pieces.size(), 2u);
+    EXPECT_THAT(numbers.pieces[0].values.at(0), Each(1.0));
+    EXPECT_THAT(numbers.pieces[1].values.at(0), Each(2.0));
+  }
+  EXPECT_THAT(test::message_of(read_input({blocks}, {.selection = {"p"}})), HasSubstr("there are: block"));
+  // If one of them has values, these are the attributes.
+  write("b.vti", image(4, 0.5, {{"p", std::vector<double>(64, 3)}}));
+  EXPECT_THAT(test::value_of(read_input({blocks})).attributes, ElementsAre("p"));
 }
 
 }  // namespace

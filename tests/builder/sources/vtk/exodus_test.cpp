@@ -380,5 +380,19 @@ TEST_F(ExodusTest, MeshesInPiecesNeedAll) {
   EXPECT_THAT(test::error_of(twelve), HasSubstr("mesh.e.12.06 and 3 more are missing: give all of them"));
 }
 
+TEST_F(ExodusTest, WithoutValuesGivesTheNumbersOfItsBlocks) {
+  Mesh mesh = cube(2, 1, dvec3(0));
+  mesh.nodal.clear();
+  Block rest{"HEX8", {mesh.blocks[0].cells.end() - 3, mesh.blocks[0].cells.end()}};
+  mesh.blocks[0].cells.resize(5);
+  mesh.blocks.push_back(rest);
+  mesh.write(path("mesh.e"));
+  const auto input = test::value_of(read_input({path("mesh.e")}));
+  EXPECT_THAT(input.attributes, ElementsAre("block"));
+  ASSERT_EQ(input.pieces.size(), 2u);
+  EXPECT_THAT(input.pieces[0].values.at(0), ElementsAre(1, 1, 1, 1, 1));
+  EXPECT_THAT(input.pieces[1].values.at(0), ElementsAre(2, 2, 2));
+}
+
 }  // namespace
 }  // namespace splatvol
