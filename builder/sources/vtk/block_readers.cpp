@@ -6,7 +6,9 @@
 #include <vtkDataSetAttributes.h>
 #include <vtkGenericEnSightReader.h>
 #include <vtkMultiBlockDataSet.h>
+#include <vtkMultiBlockDataSetAlgorithm.h>
 #include <vtkNew.h>
+#include <vtkObjectFactory.h>
 #include <vtkSmartPointer.h>
 #include <vtk_cgns.h>
 
@@ -21,8 +23,10 @@
 #include "base/file.h"
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
+#include "builder/sources/vtk/cgns_links.h"
 #include "builder/sources/vtk/cgns_patches.h"
 #include "builder/sources/vtk/cgns_units.h"
+#include "builder/sources/vtk/cgns_zones.h"
 #include "builder/sources/vtk/ensight_case.h"
 #include "builder/sources/vtk/file_words.h"
 #include "builder/sources/vtk/finer_numbers.h"
@@ -179,8 +183,10 @@ class OpenFoamReader final : public BlockReader {
   std::map<std::string, std::string> units_;
 };
 
-/// The fields of all zones, sorted; VTK's reader lists only those of the first zone. Adds their units.
-std::vector<std::string> cgns_fields(const std::string& path, std::map<std::string, std::string>& units) {
+/// The fields of all zones, sorted; VTK's reader lists only those of the first zone. Adds their units. Fields of
+/// neither points nor cells go to `left_out`.
+std::vector<std::string> cgns_fields(const std::string& path, std::map<std::string, std::string>& units,
+                                     std::set<std::string>& left_out) {
   std::vector<std::string> names;
   int file = 0, bases = 0;
   if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK) throw ReaderError("CGNS: {}", cg_get_error());
@@ -192,12 +198,20 @@ std::vector<std::string> cgns_fields(const std::string& path, std::map<std::stri
       int solutions = 0;
       cg_nsols(file, base, zone, &solutions);
       for (int solution = 1; solution <= solutions; ++solution) {
+        std::array<char, 64> ignored{};
+        CGNS_ENUMT(GridLocation_t) location = CGNS_ENUMV(Vertex);
+        cg_sol_info(file, base, zone, solution, ignored.data(), &location);
+        const bool is_kept = location == CGNS_ENUMV(Vertex) || location == CGNS_ENUMV(CellCenter);
         int fields = 0;
         cg_nfields(file, base, zone, solution, &fields);
         for (int field = 1; field <= fields; ++field) {
           std::array<char, 64> name{};  // 32 at most
           CGNS_ENUMT(DataType_t) type{};
           if (cg_field_info(file, base, zone, solution, field, &type, name.data()) != CG_OK) continue;
+          if (!is_kept) {
+            left_out.insert(name.data());
+            continue;
+          }
           names.emplace_back(name.data());
           const std::string unit = cgns_unit({file, base, zone, solution, field}, names.back());
           if (!unit.empty()) units.emplace(names.back(), unit);
@@ -211,13 +225,34 @@ std::vector<std::string> cgns_fields(const std::string& path, std::map<std::stri
   return names;
 }
 
+/// Holds the zones that CgnsZones reads. VTK's pipeline has no part in it.
+class ZoneTree final : public vtkMultiBlockDataSetAlgorithm {
+ public:
+  static ZoneTree* New();
+  vtkTypeMacro(ZoneTree, vtkMultiBlockDataSetAlgorithm)
+
+      protected : ZoneTree() {
+    SetNumberOfInputPorts(0);
+  }
+};
+vtkStandardNewMacro(ZoneTree);
+
 class CgnsReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
     cgio_error_abort(0);  // keeps the library from ending the program at an error
+    begin_cgns_file();
     check_hdf5_file(path, Hdf5Arrays::all);
     path_ = path;
-    fields_ = cgns_fields(path, units_);  // throws where VTK's reader would end the program
+    fields_ = cgns_fields(path, units_, left_out_);  // throws where VTK's reader would end the program
+    left_out_.insert(hidden_cgns_arrays().begin(), hidden_cgns_arrays().end());
+    zones_.emplace(path);
+    if (zones_->defeats_vtk()) {
+      portions_ = zones_->count();
+      tree_->UpdateDataObject();
+      return *tree_;
+    }
+    zones_.reset();
     reader_->SetFileName(path.c_str());
     reader_->DoublePrecisionMeshOn();
     reader_->LoadBndPatchOff();
@@ -230,6 +265,7 @@ class CgnsReader final : public BlockReader {
 
   /// Selects by VTK's names of arrays, including those of zones after the first.
   void select(const std::vector<std::string>& selection) override {
+    selection_ = selection;
     reader_->EnableAllBases();
     for (const ArrayShape& shape : arrays({})) {
       const bool wanted = wants_array(selection, shape.name);
@@ -239,7 +275,7 @@ class CgnsReader final : public BlockReader {
   }
 
   std::vector<ArrayShape> arrays(std::optional<double> /*time*/) override {
-    std::vector<ArrayShape> shapes = merge_vectors(fields_);
+    std::vector<ArrayShape> shapes = merge_cgns_vectors(fields_);
     for (ArrayShape& shape : shapes) shape.unit = unit(shape.name);
     return shapes;
   }
@@ -249,10 +285,17 @@ class CgnsReader final : public BlockReader {
     return scalar != units_.end() ? scalar->second : vector != units_.end() ? vector->second : std::string();
   }
 
+  std::set<std::string> left_out_arrays() const override { return left_out_; }
+  std::vector<double> times() const override { return zones_ ? zones_->times() : std::vector<double>(); }
   int portions() override { return portions_; }
 
   /// VTK's reader divides the zones among the pieces that it is asked for: with enough pieces, each is one zone.
   void read(int portion, std::optional<double> time) override {
+    if (zones_) {
+      const auto step = choose_step(zones_->times(), time);
+      zones_->read(portion, step ? std::optional(step->index) : std::nullopt, selection_, *tree_->GetOutput());
+      return;
+    }
     update(*reader_, time, portion, many);
     int zones = 0;
     vtkMultiBlockDataSet* bases = reader_->GetOutput();
@@ -265,21 +308,12 @@ class CgnsReader final : public BlockReader {
  private:
   static constexpr int many = 1 << 24;
 
-  /// Merges three scalars whose names end in X, Y and Z into one array, like VTK's reader. Requires sorted names.
-  static std::vector<ArrayShape> merge_vectors(const std::vector<std::string>& names) {
-    std::vector<ArrayShape> shapes;
-    for (std::size_t i = 0; i < names.size(); ++i) {
-      const std::string stem = names[i].substr(0, names[i].size() - 1);
-      const bool vector =
-          i + 2 < names.size() && names[i] == stem + "X" && names[i + 1] == stem + "Y" && names[i + 2] == stem + "Z";
-      shapes.push_back(vector ? ArrayShape{stem, 3} : ArrayShape{names[i], 1});
-      if (vector) i += 2;
-    }
-    return shapes;
-  }
-
   vtkNew<vtkCGNSReader> reader_;
+  std::optional<CgnsZones> zones_;  // in place of reader_, if VTK's reader would fail
+  vtkNew<ZoneTree> tree_;           // of zones_
+  std::vector<std::string> selection_;
   std::vector<std::string> fields_;
+  std::set<std::string> left_out_;            // fields of faces
   std::map<std::string, std::string> units_;  // of fields_
   std::string path_;
   std::vector<Patch> patches_;  // not taken yet

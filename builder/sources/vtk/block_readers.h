@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -62,6 +63,9 @@ class BlockReader {
 
   /// Whether the file has more digits. Reads its points.
   virtual bool has_finer_points(std::optional<double> /*time*/) { return false; }
+
+  /// As VtkDataSets::left_out_arrays().
+  [[nodiscard]] virtual std::set<std::string> left_out_arrays() const { return {}; }
 
   /// Number of portions. A portion is read at once: a block, or the whole file.
   virtual int portions() { return 1; }

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -89,6 +90,9 @@ class VtkDataSets {
   /// Counts the cells of blocks that were left out so far, because they are surfaces; CellCensus::left_out: those that
   /// are no patches.
   [[nodiscard]] virtual CellCensus left_out() const { return {}; }
+
+  /// The names of arrays in the files opened so far that belong to neither points nor cells, and are left out.
+  [[nodiscard]] virtual std::set<std::string> left_out_arrays() const { return {}; }
 
   /// Counts what the data sets since the last call have otherwise than their files: CellCensus::open_ends, unwritten.
   [[nodiscard]] virtual CellCensus take_changes() { return {}; }

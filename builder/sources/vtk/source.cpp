@@ -136,6 +136,8 @@ class VtkSource final : public Source {
       lines.push_back(fmt::format("{}: of {}", fmt::join(in_order(converted_), ", "),
                                   own_cells_ ? "points, averaged to cells" : "cells, averaged to points"));
     if (!lacking_.empty()) lines.push_back(describe_lacking(in_order(lacking_)));
+    if (const auto arrays = data_sets_->left_out_arrays(); !arrays.empty())
+      lines.push_back(fmt::format("{}: left out, of neither points nor cells", fmt::join(arrays, ", ")));
     return lines;
   }
 

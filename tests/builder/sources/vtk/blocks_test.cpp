@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <vtk_cgns.h>
+#include <vtk_hdf5.h>
 
 #include <array>
 #include <cmath>
@@ -36,6 +37,7 @@ using test::Input;
 using test::largest_error;
 using test::read_input;
 using test::times;
+using ::testing::Contains;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -474,8 +476,11 @@ TEST_F(BlocksTest, EnSightTruncated) {
 
 constexpr bool is_structured(std::size_t block) { return block == 1; }
 
+/// Surfaces of the first zone have the numbers before those of its cells.
+constexpr cgsize_t wall_cells = cells * cells;
+
 /// Writes a zone without its values, and returns its number.
-int write_zone(int file, int base, std::size_t b) {
+int write_zone(int file, int base, std::size_t b, bool walls_first) {
   const std::array<cgsize_t, 3> unstructured_size = {block_points, block_cells, 0};
   const std::array<cgsize_t, 9> structured_size = {side, side, side, cells, cells, cells, 0, 0, 0};
   int zone = 0, ignored = 0;
@@ -493,7 +498,17 @@ int write_zone(int file, int base, std::size_t b) {
   std::vector<cgsize_t> connectivity;
   for (const auto& hexahedron : cubes[b].hexahedra)
     for (const std::uint32_t point : hexahedron) connectivity.push_back(point + 1);
-  cg_section_write(file, base, zone, "Cells", CGNS_ENUMV(HEXA_8), 1, block_cells, 0, connectivity.data(), &ignored);
+  const cgsize_t before = walls_first ? wall_cells : 0;
+  cg_section_write(file, base, zone, "Cells", CGNS_ENUMV(HEXA_8), before + 1, before + cgsize_t{block_cells}, 0,
+                   connectivity.data(), &ignored);
+  if (!walls_first) return zone;
+  std::vector<cgsize_t> walls;
+  for (cgsize_t k = 0; k < cells; ++k)
+    for (cgsize_t j = 0; j < cells; ++j) {
+      const cgsize_t a = 1 + side * (j + side * k);
+      walls.insert(walls.end(), {a, a + side * side, a + side * side + side, a + side});
+    }
+  cg_section_write(file, base, zone, "Wall", CGNS_ENUMV(QUAD_4), 1, wall_cells, 0, walls.data(), &ignored);
   return zone;
 }
 
@@ -520,7 +535,7 @@ void write_solutions(int file, int base, int zone, std::size_t b) {
   cg_array_write("FlowSolutionPointers", CGNS_ENUMV(Character), 2, size.data(), pointers.data());
 }
 
-void write_cgns(const std::string& path) {
+void write_cgns(const std::string& path, bool walls_first = false) {
   int file = 0, base = 0;
   ASSERT_EQ(cg_open(path.c_str(), CG_MODE_WRITE, &file), 0) << cg_get_error();
   cg_base_write(file, "Base", 3, 3, &base);
@@ -528,7 +543,7 @@ void write_cgns(const std::string& path) {
   cg_goto(file, base, "BaseIterativeData_t", 1, "end");
   const cgsize_t two = 2;
   cg_array_write("TimeValues", CGNS_ENUMV(RealDouble), 1, &two, times.data());
-  for (std::size_t b = 0; b < 2; ++b) write_solutions(file, base, write_zone(file, base, b), b);
+  for (std::size_t b = 0; b < 2; ++b) write_solutions(file, base, write_zone(file, base, b, walls_first), b);
   cg_simulation_type_write(file, base, CGNS_ENUMV(TimeAccurate));
   ASSERT_EQ(cg_close(file), 0) << cg_get_error();
 }
@@ -540,6 +555,136 @@ TEST_F(BlocksTest, Cgns) {
   for (const double value : input.pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this zone";
   for (std::size_t i = 0; i < block_points; ++i)
     EXPECT_DOUBLE_EQ(input.pieces[1].values[0][i], field(cubes[1].points[i], 2));
+}
+
+// VTK 9.1 takes the first elements for the cells.
+TEST_F(BlocksTest, CgnsWithWallsBeforeCells) {
+  write_cgns(path("mesh.cgns"), true);
+  expect_two_blocks("mesh.cgns", 1e-12);
+  EXPECT_THAT(patches_of("mesh.cgns"), UnorderedElementsAre(Pair("Wall", 18), Pair("outer", 162)));
+  expect_survives_truncation("mesh.cgns", "mesh.cgns", 2003, all_cuts);
+}
+
+/// Adds a solution with the field "values" of this name at a place.
+void write_values(int file, int zone, const char* name, CGNS_ENUMT(GridLocation_t) location,
+                  const std::vector<double>& values) {
+  int solution = 0, ignored = 0;
+  EXPECT_EQ(cg_sol_write(file, 1, zone, fmt::format("Of {}", name).c_str(), location, &solution), 0) << cg_get_error();
+  EXPECT_EQ(cg_field_write(file, 1, zone, solution, CGNS_ENUMV(RealDouble), name, values.data(), &ignored), 0)
+      << cg_get_error();
+}
+
+/// Turns the place of a solution into FaceCenter, which the library does not write.
+void move_to_faces(const std::string& path, const char* location) {
+  const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT), text = H5Dopen2(file, location, H5P_DEFAULT);
+  EXPECT_GE(H5Dwrite(text, H5T_NATIVE_SCHAR, H5S_ALL, H5S_ALL, H5P_DEFAULT, "FaceCenter"), 0);
+  H5Dclose(text);
+  H5Fclose(file);
+}
+
+// Values of cells behind walls, a flat zone with values, whose cells are left out, and values of faces.
+TEST_F(BlocksTest, CgnsZonesThatDefeatVtk) {
+  int file = 0, base = 0, flat = 0, ignored = 0;
+  for (const bool walls_first : {false, true}) {
+    SCOPED_TRACE(walls_first);
+    ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_WRITE, &file), 0) << cg_get_error();
+    cg_base_write(file, "Base", 3, 3, &base);
+    write_zone(file, base, 0, walls_first);
+    std::vector<double> of_cells;
+    for (std::size_t cell = 0; cell < block_cells; ++cell) of_cells.push_back(field(centre(cubes[0], cell), 0));
+    write_values(file, 1, "c", CGNS_ENUMV(CellCenter), of_cells);
+    write_values(file, 1, "flux", CGNS_ENUMV(CellCenter), of_cells);
+    ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+    move_to_faces(path("mesh.cgns"), "/Base/First/Of flux/GridLocation/ data");
+    const auto input = test::value_of(read_input({path("mesh.cgns")}));
+    EXPECT_THAT(input.attributes, ElementsAre("c"));
+    EXPECT_LT(largest_error(input, "c", [](dvec3 p) { return averaged(p, 0, 0); }), 1e-12);
+    auto source = test::value_of(open_source({path("mesh.cgns")}, {}));
+    while (test::value_of(source->next())) {
+    }
+    EXPECT_THAT(source->conversions(), Contains("flux: left out, of neither points nor cells"));
+
+    ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_MODIFY, &file), 0) << cg_get_error();
+    const std::array<cgsize_t, 9> size = {3, 2, 1, 2, 1, 0, 0, 0, 0};
+    cg_zone_write(file, 1, "Flat", size.data(), CGNS_ENUMV(Structured), &flat);
+    const std::array<std::vector<double>, 3> axes = {{{5, 6, 7, 5, 6, 7}, {0, 0, 0, 1, 1, 1}, {0, 0, 0, 0, 0, 0}}};
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      cg_coord_write(file, 1, flat, CGNS_ENUMV(RealDouble), fmt::format("Coordinate{}", "XYZ"[axis]).c_str(),
+                     axes[axis].data(), &ignored);
+    write_values(file, flat, "p", CGNS_ENUMV(Vertex), {1, 2, 3, 4, 5, 6});
+    ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+    const auto beside = test::value_of(read_input({path("mesh.cgns")}, {{"c"}, {}, {}}));
+    EXPECT_EQ(beside.pieces.size(), 1u);
+    EXPECT_LT(largest_error(beside, "c", [](dvec3 p) { return averaged(p, 0, 0); }), 1e-12);
+    source = test::value_of(open_source({path("mesh.cgns")}, {}));
+    while (test::value_of(source->next())) {
+    }
+    EXPECT_EQ(source->left_out_cells(), 2u);
+  }
+}
+
+// A cell that names a point which is not there, and sections of elements that cannot be read beside others.
+TEST_F(BlocksTest, DamagedCgnsZones) {
+  const auto error_with = [&](CGNS_ENUMT(ElementType_t) type, const std::vector<cgsize_t>& points) {
+    write_cgns(path("mesh.cgns"), true);
+    int file = 0, ignored = 0;
+    EXPECT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_MODIFY, &file), 0) << cg_get_error();
+    const auto next = wall_cells + cgsize_t{block_cells} + 1;
+    cg_section_write(file, 1, 1, "More", type, next, next, 0, points.data(), &ignored);
+    EXPECT_EQ(cg_close(file), 0) << cg_get_error();
+    return error_of("mesh.cgns");
+  };
+  EXPECT_THAT(error_with(CGNS_ENUMV(TETRA_4), {1, 2, 3, 999}), HasSubstr("an element names point 999 of 64"));
+  EXPECT_THAT(error_with(CGNS_ENUMV(TETRA_4), {0, 2, 3, 4}), HasSubstr("an element names point 0 of 64"));
+  EXPECT_THAT(error_with(CGNS_ENUMV(PYRA_14), std::vector<cgsize_t>(14, 1)), HasSubstr("CGNS's type PYRA_14"));
+}
+
+/// Copies the objects of an HDF5 group into a group that keeps no order of creation.
+void copy_unordered(hid_t from, hid_t to) {
+  H5Literate(
+      from, H5_INDEX_NAME, H5_ITER_NATIVE, nullptr,
+      [](hid_t source, const char* name, const H5L_info_t*, void* data) -> herr_t {
+        const hid_t target = *static_cast<hid_t*>(data);
+        const hid_t object = H5Oopen(source, name, H5P_DEFAULT);
+        if (H5Iget_type(object) == H5I_GROUP) {
+          const hid_t group = H5Gcreate2(target, name, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+          copy_unordered(object, group);
+          H5Gclose(group);
+        } else {
+          H5Ocopy(source, name, target, name, H5P_DEFAULT, H5P_DEFAULT);
+        }
+        H5Oclose(object);
+        return 0;
+      },
+      &to);
+  H5Aiterate2(
+      from, H5_INDEX_NAME, H5_ITER_NATIVE, nullptr,
+      [](hid_t source, const char* name, const H5A_info_t*, void* data) -> herr_t {
+        const hid_t attribute = H5Aopen(source, name, H5P_DEFAULT), type = H5Aget_type(attribute),
+                    space = H5Aget_space(attribute);
+        std::array<char, 256> bytes{};
+        EXPECT_LE(H5Aget_storage_size(attribute), bytes.size());
+        H5Aread(attribute, type, bytes.data());
+        const hid_t copy = H5Acreate2(*static_cast<hid_t*>(data), name, type, space, H5P_DEFAULT, H5P_DEFAULT);
+        H5Awrite(copy, type, bytes.data());
+        for (const hid_t id : {copy, attribute}) H5Aclose(id);
+        H5Sclose(space);
+        H5Tclose(type);
+        return 0;
+      },
+      &to);
+}
+
+// As by CGNS before 3.2, and by other writers of HDF5. VTK 9.1 finds nothing in such files.
+TEST_F(BlocksTest, CgnsWithoutOrderOfCreation) {
+  write_cgns(path("ordered.cgns"));
+  const hid_t from = H5Fopen(path("ordered.cgns").c_str(), H5F_ACC_RDONLY, H5P_DEFAULT),
+              to = H5Fcreate(path("mesh.cgns").c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+  const hid_t from_root = H5Gopen2(from, "/", H5P_DEFAULT), root = H5Gopen2(to, "/", H5P_DEFAULT);
+  copy_unordered(from_root, root);
+  for (const hid_t group : {from_root, root}) H5Gclose(group);
+  for (const hid_t file : {from, to}) H5Fclose(file);
+  expect_two_blocks("mesh.cgns", 1e-12);
 }
 
 // A section of quadrilaterals, whose cells stand behind those with a volume.
