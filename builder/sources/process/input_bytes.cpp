@@ -39,7 +39,8 @@ class InputFiles {
     const std::string extension = in_lower_case(path.extension().string());
     if (path.filename() == "controlDict") return add_folder(path.parent_path().parent_path());
     if (extension == ".foam") return add_folder(path.parent_path());
-    if (is_one_of(extension, {".pvd", ".pvtu", ".vtm", ".vtpd", ".vtpc", ".gltf"})) return add_named(path, "\"'");
+    if (is_one_of(extension, {".pvd", ".pvtu", ".pvti", ".pvtr", ".pvts", ".vtm", ".vtpd", ".vtpc", ".gltf"}))
+      return add_named(path, "\"'");
     if (is_one_of(extension, {".case", ".encas"})) return add_named(path, " \t\r\n");
     // "mesh.e.4.0" is the first of four parts.
     const bool is_part = extension.size() > 1 && extension.find_first_not_of("0123456789", 1) == std::string::npos;

@@ -339,10 +339,12 @@ std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, const So
   return std::make_unique<FileDataSets>(std::move(files), options);
 }
 
-Result<std::vector<std::string>> pvtu_pieces(const std::string& path) {
+Result<std::vector<std::string>> parallel_pieces(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
   std::vector<std::string> pieces;
-  vtkXMLDataElement* grid = parser->GetRootElement()->FindNestedElementWithName("PUnstructuredGrid");
+  vtkXMLDataElement* grid = nullptr;
+  for (const char* name : {"PUnstructuredGrid", "PImageData", "PRectilinearGrid", "PStructuredGrid"})
+    if (!grid) grid = parser->GetRootElement()->FindNestedElementWithName(name);
   const auto folder = std::filesystem::path(path).parent_path();
   for (int i = 0; grid && i < grid->GetNumberOfNestedElements(); ++i) {
     vtkXMLDataElement* element = grid->GetNestedElement(i);
@@ -350,6 +352,7 @@ Result<std::vector<std::string>> pvtu_pieces(const std::string& path) {
     if (element->GetName() == std::string("Piece") && file) pieces.push_back((folder / file).string());
   }
   if (pieces.empty()) return fail(ErrorCode::invalid_data, "{}: damaged, or names no pieces", path);
+  SPLATVOL_TRY(check_parallel_pieces(path, *grid));
   return pieces;
 }
 

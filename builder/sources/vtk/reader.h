@@ -24,7 +24,8 @@ namespace splatvol {
 /// damage to these arrays like VTK's own errors.
 [[nodiscard]] vtkSmartPointer<vtkXMLReader> make_unstructured_reader();
 
-/// The files that a .pvtu names, relative to its own folder, in its order.
-[[nodiscard]] Result<std::vector<std::string>> pvtu_pieces(const std::string& path);
+/// The files that a .pvtu, .pvti, .pvtr or .pvts names, relative to its own folder, in its order. Fails if the pieces
+/// of a structured grid do not fill it.
+[[nodiscard]] Result<std::vector<std::string>> parallel_pieces(const std::string& path);
 
 }  // namespace splatvol

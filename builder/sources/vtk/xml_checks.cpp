@@ -505,6 +505,14 @@ class Arrays {
 
 }  // namespace
 
+Status check_parallel_pieces(const std::string& path, vtkXMLDataElement& grid) {
+  const char* ghosts = grid.GetAttribute("GhostLevel");
+  if (grid.GetName() == std::string_view("PUnstructuredGrid") || (ghosts && std::string_view(ghosts) != "0")) return {};
+  const auto whole = extent_in(grid, "WholeExtent");
+  if (!whole) return fail(ErrorCode::invalid_data, "{}: the WholeExtent of its {} is damaged", path, grid.GetName());
+  return check_pieces(path, grid, *whole);
+}
+
 Status check_xml(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
   vtkXMLDataElement* root = parser->GetRootElement();

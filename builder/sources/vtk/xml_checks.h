@@ -5,6 +5,8 @@
 
 #include "base/error.h"
 
+class vtkXMLDataElement;
+
 namespace splatvol {
 
 /// Checks the elements of the file at `path`. Fails if an array has an unknown type, or if two neighbouring arrays have
@@ -12,5 +14,9 @@ namespace splatvol {
 /// header of a compressed array is damaged (builder/sources/vtk/compression.h), or if the file ends before an array
 /// does. Fails if memory cannot hold the cells and points of a piece. Safe on untrusted files.
 [[nodiscard]] Status check_xml(const std::string& path);
+
+/// Checks that the pieces that a parallel file of a structured grid names fill its extent. Pieces with ghosts overlap,
+/// and pass. `grid`: the element of the grid; other kinds have no extent, and pass.
+[[nodiscard]] Status check_parallel_pieces(const std::string& path, vtkXMLDataElement& grid);
 
 }  // namespace splatvol

@@ -154,6 +154,51 @@ TEST_F(FormatsTest, Pvd) {
   EXPECT_THAT(test::error_of({path("data/a.vtu"), path("series.pvd")}), HasSubstr("must be the only input"));
 }
 
+// .pvti, .pvtr, .pvts: a grid of 4 x 1 x 1 cells in two pieces, with the value x at its points.
+TEST_F(FormatsTest, ParallelStructuredGrids) {
+  const auto piece = [&](const std::string& type, int first, int last, const std::string& whole) {
+    std::vector<double> values, x, coordinates;
+    for (int i = first; i <= last; ++i) x.push_back(i);
+    for (const double z : {0, 1})
+      for (const double y : {0, 1})
+        for (const double at : x) {
+          values.push_back(at);
+          coordinates.insert(coordinates.end(), {at, y, z});
+        }
+    const std::string geometry =
+        type == "StructuredGrid" ? "<Points>" + test::data_arrays({{"Points", coordinates, 3}}) + "</Points>"
+        : type == "RectilinearGrid"
+            ? "<Coordinates>" + test::data_arrays({{"x", x}, {"y", {0, 1}}, {"z", {0, 1}}}) + "</Coordinates>"
+            : "";
+    return test::vtk_file(type,
+                          fmt::format("<Piece Extent=\"{} {} 0 1 0 1\"><PointData>{}</PointData>{}</Piece>", first,
+                                      last, test::data_arrays({{"f", values}}), geometry),
+                          fmt::format("WholeExtent=\"{} 0 1 0 1\" Origin=\"0 0 0\" Spacing=\"1 1 1\"", whole));
+  };
+  const auto index = [](const std::string& type, const std::string& second, const std::string& attributes = "") {
+    return test::vtk_file(
+        "P" + type,
+        "<Piece Extent=\"0 2 0 1 0 1\" Source=\"p/a\"/><Piece Extent=\"" + second + " 0 1 0 1\" Source=\"p/b\"/>",
+        "WholeExtent=\"0 4 0 1 0 1\" " + attributes);
+  };
+  for (const std::string type : {"ImageData", "RectilinearGrid", "StructuredGrid"}) {
+    SCOPED_TRACE(type);
+    write("p/a", piece(type, 0, 2, "0 2"));
+    write("p/b", piece(type, 2, 4, "2 4"));
+    write("all.pvti", index(type, "2 4"));
+    const auto input = test::value_of(read_input({path("all.pvti")}));
+    EXPECT_EQ(input.pieces.size(), 2u);
+    EXPECT_NEAR(input.volume, 4, 1e-12);
+    EXPECT_LT(largest_error(input, "f", [](dvec3 p) { return p.x; }), 1e-12);
+    write("all.pvti", index(type, "3 4"));
+    EXPECT_THAT(error_of("all.pvti"), HasSubstr("its pieces have 3 cells, and its WholeExtent 4"));
+    write("all.pvti", index(type, "1 4", "GhostLevel=\"1\""));
+    EXPECT_EQ(error_of("all.pvti"), "(no error)");
+    write("all.pvti", index(type == "ImageData" ? "StructuredGrid" : "ImageData", "2 4"));
+    EXPECT_THAT(error_of("all.pvti"), HasSubstr("p/a is not a file of the type"));
+  }
+}
+
 TEST_F(FormatsTest, DamagedPvd) {
   const auto of = [&](const std::string& body) {
     write("a.pvd", test::vtk_file("Collection", body));
