@@ -137,35 +137,6 @@ bool is_plain_folder(const std::string& input) {
 
 }  // namespace
 
-<<<<<<< HEAD
-=======
-bool is_csv(std::string_view path) {
-  const std::string name(path);
-  return has_extension(name, ".csv") || has_extension(name, ".tsv") || has_extension(name, ".txt");
-}
-
-bool has_vtk_extension(std::string_view path) {
-  return ends_in(in_lower_case(std::string(path)), {".vtu", ".pvtu", ".pvti", ".pvtr", ".pvts", ".vtk", ".vts", ".vtr",
-                                                    ".vti", ".vtp", ".pvd", ".vtm", ".vtpd", ".vtpc"});
-}
-
-Result<FileHeader> read_header(const std::string& path) {
-  using Format = FileHeader::Format;
-  SPLATVOL_TRY_ASSIGN(text, read_text(path, 65536));
-  if (text.starts_with(npy_magic) || has_extension(path, ".npy")) return FileHeader{.format = Format::npy};
-  if (is_csv(path)) return FileHeader{.format = Format::csv};
-  if (text.starts_with(vdb_magic) || has_extension(path, ".vdb")) return FileHeader{.format = Format::vdb};
-  // Exodus files in NetCDF's own format may have any name.
-  if (const auto kind = is_netcdf(text) ? VtkFile::Kind::exodus : multi_block_kind(path))
-    return FileHeader{.format = Format::multi_block, .kind = *kind};
-  if (text.starts_with(legacy_start)) return read_legacy_header(path, text);
-  const std::size_t tag = text.find("<VTKFile");
-  if (tag == std::string::npos && is_table(path)) return FileHeader{.format = Format::csv};
-  if (tag == std::string::npos) return FileHeader{};
-  return read_xml_header(path, text.substr(tag, text.find('>', tag) - tag));
-}
-
->>>>>>> b0501ff3 (Parallel structured grids: .pvti, .pvtr, .pvts by their pieces)
 Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) {
   std::vector<std::string> paths;
   for (const std::string& input : inputs) {

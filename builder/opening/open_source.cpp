@@ -49,18 +49,6 @@ Result<VtkFile> identify_xml(const std::string& path, const FileHeader& header) 
   return VtkFile{path, *kind};
 }
 
-<<<<<<< HEAD
-=======
-bool is_composite(const FileHeader& header) {
-  return is_one_of(header.type, {"vtkMultiBlockDataSet", "vtkPartitionedDataSet", "vtkPartitionedDataSetCollection"});
-}
-
-/// Whether a file names the pieces of one grid.
-bool is_parallel(const FileHeader& header) {
-  return is_one_of(header.type, {"PUnstructuredGrid", "PImageData", "PRectilinearGrid", "PStructuredGrid"});
-}
-
->>>>>>> b0501ff3 (Parallel structured grids: .pvti, .pvtr, .pvts by their pieces)
 /// A file that names files is not one of those that it names, at any depth.
 constexpr int deepest_nesting = 16;
 
@@ -96,11 +84,7 @@ class KnownFiles {
     const auto [known, is_new] = counts_.try_emplace(canonical(path), 1.0);
     if (!is_new || nesting == deepest_nesting) return known->second;
     const auto header = this->header(path);
-<<<<<<< HEAD
     if (!header || (header->format != InputFormat::vtk_blocks && header->format != InputFormat::vtk_parallel)) return 1;
-=======
-    if (!header || (!is_composite(*header) && !is_parallel(*header))) return 1;
->>>>>>> b0501ff3 (Parallel structured grids: .pvti, .pvtr, .pvts by their pieces)
     const auto names = this->names(path, *header);
     if (!names) return 1;
     double sum = 1;
@@ -126,7 +110,6 @@ class KnownFiles {
   std::map<std::string, double> counts_;
 };
 
-<<<<<<< HEAD
 /// Appends a file to those for VTK's readers. `nesting`: how many files name each other on the way to it.
 using Append = Status(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files, KnownFiles& known,
                       int nesting);
@@ -134,23 +117,12 @@ using Append = Status(const std::string& path, const FileHeader& header, std::ve
 /// Appends the pieces that a .pvtu names.
 Status append_pieces(const std::string& path, const FileHeader& of_path, std::vector<VtkFile>& files, KnownFiles& known,
                      int /*nesting*/) {
-=======
-/// Appends the pieces that a parallel file names.
-Status append_pieces(const std::string& path, const FileHeader& of_path, std::vector<VtkFile>& files,
-                     KnownFiles& known) {
->>>>>>> b0501ff3 (Parallel structured grids: .pvti, .pvtr, .pvts by their pieces)
   SPLATVOL_TRY_ASSIGN(pieces, known.names(path, of_path));
   for (const auto& [piece, block] : pieces) {
     const auto header = known.header(piece);
     if (!header) return fail_in(path, header.error());
-<<<<<<< HEAD
     if (header->format != InputFormat::vtk_xml || header->type != "UnstructuredGrid")
       return fail(ErrorCode::invalid_data, "{}: its piece {} is not a .vtu file", path, piece);
-=======
-    if (header->format != FileHeader::Format::vtk_xml || "P" + header->type != of_path.type)
-      return fail(ErrorCode::invalid_data, "{}: its piece {} is not a file of the type \"{}\"", path, piece,
-                  of_path.type.substr(1));
->>>>>>> b0501ff3 (Parallel structured grids: .pvti, .pvtr, .pvts by their pieces)
     SPLATVOL_TRY_ASSIGN(file, identify_xml(piece, *header));
     files.push_back(file);
   }
@@ -177,32 +149,8 @@ Status append_composite(const std::string& path, const FileHeader& header, std::
   return {};
 }
 
-<<<<<<< HEAD
 Status append_xml(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files, KnownFiles& /*known*/,
                   int /*nesting*/) {
-=======
-Status append_file(const std::string& path, std::vector<VtkFile>& files, KnownFiles& known, int nesting) {
-  SPLATVOL_TRY_ASSIGN(header, known.header(path));
-  for (const auto& [format, extension] :
-       {std::pair(FileHeader::Format::npy, "npy"), {FileHeader::Format::csv, "csv"}, {FileHeader::Format::vdb, "vdb"}})
-    if (header.format == format)
-      return fail(ErrorCode::invalid_argument, "{}: a .{} file among meshes", path, extension);
-  if (header.format == FileHeader::Format::other)
-    return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
-                path);
-  if (header.format == FileHeader::Format::multi_block) {
-    files.push_back({path, header.kind});
-    return {};
-  }
-  if (header.format == FileHeader::Format::vtk_legacy) {
-    if (newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
-    files.push_back({path, VtkFile::Kind::legacy});
-    return {};
-  }
-  if (is_parallel(header)) return append_pieces(path, header, files, known);
-  if (is_composite(header)) return append_composite(path, header, files, known, nesting);
-  if (header.type == "Collection") return fail(ErrorCode::invalid_argument, "{}: a .pvd must be the only input", path);
->>>>>>> b0501ff3 (Parallel structured grids: .pvti, .pvtr, .pvts by their pieces)
   SPLATVOL_TRY_ASSIGN(file, identify_xml(path, header));
   files.push_back(file);
   return {};

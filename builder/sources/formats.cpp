@@ -34,7 +34,7 @@ constexpr std::array<FormatRow, input_format_count> rows = {{
     {InputFormat::cgns, "CGNS", ".cgns", "", "HDF5, ADF", "a zone", "`--time`", "as VTK",
      "sections of surfaces and boundary conditions without `--boundary`"},
     {InputFormat::ensight, "EnSight", ".case .encas", "", "6, Gold; ascii, binary", "the whole mesh", "`--time`",
-     "as VTK", "parts with surfaces only, without `--boundary`"},
+     "as VTK", "ghosts; parts with surfaces only, without `--boundary`"},
     {InputFormat::openfoam, "OpenFOAM", ".foam", "a case's folder or .foam", "or a case's folder; ascii, binary, `.gz`",
      "the mesh of a time step; decomposed: a processor, and all points on the outsides of processors", "`--time`",
      "polyhedra", "sets, zones, particles; patches without `--boundary`"},

@@ -135,8 +135,8 @@ Result<CaseDoubts> check_case_files(const VtkFile& file, std::optional<double> t
   if (file.kind != VtkFile::Kind::ensight) return CaseDoubts();
   SPLATVOL_TRY(check_case(file.path));
   SPLATVOL_TRY_ASSIGN(text, read_text(file.path, largest_case));
-  SPLATVOL_TRY_ASSIGN(gaps, check_ensight_files(file.path, EnsightCase(text), time));
-  return CaseDoubts{std::move(gaps), !text.empty() && std::isdigit(static_cast<unsigned char>(text.back())) != 0};
+  SPLATVOL_TRY_ASSIGN(findings, check_ensight_files(file.path, EnsightCase(text), time));
+  return CaseDoubts{std::move(findings), !text.empty() && std::isdigit(static_cast<unsigned char>(text.back())) != 0};
 }
 
 Status check_blocks(const VtkFile& file) {

@@ -15,7 +15,7 @@ namespace splatvol {
 
 /// What VTK's reader makes something else of, and what may be wrong.
 struct CaseDoubts {
-  std::vector<EnsightGaps> gaps = {};
+  EnsightFindings findings = {};
   bool open_end = false;  // the case file ends with a digit: a number may be cut off
 };
 

@@ -4,12 +4,15 @@
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>
 #include <vtkDataSetAttributes.h>
+#include <vtkFloatArray.h>
 #include <vtkGenericEnSightReader.h>
+#include <vtkIdList.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkMultiBlockDataSetAlgorithm.h>
 #include <vtkNew.h>
 #include <vtkObjectFactory.h>
 #include <vtkSmartPointer.h>
+#include <vtkUnsignedCharArray.h>
 #include <vtk_cgns.h>
 
 #include <algorithm>
@@ -71,15 +74,26 @@ class EnSightReader final : public BlockReader {
                                    wants_array(selection, reader_->GetPointArrayName(i)));
     for (int i = 0; i < reader_->GetNumberOfCellArrays(); ++i)
       reader_->SetCellArrayStatus(reader_->GetCellArrayName(i), wants_array(selection, reader_->GetCellArrayName(i)));
+    // Those that are read here.
+    std::erase_if(findings_.gaps, [&](const EnsightGaps& gaps) {
+      if (!gaps.values.empty()) reader_->SetCellArrayStatus(gaps.variable.c_str(), 0);
+      return !wants_array(selection, gaps.variable);
+    });
   }
 
-  void set_gaps(std::vector<EnsightGaps> gaps) override { gaps_ = std::move(gaps); }
+  void set_findings(EnsightFindings findings) override { findings_ = std::move(findings); }
   CellCensus take_changes() override { return std::exchange(changes_, {}); }
 
   void read(int, std::optional<double> time) override {
     update(*reader_, time, 0, 1);
-    for (const EnsightGaps& of_variable : gaps_)
+    for (const auto& [part, ghosts] : findings_.ghosts) {
+      changes_.hidden += ghosts;
+      if (vtkDataSet* data = part_of(part)) hide_loose_points(*data);
+    }
+    for (const EnsightGaps& of_variable : findings_.gaps) {
+      for (const auto& [part, values] : of_variable.values) add_values(of_variable, part, values);
       for (const EnsightGaps::Gap& gap : of_variable.gaps) leave_out(of_variable, gap);
+    }
   }
 
   bool rounds_points() const override { return true; }
@@ -88,10 +102,7 @@ class EnSightReader final : public BlockReader {
  private:
   /// Replaces a value by a missing one, if its variable was read. VTK may order the components of tensors anew.
   void leave_out(const EnsightGaps& variable, const EnsightGaps::Gap& gap) {
-    vtkMultiBlockDataSet* parts = reader_->GetOutput();
-    auto* part = parts && gap.part < parts->GetNumberOfBlocks()
-                     ? vtkDataSet::SafeDownCast(parts->GetBlock(static_cast<unsigned>(gap.part)))
-                     : nullptr;
+    vtkDataSet* part = part_of(gap.part);
     vtkDataArray* array = part ? arrays_of(*part, variable.per_element).GetArray(variable.variable.c_str()) : nullptr;
     const auto index = static_cast<vtkIdType>(gap.index);
     if (!array || index >= array->GetNumberOfTuples()) return;
@@ -101,13 +112,49 @@ class EnSightReader final : public BlockReader {
     ++changes_.unwritten;
   }
 
+  /// Null if VTK's reader gives no such part.
+  vtkDataSet* part_of(std::size_t index) {
+    vtkMultiBlockDataSet* parts = reader_->GetOutput();
+    return parts && index < parts->GetNumberOfBlocks()
+               ? vtkDataSet::SafeDownCast(parts->GetBlock(static_cast<unsigned>(index)))
+               : nullptr;
+  }
+
+  /// Flags the points that no cell uses as copies: ghosts used them.
+  static void hide_loose_points(vtkDataSet& part) {
+    const vtkNew<vtkUnsignedCharArray> flags;
+    flags->SetName(vtkDataSetAttributes::GhostArrayName());
+    flags->SetNumberOfTuples(part.GetNumberOfPoints());
+    flags->Fill(vtkDataSetAttributes::DUPLICATEPOINT);
+    const vtkNew<vtkIdList> points;
+    for (vtkIdType cell = 0; cell < part.GetNumberOfCells(); ++cell) {
+      part.GetCellPoints(cell, points);
+      for (vtkIdType i = 0; i < points->GetNumberOfIds(); ++i) flags->SetValue(points->GetId(i), 0);
+    }
+    part.GetPointData()->AddArray(flags);
+  }
+
+  void add_values(const EnsightGaps& variable, std::size_t index, const std::vector<float>& values) {
+    vtkDataSet* part = part_of(index);
+    if (!part) return;
+    if (values.size() != static_cast<std::size_t>(part->GetNumberOfCells()) * variable.components)
+      throw ReaderError("\"{}\" has values of {} cells instead of {}", variable.variable,
+                        values.size() / variable.components, part->GetNumberOfCells());
+    const vtkNew<vtkFloatArray> array;
+    array->SetName(variable.variable.c_str());
+    array->SetNumberOfComponents(static_cast<int>(variable.components));
+    array->SetNumberOfTuples(part->GetNumberOfCells());
+    std::ranges::copy(values, array->GetPointer(0));
+    part->GetCellData()->AddArray(array);
+  }
+
   static std::size_t component_count(vtkDataArray& array) {
     return static_cast<std::size_t>(array.GetNumberOfComponents());
   }
 
   std::string path_;
   vtkNew<vtkGenericEnSightReader> reader_;
-  std::vector<EnsightGaps> gaps_;
+  EnsightFindings findings_;
   CellCensus changes_;
 };
 

@@ -25,8 +25,9 @@ class BlockReader {
   /// Chooses arrays and blocks, after the file's header has been read.
   virtual void select(const std::vector<std::string>& selection) = 0;
 
-  /// Lets read() replace these values by missing ones. Called before read(); only for EnSight.
-  virtual void set_gaps(std::vector<EnsightGaps> /*gaps*/) {}  // NOLINT(performance-unnecessary-value-param)
+  /// Lets read() replace these values, and leave out the points that only ghosts use. Called before select(); only for
+  /// EnSight.
+  virtual void set_findings(EnsightFindings /*findings*/) {}  // NOLINT(performance-unnecessary-value-param)
 
   /// Counts what read() has changed since the last call.
   virtual CellCensus take_changes() { return {}; }

@@ -50,7 +50,7 @@ class BlockDataSets final : public VtkDataSets {
   Status open() {
     SPLATVOL_TRY(check_blocks(file_));
     SPLATVOL_TRY_ASSIGN(doubts, check_case_files(file_, options_.time));
-    reader_->set_gaps(std::move(doubts.gaps));
+    reader_->set_findings(std::move(doubts.findings));
     changes_.open_ends += doubts.open_end ? 1 : 0;
     vtkMultiBlockDataSetAlgorithm* algorithm = nullptr;
     SPLATVOL_TRY(run_vtk(file_.path, [&] {

@@ -4,9 +4,12 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <charconv>
 #include <cstdint>
+#include <cstdlib>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <memory>
 #include <string_view>
@@ -138,6 +141,30 @@ class EnsightReader {
     return unwritten;
   }
 
+  /// Reads `count` numbers of four bytes in one record; in a text file a line for each. Appends those that are not
+  /// written to `unwritten`, and returns NaN for them.
+  std::vector<float> values(std::uint64_t count, std::vector<std::uint64_t>& unwritten) {
+    std::vector<float> numbers;
+    if (encoding_.binary) mark();
+    for (std::uint64_t i = 0; i < count && !ended_; ++i) {
+      const auto number = encoding_.binary ? std::optional(std::bit_cast<float>(whole_number())) : text_value();
+      if (!number) unwritten.push_back(i);
+      numbers.push_back(number.value_or(std::numeric_limits<float>::quiet_NaN()));
+    }
+    if (encoding_.binary) mark();
+    return numbers;
+  }
+
+  /// Reads a list of integers of four bytes in one record; in a text file a line for each.
+  std::vector<std::uint64_t> list(std::uint64_t count) {
+    if (count > words_.size()) ended_ = true;
+    std::vector<std::uint64_t> numbers;
+    if (encoding_.binary) mark();
+    while (numbers.size() < count && !ended_) numbers.push_back(encoding_.binary ? whole_number() : counts(1).front());
+    if (encoding_.binary) mark();
+    return numbers;
+  }
+
   /// The same for numbers that must be there.
   void skip_numbers(std::uint64_t count) {
     if (!skip_values(count).empty()) refuse("***");
@@ -179,6 +206,17 @@ class EnsightReader {
     return line;
   }
 
+  /// Reads a line with a number; nothing if it is not written.
+  std::optional<float> text_value() {
+    const std::string line = next_line();
+    std::string_view word = trimmed(line);
+    if (word.starts_with('+')) word.remove_prefix(1);
+    if (const auto number = number_of<float>(word)) return number;
+    if (is_number(trimmed(line))) return static_cast<float>(std::strtod(line.c_str(), nullptr));  // out of range
+    if (!ended_ && !is_unwritten(word)) refuse(word);
+    return std::nullopt;
+  }
+
   /// Skips a record of numbers of four bytes.
   void skip_bytes(std::uint64_t count) {
     mark();
@@ -217,6 +255,19 @@ struct Part {
   std::uint64_t nodes = 0;
   std::map<std::string, std::uint64_t, std::less<>> elements;     // of each type; "block" of a structured part
   std::vector<std::pair<std::string, std::uint64_t>> lists = {};  // of elements, in their order: type and number
+
+  [[nodiscard]] std::uint64_t ghosts() const {
+    std::uint64_t count = 0;
+    for (const auto& [type, number] : lists) count += type.starts_with("g_") ? number : 0;
+    return count;
+  }
+
+  /// Elements that are no ghosts.
+  [[nodiscard]] std::uint64_t cells() const {
+    std::uint64_t count = 0;
+    for (const auto& [type, number] : elements) count += type.starts_with("g_") ? 0 : number;
+    return count;
+  }
 
   /// The index in the part of an element that is number `element` of its type. VTK leaves out ghosts.
   [[nodiscard]] std::uint64_t index_of(std::string_view type, std::uint64_t element) const {
@@ -435,6 +486,9 @@ class VariableWalk : public EnsightWalk {
   /// The values that are not written, of the step that is wanted.
   EnsightGaps take_gaps() { return std::move(gaps_); }
 
+  /// Reads the values of cells, too: for variables of elements, of which some are ghosts.
+  void read_values() { reads_values_ = true; }
+
   /// `layouts`: of each step, or one for all.
   Status walk(const std::vector<Layout>& layouts, const EnsightFile& stated) {
     if (file_.at_end()) return fail(ErrorCode::invalid_data, "{}: the file is cut off: it is empty", path_);
@@ -495,6 +549,7 @@ class VariableWalk : public EnsightWalk {
   }
 
   void walk_values(std::string_view header, const Part& part, std::uint64_t count) {
+    if (reads_values_ && is_wanted_) return read_elements(header, part, count);
     if (has_word(header, "undef")) file_.skip_numbers(1);
     if (has_word(header, "partial")) {
       count = file_.count();
@@ -508,7 +563,32 @@ class VariableWalk : public EnsightWalk {
           gaps_.gaps.push_back({part.index, c, variable_.per_element ? part.index_of(first_word(header), i) : i});
   }
 
+  /// Reads the values of `count` elements of a type.
+  void read_elements(std::string_view header, const Part& part, std::uint64_t count) {
+    const std::string_view type = first_word(header);
+    std::vector<float>& values = gaps_.values[part.index];
+    if (values.empty()) values.assign(part.cells() * variable_.components, std::numeric_limits<float>::quiet_NaN());
+    std::vector<std::uint64_t> elements, unwritten;
+    const std::vector<float> undefined = has_word(header, "undef") ? file_.values(1, unwritten) : std::vector<float>();
+    const bool is_partial = has_word(header, "partial");
+    if (is_partial) elements = file_.list(count = file_.count());
+    for (std::size_t c = 0; c < variable_.components; ++c) {
+      unwritten.clear();
+      const std::vector<float> read = file_.values(count, unwritten);
+      if (type.starts_with("g_") || (is_partial && elements.size() < read.size())) continue;
+      const auto index_of = [&](std::size_t i) { return part.index_of(type, is_partial ? elements[i] - 1 : i); };
+      // VTK has the last two components of a symmetric tensor in the other order.
+      const std::size_t component = variable_.components == 6 && c >= 4 ? 9 - c : c;
+      for (std::size_t i = 0; i < read.size(); ++i)
+        if (const std::uint64_t at = index_of(i) * variable_.components + component;
+            at < values.size() && (undefined.empty() || read[i] != undefined[0]))
+          values[at] = read[i];
+      for (const std::uint64_t i : unwritten) gaps_.gaps.push_back({part.index, component, index_of(i)});
+    }
+  }
+
   const EnsightFiles& variable_;
+  bool reads_values_ = false;
   bool is_wanted_ = false;  // the current step
   EnsightGaps gaps_;
   std::size_t parts_ = 0;
@@ -555,14 +635,14 @@ class CaseFiles {
     if (files.geometry()) geometry_ = files.file_at(*files.geometry(), time_);
   }
 
-  Result<std::vector<EnsightGaps>> check() {
+  Result<EnsightFindings> check() {
     if (geometry_) {
       auto file = open_file(folder_ / geometry_->name);
-      if (!file) return gaps_;  // VTK's reader tells
+      if (!file) return findings_;  // VTK's reader tells
       SPLATVOL_TRY(check_geometry(folder_ / geometry_->name, std::move(*file)));
     }
     for (const EnsightFiles& variable : files_.variables()) SPLATVOL_TRY(check_variable(variable));
-    return std::move(gaps_);
+    return std::move(findings_);
   }
 
  private:
@@ -572,6 +652,9 @@ class CaseFiles {
     SPLATVOL_TRY_ASSIGN(layouts, files_.is_gold() ? walk.walk(*geometry_) : walk.encoding_only());
     layouts_ = std::move(layouts);
     encoding_ = walk.encoding();
+    if (!layouts_.empty())
+      for (const auto& [number, part] : layouts_[std::min(geometry_->step, layouts_.size() - 1)])
+        if (const std::uint64_t ghosts = part.ghosts(); ghosts > 0) findings_.ghosts[part.index] = ghosts;
     if (!layouts_.empty() || encoding_.binary) return {};
     SPLATVOL_TRY_ASSIGN(text, open_file(path));
     return check_lines(path, std::move(text), 2);
@@ -588,8 +671,10 @@ class CaseFiles {
         layouts_.size() > 1 ? values->steps == layouts_.size() : !layouts_.empty() && !(moves && values->steps > 1);
     if (!known) return encoding_.binary ? Status{} : check_lines(path, std::move(*file), 1);
     VariableWalk walk(path, std::move(*file), encoding_, variable);
+    if (variable.per_element && !findings_.ghosts.empty()) walk.read_values();
     SPLATVOL_TRY(walk.walk(layouts_, *values));
-    if (EnsightGaps gaps = walk.take_gaps(); !gaps.gaps.empty()) gaps_.push_back(std::move(gaps));
+    EnsightGaps gaps = walk.take_gaps();
+    if (!gaps.gaps.empty() || !gaps.values.empty()) findings_.gaps.push_back(std::move(gaps));
     return {};
   }
 
@@ -599,13 +684,13 @@ class CaseFiles {
   std::optional<EnsightFile> geometry_;
   std::vector<Layout> layouts_;  // none: what the geometry holds is not known
   EnsightEncoding encoding_;
-  std::vector<EnsightGaps> gaps_;
+  EnsightFindings findings_;
 };
 
 }  // namespace
 
-Result<std::vector<EnsightGaps>> check_ensight_files(const std::string& path, const EnsightCase& files,
-                                                     std::optional<double> time) {
+Result<EnsightFindings> check_ensight_files(const std::string& path, const EnsightCase& files,
+                                            std::optional<double> time) {
   if (files.wrong_line().empty()) return CaseFiles(path, files, time).check();
   return fail(ErrorCode::invalid_data, "{}: the line \"{}\" has too few or too many words", path,
               files.wrong_line().substr(0, 80));

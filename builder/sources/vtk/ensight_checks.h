@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,8 +13,9 @@
 
 namespace splatvol {
 
-/// Values of a variable that its text file has stars for. VTK's reader gives 0.
+/// Values of a variable that VTK's reader reads wrongly, or not at all.
 struct EnsightGaps {
+  /// A value that its text file has stars for: VTK's reader gives 0.
   struct Gap {
     std::size_t part;  // in the order of the geometry
     std::size_t component;
@@ -23,6 +25,15 @@ struct EnsightGaps {
   bool per_element;
   std::size_t components;  // of a value
   std::vector<Gap> gaps;
+
+  /// All values of cells, of each part: [cell][component], in VTK's order of components. VTK's reader fails at values
+  /// of ghosts, so they are read here; empty if there are no ghosts.
+  std::map<std::size_t, std::vector<float>> values = {};
+};
+
+struct EnsightFindings {
+  std::vector<EnsightGaps> gaps;
+  std::map<std::size_t, std::uint64_t> ghosts;  // parts that have some, and how many. VTK's reader leaves them out
 };
 
 /// Walks through the geometry and all variables of a case at a time step, text or binary. Fails if a file ends before
@@ -36,7 +47,7 @@ struct EnsightGaps {
 /// part has no values.
 ///
 /// `path`: of the case. `time`: the one asked for; without it, the last.
-[[nodiscard]] Result<std::vector<EnsightGaps>> check_ensight_files(const std::string& path, const EnsightCase& files,
-                                                                   std::optional<double> time);
+[[nodiscard]] Result<EnsightFindings> check_ensight_files(const std::string& path, const EnsightCase& files,
+                                                          std::optional<double> time);
 
 }  // namespace splatvol
