@@ -114,15 +114,16 @@ class KnownFiles {
 using Append = Status(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files, KnownFiles& known,
                       int nesting);
 
-/// Appends the pieces that a .pvtu names.
+/// Appends the pieces that a parallel file names.
 Status append_pieces(const std::string& path, const FileHeader& of_path, std::vector<VtkFile>& files, KnownFiles& known,
                      int /*nesting*/) {
   SPLATVOL_TRY_ASSIGN(pieces, known.names(path, of_path));
   for (const auto& [piece, block] : pieces) {
     const auto header = known.header(piece);
     if (!header) return fail_in(path, header.error());
-    if (header->format != InputFormat::vtk_xml || header->type != "UnstructuredGrid")
-      return fail(ErrorCode::invalid_data, "{}: its piece {} is not a .vtu file", path, piece);
+    if (header->format != InputFormat::vtk_xml || "P" + header->type != of_path.type)
+      return fail(ErrorCode::invalid_data, "{}: its piece {} is not a file of the type \"{}\"", path, piece,
+                  of_path.type.substr(1));
     SPLATVOL_TRY_ASSIGN(file, identify_xml(piece, *header));
     files.push_back(file);
   }

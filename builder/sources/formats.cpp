@@ -19,7 +19,8 @@ namespace {
 constexpr std::array<FormatRow, input_format_count> rows = {{
     {InputFormat::vtk_xml, "VTK", ".vtu .vts .vtr .vti .vtp", "", "", "a piece of a `.vtu`, else the file", "",
      "all but convex point sets and Bezier cells", "hidden, ghost and refined cells, texts, ids"},
-    {InputFormat::vtk_parallel, "parallel VTK", ".pvtu", "", "", "a piece", "", "as `.vtu`", "as `.vtu`"},
+    {InputFormat::vtk_parallel, "parallel VTK", ".pvtu .pvti .pvtr .pvts", "", "", "a piece", "", "as `.vtu`",
+     "as `.vtu`"},
     {InputFormat::vtk_legacy, "legacy VTK", ".vtk", "", "to version 5.1", "the file", "", "as `.vtu`", "as `.vtu`"},
     {InputFormat::vtk_blocks, "VTK blocks", ".vtm .vtpd .vtpc", "", "nested; paths relative to the file",
      "a piece of a block", "", "as `.vtu`", "blocks with surfaces only"},
@@ -32,7 +33,7 @@ constexpr std::array<FormatRow, input_format_count> rows = {{
      "a block, and the arrays of all points", "`--time`", "as VTK",
      "node sets, edge and face blocks; side sets without `--boundary`"},
     {InputFormat::cgns, "CGNS", ".cgns", "", "HDF5, ADF", "a zone", "`--time`", "as VTK",
-     "sections of surfaces and boundary conditions without `--boundary`"},
+     "sections of surfaces and boundary conditions without `--boundary`; flat zones; values of faces and edges"},
     {InputFormat::ensight, "EnSight", ".case .encas", "", "6, Gold; ascii, binary", "the whole mesh", "`--time`",
      "as VTK", "ghosts; parts with surfaces only, without `--boundary`"},
     {InputFormat::openfoam, "OpenFOAM", ".foam", "a case's folder or .foam", "or a case's folder; ascii, binary, `.gz`",
@@ -143,7 +144,9 @@ InputFormat format_of_xml(std::string_view type) {
   if (is_one_of(type, {"vtkMultiBlockDataSet", "vtkPartitionedDataSet", "vtkPartitionedDataSetCollection"}))
     return InputFormat::vtk_blocks;
   if (type == "Collection") return InputFormat::vtk_series;
-  return type == "PUnstructuredGrid" ? InputFormat::vtk_parallel : InputFormat::vtk_xml;
+  if (is_one_of(type, {"PUnstructuredGrid", "PImageData", "PRectilinearGrid", "PStructuredGrid"}))
+    return InputFormat::vtk_parallel;
+  return InputFormat::vtk_xml;
 }
 
 /// `element`: the start tag of the VTKFile element.
