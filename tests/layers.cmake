@@ -4,7 +4,7 @@
 cmake_minimum_required(VERSION 3.25)
 
 set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process
-                  builder/sources/vtk builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
+                  builder/sources/openfoam builder/sources/vtk builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
                   builder/pipeline builder/series)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
 set(layers splatvol base scene pictures splat format sampler ${builder_rooms} builder/distributed streamer streamer/first
@@ -24,7 +24,8 @@ set(builder/mesh_knows base format)
 set(builder/scattered_knows base format builder/mesh)
 set(builder/sources_knows base format builder/mesh builder/sorting)
 set(builder/sources/process_knows base format builder/mesh builder/sources)
-set(builder/sources/vtk_knows base format builder/mesh builder/sources)
+set(builder/sources/openfoam_knows base builder/sources)
+set(builder/sources/vtk_knows base format builder/mesh builder/sources builder/sources/openfoam)
 set(builder/boundary_knows base format builder/mesh builder/sorting builder/sources)
 set(builder/output_knows base splat format builder/mesh builder/sorting)
 set(builder/cells_knows base format builder/mesh builder/sorting builder/sources builder/output)

@@ -13,7 +13,6 @@ namespace splatvol {
 namespace {
 
 bool is_digit(char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; }
-bool is_letter(char c) { return std::isalpha(static_cast<unsigned char>(c)) != 0; }
 
 struct NamedUnit {
   std::string_view product;
@@ -73,16 +72,6 @@ std::string unit_text(std::span<const UnitPower> powers) {
   const std::string text = (over.empty() ? "1" : over) + (under.empty() ? "" : "/" + under);
   const auto* named = std::ranges::find(named_units, text, &NamedUnit::product);
   return named == named_units.end() ? text : std::string(named->name);
-}
-
-std::string unit_of_openfoam(std::string_view text) {
-  if (text == "-") return {};
-  std::string unit;
-  for (const char c : text) {
-    if (is_digit(c) && !unit.empty() && is_letter(unit.back())) unit += '^';
-    unit += c;
-  }
-  return unit;
 }
 
 std::string cut_unit(std::string& heading) {

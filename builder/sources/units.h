@@ -17,9 +17,6 @@ struct UnitPower {
 /// with a name of their own in SI get that: Pa, N, J, W.
 [[nodiscard]] std::string unit_text(std::span<const UnitPower> powers);
 
-/// Returns a unit as VTK's reader of OpenFOAM writes it ("m2/s2") in the form of unit_text ("m^2/s^2"); empty for "-".
-[[nodiscard]] std::string unit_of_openfoam(std::string_view text);
-
 /// Returns the unit at the end of a heading such as "p [Pa]" or "p (Pa)", or before its step ("p (Pa) @ t=1"), and cuts
 /// it off, with the space in front of it. Empty if there is none; numbers in brackets are components, not units. In
 /// round brackets only known symbols are units: others may be parts of the name.

@@ -34,6 +34,8 @@ if(SPLATVOL_MPI)
   find_package(MPI REQUIRED COMPONENTS CXX)
 endif()
 
+find_package(ZLIB REQUIRED)
+
 # OpenVDB's own module asks for development packages of what its library alone needs. Its headers convert 16-bit floats:
 # by a table of Imath's where the processor may lack the instruction (SPLATVOL_AVX2=OFF).
 find_path(OPENVDB_INCLUDE_DIR openvdb/openvdb.h REQUIRED)

@@ -35,7 +35,6 @@
 #include "builder/sources/vtk/finer_numbers.h"
 #include "builder/sources/vtk/hdf5_checks.h"
 #include "builder/sources/vtk/messages.h"
-#include "builder/sources/vtk/openfoam_reader.h"
 
 namespace splatvol {
 namespace {
@@ -62,10 +61,10 @@ bool has_finer_ensight_points(const std::string& path, std::optional<double> tim
 
 class EnSightReader final : public BlockReader {
  public:
-  vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+  vtkMultiBlockDataSetAlgorithm* open(const std::string& path) override {
     path_ = path;
     reader_->SetCaseFileName(path.c_str());
-    return *reader_;
+    return reader_;
   }
 
   void select(const std::vector<std::string>& selection) override {
@@ -158,78 +157,6 @@ class EnSightReader final : public BlockReader {
   CellCensus changes_;
 };
 
-class OpenFoamReader final : public BlockReader {
- public:
-  vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
-    path_ = path;
-    processors_ = find_processors(path);  // throws
-    if (!processors_.empty()) reader_->set_processor(processors_.front());
-    reader_->SetFileName(path.c_str());
-    reader_->CreateCellToPointOff();  // PieceMaker does so for all formats
-    reader_->DecomposePolyhedraOff();
-    reader_->SkipZeroTimeOff();
-    reader_->AddDimensionsToArrayNamesOn();
-    return *reader_;
-  }
-
-  void want_patches() override { wants_patches_ = true; }
-
-  /// Patches between processors lie inside. Those of a region have the name of the region in front.
-  std::string patch_name(const std::vector<std::string>& path) const override {
-    if (path.back().starts_with("procBoundary")) return {};
-    return path.size() > 2 ? path.front() + "/" + path.back() : path.back();
-  }
-
-  /// Each processor has a part of each region.
-  std::string block_name(const std::vector<std::string>& path) const override { return path.front(); }
-
-  /// Chooses the mesh of each region, and its patches if they are wanted. Fields may differ between time steps, so all
-  /// are read.
-  void select(const std::vector<std::string>&) override {
-    for (int i = 0; i < reader_->GetNumberOfPatchArrays(); ++i) {
-      const std::string name = reader_->GetPatchArrayName(i);
-      const bool is_patch = name.starts_with("patch/") || name.find("/patch/") != std::string::npos;
-      reader_->SetPatchArrayStatus(
-          name.c_str(), name == "internalMesh" || name.ends_with("/internalMesh") || (wants_patches_ && is_patch));
-    }
-  }
-
-  // Once the only portion has been read, its blocks tell.
-  std::vector<ArrayShape> arrays(std::optional<double> time) override {
-    if (!time || (has_read_ && portions() == 1)) return {};
-    return openfoam_arrays(path_, processors_, *time);
-  }
-
-  int portions() override { return std::max<int>(1, static_cast<int>(processors_.size())); }
-  bool portions_share_points() const override { return processors_.size() > 1; }
-  std::string unit(const std::string& array) const override {
-    const auto found = units_.find(array);
-    return found == units_.end() ? std::string() : found->second;
-  }
-
-  bool rounds_points() const override { return true; }
-  bool has_finer_points(std::optional<double>) override { return has_finer_openfoam_points(path_, processors_); }
-
-  void read(int portion, std::optional<double> time) override {
-    if (!processors_.empty()) {
-      reader_->set_processor(processors_[static_cast<std::size_t>(portion)]);
-      reader_->UpdateInformation();
-      select({});
-      check_openfoam_time(*reader_, time);
-    }
-    update(*reader_, time, 0, 1);
-    has_read_ = true;
-    take_openfoam_units(*reader_, units_);
-  }
-
- private:
-  bool wants_patches_ = false, has_read_ = false;
-  std::string path_;
-  vtkNew<ProcessorReader> reader_;
-  std::vector<std::string> processors_;  // folders of a decomposed case; none: the case itself is read
-  std::map<std::string, std::string> units_;
-};
-
 /// The fields of all zones, sorted; VTK's reader lists only those of the first zone. Adds their units. Fields of
 /// neither points nor cells go to `left_out`.
 std::vector<std::string> cgns_fields(const std::string& path, std::map<std::string, std::string>& units,
@@ -286,7 +213,7 @@ vtkStandardNewMacro(ZoneTree);
 
 class CgnsReader final : public BlockReader {
  public:
-  vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+  vtkMultiBlockDataSetAlgorithm* open(const std::string& path) override {
     cgio_error_abort(0);  // keeps the library from ending the program at an error
     begin_cgns_file();
     check_hdf5_file(path, Hdf5Arrays::all);
@@ -303,7 +230,7 @@ class CgnsReader final : public BlockReader {
     reader_->SetFileName(path.c_str());
     reader_->DoublePrecisionMeshOn();
     reader_->LoadBndPatchOff();
-    return *reader_;
+    return reader_;
   }
 
   /// VTK 9.1 gives neither sections of surfaces nor boundary conditions.
@@ -386,7 +313,7 @@ std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind) {
     case VtkFile::Kind::ensight:
       return std::make_unique<EnSightReader>();
     case VtkFile::Kind::openfoam:
-      return std::make_unique<OpenFoamReader>();
+      return make_openfoam_reader();
     case VtkFile::Kind::cgns:
       return std::make_unique<CgnsReader>();
     default:

@@ -1,4 +1,4 @@
-// VTK's readers of files with blocks and time steps, behind one interface.
+// Readers of files with blocks and time steps, most of them VTK's, behind one interface.
 #pragma once
 
 #include <memory>
@@ -12,6 +12,7 @@
 #include "builder/sources/vtk/ensight_checks.h"
 
 class vtkAlgorithm;
+class vtkMultiBlockDataSet;
 class vtkMultiBlockDataSetAlgorithm;
 
 namespace splatvol {
@@ -20,7 +21,12 @@ namespace splatvol {
 class BlockReader {
  public:
   virtual ~BlockReader() = default;
-  virtual vtkMultiBlockDataSetAlgorithm& open(const std::string& path) = 0;
+
+  /// Opens a file. Returns VTK's reader; null if it is one of our own, which has times() and output().
+  virtual vtkMultiBlockDataSetAlgorithm* open(const std::string& path) = 0;
+
+  /// What a reader of our own has read last.
+  virtual vtkMultiBlockDataSet* output() { return nullptr; }
 
   /// Chooses arrays and blocks, after the file's header has been read.
   virtual void select(const std::vector<std::string>& selection) = 0;
@@ -50,7 +56,7 @@ class BlockReader {
   /// none.
   virtual std::vector<ArrayShape> arrays(std::optional<double> /*time*/) { return {}; }
 
-  /// The times of the steps, if VTK's reader does not find them.
+  /// The times of the steps, if it is not VTK's reader that finds them.
   virtual std::vector<double> times() const { return {}; }
 
   /// The unit of an array that has been read; empty if the file does not tell.
@@ -79,6 +85,7 @@ class BlockReader {
 void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces);
 
 [[nodiscard]] std::unique_ptr<BlockReader> make_exodus_reader();
+[[nodiscard]] std::unique_ptr<BlockReader> make_openfoam_reader();
 
 /// Makes the reader of a format with blocks; null for other kinds of files.
 [[nodiscard]] std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind);

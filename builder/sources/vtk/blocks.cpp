@@ -52,16 +52,14 @@ class BlockDataSets final : public VtkDataSets {
     SPLATVOL_TRY_ASSIGN(doubts, check_case_files(file_, options_.time));
     reader_->set_findings(std::move(doubts.findings));
     changes_.open_ends += doubts.open_end ? 1 : 0;
-    vtkMultiBlockDataSetAlgorithm* algorithm = nullptr;
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
-      algorithm = &reader_->open(file_.path);
+      algorithm_ = reader_->open(file_.path);
       if (file_.patches) reader_->want_patches();
-      algorithm->UpdateInformation();
+      if (algorithm_) algorithm_->UpdateInformation();
       reader_->select(options_.selection);
       const std::vector<double> times = reader_->times();
-      step_ = choose_step(times.empty() ? times_of(*algorithm) : times, options_.time);
+      step_ = choose_step(times.empty() && algorithm_ ? times_of(*algorithm_) : times, options_.time);
     }));
-    algorithm_ = algorithm;
     return check_steps(file_, step_ ? step_->times.size() : 0);
   }
 
@@ -117,6 +115,11 @@ class BlockDataSets final : public VtkDataSets {
   }
 
  private:
+  /// What the reader has read; null: nothing.
+  [[nodiscard]] vtkMultiBlockDataSet* output() const {
+    return algorithm_ ? vtkMultiBlockDataSet::SafeDownCast(algorithm_->GetOutputDataObject(0)) : reader_->output();
+  }
+
   struct Block {
     vtkSmartPointer<vtkDataSet> data;
     std::string name;          // of the top block that holds it
@@ -128,7 +131,7 @@ class BlockDataSets final : public VtkDataSets {
     for (int portion = 0; portion < reader_->portions(); ++portion) {
       SPLATVOL_TRY(run_vtk(file_.path, [&] {
         reader_->read(portion, time_of(step_));
-        if (auto* tree = vtkMultiBlockDataSet::SafeDownCast(algorithm_->GetOutputDataObject(0))) collect(*tree);
+        if (auto* tree = output()) collect(*tree);
       }));
       for (const Block& block : blocks_) {
         SPLATVOL_TRY(shared_arrays_.add(file_.path, wanted(array_shapes(*block.data))));
@@ -167,7 +170,7 @@ class BlockDataSets final : public VtkDataSets {
   Status read_portion() {
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       reader_->read(portion_++, time_of(step_));
-      if (auto* tree = vtkMultiBlockDataSet::SafeDownCast(algorithm_->GetOutputDataObject(0))) {
+      if (auto* tree = output()) {
         collect(*tree);
         tree->Initialize();
       }
@@ -242,7 +245,7 @@ class BlockDataSets final : public VtkDataSets {
   SourceOptions options_;
   MissingValues missing_;
   std::unique_ptr<BlockReader> reader_;
-  vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_
+  vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_; null: it is one of our own
   std::optional<TimeStep> step_;
   ArrayUnion shared_arrays_;              // of portions that were read by share_points()
   std::optional<bool> has_finer_points_;  // once it is known

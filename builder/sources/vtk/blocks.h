@@ -1,4 +1,4 @@
-// Files that hold several blocks and time steps: Exodus, EnSight, OpenFOAM and CGNS, through VTK's readers.
+// Files that hold several blocks and time steps: Exodus, EnSight and CGNS, through VTK's readers, and OpenFOAM.
 #pragma once
 
 #include <memory>

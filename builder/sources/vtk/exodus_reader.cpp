@@ -241,12 +241,12 @@ class PrecisePoints {
 
 class ExodusReader final : public BlockReader {
  public:
-  vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+  vtkMultiBlockDataSetAlgorithm* open(const std::string& path) override {
     check_hdf5_file(path, Hdf5Arrays::any);  // throws, as the next line does
     header_ = read_exodus_header(path);
     reader_->SetFileName(path.c_str());
     reader_->GenerateObjectIdCellArrayOff();
-    return *reader_;
+    return reader_;
   }
 
   void select(const std::vector<std::string>& selection) override {

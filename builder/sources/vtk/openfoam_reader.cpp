@@ -1,257 +1,309 @@
-#include "builder/sources/vtk/openfoam_reader.h"
-
-#include <fmt/format.h>
+// OpenFOAM's meshes and fields as data sets.
+#include <vtkCellArray.h>
 #include <vtkCellData.h>
-#include <vtkCollection.h>
-#include <vtkCompositeDataIterator.h>
-#include <vtkDataArray.h>
-#include <vtkDataSet.h>
+#include <vtkCellType.h>
 #include <vtkDoubleArray.h>
+#include <vtkIdTypeArray.h>
+#include <vtkInformation.h>
 #include <vtkMultiBlockDataSet.h>
-#include <vtkObjectFactory.h>
+#include <vtkNew.h>
 #include <vtkPointData.h>
+#include <vtkPoints.h>
 #include <vtkSmartPointer.h>
-#include <vtk_zlib.h>
+#include <vtkUnsignedCharArray.h>
+#include <vtkUnstructuredGrid.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
-#include <filesystem>
-#include <memory>
-#include <sstream>
-#include <string_view>
+#include <map>
+#include <span>
 #include <utility>
 
-#include "builder/sources/read_text.h"
-#include "builder/sources/units.h"
-#include "builder/sources/vtk/finer_numbers.h"
-#include "builder/sources/vtk/messages.h"
+#include "builder/sources/openfoam/foam_case.h"
+#include "builder/sources/openfoam/foam_fields.h"
+#include "builder/sources/openfoam/foam_mesh.h"
+#include "builder/sources/vtk/block_readers.h"
+#include "builder/sources/vtk/patch.h"
 
 namespace splatvol {
 namespace {
 
-namespace fs = std::filesystem;
+using Label = std::uint32_t;
 
-std::vector<std::string> folders_in(const fs::path& path) {
-  std::vector<std::string> names;
-  std::error_code error, ignored;
-  for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error))
-    if (entry->is_directory(ignored)) names.push_back(entry->path().filename());
-  return names;
-}
-
-/// Whether a folder of time steps has a mesh, or one of its regions has one.
-bool has_mesh(const fs::path& path) {
-  std::error_code error;
-  if (fs::exists(path / "polyMesh", error)) return true;
-  return std::ranges::any_of(folders_in(path),
-                             [&](const std::string& region) { return fs::exists(path / region / "polyMesh", error); });
-}
-
-/// The folder of a case. `path`: system/controlDict, or a file in the folder.
-fs::path case_folder(const std::string& path) {
-  fs::path folder = fs::path(path).parent_path();
-  if (path.ends_with("system/controlDict")) folder = folder.parent_path();
-  return folder.empty() ? "." : folder;
-}
-
-/// The folders of a case's processors; of none: the case's own.
-std::vector<fs::path> parts_of(const std::string& path, const std::vector<std::string>& processors) {
-  std::vector<fs::path> parts;
-  for (const std::string& processor : processors) parts.push_back(case_folder(path) / processor);
-  if (parts.empty()) parts.push_back(case_folder(path));
-  return parts;
-}
-
-/// The beginning of a file, which may be packed by gzip; empty if there is no such file.
-std::string unpacked_start(const fs::path& path) {
-  constexpr std::size_t most = std::size_t{16} << 20, portion = std::size_t{1} << 16;
-  const std::unique_ptr<gzFile_s, int (*)(gzFile)> file(gzopen(path.c_str(), "rb"), gzclose);
-  std::string text;
-  for (int read = 1; file && read > 0 && text.size() < most;) {
-    const std::size_t before = text.size();
-    text.resize(before + portion);
-    read = gzread(file.get(), text.data() + before, portion);
-    text.resize(before + static_cast<std::size_t>(std::max(read, 0)));
+/// Makes the cells of a grid: VTK's linear cells where the faces form one, and polyhedra.
+class CellMaker {
+ public:
+  explicit CellMaker(const FoamMesh& mesh) : mesh_(mesh), faces_(faces_of_cells(mesh)) {
+    types_->Allocate(mesh.cell_count);
+    cells_->AllocateEstimate(mesh.cell_count, 8);
+    for (cell_ = 0; cell_ < mesh.cell_count; ++cell_) add_cell();
   }
-  return text;
-}
 
-/// Whether the points in a folder of a mesh have more digits than single precision. Binary files tell the bytes of a
-/// number, or have 8.
-bool has_finer_points(const fs::path& mesh) {
-  for (const char* name : {"points", "points.gz"}) {
-    const std::string text = unpacked_start(mesh / "polyMesh" / name);
-    const std::string_view head = std::string_view(text).substr(0, text.find('}'));
-    const bool binary = head.find("binary") != std::string_view::npos;
-    const bool finer = binary ? head.find("scalar=32") == std::string_view::npos : has_finer_number(text);
-    if (finer && !text.empty()) return true;
+  void give_to(vtkUnstructuredGrid& grid) {
+    const bool has_polyhedra = stream_->GetNumberOfValues() > 0;
+    grid.SetCells(types_, cells_, has_polyhedra ? locations_.Get() : nullptr, has_polyhedra ? stream_.Get() : nullptr);
   }
-  return false;
-}
 
-/// Whether a region has a mesh, of all times or of this one. The region of no name is the case's own.
-bool has_mesh_of(const fs::path& path, const std::string& step, const std::string& region) {
-  std::error_code error;
-  return fs::exists(path / "constant" / region / "polyMesh", error) ||
-         fs::exists(path / step / region / "polyMesh", error);
-}
-
-/// The time of the last step in a folder; none if there is no step.
-std::optional<double> last_time(const fs::path& path) {
-  std::optional<double> last;
-  for (const std::string& name : folders_in(path))
-    if (const auto time = number_of<double>(name); time && (!last || *time > *last)) last = time;
-  return last;
-}
-
-/// Whether the case itself holds all that its processors hold. `processor`: one of their folders.
-bool is_reconstructed(const fs::path& path, const std::string& processor) {
-  const std::vector<std::string> folders = folders_in(path);
-  const bool mesh = has_mesh(path / "constant") || std::ranges::any_of(folders, [&](const std::string& name) {
-                      return number_of<double>(name) && has_mesh(path / name);
-                    });
-  const auto own = last_time(path), of_processor = last_time(path / processor);
-  return mesh && (!of_processor || (own && *own >= *of_processor));
-}
-
-/// Cuts the units off the names of the arrays.
-void take_units(vtkDataSetAttributes& arrays, std::map<std::string, std::string>& units) {
-  for (int i = 0; i < arrays.GetNumberOfArrays(); ++i) {
-    vtkAbstractArray* array = arrays.GetAbstractArray(i);
-    if (!array->GetName()) continue;
-    std::string name = array->GetName();
-    const std::string unit = cut_unit(name);
-    array->SetName(name.c_str());
-    if (!unit.empty()) units.emplace(name, unit_of_openfoam(unit));
+ private:
+  void add_cell() {
+    const std::span<const Label> faces = faces_of_cell();
+    const auto sides = [&](std::size_t corners) {
+      return std::ranges::count_if(faces, [&](Label face) { return corners_of(face).size() == corners; });
+    };
+    const auto triangles = sides(3), quadrilaterals = sides(4);
+    const std::size_t all = faces.size();
+    corners_.clear();
+    if (all == 4 && triangles == 4 && make_cone(3)) return insert(VTK_TETRA);
+    if (all == 5 && triangles == 4 && quadrilaterals == 1 && make_cone(4)) return insert(VTK_PYRAMID);
+    if (all == 5 && triangles == 2 && quadrilaterals == 3 && make_prism(3)) {
+      // The first triangle of VTK's wedge turns the other way round.
+      std::swap(corners_[1], corners_[2]);
+      std::swap(corners_[4], corners_[5]);
+      return insert(VTK_WEDGE);
+    }
+    if (all == 6 && quadrilaterals == 6 && make_prism(4)) return insert(VTK_HEXAHEDRON);
+    insert_polyhedron();
   }
-}
 
-/// The components of a field of a class such as "volVectorField", and whether it is of cells; none if it is no field.
-std::optional<std::pair<int, bool>> field_of(std::string_view name) {
-  const bool of_cells = name.starts_with("vol");
-  if (!of_cells && !name.starts_with("point")) return std::nullopt;
-  const std::string_view kind = name.substr(of_cells ? 3 : 5);
-  if (is_one_of(kind, {"ScalarField", "SphericalTensorField"})) return std::pair(1, of_cells);
-  const int components = kind == "VectorField" ? 3 : kind == "SymmTensorField" ? 6 : kind == "TensorField" ? 9 : 0;
-  return components > 0 ? std::optional(std::pair(components, of_cells)) : std::nullopt;
-}
-
-/// The class that a file's header states; empty if there is none.
-std::string class_of(const fs::path& path) {
-  constexpr std::uint64_t header_bytes = 4096;
-  const auto text = read_text(path, header_bytes);
-  const std::size_t at = text ? text->find("FoamFile") : std::string::npos;
-  if (at == std::string::npos) return {};
-  std::istringstream words(text->substr(at));
-  for (std::string word; words >> word && word != "}";)
-    if (word == "class" && words >> word) return word.substr(0, word.find(';'));
-  return {};
-}
-
-/// Adds the fields whose files are in a folder.
-void add_fields(const fs::path& folder, std::vector<ArrayShape>& shapes) {
-  std::error_code error, ignored;
-  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
-    if (!entry->is_regular_file(ignored)) continue;
-    const std::string name = entry->path().filename();
-    const auto field = field_of(class_of(entry->path()));
-    if (field && std::ranges::find(shapes, name, &ArrayShape::name) == shapes.end())
-      shapes.push_back({name, field->first, field->second});
+  [[nodiscard]] std::span<const Label> faces_of_cell() const {
+    return std::span(faces_.values).subspan(faces_.starts[cell_], faces_.starts[cell_ + 1] - faces_.starts[cell_]);
   }
+
+  [[nodiscard]] std::span<const Label> corners_of(Label face) const {
+    const LabelLists& all = mesh_.faces;
+    return std::span(all.values).subspan(all.starts[face], all.starts[face + 1] - all.starts[face]);
+  }
+
+  /// Sets corners_ to those of the first face that has so many, in an order that turns right round the direction into
+  /// the cell. Returns the face. Requires that there is one.
+  Label take_base(std::size_t corners) {
+    const auto base = *std::ranges::find_if(faces_of_cell(), [&](Label f) { return corners_of(f).size() == corners; });
+    const std::span<const Label> points = corners_of(base);
+    corners_.assign(points.begin(), points.end());
+    if (mesh_.owner[base] == cell_) std::reverse(corners_.begin() + 1, corners_.end());
+    return base;
+  }
+
+  /// Makes a cell of a base and an apex. Returns false if the faces form none.
+  bool make_cone(std::size_t corners) {
+    const Label base = take_base(corners);
+    const auto in_base = [&](Label point) {
+      return std::find(corners_.begin(), corners_.begin() + static_cast<std::ptrdiff_t>(corners), point) !=
+             corners_.begin() + static_cast<std::ptrdiff_t>(corners);
+    };
+    for (const Label face : faces_of_cell()) {
+      if (face == base) continue;
+      std::size_t shared = 0;
+      for (const Label point : corners_of(face)) {
+        shared += in_base(point) ? 1 : 0;
+        if (in_base(point)) continue;
+        if (corners_.size() == corners) corners_.push_back(point);
+        if (corners_[corners] != point) return false;
+      }
+      if (shared != 2) return false;
+    }
+    return true;
+  }
+
+  /// Makes a cell of two equal faces, one above the other, with quadrilaterals between them. Returns false if the faces
+  /// form none.
+  bool make_prism(std::size_t corners) {
+    const Label base = take_base(corners);
+    std::array<Label, 4> above{}, above_next{};
+    for (std::size_t i = 0; i < corners; ++i)
+      if (!find_side(base, corners_[i], corners_[(i + 1) % corners], above[i], above_next[i])) return false;
+    for (std::size_t i = 0; i < corners; ++i)
+      if (above_next[i] != above[(i + 1) % corners]) return false;
+    const auto top = std::span(above).first(corners);
+    const bool has_top = std::ranges::any_of(faces_of_cell(), [&](Label face) {
+      const auto points = corners_of(face);
+      return face != base && points.size() == corners &&
+             std::ranges::all_of(points, [&](Label point) { return std::ranges::find(top, point) != top.end(); });
+    });
+    corners_.insert(corners_.end(), top.begin(), top.end());
+    return has_top;
+  }
+
+  /// Finds the quadrilateral at an edge of the base, and its corners above the edge's ends.
+  [[nodiscard]] bool find_side(Label base, Label from, Label to, Label& above_from, Label& above_to) const {
+    for (const Label face : faces_of_cell()) {
+      const std::span<const Label> points = corners_of(face);
+      const auto at = static_cast<std::size_t>(std::ranges::find(points, from) - points.begin());
+      if (face == base || points.size() != 4 || at == 4) continue;
+      const bool forwards = points[(at + 1) % 4] == to, backwards = points[(at + 3) % 4] == to;
+      if (forwards == backwards) continue;
+      above_from = points[(at + (forwards ? 3 : 1)) % 4];
+      above_to = points[(at + 2) % 4];
+      return true;
+    }
+    return false;
+  }
+
+  void insert(int type) {
+    types_->InsertNextValue(static_cast<unsigned char>(type));
+    points_.assign(corners_.begin(), corners_.end());
+    cells_->InsertNextCell(static_cast<vtkIdType>(points_.size()), points_.data());
+    if (locations_->GetNumberOfValues() > 0) locations_->InsertNextValue(-1);
+  }
+
+  void insert_polyhedron() {
+    if (locations_->GetNumberOfValues() == 0)
+      for (Label cell = 0; cell < cell_; ++cell) locations_->InsertNextValue(-1);
+    const vtkIdType at = stream_->GetNumberOfValues();
+    corners_.clear();
+    stream_->InsertNextValue(static_cast<vtkIdType>(faces_of_cell().size()));
+    for (const Label face : faces_of_cell()) {
+      const std::span<const Label> points = corners_of(face);
+      stream_->InsertNextValue(static_cast<vtkIdType>(points.size()));
+      const bool turns = mesh_.owner[face] != cell_;
+      for (std::size_t i = 0; i < points.size(); ++i)
+        stream_->InsertNextValue(points[turns ? points.size() - 1 - i : i]);
+      corners_.insert(corners_.end(), points.begin(), points.end());
+    }
+    std::ranges::sort(corners_);
+    corners_.erase(std::ranges::unique(corners_).begin(), corners_.end());
+    types_->InsertNextValue(VTK_POLYHEDRON);
+    points_.assign(corners_.begin(), corners_.end());
+    cells_->InsertNextCell(static_cast<vtkIdType>(points_.size()), points_.data());
+    locations_->InsertNextValue(at);
+  }
+
+  const FoamMesh& mesh_;
+  LabelLists faces_;  // of the cells
+  Label cell_ = 0;
+  std::vector<Label> corners_;     // of cell_
+  std::vector<vtkIdType> points_;  // of cell_
+  vtkNew<vtkUnsignedCharArray> types_;
+  vtkNew<vtkCellArray> cells_;
+  vtkNew<vtkIdTypeArray> locations_, stream_;  // empty: there are no polyhedra so far
+};
+
+void add_field(vtkUnstructuredGrid& grid, const FoamFieldFile& file, const FoamField& field) {
+  const vtkNew<vtkDoubleArray> array;
+  array->SetName(file.name.c_str());
+  array->SetNumberOfComponents(file.kind.components);
+  array->SetNumberOfTuples(static_cast<vtkIdType>(field.values.size()) / file.kind.components);
+  if (!field.values.empty()) std::ranges::copy(field.values, array->GetPointer(0));
+  file.kind.of_cells ? grid.GetCellData()->AddArray(array) : grid.GetPointData()->AddArray(array);
 }
+
+Patch make_patch(const std::string& name, const FoamMesh& mesh, const FoamPatch& patch) {
+  std::vector<SurfaceCell> cells;
+  for (std::uint64_t face = patch.first_face; face < patch.first_face + patch.face_count; ++face) {
+    const auto first = mesh.faces.values.begin() + mesh.faces.starts[face];
+    const auto last = mesh.faces.values.begin() + mesh.faces.starts[face + 1];
+    const auto corners = last - first;
+    cells.push_back({corners == 3 ? VTK_TRIANGLE : corners == 4 ? VTK_QUAD : VTK_POLYGON, {first, last}});
+  }
+  Patch made{name, {}};
+  append_cells_of(mesh.points, std::move(cells), made.mesh);
+  return made;
+}
+
+class OpenFoamReader final : public BlockReader {
+ public:
+  vtkMultiBlockDataSetAlgorithm* open(const std::string& path) override {
+    case_.emplace(path);
+    return nullptr;
+  }
+
+  vtkMultiBlockDataSet* output() override { return tree_; }
+  std::vector<double> times() const override { return case_->times(); }
+  void want_patches() override { wants_patches_ = true; }
+  std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
+  void select(const std::vector<std::string>& selection) override { selection_ = selection; }
+
+  /// Each processor has a part of each region.
+  std::string block_name(const std::vector<std::string>& path) const override { return path.front(); }
+
+  std::vector<ArrayShape> arrays(std::optional<double> time) override {
+    if (has_read_ && portions() == 1) return {};  // its blocks tell
+    check_parts(time);
+    std::vector<ArrayShape> shapes;
+    for (int part = 0; part < portions(); ++part)
+      for (const std::string& region : case_->regions())
+        for (const FoamFieldFile& field : fields(part, region, time))
+          if (std::ranges::find(shapes, field.name, &ArrayShape::name) == shapes.end())
+            shapes.push_back({field.name, field.kind.components, field.kind.of_cells});
+    std::ranges::sort(shapes, {}, &ArrayShape::name);
+    return shapes;
+  }
+
+  int portions() override { return std::max(1, static_cast<int>(case_->processor_count())); }
+  bool portions_share_points() const override { return case_->processor_count() > 1; }
+  std::string unit(const std::string& array) const override {
+    const auto found = units_.find(array);
+    return found == units_.end() ? std::string() : found->second;
+  }
+
+  void read(int portion, std::optional<double> time) override {
+    check_parts(time);
+    tree_->Initialize();
+    patches_.clear();
+    unsigned int block = 0;
+    for (const std::string& region : case_->regions()) {
+      tree_->SetBlock(block, read_region(portion, region, time));
+      // VTK's names.
+      const bool alone = case_->regions().size() == 1;
+      const std::string name = alone ? "internalMesh" : region.empty() ? "defaultRegion" : region;
+      tree_->GetMetaData(block++)->Set(vtkCompositeDataSet::NAME(), name.c_str());
+    }
+    has_read_ = true;
+  }
+
+ private:
+  void check_parts(std::optional<double> time) {
+    if (!std::exchange(is_checked_, true)) case_->check_parts(time);
+  }
+
+  [[nodiscard]] std::vector<FoamFieldFile> fields(int part, const std::string& region,
+                                                  std::optional<double> time) const {
+    return case_->fields(static_cast<std::size_t>(part), region, time,
+                         [&](const std::string& name) { return wants_array(selection_, name); });
+  }
+
+  vtkSmartPointer<vtkUnstructuredGrid> read_region(int part, const std::string& region, std::optional<double> time) {
+    const auto find = [&](const char* name) {
+      return case_->mesh_file(static_cast<std::size_t>(part), region, time, name);
+    };
+    const FoamPlace boundary = find("boundary");
+    const std::vector<FoamPatch> patches = read_foam_patches(boundary);
+    auto grid = vtkSmartPointer<vtkUnstructuredGrid>::New();
+    {
+      const FoamMesh mesh = read_foam_mesh(find);
+      check_foam_patches(mesh, patches, boundary.name);
+      if (wants_patches_) add_patches(region, mesh, patches);
+      grid->SetPoints(make_points(mesh.points));
+      CellMaker(mesh).give_to(*grid);
+    }
+    for (const FoamFieldFile& file : fields(part, region, time)) {
+      const vtkIdType count = file.kind.of_cells ? grid->GetNumberOfCells() : grid->GetNumberOfPoints();
+      const FoamField field = read_foam_field(file.place, file.kind, static_cast<std::uint64_t>(count));
+      add_field(*grid, file, field);
+      if (!field.unit.empty()) units_.emplace(file.name, field.unit);
+    }
+    return grid;
+  }
+
+  /// Patches between processors lie inside. Those of a region have the name of the region in front.
+  void add_patches(const std::string& region, const FoamMesh& mesh, const std::vector<FoamPatch>& patches) {
+    const std::string of_region = case_->regions().size() == 1 ? "" : (region.empty() ? "defaultRegion" : region) + "/";
+    for (const FoamPatch& patch : patches)
+      if (!patch.is_between_processors() && patch.face_count > 0)
+        patches_.push_back(make_patch(of_region + patch.name, mesh, patch));
+  }
+
+  std::optional<FoamCase> case_;
+  std::vector<std::string> selection_;
+  bool wants_patches_ = false, has_read_ = false, is_checked_ = false;
+  vtkNew<vtkMultiBlockDataSet> tree_;
+  std::map<std::string, std::string> units_;
+  std::vector<Patch> patches_;  // not taken yet
+};
 
 }  // namespace
 
-vtkStandardNewMacro(ProcessorReader);
-
-void ProcessorReader::set_processor(const std::string& folder) {
-  if (folder == folder_) return;
-  folder_ = folder;
-  is_new_ = true;
-  this->Modified();
-}
-
-int ProcessorReader::RequestInformation(vtkInformation* request, vtkInformationVector** inputs,
-                                        vtkInformationVector* outputs) {
-  if (folder_.empty()) return this->Superclass::RequestInformation(request, inputs, outputs);
-  if (!is_new_) return 1;
-  this->NumberOfReaders = 0;
-  if (!this->MakeInformationVector(outputs, folder_) || !this->MakeMetaDataAtTimeStep(true)) return 0;
-  this->Refresh = false;
-  is_new_ = false;
-  return 1;
-}
-
-std::vector<std::string> find_processors(const std::string& path) {
-  const fs::path folder = case_folder(path);
-  std::vector<int> numbers;
-  std::string collated, any;
-  for (const std::string& name : folders_in(folder)) {
-    constexpr std::string_view start = "processor";
-    if (!name.starts_with(start)) continue;
-    const auto number = number_of<int>(std::string_view(name).substr(start.size()));
-    if (number) numbers.push_back(*number);
-    if (!number && name.starts_with("processors")) collated = name;
-    if (number || !collated.empty()) any = name;
-  }
-  if (any.empty() || is_reconstructed(folder, any)) return {};
-  if (numbers.empty())
-    throw ReaderError(
-        "the folder {} is of the collated format, which cannot be read: reconstruct the case "
-        "first (reconstructPar)",
-        collated);
-  std::ranges::sort(numbers);
-  std::vector<std::string> names;
-  for (std::size_t i = 0; i < numbers.size(); ++i) {
-    if (numbers[i] != static_cast<int>(i))
-      throw ReaderError("the folder processor{} of the decomposed case is missing", i);
-    names.push_back(fmt::format("processor{}", i));
-  }
-  return names;
-}
-
-bool has_finer_openfoam_points(const std::string& path, const std::vector<std::string>& processors) {
-  for (const fs::path& part : parts_of(path, processors))
-    for (const std::string& name : folders_in(part)) {
-      if (name != "constant" && !number_of<double>(name)) continue;
-      if (has_finer_points(part / name)) return true;
-      for (const std::string& region : folders_in(part / name))
-        if (has_finer_points(part / name / region)) return true;
-    }
-  return false;
-}
-
-void check_openfoam_time(ProcessorReader& reader, std::optional<double> time) {
-  vtkDoubleArray* times = reader.GetTimeValues();
-  if (!time || !times) return;
-  for (vtkIdType i = 0; i < times->GetNumberOfTuples(); ++i)
-    if (times->GetValue(i) == *time) return;
-  throw ReaderError("a processor's folder has no time step {}, which others have", *time);
-}
-
-std::vector<ArrayShape> openfoam_arrays(const std::string& path, const std::vector<std::string>& processors,
-                                        double time) {
-  std::vector<ArrayShape> shapes;
-  for (const fs::path& mesh : parts_of(path, processors))
-    for (const std::string& step : folders_in(mesh)) {
-      if (number_of<double>(step) != time) continue;
-      if (has_mesh_of(mesh, step, "")) add_fields(mesh / step, shapes);
-      for (const std::string& region : folders_in(mesh / step))
-        if (has_mesh_of(mesh, step, region)) add_fields(mesh / step / region, shapes);
-    }
-  std::ranges::sort(shapes, {}, &ArrayShape::name);  // folders have no order
-  return shapes;
-}
-
-void take_openfoam_units(ProcessorReader& reader, std::map<std::string, std::string>& units) {
-  vtkMultiBlockDataSet* tree = reader.GetOutput();
-  if (!tree) return;
-  const auto entry = vtkSmartPointer<vtkCompositeDataIterator>::Take(tree->NewIterator());
-  for (entry->InitTraversal(); !entry->IsDoneWithTraversal(); entry->GoToNextItem())
-    if (auto* data = vtkDataSet::SafeDownCast(entry->GetCurrentDataObject())) {
-      take_units(*data->GetPointData(), units);
-      take_units(*data->GetCellData(), units);
-    }
-}
+std::unique_ptr<BlockReader> make_openfoam_reader() { return std::make_unique<OpenFoamReader>(); }
 
 }  // namespace splatvol
