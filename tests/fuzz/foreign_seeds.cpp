@@ -4,6 +4,8 @@
 #include <cstring>
 #include <string_view>
 
+#include "tests/support/openfoam_files.h"
+
 namespace splatvol::fuzz {
 namespace {
 
@@ -301,6 +303,15 @@ constexpr std::string_view su2_values =
     "\"PointID\",\"x\",\"y\",\"z\",\"f\"\n0,0,0,0,1\n1,1,0,0,1\n2,1,1,0,1\n3,0,1,0,1\n"
     "4,0,0,1,1\n5,1,0,1,1\n6,1,1,1,1\n7,0,1,1,1\n8,.5,.5,2,1\n";
 
+/// A case as fuzz_openfoam takes it. `extra`: instead of files of the case.
+std::string openfoam(const test::FoamLayout& layout, const std::map<std::string, std::string>& extra = {}) {
+  std::string text;
+  std::map<std::string, std::string> files = test::openfoam_files(layout);
+  for (const auto& [name, body] : extra) files[name] = body;
+  for (const auto& [name, body] : files) text += "==> " + name + "\n" + body;
+  return text;
+}
+
 constexpr std::string_view vtu = R"(<?xml version="1.0"?>
 <VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">
 <UnstructuredGrid><Piece NumberOfPoints="4" NumberOfCells="1">
@@ -402,6 +413,18 @@ std::vector<std::pair<std::string, std::string>> foreign_seeds() {
       {"fuzz_gmsh_mesh", std::string(gmsh_2)},
       {"fuzz_gmsh_mesh", std::string(gmsh_4)},
       {"fuzz_su2", std::string(su2) + '\0' + std::string(su2_values)},
+      {"fuzz_openfoam", openfoam({})},
+      {"fuzz_openfoam", openfoam({.binary = true})},
+      {"fuzz_openfoam", openfoam({.binary = true, .big_endian = true, .label_bytes = 8, .scalar_bytes = 4})},
+      {"fuzz_openfoam", openfoam({.packed = true})},
+      {"fuzz_openfoam", openfoam({.processors = 2, .region = "fluid"})},
+      {"fuzz_openfoam", openfoam({.binary = true, .processors = 3, .collated = {2, 1}})},
+      {"fuzz_openfoam",
+       openfoam({}, {{"0.5/p", test::foam_file("volScalarField",
+                                               "#include \"settings\"\n#inputMode merge\ndimensions [kg/(m s^2)];\n"
+                                               "internalField uniform $!inner/p [bar];\nboundaryField { $a; }\n")},
+                     {"0.5/settings", "inner { p 1; } a { $inner; } b ${inner}; #include \"$FOAM_CASE/more\"\n"},
+                     {"more", "c \"(a|b)\"; d #{ code #};"}})},
       {"fuzz_xml_checks", std::string(vtu)},
       {"fuzz_xml_checks", vti()},
       {"fuzz_formats", ensight},

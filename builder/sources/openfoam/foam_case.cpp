@@ -174,8 +174,7 @@ void FoamCase::add_collated(const std::vector<std::string>& names) {
     for (std::size_t i = part.first; i <= part.last; ++i) parts_.push_back({folders_.size(), i - part.first});
     add_folder(name);
   }
-  if (parts_.size() != count)
-    throw ReaderError("the folder of processor {} of {} is missing", parts_.size(), count);
+  if (parts_.size() != count) throw ReaderError("the folder of processor {} of {} is missing", parts_.size(), count);
 }
 
 void FoamCase::add_folder(const std::string& name) { folders_.push_back({name, steps_in(path_of(name))}); }
@@ -184,7 +183,8 @@ void FoamCase::find_regions() {
   std::set<std::string> regions;
   for (const Folder& folder : folders_) regions.merge(regions_in(path_of(folder.name)));
   regions_.assign(regions.begin(), regions.end());
-  if (regions_.empty()) throw ReaderError("the case has no mesh (constant/polyMesh): make it first, with blockMesh for one");
+  if (regions_.empty())
+    throw ReaderError("the case has no mesh (constant/polyMesh): make it first, with blockMesh for one");
 }
 
 std::string FoamCase::path_of(const std::string& name) const { return name.empty() ? folder_ : folder_ + "/" + name; }
@@ -203,7 +203,7 @@ std::string FoamCase::find_file(const Folder& folder, const std::string& name) c
   return {};
 }
 
-/// The last file of this name of a region's mesh, up to a time; empty: there is none.
+/// The last step, up to a time, that has a file of this name of a region's mesh. None has it: "constant".
 std::string FoamCase::mesh_folder(const Folder& folder, const std::string& region, std::optional<double> time,
                                   const std::string& name) const {
   const std::string inner = (region.empty() ? "" : region + "/") + "polyMesh/" + name;
@@ -212,19 +212,18 @@ std::string FoamCase::mesh_folder(const Folder& folder, const std::string& regio
     --step;
     if (!find_file(folder, step->second + "/" + inner).empty()) return step->second;
   }
-  return find_file(folder, "constant/" + inner).empty() ? "" : "constant";
+  return "constant";
 }
 
 FoamPlace FoamCase::mesh_file(std::size_t part, const std::string& region, std::optional<double> time,
                               const std::string& name) const {
   const Folder& folder = folders_[parts_[part].folder];
   // A mesh that moves has new points only. All else is where the faces are.
-  const std::string of = mesh_folder(folder, region, time, name == "points" ? "points" : "faces");
-  const std::string inner = (region.empty() ? "" : region + "/") + "polyMesh/" + name;
-  const std::string file = of.empty() ? "" : find_file(folder, of + "/" + inner);
+  const std::string of = mesh_folder(folder, region, time, name == "points" ? "points" : "faces") +
+                         (region.empty() ? "" : "/" + region) + "/polyMesh/" + name;
+  const std::string file = find_file(folder, of);
   if (!file.empty()) return place_of(parts_[part], file);
-  throw ReaderError("{}{}{}/{}: the file is missing", folder.name, folder.name.empty() ? "" : "/",
-                    of.empty() ? "constant" : of, inner);
+  throw ReaderError("{}{}{}: the file is missing", folder.name, folder.name.empty() ? "" : "/", of);
 }
 
 void FoamCase::check_parts(std::optional<double> time) const {

@@ -44,8 +44,8 @@ class FoamCase {
   [[nodiscard]] FoamPlace mesh_file(std::size_t part, const std::string& region, std::optional<double> time,
                                     const std::string& name) const;
 
-  /// The fields of a region at a time, by their names, whose names `wants` accepts. Throws if a file is empty, or is cut
-  /// off within its header.
+  /// The fields of a region at a time, by their names, whose names `wants` accepts. Throws if a file is empty, or is
+  /// cut off within its header.
   [[nodiscard]] std::vector<FoamFieldFile> fields(std::size_t part, const std::string& region,
                                                   std::optional<double> time,
                                                   const std::function<bool(const std::string&)>& wants) const;
@@ -53,7 +53,7 @@ class FoamCase {
  private:
   /// A folder with time steps: the case's, or that of some processors.
   struct Folder {
-    std::string name;                    // in the case's folder; empty: this folder itself
+    std::string name;                     // in the case's folder; empty: this folder itself
     std::map<double, std::string> steps;  // names of folders
   };
   struct Part {

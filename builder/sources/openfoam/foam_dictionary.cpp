@@ -77,8 +77,11 @@ void FoamEntries::read_dictionary(const std::string& key) {
 void FoamEntries::obey(const FoamToken& directive) {
   const bool outside = directive.text == "includeEtc" || directive.text == "includeFunc";
   const FoamToken value = reader_.next();
-  if (!outside && (directive.text != "inputMode" || value.text != "merge"))
+  if (!outside && !ignores_directives_ && (directive.text != "inputMode" || value.text != "merge"))
     reader_.fail("#{} may change what follows: {}", directive.text, way_out);
+  if (value.is('('))
+    for (FoamToken word = value; !word.is(')'); word = reader_.next())
+      if (word.kind == Kind::end) reader_.expect(')');  // throws
   if (reader_.peek().is(';')) reader_.next();
 }
 

@@ -47,6 +47,9 @@ class FoamEntries {
 
   FoamEntries(FoamReader& reader, Take take) : reader_(reader), take_(std::move(take)) {}
 
+  /// Passes over other directives from now on: what follows does not matter.
+  void ignore_directives() { ignores_directives_ = true; }
+
   /// Reads one entry. Returns false at the end of the file.
   bool read_next();
 
@@ -65,6 +68,7 @@ class FoamEntries {
 
   FoamReader& reader_;
   Take take_;
+  bool ignores_directives_ = false;
   std::vector<FoamDictionary> open_ = {{}};  // the file's, and the inner ones that are being read
 };
 

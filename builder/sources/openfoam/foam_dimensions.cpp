@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstddef>
 #include <numbers>
+#include <span>
+#include <utility>
 #include <vector>
 
 #include "builder/sources/read_text.h"
@@ -239,8 +241,13 @@ std::optional<FoamDimensions> read_dimensions(std::string_view text) {
 
 std::string unit_of(const FoamDimensions& dimensions) {
   constexpr std::array<std::string_view, 7> symbols = {"kg", "m", "s", "K", "mol", "A", "cd"};
-  std::array<UnitPower, 7> powers;
-  for (std::size_t i = 0; i < powers.size(); ++i) powers[i] = {symbols[i], dimensions.powers[i]};
+  constexpr std::array<std::pair<std::string_view, std::array<double, 3>>, 4> products = {
+      {{"Pa", {1, -1, -2}}, {"N", {1, 1, -2}}, {"J", {1, 2, -2}}, {"W", {1, 2, -3}}}};
+  const std::span all(dimensions.powers);
+  std::vector<UnitPower> powers;
+  for (const auto& [name, product] : products)
+    if (std::ranges::equal(product, all.first(product.size()))) powers = {{name, 1}};
+  for (std::size_t i = powers.empty() ? 0 : 3; i < all.size(); ++i) powers.push_back({symbols[i], all[i]});
   return unit_text(powers);
 }
 

@@ -15,11 +15,12 @@ struct FoamDimensions {
 };
 
 /// Reads what stands between square brackets: seven numbers, or five; a product of names of dimensions ("pressure") or
-/// of units ("kg m^-1 s^-2", "Pa/m"); or nothing. Returns nothing if it is something else, or has a name that OpenFOAM 14
-/// does not define. Safe on any text.
+/// of units ("kg m^-1 s^-2", "Pa/m"); or nothing. Returns nothing if it is something else, or has a name that OpenFOAM
+/// 14 does not define. Safe on any text.
 [[nodiscard]] std::optional<FoamDimensions> read_dimensions(std::string_view text);
 
-/// The unit of these dimensions in the form of unit_text() (builder/sources/units.h); empty: they have none.
+/// The unit of these dimensions in the form of unit_text() (builder/sources/units.h): "J/K", "m^2/s". Empty: they have
+/// none.
 [[nodiscard]] std::string unit_of(const FoamDimensions& dimensions);
 
 }  // namespace splatvol

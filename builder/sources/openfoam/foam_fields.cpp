@@ -18,7 +18,10 @@ namespace {
 class FieldReader {
  public:
   FieldReader(const FoamPlace& place, const FoamFieldKind& kind, std::uint64_t count)
-      : reader_(place), kind_(kind), count_(count), entries_(reader_, [this](const std::string& key) { return take(key); }) {}
+      : reader_(place),
+        kind_(kind),
+        count_(count),
+        entries_(reader_, [this](const std::string& key) { return take(key); }) {}
 
   FoamField read() {
     while (!is_at_end_ && entries_.read_next()) {
@@ -45,6 +48,7 @@ class FieldReader {
       if (has_values_) reader_.fail("{} is there twice", key);
       has_values_ = true;
       read_values();
+      entries_.ignore_directives();
     } else if (key == "boundaryField") {
       has_boundary_ = true;
       reader_.follow_includes(false);

@@ -14,7 +14,7 @@ namespace splatvol {
 /// What the class of a file says of a field.
 struct FoamFieldKind {
   int components = 1;
-  bool of_cells = true;     // or of points
+  bool of_cells = true;       // or of points
   bool is_symmetric = false;  // a tensor of six components
   bool is_internal = false;   // without values on patches
 };

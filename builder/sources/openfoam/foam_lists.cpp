@@ -75,8 +75,9 @@ Start read_start(FoamReader& reader, std::uint64_t least_bytes, std::uint64_t mo
   }
   if (*start.count > most) reader.fail("a list states {} elements, where {} are possible", count, most);
   if (start.bracket == '(' && *start.count > reader.stream().most_left() / least_bytes)
-    throw ReaderError("{}: the file is cut off or damaged: a list states {} elements, which need more bytes than follow",
-                      reader.stream().name(), count);
+    throw ReaderError(
+        "{}: the file is cut off or damaged: a list states {} elements, which need more bytes than follow",
+        reader.stream().name(), count);
   return start;
 }
 
@@ -231,7 +232,8 @@ LabelLists read_label_lists(FoamReader& reader) {
     append_labels(reader, no_label - 1, false, lists.starts);
     append_labels(reader, no_label - 1, false, lists.values);
     if (lists.starts.empty()) lists.starts = {0};
-    if (lists.starts.front() != 0 || !std::ranges::is_sorted(lists.starts) || lists.starts.back() != lists.values.size())
+    if (lists.starts.front() != 0 || !std::ranges::is_sorted(lists.starts) ||
+        lists.starts.back() != lists.values.size())
       reader.fail("the two lists of the faces do not fit together");
     return lists;
   }

@@ -57,6 +57,9 @@ LabelLists read_faces(const FoamPlace& place, std::size_t point_count) {
   const auto beyond = std::ranges::find_if(faces.values, [&](std::uint32_t point) { return point >= point_count; });
   if (beyond != faces.values.end())
     throw ReaderError("{}: a face names point {} of {}", place.name, *beyond, point_count);
+  for (std::size_t face = 0; face < faces.size(); ++face)
+    if (faces.starts[face + 1] - faces.starts[face] < 3)
+      throw ReaderError("{}: face {} has fewer than 3 points", place.name, face);
   return faces;
 }
 
@@ -117,6 +120,9 @@ LabelLists faces_of_cells(const FoamMesh& mesh) {
   cells.starts.assign(std::size_t{mesh.cell_count} + 1, 0);
   for (const auto* side : {&mesh.owner, &mesh.neighbour})
     for (const std::uint32_t cell : *side) ++cells.starts[std::size_t{cell} + 1];
+  for (std::uint32_t cell = 0; cell < mesh.cell_count; ++cell)
+    if (const std::uint32_t faces = cells.starts[std::size_t{cell} + 1]; faces < 4)
+      throw ReaderError("the mesh is damaged: cell {} has {} faces", cell, faces);
   std::partial_sum(cells.starts.begin(), cells.starts.end(), cells.starts.begin());
   cells.values.resize(mesh.owner.size() + mesh.neighbour.size());
   std::vector<std::uint32_t> next(cells.starts.begin(), cells.starts.end() - 1);

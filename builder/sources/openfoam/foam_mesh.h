@@ -46,7 +46,7 @@ using FindMeshFile = std::function<FoamPlace(const char* name)>;
 /// Throws if a patch has faces that the mesh does not have, or that are not on its boundary.
 void check_foam_patches(const FoamMesh& mesh, const std::vector<FoamPatch>& patches, const std::string& name);
 
-/// The faces of each cell of a mesh.
+/// The faces of each cell of a mesh. Throws if a cell has fewer than four.
 [[nodiscard]] LabelLists faces_of_cells(const FoamMesh& mesh);
 
 }  // namespace splatvol

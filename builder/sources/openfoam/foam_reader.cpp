@@ -41,8 +41,7 @@ void skip_space_of(FoamStream& stream) {
     } else if (start == "/*") {
       stream.take(2);
       while (stream.ahead(2) != "*/") {
-        if (stream.peek() < 0)
-          throw ReaderError("{}: the file is cut off: it ends within a comment", stream.name());
+        if (stream.peek() < 0) throw ReaderError("{}: the file is cut off: it ends within a comment", stream.name());
         stream.take();
       }
       stream.take(2);
@@ -120,7 +119,8 @@ void FoamReader::enter_block(std::size_t block) {
       throw ReaderError("{}: the file is cut off or damaged: the block of processor {} ends early", stream().name(), i);
     if (i == 0) read_header();
     const std::uint64_t taken = left - stream().most_left();
-    if (taken > *bytes || class_.empty()) throw ReaderError("{}: the block of processor {} is damaged", stream().name(), i);
+    if (taken > *bytes || class_.empty())
+      throw ReaderError("{}: the block of processor {} is damaged", stream().name(), i);
     if (i == block) return stream().end_after(*bytes - taken);
     stream().skip(*bytes - taken);
     expect(')');
@@ -245,7 +245,10 @@ bool FoamReader::skip_list(const std::string& type) {
   if (!format().binary || is_one_of(type, {"List<word>", "List<string>", "List<fileName>"})) return true;
   const std::size_t numbers = numbers_of(type);
   const bool labels = type == "List<label>";
-  if (numbers == 0 && !labels) return false;
+  if (numbers == 0 && !labels) {
+    if (stream().peek() < 0) throw ReaderError("{}: the file is cut off: it ends within a list", stream().name());
+    return false;
+  }
   const FoamToken count = next();
   const auto elements = number_of<std::uint64_t>(count.text);
   if (!elements) fail("the number of values in a list is \"{}\"", count.text.substr(0, 40));
@@ -309,6 +312,8 @@ void FoamReader::include(const std::string& file, bool optional) {
 bool has_foam_header(const FoamPlace& place) {
   FoamStream stream(place.path, place.name);
   if (stream.peek() < 0) throw ReaderError("{}: the file is empty", place.name);
+  if (place.path.ends_with(".gz") && !stream.is_packed())
+    throw ReaderError("{}: the file is cut off, or not packed by gzip", place.name);
   skip_space_of(stream);
   return std::string_view("FoamFile").starts_with(stream.ahead(8));
 }

@@ -25,8 +25,8 @@ struct FoamFormat {
 /// A file of a case.
 struct FoamPlace {
   std::string path;
-  std::string name;                        // for messages: in the case's folder
-  std::string case_folder;                 // that of `#include "$FOAM_CASE/file"`
+  std::string name;                       // for messages: in the case's folder
+  std::string case_folder;                // that of `#include "$FOAM_CASE/file"`
   std::optional<std::size_t> block = {};  // of a file that holds those of several processors
 };
 
