@@ -121,7 +121,7 @@ Status append_pieces(const std::string& path, const FileHeader& of_path, std::ve
   for (const auto& [piece, block] : pieces) {
     const auto header = known.header(piece);
     if (!header) return fail_in(path, header.error());
-    if (header->format != InputFormat::vtk_xml || "P" + header->type != of_path.type)
+    if (header->format != InputFormat::vtk_xml || header->type != of_path.type.substr(1))
       return fail(ErrorCode::invalid_data, "{}: its piece {} is not a file of the type \"{}\"", path, piece,
                   of_path.type.substr(1));
     SPLATVOL_TRY_ASSIGN(file, identify_xml(piece, *header));

@@ -224,7 +224,7 @@ class CgnsReader final : public BlockReader {
     if (zones_->defeats_vtk()) {
       portions_ = zones_->count();
       tree_->UpdateDataObject();
-      return *tree_;
+      return tree_;
     }
     zones_.reset();
     reader_->SetFileName(path.c_str());
