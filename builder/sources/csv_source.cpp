@@ -88,6 +88,11 @@ class LineReader {
       SPLATVOL_TRY_ASSIGN(value, number(line, fields[column], column));
       piece_.points[i][static_cast<int>(axis)] = value;
     }
+    for (const auto& [column, axis] : file_.table.repeated)
+      if (fields[column] != fields[axis])
+        return fail(ErrorCode::invalid_data, "{}: line {}: two columns are called \"{}\", with {} and {}", file_.path,
+                    line.number, file_.table.columns[axis].name, fields[axis].substr(0, 40),
+                    fields[column].substr(0, 40));
     for (std::size_t a = 0; a < file_.values.size(); ++a) {
       if (!file_.values[a]) continue;
       SPLATVOL_TRY_ASSIGN(value, number(line, fields[*file_.values[a]], *file_.values[a]));

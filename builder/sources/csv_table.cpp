@@ -153,7 +153,7 @@ std::optional<std::size_t> find_axis(const std::unordered_map<std::string, std::
   const std::string a(1, "xyz"[axis]), i = std::to_string(axis);
   for (const std::string& usual : {a, "points" + i, "coord" + a, a + "coord", "coordinate" + a, a + "coordinate",
                                    "coordinates" + i, "coords" + i, "coordinates" + a, "position" + a, a + "position",
-                                   "pos" + a, a + "pos", "point" + a, "points" + a, "centroid" + a})
+                                   "pos" + a, a + "pos", "point" + a, "points" + a, "centroid" + a, a + "location"})
     if (const auto column = columns.find(usual); column != columns.end()) return column->second;
   return std::nullopt;
 }
@@ -192,11 +192,12 @@ void name_columns(std::span<const std::string_view> fields, CsvTable& table) {
   }
 }
 
-/// CFX-Post writes the position twice if it is among the chosen variables.
-void drop_repeated_positions(CsvTable& table) {
+/// CFX-Post and Fluent write the position twice if it is among the chosen variables.
+void find_repeated_positions(CsvTable& table) {
   for (std::size_t c = 0; c < table.columns.size(); ++c)
     for (const std::size_t axis : table.position)
-      if (c != axis && table.columns[c].name == table.columns[axis].name) table.columns[c].name = "_";
+      if (c != axis && table.columns[c].name == table.columns[axis].name) table.repeated.emplace_back(c, axis);
+  for (const auto& [column, axis] : table.repeated) table.columns[column].name.assign(1, '_');
 }
 
 Status check_names(const std::string& path, const CsvTable& table) {
@@ -314,7 +315,7 @@ Result<CsvTable> read_csv_table(ByteSource& file, const std::vector<std::string>
     for (std::size_t c = 0; c < std::min(fields.size(), table.columns.size()); ++c)
       table.columns[c].is_text = !is_value(fields[c]);
   SPLATVOL_TRY(find_position(path, table));
-  if (table.has_sections) drop_repeated_positions(table);
+  if (names.empty()) find_repeated_positions(table);
   SPLATVOL_TRY(check_names(path, table));
   return table;
 }

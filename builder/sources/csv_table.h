@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
@@ -27,7 +28,8 @@ struct CsvTable {
   bool has_sections = false;  // as CFX-Post's: lines such as [Data] begin them, and those of [Data] hold values
   std::string heading;        // the line of names; each section [Data] begins with it
   std::vector<CsvColumn> columns;
-  std::array<std::size_t, 3> position{};  // the columns x, y and z
+  std::array<std::size_t, 3> position{};                      // the columns x, y and z
+  std::vector<std::pair<std::size_t, std::size_t>> repeated;  // columns with the values of a position, and its column
   std::uint64_t data_offset = 0;
   std::uint64_t data_line = 1;  // the number of the line at data_offset, from 1
 };

@@ -104,6 +104,8 @@ class ZoneReader {
     for (std::size_t axis = 0; axis < static_cast<std::size_t>(axes_); ++axis) {
       points_[axis] = size_[axis];
       cells_[axis] = size_[axis + static_cast<std::size_t>(axes_)];
+      if (is_structured() && cells_[axis] != points_[axis] - 1)
+        throw ReaderError("CGNS: the size of {} is damaged", name());
     }
   }
 

@@ -89,8 +89,7 @@ class Su2Reader {
     std::string_view line;
     while (next_line(line)) {
       const std::size_t equals = line.find('=');
-      std::string_view key = line.substr(0, equals);
-      while (key.ends_with(' ')) key.remove_suffix(1);
+      const std::string_view key = trimmed(line.substr(0, equals));
       if (equals != std::string_view::npos)
         SPLATVOL_TRY(read_entry(key, line.substr(equals + 1)));
       else if (!is_left_out_)

@@ -55,12 +55,15 @@ TEST_F(CsvTest, Separators) {
 TEST_F(CsvTest, TablesOfSimulations) {
   expect_two_points("\"p (Pa)\",\"X (m)\",\"Y (m)\",\"Z (m)\"\n7,1,2,3\nNaN,4,5,6\n");
   expect_two_points("nodenumber, x-coordinate, y-coordinate, z-coordinate, p\n1, 1, 2, 3, 7\n2, 4, 5, 6, nan\n");
+  expect_two_points("x-coordinate, y-coordinate, z-coordinate, p, y-coordinate\n1, 2, 3, 7, 2\n4, 5, 6, nan, 5\n");
   expect_two_points("  cellnumber  x-coordinate  y-coordinate  z-coordinate  p\n 1  1.0 2 3\t7 \n 2  4 5 6 nan\n");
   expect_two_points(
       "% Model:    a, b.mph\n% Dimension:   3\n% Description:  Pressure\n"
       "% x                   y               z                 p (Pa)\n1   2   3   7\n4   5   6   NaN\n");
   expect_two_points("% Model,a.mph\n% X,Y,Z,p (Pa) @ freq=1\n1,2,3,7\n4,5,6,NaN\n", {"x", "y", "z", "p"});
   expect_two_points("% x y z p (Pa)\n1 2 3 7\n% half\n4 5 6 NaN\n");
+  expect_two_points(
+      "Node Number\tX Location (m)\tY Location (m)\tZ Location (m)\tp (Pa)\n1\t1\t2\t3\t7\n2\t4\t5\t6\t\n");
   expect_two_points("# some words\n\n# more\nx;y;z;p\n1;2;3;7\n# half\n4;5;6;\n");
   expect_two_points("# x,y,z,p,name\n1,2,3,7,a\n4,5,6,,b\n");
   expect_two_points(
@@ -121,6 +124,8 @@ TEST_F(CsvTest, ErrorsNameTheLine) {
   EXPECT_THAT(message("x,y,z\n1,2,3\n"), HasSubstr("no values, only positions"));
   EXPECT_THAT(message("x,y,z,\n1,2,3,4\n"), HasSubstr("column 4 has no name"));
   EXPECT_THAT(message("x,y,z,p,p\n1,2,3,4,5\n"), HasSubstr("two columns are called \"p\""));
+  EXPECT_THAT(message("x,y,z,p,x\n1,2,3,4,1\n2,2,3,4,7\n"),
+              HasSubstr("line 3: two columns are called \"x\", with 2 and 7"));
   EXPECT_THAT(message(""), HasSubstr("empty"));
   EXPECT_THAT(message("x,y,z,p\n"), HasSubstr("no line after the names"));
   EXPECT_THAT(error_of({write("a.csv", "x,y,z,p\n1,2,3,4\n")}, {{"q"}, {}}),
