@@ -410,6 +410,7 @@ std::vector<std::pair<std::string, std::string>> foreign_seeds() {
       {"fuzz_gmsh", std::string(gmsh_2)},
       {"fuzz_gmsh", std::string(gmsh_4)},
       {"fuzz_gmsh", gmsh_binary()},
+      {"fuzz_gmsh", "# c\n$Comments\n1\n$EndComments\n" + std::string(gmsh_2)},
       {"fuzz_gmsh_mesh", std::string(gmsh_2)},
       {"fuzz_gmsh_mesh", std::string(gmsh_4)},
       {"fuzz_su2", std::string(su2) + '\0' + std::string(su2_values)},
@@ -425,11 +426,16 @@ std::vector<std::pair<std::string, std::string>> foreign_seeds() {
                                                "internalField uniform $!inner/p [bar];\nboundaryField { $a; }\n")},
                      {"0.5/settings", "inner { p 1; } a { $inner; } b ${inner}; #include \"$FOAM_CASE/more\"\n"},
                      {"more", "c \"(a|b)\"; d #{ code #};"}})},
+      {"fuzz_su2", std::string(su2) +
+                       "MARKER_TAG= SEND_RECEIVE\nMARKER_ELEMS= 1\nSEND_RECV= 1\n1 0 0\nFFD_NBOX= 1\n"
+                       "FFD_CORNER_POINTS= 1\n0 0 0\n" +
+                       '\0' + std::string(su2_values)},
       {"fuzz_xml_checks", std::string(vtu)},
       {"fuzz_xml_checks", vti()},
       {"fuzz_formats", ensight},
       {"fuzz_formats", std::string("e\0", 2) + std::string(ensight_text)},
       {"fuzz_formats", ensight_binary()},
+      {"fuzz_formats", std::string("e\0", 2) + "q\npart\n1\ng_tetra4 undef\n-9\n1\ntetra4 partial\n1\n2\n***\n"},
       {"fuzz_formats", netcdf()},
       {"fuzz_formats", hdf5()},
       {"fuzz_formats", plot3d(false)},

@@ -1,5 +1,8 @@
 // Our own checks and parsers of formats that others read: EnSight, NetCDF and HDF5, PLOT3D, surfaces. The first
 // character tells which.
+#include <span>
+#include <string_view>
+
 #include "base/file.h"
 #include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/ensight_case.h"
@@ -14,6 +17,11 @@
 using namespace splatvol;
 
 namespace {
+
+constexpr std::string_view ghost_geometry =
+    "d\nd\nnode id assign\nelement id assign\npart\n1\np\ncoordinates\n4\n"
+    "0\n1\n0\n0\n0\n0\n1\n0\n0\n0\n0\n1\n"
+    "g_tetra4\n1\n1 2 3 4\ntetra4\n2\n1 2 3 4\n1 2 3 4\n";
 
 // The text of a case; behind a byte 0, the geometry that it names as "g".
 void check_ensight(std::span<const std::byte> bytes) {
@@ -31,6 +39,18 @@ void check_ensight(std::span<const std::byte> bytes) {
       "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: " + geometry.path().substr(geometry.path().find_last_of('/') + 1) +
       "\nVARIABLE\nscalar per node: p " + geometry.path().substr(geometry.path().find_last_of('/') + 1) + "\n");
   static_cast<void>(check_ensight_files(geometry.path(), fixed, std::nullopt));
+
+  // The bytes as values of elements, of which one is a ghost.
+  static const fuzz::NamedBytes ghosts(std::as_bytes(std::span(ghost_geometry)));
+  const auto name_of = [](const fuzz::NamedBytes& file) {
+    return file.path().substr(file.path().find_last_of('/') + 1);
+  };
+  for (const char* kind : {"scalar", "tensor symm"})
+    static_cast<void>(
+        check_ensight_files(geometry.path(),
+                            EnsightCase("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: " + name_of(ghosts) +
+                                        "\nVARIABLE\n" + kind + " per element: q " + name_of(geometry) + "\n"),
+                            std::nullopt));
 }
 
 // A grid of PLOT3D and its solution, halves of the input.
