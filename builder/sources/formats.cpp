@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "base/names.h"
+#include "base/replaceable.h"
 #include "builder/sources/csv_table.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/read_text.h"
@@ -209,15 +210,16 @@ Result<FileHeader> read_header(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text(path, 65536));
   const std::optional<InputFormat> named = format_of_name(path);
   if (text.starts_with(npy_magic)) return FileHeader{.format = InputFormat::numpy};
-  if (named == InputFormat::numpy || named == InputFormat::table) return FileHeader{.format = named};
+  const bool is_text = has_extension(path, ".txt");  // of any format
+  if (named == InputFormat::numpy || (named == InputFormat::table && !is_text)) return FileHeader{.format = named};
   if (text.starts_with(vdb_magic)) return FileHeader{.format = InputFormat::openvdb};
   // Exodus files in NetCDF's own format may have any name.
   if (is_netcdf(text)) return FileHeader{.format = InputFormat::exodus};
-  if (named && is_known_by_name(*named)) return FileHeader{.format = named};
+  if (named && is_known_by_name(*named) && !is_text) return FileHeader{.format = named};
   if (text.starts_with(legacy_start)) return read_legacy_header(path, text);
   const std::size_t tag = text.find("<VTKFile");
   if (tag == std::string::npos)
-    return FileHeader{.format = !is_foreign(path) && is_table(path) ? std::optional(InputFormat::table) : std::nullopt};
+    return is_text || (!is_foreign(path) && is_table(path)) ? FileHeader{.format = InputFormat::table} : FileHeader{};
   return read_xml_header(path, text.substr(tag, text.find('>', tag) - tag));
 }
 

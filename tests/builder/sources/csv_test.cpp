@@ -19,6 +19,7 @@ using test::error_of;
 using test::read_input;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using ::testing::StartsWith;
 
 class CsvTest : public test::FolderTest {
@@ -89,6 +90,7 @@ TEST_F(CsvTest, NamesOfTables) {
     ASSERT_TRUE(input) << name;
     EXPECT_THAT(input->attributes, ElementsAre("p"));
   }
+  EXPECT_THAT(error_of({write("a.txt", "# vtk DataFile Version 3.0\nt\n")}), Not(HasSubstr("column")));
   // Readme files of a folder are no tables, and tables called .txt are named as left out.
   write("b/a.csv", "x,y,z,p\n1,2,3,4\n");
   write("b/readme.txt", "What this is.\nA folder, a table, a text.\n");
