@@ -52,7 +52,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string_view input(reinterpret_cast<const char*>(data), size);
   if (const auto dimensions = read_dimensions(input.substr(0, input.find('\n'))))
     static_cast<void>(unit_of(*dimensions));
-  std::string folder = "/tmp/splatvol-fuzz-XXXXXX";
+  std::string folder = "/dev/shm/splatvol-fuzz-XXXXXX";  // in memory
   fuzz::require(mkdtemp(folder.data()) != nullptr, "there is a temporary folder");
   write_files(folder, input);
   try {
