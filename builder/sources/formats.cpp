@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <iterator>
 
 #include "base/file.h"
 #include "base/names.h"
@@ -68,7 +67,7 @@ struct ForeignFormat {
   std::string_view name, extensions, way_out;
 };
 constexpr std::string_view by_paraview = "open it in ParaView, and save the data as .vtu";
-constexpr std::array<ForeignFormat, 10> foreign_formats = {{
+constexpr std::array<ForeignFormat, 11> foreign_formats = {{
     {"XDMF", ".xdmf .xmf .xdmf3 .xmf3", by_paraview},
     {"Fluent", ".cas .cas.h5 .dat.h5 .cas.gz", by_paraview},
     {"HDF5", ".h5 .hdf5 .he5 .h5m",
@@ -80,6 +79,7 @@ constexpr std::array<ForeignFormat, 10> foreign_formats = {{
     {"CalculiX", ".frd", "convert it: ccx2paraview FILE.frd vtu"},
     {"Abaqus", ".inp .odb",
      "open its results in Abaqus or ParaView, and save the data as .vtu; meshes: meshio convert FILE.inp FILE.vtu"},
+    {"I-DEAS", ".unv", "convert the mesh: meshio convert FILE.unv FILE.vtu"},
     {"LS-DYNA", ".d3plot", by_paraview},
 }};
 
@@ -213,8 +213,9 @@ Result<FileHeader> read_header(const std::string& path) {
   const bool is_text = has_extension(path, ".txt");  // of any format
   if (named == InputFormat::numpy || (named == InputFormat::table && !is_text)) return FileHeader{.format = named};
   if (text.starts_with(vdb_magic)) return FileHeader{.format = InputFormat::openvdb};
-  // Exodus files in NetCDF's own format may have any name.
-  if (is_netcdf(text)) return FileHeader{.format = InputFormat::exodus};
+  // Exodus files in NetCDF's own format may have any name. Others have no dimension of this name.
+  if (is_netcdf(text) && (!is_foreign(path) || text.find("num_nodes") != std::string::npos))
+    return FileHeader{.format = InputFormat::exodus};
   if (named && is_known_by_name(*named) && !is_text) return FileHeader{.format = named};
   if (text.starts_with(legacy_start)) return read_legacy_header(path, text);
   const std::size_t tag = text.find("<VTKFile");

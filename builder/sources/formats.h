@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
-#include <span>
 #include <string>
 #include <string_view>
 
@@ -39,8 +38,7 @@ struct FormatRow {
   std::string_view name;        // in messages and help
   std::string_view extensions;  // of its files, in lower case, with a blank between; empty: any
   std::string_view help;        // the files, in the help of programs
-  // The rest of a row of docs/formats.md: what the files are, what is held at once, how a time step is chosen, which
-  // cells are read, and what is left out.
+  // The other cells of its row in docs/formats.md, in their order.
   std::string_view files, held, steps, cells, left_out;
 };
 

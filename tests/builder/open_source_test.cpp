@@ -460,12 +460,14 @@ TEST(InputFormats, EachExtensionIsOfOneFormat) {
 
 TEST_F(SourceTest, FormatsThatAreNotReadNameTheWayOut) {
   const std::string mesh = write("mesh.vtu", hexahedron_mesh().file());
-  for (const char* name : {"a.xdmf", "a.h5", "a.cas.h5", "a.nc", "a.med", "a.plt", "a.frd", "a.inp", "a.NEK5000"}) {
+  for (const char* name :
+       {"a.xdmf", "a.h5", "a.cas.h5", "a.nc", "a.med", "a.plt", "a.frd", "a.inp", "a.NEK5000", "a.unv"}) {
     const std::string path = write(name, "some bytes\n");
     for (const auto& inputs : {std::vector{path}, {path, mesh}, {mesh, path}, {path, path}})
       EXPECT_THAT(error_of(inputs), AllOf(StartsWith(path + ": files of "), HasSubstr("are not read: "))) << name;
   }
   EXPECT_THAT(error_of({write("a.bin", "some bytes\n")}), HasSubstr("its format is not known"));
+  EXPECT_THAT(error_of({write("climate.nc", "CDF\001 temperature")}), HasSubstr("files of NetCDF are not read"));
 }
 
 TEST_F(SourceTest, DataThatAFolderLeavesOutIsNamed) {

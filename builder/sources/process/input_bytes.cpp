@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "base/names.h"
+#include "builder/sources/formats.h"
 #include "builder/sources/read_text.h"
 
 namespace splatvol {
@@ -37,11 +38,13 @@ class InputFiles {
 
   void add_others(const fs::path& path) {
     const std::string extension = in_lower_case(path.extension().string());
+    const auto format = format_of_name(path.string());
     if (path.filename() == "controlDict") return add_folder(path.parent_path().parent_path());
-    if (extension == ".foam") return add_folder(path.parent_path());
-    if (is_one_of(extension, {".pvd", ".pvtu", ".pvti", ".pvtr", ".pvts", ".vtm", ".vtpd", ".vtpc", ".gltf"}))
+    if (format == InputFormat::openfoam) return add_folder(path.parent_path());
+    if (format == InputFormat::vtk_series || format == InputFormat::vtk_parallel || format == InputFormat::vtk_blocks ||
+        extension == ".gltf")
       return add_named(path, "\"'");
-    if (is_one_of(extension, {".case", ".encas"})) return add_named(path, " \t\r\n");
+    if (format == InputFormat::ensight) return add_named(path, " \t\r\n");
     // "mesh.e.4.0" is the first of four parts.
     const bool is_part = extension.size() > 1 && extension.find_first_not_of("0123456789", 1) == std::string::npos;
     if (is_part) add_matching(path.parent_path(), path.stem().string() + ".*");
