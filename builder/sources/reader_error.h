@@ -1,4 +1,4 @@
-// What readers of ours throw.
+// The error of our own readers.
 #pragma once
 
 #include <stdexcept>

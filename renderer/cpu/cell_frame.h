@@ -71,8 +71,8 @@ struct CellFrame {
   [[nodiscard]] bool has_limits() const { return layers > 0 || !view->clip.is_all(); }
 };
 
-/// Pixels by which all rays are moved, so that none runs along a face, or through an edge or a vertex: it is in one of
-/// the cells that meet there.
+/// All rays are moved by so many pixels. So none runs along a face, or through an edge or a vertex: it is in one of the
+/// cells that meet there.
 inline constexpr float ray_shift_x = 1.1e-6F, ray_shift_y = 0.7e-6F;
 
 /// A tetrahedron on the screen.

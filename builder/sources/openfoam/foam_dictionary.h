@@ -13,7 +13,7 @@ namespace splatvol {
 
 class FoamDictionary;
 
-/// What a key stands for: words, or a dictionary.
+/// The value of a key: words, or a dictionary.
 struct FoamEntry {
   std::vector<FoamToken> words = {};
   bool is_whole = true;  // if not, there are more words than are kept
@@ -57,7 +57,7 @@ class FoamEntries {
   /// without a value or a directive.
   [[nodiscard]] std::vector<FoamToken> read_plain_words();
 
-  /// What a macro stands for. Null: nothing.
+  /// Finds the entry that a macro names. Null: there is none.
   [[nodiscard]] const FoamEntry* find(std::string_view macro) const;
 
  private:

@@ -11,7 +11,7 @@
 
 namespace splatvol {
 
-/// What the class of a file says of a field.
+/// The kind of a field, by the class that its file states.
 struct FoamFieldKind {
   int components = 1;
   bool of_cells = true;       // or of points

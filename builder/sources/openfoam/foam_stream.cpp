@@ -143,7 +143,7 @@ std::size_t FoamStream::unpack(std::span<std::byte> out) {
       state.avail_in = static_cast<uInt>(read_plain(unpacker_->packed));
     }
     if (unpacker_->at_end) {
-      // What follows a member is another one, or padding.
+      // A member is followed by another one, or by padding.
       if (state.avail_in == 0 || *state.next_in != 0x1f) return 0;
       inflateReset(&state);
       unpacker_->at_end = false;

@@ -13,7 +13,7 @@ namespace splatvol {
 /// kinds. Safe on untrusted bytes.
 [[nodiscard]] Status check_blocks(const VtkFile& file);
 
-/// What VTK's reader makes something else of, and what may be wrong.
+/// Parts of a case that VTK's reader misreads, and what may be wrong.
 struct CaseDoubts {
   EnsightFindings findings = {};
   bool open_end = false;  // the case file ends with a digit: a number may be cut off

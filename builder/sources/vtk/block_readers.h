@@ -25,7 +25,7 @@ class BlockReader {
   /// Opens a file. Returns VTK's reader; null if it is one of our own, which has times() and output().
   virtual vtkMultiBlockDataSetAlgorithm* open(const std::string& path) = 0;
 
-  /// What a reader of our own has read last.
+  /// The last blocks that one of our own readers has read.
   virtual vtkMultiBlockDataSet* output() { return nullptr; }
 
   /// Chooses arrays and blocks, after the file's header has been read.

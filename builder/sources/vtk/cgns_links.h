@@ -6,9 +6,11 @@
 
 namespace splatvol {
 
-/// To be called before a CGNS file is opened. From then on the HDF5 library lists the links of a group by name if the
-/// file does not keep the order of their creation, and leaves out solutions on faces or edges: the CGNS library would
-/// find nothing in such groups, and fail at such solutions. Not thread-safe.
+/// To be called before a CGNS file is opened. Not thread-safe. From then on the HDF5 library behaves differently:
+///
+/// - It lists the links of a group by name if the file does not keep the order of their creation. The CGNS library
+///   would find nothing in such a group.
+/// - It leaves out solutions on faces or edges. The CGNS library would fail at them.
 void begin_cgns_file();
 
 /// The names of arrays in solutions that were left out since then.
