@@ -42,7 +42,7 @@ constexpr std::array<FormatRow, input_format_count> rows = {{
      "polyhedra", "sets, zones, particles; patches without `--boundary`"},
     {InputFormat::gmsh, "Gmsh", ".msh", "", "2, 2.1, 2.2 and 4.1, ascii and binary", "the file and its mesh",
      "`--time`", "order 1 and 2",
-     "periodic links, partitions, physical groups of volumes, curves and points; those of surfaces without "
+     "periodic links, partitions, physical groups of curves and points; those of surfaces without "
      "`--boundary`"},
     {InputFormat::su2, "SU2", ".su2", ".su2 and its .csv", "and a `.csv` with its solution",
      "the mesh file and its mesh", "", "linear cells",

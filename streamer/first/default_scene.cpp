@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <iterator>
 #include <numeric>
 #include <utility>
@@ -36,6 +37,16 @@ constexpr double share_of_densest = 0.03;      // of the largest extinction; abo
 constexpr double share_of_deepest = 0.1;       // of the largest optical depth of a splat; above it, too
 constexpr double share_of_domain = 0.7;        // what is visible is that large: the camera shows all
 constexpr double opacity_of_material = 0.65;   // mean along rays, on a dark background
+
+// Chooses a transfer function for the values of some splats.
+using Chooser = std::function<TransferFunction(const std::vector<SurveySplat>&)>;
+
+Result<Chooser> chooser_for(const format::Volume& volume, int index) {
+  const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
+  SPLATVOL_TRY_ASSIGN(labels, holds_labels(volume, index));
+  if (!labels) return Chooser(choose_transfer_function);
+  return Chooser([least = attribute.min, most = attribute.max](const auto&) { return label_function(least, most); });
+}
 
 Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index, const SurveyShapes& shapes) {
   SPLATVOL_TRY_ASSIGN(splats, survey_material(volume, index, shapes));
@@ -110,9 +121,9 @@ void weigh(std::vector<SurveySplat>& splats, const Camera& camera) {
 
 // Moves the camera away while the material is cropped, which shows at the sides of the picture: thin material adds up
 // along rays.
-Camera step_back(std::vector<SurveySplat> splats, Camera camera, double aspect) {
+Camera step_back(std::vector<SurveySplat> splats, const Chooser& choose, Camera camera, double aspect) {
   weigh(splats, camera);
-  TransferFunction function = choose_transfer_function(splats);
+  TransferFunction function = choose(splats);
   for (int step = 0; step < most_steps_back; ++step) {
     const double factor = density_factor(splats, function, camera, opacity_of_material);
     for (auto& density : function.densities) density.extinction *= factor;
@@ -130,8 +141,8 @@ struct Framing {
 };
 
 // If what is visible fills most of the domain, all of the domain is in the picture, with its outline.
-Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySplat>& splats, const Framing& framing,
-                     const FirstPicture& picture) {
+Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySplat>& splats, const Chooser& choose,
+                     const Framing& framing, const FirstPicture& picture) {
   const int up = info.up < 0 ? 1 : info.up;
   const double aspect = static_cast<double>(picture.width) / picture.height;
   const auto distance = [](const Camera& camera) { return glm::length(camera.position - camera.focal_point); };
@@ -144,7 +155,7 @@ Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySpl
   const Camera far = fit_camera(corners_of(bounds_of(splats)), up, aspect, info.cube.edge, picture.turns);
   if (distance(near) >= distance(far)) return near;
   if (distance(near) >= share_of_domain * distance(far)) return far;
-  const Camera relaxed = step_back(splats, near, aspect);
+  const Camera relaxed = step_back(splats, choose, near, aspect);
   return distance(relaxed) >= share_of_domain * distance(far) ? far : relaxed;
 }
 
@@ -175,11 +186,11 @@ Result<std::vector<SurveySplat>> features_of(const format::Volume& volume, int a
 }
 
 Result<Framing> choose_framing(const format::Volume& volume, int first, const std::vector<SurveySplat>& first_splats,
-                               const FirstPicture& picture) {
+                               const Chooser& choose, const FirstPicture& picture) {
   Framing framing;
   framing.ball = framed_ball(first_splats, picture.width, picture.height);
   const auto core_splats = within(framing.ball, first_splats);
-  framing.core = visible_of(core_splats, choose_transfer_function(core_splats));
+  framing.core = visible_of(core_splats, choose(core_splats));
   SPLATVOL_TRY_ASSIGN(others, other_quantities(volume, first, most_others));
   if (others.empty()) return framing;
   SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_of_others));
@@ -201,7 +212,8 @@ bool is_in_picture(const View& view, const dvec3& position) {
 }
 
 // If hardly any of what a function shows is in the picture, values are those of the splats that are.
-TransferFunction fit_to_picture(const std::vector<SurveySplat>& splats, TransferFunction function, const View& view) {
+TransferFunction fit_to_picture(const std::vector<SurveySplat>& splats, const Chooser& choose, const View& view) {
+  TransferFunction function = choose(splats);
   const auto inside = [&](const SurveySplat& splat) { return is_in_picture(view, splat.center); };
   const std::vector<SurveySplat> visible = visible_of(splats, function);
   const auto count = static_cast<double>(std::ranges::count_if(visible, inside));
@@ -209,7 +221,7 @@ TransferFunction fit_to_picture(const std::vector<SurveySplat>& splats, Transfer
   std::vector<SurveySplat> seen;
   std::ranges::copy_if(splats, std::back_inserter(seen),
                        [&](const SurveySplat& splat) { return splat.has_value && inside(splat); });
-  return seen.size() < fewest_in_picture ? function : choose_transfer_function(seen);
+  return seen.size() < fewest_in_picture ? function : choose(seen);
 }
 
 }  // namespace
@@ -219,21 +231,23 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
   SPLATVOL_TRY_ASSIGN(first, choose_first_attribute(volume));
   SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_splats));
   SPLATVOL_TRY_ASSIGN(first_splats, survey(volume, first, shapes));
-  SPLATVOL_TRY_ASSIGN(framing, choose_framing(volume, first, first_splats, picture));
+  SPLATVOL_TRY_ASSIGN(choose, chooser_for(volume, first));
+  SPLATVOL_TRY_ASSIGN(framing, choose_framing(volume, first, first_splats, choose, picture));
   std::vector<SurveySplat> splats = within(framing.ball, first_splats);
   Scene scene;
   scene.width = picture.width;
   scene.height = picture.height;
   scene.outline = true;
   scene.attribute = volume.info().attributes[static_cast<std::size_t>(index)].name;
-  scene.camera = choose_camera(volume.info(), splats, framing, picture);
+  scene.camera = choose_camera(volume.info(), splats, choose, framing, picture);
   if (index != first) {
     SPLATVOL_TRY_ASSIGN(others, survey(volume, index, shapes));
     splats = within(framing.ball, others);
+    SPLATVOL_TRY_SET(choose, chooser_for(volume, index));
   }
   weigh(splats, scene.camera);
   SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, picture.width, picture.height));
-  scene.transfer_function = fit_to_picture(splats, choose_transfer_function(splats), view);
+  scene.transfer_function = fit_to_picture(splats, choose, view);
 
   const double factor = density_factor(splats, scene.transfer_function, scene.camera, opacity_of_material);
   for (auto& density : scene.transfer_function.densities) density.extinction *= factor;

@@ -18,6 +18,7 @@ enum class Interest { main, other, component, mostly_missing, whole_numbers, con
 
 constexpr std::uint64_t enough_points = 5000;  // to tell ids from quantities
 constexpr double least_relative_range = 1e-6;  // of the largest value; below, an attribute counts as constant
+constexpr std::size_t most_labels = 64;
 constexpr std::array<std::string_view, 5> id_endings = {"Id", "ID", "Ids", "IDs", "_id"};
 
 bool is_pressure(const std::string& name) {
@@ -29,13 +30,16 @@ bool is_id_name(const std::string& name) {
   return std::ranges::any_of(id_endings, [&](std::string_view ending) { return name.ends_with(ending); });
 }
 
-// Returns whether all values of a sample are whole numbers: ids or labels. Values beyond 2^53 are whole by rounding.
-Result<bool> holds_whole_numbers(const format::Volume& volume, int index) {
+// Returns a sample of the values if all are whole numbers: ids or labels; else nothing. Values beyond 2^53 are whole by
+// rounding.
+Result<std::vector<double>> whole_numbers(const format::Volume& volume, int index) {
   const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
   const auto is_whole = [](double value) { return std::floor(value) == value && std::abs(value) < 0x1p53; };
-  if (!is_whole(attribute.min) || !is_whole(attribute.max)) return false;
+  if (!is_whole(attribute.min) || !is_whole(attribute.max)) return std::vector<double>();
   SPLATVOL_TRY_ASSIGN(values, survey_values(volume, index, enough_points));
-  return std::ranges::all_of(values, [&](double value) { return std::isnan(value) || is_whole(value); });
+  std::erase_if(values, [](double value) { return std::isnan(value); });
+  if (!std::ranges::all_of(values, is_whole)) values.clear();
+  return values;
 }
 
 Result<Interest> interest_of(const format::Volume& volume, int index) {
@@ -44,8 +48,8 @@ Result<Interest> interest_of(const format::Volume& volume, int index) {
   if (std::isnan(attribute.min)) return Interest::no_values;
   const double largest = std::max(std::abs(attribute.min), std::abs(attribute.max));
   if (!(attribute.max - attribute.min > least_relative_range * largest)) return Interest::constant;
-  SPLATVOL_TRY_ASSIGN(whole, holds_whole_numbers(volume, index));
-  if (whole || is_id_name(attribute.name)) return Interest::whole_numbers;
+  SPLATVOL_TRY_ASSIGN(whole, whole_numbers(volume, index));
+  if (!whole.empty() || is_id_name(attribute.name)) return Interest::whole_numbers;
   if (attribute.missing > info.point_count() / 2) return Interest::mostly_missing;
   if (attribute.name.ends_with(']')) return Interest::component;
   const bool is_magnitude = info.find_attribute(attribute.name + "[0]") >= 0;
@@ -53,6 +57,13 @@ Result<Interest> interest_of(const format::Volume& volume, int index) {
 }
 
 }  // namespace
+
+Result<bool> holds_labels(const format::Volume& volume, int index) {
+  SPLATVOL_TRY_ASSIGN(whole, whole_numbers(volume, index));
+  std::ranges::sort(whole);
+  whole.erase(std::ranges::unique(whole).begin(), whole.end());
+  return whole.size() > 1 && whole.size() <= most_labels;
+}
 
 Result<int> choose_first_attribute(const format::Volume& volume) {
   const auto& attributes = volume.info().attributes;

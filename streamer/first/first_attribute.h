@@ -14,6 +14,10 @@ namespace splatvol {
 /// has a value, and if the file cannot be read.
 [[nodiscard]] Result<int> choose_first_attribute(const format::Volume& volume);
 
+/// Whether the values of an attribute are labels, of materials or blocks: a sample of them holds 2 to 64 whole numbers,
+/// and nothing else. Fails if the file cannot be read.
+[[nodiscard]] Result<bool> holds_labels(const format::Volume& volume, int index);
+
 /// Returns the first attributes of the file, at most `most`, that are quantities and no components: those that a user
 /// of the first picture will look at next. `first` is left out.
 [[nodiscard]] Result<std::vector<int>> other_quantities(const format::Volume& volume, int first, std::size_t most);

@@ -11,6 +11,7 @@
 #include <numbers>
 #include <numeric>
 #include <span>
+#include <utility>
 
 #include "scene/color_maps.h"
 
@@ -284,6 +285,19 @@ TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats
   function.linear_width = axis.width;
   function.lo = axis.value(domain.low), function.hi = axis.value(domain.high);
   function.densities = densities_of(domain, axis, findings, least_density(splats, axis, findings));
+  return function;
+}
+
+TransferFunction label_function(double least, double most) {
+  TransferFunction function;
+  function.lo = least, function.hi = most;
+  function.colors = sequential(true);
+  function.densities.clear();
+  const auto add = [&](double value, double density) {
+    if (value >= least && value <= most) function.densities.push_back({(value - least) / (most - least), density});
+  };
+  for (const auto& [value, density] : {std::pair(-0.75, 1), {-0.25, 0}, {0.25, 0}, {0.75, 1}}) add(value, density);
+  if (function.densities.empty()) function.densities = {{0, 1}};
   return function;
 }
 

@@ -12,6 +12,9 @@ namespace splatvol {
 /// must have a value.
 [[nodiscard]] TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats);
 
+/// Returns the same for labels from `least` to `most`: all are as dense, but 0 is not drawn. It stands for none.
+[[nodiscard]] TransferFunction label_function(double least, double most);
+
 /// Returns the mean extinction over a splat's values, taken as normally distributed; 0 without a value.
 [[nodiscard]] double mean_extinction(const TransferFunction& function, const SurveySplat& splat);
 

@@ -218,6 +218,21 @@ TEST_F(RendererTestFirstPicture, ChoosesAQuantityAndOneCamera) {
   EXPECT_EQ(scene_to_json(scene_of({}, "T")), scene_to_json(scene_of({}, "T")));
 }
 
+// All labels are as dense, and 0 stands for none.
+TEST_F(RendererTestFirstPicture, LabelsAreSeenAlike) {
+  for (const double first : {-2.0, 0.0, 1.0, 7.0}) {
+    const auto label = [&](const dvec3& p) { return first + std::floor(2.9999 * p.x); };
+    const TransferFunction function =
+        scene_of({9, 9, 9}, box(dvec3(0), dvec3(1)), {{"material", label}}).transfer_function;
+    EXPECT_EQ(function.lo, first);
+    EXPECT_EQ(function.hi, first + 2);
+    const double density = function.extinction_at(first == -2 ? 0 : 1);
+    EXPECT_GT(density, 0);
+    for (const double t : {0.0, 0.5, 1.0})
+      EXPECT_EQ(function.extinction_at(t), first + 2 * t == 0 ? 0 : density) << first << " " << t;
+  }
+}
+
 double radius_of(const dvec3& p) { return glm::length(p - 0.5); }
 
 TEST_F(RendererTestFirstPicture, ValuesThatSpanDecadesGetALogarithmicAxis) {

@@ -81,6 +81,9 @@ class VtkDataSets {
   /// The number of the last data set's block, from 1 on, in the order of its file.
   [[nodiscard]] virtual std::size_t block_in_file() const { return 1; }
 
+  /// The numbers that the file gives to the blocks of the last data set's cells; empty: all are in block_in_file().
+  [[nodiscard]] virtual std::span<const int> blocks_of_cells() const { return {}; }
+
   /// The file of the last data set.
   [[nodiscard]] virtual const std::string& path() const = 0;
 

@@ -224,7 +224,7 @@ class GmshReader {
       SPLATVOL_TRY(is_version_2_ ? read_elements_2() : read_elements_4());
     } else if (name == "PhysicalNames" && wants_groups_) {
       read_names();
-    } else if (name == "Entities" && wants_groups_) {
+    } else if (name == "Entities") {
       SPLATVOL_TRY(read_entities());
     } else if (name == "NodeData") {
       read_view(GmshView::At::nodes);
@@ -257,7 +257,7 @@ class GmshReader {
     }
   }
 
-  /// Reads the physical groups of surfaces.
+  /// Reads the physical groups of surfaces and volumes.
   Status read_entities() {
     std::array<std::uint64_t, 4> counts{};  // [dimension]
     for (std::uint64_t& count : counts) count = in_.count<std::uint64_t>(4);
@@ -272,7 +272,8 @@ class GmshReader {
           groups.push_back(std::abs(std::int64_t{in_.number<int>()}));
         const std::uint64_t borders = dimension == 0 ? 0 : in_.count<std::uint64_t>(2);
         for (std::uint64_t b = 0; b < borders && !in_.failed(); ++b) in_.number<int>();
-        if (dimension != 2) continue;
+        if (dimension == 3 && !groups.empty()) material_of_volume_[tag] = static_cast<int>(groups.front());
+        if (dimension != 2 || !wants_groups_) continue;
         std::ranges::sort(groups);
         groups.erase(std::ranges::unique(groups).begin(), groups.end());
         if (groups.size() > most_groups)
@@ -342,9 +343,10 @@ class GmshReader {
   }
 
   template <class Tag>
-  void read_element(int type, std::uint64_t tag, std::size_t nodes) {
+  void read_element(int type, std::uint64_t tag, std::size_t nodes, int material) {
     file_.elements.types.push_back(type);
     file_.elements.tags.push_back(tag);
+    file_.elements.materials.push_back(material);
     for (std::size_t n = 0; n < nodes; ++n)
       file_.elements.nodes.push_back(static_cast<std::uint64_t>(in_.number<Tag>()));
   }
@@ -369,7 +371,7 @@ class GmshReader {
           const auto number = in_.number<std::int32_t>();
           if (t == 0) group = std::abs(std::int64_t{number});
         }
-        read_element<std::int32_t>(type, static_cast<std::uint64_t>(tag), *nodes);
+        read_element<std::int32_t>(type, static_cast<std::uint64_t>(tag), *nodes, static_cast<int>(group));
         if (wants_groups_ && group != 0 && is_surface(type)) add_to_groups(std::array{group});
       }
       left -= std::min(count, left);
@@ -391,9 +393,10 @@ class GmshReader {
       if (const auto found = groups_of_surface_.find(entity);
           dimension == 2 && is_surface(type) && found != groups_of_surface_.end())
         groups = found->second;
+      const auto material = dimension == 3 ? material_of_volume_.find(entity) : material_of_volume_.end();
       for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) {
         const auto tag = in_.number<std::uint64_t>();
-        read_element<std::uint64_t>(type, tag, *nodes);
+        read_element<std::uint64_t>(type, tag, *nodes, material == material_of_volume_.end() ? 0 : material->second);
         add_to_groups(groups);
       }
     }
@@ -448,6 +451,7 @@ class GmshReader {
   std::map<std::int64_t, std::string> group_names_;                     // of surfaces, by their tags
   std::map<std::int64_t, std::vector<std::size_t>> elements_of_group_;  // by the group's tag
   std::map<int, std::vector<std::int64_t>> groups_of_surface_;          // version 4.1: by the surface's tag
+  std::map<int, int> material_of_volume_;                               // version 4.1: by the volume's tag
   GmshFile file_;
 };
 

@@ -28,6 +28,7 @@ struct GmshElements {
   std::vector<int> types;  // Gmsh's numbers
   std::vector<std::uint64_t> tags;
   std::vector<std::uint64_t> nodes;  // tags, of one element after the other
+  std::vector<int> materials;        // of volumes: the first of their physical groups, by its number; 0: none
 };
 
 /// A physical group of surfaces.
@@ -36,8 +37,8 @@ struct GmshGroup {
   std::vector<std::size_t> elements;  // surface elements, by their indices in GmshElements
 };
 
-/// A file of version 2.2 or 4.1, ascii or binary. Periodic links, partitions, and physical groups of other dimensions
-/// are left out.
+/// A file of version 2.2 or 4.1, ascii or binary. Periodic links, partitions, and physical groups of curves and
+/// points are left out.
 struct GmshFile {
   std::vector<std::uint64_t> node_tags;
   std::vector<dvec3> points;

@@ -13,6 +13,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <set>
 #include <span>
 #include <tuple>
 #include <unordered_map>
@@ -259,6 +260,25 @@ class GridMaker {
   vtkNew<vtkUnstructuredGrid> grid_;
 };
 
+/// A mesh whose volumes have physical groups.
+class GmshDataSets final : public LoadedDataSets {
+ public:
+  GmshDataSets(const std::string& path, vtkSmartPointer<vtkDataSet> data, const std::optional<TimeStep>& step,
+               std::vector<Patch> patches, GmshElements elements)
+      : LoadedDataSets(path, {std::move(data)}, step, std::move(patches)), materials_(std::move(elements.materials)) {
+    for (std::size_t e = 0; e < materials_.size(); ++e)
+      if (is_solid(elements.types[e])) known_.insert(materials_[e]);
+  }
+
+  std::size_t blocks() const override { return std::max<std::size_t>(known_.size(), 1); }
+  std::string block_word() const override { return "material"; }
+  std::span<const int> blocks_of_cells() const override { return materials_; }
+
+ private:
+  std::vector<int> materials_;
+  std::set<int> known_;  // of the cells with a volume
+};
+
 /// Chooses among the times of all views.
 std::optional<TimeStep> choose_step(const GmshFile& file, std::optional<double> time) {
   std::vector<double> times;
@@ -299,7 +319,7 @@ Result<std::unique_ptr<VtkDataSets>> open_gmsh(const VtkFile& file, const Source
     data = maker.grid();
     patches = maker.patches();
   }));
-  return std::make_unique<LoadedDataSets>(file.path, std::vector{data}, step, std::move(patches));
+  return std::make_unique<GmshDataSets>(file.path, data, step, std::move(patches), std::move(gmsh.elements));
 }
 
 Result<std::vector<ArrayShape>> gmsh_arrays(const std::string& path) {

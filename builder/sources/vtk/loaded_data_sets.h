@@ -13,7 +13,7 @@
 
 namespace splatvol {
 
-class LoadedDataSets final : public VtkDataSets {
+class LoadedDataSets : public VtkDataSets {
  public:
   LoadedDataSets(std::string path, std::vector<vtkSmartPointer<vtkDataSet>> data, std::optional<TimeStep> step = {},
                  std::vector<Patch> patches = {}, CellCensus changes = {})

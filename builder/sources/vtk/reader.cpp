@@ -119,6 +119,9 @@ class FileDataSets final : public VtkDataSets {
     for (std::size_t file = 0; is_composite_ && file + 1 < file_; ++file) before += blocks_in(files_[file]);
     return before + (blocks_ ? blocks_->block_in_file() : 1);
   }
+  std::span<const int> blocks_of_cells() const override {
+    return blocks_ ? blocks_->blocks_of_cells() : std::span<const int>();
+  }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     for (;;) {

@@ -15,7 +15,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <set>
+#include <span>
 #include <utility>
 
 #include "base/file.h"
@@ -45,8 +47,11 @@ std::optional<double> time_in_fields(vtkDataSet& data) {
 
 class VtkSource final : public Source {
  public:
-  VtkSource(std::unique_ptr<VtkDataSets> data_sets, const SourceOptions& options, std::optional<TimeStep> step = {})
+  /// `read_again`: makes the data sets once more; may be empty if they tell no blocks apart.
+  VtkSource(std::unique_ptr<VtkDataSets> data_sets, const SourceOptions& options, std::optional<TimeStep> step = {},
+            std::function<std::unique_ptr<VtkDataSets>()> read_again = {})
       : data_sets_(std::move(data_sets)),
+        read_again_(std::move(read_again)),
         options_(options),
         own_cells_(options.cells == CellValues::own),
         missing_(options.missing),
@@ -146,7 +151,8 @@ class VtkSource final : public Source {
   Result<std::vector<ArrayAttribute>> make_attribute() {
     if (pending_->GetNumberOfCells() == 0)
       return fail(ErrorCode::invalid_data, "{}: no arrays of numbers at its points, and no cells", data_sets_->path());
-    if (data_sets_->blocks() < 2) {
+    SPLATVOL_TRY_ASSIGN(has_blocks, tells_blocks());
+    if (!has_blocks) {
       made_ = "cell_volume: the mesh has no values, so these are the volumes of its cells";
       return std::vector{
           ArrayAttribute{.name = "cell_volume", .array = "cell_volume", .of_cells = true, .is_volume = true}};
@@ -154,17 +160,33 @@ class VtkSource final : public Source {
     numbers_blocks_ = own_cells_ = true;  // means of numbers would be numbers of blocks that there are not
     options_.cells = CellValues::own;
     const std::string word = data_sets_->block_word();
-    made_ = fmt::format("{}: the mesh has no values, so these are the numbers of its {}s, in the order of the file",
-                        word, word);
+    made_ = fmt::format("{}: the mesh has no values, so these are the numbers of its {}s, {}", word, word,
+                        data_sets_->blocks_of_cells().empty() ? "in the order of the file" : "as the file has them");
     SPLATVOL_TRY(arrays_.add(data_sets_->path(), std::vector{ArrayShape{.name = word, .of_cells = true}}));
     return arrays_.attributes(data_sets_->path(), options_.cells);
+  }
+
+  /// Whether the first file has several blocks besides surfaces. Only their cells tell these: so it is read once more,
+  /// up to the second one.
+  Result<bool> tells_blocks() const {
+    if (data_sets_->blocks() < 2) return false;
+    if (!data_sets_->blocks_of_cells().empty()) return true;
+    const std::unique_ptr<VtkDataSets> again = read_again_();
+    for (std::set<std::size_t> blocks;;) {
+      SPLATVOL_TRY_ASSIGN(data, again->next());
+      if (!data || again->number().file > 0) return false;
+      if (data->GetNumberOfPoints() > 0) blocks.insert(again->block_in_file());
+      if (blocks.size() > 1) return true;
+    }
   }
 
   void add_block_number(vtkDataSet& data) const {
     const vtkNew<vtkDoubleArray> numbers;
     numbers->SetName(data_sets_->block_word().c_str());
     numbers->SetNumberOfValues(data.GetNumberOfCells());
-    numbers->FillValue(static_cast<double>(data_sets_->block_in_file()));
+    const std::span<const int> of_cells = data_sets_->blocks_of_cells();
+    of_cells.empty() ? numbers->FillValue(static_cast<double>(data_sets_->block_in_file()))
+                     : static_cast<void>(std::ranges::copy(of_cells, numbers->GetPointer(0)));
     data.GetCellData()->AddArray(numbers);
   }
 
@@ -235,6 +257,7 @@ class VtkSource final : public Source {
   }
 
   std::unique_ptr<VtkDataSets> data_sets_;
+  std::function<std::unique_ptr<VtkDataSets>()> read_again_;
   SourceOptions options_;
   bool own_cells_;
   bool lends_ = false;  // values
@@ -299,7 +322,8 @@ Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const 
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const SourceOptions& options,
                                                const std::optional<TimeStep>& step) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, options), options, step);
+  auto source = std::make_unique<VtkSource>(read_vtk_files(files, options), options, step,
+                                            [files, options] { return read_vtk_files(files, options); });
   std::string missing;
   SPLATVOL_TRY(source->start(missing));
   if (missing.empty() || options.may_lack) return source;

@@ -38,6 +38,7 @@ using test::largest_error;
 using test::read_input;
 using test::times;
 using ::testing::Contains;
+using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -555,6 +556,18 @@ TEST_F(BlocksTest, Cgns) {
   for (const double value : input.pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this zone";
   for (std::size_t i = 0; i < block_points; ++i)
     EXPECT_DOUBLE_EQ(input.pieces[1].values[0][i], field(cubes[1].points[i], 2));
+}
+
+TEST_F(BlocksTest, CgnsWithoutValuesGivesTheNumbersOfItsZones) {
+  int file = 0, base = 0;
+  ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_WRITE, &file), 0) << cg_get_error();
+  cg_base_write(file, "Base", 3, 3, &base);
+  for (std::size_t b = 0; b < 2; ++b) write_zone(file, base, b, false);
+  ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+  const auto input = test::value_of(read_input({path("mesh.cgns")}));
+  EXPECT_THAT(input.attributes, ElementsAre("block"));
+  ASSERT_EQ(input.pieces.size(), 2u);
+  for (std::size_t b = 0; b < 2; ++b) EXPECT_THAT(input.pieces[b].values.at(0), Each(static_cast<double>(b + 1)));
 }
 
 // VTK 9.1 takes the first elements for the cells.

@@ -21,6 +21,7 @@ namespace splatvol {
 namespace {
 
 using ::testing::AnyOf;
+using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -246,6 +247,19 @@ TEST_F(EnsightTest, CutFilesOfSteps) {
   }
   // Cuts of white space only.
   EXPECT_LE(passed_, 4u);
+}
+
+TEST_F(EnsightTest, WithoutValuesGivesTheNumbersOfItsParts) {
+  EnsightText geometry(Encoding::binary);
+  geometry.kind();
+  put_geometry(geometry, 0, false);
+  write("geo", geometry.bytes);
+  write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\n");
+  const auto input = test::value_of(test::read_input({path("a.case")}));
+  EXPECT_THAT(input.attributes, ElementsAre("part"));
+  ASSERT_EQ(input.pieces.size(), 3u);
+  for (std::size_t part = 0; part < 3; ++part)
+    EXPECT_THAT(input.pieces[part].values.at(0), Each(static_cast<double>(part + 1)));
 }
 
 TEST_F(EnsightTest, CutFilesOfAllSteps) {

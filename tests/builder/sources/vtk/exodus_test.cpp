@@ -392,6 +392,11 @@ TEST_F(ExodusTest, WithoutValuesGivesTheNumbersOfItsBlocks) {
   ASSERT_EQ(input.pieces.size(), 2u);
   EXPECT_THAT(input.pieces[0].values.at(0), ElementsAre(1, 1, 1, 1, 1));
   EXPECT_THAT(input.pieces[1].values.at(0), ElementsAre(2, 2, 2));
+
+  // Where only one of them has a volume, its number tells nothing.
+  mesh.blocks[1] = {"SHELL4", {{1, 2, 5, 4}}};
+  mesh.write(path("mesh.e"));
+  EXPECT_THAT(test::value_of(read_input({path("mesh.e")})).attributes, ElementsAre("cell_volume"));
 }
 
 }  // namespace

@@ -350,7 +350,8 @@ struct GmshMesh {
   void (*put_values)(GmshText& out, const GmshMesh& mesh);
   std::string names = "1\n3 1 \"all\"\n";  // of groups
   int volume = 1;                          // its tag
-  std::vector<GmshSurface> surfaces = {};  // entities, with tags from 11 on
+  std::vector<GmshSurface> surfaces = {};  // entities, with tags from 11 on, and
+  std::vector<std::vector<int>> groups_of_volumes = {{1}};
 };
 
 void put_views(GmshText& out, const GmshMesh& mesh) {
@@ -414,7 +415,8 @@ std::string gmsh_2(bool binary, const GmshMesh& mesh) {
 }
 
 // Points, curves and volumes have groups with the numbers of those of surfaces.
-void put_entities(GmshText& out, const std::vector<GmshSurface>& surfaces) {
+void put_entities(GmshText& out, const GmshMesh& mesh) {
+  const std::vector<GmshSurface>& surfaces = mesh.surfaces;
   const auto put_entity = [&](int tag, int numbers, const std::vector<int>& groups, const std::vector<int>& borders) {
     out.integer(tag);
     for (int i = 0; i < numbers; ++i) out.real(0.5);
@@ -425,21 +427,22 @@ void put_entities(GmshText& out, const std::vector<GmshSurface>& surfaces) {
     out.end_of_line();
   };
   out.line("$Entities");
-  for (const std::uint64_t count : {std::uint64_t{1}, std::uint64_t{1}, surfaces.size(), std::uint64_t{1}})
+  for (const std::uint64_t count : {std::uint64_t{1}, std::uint64_t{1}, surfaces.size(), mesh.groups_of_volumes.size()})
     out.count(count);
   out.end_of_line();
   put_entity(1, 3, {1}, {});
   put_entity(1, 6, {2}, {1, -1});
   for (std::size_t s = 0; s < surfaces.size(); ++s)
     put_entity(static_cast<int>(s) + 11, 6, surfaces[s].groups, {1, 1, 1, 1});
-  put_entity(11, 6, {1}, {11, 12});
+  for (std::size_t v = 0; v < mesh.groups_of_volumes.size(); ++v)
+    put_entity(static_cast<int>(v) + 11, 6, mesh.groups_of_volumes[v], {11, 12});
   out.line(out.binary() ? "\n$EndEntities" : "$EndEntities");
 }
 
 std::string gmsh_4(bool binary, const GmshMesh& mesh) {
   GmshText out(binary, true);
   put_head(out, "4.1", mesh);
-  if (!mesh.surfaces.empty()) put_entities(out, mesh.surfaces);
+  if (!mesh.surfaces.empty() || mesh.groups_of_volumes.size() > 1) put_entities(out, mesh);
   out.line("$Nodes");
   for (const std::uint64_t value : {std::uint64_t{1}, mesh.points.size(), std::uint64_t{1}, mesh.points.size()})
     out.count(value);
@@ -663,6 +666,38 @@ TEST_F(FormatsTest, QuadraticGroupsOfGmshArePatches) {
   // A tetrahedron at a corner of the cube: nodes 0, 1, 3, 4, and its edges in Gmsh's order.
   EXPECT_THAT(patches("1 11 2 1 1 0 1 3 4 8 20 9 10 22 21\n2 9 2 5 1 0 1 3 8 20 9\n"),
               UnorderedElementsAre(Pair("physical surface 5", 4), Pair("outer", 12)));
+}
+
+// Without values, a mesh has the physical groups of its volumes. Version 4.1 names them by entities.
+TEST_F(FormatsTest, MaterialsOfGmsh) {
+  const auto input_of = [&](const std::string& text) {
+    write("a.msh", text);
+    return test::value_of(read_input({path("a.msh")}));
+  };
+  for (const bool version4 : {false, true})
+    for (const bool binary : {false, true}) {
+      GmshMesh mesh = gmsh_mesh();
+      mesh.put_values = [](GmshText&, const GmshMesh&) {};
+      const auto input_with = [&](int tetrahedron, int hexahedron) {
+        mesh.groups_of_volumes = {{tetrahedron, 9}, {}};
+        if (hexahedron != 0) mesh.groups_of_volumes[1] = {hexahedron};
+        for (GmshElement& element : mesh.elements) {
+          element.dimension = element.type == 2 ? 2 : 3;
+          element.entity = element.type == 5 ? 12 : 11;
+          element.group = element.type == 11 ? tetrahedron : element.type == 5 ? hexahedron : 3;
+        }
+        return input_of(version4 ? gmsh_4(binary, mesh) : gmsh_2(binary, mesh));
+      };
+      const auto input = input_with(7, 0);
+      EXPECT_THAT(input.attributes, ElementsAre("material"));
+      ASSERT_EQ(input.pieces.size(), 1u);
+      std::vector<double> values = input.pieces[0].values.at(0);
+      std::ranges::sort(values);
+      values.erase(std::ranges::unique(values).begin(), values.end());
+      EXPECT_THAT(values, ElementsAre(0, 7)) << "values of cells";
+      // One group tells nothing, and those of surfaces are none of cells.
+      EXPECT_THAT(input_with(7, 7).attributes, ElementsAre("cell_volume")) << version4 << binary;
+    }
 }
 
 TEST_F(FormatsTest, DamagedGroupsOfGmsh) {
