@@ -186,21 +186,22 @@ std::map<std::string, std::string> openfoam_files(const FoamLayout& layout) {
   std::vector<std::map<std::string, std::string>> parts;
   for (std::size_t i = 0; i < count; ++i)
     parts.push_back(part_files(layout, foam_cells * i / count, foam_cells * (i + 1) / count, i));
+  const auto add = [&](const std::string& name, const std::string& text) {
+    files[name + (layout.packed ? ".gz" : "")] = layout.packed ? gzipped(text) : text;
+  };
   std::size_t next = 0;
   for (const std::size_t some : layout.collated) {
     const std::string range = some == count ? "" : fmt::format("_{}-{}", next, next + some - 1);
     for (const auto& [name, text] : parts[next]) {
       std::vector<std::string> texts;
       for (std::size_t i = next; i < next + some; ++i) texts.push_back(parts[i].at(name));
-      files[fmt::format("processors{}{}/{}", count, range, name)] = collated(texts);
+      add(fmt::format("processors{}{}/{}", count, range, name), collated(texts));
     }
     next += some;
   }
   for (; next < count; ++next)
-    for (const auto& [name, text] : parts[next]) {
-      const std::string in = layout.processors == 0 ? name : fmt::format("processor{}/{}", next, name);
-      files[in + (layout.packed ? ".gz" : "")] = layout.packed ? gzipped(text) : text;
-    }
+    for (const auto& [name, text] : parts[next])
+      add(layout.processors == 0 ? name : fmt::format("processor{}/{}", next, name), text);
   return files;
 }
 

@@ -104,7 +104,6 @@ void FoamReader::read_header() {
 
 /// Skips the blocks of the processors before one. The first block may have a header, which is that of all.
 void FoamReader::enter_block(std::size_t block) {
-  if (stream().is_packed()) throw ReaderError("{}: packed files of several processors cannot be read", stream().name());
   class_ = inner_class_;
   sources_.back().format.binary = inner_is_binary_;
   for (std::size_t i = 0;; ++i) {
@@ -114,11 +113,11 @@ void FoamReader::enter_block(std::size_t block) {
     if (size.text.starts_with("List<")) size = next();
     const auto bytes = number_of<std::uint64_t>(size.text);
     expect('(');
-    const std::uint64_t left = stream().most_left();
-    if (!bytes || *bytes > left)
+    const std::uint64_t begin = stream().taken();
+    if (!bytes || *bytes > stream().most_left())
       throw ReaderError("{}: the file is cut off or damaged: the block of processor {} ends early", stream().name(), i);
     if (i == 0) read_header();
-    const std::uint64_t taken = left - stream().most_left();
+    const std::uint64_t taken = stream().taken() - begin;
     if (taken > *bytes || class_.empty())
       throw ReaderError("{}: the block of processor {} is damaged", stream().name(), i);
     if (i == block) return stream().end_after(*bytes - taken);

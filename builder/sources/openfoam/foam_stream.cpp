@@ -60,6 +60,7 @@ void FoamStream::read(std::span<std::byte> out) {
   for (out = out.subspan(buffered); !out.empty();) {
     const std::size_t count = read_more(out);
     if (count == 0) throw ReaderError("{}: the file is cut off: it ends within a list", name_);
+    before_ += count;
     out = out.subspan(count);
   }
 }
@@ -72,6 +73,7 @@ void FoamStream::skip(std::uint64_t count) {
   if (count > most_left()) throw ReaderError("{}: the file is cut off: it ends within a list", name_);
   if (!unpacker_) {
     offset_ += count;
+    before_ += count;
     left_ -= left_ == unlimited ? 0 : count;
     portion_ = first_portion;  // little may be wanted there
     return;
@@ -105,6 +107,7 @@ bool FoamStream::fill(std::size_t count) {
   if (end_ - at_ >= count) return true;
   std::memmove(buffer_.data(), buffer_.data() + at_, end_ - at_);
   end_ -= at_;
+  before_ += at_;
   at_ = 0;
   while (end_ < count) {
     buffer_.resize(std::max(buffer_.size(), std::max(portion_, 2 * count)));

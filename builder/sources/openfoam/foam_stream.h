@@ -46,6 +46,9 @@ class FoamStream {
   void read(std::span<std::byte> out);
   void skip(std::uint64_t count);
 
+  /// How many bytes were taken so far.
+  [[nodiscard]] std::uint64_t taken() const { return before_ + at_; }
+
   /// No more bytes than these can follow. It is the exact number in a plain file.
   [[nodiscard]] std::uint64_t most_left() const;
   [[nodiscard]] bool is_packed() const { return unpacker_ != nullptr; }
@@ -66,6 +69,7 @@ class FoamStream {
   std::unique_ptr<ByteSource> file_;
   std::unique_ptr<Unpacker> unpacker_;  // null: the file is plain
   std::uint64_t offset_ = 0;            // of the next byte of the file that is not read yet
+  std::uint64_t before_ = 0;            // bytes taken before buffer_
   std::uint64_t left_;                  // unpacked bytes that may be read into the buffer
   std::string buffer_;
   std::size_t at_ = 0, end_ = 0;  // unread bytes in buffer_

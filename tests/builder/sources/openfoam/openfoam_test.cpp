@@ -153,7 +153,8 @@ INSTANTIATE_TEST_SUITE_P(All, OpenFoamLayouts,
                                            FoamLayout{.binary = true, .packed = true}, FoamLayout{.processors = 3},
                                            FoamLayout{.binary = true, .processors = 2, .region = "fluid"},
                                            FoamLayout{.processors = 3, .collated = {3}},
-                                           FoamLayout{.binary = true, .processors = 3, .collated = {2, 1}}));
+                                           FoamLayout{.binary = true, .processors = 3, .collated = {2, 1}},
+                                           FoamLayout{.binary = true, .packed = true, .processors = 3, .collated = {3}}));
 
 // No file may end early: neither its lists, nor its boundaryField, nor its packed bytes.
 TEST_F(OpenFoam, CutFilesAreRefused) {
