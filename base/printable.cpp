@@ -44,4 +44,18 @@ std::string one_line(std::string_view text) {
   return line;
 }
 
+std::string as_utf8(std::string_view text) {
+  std::string result;
+  while (!text.empty()) {
+    const std::size_t bytes = character_bytes(text);
+    const auto first = static_cast<unsigned char>(text[0]);
+    if (bytes == 0)
+      result += {static_cast<char>(0xc0 | (first >> 6)), static_cast<char>(0x80 | (first & 0x3f))};
+    else
+      result += text.substr(0, bytes);
+    text.remove_prefix(std::max<std::size_t>(bytes, 1));
+  }
+  return result;
+}
+
 }  // namespace splatvol

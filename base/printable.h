@@ -13,4 +13,7 @@ namespace splatvol {
 /// The same, with `?` for line breaks too.
 [[nodiscard]] std::string one_line(std::string_view text);
 
+/// Returns a text in UTF-8: bytes that are none are taken for Latin-1, as programs of Windows write it.
+[[nodiscard]] std::string as_utf8(std::string_view text);
+
 }  // namespace splatvol

@@ -9,6 +9,7 @@
 #include <unordered_map>
 
 #include "base/names.h"
+#include "base/printable.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/units.h"
 
@@ -187,6 +188,7 @@ void name_columns(std::span<const std::string_view> fields, CsvTable& table) {
       if (field.substr(i, 2) == "\"\"") ++i;  // a quotation mark between quotation marks
       column.name += field[i];
     }
+    column.name = as_utf8(column.name);
     column.unit = cut_unit(column.name);
     table.columns.push_back(std::move(column));
   }

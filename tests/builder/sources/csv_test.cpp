@@ -113,6 +113,9 @@ TEST_F(CsvTest, UnitsComeFromTheHeading) {
   const auto source = test::value_of(open_own({path}, {}));
   EXPECT_THAT(source->attributes(), ElementsAre("p", "T", "U[0]"));
   EXPECT_THAT(source->units(), ElementsAre("Pa", "", ""));
+  const auto celsius = test::value_of(open_own({write("b.csv", "x,y,z,\xe9T [\xb0\x43],p [°C]\n1,2,3,4,5\n")}, {}));
+  EXPECT_THAT(celsius->attributes(), ElementsAre("éT", "p"));
+  EXPECT_THAT(celsius->units(), ElementsAre("°C", "°C")) << "Latin-1 and UTF-8";
 }
 
 TEST_F(CsvTest, ErrorsNameTheLine) {
