@@ -4,7 +4,6 @@
 #include <string_view>
 
 #include "base/file.h"
-#include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/ensight_case.h"
 #include "builder/sources/vtk/ensight_checks.h"
 #include "builder/sources/vtk/finer_numbers.h"
@@ -32,7 +31,7 @@ void check_ensight(std::span<const std::byte> bytes) {
   static_cast<void>(has_finer_number({reinterpret_cast<const char*>(text.data()), text.size()}));
   for (const EnsightFiles& variable : files.variables()) static_cast<void>(files.file_at(variable, 0.5));
   const fuzz::NamedBytes named(text);
-  static_cast<void>(check_case_files({named.path(), VtkFile::Kind::ensight}, std::nullopt));
+  static_cast<void>(read_ensight_case(named.path()));
 
   const fuzz::NamedBytes geometry(bytes.subspan(std::min(bytes.size(), text.size() + 1)));
   const EnsightCase fixed(

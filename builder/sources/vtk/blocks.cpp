@@ -18,8 +18,7 @@
 #include "builder/sources/block_numbers.h"
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
-#include "builder/sources/vtk/block_checks.h"
-#include "builder/sources/vtk/block_readers.h"
+#include "builder/sources/vtk/block_reader.h"
 #include "builder/sources/vtk/cell_counts.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/patch.h"
@@ -37,6 +36,22 @@ std::vector<double> times_of(vtkAlgorithm& algorithm) {
   return count > 0 ? std::vector<double>(first, first + count) : std::vector<double>();
 }
 
+/// Null for files of other kinds.
+std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind) {
+  switch (kind) {
+    case VtkFile::Kind::cgns:
+      return make_cgns_reader();
+    case VtkFile::Kind::ensight:
+      return make_ensight_reader();
+    case VtkFile::Kind::exodus:
+      return make_exodus_reader();
+    case VtkFile::Kind::openfoam:
+      return make_openfoam_reader();
+    default:
+      return nullptr;
+  }
+}
+
 std::optional<double> time_of(const std::optional<TimeStep>& step) {
   return step ? std::optional(step->time) : std::nullopt;
 }
@@ -48,10 +63,7 @@ class BlockDataSets final : public VtkDataSets {
       : file_(std::move(file)), options_(options), missing_(options.missing), reader_(make_block_reader(file_.kind)) {}
 
   Status open() {
-    SPLATVOL_TRY(check_blocks(file_));
-    SPLATVOL_TRY_ASSIGN(doubts, check_case_files(file_, options_.time));
-    reader_->set_findings(std::move(doubts.findings));
-    changes_.open_ends += doubts.open_end ? 1 : 0;
+    SPLATVOL_TRY(reader_->check(file_.path, options_.time));
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm_ = reader_->open(file_.path);
       if (file_.patches) reader_->want_patches();
@@ -60,7 +72,7 @@ class BlockDataSets final : public VtkDataSets {
       const std::vector<double> times = reader_->times();
       step_ = choose_step(times.empty() && algorithm_ ? times_of(*algorithm_) : times, options_.time);
     }));
-    return check_steps(file_, step_ ? step_->times.size() : 0);
+    return reader_->check_steps(step_ ? step_->times.size() : 0);
   }
 
   Status announce(ArrayUnion& arrays) override {
@@ -260,6 +272,16 @@ class BlockDataSets final : public VtkDataSets {
 };
 
 }  // namespace
+
+std::string BlockReader::block_name(const std::vector<std::string>& path) const {
+  std::string name;
+  for (const std::string& part : path) name += "/" + part;
+  return name;
+}
+
+void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces) {
+  time ? reader.UpdateTimeStep(*time, piece, pieces) : reader.UpdatePiece(piece, pieces, 0);
+}
 
 Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file, const SourceOptions& options) {
   auto blocks = std::make_unique<BlockDataSets>(file, options);

@@ -4,12 +4,18 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
+#include <charconv>
 #include <cmath>
+#include <cstdint>
 
 #include "builder/sources/read_text.h"
+#include "builder/sources/vtk/file_words.h"
 
 namespace splatvol {
 namespace {
+
+constexpr std::uint64_t largest_case = 16 << 20;  // a line for each variable, a number for each time step
 
 std::optional<double> number_in(std::string_view word) {
   if (word.starts_with('+')) word.remove_prefix(1);
@@ -47,6 +53,91 @@ std::string with_number(const std::string& pattern, double number) {
   return pattern.substr(0, first) + fmt::format("{:0{}}", std::llround(number), width) + pattern.substr(first + width);
 }
 
+/// Checks an EnSight case line by line. VTK 9.1 loops for ever on a section that it does not know, and reads time steps
+/// that are not there.
+class CaseChecker {
+ public:
+  explicit CaseChecker(const std::string& path) : path_(path) {}
+
+  Status add(std::string_view line) {
+    if (line.empty()) return {};
+    if (line == "TIME") {
+      section_ = line;
+      return start_steps(1);  // until the section gives a number
+    }
+    if (is_one_of(line, {"FORMAT", "GEOMETRY", "VARIABLE", "FILE"})) {
+      section_ = line;
+      return {};
+    }
+    if (line.find('"') != std::string_view::npos)
+      return fail(ErrorCode::unsupported,
+                  "{}: VTK's reader takes no names in quotation marks; remove them: sed 's/\"//g' {} > NEW.case", path_,
+                  path_);
+    if (line.find_first_not_of("0123456789+-.eE \t") == std::string_view::npos) {
+      return in_values_ ? add_times(line) : Status{};
+    }
+    const std::size_t colon = line.find(':');
+    const std::string_view key = line.substr(0, colon);
+    const std::string_view value = colon == std::string_view::npos ? "" : bare_case_line(line.substr(colon + 1));
+    in_values_ = key == "time values";
+    if (in_values_) return add_times(value);
+    if (key == "filename numbers") return {};
+    if (value.empty() || !belongs(key))
+      return fail(ErrorCode::unsupported, "{}: the line \"{}\" is of no kind that VTK's reader of EnSight knows", path_,
+                  line.substr(0, 80));
+    // A set of files has a number of steps, too.
+    return key == "number of steps" && section_ == "TIME" ? read_steps(value) : Status{};
+  }
+
+  [[nodiscard]] Status finish() const {
+    if (values_ >= steps_) return {};
+    return fail(ErrorCode::invalid_data, "{}: {} time steps, but times of {} only", path_, steps_, values_);
+  }
+
+ private:
+  /// Whether a line of this kind may be in the current section.
+  [[nodiscard]] bool belongs(std::string_view key) const {
+    if (section_ == "FORMAT") return key == "type";
+    if (section_ == "GEOMETRY") return is_one_of(key, {"model", "measured", "match"});
+    if (section_ == "VARIABLE") return key.find(" per ") != std::string_view::npos;
+    if (section_ == "FILE") return is_one_of(key, {"file set", "filename index", "number of steps"});
+    return section_ == "TIME" &&
+           is_one_of(key, {"time set", "number of steps", "filename start number", "filename increment"});
+  }
+
+  /// VTK's reader takes the beginning of a time that is no number.
+  Status add_times(std::string_view text) {
+    for (; !text.empty(); ++values_)
+      if (const std::string_view word = take_case_word(text); !is_number(word))
+        return fail(ErrorCode::invalid_data, "{}: the time value \"{}\" is no number", path_, word.substr(0, 40));
+    return {};
+  }
+
+  Status start_steps(std::size_t count) {
+    SPLATVOL_TRY(finish());
+    steps_ = count;
+    values_ = 0;
+    return {};
+  }
+
+  Status read_steps(std::string_view value) {
+    std::size_t count = 0;
+    if (std::from_chars(value.data(), value.data() + value.size(), count).ec != std::errc{})
+      return fail(ErrorCode::invalid_data, "{}: the number of steps is no number", path_);
+    // The first number of steps replaces the one step that "TIME" began with.
+    if (!counted_) steps_ = 0;
+    counted_ = true;
+    return start_steps(count);
+  }
+
+  const std::string& path_;
+  std::size_t steps_ = 0;   // of the current set of steps
+  std::size_t values_ = 0;  // of these steps so far
+  bool counted_ = false;
+  bool in_values_ = false;
+  std::string_view section_;  // of the current line
+};
+
 }  // namespace
 
 std::string_view bare_case_line(std::string_view line) { return trimmed(line.substr(0, line.find('#'))); }
@@ -57,7 +148,8 @@ std::string_view take_case_word(std::string_view& line) {
   return word;
 }
 
-EnsightCase::EnsightCase(std::string_view text) {
+EnsightCase::EnsightCase(std::string_view text)
+    : open_end_(!text.empty() && std::isdigit(static_cast<unsigned char>(text.back())) != 0) {
   while (!text.empty()) {
     const std::string_view line = bare_case_line(take_line(text));
     const std::size_t colon = line.find(':');
@@ -140,6 +232,12 @@ void EnsightCase::read_variable(std::string_view key, std::string_view value) {
   }
 }
 
+std::size_t EnsightCase::most_steps() const {
+  std::size_t most = 0;
+  for (const auto& [number, set] : time_sets_) most = std::max(most, set.steps);
+  return most;
+}
+
 std::vector<double> EnsightCase::times() const {
   std::vector<double> times;
   for (const auto& [number, set] : time_sets_) times.insert(times.end(), set.times.begin(), set.times.end());
@@ -173,6 +271,27 @@ std::optional<EnsightFile> EnsightCase::file_at(const EnsightFiles& files, std::
   if (file == several.steps.size() || (numbered && file >= several.indices.size())) return std::nullopt;
   return EnsightFile{numbered ? with_number(files.name, several.indices[file]) : files.name, several.steps[file], true,
                      step};
+}
+
+Result<EnsightCase> read_ensight_case(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(text, read_text(path, largest_case));
+  std::string_view whole = text;
+  if (whole.find("FORMAT") == std::string_view::npos || whole.find("ensight") == std::string_view::npos)
+    return fail(ErrorCode::invalid_data, "{}: not an EnSight case (no FORMAT with a type of ensight)", path);
+  CaseChecker checker(path);
+  while (!whole.empty()) SPLATVOL_TRY(checker.add(bare_case_line(take_line(whole))));
+  SPLATVOL_TRY(checker.finish());
+  return EnsightCase(text);
+}
+
+Result<std::vector<ArrayShape>> ensight_arrays(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(files, read_ensight_case(path));
+  const std::vector<EnsightFiles>& variables = files.variables();
+  std::vector<ArrayShape> shapes;
+  for (const EnsightFiles& of_variable : variables)
+    if (std::ranges::count(variables, of_variable.variable, &EnsightFiles::variable) == 1)
+      shapes.push_back({of_variable.variable, static_cast<int>(of_variable.components), of_variable.per_element});
+  return shapes;
 }
 
 }  // namespace splatvol

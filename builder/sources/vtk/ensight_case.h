@@ -8,6 +8,9 @@
 #include <string_view>
 #include <vector>
 
+#include "base/error.h"
+#include "builder/sources/array_union.h"
+
 namespace splatvol {
 
 /// A line of GEOMETRY or VARIABLE: a name of files, and how its time steps are spread over them.
@@ -40,6 +43,12 @@ class EnsightCase {
   /// A line that names files in a wrong way; empty if there is none.
   [[nodiscard]] const std::string& wrong_line() const { return wrong_line_; }
 
+  /// The most steps that a time set declares.
+  [[nodiscard]] std::size_t most_steps() const;
+
+  /// Whether the text ends with a digit: a number may be cut off.
+  [[nodiscard]] bool has_open_end() const { return open_end_; }
+
   /// The times of all time sets, without order.
   [[nodiscard]] std::vector<double> times() const;
 
@@ -66,7 +75,7 @@ class EnsightCase {
   void read_variable(std::string_view key, std::string_view value);
   [[nodiscard]] const TimeSet* time_set_of(const EnsightFiles& files) const;
 
-  bool gold_ = false;
+  bool gold_ = false, open_end_ = false;
   std::optional<EnsightFiles> geometry_;
   std::vector<EnsightFiles> variables_;
   std::string wrong_line_;
@@ -78,6 +87,13 @@ class EnsightCase {
   int set_ = 1;
   std::vector<double>* list_ = nullptr;  // that lines of numbers go on with
 };
+
+/// Reads a case file. Fails if it is none, and if it has lines on which VTK 9.1 never ends: unknown sections, entries
+/// that are cut off, or names in quotation marks. Safe on untrusted bytes.
+[[nodiscard]] Result<EnsightCase> read_ensight_case(const std::string& path);
+
+/// Lists the variables of a case, but complex ones, which have two files. Fails as read_ensight_case.
+[[nodiscard]] Result<std::vector<ArrayShape>> ensight_arrays(const std::string& path);
 
 /// Removes the comment and the white space round a line of a case.
 [[nodiscard]] std::string_view bare_case_line(std::string_view line);

@@ -1,4 +1,5 @@
-#include "builder/sources/vtk/block_readers.h"
+// Exodus, through VTK's reader.
+#include "builder/sources/vtk/block_reader.h"
 
 #include <fmt/format.h>
 #include <vtkCellArray.h>
@@ -241,6 +242,13 @@ class PrecisePoints {
 
 class ExodusReader final : public BlockReader {
  public:
+  Status check(const std::string& path, std::optional<double> /*time*/) override {
+    SPLATVOL_TRY_ASSIGN(start, read_text(path, 64));
+    if (!is_hdf5(start) && !is_netcdf(start))
+      return fail(ErrorCode::invalid_data, "{}: not an Exodus file (neither NetCDF nor HDF5)", path);
+    return check_file_end(path);
+  }
+
   vtkMultiBlockDataSetAlgorithm* open(const std::string& path) override {
     check_hdf5_file(path, Hdf5Arrays::any);  // throws, as the next line does
     header_ = read_exodus_header(path);

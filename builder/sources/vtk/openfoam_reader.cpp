@@ -23,7 +23,7 @@
 #include "builder/sources/openfoam/foam_case.h"
 #include "builder/sources/openfoam/foam_fields.h"
 #include "builder/sources/openfoam/foam_mesh.h"
-#include "builder/sources/vtk/block_readers.h"
+#include "builder/sources/vtk/block_reader.h"
 #include "builder/sources/vtk/patch.h"
 
 namespace splatvol {

@@ -18,9 +18,9 @@
 
 #include "builder/sources/block_numbers.h"
 #include "builder/sources/vtk/attributes.h"
-#include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/blocks.h"
 #include "builder/sources/vtk/cell_counts.h"
+#include "builder/sources/vtk/ensight_case.h"
 #include "builder/sources/vtk/gmsh_reader.h"
 #include "builder/sources/vtk/hdf5_checks.h"
 #include "builder/sources/vtk/legacy_checks.h"

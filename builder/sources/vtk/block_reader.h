@@ -9,7 +9,6 @@
 
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/data_sets.h"
-#include "builder/sources/vtk/ensight_checks.h"
 
 class vtkAlgorithm;
 class vtkMultiBlockDataSet;
@@ -17,10 +16,15 @@ class vtkMultiBlockDataSetAlgorithm;
 
 namespace splatvol {
 
-/// The differences between the formats. Call its functions inside run_vtk, in the order in which they stand here.
+/// The differences between the formats. Call its functions inside run_vtk, in the order in which
+/// they stand here.
 class BlockReader {
  public:
   virtual ~BlockReader() = default;
+
+  /// Checks a file and those that it names before open() sees them, as VTK's readers print, hang or end the program if
+  /// a file is damaged. `time`: that is wanted, if one is. Not inside run_vtk. Safe on untrusted bytes.
+  virtual Status check(const std::string& /*path*/, std::optional<double> /*time*/) { return {}; }
 
   /// Opens a file. Returns VTK's reader; null if it is one of our own, which has times() and output().
   virtual vtkMultiBlockDataSetAlgorithm* open(const std::string& path) = 0;
@@ -31,11 +35,10 @@ class BlockReader {
   /// Chooses arrays and blocks, after the file's header has been read.
   virtual void select(const std::vector<std::string>& selection) = 0;
 
-  /// Lets read() replace these values, and leave out the points that only ghosts use. Called before select(); only for
-  /// EnSight.
-  virtual void set_findings(EnsightFindings /*findings*/) {}  // NOLINT(performance-unnecessary-value-param)
+  /// Fails if the file declares more time steps than were found.
+  [[nodiscard]] virtual Status check_steps(std::size_t /*found*/) const { return {}; }
 
-  /// Counts what read() has changed since the last call.
+  /// Counts what check() and read() have changed since the last call.
   virtual CellCensus take_changes() { return {}; }
 
   /// Lets read() bring the patches along too, as surfaces. Called before select().
@@ -84,10 +87,9 @@ class BlockReader {
 /// Lets VTK's reader read one of `pieces` pieces, at a time if there is one.
 void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces);
 
+[[nodiscard]] std::unique_ptr<BlockReader> make_cgns_reader();
+[[nodiscard]] std::unique_ptr<BlockReader> make_ensight_reader();
 [[nodiscard]] std::unique_ptr<BlockReader> make_exodus_reader();
 [[nodiscard]] std::unique_ptr<BlockReader> make_openfoam_reader();
-
-/// Makes the reader of a format with blocks; null for other kinds of files.
-[[nodiscard]] std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind);
 
 }  // namespace splatvol
