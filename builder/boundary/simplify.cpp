@@ -145,7 +145,7 @@ void collapse_edges(std::uint64_t most, Surface& surface) {
 }
 
 // Joins the points in cells of a grid until the triangles are few enough.
-Status join_points(std::uint64_t most, Surface& surface) {
+Status cluster_vertices(std::uint64_t most, Surface& surface) {
   Box box;
   for (const dvec3& point : surface.points) box.include(point);
   WeldedSurface welded(box, most);
@@ -275,7 +275,7 @@ Result<Boundary> make_boundary(BoundaryFaces& faces, std::uint64_t most_held, st
     const std::vector<dvec3> before = used_points(surface);
     collapse_edges(most, surface);
     if (surface.triangles.size() > most) {
-      SPLATVOL_TRY(join_points(most, surface));
+      SPLATVOL_TRY(cluster_vertices(most, surface));
       group_by_patch(surface);
     }
     boundary.error += distance_to(surface, before);
