@@ -24,9 +24,7 @@ struct GlRenderer::Contents {
   Status draw(Draw draw) {
     return run([&](const Player& player) -> Status {
       SPLATVOL_TRY(draw(*core));
-      if (!player.has_drawn_surfaces()) return picture->show(player.rasterizer());
-      SPLATVOL_TRY_ASSIGN(image, player.image());
-      return picture->show(std::move(image));
+      return picture->show(player.picture());
     });
   }
 

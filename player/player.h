@@ -239,7 +239,10 @@ class Player {
   [[nodiscard]] int sample_spacing() const { return sample_spacing_; }
   [[nodiscard]] const PlayerTimes& times() const { return times_; }
 
-  /// Returns the picture of the last `draw` or `draw_exact` with its surfaces and slices, in linear premultiplied RGBA.
+  /// Returns the picture of the last `draw` or `draw_exact` with its surfaces and slices.
+  [[nodiscard]] DrawnPicture picture() const { return picture_ ? &*picture_ : rasterizer_->picture(); }
+
+  /// Returns a copy of it, in linear premultiplied RGBA.
   [[nodiscard]] Result<Image> image() const;
 
   /// Whether surfaces or slices were in the last picture, or it is exact. Then the rasterizer has only a part of it, or

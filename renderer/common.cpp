@@ -16,6 +16,17 @@ Status check_function(const TransferFunction& function) {
 
 }  // namespace
 
+Status check_drawing(const Capabilities& device, const View& view, int sample_spacing) {
+  if (sample_spacing < 1 || sample_spacing > max_sample_spacing)
+    return fail(ErrorCode::invalid_argument, "samples every {} pixels: 1 to {} are possible", sample_spacing,
+                max_sample_spacing);
+  const auto [least, largest] = std::minmax(view.width, view.height);
+  if (least < 1 || largest > device.largest_side)
+    return fail(ErrorCode::invalid_argument, "a picture of {} x {} pixels: 1 to {} on each side are possible",
+                view.width, view.height, device.largest_side);
+  return {};
+}
+
 float nearest_float(double number) {
   constexpr double largest = std::numeric_limits<float>::max();
   return static_cast<float>(std::clamp(number, -largest, largest));

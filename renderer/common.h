@@ -7,12 +7,17 @@
 #include <vector>
 
 #include "base/error.h"
+#include "renderer/rasterizer.h"
 #include "renderer/transfer_table.h"
 #include "scene/scene.h"
 #include "splat/constants.h"
 #include "splat/splat.h"
 
 namespace splatvol {
+
+/// What Rasterizer::draw checks first. Fails if the device does not draw pictures of the view's size, or samples as far
+/// apart as this.
+[[nodiscard]] Status check_drawing(const Capabilities& device, const View& view, int sample_spacing);
 
 /// Rounds to single precision. Numbers beyond its range become the largest that it has, so that no product is NaN.
 [[nodiscard]] float nearest_float(double number);

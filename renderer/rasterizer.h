@@ -2,10 +2,10 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
+#include <variant>
 
 #include "base/error.h"
 #include "pictures/image.h"
@@ -30,6 +30,28 @@ struct FrameTimes {
   double upload = 0;  // data of the view, and records that were not there
   double draw = 0;    // projection and rasterisation
 };
+
+/// What a rasterizer is made for.
+struct RasterizerOptions {
+  KernelKind kernel = KernelKind::moments;
+  std::uint64_t gpu_bytes = std::uint64_t{1} << 30;  // that OpenGL may take
+  bool in_current_context = false;                   // of OpenGL; else the rasterizer makes a context of its own
+};
+
+/// What differs between rasterizers.
+struct Capabilities {
+  int largest_side;  // of a picture, in pixels
+  bool any_thread;   // calls may come from any thread, one at a time; else from that of its context of OpenGL
+};
+
+/// A picture in a texture of OpenGL, lower left pixel first. All is 0 before the first.
+struct TexturePicture {
+  unsigned name;  // of the texture
+  int width, height;
+};
+
+/// A picture where its device has it, in linear premultiplied RGBA. Valid until the next one.
+using DrawnPicture = std::variant<const Image*, TexturePicture>;
 
 /// Draws the splats of a draw list, in linear premultiplied RGBA of single precision.
 class Rasterizer {
@@ -70,17 +92,20 @@ class Rasterizer {
   /// interpolated. Wide samples lose no detail of large splats, whose drawing time goes by samples.
   [[nodiscard]] virtual Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) = 0;
 
-  /// Returns the picture of the last draw. Fails before the first.
+  [[nodiscard]] virtual Capabilities capabilities() const = 0;
+
+  /// Returns the picture of the last draw; an empty one before the first.
+  [[nodiscard]] virtual DrawnPicture picture() const = 0;
+
+  /// Returns a copy of the picture of the last draw. Fails before the first.
   [[nodiscard]] virtual Result<Image> read_image() const = 0;
 
   /// Returns bytes held on the device, besides the rows of the draw list if the device draws them where they lie.
   [[nodiscard]] virtual std::uint64_t device_bytes() const = 0;
 
-  /// Prepares for pictures of this size. Returns how many splats the device can hold beside one.
-  virtual std::uint64_t plan_picture(int width, int height) {
-    static_cast<void>(width), static_cast<void>(height);
-    return std::numeric_limits<std::uint32_t>::max();
-  }
+  /// Prepares for pictures of this size. Returns how many splats the device can hold beside one; 2^32 - 1 if it
+  /// knows no limit.
+  [[nodiscard]] virtual std::uint64_t plan_picture(int width, int height) = 0;
 
   /// Returns the device in words.
   [[nodiscard]] virtual std::string description() const = 0;

@@ -15,8 +15,6 @@
 #include "base/interruption.h"
 #include "pictures/contrast.h"
 #include "renderer/cpu/srgb_bytes.h"
-#include "renderer/cpu/tile_rasterizer.h"
-#include "renderer/gl/gl_rasterizer.h"
 #include "streamer/domain.h"
 #include "streamer/first/explain.h"
 #include "viewer/camera_control.h"
@@ -575,9 +573,7 @@ void Session::note_drawn() {
   device_bytes_ = player_->rasterizer().device_bytes();
 }
 
-bool Session::is_drawn_by_processor() const {
-  return dynamic_cast<const TileRasterizer*>(&player_->rasterizer()) != nullptr;
-}
+bool Session::is_drawn_by_processor() const { return player_->rasterizer().capabilities().any_thread; }
 
 // A context of OpenGL belongs to this thread.
 bool Session::can_draw_aside() const { return settings.hurries && is_drawn_by_processor(); }
@@ -788,9 +784,8 @@ Status Session::finish_picture(std::optional<Image> drawn) {
 
 Result<ShownPicture> Session::shown_picture() {
   if (!is_drawing()) {
-    if (const auto* gl = dynamic_cast<const GlRasterizer*>(&player_->rasterizer());
-        gl && !player_->has_drawn_surfaces())
-      return ShownPicture{.texture = gl->texture()};
+    const DrawnPicture picture = player_->picture();
+    if (const auto* texture = std::get_if<TexturePicture>(&picture)) return ShownPicture{.texture = texture->name};
     SPLATVOL_TRY(encode_picture());
   }
   if (std::exchange(texture_is_old_, false)) SPLATVOL_TRY(texture_.upload(encoded_width_, encoded_height_, encoded_));
@@ -801,17 +796,12 @@ Result<ShownPicture> Session::shown_picture() {
 Status Session::encode_picture() {
   const bool is_encoded = !encoded_is_old_ && encoded_background_ == scene.background;
   if (is_encoded || !picture_is_whole_) return {};
-  const auto encode = [&](const Image& picture) {
-    encode_srgb(picture, scene.background, encoded_);
-    encoded_width_ = picture.width, encoded_height_ = picture.height;
-  };
-  if (const auto* tiles = dynamic_cast<const TileRasterizer*>(&player_->rasterizer());
-      tiles && !player_->has_drawn_surfaces()) {
-    encode(tiles->image());
-  } else {
-    SPLATVOL_TRY_ASSIGN(picture, player_->image());
-    encode(picture);
-  }
+  Image copy;
+  const DrawnPicture drawn = player_->picture();
+  if (std::holds_alternative<TexturePicture>(drawn)) SPLATVOL_TRY_SET(copy, player_->image());
+  const Image& picture = std::holds_alternative<TexturePicture>(drawn) ? copy : *std::get<const Image*>(drawn);
+  encode_srgb(picture, scene.background, encoded_);
+  encoded_width_ = picture.width, encoded_height_ = picture.height;
   encoded_background_ = scene.background;
   encoded_is_old_ = false;
   texture_is_old_ = true;
@@ -820,18 +810,8 @@ Status Session::encode_picture() {
 
 std::optional<double> Session::opacity_at(int x, int y) const {
   if (player_->has_drawn_surfaces() || !frame()) return {};
-  if (const auto* tiles = dynamic_cast<const TileRasterizer*>(&player_->rasterizer())) {
-    const Image& picture = tiles->image();
-    if (x < 0 || y < 0 || x >= picture.width || y >= picture.height) return {};
-    return static_cast<double>(picture.at(x, y).a);
-  }
-  const auto* gl = dynamic_cast<const GlRasterizer*>(&player_->rasterizer());
-  if (!gl || x < 0 || y < 0 || x >= view().width || y >= view().height) return {};
-  std::array<float, 4> pixel{};
-  glGetTextureSubImage(gl->texture(), 0, x, view().height - 1 - y, 0, 1, 1, 1, GL_RGBA, GL_FLOAT, sizeof(pixel),
-                       pixel.data());
-  if (!check_gl("reading a pixel")) return {};
-  return static_cast<double>(pixel[3]);
+  const Result<vec4> pixel = read_pixel(player_->picture(), x, y);
+  return pixel ? std::optional(static_cast<double>(pixel->a)) : std::nullopt;
 }
 
 Result<Image> Session::page(const PageText& text, bool transparent) const {

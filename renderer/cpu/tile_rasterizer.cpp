@@ -204,12 +204,7 @@ Status TileRasterizer::prepare_surfaces(const View& view) {
 
 Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sample_spacing) {
   if (frame_.table.columns == 0) return fail(ErrorCode::invalid_argument, "no transfer function has been set");
-  if (sample_spacing < 1 || sample_spacing > max_sample_spacing)
-    return fail(ErrorCode::invalid_argument, "samples every {} pixels: 1 to {} are possible", sample_spacing,
-                max_sample_spacing);
-  if (view.width < 1 || view.height < 1 || view.width > largest_tiled_side || view.height > largest_tiled_side)
-    return fail(ErrorCode::invalid_argument, "a picture of {} x {} pixels: 1 to {} on each side are possible",
-                view.width, view.height, largest_tiled_side);
+  SPLATVOL_TRY(check_drawing(capabilities(), view, sample_spacing));
   FrameTimes times;
   Stopwatch stopwatch;
   SPLATVOL_TRY(prepare_surfaces(view));
@@ -398,6 +393,10 @@ std::uint64_t TileRasterizer::device_bytes() const {
   for (const std::vector<std::uint32_t>& order : axis_orders_) bytes += bytes_of(order);
   for (const Image* image : {&picture_, &samples_, &sample_rows_}) bytes += bytes_of(image->pixels);
   return bytes;
+}
+
+std::uint64_t TileRasterizer::plan_picture(int /*width*/, int /*height*/) {
+  return std::numeric_limits<std::uint32_t>::max();
 }
 
 std::string TileRasterizer::description() const { return fmt::format("processor ({})", tiles::instruction_set()); }

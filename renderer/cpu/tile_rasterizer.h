@@ -51,17 +51,22 @@ class TileRasterizer final : public Rasterizer {
   TileRasterizer& operator=(const TileRasterizer&) = delete;
   ~TileRasterizer() override;
 
+  /// The same for the list of renderer/device. Cannot fail.
+  [[nodiscard]] static Result<std::unique_ptr<Rasterizer>> make(const RasterizerOptions& options, bool /*automatic*/) {
+    return std::make_unique<TileRasterizer>(options.kernel);
+  }
+
   [[nodiscard]] Status set_transfer_function(const Transfer& transfer, const DrawingUnits& units) override;
   void set_lighting(const std::optional<Lighting>& lighting) override;
   [[nodiscard]] Status set_draw_list(const DrawList& list) override;
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) override;
   [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
+  [[nodiscard]] Capabilities capabilities() const override { return {largest_tiled_side, true}; }
+  [[nodiscard]] DrawnPicture picture() const override { return &picture_; }
   [[nodiscard]] Result<Image> read_image() const override;
   [[nodiscard]] std::uint64_t device_bytes() const override;
+  [[nodiscard]] std::uint64_t plan_picture(int width, int height) override;
   [[nodiscard]] std::string description() const override;
-
-  /// Returns the picture of the last draw; empty before the first. Valid until the next draw.
-  [[nodiscard]] const Image& image() const { return picture_; }
 
  private:
   /// The front-to-back sequence of splats.

@@ -1,5 +1,8 @@
 #include "renderer/device/device.h"
 
+#include <algorithm>
+#include <array>
+
 #include "renderer/cpu/tile_rasterizer.h"
 #ifdef SPLATVOL_OPENGL
 #include "renderer/gl/gl_rasterizer.h"
@@ -8,43 +11,41 @@
 namespace splatvol {
 namespace {
 
+struct Listed {
+  Device device;
+  std::string_view name;
+  Result<std::unique_ptr<Rasterizer>> (*make)(const RasterizerOptions& options, bool is_automatic);  // null: not built
+};
+
 #ifdef SPLATVOL_OPENGL
-Result<std::unique_ptr<Rasterizer>> make_gl_rasterizer(const RasterizerOptions& options, ContextKind kind) {
-  const auto as_rasterizer = [](std::unique_ptr<GlRasterizer> made) {
-    return std::unique_ptr<Rasterizer>(std::move(made));
-  };
-  if (options.in_current_context) {
-    if (kind == ContextKind::hardware && is_software_renderer(device_text()))
-      return fail(ErrorCode::device, "OpenGL draws in software here");
-    return GlRasterizer::create(options.kernel, options.gpu_bytes).map(as_rasterizer);
-  }
-  SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create(kind));
-  return GlRasterizer::create(std::move(context), options.kernel, options.gpu_bytes).map(as_rasterizer);
-}
+constexpr auto make_gl = &GlRasterizer::make;
+#else
+constexpr std::nullptr_t make_gl = nullptr;
 #endif
+
+// In the order in which `automatic` tries them. The last one cannot fail.
+constexpr std::array devices = {Listed{Device::gl, "gl", make_gl}, Listed{Device::cpu, "cpu", &TileRasterizer::make}};
 
 }  // namespace
 
 Result<Device> parse_device(std::string_view name) {
   if (name == "auto") return Device::automatic;
-  if (name == "cpu") return Device::cpu;
-  if (name != "gl") return fail(ErrorCode::invalid_argument, "'{}' is no device: auto, cpu and gl are", name);
-#ifdef SPLATVOL_OPENGL
-  return Device::gl;
-#else
+  const auto* listed = std::ranges::find(devices, name, &Listed::name);
+  if (listed == devices.end())
+    return fail(ErrorCode::invalid_argument, "'{}' is no device: auto, cpu and gl are", name);
+  if (listed->make) return listed->device;
   return fail(ErrorCode::invalid_argument, "this program was built without OpenGL: take --device cpu");
-#endif
 }
 
 Result<std::unique_ptr<Rasterizer>> make_rasterizer(Device device, const RasterizerOptions& options) {
-#ifdef SPLATVOL_OPENGL
-  if (device == Device::gl) return make_gl_rasterizer(options, ContextKind::any);
-  if (device == Device::automatic)
-    if (auto on_card = make_gl_rasterizer(options, ContextKind::hardware)) return on_card;
-#else
-  if (device == Device::gl) return fail(ErrorCode::device, "this program was built without OpenGL");
-#endif
-  return std::make_unique<TileRasterizer>(options.kernel);
+  if (device == Device::automatic) {
+    for (const Listed& listed : devices)
+      if (listed.make)
+        if (auto made = listed.make(options, true)) return made;
+  }
+  const auto* listed = std::ranges::find(devices, device, &Listed::device);
+  if (listed != devices.end() && listed->make) return listed->make(options, false);
+  return fail(ErrorCode::device, "this program was built without OpenGL");
 }
 
 }  // namespace splatvol

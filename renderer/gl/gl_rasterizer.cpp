@@ -78,9 +78,15 @@ Result<std::unique_ptr<GlRasterizer>> GlRasterizer::create(KernelKind kind, std:
   return rasterizer;
 }
 
-Result<std::unique_ptr<GlRasterizer>> GlRasterizer::create(std::unique_ptr<HeadlessContext> context, KernelKind kind,
-                                                           std::uint64_t most_bytes) {
-  SPLATVOL_TRY_ASSIGN(rasterizer, create(kind, most_bytes));
+Result<std::unique_ptr<Rasterizer>> GlRasterizer::make(const RasterizerOptions& options, bool is_automatic) {
+  std::unique_ptr<HeadlessContext> context;
+  if (!options.in_current_context) {
+    const ContextKind kind = is_automatic ? ContextKind::hardware : ContextKind::any;
+    SPLATVOL_TRY_SET(context, HeadlessContext::create(kind));
+  } else if (is_automatic && is_software_renderer(device_text())) {
+    return fail(ErrorCode::device, "OpenGL draws in software here");
+  }
+  SPLATVOL_TRY_ASSIGN(rasterizer, GlRasterizer::create(options.kernel, options.gpu_bytes));
   rasterizer->context_ = std::move(context);
   return rasterizer;
 }
@@ -89,6 +95,7 @@ GlRasterizer::GlRasterizer(Kernel kernel, Upsampler upsampler, std::uint64_t mos
     : kernel_(std::move(kernel)),
       upsampler_(std::move(upsampler)),
       most_bytes_(most_bytes),
+      largest_side_(largest_target_side()),
       pages_(kernel_.kind, page_bytes) {}
 
 Status GlRasterizer::prepare_quads() {
@@ -290,9 +297,7 @@ std::string GlRasterizer::description() const { return device_text(); }
 
 Result<FrameTimes> GlRasterizer::draw(const View& view, SortMode sort, int sample_spacing) {
   if (transfer_table_.name() == 0) return fail(ErrorCode::invalid_argument, "no transfer function has been set");
-  if (sample_spacing < 1 || sample_spacing > max_sample_spacing)
-    return fail(ErrorCode::invalid_argument, "samples every {} pixels: 1 to {} are possible", sample_spacing,
-                max_sample_spacing);
+  SPLATVOL_TRY(check_drawing(capabilities(), view, sample_spacing));
   SPLATVOL_TRY(picture_.resize(view.width, view.height));
   Stopwatch stopwatch;
   SPLATVOL_TRY(upload_surfaces(view));
@@ -563,6 +568,10 @@ void GlRasterizer::draw_quads(const Sequence& sequence) const {
     const std::size_t first = (sequence.from_end ? runs - 1 - i : i) * quads_per_run;
     draw_run(sequence, first, std::min(quads_per_run, sequence.count - first));
   }
+}
+
+DrawnPicture GlRasterizer::picture() const {
+  return TexturePicture{picture_.texture(), picture_.width(), picture_.height()};
 }
 
 Result<Image> GlRasterizer::read_image() const {

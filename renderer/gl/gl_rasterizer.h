@@ -37,10 +37,9 @@ class GlRasterizer : public Rasterizer {
                                                                     std::uint64_t most_bytes = default_bytes,
                                                                     std::uint64_t page_bytes = default_page_bytes);
 
-  /// The same in a context that is current, and that the rasterizer keeps.
-  [[nodiscard]] static Result<std::unique_ptr<GlRasterizer>> create(std::unique_ptr<HeadlessContext> context,
-                                                                    KernelKind kind,
-                                                                    std::uint64_t most_bytes = default_bytes);
+  /// The same in the context that is current, or in one of its own (renderer/device). Fails with ErrorCode::device if
+  /// there is no OpenGL 4.5; `is_automatic`: also if it draws in software.
+  [[nodiscard]] static Result<std::unique_ptr<Rasterizer>> make(const RasterizerOptions& options, bool is_automatic);
 
   static constexpr std::uint64_t default_bytes = std::uint64_t{1} << 30;
   static constexpr std::uint64_t default_page_bytes = std::uint64_t{1} << 29;
@@ -50,13 +49,12 @@ class GlRasterizer : public Rasterizer {
   [[nodiscard]] Status set_draw_list(const DrawList& list) override;
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) override;
   [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
+  [[nodiscard]] Capabilities capabilities() const override { return {largest_side_, false}; }
+  [[nodiscard]] DrawnPicture picture() const override;
   [[nodiscard]] Result<Image> read_image() const override;
   [[nodiscard]] std::uint64_t device_bytes() const override;
   [[nodiscard]] std::uint64_t plan_picture(int width, int height) override;
   [[nodiscard]] std::string description() const override;
-
-  /// Returns OpenGL's name of the picture's texture, lower left pixel first. 0 before the first draw.
-  [[nodiscard]] unsigned texture() const { return picture_.texture(); }
 
   /// Returns the bytes of records that went up to the device so far.
   [[nodiscard]] std::uint64_t uploaded_bytes() const { return pages_.uploaded_bytes(); }
@@ -123,6 +121,7 @@ class GlRasterizer : public Rasterizer {
   Upsampler upsampler_;
   KeySorter sorter_;
   std::uint64_t most_bytes_;
+  int largest_side_;                 // of a picture
   std::uint64_t picture_bytes_ = 0;  // of the planned picture
 
   // The draw list.

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "renderer/gl/flip_rows.h"
-#include "renderer/gl/gl_rasterizer.h"
 
 namespace splatvol {
 namespace {
@@ -79,16 +78,12 @@ Result<HostPicture> HostPicture::create() {
   return HostPicture(std::move(program), VertexArray(name));
 }
 
-Status HostPicture::show(const Rasterizer& rasterizer) {
-  if (const auto* gl = dynamic_cast<const GlRasterizer*>(&rasterizer)) {
-    texture_ = gl->texture();
+Status HostPicture::show(const DrawnPicture& picture) {
+  if (const auto* texture = std::get_if<TexturePicture>(&picture)) {
+    texture_ = texture->name;
     return {};
   }
-  SPLATVOL_TRY_ASSIGN(image, rasterizer.read_image());
-  return show(std::move(image));
-}
-
-Status HostPicture::show(Image image) {
+  Image image = *std::get<const Image*>(picture);
   flip_rows(image.pixels, image.width);
   SPLATVOL_TRY(uploaded_.upload(image));
   texture_ = uploaded_.name();

@@ -2,7 +2,6 @@
 #pragma once
 
 #include "base/error.h"
-#include "pictures/image.h"
 #include "renderer/gl/gl_objects.h"
 #include "renderer/gl/picture_texture.h"
 #include "renderer/rasterizer.h"
@@ -21,11 +20,8 @@ class HostPicture {
  public:
   [[nodiscard]] static Result<HostPicture> create();
 
-  /// Shows the rasterizer's last picture, until its next one.
-  [[nodiscard]] Status show(const Rasterizer& rasterizer);
-
-  /// Shows a picture that is not the rasterizer's alone.
-  [[nodiscard]] Status show(Image image);
+  /// Shows a picture, as long as it is valid.
+  [[nodiscard]] Status show(const DrawnPicture& picture);
 
   /// Returns OpenGL's name of the texture, lower left pixel first. 0 before the first picture.
   [[nodiscard]] GLuint texture() const { return texture_; }

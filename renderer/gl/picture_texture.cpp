@@ -2,6 +2,23 @@
 
 namespace splatvol {
 
+Result<vec4> read_pixel(const DrawnPicture& picture, int x, int y) {
+  const auto is_outside = [&](int width, int height) { return x < 0 || y < 0 || x >= width || y >= height; };
+  const auto fail_outside = [&] {
+    return fail(ErrorCode::invalid_argument, "pixel {}, {} is not in the picture", x, y);
+  };
+  if (const auto* image = std::get_if<const Image*>(&picture)) {
+    if (is_outside((*image)->width, (*image)->height)) return fail_outside();
+    return (*image)->at(x, y);
+  }
+  const auto& [name, width, height] = std::get<TexturePicture>(picture);
+  if (is_outside(width, height)) return fail_outside();
+  vec4 pixel(0);
+  glGetTextureSubImage(name, 0, x, height - 1 - y, 0, 1, 1, 1, GL_RGBA, GL_FLOAT, sizeof(pixel), &pixel);
+  SPLATVOL_TRY(check_gl("reading a pixel"));
+  return pixel;
+}
+
 Status PictureTexture::upload(const Image& image) {
   return upload(image.width, image.height, GL_RGBA32F, GL_FLOAT, image.pixels.data());
 }

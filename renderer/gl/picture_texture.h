@@ -1,4 +1,4 @@
-// A texture for pictures that were drawn without OpenGL.
+// Pictures in textures.
 #pragma once
 
 #include <cstdint>
@@ -7,10 +7,15 @@
 #include "base/error.h"
 #include "pictures/image.h"
 #include "renderer/gl/gl_objects.h"
+#include "renderer/rasterizer.h"
 
 namespace splatvol {
 
-/// Needs the OpenGL context of its first upload in each call.
+/// Returns a pixel of a picture, counted from the upper left corner. Fails if it is outside. Needs the context of a
+/// picture that is in a texture.
+[[nodiscard]] Result<vec4> read_pixel(const DrawnPicture& picture, int x, int y);
+
+/// A texture for pictures that were drawn without OpenGL. Needs the OpenGL context of its first upload in each call.
 class PictureTexture {
  public:
   /// Replaces the picture. The texture's first row is the image's.

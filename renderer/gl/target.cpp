@@ -5,19 +5,18 @@
 
 namespace splatvol {
 
-Status Target::resize(int width, int height) {
-  if (width == width_ && height == height_) return {};
+int largest_target_side() {
   GLint largest = 0;
   std::array<GLint, 2> largest_viewport{};
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &largest);
   glGetIntegerv(GL_MAX_VIEWPORT_DIMS, largest_viewport.data());
 
   // A quad holds its pixels as 16-bit numbers.
-  const int limit = std::min({largest, largest_viewport[0], largest_viewport[1], 65535});
-  if (width < 1 || height < 1 || width > limit || height > limit)
-    return fail(ErrorCode::invalid_argument, "image: {} x {} pixels, but this device draws 1 to {} each way", width,
-                height, limit);
+  return std::min({largest, largest_viewport[0], largest_viewport[1], 65535});
+}
 
+Status Target::resize(int width, int height) {
+  if (width == width_ && height == height_) return {};
   *this = {};
   GLuint name = 0;
   glCreateTextures(GL_TEXTURE_2D, 1, &name);

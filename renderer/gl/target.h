@@ -7,11 +7,14 @@
 
 namespace splatvol {
 
+/// Returns the largest width or height of a Target.
+[[nodiscard]] int largest_target_side();
+
 /// A picture in linear premultiplied RGBA, 32-bit float, with a framebuffer.
 class Target {
  public:
-  /// Gives the picture this size in pixels, unless it has it already. Fails if the device does not draw pictures of
-  /// this size; then there is no picture.
+  /// Gives the picture this size in pixels, unless it has it already. Requires 1 to largest_target_side(). If it fails,
+  /// there is no picture.
   [[nodiscard]] Status resize(int width, int height);
 
   /// Sets every pixel to 0.

@@ -147,7 +147,7 @@ Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings&
   SPLATVOL_TRY(rasterizer->set_draw_list(frame->list));
   constexpr SortMode sorts[] = {SortMode::none, SortMode::axis, SortMode::exact, SortMode::exact};
   SPLATVOL_TRY(rasterizer->draw(view, sorts[settings.drawing >> 1 & 3], 1 + (settings.drawing >> 3 & 3)));
-  require(is_number(rasterizer->image()), "pixels are numbers");
+  require(is_number(*std::get<const Image*>(rasterizer->picture())), "pixels are numbers");
   SPLATVOL_TRY(rasterizer->set_draw_list({}));
   return {};
 }

@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include "renderer/gl/context.h"
-#include "renderer/gl/gl_rasterizer.h"
 #include "tests/renderer/shared_context.h"
 
 namespace splatvol {
@@ -31,7 +30,8 @@ TEST(Device, AutoTakesTheProcessorWhereOpenGlDrawsInSoftware) {
   ASSERT_TRUE(shared_context());
   const auto chosen = make_rasterizer(Device::automatic, {.in_current_context = true}).value();
   const bool in_software = is_software_renderer(shared_context()->description());
-  EXPECT_EQ(dynamic_cast<GlRasterizer*>(chosen.get()) == nullptr, in_software);
+  EXPECT_EQ(std::holds_alternative<const Image*>(chosen->picture()), in_software);
+  EXPECT_EQ(chosen->capabilities().any_thread, in_software);
 }
 
 TEST(Device, KnowsOpenGlInSoftware) {

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <random>
 
+#include "renderer/gl/picture_texture.h"
 #include "tests/renderer/device_name.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/raster_test.h"
@@ -581,6 +582,19 @@ TEST_P(RendererTest, WeightsChangeWhileSplatsStay) {
   EXPECT_EQ(rmse(redraw(view), whole), 0);
 }
 
+// The picture where the device has it, and its copy.
+TEST_P(RendererTest, PixelsAreReadWhereThePictureIs) {
+  EXPECT_FALSE(read_pixel(renderer_->picture(), 0, 0)) << "before the first picture";
+  ASSERT_TRUE(renderer_->set_transfer_function(four_colors(3), {}));
+  ASSERT_TRUE(set_splats(random_splats(200, 5, 0.3F), {{dvec3(0), 0, 200}}));
+  const Image image = redraw(perspective_view(40, 30, {0, 0, 4}));
+  ASSERT_GT(total_alpha(image), 0);
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x) ASSERT_EQ(read_pixel(renderer_->picture(), x, y).value(), image.at(x, y));
+  for (const auto& [x, y] : {std::pair{-1, 0}, {0, -1}, {image.width, 0}, {0, image.height}})
+    EXPECT_FALSE(read_pixel(renderer_->picture(), x, y));
+}
+
 TEST_P(RendererTest, RefusesWhatItCannotDraw) {
   const View view = orthographic_view(8, 8);
   EXPECT_THAT(renderer_->draw(view, SortMode::none, 1).error().message, HasSubstr("transfer function"));
@@ -588,7 +602,7 @@ TEST_P(RendererTest, RefusesWhatItCannotDraw) {
   EXPECT_FALSE(renderer_->set_transfer_function(TransferFunction{}, {}));
   ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1), {}));
 
-  for (const int size : {0, -5, 1 << 20}) {
+  for (const int size : {0, -5, renderer_->capabilities().largest_side + 1, 1 << 20}) {
     View impossible = view;
     impossible.width = size;
     const auto times = renderer_->draw(impossible, SortMode::none, 1);
