@@ -42,12 +42,12 @@ DrawList random_list(std::size_t count, double deviation) {
   std::mt19937 generator(1);
   std::uniform_real_distribution<double> unit(-1, 1);
   DrawList list;
-  std::vector<Material> splats;
+  std::vector<MomentsSplat> splats;
   while (count > 0) {
     splats.resize(std::min<std::size_t>(count, 4096));
     count -= splats.size();
     const dvec3 corner = 0.9 * dvec3(unit(generator), unit(generator), unit(generator));
-    for (Material& splat : splats) {
+    for (MomentsSplat& splat : splats) {
       splat.center = 0.1 * dvec3(unit(generator), unit(generator), unit(generator));
       splat.deviations = dvec3(deviation);
       splat.mass = 0.02 * deviation * deviation;

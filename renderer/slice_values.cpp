@@ -103,7 +103,7 @@ class SliceDrawing {
 
  private:
   void find_splats(const DrawRange& range, std::vector<SplatOnPlane>& found) const;
-  void add_splat(const Material& splat, const dvec3& origin, float weight, std::vector<SplatOnPlane>& found) const;
+  void add_splat(const MomentsSplat& splat, const dvec3& origin, float weight, std::vector<SplatOnPlane>& found) const;
   [[nodiscard]] bool find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnPlane& found) const;
   void draw_rows(const SplatOnPlane& splat, int first, int last);
 
@@ -116,8 +116,8 @@ class SliceDrawing {
 };
 
 // A ball with the octant splat's reach.
-Material material_of(const OctantSplat& splat) {
-  Material material;
+MomentsSplat material_of(const OctantSplat& splat) {
+  MomentsSplat material;
   const auto size = static_cast<double>(splat.size);
   material.center = dvec3(splat.position);
   material.mass = std::isnan(splat.value) ? 0 : size * size * size;
@@ -149,7 +149,7 @@ void SliceDrawing::find_splats(const DrawRange& range, std::vector<SplatOnPlane>
 }
 
 // Adds a splat if it meets the plane.
-void SliceDrawing::add_splat(const Material& m, const dvec3& origin, float weight,
+void SliceDrawing::add_splat(const MomentsSplat& m, const dvec3& origin, float weight,
                              std::vector<SplatOnPlane>& found) const {
   const SplatShape shape = with_thickness(m);
   const Ellipsoid ellipsoid = ellipsoid_of(m.center, shape);

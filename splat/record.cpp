@@ -211,14 +211,14 @@ BlockedPositions make_blocks(std::span<const dvec3> positions, std::span<const f
   return result;
 }
 
-RecordRow pack_row(std::span<const Material> materials, const dvec3& origin, double length, OpacityValues opacity) {
-  const auto mass_scale = largest_of(materials, [](const Material& m) { return m.mass; });
-  const auto deviation_scale = largest_of(materials, [](const Material& m) { return m.deviations.x; });
-  const auto value_scale = largest_of(materials, [](const Material& m) { return m.value_deviation; });
+RecordRow pack_row(std::span<const MomentsSplat> materials, const dvec3& origin, double length, OpacityValues opacity) {
+  const auto mass_scale = largest_of(materials, [](const MomentsSplat& m) { return m.mass; });
+  const auto deviation_scale = largest_of(materials, [](const MomentsSplat& m) { return m.deviations.x; });
+  const auto value_scale = largest_of(materials, [](const MomentsSplat& m) { return m.value_deviation; });
 
   std::vector<dvec3> positions;
   std::vector<float> limits;
-  for (const Material& m : materials) {
+  for (const MomentsSplat& m : materials) {
     positions.push_back(origin + length * m.center);
     limits.push_back(smallest_deviation(m.deviations));
   }
@@ -227,7 +227,7 @@ RecordRow pack_row(std::span<const Material> materials, const dvec3& origin, dou
   std::vector<MomentsShape> shapes;
   std::vector<MomentsValue> values;
   for (std::size_t i = 0; i < materials.size(); ++i) {
-    const Material& m = materials[i];
+    const MomentsSplat& m = materials[i];
     MomentsShape shape{blocked.positions[i],
                        PackedOrientation::pack(m.orientation),
                        log_code(m.mass, mass_scale),
@@ -264,10 +264,10 @@ RecordRow pack_row(std::span<const OctantSplat> splats, const dvec3& origin, dou
           std::make_shared<ValueRow>(std::move(values), 0, std::move(opacity))};
 }
 
-Material unpack(const RecordRow& row, std::uint32_t record) {
+MomentsSplat unpack(const RecordRow& row, std::uint32_t record) {
   const MomentsShape& shape = std::get<std::vector<MomentsShape>>(row.shapes->records())[record];
   const MomentsValue& value = std::get<std::vector<MomentsValue>>(row.values->records())[record];
-  Material m;
+  MomentsSplat m;
   m.center = row.shapes->blocks()[block_of(*row.shapes, record)].step * dvec3(shape.position.offset());
   m.mass = log_number(shape.mass, row.shapes->mass_scale()) * value.coverage / 255;
   m.orientation = PackedOrientation::unpack(shape.orientation);

@@ -95,7 +95,7 @@ struct PackedOrientation {
 
 /// A splat of the kernel `moments` in numbers, for what is not a rasterizer. Lengths are in drawing units; the density
 /// is in the mass.
-struct Material : SplatShape {
+struct MomentsSplat : SplatShape {
   dvec3 center{0};   // centroid, relative to an origin
   double value = 0;  // mean, stored value
   double value_deviation = 0;
@@ -103,7 +103,7 @@ struct Material : SplatShape {
 };
 
 /// Returns the value of a material.
-[[nodiscard]] inline SplatValue value_of(const Material& m) {
+[[nodiscard]] inline SplatValue value_of(const MomentsSplat& m) {
   return {m.value, m.value_deviation, m.correlations, 0, 1};
 }
 
@@ -207,7 +207,7 @@ struct BlockedPositions {
 /// Packs materials whose centres are relative to `origin` (world units), with their values of the opacity attribute.
 /// Numbers come back as precisely as codes hold them: the largest mass and deviation exactly in single precision,
 /// others within a factor 2^(1/256).
-[[nodiscard]] RecordRow pack_row(std::span<const Material> materials, const dvec3& origin, double length,
+[[nodiscard]] RecordRow pack_row(std::span<const MomentsSplat> materials, const dvec3& origin, double length,
                                  OpacityValues opacity = {});
 
 /// The same for splats of the kernel octant.
@@ -215,7 +215,7 @@ struct BlockedPositions {
                                  OpacityValues opacity = {});
 
 /// Returns a record in numbers, relative to the origin of its block. Requires a row of the kernel moments.
-[[nodiscard]] Material unpack(const RecordRow& row, std::uint32_t record);
+[[nodiscard]] MomentsSplat unpack(const RecordRow& row, std::uint32_t record);
 
 /// The same for the kernel octant.
 [[nodiscard]] OctantSplat unpack_octant(const RecordRow& row, std::uint32_t record);

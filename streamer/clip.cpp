@@ -19,17 +19,17 @@ constexpr double largest_foot = 511.0 / 128;  // of MomentsShape::boundary
 
 // A splat, and the numbers that cutting it changes together.
 struct Cutting {
-  Material splat;
+  MomentsSplat splat;
   dmat3 axes;        // columns
   dvec3 covariance;  // of the value with the position along each axis
 };
 
-Cutting begin_cutting(const Material& m) {
+Cutting begin_cutting(const MomentsSplat& m) {
   return {m, glm::mat3_cast(m.orientation), m.correlations * m.value_deviation * m.deviations};
 }
 
-Material end_cutting(const Cutting& cutting) {
-  Material m = cutting.splat;
+MomentsSplat end_cutting(const Cutting& cutting) {
+  MomentsSplat m = cutting.splat;
   for (int k = 0; k < 3; ++k) {
     const double unit = m.value_deviation * m.deviations[k];
     m.correlations[k] = unit > 0 ? std::clamp(cutting.covariance[k] / unit, -1.0, 1.0) : 0;
@@ -39,7 +39,7 @@ Material end_cutting(const Cutting& cutting) {
 
 // Returns the foot of the perpendicular from the centroid on the plane at `distance` along `normal` (in principal
 // directions), in deviations. Returns 0 if the foot is out of range.
-dvec3 boundary_at(const Material& m, const dvec3& normal, double distance) {
+dvec3 boundary_at(const MomentsSplat& m, const dvec3& normal, double distance) {
   const dvec3 across = normal * m.deviations;
   const double square = glm::dot(across, across);
   if (!(square > 0)) return dvec3(0);
@@ -52,7 +52,7 @@ dvec3 boundary_at(const Material& m, const dvec3& normal, double distance) {
 // distribution has its share, mean and variance in closed form; the other numbers follow by regression. Returns false
 // if nothing is left.
 bool cut(Cutting& cutting, const dvec3& outwards, double distance) {
-  Material& m = cutting.splat;
+  MomentsSplat& m = cutting.splat;
   const dvec3 normal = outwards * cutting.axes;  // along the principal axes
   const dvec3 with = m.deviations * m.deviations * normal;
   const double variance = glm::dot(with, normal), deviation = std::sqrt(variance);
@@ -117,8 +117,8 @@ Reach reach_of(const DrawRange& range, std::span<const MomentsShape> shapes) {
 Reach reach_of(const DrawRange& range, std::span<const OctantShape> shapes) { return {centers_of(range, shapes), 0}; }
 
 // The splats of a range, in numbers.
-std::vector<Material> unpacked(const DrawRange& range, std::span<const MomentsShape> /*shapes*/) {
-  std::vector<Material> splats;
+std::vector<MomentsSplat> unpacked(const DrawRange& range, std::span<const MomentsShape> /*shapes*/) {
+  std::vector<MomentsSplat> splats;
   for (std::uint32_t i = 0; i < range.count; ++i) splats.push_back(unpack(range.row, range.begin + i));
   return splats;
 }
@@ -137,12 +137,12 @@ OpacityValues opacity_of(const DrawRange& range) {
   return {{part.begin(), part.end()}, whole.deviation_scale};
 }
 
-bool draws(const Material& splat) { return splat.mass > 0; }
+bool draws(const MomentsSplat& splat) { return splat.mass > 0; }
 bool draws(const OctantSplat& splat) { return !std::isnan(splat.value); }
 
 }  // namespace
 
-bool clip(Material& splat, const ClipRegion& region) {
+bool clip(MomentsSplat& splat, const ClipRegion& region) {
   if (!(splat.mass > 0)) return false;
   // Most splats are so far inside that no face matters.
   const double reach = farthest * std::max({splat.deviations.x, splat.deviations.y, splat.deviations.z});

@@ -11,7 +11,7 @@ namespace splatvol {
 /// exactly those of the material inside the region; the deviations change along the splat's axes, which stay. A splat
 /// that has no boundary and loses a good part gets the face as its boundary. A splat outside gets mass 0. `region`: in
 /// drawing units, relative to the origin of the splat's centre. Returns whether the splat has changed.
-bool clip(Material& splat, const ClipRegion& region);
+bool clip(MomentsSplat& splat, const ClipRegion& region);
 
 /// Clips a splat of the kernel octant: it stays whole if its point is in the region, else its value becomes missing.
 bool clip(OctantSplat& splat, const ClipRegion& region);

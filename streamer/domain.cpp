@@ -20,7 +20,7 @@ SplatExtent extent_of(const RecordRow& row, std::uint32_t record) {
     const OctantSplat splat = unpack_octant(row, record);
     return {dvec3(splat.position), dvec3(0.5 * static_cast<double>(splat.size))};
   }
-  const Material splat = unpack(row, record);
+  const MomentsSplat splat = unpack(row, record);
   const dmat3 axes = glm::mat3_cast(splat.orientation);
   SplatExtent extent{splat.center, dvec3(0)};
   for (int k = 0; k < 3; ++k) {

@@ -95,8 +95,8 @@ void add_depth(SplatChord& chord, const Extinctions& extinctions) {
   }
 }
 
-std::optional<SplatChord> chord_of(const Material& splat, const dvec3& origin, const DrawingUnits& units, float weight,
-                                   const Looking& looking) {
+std::optional<SplatChord> chord_of(const MomentsSplat& splat, const dvec3& origin, const DrawingUnits& units,
+                                   float weight, const Looking& looking) {
   if (std::isnan(splat.value)) return {};
   // In drawing units from the block's origin; distances along the ray are those of the world.
   const dvec3 eye = (looking.ray.origin - origin) / units.length, direction = looking.ray.direction / units.length;

@@ -27,13 +27,13 @@ constexpr dvec3 gradient{0.2, -0.1, 0.15};
 inline double value_at(dvec3 position) { return 0.5 + glm::dot(gradient, position); }
 
 /// The splat of a box. `face`: the distance from the middle of the box to the boundary, along one axis; 0: none.
-inline Material box_splat(dvec3 centre, dvec3 size, dvec3 face) {
+inline MomentsSplat box_splat(dvec3 centre, dvec3 size, dvec3 face) {
   std::array<int, 3> axes{0, 1, 2};
   std::ranges::stable_sort(axes, std::greater(), [&](int axis) { return size[axis]; });
   glm::dmat3 turn(0);
   for (int k = 0; k < 3; ++k) turn[k][axes[static_cast<std::size_t>(k)]] = 1;
   if (glm::determinant(turn) < 0) turn[2] = -turn[2];
-  Material splat;
+  MomentsSplat splat;
   splat.center = centre;
   splat.mass = size.x * size.y * size.z;
   splat.orientation = glm::quat_cast(turn);
@@ -49,7 +49,7 @@ inline Material box_splat(dvec3 centre, dvec3 size, dvec3 face) {
 }
 
 /// Appends the splats of a body's points.
-inline void add_splats(const Body& body, std::vector<Material>& splats) {
+inline void add_splats(const Body& body, std::vector<MomentsSplat>& splats) {
   const dvec3 step = (body.high - body.low) / dvec3(body.cells);
   for (int z = 0; z <= body.cells.z; ++z)
     for (int y = 0; y <= body.cells.y; ++y)
@@ -65,8 +65,8 @@ inline void add_splats(const Body& body, std::vector<Material>& splats) {
       }
 }
 
-inline std::vector<Material> splats_of(const std::vector<Body>& bodies) {
-  std::vector<Material> splats;
+inline std::vector<MomentsSplat> splats_of(const std::vector<Body>& bodies) {
+  std::vector<MomentsSplat> splats;
   for (const Body& body : bodies) add_splats(body, splats);
   return splats;
 }
@@ -87,7 +87,7 @@ inline View view_from(dvec3 eye, bool orthographic = false, int width = 128, int
   return make_view(camera, width, height).value();
 }
 
-inline DrawList list_of(const std::vector<Material>& splats) {
+inline DrawList list_of(const std::vector<MomentsSplat>& splats) {
   return test::make_list(splats, {{dvec3(0), 0, splats.size()}});
 }
 

@@ -177,7 +177,7 @@ double share_in_front(double u) {
 
 TEST(Depths, ARoundSplatHasItsClosedForm) {
   const double deviation = 0.2, mass = 0.4, centre = 3;
-  Material splat;
+  MomentsSplat splat;
   splat.mass = mass;
   splat.deviations = dvec3(deviation);
   for (const bool orthographic : {false, true}) {
@@ -206,7 +206,7 @@ TEST(Depths, ARoundSplatHasItsClosedForm) {
 
 TEST(Depths, TheValueIsThatOfWhatIsInFront) {
   // A linear field along the line of sight: what a surface hides has the larger values.
-  Material splat;
+  MomentsSplat splat;
   splat.mass = 0.4;
   splat.deviations = dvec3(0.2);
   splat.value = 0.5;
@@ -341,14 +341,14 @@ TEST(Depths, OctantSplatsAreFlat) {
 }
 
 TEST(Depths, AreInWorldUnits) {
-  const std::vector<Material> splats = test::random_splats(2000);
+  const std::vector<MomentsSplat> splats = test::random_splats(2000);
   const View view = test::view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
   const SurfaceDepths depths = plane(view, dvec3(0), glm::normalize(dvec3(0.5, 0.7, 1)));
   for (const Way& way : all_ways()) {
     const Image plain = Drawn(way, test::list_of(splats), test::lively()).picture(view, depths);
     // The same splats in a world that is 2^40 times as large.
     const double unit = std::ldexp(1, 40);
-    std::vector<Material> far = splats;
+    std::vector<MomentsSplat> far = splats;
     DrawList list;
     append(list, pack_row(std::span(std::as_const(far)), dvec3(0), unit), 0, static_cast<std::uint32_t>(far.size()), 1);
     View large = view;

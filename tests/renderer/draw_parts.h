@@ -15,7 +15,7 @@ struct DrawPart {
   float weight = 1;
 };
 
-/// Packs a row for each part. Splats are Material or OctantSplat, in world units.
+/// Packs a row for each part. Splats are MomentsSplat or OctantSplat, in world units.
 template <class Splat>
 DrawList make_list(const std::vector<Splat>& splats, const std::vector<DrawPart>& parts) {
   DrawList list;

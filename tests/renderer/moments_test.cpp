@@ -45,7 +45,7 @@ struct Cluster {
   dvec3 boundary{0};  // foot of the perpendicular from the centroid, in deviations along the principal axes
 };
 
-Material material_of(const Cluster& cluster) {
+MomentsSplat material_of(const Cluster& cluster) {
   return {{cluster.mass, cluster.deviations, cluster.orientation, cluster.boundary},
           cluster.position,
           cluster.value,
@@ -53,8 +53,8 @@ Material material_of(const Cluster& cluster) {
           cluster.correlation};
 }
 
-std::vector<Material> materials_of(const std::vector<Cluster>& clusters, const dvec3& origin = dvec3(0)) {
-  std::vector<Material> materials;
+std::vector<MomentsSplat> materials_of(const std::vector<Cluster>& clusters, const dvec3& origin = dvec3(0)) {
+  std::vector<MomentsSplat> materials;
   for (const Cluster& cluster : clusters) {
     materials.push_back(material_of(cluster));
     materials.back().center -= origin;
@@ -63,9 +63,9 @@ std::vector<Material> materials_of(const std::vector<Cluster>& clusters, const d
 }
 
 /// Returns the numbers that the drawing record of a cluster holds, if it is alone in its row.
-Material recorded(const Cluster& cluster) {
-  const Material exact = material_of(cluster);
-  Material held = unpack(pack_row(std::span(&exact, 1), dvec3(0), 1), 0);
+MomentsSplat recorded(const Cluster& cluster) {
+  const MomentsSplat exact = material_of(cluster);
+  MomentsSplat held = unpack(pack_row(std::span(&exact, 1), dvec3(0), 1), 0);
   held.center = exact.center;
   return held;
 }
@@ -88,7 +88,7 @@ TransferFunction uniform(double extinction) {
 }
 
 /// The variance that rasterizers add to a splat; none if it is behind the eye.
-std::optional<double> widening(const Material& splat, const View& view) {
+std::optional<double> widening(const MomentsSplat& splat, const View& view) {
   const double z = view.to_view(splat.center).z;
   const dvec3 across = view.forward * glm::mat3_cast(splat.orientation) * splat.deviations;
   const double reach = moments_half_width * glm::length(across) * (1 + 1.1 * glm::length(splat.boundary));
@@ -157,7 +157,7 @@ double mean_cosine(double cosine, double unexplained) {
 
 /// Draws one splat on one pixel's ray by its definition, as far as it is in front of a surface: integrals by
 /// quadrature, in double precision.
-dvec4 evaluate(const Material& splat, const View& view, double pixel_x, double pixel_y,
+dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, double pixel_y,
                const TransferFunction& function, const std::optional<Lighting>& lighting, double surface) {
   const auto variance = widening(splat, view);
   if (!variance) return dvec4(0);
@@ -188,7 +188,7 @@ dvec4 evaluate(const Material& splat, const View& view, double pixel_x, double p
 
 Image evaluate(const Cluster& cluster, const View& view, const TransferFunction& function,
                const std::optional<Lighting>& lighting = {}, const SurfaceDepths* surfaces = nullptr) {
-  const Material splat = recorded(cluster);
+  const MomentsSplat splat = recorded(cluster);
   Image image{view.width, view.height, {}};
   for (int y = 0; y < view.height; ++y)
     for (int x = 0; x < view.width; ++x) {
@@ -264,7 +264,7 @@ class MomentsTest : public test::RasterizerTest {
     return picture(materials_of(clusters, origin), view, function, sort, origin);
   }
 
-  Image picture(const std::vector<Material>& splats, const View& view, const TransferFunction& function,
+  Image picture(const std::vector<MomentsSplat>& splats, const View& view, const TransferFunction& function,
                 SortMode sort = SortMode::exact, dvec3 origin = dvec3(0)) {
     EXPECT_TRUE(renderer_->set_transfer_function(function, {}));
     EXPECT_TRUE(renderer_->set_draw_list(test::make_list(splats, {{origin, 0, splats.size()}})));
@@ -561,7 +561,7 @@ TEST_P(MomentsTest, AxisOrderIsExactAlongTheAxis) {
   std::mt19937 generator(3);
   std::ranges::shuffle(positions, generator);
   for (int axis = 0; axis < 3; ++axis) {
-    std::vector<Material> splats;
+    std::vector<MomentsSplat> splats;
     const dvec3 origin(1e6, -2e6, 3e6);
     for (const int position : positions) {
       Cluster cluster{.mass = 10, .deviations = dvec3(1), .value = 0.02 * (position + 25)};
@@ -780,7 +780,7 @@ TEST_P(MomentsTest, HardCasesStaySane) {
     for (const View& view : {perspective_view(33, 17), orthographic_view(3, 33, 17)}) {
       // All of them, then each alone: an opaque splat could hide an error of another.
       expect_sane(picture(clusters, view, test::lively(extinction)));
-      const std::vector<Material> splats = materials_of(clusters);
+      const std::vector<MomentsSplat> splats = materials_of(clusters);
       for (std::uint64_t i = 0; i < splats.size(); i += extinction == 1 ? 1 : 7) {
         ASSERT_TRUE(renderer_->set_draw_list(test::make_list(splats, {{dvec3(0), i, 1}})));
         expect_sane(redraw(view, SortMode::none));
@@ -813,13 +813,13 @@ TEST_P(MomentsTest, WhatDrawsNothing) {
 }
 
 TEST_P(MomentsTest, AWeightIsAFactorOnTheMass) {
-  const std::vector<Material> splats = materials_of(cloud(200));
+  const std::vector<MomentsSplat> splats = materials_of(cloud(200));
   for (const View& view :
        {perspective_view(65, 65, {0, 0, 4}), perspective_view(), orthographic_view(3, 65, 65, {0, 0, 4})}) {
     const Image whole = picture(splats, view, test::lively(3));
     for (const float weight : {0.5F, 0.15F}) {
-      std::vector<Material> lighter = splats;
-      for (Material& splat : lighter) splat.mass *= weight;
+      std::vector<MomentsSplat> lighter = splats;
+      for (MomentsSplat& splat : lighter) splat.mass *= weight;
       const Image expected = picture(lighter, view, test::lively(3));
       const test::DrawPart part{dvec3(0), 0, splats.size(), weight};
       ASSERT_TRUE(renderer_->set_draw_list(test::make_list(splats, {part})));
@@ -834,7 +834,7 @@ TEST_P(MomentsTest, AWeightIsAFactorOnTheMass) {
 
 TEST_P(MomentsTest, RefusesSplatsOfTheOtherKernel) {
   const DrawList octant = test::make_list(std::vector<OctantSplat>(1), {{dvec3(0), 0, 1}});
-  const DrawList moments = test::make_list(std::vector<Material>(3), {{dvec3(0), 0, 3}});
+  const DrawList moments = test::make_list(std::vector<MomentsSplat>(3), {{dvec3(0), 0, 3}});
   EXPECT_THAT(renderer_->set_draw_list(octant).error().message, HasSubstr("octant"));
   const auto other = make_rasterizer(GetParam(), {.kernel = KernelKind::octant, .in_current_context = true}).value();
   EXPECT_THAT(other->set_draw_list(moments).error().message, HasSubstr("moments"));

@@ -100,7 +100,7 @@ TEST(Opacity, AFactorIsThatOfThinnerMaterial) {
 
 TEST(Opacity, EachSplatHasItsOwn) {
   const auto splats = random_splats(600);
-  std::vector<Material> shown;
+  std::vector<MomentsSplat> shown;
   std::vector<OpacityValue> values;
   for (std::size_t i = 0; i < splats.size(); ++i) {
     values.push_back({i % 3 == 0 ? 0.0F : 1.0F, 0, 255});
@@ -119,7 +119,7 @@ TEST(Opacity, EachSplatHasItsOwn) {
 TEST(Opacity, AHiddenBodyIsNotThere) {
   const std::vector<test::Body> bodies = {{dvec3(-0.8, -0.8, -0.2), dvec3(-0.1, 0.8, 0.2), glm::ivec3(6)},
                                           {dvec3(0.1, -0.8, -0.2), dvec3(0.8, 0.8, 0.2), glm::ivec3(6)}};
-  const std::vector<Material> first = splats_of({bodies[0]}), both = splats_of(bodies);
+  const std::vector<MomentsSplat> first = splats_of({bodies[0]}), both = splats_of(bodies);
   std::vector<OpacityValue> values = same(both.size(), 0);
   std::fill_n(values.begin(), first.size(), OpacityValue{1, 0, 255});
   const TransferFunction function = uniform(3), factors = ramp();
@@ -133,7 +133,7 @@ TEST(Opacity, AHiddenBodyIsNotThere) {
 
 // The mean over the values of a splat, as a step has it: the share of a normal distribution above the step.
 TEST(Opacity, IsTheMeanOverASplatsValues) {
-  const std::vector<Material> splat = {{{.mass = 1.2, .deviations = dvec3(0.3)}}};
+  const std::vector<MomentsSplat> splat = {{{.mass = 1.2, .deviations = dvec3(0.3)}}};
   TransferFunction step = ramp();
   step.densities = {{0, 0}, {0.5, 0}, {0.5, 1}, {1, 1}};
   const auto depth = [](const Image& image) {
@@ -160,7 +160,7 @@ TEST(Opacity, IsTheMeanOverASplatsValues) {
 }
 
 TEST(Opacity, KnowsTheAxes) {
-  const std::vector<Material> splat = {{{.mass = 1.2, .deviations = dvec3(0.3)}}};
+  const std::vector<MomentsSplat> splat = {{{.mass = 1.2, .deviations = dvec3(0.3)}}};
   const auto depth = [](const Image& image) {
     return -std::log1p(-static_cast<double>(image.at(image.width / 2, image.height / 2).a));
   };
@@ -204,7 +204,7 @@ TEST(Opacity, WhatHasNoValueIsNotDrawn) {
 TEST(Opacity, ServesTheKernelOctant) {
   std::vector<OctantSplat> splats, shown;
   std::vector<OpacityValue> values;
-  for (const Material& splat : random_splats(500)) {
+  for (const MomentsSplat& splat : random_splats(500)) {
     splats.push_back({vec3(splat.center), static_cast<float>(splat.value), 0.1F, 0});
     const bool hidden = splats.size() % 2 == 0;
     values.push_back({hidden ? 0.0F : 0.4F, 0, 255});

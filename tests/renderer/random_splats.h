@@ -14,12 +14,12 @@
 namespace splatvol::test {
 
 /// Ellipsoids of sizes from `smallest` to `largest` in [-1, 1]^3, a fifth of them at boundaries.
-inline std::vector<Material> random_splats(std::size_t count, double smallest = 0.01, double largest = 0.3) {
+inline std::vector<MomentsSplat> random_splats(std::size_t count, double smallest = 0.01, double largest = 0.3) {
   std::mt19937 generator(7);
   std::uniform_real_distribution<double> unit(-1, 1);
   const auto direction = [&] { return random_vector(unit, generator); };
-  std::vector<Material> splats(count);
-  for (Material& splat : splats) {
+  std::vector<MomentsSplat> splats(count);
+  for (MomentsSplat& splat : splats) {
     const double size = smallest * std::pow(largest / smallest, 0.5 + 0.5 * unit(generator));
     splat.center = direction();
     splat.deviations = size * dvec3(1, 0.6 + 0.4 * unit(generator), 0.1);

@@ -136,7 +136,7 @@ TEST(Tiles, BentAxesAgreeWithOpenGl) {
 
 TEST(Tiles, OctantsAgreeWithOpenGl) {
   std::vector<OctantSplat> splats;
-  for (const Material& m : test::random_splats(5000, 0.002, 0.3))
+  for (const MomentsSplat& m : test::random_splats(5000, 0.002, 0.3))
     splats.push_back({vec3(m.center), static_cast<float>(m.value), static_cast<float>(m.deviations.x), 0x00407f20});
   for (const bool orthographic : {false, true})
     for (const float weight : {1.0F, 0.3F}) {
@@ -158,7 +158,7 @@ TEST(Tiles, FarFromTheOriginNothingChanges) {
   Drawing drawing = random_drawing(2000, 0.02, 0.1, view_of(false, 100, 100));
   const Image here = draw_by_tiles(drawing);
   const dvec3 far_away(1e9, -3e8, 1e8);
-  const std::vector<Material> splats = test::random_splats(2000, 0.02, 0.1);
+  const std::vector<MomentsSplat> splats = test::random_splats(2000, 0.02, 0.1);
   drawing.list = test::make_list(splats, {{far_away, 0, splats.size()}});
   drawing.view.eye += far_away;
   EXPECT_LT(compare_images(here, draw_by_tiles(drawing)).value().rmse, 1e-4);

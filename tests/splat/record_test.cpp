@@ -8,11 +8,11 @@
 namespace splatvol {
 namespace {
 
-std::vector<Material> random_materials(std::size_t count, double smallest) {
+std::vector<MomentsSplat> random_materials(std::size_t count, double smallest) {
   std::mt19937 engine(1);
   std::uniform_real_distribution<double> number(0, 1);
-  std::vector<Material> materials(count);
-  for (Material& m : materials) {
+  std::vector<MomentsSplat> materials(count);
+  for (MomentsSplat& m : materials) {
     m.center = 100.0 * dvec3(number(engine), number(engine), number(engine));
     m.mass = std::exp2(-40 * number(engine));
     const double size = smallest * std::exp2(10 * number(engine));
@@ -45,7 +45,7 @@ TEST(PackedPosition, HoldsOffsetsToTheLast) {
 }
 
 TEST(PackedOrientation, TurnsAxesAsBefore) {
-  for (const Material& m : random_materials(500, 1)) {
+  for (const MomentsSplat& m : random_materials(500, 1)) {
     const dmat3 before = glm::mat3_cast(m.orientation);
     const dmat3 after = glm::mat3_cast(PackedOrientation::unpack(PackedOrientation::pack(m.orientation)));
     for (int k = 0; k < 3; ++k) EXPECT_LT(glm::distance(before[k], after[k]), 1e-5);
@@ -53,14 +53,14 @@ TEST(PackedOrientation, TurnsAxesAsBefore) {
 }
 
 TEST(RecordRow, HoldsMaterials) {
-  const std::vector<Material> materials = random_materials(500, 0.01);
+  const std::vector<MomentsSplat> materials = random_materials(500, 0.01);
   const dvec3 origin(1e6, -1e6, 0);
   const double length = 0.25;
   const RecordRow row = pack_row(materials, origin, length);
   ASSERT_EQ(row.shapes->size(), materials.size());
   ASSERT_EQ(row.values->size(), materials.size());
   for (std::uint32_t i = 0; i < materials.size(); ++i) {
-    const Material &before = materials[i], after = unpack(row, i);
+    const MomentsSplat &before = materials[i], after = unpack(row, i);
     const RecordBlock& block = row.shapes->blocks()[block_of(*row.shapes, i)];
     const dvec3 center = (block.origin - origin) / length + after.center;
     EXPECT_LT(glm::distance(center, before.center), before.deviations.z / 32);
@@ -77,7 +77,7 @@ TEST(RecordRow, HoldsMaterials) {
 
 // A small splat far from others needs steps as small as itself.
 TEST(RecordRow, SplitsIntoBlocksForSmallSplats) {
-  std::vector<Material> materials(4);
+  std::vector<MomentsSplat> materials(4);
   materials[1].center = dvec3(1e-9, 0, 0);
   materials[2].center = dvec3(1, 1, 1);
   materials[3].center = dvec3(2, 2, 2);

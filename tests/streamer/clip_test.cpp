@@ -18,10 +18,10 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 
 constexpr double mass_error = 1e-6;
 
-Material random_splat(std::mt19937& random) {
+MomentsSplat random_splat(std::mt19937& random) {
   std::uniform_real_distribution<double> unit(-1, 1);
   std::normal_distribution<double> normal;
-  Material splat;
+  MomentsSplat splat;
   splat.center = {unit(random), unit(random), unit(random)};
   splat.deviations = {0.5, 0.2, 0.05};
   splat.orientation = glm::normalize(test::random_quaternion(normal, random));
@@ -39,7 +39,7 @@ Box half_space(int axis, double from, double to) {
   return box;
 }
 
-Material clipped(Material splat, const dvec3& origin, const Box& box) {
+MomentsSplat clipped(MomentsSplat splat, const dvec3& origin, const Box& box) {
   clip(splat, {Box{box.low - origin, box.high - origin}, {}});
   return splat;
 }
@@ -49,11 +49,11 @@ TEST(Clip, TwoHalvesMakeTheWhole) {
   std::uniform_real_distribution<double> coordinate(-1.5, 1.5);
   const dvec3 origin(1e7, -1e7, 3);
   for (int i = 0; i < 3000; ++i) {
-    const Material whole = random_splat(random);
+    const MomentsSplat whole = random_splat(random);
     const int axis = i % 3;
     const double face = origin[axis] + coordinate(random);
-    const Material low = clipped(whole, origin, half_space(axis, -infinity, face));
-    const Material high = clipped(whole, origin, half_space(axis, face, infinity));
+    const MomentsSplat low = clipped(whole, origin, half_space(axis, -infinity, face));
+    const MomentsSplat high = clipped(whole, origin, half_space(axis, face, infinity));
     // A face beyond three deviations cuts off all or nothing, which is off by a thousandth of the mass.
     ASSERT_NEAR(low.mass + high.mass, whole.mass, 2e-3 * whole.mass);
     for (int k = 0; k < 3; ++k)
@@ -66,14 +66,14 @@ TEST(Clip, TwoHalvesMakeTheWhole) {
 }
 
 TEST(Clip, HalfABallHasClosedForms) {
-  Material splat;
+  MomentsSplat splat;
   splat.center = {0.25, 0, 0};
   splat.deviations = dvec3(2);
   splat.mass = 1;
   splat.value = 7;
   splat.value_deviation = 3;
   splat.correlations = {1, 0, 0};  // the value rises along x alone
-  const Material half = clipped(splat, dvec3(0), half_space(0, 0.25, infinity));
+  const MomentsSplat half = clipped(splat, dvec3(0), half_space(0, 0.25, infinity));
   const double mean = std::sqrt(2 / std::numbers::pi);
   EXPECT_NEAR(half.mass, 0.5, mass_error);
   EXPECT_NEAR(half.center.x, 0.25 + 2 * mean, 1e-5);
@@ -88,8 +88,8 @@ TEST(Clip, HalfABallHasClosedForms) {
 TEST(Clip, LeavesWhatIsInsideAndNothingOfWhatIsOutside) {
   std::mt19937 random(2);
   for (int i = 0; i < 100; ++i) {
-    const Material splat = random_splat(random);
-    Material inside = splat;
+    const MomentsSplat splat = random_splat(random);
+    MomentsSplat inside = splat;
     EXPECT_FALSE(clip(inside, {Box{dvec3(-5), dvec3(5)}, {}}));
     EXPECT_EQ(inside.center, splat.center);
     EXPECT_EQ(inside.mass, splat.mass);
@@ -98,17 +98,17 @@ TEST(Clip, LeavesWhatIsInsideAndNothingOfWhatIsOutside) {
 }
 
 TEST(Clip, TakesThinAndEmptySplats) {
-  Material point;
+  MomentsSplat point;
   point.mass = 1;
   EXPECT_EQ(clipped(point, dvec3(1), {dvec3(0), dvec3(2)}).mass, 1);
   EXPECT_EQ(clipped(point, dvec3(3), {dvec3(0), dvec3(2)}).mass, 0);
-  Material plane;
+  MomentsSplat plane;
   plane.mass = 1;
   plane.deviations = {1, 1, 0};
-  const Material cut = clipped(plane, dvec3(0), {{0, -9, -1}, {9, 9, 1}});
+  const MomentsSplat cut = clipped(plane, dvec3(0), {{0, -9, -1}, {9, 9, 1}});
   EXPECT_NEAR(cut.mass, 0.5, mass_error);
   EXPECT_EQ(cut.deviations.z, 0);
-  EXPECT_EQ(clipped(Material(), dvec3(0), {dvec3(0), dvec3(2)}).mass, 0);
+  EXPECT_EQ(clipped(MomentsSplat(), dvec3(0), {dvec3(0), dvec3(2)}).mass, 0);
 }
 
 TEST(Clip, OctantsGoByTheirPoint) {
@@ -125,10 +125,10 @@ TEST(Clip, TwoSidesOfAPlaneMakeTheWhole) {
   std::uniform_real_distribution<double> unit(-1, 1);
   int cut = 0;
   for (int i = 0; i < 3000; ++i) {
-    const Material whole = random_splat(random);
+    const MomentsSplat whole = random_splat(random);
     const Plane plane =
         make_plane(whole.center + test::random_vector(unit, random), test::random_vector(unit, random) + 1e-3);
-    Material front = whole, behind = whole;
+    MomentsSplat front = whole, behind = whole;
     clip(front, {std::nullopt, {plane}});
     clip(behind, {std::nullopt, {make_plane(plane.point, -plane.normal)}});
     ASSERT_NEAR(front.mass + behind.mass, whole.mass, 2e-3 * whole.mass);
@@ -143,10 +143,10 @@ TEST(Clip, TwoSidesOfAPlaneMakeTheWhole) {
 
   // Along an axis: the same numbers as a box.
   for (int axis = 0; axis < 3; ++axis) {
-    const Material whole = random_splat(random);
+    const MomentsSplat whole = random_splat(random);
     dvec3 normal(0);
     normal[axis] = 1;
-    Material by_plane = whole, by_box = whole;
+    MomentsSplat by_plane = whole, by_box = whole;
     clip(by_plane, {std::nullopt, {{whole.center + 0.05, normal}}});
     clip(by_box, {half_space(axis, whole.center[axis] + 0.05, infinity), {}});
     EXPECT_NEAR(by_plane.mass, by_box.mass, 1e-12);
@@ -159,7 +159,7 @@ TEST(Clip, TwoSidesOfAPlaneMakeTheWhole) {
 // Ranges inside are drawn as they are, ranges outside not at all, others as a row of as many records.
 TEST(Clip, RangesAreDrawnWholeOrNotAtAllOrAsClippedRows) {
   std::mt19937 random(4);
-  std::vector<Material> splats;
+  std::vector<MomentsSplat> splats;
   for (int i = 0; i < 100; ++i) splats.push_back(random_splat(random));
   const dvec3 origin(1e6, 5, -3);
   const double length = 0.5;

@@ -72,7 +72,7 @@ Decoded decode(const Points& points, double error) {
   return decoded;
 }
 
-void expect_shape(const Material& material, const SplatShape& shape) {
+void expect_shape(const MomentsSplat& material, const SplatShape& shape) {
   for (int k = 0; k < 3; ++k) {
     EXPECT_DOUBLE_EQ(material.deviations[k], shape.deviations[k]) << "log codes stay";
     EXPECT_DOUBLE_EQ(material.boundary[k], shape.boundary[k]);
@@ -81,7 +81,7 @@ void expect_shape(const Material& material, const SplatShape& shape) {
   for (int k = 0; k < 3; ++k) EXPECT_LT(glm::distance(before[k], after[k]), 1e-5);
 }
 
-void expect_value(const Material& material, const SplatValue& value) {
+void expect_value(const MomentsSplat& material, const SplatValue& value) {
   EXPECT_EQ(material.value, static_cast<double>(static_cast<float>(value.mean)));
   EXPECT_DOUBLE_EQ(material.value_deviation, value.deviation);
   for (int k = 0; k < 3; ++k) EXPECT_NEAR(material.correlations[k], value.correlation[k], 0.5 / 127 + 1e-9);
@@ -92,7 +92,7 @@ void expect_same(const Decoded& decoded) {
   ASSERT_EQ(row.shapes->size(), numbers.shapes.size());
   ASSERT_EQ(row.values->size(), numbers.shapes.size());
   for (std::uint32_t i = 0; i < row.shapes->size(); ++i) {
-    const Material material = unpack(row, i);
+    const MomentsSplat material = unpack(row, i);
     const SplatShape& shape = numbers.shapes[i];
     const SplatValue& value = numbers.values[i];
     const RecordBlock& block = row.shapes->blocks()[block_of(*row.shapes, i)];

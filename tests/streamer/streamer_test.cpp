@@ -47,7 +47,7 @@ struct Placed {
   dvec3 position;
   double value;
   OctantSplat octant;
-  Material material;
+  MomentsSplat material;
 
   [[nodiscard]] bool operator==(const Placed& other) const {
     return position == other.position && value == other.value && material.mass == other.material.mass &&
@@ -154,7 +154,7 @@ Described described(const dmat3& axes, const dvec3& deviations, double value_dev
   return result;
 }
 
-void expect_moments(const Material& splat, const SplatShape& shape, const SplatValue& value) {
+void expect_moments(const MomentsSplat& splat, const SplatShape& shape, const SplatValue& value) {
   // Numbers are rounded to codes in the file and again in the record. The code of the coverage is off by less than a
   // quantisation step, twice.
   const double code_error = log_code_error * log_code_error;

@@ -17,8 +17,8 @@ TransferFunction constant(double extinction) {
   return function;
 }
 
-Material ball(const dvec3& center, double deviation, double mass, double value) {
-  Material splat;
+MomentsSplat ball(const dvec3& center, double deviation, double mass, double value) {
+  MomentsSplat splat;
   splat.center = center;
   splat.deviations = dvec3(deviation);
   splat.mass = mass;
@@ -49,7 +49,7 @@ DrawList list_of(const std::vector<Splat>& splats) {
 
 TEST(Probe, FindsTheFirstOfTwoOpaqueSplats) {
   for (const bool orthographic : {false, true}) {
-    const std::vector<Material> splats = {ball({0, 0, -2}, 0.1, 10, 1), ball({0, 0, 2}, 0.1, 10, 5)};
+    const std::vector<MomentsSplat> splats = {ball({0, 0, -2}, 0.1, 10, 1), ball({0, 0, 2}, 0.1, 10, 5)};
     const auto found =
         probe(list_of(splats), constant(1000), {.value_offset = 100}, view_along_z(orthographic), 100, 50);
     ASSERT_TRUE(found);
@@ -62,7 +62,7 @@ TEST(Probe, FindsTheFirstOfTwoOpaqueSplats) {
 
 TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
   constexpr double deviation = 0.3, mass = 0.02, extinction = 2;
-  const std::vector<Material> splats = {ball({0, 0, 0}, deviation, mass, 1), ball({0, 0, -5}, 0.1, 0, 1)};
+  const std::vector<MomentsSplat> splats = {ball({0, 0, 0}, deviation, mass, 1), ball({0, 0, -5}, 0.1, 0, 1)};
   const auto found = probe(list_of(splats), constant(extinction), {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(found);
   // Density falls as (1 - u^2)^(3/2) along the chord, whose integral is 3 pi / 8.
@@ -72,7 +72,7 @@ TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
 }
 
 TEST(Probe, KnowsTheOpacityOfAnotherAttribute) {
-  const std::vector<Material> splats = {ball({0, 0, 0}, 0.3, 0.02, 1)};
+  const std::vector<MomentsSplat> splats = {ball({0, 0, 0}, 0.3, 0.02, 1)};
   TransferFunction factors = constant(1);
   factors.lo = 0;
   factors.hi = 10;
@@ -93,7 +93,7 @@ TEST(Probe, KnowsTheOpacityOfAnotherAttribute) {
 }
 
 TEST(Probe, MeetsNothingBesideOrBehind) {
-  const std::vector<Material> splats = {ball({1.5, 0, 0}, 0.1, 10, 1), ball({0, 0, 20}, 0.1, 10, 5)};
+  const std::vector<MomentsSplat> splats = {ball({1.5, 0, 0}, 0.1, 10, 1), ball({0, 0, 20}, 0.1, 10, 5)};
   const auto at = [&](double x) { return probe(list_of(splats), constant(1000), {}, view_along_z(true), x, 50); };
   EXPECT_FALSE(at(100));
   ASSERT_TRUE(at(100 + 1.5 * 25));
@@ -102,7 +102,7 @@ TEST(Probe, MeetsNothingBesideOrBehind) {
 
 // The density along the ray is the splat's, and the value follows its gradient.
 TEST(Probe, FollowsTheRay) {
-  std::vector<Material> splats = {ball({0, 0, 0}, 0.5, 1, 3), ball({0, 0, -6}, 0.5, 1, 8)};
+  std::vector<MomentsSplat> splats = {ball({0, 0, 0}, 0.5, 1, 3), ball({0, 0, -6}, 0.5, 1, 8)};
   splats[0].value_deviation = 0.2;
   splats[0].correlations = {0, 0, 0.5};
   const auto found = probe(list_of(splats), constant(0.1), {}, view_along_z(true), 100, 50);
@@ -130,7 +130,7 @@ TEST(Probe, FollowsTheRay) {
 }
 
 TEST(Probe, AHalfEndsAtItsBoundary) {
-  std::vector<Material> splats = {ball({0, 0, 0}, 0.5, 1, 3), ball({0, 0, 0}, 0.5, 0, 3)};
+  std::vector<MomentsSplat> splats = {ball({0, 0, 0}, 0.5, 1, 3), ball({0, 0, 0}, 0.5, 0, 3)};
   splats[0].boundary = {0, 0, 0.75};  // a plane at z = 0.375
   const auto found = probe(list_of(splats), constant(0.1), {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(found);
@@ -143,7 +143,7 @@ TEST(Probe, SpreadsOverNarrowPeaks) {
   peak.lo = 0, peak.hi = 1;
   peak.colors = {{0, dvec3(1)}};
   peak.densities = {{0.49, 0}, {0.5, 100}, {0.51, 0}};
-  std::vector<Material> splats = {ball({0, 0, 0}, 0.5, 1, 0.3), ball({0, 0, 0}, 0.5, 0, 3)};
+  std::vector<MomentsSplat> splats = {ball({0, 0, 0}, 0.5, 1, 0.3), ball({0, 0, 0}, 0.5, 0, 3)};
   splats[0].value_deviation = 0.1;
   const auto found = probe(list_of(splats), peak, {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(found) << "the mean value is not in the peak, but other values are";
@@ -154,7 +154,7 @@ TEST(Probe, SpreadsOverNarrowPeaks) {
 }
 
 TEST(Probe, SeesFlatSplatsAndOctants) {
-  std::vector<Material> flat = {ball({0, 0, 0}, 1, 1, 3), ball({0, 0, 0}, 0.1, 0, 0)};
+  std::vector<MomentsSplat> flat = {ball({0, 0, 0}, 1, 1, 3), ball({0, 0, 0}, 0.1, 0, 0)};
   flat[0].deviations.z = 0;  // faces the eye
   const auto found = probe(list_of(flat), constant(10), {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(found);
