@@ -198,8 +198,8 @@ Lattice make_lattice(const FittedSplat& splat) {
   return lattice;
 }
 
-// A splat that another one sees.
-struct View {
+// A splat that lies over another one.
+struct Overlap {
   std::uint32_t splat;
   float weight;  // its mean density over the other's lattice
 };
@@ -212,7 +212,7 @@ class DensityFit {
   }
 
   void run() {
-    find_views();
+    find_overlaps();
     std::vector<float> densities(splats_.size(), 1.0F), next(splats_.size(), 1.0F);
     for (int iteration = 0; iteration < iterations; ++iteration) {
       tbb::parallel_for(std::size_t{0}, portions_.size(), [&](std::size_t b) { improve(b, densities, next); });
@@ -226,11 +226,11 @@ class DensityFit {
   // Splats that follow each other, handled by one task.
   static constexpr std::size_t portion_size = 256;
   struct Portion {
-    std::vector<View> views;
-    std::vector<std::uint32_t> ends;  // [splat of the portion]: of its views
+    std::vector<Overlap> overlaps;
+    std::vector<std::uint32_t> ends;  // [splat of the portion]: of its overlaps
   };
 
-  // Where the splats of a portion look, and the ellipsoids that may be there.
+  // Where the splats of a portion lie, and the ellipsoids that may be there.
   struct Search {
     struct Look {
       Lattice lattice{};
@@ -245,18 +245,18 @@ class DensityFit {
   };
 
   // If too much is in sight of all splats together, those that have most in sight keep their densities.
-  void find_views() {
+  void find_overlaps() {
     const std::vector<BoxTree> trees = make_trees(ellipsoids_);
     const std::uint64_t most = most_in_sight * splats_.size() + always_in_sight;
     is_left_.resize(splats_.size());
-    find_views(trees, most, portion_size);
+    find_overlaps(trees, most, portion_size);
     if (seen_ <= most) return;
     leave_crowded(trees, most);
-    find_views(trees, most, 1);  // the boxes of portions meet those of all that is crowded
+    find_overlaps(trees, most, 1);  // the boxes of portions meet those of all that is crowded
   }
 
   // `at_once`: splats that search together. Ends early if more than `most` is in sight.
-  void find_views(const std::vector<BoxTree>& trees, std::uint64_t most, std::size_t at_once) {
+  void find_overlaps(const std::vector<BoxTree>& trees, std::uint64_t most, std::size_t at_once) {
     portions_.clear();
     portions_.resize((splats_.size() + portion_size - 1) / portion_size);
     seen_ = 0;
@@ -267,13 +267,13 @@ class DensityFit {
       search.most = most;
       find_looks(b, search);
       for (std::size_t k = 0; k < search.looks.size(); k += at_once)
-        find_views(trees, search, k, std::min(k + at_once, search.looks.size()), portions_[b]);
-      portions_[b].views.shrink_to_fit();
+        find_overlaps(trees, search, k, std::min(k + at_once, search.looks.size()), portions_[b]);
+      portions_[b].overlaps.shrink_to_fit();
     });
   }
 
   // Of splats [begin, end) of a portion.
-  void find_views(const std::vector<BoxTree>& trees, Search& search, std::size_t begin, std::size_t end,
+  void find_overlaps(const std::vector<BoxTree>& trees, Search& search, std::size_t begin, std::size_t end,
                   Portion& portion) {
     Bounds bounds;
     for (std::size_t k = begin; k < end; ++k) bounds.include(search.looks[k].bounds);
@@ -282,7 +282,7 @@ class DensityFit {
       tree.for_each(bounds, [&](const BoxTree::Member& member) { search.found.push_back(member); });
     search.candidates.resize(search.found.size());
     std::iota(search.candidates.begin(), search.candidates.end(), 0);
-    append_views(search, begin, end, 0, search.found.size(), portion);
+    append_overlaps(search, begin, end, 0, search.found.size(), portion);
   }
 
   // Chooses the splats that are left as they are, so that at most `most` is in sight of the others.
@@ -319,9 +319,9 @@ class DensityFit {
     return look;
   }
 
-  // Appends the views of splats [begin, end), whose candidates are [first, last). Neighbours in Morton order look at
+  // Appends the overlaps of splats [begin, end), whose candidates are [first, last). Neighbours in Morton order look at
   // about the same ellipsoids: each half of a range chooses from those that the whole range has in sight.
-  void append_views(Search& search, std::size_t begin, std::size_t end, std::size_t first, std::size_t last,
+  void append_overlaps(Search& search, std::size_t begin, std::size_t end, std::size_t first, std::size_t last,
                     Portion& portion) {
     if (seen_ > search.most) return;
     Bounds bounds;
@@ -335,36 +335,36 @@ class DensityFit {
     }
     if (end - begin > 1) {
       const std::size_t middle = begin + (end - begin) / 2;
-      append_views(search, begin, middle, last, in_sight, portion);
-      append_views(search, middle, end, last, in_sight, portion);
+      append_overlaps(search, begin, middle, last, in_sight, portion);
+      append_overlaps(search, middle, end, last, in_sight, portion);
       return;
     }
     const Search::Look& look = search.looks[begin];
     const std::size_t i = search.first + begin;
     if (look.samples > 0 && (seen_ += in_sight - last) > search.most) return;
-    if (is_left_[i] != 0) portion.views.push_back({static_cast<std::uint32_t>(i), 1});  // it sees itself
+    if (is_left_[i] != 0) portion.overlaps.push_back({static_cast<std::uint32_t>(i), 1});  // it lies over itself
     for (std::size_t c = last; c < in_sight && look.samples > 0; ++c) {
       const std::uint32_t j = search.found[candidates[c]].ellipsoid;
       const double seen = density_over(ellipsoids_[j], look.lattice);
-      if (seen > 0) portion.views.push_back({j, static_cast<float>(seen / look.samples)});
+      if (seen > 0) portion.overlaps.push_back({j, static_cast<float>(seen / look.samples)});
     }
-    portion.ends.push_back(static_cast<std::uint32_t>(portion.views.size()));
+    portion.ends.push_back(static_cast<std::uint32_t>(portion.overlaps.size()));
   }
 
   void improve(std::size_t b, const std::vector<float>& densities, std::vector<float>& next) const {
-    std::uint32_t view = 0;
+    std::uint32_t overlap = 0;
     for (std::size_t k = 0; k < portions_[b].ends.size(); ++k) {
       const std::size_t i = b * portion_size + k;
       double seen = 0;
-      for (; view < portions_[b].ends[k]; ++view)
-        seen += double{portions_[b].views[view].weight} * densities[portions_[b].views[view].splat];
+      for (; overlap < portions_[b].ends[k]; ++overlap)
+        seen += double{portions_[b].overlaps[overlap].weight} * densities[portions_[b].overlaps[overlap].splat];
       const double factor = seen > 0 ? std::pow(seen, -damping) : 1;
       next[i] = static_cast<float>(std::clamp(densities[i] * factor, least_density, largest_density));
     }
   }
 
   // Scales the factors so that they neither add nor take mass in any neighbourhood. A splat's neighbourhood has the
-  // mass that arrives there when each splat spreads its mass evenly over the splats that it sees, a few times over.
+  // mass that arrives there when each splat spreads its mass evenly over the splats that it overlaps, a few times over.
   void keep_mass(std::vector<float>& densities) const {
     std::vector<double> before(splats_.size()), after(splats_.size());
     for (std::size_t i = 0; i < splats_.size(); ++i) {
@@ -384,10 +384,10 @@ class DensityFit {
     for (std::size_t b = 0; b < portions_.size(); ++b) {
       std::uint32_t begin = 0;
       for (std::size_t k = 0; k < portions_[b].ends.size(); ++k) {
-        const auto seen = std::span(portions_[b].views).subspan(begin, portions_[b].ends[k] - begin);
+        const auto seen = std::span(portions_[b].overlaps).subspan(begin, portions_[b].ends[k] - begin);
         begin = portions_[b].ends[k];
-        for (const View& view : seen)
-          result[view.splat] += masses[b * portion_size + k] / static_cast<double>(seen.size());
+        for (const Overlap& overlap : seen)
+          result[overlap.splat] += masses[b * portion_size + k] / static_cast<double>(seen.size());
       }
     }
     masses.swap(result);

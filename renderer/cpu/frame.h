@@ -8,7 +8,7 @@
 #include <span>
 
 #include "renderer/common.h"
-#include "renderer/surfaces.h"
+#include "renderer/depth_pyramid.h"
 #include "splat/record.h"
 
 namespace splatvol::tiles {
@@ -70,7 +70,7 @@ struct FrameConstants {
   TableView table;
   OpacityView opacity;                 // the splats have values of its attribute
   const float* peaks = nullptr;        // make_peak_levels, one level after another
-  const Surfaces* surfaces = nullptr;  // null: there are none
+  const DepthPyramid* surfaces = nullptr;  // null: there are none
 };
 
 /// A range of the draw list in the view.

@@ -694,7 +694,7 @@ struct Hidden {
   Mask all, part;
 };
 
-HWY_INLINE Hidden hidden_by(const Surfaces& surfaces, const DepthExtent& extent, const Bounds& bounds) {
+HWY_INLINE Hidden hidden_by(const DepthPyramid& surfaces, const DepthExtent& extent, const Bounds& bounds) {
   alignas(64) std::array<float, most_lanes> nearest, farthest;
   for (int lane = 0; lane < lane_count(); ++lane) {
     const DepthRange range =

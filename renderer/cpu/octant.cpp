@@ -140,7 +140,7 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
 }
 
 /// Sets the depth of a splat that surfaces may hide in some pixels. Removes it if they hide it in all.
-void compare_with_surfaces(const Surfaces& surfaces, float depth, PixelBounds& pixels, float& compared) {
+void compare_with_surfaces(const DepthPyramid& surfaces, float depth, PixelBounds& pixels, float& compared) {
   const DepthRange range = surfaces.range(pixels.left, pixels.bottom, pixels.right, pixels.top);
   if (depth >= range.farthest) pixels = {};
   compared = depth < range.nearest ? -1.0F : depth;
@@ -199,7 +199,7 @@ HWY_INLINE Float weighted_share(Float alpha, float weight) {
 /// `surfaces`: null, or those that hide the splat where they are not behind `depth`.
 template <bool partial>
 HWY_INLINE void blend_splat(const GaussianSplat& splat, const PixelBounds& bounds, const TileArea& area,
-                            const Surfaces* surfaces, float depth, TilePixels& pixels) {
+                            const DepthPyramid* surfaces, float depth, TilePixels& pixels) {
   const int lanes = lane_count();
   const int left = std::max(bounds.left - area.left, 0), right = std::min(bounds.right - area.left, area.width);
   const int bottom = std::max(bounds.bottom - area.bottom, 0), top = std::min(bounds.top - area.bottom, area.height);

@@ -16,7 +16,7 @@
 #include "renderer/cpu/packed_table.h"
 #include "renderer/rasterizer.h"
 #include "renderer/sort.h"
-#include "renderer/surfaces.h"
+#include "renderer/depth_pyramid.h"
 
 namespace splatvol {
 
@@ -102,7 +102,7 @@ class TileRasterizer final : public Rasterizer {
   OpacityTable opacity_;
   std::vector<float> peaks_;
   std::shared_ptr<const SurfaceDepths> surface_depths_;
-  std::optional<Surfaces> surfaces_;  // made of the depths when first drawn with
+  std::optional<DepthPyramid> surfaces_;  // made of the depths when first drawn with
 
   // The draw list.
   DrawList list_;

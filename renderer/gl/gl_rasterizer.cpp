@@ -361,7 +361,7 @@ Status GlRasterizer::upload_surfaces(const View& view) {
   if (!surface_depths_ || surface_levels_ > 0) return surface_depths_ ? check_size(*surface_depths_, view) : Status{};
   SPLATVOL_TRY(check_size(*surface_depths_, view));
   SPLATVOL_TRY(add_surface_forms(kernel_));
-  const Surfaces surfaces(*surface_depths_, units_.length);
+  const DepthPyramid surfaces(*surface_depths_, units_.length);
   GLuint name = 0;
   glCreateTextures(GL_TEXTURE_2D, 1, &name);
   depth_texture_ = Texture(name);
@@ -373,12 +373,12 @@ Status GlRasterizer::upload_surfaces(const View& view) {
   glTextureSubImage2D(name, 0, 0, 0, surfaces.width(), surfaces.height(), GL_RED, GL_FLOAT, surfaces.at(0, 0));
   glPixelStorei(GL_UNPACK_ROW_LENGTH, 0);
 
-  const std::vector<Surfaces::Level>& levels = surfaces.levels();
+  const std::vector<DepthPyramid::Level>& levels = surfaces.levels();
   glCreateTextures(GL_TEXTURE_2D, 1, &name);
   range_texture_ = Texture(name);
   glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_NEAREST_MIPMAP_NEAREST);
   glTextureStorage2D(name, static_cast<GLsizei>(levels.size()), GL_RG32F, levels[0].columns, levels[0].rows);
-  for (GLint i = 0; const Surfaces::Level& level : levels)
+  for (GLint i = 0; const DepthPyramid::Level& level : levels)
     glTextureSubImage2D(name, i++, 0, 0, level.columns, level.rows, GL_RG, GL_FLOAT, level.ranges.data());
   surface_levels_ = static_cast<GLint>(levels.size());
   return check_gl("uploading the depths of surfaces");

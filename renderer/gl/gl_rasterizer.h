@@ -19,7 +19,7 @@
 #include "renderer/gl/upsampler.h"
 #include "renderer/rasterizer.h"
 #include "renderer/sort.h"
-#include "renderer/surfaces.h"
+#include "renderer/depth_pyramid.h"
 #include "scene/scene.h"
 #include "splat/splat.h"
 

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "renderer/device/device.h"
-#include "renderer/surfaces.h"
+#include "renderer/depth_pyramid.h"
 #include "splat/kernel.h"
 #include "tests/renderer/bodies.h"
 #include "tests/renderer/draw_parts.h"
@@ -408,13 +408,13 @@ TEST(Depths, AreTheSamePictureWithAnyInstructions) {
       [&] { EXPECT_LT(rmse(newest, Drawn(by_splats, list, test::lively()).picture(view, depths)), 1e-4); });
 }
 
-TEST(Surfaces, RangesHoldTheDepthsOfTheirPixels) {
+TEST(DepthPyramid, RangesHoldTheDepthsOfTheirPixels) {
   std::mt19937 generator(5);
   std::uniform_real_distribution<float> unit(0.1F, 9);
   for (const auto& [width, height] : {std::pair(1, 1), std::pair(4, 5), std::pair(131, 97), std::pair(7, 300)}) {
     SurfaceDepths depths{width, height, std::vector<float>(static_cast<std::size_t>(width) * height)};
     for (float& depth : depths.depths) depth = unit(generator);
-    const Surfaces surfaces(depths, 2);
+    const DepthPyramid surfaces(depths, 2);
     EXPECT_EQ(*surfaces.at(0, height - 1), depths.depths[0] / 2);
     const auto all = surfaces.range(0, 0, width, height);
     EXPECT_EQ(all.farthest, std::ranges::max(depths.depths) / 2);

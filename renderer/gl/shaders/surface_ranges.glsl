@@ -1,4 +1,4 @@
-// Compares splats with opaque surfaces (renderer/surfaces.h).
+// Compares splats with opaque surfaces (renderer/depth_pyramid.h).
 layout(binding = 4) uniform sampler2D surface_ranges;  // level k: nearest and farthest in cells of 4 * 2^k pixels
 layout(location = 5) uniform int surface_levels;       // 0: there are no surfaces
 

@@ -25,7 +25,7 @@ struct DepthRange {
 
 /// Surfaces of a picture, in drawing units. Pixels count from the lower left corner. No depth is negative or NaN.
 /// Besides, the range of the depths in each cell of 4 x 4 pixels, and in cells of twice the edge, again and again.
-class Surfaces {
+class DepthPyramid {
  public:
   /// The ranges of cells with one size, row after row. The numbers of rows and columns are powers of two; cells beyond
   /// the picture have no range.
@@ -35,7 +35,7 @@ class Surfaces {
   };
 
   /// `unit`: a drawing unit, in world units. Requires depths that pass `check_surface_depths`. Works in parallel.
-  Surfaces(const SurfaceDepths& depths, double unit);
+  DepthPyramid(const SurfaceDepths& depths, double unit);
 
   [[nodiscard]] int width() const { return width_; }
   [[nodiscard]] int height() const { return height_; }

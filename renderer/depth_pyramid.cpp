@@ -1,4 +1,4 @@
-#include "renderer/surfaces.h"
+#include "renderer/depth_pyramid.h"
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -26,7 +26,7 @@ int cells_along(int pixels) {
 
 }  // namespace
 
-Surfaces::Surfaces(const SurfaceDepths& depths, double unit)
+DepthPyramid::DepthPyramid(const SurfaceDepths& depths, double unit)
     : width_(depths.width),
       height_(depths.height),
       row_stride_(depths.width + row_margin),
@@ -36,7 +36,7 @@ Surfaces::Surfaces(const SurfaceDepths& depths, double unit)
   add_coarser_levels();
 }
 
-void Surfaces::add_rows_of_cells(const SurfaceDepths& depths, double unit) {
+void DepthPyramid::add_rows_of_cells(const SurfaceDepths& depths, double unit) {
   Level& level = levels_.emplace_back(Level{cells_along(width_), cells_along(height_), {}});
   level.ranges.resize(static_cast<std::size_t>(level.columns) * level.rows);
   tbb::parallel_for(0, (height_ + cell_size - 1) / cell_size, [&](int row) {
@@ -52,7 +52,7 @@ void Surfaces::add_rows_of_cells(const SurfaceDepths& depths, double unit) {
   });
 }
 
-void Surfaces::add_coarser_levels() {
+void DepthPyramid::add_coarser_levels() {
   while (levels_.back().ranges.size() > 1) {
     const Level& fine = levels_.back();
     Level coarse{std::max(fine.columns / 2, 1), std::max(fine.rows / 2, 1), {}};
@@ -67,7 +67,7 @@ void Surfaces::add_coarser_levels() {
   }
 }
 
-DepthRange Surfaces::range(int left, int bottom, int right, int top) const {
+DepthRange DepthPyramid::range(int left, int bottom, int right, int top) const {
   right = std::min(right, width_);
   top = std::min(top, height_);
   if (left >= right || bottom >= top) return {};
@@ -84,7 +84,7 @@ DepthRange Surfaces::range(int left, int bottom, int right, int top) const {
   return range;
 }
 
-std::uint64_t Surfaces::memory_bytes() const {
+std::uint64_t DepthPyramid::memory_bytes() const {
   std::uint64_t bytes = sizeof(float) * depths_.capacity();
   for (const Level& level : levels_) bytes += sizeof(DepthRange) * level.ranges.capacity();
   return bytes;
