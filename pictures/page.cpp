@@ -14,14 +14,14 @@ namespace {
 constexpr double text_share = 0.032;  // height of a line, of the shorter side of the page
 constexpr double least_text = 9, most_text = 200;
 
-// Lengths round a colour bar, in lines of text.
+// Lengths round a scalar bar, in lines of text.
 constexpr double bar_width = 0.9, tick_length = 0.3, gap = 0.45, bar_lines = 14;
 
 double text_height_for(int width, int height) {
   return std::clamp(text_share * std::min(width, height), least_text, most_text);
 }
 
-// The words round a colour bar, and the pixels that they take.
+// The words round a scalar bar, and the pixels that they take.
 struct BarText {
   Ticks ticks;
   std::string label;
@@ -147,7 +147,7 @@ Result<Page> lay_out_page(int width, int height, const PageText& text, const Tra
   page.picture_width = width - sides[0];
   page.picture_height = height - sides[1];
   if (2 * page.picture_width < width || 2 * page.picture_height < height)
-    return fail(ErrorCode::invalid_argument, "{} x {} pixels are too few for a picture beside its title and colour bar",
+    return fail(ErrorCode::invalid_argument, "{} x {} pixels are too few for a picture beside its title and scalar bar",
                 width, height);
   return page;
 }

@@ -1,4 +1,4 @@
-// A picture with its title, colour bar and outline: ready for a paper.
+// A picture with its title, scalar bar and outline: ready for a paper.
 #pragma once
 
 #include <optional>
@@ -14,11 +14,11 @@ namespace splatvol {
 /// The words round a picture.
 struct PageText {
   std::string title;               // empty: none
-  std::optional<std::string> bar;  // the words over a colour bar: name and unit; empty optional: no bar
+  std::optional<std::string> bar;  // the words over a scalar bar: name and unit; empty optional: no bar
   int ticks = ScalarBar().ticks;   // of the bar, as in ScalarBar
 };
 
-/// The sizes of a page in pixels. The title is over the picture, and the colour bar right of it, so that nothing covers
+/// The sizes of a page in pixels. The title is over the picture, and the scalar bar right of it, so that nothing covers
 /// the volume.
 struct Page {
   int width = 0, height = 0;  // of the whole

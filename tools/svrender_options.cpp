@@ -51,12 +51,13 @@ void add_page_options(CommandLine& app, RenderOptions& options) {
                  "bright colours get darker, so that the contrast stays")
       ->type_name("COLOUR")
       ->check(check_of(parse_color));
-  app.add_flag("--colour-bar,--color-bar", options.color_bar,
+  app.add_flag("--scalar-bar", options.scalar_bar,
                "Show the attribute's name, unit, colours and values right of the picture (.png)");
+  app.add_flag("--colour-bar,--color-bar", options.scalar_bar, "As --scalar-bar, in older scripts")->group("");
   app.add_option("--ticks", options.ticks,
-                 "At most about so many ticks beside the colour bar; default: the scene's, or 5")
+                 "At most about so many ticks beside the scalar bar; default: the scene's, or 5")
       ->range(2, 20);
-  app.add_option("--unit", options.unit, "Unit over the colour bar, in place of the attribute's")->type_name("WORDS");
+  app.add_option("--unit", options.unit, "Unit over the scalar bar, in place of the attribute's")->type_name("WORDS");
   app.add_option("--title", options.title, "Words over the picture (.png)")->type_name("WORDS");
   app.add_flag(
       "--transparent", options.transparent,

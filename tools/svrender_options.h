@@ -32,8 +32,8 @@ struct RenderOptions {
   std::string background;  // see parse_color; empty: the scene's
   PlaneOptions planes;
   std::string title;
-  bool color_bar = false;
-  std::optional<int> ticks;         // of the colour bar
+  bool scalar_bar = false;
+  std::optional<int> ticks;         // of the scalar bar
   std::optional<std::string> unit;  // in place of the attribute's
   bool transparent = false;
   int fade = 1;  // frames that a change of resolution takes

@@ -78,7 +78,7 @@ Status fit_scene(const RenderOptions& options, const format::Volume& volume, Com
     SPLATVOL_TRY(store(parse_image_size(options.size), size));
   }
   SPLATVOL_TRY(store(make_scene(options, volume, size), composition.scene));
-  if (options.color_bar) {
+  if (options.scalar_bar) {
     SPLATVOL_TRY(add_bar(volume, composition));
   }
   SPLATVOL_TRY(lay_out(composition, size));
@@ -90,9 +90,9 @@ Status fit_scene(const RenderOptions& options, const format::Volume& volume, Com
 
 Status check_kind(const RenderOptions& options, const Composition& composition) {
   if (!composition.data) return {};
-  if (options.color_bar || !options.title.empty() || options.transparent)
+  if (options.scalar_bar || !options.title.empty() || options.transparent)
     return fail(ErrorCode::invalid_argument,
-                "{}: an .exr holds light and alpha alone; --title, --colour-bar and --transparent need a .png",
+                "{}: an .exr holds light and alpha alone; --title, --scalar-bar and --transparent need a .png",
                 options.output);
   return {};
 }
@@ -119,7 +119,7 @@ Result<Composition> compose(const RenderOptions& options) {
   if (!options.scene.empty()) {
     SPLATVOL_TRY(store(read_scene(options), composition.scene));
   }
-  const bool needs_volume = options.scene.empty() || options.planes.are_given() || options.color_bar ||
+  const bool needs_volume = options.scene.empty() || options.planes.are_given() || options.scalar_bar ||
                             options.turntable > 0 || (composition.scene.outline && !composition.data);
   std::shared_ptr<const format::Volume> volume;
   if (needs_volume) {
@@ -129,7 +129,7 @@ Result<Composition> compose(const RenderOptions& options) {
     SPLATVOL_TRY(fit_scene(options, *volume, composition));
   } else {
     if (options.planes.are_given()) SPLATVOL_TRY(add_planes(options, *volume, composition.scene));
-    if (options.color_bar) {
+    if (options.scalar_bar) {
       SPLATVOL_TRY(add_bar(*volume, composition));
     }
     SPLATVOL_TRY(lay_out(composition, {composition.scene.width, composition.scene.height}));

@@ -13,7 +13,7 @@ find_package(CURL 7.87 REQUIRED)
 find_package(Freetype REQUIRED)
 find_file(SPLATVOL_FONT_FILE DejaVuSans.ttf REQUIRED
   PATHS /usr/share/fonts/truetype/dejavu /usr/share/fonts/TTF /usr/share/fonts/dejavu-sans-fonts
-  DOC "DejaVu Sans, for titles and colour bars (package fonts-dejavu-core)")
+  DOC "DejaVu Sans, for titles and scalar bars (package fonts-dejavu-core)")
 find_package(PNG REQUIRED)
 find_package(OpenEXR REQUIRED)
 pkg_check_modules(ZSTD REQUIRED IMPORTED_TARGET libzstd)

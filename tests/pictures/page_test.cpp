@@ -1,4 +1,4 @@
-// Pages: titles, colour bars and outlines on pictures of any size.
+// Pages: titles, scalar bars and outlines on pictures of any size.
 #include <gtest/gtest.h>
 #include <png.h>
 
