@@ -68,8 +68,8 @@ struct FrameConstants {
   float ambient = 1, diffuse = 0;  // factor on colours: ambient + diffuse * cosine
   StoredAxis axis;
   TableView table;
-  OpacityView opacity;                 // the splats have values of its attribute
-  const float* peaks = nullptr;        // make_peak_levels, one level after another
+  OpacityView opacity;                     // the splats have values of its attribute
+  const float* peaks = nullptr;            // make_peak_levels, one level after another
   const DepthPyramid* surfaces = nullptr;  // null: there are none
 };
 
@@ -206,7 +206,8 @@ struct ScreenSplats {
 /// at any pixel. A row follows the last plane, so that two rows may be read and written together from any row on.
 struct TilePixels {
   static constexpr int row_stride = tile_size + most_lanes;
-  static constexpr int plane = tile_size * row_stride;
+  static constexpr int plane =
+      tile_size * row_stride + most_lanes;         // else two planes are 4 KiB apart, which loads wait for
   static constexpr int transmittance = 3 * plane;  // the first three planes are r, g, b, premultiplied
 
   alignas(64) std::array<float, 4 * plane + row_stride> values;
