@@ -22,7 +22,7 @@
 namespace splatvol {
 
 /// Reads at a time. A disk or a server answers several reads faster together than one by one, whatever the number of
-/// processors (docs/design.md, "Readers").
+/// processors (docs/decisions/2026-11-21-threads-not-io-uring.md).
 inline constexpr unsigned read_threads = 8;
 
 /// The data, besides the key, that tells how to read a part. A directory page needs nothing more.

@@ -53,7 +53,7 @@ Path fly(const std::string& file, DetailOptions detail, double change) {
   return path;
 }
 
-// The bound is the one of docs/paging.md.
+// The bound is the one of docs/decisions/2026-11-21-fading.md.
 TEST(Fade, StepsAreThoseOfAFixedResolution) {
   const test::TempFolder folder;
   const std::string file = folder.path("m.svol");

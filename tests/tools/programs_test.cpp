@@ -516,7 +516,7 @@ TEST_F(RealData, AnErrorHolds) {
 }
 
 // A ball and a plate cut through the data, opaque and translucent. The error is at most about that of pictures
-// without surfaces (docs/design.md).
+// without surfaces (docs/accuracy.md).
 TEST_F(RealData, SurfacesAreSortedInAsInTheExactPicture) {
   for (const std::string& view : test::sample_of<std::string>({"bluntfin", "bluntfin-ortho", "post", "wing"})) {
     build(view);
@@ -565,7 +565,7 @@ TEST_F(RealData, SlicesAndClipPlanesAreAsInTheExactPicture) {
   }
 }
 
-// Colours by the scene's attribute, opacity by another one: as exact as without (docs/design.md).
+// Colours by the scene's attribute, opacity by another one: as exact as without (docs/accuracy.md).
 TEST_F(RealData, OpacityByAnotherAttributeIsAsInTheExactPicture) {
   struct Case {
     std::string view, attribute;
