@@ -12,10 +12,10 @@ COMMANDS = {
     "report": ("report", "writes docs/results.md again from the CSV files of `svbench speed`"),
     "error": ("error", "measures whether svrender --max-error keeps its word; prints a table for docs/accuracy.md"),
     "hard": ("hard", "compares pictures of hard cases with exact ones; writes docs/hard-cases.md"),
-    "scale": ("scale", "builds larger and larger volumes; writes docs/scale.md"),
-    "paging": ("paging", "measures the cost of a view of files of different sizes; writes docs/paging.md"),
-    "fade": ("fade", "measures whether changes of resolution show; prints a table for docs/paging.md"),
-    "look": ("look", "measures how svview keeps up with a hand that turns the data; prints a table for docs/paging.md"),
+    "scale": ("scale", "builds larger and larger volumes; writes the section Builds of docs/scale.md"),
+    "paging": ("paging", "measures the cost of a view of files of different sizes; writes the section Views of docs/scale.md"),
+    "fade": ("fade", "measures whether changes of resolution show; prints a table"),
+    "look": ("look", "measures how svview keeps up with a hand that turns the data; prints a table for docs/scale.md"),
     "paper": ("paper.command", "measures claims of Meredith and Ma (2001); makes the tables of docs/paper.md"),
 }
 

@@ -113,7 +113,9 @@ def table_head(*titles):
     return [f"| {' | '.join(titles)} |", "|" + "---|" * len(titles)]
 
 
-def write_first_section(page, lines):
-    """Replaces a page up to its second heading. People write the sections after it: they stay."""
-    rest = page.read_text().partition("\n\n## ") if page.exists() else ("", "", "")
-    page.write_text("\n".join(lines) + (rest[1] + rest[2] if rest[1] else "\n"))
+def write_section(page, title, lines):
+    """Replaces the section `title` of a page, or adds it at the end. People write the other sections: they stay."""
+    before, heading, old = ("\n" + (page.read_text() if page.exists() else "")).partition(f"\n## {title}\n")
+    rest = old.partition("\n\n## ") if heading else ("", "", "")
+    section = f"\n## {title}\n" + "\n".join(lines)
+    page.write_text((before + section + (rest[1] + rest[2] if rest[1] else "\n")).lstrip("\n"))

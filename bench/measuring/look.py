@@ -1,4 +1,4 @@
-"""Measures how svview keeps up with a hand that turns the data; prints a table for docs/paging.md.
+"""Measures how svview keeps up with a hand that turns the data; prints a table for docs/scale.md.
 
 Needs Python's standard library only.
 """

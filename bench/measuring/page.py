@@ -369,7 +369,7 @@ def building(results):
         *paragraph(f"""`svbuild MESH.vtu -o MESH.svol`, all attributes, {results.plan['builds']} runs each, reading the
             mesh included. Files of the connectivity cells keep the mesh's cells, by default; all others are built with
             `--drop-cells`. `--connectivity` other than mesh leaves the mesh's cells aside: scattered points. Larger
-            inputs are in [scale.md](scale.md), and the cost of a view of them in [paging.md](paging.md)."""),
+            inputs, and views of them, are in [scale.md](scale.md)."""),
         *table(columns, results.builds),
     ]
 

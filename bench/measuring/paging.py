@@ -1,4 +1,4 @@
-"""Measures the cost of a view for files of different sizes; writes docs/paging.md.
+"""Measures the cost of a view for files of different sizes; writes the section Views of docs/scale.md.
 
 It draws one scene of every file, so all files must show the same data. svbuild makes such files from
 gen:points:count=N,distribution=vortex,type=float32 (--connectivity boxes). Needs Python's standard library only.
@@ -10,7 +10,7 @@ import statistics
 import tempfile
 from pathlib import Path
 
-from .common import ROOT, add_programs, forget, measured, output_of, processor, table_head, wrapped, write_first_section
+from .common import ROOT, add_programs, forget, measured, output_of, processor, table_head, wrapped, write_section
 
 TITLES = (
     *("points", "file GB", "first picture ms", "KiB read for it", "frames until complete"),
@@ -60,13 +60,11 @@ def add_options(parser):
     parser.add_argument("--memory", default="64M")
     parser.add_argument("--device", choices=["cpu", "gl"], default="cpu", help="--device of svrender")
     parser.add_argument("--turns", type=int, default=3)
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "docs/paging.md")
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "docs/scale.md")
 
 
 def run(options):
     lines = [
-        "# Paging",
-        "",
         *wrapped(
             f"""Made by `bench/svbench paging` at a tolerance of {options.tolerance} % in {options.memory}:
             {os.cpu_count()} cores of {processor()}, `--device {options.device}`. The same
@@ -82,4 +80,4 @@ def run(options):
     for file in options.files:
         lines.append(row(options.programs, file, options))
         print(lines[-1], flush=True)
-    write_first_section(options.out, lines)
+    write_section(options.out, "Views", lines)

@@ -1,4 +1,4 @@
-"""Measures how svbuild builds larger and larger volumes; writes docs/scale.md.
+"""Measures how svbuild builds larger and larger volumes; writes the section Builds of docs/scale.md.
 
 Inputs are svgen's and are made while they are read (gen:...), so they take no disk space. The times include making
 them, except for .npy files. Each build runs alone; its files are removed. Needs Python's standard library only.
@@ -11,7 +11,7 @@ import threading
 from contextlib import contextmanager
 from pathlib import Path
 
-from .common import ROOT, add_programs, measured, output_of, processor, table_head, wrapped, write_first_section
+from .common import ROOT, add_programs, measured, output_of, processor, table_head, wrapped, write_section
 
 POINTS = ["uniform", "vortex", "half-tiny", "equal", "two-clusters", "line", "layer", "clusters"]
 TITLES = (
@@ -106,8 +106,6 @@ def run(options):
     runs += [(source, ["--connectivity", "delaunay", *more]) for source in joined for more in ([], ["--drop-cells"])]
     version = output_of(options.programs / "svbuild", "--version").strip()
     lines = [
-        "# Scale",
-        "",
         *wrapped(
             f"""Made by `bench/svbench scale --counts {options.counts} --npy {options.npy} --cells {options.cells}
             --hard {options.hard} --memory {options.memory} --delaunay {options.delaunay}`: {version}, {os.cpu_count()}
@@ -125,4 +123,4 @@ def run(options):
             label = " ".join([source, *(option for option in chosen if option != "--connectivity")])
             lines.append(row(label, options.memory, said))
             print(lines[-1], flush=True)
-    write_first_section(options.out, lines)
+    write_section(options.out, "Builds", lines)

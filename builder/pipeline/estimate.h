@@ -49,8 +49,8 @@ struct BuildEstimate {
   std::uint64_t least_memory = 0;  // held even if BuildOptions::memory grants less
 };
 
-/// Estimates a build from the size of its input, by the formula of docs/sizes.md. `steps`: of a time series, which
-/// `size` describes one of; else 1. `threads`: at least 1. The constants were measured (docs/sizes.md): the seconds
+/// Estimates a build from the size of its input, by the formula of docs/scale.md. `steps`: of a time series, which
+/// `size` describes one of; else 1. `threads`: at least 1. The constants were measured (docs/scale.md): the seconds
 /// hold for a machine like the one there.
 [[nodiscard]] BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options, std::size_t steps,
                                            unsigned threads);
