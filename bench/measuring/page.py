@@ -461,18 +461,26 @@ def all_measurements(results, docs):
     ]
 
 
-def head(results, plotted):
+def head(results):
     note, plan = results.note, results.plan
-    left_out = sorted({"peers", "flip", "pictures"} - set(note["extras"])) + ([] if plotted else ["plots"])
     with_peers = f"; {note['peers']} with the same OpenGL" if "peers" in note else ""
     renderers = "; ".join(f"{device}: {renderer}" for device, renderer in note["renderers"].items())
-    lines = [
+    return [
         "# Results",
         "",
         *paragraph(f"""Made by `bench/svbench speed --shared SHARED --devices {",".join(plan["devices"])}
             --turns {plan["turns"]}`:
             {note['software']}, {note['cores']} cores of {note['processor']}; {renderers}{with_peers}. Load of the
             machine before the run: {note['load_before']:.2f}."""),
+    ]
+
+
+def method(results, plotted):
+    plan = results.plan
+    left_out = sorted({"peers", "flip", "pictures"} - set(results.note["extras"])) + ([] if plotted else ["plots"])
+    lines = [
+        "## How it was measured",
+        "",
         *paragraph(f"""The settings of a view and the peers took turns ({plan['turns']}, of {plan['frames']} frames
             each), so that other work of the machine hits all alike. A time is the median of the turns' medians
             (fastest-slowest frame). Pictures have the size that their scene says. Frames are steady ones: the data is
@@ -497,8 +505,8 @@ def head(results, plotted):
 def write(results, docs, plotted):
     """Writes results.md, results/ and pictures/ in `docs`. `plotted`: whether there is a plot."""
     docs.mkdir(parents=True, exist_ok=True)
-    lines = head(results, plotted) + gallery(results, docs)
-    for section in (by_default, all_beside, against_peers, growth):
+    lines = head(results) + by_default(results) + method(results, plotted) + gallery(results, docs)
+    for section in (all_beside, against_peers, growth):
         lines += section(results)
     for section in (equal, sorting, building, scattered, lit, reference):
         lines += section(results)
