@@ -85,9 +85,7 @@ Status GlRenderer::draw(const Quality& quality) {
   return contents_->draw([&](RendererCore& core) { return core.draw(quality); });
 }
 
-Status GlRenderer::draw_within(double seconds) {
-  return contents_->draw([&](RendererCore& core) { return core.draw_within(seconds); });
-}
+Status GlRenderer::draw_within(double seconds) { return draw({.milliseconds = 1e3 * seconds}); }
 
 Status GlRenderer::draw_now(double wait_seconds, const Quality& quality) {
   return contents_->draw([&](RendererCore& core) { return core.draw_now(wait_seconds, quality); });

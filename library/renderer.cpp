@@ -72,9 +72,7 @@ Result<Image> Renderer::render(const Quality& quality) {
   return contents_->render([&](RendererCore& core) { return core.draw(quality); });
 }
 
-Result<Image> Renderer::render_within(double seconds) {
-  return contents_->render([&](RendererCore& core) { return core.draw_within(seconds); });
-}
+Result<Image> Renderer::render_within(double seconds) { return render({.milliseconds = 1e3 * seconds}); }
 
 Result<Image> Renderer::render_now(double wait_seconds, const Quality& quality) {
   return contents_->render([&](RendererCore& core) { return core.draw_now(wait_seconds, quality); });

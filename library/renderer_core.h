@@ -20,7 +20,6 @@ class RendererCore {
 
   // As in Renderer.
   [[nodiscard]] Status draw(const Quality& quality);
-  [[nodiscard]] Status draw_within(double seconds);
   [[nodiscard]] Status draw_now(double wait_seconds, const Quality& quality);
   [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute, int width, int height) const;
   [[nodiscard]] const RenderStatistics& statistics() const { return statistics_; }
@@ -30,9 +29,8 @@ class RendererCore {
 
  private:
   explicit RendererCore(std::unique_ptr<Player> player) : player_(std::move(player)) {}
-  [[nodiscard]] Status take_statistics(double start, const Status& drawn, std::optional<double> error = std::nullopt);
-  [[nodiscard]] Status draw_exact();
-  [[nodiscard]] Result<bool> is_exact_by_default();
+  void take_statistics(double start, double error);
+  void take_exact_statistics(double start);
   void add_left_out();
 
   std::unique_ptr<Player> player_;

@@ -75,24 +75,24 @@ std::uint64_t times(std::uint64_t splats, double factor) {
 
 }  // namespace
 
-ErrorControl::ErrorControl(const Options& options) : options_(options) {
+ErrorControl::ErrorControl(double max_error, const Search& search) : max_error_(max_error), search_(search) {
   next_ = Request{};
-  next_->goal.max_error = options.max_error * (options.grows ? first_grown : first_expected);
-  next_->goal.max_splats = std::min(options.max_splats, most_first_splats);
-  if (options.first_splats > 0) next_->goal = {0, std::min(options.first_splats, options.max_splats)};
+  next_->goal.expected_error = max_error * (search.grows ? first_grown : first_expected);
+  next_->goal.max_splats = std::min(search.most_splats, most_first_splats);
+  if (search.first_splats > 0) next_->goal = {0, std::min(search.first_splats, search.most_splats)};
 }
 
 void ErrorControl::add(const Drawn& drawn) {
   ++pictures_;
   if (drawn.allowed_splats < next_->goal.max_splats)
-    options_.max_splats = std::min(options_.max_splats, std::max<std::uint64_t>(drawn.allowed_splats, 1));
+    search_.most_splats = std::min(search_.most_splats, std::max<std::uint64_t>(drawn.allowed_splats, 1));
   Picture picture{.samples = sample(drawn.image),
                   .goal = next_->goal,
                   .asked = next_->goal.max_splats,
                   .splats = drawn.splats,
                   .expected = drawn.expected_error,
                   .finest = drawn.finest};
-  if (options_.grows) {
+  if (search_.grows) {
     grow(std::move(picture));
     return;
   }
@@ -125,15 +125,15 @@ void ErrorControl::grow(Picture picture) {
     const double share = std::pow(std::max(by, least_finer_to_estimate), -decay);
     const double apart = distance(candidate_->samples, picture.samples);
     picture.error = share * apart / std::sqrt(1 - share * share);
-    factor = std::clamp(std::pow(picture.error / options_.max_error, 1 / decay), least_growth, most_change);
+    factor = std::clamp(std::pow(picture.error / max_error_, 1 / decay), least_growth, most_change);
   }
   tried_.push_back({picture.splats, picture.error});
   const bool has_grown = candidate_ && static_cast<double>(picture.splats) >=
                                            least_finer_to_estimate * static_cast<double>(candidate_->splats);
   estimate_.error = picture.error;
-  estimate_.reached = picture.finest || (has_grown && picture.error <= grown_enough * options_.max_error);
-  learned_ = picture.expected / options_.max_error;
-  const std::uint64_t asked = std::min(times(picture.asked, factor), options_.max_splats);
+  estimate_.reached = picture.finest || (has_grown && picture.error <= grown_enough * max_error_);
+  learned_ = picture.expected / max_error_;
+  const std::uint64_t asked = std::min(times(picture.asked, factor), search_.most_splats);
   if (estimate_.reached || asked <= picture.asked) {
     next_.reset();
     return;
@@ -167,7 +167,7 @@ void ErrorControl::judge() {
   Picture& candidate = *candidate_;
   if (candidate.finest && !reference_) reference_ = candidate;
   const bool may_be_finer =
-      reference_asked_ < options_.max_splats &&
+      reference_asked_ < search_.most_splats &&
       static_cast<double>(reference_asked_) < finer * jump * static_cast<double>(candidate.splats);
   if (!serves(candidate) && may_be_finer) {
     ask_reference();
@@ -190,15 +190,15 @@ void ErrorControl::judge() {
 // Estimates the error from the distance to the picture of all points: it adds up with their own error, as the one says
 // nothing about the other. Returns false if another picture is needed first.
 bool ErrorControl::estimate_by_all(double apart) {
-  if (!file_error_ && apart < 2 * options_.max_error) {
+  if (!file_error_ && apart < 2 * max_error_) {
     step_ = Step::coarser;
     next_ = Request{{}, 1};
     return false;
   }
   const double file = file_error_.value_or(0);
-  const double left = std::sqrt(std::max(0.0, options_.max_error * options_.max_error - file * file));
+  const double left = std::sqrt(std::max(0.0, max_error_ * max_error_ - file * file));
   candidate_->error = std::hypot(apart, file);
-  const double least = std::clamp(share_of_file_error * file, least_share * options_.max_error, options_.max_error);
+  const double least = std::clamp(share_of_file_error * file, least_share * max_error_, max_error_);
   candidate_->ratio = apart / std::max(left, least);
   return true;
 }
@@ -218,19 +218,19 @@ bool ErrorControl::estimate_by_finer(double apart) {
     if (candidate_->asked != next_->goal.max_splats) return false;
     candidate_->error = apart;
   }
-  candidate_->ratio = candidate_->error / options_.max_error;
+  candidate_->ratio = candidate_->error / max_error_;
   return true;
 }
 
 void ErrorControl::ask_candidate(std::uint64_t splats) {
   step_ = Step::candidate;
-  next_ = Request{{0, std::clamp<std::uint64_t>(splats, 1, options_.max_splats)}};
+  next_ = Request{{0, std::clamp<std::uint64_t>(splats, 1, search_.most_splats)}};
 }
 
 // Asks for a finer one each time, as the next finer cut may have several times as many splats.
 void ErrorControl::ask_reference() {
   const double before = static_cast<double>(reference_asked_), wanted = finer * static_cast<double>(candidate_->splats);
-  reference_asked_ = std::min(times(1, before >= wanted ? jump * wanted : wanted), options_.max_splats);
+  reference_asked_ = std::min(times(1, before >= wanted ? jump * wanted : wanted), search_.most_splats);
   step_ = Step::reference;
   next_ = Request{{0, reference_asked_}};
 }
@@ -238,7 +238,7 @@ void ErrorControl::ask_reference() {
 // Whether another candidate would not be better.
 bool ErrorControl::is_near_enough() const {
   if (candidates_ >= most_candidates) return true;
-  if (!fine_) return too_coarse_->finest || too_coarse_->asked >= options_.max_splats;
+  if (!fine_) return too_coarse_->finest || too_coarse_->asked >= search_.most_splats;
   if (!too_coarse_) return fine_->splats > fine_->asked || fine_->asked <= 1;  // the coarsest that the view has
   return static_cast<double>(fine_->asked) < near_each_other * static_cast<double>(too_coarse_->asked) ||
          static_cast<double>(fine_->splats) < near_each_other * static_cast<double>(too_coarse_->splats);
@@ -264,7 +264,7 @@ std::uint64_t ErrorControl::next_splats() const {
 void ErrorControl::choose(const Picture& chosen) {
   estimate_.error = chosen.error;
   estimate_.reached = chosen.ratio <= too_much;
-  learned_ = chosen.expected / options_.max_error;
+  learned_ = chosen.expected / max_error_;
   step_ = Step::chosen;
   next_ = Request{chosen.goal};
   if (shows_candidate_ && chosen.asked == candidate_->asked) next_.reset();

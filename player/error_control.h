@@ -13,12 +13,6 @@
 
 namespace splatvol {
 
-/// The error of a picture for which nothing else is asked.
-inline constexpr double default_max_error = 0.002;
-
-/// All points of a file with up to so many are drawn sooner than pictures are compared.
-inline constexpr std::uint64_t points_drawn_at_once = std::uint64_t{1} << 19;
-
 /// Measures what the error model only expects. If it need not grow, it asks for pictures, one after another: of
 /// candidates, of a finer cut as their reference, and perhaps of the whole file one and two resolutions coarser. A
 /// candidate's distance to the reference gives its error. docs/accuracy.md says how well this holds.
@@ -27,9 +21,9 @@ inline constexpr std::uint64_t points_drawn_at_once = std::uint64_t{1} << 19;
 /// square of linear RGB against the exact picture.
 class ErrorControl {
  public:
-  struct Options {
-    double max_error = 0;  // above 0
-    std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();
+  /// How it looks for the cut.
+  struct Search {
+    std::uint64_t most_splats = std::numeric_limits<std::uint64_t>::max();  // that there is room for
 
     /// Asks for finer and finer pictures, and ends with the first that has the wanted error: soon, but with up to
     /// several times the splats that it needs. Else looks for the cut with the fewest splats.
@@ -62,7 +56,9 @@ class ErrorControl {
     bool reached = false;   // the picture has the wanted error, or lacks it only by the file's own
   };
 
-  explicit ErrorControl(const Options& options);
+  /// `max_error`: wanted, above 0.
+  explicit ErrorControl(double max_error) : ErrorControl(max_error, Search()) {}
+  ErrorControl(double max_error, const Search& search);
 
   /// Returns what to draw next. Returns nullopt at the end: then the last picture is the one that was looked for.
   [[nodiscard]] const std::optional<Request>& next() const { return next_; }
@@ -112,7 +108,8 @@ class ErrorControl {
   [[nodiscard]] std::uint64_t next_splats() const;
   void choose(const Picture& chosen);
 
-  Options options_;
+  double max_error_;
+  Search search_;
   Step step_ = Step::candidate;  // what `next_` is
   std::optional<Request> next_;
   int pictures_ = 0, candidates_ = 0;

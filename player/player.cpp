@@ -9,6 +9,7 @@
 
 #include "base/http_source.h"
 #include "base/interruption.h"
+#include "player/choice.h"
 #include "player/file_cells.h"
 #include "player/sampling.h"
 #include "player/scene_surfaces.h"
@@ -41,8 +42,8 @@ tl::unexpected<Error> fail_two_surfaces() {
               "depths of surfaces, and a scene that shows surfaces or slices: give one of them");
 }
 
-DetailOptions detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
-  DetailOptions detail;
+Detail detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
+  Detail detail;
   if (request.coarser > 0)
     detail.resolution = std::max<std::size_t>(resolutions, request.coarser + 1) - 1 - request.coarser;
   else
@@ -108,7 +109,7 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
                       read_scene_surfaces(used.surfaces, *volume, options.read_surface, options.memory, before));
   SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {.memory_bytes = options.memory,
                                                                    .attribute = used.attribute,
-                                                                   .kernel = options.kernel,
+                                                                   .kernel = kernel_of(options.drawing),
                                                                    .gradients = used.lighting.has_value(),
                                                                    .on_data = options.on_data,
                                                                    .opacity_attribute = opacity_attribute_of(used)}));
@@ -127,19 +128,19 @@ Status Player::set_memory(std::uint64_t bytes) {
   return use(scene_, options);
 }
 
-Status Player::set_kernel(KernelKind kernel) {
+Status Player::set_drawing(const Drawing& drawing) {
   PlayerOptions options = options_;
-  options.kernel = kernel;
+  options.drawing = drawing;
   return use(scene_, options);
 }
 
 Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
                               std::optional<std::size_t> asked_step) const {
   const std::size_t step = asked_step.value_or(step_);
-  const bool other_parts = step != step_ || options.memory != options_.memory || options.kernel != options_.kernel ||
-                           scene.attribute != scene_.attribute ||
-                           opacity_attribute_of(scene) != opacity_attribute_of(scene_) ||
-                           (scene.lighting && !scene_.lighting && options.kernel == KernelKind::octant);
+  const bool other_parts =
+      step != step_ || options.memory != options_.memory || kernel_of(options.drawing) != kernel_of(options_.drawing) ||
+      scene.attribute != scene_.attribute || opacity_attribute_of(scene) != opacity_attribute_of(scene_) ||
+      (scene.lighting && !scene_.lighting && kernel_of(options.drawing) == KernelKind::octant);
   if (other_parts)
     return [=, steps = steps_, before = step == step_ ? surfaces_ : surfaces_of_all_steps()] {
       return read(steps, step, scene, options, before);
@@ -186,8 +187,8 @@ Status Player::replace(PlayerFile file) {
 Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::unique_ptr<Streamer> streamer,
                          const View& view) {
   std::unique_ptr<Rasterizer> other;
-  if (!rasterizer_ || options.kernel != options_.kernel) {
-    SPLATVOL_TRY_ASSIGN(made, make_rasterizer(options.device, {.kernel = options.kernel,
+  if (!rasterizer_ || kernel_of(options.drawing) != kernel_of(options_.drawing)) {
+    SPLATVOL_TRY_ASSIGN(made, make_rasterizer(options.device, {.kernel = kernel_of(options.drawing),
                                                                .gpu_bytes = options.gpu_memory,
                                                                .in_current_context = options.in_current_context}));
     other = std::move(made);
@@ -314,7 +315,7 @@ Status Player::choose(const FrameRequest& request) {
   frame_ = nullptr;
   if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
   request_ = request;
-  DetailOptions detail = request.detail;
+  Detail detail = request.detail;
   detail.device_splats = std::min(detail.device_splats, device_splats());
   if (detail.device_splats == 0)
     return fail(ErrorCode::out_of_budget, "{} bytes of GPU memory are too few for a picture of {} x {} pixels",
@@ -351,9 +352,10 @@ Status Player::draw(const DrawOptions& options) {
   SPLATVOL_TRY(set_draw_list());
   const double set_seconds = seconds_since(start);
   const View view = view_now();
-  sort_ = options.sort;
-  sample_spacing_ =
-      options.sample_spacing > 0 ? options.sample_spacing : automatic_sample_spacing(view, frame_->detail);
+  sort_ = sort_of(options_.drawing);
+  sample_spacing_ = options.sample_spacing > 0
+                        ? options.sample_spacing
+                        : options_.drawing.sample_spacing.value_or(automatic_sample_spacing(view, frame_->detail));
   SPLATVOL_TRY_ASSIGN(times, shows_surfaces() ? draw_with_surfaces(view) : draw_volume(view));
   times.upload += set_seconds;
   times_.draw = times;
@@ -486,7 +488,8 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
   std::vector<CellLayer> layers;
   for (const SurfaceLayer& layer : surface_layers_.layers) layers.push_back({&layer.depths, &layer.light});
   if (layers.empty() && surface_depths_) layers.push_back({surface_depths_.get()});
-  sample_spacing_ = layers.empty() ? sample_spacing : 1;
+  const int spacing = sample_spacing > 0 ? sample_spacing : options_.drawing.sample_spacing.value_or(1);
+  sample_spacing_ = layers.empty() ? spacing : 1;
   auto drawn = cell_rasterizer_.draw(*cells,
                                      {.view = view_,
                                       .transfer = transfer_of(scene_),
@@ -520,9 +523,42 @@ Status Player::draw_frame(const FrameRequest& request, const DrawOptions& option
   return draw(options);
 }
 
-Status Player::draw_within(double seconds, const DrawOptions& options) {
-  SPLATVOL_TRY(check_time(seconds));
+Result<ChosenQuality> Player::default_quality() {
+  const ChosenQuality splats{default_splats(info().point_count())};
+  const bool draws_splats = options_.in_current_context || options_.device == Device::gl || options_.drawing.kernel ||
+                            sort_of(options_.drawing) != SortMode::exact;
+  if (draws_splats || !has_cells()) return splats;
+  if (shows_contours()) return ChosenQuality{{.exact = true}};
+  SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
+  if (estimate.segments > most_exact_segments) return ChosenQuality{splats.quality, estimate.segments};
+  if (estimate.unknown_cells > 0) return splats;
+  return ChosenQuality{{.exact = true}};
+}
+
+Result<DrawnPicture> Player::draw_picture(const Quality& quality, const std::function<void(double)>& progress) {
+  SPLATVOL_TRY(check_quality(quality));
   const Call call(*this);
+  const bool is_default = quality == Quality();
+  DrawnPicture drawn{{quality}};
+  if (is_default) SPLATVOL_TRY_SET(drawn.chosen, default_quality());
+  if (drawn.chosen.quality.exact) {
+    const Status exact = draw_exact(progress);
+    if (exact) return drawn;
+    if (!is_default || exact.error().code != ErrorCode::unsupported) return tl::unexpected(exact.error());
+    drawn.chosen = {.quality = default_splats(info().point_count()), .has_thin_cells = true};
+  }
+  const Quality& splats = drawn.chosen.quality;
+  if (splats.milliseconds)
+    SPLATVOL_TRY(draw_within(1e-3 * *splats.milliseconds));
+  else if (splats.max_error)
+    SPLATVOL_TRY_SET(drawn.search, draw_to_error(*splats.max_error, is_default));
+  else
+    SPLATVOL_TRY(draw_frame({.detail = expected_detail(splats)}));
+  return drawn;
+}
+
+// Draws as many splats as the device can in the time.
+Status Player::draw_within(double seconds) {
   const auto start = Clock::now();
   pacer_.set_seconds(drawing_share * seconds);
   const std::uint64_t allowed = pacer_.splats();
@@ -534,17 +570,17 @@ Status Player::draw_within(double seconds, const DrawOptions& options) {
     if (*request.wait_seconds > 0) SPLATVOL_TRY(choose(request));
   }
   const auto draw_start = Clock::now();
-  SPLATVOL_TRY(draw(options));
+  SPLATVOL_TRY(draw());
   // Of a complete frame counts what was allowed: the next finer cut may have many times as many splats.
   pacer_.add(frame_->progress.settled ? allowed : frame_->splats, seconds_since(draw_start));
   return {};
 }
 
-Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows, const DrawOptions& options) {
-  const Call call(*this);
-  ErrorControl control({.max_error = max_error, .max_splats = device_splats(), .grows = grows});
+// Draws picture after picture, until one has the error.
+Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
+  ErrorControl control(max_error, {.most_splats = device_splats(), .grows = grows});
   while (control.next()) {
-    SPLATVOL_TRY(draw_frame({.detail = detail_of(*control.next(), info().resolutions())}, options));
+    SPLATVOL_TRY(draw_frame({.detail = detail_of(*control.next(), info().resolutions())}));
     SPLATVOL_TRY_ASSIGN(picture, image());
     const std::uint64_t allowed = frame_->detail.goal.value_or(ErrorGoal{}).max_splats;
     control.add({picture, frame_->splats, frame_->goal_error, frame_->finest, allowed});
@@ -552,15 +588,15 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows, const Dr
   return ErrorSearch{control.estimate(), control.tried(), control.pictures(), control.learned()};
 }
 
-Result<std::vector<std::uint64_t>> Player::draw_at_pace(double seconds, const DrawOptions& options) {
+Result<std::vector<std::uint64_t>> Player::draw_at_pace(double seconds) {
   SPLATVOL_TRY(check_time(seconds));
   constexpr int most_frames = 8;
   const Call call(*this);
   FramePacer pacer(seconds);
   std::vector<std::uint64_t> splats;
   for (int i = 0; i < most_frames; ++i) {
-    SPLATVOL_TRY(draw_frame({.detail = {.goal = ErrorGoal{0, pacer.splats()}}}, options));
-    SPLATVOL_TRY(draw_again(options));
+    SPLATVOL_TRY(draw_frame({.detail = {.goal = ErrorGoal{0, pacer.splats()}}}));
+    SPLATVOL_TRY(draw_again());
     splats.push_back(frame_->splats);
     if (pacer.is_near(times_.frame)) break;
     pacer.add(frame_->splats, times_.frame);
@@ -568,9 +604,9 @@ Result<std::vector<std::uint64_t>> Player::draw_at_pace(double seconds, const Dr
   return splats;
 }
 
-Status Player::draw_again(const DrawOptions& options) {
+Status Player::draw_again() {
   is_nudged_ = !is_nudged_;
-  return draw_frame(FrameRequest(request_), options);
+  return draw_frame(FrameRequest(request_));
 }
 
 Result<Box> Player::find_domain() {

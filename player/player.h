@@ -36,7 +36,7 @@ struct PlayerOptions {
   std::uint64_t gpu_memory = std::uint64_t{1} << 30;  // bytes that OpenGL may take
   Device device = Device::automatic;
   bool in_current_context = false;  // of OpenGL; else the rasterizer makes a context of its own if it needs one
-  KernelKind kernel = KernelKind::moments;
+  Drawing drawing = {};
 
   /// Called when parts of the file have come that a frame did not wait for: time to draw another. Runs on threads of
   /// the player, and must not call it: to wake the thread that draws.
@@ -49,15 +49,15 @@ struct PlayerOptions {
   ReadSurface read_surface = {};
 };
 
+/// Of one frame.
 struct DrawOptions {
-  SortMode sort = SortMode::exact;
-  int sample_spacing = 0;  // pixels from one sample to the next, up to max_sample_spacing; 0: as many as lose nothing
+  int sample_spacing = 0;            // as in Drawing, whose number it replaces; 0: that of PlayerOptions::drawing
   bool leaves_out_contours = false;  // else splats are not drawn of a scene that shows contours: they have none
 };
 
 /// What a frame is made of.
 struct FrameRequest {
-  DetailOptions detail = {};
+  Detail detail = {};
 
   /// How long to wait for parts of the file, in seconds. Until they come, their places are drawn coarser. None: waits
   /// for all, and fails if one cannot be read.
@@ -75,10 +75,6 @@ struct PlayerTimes {
   double surfaces = 0;  // of it, for surfaces and slices: fewer splats would hardly change it
 };
 
-/// A picture that is to be there soon is exact if its cells make no more segments: about a second's work of two cores.
-/// Work is counted, and no clock decides, so a picture does not depend on the machine.
-inline constexpr std::uint64_t most_exact_segments = 60'000'000;
-
 /// An exact picture of the cells that a file keeps.
 struct ExactPicture {
   std::uint64_t segments = 0;       // pieces of rays in a tetrahedron with a visible value
@@ -93,6 +89,21 @@ struct ErrorSearch {
   std::vector<ErrorControl::Tried> tried;  // cuts on the way to the last picture
   int pictures = 0;
   double learned = 1;
+};
+
+/// A quality, with an answer where nothing was asked.
+struct ChosenQuality {
+  Quality quality = {};
+
+  // Why a picture for which nothing was asked is not exact, though the file keeps cells.
+  std::uint64_t too_many_segments = 0;  // that it would have; 0: they are not too many
+  bool has_thin_cells = false;          // some are too thin for an exact picture
+};
+
+/// How a picture was drawn (Player::draw_picture).
+struct DrawnPicture {
+  ChosenQuality chosen = {};
+  std::optional<ErrorSearch> search = {};  // where pictures were compared
 };
 
 /// What a player has read of a file before a device draws it. Made on any thread (Player::read).
@@ -144,9 +155,9 @@ class Player {
   [[nodiscard]] const Scene& scene() const { return scene_; }
   [[nodiscard]] const View& view() const { return view_; }
 
-  /// Change an option; the file is opened anew. If it fails, all stays as it was.
+  /// Change an option. For another memory or kernel, the file is opened anew. If it fails, all stays as it was.
   [[nodiscard]] Status set_memory(std::uint64_t bytes);
-  [[nodiscard]] Status set_kernel(KernelKind kernel);
+  [[nodiscard]] Status set_drawing(const Drawing& drawing);
 
   /// Hides what lies behind opaque surfaces (Rasterizer::set_surface_depths), in all pictures until the next call: they
   /// must have the size of the depths. Null: no surfaces. If it fails, all stays as it was. Fails if the scene shows
@@ -178,25 +189,33 @@ class Player {
   /// Chooses and draws.
   [[nodiscard]] Status draw_frame(const FrameRequest& request, const DrawOptions& options = {});
 
-  /// Draws the best picture that can be there in `seconds` from now. It has as many splats as the device can draw in
-  /// the time. They are of parts that are there or come in time. Learns the device's speed from call to call, so that
-  /// the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time. Fails unless
-  /// `seconds` is finite and above 0.
-  [[nodiscard]] Status draw_within(double seconds, const DrawOptions& options = {});
+  /// Draws the picture of a quality; of none, that of `default_quality`, or splats where cells are too thin to be drawn
+  /// exactly.
+  ///
+  /// - An error: draws picture after picture, each with all of its parts, until one has it, or the finest that the file
+  ///   and the budgets have. Looks for the fewest splats, unless nothing was asked (ErrorControl::Search).
+  /// - Milliseconds: draws as many splats as the device can in the time. They are of parts that are there or come in
+  ///   time. Learns the device's speed from call to call, so that the first calls may take longer, or do less. Waits
+  ///   for the coarsest parts, whatever their time.
+  /// - Else: waits for all parts, and fails if one cannot be read.
+  ///
+  /// `progress` is called with the share of an exact picture that is done, in [0, 1]. Fails as check_quality and
+  /// draw_exact.
+  [[nodiscard]] Result<DrawnPicture> draw_picture(const Quality& quality,
+                                                  const std::function<void(double)>& progress = {});
 
-  /// Draws picture after picture, each with all of its parts, until one has the wanted error against the exact picture
-  /// (root mean square of linear RGB), or the finest that the file and the budgets have. `grows`: soon, instead of with
-  /// the fewest splats (ErrorControl::Options).
-  [[nodiscard]] Result<ErrorSearch> draw_to_error(double max_error, bool grows = true, const DrawOptions& options = {});
+  /// Returns what is drawn where nothing is asked, as Quality says: exact cells, or splats. Splats alone for OpenGL,
+  /// and where PlayerOptions::drawing tells how to draw them. Contours are exact, whatever the work.
+  [[nodiscard]] Result<ChosenQuality> default_quality();
 
   /// Finds how many splats can be drawn in `seconds`, in a few frames. Returns the splats of each. Fails unless
   /// `seconds` is finite and above 0.
-  [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds, const DrawOptions& options = {});
+  [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds);
 
   /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. `progress` is
-  /// called with the share that is done, in [0, 1]. `sample_spacing`: pixels from one sample to the next; with surfaces
-  /// 1. Fails if the file keeps no cells, and as CellRasterizer::draw.
-  [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 1);
+  /// called with the share that is done, in [0, 1]. `sample_spacing`: as in DrawOptions; with surfaces 1. Fails if the
+  /// file keeps no cells, and as CellRasterizer::draw.
+  [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 0);
 
   /// Tells of `draw_exact` how many chunks and about how many pieces of rays it draws. Reads what chunks the file has.
   /// Fails if it keeps no cells.
@@ -215,7 +234,7 @@ class Player {
   [[nodiscard]] bool holds_cells() const;
 
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
-  [[nodiscard]] Status draw_again(const DrawOptions& options = {});
+  [[nodiscard]] Status draw_again();
 
   /// As the function of this name (streamer/domain.h). Chooses splats anew.
   [[nodiscard]] Result<Box> find_domain();
@@ -276,6 +295,8 @@ class Player {
   [[nodiscard]] Status change_step(std::size_t step);
   [[nodiscard]] std::vector<Surface> surfaces_of_all_steps() const;
   [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
+  [[nodiscard]] Status draw_within(double seconds);
+  [[nodiscard]] Result<ErrorSearch> draw_to_error(double max_error, bool grows);
   [[nodiscard]] View view_now() const;
   [[nodiscard]] Status set_draw_list();
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);

@@ -11,7 +11,7 @@ namespace splatvol {
 
 /// Returns the pixels from one sample to the next, for Rasterizer::draw. A twelfth of the pixels that a splat may cover
 /// loses next to nothing (docs/accuracy.md).
-[[nodiscard]] inline int automatic_sample_spacing(const View& view, const DetailOptions& detail) {
+[[nodiscard]] inline int automatic_sample_spacing(const View& view, const Detail& detail) {
   if (detail.resolution || detail.goal) return 1;
   const double covered = detail.tolerance_percent / 100 * std::min(view.width, view.height);
   return std::clamp(static_cast<int>(std::min(covered, 1e6) / 12), 1, 6);

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "player/choice.h"
+
 namespace splatvol {
 namespace {
 
@@ -10,15 +12,18 @@ constexpr double first_percent = 4;
 
 }  // namespace
 
-Sharpening::Sharpening(const Options& options) : options_(options) {
-  if (options.tolerance) {
+Sharpening::Sharpening(const Quality& quality, std::uint64_t first_splats) {
+  if (quality.tolerance_percent) {
+    last_tolerance_ = *quality.tolerance_percent;
     // All points of a file are few, or somebody wants to see them.
-    detail_.tolerance_percent = *options.tolerance > 0 ? std::max(first_percent, *options.tolerance) : 0;
-    return;
+    detail_.tolerance_percent = last_tolerance_ > 0 ? std::max(first_percent, last_tolerance_) : 0;
+  } else if (quality.max_splats || quality.resolution) {
+    detail_ = expected_detail(quality);
+    last_tolerance_ = detail_.tolerance_percent;
+  } else {
+    control_.emplace(*quality.max_error, ErrorControl::Search{.grows = true, .first_splats = first_splats});
+    ask();
   }
-  control_.emplace(
-      ErrorControl::Options{.max_error = options.max_error, .grows = true, .first_splats = options.first_splats});
-  ask();
 }
 
 void Sharpening::ask() {
@@ -31,8 +36,8 @@ void Sharpening::ask() {
 Status Sharpening::add(const FrameSplats& frame, const std::function<Result<Image>()>& picture) {
   if (done_) return {};
   if (!control_) {
-    done_ = detail_.tolerance_percent == *options_.tolerance;
-    detail_.tolerance_percent = std::max(*options_.tolerance, detail_.tolerance_percent / 2);
+    done_ = detail_.tolerance_percent == last_tolerance_;
+    detail_.tolerance_percent = std::max(last_tolerance_, detail_.tolerance_percent / 2);
     return {};
   }
   SPLATVOL_TRY_ASSIGN(image, picture());

@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "pictures/image.h"
 #include "player/error_control.h"
+#include "splatvol/quality.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
@@ -16,17 +17,12 @@ namespace splatvol {
 /// again need not wait for the finest one.
 class Sharpening {
  public:
-  /// What the pictures end in.
-  struct Options {
-    double max_error = default_max_error;            // RMSE against the exact picture
-    std::optional<double> tolerance = std::nullopt;  // per cent, instead of an error; 0: all points
-    std::uint64_t first_splats = 0;                  // of the first picture for an error; 0: what the model expects
-  };
-
-  explicit Sharpening(const Options& options);
+  /// Ends in a picture of `quality`, which has an error, a tolerance, a number of splats or a resolution. The last two
+  /// are one picture. `first_splats`: of the first picture for an error; 0: what the model expects.
+  explicit Sharpening(const Quality& quality, std::uint64_t first_splats = 0);
 
   /// Returns the detail of the next picture, or of the last one if all are drawn.
-  [[nodiscard]] const DetailOptions& detail() const { return detail_; }
+  [[nodiscard]] const Detail& detail() const { return detail_; }
 
   /// Adds a frame of `detail` that has settled and was drawn. `picture` returns its picture, and is called if that is
   /// needed. Fails if it fails.
@@ -38,8 +34,11 @@ class Sharpening {
   /// Whether the last picture is there.
   [[nodiscard]] bool is_done() const { return done_; }
 
-  /// Returns the measured error of the last picture. None before the second, and for a tolerance.
+  /// Returns the measured error of the last picture. None before the second, and unless it sharpens to an error.
   [[nodiscard]] std::optional<double> error() const;
+
+  /// Whether it sharpens to an error.
+  [[nodiscard]] bool seeks_error() const { return control_.has_value(); }
 
   /// Whether the last picture has the wanted error, or all that the file has.
   [[nodiscard]] bool has_reached() const { return control_ && control_->estimate().reached; }
@@ -47,9 +46,9 @@ class Sharpening {
  private:
   void ask();
 
-  Options options_;
+  double last_tolerance_ = 0;            // per cent
   std::optional<ErrorControl> control_;  // of an error
-  DetailOptions detail_;
+  Detail detail_;
   bool done_ = false;
 };
 

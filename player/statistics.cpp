@@ -32,13 +32,6 @@ json statistics_of_exact(const Player& player) {
 
 }  // namespace
 
-std::string_view name_of(KernelKind kernel) { return kernel == KernelKind::octant ? "octant" : "moments"; }
-
-std::string_view name_of(SortMode sort) {
-  if (sort == SortMode::none) return "none";
-  return sort == SortMode::axis ? "axis" : "exact";
-}
-
 json statistics_of(const Player& player) {
   if (player.exact()) return statistics_of_exact(player);
   const FrameSplats& frame = *player.frame();
@@ -48,7 +41,7 @@ json statistics_of(const Player& player) {
           {"attribute", scene.attribute},
           {"width", scene.width},
           {"height", scene.height},
-          {"kernel", name_of(player.options().kernel)},
+          {"kernel", name_of(kernel_of(player.options().drawing))},
           {"sort", name_of(player.sort())},
           {"lighting", lighting_of(scene)},
           {"sample_spacing", player.sample_spacing()},

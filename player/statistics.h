@@ -2,15 +2,10 @@
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
-#include <string_view>
 
 #include "player/player.h"
 
 namespace splatvol {
-
-/// Return the words of svrender's options.
-[[nodiscard]] std::string_view name_of(KernelKind kernel);
-[[nodiscard]] std::string_view name_of(SortMode sort);
 
 /// Returns the statistics of the last frame, as `svrender --stats` writes them. Requires a frame, or an
 /// exact picture.

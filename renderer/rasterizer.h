@@ -9,20 +9,13 @@
 
 #include "base/error.h"
 #include "pictures/image.h"
+#include "scene/drawing.h"
 #include "scene/scene.h"
 #include "splat/record.h"
 #include "splat/splat.h"
 #include "splatvol/surface_depths.h"
 
 namespace splatvol {
-
-enum class SortMode {
-  none,   // in the order of the draw list
-  axis,   // back to front along the world's axis nearest to the line of sight
-  exact,  // back to front, by distance to the eye (perspective) or depth (orthographic)
-};
-
-inline constexpr int max_sample_spacing = 64;
 
 /// The parts of a frame's time, in seconds. Each part is waited for.
 struct FrameTimes {

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "scene/drawing.h"
 #include "scene/transfer_function.h"
 #include "splatvol/scene.h"
 
@@ -20,15 +21,12 @@ class JsonField;
 [[nodiscard]] Result<Camera> parse_camera(const std::string& json);
 [[nodiscard]] std::string camera_to_json(const Camera& camera);
 
-/// How a scene is used. Its file may tell it: the volume, and how finely the volume is drawn. The names are those of
-/// the programs' options.
+/// How a scene is used. Its file may tell it: the volume, and how the volume is drawn.
 struct SceneUse {
   std::string file = {};                 // path or address of the volume; empty: not told
   std::optional<std::size_t> step = {};  // of a time series
-  bool exact = false;                    // at most one of these three
-  std::optional<double> max_error = {};
-  std::optional<double> tolerance = {};  // percent
-  std::string kernel = {};               // "moments" or "octant"; empty: not told
+  Quality quality = {};                  // without milliseconds: a scene shows the same on every machine
+  Drawing drawing = {};
 
   [[nodiscard]] bool operator==(const SceneUse&) const = default;
 };

@@ -319,10 +319,11 @@ Result<Box> read_clip_box(const JsonField& field) {
 
 Result<Scene> read_scene(const JsonField& field) {
   if (!field.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
-  SPLATVOL_TRY(field.check_names({"file",     "step",    "exact",      "max_error", "tolerance",         "kernel",
-                                  "camera",   "image",   "background", "attribute", "transfer_function", "clip_box",
-                                  "lighting", "outline", "surfaces",   "slices",    "clip_planes",       "scalar_bar",
-                                  "opacity",  "contours"}));
+  SPLATVOL_TRY(field.check_names({"file",        "step",       "exact",      "max_error", "tolerance",
+                                  "kernel",      "splats",     "resolution", "sort",      "sampling",
+                                  "camera",      "image",      "background", "attribute", "transfer_function",
+                                  "clip_box",    "lighting",   "outline",    "surfaces",  "slices",
+                                  "clip_planes", "scalar_bar", "opacity",    "contours"}));
   Scene scene;
   SPLATVOL_TRY_SET(scene.camera, read_camera(field.member("camera")));
   SPLATVOL_TRY(read_size(field.member("image"), scene));
@@ -347,29 +348,55 @@ Result<Scene> read_scene(const JsonField& field) {
   return scene;
 }
 
+// Reads a number that has no other bound than that of a count.
+template <class Count>
+Status read_count(const JsonField& field, int least, std::optional<Count>& count) {
+  if (!field.exists()) return {};
+  constexpr double most = 1e15;  // a double holds whole numbers beyond
+  SPLATVOL_TRY_ASSIGN(read, number(field));
+  if (read != std::floor(read) || read < least || read > most) return field.wrong("not a whole number from {}", least);
+  count = static_cast<Count>(read);
+  return {};
+}
+
+Result<Quality> read_quality(const JsonField& field) {
+  Quality quality;
+  SPLATVOL_TRY(read_truth(field.member("exact"), quality.exact));
+  if (field.has("max_error")) SPLATVOL_TRY_SET(quality.max_error, positive(field.member("max_error")));
+  if (const JsonField tolerance = field.member("tolerance"); tolerance.exists()) {
+    SPLATVOL_TRY_ASSIGN(percent, number(tolerance));
+    if (percent < 0 || percent > 100) return tolerance.wrong("{} is outside [0, 100]", percent);
+    quality.tolerance_percent = percent;
+  }
+  SPLATVOL_TRY(read_count(field.member("splats"), 1, quality.max_splats));
+  SPLATVOL_TRY(read_count(field.member("resolution"), 0, quality.resolution));
+  if (const Status checked = check_quality(quality); !checked) return field.wrong("{}", checked.error().message);
+  return quality;
+}
+
+Result<Drawing> read_drawing(const JsonField& field) {
+  Drawing drawing;
+  if (const JsonField kernel = field.member("kernel"); kernel.exists()) {
+    SPLATVOL_TRY_ASSIGN(word, kernel.text());
+    drawing.kernel = kernel_named(word);
+    if (!drawing.kernel) return kernel.wrong("'{}' is neither moments nor octant", word);
+  }
+  if (const JsonField sort = field.member("sort"); sort.exists()) {
+    SPLATVOL_TRY_ASSIGN(word, sort.text());
+    drawing.sort = sort_named(word);
+    if (!drawing.sort) return sort.wrong("'{}' is none of none, axis and exact", word);
+  }
+  if (field.has("sampling"))
+    SPLATVOL_TRY_SET(drawing.sample_spacing, whole(field.member("sampling"), 1, max_sample_spacing));
+  return drawing;
+}
+
 Result<SceneUse> read_use(const JsonField& field) {
   SceneUse use;
   if (field.has("file")) SPLATVOL_TRY_SET(use.file, name(field.member("file")));
-  if (const JsonField step_field = field.member("step"); step_field.exists()) {
-    constexpr double most_steps = 1e15;  // a double holds whole numbers beyond
-    SPLATVOL_TRY_ASSIGN(step, number(step_field));
-    if (step != std::floor(step) || step < 0 || step > most_steps) return step_field.wrong("not a whole number from 0");
-    use.step = static_cast<std::size_t>(step);
-  }
-  SPLATVOL_TRY(read_truth(field.member("exact"), use.exact));
-  if (field.has("max_error")) SPLATVOL_TRY_SET(use.max_error, positive(field.member("max_error")));
-  if (const JsonField tolerance = field.member("tolerance"); tolerance.exists()) {
-    SPLATVOL_TRY_SET(use.tolerance, number(tolerance));
-    if (use.tolerance < 0 || use.tolerance > 100) return tolerance.wrong("{} is outside [0, 100]", *use.tolerance);
-    if (use.max_error) return tolerance.wrong("give max_error or tolerance, not both");
-  }
-  if (use.exact && (use.max_error || use.tolerance))
-    return field.member("exact").wrong("give exact, max_error or tolerance, only one of them");
-  if (const JsonField kernel = field.member("kernel"); kernel.exists()) {
-    SPLATVOL_TRY_SET(use.kernel, kernel.text());
-    if (use.kernel != "moments" && use.kernel != "octant")
-      return kernel.wrong("'{}' is neither moments nor octant", use.kernel);
-  }
+  SPLATVOL_TRY(read_count(field.member("step"), 0, use.step));
+  SPLATVOL_TRY_SET(use.quality, read_quality(field));
+  SPLATVOL_TRY_SET(use.drawing, read_drawing(field));
   return use;
 }
 
@@ -417,6 +444,20 @@ nlohmann::ordered_json json_of(const SceneContour& contour) {
   document["opacity"] = contour.opacity;
   document["shown"] = contour.shown;
   return document;
+}
+
+void add_quality(const Quality& quality, nlohmann::ordered_json& document) {
+  if (quality.exact) document["exact"] = true;
+  if (quality.max_error) document["max_error"] = *quality.max_error;
+  if (quality.tolerance_percent) document["tolerance"] = *quality.tolerance_percent;
+  if (quality.max_splats) document["splats"] = *quality.max_splats;
+  if (quality.resolution) document["resolution"] = *quality.resolution;
+}
+
+void add_drawing(const Drawing& drawing, nlohmann::ordered_json& document) {
+  if (drawing.kernel) document["kernel"] = name_of(*drawing.kernel);
+  if (drawing.sort) document["sort"] = name_of(*drawing.sort);
+  if (drawing.sample_spacing) document["sampling"] = *drawing.sample_spacing;
 }
 
 std::string text_of(const nlohmann::ordered_json& document, int indent = 1) {
@@ -467,10 +508,8 @@ std::string to_json(const UsedScene& used, int indent) {
   nlohmann::ordered_json document;
   if (!use.file.empty()) document["file"] = use.file;
   if (use.step) document["step"] = *use.step;
-  if (use.exact) document["exact"] = true;
-  if (use.max_error) document["max_error"] = *use.max_error;
-  if (use.tolerance) document["tolerance"] = *use.tolerance;
-  if (!use.kernel.empty()) document["kernel"] = use.kernel;
+  add_quality(use.quality, document);
+  add_drawing(use.drawing, document);
   document["camera"] = json_of(scene.camera);
   document["image"] = {{"width", scene.width}, {"height", scene.height}};
   document["background"] = json_of(scene.background);

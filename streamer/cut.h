@@ -23,9 +23,10 @@ struct KeptOcclusion;
 
 /// Chooses a cut by its expected error, instead of a tolerance.
 struct ErrorGoal {
-  /// Expected error of the picture's RGB against the exact one (root mean square). The cut is no finer than this error
-  /// needs. 0: as fine as max_splats allows.
-  double max_error = 0;
+  /// Error of the picture's RGB against the exact one (root mean square), as the model expects it: a picture's own is
+  /// up to ten times more or less (Quality::max_error). The cut is no finer than this error needs. 0: as fine as
+  /// max_splats allows.
+  double expected_error = 0;
 
   /// The most splats, unless even the coarsest cut has more.
   std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();

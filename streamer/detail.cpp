@@ -16,11 +16,11 @@ double next_tolerance(double refused) {
 }
 
 // The coarseness is the number that is raised for less detail: the tolerance, or the inverse of a goal's splats.
-double coarseness(const DetailOptions& detail) {
+double coarseness(const Detail& detail) {
   return detail.goal ? 1 / static_cast<double>(detail.goal->max_splats) : detail.tolerance_percent;
 }
 
-DetailOptions with_coarseness(DetailOptions detail, double coarseness) {
+Detail with_coarseness(Detail detail, double coarseness) {
   if (detail.goal)
     detail.goal->max_splats = static_cast<std::uint64_t>(1 / coarseness);
   else
@@ -30,14 +30,14 @@ DetailOptions with_coarseness(DetailOptions detail, double coarseness) {
 
 }  // namespace
 
-Status check_detail(const DetailOptions& detail) {
-  if (detail.goal && !(detail.goal->max_error >= 0))
-    return fail(ErrorCode::invalid_argument, "an error of {} is out of range", detail.goal->max_error);
+Status check_detail(const Detail& detail) {
+  if (detail.goal && !(detail.goal->expected_error >= 0))
+    return fail(ErrorCode::invalid_argument, "an error of {} is out of range", detail.goal->expected_error);
   if (detail.tolerance_percent >= 0) return {};
   return fail(ErrorCode::invalid_argument, "a tolerance of {} % is out of range", detail.tolerance_percent);
 }
 
-bool make_coarser(DetailOptions& detail) {
+bool make_coarser(Detail& detail) {
   if (detail.goal) return detail.goal->max_splats > 1 && (detail.goal->max_splats /= 2, true);
   if (detail.resolution) return *detail.resolution > 0 && (--*detail.resolution, true);
   if (std::isinf(detail.tolerance_percent)) return false;
@@ -45,14 +45,14 @@ bool make_coarser(DetailOptions& detail) {
   return true;
 }
 
-bool is_finer(const DetailOptions& detail, const DetailOptions& other) {
+bool is_finer(const Detail& detail, const Detail& other) {
   if (!detail.goal && detail.resolution && other.resolution) return *detail.resolution > *other.resolution;
   return coarseness(detail) < coarseness(other);
 }
 
-Result<Choice> choose_finest(DetailOptions detail, const std::function<Result<Cut>(const DetailOptions&)>& try_cut) {
+Result<Choice> choose_finest(Detail detail, const std::function<Result<Cut>(const Detail&)>& try_cut) {
   // Makes the detail coarser until it fits.
-  DetailOptions refused = detail;
+  Detail refused = detail;
   auto cut = try_cut(detail);
   while (!cut) {
     refused = detail;

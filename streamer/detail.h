@@ -12,7 +12,8 @@
 
 namespace splatvol {
 
-struct DetailOptions {
+/// What a cut is chosen by.
+struct Detail {
   double tolerance_percent = 1;                          // see CutOptions
   std::optional<std::size_t> resolution = std::nullopt;  // fixed; at most the finest of the file
   std::optional<ErrorGoal> goal = std::nullopt;          // used instead of tolerance and resolution
@@ -20,32 +21,31 @@ struct DetailOptions {
   /// For a device with memory of its own: the most splats that it holds, as Rasterizer::plan_picture tells.
   std::uint64_t device_splats = std::numeric_limits<std::uint64_t>::max();
 
-  [[nodiscard]] bool operator==(const DetailOptions&) const = default;
+  [[nodiscard]] bool operator==(const Detail&) const = default;
 };
 
 /// The first tolerance above 0 that is tried when all points do not fit.
 inline constexpr double smallest_raised_tolerance = 1.0 / 16;
 
 /// Fails with invalid_argument if a number is out of range.
-[[nodiscard]] Status check_detail(const DetailOptions& detail);
+[[nodiscard]] Status check_detail(const Detail& detail);
 
 /// Raises the tolerance, or lowers the resolution or the splats of a goal. Returns false, and changes nothing, if the
 /// detail is the coarsest.
-[[nodiscard]] bool make_coarser(DetailOptions& detail);
+[[nodiscard]] bool make_coarser(Detail& detail);
 
 /// Whether `detail` is finer than `other`. Requires that they differ in no more than `make_coarser` changes.
-[[nodiscard]] bool is_finer(const DetailOptions& detail, const DetailOptions& other);
+[[nodiscard]] bool is_finer(const Detail& detail, const Detail& other);
 
 /// A cut, and the detail for which it was chosen.
 struct Choice {
   Cut cut;
-  DetailOptions detail;
+  Detail detail;
 };
 
 /// Returns the finest choice that fits, no finer than `detail`. `try_cut` fails with out_of_budget if a detail does not
 /// fit. The details that are tried depend on nothing but `detail` and what fits. Fails with the error of the coarsest
 /// detail, or with any other error of `try_cut`.
-[[nodiscard]] Result<Choice> choose_finest(DetailOptions detail,
-                                           const std::function<Result<Cut>(const DetailOptions&)>& try_cut);
+[[nodiscard]] Result<Choice> choose_finest(Detail detail, const std::function<Result<Cut>(const Detail&)>& try_cut);
 
 }  // namespace splatvol

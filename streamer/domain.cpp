@@ -42,7 +42,7 @@ Result<Box> find_domain(Streamer& streamer) {
   TransferFunction all;
   all.colors = {{0, dvec3(1)}};
   all.densities = {{0, 1}};
-  DetailOptions detail;
+  Detail detail;
   detail.resolution = 0;
   SPLATVOL_TRY_ASSIGN(coarsest, streamer.request(view, all, detail));
   Box domain;

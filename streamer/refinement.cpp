@@ -28,7 +28,7 @@ constexpr double enough_splats = 0.97;
 constexpr double enough_error = 0.95;  // squared
 
 bool fits(const ErrorGoal& goal, std::uint64_t splats) { return splats <= goal.max_splats; }
-bool is_good(const ErrorGoal& goal, double error) { return error <= goal.max_error * goal.max_error; }
+bool is_good(const ErrorGoal& goal, double error) { return error <= goal.expected_error * goal.expected_error; }
 
 }  // namespace
 
@@ -203,7 +203,8 @@ int Refinement::price_drop(const ErrorGoal& goal, const Sum& from) {
   if (from.splats > 0)
     octaves =
         std::min(octaves, 1.6 * std::log2(static_cast<double>(goal.max_splats) / static_cast<double>(from.splats)));
-  if (goal.max_error > 0) octaves = std::min(octaves, 2 * std::log2(from.error / (goal.max_error * goal.max_error)));
+  if (goal.expected_error > 0)
+    octaves = std::min(octaves, 2 * std::log2(from.error / (goal.expected_error * goal.expected_error)));
   return std::max(static_cast<int>(prices_per_octave * octaves), prices_per_octave / 4);
 }
 
@@ -219,7 +220,7 @@ Status Refinement::choose(const ErrorGoal& goal, std::uint64_t max_bytes) {
   if (!tree_.is_visible(root)) return {};
   static_cast<void>(add(root));
   least_gain_ = std::clamp(static_cast<float>(least_share * static_cast<double>(goal.max_splats)), smallest_gain,
-                           goal.max_error > 0 ? gain_for_error : largest_gain);
+                           goal.expected_error > 0 ? gain_for_error : largest_gain);
 
   const float error = std::ranges::max_element(choices_, {}, &Choice::error)->error;
   const int highest = error > 0 ? static_cast<int>(prices_per_octave * std::log2(error)) : 0;
@@ -238,7 +239,7 @@ Status Refinement::bisect(const ErrorGoal& goal, Sum coarse, Sum fine) {
   int last = fine.price;
   for (int i = 0; fine.price + 1 < coarse.price; ++i) {
     if (static_cast<double>(coarse.splats) >= enough_splats * static_cast<double>(goal.max_splats)) break;
-    if (fits(goal, fine.splats) && fine.error >= enough_error * goal.max_error * goal.max_error) break;
+    if (fits(goal, fine.splats) && fine.error >= enough_error * goal.expected_error * goal.expected_error) break;
 
     // Interpolates the logarithms of splats or errors; every third time, tries the middle.
     double share = 0.5;
@@ -247,7 +248,7 @@ Status Refinement::bisect(const ErrorGoal& goal, Sum coarse, Sum fine) {
       const auto from = by_splats ? static_cast<double>(coarse.splats) : coarse.error;
       const auto to = by_splats ? static_cast<double>(fine.splats) : fine.error;
       const double aim =
-          by_splats ? 0.985 * static_cast<double>(goal.max_splats) : 0.975 * goal.max_error * goal.max_error;
+          by_splats ? 0.985 * static_cast<double>(goal.max_splats) : 0.975 * goal.expected_error * goal.expected_error;
       if (from > 0 && to > 0 && from != to) share = std::log(aim / from) / std::log(to / from);
     }
     const int width = coarse.price - fine.price;

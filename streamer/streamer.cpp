@@ -183,7 +183,7 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
   return set_memory_aside();
 }
 
-Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& transfer, const DetailOptions& detail) {
+Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& transfer, const Detail& detail) {
   SPLATVOL_TRY(check_detail(detail));
   clip_ = view.clip;
   slices_ = view.slices;
@@ -192,7 +192,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& t
   coarsest_frame_.reset();
   cut_seconds_ = fetch_seconds_ = 0;
   const ValueVisibility visibility = visibility_of(transfer, view);
-  for (DetailOptions tried = detail;;) {
+  for (Detail tried = detail;;) {
     const auto cut_start = std::chrono::steady_clock::now();
     auto choice = choose(view, visibility, tried);
     cut_seconds_ += seconds_since(cut_start);
@@ -201,7 +201,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& t
       if (choice.error().code == ErrorCode::out_of_budget) return fail_for_memory(view, visibility, detail);
       return tl::unexpected(choice.error());
     }
-    const DetailOptions chosen = choice->detail;
+    const Detail chosen = choice->detail;
     const bool same = shows(visibility) && frame_->fading.cut == choice->cut && frame_->fading.fades.empty();
     if (!same) {
       const auto fetch_start = std::chrono::steady_clock::now();

@@ -72,7 +72,7 @@ struct FrameSplats {
   std::uint64_t splats = 0;
   std::vector<std::uint64_t> nodes_by_resolution;   // [resolution]
   std::vector<std::uint64_t> splats_by_resolution;  // [resolution]
-  DetailOptions detail;
+  Detail detail;
   double expected_error = 0;  // root mean square of RGB against the exact picture
   double goal_error = 0;      // of a complete frame with a goal: the same, as ErrorGoal counts it
   bool finest = false;        // of a complete frame with a goal: more splats would not change the picture
@@ -123,8 +123,7 @@ class Streamer {
   /// be read or is damaged.
   ///
   /// The result stays valid until the next request, even if that fails.
-  [[nodiscard]] Result<const FrameSplats*> request(const View& view, const Transfer& transfer,
-                                                   const DetailOptions& detail);
+  [[nodiscard]] Result<const FrameSplats*> request(const View& view, const Transfer& transfer, const Detail& detail);
 
   /// Returns the best splats for a view that are resident now, or within `wait_seconds`. Until the next call, reads
   /// what else the view asks for: coarse before fine, and larger errors first. The splats always show all of the
@@ -141,9 +140,8 @@ class Streamer {
   /// of the first call cannot be read, and if not even the coarsest picture fits.
   ///
   /// The result stays valid until the next call or request.
-  [[nodiscard]] Result<const FrameSplats*> advance(const View& view, const Transfer& transfer,
-                                                   const DetailOptions& detail, double wait_seconds = 0,
-                                                   double change = 1);
+  [[nodiscard]] Result<const FrameSplats*> advance(const View& view, const Transfer& transfer, const Detail& detail,
+                                                   double wait_seconds = 0, double change = 1);
 
   /// Changes to another step of a time series. Parts that all steps share stay in memory, and so do parts of other
   /// steps while there is room. The last result is no longer valid. Fails if there is no such step, if it is damaged,
@@ -211,14 +209,14 @@ class Streamer {
   [[nodiscard]] std::uint64_t coarsest_frame_bytes() const;
   [[nodiscard]] std::uint64_t coarsest_cut_bytes() const;
   [[nodiscard]] std::uint64_t cut_bytes(const Cut& cut, std::uint64_t index_bytes) const;
-  [[nodiscard]] Status check_fits(const Cut& cut, std::uint64_t index_bytes, const DetailOptions& detail) const;
-  [[nodiscard]] DetailOptions first_detail(DetailOptions detail) const;
-  [[nodiscard]] CutOptions cut_options(const DetailOptions& detail, std::uint64_t max_bytes);
+  [[nodiscard]] Status check_fits(const Cut& cut, std::uint64_t index_bytes, const Detail& detail) const;
+  [[nodiscard]] Detail first_detail(Detail detail) const;
+  [[nodiscard]] CutOptions cut_options(const Detail& detail, std::uint64_t max_bytes);
   [[nodiscard]] Result<Cut> select(IndexPages& index, Residency* residency, const View& view,
                                    const ValueVisibility& visibility, const CutOptions& options);
-  [[nodiscard]] Result<Choice> choose(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
+  [[nodiscard]] Result<Choice> choose(const View& view, const ValueVisibility& visibility, const Detail& detail);
   [[nodiscard]] tl::unexpected<Error> fail_for_memory(const View& view, const ValueVisibility& visibility,
-                                                      const DetailOptions& detail);
+                                                      const Detail& detail);
 
   // Frames (streamer_frame.cpp).
   void drop_frame();
@@ -239,15 +237,15 @@ class Streamer {
 
   // Paging (streamer_paging.cpp).
   [[nodiscard]] Status start_paging();
-  [[nodiscard]] Status choose_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
+  [[nodiscard]] Status choose_aim(const View& view, const ValueVisibility& visibility, const Detail& detail);
   void want_stages(const View& view, const ValueVisibility& visibility);
   void want_ahead(const View& last, const View& view, const ValueVisibility& visibility);
   [[nodiscard]] bool holds_aim();
-  [[nodiscard]] Result<Cut> choose_resident(DetailOptions& detail);
+  [[nodiscard]] Result<Cut> choose_resident(Detail& detail);
   [[nodiscard]] Result<Cut> choose_coarsest();
   [[nodiscard]] std::uint64_t fading_splats(const Cut& cut) const;
   [[nodiscard]] Status show_resident(double change);
-  [[nodiscard]] Status make_resident_frame(FadingCut fading, DetailOptions detail);
+  [[nodiscard]] Status make_resident_frame(FadingCut fading, Detail detail);
   [[nodiscard]] Status make_coarsest_frame();
   [[nodiscard]] FrameProgress extract_progress();
 

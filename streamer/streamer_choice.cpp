@@ -110,7 +110,7 @@ std::uint64_t Streamer::cut_bytes(const Cut& cut, std::uint64_t index_bytes) con
 }
 
 // The rule of the budget: fails with out_of_budget if a cut does not fit.
-Status Streamer::check_fits(const Cut& cut, std::uint64_t index_bytes, const DetailOptions& detail) const {
+Status Streamer::check_fits(const Cut& cut, std::uint64_t index_bytes, const Detail& detail) const {
   if (cut.splats > detail.device_splats)
     return fail(ErrorCode::out_of_budget, "the view needs more than the {} splats of the device", detail.device_splats);
   if (cut_bytes(cut, index_bytes) > cut_limit())
@@ -119,7 +119,7 @@ Status Streamer::check_fits(const Cut& cut, std::uint64_t index_bytes, const Det
 }
 
 // Returns the detail from which the search for one that fits begins.
-DetailOptions Streamer::first_detail(DetailOptions detail) const {
+Detail Streamer::first_detail(Detail detail) const {
   if (detail.resolution) detail.resolution = std::min(*detail.resolution, info().resolutions() - 1);
   if (detail.goal) {
     const std::uint64_t most = std::min(cut_limit() / record_bytes(kernel_), detail.device_splats);
@@ -129,7 +129,7 @@ DetailOptions Streamer::first_detail(DetailOptions detail) const {
   return detail;
 }
 
-CutOptions Streamer::cut_options(const DetailOptions& detail, std::uint64_t max_bytes) {
+CutOptions Streamer::cut_options(const Detail& detail, std::uint64_t max_bytes) {
   CutOptions options;
   options.tolerance_percent = detail.tolerance_percent;
   options.kernel = kernel_;
@@ -153,9 +153,9 @@ Result<Cut> Streamer::select(IndexPages& index, Residency* residency, const View
 }
 
 // Chooses for `request`, which waits for index pages.
-Result<Choice> Streamer::choose(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
+Result<Choice> Streamer::choose(const View& view, const ValueVisibility& visibility, const Detail& detail) {
   PagedVolume::Used used;
-  auto choice = choose_finest(first_detail(detail), [&](const DetailOptions& tried) -> Result<Cut> {
+  auto choice = choose_finest(first_detail(detail), [&](const Detail& tried) -> Result<Cut> {
     paged_.forget_used();
     SPLATVOL_TRY_ASSIGN(cut, select(paged_, nullptr, view, visibility, cut_options(tried, cut_limit())));
     SPLATVOL_TRY(check_fits(cut, paged_.used().bytes, tried));
@@ -167,8 +167,8 @@ Result<Choice> Streamer::choose(const View& view, const ValueVisibility& visibil
 }
 
 tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVisibility& visibility,
-                                                const DetailOptions& detail) {
-  DetailOptions coarsest_detail = detail;
+                                                const Detail& detail) {
+  Detail coarsest_detail = detail;
   while (make_coarser(coarsest_detail)) {
   }
   const CutOptions options = cut_options(coarsest_detail, std::numeric_limits<std::uint64_t>::max());

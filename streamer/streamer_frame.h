@@ -33,7 +33,7 @@ struct Streamer::Frame {
 struct Streamer::Aim {
   View view;
   ValueVisibility visibility;
-  DetailOptions asked;
+  Detail asked;
   Choice choice;
   std::uint64_t bytes;  // that the choice costs
 };

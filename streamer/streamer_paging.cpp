@@ -29,7 +29,7 @@ Status Streamer::start_paging() {
   return {};
 }
 
-Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& transfer, const DetailOptions& detail,
+Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& transfer, const Detail& detail,
                                              double wait_seconds, double change) {
   SPLATVOL_TRY(check_detail(detail));
   clip_ = view.clip;
@@ -68,10 +68,10 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& t
 
 // Chooses the aim from the index pages that are there. When more pages have arrived for the same view, chooses again,
 // but never finer than before: otherwise two choices might alternate.
-Status Streamer::choose_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
+Status Streamer::choose_aim(const View& view, const ValueVisibility& visibility, const Detail& detail) {
   Pager::Pages pages;
   std::uint64_t aimed_bytes = 0;
-  const auto try_cut = [&](const DetailOptions& tried) -> Result<Cut> {
+  const auto try_cut = [&](const Detail& tried) -> Result<Cut> {
     if (aim_ && is_finer(tried, aim_->choice.detail))
       return fail(ErrorCode::out_of_budget, "the view needed more than {} bytes", cut_limit());
     pager_->begin_selection();
@@ -98,10 +98,10 @@ Status Streamer::choose_aim(const View& view, const ValueVisibility& visibility,
 
 // Wants coarser pictures on the way to the aim. They cost little: each has about a twentieth of the splats of the next.
 void Streamer::want_stages(const View& view, const ValueVisibility& visibility) {
-  const DetailOptions& aimed = aim_->choice.detail;
+  const Detail& aimed = aim_->choice.detail;
   std::uint64_t bytes_left = std::min(free_bytes() / 16, reader_->row_bytes(aim_->choice.cut) / 5);
   for (int stage = stages; stage > 0; --stage) {
-    DetailOptions detail = aimed;
+    Detail detail = aimed;
     if (aimed.resolution) {
       if (*aimed.resolution < static_cast<std::size_t>(2 * stage)) continue;
       *detail.resolution -= static_cast<std::size_t>(2 * stage);
@@ -151,7 +151,7 @@ bool Streamer::holds_aim() {
 
 // Chooses the best resident cut, or else the coarsest. It has little more splats than the aim, unless the coarsest has.
 // Makes `detail` coarser if it must.
-Result<Cut> Streamer::choose_resident(DetailOptions& detail) {
+Result<Cut> Streamer::choose_resident(Detail& detail) {
   const Cut& aimed = aim_->choice.cut;
   if (holds_aim()) return aimed;
   const std::uint64_t limit =
@@ -168,7 +168,7 @@ Result<Cut> Streamer::choose_coarsest() {
   struct CoarsestOnly final : Residency {
     bool holds(std::span<const PointRange> ranges) override { return ranges.size() == 1; }
   } coarsest;
-  DetailOptions detail;
+  Detail detail;
   detail.tolerance_percent = std::numeric_limits<double>::infinity();
   return select_resident_cut(info(), *pager_, coarsest, aim_->view, aim_->visibility,
                              cut_options(detail, coarsest_cut_bytes()));
@@ -184,7 +184,7 @@ std::uint64_t Streamer::fading_splats(const Cut& cut) const {
 }
 
 Status Streamer::show_resident(double change) {
-  DetailOptions detail = aim_->choice.detail;
+  Detail detail = aim_->choice.detail;
   auto cut = choose_resident(detail);
   if (!cut) return tl::unexpected(cut.error());
   const bool same_values = shows(aim_->visibility);
@@ -209,7 +209,7 @@ Status Streamer::show_resident(double change) {
 
 // Makes the frame, or a simpler one if memory is short: first without fades, then after letting go of substitutes, last
 // the coarsest.
-Status Streamer::make_resident_frame(FadingCut fading, DetailOptions detail) {
+Status Streamer::make_resident_frame(FadingCut fading, Detail detail) {
   drop_frame();
   if (!coarsest_frame_) coarsest_frame_ = cache_.reserve(coarsest_frame_bytes());
   const auto reserve = [&] { return cache_.reserve(frame_bytes(fading.cut)); };

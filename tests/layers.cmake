@@ -7,14 +7,14 @@ set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources
                   builder/sources/openfoam builder/sources/vtk builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
                   builder/pipeline builder/series)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
-set(layers splatvol base scene pictures splat format sampler ${builder_rooms} builder/distributed streamer streamer/first
+set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed streamer streamer/first
            ${renderer_rooms} renderer/surfaces renderer/reference player library library/python library/examples viewer
            tools/export tools tests/support tests/fuzz bench)
 
 # What each layer may include, besides itself and the public face. That is include/splatvol/, and knows none of them.
 set(splatvol_knows)
 set(base_knows)
-set(scene_knows base)
+set(scene_knows base splat)
 set(pictures_knows base scene)
 set(splat_knows base)
 set(format_knows base splat)

@@ -63,73 +63,24 @@ Status use_scene(RenderOptions& options) {
   if (options.scene.empty()) return {};
   SPLATVOL_TRY_ASSIGN(used, load_used_scene(options.scene));
   const SceneUse& use = used.use;
-  if (!options.kernel && !use.kernel.empty()) options.kernel = use.kernel;
+  options.quality = joined(options.quality, use.quality);
+  options.drawing = joined(options.drawing, use.drawing);
   if (!options.step.step && !options.step.time && options.steps.empty()) options.step.step = use.step;
-  if (options.tells_detail) return {};
-  if (use.exact || use.max_error || use.tolerance) options.chooses_detail = false;
-  if (use.exact) {
-    options.exact = true;
-    options.max_error.reset();
-    options.grows = false;
-  }
-  if (use.max_error) options.max_error = use.max_error;
-  if (use.tolerance) {
-    options.max_error.reset();
-    options.grows = false;
-    options.detail.tolerance_percent = *use.tolerance;
-  }
   return {};
 }
 
 // An exact picture has no splats. So options that say how to draw splats would do nothing.
 Status check_exact(const RenderOptions& options) {
-  if (!options.exact) return {};
+  if (!options.quality.exact) return {};
   const auto refuse = [](std::string_view option, std::string_view reason) {
     return fail(ErrorCode::invalid_argument, "{}: an exact picture {}: leave it out, or draw splats without --exact",
                 option, reason);
   };
-  if (options.kernel == "octant") return refuse("--kernel octant", "has no splats");
-  if (options.sort != "exact") return refuse("--sort", "has no splats");
+  if (kernel_of(options.drawing) == KernelKind::octant) return refuse("--kernel octant", "has no splats");
+  if (sort_of(options.drawing) != SortMode::exact) return refuse("--sort", "has no splats");
   if (options.device == "gl") return refuse("--device gl", "is drawn by the processor");
-  if (!options.progress_frames.empty() && !options.moves() && !options.plays())
-    return refuse("--progress-frames", "has no frames on the way to it");
+  if (options.progresses()) return refuse("--progress-frames", "has no frames on the way to it");
   return {};
-}
-
-// Where nobody asks for splats, or for a detail that only they have, cells are drawn if they are few enough. Contours
-// are drawn by them, however many they are.
-Status choose_exact(RenderOptions& options, Drawing& drawing) {
-  RenderOptions exact = options;
-  exact.exact = true;
-  if (!options.chooses_detail || options.exact || options.kernel || !check_exact(exact)) return {};
-  if (!drawing.player->has_cells()) return {};
-  SPLATVOL_TRY_ASSIGN(estimate, drawing.player->estimate_exact());
-  if (!drawing.player->shows_contours()) {
-    if (estimate.segments > most_exact_segments)
-      drawing.why_splats = fmt::format("the file's cells make about {:.0f} million segments: --exact draws them",
-                                       static_cast<double>(estimate.segments) / 1e6);
-    if (estimate.segments > most_exact_segments || estimate.unknown_cells > 0) return {};
-  }
-  options.exact = true;
-  options.max_error.reset();
-  options.grows = false;
-  drawing.max_error.reset();
-  drawing.detail = options.detail;
-  return {};
-}
-
-// Draws what the options ask for. An exact picture that nobody asked for, of cells too thin for one, becomes splats.
-Result<std::vector<Error>> draw(RenderOptions& options, const Composition& composition, Drawing& drawing,
-                                Timings& timings, double start) {
-  const RenderOptions asked = options;
-  SPLATVOL_TRY(choose_exact(options, drawing));
-  auto drawn = draw_picture(options, composition, drawing, timings, start);
-  if (drawn || drawn.error().code != ErrorCode::unsupported || asked.exact || !options.exact) return drawn;
-  options = asked;
-  timings = {};
-  SPLATVOL_TRY_SET(drawing, prepare_drawing(options, composition.scene));
-  drawing.why_splats = "cells are too thin for an exact picture";
-  return draw_picture(options, composition, drawing, timings, start);
 }
 
 Status render(RenderOptions options) {
@@ -144,11 +95,11 @@ Status render(RenderOptions options) {
   SPLATVOL_TRY_ASSIGN(statistics_file, create_statistics(options.stats));
   if (const auto view = make_view(scene); !view)
     return fail_in(options.scene.empty() ? options.volume : options.scene, view.error());
-  SPLATVOL_TRY_ASSIGN(drawing, prepare_drawing(options, scene));
+  SPLATVOL_TRY_ASSIGN(drawn, prepare(options, scene));
 
   Timings timings;
-  SPLATVOL_TRY_ASSIGN(unreadable, draw(options, composition, drawing, timings, start));
-  const Player& player = *drawing.player;
+  SPLATVOL_TRY_ASSIGN(unreadable, draw_pictures(options, composition, drawn, timings, start));
+  const Player& player = *drawn.player;
   SPLATVOL_TRY_ASSIGN(image, player.image());
   timings.first_image = seconds_now() - start;
   SPLATVOL_TRY(warn_if_empty(options, player, image));
@@ -164,14 +115,14 @@ Status render(RenderOptions options) {
                most_surface_layers);
   if (!options.output.empty())
     SPLATVOL_TRY(
-        write_page(composition, player.view(), std::move(image), options.output, provenance_of(options, drawing)));
+        write_page(composition, player.view(), std::move(image), options.output, provenance_of(options, drawn)));
 
   if (!options.stats.empty()) {
-    if (!options.moves()) SPLATVOL_TRY(draw_steady_frames(options, drawing, timings));
-    SPLATVOL_TRY(write_statistics(statistics_file, statistics_text(options, drawing, timings)));
+    if (!options.moves()) SPLATVOL_TRY(draw_steady_frames(options, drawn, timings));
+    SPLATVOL_TRY(write_statistics(statistics_file, statistics_text(options, drawn, timings)));
   }
   const bool terminal_holds_statistics = !options.stats.empty() && !statistics_file;
-  if (!terminal_holds_statistics) print_summary(options, drawing, timings);
+  if (!terminal_holds_statistics) print_summary(options, drawn, timings);
   return failure_of(unreadable);
 }
 

@@ -47,31 +47,29 @@ struct Timings {
   void add(const PlayerTimes& times);
 };
 
-/// What svrender draws with.
-struct Drawing {
-  DetailOptions detail;  // that the options ask for
-  DrawOptions how;
-  std::optional<double> max_error;  // that is looked for by comparing pictures
+/// What svrender draws with, and what came of it.
+struct Drawn {
   std::unique_ptr<Player> player = nullptr;
-  std::optional<ErrorSearch> search = std::nullopt;  // of max_error, for the view that it was measured at
-  std::string why_splats = {};                       // instead of an exact picture; empty: nothing to tell
+  ChosenQuality chosen = {};               // of the pictures
+  Detail detail = {};                      // of frames that are drawn one after another
+  std::optional<ErrorSearch> search = {};  // of an error, for the view that it was measured at
 };
 
 /// Opens the volume and sets up the renderer. Errors name the file or the option.
-[[nodiscard]] Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene);
+[[nodiscard]] Result<Drawn> prepare(const RenderOptions& options, const Scene& scene);
 
 /// Draws the frames that the options ask for, up to the picture, and adds their times to `timings`. `start`: the
 /// program's, by seconds_now. Returns the parts of the file that could not be read and were drawn coarser.
-[[nodiscard]] Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Composition& composition,
-                                                      Drawing& drawing, Timings& timings, double start);
+[[nodiscard]] Result<std::vector<Error>> draw_pictures(const RenderOptions& options, const Composition& composition,
+                                                       Drawn& drawn, Timings& timings, double start);
 
 /// Draws --repeat frames of resident splats, and replaces the times of earlier frames.
-[[nodiscard]] Status draw_steady_frames(const RenderOptions& options, Drawing& drawing, Timings& timings);
+[[nodiscard]] Status draw_steady_frames(const RenderOptions& options, Drawn& drawn, Timings& timings);
 
 /// Returns the splats of the last frame: of an exact picture none.
 [[nodiscard]] const FrameSplats& splats_of(const Player& player);
 
 /// Returns the provenance of the last frame.
-[[nodiscard]] Provenance provenance_of(const RenderOptions& options, const Drawing& drawing);
+[[nodiscard]] Provenance provenance_of(const RenderOptions& options, const Drawn& drawn);
 
 }  // namespace splatvol

@@ -4,9 +4,7 @@
 #include <cstdlib>
 #include <utility>
 
-#include "player/error_control.h"
 #include "player/movie.h"
-#include "renderer/rasterizer.h"
 #include "tools/scene_options.h"
 #include "tools/svrender_page.h"
 #include "tools/tool.h"
@@ -66,17 +64,17 @@ void add_page_options(CommandLine& app, RenderOptions& options) {
 
 // How fine the picture is: by one of these options only.
 void add_detail_options(CommandLine& app, RenderOptions& options) {
-  auto* tolerance = app.add_option("--tolerance", options.detail.tolerance_percent,
+  auto* tolerance = app.add_option("--tolerance", options.quality.tolerance_percent,
                                    "Largest share of the image's shorter side that one splat may cover, instead of an "
                                    "error; 0: all points; 1 with --progress-frames and no other of these options")
                         ->type_name("PERCENT")
                         ->check(check_not_negative);
-  auto* resolution = app.add_option("--resolution", options.detail.resolution,
+  auto* resolution = app.add_option("--resolution", options.quality.resolution,
                                     "One resolution for everything, 0 the coarsest, instead of an error")
                          ->range(0, 1000);
   auto* max_error =
       app.add_option(
-             "--max-error", options.max_error,
+             "--max-error", options.quality.max_error,
              "Error of the picture (root mean square of linear RGB): draws about the fewest splats that reach "
              "it, which it finds by comparing pictures. Without any of these options: finer and finer pictures up to "
              "an error of 0.002")
@@ -84,14 +82,14 @@ void add_detail_options(CommandLine& app, RenderOptions& options) {
           ->check(check_positive)
           ->excludes(tolerance)
           ->excludes(resolution);
-  auto* splats =
-      app.add_option("--splats", options.splats, "Most splats to draw, chosen for the smallest expected error")
-          ->check(check_positive)
-          ->excludes(tolerance)
-          ->excludes(resolution)
-          ->excludes(max_error);
+  auto* splats = app.add_option("--splats", options.quality.max_splats,
+                                "Most splats to draw, chosen for the smallest expected error")
+                     ->check(check_positive)
+                     ->excludes(tolerance)
+                     ->excludes(resolution)
+                     ->excludes(max_error);
   auto* milliseconds =
-      app.add_option("--milliseconds", options.milliseconds,
+      app.add_option("--milliseconds", options.quality.milliseconds,
                      "Time to draw a frame: like --splats, with the number that can be drawn in this time; the program "
                      "draws a few frames to find it")
           ->check(check_positive)
@@ -99,7 +97,7 @@ void add_detail_options(CommandLine& app, RenderOptions& options) {
           ->excludes(resolution)
           ->excludes(max_error)
           ->excludes(splats);
-  app.add_flag("--exact", options.exact, "Draw the cells of the mesh exactly, by the processor, and no splats")
+  app.add_flag("--exact", options.quality.exact, "Draw the cells of the mesh exactly, by the processor, and no splats")
       ->excludes(tolerance)
       ->excludes(resolution)
       ->excludes(max_error)
@@ -118,14 +116,14 @@ void add_drawing_options(CommandLine& app, RenderOptions& options) {
                  "Order of drawing, back to front: none: by node; axis: along the axis nearest to the line of sight, "
                  "sorted once for all views; exact: for each view")
       ->one_of({"none", "axis", "exact"})
-      ->capture_default_str()
+      ->default_str("exact")
       ->group(for_measurements);
   app.add_option("--sampling", options.sampling,
                  "Pixels from one sample of the picture to the next, 1 to 64; the rest is interpolated. auto: a "
                  "twelfth of what the tolerance lets a splat cover, at most 6; 1 without a tolerance")
       ->type_name("PIXELS")
       ->check(check_sampling)
-      ->capture_default_str()
+      ->default_str("auto")
       ->group(for_measurements);
 }
 
@@ -155,20 +153,6 @@ void check_frames(const RenderOptions& options) {
   if (!options.movie.empty() && !options.moves() && !options.plays())
     wrong_option("--movie", "needs frames: give --turntable N, --path FRAMES,DEGREES,FACTOR or --steps A:B");
   if (options.output.empty() && options.movie.empty()) missing_option("--output");
-}
-
-// The detail of a picture is an error, unless it is something else. Frames on the way to a picture have to begin
-// before an error can be measured.
-void set_default_error(CommandLine& app, RenderOptions& options) {
-  for (const char* other : {"--tolerance", "--resolution", "--max-error", "--splats", "--milliseconds", "--exact"})
-    if (app.get_option(other)->is_given()) {
-      options.tells_detail = true;
-      return;
-    }
-  if (!options.progress_frames.empty() && !options.moves() && !options.plays()) return;
-  options.max_error = default_max_error;
-  options.grows = !options.moves() && !options.plays();
-  options.chooses_detail = true;
 }
 
 void add_frame_options(CommandLine& app, RenderOptions& options) {
@@ -209,9 +193,11 @@ void add_frame_options(CommandLine& app, RenderOptions& options) {
       ->check(check_finite)
       ->needs(movie)
       ->capture_default_str();
-  app.callback([&app, &options] {
+  app.callback([&options] {
     check_frames(options);
-    set_default_error(app, options);
+    options.drawing = {.kernel = kernel_named(options.kernel), .sort = sort_named(options.sort)};
+    if (!options.sampling.empty() && options.sampling != "auto")
+      options.drawing.sample_spacing = std::atoi(options.sampling.c_str());
   });
   app.add_option("--fade", options.fade,
                  "With --path or --progress-frames: how many frames a change of resolution takes")

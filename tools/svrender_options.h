@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "streamer/streamer.h"
+#include "scene/drawing.h"
 #include "tools/plane_options.h"
 #include "tools/reading.h"
 #include "tools/steps.h"
@@ -40,18 +40,10 @@ struct RenderOptions {
   std::string memory = default_memory(512);
   std::string gpu_memory = "1G";
   std::string device = "auto";
-  ReadingOptions reading;  // of surfaces
-  std::string sort = "exact";
-  std::optional<std::string> kernel;
-  std::string sampling = "auto";
-  bool exact = false;  // cells, and no splats
-  DetailOptions detail;
-  std::optional<double> max_error;
-  bool tells_detail = false;    // else the scene may tell it
-  bool chooses_detail = false;  // nobody does
-  bool grows = false;           // to max_error in finer and finer pictures, instead of looking for the fewest splats
-  std::optional<std::uint64_t> splats;
-  std::optional<double> milliseconds;
+  ReadingOptions reading;              // of surfaces
+  std::string kernel, sort, sampling;  // empty: not told
+  Quality quality;                     // what options tell, and what the scene does besides
+  Drawing drawing;                     // likewise
   int repeat = 1;
 
   /// The picture, or the movie if there is no picture.
@@ -62,6 +54,9 @@ struct RenderOptions {
 
   /// Whether frames of several steps are drawn.
   [[nodiscard]] bool plays() const { return !steps.empty(); }
+
+  /// Whether frames are drawn while one picture is read.
+  [[nodiscard]] bool progresses() const { return !progress_frames.empty() && !moves() && !plays(); }
 };
 
 /// Adds all options to `app`. Parsing writes into `options`, which must live as long as `app`.

@@ -52,30 +52,32 @@ void add_frames(const Timings& timings, json& document) {
 }
 
 // The detail that was asked for and the detail that the budgets allowed.
-void add_detail(const RenderOptions& options, const Drawing& drawing, const Timings& timings, json& document) {
-  const DetailOptions& detail = drawing.player->frame()->detail;
+void add_detail(const Drawn& drawn, const Timings& timings, json& document) {
+  const Detail& asked = drawn.player->request().detail;
+  const Detail& detail = drawn.player->frame()->detail;
   if (detail.goal) {
-    if (drawing.max_error) document["max_error"] = *drawing.max_error;
-    if (drawing.search) document.update(statistics_of(*drawing.search));
-    if (options.splats) document["max_splats"] = *options.splats;
-    if (options.milliseconds) {
-      document["milliseconds"] = *options.milliseconds;
+    const Quality& quality = drawn.chosen.quality;
+    if (quality.max_error) document["max_error"] = *quality.max_error;
+    if (drawn.search) document.update(statistics_of(*drawn.search));
+    if (quality.max_splats) document["max_splats"] = *quality.max_splats;
+    if (quality.milliseconds) {
+      document["milliseconds"] = *quality.milliseconds;
       document["splats_while_pacing"] = timings.pacing;
     }
     document["effective_max_splats"] = detail.goal->max_splats;
   } else {
-    document["tolerance"] = options.detail.tolerance_percent;
+    document["tolerance"] = asked.tolerance_percent;
     document["effective_tolerance"] = detail.tolerance_percent;
   }
   if (detail.resolution) {
-    document["resolution"] = *options.detail.resolution;
+    document["resolution"] = *asked.resolution;
     document["effective_resolution"] = *detail.resolution;
   }
 }
 
 // The limits of a picture's splats.
-std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
-  const std::uint64_t splats = drawing.player->device_splats();
+std::string limits_of(const RenderOptions& options, const Drawn& drawn) {
+  const std::uint64_t splats = drawn.player->device_splats();
   const bool is_limit =
       splats < std::numeric_limits<std::uint32_t>::max();  // what a device without memory of its own has
   if (!is_limit) return fmt::format("--memory {}", options.memory);
@@ -84,70 +86,75 @@ std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
 }
 
 // Says what error was measured, and why it is more than the wanted one.
-void print_estimate(const RenderOptions& options, const Drawing& drawing) {
-  const ErrorControl::Estimate& estimate = drawing.search->estimate;
+void print_estimate(const RenderOptions& options, const Drawn& drawn) {
+  const ErrorControl::Estimate& estimate = drawn.search->estimate;
+  const double max_error = *drawn.chosen.quality.max_error;
   print_out("{}: {} splats, an error of about {:.2g} by comparing {} pictures\n", options.written(),
-            drawing.player->frame()->splats, estimate.error, drawing.search->pictures);
-  if (estimate.file_error > *drawing.max_error)
-    print_out("{}: more than {:.2g}: even all points of the file have about {:.2g}\n", options.written(),
-              *drawing.max_error, estimate.file_error);
+            drawn.player->frame()->splats, estimate.error, drawn.search->pictures);
+  if (estimate.file_error > max_error)
+    print_out("{}: more than {:.2g}: even all points of the file have about {:.2g}\n", options.written(), max_error,
+              estimate.file_error);
   else if (!estimate.reached)
-    print_out("{}: more than {:.2g}, to stay within {}\n", options.written(), *drawing.max_error,
-              limits_of(options, drawing));
+    print_out("{}: more than {:.2g}, to stay within {}\n", options.written(), max_error, limits_of(options, drawn));
 }
 
 // Says how near the picture comes to the goal.
-void print_goal(const RenderOptions& options, const Drawing& drawing) {
-  const FrameSplats& frame = *drawing.player->frame();
-  if (drawing.search) return print_estimate(options, drawing);
+void print_goal(const RenderOptions& options, const Drawn& drawn) {
+  const FrameSplats& frame = *drawn.player->frame();
+  if (drawn.search) return print_estimate(options, drawn);
   print_out("{}: {} splats, an error of {:.2g} expected\n", options.written(), frame.splats, frame.expected_error);
-  if (frame.splats > drawing.player->request().detail.goal->max_splats)
+  if (frame.splats > drawn.player->request().detail.goal->max_splats)
     print_out("{}: more than {} splats: the coarsest that the view has\n", options.written(),
-              drawing.player->request().detail.goal->max_splats);
+              drawn.player->request().detail.goal->max_splats);
 }
 
 }  // namespace
 
-std::string statistics_text(const RenderOptions& options, const Drawing& drawing, const Timings& timings) {
-  json document = statistics_of(*drawing.player);
+std::string statistics_text(const RenderOptions& options, const Drawn& drawn, const Timings& timings) {
+  json document = statistics_of(*drawn.player);
   document["scene"] = options.scene.empty() ? json(nullptr) : json(options.scene);
   document["repeat"] = options.repeat;
   document["seconds"] = seconds_of(timings);
   document["first_image_seconds"] = timings.first_image;
   add_frames(timings, document);
-  if (!drawing.player->exact()) add_detail(options, drawing, timings, document);
+  if (!drawn.player->exact()) add_detail(drawn, timings, document);
   return json_text(document, 1) + "\n";
 }
 
-void print_summary(const RenderOptions& options, const Drawing& drawing, const Timings& timings) {
-  const Scene& scene = drawing.player->scene();
-  const Streamer& streamer = drawing.player->streamer();
-  if (const auto& exact = drawing.player->exact()) {
+void print_summary(const RenderOptions& options, const Drawn& drawn, const Timings& timings) {
+  const Scene& scene = drawn.player->scene();
+  const Streamer& streamer = drawn.player->streamer();
+  if (const auto& exact = drawn.player->exact()) {
     print_out("{}: {} x {} pixels, exact, {} segments in {} chunks of cells, {} of {} bytes read, {:.3f} s\n",
               options.written(), scene.width, scene.height, exact->segments, exact->chunks,
               streamer.volume().bytes_read(), streamer.volume().file_bytes(), timings.first_image);
     return;
   }
-  const FrameSplats& frame = *drawing.player->frame();
+  const FrameSplats& frame = *drawn.player->frame();
   print_out("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n", options.written(),
             scene.width, scene.height, frame.splats, frame.nodes, streamer.statistics().bytes_read,
             streamer.volume().file_bytes(), timings.first_image);
-  if (!drawing.why_splats.empty()) print_out("{}: splats, as {}\n", options.written(), drawing.why_splats);
+  if (drawn.chosen.has_thin_cells)
+    print_out("{}: splats, as cells are too thin for an exact picture\n", options.written());
+  else if (drawn.chosen.too_many_segments > 0)
+    print_out("{}: splats, as the file's cells make about {:.0f} million segments: --exact draws them\n",
+              options.written(), static_cast<double>(drawn.chosen.too_many_segments) / 1e6);
   if (frame.detail.goal) {
-    print_goal(options, drawing);
+    print_goal(options, drawn);
     return;
   }
-  if (frame.detail.resolution && *frame.detail.resolution < *options.detail.resolution &&
-      frame.splats_by_resolution.size() > *options.detail.resolution)
+  const Detail& asked = drawn.player->request().detail;
+  if (frame.detail.resolution && *frame.detail.resolution < *asked.resolution &&
+      frame.splats_by_resolution.size() > *asked.resolution)
     print_out("{}: resolution {} instead of {}, to stay within {}\n", options.written(), *frame.detail.resolution,
-              *options.detail.resolution, limits_of(options, drawing));
-  if (frame.detail.resolution || frame.detail.tolerance_percent <= options.detail.tolerance_percent) return;
+              *asked.resolution, limits_of(options, drawn));
+  if (frame.detail.resolution || frame.detail.tolerance_percent <= asked.tolerance_percent) return;
   if (std::isinf(frame.detail.tolerance_percent))
     print_out("{}: the fewest splats that there are instead of a tolerance of {:.3g} %, to stay within {}\n",
-              options.written(), options.detail.tolerance_percent, limits_of(options, drawing));
+              options.written(), asked.tolerance_percent, limits_of(options, drawn));
   else
     print_out("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {}\n", options.written(),
-              frame.detail.tolerance_percent, options.detail.tolerance_percent, limits_of(options, drawing));
+              frame.detail.tolerance_percent, asked.tolerance_percent, limits_of(options, drawn));
 }
 
 }  // namespace splatvol

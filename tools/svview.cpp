@@ -33,8 +33,8 @@ struct Options {
   std::string device = "auto";
   ReadingOptions reading;  // of surfaces
   std::optional<std::size_t> step;
-  std::optional<std::string> kernel;
-  std::optional<double> max_error, tolerance;
+  std::string kernel;
+  Quality quality;
   std::string record;      // file; empty: none
   std::string replay;      // file
   std::string screenshot;  // file
@@ -58,9 +58,8 @@ Result<ViewerOptions> viewer_options(const Options& options) {
   setup.settings.device = device;
   setup.use = {.file = options.volume,
                .step = options.step,
-               .max_error = options.max_error,
-               .tolerance = options.tolerance,
-               .kernel = options.kernel.value_or("")};
+               .quality = options.quality,
+               .drawing = {.kernel = kernel_named(options.kernel)}};
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
   setup.settings.read_surface = surface_reader(reader_options);
   return setup;
@@ -305,13 +304,13 @@ void add_view_options(CommandLine& app, Options& options) {
     app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check(check_of(parse_bytes));
   add_reading_options(app, options.reading);
   auto* max_error =
-      app.add_option("--max-error", options.max_error,
+      app.add_option("--max-error", options.quality.max_error,
                      "Error of the picture at rest (root mean square of linear RGB): finer and finer pictures up to "
                      "it; all points of a file with up to 524,288")
           ->type_name("RMSE")
           ->check(check_positive)
           ->default_str(fmt::format("{}", default_max_error));
-  app.add_option("--tolerance", options.tolerance,
+  app.add_option("--tolerance", options.quality.tolerance_percent,
                  "Percent of the picture that a splat may cover, at rest, instead of an error; 0: all points")
       ->type_name("PERCENT")
       ->range(0.0, 100.0)

@@ -14,6 +14,7 @@
 
 #include "base/interruption.h"
 #include "pictures/contrast.h"
+#include "player/choice.h"
 #include "renderer/cpu/srgb_bytes.h"
 #include "streamer/domain.h"
 #include "streamer/first/explain.h"
@@ -28,7 +29,7 @@ PlayerOptions player_options(const ViewSettings& settings) {
           .gpu_memory = settings.gpu_memory,
           .device = settings.device,
           .in_current_context = settings.in_current_context,
-          .kernel = settings.kernel,
+          .drawing = settings.drawing,
           .first_picture = settings.first_picture,
           .read_surface = settings.read_surface};
 }
@@ -75,26 +76,14 @@ SceneUse joined(const SceneUse& first, const SceneUse& second) {
   SceneUse use = first;
   if (use.file.empty()) use.file = second.file;
   if (!use.step) use.step = second.step;
-  if (!use.exact && !use.max_error && !use.tolerance) {
-    use.exact = second.exact;
-    use.max_error = second.max_error;
-    use.tolerance = second.tolerance;
-  }
-  if (use.kernel.empty()) use.kernel = second.kernel;
+  use.quality = joined(first.quality, second.quality);
+  use.drawing = joined(first.drawing, second.drawing);
   return use;
 }
 
-// An exact picture is wanted, whatever the work.
-constexpr std::uint64_t any_segments = std::numeric_limits<std::uint64_t>::max();
-
 ViewSettings with_use(ViewSettings settings, const SceneUse& use) {
-  if (use.max_error) settings.max_error = *use.max_error;
-  if (use.exact || use.max_error || use.tolerance) settings.tolerance = use.tolerance;
-  if (use.exact)
-    settings.most_exact_segments = any_segments;
-  else if (use.max_error || use.tolerance)
-    settings.most_exact_segments = most_exact_segments;
-  if (!use.kernel.empty()) settings.kernel = use.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
+  settings.quality = joined(use.quality, settings.quality);
+  settings.drawing = joined(use.drawing, settings.drawing);
   return settings;
 }
 
@@ -105,7 +94,7 @@ tl::unexpected<Error> fail_no_step(const format::Steps& steps, std::size_t step)
 
 // Whether two changes need the same parts of the file.
 bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& b, const ViewSettings& b_settings) {
-  return a_settings.memory == b_settings.memory && a_settings.kernel == b_settings.kernel &&
+  return a_settings.memory == b_settings.memory && kernel_of(a_settings.drawing) == kernel_of(b_settings.drawing) &&
          a.attribute == b.attribute && opacity_attribute_of(a) == opacity_attribute_of(b) && a.surfaces == b.surfaces &&
          a.lighting.has_value() == b.lighting.has_value();
 }
@@ -288,13 +277,14 @@ UsedScene Session::used_scene() const {
   std::error_code error;
   if (!is_url(path_)) used.use.file = std::filesystem::absolute(path_, error).lexically_normal().string();
   if (times().size() > 1) used.use.step = step();
-  if (settings.tolerance)
-    used.use.tolerance = settings.tolerance;
+  if (asks_for_splats(settings.quality))
+    used.use.quality = settings.quality;
   else if (exact())
-    used.use.exact = true;
+    used.use.quality.exact = true;
   else
-    used.use.max_error = settings.max_error;
-  used.use.kernel = settings.kernel == KernelKind::octant ? "octant" : "moments";
+    used.use.quality.max_error = settings.quality.max_error.value_or(default_max_error);
+  used.use.drawing = settings.drawing;
+  used.use.drawing.kernel = kernel_of(settings.drawing);
   return used;
 }
 
@@ -365,7 +355,7 @@ Scene Session::scene_without_change() const {
 void Session::take_back(const Scene& without_change) {
   scene = without_change;
   settings.memory = used_settings_.memory;
-  settings.kernel = used_settings_.kernel;
+  settings.drawing.kernel = used_settings_.drawing.kernel;
 }
 
 void Session::cancel_reading() {
@@ -457,15 +447,18 @@ Status Session::apply() {
     drawn = scene = used_scene_;
     SPLATVOL_TRY(player_->set_scene(scene));
   }
-  const bool same =
-      player_->options().memory == used_settings_.memory && player_->options().kernel == used_settings_.kernel &&
-      settings.tolerance == used_settings_.tolerance && settings.max_error == used_settings_.max_error &&
-      settings.most_exact_segments == used_settings_.most_exact_segments && have_same_picture(drawn, used_scene_);
+  Drawing drawing = settings.drawing;
+  drawing.kernel = player_->options().drawing.kernel;  // until what another one needs is read
+  SPLATVOL_TRY(player_->set_drawing(drawing));
+  const bool same = player_->options().memory == used_settings_.memory && drawing == used_settings_.drawing &&
+                    settings.quality == used_settings_.quality &&
+                    settings.most_exact_segments == used_settings_.most_exact_segments &&
+                    have_same_picture(drawn, used_scene_);
   view_ = player_->view();
   used_scene_ = std::move(drawn);
   used_settings_ = settings;
   used_settings_.memory = player_->options().memory;
-  used_settings_.kernel = player_->options().kernel;
+  used_settings_.drawing = drawing;
   if (same) return {};
   still_seconds_ = 0;
   settled_ = moving_is_drawn_ = false;
@@ -613,13 +606,33 @@ Status Session::draw_splats(const FrameRequest& request, const DrawOptions& opti
   return {};
 }
 
+// All points of a small file are soon there: nobody measures their error.
+Quality Session::quality_of_splats() const {
+  if (asks_for_splats(used_settings_.quality)) return used_settings_.quality;
+  const Quality usual = default_splats(info().point_count());
+  return usual.max_error && used_settings_.quality.max_error ? used_settings_.quality : usual;
+}
+
+// Returns how many segments an exact picture may have.
+std::uint64_t Session::most_segments() const {
+  return used_settings_.quality.exact ? std::numeric_limits<std::uint64_t>::max() : used_settings_.most_exact_segments;
+}
+
 // Where nobody looks at coarser pictures, there are none. 0: splats are wanted, or there is nothing else. Splats have
 // no contours.
 int Session::first_exact_spacing() const {
   const ViewSettings& used = used_settings_;
-  const bool wants_splats = used.tolerance || used.kernel == KernelKind::octant || used.most_exact_segments == 0;
+  const bool wants_splats =
+      asks_for_splats(used.quality) || kernel_of(used.drawing) == KernelKind::octant || most_segments() == 0;
   if ((wants_splats && !player_->shows_contours()) || !player_->has_cells()) return 0;
-  return used.hurries ? coarsest_exact_spacing : 1;
+  const int finest = used.drawing.sample_spacing.value_or(1);
+  return used.hurries ? std::max(coarsest_exact_spacing, finest) : finest;
+}
+
+// Returns the spacing of the exact picture after the last one; 0: that was the finest.
+int Session::finer_exact_spacing() const {
+  const int finest = used_settings_.drawing.sample_spacing.value_or(1), last = player_->sample_spacing();
+  return last > finest ? std::max(last / 2, finest) : 0;
 }
 
 // Begins the next exact picture. Until it is there, the window shows a copy of the one before.
@@ -636,7 +649,7 @@ Status Session::draw_exact() {
     if (estimate.unknown_cells > 0)
       return fail(ErrorCode::unsupported, "{}: {} of its cells have shapes that only a newer svview knows", path_,
                   estimate.unknown_cells);
-    if (estimate.segments > used_settings_.most_exact_segments && !player_->shows_contours()) {
+    if (estimate.segments > most_segments() && !player_->shows_contours()) {
       exact_spacing_ = 0;
       is_to_make_ready_ = false;
       return {};
@@ -651,7 +664,7 @@ Result<bool> Session::draw_moving_exact() {
   const bool has_layers = !used_scene_.surfaces.empty() || !used_scene_.slices.empty();
   if (first_exact_spacing() == 0 || !is_drawn_by_processor() || has_layers || !player_->holds_cells()) return false;
   SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
-  if (estimate.unknown_cells > 0 || estimate.segments > used_settings_.most_exact_segments) return false;
+  if (estimate.unknown_cells > 0 || estimate.segments > most_segments()) return false;
   const SamplePacer::Work work = work_of(estimate);
   const int spacing = sample_pacer_.spacing(work);
   if (spacing == 0) return false;
@@ -674,8 +687,8 @@ Status Session::make_ready() {
   SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
   if (sample_pacer_.fits(work_of(estimate))) SPLATVOL_TRY(player_->hold_cells());
   if (!skips_splats_) return {};
-  const double max_error = info().point_count() <= points_drawn_at_once ? 0 : used_settings_.max_error;
-  return player_->choose({.detail = {.goal = ErrorGoal{max_error, player_->device_splats()}}});
+  const double expected_error = quality_of_splats().max_error.value_or(0);
+  return player_->choose({.detail = {.goal = ErrorGoal{expected_error, player_->device_splats()}}});
 }
 
 Status Session::finish_making_ready(const Status& made) {
@@ -713,7 +726,7 @@ Status Session::finish_exact(const Status& drawn) {
       SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
       sample_pacer_.add(work_of(estimate), player_->sample_spacing(), draw_seconds_);
     }
-    exact_spacing_ = player_->sample_spacing() / 2;
+    exact_spacing_ = finer_exact_spacing();
   }
   settle();
   return {};
@@ -756,20 +769,19 @@ void Session::interrupt_drawing() {
 
 // Begins with a picture like the last one of the movement. Rounds its splats, which depend on the machine's load.
 void Session::begin_rest() {
-  Sharpening::Options options{.max_error = settings.max_error, .tolerance = settings.tolerance};
-  if (!settings.tolerance && info().point_count() <= points_drawn_at_once) options.tolerance = 0;
-  if (settings.hurries && frame()) options.first_splats = std::bit_floor(std::max(frame()->splats, least_first_splats));
-  sharpening_.emplace(options);
+  std::uint64_t first_splats = 0;
+  if (settings.hurries && frame()) first_splats = std::bit_floor(std::max(frame()->splats, least_first_splats));
+  sharpening_.emplace(quality_of_splats(), first_splats);
   exact_spacing_ = first_exact_spacing();
   if (player_->shows_contours() && !player_->has_cells())
     tell_of_splats(path_ + ": it keeps no cells, and only these have contours");
-  else if (settings.most_exact_segments == any_segments && !player_->has_cells())
+  else if (settings.quality.exact && !player_->has_cells())
     tell_of_splats(path_ + ": it keeps no cells");
   is_to_make_ready_ = exact_spacing_ > 0 && can_draw_aside();
   skips_splats_ = moving_is_drawn_ && player_->exact();
   if (!skips_splats_) return;
   sharpening_->skip();
-  exact_spacing_ = player_->sample_spacing() / 2;
+  exact_spacing_ = finer_exact_spacing();
 }
 
 // Goes on to a finer picture, unless this one is the last. `drawn`: this one, unless the player still has to copy it.

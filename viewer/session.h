@@ -36,19 +36,18 @@ struct ViewSettings {
   std::uint64_t memory = std::uint64_t{512} << 20;
   std::uint64_t gpu_memory = std::uint64_t{1} << 30;
   Device device = Device::automatic;
-  bool in_current_context = true;  // of OpenGL; else the renderer makes a context of its own if it needs one
-  KernelKind kernel = KernelKind::moments;
-  double max_error = default_max_error;            // at rest; a small file shows all points
-  std::optional<double> tolerance = std::nullopt;  // percent, at rest, instead of an error
-  bool hurries = true;                             // coarser pictures while something moves; false: nobody waits
-  ReadSurface read_surface = {};                   // as in PlayerOptions
-  FirstPicture first_picture = {};                 // as in PlayerOptions; its size may turn out to be another
+  bool in_current_context = true;   // of OpenGL; else the renderer makes a context of its own if it needs one
+  Quality quality = {};             // at rest, without milliseconds; a small file shows all points instead of an error
+  Drawing drawing = {};             // at rest
+  bool hurries = true;              // coarser pictures while something moves; false: nobody waits
+  ReadSurface read_surface = {};    // as in PlayerOptions
+  FirstPicture first_picture = {};  // as in PlayerOptions; its size may turn out to be another
 
   // Whether a thread reads what another attribute, kernel or memory, or surfaces need, while pictures are drawn without
   // the change. Else it is read by the next draw.
   bool reads_aside = true;
 
-  // Pieces of rays in a tetrahedron that an exact picture may have at rest; 0: splats.
+  // Segments that a picture at rest may have to be exact, unless `quality` asks for an exact one; 0: splats.
   std::uint64_t most_exact_segments = splatvol::most_exact_segments;
 };
 
@@ -272,7 +271,10 @@ class Session {
   [[nodiscard]] Status draw_aside(const std::function<Status()>& draw);
   [[nodiscard]] Status draw_splats(const FrameRequest& request, const DrawOptions& options);
   [[nodiscard]] Result<bool> draw_moving_exact();
+  [[nodiscard]] Quality quality_of_splats() const;
+  [[nodiscard]] std::uint64_t most_segments() const;
   [[nodiscard]] int first_exact_spacing() const;
+  [[nodiscard]] int finer_exact_spacing() const;
   [[nodiscard]] Status begin_exact();
   [[nodiscard]] Status begin_making_ready();
   [[nodiscard]] Status make_ready();

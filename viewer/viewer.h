@@ -170,6 +170,7 @@ class Viewer {
   SliceControls planes_;
   std::optional<History<Scene>> history_;      // of the session's scene, without its size; none before a picture
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held
+  double max_error_ = default_max_error;       // the last one, while the detail is by tolerance
 
   // Input.
   EventQueue events_;

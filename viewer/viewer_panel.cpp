@@ -73,12 +73,15 @@ std::string detail_text(const Session& session) {
   const FrameSplats& frame = *session.frame();
   const auto& sharpening = session.sharpening();
   if (!sharpening) return fmt::format("coarse while it moves, an error of about {:.1g}", frame.expected_error);
-  if (const DetailOptions& asked = sharpening->detail(); !asked.goal) {
+  const Detail& asked = sharpening->detail();
+  if (asked.resolution) return fmt::format("resolution {}", frame.detail.resolution.value_or(*asked.resolution));
+  if (!asked.goal) {
     const double drawn = frame.detail.tolerance_percent;
     const bool lacks = !frame.detail.goal && drawn > asked.tolerance_percent;
     return (asked.tolerance_percent > 0 ? fmt::format("tolerance {:.3g} %", asked.tolerance_percent) : "all points") +
            (lacks ? fmt::format(" (memory allows a tolerance of {:.3g} %)", drawn) : "");
   }
+  if (!sharpening->seeks_error()) return fmt::format("an error of about {:.1g} expected", frame.expected_error);
   const std::string error = sharpening->error() ? fmt::format("an error of about {:.2g}", *sharpening->error()) : "";
   if (!sharpening->is_done()) return (error.empty() ? "" : error + ", ") + "it sharpens";
   if (frame.finest) return "no more points would show";
@@ -202,19 +205,22 @@ void Viewer::draw_panel_button() {
 
 void Viewer::draw_detail_controls() {
   ViewSettings& settings = session_->settings;
-  int by = settings.tolerance ? 1 : 0;
+  std::optional<double>& tolerance = settings.quality.tolerance_percent;
+  int by = tolerance ? 1 : 0;
   if (ImGui::Combo("detail by", &by, "error\0tolerance\0"))
-    settings.tolerance = by == 0 ? std::nullopt : std::optional(usual_tolerance);
+    settings.quality = by == 0 ? Quality{.max_error = max_error_} : Quality{.tolerance_percent = usual_tolerance};
   const double least_error = 0.0005, most_error = 0.05, finest = 0.1, coarsest = 20;
-  if (settings.tolerance)
-    ImGui::SliderScalar("tolerance", ImGuiDataType_Double, &*settings.tolerance, &finest, &coarsest, "%.2g %%",
+  if (tolerance) {
+    ImGui::SliderScalar("tolerance", ImGuiDataType_Double, &*tolerance, &finest, &coarsest, "%.2g %%",
                         ImGuiSliderFlags_Logarithmic);
-  else
-    ImGui::SliderScalar("error", ImGuiDataType_Double, &settings.max_error, &least_error, &most_error, "%.2g",
-                        ImGuiSliderFlags_Logarithmic);
-  hint(settings.tolerance
-           ? "The largest share of the picture that a splat may cover, at rest.\nControl click: type a number."
-           : "Of the picture at rest: root mean square of linear RGB.\nControl click: type a number.");
+  } else {
+    max_error_ = settings.quality.max_error.value_or(default_max_error);
+    if (ImGui::SliderScalar("error", ImGuiDataType_Double, &max_error_, &least_error, &most_error, "%.2g",
+                            ImGuiSliderFlags_Logarithmic))
+      settings.quality = {.max_error = max_error_};
+  }
+  hint(tolerance ? "The largest share of the picture that a splat may cover, at rest.\nControl click: type a number."
+                 : "Of the picture at rest: root mean square of linear RGB.\nControl click: type a number.");
   // The streamer is opened again for another memory: only when the slider is let go.
   static constexpr std::uint64_t least = 16, most = 65536;
   std::uint64_t mebibytes = memory_shown_ ? *memory_shown_ : settings.memory >> 20;
@@ -226,9 +232,9 @@ void Viewer::draw_detail_controls() {
     settings.memory = *memory_shown_ << 20;
     memory_shown_.reset();
   }
-  int kernel = settings.kernel == KernelKind::moments ? 0 : 1;
+  int kernel = kernel_of(settings.drawing) == KernelKind::moments ? 0 : 1;
   if (ImGui::Combo("kernel", &kernel, "moments\0octant\0"))
-    settings.kernel = kernel == 0 ? KernelKind::moments : KernelKind::octant;
+    settings.drawing.kernel = kernel == 0 ? KernelKind::moments : KernelKind::octant;
 }
 
 void Viewer::draw_lighting_controls() {

@@ -47,9 +47,9 @@ class SPLATVOL_EXPORT GlRenderer {
   /// camera of the host. None: no surfaces. If it fails, all stays as it was. Fails if the scene shows slices.
   [[nodiscard]] Status set_surface_depths(const std::optional<DepthTexture>& depths);
 
-  /// Draw as Renderer::render, render_within and render_now do, into the texture.
+  /// Draw as Renderer::render and render_now do, into the texture. Fail for an exact quality.
   [[nodiscard]] Status draw(const Quality& quality = {});
-  [[nodiscard]] Status draw_within(double seconds);
+  [[deprecated("draw({.milliseconds = 1e3 * seconds})")]] [[nodiscard]] Status draw_within(double seconds);
   [[nodiscard]] Status draw_now(double wait_seconds = 0, const Quality& quality = {});
 
   /// Returns OpenGL's name of the texture that holds the last picture: GL_RGBA32F, linear, premultiplied, lower left

@@ -13,6 +13,7 @@
 #include "splatvol/error.h"
 #include "splatvol/export.h"
 #include "splatvol/image.h"
+#include "splatvol/quality.h"
 #include "splatvol/scene.h"
 #include "splatvol/surface_depths.h"
 
@@ -26,21 +27,6 @@ struct RendererOptions {
   /// Called when parts of the file have come that `render_now` did not wait for: time to call it again. Runs on threads
   /// of the renderer, and must not call it: to wake the thread that draws.
   std::function<void()> on_data = {};
-};
-
-/// How good a picture is to be. At most one of the numbers, or `exact`.
-///
-/// None of them: the cells of a file that keeps them, exactly, if they make up to about 6e7 pieces of rays in
-/// Renderer::render (about a second's work of two cores). Else all points of a file of up to 2^19 points. Of a larger
-/// file, finer and finer pictures, until one has an error of .002.
-struct Quality {
-  std::optional<double> max_error = {};          // root mean square of linear RGB, against the exact picture
-  std::optional<std::uint64_t> max_splats = {};  // put where they reduce the error most
-  std::optional<double> tolerance_percent = {};  // the largest share of the shorter side for a splat; 0: all points
-  std::optional<std::size_t> resolution = {};    // that of all points; 0: the coarsest
-
-  /// Draws the cells of a file that keeps them exactly, by the processor, and no splats. For Renderer::render only.
-  bool exact = false;
 };
 
 /// What the last picture shows and cost.
@@ -94,16 +80,15 @@ class SPLATVOL_EXPORT Renderer {
   [[nodiscard]] Status show_step(std::size_t step);
 
   /// Draws the complete picture. If the budgets allow only a coarser one, draws that: never one with holes. Fails if a
-  /// part of the file cannot be read.
+  /// part of the file cannot be read, if `quality` has more than one member, and if a number of it is out of range.
   [[nodiscard]] Result<Image> render(const Quality& quality = {});
 
-  /// Draws the best picture that can be there in `seconds` from now. Learns the device's speed from call to call. Fails
-  /// unless `seconds` is finite and above 0.
-  [[nodiscard]] Result<Image> render_within(double seconds);
+  /// Draws as `render` with Quality::milliseconds.
+  [[deprecated("render({.milliseconds = 1e3 * seconds})")]] [[nodiscard]] Result<Image> render_within(double seconds);
 
   /// Draws the picture of what has been read, and waits up to `wait_seconds` for more. Threads go on reading until the
   /// next call. Calls with the same scene and quality end in a picture with `is_settled`. A `max_error` counts as
-  /// expected, not as measured.
+  /// expected, not as measured. Fails as `render`, and for an exact picture or one in milliseconds.
   [[nodiscard]] Result<Image> render_now(double wait_seconds = 0, const Quality& quality = {});
 
   [[nodiscard]] const RenderStatistics& statistics() const;

@@ -75,7 +75,8 @@ class Plate {
 splatvol::Status draw_frame(splatvol::GlRenderer& renderer, const Plate& plate, bool is_complete) {
   const splatvol::DepthTexture depths = plate.draw(renderer.scene().camera);
   if (const auto set = renderer.set_surface_depths(depths); !set) return set;
-  if (const auto drawn = is_complete ? renderer.draw() : renderer.draw_within(1.0 / 60); !drawn) return drawn;
+  if (const auto drawn = is_complete ? renderer.draw() : renderer.draw({.milliseconds = 1000.0 / 60}); !drawn)
+    return drawn;
   return renderer.draw_over();
 }
 

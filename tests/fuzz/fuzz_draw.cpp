@@ -40,8 +40,8 @@ Camera camera_of(const Settings& settings, const Cube& cube) {
   return camera;
 }
 
-DetailOptions detail_of(const Settings& settings) {
-  DetailOptions detail;
+Detail detail_of(const Settings& settings) {
+  Detail detail;
   detail.tolerance_percent = (settings.detail & 3) * 5.0;
   if (settings.detail & 4) detail.resolution = settings.detail >> 4;
   if (settings.detail & 8) detail.goal = ErrorGoal{0.01 * (settings.detail >> 4), 1000};
@@ -94,7 +94,7 @@ Result<TileRasterizer*> rasterizer_for(KernelKind kernel, const Scene& scene, co
 // The splats at once, or part by part.
 Result<const FrameSplats*> frame_of(Streamer& streamer, const View& view, const Transfer& transfer,
                                     const Settings& settings) {
-  const DetailOptions detail = detail_of(settings);
+  const Detail detail = detail_of(settings);
   if (!(settings.kernel & 2)) return streamer.request(view, transfer, detail);
   for (int call = 0;; ++call) {
     SPLATVOL_TRY_ASSIGN(frame, streamer.advance(view, transfer, detail, 0.005, settings.kernel & 4 ? 0.5 : 1));

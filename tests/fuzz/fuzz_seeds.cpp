@@ -208,7 +208,8 @@ Status add_scenes(Seeds& seeds) {
   scene.transfer_function.colors = {{0, {0, 0, 1}}, {0.5, {0, 1, 0}}, {0.5, {1, 1, 0}}, {1, {1, 0, 0}}};
   scene.transfer_function.densities = {{0, 0}, {0.25, 3}, {1, 10}};
   SPLATVOL_TRY(seeds.add("fuzz_scene", scene_to_json(scene)));
-  const SceneUse use{.file = "a.svol", .step = 3, .max_error = 0.01, .kernel = "octant"};
+  const SceneUse use{
+      .file = "a.svol", .step = 3, .quality = {.max_error = 0.01}, .drawing = {.kernel = KernelKind::octant}};
   SPLATVOL_TRY(seeds.add("fuzz_scene", to_json({scene, use})));
   scene.transfer_function.axis = ValueAxis::log;
   scene.lighting = Lighting{};

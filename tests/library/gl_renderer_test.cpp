@@ -222,8 +222,8 @@ TEST_P(HostedDrawing, LeavesTheStateAsItWasAndDoesNotCareForIt) {
     EXPECT_EQ(snapshot(), before) << "draw";
     ASSERT_TRUE(renderer.draw_now(0, {.max_splats = 100}));
     EXPECT_EQ(snapshot(), before) << "draw_now";
-    ASSERT_TRUE(renderer.draw_within(1));
-    EXPECT_EQ(snapshot(), before) << "draw_within";
+    ASSERT_TRUE(renderer.draw({.milliseconds = 1000}));
+    EXPECT_EQ(snapshot(), before) << "draw in a time";
     EXPECT_FALSE(renderer.draw_over());
     EXPECT_EQ(snapshot(), before) << "draw_over";
     ASSERT_TRUE(renderer.set_scene(scene_));

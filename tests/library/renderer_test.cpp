@@ -66,7 +66,7 @@ TEST_F(DrawFile, KeepsToItsQuality) {
   EXPECT_GE(renderer.statistics().splats, coarsest);
   ASSERT_TRUE(renderer.render({.max_error = 0.02}));
   EXPECT_LE(renderer.statistics().error, 0.025);
-  EXPECT_THAT(renderer.render({.max_error = 0.02, .max_splats = 5}).error().message, HasSubstr("one number"));
+  EXPECT_THAT(renderer.render({.max_error = 0.02, .max_splats = 5}).error().message, HasSubstr("give one of"));
   EXPECT_THAT(renderer.render({.max_error = -1}).error().message, HasSubstr("above 0"));
   EXPECT_THAT(renderer.render({.max_splats = 0}).error().message, HasSubstr("0 splats"));
   EXPECT_EQ(renderer.render()->pixels, exact.pixels);
@@ -81,7 +81,8 @@ TEST_F(DrawFile, DrawsContoursExactly) {
   const Image image = renderer.render().value();
   EXPECT_EQ(largest_alpha(image), 1);
   EXPECT_EQ(renderer.render({.exact = true})->pixels, image.pixels);
-  for (const auto& refused : {renderer.render({.max_splats = 9}), renderer.render_within(1), renderer.render_now()})
+  for (const auto& refused :
+       {renderer.render({.max_splats = 9}), renderer.render({.milliseconds = 1000}), renderer.render_now()})
     EXPECT_THAT(refused.error().message, HasSubstr("splats have no contours"));
 }
 
@@ -89,7 +90,7 @@ TEST_F(DrawFile, RefusesExactPicturesWithoutCells) {
   ASSERT_TRUE(build(test::Lattice(20).mesh(), path_, {.keep_cells = false}));
   Renderer renderer = open();
   EXPECT_THAT(renderer.render({.exact = true}).error().message, HasSubstr("without --drop-cells"));
-  EXPECT_THAT(renderer.render({.max_error = 0.02, .exact = true}).error().message, HasSubstr("one number"));
+  EXPECT_THAT(renderer.render({.max_error = 0.02, .exact = true}).error().message, HasSubstr("give one of"));
   EXPECT_THAT(renderer.render_now(0, {.exact = true}).error().message, HasSubstr("no frames on the way"));
   EXPECT_TRUE(renderer.render());
   EXPECT_EQ(renderer.statistics().splats, 9261);
@@ -104,7 +105,7 @@ TEST_F(DrawFile, SettlesWhileItLoads) {
   } while (!renderer.statistics().is_settled && ++frames < 1000);
   EXPECT_TRUE(renderer.statistics().is_complete);
   EXPECT_EQ(renderer.statistics().splats, 9261);
-  EXPECT_TRUE(renderer.render_within(0.05));
+  EXPECT_TRUE(renderer.render({.milliseconds = 50}));
 }
 
 TEST_F(DrawFile, ChangesSceneAndSize) {

@@ -36,7 +36,7 @@ class KnownView {
     if (request.coarser > 0) return cuts_.size() - 1;  // answered in `draw`
     std::size_t cut = 0;
     while (cut + 1 < cuts_.size() && cuts_[cut + 1] <= static_cast<double>(request.goal.max_splats) &&
-           !(options_.expects * error_of(cut) <= request.goal.max_error))
+           !(options_.expects * error_of(cut) <= request.goal.expected_error))
       ++cut;
     return cut;
   }
@@ -105,7 +105,7 @@ TEST(ErrorControl, FindsTheSplatsOfAnErrorWhateverTheModelExpects) {
     for (const double decay : {0.35, 0.45, 0.6})
       for (const double error : {0.02, 0.005, 0.0025}) {
         KnownView view({.decay = decay, .expects = expects});
-        ErrorControl control({.max_error = error});
+        ErrorControl control(error);
         const std::size_t cut = view.run(control);
         const auto label = ::testing::Message() << expects << " expected, decay " << decay << ", error " << error;
         EXPECT_LE(view.error_of(cut), 1.25 * error) << label;
@@ -120,7 +120,7 @@ TEST(ErrorControl, FindsTheSplatsOfAnErrorWhateverTheModelExpects) {
 TEST(ErrorControl, StaysNearTheErrorWhereCutsAreFarApart) {
   for (const double error : {0.02, 0.01, 0.005}) {
     KnownView view({.step = 6});
-    ErrorControl control({.max_error = error});
+    ErrorControl control(error);
     const std::size_t cut = view.run(control);
     EXPECT_LE(view.error_of(cut), 1.25 * error);
     EXPECT_LE(view.splats(cut), 1.5 * view.fewest(error));
@@ -130,7 +130,7 @@ TEST(ErrorControl, StaysNearTheErrorWhereCutsAreFarApart) {
 TEST(ErrorControl, CountsTheErrorOfAllPoints) {
   for (const double file_error : {0.3, 0.6, 0.9}) {
     KnownView view({.file_error = 0.01 * file_error, .all = 100000});
-    ErrorControl control({.max_error = 0.01});
+    ErrorControl control(0.01);
     EXPECT_LE(view.error_of(view.run(control)), 0.0125);
     EXPECT_NEAR(control.estimate().file_error, 0.9 * 0.01 * file_error, 0.001);
     EXPECT_TRUE(control.estimate().reached);
@@ -139,7 +139,7 @@ TEST(ErrorControl, CountsTheErrorOfAllPoints) {
 
 TEST(ErrorControl, SaysThatAllPointsHaveMoreThanTheError) {
   KnownView view({.file_error = 0.02, .all = 20000});
-  ErrorControl control({.max_error = 0.004});
+  ErrorControl control(0.004);
   const std::size_t cut = view.run(control);
   EXPECT_NEAR(control.estimate().file_error, 0.9 * 0.02, 0.002);
   EXPECT_LE(view.error_of(cut), 1.05 * 0.02);
@@ -148,7 +148,7 @@ TEST(ErrorControl, SaysThatAllPointsHaveMoreThanTheError) {
 // Of the last two steps to all points, one may be small by chance.
 TEST(ErrorControl, SeesTheErrorOfAllPointsInTwoSteps) {
   KnownView view({.file_error = 0.008, .last_step = 0.5, .second_last_step = 4, .all = 100000});
-  ErrorControl control({.max_error = 0.01});
+  ErrorControl control(0.01);
   EXPECT_LE(view.error_of(view.run(control)), 0.0125);
   EXPECT_NEAR(control.estimate().file_error, 0.008, 0.001);
 }
@@ -156,7 +156,7 @@ TEST(ErrorControl, SeesTheErrorOfAllPointsInTwoSteps) {
 // Splats help little where all points have far more than the error.
 TEST(ErrorControl, AddsTheErrorWhereAllPointsHaveMuchMore) {
   KnownView view({.file_error = 0.02, .all = 200000});
-  ErrorControl control({.max_error = 0.005});
+  ErrorControl control(0.005);
   const std::size_t cut = view.run(control);
   EXPECT_LE(view.error_of(cut), 1.2 * 0.02);
   EXPECT_LE(view.splats(cut), 1.5 * std::pow(1 / 0.005, 1 / 0.45));
@@ -164,7 +164,7 @@ TEST(ErrorControl, AddsTheErrorWhereAllPointsHaveMuchMore) {
 
 TEST(ErrorControl, EndsAtTheCoarsestCut) {
   KnownView view({.scale = 1e-3});
-  ErrorControl control({.max_error = 0.02});
+  ErrorControl control(0.02);
   EXPECT_EQ(view.run(control), 0U);
   EXPECT_TRUE(control.estimate().reached);
   EXPECT_LE(control.pictures(), 4);
@@ -172,7 +172,7 @@ TEST(ErrorControl, EndsAtTheCoarsestCut) {
 
 TEST(ErrorControl, EndsAtTheMostSplatsAndSaysSo) {
   KnownView view({});
-  ErrorControl control({.max_error = 0.001, .max_splats = 30000});
+  ErrorControl control(0.001, {.most_splats = 30000});
   const std::size_t cut = view.run(control);
   EXPECT_LE(view.splats(cut), 30000);
   EXPECT_GT(view.splats(cut), 24000);
@@ -181,27 +181,27 @@ TEST(ErrorControl, EndsAtTheMostSplatsAndSaysSo) {
 
 TEST(ErrorControl, EndsForAnEmptyPictureAndForOneCutOnly) {
   Image black{8, 8, std::vector<vec4>(64)};
-  ErrorControl control({.max_error = 0.01});
+  ErrorControl control(0.01);
   while (control.next() && control.pictures() < 20) control.add({black, 0, 0, true});
   EXPECT_FALSE(control.next());
   EXPECT_TRUE(control.estimate().reached);
 
   KnownView only({.coarsest = 100, .all = 101, .step = 2});
-  ErrorControl of_only({.max_error = 1e-6});
+  ErrorControl of_only(1e-6);
   EXPECT_EQ(only.run(of_only), 1U);
 }
 
 TEST(ErrorControl, LearnsTheGoalThatFindsTheSameCut) {
   KnownView view({.expects = 0.2});
-  ErrorControl control({.max_error = 0.01});
+  ErrorControl control(0.01);
   const std::size_t cut = view.run(control);
-  EXPECT_EQ(view.cut_of({.goal = {.max_error = 0.01 * control.learned() * (1 + 1e-9)}}), cut);
+  EXPECT_EQ(view.cut_of({.goal = {.expected_error = 0.01 * control.learned() * (1 + 1e-9)}}), cut);
 }
 
 TEST(ErrorControl, GrowsToThePictureThatIsFineEnough) {
   for (const double expects : {0.3, 1.0, 3.0}) {
     KnownView view({.scale = 1, .expects = expects});
-    ErrorControl control({.max_error = 0.01, .grows = true});
+    ErrorControl control(0.01, {.grows = true});
     std::uint64_t before = 0;
     while (control.next()) {
       view.draw(control);
@@ -217,24 +217,24 @@ TEST(ErrorControl, GrowsToThePictureThatIsFineEnough) {
 
 TEST(ErrorControl, GrowsToAllPointsOrToTheMostSplats) {
   KnownView coarse({.coarsest = 500, .all = 5000});
-  ErrorControl to_all({.max_error = 1e-6, .grows = true});
+  ErrorControl to_all(1e-6, {.grows = true});
   EXPECT_EQ(coarse.splats(coarse.run(to_all)), 5000);
   EXPECT_TRUE(to_all.estimate().reached) << "no more is in the file";
 
   KnownView view({});
-  ErrorControl limited({.max_error = 1e-6, .max_splats = 20'000, .grows = true});
+  ErrorControl limited(1e-6, {.most_splats = 20'000, .grows = true});
   EXPECT_LE(view.splats(view.run(limited)), 20'000);
   EXPECT_FALSE(limited.estimate().reached);
 
   KnownView one_cut({.coarsest = 100, .all = 100});
-  ErrorControl only({.max_error = 0.01, .grows = true});
+  ErrorControl only(0.01, {.grows = true});
   one_cut.run(only);
   EXPECT_EQ(only.pictures(), 1);
 }
 
 TEST(ErrorControl, TakesASampleOfALargePicture) {
   KnownView view({.all = 30000, .width = 1200, .height = 900});
-  ErrorControl control({.max_error = 0.02});
+  ErrorControl control(0.02);
   const std::size_t cut = view.run(control);
   EXPECT_LE(view.error_of(cut), 1.25 * 0.02);
   EXPECT_LE(view.splats(cut), 1.5 * view.fewest(0.02));

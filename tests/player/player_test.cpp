@@ -108,12 +108,12 @@ TEST_F(PlayerOfALattice, SceneMemoryAndKernelChange) {
   scene.transfer_function = open()->scene().transfer_function;
   scene.lighting = Lighting();
   EXPECT_GT(compare_images(drawn(*player, scene), before)->rmse, 1e-4);
-  EXPECT_FALSE(player->set_kernel(KernelKind::octant)) << "light needs gradients, which the file lacks";
+  EXPECT_FALSE(player->set_drawing({.kernel = KernelKind::octant})) << "light needs gradients, which the file lacks";
   scene.lighting.reset();
   ASSERT_TRUE(player->set_scene(scene));
-  ASSERT_TRUE(player->set_kernel(KernelKind::octant));
+  ASSERT_TRUE(player->set_drawing({.kernel = KernelKind::octant}));
   EXPECT_GT(compare_images(drawn(*player), before)->rmse, 1e-4);
-  ASSERT_TRUE(player->set_kernel(KernelKind::moments));
+  ASSERT_TRUE(player->set_drawing({.kernel = KernelKind::moments}));
   ASSERT_TRUE(player->set_memory(player->options().memory / 2));
   EXPECT_EQ(compare_images(drawn(*player), before)->max, 0);
 }
@@ -137,9 +137,9 @@ TEST_F(PlayerOfALattice, SurfacesHoldForAllFramesOfTheirSize) {
   EXPECT_TRUE(is_hidden_on_the_left());
   EXPECT_TRUE(is_hidden_on_the_left()) << "in the next frame too";
   EXPECT_EQ(player->sample_spacing(), 1);
-  ASSERT_TRUE(player->set_kernel(KernelKind::octant));
+  ASSERT_TRUE(player->set_drawing({.kernel = KernelKind::octant}));
   EXPECT_TRUE(is_hidden_on_the_left()) << "by another rasterizer";
-  ASSERT_TRUE(player->set_kernel(KernelKind::moments));
+  ASSERT_TRUE(player->set_drawing({.kernel = KernelKind::moments}));
 
   EXPECT_FALSE(player->set_surface_depths(std::make_shared<SurfaceDepths>(SurfaceDepths{1, 1, {}})));
   EXPECT_TRUE(is_hidden_on_the_left()) << "what is refused changes nothing";
@@ -284,8 +284,10 @@ TEST_F(PlayerOfALattice, ReachesAnErrorByComparingPictures) {
   const auto player = open();
   const Image finest = drawn(*player);
   constexpr double wanted = 0.02;
-  const auto search = player->draw_to_error(wanted, false);
-  ASSERT_TRUE(search) << search.error().message;
+  const auto picture = player->draw_picture({.max_error = wanted});
+  ASSERT_TRUE(picture) << picture.error().message;
+  const auto& search = picture->search;
+  ASSERT_TRUE(search);
   EXPECT_TRUE(search->estimate.reached);
   EXPECT_GT(search->pictures, 1);
   EXPECT_LT(player->frame()->splats, player->info().point_count());
@@ -297,13 +299,13 @@ TEST_F(PlayerOfALattice, ReachesAnErrorByComparingPictures) {
 TEST_F(PlayerOfALattice, DrawsWhatThereIsTimeFor) {
   const auto player = open();
   for (const double no_time : {0.0, -1.0, std::numeric_limits<double>::infinity(), std::nan("")}) {
-    EXPECT_FALSE(player->draw_within(no_time)) << no_time;
+    EXPECT_FALSE(player->draw_picture({.milliseconds = no_time})) << no_time;
     EXPECT_FALSE(player->draw_at_pace(no_time)) << no_time;
   }
-  for (int i = 0; i < 30; ++i) ASSERT_TRUE(player->draw_within(1e-6));
+  for (int i = 0; i < 30; ++i) ASSERT_TRUE(player->draw_picture({.milliseconds = 1e-3}));
   const std::uint64_t few = player->frame()->splats;
   EXPECT_LT(few, player->info().point_count() / 10);
-  for (int i = 0; i < 30; ++i) ASSERT_TRUE(player->draw_within(1000));
+  for (int i = 0; i < 30; ++i) ASSERT_TRUE(player->draw_picture({.milliseconds = 1e6}));
   EXPECT_TRUE(player->frame()->progress.complete);
   EXPECT_TRUE(player->frame()->finest) << "all the time in the world";
   EXPECT_GT(player->frame()->splats, few);

@@ -13,7 +13,7 @@ struct OnePixel {
   Result<Image> operator()() const { return Image{1, 1, {vec4(grey, grey, grey, 1)}}; }
 };
 
-FrameSplats frame_of(std::uint64_t splats, const DetailOptions& detail) {
+FrameSplats frame_of(std::uint64_t splats, const Detail& detail) {
   FrameSplats frame;
   frame.splats = splats;
   frame.detail = detail;
@@ -21,7 +21,7 @@ FrameSplats frame_of(std::uint64_t splats, const DetailOptions& detail) {
 }
 
 TEST(Sharpening, HalvesATolerance) {
-  Sharpening sharpening({.tolerance = 1.5});
+  Sharpening sharpening({.tolerance_percent = 1.5});
   const OnePixel pixel;
   std::vector<double> tolerances;
   while (!sharpening.is_done()) {
@@ -34,14 +34,27 @@ TEST(Sharpening, HalvesATolerance) {
 }
 
 TEST(Sharpening, DrawsAllPointsAtOnce) {
-  Sharpening sharpening({.tolerance = 0});
+  Sharpening sharpening({.tolerance_percent = 0});
   EXPECT_EQ(sharpening.detail().tolerance_percent, 0);
   ASSERT_TRUE(sharpening.add(frame_of(100, sharpening.detail()), OnePixel()));
   EXPECT_TRUE(sharpening.is_done());
 }
 
+TEST(Sharpening, DrawsSplatsAndResolutionsAtOnce) {
+  Sharpening splats({.max_splats = 300});
+  EXPECT_EQ(splats.detail().goal, (ErrorGoal{0, 300}));
+  ASSERT_TRUE(splats.add(frame_of(300, splats.detail()), OnePixel()));
+  EXPECT_TRUE(splats.is_done());
+  EXPECT_FALSE(splats.seeks_error());
+
+  Sharpening resolution({.resolution = 2});
+  EXPECT_EQ(resolution.detail().resolution, 2U);
+  ASSERT_TRUE(resolution.add(frame_of(300, resolution.detail()), OnePixel()));
+  EXPECT_TRUE(resolution.is_done());
+}
+
 TEST(Sharpening, GrowsUntilPicturesDifferByLittle) {
-  Sharpening sharpening({.max_error = 0.01, .first_splats = 1000});
+  Sharpening sharpening({.max_error = 0.01}, 1000);
   OnePixel pixel;
   std::uint64_t before = 0;
   int pictures = 0;
@@ -61,12 +74,12 @@ TEST(Sharpening, GrowsUntilPicturesDifferByLittle) {
 }
 
 TEST(Sharpening, EndsWhereMemoryDoes) {
-  Sharpening sharpening({.max_error = 0.001, .first_splats = 1000});
+  Sharpening sharpening({.max_error = 0.001}, 1000);
   OnePixel pixel;
   int pictures = 0;
   for (; !sharpening.is_done(); ++pictures) {
     ASSERT_LT(pictures, 20);
-    DetailOptions allowed = sharpening.detail();
+    Detail allowed = sharpening.detail();
     allowed.goal->max_splats = std::min<std::uint64_t>(allowed.goal->max_splats, 5000);
     pixel.grey = static_cast<float>(0.5 + 3 / std::sqrt(allowed.goal->max_splats));
     ASSERT_TRUE(sharpening.add(frame_of(allowed.goal->max_splats, allowed), pixel));

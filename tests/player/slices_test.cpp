@@ -44,7 +44,8 @@ class Slices : public test::FolderTest {
     const Field moved = [&](dvec3 p) { return field(p - move); };
     values_ = test::sample(mesh_, moved);
     test::build_mesh(mesh_, moved, path("m.svol"));
-    auto player = Player::open(path("m.svol"), std::nullopt, {.device = Device::cpu, .kernel = kernel}).value();
+    auto player =
+        Player::open(path("m.svol"), std::nullopt, {.device = Device::cpu, .drawing = {.kernel = kernel}}).value();
     Scene scene = player->scene();
     scene.width = 120;
     scene.height = 90;
@@ -57,7 +58,7 @@ class Slices : public test::FolderTest {
     return player;
   }
 
-  static Image draw(Player& player, const Scene& scene, const DetailOptions& detail = {.tolerance_percent = 0}) {
+  static Image draw(Player& player, const Scene& scene, const Detail& detail = {.tolerance_percent = 0}) {
     const Status set = player.set_scene(scene);
     EXPECT_TRUE(set) << set.error().message;
     const Status drawn = player.draw_frame({.detail = detail});
@@ -188,8 +189,7 @@ TEST_F(Slices, ShowWhatTheTransferFunctionHides) {
   draw(*player, scene);
   EXPECT_EQ(player->frame()->splats, 0U);
   scene.slices = {{.point = {0.5, 0.5, 0.1}, .normal = {0.01, 0.02, 1}}};
-  for (const DetailOptions& detail :
-       {DetailOptions{.tolerance_percent = 0}, DetailOptions{.goal = ErrorGoal{0.002, 1'000'000}}}) {
+  for (const Detail& detail : {Detail{.tolerance_percent = 0}, Detail{.goal = ErrorGoal{0.002, 1'000'000}}}) {
     const Image picture = draw(*player, scene, detail);
     EXPECT_LT(error_of(*player), 0.02);
     EXPECT_LT(player->frame()->splats, player->info().point_count() / 2);
@@ -215,7 +215,7 @@ TEST_F(Slices, GoalsSpendSplatsOnSlices) {
     EXPECT_LT(error_of(*player), last) << splats << " splats: " << player->frame()->splats;
     last = error_of(*player);
   }
-  const auto search = player->draw_to_error(0.01);
+  const auto search = player->draw_picture({.max_error = 0.01});
   ASSERT_TRUE(search) << search.error().message;
   EXPECT_LT(error_of(*player), 0.05);
 }
@@ -226,7 +226,7 @@ TEST_F(Slices, SharpenUntilTheyAreExactEnough) {
   Scene scene = with_slice(*player);
   scene.transfer_function.densities = {{0, 0}, {1, 0}};
   ASSERT_TRUE(player->set_scene(scene));
-  Sharpening sharpening({.max_error = 0.002, .first_splats = 1024});
+  Sharpening sharpening({.max_error = 0.002}, 1024);
   std::vector<double> errors;
   while (!sharpening.is_done()) {
     ASSERT_TRUE(player->draw_frame({.detail = sharpening.detail()}));

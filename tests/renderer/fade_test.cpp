@@ -23,7 +23,7 @@ struct Path {
 
 // Draws frames of a camera that moves towards a volume and round it. Each frame waits for all of its chunks. Half way,
 // the tolerance becomes coarser.
-Path fly(const std::string& file, DetailOptions detail, double change) {
+Path fly(const std::string& file, Detail detail, double change) {
   constexpr int frames = 40;
   const TransferFunction function{-1, 1, {{0, dvec3(1, 0, 0)}, {1, dvec3(0, 0.5, 1)}}, {{0, 0.2}, {1, 2}}};
   const auto streamer = Streamer::open(open_file(file).value(), {plenty, "value", KernelKind::moments}).value();

@@ -109,7 +109,7 @@ class RendererTestBuilt : public test::FolderTest {
     ASSERT_TRUE(report) << report.error().message;
   }
 
-  static Image draw(const std::string& file, const Scene& scene, KernelKind kernel, const DetailOptions& detail,
+  static Image draw(const std::string& file, const Scene& scene, KernelKind kernel, const Detail& detail,
                     Way way = Way::gl) {
     const View view = make_view(scene).value();
     const auto streamer = Streamer::open(open_file(file).value(), {.memory_bytes = std::uint64_t{64} << 20,
@@ -251,7 +251,7 @@ class RendererTestScales : public RendererTestBuilt, public testing::WithParamIn
 
   // Draws both files by a change of the scene that `edit` makes, given the scales.
   template <class Edit>
-  void check(KernelKind kernel, const DetailOptions& detail, const Edit& edit, Way way = Way::gl) const {
+  void check(KernelKind kernel, const Detail& detail, const Edit& edit, Way way = Way::gl) const {
     Scene plain = scene_in({}), scaled = scene_in(GetParam());
     edit(plain, Scales{});
     edit(scaled, GetParam());

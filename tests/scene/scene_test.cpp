@@ -271,11 +271,14 @@ TEST(ParseScene, ItsUseIsReadAndWrittenBack) {
   EXPECT_EQ(parse_used_scene(document.dump())->use, SceneUse());
   document.update({{"file", "a.svol"}, {"step", 3}, {"tolerance", 0.5}, {"kernel", "octant"}});
   const auto used = test::value_of(parse_used_scene(document.dump()));
-  EXPECT_EQ(used.use, (SceneUse{.file = "a.svol", .step = 3, .tolerance = 0.5, .kernel = "octant"}));
+  EXPECT_EQ(used.use, (SceneUse{.file = "a.svol",
+                                .step = 3,
+                                .quality = {.tolerance_percent = 0.5},
+                                .drawing = {.kernel = KernelKind::octant}}));
   document.erase("tolerance");
   document["exact"] = true;
   const UsedScene exact = parse_used_scene(document.dump()).value();
-  EXPECT_TRUE(exact.use.exact);
+  EXPECT_TRUE(exact.use.quality.exact);
   EXPECT_EQ(parse_used_scene(to_json(exact))->use, exact.use);
   document.erase("exact");
   document["tolerance"] = 0.5;
@@ -311,10 +314,10 @@ TEST(ParseScene, RefusesWrongUse) {
   EXPECT_THAT(error_of(changed("/kernel", "round")), StartsWith("kernel: 'round' is neither moments nor octant"));
   json both = valid_scene();
   both.update({{"tolerance", 1}, {"max_error", 0.1}});
-  EXPECT_THAT(error_of(both.dump()), StartsWith("tolerance: give max_error or tolerance, not both"));
+  EXPECT_THAT(error_of(both.dump()), StartsWith("give one of max_error, splats, tolerance"));
   both.erase("tolerance");
   both.update({{"exact", true}});
-  EXPECT_THAT(error_of(both.dump()), StartsWith("exact: give exact, max_error or tolerance, only one of them"));
+  EXPECT_THAT(error_of(both.dump()), HasSubstr("and exact, not 2"));
 }
 
 TEST(ParseScene, RefusesWrongSurfaces) {

@@ -207,7 +207,7 @@ TEST(ClipBox, WhatIsOutsideIsNeitherReadNorDrawn) {
   camera.position = {0.5, 0.5, 6};
   camera.focal_point = dvec3(0.5);
   View view = make_view(camera, 256, 256).value();
-  DetailOptions all;
+  Detail all;
   all.tolerance_percent = 0;
 
   const auto streamer = Streamer::open(test::source_of(volume), options).value();

@@ -30,7 +30,7 @@ namespace splatvol::test {
 /// Returns a view of 256 x 256 pixels.
 [[nodiscard]] View view_from(const dvec3& eye, const dvec3& focal_point = dvec3(0.5));
 
-[[nodiscard]] inline DetailOptions percent(double tolerance) { return {.tolerance_percent = tolerance}; }
+[[nodiscard]] inline Detail percent(double tolerance) { return {.tolerance_percent = tolerance}; }
 
 /// Returns a camera in or near the unit cube, with the eye inside or outside, and either projection.
 [[nodiscard]] View random_view(std::mt19937& random);

@@ -116,7 +116,7 @@ TEST_P(Paging, EndsInTheSynchronousFrame) {
   for (int i = 0; i < 30; ++i) {
     const View view = i % 3 == 0 ? test::view_of_all(random) : test::random_view(random);
     const TransferFunction function = i % 5 == 0 ? test::window(10, 40) : test::opaque();
-    DetailOptions detail = percent(std::exp2(i % 7 - 2));
+    Detail detail = percent(std::exp2(i % 7 - 2));
     if (i % 4 == 1) detail.resolution = i % 6;
     if (i % 4 == 3) detail.goal = ErrorGoal{0, std::uint64_t{64} << i % 8};
     const FrameSplats* frame = nullptr;
@@ -167,7 +167,7 @@ TEST_P(Paging, AChangeForWhichThereIsNoRoomDoesNotFade) {
   const auto streamer = open();
   const std::uint64_t splats = settle(*streamer, far_view(), 2).splats;
   settle(*streamer, far_view(), 10);
-  DetailOptions detail = percent(2);
+  Detail detail = percent(2);
   detail.device_splats = splats;
   const FrameSplats& frame = *streamer->advance(far_view(), test::opaque(), detail, long_enough, 0.1).value();
   EXPECT_EQ(frame.splats, splats);
@@ -278,7 +278,7 @@ TEST_P(Paging, GivesTheDetailOfARequestForTheSameBudget) {
     const auto synchronous = open(memory, large_volume_bytes(), "value");
     for (int i = 0; i < 16; ++i) {
       const View view = test::random_view(random);
-      DetailOptions detail = percent(0.1);
+      Detail detail = percent(0.1);
       if (i % 4 == 1) detail.resolution = 100;
       if (i % 4 == 3) detail.goal = ErrorGoal{0, 1000000};
       const FrameSplats* frame = nullptr;

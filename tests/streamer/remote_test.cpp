@@ -28,7 +28,7 @@ TEST_F(RemoteVolume, GivesTheSplatsOfTheFile) {
   std::mt19937 random(1);
   for (int i = 0; i < 10; ++i) {
     const View view = test::random_view(random);
-    const DetailOptions detail{i < 5 ? 2.0 : 0.0, {}};
+    const Detail detail{i < 5 ? 2.0 : 0.0, {}};
     const auto from_file = near->request(view, test::opaque(), detail);
     const auto from_server = far->request(view, test::opaque(), detail);
     ASSERT_TRUE(from_file) << from_file.error().message;
@@ -52,8 +52,8 @@ TEST(CheapGap, JoinsReads) {
   std::mt19937 random(2);
   for (int i = 0; i < 10; ++i) {
     const View view = test::random_view(random);
-    const auto a = few_bytes->request(view, test::opaque(), DetailOptions{1.0, {}});
-    const auto b = few_reads->request(view, test::opaque(), DetailOptions{1.0, {}});
+    const auto a = few_bytes->request(view, test::opaque(), Detail{1.0, {}});
+    const auto b = few_reads->request(view, test::opaque(), Detail{1.0, {}});
     ASSERT_TRUE(a && b);
     EXPECT_TRUE(test::bytes_of((*a)->list) == test::bytes_of((*b)->list));
   }

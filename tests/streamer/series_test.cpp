@@ -58,7 +58,7 @@ class StepsOfAFile : public testing::TestWithParam<KernelKind> {
   }
   static TransferFunction function() { return {-1, 301, {{0, {1, 0, 0}}, {1, {0, 0, 1}}}, {{0, 2}, {1, 3}}}; }
 
-  static void expect_same_frames(Streamer& streamer, const std::string& file, const DetailOptions& detail) {
+  static void expect_same_frames(Streamer& streamer, const std::string& file, const Detail& detail) {
     const FrameSplats& frame = *streamer.request(view(), function(), detail).value();
     const auto fresh = open(file);
     const FrameSplats& expected = *fresh->request(view(), function(), detail).value();

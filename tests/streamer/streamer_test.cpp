@@ -40,7 +40,7 @@ Result<std::unique_ptr<Streamer>> open(
 
 View front_view() { return view_from({0.5, 0.5, 6}); }
 
-DetailOptions fixed(std::size_t resolution) { return {.tolerance_percent = 1, .resolution = resolution}; }
+Detail fixed(std::size_t resolution) { return {.tolerance_percent = 1, .resolution = resolution}; }
 
 // A splat of either kind in world coordinates.
 struct Placed {
@@ -230,7 +230,7 @@ TEST(Streamer, EveryCutHasTheSameMass) {
   const double total = test::mass_of(volume);
   const auto streamer = open(volume, {plenty, "a1", KernelKind::moments}).value();
   std::set<std::uint64_t> numbers;
-  const auto expect_total = [&](const DetailOptions& detail) {
+  const auto expect_total = [&](const Detail& detail) {
     const FrameSplats& frame = *streamer->request(front_view(), test::opaque(), detail).value();
     numbers.insert(frame.splats);
     const double mass = test::mass_of(frame.list);
@@ -669,7 +669,7 @@ TEST_P(StreamerOf, LosesDetailAndNeverCoverageForItsBudget) {
 TEST_P(StreamerOf, LosesDetailForWhatTheDeviceCanHold) {
   const TestVolume volume = test::sample_volume(20000, 12);
   const auto streamer = open(volume, "a1", plenty).value();
-  DetailOptions detail = percent(0);
+  Detail detail = percent(0);
   detail.device_splats = 5000;
   const auto frame = test::value_of(streamer->request(front_view(), test::opaque(), detail));
   EXPECT_LE(frame->splats, 5000u);

@@ -77,7 +77,7 @@ TEST_F(Svview, ASceneNamesItsFile) {
   expect_done("svinfo v.svol --scene s.json");
   UsedScene used = load_used_scene(path("s.json")).value();
   const Image expected = picture("v.svol --scene s.json --tolerance 9");
-  used.use = {.file = "v.svol", .tolerance = 9};
+  used.use = {.file = "v.svol", .quality = {.tolerance_percent = 9}};
   write("named.json", to_json(used));
   EXPECT_LT(compare_images(picture("named.json"), expected)->rmse, 0.02) << "but for numbers of times";
   EXPECT_LT(compare_images(picture("--scene named.json"), expected)->rmse, 0.02);

@@ -176,7 +176,7 @@ TEST_F(ExactAtRest, HasContours) {
   build(mesh_, path("points.svol"), false);
   ViewSettings settings = on_processor();
   settings.most_exact_segments = 0;
-  settings.tolerance = 1;
+  settings.quality = {.tolerance_percent = 1};
   const auto session = open(settings);
   settled(*session);
   EXPECT_FALSE(session->exact());
@@ -216,16 +216,16 @@ TEST_F(ExactAtRest, IsWhatASceneAsksFor) {
   const auto session = open(settings);
   settled(*session);
   EXPECT_FALSE(session->exact());
-  EXPECT_FALSE(session->used_scene().use.exact);
+  EXPECT_FALSE(session->used_scene().use.quality.exact);
 
-  ASSERT_EQ(test::message_of(session->use({.exact = true})), "");
+  ASSERT_EQ(test::message_of(session->use({.quality = {.exact = true}})), "");
   settled(*session);
   EXPECT_TRUE(session->exact());
-  EXPECT_TRUE(session->used_scene().use.exact);
-  EXPECT_FALSE(session->used_scene().use.max_error);
+  EXPECT_TRUE(session->used_scene().use.quality.exact);
+  EXPECT_FALSE(session->used_scene().use.quality.max_error);
 
   const auto without = open(on_processor(), "points.svol");
-  ASSERT_EQ(test::message_of(without->use({.exact = true})), "");
+  ASSERT_EQ(test::message_of(without->use({.quality = {.exact = true}})), "");
   settled(*without);
   ASSERT_EQ(without->troubles().size(), 1u);
   EXPECT_NE(without->troubles()[0].find("keeps no cells"), std::string::npos) << without->troubles()[0];
@@ -277,11 +277,11 @@ TEST_F(ExactAtRest, NeedsCellsAndFewSegments) {
   EXPECT_TRUE(session->exact());
 
   // Who asks for a tolerance or for octants looks at splats.
-  session->settings.tolerance = 0;
+  session->settings.quality = {.tolerance_percent = 0};
   settled(*session);
   EXPECT_FALSE(session->exact());
-  session->settings.tolerance.reset();
-  session->settings.kernel = KernelKind::octant;
+  session->settings.quality = {};
+  session->settings.drawing.kernel = KernelKind::octant;
   settled(*session);
   EXPECT_FALSE(session->exact());
 }

@@ -64,13 +64,13 @@ class SessionAtRest : public testing::Test {
 
 TEST_F(SessionAtRest, HasTheWantedError) {
   ViewSettings exact = on_processor();
-  exact.tolerance = 0;
+  exact.quality.tolerance_percent = 0;
   const auto of_all = open(exact);
   const Image all = settled(*of_all);
   EXPECT_EQ(of_all->frame()->splats, of_all->info().point_count());
   for (const double error : {0.02, 0.005, default_max_error}) {
     ViewSettings settings = on_processor();
-    settings.max_error = error;
+    settings.quality.max_error = error;
     const auto session = open(settings);
     const Image image = settled(*session);
     EXPECT_LE(compare_images(image, all)->rmse, 1.25 * error);
@@ -81,7 +81,7 @@ TEST_F(SessionAtRest, HasTheWantedError) {
 
 TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
   ViewSettings settings = on_processor();
-  settings.max_error = 1e-4;
+  settings.quality.max_error = 1e-4;
   const auto session = open(settings);
   settled(*session);
   const std::uint64_t finest = session->frame()->splats;
@@ -103,7 +103,7 @@ TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
   EXPECT_GT(session->frame()->splats, finest / 4);
 
   // Another error begins anew.
-  session->settings.max_error = 0.05;
+  session->settings.quality.max_error = 0.05;
   draw(*session, 0.01);
   EXPECT_FALSE(session->is_settled());
   settled(*session);
@@ -114,16 +114,16 @@ TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
 TEST_F(SessionAtRest, EachPictureIsShown) {
   const auto context = test::value_of(HeadlessContext::create());
   ViewSettings settings = on_processor();
-  settings.max_error = 1e-4;
+  settings.quality.max_error = 1e-4;
   const auto session = open(settings);
   std::vector<std::uint8_t> before, shown(std::size_t{4} * 600 * 450);
-  DetailOptions detail;
+  Detail detail;
   int pictures = 0;
   for (int frames = 0; !session->is_settled() && frames < 10000; ++frames) {
     ASSERT_TRUE(session->draw(600, 450, long_time));
     const Result<ShownPicture> picture = session->shown_picture();
     ASSERT_TRUE(picture) << picture.error().message;
-    const DetailOptions detail_before = std::exchange(detail, session->sharpening()->detail());
+    const Detail detail_before = std::exchange(detail, session->sharpening()->detail());
     if (frames == 0 || detail == detail_before) continue;  // none has been finished
     ASSERT_NE(picture->texture, 0u);
     glGetTextureImage(picture->texture, 0, GL_RGBA, GL_UNSIGNED_BYTE, static_cast<GLsizei>(shown.size()), shown.data());
@@ -163,7 +163,7 @@ TEST_F(SessionAtRest, AFrameFollowsTheLastPicture) {
   ViewerOptions options;
   options.volume = path();
   options.settings.device = Device::cpu;
-  options.settings.tolerance = 0;
+  options.settings.quality.tolerance_percent = 0;
   const auto viewer = Viewer::create(options).value();
   std::vector<Event> events{WindowResized{width, height, width, height, 1}};
   for (int frames = 0; !viewer->session()->is_settled() && frames < 10000; ++frames) {
@@ -176,7 +176,7 @@ TEST_F(SessionAtRest, AFrameFollowsTheLastPicture) {
 // Pictures at rest are drawn aside, and given up if the view changes.
 TEST_F(SessionAtRest, NobodyWaitsForAPicture) {
   ViewSettings settings = on_processor();
-  settings.tolerance = 0;
+  settings.quality.tolerance_percent = 0;
   const auto session = open(settings);
   const auto draw_large = [&](double seconds) {
     const Status drawn = session->draw(900, 700, seconds);
@@ -239,7 +239,7 @@ TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
 
   for (const bool hurries : {true, false}) {
     ViewSettings settings = on_processor();
-    settings.tolerance = 0;
+    settings.quality.tolerance_percent = 0;
     settings.hurries = hurries;
     auto session = test::value_of(Session::open(damaged, "", settings));
     settled(*session);
@@ -276,7 +276,7 @@ TEST_F(SessionAtRest, SlicesMoveInHalfOfTheSize) {
 TEST_F(SessionAtRest, TheProbeHasThePicturesOpacity) {
   for (const KernelKind kernel : {KernelKind::moments, KernelKind::octant}) {
     ViewSettings settings = on_processor();
-    settings.kernel = kernel;
+    settings.drawing.kernel = kernel;
     const auto session = open(settings);
     static_cast<void>(settled(*session));
     TransferFunction peak = session->scene.transfer_function;

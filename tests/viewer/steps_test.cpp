@@ -115,7 +115,7 @@ TEST_F(ViewerSteps, StayWhileAllFilesAreAway) {
     EXPECT_EQ(compare_images(settled(*series), last)->max, 0);
   }
   // Neither kernel can be opened again.
-  series->settings.kernel = KernelKind::octant;
+  series->settings.drawing.kernel = KernelKind::octant;
   EXPECT_EQ(compare_images(settled(*series), last)->max, 0);
   EXPECT_EQ(series->troubles().size(), 1u);
 

@@ -356,7 +356,10 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
   const auto save_scene = [&] { click_and_settle(40, 768); };
   save_scene();
   const std::string saved = *read_text_file("v.json");
-  EXPECT_EQ(saved, to_json({scene(), {.file = "v.svol", .max_error = default_max_error, .kernel = "moments"}}))
+  EXPECT_EQ(saved, to_json({scene(),
+                            {.file = "v.svol",
+                             .quality = {.max_error = default_max_error},
+                             .drawing = {.kernel = KernelKind::moments}}}))
       << "the file is named from the scene's folder on";
   press('P');
   save_scene();
@@ -365,8 +368,10 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
   EXPECT_EQ(*read_text_file("v.json"), saved);
   save_scene();
   replace();
-  EXPECT_EQ(*read_text_file("v.json"),
-            to_json({scene(), {.file = "v.svol", .max_error = default_max_error, .kernel = "moments"}}));
+  EXPECT_EQ(*read_text_file("v.json"), to_json({scene(),
+                                                {.file = "v.svol",
+                                                 .quality = {.max_error = default_max_error},
+                                                 .drawing = {.kernel = KernelKind::moments}}}));
   EXPECT_NE(*read_text_file("v.json"), saved);
   fs::current_path(present);
 }
@@ -607,7 +612,7 @@ TEST_F(ViewerTest, AnotherAttributeComesWithItsOwnTransferFunction) {
   EXPECT_EQ(session->troubles().size(), 2U);
   EXPECT_NE(session->settings.memory, 1000U);
   // The other kernel, lit.
-  session->settings.kernel = KernelKind::octant;
+  session->settings.drawing.kernel = KernelKind::octant;
   session->scene.lighting = Lighting();
   EXPECT_GT(compare_images(settled(), wind)->rmse, 0.001);
 }
