@@ -108,6 +108,17 @@ TEST_F(DrawFile, SettlesWhileItLoads) {
   EXPECT_TRUE(renderer.render({.milliseconds = 50}));
 }
 
+// Until the next minor version.
+TEST_F(DrawFile, OldNamesStillDraw) {
+  Renderer renderer = open();
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wdeprecated-declarations"
+  EXPECT_TRUE(renderer.render_within(0.05));
+  EXPECT_FALSE(renderer.render_within(0));
+#pragma GCC diagnostic pop
+  EXPECT_THAT(renderer.render_now(0, {.milliseconds = 5}).error().message, HasSubstr("no frames on the way"));
+}
+
 TEST_F(DrawFile, ChangesSceneAndSize) {
   Renderer renderer = open();
   Scene scene = renderer.fitting_scene("v", 64, 32).value();

@@ -345,6 +345,30 @@ TEST_F(ExactPictures, AloneHaveContours) {
   EXPECT_THAT(test::message_of(player->draw_frame({})), HasSubstr("m.svol: splats have no contours: draw it exactly"));
 }
 
+TEST_F(ExactPictures, AreDrawnWhereNothingIsAsked) {
+  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  const auto player = open("m.svol");
+  const Image cells = drawn(*player);
+  const auto picture = test::value_of(player->draw_picture({}));
+  EXPECT_EQ(picture.chosen.quality, (Quality{.exact = true}));
+  EXPECT_EQ(compare_images(test::value_of(player->image()), cells)->max, 0);
+
+  // Who says how to draw splats wants splats: of a small file all points.
+  for (const Drawing& drawing : {Drawing{.kernel = KernelKind::moments}, Drawing{.sort = SortMode::axis}}) {
+    ASSERT_TRUE(player->set_drawing(drawing));
+    EXPECT_EQ(test::value_of(player->draw_picture({})).chosen.quality, (Quality{.tolerance_percent = 0}));
+    EXPECT_FALSE(player->exact());
+    EXPECT_EQ(player->frame()->splats, player->info().point_count());
+  }
+  EXPECT_EQ(player->sort(), SortMode::axis);
+
+  ASSERT_TRUE(player->set_drawing({.sample_spacing = 3}));
+  ASSERT_TRUE(player->draw_picture({}));
+  EXPECT_TRUE(player->exact());
+  EXPECT_EQ(player->sample_spacing(), 3);
+  EXPECT_FALSE(player->draw_picture({.max_splats = 5, .exact = true}));
+}
+
 TEST_F(ExactPictures, NeedCells) {
   test::build_mesh(mesh_, waves, path("plain.svol"));
   const auto player = open("plain.svol");

@@ -281,6 +281,17 @@ TEST(ParseScene, ItsUseIsReadAndWrittenBack) {
   EXPECT_TRUE(exact.use.quality.exact);
   EXPECT_EQ(parse_used_scene(to_json(exact))->use, exact.use);
   document.erase("exact");
+  for (const auto& [name, quality] : {std::pair("splats", Quality{.max_splats = 5000}),
+                                      {"resolution", Quality{.resolution = 0}},
+                                      {"max_error", Quality{.max_error = 0.01}}}) {
+    json told = document;
+    told.update(
+        {{name, quality.max_error.value_or(quality.max_splats.value_or(0))}, {"sort", "axis"}, {"sampling", 3}});
+    const UsedScene read = test::value_of(parse_used_scene(told.dump()));
+    EXPECT_EQ(read.use.quality, quality);
+    EXPECT_EQ(read.use.drawing, (Drawing{KernelKind::octant, SortMode::axis, 3}));
+    EXPECT_EQ(parse_used_scene(to_json(read))->use, read.use);
+  }
   document["tolerance"] = 0.5;
   EXPECT_EQ(used.scene, *parse_scene(valid_scene().dump()));
   for (const int indent : {1, -1}) {
@@ -312,6 +323,11 @@ TEST(ParseScene, RefusesWrongUse) {
   EXPECT_THAT(error_of(changed("/max_error", 0)), StartsWith("max_error: not above 0"));
   EXPECT_THAT(error_of(changed("/tolerance", 101)), StartsWith("tolerance: 101 is outside [0, 100]"));
   EXPECT_THAT(error_of(changed("/kernel", "round")), StartsWith("kernel: 'round' is neither moments nor octant"));
+  EXPECT_THAT(error_of(changed("/sort", "back")), StartsWith("sort: 'back' is none of none, axis and exact"));
+  EXPECT_THAT(error_of(changed("/sampling", 0)), StartsWith("sampling: not a whole number"));
+  EXPECT_THAT(error_of(changed("/splats", 0)), StartsWith("splats: not a whole number from 1"));
+  EXPECT_THAT(error_of(changed("/resolution", 1.5)), StartsWith("resolution: not a whole number from 0"));
+  EXPECT_THAT(error_of(changed("/milliseconds", 5)), StartsWith("milliseconds: no such field"));
   json both = valid_scene();
   both.update({{"tolerance", 1}, {"max_error", 0.1}});
   EXPECT_THAT(error_of(both.dump()), StartsWith("give one of max_error, splats, tolerance"));

@@ -85,11 +85,12 @@ void add_renderer(nb::module_& module) {
       .def(
           "__init__",
           [](Quality* self, std::optional<double> max_error, std::optional<std::uint64_t> splats,
-             std::optional<double> tolerance, std::optional<std::size_t> resolution, std::optional<bool> exact) {
-            new (self) Quality{max_error, splats, tolerance, resolution, exact.value_or(false)};
+             std::optional<double> tolerance, std::optional<std::size_t> resolution, std::optional<bool> exact,
+             std::optional<double> milliseconds) {
+            new (self) Quality{max_error, splats, tolerance, resolution, exact.value_or(false), milliseconds};
           },
           nb::kw_only(), "max_error"_a = nb::none(), "splats"_a = nb::none(), "tolerance"_a = nb::none(),
-          "resolution"_a = nb::none(), "exact"_a = nb::none());
+          "resolution"_a = nb::none(), "exact"_a = nb::none(), "milliseconds"_a = nb::none());
 
   nb::class_<SharedRenderer>(module, "Renderer")
       .def(nb::init<const nb::bytes&, std::uint64_t>(), "path"_a, "memory"_a)
@@ -110,12 +111,6 @@ void add_renderer(nb::module_& module) {
             return picture_of(renderer.run([&](Renderer& opened) { return opened.render(quality); }));
           },
           "quality"_a)
-      .def(
-          "render_within",
-          [](SharedRenderer& renderer, double seconds) {
-            return picture_of(renderer.run([&](Renderer& opened) { return opened.render_within(seconds); }));
-          },
-          "seconds"_a)
       .def(
           "render_now",
           [](SharedRenderer& renderer, double wait_seconds, const Quality& quality) {

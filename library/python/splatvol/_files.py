@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
 
@@ -293,12 +294,17 @@ class File:
         ``scene``: a dictionary or the path of a scene file (docs/scene.md); None: one that fits the data. ``size``:
         width and height, instead of the scene's. The background is not applied: ``to_srgb8`` and ``save`` do that.
 
-        ``quality``: at most one of these says how good the picture is to be; without them it is exact if the file keeps
-        cells and that is about a second's work; else it has all points of a small file, or an error of .002. ``max_error``: root mean square of linear RGB, against the exact picture. ``splats``:
-        their number. ``tolerance``: the largest share of the shorter side that a splat may cover, in per cent; 0: all
-        points. ``resolution``: that of all points; 0: the coarsest. ``seconds``: the best picture that can be there by
-        then; the speed is learnt from call to call. ``exact=True``: the cells of a file that keeps them, exactly, and no
-        splats.
+        ``quality``: at most one of these says how fine the picture is to be. Without one, it is exact if the file keeps
+        cells and that is about a second's work. Else it has all points of a small file, or an error of .002.
+
+        - ``max_error``: root mean square of linear RGB, against the exact picture
+        - ``splats``: their number
+        - ``tolerance``: the largest share of the shorter side that a splat may cover, in per cent; 0: all points
+        - ``resolution``: that of all points; 0: the coarsest
+        - ``milliseconds``: the best picture that can be there by then; the speed is learned from call to call
+        - ``exact=True``: the cells of a file that keeps them, exactly, and no splats
+
+        ``seconds`` is deprecated: give ``milliseconds``.
 
         ``depths``: (height, width), opaque surfaces that hide what lies behind them: at each pixel's centre, the
         distance from the eye's plane along the view's axis, in world units; infinity or NaN: none. ``memory``: bytes to
@@ -307,13 +313,16 @@ class File:
         Raises ``InvalidArgumentError`` or ``InvalidDataError`` for a scene with an error, ``FileError`` if a part of
         the file cannot be read.
         """
-        if seconds is not None and any(number is not None for number in quality.values()):
-            raise InvalidArgumentError("a picture has one number that says how good it is to be, not two")
+        if seconds is not None:
+            warnings.warn("render(seconds=T) is render(milliseconds=1000 * T)", DeprecationWarning, stacklevel=2)
+            if any(number is not None for number in quality.values()):
+                raise InvalidArgumentError("give one of seconds and the other numbers that say how fine, not two")
+            quality = {"milliseconds": 1000 * seconds}
         with self._lock:
             renderer = self._get_renderer(memory)
             renderer.set_scene(self._scene_for(renderer, scene, size))
             with renderer.surfaces(depths):
-                return renderer.render(quality) if seconds is None else renderer.render_within(seconds)
+                return renderer.render(quality)
 
     def frames(
         self,
@@ -326,7 +335,7 @@ class File:
     ) -> Iterator[Frame]:
         """Draws picture after picture while the file loads; the last one is complete. The first comes at once.
 
-        Arguments as for ``render``, besides ``exact``. ``interval``: seconds to wait for more of the file before the next
+        Arguments as for ``render``, besides ``exact`` and ``milliseconds``. ``interval``: seconds to wait for more of the file before the next
         picture. Each picture is an array of its own. A part that cannot be read is in ``statistics.unreadable``, and its
         place drawn coarser.
         """

@@ -37,14 +37,15 @@ class Statistics:
 
 
 class Quality(TypedDict, total=False):
-    """How good a picture is to be: at most one of these. Without one, it has all points of a small file, and else an
-    error of .002."""
+    """How fine a picture is to be: at most one of these. Without one, it is exact if the file keeps cells and that is
+    about a second's work. Else it has all points of a small file, or an error of .002."""
 
     max_error: Optional[float]  #: root mean square of linear RGB, against the exact picture
     splats: Optional[int]  #: their number
     tolerance: Optional[float]  #: the largest share of the shorter side for a splat, in per cent; 0: all points
     resolution: Optional[int]  #: that of all points; 0: the coarsest
     exact: Optional[bool]  #: the cells that the file keeps, exactly, and no splats
+    milliseconds: Optional[float]  #: the best picture that can be there by then; the speed is learned from call to call
 
 
 class Renderer:
@@ -88,9 +89,6 @@ class Renderer:
 
     def render(self, quality: Quality = {}) -> NDArray[np.float32]:
         return self._renderer.render(_core.Quality(**quality))
-
-    def render_within(self, seconds: float) -> NDArray[np.float32]:
-        return self._renderer.render_within(seconds)
 
     def render_now(self, wait_seconds: float, quality: Quality = {}) -> NDArray[np.float32]:
         return self._renderer.render_now(wait_seconds, _core.Quality(**quality))

@@ -18,8 +18,8 @@ from ._renderers import DEFAULT_MEMORY, Renderer
 from ._scenes import Scene, SceneLike, read_scene, with_size
 from .errors import Error
 
-# Seconds for a picture while the mouse moves, and between pictures while the file loads.
-_MOVING_SECONDS = 0.06
+# For a picture while the mouse moves, and between pictures while the file loads.
+_MOVING_MILLISECONDS = 60
 _LOADING_SECONDS = 0.2
 
 
@@ -86,7 +86,7 @@ class Viewer(anywidget.AnyWidget):
 
     def _send_moving(self) -> None:
         self._renderer.set_scene(self._scene)
-        self._send_picture(self._renderer.render_within(_MOVING_SECONDS), is_moving=True, is_settled=False)
+        self._send_picture(self._renderer.render({"milliseconds": _MOVING_MILLISECONDS}), is_moving=True, is_settled=False)
 
     def _send_resting(self) -> None:
         self._renderer.set_scene(self._scene)

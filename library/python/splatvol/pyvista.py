@@ -15,8 +15,8 @@ from ._pictures import to_srgb8
 from ._scenes import Scene, SceneLike, read_scene
 from .errors import UnsupportedError
 
-# Seconds for a picture while the mouse moves.
-_MOVING_SECONDS = 0.06
+# Milliseconds for a picture while the mouse moves.
+_MOVING_MILLISECONDS = 60
 
 
 def read(
@@ -141,7 +141,7 @@ class VolumeOverlay:
         interactor = getattr(plotter, "iren", None)
         if interactor is not None:
             self._observers = [
-                interactor.add_observer("InteractionEvent", lambda *_: self.update(seconds=_MOVING_SECONDS)),
+                interactor.add_observer("InteractionEvent", lambda *_: self.update(milliseconds=_MOVING_MILLISECONDS)),
                 interactor.add_observer("EndInteractionEvent", lambda *_: self.update()),
             ]
 

@@ -54,10 +54,17 @@ def test_qualities(ball_file):
     assert ball_file.statistics.splats == ball_file.resolution_counts[0]
     within = ball_file.render(scene, max_error=.05)
     assert np.sqrt(((within - fine)[..., :3] ** 2).mean()) < .1
-    assert coarse.shape == ball_file.render(scene, splats=500).shape == ball_file.render(scene, seconds=.5).shape
-    for two in [dict(max_error=.1, splats=3), dict(seconds=1, splats=3)]:
-        with pytest.raises(splatvol.InvalidArgumentError, match="one number"):
+    assert coarse.shape == ball_file.render(scene, splats=500).shape == ball_file.render(scene, milliseconds=500).shape
+    for two in [dict(max_error=.1, splats=3), dict(milliseconds=9, splats=3)]:
+        with pytest.raises(splatvol.InvalidArgumentError, match="give one of"):
             ball_file.render(scene, **two)
+
+
+def test_seconds_are_deprecated(ball_file):
+    with pytest.warns(DeprecationWarning, match="milliseconds"):
+        assert ball_file.render(constant_scene(), seconds=.5).any()
+    with pytest.warns(DeprecationWarning), pytest.raises(splatvol.InvalidArgumentError, match="give one of"):
+        ball_file.render(constant_scene(), seconds=1, splats=3)
 
 
 def test_pictures_of_few_cells_are_exact(ball_file):
@@ -71,10 +78,12 @@ def test_exact_pictures_need_cells(ball_file, ball_mesh, tmp_path):
     assert splatvol.build(points, cells, {"T": points[:, 0]}, tmp_path / "a.svol", keep_cells=False).kept_cells == 0
     with pytest.raises(splatvol.InvalidArgumentError, match="--drop-cells"):
         splatvol.open(tmp_path / "a.svol").render(exact=True)
-    with pytest.raises(splatvol.InvalidArgumentError, match="one number"):
+    with pytest.raises(splatvol.InvalidArgumentError, match="give one of"):
         ball_file.render(constant_scene(), exact=True, tolerance=0)
     with pytest.raises(splatvol.InvalidArgumentError, match="no frames"):
         next(iter(ball_file.frames(constant_scene(), exact=True)))
+    with pytest.raises(splatvol.InvalidArgumentError, match="no frames"):
+        next(iter(ball_file.frames(constant_scene(), milliseconds=9)))
     assert ball_file.render(constant_scene(), exact=False, tolerance=0).any()
 
 
