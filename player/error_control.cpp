@@ -40,6 +40,9 @@ constexpr double near_each_other = 1.12;
 constexpr double first_grown = 4, grown_enough = 0.8;
 constexpr double least_growth = 4;
 
+// A splat of a candidate has a square for itself, and its samples lie a quarter of the square's side apart.
+constexpr double samples_of_a_side = 3.5;
+
 constexpr int most_candidates = 9;
 constexpr int most_in_a_row = 2;
 constexpr double most_change = 16;  // of splats, from one candidate to the next
@@ -82,6 +85,14 @@ ErrorControl::ErrorControl(double max_error, const Search& search) : max_error_(
   if (search.first_splats > 0) next_->goal = {0, std::min(search.first_splats, search.most_splats)};
 }
 
+int ErrorControl::spacing_of(std::uint64_t splats) const {
+  const double side = std::sqrt(search_.pixels / std::max(static_cast<double>(splats), 1.0));
+  int spacing = 1;
+  while (!search_.grows && 2 * spacing <= search_.widest_spacing && samples_of_a_side * 2 * spacing <= side)
+    spacing *= 2;
+  return spacing;
+}
+
 void ErrorControl::add(const Drawn& drawn) {
   ++pictures_;
   if (drawn.allowed_splats < next_->goal.max_splats)
@@ -91,13 +102,17 @@ void ErrorControl::add(const Drawn& drawn) {
                   .asked = next_->goal.max_splats,
                   .splats = drawn.splats,
                   .expected = drawn.expected_error,
-                  .finest = drawn.finest};
+                  .finest = drawn.finest,
+                  .spacing = next_->sample_spacing};
   if (search_.grows) {
     grow(std::move(picture));
     return;
   }
-  shows_candidate_ = step_ == Step::candidate;
+  shows_candidate_ = step_ == Step::candidate || step_ == Step::wider;
   switch (step_) {
+    case Step::wider:
+      candidate_ = std::move(picture);
+      break;
     case Step::chosen:
       next_.reset();
       return;
@@ -143,10 +158,16 @@ void ErrorControl::grow(Picture picture) {
   next_ = Request{{0, asked}};
 }
 
+// Whether the reference's samples are too far apart for a candidate.
+bool ErrorControl::has_wide_samples(const Picture& candidate) const {
+  return reference_ && reference_->spacing > std::max(candidate.spacing / 2, 1);
+}
+
 // Whether the reference is finer than a candidate by enough.
 bool ErrorControl::serves(const Picture& candidate) const {
   return reference_ && (reference_->finest ||
-                        static_cast<double>(reference_->splats) >= least_finer * static_cast<double>(candidate.splats));
+                        static_cast<double>(reference_->splats) >= least_finer * static_cast<double>(candidate.splats)) &&
+         !has_wide_samples(candidate);
 }
 
 // Estimates the error of all points from the two resolutions before. Their pictures tell more than one: where a
@@ -155,7 +176,7 @@ void ErrorControl::add_coarser(Picture picture) {
   if (coarser_samples_.empty()) {
     last_apart_ = distance(picture.samples, reference_->samples);
     coarser_samples_ = std::move(picture.samples);
-    next_ = Request{{}, 2};
+    next_ = Request{{}, 2, reference_->spacing};
     return;
   }
   file_error_ =
@@ -165,11 +186,11 @@ void ErrorControl::add_coarser(Picture picture) {
 // Estimates the error of the candidate, and decides what comes next.
 void ErrorControl::judge() {
   Picture& candidate = *candidate_;
-  if (candidate.finest && !reference_) reference_ = candidate;
+  if (candidate.finest && candidate.spacing == 1 && !reference_) reference_ = candidate;
   const bool may_be_finer =
       reference_asked_ < search_.most_splats &&
       static_cast<double>(reference_asked_) < finer * jump * static_cast<double>(candidate.splats);
-  if (!serves(candidate) && may_be_finer) {
+  if (!serves(candidate) && (may_be_finer || has_wide_samples(candidate))) {
     ask_reference();
     return;
   }
@@ -178,13 +199,39 @@ void ErrorControl::judge() {
   tried_.push_back({candidate.splats, candidate.error});
   estimate_.file_error = file_error_.value_or(0);
   const bool is_fine = candidate.ratio <= too_much;
+  if (is_widening_) {
+    is_fine ? widen(candidate) : choose(*fine_);
+    return;
+  }
   in_a_row_ = is_fine == last_is_fine_ ? in_a_row_ + 1 : 1;
   last_is_fine_ = is_fine;
   (is_fine ? fine_ : too_coarse_) = candidate;
   if ((candidate.ratio > enough && candidate.ratio <= too_much) || is_near_enough())
-    choose(fine_ ? *fine_ : *too_coarse_);
+    fine_ ? widen(*fine_) : narrow(*too_coarse_);
   else
     ask_candidate(next_splats());
+}
+
+// Asks for the picture of a cut with wider samples, or ends with it.
+void ErrorControl::widen(const Picture& fine) {
+  fine_ = fine;
+  if (2 * fine.spacing > search_.widest_spacing) {
+    choose(fine);
+    return;
+  }
+  is_widening_ = true;
+  step_ = Step::wider;
+  next_ = Request{fine.goal, 0, 2 * fine.spacing};
+}
+
+// Ends with a cut that is too coarse, or tries it with a sample in each pixel.
+void ErrorControl::narrow(const Picture& too_coarse) {
+  if (too_coarse.spacing == 1) {
+    choose(too_coarse);
+    return;
+  }
+  search_.widest_spacing = 1;
+  ask_candidate(too_coarse.asked);
 }
 
 // Estimates the error from the distance to the picture of all points: it adds up with their own error, as the one says
@@ -192,7 +239,7 @@ void ErrorControl::judge() {
 bool ErrorControl::estimate_by_all(double apart) {
   if (!file_error_ && apart < 2 * max_error_) {
     step_ = Step::coarser;
-    next_ = Request{{}, 1};
+    next_ = Request{{}, 1, reference_->spacing};
     return false;
   }
   const double file = file_error_.value_or(0);
@@ -224,15 +271,17 @@ bool ErrorControl::estimate_by_finer(double apart) {
 
 void ErrorControl::ask_candidate(std::uint64_t splats) {
   step_ = Step::candidate;
-  next_ = Request{{0, std::clamp<std::uint64_t>(splats, 1, search_.most_splats)}};
+  const std::uint64_t asked = std::clamp<std::uint64_t>(splats, 1, search_.most_splats);
+  next_ = Request{{0, asked}, 0, spacing_of(asked)};
 }
 
 // Asks for a finer one each time, as the next finer cut may have several times as many splats.
 void ErrorControl::ask_reference() {
   const double before = static_cast<double>(reference_asked_), wanted = finer * static_cast<double>(candidate_->splats);
-  reference_asked_ = std::min(times(1, before >= wanted ? jump * wanted : wanted), search_.most_splats);
+  const double more = has_wide_samples(*candidate_) ? std::max(before, wanted) : jump * wanted;
+  reference_asked_ = std::min(times(1, before >= wanted ? more : wanted), search_.most_splats);
   step_ = Step::reference;
-  next_ = Request{{0, reference_asked_}};
+  next_ = Request{{0, reference_asked_}, 0, std::max(candidate_->spacing / 2, 1)};
 }
 
 // Whether another candidate would not be better.
@@ -266,8 +315,8 @@ void ErrorControl::choose(const Picture& chosen) {
   estimate_.reached = chosen.ratio <= too_much;
   learned_ = chosen.expected / max_error_;
   step_ = Step::chosen;
-  next_ = Request{chosen.goal};
-  if (shows_candidate_ && chosen.asked == candidate_->asked) next_.reset();
+  next_ = Request{chosen.goal, 0, chosen.spacing};
+  if (shows_candidate_ && chosen.asked == candidate_->asked && chosen.spacing == candidate_->spacing) next_.reset();
 }
 
 }  // namespace splatvol

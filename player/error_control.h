@@ -31,12 +31,18 @@ class ErrorControl {
 
     /// If above 0: the splats of the first picture, whatever error is expected of it.
     std::uint64_t first_splats = 0;
+
+    /// The most pixels from one sample to the next. If above 1, and it does not grow, few splats get wide samples, and
+    /// the last picture has the widest with which its error holds. `pixels`: of a picture.
+    int widest_spacing = 1;
+    double pixels = 0;
   };
 
   /// The picture to draw next.
   struct Request {
     ErrorGoal goal = {};
     std::size_t coarser = 0;  // if above 0, instead: everything so many resolutions before the finest
+    int sample_spacing = 1;   // pixels
   };
 
   /// A picture of a request.
@@ -91,10 +97,11 @@ class ErrorControl {
     std::uint64_t splats = 0;
     double expected = 0;
     bool finest = false;
+    int spacing = 1;   // of samples, in pixels
     double ratio = 0;  // of a candidate: its error over the wanted one
     double error = 0;
   };
-  enum class Step { candidate, reference, coarser, chosen };
+  enum class Step { candidate, reference, coarser, wider, chosen };
 
   void grow(Picture picture);
   [[nodiscard]] bool serves(const Picture& candidate) const;
@@ -107,6 +114,10 @@ class ErrorControl {
   [[nodiscard]] bool is_near_enough() const;
   [[nodiscard]] std::uint64_t next_splats() const;
   void choose(const Picture& chosen);
+  [[nodiscard]] int spacing_of(std::uint64_t splats) const;
+  [[nodiscard]] bool has_wide_samples(const Picture& candidate) const;
+  void widen(const Picture& fine);
+  void narrow(const Picture& too_coarse);
 
   double max_error_;
   Search search_;
@@ -116,6 +127,7 @@ class ErrorControl {
   bool shows_candidate_ = false;  // the last picture is that of candidate_
   std::optional<Picture> candidate_, reference_;
   std::optional<Picture> too_coarse_, fine_;  // the best candidates on both sides of the wanted error
+  bool is_widening_ = false;                  // the cut is found
   bool last_is_fine_ = false;                 // whether the last candidate was fine enough
   int in_a_row_ = 0;                          // candidates that were, or were not, as the last one
   std::optional<double> file_error_;

@@ -578,9 +578,14 @@ Status Player::draw_within(double seconds) {
 
 // Draws picture after picture, until one has the error.
 Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
-  ErrorControl control(max_error, {.most_splats = device_splats(), .grows = grows});
+  const bool may_sample = !options_.drawing.sample_spacing && !shows_surfaces() && !surface_depths_;
+  ErrorControl control(max_error, {.most_splats = device_splats(),
+                                   .grows = grows,
+                                   .widest_spacing = may_sample ? widest_samples_of_an_error : 1,
+                                   .pixels = static_cast<double>(scene_.width) * scene_.height});
   while (control.next()) {
-    SPLATVOL_TRY(draw_frame({.detail = detail_of(*control.next(), info().resolutions())}));
+    SPLATVOL_TRY(draw_frame({.detail = detail_of(*control.next(), info().resolutions())},
+                            {.sample_spacing = may_sample ? control.next()->sample_spacing : 0}));
     SPLATVOL_TRY_ASSIGN(picture, image());
     const std::uint64_t allowed = frame_->detail.goal.value_or(ErrorGoal{}).max_splats;
     control.add({picture, frame_->splats, frame_->goal_error, frame_->finest, allowed});

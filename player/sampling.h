@@ -9,6 +9,9 @@
 
 namespace splatvol {
 
+/// The most pixels from one sample to the next in a picture of a wanted error.
+inline constexpr int widest_samples_of_an_error = 8;
+
 /// Returns the pixels from one sample to the next, for Rasterizer::draw. A twelfth of the pixels that a splat may cover
 /// loses next to nothing (docs/accuracy.md).
 [[nodiscard]] inline int automatic_sample_spacing(const View& view, const Detail& detail) {
