@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "scene/color_maps.h"
+#include "scene/transfer_edits.h"
 #include "viewer/gui_units.h"
 
 namespace splatvol {
@@ -14,26 +15,6 @@ namespace {
 float srgb(double linear) { return static_cast<float>(srgb_of(linear)); }
 
 double linear(float srgb) { return linear_of(static_cast<double>(srgb)); }
-
-double largest_density(const TransferFunction& function) {
-  double largest = 0;
-  for (const auto& density : function.densities) largest = std::max(largest, density.extinction);
-  return largest;
-}
-
-// A logarithmic axis and one with asinh show six decades, unless the range has fewer.
-constexpr double least_share = 1e-6;
-
-// Returns the function with another axis and domain, made valid: the control points keep their t.
-TransferFunction with_domain(TransferFunction function, ValueAxis axis, double lo, double hi) {
-  const double largest = std::max(std::abs(lo), std::abs(hi));
-  if (axis == ValueAxis::log && !(hi > 0)) return function;
-  if (axis == ValueAxis::asinh && function.axis != axis) function.linear_width = 1e-3 * largest;
-  function.axis = axis;
-  function.lo = axis == ValueAxis::log && !(lo > 0) ? least_share * hi : lo;
-  function.hi = hi;
-  return function;
-}
 
 void range_hint(const format::Attribute& attribute, const char* how) {
   if (ImGui::IsItemHovered())
@@ -86,21 +67,8 @@ struct TransferEditor::Area {
   template <class Point>
   void click(std::vector<Point>& points, std::optional<std::size_t> nearest, const Point& added,
              std::optional<std::size_t>& held) const {
-    if (is_clicked(ImGuiMouseButton_Right) && nearest && points.size() > 1)
-      points.erase(points.begin() + static_cast<std::ptrdiff_t>(*nearest));
-    if (!is_clicked(ImGuiMouseButton_Left)) return;
-    held = nearest;
-    if (nearest) return;
-    const auto next = std::ranges::upper_bound(points, added.t, {}, &Point::t);
-    held = static_cast<std::size_t>(next - points.begin());
-    points.insert(next, added);
-  }
-
-  // Returns the held point's new t: the pointer's, between the neighbours'.
-  template <class Point>
-  double dragged_t(const std::vector<Point>& points, std::size_t held) const {
-    const double from = held > 0 ? points[held - 1].t : 0, to = held + 1 < points.size() ? points[held + 1].t : 1;
-    return std::clamp(pointer_t(), from, std::max(from, to));
+    if (is_clicked(ImGuiMouseButton_Right) && nearest) remove_point(points, *nearest);
+    if (is_clicked(ImGuiMouseButton_Left)) held = nearest ? *nearest : add_point(points, added);
   }
 };
 
@@ -140,7 +108,7 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
                           const format::StepRange& all) {
   choose_preset(function);
   // A dragged point must not move the axis that it is dragged along.
-  if (!density_) top_ = std::max(1.25 * largest_density(function), 1e-30);
+  if (!density_) top_ = std::max(1.25 * largest_extinction(function), 1e-30);
   edit_densities(function, attribute, histogram, "extinction", " per unit of length");
   edit_colors(function);
 
@@ -155,7 +123,7 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
   ImGui::SameLine();
   ImGui::Checkbox("log opacity", &log_opacity_);
 
-  const double fitting_top = largest_density(fitting), now = largest_density(function);
+  const double fitting_top = largest_extinction(fitting), now = largest_extinction(function);
   if (fitting_top > 0 && now > 0) {
     double opacity = now / fitting_top;
     const double least = 1e-3, most = 1e3;
@@ -250,8 +218,10 @@ void TransferEditor::edit_densities(TransferFunction& function, const format::At
   }
   area.click(points, nearest, {area.pointer_t(), area.pointer_density()}, density_);
   if (!area.active) density_.reset();
-  if (density_ && *density_ < points.size())
-    points[*density_] = {area.dragged_t(points, *density_), area.pointer_density()};
+  if (density_ && *density_ < points.size()) {
+    move_point(points, *density_, area.pointer_t());
+    points[*density_].extinction = area.pointer_density();
+  }
   if (area.hovered && !area.active)
     ImGui::SetTooltip("%.5g %s\n%s %.3g%s\nclick: add or drag, right click: remove",
                       function.value_at(area.pointer_t()), attribute.unit.c_str(), name, area.pointer_density(), unit);
@@ -291,7 +261,7 @@ void TransferEditor::edit_colors(TransferFunction& function) {
     ImGui::OpenPopup("colour");
   }
   if (!area.active) color_.reset();
-  if (color_ && *color_ < points.size()) points[*color_].t = area.dragged_t(points, *color_);
+  if (color_ && *color_ < points.size()) move_point(points, *color_, area.pointer_t());
   pick_color(function);
   if (area.hovered && !area.active) ImGui::SetTooltip("click: add or drag, double click: pick, right click: remove");
 }
