@@ -259,7 +259,7 @@ class Player {
   [[nodiscard]] const PlayerTimes& times() const { return times_; }
 
   /// Returns the picture of the last `draw` or `draw_exact` with its surfaces and slices.
-  [[nodiscard]] DrawnPicture picture() const { return picture_ ? &*picture_ : rasterizer_->picture(); }
+  [[nodiscard]] DevicePicture picture() const { return picture_ ? &*picture_ : rasterizer_->picture(); }
 
   /// Returns a copy of it, in linear premultiplied RGBA.
   [[nodiscard]] Result<Image> image() const;

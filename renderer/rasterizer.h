@@ -44,7 +44,7 @@ struct TexturePicture {
 };
 
 /// A picture where its device has it, in linear premultiplied RGBA. Valid until the next one.
-using DrawnPicture = std::variant<const Image*, TexturePicture>;
+using DevicePicture = std::variant<const Image*, TexturePicture>;
 
 /// Draws the splats of a draw list, in linear premultiplied RGBA of single precision.
 class Rasterizer {
@@ -88,7 +88,7 @@ class Rasterizer {
   [[nodiscard]] virtual Capabilities capabilities() const = 0;
 
   /// Returns the picture of the last draw; an empty one before the first.
-  [[nodiscard]] virtual DrawnPicture picture() const = 0;
+  [[nodiscard]] virtual DevicePicture picture() const = 0;
 
   /// Returns a copy of the picture of the last draw. Fails before the first.
   [[nodiscard]] virtual Result<Image> read_image() const = 0;

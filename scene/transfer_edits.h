@@ -12,8 +12,9 @@ namespace splatvol {
 /// Adds a control point, behind those of the same t. Returns its index.
 template <class Point>
 std::size_t add_point(std::vector<Point>& points, const Point& added) {
-  const auto next = std::ranges::upper_bound(points, added.t, {}, &Point::t);
-  return static_cast<std::size_t>(points.insert(next, added) - points.begin());
+  const auto place = std::ranges::upper_bound(points, added.t, {}, &Point::t) - points.begin();
+  points.insert(points.begin() + place, added);
+  return static_cast<std::size_t>(place);
 }
 
 /// Removes a control point, unless it is the only one.

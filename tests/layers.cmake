@@ -8,8 +8,8 @@ set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources
                   builder/pipeline builder/series)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
 set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed streamer streamer/first
-           ${renderer_rooms} renderer/surfaces renderer/reference player library library/python library/examples viewer
-           tools/export tools tests/support tests/fuzz bench)
+           ${renderer_rooms} renderer/surfaces renderer/reference player library library/python library/examples viewer/window
+           viewer tools/export tools tests/support tests/fuzz bench)
 
 # What each layer may include, besides itself and the public face. That is include/splatvol/, and knows none of them.
 set(splatvol_knows)
@@ -48,7 +48,8 @@ set(player_knows base scene pictures splat format streamer streamer/first ${rend
 set(library_knows base scene pictures splat format sampler ${builder_rooms} streamer streamer/first ${renderer_rooms} player)
 set(library/python_knows ${library_knows} library)
 set(library/examples_knows)
-set(viewer_knows ${player_knows} player sampler)
+set(viewer/window_knows base scene pictures renderer renderer/gl player)
+set(viewer_knows ${player_knows} player sampler viewer/window)
 set(tools/export_knows base splat format sampler)
 set(tools_knows ${viewer_knows} viewer ${builder_rooms} builder/distributed renderer/reference tools/export)
 set(tests/support_knows base splat format ${builder_rooms})
@@ -57,11 +58,11 @@ set(bench_knows ${tools_knows} tools)
 
 # Only these layers may include headers of OpenGL, of VTK, and of MPI.
 set(gl_folders epoxy EGL GL GLES3 GLFW)
-set(gl_layers renderer/gl viewer library/examples)
+set(gl_layers renderer/gl viewer/window library/examples)
 set(vtk_layers builder/sources/vtk tests/fuzz)
 set(mpi_layers builder/distributed)
 # Only these layers and files may call OpenGL.
-set(gl_callers renderer/gl viewer library/examples tools/svview.cpp)
+set(gl_callers renderer/gl viewer/window library/examples tools/svview.cpp)
 
 set(broken)
 

@@ -12,6 +12,8 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "pictures/image.h"
+#include "player/camera_path.h"
+#include "player/inline_host.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
 #include "tools/reading.h"
@@ -19,7 +21,7 @@
 #include "tools/tool.h"
 #include "tools/version.h"
 #include "viewer/viewer.h"
-#include "viewer/window.h"
+#include "viewer/window/window.h"
 
 namespace splatvol {
 namespace {
@@ -256,7 +258,8 @@ Status play(const Options& options) {
   setup.settings.in_current_context = false;
   setup.settings.hurries = false;
   SPLATVOL_TRY_ASSIGN(file, Session::read(setup.use, setup.scene, setup.settings));
-  SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file)));
+  InlineHost host;
+  SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file), host));
   const int count = std::max(1, static_cast<int>(std::lround(path.seconds * options.fps)));
   ProgressBar bar("draw");
   for (int i = 0; i < count; ++i) {

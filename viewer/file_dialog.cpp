@@ -11,7 +11,7 @@
 #include "base/byte_text.h"
 #include "base/file.h"
 #include "base/printable.h"
-#include "viewer/gui_units.h"
+#include "viewer/window/gui_units.h"
 
 namespace splatvol {
 namespace {

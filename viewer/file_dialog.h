@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "viewer/events.h"
+#include "player/events.h"
 
 namespace splatvol {
 

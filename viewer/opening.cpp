@@ -38,7 +38,7 @@ class CountedSource final : public ByteSource {
 
 }  // namespace
 
-Opening::Opening(const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings)
+Opening::Opening(SessionHost& host, const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings)
     : path_(asked.file.empty() ? scene_path : asked.file) {
   const auto open_counted = [count = bytes_read_](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
     SPLATVOL_TRY_ASSIGN(source, open_file_or_url(file));
@@ -48,7 +48,7 @@ Opening::Opening(const SceneUse& asked, const std::string& scene_path, const Vie
     const Interruptible interruptible(stop);
     return Session::read(asked, scene_path, settings, open_counted);
   };
-  file_ = std::async(std::launch::async | std::launch::deferred, read);
+  file_ = {host, read};
 }
 
 }  // namespace splatvol

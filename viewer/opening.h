@@ -2,22 +2,20 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
 #include <cstdint>
-#include <future>
 #include <memory>
 #include <stop_token>
 #include <string>
 
 #include "base/error.h"
-#include "viewer/session.h"
+#include "player/session.h"
 
 namespace splatvol {
 
 class Opening {
  public:
-  /// Begins to open a volume with a scene, as `Session::read`. Where no thread starts, `take` opens it.
-  Opening(const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings);
+  /// Begins to open a volume with a scene, as `Session::read`.
+  Opening(SessionHost& host, const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings);
   Opening(const Opening&) = delete;
   Opening& operator=(const Opening&) = delete;
 
@@ -31,18 +29,16 @@ class Opening {
   [[nodiscard]] std::uint64_t bytes_read() const { return *bytes_read_; }
 
   /// Waits for the end up to a time. Returns whether it has ended.
-  [[nodiscard]] bool wait(std::chrono::milliseconds time) const {
-    return file_.wait_for(time) != std::future_status::timeout;
-  }
+  [[nodiscard]] bool wait(double seconds) const { return file_.wait(seconds); }
 
   /// Waits for the end. Called once.
-  [[nodiscard]] Result<SessionFile> take() { return file_.get(); }
+  [[nodiscard]] Result<SessionFile> take() { return file_.take(); }
 
  private:
   std::string path_;
   std::shared_ptr<std::atomic<std::uint64_t>> bytes_read_ = std::make_shared<std::atomic<std::uint64_t>>(0);
   std::stop_source stop_;
-  std::future<Result<SessionFile>> file_;
+  Task<Result<SessionFile>> file_;
 };
 
 }  // namespace splatvol

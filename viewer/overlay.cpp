@@ -6,7 +6,7 @@
 
 #include "pictures/page.h"
 #include "pictures/ticks.h"
-#include "viewer/gui_units.h"
+#include "viewer/window/gui_units.h"
 
 namespace splatvol {
 namespace {

@@ -1,13 +1,12 @@
 #include "viewer/prober.h"
 
-#include <chrono>
 #include <utility>
 
 namespace splatvol {
 
 bool Prober::take_answer() {
-  if (!answer_.valid() || answer_.wait_for(std::chrono::seconds(0)) == std::future_status::timeout) return false;
-  Answer answer = answer_.get();
+  if (!is_busy() || !answer_.wait()) return false;
+  Answer answer = answer_.take();
   answered_ = std::move(asked_);
   asked_.reset();
   serial_ = answered_->serial;
@@ -22,8 +21,8 @@ void Prober::ask(const Question& question, const FrameSplats& frame, const Drawi
   if (is_busy() || answered_ == question) return;
   asked_ = question;
   const bool is_known = frame_ && serial_ == question.serial;
-  const auto answer = [question, units, cells_of, known = is_known ? frame_ : nullptr, cells = cells_,
-                       list = is_known ? DrawList() : frame.list]() mutable -> Answer {
+  auto answer = [question, units, cells_of, known = is_known ? frame_ : nullptr, cells = cells_,
+                 list = is_known ? DrawList() : frame.list]() mutable -> Answer {
     if (!known) {
       known = std::make_shared<const ProbedFrame>(std::move(list), units);
       cells = ProbedCells::open(cells_of.steps, cells_of.step, cells_of.attribute).value_or(nullptr);
@@ -35,7 +34,7 @@ void Prober::ask(const Question& question, const FrameSplats& frame, const Drawi
   };
   frame_.reset();
   cells_.reset();
-  answer_ = std::async(std::launch::async | std::launch::deferred, answer);
+  answer_ = {host_, std::move(answer)};
 }
 
 const std::optional<Probe>* Prober::answer_to(const Question& question) {

@@ -2,12 +2,12 @@
 #pragma once
 
 #include <cstdint>
-#include <future>
 #include <memory>
 #include <optional>
 #include <string>
 
 #include "format/steps.h"
+#include "player/session_host.h"
 #include "streamer/streamer.h"
 #include "viewer/probe.h"
 
@@ -16,6 +16,8 @@ namespace splatvol {
 /// Answers one question at a time. Between questions about one frame, the frame's splats need not be looked at again.
 class Prober {
  public:
+  explicit Prober(SessionHost& host) : host_(host) {}
+
   struct Question {
     std::uint64_t serial = 0;  // FrameSplats::serial
     TransferFunction function;
@@ -44,7 +46,7 @@ class Prober {
   bool take_answer();
 
   /// Whether an answer has not been taken yet.
-  [[nodiscard]] bool is_busy() const { return answer_.valid(); }
+  [[nodiscard]] bool is_busy() const { return answer_.is_begun(); }
 
   /// Lets go of the frame's rows, unless an answer is on its way.
   void forget();
@@ -56,8 +58,9 @@ class Prober {
     std::optional<Probe> probe;
   };
 
+  SessionHost& host_;
   std::optional<Question> asked_;
-  std::future<Answer> answer_;
+  Task<Answer> answer_;
   std::optional<Question> answered_;
   std::optional<Probe> probe_;
   std::shared_ptr<const ProbedFrame> frame_;

@@ -8,7 +8,7 @@
 #include <cmath>
 
 #include "scene/isovalue.h"
-#include "viewer/gui_units.h"
+#include "viewer/window/gui_units.h"
 
 namespace splatvol {
 namespace {

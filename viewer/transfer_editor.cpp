@@ -7,7 +7,7 @@
 
 #include "scene/color_maps.h"
 #include "scene/transfer_edits.h"
-#include "viewer/gui_units.h"
+#include "viewer/window/gui_units.h"
 
 namespace splatvol {
 namespace {

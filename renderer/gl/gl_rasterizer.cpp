@@ -570,7 +570,7 @@ void GlRasterizer::draw_quads(const Sequence& sequence) const {
   }
 }
 
-DrawnPicture GlRasterizer::picture() const {
+DevicePicture GlRasterizer::picture() const {
   return TexturePicture{picture_.texture(), picture_.width(), picture_.height()};
 }
 

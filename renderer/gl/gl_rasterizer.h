@@ -50,7 +50,7 @@ class GlRasterizer : public Rasterizer {
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) override;
   [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
   [[nodiscard]] Capabilities capabilities() const override { return {largest_side_, false}; }
-  [[nodiscard]] DrawnPicture picture() const override;
+  [[nodiscard]] DevicePicture picture() const override;
   [[nodiscard]] Result<Image> read_image() const override;
   [[nodiscard]] std::uint64_t device_bytes() const override;
   [[nodiscard]] std::uint64_t plan_picture(int width, int height) override;

@@ -78,7 +78,7 @@ Result<HostPicture> HostPicture::create() {
   return HostPicture(std::move(program), VertexArray(name));
 }
 
-Status HostPicture::show(const DrawnPicture& picture) {
+Status HostPicture::show(const DevicePicture& picture) {
   if (const auto* texture = std::get_if<TexturePicture>(&picture)) {
     texture_ = texture->name;
     return {};

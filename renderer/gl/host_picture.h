@@ -21,7 +21,7 @@ class HostPicture {
   [[nodiscard]] static Result<HostPicture> create();
 
   /// Shows a picture, as long as it is valid.
-  [[nodiscard]] Status show(const DrawnPicture& picture);
+  [[nodiscard]] Status show(const DevicePicture& picture);
 
   /// Returns OpenGL's name of the texture, lower left pixel first. 0 before the first picture.
   [[nodiscard]] GLuint texture() const { return texture_; }

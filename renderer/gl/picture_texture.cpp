@@ -2,7 +2,7 @@
 
 namespace splatvol {
 
-Result<vec4> read_pixel(const DrawnPicture& picture, int x, int y) {
+Result<vec4> read_pixel(const DevicePicture& picture, int x, int y) {
   const auto is_outside = [&](int width, int height) { return x < 0 || y < 0 || x >= width || y >= height; };
   const auto fail_outside = [&] {
     return fail(ErrorCode::invalid_argument, "pixel {}, {} is not in the picture", x, y);

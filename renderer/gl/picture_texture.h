@@ -13,7 +13,7 @@ namespace splatvol {
 
 /// Returns a pixel of a picture, counted from the upper left corner. Fails if it is outside. Needs the context of a
 /// picture that is in a texture.
-[[nodiscard]] Result<vec4> read_pixel(const DrawnPicture& picture, int x, int y);
+[[nodiscard]] Result<vec4> read_pixel(const DevicePicture& picture, int x, int y);
 
 /// A texture for pictures that were drawn without OpenGL. Needs the OpenGL context of its first upload in each call.
 class PictureTexture {

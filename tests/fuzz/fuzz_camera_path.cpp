@@ -2,9 +2,9 @@
 #include <cmath>
 #include <string>
 
+#include "player/camera_path.h"
+#include "player/events.h"
 #include "tests/fuzz/fuzz.h"
-#include "viewer/camera_path.h"
-#include "viewer/events.h"
 
 using namespace splatvol;
 using splatvol::fuzz::require;

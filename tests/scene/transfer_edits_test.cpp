@@ -37,13 +37,13 @@ TEST(TransferEdits, AnotherAxisTakesAValidDomain) {
   EXPECT_EQ(largest_extinction(function), 7);
   const TransferFunction log = with_domain(function, ValueAxis::log, -2, 100);
   EXPECT_EQ(log.axis, ValueAxis::log);
-  EXPECT_EQ(log.lo, 1e-4);
+  EXPECT_DOUBLE_EQ(log.lo, 1e-4);
   EXPECT_EQ(log.hi, 100);
   EXPECT_EQ(log.densities, function.densities);
   EXPECT_EQ(with_domain(function, ValueAxis::log, 3, 4).lo, 3);
   EXPECT_EQ(with_domain(function, ValueAxis::log, -2, 0), function) << "no logarithms there";
   TransferFunction asinh = with_domain(function, ValueAxis::asinh, -200, 100);
-  EXPECT_EQ(asinh.linear_width, 0.2);
+  EXPECT_DOUBLE_EQ(asinh.linear_width, 0.2);
   asinh.linear_width = 5;
   EXPECT_EQ(with_domain(asinh, ValueAxis::asinh, -1, 1).linear_width, 5) << "that of the hand stays";
 }

@@ -13,12 +13,12 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "pictures/image.h"
+#include "player/session.h"
 #include "renderer/reference/reference.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/support/results.h"
 #include "tests/viewer/viewer_fixture.h"
 #include "viewer/probe.h"
-#include "viewer/session.h"
 
 namespace splatvol {
 namespace {
@@ -40,7 +40,7 @@ class ExactAtRest : public test::FolderTest {
     return settings;
   }
   [[nodiscard]] std::unique_ptr<Session> open(const ViewSettings& settings, const std::string& name = "m.svol") const {
-    return test::value_of(Session::open(path(name), "", settings));
+    return test::value_of(Session::open(path(name), "", settings, test::host));
   }
   void draw(Session& session, double seconds = test::long_time) const {
     ASSERT_EQ(test::message_of(session.draw(width_, height_, seconds)), "");

@@ -7,10 +7,10 @@
 #include <atomic>
 #include <thread>
 
+#include "player/camera_control.h"
 #include "tests/support/scripted_server.h"
 #include "tests/support/stalled_source.h"
 #include "tests/viewer/viewer_fixture.h"
-#include "viewer/camera_control.h"
 
 namespace splatvol {
 namespace {
@@ -37,7 +37,7 @@ class SlowFilesInASession : public SlowFiles {
     settings.in_current_context = false;
     auto read = Session::read({.file = path("v.svol")}, "", settings, open);
     ASSERT_TRUE(read) << read.error().message;
-    session = Session::open(std::move(*read)).value();
+    session = Session::open(std::move(*read), test::host).value();
   }
 
   void draw() { ASSERT_TRUE(session->draw(200, 150, 1)); }

@@ -1,6 +1,5 @@
 // The picture of a file at rest, and how it gets finer.
-#include "viewer/session.h"
-#include "viewer/probe.h"
+#include "player/session.h"
 
 #include <gtest/gtest.h>
 
@@ -11,17 +10,15 @@
 
 #include "base/file.h"
 #include "format/volume.h"
-#include "renderer/gl/context.h"
-#include "renderer/gl/target.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/support/results.h"
-#include "tests/support/temp_folder.h"
-#include "viewer/viewer.h"
+#include "tests/viewer/viewer_fixture.h"
+#include "viewer/probe.h"
 
 namespace splatvol {
 namespace {
 
-constexpr double long_time = 1;  // seconds: longer than any change takes
+using test::long_time;
 
 // A file with more points than are drawn at once.
 class SessionAtRest : public testing::Test {
@@ -36,7 +33,7 @@ class SessionAtRest : public testing::Test {
   static std::string path() { return folder->path("m.svol"); }
 
   static std::unique_ptr<Session> open(const ViewSettings& settings) {
-    auto session = Session::open(path(), "", settings);
+    auto session = Session::open(path(), "", settings, test::host);
     EXPECT_TRUE(session) << session.error().message;
     return std::move(*session);
   }
@@ -112,23 +109,24 @@ TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
 
 // A picture that took a while is shown, though the next one is being drawn by then.
 TEST_F(SessionAtRest, EachPictureIsShown) {
-  const auto context = test::value_of(HeadlessContext::create());
   ViewSettings settings = on_processor();
   settings.quality.max_error = 1e-4;
   const auto session = open(settings);
-  std::vector<std::uint8_t> before, shown(std::size_t{4} * 600 * 450);
+  std::vector<std::uint8_t> before, last;
   Detail detail;
   int pictures = 0;
   for (int frames = 0; !session->is_settled() && frames < 10000; ++frames) {
     ASSERT_TRUE(session->draw(600, 450, long_time));
     const Result<ShownPicture> picture = session->shown_picture();
     ASSERT_TRUE(picture) << picture.error().message;
+    ASSERT_TRUE(picture->encoded);
+    if (!picture->is_new) EXPECT_TRUE(picture->encoded->bytes == last);
+    last = picture->encoded->bytes;
     const Detail detail_before = std::exchange(detail, session->sharpening()->detail());
     if (frames == 0 || detail == detail_before) continue;  // none has been finished
-    ASSERT_NE(picture->texture, 0u);
-    glGetTextureImage(picture->texture, 0, GL_RGBA, GL_UNSIGNED_BYTE, static_cast<GLsizei>(shown.size()), shown.data());
-    EXPECT_TRUE(shown != before) << "the picture before stayed";
-    before = shown;
+    EXPECT_EQ(picture->encoded->bytes.size(), std::size_t{4} * 600 * 450);
+    EXPECT_TRUE(picture->encoded->bytes != before) << "the picture before stayed";
+    before = picture->encoded->bytes;
     ++pictures;
   }
   EXPECT_GE(pictures, 2);
@@ -136,17 +134,15 @@ TEST_F(SessionAtRest, EachPictureIsShown) {
 
 // Only what is round the picture changes: it is laid over another background, and not drawn again.
 TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
-  const auto context = test::value_of(HeadlessContext::create());
   const auto session = open(on_processor());
   settled(*session);
   const std::uint64_t serial = session->frame()->serial;
-  std::vector<std::uint8_t> shown(std::size_t{4} * 200 * 150);
   for (const dvec3& background : {dvec3(0), dvec3(1, 0, 1)}) {
     session->scene.background = background;
     draw(*session);
     const Result<ShownPicture> picture = session->shown_picture();
     ASSERT_TRUE(picture) << picture.error().message;
-    glGetTextureImage(picture->texture, 0, GL_RGBA, GL_UNSIGNED_BYTE, static_cast<GLsizei>(shown.size()), shown.data());
+    const std::vector<std::uint8_t>& shown = picture->encoded->bytes;
     EXPECT_EQ(shown[0], background.r == 0 ? 0 : 255);
     EXPECT_EQ(shown[1], 0);
     EXPECT_TRUE(session->is_settled());
@@ -157,7 +153,7 @@ TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
 // What the HUD tells of a picture that was drawn aside fits into it a frame after the picture has come.
 TEST_F(SessionAtRest, AFrameFollowsTheLastPicture) {
   constexpr int width = 400, height = 300;
-  const auto context = test::value_of(HeadlessContext::create());
+  ASSERT_TRUE(test::shared_context());
   Target target;
   ASSERT_TRUE(target.resize(width, height));
   ViewerOptions options;
@@ -241,7 +237,7 @@ TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
     ViewSettings settings = on_processor();
     settings.quality.tolerance_percent = 0;
     settings.hurries = hurries;
-    auto session = test::value_of(Session::open(damaged, "", settings));
+    auto session = test::value_of(Session::open(damaged, "", settings, test::host));
     settled(*session);
     EXPECT_GE(session->troubles().size(), 1000u);
     EXPECT_GT(session->frame()->splats, 0u);

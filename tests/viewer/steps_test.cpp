@@ -9,10 +9,10 @@
 
 #include "builder/series/series_build.h"
 #include "builder/series/series_files.h"
+#include "player/session.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/support/stalled_source.h"
 #include "tests/viewer/viewer_fixture.h"
-#include "viewer/session.h"
 
 namespace splatvol {
 namespace {
@@ -50,7 +50,7 @@ class ViewerSteps : public test::ViewerFixture {
 };
 
 TEST_F(ViewerSteps, LookLikeFilesOfTheirOwn) {
-  const auto series = Session::open(path("series.svol"), "", {}).value();
+  const auto series = Session::open(path("series.svol"), "", {}, test::host).value();
   EXPECT_EQ(series->times(), (std::vector<double>{0, 0.5, 1}));
   EXPECT_EQ(series->step(), 2u) << "the last comes first";
   const Image last = settled(*series);
@@ -59,7 +59,7 @@ TEST_F(ViewerSteps, LookLikeFilesOfTheirOwn) {
   const Image middle = settled(*series);
   EXPECT_GT(compare_images(last, middle)->rmse, 0.01);
 
-  const auto single = Session::open(path("single.svol"), "", {}).value();
+  const auto single = Session::open(path("single.svol"), "", {}, test::host).value();
   EXPECT_TRUE(single->times().empty());
   single->scene = series->scene;
   EXPECT_LE(compare_images(settled(*single), middle)->max, 1e-6);
@@ -77,7 +77,7 @@ TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
   const std::string index = folder_ + "f.svols";
   const auto built = build_series_of_files({step_at(0), step_at(1, 9), step_at(2)}, index, false, {}, silent);
   ASSERT_TRUE(built) << built.error().message;
-  const auto series = Session::open(index, "", {}).value();
+  const auto series = Session::open(index, "", {}, test::host).value();
   EXPECT_EQ(series->times(), (std::vector<double>{0, 0.5, 1}));
   EXPECT_EQ(series->step(), 2u);
   const Image last = settled(*series);
@@ -89,7 +89,7 @@ TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
   EXPECT_TRUE(series->is_step_shown());
   EXPECT_EQ(series->info().point_count(), 1000u);
 
-  const auto single = Session::open(folder_ + "f-0001.svol", "", {}).value();
+  const auto single = Session::open(folder_ + "f-0001.svol", "", {}, test::host).value();
   single->scene = series->scene;
   EXPECT_EQ(compare_images(settled(*single), middle)->max, 0);
 
@@ -105,7 +105,7 @@ TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
 // The step's own file is gone, too: it is open, and stays.
 TEST_F(ViewerSteps, StayWhileAllFilesAreAway) {
   const std::string index = write_files("g.svols", 2);
-  const auto series = Session::open(index, "", {}).value();
+  const auto series = Session::open(index, "", {}, test::host).value();
   const Image last = settled(*series);
   for (const char* file : {"/g-0000.svol", "/g-0001.svol"})
     std::filesystem::rename(folder_ + file, folder_ + file + ".away");
@@ -131,7 +131,7 @@ TEST_F(ViewerSteps, AreReadAside) {
     std::atomic<bool> stalls = false;
     std::atomic<int> waiting = 0;
     const auto open = [&](const std::string& name) { return test::open_stalled(name, stalls, waiting); };
-    const auto session = Session::open(Session::read({.file = file}, "", {}, open).value()).value();
+    const auto session = Session::open(Session::read({.file = file}, "", {}, open).value(), test::host).value();
     const Image last = settled(*session);
 
     stalls = true;
@@ -165,7 +165,7 @@ TEST_F(ViewerSteps, AreReadAside) {
     EXPECT_EQ(session->step(), 1u);
     EXPECT_TRUE(session->is_step_shown());
     EXPECT_TRUE(session->troubles().empty());
-    const auto waits = Session::open(file, "", {}).value();
+    const auto waits = Session::open(file, "", {}, test::host).value();
     ASSERT_TRUE(waits->show_step(1));
     EXPECT_EQ(compare_images(settled(*waits), middle)->max, 0);
     EXPECT_EQ(waits->histogram(), session->histogram());
@@ -181,7 +181,7 @@ TEST_F(ViewerSteps, AreReadAside) {
     stalls = false;
   }
   std::filesystem::remove(folder_ + "aside-0000.svol");
-  const auto session = Session::open(index, "", {}).value();
+  const auto session = Session::open(index, "", {}, test::host).value();
   const Image last = settled(*session);
   session->ask_step(0);
   EXPECT_EQ(compare_images(settled(*session), last)->max, 0);

@@ -13,11 +13,14 @@
 #include "tests/renderer/shared_context.h"
 #include "tests/support/temp_folder.h"
 #include "tests/support/test_volume.h"
+#include "viewer/thread_host.h"
 #include "viewer/viewer.h"
 
 namespace splatvol::test {
 
 constexpr double long_time = 1;  // seconds: longer than any change takes
+
+inline ThreadHost host;  // of sessions
 
 class ViewerFixture : public FolderTest {
  protected:

@@ -588,7 +588,7 @@ TEST_F(ViewerTest, ADragOverTheHistogramChangesTheOpacity) {
 }
 
 TEST_F(ViewerTest, AnotherAttributeComesWithItsOwnTransferFunction) {
-  const auto session = Session::open(path("v.svol"), "", ViewSettings()).value();
+  const auto session = Session::open(path("v.svol"), "", ViewSettings(), test::host).value();
   const auto settled = [&] {
     do {
       EXPECT_TRUE(session->draw(200, 150, long_time));

@@ -1,4 +1,4 @@
-#include "viewer/camera_path.h"
+#include "player/camera_path.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "viewer/camera_control.h"
+#include "player/camera_control.h"
 
 namespace splatvol {
 namespace {

@@ -5,8 +5,8 @@
 #include <string>
 
 #include "base/error.h"
-#include "viewer/events.h"
-#include "viewer/gui.h"
+#include "player/events.h"
+#include "viewer/window/gui.h"
 
 struct GLFWwindow;
 

@@ -7,8 +7,8 @@
 #include <utility>
 
 #include "base/error.h"
+#include "player/events.h"
 #include "renderer/gl/gl_objects.h"
-#include "viewer/events.h"
 
 struct ImDrawData;
 struct ImGuiContext;
@@ -40,9 +40,6 @@ class Gui {
   /// Return whether the pointer's or the keyboard's events are meant for the interface and not for the picture.
   [[nodiscard]] bool has_pointer() const;
   [[nodiscard]] bool has_keyboard() const;
-
-  /// Whether a control is held, or a text is being typed.
-  [[nodiscard]] bool has_active_control() const;
 
  private:
   Gui() = default;

@@ -1,25 +1,22 @@
-#include "viewer/session.h"
+#include "player/session.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <bit>
 #include <cctype>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <limits>
-#include <system_error>
 #include <utility>
 
 #include "base/interruption.h"
 #include "pictures/contrast.h"
+#include "player/camera_control.h"
 #include "player/choice.h"
 #include "renderer/cpu/srgb_bytes.h"
 #include "streamer/domain.h"
 #include "streamer/first/explain.h"
-#include "viewer/camera_control.h"
-#include "viewer/low_priority.h"
 
 namespace splatvol {
 namespace {
@@ -162,9 +159,9 @@ int moving_sample_spacing(const View& view, std::uint64_t splats) {
 }  // namespace
 
 Result<std::unique_ptr<Session>> Session::open(const std::string& path, const std::string& scene_path,
-                                               const ViewSettings& settings) {
+                                               const ViewSettings& settings, SessionHost& host) {
   SPLATVOL_TRY_ASSIGN(file, read(SceneUse{.file = path}, scene_path, settings));
-  return open(std::move(file));
+  return open(std::move(file), host);
 }
 
 Result<SessionFile> Session::read(const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings,
@@ -187,8 +184,8 @@ Result<SessionFile> Session::read(const SceneUse& asked, const std::string& scen
   return with_data({.path = use.file, .fits = !scene, .settings = used, .file = std::move(file)}, false);
 }
 
-Result<std::unique_ptr<Session>> Session::open(SessionFile file) {
-  std::unique_ptr<Session> session(new Session);
+Result<std::unique_ptr<Session>> Session::open(SessionFile file, SessionHost& host) {
+  std::unique_ptr<Session> session(new Session(host));
   session->path_ = std::move(file.path);
   session->fits_ = file.fits;
   session->settings = session->used_settings_ = std::move(file.settings);
@@ -240,8 +237,8 @@ void Session::show_all() {
     SPLATVOL_TRY_ASSIGN(fitting, default_scene(*volume, attribute, picture));
     return fitting.camera;
   };
-  fitting_camera_->fitted =
-      std::async(is_aside ? std::launch::async | std::launch::deferred : std::launch::deferred, fit);
+  fitting_camera_->fitted = {host_, fit};
+  if (!is_aside) static_cast<void>(fitting_camera_->fitted.wait(std::numeric_limits<double>::infinity()));
   take_fitted();
 }
 
@@ -253,9 +250,8 @@ void Session::end_fitting() {
 
 // Takes over the camera that shows all, if it is there.
 void Session::take_fitted() {
-  if (!fitting_camera_ || fitting_camera_->fitted.wait_for(std::chrono::seconds(0)) == std::future_status::timeout)
-    return;
-  Result<Camera> fitted = fitting_camera_->fitted.get();
+  if (!fitting_camera_ || !fitting_camera_->fitted.wait()) return;
+  Result<Camera> fitted = fitting_camera_->fitted.take();
   const bool has_moved = scene.camera != fitting_camera_->before;
   fitting_camera_.reset();
   if (!fitted) {
@@ -328,6 +324,72 @@ void Session::ask_step(std::size_t step) {
   if (const Status shown = show_step(step); !shown) troubles_.push_back(shown.error().message);
 }
 
+void Session::choose_step(std::size_t step) {
+  stop_playing();
+  if (step < times().size()) ask_step(step);
+}
+
+void Session::toggle_playing() {
+  const std::size_t count = times().size();
+  if (is_playing() || count < 2) return stop_playing();
+  if (step() + 1 == count) choose_step(0);
+  step_seconds_ = 0;
+  played_step_.reset();
+}
+
+Status Session::play(double seconds) {
+  if (!is_playing() || !is_step_shown()) return {};
+  const auto asked = std::exchange(played_step_, {});
+  const bool is_last = step() + 1 == times().size();
+  if ((asked && step() != *asked) || (is_last && !playback.loops)) {
+    stop_playing();
+    return {};
+  }
+  const std::size_t next = is_last ? 0 : step() + 1;
+  read_ahead(next);
+  *step_seconds_ += seconds;
+  const double period = 1 / playback.steps_per_second;
+  if (*step_seconds_ < period || is_reading_ahead()) return {};
+  step_seconds_ = std::min(*step_seconds_ - period, period);  // on the average, the rate is kept
+  if (steps_are_files()) {
+    played_step_ = next;
+    ask_step(next);
+    return {};
+  }
+  Status shown = show_step(next);
+  if (!shown) stop_playing();
+  return shown;
+}
+
+void Session::remember() {
+  if (!frame()) return;
+  Scene present = scene;
+  present.width = present.height = 0;
+  if (!history_)
+    history_.emplace(std::move(present));
+  else
+    history_->add(present);
+}
+
+void Session::undo() {
+  if (!history_) return;
+  remember();
+  restore(history_->undo());
+}
+
+void Session::redo() {
+  if (!history_) return;
+  remember();
+  restore(history_->redo());
+}
+
+void Session::restore(const Scene& before) {
+  const int width = scene.width, height = scene.height;
+  scene = before;
+  scene.width = width;
+  scene.height = height;
+}
+
 // Begins with the picture of another step.
 void Session::await_step() {
   settled_ = moving_is_drawn_ = false;
@@ -393,11 +455,11 @@ Status Session::read_change() {
       if (change.file.streamer) return with_data(std::move(change), fits, fits_opacity);
       return change;
     };
-    reading_->file = std::async(is_aside ? std::launch::async | std::launch::deferred : std::launch::deferred, read);
+    reading_->file = {host_, read};
   }
-  if (is_aside && reading_->file.wait_for(std::chrono::seconds(0)) == std::future_status::timeout) return {};
+  if (is_aside && !reading_->file.wait()) return {};
   const Scene without_change = scene_without_change();
-  Result<SessionFile> change = reading_->file.get();
+  Result<SessionFile> change = reading_->file.take();
   reading_.reset();
   return take_change(std::move(change), without_change);
 }
@@ -522,6 +584,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
     return draw_aside([this, request, options] { return draw_splats(request, options); });
 
   if (moves && has_surfaces()) SPLATVOL_TRY(player_->set_scene(half_as_large(used_scene_)));
+  const double start = host_.now();
   SPLATVOL_TRY(player_->choose(request));
   note_frame();
   awaited_seconds_ += seconds;
@@ -530,10 +593,10 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   undrawn_seconds_ = 0;
   if (moves) options.sample_spacing = moving_sample_spacing(view(), frame()->splats);
   SPLATVOL_TRY(player_->draw(options));
+  took_seconds_ = host_.now() - start;
   note_drawn();
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
-  const PlayerTimes& times = player_->times();
-  if (moves) pacer_.add(request.detail.goal->max_splats, times.frame - times.surfaces);
+  if (moves) pacer_.add(request.detail.goal->max_splats, took_seconds_ - player_->times().surfaces);
   moving_is_drawn_ = moves && frame()->progress.settled;
   return moves || !frame()->progress.settled ? Status{} : finish_picture({});
 }
@@ -562,16 +625,13 @@ std::uint64_t Session::moving_splats() const {
 
 void Session::note_drawn() {
   encoded_is_old_ = picture_is_whole_ = true;
-  draw_seconds_ = player_->times().frame;
+  draw_seconds_ = took_seconds_;
   device_bytes_ = player_->rasterizer().device_bytes();
 }
 
-bool Session::is_drawn_by_processor() const { return player_->rasterizer().capabilities().any_thread; }
+bool Session::can_draw_aside() const { return settings.hurries && draws_aside(); }
 
-// A context of OpenGL belongs to this thread.
-bool Session::can_draw_aside() const { return settings.hurries && is_drawn_by_processor(); }
-
-Status Session::draw_aside(const std::function<Status()>& draw) {
+Status Session::draw_aside(std::function<Status()> draw) {
   before_ = {{},
              player_->exact(),
              player_->streamer().drawn_nodes(),
@@ -581,24 +641,20 @@ Status Session::draw_aside(const std::function<Status()>& draw) {
   if (const FrameSplats* frame = player_->frame()) before_.frame = without_list(*frame);
   undrawn_seconds_ = 0;
   stop_ = std::stop_source();
-  const auto draw_interruptibly = [draw, stop = stop_.get_token()]() -> Status {
+  const auto draw_interruptibly = [draw = std::move(draw), stop = stop_.get_token()]() -> Status {
     const Interruptible interruptible(stop);
-    const LowPriority low;
     return draw();
   };
-  try {
-    drawing_ = std::async(std::launch::async, draw_interruptibly);
-  } catch (const std::system_error&) {
-    drawing_ = std::async(std::launch::deferred, draw_interruptibly);  // no thread starts: it is drawn here
-    drawing_.wait();
-  }
+  drawing_ = {host_, draw_interruptibly, SessionHost::Priority::low};
   return end_drawing(false);
 }
 
-// Chooses splats and draws them, on a thread of its own.
+// Chooses splats and draws them, in a job.
 Status Session::draw_splats(const FrameRequest& request, const DrawOptions& options) {
+  const double start = host_.now();
   SPLATVOL_TRY(player_->choose(request));
   SPLATVOL_TRY(player_->draw(options));
+  took_seconds_ = host_.now() - start;
   if (!request.detail.goal || !player_->frame()->progress.settled) return {};
   // What `finish_picture` compares. It is copied here, where nobody waits for it.
   SPLATVOL_TRY_ASSIGN(drawn, player_->image());
@@ -655,21 +711,26 @@ Status Session::draw_exact() {
       return {};
     }
   }
-  return player_->draw_exact({}, exact_spacing_);
+  const double start = host_.now();
+  Status drawn = player_->draw_exact({}, exact_spacing_);
+  took_seconds_ = host_.now() - start;
+  return drawn;
 }
 
 // Draws an exact picture of something that moves, with samples some pixels apart. Returns false if there is no time, or
 // cells would have to be read: then splats move.
 Result<bool> Session::draw_moving_exact() {
   const bool has_layers = !used_scene_.surfaces.empty() || !used_scene_.slices.empty();
-  if (first_exact_spacing() == 0 || !is_drawn_by_processor() || has_layers || !player_->holds_cells()) return false;
+  if (first_exact_spacing() == 0 || has_layers || !player_->holds_cells()) return false;
   SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
   if (estimate.unknown_cells > 0 || estimate.segments > most_segments()) return false;
   const SamplePacer::Work work = work_of(estimate);
   const int spacing = sample_pacer_.spacing(work);
   if (spacing == 0) return false;
   undrawn_seconds_ = 0;
+  const double start = host_.now();
   if (!player_->draw_exact({}, spacing)) return false;  // at rest the reason is told
+  took_seconds_ = host_.now() - start;
   note_drawn();
   sample_pacer_.add(work, spacing, draw_seconds_);
   moving_is_drawn_ = true;
@@ -740,9 +801,9 @@ void Session::settle() {
 
 // Takes over the picture if it is there, or comes soon.
 Status Session::end_drawing(bool is_busy) {
-  constexpr std::chrono::milliseconds patience{8};  // half of a frame at 60 frames a second
-  if (drawing_.wait_for(is_busy ? std::chrono::milliseconds{0} : patience) == std::future_status::timeout) return {};
-  const Status drawn = drawing_.get();
+  constexpr double patience = 0.008;  // seconds: half of a frame at 60 frames a second
+  if (!drawing_.wait(is_busy ? 0 : patience)) return {};
+  const Status drawn = drawing_.take();
   std::optional<Image> image = std::exchange(drawn_aside_, std::nullopt);
   if (sharpening_->is_done())
     return exact_spacing_ == 0 && is_to_make_ready_ ? finish_making_ready(drawn) : finish_exact(drawn);
@@ -757,7 +818,7 @@ Status Session::end_drawing(bool is_busy) {
 void Session::stop_drawing() {
   if (!is_drawing()) return;
   interrupt_drawing();
-  static_cast<void>(drawing_.get());
+  static_cast<void>(drawing_.take());
   drawn_aside_.reset();
 }
 
@@ -796,12 +857,11 @@ Status Session::finish_picture(std::optional<Image> drawn) {
 
 Result<ShownPicture> Session::shown_picture() {
   if (!is_drawing()) {
-    const DrawnPicture picture = player_->picture();
-    if (const auto* texture = std::get_if<TexturePicture>(&picture)) return ShownPicture{.texture = texture->name};
+    const DevicePicture picture = player_->picture();
+    if (const auto* texture = std::get_if<TexturePicture>(&picture)) return ShownPicture{.texture = *texture};
     SPLATVOL_TRY(encode_picture());
   }
-  if (std::exchange(texture_is_old_, false)) SPLATVOL_TRY(texture_.upload(encoded_width_, encoded_height_, encoded_));
-  return ShownPicture{.texture = texture_.name(), .top_first = true, .encoded = true};
+  return ShownPicture{.encoded = &encoded_, .is_new = !std::exchange(encoded_is_shown_, true)};
 }
 
 // Lays the processor's picture over the background, unless that is done. Needs no context.
@@ -809,21 +869,19 @@ Status Session::encode_picture() {
   const bool is_encoded = !encoded_is_old_ && encoded_background_ == scene.background;
   if (is_encoded || !picture_is_whole_) return {};
   Image copy;
-  const DrawnPicture drawn = player_->picture();
+  const DevicePicture drawn = player_->picture();
   if (std::holds_alternative<TexturePicture>(drawn)) SPLATVOL_TRY_SET(copy, player_->image());
   const Image& picture = std::holds_alternative<TexturePicture>(drawn) ? copy : *std::get<const Image*>(drawn);
-  encode_srgb(picture, scene.background, encoded_);
-  encoded_width_ = picture.width, encoded_height_ = picture.height;
+  encode_srgb(picture, scene.background, encoded_.bytes);
+  encoded_.width = picture.width, encoded_.height = picture.height;
   encoded_background_ = scene.background;
-  encoded_is_old_ = false;
-  texture_is_old_ = true;
+  encoded_is_old_ = encoded_is_shown_ = false;
   return {};
 }
 
-std::optional<double> Session::opacity_at(int x, int y) const {
+std::optional<DevicePicture> Session::volume_picture() const {
   if (player_->has_drawn_surfaces() || !frame()) return {};
-  const Result<vec4> pixel = read_pixel(player_->picture(), x, y);
-  return pixel ? std::optional(static_cast<double>(pixel->a)) : std::nullopt;
+  return player_->picture();
 }
 
 Result<Image> Session::page(const PageText& text, bool transparent) const {

@@ -1,4 +1,4 @@
-#include "viewer/window.h"
+#include "viewer/window/window.h"
 
 #define GLFW_INCLUDE_NONE
 #include <GLFW/glfw3.h>

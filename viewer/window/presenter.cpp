@@ -1,4 +1,4 @@
-#include "viewer/screen.h"
+#include "viewer/window/presenter.h"
 
 #include <vector>
 
@@ -39,39 +39,68 @@ layout(location = 0) out vec4 result;
 void main() { result = texture(picture, at); }
 )";
 
+// For the columns beside the picture. A processor would take 2 ms to clear all.
+void clear_columns(int begin, int end, int height) {
+  if (begin >= end) return;
+  glEnable(GL_SCISSOR_TEST);
+  glScissor(begin, 0, end - begin, height);
+  glClearColor(0.1f, 0.1f, 0.11f, 1);
+  glClear(GL_COLOR_BUFFER_BIT);
+  glDisable(GL_SCISSOR_TEST);
+}
+
 }  // namespace
 
-Result<Screen> Screen::create() {
-  Screen screen;
+Result<Presenter> Presenter::create() {
+  Presenter presenter;
   const auto build = [](std::string_view fragments) {
     return build_program("screen",
                          {{GL_VERTEX_SHADER, {version, vertex_source}}, {GL_FRAGMENT_SHADER, {version, fragments}}});
   };
   SPLATVOL_TRY_ASSIGN(encode, build(encode_source));
   SPLATVOL_TRY_ASSIGN(copy, build(copy_source));
-  screen.encode_ = std::move(encode);
-  screen.copy_ = std::move(copy);
+  presenter.encode_ = std::move(encode);
+  presenter.copy_ = std::move(copy);
   GLuint name = 0;
   glCreateVertexArrays(1, &name);
-  screen.vertex_array_ = VertexArray(name);
-  return screen;
+  presenter.vertex_array_ = VertexArray(name);
+  return presenter;
 }
 
-Status Screen::show(const ShownPicture& picture, dvec3 background, int left, int width, int height) const {
-  glViewport(left, 0, width, height);
+void Presenter::begin() { glGetIntegerv(GL_DRAW_FRAMEBUFFER_BINDING, &frame_); }
+
+Status Presenter::show(const ShownPicture& picture, dvec3 background, int left, int width,
+                       const WindowResized& window) {
+  const EncodedPicture* encoded = picture.encoded;
+  if (encoded && encoded->width == 0) uploaded_ = {};
+  if (encoded && encoded->width > 0 && picture.is_new)
+    SPLATVOL_TRY(uploaded_.upload(encoded->width, encoded->height, encoded->bytes));
+  glBindFramebuffer(GL_FRAMEBUFFER, static_cast<GLuint>(frame_));
+  clear_columns(0, left, window.pixel_height);
+  clear_columns(left + width, window.pixel_width, window.pixel_height);
+  glViewport(left, 0, width, window.pixel_height);
   glDisable(GL_BLEND);
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_CULL_FACE);
   glDisable(GL_SCISSOR_TEST);
   const auto b = vec3(background);
-  glUseProgram(picture.encoded ? copy_.name() : encode_.name());
-  if (!picture.encoded) glUniform3f(0, b.r, b.g, b.b);
-  glUniform1f(1, picture.top_first ? 1.0F : 0.0F);
-  glBindTextureUnit(0, picture.texture);
+  glUseProgram(encoded ? copy_.name() : encode_.name());
+  if (!encoded) glUniform3f(0, b.r, b.g, b.b);
+  glUniform1f(1, encoded ? 1.0F : 0.0F);
+  glBindTextureUnit(0, encoded ? uploaded_.name() : picture.texture.name);
   glBindVertexArray(vertex_array_.name());
   glDrawArrays(GL_TRIANGLES, 0, 3);
   glBindVertexArray(0);
   return check_gl("showing the picture");
+}
+
+void Presenter::finish() { glFinish(); }
+
+std::optional<double> opacity_at(const Session& session, int x, int y) {
+  const std::optional<DevicePicture> volume = session.volume_picture();
+  if (!volume) return {};
+  const Result<vec4> pixel = read_pixel(*volume, x, y);
+  return pixel ? std::optional(static_cast<double>(pixel->a)) : std::nullopt;
 }
 
 Result<Image> read_framebuffer(int width, int height) {

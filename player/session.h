@@ -1,15 +1,14 @@
-// A file that is shown in a window. Decides how fine a picture there is time for.
+// A file that somebody looks at. Decides how fine a picture there is time for.
 #pragma once
 
 #include <array>
-#include <chrono>
 #include <cstdint>
 #include <functional>
-#include <future>
 #include <memory>
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
@@ -18,13 +17,14 @@
 #include "format/volume.h"
 #include "pictures/page.h"
 #include "player/frame_pacer.h"
+#include "player/history.h"
 #include "player/player.h"
 #include "player/sample_pacer.h"
+#include "player/session_host.h"
 #include "player/sharpening.h"
-#include "renderer/gl/picture_texture.h"
+#include "renderer/rasterizer.h"
 #include "scene/scene.h"
 #include "streamer/first/default_scene.h"
-#include "viewer/screen.h"
 
 namespace splatvol {
 
@@ -64,8 +64,22 @@ struct SessionFile {
   std::optional<FittingOpacity> fitting_opacity = {};  // if it is to fit
 };
 
-/// Draws one file. Draws only after a change. Needs the context that was current at `open`, if
-/// `settings` say so.
+/// A picture of the processor as a screen takes it: sRGB bytes of red, green, blue and alpha over the background, the
+/// highest row first. Its width is 0 before the first.
+struct EncodedPicture {
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> bytes = {};
+};
+
+/// A picture for a screen.
+struct ShownPicture {
+  TexturePicture texture{};                 // linear and premultiplied, unless there are bytes
+  const EncodedPicture* encoded = nullptr;  // null: the texture
+  bool is_new = true;                       // the bytes are not those of the call before
+};
+
+/// Draws one file. Draws only after a change. Knows of no window and no threads: a host runs jobs, and outlives the
+/// session. Needs the context of OpenGL that was current at `open`, if `settings` say so.
 class Session {
  public:
   Session(const Session&) = delete;
@@ -75,7 +89,7 @@ class Session {
   /// Opens a volume with a scene; `scene_path` empty: with a scene that fits the data. Errors name the file or the
   /// scene.
   [[nodiscard]] static Result<std::unique_ptr<Session>> open(const std::string& path, const std::string& scene_path,
-                                                             const ViewSettings& settings);
+                                                             const ViewSettings& settings, SessionHost& host);
 
   /// The same in two parts, for a thread that reads while another one draws. `asked` goes before what the scene tells
   /// of its use, and this before `settings`. A scene that tells its file needs no other.
@@ -83,7 +97,7 @@ class Session {
                                                 const ViewSettings& settings,
                                                 const format::OpenFile& open_file = open_file_or_url);
   /// Reads nothing, and nor does the first picture.
-  [[nodiscard]] static Result<std::unique_ptr<Session>> open(SessionFile file);
+  [[nodiscard]] static Result<std::unique_ptr<Session>> open(SessionFile file, SessionHost& host);
 
   /// Updates the picture for `scene` and `settings`, as well as one frame has time for: coarse while they change, finer
   /// from call to call at rest, and exact in the end if the file keeps cells. `seconds`: since the last call. A picture
@@ -95,16 +109,14 @@ class Session {
   /// sixtieth of a second.
   void set_window_seconds(double seconds);
 
-  /// Whether a thread draws a picture at rest: calls of `draw` do not wait for it long. Then
-  /// `image` and `page` must not be called; `shown_picture` is the one before.
-  [[nodiscard]] bool is_drawing() const { return drawing_.valid(); }
+  /// Whether a job draws a picture at rest: calls of `draw` do not wait for it long. Then `image` and `page` must not
+  /// be called; `shown_picture` is the one before.
+  [[nodiscard]] bool is_drawing() const { return drawing_.is_begun(); }
 
   /// Whether it is still at work.
-  [[nodiscard]] bool awaits_picture() const {
-    return is_drawing() && drawing_.wait_for(std::chrono::seconds(0)) == std::future_status::timeout;
-  }
+  [[nodiscard]] bool awaits_picture() const { return is_drawing() && !drawing_.wait(); }
 
-  /// Whether a thread reads what a change needs: another attribute, kernel, memory or step, or surfaces. Until it is
+  /// Whether a job reads what a change needs: another attribute, kernel, memory or step, or surfaces. Until it is
   /// there, pictures are drawn without the change.
   [[nodiscard]] bool is_reading() const { return reading_.has_value(); }
 
@@ -118,7 +130,7 @@ class Session {
   [[nodiscard]] TransferFunction fitting_function() const;
 
   /// Gives the scene a camera that sees all that the file shows, in the size of the last picture. Coarse splats are
-  /// read for it, on a thread of their own where changes are read aside. A camera that moves meanwhile stays.
+  /// read for it, by a job where changes are read aside. A camera that moves meanwhile stays.
   void show_all();
   [[nodiscard]] bool is_fitting() const { return fitting_camera_.has_value(); }
 
@@ -148,6 +160,27 @@ class Session {
   /// The same for a hand that waits for nothing: unless it has been read ahead, the step is read like any other change,
   /// as is_reading() tells. troubles() tell what cannot be read.
   void ask_step(std::size_t step);
+
+  /// The same by a hand that stops what plays. Does nothing if there is no such step.
+  void choose_step(std::size_t step);
+
+  /// Begins to play the steps, at the last one from the first one on; or stops.
+  void toggle_playing();
+  void stop_playing() { step_seconds_.reset(); }
+  [[nodiscard]] bool is_playing() const { return step_seconds_.has_value(); }
+
+  /// Shows the next step once the picture of this one has been there for its time and the next one has been read. If a
+  /// file cannot be read, or that is taken back, it is the end. `seconds`: since the last call.
+  [[nodiscard]] Status play(double seconds);
+
+  /// Adds the scene to those that it went through, if it has changed and there is a picture.
+  void remember();
+
+  /// Go to the scene before, or to the one that was undone last.
+  void undo();
+  void redo();
+  [[nodiscard]] bool can_undo() const { return history_ && history_->can_undo(); }
+  [[nodiscard]] bool can_redo() const { return history_ && history_->can_redo(); }
 
   /// Whether the picture is that of `step()`, and so fine.
   [[nodiscard]] bool is_step_shown() const { return !awaits_step_ && !asked_step_; }
@@ -214,15 +247,15 @@ class Session {
   /// Returns the view of the last draw, in the size of the window's picture.
   [[nodiscard]] const View& view() const { return view_; }
 
-  /// Returns the picture of the last draw for Screen::show. Needs a current context of OpenGL.
+  /// Returns the picture of the last draw, valid until the next one.
   [[nodiscard]] Result<ShownPicture> shown_picture();
 
-  /// Returns the opacity of a pixel of the last picture, counted from the upper left corner. None if the pixel is
-  /// outside, or surfaces are in the picture. Needs a current context of OpenGL, and must not be called while
-  /// `is_drawing`.
-  [[nodiscard]] std::optional<double> opacity_at(int x, int y) const;
+  /// Returns the picture of the last draw if only splats are in it: its alpha is the volume's opacity. Must not be
+  /// called while `is_drawing`.
+  [[nodiscard]] std::optional<DevicePicture> volume_picture() const;
 
-  [[nodiscard]] bool is_drawn_by_processor() const;
+  /// Whether pictures at rest may be drawn by a job.
+  [[nodiscard]] bool draws_aside() const { return player_->rasterizer().capabilities().any_thread; }
 
   /// Returns the device that draws, in words.
   [[nodiscard]] std::string device_text() const { return player_->rasterizer().description(); }
@@ -252,8 +285,14 @@ class Session {
   Scene scene;  // the scene to draw; width and height are those of the last draw
   ViewSettings settings;
 
+  struct Playback {
+    double steps_per_second = 5;  // at most
+    bool loops = false;           // goes on with the first step after the last
+  };
+  Playback playback;
+
  private:
-  Session() = default;
+  explicit Session(SessionHost& host) : host_(host) {}
   [[nodiscard]] Status draw_next(int width, int height, double seconds, bool is_busy);
   [[nodiscard]] Status use_step();
   void await_step();
@@ -268,7 +307,7 @@ class Session {
   [[nodiscard]] Status fit_camera();
   void begin_rest();
   [[nodiscard]] bool can_draw_aside() const;
-  [[nodiscard]] Status draw_aside(const std::function<Status()>& draw);
+  [[nodiscard]] Status draw_aside(std::function<Status()> draw);
   [[nodiscard]] Status draw_splats(const FrameRequest& request, const DrawOptions& options);
   [[nodiscard]] Result<bool> draw_moving_exact();
   [[nodiscard]] Quality quality_of_splats() const;
@@ -293,6 +332,9 @@ class Session {
   [[nodiscard]] Status finish_picture(std::optional<Image> drawn);
   [[nodiscard]] Status encode_picture();
 
+  void restore(const Scene& before);
+
+  SessionHost& host_;
   std::string path_;
   Scene first_scene_;
   bool fits_ = false;  // the first scene is one that fits the data, and its camera shall fit the first picture's size
@@ -303,13 +345,14 @@ class Session {
   double awaited_seconds_ = 0;             // since the step was asked for
   bool picture_is_whole_ = false;          // the rasterizer's: not interrupted
 
-  // The picture of the processor, as the window shows it.
-  std::vector<std::uint8_t> encoded_;
-  int encoded_width_ = 0, encoded_height_ = 0;
+  std::optional<History<Scene>> history_;   // of the scene, without its size; none before a picture
+  std::optional<double> step_seconds_;      // while steps play: since the last change
+  std::optional<std::size_t> played_step_;  // a file that is read meanwhile
+
+  EncodedPicture encoded_;
   dvec3 encoded_background_{0};
   bool encoded_is_old_ = true;
-  PictureTexture texture_;
-  bool texture_is_old_ = false;
+  bool encoded_is_shown_ = true;
 
   std::array<std::uint64_t, 64> histogram_{}, opacity_histogram_{};
   Box bounds_;
@@ -326,7 +369,7 @@ class Session {
     ViewSettings settings;
     std::optional<std::size_t> step;
     std::stop_source stop;
-    std::future<Result<SessionFile>> file;
+    Task<Result<SessionFile>> file;
   };
   std::optional<Reading> reading_;
 
@@ -334,7 +377,7 @@ class Session {
   struct FittingCamera {
     Camera before;
     std::stop_source stop;
-    std::future<Result<Camera>> fitted;
+    Task<Result<Camera>> fitted;
   };
   std::optional<FittingCamera> fitting_camera_;
   bool fits_function_ = false;  // the scene's attribute is to get the function that fits it
@@ -353,13 +396,14 @@ class Session {
   std::vector<std::string> troubles_;
 
   // Of the last picture.
+  double took_seconds_ = 0;  // also by a job, until it ends
   double draw_seconds_ = 0;
   std::uint64_t device_bytes_ = 0;
 
-  // A picture at rest, on a thread of its own. Until it ends, nothing else changes the player.
+  // A picture at rest, by a job. Until it ends, nothing else changes the player.
   double undrawn_seconds_ = 0;  // since the last picture began
   std::stop_source stop_;
-  std::future<Status> drawing_;
+  Task<Status> drawing_;
   std::optional<Image> drawn_aside_;  // by drawing_
 
   // What is told meanwhile.

@@ -5,9 +5,9 @@
 #include <numbers>
 #include <random>
 
+#include "player/camera_control.h"
+#include "player/camera_path.h"
 #include "tests/support/temp_folder.h"
-#include "viewer/camera_control.h"
-#include "viewer/camera_path.h"
 
 namespace splatvol {
 namespace {

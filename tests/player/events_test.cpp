@@ -2,9 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "player/events.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
-#include "viewer/events.h"
 
 namespace splatvol {
 namespace {

@@ -1,4 +1,4 @@
-#include "viewer/gui.h"
+#include "viewer/window/gui.h"
 
 #include <imgui.h>
 
@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "pictures/font_data.h"
-#include "viewer/gui_units.h"
+#include "viewer/window/gui_units.h"
 
 namespace splatvol {
 namespace {
@@ -186,8 +186,6 @@ Status Gui::begin(const FrameInput& input, const WindowResized& window, bool lig
 bool Gui::has_pointer() const { return ImGui::GetIO().WantCaptureMouse; }
 
 bool Gui::has_keyboard() const { return ImGui::GetIO().WantTextInput; }
-
-bool Gui::has_active_control() const { return ImGui::IsAnyItemActive(); }
 
 Status Gui::upload(const ImDrawData& data) {
   SPLATVOL_TRY(vertices_.reserve(static_cast<std::size_t>(data.TotalVtxCount) * sizeof(ImDrawVert)));

@@ -1,4 +1,4 @@
-#include "viewer/events.h"
+#include "player/events.h"
 
 #include <cerrno>
 #include <cmath>

@@ -1,5 +1,5 @@
 // Undo and redo.
-#include "viewer/history.h"
+#include "player/history.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,5 @@
-// The viewer's probes: beside the pointer, and pinned with a plot.
+#include "viewer/probes.h"
+
 #include <fmt/format.h>
 #include <imgui.h>
 
@@ -6,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
-#include "viewer/gui_units.h"
-#include "viewer/viewer.h"
+#include "viewer/window/gui_units.h"
+#include "viewer/window/presenter.h"
 
 namespace splatvol {
 namespace {
@@ -75,53 +76,59 @@ void draw_plot(const Probe& probe, const format::Attribute& attribute) {
 
 }  // namespace
 
-// Returns the place of a position in the window, in pixels of the picture.
-dvec2 Viewer::pixel_at(const dvec2& position) const {
-  const PictureArea area = picture_area();
-  return {(position.x - area.left) / area.unit_x, position.y / area.unit_y};
+void Probes::end() {
+  pin_.reset();
+  prober_.forget();
+}
+
+// Looks through the middle of the pixel at a position in the window.
+Looking Probes::looking_at(const dvec2& position) const {
+  const PictureArea area = viewer_.picture_area();
+  const dvec2 at((position.x - area.left) / area.unit_x, position.y / area.unit_y);
+  const dvec2 pixel = glm::floor(at) + 0.5;
+  return looking_through(viewer_.session->view(), pixel.x, pixel.y);
 }
 
 // The picture tells the opacity of lines of sight from its eye.
-Prober::Question Viewer::question_about(const Looking& looking) const {
-  const Scene& drawn = session_->drawn_scene();
-  Prober::Question question{session_->frame()->serial, drawn.transfer_function, {}, looking, {}};
+Prober::Question Probes::question_about(const Looking& looking) const {
+  const Scene& drawn = viewer_.session->drawn_scene();
+  Prober::Question question{viewer_.session->frame()->serial, drawn.transfer_function, {}, looking, {}};
   if (drawn.opacity) question.opacity_function = drawn.opacity->function;
-  const View& view = session_->view();
+  const View& view = viewer_.session->view();
   const dvec3 at = view.to_view(looking.ray.origin + looking.ray.direction);
   const dvec3 from = view.to_view(looking.ray.origin);
   const bool is_of_view = view.orthographic ? looking.orthographic && view.forward == looking.ray.direction
                                             : !looking.orthographic && view.eye == looking.ray.origin && at.z > 0;
   if (!is_of_view) return question;
   const dvec3 in_picture = view.orthographic ? view.focal * from : view.focal / at.z * at;
-  question.opacity = session_->opacity_at(static_cast<int>(std::floor(in_picture.x + 0.5 * view.width)),
-                                          static_cast<int>(std::floor(0.5 * view.height - in_picture.y)));
+  question.opacity = opacity_at(*viewer_.session, static_cast<int>(std::floor(in_picture.x + 0.5 * view.width)),
+                                static_cast<int>(std::floor(0.5 * view.height - in_picture.y)));
   return question;
 }
 
-Prober::CellsOf Viewer::probed_cells() const {
-  return {session_->steps(), session_->step(), session_->drawn_scene().attribute};
+void Probes::ask(const Prober::Question& question) {
+  const Session& session = *viewer_.session;
+  prober_.ask(question, *session.frame(), session.units(),
+              {session.steps(), session.step(), session.drawn_scene().attribute});
 }
 
 // A slice in front of the volume's middle takes its place.
-std::optional<Probe> Viewer::with_slices(const std::optional<Probe>& volume, const Ray& ray) const {
-  auto on_slice = probe_slices(session_->frame()->sliced, session_->units(), session_->view(), ray);
+std::optional<Probe> Probes::with_slices(const std::optional<Probe>& volume, const Ray& ray) const {
+  auto on_slice =
+      probe_slices(viewer_.session->frame()->sliced, viewer_.session->units(), viewer_.session->view(), ray);
   const auto distance = [&](const Probe& probe) { return glm::length(probe.position - ray.origin); };
   return on_slice && (!volume || distance(*on_slice) < distance(*volume)) ? on_slice : volume;
 }
 
-// Pins the line of sight at a position in the window.
-void Viewer::pin(const dvec2& position) {
-  if (!probe_ || !session_ || !session_->frame()) return;
-  const dvec2 pixel = glm::floor(pixel_at(position)) + 0.5;
-  pin_ = Pin{looking_through(session_->view(), pixel.x, pixel.y)};
+void Probes::pin(const dvec2& position) {
+  if (!viewer_.shown.probe || !viewer_.session || !viewer_.session->frame()) return;
+  pin_ = Pin{looking_at(position)};
 }
 
-// Answers come from a thread, and only at rest: while the picture changes, its splats are not held for a probe.
-void Viewer::draw_probes() {
-  const FrameSplats* frame = session_->frame();
-  if (!frame || session_->is_drawing()) return draw_pinned();
-  const bool is_at_rest =
-      !drag_ && !planes_.is_held() && !is_busy() && frame->progress.fading == 0 && !session_->is_reading();
+void Probes::draw(bool is_at_rest, bool over_picture) {
+  const FrameSplats* frame = viewer_.session->frame();
+  if (!frame || viewer_.session->is_drawing()) return draw_pinned();
+  is_at_rest = is_at_rest && frame->progress.fading == 0 && !viewer_.session->is_reading();
   if (!is_at_rest) prober_.forget();
   if (pin_ && is_at_rest) {
     const Prober::Question question = question_about(pin_->looking);
@@ -130,31 +137,31 @@ void Viewer::draw_probes() {
       pin_->probe = with_slices(*answer, pin_->looking.ray);
       if (!pin_->probe) pin_.reset();  // nothing is there
     } else if (pin_->asked != question) {
-      prober_.ask(question, *frame, session_->units(), probed_cells());
+      ask(question);
     }
   }
   draw_pinned();
-  if (is_at_rest && !gui_->has_pointer()) draw_hovered();
+  if (is_at_rest && over_picture) draw_hovered();
 }
 
 // Shows the probe beside the pointer.
-void Viewer::draw_hovered() {
-  if (pointer_in_picture().x < 0) return;
-  const dvec2 pixel = glm::floor(pixel_at(pointer_)) + 0.5;
-  const Prober::Question question = question_about(looking_through(session_->view(), pixel.x, pixel.y));
+void Probes::draw_hovered() {
+  const dvec2 pointer = viewer_.steering.pointer();
+  if (pointer.x < viewer_.picture_area().left) return;
+  const Prober::Question question = question_about(looking_at(pointer));
   const auto* answer = prober_.answer_to(question);
-  if (!answer) return prober_.ask(question, *session_->frame(), session_->units(), probed_cells());
+  if (!answer) return ask(question);
   if (const auto found = with_slices(*answer, question.looking.ray))
-    ImGui::SetTooltip("%s", words_of(*found, session_->attribute()).c_str());
+    ImGui::SetTooltip("%s", words_of(*found, viewer_.session->attribute()).c_str());
 }
 
 // Shows the pinned probe: a ring where its value is, and a window.
-void Viewer::draw_pinned() {
+void Probes::draw_pinned() {
   if (!pin_ || !pin_->probe) return;
   const Probe& probe = *pin_->probe;
-  const PictureArea area = picture_area();
-  const View& view = session_->view();
-  const float scale = static_cast<float>(window_.content_scale);
+  const PictureArea area = viewer_.picture_area();
+  const View& view = viewer_.session->view();
+  const float scale = viewer_.scale();
   const dvec3 at = view.to_view(probe.position);
   if (view.orthographic || at.z > 0) {
     const double by = view.focal / (view.orthographic ? 1 : at.z);
@@ -170,15 +177,15 @@ void Viewer::draw_pinned() {
                           ImGuiCond_Appearing, {0, 1});
   bool stays = true;
   ImGui::Begin("pinned", &stays, ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoCollapse);
-  ImGui::TextUnformatted(words_of(probe, session_->attribute()).c_str());
-  if (!probe.samples.empty()) draw_plot(probe, session_->attribute());
+  ImGui::TextUnformatted(words_of(probe, viewer_.session->attribute()).c_str());
+  if (!probe.samples.empty()) draw_plot(probe, viewer_.session->attribute());
   if (ImGui::SmallButton("copy"))
     ImGui::SetClipboardText(fmt::format("{:.9g},{:.9g},{:.9g},{:.9g},{:.6g}\n", probe.position.x, probe.position.y,
                                         probe.position.z, probe.value, probe.opacity)
                                 .c_str());
   hint("Copies x, y, z, the value and the opacity.");
   ImGui::SameLine();
-  if (ImGui::SmallButton("copy plot")) ImGui::SetClipboardText(table_of(probe, session_->attribute()).c_str());
+  if (ImGui::SmallButton("copy plot")) ImGui::SetClipboardText(table_of(probe, viewer_.session->attribute()).c_str());
   hint("Copies the table of distance, value and opacity.");
   ImGui::End();
   if (!stays) pin_.reset();

@@ -1,0 +1,66 @@
+// What a session needs of the program around it: jobs beside its own work, and the time.
+#pragma once
+
+#include <functional>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <utility>
+
+namespace splatvol {
+
+/// A job that a host has begun. Its end is waited for at its destruction.
+class Job {
+ public:
+  virtual ~Job() = default;
+
+  /// Waits for the end up to a time. Returns whether the job has ended.
+  [[nodiscard]] virtual bool wait(double seconds) const = 0;
+};
+
+/// Runs jobs on other threads, or on that of the call. Tells the time.
+class SessionHost {
+ public:
+  enum class Priority {
+    usual,
+    low,  // gives way to what draws the window
+  };
+
+  virtual ~SessionHost() = default;
+
+  /// Begins a job. Where no thread starts, it has ended on return.
+  [[nodiscard]] virtual std::unique_ptr<Job> begin(std::function<void()> work, Priority priority) = 0;
+
+  /// Returns the seconds since some beginning. Thread-safe.
+  [[nodiscard]] virtual double now() const = 0;
+};
+
+/// A job with a result. At first there is none.
+template <class Value>
+class Task {
+ public:
+  Task() = default;
+  template <class Work>
+  Task(SessionHost& host, Work work, SessionHost::Priority priority = SessionHost::Priority::usual)
+      : value_(std::make_shared<std::optional<Value>>()),
+        job_(host.begin([value = value_, work = std::move(work)]() mutable { value->emplace(work()); }, priority)) {}
+
+  /// Whether there is a job whose result has not been taken.
+  [[nodiscard]] bool is_begun() const { return job_ != nullptr; }
+
+  /// Whether it has ended, at the latest after some seconds. Requires is_begun().
+  [[nodiscard]] bool wait(double seconds = 0) const { return job_->wait(seconds); }
+
+  /// Waits for the result. Requires is_begun().
+  [[nodiscard]] Value take() {
+    static_cast<void>(job_->wait(std::numeric_limits<double>::infinity()));
+    job_.reset();
+    return std::move(**std::exchange(value_, nullptr));
+  }
+
+ private:
+  std::shared_ptr<std::optional<Value>> value_;
+  std::unique_ptr<Job> job_;
+};
+
+}  // namespace splatvol

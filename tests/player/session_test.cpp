@@ -1,0 +1,156 @@
+// Recordings of a hand's events steer a session without a window, threads and OpenGL, by a clock of the test.
+#include "player/session.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "builder/series/series_build.h"
+#include "player/inline_host.h"
+#include "player/steering.h"
+#include "tests/builder/support/built_mesh.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
+
+namespace splatvol {
+namespace {
+
+constexpr int width = 80, height = 60;
+
+// Each look at the clock takes a millisecond.
+class FakeHost final : public InlineHost {
+ public:
+  [[nodiscard]] double now() const override { return 0.001 * ++looks_; }
+
+ private:
+  mutable int looks_ = 0;
+};
+
+SeriesStep step_at(int step) {
+  return test::mesh_step(0.5 * step, test::lattice(8), [step](dvec3 p) { return std::sin(5 * p.x + step) + p.y; });
+}
+
+class RecordedSession : public test::FolderTest {
+ protected:
+  // A file of three steps.
+  void SetUp() override {
+    ASSERT_TRUE(build_series({step_at(0), step_at(1), step_at(2)}, path("s.svol"), {}, [](const char*, double) {}));
+  }
+
+  struct Played {
+    std::vector<Image> pictures;     // of each frame of the recording
+    std::vector<std::size_t> steps;  // one after the other
+    Scene scene;
+    Image at_rest;
+  };
+
+  // Plays a recording in a session that rests before and after.
+  [[nodiscard]] Played play(const std::string& recording, const std::optional<Scene>& scene = {}) const {
+    std::ofstream(path("r.jsonl")) << recording;
+    ViewSettings settings;
+    settings.device = Device::cpu;
+    settings.in_current_context = false;
+    FakeHost host;
+    const auto session = test::value_of(Session::open(path("s.svol"), "", settings, host));
+    Steering steering;
+    if (scene) session->scene = *scene;
+    Played played{.steps = {session->step()}};
+    const auto frame = [&](const FrameInput& input) {
+      steering.begin_frame(input.seconds);
+      for (const Event& event : input.events) steering.handle(event, session.get(), {0, {width, height}, 1}, {});
+      steering.move(input.seconds, session.get(), {});
+      EXPECT_EQ(test::message_of(session->play(input.seconds)), "");
+      EXPECT_EQ(test::message_of(session->draw(width, height, input.seconds)), "");
+      steering.remember(*session, {});
+      if (session->step() != played.steps.back()) played.steps.push_back(session->step());
+    };
+    const auto rest = [&] {
+      do frame({1, {}});
+      while (!session->is_settled() || session->is_playing());  // ends by the test's time limit
+    };
+    rest();
+    for (const FrameInput& input : test::value_of(load_recording(path("r.jsonl")))) {
+      frame(input);
+      played.pictures.push_back(test::value_of(session->image()));
+    }
+    rest();
+    played.scene = session->scene;
+    played.at_rest = test::value_of(session->image());
+    return played;
+  }
+
+  static double difference(const Image& a, const Image& b) { return compare_images(a, b).value().max; }
+};
+
+// A drag, a burst of the wheel, lighting.
+constexpr const char* hand = R"({"seconds":0.02,"events":[["pointer",40,30]]}
+{"seconds":0.02,"events":[["button",0,true]]}
+{"seconds":0.02,"events":[["pointer",50,33]]}
+{"seconds":0.02,"events":[["pointer",60,36],["button",0,false]]}
+{"seconds":0.5,"events":[]}
+{"seconds":0.02,"events":[["scroll",0,2]]}
+{"seconds":0.02,"events":[["scroll",0,1]]}
+{"seconds":0.5,"events":[]}
+{"seconds":0.02,"events":[["key",76,true]]}
+{"seconds":0.02,"events":[["key",76,false]]}
+)";
+// Control Z, once.
+constexpr const char* undo = R"({"seconds":0.5,"events":[["key",341,true],["key",90,true]]}
+{"seconds":0.02,"events":[["key",90,false],["key",341,false]]}
+)";
+
+TEST_F(RecordedSession, ShowsTheSameEachTime) {
+  const Played first = play(hand), second = play(hand);
+  ASSERT_EQ(first.pictures.size(), 10U);
+  EXPECT_EQ(first.scene, second.scene);
+  int changes = 0;
+  for (std::size_t i = 0; i < first.pictures.size(); ++i) {
+    EXPECT_EQ(difference(first.pictures[i], second.pictures[i]), 0) << i;
+    if (i > 0 && difference(first.pictures[i], first.pictures[i - 1]) > 0) ++changes;
+  }
+  EXPECT_GE(changes, 5) << "two motions, two turns of the wheel and the light";
+  EXPECT_TRUE(first.scene.lighting);
+
+  // What rests does not depend on the way.
+  const Played there = play("{\"seconds\":0.02,\"events\":[]}\n", first.scene);
+  EXPECT_EQ(difference(there.at_rest, first.at_rest), 0);
+}
+
+TEST_F(RecordedSession, UndoesAndRedoesAHand) {
+  const std::string redo = R"({"seconds":0.5,"events":[["key",341,true],["key",89,true]]}
+{"seconds":0.02,"events":[["key",89,false],["key",341,false]]}
+)";
+  const std::string all = hand;
+  const Played before = play("{\"seconds\":0.02,\"events\":[]}\n"), after = play(all);
+  EXPECT_EQ(play(all + undo).scene.camera, after.scene.camera) << "only the light is undone";
+  EXPECT_FALSE(play(all + undo).scene.lighting);
+  const Played wheel = play(all + undo + undo);  // the burst is one change, the drag another one
+  EXPECT_NE(wheel.scene.camera, after.scene.camera);
+  EXPECT_NE(wheel.scene.camera, before.scene.camera);
+  const Played undone = play(all + undo + undo + undo);
+  EXPECT_EQ(undone.scene, before.scene);
+  EXPECT_EQ(difference(undone.at_rest, before.at_rest), 0);
+  EXPECT_EQ(play(all + undo + undo + undo + undo).scene, before.scene) << "there is no more";
+  const Played redone = play(all + undo + undo + undo + redo + redo + redo);
+  EXPECT_EQ(redone.scene, after.scene);
+  EXPECT_EQ(difference(redone.at_rest, after.at_rest), 0);
+}
+
+TEST_F(RecordedSession, PlaysSteps) {
+  const std::string space = R"({"seconds":0.02,"events":[["key",32,true]]}
+{"seconds":0.02,"events":[["key",32,false]]}
+)";
+  const std::string left = R"({"seconds":0.02,"events":[["key",263,true]]}
+{"seconds":0.02,"events":[["key",263,false]]}
+)";
+  const Played played = play(space), stopped = play(space + space), back = play(left + left + left);
+  EXPECT_EQ(played.steps, (std::vector<std::size_t>{2, 0, 1, 2})) << "behind the last comes the first";
+  EXPECT_EQ(stopped.steps, (std::vector<std::size_t>{2, 0}));
+  EXPECT_EQ(back.steps, (std::vector<std::size_t>{2, 1, 0}));
+  EXPECT_EQ(difference(stopped.at_rest, back.at_rest), 0);
+  EXPECT_GT(difference(stopped.at_rest, played.at_rest), 0.01);
+}
+
+}  // namespace
+}  // namespace splatvol

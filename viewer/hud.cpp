@@ -1,0 +1,129 @@
+#include "viewer/hud.h"
+
+#include <fmt/format.h>
+#include <imgui.h>
+
+#include "base/byte_text.h"
+
+namespace splatvol {
+namespace {
+
+// Tells what is in the picture.
+std::string drawn_text(const Session& session) {
+  if (const auto& exact = session.exact())
+    return fmt::format("{} segments of rays, in {} chunks of cells\n", exact->segments, exact->chunks);
+  const FrameSplats& frame = *session.frame();
+  std::string text = fmt::format("{} points as {} splats\n", session.info().point_count(), frame.splats);
+  for (std::size_t r = 0; r < frame.splats_by_resolution.size(); ++r)
+    if (frame.splats_by_resolution[r] > 0)
+      text += fmt::format("  resolution {}: {} splats in {} nodes\n", r, frame.splats_by_resolution[r],
+                          frame.nodes_by_resolution[r]);
+  return text;
+}
+
+// Tells how fine the picture is, and why it is not finer.
+std::string detail_text(const Session& session) {
+  if (session.exact()) return session.is_settled() ? "exact" : "exact, with fewer samples than pixels: it sharpens";
+  const FrameSplats& frame = *session.frame();
+  const auto& sharpening = session.sharpening();
+  if (!sharpening) return fmt::format("coarse while it moves, an error of about {:.1g}", frame.expected_error);
+  const Detail& asked = sharpening->detail();
+  if (asked.resolution) return fmt::format("resolution {}", frame.detail.resolution.value_or(*asked.resolution));
+  if (!asked.goal) {
+    const double drawn = frame.detail.tolerance_percent;
+    const bool lacks = !frame.detail.goal && drawn > asked.tolerance_percent;
+    return (asked.tolerance_percent > 0 ? fmt::format("tolerance {:.3g} %", asked.tolerance_percent) : "all points") +
+           (lacks ? fmt::format(" (memory allows a tolerance of {:.3g} %)", drawn) : "");
+  }
+  if (!sharpening->seeks_error()) return fmt::format("an error of about {:.1g} expected", frame.expected_error);
+  const std::string error = sharpening->error() ? fmt::format("an error of about {:.2g}", *sharpening->error()) : "";
+  if (!sharpening->is_done()) return (error.empty() ? "" : error + ", ") + "it sharpens";
+  if (frame.finest) return "no more points would show";
+  return error + (sharpening->has_reached() ? "" : ": memory allows no less");
+}
+
+}  // namespace
+
+void draw_hud(ViewerState& viewer, double frame_seconds) {
+  const Session& session = *viewer.session;
+  const FrameSplats* frame = session.frame();
+  if (!frame) return;
+  const StreamerStatistics statistics = session.statistics();
+  const auto bytes = [](std::uint64_t count) { return byte_text(static_cast<double>(count)); };
+  const FrameProgress& progress = frame->progress;
+  std::string text = fmt::format("{:.0f} frames/s, picture {:.1f} ms\n", frame_seconds > 0 ? 1 / frame_seconds : 0,
+                                 1000 * session.draw_seconds());
+  text += drawn_text(session);
+  text += detail_text(session) + "\n";
+  text += fmt::format("{} of {} in use, and {} to draw\n", bytes(statistics.bytes_resident),
+                      bytes(session.settings.memory), bytes(session.device_bytes()));
+  const std::string device = session.device_text(), name = device.substr(0, device.find(','));
+  const bool is_open = name.find('(') != std::string::npos && name.find(')') == std::string::npos;
+  text += session.exact() ? "drawn by the processor\n" : fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
+  text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session.file_bytes()));
+  text += fmt::format("{} parts pending ({})", progress.missing_rows + progress.missing_pages,
+                      bytes(progress.missing_bytes));
+  const std::vector<double>& times = session.times();
+  if (times.size() > 1)
+    text += fmt::format("\nstep {} (0 to {}), time {:.6g}", session.step(), times.size() - 1, times[session.step()]);
+  const float scale = viewer.scale();
+  if (const auto& troubles = session.troubles(); !troubles.empty())
+    text += fmt::format("\nerrors: {}", troubles.size());
+  // Where it would hide most of the picture, or the button of the panel, there are no numbers.
+  const ImVec2 size = ImGui::CalcTextSize(text.c_str());
+  const float room = static_cast<float>(viewer.picture_area().width) - (viewer.is_narrow() ? 120 : 32) * scale;
+  if (viewer.panel() && viewer.is_narrow()) return;
+  if (size.x > room || size.y > static_cast<float>(viewer.picture_area().height) / 2) return;
+  const float right = static_cast<float>(viewer.picture_area().left + viewer.picture_area().width);
+  ImGui::SetNextWindowPos({right - 8 * scale, 8 * scale}, ImGuiCond_Always, {1, 0});
+  ImGui::SetNextWindowBgAlpha(0.75f);
+  ImGui::Begin("HUD", nullptr,
+               ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
+                   ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav);
+  ImGui::TextUnformatted(text.c_str());
+  ImGui::End();
+}
+
+void draw_keys(ViewerState& viewer) {
+  const PictureArea area = viewer.picture_area();
+  ImGui::SetNextWindowPos(
+      {static_cast<float>(area.left + area.width / 2), static_cast<float>(viewer.window.height) / 2}, ImGuiCond_Always,
+      {0.5f, 0.5f});
+  ImGui::Begin("keys", &viewer.shown.help, ImGuiWindowFlags_NoCollapse | ImGuiWindowFlags_AlwaysAutoResize);
+  constexpr std::pair<const char*, const char*> lines[] = {
+      {"left drag", "turn"},
+      {"right drag, shift", "move"},
+      {"control drag", "roll"},
+      {"wheel", "zoom to the pointer; with shift, or sideways: move"},
+      {"click", "pin the value and its plot along the line of sight"},
+      {"R", "see all again"},
+      {"1 2 3", "from +x, +y, +z; with shift from the other side"},
+      {"P", "perspective or orthographic"},
+      {"F", "fly: W A S D E Q, arrows and left drag to look, shift for speed"},
+      {"L", "lighting"},
+      {"X", "add a slice; drag its balls to move and turn it"},
+      {"space", "play the steps of a time series, or stop"},
+      {"left, right", "step before, next step"},
+      {"B C H", "bounding box, octree cut, numbers"},
+      {"Tab", "panel"},
+      {"control Z", "undo; with shift, or control Y: redo"},
+      {"control O, W", "open a file, close it"},
+      {"control C", "copy a command that shows the same"},
+      {"Esc", "cancel what is being read"},
+      {"F1", "this list"},
+      {"control Q", "quit"},
+  };
+  if (ImGui::BeginTable("keys", 2, ImGuiTableFlags_SizingFixedFit)) {
+    for (const auto& [keys, what] : lines) {
+      ImGui::TableNextColumn();
+      ImGui::TextUnformatted(keys);
+      ImGui::TableNextColumn();
+      ImGui::TextUnformatted(what);
+    }
+    ImGui::EndTable();
+  }
+  ImGui::TextUnformatted("Drop a .svol file to open it, a scene or ParaView's colour maps (.json) to apply them.");
+  ImGui::End();
+}
+
+}  // namespace splatvol

@@ -1,0 +1,104 @@
+#include "viewer/movie_section.h"
+
+#include <fmt/format.h>
+#include <imgui.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "player/camera_motion.h"
+
+namespace splatvol {
+
+void MovieSection::draw() {
+  int of = films_path_ ? 1 : 0;
+  if (ImGui::Combo("movie of", &of, "a turn\0the path\0")) films_path_ = of == 1;
+  const double slowest = 1, fastest = 120;
+  ImGui::SliderScalar("frames/s", ImGuiDataType_Double, &frames_per_second_, &slowest, &fastest, "%.3g",
+                      ImGuiSliderFlags_AlwaysClamp);
+  name_.draw("file##movie");
+  ImGui::BeginDisabled(filming_ || save_.saving() || (films_path_ && path_.path().cameras.size() < 2));
+  if (ImGui::SmallButton("save movie (.mp4)")) save_movie();
+  ImGui::EndDisabled();
+  if (ImGui::IsItemHovered(ImGuiHoveredFlags_AllowWhenDisabled))
+    ImGui::SetTooltip(
+        "Each frame is as fine as the picture at rest. Size, title and colour bar: as in \"save\".\n"
+        "A path needs two views.");
+}
+
+void MovieSection::save_movie() {
+  const std::string path = name_.text();
+  if (const std::string wrong = check_movie_path(path); !wrong.empty()) {
+    viewer_.message = wrong;
+    return;
+  }
+  const auto size = save_.saved_size();
+  if (!size) return;
+  save_.save(path, [=, this] {
+    auto movie = Movie::create(path, "", frames_per_second_);
+    if (!movie) {
+      viewer_.message = movie.error().message;
+      return;
+    }
+    const int frames = std::max(1, static_cast<int>(std::lround(path_.path().seconds * frames_per_second_)));
+    filming_.emplace(Filming{std::move(*movie), path, (*size)[0], (*size)[1], frames, 0, !films_path_,
+                             viewer_.session->scene.camera});
+    film();
+  });
+}
+
+void MovieSection::film() {
+  if (!filming_) return;
+  Filming& film = *filming_;
+  if (film.joined.is_begun()) {
+    if (!film.joined.wait()) return;
+    viewer_.report(film.path, film.joined.take());
+    filming_.reset();
+    return;
+  }
+  Camera& camera = viewer_.session->scene.camera;
+  const auto camera_of = [&](int frame) {
+    if (film.turns) return camera_at(film.first, CameraMotion{film.frames}, frame);
+    return camera_at(path_.path(), film.frames > 1 ? static_cast<double>(frame) / (film.frames - 1) : 0);
+  };
+  const bool is_there = viewer_.drawn && viewer_.session->is_settled() && camera == camera_of(film.drawn) &&
+                        viewer_.session->scene.width == film.width && viewer_.session->scene.height == film.height;
+  if (is_there || !viewer_.drawn) {
+    const Status written = viewer_.drawn ? save_.write_picture(film.movie.frame_path(film.drawn)) : viewer_.drawn;
+    if (!written) {
+      viewer_.message = written.error().message;
+      return end(true);
+    }
+    if (++film.drawn == film.frames) {
+      camera = film.first;
+      film.joined = {viewer_.host, [movie = film.movie, frames = film.frames] { return movie.finish(0, frames); }};
+      return;
+    }
+  }
+  camera = camera_of(film.drawn);
+}
+
+void MovieSection::end(bool waits) {
+  if (!filming_ || (!waits && filming_->joined.is_begun())) return;
+  if (viewer_.session) viewer_.session->scene.camera = filming_->first;
+  if (!filming_->joined.is_begun()) filming_->movie.discard(0, filming_->drawn);
+  filming_.reset();  // waits for ffmpeg, if the frames are being joined
+}
+
+void MovieSection::draw_progress() {
+  const PictureArea area = viewer_.picture_area();
+  ImGui::SetNextWindowPos({static_cast<float>(area.left + area.width / 2), static_cast<float>(area.height / 2)},
+                          ImGuiCond_Always, {0.5f, 0.5f});
+  ImGui::Begin("movie", nullptr, ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_AlwaysAutoResize);
+  if (filming_->joined.is_begun()) {
+    ImGui::TextUnformatted(fmt::format("{}: ffmpeg joins {} frames", filming_->path, filming_->frames).c_str());
+  } else {
+    ImGui::TextUnformatted(
+        fmt::format("{}: frame {} of {}", filming_->path, filming_->drawn + 1, filming_->frames).c_str());
+    if (ImGui::SmallButton("stop (Esc)")) end(true);
+  }
+  ImGui::End();
+}
+
+}  // namespace splatvol

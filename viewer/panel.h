@@ -1,0 +1,61 @@
+// The panel: what can be set, in sections.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "viewer/movie_section.h"
+#include "viewer/path_section.h"
+#include "viewer/save_section.h"
+#include "viewer/slice_controls.h"
+#include "viewer/state.h"
+#include "viewer/transfer_editor.h"
+#include "viewer/view_section.h"
+
+namespace splatvol {
+
+class Panel {
+ public:
+  explicit Panel(ViewerState& viewer) : save(viewer), path(viewer, save), movie(viewer, save, path), viewer_(viewer) {}
+
+  struct Wishes {
+    bool opens_dialog = false;
+    std::optional<std::string> file = {};  // to be opened
+  };
+
+  /// Draws the panel, or the button that shows it.
+  [[nodiscard]] Wishes draw();
+
+  /// Adds colour maps to the presets.
+  void add_presets(std::vector<NamedColorMap> maps) { editor_.add_presets(std::move(maps)); }
+
+  /// Sets what another session begins with.
+  void begin();
+
+  /// Ends what plays, and what is to be saved.
+  void end();
+
+  /// Whether a control is held, or changes the scene from frame to frame.
+  [[nodiscard]] bool holds_scene() const;
+
+  /// Whether pictures are drawn for a file.
+  [[nodiscard]] bool is_saving() const { return save.saving() || movie.filming(); }
+
+  SaveSection save;
+  PathSection path;
+  MovieSection movie;
+  SliceControls planes;
+
+ private:
+  void draw_history_buttons();
+  [[nodiscard]] std::optional<std::string> draw_sections();
+  void draw_transfer_section();
+  void draw_opacity_controls();
+
+  ViewerState& viewer_;
+  TransferEditor editor_, opacity_editor_;
+  DetailControls detail_;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,28 @@
+#include "viewer/state.h"
+
+#include <algorithm>
+
+namespace splatvol {
+
+PictureArea ViewerState::picture_area() const {
+  PictureArea area;
+  const double panel = shown.panel && !is_narrow() ? panel_width * window.content_scale : 0;
+  area.unit_x = static_cast<double>(window.width) / std::max(1, window.pixel_width);
+  area.unit_y = static_cast<double>(window.height) / std::max(1, window.pixel_height);
+  area.width = std::max(area.unit_x, window.width - panel);
+  area.left = shown.panel_right ? 0 : std::max(0.0, window.width - area.width);
+  area.height = std::max(area.unit_y, static_cast<double>(window.height));
+  return area;
+}
+
+std::array<int, 2> ViewerState::picture_size() const {
+  const PictureArea area = picture_area();
+  return {std::max(1, static_cast<int>(area.width / area.unit_x)), window.pixel_height};
+}
+
+void ViewerState::report(const std::string& path, const Status& saved) {
+  pending_frames = 3;  // the panel, which shows it, has been drawn
+  message = saved ? "saved " + path : saved.error().message;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,51 @@
+// What the parts of the viewer share.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "player/events.h"
+#include "player/session.h"
+#include "player/steering.h"
+#include "viewer/overlay.h"
+#include "viewer/thread_host.h"
+
+namespace splatvol {
+
+/// What is shown besides the picture.
+struct Shown {
+  bool panel = true, covering_panel = false, panel_right = false;
+  bool help = false, hud = true, axes = true, scalar_bar = true, cut = false, probe = true;
+  bool light = false;  // the interface's theme
+};
+
+struct ViewerState {
+  static constexpr double panel_width = 336;  // at scale 1
+
+  ThreadHost host;
+  std::unique_ptr<Session> session;  // null: no file is open
+  Status drawn;                      // of its last picture
+  Steering steering;
+  WindowResized window{0, 0, 0, 0, 1};
+  Shown shown;
+  std::string message;     // the last error, or the last file saved
+  int pending_frames = 0;  // the interface settles a frame after a change
+
+  /// Beside the panel, and at least one pixel wide.
+  [[nodiscard]] PictureArea picture_area() const;
+
+  /// Returns the size of the window's picture, in pixels.
+  [[nodiscard]] std::array<int, 2> picture_size() const;
+
+  [[nodiscard]] float scale() const { return static_cast<float>(window.content_scale); }
+
+  // Beside a panel, the picture would be too narrow: the panel covers it, and is hidden at first.
+  [[nodiscard]] bool is_narrow() const { return window.width < 1.75 * panel_width * window.content_scale; }
+  [[nodiscard]] bool& panel() { return is_narrow() ? shown.covering_panel : shown.panel; }
+  [[nodiscard]] bool is_minimised() const { return window.pixel_width <= 0 || window.pixel_height <= 0; }
+
+  /// Tells of a file that was to be saved.
+  void report(const std::string& path, const Status& saved);
+};
+
+}  // namespace splatvol

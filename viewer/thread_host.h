@@ -1,0 +1,13 @@
+// The host of a session in a window: a thread for each job.
+#pragma once
+
+#include "player/inline_host.h"
+
+namespace splatvol {
+
+class ThreadHost final : public InlineHost {
+ public:
+  [[nodiscard]] std::unique_ptr<Job> begin(std::function<void()> work, Priority priority) override;
+};
+
+}  // namespace splatvol

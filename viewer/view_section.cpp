@@ -1,0 +1,163 @@
+#include "viewer/view_section.h"
+
+#include <fmt/format.h>
+#include <imgui.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "viewer/window/gui_units.h"
+
+namespace splatvol {
+namespace {
+
+constexpr double usual_tolerance = 1;  // per cent
+constexpr std::size_t most_rows = 8;   // beyond, the list scrolls
+
+std::string name_of(const SceneSurface& surface) {
+  if (!surface.boundary.empty()) return surface.boundary;
+  return std::filesystem::path(surface.file).filename().string();
+}
+
+// Returns whether the box was clicked. A name may hold any characters, also ImGui's marks.
+bool draw_row(std::size_t number, const std::string& name, bool& shown) {
+  ImGui::PushID(static_cast<int>(number));
+  const bool clicked = ImGui::Checkbox("##shown", &shown);
+  ImGui::SameLine();
+  ImGui::TextUnformatted(name.c_str());
+  ImGui::PopID();
+  return clicked;
+}
+
+// The patches of the file that no surface of the scene is.
+std::vector<std::string> other_patches(const format::VolumeInfo& info, const std::vector<SceneSurface>& surfaces) {
+  std::vector<std::string> names;
+  if (!info.boundary) return names;
+  for (const format::PatchInfo& patch : info.boundary->patches)
+    if (patch.triangles > 0 && std::ranges::find(surfaces, patch.name, &SceneSurface::boundary) == surfaces.end())
+      names.push_back(patch.name);
+  return names;
+}
+
+}  // namespace
+
+void DetailControls::draw(Session& session) {
+  ViewSettings& settings = session.settings;
+  std::optional<double>& tolerance = settings.quality.tolerance_percent;
+  int by = tolerance ? 1 : 0;
+  if (ImGui::Combo("detail by", &by, "error\0tolerance\0"))
+    settings.quality = by == 0 ? Quality{.max_error = max_error_} : Quality{.tolerance_percent = usual_tolerance};
+  const double least_error = 0.0005, most_error = 0.05, finest = 0.1, coarsest = 20;
+  if (tolerance) {
+    ImGui::SliderScalar("tolerance", ImGuiDataType_Double, &*tolerance, &finest, &coarsest, "%.2g %%",
+                        ImGuiSliderFlags_Logarithmic);
+  } else {
+    max_error_ = settings.quality.max_error.value_or(default_max_error);
+    if (ImGui::SliderScalar("error", ImGuiDataType_Double, &max_error_, &least_error, &most_error, "%.2g",
+                            ImGuiSliderFlags_Logarithmic))
+      settings.quality = {.max_error = max_error_};
+  }
+  hint(tolerance ? "The largest share of the picture that a splat may cover, at rest.\nControl click: type a number."
+                 : "Of the picture at rest: root mean square of linear RGB.\nControl click: type a number.");
+  // The streamer is opened again for another memory: only when the slider is let go.
+  static constexpr std::uint64_t least = 16, most = 65536;
+  std::uint64_t mebibytes = memory_shown_ ? *memory_shown_ : settings.memory >> 20;
+  if (ImGui::SliderScalar("memory", ImGuiDataType_U64, &mebibytes, &least, &most, "%llu MiB",
+                          ImGuiSliderFlags_Logarithmic))
+    memory_shown_ = mebibytes;
+  hint("For the parts of the file that are read.\nControl click: type a number.");
+  if (memory_shown_ && !ImGui::IsItemActive()) {
+    settings.memory = *memory_shown_ << 20;
+    memory_shown_.reset();
+  }
+  int kernel = kernel_of(settings.drawing) == KernelKind::moments ? 0 : 1;
+  if (ImGui::Combo("kernel", &kernel, "moments\0octant\0"))
+    settings.drawing.kernel = kernel == 0 ? KernelKind::moments : KernelKind::octant;
+}
+
+void draw_lighting_controls(Scene& scene) {
+  bool lit = scene.lighting.has_value();
+  if (ImGui::Checkbox("lighting", &lit)) scene.lighting = lit ? std::optional(Lighting()) : std::nullopt;
+  if (!scene.lighting) return;
+  const double none = 0, full = 1;
+  ImGui::SliderScalar("ambient", ImGuiDataType_Double, &scene.lighting->ambient, &none, &full, "%.2f");
+  ImGui::SliderScalar("diffuse", ImGuiDataType_Double, &scene.lighting->diffuse, &none, &full, "%.2f");
+}
+
+void draw_camera_controls(ViewerState& viewer) {
+  Session& session = *viewer.session;
+  Steering& steering = viewer.steering;
+  Camera& camera = session.scene.camera;
+  bool orthographic = camera.projection == Camera::Projection::orthographic;
+  if (ImGui::Checkbox("orthographic", &orthographic))
+    set_projection(camera, orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective);
+  ImGui::SameLine();
+  ImGui::Checkbox("fly", &steering.is_flying);
+  ImGui::SameLine();
+  if (ImGui::SmallButton("see all")) session.show_all();
+  for (int axis = 0; axis < 3; ++axis)
+    for (const double sign : {1.0, -1.0}) {
+      const std::string name = fmt::format("{}{}", sign > 0 ? '+' : '-', "xyz"[axis]);
+      dvec3 direction(0);
+      direction[axis] = sign;
+      if (ImGui::SmallButton(name.c_str())) steering.look_from(session, direction);
+      ImGui::SameLine();
+    }
+  ImGui::SetNextItemWidth(45 * viewer.scale());
+  int up = steering.up_axis();
+  if (ImGui::Combo("up", &up, "x\0y\0z\0")) steering.set_up_axis(session, up);
+}
+
+void draw_clip_box_controls(Scene& scene, const Box& bounds) {
+  std::optional<Box>& clip_box = scene.clip_box;
+  bool clipped = clip_box.has_value();
+  if (ImGui::Checkbox("clip box", &clipped)) clip_box = clipped ? std::optional(bounds) : std::nullopt;
+  for (int axis = 0; clip_box && axis < 3; ++axis) {
+    double range[2] = {clip_box->low[axis], clip_box->high[axis]};
+    const double span = bounds.high[axis] - bounds.low[axis];
+    const std::string name(1, "xyz"[axis]);
+    if (ImGui::DragScalarN(name.c_str(), ImGuiDataType_Double, range, 2, static_cast<float>(span / 200), nullptr,
+                           nullptr, "%.4g") &&
+        range[0] < range[1])
+      clip_box->low[axis] = range[0], clip_box->high[axis] = range[1];
+    hint("In the units of the file's coordinates.\nDrag, or control click: type a number.");
+  }
+}
+
+void draw_surface_controls(Session& session) {
+  std::vector<SceneSurface>& surfaces = session.scene.surfaces;
+  const std::vector<std::string> patches = other_patches(session.info(), surfaces);
+  const std::size_t rows = surfaces.size() + patches.size();
+  if (rows == 0) return;
+  ImGui::TextUnformatted("surfaces");
+  const float row_height = ImGui::GetFrameHeightWithSpacing();
+  const bool scrolls = rows > most_rows;
+  if (scrolls) ImGui::BeginChild("surfaces", {0, row_height * most_rows}, true);
+  std::size_t number = 0;
+  for (SceneSurface& surface : surfaces) draw_row(number++, name_of(surface), surface.shown);
+  for (const std::string& patch : patches) {
+    bool shown = false;
+    if (draw_row(number++, patch, shown)) surfaces.push_back({.boundary = patch});
+  }
+  if (scrolls) ImGui::EndChild();
+  if (const auto left_out = session.left_out())
+    ImGui::TextWrapped("%s: svview --memory grants more", left_out->message.c_str());
+}
+
+void draw_shown_controls(Scene& scene, Shown& shown) {
+  ImGui::Checkbox("axes", &shown.axes);
+  ImGui::SameLine();
+  ImGui::Checkbox("box", &scene.outline);
+  ImGui::SameLine();
+  ImGui::Checkbox("scalar bar", &shown.scalar_bar);
+  ImGui::Checkbox("HUD", &shown.hud);
+  ImGui::SameLine();
+  ImGui::Checkbox("octree cut", &shown.cut);
+  ImGui::SameLine();
+  ImGui::Checkbox("probe", &shown.probe);
+  ImGui::Checkbox("light theme", &shown.light);
+  ImGui::SameLine();
+  ImGui::Checkbox("panel at the right", &shown.panel_right);
+}
+
+}  // namespace splatvol
