@@ -23,7 +23,7 @@ void MovieSection::draw() {
   ImGui::EndDisabled();
   if (ImGui::IsItemHovered(ImGuiHoveredFlags_AllowWhenDisabled))
     ImGui::SetTooltip(
-        "Each frame is as fine as the picture at rest. Size, title and colour bar: as in \"save\".\n"
+        "Each frame is as fine as the picture at rest. Size, title and scalar bar: as in \"save\".\n"
         "A path needs two views.");
 }
 

@@ -85,7 +85,7 @@ void SaveSection::draw_picture_controls() {
   int light = is_light(scene.background) ? 1 : 0;
   if (ImGui::Combo("background", &light, "dark\0white\0")) adapt_to_background(scene, dvec3(light));
   title_.draw("title");
-  ImGui::Checkbox("colour bar in the file", &saves_bar_);
+  ImGui::Checkbox("scalar bar in the file", &saves_bar_);
   ImGui::SameLine();
   ImGui::Checkbox("transparent", &saves_transparent_);
   draw_scalar_bar_controls();
