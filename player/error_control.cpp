@@ -43,6 +43,9 @@ constexpr double least_growth = 4;
 // A splat of a candidate has a square for itself, and its samples lie a quarter of the square's side apart.
 constexpr double samples_of_a_side = 3.5;
 
+// To interpolate a pixel costs as much as so many layers of splats.
+constexpr double layers_of_a_pixel = 4;
+
 constexpr int most_candidates = 9;
 constexpr int most_in_a_row = 2;
 constexpr double most_change = 16;  // of splats, from one candidate to the next
@@ -87,6 +90,7 @@ ErrorControl::ErrorControl(double max_error, const Search& search) : max_error_(
 
 int ErrorControl::spacing_of(std::uint64_t splats) const {
   const double side = std::sqrt(search_.pixels / std::max(static_cast<double>(splats), 1.0));
+  if (layers_ > 0 && layers_ < layers_of_a_pixel) return 1;
   int spacing = 1;
   while (!search_.grows && 2 * spacing <= search_.widest_spacing && samples_of_a_side * 2 * spacing <= side)
     spacing *= 2;
@@ -95,6 +99,7 @@ int ErrorControl::spacing_of(std::uint64_t splats) const {
 
 void ErrorControl::add(const Drawn& drawn) {
   ++pictures_;
+  if (search_.pixels > 0) layers_ = drawn.fragments * std::pow(next_->sample_spacing, 2) / search_.pixels;
   if (drawn.allowed_splats < next_->goal.max_splats)
     search_.most_splats = std::min(search_.most_splats, std::max<std::uint64_t>(drawn.allowed_splats, 1));
   Picture picture{.samples = sample(drawn.image),
@@ -215,7 +220,7 @@ void ErrorControl::judge() {
 // Asks for the picture of a cut with wider samples, or ends with it.
 void ErrorControl::widen(const Picture& fine) {
   fine_ = fine;
-  if (2 * fine.spacing > search_.widest_spacing) {
+  if (2 * fine.spacing > search_.widest_spacing || (layers_ > 0 && layers_ < layers_of_a_pixel)) {
     choose(fine);
     return;
   }

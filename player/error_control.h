@@ -54,6 +54,8 @@ class ErrorControl {
 
     /// The splats that were allowed: fewer than the request's if memory has no room for more.
     std::uint64_t allowed_splats = std::numeric_limits<std::uint64_t>::max();
+
+    double fragments = 0;  // as in FrameTimes
   };
 
   struct Estimate {
@@ -127,6 +129,7 @@ class ErrorControl {
   bool shows_candidate_ = false;  // the last picture is that of candidate_
   std::optional<Picture> candidate_, reference_;
   std::optional<Picture> too_coarse_, fine_;  // the best candidates on both sides of the wanted error
+  double layers_ = 0;                         // of splats, one behind the other, in a mean pixel; 0: not counted
   bool is_widening_ = false;                  // the cut is found
   bool last_is_fine_ = false;                 // whether the last candidate was fine enough
   int in_a_row_ = 0;                          // candidates that were, or were not, as the last one

@@ -345,6 +345,7 @@ Status Player::set_draw_list() {
 
 Status Player::draw(const DrawOptions& options) {
   if (!frame_) return fail(ErrorCode::invalid_argument, "{}: no splats are chosen to be drawn", steps_.name());
+  draw_options_ = options;
   if (!options.leaves_out_contours && shows_contours()) return fail_without_contours();
   const auto start = Clock::now();
   const double chosen_in = times_.frame;
@@ -414,6 +415,7 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
       SPLATVOL_TRY_ASSIGN(volume, rasterizer_->read_image());
       composite.add(volume, layer);
       sum.sort += times.sort, sum.upload += times.upload, sum.draw += times.draw;
+      sum.fragments += times.fragments;
     }
     return {};
   }();
@@ -588,7 +590,7 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
                             {.sample_spacing = may_sample ? control.next()->sample_spacing : 0}));
     SPLATVOL_TRY_ASSIGN(picture, image());
     const std::uint64_t allowed = frame_->detail.goal.value_or(ErrorGoal{}).max_splats;
-    control.add({picture, frame_->splats, frame_->goal_error, frame_->finest, allowed});
+    control.add({picture, frame_->splats, frame_->goal_error, frame_->finest, allowed, times_.draw.fragments});
   }
   return ErrorSearch{control.estimate(), control.tried(), control.pictures(), control.learned()};
 }
@@ -611,7 +613,7 @@ Result<std::vector<std::uint64_t>> Player::draw_at_pace(double seconds) {
 
 Status Player::draw_again() {
   is_nudged_ = !is_nudged_;
-  return draw_frame(FrameRequest(request_));
+  return draw_frame(FrameRequest(request_), DrawOptions(draw_options_));
 }
 
 Result<Box> Player::find_domain() {

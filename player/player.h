@@ -332,6 +332,7 @@ class Player {
   std::optional<ExactPicture> exact_;
   FrameRequest request_;
   SortMode sort_ = SortMode::exact;
+  DrawOptions draw_options_;  // of the last frame
   int sample_spacing_ = 1;
   PlayerTimes times_;
   FramePacer pacer_{1};

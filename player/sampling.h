@@ -10,7 +10,7 @@
 namespace splatvol {
 
 /// The most pixels from one sample to the next in a picture of a wanted error.
-inline constexpr int widest_samples_of_an_error = 8;
+inline constexpr int widest_samples_of_an_error = 4;
 
 /// Returns the pixels from one sample to the next, for Rasterizer::draw. A twelfth of the pixels that a splat may cover
 /// loses next to nothing (docs/accuracy.md).

@@ -22,6 +22,9 @@ struct FrameTimes {
   double sort = 0;    // keys and their sorting; 0 if the last order still holds
   double upload = 0;  // data of the view, and records that were not there
   double draw = 0;    // projection and rasterisation
+
+  /// The work besides: pixels, or samples, in the boxes round the splats. 0: the device does not count them.
+  double fragments = 0;
 };
 
 /// What a rasterizer is made for.

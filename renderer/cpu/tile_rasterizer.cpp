@@ -265,7 +265,7 @@ void TileRasterizer::draw_samples(const View& view, SortMode sort, Image& target
   closed_.assign(grid_.size(), 0);
   for (std::size_t first = 0; first < sequence.count && std::ranges::count(closed_, 0) > 0; first += splats_per_batch) {
     if (is_interrupted()) return;
-    draw_batch(sequence, first, target);
+    times.fragments += draw_batch(sequence, first, target);
   }
   times.draw += stopwatch.lap();
 }
@@ -336,11 +336,15 @@ ScreenSplats TileRasterizer::screen() {
           near_.data(),   gaussians_.data(), frame_.surfaces ? depths_of_gaussians_.data() : nullptr};
 }
 
-void TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, Image& target) {
+double TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, Image& target) {
   const std::size_t count = std::min(splats_per_batch, sequence.count - first);
   reserve_batch();
   project_batch(sequence, first, count);
   draw_tiles(count, target);
+  double fragments = 0;
+  for (const PixelBounds& box : std::span(bounds_).first(count))
+    fragments += static_cast<double>((box.right - box.left) * (box.top - box.bottom));
+  return fragments;
 }
 
 void TileRasterizer::project_batch(const Sequence& sequence, std::size_t first, std::size_t count) {

@@ -88,7 +88,7 @@ class TileRasterizer final : public Rasterizer {
   [[nodiscard]] std::span<const std::uint32_t> sort_keys(KeySorter& sorter, tiles::SortKey kind);
   [[nodiscard]] const std::vector<std::uint32_t>& order_along(int axis, const View& view);
   void reserve_batch();
-  void draw_batch(const Sequence& sequence, std::size_t first, Image& target);
+  double draw_batch(const Sequence& sequence, std::size_t first, Image& target);
   void project_batch(const Sequence& sequence, std::size_t first, std::size_t count);
   void draw_tiles(std::size_t slots, Image& target);
   void draw_tile(std::size_t tile, Image& target);

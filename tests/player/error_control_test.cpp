@@ -22,6 +22,8 @@ class KnownView {
     std::uint64_t coarsest = 100, all = 1 << 20;
     double step = 1.2;  // from one cut to the next finer one
     int width = 96, height = 64;
+    double sampling_error = 0;  // of samples 2 pixels apart; four times as large with twice the pixels
+    double layers = 100;        // of splats in a pixel
   };
 
   explicit KnownView(const Options& options) : options_(options) {
@@ -44,10 +46,15 @@ class KnownView {
   void draw(ErrorControl& control) {
     const ErrorControl::Request request = *control.next();
     const std::size_t cut = cut_of(request);
-    const Image image = picture(cut, request.coarser);
-    control.add({image, static_cast<std::uint64_t>(cuts_[cut]), options_.expects * error_of(cut),
-                 request.coarser == 0 && cut + 1 == cuts_.size()});
-    if (request.coarser == 0) last_ = cut;
+    Image image = picture(cut, request.coarser);
+    const double spacing = request.sample_spacing;
+    add(image, 1000, options_.sampling_error * (spacing * spacing - 1) / 3);
+    control.add({.image = image,
+                 .splats = static_cast<std::uint64_t>(cuts_[cut]),
+                 .expected_error = options_.expects * error_of(cut),
+                 .finest = request.coarser == 0 && cut + 1 == cuts_.size(),
+                 .fragments = options_.layers * options_.width * options_.height / (spacing * spacing)});
+    if (request.coarser == 0) last_ = cut, spacing_ = request.sample_spacing;
     drawn_ += cuts_[cut];
   }
 
@@ -68,6 +75,7 @@ class KnownView {
   [[nodiscard]] double splats(std::size_t cut) const { return cuts_[cut]; }
   [[nodiscard]] double drawn() const { return drawn_; }
   [[nodiscard]] std::size_t last() const { return last_; }
+  [[nodiscard]] int spacing() const { return spacing_; }  // of the last picture's samples
 
  private:
   [[nodiscard]] double own_error(std::size_t cut) const {
@@ -97,6 +105,7 @@ class KnownView {
   Options options_;
   std::vector<double> cuts_;  // splats
   std::size_t last_ = 0;
+  int spacing_ = 0;
   double drawn_ = 0;
 };
 
@@ -115,6 +124,27 @@ TEST(ErrorControl, FindsTheSplatsOfAnErrorWhateverTheModelExpects) {
         EXPECT_LE(control.pictures(), 15) << label;
         EXPECT_LE(view.drawn(), 100 * view.splats(cut) + 2e6) << label;
       }
+}
+
+// Samples are as wide as the error allows, and the error counts theirs.
+TEST(ErrorControl, SamplesAreAsWideAsTheErrorAllows) {
+  constexpr double error = 0.02;
+  const auto spacing_with = [&](double sampling_error, double layers, int widest) {
+    KnownView view({.sampling_error = sampling_error, .layers = layers});
+    ErrorControl control(error, {.widest_spacing = widest, .pixels = 96 * 64});
+    const std::size_t cut = view.run(control);
+    const double of_samples = sampling_error * (std::pow(view.spacing(), 2) - 1) / 3;
+    EXPECT_LE(std::hypot(view.error_of(cut), of_samples), 1.25 * error) << sampling_error;
+    EXPECT_LE(view.splats(cut), 2 * view.fewest(error)) << sampling_error;
+    EXPECT_TRUE(control.estimate().reached);
+    return view.spacing();
+  };
+  EXPECT_EQ(spacing_with(0, 100, 4), 4);
+  EXPECT_EQ(spacing_with(0, 100, 8), 8);
+  EXPECT_EQ(spacing_with(0, 100, 1), 1);
+  EXPECT_EQ(spacing_with(0.004, 100, 4), 2) << "4 pixels apart they have an error of .02";
+  EXPECT_EQ(spacing_with(0.1, 100, 4), 1);
+  EXPECT_EQ(spacing_with(0, 2, 4), 1) << "where few splats lie, pixels cost more than splats";
 }
 
 TEST(ErrorControl, StaysNearTheErrorWhereCutsAreFarApart) {
