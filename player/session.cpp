@@ -591,7 +591,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   awaits_step_ = awaits_step_ && !frame()->progress.settled && awaited_seconds_ < longest_wait_seconds;
   if (awaits_step_) return {};  // the picture stays
   undrawn_seconds_ = 0;
-  if (moves) options.sample_spacing = moving_sample_spacing(view(), frame()->splats);
+  if (moves) options.sample_spacing = std::max(moving_sample_spacing(view(), frame()->splats), finest_spacing());
   SPLATVOL_TRY(player_->draw(options));
   took_seconds_ = host_.now() - start;
   note_drawn();
@@ -674,6 +674,9 @@ std::uint64_t Session::most_segments() const {
   return used_settings_.quality.exact ? std::numeric_limits<std::uint64_t>::max() : used_settings_.most_exact_segments;
 }
 
+// Returns the least spacing of samples in any picture.
+int Session::finest_spacing() const { return used_settings_.drawing.sample_spacing.value_or(1); }
+
 // Where nobody looks at coarser pictures, there are none. 0: splats are wanted, or there is nothing else. Splats have
 // no contours.
 int Session::first_exact_spacing() const {
@@ -681,14 +684,13 @@ int Session::first_exact_spacing() const {
   const bool wants_splats =
       asks_for_splats(used.quality) || kernel_of(used.drawing) == KernelKind::octant || most_segments() == 0;
   if ((wants_splats && !player_->shows_contours()) || !player_->has_cells()) return 0;
-  const int finest = used.drawing.sample_spacing.value_or(1);
-  return used.hurries ? std::max(coarsest_exact_spacing, finest) : finest;
+  return used.hurries ? std::max(coarsest_exact_spacing, finest_spacing()) : finest_spacing();
 }
 
 // Returns the spacing of the exact picture after the last one; 0: that was the finest.
 int Session::finer_exact_spacing() const {
-  const int finest = used_settings_.drawing.sample_spacing.value_or(1), last = player_->sample_spacing();
-  return last > finest ? std::max(last / 2, finest) : 0;
+  const int last = player_->sample_spacing();
+  return last > finest_spacing() ? std::max(last / 2, finest_spacing()) : 0;
 }
 
 // Begins the next exact picture. Until it is there, the window shows a copy of the one before.
@@ -725,8 +727,9 @@ Result<bool> Session::draw_moving_exact() {
   SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
   if (estimate.unknown_cells > 0 || estimate.segments > most_segments()) return false;
   const SamplePacer::Work work = work_of(estimate);
-  const int spacing = sample_pacer_.spacing(work);
-  if (spacing == 0) return false;
+  const int affordable = sample_pacer_.spacing(work);
+  if (affordable == 0) return false;
+  const int spacing = std::max(affordable, finest_spacing());
   undrawn_seconds_ = 0;
   const double start = host_.now();
   if (!player_->draw_exact({}, spacing)) return false;  // at rest the reason is told

@@ -312,6 +312,7 @@ class Session {
   [[nodiscard]] Result<bool> draw_moving_exact();
   [[nodiscard]] Quality quality_of_splats() const;
   [[nodiscard]] std::uint64_t most_segments() const;
+  [[nodiscard]] int finest_spacing() const;
   [[nodiscard]] int first_exact_spacing() const;
   [[nodiscard]] int finer_exact_spacing() const;
   [[nodiscard]] Status begin_exact();

@@ -231,6 +231,19 @@ TEST_F(ExactAtRest, IsWhatASceneAsksFor) {
   EXPECT_NE(without->troubles()[0].find("keeps no cells"), std::string::npos) << without->troubles()[0];
 }
 
+TEST_F(ExactAtRest, HasTheSamplingOfAScene) {
+  build(mesh_, path("m.svol"));
+  const auto session = open(on_processor());
+  const Image whole = settled(*session);
+  for (const int spacing : {6, 3}) {
+    ASSERT_EQ(test::message_of(session->use({.drawing = {.sample_spacing = spacing}})), "");
+    EXPECT_GT(difference(settled(*session), whole), 0) << spacing;
+    EXPECT_TRUE(session->exact());
+  }
+  ASSERT_EQ(test::message_of(session->use({.drawing = {.sample_spacing = 1}})), "");
+  EXPECT_EQ(compare_images(settled(*session), whole)->max, 0);
+}
+
 TEST_F(ExactAtRest, IsGivenUpForAChange) {
   build(test::jittered(24, 0.2), path("m.svol"));
   width_ = 600, height_ = 450;

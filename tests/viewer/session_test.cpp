@@ -76,6 +76,25 @@ TEST_F(SessionAtRest, HasTheWantedError) {
   }
 }
 
+TEST_F(SessionAtRest, HasTheSplatsOrTheResolutionOfAScene) {
+  const auto session = open(on_processor());
+  const Drawing drawing{.kernel = KernelKind::moments, .sort = SortMode::axis, .sample_spacing = 2};
+  for (const Quality& quality : {Quality{.max_splats = 5000}, Quality{.resolution = 1}}) {
+    ASSERT_TRUE(session->use({.quality = quality, .drawing = drawing}));
+    settled(*session);
+    const FrameSplats& frame = *session->frame();
+    if (quality.max_splats) {
+      EXPECT_EQ(frame.detail.goal->max_splats, 5000U);
+      EXPECT_LE(frame.splats, 5000U);
+    } else {
+      EXPECT_EQ(frame.detail.resolution, 1U);
+    }
+    EXPECT_FALSE(session->sharpening()->seeks_error());
+    EXPECT_EQ(session->used_scene().use.quality, quality);
+    EXPECT_EQ(session->used_scene().use.drawing, drawing);
+  }
+}
+
 TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
   ViewSettings settings = on_processor();
   settings.quality.max_error = 1e-4;
