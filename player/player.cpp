@@ -129,6 +129,7 @@ Status Player::set_memory(std::uint64_t bytes) {
 }
 
 Status Player::set_drawing(const Drawing& drawing) {
+  if (drawing == options_.drawing) return {};
   PlayerOptions options = options_;
   options.drawing = drawing;
   return use(scene_, options);

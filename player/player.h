@@ -189,8 +189,8 @@ class Player {
   /// Chooses and draws.
   [[nodiscard]] Status draw_frame(const FrameRequest& request, const DrawOptions& options = {});
 
-  /// Draws the picture of a quality; of none, that of `default_quality`, or splats where cells are too thin to be drawn
-  /// exactly.
+  /// Draws the picture of a quality. Where nothing is asked, that is `default_quality`; if some cells are too thin for
+  /// an exact picture, splats are drawn.
   ///
   /// - An error: draws picture after picture, each with all of its parts, until one has it, or the finest that the file
   ///   and the budgets have. Looks for the fewest splats, unless nothing was asked (ErrorControl::Search).

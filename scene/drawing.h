@@ -21,7 +21,7 @@ enum class SortMode {
 
 inline constexpr int max_sample_spacing = 64;
 
-/// How splats are drawn, for experts and measurements. What is not set is the best.
+/// How splats are drawn, for experts and measurements. A member that is not set has the best value.
 struct Drawing {
   std::optional<KernelKind> kernel = {};  // moments
   std::optional<SortMode> sort = {};      // exact

@@ -12,7 +12,7 @@
 
 namespace splatvol {
 
-/// What a cut is chosen by.
+/// How a cut is chosen. Quality (splatvol/quality.h) says how fine a picture is.
 struct Detail {
   double tolerance_percent = 1;                          // see CutOptions
   std::optional<std::size_t> resolution = std::nullopt;  // fixed; at most the finest of the file
