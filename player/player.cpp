@@ -15,6 +15,7 @@
 #include "player/scene_surfaces.h"
 #include "player/step_ahead.h"
 #include "renderer/slice_values.h"
+#include "renderer/surfaces.h"
 #include "streamer/domain.h"
 
 namespace splatvol {
@@ -490,7 +491,10 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
   const auto draw_start = Clock::now();
   std::vector<CellLayer> layers;
   for (const SurfaceLayer& layer : surface_layers_.layers) layers.push_back({&layer.depths, &layer.light});
-  if (layers.empty() && surface_depths_) layers.push_back({surface_depths_.get()});
+  if (layers.empty() && surface_depths_) {
+    SPLATVOL_TRY(check_size(*surface_depths_, view_));
+    layers.push_back({surface_depths_.get()});
+  }
   const int spacing = sample_spacing > 0 ? sample_spacing : options_.drawing.sample_spacing.value_or(1);
   sample_spacing_ = layers.empty() ? spacing : 1;
   auto drawn = cell_rasterizer_.draw(*cells,

@@ -9,6 +9,7 @@
 
 #include "splatvol/build.h"
 #include "tests/library/lattice.h"
+#include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
 namespace splatvol {
@@ -139,6 +140,9 @@ TEST_F(DrawFile, SurfacesHideWhatIsBehind) {
   ASSERT_TRUE(
       renderer.set_surface_depths(SurfaceDepths{scene.width, scene.height, std::vector<float>(pixels, 0.001F)}));
   EXPECT_EQ(largest_alpha(*renderer.render()), 0);
+  ASSERT_TRUE(renderer.set_surface_depths(SurfaceDepths{3, 2, std::vector<float>(6, 0.001F)}));
+  for (const Quality& quality : {Quality{.exact = true}, Quality{.max_splats = 100}, Quality{}})
+    EXPECT_THAT(test::message_of(renderer.render(quality)), HasSubstr("for 3 x 2 pixels, but the picture has"));
   ASSERT_TRUE(renderer.set_surface_depths(std::nullopt));
   EXPECT_EQ(renderer.render()->pixels, all.pixels);
 }
