@@ -65,7 +65,7 @@ test_needs() {
   needs read 'libzstd|libxxhash|libfmt'
   needs render 'libzstd|libxxhash|libfmt|libtbb|libhwy|libepoxy|libEGL|libpng16|libfreetype|libOpenEXR.*|libImath.*|libIlmThread.*|libIex.*'
   needs build 'libzstd|libxxhash|libfmt|libtbb|libtbbmalloc|libgmp|libmpfr|libmeshoptimizer'
-  [[ $(readelf --wide --dynamic "$libraries/libsplatvol_read.so") == *'soname: [libsplatvol_read.so.0.2]'* ]] ||
+  [[ $(readelf --wide --dynamic "$libraries/libsplatvol_read.so") == *'soname: [libsplatvol_read.so.0.3]'* ]] ||
     fail "the library's name has the minor version"
 }
 
