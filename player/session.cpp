@@ -351,7 +351,7 @@ Status Session::play(double seconds) {
   const double period = 1 / playback.steps_per_second;
   if (*step_seconds_ < period || is_reading_ahead()) return {};
   step_seconds_ = std::min(*step_seconds_ - period, period);  // on the average, the rate is kept
-  if (steps_are_files()) {
+  if (steps().are_files()) {
     played_step_ = next;
     ask_step(next);
     return {};

@@ -147,9 +147,6 @@ class Session {
   /// The file, or the files of a series.
   [[nodiscard]] const format::Steps& steps() const { return player_->steps(); }
 
-  /// Whether each of them is a file.
-  [[nodiscard]] bool steps_are_files() const { return player_->steps().are_files(); }
-
   /// Returns the number of the step that is shown, or asked for; 0 for a file that is no series.
   [[nodiscard]] std::size_t step() const { return asked_step_.value_or(player_->step()); }
 

@@ -1,6 +1,7 @@
-// What a session needs of the program around it: jobs beside its own work, and the time.
+// The program around a session: it runs jobs beside the session's own work, and tells the time.
 #pragma once
 
+#include <chrono>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -33,6 +34,21 @@ class SessionHost {
 
   /// Returns the seconds since some beginning. Thread-safe.
   [[nodiscard]] virtual double now() const = 0;
+};
+
+/// A host without threads: each job runs at once.
+class InlineHost : public SessionHost {
+ public:
+  [[nodiscard]] std::unique_ptr<Job> begin(std::function<void()> work, Priority /*priority*/) override {
+    struct Ended final : Job {
+      [[nodiscard]] bool wait(double /*seconds*/) const override { return true; }
+    };
+    work();
+    return std::make_unique<Ended>();
+  }
+  [[nodiscard]] double now() const override {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+  }
 };
 
 /// A job with a result. At first there is none.

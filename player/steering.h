@@ -20,10 +20,9 @@ struct SteeredPicture {
 /// Holds the state of buttons and keys. A session may come, go and change between two calls.
 class Steering {
  public:
-  /// What the program takes from the picture: an event for its own controls; the scene, while a control changes it.
   struct Taken {
-    bool event = false;
-    bool scene = false;
+    bool event = false;  // by a control of the program: it does not steer
+    bool scene = false;  // a control changes it: nothing is remembered
   };
   struct Effect {
     bool moves_camera = false;

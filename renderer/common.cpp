@@ -27,6 +27,21 @@ Status check_drawing(const Capabilities& device, const View& view, int sample_sp
   return {};
 }
 
+Status check_range(const DrawRange& range, KernelKind kernel) {
+  const bool moments = kernel == KernelKind::moments;
+  if (!range.row.shapes || !range.row.values ||
+      moments != std::holds_alternative<std::vector<MomentsShape>>(range.row.shapes->records()) ||
+      moments != std::holds_alternative<std::vector<MomentsValue>>(range.row.values->records()))
+    return fail(ErrorCode::invalid_argument, "splats of the kernel {} cannot be drawn with the other one",
+                moments ? "octant" : "moments");
+  const std::uint64_t end = std::uint64_t{range.begin} + range.count;
+  if (end > range.row.shapes->size() || end > range.row.values->size() ||
+      range.block >= range.row.shapes->blocks().size())
+    return fail(ErrorCode::invalid_argument, "a range reaches beyond the {} records of its row",
+                range.row.shapes->size());
+  return {};
+}
+
 float nearest_float(double number) {
   constexpr double largest = std::numeric_limits<float>::max();
   return static_cast<float>(std::clamp(number, -largest, largest));

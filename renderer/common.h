@@ -19,6 +19,9 @@ namespace splatvol {
 /// apart as this.
 [[nodiscard]] Status check_drawing(const Capabilities& device, const View& view, int sample_spacing);
 
+/// Fails unless a range of a draw list has records of this kernel, and lies within its row.
+[[nodiscard]] Status check_range(const DrawRange& range, KernelKind kernel);
+
 /// Rounds to single precision. Numbers beyond its range become the largest that it has, so that no product is NaN.
 [[nodiscard]] float nearest_float(double number);
 

@@ -13,7 +13,6 @@
 #include "base/json.h"
 #include "pictures/image.h"
 #include "player/camera_path.h"
-#include "player/inline_host.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
 #include "tools/reading.h"

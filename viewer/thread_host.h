@@ -1,7 +1,7 @@
 // The host of a session in a window: a thread for each job.
 #pragma once
 
-#include "player/inline_host.h"
+#include "player/session_host.h"
 
 namespace splatvol {
 

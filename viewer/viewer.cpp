@@ -189,7 +189,7 @@ void Viewer::press_key(int code) {
   if (code == 'X') panel_.planes.add_slice(session->scene, session->view(), session->bounds());
 }
 
-// Moves on what plays, unless a picture is drawn for a file.
+// Moves on what plays.
 void Viewer::play(double seconds) {
   panel_.path.play(seconds);
   if (!state_.session) return;

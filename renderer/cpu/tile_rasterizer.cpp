@@ -26,21 +26,6 @@ namespace {
 constexpr std::size_t splats_per_batch = std::size_t{1} << 16;
 constexpr std::size_t splats_per_task = std::size_t{1} << 10;
 
-Status check_range(const DrawRange& range, KernelKind kernel) {
-  const bool moments = kernel == KernelKind::moments;
-  if (!range.row.shapes || !range.row.values ||
-      moments != std::holds_alternative<std::vector<MomentsShape>>(range.row.shapes->records()) ||
-      moments != std::holds_alternative<std::vector<MomentsValue>>(range.row.values->records()))
-    return fail(ErrorCode::invalid_argument, "splats of the kernel {} cannot be drawn with the other one",
-                moments ? "octant" : "moments");
-  const std::uint64_t end = std::uint64_t{range.begin} + range.count;
-  if (end > range.row.shapes->size() || end > range.row.values->size() ||
-      range.block >= range.row.shapes->blocks().size())
-    return fail(ErrorCode::invalid_argument, "a range reaches beyond the {} records of its row",
-                range.row.shapes->size());
-  return {};
-}
-
 /// Sets what does not depend on the view.
 RangeInView make_range(const DrawRange& range, std::uint32_t first) {
   RangeInView result;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 
 #include "renderer/cpu/tile_rasterizer.h"
 #ifdef SPLATVOL_OPENGL

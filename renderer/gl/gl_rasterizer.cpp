@@ -206,16 +206,6 @@ GlRasterizer::RangeKey GlRasterizer::key_of(const DrawRange& range) {
   return {range.row.shapes->id(), range.row.values->id(), range.block, range.begin, range.count};
 }
 
-Status GlRasterizer::check_kernel(const DrawList& list) const {
-  const bool moments = kernel_.kind == KernelKind::moments;
-  for (const DrawRange& range : list.ranges)
-    if (std::holds_alternative<std::vector<MomentsShape>>(range.row.shapes->records()) != moments ||
-        std::holds_alternative<std::vector<MomentsValue>>(range.row.values->records()) != moments)
-      return fail(ErrorCode::invalid_argument, "splats of the kernel {} cannot be drawn with the other one",
-                  moments ? "octant" : "moments");
-  return {};
-}
-
 void GlRasterizer::forget_list() {
   range_keys_.clear();
   range_origins_.clear();
@@ -233,7 +223,7 @@ Status GlRasterizer::set_draw_list(const DrawList& list) {
     return {};
   }
   forget_list();
-  SPLATVOL_TRY(check_kernel(list));
+  for (const DrawRange& range : list.ranges) SPLATVOL_TRY(check_range(range, kernel_.kind));
   // The share of the pages is the same for all lists: pages do not shrink.
   const std::uint64_t free = free_bytes(), for_pages = free / splat_bytes() * padded_record_bytes();
   if (const std::uint64_t needed = list_bytes(list.splats, list.ranges.size()); needed > free - for_pages)

@@ -79,7 +79,6 @@ class GlRasterizer : public Rasterizer {
     [[nodiscard]] bool operator==(const RangeKey&) const = default;
   };
   [[nodiscard]] static RangeKey key_of(const DrawRange& range);
-  [[nodiscard]] Status check_kernel(const DrawList& list) const;
   void forget_list();
   void set_weights(const DrawList& list);
   void add_ranges(const DrawList& list);

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "builder/series/series_build.h"
-#include "player/inline_host.h"
 #include "player/steering.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/support/results.h"
@@ -39,10 +38,10 @@ class RecordedSession : public test::FolderTest {
   }
 
   struct Played {
-    std::vector<Image> pictures;     // of each frame of the recording
-    std::vector<std::size_t> steps;  // one after the other
-    Scene scene;
-    Image at_rest;
+    std::vector<Image> pictures = {};     // of each frame of the recording
+    std::vector<std::size_t> steps = {};  // one after the other
+    Scene scene = {};
+    Image at_rest = {};
   };
 
   // Plays a recording in a session that rests before and after.

@@ -254,29 +254,5 @@ TEST_F(PlayingSteps, OfFilesGoOnUntilOneCannotBeRead) {
   EXPECT_EQ(viewer->session()->troubles().size(), 1u);
 }
 
-TEST_F(PlayingSteps, StopAtASecondPress) {
-  press(key::space);
-  frame({});
-  press(key::space);
-  const std::size_t stopped = step();
-  for (int frames = 0; !viewer->is_settled(); ++frames) {
-    ASSERT_LT(frames, 100000);
-    frame({}, long_time);
-  }
-  EXPECT_EQ(step(), stopped);
-}
-
-TEST_F(PlayingSteps, ArrowsShowTheNeighbours) {
-  press(key::right);
-  EXPECT_EQ(step(), 2u);
-  press(key::left);
-  EXPECT_EQ(step(), 1u);
-  press(key::left);
-  press(key::left);
-  EXPECT_EQ(step(), 0u);
-  press(key::right);
-  EXPECT_EQ(step(), 1u);
-}
-
 }  // namespace
 }  // namespace splatvol

@@ -18,7 +18,7 @@ class Presenter {
  public:
   [[nodiscard]] static Result<Presenter> create();
 
-  /// Begins a frame in the framebuffer that is bound. What draws pictures may bind others.
+  /// Begins a frame in the framebuffer that is bound. Drawing a picture may bind others.
   void begin();
 
   /// Fills `width` columns of the frame with a picture, from `left` on, and the others with a dark colour. Stretches a
