@@ -17,12 +17,14 @@ namespace {
 
 constexpr int width = 80, height = 60;
 
-// Each look at the clock takes a millisecond.
+// Each look at the clock takes some time.
 class FakeHost final : public InlineHost {
  public:
-  [[nodiscard]] double now() const override { return 0.001 * ++looks_; }
+  explicit FakeHost(double seconds_of_a_look) : seconds_of_a_look_(seconds_of_a_look) {}
+  [[nodiscard]] double now() const override { return seconds_of_a_look_ * ++looks_; }
 
  private:
+  double seconds_of_a_look_;
   mutable int looks_ = 0;
 };
 
@@ -45,12 +47,13 @@ class RecordedSession : public test::FolderTest {
   };
 
   // Plays a recording in a session that rests before and after.
-  [[nodiscard]] Played play(const std::string& recording, const std::optional<Scene>& scene = {}) const {
+  [[nodiscard]] Played play(const std::string& recording, const std::optional<Scene>& scene = {},
+                            double seconds_of_a_look = 0.001) const {
     std::ofstream(path("r.jsonl")) << recording;
     ViewSettings settings;
     settings.device = Device::cpu;
     settings.in_current_context = false;
-    FakeHost host;
+    FakeHost host(seconds_of_a_look);
     const auto session = test::value_of(Session::open(path("s.svol"), "", settings, host));
     Steering steering;
     if (scene) session->scene = *scene;
@@ -110,6 +113,11 @@ TEST_F(RecordedSession, ShowsTheSameEachTime) {
   }
   EXPECT_GE(changes, 5) << "two motions, two turns of the wheel and the light";
   EXPECT_TRUE(first.scene.lighting);
+
+  // On a slow machine pictures are coarser while something moves, and at rest the same.
+  const Played slow = play(hand, {}, 10);
+  for (const std::size_t i : {5, 6}) EXPECT_GT(difference(slow.pictures[i], first.pictures[i]), 0.001) << i;
+  EXPECT_EQ(difference(slow.at_rest, first.at_rest), 0);
 
   // What rests does not depend on the way.
   const Played there = play("{\"seconds\":0.02,\"events\":[]}\n", first.scene);
