@@ -36,19 +36,20 @@ Status draw_frame(const RenderOptions& options, Drawn& drawn, Timings& timings) 
   if (drawn.chosen.quality.exact && (!is_default(options) || drawn.player->has_cells()))
     SPLATVOL_TRY(drawn.player->draw_exact());
   else
-    SPLATVOL_TRY(drawn.player->draw_frame(request_of(options, drawn)));
+    SPLATVOL_TRY(drawn.player->draw_frame(request_of(options, drawn), drawn.options));
   timings.add(drawn.player->times());
   return {};
 }
 
 // Finds the cut of an error, in a few pictures of this view. Further views and steps take a cut of the same expected
-// error.
+// error, and the same samples.
 Status find_cut(Drawn& drawn, Timings& timings) {
   const double max_error = *drawn.chosen.quality.max_error;
   SPLATVOL_TRY_ASSIGN(picture, drawn.player->draw_picture({.max_error = max_error}));
   timings.add(drawn.player->times());
   drawn.search = std::move(picture.search);
   drawn.detail.goal = ErrorGoal{drawn.search->learned * max_error};
+  drawn.options.sample_spacing = drawn.player->sample_spacing();
   return {};
 }
 

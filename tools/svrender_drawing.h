@@ -52,6 +52,7 @@ struct Drawn {
   std::unique_ptr<Player> player = nullptr;
   ChosenQuality chosen = {};               // of the pictures
   Detail detail = {};                      // of frames that are drawn one after another
+  DrawOptions options = {};                // of these
   std::optional<ErrorSearch> search = {};  // of an error, for the view that it was measured at
 };
 

@@ -120,7 +120,8 @@ void add_drawing_options(CommandLine& app, RenderOptions& options) {
       ->group(for_measurements);
   app.add_option("--sampling", options.sampling,
                  "Pixels from one sample of the picture to the next, 1 to 64; the rest is interpolated. auto: a "
-                 "twelfth of what the tolerance lets a splat cover, at most 6; 1 without a tolerance")
+                 "twelfth of what the tolerance lets a splat cover, at most 6; with --max-error up to 4, as far as the "
+                 "error holds; else 1")
       ->type_name("PIXELS")
       ->check(check_sampling)
       ->default_str("auto")
