@@ -14,8 +14,8 @@
 #include "player/sampling.h"
 #include "player/scene_surfaces.h"
 #include "player/step_ahead.h"
+#include "renderer/depth_pyramid.h"
 #include "renderer/slice_values.h"
-#include "renderer/surfaces.h"
 #include "streamer/domain.h"
 
 namespace splatvol {

@@ -310,7 +310,7 @@ Status Session::show_step(std::size_t step) {
   stop_drawing();
   cancel_reading();
   settled_ = moving_is_drawn_ = false;
-  sharpening_.reset();
+  refinement_.reset();
   SPLATVOL_TRY(player_->show_step(step));
   await_step();
   return use_step();
@@ -393,7 +393,7 @@ void Session::restore(const Scene& before) {
 // Begins with the picture of another step.
 void Session::await_step() {
   settled_ = moving_is_drawn_ = false;
-  sharpening_.reset();
+  refinement_.reset();
   read_ahead_.reset();
   still_seconds_ = awaited_seconds_ = 0;
   awaits_step_ = true;
@@ -524,7 +524,7 @@ Status Session::apply() {
   if (same) return {};
   still_seconds_ = 0;
   settled_ = moving_is_drawn_ = false;
-  sharpening_.reset();
+  refinement_.reset();
   return {};
 }
 
@@ -562,13 +562,13 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   SPLATVOL_TRY(apply());
   if (settled_) return failure_;
 
-  if (is_busy && sharpening_ && !awaits_step_) return {};  // the picture stays
+  if (is_busy && refinement_ && !awaits_step_) return {};  // the picture stays
 
   const bool moves = settings.hurries && (is_busy || still_seconds_ < pause_seconds);
   if (moves && moving_is_drawn_ && !awaits_step_) return {};  // the picture stays
   if (!moves && asked_step_) return {};                       // the picture stays
-  if (!moves && !sharpening_) begin_rest();
-  if (!moves && sharpening_->is_done()) return exact_spacing_ > 0 ? begin_exact() : begin_making_ready();
+  if (!moves && !refinement_) begin_rest();
+  if (!moves && refinement_->is_done()) return exact_spacing_ > 0 ? begin_exact() : begin_making_ready();
   if (moves && !awaits_step_) {
     SPLATVOL_TRY_ASSIGN(is_exact, draw_moving_exact());
     if (is_exact) return {};
@@ -578,7 +578,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   if (moves)
     request.detail.goal = ErrorGoal{0, std::min(moving_splats(), player_->device_splats())};
   else
-    request.detail = sharpening_->detail();
+    request.detail = refinement_->detail();
   DrawOptions options{.leaves_out_contours = true};  // they come at rest
   if (!moves && !awaits_step_ && can_draw_aside())
     return draw_aside([this, request, options] { return draw_splats(request, options); });
@@ -757,7 +757,7 @@ Status Session::make_ready() {
 
 Status Session::finish_making_ready(const Status& made) {
   if (!made && made.error().code == ErrorCode::cancelled) {
-    sharpening_.reset();
+    refinement_.reset();
     return {};
   }
   if (!made) troubles_.push_back(made.error().message);
@@ -775,7 +775,7 @@ void Session::tell_of_splats(const std::string& reason) {
 // Goes on to finer samples. If the picture cannot be drawn, splats are. After an interruption all begins anew.
 Status Session::finish_exact(const Status& drawn) {
   if (!drawn && drawn.error().code == ErrorCode::cancelled) {
-    sharpening_.reset();
+    refinement_.reset();
     return {};
   }
   if (!drawn) {
@@ -798,7 +798,7 @@ Status Session::finish_exact(const Status& drawn) {
 
 // Whether the last picture is there.
 void Session::settle() {
-  settled_ = sharpening_->is_done() && exact_spacing_ == 0 && !is_to_make_ready_;
+  settled_ = refinement_->is_done() && exact_spacing_ == 0 && !is_to_make_ready_;
   if (settled_) read_ahead(step() + 1);
 }
 
@@ -808,7 +808,7 @@ Status Session::end_drawing(bool is_busy) {
   if (!drawing_.wait(is_busy ? 0 : patience)) return {};
   const Status drawn = drawing_.take();
   std::optional<Image> image = std::exchange(drawn_aside_, std::nullopt);
-  if (sharpening_->is_done())
+  if (refinement_->is_done())
     return exact_spacing_ == 0 && is_to_make_ready_ ? finish_making_ready(drawn) : finish_exact(drawn);
   if (!drawn && drawn.error().code == ErrorCode::cancelled) return {};
   SPLATVOL_TRY(drawn);
@@ -835,7 +835,7 @@ void Session::interrupt_drawing() {
 void Session::begin_rest() {
   std::uint64_t first_splats = 0;
   if (settings.hurries && frame()) first_splats = std::bit_floor(std::max(frame()->splats, least_first_splats));
-  sharpening_.emplace(quality_of_splats(), first_splats);
+  refinement_.emplace(quality_of_splats(), first_splats);
   exact_spacing_ = first_exact_spacing();
   if (player_->shows_contours() && !player_->has_cells())
     tell_of_splats(path_ + ": it keeps no cells, and only these have contours");
@@ -844,13 +844,13 @@ void Session::begin_rest() {
   is_to_make_ready_ = exact_spacing_ > 0 && can_draw_aside();
   skips_splats_ = moving_is_drawn_ && player_->exact();
   if (!skips_splats_) return;
-  sharpening_->skip();
+  refinement_->skip();
   exact_spacing_ = finer_exact_spacing();
 }
 
 // Goes on to a finer picture, unless this one is the last. `drawn`: this one, unless the player still has to copy it.
 Status Session::finish_picture(std::optional<Image> drawn) {
-  SPLATVOL_TRY(sharpening_->add(*frame(), [&]() -> Result<Image> {
+  SPLATVOL_TRY(refinement_->add(*frame(), [&]() -> Result<Image> {
     if (drawn) return *std::move(drawn);
     return player_->image();
   }));

@@ -19,9 +19,9 @@
 #include "player/frame_pacer.h"
 #include "player/history.h"
 #include "player/player.h"
+#include "player/progressive_refinement.h"
 #include "player/sample_pacer.h"
 #include "player/session_host.h"
-#include "player/sharpening.h"
 #include "renderer/rasterizer.h"
 #include "scene/scene.h"
 #include "streamer/first/default_scene.h"
@@ -265,7 +265,7 @@ class Session {
   [[nodiscard]] double draw_seconds() const { return draw_seconds_; }
 
   /// Returns how the picture sharpens. None while something moves.
-  [[nodiscard]] const std::optional<Sharpening>& sharpening() const { return sharpening_; }
+  [[nodiscard]] const std::optional<ProgressiveRefinement>& refinement() const { return refinement_; }
 
   [[nodiscard]] StreamerStatistics statistics() const {
     return is_drawing() ? before_.statistics : player_->streamer().statistics();
@@ -382,15 +382,15 @@ class Session {
   bool fits_opacity_ = false;   // the opacity likewise
 
   bool settled_ = false;
-  bool moving_is_drawn_ = false;          // the picture of a movement is that of the present scene, and complete
-  Status failure_;                        // of the last draw
-  double still_seconds_ = 0;              // since the scene changed last
-  FramePacer pacer_{0.011};               // of pictures while something moves
-  std::optional<Sharpening> sharpening_;  // at rest
-  SamplePacer sample_pacer_;              // of exact pictures while something moves
-  int exact_spacing_ = 0;                 // of samples in the next exact picture, after splats; 0: there is none
-  bool skips_splats_ = false;             // exact pictures follow those of the movement
-  bool is_to_make_ready_ = false;         // for exact pictures while something moves; after those at rest
+  bool moving_is_drawn_ = false;  // the picture of a movement is that of the present scene, and complete
+  Status failure_;                // of the last draw
+  double still_seconds_ = 0;      // since the scene changed last
+  FramePacer pacer_{0.011};       // of pictures while something moves
+  std::optional<ProgressiveRefinement> refinement_;  // at rest
+  SamplePacer sample_pacer_;                         // of exact pictures while something moves
+  int exact_spacing_ = 0;          // of samples in the next exact picture, after splats; 0: there is none
+  bool skips_splats_ = false;      // exact pictures follow those of the movement
+  bool is_to_make_ready_ = false;  // for exact pictures while something moves; after those at rest
   std::vector<std::string> troubles_;
 
   // Of the last picture.

@@ -104,7 +104,7 @@ class SliceDrawing {
  private:
   void find_splats(const DrawRange& range, std::vector<SplatOnPlane>& found) const;
   void add_splat(const MomentsSplat& splat, const dvec3& origin, float weight, std::vector<SplatOnPlane>& found) const;
-  [[nodiscard]] bool find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnPlane& found) const;
+  [[nodiscard]] bool find_rows(const dmat3& to_ball, const dvec3& center, SplatOnPlane& found) const;
   void draw_rows(const SplatOnPlane& splat, int first, int last);
 
   const DrawingUnits& units_;
@@ -132,8 +132,8 @@ void SliceDrawing::find_splats(const DrawRange& range, std::vector<SplatOnPlane>
   const RecordBlock& block = row.blocks()[range.block];
   const auto visit = [&](const auto& shapes, const auto& reach, const auto& unpack_one) {
     for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
-      const dvec3 centre = block.origin + units_.length * block.step * dvec3(shapes[i].position.offset());
-      if (std::abs(plane_.distance(centre)) <= units_.length * reach(shapes[i]))
+      const dvec3 center = block.origin + units_.length * block.step * dvec3(shapes[i].position.offset());
+      if (std::abs(plane_.distance(center)) <= units_.length * reach(shapes[i]))
         add_splat(unpack_one(range.row, i), block.origin, range.weight, found);
     }
   };
@@ -154,14 +154,14 @@ void SliceDrawing::add_splat(const MomentsSplat& m, const dvec3& origin, float w
   const SplatShape shape = with_thickness(m);
   const Ellipsoid ellipsoid = ellipsoid_of(m.center, shape);
   if (!(ellipsoid.peak > 0)) return;
-  const dvec3 centre = origin + units_.length * ellipsoid.centre;
+  const dvec3 center = origin + units_.length * ellipsoid.center;
   const dmat3 to_ball = ellipsoid.to_ball / units_.length;
   SplatOnPlane splat;
-  if (!find_rows(to_ball, centre, splat)) return;
+  if (!find_rows(to_ball, center, splat)) return;
   const dmat3 from_view = to_ball * dmat3(view_.right, view_.up, view_.forward);
-  splat.g = from_view * (rays_.k - glm::outerProduct(view_.to_view(centre), rays_.w));
+  splat.g = from_view * (rays_.k - glm::outerProduct(view_.to_view(center), rays_.w));
   const LinearField field = field_of(m.center, shape, value_of(m));
-  splat.value = field.at(ellipsoid.centre);
+  splat.value = field.at(ellipsoid.center);
   splat.gradient = field.slope * from_ball(shape);
   splat.outwards = ellipsoid.outward;
   splat.density = weight * ellipsoid.peak;
@@ -169,10 +169,10 @@ void SliceDrawing::add_splat(const MomentsSplat& m, const dvec3& origin, float w
 }
 
 // The plane cuts a splat in an ellipse. Finds the rows of pixels that may show it. Returns false if there are none.
-bool SliceDrawing::find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnPlane& found) const {
+bool SliceDrawing::find_rows(const dmat3& to_ball, const dvec3& center, SplatOnPlane& found) const {
   // |k0 + k1 s + k2 t| < 1, from the foot of the perpendicular on the plane.
-  const double distance = plane_.distance(centre);
-  const dvec3 foot = centre - distance * plane_.normal;
+  const double distance = plane_.distance(center);
+  const dvec3 foot = center - distance * plane_.normal;
   const dvec3 k0 = to_ball * (-distance * plane_.normal), k1 = to_ball * along_[0], k2 = to_ball * along_[1];
   const double k11 = glm::dot(k1, k1), k12 = glm::dot(k1, k2);
   const dvec3 minors = glm::cross(k1, k2);

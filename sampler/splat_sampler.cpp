@@ -18,7 +18,7 @@ void SplatSampler::add(const dvec3& centroid, const SplatShape& of, const SplatV
   const double weight = shape.density * value.coverage;
   if (tree_.empty() || !(ellipsoid.peak * weight > 0)) return;
   const LinearField field = field_of(centroid, shape, value);
-  const Box box{ellipsoid.centre - ellipsoid.reach, ellipsoid.centre + ellipsoid.reach};
+  const Box box{ellipsoid.center - ellipsoid.reach, ellipsoid.center + ellipsoid.reach};
   const auto add_to = [&](std::uint32_t position) {
     const dvec3 u = ellipsoid.in_ball(positions_[position]);
     const double density = weight * ellipsoid.density(u);

@@ -30,9 +30,9 @@ bool ClipRegion::contains(const dvec3& position, double margin) const {
 bool ClipRegion::excludes(const Box& other) const {
   if (box && (glm::any(glm::greaterThan(box->low, other.high)) || glm::any(glm::lessThan(box->high, other.low))))
     return true;
-  const dvec3 centre = 0.5 * (other.low + other.high), half = 0.5 * other.extent();
+  const dvec3 center = 0.5 * (other.low + other.high), half = 0.5 * other.extent();
   return std::ranges::any_of(
-      planes, [&](const Plane& plane) { return plane.distance(centre) + glm::dot(glm::abs(plane.normal), half) < 0; });
+      planes, [&](const Plane& plane) { return plane.distance(center) + glm::dot(glm::abs(plane.normal), half) < 0; });
 }
 
 unsigned nearest_octant(const View& view, const Cube& node) {

@@ -49,7 +49,7 @@ Ellipsoid ellipsoid_of(const dvec3& centroid, const SplatShape& shape, double va
   const dmat3 from = from_ball(axes, map);
 
   Ellipsoid ellipsoid;
-  ellipsoid.centre = centroid + axes * (d * map.foot);
+  ellipsoid.center = centroid + axes * (d * map.foot);
   ellipsoid.to_ball = (1 / moments_half_width) * (map.along_normal(1 / map.stretch) * shrink * glm::transpose(axes));
   for (int k = 0; k < 3; ++k) ellipsoid.reach[k] = glm::length(dvec3(from[0][k], from[1][k], from[2][k]));
   const double volume = std::pow(moments_half_width, 3) * d.x * d.y * d.z * map.stretch;

@@ -14,7 +14,7 @@ namespace splatvol {
 /// An ellipsoid in which density falls as (1 - |u|^2)^(3/2), or half of it. u = to_ball (x - centre) are the
 /// coordinates of a position x in the unit ball.
 struct Ellipsoid {
-  dvec3 centre{0};
+  dvec3 center{0};
   dmat3 to_ball{0};
   dvec3 reach{0};    // half extents of the box round it
   double peak = 0;   // density at the centre; 0: draws nothing
@@ -23,7 +23,7 @@ struct Ellipsoid {
   [[nodiscard]] bool has_boundary() const { return outward != dvec3(0); }
   [[nodiscard]] bool is_cut_off(const dvec3& u) const { return glm::dot(outward, u) > 0; }
 
-  [[nodiscard]] dvec3 in_ball(const dvec3& position) const { return to_ball * (position - centre); }
+  [[nodiscard]] dvec3 in_ball(const dvec3& position) const { return to_ball * (position - center); }
 
   /// Returns the density as if nothing were cut off.
   [[nodiscard]] double density(const dvec3& u) const {

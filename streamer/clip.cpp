@@ -84,9 +84,9 @@ bool lies_within(const ClipRegion& region, const Box& box, double margin) {
   if (region.box && !(glm::all(glm::greaterThanEqual(box.low, region.box->low + margin)) &&
                       glm::all(glm::lessThanEqual(box.high, region.box->high - margin))))
     return false;
-  const dvec3 centre = 0.5 * (box.low + box.high), half = 0.5 * box.extent();
+  const dvec3 center = 0.5 * (box.low + box.high), half = 0.5 * box.extent();
   return std::ranges::all_of(region.planes, [&](const Plane& plane) {
-    return plane.distance(centre) - glm::dot(glm::abs(plane.normal), half) >= margin;
+    return plane.distance(center) - glm::dot(glm::abs(plane.normal), half) >= margin;
   });
 }
 

@@ -35,15 +35,15 @@ Footprint footprint_of(const View& view, const Cube& cube, std::span<const dvec3
            std::abs(p.y) * scale + margin < 0.5 * view.height;
   };
   const double largest_area = 1.0 * view.width * view.height;
-  const dvec3 centre = view.to_view(cube.origin + 0.5 * cube.edge);
-  double scale = scale_at(centre.z);
-  if ((view.orthographic || centre.z > 4 * cube.edge) && inside(centre, scale, 1.3 * cube.edge * scale))
+  const dvec3 center = view.to_view(cube.origin + 0.5 * cube.edge);
+  double scale = scale_at(center.z);
+  if ((view.orthographic || center.z > 4 * cube.edge) && inside(center, scale, 1.3 * cube.edge * scale))
     return {std::min(cube.edge * cube.edge * scale * scale, largest_area), scale};
 
   // Near the eye, or at the border of the picture.
   double squares = 0, squares_in_view = 0;
   for (const dvec3& sample : samples) {
-    const dvec3 p = centre + cube.edge * sample;
+    const dvec3 p = center + cube.edge * sample;
     scale = scale_at(p.z);
     squares += scale * scale;
     if (inside(p, scale, 0)) squares_in_view += scale * scale;

@@ -9,7 +9,7 @@ namespace {
 
 // Returns the distance of a cube's centre from a plane, and half of the cube's extent across the plane.
 struct AcrossPlane {
-  double centre, half;
+  double center, half;
 };
 AcrossPlane across(const Plane& plane, const Cube& cube) {
   const double half = 0.5 * cube.edge;
@@ -20,7 +20,7 @@ AcrossPlane across(const Plane& plane, const Cube& cube) {
 
 bool lies_inside(const Cube& cube, const Plane& plane) {
   const AcrossPlane at = across(plane, cube);
-  return at.centre >= at.half;
+  return at.center >= at.half;
 }
 
 bool is_clipped(const Cube& cube, const ClipRegion& clip) {
@@ -32,7 +32,7 @@ bool is_clipped(const Cube& cube, const ClipRegion& clip) {
 
 bool meets(const Cube& cube, double reach, const Plane& plane) {
   const AcrossPlane at = across(plane, cube);
-  return std::abs(at.centre) <= at.half + reach;
+  return std::abs(at.center) <= at.half + reach;
 }
 
 Frustum::Frustum(const View& view, double smallest_reach_pixels) : view_(view) {
@@ -49,8 +49,8 @@ Frustum::Frustum(const View& view, double smallest_reach_pixels) : view_(view) {
 
 double Frustum::farthest(const Side& side, const Cube& cube) const {
   const double half = 0.5 * cube.edge;
-  const dvec3 centre = cube.origin + half - view_.eye;
-  return side.offset + glm::dot(side.normal, centre) + half * glm::dot(glm::abs(side.normal), dvec3(1));
+  const dvec3 center = cube.origin + half - view_.eye;
+  return side.offset + glm::dot(side.normal, center) + half * glm::dot(glm::abs(side.normal), dvec3(1));
 }
 
 bool Frustum::touches(const Cube& cube, double reach) const {
@@ -60,7 +60,7 @@ bool Frustum::touches(const Cube& cube, double reach) const {
   }
   for (const Plane& plane : view_.clip.planes) {
     const AcrossPlane at = across(plane, cube);
-    if (!(at.centre + at.half + reach > 0)) return false;
+    if (!(at.center + at.half + reach > 0)) return false;
   }
   return std::ranges::all_of(sides_, [&](const Side& side) { return farthest(side, cube) + reach > 0; });
 }

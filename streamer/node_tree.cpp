@@ -95,8 +95,8 @@ double NodeTree::splat_bound_in_cube(const Node& node, std::size_t resolution) c
 // Centroids may be outside of the node's cube: no farther than ellipsoids may reach.
 double NodeTree::covered_percent(const Node& node, std::size_t resolution) const {
   const double size = splat_bound(node, resolution);
-  const Cube centres = kernel_ == KernelKind::octant ? node.cube : grown(node.cube, moments_reach * size);
-  return frustum_.covered_percent(size, frustum_.nearest_depth(centres));
+  const Cube centers = kernel_ == KernelKind::octant ? node.cube : grown(node.cube, moments_reach * size);
+  return frustum_.covered_percent(size, frustum_.nearest_depth(centers));
 }
 
 Result<bool> NodeTree::find_hidden(const FilledNodes& filled, std::optional<KeptOcclusion>* kept) {

@@ -168,7 +168,7 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
   const bool gradients = reader_->has_gradients();
   prefetch_.reset();
   pager_.reset();
-  aim_.reset();
+  target_.reset();
   frame_.reset();
   coarsest_frame_.reset();
   occlusion_.reset();
@@ -187,7 +187,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& t
   SPLATVOL_TRY(check_detail(detail));
   clip_ = view.clip;
   slices_ = view.slices;
-  aim_.reset();
+  target_.reset();
   pager_.reset();
   coarsest_frame_.reset();
   cut_seconds_ = fetch_seconds_ = 0;

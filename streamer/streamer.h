@@ -188,7 +188,7 @@ class Streamer {
 
  private:
   struct Frame;
-  struct Aim;
+  struct TargetCut;
 
   // A range of records: the ids of its shapes and values, its first record and its number of records.
   using RangeName = std::tuple<std::uint64_t, std::uint64_t, std::uint32_t, std::uint32_t>;
@@ -237,10 +237,10 @@ class Streamer {
 
   // Paging (streamer_paging.cpp).
   [[nodiscard]] Status start_paging();
-  [[nodiscard]] Status choose_aim(const View& view, const ValueVisibility& visibility, const Detail& detail);
+  [[nodiscard]] Status choose_target(const View& view, const ValueVisibility& visibility, const Detail& detail);
   void want_stages(const View& view, const ValueVisibility& visibility);
-  void want_ahead(const View& last, const View& view, const ValueVisibility& visibility);
-  [[nodiscard]] bool holds_aim();
+  void prefetch(const View& last, const View& view, const ValueVisibility& visibility);
+  [[nodiscard]] bool holds_target();
   [[nodiscard]] Result<Cut> choose_resident(Detail& detail);
   [[nodiscard]] Result<Cut> choose_coarsest();
   [[nodiscard]] std::uint64_t fading_splats(const Cut& cut) const;
@@ -264,8 +264,8 @@ class Streamer {
   PagedVolume paged_;
   std::optional<RowReader> reader_;
   std::unique_ptr<Pager> pager_;  // while frames come from `advance`
-  std::unique_ptr<Aim> aim_;
-  std::optional<View> view_before_;            // the view before that of `aim_`, until `want_ahead`
+  std::unique_ptr<TargetCut> target_;
+  std::optional<View> view_before_;            // the view before that of `target_`, until `prefetch`
   std::optional<Reservation> coarsest_frame_;  // while there is a pager: for a frame when memory is spent
   std::unique_ptr<Frame> frame_;
   std::map<RangeName, ClippedRange> clipped_before_;  // of the frame before, while a frame is made

@@ -1,4 +1,4 @@
-// A streamer's data on a frame, and on the frame that it aims at. Internal to the streamer.
+// A streamer's data on a frame, and on its target cut. Internal to the streamer.
 #pragma once
 
 #include <cstdint>
@@ -30,7 +30,7 @@ struct Streamer::Frame {
 };
 
 /// The cut that a view should be drawn with, chosen from the index pages that are there.
-struct Streamer::Aim {
+struct Streamer::TargetCut {
   View view;
   ValueVisibility visibility;
   Detail asked;

@@ -10,7 +10,7 @@
 namespace splatvol {
 namespace {
 
-constexpr int stages = 3;  // coarser pictures on the way to the aim
+constexpr int stages = 3;  // coarser pictures on the way to the target cut
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -41,14 +41,14 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& t
   SPLATVOL_TRY(start_paging());
   if (frame_) frame_->splats.progress.errors.clear();
   const ValueVisibility visibility = visibility_of(transfer, view);
-  const bool steady = aim_ && aim_->view == view && aim_->visibility == visibility && aim_->asked == detail;
+  const bool steady = target_ && target_->view == view && target_->visibility == visibility && target_->asked == detail;
   if (!steady) {
-    view_before_ = aim_ ? std::optional(aim_->view) : std::nullopt;
-    aim_.reset();
+    view_before_ = target_ ? std::optional(target_->view) : std::nullopt;
+    target_.reset();
   }
 
   for (Pager::Arrivals arrived = pager_->accept_arrivals();;) {
-    if (!aim_ || arrived.pages) SPLATVOL_TRY(choose_aim(view, visibility, detail));
+    if (!target_ || arrived.pages) SPLATVOL_TRY(choose_target(view, visibility, detail));
     const bool rests = steady && !arrived && frame_ && frame_->fading.fades.empty();
     if (!steady || arrived || !pager_->is_reading()) pager_->ask(rests);
     if (pager_->missing().settled() || std::chrono::steady_clock::now() >= deadline) break;
@@ -57,7 +57,7 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& t
     if (!arrived) break;
   }
   if (view_before_ && pager_->missing().settled()) {
-    want_ahead(*view_before_, view, visibility);
+    prefetch(*view_before_, view, visibility);
     view_before_.reset();
   }
   cut_seconds_ = seconds_since(start);
@@ -66,24 +66,24 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& t
   return &frame_->splats;
 }
 
-// Chooses the aim from the index pages that are there. When more pages have arrived for the same view, chooses again,
-// but never finer than before: otherwise two choices might alternate.
-Status Streamer::choose_aim(const View& view, const ValueVisibility& visibility, const Detail& detail) {
+// Chooses the target cut from the index pages that are there. When more pages have arrived for the same view, chooses
+// again, but never finer than before: otherwise two choices might alternate.
+Status Streamer::choose_target(const View& view, const ValueVisibility& visibility, const Detail& detail) {
   Pager::Pages pages;
-  std::uint64_t aimed_bytes = 0;
+  std::uint64_t target_bytes = 0;
   const auto try_cut = [&](const Detail& tried) -> Result<Cut> {
-    if (aim_ && is_finer(tried, aim_->choice.detail))
+    if (target_ && is_finer(tried, target_->choice.detail))
       return fail(ErrorCode::out_of_budget, "the view needed more than {} bytes", cut_limit());
     pager_->begin_selection();
     SPLATVOL_TRY_ASSIGN(cut, select(*pager_, nullptr, view, visibility, cut_options(tried, cut_limit())));
     SPLATVOL_TRY(check_fits(cut, pager_->pages().index_bytes, tried));
     pages = pager_->pages();
-    aimed_bytes = cut_bytes(cut, pages.index_bytes);
+    target_bytes = cut_bytes(cut, pages.index_bytes);
     return cut;
   };
   auto choice = choose_finest(first_detail(detail), try_cut);
   if (!choice) {
-    aim_.reset();
+    target_.reset();
     frame_.reset();
     if (choice.error().code == ErrorCode::out_of_budget) return fail_for_memory(view, visibility, detail);
     return tl::unexpected(choice.error());
@@ -91,25 +91,26 @@ Status Streamer::choose_aim(const View& view, const ValueVisibility& visibility,
   pager_->forget(visibility);
   pager_->keep_pages(std::move(pages));
   pager_->want(choice->cut, 0);
-  aim_ = std::make_unique<Aim>(Aim{view, visibility, detail, std::move(*choice), aimed_bytes});
-  if (!holds_aim()) want_stages(view, visibility);
+  target_ = std::make_unique<TargetCut>(TargetCut{view, visibility, detail, std::move(*choice), target_bytes});
+  if (!holds_target()) want_stages(view, visibility);
   return {};
 }
 
-// Wants coarser pictures on the way to the aim. They cost little: each has about a twentieth of the splats of the next.
+// Wants coarser pictures on the way to the target cut. They cost little: each has about a twentieth of the splats of
+// the next.
 void Streamer::want_stages(const View& view, const ValueVisibility& visibility) {
-  const Detail& aimed = aim_->choice.detail;
-  std::uint64_t bytes_left = std::min(free_bytes() / 16, reader_->row_bytes(aim_->choice.cut) / 5);
+  const Detail& target = target_->choice.detail;
+  std::uint64_t bytes_left = std::min(free_bytes() / 16, reader_->row_bytes(target_->choice.cut) / 5);
   for (int stage = stages; stage > 0; --stage) {
-    Detail detail = aimed;
-    if (aimed.resolution) {
-      if (*aimed.resolution < static_cast<std::size_t>(2 * stage)) continue;
+    Detail detail = target;
+    if (target.resolution) {
+      if (*target.resolution < static_cast<std::size_t>(2 * stage)) continue;
       *detail.resolution -= static_cast<std::size_t>(2 * stage);
-    } else if (aimed.goal) {
+    } else if (target.goal) {
       const double share = std::pow(20, -stage);
-      detail.goal = ErrorGoal{0, static_cast<std::uint64_t>(share * static_cast<double>(aim_->choice.cut.splats))};
+      detail.goal = ErrorGoal{0, static_cast<std::uint64_t>(share * static_cast<double>(target_->choice.cut.splats))};
     } else {
-      detail.tolerance_percent = std::max(aimed.tolerance_percent, smallest_raised_tolerance) * std::pow(3, stage);
+      detail.tolerance_percent = std::max(target.tolerance_percent, smallest_raised_tolerance) * std::pow(3, stage);
     }
     const auto cut = select(*pager_, nullptr, view, visibility, cut_options(detail, bytes_left));
     if (!cut) continue;
@@ -121,7 +122,7 @@ void Streamer::want_stages(const View& view, const ValueVisibility& visibility) 
 }
 
 // Wants the cut of the next view, as far as memory is free. Assumes that the camera goes on as before.
-void Streamer::want_ahead(const View& last, const View& view, const ValueVisibility& visibility) {
+void Streamer::prefetch(const View& last, const View& view, const ValueVisibility& visibility) {
   View next = view;
   next.eye += view.eye - last.eye;
   const dvec3 forward = 2.0 * view.forward - last.forward;
@@ -133,7 +134,7 @@ void Streamer::want_ahead(const View& last, const View& view, const ValueVisibil
 
   // The occlusion of the next view must not replace that of this view.
   Pager::Pages pages = pager_->pages();
-  CutOptions options = cut_options(aim_->choice.detail, cut_limit());
+  CutOptions options = cut_options(target_->choice.detail, cut_limit());
   options.kept_occlusion = nullptr;
   const auto cut = select(*pager_, nullptr, next, visibility, options);
   pager_->keep_pages_and_ask_ahead(std::move(pages));
@@ -142,22 +143,22 @@ void Streamer::want_ahead(const View& last, const View& view, const ValueVisibil
   pager_->ask(false);
 }
 
-// Whether the aim can be drawn as it is.
-bool Streamer::holds_aim() {
-  const Cut& aimed = aim_->choice.cut;
-  return aimed.complete &&
-         std::ranges::all_of(aimed.items, [&](const CutItem& item) { return pager_->holds(aimed.ranges_of(item)); });
+// Whether the target cut can be drawn as it is.
+bool Streamer::holds_target() {
+  const Cut& target = target_->choice.cut;
+  return target.complete &&
+         std::ranges::all_of(target.items, [&](const CutItem& item) { return pager_->holds(target.ranges_of(item)); });
 }
 
-// Chooses the best resident cut, or else the coarsest. It has little more splats than the aim, unless the coarsest has.
-// Makes `detail` coarser if it must.
+// Chooses the best resident cut, or else the coarsest. It has little more splats than the target cut, unless the
+// coarsest has. Makes `detail` coarser if it must.
 Result<Cut> Streamer::choose_resident(Detail& detail) {
-  const Cut& aimed = aim_->choice.cut;
-  if (holds_aim()) return aimed;
+  const Cut& target = target_->choice.cut;
+  if (holds_target()) return target;
   const std::uint64_t limit =
-      std::max(aimed.memory_bytes() + aimed.splats * record_bytes(kernel_) + free_bytes() / 16, coarsest_cut_bytes());
+      std::max(target.memory_bytes() + target.splats * record_bytes(kernel_) + free_bytes() / 16, coarsest_cut_bytes());
   do {
-    auto cut = select(*pager_, pager_.get(), aim_->view, aim_->visibility, cut_options(detail, limit));
+    auto cut = select(*pager_, pager_.get(), target_->view, target_->visibility, cut_options(detail, limit));
     if (!cut && cut.error().code != ErrorCode::out_of_budget) return cut;
     if (cut && cut->splats <= detail.device_splats) return cut;
   } while (make_coarser(detail));
@@ -170,39 +171,39 @@ Result<Cut> Streamer::choose_coarsest() {
   } coarsest;
   Detail detail;
   detail.tolerance_percent = std::numeric_limits<double>::infinity();
-  return select_resident_cut(info(), *pager_, coarsest, aim_->view, aim_->visibility,
+  return select_resident_cut(info(), *pager_, coarsest, target_->view, target_->visibility,
                              cut_options(detail, coarsest_cut_bytes()));
 }
 
-// Returns how many splats fades may draw besides those of a cut. The aim and the parts that are being read leave memory
-// for them. Their rows have other splats too.
+// Returns how many splats fades may draw besides those of a cut. The target cut and the parts that are being read leave
+// memory for them. Their rows have other splats too.
 std::uint64_t Streamer::fading_splats(const Cut& cut) const {
   const std::uint64_t most_bytes = free_bytes() / 8 * 7;
-  const std::uint64_t bytes = most_bytes - std::min(aim_->bytes, most_bytes);
-  const std::uint64_t splats = aim_->choice.detail.device_splats;
+  const std::uint64_t bytes = most_bytes - std::min(target_->bytes, most_bytes);
+  const std::uint64_t splats = target_->choice.detail.device_splats;
   return std::min(bytes / (2 * record_bytes(kernel_)), splats - std::min(cut.splats, splats));
 }
 
 Status Streamer::show_resident(double change) {
-  Detail detail = aim_->choice.detail;
+  Detail detail = target_->choice.detail;
   auto cut = choose_resident(detail);
   if (!cut) return tl::unexpected(cut.error());
-  const bool same_values = shows(aim_->visibility);
-  FadingCut fading{aim_->view, std::move(*cut), {}, {}};
+  const bool same_values = shows(target_->visibility);
+  FadingCut fading{target_->view, std::move(*cut), {}, {}};
   if (same_values) {
     const FadeOptions options{change, fading_splats(fading.cut)};
-    fading = fade(info().cube, aim_->view, frame_->fading, std::move(fading.cut), *pager_, options);
+    fading = fade(info().cube, target_->view, frame_->fading, std::move(fading.cut), *pager_, options);
   }
   if (same_values && frame_->fading.cut == fading.cut)
     set_weights(std::move(fading));
   else
     SPLATVOL_TRY(make_resident_frame(std::move(fading), detail));
-  frame_->splats.detail = aim_->choice.detail;
+  frame_->splats.detail = target_->choice.detail;
   frame_->splats.progress = extract_progress();
   if (frame_->splats.progress.complete) {
-    // The substitute that was drawn is the aim, about which more is known.
-    frame_->splats.goal_error = std::sqrt(aim_->choice.cut.squared_goal_error);
-    frame_->splats.finest = aim_->choice.cut.finest;
+    // The substitute that was drawn is the target cut, about which more is known.
+    frame_->splats.goal_error = std::sqrt(target_->choice.cut.squared_goal_error);
+    frame_->splats.finest = target_->choice.cut.finest;
   }
   return {};
 }
@@ -216,7 +217,7 @@ Status Streamer::make_resident_frame(FadingCut fading, Detail detail) {
   auto reservation = reserve();
   if (!reservation && !fading.fades.empty()) {
     SPLATVOL_TRY_ASSIGN(at_once, choose_resident(detail));
-    fading = {aim_->view, std::move(at_once), {}, {}};
+    fading = {target_->view, std::move(at_once), {}, {}};
     reservation = reserve();
   }
   if (!reservation) {
@@ -224,11 +225,11 @@ Status Streamer::make_resident_frame(FadingCut fading, Detail detail) {
     pager_->hold_wanted();
     static_cast<void>(reserve());
     SPLATVOL_TRY_ASSIGN(of_wanted, choose_resident(detail));
-    fading = {aim_->view, std::move(of_wanted), {}, {}};
+    fading = {target_->view, std::move(of_wanted), {}, {}};
     reservation = reserve();
   }
   if (!reservation) return make_coarsest_frame();
-  Status assembled = assemble(std::move(fading), aim_->visibility, std::move(*reservation));
+  Status assembled = assemble(std::move(fading), target_->visibility, std::move(*reservation));
   if (!assembled && assembled.error().code == ErrorCode::out_of_budget) return make_coarsest_frame();
   return assembled;
 }
@@ -237,16 +238,16 @@ Status Streamer::make_coarsest_frame() {
   SPLATVOL_TRY_ASSIGN(coarsest, choose_coarsest());
   auto reservation = std::exchange(coarsest_frame_, std::nullopt);
   if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for a frame", volume_->name());
-  return assemble({aim_->view, std::move(coarsest), {}, {}}, aim_->visibility, std::move(*reservation));
+  return assemble({target_->view, std::move(coarsest), {}, {}}, target_->visibility, std::move(*reservation));
 }
 
-// Tells how far the frame is from the aim, and moves the errors out of the pager.
+// Tells how far the frame is from the target cut, and moves the errors out of the pager.
 FrameProgress Streamer::extract_progress() {
   const Pager::Missing& missing = pager_->missing();
-  const Cut& aimed = aim_->choice.cut;
+  const Cut& target = target_->choice.cut;
   FrameProgress progress;
-  progress.complete = aimed.complete && missing.rows + missing.pages == 0 && frame_->fading.fades.empty() &&
-                      frame_->fading.cut == aimed;
+  progress.complete = target.complete && missing.rows + missing.pages == 0 && frame_->fading.fades.empty() &&
+                      frame_->fading.cut == target;
   progress.fading = frame_->fading.fades.size();
   progress.settled =
       missing.settled() && progress.fading == 0 && (progress.complete || missing.failed > 0 || !pager_->is_reading());

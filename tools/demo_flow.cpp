@@ -32,7 +32,7 @@ FlowSample DemoFlow::at(dvec3 x) const {
   dvec3 vorticity(0);
   double heat = 0;
   for (const Segment& segment : knot_) {
-    const dvec3 d = x - segment.centre;
+    const dvec3 d = x - segment.center;
     const double r2 = glm::dot(d, d);
     const double inverse_square = 1 / (r2 + s2);
     const double inverse_cube = inverse_square * std::sqrt(inverse_square);

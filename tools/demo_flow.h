@@ -30,7 +30,7 @@ class DemoFlow {
 
  private:
   struct Segment {
-    dvec3 centre;
+    dvec3 center;
     dvec3 tangent;  // times its length
     double heat;
   };

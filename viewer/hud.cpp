@@ -25,9 +25,9 @@ std::string drawn_text(const Session& session) {
 std::string detail_text(const Session& session) {
   if (session.exact()) return session.is_settled() ? "exact" : "exact, with fewer samples than pixels: it sharpens";
   const FrameSplats& frame = *session.frame();
-  const auto& sharpening = session.sharpening();
-  if (!sharpening) return fmt::format("coarse while it moves, an error of about {:.1g}", frame.expected_error);
-  const Detail& asked = sharpening->detail();
+  const auto& refinement = session.refinement();
+  if (!refinement) return fmt::format("coarse while it moves, an error of about {:.1g}", frame.expected_error);
+  const Detail& asked = refinement->detail();
   if (asked.resolution) return fmt::format("resolution {}", frame.detail.resolution.value_or(*asked.resolution));
   if (!asked.goal) {
     const double drawn = frame.detail.tolerance_percent;
@@ -35,11 +35,11 @@ std::string detail_text(const Session& session) {
     return (asked.tolerance_percent > 0 ? fmt::format("tolerance {:.3g} %", asked.tolerance_percent) : "all points") +
            (lacks ? fmt::format(" (memory allows a tolerance of {:.3g} %)", drawn) : "");
   }
-  if (!sharpening->seeks_error()) return fmt::format("an error of about {:.1g} expected", frame.expected_error);
-  const std::string error = sharpening->error() ? fmt::format("an error of about {:.2g}", *sharpening->error()) : "";
-  if (!sharpening->is_done()) return (error.empty() ? "" : error + ", ") + "it sharpens";
+  if (!refinement->seeks_error()) return fmt::format("an error of about {:.1g} expected", frame.expected_error);
+  const std::string error = refinement->error() ? fmt::format("an error of about {:.2g}", *refinement->error()) : "";
+  if (!refinement->is_done()) return (error.empty() ? "" : error + ", ") + "it sharpens";
   if (frame.finest) return "no more points would show";
-  return error + (sharpening->has_reached() ? "" : ": memory allows no less");
+  return error + (refinement->has_reached() ? "" : ": memory allows no less");
 }
 
 }  // namespace

@@ -58,7 +58,7 @@ constexpr Offsets offsets;
 
 // The sum of an ellipsoid's density over a lattice. Single precision is enough in the ball, where nothing cancels.
 double density_over(const Ellipsoid& ellipsoid, const Lattice& lattice) {
-  const dvec3 middle = ellipsoid.to_ball * (lattice.origin - ellipsoid.centre);
+  const dvec3 middle = ellipsoid.to_ball * (lattice.origin - ellipsoid.center);
   const dmat3 spacing = ellipsoid.to_ball * lattice.spacing;
   const double reach = glm::length(spacing[0]) + glm::length(spacing[1]) + glm::length(spacing[2]);
   const double nearest = glm::length(middle) - reach;
@@ -87,9 +87,9 @@ struct Bounds {
   Lanes low = Lanes{} + std::numeric_limits<double>::infinity(), high = -low;  // the fourth is not used
 
   Bounds() = default;
-  Bounds(const dvec3& centre, const dvec3& reach)
-      : low{centre.x - reach.x, centre.y - reach.y, centre.z - reach.z, 0},
-        high{centre.x + reach.x, centre.y + reach.y, centre.z + reach.z, 0} {}
+  Bounds(const dvec3& center, const dvec3& reach)
+      : low{center.x - reach.x, center.y - reach.y, center.z - reach.z, 0},
+        high{center.x + reach.x, center.y + reach.y, center.z + reach.z, 0} {}
 
   void include(const Bounds& other) {
     low = other.low < low ? other.low : low;
@@ -159,7 +159,7 @@ class BoxTree {
   // Bounds are made anew: to keep them would take more memory than all the rest of the tree.
   [[nodiscard]] Member member(std::size_t i) const {
     const Ellipsoid& ellipsoid = ellipsoids_[members_[i]];
-    return {{ellipsoid.centre, ellipsoid.reach}, members_[i]};
+    return {{ellipsoid.center, ellipsoid.reach}, members_[i]};
   }
 
   std::span<const Ellipsoid> ellipsoids_;
@@ -274,7 +274,7 @@ class DensityFit {
 
   // Of splats [begin, end) of a portion.
   void find_overlaps(const std::vector<BoxTree>& trees, Search& search, std::size_t begin, std::size_t end,
-                  Portion& portion) {
+                     Portion& portion) {
     Bounds bounds;
     for (std::size_t k = begin; k < end; ++k) bounds.include(search.looks[k].bounds);
     search.found.clear();
@@ -322,7 +322,7 @@ class DensityFit {
   // Appends the overlaps of splats [begin, end), whose candidates are [first, last). Neighbours in Morton order look at
   // about the same ellipsoids: each half of a range chooses from those that the whole range has in sight.
   void append_overlaps(Search& search, std::size_t begin, std::size_t end, std::size_t first, std::size_t last,
-                    Portion& portion) {
+                       Portion& portion) {
     if (seen_ > search.most) return;
     Bounds bounds;
     for (std::size_t k = begin; k < end; ++k) bounds.include(search.looks[k].bounds);

@@ -60,20 +60,20 @@ HWY_INLINE Span span_of(const EllipseOutline& outline, Float v) {
 
 /// Sets begin and end of the pixels in each row, and where t is 0 in it.
 template <class Rows>
-HWY_INLINE void set_spans(const Span& span, Float centre, const Part& part, int row, Rows& rows) {
+HWY_INLINE void set_spans(const Span& span, Float center, const Part& part, int row, Rows& rows) {
   const Float left(static_cast<float>(part.left)), right(static_cast<float>(part.right));
-  store(centre, rows.centre.data() + row);
-  store(truncate(hn::Ceil(clamp(centre + span.low - 0.5F, left, right).v)), rows.begin.data() + row);
-  store(truncate(hn::Ceil(clamp(centre + span.high - 0.5F, left, right).v)), rows.end.data() + row);
+  store(center, rows.center.data() + row);
+  store(truncate(hn::Ceil(clamp(center + span.low - 0.5F, left, right).v)), rows.begin.data() + row);
+  store(truncate(hn::Ceil(clamp(center + span.high - 0.5F, left, right).v)), rows.end.data() + row);
 }
 
-HWY_INLINE Float row_centres(const EllipseOutline& outline, const TileArea& area, Float v) {
+HWY_INLINE Float row_centers(const EllipseOutline& outline, const TileArea& area, Float v) {
   return fma(v, outline.shear, outline.x - static_cast<float>(area.left));
 }
 
 /// The rows of pixels of a splat in a tile.
 struct NearRows {
-  alignas(64) std::array<float, tile_size + most_lanes> centre;
+  alignas(64) std::array<float, tile_size + most_lanes> center;
   alignas(64) std::array<std::int32_t, tile_size + most_lanes> begin, end;
 };
 
@@ -110,7 +110,7 @@ HWY_INLINE NearChord near_chord(const NearSplat& splat, Float t, Height v) {
 /// The rows of pixels of a splat in a tile, with the far form's polynomials of t in each.
 struct FarRows {
   using Row = std::array<float, tile_size + most_lanes>;
-  alignas(64) Row centre;   // pixels from the tile's left edge
+  alignas(64) Row center;   // pixels from the tile's left edge
   alignas(64) Row ellipse;  // 1 - s^2 at t = 0
   alignas(64) Row depth, depth_slope;
   alignas(64) Row column, column_slope;
@@ -125,7 +125,7 @@ HWY_INLINE void set_rows(const FarSplat& splat, const std::array<float, 6>& c, c
   for (int row = part.bottom; row < part.top; row += lane_count()) {
     const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
     const Span span = span_of(splat.outline, v);
-    set_spans(span, row_centres(splat.outline, area, v), part, row, rows);
+    set_spans(span, row_centers(splat.outline, area, v), part, row, rows);
     store(fma(v * v, -splat.outline.inverse_height2, 1.0F), rows.ellipse.data() + row);
     store(fma(v, fma(v, d[5], d[2]), d[0]), rows.depth.data() + row);
     store(fma(v, d[4], d[1]), rows.depth_slope.data() + row);
@@ -215,7 +215,7 @@ struct FarSample {
 template <bool bounded>
 HWY_INLINE FarSample sample_far(const FarSplat& splat, float column_bend, float along, const FarRows& rows, int row,
                                 int x) {
-  const Float t = lane_numbers() + (static_cast<float>(x) + 0.5F - rows.centre[row]);
+  const Float t = lane_numbers() + (static_cast<float>(x) + 0.5F - rows.center[row]);
   const Float w = max(fma(t * t, -splat.outline.inverse_width2, rows.ellipse[row]), bounded ? 1e-12F : 0.0F);
   FarSample sample;
   sample.inside = lane_numbers() < Float(static_cast<float>(rows.end[row] - x));
@@ -515,7 +515,7 @@ HWY_INLINE void blend_near_rows(const FrameConstants& frame, const NearSplat& sp
       const Mask inside = at < Float(static_cast<float>(rows.end[row]));
       const Float tangent_x = (at + (static_cast<float>(area.left) - 0.5F * frame.width)) * by_focal;
       const Float ray = sqrt(fma(tangent_x, tangent_x, tangent_y * tangent_y + 1.0F));
-      blender(at - rows.centre[row], v, ray, inside, row, x, pixels.values.data() + row * TilePixels::row_stride + x);
+      blender(at - rows.center[row], v, ray, inside, row, x, pixels.values.data() + row * TilePixels::row_stride + x);
     }
   }
 }
@@ -527,7 +527,7 @@ HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, 
   NearRows rows;
   for (int row = part.bottom; row < part.top; row += lane_count()) {
     const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
-    set_spans(span_of(splat.outline, v), row_centres(splat.outline, area, v), part, row, rows);
+    set_spans(span_of(splat.outline, v), row_centers(splat.outline, area, v), part, row, rows);
   }
   if (!(splat.spread >= 0))
     blend_near_rows(frame, splat, area, part, rows, BoxBlender<partial>{frame, splat, area}, pixels);

@@ -91,7 +91,7 @@ HWY_INLINE Axes principal_axes(const FrameConstants& frame, const Records& recor
 /// The ellipsoid. Lengths are in pixels, of the size that they have in the middle of its visible part.
 struct Body {
   Float pixel_size;       // drawing units
-  Vector3 centre;         // view coordinates
+  Vector3 center;         // view coordinates
   Vector3 l_x, l_y, l_z;  // rows of L
   Vector3 u, v, w;        // columns of L^-1
   Float volume;           // determinant of L
@@ -115,7 +115,7 @@ struct Outline {
   Vector2 middle, e_1, e_2;
   Vector2 anchor;       // k of a point of the ellipsoid
   Float anchor_z;       // its depth
-  Vector3 from_centre;  // its position in the ball
+  Vector3 from_center;  // its position in the ball
 };
 
 /// The rays as linear functions of s: d' = scale L^-1 d, n = o' x d' and o' . d'.
@@ -199,7 +199,7 @@ HWY_INLINE Vector3 deviations_of(const Records& records) {
 }
 
 /// Makes the ellipsoid and its values. Returns where a part of it is in front of the eye.
-HWY_INLINE Mask make_body(const FrameConstants& frame, const Records& records, Vector3 centre, Body& body,
+HWY_INLINE Mask make_body(const FrameConstants& frame, const Records& records, Vector3 center, Body& body,
                           Value& value) {
   const Axes axes = principal_axes(frame, records);
   const Vector3 axis_x{axes.first.x, axes.second.x, axes.third.x};
@@ -208,8 +208,8 @@ HWY_INLINE Mask make_body(const FrameConstants& frame, const Records& records, V
   Vector3 deviations = deviations_of(records);
   Vector3 foot = boundary_foot(records);
   const Float bound_z = length(axis_z * deviations) * half_axis * fma(length(foot), 1.1F, 1.0F);
-  const Mask in_front = centre.z + bound_z > Float(0.0F);
-  const Float middle_z = frame.orthographic ? Float(1.0F) : max(centre.z, (centre.z + bound_z) * 0.5F);
+  const Mask in_front = center.z + bound_z > Float(0.0F);
+  const Float middle_z = frame.orthographic ? Float(1.0F) : max(center.z, (center.z + bound_z) * 0.5F);
   body.pixel_size = max(middle_z * (1.0F / frame.focal), smallest_pixel);
   const Float pixels = Float(1.0F) / body.pixel_size;
   deviations = deviations * pixels;
@@ -222,14 +222,14 @@ HWY_INLINE Mask make_body(const FrameConstants& frame, const Records& records, V
   set_boundary(kept, foot, body);
   const Float stretch = sqrt(fma(body.stretch, body.stretch, 1.0F));
   const Vector3 shift = widened * foot;
-  body.centre = centre * pixels + axes.first * shift.x + axes.second * shift.y + axes.third * shift.z;
+  body.center = center * pixels + axes.first * shift.x + axes.second * shift.y + axes.third * shift.z;
   value.mean = fma(dot(value.gradient, foot), 1.0F / half_axis, value.mean);
   value.gradient = fma(body.normal, (stretch - 1.0F) * dot(body.normal, value.gradient), value.gradient);
 
   set_axes(axis_x, axis_y, axis_z, widened * Float(half_axis), stretch, body);
   const Float reach_z = length(body.l_z);
-  body.near = body.centre.z < reach_z * nearest_distance;
-  return both(in_front, body.centre.z + reach_z > Float(0.0F));
+  body.near = body.center.z < reach_z * nearest_distance;
+  return both(in_front, body.center.z + reach_z > Float(0.0F));
 }
 
 /// Returns the largest extinction of the values in [low, high], which are in units of the domain.
@@ -273,19 +273,19 @@ HWY_INLINE Outline make_box(const FrameConstants& frame, const Body& body, Vecto
   Vector2 x, y;
   if (frame.orthographic) {
     const Float reach_x = length(body.l_x), reach_y = length(body.l_y);
-    x = {body.centre.x - reach_x, body.centre.x + reach_x};
-    y = {body.centre.y - reach_y, body.centre.y + reach_y};
-    outline.anchor = {body.centre.x, body.centre.y};
-    outline.anchor_z = body.centre.z;
-    outline.from_centre = {0.0F, 0.0F, 0.0F};
+    x = {body.center.x - reach_x, body.center.x + reach_x};
+    y = {body.center.y - reach_y, body.center.y + reach_y};
+    outline.anchor = {body.center.x, body.center.y};
+    outline.anchor_z = body.center.z;
+    outline.from_center = {0.0F, 0.0F, 0.0F};
   } else {
-    x = tangents(body.centre.x, body.l_x, body.centre.z, body.l_z);
-    y = tangents(body.centre.y, body.l_y, body.centre.z, body.l_z);
+    x = tangents(body.center.x, body.l_x, body.center.z, body.l_z);
+    y = tangents(body.center.y, body.l_y, body.center.z, body.l_z);
     const Float reach_z = length(body.l_z);
-    outline.from_centre = body.l_z * (Float(1.0F) / reach_z);
-    outline.anchor_z = body.centre.z + reach_z;
-    outline.anchor = {(body.centre.x + dot(body.l_x, body.l_z) / reach_z) / outline.anchor_z,
-                      (body.centre.y + dot(body.l_y, body.l_z) / reach_z) / outline.anchor_z};
+    outline.from_center = body.l_z * (Float(1.0F) / reach_z);
+    outline.anchor_z = body.center.z + reach_z;
+    outline.anchor = {(body.center.x + dot(body.l_x, body.l_z) / reach_z) / outline.anchor_z,
+                      (body.center.y + dot(body.l_y, body.l_z) / reach_z) / outline.anchor_z};
   }
   const Vector2 low{max(x.x, -half_image.x), max(y.x, -half_image.y)};
   const Vector2 high{min(x.y, half_image.x), min(y.y, half_image.y)};
@@ -298,19 +298,19 @@ HWY_INLINE Outline make_box(const FrameConstants& frame, const Body& body, Vecto
 /// Makes an outline of the ellipse.
 HWY_INLINE Outline make_ellipse(const FrameConstants& frame, const Body& body) {
   Outline outline;
-  outline.anchor_z = body.centre.z;
-  outline.from_centre = {0.0F, 0.0F, 0.0F};
-  outline.anchor = {body.centre.x, body.centre.y};
+  outline.anchor_z = body.center.z;
+  outline.from_center = {0.0F, 0.0F, 0.0F};
+  outline.anchor = {body.center.x, body.center.y};
   Vector3 x = body.l_x, y = body.l_y;
   Vector2 q{0.0F, 0.0F};
   Float a(1.0F);
   if (!frame.orthographic) {
-    outline.anchor = outline.anchor * (Float(1.0F) / body.centre.z);
+    outline.anchor = outline.anchor * (Float(1.0F) / body.center.z);
     x = fma(body.l_z, -outline.anchor.x, x);
     y = fma(body.l_z, -outline.anchor.y, y);
     q = {dot(x, body.l_z), dot(y, body.l_z)};
     const Float reach_z = length(body.l_z);
-    a = (body.centre.z - reach_z) * (body.centre.z + reach_z);
+    a = (body.center.z - reach_z) * (body.center.z + reach_z);
   }
   const Float inverse_a = Float(1.0F) / a;
   const Vector3 minors = cross(x, y);
@@ -328,7 +328,7 @@ HWY_INLINE Outline make_ellipse(const FrameConstants& frame, const Body& body) {
 HWY_INLINE Outline select(Mask mask, const Outline& yes, const Outline& no) {
   return {select(mask, yes.middle, no.middle),     select(mask, yes.e_1, no.e_1),
           select(mask, yes.e_2, no.e_2),           select(mask, yes.anchor, no.anchor),
-          select(mask, yes.anchor_z, no.anchor_z), select(mask, yes.from_centre, no.from_centre)};
+          select(mask, yes.anchor_z, no.anchor_z), select(mask, yes.from_center, no.from_center)};
 }
 
 /// Makes the outline: an ellipse, or a bounding box if the eye's plane cuts the ellipsoid or the ellipse is too large.
@@ -360,17 +360,17 @@ HWY_INLINE Rays make_rays(const FrameConstants& frame, const Body& body, const O
   if (frame.orthographic) {
     const Vector3 zero{0.0F, 0.0F, 0.0F};
     rays = {1.0F, body.w, zero, zero, cross(to_shift, body.w), cross(to_1, body.w), cross(to_2, body.w), zero, 1.0F};
-    rays.along = {dot(fma(body.w, -body.centre.z, to_shift), body.w), dot(to_1, body.w), dot(to_2, body.w)};
+    rays.along = {dot(fma(body.w, -body.center.z, to_shift), body.w), dot(to_1, body.w), dot(to_2, body.w)};
     rays.kappa = dot(body.w, body.w);
     return rays;
   }
-  const Vector3 o = fma(body.u, -body.centre.x, fma(body.v, -body.centre.y, body.w * -body.centre.z));
+  const Vector3 o = fma(body.u, -body.center.x, fma(body.v, -body.center.y, body.w * -body.center.z));
   rays.scale = outline.anchor_z;
   to_shift = to_shift * rays.scale;
-  rays.d_0 = outline.from_centre - o + to_shift;
+  rays.d_0 = outline.from_center - o + to_shift;
   rays.d_1 = to_1 * rays.scale;
   rays.d_2 = to_2 * rays.scale;
-  rays.n_0 = cross(o, outline.from_centre + to_shift);
+  rays.n_0 = cross(o, outline.from_center + to_shift);
   rays.n_1 = cross(o, rays.d_1);
   rays.n_2 = cross(o, rays.d_2);
   rays.along = {dot(o, rays.d_0), dot(o, rays.d_1), dot(o, rays.d_2)};
@@ -559,10 +559,10 @@ HWY_INLINE void set_far_fields(const FrameConstants& frame, const Body& body, co
   add_outline(screen, body.near, fields);
   const Float inverse_g = Float(1.0F) / terms.g;
   const TableRow row = table_row(frame.table, middle.spread);
-  const Float centre_column = fma(value.mean - 0.5F, row.columns, 0.5F * static_cast<float>(frame.table.columns - 1));
+  const Float center_column = fma(value.mean - 0.5F, row.columns, 0.5F * static_cast<float>(frame.table.columns - 1));
   const Polynomial shift = scaled(chord_middle(value.gradient, rays), row.columns / rays.kappa);
   Polynomial column = scaled(product(power(terms.g_change, -1.0F), shift), inverse_g);
-  column.constant = column.constant + centre_column;
+  column.constant = column.constant + center_column;
   const Float root_g = sqrt(inverse_g);
   const Polynomial depth = scaled(product(power(terms.g_change, -2.5F), power(terms.ray_change, 0.5F)),
                                   terms.depth * terms.ray * inverse_g * inverse_g * root_g);
@@ -685,7 +685,7 @@ struct DepthExtent {
 };
 
 HWY_INLINE DepthExtent depth_extent(const Body& body) {
-  const Float reach = length(body.l_z) * body.pixel_size, middle = body.centre.z * body.pixel_size;
+  const Float reach = length(body.l_z) * body.pixel_size, middle = body.center.z * body.pixel_size;
   return {reach, middle - reach, middle + reach};
 }
 
@@ -714,12 +714,12 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
     mass = mass * opacity_factor(frame, records.opacities);
     drawn = both(drawn, mass > Float(0.0F));
   }
-  const Vector3 centre = position_in_view(frame, records);
-  drawn = both(drawn, is_finite(centre.x + centre.y + centre.z));
+  const Vector3 center = position_in_view(frame, records);
+  drawn = both(drawn, is_finite(center.x + center.y + center.z));
 
   Body body;
   Value value;
-  drawn = both(drawn, make_body(frame, records, centre, body, value));
+  drawn = both(drawn, make_body(frame, records, center, body, value));
   const Float extent = fma(sqrt(value.residual), 4.0F, length(value.gradient));
   const Float peak = peak_extinction(frame, value.mean - extent, value.mean + extent);
   drawn = both(drawn, peak > Float(0.0F));
@@ -791,15 +791,15 @@ void project_all(const FrameConstants& frame, const SplatNumbers& splats, std::s
 }
 
 Int keys_of(const FrameConstants& frame, const Records& records, SortKey kind) {
-  const Vector3 centre = position_in_view(frame, records);
-  if (kind == SortKey::depth) return key_of(centre.z);
+  const Vector3 center = position_in_view(frame, records);
+  if (kind == SortKey::depth) return key_of(center.z);
   const Int mass = bits_of<0, 16>(records.word(4)), coverage = bits_of<16, 8>(records.word(8));
   const Float longest = log_number(bits_of<16, 16>(records.word(4))) * load(records.ranges.deviation_scale.data());
   const Float foot = length(boundary_foot(records));
   const Float radius = longest * fma(fma(foot, 1.1F, 1.0F), half_axis, foot);
-  Mask hidden = either(is_outside(frame, centre, radius), either(is_zero(mass), is_zero(coverage)));
+  Mask hidden = either(is_outside(frame, center, radius), either(is_zero(mass), is_zero(coverage)));
   hidden = either(hidden, hn::Not(is_finite(bits_as_float(records.word(7)))));
-  Float distance = frame.orthographic ? centre.z : length(centre);
+  Float distance = frame.orthographic ? center.z : length(center);
   return select_int(hidden, -1, key_of(max(distance, 0.0F)));
 }
 

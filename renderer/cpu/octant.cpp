@@ -50,24 +50,24 @@ struct Distance {
   Mask drawn;
 };
 
-HWY_INLINE Distance distance_to_eye(const FrameConstants& frame, const Records& records, Vector3 centre) {
+HWY_INLINE Distance distance_to_eye(const FrameConstants& frame, const Records& records, Vector3 center) {
   const Float size = records.number(2), value = records.number(3);
   Mask drawn = both(size > Float(0.0F), hn::Eq(value.v, value.v));
-  drawn = both(drawn, both(load(records.ranges.weight.data()) > Float(0.0F), centre.z > Float(0.0F)));
-  return {frame.orthographic ? centre.z : max(length(centre), centre.z), drawn};
+  drawn = both(drawn, both(load(records.ranges.weight.data()) > Float(0.0F), center.z > Float(0.0F)));
+  return {frame.orthographic ? center.z : max(length(center), center.z), drawn};
 }
 
 Int keys_of(const FrameConstants& frame, const Records& records, SortKey kind) {
-  const Vector3 centre = position_in_view(frame, records);
-  if (kind == SortKey::depth) return key_of(centre.z);
-  const Distance distance = distance_to_eye(frame, records, centre);
+  const Vector3 center = position_in_view(frame, records);
+  if (kind == SortKey::depth) return key_of(center.z);
+  const Distance distance = distance_to_eye(frame, records, center);
   const Float widened = fma(records.number(2), sigma_per_size * largest_cut, 0.0F);
-  const Mask seen = hn::AndNot(is_outside(frame, centre, widened), distance.drawn);
+  const Mask seen = hn::AndNot(is_outside(frame, center, widened), distance.drawn);
   return select_int(seen, key_of(distance.key), -1);
 }
 
 /// Returns the factor on the colour; the light is at the eye.
-HWY_INLINE Float light_on(const FrameConstants& frame, const Records& records, Vector3 centre, Float distance) {
+HWY_INLINE Float light_on(const FrameConstants& frame, const Records& records, Vector3 center, Float distance) {
   if (frame.diffuse == 0) return frame.ambient;
   const Int packed = records.word(4);
   const auto component = [](Int code) HWY_ATTR { return max(to_float(code) * (1.0F / 127), -1.0F); };
@@ -75,7 +75,7 @@ HWY_INLINE Float light_on(const FrameConstants& frame, const Records& records, V
       rotate_to_view(frame, {component(signed_bits_of<0, 8>(packed)), component(signed_bits_of<8, 8>(packed)),
                              component(signed_bits_of<16, 8>(packed))});
   const Float product = frame.orthographic ? length(gradient) : length(gradient) * distance;
-  const Float along = abs(frame.orthographic ? gradient.z : dot(gradient, centre));
+  const Float along = abs(frame.orthographic ? gradient.z : dot(gradient, center));
   const Float cosine = select(product > Float(0.0F), min(along / max(product, smallest_float), 1.0F), 1.0F);
   return fma(cosine, frame.diffuse, frame.ambient);
 }
@@ -99,8 +99,8 @@ HWY_INLINE void set_edges(Float at, Float cut, Float by_pixel, float extent, std
 }
 
 void project(const FrameConstants& frame, const Records& records, Projection& result) {
-  const Vector3 centre = position_in_view(frame, records);
-  const Distance distance = distance_to_eye(frame, records, centre);
+  const Vector3 center = position_in_view(frame, records);
+  const Distance distance = distance_to_eye(frame, records, center);
   const Float size = records.number(2);
   const Float t = clamp(axis_position(frame.axis, records.number(3)), -1.0F, 2.0F);
   const Float column = fma(t, frame.table.inner_columns(), static_cast<float>(TableView::margin));
@@ -110,7 +110,7 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   Float alpha = opacity(min(max(extinction * size, 0.0F), 1e30F));
 
   // A splat too small for the raster spreads the same light over more of it.
-  const Float pixel_size = max((frame.orthographic ? Float(1.0F) : centre.z) * (1.0F / frame.focal), smallest_float);
+  const Float pixel_size = max((frame.orthographic ? Float(1.0F) : center.z) * (1.0F / frame.focal), smallest_float);
   const Float by_pixel = Float(1.0F) / pixel_size;
   const Float true_sigma = size * sigma_per_size;
   const Float sigma = max(true_sigma, pixel_size * smallest_sigma);
@@ -120,13 +120,13 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
 
   const Float log_range = natural_log(max(alpha, faintest_alpha) * (1.0F / faintest_alpha));
   const Float cut = sigma * min(sqrt(log_range + log_range), largest_cut);
-  set_edges(centre.x, cut, by_pixel, frame.width, result.left.data(), result.right.data());
-  set_edges(centre.y, cut, by_pixel, frame.height, result.bottom.data(), result.top.data());
+  set_edges(center.x, cut, by_pixel, frame.width, result.left.data(), result.right.data());
+  set_edges(center.y, cut, by_pixel, frame.height, result.bottom.data(), result.top.data());
 
-  const Float lit = alpha * light_on(frame, records, centre, distance.key);
+  const Float lit = alpha * light_on(frame, records, center, distance.key);
   const Float scale = pixel_size / (sigma * half_width_per_sigma);
-  const std::array<Float, sizeof(GaussianSplat) / 4> fields{fma(centre.x, by_pixel, 0.5F * frame.width),
-                                                            fma(centre.y, by_pixel, 0.5F * frame.height),
+  const std::array<Float, sizeof(GaussianSplat) / 4> fields{fma(center.x, by_pixel, 0.5F * frame.width),
+                                                            fma(center.y, by_pixel, 0.5F * frame.height),
                                                             scale,
                                                             load(records.ranges.weight.data()),
                                                             lit * material.r,
@@ -136,7 +136,7 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   for (std::size_t i = 0; i < fields.size(); ++i) store(fields[i], result.fields[i].data());
   const Mask sound = both(is_finite(fields[0] + fields[1] + scale), is_finite(lit + alpha));
   store(select_int(both(drawn, sound), 1, 0), result.drawn.data());
-  store(centre.z, result.depths.data());
+  store(center.z, result.depths.data());
 }
 
 /// Sets the depth of a splat that surfaces may hide in some pixels. Removes it if they hide it in all.

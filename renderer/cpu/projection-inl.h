@@ -145,16 +145,16 @@ HWY_INLINE Float opacity_factor(const FrameConstants& frame, const OpacityInLane
 
 /// Returns where a ball round a point surely has no pixel. Side planes of the picture go through the eye; the raster
 /// widens splats by less than 1.6 pixels.
-HWY_INLINE Mask is_outside(const FrameConstants& frame, Vector3 centre, Float radius) {
+HWY_INLINE Mask is_outside(const FrameConstants& frame, Vector3 center, Float radius) {
   const float half_width = 0.5F * frame.width + 1.6F, half_height = 0.5F * frame.height + 1.6F;
   if (frame.orthographic)
-    return either(centre.z + radius <= Float(0.0F),
-                  either((abs(centre.x) - radius) * frame.focal > Float(half_width),
-                         (abs(centre.y) - radius) * frame.focal > Float(half_height)));
+    return either(center.z + radius <= Float(0.0F),
+                  either((abs(center.x) - radius) * frame.focal > Float(half_width),
+                         (abs(center.y) - radius) * frame.focal > Float(half_height)));
   const float length_x = std::hypot(frame.focal, half_width), length_y = std::hypot(frame.focal, half_height);
-  const Float beside_x = abs(centre.x) * frame.focal - centre.z * half_width;
-  const Float beside_y = abs(centre.y) * frame.focal - centre.z * half_height;
-  return either(centre.z + radius <= Float(0.0F), either(beside_x > radius * length_x, beside_y > radius * length_y));
+  const Float beside_x = abs(center.x) * frame.focal - center.z * half_width;
+  const Float beside_y = abs(center.y) * frame.focal - center.z * half_height;
+  return either(center.z + radius <= Float(0.0F), either(beside_x > radius * length_x, beside_y > radius * length_y));
 }
 
 /// Returns the key of a splat: it falls with the distance.

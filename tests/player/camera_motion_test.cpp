@@ -25,7 +25,7 @@ TEST(CameraMotion, AWholeTurnIsALoop) {
   EXPECT_LT(glm::length(camera_at(first, turn, 4).position - first.position), 1e-12) << "the frame after the last";
 }
 
-TEST(CameraMotion, TurnsRoundACentreAndKeepsTheDistance) {
+TEST(CameraMotion, TurnsRoundACenterAndKeepsTheDistance) {
   const Camera first = camera_before({1, 0, 0});
   const CameraMotion turn{.frames = 2, .center = dvec3(0)};
   const Camera half = camera_at(first, turn, 1);

@@ -10,7 +10,7 @@
 
 #include "builder/series/series_build.h"
 #include "player/player.h"
-#include "player/sharpening.h"
+#include "player/progressive_refinement.h"
 #include "renderer/reference/slice.h"
 #include "renderer/slice_values.h"
 #include "tests/builder/support/built_mesh.h"
@@ -226,12 +226,12 @@ TEST_F(Slices, SharpenUntilTheyAreExactEnough) {
   Scene scene = with_slice(*player);
   scene.transfer_function.densities = {{0, 0}, {1, 0}};
   ASSERT_TRUE(player->set_scene(scene));
-  Sharpening sharpening({.max_error = 0.002}, 1024);
+  ProgressiveRefinement refinement({.max_error = 0.002}, 1024);
   std::vector<double> errors;
-  while (!sharpening.is_done()) {
-    ASSERT_TRUE(player->draw_frame({.detail = sharpening.detail()}));
+  while (!refinement.is_done()) {
+    ASSERT_TRUE(player->draw_frame({.detail = refinement.detail()}));
     errors.push_back(error_of(*player));
-    ASSERT_TRUE(sharpening.add(*player->frame(), [&] { return player->image(); }));
+    ASSERT_TRUE(refinement.add(*player->frame(), [&] { return player->image(); }));
     ASSERT_LT(errors.size(), 20U);
   }
   EXPECT_GE(errors.size(), 3U);

@@ -27,17 +27,17 @@ constexpr dvec3 gradient{0.2, -0.1, 0.15};
 inline double value_at(dvec3 position) { return 0.5 + glm::dot(gradient, position); }
 
 /// The splat of a box. `face`: the distance from the middle of the box to the boundary, along one axis; 0: none.
-inline MomentsSplat box_splat(dvec3 centre, dvec3 size, dvec3 face) {
+inline MomentsSplat box_splat(dvec3 center, dvec3 size, dvec3 face) {
   std::array<int, 3> axes{0, 1, 2};
   std::ranges::stable_sort(axes, std::greater(), [&](int axis) { return size[axis]; });
   glm::dmat3 turn(0);
   for (int k = 0; k < 3; ++k) turn[k][axes[static_cast<std::size_t>(k)]] = 1;
   if (glm::determinant(turn) < 0) turn[2] = -turn[2];
   MomentsSplat splat;
-  splat.center = centre;
+  splat.center = center;
   splat.mass = size.x * size.y * size.z;
   splat.orientation = glm::quat_cast(turn);
-  splat.value = value_at(centre);
+  splat.value = value_at(center);
   const dvec3 slopes = gradient * size / std::sqrt(12);
   splat.value_deviation = glm::length(slopes);
   for (int k = 0; k < 3; ++k) {

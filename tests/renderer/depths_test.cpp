@@ -15,8 +15,8 @@
 #include <utility>
 #include <vector>
 
-#include "renderer/device/device.h"
 #include "renderer/depth_pyramid.h"
+#include "renderer/device/device.h"
 #include "splat/kernel.h"
 #include "tests/renderer/bodies.h"
 #include "tests/renderer/draw_parts.h"
@@ -84,11 +84,11 @@ SurfaceDepths plane(const View& view, dvec3 point, dvec3 normal) {
   });
 }
 
-SurfaceDepths ball(const View& view, dvec3 centre, double radius) {
+SurfaceDepths ball(const View& view, dvec3 center, double radius) {
   return depths_of(view, [&](int x, int y) {
     const test::Ray ray = test::ray_of(view, x, y);
-    const double along = glm::dot(centre - ray.origin, ray.direction);
-    const double rest = radius * radius - glm::dot(centre - ray.origin, centre - ray.origin) + along * along;
+    const double along = glm::dot(center - ray.origin, ray.direction);
+    const double rest = radius * radius - glm::dot(center - ray.origin, center - ray.origin) + along * along;
     return rest > 0 ? (along - std::sqrt(rest)) * glm::dot(ray.direction, view.forward) : infinity;
   });
 }
@@ -176,13 +176,13 @@ double share_in_front(double u) {
 }
 
 TEST(Depths, ARoundSplatHasItsClosedForm) {
-  const double deviation = 0.2, mass = 0.4, centre = 3;
+  const double deviation = 0.2, mass = 0.4, center = 3;
   MomentsSplat splat;
   splat.mass = mass;
   splat.deviations = dvec3(deviation);
   for (const bool orthographic : {false, true}) {
-    const View view = test::view_from(dvec3(0, 0, centre), orthographic, 97, 97);
-    const double pixel = (orthographic ? 1 : centre) / view.focal;
+    const View view = test::view_from(dvec3(0, 0, center), orthographic, 97, 97);
+    const double pixel = (orthographic ? 1 : center) / view.focal;
     const double a = moments_half_width * std::sqrt(deviation * deviation + 0.1 * pixel * pixel);
     for (const Way& way : all_ways()) {
       Drawn drawn(way, test::list_of({splat}), test::uniform(1));

@@ -70,16 +70,16 @@ Image composite(std::vector<Splat> splats, dvec3 origin, const View& view, const
 
   Image image{view.width, view.height, std::vector<vec4>(static_cast<std::size_t>(view.width) * view.height)};
   for (const Splat& splat : splats) {
-    const dvec3 centre = position(splat);
+    const dvec3 center = position(splat);
     const double alpha = 1 - std::exp(-function.extinction(splat.value) * splat.size);
-    if (!(centre.z > 0) || !(alpha > 0)) continue;
-    const double scale = view.focal / (view.orthographic ? 1 : centre.z);
+    if (!(center.z > 0) || !(alpha > 0)) continue;
+    const double scale = view.focal / (view.orthographic ? 1 : center.z);
     const double sigma = 0.4 * splat.size * scale;
     const dvec3 color = function.color(splat.value);
     for (int y = 0; y < view.height; ++y) {
       for (int x = 0; x < view.width; ++x) {
-        const double dx = x + 0.5 - (centre.x * scale + 0.5 * view.width);
-        const double dy = view.height - y - 0.5 - (centre.y * scale + 0.5 * view.height);
+        const double dx = x + 0.5 - (center.x * scale + 0.5 * view.width);
+        const double dy = view.height - y - 0.5 - (center.y * scale + 0.5 * view.height);
         if (std::max(std::abs(dx), std::abs(dy)) > 3 * sigma) continue;
         const double a = alpha * std::exp(-(dx * dx + dy * dy) / (2 * sigma * sigma));
         vec4& pixel = image.at(x, y);

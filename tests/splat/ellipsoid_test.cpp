@@ -95,7 +95,7 @@ TEST(Ellipsoid, HasChordsWithItsDensity) {
   for_samples([](Sample& s) {
     for (int i = 0; i < 20; ++i) {
       const dvec3 u = s.vector(0.6);
-      const dvec3 direction = glm::normalize(s.vector(1)), origin = s.ellipsoid.centre + s.from * u - 3.0 * direction;
+      const dvec3 direction = glm::normalize(s.vector(1)), origin = s.ellipsoid.center + s.from * u - 3.0 * direction;
       const auto chord = chord_of(s.ellipsoid, origin, direction);
       if (!chord) {
         EXPECT_TRUE(s.ellipsoid.is_cut_off(u));

@@ -357,8 +357,8 @@ TEST(Cut, SplatsStayWithinTheTolerance) {
         for (const PointRange& range : cut.ranges_of(item))
           for (std::uint64_t i = range.begin; i < range.begin + range.count; ++i) {
             const bool is_octant = kind == KernelKind::octant;
-            const dvec3& centre = is_octant ? volume.positions[i] : volume.centroids[item.resolution][i];
-            const double depth = view.orthographic ? 1 : view.to_view(centre).z;
+            const dvec3& center = is_octant ? volume.positions[i] : volume.centroids[item.resolution][i];
+            const double depth = view.orthographic ? 1 : view.to_view(center).z;
             const double size = is_octant ? volume.splat_size(item.resolution, i)
                                           : std::sqrt(12.0) * volume.shapes[item.resolution][i].deviations[0];
             const bool coarse =
@@ -367,7 +367,7 @@ TEST(Cut, SplatsStayWithinTheTolerance) {
             ASSERT_TRUE(!coarse || finest) << "trial " << trial << ", splat " << i;
             within += !coarse;
             coarser += !finest;
-            outside_of_their_node += !is_in(item.cube, centre);
+            outside_of_their_node += !is_in(item.cube, center);
           }
     }
     EXPECT_GT(within, 5000);

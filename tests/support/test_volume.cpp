@@ -59,11 +59,11 @@ void collect_leaves(const std::vector<NodePath>& paths, const Indices& points, c
   }
 }
 
-std::uint32_t nearest_to_centre(const std::vector<dvec3>& positions, const Leaf& leaf, const Cube& root) {
+std::uint32_t nearest_to_center(const std::vector<dvec3>& positions, const Leaf& leaf, const Cube& root) {
   const Cube cube = cube_of(root, leaf.node);
-  const dvec3 centre = cube.origin + 0.5 * cube.edge;
+  const dvec3 center = cube.origin + 0.5 * cube.edge;
   return *std::ranges::min_element(leaf.points, {}, [&](std::uint32_t i) {
-    return std::pair(glm::dot(positions[i] - centre, positions[i] - centre), i);
+    return std::pair(glm::dot(positions[i] - center, positions[i] - center), i);
   });
 }
 
@@ -89,7 +89,7 @@ std::vector<Level> reduce(const std::vector<dvec3>& positions, const std::vector
     Level next;
     Indices kept(positions.size());
     for (const Leaf& leaf : leaves) {
-      next.points.push_back(nearest_to_centre(positions, leaf, options.cube));
+      next.points.push_back(nearest_to_center(positions, leaf, options.cube));
       for (const std::uint32_t i : leaf.points) {
         kept[i] = next.points.back();
         level.depths[i] = static_cast<std::uint8_t>(leaf.node.size());

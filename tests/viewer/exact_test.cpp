@@ -144,7 +144,7 @@ TEST_F(ExactAtRest, MovesExactly) {
     session->scene.camera.position += dvec3(0.05);
     draw(*session, 0.001);
     ASSERT_TRUE(session->exact());
-    EXPECT_FALSE(session->sharpening());
+    EXPECT_FALSE(session->refinement());
     EXPECT_EQ(session->frame()->serial, serial) << "splats were chosen";
     const Image picture = test::value_of(session->image());
     const Image exact = truth(mesh, session->scene);
@@ -255,13 +255,13 @@ TEST_F(ExactAtRest, IsGivenUpForAChange) {
     session->scene.camera.position += dvec3(0.01);
     draw(*session, 0.001);
     const auto is_being_drawn = [&] {
-      return session->is_drawing() && session->sharpening() && session->sharpening()->is_done();
+      return session->is_drawing() && session->refinement() && session->refinement()->is_done();
     };
     for (int frames = 0; !is_being_drawn() && !session->is_settled() && frames < 10000; ++frames) draw(*session);
     given_up += session->is_drawing() ? 1 : 0;
     session->scene.camera.position += dvec3(0.01);
     for (int frames = 0; frames == 0 || (session->is_drawing() && frames < 10000); ++frames) draw(*session, 0.001);
-    EXPECT_FALSE(session->sharpening()) << "it moves";
+    EXPECT_FALSE(session->refinement()) << "it moves";
     EXPECT_FALSE(session->is_settled());
   }
   EXPECT_GT(given_up, 0) << "each picture was there at once";

@@ -71,7 +71,7 @@ TEST_F(SessionAtRest, HasTheWantedError) {
     const auto session = open(settings);
     const Image image = settled(*session);
     EXPECT_LE(compare_images(image, all)->rmse, 1.25 * error);
-    EXPECT_TRUE(session->sharpening()->has_reached());
+    EXPECT_TRUE(session->refinement()->has_reached());
     EXPECT_LT(session->frame()->splats, session->info().point_count()) << error;
   }
 }
@@ -89,7 +89,7 @@ TEST_F(SessionAtRest, HasTheSplatsOrTheResolutionOfAScene) {
     } else {
       EXPECT_EQ(frame.detail.resolution, 1U);
     }
-    EXPECT_FALSE(session->sharpening()->seeks_error());
+    EXPECT_FALSE(session->refinement()->seeks_error());
     EXPECT_EQ(session->used_scene().use.quality, quality);
     EXPECT_EQ(session->used_scene().use.drawing, drawing);
   }
@@ -103,18 +103,18 @@ TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
   const std::uint64_t finest = session->frame()->splats;
   session->scene.camera.position += 0.1 * (session->scene.camera.position - session->scene.camera.focal_point);
   draw(*session, 0.01);
-  EXPECT_FALSE(session->sharpening()) << "it moves";
+  EXPECT_FALSE(session->refinement()) << "it moves";
   EXPECT_TRUE(session->frame()->detail.goal);
 
   // The first picture at rest is not the finest: a user who moves again does not wait for it.
   draw(*session, long_time);
-  ASSERT_TRUE(session->sharpening());
+  ASSERT_TRUE(session->refinement());
   EXPECT_FALSE(session->is_settled());
   EXPECT_LT(session->frame()->splats, finest / 4);
   session->scene.camera.position += 0.1 * (session->scene.camera.position - session->scene.camera.focal_point);
   do draw(*session, 0.01);
   while (session->is_drawing());  // the picture that is given up
-  EXPECT_FALSE(session->sharpening());
+  EXPECT_FALSE(session->refinement());
   settled(*session);
   EXPECT_GT(session->frame()->splats, finest / 4);
 
@@ -141,7 +141,7 @@ TEST_F(SessionAtRest, EachPictureIsShown) {
     ASSERT_TRUE(picture->encoded);
     EXPECT_TRUE(picture->is_new || picture->encoded->bytes == last);
     last = picture->encoded->bytes;
-    const Detail detail_before = std::exchange(detail, session->sharpening()->detail());
+    const Detail detail_before = std::exchange(detail, session->refinement()->detail());
     if (frames == 0 || detail == detail_before) continue;  // none has been finished
     EXPECT_EQ(picture->encoded->bytes.size(), std::size_t{4} * 600 * 450);
     EXPECT_TRUE(picture->encoded->bytes != before) << "the picture before stayed";
@@ -226,14 +226,14 @@ TEST_F(SessionAtRest, DrawsTheSameWithoutHurry) {
   settings.hurries = false;
   const auto session = open(settings);
   draw(*session, 0);
-  EXPECT_TRUE(session->sharpening());
+  EXPECT_TRUE(session->refinement());
   const Image first = settled(*session);
   const Camera camera = session->scene.camera;
   session->scene.camera.position += dvec3(0.2);
   const std::uint64_t finest = session->frame()->splats;
   draw(*session, 0);
   EXPECT_FALSE(session->is_settled());
-  EXPECT_LT(session->sharpening()->detail().goal->max_splats, finest) << "another view begins with a coarse picture";
+  EXPECT_LT(session->refinement()->detail().goal->max_splats, finest) << "another view begins with a coarse picture";
   settled(*session);
   session->scene.camera = camera;
   EXPECT_EQ(compare_images(first, settled(*session))->max, 0);

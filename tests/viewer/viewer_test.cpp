@@ -221,10 +221,10 @@ TEST_F(ViewerTest, DoesNotSharpenWhileThePointerMoves) {
   for (int i = 0; i < 50; ++i) {
     frame({PointerMoved{100.0 + i, 300}}, 0.01);
     ASSERT_FALSE(viewer->is_settled());
-    ASSERT_FALSE(viewer->session()->sharpening()) << i;
+    ASSERT_FALSE(viewer->session()->refinement()) << i;
   }
   settle();
-  EXPECT_TRUE(viewer->session()->sharpening());
+  EXPECT_TRUE(viewer->session()->refinement());
 }
 
 TEST_F(ViewerTest, MovesCoarselyAndSharpensAtRest) {
@@ -242,7 +242,7 @@ TEST_F(ViewerTest, MovesCoarselyAndSharpensAtRest) {
   frame({ButtonChanged{0, false}}, 0.01);
   settle();
   EXPECT_FALSE(viewer->session()->frame()->detail.goal);
-  EXPECT_TRUE(viewer->session()->sharpening()->is_done());
+  EXPECT_TRUE(viewer->session()->refinement()->is_done());
 }
 
 TEST_F(ViewerTest, KeysChangeWhatTheySay) {

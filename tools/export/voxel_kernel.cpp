@@ -39,8 +39,8 @@ VoxelKernel::VoxelKernel(const dvec3& centroid, const SplatShape& shape) : centr
 
 bool VoxelKernel::reaches(const Box& box) const {
   for (int k = 0; k < 3; ++k) {
-    const double centre = ellipsoid_.centre[k], reach = ellipsoid_.reach[k];
-    if (centre + reach < box.low[k] || centre - reach > box.high[k]) return false;
+    const double center = ellipsoid_.center[k], reach = ellipsoid_.reach[k];
+    if (center + reach < box.low[k] || center - reach > box.high[k]) return false;
   }
   return true;
 }
@@ -55,39 +55,39 @@ LinearField VoxelKernel::field(const SplatShape& shape, const SplatValue& value)
 template <class Visit>
 bool VoxelKernel::visit_rows(const Box& box, std::size_t most, const Visit& visit) const {
   const dmat3 &q = square_, &p = inverse_;
-  const dvec3& centre = ellipsoid_.centre;
+  const dvec3& center = ellipsoid_.center;
   const double most_x = std::sqrt(q[0][0]);
-  if (first_voxel(std::max(centre.x - most_x, box.low.x)) > last_voxel(std::min(centre.x + most_x, box.high.x)))
+  if (first_voxel(std::max(center.x - most_x, box.low.x)) > last_voxel(std::min(center.x + most_x, box.high.x)))
     return true;
   std::size_t rows = 0;
   const double reach_z = std::sqrt(q[2][2]);
-  const std::int32_t last_z = last_voxel(std::min(centre.z + reach_z, box.high.z));
-  for (std::int32_t z = first_voxel(std::max(centre.z - reach_z, box.low.z)); z <= last_z; ++z) {
+  const std::int32_t last_z = last_voxel(std::min(center.z + reach_z, box.high.z));
+  for (std::int32_t z = first_voxel(std::max(center.z - reach_z, box.low.z)); z <= last_z; ++z) {
     // The projection along x is an ellipse; its matrix gives its chords.
-    const double dz = z - centre.z;
+    const double dz = z - center.z;
     const double reach_y = std::sqrt(std::max(0.0, (q[1][1] - q[1][2] * q[1][2] / q[2][2]) * (1 - dz * dz / q[2][2])));
-    const double middle_y = centre.y + q[1][2] / q[2][2] * dz;
+    const double middle_y = center.y + q[1][2] / q[2][2] * dz;
     const std::int32_t last_y = last_voxel(std::min(middle_y + reach_y, box.high.y));
     for (std::int32_t y = first_voxel(std::max(middle_y - reach_y, box.low.y)); y <= last_y; ++y) {
       if (rows++ == most) return false;
-      const double dy = y - centre.y;
+      const double dy = y - center.y;
       const double slant = -(p[0][1] * dy + p[0][2] * dz) / p[0][0];
       const double rest = p[1][1] * dy * dy + 2 * p[1][2] * dy * dz + p[2][2] * dz * dz;
       const double square = slant * slant + (1 - rest) / p[0][0];
       if (!(square > 0)) continue;
       const double reach_x = std::sqrt(square);
-      const std::int32_t first = first_voxel(std::max(centre.x + slant - reach_x, box.low.x));
-      const std::int32_t last = last_voxel(std::min(centre.x + slant + reach_x, box.high.x));
+      const std::int32_t first = first_voxel(std::max(center.x + slant - reach_x, box.low.x));
+      const std::int32_t last = last_voxel(std::min(center.x + slant + reach_x, box.high.x));
       if (first > last) continue;
       const Run run{first, y, z, static_cast<std::uint32_t>(std::int64_t{last} - first) + 1};
-      if (!visit(run, dvec3(first - centre.x, dy, dz))) return false;
+      if (!visit(run, dvec3(first - center.x, dy, dz))) return false;
     }
   }
   return true;
 }
 
 bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& runs, std::vector<double>& shares) const {
-  const Box reach{ellipsoid_.centre - ellipsoid_.reach, ellipsoid_.centre + ellipsoid_.reach};
+  const Box reach{ellipsoid_.center - ellipsoid_.reach, ellipsoid_.center + ellipsoid_.reach};
   Box both = reach;
   both.include(box);
   const bool integrate = volume_ > most_outside && both != box;

@@ -13,9 +13,9 @@ namespace splatvol {
 namespace {
 
 // A uniform box as a splat.
-FittedSplat box(const dvec3& centre, const dvec3& size) {
+FittedSplat box(const dvec3& center, const dvec3& size) {
   FittedSplat splat;
-  splat.centroid = centre;
+  splat.centroid = center;
   splat.shape.mass = size.x * size.y * size.z;
   splat.shape.deviations = size / std::sqrt(12.0);
   return splat;

@@ -298,7 +298,7 @@ TEST(Jump, ValuesExactlyOnItTakeTheLaterSide) {
 double polyhedron_length(const Mesh& ball, const WorldRay& ray) {
   double enter = 0;
   double leave = std::numeric_limits<double>::infinity();
-  for (const auto& [centre, a, b, c] : ball.tetrahedra) {
+  for (const auto& [center, a, b, c] : ball.tetrahedra) {
     dvec3 normal = glm::cross(ball.points[b] - ball.points[a], ball.points[c] - ball.points[a]);
     if (glm::dot(normal, ball.points[a]) < 0) normal = -normal;
     const double height = glm::dot(normal, ball.points[a] - ray.origin);

@@ -178,9 +178,9 @@ SlicePicture slice_of(const View& view, const Plane& plane, double opacity, doub
 
 TEST(Slices, DepthsAreThoseOfThePlane) {
   for (const bool orthographic : {false, true})
-    for (const dvec3 centre : {dvec3(0), dvec3(1e7, -1e7, 1e6)}) {
-      const View view = view_from(centre + dvec3(0.3, 0.5, 4), centre, orthographic);
-      const Plane plane = make_plane(centre + dvec3(0.1, 0, 0), {0.3, -5, 1});
+    for (const dvec3 center : {dvec3(0), dvec3(1e7, -1e7, 1e6)}) {
+      const View view = view_from(center + dvec3(0.3, 0.5, 4), center, orthographic);
+      const Plane plane = make_plane(center + dvec3(0.1, 0, 0), {0.3, -5, 1});
       const std::vector<double> depths = slice_depths(view, plane);
       int met = 0;
       for (int row = 0; row < view.height; ++row)

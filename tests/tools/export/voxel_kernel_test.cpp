@@ -17,7 +17,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 const Box everywhere{dvec3(-infinity), dvec3(infinity)};
 
 struct Voxel {
-  dvec3 centre;
+  dvec3 center;
   double share;
 };
 
@@ -39,7 +39,7 @@ double sum_of(const std::vector<Voxel>& voxels) {
 
 dvec3 mean_of(const std::vector<Voxel>& voxels) {
   dvec3 mean(0);
-  for (const Voxel& voxel : voxels) mean += voxel.share * voxel.centre;
+  for (const Voxel& voxel : voxels) mean += voxel.share * voxel.center;
   return mean;
 }
 
@@ -77,7 +77,7 @@ TEST(VoxelKernel, KeepsTheMeanAndTurnsTheEllipsoid) {
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   for (int k = 0; k < 3; ++k) {
     double variance = 0;
-    for (const Voxel& voxel : voxels) variance += voxel.share * std::pow(glm::dot(axes[k], voxel.centre - centroid), 2);
+    for (const Voxel& voxel : voxels) variance += voxel.share * std::pow(glm::dot(axes[k], voxel.center - centroid), 2);
     const double expected = 0.95 * 0.95 * 12 / 8 * (std::pow(shape.deviations[k], 2) + 1.0 / 12);
     EXPECT_NEAR(variance, expected, 0.02 * expected);
   }
@@ -88,7 +88,7 @@ TEST(VoxelKernel, WithoutExtentItIsAtMostTheNearestVoxels) {
     const auto voxels = voxels_of(VoxelKernel(centroid, shape_of(dvec3(0), {1, 0, 0, 0})));
     ASSERT_LE(voxels.size(), 8u);
     EXPECT_NEAR(sum_of(voxels), 1, 1e-12);
-    for (const Voxel& voxel : voxels) EXPECT_LT(glm::length(voxel.centre - centroid), 0.951);
+    for (const Voxel& voxel : voxels) EXPECT_LT(glm::length(voxel.center - centroid), 0.951);
   }
 }
 
@@ -98,8 +98,8 @@ TEST(VoxelKernel, NothingLiesBeyondTheBoundary) {
   const auto voxels = voxels_of(VoxelKernel(dvec3(0), shape));
   double at_plane = 0;
   for (const Voxel& voxel : voxels) {
-    EXPECT_TRUE(voxel.share == 0 || voxel.centre.x <= 6);
-    if (voxel.centre.x == 6) at_plane += voxel.share;
+    EXPECT_TRUE(voxel.share == 0 || voxel.center.x <= 6);
+    if (voxel.center.x == 6) at_plane += voxel.share;
   }
   EXPECT_GT(at_plane, 0) << "it is cut, not faded, there";
 }
@@ -113,7 +113,7 @@ TEST(VoxelKernel, PartOfALargeOneHasItsPart) {
   const auto part = voxels_of(kernel, box);
   double expected = 0;
   for (const Voxel& voxel : voxels_of(kernel))
-    if (glm::all(glm::lessThanEqual(box.low, voxel.centre)) && glm::all(glm::lessThanEqual(voxel.centre, box.high)))
+    if (glm::all(glm::lessThanEqual(box.low, voxel.center)) && glm::all(glm::lessThanEqual(voxel.center, box.high)))
       expected += voxel.share;
   EXPECT_EQ(part.size(), 26u * 11 * 11);
   EXPECT_NEAR(sum_of(part), expected, 1e-3 * expected);

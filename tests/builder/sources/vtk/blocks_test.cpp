@@ -73,7 +73,7 @@ Block cube(double x) {
   return block;
 }
 
-dvec3 centre(const Block& block, std::size_t cell) {
+dvec3 center(const Block& block, std::size_t cell) {
   dvec3 sum(0);
   for (const std::uint32_t point : block.hexahedra[cell]) sum += block.points[point];
   return sum / 8.0;
@@ -204,7 +204,7 @@ test::ExodusMesh exodus_mesh() {
   }
   for (const auto& [name, factor] : {std::pair{"Ux", 1.0}, {"Uy", 2.0}, {"Uz", -1.0}})
     mesh.nodal.emplace_back(name, [factor = factor](dvec3 p, double time) { return factor * field(p, time); });
-  mesh.of_cells = {{"q", [](std::size_t cell, double time) { return field(centre(cubes[1], cell), time); }}};
+  mesh.of_cells = {{"q", [](std::size_t cell, double time) { return field(center(cubes[1], cell), time); }}};
   return mesh;
 }
 
@@ -375,7 +375,7 @@ void write_ensight(const test::TempFolder& folder) {
       for (const double factor : {1, 2, -1})
         u += ensight_numbers([&](std::size_t i) { return factor * value(i); }, block_points);
       q += fmt::format("part\n{:10}\nhexa8\n", b + 1) +
-           ensight_numbers([&](std::size_t i) { return field(centre(cubes[b], i), times[step]); }, block_cells);
+           ensight_numbers([&](std::size_t i) { return field(center(cubes[b], i), times[step]); }, block_cells);
     }
     folder.write(fmt::format("f.{:03}", step), f);
     folder.write(fmt::format("U.{:03}", step), u);
@@ -604,7 +604,7 @@ TEST_F(BlocksTest, CgnsZonesThatDefeatVtk) {
     cg_base_write(file, "Base", 3, 3, &base);
     write_zone(file, base, 0, walls_first);
     std::vector<double> of_cells;
-    for (std::size_t cell = 0; cell < block_cells; ++cell) of_cells.push_back(field(centre(cubes[0], cell), 0));
+    for (std::size_t cell = 0; cell < block_cells; ++cell) of_cells.push_back(field(center(cubes[0], cell), 0));
     write_values(file, 1, "c", CGNS_ENUMV(CellCenter), of_cells);
     write_values(file, 1, "flux", CGNS_ENUMV(CellCenter), of_cells);
     ASSERT_EQ(cg_close(file), 0) << cg_get_error();
@@ -923,7 +923,7 @@ void write_openfoam_part(
     std::vector<double> f;
     std::vector<dvec3> u;
     for (std::size_t cell = begin; cell < end; ++cell) {
-      f.push_back(field(centre(cubes[0], cell), time));
+      f.push_back(field(center(cubes[0], cell), time));
       u.push_back(f.back() * dvec3(1, 2, -1));
     }
     const auto body = [&](const std::string& type, const std::string& dimensions, const std::string& list) {
@@ -1178,7 +1178,7 @@ TEST_F(BlocksTest, OpenFoamIsReadInDouble) {
     const std::vector<double> values = values_in(input, 0, "f");
     ASSERT_EQ(values.size(), block_cells);
     for (std::size_t cell = 0; cell < block_cells; ++cell)
-      EXPECT_EQ(values[cell], field(centre(cubes[0], cell), 2)) << "not rounded";
+      EXPECT_EQ(values[cell], field(center(cubes[0], cell), 2)) << "not rounded";
     std::filesystem::remove_all(path("constant"));
   }
 }

@@ -1,4 +1,4 @@
-#include "player/sharpening.h"
+#include "player/progressive_refinement.h"
 
 #include <algorithm>
 
@@ -12,7 +12,7 @@ constexpr double first_percent = 4;
 
 }  // namespace
 
-Sharpening::Sharpening(const Quality& quality, std::uint64_t first_splats) {
+ProgressiveRefinement::ProgressiveRefinement(const Quality& quality, std::uint64_t first_splats) {
   if (quality.tolerance_percent) {
     last_tolerance_ = *quality.tolerance_percent;
     // All points of a file are few, or somebody wants to see them.
@@ -26,14 +26,14 @@ Sharpening::Sharpening(const Quality& quality, std::uint64_t first_splats) {
   }
 }
 
-void Sharpening::ask() {
+void ProgressiveRefinement::ask() {
   if (const auto& next = control_->next())
     detail_.goal = next->goal;
   else
     done_ = true;
 }
 
-Status Sharpening::add(const FrameSplats& frame, const std::function<Result<Image>()>& picture) {
+Status ProgressiveRefinement::add(const FrameSplats& frame, const std::function<Result<Image>()>& picture) {
   if (done_) return {};
   if (!control_) {
     done_ = detail_.tolerance_percent == last_tolerance_;
@@ -47,7 +47,7 @@ Status Sharpening::add(const FrameSplats& frame, const std::function<Result<Imag
   return {};
 }
 
-std::optional<double> Sharpening::error() const {
+std::optional<double> ProgressiveRefinement::error() const {
   if (!control_ || control_->pictures() < 2) return std::nullopt;
   return control_->estimate().error;
 }

@@ -15,11 +15,11 @@ namespace splatvol {
 
 /// Decides how fine the next picture of a view at rest is. Each picture is a frame's work, so that a user who moves
 /// again need not wait for the finest one.
-class Sharpening {
+class ProgressiveRefinement {
  public:
   /// Ends in a picture of `quality`, which has an error, a tolerance, a number of splats or a resolution. The last two
   /// are one picture. `first_splats`: of the first picture for an error; 0: what the model expects.
-  explicit Sharpening(const Quality& quality, std::uint64_t first_splats = 0);
+  explicit ProgressiveRefinement(const Quality& quality, std::uint64_t first_splats = 0);
 
   /// Returns the detail of the next picture, or of the last one if all are drawn.
   [[nodiscard]] const Detail& detail() const { return detail_; }
