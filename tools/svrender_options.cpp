@@ -1,5 +1,7 @@
 #include "tools/svrender_options.h"
 
+#include <fmt/format.h>
+
 #include <cmath>
 #include <cstdlib>
 #include <utility>
@@ -75,9 +77,10 @@ void add_detail_options(CommandLine& app, RenderOptions& options) {
   auto* max_error =
       app.add_option(
              "--max-error", options.quality.max_error,
-             "Error of the picture (root mean square of linear RGB): draws about the fewest splats that reach "
-             "it, which it finds by comparing pictures. Without any of these options: finer and finer pictures up to "
-             "an error of 0.002")
+             fmt::format("Error of the picture (root mean square of linear RGB): draws about the fewest splats that "
+                         "reach it, which it finds by comparing pictures. Without any of these options: finer and "
+                         "finer pictures up to an error of {}",
+                         default_max_error))
           ->type_name("RMSE")
           ->check(check_positive)
           ->excludes(tolerance)

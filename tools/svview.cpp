@@ -307,8 +307,9 @@ void add_view_options(CommandLine& app, Options& options) {
   add_reading_options(app, options.reading);
   auto* max_error =
       app.add_option("--max-error", options.quality.max_error,
-                     "Error of the picture at rest (root mean square of linear RGB): finer and finer pictures up to "
-                     "it; all points of a file with up to 524,288")
+                     fmt::format("Error of the picture at rest (root mean square of linear RGB): finer and finer "
+                                 "pictures up to it; all points of a file with up to {}",
+                                 fmt::group_digits(most_points_at_once)))
           ->type_name("RMSE")
           ->check(check_positive)
           ->default_str(fmt::format("{}", default_max_error));
