@@ -21,8 +21,6 @@ class FileDialog {
   /// Draws the dialog, if it is open. Returns the path or the address that the user has chosen in this frame.
   [[nodiscard]] std::optional<std::string> draw(const WindowResized& window, std::span<const std::string> recent);
 
-  [[nodiscard]] bool is_open() const { return is_open_; }
-
  private:
   struct Entry {
     std::string name;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "viewer/window/gui_units.h"
 #include "viewer/window/presenter.h"
@@ -78,7 +79,7 @@ void draw_plot(const Probe& probe, const format::Attribute& attribute) {
 
 void Probes::end() {
   pin_.reset();
-  prober_.forget();
+  forget();
 }
 
 // Looks through the middle of the pixel at a position in the window.
@@ -90,9 +91,9 @@ Looking Probes::looking_at(const dvec2& position) const {
 }
 
 // The picture tells the opacity of lines of sight from its eye.
-Prober::Question Probes::question_about(const Looking& looking) const {
+Probes::Question Probes::question_about(const Looking& looking) const {
   const Scene& drawn = viewer_.session->drawn_scene();
-  Prober::Question question{viewer_.session->frame()->serial, drawn.transfer_function, {}, looking, {}};
+  Question question{viewer_.session->frame()->serial, drawn.transfer_function, {}, looking, {}};
   if (drawn.opacity) question.opacity_function = drawn.opacity->function;
   const View& view = viewer_.session->view();
   const dvec3 at = view.to_view(looking.ray.origin + looking.ray.direction);
@@ -106,10 +107,46 @@ Prober::Question Probes::question_about(const Looking& looking) const {
   return question;
 }
 
-void Probes::ask(const Prober::Question& question) {
+// Copies the frame's list, unless the frame is known.
+void Probes::ask(const Question& question) {
+  if (is_busy() || answered_ == question) return;
   const Session& session = *viewer_.session;
-  prober_.ask(question, *session.frame(), session.units(),
-              {session.steps(), session.step(), session.drawn_scene().attribute});
+  const bool is_known = last_.frame && answered_->serial == question.serial;
+  auto answer = [question, units = session.units(), steps = session.steps(), step = session.step(),
+                 attribute = session.drawn_scene().attribute, known = is_known ? last_.frame : nullptr,
+                 cells = last_.cells, list = is_known ? DrawList() : session.frame()->list]() mutable -> Answer {
+    if (!known) {
+      known = std::make_shared<const ProbedFrame>(std::move(list), units);
+      cells = ProbedCells::open(steps, step, attribute).value_or(nullptr);
+    }
+    const auto& factors = question.opacity_function;
+    auto probe = known->probe({question.function, factors ? &*factors : nullptr}, question.looking, question.opacity);
+    if (probe && cells) cells->take_values(question.looking.ray, *probe);
+    return {std::move(known), std::move(cells), std::move(probe)};
+  };
+  asked_ = question;
+  last_.frame.reset();
+  last_.cells.reset();
+  answer_ = {viewer_.host, std::move(answer)};
+}
+
+bool Probes::take_answer() {
+  if (!is_busy() || !answer_.wait()) return false;
+  last_ = answer_.take();
+  answered_ = std::exchange(asked_, {});
+  return true;
+}
+
+// Null until it is there.
+const std::optional<Probe>* Probes::answer_to(const Question& question) const {
+  return answered_ == question ? &last_.probe : nullptr;
+}
+
+// Lets go of the frame's rows, unless an answer is on its way.
+void Probes::forget() {
+  if (is_busy()) return;
+  last_ = {};
+  answered_.reset();
 }
 
 // A slice in front of the volume's middle takes its place.
@@ -129,10 +166,10 @@ void Probes::draw(bool is_at_rest, bool over_picture) {
   const FrameSplats* frame = viewer_.session->frame();
   if (!frame || viewer_.session->is_drawing()) return draw_pinned();
   is_at_rest = is_at_rest && frame->progress.fading == 0 && !viewer_.session->is_reading();
-  if (!is_at_rest) prober_.forget();
+  if (!is_at_rest) forget();
   if (pin_ && is_at_rest) {
-    const Prober::Question question = question_about(pin_->looking);
-    if (const auto* answer = prober_.answer_to(question)) {
+    const Question question = question_about(pin_->looking);
+    if (const auto* answer = answer_to(question)) {
       pin_->asked = question;
       pin_->probe = with_slices(*answer, pin_->looking.ray);
       if (!pin_->probe) pin_.reset();  // nothing is there
@@ -148,8 +185,8 @@ void Probes::draw(bool is_at_rest, bool over_picture) {
 void Probes::draw_hovered() {
   const dvec2 pointer = viewer_.steering.pointer();
   if (pointer.x < viewer_.picture_area().left) return;
-  const Prober::Question question = question_about(looking_at(pointer));
-  const auto* answer = prober_.answer_to(question);
+  const Question question = question_about(looking_at(pointer));
+  const auto* answer = answer_to(question);
   if (!answer) return ask(question);
   if (const auto found = with_slices(*answer, question.looking.ray))
     ImGui::SetTooltip("%s", words_of(*found, viewer_.session->attribute()).c_str());
