@@ -44,21 +44,23 @@ std::vector<std::string> other_patches(const format::VolumeInfo& info, const std
 void DetailControls::draw(Session& session) {
   ViewSettings& settings = session.settings;
   std::optional<double>& tolerance = settings.quality.tolerance_percent;
-  int by = tolerance ? 1 : 0;
-  if (ImGui::Combo("detail by", &by, "error\0tolerance\0"))
+  const bool is_of_scene = asks_for_splats(settings.quality) && !tolerance;  // a number of splats, or a resolution
+  int by = is_of_scene ? 2 : tolerance ? 1 : 0;
+  if (ImGui::Combo("detail by", &by, is_of_scene ? "error\0tolerance\0scene\0" : "error\0tolerance\0") && by < 2)
     settings.quality = by == 0 ? Quality{.max_error = max_error_} : Quality{.tolerance_percent = usual_tolerance};
   const double least_error = 0.0005, most_error = 0.05, finest = 0.1, coarsest = 20;
   if (tolerance) {
     ImGui::SliderScalar("tolerance", ImGuiDataType_Double, &*tolerance, &finest, &coarsest, "%.2g %%",
                         ImGuiSliderFlags_Logarithmic);
-  } else {
+  } else if (by < 2) {
     max_error_ = settings.quality.max_error.value_or(default_max_error);
     if (ImGui::SliderScalar("error", ImGuiDataType_Double, &max_error_, &least_error, &most_error, "%.2g",
                             ImGuiSliderFlags_Logarithmic))
       settings.quality = {.max_error = max_error_};
   }
-  hint(tolerance ? "The largest share of the picture that a splat may cover, at rest.\nControl click: type a number."
-                 : "Of the picture at rest: root mean square of linear RGB.\nControl click: type a number.");
+  hint(by == 2     ? "At rest, the splats or the resolution that the scene tells."
+       : tolerance ? "The largest share of the picture that a splat may cover, at rest.\nControl click: type a number."
+                   : "Of the picture at rest: root mean square of linear RGB.\nControl click: type a number.");
   // The streamer is opened again for another memory: only when the slider is let go.
   static constexpr std::uint64_t least = 16, most = 65536;
   std::uint64_t mebibytes = memory_shown_ ? *memory_shown_ : settings.memory >> 20;
