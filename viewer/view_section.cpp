@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "player/choice.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
