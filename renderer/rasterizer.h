@@ -37,7 +37,10 @@ struct RasterizerOptions {
 /// What differs between rasterizers.
 struct Capabilities {
   int largest_side;  // of a picture, in pixels
-  bool any_thread;   // calls may come from any thread, one at a time; else from that of its context of OpenGL
+
+  /// Whether calls may come from any thread, one at a time, and end if it is interrupted (base/interruption.h). Else
+  /// they come from the thread of an OpenGL context, and ignore interruptions.
+  bool any_thread;
 };
 
 /// A picture in a texture of OpenGL, lower left pixel first. All is 0 before the first.
@@ -79,10 +82,9 @@ class Rasterizer {
   [[nodiscard]] virtual Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) = 0;
 
   /// Draws the splats as `view` sees them, on transparent black. Fails if the picture is larger than the device allows,
-  /// or has another size than the depths of the surfaces. Fails with ErrorCode::cancelled if the thread is interrupted
-  /// (base/interruption.h) and the device looks at it: the processor does.
-  /// A splat draws nothing if its value is NaN, or if its weight or extinction is 0. A splat of `octant` draws nothing
-  /// either if its centre is not in front of the eye.
+  /// or has another size than the depths of the surfaces. Fails with ErrorCode::cancelled if it is interrupted
+  /// (Capabilities). A splat draws nothing if its value is NaN, or if its weight or extinction is
+  /// 0. A splat of `octant` draws nothing either if its centre is not in front of the eye.
   ///
   /// `sample_spacing`: pixels from one sample to the next, 1 to max_sample_spacing. The pixels between are
   /// interpolated. Wide samples lose no detail of large splats, whose drawing time goes by samples.

@@ -55,6 +55,8 @@ Status copy_png(const std::string& path) {
 
 }  // namespace
 
+void TextField::draw(const char* name) { ImGui::InputText(name, text_.data(), text_.size()); }
+
 void SaveSection::begin(const std::string& stem) {
   scene_name_.set(stem + ".json");
   picture_name_.set(stem + ".png");

@@ -7,9 +7,20 @@
 #include <string>
 
 #include "viewer/state.h"
-#include "viewer/text_field.h"
 
 namespace splatvol {
+
+/// A line of text that is edited.
+class TextField {
+ public:
+  /// Sets the text, cut off where there is no room.
+  void set(const std::string& text) { text_[text.copy(text_.data(), text_.size() - 1)] = 0; }
+  [[nodiscard]] const char* text() const { return text_.data(); }
+  void draw(const char* name);
+
+ private:
+  std::array<char, 512> text_{};
+};
 
 /// Writes files of the session's scene and picture, and asks before it replaces one.
 class SaveSection {
