@@ -43,7 +43,7 @@ class CutSelector {
       SPLATVOL_TRY_ASSIGN(found, tree_.find_hidden(*options_.filled, options_.kept_occlusion));
       wanted_.complete = drawn_.complete = found;
     }
-    SPLATVOL_TRY_ASSIGN(outcome, options_.goal ? visit_refined() : visit_all());
+    SPLATVOL_TRY_ASSIGN(outcome, options_.detail.goal ? visit_refined() : visit_all());
     if (!residency_) return std::move(wanted_);
     if (outcome == Outcome::absent) return fail(ErrorCode::invalid_argument, "not even the coarsest splats are there");
     return std::move(drawn_);
@@ -74,7 +74,7 @@ class CutSelector {
   // Appends the best cut of the node.
   Result<Outcome> visit(const Node& node) {
     const std::optional<std::size_t> resolution = choose_resolution(node);
-    if (options_.resolution && !resolution) return Outcome::invalid;
+    if (options_.detail.resolution && !resolution) return Outcome::invalid;
     if (!tree_.is_visible(node)) return Outcome::wanted;
     if (node.child_mask() == 0) return draw(node, resolution.value_or(finest()));
     std::uint64_t splats = std::numeric_limits<std::uint64_t>::max();
@@ -95,8 +95,9 @@ class CutSelector {
 
   // Whether nothing coarser can be asked for. Then no index page is read only to leave out some splats of the root.
   bool is_coarsest() const {
-    if (options_.goal) return options_.goal->max_splats <= 1;
-    return options_.resolution ? *options_.resolution == 0 : std::isinf(options_.tolerance_percent);
+    if (options_.detail.goal) return options_.detail.goal->max_splats <= 1;
+    return options_.detail.resolution ? *options_.detail.resolution == 0
+                                      : std::isinf(options_.detail.tolerance_percent);
   }
 
   // Returns the worst outcome of the children, or nothing if their page is not there.
@@ -127,7 +128,7 @@ class CutSelector {
   // For a goal, Refinement first chooses the whole cut.
   Result<Outcome> visit_refined() {
     Refinement refinement(tree_);
-    SPLATVOL_TRY(refinement.choose(*options_.goal, options_.max_choice_bytes));
+    SPLATVOL_TRY(refinement.choose(*options_.detail.goal, options_.max_choice_bytes));
     wanted_.finest = refinement.items().empty();  // nothing is visible
     if (refinement.items().empty()) return Outcome::wanted;
     SPLATVOL_TRY_ASSIGN(root, tree_.root());
@@ -156,12 +157,12 @@ class CutSelector {
   }
 
   std::optional<std::size_t> choose_resolution(const Node& node) const {
-    if (options_.resolution) {
-      const std::size_t fixed = std::min(*options_.resolution, finest());
+    if (options_.detail.resolution) {
+      const std::size_t fixed = std::min(*options_.detail.resolution, finest());
       return fixed >= node.first_resolution() ? std::optional(fixed) : std::nullopt;
     }
     for (std::size_t r = node.first_resolution(); r <= finest(); ++r)
-      if (tree_.covered_percent(node, r) <= options_.tolerance_percent) return r;
+      if (tree_.covered_percent(node, r) <= options_.detail.tolerance_percent) return r;
     return std::nullopt;
   }
 
@@ -216,9 +217,10 @@ class CutSelector {
     if (!tree_.is_within_reach(node, resolution)) return {};
     const std::uint64_t splats = node.splat_count(resolution);
     const ErrorModel::OfNode model = model_.of(node);
-    cut.items.push_back({node.cube, cut.ranges.size(), static_cast<std::uint32_t>(resolution),
-                         options_.goal ? saved_by_a_splat(node, model, splats) : covered_visibly(node, resolution),
-                         tree_.slice_weight(node, resolution) > 0});
+    cut.items.push_back(
+        {node.cube, cut.ranges.size(), static_cast<std::uint32_t>(resolution),
+         options_.detail.goal ? saved_by_a_splat(node, model, splats) : covered_visibly(node, resolution),
+         tree_.slice_weight(node, resolution) > 0});
     std::ranges::copy(ranges_of(node, resolution), std::back_inserter(cut.ranges));
     cut.splats += splats;
     cut.squared_error += model.at(resolution, splats).error;

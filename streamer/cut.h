@@ -34,18 +34,28 @@ struct ErrorGoal {
   [[nodiscard]] bool operator==(const ErrorGoal&) const = default;
 };
 
-struct CutOptions {
+/// How a cut is chosen. Quality (splatvol/quality.h) says how fine a picture is.
+struct Detail {
   /// The largest share of the image's shorter side that one splat's size may cover, in per cent. 0: all points.
   /// Infinity: the coarsest cut.
   double tolerance_percent = 1;
 
-  KernelKind kernel = KernelKind::moments;
-
-  /// Draws everything at this resolution, whatever the tolerance.
-  std::optional<std::size_t> resolution;
+  /// Draws everything at this resolution, whatever the tolerance; at most the finest of the file.
+  std::optional<std::size_t> resolution = std::nullopt;
 
   /// Used instead of tolerance and resolution.
-  std::optional<ErrorGoal> goal;
+  std::optional<ErrorGoal> goal = std::nullopt;
+
+  /// For a device with memory of its own: the most splats that it holds, as Rasterizer::plan_picture tells. The
+  /// streamer makes the rest coarser until it fits.
+  std::uint64_t device_splats = std::numeric_limits<std::uint64_t>::max();
+
+  [[nodiscard]] bool operator==(const Detail&) const = default;
+};
+
+struct CutOptions {
+  Detail detail = {};
+  KernelKind kernel = KernelKind::moments;
 
   /// Nodes that may hide others: leaves out nodes behind an opaque front. Null: nothing is hidden.
   const FilledNodes* filled = nullptr;

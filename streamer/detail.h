@@ -1,28 +1,12 @@
 // The detail that a view asks for, and the finest detail that fits.
 #pragma once
 
-#include <cstddef>
-#include <cstdint>
 #include <functional>
-#include <limits>
-#include <optional>
 
 #include "base/error.h"
 #include "streamer/cut.h"
 
 namespace splatvol {
-
-/// How a cut is chosen. Quality (splatvol/quality.h) says how fine a picture is.
-struct Detail {
-  double tolerance_percent = 1;                          // see CutOptions
-  std::optional<std::size_t> resolution = std::nullopt;  // fixed; at most the finest of the file
-  std::optional<ErrorGoal> goal = std::nullopt;          // used instead of tolerance and resolution
-
-  /// For a device with memory of its own: the most splats that it holds, as Rasterizer::plan_picture tells.
-  std::uint64_t device_splats = std::numeric_limits<std::uint64_t>::max();
-
-  [[nodiscard]] bool operator==(const Detail&) const = default;
-};
 
 /// The first tolerance above 0 that is tried when all points do not fit.
 inline constexpr double smallest_raised_tolerance = 1.0 / 16;

@@ -130,11 +130,7 @@ Detail Streamer::first_detail(Detail detail) const {
 }
 
 CutOptions Streamer::cut_options(const Detail& detail, std::uint64_t max_bytes) {
-  CutOptions options;
-  options.tolerance_percent = detail.tolerance_percent;
-  options.kernel = kernel_;
-  options.resolution = detail.resolution;
-  options.goal = detail.goal;
+  CutOptions options{.detail = detail, .kernel = kernel_};
   options.filled = &filled_;
   options.kept_occlusion = &occlusion_;
   options.max_choice_bytes = choice_bytes();
@@ -146,7 +142,7 @@ CutOptions Streamer::cut_options(const Detail& detail, std::uint64_t max_bytes) 
 Result<Cut> Streamer::select(IndexPages& index, Residency* residency, const View& view,
                              const ValueVisibility& visibility, const CutOptions& options) {
   std::optional<Reservation> room;
-  if (options.goal && !(room = cache_.reserve(choice_bytes())))
+  if (options.detail.goal && !(room = cache_.reserve(choice_bytes())))
     return fail(ErrorCode::out_of_budget, "{}: no memory to choose by expected error", volume_->name());
   return residency ? select_resident_cut(info(), index, *residency, view, visibility, options)
                    : select_cut(info(), index, view, visibility, options);

@@ -48,14 +48,14 @@ struct Bench {
 
 CutOptions tolerance(double percent, std::uint64_t compare_above = 512) {
   CutOptions options;
-  options.tolerance_percent = percent;
+  options.detail.tolerance_percent = percent;
   options.compare_above = compare_above;
   return options;
 }
 
 CutOptions fixed(std::size_t resolution, std::uint64_t compare_above = 512) {
   CutOptions options;
-  options.resolution = resolution;
+  options.detail.resolution = resolution;
   options.compare_above = compare_above;
   return options;
 }
@@ -416,7 +416,7 @@ TEST(Cut, GivesUpPastItsBytes) {
   const auto refused = select_cut(bench.opened->info(), bench.paged, view, bench.visibility, options);
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, ErrorCode::out_of_budget);
-  options.tolerance_percent = infinity;
+  options.detail.tolerance_percent = infinity;
   EXPECT_TRUE(select_cut(bench.opened->info(), bench.paged, view, bench.visibility, options));
 }
 
@@ -438,7 +438,7 @@ TEST(Cut, NeedsTheSizesOfItsKernel) {
 
 CutOptions goal(std::uint64_t max_splats, double max_error = 0) {
   CutOptions options;
-  options.goal = ErrorGoal{max_error, max_splats};
+  options.detail.goal = ErrorGoal{max_error, max_splats};
   return options;
 }
 

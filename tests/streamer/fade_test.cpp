@@ -34,7 +34,7 @@ class FadeTest : public testing::Test {
  protected:
   Cut cut(const View& view, double percent) {
     CutOptions options;
-    options.tolerance_percent = percent;
+    options.detail.tolerance_percent = percent;
     options.kernel = KernelKind::octant;
     options.compare_above = 16;  // many nodes
     return select_cut(opened->info(), paged, view, visibility, options).value();
@@ -215,7 +215,7 @@ TEST_F(FadeTest, OfFewAndOfCoincidentPoints) {
     const ValueVisibility visible(test::opaque(), volume.info.attributes[0]);
     FadingCut last;
     for (int frame = 0; frame < 12; ++frame) {
-      options.tolerance_percent = frame < 3 ? std::numeric_limits<double>::infinity() : 0;
+      options.detail.tolerance_percent = frame < 3 ? std::numeric_limits<double>::infinity() : 0;
       const Cut next = select_cut(opened->info(), pages, view, visible, options).value();
       last = fade(opened->info().cube, view, last, next, shelf, {0.2, plenty});
       if (frame >= 8) {

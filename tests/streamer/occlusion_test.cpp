@@ -152,8 +152,8 @@ TEST_F(OpaqueMesh, DrawsTheFrontOnly) {
     for (const std::optional<ErrorGoal> goal : {std::optional<ErrorGoal>(), std::optional(ErrorGoal{0, 20000})}) {
       const View from = view(eye);
       CutOptions options;
-      options.tolerance_percent = 1;
-      options.goal = goal;
+      options.detail.tolerance_percent = 1;
+      options.detail.goal = goal;
       const Cut all = cut(from, extinction, options);
       options.filled = &filled_;
       const Cut front = cut(from, extinction, options);
@@ -221,7 +221,7 @@ TEST_F(OpaqueMesh, WhatIsKeptIsTakenForTheSameViewAndValuesOnly) {
 
   // Another tolerance reuses the kept occlusion, here one that hides nothing.
   kept->occlusion = Occlusion(view({5, 4, 8}));
-  keeping.tolerance_percent = 0.8;
+  keeping.detail.tolerance_percent = 0.8;
   CutOptions all = keeping;
   all.filled = nullptr;
   all.kept_occlusion = nullptr;
@@ -253,7 +253,7 @@ class OpaqueMeshInPages : public OpaqueMesh {
 
 TEST_F(OpaqueMeshInPages, WhatIsKeptIsFoundAgainWhenPagesComeOrGo) {
   CutOptions options;
-  options.tolerance_percent = 1;
+  options.detail.tolerance_percent = 1;
   options.filled = &filled_;
   CutOptions keeping = options;
   std::optional<KeptOcclusion> kept;
