@@ -170,8 +170,9 @@ bool ErrorControl::has_wide_samples(const Picture& candidate) const {
 
 // Whether the reference is finer than a candidate by enough.
 bool ErrorControl::serves(const Picture& candidate) const {
-  return reference_ && (reference_->finest ||
-                        static_cast<double>(reference_->splats) >= least_finer * static_cast<double>(candidate.splats)) &&
+  return reference_ &&
+         (reference_->finest ||
+          static_cast<double>(reference_->splats) >= least_finer * static_cast<double>(candidate.splats)) &&
          !has_wide_samples(candidate);
 }
 

@@ -14,9 +14,9 @@
 #include "renderer/cpu/bins.h"
 #include "renderer/cpu/frame.h"
 #include "renderer/cpu/packed_table.h"
+#include "renderer/depth_pyramid.h"
 #include "renderer/rasterizer.h"
 #include "renderer/sort.h"
-#include "renderer/depth_pyramid.h"
 
 namespace splatvol {
 

@@ -11,6 +11,7 @@
 #include "base/error.h"
 #include "pictures/image.h"
 #include "renderer/common.h"
+#include "renderer/depth_pyramid.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_objects.h"
 #include "renderer/gl/kernel.h"
@@ -19,7 +20,6 @@
 #include "renderer/gl/upsampler.h"
 #include "renderer/rasterizer.h"
 #include "renderer/sort.h"
-#include "renderer/depth_pyramid.h"
 #include "scene/scene.h"
 #include "splat/splat.h"
 

@@ -145,16 +145,15 @@ TEST_P(OpenFoamLayouts, AreReadAlike) {
   EXPECT_EQ(read.units.at("S"), "");
 }
 
-INSTANTIATE_TEST_SUITE_P(All, OpenFoamLayouts,
-                         ::testing::Values(FoamLayout{}, FoamLayout{.binary = true},
-                                           FoamLayout{.binary = true, .label_bytes = 8},
-                                           FoamLayout{.binary = true, .scalar_bytes = 4},
-                                           FoamLayout{.binary = true, .big_endian = true}, FoamLayout{.packed = true},
-                                           FoamLayout{.binary = true, .packed = true}, FoamLayout{.processors = 3},
-                                           FoamLayout{.binary = true, .processors = 2, .region = "fluid"},
-                                           FoamLayout{.processors = 3, .collated = {3}},
-                                           FoamLayout{.binary = true, .processors = 3, .collated = {2, 1}},
-                                           FoamLayout{.binary = true, .packed = true, .processors = 3, .collated = {3}}));
+INSTANTIATE_TEST_SUITE_P(
+    All, OpenFoamLayouts,
+    ::testing::Values(FoamLayout{}, FoamLayout{.binary = true}, FoamLayout{.binary = true, .label_bytes = 8},
+                      FoamLayout{.binary = true, .scalar_bytes = 4}, FoamLayout{.binary = true, .big_endian = true},
+                      FoamLayout{.packed = true}, FoamLayout{.binary = true, .packed = true},
+                      FoamLayout{.processors = 3}, FoamLayout{.binary = true, .processors = 2, .region = "fluid"},
+                      FoamLayout{.processors = 3, .collated = {3}},
+                      FoamLayout{.binary = true, .processors = 3, .collated = {2, 1}},
+                      FoamLayout{.binary = true, .packed = true, .processors = 3, .collated = {3}}));
 
 // No file may end early: neither its lists, nor its boundaryField, nor its packed bytes.
 TEST_F(OpenFoam, CutFilesAreRefused) {
