@@ -89,8 +89,10 @@ std::string limits_of(const RenderOptions& options, const Drawn& drawn) {
 void print_estimate(const RenderOptions& options, const Drawn& drawn) {
   const ErrorControl::Estimate& estimate = drawn.search->estimate;
   const double max_error = *drawn.chosen.quality.max_error;
-  print_out("{}: {} splats, an error of about {:.2g} by comparing {} pictures\n", options.written(),
-            drawn.player->frame()->splats, estimate.error, drawn.search->pictures);
+  const int spacing = drawn.player->sample_spacing();
+  const std::string samples = spacing > 1 ? fmt::format(" by samples {} pixels apart", spacing) : "";
+  print_out("{}: {} splats{}, an error of about {:.2g} by comparing {} pictures\n", options.written(),
+            drawn.player->frame()->splats, samples, estimate.error, drawn.search->pictures);
   if (estimate.file_error > max_error)
     print_out("{}: more than {:.2g}: even all points of the file have about {:.2g}\n", options.written(), max_error,
               estimate.file_error);
