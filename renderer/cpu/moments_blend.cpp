@@ -159,22 +159,8 @@ struct ColumnRange {
   float low, high;
 };
 
-/// Of a splat's part of a tile: a splat that is much larger than a tile has few of its columns there.
-HWY_INLINE ColumnRange column_range(const FarSplat& splat, const TileArea& area, const Part& part) {
-  const auto& c = splat.column;
-  const EllipseOutline& outline = splat.outline;
-  // The middle of the part, and the largest distances from it.
-  const float x_half = 0.5F * static_cast<float>(part.right - part.left);
-  const float v_half = 0.5F * static_cast<float>(part.top - part.bottom);
-  const float v = static_cast<float>(area.bottom + part.bottom) + v_half - outline.y;
-  const float t = static_cast<float>(area.left + part.left) + x_half - outline.x - outline.shear * v;
-  const float t_half = x_half + std::abs(outline.shear) * v_half;
-  const float by_t = c[1] + 2 * c[3] * t + c[4] * v, by_v = c[2] + 2 * c[5] * v + c[4] * t;
-  const float middle = c[0] + t * (c[1] + c[3] * t + c[4] * v) + v * (c[2] + c[5] * v);
-  const float bent = t_half * (std::abs(c[3]) * t_half + std::abs(c[4]) * v_half) + std::abs(c[5]) * v_half * v_half;
-  const float reach =
-      std::abs(by_t) * x_half + std::abs(by_v - outline.shear * by_t) * v_half + bent + std::abs(splat.along) + 1e-3F;
-  return {std::max(c[0] - splat.column_reach, middle - reach), std::min(c[0] + splat.column_reach, middle + reach)};
+HWY_INLINE ColumnRange column_range(const FarSplat& splat) {
+  return {splat.column[0] - splat.column_reach, splat.column[0] + splat.column_reach};
 }
 
 /// The level of the table of which one window has all columns that a splat needs in a tile, and the window's first
@@ -332,7 +318,7 @@ HWY_INLINE void blend_far_by(const FrameConstants& frame, const FarSplat& splat,
 template <bool bounded>
 HWY_INLINE void blend_far(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
                           TilePixels& pixels) {
-  const WindowChoice choice = choose_window(frame.table, splat.row, column_range(splat, area, part));
+  const WindowChoice choice = choose_window(frame.table, splat.row, column_range(splat));
   if (choice.level < 0)
     blend_far_by<bounded, false>(frame, splat, area, part, choice, pixels);
   else
