@@ -206,8 +206,8 @@ struct ScreenSplats {
 /// at any pixel. A row follows the last plane, so that two rows may be read and written together from any row on.
 struct TilePixels {
   static constexpr int row_stride = tile_size + most_lanes;
-  static constexpr int plane =
-      tile_size * row_stride + most_lanes;         // else two planes are 4 KiB apart, which loads wait for
+  // Without more, two planes would lie 4 KiB apart: loads from one wait for stores to the other.
+  static constexpr int plane = tile_size * row_stride + most_lanes;
   static constexpr int transmittance = 3 * plane;  // the first three planes are r, g, b, premultiplied
 
   alignas(64) std::array<float, 4 * plane + row_stride> values;
