@@ -485,7 +485,8 @@ def method(results, plotted):
             each), so that other work of the machine hits all alike. A time is the median of the turns' medians
             (fastest-slowest frame). Pictures have the size that their scene says. Frames are steady ones: the data is
             resident and the camera moves. Samples of a picture may be farther apart than pixels; the picture is then
-            interpolated (`svrender --sampling`). By default `svrender` does so from a tolerance of 5 % on."""),
+            interpolated (`svrender --sampling`). With `--max-error` and from a
+            tolerance of 5 % on, `svrender` does so by default."""),
         *paragraph("""VTK's mappers take opacities in [0, 1]: density over the largest density. The inverse of the
             largest density is the `ScalarOpacityUnitDistance`. The mappers keep opacities in 8 bits and draw to 8 bits,
             which alone costs about .001. With very thin cells, or with the eye inside the data, they lose most of the
