@@ -75,6 +75,9 @@ double distance(const std::vector<vec3>& a, const std::vector<vec3>& b) {
   return std::sqrt(sum / std::max(3.0 * static_cast<double>(a.size()), 1.0));
 }
 
+// Whether wide samples would cost more than they save. `layers`: of splats in a mean pixel; 0: not counted.
+bool overlap_little(double layers) { return layers > 0 && layers < layers_of_a_pixel; }
+
 std::uint64_t times(std::uint64_t splats, double factor) {
   return static_cast<std::uint64_t>(std::clamp(static_cast<double>(splats) * factor, 1.0, 1e18));
 }
@@ -90,7 +93,7 @@ ErrorControl::ErrorControl(double max_error, const Search& search) : max_error_(
 
 int ErrorControl::spacing_of(std::uint64_t splats) const {
   const double side = std::sqrt(search_.pixels / std::max(static_cast<double>(splats), 1.0));
-  if (layers_ > 0 && layers_ < layers_of_a_pixel) return 1;
+  if (overlap_little(layers_)) return 1;
   int spacing = 1;
   while (!search_.grows && 2 * spacing <= search_.widest_spacing && samples_of_a_side * 2 * spacing <= side)
     spacing *= 2;
@@ -113,11 +116,8 @@ void ErrorControl::add(const Drawn& drawn) {
     grow(std::move(picture));
     return;
   }
-  shows_candidate_ = step_ == Step::candidate || step_ == Step::wider;
+  shows_candidate_ = step_ == Step::candidate;
   switch (step_) {
-    case Step::wider:
-      candidate_ = std::move(picture);
-      break;
     case Step::chosen:
       next_.reset();
       return;
@@ -221,12 +221,12 @@ void ErrorControl::judge() {
 // Asks for the picture of a cut with wider samples, or ends with it.
 void ErrorControl::widen(const Picture& fine) {
   fine_ = fine;
-  if (2 * fine.spacing > search_.widest_spacing || (layers_ > 0 && layers_ < layers_of_a_pixel)) {
+  if (2 * fine.spacing > search_.widest_spacing || overlap_little(layers_)) {
     choose(fine);
     return;
   }
   is_widening_ = true;
-  step_ = Step::wider;
+  step_ = Step::candidate;
   next_ = Request{fine.goal, 0, 2 * fine.spacing};
 }
 

@@ -103,7 +103,7 @@ class ErrorControl {
     double ratio = 0;  // of a candidate: its error over the wanted one
     double error = 0;
   };
-  enum class Step { candidate, reference, coarser, wider, chosen };
+  enum class Step { candidate, reference, coarser, chosen };
 
   void grow(Picture picture);
   [[nodiscard]] bool serves(const Picture& candidate) const;

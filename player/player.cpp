@@ -618,7 +618,7 @@ Result<std::vector<std::uint64_t>> Player::draw_at_pace(double seconds) {
 
 Status Player::draw_again() {
   is_nudged_ = !is_nudged_;
-  return draw_frame(FrameRequest(request_), DrawOptions(draw_options_));
+  return draw_frame(FrameRequest(request_), draw_options_);
 }
 
 Result<Box> Player::find_domain() {
