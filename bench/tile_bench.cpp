@@ -1,4 +1,4 @@
-// Frames of a file, drawn by OpenGL and by tiles in turn: times and the difference of the pictures.
+// Draws frames of a file by OpenGL and by tiles in turn. Prints times, and the difference of the pictures.
 // tile_bench FILE.svol SCENE.json [REPEATS [SAMPLE_SPACING [none|axis|exact [OUTPUT]]]]
 // tile_bench --random COUNT PIXELS [REPEATS]: random splats so many pixels wide, drawn by tiles alone
 

@@ -1,4 +1,4 @@
-// What a build will need, told before it runs.
+// An estimate of a build, before it runs.
 #pragma once
 
 #include <cstddef>
@@ -38,7 +38,7 @@ struct Range {
   [[nodiscard]] double middle() const;
 };
 
-/// What a build needs. Bytes and seconds.
+/// The needs of a build, in bytes and seconds.
 struct BuildEstimate {
   Connectivity connectivity = Connectivity::mesh;  // that the build will use
   bool keeps_cells = false;                        // in the file

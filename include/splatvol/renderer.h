@@ -29,7 +29,7 @@ struct RendererOptions {
   std::function<void()> on_data = {};
 };
 
-/// What the last picture shows and cost.
+/// Facts of the last picture: its splats and error, and its bytes and time.
 struct RenderStatistics {
   std::uint64_t splats = 0;         // 0: the picture is exact
   double error = 0;                 // estimated, against the exact picture

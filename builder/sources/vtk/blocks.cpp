@@ -127,7 +127,7 @@ class BlockDataSets final : public VtkDataSets {
   }
 
  private:
-  /// What the reader has read; null: nothing.
+  /// The blocks that the reader has read last; null: none.
   [[nodiscard]] vtkMultiBlockDataSet* output() const {
     return algorithm_ ? vtkMultiBlockDataSet::SafeDownCast(algorithm_->GetOutputDataObject(0)) : reader_->output();
   }

@@ -1,4 +1,4 @@
-// What VTK's CGNS library finds in HDF5 files.
+// Changes how VTK's CGNS library looks into HDF5 files.
 #pragma once
 
 #include <set>

@@ -59,7 +59,8 @@ class VtkDataSets {
   [[nodiscard]] virtual Result<vtkSmartPointer<vtkDataSet>> next() = 0;
 
   /// Adds the arrays that headers announce, and those of data sets that are in memory. Reads no other data. Called
-  /// before the second next(). What it does not add fails when it turns up later (ArrayUnion::check).
+  /// before the second next(). An array that it does not add fails when it
+  /// turns up later (ArrayUnion::check).
   [[nodiscard]] virtual Status announce(ArrayUnion& /*arrays*/) { return {}; }
 
   /// As Source::part_sizes() and Source::select(): parts are files. A data set that was returned already stays.
@@ -75,7 +76,7 @@ class VtkDataSets {
   /// How many blocks the first file tells apart, once it is open: bodies, zones or parts; 1: none.
   [[nodiscard]] virtual std::size_t blocks() const { return 1; }
 
-  /// What such a block is called.
+  /// The word for such a block.
   [[nodiscard]] virtual std::string block_word() const { return "block"; }
 
   /// The number of the last data set's block, from 1 on, in the order of its file.
