@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <utility>
+
+#include "renderer/work.h"
 
 namespace splatvol {
 namespace {
@@ -40,13 +43,22 @@ constexpr double near_each_other = 1.12;
 constexpr double first_grown = 4, grown_enough = 0.8;
 constexpr double least_growth = 4;
 
-// A splat of a candidate has a square for itself, and its samples lie a quarter of the square's side apart.
-constexpr double samples_of_a_side = 3.5;
+// A candidate is worth its picture if it is less work than the best by this.
+constexpr double worth = 0.9;
 
-// To interpolate a pixel costs as much as so many layers of splats.
-constexpr double layers_of_a_pixel = 4;
+// Wide samples have stalled if more splats make the error fall by less than this share of what they do on most scenes.
+constexpr double least_fall = 0.33, least_more = 2;
 
-constexpr int most_candidates = 9;
+// Samples were too far apart if narrower ones have at most this share of the error.
+constexpr double least_gain = 0.85;
+
+// Fewer splats with narrower samples are tried if they are not fewer than this share.
+constexpr double least_probed = 1.0 / 6;
+
+// Growing pictures that are measured grow at least by this.
+constexpr double least_measured_growth = 1.3;
+
+constexpr int most_candidates = 9;  // of a sample spacing
 constexpr int most_in_a_row = 2;
 constexpr double most_change = 16;  // of splats, from one candidate to the next
 
@@ -66,17 +78,32 @@ std::vector<vec3> sample(const Image& image) {
   return samples;
 }
 
-double distance(const std::vector<vec3>& a, const std::vector<vec3>& b) {
-  double sum = 0;
+// Squared distances of samples, of a mean channel.
+struct Distances {
+  double mean = 0;
+  double doubt = 0;  // the standard error of the mean, as of samples of a picture
+};
+
+Distances distances(const std::vector<vec3>& a, const std::vector<vec3>& b) {
+  double sum = 0, of_squares = 0;
   for (std::size_t i = 0; i < std::min(a.size(), b.size()); ++i) {
     const dvec3 difference = dvec3(a[i]) - dvec3(b[i]);
-    sum += glm::dot(difference, difference);
+    const double square = glm::dot(difference, difference) / 3;
+    sum += square;
+    of_squares += square * square;
   }
-  return std::sqrt(sum / std::max(3.0 * static_cast<double>(a.size()), 1.0));
+  const double count = std::max(static_cast<double>(a.size()), 1.0), mean = sum / count;
+  return {mean, std::sqrt(std::max(of_squares / count - mean * mean, 0.0) / count)};
 }
 
-// Whether wide samples would cost more than they save. `layers`: of splats in a mean pixel; 0: not counted.
-bool overlap_little(double layers) { return layers > 0 && layers < layers_of_a_pixel; }
+double distance(const std::vector<vec3>& a, const std::vector<vec3>& b) { return std::sqrt(distances(a, b).mean); }
+
+// The error of a picture that exact rays hardly exceed. They miss some of an error that lies in few pixels, as at
+// outlines, and so their doubt counts.
+double surely(const std::vector<vec3>& samples, const std::vector<vec3>& rays) {
+  const Distances squares = distances(samples, rays);
+  return std::sqrt(squares.mean + squares.doubt);
+}
 
 std::uint64_t times(std::uint64_t splats, double factor) {
   return static_cast<std::uint64_t>(std::clamp(static_cast<double>(splats) * factor, 1.0, 1e18));
@@ -84,43 +111,50 @@ std::uint64_t times(std::uint64_t splats, double factor) {
 
 }  // namespace
 
-ErrorControl::ErrorControl(double max_error, const Search& search) : max_error_(max_error), search_(search) {
-  next_ = Request{};
-  next_->goal.expected_error = max_error * (search.grows ? first_grown : first_expected);
-  next_->goal.max_splats = std::min(search.most_splats, most_first_splats);
-  if (search.first_splats > 0) next_->goal = {0, std::min(search.first_splats, search.most_splats)};
-}
-
-int ErrorControl::spacing_of(std::uint64_t splats) const {
-  const double side = std::sqrt(search_.pixels / std::max(static_cast<double>(splats), 1.0));
-  if (overlap_little(layers_)) return 1;
-  int spacing = 1;
-  while (!search_.grows && 2 * spacing <= search_.widest_spacing && samples_of_a_side * 2 * spacing <= side)
-    spacing *= 2;
-  return spacing;
+ErrorControl::ErrorControl(double max_error, Search search) : max_error_(max_error), search_(std::move(search)) {
+  if (search_.grows) search_.widest_spacing = 1;
+  if (search_.rays)
+    for (const vec4& pixel : search_.rays->image.pixels) rays_.emplace_back(pixel);
+  bracket_.spacing = search_.widest_spacing;
+  may_narrow_ = bracket_.spacing > 1;
+  // Only rays tell the error of wide samples of cells.
+  if (search_.cells) exact_spacing_ = search_.rays ? search_.widest_spacing : 1;
+  next_ = Request{.sample_spacing = bracket_.spacing};
+  next_->goal.expected_error = max_error * (search_.grows ? first_grown : first_expected);
+  next_->goal.max_splats = std::min(search_.most_splats, most_first_splats);
+  if (search_.first_splats > 0) next_->goal = {0, std::min(search_.first_splats, search_.most_splats)};
 }
 
 void ErrorControl::add(const Drawn& drawn) {
   ++pictures_;
-  if (search_.pixels > 0) layers_ = drawn.fragments * std::pow(next_->sample_spacing, 2) / search_.pixels;
+  if (step_ == Step::chosen) {
+    next_.reset();
+    return;
+  }
   if (drawn.allowed_splats < next_->goal.max_splats)
     search_.most_splats = std::min(search_.most_splats, std::max<std::uint64_t>(drawn.allowed_splats, 1));
-  Picture picture{.samples = sample(drawn.image),
+  const int spacing = next_->sample_spacing;
+  Picture picture{.samples = search_.rays ? at_rays(drawn.image, *search_.rays) : sample(drawn.image),
                   .goal = next_->goal,
                   .asked = next_->goal.max_splats,
                   .splats = drawn.splats,
                   .expected = drawn.expected_error,
                   .finest = drawn.finest,
-                  .spacing = next_->sample_spacing};
+                  .exact = next_->exact,
+                  .spacing = spacing};
+  if (picture.exact) {
+    picture.work = work_of_exact(spacing);
+  } else {
+    splats_ = static_cast<double>(drawn.splats);
+    layers_ = search_.pixels > 0 ? drawn.fragments * spacing * spacing / search_.pixels : 0;
+    picture.work = work_of(splats_, spacing);
+  }
   if (search_.grows) {
     grow(std::move(picture));
     return;
   }
   shows_candidate_ = step_ == Step::candidate;
   switch (step_) {
-    case Step::chosen:
-      next_.reset();
-      return;
     case Step::coarser:
       add_coarser(std::move(picture));
       if (!file_error_) return;
@@ -128,30 +162,33 @@ void ErrorControl::add(const Drawn& drawn) {
     case Step::reference:
       reference_ = std::move(picture);
       break;
-    case Step::candidate:
+    default:
       // A goal of an error does not tell the number of splats.
-      if (candidates_++ == 0) picture.asked = std::min(picture.asked, std::max<std::uint64_t>(picture.splats, 1));
+      if (pictures_ == 1) picture.asked = std::min(picture.asked, std::max<std::uint64_t>(picture.splats, 1));
       candidate_ = std::move(picture);
   }
   judge();
 }
 
-// Estimates the error of a picture from its distance to the one before, and asks for a finer one unless it will do.
+// Asks for a finer picture unless this one will do. Without rays, its distance to the one before tells its error.
 void ErrorControl::grow(Picture picture) {
   picture.asked = std::max(pictures_ == 1 ? picture.splats : picture.asked, std::uint64_t{1});
-  double factor = least_growth;
-  if (candidate_) {
-    const double by = static_cast<double>(picture.splats) / std::max(static_cast<double>(candidate_->splats), 1.0);
+  const double by =
+      candidate_ ? static_cast<double>(picture.splats) / std::max(static_cast<double>(candidate_->splats), 1.0) : 0;
+  const double least = search_.rays ? least_measured_growth : least_growth;
+  const bool has_grown = by >= least_finer_to_estimate;
+  bool is_fine = false;
+  if (search_.rays) {
+    picture.error = distance(picture.samples, rays_);
+    is_fine = surely(picture.samples, rays_) <= max_error_;
+  } else if (candidate_) {
     const double share = std::pow(std::max(by, least_finer_to_estimate), -decay);
-    const double apart = distance(candidate_->samples, picture.samples);
-    picture.error = share * apart / std::sqrt(1 - share * share);
-    factor = std::clamp(std::pow(picture.error / max_error_, 1 / decay), least_growth, most_change);
+    picture.error = share * distance(candidate_->samples, picture.samples) / std::sqrt(1 - share * share);
+    is_fine = has_grown && picture.error <= grown_enough * max_error_;
   }
-  tried_.push_back({picture.splats, picture.error});
-  const bool has_grown = candidate_ && static_cast<double>(picture.splats) >=
-                                           least_finer_to_estimate * static_cast<double>(candidate_->splats);
-  estimate_.error = picture.error;
-  estimate_.reached = picture.finest || (has_grown && picture.error <= grown_enough * max_error_);
+  const double factor = std::clamp(std::pow(picture.error / max_error_, 1 / decay), least, most_change);
+  tried_.push_back({picture.splats, picture.spacing, picture.error, picture.work});
+  estimate_ = {.error = picture.error, .reached = is_fine || picture.finest, .measured = search_.rays.has_value()};
   learned_ = picture.expected / max_error_;
   const std::uint64_t asked = std::min(times(picture.asked, factor), search_.most_splats);
   if (estimate_.reached || asked <= picture.asked) {
@@ -161,6 +198,137 @@ void ErrorControl::grow(Picture picture) {
   // A picture that has hardly grown keeps the one before it, from which the next differs more.
   if (!candidate_ || has_grown) candidate_ = std::move(picture);
   next_ = Request{{0, asked}};
+}
+
+// Decides what comes after a candidate, its reference or what tells the reference's error.
+void ErrorControl::judge() {
+  Picture& candidate = *candidate_;
+  if (!estimate(candidate)) return;
+  tried_.push_back({candidate.splats, candidate.spacing, candidate.error, candidate.work});
+  const bool is_fine = candidate.ratio <= too_much;
+  if (is_fine && (!best_ || candidate.work < best_->work)) best_ = candidate;
+  const bool is_useless = is_probing_ && bracket_.candidates == 0 && !is_fine;
+  if (!candidate.exact) add_to_bracket(candidate);
+  if (is_useless) {
+    choose(*best_);
+    return;
+  }
+  if (wide_ && bracket_.candidates == 1 && !candidate.exact) widen_again(candidate);
+  go_on();
+}
+
+void ErrorControl::add_to_bracket(const Picture& candidate) {
+  const bool is_fine = candidate.ratio <= too_much;
+  bracket_.in_a_row = is_fine == bracket_.last_is_fine ? bracket_.in_a_row + 1 : 1;
+  bracket_.last_is_fine = is_fine;
+  ++bracket_.candidates;
+  if (!is_fine) bracket_.coarser = std::exchange(bracket_.too_coarse, {});
+  (is_fine ? bracket_.fine : bracket_.too_coarse) = candidate;
+}
+
+// Asks for the next candidate, or ends.
+void ErrorControl::go_on() {
+  const auto end_of_spacing = [this] { bracket_.fine || !may_narrow_ || is_probing_ ? end() : narrow(); };
+  if ((bracket_.fine && bracket_.fine->ratio > enough) || is_near_enough() || has_stalled()) {
+    end_of_spacing();
+    return;
+  }
+  const std::uint64_t splats = std::clamp<std::uint64_t>(next_splats(), 1, search_.most_splats);
+  const double work = work_of(static_cast<double>(splats), bracket_.spacing);
+  if (ask_cells(work)) return;
+  best_ && work > worth * best_->work ? end_of_spacing() : ask_candidate(splats, bracket_.spacing);
+}
+
+// Whether more splats hardly help, and something else may.
+bool ErrorControl::has_stalled() const {
+  if (bracket_.fine || !bracket_.coarser || !(may_narrow_ || exact_spacing_ > 0)) return false;
+  const Picture &from = *bracket_.coarser, &to = *bracket_.too_coarse;
+  const double more = static_cast<double>(to.splats) / std::max(static_cast<double>(from.splats), 1.0);
+  return more >= least_more && to.ratio > from.ratio * std::pow(more, -least_fall * decay);
+}
+
+// Goes on with samples half as far apart.
+void ErrorControl::narrow() {
+  const std::uint64_t from = bracket_.too_coarse ? bracket_.too_coarse->asked : bracket_.first_splats;
+  wide_ = bracket_.too_coarse ? std::optional(bracket_) : std::nullopt;
+  bracket_ = {.spacing = bracket_.spacing / 2, .first_splats = from};
+  may_narrow_ = bracket_.spacing > 1;
+  go_on();
+}
+
+// Goes back to wide samples if narrower ones do not help either.
+void ErrorControl::widen_again(const Picture& narrow) {
+  if (narrow.ratio > too_much && narrow.ratio > least_gain * wide_->too_coarse->ratio) {
+    bracket_ = *wide_;
+    may_narrow_ = false;
+  }
+  wide_.reset();
+}
+
+// Asks for the cells, unless they are as much work as the best candidate, or more work than another picture.
+bool ErrorControl::ask_cells(double other_work) {
+  if (exact_spacing_ == 0) return false;
+  const int spacing = exact_spacing_;
+  const double work = work_of_exact(spacing);
+  if (work > other_work || (best_ && work > worth * best_->work)) return false;
+  exact_spacing_ /= 2;
+  if (spacing == 1) {  // its error is known
+    best_ = Picture{.exact = true, .work = work};
+    return false;
+  }
+  step_ = Step::candidate;
+  next_ = Request{.exact = true, .sample_spacing = spacing};
+  return true;
+}
+
+// Asks for the best candidate's splats with wider samples, if narrower ones came after them, or for as many splats with
+// narrower samples as are less work. Returns false if neither makes sense.
+bool ErrorControl::probe() {
+  if (is_probing_ || !best_ || best_->exact || layers_ <= 0) return false;
+  is_probing_ = true;
+  const auto splats = static_cast<double>(best_->splats);
+  const auto try_spacing = [&](int spacing, double fewer) {
+    bracket_ = {.spacing = spacing};
+    ask_candidate(times(std::min(best_->asked, best_->splats), fewer), spacing);
+    return true;
+  };
+  const int wider = 2 * best_->spacing;
+  if (wider <= search_.widest_spacing && work_of(splats, wider) <= worth * best_->work) return try_spacing(wider, 1);
+  int best_spacing = 0;
+  double most = least_probed;
+  for (const int spacing : {best_->spacing / 2, 1}) {
+    if (spacing == 0 || spacing == best_->spacing) continue;
+    double share = 1;
+    while (share > most && work_of(share * splats, spacing) > worth * best_->work) share *= 0.95;
+    if (share > most) best_spacing = spacing, most = share;
+  }
+  return best_spacing > 0 && try_spacing(best_spacing, most);
+}
+
+// Ends the search, unless another kind of picture may be less work.
+void ErrorControl::end() {
+  if (ask_cells(std::numeric_limits<double>::infinity()) || probe()) return;
+  choose(best_ ? *best_ : *bracket_.too_coarse);
+}
+
+// Estimates the error of a candidate. Returns false if another picture is needed first.
+bool ErrorControl::estimate(Picture& candidate) {
+  if (search_.rays) {
+    candidate.error = distance(candidate.samples, rays_);
+    candidate.ratio = surely(candidate.samples, rays_) / max_error_;
+    if (candidate.finest && candidate.spacing == 1) file_error_ = candidate.error;
+    return true;
+  }
+  if (candidate.finest && candidate.spacing == 1 && !reference_) reference_ = candidate;
+  const bool may_be_finer =
+      reference_asked_ < search_.most_splats &&
+      static_cast<double>(reference_asked_) < finer * jump * static_cast<double>(candidate.splats);
+  if (!serves(candidate) && (may_be_finer || has_wide_samples(candidate))) {
+    ask_reference();
+    return false;
+  }
+  const double apart = distance(candidate.samples, reference_->samples);
+  return reference_->finest ? estimate_by_all(apart) : estimate_by_finer(apart);
 }
 
 // Whether the reference's samples are too far apart for a candidate.
@@ -182,62 +350,11 @@ void ErrorControl::add_coarser(Picture picture) {
   if (coarser_samples_.empty()) {
     last_apart_ = distance(picture.samples, reference_->samples);
     coarser_samples_ = std::move(picture.samples);
-    next_ = Request{{}, 2, reference_->spacing};
+    next_ = Request{.coarser = 2, .sample_spacing = reference_->spacing};
     return;
   }
   file_error_ =
       std::max(of_last_resolution * last_apart_, of_second_last * distance(picture.samples, coarser_samples_));
-}
-
-// Estimates the error of the candidate, and decides what comes next.
-void ErrorControl::judge() {
-  Picture& candidate = *candidate_;
-  if (candidate.finest && candidate.spacing == 1 && !reference_) reference_ = candidate;
-  const bool may_be_finer =
-      reference_asked_ < search_.most_splats &&
-      static_cast<double>(reference_asked_) < finer * jump * static_cast<double>(candidate.splats);
-  if (!serves(candidate) && (may_be_finer || has_wide_samples(candidate))) {
-    ask_reference();
-    return;
-  }
-  const double apart = distance(candidate.samples, reference_->samples);
-  if (!(reference_->finest ? estimate_by_all(apart) : estimate_by_finer(apart))) return;
-  tried_.push_back({candidate.splats, candidate.error});
-  estimate_.file_error = file_error_.value_or(0);
-  const bool is_fine = candidate.ratio <= too_much;
-  if (is_widening_) {
-    is_fine ? widen(candidate) : choose(*fine_);
-    return;
-  }
-  in_a_row_ = is_fine == last_is_fine_ ? in_a_row_ + 1 : 1;
-  last_is_fine_ = is_fine;
-  (is_fine ? fine_ : too_coarse_) = candidate;
-  if ((candidate.ratio > enough && candidate.ratio <= too_much) || is_near_enough())
-    fine_ ? widen(*fine_) : narrow(*too_coarse_);
-  else
-    ask_candidate(next_splats());
-}
-
-// Asks for the picture of a cut with wider samples, or ends with it.
-void ErrorControl::widen(const Picture& fine) {
-  fine_ = fine;
-  if (2 * fine.spacing > search_.widest_spacing || overlap_little(layers_)) {
-    choose(fine);
-    return;
-  }
-  is_widening_ = true;
-  step_ = Step::candidate;
-  next_ = Request{fine.goal, 0, 2 * fine.spacing};
-}
-
-// Ends with a cut that is too coarse, or tries it with a sample in each pixel.
-void ErrorControl::narrow(const Picture& too_coarse) {
-  if (too_coarse.spacing == 1) {
-    choose(too_coarse);
-    return;
-  }
-  search_.widest_spacing = 1;
-  ask_candidate(too_coarse.asked);
 }
 
 // Estimates the error from the distance to the picture of all points: it adds up with their own error, as the one says
@@ -245,7 +362,7 @@ void ErrorControl::narrow(const Picture& too_coarse) {
 bool ErrorControl::estimate_by_all(double apart) {
   if (!file_error_ && apart < 2 * max_error_) {
     step_ = Step::coarser;
-    next_ = Request{{}, 1, reference_->spacing};
+    next_ = Request{.coarser = 1, .sample_spacing = reference_->spacing};
     return false;
   }
   const double file = file_error_.value_or(0);
@@ -267,7 +384,7 @@ bool ErrorControl::estimate_by_finer(double apart) {
   } else if (reference_->error > 0) {
     candidate_->error = std::hypot(apart, reference_->error);
   } else {  // no finer reference is possible
-    ask_candidate(times(reference_->splats, 1 / finer));
+    ask_candidate(times(reference_->splats, 1 / finer), candidate_->spacing);
     if (candidate_->asked != next_->goal.max_splats) return false;
     candidate_->error = apart;
   }
@@ -275,10 +392,10 @@ bool ErrorControl::estimate_by_finer(double apart) {
   return true;
 }
 
-void ErrorControl::ask_candidate(std::uint64_t splats) {
+void ErrorControl::ask_candidate(std::uint64_t splats, int spacing) {
   step_ = Step::candidate;
   const std::uint64_t asked = std::clamp<std::uint64_t>(splats, 1, search_.most_splats);
-  next_ = Request{{0, asked}, 0, spacing_of(asked)};
+  next_ = Request{.goal = {0, asked}, .sample_spacing = spacing};
 }
 
 // Asks for a finer one each time, as the next finer cut may have several times as many splats.
@@ -287,42 +404,60 @@ void ErrorControl::ask_reference() {
   const double more = has_wide_samples(*candidate_) ? std::max(before, wanted) : jump * wanted;
   reference_asked_ = std::min(times(1, before >= wanted ? more : wanted), search_.most_splats);
   step_ = Step::reference;
-  next_ = Request{{0, reference_asked_}, 0, std::max(candidate_->spacing / 2, 1)};
+  next_ = Request{.goal = {0, reference_asked_}, .sample_spacing = std::max(candidate_->spacing / 2, 1)};
 }
 
 // Whether another candidate would not be better.
 bool ErrorControl::is_near_enough() const {
-  if (candidates_ >= most_candidates) return true;
-  if (!fine_) return too_coarse_->finest || too_coarse_->asked >= search_.most_splats;
-  if (!too_coarse_) return fine_->splats > fine_->asked || fine_->asked <= 1;  // the coarsest that the view has
-  return static_cast<double>(fine_->asked) < near_each_other * static_cast<double>(too_coarse_->asked) ||
-         static_cast<double>(fine_->splats) < near_each_other * static_cast<double>(too_coarse_->splats);
+  const auto& [fine, too_coarse] = std::tie(bracket_.fine, bracket_.too_coarse);
+  if (bracket_.candidates >= most_candidates) return true;
+  if (!fine) return too_coarse && (too_coarse->finest || too_coarse->asked >= search_.most_splats);
+  if (!too_coarse) return fine->splats > fine->asked || fine->asked <= 1;  // the coarsest that the view has
+  return static_cast<double>(fine->asked) < near_each_other * static_cast<double>(too_coarse->asked) ||
+         static_cast<double>(fine->splats) < near_each_other * static_cast<double>(too_coarse->splats);
 }
 
 std::uint64_t ErrorControl::next_splats() const {
-  if (!fine_ || !too_coarse_) {
-    const Picture& from = fine_ ? *fine_ : *too_coarse_;
+  const auto& [fine, too_coarse] = std::tie(bracket_.fine, bracket_.too_coarse);
+  if (!fine && !too_coarse) return bracket_.first_splats;
+  if (!fine || !too_coarse) {
+    const Picture& from = fine ? *fine : *too_coarse;
+    const double least = fine || bracket_.in_a_row < most_in_a_row ? 1 / most_change : least_more;
     const double factor = std::pow(std::max(from.ratio, 1e-9), 1 / decay);
-    const std::uint64_t asked = fine_ ? std::min(from.asked, from.splats) : from.asked;
-    return times(asked, std::clamp(factor, 1 / most_change, most_change));
+    const std::uint64_t asked = fine ? std::min(from.asked, from.splats) : from.asked;
+    return times(asked, std::clamp(factor, least, most_change));
   }
   // Between two, on a straight line of logarithms, not too near to either. In the middle, if the line has led to the
   // same side again and again: there the error falls unlike a power.
-  const double low = std::log(static_cast<double>(too_coarse_->asked)),
-               high = std::log(static_cast<double>(fine_->asked));
-  const double from = std::log(too_coarse_->ratio), to = std::log(std::max(fine_->ratio, 1e-3));
-  const double share = in_a_row_ > most_in_a_row ? 0.5 : std::clamp(from / (from - to), 0.15, 0.85);
+  const double low = std::log(static_cast<double>(too_coarse->asked)),
+               high = std::log(static_cast<double>(fine->asked));
+  const double from = std::log(too_coarse->ratio), to = std::log(std::max(fine->ratio, 1e-3));
+  const double share = bracket_.in_a_row > most_in_a_row ? 0.5 : std::clamp(from / (from - to), 0.15, 0.85);
   return static_cast<std::uint64_t>(std::exp(low + share * (high - low)));
 }
 
 // Ends with a candidate, which is drawn again unless it is the last picture.
 void ErrorControl::choose(const Picture& chosen) {
-  estimate_.error = chosen.error;
-  estimate_.reached = chosen.ratio <= too_much;
-  learned_ = chosen.expected / max_error_;
+  estimate_ = {.error = chosen.error,
+               .file_error = file_error_.value_or(0),
+               .reached = chosen.ratio <= too_much,
+               .measured = search_.rays.has_value()};
+  if (!chosen.exact) learned_ = chosen.expected / max_error_;
+  const bool is_shown = shows_candidate_ && chosen.asked == candidate_->asked && chosen.exact == candidate_->exact &&
+                        chosen.spacing == candidate_->spacing;
   step_ = Step::chosen;
-  next_ = Request{chosen.goal, 0, chosen.spacing};
-  if (shows_candidate_ && chosen.asked == candidate_->asked && chosen.spacing == candidate_->spacing) next_.reset();
+  next_ = Request{chosen.goal, 0, chosen.exact, chosen.spacing};
+  if (is_shown) next_.reset();
+}
+
+// The estimated work of so many splats, from the layers of the last picture.
+double ErrorControl::work_of(double splats, int spacing) const {
+  const double layers = layers_ * std::cbrt(splats / std::max(splats_, 1.0));
+  return work_of_splats(splats, layers * search_.pixels / (spacing * spacing), search_.pixels, spacing);
+}
+
+double ErrorControl::work_of_exact(int spacing) const {
+  return work_of_cells(search_.cells->tetrahedra, search_.cells->segments, search_.pixels, spacing);
 }
 
 }  // namespace splatvol

@@ -1,4 +1,4 @@
-// Finds the cut whose picture has a wanted error, by looking at pictures.
+// Finds the picture of a wanted error with the least work, by looking at pictures.
 #pragma once
 
 #include <cstddef>
@@ -9,48 +9,61 @@
 
 #include "base/math.h"
 #include "pictures/image.h"
+#include "player/rays.h"
 #include "streamer/cut.h"
 
 namespace splatvol {
 
-/// Measures what the error model only expects. If it need not grow, it asks for pictures, one after another: of
-/// candidates, of a finer cut as their reference, and perhaps of the whole file one and two resolutions coarser. A
-/// candidate's distance to the reference gives its error. docs/accuracy.md says how well this holds.
+/// Measures what the error model only expects. If it need not grow, it asks for *candidates*: cuts of so many splats,
+/// with samples so many pixels apart, until one has the wanted error, and no other that is less work. Work is counted
+/// (renderer/work.h), and no clock decides.
+///
+/// Exact rays tell a candidate's error. Without them, its distance to a *reference* does: a finer cut, or the whole
+/// file, and then the file's pictures one and two resolutions coarser. docs/accuracy.md says how well this holds.
 ///
 /// Knows nothing of files and devices: the caller draws what `next` asks for, and adds it. The error is the root mean
 /// square of linear RGB against the exact picture.
 class ErrorControl {
  public:
-  /// How it looks for the cut.
+  /// The cells of the view.
+  struct Cells {
+    double tetrahedra = 0;
+    double segments = 0;  // of a picture with a sample in each pixel
+  };
+
+  /// How it looks for the picture.
   struct Search {
     std::uint64_t most_splats = std::numeric_limits<std::uint64_t>::max();  // that there is room for
 
     /// Asks for finer and finer pictures, and ends with the first that has the wanted error: soon, but with up to
-    /// several times the splats that it needs. Else looks for the cut with the fewest splats.
+    /// several times the work that it needs.
     bool grows = false;
 
     /// If above 0: the splats of the first picture, whatever error is expected of it.
     std::uint64_t first_splats = 0;
 
-    /// The most pixels from one sample to the next. If above 1, and it does not grow, few splats get wide samples, and
-    /// the last picture has the widest with which its error holds. `pixels`: of a picture.
+    /// The most pixels from one sample to the next; 1 if it grows. `pixels`: of a picture.
     int widest_spacing = 1;
     double pixels = 0;
+
+    std::optional<Rays> rays = {};    // if any, errors are against these
+    std::optional<Cells> cells = {};  // if any, an exact picture may be asked for; not if it grows
   };
 
   /// The picture to draw next.
   struct Request {
     ErrorGoal goal = {};
     std::size_t coarser = 0;  // if above 0, instead: everything so many resolutions before the finest
+    bool exact = false;       // if true, instead: the cells
     int sample_spacing = 1;   // pixels
   };
 
-  /// A picture of a request.
+  /// A picture of a request. That of cells needs no numbers.
   struct Drawn {
     const Image& image;
-    std::uint64_t splats;
-    double expected_error;  // as ErrorGoal counts it
-    bool finest;            // more splats would not change it
+    std::uint64_t splats = 0;
+    double expected_error = 0;  // as ErrorGoal counts it
+    bool finest = false;        // more splats would not change it
 
     /// The splats that were allowed: fewer than the request's if memory has no room for more.
     std::uint64_t allowed_splats = std::numeric_limits<std::uint64_t>::max();
@@ -60,13 +73,14 @@ class ErrorControl {
 
   struct Estimate {
     double error = 0;       // of the last picture
-    double file_error = 0;  // of the picture of all points; 0: not looked at, because a cut of fewer splats was finer
+    double file_error = 0;  // of the picture of all points; 0: not looked at
     bool reached = false;   // the picture has the wanted error, or lacks it only by the file's own
+    bool measured = false;  // against exact rays
   };
 
   /// `max_error`: wanted, above 0.
   explicit ErrorControl(double max_error) : ErrorControl(max_error, Search()) {}
-  ErrorControl(double max_error, const Search& search);
+  ErrorControl(double max_error, Search search);
 
   /// Returns what to draw next. Returns nullopt at the end: then the last picture is the one that was looked for.
   [[nodiscard]] const std::optional<Request>& next() const { return next_; }
@@ -81,10 +95,12 @@ class ErrorControl {
   /// max_error has about the same true error. Requires that `next` is nullopt.
   [[nodiscard]] double learned() const { return learned_; }
 
-  /// A cut that was tried, with its estimated error.
+  /// A picture that was tried, with its estimated error.
   struct Tried {
-    std::uint64_t splats;
+    std::uint64_t splats;  // 0: cells
+    int sample_spacing;
     double error;
+    double work;  // nanoseconds (renderer/work.h)
   };
   [[nodiscard]] const std::vector<Tried>& tried() const { return tried_; }
 
@@ -93,46 +109,73 @@ class ErrorControl {
 
  private:
   struct Picture {
-    std::vector<vec3> samples = {};  // RGB of some of the pixels: evenly spread tiles
+    std::vector<vec3> samples = {};  // RGB of some of the pixels
     ErrorGoal goal = {};
     std::uint64_t asked = 0;  // the most splats
     std::uint64_t splats = 0;
     double expected = 0;
     bool finest = false;
+    bool exact = false;
     int spacing = 1;   // of samples, in pixels
+    double work = 0;   // nanoseconds
+    double error = 0;  // estimated
     double ratio = 0;  // of a candidate: its error over the wanted one
-    double error = 0;
   };
   enum class Step { candidate, reference, coarser, chosen };
 
-  void grow(Picture picture);
+  // Candidates of one sample spacing.
+  struct Bracket {
+    int spacing = 1;
+    std::uint64_t first_splats = 1;
+    std::optional<Picture> too_coarse = {}, fine = {};  // the best on both sides of the wanted error
+    std::optional<Picture> coarser = {};                // the last one that was too coarse before `too_coarse`
+    bool last_is_fine = false;                          // whether the last candidate was fine enough
+    int in_a_row = 0;                                   // candidates that were, or were not, as the last one
+    int candidates = 0;
+  };
+
+  // Estimates.
+  [[nodiscard]] bool estimate(Picture& candidate);
   [[nodiscard]] bool serves(const Picture& candidate) const;
-  void judge();
   void add_coarser(Picture picture);
   [[nodiscard]] bool estimate_by_all(double apart);
   [[nodiscard]] bool estimate_by_finer(double apart);
-  void ask_candidate(std::uint64_t splats);
   void ask_reference();
-  [[nodiscard]] bool is_near_enough() const;
-  [[nodiscard]] std::uint64_t next_splats() const;
-  void choose(const Picture& chosen);
-  [[nodiscard]] int spacing_of(std::uint64_t splats) const;
   [[nodiscard]] bool has_wide_samples(const Picture& candidate) const;
-  void widen(const Picture& fine);
-  void narrow(const Picture& too_coarse);
+
+  // The search.
+  void grow(Picture picture);
+  void judge();
+  void add_to_bracket(const Picture& candidate);
+  void go_on();
+  [[nodiscard]] bool is_near_enough() const;
+  [[nodiscard]] bool has_stalled() const;
+  [[nodiscard]] std::uint64_t next_splats() const;
+  void ask_candidate(std::uint64_t splats, int spacing);
+  [[nodiscard]] bool ask_cells(double less_work_than);
+  void narrow();
+  void widen_again(const Picture& narrow);
+  [[nodiscard]] bool probe();
+  void end();
+  void choose(const Picture& chosen);
+  [[nodiscard]] double work_of(double splats, int spacing) const;
+  [[nodiscard]] double work_of_exact(int spacing) const;
 
   double max_error_;
   Search search_;
   Step step_ = Step::candidate;  // what `next_` is
   std::optional<Request> next_;
-  int pictures_ = 0, candidates_ = 0;
+  int pictures_ = 0;
   bool shows_candidate_ = false;  // the last picture is that of candidate_
   std::optional<Picture> candidate_, reference_;
-  std::optional<Picture> too_coarse_, fine_;  // the best candidates on both sides of the wanted error
-  double layers_ = 0;                         // of splats, one behind the other, in a mean pixel; 0: not counted
-  bool is_widening_ = false;                  // the cut is found
-  bool last_is_fine_ = false;                 // whether the last candidate was fine enough
-  int in_a_row_ = 0;                          // candidates that were, or were not, as the last one
+  std::vector<vec3> rays_;
+  Bracket bracket_;
+  bool may_narrow_;                   // whether narrower samples may help
+  std::optional<Bracket> wide_;       // of samples that were wider, until the first candidate of narrower ones is there
+  std::optional<Picture> best_;       // the candidate of the wanted error with the least work
+  bool is_probing_ = false;           // whether another spacing is less work
+  int exact_spacing_ = 0;             // the widest of cells that was not tried; 0: none is left
+  double splats_ = 0, layers_ = 0;    // of the last picture; its splats one behind the other in a mean pixel
   std::optional<double> file_error_;
   double last_apart_ = 0;              // of all points and the resolution before
   std::vector<vec3> coarser_samples_;  // of the resolution before

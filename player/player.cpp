@@ -43,6 +43,15 @@ tl::unexpected<Error> fail_two_surfaces() {
               "depths of surfaces, and a scene that shows surfaces or slices: give one of them");
 }
 
+// Whether a picture for which splats are not asked may be exact.
+bool may_draw_exact(const PlayerOptions& options) {
+  return !options.in_current_context && options.device != Device::gl && !options.drawing.kernel &&
+         sort_of(options.drawing) == SortMode::exact;
+}
+
+// Rays to measure by meet about as many cells as a picture does. So many take a tenth of a second of two cores.
+constexpr std::uint64_t most_tetrahedra_for_rays = std::uint64_t{1} << 21;
+
 Detail detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
   Detail detail;
   if (request.coarser > 0)
@@ -532,9 +541,7 @@ Status Player::draw_frame(const FrameRequest& request, const DrawOptions& option
 
 Result<ChosenQuality> Player::default_quality() {
   const ChosenQuality splats{default_splats(info().point_count())};
-  const bool draws_splats = options_.in_current_context || options_.device == Device::gl || options_.drawing.kernel ||
-                            sort_of(options_.drawing) != SortMode::exact;
-  if (draws_splats || !has_cells()) return splats;
+  if (!may_draw_exact(options_) || !has_cells()) return splats;
   if (shows_contours()) return ChosenQuality{{.exact = true}};
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
   if (estimate.segments > most_exact_segments) return ChosenQuality{splats.quality, estimate.segments};
@@ -583,16 +590,47 @@ Status Player::draw_within(double seconds) {
   return {};
 }
 
+// Draws exact rays through some pixels: what errors of pictures are measured by. None, if that may be much work, or much
+// reading.
+Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
+  if (!has_cells() || shows_surfaces() || surface_depths_) return std::nullopt;
+  SPLATVOL_TRY_ASSIGN(cells, open_cells());
+  const bool is_near = !streamer_->volume().is_far() && cells->tetrahedra() <= most_tetrahedra_for_rays;
+  if (cells->unknown_cells() > 0 || !(is_near || holds_cells())) return std::nullopt;
+  const int spacing = spacing_of_rays(view_.width, view_.height);
+  const View view = view_of_rays(view_, spacing);
+  auto drawn = cell_rasterizer_.draw(*cells, {.view = view,
+                                              .transfer = transfer_of(scene_),
+                                              .lighting = scene_.lighting,
+                                              .memory = options_.memory / 2});
+  if (!drawn && drawn.error().code == ErrorCode::unsupported) return std::nullopt;  // cells are too thin
+  SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
+  const double of_rays = static_cast<double>(view_.width) * view_.height / (static_cast<double>(view.width) * view.height);
+  return DrawnRays{{std::move(picture.image), spacing},
+                   {static_cast<double>(cells->tetrahedra()), static_cast<double>(picture.segments) * of_rays}};
+}
+
 // Draws picture after picture, until one has the error.
 Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
   const bool may_sample = !options_.drawing.sample_spacing && !shows_surfaces() && !surface_depths_;
-  ErrorControl control(max_error, {.most_splats = device_splats(),
-                                   .grows = grows,
-                                   .widest_spacing = may_sample ? widest_samples_of_an_error : 1,
-                                   .pixels = static_cast<double>(scene_.width) * scene_.height});
-  while (control.next()) {
-    SPLATVOL_TRY(draw_frame({.detail = detail_of(*control.next(), info().resolutions())},
-                            {.sample_spacing = may_sample ? control.next()->sample_spacing : 0}));
+  ErrorControl::Search search{.most_splats = device_splats(),
+                              .grows = grows,
+                              .widest_spacing = may_sample ? widest_samples_of_an_error : 1,
+                              .pixels = static_cast<double>(scene_.width) * scene_.height};
+  SPLATVOL_TRY_ASSIGN(rays, draw_rays());
+  if (rays) {
+    search.rays = std::move(rays->rays);
+    if (may_draw_exact(options_)) search.cells = rays->cells;
+  }
+  ErrorControl control(max_error, std::move(search));
+  while (const auto& next = control.next()) {
+    if (next->exact) {
+      SPLATVOL_TRY(draw_exact({}, next->sample_spacing));
+      control.add({.image = *picture_});
+      continue;
+    }
+    SPLATVOL_TRY(draw_frame({.detail = detail_of(*next, info().resolutions())},
+                            {.sample_spacing = may_sample ? next->sample_spacing : 0}));
     SPLATVOL_TRY_ASSIGN(picture, image());
     const std::uint64_t allowed = frame_->detail.goal.value_or(ErrorGoal{}).max_splats;
     control.add({picture, frame_->splats, frame_->goal_error, frame_->finest, allowed, times_.draw.fragments});
@@ -617,6 +655,7 @@ Result<std::vector<std::uint64_t>> Player::draw_at_pace(double seconds) {
 }
 
 Status Player::draw_again() {
+  if (exact_) return draw_exact({}, sample_spacing_);
   is_nudged_ = !is_nudged_;
   return draw_frame(FrameRequest(request_), draw_options_);
 }

@@ -296,6 +296,13 @@ class Player {
   [[nodiscard]] std::vector<Surface> surfaces_of_all_steps() const;
   [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
   [[nodiscard]] Status draw_within(double seconds);
+
+  // Exact rays, and the work of an exact picture.
+  struct DrawnRays {
+    Rays rays;
+    ErrorControl::Cells cells;
+  };
+  [[nodiscard]] Result<std::optional<DrawnRays>> draw_rays();
   [[nodiscard]] Result<ErrorSearch> draw_to_error(double max_error, bool grows);
   [[nodiscard]] View view_now() const;
   [[nodiscard]] Status set_draw_list();

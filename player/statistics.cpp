@@ -63,10 +63,14 @@ json statistics_of(const Player& player) {
 
 json statistics_of(const ErrorSearch& search) {
   json document = {{"estimated_error", search.estimate.error},
+                   {"error_by", search.estimate.measured ? "exact rays" : "finer pictures"},
                    {"file_error", search.estimate.file_error},
                    {"pictures_for_error", search.pictures}};
-  for (const auto& [splats, error] : search.tried)
-    document["tried_for_error"].push_back({{"splats", splats}, {"estimated_error", error}});
+  for (const ErrorControl::Tried& tried : search.tried)
+    document["tried_for_error"].push_back({{"splats", tried.splats},
+                                           {"sample_spacing", tried.sample_spacing},
+                                           {"estimated_error", tried.error},
+                                           {"estimated_milliseconds", 1e-6 * tried.work}});
   return document;
 }
 

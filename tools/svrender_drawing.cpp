@@ -33,16 +33,17 @@ FrameRequest request_of(const RenderOptions& options, const Drawn& drawn) {
 
 Status draw_frame(const RenderOptions& options, Drawn& drawn, Timings& timings) {
   // If nobody asked for an exact picture, a step that has no cells is drawn by splats.
-  if (drawn.chosen.quality.exact && (!is_default(options) || drawn.player->has_cells()))
-    SPLATVOL_TRY(drawn.player->draw_exact());
+  const bool is_asked = drawn.chosen.quality.exact && !is_default(options);
+  if (is_asked || (drawn.is_exact && drawn.player->has_cells()))
+    SPLATVOL_TRY(drawn.player->draw_exact({}, drawn.options.sample_spacing));
   else
     SPLATVOL_TRY(drawn.player->draw_frame(request_of(options, drawn), drawn.options));
   timings.add(drawn.player->times());
   return {};
 }
 
-// Finds the cut of an error, in a few pictures of this view. Further views and steps take a cut of the same expected
-// error, and the same samples.
+// Finds the picture of an error, in a few pictures of this view. Further views and steps are drawn alike: cells, or a
+// cut of the same expected error, and the same samples.
 Status find_cut(Drawn& drawn, Timings& timings) {
   const double max_error = *drawn.chosen.quality.max_error;
   SPLATVOL_TRY_ASSIGN(picture, drawn.player->draw_picture({.max_error = max_error}));
@@ -50,6 +51,7 @@ Status find_cut(Drawn& drawn, Timings& timings) {
   drawn.search = std::move(picture.search);
   drawn.detail.goal = ErrorGoal{drawn.search->learned * max_error};
   drawn.options.sample_spacing = drawn.player->sample_spacing();
+  drawn.is_exact = drawn.player->exact().has_value();
   return {};
 }
 
@@ -168,10 +170,12 @@ Result<std::vector<Error>> draw_default_movement(const RenderOptions& options, c
   const Quality splats{.max_error = default_max_error};
   SPLATVOL_TRY_SET(drawn.chosen, drawn.player->default_quality());
   if (drawn.chosen.quality.exact) {
+    drawn.is_exact = true;
     auto errors = draw_movement(options, composition, drawn, timings);
     if (errors || errors.error().code != ErrorCode::unsupported) return errors;
     timings = {};
     drawn.chosen.has_thin_cells = true;
+    drawn.is_exact = false;
     SPLATVOL_TRY(drawn.player->set_scene(composition.scene));
   }
   drawn.chosen.quality = splats;
@@ -240,7 +244,7 @@ Status draw_steady_frames(const RenderOptions& options, Drawn& drawn, Timings& t
   timings.frame.clear();
   ProgressBar bar("draw");
   for (int i = 0; i < options.repeat; ++i) {
-    SPLATVOL_TRY(drawn.player->exact() ? drawn.player->draw_exact() : drawn.player->draw_again());
+    SPLATVOL_TRY(drawn.player->draw_again());
     timings.add(drawn.player->times());
     bar.update((i + 1.0) / options.repeat);
   }

@@ -53,6 +53,7 @@ struct Drawn {
   ChosenQuality chosen = {};               // of the pictures
   Detail detail = {};                      // of frames that are drawn one after another
   DrawOptions options = {};                // of these
+  bool is_exact = false;                   // these are exact where the file has cells
   std::optional<ErrorSearch> search = {};  // of an error, for the view that it was measured at
 };
 

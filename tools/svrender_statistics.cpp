@@ -90,10 +90,12 @@ void print_estimate(const RenderOptions& options, const Drawn& drawn) {
   const ErrorControl::Estimate& estimate = drawn.search->estimate;
   const double max_error = *drawn.chosen.quality.max_error;
   const int spacing = drawn.player->sample_spacing();
+  const std::string drawn_as = drawn.player->exact() ? "cells" : fmt::format("{} splats", drawn.player->frame()->splats);
   const std::string samples = spacing > 1 ? fmt::format(" by samples {} pixels apart", spacing) : "";
-  print_out("{}: {} splats{}, an error of about {:.2g} by comparing {} pictures\n", options.written(),
-            drawn.player->frame()->splats, samples, estimate.error, drawn.search->pictures);
-  if (estimate.file_error > max_error)
+  print_out("{}: {}{}, an error of {}{:.2g} by comparing {} pictures{}\n", options.written(), drawn_as, samples,
+            estimate.measured ? "" : "about ", estimate.error, drawn.search->pictures,
+            estimate.measured ? " with exact rays" : "");
+  if (estimate.error > max_error && estimate.file_error > max_error)
     print_out("{}: more than {:.2g}: even all points of the file have about {:.2g}\n", options.written(), max_error,
               estimate.file_error);
   else if (!estimate.reached)
@@ -119,7 +121,12 @@ std::string statistics_text(const RenderOptions& options, const Drawn& drawn, co
   document["seconds"] = seconds_of(timings);
   document["first_image_seconds"] = timings.first_image;
   add_frames(timings, document);
-  if (!drawn.player->exact()) add_detail(drawn, timings, document);
+  if (!drawn.player->exact()) {
+    add_detail(drawn, timings, document);
+  } else if (drawn.search) {
+    document["max_error"] = *drawn.chosen.quality.max_error;
+    document.update(statistics_of(*drawn.search));
+  }
   return json_text(document, 1) + "\n";
 }
 
@@ -130,6 +137,7 @@ void print_summary(const RenderOptions& options, const Drawn& drawn, const Timin
     print_out("{}: {} x {} pixels, exact, {} segments in {} chunks of cells, {} of {} bytes read, {:.3f} s\n",
               options.written(), scene.width, scene.height, exact->segments, exact->chunks,
               streamer.volume().bytes_read(), streamer.volume().file_bytes(), timings.first_image);
+    if (drawn.search) print_estimate(options, drawn);
     return;
   }
   const FrameSplats& frame = *drawn.player->frame();
