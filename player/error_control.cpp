@@ -55,6 +55,10 @@ constexpr double least_gain = 0.85;
 // Fewer splats with narrower samples are tried if they are not fewer than this share.
 constexpr double least_probed = 1.0 / 6;
 
+// Outlines of cells show steps of samples farther apart than this. Their error is small only where there are none.
+constexpr int widest_of_outlines = 2;
+constexpr double most_error_of_steps = 0.001;
+
 // Growing pictures that are measured grow at least by this.
 constexpr double least_measured_growth = 1.3;
 
@@ -98,6 +102,10 @@ Distances distances(const std::vector<vec3>& a, const std::vector<vec3>& b) {
 
 double distance(const std::vector<vec3>& a, const std::vector<vec3>& b) { return std::sqrt(distances(a, b).mean); }
 
+double error_of_all(double last_apart, double second_last_apart) {
+  return std::max(of_last_resolution * last_apart, of_second_last * second_last_apart);
+}
+
 // The error of a picture that exact rays hardly exceed. They miss some of an error that lies in few pixels, as at
 // outlines, and so their doubt counts.
 double surely(const std::vector<vec3>& samples, const std::vector<vec3>& rays) {
@@ -113,8 +121,7 @@ std::uint64_t times(std::uint64_t splats, double factor) {
 
 ErrorControl::ErrorControl(double max_error, Search search) : max_error_(max_error), search_(std::move(search)) {
   if (search_.grows) search_.widest_spacing = 1;
-  if (search_.rays)
-    for (const vec4& pixel : search_.rays->image.pixels) rays_.emplace_back(pixel);
+  if (search_.rays) rays_ = search_.rays->colors();
   bracket_.spacing = search_.widest_spacing;
   may_narrow_ = bracket_.spacing > 1;
   // Only rays tell the error of wide samples of cells.
@@ -200,6 +207,15 @@ void ErrorControl::grow(Picture picture) {
   next_ = Request{{0, asked}};
 }
 
+double error_of_all_points(const Image& all, const Image& coarser, const Image& coarsest) {
+  const std::vector<vec3> between = sample(coarser);
+  return error_of_all(distance(sample(all), between), distance(between, sample(coarsest)));
+}
+
+double error_at(const Rays& rays, const Image& picture) {
+  return distance(at_rays(picture, rays), rays.colors());
+}
+
 // Decides what comes after a candidate, its reference or what tells the reference's error.
 void ErrorControl::judge() {
   Picture& candidate = *candidate_;
@@ -250,7 +266,8 @@ bool ErrorControl::has_stalled() const {
 // Goes on with samples half as far apart.
 void ErrorControl::narrow() {
   const std::uint64_t from = bracket_.too_coarse ? bracket_.too_coarse->asked : bracket_.first_splats;
-  wide_ = bracket_.too_coarse ? std::optional(bracket_) : std::nullopt;
+  // Without rays, errors of samples are measured against narrower ones, and are not comparable.
+  wide_ = bracket_.too_coarse && search_.rays ? std::optional(bracket_) : std::nullopt;
   bracket_ = {.spacing = bracket_.spacing / 2, .first_splats = from};
   may_narrow_ = bracket_.spacing > 1;
   go_on();
@@ -315,7 +332,9 @@ void ErrorControl::end() {
 bool ErrorControl::estimate(Picture& candidate) {
   if (search_.rays) {
     candidate.error = distance(candidate.samples, rays_);
-    candidate.ratio = surely(candidate.samples, rays_) / max_error_;
+    const bool may_show_steps = candidate.exact && candidate.spacing > widest_of_outlines;
+    const double wanted = may_show_steps ? std::min(max_error_, most_error_of_steps) : max_error_;
+    candidate.ratio = surely(candidate.samples, rays_) / wanted;
     if (candidate.finest && candidate.spacing == 1) file_error_ = candidate.error;
     return true;
   }
@@ -353,8 +372,7 @@ void ErrorControl::add_coarser(Picture picture) {
     next_ = Request{.coarser = 2, .sample_spacing = reference_->spacing};
     return;
   }
-  file_error_ =
-      std::max(of_last_resolution * last_apart_, of_second_last * distance(picture.samples, coarser_samples_));
+  file_error_ = error_of_all(last_apart_, distance(picture.samples, coarser_samples_));
 }
 
 // Estimates the error from the distance to the picture of all points: it adds up with their own error, as the one says

@@ -185,4 +185,10 @@ class ErrorControl {
   double learned_ = 1;
 };
 
+/// Returns the estimated error of a picture of all points from those of the two resolutions before.
+[[nodiscard]] double error_of_all_points(const Image& all, const Image& coarser, const Image& coarsest);
+
+/// Returns the error of a picture at rays.
+[[nodiscard]] double error_at(const Rays& rays, const Image& picture);
+
 }  // namespace splatvol

@@ -566,9 +566,34 @@ Result<DrawnPicture> Player::draw_picture(const Quality& quality, const std::fun
     SPLATVOL_TRY(draw_within(1e-3 * *splats.milliseconds));
   else if (splats.max_error)
     SPLATVOL_TRY_SET(drawn.search, draw_to_error(*splats.max_error, is_default));
+  else if (is_default && options_.drawing == Drawing())
+    SPLATVOL_TRY_SET(drawn.search, draw_all_points());
   else
     SPLATVOL_TRY(draw_frame({.detail = expected_detail(splats)}));
   return drawn;
+}
+
+// Draws all points, and finds out what error they have.
+Result<std::optional<ErrorSearch>> Player::draw_all_points() {
+  SPLATVOL_TRY_ASSIGN(rays, draw_rays());
+  std::vector<Image> coarser;
+  for (std::size_t before = 2; before > 0 && !rays && info().resolutions() > 2; --before) {
+    SPLATVOL_TRY(draw_frame({.detail = {.resolution = info().resolutions() - 1 - before}}));
+    SPLATVOL_TRY_ASSIGN(picture, image());
+    coarser.push_back(std::move(picture));
+  }
+  SPLATVOL_TRY(draw_frame({.detail = {.tolerance_percent = 0}}));
+  SPLATVOL_TRY_ASSIGN(picture, image());
+  ErrorSearch search;
+  search.pictures = static_cast<int>(coarser.size()) + 1;
+  if (rays)
+    search.estimate = {.error = error_at(rays->rays, picture), .reached = true, .measured = true};
+  else if (!coarser.empty())
+    search.estimate = {.error = error_of_all_points(picture, coarser[1], coarser[0]), .reached = true};
+  else
+    return std::nullopt;
+  search.estimate.file_error = search.estimate.error;
+  return search;
 }
 
 // Draws as many splats as the device can in the time.

@@ -103,7 +103,7 @@ struct ChosenQuality {
 /// How a picture was drawn (Player::draw_picture).
 struct DrawnPicture {
   ChosenQuality chosen = {};
-  std::optional<ErrorSearch> search = {};  // where pictures were compared
+  std::optional<ErrorSearch> search = {};  // where the error of the picture was asked for, or nothing was
 };
 
 /// What a player has read of a file before a device draws it. Made on any thread (Player::read).
@@ -303,6 +303,7 @@ class Player {
     ErrorControl::Cells cells;
   };
   [[nodiscard]] Result<std::optional<DrawnRays>> draw_rays();
+  [[nodiscard]] Result<std::optional<ErrorSearch>> draw_all_points();
   [[nodiscard]] Result<ErrorSearch> draw_to_error(double max_error, bool grows);
   [[nodiscard]] View view_now() const;
   [[nodiscard]] Status set_draw_list();

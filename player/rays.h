@@ -13,6 +13,9 @@ namespace splatvol {
 struct Rays {
   Image image = {};
   int spacing = 1;  // pixels from one to the next
+
+  /// Returns their RGB.
+  [[nodiscard]] std::vector<vec3> colors() const { return {image.pixels.begin(), image.pixels.end()}; }
 };
 
 /// Returns how many pixels apart rays are so that there are a few thousand: an odd number.

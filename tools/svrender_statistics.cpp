@@ -58,7 +58,6 @@ void add_detail(const Drawn& drawn, const Timings& timings, json& document) {
   if (detail.goal) {
     const Quality& quality = drawn.chosen.quality;
     if (quality.max_error) document["max_error"] = *quality.max_error;
-    if (drawn.search) document.update(statistics_of(*drawn.search));
     if (quality.max_splats) document["max_splats"] = *quality.max_splats;
     if (quality.milliseconds) {
       document["milliseconds"] = *quality.milliseconds;
@@ -102,6 +101,19 @@ void print_estimate(const RenderOptions& options, const Drawn& drawn) {
     print_out("{}: more than {:.2g}, to stay within {}\n", options.written(), max_error, limits_of(options, drawn));
 }
 
+// Says what error all points have, and what would help.
+void print_estimate_of_all(const RenderOptions& options, const Drawn& drawn) {
+  constexpr double much = 0.005;
+  const double error = drawn.search->estimate.error;
+  print_out("{}: all points, an error of {}{:.2g}\n", options.written(), drawn.search->estimate.measured ? "" : "about ",
+            error);
+  if (error > much && !drawn.player->has_cells())
+    fmt::print(stderr,
+               "svrender: {}: all points have an error of about {:.2g}, and the file keeps no cells: a file that is "
+               "built from a mesh, without --drop-cells, has exact pictures\n",
+               options.written(), error);
+}
+
 // Says how near the picture comes to the goal.
 void print_goal(const RenderOptions& options, const Drawn& drawn) {
   const FrameSplats& frame = *drawn.player->frame();
@@ -121,12 +133,11 @@ std::string statistics_text(const RenderOptions& options, const Drawn& drawn, co
   document["seconds"] = seconds_of(timings);
   document["first_image_seconds"] = timings.first_image;
   add_frames(timings, document);
-  if (!drawn.player->exact()) {
+  if (!drawn.player->exact())
     add_detail(drawn, timings, document);
-  } else if (drawn.search) {
+  else if (drawn.search)
     document["max_error"] = *drawn.chosen.quality.max_error;
-    document.update(statistics_of(*drawn.search));
-  }
+  if (drawn.search) document.update(statistics_of(*drawn.search));
   return json_text(document, 1) + "\n";
 }
 
@@ -153,6 +164,7 @@ void print_summary(const RenderOptions& options, const Drawn& drawn, const Timin
     print_goal(options, drawn);
     return;
   }
+  if (drawn.search) print_estimate_of_all(options, drawn);
   const Detail& asked = drawn.player->request().detail;
   if (frame.detail.resolution && *frame.detail.resolution < *asked.resolution &&
       frame.splats_by_resolution.size() > *asked.resolution)
