@@ -1,6 +1,7 @@
 // Draws frames of a file by OpenGL and by tiles in turn. Prints times, and the difference of the pictures.
 // tile_bench FILE.svol SCENE.json [REPEATS [SAMPLE_SPACING [none|axis|exact [OUTPUT]]]]
 // tile_bench --random COUNT PIXELS [REPEATS]: random splats so many pixels wide, drawn by tiles alone
+// tile_bench --fit FILE.svol SCENE.json [FILE.svol SCENE.json...]: the constants of renderer/work.h
 
 #include <fmt/format.h>
 
@@ -10,6 +11,7 @@
 #include <random>
 #include <string_view>
 
+#include "bench/work_fit.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"
@@ -142,6 +144,11 @@ int run(int argc, char** argv) {
 }  // namespace splatvol
 
 int main(int argc, char** argv) {
+  if (argc > 3 && std::string_view(argv[1]) == "--fit") {
+    const auto fitted = splatvol::fit_work(std::span(argv, static_cast<std::size_t>(argc)).subspan(2));
+    if (!fitted) fmt::print(stderr, "{}\n", fitted.error().message);
+    return fitted ? 0 : 1;
+  }
   if (argc > 3 && std::string_view(argv[1]) == "--random") return splatvol::run_random(argc, argv);
   return argc < 3 ? 2 : splatvol::run(argc, argv);
 }
