@@ -17,12 +17,14 @@ double seconds_now() {
 
 Result<std::unique_ptr<RendererCore>> RendererCore::open(const std::string& path, const std::optional<Scene>& scene,
                                                          const RendererOptions& options, bool in_current_context) {
-  SPLATVOL_TRY_ASSIGN(player, Player::open(path, scene,
-                                           {.memory = options.memory,
-                                            .gpu_memory = options.gpu_memory,
-                                            .device = options.device,
-                                            .in_current_context = in_current_context,
-                                            .on_data = options.on_data}));
+  const bool is_automatic = options.device == Device::automatic;
+  SPLATVOL_TRY_ASSIGN(player,
+                      Player::open(path, scene,
+                                   {.memory = options.memory,
+                                    .gpu_memory = options.gpu_memory,
+                                    .device = is_automatic && !in_current_context ? Device::cpu : options.device,
+                                    .in_current_context = in_current_context,
+                                    .on_data = options.on_data}));
   return std::unique_ptr<RendererCore>(new RendererCore(std::move(player)));
 }
 

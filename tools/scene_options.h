@@ -15,11 +15,9 @@ namespace splatvol {
   return is_image_path(path) ? "" : "'" + path + "' ends in neither .exr nor .png";
 }
 
-/// Adds --device. Parsing writes a name that parse_device takes into `device`.
-inline void add_device_option(CommandLine& app, std::string& device) {
-  app.add_option("--device", device,
-                 "What draws: cpu: the processor; gl: OpenGL; auto: OpenGL if it runs on a graphics card, else the "
-                 "processor")
+/// Adds --device. Parsing writes a name that parse_device takes into `device`. `automatic`: what auto is.
+inline void add_device_option(CommandLine& app, std::string& device, const std::string& automatic) {
+  app.add_option("--device", device, "What draws: cpu: the processor; gl: OpenGL; auto: " + automatic)
       ->check(check_of(parse_device), "{auto,cpu,gl}")
       ->capture_default_str();
 }

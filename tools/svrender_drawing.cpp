@@ -200,7 +200,7 @@ Result<Drawn> prepare(const RenderOptions& options, const Scene& scene) {
   SPLATVOL_TRY(store(parse_bytes(options.memory), setup.memory));
   SPLATVOL_TRY(store(parse_bytes(options.gpu_memory), setup.gpu_memory));
   SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
-  setup.device = device == Device::automatic && quality.exact ? Device::cpu : device;
+  setup.device = device == Device::automatic ? Device::cpu : device;
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
   setup.read_surface = surface_reader(reader_options);
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));

@@ -132,7 +132,7 @@ void add_drawing_options(CommandLine& app, RenderOptions& options) {
 }
 
 void add_budget_options(CommandLine& app, RenderOptions& options) {
-  add_device_option(app, options.device);
+  add_device_option(app, options.device, "the processor, so that all machines draw the same picture");
   app.add_option("--memory", options.memory,
                  "Bytes that the streamer may hold, such as 512M; a picture that would need more is drawn coarser. "
                  "Patches of the boundary may take a quarter as much besides: the largest are left out, and named")

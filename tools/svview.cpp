@@ -319,7 +319,7 @@ void add_view_options(CommandLine& app, Options& options) {
       ->range(0.0, 100.0)
       ->check(check_finite)
       ->excludes(max_error);
-  add_device_option(app, options.device);
+  add_device_option(app, options.device, "OpenGL if it runs on a graphics card, else the processor");
   app.add_option("--kernel", options.kernel, "Shape of a splat, as in svrender")
       ->one_of({"moments", "octant"})
       ->default_str("moments");

@@ -4,7 +4,7 @@
 namespace splatvol {
 
 enum class Device {
-  automatic,  // OpenGL on a graphics card, else the processor
+  automatic,  // the processor, so that all machines draw the same; GlRenderer: OpenGL on a graphics card
   cpu,        // tiles on the processor
   gl,         // OpenGL, in software too
 };

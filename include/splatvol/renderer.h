@@ -22,7 +22,7 @@ namespace splatvol {
 struct RendererOptions {
   std::uint64_t memory = std::uint64_t{512} << 20;    // bytes to hold of the file
   std::uint64_t gpu_memory = std::uint64_t{1} << 30;  // bytes that OpenGL may take
-  Device device = Device::automatic;
+  Device device = Device::automatic;                  // the processor, unless a GlRenderer draws
 
   /// Called when parts of the file have come that `render_now` did not wait for: time to call it again. Runs on threads
   /// of the renderer, and must not call it: to wake the thread that draws.

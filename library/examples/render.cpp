@@ -10,8 +10,7 @@ int main(int argc, char** argv) {
     return std::fprintf(stderr, "render: %s\n", error.message.c_str()), 1;
   };
 
-  // The processor draws; Device::automatic would take a graphics card, if there is one.
-  auto renderer = splatvol::Renderer::open(argv[1], std::nullopt, {.device = splatvol::Device::cpu});
+  auto renderer = splatvol::Renderer::open(argv[1]);
   if (!renderer) return fail(renderer.error());
 
   // A camera and a transfer function that fit the data, in another size.

@@ -30,7 +30,7 @@ class DrawFile : public ::testing::Test {
     EXPECT_TRUE(built) << built.error().message;
   }
   [[nodiscard]] Renderer open(const std::optional<Scene>& scene = std::nullopt) const {
-    return Renderer::open(path_, scene, {.device = Device::cpu}).value();
+    return Renderer::open(path_, scene).value();
   }
 
   test::TempFolder folder_;
@@ -40,6 +40,7 @@ class DrawFile : public ::testing::Test {
 TEST_F(DrawFile, DrawsASceneThatFits) {
   Renderer renderer = open();
   EXPECT_EQ(renderer.scene().attribute, "v");
+  EXPECT_THAT(renderer.device(), testing::HasSubstr("processor")) << "also beside a graphics card";
   const Image image = renderer.render().value();
   EXPECT_EQ(image.width, renderer.scene().width);
   EXPECT_GT(largest_alpha(image), 0.1F);
