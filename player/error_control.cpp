@@ -226,7 +226,7 @@ void ErrorControl::judge() {
   const bool is_useless = is_probing_ && bracket_.candidates == 0 && !is_fine;
   if (!candidate.exact) add_to_bracket(candidate);
   if (is_useless) {
-    choose(*best_);
+    end();
     return;
   }
   if (wide_ && bracket_.candidates == 1 && !candidate.exact) widen_again(candidate);
