@@ -33,6 +33,10 @@ Status check_time(double seconds) {
 // The part of draw_within's time that the drawing of splats may take. The rest is for choosing them.
 constexpr double drawing_share = 0.7;
 
+// With surfaces or slices, a picture in a time has at least so many splats. Fewer are no faster: each is larger, and
+// surfaces are compared with each of its pixels.
+constexpr std::uint64_t least_among_surfaces = std::uint64_t{1} << 15;
+
 Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& streamer) {
   const Status set = rasterizer.set_transfer_function(transfer_of(scene), streamer.units());
   return set ? set : Status(fail_in(streamer.volume().name(), set.error()));
@@ -43,14 +47,10 @@ tl::unexpected<Error> fail_two_surfaces() {
               "depths of surfaces, and a scene that shows surfaces or slices: give one of them");
 }
 
-// Whether a picture for which splats are not asked may be exact.
-bool may_draw_exact(const PlayerOptions& options) {
-  return !options.in_current_context && options.device != Device::gl && !options.drawing.kernel &&
-         sort_of(options.drawing) == SortMode::exact;
-}
-
 // Rays to measure by meet about as many cells as a picture does. So many take a tenth of a second of two cores.
 constexpr std::uint64_t most_tetrahedra_for_rays = std::uint64_t{1} << 21;
+
+Detail detail_of(const Rung& rung) { return {.goal = ErrorGoal{0, rung.splats}}; }
 
 Detail detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
   Detail detail;
@@ -517,6 +517,7 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
                                       .progress = progress},
                                      std::exchange(spare_picture_, {}));
   SPLATVOL_TRY(call.check());
+  if (!drawn && drawn.error().code == ErrorCode::unsupported) thin_cells_ = kept_cells_;
   if (!drawn && (drawn.error().code == ErrorCode::out_of_budget || drawn.error().code == ErrorCode::unsupported))
     return fail_in(streamer_->volume().name(), drawn.error());
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
@@ -541,7 +542,7 @@ Status Player::draw_frame(const FrameRequest& request, const DrawOptions& option
 
 Result<ChosenQuality> Player::default_quality() {
   const ChosenQuality splats{default_splats(info().point_count())};
-  if (!may_draw_exact(options_) || !has_cells()) return splats;
+  if (!may_draw_cells()) return splats;
   if (shows_contours()) return ChosenQuality{{.exact = true}};
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
   if (estimate.segments > most_exact_segments) return ChosenQuality{splats.quality, estimate.segments};
@@ -596,22 +597,57 @@ Result<std::optional<ErrorSearch>> Player::draw_all_points() {
   return search;
 }
 
-// Draws as many splats as the device can in the time.
+bool Player::may_draw_cells() const {
+  const bool wants_splats = options_.in_current_context || options_.device == Device::gl || options_.drawing.kernel ||
+                            sort_of(options_.drawing) != SortMode::exact;
+  return !wants_splats && has_cells();
+}
+
+Result<Choices> Player::choices(bool with_cells, int widest_spacing) {
+  const bool has_layers = shows_surfaces() || surface_depths_;
+  Choices choices{.points = std::clamp<std::uint64_t>(info().point_count(), 1, device_splats()),
+                  .pixels = static_cast<double>(scene_.width) * scene_.height};
+  if (has_layers) {
+    choices.least_splats = least_among_surfaces;
+    choices.widest_spacing = 1;
+    return choices;
+  }
+  choices.finest_spacing = options_.drawing.sample_spacing.value_or(1);
+  choices.widest_spacing = std::max(choices.finest_spacing, widest_spacing);
+  if (!with_cells || (kept_cells_ && thin_cells_.lock() == kept_cells_)) return choices;
+  SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
+  if (estimate.unknown_cells == 0) choices.cells = {estimate.tetrahedra, estimate.segments};
+  return choices;
+}
+
+Rung Player::counted(const Rung& rung) const {
+  if (frame_->progress.settled) return rung;
+  return {std::max<std::uint64_t>(frame_->splats, 1), rung.sample_spacing};
+}
+
 Status Player::draw_within(double seconds) {
   const auto start = Clock::now();
+  if (pacer_.seconds() != drawing_share * seconds) pacer_.leap();
   pacer_.set_seconds(drawing_share * seconds);
-  const std::uint64_t allowed = pacer_.splats();
-  FrameRequest request{.detail = {.goal = ErrorGoal{0, allowed}}, .wait_seconds = 0};
+  const int widest_spacing = options_.drawing.sample_spacing.value_or(widest_samples_in_a_time);
+  SPLATVOL_TRY_ASSIGN(choices, this->choices(may_draw_cells() && holds_cells(), widest_spacing));
+  const Rung rung = pacer_.next(choices);
+  if (rung.is_exact()) {
+    Status drawn = draw_exact({}, rung.sample_spacing);
+    if (!drawn && drawn.error().code == ErrorCode::unsupported) return draw_within(seconds);
+    if (drawn) pacer_.add(rung, choices, 0, times_.frame);
+    return drawn;
+  }
+  FrameRequest request{.detail = detail_of(rung), .wait_seconds = 0};
   SPLATVOL_TRY(choose(request));
   if (!frame_->progress.settled) {
-    const double share = std::min(1.0, static_cast<double>(frame_->splats) / static_cast<double>(allowed));
+    const double share = std::min(1.0, static_cast<double>(frame_->splats) / static_cast<double>(rung.splats));
     request.wait_seconds = seconds - seconds_since(start) - share * drawing_share * seconds;
     if (*request.wait_seconds > 0) SPLATVOL_TRY(choose(request));
   }
   const auto draw_start = Clock::now();
-  SPLATVOL_TRY(draw());
-  // Of a complete frame counts what was allowed: the next finer cut may have many times as many splats.
-  pacer_.add(frame_->progress.settled ? allowed : frame_->splats, seconds_since(draw_start));
+  SPLATVOL_TRY(draw({.sample_spacing = rung.sample_spacing}));
+  pacer_.add(counted(rung), choices, times_.draw.fragments, seconds_since(draw_start));
   return {};
 }
 
@@ -645,7 +681,7 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
   SPLATVOL_TRY_ASSIGN(rays, draw_rays());
   if (rays) {
     search.rays = std::move(rays->rays);
-    if (may_draw_exact(options_)) search.cells = rays->cells;
+    if (may_draw_cells()) search.cells = rays->cells;
   }
   ErrorControl control(max_error, std::move(search));
   while (const auto& next = control.next()) {
@@ -663,20 +699,37 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
   return ErrorSearch{control.estimate(), control.tried(), control.pictures(), control.learned()};
 }
 
-Result<std::vector<std::uint64_t>> Player::draw_at_pace(double seconds) {
+Result<std::vector<Rung>> Player::draw_at_pace(double seconds) {
   SPLATVOL_TRY(check_time(seconds));
-  constexpr int most_frames = 8;
+  constexpr std::size_t most_pictures = 12, most_leaps = 3;
   const Call call(*this);
-  FramePacer pacer(seconds);
-  std::vector<std::uint64_t> splats;
-  for (int i = 0; i < most_frames; ++i) {
-    SPLATVOL_TRY(draw_frame({.detail = {.goal = ErrorGoal{0, pacer.splats()}}}));
-    SPLATVOL_TRY(draw_again());
-    splats.push_back(frame_->splats);
-    if (pacer.is_near(times_.frame)) break;
-    pacer.add(frame_->splats, times_.frame);
+  const int widest_spacing = options_.drawing.sample_spacing.value_or(widest_samples_in_a_time);
+  Pacer pacer(seconds);
+  std::vector<Rung> drawn;
+  while (drawn.size() < most_pictures) {
+    // The first picture tells how fast the machine is.
+    SPLATVOL_TRY_ASSIGN(choices, this->choices(may_draw_cells() && !drawn.empty(), widest_spacing));
+    if (choices.cells && pacer.fits({0, choices.widest_spacing}, choices)) SPLATVOL_TRY(hold_cells());
+    if (!holds_cells()) choices.cells.reset();
+    if (drawn.size() < most_leaps) pacer.leap();
+    const Rung rung = pacer.next(choices);
+    if (!drawn.empty() && rung == drawn.back()) break;
+    double fragments = 0;
+    if (rung.is_exact()) {
+      const Status exact = draw_exact({}, rung.sample_spacing);
+      if (!exact && exact.error().code == ErrorCode::unsupported) continue;
+      SPLATVOL_TRY(exact);
+      SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
+    } else {
+      is_nudged_ = true;  // so that the second picture is of the view itself
+      SPLATVOL_TRY(draw_frame({.detail = detail_of(rung)}, {.sample_spacing = rung.sample_spacing}));
+      SPLATVOL_TRY(draw_again());
+      fragments = times_.draw.fragments;
+    }
+    drawn.push_back(rung);
+    pacer.add(rung, choices, fragments, times_.frame);
   }
-  return splats;
+  return drawn;
 }
 
 Status Player::draw_again() {

@@ -15,7 +15,7 @@
 #include "base/error.h"
 #include "format/steps.h"
 #include "player/error_control.h"
-#include "player/frame_pacer.h"
+#include "player/pacer.h"
 #include "renderer/cpu/cells.h"
 #include "renderer/device/device.h"
 #include "renderer/rasterizer.h"
@@ -164,6 +164,10 @@ class Player {
   /// surfaces or slices.
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths);
 
+  /// Returns the rung that the last frame of splats counts as for Pacer, if `rung` was asked for. Of a complete frame
+  /// counts what was allowed: the next finer cut may have many times as many splats.
+  [[nodiscard]] Rung counted(const Rung& rung) const;
+
   /// Returns a scene that fits the data; for the best attribute if `attribute` is empty.
   [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute = "", const FirstPicture& picture = {}) const;
 
@@ -194,9 +198,9 @@ class Player {
   ///
   /// - An error: draws picture after picture, each with all of its parts, until one has it, or the finest that the file
   ///   and the budgets have. Looks for the fewest splats, unless nothing was asked (ErrorControl::Search).
-  /// - Milliseconds: draws as many splats as the device can in the time. They are of parts that are there or come in
-  ///   time. Learns the device's speed from call to call, so that the first calls may take longer, or do less. Waits
-  ///   for the coarsest parts, whatever their time.
+  /// - Milliseconds: draws the rung of Pacer's ladder that the device has time for: cells only if they are held. Splats
+  ///   are of parts that are there or come in time. Learns the device's speed from call to call, so that the first
+  ///   calls may take longer, or do less. Waits for the coarsest parts, whatever their time.
   /// - Else: waits for all parts, and fails if one cannot be read.
   ///
   /// `progress` is called with the share of an exact picture that is done, in [0, 1]. Fails as check_quality and
@@ -208,9 +212,14 @@ class Player {
   /// and where PlayerOptions::drawing tells how to draw them. Contours are exact, whatever the work.
   [[nodiscard]] Result<ChosenQuality> default_quality();
 
-  /// Finds how many splats can be drawn in `seconds`, in a few frames. Returns the splats of each. Fails unless
-  /// `seconds` is finite and above 0.
-  [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds);
+  /// Finds what can be drawn in `seconds`, in a few pictures with all of their parts. Reads all cells if there may be
+  /// time for them. Returns the rungs that were drawn, the picture's at the end. Fails unless `seconds` is finite and
+  /// above 0.
+  [[nodiscard]] Result<std::vector<Rung>> draw_at_pace(double seconds);
+
+  /// Returns what the view has for Pacer. `with_cells`: estimates cells, and offers them if they can be drawn.
+  /// `widest_spacing`: of samples, unless PlayerOptions::drawing has a wider one. With surfaces or slices it is 1.
+  [[nodiscard]] Result<Choices> choices(bool with_cells, int widest_spacing = widest_samples_in_a_time);
 
   /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. `progress` is
   /// called with the share that is done, in [0, 1]. `sample_spacing`: as in DrawOptions; with surfaces 1. Fails if the
@@ -296,6 +305,7 @@ class Player {
   [[nodiscard]] std::vector<Surface> surfaces_of_all_steps() const;
   [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
   [[nodiscard]] Status draw_within(double seconds);
+  [[nodiscard]] bool may_draw_cells() const;
 
   // Exact rays, and the work of an exact picture.
   struct DrawnRays {
@@ -328,6 +338,7 @@ class Player {
   std::unique_ptr<Rasterizer> rasterizer_;
   CellRasterizer cell_rasterizer_;
   std::shared_ptr<const KeptCells> kept_cells_;          // of the streamer's volume; null: none was needed yet
+  std::weak_ptr<const KeptCells> thin_cells_;            // those that were too thin to be drawn
   std::shared_ptr<const FileCells> cells_;               // of these, in the view that asked last
   std::shared_ptr<const SurfaceDepths> surface_depths_;  // of another program
   std::vector<Surface> surfaces_;                        // of the scene
@@ -343,7 +354,7 @@ class Player {
   DrawOptions draw_options_;  // of the last frame
   int sample_spacing_ = 1;
   PlayerTimes times_;
-  FramePacer pacer_{1};
+  Pacer pacer_{1};
 
   std::mutex stop_mutex_;
   std::stop_source stop_;  // of the call in progress

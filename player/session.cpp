@@ -133,10 +133,6 @@ constexpr double fade_seconds = 0.2;
 // The first picture at rest for an error has at least so many splats: it costs little.
 constexpr std::uint64_t least_first_splats = std::uint64_t{1} << 13;
 
-// With surfaces or slices, a moving picture has at least so many splats. Fewer are no faster: each is larger, and
-// surfaces are compared with each of its pixels.
-constexpr std::uint64_t least_among_surfaces = std::uint64_t{1} << 15;
-
 // Pixels between samples of the first exact picture at rest.
 constexpr int coarsest_exact_spacing = 4;
 
@@ -145,16 +141,6 @@ constexpr double longest_wait_seconds = 2;
 
 // Longest wait of one frame for the first picture of a step.
 constexpr double step_wait_seconds = 0.02;
-
-SamplePacer::Work work_of(const ExactPicture& estimate) { return {estimate.tetrahedra, estimate.segments}; }
-
-// Returns the sample spacing while something moves, for a picture of this many splats. It is three times as wide as one
-// that loses nothing: in the same time, many small splats make a better picture than a few sharp ones.
-int moving_sample_spacing(const View& view, std::uint64_t splats) {
-  const double covered =
-      std::min(view.width, view.height) / std::cbrt(static_cast<double>(std::max<std::uint64_t>(splats, 1)));
-  return std::clamp(static_cast<int>(covered / 4), 1, 6);
-}
 
 }  // namespace
 
@@ -569,21 +555,28 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   if (!moves && asked_step_) return {};                       // the picture stays
   if (!moves && !refinement_) begin_rest();
   if (!moves && refinement_->is_done()) return exact_spacing_ > 0 ? begin_exact() : begin_making_ready();
-  if (moves && !awaits_step_) {
-    SPLATVOL_TRY_ASSIGN(is_exact, draw_moving_exact());
-    if (is_exact) return {};
+  Choices choices;
+  Rung rung;
+  if (moves) {
+    if (has_surfaces()) SPLATVOL_TRY(player_->set_scene(half_as_large(used_scene_)));
+    SPLATVOL_TRY_SET(choices, moving_choices());
+    rung = pacer_.next(choices);
+    if (rung.is_exact()) {
+      if (draw_moving_exact(rung, choices)) return {};
+      choices.cells.reset();
+      rung = pacer_.next(choices);
+    }
   }
   FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
                        .change = moves ? 1 : std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
   if (moves)
-    request.detail.goal = ErrorGoal{0, std::min(moving_splats(), player_->device_splats())};
+    request.detail.goal = ErrorGoal{0, rung.splats};
   else
     request.detail = refinement_->detail();
   DrawOptions options{.leaves_out_contours = true};  // they come at rest
   if (!moves && !awaits_step_ && can_draw_aside())
     return draw_aside([this, request, options] { return draw_splats(request, options); });
 
-  if (moves && has_surfaces()) SPLATVOL_TRY(player_->set_scene(half_as_large(used_scene_)));
   const double start = host_.now();
   SPLATVOL_TRY(player_->choose(request));
   note_frame();
@@ -591,12 +584,14 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   awaits_step_ = awaits_step_ && !frame()->progress.settled && awaited_seconds_ < longest_wait_seconds;
   if (awaits_step_) return {};  // the picture stays
   undrawn_seconds_ = 0;
-  if (moves) options.sample_spacing = std::max(moving_sample_spacing(view(), frame()->splats), finest_spacing());
+  if (moves) options.sample_spacing = rung.sample_spacing;
   SPLATVOL_TRY(player_->draw(options));
   took_seconds_ = host_.now() - start;
   note_drawn();
-  // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
-  if (moves) pacer_.add(request.detail.goal->max_splats, took_seconds_ - player_->times().surfaces);
+  if (moves) {
+    const PlayerTimes& times = player_->times();
+    pacer_.add(player_->counted(rung), choices, times.draw.fragments, took_seconds_ - times.surfaces);
+  }
   moving_is_drawn_ = moves && frame()->progress.settled;
   return moves || !frame()->progress.settled ? Status{} : finish_picture({});
 }
@@ -608,19 +603,13 @@ void Session::note_frame() {
 
 void Session::set_window_seconds(double seconds) {
   constexpr double frame_seconds = 1.0 / 60, reserve = 0.001, shortest = 0.004;
-  const double left = std::max(frame_seconds - reserve - seconds, shortest);
-  pacer_.set_seconds(left);
-  sample_pacer_.set_seconds(left);
+  pacer_.set_seconds(std::max(frame_seconds - reserve - seconds, shortest));
 }
 
 // Whether surfaces were in the last picture. An exact one does not tell.
 bool Session::has_surfaces() const {
   if (!player_->exact()) return player_->has_drawn_surfaces();
-  return !used_scene_.surfaces.empty() || !used_scene_.slices.empty();
-}
-
-std::uint64_t Session::moving_splats() const {
-  return has_surfaces() ? std::max(pacer_.splats(), least_among_surfaces) : pacer_.splats();
+  return std::ranges::any_of(used_scene_.surfaces, &SceneSurface::shown) || !used_scene_.slices.empty();
 }
 
 void Session::note_drawn() {
@@ -719,23 +708,24 @@ Status Session::draw_exact() {
   return drawn;
 }
 
-// Draws an exact picture of something that moves, with samples some pixels apart. Returns false if there is no time, or
-// cells would have to be read: then splats move.
-Result<bool> Session::draw_moving_exact() {
-  const bool has_layers = !used_scene_.surfaces.empty() || !used_scene_.slices.empty();
-  if (first_exact_spacing() == 0 || has_layers || !player_->holds_cells()) return false;
-  SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
-  if (estimate.unknown_cells > 0 || estimate.segments > most_segments()) return false;
-  const SamplePacer::Work work = work_of(estimate);
-  const int affordable = sample_pacer_.spacing(work);
-  if (affordable == 0) return false;
-  const int spacing = std::max(affordable, finest_spacing());
+// Returns what can be drawn while something moves. Cells only if they need not be read; a step's first picture is of
+// splats.
+Result<Choices> Session::moving_choices() {
+  const bool may_be_exact = !awaits_step_ && first_exact_spacing() > 0 && player_->holds_cells();
+  SPLATVOL_TRY_ASSIGN(choices, player_->choices(may_be_exact));
+  if (choices.cells && choices.cells->segments > most_segments()) choices.cells.reset();
+  return choices;
+}
+
+// Draws an exact picture of something that moves. Returns false if it cannot: then splats move, and at rest the reason
+// is told.
+bool Session::draw_moving_exact(const Rung& rung, const Choices& choices) {
   undrawn_seconds_ = 0;
   const double start = host_.now();
-  if (!player_->draw_exact({}, spacing)) return false;  // at rest the reason is told
+  if (!player_->draw_exact({}, rung.sample_spacing)) return false;
   took_seconds_ = host_.now() - start;
   note_drawn();
-  sample_pacer_.add(work, spacing, draw_seconds_);
+  pacer_.add(rung, choices, 0, draw_seconds_);
   moving_is_drawn_ = true;
   return true;
 }
@@ -748,8 +738,8 @@ Status Session::begin_making_ready() {
 
 // Reads all cells if there is time to draw them while something moves. Probes need the splats of this view.
 Status Session::make_ready() {
-  SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
-  if (sample_pacer_.fits(work_of(estimate))) SPLATVOL_TRY(player_->hold_cells());
+  SPLATVOL_TRY_ASSIGN(choices, player_->choices(true));
+  if (choices.cells && pacer_.fits({0, choices.widest_spacing}, choices)) SPLATVOL_TRY(player_->hold_cells());
   if (!skips_splats_) return {};
   const double expected_error = quality_of_splats().max_error.value_or(0);
   return player_->choose({.detail = {.goal = ErrorGoal{expected_error, player_->device_splats()}}});
@@ -787,8 +777,8 @@ Status Session::finish_exact(const Status& drawn) {
   } else if (exact_spacing_ > 0) {
     note_drawn();
     if (player_->holds_cells()) {  // else its time is that of reading
-      SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
-      sample_pacer_.add(work_of(estimate), player_->sample_spacing(), draw_seconds_);
+      SPLATVOL_TRY_ASSIGN(choices, player_->choices(true));
+      if (choices.cells) pacer_.add({0, player_->sample_spacing()}, choices, 0, draw_seconds_);
     }
     exact_spacing_ = finer_exact_spacing();
   }

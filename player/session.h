@@ -16,11 +16,10 @@
 #include "format/steps.h"
 #include "format/volume.h"
 #include "pictures/page.h"
-#include "player/frame_pacer.h"
 #include "player/history.h"
+#include "player/pacer.h"
 #include "player/player.h"
 #include "player/progressive_refinement.h"
-#include "player/sample_pacer.h"
 #include "player/session_host.h"
 #include "renderer/rasterizer.h"
 #include "scene/scene.h"
@@ -306,7 +305,8 @@ class Session {
   [[nodiscard]] bool can_draw_aside() const;
   [[nodiscard]] Status draw_aside(std::function<Status()> draw);
   [[nodiscard]] Status draw_splats(const FrameRequest& request, const DrawOptions& options);
-  [[nodiscard]] Result<bool> draw_moving_exact();
+  [[nodiscard]] bool draw_moving_exact(const Rung& rung, const Choices& choices);
+  [[nodiscard]] Result<Choices> moving_choices();
   [[nodiscard]] Quality quality_of_splats() const;
   [[nodiscard]] std::uint64_t most_segments() const;
   [[nodiscard]] int finest_spacing() const;
@@ -325,7 +325,6 @@ class Session {
   void interrupt_drawing();
   void note_frame();
   void stop_drawing();
-  [[nodiscard]] std::uint64_t moving_splats() const;
   void note_drawn();
   [[nodiscard]] Status finish_picture(std::optional<Image> drawn);
   [[nodiscard]] Status encode_picture();
@@ -385,9 +384,8 @@ class Session {
   bool moving_is_drawn_ = false;  // the picture of a movement is that of the present scene, and complete
   Status failure_;                // of the last draw
   double still_seconds_ = 0;      // since the scene changed last
-  FramePacer pacer_{0.011};       // of pictures while something moves
+  Pacer pacer_{0.011};            // of pictures while something moves
   std::optional<ProgressiveRefinement> refinement_;  // at rest
-  SamplePacer sample_pacer_;                         // of exact pictures while something moves
   int exact_spacing_ = 0;          // of samples in the next exact picture, after splats; 0: there is none
   bool skips_splats_ = false;      // exact pictures follow those of the movement
   bool is_to_make_ready_ = false;  // for exact pictures while something moves; after those at rest

@@ -7,7 +7,7 @@ namespace splatvol {
 
 /// Nanoseconds of one splat, fragment and so on, on two cores of one machine. `tile_bench --fit` measures them, and a
 /// person writes them here. Every machine chooses by these numbers, so that all draw the same picture. Estimates of
-/// single pictures are a factor of 1.2 off in the geometric mean, and at most 1.8.
+/// single pictures are a factor of 1.2 off in the geometric mean, and at most about 2.
 namespace nanoseconds {
 inline constexpr double of_picture = 130000;  // of splats, besides
 inline constexpr double of_splat = 87;

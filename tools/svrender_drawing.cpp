@@ -221,7 +221,7 @@ Result<std::vector<Error>> draw_pictures(const RenderOptions& options, const Com
                                : draw_movement(options, composition, drawn, timings);
   std::vector<Error> errors;
   if (options.quality.milliseconds) {
-    SPLATVOL_TRY_SET(timings.pacing, drawn.player->draw_at_pace(1e-3 * *options.quality.milliseconds));
+    SPLATVOL_TRY_SET(timings.rungs, drawn.player->draw_at_pace(1e-3 * *options.quality.milliseconds));
     timings.add(drawn.player->times());
     return errors;
   }

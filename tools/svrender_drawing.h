@@ -37,7 +37,7 @@ struct Timings {
   std::vector<ProgressFrame> progress;
   std::vector<PathFrame> path;
   std::vector<StepFrame> steps;
-  std::vector<std::uint64_t> pacing;  // splats of the frames that --milliseconds tried
+  std::vector<Rung> rungs;  // that --milliseconds tried; at the end that of the picture
   double first_image = 0;
   double fetch = 0;
   double upload = 0;

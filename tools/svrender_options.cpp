@@ -93,8 +93,9 @@ void add_detail_options(CommandLine& app, RenderOptions& options) {
                      ->excludes(max_error);
   auto* milliseconds =
       app.add_option("--milliseconds", options.quality.milliseconds,
-                     "Time to draw a frame: like --splats, with the number that can be drawn in this time; the program "
-                     "draws a few frames to find it")
+                     "Time to draw a frame: the best of splats and cells, with samples up to 4 pixels apart, that can "
+                     "be drawn in this time; the program draws a few pictures to find it, and tells the options that "
+                     "draw it again")
           ->check(check_positive)
           ->excludes(tolerance)
           ->excludes(resolution)
@@ -124,7 +125,7 @@ void add_drawing_options(CommandLine& app, RenderOptions& options) {
   app.add_option("--sampling", options.sampling,
                  "Pixels from one sample of the picture to the next, 1 to 64; the rest is interpolated. auto: a "
                  "twelfth of what the tolerance lets a splat cover, at most 6; with --max-error up to 4, as far as the "
-                 "error holds; else 1")
+                 "error holds; with --milliseconds up to 4; else 1")
       ->type_name("PIXELS")
       ->check(check_sampling)
       ->default_str("auto")

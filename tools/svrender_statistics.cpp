@@ -51,18 +51,27 @@ void add_frames(const Timings& timings, json& document) {
     document["path_frames"].push_back({{"splats", drawn.splats}, {"fading", drawn.fading}, {"step", drawn.change}});
 }
 
+// The options that draw the picture of a rung again.
+std::string options_of(const Rung& rung) {
+  const std::string what = rung.is_exact() ? "--exact" : fmt::format("--splats {}", rung.splats);
+  return fmt::format("{} --sampling {}", what, rung.sample_spacing);
+}
+
+void add_rungs(const Drawn& drawn, const Timings& timings, json& document) {
+  if (timings.rungs.empty()) return;
+  document["milliseconds"] = *drawn.chosen.quality.milliseconds;
+  document["rung"] = options_of(timings.rungs.back());
+  for (const Rung& rung : timings.rungs) document["rungs_tried"].push_back(options_of(rung));
+}
+
 // The detail that was asked for and the detail that the budgets allowed.
-void add_detail(const Drawn& drawn, const Timings& timings, json& document) {
+void add_detail(const Drawn& drawn, json& document) {
   const Detail& asked = drawn.player->request().detail;
   const Detail& detail = drawn.player->frame()->detail;
   if (detail.goal) {
     const Quality& quality = drawn.chosen.quality;
     if (quality.max_error) document["max_error"] = *quality.max_error;
     if (quality.max_splats) document["max_splats"] = *quality.max_splats;
-    if (quality.milliseconds) {
-      document["milliseconds"] = *quality.milliseconds;
-      document["splats_while_pacing"] = timings.pacing;
-    }
     document["effective_max_splats"] = detail.goal->max_splats;
   } else {
     document["tolerance"] = asked.tolerance_percent;
@@ -133,8 +142,9 @@ std::string statistics_text(const RenderOptions& options, const Drawn& drawn, co
   document["seconds"] = seconds_of(timings);
   document["first_image_seconds"] = timings.first_image;
   add_frames(timings, document);
+  add_rungs(drawn, timings, document);
   if (!drawn.player->exact())
-    add_detail(drawn, timings, document);
+    add_detail(drawn, document);
   else if (drawn.search)
     document["max_error"] = *drawn.chosen.quality.max_error;
   if (drawn.search) document.update(statistics_of(*drawn.search));
@@ -142,11 +152,14 @@ std::string statistics_text(const RenderOptions& options, const Drawn& drawn, co
 }
 
 void print_summary(const RenderOptions& options, const Drawn& drawn, const Timings& timings) {
+  if (!timings.rungs.empty()) print_out("{}: the picture of {}\n", options.written(), options_of(timings.rungs.back()));
   const Scene& scene = drawn.player->scene();
   const Streamer& streamer = drawn.player->streamer();
   if (const auto& exact = drawn.player->exact()) {
-    print_out("{}: {} x {} pixels, exact, {} segments in {} chunks of cells, {} of {} bytes read, {:.3f} s\n",
-              options.written(), scene.width, scene.height, exact->segments, exact->chunks,
+    const int spacing = drawn.player->sample_spacing();
+    const std::string samples = spacing > 1 ? fmt::format("samples {} pixels apart", spacing) : "exact";
+    print_out("{}: {} x {} pixels, {}, {} segments in {} chunks of cells, {} of {} bytes read, {:.3f} s\n",
+              options.written(), scene.width, scene.height, samples, exact->segments, exact->chunks,
               streamer.volume().bytes_read(), streamer.volume().file_bytes(), timings.first_image);
     if (drawn.search) print_estimate(options, drawn);
     return;

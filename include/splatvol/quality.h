@@ -31,8 +31,7 @@ struct Quality {
   /// Draws the cells of a file that keeps them exactly, by the processor, and no splats.
   bool exact = false;
 
-  /// The best picture that can be there by then. How many splats a device draws in the time is learned from picture to
-  /// picture.
+  /// The best picture that can be there by then. How fast the device is, is learned from picture to picture.
   std::optional<double> milliseconds = {};
 
   [[nodiscard]] bool operator==(const Quality&) const = default;

@@ -310,6 +310,30 @@ TEST_F(ExactPictures, ReadWhatContoursAndSlicesNeed) {
   EXPECT_LT(of_slice, whole);
 }
 
+// Cells that need not be read are the end of the ladder, if nobody asks for splats of a kind.
+TEST_F(ExactPictures, AreDrawnWhereThereIsMuchTime) {
+  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  const auto is_exact = [&](bool holds, const Drawing& drawing) {
+    const auto player = open("m.svol", {.drawing = drawing});
+    if (holds) {
+      EXPECT_EQ(test::message_of(player->hold_cells()), "");
+    }
+    for (int i = 0; i < 5; ++i) EXPECT_TRUE(player->draw_picture({.milliseconds = 1e6}));
+    if (player->exact()) {
+      EXPECT_EQ(player->sample_spacing(), drawing.sample_spacing.value_or(1));
+      EXPECT_EQ(test::value_of(player->image()).pixels, drawn(*player).pixels);
+    } else {
+      EXPECT_TRUE(player->frame()->finest);
+    }
+    return player->exact().has_value();
+  };
+  EXPECT_TRUE(is_exact(true, {}));
+  EXPECT_TRUE(is_exact(true, {.sample_spacing = 3}));
+  EXPECT_FALSE(is_exact(false, {}));
+  EXPECT_FALSE(is_exact(true, {.kernel = KernelKind::moments}));
+  EXPECT_FALSE(is_exact(true, {.sort = SortMode::axis}));
+}
+
 TEST_F(ExactPictures, HaveTheSlicesOfTheMesh) {
   test::build_mesh(mesh_, waves, path("m.svol"), exact());
   const auto player = open("m.svol");

@@ -159,5 +159,64 @@ TEST_F(RecordedSession, PlaysSteps) {
   EXPECT_GT(difference(stopped.at_rest, played.at_rest), 0.01);
 }
 
+// A clock that goes on by the time of the last picture, whenever somebody looks.
+class SlowingHost final : public InlineHost {
+ public:
+  [[nodiscard]] double now() const override {
+    if (session && session->exact())
+      seconds_ += 0.01 * slower;
+    else if (session && session->frame())
+      seconds_ += 2e-7 * slower * static_cast<double>(session->frame()->splats);
+    return seconds_;
+  }
+
+  const Session* session = nullptr;
+  double slower = 1;
+
+ private:
+  mutable double seconds_ = 0;
+};
+
+// At first there is time for an exact picture of what moves, and then no more.
+TEST_F(RecordedSession, ASlowerMachineShowsNearlyAsManySplats) {
+  test::build_mesh(test::lattice(32), [](dvec3 p) { return std::sin(5 * p.x) + p.y; }, path("m.svol"),
+                   {.keep_cells = true});
+  ViewSettings settings;
+  settings.device = Device::cpu;
+  settings.in_current_context = false;
+  SlowingHost host;
+  const auto session = test::value_of(Session::open(path("m.svol"), "", settings, host));
+  host.session = session.get();
+  do EXPECT_EQ(test::message_of(session->draw(width, height, 1)), "");
+  while (!session->is_settled());
+  const auto move = [&] {
+    session->scene.camera.position += dvec3(0.001);
+    EXPECT_EQ(test::message_of(session->draw(width, height, 0.016)), "");
+  };
+  for (int frame = 0; frame < 10; ++frame) move();
+  ASSERT_TRUE(session->exact());
+
+  host.slower = 4.0 / 3;
+  for (int frame = 0; session->exact(); ++frame) {
+    ASSERT_LT(frame, 9) << "it takes too long for each picture";
+    move();
+  }
+  for (int frame = 0; frame < 20; ++frame) {
+    EXPECT_GT(session->frame()->splats, session->info().point_count() / 2) << frame;
+    move();
+    EXPECT_LT(session->draw_seconds(), 0.0165) << frame;
+  }
+
+  host.slower = 4;
+  const auto allowed = [&] { return session->frame()->detail.goal->max_splats; };
+  for (int frame = 0; frame < 20; ++frame) {
+    const std::uint64_t before = allowed();
+    move();
+    EXPECT_GE(2.1 * static_cast<double>(allowed()), before) << frame << ": two rungs are half of the splats";
+  }
+  EXPECT_LT(session->draw_seconds(), 0.0165);
+  EXPECT_GT(session->frame()->splats, session->info().point_count() / 6);
+}
+
 }  // namespace
 }  // namespace splatvol
