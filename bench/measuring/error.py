@@ -1,7 +1,7 @@
 """Measures whether svrender --max-error keeps its word; prints a table for docs/accuracy.md.
 
-Compares pictures of --max-error with exact ones, and their splats with the fewest that --splats needs for the same
-error. Needs Python's standard library only.
+Compares pictures of --max-error with exact ones, and on request their splats with the fewest that --splats needs for
+the same error. Needs Python's standard library only.
 """
 
 import json
@@ -58,25 +58,44 @@ class View:
         return None
 
 
+def view_of(programs, work, names):
+    """Returns a view; that of a mesh has a scene that fits the data."""
+    if "," in names:
+        return View(programs, work, *names.split(","))
+    made = Path(work) / Path(names).stem
+    file, scene, truth = (made.with_suffix(suffix) for suffix in (".svol", ".json", ".exr"))
+    output_of(programs / "svbuild", names, "-o", file)
+    output_of(programs / "svinfo", file, "--scene", scene)
+    output_of(programs / "svtruth", names, "--scene", scene, "--size", "512x512", "-o", truth)
+    document = json.loads(scene.read_text())
+    document["image"] = {"width": 512, "height": 512}
+    scene.write_text(json.dumps(document))
+    return View(programs, work, file, scene, truth)
+
+
 def add_options(parser):
-    parser.add_argument("views", nargs="+", help="FILE.svol,SCENE.json,EXACT.exr")
+    parser.add_argument("views", nargs="+", help="FILE.svol,SCENE.json,EXACT.exr, or a mesh")
     add_programs(parser)
+    parser.add_argument("--fewest", action="store_true", help="compares with the fewest splats of an error; takes long")
     parser.add_argument("--errors", nargs="+", type=float, default=[0.02, 0.01, 0.005, 0.0025])
 
 
 def run(options):
-    titles = ["view", "wanted", "error", "of the wanted", "estimated", "splats", "of the fewest", "pictures"]
+    titles = ["view", "wanted", "error", "of the wanted", "estimated", "drawn", "samples", "of the fewest", "pictures"]
     print("\n".join(table_head(*titles, "ms to find", "ms of a frame")))
     with tempfile.TemporaryDirectory(prefix="svbench-") as work:
         for names in options.views:
-            view = View(options.programs, work, *names.split(","))
+            view = view_of(options.programs, work, names)
             for wanted in options.errors:
                 stats, error = view.draw("--max-error", wanted)
-                fewest = view.fewest(wanted)
-                of_fewest = f"{stats['splats'] / fewest:.2f}" if fewest else "not in reach"
+                of_fewest = "-"
+                if options.fewest and not stats.get("exact"):
+                    fewest = view.fewest(wanted)
+                    of_fewest = f"{stats['splats'] / fewest:.2f}" if fewest else "not in reach"
                 print(
                     f"| {Path(view.scene).stem} | {wanted:g} | {error:.5f} | {error / wanted:.2f} "
-                    f"| {stats.get('estimated_error', stats['expected_error']):.5f} | {stats['splats']} | {of_fewest} "
+                    f"| {stats['estimated_error']:.5f} | {'cells' if stats.get('exact') else stats['splats']} "
+                    f"| {stats['sample_spacing']} | {of_fewest} "
                     f"| {stats.get('pictures_for_error', 1)} | {1000 * stats['first_image_seconds']:.0f} "
                     f"| {1000 * stats['seconds']['frame']:.0f} |",
                     flush=True,

@@ -217,19 +217,39 @@ class Cells(Splats):
         return {name: stats[name] for name in ("sample_spacing", "bytes_read", "file_bytes")}
 
 
-class ByDefault(Splats):
-    """svrender with no option but the error of a peer's picture. The peer starts first."""
+# Asked for without another option.
+ERRORS = (0.005, 0.0025)
 
-    def __init__(self, bench, view, peer):
-        super().__init__(bench, view, bench.scene(view), bench.truth(view), Setting("moments"))
-        self.peer = peer
-        self.row = {"part": "default", "view": view, "mesh": mesh_of(view), "kernel": "moments"}
+
+class ByError(Cells):
+    """svrender with no option but an error."""
+
+    def __init__(self, bench, view, error):
+        super().__init__(bench, view)
+        self.error = error
+        self.row |= {"part": "error", "kernel": "moments"}
 
     def arguments(self):
-        return ["--max-error", self.peer.row["rmse"]]
+        return ["--max-error", self.error]
 
     def first_picture(self, exr):
-        return {"max_error": self.peer.row["rmse"], **super().first_picture(exr)}
+        stats = self.draw(exr, 1)
+        # A picture of cells has no splats.
+        names = ("sample_spacing", "splats", "bytes_read", "file_bytes")
+        return {"max_error": self.error, **{name: stats[name] for name in names if name in stats}}
+
+
+class ByDefault(ByError):
+    """The same with the error of a peer's picture. The peer starts first."""
+
+    def __init__(self, bench, view, peer):
+        super().__init__(bench, view, None)
+        self.peer = peer
+        self.row |= {"part": "default"}
+
+    def first_picture(self, exr):
+        self.error = self.peer.row["rmse"]
+        return super().first_picture(exr)
 
 
 class Exact(Contender):
@@ -320,6 +340,7 @@ def measure_view(bench, view, finest, points, note):
     bench.picture_of(f"{view}-exact", truth, contenders[0].background)
     with ExitStack() as stack:
         contenders += [Cells(bench, view), Exact(bench, view)]
+        contenders += [ByError(bench, view, error) for error in ERRORS]
         if "peers" in bench.extras:
             process = stack.enter_context(peers.Peers(bench.mesh(mesh_of(view)), scene))
             contenders += [Peer(bench, view, kind, process) for kind in peers.KINDS]
