@@ -77,9 +77,9 @@ void add_detail_options(CommandLine& app, RenderOptions& options) {
   auto* max_error =
       app.add_option(
              "--max-error", options.quality.max_error,
-             fmt::format("Error of the picture (root mean square of linear RGB): draws about the fewest splats that "
-                         "reach it, which it finds by comparing pictures. Without any of these options: finer and "
-                         "finer pictures up to an error of {}",
+             fmt::format("Error of the picture (root mean square of linear RGB): draws splats or the file's cells, "
+                         "with the least work that reaches it. It tries a few pictures, and measures their errors. "
+                         "Without any of these options: an exact picture, or finer and finer ones up to an error of {}",
                          default_max_error))
           ->type_name("RMSE")
           ->check(check_positive)

@@ -18,7 +18,7 @@ int main(int argc, char** argv) {
   if (!scene) return fail(scene.error());
   if (const auto set = renderer->set_scene(*scene); !set) return fail(set.error());
 
-  // The fewest splats that keep the error below 0.2 %.
+  // What is quickest with an error of at most 0.2 %.
   const auto image = renderer->render({.max_error = 0.002});
   if (!image) return fail(image.error());
   const auto written = splatvol::write_image(argv[2], *image, scene->background, {{"Title", scene->attribute}});
