@@ -51,7 +51,6 @@ class ByteSource {
   return path_or_url.starts_with("http://") || path_or_url.starts_with("https://");
 }
 
-/// Returns the folder of a file.
 [[nodiscard]] std::string folder_of(const std::string& path);
 
 /// Opens a regular file for positional reads.

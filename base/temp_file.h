@@ -20,7 +20,6 @@ class TempFile {
   TempFile& operator=(TempFile&& other) noexcept;
   ~TempFile();
 
-  /// Appends bytes at the end.
   [[nodiscard]] Status append(std::span<const std::byte> bytes);
 
   /// Fills `out` with the bytes at `offset`. Fails unless all of them exist.

@@ -198,7 +198,6 @@ Status CellReader::check_tiling() const {
   return next == end ? Status{} : untiled();
 }
 
-// Where the chunks of a page end.
 std::uint64_t CellReader::chunks_end_of(std::size_t page) const {
   return page + 1 < pages_.size() ? pages_[page + 1].chunks_offset : pages_.front().offset;
 }

@@ -90,7 +90,6 @@ Status check_table(const IndexPageRef& ref, std::span<const std::byte> front, co
   return {};
 }
 
-// Reads one node, and appends it to the page.
 Status read_node(StructureReader& reader, std::uint64_t links_end, std::string_view what, IndexPage& page) {
   NodeArrays& nodes = page.nodes;
   const NodeShape shape = nodes.shape;

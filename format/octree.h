@@ -1,7 +1,6 @@
 // The index of a .svol file: an octree in pages, without the points (spec/svol-1.md, section 6).
 #pragma once
 
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <functional>

@@ -37,7 +37,6 @@ class Volume::Verifier {
     return check_chunks(pages);
   }
 
-  /// Checks the rest.
   Status run_rest(const CheckedValues& values) {
     SPLATVOL_TRY(check_parts());
     SPLATVOL_TRY(check_rows(0));
@@ -328,7 +327,6 @@ class Volume::Verifier {
 
   static std::vector<Contents> positions_only() { return {Contents{}}; }
 
-  // Checks the nodes' `contents` and all values.
   Status check_nodes_and_values(const CheckedValues& values, std::vector<Contents> contents) const {
     SPLATVOL_TRY(check_counted_values(values));
     for (int attribute = 0; attribute < static_cast<int>(info_.attributes.size()); ++attribute) {

@@ -1,7 +1,6 @@
 // Reads a .svol file part by part (spec/svol-1.md). Holds the preamble, and reads everything else on demand.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>

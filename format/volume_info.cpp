@@ -252,7 +252,6 @@ Result<VolumeInfo> read_info(const JsonField& root) {
   return info;
 }
 
-// Reads a text by `read`.
 template <class Read>
 auto read_metadata(const std::string& text, const Read& read) -> std::invoke_result_t<Read, JsonField> try {
   auto info = read_json(text, read, max_nesting);

@@ -50,9 +50,7 @@ MeshBuildReport report_of(const BuildReport& built, std::vector<std::string> con
 }
 
 SourceOptions source_options_of(const MeshBuildOptions& options) {
-  SourceOptions result;
-  result.cells = options.own_cells ? CellValues::own : CellValues::averaged;
-  result.missing = options.missing;
+  SourceOptions result{.cells = options.own_cells ? CellValues::own : CellValues::averaged, .missing = options.missing};
   return result;
 }
 

@@ -7,7 +7,6 @@
 #include <stop_token>
 #include <thread>
 #include <type_traits>
-#include <utility>
 
 namespace splatvol {
 

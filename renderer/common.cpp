@@ -73,8 +73,7 @@ Result<OpacityTable> make_opacity_table(const TransferFunction* opacity, const D
 }
 
 StoredAxis stored_axis(const TransferFunction& function, double value_offset, double value_scale) {
-  StoredAxis axis;
-  axis.zero = nearest_float(-value_offset / value_scale);
+  StoredAxis axis{.zero = nearest_float(-value_offset / value_scale)};
   double low = (function.lo - value_offset) / value_scale;
   double width = (function.hi - function.lo) / value_scale;
   if (function.axis == ValueAxis::log) {

@@ -1,7 +1,6 @@
 #include "sampler/cell_tetrahedra.h"
 
 #include <cmath>
-#include <limits>
 #include <utility>
 
 namespace splatvol {

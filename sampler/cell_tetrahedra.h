@@ -93,7 +93,6 @@ class CellTetrahedra {
       const std::function<bool(const Box&)>& meets,
       const std::function<bool(const format::ValueSummary&)>& shows = {}) const;
 
-  /// Reads a chunk.
   [[nodiscard]] Result<Tetrahedra> read(const format::CellChunkEntry& entry) const;
 
   /// Reads chunks on several threads: calls work(entry, tetrahedra, part) with a new `Part` for each, and then

@@ -1,4 +1,3 @@
-#include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
@@ -464,7 +463,6 @@ std::string text_of(const nlohmann::ordered_json& document, int indent = 1) {
   return json_text(document, indent) + (indent < 0 ? "" : "\n");
 }
 
-// Reads a text by `read`.
 template <class Read>
 auto parse(const std::string& text, const Read& read) -> std::invoke_result_t<Read, JsonField> try {
   return read_json(text, read);

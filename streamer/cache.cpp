@@ -1,6 +1,5 @@
 #include "streamer/cache.h"
 
-#include <iterator>
 #include <ranges>
 #include <utility>
 #include <vector>

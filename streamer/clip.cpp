@@ -116,7 +116,6 @@ Reach reach_of(const DrawRange& range, std::span<const MomentsShape> shapes) {
 
 Reach reach_of(const DrawRange& range, std::span<const OctantShape> shapes) { return {centers_of(range, shapes), 0}; }
 
-// The splats of a range, in numbers.
 std::vector<MomentsSplat> unpacked(const DrawRange& range, std::span<const MomentsShape> /*shapes*/) {
   std::vector<MomentsSplat> splats;
   for (std::uint32_t i = 0; i < range.count; ++i) splats.push_back(unpack(range.row, range.begin + i));
@@ -129,7 +128,6 @@ std::vector<OctantSplat> unpacked(const DrawRange& range, std::span<const Octant
   return splats;
 }
 
-// The opacity values of a range.
 OpacityValues opacity_of(const DrawRange& range) {
   const OpacityValues& whole = range.row.values->opacity();
   if (whole.records.empty()) return {};

@@ -116,12 +116,10 @@ struct Cut {
   [[nodiscard]] bool operator==(const Cut& other) const;
 };
 
-/// Supplies index pages.
 class IndexPages {
  public:
   virtual ~IndexPages() = default;
 
-  /// Returns the page of the root node.
   [[nodiscard]] virtual Result<std::shared_ptr<const format::IndexPage>> root() = 0;
 
   /// Returns the page that holds the children of `node`. Returns null if the page is not there yet and nobody should

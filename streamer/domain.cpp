@@ -35,15 +35,10 @@ SplatExtent extent_of(const RecordRow& row, std::uint32_t record) {
 // sqrt(3) deviations each way are exact for a splat that is a uniform box.
 Result<Box> find_domain(Streamer& streamer) {
   const Cube& cube = streamer.info().cube;
-  Camera camera;
-  camera.position = cube.origin + 4 * cube.edge;
-  camera.focal_point = cube.origin + 0.5 * cube.edge;
+  Camera camera{.position = cube.origin + 4 * cube.edge, .focal_point = cube.origin + 0.5 * cube.edge};
   SPLATVOL_TRY_ASSIGN(view, make_view(camera, 64, 64));
-  TransferFunction all;
-  all.colors = {{0, dvec3(1)}};
-  all.densities = {{0, 1}};
-  Detail detail;
-  detail.resolution = 0;
+  TransferFunction all{.colors = {{0, dvec3(1)}}, .densities = {{0, 1}}};
+  Detail detail{.resolution = 0};
   SPLATVOL_TRY_ASSIGN(coarsest, streamer.request(view, all, detail));
   Box domain;
   const double length = streamer.units().length;

@@ -1,7 +1,6 @@
 #include "streamer/step_prefetch.h"
 
 #include <algorithm>
-#include <iterator>
 #include <new>
 #include <utility>
 

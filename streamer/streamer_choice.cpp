@@ -130,11 +130,12 @@ Detail Streamer::first_detail(Detail detail) const {
 }
 
 CutOptions Streamer::cut_options(const Detail& detail, std::uint64_t max_bytes) {
-  CutOptions options{.detail = detail, .kernel = kernel_};
-  options.filled = &filled_;
-  options.kept_occlusion = &occlusion_;
-  options.max_choice_bytes = choice_bytes();
-  options.max_bytes = max_bytes;
+  CutOptions options{.detail = detail,
+                     .kernel = kernel_,
+                     .filled = &filled_,
+                     .kept_occlusion = &occlusion_,
+                     .max_choice_bytes = choice_bytes(),
+                     .max_bytes = max_bytes};
   return options;
 }
 

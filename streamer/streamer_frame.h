@@ -3,8 +3,6 @@
 
 #include <cstdint>
 #include <map>
-#include <optional>
-#include <tuple>
 #include <vector>
 
 #include "streamer/clip.h"

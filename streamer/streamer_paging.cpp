@@ -169,8 +169,7 @@ Result<Cut> Streamer::choose_coarsest() {
   struct CoarsestOnly final : Residency {
     bool holds(std::span<const PointRange> ranges) override { return ranges.size() == 1; }
   } coarsest;
-  Detail detail;
-  detail.tolerance_percent = std::numeric_limits<double>::infinity();
+  Detail detail{.tolerance_percent = std::numeric_limits<double>::infinity()};
   return select_resident_cut(info(), *pager_, coarsest, target_->view, target_->visibility,
                              cut_options(detail, coarsest_cut_bytes()));
 }

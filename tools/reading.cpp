@@ -41,9 +41,7 @@ void add_reading_options(CommandLine& app, ReadingOptions& options) {
 }
 
 Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, unsigned threads) {
-  ReaderProcessOptions of_process;
-  of_process.program = find_program("splatvol-read");
-  of_process.memory = memory_limit() / 4 * 3;
+  ReaderProcessOptions of_process{.program = find_program("splatvol-read"), .memory = memory_limit() / 4 * 3};
   if (!options.memory.empty()) {
     SPLATVOL_TRY(store(parse_bytes(options.memory), of_process.memory));
   }

@@ -72,7 +72,6 @@ constexpr double most_turned_volume = 1e-4;    // of the mesh's volume, without 
 
 using StageTimes = std::vector<std::pair<std::string, double>>;  // seconds of each stage
 
-// The bar of the present stage.
 class StageBar {
  public:
   explicit StageBar(std::uint64_t points) : points_(points) {}

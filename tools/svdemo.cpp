@@ -1,9 +1,7 @@
 // svdemo: the demo's input: a knotted vortex on a mesh that is fine where the flow varies, and a scene that shows it.
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <span>
 #include <utility>
 
 #include "base/file.h"

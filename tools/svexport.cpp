@@ -102,26 +102,27 @@ Result<json> export_voxels(const format::Volume& volume, const format::SplatSele
               {"renamed", report.renamed}};
 }
 
-json value_errors(const format::Volume& volume, const format::SplatSelection& selection) {
-  json errors = json::object();
+// A report with the errors of the file's numbers.
+json with_errors(json report, const format::Volume& volume, const format::SplatSelection& selection) {
+  report["position_error"] = volume.info().position_error;
+  json& errors = report["value_errors"] = json::object();
   for (std::size_t i = 0; i < selection.attributes.size(); ++i)
     errors[selection.names[i]] = volume.info().attributes[selection.attributes[i]].error;
-  return errors;
+  return report;
 }
 
 Result<json> export_mesh(const format::Volume& volume, const format::SplatSelection& selection,
                          const Options& options) {
   const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(report, export_cells(volume, options.output, selection, progress, options.replace));
-  return json{{"output", options.output},
-              {"cells", report.cells},
-              {"points", report.points},
-              {"left_out", report.left_out},
-              {"volume", report.volume},
-              {"file_bytes", report.file_bytes},
-              {"renamed", json::object()},
-              {"position_error", volume.info().position_error},
-              {"value_errors", value_errors(volume, selection)}};
+  return with_errors({{"output", options.output},
+                      {"cells", report.cells},
+                      {"points", report.points},
+                      {"left_out", report.left_out},
+                      {"volume", report.volume},
+                      {"file_bytes", report.file_bytes},
+                      {"renamed", json::object()}},
+                     volume, selection);
 }
 
 // The surface, and how much it can differ from that of the mesh as it was given.
@@ -135,16 +136,15 @@ Result<json> export_surface(const format::Volume& volume, const format::SplatSel
   const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(
       report, export_contour(volume, options.output, selection, *options.contour, memory, progress, options.replace));
-  json result{{"output", options.output},
-              {"triangles", report.triangles},
-              {"area", report.area},
-              {"closed", report.closed},
-              {"volume", report.closed ? json(report.volume) : json()},
-              {"left_out", report.left_out},
-              {"file_bytes", report.file_bytes},
-              {"renamed", json::object()},
-              {"position_error", volume.info().position_error},
-              {"value_errors", value_errors(volume, selection)}};
+  json result = with_errors({{"output", options.output},
+                             {"triangles", report.triangles},
+                             {"area", report.area},
+                             {"closed", report.closed},
+                             {"volume", report.closed ? json(report.volume) : json()},
+                             {"left_out", report.left_out},
+                             {"file_bytes", report.file_bytes},
+                             {"renamed", json::object()}},
+                            volume, selection);
   if (report.vertices > 0) result["vertices"] = report.vertices;
   return result;
 }
@@ -154,27 +154,25 @@ Result<json> export_table(const format::Volume& volume, const format::SplatSelec
   SPLATVOL_TRY_ASSIGN(at, parse_line(options.line));
   SPLATVOL_TRY_ASSIGN(report, export_line(volume, options.output, selection, {at[0], at[1], at[2]},
                                           {at[3], at[4], at[5]}, options.samples, options.replace));
-  return json{{"output", options.output},
-              {"rows", report.rows},
-              {"length", report.length},
-              {"inside", report.inside},
-              {"file_bytes", report.file_bytes},
-              {"renamed", report.renamed},
-              {"position_error", volume.info().position_error},
-              {"value_errors", value_errors(volume, selection)}};
+  return with_errors({{"output", options.output},
+                      {"rows", report.rows},
+                      {"length", report.length},
+                      {"inside", report.inside},
+                      {"file_bytes", report.file_bytes},
+                      {"renamed", report.renamed}},
+                     volume, selection);
 }
 
 Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
   const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(report, export_vtu(volume, options.output, selection, progress, options.replace));
-  return json{{"output", options.output},
-              {"points", report.points},
-              {"mass", report.mass},
-              {"file_bytes", report.file_bytes},
-              {"renamed", report.renamed},
-              {"position_error", volume.info().position_error},
-              {"value_errors", value_errors(volume, selection)}};
+  return with_errors({{"output", options.output},
+                      {"points", report.points},
+                      {"mass", report.mass},
+                      {"file_bytes", report.file_bytes},
+                      {"renamed", report.renamed}},
+                     volume, selection);
 }
 
 // Prints by how much numbers of the output may differ from those that svbuild was given.

@@ -29,7 +29,6 @@ struct Options {
   bool verify = false;
 };
 
-// The chunks of one column, and their bytes.
 struct ColumnBytes {
   std::uint64_t chunks = 0;
   std::uint64_t packed = 0;

@@ -98,9 +98,7 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene
     if (found == selection.end()) selection.push_back(attribute);
     return number;
   };
-  OtherAttributes others;
-  others.opacity = select(opacity_attribute_of(scene));
-  others.color = select(contours_of(scene).attribute);
+  OtherAttributes others{.opacity = select(opacity_attribute_of(scene)), .color = select(contours_of(scene).attribute)};
   warn_of_left_out(paths);
   ReaderProcess reader(reader_options);
   SPLATVOL_TRY_ASSIGN(source, open_safely(reader, paths, source_options));
@@ -202,9 +200,7 @@ Status draw(const Options& options) {
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
-  SourceOptions source_options;
-  source_options.cells = cell_values_of(options.cells);
-  source_options.missing = options.missing;
+  SourceOptions source_options{.cells = cell_values_of(options.cells), .missing = options.missing};
   source_options.patches = std::ranges::any_of(
       scene.surfaces, [](const SceneSurface& surface) { return surface.shown && !surface.boundary.empty(); });
   std::optional<BoundaryFaces> faces;

@@ -27,7 +27,6 @@ class Panel {
   /// Draws the panel, or the button that shows it.
   [[nodiscard]] Wishes draw();
 
-  /// Adds colour maps to the presets.
   void add_presets(std::vector<NamedColorMap> maps) { editor_.add_presets(std::move(maps)); }
 
   /// Sets what another session begins with.

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <memory>
-#include <optional>
 #include <string>
 
 #include "base/error.h"
@@ -20,9 +19,9 @@
 namespace splatvol {
 
 struct ViewerOptions {
-  std::string volume;  // empty: none yet, or the one that the scene names
-  std::string scene;   // path or text; empty: one that fits the data
-  ViewSettings settings;
+  std::string volume = {};  // empty: none yet, or the one that the scene names
+  std::string scene = {};   // path or text; empty: one that fits the data
+  ViewSettings settings = {};
   SceneUse use = {};              // goes before what the scene tells; its file is `volume`
   std::string recent_files = "";  // where the list of recent files is kept; empty: nowhere
   Clipboard clipboard = {};

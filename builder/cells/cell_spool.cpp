@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <cstring>
 #include <functional>
-#include <utility>
 
 #include "builder/cells/packed_numbers.h"
 #include "builder/cells/polyhedra.h"

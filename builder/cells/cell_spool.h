@@ -16,7 +16,6 @@
 
 namespace splatvol {
 
-/// A cell of a piece.
 struct SpooledCell {
   std::array<std::uint32_t, format::max_cell_corners> corners{};  // points of the piece, or PointCells::corners
   std::uint32_t point = 0;                                        // of the piece: of a constant field

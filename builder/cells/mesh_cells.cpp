@@ -18,13 +18,6 @@ namespace {
 constexpr std::size_t joined_cells = 4096;  // most cells of a chunk that joins index leaves
 constexpr std::uint32_t most_pieces = std::numeric_limits<std::int32_t>::max();
 
-template <class Record>
-Record record_at(std::span<const std::byte> records, std::size_t number) {
-  Record record;
-  std::memcpy(&record, records.data() + number * sizeof(Record), sizeof(Record));
-  return record;
-}
-
 // The same for a cell whose corners come in another order. `ranks`: the corners in ascending order.
 std::uint64_t hash_of(format::CellShape shape, const RankedCell& cell, std::span<const std::uint64_t> ranks) {
   const auto corners = std::span(cell.corners).first(ranks.size());

@@ -1,7 +1,6 @@
 // The cells of a mesh on their way into a file: out of memory, and in the order of the ranks of their corners.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>

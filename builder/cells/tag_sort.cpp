@@ -1,7 +1,6 @@
 #include "builder/cells/tag_sort.h"
 
 #include <algorithm>
-#include <cstring>
 
 namespace splatvol {
 namespace {
@@ -11,17 +10,11 @@ struct Record {
   std::uint64_t number;
 };
 
-Record record_at(std::span<const std::byte> records, std::size_t number) {
-  Record record;
-  std::memcpy(&record, records.data() + number * sizeof(Record), sizeof(Record));
-  return record;
-}
-
 }  // namespace
 
 Result<TagSort> TagSort::create(std::uint64_t memory, const std::string& folder) {
   const auto key = [](std::span<const std::byte> records, std::span<MortonKey> keys) {
-    for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = {record_at(records, i).tag, 0};
+    for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = {record_at<Record>(records, i).tag, 0};
   };
   const std::size_t held = std::max<std::size_t>(memory, ExternalSorter::least_memory(sizeof(Record)));
   SPLATVOL_TRY_ASSIGN(sorter, ExternalSorter::create({sizeof(Record), key, held, held, folder}));
@@ -38,7 +31,7 @@ Status TagSort::load(std::uint32_t piece, std::uint32_t points, std::vector<std:
   numbers.assign(points, none);
   while (!ended_) {
     for (; next_ < read_.keys.size(); ++next_) {
-      const Record record = record_at(read_.records, next_);
+      const Record record = record_at<Record>(read_.records, next_);
       if (record.tag >> 32 > piece) return {};
       if (record.tag >> 32 == piece) numbers[static_cast<std::uint32_t>(record.tag)] = record.number;
     }

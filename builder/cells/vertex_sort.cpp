@@ -1,7 +1,6 @@
 #include "builder/cells/vertex_sort.h"
 
 #include <algorithm>
-#include <cstring>
 #include <limits>
 #include <tuple>
 #include <utility>
@@ -21,12 +20,6 @@ struct VertexRecord {
   dvec3 position;
   PointTag tag;
 };
-
-VertexRecord record_at(std::span<const std::byte> records, std::size_t number) {
-  VertexRecord record{};
-  std::memcpy(&record, records.data() + number * sizeof(VertexRecord), sizeof(VertexRecord));
-  return record;
-}
 
 std::tuple<double, double, double, PointTag> order_of(const VertexRecord& record) {
   return {record.position.x, record.position.y, record.position.z, record.tag};
@@ -78,7 +71,8 @@ Status VertexSort::sort() {
 
 Status VertexSort::number_vertices(const Cube& cube) {
   const auto key = [cube](std::span<const std::byte> records, std::span<MortonKey> keys) {
-    for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = morton_key(record_at(records, i).position, cube);
+    for (std::size_t i = 0; i < keys.size(); ++i)
+      keys[i] = morton_key(record_at<VertexRecord>(records, i).position, cube);
   };
   const std::size_t held = std::max<std::size_t>(memory_ / 2, ExternalSorter::least_memory(sizeof(VertexRecord)));
   SPLATVOL_TRY_ASSIGN(sorter, ExternalSorter::create({sizeof(VertexRecord), key, held, held, folder_}));
@@ -111,7 +105,7 @@ Status VertexSort::number_vertices(const Cube& cube) {
     for (std::size_t i = 0; i < more.keys.size(); ++i) {
       if (key_of_run != more.keys[i]) SPLATVOL_TRY(close_run());
       key_of_run = more.keys[i];
-      run.push_back(record_at(more.records, i));
+      run.push_back(record_at<VertexRecord>(more.records, i));
     }
     SPLATVOL_TRY(check_interruption());
   }

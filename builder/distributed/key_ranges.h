@@ -22,10 +22,8 @@ namespace splatvol {
 /// octree node.
 using RangeBegins = std::vector<MortonKey>;
 
-/// The range that a key lies in.
 [[nodiscard]] std::size_t range_of(const RangeBegins& begins, const MortonKey& key);
 
-/// The borders of a range.
 [[nodiscard]] KeyBorders borders_of(const RangeBegins& begins, std::size_t range);
 
 /// Cuts the keys into at most `ranges` ranges with about as many of the samples in each. An octree node across a border

@@ -2,11 +2,9 @@
 // rows.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <deque>
 #include <optional>
-#include <span>
 #include <vector>
 
 #include "builder/points/point_batch.h"

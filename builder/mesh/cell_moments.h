@@ -1,7 +1,6 @@
 // The material of whole cells.
 #pragma once
 
-#include <cstdint>
 #include <span>
 
 #include "base/math.h"

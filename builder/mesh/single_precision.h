@@ -1,7 +1,6 @@
 // How much single precision changes the shape of cells.
 #pragma once
 
-#include <cstdint>
 #include <span>
 
 #include "base/math.h"

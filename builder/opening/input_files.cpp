@@ -55,7 +55,6 @@ bool holds_data(const std::string& path) {
   return is_hdf5(*start);
 }
 
-/// The names in a folder.
 struct Folder {
   std::vector<std::string> inputs;  // by their extensions
   std::vector<std::string> others;

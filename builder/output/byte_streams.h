@@ -76,7 +76,6 @@ class ByteReader {
     return taken;
   }
 
-  /// All bytes that are left.
   [[nodiscard]] std::span<const std::byte> rest() const { return bytes_; }
 
   [[nodiscard]] bool at_end() const { return bytes_.empty(); }

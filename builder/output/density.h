@@ -3,14 +3,12 @@
 
 #include <cstdint>
 #include <span>
-#include <vector>
 
 #include "base/math.h"
 #include "format/columns.h"
 
 namespace splatvol {
 
-/// A splat whose density is fitted.
 struct FittedSplat {
   dvec3 centroid{0};
   SplatShape shape;

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <span>
 #include <vector>
 
 #include "builder/output/stored_splat.h"
@@ -29,7 +28,6 @@ struct SplatBounds {
   void include(const SplatBounds& other);
 };
 
-/// An index leaf, whole.
 struct IndexLeaf {
   MortonKey key;  // of any position in the leaf
   int depth = 0;

@@ -15,7 +15,6 @@ namespace splatvol {
 /// known at the end.
 inline constexpr std::size_t max_levels = 64;
 
-/// An attribute of a member.
 struct MemberValue {
   float value = 0;       // of the point, as the file stores it
   ValueMoments moments;  // of the cluster

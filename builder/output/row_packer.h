@@ -56,7 +56,6 @@ struct StoredSummary {
   /// Adds the facts about other points.
   void include(const StoredSummary& other);
 
-  /// Returns the histogram of each attribute.
   [[nodiscard]] format::Histograms histograms() const;
 };
 

@@ -122,7 +122,6 @@ Result<Connection> connect_mesh(PointStream& points) {
                     count};
 }
 
-// Gives all tetrahedra to `cells`.
 Status keep(std::span<const Tetrahedron> tetrahedra, std::span<const dvec3> positions, MeshCells& cells) {
   constexpr std::size_t most = std::size_t{1} << 16;
   std::vector<RankedTetrahedron> ranked;

@@ -61,9 +61,7 @@ MemoryPlan plan_memory(std::uint64_t memory, const BuildShape& shape) {
   const auto fits = [&](std::size_t points, std::size_t count) {
     return bytes_in_work(shape, {points, node_points}, count) <= rest / 8 * 3;
   };
-  MemoryPlan plan;
-  plan.batches = {usual_batch_points, node_points};
-  plan.most_batches = usual_batches;
+  MemoryPlan plan{.batches = {usual_batch_points, node_points}, .most_batches = usual_batches};
   while (plan.batches.points > least_batch_points && !fits(plan.batches.points, plan.most_batches)) {
     // Small batches cost more time than few of them.
     if (plan.most_batches > 4)

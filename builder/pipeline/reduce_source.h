@@ -17,7 +17,6 @@
 
 namespace splatvol {
 
-/// A source, reduced.
 struct ReducedSource {
   format::VolumeInfo info;  // whole
   const BuildReport& report;
@@ -47,7 +46,6 @@ using WriteReduced = std::function<Status(ReducedSource)>;
 /// Most points in an index leaf.
 [[nodiscard]] std::uint64_t index_leaf_points(const BuildOptions& options);
 
-/// The attributes that the options join.
 [[nodiscard]] JoinedAttributes joined_attributes(const BuildOptions& options);
 
 /// The same as reduce_source for points that are sorted. `cells`: learns what stays for coarser resolutions, and gets
@@ -56,7 +54,6 @@ using WriteReduced = std::function<Status(ReducedSource)>;
                                                 const std::string& folder, const BuildProgress& progress,
                                                 const WriteReduced& write, MeshCells* cells = nullptr);
 
-/// Results of a reduction.
 struct ReductionFacts {
   Connectivity connectivity = Connectivity::mesh;
   std::uint64_t uncertain = 0;  // DelaunaySubdomains::uncertain()

@@ -1,10 +1,8 @@
 // The boundary of a mesh that comes in pieces, corner by corner, and the planes of its points.
 #pragma once
 
-#include <compare>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <span>
 
 #include "base/error.h"
@@ -34,14 +32,6 @@ struct CornerArea {
   BoundaryPlane plane;
   std::uint64_t face;  // key of the face: areas at a point add up in its order
 };
-
-/// Copies record `i` of an array of T.
-template <class T>
-[[nodiscard]] T record_at(std::span<const std::byte> records, std::size_t i) {
-  T record;
-  std::memcpy(&record, records.data() + i * sizeof(T), sizeof(T));
-  return record;
-}
 
 /// Finds the boundary planes of points that come in Morton order.
 class BoundaryCorners {

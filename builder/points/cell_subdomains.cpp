@@ -57,7 +57,6 @@ class CellSubdomains::Subdomain {
   // Points of the subdomain.
   [[nodiscard]] std::size_t size() const { return own_; }
 
-  // Appends points [begin, end) with their material.
   void append(std::size_t begin, std::size_t end, const Cube& cube, PointBatch& batch) const {
     const std::size_t first = batch.size(), size = first + end - begin;
     const auto extend = [&](const auto& from, auto& to) {
@@ -192,7 +191,6 @@ Result<CellSubdomains> CellSubdomains::create(PointStream& stream, std::uint64_t
                         at_once);
 }
 
-// Finds the cells of the next subdomains.
 Status CellSubdomains::find_cells() {
   const std::size_t count = std::min(at_once_, cuts_.size() - 1 - next_);
   std::vector<Status> outcomes(count);

@@ -28,7 +28,6 @@ struct JoinedAttributes {
   std::vector<std::string> apart = {};  // names that become no alias; "U" holds for "U[0]" too
 };
 
-/// An input that has been read.
 struct InputSummary {
   Box box;                                    // round the points
   Cube cube;                                  // round the box

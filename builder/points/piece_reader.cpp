@@ -330,9 +330,7 @@ void PieceReader::set_whole_cell(const Piece& piece, const Block& block, std::si
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
     const double value = block.values.at(number, a);
     if (std::isnan(value)) continue;
-    PointRecords::ValuePart part;
-    part.moments.mass = moments.mass;
-    part.moments.centroid = moments.centroid;
+    PointRecords::ValuePart part{.moments = {.mass = moments.mass, .centroid = moments.centroid}};
     part.moments.mean = part.moments.min = part.moments.max = value;
     layout_.set_value_part(record, a, part);
   }

@@ -36,7 +36,6 @@ class PointStream {
   PointStream(const PointRecords& layout, InputSummary summary, ExternalSorter points,
               std::optional<BoundaryCorners> corners);
 
-  /// The records of a source.
   [[nodiscard]] static PointRecords layout_of(const Source& source, bool use_cells, bool gradients);
 
   /// Makes an empty sort of records by their keys within `cube`. Contract of memory, folder, `rewinds` as SortOptions.

@@ -1,9 +1,9 @@
 #include "builder/points/shared_tetrahedra.h"
 
 #include <algorithm>
-#include <cstring>
 #include <utility>
 
+#include "builder/sorting/external_sort.h"
 #include "format/codec.h"
 
 namespace splatvol {
@@ -109,8 +109,7 @@ Status SharedTetrahedra::decide_pending() {
     SPLATVOL_TRY_ASSIGN(records, pending_.next());
     if (records.empty()) return {};
     for (; !records.empty(); records = records.subspan(sizeof(RankedTetrahedron))) {
-      RankedTetrahedron tetrahedron;
-      std::memcpy(&tetrahedron, records.data(), sizeof(tetrahedron));
+      const auto tetrahedron = record_at<RankedTetrahedron>(records, 0);
       const Owners owners = owners_of(tetrahedron);
       const auto all = std::span(owners.subdomains).first(owners.count);
       if (std::ranges::none_of(all, [&](std::size_t owner) { return certain_[owner]; }))

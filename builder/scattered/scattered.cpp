@@ -165,7 +165,6 @@ class ScatteredEstimate::Builder {
     });
   }
 
-  // Finds all cells, and measures them.
   void find_cells() {
     for_each_task([&, stop = stop_of_thread()](std::size_t task, std::span<const std::uint32_t> points) {
       if (stop.stop_requested()) return;

@@ -5,7 +5,6 @@
 #include <bit>
 #include <cstddef>
 #include <span>
-#include <utility>
 
 namespace splatvol {
 

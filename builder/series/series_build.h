@@ -1,7 +1,6 @@
 // Builds a time series in one file, and appends steps to it.
 #pragma once
 
-#include <cstdint>
 #include <string>
 #include <vector>
 

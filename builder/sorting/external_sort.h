@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <memory>
 #include <span>
 #include <string>
@@ -11,6 +12,14 @@
 #include "builder/sorting/key_sort.h"
 
 namespace splatvol {
+
+/// Copies record `i` of an array of T.
+template <class T>
+[[nodiscard]] T record_at(std::span<const std::byte> records, std::size_t i) {
+  T record;
+  std::memcpy(&record, records.data() + i * sizeof(T), sizeof(T));
+  return record;
+}
 
 struct SortOptions {
   std::size_t record_bytes = 0;

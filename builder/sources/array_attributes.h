@@ -71,7 +71,6 @@ inline constexpr std::size_t most_vtk_arrays = 16384;
 /// The name of an attribute as if its array's name were taken.
 [[nodiscard]] std::string full_name(const ArrayAttribute& attribute);
 
-/// Returns the names of attributes.
 [[nodiscard]] std::vector<std::string> names_of(const std::vector<ArrayAttribute>& attributes);
 
 /// Returns what Source::components() does.

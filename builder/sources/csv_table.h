@@ -14,7 +14,6 @@
 
 namespace splatvol {
 
-/// A column of a .csv file.
 struct CsvColumn {
   std::string name;  // without the unit; empty or "_": left out
   std::string unit;

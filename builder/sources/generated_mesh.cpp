@@ -23,7 +23,6 @@ using generated::to_float;
 struct PieceBox {
   std::array<std::uint64_t, 3> begin, end;
 
-  /// Points along an axis.
   [[nodiscard]] std::size_t points(std::size_t axis) const {
     return static_cast<std::size_t>(end[axis] - begin[axis] + 1);
   }

@@ -225,7 +225,6 @@ class NpySource final : public Source {
 bool is_position(const std::string& name) { return name == "x" || name == "y" || name == "z"; }
 bool is_skipped(const std::string& name) { return name.empty() || name == "_"; }
 
-/// Gives every column its name.
 Status name_columns(const std::string& path, const std::vector<std::string>& names, NpyTable& table) {
   const std::size_t count = table.columns.size();
   if (!names.empty() && names.size() != count)

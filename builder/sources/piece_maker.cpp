@@ -28,7 +28,6 @@ std::optional<std::vector<std::uint32_t>> linear_cells(const DataSet& data, cons
   return divide_lattice(kind.shape, *order, linear_axis ? 1 : *order, data.parametric_points(kind.vtk_type, count));
 }
 
-/// The volumes of cells.
 class CellVolumes final : public NumberArray {
  public:
   [[nodiscard]] int components() const override { return 1; }

@@ -120,7 +120,6 @@ bool StepGroup::has_same_block(std::size_t step, std::uint64_t first, std::uint6
                                                  first_blocks_[step].try_emplace(other, first).first->second == first);
 }
 
-// Adds the values of a step.
 Status StepGroup::add(std::size_t step, std::unique_ptr<Piece> other, Piece& piece) {
   std::string different = difference(piece, *other);
   if (different.empty() && !has_same_block(step, piece.block, other->block)) different = "its blocks are others";

@@ -33,7 +33,6 @@ class StepGroup final : public Source {
   /// Opens the first step. Requires a step. `blocks_apart`: whether vertices of different blocks are no copies.
   [[nodiscard]] static Result<std::unique_ptr<StepGroup>> open(std::vector<SeriesStep> steps, bool blocks_apart);
 
-  /// The attributes of one step.
   [[nodiscard]] const std::vector<std::string>& step_attributes() const { return step_attributes_; }
 
   /// [step]: as Source::stated_time(). Known after the first piece.

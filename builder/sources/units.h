@@ -7,7 +7,6 @@
 
 namespace splatvol {
 
-/// A power of a base unit.
 struct UnitPower {
   std::string_view symbol;
   double exponent = 0;

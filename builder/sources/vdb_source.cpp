@@ -290,7 +290,6 @@ class VdbFile {
     });
   }
 
-  /// Fills in the points of a region, from `first_point` of the piece on.
   void fill(const Region& region, std::size_t first_point, Piece& piece) const {
     static const SampleLayout of_brick = brick_layout();
     RegionSamples samples{region, region.brick != nullptr ? of_brick : tile_layouts_.at(region.edge), {}, first_point};

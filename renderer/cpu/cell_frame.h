@@ -213,7 +213,6 @@ struct CellsOnScreen {
   }
 };
 
-/// Points of a chunk on the screen.
 struct PointsOnScreen {
   std::vector<float> x, y, d, w, u;
   std::vector<std::int32_t> is_far_out;
@@ -338,7 +337,6 @@ struct CellTileLight {
   alignas(64) std::array<std::array<std::int32_t, cell_tile_pixels>, 2> slices;  // a bit for each that is blended
 };
 
-/// A layer of surfaces in a tile.
 struct CellTileLayer {
   alignas(64) std::array<float, cell_tile_pixels> keys;                  // no segment behind it has a lower one
   alignas(64) std::array<std::array<float, cell_tile_pixels>, 4> light;  // premultiplied; opacity

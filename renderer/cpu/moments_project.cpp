@@ -1,6 +1,4 @@
 // Projects splats of the kernel moments: a splat in each lane.
-#include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -295,7 +293,6 @@ HWY_INLINE Outline make_box(const FrameConstants& frame, const Body& body, Vecto
   return outline;
 }
 
-/// Makes an outline of the ellipse.
 HWY_INLINE Outline make_ellipse(const FrameConstants& frame, const Body& body) {
   Outline outline;
   outline.anchor_z = body.center.z;

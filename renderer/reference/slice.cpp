@@ -18,7 +18,6 @@ constexpr int band_rows = 16;
 // A cell ends a little later than computed: neighbours leave no gap between them.
 constexpr double cell_margin = 1e-9, depth_margin = 1e-13;
 
-// A cell that the plane cuts.
 struct CutCell {
   CellCorners corners;  // view coordinates
   std::array<double, 4> values;

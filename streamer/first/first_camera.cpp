@@ -161,8 +161,7 @@ dvec3 middle_of(const std::vector<SurveySplat>& splats) {
 }
 
 Camera fit_camera(const std::vector<SurveySplat>& splats, int up, double aspect, double edge, bool turns) {
-  Camera camera;
-  camera.up = dvec3(0);
+  Camera camera{.up = dvec3(0)};
   camera.up[up] = 1;
   const Box box = box_of(splats);
   const dvec3 origin = 0.5 * (box.low + box.high);

@@ -1,7 +1,6 @@
 #include "streamer/first/survey.h"
 
 #include <algorithm>
-#include <cmath>
 #include <span>
 
 namespace splatvol {
@@ -35,9 +34,7 @@ class RowReader {
 
 SurveySplat splat_of(const dvec3& centroid, const SplatShape& shape, const SplatValue& value,
                      const format::Attribute& attribute) {
-  SurveySplat splat;
-  splat.center = centroid;
-  splat.axes = glm::mat3_cast(shape.orientation);
+  SurveySplat splat{.center = centroid, .axes = glm::mat3_cast(shape.orientation)};
   for (int k = 0; k < 3; ++k) splat.axes[k] *= shape.deviations[k];
   splat.volume = shape.mass * value.coverage;
   splat.value = std::clamp(attribute.value(value.mean), attribute.min, attribute.max);  // steps of means round

@@ -1,6 +1,5 @@
 #include "tools/export/cell_export.h"
 
-#include <fmt/format.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
@@ -8,7 +7,6 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
-#include <memory>
 #include <optional>
 #include <span>
 #include <utility>

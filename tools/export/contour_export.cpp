@@ -1,12 +1,8 @@
 #include "tools/export/contour_export.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
-#include <memory>
 #include <type_traits>
 #include <unordered_map>
-#include <utility>
 #include <vector>
 
 #include "sampler/cell_tetrahedra.h"

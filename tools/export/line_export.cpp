@@ -3,11 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <iterator>
 #include <span>
-#include <utility>
 
 #include "base/file.h"
 #include "base/names.h"
@@ -78,9 +76,7 @@ Result<LineReport> export_line(const format::Volume& volume, const std::string& 
   if (!cells) return fail_without_cells(volume);
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, replace));
   SPLATVOL_TRY_ASSIGN(rows, follow_line(*cells, start, end));
-  LineReport report;
-  report.length = rows.arc_lengths.back();
-  report.inside = length_inside(rows);
+  LineReport report{.length = rows.arc_lengths.back(), .inside = length_inside(rows)};
   if (samples) rows = in_equal_steps(rows, start, end, *samples);
   report.rows = rows.arc_lengths.size();
   const std::string header = header_of(selection.names, report.renamed);

@@ -1,7 +1,5 @@
 #include "tools/export/vtu_export.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>

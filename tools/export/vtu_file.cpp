@@ -6,7 +6,6 @@
 #include <array>
 #include <bit>
 #include <limits>
-#include <optional>
 #include <utility>
 
 #include "base/names.h"

@@ -10,7 +10,6 @@
 #include <set>
 #include <string_view>
 #include <system_error>
-#include <utility>
 
 #include "builder/sources/read_text.h"
 

@@ -13,7 +13,6 @@
 
 namespace splatvol {
 
-/// A field's file.
 struct FoamFieldFile {
   std::string name;
   FoamFieldKind kind;

@@ -1,7 +1,6 @@
 #include "builder/sources/openfoam/foam_dimensions.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <cstddef>
 #include <numbers>

@@ -14,7 +14,6 @@
 namespace splatvol {
 namespace {
 
-/// Reads the entries of a field.
 class FieldReader {
  public:
   FieldReader(const FoamPlace& place, const FoamFieldKind& kind, std::uint64_t count)

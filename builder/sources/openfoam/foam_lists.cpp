@@ -4,13 +4,11 @@
 #include <array>
 #include <bit>
 #include <charconv>
-#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <limits>
 #include <span>
 #include <string>
-#include <type_traits>
 
 #include "builder/sources/read_text.h"
 

@@ -8,7 +8,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <initializer_list>
 #include <thread>
 
 #include "builder/sources/process/allowed_calls.h"

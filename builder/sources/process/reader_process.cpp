@@ -237,7 +237,6 @@ class ReaderProcess::Process {
   std::chrono::steady_clock::time_point last_look_;
 };
 
-/// A source of the process.
 class ProcessSource final : public Source {
  public:
   ProcessSource(std::shared_ptr<ReaderProcess::Process> process, std::uint64_t number, std::string name)

@@ -14,7 +14,6 @@
 
 namespace splatvol {
 
-/// How a reader process is run.
 struct ReaderProcessOptions {
   std::string program;                 // the path of splatvol-read
   std::uint64_t memory;                // bytes of data that the process may have

@@ -9,7 +9,6 @@
 
 namespace splatvol {
 
-/// Limits of a reader process.
 struct ReaderLimits {
   std::uint64_t memory;  // bytes of data; the process cannot have more
 };

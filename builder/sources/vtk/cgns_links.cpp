@@ -6,7 +6,6 @@
 #include <vtk_hdf5.h>
 
 #include <array>
-#include <string_view>
 
 #include "builder/sources/vtk/hdf5_checks.h"
 

@@ -19,7 +19,6 @@
 #include <limits>
 #include <span>
 #include <string_view>
-#include <utility>
 
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/messages.h"

@@ -6,7 +6,6 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <cstdlib>
 #include <cstring>
 #include <map>
 #include <span>
@@ -35,7 +34,6 @@ class Scanner {
     return binary_ ? raw<T>() : text<T>();
   }
 
-  /// Reads a number from text.
   template <class T>
   T text() {
     skip_space();

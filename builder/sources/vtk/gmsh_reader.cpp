@@ -114,7 +114,6 @@ class GridMaker {
     add_cells();
   }
 
-  /// Adds the arrays of a view.
   void add_view(const GmshView& view) {
     switch (view.at) {
       case GmshView::At::nodes:

@@ -300,8 +300,7 @@ double tolerance_of(const std::vector<dvec3>& points) {
 Result<CellCensus> add_values(const VtkFile& file, const Su2Mesh& mesh, const std::vector<std::string>& selection,
                               vtkUnstructuredGrid& grid) {
   CellCensus census;
-  SourceOptions options;
-  options.selection = selection;
+  SourceOptions options{.selection = selection};
   SPLATVOL_TRY_ASSIGN(source, open_csv_files({file.values}, options));
   const std::vector<std::string> names = source->attributes(), units = source->units();
   std::vector<vtkSmartPointer<vtkDoubleArray>> arrays;

@@ -48,7 +48,6 @@ Status check_stl_text(std::unique_ptr<ByteSource> file) {
   return fail(ErrorCode::invalid_data, "{}: the file is cut off: it does not end with \"endsolid\"", path);
 }
 
-/// A property of a .ply file.
 struct PlyProperty {
   std::uint64_t bytes = 0;        // of a number
   std::uint64_t count_bytes = 0;  // of the number of a list; 0: no list

@@ -40,7 +40,6 @@ constexpr std::uint64_t most_packing = 1100;
 /// A group of an HDF5 file. All functions throw a ReaderError if something is not there or damaged. Not thread-safe.
 class Hdf5Group {
  public:
-  /// Opens a group of a file.
   Hdf5Group(const std::string& path, const std::string& group)
       : file_(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose),
         group_(file_.is_open() ? H5Gopen2(file_.id(), group.c_str(), H5P_DEFAULT) : -1, H5Gclose) {
@@ -243,10 +242,9 @@ class HdfFile {
     const auto points = group_.integers("NumberOfPoints", first, count);
     const auto cells = group_.integers("NumberOfCells", first, count);
     const auto ids = group_.integers("NumberOfConnectivityIds", first, count);
-    Partition next;
-    next.first_point = offset("PointOffsets");
-    next.first_cell = offset("CellOffsets");
-    next.first_id = offset("ConnectivityIdOffsets");
+    Partition next{.first_point = offset("PointOffsets"),
+                   .first_cell = offset("CellOffsets"),
+                   .first_id = offset("ConnectivityIdOffsets")};
     for (std::size_t i = 0; i < points.size(); ++i) {
       next.number = first + i;
       next.points = not_negative(points[i]);

@@ -237,7 +237,6 @@ bool any_overlap(std::vector<Extent>& pieces) {
   return false;
 }
 
-/// The extents of the pieces of a structured grid.
 Result<std::vector<Extent>> extents_of_pieces(const std::string& path, vtkXMLDataElement& grid, const Extent& whole) {
   std::vector<Extent> extents;
   for (int i = 0; i < grid.GetNumberOfNestedElements(); ++i) {

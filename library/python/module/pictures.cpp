@@ -3,7 +3,6 @@
 #include <nanobind/stl/string.h>
 
 #include <cstring>
-#include <tuple>
 
 #include "library/python/module/arrays.h"
 #include "library/python/module/errors.h"
