@@ -31,17 +31,15 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::HasSubstr;
-using testing::Not;
-using testing::StartsWith;
+using namespace ::testing;
 
 std::span<const std::byte> bytes_of(const std::string& text) { return std::as_bytes(std::span(text)); }
 
-using FileTest = test::FolderTest;
+using FileTest = FolderTest;
 using Names = std::vector<std::string>;
 
 void expect_one_line_about(const Error& error, const std::string& path) {
@@ -53,8 +51,7 @@ void expect_one_line_about(const Error& error, const std::string& path) {
 // --- Reading.
 
 /// A file and a memory source with the same ten bytes. Both must keep the same contract.
-class ByteSourceTest : public FileTest, public testing::WithParamInterface<bool> {
- protected:
+struct ByteSourceTest : FileTest, testing::WithParamInterface<bool> {
   std::unique_ptr<ByteSource> open_digits() {
     if (!GetParam()) return memory_source(bytes_of(digits_), "memory");
     write("digits", digits_);
@@ -95,9 +92,7 @@ TEST_P(ByteSourceTest, RefusesOffsetsWhoseSumWithTheLengthWraps) {
 
   // The bounds check must refuse these before the system gets an offset that is negative as an off_t.
   for (const std::uint64_t offset : {largest, largest - 1, largest - 7, largest - 8, half, half - 1, half - 8}) {
-    const Status status = source->read(offset, out);
-    ASSERT_FALSE(status) << offset;
-    EXPECT_EQ(status.error().code, ErrorCode::invalid_data) << offset;
+    EXPECT_THAT(source->read(offset, out), FailsWith(ErrorCode::invalid_data)) << offset;
   }
   EXPECT_FALSE(source->read(largest, {}));
 }
@@ -105,7 +100,7 @@ TEST_P(ByteSourceTest, RefusesOffsetsWhoseSumWithTheLengthWraps) {
 TEST_P(ByteSourceTest, NamesItselfInErrors) {
   const auto source = open_digits();
   std::array<std::byte, 4> out{};
-  const std::string status = test::message_of(source->read(8, out));
+  const std::string status = message_of(source->read(8, out));
   EXPECT_THAT(status, StartsWith(source->name() + ": "));
   EXPECT_THAT(status, HasSubstr("4 bytes at 8"));
 }
@@ -136,7 +131,7 @@ TEST_F(FileTest, OpenRefusesWhatIsNoRegularFile) {
 
 TEST_F(FileTest, ANameDoesNotEndInItsMiddle) {
   write("a", "other");
-  EXPECT_THAT(test::message_of(open_file(path("a") + std::string("\0b", 2))), HasSubstr("NUL"));
+  EXPECT_THAT(message_of(open_file(path("a") + std::string("\0b", 2))), HasSubstr("NUL"));
 }
 
 TEST_F(FileTest, ReadTextFileKeepsEveryByte) {
@@ -457,7 +452,7 @@ TEST_F(FileTest, LongNamesAreTakenAndTooLongOnesRefusedAtOnce) {
     EXPECT_TRUE(file.commit());
     EXPECT_EQ(names(), Names{longest});
   }
-  EXPECT_THAT(test::message_of(AtomicFile::create(path(longest + "a"))), HasSubstr("too long"));
+  EXPECT_THAT(message_of(AtomicFile::create(path(longest + "a"))), HasSubstr("too long"));
 }
 
 TEST_F(FileTest, LinksInACircleAreRefused) {
@@ -473,7 +468,7 @@ TEST_F(FileTest, AFileThatCannotGetItsNameStaysBesideIt) {
     auto file = AtomicFile::create(path("taken"), unnamed).value();
     ASSERT_TRUE(file.append(bytes_of("hours of work")));
     fs::create_directory(path("taken"));
-    const std::string committed = test::message_of(file.commit());
+    const std::string committed = message_of(file.commit());
     fs::remove(path("taken"));
     const Names left = names();
     ASSERT_EQ(left.size(), 1u);
@@ -519,10 +514,9 @@ TEST_F(FileTest, AFileIsLockedOnce) {
   using IfTaken = LockedFile::IfTaken;
   write("a", "a");
   {
-    const auto first = test::value_of(LockedFile::open(path("a"), IfTaken::fail));
+    const auto first = value_of(LockedFile::open(path("a"), IfTaken::fail));
     EXPECT_TRUE(first.is_locked());
-    EXPECT_THAT(test::message_of(LockedFile::open(path("a"), IfTaken::fail)),
-                HasSubstr("another program appends to it"));
+    EXPECT_THAT(message_of(LockedFile::open(path("a"), IfTaken::fail)), HasSubstr("another program appends to it"));
     // The lock is that of the file, and not of the name.
     ASSERT_TRUE(write_text_file(path("a"), "new"));
     EXPECT_TRUE(LockedFile::open(path("a"), IfTaken::fail));
@@ -641,7 +635,7 @@ TEST_F(FileTest, RefusesWhatIsNoRegularFileAndFollowsLinks) {
 
   write("file", "old");
   fs::create_symlink("file", link);
-  auto target = test::value_of(AtomicFile::create(link));
+  auto target = value_of(AtomicFile::create(link));
   ASSERT_TRUE(target.append(std::as_bytes(std::span("new", 3))));
   ASSERT_TRUE(target.commit());
   EXPECT_TRUE(fs::is_symlink(link));
@@ -649,4 +643,4 @@ TEST_F(FileTest, RefusesWhatIsNoRegularFileAndFollowsLinks) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -19,17 +19,11 @@
 #include "tests/support/scripted_server.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using std::chrono::milliseconds;
-using test::Reply;
-using test::ScriptedServer;
-using testing::AnyOf;
-using testing::ElementsAre;
-using testing::HasSubstr;
-using testing::Not;
-using testing::StartsWith;
+using namespace ::testing;
 
 constexpr std::size_t head_bytes = 32u << 10;  // that opening asks for
 
@@ -52,10 +46,9 @@ void expect_one_line(const Error& error, const std::string& name, const std::str
 
 // --- With a real server.
 
-class HttpSource : public testing::Test {
- protected:
+struct HttpSource : testing::Test {
   void SetUp() override {
-    nginx_ = test::Nginx::start(folder_.path());
+    nginx_ = Nginx::start(folder_.path());
     if (!nginx_) GTEST_SKIP() << "no nginx on this machine (package nginx)";
     folder_.write("data", text_);
   }
@@ -67,13 +60,13 @@ class HttpSource : public testing::Test {
     return lines;
   }
 
-  test::TempFolder folder_;
-  std::unique_ptr<test::Nginx> nginx_;
+  TempFolder folder_;
+  std::unique_ptr<Nginx> nginx_;
   const std::string text_ = random_text(300'000, 1);
 };
 
 TEST_F(HttpSource, ReadsRandomRangesFromSeveralThreads) {
-  const auto source = test::value_of(open_url(nginx_->url("data")));
+  const auto source = value_of(open_url(nginx_->url("data")));
   ASSERT_EQ(source->size(), text_.size());
   EXPECT_EQ(source->name(), nginx_->url("data"));
 
@@ -91,7 +84,7 @@ TEST_F(HttpSource, ReadsRandomRangesFromSeveralThreads) {
       }
     });
   for (std::thread& thread : threads) thread.join();
-  EXPECT_THAT(mistakes, testing::Each(""));
+  EXPECT_THAT(mistakes, Each(""));
 }
 
 TEST_F(HttpSource, ReadsEveryRangeAroundTheEndsAndNoneThatLeavesTheFile) {
@@ -128,14 +121,14 @@ TEST_F(HttpSource, AsksForWhatIsReadAndNothingElse) {
 }
 
 TEST_F(HttpSource, ReadsManyPartsByOneRequest) {
-  const auto source = test::value_of(open_url(nginx_->url("data")));
+  const auto source = value_of(open_url(nginx_->url("data")));
   for (const std::size_t count : {2u, 3u, 100u}) {
     std::vector<std::string> texts;
     for (std::size_t i = 0; i < count; ++i) texts.emplace_back(1 + i % 3, '?');
     std::vector<ByteSource::Part> parts;
     for (std::size_t i = 0; i < count; ++i)
       parts.push_back({40'000 + 2'000 * i, std::as_writable_bytes(std::span(texts[i]))});
-    EXPECT_TRUE(test::value_of(source->read_parts(parts)));
+    EXPECT_TRUE(value_of(source->read_parts(parts)));
     for (std::size_t i = 0; i < count; ++i) EXPECT_EQ(texts[i], text_.substr(40'000 + 2'000 * i, texts[i].size()));
   }
   std::string last(1, '?');  // when it is answered, the answers before are in the log
@@ -194,7 +187,7 @@ TEST_F(HttpSource, NoticesAFileThatIsReplacedWhileOpen) {
 TEST_F(HttpSource, OneNameForFilesAndAddresses) {
   std::string out(text_.size(), '?');
   for (const std::string& name : {nginx_->url("data"), folder_.path("data")}) {
-    const auto source = test::value_of(open_file_or_url(name));
+    const auto source = value_of(open_file_or_url(name));
     EXPECT_EQ(source->name(), name);
     EXPECT_TRUE(read(*source, 0, out));
     EXPECT_EQ(out, text_);
@@ -337,11 +330,11 @@ TEST(MisbehavingServer, PartsComeInAnyOrderAndJoined) {
   for (const std::string& body : {first + second + end, second + first + end, "preamble" + first + second + end,
                                   (first + second + end).substr(2), part_of(49'990, 30) + second + end}) {
     const ScriptedServer server({head(), parts_of(body)});
-    EXPECT_EQ(outcome_of_parts(*test::value_of(open_url(server.url("data")))), "read") << body;
+    EXPECT_EQ(outcome_of_parts(*value_of(open_url(server.url("data")))), "read") << body;
     EXPECT_THAT(server.requests()[1], HasSubstr("Range: bytes=50000-50009,60000-60019"));
   }
   const ScriptedServer quoted({head(), parts_of(first + second + end, "Multipart/ByteRanges; boundary=\"B\"; a=b")});
-  EXPECT_EQ(outcome_of_parts(*test::value_of(open_url(quoted.url("data")))), "read");
+  EXPECT_EQ(outcome_of_parts(*value_of(open_url(quoted.url("data")))), "read");
 }
 
 // A server that does not answer with parts is asked for single ranges from then on.
@@ -356,7 +349,7 @@ TEST(MisbehavingServer, WithoutPartsIsNotAskedAgain) {
         parts_of("\r\n--B\r\nContent-Range: bytes 9-2/3\r\n\r\n"), parts_of(first + other + end),
         parts_of(first + second + end, "multipart/byteranges"), parts_of(std::string(10'000, 'x'))}) {
     const ScriptedServer server({head(), reply, part(50'000, 1000)});
-    const auto source = test::value_of(open_url(server.url("data")));
+    const auto source = value_of(open_url(server.url("data")));
     EXPECT_EQ(outcome_of_parts(*source), "cannot") << reply.text;
     const std::size_t requests = server.requests().size();
     EXPECT_EQ(outcome_of_parts(*source), "cannot");
@@ -513,7 +506,7 @@ TEST(MisbehavingServer, WhatIsSecretInAnAddressIsSentAndNotTold) {
 }
 
 TEST(NoServer, EachReasonIsOneLine) {
-  const test::Listener closed = test::listen_on_loopback();
+  const Listener closed = listen_on_loopback();
   ::close(closed.descriptor);
   Patience patience;
   const auto expect_refusal = [&](const std::string& url, const std::string& reason) {
@@ -530,4 +523,4 @@ TEST(NoServer, EachReasonIsOneLine) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -16,8 +16,7 @@ std::string error_of(const Result<T>& result) {
   return result ? "none" : result.error().message;
 }
 
-class JsonFields : public testing::Test {
- protected:
+struct JsonFields : testing::Test {
   const json document_ = json::parse(R"({
     "size": 7, "part": 0.5, "large": 18446744073709551615, "name": "a\nb", "shown": true, "none": null,
     "camera": {"up": [0, 1, "x"], "x-own": 1},

@@ -7,14 +7,13 @@
 #include "tests/support/sanitizers.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr std::uint64_t gibibyte = std::uint64_t{1} << 30;
 
 /// A folder with /proc and /sys of a machine of 8 GiB.
-class MemoryLimit : public test::FolderTest {
- protected:
+struct MemoryLimit : FolderTest {
   MemoryLimit() { write("proc/meminfo", "MemTotal:        8388608 kB\nMemFree:         1000 kB\n"); }
 };
 
@@ -61,7 +60,7 @@ TEST(MemoryLimitHere, IsNoMoreThanTheMachineHas) {
 }
 
 TEST_F(MemoryLimit, TheProcessesOwnLimitsCount) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers take more than the limit";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers take more than the limit";
   rlimit before{};
   ASSERT_EQ(::getrlimit(RLIMIT_DATA, &before), 0);
   rlimit lower = before;
@@ -73,7 +72,7 @@ TEST_F(MemoryLimit, TheProcessesOwnLimitsCount) {
 }
 
 TEST_F(MemoryLimit, WhatTheProgramTakesIsNotLeft) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers take more than the limit";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers take more than the limit";
   rlimit before{};
   ASSERT_EQ(::getrlimit(RLIMIT_DATA, &before), 0);
   rlimit lower = before;
@@ -96,4 +95,4 @@ TEST(Addressable, EndsWithTheAddressSpace) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -8,7 +8,7 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 std::vector<std::byte> bytes_from(std::uint8_t first, std::size_t count) {
@@ -18,7 +18,7 @@ std::vector<std::byte> bytes_from(std::uint8_t first, std::size_t count) {
 }
 
 TEST(TempFile, GivesBackWhatWasAppended) {
-  auto file = test::value_of(TempFile::create(::testing::TempDir()));
+  auto file = value_of(TempFile::create(::testing::TempDir()));
   ASSERT_TRUE(file.append(bytes_from(1, 100)));
   ASSERT_TRUE(file.append(bytes_from(101, 50)));
   EXPECT_EQ(file.size(), 150u);
@@ -30,14 +30,14 @@ TEST(TempFile, GivesBackWhatWasAppended) {
 }
 
 TEST(TempFile, HasNoName) {
-  const test::TempFolder folder;
-  auto file = test::value_of(TempFile::create(folder.path()));
+  const TempFolder folder;
+  auto file = value_of(TempFile::create(folder.path()));
   ASSERT_TRUE(file.append(bytes_from(0, 10)));
   EXPECT_TRUE(folder.names().empty());
 }
 
 TEST(TempFile, WhatWasReleasedReadsAsZerosAndTheRestStays) {
-  auto file = test::value_of(TempFile::create(::testing::TempDir()));
+  auto file = value_of(TempFile::create(::testing::TempDir()));
   const std::vector<std::byte> part(1 << 16, std::byte{7});
   for (int i = 0; i < 4; ++i) ASSERT_TRUE(file.append(part));
   file.release(1 << 16, 1 << 16);
@@ -61,4 +61,4 @@ TEST(TempFile, FailsWithOneLineWhereItCannotBe) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -34,21 +34,16 @@
 #include "tests/support/whole_points.h"
 #include "tests/support/whole_reduction.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::mesh_piece;
-using test::PieceSource;
-using test::random_points;
-using test::scattered;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 // Cells from 1 to 1/1000 of the domain, stretched along one axis and turned.
-test::Mesh graded_mesh(std::uint32_t cells) {
+Mesh graded_mesh(std::uint32_t cells) {
   const glm::dquat turn = glm::normalize(glm::dquat(1, 0.2, -0.3, 0.4));
   const auto grade = [](double x) { return (std::exp(5 * x) - 1) / (std::exp(5.0) - 1); };
-  return test::lattice(cells, [&](dvec3 p) { return turn * dvec3(grade(p.x), p.y, 0.05 * grade(p.z)); });
+  return lattice(cells, [&](dvec3 p) { return turn * dvec3(grade(p.x), p.y, 0.05 * grade(p.z)); });
 }
 
 double wave(dvec3 p) { return std::sin(6 * p.x) + p.y * p.z; }
@@ -57,7 +52,7 @@ double wave(dvec3 p) { return std::sin(6 * p.x) + p.y * p.z; }
 std::string temporary_path(const std::string& name) {
   struct Folder {
     std::string path = (std::filesystem::path(testing::TempDir()) / "splatvol-build-XXXXXX").string();
-    Folder() { test::require(::mkdtemp(path.data()) != nullptr, path); }
+    Folder() { require(::mkdtemp(path.data()) != nullptr, path); }
     ~Folder() { std::filesystem::remove_all(path); }
   };
   static const Folder folder;
@@ -127,7 +122,7 @@ Contents read_all(const std::string& path) {
   Contents contents;
   contents.volume = *format::Volume::open(*open_file(path));
   const format::Volume& volume = *contents.volume;
-  EXPECT_EQ(test::message_of(volume.verify([](double) {})), "");
+  EXPECT_EQ(message_of(volume.verify([](double) {})), "");
   const format::RowLayout& rows = volume.rows();
   const auto append = [](auto& all, const auto& items) { all.insert(all.end(), items.begin(), items.end()); };
   for (std::uint64_t g = 0; g < rows.group_count(); ++g) {
@@ -181,7 +176,7 @@ TEST(Build, PositionsStayWithinTheirStatedShareOfTheSpacing) {
 TEST(Build, GradientsAreKeptIfAskedFor) {
   const std::string path = temporary_path("gradients.svol");
   for (const bool kept : {false, true}) {
-    ASSERT_TRUE(build({mesh_piece(test::jittered(5, 0.2), wave)}, path, {.gradients = kept}));
+    ASSERT_TRUE(build({mesh_piece(jittered(5, 0.2), wave)}, path, {.gradients = kept}));
     const Contents contents = read_all(path);
     EXPECT_EQ(contents.volume->info().find_column(format::ColumnKind::gradient, 0) >= 0, kept);
     EXPECT_EQ(contents.gradients.size(), kept ? contents.positions.size() : 0);
@@ -199,7 +194,7 @@ TEST(Build, DegenerateSetsWork) {
   cases["tiny extent"] = {{1, 1, 1}, {1 + 1e-15, 1, 1}};
   for (const auto& [name, points] : cases) {
     const std::string path = temporary_path("degenerate.svol");
-    ASSERT_EQ(test::message_of(build({scattered(points)}, path)), "") << name;
+    ASSERT_EQ(message_of(build({scattered(points)}, path)), "") << name;
     EXPECT_EQ(read_all(path).positions.size(), points.size()) << name;
   }
   const std::vector<dvec3> equal(cases["equal"].begin(), cases["equal"].begin() + 4000);
@@ -254,7 +249,7 @@ TEST(Build, MissingValuesAndPointsAreCounted) {
   for (std::size_t i = 10; i < 108; ++i) piece.values[0][i] = nan;
   piece.values[0][108] = -INFINITY;
   piece.values[0][109] = 1e300;
-  const auto report = test::value_of(build({piece}, path));
+  const auto report = value_of(build({piece}, path));
   EXPECT_EQ(report.points.not_finite, 2u);
   EXPECT_EQ(report.missing[0].second, 100u);
   const Contents contents = read_all(path);
@@ -294,36 +289,36 @@ TEST(Build, VerticesThatPiecesShareAreMergedScatteredPointsAreNot) {
   right.tetrahedra = {{0, 1, 2, 3}};
   right.census.tetrahedra = 1;
   const std::string path = temporary_path("pieces.svol");
-  auto report = test::value_of(build({left, right}, path));
+  auto report = value_of(build({left, right}, path));
   EXPECT_EQ(report.points.merged, 3u);
   EXPECT_EQ(report.resolution_counts.back(), 5u);
 
   // Two values at one position are two samples.
   right.values[0][0] += 1;
-  report = test::value_of(build({left, right}, path));
+  report = value_of(build({left, right}, path));
   EXPECT_EQ(report.points.merged, 2u);
   EXPECT_EQ(report.points.coincident, 1u);
 
   left.tetrahedra.clear();
   right.tetrahedra.clear();
-  report = test::value_of(build({left, right}, path));
+  report = value_of(build({left, right}, path));
   EXPECT_EQ(report.points.merged, 0u);
   EXPECT_EQ(report.resolution_counts.back(), 8u);
 }
 
 TEST(Build, BytesDoNotDependOnMemoryAndThreads) {
   const std::string first = temporary_path("first.svol"), other = temporary_path("other.svol");
-  const Piece mesh = mesh_piece(graded_mesh(test::is_sanitized ? 12 : 20), wave);
-  const std::size_t points = test::is_sanitized ? 8'000 : 30'000;
+  const Piece mesh = mesh_piece(graded_mesh(is_sanitized ? 12 : 20), wave);
+  const std::size_t points = is_sanitized ? 8'000 : 30'000;
   for (const auto& pieces : {std::vector{scattered(random_points(points))}, test::cut(mesh, 7)})
-    for (const std::uint32_t leaf_points : test::sample_of<std::uint32_t>({20, 8})) {
+    for (const std::uint32_t leaf_points : sample_of<std::uint32_t>({20, 8})) {
       BuildOptions options{.leaf_points = leaf_points, .memory = std::uint64_t{8} << 30};
       ASSERT_TRUE(build(pieces, first, options));
       const std::string expected = *read_text_file(first);
       // With the least memory, points, faces and corners are sorted on the disk.
       for (const std::uint64_t memory :
-           test::sample_of<std::uint64_t>({1, std::uint64_t{64} << 20, std::uint64_t{1} << 30}, 2))
-        for (const std::size_t threads : test::sample_of<std::size_t>({7, 1, 2})) {
+           sample_of<std::uint64_t>({1, std::uint64_t{64} << 20, std::uint64_t{1} << 30}, 2))
+        for (const std::size_t threads : sample_of<std::size_t>({7, 1, 2})) {
           const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
           options.memory = memory;
           ASSERT_TRUE(build(pieces, other, options));
@@ -334,7 +329,7 @@ TEST(Build, BytesDoNotDependOnMemoryAndThreads) {
 
 // The mesh is too small to be reduced once the vertices that pieces share are merged.
 TEST(Build, PiecesHaveTheResolutionsOfTheWholeMesh) {
-  const Piece whole = mesh_piece(test::jittered(7, 0.2), wave);
+  const Piece whole = mesh_piece(jittered(7, 0.2), wave);
   const std::string path = temporary_path("resolutions.svol");
   const std::vector<std::uint64_t> expected = {512};
   EXPECT_EQ(build({whole}, path)->resolution_counts, expected);
@@ -347,17 +342,15 @@ TEST(Build, BatchesMayEndAnywhere) {
   for (const dvec3& p : random_points(10, 0.25, dvec3(0.5))) points.push_back(p);
   for (const dvec3& p : random_points(20'000, 0.25, dvec3(0.75))) points.push_back(p);
   points.insert(points.end(), {{0, 0, 0}, {1, 1, 1}});
-  EXPECT_EQ(test::message_of(
-                build({scattered(points)}, temporary_path("batches.svol"), {.connectivity = Connectivity::none})),
-            "");
+  EXPECT_EQ(
+      message_of(build({scattered(points)}, temporary_path("batches.svol"), {.connectivity = Connectivity::none})), "");
 }
 
 // At each call of the progress in turn, a byte of every temporary file and of the unfinished output changes.
 TEST(Build, ABadDiskIsSeenOrDoesNoHarm) {
   const std::string path = temporary_path("bad_disk.svol");
-  const Piece mesh = mesh_piece(graded_mesh(test::is_sanitized ? 8 : 14), wave);
-  for (const auto& pieces :
-       {std::vector{scattered(random_points(test::is_sanitized ? 2'000 : 6'000))}, test::cut(mesh, 3)}) {
+  const Piece mesh = mesh_piece(graded_mesh(is_sanitized ? 8 : 14), wave);
+  for (const auto& pieces : {std::vector{scattered(random_points(is_sanitized ? 2'000 : 6'000))}, test::cut(mesh, 3)}) {
     const BuildOptions options{.memory = 1, .held_points = 100};  // all is on the disk
     std::size_t calls = 0, refused = 0;
     const auto build_with = [&](const BuildProgress& progress) {
@@ -368,15 +361,15 @@ TEST(Build, ABadDiskIsSeenOrDoesNoHarm) {
     // The finished file may change behind the check that reads it: such calls do not count.
     ASSERT_TRUE(build_with([&](std::string_view stage, double) { calls += stage == "checking" ? 0 : 1; }));
     const std::string expected = *read_text_file(path);
-    const std::size_t step = std::max<std::size_t>(calls / (test::is_long() ? 16 : 5), 1);
+    const std::size_t step = std::max<std::size_t>(calls / (is_long() ? 16 : 5), 1);
     for (std::size_t bad = 0; bad < calls; bad += step)
-      for (const double part : test::sample_of<double>({0.5, 0.01, 0.97})) {
+      for (const double part : sample_of<double>({0.5, 0.01, 0.97})) {
         std::atomic<std::size_t> call = 0;
         std::string at;
         const auto report = build_with([&](const char* stage, double fraction) {
           if (call++ != bad) return;
           at = fmt::format("{} {}", stage, fraction);
-          (void)test::damage_temporary_files(part);
+          (void)damage_temporary_files(part);
         });
         refused += report ? 0 : 1;
         if (report)
@@ -437,31 +430,31 @@ void expect_same(const Total& a, const Total& b, double tolerance) {
 dmat3 dense(const SymmetricMatrix& s) { return {s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz}; }
 
 // The index that a build makes, with leaves of at most 300 points.
-test::Tree build_index(const Piece& piece) {
+Tree build_index(const Piece& piece) {
   const std::string path = temporary_path("index.svol");
   EXPECT_TRUE(build({piece}, path, {.index_leaf_points = 300}));
-  return *test::read_tree(**format::Volume::open(*open_file(path)), 0);
+  return *read_tree(**format::Volume::open(*open_file(path)), 0);
 }
 
 // An input, reduced and merged all in memory, and the index that a build makes of it.
 struct Merged {
   PointBatch points;
   Cube cube;
-  std::vector<test::Resolution> resolutions;
+  std::vector<Resolution> resolutions;
   std::vector<std::uint8_t> segments;
-  std::vector<test::Material> materials;
+  std::vector<Material> materials;
   format::ValueBins bins;
-  test::Tree tree;
+  Tree tree;
 
   explicit Merged(const Piece& piece) {
     PieceSource source({piece});
-    test::WholePoints whole = *test::read_points(source);
+    WholePoints whole = *read_points(source);
     points = std::move(whole.points);
     cube = whole.summary.cube;
     bins = format::bins_of(whole.summary.attributes[0]);
-    resolutions = test::reduce_by_octree(points.keys, points.positions, cube, 8);
-    segments = test::find_segments(resolutions);
-    materials = test::merge_clusters(points.positions, resolutions, test::material_of(points));
+    resolutions = reduce_by_octree(points.keys, points.positions, cube, 8);
+    segments = find_segments(resolutions);
+    materials = merge_clusters(points.positions, resolutions, material_of(points));
     tree = build_index(piece);
   }
 
@@ -479,7 +472,7 @@ struct Merged {
 };
 
 TEST(BuildMoments, TheWholeIsTheSameAtEveryResolution) {
-  for (const test::Mesh& mesh : {test::jittered(16, 0.3), graded_mesh(16)}) {
+  for (const Mesh& mesh : {jittered(16, 0.3), graded_mesh(16)}) {
     const Merged merged(mesh_piece(mesh, wave));
     ASSERT_GE(merged.resolutions.size(), 3u);
     const Total finest = merged.total(merged.resolutions.size() - 1);
@@ -506,7 +499,7 @@ TEST(BuildMoments, TheWholeIsTheSameAtEveryResolution) {
 }
 
 TEST(BuildMoments, EveryValidCutHasTheSameMass) {
-  const test::Mesh mesh = graded_mesh(18);
+  const Mesh mesh = graded_mesh(18);
   const Merged merged(mesh_piece(mesh, wave));
   std::mt19937 random(1);
   const std::size_t last = merged.resolutions.size() - 1;
@@ -550,9 +543,9 @@ TEST(BuildMoments, EveryValidCutHasTheSameMass) {
 
 TEST(BuildMoments, FarFromTheOriginTheyAreTheSame) {
   // Coordinates are multiples of 2^-20: moving them by 10^7 is exact.
-  test::Mesh mesh = test::jittered(8, 0.3);
+  Mesh mesh = jittered(8, 0.3);
   for (dvec3& p : mesh.points) p = glm::round(p * 0x1p20) * 0x1p-20;
-  test::Mesh moved = mesh;
+  Mesh moved = mesh;
   const dvec3 shift(1e7, -1e7, 1e7);
   for (dvec3& p : moved.points) p += shift;
   Piece here = mesh_piece(mesh, wave), there = here;
@@ -573,7 +566,7 @@ TEST(BuildMoments, FarFromTheOriginTheyAreTheSame) {
 }
 
 TEST(BuildMoments, PositionsAndMeansStayWithinTheirShareOfTheDeviations) {
-  const test::Mesh mesh = graded_mesh(12);
+  const Mesh mesh = graded_mesh(12);
   const Piece piece = mesh_piece(mesh, wave);
   const std::string path = temporary_path("shares.svol");
   ASSERT_TRUE(build({piece}, path));
@@ -581,7 +574,7 @@ TEST(BuildMoments, PositionsAndMeansStayWithinTheirShareOfTheDeviations) {
   const Merged merged(piece);
   const std::size_t last = merged.resolutions.size() - 1;
   const double range = merged.bins.max - merged.bins.min;
-  const std::vector<std::uint64_t> order = test::file_order(merged.resolutions);
+  const std::vector<std::uint64_t> order = file_order(merged.resolutions);
   for (std::size_t k = 0; k < order.size(); ++k) {
     const std::size_t i = order[k];
     const SpatialMoments& moments = merged.materials[last].moments[i];
@@ -600,7 +593,7 @@ TEST(BuildMoments, PositionsAndMeansStayWithinTheirShareOfTheDeviations) {
 }
 
 TEST(BuildMoments, MissingValuesLowerTheCoverage) {
-  const test::Mesh mesh = test::jittered(12, 0.2);
+  const Mesh mesh = jittered(12, 0.2);
   Piece piece = mesh_piece(mesh, wave);
   std::mt19937 random(8);
   for (double& value : piece.values[0])
@@ -611,7 +604,7 @@ TEST(BuildMoments, MissingValuesLowerTheCoverage) {
     if (std::ranges::all_of(t, [&](std::uint32_t v) { return std::abs(piece.values[0][v]) < 1e30; }))
       with_value += test::volume({mesh.points, {t}});
   ASSERT_GT(with_value, 0.2);
-  for (const test::Material& material : merged.materials) {
+  for (const Material& material : merged.materials) {
     double mass = 0;
     for (const ValueMoments& value : material.value_moments[0]) mass += value.mass;
     EXPECT_NEAR(mass / with_value, 1, 1e-12);
@@ -627,8 +620,8 @@ TEST(BuildMoments, MissingValuesLowerTheCoverage) {
 
 TEST(BuildMoments, PointsWithoutMaterialStayWhereTheyAre) {
   // Two cubes of cells, so that the points between them lie in the box round all cells.
-  test::Mesh mesh = test::lattice(8);
-  const test::Mesh one = mesh;
+  Mesh mesh = lattice(8);
+  const Mesh one = mesh;
   for (const dvec3& p : one.points) mesh.points.push_back(p + dvec3(4, 0, 0));
   for (auto corners : one.tetrahedra) {
     for (std::uint32_t& corner : corners) corner += static_cast<std::uint32_t>(one.points.size());
@@ -639,7 +632,7 @@ TEST(BuildMoments, PointsWithoutMaterialStayWhereTheyAre) {
   mesh.tetrahedra.push_back({0, 1, 2, 3});  // flat: a row of the lattice
   const Piece piece = mesh_piece(mesh, [](dvec3 p) { return p.x; });
   const std::string path = temporary_path("no_cell.svol");
-  const auto report = test::value_of(build({piece}, path, {.gradients = true}));
+  const auto report = value_of(build({piece}, path, {.gradients = true}));
   EXPECT_EQ(report.connectivity, Connectivity::mesh);
   EXPECT_EQ(report.points.in_no_cell, 700u);
   const Contents contents = read_all(path);
@@ -666,11 +659,11 @@ TEST(BuildMoments, PointsWithoutMaterialStayWhereTheyAre) {
 
 TEST(BuildMoments, OneTetrahedronAndOnlyFlatOnesWork) {
   const std::string path = temporary_path("one_cell.svol");
-  const test::Mesh one{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{0, 1, 2, 3}}};
+  const Mesh one{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{0, 1, 2, 3}}};
   ASSERT_TRUE(build({mesh_piece(one, wave)}, path));
   const Contents contents = read_all(path);
   for (const Splat& splat : contents.splats[0]) EXPECT_NEAR(splat.shape.mass * 24, 1, 0.003);
-  const test::Mesh flat{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}, {{0, 1, 2, 3}}};
+  const Mesh flat{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}, {{0, 1, 2, 3}}};
   ASSERT_TRUE(build({mesh_piece(flat, wave)}, path));
   const Contents nothing = read_all(path);
   for (const Splat& splat : nothing.splats[0]) EXPECT_EQ(splat.shape.mass, 0);
@@ -680,7 +673,7 @@ BuildOptions connected(Connectivity connectivity) { return {.connectivity = conn
 
 TEST(BuildConnectivity, IsAsAskedForAndSaidInTheReportAndTheFile) {
   const std::string path = temporary_path("connectivity.svol");
-  const Piece mesh = mesh_piece(test::jittered(8, 0.2), wave);
+  const Piece mesh = mesh_piece(jittered(8, 0.2), wave);
   Piece points = mesh;
   points.tetrahedra.clear();
   points.census.tetrahedra = 0;
@@ -710,14 +703,14 @@ TEST(BuildConnectivity, SurfacesAreJoinedOnRequestOnly) {
   surface.census.cells = {{"polygon", 40}, {"vertex", 3}};
   surface.census.without_volume = 43;
   surface.census.surfaces = 40;
-  const std::string refused = test::message_of(build({surface}, path));
+  const std::string refused = message_of(build({surface}, path));
   EXPECT_EQ(
       refused,
       "only surface cells (40 polygons); splatvol draws volumes; --connectivity delaunay joins the points anyway");
   EXPECT_FALSE(std::filesystem::exists(path));
   for (const Connectivity wanted : {Connectivity::delaunay, Connectivity::none})
     EXPECT_TRUE(build({surface}, path, connected(wanted)));
-  EXPECT_TRUE(build({surface, mesh_piece(test::jittered(4, 0.2), wave)}, path)) << "a volume beside it";
+  EXPECT_TRUE(build({surface, mesh_piece(jittered(4, 0.2), wave)}, path)) << "a volume beside it";
 }
 
 TEST(BuildConnectivity, CellsWithoutVolumeAreRefused) {
@@ -725,28 +718,28 @@ TEST(BuildConnectivity, CellsWithoutVolumeAreRefused) {
   Piece flat = mesh_piece({{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}, {{0, 1, 2, 3}}}, wave);
   flat.census.cells = {{"hexahedron", 1}};
   flat.census.tetrahedra = flat.census.flat = 1;
-  EXPECT_THAT(test::message_of(build({flat}, path)), testing::StartsWith("no cell fills a volume (1 hexahedron)"));
-  EXPECT_TRUE(build({flat, mesh_piece(test::jittered(4, 0.2), wave)}, path)) << "a volume beside it";
+  EXPECT_THAT(message_of(build({flat}, path)), testing::StartsWith("no cell fills a volume (1 hexahedron)"));
+  EXPECT_TRUE(build({flat, mesh_piece(jittered(4, 0.2), wave)}, path)) << "a volume beside it";
 
   flat.census.flat = flat.census.tetrahedra = 0;
   flat.census.non_finite = 1;
   flat.tetrahedra.clear();
-  EXPECT_THAT(test::message_of(build({flat}, path)), testing::StartsWith("every cell has coordinates beyond 1e50"));
+  EXPECT_THAT(message_of(build({flat}, path)), testing::StartsWith("every cell has coordinates beyond 1e50"));
 }
 
 TEST(BuildConnectivity, PointsInAPlaneHaveNoTetrahedra) {
   const std::string path = temporary_path("plane.svol");
   std::vector<dvec3> points = random_points(100);
   for (dvec3& point : points) point.z = 0;
-  EXPECT_THAT(test::message_of(build({scattered(points)}, path, connected(Connectivity::delaunay))),
+  EXPECT_THAT(message_of(build({scattered(points)}, path, connected(Connectivity::delaunay))),
               testing::HasSubstr("in a plane"));
-  const auto report = test::value_of(build({scattered(points)}, path));
+  const auto report = value_of(build({scattered(points)}, path));
   EXPECT_EQ(report.connectivity, Connectivity::none);
 }
 
 TEST(BuildConnectivity, WithoutCellsMassesStillFillTheDomain) {
   const std::string path = temporary_path("filled.svol");
-  Piece mesh = mesh_piece(test::jittered(12, 0.2), wave), points = mesh;
+  Piece mesh = mesh_piece(jittered(12, 0.2), wave), points = mesh;
   points.tetrahedra.clear();
   points.census.tetrahedra = 0;
   for (const auto& [piece, wanted] : {std::pair(mesh, Connectivity::delaunay), std::pair(mesh, Connectivity::none),
@@ -772,7 +765,7 @@ TEST(BuildConnectivity, DelaunayInSubdomainsGivesTheSameFileWithAnyMemory) {
     return *read_text_file(path);
   };
   const std::string whole = bytes(100'000, std::uint64_t{1} << 30);
-  if (test::is_long()) {
+  if (is_long()) {
     EXPECT_TRUE(bytes(1000, std::uint64_t{1} << 30) == whole);
   }
   EXPECT_TRUE(bytes(1000, std::uint64_t{1} << 25) == whole);
@@ -780,7 +773,7 @@ TEST(BuildConnectivity, DelaunayInSubdomainsGivesTheSameFileWithAnyMemory) {
 
 // Walks the tree and calls visit(node, begin, end, depth): points [begin, end) in Morton order lie in the node.
 template <class Visit>
-void walk(const test::Tree& tree, std::span<const MortonKey> keys, const Visit& visit) {
+void walk(const Tree& tree, std::span<const MortonKey> keys, const Visit& visit) {
   std::size_t next_node = 0;
   const auto descend = [&](const auto& self, std::size_t begin, std::size_t end, int depth) -> void {
     const std::size_t node = next_node++;
@@ -817,7 +810,7 @@ TEST(BuildIndex, BoundsTheSplatsThatComeOutOfTheFile) {
   const Contents contents = read_all(path);
   const Merged merged(piece);  // the same tree: bytes do not depend on threads
   const Cube& cube = merged.cube;
-  const std::vector<std::uint64_t> order = test::file_order(merged.resolutions);
+  const std::vector<std::uint64_t> order = file_order(merged.resolutions);
   std::vector<std::size_t> index_in_file(merged.points.size());  // [point in Morton order]
   for (std::size_t k = 0; k < order.size(); ++k) index_in_file[order[k]] = k;
 
@@ -848,7 +841,7 @@ TEST(BuildIndex, BoundsTheSplatsThatComeOutOfTheFile) {
 }
 
 TEST(BuildIndex, SummariesCoverTheValuesOfTheMaterial) {
-  const test::Mesh mesh = test::jittered(12, 0.3);
+  const Mesh mesh = jittered(12, 0.3);
   const Merged merged(mesh_piece(mesh, [](dvec3 p) { return p.x > 0.5 ? 10 : std::floor(4 * p.y); }));
   // Values at random positions in the cells, by the vertex that owns the position.
   std::map<std::tuple<double, double, double>, std::size_t> index_of;
@@ -892,15 +885,15 @@ struct NodePoints {
 
 // A point set and its resolutions. Counts, size bounds and first_resolution follow by brute force.
 struct BruteForce {
-  test::WholePoints whole;
-  std::vector<test::Resolution> resolutions;
+  WholePoints whole;
+  std::vector<Resolution> resolutions;
   std::vector<std::uint8_t> segments;
 
   explicit BruteForce(const std::vector<dvec3>& positions) {
     PieceSource source({scattered(positions)});
-    whole = *test::read_points(source);
-    resolutions = test::reduce_by_octree(whole.points.keys, whole.points.positions, whole.summary.cube, 8);
-    segments = test::find_segments(resolutions);
+    whole = *read_points(source);
+    resolutions = reduce_by_octree(whole.points.keys, whole.points.positions, whole.summary.cube, 8);
+    segments = find_segments(resolutions);
   }
 
   [[nodiscard]] auto count(const NodePoints& node, std::size_t r) const {
@@ -910,7 +903,7 @@ struct BruteForce {
 
   // Size of the largest octant splat whose point lies in the node.
   [[nodiscard]] double largest_size(const NodePoints& node, std::size_t r) const {
-    const test::Resolution& resolution = resolutions[r];
+    const Resolution& resolution = resolutions[r];
     double largest = 0;
     for (std::size_t m = 0; m < resolution.size(); ++m)
       if (resolution.members[m] >= node.begin && resolution.members[m] < node.end)
@@ -922,7 +915,7 @@ struct BruteForce {
   // than the node and has a point in common with it.
   [[nodiscard]] bool is_crossed(const NodePoints& node, std::size_t r) const {
     const std::vector<MortonKey>& keys = whole.points.keys;
-    const test::Resolution& resolution = resolutions[r];
+    const Resolution& resolution = resolutions[r];
     for (std::size_t m = 0; m < resolution.size(); ++m)
       if (resolution.depths[m] < node.depth &&
           common_depth(keys[resolution.members[m]], keys[node.begin]) >= resolution.depths[m])
@@ -935,7 +928,7 @@ TEST(BuildIndex, EveryNodeTellsTheTruth) {
   auto positions = random_points(6000);
   for (std::size_t i = 0; i < 3000; ++i) positions[i] = dvec3(0.7) + 1e-4 * positions[i];
   const BruteForce expected(positions);
-  const test::Tree tree = build_index(scattered(positions));
+  const Tree tree = build_index(scattered(positions));
   walk(tree, expected.whole.points.keys, [&](std::size_t node, std::size_t begin, std::size_t end, int depth) {
     const NodePoints points{begin, end, depth};
     for (std::size_t r = 0; r < expected.resolutions.size(); ++r) {
@@ -964,7 +957,7 @@ BuildOptions reduced_by(Reduction method) { return {.reduction = method, .index_
 // any valid cut has the mass of the whole. Masses in the file are within 2^(1/256), which is 0.28 %. Returns the number
 // of nodes that may be drawn at more than one resolution.
 std::size_t expect_nodes_keep_their_mass(const Contents& contents) {
-  const test::Tree tree = *test::read_tree(*contents.volume, 0);
+  const Tree tree = *read_tree(*contents.volume, 0);
   const std::size_t resolutions = contents.splats.size();
   std::size_t node = 0, with_choice = 0;
   const auto descend = [&](const auto& self, std::vector<std::uint64_t> begins) -> void {
@@ -993,7 +986,7 @@ std::size_t expect_nodes_keep_their_mass(const Contents& contents) {
 }
 
 TEST(BuildReductions, NodesKeepTheirMassAtEveryResolution) {
-  const test::Mesh mesh = graded_mesh(28);
+  const Mesh mesh = graded_mesh(28);
   for (const Reduction method : all_reductions) {
     SCOPED_TRACE(reduction_name(method));
     const std::string path = temporary_path("reductions.svol");
@@ -1017,7 +1010,7 @@ TEST(BuildReductions, HardDistributionsWork) {
       SCOPED_TRACE(distribution_names()[static_cast<std::size_t>(distribution)] + ", " + reduction_name(method));
       const std::string path = temporary_path("hard.svol");
       const auto source = generate_points({count, distribution});
-      const auto report = test::value_of(build_volume(*source, path, reduced_by(method), [](const char*, double) {}));
+      const auto report = value_of(build_volume(*source, path, reduced_by(method), [](const char*, double) {}));
       const Contents contents = read_all(path);
       EXPECT_EQ(contents.positions.size(), count);
       const std::vector<std::uint64_t>& counts = report.resolution_counts;
@@ -1031,8 +1024,8 @@ TEST(BuildReductions, HardDistributionsWork) {
 
 TEST(BuildReductions, BytesDoNotDependOnMemoryAndThreads) {
   const std::string first = temporary_path("first.svol"), other = temporary_path("other.svol");
-  const Piece mesh = mesh_piece(graded_mesh(test::is_long() ? 20 : 12), wave);
-  const std::size_t points = test::is_long() ? 30'000 : 8'000;
+  const Piece mesh = mesh_piece(graded_mesh(is_long() ? 20 : 12), wave);
+  const std::size_t points = is_long() ? 30'000 : 8'000;
   for (const Reduction method : {Reduction::mis, Reduction::kdtree})
     for (const auto& pieces : {std::vector{scattered(random_points(points))}, test::cut(mesh, 7)}) {
       BuildOptions options = reduced_by(method);
@@ -1050,4 +1043,4 @@ TEST(BuildReductions, BytesDoNotDependOnMemoryAndThreads) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -5,13 +5,12 @@
 #include <algorithm>
 #include <random>
 #include <tuple>
-#include <utility>
 #include <vector>
 
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using format::CellField;
@@ -55,12 +54,11 @@ std::vector<Cell> cells_of(const SortedCells& sorted) {
   return cells;
 }
 
-class CellSorts : public test::FolderTest {
- protected:
+struct CellSorts : FolderTest {
   // Sorts, and takes the cells of ranks below a border, which moves on.
   std::vector<Cell> sort(CellShape shape, CellField field, std::span<const Cell> cells, std::uint64_t rank_end,
                          std::uint64_t memory) const {
-    CellSort sort = test::value_of(CellSort::create(shape, field, rank_end, memory, path("")));
+    CellSort sort = value_of(CellSort::create(shape, field, rank_end, memory, path("")));
     for (const Cell& cell : cells) {
       RankedCell ranked{.point = cell.point, .sign = cell.sign};
       std::ranges::copy(cell.corners, ranked.corners.begin());
@@ -71,7 +69,7 @@ class CellSorts : public test::FolderTest {
     SortedCells sorted;
     sorted.chunk.shape = shape;
     sorted.chunk.field = field;
-    while (const auto rank = test::value_of(sort.next_rank())) {
+    while (const auto rank = value_of(sort.next_rank())) {
       const std::size_t had = sorted.chunk.size();
       sort.take(*rank + 3, 100, sorted);
       EXPECT_GT(sorted.chunk.size(), had);
@@ -105,4 +103,4 @@ TEST_F(CellSorts, OrderIsThatOfAllCornersForAnyRanksAndMemory) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

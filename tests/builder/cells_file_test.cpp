@@ -6,9 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
-#include <map>
-#include <optional>
 #include <random>
 #include <string>
 #include <vector>
@@ -23,11 +20,11 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/long.h"
+#include "tests/support/opened_files.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
-#include "tests/support/volume_bytes.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using format::CellReader;
@@ -81,32 +78,31 @@ struct KeptCells {
 KeptCells read_cells(const Volume& volume, const std::vector<std::string>& names) {
   KeptCells kept;
   kept.values.resize(names.size());
-  const auto cells = test::value_of(CellReader::open(volume));
+  const auto cells = value_of(CellReader::open(volume));
   format::RankedPoints points(*cells, std::uint64_t{8} << 20);
-  for (std::size_t p = 0; p < cells->pages().size(); ++p)
-    for (const format::CellChunkEntry& entry : test::value_of(cells->read_page(p, {})).chunks) {
-      const auto corners = test::value_of(cells->read_chunk(entry)).corners;
-      kept.ranks.insert(kept.ranks.end(), corners.begin(), corners.end());
-      kept.largest_chunk = std::max<std::size_t>(kept.largest_chunk, entry.cells);
-      ++kept.chunks;
-      std::vector<format::RankedPoints::Place> places;
-      std::vector<dvec3> positions;
-      std::vector<float> stored;
-      EXPECT_TRUE(points.find(corners, places));
-      EXPECT_TRUE(points.read_positions(places, positions));
-      kept.positions.insert(kept.positions.end(), positions.begin(), positions.end());
-      for (std::size_t a = 0; a < names.size(); ++a) {
-        const int number = volume.info().find_attribute(names[a]);
-        const format::Attribute& attribute = volume.info().attributes[static_cast<std::size_t>(number)];
-        EXPECT_TRUE(points.read_values(places, number, stored));
-        for (const float value : stored) kept.values[a].push_back(attribute.value(double{value}));
-      }
-      std::vector<std::uint64_t> groups;
-      for (const auto& place : places) groups.push_back(place.group);
-      std::ranges::sort(groups);
-      const auto rest = std::ranges::unique(groups);
-      kept.most_groups = std::max(kept.most_groups, groups.size() - rest.size());
+  for (const auto& chunk : chunks_of(*cells)) {
+    const auto& corners = chunk.corners;
+    kept.ranks.insert(kept.ranks.end(), corners.begin(), corners.end());
+    kept.largest_chunk = std::max(kept.largest_chunk, chunk.size());
+    ++kept.chunks;
+    std::vector<format::RankedPoints::Place> places;
+    std::vector<dvec3> positions;
+    std::vector<float> stored;
+    EXPECT_TRUE(points.find(corners, places));
+    EXPECT_TRUE(points.read_positions(places, positions));
+    kept.positions.insert(kept.positions.end(), positions.begin(), positions.end());
+    for (std::size_t a = 0; a < names.size(); ++a) {
+      const int number = volume.info().find_attribute(names[a]);
+      const format::Attribute& attribute = volume.info().attributes[static_cast<std::size_t>(number)];
+      EXPECT_TRUE(points.read_values(places, number, stored));
+      for (const float value : stored) kept.values[a].push_back(attribute.value(double{value}));
     }
+    std::vector<std::uint64_t> groups;
+    for (const auto& place : places) groups.push_back(place.group);
+    std::ranges::sort(groups);
+    const auto rest = std::ranges::unique(groups);
+    kept.most_groups = std::max(kept.most_groups, groups.size() - rest.size());
+  }
   return kept;
 }
 
@@ -123,27 +119,20 @@ Cells cells_of(const KeptCells& kept) {
   return cells;
 }
 
-class CellsFile : public test::FolderTest {
- protected:
+struct CellsFile : FolderTest {
   [[nodiscard]] Result<BuildReport> try_build(const std::vector<Piece>& pieces, const std::string& name,
                                               BuildOptions options) const {
-    test::PieceSource source(pieces, {.attributes = names_});
+    PieceSource source(pieces, {.attributes = names_});
     return build_volume(source, path(name), options, silent);
   }
 
   BuildReport build(const std::vector<Piece>& pieces, const std::string& name, const BuildOptions& options) const {
-    return test::value_of(try_build(pieces, name, options));
-  }
-
-  [[nodiscard]] std::shared_ptr<const Volume> open_checked(const std::string& name) const {
-    auto volume = test::value_of(Volume::open(*open_file(path(name))));
-    EXPECT_EQ(test::message_of(volume->verify([](double) {}, 2)), "") << name;
-    return volume;
+    return value_of(try_build(pieces, name, options));
   }
 
   static format::Bytes section_of(const Volume& volume, SectionKind kind) {
     const auto section = std::ranges::find(volume.sections(), kind, &format::SectionEntry::kind);
-    return test::value_of(volume.read_bytes(section->offset, section->packed_bytes));
+    return value_of(volume.read_bytes(section->offset, section->packed_bytes));
   }
 
   // Builds a file exactly, rounded and without cells, and compares cells with the input's. Returns those that are
@@ -158,8 +147,8 @@ class CellsFile : public test::FolderTest {
     options.keep_cells = false;
     build(pieces, "plain.svol", options);
 
-    const auto exact = open_checked("exact.svol"), rounded = open_checked("rounded.svol"),
-               plain = open_checked("plain.svol");
+    const auto exact = open_checked(path("exact.svol")), rounded = open_checked(path("rounded.svol")),
+               plain = open_checked(path("plain.svol"));
     const KeptCells kept = read_cells(*exact, names_), near = read_cells(*rounded, names_);
     const Cells expected = cells_of(pieces), found = cells_of(kept);
     EXPECT_EQ(found.size(), expected.size());
@@ -169,7 +158,7 @@ class CellsFile : public test::FolderTest {
     EXPECT_EQ(report_.kept_cells->cells, found.size());
     EXPECT_EQ(report_.kept_cells->collapsed, given - found.size());
     EXPECT_EQ(report_.kept_cells->turned, 0u);
-    const auto cells = test::value_of(CellReader::open(*rounded));
+    const auto cells = value_of(CellReader::open(*rounded));
     EXPECT_EQ(cells->kinds().size(), found.empty() ? 0u : 1u);
     for (const format::CellKind& kind : cells->kinds()) EXPECT_EQ(kind.turned, rounded_report_.kept_cells->turned);
     EXPECT_LE(kept.most_groups, std::size_t{format::max_chunk_groups});
@@ -196,7 +185,7 @@ class CellsFile : public test::FolderTest {
 // A number that single precision has.
 double field(dvec3 p) { return double{static_cast<float>(p.x + 2 * p.y * p.y - std::sin(5 * p.z))}; }
 
-Piece jittered_piece(std::uint32_t cells) { return mesh_piece(test::jittered(cells, 0.2), field); }
+Piece jittered_piece(std::uint32_t cells) { return mesh_piece(jittered(cells, 0.2), field); }
 
 TEST_F(CellsFile, OneTetrahedron) {
   Piece piece;
@@ -212,18 +201,18 @@ TEST_F(CellsFile, OneTetrahedron) {
 TEST_F(CellsFile, OfPiecesWithCommonVertices) {
   const Piece whole = jittered_piece(12);
   const KeptCells one = check({whole});
-  std::vector<Piece> pieces = test::cut(whole, 9);
+  std::vector<Piece> pieces = cut(whole, 9);
   EXPECT_TRUE(check(pieces).ranks == one.ranks) << "however the mesh is cut";
   // Pieces without cells, and without anything.
-  pieces.insert(pieces.begin(), test::scattered(test::random_points(100, 0.5)));
-  pieces.insert(pieces.begin() + 4, test::scattered({}));
-  pieces.insert(pieces.begin() + 5, test::scattered(test::random_points(10, 3)));
-  pieces.push_back(test::scattered(test::random_points(1, 7)));
+  pieces.insert(pieces.begin(), scattered(random_points(100, 0.5)));
+  pieces.insert(pieces.begin() + 4, scattered({}));
+  pieces.insert(pieces.begin() + 5, scattered(random_points(10, 3)));
+  pieces.push_back(scattered(random_points(1, 7)));
   check(pieces);
 }
 
 TEST_F(CellsFile, OfEachReduction) {
-  const std::vector<Piece> pieces = test::cut(jittered_piece(11), 3);
+  const std::vector<Piece> pieces = cut(jittered_piece(11), 3);
   for (const Reduction reduction : {Reduction::octree, Reduction::mis, Reduction::kdtree})
     for (const std::uint32_t leaf : {8u, 300u})
       check(pieces, {.reduction = reduction, .leaf_points = leaf, .index_leaf_points = 300});
@@ -232,9 +221,9 @@ TEST_F(CellsFile, OfEachReduction) {
 TEST_F(CellsFile, OfTheGenerator) {
   const std::string mesh = "gen:mesh:cells=40000,pieces=5";
   std::vector<Piece> pieces;
-  const auto source = test::value_of(open_source({mesh}, {}));
+  const auto source = value_of(open_source({mesh}, {}));
   names_ = source->attributes();
-  while (const auto piece = test::value_of(source->next())) pieces.push_back(*piece);
+  while (const auto piece = value_of(source->next())) pieces.push_back(*piece);
   check(pieces);
 }
 
@@ -285,7 +274,7 @@ Piece star(std::uint32_t points, int cells) {
   std::uniform_real_distribution<double> uniform(0.1, 1);
   Piece piece;
   piece.points.emplace_back(0, 0, 0);
-  for (std::uint32_t i = 0; i < points; ++i) piece.points.push_back(test::random_vector(uniform, random));
+  for (std::uint32_t i = 0; i < points; ++i) piece.points.push_back(random_vector(uniform, random));
   piece.values = {{}};
   for (const dvec3& p : piece.points) piece.values[0].push_back(field(p));
   for (int i = 0; i < cells; ++i) {
@@ -299,7 +288,7 @@ Piece star(std::uint32_t points, int cells) {
 TEST_F(CellsFile, OfAStar) {
   const Piece piece = star(3000, 200'000);
   build({piece}, "star.svol", {.exact = {.positions = true, .values = true}, .keep_cells = true});
-  const KeptCells kept = read_cells(*open_checked("star.svol"), names_);
+  const KeptCells kept = read_cells(*open_checked(path("star.svol")), names_);
   EXPECT_TRUE(cells_of(kept) == cells_of(std::vector{piece}));
   EXPECT_EQ(kept.chunks, 4u);
   EXPECT_EQ(kept.largest_chunk, std::size_t{format::max_chunk_cells});
@@ -307,14 +296,13 @@ TEST_F(CellsFile, OfAStar) {
 
 // A chunk of all cells would reach nearly all groups of the file. The densities of so many points are not fitted.
 TEST_F(CellsFile, AChunkReachesFewGroups) {
-  if (!test::is_long()) GTEST_SKIP() << "a part of ctest -L long";
+  if (!is_long()) GTEST_SKIP() << "a part of ctest -L long";
   constexpr std::uint32_t points = 530'000;
   constexpr int cells = 10'000;
   const Piece piece = star(points, cells);
-  BuildOptions options{.keep_cells = true};
-  options.points_per_chunk.points = {format::min_points_per_chunk};
+  BuildOptions options{.points_per_chunk = {.points = {format::min_points_per_chunk}}, .keep_cells = true};
   const BuildReport report = build({piece}, "star.svol", options);
-  const KeptCells kept = read_cells(*test::value_of(Volume::open(*open_file(path("star.svol")))), names_);
+  const KeptCells kept = read_cells(*value_of(Volume::open(*open_file(path("star.svol")))), names_);
   EXPECT_GT(report.kept_cells->cells, cells * 0.99);  // a few have a corner twice
   EXPECT_EQ(kept.ranks.size(), 4 * report.kept_cells->cells);
   EXPECT_GT(points / format::min_points_per_chunk, format::max_chunk_groups);
@@ -350,7 +338,7 @@ TEST_F(CellsFile, OfAttributesThatAreStoredOnce) {
   for (double& value : piece.values[1]) value = double{static_cast<float>(value)};
   names_ = {"one", "two", "the same"};
   check({piece});
-  const auto volume = open_checked("exact.svol");
+  const auto volume = open_checked(path("exact.svol"));
   EXPECT_EQ(volume->info().attributes.size(), 2u);
   EXPECT_EQ(volume->info().aliases.size(), 1u);
 }
@@ -375,11 +363,11 @@ TEST_F(CellsFile, TurnedCellsAreCounted) {
   };
   std::mt19937_64 random(2);
   std::uniform_real_distribution<double> uniform(-0.02, 0.02);
-  Piece piece = mesh_piece(test::lattice(10), field);
+  Piece piece = mesh_piece(lattice(10), field);
   for (dvec3& p : piece.points) p = askew(p + dvec3(uniform(random), uniform(random), 0));
   check({piece});
   const CellReport& rounded = *rounded_report_.kept_cells;
-  const auto volume = open_checked("rounded.svol"), exact = open_checked("exact.svol");
+  const auto volume = open_checked(path("rounded.svol")), exact = open_checked(path("exact.svol"));
   const KeptCells near = read_cells(*volume, names_), kept = read_cells(*exact, names_);
   std::uint64_t turned = 0;
   double turned_volume = 0;
@@ -395,12 +383,12 @@ TEST_F(CellsFile, TurnedCellsAreCounted) {
   EXPECT_EQ(rounded.turned, turned);
   EXPECT_NEAR(rounded.turned_volume, turned_volume, 1e-9 * rounded.volume);
   EXPECT_GT(turned, 10u) << "the test has some";
-  const auto cells = test::value_of(CellReader::open(*volume));
+  const auto cells = value_of(CellReader::open(*volume));
   EXPECT_EQ(cells->kinds().at(0).turned, turned);
 }
 
 TEST_F(CellsFile, BytesDoNotDependOnMemoryAndThreads) {
-  const std::vector<Piece> pieces = test::cut(jittered_piece(test::is_long() ? 30 : 16), 5);
+  const std::vector<Piece> pieces = cut(jittered_piece(is_long() ? 30 : 16), 5);
   build(pieces, "first.svol", {.memory = std::uint64_t{1} << 30, .keep_cells = true});
   const std::string first = read("first.svol");
   for (const std::uint64_t memory : {std::uint64_t{1}, std::uint64_t{32} << 20, std::uint64_t{1} << 30})
@@ -424,7 +412,7 @@ TEST_F(CellsFile, OtherConnectivitiesLeaveThemOut) {
 TEST_F(CellsFile, CanBeInterrupted) {
   const std::vector<Piece> pieces = {jittered_piece(20)};
   for (const std::string stage : {"sorting cells", "writing cells"}) {
-    test::PieceSource source(pieces);
+    PieceSource source(pieces);
     std::stop_source stop;
     const Interruptible interruptible(stop.get_token());
     const auto built =
@@ -438,4 +426,4 @@ TEST_F(CellsFile, CanBeInterrupted) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -18,21 +18,19 @@
 #include "format/cell_reader.h"
 #include "format/volume.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/opened_files.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::PieceSource;
-using test::scattered;
 using testing::HasSubstr;
 
 using Points = std::vector<dvec3>;
 using Ranks = std::array<std::uint64_t, 4>;
 
-class DelaunayCells : public test::FolderTest {
- protected:
+struct DelaunayCells : FolderTest {
   Result<BuildReport> build(const Points& points, BuildOptions options, const std::string& name = "cells.svol",
                             bool keeps = true) {
     PieceSource source({scattered(points)});
@@ -42,7 +40,7 @@ class DelaunayCells : public test::FolderTest {
 
   void expect_none(const Points& points, const BuildOptions& options) {
     const auto kept = build(points, options), dropped = build(points, options, "dropped.svol", false);
-    EXPECT_EQ(test::message_of(kept), test::message_of(dropped));
+    EXPECT_EQ(message_of(kept), message_of(dropped));
     if (!kept || !dropped) return;
     EXPECT_FALSE(kept->kept_cells);
     EXPECT_TRUE(read_text_file(path("cells.svol")).value() == read_text_file(path("dropped.svol")).value());
@@ -52,37 +50,34 @@ class DelaunayCells : public test::FolderTest {
 // The points as the file has them: by ranks.
 Points in_order(const Points& points) {
   PieceSource source({scattered(points)});
-  PointStream stream = test::value_of(
-      PointStream::create(source, false, 1 << 26, std::filesystem::temp_directory_path(), [](double) {}));
+  PointStream stream =
+      value_of(PointStream::create(source, false, 1 << 26, std::filesystem::temp_directory_path(), [](double) {}));
   PointBatch all;
   all.resize_attributes(1);
-  while (test::value_of(stream.next(all))) {
+  while (value_of(stream.next(all))) {
   }
   return all.positions;
 }
 
 std::vector<Ranks> kept_cells(const std::string& path) {
-  const auto volume = test::value_of(format::Volume::open(test::value_of(open_file(path))));
-  EXPECT_EQ(test::message_of(volume->verify([](double) {})), "");
-  const auto reader = test::value_of(format::CellReader::open(*volume));
+  const auto volume = open_checked(path);
+  const auto reader = value_of(format::CellReader::open(*volume));
   EXPECT_TRUE(reader);
   std::vector<Ranks> cells;
-  for (std::size_t page = 0; page < reader->pages().size(); ++page)
-    for (const format::CellChunkEntry& entry : test::value_of(reader->read_page(page, {})).chunks) {
-      const format::CellChunk chunk = test::value_of(reader->read_chunk(entry));
-      EXPECT_EQ(chunk.shape, format::CellShape::tetrahedron);
-      for (std::size_t i = 0; i < chunk.size(); ++i) {
-        std::ranges::copy(chunk.corners_at(i), cells.emplace_back().begin());
-        std::ranges::sort(cells.back());
-      }
+  for (const format::CellChunk& chunk : chunks_of(*reader)) {
+    EXPECT_EQ(chunk.shape, format::CellShape::tetrahedron);
+    for (std::size_t i = 0; i < chunk.size(); ++i) {
+      std::ranges::copy(chunk.corners_at(i), cells.emplace_back().begin());
+      std::ranges::sort(cells.back());
     }
+  }
   std::ranges::sort(cells);
   return cells;
 }
 
 std::vector<Ranks> reference(const Points& points) {
   std::vector<Ranks> cells;
-  for (const Tetrahedron& corners : test::value_of(delaunay_tetrahedra(in_order(points))))
+  for (const Tetrahedron& corners : value_of(delaunay_tetrahedra(in_order(points))))
     std::ranges::copy(corners, cells.emplace_back().begin());
   return cells;
 }
@@ -103,9 +98,9 @@ Points shaken_box(int n, const dvec3& extent) {
 }
 
 TEST_F(DelaunayCells, AreThoseOfTheReference) {
-  const Points points = test::random_points(6000);
+  const Points points = random_points(6000);
   for (const Connectivity connectivity : {Connectivity::automatic, Connectivity::delaunay}) {
-    const BuildReport report = test::value_of(build(points, {.connectivity = connectivity}));
+    const BuildReport report = value_of(build(points, {.connectivity = connectivity}));
     EXPECT_EQ(report.connectivity, Connectivity::delaunay);
     const std::vector<Ranks> expected = reference(points);
     EXPECT_EQ(report.kept_cells->cells, expected.size());
@@ -115,7 +110,7 @@ TEST_F(DelaunayCells, AreThoseOfTheReference) {
 }
 
 TEST_F(DelaunayCells, FillTheHull) {
-  const BuildReport report = test::value_of(build(shaken_box(16, {1, 2, 3}), {}));
+  const BuildReport report = value_of(build(shaken_box(16, {1, 2, 3}), {}));
   // Positions are rounded.
   EXPECT_NEAR(report.kept_cells->volume / 6, 1, 1e-4);
   EXPECT_LT(report.kept_cells->turned_volume, 1e-4);
@@ -123,11 +118,11 @@ TEST_F(DelaunayCells, FillTheHull) {
 
 // The points of a file do not depend on how they are joined, and neither do the cells.
 TEST_F(DelaunayCells, AreTheSameForThreadsMemoryAndSubdomains) {
-  const Points points = test::random_points(75'000);
+  const Points points = random_points(75'000);
   BuildOptions options{.connectivity = Connectivity::delaunay};
   EXPECT_TRUE(build(points, options, "held").has_value());
   options.held_points = 1000;  // beyond: two subdomains
-  const BuildReport report = test::value_of(build(points, options, "subdomains"));
+  const BuildReport report = value_of(build(points, options, "subdomains"));
   EXPECT_EQ(report.uncertain, 0u);
   EXPECT_EQ(report.disputed, 0u);
   EXPECT_TRUE(read("held") == read("subdomains"));
@@ -138,7 +133,7 @@ TEST_F(DelaunayCells, AreTheSameForThreadsMemoryAndSubdomains) {
 }
 
 TEST_F(DelaunayCells, CopiesOfAPointHaveNone) {
-  Points points = test::random_points(2000);
+  Points points = random_points(2000);
   Piece piece = scattered(points);
   for (std::size_t i = 0; i < 500; ++i) {
     piece.points.push_back(points[i]);
@@ -146,7 +141,7 @@ TEST_F(DelaunayCells, CopiesOfAPointHaveNone) {
   }
   PieceSource source({piece});
   const BuildReport report =
-      test::value_of(build_volume(source, path("cells.svol"), {.keep_cells = true}, [](const char*, double) {}));
+      value_of(build_volume(source, path("cells.svol"), {.keep_cells = true}, [](const char*, double) {}));
   EXPECT_EQ(report.resolution_counts.back(), 2500u);
   EXPECT_EQ(report.points.coincident, 500u);
   const std::vector<Ranks> cells = kept_cells(path("cells.svol"));
@@ -173,7 +168,7 @@ TEST_F(DelaunayCells, AreLeftOutWhereNoTetrahedronIs) {
 }
 
 TEST_F(DelaunayCells, AreLeftOutWhereOthersJoinThePoints) {
-  const Points points = test::random_points(100);
+  const Points points = random_points(100);
   for (const Connectivity connectivity : {Connectivity::none, Connectivity::boxes})
     expect_none(points, {.connectivity = connectivity});
   expect_none(points, {.held_points = 50});
@@ -181,4 +176,4 @@ TEST_F(DelaunayCells, AreLeftOutWhereOthersJoinThePoints) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

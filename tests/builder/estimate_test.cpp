@@ -5,12 +5,12 @@
 #include "builder/opening/open_own.h"
 #include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 InputSize size_of(const std::string& input, const SourceOptions& options = {}) {
-  const auto source = test::value_of(open_own({input}, options));
-  return test::value_of(measure_input(*source, true));
+  const auto source = value_of(open_own({input}, options));
+  return value_of(measure_input(*source, true));
 }
 
 BuildOptions with_memory(std::uint64_t bytes) { return {.memory = bytes}; }
@@ -29,9 +29,9 @@ TEST(MeasureInput, TakesWhatPointsDeclare) {
 }
 
 TEST(MeasureInput, ReadsMeshesPieceByPiece) {
-  const auto source = test::value_of(open_own({"gen:mesh:cells=1e5,pieces=3"}, {}));
+  const auto source = value_of(open_own({"gen:mesh:cells=1e5,pieces=3"}, {}));
   double share = 0;
-  const auto size = test::value_of(measure_input(*source, true, [&](double fraction) {
+  const auto size = value_of(measure_input(*source, true, [&](double fraction) {
     EXPECT_GE(fraction, share);
     share = fraction;
   }));
@@ -120,4 +120,4 @@ TEST(EstimateBuild, SaysWhatIsNeededBeyondTheGrant) {
 TEST(Range, HasItsMiddleByRatio) { EXPECT_DOUBLE_EQ((Range{2, 8}).middle(), 4); }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -20,7 +20,7 @@
 #include "tests/support/long.h"
 #include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 double field(const dvec3& p, std::size_t attribute) {
@@ -88,18 +88,18 @@ struct Built {
 
 Built build(const std::vector<Piece>& pieces, std::size_t attributes, BuildOptions options, const std::string& path) {
   ManyAttributes source(pieces, attributes);
-  test::start_counting_allocations();
-  auto report = test::value_of(build_volume(source, path, options, [](const char*, double) {}));
-  return {test::most_bytes_allocated(), std::move(report)};
+  start_counting_allocations();
+  auto report = value_of(build_volume(source, path, options, [](const char*, double) {}));
+  return {most_bytes_allocated(), std::move(report)};
 }
 
 // Whatever the attributes, a build holds its memory, a piece and some hundred KiB. Files are the same.
 TEST(HeldBytes, AreBoundedForAnyNumberOfAttributes) {
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism, 2);
   const std::string path = testing::TempDir() + "held.svol";
-  const Piece mesh = test::mesh_piece(test::jittered(18, 0.2), [](const dvec3& p) { return p.x; });
-  for (const auto& pieces : {std::vector{mesh}, test::cut(mesh, 3)})
-    for (const std::size_t attributes : test::sample_of<std::size_t>({20, 1, 80})) {
+  const Piece mesh = mesh_piece(jittered(18, 0.2), [](const dvec3& p) { return p.x; });
+  for (const auto& pieces : {std::vector{mesh}, cut(mesh, 3)})
+    for (const std::size_t attributes : sample_of<std::size_t>({20, 1, 80})) {
       std::string expected;
       for (const std::uint64_t memory : {std::uint64_t{256} << 20, std::uint64_t{32} << 20, std::uint64_t{1}}) {
         const Built built = build(pieces, attributes, {.memory = memory}, path);
@@ -117,35 +117,35 @@ TEST(HeldBytes, OfSampledCellsAreBounded) {
   const std::string path = testing::TempDir() + "held_cells.svol";
   std::string expected;
   for (const std::uint64_t memory : {std::uint64_t{64} << 20, std::uint64_t{1}}) {
-    const auto source = generate_points({test::is_long() ? 300'000u : 60'000u, Distribution::clusters, 1, false});
-    test::start_counting_allocations();
-    const auto report = test::value_of(
-        build_volume(*source, path, {.memory = memory, .held_points = 1, .connectivity = Connectivity::none},
-                     [](const char*, double) {}));
+    const auto source = generate_points({is_long() ? 300'000u : 60'000u, Distribution::clusters, 1, false});
+    start_counting_allocations();
+    const auto report =
+        value_of(build_volume(*source, path, {.memory = memory, .held_points = 1, .connectivity = Connectivity::none},
+                              [](const char*, double) {}));
     // The sorted points keep a part of the memory, too.
-    EXPECT_LE(test::most_bytes_allocated(), std::max(memory, report.least_memory) + (std::size_t{14} << 20)) << memory;
+    EXPECT_LE(most_bytes_allocated(), std::max(memory, report.least_memory) + (std::size_t{14} << 20)) << memory;
     if (expected.empty()) expected = *read_text_file(path);
     EXPECT_TRUE(*read_text_file(path) == expected) << memory;
   }
 }
 
 TEST(HeldBytes, OfAPieceAreCounted) {
-  const Piece mesh = test::mesh_piece(test::jittered(30, 0.2), [](const dvec3& p) { return p.x; });
+  const Piece mesh = mesh_piece(jittered(30, 0.2), [](const dvec3& p) { return p.x; });
   for (const bool lends : {false, true}) {
     ManyAttributes source({mesh}, 80, lends);
-    test::start_counting_allocations();
-    const auto points = test::value_of(PointStream::create(
+    start_counting_allocations();
+    const auto points = value_of(PointStream::create(
         source, true, std::size_t{8} << 20, testing::TempDir(), [](double) {}, false));
     const std::uint64_t values = lends ? 0 : 80 * mesh.points.size() * sizeof(double);
     EXPECT_GE(points.summary().bytes_to_read, values);
-    EXPECT_LE(test::most_bytes_allocated(), points.summary().bytes_to_read + (std::size_t{2} << 20)) << lends;
+    EXPECT_LE(most_bytes_allocated(), points.summary().bytes_to_read + (std::size_t{2} << 20)) << lends;
   }
 }
 
 // Lent values give the same file as values of the piece.
 TEST(HeldBytes, LentValuesGiveTheSameFile) {
   const std::string lent = testing::TempDir() + "lent.svol", own = testing::TempDir() + "own.svol";
-  const Piece mesh = test::mesh_piece(test::jittered(9, 0.2), [](const dvec3& p) { return field(p, 0); });
+  const Piece mesh = mesh_piece(jittered(9, 0.2), [](const dvec3& p) { return field(p, 0); });
   ManyAttributes lends({mesh}, 3), copies({mesh}, 3, false);
   ASSERT_TRUE(build_volume(lends, lent, {}, [](const char*, double) {}));
   ASSERT_TRUE(build_volume(copies, own, {}, [](const char*, double) {}));
@@ -169,4 +169,4 @@ TEST(MemoryPlan, LittleMemoryGivesSmallBatchesAndLeastTellsWhatTheyTake) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

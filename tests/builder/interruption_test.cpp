@@ -8,18 +8,18 @@
 #include "builder/pipeline/build.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-class Interruption : public test::FolderTest, public testing::WithParamInterface<const char*> {
- protected:
+struct Interruption : FolderTest, testing::WithParamInterface<const char*> {
   // Builds a mesh or scattered points; requests a stop when a stage comes.
   Result<BuildReport> build_until(const std::string& stage, bool with_cells) {
-    test::Mesh mesh = test::lattice(20);
+    Mesh mesh = lattice(20);
     if (!with_cells) mesh.tetrahedra.clear();
-    test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return p.x; })});
+    PieceSource source({mesh_piece(mesh, [](dvec3 p) { return p.x; })});
     std::stop_source stop;
     const Interruptible heeds(stop.get_token());
     return build_volume(source, path("out.svol"), {}, [&](const char* now, double) {
@@ -28,9 +28,7 @@ class Interruption : public test::FolderTest, public testing::WithParamInterface
   }
 
   void expect_stopped(const std::string& stage, bool with_cells) {
-    const auto built = build_until(stage, with_cells);
-    ASSERT_FALSE(built);
-    EXPECT_EQ(built.error().code, ErrorCode::cancelled) << built.error().message;
+    EXPECT_THAT(build_until(stage, with_cells), FailsWith(ErrorCode::cancelled));
   }
 };
 
@@ -52,4 +50,4 @@ INSTANTIATE_TEST_SUITE_P(Stages, Interruption,
                          [](const auto& stage) { return std::string(stage.param); });
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

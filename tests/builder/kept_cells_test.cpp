@@ -22,12 +22,13 @@
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/series_check.h"
+#include "tests/support/opened_files.h"
 #include "tests/support/results.h"
 #include "tests/support/surgery.h"
 #include "tests/support/temp_folder.h"
 #include "tests/support/volume_bytes.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using format::CellField;
@@ -37,36 +38,19 @@ using testing::HasSubstr;
 
 const auto silent = [](const char*, double) {};
 
-class KeptCells : public test::FolderTest {
- protected:
+struct KeptCells : FolderTest {
   void write(const std::string& name, const std::string& text) const { std::ofstream(path(name)) << text; }
-
-  [[nodiscard]] std::shared_ptr<const format::Volume> open_checked(const std::string& name) const {
-    auto volume = test::value_of(format::Volume::open(*open_file(path(name))));
-    EXPECT_EQ(test::message_of(volume->verify([](double) {}, 2)), "") << name;
-    return volume;
-  }
 
   std::shared_ptr<const format::Volume> build(const std::string& input, const SourceOptions& source_options,
                                               bool exact = true) const {
-    const auto source = test::value_of(open_source({path(input)}, source_options));
-    BuildOptions options{.keep_cells = true};
-    options.exact = {.positions = exact, .values = exact};
-    report_ = test::value_of(build_volume(*source, path("out.svol"), options, silent));
-    return open_checked("out.svol");
+    const auto source = value_of(open_source({path(input)}, source_options));
+    BuildOptions options{.exact = {.positions = exact, .values = exact}, .keep_cells = true};
+    report_ = value_of(build_volume(*source, path("out.svol"), options, silent));
+    return open_checked(path("out.svol"));
   }
 
   mutable BuildReport report_;
 };
-
-// All chunks of a file.
-std::vector<format::CellChunk> chunks_of(const CellReader& cells) {
-  std::vector<format::CellChunk> chunks;
-  for (std::size_t page = 0; page < cells.pages().size(); ++page)
-    for (const format::CellChunkEntry& entry : test::value_of(cells.read_page(page, {})).chunks)
-      chunks.push_back(test::value_of(cells.read_chunk(entry)));
-  return chunks;
-}
 
 // A lattice of n^3 cubes of edge 1, with a value of each.
 std::string lattice_of_cells(int n) {
@@ -83,7 +67,7 @@ TEST_F(KeptCells, OfTheirOwnHaveOneValueAndTheMeshsCorners) {
   write("cells.vtk", lattice_of_cells(n));
   for (const bool exact : {true, false}) {
     const auto volume = build("cells.vtk", {.cells = CellValues::own}, exact);
-    const auto cells = test::value_of(CellReader::open(*volume));
+    const auto cells = value_of(CellReader::open(*volume));
     ASSERT_EQ(cells->kinds().size(), 1u);
     EXPECT_EQ(cells->kinds()[0].shape, CellShape::hexahedron);
     EXPECT_EQ(cells->kinds()[0].field, CellField::constant);
@@ -147,7 +131,7 @@ LOOKUP_TABLE default
 TEST_F(KeptCells, OfEachShapeFillWhatTheyFill) {
   write("shapes.vtk", shapes);
   const auto volume = build("shapes.vtk", {});
-  const auto cells = test::value_of(CellReader::open(*volume));
+  const auto cells = value_of(CellReader::open(*volume));
   std::multiset<CellShape> kinds;
   for (const format::CellKind& kind : cells->kinds()) {
     EXPECT_EQ(kind.cells, 1u);
@@ -242,7 +226,6 @@ std::string lattice_of_polyhedra(int n, bool turn = false, int doubled = 0) {
       positions.size(), points, n * n * n, numbers, cells, types, values, of_cells);
 }
 
-// The volume of all cells, and that of each.
 double volume_of(const CellReader& cells, std::vector<double>& volumes) {
   format::RankedPoints points(cells, 1 << 20);
   format::CellVertices vertices([&](std::size_t page) { return cells.read_vertex_page(page); }, 1 << 20);
@@ -275,7 +258,7 @@ TEST_F(KeptCells, PolyhedraAreKeptAsSuch) {
   for (const CellValues values : {CellValues::averaged, CellValues::own}) {
     const bool own = values == CellValues::own;
     const auto volume = build("polyhedra.vtk", {.cells = values});
-    const auto cells = test::value_of(CellReader::open(*volume));
+    const auto cells = value_of(CellReader::open(*volume));
     ASSERT_EQ(cells->kinds().size(), 1u);
     EXPECT_EQ(cells->kinds()[0].shape, CellShape::polyhedron);
     EXPECT_EQ(cells->kinds()[0].field, own ? CellField::constant : CellField::corners);
@@ -294,13 +277,12 @@ TEST_F(KeptCells, PolyhedraAreKeptAsSuch) {
 TEST_F(KeptCells, PolyhedraDoNotDependOnMemoryAndThreads) {
   write("polyhedra.vtk", lattice_of_polyhedra(15));
   for (const CellValues values : {CellValues::averaged, CellValues::own}) {
-    const auto source = [&] { return test::value_of(open_source({path("polyhedra.vtk")}, {.cells = values})); };
-    ASSERT_EQ(test::message_of(build_volume(*source(), path("first.svol"), {.keep_cells = true}, silent)), "");
+    const auto source = [&] { return value_of(open_source({path("polyhedra.vtk")}, {.cells = values})); };
+    ASSERT_EQ(message_of(build_volume(*source(), path("first.svol"), {.keep_cells = true}, silent)), "");
     for (const std::size_t threads : {1, 4}) {
       const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-      ASSERT_EQ(test::message_of(
-                    build_volume(*source(), path("other.svol"), {.memory = 1 << 20, .keep_cells = true}, silent)),
-                "");
+      ASSERT_EQ(
+          message_of(build_volume(*source(), path("other.svol"), {.memory = 1 << 20, .keep_cells = true}, silent)), "");
       EXPECT_TRUE(read_text_file(path("first.svol")).value() == read_text_file(path("other.svol")).value());
     }
   }
@@ -313,13 +295,12 @@ TEST_F(KeptCells, PolyhedraThatLoseACornerAreKeptAsTetrahedra) {
   double plain = 0;
   for (const int doubled : {0, 5}) {
     write("lattice.vtk", lattice_of_polyhedra(4, false, doubled));
-    const auto source = test::value_of(open_source({path("lattice.vtk"), path("cube.vtk")}, {.selection = {"p"}}));
-    BuildOptions options{.keep_cells = true};
-    options.exact = {.positions = true, .values = true};
-    const BuildReport report = test::value_of(build_volume(*source, path("out.svol"), options, silent));
-    const auto volume = open_checked("out.svol");
+    const auto source = value_of(open_source({path("lattice.vtk"), path("cube.vtk")}, {.selection = {"p"}}));
+    BuildOptions options{.exact = {.positions = true, .values = true}, .keep_cells = true};
+    const BuildReport report = value_of(build_volume(*source, path("out.svol"), options, silent));
+    const auto volume = open_checked(path("out.svol"));
     EXPECT_EQ(volume->info().point_count(), 125u);
-    const auto cells = test::value_of(CellReader::open(*volume));
+    const auto cells = value_of(CellReader::open(*volume));
     ASSERT_EQ(cells->kinds().size(), doubled > 0 ? 2u : 1u);
     EXPECT_EQ(cells->kinds().back().shape, CellShape::polyhedron);
     EXPECT_EQ(cells->kinds().back().cells, static_cast<std::uint64_t>(65 - doubled));
@@ -334,23 +315,23 @@ TEST_F(KeptCells, PolyhedraThatLoseACornerAreKeptAsTetrahedra) {
 double field(std::size_t step, dvec3 p) { return static_cast<double>(step + 1) * (p.x + 2 * p.y) + p.z; }
 
 std::vector<Piece> pieces_of(std::size_t step) {
-  const test::Mesh mesh = test::lattice(8, [](dvec3 p) { return dvec3(p.x * p.x, p.y, 0.3 * p.z); });
-  return test::cut(test::mesh_piece(mesh, [&](dvec3 p) { return field(step, p); }), 3);
+  const Mesh mesh = lattice(8, [](dvec3 p) { return dvec3(p.x * p.x, p.y, 0.3 * p.z); });
+  return cut(mesh_piece(mesh, [&](dvec3 p) { return field(step, p); }), 3);
 }
 
 std::vector<SeriesStep> steps(std::size_t begin, std::size_t end) {
   std::vector<SeriesStep> list;
   for (std::size_t step = begin; step < end; ++step)
-    list.push_back(test::step_of(fmt::format("step {}", step), static_cast<double>(step), pieces_of(step)));
+    list.push_back(step_of(fmt::format("step {}", step), static_cast<double>(step), pieces_of(step)));
   return list;
 }
 
 // What a file tells of its chunks, with the ranges of the present step.
 std::vector<std::string> summaries_of(const format::Volume& volume) {
-  const auto cells = test::value_of(CellReader::open(volume));
+  const auto cells = value_of(CellReader::open(volume));
   std::vector<std::string> lines;
   for (std::size_t page = 0; page < cells->pages().size(); ++page) {
-    const auto read = test::value_of(cells->read_page(page, {0, -1}));
+    const auto read = value_of(cells->read_page(page, {0, -1}));
     for (std::size_t chunk = 0; chunk < read.chunks.size(); ++chunk)
       lines.push_back(fmt::format("{} {:016x} {} {} {:016x}", read.chunks[chunk].cells, read.chunks[chunk].hash,
                                   read.summaries[chunk].min, read.summaries[chunk].max,
@@ -361,38 +342,36 @@ std::vector<std::string> summaries_of(const format::Volume& volume) {
 
 TEST_F(KeptCells, OfASeriesAreThoseOfEachStep) {
   const BuildOptions options{.keep_cells = true}, little{.memory = 1 << 20, .keep_cells = true};
-  ASSERT_EQ(test::message_of(build_series(steps(0, 4), path("series.svol"), options, silent)), "");
-  ASSERT_EQ(test::message_of(build_series(steps(0, 4), path("apart.svol"), little, silent)), "");
+  ASSERT_EQ(message_of(build_series(steps(0, 4), path("series.svol"), options, silent)), "");
+  ASSERT_EQ(message_of(build_series(steps(0, 4), path("apart.svol"), little, silent)), "");
   EXPECT_TRUE(read_text_file(path("series.svol")).value() == read_text_file(path("apart.svol")).value());
-  ASSERT_EQ(test::message_of(build_series(steps(0, 2), path("grown.svol"), options, silent)), "");
-  ASSERT_EQ(test::message_of(append_to_series(steps(2, 4), path("grown.svol"), {}, silent)), "");
-  const auto series = open_checked("series.svol"), grown = open_checked("grown.svol");
+  ASSERT_EQ(message_of(build_series(steps(0, 2), path("grown.svol"), options, silent)), "");
+  ASSERT_EQ(message_of(append_to_series(steps(2, 4), path("grown.svol"), {}, silent)), "");
+  const auto series = open_checked(path("series.svol")), grown = open_checked(path("grown.svol"));
   for (std::size_t step = 0; step < 4; ++step) {
-    test::PieceSource source(pieces_of(step));
-    ASSERT_EQ(test::message_of(build_volume(source, path("single.svol"), options, silent)), "");
-    const auto single = open_checked("single.svol");
+    PieceSource source(pieces_of(step));
+    ASSERT_EQ(message_of(build_volume(source, path("single.svol"), options, silent)), "");
+    const auto single = open_checked(path("single.svol"));
     EXPECT_EQ(series->info().cells->hash, single->info().cells->hash);
-    EXPECT_EQ(summaries_of(*test::value_of(series->at_step(step))), summaries_of(*single)) << step;
-    EXPECT_EQ(summaries_of(*test::value_of(grown->at_step(step))), summaries_of(*single)) << step;
+    EXPECT_EQ(summaries_of(*value_of(series->at_step(step))), summaries_of(*single)) << step;
+    EXPECT_EQ(summaries_of(*value_of(grown->at_step(step))), summaries_of(*single)) << step;
   }
 }
 
 // The same points, and a cell less.
 TEST_F(KeptCells, OfASeriesDoNotChange) {
-  const BuildOptions options{.keep_cells = true};
-  ASSERT_EQ(test::message_of(build_series(steps(0, 1), path("series.svol"), options, silent)), "");
+  ASSERT_EQ(message_of(build_series(steps(0, 1), path("series.svol"), {.keep_cells = true}, silent)), "");
   std::vector<Piece> pieces = pieces_of(1);
   pieces[0].tetrahedra.pop_back();
-  const auto refused = append_to_series({test::step_of("step 1", 1, pieces)}, path("series.svol"), {}, silent);
-  ASSERT_FALSE(refused);
-  EXPECT_EQ(open_checked("series.svol")->series()->steps.size(), 1u);
+  EXPECT_FALSE(append_to_series({step_of("step 1", 1, pieces)}, path("series.svol"), {}, silent));
+  EXPECT_EQ(open_checked(path("series.svol"))->series()->steps.size(), 1u);
 }
 
 TEST_F(KeptCells, OfAnAppendAreThoseOfTheFile) {
   for (const bool keeps : {true, false}) {
-    ASSERT_EQ(test::message_of(build_series(steps(0, 1), path("series.svol"), {.keep_cells = keeps}, silent)), "");
-    ASSERT_EQ(test::message_of(append_to_series(steps(1, 2), path("series.svol"), {.keep_cells = !keeps}, silent)), "");
-    const auto series = open_checked("series.svol");
+    ASSERT_EQ(message_of(build_series(steps(0, 1), path("series.svol"), {.keep_cells = keeps}, silent)), "");
+    ASSERT_EQ(message_of(append_to_series(steps(1, 2), path("series.svol"), {.keep_cells = !keeps}, silent)), "");
+    const auto series = open_checked(path("series.svol"));
     EXPECT_EQ(series->series()->steps.size(), 2u);
     EXPECT_EQ(series->info().cells.has_value(), keeps);
   }
@@ -402,7 +381,7 @@ TEST_F(KeptCells, OfAnAppendAreThoseOfTheFile) {
 TEST_F(KeptCells, AreLeftOutOfASeriesThatHasNone) {
   const auto build = [&](const char* name, BuildOptions options) {
     options.connectivity = Connectivity::none;
-    ASSERT_EQ(test::message_of(build_series(steps(0, 3), path(name), options, silent)), "");
+    ASSERT_EQ(message_of(build_series(steps(0, 3), path(name), options, silent)), "");
   };
   build("dropped.svol", {});
   for (const std::uint64_t memory : {std::uint64_t{1} << 20, std::uint64_t{1} << 30}) {
@@ -418,9 +397,9 @@ double value_in(std::uint64_t block, std::size_t step, dvec3 p) {
 }
 
 std::vector<Piece> bodies_at(std::size_t step, std::uint64_t second = 2) {
-  const test::Mesh left = test::lattice(6), right = test::lattice(6, [](dvec3 p) { return p + dvec3(1, 0, 0); });
-  std::vector<Piece> pieces = test::cut(test::mesh_piece(left, [&](dvec3 p) { return value_in(1, step, p); }), 2);
-  pieces.push_back(test::mesh_piece(right, [&](dvec3 p) { return value_in(2, step, p); }));
+  const Mesh left = lattice(6), right = lattice(6, [](dvec3 p) { return p + dvec3(1, 0, 0); });
+  std::vector<Piece> pieces = cut(mesh_piece(left, [&](dvec3 p) { return value_in(1, step, p); }), 2);
+  pieces.push_back(mesh_piece(right, [&](dvec3 p) { return value_in(2, step, p); }));
   pieces[0].block = pieces[1].block = 1;
   pieces[2].block = second;
   return pieces;
@@ -429,7 +408,7 @@ std::vector<Piece> bodies_at(std::size_t step, std::uint64_t second = 2) {
 std::vector<SeriesStep> body_steps(std::size_t begin, std::size_t end, std::uint64_t second = 2) {
   std::vector<SeriesStep> list;
   for (std::size_t step = begin; step < end; ++step)
-    list.push_back(test::step_of(fmt::format("step {}", step), static_cast<double>(step), bodies_at(step, second)));
+    list.push_back(step_of(fmt::format("step {}", step), static_cast<double>(step), bodies_at(step, second)));
   return list;
 }
 
@@ -437,7 +416,7 @@ constexpr std::uint64_t body_points = 7 * 7 * 7, seam_points = 7 * 7;
 
 // Expects that each cell of the file has the values of its own block.
 void expect_own_values(const format::Volume& volume, std::size_t step) {
-  const auto cells = test::value_of(CellReader::open(volume));
+  const auto cells = value_of(CellReader::open(volume));
   format::RankedPoints points(*cells, 1 << 20);
   std::size_t right = 0, all = 0;
   for (const format::CellChunk& chunk : chunks_of(*cells)) {
@@ -464,21 +443,21 @@ void expect_own_values(const format::Volume& volume, std::size_t step) {
 
 TEST_F(KeptCells, OfTwoBlocksKeepTheirOwnValuesWhereTheyTouch) {
   const BuildOptions options{.keep_cells = true}, little{.memory = 1 << 20, .keep_cells = true};
-  const auto built = test::value_of(build_series(body_steps(0, 4), path("series.svol"), options, silent));
+  const auto built = value_of(build_series(body_steps(0, 4), path("series.svol"), options, silent));
   EXPECT_EQ(built.build.points.unlike, 0u);
   for (const std::size_t threads : {1, 4}) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    ASSERT_EQ(test::message_of(build_series(body_steps(0, 4), path("apart.svol"), little, silent)), "");
+    ASSERT_EQ(message_of(build_series(body_steps(0, 4), path("apart.svol"), little, silent)), "");
     EXPECT_TRUE(read_text_file(path("series.svol")).value() == read_text_file(path("apart.svol")).value());
   }
   // Blocks may have other numbers, as long as they are the same blocks.
-  ASSERT_EQ(test::message_of(build_series(body_steps(0, 1), path("grown.svol"), options, silent)), "");
-  ASSERT_EQ(test::message_of(append_to_series(body_steps(1, 4, 77), path("grown.svol"), {}, silent)), "");
+  ASSERT_EQ(message_of(build_series(body_steps(0, 1), path("grown.svol"), options, silent)), "");
+  ASSERT_EQ(message_of(append_to_series(body_steps(1, 4, 77), path("grown.svol"), {}, silent)), "");
   for (const char* name : {"series.svol", "grown.svol"}) {
-    const auto series = open_checked(name);
+    const auto series = open_checked(path(name));
     EXPECT_EQ(series->info().point_count(), 2 * body_points);
     EXPECT_TRUE(series->info().cells->blocks_apart);
-    for (std::size_t step = 0; step < 4; ++step) expect_own_values(*test::value_of(series->at_step(step)), step);
+    for (std::size_t step = 0; step < 4; ++step) expect_own_values(*value_of(series->at_step(step)), step);
   }
 }
 
@@ -487,9 +466,9 @@ TEST_F(KeptCells, OfOneBlockAreJoinedAcrossItsPieces) {
   for (const bool keeps : {false, true}) {
     const std::uint64_t second = keeps ? 1 : 2;  // without cells, blocks are joined too
     const auto built =
-        test::value_of(build_series(body_steps(0, 2, second), path("series.svol"), {.keep_cells = keeps}, silent));
+        value_of(build_series(body_steps(0, 2, second), path("series.svol"), {.keep_cells = keeps}, silent));
     EXPECT_EQ(built.build.points.unlike, seam_points);
-    const auto series = open_checked("series.svol");
+    const auto series = open_checked(path("series.svol"));
     EXPECT_EQ(series->info().point_count(), 2 * body_points - seam_points);
     EXPECT_EQ(series->info().cells.has_value(), keeps);
   }
@@ -498,39 +477,39 @@ TEST_F(KeptCells, OfOneBlockAreJoinedAcrossItsPieces) {
 // The rule of the file, also of files of before there was a choice.
 TEST_F(KeptCells, AnAppendFollowsTheFilesRuleForBlocks) {
   const BuildOptions options{.keep_cells = true};
-  ASSERT_EQ(test::message_of(build_series(body_steps(0, 1, 1), path("joined.svol"), options, silent)), "");
-  EXPECT_THAT(test::message_of(append_to_series(body_steps(1, 2), path("joined.svol"), {}, silent)),
+  ASSERT_EQ(message_of(build_series(body_steps(0, 1, 1), path("joined.svol"), options, silent)), "");
+  EXPECT_THAT(message_of(append_to_series(body_steps(1, 2), path("joined.svol"), {}, silent)),
               HasSubstr("its cells are not those of the steps before"));
 
   const std::string text = read_text_file(path("joined.svol")).value();
   const auto change = [&](const std::string& from, const std::string& to) {
-    const auto change_metadata = [&](test::Part part, std::size_t index, format::Bytes& bytes) {
-      if (part != test::Part::metadata || index > 0) return;
-      std::string json = test::text_of(bytes);
+    const auto change_metadata = [&](Part part, std::size_t index, format::Bytes& bytes) {
+      if (part != Part::metadata || index > 0) return;
+      std::string json = text_of(bytes);
       const std::size_t at = json.find(from);
       ASSERT_NE(at, std::string::npos);
-      bytes = test::bytes_of(json.replace(at, from.size(), to));
+      bytes = bytes_of(json.replace(at, from.size(), to));
     };
-    const test::Dissected file(test::bytes_of(text));
-    return test::text_of(file.assemble(change_metadata, test::Packing::as_before));
+    const Dissected file(bytes_of(text));
+    return text_of(file.assemble(change_metadata, Packing::as_before));
   };
   write("older.svol", change(R"("copies":"block",)", ""));
-  EXPECT_FALSE(open_checked("older.svol")->info().cells->blocks_apart);
-  ASSERT_EQ(test::message_of(append_to_series(body_steps(1, 2), path("older.svol"), options, silent)), "");
-  const auto older = open_checked("older.svol");
+  EXPECT_FALSE(open_checked(path("older.svol"))->info().cells->blocks_apart);
+  ASSERT_EQ(message_of(append_to_series(body_steps(1, 2), path("older.svol"), options, silent)), "");
+  const auto older = open_checked(path("older.svol"));
   EXPECT_FALSE(older->info().cells->blocks_apart);
   EXPECT_EQ(older->series()->steps.size(), 2u);
 
   write("newer.svol", change(R"("copies":"block")", R"("copies":"other")"));
-  EXPECT_THAT(test::message_of(format::Volume::open(*open_file(path("newer.svol")))), HasSubstr("'other' is unknown"));
+  EXPECT_THAT(message_of(format::Volume::open(*open_file(path("newer.svol")))), HasSubstr("'other' is unknown"));
 }
 
 TEST_F(KeptCells, BlocksDoNotChangeFromStepToStep) {
   std::vector<SeriesStep> list = body_steps(0, 1);
   list.push_back(body_steps(1, 2, 1)[0]);
-  EXPECT_THAT(test::message_of(build_series(list, path("series.svol"), {.keep_cells = true}, silent)),
+  EXPECT_THAT(message_of(build_series(list, path("series.svol"), {.keep_cells = true}, silent)),
               HasSubstr("its blocks are others"));
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

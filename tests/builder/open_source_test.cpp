@@ -26,17 +26,10 @@
 // VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk"; }
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::error_of;
-using test::Input;
-using test::read_input;
-using test::VtuMesh;
-using ::testing::AllOf;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::StartsWith;
+using namespace ::testing;
 
 const std::string shared = SPLATVOL_SHARED;
 constexpr double inf = std::numeric_limits<double>::infinity();
@@ -48,7 +41,7 @@ VtuMesh hexahedron_mesh() {
   return {.points = cube, .cells = {{12, {0, 1, 2, 3, 4, 5, 6, 7}}}, .point_data = {{"s", {0, 1, 2, 3, 4, 5, 6, 7}}}};
 }
 
-using SourceTest = test::FolderTest;
+using SourceTest = FolderTest;
 
 TEST_F(SourceTest, VectorsGiveMagnitudeAndComponents) {
   VtuMesh mesh = hexahedron_mesh();
@@ -56,7 +49,7 @@ TEST_F(SourceTest, VectorsGiveMagnitudeAndComponents) {
   mesh.point_data.back().values.resize(24);
   mesh.point_data.push_back({"name", std::vector<double>(8), 1, "String"});
   const std::string path = write("a.vtu", mesh.file());
-  const auto all = test::value_of(read_input({path}));
+  const auto all = value_of(read_input({path}));
   EXPECT_THAT(all.attributes, ElementsAre("s", "U", "U[0]", "U[1]", "U[2]"));
   EXPECT_EQ(all.pieces[0].values[1][0], 5);
   EXPECT_EQ(all.pieces[0].values[1][1], 3);
@@ -65,7 +58,7 @@ TEST_F(SourceTest, VectorsGiveMagnitudeAndComponents) {
   EXPECT_EQ(all.census.cells.at("hexahedron"), 1u);
   EXPECT_DOUBLE_EQ(all.volume, 1);
 
-  const auto some = test::value_of(read_input({path}, {{"U[2]", "s"}, {}}));
+  const auto some = value_of(read_input({path}, {{"U[2]", "s"}, {}}));
   EXPECT_THAT(some.attributes, ElementsAre("U[2]", "s"));
   EXPECT_EQ(some.pieces[0].values[0][0], 4);
   EXPECT_EQ(some.pieces[0].values[1][7], 7);
@@ -80,7 +73,7 @@ TEST_F(SourceTest, ValuesThatAreNotFiniteAreMissing) {
   const std::vector<dvec3> points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, inf}};
   const std::array<std::array<std::uint32_t, 4>, 1> tetrahedra = {{{0, 1, 2, 3}}};
   ASSERT_TRUE(write_vtu(folder_ + "a.vtu", points, tetrahedra, arrays));
-  const auto input = test::value_of(read_input({folder_ + "a.vtu"}));
+  const auto input = value_of(read_input({folder_ + "a.vtu"}));
   const auto& s = input.pieces[0].values[0];
   EXPECT_EQ(s[0], 1);
   EXPECT_TRUE(std::isnan(s[1]) && std::isnan(s[2]) && std::isnan(s[3]));
@@ -99,7 +92,7 @@ TEST_F(SourceTest, CellTypesAreToldApart) {
                 {5, {0, 1, 2}},
                 {3, {0, 1}},
                 {1, {0}}};
-  const auto input = test::value_of(read_input({write("a.vtu", mesh.file())}));
+  const auto input = value_of(read_input({write("a.vtu", mesh.file())}));
   for (const char* name : {"tetrahedron", "voxel", "wedge", "pyramid", "quadrilateral", "triangle", "line", "vertex"})
     EXPECT_EQ(input.census.cells.at(name), 1u) << name;
   EXPECT_EQ(input.census.without_volume, 4u);
@@ -117,7 +110,7 @@ TEST_F(SourceTest, LinearCellsWithMoreNodesThanCornersLoseTheOthers) {
   mesh.point_data[0].values.resize(20);
   mesh.cells[0].points.resize(20);
   std::iota(mesh.cells[0].points.begin(), mesh.cells[0].points.end(), 0);
-  const auto input = test::value_of(read_input({write("a.vtu", mesh.file())}));
+  const auto input = value_of(read_input({write("a.vtu", mesh.file())}));
   EXPECT_DOUBLE_EQ(input.volume, 1);
   EXPECT_EQ(input.census.more_nodes, 1u);
   EXPECT_EQ(input.census.tetrahedra, 6u);
@@ -129,8 +122,8 @@ TEST_F(SourceTest, LinearCellsWithMoreNodesThanCornersLoseTheOthers) {
 
 std::string structured_file(const std::string& type, const std::string& extent, const std::string& attributes,
                             const std::string& body) {
-  return test::vtk_file(type, fmt::format("<Piece Extent=\"{}\">{}</Piece>", extent, body),
-                        fmt::format("WholeExtent=\"{}\" {}", extent, attributes));
+  return vtk_file(type, fmt::format("<Piece Extent=\"{}\">{}</Piece>", extent, body),
+                  fmt::format("WholeExtent=\"{}\" {}", extent, attributes));
 }
 
 TEST_F(SourceTest, CellsThatAreNoVolumesAreTold) {
@@ -138,15 +131,14 @@ TEST_F(SourceTest, CellsThatAreNoVolumesAreTold) {
     const auto input = read_input({path});
     return input ? describe_no_volume(input->census) : input.error().message;
   };
-  const std::string values = "<PointData>" + test::data_arrays({{"s", {0, 1, 2, 3, 4, 5}}}) + "</PointData>";
+  const std::string values = "<PointData>" + data_arrays({{"s", {0, 1, 2, 3, 4, 5}}}) + "</PointData>";
   const std::string spacing = "Origin=\"0 0 0\" Spacing=\"1 1 1\"";
   EXPECT_EQ(told(write("flat.vti", structured_file("ImageData", "0 2 0 1 0 0", spacing, values))),
             "only surface cells (2 pixels)");
   EXPECT_EQ(told(write("thin.vti", structured_file("ImageData", "0 5 0 0 0 0", spacing, values))),
             "only lines (5 lines)");
-  const std::string layer = "<Points>" +
-                            test::data_arrays({{"Points", {0, 0, 0, 1, 0, 0, 2, 0, 1, 0, 1, 0, 1, 1, 0, 2, 1, 1}, 3}}) +
-                            "</Points>";
+  const std::string layer =
+      "<Points>" + data_arrays({{"Points", {0, 0, 0, 1, 0, 0, 2, 0, 1, 0, 1, 0, 1, 1, 0, 2, 1, 1}, 3}}) + "</Points>";
   EXPECT_EQ(told(write("layer.vts", structured_file("StructuredGrid", "0 2 0 1 3 3", "", values + layer))),
             "only surface cells (2 quadrilaterals)");
 
@@ -183,7 +175,7 @@ TEST_F(SourceTest, FilesWithTheSamePointsAreNoPieces) {
   mesh.cells = {{13, {0, 1, 3, 4, 5, 7}}};
   const std::string one = write("one.vtu", mesh.file());
   mesh.cells = {{13, {1, 2, 3, 5, 6, 7}}};
-  const auto halves = test::value_of(read_input({one, write("two.vtu", mesh.file())}));
+  const auto halves = value_of(read_input({one, write("two.vtu", mesh.file())}));
   EXPECT_DOUBLE_EQ(halves.volume, 1);
 
   // The same bounds and number of points are not enough.
@@ -217,7 +209,7 @@ VtuMesh quadratic_mesh() {
 TEST_F(SourceTest, HigherOrderCells) {
   VtuMesh mesh = quadratic_mesh();
   mesh.version = "2.2";
-  const auto lagrange = test::value_of(read_input({write("a.vtu", mesh.file())}));
+  const auto lagrange = value_of(read_input({write("a.vtu", mesh.file())}));
   EXPECT_DOUBLE_EQ(lagrange.volume, 1);
   EXPECT_EQ(lagrange.census.tetrahedra, 48u);
   EXPECT_EQ(lagrange.census.inverted, 0u);
@@ -225,14 +217,14 @@ TEST_F(SourceTest, HigherOrderCells) {
   // Before 2.1 the last two edges came in the other order.
   mesh.version = "2.0";
   std::swap(mesh.cells[0].points[18], mesh.cells[0].points[19]);
-  const auto old = test::value_of(read_input({write("b.vtu", mesh.file())}));
+  const auto old = value_of(read_input({write("b.vtu", mesh.file())}));
   EXPECT_EQ(old.census.inverted, 0u);
   EXPECT_DOUBLE_EQ(old.volume, 1);
 
   mesh.version = "2.2";
   mesh.cells = {{25, std::vector<int>(20)}};
   std::iota(mesh.cells[0].points.begin(), mesh.cells[0].points.end(), 0);
-  const auto quadratic = test::value_of(read_input({write("c.vtu", mesh.file())}));
+  const auto quadratic = value_of(read_input({write("c.vtu", mesh.file())}));
   EXPECT_DOUBLE_EQ(quadratic.volume, 1);
 
   mesh.cells = {{72, std::vector<int>(20)}};
@@ -263,7 +255,7 @@ TEST_F(SourceTest, PolyhedraOfEveryFileVersion) {
     SCOPED_TRACE(version);
     mesh.version = version;
     mesh.extra_cell_arrays = faces;
-    const auto input = test::value_of(read_input({write("a.vtu", mesh.file())}));
+    const auto input = value_of(read_input({write("a.vtu", mesh.file())}));
     EXPECT_DOUBLE_EQ(input.volume, 1 + 1.0 / 6);
     EXPECT_EQ(input.census.cells.at("polyhedron"), 1u);
     EXPECT_EQ(input.census.tetrahedra, 7u);
@@ -333,7 +325,7 @@ TEST_F(SourceTest, GhostsAreSkipped) {
   std::iota(values.begin(), values.end(), 0);
   mesh.point_data = {{"s", values}};
   mesh.cell_data = {{"vtkGhostType", {0, 0, 1}, 1, "UInt8"}, {"c", {7, 8, 9}}};
-  const auto ghost = test::value_of(read_input({write("a.vtu", mesh.file())}));
+  const auto ghost = value_of(read_input({write("a.vtu", mesh.file())}));
   EXPECT_DOUBLE_EQ(ghost.volume, 2);
   EXPECT_EQ(ghost.census.hidden, 1u);
   EXPECT_EQ(ghost.census.hidden_points, 4u);
@@ -346,7 +338,7 @@ TEST_F(SourceTest, GhostsAreSkipped) {
   point_ghosts[0] = 2;
   point_ghosts[2] = 1;
   mesh.point_data.push_back({"vtkGhostType", point_ghosts, 1, "UInt8"});
-  const auto hidden = test::value_of(read_input({write("b.vtu", mesh.file())}));
+  const auto hidden = value_of(read_input({write("b.vtu", mesh.file())}));
   EXPECT_DOUBLE_EQ(hidden.volume, 1);
   EXPECT_EQ(hidden.census.hidden, 2u);
   EXPECT_EQ(hidden.census.hidden_points, 8u);
@@ -360,7 +352,7 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
   VtuMesh moved = mesh;
   for (dvec3& p : moved.points) p.x += 1;
   const std::string two = write("two.vtu", mesh.file_of(mesh.piece() + moved.piece()));
-  const auto pieces = test::value_of(read_input({two}));
+  const auto pieces = value_of(read_input({two}));
   ASSERT_EQ(pieces.pieces.size(), 2u);
   EXPECT_EQ(pieces.pieces[1].points[0].x, 1);
   EXPECT_DOUBLE_EQ(pieces.volume, 2);
@@ -371,12 +363,11 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
   for (dvec3& p : moved.points) p.x += 1;
   const std::string third = write("pieces/third.vtu", mesh.file_of(mesh.piece() + moved.piece()));
   const auto pvtu = [](const std::string& last) {
-    return test::vtk_file(
-        "PUnstructuredGrid",
-        "<Piece Source='pieces/0.vtu'/><Piece Source='pieces/1.vtu'/>\n<Piece Source='" + last + "'/>\n",
-        "GhostLevel='0'");
+    return vtk_file("PUnstructuredGrid",
+                    "<Piece Source='pieces/0.vtu'/><Piece Source='pieces/1.vtu'/>\n<Piece Source='" + last + "'/>\n",
+                    "GhostLevel='0'");
   };
-  const auto parallel = test::value_of(read_input({write("all.pvtu", pvtu("pieces/third.vtu"))}));
+  const auto parallel = value_of(read_input({write("all.pvtu", pvtu("pieces/third.vtu"))}));
   EXPECT_EQ(parallel.pieces.size(), 3u);
   EXPECT_DOUBLE_EQ(parallel.volume, 3);
 
@@ -384,7 +375,7 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
   EXPECT_THAT(error_of({broken}), AllOf(StartsWith(broken), HasSubstr("pieces/2.vtu"), HasSubstr("No such file")));
   EXPECT_THAT(error_of({write("cut.pvtu", pvtu("two.vtu").substr(0, 150))}), StartsWith(folder_ + "cut.pvtu"));
 
-  const auto several = test::value_of(read_input({third, folder_ + "pieces/1.vtu"}));
+  const auto several = value_of(read_input({third, folder_ + "pieces/1.vtu"}));
   EXPECT_EQ(several.pieces.size(), 3u);
 }
 
@@ -392,7 +383,7 @@ TEST_F(SourceTest, MeshesAreNoPointsOfNpyFiles) {
   std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 4), }";
   header.resize(117, ' ');
   const std::string magic = std::string(npy_magic) + '\1' + '\0' + static_cast<char>(header.size() + 1) + '\0';
-  const std::string mesh = write("x.vtu", test::tetrahedron_at(0).file());
+  const std::string mesh = write("x.vtu", tetrahedron_at(0).file());
   const std::string points = write("part1.npy", magic + header + '\n' + std::string(16, '\0'));
   EXPECT_THAT(error_of({folder_}), AllOf(StartsWith(folder_), HasSubstr("x.vtu")));
   EXPECT_THAT(error_of({mesh, points}), HasSubstr("a file of NumPy among meshes"));
@@ -400,18 +391,17 @@ TEST_F(SourceTest, MeshesAreNoPointsOfNpyFiles) {
 }
 
 TEST_F(SourceTest, PiecesOfAMeshInAFolderAreReadOnce) {
-  for (const int i : {0, 9, 10}) write(fmt::format("piece{}.vtu", i), test::tetrahedron_at(i).file());
+  for (const int i : {0, 9, 10}) write(fmt::format("piece{}.vtu", i), tetrahedron_at(i).file());
   const auto starts = [&] {
     std::vector<double> x;
-    auto source = test::value_of(open_source({folder_}, {}));
+    auto source = value_of(open_source({folder_}, {}));
     EXPECT_FALSE(*source->bounds()) << "only reading a mesh tells";
     EXPECT_FALSE(source->point_count());
     while (auto piece = *source->next()) x.push_back(piece->points[0].x);
     return x;
   };
   EXPECT_THAT(starts(), ElementsAre(0, 9, 10));
-  write("all.pvtu",
-        test::vtk_file("PUnstructuredGrid", "<Piece Source=\"piece10.vtu\"/><Piece Source=\"./piece0.vtu\"/>"));
+  write("all.pvtu", vtk_file("PUnstructuredGrid", "<Piece Source=\"piece10.vtu\"/><Piece Source=\"./piece0.vtu\"/>"));
   EXPECT_THAT(starts(), ElementsAre(10, 0, 9));
 }
 
@@ -422,11 +412,11 @@ TEST_F(SourceTest, NamesOfAnyCaseAreKnown) {
   write("pieces/B.VTU", mesh.file());
   for (dvec3& p : mesh.points) p.x += 1;
   write("pieces/c.Vtu", mesh.file());
-  const auto pieces = test::value_of(read_input({folder_ + "pieces"}));
+  const auto pieces = value_of(read_input({folder_ + "pieces"}));
   EXPECT_EQ(pieces.pieces.size(), 3u);
-  EXPECT_THAT(files_left_out({folder_ + "pieces"}), testing::IsEmpty());
+  EXPECT_THAT(files_left_out({folder_ + "pieces"}), IsEmpty());
   for (const char* name : {"a.E", "a.e-s002", "a.e-s002.4.1", "a.exo.4.0", "a.GEN", "a.gen", "a.G"}) {
-    const auto header = test::value_of(read_header(write(name, "\x89HDF\r\n\x1a\n")));
+    const auto header = value_of(read_header(write(name, "\x89HDF\r\n\x1a\n")));
     EXPECT_EQ(header.format, InputFormat::exodus) << name;
   }
   EXPECT_EQ(read_header(write("A.CASE", "FORMAT\n"))->format, InputFormat::ensight);
@@ -437,7 +427,7 @@ TEST_F(SourceTest, NamesOfAnyCaseAreKnown) {
 }
 
 TEST(InputFormats, ThePageHasTheirTable) {
-  const auto page = test::value_of(read_text_file(SPLATVOL_FORMATS_PAGE));
+  const auto page = value_of(read_text_file(SPLATVOL_FORMATS_PAGE));
   EXPECT_NE(page.find(input_formats_for_page()), std::string::npos) << "its table should be:\n"
                                                                     << input_formats_for_page();
 }
@@ -474,17 +464,17 @@ TEST_F(SourceTest, DataThatAFolderLeavesOutIsNamed) {
   const std::string mesh = hexahedron_mesh().file();
   write("pieces/a.vtu", mesh);
   for (const char* name : {"pieces/readme.txt", "pieces/picture.png", "pieces/.hidden.h5"}) write(name, "none\n");
-  write("pieces/all.pvti", test::vtk_file("PImageData", ""));
-  EXPECT_THAT(files_left_out({folder_ + "pieces"}), testing::IsEmpty());
+  write("pieces/all.pvti", vtk_file("PImageData", ""));
+  EXPECT_THAT(files_left_out({folder_ + "pieces"}), IsEmpty());
   write("pieces/b.h5", "");
   write("pieces/c", mesh);
   write("pieces/d.dat", "CDF\001");
   EXPECT_THAT(files_left_out({folder_ + "pieces"}),
               ElementsAre(folder_ + "pieces/b.h5", folder_ + "pieces/c", folder_ + "pieces/d.dat"));
-  EXPECT_THAT(files_left_out({folder_ + "pieces/a.vtu"}), testing::IsEmpty());
+  EXPECT_THAT(files_left_out({folder_ + "pieces/a.vtu"}), IsEmpty());
   // A .pvd tells which files belong to it.
-  write("pieces/all.PVD", test::vtk_file("Collection", "<DataSet timestep=\"0\" file=\"a.vtu\"/>"));
-  EXPECT_THAT(files_left_out({folder_ + "pieces"}), testing::IsEmpty());
+  write("pieces/all.PVD", vtk_file("Collection", "<DataSet timestep=\"0\" file=\"a.vtu\"/>"));
+  EXPECT_THAT(files_left_out({folder_ + "pieces"}), IsEmpty());
 }
 
 TEST_F(SourceTest, BadInputIsOneClearLine) {
@@ -585,12 +575,12 @@ TEST_F(SourceTest, LegacyAndStructuredFiles) {
                     "CELLS 2 14\n6 0 2 1 4 6 5\n6 1 2 3 5 6 7\nCELL_TYPES 2\n13 13\n"}};
   for (const auto& [cell, text] : geometry) {
     SCOPED_TRACE(cell);
-    const auto input = test::value_of(read_input({write("a.vtk", head + text + scalars)}));
+    const auto input = value_of(read_input({write("a.vtk", head + text + scalars)}));
     EXPECT_THAT(input.attributes, ElementsAre("s", "U", "U[0]", "U[1]", "U[2]"));
     EXPECT_DOUBLE_EQ(input.volume, 1);
     EXPECT_EQ(input.census.cells.count(cell), 1u);
   }
-  const auto surface = test::value_of(read_input(
+  const auto surface = value_of(read_input(
       {write("a.vtk", head + "DATASET POLYDATA\nPOINTS 8 float\n" + lattice + "POLYGONS 1 4\n3 0 1 2\n" + scalars)}));
   EXPECT_EQ(surface.points, 8u);
   EXPECT_EQ(surface.census.without_volume, 1u);
@@ -659,7 +649,7 @@ TEST_F(SourceTest, Plot3dOfEveryVariant) {
     SCOPED_TRACE(flags);
     Plot3dFiles files{(flags & 1) != 0, (flags & 2) != 0, (flags & 4) != 0, (flags & 8) != 0, "", ""};
     files.make();
-    const auto input = test::value_of(read_input({write("a.xyz", files.grid), write("a.q", files.solution)}));
+    const auto input = value_of(read_input({write("a.xyz", files.grid), write("a.q", files.solution)}));
     EXPECT_THAT(input.attributes, ElementsAre("Density", "Momentum", "Momentum[0]", "Momentum[1]", "Momentum[2]",
                                               "StagnationEnergy", "Pressure"));
     ASSERT_EQ(input.pieces.size(), 2u);
@@ -680,7 +670,7 @@ TEST_F(SourceTest, BadPlot3dIsOneClearLine) {
   files.make();
   const std::string grid = write("a.xyz", files.grid);
   const std::string solution = write("a.q", files.solution);
-  const auto selected = test::value_of(read_input({grid, solution}, {{"Pressure"}, {}}));
+  const auto selected = value_of(read_input({grid, solution}, {{"Pressure"}, {}}));
   EXPECT_THAT(selected.attributes, ElementsAre("Pressure"));
   EXPECT_THAT(error_of({grid, solution}, {{"p"}, {}}), AllOf(HasSubstr("\"p\""), HasSubstr("Density")));
   EXPECT_THAT(error_of({grid, folder_ + "none.q"}), HasSubstr("No such file"));
@@ -705,7 +695,6 @@ class Plot3dGrid {
  public:
   explicit Plot3dGrid(const std::string& path) : bytes_(*read_text_file(path)), n_{word(0), word(1), word(2)} {}
 
-  /// Points along an axis.
   [[nodiscard]] std::size_t points(std::size_t axis) const { return n_[axis]; }
 
   /// Whether the file has the size of such a grid, with or without blanking.
@@ -790,11 +779,11 @@ TEST_F(SourceTest, RealMeshesKeepTheirVolume) {
 TEST_F(SourceTest, Wing) {
   const std::string path = shared + "/data/wing.vtu";
   if (!std::filesystem::exists(path)) GTEST_SKIP() << path << " is not there";
-  const auto input = test::value_of(read_input({path}, {{"p"}, {}}));
+  const auto input = value_of(read_input({path}, {{"p"}, {}}));
   EXPECT_EQ(input.points, 135068u);
   EXPECT_EQ(input.census.tetrahedra, 768606u);
   EXPECT_EQ(input.census.inverted + input.census.flat + input.census.hidden, 0u);
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -7,14 +7,13 @@
 #include <numeric>
 #include <random>
 #include <set>
-#include <utility>
 
 #include "builder/cells/cell_sort.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 #include "tests/support/test_cells.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using Part = std::array<std::uint64_t, 4>;
@@ -35,7 +34,7 @@ Polyhedron random_polyhedron(std::size_t corners, std::mt19937& random, std::uin
   std::set<std::uint64_t> ranks{first};
   while (ranks.size() < corners) ranks.insert(first + 1 + random() % (corners % 2 == 0 ? 400 : 100'000));
   return {.corners = {ranks.begin(), ranks.end()},
-          .triangles = test::random_surface(corners, random),
+          .triangles = random_surface(corners, random),
           .point = random() % 50,
           .apex = static_cast<std::uint8_t>(random() % corners),
           .sign = static_cast<int>(random() % 3) - 1};
@@ -129,12 +128,11 @@ TEST(Polyhedra, GetOtherNumbers) {
   EXPECT_EQ(polyhedron.triangles, before.triangles);
 }
 
-class PolyhedronSort : public test::FolderTest {
- protected:
+struct PolyhedronSort : FolderTest {
   std::vector<std::byte> sort(format::CellField field, std::span<const Polyhedron> cells, std::uint64_t memory) const {
     constexpr std::uint64_t rank_end = 200'000;
     constexpr auto shape = format::CellShape::polyhedron;
-    CellSort sort = test::value_of(CellSort::create(shape, field, rank_end, memory, path("")));
+    CellSort sort = value_of(CellSort::create(shape, field, rank_end, memory, path("")));
     for (const Polyhedron& cell : cells) {
       std::vector<std::uint64_t> records;
       append_records(cell, field, records);
@@ -147,7 +145,7 @@ class PolyhedronSort : public test::FolderTest {
     sorted.chunk.shape = shape;
     sorted.chunk.field = field;
     std::uint64_t before = 0;
-    while (const auto rank = test::value_of(sort.next_rank())) {
+    while (const auto rank = value_of(sort.next_rank())) {
       EXPECT_GE(*rank, before);
       before = *rank;
       const std::size_t had = sorted.chunk.size();
@@ -201,4 +199,4 @@ TEST_F(PolyhedronSort, OrderDoesNotDependOnTheInputsAndMemory) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -15,18 +15,14 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::Pair;
+using namespace ::testing;
 
 const auto silent = [](const char*, double) {};
 
-class SeriesAttributes : public test::FolderTest {
- protected:
+struct SeriesAttributes : FolderTest {
   /// Writes a table of 27 points, with columns of values from `first` on.
   void write_table(const std::string& name, const std::vector<std::pair<std::string, double>>& columns) const {
     std::string text = "x,y,z";
@@ -75,8 +71,8 @@ TEST_F(SeriesAttributes, AllStepsHaveThoseOfAny) {
   write_table("0.csv", {{"p", 1}});
   write_table("1.csv", {{"q", 100}, {"p", 2}});
   write_table("2.csv", {{"q", 200}});
-  const auto report = test::value_of(build({"0.csv", "1.csv", "2.csv"}));
-  EXPECT_THAT(report.build.missing, ::testing::UnorderedElementsAre(Pair("q", 27), Pair("p", 27)));
+  const auto report = value_of(build({"0.csv", "1.csv", "2.csv"}));
+  EXPECT_THAT(report.build.missing, UnorderedElementsAre(Pair("q", 27), Pair("p", 27)));
   const auto volume = format::Volume::open(open_file(path("s.svol")).value()).value();
   ASSERT_EQ(volume->file_info().series->size(), 2u);
   EXPECT_EQ((*volume->file_info().series)[0].name, "p");
@@ -90,11 +86,11 @@ TEST_F(SeriesAttributes, AllStepsHaveThoseOfAny) {
 TEST_F(SeriesAttributes, ASelectionNeedsOneStepThatHasIt) {
   write_table("0.csv", {{"p", 1}});
   write_table("1.csv", {{"p", 2}, {"q", 100}, {"r", 5}});
-  const auto selected = test::value_of(steps({"0.csv", "1.csv"}, {}, {"q"}));
+  const auto selected = value_of(steps({"0.csv", "1.csv"}, {}, {"q"}));
   ASSERT_TRUE(build_series(selected, path("s.svol"), {}, silent));
   EXPECT_THAT(missing_at(0), ElementsAre(Pair("q", 27)));
   EXPECT_THAT(missing_at(1), ElementsAre(Pair("q", 0)));
-  EXPECT_THAT(test::message_of(build_series(steps({"0.csv", "1.csv"}, {}, {"u"}).value(), path("t.svol"), {}, silent)),
+  EXPECT_THAT(message_of(build_series(steps({"0.csv", "1.csv"}, {}, {"u"}).value(), path("t.svol"), {}, silent)),
               HasSubstr("no attribute \"u\""));
 }
 
@@ -104,12 +100,11 @@ TEST_F(SeriesAttributes, AppendedStepsMayLackFieldsButBringNoNewOnes) {
   write_table("2.csv", {{"p", 3}, {"q", 30}, {"r", 5}});
   ASSERT_TRUE(build({"0.csv"}));
   const std::string before = read_text_file(path("s.svol")).value();
-  EXPECT_THAT(test::message_of(append({"2.csv"})),
-              AllOf(HasSubstr("2.csv: the series does not have the attribute \"r\""),
-                    HasSubstr("--attribute p --attribute q")));
+  EXPECT_THAT(message_of(append({"2.csv"})), AllOf(HasSubstr("2.csv: the series does not have the attribute \"r\""),
+                                                   HasSubstr("--attribute p --attribute q")));
   EXPECT_EQ(read_text_file(path("s.svol")).value(), before);
-  ASSERT_EQ(test::message_of(append({"1.csv"})), "");
-  ASSERT_EQ(test::message_of(append({"2.csv"}, {"p", "q"})), "");
+  ASSERT_EQ(message_of(append({"1.csv"})), "");
+  ASSERT_EQ(message_of(append({"2.csv"}, {"p", "q"})), "");
   EXPECT_THAT(missing_at(1), ElementsAre(Pair("p", 0), Pair("q", 27)));
   EXPECT_THAT(missing_at(2), ElementsAre(Pair("p", 0), Pair("q", 0)));
 }
@@ -143,11 +138,11 @@ TEST_F(SeriesAttributes, OtherNumbersOfComponentsAreRefused) {
   std::vector<SourceOptions> opened;
   const StepInput vector = step_with("a", {{"U", 3, false}}, opened),
                   number = step_with("b", {{"U", 1, false}}, opened);
-  EXPECT_THAT(test::message_of(make_steps({vector, number}, {})),
+  EXPECT_THAT(message_of(make_steps({vector, number}, {})),
               HasSubstr("b: the array \"U\" is a number, and a vector of 3 components in a"));
-  EXPECT_THAT(test::message_of(make_steps({vector}, {"U"})),
+  EXPECT_THAT(message_of(make_steps({vector}, {"U"})),
               HasSubstr("a: \"U\" is a vector of 3 components, and a number in the series"));
-  EXPECT_THAT(test::message_of(make_steps({number}, {"U", "U[0]", "U[1]", "U[2]"})),
+  EXPECT_THAT(message_of(make_steps({number}, {"U", "U[0]", "U[1]", "U[2]"})),
               HasSubstr("b: \"U\" is a number, and the series has a vector of it, with \"U[0]\""));
 }
 
@@ -155,11 +150,11 @@ TEST_F(SeriesAttributes, StepsOfTheSameArraysAreOpenedAsTheyWere) {
   std::vector<SourceOptions> opened;
   const StepInput first = step_with("a", {{"U", 3, false}, {"p", 1, true}}, opened),
                   second = step_with("b", {{"p", 1, false}, {"U", 3, false}}, opened);
-  const auto steps = test::value_of(make_steps({first, second}, {}));
+  const auto steps = value_of(make_steps({first, second}, {}));
   EXPECT_TRUE(opened.empty());
   for (const SeriesStep& step : steps) EXPECT_FALSE(step.open());
   for (const SourceOptions& options : opened) EXPECT_TRUE(options.selection.empty() && !options.may_lack);
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -21,17 +21,14 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using testing::ElementsAre;
-using testing::HasSubstr;
-using testing::IsEmpty;
+using namespace ::testing;
 
 const auto silent = [](const char*, double) {};
 
-class SeriesFiles : public test::FolderTest {
- protected:
+struct SeriesFiles : FolderTest {
   [[nodiscard]] format::SeriesIndex index() const {
     return format::series_index_from_json(read_text_file(path("a.svols")).value()).value();
   }
@@ -48,7 +45,7 @@ class SeriesFiles : public test::FolderTest {
   }
 
   void build_or_fail(const std::vector<SeriesStep>& steps, bool append = false) const {
-    ASSERT_EQ(test::message_of(build(steps, append)), "");
+    ASSERT_EQ(message_of(build(steps, append)), "");
   }
 
   // What another program does that appends a step: the index is another file afterwards.
@@ -65,8 +62,8 @@ SeriesStep step_at(
     std::optional<double> time, const std::function<void()>& meanwhile = [] {}) {
   const auto open = [time, meanwhile]() -> Result<std::unique_ptr<Source>> {
     meanwhile();
-    return std::make_unique<test::PieceSource>(
-        std::vector{test::mesh_piece(test::lattice(3), [time](dvec3 p) { return p.x + time.value_or(7); })});
+    return std::make_unique<PieceSource>(
+        std::vector{mesh_piece(lattice(3), [time](dvec3 p) { return p.x + time.value_or(7); })});
   };
   return {"step", time, open};
 }
@@ -81,7 +78,7 @@ TEST_F(SeriesFiles, StepsThatAreAppendedMeanwhileStay) {
 
 TEST_F(SeriesFiles, ATimeThatIsNoLongerTheLastIsRefused) {
   build_or_fail({step_at(0)});
-  EXPECT_THAT(test::message_of(build({step_at(2, [&] { append_elsewhere(3); })}, true)),
+  EXPECT_THAT(message_of(build({step_at(2, [&] { append_elsewhere(3); })}, true)),
               HasSubstr("the time 2 is not behind 3, the time of the step before"));
   EXPECT_THAT(files(), ElementsAre("a-0000.svol", "other.svol"));
   EXPECT_THAT(names(), ElementsAre("a-0000.svol", "a.svols", "other.svol"));
@@ -110,12 +107,12 @@ TEST_F(SeriesFiles, AnAppendThatWaitedReadsTheIndexThatHasTheNameThen) {
                    true);
     });
     is_building.get_future().wait();
-    const auto lock = test::value_of(LockedFile::open(path("a.svols"), LockedFile::IfTaken::fail));
+    const auto lock = value_of(LockedFile::open(path("a.svols"), LockedFile::IfTaken::fail));
     is_locked.set_value();
     EXPECT_EQ(appended.wait_for(std::chrono::milliseconds(300)), std::future_status::timeout) << "it did not wait";
     append_elsewhere(1);
   }
-  ASSERT_EQ(test::message_of(appended.get()), "");
+  ASSERT_EQ(message_of(appended.get()), "");
   EXPECT_THAT(files(), ElementsAre("a-0000.svol", "other.svol", "a-0002.svol"));
 }
 
@@ -123,7 +120,7 @@ TEST_F(SeriesFiles, NumbersOfOtherFilesAreLeftOutAndTold) {
   build_or_fail({step_at(0), step_at(1)});
   write("a-0002.svol", "of an append that was killed");
   write("a-0003.svol", "");
-  const auto appended = test::value_of(build({step_at(2), step_at(3)}, true));
+  const auto appended = value_of(build({step_at(2), step_at(3)}, true));
   EXPECT_THAT(files(), ElementsAre("a-0000.svol", "a-0001.svol", "a-0004.svol", "a-0005.svol"));
   ASSERT_EQ(appended.warnings.size(), 1U);
   EXPECT_THAT(appended.warnings[0], HasSubstr(path("a-0002.svol") + ": is there already"));
@@ -131,7 +128,7 @@ TEST_F(SeriesFiles, NumbersOfOtherFilesAreLeftOutAndTold) {
   EXPECT_EQ(read_text_file(path("a-0002.svol")).value(), "of an append that was killed");
 
   // Later appends have nothing to tell.
-  const auto next = test::value_of(build({step_at(4)}, true));
+  const auto next = value_of(build({step_at(4)}, true));
   EXPECT_THAT(next.warnings, IsEmpty());
   EXPECT_EQ(files().back(), "a-0006.svol");
 }
@@ -147,7 +144,7 @@ TEST_F(SeriesFiles, ANewSeriesReplacesNoFiles) {
 
   // Nor one that appears while it is built.
   std::filesystem::remove(path("a-0001.svol"));
-  EXPECT_THAT(test::message_of(build({step_at(0), step_at(1, [&] { write("a-0001.svol", "another's"); })}, false)),
+  EXPECT_THAT(message_of(build({step_at(0), step_at(1, [&] { write("a-0001.svol", "another's"); })}, false)),
               HasSubstr("a-0001.svol: exists already"));
   EXPECT_THAT(names(), ElementsAre("a-0001.svol"));
   EXPECT_EQ(read_text_file(path("a-0001.svol")).value(), "another's");
@@ -178,7 +175,7 @@ TEST_F(SeriesFiles, AppendsAtOnceLoseNoStep) {
   for (int i = 0; i < appends; ++i)
     all.push_back(std::async(std::launch::async, [&] { return build({step_at({}), step_at({})}, true); }));
   for (auto& appended : all) {
-    EXPECT_EQ(test::message_of(appended.get()), "");
+    EXPECT_EQ(message_of(appended.get()), "");
   }
   const std::vector<std::string> named = files();
   EXPECT_EQ(named.size(), 1U + 2 * appends);
@@ -188,4 +185,4 @@ TEST_F(SeriesFiles, AppendsAtOnceLoseNoStep) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

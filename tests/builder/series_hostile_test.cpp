@@ -19,32 +19,30 @@
 #include "tests/support/temp_folder.h"
 #include "tests/support/volume_bytes.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using format::Bytes;
 using format::StepEntry;
-using test::error_of;
 using testing::HasSubstr;
 
 // A small series of three steps, of which the last was appended.
 const Bytes& series_bytes() {
   static const Bytes bytes = [] {
-    const test::TempFolder folder;
+    const TempFolder folder;
     const std::string path = folder.path("series.svol");
     const auto steps = [](std::size_t begin, std::size_t end) {
       std::vector<SeriesStep> list;
       for (std::size_t step = begin; step < end; ++step) {
         const auto t = static_cast<double>(step);
-        list.push_back(
-            test::step_of("step", t, {test::mesh_piece(test::lattice(4), [t](dvec3 p) { return p.x + t * p.y; })}));
+        list.push_back(step_of("step", t, {mesh_piece(lattice(4), [t](dvec3 p) { return p.x + t * p.y; })}));
       }
       return list;
     };
     const auto silent = [](const char*, double) {};
     EXPECT_TRUE(build_series(steps(0, 2), path, {}, silent));
-    EXPECT_EQ(test::message_of(append_to_series(steps(2, 3), path, {}, silent)), "");
-    return test::bytes_of(folder.read("series.svol"));
+    EXPECT_EQ(message_of(append_to_series(steps(2, 3), path, {}, silent)), "");
+    return bytes_of(folder.read("series.svol"));
   }();
   return bytes;
 }
@@ -71,7 +69,7 @@ TEST(HostileSeries, EveryFlippedByteIsFound) {
 TEST(HostileSeries, BytesBehindTheEndDoNotHideTheSteps) {
   Bytes bytes = series_bytes();
   bytes.resize(bytes.size() + 1000, std::byte{7});
-  const auto volume = test::value_of(format::Volume::open(memory_source(bytes, "f")));
+  const auto volume = value_of(format::Volume::open(memory_source(bytes, "f")));
   EXPECT_EQ(volume->series()->steps.size(), 3U);
   EXPECT_THAT(error_of(bytes), HasSubstr("1000 bytes behind the end"));
 }
@@ -147,7 +145,7 @@ TEST(SeriesIndex, RoundTrip) {
   const double none = std::numeric_limits<double>::quiet_NaN();
   const format::SeriesIndex index{{{0, "a-0000.svol"}, {0.25, "a-0001.svol"}},
                                   {{"p", "Pa", {-0.1, 1e300}}, {"empty", "", {none, none}}}};
-  const auto back = test::value_of(format::series_index_from_json(format::to_json(index)));
+  const auto back = value_of(format::series_index_from_json(format::to_json(index)));
   ASSERT_EQ(back.steps.size(), 2U);
   EXPECT_EQ(back.steps[1].time, 0.25);
   EXPECT_EQ(back.steps[1].file, "a-0001.svol");
@@ -162,8 +160,8 @@ TEST(SeriesIndex, RoundTrip) {
 // Such text once exhausted the stack.
 TEST(SeriesIndex, RefusesDeepNesting) {
   constexpr std::size_t levels = 400'000;
-  EXPECT_THAT(test::message_of(format::series_index_from_json(R"({"steps": [)" + std::string(levels, '[') +
-                                                              std::string(levels, ']') + R"(], "attributes": []})")),
+  EXPECT_THAT(message_of(format::series_index_from_json(R"({"steps": [)" + std::string(levels, '[') +
+                                                        std::string(levels, ']') + R"(], "attributes": []})")),
               HasSubstr("nested deeper"));
 }
 
@@ -194,4 +192,4 @@ TEST(SeriesIndex, RefusesWhatIsNone) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -18,12 +18,12 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using testing::HasSubstr;
 
-using Series = test::FolderTest;
+using Series = FolderTest;
 
 // The field of a step: it moves and grows.
 double field(std::size_t step, dvec3 p) {
@@ -32,11 +32,11 @@ double field(std::size_t step, dvec3 p) {
 }
 
 std::vector<Piece> pieces_of(std::size_t step, std::uint32_t cells, std::size_t count) {
-  const test::Mesh mesh = test::lattice(cells, [](dvec3 p) { return dvec3(p.x * p.x, p.y, 0.3 * p.z); });
-  return test::cut(test::mesh_piece(mesh, [&](dvec3 p) { return field(step, p); }), count);
+  const Mesh mesh = lattice(cells, [](dvec3 p) { return dvec3(p.x * p.x, p.y, 0.3 * p.z); });
+  return test::cut(mesh_piece(mesh, [&](dvec3 p) { return field(step, p); }), count);
 }
 
-SeriesStep step_of(std::size_t step, std::vector<Piece> pieces, const test::PieceSourceTraits& traits = {}) {
+SeriesStep step_of(std::size_t step, std::vector<Piece> pieces, const PieceSourceTraits& traits = {}) {
   return test::step_of(fmt::format("step {}", step), 0.5 * static_cast<double>(step), std::move(pieces), traits);
 }
 
@@ -51,11 +51,11 @@ const auto silent = [](const char*, double) {};
 const BuildOptions little{.memory = 1 << 20};  // fewer steps at a time
 
 void build_or_fail(std::vector<SeriesStep> list, const std::string& path, const BuildOptions& options = {}) {
-  ASSERT_EQ(test::message_of(build_series(std::move(list), path, options, silent)), "");
+  ASSERT_EQ(message_of(build_series(std::move(list), path, options, silent)), "");
 }
 
 std::shared_ptr<const format::Volume> open(const std::string& path) {
-  auto volume = test::value_of(format::Volume::open(open_file(path).value()));
+  auto volume = value_of(format::Volume::open(open_file(path).value()));
   return volume;
 }
 
@@ -77,7 +77,7 @@ TEST_F(Series, AStepIsTheFileThatIsBuiltFromIt) {
   ASSERT_EQ(series->series()->steps.size(), 4U);
   EXPECT_EQ(series->step(), 3U);
   for (std::size_t step = 0; step < 4; ++step) {
-    test::PieceSource source(pieces_of(step, 12, 3));
+    PieceSource source(pieces_of(step, 12, 3));
     ASSERT_TRUE(build_volume(source, path("single.svol"), {}, silent));
     const auto single = open(path("single.svol"));
     const auto at_step = series->at_step(step).value();
@@ -86,7 +86,7 @@ TEST_F(Series, AStepIsTheFileThatIsBuiltFromIt) {
     EXPECT_EQ(at_step->info().attributes[0].min, single->info().attributes[0].min);
     EXPECT_EQ(at_step->info().attributes[0].offset, single->info().attributes[0].offset);
     EXPECT_EQ(at_step->read_histograms().value(), single->read_histograms().value());
-    EXPECT_EQ(test::chunks_of(*at_step), test::chunks_of(*single));
+    EXPECT_EQ(chunks_of(*at_step), chunks_of(*single));
 
     const auto root = at_step->read_index_root({0}).value(), expected = single->read_index_root({0}).value();
     EXPECT_EQ(root.nodes.summaries[0].min, expected.nodes.summaries[0].min);
@@ -106,7 +106,7 @@ TEST_F(Series, AppendingGivesTheSameSteps) {
   ASSERT_TRUE(append_to_series(steps(2, 3), path("grown.svol"), {}, silent));
   ASSERT_TRUE(verify(path("grown.svol")));
   ASSERT_TRUE(append_to_series(steps(3, 5), path("grown.svol"), {}, silent));
-  ASSERT_EQ(test::message_of(verify(path("grown.svol"))), "");
+  ASSERT_EQ(message_of(verify(path("grown.svol"))), "");
   const auto grown = open(path("grown.svol")), at_once = open(path("at_once.svol"));
   ASSERT_EQ(grown->series()->steps.size(), 5U);
   EXPECT_EQ(grown->series()->entries.size(), 7U);  // two dead parts
@@ -146,7 +146,7 @@ TEST_F(Series, AFailedAppendLeavesTheFileAsItWas) {
   build_or_fail(steps(0, 3), path("series.svol"));
   const std::string before = read_text_file(path("series.svol")).value();
   const auto expect_refused = [&](std::vector<SeriesStep> list, const std::string& why) {
-    EXPECT_THAT(test::message_of(append_to_series(std::move(list), path("series.svol"), {}, silent)), HasSubstr(why));
+    EXPECT_THAT(message_of(append_to_series(std::move(list), path("series.svol"), {}, silent)), HasSubstr(why));
     EXPECT_EQ(read_text_file(path("series.svol")).value(), before);
   };
   expect_refused(steps(3, 5, 10), "--series-of-files");
@@ -157,8 +157,8 @@ TEST_F(Series, AFailedAppendLeavesTheFileAsItWas) {
 std::vector<Piece> blocks_at(std::size_t step) {
   std::vector<Piece> blocks;
   for (const double block : {0.0, 1.0}) {
-    const test::Mesh mesh = test::lattice(8, [&](dvec3 p) { return p + dvec3(block, 0, 0); });
-    blocks.push_back(test::mesh_piece(mesh, [&](dvec3 p) { return step == 0 ? 3 : p.y + 5 * block + field(step, p); }));
+    const Mesh mesh = lattice(8, [&](dvec3 p) { return p + dvec3(block, 0, 0); });
+    blocks.push_back(mesh_piece(mesh, [&](dvec3 p) { return step == 0 ? 3 : p.y + 5 * block + field(step, p); }));
   }
   return blocks;
 }
@@ -178,9 +178,9 @@ TEST_F(Series, PointsMergeAtAllStepsOrAtNone) {
     EXPECT_EQ(read_text_file(path("together.svol")).value(), read_text_file(path("apart.svol")).value());
 
     build_or_fail(block_steps(0, 1, averages), path("grown.svol"));
-    const auto appended = test::value_of(append_to_series(block_steps(1, 4, averages), path("grown.svol"), {}, silent));
+    const auto appended = value_of(append_to_series(block_steps(1, 4, averages), path("grown.svol"), {}, silent));
     EXPECT_EQ(appended.build.points.unlike, averages ? 0U : 9U * 9);
-    ASSERT_EQ(test::message_of(verify(path("grown.svol"))), "");
+    ASSERT_EQ(message_of(verify(path("grown.svol"))), "");
     for (std::size_t step = 0; step < 4; ++step)
       EXPECT_EQ(bytes_of_step(path("grown.svol"), step), bytes_of_step(path("together.svol"), step)) << step;
     EXPECT_EQ(open(path("grown.svol"))->info().point_count(), 2U * 9 * 9 * 9 - (averages ? 0U : 9U * 9));
@@ -212,7 +212,7 @@ TEST_F(Series, AMeshThatChangesIsRefused) {
     std::vector<Piece> moved = pieces_of(2, same_count ? 12 : 11, 3);
     moved[1].points[5].x += 1e-9;
     list.push_back(step_of(2, std::move(moved)));
-    const std::string report = test::message_of(build_series(std::move(list), path("series.svol"), {}, silent));
+    const std::string report = message_of(build_series(std::move(list), path("series.svol"), {}, silent));
     EXPECT_THAT(report, HasSubstr("step 2: its mesh is not that of step 0"));
     EXPECT_THAT(report, HasSubstr("--series-of-files"));
     EXPECT_FALSE(std::filesystem::exists(path("series.svol")));
@@ -222,7 +222,7 @@ TEST_F(Series, AMeshThatChangesIsRefused) {
 TEST_F(Series, TimesMustRise) {
   std::vector<SeriesStep> list = steps(0, 2);
   list[1].time = 0.0;
-  EXPECT_THAT(test::message_of(build_series(std::move(list), path("series.svol"), {}, silent)),
+  EXPECT_THAT(message_of(build_series(std::move(list), path("series.svol"), {}, silent)),
               HasSubstr("the time 0 is not behind 0"));
 }
 
@@ -244,25 +244,25 @@ TEST_F(Series, StepsWithoutTimesAreNumbered) {
 TEST_F(Series, ScatteredPointsHaveStepsToo) {
   std::vector<SeriesStep> list;
   for (std::size_t step = 0; step < 3; ++step) {
-    Piece piece = test::scattered(test::random_points(3000));
+    Piece piece = scattered(random_points(3000));
     for (double& value : piece.values[0]) value += static_cast<double>(step);
     list.push_back(step_of(step, {piece}));
   }
   build_or_fail(std::move(list), path("series.svol"));
-  EXPECT_EQ(test::message_of(verify(path("series.svol"))), "");
+  EXPECT_EQ(message_of(verify(path("series.svol"))), "");
 }
 
 TEST_F(Series, ReportsAttributesOnceWhateverTheMemory) {
   for (const std::uint64_t memory : {1 << 20, 1 << 30}) {
     std::vector<SeriesStep> list;
     for (std::size_t step = 0; step < 5; ++step) {
-      Piece piece = test::scattered(test::random_points(3000));
+      Piece piece = scattered(random_points(3000));
       for (double& value : piece.values[0]) value += static_cast<double>(step);
       piece.values[0][7] = 1e-300;
       piece.values[0][8] = std::nan("");
       list.push_back(step_of(step, {piece}));
     }
-    const auto report = test::value_of(build_series(std::move(list), path("series.svol"), {.memory = memory}, silent));
+    const auto report = value_of(build_series(std::move(list), path("series.svol"), {.memory = memory}, silent));
     ASSERT_EQ(report.build.missing.size(), 1U);
     EXPECT_EQ(report.build.missing[0].second, 5U) << "one in each step";
     ASSERT_EQ(report.build.warnings.size(), 1U);
@@ -274,7 +274,7 @@ TEST_F(Series, ReportsAttributesOnceWhateverTheMemory) {
 class PointsWithU {
  public:
   explicit PointsWithU(int components, std::string unit = "") {
-    for (const dvec3& p : test::random_points(60)) points_.insert(points_.end(), {p.x, p.y, p.z});
+    for (const dvec3& p : random_points(60)) points_.insert(points_.end(), {p.x, p.y, p.z});
     for (std::size_t i = 0; i < 60 * static_cast<std::size_t>(components); ++i)
       values_.push_back(std::sin(static_cast<double>(i)));
     mesh_.points = points_;
@@ -330,7 +330,7 @@ TEST_F(Series, AStepOfFilesHasTheUnitsOfTheStepsBefore) {
   EXPECT_EQ(append(kilopascals, {.units = {{"U", "Pa"}}}), "");
   const auto steps = format::Steps::open(path("s.svols"), open_file).value();
   EXPECT_EQ(steps.times().size(), 3U);
-  EXPECT_EQ(test::message_of(steps.verify([](double) {})), "");
+  EXPECT_EQ(message_of(steps.verify([](double) {})), "");
 }
 
 TEST(SeriesInputs, TimesAreAllOrARange) {
@@ -342,4 +342,4 @@ TEST(SeriesInputs, TimesAreAllOrARange) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -12,10 +12,11 @@
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/series_check.h"
+#include "tests/support/opened_files.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using format::ColumnKind;
@@ -23,20 +24,12 @@ using format::ColumnKind;
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 const auto silent = [](const char*, double) {};
 
-class StoredValuesTest : public test::FolderTest {
- protected:
+struct StoredValuesTest : FolderTest {
   std::shared_ptr<const format::Volume> build(std::vector<Piece> pieces, std::vector<std::string> names,
                                               const BuildOptions& options = {}) {
-    test::PieceSource source(std::move(pieces), {.attributes = std::move(names)});
-    report_ = test::value_of(build_volume(source, path("out.svol"), options, silent));
-    return open_checked("out.svol");
-  }
-
-  // Opens a file, and checks all of it.
-  [[nodiscard]] std::shared_ptr<const format::Volume> open_checked(const std::string& name) const {
-    auto volume = test::value_of(format::Volume::open(*open_file(path(name))));
-    EXPECT_EQ(test::message_of(volume->verify([](double) {})), "");
-    return volume;
+    PieceSource source(std::move(pieces), {.attributes = std::move(names)});
+    report_ = value_of(build_volume(source, path("out.svol"), options, silent));
+    return open_checked(path("out.svol"));
   }
 
   BuildReport report_;
@@ -77,7 +70,7 @@ std::vector<double> values_of(const format::Volume& volume, int attribute) {
 
 // Values of single precision: round 0, in a narrow range far from 0, small, large.
 Piece points_with_values() {
-  Piece piece = test::scattered(test::random_points(3000, 7, dvec3(100, -5, 1e-3)));
+  Piece piece = scattered(random_points(3000, 7, dvec3(100, -5, 1e-3)));
   std::mt19937 random(1);
   std::normal_distribution<float> normal;
   piece.values.assign(4, {});
@@ -152,20 +145,19 @@ TEST_F(StoredValuesTest, TheStatedErrorsAreKept) {
 
 // A mesh in pieces with "p", the same again, and a third that differs in one bit of one value.
 std::vector<Piece> pieces_with_equal_attributes() {
-  const test::Mesh mesh = test::lattice(6, [](dvec3 p) { return dvec3(p.x * p.x, p.y, 0.3 * p.z); });
-  Piece whole = test::mesh_piece(mesh, [](dvec3 p) { return std::sin(6 * p.x) + p.y * p.z; });
+  const Mesh mesh = lattice(6, [](dvec3 p) { return dvec3(p.x * p.x, p.y, 0.3 * p.z); });
+  Piece whole = mesh_piece(mesh, [](dvec3 p) { return std::sin(6 * p.x) + p.y * p.z; });
   whole.values[0][5] = nan;
   whole.values.push_back(whole.values[0]);
   whole.values.push_back(whole.values[0]);
   whole.values[2][100] = std::nextafter(whole.values[2][100], 10.0);
-  return test::cut(whole, 3);
+  return cut(whole, 3);
 }
 
 const std::vector<std::string> three_names = {"p", "p again", "q"};
 
 SeriesStep step(int number) {
-  return test::step_of(fmt::format("step {}", number), number, pieces_with_equal_attributes(),
-                       {.attributes = three_names});
+  return step_of(fmt::format("step {}", number), number, pieces_with_equal_attributes(), {.attributes = three_names});
 }
 
 // Hashes of the chunks of the file's material.
@@ -181,7 +173,7 @@ std::vector<std::uint64_t> material_of(const format::Volume& volume) {
 
 // A check of a file looks for occupied bins near the mean of each splat (spec R22).
 TEST_F(StoredValuesTest, MaterialIsOccupiedNearItsMean) {
-  Piece piece = test::scattered(test::random_points(600));
+  Piece piece = scattered(random_points(600));
   std::mt19937 random(1);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> uniform(-30, 30);
@@ -238,7 +230,7 @@ TEST_F(StoredValuesTest, StepsOfAnExactSeriesAreExact) {
   for (const bool exact : {false, true}) {
     ASSERT_TRUE(build_series({step(0)}, path("series.svol"), {.exact = {.positions = exact, .values = exact}}, silent));
     ASSERT_TRUE(append_to_series({step(1)}, path("series.svol"), {}, silent));
-    const auto volume = open_checked("series.svol");
+    const auto volume = open_checked(path("series.svol"));
     EXPECT_EQ(volume->info().position_error == 0, exact);
     for (const format::Attribute& attribute : volume->info().attributes) EXPECT_EQ(attribute.error == 0, exact);
   }
@@ -246,7 +238,7 @@ TEST_F(StoredValuesTest, StepsOfAnExactSeriesAreExact) {
 
 TEST_F(StoredValuesTest, StepsShareNothingThatLaterStepsMayNotShare) {
   ASSERT_TRUE(build_series({step(0), step(1)}, path("series.svol"), {}, silent));
-  const auto volume = open_checked("series.svol");
+  const auto volume = open_checked(path("series.svol"));
   EXPECT_EQ(volume->info().attributes.size(), 3u);
   EXPECT_TRUE(volume->info().aliases.empty());
 }
@@ -258,9 +250,7 @@ TEST_F(StoredValuesTest, TheCubeIsLargeEnoughForTheMaterialOfFewPoints) {
     PointMaterial material;
     for (std::size_t i = 0; i < count; ++i) {
       piece.points.push_back(dvec3(0, 0, 1e-3 * static_cast<double>(i)));
-      SpatialMoments moments;
-      moments.mass = 1e-3 * 100 * 100;
-      moments.covariance = {1e4 / 12, 1e4 / 12, 1e-6 / 12, 0, 0, 0};
+      SpatialMoments moments{.mass = 1e-3 * 100 * 100, .covariance = {1e4 / 12, 1e4 / 12, 1e-6 / 12, 0, 0, 0}};
       material.moments.push_back(moments);
     }
     piece.values = {std::vector<double>(count, 1.0)};
@@ -268,12 +258,12 @@ TEST_F(StoredValuesTest, TheCubeIsLargeEnoughForTheMaterialOfFewPoints) {
     material.gradients = {std::vector<dvec3>(count, dvec3(0))};
     piece.material = material;
 
-    test::PieceSource source({piece}, {.brings_material = true});
+    PieceSource source({piece}, {.brings_material = true});
     ASSERT_TRUE(build_volume(source, path("large.svol"), {}, silent));
-    const auto volume = open_checked("large.svol");
+    const auto volume = open_checked(path("large.svol"));
     EXPECT_GE(volume->info().cube.edge, 40);
   }
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -14,12 +14,10 @@
 #include "tests/support/test_volume.h"
 #include "tests/support/volume_bytes.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
 
-using test::Dissected;
-using test::error_of;
-using test::Part;
+using namespace format;
 using ::testing::HasSubstr;
 
 // A square in the plane x = `x`, of side^2 quads, each two triangles. `reversed`: its points are in reverse order.
@@ -61,8 +59,8 @@ double largest_distance(const std::vector<dvec3>& a, const std::vector<dvec3>& b
 }
 
 Bytes file_with(const std::vector<Patch>& patches, double error = 0) {
-  test::TestVolume volume = test::make_test_volume(test::random_points(100, 3), {std::vector<double>(100, 1.0)});
-  auto packed = test::value_of(pack_boundary(patches, error));
+  TestVolume volume = make_test_volume(random_points(100, 3), {std::vector<double>(100, 1.0)});
+  auto packed = value_of(pack_boundary(patches, error));
   volume.info.boundary = packed.info;
   volume.boundary = packed.section;
   return test_volume_bytes(volume);
@@ -82,11 +80,11 @@ TEST(Boundary, ComesBackWithinItsError) {
   EXPECT_GT(info.error, 0);
   EXPECT_LT(info.error, 1e-6);
   for (std::size_t patch = 0; patch < 3; ++patch) {
-    const auto mesh = test::value_of(volume->read_boundary({&patch, 1}));
+    const auto mesh = value_of(volume->read_boundary({&patch, 1}));
     EXPECT_LE(largest_distance(corners_of(mesh), corners_of(patches()[patch].mesh)), info.error);
   }
   const std::size_t both[] = {2, 0};
-  const auto joined = test::value_of(volume->read_boundary(both));
+  const auto joined = value_of(volume->read_boundary(both));
   EXPECT_EQ(joined.triangles.size(), 98u + 32u);
   EXPECT_EQ(joined.points.size(), 64u + 25u);
   EXPECT_EQ(corners_of(joined).back().x, 0);
@@ -116,7 +114,7 @@ TEST(Boundary, IsReadOnDemandOnly) {
   ASSERT_TRUE(volume->read_boundary({&small, 1}));
   EXPECT_LT(volume->bytes_read() - opened, 500u);
   const std::size_t both[] = {0, 1};
-  const auto joined = test::value_of(volume->read_boundary(both));
+  const auto joined = value_of(volume->read_boundary(both));
   EXPECT_EQ(joined.triangles.size(), 10000u + 8u);
 }
 
@@ -157,7 +155,7 @@ TEST(Boundary, OfOnePointOrALine) {
 }
 
 TEST(Boundary, FilesWithoutOneAreOfTheFirstVersion) {
-  const test::TestVolume plain = test::make_test_volume(test::random_points(50, 3), {std::vector<double>(50, 1.0)});
+  const TestVolume plain = make_test_volume(random_points(50, 3), {std::vector<double>(50, 1.0)});
   const auto version = [](const Bytes& file) { return read_record<Superblock>(file, 0).minor_version; };
   EXPECT_EQ(version(test_volume_bytes(plain)), 0);
   EXPECT_EQ(version(file_with(patches())), 1);
@@ -167,14 +165,13 @@ TEST(Boundary, WhatCannotBeStoredIsRefused) {
   EXPECT_THAT(pack_boundary({}, 0).error().message, HasSubstr("0 patches"));
   EXPECT_THAT(pack_boundary(std::vector<Patch>{{"a", {}}, {"a", {}}}, 0).error().message, HasSubstr("\"a\""));
   EXPECT_THAT(pack_boundary(std::vector<Patch>(5000), 0).error().message, HasSubstr("5000 patches"));
-  test::TestVolume volume = test::make_test_volume(test::random_points(50, 3), {std::vector<double>(50, 1.0)});
+  TestVolume volume = make_test_volume(random_points(50, 3), {std::vector<double>(50, 1.0)});
   volume.info.boundary = pack_boundary(patches(), 0)->info;
   EXPECT_TRUE(test_volume_bytes(volume).empty()) << "described, and not there";
 }
 
 // Hashes are right in all of these.
-class DamagedBoundary : public testing::Test {
- protected:
+struct DamagedBoundary : testing::Test {
   Bytes harmed(Part part, std::size_t index, const std::function<void(Bytes&)>& harm) const {
     return Dissected(file_).assemble([&](Part p, std::size_t i, Bytes& bytes) {
       if (p == part && i == index) harm(bytes);
@@ -191,10 +188,10 @@ class DamagedBoundary : public testing::Test {
   }
   static std::function<void(Bytes&)> replace(const std::string& old, const std::string& text) {
     return [=](Bytes& bytes) {
-      std::string json = test::text_of(bytes);
+      std::string json = text_of(bytes);
       const std::size_t at = json.find(old);
       ASSERT_NE(at, std::string::npos);
-      bytes = test::bytes_of(json.replace(at, old.size(), text));
+      bytes = bytes_of(json.replace(at, old.size(), text));
     };
   }
 
@@ -233,9 +230,9 @@ TEST_F(DamagedBoundary, MetadataFollowTheirRules) {
 
 TEST_F(DamagedBoundary, CannotClaimManyTriangles) {
   const Bytes file = harmed(Part::metadata, 0, replace("\"triangles\":98", "\"triangles\":300000000"));
-  test::start_counting_allocations();
+  start_counting_allocations();
   EXPECT_NE(error_of(file), "");
-  EXPECT_LT(test::most_bytes_allocated(), std::size_t{16} << 20);
+  EXPECT_LT(most_bytes_allocated(), std::size_t{16} << 20);
 }
 
 // A file whose only patch has so many triangles between 200 points. Its frame is near the ratio that R7 allows.
@@ -249,10 +246,10 @@ Bytes file_of_many(std::uint32_t triangles) {
   return Dissected(file_with({{"one", square(1, 0)}})).assemble([&](Part part, std::size_t, Bytes& bytes) {
     if (part == Part::patch) bytes = payload;
     if (part != Part::metadata) return;
-    std::string json = test::text_of(bytes);
+    std::string json = text_of(bytes);
     const std::string old = R"("points":4,"triangles":2)";
     json.replace(json.find(old), old.size(), fmt::format(R"("points":{},"triangles":{})", points, triangles));
-    bytes = test::bytes_of(json);
+    bytes = bytes_of(json);
   });
 }
 
@@ -260,14 +257,14 @@ TEST(HugeBoundary, IsCheckedInLittleMemory) {
   const Bytes file = file_of_many(5'000'000);
   EXPECT_LT(file.size(), std::size_t{1} << 20);
   const auto volume = open(file).value();
-  test::start_counting_allocations();
-  EXPECT_EQ(test::message_of(volume->verify([](double) {})), "");
-  EXPECT_LT(test::most_bytes_allocated(), std::size_t{8} << 20);
+  start_counting_allocations();
+  EXPECT_EQ(message_of(volume->verify([](double) {})), "");
+  EXPECT_LT(most_bytes_allocated(), std::size_t{8} << 20);
 
   const std::size_t first = 0;
-  test::start_counting_allocations();
+  start_counting_allocations();
   EXPECT_EQ(volume->read_boundary({&first, 1})->triangles.size(), 5'000'000U);
-  EXPECT_LT(test::most_bytes_allocated(), std::size_t{66} << 20) << "the mesh, and little besides";
+  EXPECT_LT(most_bytes_allocated(), std::size_t{66} << 20) << "the mesh, and little besides";
 }
 
 TEST(HugeBoundary, ComesBackAsItWas) {
@@ -276,7 +273,7 @@ TEST(HugeBoundary, ComesBackAsItWas) {
   const auto volume = open(file).value();
   ASSERT_GT(payload_bytes(volume->info().boundary->patches[1]), std::uint64_t{1} << 25);
   const std::size_t both[] = {0, 1};
-  const auto joined = test::value_of(volume->read_boundary(both));
+  const auto joined = value_of(volume->read_boundary(both));
   std::vector<dvec3> corners = corners_of(joined);
   corners.erase(corners.begin(), corners.begin() + 24);
   EXPECT_LE(largest_distance(corners, corners_of(large)), volume->info().boundary->error);
@@ -301,4 +298,4 @@ TEST_F(DamagedBoundary, EachFlippedByteAndCutIsFound) {
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <functional>
-#include <numeric>
 #include <random>
 #include <set>
 
@@ -12,8 +11,10 @@
 #include "tests/support/results.h"
 #include "tests/support/test_cells.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
+
+using namespace format;
 
 constexpr std::array all_shapes = {CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge, CellShape::hexahedron};
 
@@ -73,7 +74,7 @@ TEST(CellShapes, ComeBackWithTheSameTetrahedra) {
       while (!is_split(shape, cells.splits.back()) && (cells.splits.pop_back(), true));
     }
     const PackedCells packed = pack_cells(cells, number_corners(cells.corners).ranks.size());
-    const CellChunk back = test::value_of(unpack_cells(packed.entry, packed.bytes, first + 2000000, 0, "cells"));
+    const CellChunk back = value_of(unpack_cells(packed.entry, packed.bytes, first + 2000000, 0, "cells"));
     EXPECT_EQ(back.size(), cells.size());
     EXPECT_EQ(tetrahedra_in(back), tetrahedra_in(cells)) << corners_of(shape);
     // What has come back is packed into the same bytes.
@@ -99,7 +100,7 @@ CellChunk random_polyhedra(CellField field, std::size_t count, std::uint32_t see
     cells.corners.insert(cells.corners.end(), ranks.begin(), ranks.end());
     cells.ends.push_back(static_cast<std::uint32_t>(cells.corners.size()));
     cells.splits.push_back(static_cast<CellSplit>(random() % corners));
-    const auto surface = test::random_surface(corners, random);
+    const auto surface = random_surface(corners, random);
     cells.triangles.insert(cells.triangles.end(), surface.begin(), surface.end());
   }
   return cells;
@@ -117,7 +118,7 @@ TEST(Polyhedra, ComeBackWithTheSameTetrahedra) {
       EXPECT_EQ(packed.entry.shape, CellShape::polyhedron);
       EXPECT_EQ(packed.entry.cells, count);
       EXPECT_LE(packed.entry.unpacked_bytes, most_unpacked_bytes(packed.entry));
-      const CellChunk back = test::value_of(unpack_cells(packed.entry, packed.bytes, many, many, "cells"));
+      const CellChunk back = value_of(unpack_cells(packed.entry, packed.bytes, many, many, "cells"));
       ASSERT_EQ(back.size(), count);
       EXPECT_EQ(back.corners, cells.corners);
       EXPECT_EQ(back.ends, cells.ends);
@@ -148,7 +149,7 @@ TEST(Polyhedra, AreTheSameInAnyParts) {
 TEST(Polyhedra, OfAChunkHaveABoundOfCorners) {
   CellChunk cells{CellShape::polyhedron, CellField::corners, {}, {}, {}};
   std::mt19937 random(9);
-  const auto surface = test::random_surface(64, random);
+  const auto surface = random_surface(64, random);
   for (std::size_t cell = 0; cell < max_chunk_corners / 64; ++cell) {
     for (std::size_t k = 0; k < 64; ++k) cells.corners.push_back(cell + k);
     cells.ends.push_back(static_cast<std::uint32_t>(cells.corners.size()));
@@ -156,18 +157,18 @@ TEST(Polyhedra, OfAChunkHaveABoundOfCorners) {
     cells.triangles.insert(cells.triangles.end(), surface.begin(), surface.end());
   }
   const PackedCells most = packed_of(cells);
-  EXPECT_EQ(test::value_of(unpack_cells(most.entry, most.bytes, many, 0, "cells")).corners, cells.corners);
+  EXPECT_EQ(value_of(unpack_cells(most.entry, most.bytes, many, 0, "cells")).corners, cells.corners);
   const CellChunk again = cells;
   cells.append(again, again.size() - 1, again.size());
   const PackedCells more = packed_of(cells);
-  EXPECT_NE(test::message_of(unpack_cells(more.entry, more.bytes, many, 0, "cells")), "");
+  EXPECT_NE(message_of(unpack_cells(more.entry, more.bytes, many, 0, "cells")), "");
 }
 
 TEST(Polyhedra, OfHostileBytesAreWholeOrRefused) {
   std::mt19937 random(5);
   for (const CellField field : {CellField::corners, CellField::constant}) {
     const PackedCells packed = packed_of(random_polyhedra(field, 12, 5));
-    const Bytes payload = test::value_of(unpack(packed.bytes, packed.entry.unpacked_bytes, "cells"));
+    const Bytes payload = value_of(unpack(packed.bytes, packed.entry.unpacked_bytes, "cells"));
     std::size_t refused = 0, taken = 0;
     const auto take = [&](const Bytes& changed, std::uint32_t cells) {
       CellChunkEntry entry = packed.entry;
@@ -214,4 +215,4 @@ TEST(Polyhedra, OfHostileBytesAreWholeOrRefused) {
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

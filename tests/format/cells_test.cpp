@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -18,6 +17,7 @@
 #include "format/volume.h"
 #include "tests/format/allocation_counter.h"
 #include "tests/support/explorer.h"
+#include "tests/support/opened_files.h"
 #include "tests/support/results.h"
 #include "tests/support/sanitizers.h"
 #include "tests/support/surgery.h"
@@ -25,13 +25,10 @@
 #include "tests/support/volume_bytes.h"
 #include "tests/support/volume_dump.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
 
-using test::Dissected;
-using test::error_of;
-using test::Part;
-using test::TestVolume;
+using namespace format;
 using ::testing::HasSubstr;
 
 constexpr auto tetrahedron = CellShape::tetrahedron;
@@ -63,10 +60,9 @@ void expect_back(const std::vector<std::uint64_t>& corners, std::uint64_t points
   const PackedCells packed = pack_cells(chunk_of(corners), 4);
   EXPECT_EQ(packed.entry.cells, corners.size() / 4);
   EXPECT_EQ(packed.entry.packed_bytes, packed.bytes.size());
-  EXPECT_EQ(test::value_of(unpack_cells(packed.entry, packed.bytes, points, 0, "cells")).corners, corners);
-  const auto fewer = unpack_cells(packed.entry, packed.bytes, std::ranges::max(corners), 0, "cells");
-  ASSERT_FALSE(fewer);
-  EXPECT_THAT(fewer.error().message, HasSubstr("a corner that is not there [R24]"));
+  EXPECT_EQ(value_of(unpack_cells(packed.entry, packed.bytes, points, 0, "cells")).corners, corners);
+  EXPECT_THAT(test::message_of(unpack_cells(packed.entry, packed.bytes, std::ranges::max(corners), 0, "cells")),
+              HasSubstr("a corner that is not there [R24]"));
 }
 
 TEST(PackedCells, OneComesBack) {
@@ -107,7 +103,7 @@ TEST(PackedCells, DifferencesOfEachWidthComeBack) {
 TEST(PackedCells, OfOtherLengthsAreRefused) {
   const std::vector<std::uint64_t> corners = {1, 2, 3, 4, 1, 2, 4, 900};
   const PackedCells packed = pack_cells(chunk_of(corners), 5);
-  Bytes payload = test::value_of(unpack(packed.bytes, packed.entry.unpacked_bytes, "cells"));
+  Bytes payload = value_of(unpack(packed.bytes, packed.entry.unpacked_bytes, "cells"));
   const auto message = [&](const Bytes& changed, std::uint32_t cells) {
     CellChunkEntry entry = packed.entry;
     const Bytes bytes = pack(changed);
@@ -197,8 +193,7 @@ TEST(SummarizeCells, HasBinsBetweenCorners) {
 
 // --- Pages of ranks.
 
-class RankPages : public testing::Test {
- protected:
+struct RankPages : testing::Test {
   // Returns the page that comes back, or its message.
   std::string change(const std::function<void(RankPage&)>& change, std::uint64_t first = 10) const {
     RankPage page = page_;
@@ -244,7 +239,7 @@ TestVolume plain_volume(std::size_t attributes = 2) {
   std::vector<std::vector<double>> values(attributes, std::vector<double>(300));
   for (auto& column : values)
     for (double& value : column) value = uniform(random) < -0.9 ? nan : uniform(random);
-  return test::make_test_volume(test::random_points(300, 3), values, {.node_points = 25, .position_error = 1e-5});
+  return make_test_volume(random_points(300, 3), values, {.node_points = 25, .position_error = 1e-5});
 }
 
 TestVolume volume_with_cells(std::size_t cells = 200, std::size_t attributes = 2) {
@@ -256,11 +251,7 @@ TestVolume volume_with_cells(std::size_t cells = 200, std::size_t attributes = 2
 
 std::vector<std::uint64_t> all_corners(const CellReader& cells) {
   std::vector<std::uint64_t> all;
-  for (std::size_t page = 0; page < cells.pages().size(); ++page)
-    for (const CellChunkEntry& entry : test::value_of(cells.read_page(page, {})).chunks) {
-      const auto corners = test::value_of(cells.read_chunk(entry));
-      all.insert(all.end(), corners.corners.begin(), corners.corners.end());
-    }
+  for (const CellChunk& chunk : chunks_of(cells)) all.insert(all.end(), chunk.corners.begin(), chunk.corners.end());
   return all;
 }
 
@@ -273,7 +264,7 @@ TEST(CellsOfAFile, ComeBack) {
   const auto opened = open(file).value();
   EXPECT_TRUE(CellReader::has_cells(*opened));
   EXPECT_EQ(opened->info().cells->hash, 0x0123456789abcdefu);
-  const auto cells = test::value_of(CellReader::open(*opened));
+  const auto cells = value_of(CellReader::open(*opened));
   ASSERT_EQ(cells->kinds().size(), 1u);
   EXPECT_EQ(cells->kinds()[0].cells, 200u);
   EXPECT_EQ(cells->kinds()[0].turned, 3u);
@@ -289,7 +280,7 @@ TEST(CellsOfAFile, RanksNameTheirPoints) {
   const TestVolume volume = volume_with_cells();
   const Bytes file = test_volume_bytes(volume);
   const auto opened = open(file).value();
-  const auto cells = test::value_of(CellReader::open(*opened));
+  const auto cells = value_of(CellReader::open(*opened));
   const std::vector<std::uint64_t> ranks = ranks_of(volume);
   // A memory of nothing holds one group at a time.
   for (const std::uint64_t memory : {0, 1 << 20}) {
@@ -311,10 +302,10 @@ TEST(CellsOfAFile, RanksNameTheirPoints) {
 // What a reader sees does not depend on how bytes are packed.
 TEST(CellsOfAFile, AreInADump) {
   const Bytes file = test_volume_bytes(volume_with_cells());
-  const auto dump_of = [](const Bytes& bytes) { return test::value_of(test::dump_volume(*open(bytes).value(), true)); };
+  const auto dump_of = [](const Bytes& bytes) { return value_of(dump_volume(*open(bytes).value(), true)); };
   const std::string dump = dump_of(file);
   EXPECT_THAT(dump, HasSubstr("kind: tetrahedron, corners, 200 cells, 3 turned"));
-  EXPECT_EQ(dump_of(Dissected(file).assemble([](Part, std::size_t, Bytes&) {}, test::Packing::raw)), dump);
+  EXPECT_EQ(dump_of(Dissected(file).assemble([](Part, std::size_t, Bytes&) {}, Packing::raw)), dump);
   const Bytes other = Dissected(file).assemble([](Part part, std::size_t i, Bytes& bytes) {
     if (part == Part::cells && i == 2) bytes.back() ^= std::byte{1};
   });
@@ -327,7 +318,7 @@ TEST(CellsOfAFile, MayBeNone) {
   const Bytes file = test_volume_bytes(volume);
   EXPECT_EQ(error_of(file), "");
   const auto opened = open(file).value();
-  const auto cells = test::value_of(CellReader::open(*opened));
+  const auto cells = value_of(CellReader::open(*opened));
   EXPECT_TRUE(cells->kinds().empty());
   EXPECT_EQ(cells->chunk_count(), 0u);
   EXPECT_EQ(cells->rank_page_count(), 1u);
@@ -338,7 +329,7 @@ TEST(CellsOfAFile, FilesWithoutThemAreAsBefore) {
   EXPECT_EQ(read_record<Superblock>(file, 0).minor_version, 0);
   const auto opened = open(file).value();
   EXPECT_FALSE(CellReader::has_cells(*opened));
-  EXPECT_EQ(test::value_of(CellReader::open(*opened)), nullptr);
+  EXPECT_EQ(value_of(CellReader::open(*opened)), nullptr);
 }
 
 TEST(CellsOfAFile, MustBeDescribed) {
@@ -354,7 +345,7 @@ TEST(CellsOfAFile, AreReadOnDemandOnly) {
   const Bytes file = test_volume_bytes(volume);
   const auto opened = open(file).value();
   const std::uint64_t before = opened->bytes_read();
-  const auto cells = test::value_of(CellReader::open(*opened));
+  const auto cells = value_of(CellReader::open(*opened));
   ASSERT_GT(cells->section_bytes(), 200'000u);
   EXPECT_LE(opened->bytes_read() - before, std::max<std::uint64_t>(65536, cells->directory_bytes()));
   EXPECT_EQ(cells->kinds()[0].cells, 60'000u);
@@ -367,7 +358,7 @@ TEST(CellsOfAFile, AttributesMayLackValues) {
   const Bytes file = test_volume_bytes(volume);
   ASSERT_FALSE(file.empty());
   const auto opened = open(file).value();
-  const auto cells = test::value_of(CellReader::open(*opened));
+  const auto cells = value_of(CellReader::open(*opened));
   RankedPoints points(*cells, 1 << 20);
   const std::uint64_t rank = 3;
   std::vector<RankedPoints::Place> places;
@@ -382,10 +373,10 @@ TEST(CellsOfAFile, AreNothingToReadersThatDoNotKnowThem) {
   const Bytes file =
       Dissected(test_volume_bytes(volume_with_cells())).assemble([](Part part, std::size_t, Bytes& bytes) {
         if (part == Part::metadata) {
-          std::string json = test::text_of(bytes);
+          std::string json = text_of(bytes);
           const std::size_t at = json.find("\"cells\"");
           ASSERT_NE(at, std::string::npos);
-          bytes = test::bytes_of(json.replace(at, 7, "\"later_thing\""));
+          bytes = bytes_of(json.replace(at, 7, "\"later_thing\""));
         }
         for (std::size_t at = 0; part == Part::section_table && at < bytes.size(); at += sizeof(SectionEntry)) {
           auto section = read_record<SectionEntry>(bytes, at);
@@ -397,13 +388,12 @@ TEST(CellsOfAFile, AreNothingToReadersThatDoNotKnowThem) {
   const auto opened = open(file);
   ASSERT_TRUE(opened);
   EXPECT_FALSE(CellReader::has_cells(**opened));
-  EXPECT_TRUE(test::explore_volume(**opened).all_read);
+  EXPECT_TRUE(explore_volume(**opened).all_read);
 }
 
 // --- Damage. Hashes are right in all of these, but where a test says so.
 
-class DamagedCells : public testing::Test {
- protected:
+struct DamagedCells : testing::Test {
   [[nodiscard]] Bytes harmed(Part part, std::size_t index, const std::function<void(Bytes&)>& harm) const {
     bool found = false;
     Bytes file = parts_.assemble([&](Part p, std::size_t i, Bytes& bytes) {
@@ -421,7 +411,7 @@ class DamagedCells : public testing::Test {
     EXPECT_EQ(message.find('\n'), std::string::npos);
     EXPECT_EQ(error_of(file, 2).empty(), message.empty());
     if (const auto opened = open(file)) {
-      EXPECT_EQ(test::explore_volume(**opened).broken, "");
+      EXPECT_EQ(explore_volume(**opened).broken, "");
     }
     return message;
   }
@@ -481,17 +471,17 @@ TEST_F(DamagedCells, AreWholeWhenNothingIsDone) {
   EXPECT_EQ(parts_.count(Part::cell_entries), 4u);
   EXPECT_EQ(parts_.count(Part::cell_summary), 8u);
   EXPECT_EQ(parts_.count(Part::cell_root), 1u);
-  for (const auto packing : {test::Packing::zstd, test::Packing::raw})
+  for (const auto packing : {Packing::zstd, Packing::raw})
     EXPECT_EQ(message_of(parts_.assemble([](Part, std::size_t, Bytes&) {}, packing)), "");
 }
 
 TEST_F(DamagedCells, MetadataFollowTheirRules) {
   const auto replace = [](const std::string& old, const std::string& text) {
     return [=](Bytes& bytes) {
-      std::string json = test::text_of(bytes);
+      std::string json = text_of(bytes);
       const std::size_t at = json.find(old);
       ASSERT_NE(at, std::string::npos);
-      bytes = test::bytes_of(json.replace(at, old.size(), text));
+      bytes = bytes_of(json.replace(at, old.size(), text));
     };
   };
   expect_refused(Part::metadata, 0, replace("\"cells\"", "\"x\""), "do not say whether it has cells [R23]");
@@ -503,8 +493,8 @@ TEST_F(DamagedCells, MetadataFollowTheirRules) {
                    "only a series has it [R9]");
   const Bytes plain = Dissected(test_volume_bytes(plain_volume())).assemble([](Part part, std::size_t, Bytes& bytes) {
     if (part != Part::metadata) return;
-    std::string json = test::text_of(bytes);
-    bytes = test::bytes_of(json.insert(1, R"("cells":{"hash":"0123456789abcdef"},)"));
+    std::string json = text_of(bytes);
+    bytes = bytes_of(json.insert(1, R"("cells":{"hash":"0123456789abcdef"},)"));
   });
   EXPECT_THAT(error_of(plain), HasSubstr("do not say whether it has cells [R23]"));
 }
@@ -760,9 +750,9 @@ TEST_F(DamagedCells, OfAnUnknownKindAreSkipped) {
     const Bytes file = with_kind(shape, field);
     EXPECT_EQ(message_of(file), "");
     const auto opened = open(file).value();
-    const auto cells = test::value_of(CellReader::open(*opened));
+    const auto cells = value_of(CellReader::open(*opened));
     EXPECT_FALSE(is_known(cells->kinds()[0].shape, cells->kinds()[0].field));
-    for (const CellChunkEntry& entry : test::value_of(cells->read_page(0, {})).chunks) {
+    for (const CellChunkEntry& entry : value_of(cells->read_page(0, {})).chunks) {
       EXPECT_FALSE(is_known(entry.shape, entry.field));
       EXPECT_TRUE(cells->check_bytes(entry));
     }
@@ -775,8 +765,7 @@ TEST_F(DamagedCells, OfAnUnknownKindAreSkipped) {
 }
 
 // Polyhedra in a file: what is true of tetrahedra is of them.
-class DamagedPolyhedra : public DamagedCells {
- protected:
+struct DamagedPolyhedra : DamagedCells {
   static TestVolume volume_with_polyhedra() {
     TestVolume volume = plain_volume();
     add_random_cells(volume, 20);
@@ -795,16 +784,16 @@ class DamagedPolyhedra : public DamagedCells {
 };
 
 TEST_F(DamagedPolyhedra, AreWholeWhenNothingIsDone) {
-  for (const auto packing : {test::Packing::zstd, test::Packing::raw}) {
+  for (const auto packing : {Packing::zstd, Packing::raw}) {
     const Bytes file = with_polyhedra_.assemble([](Part, std::size_t, Bytes&) {}, packing);
     ASSERT_EQ(message_of(file), "");
     const auto opened = open(file).value();
-    const auto cells = test::value_of(CellReader::open(*opened));
+    const auto cells = value_of(CellReader::open(*opened));
     ASSERT_EQ(cells->kinds().size(), 2u);
     EXPECT_EQ(cells->kinds()[1].shape, CellShape::polyhedron);
     EXPECT_EQ(cells->kinds()[1].cells, 40u);
-    EXPECT_TRUE(test::explore_volume(*opened).all_read);
-    EXPECT_THAT(test::value_of(test::dump_volume(*opened, true)), HasSubstr("kind: polyhedron, corners, 40 cells"));
+    EXPECT_TRUE(explore_volume(*opened).all_read);
+    EXPECT_THAT(value_of(dump_volume(*opened, true)), HasSubstr("kind: polyhedron, corners, 40 cells"));
   }
 }
 
@@ -833,7 +822,7 @@ TEST_F(DamagedPolyhedra, AreRefused) {
 // Bytes of the cells change, and their hashes with them.
 TEST_F(DamagedPolyhedra, AreRefusedOrReadAlikeForEachByte) {
   std::size_t refused = 0;
-  const std::size_t step = test::is_sanitized ? 11 : 1;
+  const std::size_t step = is_sanitized ? 11 : 1;
   const auto bytes = with_polyhedra_.count(Part::cells) == 5 ? std::size_t{700} : std::size_t{0};
   for (std::size_t at = 0; at < bytes; at += step)
     refused +=
@@ -856,14 +845,14 @@ TEST_F(DamagedCells, EachFlippedByteAndCutIsFound) {
   const auto volume = open(file_).value();
   const auto section = std::ranges::find(volume->sections(), SectionKind::cells, &SectionEntry::kind);
   ASSERT_NE(section, volume->sections().end());
-  const std::size_t step = test::is_sanitized ? 7 : 1;  // each takes ten times as long there
+  const std::size_t step = is_sanitized ? 7 : 1;  // each takes ten times as long there
   for (std::uint64_t at = section->offset; at < section->offset + section->packed_bytes; at += step) {
     Bytes flipped = file_;
     flipped[at] ^= std::byte{0x10};
     EXPECT_NE(error_of(flipped), "") << at;
     const auto opened = open(flipped);
     ASSERT_TRUE(opened) << "who shows no cells reads no byte of them";
-    EXPECT_FALSE(test::explore_volume(**opened).all_read) << at - section->offset << " of " << section->packed_bytes;
+    EXPECT_FALSE(explore_volume(**opened).all_read) << at - section->offset << " of " << section->packed_bytes;
   }
   for (std::uint64_t size = section->offset; size < file_.size(); size += 7)
     EXPECT_FALSE(open(Bytes(file_.begin(), file_.begin() + static_cast<std::ptrdiff_t>(size))));
@@ -875,9 +864,9 @@ TEST_F(DamagedCells, CannotClaimMuchMemory) {
   constexpr std::size_t few_megabytes = std::size_t{8} << 20;
   const auto memory = [&](Part part, const std::function<void(Bytes&)>& harm) {
     const Bytes file = harmed(part, 0, harm);
-    test::start_counting_allocations();
+    start_counting_allocations();
     EXPECT_NE(error_of(file), "");
-    return test::most_bytes_allocated();
+    return most_bytes_allocated();
   };
   const std::size_t honest = memory(Part::cell_root, edit_kind([](CellKind& kind) { ++kind.cells; }));
   for (const std::uint64_t number :
@@ -902,9 +891,9 @@ TEST_F(DamagedCells, CannotClaimMuchMemory) {
     if (part == Part::cell_entries && i == 0)
       edit_entry([](CellChunkEntry& entry) { entry.cells = max_chunk_cells, entry.points = 4; }, 0)(bytes);
   });
-  test::start_counting_allocations();
+  start_counting_allocations();
   EXPECT_NE(error_of(file), "");
-  EXPECT_LE(test::most_bytes_allocated(), honest + 2 * few_megabytes);
+  EXPECT_LE(most_bytes_allocated(), honest + 2 * few_megabytes);
 }
 
 // Bytes for people and for later versions change nothing.
@@ -915,4 +904,4 @@ TEST_F(DamagedCells, ReservedBytesAreIgnored) {
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

@@ -9,9 +9,10 @@
 
 #include "tests/support/results.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
 
+using namespace format;
 using testing::HasSubstr;
 
 Bytes random_bytes(std::size_t count, std::uint32_t seed, int values = 256) {
@@ -31,7 +32,7 @@ TEST(Codec, UnpackUndoesPack) {
       const Bytes raw = random_bytes(count, static_cast<std::uint32_t>(count), values);
       const Bytes packed = pack(raw);
       EXPECT_LE(packed.size(), raw.size());
-      const auto unpacked = test::value_of(unpack(packed, raw.size(), "test"));
+      const auto unpacked = value_of(unpack(packed, raw.size(), "test"));
       EXPECT_EQ(unpacked, raw);
     }
   }
@@ -57,8 +58,7 @@ TEST(Codec, RefusesLengthsBeyondTheRatio) {
   const Bytes packed = pack(Bytes(1000));
   const std::uint64_t most = 1024 * packed.size() + 64;
   for (const std::uint64_t length : {most + 1, std::uint64_t{1} << 40, ~std::uint64_t{0}}) {
-    EXPECT_THAT(test::message_of(unpack(packed, length, "chunk 7")),
-                testing::AllOf(HasSubstr("chunk 7"), HasSubstr("[R7]")));
+    EXPECT_THAT(message_of(unpack(packed, length, "chunk 7")), testing::AllOf(HasSubstr("chunk 7"), HasSubstr("[R7]")));
   }
 }
 
@@ -172,10 +172,10 @@ TEST(Unpacker, TakesNoLargeWindow) {
   const Bytes raw(std::size_t{17} << 20, std::byte{1});
   EXPECT_EQ(unpack_in_pieces(frame_of_runs(raw, window_of_8_mib), raw.size(), 1 << 20), raw);
   for (const auto window : {std::optional(window_of_16_mib), std::optional<std::uint8_t>()}) {
-    EXPECT_NE(test::message_of(unpack_in_pieces(frame_of_runs(raw, window), raw.size(), 1 << 20)).find("window"),
+    EXPECT_NE(message_of(unpack_in_pieces(frame_of_runs(raw, window), raw.size(), 1 << 20)).find("window"),
               std::string::npos);
   }
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

@@ -11,9 +11,10 @@
 #include "tests/support/random.h"
 #include "tests/support/results.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
 
+using namespace format;
 using testing::AnyOf;
 using testing::HasSubstr;
 
@@ -26,19 +27,19 @@ std::vector<dvec3> random_positions(std::size_t count, const dvec3& origin, cons
   std::mt19937_64 random(seed);
   std::uniform_real_distribution<double> uniform(0, 1);
   std::vector<dvec3> positions(count);
-  for (dvec3& p : positions) p = origin + extent * test::random_vector(uniform, random);
+  for (dvec3& p : positions) p = origin + extent * random_vector(uniform, random);
   return positions;
 }
 
 std::vector<dvec3> unpacked(const PackedChunk& chunk, std::size_t count) {
   std::vector<dvec3> positions(count);
-  EXPECT_EQ(test::message_of(unpack_positions(chunk.entry, chunk.bytes, positions, anywhere, "test")), "");
+  EXPECT_EQ(message_of(unpack_positions(chunk.entry, chunk.bytes, positions, anywhere, "test")), "");
   return positions;
 }
 
 std::vector<float> unpacked_values(const PackedChunk& chunk, std::size_t count) {
   std::vector<float> values(count);
-  EXPECT_EQ(test::message_of(unpack_values(chunk.entry, chunk.bytes, values, "test")), "");
+  EXPECT_EQ(message_of(unpack_values(chunk.entry, chunk.bytes, values, "test")), "");
   return values;
 }
 
@@ -189,8 +190,7 @@ TEST(PositionColumn, RefusesBadHeaders) {
     payload.resize(payload.size() + plane_bytes, std::byte{9});
     const PackedChunk chunk = chunk_of(payload);
     std::vector<dvec3> positions(10);
-    const std::string message =
-        test::message_of(unpack_positions(chunk.entry, chunk.bytes, positions, anywhere, "test"));
+    const std::string message = message_of(unpack_positions(chunk.entry, chunk.bytes, positions, anywhere, "test"));
     EXPECT_THAT(message, AnyOf("", HasSubstr("[R17]")));
     return message != "";
   };
@@ -283,7 +283,7 @@ TEST(PositionColumn, ChecksTheHashFirst) {
   for (std::size_t i = 0; i < chunk.bytes.size(); ++i) {
     Bytes flipped = chunk.bytes;
     flipped[i] ^= std::byte{0x10};
-    EXPECT_EQ(test::message_of(unpack_positions(chunk.entry, flipped, out, anywhere, "chunk 3")),
+    EXPECT_EQ(message_of(unpack_positions(chunk.entry, flipped, out, anywhere, "chunk 3")),
               "chunk 3: checksum mismatch");
     EXPECT_FALSE(unpack_positions(chunk.entry, std::span(chunk.bytes).first(i), out, anywhere, "test"));
   }
@@ -512,4 +512,4 @@ TEST(OctantColumn, RefusesDepthsAndCountsOutOfRange) {
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

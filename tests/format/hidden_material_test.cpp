@@ -24,8 +24,7 @@ ValueSummary summary_of_middle(const TestVolume& volume) {
 }
 
 // Some resolutions of such chunks are more than one walk through the index holds.
-class HiddenMaterial : public testing::TestWithParam<std::uint32_t> {
- protected:
+struct HiddenMaterial : testing::TestWithParam<std::uint32_t> {
   // Points with values near 0 and near 1.
   HiddenMaterial() {
     std::mt19937 random(5);

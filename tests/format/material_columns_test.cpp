@@ -11,9 +11,10 @@
 #include "tests/support/random.h"
 #include "tests/support/results.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
 
+using namespace format;
 using testing::HasSubstr;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
@@ -33,7 +34,7 @@ constexpr auto unpack_signals = unpack_value_moments;
 template <class Element, class Unpack>
 std::vector<Element> unpacked(const PackedChunk& chunk, std::size_t count, Unpack unpack) {
   std::vector<Element> out(count);
-  EXPECT_EQ(test::message_of(unpack(chunk.entry, chunk.bytes, out, "test")), "");
+  EXPECT_EQ(message_of(unpack(chunk.entry, chunk.bytes, out, "test")), "");
   return out;
 }
 
@@ -94,7 +95,7 @@ class Shapes {
 
   glm::dquat orientation() {
     std::normal_distribution<double> normal;
-    return glm::normalize(test::random_quaternion(normal, random_));
+    return glm::normalize(random_quaternion(normal, random_));
   }
 
   SplatShape shape(double size, double middle_ratio, double short_ratio) {
@@ -380,7 +381,7 @@ TEST(MomentsColumn, AWriterKeepsToTheBoundsOfAFile) {
     shapes[1].boundary = dvec3(4, 4, 4);
     const PackedChunk chunk = pack_moments(shapes, edge);
     std::vector<SplatShape> out(shapes.size());
-    EXPECT_EQ(test::message_of(unpack_moments(chunk.entry, chunk.bytes, out, edge, "test")), "");
+    EXPECT_EQ(message_of(unpack_moments(chunk.entry, chunk.bytes, out, edge, "test")), "");
     EXPECT_EQ(out[0].mass, 0x1p64 * edge * edge * edge);
   }
 }
@@ -692,4 +693,4 @@ TEST(GradientColumn, RefusesOtherSizesAndMinus128) {
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

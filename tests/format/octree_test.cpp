@@ -10,9 +10,10 @@
 #include "tests/support/results.h"
 #include "tests/support/sanitizers.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
 
+using namespace format;
 using testing::HasSubstr;
 
 // Makes trees of any shape. As in written files, inner nodes have the points of their children.
@@ -92,7 +93,7 @@ Result<PackedTree> pack_tree(const NodeArrays& tree) {
 // Packs, reads back and compares. Returns the packed form.
 PackedTree expect_comes_back(const NodeArrays& tree) {
   const PackedTree packed = pack_tree(tree).value();
-  const auto read = test::read_tree(packed.root, packed.section, tree.shape);
+  const auto read = read_tree(packed.root, packed.section, tree.shape);
   EXPECT_TRUE(read) << read.error().message;
   const NodeArrays back = read.value_or(NodeArrays{});
   EXPECT_LE(packed.largest_page, 300u);
@@ -200,11 +201,11 @@ TEST(Index, AFailingSinkStopsIt) {
   maker.add_full(4);
   const NodeArrays tree = maker.take();
   int pages = 0;
-  EXPECT_EQ(test::message_of(test::pack_tree(tree,
-                                             [&](const PackedIndexPage&) -> Status {
-                                               if (++pages == 3) return fail(ErrorCode::io, "the disk is full");
-                                               return {};
-                                             })),
+  EXPECT_EQ(message_of(test::pack_tree(tree,
+                                       [&](const PackedIndexPage&) -> Status {
+                                         if (++pages == 3) return fail(ErrorCode::io, "the disk is full");
+                                         return {};
+                                       })),
             "the disk is full");
   EXPECT_EQ(pages, 3);
 }
@@ -263,7 +264,7 @@ TEST(IndexPacker, RefusesWhatIsNoWalk) {
 // each has at most 8 children with at most 256 nodes.
 TEST(IndexPacker, HoldsAPathHoweverManyNodesThereAre) {
   const NodeShape shape{4, 2, 1};
-  const std::size_t branching = test::is_sanitized ? 5 : 6;  // an eighth of the nodes: each takes ten times as long
+  const std::size_t branching = is_sanitized ? 5 : 6;  // an eighth of the nodes: each takes ten times as long
   for (const std::size_t chain : {0, 35}) {
     std::uint64_t paged = 0, nodes = 0, most_bytes = 0;
     IndexPacker packer(shape, [&](const PackedIndexPage& page) -> Status {
@@ -282,9 +283,9 @@ TEST(IndexPacker, HoldsAPathHoweverManyNodesThereAre) {
       ASSERT_TRUE(packer.end_node(record_of(shape, static_cast<std::uint8_t>(nodes % 200))));
     };
     add(add, 0, 0);
-    const auto root = test::value_of(packer.finish());
+    const auto root = value_of(packer.finish());
     paged += read_record<std::uint32_t>(root.bytes, 0);
-    EXPECT_GT(nodes, test::is_sanitized ? 160'000u : 1'300'000u);
+    EXPECT_GT(nodes, is_sanitized ? 160'000u : 1'300'000u);
     EXPECT_EQ(paged, nodes);
     EXPECT_LE(most_bytes, 8u * 8u * 256u * 256u);  // at eight depths the tree branches; 256 bytes a node
   }
@@ -387,7 +388,7 @@ TEST(Index, PagesOnlyLinkBackwards) {
   std::size_t with_links = 0;
   for (const IndexPageRef& ref : packed.pages) {
     const auto front = std::span(packed.section).subspan(ref.offset, ref.front_bytes);
-    const auto page = test::value_of(unpack_index_page(ref, front, tree.shape, 8, ref.offset, "test"));
+    const auto page = value_of(unpack_index_page(ref, front, tree.shape, 8, ref.offset, "test"));
     if (page.pages.empty()) continue;
     ++with_links;
     std::uint64_t end = 0;
@@ -399,4 +400,4 @@ TEST(Index, PagesOnlyLinkBackwards) {
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

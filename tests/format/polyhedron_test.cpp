@@ -9,9 +9,10 @@
 
 #include "tests/support/test_cells.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
 
+using namespace format;
 using Triangles = std::vector<SurfaceTriangle>;
 
 // The same triangles in one order, each from its lowest corner on.
@@ -28,7 +29,7 @@ TEST(Surfaces, ComeBack) {
   std::mt19937 random(5);
   for (std::size_t i = 0; i < 500; ++i) {
     const std::size_t corners = i == 0 ? max_polyhedron_corners : 4 + random() % (i % 10 == 0 ? 252 : 30);
-    const Triangles surface = test::random_surface(corners, random);
+    const Triangles surface = random_surface(corners, random);
     ASSERT_EQ(surface.size(), surface_triangles(corners));
     std::vector<std::byte> code;
     const SurfaceCoding coding = encode_surface(surface, corners, code);
@@ -100,4 +101,4 @@ TEST(Surfaces, OfHostileBytesAreClosedOrRefused) {
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

@@ -5,11 +5,13 @@
 #include <algorithm>
 #include <random>
 
+#include "tests/support/fault_source.h"
 #include "tests/support/results.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
 
+using namespace format;
 using Ranges = std::vector<ByteRange>;
 constexpr std::uint64_t kib = 1024;
 
@@ -44,43 +46,29 @@ TEST(JoinRanges, ToFew) {
   }
 }
 
-class Counted final : public ByteSource {
- public:
-  explicit Counted(std::uint64_t& reads) : reads_(reads) {}
-  [[nodiscard]] std::uint64_t size() const override { return 1 << 20; }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out) override {
-    ++reads_;
-    for (std::byte& byte : out) byte = static_cast<std::byte>(offset++ % 251);
-    return {};
-  }
-
- private:
-  std::uint64_t& reads_;
-  std::string name_ = "counted";
-};
-
 TEST(BytesAhead, AreTakenFromMemoryWhileTheyLive) {
-  std::uint64_t reads = 0;
-  const auto source = std::make_shared<CountedSource>(std::make_unique<Counted>(reads));
+  Bytes all(1 << 20);
+  for (std::size_t i = 0; i < all.size(); ++i) all[i] = static_cast<std::byte>(i % 251);
+  const auto faults = std::make_shared<Faults>(memory_source(all, "counted"));
+  const auto source = std::make_shared<CountedSource>(std::make_unique<FaultSource>(faults));
   const auto read = [&](std::uint64_t offset, std::size_t count) {
     Bytes bytes(count);
     EXPECT_TRUE(source->read(offset, bytes));
     for (const std::byte byte : bytes) EXPECT_EQ(byte, static_cast<std::byte>(offset++ % 251));
   };
-  auto ahead = test::value_of(BytesAhead::read(source, {{100, 200}, {5000, 6000}}, 2000));
-  EXPECT_EQ(reads, 2U);
+  auto ahead = value_of(BytesAhead::read(source, {{100, 200}, {5000, 6000}}, 2000));
+  EXPECT_EQ(faults->reads(), 2U);
   EXPECT_EQ(source->bytes_read(), 1100U);
   read(100, 100), read(150, 50), read(5999, 1), read(5000, 1000);
-  EXPECT_EQ(reads, 2U);
+  EXPECT_EQ(faults->reads(), 2U);
   read(99, 2), read(199, 2), read(4999, 1), read(6000, 1), read(150, 5000);
-  EXPECT_EQ(reads, 7U);
+  EXPECT_EQ(faults->reads(), 7U);
   ahead.reset();
   read(150, 10);
-  EXPECT_EQ(reads, 8U);
-  EXPECT_EQ(test::value_of(BytesAhead::read(source, {{100, 200}, {5000, 6000}}, 1000)), nullptr) << "too much";
-  EXPECT_EQ(reads, 8U);
+  EXPECT_EQ(faults->reads(), 8U);
+  EXPECT_EQ(value_of(BytesAhead::read(source, {{100, 200}, {5000, 6000}}, 1000)), nullptr) << "too much";
+  EXPECT_EQ(faults->reads(), 8U);
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

@@ -11,9 +11,10 @@
 #include "tests/support/test_volume.h"
 #include "tests/support/volume_bytes.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
 
+using namespace format;
 using testing::AllOf;
 using testing::HasSubstr;
 
@@ -22,14 +23,13 @@ constexpr double none = std::numeric_limits<double>::quiet_NaN();
 Bytes step(double low, double high, const std::string& unit) {
   std::vector<double> values(50, low);
   values.back() = high;
-  test::TestVolume volume = test::make_test_volume(test::random_points(50, 3), {values, std::vector<double>(50, none)});
+  TestVolume volume = make_test_volume(random_points(50, 3), {values, std::vector<double>(50, none)});
   volume.info.attributes[0].unit = unit;
   return test_volume_bytes(volume);
 }
 
 // Files by their names, without a disk.
-class IndexedSteps : public testing::Test {
- protected:
+struct IndexedSteps : testing::Test {
   IndexedSteps() {
     files_["a.svol"] = step(1, 2, "Pa");
     files_["b.svol"] = step(-1, 1.5, "Pa");
@@ -38,7 +38,7 @@ class IndexedSteps : public testing::Test {
   }
 
   [[nodiscard]] Result<Steps> open() const {
-    index_bytes_ = test::bytes_of(to_json(index_));
+    index_bytes_ = bytes_of(to_json(index_));
     return Steps::open("i.svols", [this](const std::string& path) -> Result<std::unique_ptr<ByteSource>> {
       if (path == "i.svols") return memory_source(index_bytes_, path);
       const auto found = files_.find(path);
@@ -50,7 +50,7 @@ class IndexedSteps : public testing::Test {
   [[nodiscard]] std::string error() const {
     const auto steps = open();
     if (!steps) return steps.error().message;
-    return test::message_of(steps->verify([](double) {}, 2));
+    return message_of(steps->verify([](double) {}, 2));
   }
 
   std::map<std::string, Bytes> files_;
@@ -104,4 +104,4 @@ TEST_F(IndexedSteps, ANameDoesNotEndInItsMiddle) {
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

@@ -5,12 +5,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <random>
 
 #include "base/file.h"
 #include "tests/format/allocation_counter.h"
+#include "tests/support/fault_source.h"
 #include "tests/support/long.h"
 #include "tests/support/results.h"
 #include "tests/support/sanitizers.h"
@@ -18,15 +18,10 @@
 #include "tests/support/test_volume.h"
 #include "tests/support/volume_bytes.h"
 
-namespace splatvol::format {
+namespace splatvol::test {
 namespace {
 
-using test::create_writer;
-using test::make_test_volume;
-using test::random_points;
-using test::test_volume_bytes;
-using test::TestVolume;
-using test::TestVolumeOptions;
+using namespace format;
 using testing::HasSubstr;
 
 std::vector<std::vector<double>> random_values(std::size_t attributes, std::size_t points,
@@ -44,7 +39,7 @@ TestVolume small_volume(std::size_t points, std::size_t attributes, const TestVo
 }
 
 std::shared_ptr<const Volume> open_bytes(const Bytes& bytes) {
-  return test::value_of(Volume::open(memory_source(bytes, "test.svol")));
+  return value_of(Volume::open(memory_source(bytes, "test.svol")));
 }
 
 Status verify_bytes(const Bytes& bytes, std::size_t threads = 1) {
@@ -172,8 +167,8 @@ std::size_t expect_same_nodes(const Volume& file, const IndexPage& page, std::ui
       at = expect_same_nodes(file, page, page.first_children[node] + c, attribute, tree, at);
     return at;
   }
-  const auto linked = test::value_of(file.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node],
-                                                          page.nodes.counts_of(node), {attribute}));
+  const auto linked = value_of(file.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node],
+                                                    page.nodes.counts_of(node), {attribute}));
   for (std::uint32_t c = 0; c < children; ++c) at = expect_same_nodes(file, linked, c, attribute, tree, at);
   return at;
 }
@@ -181,7 +176,7 @@ std::size_t expect_same_nodes(const Volume& file, const IndexPage& page, std::ui
 void expect_comes_back(const TestVolume& volume) {
   const Bytes bytes = test_volume_bytes(volume);
   const auto file = open_bytes(bytes);
-  EXPECT_EQ(test::message_of(file->verify([](double) {})), "");
+  EXPECT_EQ(message_of(file->verify([](double) {})), "");
   EXPECT_EQ(file->info().resolution_counts, volume.info.resolution_counts);
   expect_same_columns(*file, volume);
   for (int attribute = -1; attribute < static_cast<int>(volume.stored.size()); ++attribute) {
@@ -246,9 +241,8 @@ TEST(Damage, EveryTruncationIsRefused) {
   ASSERT_TRUE(verify_bytes(whole));
   for (std::size_t length = 0; length < whole.size(); ++length) {
     const Bytes part(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length));
-    const auto volume = Volume::open(memory_source(part, "test.svol"));
-    ASSERT_FALSE(volume) << length;
-    EXPECT_THAT(volume.error().message, testing::StartsWith("test.svol: "));
+    EXPECT_THAT(message_of(Volume::open(memory_source(part, "test.svol"))), testing::StartsWith("test.svol: "))
+        << length;
   }
 }
 
@@ -259,11 +253,11 @@ TEST(Damage, AGrownFileIsRefused) {
 }
 
 TEST(Damage, EveryFlippedByteIsFound) {
-  Bytes bytes = test_volume_bytes(small_volume(test::is_long() ? 500 : 150, 1));
+  Bytes bytes = test_volume_bytes(small_volume(is_long() ? 500 : 150, 1));
   ASSERT_TRUE(verify_bytes(bytes));
   ASSERT_TRUE(verify_in_parts(bytes));
   std::mt19937 random(1);
-  const std::size_t step = test::is_sanitized && !test::is_long() ? 11 : 1;  // each takes ten times as long there
+  const std::size_t step = is_sanitized && !is_long() ? 11 : 1;  // each takes ten times as long there
   for (std::size_t i = 0; i < bytes.size(); i += step) {
     const std::byte whole = bytes[i];
     for (const std::byte pattern : {std::byte{1} << random() % 8, static_cast<std::byte>(1 + random() % 255)}) {
@@ -279,11 +273,11 @@ TEST(Damage, EveryFlippedByteIsFound) {
 
 // Many pages of the directory, and two damaged places: the first one is told.
 TEST(Damage, IsToldTheSameWayByAnyNumberOfThreads) {
-  Bytes bytes = test_volume_bytes(small_volume(test::is_sanitized ? 6'000 : 20'000, 3, {.node_points = 8}));
+  Bytes bytes = test_volume_bytes(small_volume(is_sanitized ? 6'000 : 20'000, 3, {.node_points = 8}));
   ASSERT_GT(Volume::open(memory_source(bytes, "test.svol")).value()->directory_page_count(), 4u);
   for (const std::size_t threads : {0u, 1u, 2u, 16u}) EXPECT_TRUE(verify_bytes(bytes, threads)) << threads;
   std::mt19937 random(2);
-  for (int tries = 0; tries < (test::is_sanitized ? 3 : 100); ++tries) {
+  for (int tries = 0; tries < (is_sanitized ? 3 : 100); ++tries) {
     const std::array<std::size_t, 2> at = {random() % bytes.size(), random() % bytes.size()};
     for (const std::size_t i : at) bytes[i] ^= std::byte{1};
     const Status status = verify_bytes(bytes), by_many = verify_bytes(bytes, 4);
@@ -296,53 +290,32 @@ TEST(Damage, IsToldTheSameWayByAnyNumberOfThreads) {
 
 // --- Reads.
 
-class CountingSource final : public ByteSource {
- public:
-  CountingSource(std::span<const std::byte> bytes, int reads_before_failure, std::shared_ptr<std::atomic<int>> reads)
-      : source_(memory_source(bytes, "counted")), left_(reads_before_failure), reads_(std::move(reads)) {}
-
-  std::uint64_t size() const override { return source_->size(); }
-  const std::string& name() const override { return source_->name(); }
-  Status read(std::uint64_t offset, std::span<std::byte> out) override {
-    ++*reads_;
-    if (left_-- <= 0) return fail(ErrorCode::io, "counted: the cable is out");
-    return source_->read(offset, out);
-  }
-
- private:
-  std::unique_ptr<ByteSource> source_;
-  int left_;
-  std::shared_ptr<std::atomic<int>> reads_;
-};
-
 TEST(Reads, AFailingSourceGivesItsErrorWhereverItFails) {
   // Larger than the first read, so that every kind of part needs a read.
   const Bytes bytes = test_volume_bytes(small_volume(2500, 2, {.node_points = 8}));
   ASSERT_GT(bytes.size(), 2 * min_first_read_bytes);
-  const auto reads = std::make_shared<std::atomic<int>>(0);
-  const auto verify = [&](int reads_before_failure) -> Status {
-    *reads = 0;
-    SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::make_unique<CountingSource>(bytes, reads_before_failure, reads)));
+  std::shared_ptr<Faults> faults;
+  const auto verify = [&](std::uint64_t failing_read) -> Status {
+    faults = std::make_shared<Faults>(memory_source(bytes, "counted"));
+    faults->fail_read(failing_read);
+    SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::make_unique<FaultSource>(faults)));
     return volume->verify([](double) {});
   };
   ASSERT_TRUE(verify(1'000'000));
-  const int all = *reads;
-  EXPECT_GT(all, 100);
-  for (int k = 0; k < all; k += test::is_sanitized ? 5 : 1) {
-    const Status status = verify(k);
-    ASSERT_FALSE(status) << k;
-    EXPECT_EQ(status.error().code, ErrorCode::io);
-    EXPECT_EQ(status.error().message, "counted: the cable is out");
-    EXPECT_EQ(*reads, k + 1);
+  const std::uint64_t all = faults->reads();
+  EXPECT_GT(all, 100u);
+  for (std::uint64_t k = 0; k < all; k += is_sanitized ? 5 : 1) {
+    EXPECT_THAT(verify(k), FailsWith(ErrorCode::io, fmt::format("counted: read {} fails, as the test wants", k)));
+    EXPECT_EQ(faults->reads(), k + 1);
   }
 }
 
 TEST(Reads, OpeningTakesOneRead) {
   for (const std::size_t points : {1, 300, 2500}) {
     const Bytes bytes = test_volume_bytes(small_volume(points, 2));
-    const auto reads = std::make_shared<std::atomic<int>>(0);
-    const auto volume = test::value_of(Volume::open(std::make_unique<CountingSource>(bytes, 1, reads)));
-    EXPECT_EQ(*reads, 1);
+    const auto faults = std::make_shared<Faults>(memory_source(bytes, "counted"));
+    const auto volume = value_of(Volume::open(std::make_unique<FaultSource>(faults)));
+    EXPECT_EQ(faults->reads(), 1u);
     EXPECT_LE(volume->preamble_bytes(), min_first_read_bytes);
     EXPECT_EQ(volume->bytes_read(), std::min<std::uint64_t>(bytes.size(), min_first_read_bytes));
 
@@ -353,16 +326,16 @@ TEST(Reads, OpeningTakesOneRead) {
       const ChunkLocation& location = volume->find_chunk(page, 0, column);
       ASSERT_TRUE(volume->read_bytes(location.offset, location.entry.packed_bytes));
     }
-    EXPECT_EQ(*reads, 1);
+    EXPECT_EQ(faults->reads(), 1u);
   }
 }
 
 TEST(Reads, APreambleLongerThanTheFirstReadTakesTwo) {
   const Bytes bytes = test_volume_bytes(small_volume(400, 120));
-  const auto reads = std::make_shared<std::atomic<int>>(0);
-  const auto volume = test::value_of(Volume::open(std::make_unique<CountingSource>(bytes, 1'000'000, reads)));
+  const auto faults = std::make_shared<Faults>(memory_source(bytes, "counted"));
+  const auto volume = value_of(Volume::open(std::make_unique<FaultSource>(faults)));
   ASSERT_GT(volume->preamble_bytes(), min_first_read_bytes);
-  EXPECT_EQ(*reads, 2);
+  EXPECT_EQ(faults->reads(), 2u);
   EXPECT_TRUE(volume->verify([](double) {}));
 }
 
@@ -404,19 +377,19 @@ TEST(Writer, ThePreambleOfManyAttributesFits) {
 }
 
 TEST(Writer, ABillionPointsOfManyAttributesFit) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   for (const std::size_t attributes : {1, 20, 200}) {
     TestVolume volume = small_volume(300, attributes);
     volume.info.points_per_chunk.assign(volume.info.resolutions(), 4096);
     std::uint64_t points = 1'000'000'000;
     for (std::size_t r = volume.info.resolutions(); r-- > 0; points /= 3) volume.info.resolution_counts[r] = points;
-    EXPECT_EQ(test::message_of(create_writer(volume, folder.path("large.svol"))), "");
+    EXPECT_EQ(message_of(create_writer(volume, folder.path("large.svol"))), "");
   }
   EXPECT_THAT(folder.names(), testing::IsEmpty());
 }
 
 TEST(Writer, TooManyAttributesAreRefusedAndLeaveNothingBehind) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   TestVolume volume = small_volume(5, 1);
   const Attribute attribute = volume.info.attributes[0];
   for (int i = 1; i < 20000; ++i) {
@@ -426,18 +399,16 @@ TEST(Writer, TooManyAttributesAreRefusedAndLeaveNothingBehind) {
   }
   volume.tree.shape.attributes = 20000;
   volume.tree.summaries.assign(volume.tree.size() * 20000, ValueSummary{});
-  const auto writer = create_writer(volume, folder.path("many.svol"));
-  ASSERT_FALSE(writer);
-  EXPECT_EQ(writer.error().code, ErrorCode::unsupported);
-  EXPECT_THAT(writer.error().message, HasSubstr("20000 attributes"));
+  EXPECT_THAT(create_writer(volume, folder.path("many.svol")),
+              FailsWith(ErrorCode::unsupported, HasSubstr("20000 attributes")));
   EXPECT_THAT(folder.names(), testing::IsEmpty());
 }
 
 TEST(Writer, AbandonedItLeavesNothingBehind) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   const TestVolume volume = small_volume(100, 1);
   {
-    const auto writer = test::value_of(create_writer(volume, folder.path("half.svol")));
+    const auto writer = value_of(create_writer(volume, folder.path("half.svol")));
     EXPECT_THAT(folder.names(), testing::IsEmpty());
     EXPECT_FALSE(writer->finish({{}}));  // rows are missing
   }
@@ -445,7 +416,7 @@ TEST(Writer, AbandonedItLeavesNothingBehind) {
 }
 
 TEST(Writer, RefusesWhatDoesNotFit) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   const TestVolume good = small_volume(100, 1);
   const auto refuses = [&](auto change) {
     TestVolume volume = good;
@@ -462,16 +433,16 @@ TEST(Writer, RefusesWhatDoesNotFit) {
   EXPECT_TRUE(refuses([](TestVolume& v) { v.tree.counts.pop_back(); }));
   EXPECT_THAT(folder.names(), testing::IsEmpty());
 
-  const auto writer = test::value_of(create_writer(good, folder.path("bad.svol")));
+  const auto writer = value_of(create_writer(good, folder.path("bad.svol")));
   EXPECT_FALSE(writer->append_row({}));
 }
 
 TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   const TestVolume volume = small_volume(500, 2);
   const Bytes expected = test_volume_bytes(volume);
   const auto file = open_bytes(expected);
-  const auto writer = test::value_of(create_writer(volume, folder.path("rows.svol")));
+  const auto writer = value_of(create_writer(volume, folder.path("rows.svol")));
   for (std::uint64_t row = 0; row < file->rows().row_count(); ++row) {
     const DirectoryPage page = file->read_directory_page(file->directory_page_of_row(row)).value();
     std::vector<ChunkEntry> entries;
@@ -487,12 +458,12 @@ TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
     ASSERT_TRUE(writer->append_row(entries, bytes));
   }
   ASSERT_TRUE(writer->finish(file->read_histograms().value()));
-  EXPECT_TRUE(test::bytes_of(folder.read("rows.svol")) == expected);
+  EXPECT_TRUE(bytes_of(folder.read("rows.svol")) == expected);
 }
 
 // Few rows are copied. Many are moved without copying, and the file has padding for it.
 TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   VolumeInfo info;
   info.points_per_chunk = {64};
   info.columns = {{ColumnKind::position, ColumnScope::segment, -1}, {ColumnKind::octant, ColumnScope::resolution, -1}};
@@ -505,9 +476,9 @@ TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
   for (const std::uint64_t rows : {10, 2200}) {
     info.resolution_counts = {rows * 64};
     const std::string path = folder.path("rows.svol");
-    auto file = test::value_of(AtomicFile::create(path));
+    auto file = value_of(AtomicFile::create(path));
     for (std::uint64_t row = first_rows; row < rows; ++row) ASSERT_TRUE(file.append(row_of(row)));
-    auto pages = test::value_of(TempFile::create(folder.path()));
+    auto pages = value_of(TempFile::create(folder.path()));
     PackedIndex index{{1, 1, 0}, {{0, 8, 8, 0}, Bytes(8)}, std::move(pages)};
     const auto writer =
         VolumeWriter::create(std::move(file), first_rows * row_bytes, info, std::move(index), folder.path());
@@ -519,8 +490,8 @@ TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
     }
     ASSERT_TRUE((*writer)->finish({}));
 
-    const Bytes all = test::bytes_of(folder.read("rows.svol"));
-    const auto volume = test::value_of(Volume::open(open_file(path).value()));
+    const Bytes all = bytes_of(folder.read("rows.svol"));
+    const auto volume = value_of(Volume::open(open_file(path).value()));
     for (std::uint64_t row = 0; row < rows; ++row) {
       const DirectoryPage page = volume->read_directory_page(volume->directory_page_of_row(row)).value();
       const ChunkLocation& location = volume->find_chunk(page, row, 0);
@@ -535,46 +506,45 @@ TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
 
 // 19 MB of directory and 32 MB of index pages. The writer holds the directory root, and 1 MiB for copying.
 TEST(Writer, HoldsLittleHoweverManyRowsThereAre) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   VolumeInfo info;
   info.points_per_chunk = {64};
   info.resolution_counts = {300'000 * 64};
   info.columns = {{ColumnKind::position, ColumnScope::segment, -1}, {ColumnKind::octant, ColumnScope::resolution, -1}};
   info.cube = {dvec3(0), 1};
-  auto pages = test::value_of(TempFile::create(folder.path()));
+  auto pages = value_of(TempFile::create(folder.path()));
   for (int i = 0; i < 32; ++i) ASSERT_TRUE(pages.append(Bytes(1u << 20)));
   PackedIndex index{{1, 1, 0}, {{0, 8, 8, 0}, Bytes(8)}, std::move(pages)};
   const std::array<ChunkEntry, 2> entries = {{{1, 1, 1, 0, 0, 0}, {2, 1, 1, 0, 0, 0}}};
   const Bytes bytes(2);
 
-  test::start_counting_allocations();
-  const auto writer =
-      test::value_of(VolumeWriter::create(folder.path("rows.svol"), info, std::move(index), folder.path()));
+  start_counting_allocations();
+  const auto writer = value_of(VolumeWriter::create(folder.path("rows.svol"), info, std::move(index), folder.path()));
   for (std::uint64_t row = 0; row < 300'000; ++row) ASSERT_TRUE(writer->append_row(entries, bytes));
   ASSERT_TRUE(writer->finish({}));
-  EXPECT_LT(test::most_bytes_allocated(), 4u << 20);
+  EXPECT_LT(most_bytes_allocated(), 4u << 20);
   EXPECT_GT(writer->file_bytes(), (32u << 20) + 300'000 * (64 + 2));
 }
 
 TEST(Writer, AFolderThatIsNotThereIsNamed) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   const TestVolume volume = small_volume(5, 1);
   const std::string path = folder.path("absent/file.svol");
   EXPECT_THAT(create_writer(volume, path).error().message, HasSubstr(path));
 }
 
-std::string refusal_of(const TestVolume& volume) { return test::error_of(test_volume_bytes(volume)); }
+std::string refusal_of(const TestVolume& volume) { return error_of(test_volume_bytes(volume)); }
 
 // All checksums are right.
 TEST(Verify, AnIndexThatLiesIsFound) {
-  const auto points = test::random_points(300, 1);
+  const auto points = random_points(300, 1);
   std::vector<double> values;
   for (const dvec3& p : points) values.push_back(p.x);
-  const test::TestVolume sound = test::make_test_volume(points, {values});
+  const TestVolume sound = make_test_volume(points, {values});
   EXPECT_EQ(refusal_of(sound), "");
   for (std::size_t node = 0; node < sound.tree.size(); ++node) {
     for (int lie = 0; lie < 3; ++lie) {
-      test::TestVolume lying = sound;
+      TestVolume lying = sound;
       ValueSummary& summary = lying.tree.summaries[node];
       if (lie == 0) summary.max = summary.min;
       if (lie == 1) summary.min = summary.max;
@@ -582,11 +552,11 @@ TEST(Verify, AnIndexThatLiesIsFound) {
       EXPECT_THAT(refusal_of(lying), testing::HasSubstr("of the index")) << node << ", " << lie;
     }
   }
-  test::TestVolume swapped = sound;
+  TestVolume swapped = sound;
   const auto [low, high] = std::ranges::minmax_element(swapped.positions, {}, &dvec3::x);
   std::swap(*low, *high);
   EXPECT_THAT(refusal_of(swapped), testing::HasSubstr("outside of its node"));
 }
 
 }  // namespace
-}  // namespace splatvol::format
+}  // namespace splatvol::test

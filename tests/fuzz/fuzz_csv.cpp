@@ -1,6 +1,4 @@
 // Scattered points from a .csv file: its heading, and all of its lines.
-#include <cmath>
-
 #include "base/file.h"
 #include "builder/sources/csv_source.h"
 #include "builder/sources/csv_table.h"

@@ -106,12 +106,11 @@ Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings&
   const format::VolumeInfo& info = volume->info();
   if (info.attributes.empty()) return {};
   const format::Attribute& attribute = info.attributes[(settings.attribute & 127) % info.attributes.size()];
-  StreamerOptions options;
-  options.attribute = attribute.name;
-  options.kernel = settings.kernel & 1 ? KernelKind::octant : KernelKind::moments;
-  options.memory_bytes = std::uint64_t{64} << 20;
-  options.gradients = settings.light & 1;
-  options.threads = 1;
+  StreamerOptions options{.memory_bytes = std::uint64_t{64} << 20,
+                          .attribute = attribute.name,
+                          .kernel = settings.kernel & 1 ? KernelKind::octant : KernelKind::moments,
+                          .gradients = settings.light & 1,
+                          .threads = 1};
   const bool fades = settings.drawing & 32;
   const format::Attribute& opacity = info.attributes[((settings.attribute & 127) + 1) % info.attributes.size()];
   if (fades) options.opacity_attribute = opacity.name;

@@ -2,9 +2,7 @@
 // come back.
 #include <algorithm>
 #include <bit>
-#include <cmath>
 #include <functional>
-#include <vector>
 
 #include "format/octree.h"
 #include "tests/fuzz/fuzz.h"

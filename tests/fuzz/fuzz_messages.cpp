@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include <array>
-#include <cmath>
 #include <numeric>
 
 #include "builder/sources/process/messages.h"

@@ -232,8 +232,7 @@ Status add_scenes(Seeds& seeds) {
   for (const char kind : {'\0', '\1', '\2', '\3', '\4', '\5'})
     SPLATVOL_TRY(seeds.add("fuzz_messages", kind + std::string(400, '\0')));
 
-  Camera camera;
-  camera.position = {1, 2, 3};
+  Camera camera{.position = {1, 2, 3}};
   for (const char* space : {"RGB", "HSV", "Lab", "Diverging", "Step"})
     SPLATVOL_TRY(
         seeds.add("fuzz_scene", fmt::format(R"([{{"ColorSpace":"{}","RGBPoints":[0,0,0,1,1,1,0,0]}}])", space)));

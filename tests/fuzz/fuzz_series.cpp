@@ -1,6 +1,5 @@
 // The index of a series of files, and the metadata of files and steps: read, written, and read again. The first
 // character tells which.
-#include <cmath>
 #include <memory>
 #include <string>
 

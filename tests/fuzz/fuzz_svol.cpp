@@ -1,6 +1,4 @@
 // A whole .svol file: opened, read part by part, and verified.
-#include <memory>
-
 #include "base/file.h"
 #include "format/volume.h"
 #include "tests/fuzz/fuzz.h"

@@ -12,7 +12,7 @@
 #include "tests/support/test_volume.h"
 #include "tests/support/volume_dump.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 Status make_pages(const std::string& path) {
@@ -20,9 +20,9 @@ Status make_pages(const std::string& path) {
   std::mt19937 random(5);
   std::vector<double> values(points);
   for (double& value : values) value = static_cast<double>(random() % 1000) / 8;
-  return test::write_test_volume(
-      test::make_test_volume(test::random_points(points, 3), {values},
-                             {.node_points = 1, .position_error = 1e-3, .moments = false, .gradients = false}),
+  return write_test_volume(
+      make_test_volume(random_points(points, 3), {values},
+                       {.node_points = 1, .position_error = 1e-3, .moments = false, .gradients = false}),
       path);
 }
 
@@ -30,14 +30,14 @@ Status print(const std::string& path, bool all) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(file)));
   SPLATVOL_TRY(volume->verify([](double) {}));
-  SPLATVOL_TRY_ASSIGN(text, test::dump_volume(*volume, all));
+  SPLATVOL_TRY_ASSIGN(text, dump_volume(*volume, all));
   fmt::print("{}", text);
   return {};
 }
 
 Status print_picture(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(scene, test::golden_scene(path));
-  SPLATVOL_TRY_ASSIGN(text, test::golden_picture(path, scene));
+  SPLATVOL_TRY_ASSIGN(scene, golden_scene(path));
+  SPLATVOL_TRY_ASSIGN(text, golden_picture(path, scene));
   fmt::print("{}", text);
   return {};
 }
@@ -49,7 +49,7 @@ Status act(const std::string& option, const std::string& path) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test
 
 int main(int argc, char** argv) {
   const std::string option = argc > 1 ? argv[1] : "";
@@ -59,7 +59,7 @@ int main(int argc, char** argv) {
     fmt::print(stderr, "usage: golden_dump [--all | --picture] FILE.svol | --make-pages OUT.svol\n");
     return 2;
   }
-  const splatvol::Status done = splatvol::act(option, argv[argc - 1]);
+  const splatvol::Status done = splatvol::test::act(option, argv[argc - 1]);
   if (!done) fmt::print(stderr, "golden_dump: {}\n", done.error().message);
   return done ? 0 : 1;
 }

@@ -1,7 +1,6 @@
 // Pictures of the golden files (golden_test.cpp).
 #include <gtest/gtest.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -12,11 +11,8 @@
 #include "tests/support/results.h"
 #include "tests/support/sanitizers.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::golden_files;
-using test::lines_of;
 
 /// Returns the numbers of a picture's text, with the lines of words between them.
 std::vector<std::string> words_of(const std::string& text) {
@@ -33,13 +29,13 @@ std::vector<std::string> words_of(const std::string& text) {
 TEST(Golden, EachFileIsDrawnAsBefore) {
   for (const std::filesystem::path& path : golden_files()) {
     SCOPED_TRACE(path);
-    const auto picture = test::value_of(test::golden_picture(path, test::value_of(test::golden_scene(path))));
+    const auto picture = value_of(golden_picture(path, value_of(golden_scene(path))));
     std::filesystem::path beside = path;
-    const auto stored = test::value_of(read_text_file(beside.replace_extension(".picture")));
+    const auto stored = value_of(read_text_file(beside.replace_extension(".picture")));
     const std::vector<std::string> now = words_of(picture), then = words_of(stored);
     ASSERT_EQ(now.size(), then.size()) << path;
     // 1e-4; 1e-3 with sanitizers: that code is clang's, for one instruction set, and rounds otherwise.
-    constexpr int most = test::is_sanitized ? 66 : 7;
+    constexpr int most = is_sanitized ? 66 : 7;
     for (std::size_t i = 0; i < now.size(); ++i) {
       if (now[i] == then[i]) continue;
       ASSERT_LE(std::abs(std::stoi(now[i], nullptr, 16) - std::stoi(then[i], nullptr, 16)), most)
@@ -49,4 +45,4 @@ TEST(Golden, EachFileIsDrawnAsBefore) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -16,25 +16,22 @@
 #include "tests/support/volume_bytes.h"
 #include "tests/support/volume_dump.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::golden_files;
-using test::lines_of;
-
 std::shared_ptr<const format::Volume> open(const std::filesystem::path& path) {
-  return test::value_of(format::Volume::open(test::value_of(open_file(path))));
+  return value_of(format::Volume::open(value_of(open_file(path))));
 }
 
 format::Bytes bytes_of(const std::filesystem::path& path) { return test::bytes_of(read_text_file(path).value()); }
 
-std::string dump_of(const std::filesystem::path& path) { return test::value_of(test::dump_volume(*open(path))); }
+std::string dump_of(const std::filesystem::path& path) { return value_of(dump_volume(*open(path))); }
 
 TEST(Golden, EachFileIsReadAsItWasWhenTheFormatWasFrozen) {
   for (const std::filesystem::path& path : golden_files()) {
-    EXPECT_EQ(test::message_of(open(path)->verify([](double) {})), "");
+    EXPECT_EQ(message_of(open(path)->verify([](double) {})), "");
     std::filesystem::path text = path;
-    const auto expected = test::value_of(read_text_file(text.replace_extension(".dump")));
+    const auto expected = value_of(read_text_file(text.replace_extension(".dump")));
     const std::vector<std::string> now = lines_of(dump_of(path)), then = lines_of(expected);
     EXPECT_EQ(now.size(), then.size()) << path;
     for (std::size_t i = 0; i < std::min(now.size(), then.size()); ++i)
@@ -75,7 +72,7 @@ TEST(Golden, ChunksAreRawAndCompressed) {
   for (const std::filesystem::path& path : golden_files()) {
     const auto volume = open(path);
     for (std::uint64_t page = 0; page < volume->directory_page_count(); ++page) {
-      const auto directory = test::value_of(volume->read_directory_page(page));
+      const auto directory = value_of(volume->read_directory_page(page));
       for (const format::ChunkLocation& chunk : directory.chunks)
         (chunk.entry.packed_bytes == chunk.entry.unpacked_bytes ? raw : compressed) = true;
     }
@@ -101,16 +98,16 @@ TEST(Golden, ReductionsHaveSeveralResolutionsAndSeriesSeveralSteps) {
 
 // What fuzzers mutate: the parts of any file, with steps too.
 TEST(Golden, EachFileCanBeTakenApartAndPutTogether) {
-  const auto leave_alone = [](test::Part, std::size_t, format::Bytes&) {};
+  const auto leave_alone = [](Part, std::size_t, format::Bytes&) {};
   for (const std::filesystem::path& path : golden_files()) {
-    const auto parts = test::Dissected::take_apart(bytes_of(path));
+    const auto parts = Dissected::take_apart(bytes_of(path));
     ASSERT_TRUE(parts) << path;
-    EXPECT_EQ(parts->count(test::Part::summary_table), path.stem().string().ends_with("series") ? 3u : 0u);
-    for (const test::Packing packing : {test::Packing::zstd, test::Packing::raw}) {
+    EXPECT_EQ(parts->count(Part::summary_table), path.stem().string().ends_with("series") ? 3u : 0u);
+    for (const Packing packing : {Packing::zstd, Packing::raw}) {
       const format::Bytes bytes = parts->assemble(leave_alone, packing);
-      const auto volume = test::value_of(format::Volume::open(memory_source(bytes, path)));
-      EXPECT_EQ(test::message_of(volume->verify([](double) {})), "");
-      EXPECT_EQ(test::dump_volume(*volume).value(), dump_of(path)) << path;
+      const auto volume = value_of(format::Volume::open(memory_source(bytes, path)));
+      EXPECT_EQ(message_of(volume->verify([](double) {})), "");
+      EXPECT_EQ(dump_volume(*volume).value(), dump_of(path)) << path;
     }
   }
 }
@@ -119,7 +116,7 @@ TEST(Golden, EachFileCanBeTakenApartAndPutTogether) {
 void expect_refused_or_same(const format::Bytes& bytes, const std::string& dump, const std::string& what) {
   const auto volume = format::Volume::open(memory_source(bytes, what));
   if (!volume || !(*volume)->verify([](double) {})) return;
-  EXPECT_EQ(test::dump_volume(**volume).value(), dump) << what;
+  EXPECT_EQ(dump_volume(**volume).value(), dump) << what;
 }
 
 TEST(Golden, EveryTruncationIsRefused) {
@@ -135,7 +132,7 @@ TEST(Golden, EveryTruncationIsRefused) {
 
 // Each byte of a small file; one in several of a larger one, for time. A sample has fewer places of each file.
 TEST(Golden, DamagedBytesAreRefusedOrDoNotMatter) {
-  const std::size_t small = test::is_long() ? 8192 : 0, places = test::is_long() ? 4096 : 60;
+  const std::size_t small = is_long() ? 8192 : 0, places = is_long() ? 4096 : 60;
   for (const std::filesystem::path& path : golden_files()) {
     const format::Bytes whole = bytes_of(path);
     const std::string dump = dump_of(path);
@@ -160,4 +157,4 @@ TEST(Golden, TheFilesAreSmall) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -9,26 +9,21 @@
 
 #include "splatvol/build.h"
 #include "tests/library/lattice.h"
+#include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using ::testing::HasSubstr;
 
-class OpenFile : public ::testing::Test {
- protected:
-  OpenFile() {
-    MeshBuildOptions options;
-    options.exact = true;
-    const auto built = build(lattice_.mesh(), path_, options);
-    EXPECT_TRUE(built) << built.error().message;
-  }
+struct OpenFile : ::testing::Test {
+  OpenFile() { EXPECT_EQ(message_of(build(lattice_.mesh(), path_, {.exact = true})), ""); }
   [[nodiscard]] File open() const { return File::open(path_).value(); }
 
-  test::TempFolder folder_;
+  TempFolder folder_;
   std::string path_ = folder_.path("lattice.svol");
-  test::Lattice lattice_{12};
+  Lattice lattice_{12};
 };
 
 TEST_F(OpenFile, TellsWhatItHolds) {
@@ -50,7 +45,7 @@ TEST_F(OpenFile, GivesThePointsOfTheInput) {
   ASSERT_EQ(points.positions.size(), 13 * 13 * 13);
   for (std::size_t i = 0; i < points.positions.size(); ++i) {
     const dvec3& p = points.positions[i];
-    EXPECT_EQ(points.values[0][i], static_cast<float>(test::Lattice::field(p.x, p.y, p.z)));
+    EXPECT_EQ(points.values[0][i], static_cast<float>(Lattice::field(p.x, p.y, p.z)));
   }
 }
 
@@ -88,7 +83,7 @@ TEST_F(OpenFile, SamplesALinearField) {
   const std::vector<double> of_cells = file.sample(inside, "v").value();
   const std::vector<double> of_splats = file.sample(inside, "v", file.resolution_counts().size() - 1).value();
   for (std::size_t i = 0; i < inside.size(); ++i) {
-    const double expected = test::Lattice::field(inside[i].x, inside[i].y, inside[i].z);
+    const double expected = Lattice::field(inside[i].x, inside[i].y, inside[i].z);
     EXPECT_NEAR(of_cells[i], expected, 1e-6) << i;
     EXPECT_NEAR(of_splats[i], expected, 0.02) << i;
   }
@@ -106,20 +101,18 @@ TEST_F(OpenFile, FollowsALine) {
   for (std::size_t row = 1; row < rows.arc_lengths.size(); ++row) {
     const dvec3& p = rows.positions[row];
     if (std::isnan(rows.values[0][row])) continue;
-    EXPECT_NEAR(rows.values[0][row], test::Lattice::field(p.x, p.y, p.z), 1e-6);
+    EXPECT_NEAR(rows.values[0][row], Lattice::field(p.x, p.y, p.z), 1e-6);
     inside += rows.arc_lengths[row] - rows.arc_lengths[row - 1];
   }
   EXPECT_NEAR(inside, glm::length(end - start) / 2, 1e-9);
   const LineSamples even = file.sample_line(start, end, {"v"}, 5).value();
   ASSERT_EQ(even.values[0].size(), 5);
   EXPECT_TRUE(std::isnan(even.values[0][0]) && std::isnan(even.values[0][4]));
-  EXPECT_NEAR(even.values[0][2], test::Lattice::field(0.5, 0.5, 0.5), 1e-6);
+  EXPECT_NEAR(even.values[0][2], Lattice::field(0.5, 0.5, 0.5), 1e-6);
   EXPECT_THAT(file.sample_line(start, start).error().message, HasSubstr("no length"));
   EXPECT_THAT(file.sample_line(start, end, {}, 1).error().message, HasSubstr("two samples"));
   EXPECT_THAT(file.sample_line(start, end, {"w"}).error().message, HasSubstr("no attribute \"w\""));
-  MeshBuildOptions options;
-  options.keep_cells = false;
-  ASSERT_TRUE(build(lattice_.mesh(), path_, options));
+  ASSERT_TRUE(build(lattice_.mesh(), path_, {.keep_cells = false}));
   EXPECT_THAT(open().sample_line(start, end).error().message, HasSubstr("keeps no cells"));
 }
 
@@ -134,4 +127,4 @@ TEST_F(OpenFile, TellsWhatIsNotThere) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -12,9 +12,10 @@
 #include "renderer/gl/gl_objects.h"
 #include "splatvol/build.h"
 #include "tests/library/lattice.h"
+#include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -22,19 +23,17 @@ using ::testing::HasSubstr;
 constexpr int width = 96, height = 64;
 
 // A context of a host, and a file.
-class HostedDrawing : public ::testing::TestWithParam<Device> {
- protected:
+struct HostedDrawing : ::testing::TestWithParam<Device> {
   HostedDrawing() {
     // Without cells, a Renderer draws splats, as a GlRenderer does.
-    const auto built = build(test::Lattice(12).mesh(), path_, {.keep_cells = false});
-    EXPECT_TRUE(built) << built.error().message;
+    EXPECT_EQ(message_of(build(Lattice(12).mesh(), path_, {.keep_cells = false})), "");
     scene_ = Renderer::open(path_, std::nullopt, {.device = Device::cpu})->fitting_scene("", width, height).value();
   }
   [[nodiscard]] GlRenderer open() const { return GlRenderer::open(path_, scene_, {.device = GetParam()}).value(); }
   [[nodiscard]] Renderer open_apart() const { return Renderer::open(path_, scene_, {.device = GetParam()}).value(); }
 
   std::unique_ptr<HeadlessContext> context_ = HeadlessContext::create().value();
-  test::TempFolder folder_;
+  TempFolder folder_;
   std::string path_ = folder_.path("lattice.svol");
   Scene scene_;
 };
@@ -320,8 +319,7 @@ TEST_P(HostedDrawing, EndsAtTheHostsDepths) {
     if (is_perspective) planes.insert(planes.end(), {{0.5 * distance, far_away}, {far_away, 0.5 * distance}});
     for (const auto& [at_0, at_1] : planes) {
       const DepthBuffer buffer(GL_DEPTH_COMPONENT32F, at_0 < at_1 ? 1 : 0, depth_of(at_0, at_1));
-      const auto set = renderer.set_surface_depths(DepthTexture{buffer.name(), at_0, at_1});
-      ASSERT_TRUE(set) << set.error().message;
+      ASSERT_EQ(message_of(renderer.set_surface_depths(DepthTexture{buffer.name(), at_0, at_1})), "");
       ASSERT_TRUE(renderer.draw());
       EXPECT_LT(difference(pixels_of(renderer.texture()), expected), 1e-4F) << at_0 << ' ' << at_1;
     }
@@ -334,7 +332,7 @@ TEST_P(HostedDrawing, EndsAtTheHostsDepths) {
 
 // The boundary of the file lies round the volume, and hides it, or lets half of the light through.
 TEST_P(HostedDrawing, DrawsTheBoundaryOfTheFile) {
-  ASSERT_TRUE(build(test::Lattice(12).mesh(), path_, {.boundary_triangles = 1000}));
+  ASSERT_TRUE(build(Lattice(12).mesh(), path_, {.boundary_triangles = 1000}));
   const Image without = open_apart().render({.tolerance_percent = 0}).value();
   for (const double opacity : {1.0, 0.5}) {
     scene_.surfaces = {{.color = {0, 0, 1}, .opacity = opacity, .boundary = "outer"}};
@@ -363,10 +361,8 @@ TEST_P(HostedDrawing, RefusesOtherTextures) {
 }
 
 TEST(HostedDrawingWithoutAContext, IsRefused) {
-  const auto renderer = GlRenderer::open("none.svol");
-  ASSERT_FALSE(renderer);
-  EXPECT_THAT(renderer.error().message, HasSubstr("OpenGL 4.5 is needed"));
+  EXPECT_THAT(message_of(GlRenderer::open("none.svol")), HasSubstr("OpenGL 4.5 is needed"));
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -1,9 +1,7 @@
 // A cube of tetrahedra as arrays of a caller.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
-#include <string>
 #include <vector>
 
 #include "splatvol/build.h"
@@ -41,12 +39,11 @@ struct Lattice {
   static double field(double x, double y, double z) { return 1 + 2 * x + 3 * y - z; }
 
   [[nodiscard]] MeshArrays mesh() const {
-    MeshArrays arrays;
-    arrays.points = std::span<const double>(points);
-    arrays.connectivity = connectivity;
-    arrays.offsets = offsets;
-    arrays.types = types;
-    arrays.point_values = {{.name = "v", .values = std::span<const double>(values), .unit = "m/s"}};
+    MeshArrays arrays{.points = std::span<const double>(points),
+                      .connectivity = connectivity,
+                      .offsets = offsets,
+                      .types = types,
+                      .point_values = {{.name = "v", .values = std::span<const double>(values), .unit = "m/s"}}};
     return arrays;
   }
 

@@ -12,7 +12,7 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -23,17 +23,13 @@ float largest_alpha(const Image& image) {
   return alpha;
 }
 
-class DrawFile : public ::testing::Test {
- protected:
-  DrawFile() {
-    const auto built = build(test::Lattice(20).mesh(), path_);
-    EXPECT_TRUE(built) << built.error().message;
-  }
+struct DrawFile : ::testing::Test {
+  DrawFile() { EXPECT_EQ(message_of(build(Lattice(20).mesh(), path_)), ""); }
   [[nodiscard]] Renderer open(const std::optional<Scene>& scene = std::nullopt) const {
     return Renderer::open(path_, scene).value();
   }
 
-  test::TempFolder folder_;
+  TempFolder folder_;
   std::string path_ = folder_.path("lattice.svol");
 };
 
@@ -89,7 +85,7 @@ TEST_F(DrawFile, DrawsContoursExactly) {
 }
 
 TEST_F(DrawFile, RefusesExactPicturesWithoutCells) {
-  ASSERT_TRUE(build(test::Lattice(20).mesh(), path_, {.keep_cells = false}));
+  ASSERT_TRUE(build(Lattice(20).mesh(), path_, {.keep_cells = false}));
   Renderer renderer = open();
   EXPECT_THAT(renderer.render({.exact = true}).error().message, HasSubstr("without --drop-cells"));
   EXPECT_THAT(renderer.render({.max_error = 0.02, .exact = true}).error().message, HasSubstr("give one of"));
@@ -143,7 +139,7 @@ TEST_F(DrawFile, SurfacesHideWhatIsBehind) {
   EXPECT_EQ(largest_alpha(*renderer.render()), 0);
   ASSERT_TRUE(renderer.set_surface_depths(SurfaceDepths{3, 2, std::vector<float>(6, 0.001F)}));
   for (const Quality& quality : {Quality{.exact = true}, Quality{.max_splats = 100}, Quality{}})
-    EXPECT_THAT(test::message_of(renderer.render(quality)), HasSubstr("for 3 x 2 pixels, but the picture has"));
+    EXPECT_THAT(message_of(renderer.render(quality)), HasSubstr("for 3 x 2 pixels, but the picture has"));
   ASSERT_TRUE(renderer.set_surface_depths(std::nullopt));
   EXPECT_EQ(renderer.render()->pixels, all.pixels);
 }
@@ -152,10 +148,8 @@ TEST_F(DrawFile, ScenesThatShowSurfacesAreRefused) {
   Renderer renderer = open();
   Scene scene = renderer.scene();
   scene.surfaces = {{.file = "a.stl"}};
-  const Status refused = renderer.set_scene(scene);
-  ASSERT_FALSE(refused);
-  EXPECT_EQ(refused.error().code, ErrorCode::unsupported);
-  EXPECT_THAT(refused.error().message, HasSubstr("a.stl is read by the programs svrender"));
+  EXPECT_THAT(renderer.set_scene(scene),
+              FailsWith(ErrorCode::unsupported, HasSubstr("a.stl is read by the programs svrender")));
   EXPECT_TRUE(renderer.scene().surfaces.empty());
   scene.surfaces[0].shown = false;
   EXPECT_TRUE(renderer.set_scene(scene));
@@ -182,4 +176,4 @@ TEST_F(DrawFile, ErrorsNameTheFile) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

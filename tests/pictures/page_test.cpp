@@ -13,7 +13,7 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 TransferFunction ramp(double low, double high) {
@@ -99,13 +99,13 @@ TEST(Font, WritesWordsAndAnyBytes) {
 TEST(Page, LeavesThePictureItsOwnPlace) {
   for (const auto& [width, height] : {std::pair{120, 90}, std::pair{512, 512}, std::pair{3000, 1200}}) {
     const PageText text{"Flow past a wing", "p [Pa]"};
-    const auto page = test::value_of(lay_out_page(width, height, text, ramp(0, 1)));
+    const auto page = value_of(lay_out_page(width, height, text, ramp(0, 1)));
     EXPECT_EQ(page.width, width);
     EXPECT_GE(2 * page.picture_width, width);
     EXPECT_EQ(page.top + page.picture_height, height);
     const auto count = static_cast<std::size_t>(page.picture_width) * page.picture_height;
     const Image picture{page.picture_width, page.picture_height, std::vector<vec4>(count, vec4(0, 1, 0, 1))};
-    const auto image = test::value_of(compose_page(page, picture, text, ramp(0, 1), dvec3(1)));
+    const auto image = value_of(compose_page(page, picture, text, ramp(0, 1), dvec3(1)));
     const auto green = std::ranges::count(image.pixels, vec4(0, 1, 0, 1));
     EXPECT_EQ(static_cast<std::size_t>(green), count);  // nothing covers the volume
     bool red = false, blue = false;
@@ -121,8 +121,7 @@ TEST(Page, LeavesThePictureItsOwnPlace) {
 }
 
 TEST(Page, OutlinesAreBehindAndInFrontOfTheVolume) {
-  Camera camera;
-  camera.position = {3, 2.5, 4};
+  Camera camera{.position = {3, 2.5, 4}};
   const View view = make_view(camera, 200, 200).value();
   Image image{200, 200, std::vector<vec4>(200 * 200, vec4(0, 0, 0, 1))};  // opaque: hides the edges behind it
   draw_outline(image, view, {dvec3(-0.5), dvec3(0.5)}, dvec3(1));
@@ -194,7 +193,7 @@ TEST(WriteImage, TransparentLooksTheSameOverItsBackground) {
     const float alpha = static_cast<float>(i) / 15;
     image.pixels.push_back(vec4(alpha * vec3(1, 0.3, 0.05), alpha));
   }
-  const test::TempFolder folder;
+  const TempFolder folder;
   const std::string path = folder.path("a.png");
   for (const dvec3& background : {dvec3(0), dvec3(1), dvec3(0.2, 0.5, 0.9)}) {
     ASSERT_TRUE(write_image(path, image, background, {}, true));
@@ -211,4 +210,4 @@ TEST(WriteImage, TransparentLooksTheSameOverItsBackground) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -79,11 +79,10 @@ inline TransferFunction uniform(double extinction) {
 }
 
 inline View view_from(dvec3 eye, bool orthographic = false, int width = 128, int height = 96) {
-  Camera camera;
-  camera.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective;
-  camera.parallel_height = 2.6;
-  camera.vertical_fov_degrees = 40;
-  camera.position = eye;
+  Camera camera{.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective,
+                .vertical_fov_degrees = 40,
+                .parallel_height = 2.6,
+                .position = eye};
   return make_view(camera, width, height).value();
 }
 

@@ -1,38 +1,19 @@
 // Contours and slices in pictures of cells, against the exact ones and closed forms.
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <cmath>
 #include <limits>
 
 #include "tests/renderer/drawn_cells.h"
 #include "tests/renderer/targets.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::bent_box;
-using test::colored_scene;
-using test::curved;
-using test::difference;
-using test::draw;
-using test::Drawn;
-using test::expect_exact;
-using test::MeshSource;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 SceneColoring coloring() {
-  SceneColoring coloring{"other", {}};
-  coloring.function.lo = 2, coloring.function.hi = 4;
-  coloring.function.colors = {{0, {1, 0, 0.2}}, {0.4, {0, 1, 0}}, {0.7, {0.2, 0.3, 1}}, {1, {1, 1, 0}}};
-  return coloring;
-}
-
-std::vector<double> other_values(const Mesh& mesh) {
-  std::vector<double> values;
-  for (const dvec3& p : mesh.points) values.push_back(3 + std::cos(7 * p.x + 3 * p.z));
-  return values;
+  return {"other", function_of_other({{0, {1, 0, 0.2}}, {0.4, {0, 1, 0}}, {0.7, {0.2, 0.3, 1}}, {1, {1, 1, 0}}}, {})};
 }
 
 // One opaque contour, and several translucent ones with all ways to colour them.
@@ -51,11 +32,9 @@ TEST(Contours, AreExactWithAndWithoutMatter) {
         for (const bool orthographic : {false, true}) {
           SCOPED_TRACE(testing::Message() << all.size() << " " << extinction << " from " << eye.x
                                           << (orthographic ? " orthographic" : ""));
-          Drawn drawn{mesh, colored_scene(extinction, eye)};
-          drawn.scene.camera.vertical_fov_degrees = 60;
+          Drawn drawn{mesh, wide_scene(extinction, eye, orthographic)};
           drawn.scene.contours = all;
           drawn.color_values = other_values(mesh);
-          if (orthographic) make_orthographic(drawn.scene, 1.5);
           expect_exact(drawn, 1e-5, 1e-3);
         }
 }
@@ -68,11 +47,8 @@ TEST(Contours, AreExactBesideAllElse) {
       drawn.color_values = other_values(drawn.mesh);
       if (orthographic) make_orthographic(drawn.scene, 1.5);
       drawn.scene.lighting = Lighting{0.2, 0.7};
-      SceneOpacity opacity{"other", {}};
-      opacity.function.lo = 2, opacity.function.hi = 4;
-      opacity.function.colors = {{0, dvec3(1)}};
-      opacity.function.densities = {{0, 0}, {0.3, 0}, {0.6, 1}, {0.8, 0.1}};
-      drawn.scene.opacity = opacity;
+      drawn.scene.opacity =
+          SceneOpacity{"other", function_of_other({{0, dvec3(1)}}, {{0, 0}, {0.3, 0}, {0.6, 1}, {0.8, 0.1}})};
       drawn.opacity_values = other_values(drawn.mesh);
       drawn.scene.clip_box = Box{{0.15, 0.2, 0.1}, {0.83, 0.77, 0.9}};
       drawn.scene.clip_planes = {{{0.5, 0.5, 0.5}, {1, -0.6, 0.3}, true}};
@@ -100,7 +76,7 @@ TEST(Contours, OnBentAxesAndFarFromTheDomain) {
 // The alpha of pixels whose rays meet a plane once.
 void expect_plane(const Drawn& drawn, double x, double opacity) {
   int way_of_drawing = 0;
-  for (const Image& image : {test::truth(drawn), draw(MeshSource(drawn.view(), 100000), drawn.drawing()),
+  for (const Image& image : {truth(drawn), draw(MeshSource(drawn.view(), 100000), drawn.drawing()),
                              draw(MeshSource(drawn.view(), 60), drawn.drawing())}) {
     SCOPED_TRACE(way_of_drawing++);
     for_each_ray(drawn.scene, image, [&](const WorldRay& ray, const vec4& pixel) {
@@ -151,7 +127,7 @@ TEST(Contours, AreLitByTheirGradients) {
     const Lighting lighting = drawn.scene.lighting.value_or(Lighting());
     drawn.scene.contours = {{.values = {0.4}, .color = dvec3(1, 0.5, 0.25)}};
     int met = 0;
-    for (const Image& image : {test::truth(drawn), draw(MeshSource(drawn.view(), 100), drawn.drawing())})
+    for (const Image& image : {truth(drawn), draw(MeshSource(drawn.view(), 100), drawn.drawing())})
       for_each_ray(drawn.scene, image, [&](const WorldRay& ray, const vec4& pixel) {
         if (pixel.a == 0) return;
         ++met;
@@ -173,15 +149,6 @@ TEST(Contours, InCellsOfOneValueShowNothing) {
 }
 
 TEST(Contours, ThatAreOpaqueHideChunks) {
-  class CountingSource final : public MeshSource {
-   public:
-    using MeshSource::MeshSource;
-    [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
-      ++reads;
-      return MeshSource::read(chunk, scratch);
-    }
-    mutable std::atomic<std::size_t> reads = 0;
-  };
   Drawn drawn{make_box(12, [](dvec3 p) { return p.z; }), colored_scene(0.5)};
   look(drawn.scene, {0.5, 0.5, 4}, dvec3(0.5));
   drawn.scene.camera.vertical_fov_degrees = 8;  // all rays meet the contour
@@ -202,9 +169,7 @@ TEST(Slices, HaveTheValuesOfTheirCells) {
     for (const double opacity : {1.0, 0.4})
       for (const dvec3 eye : {dvec3(2.3, 1.9, 3.1), dvec3(0.41, 0.63, 0.57)})
         for (const bool orthographic : {false, true}) {
-          Drawn drawn{mesh, colored_scene(extinction, eye)};
-          drawn.scene.camera.vertical_fov_degrees = 60;
-          if (orthographic) make_orthographic(drawn.scene, 1.5);
+          Drawn drawn{mesh, wide_scene(extinction, eye, orthographic)};
           SCOPED_TRACE(testing::Message()
                        << extinction << " " << opacity << " from " << eye.x << (orthographic ? " orthographic" : ""));
           drawn.mesh.values[100] = nan;
@@ -246,20 +211,13 @@ TEST(Slices, InFacesOfCells) {
 }
 
 TEST(Slices, OfCellsOfOneValueEach) {
-  Drawn drawn{bent_box(5), colored_scene(4)};
-  drawn.constant = true;
-  drawn.mesh.values.clear();
-  std::mt19937 random(5);
-  std::uniform_real_distribution<double> any(0, 1);
-  for (std::size_t i = 0; i < drawn.mesh.tetrahedra.size(); ++i) drawn.mesh.values.push_back(any(random));
-  drawn.mesh.values[17] = nan;
+  Drawn drawn = with_values_of_cells({bent_box(5), colored_scene(4)});
   drawn.scene.slices = {{.point = dvec3(0.4), .normal = {1, 0.3, -0.2}, .opacity = 0.7}};
   expect_exact(drawn, 1e-5, 2e-3);
 }
 
 Drawn with_all() {
-  Drawn drawn{bent_box(8), colored_scene(4, {0.5, 0.31, -0.3})};
-  drawn.scene.camera.vertical_fov_degrees = 60;
+  Drawn drawn{bent_box(8), wide_scene(4, {0.5, 0.31, -0.3}, false)};
   drawn.scene.contours = contours()[1];
   drawn.color_values = other_values(drawn.mesh);
   drawn.scene.slices = {{.point = dvec3(0.4), .normal = {1, 0.3, -0.2}, .opacity = 0.6}};
@@ -272,8 +230,8 @@ TEST(CellEvents, AreAlikeForAllInstructionSets) {
   const Drawn drawn = with_all();
   const MeshSource source(drawn.view(), 1000);
   const Image first = draw(source, drawn.drawing());
-  test::for_each_target([&] { EXPECT_LE(difference(draw(source, drawn.drawing()), first).rmse, 1e-6); });
+  for_each_target([&] { EXPECT_LE(difference(draw(source, drawn.drawing()), first).rmse, 1e-6); });
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

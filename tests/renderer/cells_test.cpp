@@ -3,28 +3,17 @@
 
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <cmath>
 #include <cstring>
-#include <optional>
 #include <random>
 
 #include "renderer/surfaces/draw_surfaces.h"
 #include "tests/renderer/drawn_cells.h"
 #include "tests/renderer/targets.h"
+#include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::bent_box;
-using test::colored_scene;
-using test::curved;
-using test::Difference;
-using test::difference;
-using test::draw;
-using test::Drawn;
-using test::expect_exact;
-using test::MeshSource;
 
 TEST(Cells, AreExactFromOutsideAndInside) {
   const Mesh mesh = bent_box(8);
@@ -32,10 +21,7 @@ TEST(Cells, AreExactFromOutsideAndInside) {
     for (const dvec3 eye : {dvec3(2.3, 1.9, 3.1), dvec3(0.41, 0.63, 0.57), dvec3(0.5, 0.31, -0.01)})
       for (const bool orthographic : {false, true}) {
         SCOPED_TRACE(testing::Message() << extinction << " from " << eye.x << (orthographic ? " orthographic" : ""));
-        Drawn drawn{mesh, colored_scene(extinction, eye)};
-        drawn.scene.camera.vertical_fov_degrees = 60;
-        if (orthographic) make_orthographic(drawn.scene, 1.5);
-        expect_exact(drawn, 1e-5, 1e-3);
+        expect_exact({mesh, wide_scene(extinction, eye, orthographic)}, 1e-5, 1e-3);
       }
 }
 
@@ -44,10 +30,8 @@ TEST(Cells, RoundAnEyeOnTheirBoundary) {
   for (const dvec3 eye : {dvec3(0.5, 0.5, 0.5), dvec3(0.53, 0.5, 0.5), dvec3(0.53, 0.52, 0.5)})
     for (const bool orthographic : {false, true}) {
       SCOPED_TRACE(testing::Message() << eye.x << " " << eye.y << (orthographic ? " orthographic" : ""));
-      Drawn drawn{mesh, colored_scene(3)};
+      Drawn drawn{mesh, wide_scene(3, eye, orthographic)};
       look(drawn.scene, eye, eye + dvec3(1.5, 1, 2));
-      drawn.scene.camera.vertical_fov_degrees = 60;
-      if (orthographic) make_orthographic(drawn.scene, 1.5);
       expect_exact(drawn, 1e-5, 1e-3);
     }
 }
@@ -126,10 +110,8 @@ TEST(Cells, ShowFunctionsOfManyPiecesAndBentAxes) {
 TEST(Cells, AreLitByTheirGradients) {
   for (const dvec3 eye : {dvec3(2.3, 1.9, 3.1), dvec3(0.41, 0.63, 0.57)})
     for (const bool orthographic : {false, true}) {
-      Drawn drawn{bent_box(6), colored_scene(4, eye)};
-      drawn.scene.camera.vertical_fov_degrees = 60;
+      Drawn drawn{bent_box(6), wide_scene(4, eye, orthographic)};
       drawn.scene.lighting = Lighting{0.2, 0.7};
-      if (orthographic) make_orthographic(drawn.scene, 1.5);
       expect_exact(drawn, 1e-5, 1e-3);
     }
 }
@@ -138,16 +120,11 @@ TEST(Cells, HaveAnOpacityByAnotherAttribute) {
   for (const double extinction : {4.0, 1e4})
     for (const dvec3 eye : {dvec3(2.3, 1.9, 3.1), dvec3(0.41, 0.63, 0.57)})
       for (const bool orthographic : {false, true}) {
-        Drawn drawn{bent_box(6), colored_scene(extinction, eye)};
-        drawn.scene.camera.vertical_fov_degrees = 60;
+        Drawn drawn{bent_box(6), wide_scene(extinction, eye, orthographic)};
         drawn.scene.lighting = Lighting{0.2, 0.7};
-        for (const dvec3& p : drawn.mesh.points) drawn.opacity_values.push_back(3 + std::cos(7 * p.x + 3 * p.z));
-        SceneOpacity opacity{"other", {}};
-        opacity.function.lo = 2, opacity.function.hi = 4;
-        opacity.function.colors = {{0, dvec3(1)}};
-        opacity.function.densities = {{0, 0}, {0.3, 0.2}, {0.6, 1}, {0.8, 0.1}};
-        drawn.scene.opacity = opacity;
-        if (orthographic) make_orthographic(drawn.scene, 1.5);
+        drawn.opacity_values = other_values(drawn.mesh);
+        drawn.scene.opacity =
+            SceneOpacity{"other", function_of_other({{0, dvec3(1)}}, {{0, 0}, {0.3, 0.2}, {0.6, 1}, {0.8, 0.1}})};
         expect_exact(drawn, 2e-5, 2e-3);
       }
 }
@@ -208,9 +185,8 @@ TEST(Cells, ShowSurfacesInTheirPlace) {
       const Layers layers(drawn.scene.width, drawn.scene.height, 3);
       SurfaceComposite composite;
       for (const SurfaceLayer& layer : layers.all) {
-        const auto in_front = render_reference(drawn.view(), drawn.scene, {.surface_depths = &layer.depths});
-        ASSERT_TRUE(in_front) << in_front.error().message;
-        composite.add(in_front->image, layer);
+        const auto in_front = value_of(render_reference(drawn.view(), drawn.scene, {.surface_depths = &layer.depths}));
+        composite.add(in_front.image, layer);
       }
       CellDrawing drawing = drawn.drawing();
       drawing.layers = layers.drawn();
@@ -224,15 +200,6 @@ TEST(Cells, ShowSurfacesInTheirPlace) {
 }
 
 TEST(Cells, BehindOpaqueSurfacesAreNotRead) {
-  class CountingSource final : public MeshSource {
-   public:
-    using MeshSource::MeshSource;
-    [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
-      ++reads;
-      return MeshSource::read(chunk, scratch);
-    }
-    mutable std::atomic<std::size_t> reads = 0;
-  };
   Drawn drawn{bent_box(8), colored_scene(0.5, {0.5, 0.5, 4})};
   look(drawn.scene, {0.5, 0.5, 4}, {0.5, 0.5, 0.5});
   const int width = drawn.scene.width, height = drawn.scene.height;
@@ -287,21 +254,13 @@ TEST(Cells, ThatOverlapBeyondMemoryAreAnError) {
   CellDrawing drawing = drawn.drawing();
   drawing.memory = 1 << 12;
   CellRasterizer rasterizer;
-  const auto failed = rasterizer.draw(source, drawing);
-  ASSERT_FALSE(failed);
-  EXPECT_EQ(failed.error().code, ErrorCode::out_of_budget);
+  EXPECT_THAT(rasterizer.draw(source, drawing), FailsWith(ErrorCode::out_of_budget));
   drawing.memory = std::uint64_t{1} << 32;
   EXPECT_TRUE(rasterizer.draw(source, drawing));
 }
 
 TEST(Cells, OfOneValueEach) {
-  Drawn drawn{bent_box(5), colored_scene(4)};
-  drawn.constant = true;
-  drawn.mesh.values.clear();
-  std::mt19937 random(5);
-  std::uniform_real_distribution<double> any(0, 1);
-  for (std::size_t i = 0; i < drawn.mesh.tetrahedra.size(); ++i) drawn.mesh.values.push_back(any(random));
-  drawn.mesh.values[17] = std::numeric_limits<double>::quiet_NaN();
+  Drawn drawn = with_values_of_cells({bent_box(5), colored_scene(4)});
   expect_exact(drawn, 1e-5, 1e-3);
   drawn.scene.lighting = Lighting{0.2, 0.7};
   expect_exact(drawn, 1e-5, 1e-3);
@@ -313,12 +272,7 @@ TEST(Cells, WithMissingFlatTurnedAndOverlappingOnes) {
   drawn.mesh.values[4] = std::numeric_limits<double>::quiet_NaN();
   for (std::size_t i = 0; i < drawn.mesh.tetrahedra.size(); i += 3)
     std::swap(drawn.mesh.tetrahedra[i][0], drawn.mesh.tetrahedra[i][1]);
-  Mesh other = bent_box(3, [](dvec3 p) { return p.y; });
-  const auto begin = static_cast<std::uint32_t>(drawn.mesh.points.size());
-  for (const dvec3& point : other.points) drawn.mesh.points.push_back(point + dvec3(0.4, 0.1, 0.3));
-  drawn.mesh.values.insert(drawn.mesh.values.end(), other.values.begin(), other.values.end());
-  for (const auto& [a, b, c, d] : other.tetrahedra)
-    drawn.mesh.tetrahedra.push_back({begin + a, begin + b, begin + c, begin + d});
+  add_mesh(drawn.mesh, bent_box(3, [](dvec3 p) { return p.y; }), [](dvec3 p) { return p + dvec3(0.4, 0.1, 0.3); });
   expect_exact(drawn, 1e-5, 1e-3);
 }
 
@@ -378,18 +332,11 @@ TEST(Cells, InThinPlates) {
 TEST(Cells, InTwoPlatesThinnerThanSinglePrecisionAreAnError) {
   const auto draw_with = [&](double thickness) {
     Drawn drawn = plate(thickness, curved);
-    const Mesh one = drawn.mesh;
-    for (const dvec3& point : one.points) drawn.mesh.points.emplace_back(point.z, point.x, point.y);
-    drawn.mesh.values.insert(drawn.mesh.values.end(), one.values.begin(), one.values.end());
-    const auto begin = static_cast<std::uint32_t>(one.points.size());
-    for (const auto& [a, b, c, d] : one.tetrahedra)
-      drawn.mesh.tetrahedra.push_back({begin + a, begin + b, begin + c, begin + d});
+    add_mesh(drawn.mesh, Mesh(drawn.mesh), [](dvec3 p) { return dvec3(p.z, p.x, p.y); });
     return CellRasterizer().draw(MeshSource(drawn.view(), 100000), drawn.drawing());
   };
   EXPECT_TRUE(draw_with(1e-4));
-  const auto failed = draw_with(1e-8);
-  ASSERT_FALSE(failed);
-  EXPECT_EQ(failed.error().code, ErrorCode::unsupported);
+  EXPECT_THAT(draw_with(1e-8), FailsWith(ErrorCode::unsupported));
 }
 
 TEST(Cells, ThatAreLongRoundADenseCorner) {
@@ -432,10 +379,9 @@ TEST(Cells, AreTheSameBitsWithTheMemoryOfOtherPictures) {
   CellRasterizer rasterizer;
   for (const Drawn* next : std::initializer_list<const Drawn*>{&drawn, &plain, &drawn}) {
     const Image fresh = draw(source, next->drawing());
-    const auto again = rasterizer.draw(source, next->drawing());
-    ASSERT_TRUE(again) << again.error().message;
-    ASSERT_EQ(again->image.pixels.size(), fresh.pixels.size());
-    EXPECT_EQ(std::memcmp(again->image.pixels.data(), fresh.pixels.data(), fresh.pixels.size() * sizeof(vec4)), 0);
+    const auto again = value_of(rasterizer.draw(source, next->drawing()));
+    ASSERT_EQ(again.image.pixels.size(), fresh.pixels.size());
+    EXPECT_EQ(std::memcmp(again.image.pixels.data(), fresh.pixels.data(), fresh.pixels.size() * sizeof(vec4)), 0);
   }
 }
 
@@ -444,7 +390,7 @@ TEST(Cells, AreAlikeForAllInstructionSets) {
   drawn.scene.lighting = Lighting{0.2, 0.7};
   const MeshSource source(drawn.view(), 1000);
   const Image first = draw(source, drawn.drawing());
-  test::for_each_target([&] { EXPECT_LE(difference(draw(source, drawn.drawing()), first).most, 1e-6); });
+  for_each_target([&] { EXPECT_LE(difference(draw(source, drawn.drawing()), first).most, 1e-6); });
 }
 
 TEST(Cells, AreInterpolatedBetweenSamples) {
@@ -492,4 +438,4 @@ TEST(Cells, OfNoSource) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -23,14 +23,11 @@
 #include "tests/renderer/random_splats.h"
 #include "tests/renderer/targets.h"
 #include "tests/renderer/ways.h"
+#include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::all_ways;
-using test::by_gl;
-using test::by_splats;
-using test::Way;
 using ::testing::HasSubstr;
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
@@ -42,7 +39,7 @@ class Drawn {
       : Drawn(way, KernelKind::moments, list, function, units) {}
   Drawn(const Way& way, KernelKind kernel, const DrawList& list, const TransferFunction& function,
         const DrawingUnits& units = {})
-      : rasterizer_(test::make_rasterizer_for(way, kernel)) {
+      : rasterizer_(make_rasterizer_for(way, kernel)) {
     EXPECT_TRUE(rasterizer_->set_transfer_function(function, units));
     EXPECT_TRUE(rasterizer_->set_draw_list(list));
   }
@@ -52,8 +49,7 @@ class Drawn {
   /// Draws with surfaces, or without.
   Image picture(const View& view, const std::optional<SurfaceDepths>& depths = {}, int spacing = 1) {
     EXPECT_TRUE(rasterizer_->set_surface_depths(depths ? std::make_shared<const SurfaceDepths>(*depths) : nullptr));
-    const auto times = rasterizer_->draw(view, SortMode::exact, spacing);
-    EXPECT_TRUE(times) << times.error().message;
+    EXPECT_EQ(message_of(rasterizer_->draw(view, SortMode::exact, spacing)), "");
     return rasterizer_->read_image().value();
   }
 
@@ -78,7 +74,7 @@ SurfaceDepths constant(const View& view, double depth) {
 /// The plane through a point with this normal.
 SurfaceDepths plane(const View& view, dvec3 point, dvec3 normal) {
   return depths_of(view, [&](int x, int y) {
-    const test::Ray ray = test::ray_of(view, x, y);
+    const Ray ray = ray_of(view, x, y);
     const double distance = glm::dot(point - ray.origin, normal) / glm::dot(ray.direction, normal);
     return distance > 0 ? distance * glm::dot(ray.direction, view.forward) : infinity;
   });
@@ -86,7 +82,7 @@ SurfaceDepths plane(const View& view, dvec3 point, dvec3 normal) {
 
 SurfaceDepths ball(const View& view, dvec3 center, double radius) {
   return depths_of(view, [&](int x, int y) {
-    const test::Ray ray = test::ray_of(view, x, y);
+    const Ray ray = ray_of(view, x, y);
     const double along = glm::dot(center - ray.origin, ray.direction);
     const double rest = radius * radius - glm::dot(center - ray.origin, center - ray.origin) + along * along;
     return rest > 0 ? (along - std::sqrt(rest)) * glm::dot(ray.direction, view.forward) : infinity;
@@ -131,9 +127,9 @@ std::vector<Case> random_cases(std::size_t count) {
   const std::vector<OctantSplat> octants = random_octants(count);
   std::vector<Case> cases;
   for (const Way& way : all_ways()) {
-    cases.push_back({way.name, way, KernelKind::moments, test::list_of(test::random_splats(count))});
+    cases.push_back({way.name, way, KernelKind::moments, list_of(random_splats(count))});
     cases.push_back({std::string(way.name) + ", octant", way, KernelKind::octant,
-                     test::make_list(octants, {{dvec3(0), 0, octants.size()}})});
+                     make_list(octants, {{dvec3(0), 0, octants.size()}})});
   }
   return cases;
 }
@@ -141,10 +137,10 @@ std::vector<Case> random_cases(std::size_t count) {
 TEST(Depths, OfWhatIsBehindEverythingChangeNoBit) {
   for (const bool orthographic : {false, true})
     for (const dvec3 eye : {dvec3(0.3, 0.2, 4), dvec3(0.1, 0.2, 0.3)}) {
-      const View view = test::view_from(eye, orthographic, 131, 97);
+      const View view = view_from(eye, orthographic, 131, 97);
       for (const Case& c : random_cases(3000)) {
         SCOPED_TRACE(testing::Message() << c.name << ", orthographic " << orthographic << ", eye " << eye.z);
-        Drawn drawn(c.way, c.kernel, c.list, test::lively());
+        Drawn drawn(c.way, c.kernel, c.list, lively());
         const Image without = drawn.picture(view);
         EXPECT_GT(largest(without), 0.5F);
         for (const float depth : {8.0F, 1e30F, infinity, std::numeric_limits<float>::quiet_NaN()})
@@ -158,11 +154,11 @@ TEST(Depths, OfWhatIsInFrontOfEverythingLeaveNothing) {
   for (const bool orthographic : {false, true})
     for (const Case& c : random_cases(3000)) {
       SCOPED_TRACE(testing::Message() << c.name << ", orthographic " << orthographic);
-      Drawn drawn(c.way, c.kernel, c.list, test::lively());
-      const View outside = test::view_from(dvec3(0.3, 0.2, 4), orthographic, 131, 97);
+      Drawn drawn(c.way, c.kernel, c.list, lively());
+      const View outside = view_from(dvec3(0.3, 0.2, 4), orthographic, 131, 97);
       for (const double depth : {1.0, 1e-30, 0.0, -3.0, -std::numeric_limits<double>::infinity()})
         EXPECT_EQ(largest(drawn.picture(outside, constant(outside, depth))), 0) << depth;
-      const View inside = test::view_from(dvec3(0.1, 0.2, 0.3), orthographic, 131, 97);
+      const View inside = view_from(dvec3(0.1, 0.2, 0.3), orthographic, 131, 97);
       for (const double depth : {0.0, -3.0})
         EXPECT_EQ(largest(drawn.picture(inside, constant(inside, depth))), 0) << depth;
     }
@@ -181,16 +177,16 @@ TEST(Depths, ARoundSplatHasItsClosedForm) {
   splat.mass = mass;
   splat.deviations = dvec3(deviation);
   for (const bool orthographic : {false, true}) {
-    const View view = test::view_from(dvec3(0, 0, center), orthographic, 97, 97);
+    const View view = view_from(dvec3(0, 0, center), orthographic, 97, 97);
     const double pixel = (orthographic ? 1 : center) / view.focal;
     const double a = moments_half_width * std::sqrt(deviation * deviation + 0.1 * pixel * pixel);
     for (const Way& way : all_ways()) {
-      Drawn drawn(way, test::list_of({splat}), test::uniform(1));
+      Drawn drawn(way, list_of({splat}), uniform(1));
       for (const double depth : {2.2, 2.5, 2.8, 3.0, 3.1, 3.5, 3.7}) {
         SCOPED_TRACE(testing::Message() << way.name << ", orthographic " << orthographic << ", depth " << depth);
         const Image image = drawn.picture(view, constant(view, depth));
         for (int x = 0; x < view.width; ++x) {
-          const test::Ray ray = test::ray_of(view, x, view.height / 2);
+          const Ray ray = ray_of(view, x, view.height / 2);
           const double along = glm::dot(-ray.origin, ray.direction);
           const double inside = 1 - (glm::dot(ray.origin, ray.origin) - along * along) / (a * a);
           const double cut = (depth / glm::dot(ray.direction, view.forward) - along) / (a * std::sqrt(inside));
@@ -212,11 +208,11 @@ TEST(Depths, TheValueIsThatOfWhatIsInFront) {
   splat.value = 0.5;
   splat.value_deviation = 0.1;
   splat.correlations = dvec3(0, 0, -1);
-  TransferFunction function = test::uniform(1e-2);
+  TransferFunction function = uniform(1e-2);
   function.colors = {{0, dvec3(0)}, {1, dvec3(1)}};
-  const View view = test::view_from(dvec3(0, 0, 3), true, 97, 97);
+  const View view = view_from(dvec3(0, 0, 3), true, 97, 97);
   for (const Way& way : all_ways()) {
-    Drawn drawn(way, test::list_of({splat}), function);
+    Drawn drawn(way, list_of({splat}), function);
     for (const double depth : {2.7, 3.0, 3.2, 4.0}) {
       const vec4 middle = drawn.picture(view, constant(view, depth)).at(48, 48);
       // The mean of u in front of the surface; u = 1 is moments_half_width deviations behind the centre.
@@ -243,13 +239,13 @@ std::vector<Surfaced> surfaces_for(const View& view) {
 }
 
 TEST(Depths, BodiesAreAsTheirRaysSay) {
-  const std::vector<test::Body> bodies = {{dvec3(-0.8), dvec3(0.8), glm::ivec3(9)}};
-  const DrawList list = test::list_of(test::splats_of(bodies));
+  const std::vector<Body> bodies = {{dvec3(-0.8), dvec3(0.8), glm::ivec3(9)}};
+  const DrawList list = list_of(splats_of(bodies));
   for (const Way& way : all_ways())
     for (const bool orthographic : {false, true})
       for (const dvec3 eye : {dvec3(0.03, 0.02, 4), dvec3(2, 1.5, 3), dvec3(0.1, 0.2, 0.3)}) {
-        const View view = test::view_from(eye, orthographic);
-        Drawn drawn(way, list, test::uniform(1));
+        const View view = view_from(eye, orthographic);
+        Drawn drawn(way, list, uniform(1));
         const double without = rmse(drawn.picture(view), test::exact(bodies, 1, view));
         for (const auto& [name, depths] : surfaces_for(view)) {
           SCOPED_TRACE(testing::Message()
@@ -263,13 +259,13 @@ TEST(Depths, BodiesAreAsTheirRaysSay) {
 
 TEST(Depths, OfWallsShowWhatIsBetweenThem) {
   // The wall is where the mesh ends, as in a flow round a body.
-  const std::vector<test::Body> bodies = {{dvec3(-0.8), dvec3(0.8), glm::ivec3(9)}};
-  const DrawList list = test::list_of(test::splats_of(bodies));
+  const std::vector<Body> bodies = {{dvec3(-0.8), dvec3(0.8), glm::ivec3(9)}};
+  const DrawList list = list_of(splats_of(bodies));
   for (const Way& way : all_ways())
     for (const double behind : {-1e-3, 0.0, 1e-3}) {
-      const View view = test::view_from(dvec3(0.4, 0.3, 4));
+      const View view = view_from(dvec3(0.4, 0.3, 4));
       const SurfaceDepths depths = plane(view, dvec3(0, 0, -0.8 - behind), dvec3(0, 0, 1));
-      Drawn drawn(way, list, test::uniform(1));
+      Drawn drawn(way, list, uniform(1));
       const Image truth = test::exact(bodies, 1, view, &depths);
       const double without = rmse(drawn.picture(view), truth), error = rmse(drawn.picture(view, depths), truth);
       EXPECT_LT(error, 1.1 * without + 5e-4) << way.name << " " << behind;
@@ -278,12 +274,12 @@ TEST(Depths, OfWallsShowWhatIsBetweenThem) {
 
 TEST(Depths, HideToTheEdgeOfAPixel) {
   // On the left a surface hides all, on the right there is none.
-  const View view = test::view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
+  const View view = view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
   const SurfaceDepths depths = depths_of(view, [](int x, int) { return x < 61 ? 1 : infinity; });
   for (const Case& c : random_cases(3000))
     for (const int spacing : {1, 4}) {
       SCOPED_TRACE(testing::Message() << c.name << ", every " << spacing << " pixels");
-      Drawn drawn(c.way, c.kernel, c.list, test::lively());
+      Drawn drawn(c.way, c.kernel, c.list, lively());
       const Image without = drawn.picture(view), image = drawn.picture(view, depths, spacing);
       double squares = 0;
       for (int y = 0; y < view.height; ++y)
@@ -303,20 +299,20 @@ TEST(Depths, DevicesAgree) {
   if (!parse_device("gl")) GTEST_SKIP() << "a build without OpenGL";
   for (const bool orthographic : {false, true})
     for (const dvec3 eye : {dvec3(0.3, 0.2, 4), dvec3(0.1, 0.2, 0.3)}) {
-      const View view = test::view_from(eye, orthographic, 131, 97);
+      const View view = view_from(eye, orthographic, 131, 97);
       const double distance = glm::dot(-eye, view.forward);
       const SurfaceDepths waves = depths_of(
           view, [&](int x, int y) { return distance + 0.4 * std::sin(0.3 * x) * std::cos(0.2 * y + 0.01 * x * y); });
       for (const auto& [smallest, largest] : {std::pair(0.002, 0.01), std::pair(0.01, 0.1), std::pair(0.01, 1.0)}) {
-        const DrawList list = test::list_of(test::random_splats(5000, smallest, largest));
-        const Image one = Drawn(by_splats, list, test::lively()).picture(view, waves);
-        const Image other = Drawn(by_gl, list, test::lively()).picture(view, waves);
+        const DrawList list = list_of(random_splats(5000, smallest, largest));
+        const Image one = Drawn(by_splats, list, lively()).picture(view, waves);
+        const Image other = Drawn(by_gl, list, lively()).picture(view, waves);
         EXPECT_LT(rmse(one, other), 1e-4) << orthographic << " " << eye.z << " " << largest;
       }
       const std::vector<OctantSplat> octants = random_octants(3000);
-      DrawList list = test::make_list(octants, {{dvec3(0), 0, 2000, 1}, {dvec3(0), 2000, 1000, 0.4F}});
-      const Image one = Drawn(by_splats, KernelKind::octant, list, test::lively()).picture(view, waves);
-      const Image other = Drawn(by_gl, KernelKind::octant, list, test::lively()).picture(view, waves);
+      DrawList list = make_list(octants, {{dvec3(0), 0, 2000, 1}, {dvec3(0), 2000, 1000, 0.4F}});
+      const Image one = Drawn(by_splats, KernelKind::octant, list, lively()).picture(view, waves);
+      const Image other = Drawn(by_gl, KernelKind::octant, list, lively()).picture(view, waves);
       EXPECT_LT(rmse(one, other), 1e-4) << orthographic << " " << eye.z;
     }
 }
@@ -326,10 +322,10 @@ TEST(Depths, OctantSplatsAreFlat) {
   splat.position = vec3(0);
   splat.size = 1;
   splat.value = 0.5F;
-  const DrawList list = test::make_list(std::vector{splat}, {{dvec3(0), 0, 1}});
-  const View view = test::view_from(dvec3(0, 0, 3), false, 65, 65);
+  const DrawList list = make_list(std::vector{splat}, {{dvec3(0), 0, 1}});
+  const View view = view_from(dvec3(0, 0, 3), false, 65, 65);
   for (const Way& way : all_ways()) {
-    Drawn drawn(way, KernelKind::octant, list, test::uniform(1));
+    Drawn drawn(way, KernelKind::octant, list, uniform(1));
     const Image without = drawn.picture(view);
     EXPECT_TRUE(are_same_bits(drawn.picture(view, constant(view, 3.01)), without));
     EXPECT_EQ(largest(drawn.picture(view, constant(view, 2.99))), 0);
@@ -341,11 +337,11 @@ TEST(Depths, OctantSplatsAreFlat) {
 }
 
 TEST(Depths, AreInWorldUnits) {
-  const std::vector<MomentsSplat> splats = test::random_splats(2000);
-  const View view = test::view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
+  const std::vector<MomentsSplat> splats = random_splats(2000);
+  const View view = view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
   const SurfaceDepths depths = plane(view, dvec3(0), glm::normalize(dvec3(0.5, 0.7, 1)));
   for (const Way& way : all_ways()) {
-    const Image plain = Drawn(way, test::list_of(splats), test::lively()).picture(view, depths);
+    const Image plain = Drawn(way, list_of(splats), lively()).picture(view, depths);
     // The same splats in a world that is 2^40 times as large.
     const double unit = std::ldexp(1, 40);
     std::vector<MomentsSplat> far = splats;
@@ -355,31 +351,26 @@ TEST(Depths, AreInWorldUnits) {
     large.eye *= unit;
     SurfaceDepths scaled = depths;
     for (float& depth : scaled.depths) depth *= static_cast<float>(unit);
-    TransferFunction function = test::lively();
+    TransferFunction function = lively();
     for (auto& density : function.densities) density.extinction /= unit;
-    DrawingUnits units;
-    units.length = unit;
+    DrawingUnits units{.length = unit};
     EXPECT_LT(rmse(Drawn(way, list, function, units).picture(large, scaled), plain), 1e-6) << way.name;
   }
 }
 
 TEST(Depths, OfAnotherSizeAreRefused) {
-  const View view = test::view_from(dvec3(0.3, 0.2, 4), false, 64, 48);
+  const View view = view_from(dvec3(0.3, 0.2, 4), false, 64, 48);
   for (const Way& way : all_ways()) {
-    Drawn drawn(way, test::list_of(test::random_splats(100)), test::lively());
+    Drawn drawn(way, list_of(random_splats(100)), lively());
     const Image hidden = drawn.picture(view, constant(view, 4));
     const auto wrong = std::make_shared<const SurfaceDepths>(SurfaceDepths{4, 4, std::vector<float>(15)});
-    const Status refused = drawn.rasterizer().set_surface_depths(wrong);
-    ASSERT_FALSE(refused);
-    EXPECT_EQ(refused.error().code, ErrorCode::invalid_argument);
-    EXPECT_THAT(refused.error().message, HasSubstr("15 depths of surfaces for 4 x 4 pixels"));
+    EXPECT_THAT(drawn.rasterizer().set_surface_depths(wrong),
+                FailsWith(ErrorCode::invalid_argument, HasSubstr("15 depths of surfaces for 4 x 4 pixels")));
 
     View other = view;
     other.height = 49;
-    const auto times = drawn.rasterizer().draw(other, SortMode::exact, 1);
-    ASSERT_FALSE(times);
-    EXPECT_EQ(times.error().code, ErrorCode::invalid_argument);
-    EXPECT_THAT(times.error().message, HasSubstr("64 x 48 pixels, but the picture has 64 x 49"));
+    EXPECT_THAT(drawn.rasterizer().draw(other, SortMode::exact, 1),
+                FailsWith(ErrorCode::invalid_argument, HasSubstr("64 x 48 pixels, but the picture has 64 x 49")));
     // The depths before still hold.
     ASSERT_TRUE(drawn.rasterizer().draw(view, SortMode::exact, 1));
     EXPECT_TRUE(are_same_bits(drawn.rasterizer().read_image().value(), hidden));
@@ -387,25 +378,24 @@ TEST(Depths, OfAnotherSizeAreRefused) {
 }
 
 TEST(Depths, AreTheSameBitsWithAnyNumberOfThreads) {
-  const View view = test::view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
+  const View view = view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
   const SurfaceDepths depths = ball(view, dvec3(0), 0.7);
-  const DrawList list = test::list_of(test::random_splats(90'000, 0.002, 0.2));  // two batches
+  const DrawList list = list_of(random_splats(90'000, 0.002, 0.2));  // two batches
   std::optional<Image> first;
   for (const std::size_t threads : {1, 2, 5}) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    const Image image = Drawn(by_splats, list, test::lively()).picture(view, depths);
+    const Image image = Drawn(by_splats, list, lively()).picture(view, depths);
     if (!first) first = image;
     EXPECT_TRUE(are_same_bits(image, *first)) << threads;
   }
 }
 
 TEST(Depths, AreTheSamePictureWithAnyInstructions) {
-  const View view = test::view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
+  const View view = view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
   const SurfaceDepths depths = ball(view, dvec3(0), 0.7);
-  const DrawList list = test::list_of(test::random_splats(5000));
-  const Image newest = Drawn(by_splats, list, test::lively()).picture(view, depths);
-  test::for_each_target(
-      [&] { EXPECT_LT(rmse(newest, Drawn(by_splats, list, test::lively()).picture(view, depths)), 1e-4); });
+  const DrawList list = list_of(random_splats(5000));
+  const Image newest = Drawn(by_splats, list, lively()).picture(view, depths);
+  for_each_target([&] { EXPECT_LT(rmse(newest, Drawn(by_splats, list, lively()).picture(view, depths)), 1e-4); });
 }
 
 TEST(DepthPyramid, RangesHoldTheDepthsOfTheirPixels) {
@@ -433,4 +423,4 @@ TEST(DepthPyramid, RangesHoldTheDepthsOfTheirPixels) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

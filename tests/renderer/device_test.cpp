@@ -6,10 +6,9 @@
 #include "renderer/gl/context.h"
 #include "tests/renderer/shared_context.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::shared_context;
 using ::testing::HasSubstr;
 
 TEST(Device, HasThreeNames) {
@@ -44,4 +43,4 @@ TEST(Device, KnowsOpenGlInSoftware) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

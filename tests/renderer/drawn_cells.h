@@ -5,9 +5,12 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <functional>
+#include <limits>
 #include <optional>
 #include <random>
 #include <utility>
@@ -134,12 +137,61 @@ inline Mesh bent_box(std::uint32_t n, const Field& field = curved) {
   return mesh;
 }
 
+/// Adds the points and cells of another mesh, moved.
+inline void add_mesh(Mesh& mesh, const Mesh& other, const std::function<dvec3(dvec3)>& move) {
+  const auto begin = static_cast<std::uint32_t>(mesh.points.size());
+  for (const dvec3& point : other.points) mesh.points.push_back(move(point));
+  mesh.values.insert(mesh.values.end(), other.values.begin(), other.values.end());
+  for (const auto& [a, b, c, d] : other.tetrahedra)
+    mesh.tetrahedra.push_back({begin + a, begin + b, begin + c, begin + d});
+}
+
+/// A mesh whose cells have a random value each. One of them has none.
+inline Drawn with_values_of_cells(Drawn drawn) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> any(0, 1);
+  drawn.constant = true;
+  drawn.mesh.values.resize(drawn.mesh.tetrahedra.size());
+  for (double& value : drawn.mesh.values) value = any(random);
+  drawn.mesh.values[17] = std::numeric_limits<double>::quiet_NaN();
+  return drawn;
+}
+
+struct CountingSource final : MeshSource {
+  using MeshSource::MeshSource;
+  [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
+    ++reads;
+    return MeshSource::read(chunk, scratch);
+  }
+  mutable std::atomic<std::size_t> reads = 0;
+};
+
 inline Scene colored_scene(double extinction, dvec3 eye = {2.3, 1.9, 3.1}) {
   Scene scene = make_scene(extinction, 70, 61);
   scene.transfer_function.colors = {{0, {0.1, 0.2, 0.9}}, {0.3, {0.9, 0.1, 0}}, {0.6, {0, 1, 0.3}}, {1, {1, 1, 0.5}}};
   scene.transfer_function.densities = {{0, 0}, {0.2, extinction}, {0.5, 0.1 * extinction}, {1, 2 * extinction}};
   look(scene, eye, {0.53, 0.31, 0.2});
   return scene;
+}
+
+/// A wide view, also from inside.
+inline Scene wide_scene(double extinction, dvec3 eye, bool orthographic) {
+  Scene scene = colored_scene(extinction, eye);
+  scene.camera.vertical_fov_degrees = 60;
+  if (orthographic) make_orthographic(scene, 1.5);
+  return scene;
+}
+
+/// A function of the attribute "other", with values from 2 to 4.
+inline TransferFunction function_of_other(std::vector<TransferFunction::Color> colors,
+                                          std::vector<TransferFunction::Density> densities) {
+  return {.lo = 2, .hi = 4, .colors = std::move(colors), .densities = std::move(densities)};
+}
+
+inline std::vector<double> other_values(const Mesh& mesh) {
+  std::vector<double> values;
+  for (const dvec3& p : mesh.points) values.push_back(3 + std::cos(7 * p.x + 3 * p.z));
+  return values;
 }
 
 }  // namespace splatvol::test

@@ -10,7 +10,7 @@
 #include "tests/builder/support/built_input.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr std::uint64_t plenty = 256u << 20;
@@ -55,9 +55,9 @@ Path fly(const std::string& file, Detail detail, double change) {
 
 // The bound is the one of docs/decisions/2026-11-21-fading.md.
 TEST(Fade, StepsAreThoseOfAFixedResolution) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   const std::string file = folder.path("m.svol");
-  test::build_input("gen:mesh:cells=4e4,pieces=1", file);
+  build_input("gen:mesh:cells=4e4,pieces=1", file);
 
   const Path fixed = fly(file, {.resolution = 99}, 1);
   const Path at_once = fly(file, {.tolerance_percent = 5, .resolution = std::nullopt}, 1);
@@ -69,4 +69,4 @@ TEST(Fade, StepsAreThoseOfAFixedResolution) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

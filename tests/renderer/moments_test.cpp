@@ -19,18 +19,13 @@
 #include "tests/renderer/raster_test.h"
 #include "tests/support/random.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using glm::dmat3;
 using glm::dquat;
 using glm::dvec4;
 using std::numbers::pi;
-using test::expect_sane;
-using test::orthographic_view;
-using test::perspective_view;
-using test::rmse;
-using test::total_alpha;
 using ::testing::HasSubstr;
 
 /// A cluster's moments before packing.
@@ -72,12 +67,7 @@ MomentsSplat recorded(const Cluster& cluster) {
 
 /// White, with extinction `slope` times the value from 0 to 1000.
 TransferFunction ramp(double slope) {
-  TransferFunction function;
-  function.lo = 0;
-  function.hi = 1000;
-  function.colors = {{0, {1, 1, 1}}};
-  function.densities = {{0, 0}, {1, 1000 * slope}};
-  return function;
+  return {.lo = 0, .hi = 1000, .colors = {{0, {1, 1, 1}}}, .densities = {{0, 0}, {1, 1000 * slope}}};
 }
 
 /// White, with the same extinction everywhere.
@@ -239,7 +229,7 @@ std::vector<Cluster> cloud(int count) {
   std::uniform_real_distribution<double> coordinate(-1, 1);
   std::vector<Cluster> clusters(count);
   for (Cluster& cluster : clusters) {
-    const auto direction = [&] { return test::random_vector(coordinate, generator); };
+    const auto direction = [&] { return random_vector(coordinate, generator); };
     cluster.position = direction();
     const dvec3 axis = direction();
     cluster.orientation = glm::normalize(dquat(coordinate(generator), axis));
@@ -255,8 +245,7 @@ std::vector<Cluster> cloud(int count) {
   return clusters;
 }
 
-class MomentsTest : public test::RasterizerTest {
- protected:
+struct MomentsTest : test::RasterizerTest {
   MomentsTest() : RasterizerTest(KernelKind::moments) {}
 
   Image picture(const std::vector<Cluster>& clusters, const View& view, const TransferFunction& function,
@@ -267,7 +256,7 @@ class MomentsTest : public test::RasterizerTest {
   Image picture(const std::vector<MomentsSplat>& splats, const View& view, const TransferFunction& function,
                 SortMode sort = SortMode::exact, dvec3 origin = dvec3(0)) {
     EXPECT_TRUE(renderer_->set_transfer_function(function, {}));
-    EXPECT_TRUE(renderer_->set_draw_list(test::make_list(splats, {{origin, 0, splats.size()}})));
+    EXPECT_TRUE(renderer_->set_draw_list(make_list(splats, {{origin, 0, splats.size()}})));
     return redraw(view, sort);
   }
 };
@@ -402,13 +391,13 @@ TEST_P(MomentsTest, ValuesVaryWithinASplat) {
       for (const View& view : {perspective_view(33, 33), orthographic_view(4, 33, 33)}) {
         for (const auto& lighting : {std::optional<Lighting>(), std::optional(Lighting{0.2, 0.7})}) {
           renderer_->set_lighting(lighting);
-          const Image image = picture({cluster}, view, test::lively(2));
+          const Image image = picture({cluster}, view, lively(2));
           expect_sane(image);
           // The table's rows are 5 % apart. The renderer takes light and spread as the same all over a splat that the
           // eye's plane does not cut, even at depth 2, where it reaches two thirds of the way to the eye.
           // Its mean |cos| is 2 % off at most.
           const double bound = !view.orthographic && position.z == -2 ? 4e-2 : lighting ? 8e-3 : 4e-3;
-          EXPECT_LT(rmse(image, evaluate(cluster, view, test::lively(2), lighting)), bound)
+          EXPECT_LT(rmse(image, evaluate(cluster, view, lively(2), lighting)), bound)
               << position.z << " " << value_deviation << " " << view.orthographic << " " << lighting.has_value();
         }
       }
@@ -533,10 +522,10 @@ TEST_P(MomentsTest, BoundaryIsAPlaneThatNothingCrosses) {
 TEST_P(MomentsTest, OrderChangesColoursOnly) {
   std::vector<Cluster> clusters = cloud(300);
   const View view = perspective_view(64, 64, {0, 0, 4});
-  const Image sorted = picture(clusters, view, test::lively(3), SortMode::exact);
+  const Image sorted = picture(clusters, view, lively(3), SortMode::exact);
   std::mt19937 generator(4);
   std::ranges::shuffle(clusters, generator);
-  const Image shuffled = picture(clusters, view, test::lively(3), SortMode::none);
+  const Image shuffled = picture(clusters, view, lively(3), SortMode::none);
   EXPECT_GT(rmse(sorted, shuffled), 0.01);
   for (std::size_t i = 0; i < sorted.pixels.size(); ++i) ASSERT_NEAR(sorted.pixels[i].a, shuffled.pixels[i].a, 1e-4);
 }
@@ -568,12 +557,10 @@ TEST_P(MomentsTest, AxisOrderIsExactAlongTheAxis) {
       cluster.position[axis] = position;
       splats.push_back(material_of(cluster));
     }
-    ASSERT_TRUE(renderer_->set_transfer_function(test::lively(1), {}));
-    ASSERT_TRUE(renderer_->set_draw_list(test::make_list(splats, {{origin, 0, 15}, {origin, 15, 25}})));
+    ASSERT_TRUE(renderer_->set_transfer_function(lively(1), {}));
+    ASSERT_TRUE(renderer_->set_draw_list(make_list(splats, {{origin, 0, 15}, {origin, 15, 25}})));
     for (const double side : {-40.0, 40.0}) {
-      Camera camera;
-      camera.focal_point = origin;
-      camera.position = origin;
+      Camera camera{.position = origin, .focal_point = origin};
       camera.position[axis] += side;
       camera.position[(axis + 2) % 3] += 3;
       camera.up = dvec3(0);
@@ -594,10 +581,8 @@ TEST_P(MomentsTest, AxisOrderIsExactAlongTheAxis) {
 
 TEST_P(MomentsTest, PictureMovesWithTheScene) {
   const std::vector<Cluster> clusters = cloud(300);
-  Camera camera;
-  camera.position = {0.5, 0.3, 2.5};
-  camera.focal_point = {0.1, 0, 0};
-  const Image expected = picture(clusters, make_view(camera, 64, 64).value(), test::lively(3));
+  Camera camera{.position = {0.5, 0.3, 2.5}, .focal_point = {0.1, 0, 0}};
+  const Image expected = picture(clusters, make_view(camera, 64, 64).value(), lively(3));
   ASSERT_GT(total_alpha(expected), 500);
 
   const auto moved = [&](dquat turn, dvec3 shift, double scale) {
@@ -612,7 +597,7 @@ TEST_P(MomentsTest, PictureMovesWithTheScene) {
     other.position = scale * (turn * camera.position) + shift;
     other.focal_point = scale * (turn * camera.focal_point) + shift;
     other.up = turn * camera.up;
-    return picture(result, make_view(other, 64, 64).value(), test::lively(3 / scale), SortMode::exact, shift);
+    return picture(result, make_view(other, 64, 64).value(), lively(3 / scale), SortMode::exact, shift);
   };
   const dquat turn = glm::normalize(dquat(0.3, -0.7, 0.4, 0.5));
   const dquat still(1, 0, 0, 0);
@@ -630,7 +615,7 @@ TEST_P(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
                         .correlation = {0.6, 0.5, -0.4}};
   Image last;
   for (int frame = 0; frame <= 400; ++frame) {
-    const Image image = picture({cluster}, perspective_view(32, 32, {0.05, 0.1, 3 - 0.01 * frame}), test::lively(0.1));
+    const Image image = picture({cluster}, perspective_view(32, 32, {0.05, 0.1, 3 - 0.01 * frame}), lively(0.1));
     expect_sane(image);
     if (frame > 0) {
       ASSERT_LT(largest_difference(image, last), 0.01) << frame;
@@ -687,7 +672,7 @@ TEST_P(MomentsTest, GradientsThatScatterHaveTheirMeanLight) {
       constexpr int samples = 20'000;
       double sum = 0;
       for (int i = 0; i < samples; ++i)
-        sum += std::abs(glm::normalize(mean + scatter * test::random_vector(normal, random)).z);
+        sum += std::abs(glm::normalize(mean + scatter * random_vector(normal, random)).z);
       EXPECT_NEAR(lit.at(4, 4).r, sum / samples, 0.04) << angle << " " << correlation;
     }
   }
@@ -695,14 +680,11 @@ TEST_P(MomentsTest, GradientsThatScatterHaveTheirMeanLight) {
 
 TEST_P(MomentsTest, NarrowDomainsAndWideSpreads) {
   // Half of the values lie below the domain, where the extinction is 0, half above.
-  TransferFunction function;
-  function.lo = 1000;
-  function.hi = 1000.001;
-  function.colors = {{0, {1, 0, 0}}, {1, {0, 1, 0}}};
-  function.densities = {{0, 0}, {1, 1}};
+  TransferFunction function{
+      .lo = 1000, .hi = 1000.001, .colors = {{0, {1, 0, 0}}, {1, {0, 1, 0}}}, .densities = {{0, 0}, {1, 1}}};
   ASSERT_TRUE(renderer_->set_transfer_function(function, {.value_offset = 1000}));
   const Cluster cluster{.position = {0, 0, -10}, .mass = 50, .deviations = dvec3(3), .value_deviation = 10};
-  ASSERT_TRUE(renderer_->set_draw_list(test::make_list(materials_of({cluster}), {{dvec3(0), 0, 1}})));
+  ASSERT_TRUE(renderer_->set_draw_list(make_list(materials_of({cluster}), {{dvec3(0), 0, 1}})));
   const Image image = redraw(orthographic_view(9, 9, 9));
   const double a = 0.95 * std::sqrt(12.0) * std::sqrt(9.1);
   EXPECT_NEAR(image.at(4, 4).a, -std::expm1(-0.5 * 50 * 3 / (pi * a * a)), 2e-3);
@@ -714,7 +696,7 @@ TEST_P(MomentsTest, NarrowDomainsAndWideSpreads) {
 TEST_P(MomentsTest, BentAxesTakeTheMomentsOnTheAxis) {
   const auto drawn = [&](const TransferFunction& function, const Cluster& cluster, const DrawingUnits& units) {
     EXPECT_TRUE(renderer_->set_transfer_function(function, units));
-    EXPECT_TRUE(renderer_->set_draw_list(test::make_list(materials_of({cluster}), {{dvec3(0), 0, 1}})));
+    EXPECT_TRUE(renderer_->set_draw_list(make_list(materials_of({cluster}), {{dvec3(0), 0, 1}})));
     return redraw(perspective_view());
   };
   for (const ValueAxis axis : {ValueAxis::log, ValueAxis::asinh})
@@ -728,7 +710,7 @@ TEST_P(MomentsTest, BentAxesTakeTheMomentsOnTheAxis) {
                         .value = value,
                         .value_deviation = share * std::abs(value),
                         .correlation = {0.5, -0.4, 0.3}};
-        TransferFunction function = test::lively(0.8);
+        TransferFunction function = lively(0.8);
         function.axis = axis;
         function.lo = axis == ValueAxis::log ? 1e-3 : -100;
         function.hi = 100;
@@ -738,7 +720,7 @@ TEST_P(MomentsTest, BentAxesTakeTheMomentsOnTheAxis) {
         cluster.value = (value - 0.5) * 4, cluster.value_deviation *= 4;
         const Image bent = drawn(function, cluster, {.value_offset = 0.5, .value_scale = 0.25});
         cluster.value = t.mean, cluster.value_deviation = t.deviation;
-        const Image linear = drawn(test::lively(0.8), cluster, {});
+        const Image linear = drawn(lively(0.8), cluster, {});
         for (std::size_t i = 0; i < linear.pixels.size(); ++i)
           ASSERT_LT(glm::length(bent.pixels[i] - linear.pixels[i]), 1e-3f) << i;
       }
@@ -779,10 +761,10 @@ TEST_P(MomentsTest, HardCasesStaySane) {
   for (const double extinction : {1e-30, 1.0, 1e30}) {
     for (const View& view : {perspective_view(33, 17), orthographic_view(3, 33, 17)}) {
       // All of them, then each alone: an opaque splat could hide an error of another.
-      expect_sane(picture(clusters, view, test::lively(extinction)));
+      expect_sane(picture(clusters, view, lively(extinction)));
       const std::vector<MomentsSplat> splats = materials_of(clusters);
       for (std::uint64_t i = 0; i < splats.size(); i += extinction == 1 ? 1 : 7) {
-        ASSERT_TRUE(renderer_->set_draw_list(test::make_list(splats, {{dvec3(0), i, 1}})));
+        ASSERT_TRUE(renderer_->set_draw_list(make_list(splats, {{dvec3(0), i, 1}})));
         expect_sane(redraw(view, SortMode::none));
         if (HasFailure())
           FAIL() << i << ": mass " << clusters[i].mass << ", deviations " << clusters[i].deviations.x << " "
@@ -804,7 +786,7 @@ TEST_P(MomentsTest, WhatDrawsNothing) {
       {.position = {5, 0, 0}, .deviations = dvec3(0.5)},  // beside the eye, outside
       {.position = {0, 0, -5}, .value = 0, .value_deviation = 0},
   };
-  TransferFunction function = test::lively(100);
+  TransferFunction function = lively(100);
   for (const Cluster& cluster : nothing) {
     Cluster visible = cluster;
     if (&cluster != &nothing.back() && !std::isnan(cluster.value)) visible.value = 1;
@@ -816,31 +798,31 @@ TEST_P(MomentsTest, AWeightIsAFactorOnTheMass) {
   const std::vector<MomentsSplat> splats = materials_of(cloud(200));
   for (const View& view :
        {perspective_view(65, 65, {0, 0, 4}), perspective_view(), orthographic_view(3, 65, 65, {0, 0, 4})}) {
-    const Image whole = picture(splats, view, test::lively(3));
+    const Image whole = picture(splats, view, lively(3));
     for (const float weight : {0.5F, 0.15F}) {
       std::vector<MomentsSplat> lighter = splats;
       for (MomentsSplat& splat : lighter) splat.mass *= weight;
-      const Image expected = picture(lighter, view, test::lively(3));
-      const test::DrawPart part{dvec3(0), 0, splats.size(), weight};
-      ASSERT_TRUE(renderer_->set_draw_list(test::make_list(splats, {part})));
+      const Image expected = picture(lighter, view, lively(3));
+      const DrawPart part{dvec3(0), 0, splats.size(), weight};
+      ASSERT_TRUE(renderer_->set_draw_list(make_list(splats, {part})));
       EXPECT_LT(largest_difference(redraw(view), expected), 1e-6);
 
       // A fainter splat loses more of its rim; the rest takes over the light.
-      ASSERT_TRUE(renderer_->set_draw_list(test::make_list(splats, {part, {dvec3(0), 0, splats.size(), 1 - weight}})));
+      ASSERT_TRUE(renderer_->set_draw_list(make_list(splats, {part, {dvec3(0), 0, splats.size(), 1 - weight}})));
       EXPECT_LT(rmse(redraw(view), whole), 1e-4) << "weight " << weight;
     }
   }
 }
 
 TEST_P(MomentsTest, RefusesSplatsOfTheOtherKernel) {
-  const DrawList octant = test::make_list(std::vector<OctantSplat>(1), {{dvec3(0), 0, 1}});
-  const DrawList moments = test::make_list(std::vector<MomentsSplat>(3), {{dvec3(0), 0, 3}});
+  const DrawList octant = make_list(std::vector<OctantSplat>(1), {{dvec3(0), 0, 1}});
+  const DrawList moments = make_list(std::vector<MomentsSplat>(3), {{dvec3(0), 0, 3}});
   EXPECT_THAT(renderer_->set_draw_list(octant).error().message, HasSubstr("octant"));
   const auto other = make_rasterizer(GetParam(), {.kernel = KernelKind::octant, .in_current_context = true}).value();
   EXPECT_THAT(other->set_draw_list(moments).error().message, HasSubstr("moments"));
 }
 
-INSTANTIATE_TEST_SUITE_P(Devices, MomentsTest, testing::Values(Device::gl, Device::cpu), test::device_name);
+INSTANTIATE_TEST_SUITE_P(Devices, MomentsTest, testing::Values(Device::gl, Device::cpu), device_name);
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

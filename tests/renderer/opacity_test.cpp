@@ -14,32 +14,24 @@
 #include "tests/renderer/bodies.h"
 #include "tests/renderer/random_splats.h"
 #include "tests/renderer/ways.h"
+#include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::all_ways;
-using test::lively;
-using test::random_splats;
-using test::splats_of;
-using test::uniform;
-using test::view_from;
-using test::Way;
 
 /// What draws lists.
 class Drawing {
  public:
   explicit Drawing(const Way& way, KernelKind kernel = KernelKind::moments,
                    const std::optional<Lighting>& lighting = {})
-      : rasterizer_(test::make_rasterizer_for(way, kernel)) {
+      : rasterizer_(make_rasterizer_for(way, kernel)) {
     rasterizer_->set_lighting(lighting);
   }
 
   [[nodiscard]] Image picture(const DrawList& list, const Transfer& transfer, const DrawingUnits& units = {},
                               const View& view = view_from({0.3, 0.5, 4})) {
     EXPECT_TRUE(rasterizer_->set_transfer_function(transfer, units));
-    const Status set = rasterizer_->set_draw_list(list);
-    EXPECT_TRUE(set) << set.error().message;
+    EXPECT_EQ(message_of(rasterizer_->set_draw_list(list)), "");
     EXPECT_TRUE(rasterizer_->draw(view, SortMode::exact, 1));
     return rasterizer_->read_image().value();
   }
@@ -62,12 +54,7 @@ std::vector<OpacityValue> same(std::size_t count, float value) {
 }
 
 /// The factor is the value.
-TransferFunction ramp() {
-  TransferFunction function;
-  function.colors = {{0, {1, 0, 1}}};
-  function.densities = {{0, 0}, {1, 1}};
-  return function;
-}
+TransferFunction ramp() { return {.colors = {{0, {1, 0, 1}}}, .densities = {{0, 0}, {1, 1}}}; }
 
 TransferFunction times(TransferFunction function, double factor) {
   for (auto& density : function.densities) density.extinction *= factor;
@@ -117,8 +104,8 @@ TEST(Opacity, EachSplatHasItsOwn) {
 }
 
 TEST(Opacity, AHiddenBodyIsNotThere) {
-  const std::vector<test::Body> bodies = {{dvec3(-0.8, -0.8, -0.2), dvec3(-0.1, 0.8, 0.2), glm::ivec3(6)},
-                                          {dvec3(0.1, -0.8, -0.2), dvec3(0.8, 0.8, 0.2), glm::ivec3(6)}};
+  const std::vector<Body> bodies = {{dvec3(-0.8, -0.8, -0.2), dvec3(-0.1, 0.8, 0.2), glm::ivec3(6)},
+                                    {dvec3(0.1, -0.8, -0.2), dvec3(0.8, 0.8, 0.2), glm::ivec3(6)}};
   const std::vector<MomentsSplat> first = splats_of({bodies[0]}), both = splats_of(bodies);
   std::vector<OpacityValue> values = same(both.size(), 0);
   std::fill_n(values.begin(), first.size(), OpacityValue{1, 0, 255});
@@ -127,7 +114,7 @@ TEST(Opacity, AHiddenBodyIsNotThere) {
   for (const Way& way : all_ways()) {
     SCOPED_TRACE(way.name);
     const Image image = Drawing(way).picture(list_of(both, values), {function, &factors}, {}, view);
-    EXPECT_LT(compare_images(image, test::exact({bodies[0]}, 3, view))->rmse, 0.02);
+    EXPECT_LT(compare_images(image, exact({bodies[0]}, 3, view))->rmse, 0.02);
   }
 }
 
@@ -251,9 +238,8 @@ TEST(Opacity, WrongFactorsAreRefused) {
     for (const double wrong : {-0.1, 1.1, std::numeric_limits<double>::quiet_NaN()}) {
       TransferFunction factors = ramp();
       factors.densities = {{0, wrong}};
-      const Status set = rasterizer->set_transfer_function({lively(), &factors}, {});
-      ASSERT_FALSE(set);
-      EXPECT_THAT(set.error().message, testing::HasSubstr("outside [0, 1]"));
+      EXPECT_THAT(message_of(rasterizer->set_transfer_function({lively(), &factors}, {})),
+                  testing::HasSubstr("outside [0, 1]"));
     }
     TransferFunction empty = ramp();
     empty.hi = empty.lo;
@@ -262,4 +248,4 @@ TEST(Opacity, WrongFactorsAreRefused) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -10,36 +10,30 @@
 
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/raster_test.h"
+#include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::rmse;
-using test::total_alpha;
 
 constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
 
 TransferFunction ramp(double extinction) {
-  TransferFunction function;
-  function.lo = -1;
-  function.hi = 3;
-  function.colors = {{0, {1, 0, 0}}, {0.5, {0, 1, 0}}, {1, {0, 0, 1}}};
-  function.densities = {{0, 0}, {0.25, extinction}, {1, extinction}};
-  return function;
+  return {.lo = -1,
+          .hi = 3,
+          .colors = {{0, {1, 0, 0}}, {0.5, {0, 1, 0}}, {1, {0, 0, 1}}},
+          .densities = {{0, 0}, {0.25, extinction}, {1, extinction}}};
 }
 
-const View view_of_all = test::perspective_view(64, 48, {0.3, 0.2, 4});
+const View view_of_all = perspective_view(64, 48, {0.3, 0.2, 4});
 
 // Draws splats of random positions in parts of 500, with pages that hold few of them.
-class RendererTestPages : public ::testing::Test {
- protected:
+struct RendererTestPages : ::testing::Test {
   static constexpr std::uint64_t page_bytes = 16 << 10;
 
   void SetUp() override {
-    ASSERT_TRUE(test::shared_context());
-    auto made = GlRasterizer::create(KernelKind::octant);
-    ASSERT_TRUE(made) << made.error().message;
-    renderer_ = std::move(*made);
+    ASSERT_TRUE(shared_context());
+    auto made = value_of(GlRasterizer::create(KernelKind::octant));
+    renderer_ = std::move(made);
   }
 
   static std::vector<OctantSplat> random_splats(std::size_t count) {
@@ -55,9 +49,9 @@ class RendererTestPages : public ::testing::Test {
   }
 
   static DrawList random_list(std::size_t count) {
-    std::vector<test::DrawPart> parts;
+    std::vector<DrawPart> parts;
     for (std::size_t first = 0; first < count; first += 500) parts.push_back({dvec3(0), first, 500});
-    return test::make_list(random_splats(count), parts);
+    return make_list(random_splats(count), parts);
   }
 
   Image draw(GlRasterizer& rasterizer, SortMode sort = SortMode::exact) const {
@@ -120,9 +114,7 @@ TEST_F(RendererTestPages, RowsLeaveWhenOthersNeedTheirSlots) {
   EXPECT_GT(small->uploaded_bytes(), 40'000 * record_bytes(KernelKind::octant));
   EXPECT_EQ(renderer_->uploaded_bytes(), 40'000 * record_bytes(KernelKind::octant));
 
-  const Status status = small->set_draw_list(whole);
-  ASSERT_FALSE(status);
-  EXPECT_EQ(status.error().code, ErrorCode::out_of_budget);
+  EXPECT_THAT(small->set_draw_list(whole), FailsWith(ErrorCode::out_of_budget));
   EXPECT_EQ(total_alpha(draw(*small)), 0);
   ASSERT_TRUE(small->set_draw_list(first));
   ASSERT_TRUE(renderer_->set_draw_list(first));
@@ -164,7 +156,7 @@ TEST_F(RendererTestPages, MoreSplatsThanABufferHolds) {
   EXPECT_GT(renderer_->device_bytes(), static_cast<std::uint64_t>(limit));
   ASSERT_TRUE(renderer_->set_transfer_function(ramp(1), {}));
   // The deviation of .4 pixels is widened to .5.
-  ASSERT_TRUE(renderer_->draw(test::orthographic_view(1, 1, 1), SortMode::exact, 1));
+  ASSERT_TRUE(renderer_->draw(orthographic_view(1, 1, 1), SortMode::exact, 1));
   EXPECT_NEAR(renderer_->read_image()->at(0, 0).a, 0.64 * (1 - std::exp(-1.0)), 1e-3);
 }
 
@@ -175,10 +167,10 @@ TEST_F(RendererTestPages, AsManySplatsAsFitTakeNoMore) {
     ASSERT_GT(most, 1000U);
     ASSERT_LT(most, budget / record_bytes(KernelKind::octant));
     ASSERT_TRUE(rasterizer->set_draw_list(
-        test::make_list(std::vector<OctantSplat>(most, {vec3(0, 0, -1), 0, 0.01F, 0}), {{dvec3(0), 0, most}})));
+        make_list(std::vector<OctantSplat>(most, {vec3(0, 0, -1), 0, 0.01F, 0}), {{dvec3(0), 0, most}})));
     ASSERT_TRUE(rasterizer->set_transfer_function(ramp(1), {}));
     for (const int spacing : {1, 4}) {
-      ASSERT_TRUE(rasterizer->draw(test::orthographic_view(50, 100, 50), SortMode::exact, spacing));
+      ASSERT_TRUE(rasterizer->draw(orthographic_view(50, 100, 50), SortMode::exact, spacing));
       EXPECT_LE(rasterizer->device_bytes(), budget);
     }
     EXPECT_GT(rasterizer->device_bytes(), budget / 2);
@@ -200,4 +192,4 @@ TEST_F(RendererTestPages, CountsItsMemoryAndKeepsIt) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -15,19 +15,15 @@ namespace splatvol::test {
 
 /// The eye looks along -z, y up: a world point p has view coordinates (p.x, p.y, -p.z) from the eye.
 inline View perspective_view(int width = 65, int height = 65, dvec3 eye = dvec3(0)) {
-  Camera camera;
-  camera.vertical_fov_degrees = 40;
-  camera.position = eye;
-  camera.focal_point = eye - dvec3(0, 0, 1);
+  Camera camera{.vertical_fov_degrees = 40, .position = eye, .focal_point = eye - dvec3(0, 0, 1)};
   return make_view(camera, width, height).value();
 }
 
 inline View orthographic_view(double world_height, int width = 65, int height = 65, dvec3 eye = dvec3(0)) {
-  Camera camera;
-  camera.projection = Camera::Projection::orthographic;
-  camera.parallel_height = world_height;
-  camera.position = eye;
-  camera.focal_point = eye - dvec3(0, 0, 1);
+  Camera camera{.projection = Camera::Projection::orthographic,
+                .parallel_height = world_height,
+                .position = eye,
+                .focal_point = eye - dvec3(0, 0, 1)};
   return make_view(camera, width, height).value();
 }
 
@@ -48,8 +44,7 @@ inline void expect_sane(const Image& image) {
 inline double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
 
 /// Draws by a device.
-class RasterizerTest : public ::testing::TestWithParam<Device> {
- protected:
+struct RasterizerTest : ::testing::TestWithParam<Device> {
   explicit RasterizerTest(KernelKind kernel) : kernel_(kernel) {}
 
   void SetUp() override {

@@ -12,15 +12,11 @@
 #include "tests/renderer/device_name.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/raster_test.h"
+#include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::DrawPart;
-using test::expect_sane;
-using test::perspective_view;
-using test::rmse;
-using test::total_alpha;
 using ::testing::HasSubstr;
 
 constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
@@ -36,12 +32,10 @@ struct Splat {
 
 /// Values 0, 1, 2, 3 are red, green, blue, white; extinction rises from 0 at value -1 to `extinction` at 0 and stays.
 TransferFunction four_colors(double extinction) {
-  TransferFunction function;
-  function.lo = -1;
-  function.hi = 3;
-  function.colors = {{0, {1, 0, 0}}, {0.25, {1, 0, 0}}, {0.5, {0, 1, 0}}, {0.75, {0, 0, 1}}, {1, {1, 1, 1}}};
-  function.densities = {{0, 0}, {0.25, extinction}, {1, extinction}};
-  return function;
+  return {.lo = -1,
+          .hi = 3,
+          .colors = {{0, {1, 0, 0}}, {0.25, {1, 0, 0}}, {0.5, {0, 1, 0}}, {0.75, {0, 0, 1}}, {1, {1, 1, 1}}},
+          .densities = {{0, 0}, {0.25, extinction}, {1, extinction}}};
 }
 
 /// A world unit is a pixel.
@@ -93,11 +87,10 @@ Image composite(std::vector<Splat> splats, dvec3 origin, const View& view, const
 DrawList list_of(const std::vector<Splat>& splats, const std::vector<DrawPart>& parts) {
   std::vector<OctantSplat> converted;
   for (const Splat& splat : splats) converted.push_back({splat.position, splat.value, splat.size, splat.gradient});
-  return test::make_list(converted, parts);
+  return make_list(converted, parts);
 }
 
-class RendererTest : public test::RasterizerTest {
- protected:
+struct RendererTest : test::RasterizerTest {
   RendererTest() : RasterizerTest(KernelKind::octant) {}
 
   /// Draws `splats`, in world coordinates relative to `origin`.
@@ -295,9 +288,7 @@ TEST_P(RendererTest, WhatDrawsNothing) {
 }
 
 TEST_P(RendererTest, MissingValuesDrawNothingWhateverTheColors) {
-  TransferFunction everywhere;
-  everywhere.colors = {{0, {1, 1, 1}}};
-  everywhere.densities = {{0, 1}};
+  TransferFunction everywhere{.colors = {{0, {1, 1, 1}}}, .densities = {{0, 1}}};
   const View view = orthographic_view(16, 16);
   EXPECT_EQ(total_alpha(picture({{{0, 0, -5}, nan_value, 4}, {{0, 0, -5}, -nan_value, 4}}, view, everywhere)), 0);
   EXPECT_GT(total_alpha(picture({{{0, 0, -5}, 0.5F, 4}}, view, everywhere)), 1);
@@ -605,16 +596,14 @@ TEST_P(RendererTest, RefusesWhatItCannotDraw) {
   for (const int size : {0, -5, renderer_->capabilities().largest_side + 1, 1 << 20}) {
     View impossible = view;
     impossible.width = size;
-    const auto times = renderer_->draw(impossible, SortMode::none, 1);
-    ASSERT_FALSE(times);
-    EXPECT_EQ(times.error().code, ErrorCode::invalid_argument);
+    EXPECT_THAT(renderer_->draw(impossible, SortMode::none, 1), FailsWith(ErrorCode::invalid_argument));
   }
   for (const int spacing : {-1, 0, max_sample_spacing + 1})
     EXPECT_FALSE(renderer_->draw(view, SortMode::none, spacing));
   EXPECT_TRUE(renderer_->draw(view, SortMode::none, 1));
 }
 
-INSTANTIATE_TEST_SUITE_P(Devices, RendererTest, testing::Values(Device::gl, Device::cpu), test::device_name);
+INSTANTIATE_TEST_SUITE_P(Devices, RendererTest, testing::Values(Device::gl, Device::cpu), device_name);
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -21,9 +21,10 @@
 #include "streamer/first/default_scene.h"
 #include "streamer/streamer.h"
 #include "tests/support/long.h"
+#include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 // Units of lengths and values, and where they are counted from.
@@ -100,13 +101,11 @@ std::unique_ptr<Rasterizer> make_rasterizer(KernelKind kernel, Way way) {
 }
 
 // Builds files and draws them.
-class RendererTestBuilt : public test::FolderTest {
- protected:
+struct RendererTestBuilt : FolderTest {
   static void build(const std::string& file, ScaledMesh source) {
     BuildOptions options;
     options.gradients = true;  // for light on octants
-    const auto report = build_volume(source, file, options, [](const char*, double) {});
-    ASSERT_TRUE(report) << report.error().message;
+    ASSERT_EQ(message_of(build_volume(source, file, options, [](const char*, double) {})), "");
   }
 
   static Image draw(const std::string& file, const Scene& scene, KernelKind kernel, const Detail& detail,
@@ -233,8 +232,7 @@ TEST_F(RendererTestFunctions, MayJumpAtTheEndsOfTheDomain) {
   check(0.02, 3, 0);
 }
 
-class RendererTestScales : public RendererTestBuilt, public testing::WithParamInterface<Scales> {
- protected:
+struct RendererTestScales : RendererTestBuilt, testing::WithParamInterface<Scales> {
   void SetUp() override {
     build(plain_, ScaledMesh({}));
     build(scaled_, ScaledMesh(GetParam()));
@@ -350,7 +348,7 @@ TEST_P(RendererTestScales, DoNotChangeTheExactPicture) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sizes, RendererTestScales,
-                         testing::ValuesIn(test::sample_of<Scales>(
+                         testing::ValuesIn(sample_of<Scales>(
                              {Scales{1e-30, 1}, Scales{1e30, 1}, Scales{300, 1}, Scales{1, 1e-30}, Scales{1, 1e30},
                               Scales{0x1p-100, 0x1p100}, Scales{1, 1, 1e6, 0}, Scales{1, 1, 0, 1e5},
                               Scales{1e20, 1e-20, -1e6, -1e5},  // the sample ends here
@@ -359,4 +357,4 @@ INSTANTIATE_TEST_SUITE_P(Sizes, RendererTestScales,
                              9)));
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

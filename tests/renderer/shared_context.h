@@ -3,8 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <memory>
-
 #include "renderer/gl/context.h"
 
 namespace splatvol::test {

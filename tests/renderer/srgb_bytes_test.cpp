@@ -9,13 +9,13 @@
 #include "scene/srgb.h"
 #include "tests/renderer/targets.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 // Widths that are no multiple of the pixels in a vector, and more pixels than a task has.
 TEST(SrgbBytes, AreThoseOfTheCurveWithAnyInstructions) {
   const dvec3 background(0.02, 0.5, 1);
-  test::for_each_target([&] {
+  for_each_target([&] {
     for (const auto& [width, height] : {std::pair(1, 1), std::pair(3, 1), std::pair(7, 3), std::pair(331, 217)}) {
       Image image{width, height, std::vector<vec4>(static_cast<std::size_t>(width) * height)};
       for (std::size_t i = 0; i < image.pixels.size(); ++i) {
@@ -51,4 +51,4 @@ TEST(SrgbBytes, OfNumbersThatAreNoneHarmNobody) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -6,12 +6,9 @@
 #include <oneapi/tbb/global_control.h>
 #include <unistd.h>
 
-#include <cmath>
 #include <cstring>
 #include <filesystem>
-#include <limits>
 #include <map>
-#include <random>
 
 #include "base/interruption.h"
 #include "builder/opening/open_source.h"
@@ -22,8 +19,9 @@
 #include "streamer/streamer.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/random_splats.h"
+#include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -49,8 +47,7 @@ Image draw(Rasterizer& rasterizer, const Drawing& drawing) {
   rasterizer.set_lighting(drawing.lighting);
   EXPECT_TRUE(rasterizer.set_transfer_function(drawing.function, drawing.units));
   EXPECT_TRUE(rasterizer.set_draw_list(drawing.list));
-  const auto times = rasterizer.draw(drawing.view, drawing.sort, drawing.sample_spacing);
-  EXPECT_TRUE(times) << times.error().message;
+  EXPECT_EQ(message_of(rasterizer.draw(drawing.view, drawing.sort, drawing.sample_spacing)), "");
   return rasterizer.read_image().value();
 }
 
@@ -73,20 +70,15 @@ double difference(const Drawing& drawing, KernelKind kernel = KernelKind::moment
 }
 
 View view_of(bool orthographic, int width, int height, dvec3 eye = dvec3(0.3, 0.2, 4)) {
-  Camera camera;
-  camera.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective;
-  camera.parallel_height = 2.2;
-  camera.position = eye;
+  Camera camera{.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective,
+                .parallel_height = 2.2,
+                .position = eye};
   return make_view(camera, width, height).value();
 }
 
 Drawing random_drawing(std::size_t count, double smallest, double largest, const View& view) {
-  Drawing drawing{test::make_list(test::random_splats(count, smallest, largest), {{dvec3(0), 0, count}}),
-                  {},
-                  test::lively(20),
-                  std::nullopt,
-                  view};
-  return drawing;
+  return {
+      make_list(random_splats(count, smallest, largest), {{dvec3(0), 0, count}}), {}, lively(20), std::nullopt, view};
 }
 
 TEST(Tiles, RandomSplatsAgreeWithOpenGl) {
@@ -136,13 +128,13 @@ TEST(Tiles, BentAxesAgreeWithOpenGl) {
 
 TEST(Tiles, OctantsAgreeWithOpenGl) {
   std::vector<OctantSplat> splats;
-  for (const MomentsSplat& m : test::random_splats(5000, 0.002, 0.3))
+  for (const MomentsSplat& m : random_splats(5000, 0.002, 0.3))
     splats.push_back({vec3(m.center), static_cast<float>(m.value), static_cast<float>(m.deviations.x), 0x00407f20});
   for (const bool orthographic : {false, true})
     for (const float weight : {1.0F, 0.3F}) {
-      Drawing drawing{test::make_list(splats, {{dvec3(0), 0, splats.size(), weight}}),
+      Drawing drawing{make_list(splats, {{dvec3(0), 0, splats.size(), weight}}),
                       {},
-                      test::lively(2),
+                      lively(2),
                       Lighting{0.2, 0.8},
                       view_of(orthographic, 131, 97)};
       EXPECT_LT(difference(drawing, KernelKind::octant), bar) << orthographic << weight;
@@ -158,8 +150,8 @@ TEST(Tiles, FarFromTheOriginNothingChanges) {
   Drawing drawing = random_drawing(2000, 0.02, 0.1, view_of(false, 100, 100));
   const Image here = draw_by_tiles(drawing);
   const dvec3 far_away(1e9, -3e8, 1e8);
-  const std::vector<MomentsSplat> splats = test::random_splats(2000, 0.02, 0.1);
-  drawing.list = test::make_list(splats, {{far_away, 0, splats.size()}});
+  const std::vector<MomentsSplat> splats = random_splats(2000, 0.02, 0.1);
+  drawing.list = make_list(splats, {{far_away, 0, splats.size()}});
   drawing.view.eye += far_away;
   EXPECT_LT(compare_images(here, draw_by_tiles(drawing)).value().rmse, 1e-4);
 }
@@ -206,9 +198,7 @@ TEST(Tiles, HeedInterruptions) {
     std::stop_source stop;
     stop.request_stop();
     const Interruptible interruptible(stop.get_token());
-    const auto times = tiles.draw(drawing.view, drawing.sort, spacing);
-    ASSERT_FALSE(times);
-    EXPECT_EQ(times.error().code, ErrorCode::cancelled);
+    EXPECT_THAT(tiles.draw(drawing.view, drawing.sort, spacing), FailsWith(ErrorCode::cancelled));
   }
   EXPECT_EQ(compare_images(draw(tiles, drawing), whole)->max, 0);
 }
@@ -237,8 +227,7 @@ TEST(Tiles, RefuseWhatTheyCannotDraw) {
 }
 
 /// The shared scenes, with all points of their meshes.
-class TilesTestScenes : public testing::TestWithParam<const char*> {
- protected:
+struct TilesTestScenes : testing::TestWithParam<const char*> {
   static constexpr const char* shared = SPLATVOL_SHARED;
 
   static std::string mesh_of(const std::string& scene) {
@@ -252,8 +241,7 @@ class TilesTestScenes : public testing::TestWithParam<const char*> {
     if (!file.empty()) return file;
     file = (std::filesystem::temp_directory_path() / fmt::format("splatvol_tiles_{}_{}.svol", ::getpid(), files.size()))
                .string();
-    BuildOptions options;
-    options.gradients = true;
+    BuildOptions options{.gradients = true};
     EXPECT_TRUE(build_volume(*open_source({mesh}, {}).value(), file, options, [](const char*, double) {}));
     return file;
   }
@@ -290,4 +278,4 @@ INSTANTIATE_TEST_SUITE_P(Shared, TilesTestScenes,
                                          "post-close", "wing", "wing-wake"));
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -11,17 +11,14 @@
 
 #include "tests/sampler/sampled_cells.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::field;
-using test::none;
 using ::testing::HasSubstr;
 
-class LineOfCells : public test::SampledCells {
- protected:
+struct LineOfCells : SampledCells {
   [[nodiscard]] LineRows follow(const dvec3& start, const dvec3& end) const {
-    LineRows rows = test::value_of(follow_line(*cells(), start, end));
+    LineRows rows = value_of(follow_line(*cells(), start, end));
     check(rows, start, end);
     return rows;
   }
@@ -58,7 +55,7 @@ class LineOfCells : public test::SampledCells {
 };
 
 TEST_F(LineOfCells, IsTheMeshsOwn) {
-  build(test::mesh_piece(test::jittered(12, 0.2), field));
+  build(mesh_piece(jittered(12, 0.2), field));
   const std::vector<dvec3> ends = random_positions(40, -0.2, 1.2);
   for (std::size_t i = 0; i < ends.size(); i += 2) expect_samples(follow(ends[i], ends[i + 1]));
   const LineRows inside = follow({0.1, 0.2, 0.3}, {0.9, 0.7, 0.6});
@@ -69,7 +66,7 @@ TEST_F(LineOfCells, IsTheMeshsOwn) {
 
 // On faces and edges of all cells: each cube gives one row at each of its ends, and none between.
 TEST_F(LineOfCells, OnFacesAndEdgesLeavesNoGap) {
-  build(test::mesh_piece(test::lattice(8), [](dvec3 p) { return 8 * p.x * p.x; }));
+  build(mesh_piece(lattice(8), [](dvec3 p) { return 8 * p.x * p.x; }));
   for (const auto& [y, z] : {std::pair{0.5, 0.5}, {0.25, 0.3}, {0.0, 0.0}, {1.0, 0.6}, {0.3, 0.3}}) {
     const LineRows rows = follow({0, y, z}, {1, y, z});
     for (std::size_t row = 0; row < rows.arc_lengths.size(); ++row) EXPECT_FALSE(std::isnan(rows.values[0][row])) << y;
@@ -85,13 +82,13 @@ TEST_F(LineOfCells, OnFacesAndEdgesLeavesNoGap) {
 }
 
 TEST_F(LineOfCells, GapsAreRowsWithoutValues) {
-  test::Mesh mesh = test::lattice(2), other = test::lattice(2, [](dvec3 p) { return p + dvec3(3, 0, 0); });
+  Mesh mesh = lattice(2), other = lattice(2, [](dvec3 p) { return p + dvec3(3, 0, 0); });
   for (auto corners : other.tetrahedra) {
     for (std::uint32_t& corner : corners) corner += static_cast<std::uint32_t>(mesh.points.size());
     mesh.tetrahedra.push_back(corners);
   }
   mesh.points.insert(mesh.points.end(), other.points.begin(), other.points.end());
-  build(test::mesh_piece(mesh, [](dvec3 p) { return p.x; }));
+  build(mesh_piece(mesh, [](dvec3 p) { return p.x; }));
   const LineRows rows = follow({-1, 0.3, 0.4}, {5, 0.3, 0.4});
   std::vector<double> gaps;  // begin and end of each
   for (std::size_t row = 1; row < rows.arc_lengths.size(); ++row)
@@ -115,8 +112,8 @@ TEST_F(LineOfCells, GapsAreRowsWithoutValues) {
 }
 
 TEST_F(LineOfCells, ValuesOfCellsJump) {
-  std::ofstream(path("shapes.vtk")) << test::mesh_of_shapes();
-  test::build_input(path("shapes.vtk"), path("own.svol"), exact(), {.selection = {"number"}, .cells = CellValues::own});
+  std::ofstream(path("shapes.vtk")) << mesh_of_shapes();
+  build_input(path("shapes.vtk"), path("own.svol"), exact(), {.selection = {"number"}, .cells = CellValues::own});
   open("own.svol");
   const LineRows rows = follow({0.5, 0.4, -1}, {0.5, 0.4, 1.5});  // a hexahedron, and a pyramid on it
   const std::vector<double> expected = {none, none, 0, 0, 1, 1}, at = {0, 1, 1, 2, 2, 2.5};
@@ -128,7 +125,7 @@ TEST_F(LineOfCells, ValuesOfCellsJump) {
 }
 
 TEST_F(LineOfCells, RoundingOpensNoGap) {
-  build(test::mesh_piece(test::jittered(12, 0.2), field), {.keep_cells = true});
+  build(mesh_piece(jittered(12, 0.2), field), {.keep_cells = true});
   const std::vector<dvec3> ends = random_positions(40, 0.1, 0.9);
   for (std::size_t i = 0; i < ends.size(); i += 2) {
     const LineRows rows = follow(ends[i], ends[i + 1]);
@@ -137,14 +134,14 @@ TEST_F(LineOfCells, RoundingOpensNoGap) {
 }
 
 TEST_F(LineOfCells, NeedsALength) {
-  build(test::mesh_piece(test::lattice(2), field));
+  build(mesh_piece(lattice(2), field));
   for (const dvec3& end : {dvec3(0.5), dvec3(none), dvec3(1e308), dvec3(std::numeric_limits<double>::infinity())})
-    EXPECT_THAT(test::message_of(follow_line(*cells(), dvec3(0.5), end)), HasSubstr("length"));
-  EXPECT_THAT(test::message_of(follow_line(*cells(), dvec3(0.5), dvec3(1e12))), HasSubstr("too long"));
+    EXPECT_THAT(message_of(follow_line(*cells(), dvec3(0.5), end)), HasSubstr("length"));
+  EXPECT_THAT(message_of(follow_line(*cells(), dvec3(0.5), dvec3(1e12))), HasSubstr("too long"));
   const LineRows far = follow({-1e6, 0.4, 0.3}, {1e6, 0.5, 0.6});
   EXPECT_EQ(std::ranges::count_if(far.values[0], [](double value) { return std::isnan(value); }), 4)
       << "no gap between";
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

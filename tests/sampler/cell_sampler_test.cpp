@@ -8,33 +8,14 @@
 
 #include "tests/sampler/sampled_cells.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::field;
-using test::none;
-
-// The value by another way: Cramer's rule in each tetrahedron, the first that has the position.
-double value_in(const test::Mesh& mesh, const std::vector<double>& values, const dvec3& position) {
-  for (const auto& corners : mesh.tetrahedra) {
-    const dvec3& origin = mesh.points[corners[0]];
-    const dmat3 edges(mesh.points[corners[1]] - origin, mesh.points[corners[2]] - origin,
-                      mesh.points[corners[3]] - origin);
-    const dvec3 weights = glm::inverse(edges) * (position - origin);
-    if (weights.x < 0 || weights.y < 0 || weights.z < 0 || weights.x + weights.y + weights.z > 1) continue;
-    double value = values[corners[0]];
-    for (int k = 0; k < 3; ++k)
-      value += weights[k] * (values[corners[static_cast<std::size_t>(k) + 1]] - values[corners[0]]);
-    return value;
-  }
-  return none;
-}
 
 using SampledCells = test::SampledCells;
 
 TEST_F(SampledCells, AreTheMeshs) {
-  const test::Mesh mesh = test::jittered(20, 0.2);
-  build(test::mesh_piece(mesh, field));
+  const Mesh mesh = jittered(20, 0.2);
+  build(mesh_piece(mesh, field));
   const std::vector<double> at_points = sample(mesh.points);
   for (std::size_t i = 0; i < mesh.points.size(); ++i) EXPECT_EQ(at_points[i], field(mesh.points[i])) << i;
 
@@ -57,8 +38,8 @@ TEST_F(SampledCells, AreTheMeshs) {
 // Positions are read from a lattice as exactly as it was given, and the file rounds it: those at the boundary come to
 // lie outside, and others on faces.
 TEST_F(SampledCells, RoundingOpensNoGap) {
-  const test::Mesh mesh = test::jittered(20, 0.2);
-  build(test::mesh_piece(mesh, [](dvec3 p) { return p.x + 2 * p.y; }), {.keep_cells = true});
+  const Mesh mesh = jittered(20, 0.2);
+  build(mesh_piece(mesh, [](dvec3 p) { return p.x + 2 * p.y; }), {.keep_cells = true});
   const double error = volume_->info().position_error;
   ASSERT_GT(error, 0);
   std::vector<dvec3> positions = mesh.points;
@@ -76,15 +57,15 @@ TEST_F(SampledCells, RoundingOpensNoGap) {
 }
 
 TEST_F(SampledCells, OfSeveralTheFirstCounts) {
-  Piece piece = test::mesh_piece(test::random_tetrahedra(200), field);
+  Piece piece = mesh_piece(random_tetrahedra(200), field);
   build(piece);
   const std::vector<dvec3> positions = random_positions(300, 0.2, 0.8);
   const std::vector<double> found = sample(positions, 1 << 24), again = sample(positions, 1 << 16);
   const auto all = cells();
-  const auto entries = test::value_of(all->chunks([](const Box&) { return true; }));
+  const auto entries = value_of(all->chunks([](const Box&) { return true; }));
   std::vector<double> expected(positions.size(), none);
   for (const format::CellChunkEntry& entry : entries) {
-    const Tetrahedra tetrahedra = test::value_of(all->read(entry));
+    const Tetrahedra tetrahedra = value_of(all->read(entry));
     for (std::size_t t = 0; t < tetrahedra.size(); ++t)
       for (std::size_t i = 0; i < positions.size(); ++i)
         if (const auto weights = weights_in(tetrahedra.corners_of(t), positions[i]);
@@ -105,8 +86,8 @@ TEST_F(SampledCells, OfSeveralTheFirstCounts) {
 }
 
 TEST_F(SampledCells, ACellWithAMissingValueHasNone) {
-  const test::Mesh mesh = test::lattice(4);
-  Piece piece = test::mesh_piece(mesh, [](dvec3 p) { return p.x < 0.4 ? none : p.x; });
+  const Mesh mesh = lattice(4);
+  Piece piece = mesh_piece(mesh, [](dvec3 p) { return p.x < 0.4 ? none : p.x; });
   build(piece);
   const std::vector<double> found = sample({{0.2, 0.5, 0.5}, {0.4, 0.6, 0.6}, {0.5, 0.6, 0.7}, {0.7, 0.6, 0.6}});
   EXPECT_TRUE(std::isnan(found[0]));
@@ -117,9 +98,9 @@ TEST_F(SampledCells, ACellWithAMissingValueHasNone) {
 
 // A linear function is itself in cells of all shapes.
 TEST_F(SampledCells, EveryShape) {
-  std::ofstream(path("shapes.vtk")) << test::mesh_of_shapes();
-  test::build_input(path("shapes.vtk"), path("points.svol"), exact(), {.selection = {"value"}});
-  test::build_input(path("shapes.vtk"), path("own.svol"), exact(), {.selection = {"number"}, .cells = CellValues::own});
+  std::ofstream(path("shapes.vtk")) << mesh_of_shapes();
+  build_input(path("shapes.vtk"), path("points.svol"), exact(), {.selection = {"value"}});
+  build_input(path("shapes.vtk"), path("own.svol"), exact(), {.selection = {"number"}, .cells = CellValues::own});
   const std::vector<dvec3> inside = {
       {0.3, 0.6, 0.8}, {0.5, 0.6, 1.5}, {2.5, 0.5, 0.3}, {5.2, 5.2, 5.2}, {8.3, 0.2, 0.9}};
   open("points.svol");
@@ -134,4 +115,4 @@ TEST_F(SampledCells, EveryShape) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

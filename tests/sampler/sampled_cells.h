@@ -24,12 +24,9 @@ constexpr double none = std::numeric_limits<double>::quiet_NaN();
 // Single precision has the values.
 inline double field(const dvec3& p) { return double{static_cast<float>(std::sin(5 * p.x) + p.y * p.z)}; }
 
-class SampledCells : public FolderTest {
- protected:
+struct SampledCells : FolderTest {
   [[nodiscard]] static BuildOptions exact() {
-    BuildOptions options{.keep_cells = true};
-    options.exact = {.positions = true, .values = true};
-    return options;
+    return {.exact = {.positions = true, .values = true}, .keep_cells = true};
   }
 
   void build(const Piece& piece, const BuildOptions& options = exact()) {

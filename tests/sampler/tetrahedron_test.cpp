@@ -4,12 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cmath>
 #include <random>
 
 #include "tests/support/random.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 dvec3 point_at(const TetrahedronCorners& corners, const CornerWeights& weights) {
@@ -18,9 +17,8 @@ dvec3 point_at(const TetrahedronCorners& corners, const CornerWeights& weights) 
   return sum;
 }
 
-class InATetrahedron : public ::testing::Test {
- protected:
-  dvec3 random_point() { return test::random_vector(uniform_, random_); }
+struct InATetrahedron : ::testing::Test {
+  dvec3 random_point() { return random_vector(uniform_, random_); }
   TetrahedronCorners random_corners() { return {random_point(), random_point(), random_point(), random_point()}; }
 
   std::mt19937_64 random_{3};
@@ -80,4 +78,4 @@ TEST_F(InATetrahedron, TheNearestPointIsNoFartherThanAnyOther) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -11,12 +11,10 @@ namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 TransferFunction with_jump() {
-  TransferFunction function;
-  function.lo = 10;
-  function.hi = 20;
-  function.colors = {{0.2, {1, 0, 0}}, {0.6, {0, 1, 2}}};
-  function.densities = {{0, 1}, {0.5, 3}, {0.5, 8}, {1, 4}};
-  return function;
+  return {.lo = 10,
+          .hi = 20,
+          .colors = {{0.2, {1, 0, 0}}, {0.6, {0, 1, 2}}},
+          .densities = {{0, 1}, {0.5, 3}, {0.5, 8}, {1, 4}}};
 }
 
 TEST(TransferFunction, IsLinearBetweenControlPoints) {
@@ -67,9 +65,7 @@ TEST(TransferFunction, IsNothingWhereTheValueIsMissing) {
 }
 
 TEST(TransferFunction, OnePointIsAConstant) {
-  TransferFunction function;
-  function.colors = {{0.5, {1, 2, 3}}};
-  function.densities = {{1, 7}};
+  TransferFunction function{.colors = {{0.5, {1, 2, 3}}}, .densities = {{1, 7}}};
   for (const double value : {-1.0, 0.0, 0.5, 1.0, 2.0}) {
     EXPECT_EQ(function.color(value), dvec3(1, 2, 3));
     EXPECT_EQ(function.extinction(value), 7);

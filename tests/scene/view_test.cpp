@@ -8,13 +8,7 @@
 namespace splatvol {
 namespace {
 
-Camera oblique_camera() {
-  Camera camera;
-  camera.position = {3, -2, 5};
-  camera.focal_point = {-1, 4, 2};
-  camera.up = {0.3, 7, 1};
-  return camera;
-}
+Camera oblique_camera() { return {.position = {3, -2, 5}, .focal_point = {-1, 4, 2}, .up = {0.3, 7, 1}}; }
 
 TEST(View, IsAnOrthonormalFrame) {
   const auto view = make_view(oblique_camera(), 64, 48);
@@ -36,8 +30,7 @@ TEST(View, PutsTheFocalPointStraightAhead) {
 }
 
 TEST(View, HasTheWorldsHandedness) {
-  Camera camera;
-  camera.position = {0, 0, 5};
+  Camera camera{.position = {0, 0, 5}};
   const auto view = make_view(camera, 10, 10);
   ASSERT_TRUE(view);
   EXPECT_EQ(view->to_view({1, 2, 3}), dvec3(1, 2, 2));

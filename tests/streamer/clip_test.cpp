@@ -11,7 +11,7 @@
 #include "tests/streamer/fixture.h"
 #include "tests/support/random.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
@@ -24,7 +24,7 @@ MomentsSplat random_splat(std::mt19937& random) {
   MomentsSplat splat;
   splat.center = {unit(random), unit(random), unit(random)};
   splat.deviations = {0.5, 0.2, 0.05};
-  splat.orientation = glm::normalize(test::random_quaternion(normal, random));
+  splat.orientation = glm::normalize(random_quaternion(normal, random));
   splat.mass = 2 + unit(random);
   splat.value = unit(random);
   splat.value_deviation = 0.3;
@@ -126,8 +126,7 @@ TEST(Clip, TwoSidesOfAPlaneMakeTheWhole) {
   int cut = 0;
   for (int i = 0; i < 3000; ++i) {
     const MomentsSplat whole = random_splat(random);
-    const Plane plane =
-        make_plane(whole.center + test::random_vector(unit, random), test::random_vector(unit, random) + 1e-3);
+    const Plane plane = make_plane(whole.center + random_vector(unit, random), random_vector(unit, random) + 1e-3);
     MomentsSplat front = whole, behind = whole;
     clip(front, {std::nullopt, {plane}});
     clip(behind, {std::nullopt, {make_plane(plane.point, -plane.normal)}});
@@ -200,43 +199,40 @@ TEST(Clip, RangesAreDrawnWholeOrNotAtAllOrAsClippedRows) {
 }
 
 TEST(ClipBox, WhatIsOutsideIsNeitherReadNorDrawn) {
-  const test::TestVolume volume = test::sample_volume(20000, 3);
+  const TestVolume volume = sample_volume(20000, 3);
   const StreamerOptions options{64u << 20, "a1", KernelKind::moments};
   const auto mass_of = [](const FrameSplats& frame) { return test::mass_of(frame.list); };
-  Camera camera;
-  camera.position = {0.5, 0.5, 6};
-  camera.focal_point = dvec3(0.5);
+  Camera camera{.position = {0.5, 0.5, 6}, .focal_point = dvec3(0.5)};
   View view = make_view(camera, 256, 256).value();
-  Detail all;
-  all.tolerance_percent = 0;
+  Detail all{.tolerance_percent = 0};
 
-  const auto streamer = Streamer::open(test::source_of(volume), options).value();
-  const double whole = mass_of(**streamer->request(view, test::opaque(), all));
+  const auto streamer = Streamer::open(source_of(volume), options).value();
+  const double whole = mass_of(**streamer->request(view, opaque(), all));
   double parts = 0;
   for (const double low : {-infinity, 0.3}) {
     view.clip.box = half_space(0, low, low < 0 ? 0.3 : infinity);
-    parts += mass_of(**streamer->request(view, test::opaque(), all));
+    parts += mass_of(**streamer->request(view, opaque(), all));
   }
   EXPECT_NEAR(parts / whole, 1, 1e-3);
 
   view.clip.box = Box{dvec3(0.6), dvec3(0.7)};
-  const auto other = Streamer::open(test::source_of(volume), options).value();
-  const auto splats = other->request(view, test::opaque(), all).value()->splats;
+  const auto other = Streamer::open(source_of(volume), options).value();
+  const auto splats = other->request(view, opaque(), all).value()->splats;
   EXPECT_LT(splats, 20000 / 5);  // a thousandth of the space, with nodes that reach into it
   EXPECT_LT(other->statistics().bytes_read, streamer->statistics().bytes_read / 2);
 
   // `advance` ends in the same frame.
-  const auto paging = Streamer::open(test::source_of(volume), options).value();
+  const auto paging = Streamer::open(source_of(volume), options).value();
   const FrameSplats* frame = nullptr;
   for (int calls = 0; calls < 1000 && !(frame && frame->progress.settled); ++calls)
-    frame = paging->advance(view, test::opaque(), all, 60).value();
+    frame = paging->advance(view, opaque(), all, 60).value();
   EXPECT_TRUE(frame->progress.complete);
-  EXPECT_EQ(mass_of(*frame), mass_of(**other->request(view, test::opaque(), all)));
+  EXPECT_EQ(mass_of(*frame), mass_of(**other->request(view, opaque(), all)));
   // Another box gives another frame.
   view.clip.box = Box{dvec3(0.6), dvec3(0.69)};
   const double before = mass_of(*frame);
-  EXPECT_LT(mass_of(**paging->advance(view, test::opaque(), all, 60)), before);
+  EXPECT_LT(mass_of(**paging->advance(view, opaque(), all, 60)), before);
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

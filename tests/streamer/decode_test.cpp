@@ -9,7 +9,7 @@
 #include "streamer/decode.h"
 #include "tests/support/random.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr double edge = 100;
@@ -34,7 +34,7 @@ Points random_points(std::size_t count, double size, double octaves) {
     shape.deviations = deviation * dvec3(1, number(random), i % 7 == 0 ? 0 : 1e-3);
     if (shape.deviations.z > shape.deviations.y) std::swap(shape.deviations.y, shape.deviations.z);
     shape.mass = i % 11 == 0 ? 0 : number(random) * deviation * deviation * deviation;
-    shape.orientation = glm::normalize(test::random_quaternion(normal, random));
+    shape.orientation = glm::normalize(random_quaternion(normal, random));
     if (i % 3 == 0) shape.boundary = 3.9 * dvec3(number(random) - 0.5, number(random) - 0.5, -number(random) / 2);
     shape.density = i % 2 == 0 ? 1 : std::exp2(7 * number(random) - 4);
     points.shapes.push_back(shape);
@@ -201,4 +201,4 @@ TEST(DecodeRows, GivesOctantSplats) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

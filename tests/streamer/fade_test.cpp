@@ -13,7 +13,7 @@
 #include "streamer/paged_volume.h"
 #include "tests/streamer/fixture.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr std::uint64_t plenty = std::numeric_limits<std::uint64_t>::max();
@@ -30,12 +30,9 @@ struct Shelf final : Residency {
 };
 
 // Cuts of a volume in memory that fade into each other.
-class FadeTest : public testing::Test {
- protected:
+struct FadeTest : testing::Test {
   Cut cut(const View& view, double percent) {
-    CutOptions options;
-    options.detail.tolerance_percent = percent;
-    options.kernel = KernelKind::octant;
+    CutOptions options{.detail = {.tolerance_percent = percent}, .kernel = KernelKind::octant};
     options.compare_above = 16;  // many nodes
     return select_cut(opened->info(), paged, view, visibility, options).value();
   }
@@ -61,12 +58,12 @@ class FadeTest : public testing::Test {
     return result;
   }
 
-  test::TestVolume volume = test::sample_volume(4000, 61);
-  std::shared_ptr<const format::Volume> opened = format::Volume::open(test::source_of(volume)).value();
+  TestVolume volume = sample_volume(4000, 61);
+  std::shared_ptr<const format::Volume> opened = format::Volume::open(source_of(volume)).value();
   MemoryBudget budget{1u << 30};
   Cache cache{budget};
   PagedVolume paged{*opened, {1}, cache};
-  ValueVisibility visibility{test::opaque(), volume.info.attributes[1]};
+  ValueVisibility visibility{opaque(), volume.info.attributes[1]};
   Shelf shelf;
   FadingCut shown;
 };
@@ -134,9 +131,7 @@ TEST_F(FadeTest, EndsInTheNextCutAfterAsManySteps) {
 
 // Points in the picture. Some were out of view when a change began.
 TEST_F(FadeTest, WhatComesIntoViewIsDrawnOnce) {
-  Camera camera;
-  camera.vertical_fov_degrees = 12;
-  camera.position = {0.5, 0.5, 4};
+  Camera camera{.vertical_fov_degrees = 12, .position = {0.5, 0.5, 4}};
   std::size_t fading = 0, checked = 0;
   for (int frame = 0; frame < 600; ++frame) {
     shelf.missing = frame < 400 ? 0 : 0.01;
@@ -176,8 +171,7 @@ TEST_F(FadeTest, IsBackToFront) {
           ASSERT_GE(items[i].cube.edge, items[j].cube.edge);
           ++overlapping;
         } else {
-          ASSERT_FALSE(test::may_hide(view, items[i].cube, items[j].cube))
-              << "frame " << frame << ": " << i << ", " << j;
+          ASSERT_FALSE(may_hide(view, items[i].cube, items[j].cube)) << "frame " << frame << ": " << i << ", " << j;
         }
       }
   }
@@ -206,13 +200,12 @@ TEST_F(FadeTest, WithoutRoomOrOldSplatsItChangesAtOnce) {
 
 TEST_F(FadeTest, OfFewAndOfCoincidentPoints) {
   for (const std::size_t count : {1u, 700u}) {
-    volume = test::make_test_volume(std::vector<dvec3>(count, dvec3(0.3)), {std::vector<double>(count, 1.0)}, {});
-    opened = format::Volume::open(test::source_of(volume)).value();
+    volume = make_test_volume(std::vector<dvec3>(count, dvec3(0.3)), {std::vector<double>(count, 1.0)}, {});
+    opened = format::Volume::open(source_of(volume)).value();
     PagedVolume pages(*opened, {0}, cache);
     const View view = view_of_all(67);
-    CutOptions options;
-    options.kernel = KernelKind::octant;
-    const ValueVisibility visible(test::opaque(), volume.info.attributes[0]);
+    CutOptions options{.kernel = KernelKind::octant};
+    const ValueVisibility visible(opaque(), volume.info.attributes[0]);
     FadingCut last;
     for (int frame = 0; frame < 12; ++frame) {
       options.detail.tolerance_percent = frame < 3 ? std::numeric_limits<double>::infinity() : 0;
@@ -227,4 +220,4 @@ TEST_F(FadeTest, OfFewAndOfCoincidentPoints) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

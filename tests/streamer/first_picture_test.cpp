@@ -15,9 +15,10 @@
 #include "streamer/first/first_attribute.h"
 #include "streamer/streamer.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using Shape = std::function<dvec3(const dvec3&)>;         // of [0, 1]^3
@@ -38,23 +39,19 @@ class NamedSource final : public test::PieceSource {
 
 double seven(const dvec3&) { return 7; }
 
-class RendererTestFirstPicture : public test::FolderTest {
- protected:
+struct RendererTestFirstPicture : FolderTest {
   // Builds a volume of a lattice of cells, bent to a shape, and makes its first scene.
   Scene scene_of(const Cells& cells, const Shape& shape, std::vector<std::pair<std::string, Field>> fields,
                  const FirstPicture& picture = {}, int up = -1) {
-    const test::Mesh mesh = test::lattice(cells, shape);
+    const Mesh mesh = lattice(cells, shape);
     Piece piece;
     piece.points = mesh.points;
     piece.tetrahedra = mesh.tetrahedra;
     std::vector<std::string> names;
-    for (const auto& [name, field] : fields) names.push_back(name), piece.values.push_back(test::sample(mesh, field));
+    for (const auto& [name, field] : fields) names.push_back(name), piece.values.push_back(sample(mesh, field));
     NamedSource source(std::move(names), std::move(piece));
-    BuildOptions options;
-    options.up = up;
-    options.join_attributes = false;
-    const auto report = build_volume(source, file_, options, [](const char*, double) {});
-    EXPECT_TRUE(report) << report.error().message;
+    BuildOptions options{.join_attributes = false, .up = up};
+    EXPECT_EQ(message_of(build_volume(source, file_, options, [](const char*, double) {})), "");
     return scene_of(picture);
   }
   Scene scene_of(const FirstPicture& picture, const std::string& attribute = "") const {
@@ -64,9 +61,7 @@ class RendererTestFirstPicture : public test::FolderTest {
   }
 
   Image draw(const Scene& scene) const {
-    StreamerOptions options;
-    options.attribute = scene.attribute;
-    const auto streamer = Streamer::open(open_file(file_).value(), options).value();
+    const auto streamer = Streamer::open(open_file(file_).value(), {.attribute = scene.attribute}).value();
     const auto renderer = make_rasterizer(Device::cpu, {.kernel = KernelKind::moments}).value();
     EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->units()));
     const View view = make_view(scene).value();
@@ -367,4 +362,4 @@ TEST_F(RendererTestFirstPicture, StaysInThePictureAsItTurns) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -44,9 +44,7 @@ TransferFunction window(double low, double high) {
 }
 
 View view_from(const dvec3& eye, const dvec3& focal_point) {
-  Camera camera;
-  camera.position = eye;
-  camera.focal_point = focal_point;
+  Camera camera{.position = eye, .focal_point = focal_point};
   return checked_view(camera, 256, 256);
 }
 

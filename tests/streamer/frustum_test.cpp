@@ -8,7 +8,7 @@
 #include "tests/streamer/fixture.h"
 #include "tests/support/random.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 // Whether the square round a disc touches the image. The disc is parallel to the image, in front of the eye.
@@ -25,7 +25,7 @@ TEST(Frustum, NeverLosesAVisibleSplat) {
   std::uniform_real_distribution<double> uniform(0, 1);
   int left_out = 0;
   for (int trial = 0; trial < 3000; ++trial) {
-    const View view = test::random_view(random);
+    const View view = random_view(random);
     const Frustum frustum(view, 1.5);
     const Cube cube{{2 * uniform(random) - 0.5, 2 * uniform(random) - 0.5, 2 * uniform(random) - 0.5},
                     0.3 * uniform(random)};
@@ -33,7 +33,7 @@ TEST(Frustum, NeverLosesAVisibleSplat) {
     if (frustum.touches(cube, radius)) continue;
     ++left_out;
     for (int sample = 0; sample < 50; ++sample) {
-      const dvec3 point = cube.origin + cube.edge * test::random_vector(uniform, random);
+      const dvec3 point = cube.origin + cube.edge * random_vector(uniform, random);
       ASSERT_FALSE(square_touches(view, point, radius)) << "trial " << trial;
     }
   }
@@ -41,9 +41,7 @@ TEST(Frustum, NeverLosesAVisibleSplat) {
 }
 
 TEST(Frustum, LeavesOutWhatIsFarOutside) {
-  Camera camera;
-  camera.position = {0, 0, 5};
-  camera.vertical_fov_degrees = 90;
+  Camera camera{.vertical_fov_degrees = 90, .position = {0, 0, 5}};
   const Frustum frustum(*make_view(camera, 100, 100), 1.5);
   EXPECT_TRUE(frustum.touches({{-0.5, -0.5, -0.5}, 1}, 0));
   EXPECT_TRUE(frustum.touches({{-0.5, -0.5, 4.5}, 1}, 0)) << "around the eye";
@@ -54,8 +52,7 @@ TEST(Frustum, LeavesOutWhatIsFarOutside) {
 }
 
 TEST(Frustum, NearestDepthIsThatOfTheNearestCorner) {
-  Camera camera;
-  camera.position = {0, 0, 5};
+  Camera camera{.position = {0, 0, 5}};
   const Frustum straight(*make_view(camera, 100, 100), 1.5);
   EXPECT_DOUBLE_EQ(straight.nearest_depth({{-0.5, -0.5, -0.5}, 1}), 4.5);
   EXPECT_DOUBLE_EQ(straight.nearest_depth({{-0.5, -0.5, 4}, 2}), -1);
@@ -65,9 +62,7 @@ TEST(Frustum, NearestDepthIsThatOfTheNearestCorner) {
 }
 
 TEST(Frustum, CoverageIsTheShareOfTheShorterSide) {
-  Camera camera;
-  camera.position = {0, 0, 5};
-  camera.vertical_fov_degrees = 90;
+  Camera camera{.vertical_fov_degrees = 90, .position = {0, 0, 5}};
   const Frustum perspective(*make_view(camera, 400, 200), 1.5);
   EXPECT_NEAR(perspective.covered_percent(1, 10), 5, 1e-12) << "20 units are high where 10 are deep";
   EXPECT_TRUE(std::isinf(perspective.covered_percent(1, 0)));
@@ -81,4 +76,4 @@ TEST(Frustum, CoverageIsTheShareOfTheShorterSide) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -9,16 +9,15 @@
 #include "tests/streamer/fixture.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-class Bluntfin : public testing::TestWithParam<KernelKind> {
- protected:
+struct Bluntfin : testing::TestWithParam<KernelKind> {
   static void SetUpTestSuite() {
     const std::string mesh = SPLATVOL_SHARED "/data/bluntfin.vtu";
     if (!std::filesystem::exists(mesh)) return;
     folder_.emplace();
-    test::build_input(mesh, folder_->path("m.svol"));
+    build_input(mesh, folder_->path("m.svol"));
   }
   static void TearDownTestSuite() { folder_.reset(); }
   void SetUp() override {
@@ -30,12 +29,11 @@ class Bluntfin : public testing::TestWithParam<KernelKind> {
     return Streamer::open(open_file(folder_->path("m.svol")).value(), {memory, scene_.attribute, GetParam()});
   }
 
-  static inline std::optional<test::TempFolder> folder_;
+  static inline std::optional<TempFolder> folder_;
   Scene scene_;
   View view_;
 };
-INSTANTIATE_TEST_SUITE_P(Kernels, Bluntfin, testing::Values(KernelKind::octant, KernelKind::moments),
-                         test::kernel_name);
+INSTANTIATE_TEST_SUITE_P(Kernels, Bluntfin, testing::Values(KernelKind::octant, KernelKind::moments), kernel_name);
 
 TEST_P(Bluntfin, AllPointsAtToleranceZero) {
   const auto streamer = open().value();
@@ -63,9 +61,9 @@ TEST_P(Bluntfin, EachResolutionHasTheSameMass) {
   const auto streamer = open().value();
   std::vector<double> masses;
   for (std::size_t r = 0; r < streamer->info().resolutions(); ++r) {
-    const FrameSplats& frame = *streamer->request(view_, test::opaque(), {1, r}).value();
+    const FrameSplats& frame = *streamer->request(view_, opaque(), {1, r}).value();
     if (frame.splats < streamer->info().resolution_counts[r]) continue;  // something is out of view
-    masses.push_back(test::mass_of(frame.list));
+    masses.push_back(mass_of(frame.list));
   }
   ASSERT_GT(masses.size(), 2u);
   // Each mass is off by at most half a quantisation step of its code: a factor 2^(1/256).
@@ -77,7 +75,7 @@ TEST_P(Bluntfin, ASmallBudgetIsKept) {
   for (std::uint64_t memory = 200u << 10; memory < 16u << 20; memory += 50u << 10) {
     auto streamer = open(memory);
     if (!streamer) continue;
-    const auto frame = (*streamer)->request(view_, test::opaque(), {0, {}});
+    const auto frame = (*streamer)->request(view_, opaque(), {0, {}});
     EXPECT_LE((*streamer)->statistics().bytes_resident_peak, memory);
     if (!frame) continue;
     EXPECT_GT((*frame)->splats, 0u);
@@ -89,4 +87,4 @@ TEST_P(Bluntfin, ASmallBudgetIsKept) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

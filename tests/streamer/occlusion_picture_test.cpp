@@ -12,7 +12,7 @@
 #include "tests/builder/support/built_input.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr int along_edge = 60;  // points
@@ -41,26 +41,21 @@ struct Drawn {
   std::uint64_t splats;
 };
 
-class RendererTestOcclusion : public testing::Test {
- protected:
+struct RendererTestOcclusion : testing::Test {
   static void SetUpTestSuite() {
     folder_.emplace();
     write_points(folder_->path("points.npy"));
-    SourceOptions options;
-    options.columns = {"x", "y", "z", "a", "b"};
-    BuildOptions build;
-    build.connectivity = Connectivity::none;
-    test::build_input(folder_->path("points.npy"), folder_->path("points.svol"), build, options);
-    test::build_input("gen:mesh:cells=4e5", folder_->path("mesh.svol"));
+    SourceOptions options{.columns = {"x", "y", "z", "a", "b"}};
+    BuildOptions build{.connectivity = Connectivity::none};
+    build_input(folder_->path("points.npy"), folder_->path("points.svol"), build, options);
+    build_input("gen:mesh:cells=4e5", folder_->path("mesh.svol"));
   }
   static void TearDownTestSuite() { folder_.reset(); }
 
   Drawn draw(const View& view, const std::string& attribute, double extinction, bool hide) const {
     const TransferFunction function{
         0, 1, {{0, dvec3(1, 0, 0)}, {1, dvec3(0, 0.5, 1)}}, {{0, 0.6 * extinction}, {1, extinction}}};
-    StreamerOptions options;
-    options.attribute = attribute;
-    options.hide = hide;
+    StreamerOptions options{.attribute = attribute, .hide = hide};
     const auto streamer =
         Streamer::open(open_file(folder_->path(attribute == "value" ? "mesh.svol" : "points.svol")).value(), options)
             .value();
@@ -83,9 +78,7 @@ class RendererTestOcclusion : public testing::Test {
   }
 
   static Camera camera(const dvec3& eye) {
-    Camera camera;
-    camera.position = eye;
-    camera.focal_point = dvec3(0.5);
+    Camera camera{.position = eye, .focal_point = dvec3(0.5)};
     return camera;
   }
   static View view(const Camera& camera) { return make_view(camera, 200, 160).value(); }
@@ -97,7 +90,7 @@ class RendererTestOcclusion : public testing::Test {
   void in_parallel_projection() const;
 
   // The cube of points, and a mesh: the box [-2, 2] x [-2, 2] x [-1, 1], attribute "value"
-  static inline std::optional<test::TempFolder> folder_;
+  static inline std::optional<TempFolder> folder_;
 };
 
 void RendererTestOcclusion::from_outside() const {
@@ -147,4 +140,4 @@ TEST_F(RendererTestOcclusion, LeavesThePictureAsItIs) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -19,7 +19,7 @@
 #include "tests/support/random.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 // Returns how long the line from the eye to `to` is inside a cube. With parallel rays it begins in the eye's plane.
@@ -49,7 +49,7 @@ TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
   std::uniform_real_distribution<double> uniform(0, 1);
   int hidden = 0;
   for (int trial = 0; trial < 400; ++trial) {
-    const View view = test::random_view(random);
+    const View view = random_view(random);
     Occlusion occlusion(view);
     std::vector<std::pair<Cube, double>> cubes;
     // Octants of octants, front to back.
@@ -73,7 +73,7 @@ TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
       if (!occlusion.hides(cube)) continue;
       ++hidden;
       for (int sample = 0; sample < 20; ++sample) {
-        const dvec3 point = cube.origin + cube.edge * test::random_vector(uniform, random);
+        const dvec3 point = cube.origin + cube.edge * random_vector(uniform, random);
         if (!is_in_picture(view, point)) continue;
         double depth = 0;
         for (const auto& [front, extinction] : cubes) depth += extinction * way_within(front, view, point);
@@ -86,9 +86,7 @@ TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
 }
 
 TEST(Occlusion, AddsUpAlongRaysAndNotWithTheEyeInside) {
-  Camera camera;
-  camera.position = {0.5, 0.5, 10};
-  camera.focal_point = {0.5, 0.5, 0};
+  Camera camera{.position = {0.5, 0.5, 10}, .focal_point = {0.5, 0.5, 0}};
   const View view = make_view(camera, 400, 300).value();
   const Cube front{{0, 0, 1}, 1}, back{{0, 0, 0}, 1}, behind{{0.3, 0.3, -1}, 0.4}, beside{{0.8, 0.3, -1}, 0.4};
   Occlusion occlusion(view);
@@ -108,10 +106,9 @@ TEST(Occlusion, AddsUpAlongRaysAndNotWithTheEyeInside) {
 }
 
 // The box [-2, 2] x [-2, 2] x [-1, 1], full of material. All of it is opaque, or half.
-class OpaqueMesh : public test::FolderTest {
- protected:
+struct OpaqueMesh : FolderTest {
   void SetUp() override {
-    test::build_input(input(), path("m.svol"));
+    build_input(input(), path("m.svol"));
     volume_ = format::Volume::open(open_file(path("m.svol")).value()).value();
     paged_ = std::make_unique<PagedVolume>(*volume_, format::SummaryAttributes{0}, cache_);
     filled_ = FilledNodes::find(*volume_, *paged_->root().value(), {0});
@@ -129,8 +126,7 @@ class OpaqueMesh : public test::FolderTest {
   }
 
   static View view(dvec3 eye) {
-    Camera camera;
-    camera.position = eye;
+    Camera camera{.position = eye};
     return make_view(camera, 512, 512).value();
   }
 
@@ -151,9 +147,7 @@ TEST_F(OpaqueMesh, DrawsTheFrontOnly) {
   for (const dvec3 eye : {dvec3(5, 4, 8), dvec3(-9, 1, 2), dvec3(0.5, 12, 0.3)}) {
     for (const std::optional<ErrorGoal> goal : {std::optional<ErrorGoal>(), std::optional(ErrorGoal{0, 20000})}) {
       const View from = view(eye);
-      CutOptions options;
-      options.detail.tolerance_percent = 1;
-      options.detail.goal = goal;
+      CutOptions options{.detail = {.tolerance_percent = 1, .goal = goal}};
       const Cut all = cut(from, extinction, options);
       options.filled = &filled_;
       const Cut front = cut(from, extinction, options);
@@ -208,8 +202,7 @@ TEST_F(OpaqueMesh, NorByWhatAClipBoxTakesAway) {
 }
 
 TEST_F(OpaqueMesh, WhatIsKeptIsTakenForTheSameViewAndValuesOnly) {
-  CutOptions options;
-  options.filled = &filled_;
+  CutOptions options{.filled = &filled_};
   CutOptions keeping = options;
   std::optional<KeptOcclusion> kept;
   keeping.kept_occlusion = &kept;
@@ -252,9 +245,7 @@ class OpaqueMeshInPages : public OpaqueMesh {
 };
 
 TEST_F(OpaqueMeshInPages, WhatIsKeptIsFoundAgainWhenPagesComeOrGo) {
-  CutOptions options;
-  options.detail.tolerance_percent = 1;
-  options.filled = &filled_;
+  CutOptions options{.detail = {.tolerance_percent = 1}, .filled = &filled_};
   CutOptions keeping = options;
   std::optional<KeptOcclusion> kept;
   keeping.kept_occlusion = &kept;
@@ -285,4 +276,4 @@ TEST_F(OpaqueMeshInPages, WhatIsKeptIsFoundAgainWhenPagesComeOrGo) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

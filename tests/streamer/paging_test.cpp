@@ -13,13 +13,9 @@
 #include "tests/support/random.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::Faults;
-using test::percent;
-using test::TestVolume;
-using test::view_from;
 using testing::HasSubstr;
 
 constexpr std::uint64_t plenty = 64u << 20;
@@ -39,25 +35,23 @@ double mass_of(const FrameSplats& frame) { return test::mass_of(frame.list); }
 
 // One volume for all tests. a1 has no missing values.
 const TestVolume& volume() {
-  static const TestVolume made = test::sample_volume(20000, 31);
+  static const TestVolume made = sample_volume(20000, 31);
   return made;
 }
 
 const format::Bytes& volume_bytes() {
-  static const format::Bytes bytes = test::test_volume_bytes(volume());
+  static const format::Bytes bytes = test_volume_bytes(volume());
   return bytes;
 }
 
 // Builds a file of a mesh in the box [-2, 2] x [-2, 2] x [-1, 1], with the attribute "value".
 format::Bytes build_mesh(const std::string& input, std::uint32_t points_per_chunk) {
-  const test::TempFolder folder;
-  BuildOptions options;
-  options.points_per_chunk.points = {points_per_chunk};
-  options.index_leaf_points = 255;
-  test::build_input(input, folder.path("m.svol"), options);
+  const TempFolder folder;
+  BuildOptions options{.points_per_chunk = {.points = {points_per_chunk}}, .index_leaf_points = 255};
+  build_input(input, folder.path("m.svol"), options);
   const auto file = open_file(folder.path("m.svol")).value();
   format::Bytes bytes(file->size());
-  test::require(file->read(0, bytes));
+  require(file->read(0, bytes));
   return bytes;
 }
 
@@ -79,13 +73,12 @@ const format::Bytes& usual_volume_bytes() {
   return bytes;
 }
 
-class Paging : public testing::TestWithParam<KernelKind> {
- protected:
+struct Paging : testing::TestWithParam<KernelKind> {
   std::shared_ptr<Faults> faults;  // of the last source
 
   std::unique_ptr<ByteSource> source_of(const format::Bytes& bytes) {
     faults = std::make_shared<Faults>(memory_source(bytes, "test.svol"));
-    return std::make_unique<test::FaultSource>(faults);
+    return std::make_unique<FaultSource>(faults);
   }
   std::unique_ptr<Streamer> open(std::uint64_t memory = plenty, const format::Bytes& bytes = volume_bytes(),
                                  const std::string& attribute = "a1") {
@@ -93,7 +86,7 @@ class Paging : public testing::TestWithParam<KernelKind> {
   }
   static const FrameSplats& advance(Streamer& streamer, const View& view, double tolerance, double seconds = 0,
                                     double change = 1) {
-    return *streamer.advance(view, test::opaque(), percent(tolerance), seconds, change).value();
+    return *streamer.advance(view, opaque(), percent(tolerance), seconds, change).value();
   }
   // Returns the frame when it is settled.
   static const FrameSplats& settle(Streamer& streamer, const View& view, double tolerance, double change = 1) {
@@ -107,15 +100,15 @@ class Paging : public testing::TestWithParam<KernelKind> {
     }
   }
 };
-INSTANTIATE_TEST_SUITE_P(Kernels, Paging, testing::ValuesIn(test::kernels()), test::kernel_name);
+INSTANTIATE_TEST_SUITE_P(Kernels, Paging, testing::ValuesIn(kernels()), kernel_name);
 
 TEST_P(Paging, EndsInTheSynchronousFrame) {
   std::mt19937 random(32);
   const auto paging = open();
   const auto synchronous = open();
   for (int i = 0; i < 30; ++i) {
-    const View view = i % 3 == 0 ? test::view_of_all(random) : test::random_view(random);
-    const TransferFunction function = i % 5 == 0 ? test::window(10, 40) : test::opaque();
+    const View view = i % 3 == 0 ? view_of_all(random) : random_view(random);
+    const TransferFunction function = i % 5 == 0 ? window(10, 40) : opaque();
     Detail detail = percent(std::exp2(i % 7 - 2));
     if (i % 4 == 1) detail.resolution = i % 6;
     if (i % 4 == 3) detail.goal = ErrorGoal{0, std::uint64_t{64} << i % 8};
@@ -155,12 +148,11 @@ TEST_P(Paging, AChangeFadesFromCallToCall) {
   }
   const FrameSplats& frame = advance(*streamer, far_view(), 2, long_enough, 0.25);
   EXPECT_TRUE(frame.progress.complete);
-  EXPECT_EQ(bytes_of(frame), bytes_of(*synchronous->request(far_view(), test::opaque(), percent(2)).value()));
+  EXPECT_EQ(bytes_of(frame), bytes_of(*synchronous->request(far_view(), opaque(), percent(2)).value()));
   for (const DrawRange& range : frame.list.ranges) EXPECT_EQ(range.weight, 1);
 
   for (const double share : {0.0, -1.0, 1.5, std::nan("")})
-    EXPECT_EQ(streamer->advance(far_view(), test::opaque(), percent(2), 0, share).error().code,
-              ErrorCode::invalid_argument);
+    EXPECT_EQ(streamer->advance(far_view(), opaque(), percent(2), 0, share).error().code, ErrorCode::invalid_argument);
 }
 
 TEST_P(Paging, AChangeForWhichThereIsNoRoomDoesNotFade) {
@@ -169,7 +161,7 @@ TEST_P(Paging, AChangeForWhichThereIsNoRoomDoesNotFade) {
   settle(*streamer, far_view(), 10);
   Detail detail = percent(2);
   detail.device_splats = splats;
-  const FrameSplats& frame = *streamer->advance(far_view(), test::opaque(), detail, long_enough, 0.1).value();
+  const FrameSplats& frame = *streamer->advance(far_view(), opaque(), detail, long_enough, 0.1).value();
   EXPECT_EQ(frame.splats, splats);
   EXPECT_EQ(frame.progress.fading, 0u);
   EXPECT_TRUE(frame.progress.complete);
@@ -181,7 +173,7 @@ TEST_P(Paging, ASteadyViewCostsNothing) {
   const std::uint64_t serial = first.serial;
   const std::size_t reads = faults->reads();
   EXPECT_EQ(advance(*streamer, far_view(), 1).serial, serial);
-  EXPECT_EQ(streamer->request(far_view(), test::opaque(), percent(1)).value()->serial, serial);
+  EXPECT_EQ(streamer->request(far_view(), opaque(), percent(1)).value()->serial, serial);
   EXPECT_EQ(faults->reads(), reads);
 }
 
@@ -206,14 +198,13 @@ TEST(PagingMass, IsThatOfTheVolumeInEveryFrame) {
   std::size_t fading = 0;
   std::mt19937 random(33);
   for (int view = 0; view < 12; ++view) {
-    const View seen = test::view_of_all(random);
+    const View seen = view_of_all(random);
     const double tolerance = view < 6 ? 6 - view : 0.3 * view;
     int calls = 0;
     for (bool complete = false; !complete;) {
       ASSERT_LT(++calls, 1000 * most_calls);
       const FrameSplats& frame =
-          *streamer
-               ->advance(seen, test::opaque(), percent(tolerance), calls % 2 == 0 ? 0 : 1e-4, view % 2 == 0 ? 1 : 0.15)
+          *streamer->advance(seen, opaque(), percent(tolerance), calls % 2 == 0 ? 0 : 1e-4, view % 2 == 0 ? 1 : 0.15)
                .value();
       ASSERT_LE(mass_of(frame), total * log_code_error);
       ASSERT_GE(mass_of(frame), total / log_code_error);
@@ -227,7 +218,7 @@ TEST(PagingMass, IsThatOfTheVolumeInEveryFrame) {
 }
 
 TEST_P(Paging, AWalkStaysWithinItsBudget) {
-  const int steps = test::is_long() ? 1000 : 300;
+  const int steps = is_long() ? 1000 : 300;
   const std::uint64_t memory = small_budget();
   const auto streamer = open(memory, large_volume_bytes(), "value");
   std::mt19937 random(34);
@@ -236,11 +227,11 @@ TEST_P(Paging, AWalkStaysWithinItsBudget) {
   int complete = 0;
   double finest = 100;
   for (int step = 0; step < steps; ++step) {
-    eye += 0.05 * (test::random_vector(uniform, random) - dvec3(0, 0, 0.1));
+    eye += 0.05 * (random_vector(uniform, random) - dvec3(0, 0, 0.1));
     eye.z = std::max(eye.z, 1.5);  // outside of the mesh: splats near the eye are within no tolerance
-    at += 0.05 * test::random_vector(uniform, random);
-    const auto frame = streamer->advance(view_from(eye, at), test::opaque(), percent(step % 50 == 0 ? 0.1 : 2),
-                                         step % 10 == 0 ? 0.01 : 0);
+    at += 0.05 * random_vector(uniform, random);
+    const auto frame =
+        streamer->advance(view_from(eye, at), opaque(), percent(step % 50 == 0 ? 0.1 : 2), step % 10 == 0 ? 0.01 : 0);
     ASSERT_TRUE(frame) << "step " << step << ": " << frame.error().message;
     ASSERT_LE(streamer->statistics().bytes_resident, memory);
     complete += (*frame)->progress.complete ? 1 : 0;
@@ -260,10 +251,10 @@ TEST_P(Paging, EndsInTheSynchronousFrameForItsDetailHoweverLittleMemory) {
   const auto synchronous = open(plenty, large_volume_bytes(), "value");
   std::mt19937 random(35);
   for (int i = 0; i < 20; ++i) {
-    const View view = test::random_view(random);
+    const View view = random_view(random);
     const FrameSplats& frame = settle(*streamer, view, 0.1);
     EXPECT_TRUE(frame.progress.complete);
-    const FrameSplats& expected = *synchronous->request(view, test::opaque(), frame.detail).value();
+    const FrameSplats& expected = *synchronous->request(view, opaque(), frame.detail).value();
     ASSERT_EQ(bytes_of(frame), bytes_of(expected)) << "view " << i;
     ASSERT_LE(streamer->statistics().bytes_resident_peak, memory);
   }
@@ -277,14 +268,14 @@ TEST_P(Paging, GivesTheDetailOfARequestForTheSameBudget) {
     const auto paging = open(memory, large_volume_bytes(), "value");
     const auto synchronous = open(memory, large_volume_bytes(), "value");
     for (int i = 0; i < 16; ++i) {
-      const View view = test::random_view(random);
+      const View view = random_view(random);
       Detail detail = percent(0.1);
       if (i % 4 == 1) detail.resolution = 100;
       if (i % 4 == 3) detail.goal = ErrorGoal{0, 1000000};
       const FrameSplats* frame = nullptr;
       for (int calls = 0; calls < most_calls && !(frame && frame->progress.settled); ++calls)
-        frame = paging->advance(view, test::opaque(), detail, long_enough).value();
-      const FrameSplats& expected = *synchronous->request(view, test::opaque(), detail).value();
+        frame = paging->advance(view, opaque(), detail, long_enough).value();
+      const FrameSplats& expected = *synchronous->request(view, opaque(), detail).value();
       EXPECT_TRUE(frame->progress.complete);
       EXPECT_EQ(frame->detail, expected.detail) << "view " << i << ", " << memory << " bytes";
       EXPECT_EQ(bytes_of(*frame), bytes_of(expected)) << "view " << i;
@@ -310,7 +301,7 @@ TEST_P(Paging, AWalkThatFadesStaysWithinItsBudget) {
     if (step % 50 != 49) continue;
     const FrameSplats& last = settle(*streamer, view, 0.1, 0.2);
     EXPECT_TRUE(last.progress.complete);
-    EXPECT_EQ(bytes_of(last), bytes_of(*synchronous->request(view, test::opaque(), last.detail).value()));
+    EXPECT_EQ(bytes_of(last), bytes_of(*synchronous->request(view, opaque(), last.detail).value()));
   }
   EXPECT_LE(streamer->statistics().bytes_resident_peak, memory);
   EXPECT_GT(fading, 50u);
@@ -322,7 +313,7 @@ TEST_P(Paging, TooLittleMemorySaysHowMuchWouldDo) {
     ASSERT_LT(step, 5) << "the messages never name enough memory";
     const auto streamer = Streamer::open(source_of(volume_bytes()), {memory, "a1", GetParam()});
     const auto frame =
-        streamer ? (*streamer)->advance(far_view(), test::opaque(), percent(1), 0.0) : tl::unexpected(streamer.error());
+        streamer ? (*streamer)->advance(far_view(), opaque(), percent(1), 0.0) : tl::unexpected(streamer.error());
     if (frame) break;
     EXPECT_EQ(frame.error().code, ErrorCode::out_of_budget);
     const std::string& message = frame.error().message;
@@ -413,13 +404,13 @@ TEST_P(Paging, SettlesWithinAnyBudgetThatDraws) {
   int drawn = 0;
   while (drawn < 24) {
     auto streamer = Streamer::open(source_of(large_volume_bytes()), {memory, "value", GetParam()});
-    const View view = test::random_view(random);
+    const View view = random_view(random);
     const FrameSplats* frame = nullptr;
     Status status = streamer ? Status{} : tl::unexpected(streamer.error());
     for (int calls = 0; status && !(frame && frame->progress.settled); ++calls) {
       ASSERT_LT(calls, most_calls) << memory << " bytes, " << frame->progress.missing_rows << " rows and "
                                    << frame->progress.missing_pages << " pages are missing";
-      if (const auto next = (*streamer)->advance(view, test::opaque(), percent(0.5), 0.5))
+      if (const auto next = (*streamer)->advance(view, opaque(), percent(0.5), 0.5))
         frame = *next;
       else
         status = tl::unexpected(next.error());
@@ -535,4 +526,4 @@ TEST_P(Paging, AnUnreadablePartIsDrawnCoarser) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -13,13 +13,12 @@
 #include "tests/support/require.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr std::size_t step_count = 4;
 
-class StepsOfAFile : public testing::TestWithParam<KernelKind> {
- protected:
+struct StepsOfAFile : testing::TestWithParam<KernelKind> {
   static void SetUpTestSuite() {
     folder_.emplace();
     std::vector<SeriesStep> steps;
@@ -28,15 +27,15 @@ class StepsOfAFile : public testing::TestWithParam<KernelKind> {
     for (std::size_t step = 0; step < step_count; ++step) {
       steps.push_back(step_at(step));
       const auto source = steps.back().open().value();
-      test::require(build_volume(*source, single(step), options, [](const char*, double) {}));
+      require(build_volume(*source, single(step), options, [](const char*, double) {}));
     }
-    test::require(build_series(std::move(steps), path(), options, [](const char*, double) {}));
+    require(build_series(std::move(steps), path(), options, [](const char*, double) {}));
   }
   static void TearDownTestSuite() { folder_.reset(); }
 
   static SeriesStep step_at(std::size_t step) {
     const auto t = static_cast<double>(step);
-    return test::mesh_step({}, test::lattice(28), [t](dvec3 p) { return std::sin(5 * p.x + t) + 100 * t; });
+    return mesh_step({}, lattice(28), [t](dvec3 p) { return std::sin(5 * p.x + t) + 100 * t; });
   }
   static format::SectionEntry index_pages(const format::Volume& volume) {
     for (const format::SectionEntry& section : volume.sections())
@@ -50,10 +49,7 @@ class StepsOfAFile : public testing::TestWithParam<KernelKind> {
     return Streamer::open(open_file(file).value(), {memory, "value", GetParam()}).value();
   }
   static View view() {
-    Camera camera;
-    camera.position = {0.4, 0.7, 3};
-    camera.focal_point = {0.5, 0.5, 0.5};
-    camera.up = {0, 1, 0};
+    Camera camera{.position = {0.4, 0.7, 3}, .focal_point = {0.5, 0.5, 0.5}, .up = {0, 1, 0}};
     return make_view(camera, 120, 90).value();
   }
   static TransferFunction function() { return {-1, 301, {{0, {1, 0, 0}}, {1, {0, 0, 1}}}, {{0, 2}, {1, 3}}}; }
@@ -65,13 +61,12 @@ class StepsOfAFile : public testing::TestWithParam<KernelKind> {
     ASSERT_EQ(frame.splats, expected.splats);
     EXPECT_EQ(streamer.units().value_offset, fresh->units().value_offset);
     EXPECT_EQ(streamer.units().value_scale, fresh->units().value_scale);
-    EXPECT_EQ(test::bytes_of(frame.list), test::bytes_of(expected.list));
+    EXPECT_EQ(bytes_of(frame.list), bytes_of(expected.list));
   }
 
-  static inline std::optional<test::TempFolder> folder_;
+  static inline std::optional<TempFolder> folder_;
 };
-INSTANTIATE_TEST_SUITE_P(Kernels, StepsOfAFile, testing::Values(KernelKind::octant, KernelKind::moments),
-                         test::kernel_name);
+INSTANTIATE_TEST_SUITE_P(Kernels, StepsOfAFile, testing::Values(KernelKind::octant, KernelKind::moments), kernel_name);
 
 TEST_P(StepsOfAFile, SplatsAreThoseOfAFileOfTheStep) {
   const auto streamer = open(path());
@@ -103,9 +98,9 @@ TEST_P(StepsOfAFile, AStepReadsItsOwnBytesOnly) {
 // At the next step, an index page is what it was, but for its summaries.
 TEST_P(StepsOfAFile, IndexPagesKeepTheirStructure) {
   for (const bool paging : {false, true}) {
-    const auto faults = std::make_shared<test::Faults>(open_file(path()).value());
+    const auto faults = std::make_shared<Faults>(open_file(path()).value());
     const auto streamer =
-        Streamer::open(std::make_unique<test::FaultSource>(faults), {512u << 20, "value", GetParam()}).value();
+        Streamer::open(std::make_unique<FaultSource>(faults), {512u << 20, "value", GetParam()}).value();
     const auto show = [&] {
       if (!paging) return streamer->request(view(), function(), {2, {}}).has_value();
       const FrameSplats* frame = nullptr;
@@ -176,4 +171,4 @@ TEST_P(StepsOfAFile, AStepInAnotherFileIsShownToo) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

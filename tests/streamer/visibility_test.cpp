@@ -8,7 +8,7 @@
 #include "format/columns.h"
 #include "tests/streamer/fixture.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 format::Attribute attribute(double min, double max, double offset = 0) {
@@ -22,7 +22,7 @@ format::Attribute attribute(double min, double max, double offset = 0) {
 // Zero in parts of a random domain, with jumps.
 TransferFunction random_function(std::mt19937& random) {
   std::uniform_real_distribution<double> uniform(0, 1);
-  TransferFunction function = test::opaque();
+  TransferFunction function = opaque();
   function.lo = -1 + 2 * uniform(random);
   function.hi = function.lo + 0.1 + 2 * uniform(random);
   function.densities.clear();
@@ -35,7 +35,7 @@ TransferFunction random_function(std::mt19937& random) {
 }
 
 TEST(ExtinctionWithin, SeesSpikesBetweenTwoInvisibleValues) {
-  TransferFunction function = test::opaque();
+  TransferFunction function = opaque();
   function.lo = 10;
   function.hi = 20;
   function.densities = {{0, 0}, {0.5, 0}, {0.51, 3}, {0.52, 0}, {1, 0}};
@@ -47,14 +47,14 @@ TEST(ExtinctionWithin, SeesSpikesBetweenTwoInvisibleValues) {
 }
 
 TEST(ExtinctionWithin, IsClampedOutsideOfTheDomain) {
-  TransferFunction function = test::opaque();
+  TransferFunction function = opaque();
   function.densities = {{0, 2}, {0.5, 0}, {1, 0}};
   EXPECT_TRUE(extinction_within(function, -7, -5));
   EXPECT_FALSE(extinction_within(function, 5, 7));
 }
 
 TEST(ExtinctionWithin, FollowsTheAxis) {
-  TransferFunction function = test::opaque();
+  TransferFunction function = opaque();
   function.axis = ValueAxis::log;
   function.lo = 1e-6;
   function.hi = 1e3;
@@ -74,11 +74,11 @@ TEST(ExtinctionWithin, FollowsTheAxis) {
 
 TEST(ValueVisibility, BinsAreThoseOfVisibleValues) {
   const auto a = attribute(0, 64);
-  const ValueVisibility visibility(test::window(10.25, 12.5), a);
+  const ValueVisibility visibility(window(10.25, 12.5), a);
   EXPECT_EQ(visibility.bins(), std::uint64_t{0b111} << 10);
-  const ValueVisibility at_border(test::window(10, 10.5), a);
+  const ValueVisibility at_border(window(10, 10.5), a);
   EXPECT_EQ(at_border.bins(), std::uint64_t{0b11} << 9) << "value 10 may have been rounded into bin 9";
-  EXPECT_EQ(ValueVisibility(test::opaque(), a).bins(), ~std::uint64_t{0});
+  EXPECT_EQ(ValueVisibility(opaque(), a).bins(), ~std::uint64_t{0});
 }
 
 TEST(ValueVisibility, NeverHidesAVisibleValue) {
@@ -109,45 +109,42 @@ TEST(ValueVisibility, NeverHidesAVisibleValue) {
 
 TEST(ValueVisibility, MissingValuesShowNothing) {
   const format::ValueSummary none;
-  EXPECT_FALSE(ValueVisibility(test::opaque(), attribute(0, 1)).shows(none.min, none.max, none.occupancy));
-  EXPECT_FALSE(ValueVisibility(test::opaque(), attribute(0, 1)).shows(NAN, NAN, 1));
-  EXPECT_EQ(ValueVisibility(test::opaque(), attribute(NAN, NAN)).bins(), 0u);
+  EXPECT_FALSE(ValueVisibility(opaque(), attribute(0, 1)).shows(none.min, none.max, none.occupancy));
+  EXPECT_FALSE(ValueVisibility(opaque(), attribute(0, 1)).shows(NAN, NAN, 1));
+  EXPECT_EQ(ValueVisibility(opaque(), attribute(NAN, NAN)).bins(), 0u);
 }
 
 TEST(ValueVisibility, AConstantAttributeHasOneBin) {
-  const ValueVisibility visible(test::window(4, 6), attribute(5, 5));
+  const ValueVisibility visible(window(4, 6), attribute(5, 5));
   EXPECT_TRUE(visible.shows(5, 5, 1));
-  const ValueVisibility invisible(test::window(4, 4.5), attribute(5, 5));
+  const ValueVisibility invisible(window(4, 4.5), attribute(5, 5));
   EXPECT_FALSE(invisible.shows(5, 5, 1));
 }
 
 TEST(ValueVisibility, EqualityIsThatOfExtinction) {
   const auto a = attribute(0, 1);
-  TransferFunction recoloured = test::window(0.2, 0.4);
+  TransferFunction recoloured = window(0.2, 0.4);
   recoloured.colors = {{0, dvec3(0.5)}};
-  EXPECT_TRUE(ValueVisibility(recoloured, a) == ValueVisibility(test::window(0.2, 0.4), a));
-  EXPECT_FALSE(ValueVisibility(test::window(0.2, 0.41), a) == ValueVisibility(test::window(0.2, 0.4), a));
+  EXPECT_TRUE(ValueVisibility(recoloured, a) == ValueVisibility(window(0.2, 0.4), a));
+  EXPECT_FALSE(ValueVisibility(window(0.2, 0.41), a) == ValueVisibility(window(0.2, 0.4), a));
 }
 
 TEST(ValueContrast, IsTheVarianceAmongNeighbouringValues) {
   // Colour rises from 0 to 1 over the range, and extinction is 1. A uniform window of width w has the variance w^2 / 12
   // in each of three channels.
-  TransferFunction function = test::opaque();
+  TransferFunction function = opaque();
   function.lo = 0;
   function.hi = 64;
   function.colors = {{0, dvec3(0)}, {1, dvec3(1)}};
   const ValueContrast contrast(function, attribute(0, 64));
-  format::ValueSummary summary;
-  summary.min = 24;
-  summary.max = 40;
-  summary.occupancy = std::uint64_t{0xFFFF} << 24;
+  format::ValueSummary summary{.min = 24, .max = 40, .occupancy = std::uint64_t{0xFFFF} << 24};
   const ValueContrast::Node node = contrast.of(summary);
   EXPECT_EQ(node.range, 16);
   EXPECT_NEAR(node.extinction, 1, 1e-6);
   for (const double width : {0.25, 1.0, 4.0, 16.0})
     EXPECT_NEAR(node.variance(width / 16) / (3 * std::pow(width / 64, 2) / 12), 1, 0.05) << width;
 
-  const ValueContrast alike(test::opaque(), attribute(0, 64));
+  const ValueContrast alike(opaque(), attribute(0, 64));
   EXPECT_EQ(alike.of(summary).variance(1), 0);
   EXPECT_EQ(contrast.of({}).variance(1), 0);
   EXPECT_EQ(ValueContrast(function, attribute(7, 7)).of({7, 7, 1}).variance(1), 0);
@@ -155,14 +152,14 @@ TEST(ValueContrast, IsTheVarianceAmongNeighbouringValues) {
 
 // --- An opacity by another attribute.
 TransferFunction factor_window(double low, double high) {
-  TransferFunction factors = test::window(low, high);
+  TransferFunction factors = window(low, high);
   factors.colors = {{0, dvec3(1)}};
   return factors;
 }
 
 TEST(ValueVisibility, AnOpacityHidesToo) {
   const format::Attribute shown = attribute(0, 64), other = attribute(-10, 10);
-  const TransferFunction function = test::opaque(), factors = factor_window(2, 3);
+  const TransferFunction function = opaque(), factors = factor_window(2, 3);
   const ValueVisibility visibility({function, &factors}, {shown, &other});
   const format::ValueSummary values{0, 64, ~std::uint64_t{0}};
   const auto shows = [&](float low, float high) {
@@ -187,7 +184,7 @@ TEST(ValueVisibility, AnOpacityHidesToo) {
 
 TEST(ValueVisibility, ExtinctionsAreMultipliedByFactors) {
   const format::Attribute shown = attribute(0, 1), other = attribute(0, 1);
-  TransferFunction function = test::opaque(), factors = test::opaque();
+  TransferFunction function = opaque(), factors = opaque();
   function.densities = {{0, 2}, {1, 6}};
   factors.densities = {{0, 0.25}, {1, 0.75}};
   const ValueVisibility visibility({function, &factors}, {shown, &other});
@@ -200,7 +197,7 @@ TEST(ValueVisibility, ExtinctionsAreMultipliedByFactors) {
 // Of independent values, the mean and the variance of products are known.
 TEST(ValueVisibility, ContrastIsThatOfTheProduct) {
   const format::Attribute shown = attribute(0, 64), other = attribute(0, 64);
-  TransferFunction function = test::opaque(), factors = test::opaque();
+  TransferFunction function = opaque(), factors = opaque();
   function.lo = factors.lo = 0;
   function.hi = factors.hi = 64;
   function.densities = {{0, 1}, {1, 3}};
@@ -220,7 +217,7 @@ TEST(ValueVisibility, ContrastIsThatOfTheProduct) {
 
 TEST(ValueVisibility, EqualityIsThatOfFactorsToo) {
   const format::Attribute a = attribute(0, 1);
-  const TransferFunction function = test::opaque(), some = factor_window(0.2, 0.4), others = factor_window(0.2, 0.5);
+  const TransferFunction function = opaque(), some = factor_window(0.2, 0.4), others = factor_window(0.2, 0.5);
   const ValueVisibility with({function, &some}, {a, &a});
   EXPECT_EQ(with, ValueVisibility({function, &some}, {a, &a}));
   EXPECT_NE(with, ValueVisibility({function, &others}, {a, &a}));
@@ -229,4 +226,4 @@ TEST(ValueVisibility, EqualityIsThatOfFactorsToo) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

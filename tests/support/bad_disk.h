@@ -7,7 +7,6 @@
 #include <cstddef>
 #include <cstdlib>
 #include <filesystem>
-#include <string>
 #include <vector>
 
 namespace splatvol::test {

@@ -45,8 +45,7 @@ inline Outcome run_in(const std::string& folder, const std::string& command_line
 }
 
 /// A test with a folder of its own, in which it runs programs.
-class ProgramTest : public FolderTest {
- protected:
+struct ProgramTest : FolderTest {
   [[nodiscard]] Outcome run(const std::string& command_line) const { return run_in(folder_, command_line); }
 
   /// Expects success without a complaint.

@@ -1,7 +1,7 @@
 // What tests expect of results: their value, or their error.
 #pragma once
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 #include <source_location>
 #include <stdexcept>
@@ -27,6 +27,15 @@ template <class T>
 template <class T>
 [[nodiscard]] std::string message_of(const tl::expected<T, Error>& result) {
   return result ? std::string() : result.error().message;
+}
+
+/// Matches a result or status that has an error of this code.
+MATCHER_P(FailsWith, code, "fails with that code") { return !arg && arg.error().code == code; }
+
+/// Matches a result or status that has an error of this code, and whose message matches.
+MATCHER_P2(FailsWith, code, message, "fails with that code and message") {
+  return !arg && arg.error().code == code &&
+         ::testing::ExplainMatchResult(message, arg.error().message, result_listener);
 }
 
 }  // namespace splatvol::test

@@ -3,9 +3,13 @@
 #include <algorithm>
 #include <cstdlib>
 #include <cstring>
+#include <iterator>
+#include <sstream>
+#include <string>
 #include <utility>
 
 #include "format/volume_info.h"
+#include "tests/support/volume_bytes.h"
 
 namespace splatvol::test {
 
@@ -58,6 +62,18 @@ std::optional<T> record_at(View bytes, std::uint64_t offset) {
 }
 
 }  // namespace
+
+void harm_number(Bytes& json, const std::function<std::size_t(std::size_t below)>& draw) {
+  std::istringstream texts(
+      "0 1 -1 2 3 63 64 65 128 0.5 1.5 -0.0 1e-60 1e60 1e102 -1e102 1e300 -1e308 1e-320 65535 65536 16777216 "
+      "4294967295 4294967296 281474976710655 281474976710656 18446744073709551615 null [] {} \"a\" true");
+  const std::vector<std::string> numbers{std::istream_iterator<std::string>(texts), {}};
+  std::string text = text_of(json);
+  const std::size_t begin = text.find_first_of("0123456789", draw(text.size() + 1));
+  if (begin == std::string::npos) return;
+  const std::size_t end = std::min(text.find_first_not_of("0123456789.e-+", begin), text.size());
+  json = bytes_of(text.replace(begin, end - begin, numbers[draw(numbers.size())]));
+}
 
 // Fills a body, part by part. Functions return false if they do not find a part.
 class Dissected::Reader {

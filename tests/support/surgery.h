@@ -46,6 +46,9 @@ enum class Part {
 inline constexpr std::size_t part_count = 11;  // of the kinds that every file has
 inline constexpr std::size_t all_part_count = 23;
 
+/// Replaces a number in a JSON text by another: at the edge of a rule, or far beyond. `draw(n)`: a number below n.
+void harm_number(format::Bytes& json, const std::function<std::size_t(std::size_t below)>& draw);
+
 /// May change a part before it is packed and hashed. `index` counts the parts of one kind in file order.
 using Surgeon = std::function<void(Part part, std::size_t index, format::Bytes& bytes)>;
 

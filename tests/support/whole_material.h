@@ -1,7 +1,6 @@
 // The material of points, and of the clusters that coarser resolutions draw instead, all in memory: an oracle.
 #pragma once
 
-#include <cstdint>
 #include <span>
 #include <vector>
 

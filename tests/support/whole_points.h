@@ -1,8 +1,6 @@
 // An input's points all in memory, for tests.
 #pragma once
 
-#include <cstdint>
-
 #include "base/error.h"
 #include "builder/points/input_summary.h"
 #include "builder/points/point_batch.h"

@@ -19,7 +19,7 @@
 #include "tests/support/programs.h"
 #include "tests/support/sanitizers.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -64,10 +64,9 @@ const std::vector<Use>& uses() {
   return all;
 }
 
-class DiskFaults : public test::ProgramTest {
- protected:
+struct DiskFaults : ProgramTest {
   void SetUp() override {
-    if (test::is_sanitized) GTEST_SKIP() << "sanitizers want to be loaded first";
+    if (is_sanitized) GTEST_SKIP() << "sanitizers want to be loaded first";
     for (int step = 0; step < 4; ++step) {
       std::ofstream points(path(std::string(1, static_cast<char>('a' + step)) + ".csv"));
       points << "x,y,z,v\n";
@@ -172,7 +171,7 @@ TEST_F(DiskFaults, AFailureLeavesTheOldFileOrTheNewOne) {
   std::size_t tried = 0;
   for (const Use& use : uses()) {
     const Course course = course_of(use);
-    for (std::size_t call = 0; call < course.calls.size() && test::is_long(); ++call)
+    for (std::size_t call = 0; call < course.calls.size() && is_long(); ++call)
       for (const int error : errors) fail_at(use, course, call, error);
     for (const std::size_t call : sample_of(course.calls)) fail_at(use, course, call, errors[tried++ % 5]);
   }
@@ -241,4 +240,4 @@ TEST_F(DiskFaults, AppendsGoOnWithoutLocksAndWarnOnce) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

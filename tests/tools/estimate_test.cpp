@@ -9,14 +9,12 @@
 
 #include "tests/support/program_json.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using nlohmann::json;
-using test::document_of;
 
-class Estimate : public test::ProgramTest {
- protected:
+struct Estimate : ProgramTest {
   // Expects that the middle of the estimated size is within a factor of 2 of the real one.
   void expect_size(const std::string& input) const {
     const json estimate = document_of(run("svbuild --estimate --json " + input));
@@ -90,7 +88,7 @@ TEST_F(Estimate, RefusesWhatABuildRefuses) {
 }
 
 TEST_F(Estimate, IsForReaders) {
-  const test::Outcome outcome = run("svbuild --estimate gen:points:count=1e7 --threads 3 --memory 1G");
+  const Outcome outcome = run("svbuild --estimate gen:points:count=1e7 --threads 3 --memory 1G");
   EXPECT_EQ(outcome.code, 0);
   for (const std::string words :
        {"10000000 points", "of disk", "of memory", "on 3 threads", "1.0 GiB", "as it declares"})
@@ -98,4 +96,4 @@ TEST_F(Estimate, IsForReaders) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

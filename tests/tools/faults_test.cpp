@@ -19,13 +19,12 @@
 #include "tests/support/require.h"
 #include "tests/support/sanitizers.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
 
-class Faults : public test::ProgramTest {
- protected:
+struct Faults : ProgramTest {
   Faults() {
     fs::create_directory(out());
     // The programs inherit no handle but the three of the shell: the limits below count them.
@@ -44,7 +43,7 @@ class Faults : public test::ProgramTest {
   // Expects success, or one line, exit code 1 and no output. Returns whether it is success.
   bool expect_success_or_one_line(const std::string& command) const {
     for (const auto& entry : fs::directory_iterator(out())) fs::remove_all(entry.path());
-    const test::Outcome outcome = run(command);
+    const Outcome outcome = run(command);
     EXPECT_THAT(outcome.code, testing::AnyOf(0, 1)) << command << "\n" << outcome.err;
     if (outcome.code == 0) return true;
     EXPECT_EQ(std::ranges::count(outcome.err, '\n'), 1) << command << "\n" << outcome.err;
@@ -77,7 +76,7 @@ TEST_F(Faults, SixteenHandlesAreEnough) {
 TEST_F(Faults, FewerHandlesAreTold) {
   make_inputs();
   for (const std::string use : uses)
-    for (int handles = 4; handles < 16; handles += test::is_long() ? 1 : 5)
+    for (int handles = 4; handles < 16; handles += is_long() ? 1 : 5)
       expect_success_or_one_line("ulimit -n " + std::to_string(handles) + "; " + use);
 }
 
@@ -86,7 +85,7 @@ TEST_F(Faults, AFullDiskIsToldAtEveryByte) {
   for (const std::string use : {uses[0], uses[2], uses[3], uses[4]}) {
     int refused = 0;
     // The shell's unit is 512 or 1024 bytes.
-    for (int kibibytes = 1; kibibytes < 4096; kibibytes = kibibytes * (test::is_long() ? 3 : 12) / 2 + 1)
+    for (int kibibytes = 1; kibibytes < 4096; kibibytes = kibibytes * (is_long() ? 3 : 12) / 2 + 1)
       if (!expect_success_or_one_line("ulimit -f " + std::to_string(kibibytes) + "; " + use)) ++refused;
     EXPECT_GT(refused, 0) << use;
   }
@@ -103,7 +102,7 @@ TEST_F(Faults, WithoutProcProgramsWork) {
 
 // Memory for a picture of 2^28 pixels is not there.
 TEST_F(Faults, APictureThatDoesNotFitIsTold) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
   make_inputs();
   EXPECT_FALSE(
       expect_success_or_one_line("ulimit -v 2000000; svrender a.svol --device cpu --size 16384x16384 -o out/a.png"));
@@ -111,7 +110,7 @@ TEST_F(Faults, APictureThatDoesNotFitIsTold) {
 
 // Its numbers take more than 2 GiB: 32 bits do not hold their bytes. Other tests beside it would want the memory, too.
 TEST_F(Faults, APictureOfMoreThan2To27PixelsIsWhole) {
-  if (!test::is_long() || test::is_sanitized || memory_limit() < std::uint64_t{4} << 30)
+  if (!is_long() || is_sanitized || memory_limit() < std::uint64_t{4} << 30)
     GTEST_SKIP() << "takes 3 GiB and the whole machine: ctest -L long";
   make_inputs();
   EXPECT_TRUE(expect_success_or_one_line("svrender a.svol --device cpu --size 16384x8200 -o out/a.png"));
@@ -133,11 +132,11 @@ TEST_F(Faults, AFullDiskIsToldByVtksWriterToo) {
 }
 
 TEST_F(Faults, AddressSpaceThatEndsIsTold) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
-  make_inputs(test::is_long() ? "20000" : "3000");
+  if (is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
+  make_inputs(is_long() ? "20000" : "3000");
   for (const std::string use : uses) {
     int succeeded = 0;
-    const int step = test::is_long() ? 6 : 38;
+    const int step = is_long() ? 6 : 38;
     for (int mebibytes = 60; mebibytes < 2000; mebibytes += mebibytes < 250 ? step : mebibytes * step / 24) {
       const std::string limited = "ulimit -v " + std::to_string(mebibytes * 1024) + "; ";
       if (run(limited + use.substr(0, use.find(' ')) + " --version").code != 0) continue;  // its libraries do not load
@@ -149,17 +148,17 @@ TEST_F(Faults, AddressSpaceThatEndsIsTold) {
 
 // As under a limit on processes (ulimit -u, pids.max). Some libraries start threads before `main`.
 TEST_F(Faults, FewThreadsAreEnoughOrAreTold) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers start threads of their own";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers start threads of their own";
   make_inputs();
   for (const std::string use : uses)
-    for (const int threads : test::sample_of<int>({1, 3, 0, 2, 5, 8, 13}, 2))
+    for (const int threads : sample_of<int>({1, 3, 0, 2, 5, 8, 13}, 2))
       expect_success_or_one_line("ulimit -S -u 100000 2> /dev/null; SPLATVOL_THREADS=" + std::to_string(threads) +
                                  " LD_PRELOAD=" SPLATVOL_NO_THREADS " timeout 60 " + use);
 }
 
 // Graphics drivers end a program where they get no memory: they are not asked.
 TEST_F(Faults, TooLittleAddressSpaceForOpenGlIsTold) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
   if (!fs::exists(SPLATVOL_BIN "/svview")) GTEST_SKIP() << "built without OpenGL";
   make_inputs();
   for (const std::string use : {"svview a.svol --size 64x48 --screenshot out/a.png --memory 20M",
@@ -172,11 +171,11 @@ TEST_F(Faults, TooLittleAddressSpaceForOpenGlIsTold) {
 }
 
 TEST_F(Faults, MemoryThatRunsOutIsTold) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers have an operator new of their own";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers have an operator new of their own";
   make_inputs();
   for (const std::string use : uses) {
     int refused = 0;
-    for (int n = 0; n < 500; n += 1 + (test::is_long() ? n / 8 : 3 * n)) {
+    for (int n = 0; n < 500; n += 1 + (is_long() ? n / 8 : 3 * n)) {
       if (!expect_success_or_one_line(without_block(n, "SPLATVOL_FAIL_LEAST=16384 ") + use)) ++refused;
     }
     EXPECT_GT(refused, 0) << use;
@@ -186,23 +185,23 @@ TEST_F(Faults, MemoryThatRunsOutIsTold) {
 // Of all sizes: from one block on, and that block alone. Without CGAL's threads: if one of them ends by an exception,
 // it keeps its locks, and the others wait for ever.
 TEST_F(Faults, EveryBlockOfMemoryMayBeTheLast) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers have an operator new of their own";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers have an operator new of their own";
   make_inputs();
   for (std::string use : uses)
     for (const std::string mode : {"", "SPLATVOL_FAIL_ONCE=1 "}) {
       if (use == uses[0]) use += " --connectivity none";
       int refused = 0;
-      for (long n = 0; n < 200'000; n += 1 + (test::is_long() ? n / 3 : 4 * n))
+      for (long n = 0; n < 200'000; n += 1 + (is_long() ? n / 3 : 4 * n))
         if (!expect_success_or_one_line(without_block(n, mode) + "timeout 60 " + use)) ++refused;
       EXPECT_GT(refused, 0) << use;
     }
 }
 
 TEST_F(Faults, TwoBuildsToOneOutputLeaveOneOfBoth) {
-  make_inputs(test::is_long() ? "200000" : "20000");
-  const std::string other = std::string("svbuild gen:points:count=") + (test::is_long() ? "150000" : "15000");
+  make_inputs(is_long() ? "200000" : "20000");
+  const std::string other = std::string("svbuild gen:points:count=") + (is_long() ? "150000" : "15000");
   expect_done("svbuild a.npy -o first.svol && " + other + " -o second.svol");
-  const test::Outcome both = run("svbuild a.npy -o out/b.svol & " + other + " -o out/b.svol && wait $!");
+  const Outcome both = run("svbuild a.npy -o out/b.svol & " + other + " -o out/b.svol && wait $!");
   EXPECT_EQ(both.code, 0) << both.err;
   EXPECT_TRUE(read("out/b.svol") == read("first.svol") || read("out/b.svol") == read("second.svol"));
   EXPECT_EQ(std::distance(fs::directory_iterator(out()), {}), 1);
@@ -213,7 +212,7 @@ TEST_F(Faults, TwoBuildsToOneOutputLeaveOneOfBoth) {
 class CutWhileRead {
  public:
   CutWhileRead(const fs::path& file, int reads) : events_(::inotify_init1(IN_NONBLOCK | IN_CLOEXEC)) {
-    test::require(::inotify_add_watch(events_, file.c_str(), reads == 0 ? IN_OPEN : IN_ACCESS) >= 0, file.string());
+    require(::inotify_add_watch(events_, file.c_str(), reads == 0 ? IN_OPEN : IN_ACCESS) >= 0, file.string());
     thread_ = std::jthread([this, file, reads](const std::stop_token& stop) {
       inotify_event event{};
       for (int seen = 0; !stop.stop_requested();) {
@@ -236,7 +235,7 @@ class CutWhileRead {
 
 // A file is cut off at any moment of a program's work on it: what was read before may be enough.
 TEST_F(Faults, InputsThatShrinkAreTold) {
-  make_inputs(test::is_long() ? "200000" : "20000");
+  make_inputs(is_long() ? "200000" : "20000");
   expect_done("svexport a.svol -o a.vtu");
   for (const auto& [name, use] : {std::pair<std::string, std::string>{"a.npy", "svbuild x/a.npy -o out/b.svol"},
                                   {"a.vtu", "svbuild x/a.vtu -o out/b.svol"},
@@ -250,4 +249,4 @@ TEST_F(Faults, InputsThatShrinkAreTold) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

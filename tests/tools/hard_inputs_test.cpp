@@ -9,11 +9,10 @@
 
 #include "tests/support/programs.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-class HardInputs : public test::ProgramTest {
- protected:
+struct HardInputs : ProgramTest {
   void expect_verified(const std::string& input, const std::string& options = "") {
     EXPECT_EQ(run("svbuild " + input + " -o out.svol " + options).code, 0);
     expect_done("svinfo --verify out.svol");
@@ -102,4 +101,4 @@ TEST_F(HardInputs, TablesOfManyColumns) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -17,7 +17,7 @@
 #include "tests/support/require.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -58,16 +58,15 @@ Outcome run(std::vector<std::string> words, std::uint64_t address_space = 0) {
   return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, static_cast<std::uint64_t>(usage.ru_maxrss) * 1024};
 }
 
-class MemoryBounds : public testing::Test {
- protected:
+struct MemoryBounds : testing::Test {
   static void SetUpTestSuite() {
     folder.emplace();
     for (const auto& [name, source] : {std::pair<std::string, std::string>{"small", "gen:points:count=1000"},
                                        {"large", "gen:points:count=3e6,distribution=vortex"}}) {
-      test::require(run({"svbuild", source, "-o", path(name + ".svol"), "--connectivity", "boxes"}).code == 0, source);
-      test::require(run({"svinfo", path(name + ".svol"), "--scene", path(name + ".json")}).code == 0, source);
+      require(run({"svbuild", source, "-o", path(name + ".svol"), "--connectivity", "boxes"}).code == 0, source);
+      require(run({"svinfo", path(name + ".svol"), "--scene", path(name + ".json")}).code == 0, source);
     }
-    test::require(fs::file_size(path("large.svol")) >= 20 * budget, "the large file is too small");
+    require(fs::file_size(path("large.svol")) >= 20 * budget, "the large file is too small");
   }
   static void TearDownTestSuite() { folder.reset(); }
 
@@ -92,7 +91,7 @@ class MemoryBounds : public testing::Test {
     return enough;
   }
 
-  static inline std::optional<test::TempFolder> folder;
+  static inline std::optional<TempFolder> folder;
 };
 
 const std::vector<std::string> bounded = {"--memory", "4M", "--tolerance", "15"};
@@ -139,4 +138,4 @@ TEST_F(MemoryBounds, DrawsWhereTheProcessMayHaveNoMore) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -6,7 +6,7 @@
 
 #include "tests/support/programs.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -15,8 +15,7 @@ namespace fs = std::filesystem;
 constexpr const char* environment = "env WM_PROJECT_DIR=/usr/share/openfoam";
 
 // A cavity whose lid moves, 3-D: icoFoam's tutorial with cubic cells.
-class OpenFoamSeries : public test::ProgramTest {
- protected:
+struct OpenFoamSeries : ProgramTest {
   void SetUp() override {
     for (const char* program : {"blockMesh", "polyDualMesh", "icoFoam", "decomposePar"})
       if (run(fmt::format("command -v {}", program)).code != 0)
@@ -60,7 +59,7 @@ class OpenFoamSeries : public test::ProgramTest {
                                   fs::path(name).filename().string(), text));
   }
   void compute(const std::string& program) const {
-    const test::Outcome outcome = run(fmt::format("cd flow && {} {}", environment, program));
+    const Outcome outcome = run(fmt::format("cd flow && {} {}", environment, program));
     ASSERT_EQ(outcome.code, 0) << program << ": " << outcome.text;
   }
 
@@ -93,7 +92,7 @@ class OpenFoamSeries : public test::ProgramTest {
 
 TEST_F(OpenFoamSeries, PatchesAreTheBoundary) {
   const auto expect_patches = [&](int lid, int walls) {
-    const test::Outcome outcome = run("svbuild flow --boundary -o one.svol");
+    const Outcome outcome = run("svbuild flow --boundary -o one.svol");
     EXPECT_EQ(outcome.code, 0) << outcome.text;
     EXPECT_THAT(outcome.text, testing::HasSubstr(fmt::format("{} of patch \"lid\"", lid)));
     EXPECT_THAT(outcome.text, testing::HasSubstr(fmt::format("{} of patch \"walls\"", walls)));
@@ -130,4 +129,4 @@ TEST_F(OpenFoamSeries, OfPolyhedra) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -11,36 +11,22 @@
 
 #include "base/file.h"
 #include "pictures/image.h"
+#include "tests/builder/sources/vtk_text.h"
 #include "tests/renderer/surfaces/shapes.h"
 #include "tests/support/long.h"
 #include "tests/support/program_json.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-using test::document_of;
-using test::Outcome;
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-using ::testing::Not;
+using namespace ::testing;
 
 const fs::path shared_folder = SPLATVOL_SHARED;
 
-// Returns the text of a .vtu file: a tetrahedron with a linear field.
-std::string small_mesh(const std::string& point_data, const std::string& version = "0.1") {
-  return R"(<VTKFile type="UnstructuredGrid" version=")" + version + R"(" byte_order="LittleEndian"><UnstructuredGrid>
-<Piece NumberOfPoints="4" NumberOfCells="1">)" +
-         point_data + R"(<Points>
-<DataArray type="Float64" NumberOfComponents="3" format="ascii">0 0 0 1 0 0 0 1 0 0 0 1</DataArray></Points>
-<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
-<DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
-<DataArray type="UInt8" Name="types" format="ascii">10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>)";
-}
-
-const std::string small_data =
-    R"(<PointData><DataArray type="Float32" Name="heat" format="ascii">0 1 2 3</DataArray></PointData>)";
+// A tetrahedron with a linear field.
+VtuMesh small_mesh() { return tetrahedron_at(0, {{"heat", {0, 1, 2, 3}, 1, "Float32"}}); }
 
 const json small_scene = {
     {"camera",
@@ -50,12 +36,11 @@ const json small_scene = {
     {"transfer_function",
      {{"domain", {0, 3}}, {"colors", {{0, 0, 0, 1}, {1, 1, 0, 0}}}, {"density", {{0, 0}, {1, 5}}}}}};
 
-class Programs : public test::ProgramTest {
- protected:
+struct Programs : ProgramTest {
   // A scene, a mesh and its volume.
   void make_small_files() const {
     write("scene.json", small_scene.dump());
-    write("mesh.vtu", small_mesh(small_data));
+    write("mesh.vtu", small_mesh().file());
     expect_done("svbuild mesh.vtu -o mesh.svol");
   }
 };
@@ -65,9 +50,11 @@ TEST_F(Programs, BuildRefusesBadInput) {
   expect_refusal("svbuild none.vtu" + to, "none.vtu");
   write("text.vtu", "This is not a mesh.\n");
   expect_refusal("svbuild text.vtu" + to, "text.vtu");
-  write("next.vtu", small_mesh(small_data, "9.0"));
+  VtuMesh next = small_mesh();
+  next.version = "9.0";
+  write("next.vtu", next.file());
   expect_refusal("svbuild next.vtu" + to, "next.vtu");
-  write("mesh.vtu", small_mesh(small_data));
+  write("mesh.vtu", small_mesh().file());
   const std::string whole = read("mesh.vtu");
   write("half.vtu", whole.substr(0, whole.size() / 2));
   expect_refusal("svbuild half.vtu" + to, "half.vtu");
@@ -77,10 +64,9 @@ TEST_F(Programs, BuildRefusesBadInput) {
 }
 
 TEST_F(Programs, FillValuesAreMissingAndCounted) {
-  write("mesh.vtu", small_mesh(R"(<PointData>
-<DataArray type="Float64" Name="heat" format="ascii">0 9.969209968386869e36 2 -9999</DataArray>
-<DataArray type="Float32" Name="U" NumberOfComponents="3" format="ascii">1 2 2 0 3 4 -9999 -9999 0 2 3 6</DataArray>
-</PointData>)"));
+  const VtuMesh mesh = tetrahedron_at(0, {{"heat", {0, 9.969209968386869e36, 2, -9999}},
+                                          {"U", {1, 2, 2, 0, 3, 4, -9999, -9999, 0, 2, 3, 6}, 3, "Float32"}});
+  write("mesh.vtu", mesh.file());
   const auto census = [&](const std::string& options) {
     return document_of(run("svbuild mesh.vtu" + options + " --json -o out.svol"))["census"];
   };
@@ -170,7 +156,7 @@ TEST_F(Programs, ABuildThatIsKilledLeavesTheOldFileAndNothingElse) {
 }
 
 TEST_F(Programs, MemoryDoesNotChangeTheResult) {
-  for (const std::string& input : test::sample_of<std::string>(
+  for (const std::string& input : sample_of<std::string>(
            {"gen:mesh:cells=3e5,pieces=5", "gen:points:count=3e4,distribution=vortex --connectivity none",
             "gen:points:count=1.1e6,distribution=half-tiny,type=float32"})) {
     expect_done("svbuild " + input + " --memory 1G -o one.svol");
@@ -182,7 +168,7 @@ TEST_F(Programs, MemoryDoesNotChangeTheResult) {
 
 // More than 2^20 points, which share out boxes or have sampled cells. The two with these take most of the time.
 TEST_F(Programs, HardDistributionsAreBuiltWhole) {
-  for (const std::string& input : test::sample_of<std::string>(
+  for (const std::string& input : sample_of<std::string>(
            {"half-tiny --connectivity boxes", "equal --connectivity boxes", "two-clusters --connectivity boxes",
             "line --connectivity boxes", "layer --connectivity boxes", "clusters --connectivity boxes", "half-tiny",
             "clusters"})) {
@@ -246,7 +232,7 @@ TEST_F(Programs, FilesOfOtherKindsAreNeverReplaced) {
   expect_refusal("svrender " + volume + scene + " -o c.png --stats " + mesh, ".json", 2);
   expect_refusal("svinfo " + volume + " --scene " + mesh, "does not end in .json", 2);
   expect_refusal("svgen points --count 100 -o " + mesh, "does not end in .npy", 2);
-  EXPECT_EQ(read(mesh), small_mesh(small_data));
+  EXPECT_EQ(read(mesh), small_mesh().file());
 }
 
 // Files of a kind that is also an input: a mesh, voxels and points that another program has written.
@@ -444,8 +430,7 @@ TEST_F(Programs, TheTruthOfARefinedMeshIsThatOfTheMesh) {
 }
 
 // The scenes of the real data, with their exact pictures.
-class RealData : public Programs {
- protected:
+struct RealData : Programs {
   void SetUp() override {
     if (!fs::exists(shared_folder / "truth")) GTEST_SKIP() << "no data, scenes and truth in " << shared_folder;
   }
@@ -489,7 +474,7 @@ class RealData : public Programs {
 constexpr const char* all_ways[] = {"--device cpu", "--device gl"};
 
 TEST_F(RealData, TruthAgreesWithAnIndependentProgram) {
-  for (const std::string& view : test::sample_of<std::string>(
+  for (const std::string& view : sample_of<std::string>(
            {"bluntfin", "bluntfin-close", "bluntfin-ortho", "post", "post-close", "wing", "wing-wake"})) {
     expect_done("svtruth " + mesh(view) + " --scene " + scene(view) + " -o truth.exr");
     EXPECT_LE(error_to_truth(view, "truth.exr"), 2e-5) << view;
@@ -497,7 +482,7 @@ TEST_F(RealData, TruthAgreesWithAnIndependentProgram) {
 }
 
 TEST_F(RealData, AnErrorHolds) {
-  for (const std::string& name : test::sample_of<std::string>({"bluntfin", "post", "wing"})) {
+  for (const std::string& name : sample_of<std::string>({"bluntfin", "post", "wing"})) {
     build(name);
     std::uint64_t last = 0;
     for (const double error : {0.01, 0.005}) {
@@ -522,7 +507,7 @@ TEST_F(RealData, AnErrorHolds) {
 // A ball and a plate cut through the data, opaque and translucent. The error is at most about that of pictures
 // without surfaces (docs/accuracy.md).
 TEST_F(RealData, SurfacesAreSortedInAsInTheExactPicture) {
-  for (const std::string& view : test::sample_of<std::string>({"bluntfin", "bluntfin-ortho", "post", "wing"})) {
+  for (const std::string& view : sample_of<std::string>({"bluntfin", "bluntfin-ortho", "post", "wing"})) {
     build(view);
     json text = json::parse(*read_text_file(scene(view)));
     const auto vector = [&](const char* field) {
@@ -531,9 +516,9 @@ TEST_F(RealData, SurfacesAreSortedInAsInTheExactPicture) {
     };
     const dvec3 focus = vector("focal_point");
     const double size = 0.05 * glm::length(vector("position") - focus);
-    write("ball.stl", test::stl_of(test::ball(focus, size, 40)));
-    write("plate.stl", test::stl_of(test::plate(focus - 3 * size, size * dvec3(6, 1, 0), size * dvec3(0, 1, 6), 5)));
-    for (const double opacity : test::sample_of<double>({0.5, 1.0})) {
+    write("ball.stl", stl_of(ball(focus, size, 40)));
+    write("plate.stl", stl_of(plate(focus - 3 * size, size * dvec3(6, 1, 0), size * dvec3(0, 1, 6), 5)));
+    for (const double opacity : sample_of<double>({0.5, 1.0})) {
       text["surfaces"] = {{{"file", "ball.stl"}, {"color", {0.8, 0.3, 0.2}}, {"opacity", opacity}},
                           {{"file", "plate.stl"}, {"color", {0.2, 0.3, 0.4}}, {"edges", true}}};
       const Image exact_picture = exact(view, text);
@@ -550,10 +535,10 @@ TEST_F(RealData, SlicesAndClipPlanesAreAsInTheExactPicture) {
     std::string view;
     double slices, planes;  // root mean square of linear RGB
   };
-  for (const Bound& bound : test::sample_of<Bound>({{"bluntfin-ortho", 0.012, 0.006},
-                                                    {"bluntfin", 0.013, 0.006},
-                                                    {"post", 0.016, 0.006},
-                                                    {"wing", 0.012, 0.006}})) {
+  for (const Bound& bound : sample_of<Bound>({{"bluntfin-ortho", 0.012, 0.006},
+                                              {"bluntfin", 0.013, 0.006},
+                                              {"post", 0.016, 0.006},
+                                              {"wing", 0.012, 0.006}})) {
     build(bound.view);
     json text = json::parse(*read_text_file(scene(bound.view)));
     const json focus = text.at("camera").at("focal_point");
@@ -575,10 +560,10 @@ TEST_F(RealData, OpacityByAnotherAttributeIsAsInTheExactPicture) {
     std::string view, attribute;
     double most;  // about the attribute's largest value
   };
-  for (const Case& of : test::sample_of<Case>({{"post", "Momentum", 1.4},
-                                               {"bluntfin", "Momentum", 6},
-                                               {"bluntfin-ortho", "Density", 5},
-                                               {"wing", "U", 66}})) {
+  for (const Case& of : sample_of<Case>({{"post", "Momentum", 1.4},
+                                         {"bluntfin", "Momentum", 6},
+                                         {"bluntfin-ortho", "Density", 5},
+                                         {"wing", "U", 66}})) {
     build(of.view);
     json text = json::parse(*read_text_file(scene(of.view)));
     text["opacity"] = {{"attribute", of.attribute}, {"domain", {0, of.most}}, {"factor", {{0, 0.02}, {0.5, 1}}}};
@@ -601,12 +586,12 @@ TEST_F(Programs, SurfacesThatCannotBeReadAreRefused) {
 // The boundary of the file, simplified, against that of the mesh.
 TEST_F(RealData, TheBoundaryIsDrawnAsInTheExactPicture) {
   for (const auto& [name, opacity] :
-       test::sample_of<std::pair<std::string, double>>({{"bluntfin", 0.2}, {"bluntfin", 1.0}, {"wing", 1.0}})) {
+       sample_of<std::pair<std::string, double>>({{"bluntfin", 0.2}, {"bluntfin", 1.0}, {"wing", 1.0}})) {
     json text = json::parse(*read_text_file(scene(name)));
     text["surfaces"] = {{{"boundary", "outer"}, {"color", {0.2, 0.3, 0.4}}, {"opacity", opacity}}};
     const Image exact_picture = exact(name, text);
-    for (const auto& [option, most] : test::sample_of<std::pair<std::string, double>>(
-             {{"--boundary-triangles 5000", 0.01}, {"--boundary", 0.002}})) {
+    for (const auto& [option, most] :
+         sample_of<std::pair<std::string, double>>({{"--boundary-triangles 5000", 0.01}, {"--boundary", 0.002}})) {
       build(name, option);
       EXPECT_LT(error_to(exact_picture, "--device cpu"), most) << name << ", " << option << ", opacity " << opacity;
     }
@@ -627,20 +612,22 @@ TEST_F(Programs, PatchesThatAreNotThereAreRefused) {
 
 // Two tetrahedra that do not touch, the larger one on the right.
 TEST_F(Programs, ConnectedPartsOfTheBoundaryAreDrawnByTheirNames) {
-  write("mesh.vtu",
-        R"(<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian"><UnstructuredGrid>
-<Piece NumberOfPoints="8" NumberOfCells="2"><PointData>
-<DataArray type="Float32" Name="heat" format="ascii">0 1 2 3 0 1 2 3</DataArray></PointData><Points>
-<DataArray type="Float64" NumberOfComponents="3" format="ascii">
--0.5 0 0 -0.2 0 0 -0.5 0.3 0 -0.5 0 0.3 0.2 0 0 1.2 0 0 0.2 1 0 0.2 0 1</DataArray></Points>
-<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3 4 5 6 7</DataArray>
-<DataArray type="Int64" Name="offsets" format="ascii">4 8</DataArray>
-<DataArray type="UInt8" Name="types" format="ascii">10 10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>)");
+  const VtuMesh mesh{.points = {{-0.5, 0, 0},
+                                {-0.2, 0, 0},
+                                {-0.5, 0.3, 0},
+                                {-0.5, 0, 0.3},
+                                {0.2, 0, 0},
+                                {1.2, 0, 0},
+                                {0.2, 1, 0},
+                                {0.2, 0, 1}},
+                     .cells = {{10, {0, 1, 2, 3}}, {10, {4, 5, 6, 7}}},
+                     .point_data = {{"heat", {0, 1, 2, 3, 0, 1, 2, 3}, 1, "Float32"}}};
+  write("mesh.vtu", mesh.file());
   expect_done("svbuild mesh.vtu --boundary -o v.svol");
   const json info = document_of(run("svinfo --json v.svol"));
   std::vector<std::string> names;
   for (const json& patch : info["boundary"]["patches"]) names.push_back(patch["name"]);
-  EXPECT_THAT(names, testing::ElementsAre("outer 1", "outer 2"));
+  EXPECT_THAT(names, ElementsAre("outer 1", "outer 2"));
   json text = small_scene;
   std::vector<std::size_t> covered;
   for (const char* name : {"outer 1", "outer 2", "outer*"}) {
@@ -660,7 +647,7 @@ TEST_F(Programs, ConnectedPartsOfTheBoundaryAreDrawnByTheirNames) {
 
 TEST_F(RealData, OctantKernelHasTheErrorOfThePaper) {
   for (const auto& [name, low, high] :
-       test::sample_of<std::tuple<std::string, double, double>>({{"bluntfin", 0.03, 0.08}, {"post", 0.02, 0.06}})) {
+       sample_of<std::tuple<std::string, double, double>>({{"bluntfin", 0.03, 0.08}, {"post", 0.02, 0.06}})) {
     build(name);
     (void)render(name, "--tolerance 0 --kernel octant");
     EXPECT_GT(error_to_truth(name), low) << name;
@@ -676,14 +663,14 @@ TEST_F(RealData, MomentsAreAsExactAsTheirPrototype) {
     std::string view;
     double all, quarter, tenth;
   };
-  for (const Bound& bound : test::sample_of<Bound>({{"bluntfin", 0.0036, 0.0076, 0.0102},
-                                                    {"bluntfin-close", 0.0065, 0.0100, 0.0132},
-                                                    {"bluntfin-ortho", 0.0023, 0.0032, 0.0048},
-                                                    {"post", 0.0023, 0.0049, 0.0059},
-                                                    {"post-close", 0.0072, 0.0085, 0.0117},
-                                                    {"wing", 0.0015, 0.0032, 0.0041},
-                                                    {"wing-wake", 0.00088, 0.0018, 0.0028}},
-                                                   3)) {
+  for (const Bound& bound : sample_of<Bound>({{"bluntfin", 0.0036, 0.0076, 0.0102},
+                                              {"bluntfin-close", 0.0065, 0.0100, 0.0132},
+                                              {"bluntfin-ortho", 0.0023, 0.0032, 0.0048},
+                                              {"post", 0.0023, 0.0049, 0.0059},
+                                              {"post-close", 0.0072, 0.0085, 0.0117},
+                                              {"wing", 0.0015, 0.0032, 0.0041},
+                                              {"wing-wake", 0.00088, 0.0018, 0.0028}},
+                                             3)) {
     build(bound.view);
     const json stats = render(bound.view, "--tolerance 0");
     EXPECT_LE(error_to_truth(bound.view), bound.all) << bound.view;
@@ -696,7 +683,7 @@ TEST_F(RealData, MomentsAreAsExactAsTheirPrototype) {
 }
 
 TEST_F(RealData, TheSamplingOfATolerancesSplatsLosesNextToNothing) {
-  for (const std::string& name : test::sample_of<std::string>({"post", "bluntfin", "wing"})) {
+  for (const std::string& name : sample_of<std::string>({"post", "bluntfin", "wing"})) {
     build(name);
     for (const std::string tolerance : {"5", "10", "20"}) {
       const json stats = render(name, "--tolerance " + tolerance);
@@ -709,7 +696,7 @@ TEST_F(RealData, TheSamplingOfATolerancesSplatsLosesNextToNothing) {
 }
 
 TEST_F(RealData, WithoutTheirConnectivityPointsStillShow) {
-  for (const std::string& connectivity : test::sample_of<std::string>({"delaunay", "none"})) {
+  for (const std::string& connectivity : sample_of<std::string>({"delaunay", "none"})) {
     build("bluntfin", "--connectivity " + connectivity);
     (void)render("bluntfin", "--tolerance 0");
     EXPECT_LE(error_to_truth("bluntfin"), 0.01) << connectivity;
@@ -717,7 +704,7 @@ TEST_F(RealData, WithoutTheirConnectivityPointsStillShow) {
 }
 
 TEST_F(RealData, CoarseViewsReadLittle) {
-  for (const std::string& name : test::sample_of<std::string>({"post", "bluntfin", "wing"})) {
+  for (const std::string& name : sample_of<std::string>({"post", "bluntfin", "wing"})) {
     build(name);
     const auto file_bytes = static_cast<double>(fs::file_size(path("volume.svol")));
     const json coarse = render(name, "--tolerance 20"), fine = render(name, "--tolerance 1");
@@ -727,7 +714,7 @@ TEST_F(RealData, CoarseViewsReadLittle) {
 }
 
 TEST_F(RealData, ABudgetIsKeptAndStillShowsEverything) {
-  const std::string name = test::is_long() ? "wing" : "post";
+  const std::string name = is_long() ? "wing" : "post";
   const auto light = [&] { return compare_images(picture(), picture())->mean_a; };
   build(name);
   const json all = render(name, "--tolerance 0");
@@ -753,4 +740,4 @@ TEST_F(RealData, Plot3dGivesThePointsOfItsMesh) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

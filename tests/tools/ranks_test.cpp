@@ -26,12 +26,11 @@
 #include "tests/support/programs.h"
 #include "tests/support/sanitizers.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-using test::Outcome;
 using ::testing::HasSubstr;
 
 constexpr std::uint64_t mebibyte = 1u << 20;
@@ -51,22 +50,21 @@ std::vector<pid_t> children_of(pid_t process) {
 }
 
 // Returns the number of lines of the program; the launcher has some of its own.
-std::ptrdiff_t lines_of(const test::Outcome& outcome) {
+std::ptrdiff_t lines_of(const Outcome& outcome) {
   std::istringstream all(outcome.err);
   std::ptrdiff_t count = 0;
   for (std::string line; std::getline(all, line);) count += line.starts_with("svbuild: ") ? 1 : 0;
   return count;
 }
 
-class RanksTest : public test::ProgramTest {
- protected:
+struct RanksTest : ProgramTest {
   void SetUp() override {
     fs::create_directory(path("out"));
     // Open MPI's guards against what a test does; other launchers do not know these names.
     for (const char* name :
          {"OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMPI_MCA_rmaps_base_oversubscribe"})
       ::setenv(name, "1", 1);
-    if (test::is_sanitized) GTEST_SKIP() << "MPI's libraries are not built with sanitizers";
+    if (is_sanitized) GTEST_SKIP() << "MPI's libraries are not built with sanitizers";
     if (!has_mpi()) GTEST_SKIP() << "built without MPI, or without its launcher: -D SPLATVOL_MPI=ON needs both";
   }
 
@@ -81,7 +79,7 @@ class RanksTest : public test::ProgramTest {
     std::mt19937_64 random(1);
     std::normal_distribution<double> normal;
     std::vector<int> counts = {250'000, 7, 130'000, 90'000, 120'000};
-    if (!test::is_long()) counts = {60'000, 7, 30'000, 20'000, 30'000};
+    if (!is_long()) counts = {60'000, 7, 30'000, 20'000, 30'000};
     for (std::size_t file = 0; file < counts.size(); ++file) {
       std::string header =
           "{'descr': [('x','<f8'),('y','<f8'),('z','<f8'),('p','<f8'),('same','<f8'),('q','<f8')], "
@@ -166,14 +164,14 @@ TEST_P(SameBytes, AsOneProcess) {
   const Input& input = GetParam();
   if (input.files == Input::Files::points) write_npy_pieces();
   if (input.files == Input::Files::mesh) {
-    expect_done(std::string("svgen mesh --pieces 6 -o mesh --cells ") + (test::is_long() ? "6e5" : "1e5"));
+    expect_done(std::string("svgen mesh --pieces 6 -o mesh --cells ") + (is_long() ? "6e5" : "1e5"));
   }
   const std::string arguments =
-      fmt::format(fmt::runtime(input.arguments), fmt::arg("points", test::is_long() ? "7e5" : "2e5"),
-                  fmt::arg("cells", test::is_long() ? "3.6e6" : "6e5"));
+      fmt::format(fmt::runtime(input.arguments), fmt::arg("points", is_long() ? "7e5" : "2e5"),
+                  fmt::arg("cells", is_long() ? "3.6e6" : "6e5"));
   const Outcome alone = run("svbuild " + arguments + " -o out/alone.svol");
   ASSERT_EQ(alone.code, 0) << alone.err;
-  for (const int count : test::sample_of<int>({3, 1, 2, 4, 8})) {
+  for (const int count : sample_of<int>({3, 1, 2, 4, 8})) {
     const Outcome together = run(ranks(count, arguments + " --threads 1 -o out/together.svol"));
     ASSERT_EQ(together.code, 0) << together.err;
     EXPECT_EQ(run("cmp out/alone.svol out/together.svol").out, "") << count << " ranks";
@@ -189,7 +187,7 @@ TEST_P(SameBytes, AsOneProcess) {
 
 INSTANTIATE_TEST_SUITE_P(
     Inputs, SameBytes,
-    testing::ValuesIn(test::sample_of<Input>(
+    testing::ValuesIn(sample_of<Input>(
         {Input{"boxes", "gen:points:count={points},distribution=vortex,type=float32 --connectivity boxes"},
          Input{"mesh", "gen:mesh:cells={cells},pieces=12 --drop-cells"},
          Input{"gradients", "p0.npy p1.npy p2.npy p3.npy p4.npy --connectivity boxes --gradients --exact --leaf 16",
@@ -244,7 +242,7 @@ TEST_F(RanksTest, KnowTheArraysOfAllFiles) {
 }
 
 TEST_F(RanksTest, ShareThePointsEvenly) {
-  for (const std::string& distribution : test::sample_of<std::string>({"half-tiny", "vortex", "layer", "clusters"})) {
+  for (const std::string& distribution : sample_of<std::string>({"half-tiny", "vortex", "layer", "clusters"})) {
     const json work = build_of(4, "gen:points:count=7e5,distribution=" + distribution + " --connectivity boxes");
     EXPECT_EQ(work.at("ranges"), 4) << distribution;
     const auto owned = work.at("owned_bytes").get<std::vector<double>>();
@@ -261,15 +259,15 @@ TEST_F(RanksTest, HoldNoMoreThanTheirMemory) {
     return std::ranges::max(peaks);
   };
   const std::uint64_t base = peak("gen:points:count=4 --connectivity none");
-  const std::string points = test::is_long() ? "6e6" : "2e6";
-  for (const std::uint64_t memory : test::is_long() ? std::vector{128, 256} : std::vector{64})
+  const std::string points = is_long() ? "6e6" : "2e6";
+  for (const std::uint64_t memory : is_long() ? std::vector{128, 256} : std::vector{64})
     EXPECT_LE(peak("gen:points:count=" + points + ",distribution=vortex --connectivity boxes --memory " +
                    std::to_string(memory) + "M"),
               base + (memory + 64) * mebibyte);
 }
 
 TEST_F(RanksTest, SendLittleMoreThanTheRecords) {
-  const std::string points = test::is_long() ? "5e6" : "2e6";
+  const std::string points = is_long() ? "5e6" : "2e6";
   const json work =
       build_of(3, "gen:points:count=" + points + ",distribution=vortex,type=float32 --connectivity boxes");
   EXPECT_LE(work.at("sent_bytes").get<double>(), 1.2 * work.at("record_bytes").get<double>());
@@ -324,12 +322,12 @@ TEST_F(RanksTest, RefuseDifferentCommands) {
 }
 
 TEST_F(RanksTest, EndIfOneIsKilled) {
-  for (const std::size_t victim : test::sample_of<std::size_t>({1, 0})) expect_end_of_all(victim, "");
+  for (const std::size_t victim : sample_of<std::size_t>({1, 0})) expect_end_of_all(victim, "");
 }
 
 // As on file systems that force names, or on several machines.
 TEST_F(RanksTest, EndIfOneIsKilledAndTheFileHasAName) {
-  for (const std::size_t victim : test::sample_of<std::size_t>({0, 1})) expect_end_of_all(victim, SPLATVOL_NO_TMPFILE);
+  for (const std::size_t victim : sample_of<std::size_t>({0, 1})) expect_end_of_all(victim, SPLATVOL_NO_TMPFILE);
 }
 
 TEST_F(RanksTest, MakeTheSameBytesIfTheFileHasAName) {
@@ -368,4 +366,4 @@ TEST_F(RanksTest, TellWhatADiskThatFailsOnceHas) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

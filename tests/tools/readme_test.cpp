@@ -13,9 +13,10 @@
 #include "base/file.h"
 #include "tests/support/loopback.h"
 #include "tests/support/nginx.h"
+#include "tests/support/openfoam_files.h"
 #include "tests/support/programs.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -59,35 +60,17 @@ Files plot3d() {
   return files;
 }
 
-// Two cubes side by side at three times, as OpenFOAM writes them.
+// A row of cubes at three times, as OpenFOAM writes them.
 Files open_foam() {
-  const auto file = [](const std::string& kind, const std::string& object, const std::string& text) {
-    return fmt::format("FoamFile\n{{\n  version 2.0;\n  format ascii;\n  class {};\n  object {};\n}}\n{}\n", kind,
-                       object, text);
-  };
-  std::string points = "12\n(\n";
-  for (int i = 0; i < 12; ++i) points += fmt::format("({} {} {})\n", i % 3, i / 3 % 2, i / 6);
-  Files files = {
-      {"flow.foam", ""},
-      {"system/controlDict", file("dictionary", "controlDict", "application icoFoam;\nstartTime 0;")},
-      {"constant/polyMesh/points", file("vectorField", "points", points + ")")},
-      {"constant/polyMesh/faces",
-       file("faceList", "faces",
-            "11\n(\n4(1 4 10 7)\n4(0 6 9 3)\n4(2 5 11 8)\n4(0 1 7 6)\n4(1 2 8 7)\n4(3 9 10 4)\n4(4 10 11 5)\n"
-            "4(0 3 4 1)\n4(1 4 5 2)\n4(6 7 10 9)\n4(7 8 11 10)\n)")},
-      {"constant/polyMesh/owner", file("labelList", "owner", "11\n(\n0\n0\n1\n0\n1\n0\n1\n0\n1\n0\n1\n)")},
-      {"constant/polyMesh/neighbour", file("labelList", "neighbour", "1\n(\n1\n)")},
-      {"constant/polyMesh/boundary",
-       file("polyBoundaryMesh", "boundary", "1\n(\nwalls\n{\n  type wall;\n  nFaces 10;\n  startFace 1;\n}\n)")}};
-  for (const std::string time : {"0.25", "0.5", "0.75"})
-    files[time + "/p"] = file("volScalarField", "p",
-                              "dimensions [0 2 -2 0 0 0 0];\ninternalField nonuniform List<scalar>\n2\n(\n" + time +
-                                  "\n3\n)\n;\nboundaryField\n{\n  walls\n  {\n    type zeroGradient;\n  }\n}");
+  Files files = openfoam_files();
+  for (const auto& [name, text] : openfoam_files())
+    if (name.starts_with("0.5/"))
+      for (const std::string time : {"0.25", "0.75"}) files[time + name.substr(3)] = text;
+  files["flow.foam"] = "";
   return files;
 }
 
-class Readme : public test::ProgramTest {
- protected:
+struct Readme : ProgramTest {
   void SetUp() override {
     for (const Files& files : {plot3d(), open_foam()})
       for (const auto& [name, content] : files) write(name, content);
@@ -99,7 +82,7 @@ class Readme : public test::ProgramTest {
     fs::create_directory(path("folder"));
     expect_done("svbuild gen:points:count=1000 -o folder/shared.svol");
     inputs_ = files_here();
-    server_ = test::Nginx::start(folder_);
+    server_ = Nginx::start(folder_);
   }
 
   [[nodiscard]] Files files_here() const {
@@ -111,7 +94,7 @@ class Readme : public test::ProgramTest {
 
   // Expects that a command succeeds, and that no file changes that the user had.
   void expect_works(const std::string& command) const {
-    const test::Outcome outcome = run(command);
+    const Outcome outcome = run(command);
     EXPECT_EQ(outcome.code, 0) << command << "\n" << outcome.text;
     for (const auto& [name, content] : inputs_)
       EXPECT_TRUE(read_text_file(name).value_or("") == content) << command << " has changed " << name;
@@ -119,7 +102,7 @@ class Readme : public test::ProgramTest {
 
   // The same of svserve, which only a signal ends, after the first file that it offers has been read.
   void expect_serves(const std::string& command) const {
-    const test::Listener free = test::listen_on_loopback();
+    const Listener free = listen_on_loopback();
     ::close(free.descriptor);
     expect_works(command + fmt::format(" --address 127.0.0.1 --port {} > served.txt & server=$!; ", free.port) +
                  "until grep -q Ctrl-C served.txt || ! kill -0 $server; do sleep 0.05; done; "
@@ -127,7 +110,7 @@ class Readme : public test::ProgramTest {
   }
 
   Files inputs_;
-  std::unique_ptr<test::Nginx> server_;  // null: no nginx on this machine
+  std::unique_ptr<Nginx> server_;  // null: no nginx on this machine
 };
 
 TEST_F(Readme, CommandsWorkAndChangeNoInput) {
@@ -144,7 +127,7 @@ TEST_F(Readme, CommandsWorkAndChangeNoInput) {
     } else if (program == "svview" && !fs::exists(SPLATVOL_BIN "/svview")) {
       left_out = "built without OpenGL, so there is no svview";
     } else if (command.find("--movie") != std::string::npos && !has_ffmpeg) {
-      const test::Outcome outcome = run(command);
+      const Outcome outcome = run(command);
       EXPECT_EQ(outcome.code, 1);
       EXPECT_THAT(outcome.err, testing::HasSubstr("no ffmpeg in PATH: the 120 frames are in"));
     } else if (program == "svserve") {
@@ -158,4 +141,4 @@ TEST_F(Readme, CommandsWorkAndChangeNoInput) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -7,11 +7,10 @@
 #include <set>
 
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::PieceSource;
 
 double field(const dvec3& p) { return 1 + p.x - 2 * p.y + 3 * p.z; }
 
@@ -28,9 +27,9 @@ std::vector<Piece> refined(std::vector<Piece> pieces, int refinements) {
 double volume(const Piece& piece) { return test::volume({piece.points, piece.tetrahedra}); }
 
 TEST(Refine, KeepsVolumeAndField) {
-  const test::Mesh mesh = test::jittered(3, 0.3);
+  const Mesh mesh = jittered(3, 0.3);
   for (const int refinements : {1, 2, 3}) {
-    const auto pieces = refined({test::mesh_piece(mesh, field)}, refinements);
+    const auto pieces = refined({mesh_piece(mesh, field)}, refinements);
     ASSERT_EQ(pieces.size(), 1u);
     const Piece& piece = pieces[0];
     ASSERT_EQ(piece.tetrahedra.size(), mesh.tetrahedra.size() << (3 * refinements));
@@ -44,7 +43,7 @@ TEST(Refine, KeepsVolumeAndField) {
 
 TEST(Refine, KeepsOrientation) {
   for (const Tetrahedron& corners : {Tetrahedron{0, 1, 2, 3}, {1, 0, 2, 3}}) {
-    Piece one = test::mesh_piece({{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {corners}}, field);
+    Piece one = mesh_piece({{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {corners}}, field);
     const auto pieces = refined({one}, 3);
     for (const auto& [a, b, c, d] : pieces.at(0).tetrahedra) {
       const auto& p = pieces[0].points;
@@ -54,7 +53,7 @@ TEST(Refine, KeepsOrientation) {
 }
 
 TEST(Refine, SplitsEachTetrahedronIntoEightEqualOnes) {
-  const auto pieces = refined({test::mesh_piece(test::random_tetrahedra(1), field)}, 2);
+  const auto pieces = refined({mesh_piece(random_tetrahedra(1), field)}, 2);
   const Piece& piece = pieces.at(0);
   EXPECT_EQ(piece.points.size(), 35u);  // a tetrahedron with 5 points along each edge
   for (const auto& tetrahedron : piece.tetrahedra)
@@ -63,13 +62,13 @@ TEST(Refine, SplitsEachTetrahedronIntoEightEqualOnes) {
 
 TEST(Refine, MeetsAtCommonFaces) {
   // The corners and the middles of edges of n^3 cubes are the corners of (2 n)^3 cubes, each once.
-  const auto pieces = refined({test::mesh_piece(test::lattice(3), field)}, 1);
+  const auto pieces = refined({mesh_piece(lattice(3), field)}, 1);
   EXPECT_EQ(pieces.at(0).points.size(), 7u * 7 * 7);
 }
 
 TEST(Refine, PiecesRepeatTheirCommonPointsExactly) {
-  const Piece whole = test::mesh_piece(test::jittered(4, 0.3), field);
-  const auto at_once = refined({whole}, 1), in_parts = refined(test::cut(whole, 5), 1);
+  const Piece whole = mesh_piece(jittered(4, 0.3), field);
+  const auto at_once = refined({whole}, 1), in_parts = refined(cut(whole, 5), 1);
   ASSERT_EQ(in_parts.size(), 5u);
   std::set<std::array<double, 4>> different;
   std::size_t points = 0;
@@ -81,9 +80,9 @@ TEST(Refine, PiecesRepeatTheirCommonPointsExactly) {
 }
 
 TEST(Refine, LargePiecesComeInSeveral) {
-  const auto source = refine(std::make_unique<PieceSource>(std::vector{test::mesh_piece(test::lattice(4), field),
-                                                                       test::mesh_piece(test::lattice(2), field)}),
-                             5, "mesh");
+  const auto source =
+      refine(std::make_unique<PieceSource>(std::vector{mesh_piece(lattice(4), field), mesh_piece(lattice(2), field)}),
+             5, "mesh");
   EXPECT_EQ(source->piece_count(), 2u);
   const auto pieces = pieces_of(*source);
   EXPECT_EQ(source->piece_count(), pieces.size());
@@ -100,7 +99,7 @@ TEST(Refine, LargePiecesComeInSeveral) {
 }
 
 TEST(Refine, WhatAMissingValueHidesStaysHidden) {
-  Piece piece = test::mesh_piece(test::random_tetrahedra(1), field);
+  Piece piece = mesh_piece(random_tetrahedra(1), field);
   piece.values[0][2] = std::numeric_limits<double>::quiet_NaN();
   const auto pieces = refined({piece}, 3);
   const auto is_missing = [&](std::uint32_t point) { return std::isnan(pieces.at(0).values[0][point]); };
@@ -109,13 +108,9 @@ TEST(Refine, WhatAMissingValueHidesStaysHidden) {
 }
 
 TEST(Refine, PointsWithoutCellsAreRefused) {
-  const auto source =
-      refine(std::make_unique<PieceSource>(std::vector{test::scattered(test::random_points(10))}), 1, "mesh");
-  const auto piece = source->next();
-  ASSERT_FALSE(piece);
-  EXPECT_EQ(piece.error().code, ErrorCode::invalid_data);
-  EXPECT_EQ(piece.error().message, "mesh: no cells with a volume");
+  const auto source = refine(std::make_unique<PieceSource>(std::vector{scattered(random_points(10))}), 1, "mesh");
+  EXPECT_THAT(source->next(), FailsWith(ErrorCode::invalid_data, "mesh: no cells with a volume"));
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

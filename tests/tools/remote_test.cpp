@@ -12,18 +12,16 @@
 #include "tests/support/programs.h"
 #include "tests/support/test_volume.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using testing::HasSubstr;
-using testing::Not;
+using namespace ::testing;
 
-class ProgramsOnUrl : public test::ProgramTest {
- protected:
+struct ProgramsOnUrl : ProgramTest {
   void SetUp() override {
-    nginx_ = test::Nginx::start(folder_);
+    nginx_ = Nginx::start(folder_);
     if (!nginx_) GTEST_SKIP() << "no nginx on this machine (package nginx)";
-    ASSERT_TRUE(test::write_test_volume(test::volume_of_x(1000), path("v.svol")));
+    ASSERT_TRUE(write_test_volume(volume_of_x(1000), path("v.svol")));
   }
 
   // Bytes that the server has sent.
@@ -43,7 +41,7 @@ class ProgramsOnUrl : public test::ProgramTest {
     return static_cast<std::uint64_t>(std::ranges::count(log, '\n'));
   }
 
-  std::unique_ptr<test::Nginx> nginx_;
+  std::unique_ptr<Nginx> nginx_;
 };
 
 TEST_F(ProgramsOnUrl, DrawThePictureOfTheFile) {
@@ -128,4 +126,4 @@ TEST_F(ProgramsOnUrl, DrawCellsByFewRequests) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -10,14 +10,12 @@
 #include "pictures/image.h"
 #include "tests/support/program_json.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::document_of;
 using testing::HasSubstr;
 
-class SeriesPrograms : public test::ProgramTest {
- protected:
+struct SeriesPrograms : ProgramTest {
   void SetUp() override {
     for (int step = 0; step < 3; ++step) write_grid(fmt::format("grid_{}.vtk", step), 9, step);
     std::ofstream(path("s.json")) << R"({"camera": {"position": [4, 4, 30], "focal_point": [4, 4, 4], "up": [0, 1, 0],
@@ -126,7 +124,7 @@ TEST_F(SeriesPrograms, TwoAppendsAtOnceLoseNoStep) {
     ASSERT_EQ(run("rm -f *svol*").code, 0);
     expect_done("svbuild --series-of-files grid_0.vtk -o f.svols");
     const std::string append = "svbuild --series-of-files --append -o f.svols";
-    const test::Outcome both =
+    const Outcome both =
         run(fmt::format("{0} grid_1.vtk & sleep 0.0{1}; {0} grid_2.vtk && wait $!", append, round % 4));
     EXPECT_EQ(both.code, 0) << both.text;
     EXPECT_EQ(files_of_index(folder_).size(), 3U) << both.text;
@@ -139,7 +137,7 @@ TEST_F(SeriesPrograms, TwoAppendsToOneFileAtOnceTellTheTruth) {
   for (int round = 0; round < 8; ++round) {
     expect_done("svbuild --series grid_0.vtk -o s.svol");
     const std::string append = "svbuild --append -o s.svol";
-    const test::Outcome both = run(fmt::format(
+    const Outcome both = run(fmt::format(
         "{0} grid_1.vtk & sleep 0.0{1}; {0} grid_2.vtk; a=$?; wait $!; exit $((2 * a + $?))", append, round % 4));
     const std::size_t failed = static_cast<std::size_t>(both.code % 2 + both.code / 2);
     const auto info = document_of(run("svinfo s.svol --json"));
@@ -153,7 +151,7 @@ TEST_F(SeriesPrograms, TwoAppendsToOneFileAtOnceTellTheTruth) {
 TEST_F(SeriesPrograms, AnAppendThatWasKilledIsInNoOnesWay) {
   expect_done("svbuild --series-of-files grid_0.vtk -o f.svols");
   for (int milliseconds = 5; milliseconds < 200; milliseconds += milliseconds / 5 + 4) {
-    const test::Outcome killed = run(fmt::format(
+    const Outcome killed = run(fmt::format(
         "timeout -s KILL {} svbuild --series-of-files --append grid_1.vtk -o f.svols", 1e-3 * milliseconds));
     const std::size_t steps = files_of_index(folder_).size();
     expect_done("svbuild --series-of-files --append grid_2.vtk -o f.svols");
@@ -268,4 +266,4 @@ TEST_F(SeriesPrograms, WrongCallsAreRefused) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

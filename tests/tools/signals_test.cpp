@@ -15,15 +15,14 @@
 #include "tests/support/sanitizers.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
 
-class Signals : public test::FolderTest {
- protected:
+struct Signals : FolderTest {
   void SetUp() override {
-    if (test::is_sanitized) GTEST_SKIP() << "sanitizers have handlers of their own";
+    if (is_sanitized) GTEST_SKIP() << "sanitizers have handlers of their own";
   }
 
   static pid_t start(std::vector<std::string> words) {
@@ -77,4 +76,4 @@ TEST_F(Signals, ABuildLeavesNothing) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -6,13 +6,12 @@
 
 #include "tests/support/programs.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
 
-class Streams : public test::ProgramTest {
- protected:
+struct Streams : ProgramTest {
   Streams() {
     write("a.csv", "x,y,z,f\n0,0,0,1\n1,0,0,2\n0,1,0,3\n0,0,1,4\n");
     expect_done("svbuild a.csv -o a.svol");
@@ -63,7 +62,7 @@ TEST_F(Streams, TheVersionIsToldOrItIsAnError) {
        {"svbuild", "svinfo", "svrender", "svexport", "svtruth", "svdiff", "svgen", "svdemo", "svview"}) {
     if (!fs::exists(fs::path(SPLATVOL_BIN) / name)) continue;  // svview needs OpenGL
     for (const char* option : {" --version", " --help"}) {
-      const test::Outcome told = run(name + option);
+      const Outcome told = run(name + option);
       EXPECT_EQ(told.code, 0) << name << option;
       EXPECT_THAT(told.out, testing::HasSubstr(name)) << option;
       EXPECT_EQ(code(name + option, " > /dev/full 2> /dev/null"), 1) << name << option;
@@ -73,4 +72,4 @@ TEST_F(Streams, TheVersionIsToldOrItIsAnError) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

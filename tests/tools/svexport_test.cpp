@@ -9,18 +9,16 @@
 #include "tests/support/program_json.h"
 #include "tests/support/test_volume.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
-using test::document_of;
 using ::testing::HasSubstr;
 
-class Svexport : public test::ProgramTest {
- protected:
-  Svexport() { EXPECT_TRUE(test::write_test_volume(test::volume_of_x(200, 3), path("in.svol"))); }
+struct Svexport : test::ProgramTest {
+  Svexport() { EXPECT_TRUE(write_test_volume(volume_of_x(200, 3), path("in.svol"))); }
 
-  test::Outcome run(const std::string& output, const std::string& arguments) const {
+  Outcome run(const std::string& output, const std::string& arguments) const {
     return ProgramTest::run("svexport in.svol -o " + output + " " + arguments);
   }
 };
@@ -36,11 +34,11 @@ TEST_F(Svexport, WritesVoxelsAndPoints) {
 }
 
 TEST_F(Svexport, TellsWhatGotAnotherName) {
-  test::TestVolume volume = test::make_test_volume(test::random_points(200, 3), {std::vector<double>(200, 1.0)});
+  TestVolume volume = make_test_volume(random_points(200, 3), {std::vector<double>(200, 1.0)});
   for (const auto& [name, output] :
        {std::pair<std::string, std::string>{"mass", "out.vtu"}, {"volume_fraction", "out.vdb --voxel 0.1"}}) {
     volume.info.attributes[0].name = name;
-    ASSERT_TRUE(test::write_test_volume(volume, path("in.svol")));
+    ASSERT_TRUE(write_test_volume(volume, path("in.svol")));
     EXPECT_THAT(run(output, "").text, HasSubstr("what svexport calls so is \"" + name + " (splat)\""));
     EXPECT_EQ(document_of(run(output, "--json"))["renamed"][name], name + " (splat)");
   }
@@ -111,9 +109,8 @@ TEST_F(Svexport, WritesContours) {
               HasSubstr("open"));
   expect_refusal("svexport mesh.svol -o out.stl --contour 9", "mesh.svol: \"value\" has values from");
   expect_refusal("svexport in.svol -o out.stl --contour 0.5", "keeps no cells");
-  ASSERT_TRUE(test::write_test_volume(
-      test::make_test_volume(test::random_points(20, 3), {std::vector(20, 1.0), std::vector(20, 2.0)}),
-      path("in.svol")));
+  ASSERT_TRUE(write_test_volume(make_test_volume(random_points(20, 3), {std::vector(20, 1.0), std::vector(20, 2.0)}),
+                                path("in.svol")));
   expect_refusal("svexport in.svol -o out.stl --contour 0.5", "in.svol: has several attributes");
   expect_done("svexport mesh.svol -o out.glb --contour 0.5");  // its own
   std::ofstream(path("mine.stl")) << "solid mine";
@@ -172,4 +169,4 @@ TEST_F(Svexport, WhatCannotBeWrittenIsNotThere) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

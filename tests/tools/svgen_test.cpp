@@ -10,13 +10,13 @@
 #include "tests/support/programs.h"
 #include "tools/refined_source.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 
-using Svgen = test::ProgramTest;
+using Svgen = ProgramTest;
 
 /// Expects the same pieces in the same order.
 void expect_same(Source& a, Source& b) {
@@ -125,4 +125,4 @@ TEST_F(Svgen, WrongUsageIsTwo) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -20,18 +20,16 @@
 #include "tests/support/programs.h"
 #include "tests/support/test_volume.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
-using test::Outcome;
 using testing::HasSubstr;
 
-class Svview : public test::ProgramTest {
- protected:
+struct Svview : test::ProgramTest {
   void SetUp() override {
-    ASSERT_TRUE(test::write_test_volume(test::volume_of_x(3000), path("v.svol")));
+    ASSERT_TRUE(write_test_volume(volume_of_x(3000), path("v.svol")));
     // Turns, zooms, and hides the numbers: some of them are times.
     write("r.jsonl", R"({"seconds":0.1,"events":[["size",640,480,640,480,1],["pointer",500,200]]})"
                      "\n"
@@ -91,7 +89,7 @@ TEST_F(Svview, ASceneNamesItsFile) {
 TEST_F(Svview, ShowsTheSurfacesOfAScene) {
   expect_done("svinfo v.svol --scene s.json");
   auto scene = nlohmann::json::parse(read("s.json"));
-  write("plate.stl", test::stl_of(test::plate({-9, -9, 0.5}, {18, 0, 0}, {0, 18, 0})));
+  write("plate.stl", stl_of(test::plate({-9, -9, 0.5}, {18, 0, 0}, {0, 18, 0})));
   const auto screenshot = [&](const nlohmann::json& surfaces, const std::string& device) {
     if (!surfaces.is_null()) scene["surfaces"] = surfaces;
     write("s.json", scene.dump());
@@ -231,4 +229,4 @@ TEST_F(Svview, ARecordingSurvivesTheEndOfTheProgram) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -8,11 +8,12 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/results.h"
+
 namespace splatvol {
 namespace {
 
-using testing::HasSubstr;
-using testing::StartsWith;
+using namespace ::testing;
 
 std::uint64_t bytes_or_zero(const std::string& text) { return parse_bytes(text).value_or(0); }
 
@@ -38,10 +39,7 @@ TEST(ParseBytes, TakesZeroAndTheLargestOffsetOfAFile) {
 TEST(ParseBytes, RefusesWhatIsNoSizeAndRepeatsIt) {
   for (const std::string text : {"",      "B",    "K",     "G2", "2X",    "2 G", "2GG", "2iB",  "2BiB",  "2Gi",
                                  "2GiBs", "2,5G", "1..5G", "-1", "-0.5K", "nan", "inf", "infG", "1e400", "--memory"}) {
-    const auto result = parse_bytes(text);
-    ASSERT_FALSE(result) << "'" << text << "' gave " << *result;
-    EXPECT_EQ(result.error().code, ErrorCode::invalid_argument);
-    EXPECT_THAT(result.error().message, HasSubstr("'" + text + "'"));
+    EXPECT_THAT(parse_bytes(text), test::FailsWith(ErrorCode::invalid_argument, HasSubstr("'" + text + "'")));
   }
 }
 

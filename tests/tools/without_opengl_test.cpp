@@ -7,22 +7,19 @@
 #include "tests/support/programs.h"
 #include "tests/support/test_volume.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::Outcome;
-using testing::HasSubstr;
-using testing::Not;
+using namespace ::testing;
 
-class WithoutOpenGl : public test::ProgramTest {
- protected:
+struct WithoutOpenGl : ProgramTest {
   [[nodiscard]] Outcome run(const std::string& arguments) const {
-    return test::run_in(folder_, fmt::format("'{}' {}", SPLATVOL_SVRENDER_WITHOUT_OPENGL, arguments));
+    return run_in(folder_, fmt::format("'{}' {}", SPLATVOL_SVRENDER_WITHOUT_OPENGL, arguments));
   }
 };
 
 TEST_F(WithoutOpenGl, SvrenderDraws) {
-  ASSERT_TRUE(test::write_test_volume(test::volume_of_x(500), path("v.svol")));
+  ASSERT_TRUE(write_test_volume(volume_of_x(500), path("v.svol")));
   for (const char* device : {"auto", "cpu"}) {
     const Outcome outcome = run(fmt::format("v.svol -o {}.exr --device {}", device, device));
     ASSERT_EQ(outcome.code, 0) << outcome.text;
@@ -36,7 +33,7 @@ TEST_F(WithoutOpenGl, SvrenderDraws) {
 }
 
 TEST_F(WithoutOpenGl, SvrenderNeedsNoLibraryOfIt) {
-  const Outcome outcome = test::run_in(folder_, fmt::format("ldd '{}'", SPLATVOL_SVRENDER_WITHOUT_OPENGL));
+  const Outcome outcome = run_in(folder_, fmt::format("ldd '{}'", SPLATVOL_SVRENDER_WITHOUT_OPENGL));
   ASSERT_EQ(outcome.code, 0) << outcome.text;
   EXPECT_THAT(outcome.text, HasSubstr("libtbb"));
   for (const char* library : {"libEGL", "libGL", "libOpenGL", "libepoxy", "libX11", "libglfw"})
@@ -44,4 +41,4 @@ TEST_F(WithoutOpenGl, SvrenderNeedsNoLibraryOfIt) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

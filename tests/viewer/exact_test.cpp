@@ -20,30 +20,23 @@
 #include "tests/viewer/viewer_fixture.h"
 #include "viewer/probe.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 double waves(dvec3 p) { return double{static_cast<float>(p.x + 0.3 * std::sin(8 * p.y))}; }
 
-class ExactAtRest : public test::FolderTest {
- protected:
-  static void build(const test::Mesh& mesh, const std::string& path, bool keeps_cells = true) {
-    BuildOptions options{.keep_cells = keeps_cells};
-    options.exact = {.positions = true, .values = true};
-    test::build_mesh(mesh, waves, path, options);
+struct ExactAtRest : FolderTest {
+  static void build(const Mesh& mesh, const std::string& path, bool keeps_cells = true) {
+    build_mesh(mesh, waves, path, {.exact = {.positions = true, .values = true}, .keep_cells = keeps_cells});
   }
   static ViewSettings on_processor() {
-    ViewSettings settings;
-    settings.device = Device::cpu;
-    settings.in_current_context = false;
-    settings.reads_aside = false;
-    return settings;
+    return {.device = Device::cpu, .in_current_context = false, .reads_aside = false};
   }
   [[nodiscard]] std::unique_ptr<Session> open(const ViewSettings& settings, const std::string& name = "m.svol") const {
-    return test::value_of(Session::open(path(name), "", settings, test::host));
+    return value_of(Session::open(path(name), "", settings, host));
   }
-  void draw(Session& session, double seconds = test::long_time) const {
-    ASSERT_EQ(test::message_of(session.draw(width_, height_, seconds)), "");
+  void draw(Session& session, double seconds = long_time) const {
+    ASSERT_EQ(message_of(session.draw(width_, height_, seconds)), "");
   }
   Image settled(Session& session) const {
     std::uint64_t segments = 0;
@@ -54,17 +47,17 @@ class ExactAtRest : public test::FolderTest {
       segments = session.exact()->segments;
     }
     EXPECT_TRUE(session.is_settled());
-    return test::value_of(session.image());
+    return value_of(session.image());
   }
-  static Image truth(const test::Mesh& mesh, const Scene& scene) {
+  static Image truth(const Mesh& mesh, const Scene& scene) {
     const std::vector<double> values = test::sample(mesh, waves);
     const std::vector<std::array<std::uint32_t, 4>> tetrahedra(mesh.tetrahedra.begin(), mesh.tetrahedra.end());
-    return test::value_of(render_reference({mesh.points, values, tetrahedra}, scene)).image;
+    return value_of(render_reference({mesh.points, values, tetrahedra}, scene)).image;
   }
   static double difference(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
 
   int width_ = 120, height_ = 90;
-  const test::Mesh mesh_ = test::jittered(12, 0.2);
+  const Mesh mesh_ = jittered(12, 0.2);
 };
 
 TEST_F(ExactAtRest, IsThePictureOfTheReference) {
@@ -87,49 +80,35 @@ TEST_F(ExactAtRest, IsThePictureOfTheReference) {
   }
 }
 
-// The value at a position, tetrahedron by tetrahedron; NaN: none.
-double value_in(const test::Mesh& mesh, const dvec3& position) {
-  for (const auto& [a, b, c, d] : mesh.tetrahedra) {
-    const dvec3& origin = mesh.points[a];
-    const dvec3 weights =
-        glm::inverse(dmat3(mesh.points[b] - origin, mesh.points[c] - origin, mesh.points[d] - origin)) *
-        (position - origin);
-    const double first = 1 - weights.x - weights.y - weights.z;
-    if (std::min({first, weights.x, weights.y, weights.z}) < 0) continue;
-    return first * waves(origin) + weights.x * waves(mesh.points[b]) + weights.y * waves(mesh.points[c]) +
-           weights.z * waves(mesh.points[d]);
-  }
-  return std::numeric_limits<double>::quiet_NaN();
-}
-
 TEST_F(ExactAtRest, ProbesHaveTheMeshsOwnValues) {
   build(mesh_, path("m.svol"));
   build(mesh_, path("without.svol"), false);
   const auto session = open(on_processor());
   settled(*session);
-  const auto cells = test::value_of(ProbedCells::open(session->steps(), 0, "value"));
+  const auto cells = value_of(ProbedCells::open(session->steps(), 0, "value"));
   ASSERT_TRUE(cells);
   const Looking looking = looking_through(session->view(), 0.5 * width_, 0.5 * height_);
   auto probe = ProbedFrame(session->frame()->list, session->units())
                    .probe({session->drawn_scene().transfer_function, nullptr}, looking);
   ASSERT_TRUE(probe);
   cells->take_values(looking.ray, *probe);
-  EXPECT_NEAR(probe->value, value_in(mesh_, probe->position), 1e-9);
+  const std::vector<double> values = test::sample(mesh_, waves);
+  EXPECT_NEAR(probe->value, value_in(mesh_, values, probe->position), 1e-9);
   std::size_t inside = 0;
   for (std::size_t i = 0; i < probe->samples.size(); i += 8) {
     const Probe::Sample& sample = probe->samples[i];
-    const double expected = value_in(mesh_, looking.ray.origin + sample.distance * looking.ray.direction);
+    const double expected = value_in(mesh_, values, looking.ray.origin + sample.distance * looking.ray.direction);
     EXPECT_EQ(std::isnan(sample.value), std::isnan(expected)) << i;
     EXPECT_TRUE(std::isnan(expected) || std::abs(sample.value - expected) < 1e-9) << i;
     inside += std::isnan(expected) ? 0 : 1;
   }
   EXPECT_GT(inside, 16);
-  EXPECT_FALSE(test::value_of(ProbedCells::open(open(on_processor(), "without.svol")->steps(), 0, "value")));
+  EXPECT_FALSE(value_of(ProbedCells::open(open(on_processor(), "without.svol")->steps(), 0, "value")));
 }
 
 // Exact pictures move, with samples some pixels apart, and exact ones follow at rest. No splats come between.
 TEST_F(ExactAtRest, MovesExactly) {
-  const test::Mesh mesh = test::jittered(24, 0.2);  // of several nodes
+  const Mesh mesh = jittered(24, 0.2);  // of several nodes
   build(mesh, path("m.svol"));
   const auto session = open(on_processor());
   session->set_window_seconds(-0.2);  // a loaded machine has time for a picture, too
@@ -146,7 +125,7 @@ TEST_F(ExactAtRest, MovesExactly) {
     ASSERT_TRUE(session->exact());
     EXPECT_FALSE(session->refinement());
     EXPECT_EQ(session->frame()->serial, serial) << "splats were chosen";
-    const Image picture = test::value_of(session->image());
+    const Image picture = value_of(session->image());
     const Image exact = truth(mesh, session->scene);
     EXPECT_LE(difference(picture, exact), 0.02);
     EXPECT_NEAR(light_of(picture) / light_of(exact), 1, 0.01);
@@ -159,7 +138,7 @@ TEST_F(ExactAtRest, MovesExactly) {
     draw(*session);
     ASSERT_TRUE(session->exact());
   }
-  EXPECT_LE(difference(test::value_of(session->image()), truth(mesh, session->scene)), 1e-4);
+  EXPECT_LE(difference(value_of(session->image()), truth(mesh, session->scene)), 1e-4);
   EXPECT_LT(session->frame()->splats, splats) << "probes need the splats of this view";
 
   // Slices that move have the values of splats.
@@ -188,7 +167,7 @@ TEST_F(ExactAtRest, HasContours) {
   settled(*session);
   EXPECT_EQ(session->explain(), "") << "contours are there";
   session->scene.transfer_function = function;
-  EXPECT_EQ(test::value_of(parse_scene(scene_to_json(session->used_scene().scene))).contours, session->scene.contours);
+  EXPECT_EQ(value_of(parse_scene(scene_to_json(session->used_scene().scene))).contours, session->scene.contours);
   EXPECT_TRUE(session->troubles().empty());
 
   // They move, too, unless the machine has no time for it.
@@ -198,7 +177,7 @@ TEST_F(ExactAtRest, HasContours) {
   mover->scene.camera.position += dvec3(0.05);
   draw(*mover, 0.001);
   if (mover->exact()) {
-    EXPECT_LE(difference(test::value_of(mover->image()), truth(mesh_, mover->scene)), 0.05);
+    EXPECT_LE(difference(value_of(mover->image()), truth(mesh_, mover->scene)), 0.05);
   }
 
   const auto without = open(on_processor(), "points.svol");
@@ -218,14 +197,14 @@ TEST_F(ExactAtRest, IsWhatASceneAsksFor) {
   EXPECT_FALSE(session->exact());
   EXPECT_FALSE(session->used_scene().use.quality.exact);
 
-  ASSERT_EQ(test::message_of(session->use({.quality = {.exact = true}})), "");
+  ASSERT_EQ(message_of(session->use({.quality = {.exact = true}})), "");
   settled(*session);
   EXPECT_TRUE(session->exact());
   EXPECT_TRUE(session->used_scene().use.quality.exact);
   EXPECT_FALSE(session->used_scene().use.quality.max_error);
 
   const auto without = open(on_processor(), "points.svol");
-  ASSERT_EQ(test::message_of(without->use({.quality = {.exact = true}})), "");
+  ASSERT_EQ(message_of(without->use({.quality = {.exact = true}})), "");
   settled(*without);
   ASSERT_EQ(without->troubles().size(), 1u);
   EXPECT_NE(without->troubles()[0].find("keeps no cells"), std::string::npos) << without->troubles()[0];
@@ -236,16 +215,16 @@ TEST_F(ExactAtRest, HasTheSamplingOfAScene) {
   const auto session = open(on_processor());
   const Image whole = settled(*session);
   for (const int spacing : {6, 3}) {
-    ASSERT_EQ(test::message_of(session->use({.drawing = {.sample_spacing = spacing}})), "");
+    ASSERT_EQ(message_of(session->use({.drawing = {.sample_spacing = spacing}})), "");
     EXPECT_GT(difference(settled(*session), whole), 0) << spacing;
     EXPECT_TRUE(session->exact());
   }
-  ASSERT_EQ(test::message_of(session->use({.drawing = {.sample_spacing = 1}})), "");
+  ASSERT_EQ(message_of(session->use({.drawing = {.sample_spacing = 1}})), "");
   EXPECT_EQ(compare_images(settled(*session), whole)->max, 0);
 }
 
 TEST_F(ExactAtRest, IsGivenUpForAChange) {
-  build(test::jittered(24, 0.2), path("m.svol"));
+  build(jittered(24, 0.2), path("m.svol"));
   width_ = 600, height_ = 450;
   const auto session = open(on_processor());
   const Image whole = settled(*session);
@@ -325,11 +304,11 @@ TEST_F(ExactAtRest, FailsOnce) {
 
 TEST_F(ExactAtRest, HasTheLightOfFewerSamples) {
   build(mesh_, path("m.svol"));
-  const auto player = test::value_of(Player::open(path("m.svol"), std::nullopt, {.device = Device::cpu}));
+  const auto player = value_of(Player::open(path("m.svol"), std::nullopt, {.device = Device::cpu}));
   const auto light = [&](int spacing) {
-    EXPECT_EQ(test::message_of(player->draw_exact({}, spacing)), "");
+    EXPECT_EQ(message_of(player->draw_exact({}, spacing)), "");
     dvec3 sum(0);
-    for (const vec4& pixel : test::value_of(player->image()).pixels) sum += dvec3(pixel);
+    for (const vec4& pixel : value_of(player->image()).pixels) sum += dvec3(pixel);
     return sum.x + sum.y + sum.z;
   };
   const double exact = light(1);
@@ -337,17 +316,14 @@ TEST_F(ExactAtRest, HasTheLightOfFewerSamples) {
 }
 
 // Where a graphics card draws what moves, the processor draws the picture at rest, and the window shows it.
-class ExactViewer : public test::ViewerFixture {};
+class ExactViewer : public ViewerFixture {};
 
 TEST_F(ExactViewer, ShowsTheProcessorsPicture) {
-  test::build_mesh(test::jittered(12, 0.2), waves, path("m.svol"), {.keep_cells = true});
+  build_mesh(jittered(12, 0.2), waves, path("m.svol"), {.keep_cells = true});
   std::vector<Image> screens;
   for (const Device device : {Device::gl, Device::cpu}) {
     resize(300, 200);
-    ViewerOptions options;
-    options.volume = path("m.svol");
-    options.settings.device = device;
-    open(options);
+    open({.volume = path("m.svol"), .settings = {.device = device}});
     settle();
     EXPECT_TRUE(viewer->session()->exact());
     press(key::tab);  // without the panel
@@ -358,4 +334,4 @@ TEST_F(ExactViewer, ShowsTheProcessorsPicture) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -8,36 +8,30 @@
 #include <thread>
 
 #include "player/camera_control.h"
+#include "tests/support/results.h"
 #include "tests/support/scripted_server.h"
 #include "tests/support/stalled_source.h"
 #include "tests/viewer/viewer_fixture.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::Reply;
-using testing::ElementsAre;
-using testing::HasSubstr;
+using namespace ::testing;
 
 constexpr int width = 800, height = 600;
 
-class SlowFiles : public test::ViewerFixture {
- protected:
+struct SlowFiles : test::ViewerFixture {
   void SetUp() override { write_two_attributes("v.svol"); }
 };
 
 // A session without a window, whose reads wait while `stalls`.
-class SlowFilesInASession : public SlowFiles {
- protected:
+struct SlowFilesInASession : SlowFiles {
   void SetUp() override {
     SlowFiles::SetUp();
-    const auto open = [this](const std::string& file) { return test::open_stalled(file, stalls, waiting); };
-    ViewSettings settings;
-    settings.device = Device::cpu;
-    settings.in_current_context = false;
-    auto read = Session::read({.file = path("v.svol")}, "", settings, open);
-    ASSERT_TRUE(read) << read.error().message;
-    session = Session::open(std::move(*read), test::host).value();
+    const auto open = [this](const std::string& file) { return open_stalled(file, stalls, waiting); };
+    ViewSettings settings{.device = Device::cpu, .in_current_context = false};
+    auto read = value_of(Session::read({.file = path("v.svol")}, "", settings, open));
+    session = Session::open(std::move(read), host).value();
   }
 
   void draw() { ASSERT_TRUE(session->draw(200, 150, 1)); }
@@ -55,21 +49,18 @@ class SlowFilesInASession : public SlowFiles {
   std::unique_ptr<Session> session;
 };
 
-class SlowFilesInAWindow : public SlowFiles {
- protected:
+struct SlowFilesInAWindow : SlowFiles {
   void SetUp() override {
     SlowFiles::SetUp();
     ViewerFixture::SetUp();
     resize(width, height);
-    ViewerOptions options;
-    options.recent_files = path("state/recent.json");
-    open(options);
+    open({.recent_files = path("state/recent.json")});
   }
   std::string opened() const { return viewer->session() ? viewer->session()->path() : ""; }
 };
 
 TEST_F(SlowFilesInAWindow, AServerThatStallsIsGivenUpByAKey) {
-  const test::ScriptedServer server({Reply{"", Reply::Then::stall}});
+  const ScriptedServer server({Reply{"", Reply::Then::stall}});
   frame({FilesDropped{{path("v.svol")}}});
   settle();
   EXPECT_EQ(opened(), path("v.svol"));
@@ -89,7 +80,7 @@ TEST_F(SlowFilesInAWindow, AServerThatStallsIsGivenUpByAKey) {
 }
 
 TEST_F(SlowFilesInAWindow, ClosingDoesNotWaitForAServer) {
-  const test::ScriptedServer server({Reply{"", Reply::Then::stall}});
+  const ScriptedServer server({Reply{"", Reply::Then::stall}});
   frame({FilesDropped{{server.url("far.svol")}}});
   while (server.requests().empty()) std::this_thread::yield();
   const auto start = std::chrono::steady_clock::now();
@@ -260,4 +251,4 @@ TEST_F(SlowFilesInASession, OpacityByAnotherAttributeIsReadAside) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -10,12 +10,7 @@
 namespace splatvol {
 namespace {
 
-TransferFunction constant(double extinction) {
-  TransferFunction function;
-  function.colors = {{0, dvec3(1)}};
-  function.densities = {{0, extinction}};
-  return function;
-}
+TransferFunction constant(double extinction) { return {.colors = {{0, dvec3(1)}}, .densities = {{0, extinction}}}; }
 
 MomentsSplat ball(const dvec3& center, double deviation, double mass, double value) {
   MomentsSplat splat;
@@ -27,11 +22,10 @@ MomentsSplat ball(const dvec3& center, double deviation, double mass, double val
 }
 
 View view_along_z(bool orthographic) {
-  Camera camera;
-  camera.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective;
-  camera.parallel_height = 4;
-  camera.position = {1e6, 0, 10};
-  camera.focal_point = {1e6, 0, 0};
+  Camera camera{.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective,
+                .parallel_height = 4,
+                .position = {1e6, 0, 10},
+                .focal_point = {1e6, 0, 0}};
   return make_view(camera, 200, 100).value();
 }
 

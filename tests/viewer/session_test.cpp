@@ -15,37 +15,28 @@
 #include "tests/viewer/viewer_fixture.h"
 #include "viewer/probe.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::long_time;
-
 // A file with more points than are drawn at once.
-class SessionAtRest : public testing::Test {
- protected:
+struct SessionAtRest : testing::Test {
   static void SetUpTestSuite() {
     folder.emplace();
     const auto waves = [](dvec3 p) { return std::sin(20 * p.x) * std::cos(17 * p.y) + std::sin(9 * p.z); };
-    test::build_mesh(test::lattice(84), waves, path());
+    build_mesh(lattice(84), waves, path());
   }
   static void TearDownTestSuite() { folder.reset(); }
 
   static std::string path() { return folder->path("m.svol"); }
 
   static std::unique_ptr<Session> open(const ViewSettings& settings) {
-    auto session = Session::open(path(), "", settings, test::host);
+    auto session = Session::open(path(), "", settings, host);
     EXPECT_TRUE(session) << session.error().message;
     return std::move(*session);
   }
-  static ViewSettings on_processor() {
-    ViewSettings settings;
-    settings.device = Device::cpu;
-    settings.in_current_context = false;
-    return settings;
-  }
+  static ViewSettings on_processor() { return {.device = Device::cpu, .in_current_context = false}; }
   static void draw(Session& session, double seconds = long_time) {
-    const Status drawn = session.draw(200, 150, seconds);
-    ASSERT_TRUE(drawn) << drawn.error().message;
+    ASSERT_EQ(message_of(session.draw(200, 150, seconds)), "");
   }
   static Image settled(Session& session) {
     int frames = 0;
@@ -56,7 +47,7 @@ class SessionAtRest : public testing::Test {
     return session.image().value();
   }
 
-  static inline std::optional<test::TempFolder> folder;
+  static inline std::optional<TempFolder> folder;
 };
 
 TEST_F(SessionAtRest, HasTheWantedError) {
@@ -172,12 +163,10 @@ TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
 // What the HUD tells of a picture that was drawn aside fits into it a frame after the picture has come.
 TEST_F(SessionAtRest, AFrameFollowsTheLastPicture) {
   constexpr int width = 400, height = 300;
-  ASSERT_TRUE(test::shared_context());
+  ASSERT_TRUE(shared_context());
   Target target;
   ASSERT_TRUE(target.resize(width, height));
-  ViewerOptions options;
-  options.volume = path();
-  options.settings.device = Device::cpu;
+  ViewerOptions options{.volume = path(), .settings = {.device = Device::cpu}};
   options.settings.quality.tolerance_percent = 0;
   const auto viewer = Viewer::create(options).value();
   std::vector<Event> events{WindowResized{width, height, width, height, 1}};
@@ -193,10 +182,7 @@ TEST_F(SessionAtRest, NobodyWaitsForAPicture) {
   ViewSettings settings = on_processor();
   settings.quality.tolerance_percent = 0;
   const auto session = open(settings);
-  const auto draw_large = [&](double seconds) {
-    const Status drawn = session->draw(900, 700, seconds);
-    ASSERT_TRUE(drawn) << drawn.error().message;
-  };
+  const auto draw_large = [&](double seconds) { ASSERT_EQ(message_of(session->draw(900, 700, seconds)), ""); };
   const auto settle = [&] {
     int frames = 0;
     do {
@@ -242,10 +228,9 @@ TEST_F(SessionAtRest, DrawsTheSameWithoutHurry) {
 // A disk that fails: after a thousand parts that cannot be read, the picture stays coarse and comes to rest.
 TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
   const std::string damaged = folder->path("damaged.svol");
-  BuildOptions options;
-  options.points_per_chunk = {{64}};
-  test::build_mesh(
-      test::lattice(40), [](dvec3 p) { return std::sin(20 * p.x); }, damaged, options);
+  BuildOptions options{.points_per_chunk = {{64}}};
+  build_mesh(
+      lattice(40), [](dvec3 p) { return std::sin(20 * p.x); }, damaged, options);
   const auto volume = *format::Volume::open(*open_file(damaged));
   const auto rows = std::ranges::find(volume->sections(), format::SectionKind::rows, &format::SectionEntry::kind);
   std::string bytes = *read_text_file(damaged);
@@ -256,7 +241,7 @@ TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
     ViewSettings settings = on_processor();
     settings.quality.tolerance_percent = 0;
     settings.hurries = hurries;
-    auto session = test::value_of(Session::open(damaged, "", settings, test::host));
+    auto session = value_of(Session::open(damaged, "", settings, host));
     settled(*session);
     EXPECT_GE(session->troubles().size(), 1000u);
     EXPECT_GT(session->frame()->splats, 0u);
@@ -316,4 +301,4 @@ TEST_F(SessionAtRest, TheProbeHasThePicturesOpacity) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

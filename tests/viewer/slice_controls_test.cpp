@@ -6,22 +6,19 @@
 #include "tests/viewer/viewer_fixture.h"
 #include "viewer/probe.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr double panel = 336;
 
 double linear(dvec3 p) { return 3 + p.x - 2 * p.y + 0.5 * p.z; }
 
-class ViewerSlices : public test::ViewerFixture {
- protected:
+struct ViewerSlices : test::ViewerFixture {
   void SetUp() override {
     ViewerFixture::SetUp();
-    test::build_mesh(test::lattice(12), linear, path("m.svol"));
+    build_mesh(lattice(12), linear, path("m.svol"));
     resize(1100, 800);
-    ViewerOptions options;
-    options.volume = path("m.svol");
-    open(options);
+    open({.volume = path("m.svol")});
     settle();
   }
 
@@ -117,4 +114,4 @@ TEST_F(ViewerSlices, TheProbeReadsTheValue) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

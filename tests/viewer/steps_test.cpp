@@ -1,5 +1,4 @@
 // A time series in the viewer.
-#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -11,22 +10,20 @@
 #include "builder/series/series_files.h"
 #include "player/session.h"
 #include "tests/builder/support/built_mesh.h"
+#include "tests/support/results.h"
 #include "tests/support/stalled_source.h"
 #include "tests/viewer/viewer_fixture.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::long_time;
 
 const auto silent = [](const char*, double) {};
 
 SeriesStep step_at(int step, std::uint32_t cells = 12) {
-  return test::mesh_step(0.5 * step, test::lattice(cells), [step](dvec3 p) { return std::sin(5 * p.x + step) + step; });
+  return mesh_step(0.5 * step, lattice(cells), [step](dvec3 p) { return std::sin(5 * p.x + step) + step; });
 }
 
-class ViewerSteps : public test::ViewerFixture {
- protected:
+struct ViewerSteps : test::ViewerFixture {
   void SetUp() override {
     ViewerFixture::SetUp();
     ASSERT_TRUE(build_series({step_at(0), step_at(1), step_at(2)}, path("series.svol"), {}, silent));
@@ -50,7 +47,7 @@ class ViewerSteps : public test::ViewerFixture {
 };
 
 TEST_F(ViewerSteps, LookLikeFilesOfTheirOwn) {
-  const auto series = Session::open(path("series.svol"), "", {}, test::host).value();
+  const auto series = Session::open(path("series.svol"), "", {}, host).value();
   EXPECT_EQ(series->times(), (std::vector<double>{0, 0.5, 1}));
   EXPECT_EQ(series->step(), 2u) << "the last comes first";
   const Image last = settled(*series);
@@ -59,7 +56,7 @@ TEST_F(ViewerSteps, LookLikeFilesOfTheirOwn) {
   const Image middle = settled(*series);
   EXPECT_GT(compare_images(last, middle)->rmse, 0.01);
 
-  const auto single = Session::open(path("single.svol"), "", {}, test::host).value();
+  const auto single = Session::open(path("single.svol"), "", {}, host).value();
   EXPECT_TRUE(single->times().empty());
   single->scene = series->scene;
   EXPECT_LE(compare_images(settled(*single), middle)->max, 1e-6);
@@ -75,9 +72,8 @@ TEST_F(ViewerSteps, LookLikeFilesOfTheirOwn) {
 // A series of files, whose meshes differ, plays like a series in one file.
 TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
   const std::string index = folder_ + "f.svols";
-  const auto built = build_series_of_files({step_at(0), step_at(1, 9), step_at(2)}, index, false, {}, silent);
-  ASSERT_TRUE(built) << built.error().message;
-  const auto series = Session::open(index, "", {}, test::host).value();
+  ASSERT_EQ(message_of(build_series_of_files({step_at(0), step_at(1, 9), step_at(2)}, index, false, {}, silent)), "");
+  const auto series = Session::open(index, "", {}, host).value();
   EXPECT_EQ(series->times(), (std::vector<double>{0, 0.5, 1}));
   EXPECT_EQ(series->step(), 2u);
   const Image last = settled(*series);
@@ -89,7 +85,7 @@ TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
   EXPECT_TRUE(series->is_step_shown());
   EXPECT_EQ(series->info().point_count(), 1000u);
 
-  const auto single = Session::open(folder_ + "f-0001.svol", "", {}, test::host).value();
+  const auto single = Session::open(folder_ + "f-0001.svol", "", {}, host).value();
   single->scene = series->scene;
   EXPECT_EQ(compare_images(settled(*single), middle)->max, 0);
 
@@ -105,7 +101,7 @@ TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
 // The step's own file is gone, too: it is open, and stays.
 TEST_F(ViewerSteps, StayWhileAllFilesAreAway) {
   const std::string index = write_files("g.svols", 2);
-  const auto series = Session::open(index, "", {}, test::host).value();
+  const auto series = Session::open(index, "", {}, host).value();
   const Image last = settled(*series);
   for (const char* file : {"/g-0000.svol", "/g-0001.svol"})
     std::filesystem::rename(folder_ + file, folder_ + file + ".away");
@@ -130,8 +126,8 @@ TEST_F(ViewerSteps, AreReadAside) {
   for (const std::string& file : {path("series.svol"), index}) {
     std::atomic<bool> stalls = false;
     std::atomic<int> waiting = 0;
-    const auto open = [&](const std::string& name) { return test::open_stalled(name, stalls, waiting); };
-    const auto session = Session::open(Session::read({.file = file}, "", {}, open).value(), test::host).value();
+    const auto open = [&](const std::string& name) { return open_stalled(name, stalls, waiting); };
+    const auto session = Session::open(Session::read({.file = file}, "", {}, open).value(), host).value();
     const Image last = settled(*session);
 
     stalls = true;
@@ -165,7 +161,7 @@ TEST_F(ViewerSteps, AreReadAside) {
     EXPECT_EQ(session->step(), 1u);
     EXPECT_TRUE(session->is_step_shown());
     EXPECT_TRUE(session->troubles().empty());
-    const auto waits = Session::open(file, "", {}, test::host).value();
+    const auto waits = Session::open(file, "", {}, host).value();
     ASSERT_TRUE(waits->show_step(1));
     EXPECT_EQ(compare_images(settled(*waits), middle)->max, 0);
     EXPECT_EQ(waits->histogram(), session->histogram());
@@ -181,7 +177,7 @@ TEST_F(ViewerSteps, AreReadAside) {
     stalls = false;
   }
   std::filesystem::remove(folder_ + "aside-0000.svol");
-  const auto session = Session::open(index, "", {}, test::host).value();
+  const auto session = Session::open(index, "", {}, host).value();
   const Image last = settled(*session);
   session->ask_step(0);
   EXPECT_EQ(compare_images(settled(*session), last)->max, 0);
@@ -195,19 +191,14 @@ TEST_F(ViewerSteps, AreReadAside) {
   EXPECT_EQ(session->scene.transfer_function.colors.size(), 1u);
 }
 
-class PlayingSteps : public ViewerSteps {
- protected:
+struct PlayingSteps : ViewerSteps {
   void SetUp() override {
     ViewerSteps::SetUp();
     resize(400, 300);
     frame_seconds = 0.02;
     play_file(path("series.svol"));
   }
-  void play_file(const std::string& volume) {
-    ViewerOptions options;
-    options.volume = volume;
-    open(options);
-  }
+  void play_file(const std::string& volume) { open({.volume = volume}); }
   [[nodiscard]] std::size_t step() const { return viewer->session()->step(); }
 };
 
@@ -255,4 +246,4 @@ TEST_F(PlayingSteps, OfFilesGoOnUntilOneCannotBeRead) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

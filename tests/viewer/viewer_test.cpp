@@ -11,11 +11,10 @@
 #include "renderer/device/device.h"
 #include "tests/viewer/viewer_fixture.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 namespace fs = std::filesystem;
-using test::long_time;
 using testing::HasSubstr;
 
 constexpr int width = 800, height = 600;
@@ -30,24 +29,17 @@ class ProgramsFrom {
   std::string before_ = std::getenv("PATH");
 };
 
-class ViewerTest : public test::ViewerFixture {
- protected:
+struct ViewerTest : test::ViewerFixture {
   void SetUp() override {
     ViewerFixture::SetUp();
     write_two_attributes("v.svol");
     resize(width, height);
-    ViewerOptions options;
-    options.volume = path("v.svol");
-    options.settings.reads_aside = false;
-    open(options);
+    open({.volume = path("v.svol"), .settings = {.reads_aside = false}});
   }
 
   // Opens the file again, with a clipboard that `copied` holds.
   void open_with_clipboard(std::string& copied, const std::string& scene_text = "") {
-    ViewerOptions options;
-    options.volume = path("v.svol");
-    options.scene = scene_text;
-    options.settings.reads_aside = false;
+    ViewerOptions options{.volume = path("v.svol"), .scene = scene_text, .settings = {.reads_aside = false}};
     options.clipboard.copy = [&](const std::string& text) { copied = text; };
     open(options);
   }
@@ -91,10 +83,7 @@ TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
 TEST_F(ViewerTest, ShowsTheSamePictureOfBothDevices) {
   std::vector<Image> windows, pictures;
   for (const Device device : {Device::cpu, Device::gl}) {
-    ViewerOptions options;
-    options.volume = path("v.svol");
-    options.settings.device = device;
-    open(options);
+    open({.volume = path("v.svol"), .settings = {.device = device}});
     press('H');  // hides the numbers, which differ
     settle();
     pictures.push_back(viewer->session()->image().value());
@@ -270,10 +259,7 @@ TEST_F(ViewerTest, RSeesAllAgain) {
   away.camera.focal_point = away.camera.position + dvec3(0, 0, 50);
   away.attribute = "a1";
   write("away.json", scene_to_json(away));
-  ViewerOptions options;
-  options.volume = path("v.svol");
-  options.scene = path("away.json");
-  open(options);
+  open({.volume = path("v.svol"), .scene = path("away.json")});
   settle();
   EXPECT_EQ(scene().camera, away.camera);
   press('R');
@@ -352,7 +338,6 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
   EXPECT_EQ(size_of(*read_text_file("v.png")), std::pair(1920, 1080));
   EXPECT_EQ(scene().width, shown);
 
-  // A scene.
   const auto save_scene = [&] { click_and_settle(40, 768); };
   save_scene();
   const std::string saved = *read_text_file("v.json");
@@ -588,7 +573,7 @@ TEST_F(ViewerTest, ADragOverTheHistogramChangesTheOpacity) {
 }
 
 TEST_F(ViewerTest, AnotherAttributeComesWithItsOwnTransferFunction) {
-  const auto session = Session::open(path("v.svol"), "", ViewSettings(), test::host).value();
+  const auto session = Session::open(path("v.svol"), "", ViewSettings(), host).value();
   const auto settled = [&] {
     do {
       EXPECT_TRUE(session->draw(200, 150, long_time));
@@ -676,11 +661,7 @@ TEST_F(ViewerTest, SurvivesBeingMinimisedAndTiny) {
 
 // A picture that the card has no room for: the message stays, and the next size that fits is drawn.
 TEST_F(ViewerTest, APictureThatIsTooLargeIsReported) {
-  ViewerOptions options;
-  options.volume = path("v.svol");
-  options.settings.device = Device::gl;
-  options.settings.gpu_memory = 40 << 20;
-  open(options);
+  open({.volume = path("v.svol"), .settings = {.gpu_memory = 40 << 20, .device = Device::gl}});
   settle();
   EXPECT_TRUE(viewer->drawn());
   press('C');  // draws the nodes of the last frame, too
@@ -703,10 +684,7 @@ TEST_F(ViewerTest, APictureThatIsTooLargeIsReported) {
 
 // A file that is moved stays open. Of one that is cut off, no other attribute can be read: the picture stays.
 TEST_F(ViewerTest, SurvivesAFileThatGoesAway) {
-  ViewerOptions options;
-  options.volume = path("v.svol");
-  options.settings.memory = 1 << 20;
-  open(options);
+  open({.volume = path("v.svol"), .settings = {.memory = 1 << 20}});
   settle();
   const auto switch_to = [&](const std::string& attribute) {
     Scene other = scene();
@@ -737,11 +715,10 @@ TEST_F(ViewerTest, AHighDensityDisplayGetsItsPixels) {
 TEST_F(ViewerTest, SaysThatThereIsNoFile) {
   open(ViewerOptions());
   EXPECT_EQ(viewer->session(), nullptr);
-  ViewerOptions missing;
-  missing.volume = "no/such.svol";
+  ViewerOptions missing{.volume = "no/such.svol"};
   viewer.reset();
   EXPECT_THAT(Viewer::create(missing).error().message, HasSubstr("no/such.svol"));
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

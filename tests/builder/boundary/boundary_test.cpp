@@ -21,48 +21,53 @@
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using ::testing::_;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::Pair;
+using namespace ::testing;
 
-Piece piece_of(const test::Mesh& mesh) {
+Piece piece_of(const Mesh& mesh) {
   Piece piece;
   piece.points = mesh.points;
   piece.tetrahedra = mesh.tetrahedra;
-  piece.values = {test::sample(mesh, [](dvec3 p) { return p.x; })};
+  piece.values = {sample(mesh, [](dvec3 p) { return p.x; })};
   return piece;
 }
 
-// Triangles of the plane `axis` = `value` that bound a mesh, as a patch.
-Patch patch_at(const std::string& name, const test::Mesh& mesh, int axis, double value) {
+// Triangles that bound a mesh and whose middles are in a region, as a patch.
+Patch patch_of(const std::string& name, const Mesh& mesh, const std::function<bool(dvec3)>& holds) {
   Patch patch{name, {mesh.points, {}}};
   for (const OuterFace& face : find_outer_faces(mesh.points, mesh.tetrahedra)) {
     std::array<std::uint32_t, 3> corners{};
-    for (std::size_t k = 0; k < 3; ++k) corners[k] = static_cast<std::uint32_t>(face.corners[k]);
-    if (std::ranges::all_of(corners, [&](std::uint32_t c) { return std::abs(mesh.points[c][axis] - value) < 1e-9; }))
-      patch.mesh.triangles.push_back(corners);
+    dvec3 middle(0);
+    for (std::size_t k = 0; k < 3; ++k) {
+      corners[k] = static_cast<std::uint32_t>(face.corners[k]);
+      middle += mesh.points[corners[k]] / 3.0;
+    }
+    if (holds(middle)) patch.mesh.triangles.push_back(corners);
   }
   return patch;
 }
 
+// Those in the plane `axis` = `value`, which is a side of the mesh.
+Patch patch_at(const std::string& name, const Mesh& mesh, int axis, double value) {
+  return patch_of(name, mesh, [=](dvec3 middle) { return std::abs(middle[axis] - value) < 1e-9; });
+}
+
 BoundaryFaces faces_of(const std::vector<Piece>& pieces, std::size_t memory = BoundaryFaces::least_memory()) {
-  auto faces = test::value_of(BoundaryFaces::create(memory, testing::TempDir()));
-  for (const Piece& piece : pieces) EXPECT_EQ(test::message_of(faces.add(piece)), "");
+  auto faces = value_of(BoundaryFaces::create(memory, testing::TempDir()));
+  for (const Piece& piece : pieces) EXPECT_EQ(message_of(faces.add(piece)), "");
   return faces;
 }
 
 Boundary whole(const std::vector<Piece>& pieces) {
   BoundaryFaces faces = faces_of(pieces);
-  return test::value_of(whole_boundary(faces));
+  return value_of(whole_boundary(faces));
 }
 
 Boundary simplified(const std::vector<Piece>& pieces, std::uint64_t most) {
   BoundaryFaces faces = faces_of(pieces);
-  return test::value_of(simplified_boundary(faces, most));
+  return value_of(simplified_boundary(faces, most));
 }
 
 using Corner = std::tuple<double, double, double>;
@@ -92,8 +97,8 @@ double volume_6(const Boundary& boundary) {
 }
 
 // A ball of radius 1.
-test::Mesh ball(std::uint32_t cells) {
-  return test::lattice(cells, [](dvec3 p) {
+Mesh ball(std::uint32_t cells) {
+  return lattice(cells, [](dvec3 p) {
     const dvec3 q = 2.0 * p - 1.0;
     const double largest = std::max({std::abs(q.x), std::abs(q.y), std::abs(q.z)});
     return largest > 0 ? q * largest / glm::length(q) : q;
@@ -101,7 +106,7 @@ test::Mesh ball(std::uint32_t cells) {
 }
 
 TEST(BoundaryOfMeshes, ACubeHasTwelveTriangles) {
-  const Boundary boundary = whole({piece_of(test::lattice(1))});
+  const Boundary boundary = whole({piece_of(lattice(1))});
   ASSERT_EQ(boundary.patches.size(), 1u);
   EXPECT_EQ(boundary.patches[0].name, "outer");
   EXPECT_EQ(boundary.patches[0].mesh.triangles.size(), 12u);
@@ -113,15 +118,15 @@ TEST(BoundaryOfMeshes, ACubeHasTwelveTriangles) {
 }
 
 TEST(BoundaryOfMeshes, PiecesHaveNoFaceInside) {
-  const auto right = test::lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); });
-  const Boundary boundary = whole({piece_of(test::lattice(3)), piece_of(right)});
+  const auto right = lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); });
+  const Boundary boundary = whole({piece_of(lattice(3)), piece_of(right)});
   EXPECT_EQ(boundary.triangles, 2u * 9 * 10);
   EXPECT_EQ(open_edges(boundary), 0u);
   EXPECT_NEAR(volume_6(boundary), 12, 1e-12);
 }
 
 TEST(BoundaryOfMeshes, CellsOfTheirOwnHaveTheSame) {
-  const test::Mesh mesh = test::lattice(3);
+  const Mesh mesh = lattice(3);
   Piece piece;
   piece.cells.emplace();
   piece.cells->corners = mesh.points;
@@ -131,8 +136,8 @@ TEST(BoundaryOfMeshes, CellsOfTheirOwnHaveTheSame) {
 
 // Four faces lie in one, and neither they nor it bound the mesh.
 TEST(BoundaryOfMeshes, HangingNodesAreInside) {
-  const auto right = test::lattice(4, [](dvec3 p) { return p + dvec3(1, 0, 0); });
-  const Boundary boundary = whole({piece_of(test::lattice(2)), piece_of(right)});
+  const auto right = lattice(4, [](dvec3 p) { return p + dvec3(1, 0, 0); });
+  const Boundary boundary = whole({piece_of(lattice(2)), piece_of(right)});
   EXPECT_EQ(boundary.triangles, 5u * 8 + 5u * 32);
   EXPECT_EQ(boundary.patches.size(), 1u) << "and the others stay connected";
   for (const auto& [a, b, c] : boundary.patches[0].mesh.triangles) {
@@ -142,12 +147,12 @@ TEST(BoundaryOfMeshes, HangingNodesAreInside) {
 }
 
 TEST(BoundaryOfMeshes, AGapIsNoHangingNode) {
-  const auto right = test::lattice(4, [](dvec3 p) { return p + dvec3(1.001, 0, 0); });
-  EXPECT_EQ(whole({piece_of(test::lattice(2)), piece_of(right)}).triangles, 6u * 8 + 6u * 32);
+  const auto right = lattice(4, [](dvec3 p) { return p + dvec3(1.001, 0, 0); });
+  EXPECT_EQ(whole({piece_of(lattice(2)), piece_of(right)}).triangles, 6u * 8 + 6u * 32);
 }
 
 TEST(BoundaryOfMeshes, PatchesHaveTheirFaces) {
-  const test::Mesh mesh = test::lattice(3);
+  const Mesh mesh = lattice(3);
   Piece piece = piece_of(mesh);
   piece.patches = {patch_at("top", mesh, 2, 1), patch_at("bottom", mesh, 2, 0), patch_at("inside", mesh, 2, 0.5)};
   // A wall between two cells, of which no cell is the only one.
@@ -168,7 +173,7 @@ TEST(BoundaryOfMeshes, PatchesHaveTheirFaces) {
 }
 
 TEST(BoundaryOfMeshes, OfPatchesOnlyTheRestIsLeftOut) {
-  const test::Mesh mesh = test::lattice(2);
+  const Mesh mesh = lattice(2);
   Piece piece = piece_of(mesh);
   for (int side = 0; side < 6; ++side)
     piece.patches.push_back(patch_at(fmt::format("side {}", side), mesh, side / 2, side % 2));
@@ -179,7 +184,7 @@ TEST(BoundaryOfMeshes, OfPatchesOnlyTheRestIsLeftOut) {
 }
 
 TEST(BoundaryOfMeshes, AFaceOfTwoPatchesBelongsToTheSmaller) {
-  const test::Mesh mesh = test::lattice(2);
+  const Mesh mesh = lattice(2);
   Piece piece = piece_of(mesh);
   piece.patches = {patch_at("all", mesh, 2, 1), patch_at("top", mesh, 2, 1)};
   const Patch bottom = patch_at("all", mesh, 2, 0);
@@ -193,7 +198,7 @@ TEST(BoundaryOfMeshes, AFaceOfTwoPatchesBelongsToTheSmaller) {
 }
 
 TEST(BoundaryOfMeshes, APatchWithADamagedPointChangesNothing) {
-  const test::Mesh mesh = test::lattice(2);
+  const Mesh mesh = lattice(2);
   Piece piece = piece_of(mesh);
   piece.patches = {patch_at("top", mesh, 2, 1)};
   piece.patches[0].mesh.points.push_back(dvec3(1e30));
@@ -209,8 +214,8 @@ std::vector<std::pair<std::string, std::size_t>> sizes_of(const Boundary& bounda
 }
 
 // A lattice without the cubes that lie in a box.
-test::Mesh hollow(std::uint32_t cells, const Box& body) {
-  test::Mesh mesh = test::lattice(cells);
+Mesh hollow(std::uint32_t cells, const Box& body) {
+  Mesh mesh = lattice(cells);
   std::erase_if(mesh.tetrahedra, [&](const auto& tetrahedron) {
     dvec3 middle(0);
     for (const std::uint32_t corner : tetrahedron) middle += mesh.points[corner] / 4.0;
@@ -221,10 +226,10 @@ test::Mesh hollow(std::uint32_t cells, const Box& body) {
 
 // Cubes of one cell with edges of 0.1, at some places.
 Piece cubes_at(const std::vector<dvec3>& places) {
-  test::Mesh mesh;
+  Mesh mesh;
   for (const dvec3& place : places) {
     const auto first = static_cast<std::uint32_t>(mesh.points.size());
-    const test::Mesh cube = test::lattice(1, [&](dvec3 p) { return place + 0.1 * p; });
+    const Mesh cube = lattice(1, [&](dvec3 p) { return place + 0.1 * p; });
     mesh.points.insert(mesh.points.end(), cube.points.begin(), cube.points.end());
     for (auto tetrahedron : cube.tetrahedra) {
       for (std::uint32_t& corner : tetrahedron) corner += first;
@@ -247,7 +252,7 @@ TEST(ConnectedParts, ABodyIsApartFromTheHullRoundIt) {
 TEST(ConnectedParts, AreInTheOrderOfTheirSizesThenOfTheirPlaces) {
   // Rounding moves the corners of some.
   const std::vector<dvec3> places = {{0.3, 0.7, 0.2}, {0.1 + 0.2, 0.2, 0.2}, {0.3, 0.2, 0.7}};
-  std::vector<Piece> pieces = {cubes_at(places), piece_of(test::lattice(1, [](dvec3 p) { return 2.0 * p + 3.0; }))};
+  std::vector<Piece> pieces = {cubes_at(places), piece_of(lattice(1, [](dvec3 p) { return 2.0 * p + 3.0; }))};
   const Boundary boundary = whole(pieces);
   EXPECT_THAT(sizes_of(boundary),
               ElementsAre(Pair("outer 1", 12u), Pair("outer 2", 12u), Pair("outer 3", 12u), Pair("outer 4", 12u)));
@@ -277,7 +282,7 @@ TEST(ConnectedParts, BeyondALimitAreOnePatch) {
   EXPECT_EQ(names[9], "outer 10") << "in the order of their numbers";
   EXPECT_EQ(names[31], "outer 32");
   const Boundary boundary =
-      whole({piece_of(test::lattice(3, [](dvec3 p) { return 5.0 * p; })), piece_of(test::random_tetrahedra(2000))});
+      whole({piece_of(lattice(3, [](dvec3 p) { return 5.0 * p; })), piece_of(random_tetrahedra(2000))});
   const auto sizes = sizes_of(boundary);
   ASSERT_EQ(sizes.size(), most_rest_parts);
   EXPECT_EQ(sizes.front(), std::pair(std::string("outer 1"), std::size_t{108}));
@@ -287,7 +292,7 @@ TEST(ConnectedParts, BeyondALimitAreOnePatch) {
 
 // All faces of a patch stay together, and the rest does not get a name that the input uses.
 TEST(ConnectedParts, LeaveTheInputsPatchesAsTheyAre) {
-  const test::Mesh mesh = hollow(6, {dvec3(0.35), dvec3(0.65)});
+  const Mesh mesh = hollow(6, {dvec3(0.35), dvec3(0.65)});
   const auto with = [&](const std::vector<std::string>& names) {
     Piece piece = piece_of(mesh);
     for (const std::string& name : names) piece.patches.push_back({name, {}});
@@ -319,7 +324,7 @@ TEST(ConnectedParts, FitBesideThePatchesOfTheInput) {
 
 // Too many triangles to hold: their points are joined first.
 TEST(ConnectedParts, AreThoseOfTheJoinedSurface) {
-  BoundaryFaces faces = faces_of({piece_of(ball(20)), piece_of(test::lattice(20, [](dvec3 p) { return p + 1.5; }))});
+  BoundaryFaces faces = faces_of({piece_of(ball(20)), piece_of(lattice(20, [](dvec3 p) { return p + 1.5; }))});
   WeldedSurface welded(faces.box(), 1000);
   ASSERT_TRUE(faces.visit([&](const BoundaryTriangle& triangle) { return welded.add(triangle); }));
   ASSERT_GT(welded.moved(), 0);
@@ -333,7 +338,7 @@ TEST(ConnectedParts, AreThoseOfTheJoinedSurface) {
 }
 
 TEST(ConnectedParts, ShareNoTriangleOnceSimplified) {
-  const test::Mesh mesh = hollow(30, {dvec3(0.3), dvec3(0.6)});
+  const Mesh mesh = hollow(30, {dvec3(0.3), dvec3(0.6)});
   const Boundary boundary = simplified({piece_of(mesh)}, 1000);
   ASSERT_EQ(boundary.patches.size(), 2u);
   EXPECT_LE(boundary.kept, 1000u);
@@ -343,14 +348,14 @@ TEST(ConnectedParts, ShareNoTriangleOnceSimplified) {
 }
 
 TEST(BoundaryOfMeshes, PointsWithoutCellsHaveNone) {
-  Piece piece = piece_of(test::lattice(2));
+  Piece piece = piece_of(lattice(2));
   piece.tetrahedra.clear();
   BoundaryFaces faces = faces_of({piece});
   EXPECT_THAT(whole_boundary(faces).error().message, HasSubstr("no cells with a volume"));
 }
 
 TEST(SimplifiedBoundary, OfAPlaneIsExact) {
-  const Boundary boundary = simplified({piece_of(test::lattice(20))}, 100);
+  const Boundary boundary = simplified({piece_of(lattice(20))}, 100);
   EXPECT_EQ(boundary.triangles, 6u * 800);
   EXPECT_LE(boundary.kept, 100u);
   EXPECT_LT(boundary.error, 1e-6);
@@ -384,24 +389,11 @@ TEST(SimplifiedBoundary, OfABallIsClosedAndWithinItsError) {
 }
 
 TEST(SimplifiedBoundary, PatchesStayJoined) {
-  const test::Mesh mesh = ball(24);
+  const Mesh mesh = ball(24);
   Piece piece = piece_of(mesh);
   // Halves and quarters of the ball: three of them meet in a point.
-  const auto take = [&](const std::string& name, const std::function<bool(dvec3)>& holds) {
-    Patch patch{name, {mesh.points, {}}};
-    for (const OuterFace& face : find_outer_faces(mesh.points, mesh.tetrahedra)) {
-      std::array<std::uint32_t, 3> corners{};
-      dvec3 middle(0);
-      for (std::size_t k = 0; k < 3; ++k) {
-        corners[k] = static_cast<std::uint32_t>(face.corners[k]);
-        middle += mesh.points[corners[k]] / 3.0;
-      }
-      if (holds(middle)) patch.mesh.triangles.push_back(corners);
-    }
-    piece.patches.push_back(patch);
-  };
-  take("left", [](dvec3 p) { return p.x < 0; });
-  take("upper right", [](dvec3 p) { return p.x >= 0 && p.y >= 0; });
+  piece.patches = {patch_of("left", mesh, [](dvec3 p) { return p.x < 0; }),
+                   patch_of("upper right", mesh, [](dvec3 p) { return p.x >= 0 && p.y >= 0; })};
   const Boundary boundary = simplified({piece}, 1000);
   EXPECT_EQ(boundary.patches.size(), 3u);
   EXPECT_LE(boundary.kept, 1000u);
@@ -412,7 +404,7 @@ TEST(SimplifiedBoundary, PatchesStayJoined) {
 
 // Tetrahedra without neighbours: no edge can be collapsed, and points are joined.
 TEST(SimplifiedBoundary, IsNeverLargerThanAsked) {
-  const Boundary boundary = simplified({piece_of(test::random_tetrahedra(2000))}, 500);
+  const Boundary boundary = simplified({piece_of(random_tetrahedra(2000))}, 500);
   EXPECT_EQ(boundary.triangles, 8000u);
   EXPECT_LE(boundary.kept, 500u);
   EXPECT_GT(boundary.error, 0);
@@ -420,7 +412,7 @@ TEST(SimplifiedBoundary, IsNeverLargerThanAsked) {
 }
 
 TEST(SimplifiedBoundary, DoesNotDependOnMemoryAndThreads) {
-  const std::vector<Piece> pieces = {piece_of(ball(20)), piece_of(test::lattice(20, [](dvec3 p) { return p + 1.5; }))};
+  const std::vector<Piece> pieces = {piece_of(ball(20)), piece_of(lattice(20, [](dvec3 p) { return p + 1.5; }))};
   const auto bytes = [&](std::size_t memory, int threads) {
     const tbb::global_control control(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
     BoundaryFaces faces = faces_of(pieces, memory);
@@ -433,7 +425,7 @@ TEST(SimplifiedBoundary, DoesNotDependOnMemoryAndThreads) {
 }
 
 TEST(WeldedSurfaces, HaveTheSmallestCellsThatFit) {
-  const test::Mesh mesh = ball(20);
+  const Mesh mesh = ball(20);
   const auto weld = [&](std::uint64_t most, bool backwards) {
     std::vector<BoundaryTriangle> triangles;
     BoundaryFaces faces = faces_of({piece_of(mesh)});
@@ -470,7 +462,7 @@ TEST(TriangleTrees, FindTheNearestTriangle) {
   std::mt19937_64 random(4);
   std::uniform_real_distribution<double> uniform(-2, 2);
   for (int i = 0; i < 200; ++i) {
-    const dvec3 p = test::random_vector(uniform, random);
+    const dvec3 p = random_vector(uniform, random);
     double least = 1e9;
     for (const auto& [d, e, f] : mesh.triangles)
       least = std::min(least, squared_distance(p, mesh.points[d], mesh.points[e], mesh.points[f]));
@@ -480,13 +472,12 @@ TEST(TriangleTrees, FindTheNearestTriangle) {
 }
 
 // Whole builds.
-class BuildsWithABoundary : public testing::Test {
- protected:
+struct BuildsWithABoundary : testing::Test {
   Result<BuildReport> build(const std::string& name, std::uint64_t triangles, std::uint64_t memory, bool cells = true) {
     Piece piece = piece_of(ball(12));
     if (cells) piece.patches = {patch_at("none", ball(12), 2, 9)};
     if (!cells) piece.tetrahedra.clear();
-    test::PieceSource source({piece});
+    PieceSource source({piece});
     return build_volume(source, path(name), {.memory = memory, .boundary_triangles = triangles},
                         [](const char*, double) {});
   }
@@ -495,7 +486,7 @@ class BuildsWithABoundary : public testing::Test {
 };
 
 TEST_F(BuildsWithABoundary, HoldItInTheFile) {
-  const auto report = test::value_of(build("boundary.svol", 500, std::uint64_t{1} << 30));
+  const auto report = value_of(build("boundary.svol", 500, std::uint64_t{1} << 30));
   ASSERT_TRUE(report.boundary.has_value());
   EXPECT_EQ(report.boundary->triangles, 12u * 144);
   EXPECT_LE(report.boundary->kept, 500u);
@@ -521,9 +512,8 @@ TEST_F(BuildsWithABoundary, AreTheSameBesides) {
 }
 
 TEST_F(BuildsWithABoundary, NeedCells) {
-  EXPECT_THAT(test::message_of(build("none.svol", 500, std::uint64_t{1} << 30, false)),
-              HasSubstr("no cells with a volume"));
+  EXPECT_THAT(message_of(build("none.svol", 500, std::uint64_t{1} << 30, false)), HasSubstr("no cells with a volume"));
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

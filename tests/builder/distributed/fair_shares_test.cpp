@@ -10,8 +10,7 @@
 namespace splatvol {
 namespace {
 
-using ::testing::ElementsAre;
-using ::testing::IsEmpty;
+using namespace ::testing;
 
 using Sizes = std::vector<std::uint64_t>;
 

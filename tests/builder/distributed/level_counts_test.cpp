@@ -4,9 +4,9 @@
 
 #include <algorithm>
 #include <numeric>
-#include <random>
 
 #include "builder/distributed/key_ranges.h"
+#include "tests/builder/support/point_sets.h"
 
 namespace splatvol {
 namespace {
@@ -21,15 +21,6 @@ PointBatch batch_of(std::vector<dvec3> positions) {
   for (const dvec3& p : positions) batch.keys.push_back(morton_key(p, cube));
   batch.positions = std::move(positions);
   return batch;
-}
-
-std::vector<dvec3> random_points(std::size_t count) {
-  std::mt19937_64 random(1);
-  std::uniform_real_distribution<double> coordinate(0, 1);
-  std::vector<dvec3> points;
-  for (std::size_t i = 0; i < count; ++i)
-    points.push_back({coordinate(random), coordinate(random), coordinate(random)});
-  return points;
 }
 
 std::vector<std::uint64_t> count(const PointBatch& batch, const KeyBorders& borders) {
@@ -51,7 +42,7 @@ PointBatch part_of(const PointBatch& batch, std::size_t begin, std::size_t end) 
 }
 
 TEST(LevelCounts, OfRangesAddUp) {
-  const PointBatch batch = batch_of(random_points(100'000));
+  const PointBatch batch = batch_of(test::uniform_points(100'000));
   const std::vector<std::uint64_t> whole = count(batch, {});
   const RangeBegins begins = choose_ranges(batch.keys, 5, 5000);
   ASSERT_EQ(begins.size(), 4u);
@@ -70,7 +61,7 @@ TEST(LevelCounts, OfRangesAddUp) {
 }
 
 TEST(LevelCounts, DoNotDependOnBatches) {
-  const PointBatch batch = batch_of(random_points(10'000));
+  const PointBatch batch = batch_of(test::uniform_points(10'000));
   LevelCounts levels(cube, leaf_points, most_of_one_key, {}, {});
   for (std::size_t begin = 0; begin < batch.size(); begin += 7)
     levels.add(part_of(batch, begin, std::min(begin + 7, batch.size())));
@@ -88,7 +79,7 @@ TEST(LevelCounts, TakeAllPointsOfAKeyForOneLeaf) {
 }
 
 TEST(LevelCounts, AreCountedBetweenMarks) {
-  const PointBatch batch = batch_of(random_points(5000));
+  const PointBatch batch = batch_of(test::uniform_points(5000));
   LevelCounts levels(cube, leaf_points, most_of_one_key, {}, {batch.keys[1000], batch.keys[4000]});
   levels.add(batch);
   levels.finish();

@@ -10,10 +10,8 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/support/random.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::Mesh;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
@@ -98,24 +96,24 @@ TEST(OuterFaces, OfOneTetrahedronLookOutwardsHoweverItIsTurned) {
 }
 
 TEST(OuterFaces, OfALatticeAreItsSurface) {
-  for (const Mesh& mesh : {test::lattice(4), test::jittered(4, 0.2)}) {
+  for (const Mesh& mesh : {lattice(4), jittered(4, 0.2)}) {
     const std::vector<OuterFace> faces = faces_of(mesh);
     EXPECT_EQ(faces.size(), 6u * 4 * 4 * 2);
-    EXPECT_NEAR(enclosed(mesh.points, faces), test::volume(mesh), 1e-14);
+    EXPECT_NEAR(enclosed(mesh.points, faces), volume(mesh), 1e-14);
   }
-  const Mesh mesh = test::lattice(4);
+  const Mesh mesh = lattice(4);
   EXPECT_NEAR(area_of(mesh.points, faces_of(mesh)), 6, 1e-13);
 }
 
 TEST(OuterFaces, AreThereForEachOfSeparateTetrahedra) {
-  const Mesh mesh = test::random_tetrahedra(500);
+  const Mesh mesh = random_tetrahedra(500);
   const std::vector<OuterFace> faces = faces_of(mesh);
   EXPECT_EQ(faces.size(), 2000u);
-  EXPECT_NEAR(enclosed(mesh.points, faces), test::volume(mesh), 1e-12);
+  EXPECT_NEAR(enclosed(mesh.points, faces), volume(mesh), 1e-12);
 }
 
 TEST(OuterFaces, DoNotDependOnTheNumberOfThreadsNorTheOrderOfTheMesh) {
-  Mesh mesh = test::jittered(20, 0.2);  // vertices for several tasks
+  Mesh mesh = jittered(20, 0.2);  // vertices for several tasks
   const std::vector<BoundaryPlane> planes = planes_of(mesh);
   {
     const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
@@ -134,7 +132,7 @@ TEST(OuterFaces, OfABrokenMeshThatThreeCellsShareAreInside) {
 }
 
 TEST(OuterFaces, OfCellsThatNameACornerTwiceAreNone) {
-  Mesh mesh = test::lattice(2);
+  Mesh mesh = lattice(2);
   const std::size_t count = faces_of(mesh).size();
   mesh.tetrahedra.insert(mesh.tetrahedra.begin(), {{0, 0, 1, 2}, {5, 4, 5, 4}, {7, 8, 9, 9}, {3, 3, 3, 3}});
   EXPECT_EQ(faces_of(mesh).size(), count);
@@ -180,7 +178,7 @@ TEST(OuterFaces, OfFlatCellsAloneHaveNoSide) {
 }
 
 TEST(OuterFaces, LieOnBothSidesOfASlit) {
-  const Mesh left = test::lattice(2), right = test::lattice(2, [](dvec3 p) { return p + dvec3(1, 0, 0); });
+  const Mesh left = lattice(2), right = lattice(2, [](dvec3 p) { return p + dvec3(1, 0, 0); });
   Mesh slit = left;
   for (Tetrahedron corners : right.tetrahedra) {
     for (std::uint32_t& corner : corners) corner += static_cast<std::uint32_t>(left.points.size());
@@ -198,8 +196,8 @@ TEST(BoundaryPlanes, OfALattice) {
   constexpr std::uint32_t cells = 4;
   for (const double scale : {1e-6, 1.0, 1e6})
     for (const dvec3& origin : {dvec3(0), scale * dvec3(1e7, -1e7, 3e6)}) {
-      const Mesh unit = test::lattice(cells);
-      const Mesh mesh = test::lattice(cells, [&](dvec3 p) { return origin + scale * p; });
+      const Mesh unit = lattice(cells);
+      const Mesh mesh = lattice(cells, [&](dvec3 p) { return origin + scale * p; });
       const std::vector<BoundaryPlane> planes = planes_of(mesh);
       const double tolerance = origin == dvec3(0) ? 1e-15 : 1e-8;  // coordinates of 10^7 are rounded
       for (std::size_t i = 0; i < planes.size(); ++i) {
@@ -222,7 +220,7 @@ TEST(BoundaryPlanes, OfALattice) {
 
 // On a lattice, a border point's cell and its mirror image have the moments of an inner point's cell together.
 TEST(BoundaryFoot, ReflectedMaterialEqualsAFullCells) {
-  const Mesh unit = test::lattice(4);
+  const Mesh unit = lattice(4);
   for (const dvec3& stretch : {dvec3(1), dvec3(1, 1, 1e-4), dvec3(1e-4, 1e-4, 1)})
     for (const double scale : {1e-6, 1.0, 1e6})
       for (const double distance : {0.0, 1e7}) {
@@ -232,9 +230,9 @@ TEST(BoundaryFoot, ReflectedMaterialEqualsAFullCells) {
         // does not destroy the cells.
         const double shortest = scale * std::min({stretch.x, stretch.y, stretch.z});
         const dvec3 origin = distance * shortest * dvec3(1, -1, 0.5);
-        const Mesh mesh = test::lattice(4, [&](dvec3 p) { return origin + turn * (scale * stretch * p); });
+        const Mesh mesh = lattice(4, [&](dvec3 p) { return origin + turn * (scale * stretch * p); });
         const std::vector<BoundaryPlane> planes = planes_of(mesh);
-        const std::vector<SpatialMoments> moments = test::moments_of(mesh);
+        const std::vector<SpatialMoments> moments = moments_of(mesh);
         const SpatialMoments& full = moments[2 * 25 + 2 * 5 + 2];
         // Positions are rounded to 1e-16 of the distance from the origin, which is 1e-8 of the shortest edge.
         const double tolerance = distance > 0 ? 1e-6 : 1e-9;
@@ -285,14 +283,14 @@ TEST(BoundaryFoot, IsWhereThePlaneIsNearestInTheMetricOfTheMaterial) {
   std::uniform_real_distribution<double> uniform(-1, 1);
   int kept = 0;
   for (int n = 0; n < 2000; ++n) {
-    const dmat3 turn = glm::mat3_cast(glm::normalize(test::random_quaternion(uniform, random)));
+    const dmat3 turn = glm::mat3_cast(glm::normalize(random_quaternion(uniform, random)));
     const dvec3 deviations(1, std::pow(10, 2 * uniform(random) - 2), std::pow(10, 2 * uniform(random) - 2));
     dmat3 s(0);
     for (int k = 0; k < 3; ++k) s += deviations[k] * deviations[k] * glm::outerProduct(turn[k], turn[k]);
     const SpatialMoments moments{.mass = 1,
                                  .centroid = {uniform(random), uniform(random), uniform(random)},
                                  .covariance = {s[0][0], s[1][1], s[2][2], s[0][1], s[0][2], s[1][2]}};
-    const dvec3 normal = glm::normalize(test::random_vector(uniform, random));
+    const dvec3 normal = glm::normalize(random_vector(uniform, random));
     const double distance = (1.5 + 3 * uniform(random)) * std::sqrt(glm::dot(normal, s * normal));
     const BoundaryPlane plane{7.0 * normal, 7 * (distance + glm::dot(normal, moments.centroid))};
     const SplatShape shape = shape_of(moments);
@@ -354,15 +352,15 @@ TEST(BoundaryFoot, OfAConeIsAtItsBaseNotAtItsApex) {
 TEST(BoundaryPlanes, OfABallLookOutwards) {
   constexpr std::uint32_t cells = 12;
   // Turns shells of cubes into shells of spheres.
-  const Mesh mesh = test::lattice(cells, [](dvec3 p) {
+  const Mesh mesh = lattice(cells, [](dvec3 p) {
     const dvec3 c = 2.0 * p - 1.0;
     const double shell = std::max({std::abs(c.x), std::abs(c.y), std::abs(c.z)});
     return shell > 0 ? shell * glm::normalize(c) : dvec3(0);
   });
   const std::vector<BoundaryPlane> planes = planes_of(mesh);
-  const std::vector<SpatialMoments> moments = test::moments_of(mesh);
+  const std::vector<SpatialMoments> moments = moments_of(mesh);
   const std::vector<OuterFace> faces = faces_of(mesh);
-  EXPECT_NEAR(enclosed(mesh.points, faces), test::volume(mesh), 1e-13);
+  EXPECT_NEAR(enclosed(mesh.points, faces), volume(mesh), 1e-13);
   dvec3 sum(0);
   double total = 0;
   std::size_t feet = 0, surface = 0;
@@ -385,7 +383,7 @@ TEST(BoundaryPlanes, OfABallLookOutwards) {
 
 TEST(BoundaryPlanes, OfFacesThatAreTooLargeTooSmallOrNotFiniteAreNone) {
   for (const double scale : {0.0, 1e-170, 1e170, std::numeric_limits<double>::infinity(), nan}) {
-    const Mesh mesh = test::lattice(1, [&](dvec3 p) { return scale * p; });
+    const Mesh mesh = lattice(1, [&](dvec3 p) { return scale * p; });
     for (const BoundaryPlane& plane : planes_of(mesh)) {
       EXPECT_EQ(plane.area, dvec3(0)) << scale;
       EXPECT_EQ(plane.offset, 0);
@@ -407,7 +405,7 @@ TEST(MergedPlanes, AreTheLargestGroupsSum) {
 
 // The planes on a flat face merge into the plane of the face: relative to any point, at once or in steps.
 TEST(MergedPlanes, OfAFlatFaceStayOnIt) {
-  const Mesh mesh = test::lattice(4, [](dvec3 p) { return dvec3(p.x, p.y, p.z + 0.3 * p.x + 0.5 * p.y); });
+  const Mesh mesh = lattice(4, [](dvec3 p) { return dvec3(p.x, p.y, p.z + 0.3 * p.x + 0.5 * p.y); });
   std::vector<BoundaryPlane> planes;
   std::vector<dvec3> shifts;
   const std::vector<BoundaryPlane> all = planes_of(mesh);
@@ -438,9 +436,9 @@ TEST(MergedPlanes, OfAFlatFaceStayOnIt) {
 
 // If a whole cube is one cluster, its plane is one of the cube's faces, as far from the centroid as a slab's.
 TEST(MergedPlanes, OfACubeAreOneFaces) {
-  const Mesh mesh = test::lattice(4);
+  const Mesh mesh = lattice(4);
   const std::vector<BoundaryPlane> planes = planes_of(mesh);
-  const std::vector<SpatialMoments> moments = test::moments_of(mesh);
+  const std::vector<SpatialMoments> moments = moments_of(mesh);
   std::vector<dvec3> shifts;
   SpatialMoments cluster;
   for (std::size_t i = 0; i < planes.size(); ++i) {
@@ -455,4 +453,4 @@ TEST(MergedPlanes, OfACubeAreOneFaces) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

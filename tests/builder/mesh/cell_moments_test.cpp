@@ -3,19 +3,18 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 
 #include "tests/builder/support/meshes.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 TEST(CellMoments, OfABoxAreExactFarFromTheOriginToo) {
   const dvec3 far(1e6, -3e6, 2e6), edges(1, 2, 4);
-  test::Mesh box = test::lattice(1, [&](dvec3 p) { return far + edges * p; });
+  Mesh box = lattice(1, [&](dvec3 p) { return far + edges * p; });
   std::swap(box.tetrahedra[2][0], box.tetrahedra[2][1]);  // volumes are absolute
   const CellMoments cell = cell_moments(box.points, box.tetrahedra);
   EXPECT_NEAR(cell.moments.mass, 8, 1e-14);
@@ -47,7 +46,7 @@ TEST(CellMoments, OfFlatCellsAreNone) {
 }
 
 TEST(CellMean, OfALinearFieldIsItsValueAtTheCentroid) {
-  const test::Mesh mesh = test::jittered(2, 0.3);
+  const Mesh mesh = jittered(2, 0.3);
   std::vector<double> values;
   for (const dvec3& p : mesh.points) values.push_back(3 + p.x - 2 * p.y + p.z);
   const dvec3 c = cell_moments(mesh.points, mesh.tetrahedra).centroid;
@@ -62,4 +61,4 @@ TEST(CellMean, LeavesOutTetrahedraWithAMissingValue) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

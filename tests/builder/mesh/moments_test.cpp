@@ -10,10 +10,8 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/support/random.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::Mesh;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
@@ -144,13 +142,13 @@ RawMoments whole(const Mesh& mesh, const std::vector<double>& values) {
 }
 
 TEST(VertexMaterial, IsTheQuarterWhereTheVertexIsNearest) {
-  const Mesh mesh = test::random_tetrahedra(50);
+  const Mesh mesh = random_tetrahedra(50);
   std::mt19937_64 random(2);
   std::normal_distribution<double> normal;
   std::vector<double> values(mesh.points.size());
   for (double& v : values) v = normal(random);
-  const auto moments = test::moments_of(mesh);
-  const auto value_moments = test::value_moments_of(mesh, values);
+  const auto moments = moments_of(mesh);
+  const auto value_moments = value_moments_of(mesh, values);
   for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t)
     for (std::size_t own = 0; own < 4; ++own) {
       std::array<std::array<Real, 4>, 4> corners;
@@ -170,11 +168,11 @@ TEST(VertexMaterial, IsTheQuarterWhereTheVertexIsNearest) {
 
 TEST(VertexMaterial, AddsUpToTheMesh) {
   for (const double share : {0.0, 0.2, 0.45}) {  // the last inverts some tetrahedra
-    const Mesh mesh = test::jittered(6, share);
-    const auto values = test::sample(mesh, [](dvec3 p) { return std::sin(5 * p.x) + p.y * p.z; });
+    const Mesh mesh = jittered(6, share);
+    const auto values = sample(mesh, [](dvec3 p) { return std::sin(5 * p.x) + p.y * p.z; });
     const RawMoments exact = whole(mesh, values);
-    expect_equal(merge_all(mesh, test::moments_of(mesh)), mesh.points[0], exact, 1e-13);
-    expect_equal(merge_all(mesh, test::value_moments_of(mesh, values)), mesh.points[0], exact, 1e-13);
+    expect_equal(merge_all(mesh, moments_of(mesh)), mesh.points[0], exact, 1e-13);
+    expect_equal(merge_all(mesh, value_moments_of(mesh, values)), mesh.points[0], exact, 1e-13);
     EXPECT_NEAR(exact.mass(), test::volume(mesh), 1e-13);
   }
 }
@@ -190,18 +188,18 @@ TEST(VertexMaterial, LinearFieldsHaveTheirExactGradient) {
     double tolerance;  // relative
   };
   std::vector<Case> cases = {
-      {"random tetrahedra", test::random_tetrahedra(200), 1e-6},  // some are almost flat
-      {"jittered", test::jittered(7, 0.3), 1e-12},
-      {"aspect 1e4", test::jittered(7, 0.3), 1e-6},  // rounding of 1e-16 times the square of the aspect
-      {"tiny", test::jittered(4, 0.3), 1e-12},
-      {"huge", test::jittered(4, 0.3), 1e-12}};
+      {"random tetrahedra", random_tetrahedra(200), 1e-6},  // some are almost flat
+      {"jittered", jittered(7, 0.3), 1e-12},
+      {"aspect 1e4", jittered(7, 0.3), 1e-6},  // rounding of 1e-16 times the square of the aspect
+      {"tiny", jittered(4, 0.3), 1e-12},
+      {"huge", jittered(4, 0.3), 1e-12}};
   for (dvec3& p : cases[2].mesh.points) p = turn * (p * dvec3(1, 1, 1e-4));
   for (dvec3& p : cases[3].mesh.points) p *= 1e-60;
   for (dvec3& p : cases[4].mesh.points) p *= 1e60;
   for (const auto& [name, mesh, tolerance] : cases) {
-    const auto values = test::sample(mesh, [&](dvec3 p) { return glm::dot(gradient, p); });
-    const auto moments = test::moments_of(mesh);
-    const auto value_moments = test::value_moments_of(mesh, values);
+    const auto values = sample(mesh, [&](dvec3 p) { return glm::dot(gradient, p); });
+    const auto moments = moments_of(mesh);
+    const auto value_moments = value_moments_of(mesh, values);
     double worst = 0;
     for (std::size_t i = 0; i < moments.size(); ++i)
       worst = std::max(worst, glm::length(gradient_of(value_moments[i], moments[i]) - gradient));
@@ -213,10 +211,10 @@ TEST(VertexMaterial, LinearFieldsHaveTheirExactGradient) {
 
 // The root mean square of the gradient's error over the inner vertices, at their centroids.
 double gradient_error(std::uint32_t cells, double jitter) {
-  const Mesh mesh = test::jittered(cells, jitter);
-  const auto values = test::sample(mesh, [](dvec3 p) { return p.x * p.x - 2 * p.y * p.z + 0.5 * p.x * p.z; });
-  const auto moments = test::moments_of(mesh);
-  const auto value_moments = test::value_moments_of(mesh, values);
+  const Mesh mesh = jittered(cells, jitter);
+  const auto values = sample(mesh, [](dvec3 p) { return p.x * p.x - 2 * p.y * p.z + 0.5 * p.x * p.z; });
+  const auto moments = moments_of(mesh);
+  const auto value_moments = value_moments_of(mesh, values);
   const std::uint32_t side = cells + 1;
   double sum = 0, count = 0;
   for (std::uint32_t i = 0; i < mesh.points.size(); ++i) {
@@ -244,14 +242,14 @@ TEST(VertexMaterial, QuadraticFieldsHaveTheirGradientToFirstOrderAtLeast) {
 
 TEST(VertexMaterial, KeepsItsShapeAtAnyPlaceAndScale) {
   // Coordinates are multiples of 2^-20, so that a shift by 10^7 is exact. Only rounding may change.
-  Mesh mesh = test::jittered(5, 0.3);
+  Mesh mesh = jittered(5, 0.3);
   for (dvec3& p : mesh.points) p = glm::round(p * 0x1p20) * 0x1p-20;
-  const auto values = test::sample(mesh, [](dvec3 p) { return std::cos(3 * p.x) * p.y; });
-  const auto moments = test::moments_of(mesh);
-  const auto value_moments = test::value_moments_of(mesh, values);
+  const auto values = sample(mesh, [](dvec3 p) { return std::cos(3 * p.x) * p.y; });
+  const auto moments = moments_of(mesh);
+  const auto value_moments = value_moments_of(mesh, values);
   const auto expect_scaled = [&](const Mesh& other, double scale) {
-    const auto other_moments = test::moments_of(other);
-    const auto other_values = test::value_moments_of(other, values);
+    const auto other_moments = moments_of(other);
+    const auto other_values = value_moments_of(other, values);
     for (std::size_t i = 0; i < moments.size(); ++i) {
       EXPECT_NEAR(other_moments[i].mass / (moments[i].mass * scale * scale * scale), 1, 1e-12);
       for (int j = 0; j < 3; ++j) {
@@ -279,15 +277,15 @@ TEST(VertexMaterial, KeepsItsShapeAtAnyPlaceAndScale) {
 }
 
 TEST(VertexMaterial, OrientationDoesNotMatterAndFlatCellsGiveNothing) {
-  const Mesh mesh = test::jittered(3, 0.2);
+  const Mesh mesh = jittered(3, 0.2);
   Mesh other = mesh;
   for (std::size_t t = 0; t < other.tetrahedra.size(); t += 2)
     std::swap(other.tetrahedra[t][0], other.tetrahedra[t][1]);
   other.tetrahedra.push_back({0, 0, 1, 2});  // collapsed
   other.points.push_back(mesh.points[0] + 2.0 * (mesh.points[1] - mesh.points[0]));
   other.tetrahedra.push_back({0, 1, 5, static_cast<std::uint32_t>(mesh.points.size())});  // three corners on one line
-  const auto moments = test::moments_of(mesh);
-  const auto other_moments = test::moments_of(other);
+  const auto moments = moments_of(mesh);
+  const auto other_moments = moments_of(other);
   EXPECT_LT(other_moments.back().mass, 1e-17);  // rounding
   for (std::size_t i = 0; i < moments.size(); ++i) EXPECT_NEAR(other_moments[i].mass / moments[i].mass, 1, 1e-12);
   EXPECT_NEAR(merge_all(other, other_moments).mass, test::volume(mesh), 1e-12);
@@ -296,7 +294,7 @@ TEST(VertexMaterial, OrientationDoesNotMatterAndFlatCellsGiveNothing) {
 TEST(VertexMaterial, OneTetrahedronGivesEachVertexAQuarterOfTheVolume) {
   const std::vector<dvec3> points = {{0, 0, 0}, {1, 0, 0}, {0, 2, 0}, {0, 0, 3}, {5, 5, 5}};
   const std::vector<Tetrahedron> tetrahedra = {{0, 1, 2, 3}};
-  const auto moments = test::moments_of({points, tetrahedra});
+  const auto moments = moments_of({points, tetrahedra});
   for (std::size_t i = 0; i < 4; ++i) EXPECT_DOUBLE_EQ(moments[i].mass, 0.25);
   EXPECT_DOUBLE_EQ(moments[0].centroid.z, 3 * 23.0 / 144);
   // The fifth point is in no cell.
@@ -306,26 +304,26 @@ TEST(VertexMaterial, OneTetrahedronGivesEachVertexAQuarterOfTheVolume) {
 }
 
 TEST(VertexMaterial, WithoutPointsOrCellsThereIsNone) {
-  EXPECT_TRUE(test::moments_of({}).empty());
-  EXPECT_EQ(test::moments_of({std::vector<dvec3>(3), {}})[2].mass, 0);
+  EXPECT_TRUE(moments_of({}).empty());
+  EXPECT_EQ(moments_of({std::vector<dvec3>(3), {}})[2].mass, 0);
 }
 
 TEST(VertexMaterial, CellsBeyondDoublePrecisionGiveNothing) {
   for (const double scale : {1e160, 1e110, 1e-200}) {
     const std::vector<dvec3> points = {{0, 0, 0}, {scale, 0, 0}, {0, scale, 0}, {0, 0, scale}};
     const std::vector<Tetrahedron> tetrahedra = {{0, 1, 2, 3}};
-    const auto moments = test::moments_of({points, tetrahedra});
+    const auto moments = moments_of({points, tetrahedra});
     EXPECT_EQ(moments[0].mass, 0);
     EXPECT_EQ(shape_of(moments[0]).deviations, dvec3(0));
   }
 }
 
 TEST(VertexMaterial, MissingValuesLeaveOutTheirTetrahedra) {
-  const Mesh mesh = test::jittered(4, 0.2);
-  auto values = test::sample(mesh, [](dvec3 p) { return 3 + p.x; });
+  const Mesh mesh = jittered(4, 0.2);
+  auto values = sample(mesh, [](dvec3 p) { return 3 + p.x; });
   values[62] = nan;  // in the middle
-  const auto moments = test::moments_of(mesh);
-  const auto value_moments = test::value_moments_of(mesh, values);
+  const auto moments = moments_of(mesh);
+  const auto value_moments = value_moments_of(mesh, values);
   EXPECT_EQ(value_moments[62].mass, 0);
   EXPECT_GT(value_moments[62].min, value_moments[62].max);
   std::size_t partly = 0;
@@ -344,7 +342,7 @@ TEST(VertexMaterial, MissingValuesLeaveOutTheirTetrahedra) {
 
 // Several attributes at once, with missing values and flat cells, have the same bits as each by itself.
 TEST(VertexMaterial, AllValuesAtOnceAreThoseOfEach) {
-  test::Mesh mesh = test::jittered(4, 0.3);
+  Mesh mesh = jittered(4, 0.3);
   mesh.points[7] = mesh.points[8];
   constexpr std::size_t attributes = 6;
   ValueTable table(mesh.points.size(), attributes);
@@ -383,8 +381,8 @@ TEST(VertexMaterial, AllValuesAtOnceAreThoseOfEach) {
 
 // A block of a few vertices knows the values of these and of their neighbours alone. Its gradients may be left out.
 TEST(VertexMaterial, BlocksHaveTheMaterialOfTheWhole) {
-  const test::Mesh mesh = test::jittered(6, 0.3);
-  const auto values = test::sample(mesh, [](dvec3 p) { return p.x * p.y + p.z; });
+  const Mesh mesh = jittered(6, 0.3);
+  const auto values = sample(mesh, [](dvec3 p) { return p.x * p.y + p.z; });
   const VertexMaterial material(mesh.points, mesh.tetrahedra);
   VertexBlock block;
   ValueTable table;
@@ -408,18 +406,18 @@ TEST(VertexMaterial, BlocksHaveTheMaterialOfTheWhole) {
 }
 
 TEST(VertexMaterial, PiecesAddUpToTheWhole) {
-  const Mesh mesh = test::jittered(4, 0.2);
-  const auto values = test::sample(mesh, [](dvec3 p) { return p.x * p.y + p.z; });
+  const Mesh mesh = jittered(4, 0.2);
+  const auto values = sample(mesh, [](dvec3 p) { return p.x * p.y + p.z; });
   Mesh left = mesh, right = mesh;
   const auto half = static_cast<std::ptrdiff_t>(mesh.tetrahedra.size() / 2);
   left.tetrahedra.erase(left.tetrahedra.begin() + half, left.tetrahedra.end());
   right.tetrahedra.erase(right.tetrahedra.begin(), right.tetrahedra.begin() + half);
-  const auto moments = test::moments_of(mesh), b_moments = test::moments_of(right);
-  const auto value_moments = test::value_moments_of(mesh, values), b_values = test::value_moments_of(right, values);
-  const auto gradients = test::gradients_of(mesh, values), a_gradients = test::gradients_of(left, values),
-             b_gradients = test::gradients_of(right, values);
-  auto sum = test::moments_of(left);
-  auto value_sum = test::value_moments_of(left, values);
+  const auto moments = moments_of(mesh), b_moments = moments_of(right);
+  const auto value_moments = value_moments_of(mesh, values), b_values = value_moments_of(right, values);
+  const auto gradients = gradients_of(mesh, values), a_gradients = gradients_of(left, values),
+             b_gradients = gradients_of(right, values);
+  auto sum = moments_of(left);
+  auto value_sum = value_moments_of(left, values);
   for (std::size_t i = 0; i < sum.size(); ++i) {
     merge(sum[i], b_moments[i], dvec3(0));
     merge(value_sum[i], b_values[i], dvec3(0));
@@ -433,11 +431,11 @@ TEST(VertexMaterial, PiecesAddUpToTheWhole) {
 }
 
 TEST(VertexGradients, PointAlongTheFieldsGradientWhereNeighboursSurroundTheVertex) {
-  const Mesh mesh = test::jittered(6, 0.1);
+  const Mesh mesh = jittered(6, 0.1);
   const dvec3 gradient = glm::normalize(dvec3(1, -2, 0.5));
-  auto values = test::sample(mesh, [&](dvec3 p) { return 1e30 * glm::dot(gradient, p); });
+  auto values = sample(mesh, [&](dvec3 p) { return 1e30 * glm::dot(gradient, p); });
   values[0] = nan;
-  const auto gradients = test::gradients_of(mesh, values);
+  const auto gradients = gradients_of(mesh, values);
   EXPECT_EQ(gradients[0], dvec3(0));
   for (std::size_t i = 1; i < gradients.size(); ++i) {
     const dvec3 direction = glm::normalize(gradients[i]);
@@ -453,11 +451,11 @@ TEST(VertexGradients, PointAlongTheFieldsGradientWhereNeighboursSurroundTheVerte
 TEST(Merge, IsExactInAnyOrder) {
   std::mt19937_64 random(9);
   std::uniform_real_distribution<double> uniform(-1, 1);
-  const Mesh mesh = test::random_tetrahedra(40);
+  const Mesh mesh = random_tetrahedra(40);
   std::vector<double> values(mesh.points.size());
   for (double& v : values) v = uniform(random);
-  const auto moments = test::moments_of(mesh);
-  const auto value_moments = test::value_moments_of(mesh, values);
+  const auto moments = moments_of(mesh);
+  const auto value_moments = value_moments_of(mesh, values);
   const RawMoments exact = whole(mesh, values);
   std::vector<std::size_t> order(moments.size());
   std::iota(order.begin(), order.end(), 0u);
@@ -507,7 +505,7 @@ TEST(ShapeOf, FindsThePrincipalAxesAtEveryRatioAndScale) {
     for (const dvec3 ratios : {dvec3(1, 0.5, 0.25), dvec3(1, 1e-2, 1e-4), dvec3(1, 1, 1e-4), dvec3(1, 1e-4, 1e-4),
                                dvec3(1, 1, 1), dvec3(1, 1 - 1e-9, 1 - 2e-9)})
       for (int round = 0; round < 20; ++round) {
-        const glm::dquat turn = glm::normalize(test::random_quaternion(normal, random));
+        const glm::dquat turn = glm::normalize(random_quaternion(normal, random));
         const dvec3 deviations = scale * ratios;
         const SymmetricMatrix s = compose(glm::mat3_cast(turn), deviations);
         const SplatShape shape = shape_of({3, {}, s});
@@ -540,12 +538,11 @@ TEST(ShapeOf, DegenerateMaterialHasDeviationsOfZero) {
 }
 
 TEST(ValueOf, LinearFieldsLeaveNoResidualAndConstantOnesNoDeviation) {
-  const Mesh mesh = test::jittered(4, 0.3);
-  const auto moments = test::moments_of(mesh);
-  const auto linear = test::value_moments_of(mesh, test::sample(mesh, [](dvec3 p) { return 5 + p.x - 3 * p.z; }));
-  const auto constant = test::value_moments_of(mesh, std::vector<double>(mesh.points.size(), 101325.25));
-  const auto curved =
-      test::value_moments_of(mesh, test::sample(mesh, [](dvec3 p) { return std::sin(40 * p.x + 70 * p.y); }));
+  const Mesh mesh = jittered(4, 0.3);
+  const auto moments = moments_of(mesh);
+  const auto linear = value_moments_of(mesh, sample(mesh, [](dvec3 p) { return 5 + p.x - 3 * p.z; }));
+  const auto constant = value_moments_of(mesh, std::vector<double>(mesh.points.size(), 101325.25));
+  const auto curved = value_moments_of(mesh, sample(mesh, [](dvec3 p) { return std::sin(40 * p.x + 70 * p.y); }));
   for (std::size_t i = 0; i < moments.size(); ++i) {
     const SplatShape shape = shape_of(moments[i]);
     EXPECT_LT(value_of(linear[i], shape).residual, 1e-6);
@@ -579,4 +576,4 @@ TEST(ValueOf, NearlySingularMaterialDoesNotBlowUp) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

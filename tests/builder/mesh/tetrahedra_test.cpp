@@ -15,7 +15,7 @@
 #include "tests/builder/sources/tetrahedron_faces.h"
 #include "tests/support/random.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using Nodes = std::vector<std::uint32_t>;
@@ -254,7 +254,7 @@ TEST(Tetrahedra, TwoHexahedraAgreeOnTheirSharedFace) {
       for (int j = 0; j < 2; ++j)
         for (int i = 0; i < 3; ++i) {
           points[at(i, j, k)] = dvec3(i, j, k);
-          if (trial % 2) points[at(i, j, k)] += test::random_vector(jitter, random);
+          if (trial % 2) points[at(i, j, k)] += random_vector(jitter, random);
         }
     Split split;
     TetrahedronSplitter splitter(points, split.tetrahedra, split.census);
@@ -548,7 +548,7 @@ TEST(WholeCells, AreSplitAsTheirTetrahedraAre) {
     if (shape == CellShape::pyramid) points[4] = {0.5, 0.5, 1};
     if (shape == CellShape::voxel) std::swap(points[2], points[3]), std::swap(points[6], points[7]);
     std::uniform_real_distribution<double> bend(-0.1 - trial % 4 * 0.3, 0.1 + trial % 4 * 0.3);
-    for (dvec3& point : points) point += test::random_vector(bend, random);
+    for (dvec3& point : points) point += random_vector(bend, random);
     Nodes nodes(points.size());
     std::iota(nodes.begin(), nodes.end(), 0);
     Split split;
@@ -606,4 +606,4 @@ TEST(WholeCells, ListPolyhedraAndPrismsByTheirTetrahedra) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

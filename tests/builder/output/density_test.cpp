@@ -12,13 +12,8 @@
 namespace splatvol {
 namespace {
 
-// A uniform box as a splat.
 FittedSplat box(const dvec3& center, const dvec3& size) {
-  FittedSplat splat;
-  splat.centroid = center;
-  splat.shape.mass = size.x * size.y * size.z;
-  splat.shape.deviations = size / std::sqrt(12.0);
-  return splat;
+  return {.centroid = center, .shape = {.mass = size.x * size.y * size.z, .deviations = size / std::sqrt(12.0)}};
 }
 
 // n^3 cubes of edge 1. Small and large splats take turns, as at the corners of hexahedra that are split into five

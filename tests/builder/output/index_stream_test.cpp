@@ -15,12 +15,8 @@
 #include "tests/support/whole_material.h"
 #include "tests/support/whole_reduction.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::sort_points;
-using test::Sorted;
-using test::unit_cube;
 
 std::map<std::string, Sorted> distributions() {
   std::mt19937_64 random(11);
@@ -28,7 +24,7 @@ std::map<std::string, Sorted> distributions() {
   std::normal_distribution<double> normal(0, 1);
   const auto draw = [&](std::size_t count, auto map) {
     std::vector<dvec3> points(count);
-    for (dvec3& p : points) p = glm::clamp(map(test::random_vector(uniform, random)), 0.0, 1.0);
+    for (dvec3& p : points) p = glm::clamp(map(random_vector(uniform, random)), 0.0, 1.0);
     return points;
   };
   const auto both = [](std::vector<dvec3> a, const std::vector<dvec3>& b) {
@@ -42,7 +38,7 @@ std::map<std::string, Sorted> distributions() {
   all["uniform"] = sort_points(uniform_points);
   all["clustered"] = sort_points(draw(4000, [&](dvec3 p) {
     const dvec3 center = glm::round(3.0 * p) / 3.0;
-    return center + test::random_vector(normal, random) * std::pow(10.0, -6 * p.x);
+    return center + random_vector(normal, random) * std::pow(10.0, -6 * p.x);
   }));
   all["all coincident"] = sort_points(draw(3000, at_one_position));
   all["half coincident"] = sort_points(both(uniform_points, draw(3000, at_one_position)));
@@ -61,25 +57,25 @@ std::map<std::string, Sorted> distributions() {
 struct Model {
   PointBatch points;
   std::vector<float> values;
-  std::vector<test::Resolution> resolutions;
+  std::vector<Resolution> resolutions;
   std::vector<std::uint8_t> segments;
-  std::vector<test::Material> materials;
+  std::vector<Material> materials;
   std::vector<std::vector<StoredSplat>> splats;  // [resolution]
   format::ValueBins bins{0, 1};
 
   explicit Model(const Sorted& sorted) {
     points.positions = sorted.positions;
     points.keys = sorted.keys;
-    test::randomize_material(points);
+    randomize_material(points);
     std::mt19937_64 random(6);
     std::uniform_real_distribution<float> uniform(0, 1);
     for (std::size_t i = 0; i < points.size(); ++i)
       values.push_back(random() % 8 == 0 ? std::nanf("") : uniform(random));
-    resolutions = test::reduce_by_octree(points.keys, points.positions, unit_cube, 8);
-    segments = test::find_segments(resolutions);
-    materials = test::merge_clusters(points.positions, resolutions, test::material_of(points));
+    resolutions = reduce_by_octree(points.keys, points.positions, unit_cube, 8);
+    segments = find_segments(resolutions);
+    materials = merge_clusters(points.positions, resolutions, material_of(points));
     for (std::size_t r = 0; r < resolutions.size(); ++r)
-      splats.push_back(test::splats_of(points.positions, resolutions[r], materials[r]));
+      splats.push_back(splats_of(points.positions, resolutions[r], materials[r]));
   }
 
   // Calls visit(leaf) for each index leaf in Morton order.
@@ -87,7 +83,7 @@ struct Model {
   Status for_each_leaf(std::uint64_t leaf_points, const Visit& visit) const {
     std::vector<std::size_t> next(resolutions.size());  // member
     Status status;
-    test::visit_octree(points.keys, leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool is_leaf) {
+    visit_octree(points.keys, leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool is_leaf) {
       if (!is_leaf || !status) return;
       IndexLeaf leaf{points.keys[begin],
                      depth,
@@ -103,10 +99,10 @@ struct Model {
   }
 
   // Makes every node from all of its points, without its children.
-  [[nodiscard]] test::Tree tree(std::uint64_t leaf_points) const {
-    test::Tree tree;
+  [[nodiscard]] Tree tree(std::uint64_t leaf_points) const {
+    Tree tree;
     tree.shape = IndexStream::shape(resolutions.size(), 1);
-    test::visit_octree(points.keys, leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool leaf) {
+    visit_octree(points.keys, leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool leaf) {
       add_node(begin, end, depth, leaf, tree);
     });
     return tree;
@@ -128,7 +124,7 @@ struct Model {
     return summary;
   }
 
-  void add_node(std::size_t begin, std::size_t end, int depth, bool leaf, test::Tree& tree) const {
+  void add_node(std::size_t begin, std::size_t end, int depth, bool leaf, Tree& tree) const {
     tree.child_masks.push_back(0);
     for (std::size_t i = begin; !leaf && i < end; ++i)
       tree.child_masks.back() =
@@ -176,7 +172,7 @@ struct Model {
   }
 };
 
-Result<test::Tree> grow(const Model& model, std::uint64_t leaf_points) {
+Result<Tree> grow(const Model& model, std::uint64_t leaf_points) {
   format::Bytes pages;
   IndexStream stream(unit_cube, model.resolutions.size(), 1, [&](const format::PackedIndexPage& page) -> Status {
     pages.insert(pages.end(), page.bytes.begin(), page.bytes.end());
@@ -184,14 +180,14 @@ Result<test::Tree> grow(const Model& model, std::uint64_t leaf_points) {
   });
   SPLATVOL_TRY(model.for_each_leaf(leaf_points, [&](IndexLeaf&& leaf) { return stream.add(std::move(leaf)); }));
   SPLATVOL_TRY_ASSIGN(root, stream.finish());
-  return test::read_tree(root, pages, IndexStream::shape(model.resolutions.size(), 1));
+  return read_tree(root, pages, IndexStream::shape(model.resolutions.size(), 1));
 }
 
 TEST(IndexStream, GrowsTheTreeOfTheDefinition) {
   for (const auto& [name, points] : distributions()) {
     const Model model(points);
     for (const std::uint64_t leaf_points : {1, 20, 512}) {
-      const test::Tree expected = model.tree(leaf_points);
+      const Tree expected = model.tree(leaf_points);
       const auto tree = grow(model, leaf_points);
       ASSERT_TRUE(tree) << name << ": " << tree.error().message;
       EXPECT_EQ(tree->child_masks, expected.child_masks) << name;
@@ -265,4 +261,4 @@ TEST(IndexLeafSpool, GivesLeavesBackByResolution) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

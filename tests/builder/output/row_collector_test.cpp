@@ -17,7 +17,7 @@
 #include "tests/support/whole_material.h"
 #include "tests/support/whole_points.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using format::ColumnKind;
@@ -33,11 +33,11 @@ void run(PointBatch points, std::uint64_t index_leaf_points, ReductionPass& pass
 }
 
 // Points with random material, every other one a cube that overlaps others. Each point's value is its number.
-test::WholePoints overlapping_points(std::size_t count) {
-  test::PieceSource source({test::scattered(test::random_points(count))});
-  test::WholePoints whole = *test::read_points(source, false, 1 << 20);
+WholePoints overlapping_points(std::size_t count) {
+  PieceSource source({scattered(random_points(count))});
+  WholePoints whole = *read_points(source, false, 1 << 20);
   PointBatch& points = whole.points;
-  test::randomize_material(points);
+  randomize_material(points);
   for (std::size_t i = 0; i < points.size(); i += 2) {
     const double edge = i % 4 == 0 ? 0.03 : 0.1, variance = edge * edge / 12;
     points.moments[i] = {edge * edge * edge, dvec3(0), {variance, variance, variance, 0, 0, 0}};
@@ -63,7 +63,7 @@ format::VolumeInfo four_columns(std::size_t count) {
 // value.
 struct Rows {
   PointBatch points;
-  std::vector<test::Resolution> resolutions;
+  std::vector<Resolution> resolutions;
   std::vector<std::vector<format::PackedChunk>> packed;   // [row][column]
   std::vector<std::vector<SplatShape>> shapes;            // [row]
   std::vector<std::vector<float>> values;                 // [row]; empty unless the segment is the resolution's own
@@ -71,10 +71,10 @@ struct Rows {
 
   explicit Rows(bool fits) {
     constexpr std::size_t count = 6000;
-    test::WholePoints whole = overlapping_points(count);
+    WholePoints whole = overlapping_points(count);
     const Cube cube = whole.summary.cube;
     points = std::move(whole.points);
-    resolutions = test::reduce_by_octree(points.keys, points.positions, cube, leaf_points);
+    resolutions = reduce_by_octree(points.keys, points.positions, cube, leaf_points);
 
     const format::VolumeInfo info = four_columns(count);
     AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
@@ -160,12 +160,12 @@ struct Rows {
 
 // The splats of each resolution in file order, as the oracle has them.
 std::vector<StoredSplat> splats_in_file_order(const Rows& rows) {
-  const auto materials = test::merge_clusters(rows.points.positions, rows.resolutions, test::material_of(rows.points));
+  const auto materials = merge_clusters(rows.points.positions, rows.resolutions, material_of(rows.points));
   std::vector<std::vector<StoredSplat>> splats;
   for (std::size_t r = 0; r < rows.resolutions.size(); ++r)
-    splats.push_back(test::splats_of(rows.points.positions, rows.resolutions[r], materials[r]));
-  test::fit_finest_densities(splats.back());
-  const std::vector<std::uint64_t> order = test::file_order(rows.resolutions);
+    splats.push_back(splats_of(rows.points.positions, rows.resolutions[r], materials[r]));
+  fit_finest_densities(splats.back());
+  const std::vector<std::uint64_t> order = file_order(rows.resolutions);
   std::vector<StoredSplat> all;
   for (std::size_t r = 0; r < rows.resolutions.size(); ++r) {
     std::vector<const StoredSplat*> splat_of(rows.points.size());  // [point]
@@ -189,7 +189,7 @@ TEST(RowFiles, RowsComeInFileOrderEachOnce) {
     const Rows rows(fits);
     ASSERT_GE(rows.resolutions.size(), 3u);
     std::vector<float> order;
-    for (const std::uint64_t i : test::file_order(rows.resolutions)) order.push_back(static_cast<float>(i));
+    for (const std::uint64_t i : file_order(rows.resolutions)) order.push_back(static_cast<float>(i));
     EXPECT_EQ(flat(rows.values), order);
 
     const std::vector<StoredSplat> expected = splats_in_file_order(rows);
@@ -246,9 +246,9 @@ TEST(RowCollector, ColumnsOtherThanMomentsAreTheSameBytes) {
 
 // The index leaves. `late` gets the number of leaves for which something came late.
 std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& late) {
-  test::PieceSource source({test::scattered(test::random_points(20'000))});
-  test::WholePoints whole = *test::read_points(source, false, 1 << 20);
-  test::randomize_material(whole.points);
+  PieceSource source({scattered(random_points(20'000))});
+  WholePoints whole = *read_points(source, false, 1 << 20);
+  randomize_material(whole.points);
   format::VolumeInfo info;
   info.attributes.emplace_back();
   AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
@@ -290,4 +290,4 @@ TEST(ReductionPass, LeavesAreTheSameHoweverLateTheirClustersAre) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -13,9 +13,10 @@
 #include "builder/scattered/scattered.h"
 #include "builder/sources/generator.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/builder/support/point_sets.h"
 #include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using Points = std::vector<dvec3>;
@@ -30,21 +31,20 @@ PointBatch empty_batch() {
 
 PointBatch read_all(const std::function<Result<bool>(PointBatch&)>& next) {
   PointBatch all = empty_batch();
-  while (test::value_of(next(all))) {
+  while (value_of(next(all))) {
   }
   return all;
 }
 
 PointStream stream_of(Source& source) {
-  return test::value_of(
-      PointStream::create(source, false, memory, std::filesystem::temp_directory_path(), [](double) {}));
+  return value_of(PointStream::create(source, false, memory, std::filesystem::temp_directory_path(), [](double) {}));
 }
 
 PointBatch in_subdomains(const std::unique_ptr<Source>& source, std::size_t subdomain_points,
                          std::uint64_t bytes = memory) {
   PointStream stream = stream_of(*source);
   auto subdomains =
-      test::value_of(CellSubdomains::create(stream, bytes, std::filesystem::temp_directory_path(), subdomain_points));
+      value_of(CellSubdomains::create(stream, bytes, std::filesystem::temp_directory_path(), subdomain_points));
   return read_all([&](PointBatch& batch) { return subdomains.next(batch); });
 }
 
@@ -54,17 +54,11 @@ PointBatch without_material(const std::unique_ptr<Source>& source) {
 }
 
 std::unique_ptr<Source> source_of(const Points& points) {
-  return std::make_unique<test::PieceSource>(std::vector{test::scattered(points)});
+  return std::make_unique<PieceSource>(std::vector{scattered(points)});
 }
 
 std::unique_ptr<Source> generated(Distribution distribution, std::uint64_t count = 8000) {
   return generate_points({count, distribution, 1, false});
-}
-
-double total_mass(const std::vector<SpatialMoments>& moments) {
-  double sum = 0;
-  for (const SpatialMoments& m : moments) sum += m.mass;
-  return sum;
 }
 
 // Shares of the points whose mass and centroid are far from the exact ones, and the ratio of all mass to the exact one.
@@ -173,9 +167,9 @@ TEST(CellSubdomains, SurvivePointsWithoutAVolume) {
 
 TEST(CellSubdomains, CoincidentPointsShareNothingAndKeepTheirValues) {
   Points points(3000, dvec3(0.5));
-  Piece piece = test::scattered(points);
+  Piece piece = scattered(points);
   for (std::size_t i = 0; i < points.size(); ++i) piece.values[0][i] = static_cast<double>(i);
-  const PointBatch found = in_subdomains(std::make_unique<test::PieceSource>(std::vector{piece}), 300);
+  const PointBatch found = in_subdomains(std::make_unique<PieceSource>(std::vector{piece}), 300);
   ASSERT_EQ(found.size(), points.size());
   std::vector<bool> seen(points.size());
   for (std::size_t i = 0; i < found.size(); ++i) {
@@ -186,14 +180,14 @@ TEST(CellSubdomains, CoincidentPointsShareNothingAndKeepTheirValues) {
 }
 
 TEST(CellSubdomains, MissingValuesHaveNoMassAndDoNotSpread) {
-  Piece piece = test::scattered([] {
+  Piece piece = scattered([] {
     Points points;
     for (int i = 0; i < 1000; ++i) points.emplace_back(i % 10, i / 10 % 10, i / 100);
     return points;
   }());
   for (std::size_t i = 0; i < piece.points.size(); ++i)
     piece.values[0][i] = i % 7 == 0 ? std::numeric_limits<double>::quiet_NaN() : 2 * piece.points[i].x;
-  const PointBatch found = in_subdomains(std::make_unique<test::PieceSource>(std::vector{piece}), 200);
+  const PointBatch found = in_subdomains(std::make_unique<PieceSource>(std::vector{piece}), 200);
   for (std::size_t i = 0; i < found.size(); ++i) {
     if (std::isnan(found.values[0][i])) {
       EXPECT_EQ(found.value_moments[0][i].mass, 0);
@@ -204,4 +198,4 @@ TEST(CellSubdomains, MissingValuesHaveNoMassAndDoNotSpread) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -17,10 +17,11 @@
 #include "builder/scattered/scattered.h"
 #include "builder/sources/generator.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/builder/support/point_sets.h"
 #include "tests/support/long.h"
 #include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using Points = std::vector<dvec3>;
@@ -30,7 +31,7 @@ constexpr std::size_t memory = std::size_t{1} << 26;
 std::string folder() { return std::filesystem::temp_directory_path(); }
 
 PointStream stream_of(Source& source) {
-  return test::value_of(PointStream::create(source, false, memory, folder(), [](double) {}));
+  return value_of(PointStream::create(source, false, memory, folder(), [](double) {}));
 }
 
 PointBatch empty_batch() {
@@ -49,7 +50,7 @@ PointBatch whole(Source& source, std::vector<Tetrahedron>* all_tetrahedra = null
   PointBatch all = empty_batch();
   while (*stream.next(all)) {
   }
-  const auto tetrahedra = test::value_of(delaunay_tetrahedra(all.positions));
+  const auto tetrahedra = value_of(delaunay_tetrahedra(all.positions));
   const VertexMaterial mesh(all.positions, tetrahedra);
   for (std::size_t i = 0; i < all.size(); ++i) {
     all.moments.push_back(mesh.moments(i));
@@ -75,10 +76,9 @@ InSubdomains in_subdomains(Source& source, std::size_t subdomain_points, std::ui
     tetrahedra.insert(tetrahedra.end(), some.begin(), some.end());
     return {};
   };
-  auto subdomains =
-      test::value_of(DelaunaySubdomains::create(stream, bytes, folder(), subdomain_points, most_points, take));
+  auto subdomains = value_of(DelaunaySubdomains::create(stream, bytes, folder(), subdomain_points, most_points, take));
   PointBatch all = empty_batch();
-  while (test::value_of(subdomains.next(all))) {
+  while (value_of(subdomains.next(all))) {
   }
   std::ranges::sort(tetrahedra, {}, &RankedTetrahedron::corners);
   return {std::move(all), subdomains.uncertain(), subdomains.disputed(), std::move(tetrahedra)};
@@ -88,12 +88,6 @@ std::vector<Ranks> ranks_of(std::span<const RankedTetrahedron> tetrahedra) {
   std::vector<Ranks> ranks;
   for (const RankedTetrahedron& tetrahedron : tetrahedra) ranks.push_back(tetrahedron.corners);
   return ranks;
-}
-
-double total_mass(const PointBatch& points) {
-  double sum = 0;
-  for (const SpatialMoments& moments : points.moments) sum += moments.mass;
-  return sum;
 }
 
 bool operator==(const SymmetricMatrix& a, const SymmetricMatrix& b) {
@@ -136,9 +130,7 @@ void expect_whole(const Make& make, std::size_t subdomain_points) {
 }
 
 Make points(Points points) {
-  return [points = std::move(points)] {
-    return std::make_unique<test::PieceSource>(std::vector{test::scattered(points)});
-  };
+  return [points = std::move(points)] { return std::make_unique<PieceSource>(std::vector{scattered(points)}); };
 }
 
 Make generated(Distribution distribution, std::uint64_t count = 10'000) {
@@ -159,14 +151,6 @@ Points boundary_layer(double first, double angle) {
   return result;
 }
 
-Points lattice(int nx, int ny, int nz, const dvec3& spacing) {
-  Points result;
-  for (int i = 0; i < nx; ++i)
-    for (int j = 0; j < ny; ++j)
-      for (int k = 0; k < nz; ++k) result.push_back(spacing * dvec3(i, j, k));
-  return result;
-}
-
 TEST(DelaunaySubdomains, FindTheTetrahedraOfTheWhole) {
   for (const Distribution distribution :
        {Distribution::uniform, Distribution::vortex, Distribution::half_tiny, Distribution::two_clusters,
@@ -177,47 +161,47 @@ TEST(DelaunaySubdomains, FindTheTetrahedraOfTheWhole) {
 }
 
 TEST(DelaunaySubdomains, FindThoseOfBoundaryLayersWhateverTheirDirection) {
-  for (const double angle : test::sample_of<double>({0.5, 0})) expect_whole(points(boundary_layer(1e-3, angle)), 2000);
+  for (const double angle : sample_of<double>({0.5, 0})) expect_whole(points(boundary_layer(1e-3, angle)), 2000);
 }
 
 TEST(DelaunaySubdomains, FindThoseOfLatticesThoughAllIsCospherical) {
-  expect_whole(points(lattice(20, 20, 20, {1, 1, 1})), 1000);
-  expect_whole(points(lattice(20, 20, 20, {1, 0.5, 1e-3})), 1000);
+  expect_whole(points(lattice_points({20, 20, 20})), 1000);
+  expect_whole(points(lattice_points({20, 20, 20}, {1, 0.5, 1e-3})), 1000);
 }
 
 // At first each subdomain lies on one of two planes, and no plane spans a volume.
 TEST(DelaunaySubdomains, FindThoseBetweenTwoSheetsFarApart) {
-  expect_whole(points(lattice(60, 60, 2, {1, 1, 20})), 600);
+  expect_whole(points(lattice_points({60, 60, 2}, {1, 1, 20})), 600);
 }
 
 TEST(DelaunaySubdomains, LeaveHolesAsEmptyAsTheWholeDoes) {
   Points shell;
-  for (const dvec3& p : test::random_points(40'000, 2, dvec3(-1)))
+  for (const dvec3& p : random_points(40'000, 2, dvec3(-1)))
     if (glm::length(p) < 1 && glm::length(p) > 0.7) shell.push_back(p);
   expect_whole(points(shell), 1500);
   // Random points end somewhere near the border: on both sides, a layer of about half a spacing, 0.03, is uncertain.
   const double volume = 4.0 / 3 * std::numbers::pi * (1 - 0.7 * 0.7 * 0.7);
-  EXPECT_NEAR(total_mass(in_subdomains(*points(shell)(), 1500).points) / volume, 1, 0.15);
+  EXPECT_NEAR(total_mass(in_subdomains(*points(shell)(), 1500).points.moments) / volume, 1, 0.15);
 }
 
 TEST(DelaunaySubdomains, GiveCoincidentPointsVolumeOnceThoughTheyFillSubdomains) {
-  Points many = test::random_points(3000);
+  Points many = random_points(3000);
   many.insert(many.end(), 5000, dvec3(0.5));
-  const auto copies = test::random_points(1000);
+  const auto copies = random_points(1000);
   many.insert(many.end(), copies.begin(), copies.end());
   expect_whole(points(many), 700);
 }
 
 TEST(DelaunaySubdomains, LeaveMissingValuesMissing) {
-  Piece piece = test::scattered(test::random_points(6000));
+  Piece piece = scattered(random_points(6000));
   for (std::size_t i = 0; i < piece.values[0].size(); i += 7) piece.values[0][i] = std::nan("");
-  expect_whole([&] { return std::make_unique<test::PieceSource>(std::vector{piece}); }, 1000);
+  expect_whole([&] { return std::make_unique<PieceSource>(std::vector{piece}); }, 1000);
 }
 
 TEST(DelaunaySubdomains, FindNothingWhereNoFourPointsSpanAVolume) {
-  for (const auto& flat : {lattice(80, 80, 1, {1, 1, 1}), Points{dvec3(3)}, lattice(3, 1, 1, {1, 1, 1})}) {
+  for (const auto& flat : {lattice_points({80, 80, 1}), Points{dvec3(3)}, lattice_points({3, 1, 1})}) {
     expect_whole(points(flat), 1000);
-    EXPECT_EQ(total_mass(in_subdomains(*points(flat)(), 1000).points), 0);
+    EXPECT_EQ(total_mass(in_subdomains(*points(flat)(), 1000).points.moments), 0);
   }
 }
 
@@ -231,8 +215,8 @@ TEST(DelaunaySubdomains, HoldTheVolumeOfTheTetrahedraWhateverTheirSize) {
               6;
   // Sums of 1e5 terms, all positive.
   for (const std::size_t subdomain_points : {300, 3000, 100'000})
-    EXPECT_NEAR(total_mass(in_subdomains(*generated(Distribution::vortex)(), subdomain_points).points) / volume, 1,
-                1e-11);
+    EXPECT_NEAR(total_mass(in_subdomains(*generated(Distribution::vortex)(), subdomain_points).points.moments) / volume,
+                1, 1e-11);
 }
 
 TEST(DelaunaySubdomains, DoNotDependOnMemory) {
@@ -289,7 +273,7 @@ Shared share(const std::vector<Found>& subdomains) {
     for (const RankedTetrahedron& tetrahedron : some) result.taken.push_back(tetrahedron.corners);
     return {};
   };
-  const auto shared = test::value_of(SharedTetrahedra::create(begins, folder(), take));
+  const auto shared = value_of(SharedTetrahedra::create(begins, folder(), take));
   for (const Found& subdomain : subdomains) {
     FoundTetrahedra found{.is_certain = subdomain.is_certain};
     for (const Ranks& ranks : subdomain.tetrahedra) {
@@ -341,4 +325,4 @@ TEST(SharedTetrahedra, CountTheLostOnce) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -15,16 +15,8 @@
 #include "tests/support/results.h"
 #include "tests/support/whole_points.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::cut;
-using test::mesh_piece;
-using test::PieceSource;
-using test::random_points;
-using test::read_points;
-using test::scattered;
-using test::WholePoints;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
@@ -69,13 +61,13 @@ void expect_same_at_any_memory(const std::vector<Piece>& pieces) {
                      (bounded ? ", bounded" : ""));
         const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
         PieceSource source(pieces, {.bounds = bounded});
-        const auto points = test::value_of(read_points(source, true, memory));
+        const auto points = value_of(read_points(source, true, memory));
         expect_same(points, expected);
       }
 }
 
 TEST(PointStream, MeshesAreTheSameAtAnyMemory) {
-  expect_same_at_any_memory(cut(mesh_piece(test::jittered(14, 0.3), wave), 5));
+  expect_same_at_any_memory(cut(mesh_piece(jittered(14, 0.3), wave), 5));
 }
 
 TEST(PointStream, ScatteredPointsAreTheSameAtAnyMemory) {
@@ -136,7 +128,7 @@ TEST(PointStream, CoincidentScatteredPointsStayInInputOrderAndAreCounted) {
 TEST(PointStream, CoincidentPointsInLongRunsAreCounted) { expect_all_kept(10'000); }
 
 TEST(PointStream, SinglePrecisionKeepsEveryBit) {
-  Piece piece = mesh_piece(test::jittered(8, 0.3), wave);
+  Piece piece = mesh_piece(jittered(8, 0.3), wave);
   for (dvec3& p : piece.points) p = dvec3(vec3(p));
   for (double& value : piece.values[0]) value = static_cast<double>(static_cast<float>(value));
   piece.values[0][10] = nan;
@@ -174,7 +166,7 @@ void expect_material_of(const Piece& whole, const PointBatch& points) {
 }
 
 TEST(PointStream, PiecesGiveWhatTheWholeMeshGives) {
-  const Piece whole = mesh_piece(test::jittered(10, 0.2), wave);
+  const Piece whole = mesh_piece(jittered(10, 0.2), wave);
   for (const std::size_t count : {1, 2, 9}) {
     PieceSource source(cut(whole, count));
     const WholePoints points = *read_points(source);
@@ -185,7 +177,7 @@ TEST(PointStream, PiecesGiveWhatTheWholeMeshGives) {
 }
 
 TEST(PointStream, FacesBetweenPiecesAreOuterOnlyIfTheirPointsDiffer) {
-  const test::Mesh left = test::lattice(3), right = test::lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); });
+  const Mesh left = lattice(3), right = lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); });
   for (const bool differ : {false, true}) {
     PieceSource source(
         {mesh_piece(left, wave), mesh_piece(right, [&](dvec3 p) { return wave(p) + (differ ? 1 : 0); })});
@@ -203,9 +195,8 @@ TEST(PointStream, FacesBetweenPiecesAreOuterOnlyIfTheirPointsDiffer) {
 // Vertices of two blocks stay apart whatever their values, and each block ends there. Pieces of one block are joined.
 TEST(PointStream, CopiesOfAVertexMayBeThoseOfOneBlock) {
   const auto linear = [](dvec3 p) { return p.x + 2 * p.y; };
-  Piece left = mesh_piece(test::lattice(3), linear);
-  Piece right =
-      mesh_piece(test::lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); }), [](dvec3 p) { return p.z + 9; });
+  Piece left = mesh_piece(lattice(3), linear);
+  Piece right = mesh_piece(lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); }), [](dvec3 p) { return p.z + 9; });
   const Piece free_point = scattered({{1, 1.0 / 3, 1.0 / 3}});
   for (const VertexCopies copies : {VertexCopies::same_place, VertexCopies::same_block})
     for (const auto& [block, other] : {std::pair<std::uint64_t, std::uint64_t>{0, 0}, {7, 7}, {7, 5}, {0, 5}}) {
@@ -234,8 +225,8 @@ TEST(PointStream, CopiesOfAVertexMayBeThoseOfOneBlock) {
 // A point of no cell that comes between two copies of a vertex, with the same value, does not part them.
 TEST(PointStream, FreePointsDoNotPartTheCopiesOfAVertex) {
   const auto linear = [](dvec3 p) { return p.x + 2 * p.y; };
-  const Piece left = mesh_piece(test::lattice(3), linear);
-  const Piece right = mesh_piece(test::lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); }), linear);
+  const Piece left = mesh_piece(lattice(3), linear);
+  const Piece right = mesh_piece(lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); }), linear);
   const Piece free_points = scattered({{1, 1.0 / 3, 1.0 / 3}, {1, 0, 1}});
   for (const VertexCopies copies : {VertexCopies::same_values, VertexCopies::same_place, VertexCopies::none}) {
     PieceSource source({left, free_points, right}, {.copies = copies});
@@ -252,9 +243,9 @@ TEST(PointStream, FacesBehindAFlatCellOfAnotherPieceAreNotOuter) {
   // No two faces are alike: planes of equal rank would depend on the order of the faces.
   const std::vector<dvec3> pyramids = {{0, 0, 0},   {1.1, 0, 0},    {1.3, 1, 0},
                                        {0, 0.8, 0}, {0.3, 0.4, -1}, {0.5, 0.3, 1.4}};
-  const test::Mesh below{pyramids, {{0, 1, 2, 4}, {0, 2, 3, 4}, {0, 1, 2, 3}}};
-  const test::Mesh above{pyramids, {{0, 1, 3, 5}, {1, 2, 3, 5}}};
-  test::Mesh whole = below;
+  const Mesh below{pyramids, {{0, 1, 2, 4}, {0, 2, 3, 4}, {0, 1, 2, 3}}};
+  const Mesh above{pyramids, {{0, 1, 3, 5}, {1, 2, 3, 5}}};
+  Mesh whole = below;
   whole.tetrahedra.insert(whole.tetrahedra.end(), above.tetrahedra.begin(), above.tetrahedra.end());
   const auto faces = find_outer_faces(whole.points, whole.tetrahedra);
   ASSERT_EQ(faces.size(), 8u);
@@ -272,7 +263,7 @@ TEST(PointStream, FacesBehindAFlatCellOfAnotherPieceAreNotOuter) {
 }
 
 TEST(PointStream, ZerosOfBothSignsAreOnePosition) {
-  Piece whole = mesh_piece(test::jittered(8, 0.2), [](dvec3 p) { return 2 + p.x; });
+  Piece whole = mesh_piece(jittered(8, 0.2), [](dvec3 p) { return 2 + p.x; });
   for (dvec3& p : whole.points)
     if (std::abs(p.x - 0.5) < 0.01 + 0.2 / 8) p.x = 0.5;
   std::vector<Piece> halves(2);
@@ -297,9 +288,9 @@ TEST(PointStream, PiecesWithoutCellsHaveNoMaterialWhereOthersHaveSome) {
   // The mesh has two parts, at x in [0, 1] and in [8, 9]; the points of the other pieces lie between them.
   const Piece before = scattered(random_points(50, 0.5, dvec3(3, 0.2, 0.2)));
   const Piece after = scattered(random_points(60, 0.5, dvec3(5, 0.2, 0.2)));
-  test::Mesh right = test::lattice(4);
+  Mesh right = lattice(4);
   for (dvec3& p : right.points) p.x += 8;
-  PieceSource source({before, mesh_piece(test::lattice(4), wave), mesh_piece(right, wave), after});
+  PieceSource source({before, mesh_piece(lattice(4), wave), mesh_piece(right, wave), after});
   const WholePoints whole = *read_points(source);
   const PointBatch& points = whole.points;
   EXPECT_EQ(whole.summary.census.in_no_cell, 110u);
@@ -318,7 +309,7 @@ TEST(PointStream, PiecesWithoutCellsHaveNoMaterialWhereOthersHaveSome) {
 }
 
 TEST(PointStream, PointsOfNoCellDoNotWidenTheCube) {
-  Piece mesh = mesh_piece(test::lattice(4), wave);
+  Piece mesh = mesh_piece(lattice(4), wave);
   const std::size_t vertices = mesh.points.size();
   for (const dvec3& p : {dvec3(0.3, 0.31, 0.32), dvec3(1e9), dvec3(0.5, 0.5, -2)}) {
     mesh.points.push_back(p);
@@ -364,7 +355,7 @@ TEST(DescribeAttribute, ScalesWhatSinglePrecisionCannotHold) {
 }
 
 TEST(PointStream, CellsAreLeftOutWhereTheyAreNotWanted) {
-  PieceSource source(cut(mesh_piece(test::lattice(4), wave), 2));
+  PieceSource source(cut(mesh_piece(lattice(4), wave), 2));
   const WholePoints whole = *read_points(source, false);
   EXPECT_FALSE(whole.summary.has_material);
   EXPECT_TRUE(whole.points.moments.empty());
@@ -373,4 +364,4 @@ TEST(PointStream, CellsAreLeftOutWhereTheyAreNotWanted) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <map>
 #include <numeric>
 #include <random>
@@ -15,12 +14,8 @@
 #include "builder/scattered/growing_delaunay.h"
 #include "tests/builder/support/point_sets.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::sort_points;
-using test::Sorted;
-using test::uniform_points;
 
 std::set<Edge> as_set(std::span<const Edge> edges) {
   std::set<Edge> result;
@@ -42,21 +37,13 @@ std::set<Edge> tetrahedra_edges(std::span<const dvec3> positions) {
   return edges;
 }
 
-std::vector<dvec3> lattice(int x, int y, int z) {
-  std::vector<dvec3> points;
-  for (int i = 0; i < x; ++i)
-    for (int j = 0; j < y; ++j)
-      for (int k = 0; k < z; ++k) points.emplace_back(i, j, k);
-  return points;
-}
-
 TEST(DelaunayEdges, AreThoseOfTheTetrahedra) {
-  for (const auto& positions : {uniform_points(500), lattice(8, 8, 8), uniform_points(4), uniform_points(5)})
+  for (const auto& positions : {uniform_points(500), lattice_points({8, 8, 8}), uniform_points(4), uniform_points(5)})
     EXPECT_EQ(edges_of(positions), tetrahedra_edges(positions)) << positions.size();
 }
 
 TEST(DelaunayEdges, DoNotDependOnTheOrderOfThePoints) {
-  for (const auto& positions : {lattice(6, 6, 6), lattice(15, 15, 1), uniform_points(300)}) {
+  for (const auto& positions : {lattice_points({6, 6, 6}), lattice_points({15, 15, 1}), uniform_points(300)}) {
     std::vector<std::uint32_t> order(positions.size());
     std::iota(order.begin(), order.end(), 0u);
     std::ranges::shuffle(order, std::mt19937(4));
@@ -72,9 +59,9 @@ TEST(DelaunayEdges, JoinPointsWithoutVolumeToo) {
   EXPECT_TRUE(edges_of({}).empty());
   EXPECT_TRUE(edges_of(uniform_points(1)).empty());
   EXPECT_EQ(edges_of(uniform_points(2)), (std::set<Edge>{{0, 1}}));
-  EXPECT_EQ(edges_of(lattice(4, 1, 1)), (std::set<Edge>{{0, 1}, {1, 2}, {2, 3}}));
+  EXPECT_EQ(edges_of(lattice_points({4, 1, 1})), (std::set<Edge>{{0, 1}, {1, 2}, {2, 3}}));
   // By Euler's formula, a triangulation of n points in a plane, h of them on the hull, has 3 n - 3 - h edges.
-  EXPECT_EQ(edges_of(lattice(10, 7, 1)).size(), 3u * 70 - 3 - 30);
+  EXPECT_EQ(edges_of(lattice_points({10, 7, 1})).size(), 3u * 70 - 3 - 30);
   std::vector<dvec3> slanted = uniform_points(40);
   for (dvec3& p : slanted)
     p = {std::round(64 * p.x), std::round(64 * p.y), std::round(64 * p.x) + std::round(64 * p.y)};
@@ -100,8 +87,8 @@ std::map<std::string, Sorted> hard_nodes() {
   for (dvec3& p : nodes["slanted line"]) p = dvec3(p.x);
   nodes["plane"] = uniform_points(300);
   for (dvec3& p : nodes["plane"]) p.z = 0.5;
-  for (const dvec3& p : lattice(8, 8, 8)) nodes["lattice"].push_back((p + 0.5) / 8.0);
-  for (const dvec3& p : lattice(20, 20, 1)) nodes["flat lattice"].push_back((p + 0.5) / 20.0);
+  for (const dvec3& p : lattice_points({8, 8, 8})) nodes["lattice"].push_back((p + 0.5) / 8.0);
+  for (const dvec3& p : lattice_points({20, 20, 1})) nodes["flat lattice"].push_back((p + 0.5) / 20.0);
   for (const dvec3& p : uniform_points(300)) nodes["sphere"].push_back(0.5 + 0.5 * glm::normalize(p - 0.5));
   nodes["nine decades"] = uniform_points(500);
   for (dvec3& p : nodes["nine decades"]) p = {std::pow(10, -9 * p.x), std::pow(10, -9 * p.y), std::pow(10, -9 * p.z)};
@@ -242,4 +229,4 @@ TEST(Clusters, AreThePointsOfEachOwner) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -20,12 +20,8 @@
 #include "tests/support/whole_points.h"
 #include "tests/support/whole_reduction.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
-
-using test::sort_points;
-using test::Sorted;
-using test::unit_cube;
 
 std::vector<dvec3> random_points(
     std::size_t count, const std::function<double(double)>& shape = [](double x) { return x; }) {
@@ -89,7 +85,7 @@ TEST(LeafAt, IsTheLeafOfTheDefinition) {
     const std::vector<MortonKey>& keys = sorted.keys;
     const auto key = [&](std::size_t i) -> const MortonKey& { return keys[i]; };
     for (const std::size_t n : {1, 8, 25, 512, 100'000})
-      test::visit_octree(keys, n, [&](std::size_t begin, std::size_t end, int depth, bool leaf) {
+      visit_octree(keys, n, [&](std::size_t begin, std::size_t end, int depth, bool leaf) {
         if (!leaf) return;
         const int shared_before = begin == 0 ? -1 : common_depth(keys[begin - 1], keys[begin]);
         const KeyLeaf found = leaf_at(key, begin, keys.size(), n, shared_before);
@@ -103,10 +99,10 @@ TEST(LeafAt, IsTheLeafOfTheDefinition) {
 TEST(ReduceByOctree, ClustersNest) {
   for (const auto& [name, positions] : hard_cases()) {
     const Sorted sorted = sort_points(positions);
-    const auto resolutions = test::reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
+    const auto resolutions = reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
     EXPECT_LE(resolutions.front().size(), coarsest_target) << name;
     for (std::size_t r = 0; r + 1 < resolutions.size(); ++r) {
-      const test::Resolution &coarse = resolutions[r], &fine = resolutions[r + 1];
+      const Resolution &coarse = resolutions[r], &fine = resolutions[r + 1];
       ASSERT_EQ(fine.begins.size(), coarse.size() + 1);
       for (std::size_t k = 0; k < coarse.size(); ++k) {
         ASSERT_LE(fine.members[fine.begins[k]], coarse.members[k]) << name;
@@ -119,7 +115,7 @@ TEST(ReduceByOctree, ClustersNest) {
 
 TEST(ReduceByOctree, KeepsAboutAThirdOfUniformPoints) {
   const Sorted sorted = sort_points(random_points(100'000));
-  const auto resolutions = test::reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
+  const auto resolutions = reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
   const double share = static_cast<double>(resolutions[resolutions.size() - 2].size()) / 100'000;
   EXPECT_GT(share, 0.2);
   EXPECT_LT(share, 0.45);
@@ -137,7 +133,7 @@ struct Streamed {
     std::vector<std::uint64_t> members;
     std::vector<int> node_depths;     // [member]; empty at level 0
     std::vector<StoredSplat> splats;  // [member]
-    test::Material material;          // empty at level 0
+    Material material;                // empty at level 0
   };
 
   Cube cube;
@@ -152,11 +148,11 @@ struct Streamed {
     ends.resize(positions.size());
     attribute_.min = 0;
     attribute_.max = static_cast<double>(positions.size());
-    test::PieceSource source({test::scattered(std::move(positions))});
-    test::WholePoints whole = *test::read_points(source, false, 1 << 20);
+    PieceSource source({scattered(std::move(positions))});
+    WholePoints whole = *read_points(source, false, 1 << 20);
     cube = whole.summary.cube;
     points = std::move(whole.points);
-    test::randomize_material(points);
+    randomize_material(points);
     std::iota(points.values[0].begin(), points.values[0].end(), 0.0);
     reduce({.cube = cube,
             .leaf_points = leaf_points,
@@ -263,7 +259,7 @@ void expect_leaves_of_definition(std::span<const NodePart> parts, std::span<cons
                                  std::size_t index_leaf_points) {
   std::size_t p = 0;
   std::uint64_t leaf = 0;
-  test::visit_octree(keys, index_leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool is_leaf) {
+  visit_octree(keys, index_leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool is_leaf) {
     if (!is_leaf || testing::Test::HasFatalFailure()) return;
     for (std::size_t at = begin; at < end && p < parts.size(); ++p) {
       const NodePart& part = parts[p];
@@ -281,12 +277,12 @@ void expect_leaves_of_definition(std::span<const NodePart> parts, std::span<cons
   EXPECT_EQ(parts.back().end, keys.size());
 }
 
-void expect_same_level(const Streamed& streamed, std::size_t level, const test::Resolution& resolution,
-                       const test::Material& material) {
+void expect_same_level(const Streamed& streamed, std::size_t level, const Resolution& resolution,
+                       const Material& material) {
   const Streamed::Level& at = streamed.levels[level];
   ASSERT_EQ(at.members, resolution.members);
   ASSERT_EQ(streamed.counts[level], resolution.size());
-  const std::vector<StoredSplat> splats = test::splats_of(streamed.points.positions, resolution, material);
+  const std::vector<StoredSplat> splats = splats_of(streamed.points.positions, resolution, material);
   for (std::size_t m = 0; m < resolution.size(); ++m) {
     ASSERT_EQ(at.splats[m].number, m);
     ASSERT_EQ(at.splats[m].depth, resolution.depths[m]);
@@ -305,9 +301,9 @@ void expect_same_level(const Streamed& streamed, std::size_t level, const test::
 
 void expect_same_reduction(const Streamed& streamed, std::uint32_t leaf_points) {
   const PointBatch& points = streamed.points;
-  const auto resolutions = test::reduce_by_octree(points.keys, points.positions, streamed.cube, leaf_points);
-  const auto materials = test::merge_clusters(points.positions, resolutions, test::material_of(points));
-  const auto segments = test::find_segments(resolutions);
+  const auto resolutions = reduce_by_octree(points.keys, points.positions, streamed.cube, leaf_points);
+  const auto materials = merge_clusters(points.positions, resolutions, material_of(points));
+  const auto segments = find_segments(resolutions);
   const std::size_t last = resolutions.size() - 1;
   ASSERT_EQ(streamed.levels.size(), resolutions.size());
   ASSERT_EQ(streamed.counts.size(), resolutions.size());
@@ -315,7 +311,7 @@ void expect_same_reduction(const Streamed& streamed, std::uint32_t leaf_points) 
     ASSERT_EQ(streamed.ends[i], std::vector<std::size_t>{last - segments[i]}) << "point " << i;
   for (std::size_t level = 0; level <= last; ++level) {
     SCOPED_TRACE("level " + std::to_string(level));
-    const test::Resolution& resolution = resolutions[last - level];
+    const Resolution& resolution = resolutions[last - level];
     expect_same_level(streamed, level, resolution, materials[last - level]);
   }
 }
@@ -323,7 +319,7 @@ void expect_same_reduction(const Streamed& streamed, std::uint32_t leaf_points) 
 void expect_batches_of_definition(const std::vector<dvec3>& positions) {
   for (const std::size_t index_leaf_points : {8, 100, 512, 30'000}) {
     SCOPED_TRACE("at most " + std::to_string(index_leaf_points));
-    test::PieceSource source({test::scattered(positions)});
+    PieceSource source({scattered(positions)});
     PointStream stream = *PointStream::create(source, false, 1 << 24, testing::TempDir(), [](double) {});
     BatchCutter batches([&](PointBatch& points) { return stream.next(points); }, 1, index_leaf_points);
     std::vector<MortonKey> keys;
@@ -343,7 +339,7 @@ void expect_batches_of_definition(const std::vector<dvec3>& positions) {
 TEST(BatchCutter, IndexLeavesAreThoseOfTheDefinition) {
   std::mt19937_64 random(9);
   std::uniform_real_distribution<double> uniform(0, 1);
-  const auto anywhere = [&] { return test::random_vector(uniform, random); };
+  const auto anywhere = [&] { return random_vector(uniform, random); };
   for (int round = 0; round < 4; ++round) {
     SCOPED_TRACE("round " + std::to_string(round));
     std::vector<dvec3> positions = {{0, 0, 0}, {1, 1, 1}};
@@ -388,13 +384,13 @@ void visit_leaves(const Streamed& streamed, const Streamed::Level& level, std::s
                   const std::function<void(std::size_t begin, std::size_t end, int depth)>& visit) {
   std::vector<MortonKey> keys;
   for (const std::uint64_t i : level.members) keys.push_back(streamed.points.keys[i]);
-  test::visit_octree(keys, leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool leaf) {
+  visit_octree(keys, leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool leaf) {
     if (leaf) visit(begin, end, depth);
   });
 }
 
 // Reduces a level's nodes by the definition: the members that stay, and the material of each.
-Streamed::Level reduce_nodes(const Streamed& streamed, const Streamed::Level& level, const test::Material& material,
+Streamed::Level reduce_nodes(const Streamed& streamed, const Streamed::Level& level, const Material& material,
                              Reduction method, std::uint32_t leaf_points, std::size_t node_points) {
   Streamed::Level coarser;
   coarser.material.value_moments.resize(1);
@@ -454,7 +450,7 @@ void expect_nodes_reduced(const Streamed& streamed, Reduction method, std::uint3
                           std::size_t index_leaf_points) {
   const std::size_t last = streamed.levels.size() - 1;
   ASSERT_LE(streamed.counts[last], coarsest_target);
-  test::Material material = test::material_of(streamed.points);
+  Material material = material_of(streamed.points);
   for (std::size_t level = 0; level <= last; ++level) {
     SCOPED_TRACE("level " + std::to_string(level));
     const Streamed::Level& at = streamed.levels[level];
@@ -525,7 +521,7 @@ TEST(Cascade, LeavesInPartsKeepAllPointsAndTheirMass) {
       for (std::size_t level = 1; level < streamed.levels.size(); ++level) {
         EXPECT_EQ(streamed.levels[level].members.size(), streamed.counts[level]);
         for (std::size_t m = 0; m < streamed.counts[level]; ++m) EXPECT_EQ(streamed.levels[level].splats[m].number, m);
-        const test::Material& material = streamed.levels[level].material;
+        const Material& material = streamed.levels[level].material;
         EXPECT_NEAR(mass(material.moments) / mass(streamed.points.moments), 1, rounding);
         EXPECT_NEAR(mass(material.value_moments[0]) / mass(streamed.points.value_moments[0]), 1, rounding);
       }
@@ -533,4 +529,4 @@ TEST(Cascade, LeavesInPartsKeepAllPointsAndTheirMass) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

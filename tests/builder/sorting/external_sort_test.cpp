@@ -18,8 +18,9 @@
 #include <vector>
 
 #include "tests/format/allocation_counter.h"
+#include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using Bytes = std::vector<std::byte>;
@@ -250,13 +251,13 @@ TEST(ExternalSort, HoldsNoMoreThanItMay) {
       const Bytes records = make_records(count, 32, anywhere);
       const tbb::global_control control(tbb::global_control::max_allowed_parallelism, 2);
       auto sorter = ExternalSorter::create(options_for(32, memory / 2));  // so that TBB has its own memory already
-      test::start_counting_allocations();
+      start_counting_allocations();
       sorter = ExternalSorter::create(options_for(32, memory));
       ASSERT_TRUE(sorter->add(records));
       ASSERT_TRUE(sorter->finish());
       while (!sorter->next().value().keys.empty()) {
       }
-      EXPECT_LE(test::most_bytes_allocated(), memory + memory / 8 + 16384) << memory << ", " << count;
+      EXPECT_LE(most_bytes_allocated(), memory + memory / 8 + 16384) << memory << ", " << count;
     }
 }
 
@@ -264,9 +265,7 @@ TEST(ExternalSort, RefusesMemoryThatIsNotEnough) {
   SortOptions options = options_for(5000, ExternalSorter::least_memory(5000));
   EXPECT_TRUE(ExternalSorter::create(options));
   options.merge_memory -= 1;
-  const auto sorter = ExternalSorter::create(options);
-  ASSERT_FALSE(sorter);
-  EXPECT_EQ(sorter.error().code, ErrorCode::out_of_budget);
+  EXPECT_THAT(ExternalSorter::create(options), FailsWith(ErrorCode::out_of_budget));
 }
 
 // Sorts the records; returns the first error, of any call.
@@ -346,4 +345,4 @@ TEST(ExternalSort, TakesAndGivesBackTheDiskSpaceThatItSays) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <cstring>
 #include <limits>
 #include <random>
@@ -13,7 +12,7 @@
 #include "tests/format/allocation_counter.h"
 #include "tests/support/bad_disk.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using Bytes = std::vector<std::byte>;
@@ -67,12 +66,12 @@ TEST(RecordSpool, NeedsNoFolderForWhatFitsIntoMemory) {
 TEST(RecordSpool, HoldsNoMoreThanItMay) {
   const Bytes records = noise(32 * 50'000);
   for (const std::size_t memory : {10'000u, 100'000u, 1'000'000u}) {
-    test::start_counting_allocations();
+    start_counting_allocations();
     RecordSpool spool(32, memory, ::testing::TempDir());
     ASSERT_TRUE(spool.append(records));
     while (!spool.next().value().empty()) {
     }
-    EXPECT_LE(test::most_bytes_allocated(), memory + 16384);  // and what threads hold
+    EXPECT_LE(most_bytes_allocated(), memory + 16384);  // and what threads hold
   }
 }
 
@@ -81,7 +80,7 @@ TEST(RecordSpool, ABadDiskIsSeen) {
   for (int eighth = 0; eighth < 8; ++eighth) {
     RecordSpool spool(24, 20'000, ::testing::TempDir());
     ASSERT_TRUE(spool.append(records));
-    ASSERT_EQ(test::damage_temporary_files(eighth / 8.0), 1u);
+    ASSERT_EQ(damage_temporary_files(eighth / 8.0), 1u);
     for (;;) {
       const auto next = spool.next();
       if (!next) {
@@ -141,4 +140,4 @@ TEST(RecordPackets, RefuseOtherBytes) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -12,18 +12,12 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::error_of;
-using test::read_input;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::Not;
-using ::testing::StartsWith;
+using namespace ::testing;
 
-class CsvTest : public test::FolderTest {
- protected:
+struct CsvTest : FolderTest {
   /// The points (1, 2, 3) and (4, 5, 6) with the value 7 and a missing one.
   void expect_two_points(const std::string& text, const std::vector<std::string>& columns = {}) const {
     const auto input = read_input({write("a.csv", text)}, {{}, columns});
@@ -97,7 +91,7 @@ TEST_F(CsvTest, NamesOfTables) {
   EXPECT_THAT(files_left_out({path("b")}), ElementsAre());
   write("b/c.txt", "x,y,z,p\n1,2,3,4\n");
   EXPECT_THAT(files_left_out({path("b")}), ElementsAre(path("b/c.txt")));
-  EXPECT_EQ(test::value_of(read_input({path("b")})).points, 1u);
+  EXPECT_EQ(value_of(read_input({path("b")})).points, 1u);
 }
 
 TEST_F(CsvTest, ColumnsAreNamed) {
@@ -110,10 +104,10 @@ TEST_F(CsvTest, ColumnsAreNamed) {
 
 TEST_F(CsvTest, UnitsComeFromTheHeading) {
   const std::string path = write("a.csv", "x,y,z,p [Pa],T,U[0]\n1,2,3,4,5,6\n");
-  const auto source = test::value_of(open_own({path}, {}));
+  const auto source = value_of(open_own({path}, {}));
   EXPECT_THAT(source->attributes(), ElementsAre("p", "T", "U[0]"));
   EXPECT_THAT(source->units(), ElementsAre("Pa", "", ""));
-  const auto celsius = test::value_of(open_own({write("b.csv", "x,y,z,\xe9T [\xb0\x43],p [°C]\n1,2,3,4,5\n")}, {}));
+  const auto celsius = value_of(open_own({write("b.csv", "x,y,z,\xe9T [\xb0\x43],p [°C]\n1,2,3,4,5\n")}, {}));
   EXPECT_THAT(celsius->attributes(), ElementsAre("éT", "p"));
   EXPECT_THAT(celsius->units(), ElementsAre("°C", "°C")) << "Latin-1 and UTF-8";
 }
@@ -142,7 +136,7 @@ TEST_F(CsvTest, LargeFilesComeInPieces) {
   std::string text = "x,y,z,p\n";
   constexpr std::size_t count = 300'000;
   for (std::size_t i = 0; i < count; ++i) text += fmt::format("{},{},0.5,{}\n", i, 2 * i, i % 7);
-  const auto input = test::value_of(read_input({write("a.csv", text)}));
+  const auto input = value_of(read_input({write("a.csv", text)}));
   EXPECT_GT(input.pieces.size(), 2u);
   ASSERT_EQ(input.points, count);
   std::size_t i = 0;
@@ -157,7 +151,7 @@ TEST_F(CsvTest, LargeFilesComeInPieces) {
 // A cut can only shorten the last line: the rest is refused, or is the same.
 TEST_F(CsvTest, Truncated) {
   const std::string whole = "x,y,z,p [Pa]\n1,2,3,40\n5,6,7,80\n9,10,11,120\n";
-  const auto all = test::value_of(read_input({write("a.csv", whole)}));
+  const auto all = value_of(read_input({write("a.csv", whole)}));
   for (std::size_t bytes = 0; bytes < whole.size(); ++bytes) {
     const auto input = read_input({write("a.csv", whole.substr(0, bytes))});
     if (!input) continue;
@@ -182,7 +176,7 @@ TEST_F(CsvTest, OpenEnds) {
   EXPECT_EQ(open_ends("x\ty\tz\tp\n1\t2\t3\t4\n5\t6\t7\t"), 1u);
   EXPECT_EQ(open_ends("p,x,y,z\n1,2,3,40"), 1u);
   EXPECT_EQ(open_ends("x,y,z,p,name\n1,2,3,4,five"), 0u) << "no number";
-  const auto two = test::value_of(read_input({write("b.csv", head + "5,6,7,8"), write("a.csv", head + "9,6,7,8")}));
+  const auto two = value_of(read_input({write("b.csv", head + "5,6,7,8"), write("a.csv", head + "9,6,7,8")}));
   EXPECT_EQ(two.census.open_ends, 2u);
 }
 
@@ -225,4 +219,4 @@ TEST(Units, Texts) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -14,7 +14,7 @@
 #include "tools/bisection_mesh.h"
 #include "tools/demo_flow.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using Tetrahedra = std::vector<std::array<std::uint32_t, 4>>;
@@ -29,7 +29,7 @@ void expect_fills_box(const std::vector<dvec3>& points, const Tetrahedra& tetrah
     const double volume_6 = signed_volume_6(points[a], points[b], points[c], points[d]);
     ASSERT_GT(volume_6, 0);
     volume += volume_6 / 6;
-    for (const auto& triangle : test::faces_of(tetrahedron)) ++uses[triangle];
+    for (const auto& triangle : faces_of(tetrahedron)) ++uses[triangle];
   }
   const dvec3 size = high - low;
   EXPECT_NEAR(volume / (size.x * size.y * size.z), 1, 1e-12);
@@ -107,17 +107,17 @@ int run(const std::string& arguments) {
 }
 
 TEST(Svdemo, WritesTheSameConformingMeshEveryTime) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   ASSERT_EQ(run("-o " + folder.path("a.vtu") + " --points 5000 --scene " + folder.path("a.json")), 0);
   ASSERT_EQ(run("-o " + folder.path("b.vtu") + " --points 5000"), 0);
   EXPECT_EQ(folder.read("a.vtu"), folder.read("b.vtu"));
   EXPECT_NE(folder.read("a.json").find("\"vorticity\""), std::string::npos);
   EXPECT_EQ(folder.names().size(), 3u) << "no temporary file is left";
 
-  auto source = test::value_of(open_source({folder.path("a.vtu")}, {}));
+  auto source = value_of(open_source({folder.path("a.vtu")}, {}));
   EXPECT_EQ(source->attributes(), (std::vector<std::string>{"vorticity", "velocity", "velocity[0]", "velocity[1]",
                                                             "velocity[2]", "pressure", "temperature"}));
-  const auto piece = test::value_of(source->next());
+  const auto piece = value_of(source->next());
   ASSERT_TRUE(piece);
   EXPECT_NEAR(static_cast<double>(piece->points.size()), 5000, 250);
   expect_fills_box(piece->points, piece->tetrahedra, DemoFlow::low, DemoFlow::high);
@@ -127,4 +127,4 @@ TEST(Svdemo, WritesTheSameConformingMeshEveryTime) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -17,12 +17,10 @@
 #include "builder/mesh/tetrahedra.h"
 #include "tests/builder/sources/tetrahedron_faces.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-using ::testing::StartsWith;
+using namespace ::testing;
 
 struct Points {
   std::vector<dvec3> positions;
@@ -239,7 +237,7 @@ struct MeshCounts {
       volume += part;
       std::array<std::uint64_t, 4> corners{};
       std::ranges::transform(p, corners.begin(), [&](const dvec3& corner) { return numbers.at(corner); });
-      for (const auto& face : test::faces_of(corners)) ++faces[face];
+      for (const auto& face : faces_of(corners)) ++faces[face];
     }
   }
 };
@@ -317,4 +315,4 @@ TEST(Generated, TextsAreReadStrictly) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

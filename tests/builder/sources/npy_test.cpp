@@ -16,13 +16,10 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::StartsWith;
+using namespace ::testing;
 
 constexpr double inf = std::numeric_limits<double>::infinity();
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
@@ -64,8 +61,7 @@ std::vector<double> transposed(const std::vector<double>& values, std::size_t co
   return result;
 }
 
-class NpyTest : public test::FolderTest {
- protected:
+struct NpyTest : FolderTest {
   /// All points of an input: x, y, z and values, row by row.
   struct Table {
     std::vector<std::string> attributes;
@@ -122,7 +118,7 @@ TEST_F(NpyTest, EveryLayoutOfTheSameNumbersIsRead) {
   for (const auto& [text, data] : files)
     for (const int version : {1, 2, 3}) {
       SCOPED_TRACE(text);
-      const auto table = test::value_of(read({write("a.npy", npy(text, data, version))}));
+      const auto table = value_of(read({write("a.npy", npy(text, data, version))}));
       EXPECT_THAT(table.attributes, ElementsAre("value"));
       EXPECT_EQ(table.numbers, rows);
       EXPECT_EQ(table.single_precision, text.find("f4") != std::string::npos);
@@ -172,7 +168,7 @@ TEST_F(NpyTest, PointsFarBeyondAllOthersAreDropped) {
 TEST_F(NpyTest, IntegersAreRead) {
   const std::vector<double> whole = {0, 1, 2, 100, 3, 4, 5, 127};
   const auto expect = [&](const std::string& type, const std::string& data, bool single_precision) {
-    const auto table = test::value_of(read({write("a.npy", npy(header(type, 2, 4), data))}));
+    const auto table = value_of(read({write("a.npy", npy(header(type, 2, 4), data))}));
     EXPECT_EQ(table.numbers, whole) << type;
     EXPECT_EQ(table.single_precision, single_precision) << type;
   };
@@ -189,14 +185,14 @@ TEST_F(NpyTest, IntegersAreRead) {
 TEST_F(NpyTest, ColumnsHaveTheNamesThatTheyAreGiven) {
   const std::vector<double> wide = {1, 2, 3, 4, 5, 6, 10, 20, 30, 40, 50, 60};
   const std::string path = write("a.npy", npy(header("<f4", 2, 6), numbers<float>(wide)));
-  const auto by_default = test::value_of(read({path}));
+  const auto by_default = value_of(read({path}));
   EXPECT_THAT(by_default.attributes, ElementsAre("value0", "value1", "value2"));
 
-  const auto named = test::value_of(read({path}, {{}, {"z", "heat", "_", "x", "_", "y"}}));
+  const auto named = value_of(read({path}, {{}, {"z", "heat", "_", "x", "_", "y"}}));
   EXPECT_THAT(named.attributes, ElementsAre("heat"));
   EXPECT_THAT(named.numbers, ElementsAre(4, 6, 1, 2, 40, 60, 10, 20));
 
-  const auto selected = test::value_of(read({path}, {{"b", "a"}, {"x", "y", "z", "a", "b", "c"}}));
+  const auto selected = value_of(read({path}, {{"b", "a"}, {"x", "y", "z", "a", "b", "c"}}));
   EXPECT_THAT(selected.numbers, ElementsAre(1, 2, 3, 5, 4, 10, 20, 30, 50, 40));
 
   EXPECT_THAT(error_of({path}, {{"d"}, {}}), AllOf(StartsWith(path), HasSubstr("value0, value1, value2")));
@@ -215,7 +211,7 @@ TEST_F(NpyTest, FieldsThatAreNoNumbersAreSkipped) {
     data += "abc" + number<float>(10 * i, true) + number<double>(3 * i) + "....." + number<std::int16_t>(2 * i) +
             number<float>(i) + "\1" + "12345678";
   const std::string path = write("a.npy", npy(text, data));
-  const auto table = test::value_of(read({path}));
+  const auto table = value_of(read({path}));
   EXPECT_THAT(table.attributes, ElementsAre("heat"));
   EXPECT_THAT(table.numbers, ElementsAre(1, 2, 3, 10, 2, 4, 6, 20));
   EXPECT_THAT(error_of({path}, {{"on"}, {}}), HasSubstr("neither floats"));
@@ -223,14 +219,14 @@ TEST_F(NpyTest, FieldsThatAreNoNumbersAreSkipped) {
 
 TEST_F(NpyTest, WhatIsNotFiniteIsMissingAndOutOfTheBounds) {
   const std::vector<double> odd = {0, 0, 0, inf, 1, 2, 3, nan, nan, 50, 50, 1, 50, -inf, 50, 2};
-  const auto table = test::value_of(read({write("a.npy", npy(header("<f4", 4, 4), numbers<float>(odd)))}));
+  const auto table = value_of(read({write("a.npy", npy(header("<f4", 4, 4), numbers<float>(odd)))}));
   EXPECT_TRUE(std::isnan(table.numbers[3]) && std::isnan(table.numbers[7]));
   EXPECT_TRUE(std::isnan(table.numbers[8])) << "points stay, whatever their position";
   EXPECT_EQ(table.numbers[13], -inf);
   EXPECT_EQ(table.bounds->high, dvec3(1, 2, 3));
 
   const std::vector<double> none = {nan, 0, 0, 1};
-  const auto nowhere = test::value_of(read({write("b.npy", npy(header("<f4", 1, 4), numbers<float>(none)))}));
+  const auto nowhere = value_of(read({write("b.npy", npy(header("<f4", 1, 4), numbers<float>(none)))}));
   EXPECT_FALSE(nowhere.bounds);
 }
 
@@ -241,7 +237,7 @@ TEST_F(NpyTest, PiecesAreBoundedAndInOrder) {
     for (const int k : {1, 2, 3, 4}) values.push_back(static_cast<double>(i) * k);
   for (const bool fortran : {false, true}) {
     const auto data = numbers<double>(fortran ? transposed(values, 4) : values);
-    const auto table = test::value_of(read({write("a.npy", npy(header("<f8", count, 4, fortran), data))}));
+    const auto table = value_of(read({write("a.npy", npy(header("<f8", count, 4, fortran), data))}));
     EXPECT_TRUE(table.numbers == values);
     EXPECT_EQ(table.bounds->high, static_cast<double>(count - 1) * dvec3(1, 2, 3));
   }
@@ -255,7 +251,7 @@ TEST_F(NpyTest, SeveralFilesAreOnePointSet) {
   const std::string empty = write("c.npy", npy(header("<f4", 0, 4), ""));
   std::vector<double> twice = rows;
   twice.insert(twice.end(), others.begin(), others.end());
-  const auto table = test::value_of(read({a, empty, b}));
+  const auto table = value_of(read({a, empty, b}));
   EXPECT_EQ(table.numbers, twice);
   EXPECT_FALSE(table.single_precision) << "the second is not";
   EXPECT_TRUE(read({a, a})->single_precision);
@@ -380,9 +376,9 @@ TEST_F(NpyTest, FoldersAreReadInTheOrderOfNamesAndNumbers) {
     write(fmt::format("part{}.npy", i), npy(header("<f4", 1, 4), numbers<float>({1.0 * i, 0, 0, 0})));
   write("readme.txt", "not a point set");
   write(".hidden.npy", "nor this");
-  const auto table = test::value_of(read({folder_}));
+  const auto table = value_of(read({folder_}));
   EXPECT_THAT(table.numbers, ElementsAre(0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 10, 0, 0, 0));
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -13,40 +13,28 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::data_arrays;
-using test::error_of;
-using test::Input;
-using test::read_input;
-using test::vtk_file;
-using test::VtkArray;
-using ::testing::AllOf;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
-using ::testing::IsNan;
-using ::testing::UnorderedElementsAre;
+using namespace ::testing;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 /// A tetrahedron that begins at x, as a piece of a .vtu.
 std::string piece(double x, const std::vector<VtkArray>& of_points, const std::vector<VtkArray>& of_cells = {}) {
-  return test::tetrahedron_at(x, of_points, of_cells).piece();
+  return tetrahedron_at(x, of_points, of_cells).piece();
 }
 
 std::string vtu(const std::string& pieces) { return vtk_file("UnstructuredGrid", pieces); }
 
 /// A tetrahedron that begins at x, as a legacy file.
 std::string legacy(double x, const std::string& data) {
-  return test::legacy_file(
+  return legacy_file(
       fmt::format("UNSTRUCTURED_GRID\nPOINTS 4 double\n{0} 0 0 {1} 0 0 {0} 1 0 {0} 0 1\n"
                   "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\n{2}",
                   x, x + 1, data));
 }
 
-/// The values of an attribute in all pieces.
 std::vector<double> values_of(const Input& input, const std::string& attribute) {
   std::vector<double> values;
   for (const Piece& read : input.pieces) {
@@ -67,17 +55,16 @@ std::vector<double> joined(std::vector<double> first, const std::vector<double>&
 
 const std::vector<double> one = {1, 2, 3, 4}, two = {5, 6, 7, 8}, none(4, nan);
 
-class PartsTest : public test::FolderTest {
- protected:
+struct PartsTest : FolderTest {
   /// Expects the arrays s, of both parts, and t, of the part that begins at 1.
   void expect_union(const std::vector<std::string>& paths) const {
-    const auto input = test::value_of(read_input(paths));
+    const auto input = value_of(read_input(paths));
     ASSERT_THAT(input.attributes, UnorderedElementsAre("s", "t"));
     ASSERT_EQ(input.points, 8u);
     const bool first = input.pieces[0].points[0].x == 0;
     EXPECT_THAT(values_of(input, "s"), AreDoubles(first ? joined(one, two) : joined(two, one)));
     EXPECT_THAT(values_of(input, "t"), AreDoubles(first ? joined(none, one) : joined(one, none)));
-    const auto selected = test::value_of(read_input(paths, {{"t"}, {}}));
+    const auto selected = value_of(read_input(paths, {{"t"}, {}}));
     EXPECT_THAT(selected.attributes, ElementsAre("t"));
     EXPECT_THAT(values_of(selected, "t"), AreDoubles(values_of(input, "t")));
     EXPECT_THAT(error_of(paths, {{"u"}, {}}), AllOf(HasSubstr("no attribute \"u\""), HasSubstr("s"), HasSubstr("t")));
@@ -122,10 +109,10 @@ TEST_F(PartsTest, PiecesOfAPvtuWhateverItDeclares) {
 TEST_F(PartsTest, BlocksAtAnyDepth) {
   write("a.vtu", vtu(piece(0, {{"s", one}})));
   write("b.vtu", vtu(piece(1, {{"s", two}, {"t", one}})));
-  expect_union({write("flat.vtm", test::vtm_file({"a.vtu", "b.vtu"}))});
-  write("inner.vtm", test::vtm_file({"b.vtu"}));
-  expect_union({write("outer.vtm", test::vtm_file({"a.vtu", "inner.vtm"}))});
-  expect_union({write("other.vtm", test::vtm_file({"inner.vtm", "a.vtu"}))});
+  expect_union({write("flat.vtm", vtm_file({"a.vtu", "b.vtu"}))});
+  write("inner.vtm", vtm_file({"b.vtu"}));
+  expect_union({write("outer.vtm", vtm_file({"a.vtu", "inner.vtm"}))});
+  expect_union({write("other.vtm", vtm_file({"inner.vtm", "a.vtu"}))});
 }
 
 // Pieces of one file, of a .pvtu and of a multi-piece data set are one block; each other data set is one by itself.
@@ -136,7 +123,7 @@ TEST_F(PartsTest, BlocksAreToldApartByTheirPlaces) {
         vtk_file("PUnstructuredGrid", "<Piece Source=\"0.vtu\"/><Piece Source=\"1.vtu\"/>", "GhostLevel=\"0\""));
   const auto blocks_of = [&](const std::string& type, const std::string& content) {
     std::vector<std::uint64_t> blocks;
-    const auto input = test::value_of(read_input({write("tree.vtm", vtk_file(type, content))}));
+    const auto input = value_of(read_input({write("tree.vtm", vtk_file(type, content))}));
     for (const Piece& piece : input.pieces) blocks.push_back(piece.block);
     return blocks;
   };
@@ -177,7 +164,7 @@ TEST_F(PartsTest, BlocksAreToldApartByTheirPlaces) {
   const auto nested = blocks_of(multi_block, "<DataSet name=\"a\" " + inner + "<DataSet name=\"b\" " + inner);
   EXPECT_EQ((std::set<std::uint64_t>(nested.begin(), nested.end()).size()), 4u);
 
-  const auto files = test::value_of(read_input({path("1.vtu"), path("2.vtu")}));
+  const auto files = value_of(read_input({path("1.vtu"), path("2.vtu")}));
   for (const Piece& piece : files.pieces) EXPECT_EQ(piece.block, 0u);
 }
 
@@ -187,18 +174,17 @@ TEST_F(PartsTest, PiecesOfOneFile) {
   expect_union({write("ab.vtu", vtu(a + b))});
   expect_union({write("ba.vtu", vtu(b + a))});
   expect_union({write("other_order.vtu", vtu(a + piece(1, {{"t", one}, {"s", two}})))});
-  test::VtuMesh other_types = test::tetrahedron_at(1, {{"t", one, 1, "Float32"}, {"s", two, 1, "Int32"}});
+  VtuMesh other_types = tetrahedron_at(1, {{"t", one, 1, "Float32"}, {"s", two, 1, "Int32"}});
   other_types.coordinate_type = "Float32";
   expect_union({write("other_types.vtu", vtu(a + other_types.piece()))});
-  expect_union({write("empty_first.vtu", vtu(test::VtuMesh().piece() + a + b))});
-  const auto none_first = test::value_of(read_input({write("none_first.vtu", vtu(piece(0, {}) + b))}));
+  expect_union({write("empty_first.vtu", vtu(VtuMesh().piece() + a + b))});
+  const auto none_first = value_of(read_input({write("none_first.vtu", vtu(piece(0, {}) + b))}));
   EXPECT_THAT(values_of(none_first, "s"), AreDoubles(joined(none, two)));
   // Of cells.
-  const auto cells =
-      read_input({write("cells.vtu", vtu(piece(0, {}, {{"s", {1}}}) + piece(1, {}, {{"t", {2}}, {"s", {3}}})))});
-  ASSERT_TRUE(cells) << cells.error().message;
-  EXPECT_THAT(values_of(*cells, "s"), AreDoubles(joined({1, 1, 1, 1}, {3, 3, 3, 3})));
-  EXPECT_THAT(values_of(*cells, "t"), AreDoubles(joined(none, {2, 2, 2, 2})));
+  const auto cells = value_of(
+      read_input({write("cells.vtu", vtu(piece(0, {}, {{"s", {1}}}) + piece(1, {}, {{"t", {2}}, {"s", {3}}})))}));
+  EXPECT_THAT(values_of(cells, "s"), AreDoubles(joined({1, 1, 1, 1}, {3, 3, 3, 3})));
+  EXPECT_THAT(values_of(cells, "t"), AreDoubles(joined(none, {2, 2, 2, 2})));
 }
 
 TEST_F(PartsTest, PiecesOfAStructuredFileMustBeAlike) {
@@ -238,8 +224,8 @@ TEST_F(PartsTest, SectionsOfLegacyFiles) {
       {"FIELD more 1\nF 2 4 int\n1 2 3 4 5 6 7 8\n", "F[1]"}};
   for (const auto& [section, attribute] : sections) {
     write("b.vtk", legacy(1, "POINT_DATA 4\n" + section));
-    const auto input = test::value_of(read_input({path("a.vtk"), path("b.vtk")}));
-    EXPECT_THAT(input.attributes, ::testing::Contains(attribute));
+    const auto input = value_of(read_input({path("a.vtk"), path("b.vtk")}));
+    EXPECT_THAT(input.attributes, Contains(attribute));
     EXPECT_FALSE(std::isnan(values_of(input, attribute)[4])) << section;
   }
 }
@@ -267,7 +253,7 @@ TEST_F(PartsTest, TextsAreNoMissingNumbers) {
 TEST_F(PartsTest, AtPointsAndInCells) {
   write("a.vtu", vtu(piece(0, {{"s", one}})));
   write("b.vtu", vtu(piece(1, {}, {{"s", {9}}})));
-  const auto averaged = test::value_of(read_input({path("a.vtu"), path("b.vtu")}));
+  const auto averaged = value_of(read_input({path("a.vtu"), path("b.vtu")}));
   EXPECT_THAT(averaged.attributes, ElementsAre("s"));
   EXPECT_THAT(values_of(averaged, "s"), AreDoubles(joined(one, {9, 9, 9, 9})));
   for (const auto& paths : {std::vector{path("a.vtu"), path("b.vtu")}, std::vector{path("b.vtu"), path("a.vtu")}})
@@ -281,7 +267,7 @@ TEST_F(PartsTest, TwoArraysOfOneName) {
   write("c.vtu", vtu(piece(4, {{"s", two}}, {{"s", {7}}})));
   std::vector<std::string> paths = {path("a.vtu"), path("b.vtu"), path("c.vtu")};
   do {
-    const auto input = test::value_of(read_input(paths));
+    const auto input = value_of(read_input(paths));
     EXPECT_THAT(input.attributes, ElementsAre("s", "s (cells)"));
     for (const bool selects : {false, true}) {
       const auto points = selects ? read_input(paths, {{"s"}, {}}) : input;
@@ -301,8 +287,8 @@ TEST_F(PartsTest, CellsOfTheirOwn) {
   write("a.vtu", vtu(piece(0, {}, {{"s", {1}}})));
   write("b.vtu", vtu(piece(1, {{"t", one}}, {{"s", {2}}, {"u", {3}}})));
   for (const bool a_first : {false, true}) {
-    const auto input = test::value_of(read_input({path(a_first ? "a.vtu" : "b.vtu"), path(a_first ? "b.vtu" : "a.vtu")},
-                                                 {{}, {}, {}, CellValues::own}));
+    const auto input = value_of(read_input({path(a_first ? "a.vtu" : "b.vtu"), path(a_first ? "b.vtu" : "a.vtu")},
+                                           {{}, {}, {}, CellValues::own}));
     EXPECT_THAT(input.attributes, ElementsAre("s", "u", "t"));
     const Piece &a = input.pieces[a_first ? 0 : 1], &b = input.pieces[a_first ? 1 : 0];
     EXPECT_THAT(a.values, ElementsAre(ElementsAre(1), ElementsAre(IsNan()), ElementsAre(IsNan())));
@@ -327,7 +313,7 @@ TEST_F(PartsTest, ArraysThatTurnUpLaterFail) {
   const auto source = open_source({path("a.vtu"), path("b.vtu")}, {}).value();
   write("b.vtu", vtu(piece(1, {{"s", two}, {"late", one}})));
   ASSERT_TRUE(source->next());
-  EXPECT_THAT(test::message_of(source->next()),
+  EXPECT_THAT(message_of(source->next()),
               AllOf(HasSubstr("b.vtu: the array \"late\" turns up"), HasSubstr("--attribute")));
 }
 
@@ -342,7 +328,7 @@ TEST_F(PartsTest, Tables) {
   write("a.csv", "x,y,z,s\n0,0,0,1\n1,0,0,2\n");
   write("b.csv", "t [Pa],x,y,z\n3,0,1,0\n,1,1,0\n");
   for (const auto& paths : {std::vector{path("a.csv"), path("b.csv")}, std::vector{path("b.csv"), path("a.csv")}}) {
-    const auto input = test::value_of(read_input(paths));
+    const auto input = value_of(read_input(paths));
     EXPECT_THAT(input.attributes, UnorderedElementsAre("s", "t"));
     EXPECT_EQ(std::ranges::count_if(values_of(input, "s"), [](double value) { return std::isnan(value); }), 2);
     EXPECT_EQ(std::ranges::count_if(values_of(input, "t"), [](double value) { return std::isnan(value); }), 3);
@@ -356,4 +342,4 @@ TEST_F(PartsTest, Tables) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

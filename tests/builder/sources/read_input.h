@@ -44,11 +44,8 @@ inline double largest_error(const Input& input, const std::string& attribute,
 
 /// The reader process of the programs. Tests of damaged files do not wait for long.
 inline ReaderProcessOptions reader_options() {
-  ReaderProcessOptions options;
-  options.program = SPLATVOL_BIN "/splatvol-read";
-  options.memory = std::uint64_t{2} << 30;
-  options.patience = std::chrono::seconds(20);
-  return options;
+  return {
+      .program = SPLATVOL_BIN "/splatvol-read", .memory = std::uint64_t{2} << 30, .patience = std::chrono::seconds(20)};
 }
 
 /// Reads an input as programs do, and checks that its pieces are consistent.

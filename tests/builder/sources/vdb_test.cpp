@@ -28,16 +28,14 @@
 #include "tests/support/temp_folder.h"
 #include "tests/support/whole_points.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using openvdb::Coord;
 using openvdb::CoordBBox;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
+using namespace ::testing;
 
-class Vdb : public test::FolderTest {
- protected:
+struct Vdb : test::FolderTest {
   Vdb() { openvdb::initialize(); }
 
   std::string path(const std::string& name = "in.vdb") const { return FolderTest::path(name); }
@@ -396,7 +394,7 @@ std::string header_of(std::uint32_t version, std::uint32_t name_bytes) {
 TEST(VdbHeader, OldFileVersionsAreCheckedOrRefused) {
   const auto error = [](std::uint32_t version, std::uint32_t name_bytes) {
     const std::string text = header_of(version, name_bytes);
-    return test::message_of(check_vdb_header(*memory_source(std::as_bytes(std::span(text)), "old.vdb")));
+    return message_of(check_vdb_header(*memory_source(std::as_bytes(std::span(text)), "old.vdb")));
   };
   for (const std::uint32_t version : {220, 221, 222, 224}) {
     EXPECT_EQ(error(version, 7), "") << version;
@@ -465,7 +463,7 @@ TEST_F(Vdb, GridsThatOnlySomeFilesHave) {
       EXPECT_THAT(source->conversions(), ElementsAre("u: missing where a part of the input lacks it"));
     }
   }
-  EXPECT_THAT(test::message_of(open_vdb_files({path("a.vdb"), path("c.vdb")}, {})),
+  EXPECT_THAT(message_of(open_vdb_files({path("a.vdb"), path("c.vdb")}, {})),
               HasSubstr("c.vdb: the array \"t\" is a vector of 3 components, and a number in "));
   EXPECT_EQ(open_vdb_files({path("a.vdb"), path("b.vdb")}, {{"w"}, {}}).error().message,
             path("a.vdb") + ": no attribute \"w\"; there are: t");
@@ -483,7 +481,7 @@ TEST_F(Vdb, PiecesAndPointsDoNotDependOnThreads) {
     const auto source = open_vdb_files({path()}, {}).value();
     EXPECT_EQ(source->piece_count(), 2u);
     const Box bounds = source->bounds().value().value();
-    auto points = test::read_points(*source).value();
+    auto points = read_points(*source).value();
     EXPECT_EQ(points.summary.box, bounds) << "to the last bit";
     return points;
   };
@@ -514,4 +512,4 @@ TEST_F(Vdb, BecomesAFile) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <random>
 #include <vector>
 
@@ -77,6 +78,18 @@ inline std::vector<double> sample(const Mesh& mesh, const std::function<double(d
   std::vector<double> values;
   for (const dvec3& p : mesh.points) values.push_back(field(p));
   return values;
+}
+
+/// The value at a position by Cramer's rule, in the first tetrahedron that has the position; NaN: none has it.
+inline double value_in(const Mesh& mesh, const std::vector<double>& values, const dvec3& position) {
+  for (const auto& [a, b, c, d] : mesh.tetrahedra) {
+    const dvec3& origin = mesh.points[a];
+    const dmat3 edges(mesh.points[b] - origin, mesh.points[c] - origin, mesh.points[d] - origin);
+    const dvec3 weights = glm::inverse(edges) * (position - origin);
+    if (weights.x < 0 || weights.y < 0 || weights.z < 0 || weights.x + weights.y + weights.z > 1) continue;
+    return values[a] + glm::dot(weights, dvec3(values[b], values[c], values[d]) - values[a]);
+  }
+  return std::numeric_limits<double>::quiet_NaN();
 }
 
 /// The moments of every vertex's part of the tetrahedra.

@@ -10,11 +10,7 @@ namespace splatvol {
 namespace {
 
 View unit_view(bool orthographic) {
-  Camera camera;
-  camera.position = {0, 0, 0};
-  camera.focal_point = {0, 0, -1};
-  camera.vertical_fov_degrees = 90;
-  camera.parallel_height = 2;
+  Camera camera{.vertical_fov_degrees = 90, .parallel_height = 2, .position = {0, 0, 0}, .focal_point = {0, 0, -1}};
   if (orthographic) camera.projection = Camera::Projection::orthographic;
   return *make_view(camera, 64, 64);
 }

@@ -7,7 +7,7 @@
 #include "tests/renderer/reference/meshes.h"
 #include "tests/support/results.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr double exact = 1e-6;  // pictures are 32-bit floats
@@ -49,7 +49,7 @@ TEST(Slab, ConstantCellsKeepTheirValues) {
       for (const std::uint32_t corner : corners) x += mesh.points[corner].x / 4;
       values.push_back(x < 0.5 ? left : right_value);
     }
-    const auto picture = test::value_of(render_reference({mesh.points, values, mesh.tetrahedra, true}, scene));
+    const auto picture = value_of(render_reference({mesh.points, values, mesh.tetrahedra, true}, scene));
     for (int x = 0; x < 16; ++x) {
       const double value = x < 8 ? left : std::isnan(right_value) ? 0 : right;
       expect_alpha(picture.image.at(x, 5).a, slab_extinction * value, 1, exact);
@@ -71,7 +71,7 @@ TEST(Slab, RaysEndAtSurfaces) {
     surfaces.depths[1] = std::numeric_limits<float>::infinity();
     surfaces.depths[2] = std::numeric_limits<float>::quiet_NaN();
     const TetMesh tets{mesh.points, mesh.values, mesh.tetrahedra};
-    const auto picture = test::value_of(render_reference(tets, scene, {.surface_depths = &surfaces}));
+    const auto picture = value_of(render_reference(tets, scene, {.surface_depths = &surfaces}));
     const Image whole = render(mesh, scene).image;
     const View view = make_view(scene).value();
     for (std::size_t i = 0; i < surfaces.depths.size(); ++i) {
@@ -211,23 +211,27 @@ TEST(Box, EyeOnVertexEdgeAndFace) {
     }
 }
 
+/// A picture of the unit cube along the z axis, from +z or -z. Pixels lie 1/16 apart.
+Scene scene_along_z(double extinction, double z = 5) {
+  Scene scene = make_scene(extinction, 15, 15);
+  make_orthographic(scene, 15.0 / 16);
+  look(scene, {0.5, 0.5, z}, dvec3(0.5));
+  return scene;
+}
+
 /// The value is the coordinate along the ray: optical depth 4 (z1 - z0)^2 / 2 and so on, for any cells.
 TEST(Ramp, AlongTheRay) {
-  Scene scene = make_scene(0, 15, 15);
+  Scene scene = scene_along_z(0);
   scene.transfer_function.densities = {{0, 0}, {1, 4}};
-  make_orthographic(scene, 15.0 / 16);
   const Mesh mesh = make_box(4, [](dvec3 p) { return p.z; });
-  look(scene, {0.5, 0.5, 5}, dvec3(0.5));
   for (const vec4& pixel : render(mesh, scene).image.pixels) expect_alpha(pixel.a, 2, 1, exact);
   look(scene, {0.5, 0.5, 0.25}, {0.5, 0.5, 0});
   for (const vec4& pixel : render(mesh, scene).image.pixels) expect_alpha(pixel.a, 4 * 0.25 * 0.25 / 2, 1, exact);
 }
 
 TEST(Ramp, AcrossTheRay) {
-  Scene scene = make_scene(0, 15, 15);
+  Scene scene = scene_along_z(0);
   scene.transfer_function.densities = {{0, 0}, {1, 4}};
-  make_orthographic(scene, 15.0 / 16);
-  look(scene, {0.5, 0.5, 5}, dvec3(0.5));
   const Mesh mesh = make_box(4, [](dvec3 p) { return p.x; });
   for_each_ray(scene, render(mesh, scene).image,
                [](const WorldRay& ray, const vec4& pixel) { expect_alpha(pixel.a, 4 * ray.origin.x, 1, exact); });
@@ -249,10 +253,8 @@ TEST(Ramp, ObliqueInPerspective) {
 
 /// Red = value = z, seen from +z with density 1: the integral of (1 - u) exp(-u) over [0, 1] is 1/e.
 TEST(Emission, LinearColor) {
-  Scene scene = make_scene(1, 15, 15);
+  Scene scene = scene_along_z(1);
   scene.transfer_function.colors = {{0, {0, 0, 0}}, {1, {1, 0, 2}}};
-  make_orthographic(scene, 15.0 / 16);
-  look(scene, {0.5, 0.5, 5}, dvec3(0.5));
   const Mesh mesh = make_box(4, [](dvec3 p) { return p.z; });
   for (const vec4& pixel : render(mesh, scene).image.pixels) {
     EXPECT_NEAR(pixel.r, 1 / std::numbers::e, exact);
@@ -263,21 +265,17 @@ TEST(Emission, LinearColor) {
 
 /// The order matters: the same slab from behind gives the integral of u exp(-u), 1 - 2/e.
 TEST(Emission, FromBehind) {
-  Scene scene = make_scene(1, 15, 15);
+  Scene scene = scene_along_z(1, -5);
   scene.transfer_function.colors = {{0, {0, 0, 0}}, {1, {1, 0, 0}}};
-  make_orthographic(scene, 15.0 / 16);
-  look(scene, {0.5, 0.5, -5}, dvec3(0.5));
   const Mesh mesh = make_box(4, [](dvec3 p) { return p.z; });
   for (const vec4& pixel : render(mesh, scene).image.pixels) EXPECT_NEAR(pixel.r, 1 - 2 / std::numbers::e, exact);
 }
 
 /// Opaque red above z = 0.6, blue of density 2 below; the jump lies inside a layer of cells.
 TEST(Jump, IsFoundInsideACell) {
-  Scene scene = make_scene(0, 15, 15);
+  Scene scene = scene_along_z(0, -5);
   scene.transfer_function.colors = {{0, {0, 0, 1}}, {0.6, {0, 0, 1}}, {0.6, {1, 0, 0}}, {1, {1, 0, 0}}};
   scene.transfer_function.densities = {{0, 2}, {0.6, 2}, {0.6, 50}, {1, 50}};
-  make_orthographic(scene, 15.0 / 16);
-  look(scene, {0.5, 0.5, -5}, dvec3(0.5));
   const Mesh mesh = make_box(4, [](dvec3 p) { return p.z; });
   for (const vec4& pixel : render(mesh, scene).image.pixels) {
     const double blue = -std::expm1(-1.2);
@@ -338,4 +336,4 @@ TEST(Ball, NearsTheRoundBall) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -9,12 +9,10 @@ namespace splatvol {
 namespace {
 
 TransferFunction bent_function() {
-  TransferFunction function;
-  function.lo = -2;
-  function.hi = 3;
-  function.colors = {{0, {0.1, 0, 1}}, {0.3, {1, 0.2, 0}}, {0.3, {0, 3, 0.5}}, {0.9, {0.4, 0, 0}}};
-  function.densities = {{0.1, 0}, {0.4, 2}, {0.6, 0}, {0.8, 0}, {0.8, 5}, {1, 1}};
-  return function;
+  return {.lo = -2,
+          .hi = 3,
+          .colors = {{0, {0.1, 0, 1}}, {0.3, {1, 0.2, 0}}, {0.3, {0, 3, 0.5}}, {0.9, {0.4, 0, 0}}},
+          .densities = {{0.1, 0}, {0.4, 2}, {0.6, 0}, {0.8, 0}, {0.8, 5}, {1, 1}}};
 }
 
 /// Returns the same integral by a million midpoint samples.
@@ -96,9 +94,7 @@ TEST(EmissionAbsorption, ConstantValuesAreExact) {
 
 /// Thin and thick integration steps have different formulas. At the limit between them the results must agree.
 TEST(EmissionAbsorption, LinearColorInConstantExtinctionIsExactAtEveryDepth) {
-  TransferFunction function;
-  function.colors = {{0, dvec3(0)}, {1, dvec3(1)}};
-  function.densities = {{0, 1}};
+  TransferFunction function{.colors = {{0, dvec3(0)}, {1, dvec3(1)}}, .densities = {{0, 1}}};
   const PiecewiseTransfer transfer(function);
   for (double depth = 1e-9; depth < 1e4; depth *= 1.3) {
     RayLight light;
@@ -111,9 +107,7 @@ TEST(EmissionAbsorption, LinearColorInConstantExtinctionIsExactAtEveryDepth) {
 
 /// Alpha of thin media comes from the depth, not from 1 - T.
 TEST(EmissionAbsorption, TinyAlphaKeepsItsDigits) {
-  TransferFunction function;
-  function.colors = {{0, dvec3(1)}};
-  function.densities = {{0, 1e-20}};
+  TransferFunction function{.colors = {{0, dvec3(1)}}, .densities = {{0, 1e-20}}};
   RayLight light;
   PiecewiseTransfer(function).add({0.2, 0.8}, 1, light);
   EXPECT_NEAR(light.rgba().a, 1e-20, 1e-26);
@@ -123,11 +117,10 @@ TEST(EmissionAbsorption, TinyAlphaKeepsItsDigits) {
 TEST(EmissionAbsorption, FactorsMatchBruteForce) {
   const TransferFunction function = bent_function();
   const PiecewiseTransfer transfer(function);
-  TransferFunction factors;
-  factors.colors = {{0, dvec3(1)}};
-  factors.lo = 1;
-  factors.hi = 100;
-  factors.densities = {{0, 0}, {0.2, 0.5}, {0.2, 1}, {0.7, 0.1}, {0.8, 0}, {1, 0.4}};
+  TransferFunction factors{.lo = 1,
+                           .hi = 100,
+                           .colors = {{0, dvec3(1)}},
+                           .densities = {{0, 0}, {0.2, 0.5}, {0.2, 1}, {0.7, 0.1}, {0.8, 0}, {1, 0.4}}};
   for (const ValueAxis axis : {ValueAxis::linear, ValueAxis::log}) {
     factors.axis = axis;
     const PiecewiseTransfer opacity(factors);

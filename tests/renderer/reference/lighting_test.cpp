@@ -7,7 +7,7 @@
 #include "tests/renderer/reference/meshes.h"
 #include "tests/support/random.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr Lighting light{0.25, 0.6};
@@ -181,7 +181,7 @@ TEST(GradientDirection, OfALinearField) {
                         {{1, 1, 1e-4}, 1e-8}, {{1, 1e-8, 1}, 1e-4},   {{1e-3, 1e-6, 1e-3}, 1e-8}};
   std::mt19937 random(7);
   std::uniform_real_distribution<double> unit(-1, 1);
-  const auto vector = [&] { return test::random_vector(unit, random); };
+  const auto vector = [&] { return random_vector(unit, random); };
   for (const auto& [box, tolerance] : cases)
     for (int trial = 0; trial < 1000; ++trial) {
       CellCorners corners{vector(), vector(), vector(), vector()};
@@ -215,4 +215,4 @@ TEST(GradientDirection, IsFiniteInFlatCellsAndForTheLargestValues) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

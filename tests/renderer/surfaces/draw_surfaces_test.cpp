@@ -10,18 +10,17 @@
 
 #include "tests/renderer/surfaces/shapes.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
 
 View view_from(dvec3 eye, dvec3 focus, bool orthographic, int width = 131, int height = 97) {
-  Camera camera;
-  camera.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective;
-  camera.vertical_fov_degrees = 40;
-  camera.parallel_height = 3;
-  camera.position = eye;
-  camera.focal_point = focus;
+  Camera camera{.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective,
+                .vertical_fov_degrees = 40,
+                .parallel_height = 3,
+                .position = eye,
+                .focal_point = focus};
   return make_view(camera, width, height).value();
 }
 
@@ -89,7 +88,7 @@ TEST(DrawSurfaces, ABallIsRound) {
   const dvec3 center(0.1, 0.05, -0.2);
   for (const bool orthographic : {false, true}) {
     const View view = view_from({0.3, 0.5, 4}, {0, 0, 0}, orthographic);
-    const auto drawn = draw({surface_of(test::ball(center, 1, rings))}, view);
+    const auto drawn = draw({surface_of(ball(center, 1, rings))}, view);
     ASSERT_EQ(drawn.layers.size(), 1u);
     for_each_pixel(view, drawn.layers[0], [&](const Ray& ray, float depth, const vec4&) {
       const dvec3 direction = glm::normalize(ray.direction);
@@ -114,7 +113,7 @@ TEST(DrawSurfaces, EachRayMeetsOneTriangleOfAnEdge) {
       for (const std::uint32_t rings : {4u, 32u, 500u}) {
         View view = view_from(eye, dvec3(0), orthographic);
         if (orthographic) view.focal = 32;  // pixels for a unit: vertices at pixel centres
-        const auto drawn = draw({surface_of(test::ball(dvec3(0), 1, rings), 0.5)}, view);
+        const auto drawn = draw({surface_of(ball(dvec3(0), 1, rings), 0.5)}, view);
         ASSERT_EQ(drawn.layers.size(), 3u) << "front, back, and what is behind";
         int hit = 0;
         for (std::size_t i = 0; i < drawn.layers[0].depths.depths.size(); ++i) {
@@ -133,7 +132,7 @@ TEST(DrawSurfaces, FromInsideThereIsNoHole) {
       View view = view_from(eye, {0.1, 0.05, -1}, orthographic);
       if (orthographic) view.focal = 300;
       for (const std::uint32_t rings : {3u, 64u}) {
-        const auto drawn = draw({surface_of(test::ball(dvec3(0), 2, rings))}, view);
+        const auto drawn = draw({surface_of(ball(dvec3(0), 2, rings))}, view);
         ASSERT_EQ(drawn.layers.size(), 1u);
         for (const float depth : drawn.layers[0].depths.depths) EXPECT_LT(depth, 4);
       }
@@ -145,10 +144,10 @@ TEST(DrawSurfaces, NothingIsBehindTheEyeOrHidden) {
   const TriangleMesh behind = test::plate({-9, -9, 5}, {18, 0, 0}, {0, 18, 0});
   EXPECT_TRUE(draw({surface_of(behind)}, view).layers.empty());
   EXPECT_TRUE(draw({}, view).layers.empty());
-  Surface off = surface_of(test::ball(dvec3(0), 1, 8));
+  Surface off = surface_of(ball(dvec3(0), 1, 8));
   off.style.shown = false;
   EXPECT_TRUE(draw({off}, view).layers.empty());
-  Surface clear = surface_of(test::ball(dvec3(0), 1, 8), 0);
+  Surface clear = surface_of(ball(dvec3(0), 1, 8), 0);
   EXPECT_TRUE(draw({clear}, view).layers.empty());
 }
 
@@ -168,9 +167,7 @@ TEST(DrawSurfaces, AClipBoxCutsThem) {
 
 // A slice with one value everywhere, of a grey function.
 SlicePicture slice_of(const View& view, const Plane& plane, double opacity, double value) {
-  TransferFunction function;
-  function.colors = {{0, dvec3(0)}, {1, dvec3(1)}};
-  function.densities = {{0, 0}};
+  TransferFunction function{.colors = {{0, dvec3(0)}, {1, dvec3(1)}}, .densities = {{0, 0}}};
   std::vector<double> depths = slice_depths(view, plane);
   const std::vector<double> values(depths.size(), value);
   return color_slice(view, {plane, opacity}, std::move(depths), values, function);
@@ -288,7 +285,7 @@ TEST(DrawSurfaces, EdgesAreDarkLines) {
 
 TEST(DrawSurfaces, ThreadsChangeNothing) {
   std::vector<Surface> surfaces;
-  for (int i = 0; i < 3; ++i) surfaces.push_back(surface_of(test::ball(dvec3(0.2 * i), 1, 150), i == 1 ? 0.5 : 1));
+  for (int i = 0; i < 3; ++i) surfaces.push_back(surface_of(ball(dvec3(0.2 * i), 1, 150), i == 1 ? 0.5 : 1));
   surfaces.push_back(surfaces[0]);  // the same places again
   surfaces.back().style.color = {1, 0, 0};
   const View view = view_from({1, 2, 4}, dvec3(0), false);
@@ -303,8 +300,7 @@ TEST(DrawSurfaces, ThreadsChangeNothing) {
 }
 
 // Plates one behind the other, in a uniform fog: the picture is a product.
-class Plates : public testing::Test {
- protected:
+struct Plates : testing::Test {
   static constexpr double extinction = 0.4, fog_end = 10;
   const View view = view_from({0, 0, 5}, dvec3(0), true, 9, 9);
 
@@ -372,4 +368,4 @@ TEST_F(Plates, TooManyLayersAreJoined) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

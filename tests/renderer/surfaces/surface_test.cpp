@@ -1,5 +1,6 @@
 // Which files of a scene's surfaces are read.
 #include "renderer/surfaces/surface.h"
+#include "tests/support/results.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,12 +8,9 @@
 namespace splatvol {
 namespace {
 
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
+using namespace ::testing;
 
-class ReadSurfaces : public testing::Test {
- protected:
+struct ReadSurfaces : testing::Test {
   ReadSurface reader() {
     return [this](const std::string& path) -> Result<TriangleMesh> {
       asked_.push_back(path);
@@ -40,20 +38,17 @@ TEST_F(ReadSurfaces, EachFileThatIsShownIsReadOnce) {
 
 TEST_F(ReadSurfaces, PatchesHaveAReaderOfTheirOwn) {
   const std::vector<SceneSurface> styles{{.boundary = "a"}, {.boundary = "a"}, {.shown = false, .boundary = "b"}};
-  const auto surfaces = read_surfaces(styles, {{}, reader()});
-  ASSERT_TRUE(surfaces) << surfaces.error().message;
+  const auto surfaces = test::value_of(read_surfaces(styles, {{}, reader()}));
   EXPECT_THAT(asked_, ElementsAre("a"));
-  EXPECT_EQ((*surfaces)[0].mesh, (*surfaces)[1].mesh);
-  EXPECT_FALSE((*surfaces)[2].mesh);
-  ASSERT_TRUE(read_surfaces(std::vector<SceneSurface>{{.file = "a"}}, {reader(), {}}, *surfaces));
+  EXPECT_EQ((surfaces)[0].mesh, (surfaces)[1].mesh);
+  EXPECT_FALSE((surfaces)[2].mesh);
+  ASSERT_TRUE(read_surfaces(std::vector<SceneSurface>{{.file = "a"}}, {reader(), {}}, surfaces));
   EXPECT_THAT(asked_, ElementsAre("a", "a")) << "a file is no patch";
 }
 
 TEST_F(ReadSurfaces, FailsIfAFileCannotBeRead) {
   EXPECT_EQ(read_surfaces(std::vector<SceneSurface>{{.file = "bad"}}, {reader(), {}}).error().message, "bad: gone");
-  const auto without_reader = read_surfaces(std::vector<SceneSurface>{{.file = "a"}}, {});
-  ASSERT_FALSE(without_reader);
-  EXPECT_THAT(without_reader.error().message, HasSubstr("svrender"));
+  EXPECT_THAT(test::message_of(read_surfaces(std::vector<SceneSurface>{{.file = "a"}}, {})), HasSubstr("svrender"));
   EXPECT_TRUE(read_surfaces(std::vector<SceneSurface>{{.file = "a", .shown = false}}, {}));
   EXPECT_THAT(*read_surfaces({}, {}), IsEmpty());
 }

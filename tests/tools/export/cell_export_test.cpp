@@ -37,7 +37,7 @@
 #include "tests/support/volume_dump.h"
 #include "tools/export/cell_export.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -90,7 +90,7 @@ struct Contents {
 Contents contents_of(Source& source) {
   Contents contents;
   for (;;) {
-    const auto piece = test::value_of(source.next());
+    const auto piece = value_of(source.next());
     if (!piece) return contents;
     for (const auto& corners : piece->tetrahedra) {
       Cell cell;
@@ -155,14 +155,10 @@ VtkMesh read_by_vtk(const std::string& path, const std::vector<std::string>& att
   return mesh;
 }
 
-class CellExport : public test::FolderTest {
- protected:
+struct CellExport : FolderTest {
   std::shared_ptr<const format::Volume> build(Source& source, const std::string& name, bool exact = true,
                                               bool keep_cells = true) const {
-    BuildOptions options;
-    options.memory = 64 << 20;
-    options.keep_cells = keep_cells;
-    options.exact = {.positions = exact, .values = exact};
+    BuildOptions options{.memory = 64 << 20, .exact = {.positions = exact, .values = exact}, .keep_cells = keep_cells};
     EXPECT_TRUE(build_volume(source, path(name), options, [](const char*, double) {}).has_value());
     return format::Volume::open(open_file(path(name)).value()).value();
   }
@@ -176,7 +172,7 @@ class CellExport : public test::FolderTest {
   // Exports to out.vtu, and returns what VTK reads of it.
   VtkMesh export_and_read(const format::Volume& volume, const Box& box = everywhere,
                           const std::vector<std::string>& attributes = {}) const {
-    const CellsReport report = test::value_of(try_export(volume, box, attributes));
+    const CellsReport report = value_of(try_export(volume, box, attributes));
     std::vector<std::string> names = attributes;
     if (names.empty()) {
       for (const format::Attribute& attribute : volume.info().attributes) names.push_back(attribute.name);
@@ -194,7 +190,7 @@ class CellExport : public test::FolderTest {
   // Builds the export again, and expects the same cells and the same export of them.
   std::shared_ptr<const format::Volume> build_again(const format::Volume& volume) const {
     const std::string exported = read("out.vtu");
-    const auto again = build(*test::value_of(open_source({path("out.vtu")}, {})), "again.svol");
+    const auto again = build(*value_of(open_source({path("out.vtu")}, {})), "again.svol");
     EXPECT_TRUE(volume.info().cells && again->info().cells);
     EXPECT_EQ(again->info().cells->hash, volume.info().cells->hash);
     EXPECT_EQ(again->info().resolution_counts, volume.info().resolution_counts);
@@ -212,7 +208,7 @@ class CellExport : public test::FolderTest {
 
   // The text of a volume without what tells where it comes from.
   static std::string columns_of(const format::Volume& volume) {
-    std::string text = test::value_of(test::dump_volume(volume)), kept;
+    std::string text = value_of(dump_volume(volume)), kept;
     for (std::size_t begin = 0; begin < text.size();) {
       const std::size_t end = std::min(text.find('\n', begin), text.size());
       const std::string line = text.substr(begin, end - begin);
@@ -225,10 +221,10 @@ class CellExport : public test::FolderTest {
 
 TEST_F(CellExport, GeneratedMeshesComeBack) {
   for (const std::string input : {"gen:mesh:cells=2e4,pieces=1", "gen:mesh:cells=5e4,pieces=27"}) {
-    const auto source = test::value_of(open_source({input}, {}));
+    const auto source = value_of(open_source({input}, {}));
     const auto volume = build(*source, "in.svol");
     const VtkMesh mesh = export_and_read(*volume);
-    const Contents input_mesh = contents_of(*test::value_of(open_source({input}, {})));
+    const Contents input_mesh = contents_of(*value_of(open_source({input}, {})));
     EXPECT_EQ(mesh.contents.cells, input_mesh.cells) << input;
     EXPECT_EQ(mesh.contents.points, input_mesh.points) << input;
     EXPECT_NEAR(mesh.volume, 4 * 4 * 2, 1e-11) << "the box B of builder/sources/generator.h";
@@ -238,30 +234,29 @@ TEST_F(CellExport, GeneratedMeshesComeBack) {
 
 // Cells of any shape and orientation that share no point, in pieces.
 TEST_F(CellExport, CellsOfAnyOrientationComeBack) {
-  const test::Mesh mesh = test::random_tetrahedra(500);
-  test::PieceSource source(
-      test::cut(test::mesh_piece(mesh, [](dvec3 p) { return double{static_cast<float>(p.x)}; }), 7));
+  const Mesh mesh = random_tetrahedra(500);
+  PieceSource source(cut(mesh_piece(mesh, [](dvec3 p) { return double{static_cast<float>(p.x)}; }), 7));
   const auto volume = build(source, "in.svol");
   const VtkMesh read = export_and_read(*volume);
   EXPECT_EQ(read.cells, 500);
   EXPECT_EQ(read.points, 2000);
   EXPECT_NEAR(read.volume, test::volume(mesh), 1e-12 * read.volume);
-  test::PieceSource again({test::mesh_piece(mesh, [](dvec3 p) { return double{static_cast<float>(p.x)}; })});
+  PieceSource again({mesh_piece(mesh, [](dvec3 p) { return double{static_cast<float>(p.x)}; })});
   EXPECT_EQ(read.contents.cells, contents_of(again).cells);
 }
 
 TEST_F(CellExport, MissingValuesAndAliasesComeBack) {
-  Piece piece = test::mesh_piece(test::jittered(12, 0.3), [](dvec3 p) { return double{static_cast<float>(p.x)}; });
+  Piece piece = mesh_piece(jittered(12, 0.3), [](dvec3 p) { return double{static_cast<float>(p.x)}; });
   piece.values.push_back(piece.values[0]);
   piece.values.push_back(piece.values[0]);
   for (std::size_t i = 0; i < piece.points.size(); ++i)
     piece.values[1][i] = i % 5 == 2 ? missing_value : double{static_cast<float>(100 * piece.points[i].y)};
-  const test::PieceSourceTraits traits{.attributes = {"p", "T", "p again"}};
-  test::PieceSource source(test::cut(piece, 4), traits);
+  const PieceSourceTraits traits{.attributes = {"p", "T", "p again"}};
+  PieceSource source(cut(piece, 4), traits);
   const auto volume = build(source, "in.svol");
   ASSERT_EQ(volume->info().aliases, (std::vector<format::Alias>{{"p again", 0}}));
 
-  test::PieceSource whole({piece}, traits);
+  PieceSource whole({piece}, traits);
   const Contents input = contents_of(whole);
   EXPECT_EQ(export_and_read(*volume).contents.points, input.points);
   expect_same_when_built_again(*volume);
@@ -279,8 +274,8 @@ TEST_F(CellExport, MissingValuesAndAliasesComeBack) {
 TEST_F(CellExport, RoundingIsWithinTheStatedErrors) {
   const auto map = [](dvec3 p) { return dvec3(4.5e5, 5.4e6, -300) + p * dvec3(2e4, 3e4, 40); };
   const auto field = [](dvec3 p) { return std::sin(1e-3 * p.x) + p.z; };
-  const test::Mesh mesh = test::lattice(16, map);
-  test::PieceSource source(test::cut(test::mesh_piece(mesh, field), 3), {.attributes = {"value"}, .bounds = true});
+  const Mesh mesh = lattice(16, map);
+  PieceSource source(cut(mesh_piece(mesh, field), 3), {.attributes = {"value"}, .bounds = true});
   const auto volume = build(source, "in.svol", false);
   const format::VolumeInfo& info = volume->info();
   ASSERT_GT(info.position_error, 0);
@@ -307,7 +302,7 @@ TEST_F(CellExport, RoundingIsWithinTheStatedErrors) {
 }
 
 TEST_F(CellExport, ABoxTakesTheCellsThatMeetIt) {
-  const auto source = test::value_of(open_source({"gen:mesh:cells=5e4,pieces=8"}, {}));
+  const auto source = value_of(open_source({"gen:mesh:cells=5e4,pieces=8"}, {}));
   const auto volume = build(*source, "in.svol");
   const Contents all = export_and_read(*volume).contents;
   const std::vector<Box> boxes = {{dvec3(-0.3, 0.1, -0.2), dvec3(0.4, 0.9, 0.3)},      // within
@@ -329,7 +324,7 @@ TEST_F(CellExport, ABoxTakesTheCellsThatMeetIt) {
 }
 
 TEST_F(CellExport, ASmallBoxReadsLittle) {
-  const auto source = test::value_of(open_source({"gen:mesh:cells=1e6,pieces=8"}, {}));
+  const auto source = value_of(open_source({"gen:mesh:cells=1e6,pieces=8"}, {}));
   build(*source, "in.svol");
   std::vector<std::uint64_t> read;
   for (const Box& box : {Box{dvec3(0.5), dvec3(0.52)}, everywhere}) {
@@ -343,7 +338,7 @@ TEST_F(CellExport, ASmallBoxReadsLittle) {
 }
 
 TEST_F(CellExport, DoesNotDependOnThreads) {
-  const auto source = test::value_of(open_source({"gen:mesh:cells=2e5,pieces=8"}, {}));
+  const auto source = value_of(open_source({"gen:mesh:cells=2e5,pieces=8"}, {}));
   const auto volume = build(*source, "in.svol");
   std::vector<std::string> files;
   for (const std::size_t threads : {1u, 5u}) {
@@ -355,7 +350,7 @@ TEST_F(CellExport, DoesNotDependOnThreads) {
 }
 
 TEST_F(CellExport, AFileWithoutCellsIsRefused) {
-  const auto source = test::value_of(open_source({"gen:mesh:cells=1e3"}, {}));
+  const auto source = value_of(open_source({"gen:mesh:cells=1e3"}, {}));
   const auto volume = build(*source, "in.svol", true, false);
   EXPECT_EQ(try_export(*volume).error().message,
             path("in.svol") + ": keeps no cells: build it from a mesh, without --drop-cells");
@@ -363,7 +358,7 @@ TEST_F(CellExport, AFileWithoutCellsIsRefused) {
 }
 
 TEST_F(CellExport, AnExportIsReplacedAndAMeshIsNot) {
-  const auto source = test::value_of(open_source({"gen:mesh:cells=1e3"}, {}));
+  const auto source = value_of(open_source({"gen:mesh:cells=1e3"}, {}));
   const auto volume = build(*source, "in.svol");
   EXPECT_TRUE(try_export(*volume));
   EXPECT_TRUE(try_export(*volume));
@@ -414,9 +409,8 @@ TEST_F(CellExport, CellsOfTheirOwnHaveTheirValues) {
   constexpr int n = 6, count = n * n * n;
   for (const bool as_polyhedra : {false, true}) {
     write("cubes.vtk", cubes(n, as_polyhedra));
-    const auto volume =
-        build(*test::value_of(open_source({path("cubes.vtk")}, {.cells = CellValues::own})), "own.svol");
-    const CellsReport report = test::value_of(try_export(*volume));
+    const auto volume = build(*value_of(open_source({path("cubes.vtk")}, {.cells = CellValues::own})), "own.svol");
+    const CellsReport report = value_of(try_export(*volume));
     vtkNew<vtkXMLUnstructuredGridReader> reader;
     reader->SetFileName(path("out.vtu").c_str());
     reader->Update();
@@ -459,7 +453,7 @@ TEST_F(CellExport, CellsOfTheirOwnHaveTheirValues) {
 
     // A box, and the same file for any number of threads.
     const Box box{dvec3(1.5), dvec3(1.6)};
-    EXPECT_LT(test::value_of(try_export(*volume, box)).cells, report.cells / 4);
+    EXPECT_LT(value_of(try_export(*volume, box)).cells, report.cells / 4);
     const std::string part = read("out.vtu");
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 1);
     EXPECT_TRUE(try_export(*volume, box));
@@ -470,7 +464,7 @@ TEST_F(CellExport, CellsOfTheirOwnHaveTheirValues) {
 // A section of cells that the test makes by itself, from a volume whose ranks it knows.
 class OwnSection {
  public:
-  explicit OwnSection(const test::TestVolume& volume) : volume_(volume), file_numbers_(volume.positions.size()) {
+  explicit OwnSection(const TestVolume& volume) : volume_(volume), file_numbers_(volume.positions.size()) {
     std::iota(file_numbers_.begin(), file_numbers_.end(), 0U);
     std::ranges::sort(file_numbers_, {}, [&](std::size_t i) { return volume.point_paths[i]; });
     const std::vector<std::uint64_t>& counts = volume.info.resolution_counts;
@@ -562,7 +556,7 @@ class OwnSection {
  private:
   void append(const format::Bytes& bytes) { bytes_.insert(bytes_.end(), bytes.begin(), bytes.end()); }
 
-  const test::TestVolume& volume_;
+  const TestVolume& volume_;
   std::vector<std::size_t> file_numbers_;  // [rank]
   format::Bytes bytes_;
   format::PackedPageRef rank_page_{};
@@ -575,10 +569,10 @@ class OwnSection {
 // Chunks of a later version stand beside those that are known.
 TEST_F(CellExport, UnknownShapesAreLeftOutAndCounted) {
   const std::size_t points = 400;
-  std::vector<dvec3> positions = test::random_points(points, 5u);
+  std::vector<dvec3> positions = random_points(points, 5u);
   std::vector<double> values;
   for (const dvec3& p : positions) values.push_back(p.x);
-  test::TestVolume volume = test::make_test_volume(positions, {values});
+  TestVolume volume = make_test_volume(positions, {values});
   volume.info.cells = format::CellsInfo{};
   constexpr auto tetrahedron = format::CellShape::tetrahedron;
   constexpr auto corners = format::CellField::corners;
@@ -612,11 +606,11 @@ TEST_F(CellExport, UnknownShapesAreLeftOutAndCounted) {
   add(points - 5, points, other_shape, other_field);
   section.close_page();
   const format::Bytes bytes = section.finish();
-  ASSERT_TRUE(test::write_test_volume(volume, path("in.svol"),
-                                      [&](const auto&, const format::AppendBytes& append) { return append(bytes); }));
+  ASSERT_TRUE(write_test_volume(volume, path("in.svol"),
+                                [&](const auto&, const format::AppendBytes& append) { return append(bytes); }));
   const auto opened = format::Volume::open(open_file(path("in.svol")).value()).value();
 
-  const CellsReport report = test::value_of(try_export(*opened));
+  const CellsReport report = value_of(try_export(*opened));
   EXPECT_EQ(report.cells, 100 + 50);
   EXPECT_EQ(report.left_out, 52 + 50 + 2);
   const VtkMesh all = read_by_vtk(path("out.vtu"), {"a0"});
@@ -634,14 +628,14 @@ TEST_F(CellExport, UnknownShapesAreLeftOutAndCounted) {
 // Meshes of the real world: with hexahedra, copies of vertices and points without cells.
 TEST_F(CellExport, RealMeshesComeBack) {
   bool is_there = false;
-  for (const std::string& name : test::sample_of<std::string>({"bluntfin", "post", "wing"})) {
+  for (const std::string& name : sample_of<std::string>({"bluntfin", "post", "wing"})) {
     const std::string input = SPLATVOL_SHARED "/data/" + name + ".vtu";
     if (!std::filesystem::exists(input)) continue;
     is_there = true;
-    const auto source = test::value_of(open_source({input}, {}));
+    const auto source = value_of(open_source({input}, {}));
     const auto volume = build(*source, "in.svol");
     const Contents mesh = export_and_read(*volume).contents;
-    const Contents expected = contents_of(*test::value_of(open_source({input}, {})));
+    const Contents expected = contents_of(*value_of(open_source({input}, {})));
     EXPECT_TRUE(mesh.cells == expected.cells) << name;
     EXPECT_TRUE(mesh.points == expected.points) << name;
     build_again(*volume);
@@ -650,4 +644,4 @@ TEST_F(CellExport, RealMeshesComeBack) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

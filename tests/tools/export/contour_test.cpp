@@ -31,7 +31,7 @@
 #include "tools/export/contour_export.h"
 #include "tools/export/last_boxes.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -118,7 +118,7 @@ dvec3 point_at(const std::string& bytes, std::size_t offset) {
 }
 
 Surface read_stl(const std::string& path) {
-  const std::string bytes = test::value_of(read_text_file(path));
+  const std::string bytes = value_of(read_text_file(path));
   const auto count = number_at<std::uint32_t>(bytes, 80);
   EXPECT_EQ(bytes.size(), 84 + 50 * std::size_t{count});
   Welder welder;
@@ -134,7 +134,7 @@ Surface read_stl(const std::string& path) {
 }
 
 Surface read_glb(const std::string& path) {
-  const std::string bytes = test::value_of(read_text_file(path));
+  const std::string bytes = value_of(read_text_file(path));
   EXPECT_EQ(bytes.substr(0, 4), "glTF");
   EXPECT_EQ(number_at<std::uint32_t>(bytes, 8), bytes.size());
   const auto length = number_at<std::uint32_t>(bytes, 12);
@@ -162,7 +162,7 @@ Surface read_glb(const std::string& path) {
 }
 
 // The area of the contour of tetrahedra, one by one: the polygon of the points where their edges have the value.
-double area_of(const test::Mesh& mesh, const std::function<double(dvec3)>& field, double value) {
+double area_of(const Mesh& mesh, const std::function<double(dvec3)>& field, double value) {
   double area = 0;
   for (const auto& corners : mesh.tetrahedra) {
     std::vector<dvec3> polygon;
@@ -183,19 +183,16 @@ double area_of(const test::Mesh& mesh, const std::function<double(dvec3)>& field
   return area;
 }
 
-class Contour : public test::FolderTest {
- protected:
+struct Contour : FolderTest {
   [[nodiscard]] static BuildOptions exact() {
-    BuildOptions options{.keep_cells = true};
-    options.exact = {.positions = true, .values = true};
-    return options;
+    return {.exact = {.positions = true, .values = true}, .keep_cells = true};
   }
 
   Result<ContourReport> write(const std::string& from, const std::string& to, double value,
                               const std::vector<std::string>& attributes = {}, std::uint64_t memory = 1 << 26,
                               const Box& box = format::SplatSelection().box) const {
-    const auto volume = test::value_of(format::Volume::open(*open_file(path(from))));
-    const auto selection = test::value_of(format::select_splats(*volume, {}, attributes, box));
+    const auto volume = value_of(format::Volume::open(*open_file(path(from))));
+    const auto selection = value_of(format::select_splats(*volume, {}, attributes, box));
     return export_contour(*volume, path(to), selection, value, memory, [](double) {});
   }
 };
@@ -204,11 +201,11 @@ class Contour : public test::FolderTest {
 double distance(const dvec3& p) { return double{static_cast<float>(0.5 - glm::length(p - dvec3(0.5)))}; }
 
 TEST_F(Contour, OfASphereIsClosedAndAsLargeAsTheMeshs) {
-  const test::Mesh mesh = test::jittered(24, 0.2);
-  test::build_mesh(mesh, distance, path("mesh.svol"), exact());
+  const Mesh mesh = jittered(24, 0.2);
+  build_mesh(mesh, distance, path("mesh.svol"), exact());
   const double radius = 0.3, area = area_of(mesh, distance, 0.5 - radius);
   for (const std::string name : {"out.vtp", "out.stl", "out.glb"}) {
-    const ContourReport report = test::value_of(write("mesh.svol", name, 0.5 - radius));
+    const ContourReport report = value_of(write("mesh.svol", name, 0.5 - radius));
     EXPECT_NEAR(report.area, area, 1e-9 * area) << name;
     EXPECT_TRUE(report.closed);
     EXPECT_NEAR(report.volume, 4 * std::numbers::pi / 3 * std::pow(radius, 3), 2e-3);
@@ -254,8 +251,8 @@ TEST_F(Contour, OfHexahedraIsClosedRoundAHole) {
                                    << types << "POINT_DATA " << of_points
                                    << "\nSCALARS value double 1\nLOOKUP_TABLE default\n"
                                    << values;
-  test::build_input(path("cubes.vtk"), path("cubes.svol"), {.keep_cells = true});
-  const ContourReport report = test::value_of(write("cubes.svol", "out.vtp", -0.2));
+  build_input(path("cubes.vtk"), path("cubes.svol"), {.keep_cells = true});
+  const ContourReport report = value_of(write("cubes.svol", "out.vtp", -0.2));
   EXPECT_TRUE(report.closed);
   EXPECT_NEAR(report.volume, -4 * std::numbers::pi / 3 * 0.027, 0.01) << "the values above enclose a hole";
   EXPECT_EQ(read_vtp(path("out.vtp")).edges().second, 0);
@@ -263,13 +260,13 @@ TEST_F(Contour, OfHexahedraIsClosedRoundAHole) {
 
 // Values that are exactly the contour's count as inside, whole faces of them too.
 TEST_F(Contour, AtValuesOfPointsStaysClosed) {
-  const test::Mesh mesh = test::lattice(8);
+  const Mesh mesh = lattice(8);
   const auto field = [](dvec3 p) {
     return 4 - std::max({std::abs(8 * p.x - 4), std::abs(8 * p.y - 4), std::abs(8 * p.z - 4)});
   };
-  test::build_mesh(mesh, field, path("mesh.svol"), exact());
+  build_mesh(mesh, field, path("mesh.svol"), exact());
   for (const double value : {1.0, 2.0, 3.0}) {
-    const ContourReport report = test::value_of(write("mesh.svol", "out.stl", value));
+    const ContourReport report = value_of(write("mesh.svol", "out.stl", value));
     EXPECT_TRUE(report.closed);
     EXPECT_NEAR(report.volume, std::pow((4 - value) / 4, 3), 1e-12);
     EXPECT_EQ(read_stl(path("out.stl")).edges().second, 0) << value;
@@ -277,10 +274,10 @@ TEST_F(Contour, AtValuesOfPointsStaysClosed) {
 }
 
 TEST_F(Contour, HasTheValuesOfAttributes) {
-  const test::Mesh mesh = test::jittered(10, 0.2);
-  Piece piece = test::mesh_piece(mesh, distance);
-  piece.values.push_back(test::sample(mesh, [](dvec3 p) { return p.x < 0.3 ? none : 2 * p.x + p.z; }));
-  test::PieceSource source({piece}, {.attributes = {"value", "colour"}});
+  const Mesh mesh = jittered(10, 0.2);
+  Piece piece = mesh_piece(mesh, distance);
+  piece.values.push_back(sample(mesh, [](dvec3 p) { return p.x < 0.3 ? none : 2 * p.x + p.z; }));
+  PieceSource source({piece}, {.attributes = {"value", "colour"}});
   ASSERT_TRUE(build_volume(source, path("mesh.svol"), exact(), [](const char*, double) {}));
   ASSERT_TRUE(write("mesh.svol", "out.vtp", 0.2, {"value", "colour"}));
   const Surface surface = read_vtp(path("out.vtp"));
@@ -297,38 +294,37 @@ TEST_F(Contour, HasTheValuesOfAttributes) {
 }
 
 TEST_F(Contour, MemoryChangesNothing) {
-  test::build_mesh(test::jittered(24, 0.2), distance, path("mesh.svol"), {.keep_cells = true});
+  build_mesh(jittered(24, 0.2), distance, path("mesh.svol"), {.keep_cells = true});
   ASSERT_TRUE(write("mesh.svol", "much.vtp", 0.2));
   ASSERT_TRUE(write("mesh.svol", "little.vtp", 0.2, {}, 1 << 20));
-  EXPECT_EQ(test::value_of(read_text_file(path("much.vtp"))), test::value_of(read_text_file(path("little.vtp"))));
-  EXPECT_THAT(test::message_of(write("mesh.svol", "none.vtp", 0.2, {}, 1 << 12)), HasSubstr("--memory"));
+  EXPECT_EQ(value_of(read_text_file(path("much.vtp"))), value_of(read_text_file(path("little.vtp"))));
+  EXPECT_THAT(message_of(write("mesh.svol", "none.vtp", 0.2, {}, 1 << 12)), HasSubstr("--memory"));
   EXPECT_TRUE(write("mesh.svol", "none.stl", 0.2, {}, 1 << 12));
 }
 
 TEST_F(Contour, EndsAtABoxAndAtTheMesh) {
-  test::build_mesh(
-      test::lattice(8), [](dvec3 p) { return p.x; }, path("mesh.svol"), exact());
-  const ContourReport all = test::value_of(write("mesh.svol", "out.vtp", 0.3));
+  build_mesh(
+      lattice(8), [](dvec3 p) { return p.x; }, path("mesh.svol"), exact());
+  const ContourReport all = value_of(write("mesh.svol", "out.vtp", 0.3));
   EXPECT_FALSE(all.closed);
   EXPECT_NEAR(all.area, 1, 1e-12);
   for (const dvec3& p : read_vtp(path("out.vtp")).points) EXPECT_NEAR(p.x, 0.3, 1e-15);
   // Whole cells: those from 0.375 to 0.5 touch the box.
-  const ContourReport part =
-      test::value_of(write("mesh.svol", "out.vtp", 0.3, {}, 1 << 26, {dvec3(-1), dvec3(1, 0.45, 1)}));
+  const ContourReport part = value_of(write("mesh.svol", "out.vtp", 0.3, {}, 1 << 26, {dvec3(-1), dvec3(1, 0.45, 1)}));
   EXPECT_NEAR(part.area, 0.5, 1e-12);
 }
 
 TEST_F(Contour, WhatCannotBeIsOneLine) {
-  test::build_mesh(
-      test::lattice(3), [](dvec3 p) { return p.x; }, path("mesh.svol"), exact());
-  EXPECT_THAT(test::message_of(write("mesh.svol", "out.vtp", 7)),
+  build_mesh(
+      lattice(3), [](dvec3 p) { return p.x; }, path("mesh.svol"), exact());
+  EXPECT_THAT(message_of(write("mesh.svol", "out.vtp", 7)),
               HasSubstr("\"value\" has values from 0 to 1, and nowhere 7"));
-  test::build_mesh(test::lattice(3), [](dvec3 p) { return p.x; }, path("none.svol"), {});
-  EXPECT_THAT(test::message_of(write("none.svol", "out.vtp", 0.5)), HasSubstr("keeps no cells"));
-  std::ofstream(path("shapes.vtk")) << test::mesh_of_shapes();
-  test::build_input(path("shapes.vtk"), path("own.svol"), exact(), {.selection = {"number"}, .cells = CellValues::own});
-  EXPECT_THAT(test::message_of(write("own.svol", "out.vtp", 0.5)), HasSubstr("values of their own"));
-  test::build_input(path("shapes.vtk"), path("points.svol"), exact(), {.selection = {"value"}});
+  build_mesh(lattice(3), [](dvec3 p) { return p.x; }, path("none.svol"), {});
+  EXPECT_THAT(message_of(write("none.svol", "out.vtp", 0.5)), HasSubstr("keeps no cells"));
+  std::ofstream(path("shapes.vtk")) << mesh_of_shapes();
+  build_input(path("shapes.vtk"), path("own.svol"), exact(), {.selection = {"number"}, .cells = CellValues::own});
+  EXPECT_THAT(message_of(write("own.svol", "out.vtp", 0.5)), HasSubstr("values of their own"));
+  build_input(path("shapes.vtk"), path("points.svol"), exact(), {.selection = {"value"}});
   EXPECT_TRUE(write("points.svol", "out.vtp", 2.1)) << "all shapes";
   EXPECT_FALSE(open_file(path("none.vtp")));
 }
@@ -345,4 +341,4 @@ TEST(LastBoxes, FindsTheLastThatHolds) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

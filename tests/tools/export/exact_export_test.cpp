@@ -15,11 +15,11 @@
 #include "tests/support/temp_folder.h"
 #include "tools/export/vtu_export.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
   std::string table = "x,y,z,p,T,p again\n";
@@ -33,11 +33,9 @@ TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
   }
   folder.write("in.csv", table);
 
-  const auto source = test::value_of(open_source({folder.path("in.csv")}, {}));
-  BuildOptions options;
-  options.exact = {.positions = true, .values = true};
-  const auto built =
-      test::value_of(build_volume(*source, folder.path("out.svol"), options, [](const char*, double) {}));
+  const auto source = value_of(open_source({folder.path("in.csv")}, {}));
+  BuildOptions options{.exact = {.positions = true, .values = true}};
+  const auto built = value_of(build_volume(*source, folder.path("out.svol"), options, [](const char*, double) {}));
   const auto volume = format::Volume::open(open_file(folder.path("out.svol")).value()).value();
   EXPECT_EQ(volume->info().attributes.size(), 2u);
   EXPECT_EQ(volume->info().aliases, (std::vector<format::Alias>{{"p again", 0}}));
@@ -45,10 +43,8 @@ TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
       format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
   ASSERT_TRUE(export_vtu(*volume, folder.path("out.vtu"), selection, [](double) {}));
 
-  SourceOptions selected;
-  selected.selection = {"p", "T", "p again"};
-  const auto exported = test::value_of(open_source({folder.path("out.vtu")}, selected));
-  const auto piece = test::value_of(exported->next());
+  const auto exported = value_of(open_source({folder.path("out.vtu")}, {.selection = {"p", "T", "p again"}}));
+  const auto piece = value_of(exported->next());
   ASSERT_EQ(piece->points.size(), points.size());
   for (std::size_t i = 0; i < points.size(); ++i) {
     const dvec3& at = piece->points[i];
@@ -62,4 +58,4 @@ TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

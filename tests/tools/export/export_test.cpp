@@ -27,17 +27,15 @@
 #include "tools/export/vdb_export.h"
 #include "tools/export/vtu_export.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
+using namespace ::testing;
 
 constexpr std::uint64_t enough = std::uint64_t{1} << 30;
 const auto no_progress = [](double) {};
 
-class Export : public test::FolderTest {
- protected:
+struct Export : FolderTest {
   std::shared_ptr<const format::Volume> open(const std::string& name) const {
     return format::Volume::open(open_file(path(name)).value()).value();
   }
@@ -51,16 +49,16 @@ class Export : public test::FolderTest {
 
   /// Splats of any shape, some without mass, with some values missing, far from the origin.
   std::shared_ptr<const format::Volume> random_volume(const dvec3& origin = dvec3(0)) const {
-    std::vector<dvec3> positions = test::random_points(600, 7u);
+    std::vector<dvec3> positions = random_points(600, 7u);
     std::vector<std::vector<double>> values(2);
     for (const dvec3& p : positions) {
       values[0].push_back(p.x + p.y);
       values[1].push_back(p.z > 0.8 ? std::nan("") : p.z);
     }
     for (dvec3& p : positions) p += origin;
-    test::TestVolumeOptions options;
+    TestVolumeOptions options;
     options.cube.origin = origin;
-    EXPECT_TRUE(test::write_test_volume(test::make_test_volume(positions, values, options), path("random.svol")));
+    EXPECT_TRUE(write_test_volume(make_test_volume(positions, values, options), path("random.svol")));
     return open("random.svol");
   }
 
@@ -246,13 +244,13 @@ TEST_F(Export, RefusesWhatCannotBe) {
 
 // An attribute keeps its name, whatever it is called; the array or grid of the material gets another.
 TEST_F(Export, AttributesKeepTheirNames) {
-  const auto points = test::random_points(50, 1u);
+  const auto points = random_points(50, 1u);
   const auto volume_with = [&](const std::vector<std::string>& names) {
     std::vector<std::vector<double>> values(names.size());
     for (std::size_t a = 0; a < names.size(); ++a) values[a].assign(points.size(), 100.0 + static_cast<double>(a));
-    test::TestVolume volume = test::make_test_volume(points, values);
+    TestVolume volume = make_test_volume(points, values);
     for (std::size_t a = 0; a < names.size(); ++a) volume.info.attributes[a].name = names[a];
-    EXPECT_TRUE(test::write_test_volume(volume, path("named.svol")));
+    EXPECT_TRUE(write_test_volume(volume, path("named.svol")));
     return open("named.svol");
   };
   // Those behind "mean" are arrays of the material for the first attribute, or what such an array is called then.
@@ -291,7 +289,7 @@ TEST_F(Export, AttributesKeepTheirNames) {
   EXPECT_NEAR(grid("out.vdb", "volume_fraction (splat)")->cbeginValueOn().getValue(), 101, 1e-3);
   const auto back = open_source({path("out.vdb")}, {}).value();
   EXPECT_THAT(back->attributes(),
-              testing::UnorderedElementsAre("volume_fraction", "volume_fraction (splat)", "volume_fraction (splat 2)"));
+              UnorderedElementsAre("volume_fraction", "volume_fraction (splat)", "volume_fraction (splat 2)"));
 }
 
 TEST_F(Export, TwoAttributesOfOneNameAreRefused) {
@@ -420,8 +418,8 @@ Exported export_and_read(const format::Volume& volume, std::size_t resolution, c
 
 // XML 1.0 has no control characters, surrogates, U+FFFE or U+FFFF, in whatever form. All of its bytes are UTF-8.
 TEST_F(Export, NamesOfAllKindsAreXml) {
-  const test::Mesh mesh = test::jittered(3, 0.1);
-  test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return p.x; })});
+  const Mesh mesh = jittered(3, 0.1);
+  PieceSource source({mesh_piece(mesh, [](dvec3 p) { return p.x; })});
   const auto volume = build(source, "names.svol");
   auto selection = selected(*volume, 0);
   for (const auto& [name, written] : {std::pair<std::string, std::string>{"a<b>&\"c\"", "a&#60;b&#62;&#38;&#34;c&#34;"},
@@ -433,7 +431,7 @@ TEST_F(Export, NamesOfAllKindsAreXml) {
                                       {"\xc3\xa9\x7f", "\xc3\xa9\x7f"}}) {
     selection.names[0] = name;
     ASSERT_TRUE(export_vtu(*volume, path("names.vtu"), selection, no_progress).has_value());
-    EXPECT_THAT(*read_text_file(path("names.vtu")), testing::HasSubstr("Name=\"" + written + " mean\"")) << written;
+    EXPECT_THAT(*read_text_file(path("names.vtu")), HasSubstr("Name=\"" + written + " mean\"")) << written;
   }
 }
 
@@ -466,10 +464,10 @@ void expect_slope(const format::Volume& volume, std::size_t resolution, const Ex
 // at every resolution. The file's own gradient sums differences along the edges of tetrahedra, of the mesh or of the
 // points' triangulation, and is only about that of the field. Points without tetrahedra have the gradient of the field.
 TEST_F(Export, GradientsOfALinearField) {
-  const test::Mesh mesh = test::jittered(9, 0.3);
+  const Mesh mesh = jittered(9, 0.3);
   const auto field = [](dvec3 p) { return glm::dot(slope, p); };
-  const auto values = test::sample(mesh, field);
-  const auto along = test::gradients_of({mesh.points, delaunay_tetrahedra(mesh.points).value()}, values);
+  const auto values = sample(mesh, field);
+  const auto along = gradients_of({mesh.points, delaunay_tetrahedra(mesh.points).value()}, values);
   struct Case {
     const char* name;
     Connectivity connectivity;
@@ -478,18 +476,15 @@ TEST_F(Export, GradientsOfALinearField) {
   };
   const std::vector<dvec3> exact(mesh.points.size(), slope);
   for (const auto& [name, connectivity, held, directions] :
-       {Case{"mesh", Connectivity::mesh, enough, test::gradients_of(mesh, values)},
+       {Case{"mesh", Connectivity::mesh, enough, gradients_of(mesh, values)},
         Case{"delaunay", Connectivity::delaunay, enough, along},
         Case{"delaunay in blocks", Connectivity::delaunay, 100, along},
         Case{"Voronoi cells", Connectivity::none, enough, exact},
         Case{"Voronoi cells in subdomains", Connectivity::none, 100, exact},
         Case{"boxes", Connectivity::boxes, enough, exact}}) {
     SCOPED_TRACE(name);
-    test::PieceSource source({test::mesh_piece(mesh, field)});
-    BuildOptions options;
-    options.connectivity = connectivity;
-    options.held_points = held;
-    options.gradients = true;
+    PieceSource source({mesh_piece(mesh, field)});
+    BuildOptions options{.held_points = held, .gradients = true, .connectivity = connectivity};
     const auto volume = build(source, "linear.svol", options);
     const std::size_t finest = volume->info().resolutions() - 1;
     // Without tetrahedra, the means of cells stay between their neighbours' values, so clusters are not linear.
@@ -511,10 +506,10 @@ TEST_F(Export, GradientsOfALinearField) {
 
 // A layer without thickness, missing values above it, and points in no cell.
 TEST_F(Export, GradientsAreFiniteAndNothingWhereThereIsNoMaterial) {
-  test::Mesh mesh = test::lattice(8, [](dvec3 p) { return p.z < 0.5 ? dvec3(p.x, p.y, 1e-200 * p.z) : p; });
-  for (const dvec3& p : test::random_points(50, 1u)) mesh.points.push_back(p + dvec3(2, 0, 0));
+  Mesh mesh = lattice(8, [](dvec3 p) { return p.z < 0.5 ? dvec3(p.x, p.y, 1e-200 * p.z) : p; });
+  for (const dvec3& p : random_points(50, 1u)) mesh.points.push_back(p + dvec3(2, 0, 0));
   const auto field = [](dvec3 p) { return p.z > 0.7 ? std::nan("") : p.x + 1e30 * std::sin(20 * p.y); };
-  test::PieceSource source({test::mesh_piece(mesh, field)});
+  PieceSource source({mesh_piece(mesh, field)});
   const auto volume = build(source, "odd.svol");
   for (std::size_t r = 0; r < volume->info().resolutions(); ++r) {
     const Exported exported = export_and_read(*volume, r, path("odd.vtu"));
@@ -532,21 +527,18 @@ TEST_F(Export, GradientsAreFiniteAndNothingWhereThereIsNoMaterial) {
 }
 
 TEST_F(Export, AFileWithoutDirectionsHasNone) {
-  const std::vector<dvec3> positions = test::random_points(100, 7u);
-  test::TestVolumeOptions options;
-  options.gradients = false;
-  ASSERT_TRUE(test::write_test_volume(test::make_test_volume(positions, {std::vector<double>(100, 1.0)}, options),
-                                      path("old.svol")));
+  const std::vector<dvec3> positions = random_points(100, 7u);
+  TestVolumeOptions options{.gradients = false};
+  ASSERT_TRUE(
+      write_test_volume(make_test_volume(positions, {std::vector<double>(100, 1.0)}, options), path("old.svol")));
   const Exported exported = export_and_read(*open("old.svol"), 0, path("out.vtu"));
   EXPECT_TRUE(exported.arrays.contains("a0 gradient[0]"));
   EXPECT_FALSE(exported.arrays.contains("a0 gradient direction[0]"));
 }
 
 TEST_F(Export, UnitsSurvive) {
-  test::PieceSource source({test::scattered(test::random_points(50, 3u))});
-  BuildOptions options;
-  options.units = {{"value", "kg/m^3"}};
-  const auto volume = build(source, "units.svol", options);
+  PieceSource source({scattered(random_points(50, 3u))});
+  const auto volume = build(source, "units.svol", {.units = {{"value", "kg/m^3"}}});
   EXPECT_EQ(volume->info().attributes[0].unit, "kg/m^3");
   const auto selection = selected(*volume);
   ASSERT_TRUE(export_vtu(*volume, path("out.vtu"), selection, no_progress).has_value());
@@ -560,10 +552,8 @@ TEST_F(Export, UnitsSurvive) {
 }
 
 TEST_F(Export, AUnitNeedsItsAttribute) {
-  test::PieceSource source({test::scattered(test::random_points(50, 3u))});
-  BuildOptions options;
-  options.units = {{"p", "Pa"}};
-  const auto report = build_volume(source, path("out.svol"), options, [](const char*, double) {});
+  PieceSource source({scattered(random_points(50, 3u))});
+  const auto report = build_volume(source, path("out.svol"), {.units = {{"p", "Pa"}}}, [](const char*, double) {});
   ASSERT_FALSE(report.has_value());
   EXPECT_THAT(report.error().message, HasSubstr("no attribute \"p\"; there are: value"));
 }
@@ -582,4 +572,4 @@ TEST_F(Export, PointsOfABoxBecomeAFileAgain) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -10,7 +10,7 @@
 #include <numeric>
 #include <random>
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
@@ -44,9 +44,7 @@ dvec3 mean_of(const std::vector<Voxel>& voxels) {
 }
 
 SplatShape shape_of(const dvec3& deviations, const glm::dquat& turn) {
-  SplatShape shape{.mass = 1};
-  shape.deviations = deviations;
-  shape.orientation = glm::normalize(turn);
+  SplatShape shape{.mass = 1, .deviations = deviations, .orientation = glm::normalize(turn)};
   return shape;
 }
 
@@ -58,8 +56,8 @@ TEST(VoxelKernel, SharesAddUpToOneForAnyShape) {
                                std::pow(10, exponent(random))};
     std::sort(d.rbegin(), d.rend());
     SplatShape shape = shape_of({d[0], d[1], d[2]}, {part(random), part(random), part(random), part(random)});
-    if (i % 2 == 1) shape.boundary = test::random_vector(part, random) + dvec3(0, 0, 1);
-    const dvec3 centroid = test::random_vector(coordinate, random);
+    if (i % 2 == 1) shape.boundary = random_vector(part, random) + dvec3(0, 0, 1);
+    const dvec3 centroid = random_vector(coordinate, random);
     const auto voxels = voxels_of(VoxelKernel(centroid, shape));
     ASSERT_FALSE(voxels.empty());
     EXPECT_NEAR(sum_of(voxels), 1, 1e-12);
@@ -149,4 +147,4 @@ TEST(VoxelKernel, SlopeIsTheFieldsWhereItIsResolved) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -14,17 +14,10 @@
 #include "tests/support/openfoam_files.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::foam_cells;
-using test::foam_file;
-using test::foam_value;
-using test::FoamLayout;
-using ::testing::AllOf;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
+using namespace ::testing;
 
 /// What is read of a case, of all its parts and regions together.
 struct Read {
@@ -46,10 +39,10 @@ double volume_of(const FoamMesh& mesh) {
   return volume;
 }
 
-class OpenFoam : public test::FolderTest {
+class OpenFoam : public FolderTest {
  protected:
   void write_case(const FoamLayout& layout) const {
-    for (const auto& [name, text] : test::openfoam_files(layout)) write(name, text);
+    for (const auto& [name, text] : openfoam_files(layout)) write(name, text);
   }
 
   /// Reads all of a case. Throws what the reader throws.
@@ -431,4 +424,4 @@ TEST_F(OpenFoam, TheLastMeshUpToATimeIsRead) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

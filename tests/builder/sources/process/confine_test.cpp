@@ -38,7 +38,7 @@
 #include "tests/support/sanitizers.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 constexpr std::uint64_t plenty = std::uint64_t{1} << 30;
@@ -262,7 +262,7 @@ std::string try_all(const std::vector<Escape>& escapes, const std::string& victi
   return names + missing_memory(victim);
 }
 
-class ConfineTest : public test::FolderTest {
+class ConfineTest : public FolderTest {
  protected:
   enum class From { main, new_thread, old_thread };
 
@@ -318,7 +318,7 @@ class ConfineTest : public test::FolderTest {
 };
 
 TEST_F(ConfineTest, NoThreadCanDoMoreThanRead) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers need these calls at the end";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers need these calls at the end";
   for (const From from : {From::main, From::new_thread, From::old_thread}) {
     EXPECT_EQ(escaped(from), "") << static_cast<int>(from);
     std::ifstream victim(path("victim"));
@@ -329,7 +329,7 @@ TEST_F(ConfineTest, NoThreadCanDoMoreThanRead) {
 
 // By all kinds together.
 TEST_F(ConfineTest, NoMemoryPassesTheLimit) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers reserve more memory than any limit";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers reserve more memory than any limit";
   constexpr std::size_t limit = 32 * block;
   void* const shared = ::mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   auto* const taken = static_cast<std::size_t*>(shared);
@@ -393,12 +393,12 @@ std::vector<std::filesystem::path> children() {
 }
 
 TEST_F(ConfineTest, EveryThreadOfTheProgramIsConfined) {
-  ReaderProcess reader(test::reader_options());
-  const auto source = test::value_of(reader.open(
-      {write("points.vtk",
-             test::legacy_file("STRUCTURED_POINTS\nDIMENSIONS 2 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA 8\n"
-                               "SCALARS f float 1\nLOOKUP_TABLE default\n1 2 3 4 5 6 7 8\n"))},
-      {}));
+  ReaderProcess reader(reader_options());
+  const auto source = value_of(
+      reader.open({write("points.vtk",
+                         legacy_file("STRUCTURED_POINTS\nDIMENSIONS 2 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA 8\n"
+                                     "SCALARS f float 1\nLOOKUP_TABLE default\n1 2 3 4 5 6 7 8\n"))},
+                  {}));
   ASSERT_EQ(children().size(), 1u);
   for (const auto& thread : std::filesystem::directory_iterator(children()[0] / "task")) {
     std::stringstream text;
@@ -409,4 +409,4 @@ TEST_F(ConfineTest, EveryThreadOfTheProgramIsConfined) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

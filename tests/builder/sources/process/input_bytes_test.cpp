@@ -5,11 +5,10 @@
 
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-class InputBytesTest : public test::FolderTest {
- protected:
+struct InputBytesTest : FolderTest {
   /// A file of so many bytes.
   std::string data(const std::string& name, std::size_t bytes) const { return write(name, std::string(bytes, 'x')); }
 };
@@ -56,4 +55,4 @@ TEST_F(InputBytesTest, PatternsOfNamesAreFilledIn) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -14,7 +14,7 @@
 #include "tests/support/results.h"
 #include "tests/support/sanitizers.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
 using testing::HasSubstr;
@@ -68,7 +68,7 @@ TEST(ReaderMessages, KeepEveryPartOfAPiece) {
   piece.cells->tetrahedra = {{3, 2, 1, 0}};
   piece.cells->points = {PointCells::no_point};
   piece.cells->moments.resize(4);
-  const auto received = test::value_of(sent(piece));
+  const auto received = value_of(sent(piece));
   EXPECT_EQ(received.block, piece.block);
   EXPECT_EQ(received.points, piece.points);
   EXPECT_EQ(received.tetrahedra, piece.tetrahedra);
@@ -110,7 +110,7 @@ TEST(ReaderMessages, LentValuesKeepEveryDigit) {
     piece.values.clear();
     const std::vector<double> values = {number, 2, missing_value, -0.0};
     piece.lent = std::make_shared<HeldValues>(std::vector<PackedColumn>{pack_column(values)});
-    const auto received = test::value_of(sent(std::move(piece)));
+    const auto received = value_of(sent(std::move(piece)));
     std::vector<double> got(4);
     received.lent->get(0, std::vector<std::uint32_t>{0, 1, 2, 3}, got);
     EXPECT_EQ(got[0], number);
@@ -187,7 +187,7 @@ std::size_t large_blocks() { return ::mallinfo2().hblkhd; }
 
 // A count alone takes no memory, whatever it counts.
 TEST(ReaderMessages, ArraysGrowWithWhatArrives) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers have an allocator of their own";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers have an allocator of their own";
   const auto held_after_a_count = [](auto values) {
     Ends ends(plenty);
     EXPECT_TRUE(ends.from.put(plenty / 64));
@@ -225,4 +225,4 @@ TEST(ReaderMessages, ArraysBeyondTheLimitAreRefused) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -15,18 +15,14 @@
 #include "tests/support/sanitizers.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::reader_options;
-using testing::AllOf;
-using testing::HasSubstr;
-using testing::StartsWith;
+using namespace ::testing;
 
-class ReaderProcessTest : public test::FolderTest {
- protected:
+struct ReaderProcessTest : FolderTest {
   /// A tetrahedron with an attribute of numbers.
-  std::string sound_mesh() const { return write("sound.vtu", test::tetrahedron_at(0).file()); }
+  std::string sound_mesh() const { return write("sound.vtu", tetrahedron_at(0).file()); }
 
   static std::string error_of(const ReaderProcessOptions& options, const std::string& input) {
     ReaderProcess reader(options);
@@ -51,16 +47,16 @@ class ReaderProcessTest : public test::FolderTest {
 TEST_F(ReaderProcessTest, ACrashIsOneLineAndTheNextFileIsRead) {
   // VTK 9.1 follows a null pointer for texts without their ends.
   const std::string hostile =
-      write("hostile.vtu", test::tetrahedron_at(0, {{"s", {1, 2, 3, 4}, 1, "String"}, {"f", {1, 2, 3, 4}}}).file());
+      write("hostile.vtu", tetrahedron_at(0, {{"s", {1, 2, 3, 4}, 1, "String"}, {"f", {1, 2, 3, 4}}}).file());
   ReaderProcess reader(reader_options());
-  EXPECT_THAT(test::message_of(reader.open({hostile}, {})),
-              AllOf(StartsWith(hostile), HasSubstr(test::is_sanitized ? "ended" : "crashes")));
-  const auto source = test::value_of(reader.open({sound_mesh()}, {}));
+  EXPECT_THAT(message_of(reader.open({hostile}, {})),
+              AllOf(StartsWith(hostile), HasSubstr(is_sanitized ? "ended" : "crashes")));
+  const auto source = value_of(reader.open({sound_mesh()}, {}));
   EXPECT_EQ(source->next().value()->points.size(), 4u);
 }
 
 TEST_F(ReaderProcessTest, MemoryIsLimited) {
-  if (test::is_sanitized) GTEST_SKIP() << "sanitizers reserve more memory than any limit";
+  if (is_sanitized) GTEST_SKIP() << "sanitizers reserve more memory than any limit";
   ReaderProcessOptions options = reader_options();
   options.memory = 1u << 20;
   EXPECT_THAT(error_of(options, sound_mesh()), HasSubstr("memory"));
@@ -107,7 +103,7 @@ TEST_F(ReaderProcessTest, WhatIsAllowedGrowsWithTheInput) {
 // More than the kernel holds for a socket.
 TEST_F(ReaderProcessTest, AReaderThatDoesNotTakeWhatIsSentIsEnded) {
   ReaderProcess reader(options_with(program("exec sleep 60")));
-  EXPECT_THAT(test::message_of(reader.open(std::vector<std::string>(1000, std::string(10'000, 'x')), {})),
+  EXPECT_THAT(message_of(reader.open(std::vector<std::string>(1000, std::string(10'000, 'x')), {})),
               HasSubstr("for 2 s"));
 }
 
@@ -135,8 +131,8 @@ TEST_F(ReaderProcessTest, SourcesOutliveTheReaderAndItsOtherSources) {
 TEST_F(ReaderProcessTest, SurfacesAndSourcesShareAProcess) {
   const std::string surface = write("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n");
   ReaderProcess reader(reader_options());
-  const auto source = test::value_of(reader.open({sound_mesh()}, {}));
-  const auto mesh = test::value_of(reader.read_surface(surface));
+  const auto source = value_of(reader.open({sound_mesh()}, {}));
+  const auto mesh = value_of(reader.read_surface(surface));
   EXPECT_EQ(mesh.points.size(), 4u);
   EXPECT_EQ(mesh.triangles.size(), 2u);
   EXPECT_THAT(reader.read_surface(path("none.obj")).error().message, StartsWith(path("none.obj")));
@@ -144,4 +140,4 @@ TEST_F(ReaderProcessTest, SurfacesAndSourcesShareAProcess) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

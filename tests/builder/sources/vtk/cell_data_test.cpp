@@ -14,18 +14,10 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::error_of;
-using test::Input;
-using test::read_input;
-using test::VtkArray;
-using ::testing::AllOf;
-using ::testing::Each;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
+using namespace ::testing;
 
 constexpr int hexahedron = 12;
 
@@ -39,7 +31,7 @@ struct Boxes {
   std::vector<VtkArray> point_data, cell_data;
 
   [[nodiscard]] std::string file() const {
-    test::VtuMesh mesh{.point_data = point_data, .cell_data = cell_data};
+    VtuMesh mesh{.point_data = point_data, .cell_data = cell_data};
     for (const double position : x)
       for (const auto& [y, z] : {std::pair{0, 0}, {1, 0}, {1, 1}, {0, 1}}) mesh.points.emplace_back(position, y, z);
     for (int b = 0; b + 1 < static_cast<int>(x.size()); ++b) {
@@ -64,18 +56,18 @@ double value_at(const Input& input, const std::string& attribute, double x) {
 }
 
 std::vector<std::string> conversions(const std::string& path, const SourceOptions& options = {}) {
-  auto source = test::value_of(open_source({path}, options));
+  auto source = value_of(open_source({path}, options));
   while (*source->next()) {
   }
   return source->conversions();
 }
 
-using CellDataTest = test::FolderTest;
+using CellDataTest = FolderTest;
 
 TEST_F(CellDataTest, IsAveragedToPointsByVolume) {
   const std::string path =
       write("a.vtu", Boxes{{0, 1, 4, 6}, {}, {{"p", {2, 6, 6}}, {"U", {3, 0, 4, 1, 2, 2, 1, 2, 2}, 3}}}.file());
-  const auto input = test::value_of(read_input({path}));
+  const auto input = value_of(read_input({path}));
   EXPECT_THAT(input.attributes, ElementsAre("p", "U", "U[0]", "U[1]", "U[2]"));
   EXPECT_EQ(value_at(input, "p", 0), 2);
   EXPECT_DOUBLE_EQ(value_at(input, "p", 1), (1 * 2 + 3 * 6) / 4.0);
@@ -89,7 +81,7 @@ TEST_F(CellDataTest, IsAveragedToPointsByVolume) {
 TEST_F(CellDataTest, LeavesMissingValuesOutOfMeans) {
   const std::string path =
       write("a.vtu", Boxes{{0, 1, 4, 6, 8}, {}, {{"p", {2, std::nan(""), std::nan(""), 1}}}}.file());
-  const auto input = test::value_of(read_input({path}));
+  const auto input = value_of(read_input({path}));
   EXPECT_EQ(value_at(input, "p", 1), 2);
   EXPECT_TRUE(std::isnan(value_at(input, "p", 4)));
   EXPECT_EQ(value_at(input, "p", 6), 1);
@@ -115,12 +107,12 @@ TEST_F(CellDataTest, OfAGhostCopyCountsAndOfAHiddenCellNot) {
     for (const char* type : {"UInt8", "Int32", "Float64"}) {
       const std::string path =
           write("a.vtu", Boxes{{0, 1, 4}, {}, {{"p", {2, 6}}, {"vtkGhostType", {0, flags}, 1, type}}}.file());
-      const auto input = test::value_of(read_input({path}));
+      const auto input = value_of(read_input({path}));
       EXPECT_EQ(value_at(input, "p", 1), mean) << flags;
       EXPECT_EQ(input.points, left_out ? 8u : 12u) << flags;
       EXPECT_DOUBLE_EQ(input.volume, left_out ? 1 : 4) << flags;
       EXPECT_EQ(input.census.hidden, left_out ? 1u : 0u) << flags;
-      const auto own = test::value_of(read_input({path}, own_cells()));
+      const auto own = value_of(read_input({path}, own_cells()));
       EXPECT_EQ(own.points, left_out ? 1u : 2u) << flags;
     }
 }
@@ -128,10 +120,9 @@ TEST_F(CellDataTest, OfAGhostCopyCountsAndOfAHiddenCellNot) {
 /// Voxels of edge `spacing`, as VTK's writer of AMR meshes writes a block.
 std::string image(int cells, double spacing, const std::vector<VtkArray>& cell_data) {
   const std::string extent = fmt::format("0 {0} 0 {0} 0 {0}", cells);
-  return test::vtk_file(
-      "ImageData",
-      fmt::format("<Piece Extent=\"{}\"><CellData>\n{}</CellData></Piece>", extent, test::data_arrays(cell_data)),
-      fmt::format("WholeExtent=\"{0}\" Origin=\"0 0 0\" Spacing=\"{1} {1} {1}\"", extent, spacing));
+  return vtk_file("ImageData",
+                  fmt::format("<Piece Extent=\"{}\"><CellData>\n{}</CellData></Piece>", extent, data_arrays(cell_data)),
+                  fmt::format("WholeExtent=\"{0}\" Origin=\"0 0 0\" Spacing=\"{1} {1} {1}\"", extent, spacing));
 }
 
 // A block of 4 x 4 x 4 cells, of which another block fills the lowest octant with cells of half their size.
@@ -144,13 +135,13 @@ TEST_F(CellDataTest, OfCellsThatFinerOnesFillIsLeftOut) {
   }
   write("coarse.vti", image(4, 1, {{"p", coarse}, {"vtkGhostType", flags, 1, "UInt8"}}));
   write("fine.vti", image(4, 0.5, {{"p", std::vector<double>(64, 3)}}));
-  const std::string blocks = write("amr.vtm", test::vtm_file({"coarse.vti", "fine.vti"}));
+  const std::string blocks = write("amr.vtm", vtm_file({"coarse.vti", "fine.vti"}));
   for (const auto& inputs : {std::vector<std::string>{blocks}, {path("coarse.vti"), path("fine.vti")}}) {
-    const auto input = test::value_of(read_input(inputs));
+    const auto input = value_of(read_input(inputs));
     EXPECT_NEAR(input.volume, 64, 1e-9);
     EXPECT_EQ(input.census.hidden, 8u);
     for (const double value : input.pieces.at(0).values.at(0)) EXPECT_EQ(value, 1);
-    const auto own = test::value_of(read_input(inputs, own_cells()));
+    const auto own = value_of(read_input(inputs, own_cells()));
     EXPECT_EQ(own.points, 64u - 8 + 64);
   }
 }
@@ -159,13 +150,13 @@ TEST_F(CellDataTest, OfALegacyFileHasFlagsToo) {
   for (const auto& [name, flags] :
        {std::pair{"vtkGhostType", "0 8"}, {"vtkGhostType", "0 32"}, {"vtkGhostLevels", "0 1"}})
     for (const char* version : {"3.0", "4.2"}) {
-      const std::string path = write(
-          "a.vtk", test::legacy_file(fmt::format("STRUCTURED_POINTS\nDIMENSIONS 3 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\n"
+      const std::string path =
+          write("a.vtk", legacy_file(fmt::format("STRUCTURED_POINTS\nDIMENSIONS 3 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\n"
                                                  "CELL_DATA 2\nSCALARS p float 1\nLOOKUP_TABLE default\n2 6\n"
                                                  "SCALARS {} unsigned_char 1\nLOOKUP_TABLE default\n{}\n",
                                                  name, flags),
                                      version));
-      const auto input = test::value_of(read_input({path}));
+      const auto input = value_of(read_input({path}));
       EXPECT_DOUBLE_EQ(input.volume, 1) << name << flags;
       EXPECT_EQ(input.census.hidden, 1u) << name << flags;
       EXPECT_THAT(input.attributes, ElementsAre("p"));
@@ -178,7 +169,7 @@ TEST_F(CellDataTest, OfAGhostLevelIsThatOfACopy) {
     for (const char* type : {"UInt8", "Int32"}) {
       std::string file = Boxes{{0, 1, 4}, {}, {{"p", {2, 6}}, {"vtkGhostLevels", {0, 2}, 1, type}}}.file();
       const std::string path = write("a.vtu", file.replace(file.find("0.1"), 3, version));
-      const auto input = test::value_of(read_input({path}));
+      const auto input = value_of(read_input({path}));
       EXPECT_EQ(value_at(input, "p", 1), 5) << version << type;
       EXPECT_DOUBLE_EQ(input.volume, 1) << version << type;
       EXPECT_THAT(input.attributes, ElementsAre("p"));
@@ -189,14 +180,14 @@ TEST_F(CellDataTest, TakesAnotherNameIfPointsHaveItsName) {
   const std::vector<double> at_points = {1, 1, 1, 1, 5, 5, 5, 5};
   const std::string path =
       write("a.vtu", Boxes{{0, 1}, {{"p", at_points}, {"U[1]", at_points}}, {{"U", {1, 2, 2}, 3}, {"p", {9}}}}.file());
-  const auto input = test::value_of(read_input({path}));
+  const auto input = value_of(read_input({path}));
   EXPECT_THAT(input.attributes,
               ElementsAre("p", "U[1]", "U (cells)", "U (cells)[0]", "U (cells)[1]", "U (cells)[2]", "p (cells)"));
   EXPECT_EQ(value_at(input, "p", 1), 5);
   EXPECT_EQ(value_at(input, "p (cells)", 1), 9);
   EXPECT_THAT(conversions(path), ElementsAre("U (cells), p (cells): of cells, averaged to points"));
   for (const char* name : {"p (cells)", "U (cells)[2]", "p"}) {
-    const auto selected = test::value_of(read_input({path}, {{name}, {}}));
+    const auto selected = value_of(read_input({path}, {{name}, {}}));
     EXPECT_THAT(selected.attributes, ElementsAre(name));
   }
   EXPECT_EQ(value_at(*read_input({path}, {{"p (cells)"}, {}}), "p (cells)", 0), 9);
@@ -204,7 +195,7 @@ TEST_F(CellDataTest, TakesAnotherNameIfPointsHaveItsName) {
   EXPECT_THAT(conversions(path, {{"p"}, {}}), IsEmpty());
   EXPECT_THAT(error_of({path}, {{"p (points)"}, {}}), HasSubstr("there are: p, U[1], U (cells)"));
 
-  const auto own = test::value_of(read_input({path}, own_cells()));
+  const auto own = value_of(read_input({path}, own_cells()));
   EXPECT_THAT(own.attributes, ElementsAre("U", "U[0]", "U[1]", "U[2]", "p", "p (points)", "U[1] (points)"));
   EXPECT_EQ(value_at(own, "p", 0.5), 9);
   EXPECT_DOUBLE_EQ(value_at(own, "p (points)", 0.5), 3);
@@ -214,7 +205,7 @@ TEST_F(CellDataTest, OwnCellsArePointsWithOneValue) {
   const std::string path =
       write("a.vtu",
             Boxes{{0, 1, 4, 4}, {{"z", {0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1}}}, {{"p", {2, 6, 8}}}}.file());
-  const auto input = test::value_of(read_input({path}, own_cells()));
+  const auto input = value_of(read_input({path}, own_cells()));
   ASSERT_EQ(input.pieces.size(), 1u);
   const Piece& piece = input.pieces[0];
   ASSERT_EQ(piece.points.size(), 2u) << "the third box is flat";
@@ -244,9 +235,8 @@ TEST_F(CellDataTest, OwnCellsNeedCells) {
 
 /// Planes of the points of an input in these files, by the points' x.
 std::vector<std::pair<double, BoundaryPlane>> planes_of(const std::vector<std::string>& paths) {
-  auto source = test::value_of(open_source(paths, own_cells()));
-  auto points =
-      test::value_of(PointStream::create(*source, true, std::size_t{1} << 24, ::testing::TempDir(), [](double) {}));
+  auto source = value_of(open_source(paths, own_cells()));
+  auto points = value_of(PointStream::create(*source, true, std::size_t{1} << 24, ::testing::TempDir(), [](double) {}));
   PointBatch batch;
   batch.resize_attributes(source->attributes().size());
   while (*points.next(batch)) {
@@ -282,8 +272,8 @@ TEST_F(CellDataTest, FilesOfOwnCellsHoldConstantCells) {
   std::iota(x.begin(), x.end(), 0.0);
   std::iota(values.begin(), values.end(), 1.0);
   values[7] = std::nan("");
-  auto source = test::value_of(open_source({write("a.vtu", Boxes{x, {}, {{"p", values}}}.file())}, own_cells()));
-  const auto report = test::value_of(build_volume(*source, path("out.svol"), {}, [](const char*, double) {}));
+  auto source = value_of(open_source({write("a.vtu", Boxes{x, {}, {{"p", values}}}.file())}, own_cells()));
+  const auto report = value_of(build_volume(*source, path("out.svol"), {}, [](const char*, double) {}));
   EXPECT_EQ(report.resolution_counts.back(), 39u);
   EXPECT_EQ(report.connectivity, Connectivity::mesh);
   EXPECT_EQ(report.missing.at(0).second, 1u);
@@ -295,25 +285,25 @@ TEST_F(CellDataTest, OfAMeshWithoutValuesAreMade) {
   write("a.vti", image(2, 1, {}));
   write("b.vti", image(4, 0.5, {}));
   for (const CellValues cells : {CellValues::averaged, CellValues::own}) {
-    const auto volumes = test::value_of(read_input({path("b.vti")}, {.cells = cells}));
+    const auto volumes = value_of(read_input({path("b.vti")}, {.cells = cells}));
     EXPECT_THAT(volumes.attributes, ElementsAre("cell_volume"));
     EXPECT_EQ(volumes.points, cells == CellValues::own ? 64u : 125u);
     for (const double value : volumes.pieces.at(0).values.at(0)) EXPECT_DOUBLE_EQ(value, 0.125);
   }
-  const std::string blocks = write("all.vtm", test::vtm_file({"a.vti", "b.vti"}));
+  const std::string blocks = write("all.vtm", vtm_file({"a.vti", "b.vti"}));
   for (const auto& selection : {std::vector<std::string>{}, {"block"}}) {
-    const auto numbers = test::value_of(read_input({blocks}, {.selection = selection}));
+    const auto numbers = value_of(read_input({blocks}, {.selection = selection}));
     EXPECT_THAT(numbers.attributes, ElementsAre("block"));
     EXPECT_EQ(numbers.points, 8u + 64);
     ASSERT_EQ(numbers.pieces.size(), 2u);
     EXPECT_THAT(numbers.pieces[0].values.at(0), Each(1.0));
     EXPECT_THAT(numbers.pieces[1].values.at(0), Each(2.0));
   }
-  EXPECT_THAT(test::message_of(read_input({blocks}, {.selection = {"p"}})), HasSubstr("there are: block"));
+  EXPECT_THAT(message_of(read_input({blocks}, {.selection = {"p"}})), HasSubstr("there are: block"));
   // If one of them has values, these are the attributes.
   write("b.vti", image(4, 0.5, {{"p", std::vector<double>(64, 3)}}));
-  EXPECT_THAT(test::value_of(read_input({blocks})).attributes, ElementsAre("p"));
+  EXPECT_THAT(value_of(read_input({blocks})).attributes, ElementsAre("p"));
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -17,14 +17,10 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using ::testing::AnyOf;
-using ::testing::Each;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
+using namespace ::testing;
 
 enum class Encoding { text, binary, big_endian, fortran };
 
@@ -176,11 +172,10 @@ std::vector<std::vector<double>> with_marks(std::vector<std::vector<double>> val
   return values;
 }
 
-class EnsightTest : public test::FolderTest {
- protected:
+struct EnsightTest : FolderTest {
   /// Cuts each file in turn. Expects an error, or all that the whole files hold.
   void expect_no_wrong_result(const std::string& name, const std::vector<std::string>& files) {
-    const auto expected = test::value_of(test::read_input({path(name)}));
+    const auto expected = value_of(read_input({path(name)}));
     ASSERT_EQ(expected.pieces.size(), 3u);
     for (const std::string& file : files) {
       const std::string whole = read_text_file(path(file)).value();
@@ -193,8 +188,8 @@ class EnsightTest : public test::FolderTest {
     }
   }
 
-  void expect_error_or(const test::Input& expected, const std::string& name, const std::string& what) {
-    const auto input = test::read_input({path(name)});
+  void expect_error_or(const Input& expected, const std::string& name, const std::string& what) {
+    const auto input = read_input({path(name)});
     if (!input) {
       EXPECT_THAT(input.error().message, AnyOf(HasSubstr("cut off"), HasSubstr("which the geometry lacks"))) << what;
       return;
@@ -242,8 +237,8 @@ TEST_F(EnsightTest, CutFilesOfSteps) {
     expect_no_wrong_result("a.case", {"geo.005", "f.005", "U.005", "q.005", "W.005"});
     // The first step does not need the files of the second.
     write("f.005", "");
-    EXPECT_EQ(test::error_of({path("a.case")}, {{}, {}, 0.5}), "(no error)");
-    EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("f.005: the file is cut off: it is empty"));
+    EXPECT_EQ(error_of({path("a.case")}, {{}, {}, 0.5}), "(no error)");
+    EXPECT_THAT(error_of({path("a.case")}), HasSubstr("f.005: the file is cut off: it is empty"));
   }
   // Cuts of white space only.
   EXPECT_LE(passed_, 4u);
@@ -255,7 +250,7 @@ TEST_F(EnsightTest, WithoutValuesGivesTheNumbersOfItsParts) {
   put_geometry(geometry, 0, false);
   write("geo", geometry.bytes);
   write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\n");
-  const auto input = test::value_of(test::read_input({path("a.case")}));
+  const auto input = value_of(read_input({path("a.case")}));
   EXPECT_THAT(input.attributes, ElementsAre("part"));
   ASSERT_EQ(input.pieces.size(), 3u);
   for (std::size_t part = 0; part < 3; ++part)
@@ -281,7 +276,7 @@ TEST_F(EnsightTest, CutFilesOfAllSteps) {
     expect_no_wrong_result("a.case", {"geo", "f", "U", "q", "W"});
     const std::string whole = read_text_file(path("f")).value();
     write("f", whole.substr(0, whole.find("BEGIN TIME STEP", 200)));
-    EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("f: the file is cut off: it holds 1 of the 2 time steps"));
+    EXPECT_THAT(error_of({path("a.case")}), HasSubstr("f: the file is cut off: it holds 1 of the 2 time steps"));
   }
 }
 
@@ -329,25 +324,25 @@ TEST_F(EnsightTest, GhostElements) {
     write("geo", geometry_of(encoding));
     write("q", values_of(encoding, 1));
     write("W", values_of(encoding, 3));
-    const auto input = test::value_of(test::read_input({path("a.case")}, {.cells = CellValues::own}));
+    const auto input = value_of(read_input({path("a.case")}, {.cells = CellValues::own}));
     EXPECT_THAT(input.attributes, ElementsAre("q", "W", "W[0]", "W[1]", "W[2]"));
     ASSERT_EQ(input.points, 2u);
     EXPECT_EQ(input.census.hidden, 2u);
     EXPECT_THAT(input.pieces[0].values[0], ElementsAre(0, 10));
     EXPECT_THAT(input.pieces[0].values[input.index_of("W[2]")], ElementsAre(2, 12));
-    const auto selected = test::value_of(test::read_input({path("a.case")}, {{"W[1]"}, {}}));
+    const auto selected = value_of(read_input({path("a.case")}, {{"W[1]"}, {}}));
     EXPECT_EQ(selected.points, 12u);
     EXPECT_NEAR(selected.volume, 2, 1e-6);
     EXPECT_EQ(selected.census.hidden_points, 8u);
     write("q", values_of(encoding, 1).substr(0, values_of(encoding, 1).size() - 8));
-    EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("q: the file is cut off"));
+    EXPECT_THAT(error_of({path("a.case")}), HasSubstr("q: the file is cut off"));
   }
   const std::string head = "values\npart\n         5\ng_hexa8 undef\n-9\n1\n2\nhexa8 ";
   write("geo", geometry_of(Encoding::text));
   write("W", values_of(Encoding::text, 3));
   const auto values_with = [&](const std::string& text) {
     write("q", head + text);
-    const auto input = test::value_of(test::read_input({path("a.case")}, {.cells = CellValues::own}));
+    const auto input = value_of(read_input({path("a.case")}, {.cells = CellValues::own}));
     EXPECT_EQ(input.census.unwritten, text.find('*') == std::string::npos ? 0u : 1u);
     return with_marks({input.pieces[0].values[0]})[0];
   };
@@ -355,7 +350,7 @@ TEST_F(EnsightTest, GhostElements) {
   EXPECT_THAT(values_with("partial\n1\n         2\n4\n"), ElementsAre(-1e9, 4));
   EXPECT_THAT(values_with("\n************\n+5\n"), ElementsAre(-1e9, 5));
   write("q", head + "\n3\n4,5\n");
-  EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("\"4,5\" stands for a number"));
+  EXPECT_THAT(error_of({path("a.case")}), HasSubstr("\"4,5\" stands for a number"));
 }
 
 TEST_F(EnsightTest, RectilinearBlocksOfEnsight6) {
@@ -365,7 +360,7 @@ TEST_F(EnsightTest, RectilinearBlocksOfEnsight6) {
   write("f", "f\npart 1\nblock\n" + std::string(" 1.00000e+00 1.00000e+00 1.00000e+00 1.00000e+00\n 1.00000e+00") +
                  " 1.00000e+00 1.00000e+00 1.00000e+00\n");
   write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
-  EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("write the case as EnSight Gold"));
+  EXPECT_THAT(error_of({path("a.case")}), HasSubstr("write the case as EnSight Gold"));
 }
 
 TEST_F(EnsightTest, ValuesOfAnotherMesh) {
@@ -375,12 +370,11 @@ TEST_F(EnsightTest, ValuesOfAnotherMesh) {
   write("geo", geometry.bytes);
   write("f", values.bytes.replace(values.bytes.find("         2"), 10, "         4"));
   write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
-  EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("f: values of part 4, which the geometry lacks"));
+  EXPECT_THAT(error_of({path("a.case")}), HasSubstr("f: values of part 4, which the geometry lacks"));
 }
 
 /// Texts in which one number of a file is another word.
-class EnsightNumbers : public EnsightTest {
- protected:
+struct EnsightNumbers : EnsightTest {
   /// Writes the parts of the other tests, as text.
   EnsightNumbers() {
     EnsightText geometry(Encoding::text);
@@ -407,13 +401,13 @@ class EnsightNumbers : public EnsightTest {
 };
 
 TEST_F(EnsightNumbers, ThatAreStarsAreMissing) {
-  const auto whole = test::value_of(test::read_input({path("a.case")}));
+  const auto whole = value_of(read_input({path("a.case")}));
   EXPECT_EQ(whole.census.unwritten, 0u);
   // A point of the first part, one of the block, and a component of a vector.
   replace_line("f", 4 + 2, "************");
   replace_line("f", 4 + 8 + 3 + 8 + 3 + 5, " -1.#IND0e+00");
   replace_line("U", 4 + 8 + 3, "************");
-  const auto input = test::value_of(test::read_input({path("a.case")}));
+  const auto input = value_of(read_input({path("a.case")}));
   EXPECT_EQ(input.census.unwritten, 3u);
   const auto missing = [&](const std::string& name, std::size_t piece) {
     const std::size_t a = input.index_of(name), b = whole.index_of(name);
@@ -440,12 +434,12 @@ TEST_F(EnsightNumbers, OfElementsThatAreStarsAreMissing) {
   // The third tetrahedron and the polyhedron of the second part.
   replace_line("q", 4 + 1 + 3 + 2, "************");
   replace_line("q", 4 + 1 + 3 + 4 + 1, "************");
-  const auto input = test::value_of(test::read_input({path("a.case")}, {.cells = CellValues::own}));
+  const auto input = value_of(read_input({path("a.case")}, {.cells = CellValues::own}));
   EXPECT_EQ(input.census.unwritten, 2u);
   const std::vector<double>& q = input.pieces.at(1).values.at(input.index_of("q"));
   ASSERT_EQ(q.size(), 5u);
   for (std::size_t cell = 0; cell < q.size(); ++cell) EXPECT_EQ(std::isnan(q[cell]), cell == 2 || cell == 4) << cell;
-  EXPECT_EQ(test::read_input({path("a.case")}, {{"f"}, {}})->census.unwritten, 0u) << "of what was read";
+  EXPECT_EQ(read_input({path("a.case")}, {{"f"}, {}})->census.unwritten, 0u) << "of what was read";
 }
 
 TEST_F(EnsightNumbers, ThatAreNoneAreRefused) {
@@ -453,7 +447,7 @@ TEST_F(EnsightNumbers, ThatAreNoneAreRefused) {
     for (const auto& [file, line] : {std::pair{"f", 5}, {"U", 20}, {"q", 4}, {"geo", 9}}) {
       const std::string whole = read_text_file(path(file)).value();
       replace_line(file, static_cast<std::size_t>(line), word);
-      EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr(std::string(file) + ": ")) << word;
+      EXPECT_THAT(error_of({path("a.case")}), HasSubstr(std::string(file) + ": ")) << word;
       write(file, whole);
     }
   }
@@ -464,17 +458,17 @@ TEST_F(EnsightNumbers, ThatAreNoneAreRefused) {
                                  {35, "1 2 3 4 5 6 7 8,5"}}) {
     const std::string whole = read_text_file(path("geo")).value();
     replace_line("geo", static_cast<std::size_t>(line), by);
-    EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("geo: ")) << line << by;
+    EXPECT_THAT(error_of({path("a.case")}), HasSubstr("geo: ")) << line << by;
     write("geo", whole);
   }
-  EXPECT_EQ(test::error_of({path("a.case")}), "(no error)");
+  EXPECT_EQ(error_of({path("a.case")}), "(no error)");
 }
 
 TEST_F(EnsightNumbers, OfTheCase) {
   const std::string steps = read_text_file(path("a.case")).value() + "TIME\ntime set: 1\nnumber of steps: 1\n";
   const auto open_ends = [&](const std::string& end) {
     write("a.case", steps + end);
-    const auto input = test::read_input({path("a.case")});
+    const auto input = read_input({path("a.case")});
     EXPECT_TRUE(input) << end << input.error().message;
     return input ? input->census.open_ends : 99;
   };
@@ -482,7 +476,7 @@ TEST_F(EnsightNumbers, OfTheCase) {
   EXPECT_EQ(open_ends("time values: 0.5\n"), 0u);
   for (const char* time : {"0,5", "0.5D+00", "0.5 1,5"}) {
     write("a.case", steps + "time values: " + time + "\n");
-    EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("is no number"));
+    EXPECT_THAT(error_of({path("a.case")}), HasSubstr("is no number"));
   }
 }
 
@@ -495,13 +489,13 @@ TEST_F(EnsightTest, NumbersOfEnsight6) {
   write("geo", geometry);
   write("f", values);
   write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
-  const auto input = test::value_of(test::read_input({path("a.case")}));
+  const auto input = value_of(read_input({path("a.case")}));
   EXPECT_THAT(input.pieces.at(0).values.at(0), ElementsAre(1, 2, 3, 4));
   const auto error_with = [&](const std::string& file, std::string text, const std::string& from,
                               const std::string& to) {
     const std::string whole = text;
     write(file, text.replace(text.find(from), from.size(), to));
-    const std::string error = test::error_of({path("a.case")});
+    const std::string error = error_of({path("a.case")});
     write(file, whole);
     return error;
   };
@@ -512,4 +506,4 @@ TEST_F(EnsightTest, NumbersOfEnsight6) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

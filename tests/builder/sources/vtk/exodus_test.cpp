@@ -16,23 +16,13 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::field;
-using test::read_input;
-using test::times;
-using ::testing::AllOf;
-using ::testing::Contains;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::Not;
-using ::testing::Pair;
-using ::testing::StartsWith;
-using ::testing::UnorderedElementsAre;
+using namespace ::testing;
 
-using Block = test::ExodusBlock;
-using Mesh = test::ExodusMesh;
+using Block = ExodusBlock;
+using Mesh = ExodusMesh;
 
 /// A cube of n^3 hexahedra, or of six tetrahedra for each of them.
 Mesh cube(int n, double edge, dvec3 origin, bool tetrahedra = false) {
@@ -59,8 +49,7 @@ Mesh cube(int n, double edge, dvec3 origin, bool tetrahedra = false) {
 
 double cell_number(std::size_t cell, double) { return static_cast<double>(cell); }
 
-class ExodusTest : public test::FolderTest {
- protected:
+struct ExodusTest : FolderTest {
   [[nodiscard]] Result<BuildReport> build(const std::vector<std::string>& names, bool strict = false) const {
     std::vector<std::string> paths;
     for (const std::string& name : names) paths.push_back(path(name));
@@ -70,7 +59,7 @@ class ExodusTest : public test::FolderTest {
 
   /// The lines of a build's report: "12 tetrahedra flat".
   [[nodiscard]] std::vector<std::string> lines_of(const std::string& name) const {
-    const auto report = test::value_of(build({name}));
+    const auto report = value_of(build({name}));
     std::vector<std::string> lines;
     for (const CensusLine& line : census_lines(report)) lines.push_back(fmt::format("{} {}", line.count, line.words));
     return lines;
@@ -99,7 +88,7 @@ TEST_F(ExodusTest, KeepsCoordinatesOfDoublePrecision) {
       Mesh mesh = cube(6, 1.2, far_away, tetrahedra);
       mesh.mode = mode;
       mesh.write(path("mesh.e"));
-      const auto input = test::value_of(read_input({path("mesh.e")}));
+      const auto input = value_of(read_input({path("mesh.e")}));
       EXPECT_NEAR(input.volume, 1.728, 1e-6);
       EXPECT_EQ(input.census.flat, 0u);
       ASSERT_EQ(input.points, mesh.points.size());
@@ -116,7 +105,7 @@ TEST_F(ExodusTest, KeepsCoordinatesWhateverItsPointsAreCalled) {
     for (int& point : cell) ++point;
   for (std::size_t i = 0; i < mesh.points.size(); ++i) mesh.node_numbers.push_back(1000 - 7 * static_cast<int>(i));
   mesh.write(path("mesh.e"));
-  const auto input = test::value_of(read_input({path("mesh.e")}));
+  const auto input = value_of(read_input({path("mesh.e")}));
   EXPECT_NEAR(input.volume, 1.728, 1e-6);
   EXPECT_EQ(input.points, mesh.points.size() - 1);
   for (std::size_t i = 0; i < input.points; ++i)
@@ -129,7 +118,7 @@ TEST_F(ExodusTest, AddsDisplacementsInDoublePrecision) {
     mesh.nodal.emplace_back(std::string("displ_") + axis, [](dvec3, double time) { return 0.125 * time; });
   mesh.write(path("mesh.e"));
   for (const double time : times) {
-    const auto input = test::value_of(read_input({path("mesh.e")}, {{"f"}, {}, time}));
+    const auto input = value_of(read_input({path("mesh.e")}, {{"f"}, {}, time}));
     EXPECT_NEAR(input.volume, 1.728, 1e-6);
     EXPECT_EQ(input.pieces[0].points[0], mesh.points[0] + 0.125 * time);
   }
@@ -140,8 +129,7 @@ TEST_F(ExodusTest, PatchesFitCellsOfDoublePrecision) {
   mesh.side_sets = {{"lid", {}}};
   for (int cell = 19; cell <= 27; ++cell) mesh.side_sets[0].sides.emplace_back(cell, 6);
   mesh.write(path("mesh.e"));
-  EXPECT_THAT(test::patches_of({path("mesh.e")}, folder_, {}),
-              UnorderedElementsAre(Pair("lid", 18), Pair("outer", 90)));
+  EXPECT_THAT(patches_of({path("mesh.e")}, folder_, {}), UnorderedElementsAre(Pair("lid", 18), Pair("outer", 90)));
 }
 
 // Whatever single precision did to its cells, the file has them so.
@@ -149,7 +137,7 @@ TEST_F(ExodusTest, CoordinatesOfSinglePrecisionStayAsTheyAre) {
   Mesh mesh = cube(6, 1.2, far_away);
   mesh.real_bytes = 4;
   mesh.write(path("mesh.e"));
-  const auto input = test::value_of(read_input({path("mesh.e")}));
+  const auto input = value_of(read_input({path("mesh.e")}));
   EXPECT_GT(input.census.flat, 0u);
   for (const dvec3& p : input.pieces[0].points)
     EXPECT_EQ(p, dvec3(static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)));
@@ -165,7 +153,7 @@ TEST_F(ExodusTest, VariablesWithoutValuesAreMissing) {
   replace("mesh.e", "vals_nod_var2", "gone_nod_var2");          // g
   replace("mesh.e", "vals_nod_var4", "gone_nod_var4");          // the second component of u
   replace("mesh.e", "vals_elem_var2eb1", "gone_elem_var2eb1");  // q
-  const auto input = test::value_of(read_input({path("mesh.e")}));
+  const auto input = value_of(read_input({path("mesh.e")}));
   EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "g", "u_", "u_[0]", "u_[1]", "u_[2]", "p", "q"));
   for (const char* name : {"g", "u_", "u_[1]", "q"})
     for (const double value : input.pieces[0].values.at(input.index_of(name))) EXPECT_TRUE(std::isnan(value)) << name;
@@ -198,7 +186,7 @@ TEST_F(ExodusTest, VariablesInTheArrayOfAnOlderFileAreMissing) {
   ASSERT_EQ(nc_inq_varid(file, "vals_nod_var1", &variable), NC_NOERR);
   ASSERT_EQ(nc_rename_var(file, variable, "vals_nod_var"), NC_NOERR);
   ASSERT_EQ(nc_close(file), NC_NOERR);
-  const auto input = test::value_of(read_input({path("mesh.e")}));
+  const auto input = value_of(read_input({path("mesh.e")}));
   for (const double value : input.pieces[0].values[0]) EXPECT_TRUE(std::isnan(value));
 }
 
@@ -226,7 +214,7 @@ TEST_F(ExodusTest, OlderFilesAreRead) {
     ASSERT_EQ(nc_put_var_double(file, coordinates, all.data()), NC_NOERR);
     ASSERT_EQ(nc_put_vara_double(file, values, first.data(), count.data(), steps.data()), NC_NOERR);
     ASSERT_EQ(nc_close(file), NC_NOERR);
-    const auto input = test::value_of(read_input({path("mesh.e")}));
+    const auto input = value_of(read_input({path("mesh.e")}));
     ASSERT_EQ(input.points, mesh.points.size());
     EXPECT_EQ(input.census.flat > 0, type == NC_FLOAT);
     EXPECT_THAT(input.pieces[0].values[0], Contains(field(mesh.points.back(), 2)));
@@ -257,13 +245,12 @@ TEST_F(ExodusTest, CellsOfWhichNodesWouldBeLostAreRefused) {
       {"PYRAMID14", 14}, {"PYRAMID18", 18}, {"PYRAMID19", 19}, {"BEAM4", 4}};
   for (const auto& [type, nodes] : types) {
     mesh_of(cells_of(type, nodes)).write(path("mesh.e"));
-    EXPECT_THAT(test::error_of({path("mesh.e")}),
-                AllOf(StartsWith(path("mesh.e") + ": "), Not(HasSubstr("(no error)"))))
+    EXPECT_THAT(error_of({path("mesh.e")}), AllOf(StartsWith(path("mesh.e") + ": "), Not(HasSubstr("(no error)"))))
         << type;
   }
   mesh_of(cells_of("TETRA14", 14)).write(path("mesh.e"));
   EXPECT_THAT(
-      test::error_of({path("mesh.e")}),
+      error_of({path("mesh.e")}),
       HasSubstr("Exodus: cells of block 10 have 14 nodes (TETRA14), of which VTK's reader would take 4: save them"));
 }
 
@@ -273,7 +260,7 @@ TEST_F(ExodusTest, CellsOfAllNodesAreRead) {
       {"WEDGE", 6}, {"WEDGE15", 15}, {"WEDGE18", 18}, {"PYRAMID5", 5}, {"PYRAMID13", 13}};
   for (const auto& [type, nodes] : types) {
     mesh_of(cells_of(type, nodes)).write(path("mesh.e"));
-    const auto input = test::value_of(read_input({path("mesh.e")}));
+    const auto input = value_of(read_input({path("mesh.e")}));
     EXPECT_EQ(input.points, static_cast<std::size_t>(2 * nodes)) << type;
   }
 }
@@ -283,7 +270,7 @@ TEST_F(ExodusTest, CellsOfTooFewNodesAreRefused) {
   for (const auto& [type, nodes] :
        {std::pair{"TETRA", 3}, {"hex8", 4}, {"WEDGE", 5}, {"PYRAMID", 4}, {"TRI3", 2}, {"QUAD4", 3}, {"BAR2", 1}}) {
     mesh_of(cells_of(type, nodes)).write(path("mesh.e"));
-    EXPECT_THAT(test::error_of({path("mesh.e")}), HasSubstr("block 10 is damaged: cells of type")) << type;
+    EXPECT_THAT(error_of({path("mesh.e")}), HasSubstr("block 10 is damaged: cells of type")) << type;
   }
 }
 
@@ -294,7 +281,7 @@ TEST_F(ExodusTest, BlocksThatAreLeftOutAreCounted) {
       Mesh mesh = cube(2, 1, dvec3(0));
       mesh.blocks.insert(first ? mesh.blocks.begin() : mesh.blocks.end(), shell);
       mesh.write(path("mesh.e"));
-      const auto input = test::value_of(read_input({path("mesh.e")}));
+      const auto input = value_of(read_input({path("mesh.e")}));
       EXPECT_NEAR(input.volume, 1, 1e-12);
       EXPECT_THAT(lines_of("mesh.e"), Contains("2 cells of blocks that are surfaces (left out)")) << shell.type;
       EXPECT_EQ(strict_error_of("mesh.e"), "(no error)");
@@ -318,7 +305,7 @@ TEST_F(ExodusTest, OpenNumbersOfRecordsAreCounted) {
     const std::size_t bytes = whole[3] == 5 ? 8 : 4;  // of the number of records
     write("mesh.e", whole.replace(4, bytes, std::string(bytes, '\xff')));
     for (std::size_t step = 0; step < 2; ++step) {
-      const auto input = test::value_of(read_input({path("mesh.e")}, {{"f"}, {}, times[step]}));
+      const auto input = value_of(read_input({path("mesh.e")}, {{"f"}, {}, times[step]}));
       ASSERT_TRUE(input.step.has_value());
       EXPECT_THAT(input.step->times, ElementsAre(0.5, 2));
       EXPECT_EQ(input.step->index, step);
@@ -329,7 +316,7 @@ TEST_F(ExodusTest, OpenNumbersOfRecordsAreCounted) {
 
     // The last record is not whole.
     write("mesh.e", whole.substr(0, whole.size() - 100));
-    const auto cut = test::value_of(read_input({path("mesh.e")}));
+    const auto cut = value_of(read_input({path("mesh.e")}));
     EXPECT_THAT(cut.step->times, ElementsAre(0.5));
 
     // Without a whole record there are no values, and no zeros instead.
@@ -350,7 +337,7 @@ TEST_F(ExodusTest, OpenNumbersOfRecordsWithVariablesOfCellsAreRefused) {
   mesh.write(path("mesh.e"));
   std::string whole = read_text_file(path("mesh.e")).value();
   write("mesh.e", whole.replace(4, 4, "\xff\xff\xff\xff"));
-  EXPECT_THAT(test::error_of({path("mesh.e")}), HasSubstr("VTK's reader skips variables of cells: write 2 into"));
+  EXPECT_THAT(error_of({path("mesh.e")}), HasSubstr("VTK's reader skips variables of cells: write 2 into"));
 }
 
 TEST_F(ExodusTest, MeshesInPiecesNeedAll) {
@@ -363,21 +350,21 @@ TEST_F(ExodusTest, MeshesInPiecesNeedAll) {
     return paths;
   };
   std::vector<std::string> four = write_pieces(4, 1);
-  const auto all = test::value_of(read_input(four));
+  const auto all = value_of(read_input(four));
   EXPECT_NEAR(all.volume, 4, 1e-9);
-  EXPECT_EQ(test::error_of({folder_}), "(no error)");
+  EXPECT_EQ(error_of({folder_}), "(no error)");
   std::filesystem::remove(path("mesh.e.4.2"));
   four.erase(four.begin() + 2);
   for (const std::vector<std::string>& inputs : std::vector<std::vector<std::string>>{four, {folder_}})
-    EXPECT_THAT(test::error_of(inputs),
+    EXPECT_THAT(error_of(inputs),
                 AllOf(StartsWith(path("mesh.e.4.0") + ": the mesh has 4 pieces"), HasSubstr("mesh.e.4.2 is missing")));
-  EXPECT_THAT(test::error_of({four[0]}), HasSubstr("mesh.e.4.3 are missing"));
+  EXPECT_THAT(error_of({four[0]}), HasSubstr("mesh.e.4.3 are missing"));
   for (const std::string& file : four) std::filesystem::remove(file);
 
   std::vector<std::string> twelve = write_pieces(12, 2);
-  EXPECT_EQ(test::error_of(twelve), "(no error)");
+  EXPECT_EQ(error_of(twelve), "(no error)");
   twelve.erase(twelve.begin() + 3, twelve.begin() + 10);
-  EXPECT_THAT(test::error_of(twelve), HasSubstr("mesh.e.12.06 and 3 more are missing: give all of them"));
+  EXPECT_THAT(error_of(twelve), HasSubstr("mesh.e.12.06 and 3 more are missing: give all of them"));
 }
 
 TEST_F(ExodusTest, WithoutValuesGivesTheNumbersOfItsBlocks) {
@@ -387,7 +374,7 @@ TEST_F(ExodusTest, WithoutValuesGivesTheNumbersOfItsBlocks) {
   mesh.blocks[0].cells.resize(5);
   mesh.blocks.push_back(rest);
   mesh.write(path("mesh.e"));
-  const auto input = test::value_of(read_input({path("mesh.e")}));
+  const auto input = value_of(read_input({path("mesh.e")}));
   EXPECT_THAT(input.attributes, ElementsAre("block"));
   ASSERT_EQ(input.pieces.size(), 2u);
   EXPECT_THAT(input.pieces[0].values.at(0), ElementsAre(1, 1, 1, 1, 1));
@@ -396,8 +383,8 @@ TEST_F(ExodusTest, WithoutValuesGivesTheNumbersOfItsBlocks) {
   // Where only one of them has a volume, its number tells nothing.
   mesh.blocks[1] = {"SHELL4", {{1, 2, 5, 4}}};
   mesh.write(path("mesh.e"));
-  EXPECT_THAT(test::value_of(read_input({path("mesh.e")})).attributes, ElementsAre("cell_volume"));
+  EXPECT_THAT(value_of(read_input({path("mesh.e")})).attributes, ElementsAre("cell_volume"));
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -25,21 +25,10 @@
 // VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk\nleak:libhdf5"; }
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::Input;
-using test::make_group;
-using test::put_array;
-using test::put_attribute;
-using test::put_type;
-using test::read_input;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
-using ::testing::Pair;
-using ::testing::StartsWith;
-using ::testing::UnorderedElementsAre;
+using namespace ::testing;
 
 using Tetrahedra = std::vector<std::array<std::uint32_t, 4>>;
 
@@ -52,8 +41,7 @@ double largest_error(const Input& input, const std::string& attribute, double fa
   return test::largest_error(input, attribute, [&](dvec3 p) { return factor * field(p); });
 }
 
-class FormatsTest : public test::FolderTest {
- protected:
+struct FormatsTest : FolderTest {
   [[nodiscard]] std::string error_of(const std::string& name, const SourceOptions& options = {}) const {
     return test::error_of({path(name)}, options);
   }
@@ -88,7 +76,7 @@ class FormatsTest : public test::FolderTest {
   void expect_refused_or_equal(const std::string& name, const std::string& opened, std::size_t stride,
                                const SourceOptions& options = {}) const {
     const std::string whole = read_text_file(path(name)).value();
-    const auto all = test::value_of(read_input({path(opened)}, options));
+    const auto all = value_of(read_input({path(opened)}, options));
     std::size_t refused = 0;
     for (std::size_t bytes = 0; bytes < whole.size(); bytes += stride) {
       if (ends_with_section(whole.substr(0, bytes))) continue;
@@ -102,7 +90,7 @@ class FormatsTest : public test::FolderTest {
         EXPECT_EQ(message.find("0x", folder + folder_.size()), std::string::npos) << message;
         continue;
       }
-      const auto input = test::value_of(read_input({path(opened)}, options));
+      const auto input = value_of(read_input({path(opened)}, options));
       EXPECT_EQ(input.points, all.points) << bytes;
       EXPECT_EQ(input.volume, all.volume) << bytes;
       EXPECT_EQ(input.attributes, all.attributes) << bytes;
@@ -119,21 +107,21 @@ class FormatsTest : public test::FolderTest {
 // .pvd: two steps of two parts.
 
 TEST_F(FormatsTest, Pvd) {
-  write("series.pvd", test::vtk_file("Collection",
-                                     "<DataSet timestep=\"2.5\" group=\"\" part=\"1\" file=\"data/d.vtu\"/>\n"
-                                     "<DataSet timestep=\"0.5\" group=\"\" part=\"0\" file=\"data/a.vtu\"/>\n"
-                                     "<DataSet timestep=\"2.5\" group=\"\" part=\"0\" file=\"data/c.vtu\"/>\n"
-                                     "<DataSet timestep=\"0.5\" group=\"\" part=\"1\" file=\"data/b.vtu\"/>\n"));
+  write("series.pvd", vtk_file("Collection",
+                               "<DataSet timestep=\"2.5\" group=\"\" part=\"1\" file=\"data/d.vtu\"/>\n"
+                               "<DataSet timestep=\"0.5\" group=\"\" part=\"0\" file=\"data/a.vtu\"/>\n"
+                               "<DataSet timestep=\"2.5\" group=\"\" part=\"0\" file=\"data/c.vtu\"/>\n"
+                               "<DataSet timestep=\"0.5\" group=\"\" part=\"1\" file=\"data/b.vtu\"/>\n"));
   write_tetrahedron("data/a.vtu", 0, "f");
   write_tetrahedron("data/b.vtu", 2, "f");
   write_tetrahedron("data/c.vtu", 0, "f", 10);
   write_tetrahedron("data/d.vtu", 2, "f", 10);
-  const auto steps = test::value_of(pvd_steps(path("series.pvd")));
+  const auto steps = value_of(pvd_steps(path("series.pvd")));
   ASSERT_EQ(steps.size(), 2u);
   EXPECT_EQ(steps[0].time, 0.5);
   EXPECT_THAT(steps[1].files, ElementsAre(path("data/c.vtu"), path("data/d.vtu")));
   for (const auto& [asked, step] : {std::pair<std::optional<double>, std::size_t>{std::nullopt, 1}, {0.6, 0}, {9, 1}}) {
-    const auto input = test::value_of(read_input({path("series.pvd")}, {{}, {}, asked}));
+    const auto input = value_of(read_input({path("series.pvd")}, {{}, {}, asked}));
     EXPECT_EQ(input.pieces.size(), 2u);
     EXPECT_EQ(input.points, 8u);
     ASSERT_TRUE(input.step);
@@ -143,10 +131,10 @@ TEST_F(FormatsTest, Pvd) {
     EXPECT_LT(largest_error(input, "f", step == 0 ? 1 : 10), 1e-5);
     EXPECT_EQ(input.pieces[0].points[0], dvec3(0)) << "parts in order";
   }
-  test::expect_series(path("series.pvd"), folder_, 2);
+  expect_series(path("series.pvd"), folder_, 2);
   expect_refused_or_equal("series.pvd", "series.pvd", 1);
   write_tetrahedron("z.vtu", 0, "f");
-  const auto folder = test::value_of(read_input({folder_}, {{}, {}, 0.5}));
+  const auto folder = value_of(read_input({folder_}, {{}, {}, 0.5}));
   EXPECT_EQ(folder.points, 8u) << "the .pvd alone";
   std::filesystem::remove(path("data/d.vtu"));
   EXPECT_THAT(error_of("series.pvd"), AllOf(StartsWith(path("series.pvd")), HasSubstr("data/d.vtu")));
@@ -166,17 +154,17 @@ TEST_F(FormatsTest, ParallelStructuredGrids) {
           coordinates.insert(coordinates.end(), {at, y, z});
         }
     const std::string geometry =
-        type == "StructuredGrid" ? "<Points>" + test::data_arrays({{"Points", coordinates, 3}}) + "</Points>"
+        type == "StructuredGrid" ? "<Points>" + data_arrays({{"Points", coordinates, 3}}) + "</Points>"
         : type == "RectilinearGrid"
-            ? "<Coordinates>" + test::data_arrays({{"x", x}, {"y", {0, 1}}, {"z", {0, 1}}}) + "</Coordinates>"
+            ? "<Coordinates>" + data_arrays({{"x", x}, {"y", {0, 1}}, {"z", {0, 1}}}) + "</Coordinates>"
             : "";
-    return test::vtk_file(type,
-                          fmt::format("<Piece Extent=\"{} {} 0 1 0 1\"><PointData>{}</PointData>{}</Piece>", first,
-                                      last, test::data_arrays({{"f", values}}), geometry),
-                          fmt::format("WholeExtent=\"{} 0 1 0 1\" Origin=\"0 0 0\" Spacing=\"1 1 1\"", whole));
+    return vtk_file(type,
+                    fmt::format("<Piece Extent=\"{} {} 0 1 0 1\"><PointData>{}</PointData>{}</Piece>", first, last,
+                                data_arrays({{"f", values}}), geometry),
+                    fmt::format("WholeExtent=\"{} 0 1 0 1\" Origin=\"0 0 0\" Spacing=\"1 1 1\"", whole));
   };
   const auto index = [](const std::string& type, const std::string& second, const std::string& attributes = "") {
-    return test::vtk_file(
+    return vtk_file(
         "P" + type,
         "<Piece Extent=\"0 2 0 1 0 1\" Source=\"p/a\"/><Piece Extent=\"" + second + " 0 1 0 1\" Source=\"p/b\"/>",
         "WholeExtent=\"0 4 0 1 0 1\" " + attributes);
@@ -186,7 +174,7 @@ TEST_F(FormatsTest, ParallelStructuredGrids) {
     write("p/a", piece(type, 0, 2, "0 2"));
     write("p/b", piece(type, 2, 4, "2 4"));
     write("all.pvti", index(type, "2 4"));
-    const auto input = test::value_of(read_input({path("all.pvti")}));
+    const auto input = value_of(read_input({path("all.pvti")}));
     EXPECT_EQ(input.pieces.size(), 2u);
     EXPECT_NEAR(input.volume, 4, 1e-12);
     EXPECT_LT(largest_error(input, "f", [](dvec3 p) { return p.x; }), 1e-12);
@@ -201,7 +189,7 @@ TEST_F(FormatsTest, ParallelStructuredGrids) {
 
 TEST_F(FormatsTest, DamagedPvd) {
   const auto of = [&](const std::string& body) {
-    write("a.pvd", test::vtk_file("Collection", body));
+    write("a.pvd", vtk_file("Collection", body));
     return error_of("a.pvd");
   };
   EXPECT_THAT(of(""), HasSubstr("names no files"));
@@ -214,17 +202,17 @@ TEST_F(FormatsTest, DamagedPvd) {
 TEST_F(FormatsTest, FilesThatNameEachOtherTooOftenAreRefused) {
   write_tetrahedron("a.vtu", 0, "f");
   std::filesystem::create_directory_symlink(".", path("same"));
-  write("10.vtm", test::vtm_file({"a.vtu"}));
+  write("10.vtm", vtm_file({"a.vtu"}));
   for (int i = 0; i < 10; ++i) {
     std::vector<std::string> blocks;
     for (int k = 0; k < 16; ++k) blocks.push_back(fmt::format("{}{}.vtm", k % 2 ? "same/" : "", i + 1));
-    write(fmt::format("{}.vtm", i), test::vtm_file(blocks));
+    write(fmt::format("{}.vtm", i), vtm_file(blocks));
   }
   EXPECT_THAT(error_of("0.vtm"), HasSubstr("stand for 2.27e+12 files, and at most 1048576 are read"));
   std::string pieces;
   for (int i = 0; i < 1024; ++i) pieces += "<Piece Source=\"a.vtu\"/>";
-  write("a.pvtu", test::vtk_file("PUnstructuredGrid", pieces));
-  write("a.vtm", test::vtm_file(std::vector<std::string>(1024, "a.pvtu")));
+  write("a.pvtu", vtk_file("PUnstructuredGrid", pieces));
+  write("a.vtm", vtm_file(std::vector<std::string>(1024, "a.pvtu")));
   EXPECT_THAT(error_of("a.vtm"), HasSubstr("stand for 1.05e+06 files"));
 }
 
@@ -242,11 +230,11 @@ TEST_F(FormatsTest, Vtm) {
       "<DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">0 0 0 1 0 0 0 1 0</DataArray></Points>"
       "<Polys><DataArray type=\"Int32\" Name=\"connectivity\" format=\"ascii\">0 1 2</DataArray>"
       "<DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\">3</DataArray></Polys></Piece></PolyData></VTKFile>");
-  write("all.vtm", test::vtk_file("vtkMultiBlockDataSet",
-                                  "<DataSet index=\"0\" file=\"blocks/a.vtu\"/><Block index=\"1\"><Block index=\"0\">"
-                                  "<DataSet index=\"0\" file=\"blocks/deep/b.vtu\"/></Block><DataSet index=\"1\" "
-                                  "file=\"blocks/wall.vtp\"/></Block><DataSet index=\"2\"/>"));
-  const auto input = test::value_of(read_input({path("all.vtm")}));
+  write("all.vtm", vtk_file("vtkMultiBlockDataSet",
+                            "<DataSet index=\"0\" file=\"blocks/a.vtu\"/><Block index=\"1\"><Block index=\"0\">"
+                            "<DataSet index=\"0\" file=\"blocks/deep/b.vtu\"/></Block><DataSet index=\"1\" "
+                            "file=\"blocks/wall.vtp\"/></Block><DataSet index=\"2\"/>"));
+  const auto input = value_of(read_input({path("all.vtm")}));
   EXPECT_EQ(input.pieces.size(), 2u) << "no surface, no empty block";
   EXPECT_EQ(input.census.left_out, 1u) << "the triangle";
   EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "g"));
@@ -258,21 +246,21 @@ TEST_F(FormatsTest, Vtm) {
   const auto folder = read_input({folder_ + "blocks"}, {{"f"}, {}});
   EXPECT_FALSE(folder) << "the blocks alone differ";
 
-  write("wall.vtm", test::vtm_file({"blocks/wall.vtp"}));
+  write("wall.vtm", vtm_file({"blocks/wall.vtp"}));
   EXPECT_THAT(error_of("wall.vtm"), HasSubstr("only surface cells (1 triangle); splatvol draws volumes"));
-  write("gone.vtm", test::vtm_file({"blocks/gone.vtu"}));
+  write("gone.vtm", vtm_file({"blocks/gone.vtu"}));
   EXPECT_THAT(error_of("gone.vtm"), AllOf(StartsWith(path("gone.vtm")), HasSubstr("blocks/gone.vtu")));
-  write("loop.vtm", test::vtm_file({"loop.vtm"}));
+  write("loop.vtm", vtm_file({"loop.vtm"}));
   EXPECT_THAT(error_of("loop.vtm"), HasSubstr("files name each other too deeply"));
 }
 
 // An array of cells that not all blocks have.
 TEST_F(FormatsTest, VtmWithArraysOfCells) {
   write_tetrahedron("a.vtu", 0, "f");
-  write("b.vtu", test::tetrahedron_at(2, {}, {{"c", {7}}}).file());
-  write("all.vtm", test::vtm_file({"a.vtu", "b.vtu"}));
+  write("b.vtu", tetrahedron_at(2, {}, {{"c", {7}}}).file());
+  write("all.vtm", vtm_file({"a.vtu", "b.vtu"}));
   for (const CellValues cells : {CellValues::averaged, CellValues::own}) {
-    const auto input = test::value_of(read_input({path("all.vtm")}, {.cells = cells}));
+    const auto input = value_of(read_input({path("all.vtm")}, {.cells = cells}));
     EXPECT_EQ(input.points, cells == CellValues::own ? 2u : 8u);
     EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "c"));
     const std::size_t c = input.index_of("c");
@@ -477,7 +465,7 @@ TEST_F(FormatsTest, Gmsh) {
   for (const bool version4 : {false, true})
     for (const bool binary : {false, true}) {
       write("a.msh", version4 ? gmsh_4(binary, gmsh_mesh()) : gmsh_2(binary, gmsh_mesh()));
-      const auto input = test::value_of(read_input({path("a.msh")}));
+      const auto input = value_of(read_input({path("a.msh")}));
       EXPECT_EQ(input.points, 18u);
       EXPECT_NEAR(input.volume, 1 + 1.0 / 6, 1e-12);
       EXPECT_EQ(input.census.cells.at("quadratic tetrahedron"), 1u);
@@ -492,9 +480,9 @@ TEST_F(FormatsTest, Gmsh) {
       const std::size_t cell = input.index_of("cell");
       EXPECT_EQ(input.pieces[0].values[cell][0], 3);
       EXPECT_EQ(input.pieces[0].values[cell][17], 4);
-      const auto first = test::value_of(read_input({path("a.msh")}, {{"f"}, {}, 0.2}));
+      const auto first = value_of(read_input({path("a.msh")}, {{"f"}, {}, 0.2}));
       EXPECT_LT(largest_error(first, "f"), 1e-12);
-      test::expect_series(path("a.msh"), folder_, 2);
+      expect_series(path("a.msh"), folder_, 2);
       expect_refused_or_equal("a.msh", "a.msh", 7);
     }
 }
@@ -526,7 +514,7 @@ TEST_F(FormatsTest, GmshOrders) {
     text += "\n$EndElements\n$NodeData\n1\n\"f\"\n1\n0\n3\n0\n1\n27\n";
     for (std::size_t i = 0; i < 27; ++i) text += fmt::format("{} {}\n", 10 * i + 5, field(points[i]));
     write("a.msh", text + "$EndNodeData\n");
-    const auto input = test::value_of(read_input({path("a.msh")}));
+    const auto input = value_of(read_input({path("a.msh")}));
     EXPECT_NEAR(input.volume, 1, 1e-12) << type;
     EXPECT_EQ(input.census.inverted, 0u) << type;
     EXPECT_LT(largest_error(input, "f"), 1e-12) << type;
@@ -556,7 +544,7 @@ TEST_F(FormatsTest, RepeatedElementsOfGmshCountOnce) {
       "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$EndNodes\n$Elements\n2\n"
       "1 4 2 1 1 1 2 3 4\n2 4 2 2 1 1 2 3 4\n$EndElements\n$NodeData\n1\n\"f\"\n1\n0\n3\n0\n1\n4\n1 1\n2 2\n3 3\n4 4\n"
       "$EndNodeData\n");
-  const auto input = test::value_of(read_input({path("a.msh")}));
+  const auto input = value_of(read_input({path("a.msh")}));
   EXPECT_NEAR(input.volume, 1.0 / 6, 1e-12);
   EXPECT_EQ(input.census.cells.at("tetrahedron"), 1u);
 }
@@ -612,7 +600,7 @@ TEST_F(FormatsTest, GroupsOfGmshArePatches) {
       EXPECT_THAT(patches_of({"a.msh"}), UnorderedElementsAre(Pair("wall", 2), Pair("floor", 2),
                                                               Pair("physical surface 7", 2), Pair("outer", 6)))
           << version4 << binary;
-      const auto input = test::value_of(read_input({path("a.msh")}));
+      const auto input = value_of(read_input({path("a.msh")}));
       EXPECT_THAT(input.pieces[0].patches, IsEmpty()) << "unless they are wanted";
       expect_refused_or_equal("a.msh", "a.msh", 7, {.patches = true});
     }
@@ -638,7 +626,7 @@ TEST_F(FormatsTest, OtherTextsOfGmsh) {
     EXPECT_THAT(patches_of({"a.msh"}), UnorderedElementsAre(Pair("wall", 2), Pair("floor", 2),
                                                             Pair("physical surface 7", 2), Pair("outer", 6)))
         << text;
-    EXPECT_THAT(test::value_of(read_input({path("a.msh")})).attributes, ElementsAre("f")) << text;
+    EXPECT_THAT(value_of(read_input({path("a.msh")})).attributes, ElementsAre("f")) << text;
   }
   for (const auto& [from, to, part] : std::vector<std::array<std::string, 3>>{
            {"\"f\"", "\"f", "$NodeData is damaged"}, {"$Nodes", "1 2 3\n$Nodes", "outside of the sections"}}) {
@@ -672,7 +660,7 @@ TEST_F(FormatsTest, QuadraticGroupsOfGmshArePatches) {
 TEST_F(FormatsTest, MaterialsOfGmsh) {
   const auto input_of = [&](const std::string& text) {
     write("a.msh", text);
-    return test::value_of(read_input({path("a.msh")}));
+    return value_of(read_input({path("a.msh")}));
   };
   for (const bool version4 : {false, true})
     for (const bool binary : {false, true}) {
@@ -751,12 +739,12 @@ std::string su2_restart() {
 TEST_F(FormatsTest, Su2) {
   write("a.su2", su2_mesh);
   write("restart.csv", su2_restart());
-  const auto input = test::value_of(read_input({path("a.su2"), path("restart.csv")}));
+  const auto input = value_of(read_input({path("a.su2"), path("restart.csv")}));
   EXPECT_THAT(input.attributes, ElementsAre("f"));
   EXPECT_EQ(input.points, 9u);
   EXPECT_NEAR(input.volume, 1 + 1.0 / 3, 1e-12);
   EXPECT_LT(largest_error(input, "f"), 1e-6);
-  EXPECT_THAT(test::value_of(read_input({path("a.su2")})).attributes, ElementsAre("cell_volume"));
+  EXPECT_THAT(value_of(read_input({path("a.su2")})).attributes, ElementsAre("cell_volume"));
   const auto error_with = [&](const std::string& mesh, const std::string& csv) {
     write("b.su2", mesh);
     write("b.csv", csv);
@@ -792,7 +780,7 @@ TEST_F(FormatsTest, Su2LeavesOutOtherEntries) {
   for (const std::string& mesh :
        {su2_mesh + boxes + periods, markers + exchange + boxes, markers + exchange + periods}) {
     write("a.su2", mesh);
-    EXPECT_EQ(test::value_of(read_input({path("a.su2"), path("restart.csv")})).points, 9u);
+    EXPECT_EQ(value_of(read_input({path("a.su2"), path("restart.csv")})).points, 9u);
     EXPECT_THAT(patches_of({"a.su2", "restart.csv"}), UnorderedElementsAre(Pair("wall", 2), Pair("outer", 12)));
   }
   write("a.su2", su2_mesh + "0 0 0\n" + boxes);
@@ -842,7 +830,7 @@ TEST_F(FormatsTest, MarkersOfSu2ArePatches) {
                            "5 0 2 8\n"),
               UnorderedElementsAre(Pair("inside", 2), Pair("none", 1), Pair("outer", 14)));
   write("a.su2", su2_mesh);
-  const auto input = test::value_of(read_input({path("a.su2"), path("restart.csv")}));
+  const auto input = value_of(read_input({path("a.su2"), path("restart.csv")}));
   EXPECT_THAT(input.pieces[0].patches, IsEmpty()) << "unless they are wanted";
 }
 
@@ -908,7 +896,7 @@ void write_vtkhdf(const std::string& path) {
 TEST_F(FormatsTest, VtkHdf) {
   write_vtkhdf(path("a.vtkhdf"));
   for (const auto& [asked, step] : {std::pair<std::optional<double>, std::size_t>{std::nullopt, 1}, {0.6, 0}}) {
-    const auto input = test::value_of(read_input({path("a.vtkhdf")}, {{}, {}, asked}));
+    const auto input = value_of(read_input({path("a.vtkhdf")}, {{}, {}, asked}));
     EXPECT_EQ(input.pieces.size(), 2u);
     EXPECT_NEAR(input.volume, 1.0 / 3, 1e-12);
     EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "c"));
@@ -919,7 +907,7 @@ TEST_F(FormatsTest, VtkHdf) {
     EXPECT_EQ(input.pieces[0].values[c][0], 3);
     EXPECT_EQ(input.pieces[1].values[c][0], 4);
   }
-  test::expect_series(path("a.vtkhdf"), folder_, 2);
+  expect_series(path("a.vtkhdf"), folder_, 2);
   expect_refused_or_equal("a.vtkhdf", "a.vtkhdf", 401);
 }
 
@@ -934,14 +922,14 @@ TEST_F(FormatsTest, BesideFilesWithOtherArrays) {
   const std::vector<std::vector<std::string>> inputs = {
       {path("a.vtkhdf")}, {path("text.msh")}, {path("binary.msh")}, {path("a.su2"), path("restart.csv")}};
   for (const std::vector<std::string>& format : inputs) {
-    const auto alone = test::value_of(read_input(format));
+    const auto alone = value_of(read_input(format));
     for (const bool format_first : {true, false}) {
       std::vector<std::string> paths = format;
       paths.insert(format_first ? paths.end() : paths.begin(), path("other.vtu"));
-      const auto input = test::value_of(read_input(paths));
+      const auto input = value_of(read_input(paths));
       std::vector<std::string> expected = alone.attributes;
       expected.insert(format_first ? expected.end() : expected.begin(), "other");
-      EXPECT_THAT(input.attributes, ::testing::UnorderedElementsAreArray(expected));
+      EXPECT_THAT(input.attributes, UnorderedElementsAreArray(expected));
       for (const Piece& piece : input.pieces)
         for (std::size_t a = 0; a < input.attributes.size(); ++a)
           EXPECT_EQ(std::isnan(piece.values[a][0]), (piece.points[0].x >= 20) != (input.attributes[a] == "other"))
@@ -967,7 +955,7 @@ TEST_F(FormatsTest, VtkHdfImage) {
   put_array<double>(data, "f", values, {4, 2, 3});
   for (const hid_t group : {data, root}) H5Gclose(group);
   H5Fclose(file);
-  const auto input = test::value_of(read_input({path("a.hdf")}));
+  const auto input = value_of(read_input({path("a.hdf")}));
   EXPECT_EQ(input.points, 24u);
   EXPECT_NEAR(input.volume, 6, 1e-12);
   EXPECT_LT(largest_error(input, "f"), 1e-12);
@@ -976,4 +964,4 @@ TEST_F(FormatsTest, VtkHdfImage) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

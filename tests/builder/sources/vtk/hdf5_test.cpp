@@ -14,25 +14,19 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using test::make_group;
-using test::put_array;
-using ::testing::AllOf;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::StartsWith;
+using namespace ::testing;
 
 const std::vector<double> values = {1, 2, 3, 4};
 
-class Hdf5Test : public test::FolderTest {
- protected:
+struct Hdf5Test : FolderTest {
   /// Writes a tetrahedron with the values "f" and what `put_more` puts at its points.
   std::string write_mesh(const std::string& name, const std::function<void(hid_t points)>& put_more) const {
     const hid_t file = H5Fcreate(path(name).c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT),
                 root = make_group(file, "VTKHDF"), points = make_group(root, "PointData");
-    test::put_type(root, "UnstructuredGrid");
+    put_type(root, "UnstructuredGrid");
     put_array<double>(root, "Points", {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, {4, 3});
     for (const char* count : {"NumberOfPoints", "NumberOfConnectivityIds"}) put_array<std::int64_t>(root, count, {4});
     put_array<std::int64_t>(root, "NumberOfCells", {1});
@@ -49,13 +43,13 @@ class Hdf5Test : public test::FolderTest {
   /// Expects that an array "p" at the points is refused by its name, unless it is not wanted.
   void expect_refused(const std::string& reason, const std::function<void(hid_t points)>& put_p) const {
     const std::string mesh = write_mesh("a.vtkhdf", put_p);
-    EXPECT_THAT(test::error_of({mesh}), AllOf(StartsWith(mesh), HasSubstr("PointData/p\""), HasSubstr(reason)));
-    EXPECT_EQ(test::error_of({mesh}, {{"f"}, {}}), "(no error)") << reason;
+    EXPECT_THAT(error_of({mesh}), AllOf(StartsWith(mesh), HasSubstr("PointData/p\""), HasSubstr(reason)));
+    EXPECT_EQ(error_of({mesh}, {{"f"}, {}}), "(no error)") << reason;
   }
 
   /// Expects the values 1 to 4 of an array "p".
   void expect_values(const std::string& mesh) const {
-    const auto input = test::value_of(test::read_input({mesh}, {{"p"}, {}}));
+    const auto input = value_of(read_input({mesh}, {{"p"}, {}}));
     EXPECT_EQ(input.pieces.at(0).values.at(0), values);
   }
 
@@ -76,12 +70,12 @@ TEST_F(Hdf5Test, RawDataThatIsCutOff) {
     const std::string whole = read_text_file(path(raw)).value();
     for (std::size_t bytes = 0; bytes < whole.size(); ++bytes) {
       write(raw, whole.substr(0, bytes));
-      EXPECT_THAT(test::error_of({mesh}), AllOf(HasSubstr("PointData/p"), HasSubstr(path(raw)))) << bytes;
+      EXPECT_THAT(error_of({mesh}), AllOf(HasSubstr("PointData/p"), HasSubstr(path(raw)))) << bytes;
     }
     std::filesystem::remove(path(raw));
-    EXPECT_THAT(test::error_of({mesh}), AllOf(HasSubstr("PointData/p"), HasSubstr(path(raw))));
+    EXPECT_THAT(error_of({mesh}), AllOf(HasSubstr("PointData/p"), HasSubstr(path(raw))));
     ::mkfifo(path(raw).c_str(), 0600);
-    EXPECT_THAT(test::error_of({mesh}), HasSubstr(path(raw) + ": not a regular file"));
+    EXPECT_THAT(error_of({mesh}), HasSubstr(path(raw) + ": not a regular file"));
     write(raw, whole);
   }
   expect_values(mesh);
@@ -120,8 +114,8 @@ TEST_F(Hdf5Test, ArraysThatWereNotWritten) {
       write_mesh("packed.vtkhdf", [&](hid_t points) { put_array<double>(points, "p", values, {}, compressed()); }));
   expect_values(
       write_mesh("whole.vtkhdf", [&](hid_t points) { put_array<double>(points, "p", values, {}, chunked(nullptr)); }));
-  const auto input = test::value_of(test::read_input(
-      {write_mesh("nan.vtkhdf", [&](hid_t points) { put_half(points, chunked(&nothing)); })}, {{"p"}, {}}));
+  const auto input = value_of(
+      read_input({write_mesh("nan.vtkhdf", [&](hid_t points) { put_half(points, chunked(&nothing)); })}, {{"p"}, {}}));
   const std::vector<double>& half = input.pieces.at(0).values.at(0);
   EXPECT_EQ(half[1], 2);
   EXPECT_TRUE(std::isnan(half[2]));
@@ -168,7 +162,7 @@ TEST_F(Hdf5Test, ArraysOfOtherKinds) {
   expect_refused("neither numbers nor texts", put_type_of(pair));
   const hsize_t three = 3;
   expect_refused("neither numbers nor texts", put_type_of(H5Tarray_create2(H5T_NATIVE_DOUBLE, 1, &three)));
-  EXPECT_EQ(test::error_of({write_mesh("text.vtkhdf", put_type_of(H5Tcopy(H5T_C_S1)))}), "(no error)");
+  EXPECT_EQ(error_of({write_mesh("text.vtkhdf", put_type_of(H5Tcopy(H5T_C_S1)))}), "(no error)");
 }
 
 /// A library that HDF5 takes for a filter ends the process that loads it.
@@ -192,7 +186,7 @@ TEST_F(Hdf5Test, FiltersOfTheEnvironmentAreNotLoaded) {
     put_array<double>(points, "p", values, {}, plan);
   });
   ASSERT_EQ(::setenv("HDF5_PLUGIN_PATH", SPLATVOL_HDF5_FILTERS, 1), 0);
-  ReaderProcess reader(test::reader_options());
+  ReaderProcess reader(reader_options());
   const auto source = reader.open({mesh}, {});
   ::unsetenv("HDF5_PLUGIN_PATH");
   ASSERT_FALSE(source);
@@ -200,4 +194,4 @@ TEST_F(Hdf5Test, FiltersOfTheEnvironmentAreNotLoaded) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

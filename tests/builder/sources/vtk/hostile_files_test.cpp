@@ -16,14 +16,10 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using testing::AllOf;
-using testing::AnyOf;
-using testing::HasSubstr;
-using testing::Not;
-using testing::StartsWith;
+using namespace ::testing;
 
 constexpr const char* sound = "(no error)";
 
@@ -47,22 +43,21 @@ std::string text_of(const Vtu& file) {
 
 /// A legacy file of four points, with what follows them.
 std::string legacy(const std::string& rest) {
-  return test::legacy_file("UNSTRUCTURED_GRID\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n" + rest);
+  return legacy_file("UNSTRUCTURED_GRID\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n" + rest);
 }
 const std::string legacy_cells = "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nPOINT_DATA 4\n";
 const std::string legacy_values = "SCALARS g float 1\nLOOKUP_TABLE default\n1 2 3 4\n";
 
 /// An image of 2 x 1 x 1 cells in pieces of 1 cell, with these extents along x.
 std::string image(const std::vector<std::string>& extents, const std::string& attributes = "Spacing=\"1 1 1\"") {
-  const std::string values = test::data_arrays({{"f", {1, 2, 3, 4, 5, 6, 7, 8}}});
+  const std::string values = data_arrays({{"f", {1, 2, 3, 4, 5, 6, 7, 8}}});
   std::string pieces;
   for (const std::string& extent : extents)
     pieces += fmt::format("<Piece Extent=\"{} 0 1 0 1\"><PointData>{}</PointData></Piece>", extent, values);
-  return test::vtk_file("ImageData", pieces, "WholeExtent=\"0 2 0 1 0 1\" " + attributes);
+  return vtk_file("ImageData", pieces, "WholeExtent=\"0 2 0 1 0 1\" " + attributes);
 }
 
-class HostileFilesTest : public test::FolderTest {
- protected:
+struct HostileFilesTest : FolderTest {
   std::string error_of(const std::string& name, const std::string& text) const {
     const std::string error = test::error_of({write(name, text)});
     if (error != sound) {
@@ -249,11 +244,11 @@ TEST_F(HostileFilesTest, CutOffAdfFilesAreRefusedOrWhole) {
   write_adf(path("whole.cgns"));
   const std::string whole = read_text_file(path("whole.cgns")).value();
   ASSERT_THAT(whole.substr(0, 32), HasSubstr("ADF Database"));
-  const auto expected = test::value_of(test::read_input({path("whole.cgns")}));
+  const auto expected = value_of(read_input({path("whole.cgns")}));
   std::size_t refused = 0;
   for (std::size_t size = 40; size < whole.size(); size += 201) {
     const std::string cut = write("cut.cgns", whole.substr(0, size));
-    const auto input = test::read_input({cut});
+    const auto input = read_input({cut});
     if (!input) {
       ++refused;
       EXPECT_THAT(input.error().message, StartsWith(cut)) << size;
@@ -277,4 +272,4 @@ TEST_F(HostileFilesTest, AdfFilesWithTextNumbersStateTheirEndToo) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

@@ -16,19 +16,15 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::AnyOf;
-using ::testing::HasSubstr;
-using ::testing::StartsWith;
+using namespace ::testing;
 
 enum class Special { pipe, device, socket };
 constexpr std::array specials = {Special::pipe, Special::device, Special::socket};
 
-class SpecialFilesTest : public test::FolderTest {
- protected:
+struct SpecialFilesTest : FolderTest {
   void make(Special special, const std::string& name) const {
     std::filesystem::create_directories(std::filesystem::path(path(name)).parent_path());
     std::filesystem::remove(path(name));
@@ -51,9 +47,9 @@ class SpecialFilesTest : public test::FolderTest {
     for (const std::string& input : inputs) paths.push_back(path(input));
     for (const Special special : specials) {
       make(special, named);
-      EXPECT_THAT(test::error_of(paths), AllOf(HasSubstr(named), AnyOf(HasSubstr("a pipe, a device or a socket"),
-                                                                       HasSubstr("not a regular file"),
-                                                                       HasSubstr("No such device or address"))))
+      EXPECT_THAT(error_of(paths), AllOf(HasSubstr(named), AnyOf(HasSubstr("a pipe, a device or a socket"),
+                                                                 HasSubstr("not a regular file"),
+                                                                 HasSubstr("No such device or address"))))
           << inputs[0] << " " << static_cast<int>(special);
     }
   }
@@ -75,9 +71,9 @@ TEST_F(SpecialFilesTest, OfEnsight) {
 }
 
 TEST_F(SpecialFilesTest, OfFilesOfVtk) {
-  write("a.pvtu", test::vtk_file("PUnstructuredGrid", "<Piece Source=\"piece\"/>", "GhostLevel=\"0\""));
-  write("a.vtm", test::vtm_file({"piece"}));
-  write("a.pvd", test::vtk_file("Collection", "<DataSet timestep=\"0\" file=\"piece\"/>"));
+  write("a.pvtu", vtk_file("PUnstructuredGrid", "<Piece Source=\"piece\"/>", "GhostLevel=\"0\""));
+  write("a.vtm", vtm_file({"piece"}));
+  write("a.pvd", vtk_file("Collection", "<DataSet timestep=\"0\" file=\"piece\"/>"));
   for (const char* name : {"a.pvtu", "a.vtm", "a.pvd"}) expect_refused({name}, "piece");
   write("a.su2", "NDIME= 3\nNELEM= 1\n10 0 1 2 3\nNPOIN= 4\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n");
   expect_refused({"a.su2", "values.csv"}, "values.csv");
@@ -104,7 +100,7 @@ TEST_F(SpecialFilesTest, OfHdf5) {
 }
 
 TEST_F(SpecialFilesTest, OfGltf) {
-  ReaderProcess reader(test::reader_options());
+  ReaderProcess reader(reader_options());
   write("a.gltf",
         R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],"meshes":[{"primitives":)"
         R"([{"attributes":{"POSITION":0},"mode":4}]}],"accessors":[{"bufferView":0,"componentType":5126,"count":3,)"
@@ -113,11 +109,11 @@ TEST_F(SpecialFilesTest, OfGltf) {
   EXPECT_THAT(reader.read_surface(path("a.gltf")).error().message, HasSubstr("buffer.bin: cannot open"));
   for (const Special special : specials) {
     make(special, "buffer.bin");
-    EXPECT_THAT(test::message_of(reader.read_surface(path("a.gltf"))),
+    EXPECT_THAT(message_of(reader.read_surface(path("a.gltf"))),
                 AllOf(StartsWith(path("a.gltf")), HasSubstr("buffer.bin: "),
                       AnyOf(HasSubstr("not a regular file"), HasSubstr("No such device or address"))));
   }
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

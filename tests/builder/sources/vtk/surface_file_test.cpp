@@ -18,14 +18,10 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using testing::AllOf;
-using testing::AnyOf;
-using testing::HasSubstr;
-using testing::SizeIs;
-using testing::StartsWith;
+using namespace ::testing;
 
 /// A square of side 2 at z = 3, as each format writes it.
 struct SurfaceText {
@@ -38,7 +34,7 @@ std::vector<SurfaceText> squares() {
       {"a.stl",
        "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 3\nvertex 2 0 3\nvertex 2 2 3\nendloop\nendfacet\n"
        "facet normal 0 0 1\nouter loop\nvertex 0 0 3\nvertex 2 2 3\nvertex 0 2 3\nendloop\nendfacet\nendsolid a\n"},
-      {"b.stl", test::stl_of(test::plate({0, 0, 3}, {2, 0, 0}, {0, 2, 0}))},
+      {"b.stl", stl_of(plate({0, 0, 3}, {2, 0, 0}, {0, 2, 0}))},
       {"a.obj", "v 0 0 3\nv 2 0 3\nv 2 2 3\nv 0 2 3\nf 1 2 3 4\n"},
       {"a.ply",
        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
@@ -62,8 +58,7 @@ std::vector<SurfaceText> squares() {
        R"(octet-stream;base64,AAAAAAAAAAAAAAAAAAAAQAAAAAAAAAAAAAAAQAAAAEAAAAAAAAAAAAAAAEAAAAAAAAABAAIAAAACAAMA"}]})"}};
 }
 
-class SurfaceFiles : public test::FolderTest {
- protected:
+struct SurfaceFiles : FolderTest {
   Result<TriangleMesh> read(const std::string& path) { return reader_.read_surface(path); }
 
   std::string error_of(const std::string& path) {
@@ -73,12 +68,12 @@ class SurfaceFiles : public test::FolderTest {
     return mesh.error().message;
   }
 
-  ReaderProcess reader_{test::reader_options()};
+  ReaderProcess reader_{reader_options()};
 };
 
 TEST_F(SurfaceFiles, OfEachFormatGiveTheSameTriangles) {
   for (const auto& [name, text] : squares()) {
-    const auto mesh = test::value_of(read(write(name, text)));
+    const auto mesh = value_of(read(write(name, text)));
     ASSERT_EQ(mesh.triangles.size(), 2u) << name;
     double area = 0;
     Box box;
@@ -94,10 +89,10 @@ TEST_F(SurfaceFiles, OfEachFormatGiveTheSameTriangles) {
 }
 
 TEST_F(SurfaceFiles, TrianglesAtNumbersThatAreNoneAreLeftOut) {
-  TriangleMesh odd = test::plate({0, 0, 0}, {2, 0, 0}, {0, 2, 0}, 2);  // 8 triangles
-  odd.points[0].y = std::nan("");                                      // a corner of 2
-  odd.points[2].x = 1e60;                                              // of 1
-  const auto mesh = test::value_of(read(write("a.stl", test::stl_of(odd))));
+  TriangleMesh odd = plate({0, 0, 0}, {2, 0, 0}, {0, 2, 0}, 2);  // 8 triangles
+  odd.points[0].y = std::nan("");                                // a corner of 2
+  odd.points[2].x = 1e60;                                        // of 1
+  const auto mesh = value_of(read(write("a.stl", stl_of(odd))));
   EXPECT_EQ(mesh.triangles.size(), 5u);
 }
 
@@ -151,7 +146,7 @@ std::string doublings(int count) {
 }
 
 TEST_F(SurfaceFiles, ThatShowTheirPartsTooOftenAreRefused) {
-  const auto mesh = test::value_of(read(write("a.gltf", square_shown_by(doublings(3)))));
+  const auto mesh = value_of(read(write("a.gltf", square_shown_by(doublings(3)))));
   EXPECT_EQ(mesh.triangles.size(), 16u);
   for (const int count : {21, 30, 60, 5000})
     EXPECT_THAT(error_of(write("a.gltf", square_shown_by(doublings(count)))),
@@ -197,7 +192,7 @@ std::string binary_ply(bool big_endian) {
 TEST_F(SurfaceFiles, OfBinaryPlyAreWhole) {
   for (const bool big_endian : {false, true}) {
     const std::string whole = binary_ply(big_endian);
-    const auto mesh = test::value_of(read(write("a.ply", whole)));
+    const auto mesh = value_of(read(write("a.ply", whole)));
     EXPECT_EQ(mesh.triangles.size(), 2u);
     for (std::size_t bytes = 0; bytes < whole.size(); ++bytes)
       EXPECT_THAT(error_of(write("a.ply", whole.substr(0, bytes))), StartsWith(path("a.ply") + ": ")) << bytes;
@@ -209,7 +204,7 @@ TEST_F(SurfaceFiles, OfObjThatAreCutOff) {
   const std::string obj =
       "v 0 0 3\nv 2 0 3\nv 2 2 3\nv 0 2 3\nvn 0 0 1\nvt 0 0\nf 1/1/1 2/1/1 3/1/1\n"
       "f 1/1/1 3/1/1 \\\n4/1/1\nf -4/1/1 -2/1/1 -1/1/1\n# the end\n";
-  const auto mesh = test::value_of(read(write("a.obj", obj)));
+  const auto mesh = value_of(read(write("a.obj", obj)));
   ASSERT_EQ(mesh.triangles.size(), 3u);
   for (const char* text : {"v 0 0", "v 0 0 x", "v 0 0 1,5", "v 0,5 0 1", "vn 0 0", "vn 0 0 1,5", "vt 0,5", "f 1 2",
                            "f 1", "f", "v", "f 1 2 5", "f 1 2 0", "f -1 -2 -5", "f 1 2 3.5", "f 1 2 3/x"}) {
@@ -294,4 +289,4 @@ TEST_F(SurfaceFiles, ThatLieAreRefused) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test

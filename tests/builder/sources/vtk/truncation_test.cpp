@@ -25,12 +25,10 @@
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
-namespace splatvol {
+namespace splatvol::test {
 namespace {
 
-using ::testing::AnyOf;
-using ::testing::HasSubstr;
-using ::testing::StartsWith;
+using namespace ::testing;
 
 constexpr int side = 4;  // points along an edge
 constexpr std::array legacy_versions = {vtkDataWriter::VTK_LEGACY_READER_VERSION_4_2,
@@ -95,18 +93,17 @@ std::vector<Sample> samples() {
   return all;
 }
 
-class TruncationTest : public test::FolderTest {
- protected:
+struct TruncationTest : FolderTest {
   /// Cuts a file at its last bytes and at random places. Expects an error, or all that the whole file holds.
   void expect_no_wrong_result(const std::string& name) {
     const std::string whole = read_text_file(path(name)).value();
-    const auto expected = test::value_of(test::read_input({path(name)}));
+    const auto expected = value_of(read_input({path(name)}));
     std::vector<std::size_t> sizes;
     for (const std::size_t missing : {1, 2, 3, 5, 9, 20, 40, 80, 160}) sizes.push_back(whole.size() - missing);
     for (int i = 0; i < 16; ++i) sizes.push_back(random_() % whole.size());
     for (const std::size_t size : sizes) {
       const std::string cut = write("cut" + name.substr(name.find('.')), whole.substr(0, size));
-      const auto input = test::read_input({cut});
+      const auto input = read_input({cut});
       ++cuts_;
       if (!input) {
         ++refused_;
@@ -208,12 +205,12 @@ TEST_F(TruncationTest, LegacySections) {
   };
   for (const std::string& section : sections) {
     const std::string whole = head + section;
-    ASSERT_EQ(test::message_of(test::read_input({write("whole.vtk", whole)})), "") << section;
+    ASSERT_EQ(message_of(read_input({write("whole.vtk", whole)})), "") << section;
     // Without the last space, which follows the last number, the line end does; without both it may be cut.
     for (std::size_t size = head.size() + 1; size + 2 < whole.size(); ++size)
-      EXPECT_NE(test::error_of({write("cut.vtk", whole.substr(0, size))}), "(no error)") << whole.substr(0, size);
-    EXPECT_THAT(test::error_of({write("cut.vtk", whole.substr(0, whole.size() - 2))}), HasSubstr("add a line end"));
-    EXPECT_EQ(test::error_of({write("cut.vtk", whole.substr(0, whole.size() - 1))}), "(no error)");
+      EXPECT_NE(error_of({write("cut.vtk", whole.substr(0, size))}), "(no error)") << whole.substr(0, size);
+    EXPECT_THAT(error_of({write("cut.vtk", whole.substr(0, whole.size() - 2))}), HasSubstr("add a line end"));
+    EXPECT_EQ(error_of({write("cut.vtk", whole.substr(0, whole.size() - 1))}), "(no error)");
   }
 }
 
@@ -228,7 +225,7 @@ TEST_F(TruncationTest, DamagedLegacyFilesAreSurvived) {
         for (int i = 0; i < 24; ++i) {
           std::string damaged = whole;
           damaged[random_() % whole.size()] ^= static_cast<char>(1 << random_() % 8);
-          const std::string error = test::error_of({write("damaged.vtk", damaged)});
+          const std::string error = error_of({write("damaged.vtk", damaged)});
           EXPECT_THAT(error, AnyOf(StartsWith(path("damaged.vtk") + ": "), "(no error)"));
         }
       }
@@ -245,10 +242,10 @@ TEST_F(TruncationTest, LegacyCellsMustFitTogether) {
   const auto error_with = [&](const std::string& from, const std::string& to) {
     std::string text = head + points + tetrahedron + data;
     text.replace(text.find(from), from.size(), to);
-    return test::error_of({write("a.vtk", text)});
+    return error_of({write("a.vtk", text)});
   };
   EXPECT_EQ(error_with("title", "any"), "(no error)");
-  EXPECT_EQ(test::error_of({write("a.vtk", head + points + octahedron + data)}), "(no error)");
+  EXPECT_EQ(error_of({write("a.vtk", head + points + octahedron + data)}), "(no error)");
   EXPECT_THAT(error_with("4 0 2 4 1", "4 0 2 4 6"), HasSubstr("a cell that names a point which is not there"));
   EXPECT_THAT(error_with("4 0 2 4 1", "5 0 2 4 1"), HasSubstr("cells that are longer than the section"));
   EXPECT_THAT(error_with("4 0 2 4 1", "3 0 2 4 1"), HasSubstr("cells that are shorter than the section"));
@@ -273,7 +270,7 @@ TEST_F(TruncationTest, XmlArraysMustFitTheirPiece) {
     const std::size_t at = text.find(from);
     EXPECT_NE(at, std::string::npos) << from;
     if (at != std::string::npos) text.replace(at, from.size(), to);
-    return test::error_of({write("a." + sample.extension, text)});
+    return error_of({write("a." + sample.extension, text)});
   };
   EXPECT_EQ(error_with(all[3], "NumberOfCells=\"27\"", "NumberOfCells=\"27\""), "(no error)");
   EXPECT_THAT(error_with(all[3], "NumberOfCells=\"27\"", "NumberOfCells=\"22\""),
@@ -289,4 +286,4 @@ TEST_F(TruncationTest, XmlArraysMustFitTheirPiece) {
 }
 
 }  // namespace
-}  // namespace splatvol
+}  // namespace splatvol::test
