@@ -46,10 +46,10 @@ struct ProgramsOnUrl : ProgramTest {
 
 TEST_F(ProgramsOnUrl, DrawThePictureOfTheFile) {
   expect_done("svinfo v.svol --scene s.json");
-  expect_done("svrender v.svol --scene s.json -o near.exr --size 64x64");
+  expect_done("svrender v.svol --scene s.json -o near.exr --size 64x64 --tolerance 0");
   std::string secret = nginx_->url("v.svol?token=abc");
   secret.replace(0, 7, "http://user:pass@");
-  expect_done(fmt::format("svrender '{}' --scene s.json -o far.exr --size 64x64 --stats stats.json", secret));
+  expect_done(fmt::format("svrender '{}' --scene s.json -o far.exr --size 64x64 --tolerance 0 --stats stats.json", secret));
   EXPECT_EQ(read_exr(path("far.exr")).value().pixels, read_exr(path("near.exr")).value().pixels);
   for (const char* file : {"stats.json", "far.exr"}) {
     EXPECT_THAT(read(file), HasSubstr(nginx_->url("v.svol")));
@@ -116,7 +116,7 @@ TEST_F(ProgramsOnUrl, DrawCellsByFewRequests) {
   std::string scene = read("s.json");
   scene.insert(scene.find('{') + 1, R"("clip_box": {"low": [-1.3, -0.9, -0.7], "high": [-0.13, 0.27, 0.47]},)");
   write("s.json", scene);
-  expect_done("svrender mesh.svol --scene s.json --exact -o near.exr --size 64x64");
+  expect_done("svrender mesh.svol --scene s.json --exact -o near.exr --size 64x64 --tolerance 0");
   const std::uint64_t bytes_before = sent_bytes(), before = requests();
   expect_done(fmt::format("svrender {} --scene s.json --exact -o far.exr --size 64x64", nginx_->url("mesh.svol")));
   EXPECT_EQ(read_exr(path("far.exr")).value().pixels, read_exr(path("near.exr")).value().pixels);
