@@ -212,9 +212,7 @@ double error_of_all_points(const Image& all, const Image& coarser, const Image& 
   return error_of_all(distance(sample(all), between), distance(between, sample(coarsest)));
 }
 
-double error_at(const Rays& rays, const Image& picture) {
-  return distance(at_rays(picture, rays), rays.colors());
-}
+double error_at(const Rays& rays, const Image& picture) { return distance(at_rays(picture, rays), rays.colors()); }
 
 // Decides what comes after a candidate, its reference or what tells the reference's error.
 void ErrorControl::judge() {
@@ -252,7 +250,7 @@ void ErrorControl::go_on() {
   const std::uint64_t splats = std::clamp<std::uint64_t>(next_splats(), 1, search_.most_splats);
   const double work = work_of(static_cast<double>(splats), bracket_.spacing);
   if (ask_cells(work)) return;
-  best_ && work > worth * best_->work ? end_of_spacing() : ask_candidate(splats, bracket_.spacing);
+  best_&& work > worth * best_->work ? end_of_spacing() : ask_candidate(splats, bracket_.spacing);
 }
 
 // Whether more splats hardly help, and something else may.

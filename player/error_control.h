@@ -170,12 +170,12 @@ class ErrorControl {
   std::optional<Picture> candidate_, reference_;
   std::vector<vec3> rays_;
   Bracket bracket_;
-  bool may_narrow_;                   // whether narrower samples may help
-  std::optional<Bracket> wide_;       // of samples that were wider, until the first candidate of narrower ones is there
-  std::optional<Picture> best_;       // the candidate of the wanted error with the least work
-  bool is_probing_ = false;           // whether another spacing is less work
-  int exact_spacing_ = 0;             // the widest of cells that was not tried; 0: none is left
-  double splats_ = 0, layers_ = 0;    // of the last picture; its splats one behind the other in a mean pixel
+  bool may_narrow_;                 // whether narrower samples may help
+  std::optional<Bracket> wide_;     // of samples that were wider, until the first candidate of narrower ones is there
+  std::optional<Picture> best_;     // the candidate of the wanted error with the least work
+  bool is_probing_ = false;         // whether another spacing is less work
+  int exact_spacing_ = 0;           // the widest of cells that was not tried; 0: none is left
+  double splats_ = 0, layers_ = 0;  // of the last picture; its splats one behind the other in a mean pixel
   std::optional<double> file_error_;
   double last_apart_ = 0;              // of all points and the resolution before
   std::vector<vec3> coarser_samples_;  // of the resolution before

@@ -651,8 +651,8 @@ Status Player::draw_within(double seconds) {
   return {};
 }
 
-// Draws exact rays through some pixels: what errors of pictures are measured by. None, if that may be much work, or much
-// reading.
+// Draws exact rays through some pixels: what errors of pictures are measured by. None, if that may be much work, or
+// much reading.
 Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
   if (!has_cells() || shows_surfaces() || surface_depths_) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
@@ -660,13 +660,13 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
   if (cells->unknown_cells() > 0 || !(is_near || holds_cells())) return std::nullopt;
   const int spacing = spacing_of_rays(view_.width, view_.height);
   const View view = view_of_rays(view_, spacing);
-  auto drawn = cell_rasterizer_.draw(*cells, {.view = view,
-                                              .transfer = transfer_of(scene_),
-                                              .lighting = scene_.lighting,
-                                              .memory = options_.memory / 2});
+  auto drawn = cell_rasterizer_.draw(
+      *cells,
+      {.view = view, .transfer = transfer_of(scene_), .lighting = scene_.lighting, .memory = options_.memory / 2});
   if (!drawn && drawn.error().code == ErrorCode::unsupported) return std::nullopt;  // cells are too thin
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
-  const double of_rays = static_cast<double>(view_.width) * view_.height / (static_cast<double>(view.width) * view.height);
+  const double of_rays =
+      static_cast<double>(view_.width) * view_.height / (static_cast<double>(view.width) * view.height);
   return DrawnRays{{std::move(picture.image), spacing},
                    {static_cast<double>(cells->tetrahedra()), static_cast<double>(picture.segments) * of_rays}};
 }

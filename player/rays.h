@@ -21,8 +21,8 @@ struct Rays {
 /// Returns how many pixels apart rays are so that there are a few thousand: an odd number.
 [[nodiscard]] int spacing_of_rays(int width, int height);
 
-/// Returns the view whose pixels are every `spacing`-th of `view`: each ray goes through the middle of a pixel. Requires
-/// an odd spacing.
+/// Returns the view whose pixels are every `spacing`-th of `view`: each ray goes through the middle of a pixel.
+/// Requires an odd spacing.
 [[nodiscard]] View view_of_rays(View view, int spacing);
 
 /// Returns RGB of the pixels of a picture that have rays, in the order of Rays::image.

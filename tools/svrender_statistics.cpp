@@ -98,7 +98,8 @@ void print_estimate(const RenderOptions& options, const Drawn& drawn) {
   const ErrorControl::Estimate& estimate = drawn.search->estimate;
   const double max_error = *drawn.chosen.quality.max_error;
   const int spacing = drawn.player->sample_spacing();
-  const std::string drawn_as = drawn.player->exact() ? "cells" : fmt::format("{} splats", drawn.player->frame()->splats);
+  const std::string drawn_as =
+      drawn.player->exact() ? "cells" : fmt::format("{} splats", drawn.player->frame()->splats);
   const std::string samples = spacing > 1 ? fmt::format(" by samples {} pixels apart", spacing) : "";
   print_out("{}: {}{}, an error of {}{:.2g} by comparing {} pictures{}\n", options.written(), drawn_as, samples,
             estimate.measured ? "" : "about ", estimate.error, drawn.search->pictures,
@@ -114,8 +115,8 @@ void print_estimate(const RenderOptions& options, const Drawn& drawn) {
 void print_estimate_of_all(const RenderOptions& options, const Drawn& drawn) {
   constexpr double much = 0.005;
   const double error = drawn.search->estimate.error;
-  print_out("{}: all points, an error of {}{:.2g}\n", options.written(), drawn.search->estimate.measured ? "" : "about ",
-            error);
+  print_out("{}: all points, an error of {}{:.2g}\n", options.written(),
+            drawn.search->estimate.measured ? "" : "about ", error);
   if (error > much && !drawn.player->has_cells())
     fmt::print(stderr,
                "svrender: {}: all points have an error of about {:.2g}, and the file keeps no cells: a file that is "

@@ -49,7 +49,8 @@ TEST_F(ProgramsOnUrl, DrawThePictureOfTheFile) {
   expect_done("svrender v.svol --scene s.json -o near.exr --size 64x64 --tolerance 0");
   std::string secret = nginx_->url("v.svol?token=abc");
   secret.replace(0, 7, "http://user:pass@");
-  expect_done(fmt::format("svrender '{}' --scene s.json -o far.exr --size 64x64 --tolerance 0 --stats stats.json", secret));
+  expect_done(
+      fmt::format("svrender '{}' --scene s.json -o far.exr --size 64x64 --tolerance 0 --stats stats.json", secret));
   EXPECT_EQ(read_exr(path("far.exr")).value().pixels, read_exr(path("near.exr")).value().pixels);
   for (const char* file : {"stats.json", "far.exr"}) {
     EXPECT_THAT(read(file), HasSubstr(nginx_->url("v.svol")));

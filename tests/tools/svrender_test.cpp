@@ -356,9 +356,11 @@ TEST_F(Svrender, FfmpegJoinsTheFramesOfAMovie) {
 }
 
 TEST_F(Svrender, MakesAPageInOneCommand) {
-  expect_done("svrender v.svol -o out.png --tolerance 0 --size 320x240 --background white --scalar-bar --title 'A flow'");
+  expect_done(
+      "svrender v.svol -o out.png --tolerance 0 --size 320x240 --background white --scalar-bar --title 'A flow'");
   const std::string plain = read("out.png");
-  expect_done("svrender v.svol -o out.png --tolerance 0 --size 320x240 --background white --colour-bar --title 'A flow'");
+  expect_done(
+      "svrender v.svol -o out.png --tolerance 0 --size 320x240 --background white --colour-bar --title 'A flow'");
   EXPECT_EQ(read("out.png"), plain) << "an older name of the option";
   expect_done("svrender v.svol -o out.png --tolerance 0 --size 320x240 --background '#ffffff' --transparent");
   EXPECT_NE(plain, read("out.png"));
