@@ -117,7 +117,7 @@ TEST_F(ProgramsOnUrl, DrawCellsByFewRequests) {
   std::string scene = read("s.json");
   scene.insert(scene.find('{') + 1, R"("clip_box": {"low": [-1.3, -0.9, -0.7], "high": [-0.13, 0.27, 0.47]},)");
   write("s.json", scene);
-  expect_done("svrender mesh.svol --scene s.json --exact -o near.exr --size 64x64 --tolerance 0");
+  expect_done("svrender mesh.svol --scene s.json --exact -o near.exr --size 64x64");
   const std::uint64_t bytes_before = sent_bytes(), before = requests();
   expect_done(fmt::format("svrender {} --scene s.json --exact -o far.exr --size 64x64", nginx_->url("mesh.svol")));
   EXPECT_EQ(read_exr(path("far.exr")).value().pixels, read_exr(path("near.exr")).value().pixels);
