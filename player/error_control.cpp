@@ -152,9 +152,9 @@ void ErrorControl::add(const Drawn& drawn) {
   if (picture.exact) {
     picture.work = work_of_exact(spacing);
   } else {
-    splats_ = static_cast<double>(drawn.splats);
-    layers_ = search_.pixels > 0 ? drawn.fragments * spacing * spacing / search_.pixels : 0;
-    picture.work = work_of(splats_, spacing);
+    const double splats = std::max(static_cast<double>(drawn.splats), 1.0);
+    layers_ = search_.pixels > 0 ? layers_of_one_splat(drawn.fragments, splats, samples_of(spacing)) : 0;
+    picture.work = work_of(splats, spacing);
   }
   if (search_.grows) {
     grow(std::move(picture));
@@ -468,8 +468,8 @@ void ErrorControl::choose(const Picture& chosen) {
 
 // The estimated work of so many splats, from the layers of the last picture.
 double ErrorControl::work_of(double splats, int spacing) const {
-  const double layers = layers_ * std::cbrt(splats / std::max(splats_, 1.0));
-  return work_of_splats(splats, layers * search_.pixels / (spacing * spacing), search_.pixels, spacing);
+  const double fragments = fragments_of_splats(layers_, splats, samples_of(spacing));
+  return work_of_splats(splats, fragments, search_.pixels, spacing);
 }
 
 double ErrorControl::work_of_exact(int spacing) const {

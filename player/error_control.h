@@ -14,9 +14,9 @@
 
 namespace splatvol {
 
-/// Measures what the error model only expects. If it need not grow, it asks for *candidates*: cuts of so many splats,
-/// with samples so many pixels apart, until one has the wanted error, and no other that is less work. Work is counted
-/// (renderer/work.h), and no clock decides.
+/// Measures what the error model only expects. If it need not grow, it tries *candidates*: cuts of some number of
+/// splats, or cells, with some distance of samples. It ends when one has the wanted error, and no other that has it is
+/// less work. Work is counted (renderer/work.h), and no clock decides.
 ///
 /// Exact rays tell a candidate's error. Without them, its distance to a *reference* does: a finer cut, or the whole
 /// file, and then the file's pictures one and two resolutions coarser. docs/accuracy.md says how well this holds.
@@ -158,6 +158,7 @@ class ErrorControl {
   [[nodiscard]] bool probe();
   void end();
   void choose(const Picture& chosen);
+  [[nodiscard]] double samples_of(int spacing) const { return search_.pixels / (spacing * spacing); }
   [[nodiscard]] double work_of(double splats, int spacing) const;
   [[nodiscard]] double work_of_exact(int spacing) const;
 
@@ -170,12 +171,12 @@ class ErrorControl {
   std::optional<Picture> candidate_, reference_;
   std::vector<vec3> rays_;
   Bracket bracket_;
-  bool may_narrow_;                 // whether narrower samples may help
-  std::optional<Bracket> wide_;     // of samples that were wider, until the first candidate of narrower ones is there
-  std::optional<Picture> best_;     // the candidate of the wanted error with the least work
-  bool is_probing_ = false;         // whether another spacing is less work
-  int exact_spacing_ = 0;           // the widest of cells that was not tried; 0: none is left
-  double splats_ = 0, layers_ = 0;  // of the last picture; its splats one behind the other in a mean pixel
+  bool may_narrow_;              // whether narrower samples may help
+  std::optional<Bracket> wide_;  // of samples that were wider, until the first candidate of narrower ones is there
+  std::optional<Picture> best_;  // the candidate of the wanted error with the least work
+  bool is_probing_ = false;      // whether another spacing is less work
+  int exact_spacing_ = 0;        // the widest of cells that was not tried; 0: none is left
+  double layers_ = 0;            // layers_of_one_splat, by the last picture of splats; 0: not counted
   std::optional<double> file_error_;
   double last_apart_ = 0;              // of all points and the resolution before
   std::vector<vec3> coarser_samples_;  // of the resolution before

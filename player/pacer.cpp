@@ -88,7 +88,7 @@ double Pacer::work(const Rung& rung, const Choices& choices) const {
   }
   const auto splats = static_cast<double>(rung.splats);
   const double samples = choices.pixels / (rung.sample_spacing * rung.sample_spacing);
-  return work_of_splats(splats, layers_ * std::cbrt(splats) * samples, choices.pixels, rung.sample_spacing);
+  return work_of_splats(splats, fragments_of_splats(layers_, splats, samples), choices.pixels, rung.sample_spacing);
 }
 
 double Pacer::predict(const Rung& rung, const Choices& choices) const {
@@ -126,7 +126,7 @@ void Pacer::add(const Rung& rung, const Choices& choices, double fragments, doub
   if (!(seconds > 0)) return;
   if (fragments > 0) {
     const double samples = choices.pixels / (rung.sample_spacing * rung.sample_spacing);
-    layers_ = fragments / samples / std::cbrt(static_cast<double>(rung.splats));
+    layers_ = layers_of_one_splat(fragments, static_cast<double>(rung.splats), samples);
   }
   const Kind kind = kind_of(rung);
   for (auto& [other, ratio] : ratios_)

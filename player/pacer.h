@@ -13,8 +13,8 @@ namespace splatvol {
 /// The most pixels from one sample to the next in a picture of a wanted time.
 inline constexpr int widest_samples_in_a_time = 4;
 
-/// So many splats, or the cells that a file keeps, with samples so many pixels apart. Its picture does not depend on
-/// how it was found.
+/// What is drawn: a number of splats, or the cells that a file keeps, and the distance of samples. Its picture does not
+/// depend on how it was found.
 struct Rung {
   std::uint64_t splats = 0;  // at most; 0: cells
   int sample_spacing = 1;
@@ -73,7 +73,7 @@ class Pacer {
 
   double seconds_;
   std::optional<Rung> rung_;  // the last one
-  double layers_ = 2;         // of a pixel of one splat: with n splats there are cbrt(n) times as many
+  double layers_ = 2;         // layers_of_one_splat
   double machine_ = 1e-9;     // seconds of a unit of work
 
   // The factors of kinds of rungs. Each is learned by the first picture of its kind after one of another kind.

@@ -604,10 +604,9 @@ bool Player::may_draw_cells() const {
 }
 
 Result<Choices> Player::choices(bool with_cells, int widest_spacing) {
-  const bool has_layers = shows_surfaces() || surface_depths_;
   Choices choices{.points = std::clamp<std::uint64_t>(info().point_count(), 1, device_splats()),
                   .pixels = static_cast<double>(scene_.width) * scene_.height};
-  if (has_layers) {
+  if (has_layers()) {
     choices.least_splats = least_among_surfaces;
     choices.widest_spacing = 1;
     return choices;
@@ -654,7 +653,7 @@ Status Player::draw_within(double seconds) {
 // Draws exact rays through some pixels: what errors of pictures are measured by. None, if that may be much work, or
 // much reading.
 Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
-  if (!has_cells() || shows_surfaces() || surface_depths_) return std::nullopt;
+  if (!has_cells() || has_layers()) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
   const bool is_near = !streamer_->volume().is_far() && cells->tetrahedra() <= most_tetrahedra_for_rays;
   if (cells->unknown_cells() > 0 || !(is_near || holds_cells())) return std::nullopt;
@@ -663,7 +662,9 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
   auto drawn = cell_rasterizer_.draw(
       *cells,
       {.view = view, .transfer = transfer_of(scene_), .lighting = scene_.lighting, .memory = options_.memory / 2});
-  if (!drawn && drawn.error().code == ErrorCode::unsupported) return std::nullopt;  // cells are too thin
+  // Cells are too thin, or a ray has too many: finer pictures tell the error.
+  if (!drawn && (drawn.error().code == ErrorCode::unsupported || drawn.error().code == ErrorCode::out_of_budget))
+    return std::nullopt;
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
   const double of_rays =
       static_cast<double>(view_.width) * view_.height / (static_cast<double>(view.width) * view.height);
@@ -673,7 +674,7 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
 
 // Draws picture after picture, until one has the error.
 Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
-  const bool may_sample = !options_.drawing.sample_spacing && !shows_surfaces() && !surface_depths_;
+  const bool may_sample = !options_.drawing.sample_spacing && !has_layers();
   ErrorControl::Search search{.most_splats = device_splats(),
                               .grows = grows,
                               .widest_spacing = may_sample ? widest_samples_of_an_error : 1,

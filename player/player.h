@@ -199,10 +199,10 @@ class Player {
   /// - An error: draws picture after picture, each with all of its parts, until one has it, or the finest that the file
   ///   and the budgets have: splats, or cells if drawing them is less work (ErrorControl). Where nothing was asked, the
   ///   first that is fine enough.
-  /// - All points, where nothing was asked: tells what error they have.
-  /// - Milliseconds: draws the rung of Pacer's ladder that the device has time for: cells only if they are held. Splats
-  ///   are of parts that are there or come in time. Learns the device's speed from call to call, so that the first
-  ///   calls may take longer, or do less. Waits for the coarsest parts, whatever their time.
+  /// - All points, where nothing was asked: finds out what error they have, too.
+  /// - Milliseconds: draws the rung of Pacer's ladder that the device has time for. Cells are drawn only if they are
+  ///   held. Splats are of parts that are there or come in time. Learns the device's speed from call to call, so that
+  ///   the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time.
   /// - Else: waits for all parts, and fails if one cannot be read.
   ///
   /// `progress` is called with the share of an exact picture that is done, in [0, 1]. Fails as check_quality and
@@ -325,6 +325,8 @@ class Player {
   [[nodiscard]] Result<std::shared_ptr<const KeptCells>> kept_cells();
   [[nodiscard]] Result<std::shared_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
+  // Whether something opaque or translucent stands among the splats: it needs a sample in each pixel.
+  [[nodiscard]] bool has_layers() const { return shows_surfaces() || surface_depths_; }
   [[nodiscard]] Status fail_without_contours() const;
   [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;
 

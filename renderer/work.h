@@ -18,6 +18,17 @@ inline constexpr double of_row = 30;  // of samples in a tetrahedron
 inline constexpr double of_segment = 3.6;
 }  // namespace nanoseconds
 
+/// Of n splats of a view, about cbrt(n) times as many lie one behind the other as of a single one. Returns how many
+/// layers that would have. `fragments`: of so many splats. `samples`: of the picture.
+[[nodiscard]] inline double layers_of_one_splat(double fragments, double splats, double samples) {
+  return fragments / samples / std::cbrt(splats);
+}
+
+/// Returns the fragments of so many splats, from that.
+[[nodiscard]] inline double fragments_of_splats(double layers_of_one, double splats, double samples) {
+  return layers_of_one * std::cbrt(splats) * samples;
+}
+
 /// Returns the estimated work of a picture of splats that are chosen, in nanoseconds. `fragments`: as FrameTimes counts
 /// them. `pixels`: of the picture.
 [[nodiscard]] inline double work_of_splats(double splats, double fragments, double pixels, int sample_spacing) {

@@ -17,6 +17,7 @@
 #include "renderer/surfaces/draw_surfaces.h"
 #include "tests/builder/support/built_input.h"
 #include "tests/builder/support/built_mesh.h"
+#include "tests/player/waves.h"
 #include "tests/renderer/surfaces/shapes.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
@@ -28,27 +29,13 @@ using testing::HasSubstr;
 
 class ExactPictures : public test::FolderTest {
  protected:
-  static double waves(dvec3 p) { return double{static_cast<float>(p.x + 0.3 * std::sin(8 * p.y))}; }
-
   static BuildOptions exact() {
     BuildOptions options{.keep_cells = true};
     options.exact = {.positions = true, .values = true};
     return options;
   }
 
-  static Scene scene() {
-    Scene scene;
-    scene.width = 80;
-    scene.height = 60;
-    scene.attribute = "value";
-    scene.camera.position = {0.4, 0.7, 3};
-    scene.camera.focal_point = dvec3(0.5);
-    scene.transfer_function.lo = -0.3;
-    scene.transfer_function.hi = 1.3;
-    scene.transfer_function.colors = {{0, dvec3(0, 0.2, 1)}, {1, dvec3(1, 0.5, 0)}};
-    scene.transfer_function.densities = {{0, 1.0}, {0.5, 0.0}, {1, 8.0}};
-    return scene;
-  }
+  static Scene scene() { return test::scene_of_waves(80, 60); }
 
   [[nodiscard]] std::unique_ptr<Player> open(const std::string& name, PlayerOptions options = {}) const {
     options.device = Device::cpu;
@@ -65,7 +52,7 @@ class ExactPictures : public test::FolderTest {
   }
 
   static Image truth(const test::Mesh& mesh, const Scene& scene, const SurfaceDepths* depths = nullptr) {
-    const std::vector<double> values = test::sample(mesh, waves);
+    const std::vector<double> values = test::sample(mesh, test::waves);
     const std::vector<std::array<std::uint32_t, 4>> tetrahedra(mesh.tetrahedra.begin(), mesh.tetrahedra.end());
     return test::value_of(render_reference({mesh.points, values, tetrahedra}, scene, {.surface_depths = depths})).image;
   }
@@ -76,7 +63,7 @@ class ExactPictures : public test::FolderTest {
 };
 
 TEST_F(ExactPictures, AreThoseOfTheReference) {
-  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
   double last = 0;
   const auto progress = [&](double share) {
@@ -109,12 +96,12 @@ TEST_F(ExactPictures, AreThoseOfTheReference) {
 }
 
 TEST_F(ExactPictures, DoNotDependOnMemory) {
-  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   EXPECT_EQ(compare_images(drawn(*open("m.svol", {.memory = std::uint64_t{3} << 20})), drawn(*open("m.svol")))->max, 0);
 }
 
 TEST_F(ExactPictures, EndAtSurfaces) {
-  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
   auto depths = std::make_shared<SurfaceDepths>(SurfaceDepths{80, 60, std::vector<float>(80 * 60, 2.5F)});
   ASSERT_EQ(test::message_of(player->set_surface_depths(depths)), "");
@@ -140,7 +127,8 @@ TEST_F(ExactPictures, EndAtSurfaces) {
 TEST_F(ExactPictures, OfAStepHaveItsValues) {
   std::vector<SeriesStep> steps;
   for (const double step : {0.0, 1.0})
-    steps.push_back(test::mesh_step(step, mesh_, [=](dvec3 p) { return step == 0 ? waves(p) : waves(dvec3(p.z)); }));
+    steps.push_back(
+        test::mesh_step(step, mesh_, [=](dvec3 p) { return step == 0 ? test::waves(p) : test::waves(dvec3(p.z)); }));
   ASSERT_EQ(test::message_of(build_series(steps, path("series.svol"), exact(), [](const char*, double) {})), "");
   const auto player = open("series.svol");
   const Image last = drawn(*player);
@@ -177,7 +165,7 @@ TEST_F(ExactPictures, OfHexahedraHaveTheirDiagonals) {
     const dvec3 p = dvec3(i % (n + 1), i / (n + 1) % (n + 1), i / (n + 1) / (n + 1)) / double{n} +
                     dvec3(move(random), move(random), move(random));
     file << p.x << ' ' << p.y << ' ' << p.z << '\n';
-    values.push_back(static_cast<float>(waves(p) + 0.5 * p.z * p.y));
+    values.push_back(static_cast<float>(test::waves(p) + 0.5 * p.z * p.y));
   }
   file << "CELLS " << n * n * n << ' ' << 9 * n * n * n << '\n';
   constexpr int turns[3][8] = {{0, 1, 2, 3, 4, 5, 6, 7}, {1, 2, 3, 0, 5, 6, 7, 4}, {4, 0, 3, 7, 5, 1, 2, 6}};
@@ -203,7 +191,7 @@ TEST_F(ExactPictures, OfHexahedraHaveTheirDiagonals) {
 
 TEST_F(ExactPictures, OfBlocksInASeriesKeepTheValuesOfEach) {
   const auto blocks = [&](double step) {
-    Piece low = test::mesh_piece(test::jittered(5, 0), waves);
+    Piece low = test::mesh_piece(test::jittered(5, 0), test::waves);
     Piece high = low;
     low.block = 1, high.block = 2;
     for (dvec3& point : high.points) point.x += 1;
@@ -225,7 +213,7 @@ TEST_F(ExactPictures, OfBlocksInASeriesKeepTheValuesOfEach) {
 }
 
 TEST_F(ExactPictures, AreCancelled) {
-  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
   const Status cancelled = player->draw_exact([&](double) { player->cancel(); });
   ASSERT_FALSE(cancelled);
@@ -253,7 +241,7 @@ Scene with_contours(Scene scene) {
 }
 
 TEST_F(ExactPictures, HaveContours) {
-  const Piece piece = with_depth(mesh_, waves);
+  const Piece piece = with_depth(mesh_, test::waves);
   test::PieceSource source({piece}, {.attributes = {"value", "depth"}});
   test::require(build_volume(source, path("two.svol"), exact(), [](const char*, double) {}));
   const auto player = open("two.svol");
@@ -285,7 +273,7 @@ TEST_F(ExactPictures, HaveContours) {
 // Chunks without a contour are not read, nor those that no slice cuts.
 TEST_F(ExactPictures, ReadWhatContoursAndSlicesNeed) {
   const test::Mesh mesh = test::jittered(30, 0.2);
-  test::build_mesh(mesh, waves, path("m.svol"), exact());
+  test::build_mesh(mesh, test::waves, path("m.svol"), exact());
   Scene scene = this->scene();
   scene.transfer_function.densities = {{0, 0}, {1, 0}};
   const auto chunks = [&](const Scene& shown) {
@@ -312,7 +300,7 @@ TEST_F(ExactPictures, ReadWhatContoursAndSlicesNeed) {
 
 // Cells that need not be read are the end of the ladder, if nobody asks for splats of a kind.
 TEST_F(ExactPictures, AreDrawnWhereThereIsMuchTime) {
-  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto is_exact = [&](bool holds, const Drawing& drawing) {
     const auto player = open("m.svol", {.drawing = drawing});
     if (holds) {
@@ -335,7 +323,7 @@ TEST_F(ExactPictures, AreDrawnWhereThereIsMuchTime) {
 }
 
 TEST_F(ExactPictures, HaveTheSlicesOfTheMesh) {
-  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
   Scene with = scene();
   with.slices = {{.point = dvec3(0.5), .normal = {1, 0.2, 0.4}}};
@@ -343,7 +331,7 @@ TEST_F(ExactPictures, HaveTheSlicesOfTheMesh) {
   const Image picture = drawn(*player);
   const View& view = player->view();
   const std::vector<double> depths = slice_depths(view, view.slices[0].plane);
-  const std::vector<double> mesh_values = test::sample(mesh_, waves);
+  const std::vector<double> mesh_values = test::sample(mesh_, test::waves);
   const std::vector<std::array<std::uint32_t, 4>> tetrahedra(mesh_.tetrahedra.begin(), mesh_.tetrahedra.end());
   const TetMesh mesh{mesh_.points, mesh_values, tetrahedra};
   const auto values = test::value_of(exact_slice(mesh, view, view.slices[0].plane, depths));
@@ -355,7 +343,7 @@ TEST_F(ExactPictures, HaveTheSlicesOfTheMesh) {
 }
 
 TEST_F(ExactPictures, AloneHaveContours) {
-  test::build_mesh(mesh_, waves, path("plain.svol"), {.keep_cells = false});
+  test::build_mesh(mesh_, test::waves, path("plain.svol"), {.keep_cells = false});
   Scene with = scene();
   with.contours = {{.values = {0.5}}};
   const auto plain = open("plain.svol");
@@ -363,14 +351,14 @@ TEST_F(ExactPictures, AloneHaveContours) {
   EXPECT_THAT(test::message_of(plain->draw_frame({})), HasSubstr("plain.svol: it keeps no cells, and only these have"));
   EXPECT_EQ(test::message_of(plain->draw_frame({}, {.leaves_out_contours = true})), "");
 
-  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
   ASSERT_EQ(test::message_of(player->set_scene(with)), "");
   EXPECT_THAT(test::message_of(player->draw_frame({})), HasSubstr("m.svol: splats have no contours: draw it exactly"));
 }
 
 TEST_F(ExactPictures, AreDrawnWhereNothingIsAsked) {
-  test::build_mesh(mesh_, waves, path("m.svol"), exact());
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
   const Image cells = drawn(*player);
   const auto picture = test::value_of(player->draw_picture({}));
@@ -394,7 +382,7 @@ TEST_F(ExactPictures, AreDrawnWhereNothingIsAsked) {
 }
 
 TEST_F(ExactPictures, NeedCells) {
-  test::build_mesh(mesh_, waves, path("plain.svol"));
+  test::build_mesh(mesh_, test::waves, path("plain.svol"));
   const auto player = open("plain.svol");
   EXPECT_THAT(test::message_of(player->draw_exact()), HasSubstr("plain.svol: it keeps no cells"));
   EXPECT_FALSE(player->exact());

@@ -13,6 +13,7 @@
 #include "renderer/work.h"
 #include "tests/builder/support/built_input.h"
 #include "tests/builder/support/built_mesh.h"
+#include "tests/player/waves.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
@@ -27,19 +28,7 @@ class LeastWork : public test::FolderTest {
     int spacing = 1;
   };
 
-  static Scene scene() {
-    Scene scene;
-    scene.width = 240;
-    scene.height = 180;
-    scene.attribute = "value";
-    scene.camera.position = {0.4, 0.7, 3};
-    scene.camera.focal_point = dvec3(0.5);
-    scene.transfer_function.lo = -0.3;
-    scene.transfer_function.hi = 1.3;
-    scene.transfer_function.colors = {{0, dvec3(0, 0.2, 1)}, {1, dvec3(1, 0.5, 0)}};
-    scene.transfer_function.densities = {{0, 1.0}, {0.5, 0.0}, {1, 8.0}};
-    return scene;
-  }
+  static Scene scene() { return test::scene_of_waves(240, 180); }
   static Scene inside() {
     Scene inside = scene();
     inside.camera.position = {0.45, 0.5, 0.6};
@@ -122,9 +111,8 @@ class LeastWork : public test::FolderTest {
 
 TEST_F(LeastWork, IsFoundForMeshes) {
   const test::Mesh mesh = test::jittered(18, 0.2);
-  const auto waves = [](dvec3 p) { return double{static_cast<float>(p.x + 0.3 * std::sin(8 * p.y))}; };
   const auto bodies = [](dvec3 p) { return p.x > 0.5 ? 1.0 : 0.0; };
-  test::build_mesh(mesh, waves, path("waves.svol"), {.keep_cells = true});
+  test::build_mesh(mesh, test::waves, path("waves.svol"), {.keep_cells = true});
   test::build_mesh(mesh, bodies, path("bodies.svol"), {.keep_cells = true});
   expect_least_work(path("waves.svol"), scene(), "waves");
   expect_least_work(path("waves.svol"), inside(), "waves, the eye inside");
