@@ -768,12 +768,14 @@ Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDra
   // Wider samples would blur the outlines of surfaces.
   const int spacing = drawing.layers.empty() ? drawing.sample_spacing : 1;
   const View view = spacing > 1 ? sampled_view(drawing.view, spacing) : drawing.view;
-  SPLATVOL_TRY_ASSIGN(picture, CellSweep(source, drawing, view, *workspace_).draw(std::move(memory)));
-  if (spacing <= 1) return picture;
-  Image rows, whole{drawing.view.width, drawing.view.height, {}};
-  whole.pixels.resize(static_cast<std::size_t>(whole.width) * static_cast<std::size_t>(whole.height));
-  interpolate(picture.image, spacing, rows, whole);
-  picture.image = std::move(whole);
+  CellSweep sweep(source, drawing, view, *workspace_);
+  if (spacing <= 1) return sweep.draw(std::move(memory));
+  SPLATVOL_TRY_ASSIGN(picture, sweep.draw(std::move(samples_)));
+  memory.width = drawing.view.width;
+  memory.height = drawing.view.height;
+  memory.pixels.resize(static_cast<std::size_t>(memory.width) * static_cast<std::size_t>(memory.height));
+  interpolate(picture.image, spacing, sample_rows_, memory);
+  samples_ = std::exchange(picture.image, std::move(memory));
   return picture;
 }
 

@@ -63,6 +63,7 @@ class CellRasterizer {
 
  private:
   std::unique_ptr<tiles::CellWorkspace> workspace_;
+  Image samples_, sample_rows_;  // of a picture whose samples are farther apart than pixels
 };
 
 }  // namespace splatvol

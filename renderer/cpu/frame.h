@@ -97,7 +97,7 @@ enum class SortKey {
   depth,
 };
 
-inline constexpr unsigned splats_per_group = 64;
+inline constexpr unsigned splats_per_group = 16;
 
 /// The splats of a draw list by number. Every range has splats.
 struct SplatNumbers {

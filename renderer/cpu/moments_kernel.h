@@ -8,9 +8,10 @@
 
 namespace splatvol::tiles {
 
-/// Computes the keys of a range's splats. Keys fall with what is sorted by. A splat that surely draws nothing gets
-/// hidden_key, except by depth. Requires keys.size() == range.count.
-void moments_keys(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys);
+/// Computes the keys of splats with successive numbers, from `begin` on. Keys fall with what is sorted by. A splat that
+/// surely draws nothing gets hidden_key, except by depth.
+void moments_keys(const FrameConstants& frame, const SplatNumbers& splats, std::uint32_t begin, SortKey kind,
+                  std::span<std::uint32_t> keys);
 
 /// Projects the splats with these numbers into the slots from the first on.
 void project_moments(const FrameConstants& frame, const SplatNumbers& splats, std::span<const std::uint32_t> numbers,

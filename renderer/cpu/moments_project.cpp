@@ -800,9 +800,10 @@ Int keys_of(const FrameConstants& frame, const Records& records, SortKey kind) {
   return select_int(hidden, -1, key_of(max(distance, 0.0F)));
 }
 
-void keys_of_range(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys) {
+void keys_of_all(const FrameConstants& frame, const SplatNumbers& splats, std::uint32_t begin, SortKey kind,
+                 std::span<std::uint32_t> keys) {
   Records records{};
-  for_each_group(range, keys, records, [&]() HWY_ATTR { return keys_of(frame, records, kind); });
+  make_keys(splats, begin, keys, records, [&]() HWY_ATTR { return keys_of(frame, records, kind); });
 }
 
 const char* target_name() { return hwy::TargetName(HWY_TARGET); }
@@ -815,11 +816,12 @@ HWY_AFTER_NAMESPACE();
 namespace splatvol::tiles {
 
 HWY_EXPORT(project_all);
-HWY_EXPORT(keys_of_range);
+HWY_EXPORT(keys_of_all);
 HWY_EXPORT(target_name);
 
-void moments_keys(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys) {
-  HWY_DYNAMIC_DISPATCH(keys_of_range)(frame, range, kind, keys);
+void moments_keys(const FrameConstants& frame, const SplatNumbers& splats, std::uint32_t begin, SortKey kind,
+                  std::span<std::uint32_t> keys) {
+  HWY_DYNAMIC_DISPATCH(keys_of_all)(frame, splats, begin, kind, keys);
 }
 
 void project_moments(const FrameConstants& frame, const SplatNumbers& splats, std::span<const std::uint32_t> numbers,

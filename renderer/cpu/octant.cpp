@@ -170,9 +170,10 @@ void project_all(const FrameConstants& frame, const SplatNumbers& splats, std::s
   });
 }
 
-void keys_of_range(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys) {
+void keys_of_all(const FrameConstants& frame, const SplatNumbers& splats, std::uint32_t begin, SortKey kind,
+                 std::span<std::uint32_t> keys) {
   Records records{};
-  for_each_group(range, keys, records, [&]() HWY_ATTR { return keys_of(frame, records, kind); });
+  make_keys(splats, begin, keys, records, [&]() HWY_ATTR { return keys_of(frame, records, kind); });
 }
 
 /// Returns 2^-x. Requires x >= 0.
@@ -248,11 +249,12 @@ HWY_AFTER_NAMESPACE();
 namespace splatvol::tiles {
 
 HWY_EXPORT(project_all);
-HWY_EXPORT(keys_of_range);
+HWY_EXPORT(keys_of_all);
 HWY_EXPORT(blend_all);
 
-void octant_keys(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys) {
-  HWY_DYNAMIC_DISPATCH(keys_of_range)(frame, range, kind, keys);
+void octant_keys(const FrameConstants& frame, const SplatNumbers& splats, std::uint32_t begin, SortKey kind,
+                 std::span<std::uint32_t> keys) {
+  HWY_DYNAMIC_DISPATCH(keys_of_all)(frame, splats, begin, kind, keys);
 }
 
 void project_octant(const FrameConstants& frame, const SplatNumbers& splats, std::span<const std::uint32_t> numbers,

@@ -9,7 +9,8 @@
 namespace splatvol::tiles {
 
 /// As moments_keys.
-void octant_keys(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys);
+void octant_keys(const FrameConstants& frame, const SplatNumbers& splats, std::uint32_t begin, SortKey kind,
+                 std::span<std::uint32_t> keys);
 
 /// As project_moments.
 void project_octant(const FrameConstants& frame, const SplatNumbers& splats, std::span<const std::uint32_t> numbers,

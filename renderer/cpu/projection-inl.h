@@ -205,16 +205,20 @@ HWY_INLINE void for_each_group(const SplatNumbers& splats, std::span<const std::
   }
 }
 
-/// The same for the splats of a range. `make` returns their keys.
+/// The same for splats with successive numbers, from `begin` on. `make` returns their keys.
 template <class Records, class Make>
-HWY_INLINE void for_each_group(const RangeInView& range, std::span<std::uint32_t> keys, Records& records,
-                               const Make& make) {
+HWY_INLINE void make_keys(const SplatNumbers& splats, std::uint32_t begin, std::span<std::uint32_t> keys,
+                          Records& records, const Make& make) {
   const auto lanes = static_cast<std::size_t>(lane_count());
   alignas(64) std::array<std::int32_t, most_lanes> group{};
+  const RangeInView* range = keys.empty() ? nullptr : &splats.range_of(begin);
   for (std::size_t first = 0; first < keys.size(); first += lanes) {
     const std::size_t count = std::min(lanes, keys.size() - first);
-    for (std::size_t lane = 0; lane < lanes; ++lane)
-      records.set(static_cast<int>(lane), range, static_cast<std::uint32_t>(first + std::min(lane, count - 1)));
+    for (std::size_t lane = 0; lane < lanes; ++lane) {
+      const std::uint32_t number = begin + static_cast<std::uint32_t>(first + std::min(lane, count - 1));
+      while (number - range->first >= range->count) ++range;
+      records.set(static_cast<int>(lane), *range, number - range->first);
+    }
     store(make(), group.data());
     std::memcpy(&keys[first], group.data(), count * sizeof(std::uint32_t));
   }

@@ -4,28 +4,96 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
+#include <cstddef>
+#include <span>
 #include <utility>
 #include <vector>
 
-namespace splatvol::tiles {
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "renderer/cpu/samples.cpp"
+#include "renderer/cpu/targets.h"
+// The order matters: this includes the file again, once for each instruction set.
+#include <hwy/foreach_target.h>
+
+#include "renderer/cpu/vector-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace splatvol::tiles::HWY_NAMESPACE {
 namespace {
 
-/// Pixels between two neighbouring samples.
-struct Gap {
-  std::array<int, 4> samples;  // the two around, and one more on each side; cut off at the ends
-  int begin, end;              // pixels
-};
+constexpr std::size_t channels = 4;
+using PixelTag = hn::CappedTag<float, channels>;
 
-/// Where the pixels of an axis are.
-struct Axis {
-  std::vector<Gap> gaps;
-  std::vector<float> places;  // [pixel]: from 0 at the sample before to 1 at the one behind
-};
+/// The slope at a sample between two differences: their mean, but none at a peak, and no more than three times the
+/// smaller difference. So the cubic does not overshoot.
+template <class Tag, class Vector = hn::Vec<Tag>>
+HWY_INLINE Vector slope_between(Tag tag, Vector before, Vector after) {
+  const Vector zero = hn::Zero(tag), three = hn::Set(tag, 3.0F);
+  const Vector mean = hn::Mul(hn::Set(tag, 0.5F), hn::Add(before, after));
+  const Vector rise = hn::Min(mean, hn::Mul(three, hn::Min(before, after))),
+               fall = hn::Max(mean, hn::Mul(three, hn::Max(before, after)));
+  return hn::IfThenElseZero(hn::Gt(hn::Mul(before, after), zero), hn::IfThenElse(hn::Gt(before, zero), rise, fall));
+}
 
-Axis axis_of(int pixels, int samples, int spacing) {
-  Axis axis;
+/// Colours stay between black and white of their alpha: each channel has a cubic of its own.
+template <class Tag, class Vector = hn::Vec<Tag>>
+HWY_INLINE Vector sound_pixels(Tag tag, Vector pixels) {
+  const Vector inside = hn::Min(hn::Max(pixels, hn::Zero(tag)), hn::Set(tag, 1.0F));
+  return hn::Min(inside, hn::Broadcast<3>(inside));
+}
+
+/// Fills as many pixels as there are lanes for at each place between the second and the third of four samples. The
+/// pixels of the next place are `stride` numbers behind.
+template <class Tag>
+HWY_INLINE void fill_lanes(Tag tag, const std::array<const float*, 4>& samples, std::span<const float> places,
+                           float* pixels, std::size_t stride) {
+  const auto first = hn::LoadU(tag, samples[1]), last = hn::LoadU(tag, samples[2]), here = hn::Sub(last, first);
+  const auto slope = slope_between(tag, hn::Sub(first, hn::LoadU(tag, samples[0])), here),
+             last_slope = slope_between(tag, here, hn::Sub(hn::LoadU(tag, samples[3]), last));
+  // The factors of the powers of the place.
+  const auto square = hn::Sub(hn::MulSub(hn::Set(tag, 3.0F), here, hn::Add(slope, slope)), last_slope),
+             cube = hn::NegMulAdd(hn::Set(tag, 2.0F), here, hn::Add(slope, last_slope));
+  for (const float place : places) {
+    const auto f = hn::Set(tag, place);
+    const auto between = hn::MulAdd(f, hn::MulAdd(f, hn::MulAdd(f, cube, square), slope), first);
+    hn::StoreU(sound_pixels(tag, between), tag, pixels);
+    pixels += stride;
+  }
+}
+
+void fill_along_row(const vec4* samples, const SampledAxis& axis, vec4* pixels) {
+  for (const SampledAxis::Gap& gap : axis.gaps) {
+    const auto at = [&](std::size_t k) { return &samples[gap.samples[k]].x; };
+    fill_lanes(PixelTag(), {at(0), at(1), at(2), at(3)}, axis.places_of(gap), &pixels[gap.begin].x, channels);
+  }
+}
+
+void fill_rows(const std::array<const vec4*, 4>& samples, std::span<const float> places, vec4* pixels,
+               std::size_t width) {
+  const std::size_t lanes = hn::Lanes(FloatTag());
+  const auto from = [&](std::size_t i) {
+    return std::array{&samples[0]->x + i, &samples[1]->x + i, &samples[2]->x + i, &samples[3]->x + i};
+  };
+  const std::size_t numbers = channels * width;
+  std::size_t i = 0;
+  for (; i + lanes <= numbers; i += lanes) fill_lanes(FloatTag(), from(i), places, &pixels->x + i, numbers);
+  for (; i < numbers; i += channels) fill_lanes(PixelTag(), from(i), places, &pixels->x + i, numbers);
+}
+
+}  // namespace
+}  // namespace splatvol::tiles::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace splatvol::tiles {
+HWY_EXPORT(fill_along_row);
+HWY_EXPORT(fill_rows);
+
+namespace {
+
+SampledAxis axis_of(int pixels, int samples, int spacing) {
+  SampledAxis axis;
   int last = -2;
   for (int pixel = 0; pixel < pixels; ++pixel) {
     const float at =
@@ -34,7 +102,7 @@ Axis axis_of(int pixels, int samples, int spacing) {
     const float before = std::floor(at);
     axis.places.push_back(at - before);
     if (const int sample = static_cast<int>(before); std::exchange(last, sample) != sample) {
-      Gap& gap = axis.gaps.emplace_back(Gap{{}, pixel, pixel});
+      SampledAxis::Gap& gap = axis.gaps.emplace_back(SampledAxis::Gap{{}, pixel, pixel});
       for (int k = 0; k < 4; ++k) gap.samples[k] = std::clamp(sample + k - 1, 0, samples - 1);
     }
     ++axis.gaps.back().end;
@@ -42,74 +110,26 @@ Axis axis_of(int pixels, int samples, int spacing) {
   return axis;
 }
 
-// The channels of a pixel side by side.
-using Channels [[gnu::vector_size(sizeof(vec4))]] = float;
-
-Channels channels(const vec4& pixel) { return std::bit_cast<Channels>(pixel); }
-
-Channels smaller(const Channels& a, const Channels& b) { return a < b ? a : b; }
-Channels larger(const Channels& a, const Channels& b) { return a < b ? b : a; }
-
-/// The slope at a sample between two differences: their mean, but none at a peak, and no more than three times the
-/// smaller difference. So the cubic does not overshoot.
-Channels slope_between(const Channels& before, const Channels& after) {
-  const Channels zero{}, three = {3, 3, 3, 3}, half = {0.5F, 0.5F, 0.5F, 0.5F};
-  const Channels mean = half * (before + after);
-  const Channels rise = smaller(mean, three * smaller(before, after)),
-                 fall = larger(mean, three * larger(before, after));
-  return before * after > zero ? (before > zero ? rise : fall) : zero;
-}
-
-/// The cubic between the second and the third of four samples.
-struct Cubic {
-  std::array<Channels, 4> factors;  // of the powers of the place
-
-  explicit Cubic(const std::array<Channels, 4>& s) {
-    const Channels here = s[2] - s[1];
-    const Channels first = slope_between(s[1] - s[0], here), last = slope_between(here, s[3] - s[2]);
-    factors = {s[1], first, 3.0F * here - 2.0F * first - last, first + last - 2.0F * here};
-  }
-  [[nodiscard]] Channels operator()(float f) const {
-    return factors[0] + f * (factors[1] + f * (factors[2] + f * factors[3]));
-  }
-};
-
-/// Calls set(pixel, channels) for all pixels of an axis. `sample`: returns the channels of one.
-template <class Sample, class Set>
-void interpolate_along(const Axis& axis, const Sample& sample, const Set& set) {
-  for (const Gap& gap : axis.gaps) {
-    const Cubic cubic({sample(gap.samples[0]), sample(gap.samples[1]), sample(gap.samples[2]), sample(gap.samples[3])});
-    for (int pixel = gap.begin; pixel < gap.end; ++pixel)
-      set(pixel, cubic(axis.places[static_cast<std::size_t>(pixel)]));
-  }
-}
-
-/// Colours stay between black and white of their alpha: each channel has a cubic of its own.
-vec4 sound_pixel(const Channels& pixel) {
-  const Channels zero{}, one = {1, 1, 1, 1};
-  const Channels inside = smaller(larger(pixel, zero), one);
-  return std::bit_cast<vec4>(smaller(inside, Channels{inside[3], inside[3], inside[3], inside[3]}));
-}
-
 }  // namespace
 
 void interpolate(const Image& samples, int spacing, Image& rows, Image& picture) {
-  rows.width = samples.width;
-  rows.height = picture.height;
+  rows.width = picture.width;
+  rows.height = samples.height;
   rows.pixels.resize(static_cast<std::size_t>(rows.width) * static_cast<std::size_t>(rows.height));
   // Pictures begin with the upper row, samples count from the lower left corner: the middle is common to both.
-  const Axis up = axis_of(picture.height, samples.height, spacing);
-  tbb::parallel_for(0, samples.width, [&](int x) {
-    interpolate_along(
-        up, [&](int y) { return channels(samples.at(x, y)); },
-        [&](int y, const Channels& pixel) { rows.at(x, y) = std::bit_cast<vec4>(pixel); });
+  const SampledAxis across = axis_of(picture.width, samples.width, spacing);
+  tbb::parallel_for(0, samples.height, [&](int y) {
+    HWY_DYNAMIC_DISPATCH(fill_along_row)(&samples.at(0, y), across, &rows.at(0, y));
   });
-  const Axis across = axis_of(picture.width, samples.width, spacing);
-  tbb::parallel_for(0, picture.height, [&](int y) {
-    interpolate_along(
-        across, [&](int x) { return channels(rows.at(x, y)); },
-        [&](int x, const Channels& pixel) { picture.at(x, y) = sound_pixel(pixel); });
+  const SampledAxis up = axis_of(picture.height, samples.height, spacing);
+  tbb::parallel_for(std::size_t{0}, up.gaps.size(), [&](std::size_t i) {
+    const SampledAxis::Gap& gap = up.gaps[i];
+    const auto at = [&](std::size_t k) { return &std::as_const(rows).at(0, gap.samples[k]); };
+    HWY_DYNAMIC_DISPATCH(fill_rows)
+    ({at(0), at(1), at(2), at(3)}, up.places_of(gap), &picture.at(0, gap.begin),
+     static_cast<std::size_t>(picture.width));
   });
 }
 
 }  // namespace splatvol::tiles
+#endif

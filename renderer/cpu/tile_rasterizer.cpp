@@ -50,22 +50,6 @@ RangeInView make_range(const DrawRange& range, std::uint32_t first) {
   return result;
 }
 
-/// The part of a range that holds numbers [begin, end).
-RangeInView part_of(RangeInView range, std::uint32_t begin, std::uint32_t end) {
-  const std::uint32_t skipped = begin > range.first ? begin - range.first : 0;
-  range.count = std::min(range.first + range.count, end) - range.first - skipped;
-  range.first += skipped;
-  if (range.shapes) {
-    range.shapes += skipped;
-    range.values += skipped;
-  } else {
-    range.octants += skipped;
-    range.octant_values += skipped;
-  }
-  if (range.opacities) range.opacities += skipped;
-  return range;
-}
-
 /// Reads a tile's pixels from a picture, for further splats behind them.
 void load_pixels(const Image& image, const TileArea& area, TilePixels& pixels) {
   constexpr int plane = TilePixels::plane;
@@ -292,12 +276,8 @@ std::span<const std::uint32_t> TileRasterizer::sort_keys(KeySorter& sorter, Sort
   const SplatNumbers numbers{ranges_, first_ranges_};
   const std::size_t tasks = (list_.splats + splats_per_task - 1) / splats_per_task;
   tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
-    const auto begin = static_cast<std::uint32_t>(task * splats_per_task);
-    const auto end = static_cast<std::uint32_t>(std::min((task + 1) * splats_per_task, keys_.size()));
-    for (const RangeInView* range = &numbers.range_of(begin); range != &*ranges_.end() && range->first < end; ++range) {
-      const RangeInView part = part_of(*range, begin, end);
-      compute(frame_, part, kind, std::span(keys_).subspan(part.first, part.count));
-    }
+    const std::size_t begin = task * splats_per_task, end = std::min(begin + splats_per_task, keys_.size());
+    compute(frame_, numbers, static_cast<std::uint32_t>(begin), kind, std::span(keys_).subspan(begin, end - begin));
   });
   return sorter.sort(keys_);
 }

@@ -14,11 +14,11 @@ Result<Upsampler> Upsampler::create() {
 }
 
 Status Upsampler::run(const Target& samples, int spacing, const Target& picture) {
-  SPLATVOL_TRY(rows_.resize(samples.width(), picture.height()));
+  SPLATVOL_TRY(rows_.resize(picture.width(), samples.height()));
   glUseProgram(program_.name());
   glBindVertexArray(no_attributes_.name());
-  pass(samples, 1, spacing, rows_);
-  pass(rows_, 0, spacing, picture);
+  pass(samples, 0, spacing, rows_);
+  pass(rows_, 1, spacing, picture);
   return check_gl("interpolating between samples");
 }
 

@@ -25,7 +25,7 @@ class Upsampler {
 
   Program program_;
   VertexArray no_attributes_;  // empty, but OpenGL does not draw without one
-  Target rows_;                // as wide as the samples, as high as the picture
+  Target rows_;                // as wide as the picture, as high as the samples
 };
 
 }  // namespace splatvol
