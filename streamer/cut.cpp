@@ -56,6 +56,13 @@ class CutSelector {
     std::uint64_t splats;
     double squared_error;
   };
+  // What is known of a node that was chosen for a goal.
+  struct Chosen {
+    const Refinement& refinement;
+    const Refinement::Item& item;
+    [[nodiscard]] double error_at(std::size_t resolution) const { return refinement.error_of(item, resolution); }
+  };
+
   static Mark mark(const Cut& cut) { return {cut.items.size(), cut.ranges.size(), cut.splats, cut.squared_error}; }
   static void return_to(const Mark& mark, Cut& cut) {
     cut.items.resize(mark.items);
@@ -117,12 +124,12 @@ class CutSelector {
 
   // Draws a node that should be opened, but whose children's page is not there. Only the page tells how many splats the
   // children need: until then the node counts at its first resolution, and its splats are not read.
-  Result<Outcome> draw_unasked(const Node& node) {
+  Result<Outcome> draw_unasked(const Node& node, const Chosen* chosen = nullptr) {
     wanted_.complete = drawn_.complete = false;
     const Mark before = mark(wanted_), drawn_before = mark(drawn_);
-    SPLATVOL_TRY(want(node, node.first_resolution()));
+    SPLATVOL_TRY(want(node, node.first_resolution(), chosen));
     if (wanted_.items.size() > before.items) wanted_.items.back().error = 0;
-    return residency_ ? settle(node, Outcome::absent, most_unasked_splats, drawn_before) : Outcome::absent;
+    return residency_ ? settle(node, Outcome::absent, most_unasked_splats, drawn_before, chosen) : Outcome::absent;
   }
 
   // For a goal, Refinement first chooses the whole cut.
@@ -138,22 +145,23 @@ class CutSelector {
     return outcome;
   }
 
-  Result<Outcome> visit_chosen(const Refinement& chosen, std::uint32_t index, const Node& node) {
-    const Refinement::Item& item = chosen.items()[index];
-    if (item.wants_opening && item.absent) return draw_unasked(node);
-    if (!item.opened) return draw(node, item.resolution);
+  Result<Outcome> visit_chosen(const Refinement& refinement, std::uint32_t index, const Node& node) {
+    const Refinement::Item& item = refinement.items()[index];
+    const Chosen chosen{refinement, item};
+    if (item.wants_opening && item.absent) return draw_unasked(node, &chosen);
+    if (!item.opened) return draw(node, item.resolution, &chosen);
     const Mark before = mark(wanted_), drawn_before = mark(drawn_);
     SPLATVOL_TRY_ASSIGN(children, tree_.children_of(node));
-    if (!children) return draw_unasked(node);
+    if (!children) return draw_unasked(node, &chosen);
     const unsigned nearest = nearest_octant(tree_.view(), node.cube);
     Outcome worst = Outcome::wanted;
     for (unsigned i = 8; i-- > 0;) {
       const std::uint32_t child = item.children[i ^ nearest];
       if (child == 0) continue;
-      SPLATVOL_TRY_ASSIGN(outcome, visit_chosen(chosen, child, *(*children)[i ^ nearest]));
+      SPLATVOL_TRY_ASSIGN(outcome, visit_chosen(refinement, child, *(*children)[i ^ nearest]));
       worst = std::min(worst, outcome);
     }
-    return residency_ ? settle(node, worst, wanted_.splats - before.splats, drawn_before) : worst;
+    return residency_ ? settle(node, worst, wanted_.splats - before.splats, drawn_before, &chosen) : worst;
   }
 
   std::optional<std::size_t> choose_resolution(const Node& node) const {
@@ -167,17 +175,17 @@ class CutSelector {
   }
 
   // Draws the node at the wanted resolution, or at the nearest resident one: a little finer rather than coarser.
-  Result<Outcome> draw(const Node& node, std::size_t resolution) {
-    SPLATVOL_TRY(want(node, resolution));
+  Result<Outcome> draw(const Node& node, std::size_t resolution, const Chosen* chosen = nullptr) {
+    SPLATVOL_TRY(want(node, resolution, chosen));
     if (!residency_) return Outcome::wanted;
     for (std::size_t r = resolution; r <= std::min(resolution + finer_resolutions, finest()); ++r) {
       if (!holds(node, r)) continue;
-      SPLATVOL_TRY(append(node, r, drawn_));
+      SPLATVOL_TRY(append(node, r, drawn_, chosen));
       return r == resolution ? Outcome::wanted : Outcome::other;
     }
     for (std::size_t r = resolution; r-- > node.first_resolution();) {
       if (!holds(node, r)) continue;
-      SPLATVOL_TRY(append(node, r, drawn_));
+      SPLATVOL_TRY(append(node, r, drawn_, chosen));
       return Outcome::other;
     }
     return Outcome::absent;
@@ -185,7 +193,8 @@ class CutSelector {
 
   // Decides what to draw for a node that was opened: its children, or the node itself if it shows more or if a child is
   // not resident. `most`: the most splats of the node, unless it is drawn at its first resolution.
-  Result<Outcome> settle(const Node& node, Outcome children, std::uint64_t most, const Mark& before) {
+  Result<Outcome> settle(const Node& node, Outcome children, std::uint64_t most, const Mark& before,
+                         const Chosen* chosen = nullptr) {
     if (children == Outcome::wanted) return children;
     std::optional<std::size_t> best;
     for (std::size_t r = node.first_resolution(); r <= finest(); ++r) {
@@ -196,7 +205,7 @@ class CutSelector {
       return children;
     return_to(before, drawn_);
     if (!best) return Outcome::absent;
-    SPLATVOL_TRY(append(node, *best, drawn_));
+    SPLATVOL_TRY(append(node, *best, drawn_, chosen));
     return Outcome::other;
   }
 
@@ -210,20 +219,20 @@ class CutSelector {
     return std::span(node_ranges_).first(resolution + 1);
   }
 
-  Status want(const Node& node, std::size_t resolution) { return append(node, resolution, wanted_); }
+  Status want(const Node& node, std::size_t resolution, const Chosen* chosen) {
+    return append(node, resolution, wanted_, chosen);
+  }
 
   // With residency, checks memory for the substitute only. The cut that it replaces was checked when it was chosen.
-  Status append(const Node& node, std::size_t resolution, Cut& cut) {
+  Status append(const Node& node, std::size_t resolution, Cut& cut, const Chosen* chosen) {
     if (!tree_.is_within_reach(node, resolution)) return {};
     const std::uint64_t splats = node.splat_count(resolution);
-    const ErrorModel::OfNode model = model_.of(node);
-    cut.items.push_back(
-        {node.cube, cut.ranges.size(), static_cast<std::uint32_t>(resolution),
-         options_.detail.goal ? saved_by_a_splat(node, model, splats) : covered_visibly(node, resolution),
-         tree_.slice_weight(node, resolution) > 0});
+    cut.items.push_back({node.cube, cut.ranges.size(), static_cast<std::uint32_t>(resolution),
+                         chosen ? saved_by_a_splat(*chosen, splats) : covered_visibly(node, resolution),
+                         tree_.slice_weight(node, resolution) > 0});
     std::ranges::copy(ranges_of(node, resolution), std::back_inserter(cut.ranges));
     cut.splats += splats;
-    cut.squared_error += model.at(resolution, splats).error;
+    cut.squared_error += chosen ? chosen->error_at(resolution) : model_.of(node).at(resolution, splats).error;
     if (residency_ && &cut == &wanted_) return {};
     const std::uint64_t bytes_each = record_bytes(options_.kernel);
     if (cut.splats > options_.max_bytes / bytes_each ||
@@ -234,9 +243,8 @@ class CutSelector {
 
   // Returns about the squared error that each splat saves: without it there would be coarser splats, and about the
   // error of the node's first resolution.
-  static float saved_by_a_splat(const Node& node, const ErrorModel::OfNode& model, std::uint64_t splats) {
-    const std::size_t first = node.first_resolution();
-    const double error = model.at(first, node.splat_count(first)).error;
+  static float saved_by_a_splat(const Chosen& chosen, std::uint64_t splats) {
+    const double error = chosen.error_at(chosen.item.first_resolution);
     return static_cast<float>(std::clamp(error / std::max(1.0, static_cast<double>(splats)), 1e-30, 1e6));
   }
 

@@ -78,9 +78,10 @@ ErrorModel::OfNode::OfNode(const ErrorModel& model, const Node& node)
 
 ErrorModel::Terms ErrorModel::OfNode::at(std::size_t resolution, std::uint64_t splats) const {
   const double edge = node_.cube.edge / model_.tree_.visibility().length();  // the unit of values_
-  const double bound = std::min(model_.tree_.splat_bound_in_cube(node_, resolution), 2.0);
-  const double count = std::max(static_cast<double>(splats), 1.0);
-  const double share = std::min(std::exp2((bound - 2.0 / 3 * std::log2(count)) / 3), 1.0);  // h / L
+  // Logarithms of single precision take a third of the time.
+  const float bound = std::min(static_cast<float>(model_.tree_.splat_bound_in_cube(node_, resolution)), 2.0F);
+  const float count = std::max(static_cast<float>(splats), 1.0F);
+  const double share = std::min(std::exp2((bound - 2.0F / 3 * std::log2(count)) / 3), 1.0F);  // h / L
   const double pixels = share * pixels_per_edge_, pixels_squared = pixels * pixels;
   const double damping = 1 + values_.extinction() * share * edge;
   const double seen = pixels_squared / (pixels_squared + smallest_pixels * smallest_pixels);

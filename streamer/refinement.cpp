@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace splatvol {
 namespace {
@@ -27,8 +28,14 @@ constexpr float most_splats = 256;
 constexpr double enough_splats = 0.97;
 constexpr double enough_error = 0.95;  // squared
 
+// Of the price, for an octave of splats.
+constexpr double usual_octaves = 1.6, most_octaves = 8;
+
 bool fits(const ErrorGoal& goal, std::uint64_t splats) { return splats <= goal.max_splats; }
 bool is_good(const ErrorGoal& goal, double error) { return error <= goal.expected_error * goal.expected_error; }
+bool nearly_fills(const ErrorGoal& goal, std::uint64_t splats) {
+  return static_cast<double>(splats) >= enough_splats * static_cast<double>(goal.max_splats);
+}
 
 }  // namespace
 
@@ -196,13 +203,19 @@ Refinement::Sum Refinement::choose_at(int log_price) {
   return sum;
 }
 
-// Returns how far to lower the price, by the usual response of splats and errors; never so far that much more of the
-// index is read than the goal needs.
-int Refinement::price_drop(const ErrorGoal& goal, const Sum& from) {
+// Returns how far to lower the price, by the response of splats to the last drop, or by the usual one of splats and
+// errors; never so far that much more of the index is read than the goal needs.
+int Refinement::price_drop(const ErrorGoal& goal, const std::optional<Sum>& before, const Sum& from) {
   double octaves = 2;
-  if (from.splats > 0)
-    octaves =
-        std::min(octaves, 1.6 * std::log2(static_cast<double>(goal.max_splats) / static_cast<double>(from.splats)));
+  const auto splats = static_cast<double>(from.splats);
+  if (from.splats > 0) {
+    double octaves_each = usual_octaves;
+    if (before && from.splats > before->splats)
+      octaves_each = std::clamp(static_cast<double>(before->price - from.price) /
+                                    (prices_per_octave * std::log2(splats / static_cast<double>(before->splats))),
+                                usual_octaves, most_octaves);
+    octaves = std::min(octaves, octaves_each * std::log2(static_cast<double>(goal.max_splats) / splats));
+  }
   if (goal.expected_error > 0)
     octaves = std::min(octaves, 2 * std::log2(from.error / (goal.expected_error * goal.expected_error)));
   return std::max(static_cast<int>(prices_per_octave * octaves), prices_per_octave / 4);
@@ -224,11 +237,14 @@ Status Refinement::choose(const ErrorGoal& goal, std::uint64_t max_bytes) {
 
   const float error = std::ranges::max_element(choices_, {}, &Choice::error)->error;
   const int highest = error > 0 ? static_cast<int>(prices_per_octave * std::log2(error)) : 0;
+  const bool wants_all = goal.max_splats >= root.splat_count(resolutions_ - 1);
+  std::optional<Sum> before;
   SPLATVOL_TRY_ASSIGN(coarse, evaluate(std::max(highest, lowest_price)));
   while (fits(goal, coarse.splats) && !is_good(goal, coarse.error) && !coarse.finest && coarse.price > lowest_price) {
-    SPLATVOL_TRY_ASSIGN(finer, evaluate(std::max(coarse.price - price_drop(goal, coarse), lowest_price)));
+    if (!wants_all && nearly_fills(goal, coarse.splats)) break;
+    SPLATVOL_TRY_ASSIGN(finer, evaluate(std::max(coarse.price - price_drop(goal, before, coarse), lowest_price)));
     if (!fits(goal, finer.splats) || is_good(goal, finer.error)) return bisect(goal, coarse, finer);
-    coarse = finer;
+    before = std::exchange(coarse, finer);
   }
   return {};
 }
@@ -238,7 +254,7 @@ Status Refinement::choose(const ErrorGoal& goal, std::uint64_t max_bytes) {
 Status Refinement::bisect(const ErrorGoal& goal, Sum coarse, Sum fine) {
   int last = fine.price;
   for (int i = 0; fine.price + 1 < coarse.price; ++i) {
-    if (static_cast<double>(coarse.splats) >= enough_splats * static_cast<double>(goal.max_splats)) break;
+    if (nearly_fills(goal, coarse.splats)) break;
     if (fits(goal, fine.splats) && fine.error >= enough_error * goal.expected_error * goal.expected_error) break;
 
     // Interpolates the logarithms of splats or errors; every third time, tries the middle.

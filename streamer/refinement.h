@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -46,6 +47,12 @@ class Refinement {
   [[nodiscard]] Status choose(const ErrorGoal& goal, std::uint64_t max_bytes);
   [[nodiscard]] const std::vector<Item>& items() const { return items_; }
 
+  /// Returns the expected error of an item at a resolution, from its first on; 0 if none of its splats reach into the
+  /// picture.
+  [[nodiscard]] double error_of(const Item& item, std::size_t resolution) const {
+    return static_cast<double>(choices(item)[resolution - item.first_resolution].error);
+  }
+
   /// Returns the expected error of the chosen cut, mean squared.
   [[nodiscard]] double error() const { return last_.error; }
 
@@ -85,7 +92,7 @@ class Refinement {
   void settle_costs(Item& item, float price);
   [[nodiscard]] Sum choose_at(int price);
   [[nodiscard]] Result<Sum> evaluate(int price);
-  [[nodiscard]] static int price_drop(const ErrorGoal& goal, const Sum& from);
+  [[nodiscard]] static int price_drop(const ErrorGoal& goal, const std::optional<Sum>& before, const Sum& from);
   [[nodiscard]] Status bisect(const ErrorGoal& goal, Sum coarse, Sum fine);
 
   [[nodiscard]] std::span<Choice> choices(const Item& item);

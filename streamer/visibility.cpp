@@ -75,9 +75,9 @@ ValueContrast::Node ValueContrast::of(const format::ValueSummary& summary) const
 double ValueContrast::Node::variance(double share) const {
   const double width = share * range;
   if (width <= 1) return width * width * static_cast<double>(variances[0]);
-  const double scale = std::min(std::log2(width), scales - 1.001);
+  const float scale = std::min(std::log2(static_cast<float>(width)), scales - 1.001F);
   const auto below = static_cast<std::size_t>(scale);
-  const double part = scale - static_cast<double>(below);
+  const double part = scale - static_cast<float>(below);
   return (1 - part) * static_cast<double>(variances[below]) + part * static_cast<double>(variances[below + 1]);
 }
 
