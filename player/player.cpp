@@ -534,6 +534,13 @@ Result<Image> Player::image() const {
   return rasterizer_->read_image();
 }
 
+Result<const Image*> Player::image_or_copy(Image& copy) const {
+  const DevicePicture drawn = picture();
+  if (const auto* held = std::get_if<const Image*>(&drawn)) return *held;
+  SPLATVOL_TRY_SET(copy, image());
+  return &copy;
+}
+
 Status Player::draw_frame(const FrameRequest& request, const DrawOptions& options) {
   const Call call(*this);
   SPLATVOL_TRY(choose(request));
@@ -685,6 +692,7 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
     if (may_draw_cells()) search.cells = rays->cells;
   }
   ErrorControl control(max_error, std::move(search));
+  Image copy;
   while (const auto& next = control.next()) {
     if (next->exact) {
       SPLATVOL_TRY(draw_exact({}, next->sample_spacing));
@@ -693,9 +701,9 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
     }
     SPLATVOL_TRY(draw_frame({.detail = detail_of(*next, info().resolutions())},
                             {.sample_spacing = may_sample ? next->sample_spacing : 0}));
-    SPLATVOL_TRY_ASSIGN(picture, image());
+    SPLATVOL_TRY_ASSIGN(picture, image_or_copy(copy));
     const std::uint64_t allowed = frame_->detail.goal.value_or(ErrorGoal{}).max_splats;
-    control.add({picture, frame_->splats, frame_->goal_error, frame_->finest, allowed, times_.draw.fragments});
+    control.add({*picture, frame_->splats, frame_->goal_error, frame_->finest, allowed, times_.draw.fragments});
   }
   return ErrorSearch{control.estimate(), control.tried(), control.pictures(), control.learned()};
 }

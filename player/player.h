@@ -275,6 +275,9 @@ class Player {
   /// Returns a copy of it, in linear premultiplied RGBA.
   [[nodiscard]] Result<Image> image() const;
 
+  /// Returns it where it lies, or a copy in `copy` if it lies on a device. Valid until the next picture.
+  [[nodiscard]] Result<const Image*> image_or_copy(Image& copy) const;
+
   /// Whether surfaces or slices were in the last picture, or it is exact. Then the rasterizer has only a part of it, or
   /// nothing.
   [[nodiscard]] bool has_drawn_surfaces() const { return picture_.has_value(); }

@@ -862,11 +862,9 @@ Status Session::encode_picture() {
   const bool is_encoded = !encoded_is_old_ && encoded_background_ == scene.background;
   if (is_encoded || !picture_is_whole_) return {};
   Image copy;
-  const DevicePicture drawn = player_->picture();
-  if (std::holds_alternative<TexturePicture>(drawn)) SPLATVOL_TRY_SET(copy, player_->image());
-  const Image& picture = std::holds_alternative<TexturePicture>(drawn) ? copy : *std::get<const Image*>(drawn);
-  encode_srgb(picture, scene.background, encoded_.bytes);
-  encoded_.width = picture.width, encoded_.height = picture.height;
+  SPLATVOL_TRY_ASSIGN(picture, player_->image_or_copy(copy));
+  encode_srgb(*picture, scene.background, encoded_.bytes);
+  encoded_.width = picture->width, encoded_.height = picture->height;
   encoded_background_ = scene.background;
   encoded_is_old_ = encoded_is_shown_ = false;
   return {};

@@ -43,42 +43,64 @@ HWY_INLINE Vector sound_pixels(Tag tag, Vector pixels) {
   return hn::Min(inside, hn::Broadcast<3>(inside));
 }
 
-/// Fills as many pixels as there are lanes for at each place between the second and the third of four samples. The
-/// pixels of the next place are `stride` numbers behind.
-template <class Tag>
-HWY_INLINE void fill_lanes(Tag tag, const std::array<const float*, 4>& samples, std::span<const float> places,
-                           float* pixels, std::size_t stride) {
-  const auto first = hn::LoadU(tag, samples[1]), last = hn::LoadU(tag, samples[2]), here = hn::Sub(last, first);
-  const auto slope = slope_between(tag, hn::Sub(first, hn::LoadU(tag, samples[0])), here),
-             last_slope = slope_between(tag, here, hn::Sub(hn::LoadU(tag, samples[3]), last));
-  // The factors of the powers of the place.
-  const auto square = hn::Sub(hn::MulSub(hn::Set(tag, 3.0F), here, hn::Add(slope, slope)), last_slope),
-             cube = hn::NegMulAdd(hn::Set(tag, 2.0F), here, hn::Add(slope, last_slope));
-  for (const float place : places) {
-    const auto f = hn::Set(tag, place);
-    const auto between = hn::MulAdd(f, hn::MulAdd(f, hn::MulAdd(f, cube, square), slope), first);
-    hn::StoreU(sound_pixels(tag, between), tag, pixels);
-    pixels += stride;
+/// The cubic from one sample to the next, with its slopes there.
+template <class Tag, class Vector = hn::Vec<Tag>>
+struct Cubic {
+  Vector first, slope, square, cube;  // the factors of the powers of the place
+
+  /// `rise`: from the first sample to the last.
+  HWY_INLINE Cubic(Tag tag, Vector first_sample, Vector rise, Vector first_slope, Vector last_slope)
+      : first(first_sample),
+        slope(first_slope),
+        square(hn::Sub(hn::MulSub(hn::Set(tag, 3.0F), rise, hn::Add(first_slope, first_slope)), last_slope)),
+        cube(hn::NegMulAdd(hn::Set(tag, 2.0F), rise, hn::Add(first_slope, last_slope))) {}
+
+  [[nodiscard]] HWY_INLINE Vector at(Tag tag, float place) const {
+    const Vector f = hn::Set(tag, place);
+    return hn::MulAdd(f, hn::MulAdd(f, hn::MulAdd(f, cube, square), slope), first);
   }
-}
+};
 
 void fill_along_row(const vec4* samples, const SampledAxis& axis, vec4* pixels) {
+  const PixelTag tag;
+  const auto load_sample = [&](int i) HWY_ATTR { return hn::LoadU(tag, &samples[i].x); };
+  // What a gap shares with the one before.
+  const SampledAxis::Gap& left = axis.gaps.front();
+  auto first = load_sample(left.samples[1]), rise = hn::Sub(load_sample(left.samples[2]), first);
+  auto slope = slope_between(tag, hn::Sub(first, load_sample(left.samples[0])), rise);
   for (const SampledAxis::Gap& gap : axis.gaps) {
-    const auto at = [&](std::size_t k) { return &samples[gap.samples[k]].x; };
-    fill_lanes(PixelTag(), {at(0), at(1), at(2), at(3)}, axis.places_of(gap), &pixels[gap.begin].x, channels);
+    const auto last = load_sample(gap.samples[2]), next_rise = hn::Sub(load_sample(gap.samples[3]), last);
+    const auto last_slope = slope_between(tag, rise, next_rise);
+    const Cubic cubic(tag, first, rise, slope, last_slope);
+    for (int pixel = gap.begin; pixel < gap.end; ++pixel)
+      hn::StoreU(cubic.at(tag, axis.places[static_cast<std::size_t>(pixel)]), tag, &pixels[pixel].x);
+    first = last;
+    rise = next_rise;
+    slope = last_slope;
   }
 }
 
-void fill_rows(const std::array<const vec4*, 4>& samples, std::span<const float> places, vec4* pixels,
-               std::size_t width) {
-  const std::size_t lanes = hn::Lanes(FloatTag());
-  const auto from = [&](std::size_t i) {
-    return std::array{&samples[0]->x + i, &samples[1]->x + i, &samples[2]->x + i, &samples[3]->x + i};
+/// Fills as many pixels as there are lanes for each place between the second and the third of four rows.
+template <class Tag>
+HWY_INLINE void fill_lanes(Tag tag, const std::array<const float*, 4>& rows, std::span<const float> places,
+                           float* pixels, std::size_t row_length) {
+  const auto first = hn::LoadU(tag, rows[1]), last = hn::LoadU(tag, rows[2]), rise = hn::Sub(last, first);
+  const Cubic cubic(tag, first, rise, slope_between(tag, hn::Sub(first, hn::LoadU(tag, rows[0])), rise),
+                    slope_between(tag, rise, hn::Sub(hn::LoadU(tag, rows[3]), last)));
+  for (const float place : places) {
+    hn::StoreU(sound_pixels(tag, cubic.at(tag, place)), tag, pixels);
+    pixels += row_length;
+  }
+}
+
+void fill_rows(const std::array<const vec4*, 4>& rows, std::span<const float> places, vec4* pixels, std::size_t width) {
+  const std::size_t lanes = hn::Lanes(FloatTag()), row_length = channels * width;
+  const auto rows_from = [&](std::size_t i) {
+    return std::array{&rows[0]->x + i, &rows[1]->x + i, &rows[2]->x + i, &rows[3]->x + i};
   };
-  const std::size_t numbers = channels * width;
   std::size_t i = 0;
-  for (; i + lanes <= numbers; i += lanes) fill_lanes(FloatTag(), from(i), places, &pixels->x + i, numbers);
-  for (; i < numbers; i += channels) fill_lanes(PixelTag(), from(i), places, &pixels->x + i, numbers);
+  for (; i + lanes <= row_length; i += lanes) fill_lanes(FloatTag(), rows_from(i), places, &pixels->x + i, row_length);
+  for (; i < row_length; i += channels) fill_lanes(PixelTag(), rows_from(i), places, &pixels->x + i, row_length);
 }
 
 }  // namespace
@@ -101,6 +123,7 @@ SampledAxis axis_of(int pixels, int samples, int spacing) {
         0.5F * static_cast<float>(samples) - 0.5F;
     const float before = std::floor(at);
     axis.places.push_back(at - before);
+    // Every sample between pixels has a gap, as samples are no denser than pixels.
     if (const int sample = static_cast<int>(before); std::exchange(last, sample) != sample) {
       SampledAxis::Gap& gap = axis.gaps.emplace_back(SampledAxis::Gap{{}, pixel, pixel});
       for (int k = 0; k < 4; ++k) gap.samples[k] = std::clamp(sample + k - 1, 0, samples - 1);
