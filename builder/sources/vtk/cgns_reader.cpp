@@ -250,8 +250,9 @@ class CgnsReader final : public BlockReader {
   }
 
   std::string unit(const std::string& array) const override {
-    const auto scalar = units_.find(array), vector = units_.find(array + "X");
-    return scalar != units_.end() ? scalar->second : vector != units_.end() ? vector->second : std::string();
+    for (const char* end : {"", "X", "_x"})
+      if (const auto found = units_.find(array + end); found != units_.end()) return found->second;
+    return {};
   }
 
   std::set<std::string> left_out_arrays() const override { return left_out_; }

@@ -17,6 +17,7 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <set>
 #include <span>
 #include <string_view>
 
@@ -28,6 +29,19 @@ namespace splatvol {
 namespace {
 
 using Name = std::array<char, 64>;  // 32 at most
+
+/// Returns the components of a vector of this name, if there are all three. Requires sorted names.
+std::optional<std::array<std::string, 3>> cgns_components(const std::vector<std::string>& names,
+                                                          const std::string& vector) {
+  constexpr std::array<std::array<const char*, 3>, 2> all_ends = {{{"X", "Y", "Z"}, {"_x", "_y", "_z"}}};
+  for (const auto& ends : all_ends) {
+    std::array<std::string, 3> components;
+    std::ranges::transform(ends, components.begin(), [&](const char* end) { return vector + end; });
+    if (std::ranges::all_of(components, [&](const auto& name) { return std::ranges::binary_search(names, name); }))
+      return components;
+  }
+  return std::nullopt;
+}
 using Type = CGNS_ENUMT(ElementType_t);
 
 /// Fails with the library's message unless a call has succeeded.
@@ -301,8 +315,10 @@ class ZoneReader {
       array->SetName(shape.name.c_str());
       array->SetNumberOfComponents(shape.components);
       array->SetNumberOfTuples(size[0] * size[1] * size[2]);
+      const auto components = cgns_components(names, shape.name);
       for (int c = 0; c < shape.components; ++c)
-        read_component(solution, shape.components == 1 ? shape.name : shape.name + "XYZ"[c], size, *array, c);
+        read_component(solution, shape.components == 1 ? shape.name : components->at(static_cast<std::size_t>(c)), size,
+                       *array, c);
       attributes.AddArray(array);
     }
   }
@@ -349,12 +365,14 @@ std::vector<double> times_of(int file, int base) {
 
 std::vector<ArrayShape> merge_cgns_vectors(const std::vector<std::string>& names) {
   std::vector<ArrayShape> shapes;
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    const std::string stem = names[i].substr(0, names[i].size() - 1);
-    const bool vector =
-        i + 2 < names.size() && names[i] == stem + "X" && names[i + 1] == stem + "Y" && names[i + 2] == stem + "Z";
-    shapes.push_back(vector ? ArrayShape{stem, 3} : ArrayShape{names[i], 1});
-    if (vector) i += 2;
+  std::set<std::string> merged;
+  for (const std::string& name : names) {
+    if (merged.contains(name)) continue;
+    const std::string stem = name.substr(0, name.size() - (name.ends_with("_x") ? 2 : 1));
+    const auto components = cgns_components(names, stem);
+    const bool vector = components && components->front() == name && !std::ranges::binary_search(names, stem);
+    shapes.push_back(vector ? ArrayShape{stem, 3} : ArrayShape{name, 1});
+    if (vector) merged.insert(components->begin(), components->end());
   }
   return shapes;
 }

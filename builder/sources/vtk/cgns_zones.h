@@ -11,7 +11,8 @@ class vtkMultiBlockDataSet;
 
 namespace splatvol {
 
-/// Merges scalars whose names end in X, Y and Z into one array, like VTK's reader. Requires sorted names.
+/// Merges scalars whose names end in X, Y and Z, or in _x, _y and _z, into one array. Like VTK's reader, it does not if
+/// another field has the name of this array. Requires sorted names.
 [[nodiscard]] std::vector<ArrayShape> merge_cgns_vectors(const std::vector<std::string>& names);
 
 /// An open file. Its functions throw ReaderErrors. Not thread-safe.
