@@ -122,6 +122,7 @@ class PieceMaker {
   }
 
   Status read_cells() {
+    if (cell_volumes_) cell_volumes_->volumes.resize(data_.cell_count());
     if (const auto flat = data_.flat_cells()) {
       for (const DataSet::FlatCells& cells : *flat) count_flat(cells);  // their points need no check
       return {};

@@ -585,6 +585,10 @@ TEST_F(SourceTest, LegacyAndStructuredFiles) {
   EXPECT_EQ(surface.points, 8u);
   EXPECT_EQ(surface.census.without_volume, 1u);
   EXPECT_EQ(describe_no_volume(surface.census), "only surface cells (1 polygon)");
+  const auto without_values = value_of(
+      read_input({write("a.vtk", head + "DATASET POLYDATA\nPOINTS 8 float\n" + lattice + "POLYGONS 1 4\n3 0 1 2\n")}));
+  EXPECT_THAT(without_values.attributes, ElementsAre("cell_volume"));
+  EXPECT_EQ(without_values.census.surfaces, 1u);
   EXPECT_THAT(error_of({write("a.vtk", head + "DATASET STRUCTURED_GRID\nDIMENSIONS 2 2 2\nPOINTS 8 float\n0 0 0 1")}),
               StartsWith(folder_));
 }

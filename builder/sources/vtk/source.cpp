@@ -90,7 +90,8 @@ class VtkSource final : public Source {
   Result<std::unique_ptr<Piece>> next() override {
     if (!pending_) SPLATVOL_TRY(load());
     if (!pending_ && own_cells_ && points_ == 0 && !selects_)
-      return fail(ErrorCode::invalid_data, "{}: no cells with a volume, which '--cells own' needs", data_sets_->path());
+      return fail(ErrorCode::invalid_data, "{}: no cells with a volume{}", data_sets_->path(),
+                  numbers_blocks_ ? ", and no values; splatvol draws volumes" : ", which '--cells own' needs");
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
     number_ = pending_number_;

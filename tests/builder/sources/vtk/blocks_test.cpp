@@ -301,6 +301,13 @@ TEST_F(BlocksTest, ExodusOfShellsOnlyIsNoVolume) {
   EXPECT_THAT(error_of("shells.e"), HasSubstr("only surface cells (1 quadrilateral); splatvol draws volumes"));
 }
 
+TEST_F(BlocksTest, ExodusOfBarsOnlyIsNoVolume) {
+  ExodusMesh frame{.points = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}}, .blocks = {{"BAR2", {{1, 2}}}, {"BAR2", {{2, 3}}}}};
+  frame.nodal.clear();
+  frame.write(path("bars.e"));
+  EXPECT_THAT(error_of("bars.e"), HasSubstr("no cells with a volume, and no values; splatvol draws volumes"));
+}
+
 TEST_F(BlocksTest, ExodusNumbersOfPointsThatAreNotThere) {
   exodus_mesh().write(path("mesh.e"));
   const std::string whole = read_text_file(path("mesh.e")).value();
@@ -591,6 +598,31 @@ TEST_F(BlocksTest, CgnsWithWallsBeforeCells) {
   expect_two_blocks("mesh.cgns", 1e-12);
   EXPECT_THAT(patches_of("mesh.cgns"), UnorderedElementsAre(Pair("Wall", 18), Pair("outer", 162)));
   expect_survives_truncation("mesh.cgns", "mesh.cgns", 2003, all_cuts);
+}
+
+// VTK's reader names vectors so. It hides none behind a field of the same name.
+TEST_F(BlocksTest, CgnsVectorsByTheirComponents) {
+  for (const bool walls_first : {false, true}) {
+    SCOPED_TRACE(walls_first);
+    int file = 0, base = 0, solution = 0, ignored = 0;
+    ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_WRITE, &file), 0) << cg_get_error();
+    cg_base_write(file, "Base", 3, 3, &base);
+    const int zone = write_zone(file, base, 0, walls_first);
+    cg_sol_write(file, base, zone, "Solution", CGNS_ENUMV(Vertex), &solution);
+    double value = 0;
+    for (const char* name : {"a_x", "a_y", "a_z", "b", "b_x", "b_y", "b_z", "c", "cX", "cY", "cZ", "dX", "dY", "dZ"}) {
+      const std::vector<double> values(block_points, ++value);
+      cg_field_write(file, base, zone, solution, CGNS_ENUMV(RealDouble), name, values.data(), &ignored);
+    }
+    ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+    const auto input = value_of(read_input({path("mesh.cgns")}));
+    EXPECT_THAT(input.attributes, ElementsAre("a", "a[0]", "a[1]", "a[2]", "b", "b_x", "b_y", "b_z", "c", "cX", "cY",
+                                              "cZ", "d", "d[0]", "d[1]", "d[2]"));
+    std::vector<double> first;
+    for (const auto& values : input.pieces.at(0).values) first.push_back(values.front());
+    EXPECT_THAT(first, ElementsAre(DoubleNear(std::sqrt(1 + 4 + 9), 1e-12), 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11,
+                                   DoubleNear(std::sqrt(144 + 169 + 196), 1e-12), 12, 13, 14));
+  }
 }
 
 /// Adds a solution with the field "values" of this name at a place.
