@@ -10,7 +10,8 @@ namespace {
 
 using glm::dvec4;
 
-constexpr int bent_steps = 2048;  // of a domain on a bent axis: svtruth's
+constexpr double most_error = 1e-4;  // of colour and extinction on a bent axis, as shares of the largest
+constexpr double most_steps = 2048;  // of a domain on a bent axis: svtruth's
 
 struct UPiece {
   double begin, end;
@@ -26,16 +27,38 @@ struct UPiece {
   }
 };
 
+// Returns how far t is from being linear in the value over the domain: on a bent axis, the second derivative of the
+// value by t is at most so many times the first.
+double bend_of(const TransferFunction& function) {
+  if (function.axis == ValueAxis::log) return std::log(function.hi / function.lo);
+  return std::asinh(function.hi / function.linear_width) - std::asinh(function.lo / function.linear_width);
+}
+
+// Returns into how many steps a piece on a bent axis is cut. A step h has an error of bend h^2 / 8 in t, which the
+// slope of the function turns into one of colour and extinction. `largest`: of the function.
+int steps_of(const LinearPiece& piece, double bend, const dvec4& largest) {
+  if (!(piece.at_begin[3] + piece.at_end[3] > 0)) return 1;
+  double change = 0;
+  for (int c = 0; c < 4; ++c)
+    if (largest[c] > 0) change = std::max(change, std::abs(piece.at_end[c] - piece.at_begin[c]) / largest[c]);
+  const double width = piece.end - piece.begin;
+  const double steps = std::sqrt(bend * change * width / (8 * most_error));
+  return static_cast<int>(std::ceil(std::clamp(steps, 1.0, std::max(1.0, width * most_steps))));
+}
+
 // Pieces of the domain, by u.
 std::vector<UPiece> pieces_by_value(const TransferFunction& function) {
   const auto u_of = [&](double t) { return (function.value_at(t) - function.lo) / (function.hi - function.lo); };
+  const std::vector<LinearPiece> linear = linear_pieces(function);
   std::vector<UPiece> pieces;
-  for (const LinearPiece& piece : linear_pieces(function)) {
-    if (function.axis == ValueAxis::linear) {
-      pieces.push_back({piece.begin, piece.end, piece.at_begin, piece.at_end});
-      continue;
-    }
-    const int steps = std::max(1, static_cast<int>(std::ceil((piece.end - piece.begin) * bent_steps)));
+  if (function.axis == ValueAxis::linear) {
+    for (const LinearPiece& piece : linear) pieces.push_back({piece.begin, piece.end, piece.at_begin, piece.at_end});
+    return pieces;
+  }
+  dvec4 largest(0);
+  for (const LinearPiece& piece : linear) largest = glm::max(largest, glm::max(piece.at_begin, piece.at_end));
+  for (const LinearPiece& piece : linear) {
+    const int steps = steps_of(piece, bend_of(function), largest);
     for (int step = 0; step < steps; ++step) {
       const double first = static_cast<double>(step) / steps, last = static_cast<double>(step + 1) / steps;
       const auto at = [&](double share) { return glm::mix(piece.at_begin, piece.at_end, share); };

@@ -642,15 +642,29 @@ struct Factors {
 /// Returns the piece of a function that a ray is in from `u` on. Upwards a knot belongs to what follows it, downwards
 /// to what precedes it.
 HWY_INLINE Int piece_in(const FunctionPieces& function, Float u, Mask up) {
-  const Float bin = clamp(fma(u, static_cast<float>(FunctionPieces::bins), function.bin_of_origin), 0.0F,
-                          static_cast<float>(FunctionPieces::bins + 1));
-  Int piece = Int(hn::GatherIndex(IntTag(), function.first_of_bin.data(), truncate(bin).v));
+  constexpr int last_bin = FunctionPieces::bins + 1;
+  const Int bin = truncate(clamp(fma(u, static_cast<float>(FunctionPieces::bins), function.bin_of_origin), 0.0F,
+                                 static_cast<float>(last_bin)));
+  const auto first_of = [&](Int of)
+                            HWY_ATTR { return Int(hn::GatherIndex(IntTag(), function.first_of_bin.data(), of.v)); };
+  Int piece = first_of(bin);
+  // Of a bent axis, hundreds of pieces may begin in a bin.
+  Int behind = first_of(min(bin + Int(1), Int(last_bin))) + Int(1);
+  for (;;) {
+    const Mask several = mask_of(hn::Gt((behind - piece).v, Int(1).v));
+    if (!any(several)) break;
+    const Int middle = shift_right<1>(piece + behind);
+    const Mask later = gather(function.starts.data(), middle) <= u;
+    piece = select_int(both(several, later), middle, piece);
+    behind = select_int(hn::AndNot(later, several), middle, behind);
+  }
+  // Rounding of the bin may have led not far enough.
   for (;;) {
     const Mask later = gather(function.starts.data(), piece + Int(1)) <= u;
     if (!any(later)) break;
     piece = piece + select_int(later, Int(1), Int(0));
   }
-  // Rounding of the bin may have led too far.
+  // Or too far.
   for (;;) {
     const Float start = gather(function.starts.data(), piece);
     const Mask sooner = either(start > u, hn::AndNot(up, start >= u));

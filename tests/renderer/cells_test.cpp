@@ -3,10 +3,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <random>
 
+#include "renderer/cpu/cell_function.h"
 #include "renderer/surfaces/draw_surfaces.h"
 #include "tests/renderer/drawn_cells.h"
 #include "tests/renderer/targets.h"
@@ -105,6 +107,26 @@ TEST(Cells, ShowFunctionsOfManyPiecesAndBentAxes) {
   function.axis = ValueAxis::asinh;
   function.linear_width = 0.05;
   expect_exact(drawn, 2e-5, 1e-3);
+}
+
+// Each piece that a ray crosses costs time.
+TEST(Cells, TakeFewPiecesOfABentAxis) {
+  TransferFunction function = wide_scene(4, {2.3, 1.9, 3.1}, false).transfer_function;
+  function.densities = {{0, 0}, {0.5, 0}, {1, 1}};
+  for (const ValueAxis axis : {ValueAxis::log, ValueAxis::asinh}) {
+    function.axis = axis, function.lo = axis == ValueAxis::log ? 1 : -1e9, function.hi = 1e9, function.linear_width = 1;
+    const tiles::FunctionPieces pieces(function);
+    EXPECT_LE(pieces.count, 512u);
+    double worst = 0;
+    for (double t = 0.5; t < 1; t += 1e-4) {
+      const double u = (function.value_at(t) - function.lo) / (function.hi - function.lo) - pieces.origin;
+      const auto behind = std::ranges::upper_bound(pieces.starts, static_cast<float>(u));
+      const auto piece = static_cast<std::size_t>(behind - pieces.starts.begin()) - 1;
+      const double extinction = pieces.values[3][piece] + pieces.slopes[3][piece] * (u - pieces.starts[piece]);
+      worst = std::max(worst, std::abs(extinction - function.extinction_at(t)));
+    }
+    EXPECT_LT(worst, 1e-4);
+  }
 }
 
 TEST(Cells, AreLitByTheirGradients) {
