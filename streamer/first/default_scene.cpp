@@ -43,8 +43,9 @@ using Chooser = std::function<TransferFunction(const std::vector<SurveySplat>&)>
 
 Result<Chooser> chooser_for(const format::Volume& volume, int index) {
   const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
-  SPLATVOL_TRY_ASSIGN(labels, holds_labels(volume, index));
-  if (!labels) return Chooser(choose_transfer_function);
+  SPLATVOL_TRY_ASSIGN(kind, kind_of_numbers(volume, index));
+  if (kind != NumberKind::labels)
+    return Chooser([kind](const auto& splats) { return choose_transfer_function(splats, kind == NumberKind::whole); });
   return Chooser([least = attribute.min, most = attribute.max](const auto&) { return label_function(least, most); });
 }
 

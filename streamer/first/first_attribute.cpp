@@ -58,11 +58,12 @@ Result<Interest> interest_of(const format::Volume& volume, int index) {
 
 }  // namespace
 
-Result<bool> holds_labels(const format::Volume& volume, int index) {
+Result<NumberKind> kind_of_numbers(const format::Volume& volume, int index) {
   SPLATVOL_TRY_ASSIGN(whole, whole_numbers(volume, index));
+  if (whole.empty()) return NumberKind::other;
   std::ranges::sort(whole);
   whole.erase(std::ranges::unique(whole).begin(), whole.end());
-  return whole.size() > 1 && whole.size() <= most_labels;
+  return whole.size() > 1 && whole.size() <= most_labels ? NumberKind::labels : NumberKind::whole;
 }
 
 Result<int> choose_first_attribute(const format::Volume& volume) {

@@ -14,9 +14,11 @@ namespace splatvol {
 /// has a value, and if the file cannot be read.
 [[nodiscard]] Result<int> choose_first_attribute(const format::Volume& volume);
 
-/// Whether the values of an attribute are labels, of materials or blocks: a sample of them holds 2 to 64 whole numbers,
-/// and nothing else. Fails if the file cannot be read.
-[[nodiscard]] Result<bool> holds_labels(const format::Volume& volume, int index);
+/// Labels, of materials or blocks, are 2 to 64 whole numbers and nothing else. Images have whole numbers, too.
+enum class NumberKind { labels, whole, other };
+
+/// Returns the kind of an attribute's values, by a sample of them. Fails if the file cannot be read.
+[[nodiscard]] Result<NumberKind> kind_of_numbers(const format::Volume& volume, int index);
 
 /// Returns the first attributes of the file, at most `most`, that are quantities and no components: those that a user
 /// of the first picture will look at next. `first` is left out.

@@ -97,10 +97,10 @@ constexpr double shown_decades = 1e10;   // from the largest values down; less i
 
 // Returns whether sizes span decades: half of those above 0, by number and by volume, are less than 1 / `half` of the
 // largest, and some are less than 1/1000. A linear axis would show most of them as one. `sizes` keeps those that are
-// shown.
-bool spans_decades(Values& sizes, double half) {
+// shown, above `least`.
+bool spans_decades(Values& sizes, double half, double least) {
   const std::size_t all = sizes.size();
-  const double least = quantile(sizes, 0.99) / shown_decades;
+  least = std::max(least, quantile(sizes, 0.99) / shown_decades);
   std::erase_if(sizes, [&](const WeightedValue& size) { return !(size.value > least); });
   if (20 * sizes.size() < all || sizes.size() < fewest_beyond) return false;
   const double top = quantile(sizes, 0.99);
@@ -109,13 +109,14 @@ bool spans_decades(Values& sizes, double half) {
 }
 
 // Few negative values, or small ones, are errors of rounding.
-Axis choose_axis(const std::vector<SurveySplat>& splats) {
+Axis choose_axis(const std::vector<SurveySplat>& splats, bool whole) {
+  const double least_size = whole ? 0.5 : 0;
   Values values = values_of(splats, [](double value) { return value; });
   const double least = quantile(values, 0.01), most = quantile(values, 0.99);
   if (most > 0 && least >= -most * rounding)
-    return spans_decades(values, 30) ? Axis{ValueAxis::log, 1, quantile(values, share_left_out)} : Axis{};
+    return spans_decades(values, 30, least_size) ? Axis{ValueAxis::log, 1, quantile(values, share_left_out)} : Axis{};
   Values sizes = values_of(splats, [](double value) { return std::abs(value); });
-  return spans_decades(sizes, 100) ? Axis{ValueAxis::asinh, quantile(sizes, 0.25), 0} : Axis{};
+  return spans_decades(sizes, 100, least_size) ? Axis{ValueAxis::asinh, quantile(sizes, 0.25), 0} : Axis{};
 }
 
 // Findings on the values, on their axis, before colours and densities are chosen.
@@ -266,8 +267,8 @@ TransferFunction constant_function(double value) {
 
 }  // namespace
 
-TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats) {
-  const Axis axis = choose_axis(splats);
+TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats, bool whole) {
+  const Axis axis = choose_axis(splats, whole);
   const Values values = values_of(splats, [&](double value) { return axis.position(value); });
   const Findings findings = study(values, axis.kind == ValueAxis::log);
   const double largest = std::max(std::abs(findings.range.low), std::abs(findings.range.high));

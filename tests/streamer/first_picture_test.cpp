@@ -253,6 +253,13 @@ TEST_F(RendererTestFirstPicture, ValuesThatSpanDecadesGetALogarithmicAxis) {
   EXPECT_EQ(cut.axis, ValueAxis::log);
   EXPECT_GT(cut.lo, 1e-10);
   EXPECT_GT(cut.hi, 0.01);
+  // Noise of 0 and 1 round a body, as in images of bytes. Only means lie between.
+  int count = 0;
+  const TransferFunction bytes = axis_of([&](const dvec3& p) {
+    const double noise = ++count % 31 == 0 ? 1 : 0;
+    return std::max(noise, std::round(255 - 900 * radius_of(p + 0.03 * dvec3(p.y, p.z, 1))));
+  });
+  EXPECT_EQ(bytes.axis, ValueAxis::linear);
   const TransferFunction poles = axis_of([](const dvec3& p) {
     return std::pow(glm::length(p - dvec3(0.3, 0.5, 0.5)) + 0.003, -6) -
            std::pow(glm::length(p - dvec3(0.7, 0.5, 0.5)) + 0.003, -6);
