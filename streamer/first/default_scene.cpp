@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "format/cell_reader.h"
 #include "pictures/contrast.h"
 #include "streamer/first/first_attribute.h"
 #include "streamer/first/first_camera.h"
@@ -36,6 +37,7 @@ constexpr std::size_t fewest_in_picture = 20;  // splats from which values are c
 constexpr double share_of_densest = 0.03;      // of the largest extinction; above it a splat counts as visible
 constexpr double share_of_deepest = 0.1;       // of the largest optical depth of a splat; above it, too
 constexpr double share_of_domain = 0.7;        // what is visible is that large: the camera shows all
+constexpr double thinnest = 1.0 / 20;          // of the shorter side of a sheet; what is thicker has a side to see
 constexpr double opacity_of_material = 0.65;   // mean along rays, on a dark background
 
 // Chooses a transfer function for the values of some splats.
@@ -141,10 +143,31 @@ struct Framing {
   std::vector<SurveySplat> core, others;
 };
 
-// If what is visible fills most of the domain, all of the domain is in the picture, with its outline.
-Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySplat>& splats, const Chooser& choose,
-                     const Framing& framing, const FirstPicture& picture) {
+// Returns the box round the cells that the file keeps, or else round the splats. These are taken for boxes: those of
+// tetrahedra reach farther.
+Result<Box> box_of_material(const format::Volume& volume, const std::vector<SurveySplat>& splats) {
+  SPLATVOL_TRY_ASSIGN(cells, format::CellReader::open(volume));
+  if (!cells || cells->pages().empty()) return bounds_of(splats);
+  Box box;
+  for (const format::CellPageRef& page : cells->pages())
+    box.include({{page.low[0], page.low[1], page.low[2]}, {page.high[0], page.high[1], page.high[2]}});
+  return box;
+}
+
+// A sheet across the axis that points upwards is seen from above: there another axis of the picture's plane is up. A
+// turn keeps to the first one.
+int axis_up(const format::VolumeInfo& info, const Box& domain, bool turns) {
   const int up = info.up < 0 ? 1 : info.up;
+  const dvec3 extent = domain.extent();
+  const double side = std::min(extent[(up + 1) % 3], extent[(up + 2) % 3]);
+  if (turns || extent[up] > thinnest * side) return up;
+  return up == 2 ? 1 : 2;
+}
+
+// If what is visible fills most of the domain, all of the domain is in the picture, with its outline.
+Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySplat>& splats, const Box& domain,
+                     const Chooser& choose, const Framing& framing, const FirstPicture& picture) {
+  const int up = axis_up(info, domain, picture.turns);
   const double aspect = static_cast<double>(picture.width) / picture.height;
   const auto distance = [](const Camera& camera) { return glm::length(camera.position - camera.focal_point); };
   Camera near = fit_camera(framing.core, up, aspect, info.cube.edge, picture.turns);
@@ -153,7 +176,7 @@ Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySpl
   all.insert(all.end(), framing.others.begin(), framing.others.end());
   near = fit_camera(all, up, aspect, info.cube.edge, picture.turns);
   if (distance(near) > glm::length(away)) near.position = near.focal_point + away;
-  const Camera far = fit_camera(corners_of(bounds_of(splats)), up, aspect, info.cube.edge, picture.turns);
+  const Camera far = fit_camera(corners_of(domain), up, aspect, info.cube.edge, picture.turns);
   if (distance(near) >= distance(far)) return near;
   if (distance(near) >= share_of_domain * distance(far)) return far;
   const Camera relaxed = step_back(splats, choose, near, aspect);
@@ -240,7 +263,9 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
   scene.height = picture.height;
   scene.outline = true;
   scene.attribute = volume.info().attributes[static_cast<std::size_t>(index)].name;
-  scene.camera = choose_camera(volume.info(), splats, choose, framing, picture);
+  SPLATVOL_TRY_ASSIGN(
+      domain, first_splats.size() < volume.info().point_count() ? bounds_of(splats) : box_of_material(volume, splats));
+  scene.camera = choose_camera(volume.info(), splats, domain, choose, framing, picture);
   if (index != first) {
     SPLATVOL_TRY_ASSIGN(others, survey(volume, index, shapes));
     splats = within(framing.ball, others);
@@ -283,7 +308,7 @@ Result<dvec3> middle_of_visible(const format::Volume& volume, const Scene& scene
 Result<Box> domain_of(const format::Volume& volume) {
   if (volume.info().attributes.empty()) return fail(ErrorCode::invalid_data, "{}: has no attributes", volume.name());
   SPLATVOL_TRY_ASSIGN(splats, survey_material(volume, 0, enough_for_the_domain));
-  return bounds_of(splats);
+  return box_of_material(volume, splats);
 }
 
 }  // namespace splatvol

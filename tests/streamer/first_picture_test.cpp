@@ -49,10 +49,13 @@ struct RendererTestFirstPicture : FolderTest {
     piece.tetrahedra = mesh.tetrahedra;
     std::vector<std::string> names;
     for (const auto& [name, field] : fields) names.push_back(name), piece.values.push_back(sample(mesh, field));
-    NamedSource source(std::move(names), std::move(piece));
-    BuildOptions options{.join_attributes = false, .up = up};
-    EXPECT_EQ(message_of(build_volume(source, file_, options, [](const char*, double) {})), "");
+    build(std::move(names), std::move(piece), up);
     return scene_of(picture);
+  }
+  void build(std::vector<std::string> names, Piece piece, int up = -1, bool keep_cells = false) const {
+    NamedSource source(std::move(names), std::move(piece));
+    BuildOptions options{.join_attributes = false, .up = up, .keep_cells = keep_cells};
+    EXPECT_EQ(message_of(build_volume(source, file_, options, [](const char*, double) {})), "");
   }
   Scene scene_of(const FirstPicture& picture, const std::string& attribute = "") const {
     const auto scene = default_scene(*format::Volume::open(open_file(file_).value()).value(), attribute, picture);
@@ -168,6 +171,40 @@ TEST_F(RendererTestFirstPicture, TheFarFieldVanishes) {
   for (const int x : {0, 199})
     for (const int y : {0, 199}) EXPECT_LT(image.at(x, y).a, 0.1);
   EXPECT_GT(opacities(image).size(), 2000u);
+}
+
+// Its splats reach less far than its corners.
+TEST_F(RendererTestFirstPicture, ATetrahedronIsInItsOutline) {
+  Piece piece;
+  piece.points = {{0, 0, 0}, {2, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  piece.tetrahedra = {{0, 1, 2, 3}};
+  piece.values = {{1, 2, 3, 4}};
+  const std::vector<dvec3> corners = piece.points;
+  build({"a"}, std::move(piece), -1, true);
+  const Box domain = domain_of(*format::Volume::open(open_file(file_).value()).value()).value();
+  EXPECT_LT(glm::length(domain.low), 1e-3);
+  EXPECT_LT(glm::length(domain.high - dvec3(2, 1, 1)), 1e-3);
+  const View view = make_view(scene_of(FirstPicture{})).value();
+  for (const dvec3& corner : corners) {
+    const dvec3 p = view.to_view(corner);
+    EXPECT_LT(std::abs(p.x) * view.focal / p.z, 0.5 * view.width) << corner.x << " " << corner.y;
+    EXPECT_LT(std::abs(p.y) * view.focal / p.z, 0.5 * view.height) << corner.x << " " << corner.y;
+  }
+}
+
+// A sheet is seen from above. There an axis in its plane is upwards, unless the camera turns round it.
+TEST_F(RendererTestFirstPicture, ASheetIsUpright) {
+  const auto x = [](const dvec3& p) { return p.x; };
+  const auto up_of = [&](const dvec3& extent, int up, const FirstPicture& picture = {}) {
+    return scene_of({12, 12, 12}, box(dvec3(0), extent), {{"a", x}}, picture, up).camera.up;
+  };
+  const dvec3 y(0, 1, 0), z(0, 0, 1);
+  EXPECT_EQ(up_of({2, 1, 0.01}, 2), y);
+  EXPECT_EQ(up_of({2, 1, 0.01}, 1), y);
+  EXPECT_EQ(up_of({2, 0.01, 1}, 1), z);
+  EXPECT_EQ(up_of({0.01, 2, 1}, 0), z);
+  EXPECT_EQ(up_of({2, 1, 0.1}, 2), z);
+  EXPECT_EQ(up_of({2, 1, 0.01}, 2, {.turns = true}), z);
 }
 
 TEST_F(RendererTestFirstPicture, ColoursDivergeOnlyIfThereAreTwoSides) {
