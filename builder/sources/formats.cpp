@@ -206,8 +206,25 @@ std::optional<InputFormat> format_of_name(std::string_view path) {
   return format_of_extension(name) == InputFormat::exodus ? std::optional(InputFormat::exodus) : std::nullopt;
 }
 
+namespace {
+
+/// Whether a text has two bytes a character: Windows's shell writes such files.
+bool is_utf16(std::string_view text) {
+  if (text.size() < 6) return false;
+  return (text.starts_with("\xff\xfe") && text[3] == 0 && text[5] == 0) ||
+         (text.starts_with("\xfe\xff") && text[2] == 0 && text[4] == 0);
+}
+
+}  // namespace
+
 Result<FileHeader> read_header(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text(path, 65536));
+  if (text.starts_with("version https://git-lfs."))
+    return fail(ErrorCode::invalid_data, "{}: a pointer of Git LFS instead of the file: get it by 'git lfs pull'",
+                path);
+  if (is_utf16(text))
+    return fail(ErrorCode::invalid_data, "{}: a text in UTF-16: save it as UTF-8, or iconv -f UTF-16 -t UTF-8 {} > OUT",
+                path, path);
   const std::optional<InputFormat> named = format_of_name(path);
   if (text.starts_with(npy_magic)) return FileHeader{.format = InputFormat::numpy};
   const bool is_text = has_extension(path, ".txt");  // of any format

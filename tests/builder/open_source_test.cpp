@@ -458,6 +458,19 @@ TEST_F(SourceTest, FormatsThatAreNotReadNameTheWayOut) {
   }
   EXPECT_THAT(error_of({write("a.bin", "some bytes\n")}), HasSubstr("its format is not known"));
   EXPECT_THAT(error_of({write("climate.nc", "CDF\001 temperature")}), HasSubstr("files of NetCDF are not read"));
+  EXPECT_THAT(error_of({write("old.msh", "$NOD\n1\n1 0 0 0\n$ENDNOD\n")}), HasSubstr("Gmsh's format 1 cannot be read"));
+}
+
+TEST_F(SourceTest, TextsThatAreNotTheDataNameTheWayToIt) {
+  const std::string pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4cc3\nsize 1234\n";
+  const std::string text = "x,y,z,a\n0,0,0,1\n";
+  std::string little = "\xff\xfe", big = "\xfe\xff";
+  for (const char c : text) little += {c, '\0'}, big += {'\0', c};
+  for (const char* name : {"a.vtu", "a.vtk", "a.csv", "a.txt", "a.msh", "a.su2", "a.e", "a.bin"}) {
+    EXPECT_THAT(error_of({write(name, pointer)}), HasSubstr(": a pointer of Git LFS instead of the file: ")) << name;
+    for (const std::string& wide : {little, big})
+      EXPECT_THAT(error_of({write(name, wide)}), HasSubstr(": a text in UTF-16: save it as UTF-8, or iconv ")) << name;
+  }
 }
 
 TEST_F(SourceTest, DataThatAFolderLeavesOutIsNamed) {

@@ -180,6 +180,7 @@ class GmshReader {
       const std::string_view line = in_.line();
       if (is_comment(line)) continue;
       if (line == "$MeshFormat") return;
+      is_version_1_ = is_version_1_ || line == "$NOD";
       const std::string section = line.starts_with('$') ? name_of_section(line) : "";
       if (section.empty() || section == "Nodes" || section == "Elements" || section.ends_with("Data")) break;
       in_.skip_section(section);
@@ -187,8 +188,15 @@ class GmshReader {
     in_.fail();
   }
 
+  [[nodiscard]] tl::unexpected<Error> fail_version(const std::string& version) const {
+    return fail(ErrorCode::unsupported,
+                "{}: Gmsh's format {} cannot be read, only 2 to 2.2 and 4.1: gmsh {} -save -format msh41 -o OUT.msh",
+                path_, version, path_);
+  }
+
   Status read_format() {
     find_format();
+    if (is_version_1_) return fail_version("1");
     if (in_.failed())
       return fail(ErrorCode::invalid_data, "{}: not a Gmsh file (it does not begin with $MeshFormat)", path_);
     version_ = in_.text<double>();
@@ -196,10 +204,7 @@ class GmshReader {
     in_.line();
     if (in_.failed() || type < 0 || type > 1) return fail(ErrorCode::invalid_data, "{}: $MeshFormat is damaged", path_);
     is_version_2_ = version_ >= 2 && version_ <= 2.2;
-    if (!is_version_2_ && version_ != 4.1)
-      return fail(ErrorCode::unsupported,
-                  "{}: Gmsh's format {} cannot be read, only 2 to 2.2 and 4.1: gmsh {} -save -format msh41 -o OUT.msh",
-                  path_, version_, path_);
+    if (!is_version_2_ && version_ != 4.1) return fail_version(fmt::format("{}", version_));
     if (size != 8) return fail(ErrorCode::unsupported, "{}: numbers of {} bytes instead of 8", path_, size);
     in_.set_binary(type == 1);
     file_.may_repeat = is_version_2_;
@@ -445,6 +450,7 @@ class GmshReader {
   Scanner in_;
   bool wants_groups_, headers_only_;
   double version_ = 0;
+  bool is_version_1_ = false;
   bool is_version_2_ = false;                                           // 2.0, 2.1 or 2.2
   std::map<std::int64_t, std::string> group_names_;                     // of surfaces, by their tags
   std::map<std::int64_t, std::vector<std::size_t>> elements_of_group_;  // by the group's tag
