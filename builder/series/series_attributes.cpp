@@ -20,7 +20,8 @@ Result<ListedSteps> list_steps(const std::vector<StepInput>& inputs) {
   ListedSteps listed;
   ArrayUnion all;
   for (const StepInput& input : inputs) {
-    SPLATVOL_TRY_ASSIGN(arrays, input.list(input.options));
+    std::optional<std::vector<ArrayShape>> arrays;
+    SPLATVOL_TRY_SET(arrays, input.list(input.options));
     listed.steps.emplace_back();
     if (!arrays) continue;
     ArrayUnion own;

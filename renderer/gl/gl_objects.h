@@ -58,8 +58,8 @@ using Program = GlObject<delete_program>;
 /// A buffer that grows on demand, and forgets its contents when it grows.
 class Buffer {
  public:
-  /// `name` appears in messages.
-  explicit Buffer(std::string name) : name_(std::move(name)) {}
+  /// `name` appears in messages: a literal.
+  explicit Buffer(std::string_view name) : name_(name) {}
 
   /// Makes room for at least `bytes`; exactly as many if the buffer must grow. Fails with ErrorCode::device if a shader
   /// could not see that many bytes of one buffer, or the device has no memory left.
@@ -76,12 +76,12 @@ class Buffer {
   void unmap();
 
   void bind(GLenum target, GLuint binding) const { glBindBufferBase(target, binding, object_.name()); }
-  [[nodiscard]] const std::string& name() const { return name_; }
+  [[nodiscard]] std::string_view name() const { return name_; }
   [[nodiscard]] GLuint object() const { return object_.name(); }
   [[nodiscard]] std::size_t bytes() const { return bytes_; }
 
  private:
-  std::string name_;
+  std::string_view name_;
   GlObject<delete_buffer> object_;
   std::size_t bytes_ = 0;
 };
