@@ -184,7 +184,7 @@ Status run(int minutes, std::vector<std::string> files) {
   std::string folder = (std::filesystem::temp_directory_path() / "splatvol-soak-XXXXXX").string();
   if (!::mkdtemp(folder.data())) return fail(ErrorCode::io, "{}: no folder can be made", folder);
   std::filesystem::current_path(folder);
-  const Status soaked = soak(minutes, files);
+  Status soaked = soak(minutes, files);
   std::filesystem::current_path("/");
   std::filesystem::remove_all(folder);
   return soaked;

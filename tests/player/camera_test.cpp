@@ -1,4 +1,5 @@
 // Moving a camera by hand, and cameras along a path.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -176,8 +177,8 @@ TEST_F(CameraPathFile, RefusesWhatIsNone) {
         {R"({"seconds": 5})", "not a camera path"},
         {R"({"seconds": 5, "cameras": []})", "no cameras"},
         {R"({"seconds": 5, "cameras": [{}]})", "cameras[0]"},
-        {R"({"seconds": 0, "cameras": [)" + camera + "]}", "seconds"},
-        {R"({"seconds": 5, "cameras": [)" + camera + "," + other + "]}", "both projections"}}) {
+        {fmt::format(R"({{"seconds": 0, "cameras": [{}]}})", camera), "seconds"},
+        {fmt::format(R"({{"seconds": 5, "cameras": [{},{}]}})", camera, other), "both projections"}}) {
     write(text);
     const auto path = load_camera_path(file);
     ASSERT_FALSE(path) << text;

@@ -85,8 +85,9 @@ class Slices : public test::FolderTest {
         EXPECT_TRUE(std::isnan(values[i]));
         continue;
       }
-      const double a = (static_cast<double>(i % view.width) + 0.5 - 0.5 * view.width) / view.focal;
-      const double b = (0.5 * view.height - static_cast<double>(i / view.width) - 0.5) / view.focal;
+      const std::size_t column = i % view.width, row = i / view.width;
+      const double a = (static_cast<double>(column) + 0.5 - 0.5 * view.width) / view.focal;
+      const double b = (0.5 * view.height - static_cast<double>(row) - 0.5) / view.focal;
       const double w = view.orthographic ? 1 : depths[i];
       result.push_back({view.eye + a * w * view.right + b * w * view.up + depths[i] * view.forward, values[i]});
     }
