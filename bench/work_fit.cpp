@@ -65,7 +65,7 @@ Status measure_cells(Player& player, const std::string& name, double pixels, std
     const double samples = segments / (spacing * spacing);
     measured.push_back({fmt::format("{}, {} tetrahedra, samples {} apart", name, tetrahedra, spacing),
                         {0, 0, 0, spacing > 1 ? pixels : 0, tetrahedra, std::sqrt(tetrahedra * samples), samples},
-                        work_of_cells(tetrahedra, segments, pixels, spacing),
+                        work_of_cells({tetrahedra, segments}, pixels, spacing),
                         nanoseconds});
   }
   return {};

@@ -5,8 +5,6 @@
 #include <tuple>
 #include <utility>
 
-#include "renderer/work.h"
-
 namespace splatvol {
 namespace {
 
@@ -472,8 +470,6 @@ double ErrorControl::work_of(double splats, int spacing) const {
   return work_of_splats(splats, fragments, search_.pixels, spacing);
 }
 
-double ErrorControl::work_of_exact(int spacing) const {
-  return work_of_cells(search_.cells->tetrahedra, search_.cells->segments, search_.pixels, spacing);
-}
+double ErrorControl::work_of_exact(int spacing) const { return work_of_cells(*search_.cells, search_.pixels, spacing); }
 
 }  // namespace splatvol

@@ -10,6 +10,7 @@
 #include "base/math.h"
 #include "pictures/image.h"
 #include "player/rays.h"
+#include "renderer/work.h"
 #include "streamer/cut.h"
 
 namespace splatvol {
@@ -25,12 +26,6 @@ namespace splatvol {
 /// square of linear RGB against the exact picture.
 class ErrorControl {
  public:
-  /// The cells of the view.
-  struct Cells {
-    double tetrahedra = 0;
-    double segments = 0;  // of a picture with a sample in each pixel
-  };
-
   /// How it looks for the picture.
   struct Search {
     std::uint64_t most_splats = std::numeric_limits<std::uint64_t>::max();  // that there is room for
@@ -46,8 +41,8 @@ class ErrorControl {
     int widest_spacing = 1;
     double pixels = 0;
 
-    std::optional<Rays> rays = {};    // if any, errors are against these
-    std::optional<Cells> cells = {};  // if any, an exact picture may be asked for; not if it grows
+    std::optional<Rays> rays = {};         // if any, errors are against these
+    std::optional<CellCounts> cells = {};  // if any, an exact picture may be asked for; not if it grows
   };
 
   /// The picture to draw next.

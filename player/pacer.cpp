@@ -5,8 +5,6 @@
 #include <cmath>
 #include <ranges>
 
-#include "renderer/work.h"
-
 namespace splatvol {
 namespace {
 
@@ -50,8 +48,8 @@ std::vector<Rung> rungs_of_splats(const Choices& choices) {
 }
 
 // Whether a mean tetrahedron has a sample. Else pictures of splats in the same time are better (docs/decisions).
-bool has_samples(const Choices::Cells& cells, int spacing) {
-  return cells.segments / static_cast<std::uint64_t>(spacing * spacing) >= cells.tetrahedra;
+bool has_samples(const CellCounts& cells, int spacing) {
+  return cells.segments / (spacing * spacing) >= cells.tetrahedra;
 }
 
 // Whether `a` stands above `b`.
@@ -80,12 +78,8 @@ std::vector<Rung> Pacer::ladder(const Choices& choices) const {
 }
 
 double Pacer::work(const Rung& rung, const Choices& choices) const {
-  if (rung.is_exact()) {
-    const auto tetrahedra = static_cast<double>(choices.cells->tetrahedra);
-    const auto segments = static_cast<double>(choices.cells->segments);
-    const double of_cells = work_of_cells(tetrahedra, segments, choices.pixels, rung.sample_spacing);
-    return std::max(of_cells, nanoseconds::of_picture);  // there may be none
-  }
+  if (rung.is_exact())  // of no cells, too
+    return std::max(work_of_cells(*choices.cells, choices.pixels, rung.sample_spacing), nanoseconds::of_picture);
   const auto splats = static_cast<double>(rung.splats);
   const double samples = choices.pixels / (rung.sample_spacing * rung.sample_spacing);
   return work_of_splats(splats, fragments_of_splats(layers_, splats, samples), choices.pixels, rung.sample_spacing);

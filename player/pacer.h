@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "renderer/work.h"
+
 namespace splatvol {
 
 /// The most pixels from one sample to the next in a picture of a wanted time.
@@ -29,11 +31,7 @@ struct Choices {
   std::uint64_t least_splats = 1;
   int finest_spacing = 1, widest_spacing = widest_samples_in_a_time;
   double pixels = 512 * 512;
-
-  struct Cells {
-    std::uint64_t tetrahedra = 0, segments = 0;  // as ExactPicture estimates them
-  };
-  std::optional<Cells> cells = {};  // none: they cannot be drawn
+  std::optional<CellCounts> cells = {};  // none: they cannot be drawn
 };
 
 /// Predicts the time of a rung: its counted work (renderer/work.h) times factors of the machine, learned from picture

@@ -622,7 +622,8 @@ Result<Choices> Player::choices(bool with_cells, int widest_spacing) {
   choices.widest_spacing = std::max(choices.finest_spacing, widest_spacing);
   if (!with_cells || (kept_cells_ && thin_cells_.lock() == kept_cells_)) return choices;
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.unknown_cells == 0) choices.cells = {estimate.tetrahedra, estimate.segments};
+  if (estimate.unknown_cells == 0)
+    choices.cells = {static_cast<double>(estimate.tetrahedra), static_cast<double>(estimate.segments)};
   return choices;
 }
 

@@ -315,7 +315,7 @@ class Player {
   // Exact rays, and the work of an exact picture.
   struct DrawnRays {
     Rays rays;
-    ErrorControl::Cells cells;
+    CellCounts cells;
   };
   [[nodiscard]] Result<std::optional<DrawnRays>> draw_rays();
   [[nodiscard]] Result<std::optional<ErrorSearch>> draw_all_points();

@@ -713,7 +713,7 @@ Status Session::draw_exact() {
 Result<Choices> Session::moving_choices() {
   const bool may_be_exact = !awaits_step_ && first_exact_spacing() > 0 && player_->holds_cells();
   SPLATVOL_TRY_ASSIGN(choices, player_->choices(may_be_exact));
-  if (choices.cells && choices.cells->segments > most_segments()) choices.cells.reset();
+  if (choices.cells && choices.cells->segments > static_cast<double>(most_segments())) choices.cells.reset();
   return choices;
 }
 

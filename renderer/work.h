@@ -37,13 +37,19 @@ inline constexpr double of_segment = 3.6;
          nanoseconds::of_interpolated_pixel * interpolated;
 }
 
-/// Returns the same of an exact picture of cells that are held. `segments`: with a sample in each pixel.
-[[nodiscard]] inline double work_of_cells(double tetrahedra, double segments, double pixels, int sample_spacing) {
+/// The cells of a view.
+struct CellCounts {
+  double tetrahedra = 0;
+  double segments = 0;  // of a picture with a sample in each pixel
+};
+
+/// Returns the same of an exact picture of cells that are held.
+[[nodiscard]] inline double work_of_cells(const CellCounts& cells, double pixels, int sample_spacing) {
   const double interpolated = sample_spacing > 1 ? pixels : 0;
-  const double sampled = segments / (sample_spacing * sample_spacing);
-  const double rows = std::sqrt(tetrahedra * sampled);  // n samples of a tetrahedron lie in about sqrt(n) rows
-  return nanoseconds::of_tetrahedron * tetrahedra + nanoseconds::of_row * rows + nanoseconds::of_segment * sampled +
-         nanoseconds::of_interpolated_pixel * interpolated;
+  const double sampled = cells.segments / (sample_spacing * sample_spacing);
+  const double rows = std::sqrt(cells.tetrahedra * sampled);  // n samples of a tetrahedron lie in about sqrt(n) rows
+  return nanoseconds::of_tetrahedron * cells.tetrahedra + nanoseconds::of_row * rows +
+         nanoseconds::of_segment * sampled + nanoseconds::of_interpolated_pixel * interpolated;
 }
 
 }  // namespace splatvol

@@ -59,7 +59,7 @@ class LeastWork : public test::FolderTest {
       const int spacing = player_->sample_spacing();
       Drawn drawn{0, compare_images(test::value_of(player_->image()), exact_)->rmse, 0, spacing};
       if (const auto& exact = player_->exact()) {
-        drawn.work = work_of_cells(static_cast<double>(exact->tetrahedra), segments_, pixels, spacing);
+        drawn.work = work_of_cells({static_cast<double>(exact->tetrahedra), segments_}, pixels, spacing);
       } else {
         drawn.splats = player_->frame()->splats;
         drawn.work =

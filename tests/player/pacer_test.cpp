@@ -9,7 +9,7 @@ namespace splatvol {
 namespace {
 
 constexpr Choices million = {.points = 1'000'000};
-constexpr Choices with_cells = {.points = 100'000, .cells = Choices::Cells{2'000'000, 30'000'000}};
+constexpr Choices with_cells = {.points = 100'000, .cells = CellCounts{2'000'000, 30'000'000}};
 
 std::ptrdiff_t place_of(const Rung& rung, const std::vector<Rung>& ladder) {
   return std::ranges::find(ladder, rung) - ladder.begin();
@@ -72,13 +72,13 @@ TEST(Pacer, CellsStandAboveSplatsOfLessWork) {
   EXPECT_EQ(ladder[ladder.size() - 3], (Rung{100'000, 1})) << "samples farther apart are as much work as all points";
 
   Choices few_cells = with_cells;
-  few_cells.cells = Choices::Cells{50'000, 1'000'000};
+  few_cells.cells = CellCounts{50'000, 1'000'000};
   const std::vector<Rung> short_ladder = Pacer(1).ladder(few_cells);
   EXPECT_EQ(short_ladder[short_ladder.size() - 3], (Rung{0, 4}));
   EXPECT_LT(short_ladder[short_ladder.size() - 4].splats, 100'000u);
 
   Choices small_cells = with_cells;
-  small_cells.cells = Choices::Cells{100'000, 1'000'000};
+  small_cells.cells = CellCounts{100'000, 1'000'000};
   for (const Rung& rung : Pacer(1).ladder(small_cells)) EXPECT_NE(rung, (Rung{0, 4})) << "most would have no sample";
 }
 
@@ -144,8 +144,8 @@ TEST(Pacer, StaysWhereTimesDifferALittle) {
 // One picture of a kind took long by chance, or there was nothing to draw. Later the kind is tried again.
 TEST(Pacer, ForgetsAMishap) {
   Choices choices = with_cells, nothing = with_cells;
-  choices.cells = Choices::Cells{1'000'000, 20'000'000};
-  nothing.cells = Choices::Cells{};
+  choices.cells = CellCounts{1'000'000, 20'000'000};
+  nothing.cells = CellCounts{};
   const Machine machine{0.1};
   Pacer pacer(0.02);
   for (int picture = 0; picture < 40; ++picture) static_cast<void>(machine.draw(pacer, choices));
