@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from . import hard_cases
-from .common import add_programs, words, wrapped
+from .common import Failure, add_programs, words, wrapped
 from .hard_cases import REFUSED
 
 SECONDS = 120  # that a program may take; five times as many for a large picture
@@ -61,7 +61,7 @@ class Measured:
         self.case = case
         self.errors = {}  # [way]: largest of the projections
         self.signal = 0.0  # error of an empty picture
-        self.vtk = {}
+        self.vtk = {}  # [mapper]: error; infinite if VTK crashed
         self.refusal = ""
         self.fault = ""
 
@@ -103,6 +103,7 @@ class Bench:
     def __init__(self, options, work):
         self.options = options
         self.work = work
+        self.vtk_version = None  # none: VTK has not drawn a picture
         self.ways = {way: arguments for way, arguments in WAYS.items() if way in options.ways}
 
     def program(self, name):
@@ -194,7 +195,7 @@ class Bench:
             with Peers(mesh, scene) as peers:
                 picture = self.work / "vtk.exr"
                 try:
-                    peers.prepare(kind, picture)
+                    self.vtk_version = peers.prepare(kind, picture)["version"]
                 except PeerError:
                     measured.vtk[kind] = float("inf")
                     continue
@@ -233,7 +234,7 @@ picture in units of 1.
 """
 
 
-def page(results, options):
+def page(results, vtk_version):
     lines = ["# Hard cases", "", *wrapped(HEAD)]
     head = f"| case | bound | signal | {' | '.join(WAYS)} | |"
     rule = f"|---|---|---|{'---|' * (len(WAYS) + 1)}"
@@ -243,7 +244,8 @@ def page(results, options):
     compared = [result for result in results if result.vtk]
     if compared:
         kinds = list(compared[0].vtk)
-        lines += ["", "## Beside VTK", "The same meshes and scenes, drawn by VTK's mappers. Ratio: splats to the better of these.",
+        lines += ["", "## Beside VTK",
+                  f"The same meshes and scenes, drawn by VTK {vtk_version}'s mappers. Ratio: splats to the better of these.",
                   f"| case | splats | {' | '.join(kinds)} | ratio |", f"|---|---|{'---|' * len(kinds)}---|"]
         for result in compared:
             ours = result.errors.get("splats", float("nan"))
@@ -277,8 +279,10 @@ def run(options):
         for case in cases:
             results.append(bench.measure(case))
             print(f"{case.group}: {results[-1].row()}", flush=True)
+    if not bench.vtk_version and any(result.vtk for result in results):
+        raise Failure("VTK draws nothing here, as it says above: without a display, run this by xvfb-run")
     if options.out:
-        options.out.write_text(page(results, options))
+        options.out.write_text(page(results, bench.vtk_version))
     red = [result for result in results if result.red]
     print(f"{len(results)} cases, {len(red)} red")
     for result in red:
