@@ -111,7 +111,7 @@ TEST_F(ExactAtRest, MovesExactly) {
   const Mesh mesh = jittered(24, 0.2);  // of several nodes
   build(mesh, path("m.svol"));
   const auto session = open(on_processor());
-  session->set_window_seconds(-0.2);  // a loaded machine has time for a picture, too
+  session->set_window_seconds(-2);  // a loaded machine has time for a picture, too
   settled(*session);
   const std::uint64_t serial = session->frame()->serial;
   const auto light_of = [](const Image& picture) {
