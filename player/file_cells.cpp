@@ -22,10 +22,6 @@ namespace {
 // Kinds of held parts.
 constexpr int chunk_part = 0, page_part = 1;
 
-Box box_of(const double (&low)[3], const double (&high)[3]) {
-  return {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
-}
-
 // Tetrahedra of a cell; about.
 std::size_t tetrahedra_of(format::CellShape shape) {
   switch (shape) {
@@ -43,22 +39,12 @@ std::size_t tetrahedra_of(format::CellShape shape) {
   return 1;
 }
 
-std::array<std::uint32_t, 4> sorted(std::array<std::uint32_t, 4> corners) {
-  const auto order = [&](std::size_t a, std::size_t b) {
-    const std::uint32_t low = std::min(corners[a], corners[b]), high = std::max(corners[a], corners[b]);
-    corners[a] = low;
-    corners[b] = high;
-  };
-  order(0, 1), order(2, 3), order(0, 2), order(1, 3), order(1, 2);
-  return corners;
-}
-
 // Gives each tetrahedron the value of its cell.
-void spread(std::span<const std::uint32_t> counts, std::vector<double>& values) {
-  if (values.empty()) return;
+std::vector<double> spread(const std::vector<double>& values, std::span<const std::uint32_t> cells) {
   std::vector<double> spread;
-  for (std::size_t cell = 0; cell < counts.size(); ++cell) spread.insert(spread.end(), counts[cell], values[cell]);
-  values = std::move(spread);
+  spread.reserve(cells.size());
+  for (const std::uint32_t cell : cells) spread.push_back(values[cell]);
+  return spread;
 }
 
 // A rectangle of the picture, in pixels.
@@ -167,54 +153,47 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
   SPLATVOL_TRY_SET(attributes.values, format::find_attribute(info, scene.attribute, volume.name()));
   if (scene.opacity)
     SPLATVOL_TRY_SET(attributes.opacity, format::find_attribute(info, scene.opacity->attribute, volume.name()));
-  SPLATVOL_TRY_ASSIGN(reader, format::CellReader::open(volume));
-  if (!reader)
+  std::vector<std::size_t> shown = {static_cast<std::size_t>(attributes.values)};
+  if (scene.opacity) shown.push_back(static_cast<std::size_t>(attributes.opacity));
+  const Contours contours = contours_of(scene);
+  if (!contours.attribute.empty()) {
+    SPLATVOL_TRY_ASSIGN(color, format::find_attribute(info, contours.attribute, volume.name()));
+    shown.push_back(static_cast<std::size_t>(color));
+  }
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, std::move(shown), memory));
+  if (!cells)
     return fail(ErrorCode::invalid_argument,
                 "{}: it keeps no cells, and only these are drawn exactly: build it from a mesh, without --drop-cells",
                 volume.name());
-  const Contours contours = contours_of(scene);
   const auto is_constant = [](const format::CellKind& kind) { return kind.field == format::CellField::constant; };
-  if (!contours.surfaces.empty() && std::ranges::all_of(reader->kinds(), is_constant))
+  if (!contours.surfaces.empty() && std::ranges::all_of(cells->reader().kinds(), is_constant))
     return fail(ErrorCode::invalid_argument,
                 "{}: contours: each cell has one value, and so nothing passes another: build it without --cells own",
                 volume.name());
-  int color = -1;
-  if (!contours.attribute.empty())
-    SPLATVOL_TRY_SET(color, format::find_attribute(info, contours.attribute, volume.name()));
-  return std::shared_ptr<const KeptCells>(
-      new KeptCells(std::move(reader), attributes, color, contours.attribute, memory));
+  return std::shared_ptr<const KeptCells>(new KeptCells(std::move(cells), attributes, contours.attribute, memory));
 }
 
-// Points take less memory than the cells. So half of it has room for them if it has for all cells.
-KeptCells::KeptCells(std::unique_ptr<const format::CellReader> reader, const format::SummaryAttributes& attributes,
-                     int color, std::string color_name, std::uint64_t memory)
-    : reader_(std::move(reader)),
+// Points take less memory than the cells. So half of the memory has room for them if it has for all cells.
+KeptCells::KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
+                     std::string color_name, std::uint64_t memory)
+    : cells_(std::move(cells)),
       attributes_(attributes),
-      color_(color),
       color_name_(std::move(color_name)),
-      ahead_memory_(reader_->volume().is_far() ? memory / 8 : 0),
-      vertex_memory_(reader_->vertex_count() > 0 ? memory / 4 : 0),
-      holds_all_(decoded_bytes(*reader_) <= memory / 2),
-      points_(*reader_, (holds_all_ ? memory / 2 : memory) - ahead_memory_ - vertex_memory_),
-      vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, vertex_memory_),
+      holds_all_(decoded_bytes(cells_->reader()) <= memory / 2),
       parts_(memory) {}
 
 Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, DrawnCells& scratch) const {
+  const auto read = [&] { return decode(entry); };
   if (!holds_all_) {
-    SPLATVOL_TRY(decode(entry, scratch));
+    SPLATVOL_TRY_SET(scratch, read());
     return &scratch;
   }
-  const auto read = [&]() -> Result<DrawnCells> {
-    DrawnCells cells;
-    SPLATVOL_TRY(decode(entry, cells));
-    return cells;
-  };
   SPLATVOL_TRY_ASSIGN(cells, parts_.get<DrawnCells>({chunk_part, entry.offset}, 0, read));  // 0 bytes: it stays
   return cells.get();
 }
 
 Result<std::shared_ptr<const format::CellPage>> KeptCells::read_page(std::size_t page) const {
-  const auto read = [&] { return reader_->read_page(page, attributes_); };
+  const auto read = [&] { return reader().read_page(page, attributes_); };
   if (holds_all_) return parts_.get<format::CellPage>({page_part, page}, 0, read);
   SPLATVOL_TRY_ASSIGN(entries, read());
   return std::make_shared<const format::CellPage>(std::move(entries));
@@ -238,7 +217,7 @@ Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, c
 Status KeptCells::hold_all() const {
   if (!holds_all_ || are_held_) return {};
   DrawnCells scratch;
-  for (std::size_t number = 0; number < reader_->pages().size(); ++number) {
+  for (std::size_t number = 0; number < reader().pages().size(); ++number) {
     SPLATVOL_TRY_ASSIGN(page, read_page(number));
     SPLATVOL_TRY_ASSIGN(ahead, read_ahead(page->chunks));
     for (const format::CellChunkEntry& entry : page->chunks) {
@@ -250,82 +229,42 @@ Status KeptCells::hold_all() const {
   return {};
 }
 
-Status KeptCells::decode(const format::CellChunkEntry& entry, DrawnCells& cells) const {
-  SPLATVOL_TRY_ASSIGN(kept, reader_->read_chunk(entry));
-  const format::LocalCells local = format::number_corners(kept.corners);
-  cells.constant = entry.field == format::CellField::constant;
-  cells.tetrahedra.clear();
-  cells.tetrahedra.reserve(kept.size() * tetrahedra_of(entry.shape));
-  if (cells.constant) return decode_constant(kept, local, cells);
-  format::for_each_tetrahedron(kept, local, [&](const auto& corners) { cells.tetrahedra.push_back(sorted(corners)); });
-  std::vector<format::RankedPoints::Place> places;
-  SPLATVOL_TRY(points_.find(local.ranks, places));
-  SPLATVOL_TRY(points_.read_positions(places, cells.points));
-  return read_values(places, cells);
+Result<DrawnCells> KeptCells::decode(const format::CellChunkEntry& entry) const {
+  SPLATVOL_TRY_ASSIGN(read, cells_->read(entry));
+  if (read.constant)
+    for (std::vector<double>& values : read.values) values = spread(values, read.cells);
+  DrawnCells cells;
+  cells.points = std::move(read.points);
+  cells.values = std::move(read.values.front());
+  cells.constant = read.constant;
+  cells.tetrahedra = std::move(read.corners);
+  if (attributes_.opacity >= 0) cells.opacity_values = std::move(read.values[1]);
+  if (!color_name_.empty()) cells.color_values = std::move(read.values.back());
+  return cells;
 }
 
-Status KeptCells::read_values(std::span<const format::RankedPoints::Place> places, DrawnCells& cells) const {
-  std::vector<float> stored;
-  const auto read = [&](int number, std::vector<double>& values) -> Status {
-    values.clear();
-    if (number < 0) return {};
-    SPLATVOL_TRY(points_.read_values(places, number, stored));
-    const format::Attribute& attribute = reader_->volume().info().attributes[static_cast<std::size_t>(number)];
-    values.reserve(stored.size());
-    for (const float value : stored) values.push_back(attribute.value(double{value}));
-    return {};
-  };
-  SPLATVOL_TRY(read(attributes_.values, cells.values));
-  SPLATVOL_TRY(read(attributes_.opacity, cells.opacity_values));
-  return read(color_, cells.color_values);
-}
-
-Status KeptCells::decode_constant(const format::CellChunk& kept, const format::LocalCells& local,
-                                  DrawnCells& cells) const {
-  SPLATVOL_TRY(vertices_.read_positions(local.ranks, cells.points));
-  std::vector<format::RankedPoints::Place> places;
-  SPLATVOL_TRY(points_.find(kept.points, places));
-  SPLATVOL_TRY(read_values(places, cells));
-  std::vector<std::uint32_t> counts(kept.size());
-  for (std::size_t cell = 0; cell < kept.size(); ++cell) {
-    const std::uint32_t* const corners = local.corners.data() + kept.begin_of(cell);
-    format::for_each_tetrahedron(kept, cell, [&](const auto& at) {
-      cells.tetrahedra.push_back(sorted({corners[at[0]], corners[at[1]], corners[at[2]], corners[at[3]]}));
-      ++counts[cell];
-    });
-  }
-  spread(counts, cells.values);
-  spread(counts, cells.opacity_values);
-  spread(counts, cells.color_values);
-  return {};
-}
-
-Result<KeptCells::Ahead> KeptCells::read_ahead(std::span<const format::CellChunkEntry> entries) const {
-  if (!reader_->volume().is_far()) return Ahead{};
+Result<format::CellsAhead> KeptCells::read_ahead(std::span<const format::CellChunkEntry> entries) const {
+  if (!reader().volume().is_far()) return format::CellsAhead{};
   std::vector<format::CellChunkEntry> missing;
   std::ranges::copy_if(entries, std::back_inserter(missing), [&](const format::CellChunkEntry& entry) {
     return !holds_all_ || !parts_.holds({chunk_part, entry.offset});
   });
-  std::vector<int> attributes = {attributes_.values};
-  for (const int other : {attributes_.opacity, color_})
-    if (other >= 0 && std::ranges::find(attributes, other) == attributes.end()) attributes.push_back(other);
-  return format::read_cells_ahead(*reader_, points_, missing, attributes, ahead_memory_);
+  return cells_->read_ahead(missing);
 }
 
-Result<KeptCells::Ahead> KeptCells::read_pages_ahead(std::span<const std::size_t> pages) const {
+Result<format::CellsAhead> KeptCells::read_pages_ahead(std::span<const std::size_t> pages) const {
   std::vector<std::size_t> missing;
   std::ranges::copy_if(pages, std::back_inserter(missing), [&](std::size_t page) {
     return !holds_all_ || !parts_.holds({page_part, page});
   });
-  SPLATVOL_TRY_ASSIGN(bytes, reader_->read_pages_ahead(missing, ahead_memory_));
-  return Ahead{std::move(bytes)};
+  return cells_->read_pages_ahead(missing);
 }
 
 Result<std::shared_ptr<const void>> FileCells::read_ahead(std::span<const std::uint64_t> numbers) const {
   std::vector<format::CellChunkEntry> entries;
   for (const std::uint64_t number : numbers) entries.push_back(entries_[number]);
   SPLATVOL_TRY_ASSIGN(ahead, kept_->read_ahead(entries));
-  return std::make_shared<const KeptCells::Ahead>(std::move(ahead));
+  return std::make_shared<const format::CellsAhead>(std::move(ahead));
 }
 
 Result<std::unique_ptr<const FileCells>> FileCells::open(std::shared_ptr<const KeptCells> kept, const Scene& scene,
@@ -333,13 +272,6 @@ Result<std::unique_ptr<const FileCells>> FileCells::open(std::shared_ptr<const K
   std::unique_ptr<FileCells> cells(new FileCells(std::move(kept), scene, view));
   SPLATVOL_TRY(cells->read_entries());
   return cells;
-}
-
-std::uint64_t FileCells::unknown_cells() const {
-  std::uint64_t unknown = 0;
-  for (const format::CellKind& kind : kept_->reader().kinds())
-    if (!format::is_known(kind.shape, kind.field)) unknown += kind.cells;
-  return unknown;
 }
 
 Status FileCells::read_entries() {
@@ -354,7 +286,7 @@ Status FileCells::read_entries() {
   std::vector<std::size_t> numbers;
   for (std::size_t number = 0; number < reader.pages().size(); ++number) {
     const format::CellPageRef& ref = reader.pages()[number];
-    if (frustum.touches(box_of(ref.low, ref.high))) numbers.push_back(number);
+    if (frustum.touches(box_of_cells(ref))) numbers.push_back(number);
   }
   SPLATVOL_TRY_ASSIGN(ahead, kept_->read_pages_ahead(numbers));
   for (const std::size_t number : numbers) {
@@ -362,7 +294,7 @@ Status FileCells::read_entries() {
     SPLATVOL_TRY_ASSIGN(page, kept_->read_page(number));
     for (std::size_t i = 0; i < page->chunks.size(); ++i) {
       const format::CellChunkEntry& entry = page->chunks[i];
-      const Box box = box_of(entry.low, entry.high);
+      const Box box = box_of_cells(entry);
       const format::ValueSummary& values = page->summaries[i];
       if (!format::is_known(entry.shape, entry.field) || !frustum.touches(box) ||
           (!visibility.shows({values, opacity ? &page->opacity_summaries[i] : nullptr}) &&

@@ -14,11 +14,10 @@
 
 #include "base/error.h"
 #include "format/cell_reader.h"
-#include "format/cells_ahead.h"
 #include "format/held_parts.h"
-#include "format/ranked_points.h"
 #include "format/volume.h"
 #include "renderer/cell_source.h"
+#include "sampler/cell_tetrahedra.h"
 #include "scene/scene.h"
 
 namespace splatvol {
@@ -51,7 +50,8 @@ class KeptCells {
   [[nodiscard]] static Result<std::shared_ptr<const KeptCells>> open(const format::Volume& volume, const Scene& scene,
                                                                      std::uint64_t memory);
 
-  [[nodiscard]] const format::CellReader& reader() const { return *reader_; }
+  [[nodiscard]] const format::CellReader& reader() const { return cells_->reader(); }
+  [[nodiscard]] std::uint64_t unknown_cells() const { return cells_->unknown_cells(); }
   [[nodiscard]] const format::SummaryAttributes& attributes() const { return attributes_; }
 
   /// The attribute that colours contours; empty: none.
@@ -72,31 +72,19 @@ class KeptCells {
   /// Whether all are held: nothing will be read.
   [[nodiscard]] bool are_held() const { return are_held_; }
 
-  using Ahead = format::CellsAhead;
-
-  /// Reads what these chunks need ahead: of a file that is far (format::Volume::is_far) and only so much as fits into
-  /// memory.
-  [[nodiscard]] Result<Ahead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
-
-  /// The same for pages of chunks.
-  [[nodiscard]] Result<Ahead> read_pages_ahead(std::span<const std::size_t> pages) const;
+  /// As CellTetrahedra::read_ahead, without what is held.
+  [[nodiscard]] Result<format::CellsAhead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
+  [[nodiscard]] Result<format::CellsAhead> read_pages_ahead(std::span<const std::size_t> pages) const;
 
  private:
-  KeptCells(std::unique_ptr<const format::CellReader> reader, const format::SummaryAttributes& attributes, int color,
+  KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
             std::string color_name, std::uint64_t memory);
-  [[nodiscard]] Status decode(const format::CellChunkEntry& entry, DrawnCells& cells) const;
-  [[nodiscard]] Status read_values(std::span<const format::RankedPoints::Place> places, DrawnCells& cells) const;
-  [[nodiscard]] Status decode_constant(const format::CellChunk& kept, const format::LocalCells& local,
-                                       DrawnCells& cells) const;
+  [[nodiscard]] Result<DrawnCells> decode(const format::CellChunkEntry& entry) const;
 
-  std::unique_ptr<const format::CellReader> reader_;
+  std::unique_ptr<const CellTetrahedra> cells_;  // with the values, those of the opacity and those of colours
   format::SummaryAttributes attributes_;
-  int color_;  // the attribute that colours contours; -1: none
   std::string color_name_;
-  std::uint64_t ahead_memory_, vertex_memory_;
-  bool holds_all_;  // memory has room for all cells, decoded
-  format::RankedPoints points_;
-  format::CellVertices vertices_;
+  bool holds_all_;                   // memory has room for all cells, decoded
   mutable format::HeldParts parts_;  // pages and chunks that were read, if it holds all
   mutable std::atomic<bool> are_held_ = false;
 
@@ -124,7 +112,7 @@ class FileCells final : public CellSource {
   [[nodiscard]] Result<std::shared_ptr<const void>> read_ahead(std::span<const std::uint64_t> numbers) const override;
 
   /// Cells of shapes and fields that this program does not know. They are left out.
-  [[nodiscard]] std::uint64_t unknown_cells() const;
+  [[nodiscard]] std::uint64_t unknown_cells() const { return kept_->unknown_cells(); }
 
   /// Tetrahedra of the chunks; about.
   [[nodiscard]] std::uint64_t tetrahedra() const;

@@ -4,6 +4,19 @@
 #include <utility>
 
 namespace splatvol {
+namespace {
+
+std::array<std::uint32_t, 4> sorted(std::array<std::uint32_t, 4> corners) {
+  const auto order = [&](std::size_t a, std::size_t b) {
+    const std::uint32_t low = std::min(corners[a], corners[b]), high = std::max(corners[a], corners[b]);
+    corners[a] = low;
+    corners[b] = high;
+  };
+  order(0, 1), order(2, 3), order(0, 2), order(1, 3), order(1, 2);
+  return corners;
+}
+
+}  // namespace
 
 tl::unexpected<Error> fail_without_cells(const format::Volume& volume) {
   return fail(ErrorCode::invalid_argument, "{}: keeps no cells: build it from a mesh, without --drop-cells",
@@ -51,7 +64,7 @@ Result<std::vector<format::CellChunkEntry>> CellTetrahedra::chunks(
   std::vector<std::size_t> numbers;
   for (std::size_t number = 0; number < reader_->pages().size(); ++number)
     if (meets(box_of_cells(reader_->pages()[number]))) numbers.push_back(number);
-  SPLATVOL_TRY_ASSIGN(ahead, reader_->read_pages_ahead(numbers, ahead_memory_));
+  SPLATVOL_TRY_ASSIGN(ahead, read_pages_ahead(numbers));
   std::vector<format::CellChunkEntry> chunks;
   for (const std::size_t number : numbers) {
     SPLATVOL_TRY(check_interruption());
@@ -81,17 +94,21 @@ Result<format::CellsAhead> CellTetrahedra::read_ahead(std::span<const format::Ce
   return format::read_cells_ahead(*reader_, points_, entries, attributes, ahead_memory_);
 }
 
+Result<format::CellsAhead> CellTetrahedra::read_pages_ahead(std::span<const std::size_t> pages) const {
+  SPLATVOL_TRY_ASSIGN(bytes, reader_->read_pages_ahead(pages, ahead_memory_));
+  return format::CellsAhead{std::move(bytes)};
+}
+
 Result<Tetrahedra> CellTetrahedra::read(const format::CellChunkEntry& entry) const {
   SPLATVOL_TRY_ASSIGN(cells, reader_->read_chunk(entry));
   format::LocalCells local = format::number_corners(cells.corners);
   Tetrahedra tetrahedra;
   tetrahedra.constant = entry.field == format::CellField::constant;
+  tetrahedra.corners.reserve(cells.size());
   for (std::size_t cell = 0; cell < cells.size(); ++cell) {
     const std::uint32_t* const corners = local.corners.data() + cells.begin_of(cell);
     format::for_each_tetrahedron(cells, cell, [&](const std::array<std::uint8_t, 4>& at) {
-      std::array<std::uint32_t, 4>& added =
-          tetrahedra.corners.emplace_back(std::array{corners[at[0]], corners[at[1]], corners[at[2]], corners[at[3]]});
-      std::ranges::sort(added);
+      tetrahedra.corners.push_back(sorted({corners[at[0]], corners[at[1]], corners[at[2]], corners[at[3]]}));
       if (tetrahedra.constant) tetrahedra.cells.push_back(static_cast<std::uint32_t>(cell));
     });
   }

@@ -95,6 +95,13 @@ class CellTetrahedra {
 
   [[nodiscard]] Result<Tetrahedra> read(const format::CellChunkEntry& entry) const;
 
+  /// Reads what these chunks need ahead: of a file that is far (format::Volume::is_far) and only so much as fits into
+  /// memory.
+  [[nodiscard]] Result<format::CellsAhead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
+
+  /// The same for pages of chunks.
+  [[nodiscard]] Result<format::CellsAhead> read_pages_ahead(std::span<const std::size_t> pages) const;
+
   /// Reads chunks on several threads: calls work(entry, tetrahedra, part) with a new `Part` for each, and then
   /// take(entry, part) in the order of `entries`, on this thread. Holds a few chunks and parts at a time. Both return a
   /// Status.
@@ -121,7 +128,6 @@ class CellTetrahedra {
   CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
                  std::uint64_t memory);
   [[nodiscard]] static std::size_t count_at_once(std::span<const format::CellChunkEntry> entries);
-  [[nodiscard]] Result<format::CellsAhead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
   [[nodiscard]] Status read_values(std::span<const std::uint64_t> ranks, bool positions, Tetrahedra& tetrahedra) const;
 
   std::unique_ptr<const format::CellReader> reader_;
