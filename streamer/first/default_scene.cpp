@@ -46,6 +46,13 @@ using Chooser = std::function<TransferFunction(const std::vector<SurveySplat>&)>
 Result<Chooser> chooser_for(const format::Volume& volume, int index) {
   const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
   SPLATVOL_TRY_ASSIGN(kind, kind_of_numbers(volume, index));
+  // svbuild gives it to a mesh without values: the shape is worth a look, whatever the cells.
+  if (volume.info().attributes.size() == 1 && attribute.name == "cell_volume")
+    return Chooser([](const auto& splats) {
+      TransferFunction function = choose_transfer_function(splats);
+      function.densities = {{0, 1}};
+      return function;
+    });
   if (kind != NumberKind::labels)
     return Chooser([kind](const auto& splats) { return choose_transfer_function(splats, kind == NumberKind::whole); });
   return Chooser([least = attribute.min, most = attribute.max](const auto&) { return label_function(least, most); });

@@ -173,6 +173,17 @@ TEST_F(RendererTestFirstPicture, TheFarFieldVanishes) {
   EXPECT_GT(opacities(image).size(), 2000u);
 }
 
+// Of a mesh without values, the shape is worth a look.
+TEST_F(RendererTestFirstPicture, VolumesOfCellsAreSeenAlike) {
+  const auto volume_of_cell = [](const dvec3& p) { return std::exp(3 * p.x); };
+  for (const char* name : {"cell_volume", "T"}) {
+    const TransferFunction function =
+        scene_of({9, 9, 9}, box(dvec3(0), dvec3(1)), {{name, volume_of_cell}}).transfer_function;
+    EXPECT_EQ(function.extinction_at(0) == function.extinction_at(1), name == std::string("cell_volume"));
+    EXPECT_GT(function.extinction_at(1), 0);
+  }
+}
+
 // Its splats reach less far than its corners.
 TEST_F(RendererTestFirstPicture, ATetrahedronIsInItsOutline) {
   Piece piece;

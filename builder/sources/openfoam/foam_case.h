@@ -32,7 +32,8 @@ class FoamCase {
   /// The times of all steps, ascending.
   [[nodiscard]] const std::vector<double>& times() const { return times_; }
 
-  /// The regions that have a mesh: the one without a name first, the others by their names.
+  /// The regions that have a mesh: the one without a name first, the others by their names. If the case has a file
+  /// regionProperties, the one without a name is what the others were made of: it is left out.
   [[nodiscard]] const std::vector<std::string>& regions() const { return regions_; }
 
   /// Fails if a part is missing: if the patches of the others name a processor that is not there, or if it lacks the

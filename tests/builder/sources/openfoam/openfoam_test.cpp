@@ -148,6 +148,16 @@ INSTANTIATE_TEST_SUITE_P(
                       FoamLayout{.binary = true, .processors = 3, .collated = {2, 1}},
                       FoamLayout{.binary = true, .packed = true, .processors = 3, .collated = {3}}));
 
+// splitMeshRegions leaves the mesh that it splits where it was.
+TEST_F(OpenFoam, AMeshThatWasSplitIntoRegionsIsLeftOut) {
+  write_case({});
+  write_case({.region = "fluid"});
+  EXPECT_EQ(read_case().cells, 2 * foam_cells);
+  write("constant/regionProperties", foam_file("dictionary", "regions (fluid (fluid));\n"));
+  EXPECT_EQ(FoamCase(path("case.foam")).regions(), std::vector<std::string>{"fluid"});
+  EXPECT_EQ(read_case().cells, foam_cells);
+}
+
 // No file may end early: neither its lists, nor its boundaryField, nor its packed bytes.
 TEST_F(OpenFoam, CutFilesAreRefused) {
   for (const bool binary : {false, true}) {
