@@ -16,6 +16,18 @@ tl::unexpected<Error> fail_no_cells(const std::string& input) {
               input);
 }
 
+namespace {
+
+/// A file of an unknown format is a table if its columns are named.
+Result<FileHeader> header_of(const std::string& path, const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(header, read_header(path));
+  if (!options.columns.empty() && !header.format && !format_of_name(path) && !is_foreign(path))
+    header.format = InputFormat::table;
+  return std::move(header);
+}
+
+}  // namespace
+
 Result<std::unique_ptr<Source>> open_own(const std::vector<std::string>& inputs, const SourceOptions& options) {
   const auto generated = std::ranges::find_if(inputs, is_generated);
   if (generated != inputs.end() && inputs.size() > 1)
@@ -25,7 +37,7 @@ Result<std::unique_ptr<Source>> open_own(const std::vector<std::string>& inputs,
 
   SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
   if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
-  SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  SPLATVOL_TRY_ASSIGN(first, header_of(paths[0], options));
   if (first.format != InputFormat::numpy && first.format != InputFormat::table) return std::unique_ptr<Source>();
   if (options.cells == CellValues::own) return fail_no_cells(paths[0]);
   return first.format == InputFormat::numpy ? open_npy_files(paths, options) : open_csv_files(paths, options);
@@ -36,7 +48,7 @@ Result<std::optional<std::vector<ArrayShape>>> list_own_arrays(const std::vector
   if (std::ranges::any_of(inputs, is_generated)) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
   if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
-  SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  SPLATVOL_TRY_ASSIGN(first, header_of(paths[0], options));
   const bool is_numpy = first.format == InputFormat::numpy;
   if (!is_numpy && first.format != InputFormat::table) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(arrays, is_numpy ? list_npy_arrays(paths, options) : list_csv_arrays(paths, options));

@@ -305,10 +305,11 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
   }
   if (is_plot3d(first, paths[0])) {
     if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options);
-    return fail(ErrorCode::invalid_argument,
-                "{}: its format is not known ('svbuild --help' lists those that are read); a PLOT3D grid needs its "
-                "solution as the second of two files",
-                paths[0]);
+    return fail(
+        ErrorCode::invalid_argument,
+        "{}: its format is not known ('svbuild --help' lists those that are read); a table needs the names of its "
+        "columns (--columns x,y,z,...), a PLOT3D grid its solution as the second of two files",
+        paths[0]);
   }
   SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));
   return open_vtk_files(std::move(input.files), options, input.step);

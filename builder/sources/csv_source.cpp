@@ -258,7 +258,7 @@ tl::unexpected<Error> fail_no_values(const std::string& path, const CsvTable& ta
   const auto nameless = [](const CsvColumn& column) { return column.name.empty() && !column.is_text; };
   const auto column = std::ranges::find_if(table.columns, nameless);
   if (column == table.columns.end())
-    return fail(ErrorCode::invalid_data, "{}: the points have no values, only positions", path);
+    return fail(ErrorCode::invalid_data, "{}: the points have no values, only positions: add a column with one", path);
   return fail(ErrorCode::invalid_data, "{}: column {} has no name; name all of them: --columns x,y,z,...", path,
               column - table.columns.begin() + 1);
 }

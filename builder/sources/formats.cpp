@@ -51,7 +51,8 @@ constexpr std::array<FormatRow, input_format_count> rows = {{
      "voxels and tiles, each its own box", "grids of other types"},
     {InputFormat::numpy, "NumPy", ".npy", "", "", "two pieces of 2^18 points", "", "none: scattered points",
      "columns called `_`"},
-    {InputFormat::table, "tables", ".csv .tsv .txt", "", "texts of other names, too, if their first lines are a table",
+    {InputFormat::table, "tables", ".csv .tsv .txt", "",
+     "texts of other names, too, if their first lines are a table, or with `--columns`",
      "two pieces of at most 2^18 lines", "", "none: scattered points", "columns of texts and ids, columns called `_`"},
 }};
 
@@ -67,12 +68,13 @@ struct ForeignFormat {
   std::string_view name, extensions, way_out;
 };
 constexpr std::string_view by_paraview = "open it in ParaView, and save the data as .vtu";
-constexpr std::array<ForeignFormat, 11> foreign_formats = {{
+constexpr std::array<ForeignFormat, 12> foreign_formats = {{
     {"XDMF", ".xdmf .xmf .xdmf3 .xmf3", by_paraview},
     {"Fluent", ".cas .cas.h5 .dat.h5 .cas.gz", by_paraview},
     {"HDF5", ".h5 .hdf5 .he5 .h5m",
      "open it in ParaView (most often by an .xdmf file beside it), and save the data as .vtu"},
     {"NetCDF", ".nc .nc4 .cdf", by_paraview},
+    {"point clouds", ".las .laz .pcd .e57", "save the points as .csv: pdal translate IN OUT.csv"},
     {"MED", ".med", "open it in SALOME or ParaView, and save the data as .vtu"},
     {"Nek5000", ".nek5000", by_paraview},
     {"Tecplot", ".plt .szplt .tec", "open it in ParaView or VisIt, and save the data as .vtu"},
@@ -219,6 +221,11 @@ bool is_utf16(std::string_view text) {
 
 Result<FileHeader> read_header(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text(path, 65536));
+  if (text.starts_with(std::string_view("\xec\x2b\x08\x00", 4)))
+    return fail(
+        ErrorCode::unsupported,
+        "{}: a binary solution of SU2: write it as a table, by OUTPUT_FILES= RESTART_ASCII in SU2's configuration",
+        path);
   if (text.starts_with("version https://git-lfs."))
     return fail(ErrorCode::invalid_data, "{}: a pointer of Git LFS instead of the file: get it by 'git lfs pull'",
                 path);

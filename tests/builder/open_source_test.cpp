@@ -379,6 +379,14 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
   EXPECT_EQ(several.pieces.size(), 3u);
 }
 
+TEST_F(SourceTest, TextsOfAnyNameAreTablesIfTheirColumnsAreNamed) {
+  for (const char* name : {"a.xyz", "a.pts", "a.dat", "a"}) {
+    const std::string path = write(name, "0 0 0 1\n1 0 0 2\n0 1 0 3\n");
+    EXPECT_THAT(error_of({path}), HasSubstr("a table needs the names of its columns (--columns x,y,z,...)")) << name;
+    EXPECT_EQ(value_of(read_input({path}, {{}, {"x", "y", "z", "s"}})).points, 3u) << name;
+  }
+}
+
 TEST_F(SourceTest, MeshesAreNoPointsOfNpyFiles) {
   std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 4), }";
   header.resize(117, ' ');
@@ -451,7 +459,7 @@ TEST(InputFormats, EachExtensionIsOfOneFormat) {
 TEST_F(SourceTest, FormatsThatAreNotReadNameTheWayOut) {
   const std::string mesh = write("mesh.vtu", hexahedron_mesh().file());
   for (const char* name :
-       {"a.xdmf", "a.h5", "a.cas.h5", "a.nc", "a.med", "a.plt", "a.frd", "a.inp", "a.NEK5000", "a.unv"}) {
+       {"a.xdmf", "a.h5", "a.cas.h5", "a.nc", "a.med", "a.plt", "a.frd", "a.inp", "a.NEK5000", "a.unv", "a.las"}) {
     const std::string path = write(name, "some bytes\n");
     for (const auto& inputs : {std::vector{path}, {path, mesh}, {mesh, path}, {path, path}})
       EXPECT_THAT(error_of(inputs), AllOf(StartsWith(path + ": files of "), HasSubstr("are not read: "))) << name;
@@ -462,6 +470,8 @@ TEST_F(SourceTest, FormatsThatAreNotReadNameTheWayOut) {
 }
 
 TEST_F(SourceTest, TextsThatAreNotTheDataNameTheWayToIt) {
+  EXPECT_THAT(error_of({write("restart.dat", std::string("\xec\x2b\x08\0\x01\0\0\0", 8))}),
+              HasSubstr(": a binary solution of SU2: "));
   const std::string pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4cc3\nsize 1234\n";
   const std::string text = "x,y,z,a\n0,0,0,1\n";
   std::string little = "\xff\xfe", big = "\xfe\xff";
