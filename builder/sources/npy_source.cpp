@@ -317,7 +317,8 @@ Result<std::unique_ptr<Source>> open_npy_files(const std::vector<std::string>& p
   SPLATVOL_TRY_ASSIGN(columns, unite(files));
   SPLATVOL_TRY_ASSIGN(attributes, choose_columns(paths[0], columns, options));
   if (attributes.empty())
-    return fail(ErrorCode::invalid_data, "{}: the points have no values, only positions: add a column with one", paths[0]);
+    return fail(ErrorCode::invalid_data, "{}: the points have no values, only positions: add a column with one",
+                paths[0]);
   std::uint64_t points = 0;
   for (NpyFile& file : files) {
     for (const std::string& name : attributes) {

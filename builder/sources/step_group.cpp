@@ -51,6 +51,7 @@ StepGroup::StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> firs
       others_(steps_.size()),
       finished_(steps_.size()),
       step_attributes_(first_->attributes()),
+      units_(first_->units()),
       copies_(copies_of(*first_, blocks_apart)),
       blocks_(steps_.size()),
       first_blocks_(steps_.size()),
@@ -66,9 +67,8 @@ Result<std::unique_ptr<StepGroup>> StepGroup::open(std::vector<SeriesStep> steps
 }
 
 std::vector<std::string> StepGroup::units() const {
-  const std::vector<std::string> of_step = first_->units();
   std::vector<std::string> units;
-  for (std::size_t step = 0; step < steps_.size(); ++step) units.insert(units.end(), of_step.begin(), of_step.end());
+  for (std::size_t step = 0; step < steps_.size(); ++step) units.insert(units.end(), units_.begin(), units_.end());
   return units;
 }
 
@@ -110,6 +110,9 @@ Status StepGroup::open_other(std::size_t step) {
       source->brings_material() != first_->brings_material())
     return fail(ErrorCode::invalid_data, "{}: its numbers are of another kind than those of {}", name, steps_[0].name);
   stated_times_[step] = source->stated_time();
+  const std::vector<std::string> units = source->units();
+  for (std::size_t a = 0; a < units_.size(); ++a)
+    if (units_[a].empty()) units_[a] = units[a];
   others_[step] = std::move(source);
   return {};
 }

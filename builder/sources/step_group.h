@@ -65,6 +65,7 @@ class StepGroup final : public Source {
   std::vector<std::unique_ptr<Source>> others_;  // [step]; null: not open yet, or finished
   std::vector<bool> finished_;                   // [step]
   std::vector<std::string> step_attributes_, attributes_;
+  std::vector<std::string> units_;  // of the attributes of a step; of the first one that tells
   VertexCopies copies_;
   std::vector<std::map<std::uint64_t, std::uint64_t>> blocks_, first_blocks_;  // [step]: by the first step's, and back
   std::vector<std::optional<double>> stated_times_;

@@ -317,6 +317,14 @@ TEST_F(Series, AVectorIsNoNumber) {
   EXPECT_THAT(both(vector, plane), HasSubstr("step at 1: \"U\" is a vector of 2 components, and a vector of 3"));
 }
 
+// The first step may lack the attribute.
+TEST_F(Series, AUnitIsThatOfTheFirstStepThatTellsOne) {
+  const PointsWithU unknown(1), pascals(1, "Pa"), kilopascals(1, "kPa");
+  ASSERT_EQ(error_of(build_series({unknown.step(0), pascals.step(1), kilopascals.step(2)}, path("s.svol"), {}, silent)),
+            "");
+  EXPECT_EQ(open(path("s.svol"))->info().series->at(0).unit, "Pa");
+}
+
 // The index has one unit of each attribute.
 TEST_F(Series, AStepOfFilesHasTheUnitsOfTheStepsBefore) {
   const PointsWithU pascals(1, "Pa"), unknown(1), kilopascals(1, "kPa");
