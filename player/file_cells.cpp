@@ -163,7 +163,8 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
   SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, std::move(shown), memory));
   if (!cells)
     return fail(ErrorCode::invalid_argument,
-                "{}: it keeps no cells, and only these are drawn exactly: build it from a mesh, without --drop-cells",
+                "{}: it keeps no cells, and only these are drawn exactly: build it from a mesh, or from points by "
+                "--connectivity delaunay, without --drop-cells",
                 volume.name());
   const auto is_constant = [](const format::CellKind& kind) { return kind.field == format::CellField::constant; };
   if (!contours.surfaces.empty() && std::ranges::all_of(cells->reader().kinds(), is_constant))

@@ -382,7 +382,8 @@ Status Player::fail_without_contours() const {
                 "{}: splats have no contours: draw it exactly, with no option for splats, OpenGL or frames on the way",
                 steps_.name());
   return fail(ErrorCode::invalid_argument,
-              "{}: it keeps no cells, and only these have contours: build it from a mesh, without --drop-cells, or "
+              "{}: it keeps no cells, and only these have contours: build it from a mesh, or from points by "
+              "--connectivity delaunay, without --drop-cells, or "
               "show an isovalue",
               steps_.name());
 }

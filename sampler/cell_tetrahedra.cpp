@@ -19,8 +19,10 @@ std::array<std::uint32_t, 4> sorted(std::array<std::uint32_t, 4> corners) {
 }  // namespace
 
 tl::unexpected<Error> fail_without_cells(const format::Volume& volume) {
-  return fail(ErrorCode::invalid_argument, "{}: keeps no cells: build it from a mesh, without --drop-cells",
-              volume.name());
+  return fail(
+      ErrorCode::invalid_argument,
+      "{}: keeps no cells: build it from a mesh, or from points by --connectivity delaunay, without --drop-cells",
+      volume.name());
 }
 
 Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,

@@ -118,10 +118,11 @@ void print_estimate_of_all(const RenderOptions& options, const Drawn& drawn) {
   print_out("{}: all points, an error of {}{:.2g}\n", options.written(),
             drawn.search->estimate.measured ? "" : "about ", error);
   if (error > much && !drawn.player->has_cells())
-    fmt::print(stderr,
-               "svrender: {}: all points have an error of about {:.2g}, and the file keeps no cells: a file that is "
-               "built from a mesh, without --drop-cells, has exact pictures\n",
-               options.written(), error);
+    fmt::print(
+        stderr,
+        "svrender: {}: all points have an error of about {:.2g}, and the file keeps no cells: a file that is "
+        "built from a mesh, or from points by --connectivity delaunay, without --drop-cells, has exact pictures\n",
+        options.written(), error);
 }
 
 // Says how near the picture comes to the goal.

@@ -149,7 +149,9 @@ TEST_F(Svexport, WritesCells) {
   EXPECT_LT(fs::file_size(path("part.vtu")), fs::file_size(path("all.vtu")) / 10);
   for (const auto& [arguments, reason] : std::vector<std::pair<std::string, std::string>>{
            {"mesh.svol --box 5,5,5,6,6,6", "mesh.svol: no cells in the box"},
-           {"in.svol", "in.svol: keeps no cells: build it from a mesh, without --drop-cells"},
+           {"in.svol",
+            "in.svol: keeps no cells: build it from a mesh, or from points by --connectivity delaunay, without "
+            "--drop-cells"},
            {"mesh.svol --attribute b", "no attribute \"b\""}})
     expect_refusal("svexport " + arguments + " -o out.vtu --cells", reason);
   write("mine.vtu", "<VTKFile/>");

@@ -352,8 +352,10 @@ TEST_F(CellExport, DoesNotDependOnThreads) {
 TEST_F(CellExport, AFileWithoutCellsIsRefused) {
   const auto source = value_of(open_source({"gen:mesh:cells=1e3"}, {}));
   const auto volume = build(*source, "in.svol", true, false);
-  EXPECT_EQ(try_export(*volume).error().message,
-            path("in.svol") + ": keeps no cells: build it from a mesh, without --drop-cells");
+  EXPECT_EQ(
+      try_export(*volume).error().message,
+      path("in.svol") +
+          ": keeps no cells: build it from a mesh, or from points by --connectivity delaunay, without --drop-cells");
   EXPECT_EQ(names(), std::vector<std::string>{"in.svol"});
 }
 
