@@ -24,7 +24,7 @@ class CgnsZones {
   CgnsZones& operator=(const CgnsZones&) = delete;
 
   /// Whether VTK's reader fails for a zone. It takes the elements with the lowest numbers for the cells, so surfaces
-  /// must have higher ones. It finds no values in a flat zone.
+  /// must have higher ones. It finds no values in a flat zone. It takes cells of a file of CGNS 3.0 for others.
   [[nodiscard]] bool defeats_vtk() const;
 
   [[nodiscard]] int count() const { return static_cast<int>(zones_.size()); }

@@ -600,6 +600,29 @@ TEST_F(BlocksTest, CgnsWithWallsBeforeCells) {
   expect_survives_truncation("mesh.cgns", "mesh.cgns", 2003, all_cuts);
 }
 
+/// Writes over the numbers of a node in an HDF5 file.
+void change_node(const std::string& path, const std::string& node, hid_t type, const void* numbers) {
+  const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  const hid_t data = H5Dopen2(file, (node + "/ data").c_str(), H5P_DEFAULT);
+  EXPECT_GE(H5Dwrite(data, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, numbers), 0);
+  H5Dclose(data);
+  H5Fclose(file);
+}
+
+// Types of elements behind pyramids have higher numbers there. VTK's reader takes hexahedra for quadratic ones.
+TEST_F(BlocksTest, CgnsOfVersion3) {
+  int file = 0, base = 0;
+  ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_WRITE, &file), 0) << cg_get_error();
+  cg_base_write(file, "Base", 3, 3, &base);
+  write_zone(file, base, 0, false);
+  ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+  const float version = 3.0F;
+  const std::array<int, 2> hexahedra = {CGNS_ENUMV(HEXA_8) + 1, 0};
+  change_node(path("mesh.cgns"), "/CGNSLibraryVersion", H5T_NATIVE_FLOAT, &version);
+  change_node(path("mesh.cgns"), "/Base/First/Cells", H5T_NATIVE_INT, hexahedra.data());
+  EXPECT_EQ(value_of(read_input({path("mesh.cgns")})).census.cells.at("hexahedron"), block_cells);
+}
+
 // VTK's reader names vectors so. It hides none behind a field of the same name.
 TEST_F(BlocksTest, CgnsVectorsByTheirComponents) {
   for (const bool walls_first : {false, true}) {
