@@ -30,16 +30,20 @@ bool is_id_name(const std::string& name) {
   return std::ranges::any_of(id_endings, [&](std::string_view ending) { return name.ends_with(ending); });
 }
 
-// Returns a sample of the values if all are whole numbers: ids or labels; else nothing. Values beyond 2^53 are whole by
-// rounding.
-Result<std::vector<double>> whole_numbers(const format::Volume& volume, int index) {
-  const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
-  const auto is_whole = [](double value) { return std::floor(value) == value && std::abs(value) < 0x1p53; };
-  if (!is_whole(attribute.min) || !is_whole(attribute.max)) return std::vector<double>();
-  SPLATVOL_TRY_ASSIGN(values, survey_values(volume, index, enough_points));
-  std::erase_if(values, [](double value) { return std::isnan(value); });
-  if (!std::ranges::all_of(values, is_whole)) values.clear();
-  return values;
+// Values beyond 2^53 are whole by rounding.
+bool is_whole(double value) { return std::floor(value) == value && std::abs(value) < 0x1p53; }
+
+// Returns how many different labels make up most of some sorted values; 0 if none do. Labels of cells are averaged at
+// the points where they meet.
+std::size_t labels_of_most(const std::vector<double>& values) {
+  std::size_t labels = 0, with_labels = 0;
+  for (auto at = values.begin(); at != values.end();) {
+    const auto behind = std::ranges::upper_bound(at, values.end(), *at);
+    const auto count = static_cast<std::size_t>(behind - at);
+    if (is_whole(*at) && 100 * count >= values.size()) ++labels, with_labels += count;
+    at = behind;
+  }
+  return 10 * with_labels >= 6 * values.size() ? labels : 0;
 }
 
 Result<Interest> interest_of(const format::Volume& volume, int index) {
@@ -48,8 +52,8 @@ Result<Interest> interest_of(const format::Volume& volume, int index) {
   if (std::isnan(attribute.min)) return Interest::no_values;
   const double largest = std::max(std::abs(attribute.min), std::abs(attribute.max));
   if (!(attribute.max - attribute.min > least_relative_range * largest)) return Interest::constant;
-  SPLATVOL_TRY_ASSIGN(whole, whole_numbers(volume, index));
-  if (!whole.empty() || is_id_name(attribute.name)) return Interest::whole_numbers;
+  SPLATVOL_TRY_ASSIGN(kind, kind_of_numbers(volume, index));
+  if (kind != NumberKind::other || is_id_name(attribute.name)) return Interest::whole_numbers;
   if (attribute.missing > info.point_count() / 2) return Interest::mostly_missing;
   if (attribute.name.ends_with(']')) return Interest::component;
   const bool is_magnitude = info.find_attribute(attribute.name + "[0]") >= 0;
@@ -59,11 +63,19 @@ Result<Interest> interest_of(const format::Volume& volume, int index) {
 }  // namespace
 
 Result<NumberKind> kind_of_numbers(const format::Volume& volume, int index) {
-  SPLATVOL_TRY_ASSIGN(whole, whole_numbers(volume, index));
-  if (whole.empty()) return NumberKind::other;
-  std::ranges::sort(whole);
-  whole.erase(std::ranges::unique(whole).begin(), whole.end());
-  return whole.size() > 1 && whole.size() <= most_labels ? NumberKind::labels : NumberKind::whole;
+  const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
+  if (!is_whole(attribute.min) || !is_whole(attribute.max)) return NumberKind::other;
+  SPLATVOL_TRY_ASSIGN(values, survey_values(volume, index, enough_points));
+  std::erase_if(values, [](double value) { return std::isnan(value); });
+  std::ranges::sort(values);
+  const bool all_whole = !values.empty() && std::ranges::all_of(values, is_whole);
+  std::size_t labels = labels_of_most(values);
+  if (all_whole) {
+    values.erase(std::ranges::unique(values).begin(), values.end());
+    labels = values.size();
+  }
+  if (labels > 1 && labels <= most_labels) return NumberKind::labels;
+  return all_whole ? NumberKind::whole : NumberKind::other;
 }
 
 Result<int> choose_first_attribute(const format::Volume& volume) {

@@ -14,7 +14,8 @@ namespace splatvol {
 /// has a value, and if the file cannot be read.
 [[nodiscard]] Result<int> choose_first_attribute(const format::Volume& volume);
 
-/// Labels, of materials or blocks, are 2 to 64 whole numbers and nothing else. Images have whole numbers, too.
+/// Labels, of materials or blocks, are 2 to 64 whole numbers, with few means between them. Images have whole numbers,
+/// too.
 enum class NumberKind { labels, whole, other };
 
 /// Returns the kind of an attribute's values, by a sample of them. Fails if the file cannot be read.

@@ -276,6 +276,18 @@ TEST_F(RendererTestFirstPicture, LabelsAreSeenAlike) {
   }
 }
 
+// Those of cells are averaged where two meet.
+TEST_F(RendererTestFirstPicture, LabelsWithMeansBetweenThemAreSeenAlike) {
+  const auto label = [](const dvec3& p) { return p.x < 0.45 ? 1 : p.x < 0.55 ? 1.5 : 2; };
+  const TransferFunction function = scene_of({8, 8, 8}, box(dvec3(0), dvec3(1)), {{"m", label}}).transfer_function;
+  EXPECT_EQ(function.extinction(1), function.extinction(2));
+  EXPECT_GT(function.extinction(1), 0);
+  const auto front = [](const dvec3& p) { return std::clamp(3 * p.x - 1, 0.0, 1.0); };
+  EXPECT_EQ(
+      scene_of({8, 8, 8}, box(dvec3(0), dvec3(1)), {{"T", front}, {"q", [](const dvec3& p) { return p.y; }}}).attribute,
+      "q");
+}
+
 double radius_of(const dvec3& p) { return glm::length(p - 0.5); }
 
 TEST_F(RendererTestFirstPicture, ValuesThatSpanDecadesGetALogarithmicAxis) {
