@@ -118,12 +118,13 @@ std::uint64_t times(std::uint64_t splats, double factor) {
 }  // namespace
 
 ErrorControl::ErrorControl(double max_error, Search search) : max_error_(max_error), search_(std::move(search)) {
-  if (search_.grows) search_.widest_spacing = 1;
+  if (search_.grows) search_.widest_spacing = search_.finest_spacing;
   if (search_.rays) rays_ = search_.rays->colors();
   bracket_.spacing = search_.widest_spacing;
-  may_narrow_ = bracket_.spacing > 1;
+  may_narrow_ = bracket_.spacing > search_.finest_spacing;
   // Only rays tell the error of wide samples of cells.
-  if (search_.cells) exact_spacing_ = search_.rays ? search_.widest_spacing : 1;
+  if (search_.cells && (search_.rays || search_.finest_spacing == 1))
+    exact_spacing_ = search_.rays ? search_.widest_spacing : 1;
   next_ = Request{.sample_spacing = bracket_.spacing};
   next_->goal.expected_error = max_error * (search_.grows ? first_grown : first_expected);
   next_->goal.max_splats = std::min(search_.most_splats, most_first_splats);
@@ -202,7 +203,7 @@ void ErrorControl::grow(Picture picture) {
   }
   // A picture that has hardly grown keeps the one before it, from which the next differs more.
   if (!candidate_ || has_grown) candidate_ = std::move(picture);
-  next_ = Request{{0, asked}};
+  next_ = Request{.goal = {0, asked}, .sample_spacing = bracket_.spacing};
 }
 
 double error_of_all_points(const Image& all, const Image& coarser, const Image& coarsest) {
@@ -265,7 +266,7 @@ void ErrorControl::narrow() {
   // Without rays, errors of samples are measured against narrower ones, and are not comparable.
   wide_ = bracket_.too_coarse && search_.rays ? std::optional(bracket_) : std::nullopt;
   bracket_ = {.spacing = bracket_.spacing / 2, .first_splats = from};
-  may_narrow_ = bracket_.spacing > 1;
+  may_narrow_ = bracket_.spacing > search_.finest_spacing;
   go_on();
 }
 
@@ -284,7 +285,7 @@ bool ErrorControl::ask_cells(double other_work) {
   const int spacing = exact_spacing_;
   const double work = work_of_exact(spacing);
   if (work > other_work || (best_ && work > worth * best_->work)) return false;
-  exact_spacing_ /= 2;
+  exact_spacing_ = spacing > search_.finest_spacing ? spacing / 2 : 0;
   if (spacing == 1) {  // its error is known
     best_ = Picture{.exact = true, .work = work};
     return false;
@@ -309,8 +310,8 @@ bool ErrorControl::probe() {
   if (wider <= search_.widest_spacing && work_of(splats, wider) <= worth * best_->work) return try_spacing(wider, 1);
   int best_spacing = 0;
   double most = least_probed;
-  for (const int spacing : {best_->spacing / 2, 1}) {
-    if (spacing == 0 || spacing == best_->spacing) continue;
+  for (const int spacing : {best_->spacing / 2, search_.finest_spacing}) {
+    if (spacing < search_.finest_spacing || spacing == best_->spacing) continue;
     double share = 1;
     while (share > most && work_of(share * splats, spacing) > worth * best_->work) share *= 0.95;
     if (share > most) best_spacing = spacing, most = share;
@@ -331,10 +332,10 @@ bool ErrorControl::estimate(Picture& candidate) {
     const bool may_show_steps = candidate.exact && candidate.spacing > widest_of_outlines;
     const double wanted = may_show_steps ? std::min(max_error_, most_error_of_steps) : max_error_;
     candidate.ratio = surely(candidate.samples, rays_) / wanted;
-    if (candidate.finest && candidate.spacing == 1) file_error_ = candidate.error;
+    if (candidate.finest && candidate.spacing == search_.finest_spacing) file_error_ = candidate.error;
     return true;
   }
-  if (candidate.finest && candidate.spacing == 1 && !reference_) reference_ = candidate;
+  if (candidate.finest && candidate.spacing == search_.finest_spacing && !reference_) reference_ = candidate;
   const bool may_be_finer =
       reference_asked_ < search_.most_splats &&
       static_cast<double>(reference_asked_) < finer * jump * static_cast<double>(candidate.splats);
@@ -348,7 +349,7 @@ bool ErrorControl::estimate(Picture& candidate) {
 
 // Whether the reference's samples are too far apart for a candidate.
 bool ErrorControl::has_wide_samples(const Picture& candidate) const {
-  return reference_ && reference_->spacing > std::max(candidate.spacing / 2, 1);
+  return reference_ && reference_->spacing > finer_spacing(candidate);
 }
 
 // Whether the reference is finer than a candidate by enough.
@@ -418,7 +419,7 @@ void ErrorControl::ask_reference() {
   const double more = has_wide_samples(*candidate_) ? std::max(before, wanted) : jump * wanted;
   reference_asked_ = std::min(times(1, before >= wanted ? more : wanted), search_.most_splats);
   step_ = Step::reference;
-  next_ = Request{.goal = {0, reference_asked_}, .sample_spacing = std::max(candidate_->spacing / 2, 1)};
+  next_ = Request{.goal = {0, reference_asked_}, .sample_spacing = finer_spacing(*candidate_)};
 }
 
 // Whether another candidate would not be better.

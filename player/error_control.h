@@ -1,6 +1,7 @@
 // Finds the picture of a wanted error with the least work, by looking at pictures.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -37,8 +38,8 @@ class ErrorControl {
     /// If above 0: the splats of the first picture, whatever error is expected of it.
     std::uint64_t first_splats = 0;
 
-    /// The most pixels from one sample to the next; 1 if it grows. `pixels`: of a picture.
-    int widest_spacing = 1;
+    /// The pixels from one sample to the next; `finest_spacing` if it grows. `pixels`: of a picture.
+    int finest_spacing = 1, widest_spacing = 1;
     double pixels = 0;
 
     std::optional<Rays> rays = {};         // if any, errors are against these
@@ -137,6 +138,9 @@ class ErrorControl {
   [[nodiscard]] bool estimate_by_finer(double apart);
   void ask_reference();
   [[nodiscard]] bool has_wide_samples(const Picture& candidate) const;
+  [[nodiscard]] int finer_spacing(const Picture& candidate) const {
+    return std::max(candidate.spacing / 2, search_.finest_spacing);
+  }
 
   // The search.
   void grow(Picture picture);

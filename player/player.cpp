@@ -683,10 +683,12 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
 
 // Draws picture after picture, until one has the error.
 Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
-  const bool may_sample = !options_.drawing.sample_spacing && !has_layers();
+  const int finest_spacing = has_layers() ? 1 : options_.drawing.sample_spacing.value_or(1);
+  const bool may_widen = !has_layers() && !options_.drawing.sample_spacing;
   ErrorControl::Search search{.most_splats = device_splats(),
                               .grows = grows,
-                              .widest_spacing = may_sample ? widest_samples_of_an_error : 1,
+                              .finest_spacing = finest_spacing,
+                              .widest_spacing = may_widen ? widest_samples_of_an_error : finest_spacing,
                               .pixels = static_cast<double>(scene_.width) * scene_.height};
   SPLATVOL_TRY_ASSIGN(rays, draw_rays());
   if (rays) {
@@ -701,8 +703,8 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
       control.add({.image = *picture_});
       continue;
     }
-    SPLATVOL_TRY(draw_frame({.detail = detail_of(*next, info().resolutions())},
-                            {.sample_spacing = may_sample ? next->sample_spacing : 0}));
+    SPLATVOL_TRY(
+        draw_frame({.detail = detail_of(*next, info().resolutions())}, {.sample_spacing = next->sample_spacing}));
     SPLATVOL_TRY_ASSIGN(picture, image_or_copy(copy));
     const std::uint64_t allowed = frame_->detail.goal.value_or(ErrorGoal{}).max_splats;
     control.add({*picture, frame_->splats, frame_->goal_error, frame_->finest, allowed, times_.draw.fragments});

@@ -129,9 +129,9 @@ TEST(ErrorControl, FindsTheSplatsOfAnErrorWhateverTheModelExpects) {
 // Samples are as wide as the error allows, and the error counts theirs.
 TEST(ErrorControl, SamplesAreAsWideAsTheErrorAllows) {
   constexpr double error = 0.02;
-  const auto spacing_with = [&](double sampling_error, double layers, int widest, double scale = 1) {
+  const auto spacing_with = [&](double sampling_error, double layers, int widest, double scale = 1, int finest = 1) {
     KnownView view({.scale = scale, .width = 480, .height = 320, .sampling_error = sampling_error, .layers = layers});
-    ErrorControl control(error, {.widest_spacing = widest, .pixels = 480 * 320});
+    ErrorControl control(error, {.finest_spacing = finest, .widest_spacing = widest, .pixels = 480 * 320});
     const std::size_t cut = view.run(control);
     const double of_samples = sampling_error * (std::pow(view.spacing(), 2) - 1) / 3;
     EXPECT_LE(std::hypot(view.error_of(cut), of_samples), 1.25 * error) << sampling_error;
@@ -145,6 +145,7 @@ TEST(ErrorControl, SamplesAreAsWideAsTheErrorAllows) {
   EXPECT_EQ(spacing_with(0.006, 100, 4), 2) << "4 pixels apart they have an error of .02";
   EXPECT_EQ(spacing_with(0.1, 100, 4), 1);
   EXPECT_EQ(spacing_with(0, 1, 4, 0.05), 1) << "where few splats lie, pixels cost more than splats";
+  EXPECT_EQ(spacing_with(0, 1, 3, 0.05, 3), 3) << "they are asked for";
 }
 
 TEST(ErrorControl, StaysNearTheErrorWhereCutsAreFarApart) {
