@@ -9,13 +9,13 @@ namespace splatvol {
 /// person writes them here. Every machine chooses by these numbers, so that all draw the same picture. Estimates of
 /// single pictures are a factor of 1.2 off in the geometric mean, and at most about 2.
 namespace nanoseconds {
-inline constexpr double of_picture = 130000;  // of splats, besides
-inline constexpr double of_splat = 87;
-inline constexpr double of_fragment = 1.2;
-inline constexpr double of_interpolated_pixel = 2;  // where samples are wider than pixels
-inline constexpr double of_tetrahedron = 2.7;
-inline constexpr double of_row = 30;  // of samples in a tetrahedron
-inline constexpr double of_segment = 3.6;
+inline constexpr double of_picture = 110000;  // of splats, besides
+inline constexpr double of_splat = 68;
+inline constexpr double of_fragment = 0.95;
+inline constexpr double of_interpolated_pixel = 1;  // where samples are wider than pixels
+inline constexpr double of_tetrahedron = 1.2;
+inline constexpr double of_row = 26;  // of samples in a tetrahedron
+inline constexpr double of_segment = 2.2;
 }  // namespace nanoseconds
 
 /// Of n splats of a view, about cbrt(n) times as many lie one behind the other as of a single one. Returns how many
