@@ -11,7 +11,7 @@ namespace {
 
 constexpr int digit_bits = 11;
 constexpr std::size_t digit_count = std::size_t{1} << digit_bits;
-constexpr std::size_t items_per_slice = std::size_t{1} << 16;  // fewer are slower with a thread of their own
+constexpr std::size_t items_per_slice = std::size_t{1} << 14;  // fewer are slower with a thread of their own
 constexpr std::size_t most_slices = 64;
 
 using Histogram = std::array<std::uint32_t, digit_count>;
