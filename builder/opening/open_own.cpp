@@ -1,6 +1,8 @@
 #include "builder/opening/open_own.h"
 
 #include <algorithm>
+#include <filesystem>
+#include <set>
 
 #include "builder/opening/input_files.h"
 #include "builder/sources/csv_source.h"
@@ -26,6 +28,15 @@ Result<FileHeader> header_of(const std::string& path, const SourceOptions& optio
   return std::move(header);
 }
 
+/// Pieces of a data set are different files.
+Status refuse_repeated(const std::vector<std::string>& inputs) {
+  std::set<std::filesystem::path> seen;
+  for (const std::string& input : inputs)
+    if (!seen.insert(std::filesystem::path(input).lexically_normal()).second)
+      return fail(ErrorCode::invalid_argument, "{}: is given twice", input);
+  return {};
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_own(const std::vector<std::string>& inputs, const SourceOptions& options) {
@@ -34,6 +45,7 @@ Result<std::unique_ptr<Source>> open_own(const std::vector<std::string>& inputs,
     return fail(ErrorCode::invalid_argument, "{}: must be the only input", *generated);
   if (generated != inputs.end() && options.cells == CellValues::own) return fail_no_cells(*generated);
   if (generated != inputs.end()) return open_generated(*generated, options);
+  SPLATVOL_TRY(refuse_repeated(inputs));
 
   SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
   if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");

@@ -387,6 +387,13 @@ TEST_F(SourceTest, TextsOfAnyNameAreTablesIfTheirColumnsAreNamed) {
   }
 }
 
+TEST_F(SourceTest, AFileGivenTwiceIsRefused) {
+  const std::string mesh = write("a.vtu", hexahedron_mesh().file()), points = write("a.csv", "x,y,z,s\n0,0,0,1\n");
+  for (const std::string& path : {mesh, points})
+    EXPECT_THAT(error_of({path, folder_ + "/./" + std::filesystem::path(path).filename().string()}),
+                HasSubstr(": is given twice"));
+}
+
 TEST_F(SourceTest, MeshesAreNoPointsOfNpyFiles) {
   std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 4), }";
   header.resize(117, ' ');
@@ -461,7 +468,7 @@ TEST_F(SourceTest, FormatsThatAreNotReadNameTheWayOut) {
   for (const char* name :
        {"a.xdmf", "a.h5", "a.cas.h5", "a.nc", "a.med", "a.plt", "a.frd", "a.inp", "a.NEK5000", "a.unv", "a.las"}) {
     const std::string path = write(name, "some bytes\n");
-    for (const auto& inputs : {std::vector{path}, {path, mesh}, {mesh, path}, {path, path}})
+    for (const auto& inputs : {std::vector{path}, {path, mesh}, {mesh, path}})
       EXPECT_THAT(error_of(inputs), AllOf(StartsWith(path + ": files of "), HasSubstr("are not read: "))) << name;
   }
   EXPECT_THAT(error_of({write("a.bin", "some bytes\n")}), HasSubstr("its format is not known"));
@@ -702,7 +709,8 @@ TEST_F(SourceTest, BadPlot3dIsOneClearLine) {
   EXPECT_THAT(error_of({grid, solution}, {{"p"}, {}}), AllOf(HasSubstr("\"p\""), HasSubstr("Density")));
   EXPECT_THAT(error_of({grid, folder_ + "none.q"}), HasSubstr("No such file"));
   EXPECT_THAT(error_of({solution, grid}), HasSubstr("neither a VTK file nor a binary PLOT3D grid"));
-  EXPECT_THAT(error_of({grid, grid}), AllOf(StartsWith(grid), HasSubstr("not a PLOT3D solution")));
+  const std::string other = write("b.xyz", files.grid);
+  EXPECT_THAT(error_of({grid, other}), AllOf(StartsWith(other), HasSubstr("not a PLOT3D solution")));
   const std::size_t whole_without_blanking = 28 + 20 * 12;
   for (std::size_t size = 0; size < files.grid.size(); ++size) {
     if (size == whole_without_blanking) continue;

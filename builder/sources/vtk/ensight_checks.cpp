@@ -176,7 +176,7 @@ class EnsightReader {
     std::uint64_t there = 0;
     for (std::uint64_t i = 0; i < lines && !ended_; ++i) {
       const auto of_line = words_.integers_in_line();
-      ended_ = ended_ || !words_.ended_line();
+      end_unless_line_ended(of_line.value_or(1) > 0);
       if (!of_line) refuse("a word");
       there += of_line.value_or(0);
     }
@@ -199,10 +199,16 @@ class EnsightReader {
   }
 
  private:
+  void end_unless_line_ended(bool holds_something) {
+    if (words_.ended_line()) return;
+    open_end_ = open_end_ || (!ended_ && holds_something);
+    ended_ = true;
+  }
+
   /// A line of text, which must end.
   std::string next_line() {
     std::string line = words_.line();
-    ended_ = ended_ || !words_.ended_line();
+    end_unless_line_ended(!line.empty());
     return line;
   }
 
