@@ -203,6 +203,9 @@ Result<Connection> connect(const BuildOptions& options, PointStream& points, con
   if (is_joined_by_cells(points.summary())) return connect_mesh(points);
   if (options.connectivity == Connectivity::mesh)
     return fail(ErrorCode::invalid_data, "no cells that fill a volume: the connectivity 'mesh' needs some");
+  // The points of surfaces that were left out are not there to be joined.
+  if (const auto left_out = points.summary().cells.left_out; left_out > 0 && !no_volume.empty())
+    return fail(ErrorCode::invalid_data, "{}, and {} cells of surfaces; splatvol draws volumes", no_volume, left_out);
   if (options.connectivity == Connectivity::automatic && !no_volume.empty())
     return fail(ErrorCode::invalid_data, "{}; splatvol draws volumes; --connectivity delaunay joins the points anyway",
                 no_volume);

@@ -711,6 +711,11 @@ TEST(BuildConnectivity, SurfacesAreJoinedOnRequestOnly) {
   for (const Connectivity wanted : {Connectivity::delaunay, Connectivity::none})
     EXPECT_TRUE(build({surface}, path, connected(wanted)));
   EXPECT_TRUE(build({surface, mesh_piece(jittered(4, 0.2), wave)}, path)) << "a volume beside it";
+  Piece edges = scattered(random_points(100));
+  edges.census.cells = {{"line", 3}};
+  edges.census.without_volume = edges.census.lines = 3;
+  edges.census.left_out = 7;
+  EXPECT_EQ(message_of(build({edges}, path)), "only lines (3 lines), and 7 cells of surfaces; splatvol draws volumes");
 }
 
 TEST(BuildConnectivity, CellsWithoutVolumeAreRefused) {

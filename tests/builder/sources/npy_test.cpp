@@ -254,7 +254,7 @@ TEST_F(NpyTest, SeveralFilesAreOnePointSet) {
   const auto table = value_of(read({a, empty, b}));
   EXPECT_EQ(table.numbers, twice);
   EXPECT_FALSE(table.single_precision) << "the second is not";
-  EXPECT_TRUE(read({a, a})->single_precision);
+  EXPECT_TRUE(read({a, empty})->single_precision);
 
   const std::string series = write("e.npy", npy(header("<f4", 3, 4), numbers<float>(rows)));
   EXPECT_THAT(error_of({a, series}), AllOf(StartsWith(series), HasSubstr("--series")));
