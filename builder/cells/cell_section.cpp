@@ -341,7 +341,7 @@ class ChunkPipeline {
 
 }  // namespace
 
-Result<CellReport> write_cells(MeshCells& cells, std::shared_ptr<const format::ChunkSource> chunks,
+Result<CellReport> write_cells(MeshCells& cells, const std::shared_ptr<const format::ChunkSource>& chunks,
                                std::uint64_t memory, const std::string& folder,
                                const std::function<Status(std::span<const std::byte>)>& append,
                                const std::function<void(double)>& progress) {

@@ -25,7 +25,7 @@ struct CellReport {
 
 /// Writes the section front to back through `append`. `chunks`: the rows of the file, whose points give boxes and
 /// ranges. `memory`: bytes to hold; `folder`: for the rest. Works on all of TBB's threads.
-[[nodiscard]] Result<CellReport> write_cells(MeshCells& cells, std::shared_ptr<const format::ChunkSource> chunks,
+[[nodiscard]] Result<CellReport> write_cells(MeshCells& cells, const std::shared_ptr<const format::ChunkSource>& chunks,
                                              std::uint64_t memory, const std::string& folder,
                                              const std::function<Status(std::span<const std::byte>)>& append,
                                              const std::function<void(double)>& progress);

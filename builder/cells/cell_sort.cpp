@@ -73,8 +73,8 @@ Result<CellSort> CellSort::create(format::CellShape shape, format::CellField fie
                                   std::uint64_t memory, const std::string& folder) {
   const std::size_t words = words_of(shape, field), bytes = words * sizeof(std::uint64_t);
   const int bits = std::clamp(static_cast<int>(std::bit_width(rank_end)), 1, rank_bits);
-  const auto key = [words, bytes, keys_of = Keys(format::corners_of(shape), words, bits)](
-                       std::span<const std::byte> records, std::span<MortonKey> keys) {
+  const auto key = [bytes, keys_of = Keys(format::corners_of(shape), words, bits)](std::span<const std::byte> records,
+                                                                                   std::span<MortonKey> keys) {
     Record record{};
     for (std::size_t i = 0; i < keys.size(); ++i) {
       std::memcpy(record.data(), records.data() + i * bytes, bytes);

@@ -145,10 +145,10 @@ Status JointCells::add_leaf(const IndexLeaf& leaf) {
 }
 
 format::WriteCells JointCells::writer(const BuildProgress& progress) {
-  return [this, &progress](std::shared_ptr<const format::ChunkSource> chunks,
+  return [this, &progress](const std::shared_ptr<const format::ChunkSource>& chunks,
                            const format::AppendBytes& append) -> Status {
     const auto write = [&](double fraction) { progress("writing cells", fraction); };
-    SPLATVOL_TRY_SET(report_, write_cells(*cells_, std::move(chunks), memory_ / 4, folder_, append, write));
+    SPLATVOL_TRY_SET(report_, write_cells(*cells_, chunks, memory_ / 4, folder_, append, write));
     return {};
   };
 }

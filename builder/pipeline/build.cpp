@@ -93,9 +93,10 @@ Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const
     }
     if (reduced.cells) {
       reduced.info.cells = format::CellsInfo{reduced.cells->hash()};
-      add_cells = [&](std::shared_ptr<const format::ChunkSource> chunks, const format::AppendBytes& append) -> Status {
+      add_cells = [&](const std::shared_ptr<const format::ChunkSource>& chunks,
+                      const format::AppendBytes& append) -> Status {
         const auto write = [&](double fraction) { progress("writing cells", fraction); };
-        SPLATVOL_TRY_SET(kept, write_cells(*cells, std::move(chunks), options.memory / 4, folder, append, write));
+        SPLATVOL_TRY_SET(kept, write_cells(*cells, chunks, options.memory / 4, folder, append, write));
         return {};
       };
     }

@@ -268,8 +268,7 @@ class SeriesBuild {
     SPLATVOL_TRY_ASSIGN(chunks, target_.writer->chunks());
     const auto append = [&](std::span<const std::byte> bytes) { return section.append(bytes); };
     const auto progress = [&](double fraction) { progress_("writing cells", fraction); };
-    SPLATVOL_TRY_SET(kept_cells_,
-                     write_cells(cells, std::move(chunks), options_.memory / 4, folder_, append, progress));
+    SPLATVOL_TRY_SET(kept_cells_, write_cells(cells, chunks, options_.memory / 4, folder_, append, progress));
     target_.writer->set_cells([&section](const std::shared_ptr<const format::ChunkSource>&,
                                          const format::AppendBytes& to) { return format::move_bytes(section, to); });
     const auto read = [&section](std::uint64_t offset, std::uint64_t count) -> Result<format::Bytes> {

@@ -68,13 +68,13 @@ bool has_mesh_files(const std::string& path) {
 void add_regions(const std::string& path, std::set<std::string>& regions) {
   if (has_mesh_files(path)) regions.insert("");
   for (const std::string& name : entries_of(path).folders)
-    if (name != "polyMesh" && has_mesh_files(path + "/" + name)) regions.insert(name);
+    if (name != "polyMesh" && has_mesh_files(fmt::format("{}/{}", path, name))) regions.insert(name);
 }
 
 std::set<std::string> regions_in(const std::string& path) {
   std::set<std::string> regions;
   add_regions(path + "/constant", regions);
-  for (const auto& [time, name] : steps_in(path)) add_regions(path + "/" + name, regions);
+  for (const auto& [time, name] : steps_in(path)) add_regions(fmt::format("{}/{}", path, name), regions);
   return regions;
 }
 
@@ -253,7 +253,7 @@ std::vector<FoamFieldFile> FoamCase::fields(std::size_t part, const std::string&
     std::string name = file;
     if (name.ends_with(".gz")) name.resize(name.size() - 3);
     if (is_put_aside(name) || !wants(name) || (!fields.empty() && fields.back().name == name)) continue;
-    const FoamPlace place = place_of(parts_[part], inner + "/" + file);
+    const FoamPlace place = place_of(parts_[part], fmt::format("{}/{}", inner, file));
     if (!has_foam_header(place)) continue;
     if (const auto kind = foam_field_kind(FoamReader(place).class_name())) fields.push_back({name, *kind, place});
   }

@@ -279,7 +279,7 @@ bool FoamReader::skip_until(char end) {
   }
 }
 
-std::string FoamReader::resolve(std::string file) const {
+std::string FoamReader::resolve(const std::string& file) const {
   for (const std::string_view root : {"$FOAM_CASE", "${FOAM_CASE}", "<case>"})
     if (file.starts_with(root)) return case_folder_ + "/" + file.substr(root.size());
   for (const std::string_view root : {"system", "constant"})

@@ -97,7 +97,7 @@ class FoamReader {
   FoamToken skip_code();
   FoamToken read_word();
   void include(const std::string& file, bool optional);
-  [[nodiscard]] std::string resolve(std::string file) const;
+  [[nodiscard]] std::string resolve(const std::string& file) const;
 
   std::string case_folder_, class_, inner_class_;
   std::vector<Source> sources_;  // the file, and those that are being included

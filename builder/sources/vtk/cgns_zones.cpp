@@ -183,7 +183,7 @@ class ZoneReader {
         throw ReaderError("CGNS: the zone {} has no points, or more than 2^32", name());
       count *= static_cast<std::uint64_t>(points);
     }
-    const auto points = vtkSmartPointer<vtkPoints>::New();
+    auto points = vtkSmartPointer<vtkPoints>::New();
     points->SetDataTypeToDouble();
     points->SetNumberOfPoints(static_cast<vtkIdType>(count));
     std::vector<double> values(count);

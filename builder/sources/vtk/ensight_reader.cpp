@@ -1,4 +1,5 @@
 // EnSight, through VTK's reader.
+#include <vtkCellData.h>
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>
 #include <vtkDataSetAttributes.h>
@@ -7,6 +8,7 @@
 #include <vtkIdList.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkNew.h>
+#include <vtkPointData.h>
 #include <vtkUnsignedCharArray.h>
 
 #include <algorithm>
