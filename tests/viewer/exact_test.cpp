@@ -260,11 +260,7 @@ TEST_F(ExactAtRest, NeedsCellsAndFewSegments) {
   ViewSettings settings = on_processor();
   settings.most_exact_segments = 1000;
   const auto session = open(settings);
-<<<<<<< HEAD
   session->scene = without->scene;  // its own camera shows all cells
-=======
-  session->scene = without->scene;  // without cells, the box round them is less certain
->>>>>>> 7284e7c0 (A test of few segments takes one scene; a page tells the error of bent axes)
   EXPECT_EQ(compare_images(settled(*session), splats)->max, 0);
   EXPECT_FALSE(session->exact());
   EXPECT_TRUE(session->troubles().empty());
