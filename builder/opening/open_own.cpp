@@ -25,7 +25,7 @@ Result<FileHeader> header_of(const std::string& path, const SourceOptions& optio
   SPLATVOL_TRY_ASSIGN(header, read_header(path));
   if (!options.columns.empty() && !header.format && !format_of_name(path) && !is_foreign(path))
     header.format = InputFormat::table;
-  return std::move(header);
+  return header;
 }
 
 /// Pieces of a data set are different files.
