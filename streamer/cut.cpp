@@ -56,6 +56,7 @@ class CutSelector {
     std::uint64_t splats;
     double squared_error;
   };
+
   // What is known of a node that was chosen for a goal.
   struct Chosen {
     const Refinement& refinement;

@@ -95,6 +95,18 @@ constexpr double fewest_beyond = 20;     // splats that are not outliers
 constexpr double rounding = 1e-6;        // of the largest value; a smaller negative one is an error
 constexpr double shown_decades = 1e10;   // from the largest values down; less is as good as 0
 
+// Whether more values are above half of the largest, `top`, than from there down to a hundredth: such as the share of
+// one of two fluids. Then small values are errors.
+bool is_a_step(std::span<const WeightedValue> values, double top) {
+  const auto number_above = [&](double least) {
+    return total(values.last(static_cast<std::size_t>(
+                     values.end() - std::ranges::lower_bound(values, least, {}, &WeightedValue::value))),
+                 &WeightedValue::count);
+  };
+  const double large = number_above(0.5 * top);
+  return large > number_above(1e-2 * top) - large;
+}
+
 // Returns whether sizes span decades: half of those above 0, by number and by volume, are less than 1 / `half` of the
 // largest, and some are less than 1/1000. A linear axis would show most of them as one. `sizes` keeps those that are
 // shown, above `least`.
@@ -105,7 +117,7 @@ bool spans_decades(Values& sizes, double half, double least) {
   if (20 * sizes.size() < all || sizes.size() < fewest_beyond) return false;
   const double top = quantile(sizes, 0.99);
   return quantile(sizes, 0.5) * half <= top && quantile(sizes, 0.05) * 1e3 <= top &&
-         quantile(sizes, 0.5, &WeightedValue::volume) * half <= top;
+         quantile(sizes, 0.5, &WeightedValue::volume) * half <= top && !is_a_step(sizes, top);
 }
 
 // Few negative values, or small ones, are errors of rounding.

@@ -332,6 +332,8 @@ TEST_F(RendererTestFirstPicture, ValuesThatSpanDecadesGetALogarithmicAxis) {
   EXPECT_EQ(axis_of([](const dvec3& p) { return p.x; }).axis, ValueAxis::linear);
   EXPECT_EQ(axis_of([](const dvec3& p) { return std::sin(7 * p.x); }).axis, ValueAxis::linear);
   EXPECT_EQ(axis_of([](const dvec3& p) { return 1 / (1 + std::exp(60 * (p.z - 0.5))); }).axis, ValueAxis::linear);
+  // What a solver leaves of one of two fluids in the other is an error.
+  EXPECT_EQ(axis_of([](const dvec3& p) { return p.x < 0.3 ? 1 : std::pow(10, -4 - 6 * p.x); }).axis, ValueAxis::linear);
   const Shape graded = [](const dvec3& p) { return dvec3(p.x, p.y, p.z == 0 ? 0 : std::pow(1e-9, 1 - p.z)); };
   const Scene wall = scene_of({10, 10, 60}, graded, {{"U", [](const dvec3& p) { return std::tanh(20 * p.z); }}});
   EXPECT_EQ(wall.transfer_function.axis, ValueAxis::linear);
