@@ -383,8 +383,7 @@ Status Player::fail_without_contours() const {
                 steps_.name());
   return fail(ErrorCode::invalid_argument,
               "{}: it keeps no cells, and only these have contours: build it from a mesh, or from points by "
-              "--connectivity delaunay, without --drop-cells, or "
-              "show an isovalue",
+              "--connectivity delaunay, without --drop-cells, or show an isovalue",
               steps_.name());
 }
 
