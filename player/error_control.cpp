@@ -226,7 +226,8 @@ void ErrorControl::judge() {
     end();
     return;
   }
-  if (wide_ && bracket_.candidates == 1 && !candidate.exact) widen_again(candidate);
+  if (wide_ && (candidate.exact ? rules_out_narrower(candidate) : is_no_better(candidate))) widen_again();
+  if (!candidate.exact) wide_.reset();
   go_on();
 }
 
@@ -270,12 +271,22 @@ void ErrorControl::narrow() {
   go_on();
 }
 
-// Goes back to wide samples if narrower ones do not help either.
-void ErrorControl::widen_again(const Picture& narrow) {
-  if (narrow.ratio > too_much && narrow.ratio > least_gain * wide_->too_coarse->ratio) {
-    bracket_ = *wide_;
-    may_narrow_ = false;
-  }
+// Whether all points have too much error besides that of wide samples. Cells have only that.
+bool ErrorControl::rules_out_narrower(const Picture& cells) const {
+  const Picture& wide = *wide_->too_coarse;
+  return wide.finest && wide.spacing == cells.spacing &&
+         wide.error * wide.error - cells.error * cells.error > std::pow(too_much * max_error_, 2);
+}
+
+// Whether the first candidate of narrower samples has hardly less error than the last of wide ones.
+bool ErrorControl::is_no_better(const Picture& narrow) const {
+  return narrow.ratio > too_much && narrow.ratio > least_gain * wide_->too_coarse->ratio;
+}
+
+// Goes back to wide samples, as narrower ones do not help either.
+void ErrorControl::widen_again() {
+  bracket_ = *wide_;
+  may_narrow_ = false;
   wide_.reset();
 }
 

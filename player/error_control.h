@@ -153,7 +153,9 @@ class ErrorControl {
   void ask_candidate(std::uint64_t splats, int spacing);
   [[nodiscard]] bool ask_cells(double less_work_than);
   void narrow();
-  void widen_again(const Picture& narrow);
+  [[nodiscard]] bool rules_out_narrower(const Picture& cells) const;
+  [[nodiscard]] bool is_no_better(const Picture& narrow) const;
+  void widen_again();
   [[nodiscard]] bool probe();
   void end();
   void choose(const Picture& chosen);

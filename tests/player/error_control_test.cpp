@@ -148,6 +148,32 @@ TEST(ErrorControl, SamplesAreAsWideAsTheErrorAllows) {
   EXPECT_EQ(spacing_with(0, 1, 3, 0.05, 3), 3) << "they are asked for";
 }
 
+// A narrow function: wide samples of cells show that those of splats are not what is wrong.
+TEST(ErrorControl, SplatsThatCannotHaveTheErrorAreDrawnOnce) {
+  Image exact{96, 64, {}};
+  exact.pixels.assign(96 * 64, vec4(0.5F, 0.5F, 0.5F, 1));
+  const auto off_by = [&](float error) {
+    Image image = exact;
+    for (vec4& pixel : image.pixels) pixel.r += error * std::sqrt(3.0F);
+    return image;
+  };
+  ErrorControl control(0.005, {.widest_spacing = 4,
+                               .pixels = 96 * 64,
+                               .rays = Rays{.image = exact},
+                               .cells = CellCounts{.tetrahedra = 1000, .segments = 1e5}});
+  std::vector<int> splats, cells;  // the spacings
+  while (control.next() && control.pictures() < 20) {
+    const bool is_exact = control.next()->exact;
+    const int spacing = control.next()->sample_spacing;
+    (is_exact ? cells : splats).push_back(spacing);
+    const Image image = off_by(!is_exact ? 0.05F : spacing > 1 ? 0.01F : 0.0F);
+    control.add({.image = image, .splats = 1000, .finest = true, .fragments = 1e4});
+  }
+  EXPECT_EQ(splats, std::vector<int>{4});
+  EXPECT_EQ(cells, (std::vector<int>{4, 2, 1}));
+  EXPECT_EQ(control.estimate().error, 0);
+}
+
 TEST(ErrorControl, StaysNearTheErrorWhereCutsAreFarApart) {
   for (const double error : {0.02, 0.01, 0.005}) {
     KnownView view({.step = 6});
