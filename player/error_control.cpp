@@ -50,6 +50,9 @@ constexpr double least_fall = 0.33, least_more = 2;
 // Samples were too far apart if narrower ones have at most this share of the error.
 constexpr double least_gain = 0.85;
 
+// Narrower samples are not tried if all points have so much of the wanted error besides that of samples.
+constexpr double far_too_much = 2;
+
 // Fewer splats with narrower samples are tried if they are not fewer than this share.
 constexpr double least_probed = 1.0 / 6;
 
@@ -271,11 +274,11 @@ void ErrorControl::narrow() {
   go_on();
 }
 
-// Whether all points have too much error besides that of wide samples. Cells have only that.
+// Whether all points have far too much error besides that of wide samples. Cells have only that, and about as much.
 bool ErrorControl::rules_out_narrower(const Picture& cells) const {
   const Picture& wide = *wide_->too_coarse;
   return wide.finest && wide.spacing == cells.spacing &&
-         wide.error * wide.error - cells.error * cells.error > std::pow(too_much * max_error_, 2);
+         wide.error * wide.error - cells.error * cells.error > std::pow(far_too_much * max_error_, 2);
 }
 
 // Whether the first candidate of narrower samples has hardly less error than the last of wide ones.
