@@ -47,7 +47,7 @@ tl::unexpected<Error> fail_two_surfaces() {
               "depths of surfaces, and a scene that shows surfaces or slices: give one of them");
 }
 
-// Rays to measure by meet about as many cells as a picture does. So many take a tenth of a second of two cores.
+// Rays that measure an error meet about as many cells as a picture does. Two cores need a tenth of a second for 2^21.
 constexpr std::uint64_t most_tetrahedra_for_rays = std::uint64_t{1} << 21;
 
 Detail detail_of(const Rung& rung) { return {.goal = ErrorGoal{0, rung.splats}}; }
@@ -591,13 +591,14 @@ Result<std::optional<ErrorSearch>> Player::draw_all_points() {
     coarser.push_back(std::move(picture));
   }
   SPLATVOL_TRY(draw_frame({.detail = {.tolerance_percent = 0}}));
-  SPLATVOL_TRY_ASSIGN(picture, image());
+  Image copy;
+  SPLATVOL_TRY_ASSIGN(picture, image_or_copy(copy));
   ErrorSearch search;
   search.pictures = static_cast<int>(coarser.size()) + 1;
   if (rays)
-    search.estimate = {.error = error_at(rays->rays, picture), .reached = true, .measured = true};
+    search.estimate = {.error = error_at(rays->rays, *picture), .reached = true, .measured = true};
   else if (!coarser.empty())
-    search.estimate = {.error = error_of_all_points(picture, coarser[1], coarser[0]), .reached = true};
+    search.estimate = {.error = error_of_all_points(*picture, coarser[1], coarser[0]), .reached = true};
   else
     return std::nullopt;
   search.estimate.file_error = search.estimate.error;

@@ -197,9 +197,9 @@ class Player {
   /// an exact picture, splats are drawn.
   ///
   /// - An error: draws picture after picture, each with all of its parts, until one has it, or the finest that the file
-  ///   and the budgets have: splats, or cells if drawing them is less work (ErrorControl). Where nothing was asked, the
-  ///   first that is fine enough.
-  /// - All points, where nothing was asked: finds out what error they have, too.
+  ///   and the budgets have: splats, or cells if drawing them is less work (ErrorControl). If nothing was asked, it
+  ///   ends with the first picture that is fine enough.
+  /// - All points, if nothing was asked: measures their error, too.
   /// - Milliseconds: draws the rung of Pacer's ladder that the device has time for. Cells are drawn only if they are
   ///   held. Splats are of parts that are there or come in time. Learns the device's speed from call to call, so that
   ///   the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time.

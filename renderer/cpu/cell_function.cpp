@@ -55,10 +55,11 @@ std::vector<UPiece> pieces_by_value(const TransferFunction& function) {
     for (const LinearPiece& piece : linear) pieces.push_back({piece.begin, piece.end, piece.at_begin, piece.at_end});
     return pieces;
   }
+  const double bend = bend_of(function);
   dvec4 largest(0);
   for (const LinearPiece& piece : linear) largest = glm::max(largest, glm::max(piece.at_begin, piece.at_end));
   for (const LinearPiece& piece : linear) {
-    const int steps = steps_of(piece, bend_of(function), largest);
+    const int steps = steps_of(piece, bend, largest);
     for (int step = 0; step < steps; ++step) {
       const double first = static_cast<double>(step) / steps, last = static_cast<double>(step + 1) / steps;
       const auto at = [&](double share) { return glm::mix(piece.at_begin, piece.at_end, share); };

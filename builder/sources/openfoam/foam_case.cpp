@@ -181,7 +181,7 @@ void FoamCase::add_folder(const std::string& name) { folders_.push_back({name, s
 void FoamCase::find_regions() {
   std::set<std::string> regions;
   for (const Folder& folder : folders_) regions.merge(regions_in(path_of(folder.name)));
-  // Solvers of several regions never read the mesh that splitMeshRegions has split, which stays where it was.
+  // splitMeshRegions leaves the mesh that it has split where it was. Solvers of several regions never read it.
   if (regions.size() > 1 && exists(path_of("constant/regionProperties"))) regions.erase("");
   regions_.assign(regions.begin(), regions.end());
   if (regions_.empty())
