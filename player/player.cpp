@@ -517,8 +517,7 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
                                       .progress = progress},
                                      std::exchange(spare_picture_, {}));
   SPLATVOL_TRY(call.check());
-  if (!drawn && drawn.error().code == ErrorCode::unsupported) thin_cells_ = kept_cells_;
-  if (!drawn && (drawn.error().code == ErrorCode::out_of_budget || drawn.error().code == ErrorCode::unsupported))
+  if (!drawn && drawn.error().code == ErrorCode::out_of_budget)
     return fail_in(streamer_->volume().name(), drawn.error());
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
   if (picture_) spare_picture_ = std::move(*picture_);
@@ -564,10 +563,8 @@ Result<DrawnPicture> Player::draw_picture(const Quality& quality, const std::fun
   DrawnPicture drawn{{quality}};
   if (is_default) SPLATVOL_TRY_SET(drawn.chosen, default_quality());
   if (drawn.chosen.quality.exact) {
-    const Status exact = draw_exact(progress);
-    if (exact) return drawn;
-    if (!is_default || exact.error().code != ErrorCode::unsupported) return tl::unexpected(exact.error());
-    drawn.chosen = {.quality = default_splats(info().point_count()), .has_thin_cells = true};
+    SPLATVOL_TRY(draw_exact(progress));
+    return drawn;
   }
   const Quality& splats = drawn.chosen.quality;
   if (splats.milliseconds)
@@ -621,7 +618,7 @@ Result<Choices> Player::choices(bool with_cells, int widest_spacing) {
   }
   choices.finest_spacing = options_.drawing.sample_spacing.value_or(1);
   choices.widest_spacing = std::max(choices.finest_spacing, widest_spacing);
-  if (!with_cells || (kept_cells_ && thin_cells_.lock() == kept_cells_)) return choices;
+  if (!with_cells) return choices;
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
   if (estimate.unknown_cells == 0)
     choices.cells = {static_cast<double>(estimate.tetrahedra), static_cast<double>(estimate.segments)};
@@ -641,10 +638,9 @@ Status Player::draw_within(double seconds) {
   SPLATVOL_TRY_ASSIGN(choices, this->choices(may_draw_cells() && holds_cells(), widest_spacing));
   const Rung rung = pacer_.next(choices);
   if (rung.is_exact()) {
-    Status drawn = draw_exact({}, rung.sample_spacing);
-    if (!drawn && drawn.error().code == ErrorCode::unsupported) return draw_within(seconds);
-    if (drawn) pacer_.add(rung, choices, 0, times_.frame);
-    return drawn;
+    SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
+    pacer_.add(rung, choices, 0, times_.frame);
+    return {};
   }
   FrameRequest request{.detail = detail_of(rung), .wait_seconds = 0};
   SPLATVOL_TRY(choose(request));
@@ -671,9 +667,8 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
   auto drawn = cell_rasterizer_.draw(
       *cells,
       {.view = view, .transfer = transfer_of(scene_), .lighting = scene_.lighting, .memory = options_.memory / 2});
-  // Cells are too thin, or a ray has too many: finer pictures tell the error.
-  if (!drawn && (drawn.error().code == ErrorCode::unsupported || drawn.error().code == ErrorCode::out_of_budget))
-    return std::nullopt;
+  // A ray has too many cells: finer pictures tell the error.
+  if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
   const double of_rays =
       static_cast<double>(view_.width) * view_.height / (static_cast<double>(view.width) * view.height);
@@ -729,9 +724,7 @@ Result<std::vector<Rung>> Player::draw_at_pace(double seconds) {
     if (!drawn.empty() && rung == drawn.back()) break;
     double fragments = 0;
     if (rung.is_exact()) {
-      const Status exact = draw_exact({}, rung.sample_spacing);
-      if (!exact && exact.error().code == ErrorCode::unsupported) continue;
-      SPLATVOL_TRY(exact);
+      SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
       SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
     } else {
       is_nudged_ = true;  // so that the second picture is of the view itself

@@ -95,9 +95,8 @@ struct ErrorSearch {
 struct ChosenQuality {
   Quality quality = {};
 
-  // Why a picture for which nothing was asked is not exact, though the file keeps cells.
-  std::uint64_t too_many_segments = 0;  // that it would have; 0: they are not too many
-  bool has_thin_cells = false;          // some are too thin for an exact picture
+  /// If nothing was asked: the segments of an exact picture, if they are too many for one; else 0.
+  std::uint64_t too_many_segments = 0;
 };
 
 /// How a picture was drawn (Player::draw_picture).
@@ -193,8 +192,7 @@ class Player {
   /// Chooses and draws.
   [[nodiscard]] Status draw_frame(const FrameRequest& request, const DrawOptions& options = {});
 
-  /// Draws the picture of a quality. Where nothing is asked, that is `default_quality`; if some cells are too thin for
-  /// an exact picture, splats are drawn.
+  /// Draws the picture of a quality. Where nothing is asked, that is `default_quality`.
   ///
   /// - An error: draws picture after picture, each with all of its parts, until one has it, or the finest that the file
   ///   and the budgets have: splats, or cells if drawing them is less work (ErrorControl). If nothing was asked, it
@@ -345,7 +343,6 @@ class Player {
   std::unique_ptr<Rasterizer> rasterizer_;
   CellRasterizer cell_rasterizer_;
   std::shared_ptr<const KeptCells> kept_cells_;          // of the streamer's volume; null: none was needed yet
-  std::weak_ptr<const KeptCells> thin_cells_;            // those that were too thin to be drawn
   std::shared_ptr<const FileCells> cells_;               // of these, in the view that asked last
   std::shared_ptr<const SurfaceDepths> surface_depths_;  // of another program
   std::vector<Surface> surfaces_;                        // of the scene

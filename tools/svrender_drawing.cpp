@@ -167,18 +167,9 @@ Result<std::vector<Error>> draw_movement(const RenderOptions& options, const Com
 // even those of a small file.
 Result<std::vector<Error>> draw_default_movement(const RenderOptions& options, const Composition& composition,
                                                  Drawn& drawn, Timings& timings) {
-  const Quality splats{.max_error = default_max_error};
   SPLATVOL_TRY_SET(drawn.chosen, drawn.player->default_quality());
-  if (drawn.chosen.quality.exact) {
-    drawn.is_exact = true;
-    auto errors = draw_movement(options, composition, drawn, timings);
-    if (errors || errors.error().code != ErrorCode::unsupported) return errors;
-    timings = {};
-    drawn.chosen.has_thin_cells = true;
-    drawn.is_exact = false;
-    SPLATVOL_TRY(drawn.player->set_scene(composition.scene));
-  }
-  drawn.chosen.quality = splats;
+  drawn.is_exact = drawn.chosen.quality.exact;
+  if (!drawn.is_exact) drawn.chosen.quality = {.max_error = default_max_error};
   return draw_movement(options, composition, drawn, timings);
 }
 

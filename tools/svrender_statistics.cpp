@@ -170,9 +170,7 @@ void print_summary(const RenderOptions& options, const Drawn& drawn, const Timin
   print_out("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n", options.written(),
             scene.width, scene.height, frame.splats, frame.nodes, streamer.statistics().bytes_read,
             streamer.volume().file_bytes(), timings.first_image);
-  if (drawn.chosen.has_thin_cells)
-    print_out("{}: splats, as cells are too thin for an exact picture\n", options.written());
-  else if (drawn.chosen.too_many_segments > 0)
+  if (drawn.chosen.too_many_segments > 0)
     print_out("{}: splats, as the file's cells make about {:.0f} million segments: --exact draws them\n",
               options.written(), static_cast<double>(drawn.chosen.too_many_segments) / 1e6);
   if (frame.detail.goal) {

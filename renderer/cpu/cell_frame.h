@@ -45,7 +45,7 @@ struct CellEvents {
   [[nodiscard]] int contours() const { return static_cast<int>(values.size()); }
 };
 
-/// The constants of a picture of cells. Lengths are in world units.
+/// The constants of a picture of cells. Lengths are in the picture's unit.
 struct CellFrame {
   const View* view = nullptr;
   const FunctionPieces* function = nullptr;
@@ -75,7 +75,8 @@ struct CellFrame {
 /// cells that meet there.
 inline constexpr float ray_shift_x = 1.1e-6F, ray_shift_y = 0.7e-6F;
 
-/// A tetrahedron on the screen.
+/// A tetrahedron on the screen. If it is precise, rays meet it in double precision (PreciseCell); then its planes have
+/// no numbers, and its faces stand in the order of face_corners.
 struct CellOnScreen {
   /// A plane at pixel (x, y): d + a dx + b dy is its depth, u + (e dx + f dy) z its value, for the distances from its
   /// reference. d is that of a moved ray. Two cells that share a face have the same bits here, and so the same depth
@@ -95,13 +96,16 @@ struct CellOnScreen {
   std::uint8_t second;                    // bit i: face i has the reference 1
   std::uint8_t order;                     // 2 bits for each face, in the order of `faces`: its number in face_corners
   bool shows_matter, has_events;
-  std::int32_t far_out;  // number of its FarOut; -1: none
+  std::int32_t precise;  // number of its PreciseCell; -1: none
 };
 
-/// What a cell has besides that has a corner behind the eye, or far outside of the picture.
-struct FarOut {
-  std::array<CellOnScreen::Reference, 4> references;  // of its faces
-  float eye_u, eye_e, eye_f;                          // the eye's plane: u = eye_u + eye_e x + eye_f y
+/// A cell of which single precision does not know the outline or the thickness, or that has a corner behind the eye or
+/// far outside of the picture.
+struct PreciseCell {
+  std::array<dvec3, 4> corners;  // in view coordinates
+  std::array<float, 4> u, o;     // of corners: the value; the opacity's attribute, if the frame has one
+  float slack;                   // pixels by which its outline is widened; infinite if it has none
+  bool is_behind;                // a corner is behind the eye
 };
 
 /// Another attribute in a cell, by distances from a reference: its value is at + (x dx + y dy + d dd + c) z, within its
@@ -141,7 +145,7 @@ struct ContourInCell {
     float largest_s;                     // in size
   };
   std::array<Face, 4> faces;  // in the order of CellOnScreen::faces
-  float eye_u, eye_e, eye_f;  // as those of FarOut
+  float eye_u, eye_e, eye_f;  // on the eye's plane: u = eye_u + eye_e x + eye_f y
 };
 
 /// Cells whose memory stays when they are set up anew, and is not filled before.
@@ -179,11 +183,9 @@ struct DepthOrigin {
 /// A chunk on the screen.
 struct CellsOnScreen {
   DepthOrigin origin;
-  float key_offset = 0;             // from d to keys, at (at_x, at_y)
-  float eye_d = 0, farthest_d = 0;  // of the eye's plane; beyond all; there
-  bool is_too_thin = false;         // single precision does not know how thick most of its cells are
+  float key_offset = 0;  // from d to keys, at (at_x, at_y)
   CellArray cells;
-  std::vector<FarOut> far_out;
+  std::vector<PreciseCell> precise;
   std::vector<CellShading> shadings;  // [cell], if the frame has shades or events
   std::vector<EventsOfCell> events;   // [cell], if the frame has events
   std::vector<ContourInCell> contours;
@@ -202,9 +204,8 @@ struct CellsOnScreen {
     return std::span(numbers).subspan(begins[tile], begins[tile + 1] - begins[tile]);
   }
   void clear() {
-    is_too_thin = false;
     cells.clear();
-    far_out.clear();
+    precise.clear();
     shadings.clear();
     events.clear();
     contours.clear();
@@ -270,22 +271,19 @@ void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup&
 void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup,
                   CellsOnScreen& screen);
 
-/// Sets them up: screen.cells, screen.is_too_thin and setup.keys. Requires setup.in_view, setup.points, and what
+/// Sets them up: screen.cells, screen.precise and setup.keys. Requires setup.in_view, setup.points, and what
 /// `screen` has of depths.
 void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen);
 
 /// The faces of a cell: that of corners 0, 1, 2; of 0, 1, 3; of 0, 2, 3; of 1, 2, 3.
 inline constexpr std::array<std::array<std::uint8_t, 4>, 4> face_corners = {
     {{0, 1, 2, 3}, {0, 1, 3, 2}, {0, 2, 3, 1}, {1, 2, 3, 0}}};  // the corner opposite comes last
-struct FacesOfCell {
-  std::array<CellOnScreen::Face, 4> planes;
-  std::array<bool, 4> is_negative;  // the area on the screen
-};
 
-/// Sets up a cell that has a corner behind the eye or far outside of the picture. `faces`: as set_up_cells() has them;
-/// those of no such corner stay. `u`: of the corners. Returns false if it covers nothing.
-bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
-                    const FacesOfCell& faces, const std::array<float, 4>& u, CellOnScreen& cell, CellsOnScreen& screen);
+/// Sets up a cell that rays meet in double precision. `u`: of its corners; `opacities`: the same of the opacity's
+/// attribute. Returns false if it covers nothing.
+bool set_up_precise(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
+                    const std::array<float, 4>& u, const std::array<float, 4>& opacities, CellOnScreen& cell,
+                    CellsOnScreen& screen);
 
 /// Returns a cell's values less that of a contour. `u`: these values at its corners.
 ContourInCell contour_in(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,

@@ -221,8 +221,6 @@ void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cell
   DepthOrigin& origin = screen.origin;
   origin = plane_of(frame, setup).value_or(DepthOrigin{nearness(view, middle)});
   screen.key_offset = static_cast<float>(origin.w - frame.farthest_nearness);
-  screen.eye_d = static_cast<float>((view.orthographic ? 0 : 1 / frame.nearest) - origin.w);
-  screen.farthest_d = view.orthographic ? -farthest : static_cast<float>(-origin.w);
 
   PointsOnScreen& points = setup.points;
   for (auto* numbers : {&points.x, &points.y, &points.d, &points.w}) numbers->resize(count);

@@ -34,29 +34,25 @@ struct Plane {
   Float a, b, e, f;
   Float d;     // of a moved ray through the first corner
   Float area;  // twice that on the screen, with a sign
+  Float size;  // the largest number that `area` is a difference of
+  Mask is_steep;
 };
 
-/// Returns the plane through three corners, in the order of their ranks. One that is seen edge-on is nearly a step: it
-/// lies before all of a ray on one side, and behind all on the other, so that its values do not count. No ray is on
-/// neither side (ray_shift_x).
-HWY_INLINE Plane plane_through(const Corner& p, const Corner& q, const Corner& r) {
+/// Returns the plane through three corners, in the order of their ranks. A face is steep if it is narrower on the screen
+/// than a few roundings of its corners' places, or so nearly edge-on that rounding changes its slope by 1 %: cells that
+/// have one are precise. Both cells of a face find the same.
+HWY_INLINE Plane plane_through(const Corner& p, const Corner& q, const Corner& r, float slack) {
   const Float qx = q.x - p.x, qy = q.y - p.y, rx = r.x - p.x, ry = r.y - p.y;
-  const Float product = qy * rx, exact = fma(qx, ry, -product), size = max(abs(qx * ry) + abs(product), 1e-25F);
-  const Mask is_step = abs(exact) < size * 1e-6F;
+  const Float product = qy * rx, area = fma(qx, ry, -product), size = abs(qx * ry) + abs(product);
+  const Float length = max(max(abs(qx), abs(qy)), max(abs(rx), abs(ry)));
+  const Mask is_steep = hn::Not(abs(area) > max(length * slack, size * 2e-5F));
+  const Float inverse = Float(1.0F) / area;
   const auto across = [&](Float along_q, Float along_r) HWY_ATTR {
-    return std::array{fma(along_q, ry, -(along_r * qy)), fma(along_r, qx, -(along_q * rx))};
+    return std::array{fma(along_q, ry, -(along_r * qy)) * inverse, fma(along_r, qx, -(along_q * rx)) * inverse};
   };
-  const Float qd = q.d - p.d, rd = r.d - p.d;
-  const auto [a, b] = across(qd, rd);
+  const auto [a, b] = across(q.d - p.d, r.d - p.d);
   const auto [e, f] = across((q.u - p.u) * q.w, (r.u - p.u) * r.w);
-  // A step is so steep that a millionth of a pixel beside it is far before or behind the face.
-  const Float largest = max(max(abs(a), abs(b)), 1e-37F), height = min(max(abs(qd), abs(rd)) * 1e12F, 1e33F);
-  const Float steep = min(height / largest, 1e30F);
-  const Float area = select(is_step, select(exact < Float(0.0F), -largest, largest), exact);
-  const Float inverse = only(hn::Not(is_step), Float(1.0F) / area);
-  const Float scale = select(is_step, select(exact < Float(0.0F), -steep, steep), inverse);
-  const Float slope_x = a * scale, slope_y = b * scale;
-  return {slope_x, slope_y, e * inverse, f * inverse, fma(slope_x, ray_shift_x, fma(slope_y, ray_shift_y, p.d)), area};
+  return {a, b, e, f, fma(a, ray_shift_x, fma(b, ray_shift_y, p.d)), area, size, is_steep};
 }
 
 /// Lists the tetrahedra with a visible value.
@@ -112,28 +108,6 @@ void list_seen(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup
   setup.seen.resize(seen);
 }
 
-/// Tells whether most of a chunk is in cells whose thickness is lost in the rounding of depths. Corners outside of the
-/// picture have depths of any size, and cells with one do not count.
-class Thickness {
- public:
-  HWY_INLINE Thickness() : thick_(0.0F), thin_(0.0F) {}
-
-  // `volume`: on the screen, that of six cells. `size`: the largest depth of a corner times twice the largest face.
-  HWY_INLINE void add(Mask counts, Float volume, Float size) {
-    const Float least = size * 2e-6F;  // each depth is rounded by 6e-8 of its size: 3 % of this thickness
-    const Mask is_thin = volume < least;
-    thick_ = thick_ + only(hn::AndNot(is_thin, counts), volume);
-    thin_ = thin_ + only(both(is_thin, counts), least);
-  }
-  [[nodiscard]] bool is_lost() const {
-    const auto sum = [](Float all) HWY_ATTR { return hn::GetLane(hn::SumOfLanes(FloatTag(), all.v)); };
-    return sum(thin_) > sum(thick_);
-  }
-
- private:
-  Float thick_, thin_;  // sums of volumes; of thin cells, those that they have at the most
-};
-
 void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) {
   const auto lanes = static_cast<std::size_t>(lane_count());
   const std::size_t count = setup.seen.size();
@@ -145,7 +119,7 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
   setup.numbers.resize(count);
   setup.tiles.resize(count);
   std::size_t made = 0;
-  Thickness thickness;
+  const float rounding = 2 * frame.widest * std::numeric_limits<float>::epsilon();  // of places on the screen
   for (std::size_t first = 0; first < count; first += lanes) {
     alignas(64) std::array<std::array<std::int32_t, most_lanes>, 4> numbers;
     const std::size_t end = std::min(lanes, count - first);
@@ -175,26 +149,28 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
     const auto& [p, q, r, s] = corners;
     const auto least = [&](auto member) HWY_ATTR { return min(min(p.*member, q.*member), min(r.*member, s.*member)); };
     const auto most = [&](auto member) HWY_ATTR { return max(max(p.*member, q.*member), max(r.*member, s.*member)); };
-    const Float left = max(hn::Ceil((least(&Corner::x) + middle_x).v), 0.0F);
-    const Float right = min(hn::Floor((most(&Corner::x) + middle_x).v), static_cast<float>(view.width - 1));
-    const Float bottom = max(hn::Ceil((least(&Corner::y) + middle_y).v), 0.0F);
-    const Float top = min(hn::Floor((most(&Corner::y) + middle_y).v), static_cast<float>(view.height - 1));
+    const Float left = max(hn::Ceil((least(&Corner::x) + (middle_x - rounding)).v), 0.0F);
+    const Float right = min(hn::Floor((most(&Corner::x) + (middle_x + rounding)).v), static_cast<float>(view.width - 1));
+    const Float bottom = max(hn::Ceil((least(&Corner::y) + (middle_y - rounding)).v), 0.0F);
+    const Float top = min(hn::Floor((most(&Corner::y) + (middle_y + rounding)).v), static_cast<float>(view.height - 1));
     const Mask is_far_out = hn::Not(is_zero(far_out));
     Mask in = either(both(left <= right, bottom <= top), is_far_out);
     in = both(in, hn::FirstN(FloatTag(), end));
     if (!any(in)) continue;
 
-    const std::array<Plane, 4> planes = {plane_through(p, q, r), plane_through(p, q, s), plane_through(p, r, s),
-                                         plane_through(q, r, s)};
+    const std::array<Plane, 4> planes = {plane_through(p, q, r, frame.slack), plane_through(p, q, s, frame.slack),
+                                         plane_through(p, r, s, frame.slack), plane_through(q, r, s, frame.slack)};
     const Float qx = q.x - p.x, qy = q.y - p.y, qd = q.d - p.d, rx = r.x - p.x, ry = r.y - p.y, rd = r.d - p.d,
                 sx = s.x - p.x, sy = s.y - p.y, sd = s.d - p.d;
     const Float volume =
         fma(qx, fma(ry, sd, -(rd * sy)), fma(qy, fma(rd, sx, -(rx * sd)), qd * fma(rx, sy, -(ry * sx))));
     const auto largest = [](Float a, Float b, Float c, Float d)
                              HWY_ATTR { return max(max(abs(a), abs(b)), max(abs(c), abs(d))); };
-    thickness.add(
-        hn::AndNot(is_far_out, in), abs(volume),
-        largest(p.d, q.d, r.d, s.d) * largest(planes[0].area, planes[1].area, planes[2].area, planes[3].area));
+    // Each depth is rounded by 6e-8 of its size: 3 % of this thickness.
+    const Float least_volume = largest(p.d, q.d, r.d, s.d) *
+                               largest(planes[0].size, planes[1].size, planes[2].size, planes[3].size) * 2e-6F;
+    Mask is_precise = either(is_far_out, hn::Not(abs(volume) > least_volume));
+    for (const Plane& plane : planes) is_precise = either(is_precise, plane.is_steep);
 
     // A face is in front if its plane is nearer than the corner opposite of it.
     const Mask is_negative = volume < Float(0.0F);
@@ -214,56 +190,49 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
     for (std::size_t k = 0; k < 4; ++k) put(3 + k, planes[k].a, planes[k].b, planes[k].e, planes[k].f);
     put(7, planes[0].d, planes[1].d, planes[2].d, planes[3].d);
     put(8, least(&Corner::u), most(&Corner::u), (p.d + q.d) + (r.d + s.d), 0.0F);
-    std::array<std::uint32_t, 4> area_bits;  // of negative areas
-    for (std::size_t k = 0; k < 4; ++k) area_bits[k] = mask_bits(planes[k].area < Float(0.0F));
     alignas(64) std::array<std::int32_t, 4 * most_lanes> bounds;
     hn::StoreInterleaved4(truncate(left).v, truncate(right).v, truncate(bottom).v, truncate(top).v, IntTag(),
                           bounds.data());
-    const std::uint32_t far_out_bits = mask_bits(is_far_out);
+    const std::uint32_t precise_bits = mask_bits(is_precise);
     for (std::uint32_t bits = mask_bits(in); bits != 0; bits &= bits - 1) {
       const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
       CellOnScreen& cell = screen.cells[made];
       const auto take = [&](void* to, std::size_t group, std::size_t bytes = 16) {
         std::memcpy(to, &groups[group][4 * lane], bytes);
       };
-      const auto take_face = [&](CellOnScreen::Face& face, std::size_t k) {
-        take(&face, 3 + k);
-        face.d = groups[7][4 * lane + k];
-      };
       take(&cell.corners[0], 0, sizeof(CellOnScreen::Reference));
       take(&cell.corners[1], 1, sizeof(CellOnScreen::Reference));
       take(&cell.others, 2);
-      std::size_t fronts = 0, backs = 4;
-      std::uint8_t second = 0;
-      unsigned numbers_in_order = 0;
-      for (std::size_t k = 0; k < 4; ++k) {
-        const std::size_t at = (front_bits[k] >> lane & 1) != 0 ? fronts++ : --backs;
-        take_face(cell.faces[at], k);
-        numbers_in_order |= static_cast<unsigned>(k) << (2 * at);
-        if (k == 3) second = static_cast<std::uint8_t>(1U << at);
-      }
-      cell.fronts = static_cast<std::uint8_t>(fronts);
-      cell.second = second;
-      cell.order = static_cast<std::uint8_t>(numbers_in_order);
       cell.shows_matter = true;
       cell.has_events = false;
-      cell.far_out = -1;
+      cell.precise = -1;
       cell.low = groups[8][4 * lane];
       cell.high = groups[8][4 * lane + 1];
       std::memcpy(&cell.left, &bounds[4 * lane], 16);
-      if ((far_out_bits >> lane & 1) != 0) {
-        FacesOfCell faces;
-        for (std::size_t k = 0; k < 4; ++k) {
-          take_face(faces.planes[k], k);
-          faces.is_negative[k] = (area_bits[k] >> lane & 1) != 0;
-        }
+      if ((precise_bits >> lane & 1) != 0) {
         const auto number = static_cast<std::size_t>(setup.seen[first + lane]);
         const std::array<std::uint32_t, 4>& of_cell = cells.tetrahedra[number];
-        std::array<float, 4> u;
-        for (std::size_t k = 0; k < 4; ++k) u[k] = u_of_cells[cells.constant ? number : of_cell[k]];
-        if (!set_up_far_out(frame, of_cell, setup, faces, u, cell, screen)) continue;
-      } else if (fronts == 0 || fronts == 4) {
-        continue;  // so flat that rounding has turned a face
+        std::array<float, 4> u, opacities{};
+        for (std::size_t k = 0; k < 4; ++k) {
+          const std::size_t at = cells.constant ? number : of_cell[k];
+          u[k] = u_of_cells[at];
+          if (frame.opacity) opacities[k] = setup.opacities[at];
+        }
+        if (!set_up_precise(frame, of_cell, setup, u, opacities, cell, screen)) continue;
+      } else {
+        std::size_t fronts = 0, backs = 4;
+        std::uint8_t second = 0;
+        unsigned numbers_in_order = 0;
+        for (std::size_t k = 0; k < 4; ++k) {
+          const std::size_t at = (front_bits[k] >> lane & 1) != 0 ? fronts++ : --backs;
+          take(&cell.faces[at], 3 + k);
+          cell.faces[at].d = groups[7][4 * lane + k];
+          numbers_in_order |= static_cast<unsigned>(k) << (2 * at);
+          if (k == 3) second = static_cast<std::uint8_t>(1U << at);
+        }
+        cell.fronts = static_cast<std::uint8_t>(fronts);
+        cell.second = second;
+        cell.order = static_cast<std::uint8_t>(numbers_in_order);
       }
       // Nearer cells have larger d, and lower keys.
       const auto order = std::bit_cast<std::uint32_t>(groups[8][4 * lane + 2]);
@@ -275,7 +244,6 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
       ++made;
     }
   }
-  screen.is_too_thin = thickness.is_lost();
   screen.cells.resize(made);
   setup.keys.resize(made);
   setup.tiles.resize(made);

@@ -14,6 +14,7 @@
 // The order matters: this includes the file again, once for each instruction set.
 #include <hwy/foreach_target.h>
 
+#include "renderer/cpu/precise_cell-inl.h"
 #include "renderer/cpu/vector-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -61,7 +62,7 @@ HWY_INLINE int list_covered(const CellOnScreen& cell, const TileCorner& tile, fl
     store(first + Int(cell_tile_side * bottom + left), covered);
     return pixels;
   }
-  if (cell.far_out >= 0) {
+  if (slack > static_cast<float>(cell_tile_side)) {
     from.fill(left), to.fill(right);
   } else {
     const std::array<float, 4> xs = {cell.corners[0].x, cell.corners[1].x, cell.others[0], cell.others[2]};
@@ -202,10 +203,13 @@ HWY_NOINLINE void add_parts(const CellTile& t, const WholeSegments& whole, TileS
   // Lanes behind the last pixel may have any number.
   const Int pixel = whole.pixel & Int(cell_tile_pixels - 1);
   for (std::size_t part = 0; part <= t.frame.layers; ++part) {
-    const Float from = min(whole.near_d, gather(tile.limits[part].d.data(), pixel));
-    const Float to = max(whole.far_d, gather(tile.limits[part + 1].d.data(), pixel));
+    const Float first_d = gather(tile.limits[part].d.data(), pixel);
+    const Float last_d = gather(tile.limits[part + 1].d.data(), pixel);
+    const Float from = min(whole.near_d, first_d), to = max(whole.far_d, last_d);
     Segments segments = whole.segments;
-    Mask hit = both(whole.hit, from > to);
+    // Both ends may be one in single precision.
+    const Mask is_uncut = both(whole.near_d <= first_d, whole.far_d > last_d);
+    Mask hit = both(whole.hit, either(from > to, is_uncut));
     if (part < t.frame.layers) hit = both(hit, segments.key < gather(tile.layers[part].keys.data(), pixel));
     if (!any(hit)) continue;
     if (part > 0) segments.key = max(segments.key, gather(tile.layers[part - 1].keys.data(), pixel));
@@ -220,7 +224,7 @@ HWY_NOINLINE void add_parts(const CellTile& t, const WholeSegments& whole, TileS
     };
     cut(segments.u_enter, segments.u_leave);
     if (has_shades) cut(segments.o_enter, segments.o_leave);
-    segments.length = depth_between(from, from_z, to, to_z);
+    segments.length = select(is_uncut, whole.segments.length, depth_between(from, from_z, to, to_z));
     store_segments<has_shades>(segments, hit, whole.pixel, tile);
     if (tile.is_full) return;
   }
@@ -379,7 +383,8 @@ HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const W
     const ContourInCell& contour =
         t.screen.contours[c.events.contour_at + static_cast<std::uint32_t>(i - c.events.first)];
     const SideOfContour enter = side_on_faces(contour, rays, rays.enter, 0, c.cell.fronts, whole.hit, whole.near_z);
-    const SideOfContour leave = side_on_faces(contour, rays, rays.leave, c.cell.fronts, 4, whole.hit, whole.far_z);
+    const int first_back = c.cell.precise < 0 ? c.cell.fronts : 0;
+    const SideOfContour leave = side_on_faces(contour, rays, rays.leave, first_back, 4, whole.hit, whole.far_z);
     Mask met = both(whole.hit, hn::Xor(enter.is_above, leave.is_above));
     const Float change = leave.u - enter.u, none = select(hn::Xor(rises, enter.is_above), Float(1.0F), Float(0.0F));
     const Mask is_flat = hn::Eq(change.v, hn::Zero(FloatTag()));
@@ -453,25 +458,81 @@ HWY_NOINLINE void add_with_events(const CellTile& t, const CellWithEvents& c, co
     add_between_slices<orthographic, has_shades>(t, whole, c.events.slices, tile);
 }
 
-/// Adds the segments of a cell. `far_out`: what it has besides, or null; so with `events`.
-template <bool orthographic, bool is_far_out, bool has_shades, bool has_events>
-HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarOut* far_out, const CellShading* shading,
-                         const EventsOfCell* events, TileSegments& tile) {
+/// Where a segment's cell stands, and what it has besides.
+struct CellToAdd {
+  const CellOnScreen& cell;
+  const CellShading* shading;   // null: the frame has no shades, nor events
+  const EventsOfCell* events;  // null: the cell has none
+};
+
+/// Adds segments of a cell.
+template <bool orthographic, bool has_shades, bool has_events>
+HWY_INLINE void add_found(const CellTile& t, const CellToAdd& c, const WholeSegments& whole, const RaysInCell& rays,
+                          TileSegments& tile) {
+  if constexpr (has_events)
+    add_with_events<orthographic, has_shades>(t, {c.cell, *c.shading, *c.events}, whole, rays, tile);
+  else
+    add_whole<orthographic, has_shades>(t, whole, tile);
+}
+
+/// Adds the segments of a precise cell.
+template <bool orthographic, bool has_shades, bool has_events>
+HWY_NOINLINE void add_precise_cell(const CellTile& t, const CellToAdd& c, const PreciseCell& precise,
+                                   TileSegments& tile) {
+  const int count = list_covered(c.cell, t.corner, precise.slack, tile.covered.data());
+  if (count == 0) return;
+  const PreciseRays rays_of_cell(t.frame, t.screen.origin, precise);
+  PreciseWays ways;
+  const auto lanes = [](const PreciseWays::Lanes& numbers) HWY_ATTR { return load(numbers.data()); };
+  for (int first = 0; first < count; first += lane_count()) {
+    const Int pixel = load(tile.covered.data() + first);
+    const Float x = to_float(pixel & Int(cell_tile_side - 1)) + t.corner.x,
+                y = to_float(shift_right<4>(pixel)) + t.corner.y;
+    const auto valid = hn::FirstN(FloatTag(), static_cast<std::size_t>(std::min(count - first, lane_count())));
+    const Mask hit = both(rays_of_cell.find<orthographic>(x, y, ways), valid);
+    if (!any(hit)) continue;
+    Float rise(0.0F);
+    if (t.is_flat) rise = fma(x - t.at_x, t.wx, (y - t.at_y) * t.wy);
+    const Float key_offset = rise + t.screen.key_offset;
+    const Float near_d = min(lanes(ways.enter.d), Float(t.nearest_d) - rise), far_d = min(lanes(ways.leave.d), near_d);
+    const Float lighting =
+        has_shades && t.frame.lighting ? light_at<orthographic>(t, *t.frame.lighting, *c.shading, x, y) : Float(1.0F);
+    const WholeSegments whole{{max(-(near_d + key_offset), t.first_key), lanes(ways.length),
+                               clamp(lanes(ways.enter.u), c.cell.low, c.cell.high),
+                               clamp(lanes(ways.leave.u), c.cell.low, c.cell.high), lighting, lanes(ways.enter.o),
+                               lanes(ways.leave.o)},
+                              near_d,
+                              far_d,
+                              lanes(ways.enter.z),
+                              lanes(ways.leave.z),
+                              rise + t.w,
+                              key_offset,
+                              pixel,
+                              hit};
+    const RaysInCell rays{x, y, truncate(lanes(ways.enter.face)), truncate(lanes(ways.leave.face))};
+    add_found<orthographic, has_shades, has_events>(t, c, whole, rays, tile);
+    if (tile.is_full) return;
+  }
+}
+
+/// Adds the segments of a cell that is not precise.
+template <bool orthographic, bool has_shades, bool has_events>
+HWY_INLINE void add_cell(const CellTile& t, const CellToAdd& c, TileSegments& tile) {
   using CrossingOfCell = std::conditional_t<has_events, CrossingOfFace, Crossing>;
+  const CellOnScreen& cell = c.cell;
   const CellsOnScreen& screen = t.screen;
   const TileCorner& corner = t.corner;
-  const CellOnScreen::Reference* const references = is_far_out ? far_out->references.data() : cell.corners.data();
+  const auto& references = cell.corners;
   const int count = list_covered(cell, corner, t.frame.slack, tile.covered.data());
-  constexpr int most_references = is_far_out ? 4 : 2;
   for (int first = 0; first < count; first += lane_count()) {
     const Int pixel = load(tile.covered.data() + first);
     const Float x = to_float(pixel & Int(cell_tile_side - 1)) + corner.x,
                 y = to_float(shift_right<4>(pixel)) + corner.y;
-    std::array<Float, most_references> dx, dy;
-    for (int r = 0; r < most_references; ++r) dx[r] = x - references[r].x, dy[r] = y - references[r].y;
+    const std::array<Float, 2> dx = {x - references[0].x, x - references[1].x},
+                               dy = {y - references[0].y, y - references[1].y};
     const auto cross = [&](int k) HWY_ATTR {
       const CellOnScreen::Face& face = cell.faces[static_cast<std::size_t>(k)];
-      const int r = is_far_out ? k : cell.second >> k & 1;
+      const int r = cell.second >> k & 1;
       // Both cells of a face round the same numbers in the same way up to here.
       CrossingOfCell crossing;
       crossing.d = fma(face.a, dx[r], dy[r] * face.b) + face.d;
@@ -484,22 +545,8 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
                               HWY_ATTR { return select(face.d < other.d, face, other); };
     const auto leave_at = [&](const CrossingOfCell& face, const CrossingOfCell& other)
                               HWY_ATTR { return select(face.d > other.d, face, other); };
-    Float rise(0.0F);
-    if (t.is_flat) rise = fma(x - t.at_x, t.wx, (y - t.at_y) * t.wy);
     CrossingOfCell enter, leave;
-    if constexpr (is_far_out) {
-      const auto set_plane = [&](Float d, Float u, CrossingOfCell& plane) HWY_ATTR {
-        plane.d = d - rise, plane.n = Float(0.0F), plane.u = u;
-        if constexpr (has_events) plane.face = Int(4);
-      };
-      set_plane(screen.eye_d, fma(far_out->eye_e, x, fma(far_out->eye_f, y, far_out->eye_u)), enter);
-      set_plane(screen.farthest_d, 0.0F, leave);
-      for (int k = 0; k < 4; ++k)
-        if (k < cell.fronts)
-          enter = enter_at(cross(k), enter);
-        else
-          leave = leave_at(cross(k), leave);
-    } else if (cell.fronts == 2) {
+    if (cell.fronts == 2) {
       enter = enter_at(cross(1), cross(0));
       leave = leave_at(cross(3), cross(2));
     } else if (cell.fronts == 1) {
@@ -509,6 +556,8 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
       enter = enter_at(cross(2), enter_at(cross(1), cross(0)));
       leave = cross(3);
     }
+    Float rise(0.0F);
+    if (t.is_flat) rise = fma(x - t.at_x, t.wx, (y - t.at_y) * t.wy);
     enter.d = min(enter.d, Float(t.nearest_d) - rise);
     const auto valid = hn::FirstN(FloatTag(), static_cast<std::size_t>(std::min(count - first, lane_count())));
     const Mask hit = both(enter.d > leave.d, valid);
@@ -521,13 +570,13 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
     const Float u_leave = clamp(fma(leave.n, far_z, leave.u), cell.low, cell.high);
     Float o_enter(0.0F), o_leave(0.0F);
     if (has_shades && t.frame.opacity) {
-      const Float dx_shade = x - shading->x, dy_shade = y - shading->y;
-      o_enter = field_at(shading->opacity, dx_shade, dy_shade, enter.d - shading->d, near_z);
-      o_leave = field_at(shading->opacity, dx_shade, dy_shade, leave.d - shading->d, far_z);
+      const Float dx_shade = x - c.shading->x, dy_shade = y - c.shading->y;
+      o_enter = field_at(c.shading->opacity, dx_shade, dy_shade, enter.d - c.shading->d, near_z);
+      o_leave = field_at(c.shading->opacity, dx_shade, dy_shade, leave.d - c.shading->d, far_z);
     }
     const Float key_offset = rise + screen.key_offset, key = max(-(enter.d + key_offset), t.first_key);
     const Float lighting =
-        has_shades && t.frame.lighting ? light_at<orthographic>(t, *t.frame.lighting, *shading, x, y) : Float(1.0F);
+        has_shades && t.frame.lighting ? light_at<orthographic>(t, *t.frame.lighting, *c.shading, x, y) : Float(1.0F);
     const WholeSegments whole{{key, length, u_enter, u_leave, lighting, o_enter, o_leave},
                               enter.d,
                               leave.d,
@@ -537,12 +586,9 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
                               key_offset,
                               pixel,
                               hit};
-    if constexpr (has_events) {
-      add_with_events<orthographic, has_shades>(t, {cell, *shading, *events}, whole, {x, y, enter.face, leave.face},
-                                                tile);
-    } else {
-      add_whole<orthographic, has_shades>(t, whole, tile);
-    }
+    RaysInCell rays{x, y, {}, {}};
+    if constexpr (has_events) rays.enter = enter.face, rays.leave = leave.face;
+    add_found<orthographic, has_shades, has_events>(t, c, whole, rays, tile);
     if (tile.is_full) return;
   }
 }
@@ -550,23 +596,32 @@ HWY_INLINE void add_cell(const CellTile& t, const CellOnScreen& cell, const FarO
 template <bool orthographic, bool has_shades>
 void add_all(const CellTile& t, std::span<const std::uint32_t> numbers, TileSegments& tile) {
   const CellsOnScreen& screen = t.screen;
+  const auto prefetch = [](const auto& all) HWY_ATTR {
+    const auto* bytes = reinterpret_cast<const char*>(&all);
+    for (std::size_t at = 0; at < sizeof(all); at += 64) hwy::Prefetch(bytes + at);
+  };
+  const auto cell_at = [&](std::size_t i) HWY_ATTR -> const CellOnScreen& {
+    return screen.cells[numbers[std::min(i, numbers.size() - 1)]];
+  };
   for (std::size_t i = 0; i < numbers.size(); ++i) {
-    const auto* soon = reinterpret_cast<const char*>(&screen.cells[numbers[std::min(i + 6, numbers.size() - 1)]]);
-    for (std::size_t at = 0; at < sizeof(CellOnScreen); at += 64) hwy::Prefetch(soon + at);
+    prefetch(cell_at(i + 6));
+    if (!screen.precise.empty() && cell_at(i + 3).precise >= 0)
+      prefetch(screen.precise[static_cast<std::size_t>(cell_at(i + 3).precise)]);
     const CellOnScreen& cell = screen.cells[numbers[i]];
     if (!cell.shows_matter && !cell.has_events) continue;
-    const CellShading* const shading = screen.shadings.empty() ? nullptr : &screen.shadings[numbers[i]];
-    const FarOut* const far_out = cell.far_out < 0 ? nullptr : &screen.far_out[static_cast<std::size_t>(cell.far_out)];
-    if (cell.has_events) {
-      const EventsOfCell* const events = &screen.events[numbers[i]];
-      if (far_out)
-        add_cell<orthographic, true, has_shades, true>(t, cell, far_out, shading, events, tile);
+    const bool has_events = cell.has_events;
+    const CellToAdd c = {cell, screen.shadings.empty() ? nullptr : &screen.shadings[numbers[i]],
+                         has_events ? &screen.events[numbers[i]] : nullptr};
+    if (cell.precise >= 0) {
+      const PreciseCell& precise = screen.precise[static_cast<std::size_t>(cell.precise)];
+      if (has_events)
+        add_precise_cell<orthographic, has_shades, true>(t, c, precise, tile);
       else
-        add_cell<orthographic, false, has_shades, true>(t, cell, nullptr, shading, events, tile);
-    } else if (far_out) {
-      add_cell<orthographic, true, has_shades, false>(t, cell, far_out, shading, nullptr, tile);
+        add_precise_cell<orthographic, has_shades, false>(t, c, precise, tile);
+    } else if (has_events) {
+      add_cell<orthographic, has_shades, true>(t, c, tile);
     } else {
-      add_cell<orthographic, false, has_shades, false>(t, cell, nullptr, shading, nullptr, tile);
+      add_cell<orthographic, has_shades, false>(t, c, tile);
     }
   }
 }

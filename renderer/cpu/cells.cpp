@@ -39,6 +39,27 @@ Box box_in_view(const View& view, const Box& box) {
   return result;
 }
 
+/// The unit of length in which a picture is drawn, in world units: a power of two, so that it rounds nothing. All that is
+/// in view has coordinates up to about 1 then, whatever the data's units are: single precision has room for them.
+double unit_of(const CellSource& source, const View& view) {
+  double reach = 0;
+  for (const CellSource::Chunk& chunk : source.chunks())
+    for (const dvec3& corner : corners_in_view(view, chunk.box))
+      reach = std::max({reach, std::abs(corner.x), std::abs(corner.y), std::abs(corner.z)});
+  return reach > 0 && std::isfinite(reach) ? std::exp2(std::ceil(std::log2(reach))) : 1;
+}
+
+View in_units(View view, double unit) {
+  view.right /= unit, view.up /= unit, view.forward /= unit;
+  if (view.orthographic) view.focal *= unit;
+  return view;
+}
+
+TransferFunction in_units(TransferFunction function, double unit) {
+  for (TransferFunction::Density& density : function.densities) density.extinction *= unit;
+  return function;
+}
+
 /// A chunk that may be drawn.
 struct Chunk {
   CellSource::Chunk source;
@@ -169,7 +190,13 @@ namespace {
 class CellSweep {
  public:
   CellSweep(const CellSource& source, const CellDrawing& drawing, const View& view, CellWorkspace& workspace)
-      : source_(source), drawing_(drawing), view_(view), function_(drawing.transfer.function), workspace_(workspace) {
+      : source_(source),
+        drawing_(drawing),
+        world_view_(view),
+        unit_(unit_of(source, view)),
+        view_(in_units(view, unit_)),
+        function_(in_units(drawing.transfer.function, unit_)),
+        workspace_(workspace) {
     const TransferFunction& function = drawing.transfer.function;
     frame_.view = &view_;
     frame_.function = &function_;
@@ -257,7 +284,9 @@ class CellSweep {
 
   const CellSource& source_;
   const CellDrawing& drawing_;
-  View view_;
+  View world_view_;
+  double unit_;
+  View view_;  // in units
   FunctionPieces function_;
   std::optional<FunctionPieces> opacity_, contour_colors_;
   CellEvents events_;
@@ -291,7 +320,7 @@ void CellSweep::set_events() {
   }
   for (const Slice& slice : view_.slices) {
     add(slice.opacity, dvec3(0), CellEvents::Coloring::by_value);
-    slices_.emplace_back(view_, slice.plane);
+    slices_.emplace_back(world_view_, slice.plane);
   }
   frame_.events = &events_;
   frame_.contour_lighting = contours.lighting;
@@ -507,10 +536,6 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   if (setup.seen.empty()) return {};
   place_points(frame_, chunk.box, cells, setup, screen);
   set_up_cells(frame_, cells, setup, screen);
-  if (screen.is_too_thin)
-    return fail(
-        ErrorCode::unsupported,
-        "cells are too thin for an exact picture, as single precision does not know their thickness: draw splats");
   if (frame_.has_shades() || frame_.events) shade_cells(frame_, cells, setup, screen);
   sort_into_tiles(setup, screen);
   return {};
@@ -573,7 +598,7 @@ void CellSweep::report(double share) {
 // Where a pixel's ray meets a layer.
 double CellSweep::layer_depth(const CellLayer& layer, int x, int y) const {
   const double depth = layer.depths->depths[place_of(x, y)];
-  return std::isnan(depth) ? std::numeric_limits<double>::infinity() : depth;
+  return std::isnan(depth) ? std::numeric_limits<double>::infinity() : depth / unit_;
 }
 
 // Where a pixel's ray meets its nearest opaque layer.
@@ -592,8 +617,9 @@ void CellSweep::begin_slices(const CellTileArea& area, TileScratch& scratch) con
     for (int y = area.pixels.y0; y <= area.pixels.y1; ++y)
       for (int x = area.pixels.x0; x <= area.pixels.x1; ++x)
         scratch.slices[i][CellTileArea::number_of(x, y)] =
-            nearness(slices_[i].at((area.left + x - frame_.middle_x + ray_shift_x) / view_.focal,
-                                   (area.bottom + y - frame_.middle_y + ray_shift_y) / view_.focal));
+            nearness(slices_[i].at((area.left + x - frame_.middle_x + ray_shift_x) / world_view_.focal,
+                                   (area.bottom + y - frame_.middle_y + ray_shift_y) / world_view_.focal) /
+                     unit_);
   }
 }
 
@@ -611,9 +637,9 @@ void CellSweep::begin_limits(const CellTileArea& area, TileScratch& scratch) con
     for (int x = area.left + area.pixels.x0; x <= area.left + area.pixels.x1; ++x) {
       const std::size_t pixel = CellTileArea::number_of(x - area.left, y - area.bottom);
       const VisibleDepths visible =
-          clipped_depths(view_, (x - frame_.middle_x) / view_.focal, (y - frame_.middle_y) / view_.focal);
-      const double end = opaque_depth(x, y), from = nearness(visible.from);
-      const double to = std::min(from, nearness(std::min(visible.to, end)));
+          clipped_depths(world_view_, (x - frame_.middle_x) / world_view_.focal, (y - frame_.middle_y) / world_view_.focal);
+      const double end = opaque_depth(x, y), from = nearness(visible.from / unit_);
+      const double to = std::min(from, nearness(std::min(visible.to / unit_, end)));
       scratch.limits.front()[pixel] = from;
       scratch.limits.back()[pixel] = to;
       segments.end_keys[pixel] = key_of(end);

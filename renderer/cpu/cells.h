@@ -54,11 +54,8 @@ class CellRasterizer {
   /// Reads each chunk at most once if what waits fits into memory, else once for each part of the picture: down to a
   /// single pixel. A chunk that lies behind opaque layers is not read. The picture does not depend on threads, memory
   /// and the order of chunks. `memory`: an image that is needed no more, whose memory the picture takes. Fails if the
-  /// source fails, and with an ErrorCode of its own in three cases:
-  ///
-  /// - cancelled: the thread is interrupted;
-  /// - out_of_budget: a pixel's segments do not fit into memory;
-  /// - unsupported: most of a chunk is in cells thinner than about two millionths of its depth.
+  /// source fails, with `cancelled` if the thread is interrupted, and with `out_of_budget` if a pixel's segments do not
+  /// fit into memory.
   [[nodiscard]] Result<CellPicture> draw(const CellSource& source, const CellDrawing& drawing, Image memory = {});
 
  private:

@@ -351,14 +351,125 @@ TEST(Cells, InThinPlates) {
 }
 
 // Depths count from one plane in a chunk.
-TEST(Cells, InTwoPlatesThinnerThanSinglePrecisionAreAnError) {
-  const auto draw_with = [&](double thickness) {
-    Drawn drawn = plate(thickness, curved);
+TEST(Cells, InTwoPlatesThinnerThanSinglePrecision) {
+  for (const double thickness : {1e-4, 1e-8, 1e-11}) {
+    SCOPED_TRACE(thickness);
+    Drawn drawn = plate(thickness, [](dvec3 p) { return 0.7 * p.x + 0.3 * p.y; });
     add_mesh(drawn.mesh, Mesh(drawn.mesh), [](dvec3 p) { return dvec3(p.z, p.x, p.y); });
-    return CellRasterizer().draw(MeshSource(drawn.view(), 100000), drawn.drawing());
-  };
-  EXPECT_TRUE(draw_with(1e-4));
-  EXPECT_THAT(draw_with(1e-8), FailsWith(ErrorCode::unsupported));
+    expect_exact(drawn, 1e-4, 1e-2);
+    drawn.scene.clip_planes = {{{0.5, 0.5, 0}, {1, -0.6, 0}, true}};
+    expect_exact(drawn, 1e-4, 1e-2);
+    drawn.opacity_values = other_values(drawn.mesh);
+    drawn.scene.opacity = SceneOpacity{"other", function_of_other({{0, dvec3(1)}}, {{0, 0}, {0.6, 1}, {0.8, 0.1}})};
+    expect_exact(drawn, 1e-4, 1e-2);
+  }
+}
+
+// Cells of a few shapes, edges along the axes, on a grid of pixels: rays along an axis run in their faces, but for a
+// move of their points.
+Mesh cells_along_axes(std::mt19937& random, double move) {
+  using Cells = std::vector<std::array<std::uint32_t, 4>>;
+  std::array<Cells, 3> shapes = {{{{0, 1, 3, 7}, {0, 3, 2, 7}, {0, 2, 6, 7}, {0, 6, 4, 7}, {0, 4, 5, 7}, {0, 5, 1, 7}},
+                                  {{0, 1, 2, 6}, {0, 1, 6, 5}, {0, 4, 5, 6}},
+                                  {}}};
+  constexpr std::array<std::array<std::uint32_t, 3>, 12> triangles = {
+      {{0, 1, 3}, {0, 3, 2}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4}, {2, 3, 7}, {2, 7, 6}, {0, 2, 6}, {0, 6, 4},
+       {1, 3, 7}, {1, 7, 5}}};
+  for (const auto& [a, b, c] : triangles) shapes[2].push_back({a, b, c, 8});  // a polyhedron from a point within
+  std::uniform_int_distribution<int> length(1, 6), place(0, 20), shape(0, 2);
+  std::uniform_real_distribution<double> any(-1, 1);
+  Mesh mesh;
+  for (int cell = 0; cell < 20; ++cell) {
+    const auto begin = static_cast<std::uint32_t>(mesh.points.size());
+    const dvec3 corner(place(random), place(random), place(random));
+    const dvec3 size(length(random), length(random), length(random));
+    for (int i = 0; i < 9; ++i) {
+      const dvec3 share = i < 8 ? dvec3(i & 1, i >> 1 & 1, i >> 2) : dvec3(0.5, 0.5, 0.25);
+      mesh.points.push_back(corner + (share + move * dvec3(any(random), any(random), any(random))) * size);
+      mesh.values.push_back(0.5 + 0.5 * any(random));
+    }
+    for (Tetrahedron tetrahedron : shapes[static_cast<std::size_t>(shape(random))]) {
+      for (std::uint32_t& point : tetrahedron) point += begin;
+      std::ranges::sort(tetrahedron);
+      mesh.tetrahedra.push_back(tetrahedron);
+    }
+  }
+  return mesh;
+}
+
+TEST(Cells, AlongWhichRaysGraze) {
+  std::mt19937 random(3);
+  for (int trial = 0; trial < 100; ++trial) {
+    const double move = std::pow(10, -4 - trial % 5);
+    Drawn drawn{cells_along_axes(random, move), colored_scene(0.3)};
+    drawn.scene.width = drawn.scene.height = 27;
+    const int axis = trial % 3;
+    dvec3 direction(0);
+    direction[axis] = trial % 2 == 0 ? 1 : -1;
+    const dvec3 middle(13.5), up = axis == 1 ? dvec3(0, 0, 1) : dvec3(0, 1, 0);
+    const bool orthographic = trial % 4 < 2;
+    SCOPED_TRACE(testing::Message() << trial << ": moved by " << move << (orthographic ? " orthographic" : ""));
+    drawn.scene.camera.vertical_fov_degrees = 20;
+    if (orthographic) make_orthographic(drawn.scene, 27);
+    const auto look_from = [&](dvec3 shift) {
+      look(drawn.scene, middle + shift - 90.0 * direction, middle + shift, up);
+    };
+    // Rays moved by a thousandth of a pixel tell what rounding may do.
+    look_from(dvec3(0));
+    const Image picture = draw(MeshSource(drawn.view(), 50), drawn.drawing());
+    std::vector<Image> truths = {truth(drawn)};
+    dvec3 across(0.001);
+    across[axis] = 0;
+    for (const dvec3 sign : {dvec3(1), dvec3(-1), dvec3(1, -1, 1), dvec3(-1, 1, 1), dvec3(1, 1, -1)}) {
+      look_from(sign * across);
+      truths.push_back(truth(drawn));
+    }
+    for (std::size_t i = 0; i < picture.pixels.size(); ++i)
+      for (int c = 0; c < 4; ++c) {
+        const auto [low, high] = std::ranges::minmax(
+            truths, {}, [&](const Image& image) { return image.pixels[i][c]; });
+        ASSERT_GE(picture.pixels[i][c], low.pixels[i][c] - 0.02) << i % 27 << " " << i / 27;
+        ASSERT_LE(picture.pixels[i][c], high.pixels[i][c] + 0.02) << i % 27 << " " << i / 27;
+      }
+  }
+}
+
+// Needles and slivers whose outline and thickness single precision does not know, beside a block and alone.
+TEST(Cells, AsThinAsNeedles) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> any(0, 1);
+  for (const double width : {1e-5, 1e-7, 1e-9})
+    for (const int far_corners : {1, 2})  // of a needle; of a sliver
+      for (const bool beside_block : {true, false})
+        for (const bool orthographic : {true, false}) {
+          SCOPED_TRACE(testing::Message() << width << ", " << far_corners << " far, beside " << beside_block
+                                          << (orthographic ? " orthographic" : ""));
+          Drawn drawn{beside_block ? make_box(3, curved) : Mesh(), colored_scene(beside_block ? 2 : 0.3 / width)};
+          for (int needle = 0; needle < 40; ++needle) {
+            const auto begin = static_cast<std::uint32_t>(drawn.mesh.points.size());
+            const auto place = [&] { return dvec3(any(random), any(random), any(random)); };
+            const dvec3 from = place(), to = place(), beside = far_corners == 1 ? to : place();
+            for (const dvec3& point : {from, to, beside + width * place(), from + width * place()})
+              drawn.mesh.points.push_back(point), drawn.mesh.values.push_back(any(random));
+            drawn.mesh.tetrahedra.push_back({begin, begin + 1, begin + 2, begin + 3});
+          }
+          if (orthographic) make_orthographic(drawn.scene, 1.8);
+          const Image exact = truth(drawn);
+          EXPECT_LE(difference(draw(MeshSource(drawn.view(), 1000), drawn.drawing()), exact).most, 1e-3);
+        }
+}
+
+TEST(Cells, OfAnySize) {
+  const Drawn drawn{bent_box(5), colored_scene(4)};
+  const Image picture = draw(MeshSource(drawn.view(), 300), drawn.drawing());
+  for (const double size : {1e-60, 1e-30, 1e-12, 1e12, 1e30, 1e45, 1e60}) {
+    SCOPED_TRACE(size);
+    Drawn scaled = drawn;
+    for (dvec3& point : scaled.mesh.points) point *= size;
+    for (TransferFunction::Density& density : scaled.scene.transfer_function.densities) density.extinction /= size;
+    scaled.scene.camera.position *= size, scaled.scene.camera.focal_point *= size;
+    EXPECT_LE(difference(draw(MeshSource(scaled.view(), 300), scaled.drawing()), picture).most, 1e-5);
+  }
 }
 
 TEST(Cells, ThatAreLongRoundADenseCorner) {

@@ -1,4 +1,4 @@
-// Cells with a corner behind the eye, or far outside of the picture.
+// Cells that rays meet in double precision, and contours in cells.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,55 +10,9 @@
 namespace splatvol::tiles {
 namespace {
 
-// A plane through three corners of which one may be behind the eye: in double precision, by their places in space.
-struct PlaneInSpace {
-  CellOnScreen::Face face;
-  CellOnScreen::Reference reference;
-  bool is_positive;  // as the area on the screen would be
-};
-
-PlaneInSpace plane_in_space(const CellFrame& frame, const std::array<dvec3, 3>& p, const std::array<double, 3>& u,
-                            const DepthOrigin& origin) {
-  const View& view = *frame.view;
-  const dvec3 q = p[1] - p[0], r = p[2] - p[0], normal = glm::cross(q, r);
-  const double square = std::max(glm::dot(normal, normal), std::numeric_limits<double>::min());
-  const dvec3 gradient = ((u[1] - u[0]) * glm::cross(r, normal) + (u[2] - u[0]) * glm::cross(normal, q)) / square;
-  const auto not_below = [](double x, double least) { return std::abs(x) < least ? std::copysign(least, x) : x; };
-  const auto number = [](double x) { return static_cast<float>(std::clamp(x, -1e18, 1e18)); };
-  const auto w_at = [&](const dvec2& pixel) { return origin.w + origin.rise(pixel.x, pixel.y); };
-  const auto moved = [&](double d, double a, double b) {
-    return number(d + (a - origin.wx) * ray_shift_x + (b - origin.wy) * ray_shift_y);
-  };
-  const double focal = view.focal, tiny = std::numeric_limits<double>::min();
-  // A plane that is seen edge-on, or has the eye in it, is steep as a whole: its direction counts.
-  if (view.orthographic) {
-    const double steepest = 1e-9 * std::max(std::abs(normal.x), std::abs(normal.y));
-    const double across = not_below(normal.z, std::max(steepest, tiny)), offset = glm::dot(normal, p[0]);
-    const double a = normal.x / across / focal, b = normal.y / across / focal, z = offset / across;
-    return {{number(a - origin.wx), number(b - origin.wy), number(gradient.x / focal - gradient.z * a),
-             number(gradient.y / focal - gradient.z * b), moved(-z - w_at(dvec2(0)), a, b)},
-            {0, 0, number(u[0] + glm::dot(gradient, dvec3(0, 0, z) - p[0]))},
-            across > 0};
-  }
-  const double steepest = 1e-3 * frame.nearest * glm::length(normal);
-  const double offset = not_below(glm::dot(normal, p[0]), std::max(steepest, tiny)), along = glm::dot(gradient, p[0]);
-  const double a = normal.x / offset / focal, b = normal.y / offset / focal, c = normal.z / offset;
-  // 1/z at the reference must not be 0: of a few pixels, the one where it is largest.
-  const double x_end = frame.middle_x, y_end = frame.middle_y;
-  dvec2 at(0);
-  for (const dvec2 other : {dvec2(x_end, y_end), dvec2(-x_end, y_end), dvec2(x_end, -y_end), dvec2(-x_end, -y_end)})
-    if (std::abs(a * other.x + b * other.y + c) > std::abs(a * at.x + b * at.y + c)) at = other;
-  const double inverse_z = not_below(a * at.x + b * at.y + c, tiny);
-  const double in_u = (glm::dot(gradient, dvec3(at / focal, 1)) - along * inverse_z) / inverse_z;
-  return {{number(a - origin.wx), number(b - origin.wy), number(gradient.x / focal - (along + in_u) * a),
-           number(gradient.y / focal - (along + in_u) * b), moved(inverse_z - w_at(at), a, b)},
-          {static_cast<float>(at.x), static_cast<float>(at.y), number(u[0] + in_u)},
-          offset > 0};
-}
-
-// The values on the eye's plane: in perspective those at the eye. `plane`: FarOut or ContourInCell.
-template <class Plane>
-void set_eye_plane(const CellFrame& frame, const std::array<dvec3, 4>& p, const std::array<float, 4>& u, Plane& plane) {
+// The values on the eye's plane: in perspective those at the eye.
+void set_eye_plane(const CellFrame& frame, const std::array<dvec3, 4>& p, const std::array<float, 4>& u,
+                   ContourInCell& plane) {
   const dvec3 q = p[1] - p[0], r = p[2] - p[0], s = p[3] - p[0];
   const dvec3 sum = double{u[1] - u[0]} * glm::cross(r, s) + double{u[2] - u[0]} * glm::cross(s, q) +
                     double{u[3] - u[0]} * glm::cross(q, r);
@@ -70,8 +24,7 @@ void set_eye_plane(const CellFrame& frame, const std::array<dvec3, 4>& p, const 
   plane.eye_f = nearest_float(gradient.y / frame.view->focal);
 }
 
-// s on a face whose corners have places on the screen. On one that is seen edge-on, rays
-// meet the first corner only, as in plane_through() of cell_setup.cpp.
+// s on a face whose corners have places on the screen. On one that is seen edge-on, the first corner counts.
 void set_near_face(const CellFrame& frame, const std::array<dvec3, 3>& p, const std::array<double, 3>& u,
                    ContourInCell::Face& face) {
   const View& view = *frame.view;
@@ -133,32 +86,26 @@ bool bound_pixels(const CellFrame& frame, const std::array<dvec3, 4>& corners, C
 
 }  // namespace
 
-bool set_up_far_out(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
-                    const FacesOfCell& faces, const std::array<float, 4>& u, CellOnScreen& cell,
+bool set_up_precise(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
+                    const std::array<float, 4>& u, const std::array<float, 4>& opacities, CellOnScreen& cell,
                     CellsOnScreen& screen) {
-  const PointsOnScreen& points = setup.points;
-  std::array<dvec3, 4> p;
-  for (std::size_t k = 0; k < 4; ++k) p[k] = setup.in_view[corners[k]];
-  if (!bound_pixels(frame, p, cell)) return false;
-  FarOut far_out{};
-  std::size_t fronts = 0, backs = 4;
-  unsigned order = 0;
+  PreciseCell precise{{}, u, opacities, frame.slack, false};
+  bool is_far_out = false;
   for (std::size_t k = 0; k < 4; ++k) {
-    const auto [a, b, c, opposite] = face_corners[k];
-    PlaneInSpace plane{faces.planes[k], {points.x[corners[a]], points.y[corners[a]], u[a]}, !faces.is_negative[k]};
-    if ((points.is_far_out[corners[a]] | points.is_far_out[corners[b]] | points.is_far_out[corners[c]]) != 0)
-      plane = plane_in_space(frame, {p[a], p[b], p[c]}, {u[a], u[b], u[c]}, screen.origin);
-    const double side = glm::dot(glm::cross(p[b] - p[a], p[c] - p[a]), p[opposite] - p[a]);
-    const std::size_t at = plane.is_positive == (side > 0) ? fronts++ : --backs;
-    cell.faces[at] = plane.face;
-    far_out.references[at] = plane.reference;
-    order |= static_cast<unsigned>(k) << (2 * at);
+    const std::uint32_t corner = corners[k];
+    precise.corners[k] = setup.in_view[corner];
+    precise.is_behind = precise.is_behind || precise.corners[k].z <= frame.nearest;
+    is_far_out = is_far_out || setup.points.is_far_out[corner] != 0;
+    const float distance = std::max(std::abs(setup.points.x[corner]), std::abs(setup.points.y[corner]));
+    precise.slack = std::max(precise.slack, 1e-6F * distance);  // as its places are rounded
   }
-  cell.fronts = static_cast<std::uint8_t>(fronts);
-  cell.order = static_cast<std::uint8_t>(order);
-  cell.far_out = static_cast<std::int32_t>(screen.far_out.size());
-  set_eye_plane(frame, p, u, far_out);
-  screen.far_out.push_back(far_out);
+  if (precise.is_behind) precise.slack = std::numeric_limits<float>::infinity();
+  if (is_far_out && !bound_pixels(frame, precise.corners, cell)) return false;
+  for (CellOnScreen::Face& face : cell.faces) face = {};
+  cell.fronts = 4;  // rays may enter by any face
+  cell.order = 0b11100100;
+  cell.precise = static_cast<std::int32_t>(screen.precise.size());
+  screen.precise.push_back(precise);
   return true;
 }
 
@@ -182,7 +129,7 @@ ContourInCell contour_in(const CellFrame& frame, const std::array<std::uint32_t,
     face.rest_y = static_cast<float>(face.y - std::floor(face.y));
     face.single_s = nearest_float(face.s), face.single_e = nearest_float(face.e), face.single_f = nearest_float(face.f);
   }
-  if (cell.far_out >= 0) set_eye_plane(frame, p, u, contour);
+  if (cell.precise >= 0) set_eye_plane(frame, p, u, contour);
   return contour;
 }
 
