@@ -16,12 +16,14 @@
 
 #include "base/file.h"
 #include "pictures/image.h"
+#include "renderer/cpu/cells.h"
 #include "renderer/reference/reference.h"
 #include "streamer/first/default_scene.h"
 #include "streamer/visibility.h"
 #include "tests/builder/support/built_input.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/builder/support/mesh_of_shapes.h"
+#include "tests/player/waves.h"
 #include "tests/support/results.h"
 #include "tests/support/surgery.h"
 #include "tests/support/temp_folder.h"
@@ -484,6 +486,33 @@ TEST_F(FileCellsOf, FlatLayersHaveAboutTheEstimatedSegments) {
     EXPECT_GT(estimate, truth / 1.4);
     EXPECT_LT(estimate, truth * 2.5);
   }
+}
+
+// Rays along the axes of a lattice run in its faces, but for a move of its points, and for the file's rounding.
+TEST_F(FileCellsOf, LatticesAlongWhichRaysGraze) {
+  for (const double move : {0.0, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8})
+    for (const bool is_exact : {false, true})
+      for (const bool orthographic : {false, true}) {
+        SCOPED_TRACE(testing::Message() << move << (is_exact ? ", exact" : "") << (orthographic ? ", orthographic" : ""));
+        BuildOptions options = exact();
+        options.exact = {.positions = is_exact, .values = is_exact};
+        test::build_mesh(test::jittered(8, move), test::waves, path("mesh.svol"), options);
+        Scene scene = test::scene_of_waves(33, 33);  // an eighth of the lattice is four pixels
+        scene.camera.vertical_fov_degrees = 20;
+        if (orthographic) scene.camera.projection = Camera::Projection::orthographic;
+        scene.camera.parallel_height = 33.0 / 32;
+        const auto volume = open_volume("mesh.svol");
+        for (int axis = 0; axis < 3; ++axis) {
+          dvec3 away(0);
+          away[axis] = 3;
+          scene.camera.position = scene.camera.focal_point + away;
+          scene.camera.up = axis == 1 ? dvec3(0, 0, 1) : dvec3(0, 1, 0);
+          const auto cells = open(volume, scene);
+          const auto drawn = test::value_of(
+              CellRasterizer().draw(*cells, {.view = make_view(scene).value(), .transfer = transfer_of(scene)}));
+          EXPECT_LE(compare_images(drawn.image, picture_of(*cells, scene).image)->max, 0.02) << axis;
+        }
+      }
 }
 
 }  // namespace
