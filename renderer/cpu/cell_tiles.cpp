@@ -73,10 +73,10 @@ HWY_INLINE int list_covered(const CellOnScreen& cell, const TileCorner& tile, fl
       for (std::size_t i = 0; i < 3; ++i)
         for (std::size_t j = i + 1; j < 4; ++j) {
           const std::size_t low = ys[i] <= ys[j] ? i : j, high = i + j - low;
-          const float rise = ys[high] - ys[low], slope = rise > 0 ? (xs[high] - xs[low]) / rise : 0;
+          const float rise = ys[high] - ys[low], slope = rise > 1e-20F ? (xs[high] - xs[low]) / rise : 0;
           // Rounding may take a corner off its row.
           const Mask in = both(y >= Float(ys[low] - slack), y <= Float(ys[high] + slack));
-          const Float x = fma(clamp(y, ys[low], ys[high]) - ys[low], slope, xs[low]);
+          const Float x = fma(y - ys[low], slope, xs[low]);
           least = select(in, min(least, x), least);
           most = select(in, max(most, x), most);
         }
