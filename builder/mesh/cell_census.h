@@ -33,7 +33,7 @@ struct CellCensus {
   double bent_volume = 0;
   double measured_volume = 0;
 
-  double rounded_by = 0;  // largest change of a coordinate by a reader, if SourceOptions::may_round
+  double rounded_by = 0;  // no reader has changed a coordinate by more (SourceOptions::may_round)
 
   CellCensus& operator+=(const CellCensus& other);
 };

@@ -35,17 +35,11 @@ double PointRounding::step() const {
   return std::sqrt(shortest_) >= least_steps * step ? step : 0;
 }
 
-double round_points(double step, std::span<dvec3> points) {
-  double largest = 0;
+void round_points(double step, std::span<dvec3> points) {
   for (dvec3& p : points) {
     if (!is_usable_position(p)) continue;
-    for (int axis = 0; axis < 3; ++axis) {
-      const double rounded = std::nearbyint(p[axis] / step) * step + 0.0;  // no -0
-      largest = std::max(largest, std::abs(rounded - p[axis]));
-      p[axis] = rounded;
-    }
+    for (int axis = 0; axis < 3; ++axis) p[axis] = std::nearbyint(p[axis] / step) * step + 0.0;  // no -0
   }
-  return largest;
 }
 
 }  // namespace splatvol

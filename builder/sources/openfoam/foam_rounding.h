@@ -25,7 +25,7 @@ class PointRounding {
   double shortest_ = std::numeric_limits<double>::infinity();  // edge, squared
 };
 
-/// Rounds points to multiples of a step that is a power of two. Returns the largest change of a coordinate.
-double round_points(double step, std::span<dvec3> points);
+/// Rounds points to multiples of a step that is a power of two.
+void round_points(double step, std::span<dvec3> points);
 
 }  // namespace splatvol

@@ -307,8 +307,9 @@ class OpenFoamReader final : public BlockReader {
           rounding_->include(read_foam_faces(
               [&](const char* name) { return case_->mesh_file(static_cast<std::size_t>(part), region, time, name); }));
     }
-    if (const double step = rounding_->step(); step > 0)
-      rounded_by_ = std::max(rounded_by_, round_points(step, mesh.points));
+    const double step = rounding_->step();
+    rounded_by_ = step / 2;
+    if (step > 0) round_points(step, mesh.points);
   }
 
   /// Patches between processors lie inside. Those of a region have the name of the region in front.
