@@ -14,7 +14,7 @@ namespace splatvol {
 inline constexpr double flat_height = 1e-6;
 
 /// Returns the least height of a tetrahedron: three times its volume over the area of its largest face. 0 if it is
-/// flat, or if a position is not usable.
+/// flat, or if a position is not finite.
 [[nodiscard]] double least_height(const dvec3& a, const dvec3& b, const dvec3& c, const dvec3& d);
 
 /// Returns the least of the heights of the tetrahedra at each point, flat ones left out; infinity at a point without
