@@ -248,6 +248,14 @@ Result<std::vector<std::string>> series_attributes(const Options& options) {
   return steps.times().empty() ? std::vector<std::string>() : steps.attributes();
 }
 
+// Whether readers may round coordinates. The points of an append must be those of its series.
+Result<bool> may_round(const Options& options) {
+  if (!options.append || options.series_of_files) return !options.exact;
+  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(options.output, open_file));
+  SPLATVOL_TRY_ASSIGN(volume, steps.volume(0));
+  return volume->info().position_error > 0;
+}
+
 SourceOptions source_options_of(const Options& options) {
   return {options.attributes,
           options.columns,
@@ -255,7 +263,8 @@ SourceOptions source_options_of(const Options& options) {
           cell_values_of(options.cells),
           options.missing,
           options.boundary || options.boundary_triangles > 0,
-          false};
+          false,
+          !options.exact};
 }
 
 InputReader input_reader(ReaderProcess& reader) {
@@ -269,7 +278,8 @@ InputReader input_reader(ReaderProcess& reader) {
 
 Result<std::vector<SeriesStep>> steps_of(const Options& options, const InputReader& reader) {
   SPLATVOL_TRY_ASSIGN(series, series_attributes(options));
-  const SourceOptions source_options = source_options_of(options);
+  SourceOptions source_options = source_options_of(options);
+  SPLATVOL_TRY_SET(source_options.may_round, may_round(options));
   if (options.times.empty()) return steps_of_files(options.inputs, source_options, reader, series);
   SPLATVOL_TRY_ASSIGN(range, parse_times(options.times));
   return steps_of_input(options.inputs, source_options, range, reader, series);

@@ -119,6 +119,7 @@ Result<json> export_mesh(const format::Volume& volume, const format::SplatSelect
                       {"cells", report.cells},
                       {"points", report.points},
                       {"left_out", report.left_out},
+                      {"split", report.split},
                       {"volume", report.volume},
                       {"file_bytes", report.file_bytes},
                       {"renamed", json::object()}},
@@ -217,6 +218,9 @@ void print_text(const json& report) {
               report["file_bytes"].get<std::uint64_t>(), report["seconds"].get<double>());
   if (const auto left_out = report.value("left_out", std::uint64_t{0}); left_out > 0)
     print_out("  {} cells are left out: this program does not know their shape\n", left_out);
+  if (const auto split = report.value("split", std::uint64_t{0}); split > 0)
+    print_out("  {} cells are written as the tetrahedra of the file: a reader of rounded corners would choose others\n",
+              split);
   for (const auto& [usual, name] : report["renamed"].items())
     print_out("  \"{}\" is an attribute: what svexport calls so is \"{}\"\n", usual, name.get<std::string>());
   if (report.contains("value_errors")) print_errors(report);
@@ -279,9 +283,9 @@ void add_selection_options(CommandLine& app, Options& options) {
   app.add_flag(
       "--cells", options.cells,
       "Write the cells of the mesh with their points and values, from a file that keeps them; for .vtu. Polyhedra are "
-      "written as the tetrahedra that they are split into. Cells of svbuild --cells own "
-      "have values themselves, and their points have none. A box takes every cell whose own bounding box meets it, as "
-      "positions are stored");
+      "written as the tetrahedra that they are split into, and so are cells that a reader of rounded corners would "
+      "split otherwise. Cells of svbuild --cells own have values themselves, and their points have none. A box takes "
+      "every cell whose own bounding box meets it, as positions are stored");
   app.add_option(
          "--contour", options.contour,
          "Write the surface where the attribute has this value, in the cells of the mesh, from a file that keeps "

@@ -9,7 +9,7 @@
 
 #include "builder/cells/packed_numbers.h"
 #include "builder/cells/polyhedra.h"
-#include "builder/mesh/tetrahedra.h"
+#include "builder/mesh/ranked_tetrahedron.h"
 
 namespace splatvol {
 namespace {
@@ -43,8 +43,7 @@ int sign_of(const CellSource& source, std::span<const std::array<Corner, 4>> tet
   int sign = 0;
   for (const auto& [a, b, c, d] : tetrahedra) {
     const auto corner = [&](Corner k) { return source.corners[corners(k)]; };
-    const double volume = signed_volume_6(corner(a), corner(b), corner(c), corner(d));
-    const int present = volume > 0 ? 1 : volume < 0 ? -1 : 0;
+    const int present = sign_of_volume(corner(a), corner(b), corner(c), corner(d));
     if (present == 0 || present == -sign) return 0;
     sign = present;
   }

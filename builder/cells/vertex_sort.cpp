@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "builder/mesh/heights.h"
 #include "builder/sorting/external_sort.h"
 #include "builder/sorting/morton.h"
 #include "format/columns.h"
@@ -18,6 +19,7 @@ constexpr double error_per_distance = 1.0 / 256;
 
 struct VertexRecord {
   dvec3 position;
+  double height;  // least_heights
   PointTag tag;
 };
 
@@ -43,6 +45,7 @@ VertexSort::VertexSort(std::uint64_t memory, std::string folder, bool exact)
 
 Status VertexSort::add(std::uint32_t piece_number, const Piece& piece) {
   const PointCells& cells = *piece.cells;
+  const std::vector<double> heights = least_heights(cells.corners, cells.tetrahedra);
   std::vector<bool> used(cells.corners.size());
   for (std::size_t i = 0; i < cells.tetrahedra.size(); ++i)
     if (cells.points[i] != PointCells::no_point)
@@ -55,7 +58,7 @@ Status VertexSort::add(std::uint32_t piece_number, const Piece& piece) {
   for (std::size_t i = 0; i < used.size(); ++i) {
     if (!used[i]) continue;
     box_.include(cells.corners[i]);
-    records.push_back({cells.corners[i], point_tag(piece_number, static_cast<std::uint32_t>(i))});
+    records.push_back({cells.corners[i], heights[i], point_tag(piece_number, static_cast<std::uint32_t>(i))});
   }
   return records.empty() ? Status{} : spool_.append(std::as_bytes(std::span(records)));
 }
@@ -86,14 +89,16 @@ Status VertexSort::number_vertices(const Cube& cube) {
   std::vector<VertexRecord> run;  // of one key
   std::optional<MortonKey> key_of_run;
   std::vector<dvec3> page;
+  double least = no_height;  // of the page
   const auto close_run = [&]() -> Status {
     std::ranges::sort(run, {}, order_of);
     for (std::size_t i = 0; i < run.size(); ++i) {
       if (i == 0 || run[i].position != run[i - 1].position) {
-        if (page.size() == format::vertex_page_points) SPLATVOL_TRY(close_page(page));
+        if (page.size() == format::vertex_page_points) SPLATVOL_TRY(close_page(page, std::exchange(least, no_height)));
         page.push_back(run[i].position);
         ++count_;
       }
+      least = std::min(least, run[i].height);
       SPLATVOL_TRY(tags_->add(run[i].tag, count_ - 1));
     }
     run.clear();
@@ -110,11 +115,11 @@ Status VertexSort::number_vertices(const Cube& cube) {
     SPLATVOL_TRY(check_interruption());
   }
   SPLATVOL_TRY(close_run());
-  return page.empty() ? Status{} : close_page(page);
+  return page.empty() ? Status{} : close_page(page, least);
 }
 
-Status VertexSort::close_page(std::vector<dvec3>& vertices) {
-  const double error = exact_ ? 0 : error_per_distance * least_distance(vertices);
+Status VertexSort::close_page(std::vector<dvec3>& vertices, double height) {
+  const double error = exact_ ? 0 : std::min(error_per_distance * least_distance(vertices), error_per_height * height);
   const format::PackedChunk packed = format::pack_positions(vertices, error);
   pages_.push_back({file_->size(), packed.entry.packed_bytes, packed.entry.unpacked_bytes, packed.entry.hash});
   vertices.clear();

@@ -44,7 +44,7 @@ class VertexSort {
 
  private:
   [[nodiscard]] Status number_vertices(const Cube& cube);
-  [[nodiscard]] Status close_page(std::vector<dvec3>& vertices);
+  [[nodiscard]] Status close_page(std::vector<dvec3>& vertices, double height);
 
   std::uint64_t memory_;
   std::string folder_;

@@ -36,6 +36,7 @@ auto members_of(Facts& facts) requires std::is_same_v<std::remove_const_t<Facts>
 
 void put(ByteWriter& out, const CellCensus& cells) {
   out.put_members(numbers_of(cells));
+  out.put(cells.rounded_by);
   out.put(std::uint64_t{cells.cells.size()});
   for (const auto& [name, count] : cells.cells) {
     out.put(std::vector<char>(name.begin(), name.end()));
@@ -45,6 +46,7 @@ void put(ByteWriter& out, const CellCensus& cells) {
 
 void get(ByteReader& in, CellCensus& cells) {
   in.get_members(numbers_of(cells));
+  in.get(cells.rounded_by);
   std::uint64_t types = 0;
   in.get(types);
   for (std::uint64_t t = 0; t < types; ++t) {

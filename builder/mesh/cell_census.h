@@ -33,10 +33,12 @@ struct CellCensus {
   double bent_volume = 0;
   double measured_volume = 0;
 
+  double rounded_by = 0;  // no reader has changed a coordinate by more (SourceOptions::may_round)
+
   CellCensus& operator+=(const CellCensus& other);
 };
 
-/// All numbers but those by type, by reference.
+/// All numbers but those by type that add up, by reference.
 template <class Census>
 [[nodiscard]] auto numbers_of(Census& census) {
   return std::tie(census.tetrahedra, census.inverted, census.flat, census.without_volume, census.surfaces, census.lines,

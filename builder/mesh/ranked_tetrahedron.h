@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "builder/mesh/heights.h"
 #include "builder/mesh/tetrahedra.h"
 
 namespace splatvol {
@@ -23,10 +24,10 @@ struct RankedTetrahedron {
 /// Gets tetrahedra, each once, in any order.
 using TakeTetrahedra = std::function<Status(std::span<const RankedTetrahedron>)>;
 
-/// Returns the sign of a tetrahedron's volume.
+/// Returns the sign of a tetrahedron's volume; 0 if it is flat (least_height).
 [[nodiscard]] inline std::int8_t sign_of_volume(dvec3 a, dvec3 b, dvec3 c, dvec3 d) {
-  const double volume = signed_volume_6(a, b, c, d);
-  return static_cast<std::int8_t>(volume > 0 ? 1 : volume < 0 ? -1 : 0);
+  if (least_height(a, b, c, d) == 0) return 0;
+  return signed_volume_6(a, b, c, d) > 0 ? 1 : -1;
 }
 
 }  // namespace splatvol

@@ -174,7 +174,7 @@ Result<BuildReport> reduce_points(PointStream stream, const BuildOptions& option
 
 BuildReport complete_description(const BuildOptions& options, const InputSummary& input, const ReductionFacts& facts,
                                  format::VolumeInfo& info) {
-  info.position_error = facts.stored.position_error;
+  info.position_error = facts.stored.position_error + input.cells.rounded_by;
   info.aliases = input.aliases;
   info.resolution_counts.assign(facts.counts.rbegin(), facts.counts.rend());
   info.points_per_chunk = options.points_per_chunk.coarsest_first(facts.counts.size());

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "builder/mesh/heights.h"
 #include "builder/mesh/usable_numbers.h"
 
 namespace splatvol {
@@ -42,13 +43,13 @@ void get_values(const Piece& piece, std::size_t attribute, std::span<const std::
 // Bytes of a piece, and of what finds the material and the outer faces of its tetrahedra.
 std::uint64_t bytes_to_read(const Piece& piece) {
   const std::size_t points = piece.points.size(), tetrahedra = piece.tetrahedra.size();
-  std::uint64_t bytes = points * (sizeof(dvec3) + sizeof(std::uint32_t)) + tetrahedra * sizeof(Tetrahedron) +
-                        piece.whole_cells.size() * sizeof(WholeCell) + VertexMaterial::bytes(points, tetrahedra) +
-                        (piece.lent ? piece.lent->bytes() : 0);
+  std::uint64_t bytes = points * (sizeof(dvec3) + sizeof(double) + sizeof(std::uint32_t)) +
+                        tetrahedra * sizeof(Tetrahedron) + piece.whole_cells.size() * sizeof(WholeCell) +
+                        VertexMaterial::bytes(points, tetrahedra) + (piece.lent ? piece.lent->bytes() : 0);
   for (const std::vector<double>& values : piece.values) bytes += values.size() * sizeof(double);
   if (piece.cells) {
     const std::size_t corners = piece.cells->corners.size(), parts = piece.cells->tetrahedra.size();
-    bytes += points * sizeof(SpatialMoments) + corners * sizeof(dvec3) +
+    bytes += points * sizeof(SpatialMoments) + corners * (sizeof(dvec3) + sizeof(double)) +
              parts * (sizeof(Tetrahedron) + sizeof(std::uint32_t)) + VertexMaterial::bytes(corners, parts);
   }
   if (piece.material) {
@@ -298,6 +299,7 @@ PieceReader::PieceMaterial PieceReader::prepare_material(const Piece& piece, std
   for (const auto& corners : piece.tetrahedra)
     for (const std::uint32_t corner : corners) material.used[corner] = true;
   for (const std::uint32_t i : kept) facts_.census.in_no_cell += material.used[i] ? 0 : 1;
+  material.heights = least_heights(piece.points, piece.tetrahedra);
   material.mesh.emplace(piece.points, piece.tetrahedra);
   return material;
 }
@@ -307,10 +309,11 @@ void PieceReader::set_material(const Piece& piece, const PieceMaterial& material
   const std::uint32_t point = block.points[number];
   if (piece.material) return set_known_material(piece, point, record);
   if (piece.cells) return set_whole_cell(piece, block, number, record);
-  if (!material.mesh) return;
+  if (!material.mesh) return layout_.set_vertex(record, {});
   const SpatialMoments moments =
       material.mesh->find_values(block.vertices, number, block.values, layout_.has_gradients(), block.found);
-  layout_.set_vertex(record, {material.used[point] ? PointRecords::block_of(piece) : 0, moments});
+  layout_.set_vertex(record,
+                     {material.used[point] ? PointRecords::block_of(piece) : 0, moments, material.heights[point]});
   for (std::size_t a = 0; a < layout_.attributes(); ++a)
     layout_.set_value_part(record, a, {block.found[a].moments, block.found[a].gradient});
 }

@@ -95,7 +95,8 @@ class PieceReader {
  private:
   // The mesh of the present piece, if its points have their material from tetrahedra.
   struct PieceMaterial {
-    std::vector<bool> used;  // [point]: by a tetrahedron
+    std::vector<bool> used;       // [point]: by a tetrahedron
+    std::vector<double> heights;  // [point]: least_heights
     std::optional<VertexMaterial> mesh;
 
     [[nodiscard]] bool in_cells(const Piece& piece, std::size_t point) const {

@@ -31,6 +31,7 @@ struct PointBatch {
   std::vector<dvec3> positions;
   std::vector<std::vector<double>> values;  // [attribute]; NaN: missing
   std::vector<SpatialMoments> moments;
+  std::vector<double> heights;                           // least_heights; empty if no cells of the input are used
   std::vector<std::vector<ValueMoments>> value_moments;  // [attribute]
   std::vector<std::vector<dvec3>> gradients;             // [attribute], of any length; 0: none. Empty if not wanted
   std::vector<BoundaryPlane> planes;                     // empty if no point has one
@@ -58,6 +59,7 @@ void for_each_array(A& a, B& b, const Visit& visit) {
   visit(a.keys, b.keys);
   visit(a.positions, b.positions);
   visit(a.moments, b.moments);
+  visit(a.heights, b.heights);
   visit(a.planes, b.planes);
   for (std::size_t i = 0; i < a.values.size(); ++i) {
     visit(a.values[i], b.values[i]);

@@ -9,6 +9,7 @@
 
 #include "base/math.h"
 #include "builder/mesh/boundary.h"
+#include "builder/mesh/heights.h"
 #include "builder/mesh/moments.h"
 #include "builder/sources/source.h"
 
@@ -87,6 +88,7 @@ class PointRecords {
   struct VertexPart {
     std::uint64_t block = 0;  // block_of() the cells that use the point; 0: none does
     SpatialMoments moments;
+    double height = no_height;  // least_heights
   };
 
   /// Returns the number of a piece's block, not 0: all pieces without one are of the same.

@@ -120,7 +120,9 @@ void SampleMerger::append_point(const std::byte* record, const MortonKey& key, P
   batch.positions.push_back(layout_.position(record));
   for (std::size_t a = 0; a < taken_.size(); ++a) batch.values[a].push_back(layout_.value(record, taken_[a]));
   if (!has_material_) return;
-  batch.moments.push_back(layout_.vertex(record).moments);
+  const PointRecords::VertexPart vertex = layout_.vertex(record);
+  batch.moments.push_back(vertex.moments);
+  batch.heights.push_back(vertex.height);
   for (std::size_t a = 0; a < taken_.size(); ++a) {
     const PointRecords::ValuePart part = layout_.value_part(record, taken_[a]);
     batch.value_moments[a].push_back(part.moments);
@@ -131,7 +133,9 @@ void SampleMerger::append_point(const std::byte* record, const MortonKey& key, P
 
 // Copies of a vertex own what each piece gives them.
 void SampleMerger::merge_into(std::size_t point, const std::byte* record, PointBatch& batch) const {
-  merge(batch.moments[point], layout_.vertex(record).moments, dvec3(0));
+  const PointRecords::VertexPart vertex = layout_.vertex(record);
+  merge(batch.moments[point], vertex.moments, dvec3(0));
+  batch.heights[point] = std::min(batch.heights[point], vertex.height);
   for (std::size_t a = 0; a < taken_.size(); ++a) {
     const PointRecords::ValuePart part = layout_.value_part(record, taken_[a]);
     merge(batch.value_moments[a][point], part.moments, dvec3(0));

@@ -8,6 +8,7 @@
 #include <ranges>
 #include <utility>
 
+#include "builder/mesh/heights.h"
 #include "builder/sorting/octree_nodes.h"
 
 namespace splatvol {
@@ -86,10 +87,15 @@ class BatchReducer {
     }
   }
 
-  // How far the file may move a splat's centroid, and its point.
+  // How far the file may move a splat's centroid.
   double error_of(std::size_t i, const SplatShape& shape) const {
     const double shortest = shortest_deviation(shape);
     return shortest > 0 ? shortest * error_per_deviation : spacing_at(i) * error_per_spacing;
+  }
+
+  // How far the file may move the splat's point, which is a corner of cells.
+  double point_error(std::size_t i, double splat_error) const {
+    return batch_.heights.empty() ? splat_error : std::min(splat_error, batch_.heights[i] * error_per_height);
   }
 
   // Distance to the nearer neighbour in Morton order, or the mean spacing in the leaf if that is less. Coincident
@@ -129,7 +135,7 @@ class BatchReducer {
     columns.splats.depths.push_back(static_cast<std::uint8_t>(depth_));
     columns.splats.counts.push_back(static_cast<std::uint8_t>(count_));
     columns.points.positions.push_back(position);
-    columns.points.errors.push_back(error);
+    columns.points.errors.push_back(point_error(i, error));
     for (std::size_t a = 0; a < attributes(); ++a) {
       const ValueMoments& material = batch_.value_moments[a][i];
       const StoredValue& splat = columns.splat_values[a].emplace_back(
@@ -198,7 +204,7 @@ class BatchReducer {
     splat.number = batch_.first + kept;
     splat.depth = static_cast<std::uint8_t>(depth_);
     splat.count = static_cast<std::uint8_t>(count_);
-    member.point = {batch_.positions[kept], splat.error};
+    member.point = {batch_.positions[kept], point_error(kept, splat.error)};
     // The points of a part that is continued are all finest, and have been added.
     if (!part_.continued) leaf.splats_at(0).include(splat, batch_.moments[kept]);
     if (!part_.continued && settings_.wants_splats) result_.splats.push_back(splat);

@@ -12,6 +12,8 @@
 
 #include "base/file.h"
 #include "base/interruption.h"
+#include "builder/mesh/heights.h"
+#include "builder/mesh/tetrahedra.h"
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
 #include "format/cell_reader.h"
@@ -21,6 +23,7 @@
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/long.h"
 #include "tests/support/opened_files.h"
+#include "tests/support/random.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
@@ -355,48 +358,123 @@ TEST_F(CellsFile, OfNineDecadesOfSizes) {
   check({piece});
 }
 
+// Layers of random thickness, down to a 10,000th of their width, askew and bent.
+Piece layered_piece(std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  constexpr std::uint32_t layers = 12, width = 9;
+  std::vector<double> heights = {0};
+  for (std::uint32_t layer = 0; layer < layers; ++layer)
+    heights.push_back(heights.back() + std::pow(10, 2 * (uniform(random) - 1)) / width);
+  const glm::dquat turn = glm::normalize(random_quaternion(uniform, random));
+  const dvec3 slope = random_vector(uniform, random), offset = 100.0 * random_vector(uniform, random);
+  const Mesh mesh = lattice({width, width, layers}, [&](dvec3 p) {
+    const double z = heights[static_cast<std::size_t>(std::lround(p.z * layers))];
+    const dvec3 bent(p.x + slope.x * z, p.y + slope.y * z, z + 0.1 * std::sin(3 * p.x + slope.z) * p.y);
+    return turn * bent + offset;
+  });
+  return mesh_piece(mesh, field);
+}
+
+using Corners = std::span<const dvec3, 4>;
+
+// The corners of each cell, with those of another file.
+template <class Visit>
+void for_each_pair(const KeptCells& a, const KeptCells& b, const Visit& visit) {
+  ASSERT_TRUE(a.ranks == b.ranks);
+  for (std::size_t i = 0; i < a.ranks.size(); i += 4) visit(Corners(&a.positions[i], 4), Corners(&b.positions[i], 4));
+}
+
+double volume_of(Corners p) { return signed_volume_6(p[0], p[1], p[2], p[3]) / 6; }
+double height_of(Corners p) { return least_height(p[0], p[1], p[2], p[3]); }
+
+TEST_F(CellsFile, RoundingTurnsNoCellAndTakesLittleOfItsHeight) {
+  for (std::uint64_t seed = 0; seed < (is_long() ? 40 : 6); ++seed) {
+    const Piece piece = layered_piece(seed);
+    std::vector<dvec3> uncut;
+    for (const std::size_t pieces : {1u, 4u}) {
+      check(pieces == 1 ? std::vector{piece} : cut(piece, pieces));
+      EXPECT_EQ(rounded_report_.kept_cells->turned, 0u);
+      const KeptCells exact = read_cells(*open_checked(path("exact.svol")), names_);
+      const KeptCells rounded = read_cells(*open_checked(path("rounded.svol")), names_);
+      double lost = 0, moved = 0;
+      for_each_pair(exact, rounded, [&](Corners before, Corners after) {
+        EXPECT_GT(volume_of(before) * volume_of(after), 0);
+        lost = std::max(lost, 1 - height_of(after) / height_of(before));
+        for (std::size_t k = 0; k < 4; ++k)
+          moved = std::max(moved, glm::length(after[k] - before[k]) / height_of(before));
+      });
+      EXPECT_LE(lost, 1.0 / 64);
+      EXPECT_LE(moved, 1.0 / 256);
+      EXPECT_GT(moved, 1.0 / 3000) << "rounding is not finer than it has to be";
+      if (pieces == 1) uncut = rounded.positions;
+      EXPECT_TRUE(rounded.positions == uncut) << "the least height of all pieces counts";
+    }
+  }
+}
+
+// Tetrahedra between scattered points ask for nothing. Delaunay joins those of a lattice by slivers, which rounding
+// turns.
 TEST_F(CellsFile, TurnedCellsAreCounted) {
-  // One thin layer between thick ones, askew: rounding moves points past each other.
-  const auto askew = [](dvec3 p) {
-    const double z = p.z < 0.55 ? p.z : p.z - 0.1 * (1 - 1e-6);
-    return dvec3(0.8 * p.x - 0.6 * z, p.y + 0.1 * p.x + 0.03 * z, 0.6 * p.x + 0.8 * z);
-  };
-  std::mt19937_64 random(2);
-  std::uniform_real_distribution<double> uniform(-0.02, 0.02);
-  Piece piece = mesh_piece(lattice(10), field);
-  for (dvec3& p : piece.points) p = askew(p + dvec3(uniform(random), uniform(random), 0));
-  check({piece});
-  const CellReport& rounded = *rounded_report_.kept_cells;
+  const glm::dquat turn = glm::normalize(glm::dquat(0.8, 0.3, 0.4, 0.1));
+  std::vector<dvec3> points = jittered(16, 1e-3).points;
+  for (dvec3& p : points) p = turn * p;
+  const std::vector<Piece> pieces = {scattered(points)};
+  BuildOptions options{.connectivity = Connectivity::delaunay, .keep_cells = true};
+  const CellReport report = *build(pieces, "rounded.svol", options).kept_cells;
+  options.exact.positions = true;
+  EXPECT_EQ(build(pieces, "exact.svol", options).kept_cells->turned, 0u);
   const auto volume = open_checked(path("rounded.svol")), exact = open_checked(path("exact.svol"));
-  const KeptCells near = read_cells(*volume, names_), kept = read_cells(*exact, names_);
   std::uint64_t turned = 0;
   double turned_volume = 0;
-  const auto volume_of = [](const std::vector<dvec3>& p, std::size_t i) {
-    return glm::dot(p[i + 1] - p[i], glm::cross(p[i + 2] - p[i], p[i + 3] - p[i])) / 6;
-  };
-  for (std::size_t i = 0; i < near.ranks.size(); i += 4) {
-    const double after = volume_of(near.positions, i);
-    if (!(after * volume_of(kept.positions, i) < 0)) continue;
+  for_each_pair(read_cells(*exact, names_), read_cells(*volume, names_), [&](Corners before, Corners after) {
+    if (height_of(before) == 0 || volume_of(before) * volume_of(after) >= 0) return;
     ++turned;
-    turned_volume += std::abs(after);
-  }
-  EXPECT_EQ(rounded.turned, turned);
-  EXPECT_NEAR(rounded.turned_volume, turned_volume, 1e-9 * rounded.volume);
+    turned_volume += std::abs(volume_of(after));
+  });
+  EXPECT_EQ(report.turned, turned) << volume->info().position_error;
+  EXPECT_NEAR(report.turned_volume, turned_volume, 1e-9 * report.volume);
   EXPECT_GT(turned, 10u) << "the test has some";
   const auto cells = value_of(CellReader::open(*volume));
   EXPECT_EQ(cells->kinds().at(0).turned, turned);
 }
 
+// A layer of a ten-millionth, in which rounding turns cells, between thick ones.
+TEST_F(CellsFile, FlatCellsAskForNothingAndAreNotCountedAsTurned) {
+  const auto flattened = [](dvec3 p) {
+    const double z = p.z < 0.55 ? p.z : p.z - 0.1 * (1 - 1e-7);
+    return dvec3(0.8 * p.x - 0.6 * z, p.y + 0.1 * p.x + 0.03 * z, 0.6 * p.x + 0.8 * z);
+  };
+  std::mt19937_64 random(2);
+  std::uniform_real_distribution<double> uniform(-0.02, 0.02);
+  Piece piece = mesh_piece(lattice(10), field);
+  for (dvec3& p : piece.points) p = flattened(p + dvec3(uniform(random), uniform(random), 0));
+  check({piece});
+  EXPECT_EQ(rounded_report_.kept_cells->turned, 0u);
+  const auto volume = open_checked(path("rounded.svol"));
+  EXPECT_GT(volume->info().position_error, 1e-5) << "the others decide";
+  std::uint64_t turned = 0;
+  for_each_pair(read_cells(*open_checked(path("exact.svol")), names_), read_cells(*volume, names_),
+                [&](Corners before, Corners after) {
+                  if (!(volume_of(before) * volume_of(after) < 0)) return;
+                  EXPECT_EQ(height_of(before), 0);
+                  ++turned;
+                });
+  EXPECT_GT(turned, 10u) << "the test has some";
+}
+
 TEST_F(CellsFile, BytesDoNotDependOnMemoryAndThreads) {
-  const std::vector<Piece> pieces = cut(jittered_piece(is_long() ? 30 : 16), 5);
-  build(pieces, "first.svol", {.memory = std::uint64_t{1} << 30, .keep_cells = true});
-  const std::string first = read("first.svol");
-  for (const std::uint64_t memory : {std::uint64_t{1}, std::uint64_t{32} << 20, std::uint64_t{1} << 30})
-    for (const std::size_t threads : {1u, 2u, 7u}) {
-      const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-      build(pieces, "other.svol", {.memory = memory, .keep_cells = true});
-      EXPECT_TRUE(read("other.svol") == first) << memory << " bytes, " << threads << " threads";
-    }
+  for (const Piece& whole : {jittered_piece(is_long() ? 30 : 16), layered_piece(1)}) {
+    const std::vector<Piece> pieces = cut(whole, 5);
+    build(pieces, "first.svol", {.memory = std::uint64_t{1} << 30, .keep_cells = true});
+    const std::string first = read("first.svol");
+    for (const std::uint64_t memory : {std::uint64_t{1}, std::uint64_t{32} << 20, std::uint64_t{1} << 30})
+      for (const std::size_t threads : {1u, 2u, 7u}) {
+        const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+        build(pieces, "other.svol", {.memory = memory, .keep_cells = true});
+        EXPECT_TRUE(read("other.svol") == first) << memory << " bytes, " << threads << " threads";
+      }
+  }
 }
 
 TEST_F(CellsFile, OtherConnectivitiesLeaveThemOut) {

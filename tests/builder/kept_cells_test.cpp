@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "builder/mesh/heights.h"
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
 #include "builder/series/series_build.h"
@@ -226,10 +227,11 @@ std::string lattice_of_polyhedra(int n, bool turn = false, int doubled = 0) {
       positions.size(), points, n * n * n, numbers, cells, types, values, of_cells);
 }
 
-double volume_of(const CellReader& cells, std::vector<double>& volumes) {
+// Calls visit(chunk, cell, corners) for all cells.
+template <class Visit>
+void for_each_cell(const CellReader& cells, const Visit& visit) {
   format::RankedPoints points(cells, 1 << 20);
   format::CellVertices vertices([&](std::size_t page) { return cells.read_vertex_page(page); }, 1 << 20);
-  double sum = 0;
   for (const format::CellChunk& chunk : chunks_of(cells))
     for (std::size_t cell = 0; cell < chunk.size(); ++cell) {
       std::vector<format::RankedPoints::Place> places;
@@ -240,15 +242,90 @@ double volume_of(const CellReader& cells, std::vector<double>& volumes) {
         EXPECT_TRUE(points.find(chunk.corners_at(cell), places));
         EXPECT_TRUE(points.read_positions(places, corners));
       }
-      double volume = 0;
-      format::for_each_tetrahedron(chunk, cell, [&](const std::array<std::uint8_t, 4>& at) {
-        const dvec3 a = corners[at[0]];
-        volume += std::abs(glm::dot(corners[at[1]] - a, glm::cross(corners[at[2]] - a, corners[at[3]] - a))) / 6;
-      });
-      volumes.push_back(volume);
-      sum += volume;
+      visit(chunk, cell, corners);
     }
+}
+
+double volume_of(const CellReader& cells, std::vector<double>& volumes) {
+  double sum = 0;
+  for_each_cell(cells, [&](const format::CellChunk& chunk, std::size_t cell, const std::vector<dvec3>& corners) {
+    double volume = 0;
+    format::for_each_tetrahedron(chunk, cell, [&](const std::array<std::uint8_t, 4>& at) {
+      const dvec3 a = corners[at[0]];
+      volume += std::abs(glm::dot(corners[at[1]] - a, glm::cross(corners[at[2]] - a, corners[at[3]] - a))) / 6;
+    });
+    volumes.push_back(volume);
+    sum += volume;
+  });
   return sum;
+}
+
+// Hexahedra and wedges in thin layers, sheared so that a layer's corners are far from those above.
+std::string thin_layers() {
+  constexpr int width = 8, layers = 8;
+  const auto node = [](int x, int y, int z) { return x + (width + 1) * (y + (width + 1) * z); };
+  std::string points, values, cells, types, of_cells;
+  int count = 0, numbers = 0;
+  double height = 0;
+  for (int z = 0; z <= layers; ++z) {
+    for (int y = 0; y <= width; ++y)
+      for (int x = 0; x <= width; ++x) {
+        const double shift = 0.37 * z;
+        points += fmt::format("{} {} {}\n", x + shift, y - shift, height + 0.3 * std::sin(x + shift) + 0.2 * y);
+        values += fmt::format("{}\n", x + 2 * y + z);
+      }
+    height += z % 3 == 0 ? 1e-3 : z % 3 == 1 ? 0.02 : 0.4;
+  }
+  const auto add = [&](const std::vector<int>& nodes, int type) {
+    cells += fmt::format("{} {}\n", nodes.size(), fmt::join(nodes, " "));
+    types += fmt::format("{}\n", type);
+    of_cells += fmt::format("{}\n", count++);
+    numbers += 1 + static_cast<int>(nodes.size());
+  };
+  for (int z = 0; z < layers; ++z)
+    for (int y = 0; y < width; ++y)
+      for (int x = 0; x < width; ++x) {
+        const int a = node(x, y, z), b = node(x + 1, y, z), c = node(x + 1, y + 1, z), d = node(x, y + 1, z);
+        const int up = node(0, 0, 1);
+        if ((x + y) % 2 == 0) {
+          add({a, b, c, d, a + up, b + up, c + up, d + up}, 12);
+        } else {
+          add({a, b, c, a + up, b + up, c + up}, 13);
+          add({a, c, d, a + up, c + up, d + up}, 13);
+        }
+      }
+  return fmt::format(
+      "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {0} double\n{1}"
+      "CELLS {2} {3}\n{4}CELL_TYPES {2}\n{5}POINT_DATA {0}\nSCALARS p double 1\n"
+      "LOOKUP_TABLE default\n{6}CELL_DATA {2}\nSCALARS c double 1\nLOOKUP_TABLE default\n{7}",
+      node(0, 0, layers + 1), points, count, numbers, cells, types, values, of_cells);
+}
+
+// The corners of whole cells, be they points or vertices of their own.
+TEST_F(KeptCells, OfThinLayersKeepTheirHeights) {
+  write("layers.vtk", thin_layers());
+  for (const CellValues values : {CellValues::averaged, CellValues::own}) {
+    const auto corners_of = [&](bool exact) {
+      const auto volume = build("layers.vtk", {.cells = values}, exact);
+      EXPECT_EQ(report_.kept_cells->turned, 0u);
+      std::vector<dvec3> of_tetrahedra;  // four after each other
+      for_each_cell(*value_of(CellReader::open(*volume)),
+                    [&](const format::CellChunk& chunk, std::size_t cell, const std::vector<dvec3>& corners) {
+                      format::for_each_tetrahedron(chunk, cell, [&](const std::array<std::uint8_t, 4>& at) {
+                        for (const std::uint8_t k : at) of_tetrahedra.push_back(corners[k]);
+                      });
+                    });
+      return of_tetrahedra;
+    };
+    const std::vector<dvec3> exact = corners_of(true), rounded = corners_of(false);
+    ASSERT_EQ(exact.size(), rounded.size());
+    EXPECT_FALSE(exact == rounded);
+    for (std::size_t i = 0; i < exact.size(); i += 4) {
+      const auto height = [i](const std::vector<dvec3>& p) { return least_height(p[i], p[i + 1], p[i + 2], p[i + 3]); };
+      EXPECT_GE(height(rounded), height(exact) * (1 - 1.0 / 64));
+      for (std::size_t k = i; k < i + 4; ++k) EXPECT_LE(glm::length(rounded[k] - exact[k]), height(exact) / 256);
+    }
+  }
 }
 
 TEST_F(KeptCells, PolyhedraAreKeptAsSuch) {

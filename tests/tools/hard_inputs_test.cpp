@@ -1,4 +1,5 @@
 // Inputs at the edges of what numbers can hold: svbuild writes what svinfo --verify accepts.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -7,6 +8,7 @@
 #include <limits>
 #include <string>
 
+#include "tests/support/openfoam_files.h"
 #include "tests/support/programs.h"
 
 namespace splatvol::test {
@@ -98,6 +100,34 @@ TEST_F(HardInputs, TablesOfManyColumns) {
     lines += "\n";
   }
   expect_verified(write("wide.csv", names + "\n" + lines));
+}
+
+// Files of a case with noise in the last bits of its points are those of the case without, unless all bits are wanted.
+// An append does as its series.
+TEST_F(HardInputs, NoiseInLastBitsOfOpenFoam) {
+  const auto write_case = [&](bool noise) {
+    for (const auto& [name, text] : openfoam_files()) FolderTest::write("flow/" + name, text);
+    FolderTest::write("flow/0/p", read("flow/0.5/p"));
+    std::string points = read("flow/constant/polyMesh/points");
+    for (std::size_t at = 0; noise && (at = points.find("(1 ", at)) != std::string::npos;)
+      points.replace(at, 3, "(1.0000000000000002 ");
+    FolderTest::write("flow/constant/polyMesh/points", points);
+  };
+  const auto file = [&](bool noise, const std::string& options) {
+    write_case(noise);
+    expect_done("svbuild flow --attribute p -o out.svol " + options);
+    return read("out.svol");
+  };
+  EXPECT_TRUE(file(true, "") == file(false, ""));
+  EXPECT_FALSE(file(true, "--exact") == file(false, "--exact"));
+  EXPECT_THAT(run("svinfo out.svol").out, testing::ContainsRegex("largest error +0 "));
+
+  write_case(true);
+  for (const char* first : {"", "--exact"})
+    for (const char* then : {"", "--exact"}) {
+      expect_done(fmt::format("svbuild flow --attribute p --times 0:0 -o series.svol {}", first));
+      expect_done(fmt::format("svbuild flow --attribute p --times 0.5: --append -o series.svol {}", then));
+    }
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 
 #include "base/file.h"
 #include "base/temp_file.h"
+#include "builder/mesh/tetrahedra.h"
 #include "format/cell_reader.h"
 #include "format/ranked_points.h"
 #include "sampler/cell_tetrahedra.h"
@@ -77,7 +78,8 @@ double volume_of(const format::CellChunk& cells, std::size_t cell, std::span<con
 }
 
 // Mirrors a cell, so that its volume has the other sign in VTK's order.
-void mirror(CellShape shape, std::span<std::uint64_t> corners) {
+template <class Corner>
+void mirror(CellShape shape, std::span<Corner> corners) {
   switch (shape) {
     case CellShape::tetrahedron:
       return std::swap(corners[2], corners[3]);
@@ -94,12 +96,66 @@ void mirror(CellShape shape, std::span<std::uint64_t> corners) {
   }
 }
 
-// Cells of a chunk that meet a box.
-struct ChunkCells {
+// Cells of one shape.
+struct CellList {
   std::vector<std::uint64_t> corners;  // [cell][corner]: ranks or numbers of vertices, in VTK's order
   std::vector<std::uint64_t> points;   // [cell]: rank of the point whose value it has, if the field is constant
   std::vector<double> volumes;         // [cell]
+
+  void add(CellShape shape, std::span<std::uint64_t> ranks, double volume) {
+    if (volume < 0) mirror(shape, ranks);
+    volumes.push_back(std::abs(volume));
+    corners.insert(corners.end(), ranks.begin(), ranks.end());
+  }
+};
+
+// Cells of a chunk that meet a box.
+struct ChunkCells {
+  CellList cells;           // of written_shape()
+  CellList tetrahedra;      // of cells that a reader would split otherwise
+  std::uint64_t split = 0;  // these cells
   Status status;
+};
+
+// Tells whether a reader of the output would split a cell as the file does. Rounding may have moved the corners of a
+// face past each other, or apart in one chunk and not in the next: the lowest of them decides on the face's diagonal.
+class SplitCheck {
+ public:
+  // `corners`: of the cells of a chunk. `positions`: of its ranks. Both must outlive this.
+  SplitCheck(const format::LocalCells& corners, std::span<const dvec3> positions)
+      : corners_(corners), splitter_(positions, found_, census_) {}
+
+  // `volume`: of the cell.
+  bool agrees(const format::CellChunk& cells, std::size_t cell, double volume) {
+    if (cells.shape == CellShape::tetrahedron || cells.shape == CellShape::polyhedron) return true;
+    const auto numbers = std::span(corners_.corners).subspan(cells.begin_of(cell), format::corners_of(cells.shape));
+    std::vector<std::uint32_t> written(numbers.begin(), numbers.end());
+    if (volume < 0) mirror(cells.shape, std::span(written));
+    found_.clear();
+    splitter_.split(shape_of(cells.shape), written);
+    expected_.clear();
+    format::for_each_tetrahedron(cells, cell, [&](const std::array<std::uint8_t, 4>& at) {
+      expected_.push_back({numbers[at[0]], numbers[at[1]], numbers[at[2]], numbers[at[3]]});
+    });
+    for (auto* tetrahedra : {&found_, &expected_}) {
+      for (auto& tetrahedron : *tetrahedra) std::ranges::sort(tetrahedron);
+      std::ranges::sort(*tetrahedra);
+    }
+    return found_ == expected_;
+  }
+
+ private:
+  static splatvol::CellShape shape_of(CellShape shape) {
+    using Shape = splatvol::CellShape;
+    return shape == CellShape::hexahedron ? Shape::hexahedron
+           : shape == CellShape::wedge    ? Shape::wedge
+                                          : Shape::pyramid;
+  }
+
+  const format::LocalCells& corners_;
+  std::vector<TetrahedronSplitter::Tetrahedron> found_, expected_;
+  CellCensus census_;
+  TetrahedronSplitter splitter_;
 };
 
 // Some consecutive points of the output, or some of its cells.
@@ -126,6 +182,7 @@ class PartReader {
     const format::LocalCells local = format::number_corners(cells.corners);
     SPLATVOL_TRY(read_positions(local.ranks, positions_));
     const bool is_whole = is_within(box_of_cells(entry), selection_.box);
+    SplitCheck splits(local, positions_);
     std::vector<dvec3> corners;
     std::vector<std::uint64_t> ranks;
     for (std::size_t cell = 0; cell < cells.size(); ++cell) {
@@ -136,14 +193,18 @@ class PartReader {
       for (std::size_t k = 0; k < corners.size(); ++k)
         box.include(corners[k] = positions_[local.corners[cells.begin_of(cell) + k]]);
       if (!is_whole && !meets(box, selection_.box)) continue;
-      if (entry.shape != CellShape::polyhedron)
-        add(entry.shape, ranks, volume_of(cells, cell, corners), chunk);
-      else
+      const double volume = volume_of(cells, cell, corners);
+      const bool is_split = !splits.agrees(cells, cell, volume);
+      CellList& list = is_split ? chunk.tetrahedra : chunk.cells;
+      if (is_split || entry.shape == CellShape::polyhedron)
         format::for_each_tetrahedron(cells, cell, [&](const std::array<std::uint8_t, 4>& at) {
           std::array part = {ranks[at[0]], ranks[at[1]], ranks[at[2]], ranks[at[3]]};
-          add(CellShape::tetrahedron, part, volume_of(at, corners), chunk);
+          list.add(CellShape::tetrahedron, part, volume_of(at, corners));
         });
-      if (are_vertices_) chunk.points.resize(chunk.volumes.size(), cells.points[cell]);
+      else
+        list.add(entry.shape, ranks, volume);
+      chunk.split += is_split ? 1 : 0;
+      if (are_vertices_) list.points.resize(list.volumes.size(), cells.points[cell]);
     }
     return {};
   }
@@ -176,12 +237,6 @@ class PartReader {
       for (const float value : stored_) values.push_back(attribute.value(static_cast<double>(value)));
     }
     return {};
-  }
-
-  static void add(CellShape shape, std::span<std::uint64_t> ranks, double volume, ChunkCells& chunk) {
-    if (volume < 0) mirror(shape, ranks);
-    chunk.volumes.push_back(std::abs(volume));
-    chunk.corners.insert(chunk.corners.end(), ranks.begin(), ranks.end());
   }
 
   const format::CellReader& cells_;
@@ -284,19 +339,24 @@ class CellExport {
     tbb::parallel_for(std::size_t{0}, chunks.size(),
                       [&](std::size_t i) { chunks[i].status = readers_.local().read(entries[i], chunks[i]); });
     for (std::size_t i = 0; i < chunks.size(); ++i) {
-      const ChunkCells& chunk = chunks[i];
-      SPLATVOL_TRY(chunk.status);
-      if (chunk.volumes.empty()) continue;
-      used_.add(chunk.corners);
-      if (points_) SPLATVOL_TRY(points_->append(std::as_bytes(std::span(chunk.points))));
-      SPLATVOL_TRY(vtu_.write(file_, cell_arrays_, corners_, std::as_bytes(std::span(chunk.corners))));
-      corners_ += chunk.corners.size();
-      report_.cells += chunk.volumes.size();
-      for (const double volume : chunk.volumes) report_.volume += volume;
-      const CellShape shape = written_shape(entries[i].shape);
-      if (runs_.empty() || runs_.back().shape != shape) runs_.push_back({shape, 0});
-      runs_.back().cells += chunk.volumes.size();
+      SPLATVOL_TRY(chunks[i].status);
+      SPLATVOL_TRY(write_list(written_shape(entries[i].shape), chunks[i].cells));
+      SPLATVOL_TRY(write_list(CellShape::tetrahedron, chunks[i].tetrahedra));
+      report_.split += chunks[i].split;
     }
+    return {};
+  }
+
+  Status write_list(CellShape shape, const CellList& list) {
+    if (list.volumes.empty()) return {};
+    used_.add(list.corners);
+    if (points_) SPLATVOL_TRY(points_->append(std::as_bytes(std::span(list.points))));
+    SPLATVOL_TRY(vtu_.write(file_, cell_arrays_, corners_, std::as_bytes(std::span(list.corners))));
+    corners_ += list.corners.size();
+    report_.cells += list.volumes.size();
+    for (const double volume : list.volumes) report_.volume += volume;
+    if (runs_.empty() || runs_.back().shape != shape) runs_.push_back({shape, 0});
+    runs_.back().cells += list.volumes.size();
     return {};
   }
 
@@ -405,7 +465,7 @@ class CellExport {
   VtuFile vtu_;
   std::size_t cell_arrays_ = 0, point_arrays_ = 0;  // index of the first
   UsedRanks used_;
-  std::optional<TempFile> points_;           // [cell]: ChunkCells::points
+  std::optional<TempFile> points_;           // [cell]: CellList::points
   std::uint64_t corners_ = 0, written_ = 0;  // of slices: points and cells
   std::vector<Run> runs_;
   CellsReport report_;

@@ -16,6 +16,7 @@ struct CellsReport {
   std::uint64_t cells = 0;
   std::uint64_t points = 0;    // corners of these cells
   std::uint64_t left_out = 0;  // cells of chunks that meet the box, of a shape or field that this program does not know
+  std::uint64_t split = 0;     // cells that are written as their tetrahedra: a reader would split them otherwise
   double volume = 0;           // of the cells: each counts as positive
   std::uint64_t file_bytes = 0;
 };
@@ -23,7 +24,8 @@ struct CellsReport {
 /// Writes the cells that meet the selection's box, in the order of the file, with their corners as points, in the order
 /// of their ranks, and for each selected attribute the values there, in double precision (NaN: missing). A cell meets
 /// the box if the box round its corners does, as they are stored. The corners of a cell stand in an order that gives it
-/// a positive volume. Polyhedra are written as their tetrahedra. The selection's resolution does not matter.
+/// a positive volume. Polyhedra are written as their tetrahedra. So are cells whose positions, as they are stored, make
+/// svbuild choose other diagonals than the file has. The selection's resolution does not matter.
 /// Cells of their own (svbuild --cells own) have values themselves, and their corners have none.
 ///
 /// Reads nothing of chunks of cells and pages outside of the box. Reads each chunk of cells once: ranks of corners go

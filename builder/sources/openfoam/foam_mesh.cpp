@@ -98,10 +98,15 @@ std::vector<FoamPatch> read_foam_patches(const FoamPlace& boundary) {
   return patches;
 }
 
-FoamMesh read_foam_mesh(const FindMeshFile& find) {
+FoamMesh read_foam_faces(const FindMeshFile& find) {
   FoamMesh mesh;
   mesh.points = read_points(find("points"));
   mesh.faces = read_faces(find("faces"), mesh.points.size());
+  return mesh;
+}
+
+FoamMesh read_foam_mesh(const FindMeshFile& find) {
+  FoamMesh mesh = read_foam_faces(find);
   read_cells(find, mesh);
   return mesh;
 }

@@ -43,6 +43,9 @@ using FindMeshFile = std::function<FoamPlace(const char* name)>;
 /// Reads a mesh. Throws if a file is missing, damaged or cut off, or if numbers in it are out of range.
 [[nodiscard]] FoamMesh read_foam_mesh(const FindMeshFile& find);
 
+/// Reads the points and faces of a mesh, without its cells. Throws as read_foam_mesh().
+[[nodiscard]] FoamMesh read_foam_faces(const FindMeshFile& find);
+
 /// Throws if a patch has faces that the mesh does not have, or that are not on its boundary.
 void check_foam_patches(const FoamMesh& mesh, const std::vector<FoamPatch>& patches, const std::string& name);
 

@@ -14,7 +14,7 @@ namespace splatvol {
 template <class Options>
 auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Options>, SourceOptions> {
   return std::tie(options.selection, options.columns, options.time, options.cells, options.missing, options.patches,
-                  options.may_lack);
+                  options.may_lack, options.may_round);
 }
 
 template <class Step>
@@ -36,7 +36,7 @@ auto members_of(Shape& array) requires std::is_same_v<std::remove_const_t<Shape>
 
 template <class Census>
 auto members_of(Census& census) requires std::is_same_v<std::remove_const_t<Census>, CellCensus> {
-  return std::tuple_cat(std::tie(census.cells), numbers_of(census));
+  return std::tuple_cat(std::tie(census.cells, census.rounded_by), numbers_of(census));
 }
 
 template <class Material>

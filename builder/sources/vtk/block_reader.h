@@ -44,6 +44,9 @@ class BlockReader {
   /// Lets read() bring the patches along too, as surfaces. Called before select().
   virtual void want_patches() {}
 
+  /// Lets read() round points by less than matters, as SourceOptions::may_round. Called before select().
+  virtual void allow_rounding() {}
+
   /// The name of the patch that a surface is; `path`: the names of the blocks that it lies in, and its own. Empty: the
   /// surface is none.
   [[nodiscard]] virtual std::string patch_name(const std::vector<std::string>& path) const { return path.back(); }

@@ -67,6 +67,7 @@ class BlockDataSets final : public VtkDataSets {
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm_ = reader_->open(file_.path);
       if (file_.patches) reader_->want_patches();
+      if (options_.may_round) reader_->allow_rounding();
       if (algorithm_) algorithm_->UpdateInformation();
       reader_->select(options_.selection);
       const std::vector<double> times = reader_->times();

@@ -23,6 +23,7 @@
 #include "builder/sources/openfoam/foam_case.h"
 #include "builder/sources/openfoam/foam_fields.h"
 #include "builder/sources/openfoam/foam_mesh.h"
+#include "builder/sources/openfoam/foam_rounding.h"
 #include "builder/sources/vtk/block_reader.h"
 #include "builder/sources/vtk/patch.h"
 
@@ -211,6 +212,12 @@ class OpenFoamReader final : public BlockReader {
   vtkMultiBlockDataSet* output() override { return tree_; }
   std::vector<double> times() const override { return case_->times(); }
   void want_patches() override { wants_patches_ = true; }
+  void allow_rounding() override { may_round_ = true; }
+  CellCensus take_changes() override {
+    CellCensus changes;
+    changes.rounded_by = std::exchange(rounded_by_, 0);
+    return changes;
+  }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
   void select(const std::vector<std::string>& selection) override { selection_ = selection; }
 
@@ -271,8 +278,9 @@ class OpenFoamReader final : public BlockReader {
     const std::vector<FoamPatch> patches = read_foam_patches(boundary);
     auto grid = vtkSmartPointer<vtkUnstructuredGrid>::New();
     {
-      const FoamMesh mesh = read_foam_mesh(find);
+      FoamMesh mesh = read_foam_mesh(find);
       check_foam_patches(mesh, patches, boundary.name);
+      round(mesh, time);
       if (wants_patches_) add_patches(region, mesh, patches);
       grid->SetPoints(make_points(mesh.points));
       CellMaker(mesh).give_to(*grid);
@@ -286,6 +294,24 @@ class OpenFoamReader final : public BlockReader {
     return grid;
   }
 
+  /// Rounds the points of a mesh if that may be. All meshes of a step decide together. Steps need not agree: of a mesh
+  /// that moves, each has its own points.
+  void round(FoamMesh& mesh, std::optional<double> time) {
+    if (!may_round_) return;
+    if (!rounding_) {
+      rounding_.emplace();
+      const bool is_only = portions() == 1 && case_->regions().size() == 1;
+      if (is_only) rounding_->include(mesh);
+      for (int part = 0; part < portions() && !is_only; ++part)
+        for (const std::string& region : case_->regions())
+          rounding_->include(read_foam_faces(
+              [&](const char* name) { return case_->mesh_file(static_cast<std::size_t>(part), region, time, name); }));
+    }
+    const double step = rounding_->step();
+    rounded_by_ = step / 2;
+    if (step > 0) round_points(step, mesh.points);
+  }
+
   /// Patches between processors lie inside. Those of a region have the name of the region in front.
   void add_patches(const std::string& region, const FoamMesh& mesh, const std::vector<FoamPatch>& patches) {
     const std::string of_region = case_->regions().size() == 1 ? "" : (region.empty() ? "defaultRegion" : region) + "/";
@@ -296,7 +322,9 @@ class OpenFoamReader final : public BlockReader {
 
   std::optional<FoamCase> case_;
   std::vector<std::string> selection_;
-  bool wants_patches_ = false, has_read_ = false, is_checked_ = false;
+  bool wants_patches_ = false, has_read_ = false, is_checked_ = false, may_round_ = false;
+  std::optional<PointRounding> rounding_;  // of the step, once it is known
+  double rounded_by_ = 0;                  // not taken yet
   vtkNew<vtkMultiBlockDataSet> tree_;
   std::map<std::string, std::string> units_;
   std::vector<Patch> patches_;  // not taken yet

@@ -2,14 +2,17 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "builder/sources/openfoam/foam_case.h"
 #include "builder/sources/openfoam/foam_dimensions.h"
+#include "builder/sources/openfoam/foam_rounding.h"
 #include "builder/sources/reader_error.h"
 #include "tests/support/openfoam_files.h"
 #include "tests/support/temp_folder.h"
@@ -431,6 +434,69 @@ TEST_F(OpenFoam, TheLastMeshUpToATimeIsRead) {
   EXPECT_EQ(foam.mesh_file(0, "", 2, "points").name, "1/polyMesh/points");
   EXPECT_EQ(foam.mesh_file(0, "", 2, "owner").name, "constant/polyMesh/owner");
   EXPECT_THAT(foam.fields(0, "", 1, [](const std::string& name) { return name == "none"; }), IsEmpty());
+}
+
+// A triangle with a short edge, far from the origin.
+FoamMesh triangle(double far, double edge) {
+  FoamMesh mesh;
+  mesh.points = {{far, 0, 0}, {far, edge, 0}, {far, 0, 1}};
+  mesh.faces.starts = {0, 3};
+  mesh.faces.values = {0, 1, 2};
+  return mesh;
+}
+
+double step_of(const FoamMesh& mesh) {
+  PointRounding rounding;
+  rounding.include(mesh);
+  return rounding.step();
+}
+
+TEST(FoamRounding, KeepsFortyBitsOfTheLargestCoordinate) {
+  EXPECT_EQ(step_of(triangle(1, 1)), 0x1p-39);
+  EXPECT_EQ(step_of(triangle(-1.9, 1)), 0x1p-39);
+  EXPECT_EQ(step_of(triangle(2, 1)), 0x1p-38);
+  EXPECT_EQ(step_of(triangle(1e-9, 0.5)), 0x1p-39) << "1 is the largest";
+  EXPECT_EQ(PointRounding().step(), 0);
+}
+
+TEST(FoamRounding, NeedsAShortestEdgeOf4096Steps) {
+  EXPECT_EQ(step_of(triangle(1, 4096 * 0x1p-39)), 0x1p-39);
+  EXPECT_EQ(step_of(triangle(1, 4095 * 0x1p-39)), 0);
+  EXPECT_EQ(step_of(triangle(1, 0)), 0x1p-39) << "an edge without length has nothing to lose";
+  EXPECT_EQ(step_of(triangle(0x1p28, 1)), 0);
+  // All meshes decide together, in any order.
+  for (const bool first : {true, false}) {
+    PointRounding rounding;
+    if (first) rounding.include(triangle(1, 1e-9));
+    rounding.include(triangle(1, 1));
+    if (!first) rounding.include(triangle(1, 1e-9));
+    EXPECT_EQ(rounding.step(), 0);
+  }
+}
+
+TEST(FoamRounding, IgnoresPointsThatCannotBeUsed) {
+  const double infinity = std::numeric_limits<double>::infinity(), nan = std::nan("");
+  for (const double bad : {infinity, nan, 1e60}) {
+    FoamMesh mesh = triangle(1, 1);
+    mesh.points.push_back({bad, 0, 0});
+    mesh.points.push_back({1e30, 0, 0});  // of no face
+    mesh.faces = {{0, 3, 6}, {0, 1, 2, 0, 1, 3}};
+    EXPECT_EQ(step_of(mesh), 0x1p-39) << bad;
+    std::vector<dvec3> points = mesh.points;
+    round_points(0x1p-39, points);
+    EXPECT_EQ(points[4].x, 1e30);
+    EXPECT_TRUE(points[3].x == bad || std::isnan(bad));
+  }
+}
+
+TEST(FoamRounding, MovesACoordinateByHalfAStepAtMost) {
+  std::vector<dvec3> points = {{0.1, -0.1, 0.25}, {std::nextafter(0.1, 1), std::nextafter(-0.1, 0), -1e-17}};
+  round_points(0x1p-39, points);
+  EXPECT_EQ(points[0], dvec3(points[1].x, points[1].y, 0.25));
+  EXPECT_NEAR(points[0].x, 0.1, 0x1p-40);
+  EXPECT_EQ(points[0].y, -points[0].x);
+  EXPECT_EQ(points[1].z, 0);
+  EXPECT_FALSE(std::signbit(points[1].z));
 }
 
 }  // namespace

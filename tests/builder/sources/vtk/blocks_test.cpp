@@ -1212,6 +1212,86 @@ TEST_F(BlocksTest, OpenFoamIsReadInDouble) {
   }
 }
 
+/// The last bits of a coordinate that depend on the other coordinates, as blockMesh makes them.
+dvec3 noisy(dvec3 p) {
+  const dvec3 noise = glm::sin(1e3 * dvec3(p.y + 2 * p.z, p.z + 2 * p.x, p.x + 2 * p.y));
+  return p * (1.0 + 0x1p-51 * noise);
+}
+
+std::vector<dvec3> points_of(const Input& input) {
+  std::vector<dvec3> points;
+  for (const Piece& piece : input.pieces) points.insert(points.end(), piece.points.begin(), piece.points.end());
+  return points;
+}
+
+TEST_F(BlocksTest, OpenFoamLosesNoiseInLastBits) {
+  for (const bool whole : {true, false}) {
+    const auto points_at = [&](const Place& place, bool may_round) {
+      if (whole) {
+        write_openfoam_case(*this);
+        write_openfoam_part(*this, "", 0, block_cells, place);
+      } else {
+        write_processors(*this, 13, place);
+      }
+      const auto input = value_of(read_input({path("case.foam")}, {.may_round = may_round}));
+      EXPECT_EQ(input.census.rounded_by, may_round ? 0x1p-40 : 0);
+      return points_of(input);
+    };
+    const Place as_is = [](dvec3 p) { return p; };
+    const std::vector<dvec3> clean = points_at(as_is, false), rounded = points_at(as_is, true);
+    EXPECT_FALSE(points_at(noisy, false) == clean);
+    EXPECT_TRUE(points_at(noisy, true) == rounded);
+    for (std::size_t i = 0; i < clean.size(); ++i)
+      for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(clean[i][axis], rounded[i][axis], 0x1p-40);
+    std::filesystem::remove_all(path("constant"));
+  }
+}
+
+/// A layer that is too thin lies on the second processor, or in the second region: the points of the first stay, too.
+TEST_F(BlocksTest, OpenFoamIsRoundedAsAWholeOrNotAtAll) {
+  for (const double thickness : {4200 * 0x1p-39, 4000 * 0x1p-39}) {
+    write_processors(*this, 13, [&](dvec3 p) { return noisy({p.x, p.y, p.z > 0.9 ? 2.0 / 3 + thickness : p.z}); });
+    const auto input = value_of(read_input({path("case.foam")}, {.may_round = true}));
+    ASSERT_EQ(input.pieces.size(), 2u);
+    EXPECT_EQ(input.census.rounded_by > 0, thickness > 4096 * 0x1p-39);
+    for (const Piece& piece : input.pieces) EXPECT_EQ(piece.census.rounded_by > 0, thickness > 4096 * 0x1p-39);
+    const auto source = value_of(open_source({path("case.foam")}, {.may_round = true}));
+    const auto report = value_of(build_volume(*source, path("out.svol"), {}, [](const char*, double) {}));
+    EXPECT_EQ(report.resolution_counts.back(), block_points) << "nothing is torn";
+  }
+  write_openfoam_case(*this);
+  for (const std::string region : {"fluid", "solid"}) {
+    write_openfoam_part(*this, "part/", 0, block_cells, [&](dvec3 p) {
+      return noisy(region == "fluid" ? p : dvec3(p.x + 1, p.y, p.z > 0.9 ? 2.0 / 3 + 1e-9 : p.z));
+    });
+    for (const std::string step : {"constant", "0.5", "2"}) {
+      std::filesystem::create_directories(path(step));
+      std::filesystem::rename(path("part/" + step), path(step + "/" + region));
+    }
+  }
+  for (const char* processor : {"part", "processor0", "processor1"}) std::filesystem::remove_all(path(processor));
+  EXPECT_EQ(value_of(read_input({path("case.foam")}, {.may_round = true})).census.rounded_by, 0);
+}
+
+TEST_F(BlocksTest, TheStatedErrorCountsTheRoundingOfOpenFoam) {
+  write_processors(*this, 13, noisy);
+  constexpr double rounded_by = 0x1p-40;
+  double rounded = 0;
+  for (const bool may_round : {true, false})
+    for (const bool exact : {true, false}) {
+      const auto source = value_of(open_source({path("case.foam")}, {.may_round = may_round}));
+      const BuildOptions options{.exact = {.positions = exact}};
+      ASSERT_EQ(message_of(build_volume(*source, path("out.svol"), options, [](const char*, double) {})), "");
+      const double error = value_of(format::Volume::open(value_of(open_file(path("out.svol")))))->info().position_error;
+      if (exact)
+        EXPECT_EQ(error, may_round ? rounded_by : 0);
+      else if (may_round)
+        rounded = error;
+      else
+        EXPECT_EQ(rounded, error + rounded_by);
+    }
+}
+
 TEST_F(BlocksTest, RoundedEnSightIsTold) {
   write_ensight(*this);
   const std::string geometry = read_text_file(path("mesh.geo")).value();
