@@ -13,6 +13,7 @@ CellCensus& CellCensus::operator+=(const CellCensus& other) {
   std::apply(
       [&](auto&... sums) { std::apply([&](const auto&... numbers) { ((sums += numbers), ...); }, numbers_of(other)); },
       numbers_of(*this));
+  losses.insert(other.losses.begin(), other.losses.end());
   return *this;
 }
 

@@ -52,6 +52,9 @@ class BlockReader {
   /// of it. `path`: as for patch_name().
   [[nodiscard]] virtual std::string block_name(const std::vector<std::string>& path) const;
 
+  /// As VtkDataSets::declared(), for a data set of the output.
+  [[nodiscard]] virtual DeclaredArrays declared(vtkDataSet& /*data*/) { return {}; }
+
   /// Returns patches that are no surfaces of the output, once.
   virtual std::vector<Patch> take_patches() { return {}; }
 

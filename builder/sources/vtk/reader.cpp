@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/reader.h"
 
+#include <fmt/format.h>
 #include <vtkDataSet.h>
 #include <vtkDataSetReader.h>
 #include <vtkNew.h>
@@ -107,6 +108,8 @@ class FileDataSets final : public VtkDataSets {
 
   Source::PieceNumber number() const override { return {static_cast<std::uint32_t>(file_ - 1), in_file_ - 1}; }
 
+  DeclaredArrays declared() const override { return blocks_ ? blocks_->declared() : declared_; }
+
   std::uint64_t block() const override { return inner_block(files_[file_ - 1].block, blocks_ ? blocks_->block() : 0); }
 
   std::size_t blocks() const override {
@@ -145,8 +148,10 @@ class FileDataSets final : public VtkDataSets {
 
   Status announce_file(const VtkFile& file, ArrayUnion& arrays) const {
     if (is_xml(file.kind)) {
-      SPLATVOL_TRY_ASSIGN(pieces, xml_arrays(file.path, file.is_block));
-      for (std::vector<ArrayShape>& piece : pieces) SPLATVOL_TRY(arrays.add(file.path, wanted(std::move(piece))));
+      SPLATVOL_TRY_ASSIGN(pieces, xml_arrays(file.path));
+      for (XmlPiece& piece : pieces)
+        if (piece.has_points && !(file.is_block && piece.is_surface))
+          SPLATVOL_TRY(arrays.add(file.path, wanted(std::move(piece.arrays))));
       return {};
     }
     if (file.kind == VtkFile::Kind::legacy) return add(file.path, legacy_arrays(file.path), arrays);
@@ -239,7 +244,7 @@ class FileDataSets final : public VtkDataSets {
   }
 
   Status open_xml(VtkFile::Kind kind) {
-    SPLATVOL_TRY(check_xml(path_));
+    SPLATVOL_TRY_SET(declared_of_pieces_, check_xml(path_));
     auto reader = make_xml_reader(kind);
     SPLATVOL_TRY(run_vtk(path_, [&] {
       reader->SetFileName(path_.c_str());
@@ -275,13 +280,22 @@ class FileDataSets final : public VtkDataSets {
         output->ReleaseData();
       }
     }));
+    declare_piece(static_cast<std::size_t>(piece_));
     if (++piece_ == pieces_) reader_ = nullptr;
     if (!data) return fail(ErrorCode::invalid_data, "{}: VTK's reader gave no data", path_);
     return data;
   }
 
+  void declare_piece(std::size_t piece) {
+    declared_ = {};
+    if (piece >= declared_of_pieces_.size()) return;
+    if (pieces_ > 1) declared_.part = fmt::format("piece {}", piece + 1);
+    declared_.arrays = std::move(declared_of_pieces_[piece].arrays);
+  }
+
   Result<vtkSmartPointer<vtkDataSet>> read_legacy() {
-    SPLATVOL_TRY(check_legacy(path_));
+    declared_ = {};
+    SPLATVOL_TRY_SET(declared_.arrays, legacy_arrays(path_));
     vtkSmartPointer<vtkDataSet> data;
     SPLATVOL_TRY(run_vtk(path_, [&] {
       const vtkNew<vtkDataSetReader> reader;
@@ -315,6 +329,8 @@ class FileDataSets final : public VtkDataSets {
   std::vector<Patch> patches_;                          // of these files, not taken yet
   std::unique_ptr<VtkDataSets> blocks_;                 // of the current file, while it has blocks left
   vtkSmartPointer<vtkXMLReader> reader_;                // of the current file, while it has pieces left
+  std::vector<XmlPiece> declared_of_pieces_;            // of the current file
+  DeclaredArrays declared_;                             // of the last data set, if the current file has no blocks_
   int piece_ = 0;                                       // the next one
   int pieces_ = 0;
 };

@@ -74,6 +74,7 @@ class VtkSource final : public Source {
     time_ = time_in_fields(*pending_);
     const std::string path = data_sets_->path();
     SPLATVOL_TRY(arrays_.add(path, array_shapes(*pending_)));
+    SPLATVOL_TRY(arrays_.add(path, wanted(pending_declared_.arrays)));
     SPLATVOL_TRY(data_sets_->announce(arrays_));
     SPLATVOL_TRY_ASSIGN(all, arrays_.attributes(path, options_.cells));
     if (all.empty()) SPLATVOL_TRY_SET(all, make_attribute());
@@ -95,6 +96,7 @@ class VtkSource final : public Source {
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
     number_ = pending_number_;
+    const DeclaredArrays declared = std::exchange(pending_declared_, {});
     const std::uint64_t block = data_sets_->block();
     if (numbers_blocks_) add_block_number(*data);
     SPLATVOL_TRY(arrays_.check(data_sets_->path(), wanted(array_shapes(*data))));
@@ -111,6 +113,7 @@ class VtkSource final : public Source {
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
     note_differences(*data);
+    note_losses(*data, declared, piece->census.losses);
     return piece;
   }
 
@@ -142,8 +145,6 @@ class VtkSource final : public Source {
       lines.push_back(fmt::format("{}: of {}", fmt::join(in_order(converted_), ", "),
                                   own_cells_ ? "points, averaged to cells" : "cells, averaged to points"));
     if (!lacking_.empty()) lines.push_back(describe_lacking(in_order(lacking_)));
-    if (const auto arrays = data_sets_->left_out_arrays(); !arrays.empty())
-      lines.push_back(fmt::format("{}: left out, of neither points nor cells", fmt::join(arrays, ", ")));
     return lines;
   }
 
@@ -220,7 +221,9 @@ class VtkSource final : public Source {
 
   /// Those that the selection needs. Some readers read all.
   [[nodiscard]] std::vector<ArrayShape> wanted(std::vector<ArrayShape> shapes) const {
-    std::erase_if(shapes, [&](const ArrayShape& shape) { return !wants_array(options_.selection, shape.name); });
+    std::erase_if(shapes, [&](const ArrayShape& shape) {
+      return is_bookkeeping(shape.name) || !wants_array(options_.selection, shape.name);
+    });
     return shapes;
   }
 
@@ -247,12 +250,27 @@ class VtkSource final : public Source {
     }
   }
 
+  /// Names the arrays that the file declares and the reader did not give, and those that are left out.
+  void note_losses(vtkDataSet& data, const DeclaredArrays& declared, std::set<std::string>& losses) const {
+    const std::string& path = data_sets_->path();
+    for (const ArrayShape& array : wanted(declared.arrays)) {
+      const auto has = [&](bool of_cells) { return arrays_of(data, of_cells).HasArray(array.name.c_str()) != 0; };
+      if (array.of_cells ? has(*array.of_cells) : has(false) || has(true)) continue;
+      losses.insert(declared.part.empty()
+                        ? fmt::format("the reader did not deliver {} of {}", array.name, path)
+                        : fmt::format("the reader did not deliver {} of {} of {}", array.name, declared.part, path));
+    }
+    for (const std::string& array : data_sets_->left_out_arrays())
+      if (wants_array(options_.selection, array)) losses.insert(fmt::format("{}: left out, of neither points nor cells", array));
+  }
+
   /// Sets pending_ to the next data set that has points, or to null.
   Status load() {
     do {
       SPLATVOL_TRY_ASSIGN(data, data_sets_->next());
       pending_ = data;
       pending_number_ = data_sets_->number();
+      pending_declared_ = data_sets_->declared();
     } while (pending_ && pending_->GetNumberOfPoints() == 0);
     return {};
   }
@@ -277,6 +295,7 @@ class VtkSource final : public Source {
   std::optional<double> time_;          // that the first piece states
   vtkSmartPointer<vtkDataSet> pending_;
   PieceNumber pending_number_, number_;  // of pending_, and of the last piece
+  DeclaredArrays pending_declared_;      // for pending_
   bool selects_ = false;                 // some files
   RepeatedPieces repeats_;
 };
