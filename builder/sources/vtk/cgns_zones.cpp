@@ -264,10 +264,12 @@ class ZoneReader {
         if (solution.of_cells == of_cells && !named.contains(solution.name)) free.push_back(solution);
       if (free.size() == steps) {
         sort_by_number(free);
-        free.erase(free.begin() + static_cast<std::ptrdiff_t>(*step));
+        const CgnsSolution& of_step = free[*step];
         std::erase_if(all, [&](const CgnsSolution& solution) {
-          return std::ranges::find(free, solution.number, &CgnsSolution::number) != free.end();
+          return solution.number != of_step.number &&
+                 std::ranges::find(free, solution.number, &CgnsSolution::number) != free.end();
         });
+        std::ranges::find(all, of_step.number, &CgnsSolution::number)->label = stem_of(of_step.name);
       } else if (free.size() > 1) {
         losses.insert(fmt::format(
             "zone {}: {} solutions of {} that no FlowSolutionPointers name, for {} time steps: taken at each of them",
@@ -277,6 +279,8 @@ class ZoneReader {
     std::erase_if(all, [&](const CgnsSolution& solution) {
       return named.contains(solution.name) && std::ranges::find(wanted, solution.name) == wanted.end();
     });
+    for (CgnsSolution& solution : all)
+      if (named.contains(solution.name)) solution.label = stem_of(solution.name);
     return all;
   }
 
@@ -416,7 +420,7 @@ class ZoneReader {
       CGNS_ENUMT(GridLocation_t) location{};
       check(cg_sol_info(file_, base_, zone_, number, name.data(), &location));
       if (location == CGNS_ENUMV(Vertex) || location == CGNS_ENUMV(CellCenter))
-        all.push_back({number, name.data(), location == CGNS_ENUMV(CellCenter)});
+        all.push_back({number, name.data(), location == CGNS_ENUMV(CellCenter), name.data()});
     }
     return all;
   }
@@ -656,13 +660,11 @@ void CgnsZones::find_arrays(std::optional<double> time) {
     const ZoneReader reader(file(), zone.base, zone.zone);
     if (reader.is_flat()) continue;
     std::map<Key, std::size_t> counts;
-    for (CgnsSolution& solution : reader.solutions_at(step_of(zone, time), zone.times.size(), losses_)) {
-      // Names of solutions differ from step to step by a number.
-      if (zone.times.size() > 1) solution.name = stem_of(solution.name);
+    for (const CgnsSolution& solution : reader.solutions_at(step_of(zone, time), zone.times.size(), losses_)) {
       for (ArrayShape& shape : merge_cgns_vectors(reader.fields_of(solution.number))) {
         shape.of_cells = solution.of_cells;
         const std::string field = shape.name;
-        if (++counts[{solution.of_cells, field}] > 1) owners[{solution.of_cells, field}] = solution.name;
+        if (++counts[{solution.of_cells, field}] > 1) owners[{solution.of_cells, field}] = solution.label;
         zone.arrays.push_back({solution, field, std::move(shape)});
       }
     }
@@ -670,8 +672,8 @@ void CgnsZones::find_arrays(std::optional<double> time) {
   for (Zone& zone : zones_)
     for (CgnsArray& array : zone.arrays)
       if (const auto owner = owners.find({array.solution.of_cells, array.field});
-          owner != owners.end() && owner->second != array.solution.name)
-        array.shape.name = fmt::format("{} ({})", array.field, array.solution.name);
+          owner != owners.end() && owner->second != array.solution.label)
+        array.shape.name = fmt::format("{} ({})", array.field, array.solution.label);
 }
 
 std::vector<ArrayShape> CgnsZones::arrays(std::optional<double> time) {

@@ -26,6 +26,7 @@ struct CgnsSolution {
   int number;  // in its zone, by the library
   std::string name;
   bool of_cells;
+  std::string label;  // in the names of arrays: the same at all times
 };
 
 /// An array that solutions give: one field, or three that are a vector.
