@@ -23,8 +23,8 @@ class BlockReader {
   virtual ~BlockReader() = default;
 
   /// Checks a file and those that it names before open() sees them, as VTK's readers print, hang or end the program if
-  /// a file is damaged. `time`: that is wanted, if one is. Not inside run_vtk. Safe on untrusted bytes.
-  virtual Status check(const std::string& /*path*/, std::optional<double> /*time*/) { return {}; }
+  /// a file is damaged. Not inside run_vtk. Safe on untrusted bytes.
+  virtual Status check(const std::string& /*path*/, const SourceOptions& /*options*/) { return {}; }
 
   /// Opens a file. Returns VTK's reader; null if it is one of our own, which has times() and output().
   virtual vtkMultiBlockDataSetAlgorithm* open(const std::string& path) = 0;

@@ -63,7 +63,7 @@ class BlockDataSets final : public VtkDataSets {
       : file_(std::move(file)), options_(options), missing_(options.missing), reader_(make_block_reader(file_.kind)) {}
 
   Status open() {
-    SPLATVOL_TRY(reader_->check(file_.path, options_.time));
+    SPLATVOL_TRY(reader_->check(file_.path, options_));
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm_ = reader_->open(file_.path);
       if (file_.patches) reader_->want_patches();

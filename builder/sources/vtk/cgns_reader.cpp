@@ -200,7 +200,7 @@ vtkStandardNewMacro(ZoneTree);
 
 class CgnsReader final : public BlockReader {
  public:
-  Status check(const std::string& path, std::optional<double> /*time*/) override {
+  Status check(const std::string& path, const SourceOptions& /*options*/) override {
     SPLATVOL_TRY_ASSIGN(start, read_text(path, 64));
     if (!is_hdf5(start) && start.find("ADF Database") == std::string::npos)
       return fail(ErrorCode::invalid_data, "{}: not a CGNS file (neither HDF5 nor ADF)", path);

@@ -242,7 +242,7 @@ class PrecisePoints {
 
 class ExodusReader final : public BlockReader {
  public:
-  Status check(const std::string& path, std::optional<double> /*time*/) override {
+  Status check(const std::string& path, const SourceOptions& /*options*/) override {
     SPLATVOL_TRY_ASSIGN(start, read_text(path, 64));
     if (!is_hdf5(start) && !is_netcdf(start))
       return fail(ErrorCode::invalid_data, "{}: not an Exodus file (neither NetCDF nor HDF5)", path);

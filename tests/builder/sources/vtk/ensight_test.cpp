@@ -62,8 +62,6 @@ class EnsightText {
     record(body);
   }
 
-  [[nodiscard]] bool is_text() const { return encoding_ == Encoding::text; }
-
   std::string bytes;
 
  private:
@@ -158,8 +156,6 @@ void put_variable(EnsightText& file, const Variable& variable, std::uint32_t ste
   } else {
     values("coordinates", 8);
   }
-  // VTK 9.1 does not read such values of blocks from text.
-  if (variable.per_element && variable.components > 1 && file.is_text()) return;
   part(3);
   values("block", variable.per_element ? 2 : 12);
 }
@@ -480,6 +476,148 @@ TEST_F(EnsightNumbers, OfTheCase) {
     write("a.case", steps + "time values: " + time + "\n");
     EXPECT_THAT(error_of({path("a.case")}), HasSubstr("is no number"));
   }
+}
+
+/// A part of one hexahedron at x.
+void put_hexahedron(EnsightText& file, std::uint32_t part, double x) {
+  file.line("part");
+  file.ints({part});
+  file.line("a part");
+  file.line("coordinates");
+  file.ints({8});
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    file.floats(8, [&](std::size_t i) { return corners[i][axis] + (axis == 0 ? x : 0); });
+  file.line("hexa8");
+  file.ints({1});
+  file.ints({1, 2, 3, 4, 5, 6, 7, 8}, 8);
+}
+
+void put_values_of(EnsightText& file, std::uint32_t part, const char* header, std::size_t count, double first) {
+  file.line("part");
+  file.ints({part});
+  file.line(header);
+  file.floats(count, [&](std::size_t i) { return first + static_cast<double>(i); });
+}
+
+/// A geometry of one hexahedron, and a value of its points.
+std::string one_hexahedron(Encoding encoding) {
+  EnsightText file(encoding);
+  file.kind();
+  for (const char* line : {"one", "cell", "node id assign", "element id assign"}) file.line(line);
+  put_hexahedron(file, 1, 0);
+  return file.bytes;
+}
+std::string one_value(Encoding encoding, double first) {
+  EnsightText file(encoding);
+  file.line("T");
+  put_values_of(file, 1, "coordinates", 8, first);
+  return file.bytes;
+}
+
+// VTK 9.1 gives no values behind a part without points.
+TEST_F(EnsightTest, PartsWithoutPoints) {
+  for (const Encoding encoding : {Encoding::text, Encoding::binary}) {
+    EnsightText geometry(encoding), points(encoding), cells(encoding);
+    geometry.kind();
+    for (const char* line : {"three parts", "", "node id assign", "element id assign"}) geometry.line(line);
+    put_hexahedron(geometry, 1, 0);
+    geometry.line("part");
+    geometry.ints({2});
+    geometry.line("empty");
+    geometry.line("coordinates");
+    geometry.ints({0});
+    for (int axis = 0; axis < 3; ++axis) geometry.floats(0, {});
+    put_hexahedron(geometry, 3, 2);
+    points.line("T");
+    cells.line("q");
+    put_values_of(points, 1, "coordinates", 8, 0);
+    put_values_of(points, 2, "coordinates", 0, 0);
+    put_values_of(points, 3, "coordinates", 8, 100);
+    put_values_of(cells, 1, "hexa8", 1, 5);
+    put_values_of(cells, 3, "hexa8", 1, 6);
+    write("geo", geometry.bytes);
+    write("T", points.bytes);
+    write("q", cells.bytes);
+    write("a.case",
+          "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: T T\nscalar per element: q q\n");
+    const Input input = value_of(read_input({path("a.case")}));
+    ASSERT_EQ(input.pieces.size(), 2u);
+    EXPECT_THAT(input.pieces[0].values.at(0), ElementsAre(0, 1, 2, 3, 4, 5, 6, 7));
+    EXPECT_THAT(input.pieces[1].values.at(0), ElementsAre(100, 101, 102, 103, 104, 105, 106, 107));
+    EXPECT_THAT(input.pieces[1].values.at(1), Each(6));
+    EXPECT_THAT(input.census.losses, IsEmpty());
+  }
+}
+
+// VTK 9.1 leaves out a variable where its time set has another time.
+TEST_F(EnsightTest, VariablesOfSeveralTimeSets) {
+  write("geo", one_hexahedron(Encoding::text));
+  for (const int step : {0, 1, 2}) write(fmt::format("a{}", step), one_value(Encoding::text, 10 * step));
+  for (const int step : {0, 1}) write(fmt::format("b{}", step), one_value(Encoding::text, 1000 + 10 * step));
+  const auto write_case = [&](const std::string& times) {
+    write("a.case",
+          "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 a a*\n"
+          "scalar per node: 2 b b*\nTIME\ntime set: 1\nnumber of steps: 3\nfilename start number: 0\n"
+          "filename increment: 1\ntime values: 0 1 2\ntime set: 2\nnumber of steps: 2\nfilename start number: 0\n"
+          "filename increment: 1\ntime values: " +
+              times + "\n");
+  };
+  const auto first_values = [&](double time) {
+    const Input input = value_of(read_input({path("a.case")}, {{}, {}, time}));
+    EXPECT_THAT(input.attributes, ElementsAre("a", "b"));
+    return std::pair(input.pieces.at(0).values.at(0).at(0), input.pieces.at(0).values.at(1).at(0));
+  };
+  write_case("0 2");
+  EXPECT_THAT(first_values(0), Pair(0, 1000));
+  EXPECT_THAT(first_values(1), Pair(10, 1000));
+  EXPECT_THAT(first_values(2), Pair(20, 1010));
+  write_case("1 2");
+  EXPECT_THAT(first_values(0), Pair(0, IsNan())) << "b begins later";
+  EXPECT_THAT(first_values(1), Pair(10, 1000));
+}
+
+// VTK 9.1 looks for steps in a geometry that has none, without an end.
+TEST_F(EnsightTest, FileSetsOfSomeFiles) {
+  write("geo", one_hexahedron(Encoding::text));
+  std::string steps;
+  for (const int step : {0, 1, 2}) steps += "BEGIN TIME STEP\n" + one_value(Encoding::text, 10 * step) + "END TIME STEP\n";
+  write("T", steps);
+  const std::string rest =
+      "TIME\ntime set: 1\nnumber of steps: 3\ntime values: 0 1 2\nFILE\nfile set: 1\nnumber of steps: 3\n";
+  write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 1 T T\n" + rest);
+  for (const double time : {0., 1., 2.})
+    EXPECT_EQ(value_of(read_input({path("a.case")}, {{}, {}, time})).pieces.at(0).values.at(0).at(7), 10 * time + 7);
+  // EnSight 6 is for VTK's reader alone.
+  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 1 T T\n" + rest);
+  EXPECT_THAT(error_of({path("a.case")}), HasSubstr("names no file set"));
+  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: 1 1 geo\nVARIABLE\nscalar per node: 1 1 T T\n" + rest);
+  EXPECT_THAT(error_of({path("a.case")}), HasSubstr("geo: has 0 of the 3 time steps"));
+}
+
+TEST_F(EnsightTest, SectionsAndListsThatVtkDoesNotKnow) {
+  write("geo", one_hexahedron(Encoding::binary));
+  for (const int step : {4, 6}) write(fmt::format("T.{}", step), one_value(Encoding::binary, step));
+  write("times", "0.25\n0.5\n");
+  write("numbers", "4 6\n");
+  const std::string head = "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 T T.*\n";
+  write("a.case", head + "MATERIAL\nmaterial set number: 1 mats\nmaterial id count: 2\nmaterial id numbers: 1 2\n"
+                         "material id names: a b\nmaterial id per element: mid\nTIME\ntime set: 1 Model\n"
+                         "number of steps: 2\nfilename numbers file: numbers\ntime values file: times\n");
+  const Input input = value_of(read_input({path("a.case")}, {{}, {}, 0.3}));
+  ASSERT_TRUE(input.step.has_value());
+  EXPECT_EQ(input.step->time, 0.25);
+  EXPECT_THAT(input.pieces.at(0).values.at(0), ElementsAre(4, 5, 6, 7, 8, 9, 10, 11));
+  EXPECT_THAT(input.census.losses, ElementsAre(HasSubstr("a.case: the materials of cells are left out")));
+  write("a.case", head + "SURPRISE\n");
+  EXPECT_THAT(error_of({path("a.case")}), HasSubstr("the line \"SURPRISE\" is of no kind"));
+}
+
+TEST_F(EnsightTest, VariablesOfOneName) {
+  write("geo", one_hexahedron(Encoding::text));
+  for (const char* name : {"a", "b"}) write(name, one_value(Encoding::text, 0));
+  write("a.case",
+        "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: T a\nscalar per node: T b\n");
+  EXPECT_THAT(error_of({path("a.case")}), HasSubstr("two arrays of its points are called \"T\""));
 }
 
 TEST_F(EnsightTest, NumbersOfEnsight6) {
