@@ -49,6 +49,7 @@ struct Options {
   bool gradients = false;
   bool exact = false;
   bool strict = false;
+  bool no_displacements = false;
   bool boundary = false;
   bool drop_cells = false;
   std::uint64_t boundary_triangles = 0;  // 0: the default, if there is a boundary
@@ -255,7 +256,8 @@ SourceOptions source_options_of(const Options& options) {
           cell_values_of(options.cells),
           options.missing,
           options.boundary || options.boundary_triangles > 0,
-          false};
+          false,
+          !options.no_displacements};
 }
 
 InputReader input_reader(ReaderProcess& reader) {
@@ -551,6 +553,7 @@ void add_format_options(CommandLine& app, Options& options) {
                  "(default: the last)")
       ->type_name("T")
       ->check(check_finite);
+  add_displacements_option(app, options.no_displacements);
   app.add_flag("--gradients", options.gradients,
                "Keep the direction of each attribute's gradient at the points, about 3 bytes each: svrender --kernel "
                "octant needs it for scenes with lighting");

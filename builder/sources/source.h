@@ -212,6 +212,7 @@ struct SourceOptions {
   std::vector<double> missing = {};  // values that stand for none, besides the plain fill values
   bool patches = false;              // pieces bring the patches that the input names
   bool may_lack = false;             // values of selected attributes that are not there are missing
+  bool displacements = true;         // of Exodus: they move the points
 };
 
 /// Opens an input. Contract as open_source (builder/opening/open_source.h).

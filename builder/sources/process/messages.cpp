@@ -14,7 +14,7 @@ namespace splatvol {
 template <class Options>
 auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Options>, SourceOptions> {
   return std::tie(options.selection, options.columns, options.time, options.cells, options.missing, options.patches,
-                  options.may_lack);
+                  options.may_lack, options.displacements);
 }
 
 template <class Step>

@@ -77,6 +77,9 @@ class BlockReader {
   /// Whether the file has more digits. Reads its points.
   virtual bool has_finer_points(std::optional<double> /*time*/) { return false; }
 
+  /// As VtkDataSets::notes().
+  [[nodiscard]] virtual std::set<std::string> notes() const { return {}; }
+
   /// As VtkDataSets::left_out_arrays().
   [[nodiscard]] virtual std::set<std::string> left_out_arrays() const { return {}; }
 

@@ -91,6 +91,7 @@ class BlockDataSets final : public VtkDataSets {
   std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
+  std::set<std::string> notes() const override { return reader_->notes(); }
   std::set<std::string> left_out_arrays() const override { return reader_->left_out_arrays(); }
   std::uint64_t block() const override { return returned_block_.number; }
   DeclaredArrays declared() const override { return returned_block_.declared; }

@@ -106,6 +106,9 @@ class VtkDataSets {
   /// are no patches.
   [[nodiscard]] virtual CellCensus left_out() const { return {}; }
 
+  /// Lines on what the files opened so far make of the input, for Source::conversions().
+  [[nodiscard]] virtual std::set<std::string> notes() const { return {}; }
+
   /// The names of arrays in the files opened so far that belong to neither points nor cells, and are left out.
   [[nodiscard]] virtual std::set<std::string> left_out_arrays() const { return {}; }
 

@@ -60,6 +60,11 @@ class FileDataSets final : public VtkDataSets {
     if (blocks_) all += blocks_->left_out();
     return all;
   }
+  std::set<std::string> notes() const override {
+    std::set<std::string> all = notes_;
+    if (blocks_) all.merge(blocks_->notes());
+    return all;
+  }
   std::set<std::string> left_out_arrays() const override {
     std::set<std::string> all = left_out_arrays_;
     if (blocks_) all.merge(blocks_->left_out_arrays());
@@ -205,6 +210,7 @@ class FileDataSets final : public VtkDataSets {
       if (block) return block;
       extra_pieces_ += std::max<std::size_t>(blocks_->count(), 1) - 1;
       left_out_ += blocks_->left_out();
+      notes_.merge(blocks_->notes());
       left_out_arrays_.merge(blocks_->left_out_arrays());
       changes_ += blocks_->take_changes();
       std::ranges::move(blocks_->take_patches(), std::back_inserter(patches_));
@@ -324,7 +330,7 @@ class FileDataSets final : public VtkDataSets {
   std::size_t extra_pieces_ = 0;                        // of opened files, besides one for each
   std::string path_;                                    // of the current file
   CellCensus left_out_;                                 // of the files before the current one
-  std::set<std::string> left_out_arrays_;               // of these files
+  std::set<std::string> notes_, left_out_arrays_;       // of these files
   CellCensus changes_;                                  // of these files, not taken yet
   std::vector<Patch> patches_;                          // of these files, not taken yet
   std::unique_ptr<VtkDataSets> blocks_;                 // of the current file, while it has blocks left

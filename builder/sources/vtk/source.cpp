@@ -141,6 +141,7 @@ class VtkSource final : public Source {
   std::vector<std::string> conversions() const override {
     std::vector<std::string> lines;
     if (!made_.empty()) lines.push_back(made_);
+    for (const std::string& note : data_sets_->notes()) lines.push_back(note);
     if (!converted_.empty())
       lines.push_back(fmt::format("{}: of {}", fmt::join(in_order(converted_), ", "),
                                   own_cells_ ? "points, averaged to cells" : "cells, averaged to points"));
