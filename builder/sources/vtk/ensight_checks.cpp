@@ -488,7 +488,10 @@ class VariableWalk : public EnsightWalk {
                const EnsightFiles& variable)
       : EnsightWalk(std::move(path), std::move(file), encoding),
         variable_(variable),
-        values_{variable.variable, variable.per_element, variable.components, {}} {}
+        values_{.variable = variable.variable,
+                .per_element = variable.per_element,
+                .is_complex = variable.is_complex,
+                .components = variable.components} {}
 
   /// What was found of the step that is wanted.
   EnsightValues take_values() { return std::move(values_); }
@@ -684,7 +687,7 @@ class CaseFiles {
       SPLATVOL_TRY(check_geometry(folder_ / geometry_->name, std::move(*file)));
     }
     if (!layouts_.empty() && std::ranges::all_of(files_.variables(), [&](const EnsightFiles& variable) {
-          return !is_wanted(variable) || can_follow(variable);
+          return !is_wanted(variable) || (can_follow(variable) && !variable.is_complex);
         })) {
       findings_.geometry = geometry_;
       findings_.is_binary = encoding_.binary;
@@ -721,7 +724,7 @@ class CaseFiles {
   /// Whether it is known what a variable has at each step of its file. Without the geometry of all steps, a file of
   /// several steps cannot be followed.
   [[nodiscard]] bool can_follow(const EnsightFiles& variable) const {
-    if (layouts_.empty() || variable.is_complex) return false;
+    if (layouts_.empty()) return false;
     const auto values = files_.file_at(variable, time_);
     const bool moves = geometry_ && files_.geometry()->name.find('*') != std::string::npos;
     if (!values) return false;

@@ -123,9 +123,13 @@ class EnSightReader final : public BlockReader {
     DeclaredArrays declared;
     const std::size_t part = index_of(data);
     if (part < findings_.part_numbers.size()) declared.part = fmt::format("part {}", findings_.part_numbers[part]);
-    for (const EnsightValues& values : findings_.variables)
-      if (values.parts.contains(part))
-        declared.arrays.push_back({values.variable, static_cast<int>(values.components), values.per_element});
+    for (const EnsightValues& values : findings_.variables) {
+      ArrayShape shape{values.variable, static_cast<int>(values.components), values.per_element};
+      if (values.is_complex) shape.components *= 2;
+      if (values.parts.contains(part) && (declared.arrays.empty() || declared.arrays.back().name != shape.name ||
+                                          !values.is_complex))
+        declared.arrays.push_back(std::move(shape));
+    }
     return declared;
   }
 

@@ -49,12 +49,13 @@ class VtkSource final : public Source {
  public:
   /// `read_again`: makes the data sets once more; may be empty if they tell no blocks apart.
   VtkSource(std::unique_ptr<VtkDataSets> data_sets, const SourceOptions& options, std::optional<TimeStep> step = {},
-            std::function<std::unique_ptr<VtkDataSets>()> read_again = {})
+            std::function<std::unique_ptr<VtkDataSets>()> read_again = {}, std::vector<std::string> notes = {})
       : data_sets_(std::move(data_sets)),
         read_again_(std::move(read_again)),
         options_(options),
         own_cells_(options.cells == CellValues::own),
         missing_(options.missing),
+        notes_(std::move(notes)),
         step_(std::move(step)) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
@@ -139,7 +140,7 @@ class VtkSource final : public Source {
   std::uint64_t left_out_cells() const override { return data_sets_->left_out().left_out; }
 
   std::vector<std::string> conversions() const override {
-    std::vector<std::string> lines;
+    std::vector<std::string> lines = notes_;
     if (!made_.empty()) lines.push_back(made_);
     for (const std::string& note : data_sets_->notes()) lines.push_back(note);
     if (!converted_.empty())
@@ -285,6 +286,7 @@ class VtkSource final : public Source {
   MissingValues missing_;
   std::uint64_t points_ = 0;                   // of the pieces so far
   std::set<std::string> converted_, lacking_;  // attributes
+  std::vector<std::string> notes_;             // of whoever opened it
   std::string made_;                           // what is said of an attribute that the source made; empty: it made none
   bool numbers_blocks_ = false;                // in an array of the cells
   std::optional<TimeStep> step_;               // instead of that of data_sets_
@@ -342,9 +344,10 @@ Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const 
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const SourceOptions& options,
-                                               const std::optional<TimeStep>& step) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, options), options, step,
-                                            [files, options] { return read_vtk_files(files, options); });
+                                               const std::optional<TimeStep>& step, std::vector<std::string> notes) {
+  auto source = std::make_unique<VtkSource>(
+      read_vtk_files(files, options), options, step, [files, options] { return read_vtk_files(files, options); },
+      std::move(notes));
   std::string missing;
   SPLATVOL_TRY(source->start(missing));
   if (missing.empty() || options.may_lack) return source;
