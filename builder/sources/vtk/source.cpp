@@ -113,8 +113,7 @@ class VtkSource final : public Source {
     piece->census += data_sets_->take_changes();
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
-    note_differences(*data);
-    note_losses(*data, declared, piece->census.losses);
+    note_differences(*data, note_losses(*data, declared, piece->census.losses));
     return piece;
   }
 
@@ -237,14 +236,15 @@ class VtkSource final : public Source {
   }
 
   /// Notes the attributes whose values are those of cells instead of points, or the other way round, and those that a
-  /// piece lacks. A vector's components go with its magnitude.
-  void note_differences(vtkDataSet& data) {
+  /// piece lacks, but not those of `undelivered` arrays. A vector's components go with its magnitude.
+  void note_differences(vtkDataSet& data, const std::set<std::string>& undelivered) {
     std::set<std::string> vectors;
     for (const ArrayAttribute& attribute : attributes_) {
       if (attribute.is_volume && !own_cells_) converted_.insert(attribute.name);
       if (attribute.is_volume) continue;
       const auto values = find_values({}, data, attribute);
       if (!values || (values->array && values->of_cells == own_cells_)) continue;
+      if (!values->array && undelivered.contains(attribute.array)) continue;
       if (attribute.component == ArrayAttribute::magnitude) vectors.insert(attribute.array);
       if (attribute.components == 1 || attribute.component == ArrayAttribute::magnitude ||
           !vectors.contains(attribute.array))
@@ -252,18 +252,24 @@ class VtkSource final : public Source {
     }
   }
 
-  /// Names the arrays that the file declares and the reader did not give, and those that are left out.
-  void note_losses(vtkDataSet& data, const DeclaredArrays& declared, std::set<std::string>& losses) const {
+  /// Returns the arrays that the file declares and the reader did not give, and tells of them and of those that are
+  /// left out.
+  std::set<std::string> note_losses(vtkDataSet& data, const DeclaredArrays& declared,
+                                    std::set<std::string>& losses) const {
+    std::set<std::string> undelivered;
     const std::string& path = data_sets_->path();
     for (const ArrayShape& array : wanted(declared.arrays)) {
       const auto has = [&](bool of_cells) { return arrays_of(data, of_cells).HasArray(array.name.c_str()) != 0; };
       if (array.of_cells ? has(*array.of_cells) : has(false) || has(true)) continue;
+      undelivered.insert(array.name);
       losses.insert(declared.part.empty()
                         ? fmt::format("the reader did not deliver {} of {}", array.name, path)
                         : fmt::format("the reader did not deliver {} of {} of {}", array.name, declared.part, path));
     }
     for (const std::string& array : data_sets_->left_out_arrays())
-      if (wants_array(options_.selection, array)) losses.insert(fmt::format("{}: left out, of neither points nor cells", array));
+      if (wants_array(options_.selection, array))
+        losses.insert(fmt::format("{}: left out, of neither points nor cells", array));
+    return undelivered;
   }
 
   /// Sets pending_ to the next data set that has points, or to null.

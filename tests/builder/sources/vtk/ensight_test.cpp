@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "builder/opening/open_source.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
@@ -551,6 +552,10 @@ TEST_F(EnsightTest, PartsWithoutPoints) {
     // Complex values are read by VTK's reader, and then all others are.
     if (encoding == Encoding::binary) continue;
     write("a.case", text + "complex scalar per node: c T T\n");
+    auto source = value_of(open_source({path("a.case")}, {}));
+    while (value_of(source->next())) {
+    }
+    EXPECT_THAT(source->conversions(), ElementsAre(HasSubstr("q: of cells"))) << "no part lacks it";
     EXPECT_THAT(value_of(read_input({path("a.case")})).census.losses,
                 ElementsAre("the reader did not deliver T of part 3 of " + path("a.case"),
                             "the reader did not deliver c of part 3 of " + path("a.case")));
