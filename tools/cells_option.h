@@ -22,9 +22,10 @@ inline void add_cells_option(CommandLine& app, std::string& cells, const std::st
 }
 
 inline void add_displacements_option(CommandLine& app, bool& without) {
-  app.add_flag("--no-displacements", without,
-               "Leave the points of an Exodus file where its coordinates are: without it, a vector of the points that is "
-               "called disp, displ or displacement moves them");
+  app.add_flag(
+      "--no-displacements", without,
+      "Leave the points of an Exodus file where its coordinates are: without it, a vector of the points that is "
+      "called disp, displ or displacement moves them");
 }
 
 }  // namespace splatvol

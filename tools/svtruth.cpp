@@ -201,9 +201,8 @@ Status draw(const Options& options) {
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
-  SourceOptions source_options{.cells = cell_values_of(options.cells),
-                               .missing = options.missing,
-                               .displacements = !options.no_displacements};
+  SourceOptions source_options{
+      .cells = cell_values_of(options.cells), .missing = options.missing, .displacements = !options.no_displacements};
   source_options.patches = std::ranges::any_of(
       scene.surfaces, [](const SceneSurface& surface) { return surface.shown && !surface.boundary.empty(); });
   std::optional<BoundaryFaces> faces;

@@ -320,8 +320,8 @@ class CgnsReader final : public BlockReader {
   bool reads_meshes_ = false;  // zones_, as VTK's reader would fail
   vtkNew<ZoneTree> tree_;      // of zones_
   std::vector<std::string> selection_;
-  int portion_ = 0;                  // that was read last
-  std::map<int, CgnsValues> ahead_;  // arrays of zones to come
+  int portion_ = 0;                           // that was read last
+  std::map<int, CgnsValues> ahead_;           // arrays of zones to come
   std::set<std::string> left_out_;            // fields of faces
   std::map<std::string, std::string> units_;  // of fields
   std::string path_;

@@ -509,12 +509,11 @@ class ZoneReader {
 
   /// `size`: values along each axis, unless there are `places`.
   void read_component(int solution, const std::string& field, const std::array<cgsize_t, 3>& size,
-                      const std::optional<std::vector<vtkIdType>>& places, vtkDoubleArray& array,
-                      int component) const {
+                      const std::optional<std::vector<vtkIdType>>& places, vtkDoubleArray& array, int component) const {
     std::vector<double> values(places ? places->size() : static_cast<std::size_t>(array.GetNumberOfTuples()));
     const std::array<cgsize_t, 3> first = {1, 1, 1};
-    const std::array<cgsize_t, 3> last = places ? std::array<cgsize_t, 3>{static_cast<cgsize_t>(values.size()), 1, 1}
-                                                : size;
+    const std::array<cgsize_t, 3> last =
+        places ? std::array<cgsize_t, 3>{static_cast<cgsize_t>(values.size()), 1, 1} : size;
     check(cg_field_read(file_, base_, zone_, solution, field.c_str(), CGNS_ENUMV(RealDouble), first.data(), last.data(),
                         values.data()));
     const auto components = static_cast<std::size_t>(array.GetNumberOfComponents());

@@ -48,13 +48,13 @@ class CgnsZones {
   CgnsZones(const CgnsZones&) = delete;
   CgnsZones& operator=(const CgnsZones&) = delete;
 
-  /// Whether read() is to be taken for the meshes: it can read all of them, or VTK's reader would fail for one. That one
-  /// takes the elements with the lowest numbers for the cells, so surfaces must have higher ones. It takes cells of a
-  /// file of CGNS 3.0 for others.
+  /// Whether read() is to be taken for the meshes: it can read all of them, or VTK's reader would fail for one. That
+  /// one takes the elements with the lowest numbers for the cells, so surfaces must have higher ones. It takes cells of
+  /// a file of CGNS 3.0 for others.
   [[nodiscard]] bool reads_meshes();
 
-  /// Closes the file that one of these has open, until it is needed again. To be called before others open a file: where
-  /// it is the same one, the library takes one for the other when it closes it.
+  /// Closes the file that one of these has open, until it is needed again. To be called before others open a file:
+  /// where it is the same one, the library takes one for the other when it closes it.
   static void close_file();
 
   [[nodiscard]] int count() const { return static_cast<int>(zones_.size()); }

@@ -304,7 +304,8 @@ Status insert_lists(const std::string& path, std::string& text, std::string& fir
   std::string whole;
   for (std::string_view rest = text; !rest.empty();) {
     const std::string_view line = take_line(rest), bare = bare_case_line(line);
-    const auto list = std::ranges::find_if(lists_in_files, [&](const auto& names) { return bare.starts_with(names[0]); });
+    const auto list =
+        std::ranges::find_if(lists_in_files, [&](const auto& names) { return bare.starts_with(names[0]); });
     if (list == lists_in_files.end()) {
       whole += line;
       whole += '\n';

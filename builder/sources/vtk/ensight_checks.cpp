@@ -623,7 +623,8 @@ Result<std::size_t> count_in(ByteSource& file, std::string_view word) {
   std::size_t count = 0;
   for (std::uint64_t offset = 0; offset < file.size(); offset += at_once) {
     SPLATVOL_TRY_ASSIGN(text, read_text(file, offset, at_once + word.size() - 1));
-    for (std::size_t at = text.find(word); at < std::min<std::size_t>(text.size(), at_once); at = text.find(word, at + 1))
+    for (std::size_t at = text.find(word); at < std::min<std::size_t>(text.size(), at_once);
+         at = text.find(word, at + 1))
       ++count;
   }
   return count;

@@ -74,9 +74,8 @@ class EnSightReader final : public BlockReader {
     constexpr const char* needed =
         "it is needed where a case is not EnSight Gold, and for complex values, ranges of blocks and ghosts of blocks";
     if (!files_.unknown_line().empty())
-      return fail(ErrorCode::unsupported,
-                  "{}: the line \"{}\" is of no kind that VTK's reader of EnSight knows; {}", path,
-                  files_.unknown_line().substr(0, 80), needed);
+      return fail(ErrorCode::unsupported, "{}: the line \"{}\" is of no kind that VTK's reader of EnSight knows; {}",
+                  path, files_.unknown_line().substr(0, 80), needed);
     if (files_.mixes_file_sets())
       return fail(ErrorCode::unsupported,
                   "{}: a line of GEOMETRY or VARIABLE names no file set, and VTK's reader takes the first; {}", path,
@@ -126,8 +125,8 @@ class EnSightReader final : public BlockReader {
     for (const EnsightValues& values : findings_.variables) {
       ArrayShape shape{values.variable, static_cast<int>(values.components), values.per_element};
       if (values.is_complex) shape.components *= 2;
-      if (values.parts.contains(part) && (declared.arrays.empty() || declared.arrays.back().name != shape.name ||
-                                          !values.is_complex))
+      if (values.parts.contains(part) &&
+          (declared.arrays.empty() || declared.arrays.back().name != shape.name || !values.is_complex))
         declared.arrays.push_back(std::move(shape));
     }
     return declared;
@@ -224,7 +223,7 @@ class EnSightReader final : public BlockReader {
 
   std::string path_;
   EnsightCase files_{""};
-  vtkNew<vtkGenericEnSightReader> reader_;        // unless `findings_` has all but the geometry
+  vtkNew<vtkGenericEnSightReader> reader_;       // unless `findings_` has all but the geometry
   vtkSmartPointer<vtkMultiBlockDataSet> parts_;  // that were read last
   EnsightFindings findings_;
   CellCensus changes_;

@@ -52,7 +52,7 @@ struct ExodusHeader {
   std::set<std::string> values;  // the names of NetCDF's variables with values of Exodus's variables
   std::vector<std::string> nodal, of_elements;  // names of variables
   bool has_steps = false;
-  bool in_one_array = false;     // an older file: one of them has the values of all variables of the points
+  bool in_one_array = false;  // an older file: one of them has the values of all variables of the points
 
   /// Whether a variable that is declared has values: of the points, or of a block's cells.
   [[nodiscard]] bool has_nodal_values(int variable) const {
@@ -421,7 +421,8 @@ class ExodusReader final : public BlockReader {
       const ExodusArray& array = nodal_[i];
       const std::size_t length = displacement_word(array.name);
       bool has_values = header_.has_steps;
-      for (int c = 0; c < array.components; ++c) has_values = has_values && header_.has_nodal_values(array.variable + c);
+      for (int c = 0; c < array.components; ++c)
+        has_values = has_values && header_.has_nodal_values(array.variable + c);
       if (array.components != 3 || !has_values || length <= longest) continue;
       displacements_ = i;
       longest = length;

@@ -434,7 +434,9 @@ class GmshReader {
       if (i == 2) count = static_cast<std::uint64_t>(integer);
     }
     if (in_.binary()) in_.line();
-    if (!std::isfinite(view.time) || view.components < 1 || view.components > 9 || integers < 3 || count > in_.left() / 4) in_.fail();
+    if (!std::isfinite(view.time) || view.components < 1 || view.components > 9 || integers < 3 ||
+        count > in_.left() / 4)
+      in_.fail();
     for (std::uint64_t i = 0; i < count && !headers_only_ && !in_.failed(); ++i) read_view_values(view);
     const auto [known, is_new] =
         sections_.try_emplace({view.at, view.name, view.components, view.step, view.time}, file_.views.size());
@@ -457,8 +459,8 @@ class GmshReader {
       const auto twice = std::ranges::adjacent_find(tags);
       if (twice != tags.end())
         return fail(ErrorCode::invalid_data,
-                    "{}: two views are called \"{}\": both have values of {} {} at time {}; rename one", path_, view.name,
-                    view.at == GmshView::At::nodes ? "node" : "element", *twice, view.time);
+                    "{}: two views are called \"{}\": both have values of {} {} at time {}; rename one", path_,
+                    view.name, view.at == GmshView::At::nodes ? "node" : "element", *twice, view.time);
       const auto [known, is_new] = components.try_emplace({view.at, view.name}, view.components);
       if (known->second != view.components)
         return fail(ErrorCode::invalid_data,

@@ -44,7 +44,7 @@ struct GmshFile {
   std::vector<std::uint64_t> node_tags;
   std::vector<dvec3> points;
   GmshElements elements;
-  std::vector<GmshView> views;  // a step may be in several sections
+  std::vector<GmshView> views;    // a step may be in several sections
   std::vector<GmshGroup> groups;  // by their names, each with an element at least; only if they are asked for
   bool may_repeat = false;        // version 2.2 repeats an element for each of its physical groups
 };

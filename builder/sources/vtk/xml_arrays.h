@@ -13,7 +13,8 @@ namespace splatvol {
 
 /// A piece of an XML file, as its header describes it.
 struct XmlPiece {
-  std::vector<ArrayShape> arrays;  // those that give attributes, as array_shapes lists them when the piece has been read
+  std::vector<ArrayShape>
+      arrays;  // those that give attributes, as array_shapes lists them when the piece has been read
   bool has_points = false;
   bool is_surface = false;  // it has polygons or strips
 };

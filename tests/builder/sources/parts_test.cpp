@@ -131,8 +131,8 @@ TEST_F(PartsTest, PiecesThatAreNamedTwiceCountOnce) {
                                         "<DataSet timestep=\"0\" part=\"2\" file=\"a.vtu\"/>"))},
               "at.pvd" + once);
   // A piece beside a list that names it.
-  write("two.pvtu", vtk_file("PUnstructuredGrid", "<Piece Source=\"a.vtu\"/><Piece Source=\"b.vtu\"/>",
-                             "GhostLevel=\"0\""));
+  write("two.pvtu",
+        vtk_file("PUnstructuredGrid", "<Piece Source=\"a.vtu\"/><Piece Source=\"b.vtu\"/>", "GhostLevel=\"0\""));
   expect_once({path("two.pvtu"), path("a.vtu")}, "two.pvtu" + once);
 }
 
@@ -191,8 +191,8 @@ TEST_F(PartsTest, BlocksAreToldApartByTheirPlaces) {
 
   write("inner.vtm", vtk_file(multi_block, set("1", "name=\"a\"") + set("2", "name=\"b\"")));
   write("other.vtm", vtk_file(multi_block, set("3", "name=\"a\"") + set("4", "name=\"b\"")));
-  const auto nested = blocks_of(
-      multi_block, "<DataSet name=\"a\" file=\"inner.vtm\"/><DataSet name=\"b\" file=\"other.vtm\"/>");
+  const auto nested =
+      blocks_of(multi_block, "<DataSet name=\"a\" file=\"inner.vtm\"/><DataSet name=\"b\" file=\"other.vtm\"/>");
   EXPECT_EQ((std::set<std::uint64_t>(nested.begin(), nested.end()).size()), 4u);
 
   const auto files = value_of(read_input({path("1.vtu"), path("2.vtu")}));

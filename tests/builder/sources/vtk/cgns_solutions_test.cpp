@@ -82,8 +82,8 @@ class CgnsWriter {
   }
   void field(int zone, int solution, const std::string& name, const std::vector<double>& values) const {
     int ignored = 0;
-    EXPECT_EQ(cg_field_write(file_, base_, zone, solution, CGNS_ENUMV(RealDouble), name.c_str(), values.data(), &ignored),
-              0)
+    EXPECT_EQ(
+        cg_field_write(file_, base_, zone, solution, CGNS_ENUMV(RealDouble), name.c_str(), values.data(), &ignored), 0)
         << cg_get_error();
   }
 
@@ -100,8 +100,7 @@ class CgnsWriter {
       for (const std::string& name : of_step) text += fmt::format("{:32}", name.empty() ? "Null" : name);
     const std::vector<int> counts(zones.size(), static_cast<int>(zones[0].size()));
     const auto steps = static_cast<cgsize_t>(zones.size());
-    const std::array<cgsize_t, 3> size = {32, static_cast<cgsize_t>(zones[0].size()),
-                                          steps};
+    const std::array<cgsize_t, 3> size = {32, static_cast<cgsize_t>(zones[0].size()), steps};
     cg_goto(file_, base_, "BaseIterativeData_t", 1, "end");
     cg_array_write("NumberOfZones", CGNS_ENUMV(Integer), 1, &steps, counts.data());
     EXPECT_EQ(cg_array_write("ZonePointers", CGNS_ENUMV(Character), 3, size.data(), text.data()), 0) << cg_get_error();
@@ -185,8 +184,8 @@ TEST_F(CgnsSolutionsTest, ValuesOfSomePointsOrCells) {
     const CgnsWriter file(path("a.cgns"));
     const int zone = file.zone("One");
     // Numbers of points along each axis.
-    file.field(zone,
-               file.solution_at(zone, "List", vertex, CGNS_ENUMV(PointList), 2, {point, 1, 1, 3, 2, 2}), "list", {5, 6});
+    file.field(zone, file.solution_at(zone, "List", vertex, CGNS_ENUMV(PointList), 2, {point, 1, 1, 3, 2, 2}), "list",
+               {5, 6});
     file.field(zone, file.solution_at(zone, "Range", vertex, CGNS_ENUMV(PointRange), 2, {2, 1, 2, 3, 2, 2}), "range",
                {1, 2, 3, 4});
     file.field(zone, file.solution_at(zone, "Cell", cell_center, CGNS_ENUMV(PointRange), 2, {2, 1, 1, 2, 1, 1}), "cell",
@@ -211,7 +210,8 @@ TEST_F(CgnsSolutionsTest, WithoutPointersBelongToTimesByTheirOrder) {
     file.times({0, 1});
     const int zone = file.zone("One");
     for (int s = 0; s < solutions; ++s)
-      file.field(zone, file.solution(zone, fmt::format("Flow#{}", 9 + s), vertex), "T", s == 0 ? points_up : points_down);
+      file.field(zone, file.solution(zone, fmt::format("Flow#{}", 9 + s), vertex), "T",
+                 s == 0 ? points_up : points_down);
     file.field(zone, file.solution(zone, "Constant", cell_center), "c", {1, 2});
   };
   write(2);

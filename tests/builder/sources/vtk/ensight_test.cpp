@@ -593,7 +593,8 @@ TEST_F(EnsightTest, VariablesOfSeveralTimeSets) {
 TEST_F(EnsightTest, FileSetsOfSomeFiles) {
   write("geo", one_hexahedron(Encoding::text));
   std::string steps;
-  for (const int step : {0, 1, 2}) steps += "BEGIN TIME STEP\n" + one_value(Encoding::text, 10 * step) + "END TIME STEP\n";
+  for (const int step : {0, 1, 2})
+    steps += "BEGIN TIME STEP\n" + one_value(Encoding::text, 10 * step) + "END TIME STEP\n";
   write("T", steps);
   const std::string rest =
       "TIME\ntime set: 1\nnumber of steps: 3\ntime values: 0 1 2\nFILE\nfile set: 1\nnumber of steps: 3\n";
@@ -613,9 +614,10 @@ TEST_F(EnsightTest, SectionsAndListsThatVtkDoesNotKnow) {
   write("times", "0.25\n0.5\n");
   write("numbers", "4 6\n");
   const std::string head = "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 T T.*\n";
-  write("a.case", head + "MATERIAL\nmaterial set number: 1 mats\nmaterial id count: 2\nmaterial id numbers: 1 2\n"
-                         "material id names: a b\nmaterial id per element: mid\nTIME\ntime set: 1 Model\n"
-                         "number of steps: 2\nfilename numbers file: numbers\ntime values file: times\n");
+  write("a.case", head +
+                      "MATERIAL\nmaterial set number: 1 mats\nmaterial id count: 2\nmaterial id numbers: 1 2\n"
+                      "material id names: a b\nmaterial id per element: mid\nTIME\ntime set: 1 Model\n"
+                      "number of steps: 2\nfilename numbers file: numbers\ntime values file: times\n");
   const Input input = value_of(read_input({path("a.case")}, {{}, {}, 0.3}));
   ASSERT_TRUE(input.step.has_value());
   EXPECT_EQ(input.step->time, 0.25);

@@ -136,10 +136,9 @@ TEST_F(ExodusTest, OnlyDisplacementsMovePoints) {
     std::size_t moving;  // the number of vectors: none
     std::string told;
   };
-  for (const auto& [vectors, moving, told] : {Case{{"discharge_", "dissipation", "dispersion_", "displaced"}, 4, ""},
-                                              Case{{"disp_"}, 0, "disp_"},
-                                              Case{{"DISPL"}, 0, "DISPL"},
-                                              Case{{"disp_", "Displacement_", "displ_"}, 1, "Displacement_"}}) {
+  for (const auto& [vectors, moving, told] :
+       {Case{{"discharge_", "dissipation", "dispersion_", "displaced"}, 4, ""}, Case{{"disp_"}, 0, "disp_"},
+        Case{{"DISPL"}, 0, "DISPL"}, Case{{"disp_", "Displacement_", "displ_"}, 1, "Displacement_"}}) {
     Mesh mesh = cube(2, 1, dvec3(0));
     for (std::size_t v = 0; v < vectors.size(); ++v) add_vector(mesh, vectors[v], static_cast<double>(v + 1));
     mesh.write(path("mesh.e"));

@@ -603,9 +603,9 @@ GmshMesh gmsh_with(void (*put_values)(GmshText& out, const GmshMesh& mesh)) {
 TEST_F(FormatsTest, SectionsOfAViewInGmshAreItsParts) {
   for (const bool binary : {false, true}) {
     write("a.msh", gmsh_4(binary, gmsh_with([](GmshText& out, const GmshMesh&) {
-            put_view(out, "NodeData", "T", 0, {1, 2, 3, 8}, 1, its_tag);
-            put_view(out, "NodeData", "T", 0, {4, 5, 6, 7}, 1, its_tag);
-          })));
+                            put_view(out, "NodeData", "T", 0, {1, 2, 3, 8}, 1, its_tag);
+                            put_view(out, "NodeData", "T", 0, {4, 5, 6, 7}, 1, its_tag);
+                          })));
     const Input input = value_of(read_input({path("a.msh")}));
     EXPECT_THAT(input.attributes, ElementsAre("T"));
     EXPECT_THAT(input.pieces.at(0).values.at(0), ElementsAre(1, 2, 3, 4, 5, 6, 7, 8));
@@ -642,11 +642,12 @@ TEST_F(FormatsTest, StepsOfViewsInGmshHaveTheSameAttributes) {
     static double second = 0;
     second = one_time ? 0 : 0.5;
     write("a.msh", gmsh_4(false, gmsh_with([](GmshText& out, const GmshMesh&) {
-            put_view(out, "NodeData", "T", 0, {1, 2, 3, 4, 5, 6, 7, 8}, 1, its_tag);
-            put_view(out, "NodeData", "p", 0, {1, 2, 3, 4, 5, 6, 7, 8}, 1, its_tag);
-            put_view(out, "NodeData", "T", second, {1, 2, 3, 4, 5, 6, 7, 8}, 1,
-                     [](int tag, GmshText& to) { to.real(10 * tag); }, 1);
-          })));
+                            put_view(out, "NodeData", "T", 0, {1, 2, 3, 4, 5, 6, 7, 8}, 1, its_tag);
+                            put_view(out, "NodeData", "p", 0, {1, 2, 3, 4, 5, 6, 7, 8}, 1, its_tag);
+                            put_view(
+                                out, "NodeData", "T", second, {1, 2, 3, 4, 5, 6, 7, 8}, 1,
+                                [](int tag, GmshText& to) { to.real(10 * tag); }, 1);
+                          })));
     for (const double time : {0.0, 1.0}) {
       const Input input = value_of(read_input({path("a.msh")}, {{}, {}, time}));
       EXPECT_THAT(input.attributes, ElementsAre("T", "p"));
