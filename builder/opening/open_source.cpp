@@ -77,9 +77,10 @@ class KnownFiles {
       SPLATVOL_TRY_ASSIGN(blocks, block_files(path));
       return names_[file] = std::move(blocks);
     }
-    SPLATVOL_TRY_ASSIGN(pieces, parallel_pieces(path));
+    SPLATVOL_TRY_ASSIGN(parallel, read_parallel_file(path));
     std::vector<BlockFile> files;
-    for (const std::string& piece : pieces) files.push_back({piece});
+    for (const std::string& piece : parallel.pieces) files.push_back({piece});
+    if (!parallel.arrays.empty()) declared_.push_back({path, std::move(parallel.arrays)});
     return names_[file] = std::move(files);
   }
 
@@ -97,6 +98,9 @@ class KnownFiles {
     return known->second = sum;
   }
 
+  /// The arrays that parallel files among them declare, once.
+  std::vector<DeclaredArrays> take_declared() { return std::exchange(declared_, {}); }
+
   /// Returns the one path of a file that may have many, by links and "..". The file itself may be a link: what it names
   /// lies where the link does.
   std::string canonical(const std::string& path) {
@@ -113,6 +117,7 @@ class KnownFiles {
   std::map<std::string, FileHeader> headers_;
   std::map<std::string, std::vector<BlockFile>> names_;
   std::map<std::string, double> counts_;
+  std::vector<DeclaredArrays> declared_;
 };
 
 /// Appends a file to those for VTK's readers. `nesting`: how many files name each other on the way to it.
@@ -307,7 +312,7 @@ Result<std::optional<TimeStep>> expand_pvd(std::vector<std::string>& paths, cons
 struct VtkInput {
   std::vector<VtkFile> files;
   std::optional<TimeStep> step;
-  std::vector<std::string> notes = {};  // for Source::conversions()
+  VtkLists lists = {};
 };
 
 /// `paths`: `inputs` with the files of folders; `first`: the header of the first.
@@ -321,14 +326,14 @@ Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<st
   if (step) {
     ListedFiles listed(known);
     std::erase_if(paths, [&](const std::string& path) { return !listed.add(path); });
-    listed.tell(inputs[0], input.notes);
+    listed.tell(inputs[0], input.lists.notes);
   }
   for (std::size_t i = 0; i < paths.size(); ++i) {
     std::vector<VtkFile> files;
     SPLATVOL_TRY(append_file(paths[i], files, known));
     ListedFiles listed(known);
     listed.keep_new(files);
-    listed.tell(paths[i], input.notes);
+    listed.tell(paths[i], input.lists.notes);
     std::ranges::move(files, std::back_inserter(input.files));
     // A .csv behind an SU2 mesh holds its values.
     if (input.files.back().kind == VtkFile::Kind::su2 && i + 1 < paths.size() &&
@@ -338,9 +343,10 @@ Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<st
   if (paths != inputs) drop_repeated(input.files);
   ListedFiles listed(known);  // several lists may name one file
   listed.keep_new(input.files);
-  listed.tell(inputs[0], input.notes);
+  listed.tell(inputs[0], input.lists.notes);
   if (input.files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
   for (VtkFile& file : input.files) file.patches = options.patches;
+  input.lists.declared = known.take_declared();
   return input;
 }
 
@@ -369,7 +375,7 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
         paths[0]);
   }
   SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));
-  return open_vtk_files(std::move(input.files), options, input.step, std::move(input.notes));
+  return open_vtk_files(std::move(input.files), options, input.step, std::move(input.lists));
 }
 
 }  // namespace

@@ -54,6 +54,12 @@ struct DeclaredArrays {
   std::vector<ArrayShape> arrays;
 };
 
+/// What is known of an input from the files that name its files.
+struct VtkLists {
+  std::vector<std::string> notes = {};        // lines for Source::conversions()
+  std::vector<DeclaredArrays> declared = {};  // by parallel files, for all of their pieces; the part is the file
+};
+
 /// The data sets of an input, one after the other. Not thread-safe.
 class VtkDataSets {
  public:

@@ -364,21 +364,22 @@ std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, const So
   return std::make_unique<FileDataSets>(std::move(files), options);
 }
 
-Result<std::vector<std::string>> parallel_pieces(const std::string& path) {
+Result<ParallelFile> read_parallel_file(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
-  std::vector<std::string> pieces;
+  ParallelFile file;
   vtkXMLDataElement* grid = nullptr;
   for (const char* name : {"PUnstructuredGrid", "PImageData", "PRectilinearGrid", "PStructuredGrid"})
     if (!grid) grid = parser->GetRootElement()->FindNestedElementWithName(name);
   const auto folder = std::filesystem::path(path).parent_path();
   for (int i = 0; grid && i < grid->GetNumberOfNestedElements(); ++i) {
     vtkXMLDataElement* element = grid->GetNestedElement(i);
-    const char* file = element->GetAttribute("Source");
-    if (element->GetName() == std::string("Piece") && file) pieces.push_back((folder / file).string());
+    const char* piece = element->GetAttribute("Source");
+    if (element->GetName() == std::string("Piece") && piece) file.pieces.push_back((folder / piece).string());
+    add_arrays(*element, file.arrays);
   }
-  if (pieces.empty()) return fail(ErrorCode::invalid_data, "{}: damaged, or names no pieces", path);
+  if (file.pieces.empty()) return fail(ErrorCode::invalid_data, "{}: damaged, or names no pieces", path);
   SPLATVOL_TRY(check_parallel_pieces(path, *grid));
-  return pieces;
+  return file;
 }
 
 }  // namespace splatvol

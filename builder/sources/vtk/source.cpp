@@ -49,13 +49,13 @@ class VtkSource final : public Source {
  public:
   /// `read_again`: makes the data sets once more; may be empty if they tell no blocks apart.
   VtkSource(std::unique_ptr<VtkDataSets> data_sets, const SourceOptions& options, std::optional<TimeStep> step = {},
-            std::function<std::unique_ptr<VtkDataSets>()> read_again = {}, std::vector<std::string> notes = {})
+            std::function<std::unique_ptr<VtkDataSets>()> read_again = {}, VtkLists lists = {})
       : data_sets_(std::move(data_sets)),
         read_again_(std::move(read_again)),
         options_(options),
         own_cells_(options.cells == CellValues::own),
         missing_(options.missing),
-        notes_(std::move(notes)),
+        lists_(std::move(lists)),
         step_(std::move(step)) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
@@ -77,6 +77,7 @@ class VtkSource final : public Source {
     SPLATVOL_TRY(arrays_.add(path, array_shapes(*pending_)));
     SPLATVOL_TRY(arrays_.add(path, wanted(pending_declared_.arrays)));
     SPLATVOL_TRY(data_sets_->announce(arrays_));
+    find_declared_by_lists();
     SPLATVOL_TRY_ASSIGN(all, arrays_.attributes(path, options_.cells));
     if (all.empty()) SPLATVOL_TRY_SET(all, make_attribute());
     available_ = names_of(all);
@@ -139,7 +140,7 @@ class VtkSource final : public Source {
   std::uint64_t left_out_cells() const override { return data_sets_->left_out().left_out; }
 
   std::vector<std::string> conversions() const override {
-    std::vector<std::string> lines = notes_;
+    std::vector<std::string> lines = lists_.notes;
     if (!made_.empty()) lines.push_back(made_);
     for (const std::string& note : data_sets_->notes()) lines.push_back(note);
     if (!converted_.empty())
@@ -252,10 +253,17 @@ class VtkSource final : public Source {
     }
   }
 
+  /// Names the arrays that a parallel file declares for its pieces, and none of them has.
+  void find_declared_by_lists() {
+    for (const DeclaredArrays& list : lists_.declared)
+      for (const ArrayShape& array : wanted(list.arrays))
+        if (std::ranges::find(arrays_.arrays(), array.name, &ArrayShape::name) == arrays_.arrays().end())
+          losses_of_lists_.insert(fmt::format("{}: declares {}, which no piece has", list.part, array.name));
+  }
+
   /// Returns the arrays that the file declares and the reader did not give, and tells of them and of those that are
   /// left out.
-  std::set<std::string> note_losses(vtkDataSet& data, const DeclaredArrays& declared,
-                                    std::set<std::string>& losses) const {
+  std::set<std::string> note_losses(vtkDataSet& data, const DeclaredArrays& declared, std::set<std::string>& losses) {
     std::set<std::string> undelivered;
     const std::string& path = data_sets_->path();
     for (const ArrayShape& array : wanted(declared.arrays)) {
@@ -266,6 +274,7 @@ class VtkSource final : public Source {
                         ? fmt::format("the reader did not deliver {} of {}", array.name, path)
                         : fmt::format("the reader did not deliver {} of {} of {}", array.name, declared.part, path));
     }
+    losses.merge(losses_of_lists_);
     for (const std::string& array : data_sets_->left_out_arrays())
       if (wants_array(options_.selection, array))
         losses.insert(fmt::format("{}: left out, of neither points nor cells", array));
@@ -292,11 +301,12 @@ class VtkSource final : public Source {
   MissingValues missing_;
   std::uint64_t points_ = 0;                   // of the pieces so far
   std::set<std::string> converted_, lacking_;  // attributes
-  std::vector<std::string> notes_;             // of whoever opened it
-  std::string made_;                           // what is said of an attribute that the source made; empty: it made none
-  bool numbers_blocks_ = false;                // in an array of the cells
-  std::optional<TimeStep> step_;               // instead of that of data_sets_
-  ArrayUnion arrays_;                          // of all pieces
+  VtkLists lists_;
+  std::set<std::string> losses_of_lists_;  // not told yet
+  std::string made_;                       // what is said of an attribute that the source made; empty: it made none
+  bool numbers_blocks_ = false;            // in an array of the cells
+  std::optional<TimeStep> step_;           // instead of that of data_sets_
+  ArrayUnion arrays_;                      // of all pieces
   std::vector<ArrayAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
   std::vector<std::string> units_;      // of attributes_
@@ -350,10 +360,10 @@ Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const 
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const SourceOptions& options,
-                                               const std::optional<TimeStep>& step, std::vector<std::string> notes) {
+                                               const std::optional<TimeStep>& step, VtkLists lists) {
   auto source = std::make_unique<VtkSource>(
       read_vtk_files(files, options), options, step, [files, options] { return read_vtk_files(files, options); },
-      std::move(notes));
+      std::move(lists));
   std::string missing;
   SPLATVOL_TRY(source->start(missing));
   if (missing.empty() || options.may_lack) return source;

@@ -14,10 +14,10 @@ namespace splatvol {
 /// Opens files as pieces of one data set. The attributes are those of all pieces: where a piece lacks one, its values
 /// are missing. Reads the first piece with points for that, and the headers of all others. next() fails if a piece has
 /// an array that no header announced. Contract as open_source; `files` must not be empty. `step`: the step that the
-/// files are, if they are one. `notes`: lines that the source's conversions() begin with.
+/// files are, if they are one.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const SourceOptions& options,
                                                              const std::optional<TimeStep>& step = {},
-                                                             std::vector<std::string> notes = {});
+                                                             VtkLists lists = {});
 
 /// Lists the arrays that the headers of files announce, as list_arrays (builder/opening/open_source.h) does.
 [[nodiscard]] Result<std::vector<ArrayShape>> list_vtk_arrays(const std::vector<VtkFile>& files,

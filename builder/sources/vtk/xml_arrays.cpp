@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <string_view>
 
+#include "builder/sources/read_text.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/xml_file.h"
 
@@ -28,18 +29,6 @@ std::string unit_of(vtkXMLDataElement& array) {
   return {};
 }
 
-/// Adds the arrays of PointData or CellData.
-void add_arrays(vtkXMLDataElement& data, bool of_cells, std::vector<ArrayShape>& arrays) {
-  for (int i = 0; i < data.GetNumberOfNestedElements(); ++i) {
-    vtkXMLDataElement& array = *data.GetNestedElement(i);
-    const std::string_view name = text_of(array, "Name");
-    if (name.empty() || text_of(array, "type") == "String" || is_bookkeeping(name) || is_of_ids(data, name)) continue;
-    int components = 1;
-    array.GetScalarAttribute("NumberOfComponents", components);
-    arrays.push_back({std::string(name), std::max(components, 1), of_cells, unit_of(array)});
-  }
-}
-
 bool has_any(vtkXMLDataElement& piece, const char* count) {
   double number = 0;
   return piece.GetScalarAttribute(count, number) != 0 && number > 0;
@@ -52,6 +41,20 @@ bool has_points(vtkXMLDataElement& piece) {
 
 }  // namespace
 
+void add_arrays(vtkXMLDataElement& data, std::vector<ArrayShape>& arrays) {
+  const std::string_view element = data.GetName();
+  const bool of_cells = element.ends_with("CellData");
+  if (!is_one_of(element, {"PointData", "CellData", "PPointData", "PCellData"})) return;
+  for (int i = 0; i < data.GetNumberOfNestedElements(); ++i) {
+    vtkXMLDataElement& array = *data.GetNestedElement(i);
+    const std::string_view name = text_of(array, "Name");
+    if (name.empty() || text_of(array, "type") == "String" || is_bookkeeping(name) || is_of_ids(data, name)) continue;
+    int components = 1;
+    array.GetScalarAttribute("NumberOfComponents", components);
+    arrays.push_back({std::string(name), std::max(components, 1), of_cells, unit_of(array)});
+  }
+}
+
 std::vector<XmlPiece> pieces_of(vtkXMLDataElement& root) {
   std::vector<XmlPiece> pieces;
   for (int g = 0; g < root.GetNumberOfNestedElements(); ++g) {
@@ -62,11 +65,8 @@ std::vector<XmlPiece> pieces_of(vtkXMLDataElement& root) {
       XmlPiece& piece = pieces.emplace_back();
       piece.has_points = has_points(element);
       piece.is_surface = has_any(element, "NumberOfPolys") || has_any(element, "NumberOfStrips");
-      for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
-        vtkXMLDataElement& data = *element.GetNestedElement(i);
-        const std::string_view name = data.GetName();
-        if (name == "PointData" || name == "CellData") add_arrays(data, name == "CellData", piece.arrays);
-      }
+      for (int i = 0; i < element.GetNumberOfNestedElements(); ++i)
+        add_arrays(*element.GetNestedElement(i), piece.arrays);
     }
   }
   return pieces;

@@ -19,6 +19,10 @@ struct XmlPiece {
   bool is_surface = false;  // it has polygons or strips
 };
 
+/// Adds the arrays of a PointData or CellData element, or of the PPointData or PCellData of a parallel file. Other
+/// elements have none.
+void add_arrays(vtkXMLDataElement& element, std::vector<ArrayShape>& arrays);
+
 /// Lists the pieces of the file whose root is given, in their order.
 [[nodiscard]] std::vector<XmlPiece> pieces_of(vtkXMLDataElement& root);
 

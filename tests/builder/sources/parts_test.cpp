@@ -136,6 +136,22 @@ TEST_F(PartsTest, PiecesThatAreNamedTwiceCountOnce) {
   expect_once({path("two.pvtu"), path("a.vtu")}, "two.pvtu" + once);
 }
 
+TEST_F(PartsTest, ArraysThatNoPieceHasAreNamed) {
+  write("a.vtu", vtu(piece(0, {{"s", one}})));
+  write("b.vtu", vtu(piece(1, {{"s", two}, {"t", one}})));
+  const std::string content =
+      "<PPointData><PDataArray type=\"Float64\" Name=\"s\"/><PDataArray type=\"Float64\" Name=\"t\"/><PDataArray "
+      "type=\"Float64\" Name=\"u\"/></PPointData><Piece Source=\"a.vtu\"/><Piece Source=\"b.vtu\"/>";
+  const auto losses_of = [&](const std::string& file, const std::vector<std::string>& selection = {}) {
+    return value_of(read_input({path(file)}, {selection})).census.losses;
+  };
+  write("all.pvtu", vtk_file("PUnstructuredGrid", content, "GhostLevel=\"0\""));
+  EXPECT_THAT(losses_of("all.pvtu"), ElementsAre(EndsWith("all.pvtu: declares u, which no piece has")));
+  EXPECT_THAT(losses_of("all.pvtu", {"t"}), IsEmpty());
+  write("in.vtm", vtm_file({"all.pvtu"}));
+  EXPECT_THAT(losses_of("in.vtm"), ElementsAre(EndsWith("all.pvtu: declares u, which no piece has")));
+}
+
 TEST_F(PartsTest, BlocksAtAnyDepth) {
   write("a.vtu", vtu(piece(0, {{"s", one}})));
   write("b.vtu", vtu(piece(1, {{"s", two}, {"t", one}})));
