@@ -274,16 +274,18 @@ class CgnsReader final : public BlockReader {
   /// VTK's reader divides the zones among the pieces that it is asked for: with enough pieces, each is one zone.
   void read(int portion, std::optional<double> time) override {
     portion_ = portion;
-    vtkMultiBlockDataSet& output = reads_meshes_ ? *tree_->GetOutput() : *reader_->GetOutput();
-    if (!zones_->is_there(portion, time)) return output.Initialize();
+    vtkMultiBlockDataSet* output = reads_meshes_ ? tree_->GetOutput() : reader_->GetOutput();
+    if (output) output->Initialize();
+    if (!zones_->is_there(portion, time)) return;
     const CgnsValues values = take_arrays(portion, time);
     if (reads_meshes_) {
-      zones_->read(portion, time, output);
+      zones_->read(portion, time, *output);
     } else {
       CgnsZones::close_file();
       update(*reader_, time, portion, many);
+      output = reader_->GetOutput();
     }
-    const auto entry = vtkSmartPointer<vtkCompositeDataIterator>::Take(output.NewIterator());
+    const auto entry = vtkSmartPointer<vtkCompositeDataIterator>::Take(output->NewIterator());
     for (entry->InitTraversal(); !entry->IsDoneWithTraversal(); entry->GoToNextItem())
       if (auto* data = vtkDataSet::SafeDownCast(entry->GetCurrentDataObject()); data && !is_surface(*data))
         add_arrays(values, *data);

@@ -54,7 +54,8 @@ void check(int result) {
   if (result != CG_OK) throw ReaderError("CGNS: {}", cg_get_error());
 }
 
-constexpr cgsize_t most_entries = cgsize_t{1} << 30;  // of an array that tells of steps
+constexpr std::string_view own_grid = "GridCoordinates";  // of a zone; others belong to steps
+constexpr cgsize_t most_entries = cgsize_t{1} << 30;      // of an array that tells of steps
 
 /// An array of the current node.
 struct NodeArray {
@@ -79,7 +80,7 @@ std::vector<NodeArray> node_arrays() {
   return arrays;
 }
 
-/// Reads the names in an array of the current node, 32 characters each.
+/// Reads the names in an array of the current node, 32 characters each. Empty: it names nothing.
 std::vector<std::string> read_names(const NodeArray& array) {
   constexpr cgsize_t length = 32;
   cgsize_t count = 1;
@@ -94,7 +95,8 @@ std::vector<std::string> read_names(const NodeArray& array) {
   std::vector<std::string> names;
   for (std::size_t at = 0; at < text.size(); at += static_cast<std::size_t>(length)) {
     const std::string_view entry = std::string_view(text).substr(at, static_cast<std::size_t>(length));
-    names.emplace_back(trimmed(entry.substr(0, entry.find('\0'))));
+    const std::string_view name = trimmed(entry.substr(0, entry.find('\0')));
+    names.emplace_back(name == "Null" ? std::string_view() : name);
   }
   return names;
 }
@@ -205,8 +207,7 @@ class ZoneReader {
     } else {
       data = read_elements();
     }
-    if (step && is_moved(*step))
-      throw ReaderError("CGNS: a zone that moves, and whose surfaces are numbered before its cells");
+    if (step && moves()) throw ReaderError("CGNS: a zone that moves, and whose surfaces are numbered before its cells");
     return data;
   }
 
@@ -218,11 +219,12 @@ class ZoneReader {
     });
   }
 
-  /// Whether the points are not the same in all of these steps.
-  [[nodiscard]] bool moves(std::size_t steps) const {
-    for (std::size_t step = 0; step < steps; ++step)
-      if (is_moved(step)) return true;
-    return false;
+  /// Whether the points are not the same in all steps.
+  [[nodiscard]] bool moves() const {
+    const auto grids = pointers("GridCoordinates");
+    return std::ranges::any_of(grids, [](const std::vector<std::string>& of_steps) {
+      return std::ranges::any_of(of_steps, [](const std::string& grid) { return !grid.empty() && grid != own_grid; });
+    });
   }
 
   /// Fails unless the zone has cartesian coordinates.
@@ -250,19 +252,21 @@ class ZoneReader {
   [[nodiscard]] std::vector<CgnsSolution> solutions_at(std::optional<std::size_t> step, std::size_t steps,
                                                        std::set<std::string>& losses) const {
     std::vector<CgnsSolution> all = solutions();
-    if (!step || steps < 2) return all;
-    const std::vector<std::string> wanted = pointers("FlowSolution", step);
+    if (!step) return all;
+    std::set<std::string> named, wanted;
+    for (const std::vector<std::string>& of_steps : pointers("FlowSolution")) {
+      if (of_steps.size() < steps) throw ReaderError("CGNS: the FlowSolutionPointers of {} are damaged", this->name());
+      named.insert(of_steps.begin(), of_steps.end());
+      if (!of_steps[*step].empty()) wanted.insert(of_steps[*step]);
+    }
     for (const std::string& name : wanted)
       if (std::ranges::find(all, name, &CgnsSolution::name) == all.end() && !is_hidden(name))
         losses.insert(fmt::format("zone {}: the solution {} of this time is not there", this->name(), name));
-    std::set<std::string> named;
-    for (std::size_t s = 0; s < steps; ++s)
-      for (std::string& name : pointers("FlowSolution", s)) named.insert(std::move(name));
     for (const bool of_cells : {false, true}) {
       std::vector<CgnsSolution> free;
       for (const CgnsSolution& solution : all)
         if (solution.of_cells == of_cells && !named.contains(solution.name)) free.push_back(solution);
-      if (free.size() == steps) {
+      if (steps > 1 && free.size() == steps) {
         sort_by_number(free);
         const CgnsSolution& of_step = free[*step];
         std::erase_if(all, [&](const CgnsSolution& solution) {
@@ -270,17 +274,19 @@ class ZoneReader {
                  std::ranges::find(free, solution.number, &CgnsSolution::number) != free.end();
         });
         std::ranges::find(all, of_step.number, &CgnsSolution::number)->label = stem_of(of_step.name);
-      } else if (free.size() > 1) {
+      } else if (steps > 1 && free.size() > 1) {
         losses.insert(fmt::format(
             "zone {}: {} solutions of {} that no FlowSolutionPointers name, for {} time steps: taken at each of them",
             this->name(), free.size(), of_cells ? "cells" : "points", steps));
       }
     }
     std::erase_if(all, [&](const CgnsSolution& solution) {
-      return named.contains(solution.name) && std::ranges::find(wanted, solution.name) == wanted.end();
+      return named.contains(solution.name) && !wanted.contains(solution.name);
     });
+    // Those that the file names come last: their fields keep their names.
+    std::ranges::stable_partition(all, [&](const CgnsSolution& solution) { return !wanted.contains(solution.name); });
     for (CgnsSolution& solution : all)
-      if (named.contains(solution.name)) solution.label = stem_of(solution.name);
+      if (steps > 1 && wanted.contains(solution.name)) solution.label = stem_of(solution.name);
     return all;
   }
 
@@ -305,14 +311,18 @@ class ZoneReader {
     const auto values = vtkSmartPointer<vtkDoubleArray>::New();
     values->SetName(array.shape.name.c_str());
     values->SetNumberOfComponents(array.shape.components);
-    values->SetNumberOfTuples(size[0] * size[1] * size[2]);
+    const std::uint64_t count = count_of(size);
     const std::optional<std::vector<vtkIdType>> places = places_of(array.solution);
+    std::vector<std::string> fields = {array.field};
+    if (array.shape.components > 1) {
+      const auto components = cgns_components(fields_of(array.solution.number), array.field);
+      fields.assign(components->begin(), components->end());
+    }
+    check_sizes(array.solution, fields, places ? places->size() : count);
+    values->SetNumberOfTuples(static_cast<vtkIdType>(count));
     if (places) values->Fill(missing_value);
-    const auto components = cgns_components(fields_of(array.solution.number), array.field);
-    for (int c = 0; c < array.shape.components; ++c)
-      read_component(array.solution.number,
-                     array.shape.components == 1 ? array.field : components->at(static_cast<std::size_t>(c)), size,
-                     places, *values, c);
+    for (std::size_t c = 0; c < fields.size(); ++c)
+      read_component(array.solution.number, fields[c], size, places, *values, static_cast<int>(c));
     return values;
   }
 
@@ -336,13 +346,19 @@ class ZoneReader {
     return all;
   }
 
-  [[nodiscard]] vtkSmartPointer<vtkPoints> read_points() const {
+  /// The points or cells of the zone.
+  [[nodiscard]] std::uint64_t count_of(const std::array<cgsize_t, 3>& size) const {
     std::uint64_t count = 1;
-    for (const cgsize_t points : points_) {
-      if (points < 1 || static_cast<std::uint64_t>(points) > std::numeric_limits<std::uint32_t>::max() / count)
-        throw ReaderError("CGNS: the zone {} has no points, or more than 2^32", name());
-      count *= static_cast<std::uint64_t>(points);
+    for (const cgsize_t along : size) {
+      if (along < 1 || static_cast<std::uint64_t>(along) > std::numeric_limits<std::uint32_t>::max() / count)
+        throw ReaderError("CGNS: the zone {} has no points or cells, or more than 2^32", name());
+      count *= static_cast<std::uint64_t>(along);
     }
+    return count;
+  }
+
+  [[nodiscard]] vtkSmartPointer<vtkPoints> read_points() const {
+    const std::uint64_t count = count_of(points_);
     auto points = vtkSmartPointer<vtkPoints>::New();
     points->SetDataTypeToDouble();
     points->SetNumberOfPoints(static_cast<vtkIdType>(count));
@@ -405,9 +421,15 @@ class ZoneReader {
     grid.InsertNextCell(kind.vtk_type, static_cast<vtkIdType>(numbers.size()), cell.data());
   }
 
-  [[nodiscard]] bool is_moved(std::size_t step) const {
-    return std::ranges::any_of(pointers("GridCoordinates", step),
-                               [](const std::string& grid) { return grid != "GridCoordinates"; });
+  /// Fails if a field has fewer than `count` values. It may have more: those beyond the zone.
+  void check_sizes(const CgnsSolution& solution, const std::vector<std::string>& fields, std::uint64_t count) const {
+    check(cg_goto(file_, base_, "Zone_t", zone_, "FlowSolution_t", solution.number, "end"));
+    for (const NodeArray& array : node_arrays()) {
+      double values = 1;
+      for (const cgsize_t along : array.size) values *= static_cast<double>(along);
+      if (std::ranges::find(fields, array.name) != fields.end() && values < static_cast<double>(count))
+        throw ReaderError("CGNS: {} of the zone {} has {} values instead of {}", array.name, name(), values, count);
+    }
   }
 
   /// All solutions with values of points or of cells.
@@ -449,20 +471,15 @@ class ZoneReader {
       std::ranges::stable_sort(solutions, {}, [&](const CgnsSolution& solution) { return *number(solution); });
   }
 
-  /// What pointers of a kind, "GridCoordinates" or "FlowSolution", name for a step; none without a step.
-  [[nodiscard]] std::vector<std::string> pointers(std::string_view kind, std::optional<std::size_t> step) const {
-    std::vector<std::string> names;
+  /// What the arrays of pointers of a kind, "GridCoordinates" or "FlowSolution", name for each step; empty: nothing.
+  [[nodiscard]] std::vector<std::vector<std::string>> pointers(std::string_view kind) const {
+    std::vector<std::vector<std::string>> names;
     Name ignored{};
-    if (!step || cg_ziter_read(file_, base_, zone_, ignored.data()) != CG_OK ||
+    if (cg_ziter_read(file_, base_, zone_, ignored.data()) != CG_OK ||
         cg_goto(file_, base_, "Zone_t", zone_, "ZoneIterativeData_t", 1, "end") != CG_OK)
       return names;
-    for (const NodeArray& array : node_arrays()) {
-      if (!array.name.starts_with(kind) || !array.name.ends_with("Pointers")) continue;
-      if (array.size.size() != 2) throw ReaderError("CGNS: {} is damaged", array.name);
-      std::vector<std::string> of_steps = read_names(array);
-      if (of_steps.size() <= *step) throw ReaderError("CGNS: {} is damaged", array.name);
-      if (!of_steps[*step].empty() && of_steps[*step] != "Null") names.push_back(std::move(of_steps[*step]));
-    }
+    for (const NodeArray& array : node_arrays())
+      if (array.name.starts_with(kind) && array.name.ends_with("Pointers")) names.push_back(read_names(array));
     return names;
   }
 
@@ -474,7 +491,7 @@ class ZoneReader {
         type == CGNS_ENUMV(PointSetTypeNull))
       return std::nullopt;
     const std::array<cgsize_t, 3>& size = solution.of_cells ? cells_ : points_;
-    const cgsize_t most = size[0] * size[1] * size[2];
+    const auto most = static_cast<cgsize_t>(count_of(size));
     const bool is_range = type == CGNS_ENUMV(PointRange);
     if ((!is_range && type != CGNS_ENUMV(PointList)) || count < 1 || count > most || (is_range && count != 2))
       throw ReaderError("CGNS: the PointList or PointRange of the solution {} is damaged", solution.name);
@@ -561,7 +578,7 @@ std::vector<std::set<std::string>> zones_of_steps(int file, int base) {
     const auto of_step = static_cast<std::size_t>(array.size[1]);
     zones.resize(names.size() / of_step);
     for (std::size_t i = 0; i < names.size(); ++i)
-      if (!names[i].empty() && names[i] != "Null") zones[i / of_step].insert(names[i]);
+      if (!names[i].empty()) zones[i / of_step].insert(names[i]);
   }
   return zones;
 }
@@ -631,7 +648,7 @@ bool CgnsZones::reads_meshes() {
   };
   const auto is_known = [&](const Zone& of) {
     const ZoneReader zone(file(), of.base, of.zone);
-    return zone.has_known_elements() && !zone.moves(of.times.size());
+    return zone.has_known_elements() && !zone.moves();
   };
   return std::ranges::any_of(zones_, defeats_vtk) || std::ranges::all_of(zones_, is_known);
 }

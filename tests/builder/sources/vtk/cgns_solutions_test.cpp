@@ -87,6 +87,11 @@ class CgnsWriter {
         << cg_get_error();
   }
 
+  void rind(int zone, int solution, const std::array<int, 6>& planes) const {
+    cg_goto(file_, base_, "Zone_t", zone, "FlowSolution_t", solution, "end");
+    EXPECT_EQ(cg_rind_write(planes.data()), 0) << cg_get_error();
+  }
+
   void times(const std::vector<double>& times) const {
     cg_biter_write(file_, base_, "Steps", static_cast<int>(times.size()));
     cg_goto(file_, base_, "BaseIterativeData_t", 1, "end");
@@ -253,6 +258,32 @@ TEST_F(CgnsSolutionsTest, ZonesBelongToTheTimesThatNameThem) {
   }
   EXPECT_EQ(read(0).pieces.size(), 2u) << "no step names the last zone: it belongs to all";
   EXPECT_EQ(read(1).pieces.size(), 3u);
+}
+
+// Planes of values beyond the zone, as solvers keep them.
+TEST_F(CgnsSolutionsTest, ValuesBeyondTheZoneAreLeftOut) {
+  {
+    const CgnsWriter file(path("a.cgns"));
+    const int zone = file.zone("One");
+    const int solution = file.solution(zone, "Flow", cell_center);
+    file.rind(zone, solution, {1, 1, 0, 1, 0, 0});
+    file.field(zone, solution, "T", {-1, 1, 2, -1, -1, -1, -1, -1});  // 4 x 2 x 1
+  }
+  EXPECT_THAT(values(read({}, CellValues::own), "T"), ElementsAre(1, 2));
+}
+
+// At one time, the solution that the file names is the one that counts.
+TEST_F(CgnsSolutionsTest, FieldsOfTheNamedSolutionKeepTheirNames) {
+  {
+    const CgnsWriter file(path("a.cgns"));
+    file.times({3});
+    const int zone = file.zone("One");
+    file.field(zone, file.solution(zone, "Flow", vertex), "T", points_up);
+    file.field(zone, file.solution(zone, "Start", vertex), "T", points_down);
+    file.solutions_of_steps(zone, {"Flow"});
+  }
+  EXPECT_EQ(values(read(), "T"), points_up);
+  EXPECT_EQ(values(read(), "T (Start)"), points_down);
 }
 
 TEST_F(CgnsSolutionsTest, OtherCoordinatesAreRefused) {
