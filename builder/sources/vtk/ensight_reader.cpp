@@ -129,6 +129,7 @@ class EnSightReader final : public BlockReader {
           (declared.arrays.empty() || declared.arrays.back().name != shape.name || !values.is_complex))
         declared.arrays.push_back(std::move(shape));
     }
+    declared.arrays.insert(declared.arrays.end(), undelivered_.begin(), undelivered_.end());
     return declared;
   }
 
@@ -138,7 +139,7 @@ class EnSightReader final : public BlockReader {
     if (findings_.geometry)
       read_geometry(*findings_.geometry);
     else
-      update(*reader_, time, 0, 1), parts_ = reader_->GetOutput();
+      read_by_vtk(time);
     for (const auto& [part, ghosts] : findings_.ghosts) {
       changes_.hidden += ghosts;
       if (vtkDataSet* data = part_of(part)) hide_loose_points(*data);
@@ -153,6 +154,24 @@ class EnSightReader final : public BlockReader {
   bool has_finer_points(std::optional<double> time) override { return has_finer_points_at(path_, files_, time); }
 
  private:
+  void read_by_vtk(std::optional<double> time) {
+    update(*reader_, time, 0, 1);
+    parts_ = reader_->GetOutput();
+    undelivered_ = ensight_arrays(files_);
+    std::erase_if(undelivered_, [&](const ArrayShape& shape) {
+      const auto is_variable = [&](const EnsightValues& values) { return values.variable == shape.name; };
+      return std::ranges::any_of(findings_.variables, is_variable) || is_anywhere(shape);
+    });
+  }
+
+  /// Whether a part has an array.
+  bool is_anywhere(const ArrayShape& shape) {
+    for (std::size_t part = 0; parts_ && part < parts_->GetNumberOfBlocks(); ++part)
+      if (vtkDataSet* data = part_of(part); data && arrays_of(*data, *shape.of_cells).HasArray(shape.name.c_str()))
+        return true;
+    return false;
+  }
+
   void read_geometry(const EnsightFile& file) {
     const std::string path = std::filesystem::path(path_).parent_path() / file.name;
     parts_ = vtkSmartPointer<vtkMultiBlockDataSet>::New();
@@ -226,6 +245,7 @@ class EnSightReader final : public BlockReader {
   vtkNew<vtkGenericEnSightReader> reader_;       // unless `findings_` has all but the geometry
   vtkSmartPointer<vtkMultiBlockDataSet> parts_;  // that were read last
   EnsightFindings findings_;
+  std::vector<ArrayShape> undelivered_;  // variables that cannot be followed, and of which VTK's reader gave nothing
   CellCensus changes_;
 };
 

@@ -635,11 +635,13 @@ TEST_F(EnsightTest, VariablesOfOneName) {
   EXPECT_THAT(error_of({path("a.case")}), HasSubstr("two arrays of its points are called \"T\""));
 }
 
+const std::string geometry_of_6 =
+    "a\nb\nnode id assign\nelement id assign\ncoordinates\n       4\n 0.00000e+00 0.00000e+00 0.00000e+00\n"
+    " 1.00000e+00 0.00000e+00 0.00000e+00\n 0.00000e+00 1.00000e+00 0.00000e+00\n 0.00000e+00 0.00000e+00 "
+    "1.00000e+00\npart 1\nc\ntetra4\n       1\n       1       2       3       4\n";
+
 TEST_F(EnsightTest, NumbersOfEnsight6) {
-  const std::string geometry =
-      "a\nb\nnode id assign\nelement id assign\ncoordinates\n       4\n 0.00000e+00 0.00000e+00 0.00000e+00\n"
-      " 1.00000e+00 0.00000e+00 0.00000e+00\n 0.00000e+00 1.00000e+00 0.00000e+00\n 0.00000e+00 0.00000e+00 "
-      "1.00000e+00\npart 1\nc\ntetra4\n       1\n       1       2       3       4\n";
+  const std::string& geometry = geometry_of_6;
   const std::string values = "f\n 1.00000e+00 2.00000e+00 3.00000e+00 4.00000e+00\n";
   write("geo", geometry);
   write("f", values);
@@ -658,6 +660,21 @@ TEST_F(EnsightTest, NumbersOfEnsight6) {
   EXPECT_THAT(error_with("f", values, " 3.00000e+00", " 3,00000e+00"), HasSubstr("f: VTK's reader takes zeros"));
   EXPECT_THAT(error_with("geo", geometry, " 1.00000e+00", "************"), HasSubstr("geo: VTK's reader takes zeros"));
   EXPECT_THAT(error_with("f", values, "+00\n", "+00"), HasSubstr("f: no line end follows"));
+}
+
+// VTK's reader leaves out the variable of the other time set.
+TEST_F(EnsightTest, VariablesOfEnsight6ThatAreNotDeliveredAreNamed) {
+  write("geo", geometry_of_6);
+  for (const char* name : {"a0", "a1", "a2", "b0", "b1"})
+    write(name, "f\n 1.00000e+00 2.00000e+00 3.00000e+00 4.00000e+00\n");
+  const std::string numbers = "filename start number: 0\nfilename increment: 1\n";
+  write("a.case",
+        "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 a a*\nscalar per node: 2 b b*\n"
+        "TIME\ntime set: 1\nnumber of steps: 3\n" +
+            numbers + "time values: 0 1 2\ntime set: 2\nnumber of steps: 2\n" + numbers + "time values: 0 2\n");
+  EXPECT_THAT(value_of(read_input({path("a.case")}, {{}, {}, 1})).census.losses,
+              ElementsAre("the reader did not deliver b of " + path("a.case")));
+  EXPECT_THAT(value_of(read_input({path("a.case")}, {{}, {}, 2})).census.losses, IsEmpty());
 }
 
 }  // namespace
