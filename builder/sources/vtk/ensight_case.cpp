@@ -182,6 +182,7 @@ void EnsightCase::read_line(std::string_view key, std::string_view value) {
   if (section_ == "TIME") read_time(key, value);
   if (section_ == "FILE") read_file_set(key, value);
   if (section_ == "VARIABLE") read_variable(key, value);
+  has_others_ = has_others_ || (section_ == "GEOMETRY" && key == "measured");
   if (section_ != "GEOMETRY" || key != "model") return;
   const std::string_view all = value;
   geometry_ = take_sets(value);
@@ -216,8 +217,9 @@ void EnsightCase::read_variable(std::string_view key, std::string_view value) {
     std::size_t components;
     std::size_t files;
   };
-  constexpr std::array<Kind, 6> kinds = {{{"scalar per ", 1, 1},
+  constexpr std::array<Kind, 7> kinds = {{{"scalar per ", 1, 1},
                                           {"vector per ", 3, 1},
+                                          {"tensor per ", 6, 1},
                                           {"tensor symm per ", 6, 1},
                                           {"tensor asym per ", 9, 1},
                                           {"complex scalar per ", 1, 2},
@@ -225,21 +227,25 @@ void EnsightCase::read_variable(std::string_view key, std::string_view value) {
   for (const Kind& kind : kinds) {
     if (!key.starts_with(kind.key)) continue;
     const std::string_view where = key.substr(kind.key.size());
-    if (where != "node" && where != "element") return;
+    if (where != "node" && where != "element") break;
     const std::string_view all = value;
     EnsightFiles files = take_sets(value);
     files.variable = take_case_word(value);
     files.components = kind.components;
     files.per_element = where == "element";
-    files.is_complex = kind.files > 1;
+    const std::string name = files.variable;
     for (std::size_t i = 0; i < kind.files && !value.empty(); ++i) {
       files.name = take_case_word(value);
+      if (kind.files > 1 && kind.components == 1) files.complex_part = i;
+      if (kind.files > 1 && kind.components > 1) files.variable = name + (i == 0 ? "_r" : "_i");
       variables_.push_back(files);
     }
     // The frequency of a complex value may follow.
     const bool frequency = kind.files > 1 && value.find(' ') == std::string_view::npos;
     if (files.name.empty() || (!value.empty() && !frequency)) wrong_line_ = fmt::format("{}: {}", key, all);
+    return;
   }
+  has_others_ = has_others_ || !key.starts_with("constant ");
 }
 
 std::size_t EnsightCase::most_steps() const {
@@ -338,8 +344,9 @@ Result<EnsightCase> read_ensight_case(const std::string& path) {
 std::vector<ArrayShape> ensight_arrays(const EnsightCase& files) {
   std::vector<ArrayShape> shapes;
   for (const EnsightFiles& variable : files.variables())
-    if (!variable.is_complex)
-      shapes.push_back({variable.variable, static_cast<int>(variable.components), variable.per_element});
+    if (variable.complex_part != 1)
+      shapes.push_back(
+          {variable.variable, variable.complex_part ? 2 : static_cast<int>(variable.components), variable.per_element});
   return shapes;
 }
 

@@ -21,7 +21,7 @@ struct EnsightFiles {
   std::string variable;        // empty: the geometry
   std::size_t components = 0;  // of a value; 0: the geometry
   bool per_element = false;
-  bool is_complex = false;  // one of two files
+  std::optional<std::size_t> complex_part;  // of complex scalars: the file has the real (0) or the imaginary parts (1)
 };
 
 /// One file, and the number of time steps that it must hold.
@@ -59,6 +59,9 @@ class EnsightCase {
   /// Whether there are sets of files, and a line of GEOMETRY or VARIABLE names none. VTK's reader takes the first then.
   [[nodiscard]] bool mixes_file_sets() const;
 
+  /// Whether it has measured points, or variables of another kind than those here. VTK's reader may know them.
+  [[nodiscard]] bool has_others() const { return has_others_; }
+
   /// Whether the cells have materials.
   [[nodiscard]] bool has_materials() const { return has_materials_; }
 
@@ -92,7 +95,7 @@ class EnsightCase {
   std::optional<EnsightFiles> geometry_;
   std::vector<EnsightFiles> variables_;
   std::string wrong_line_, unknown_line_;
-  bool open_end_, has_materials_ = false;
+  bool open_end_, has_materials_ = false, has_others_ = false;
   std::map<int, TimeSet> time_sets_;
   std::map<int, FileSet> file_sets_;
 
@@ -106,8 +109,8 @@ class EnsightCase {
 /// sections or lines of no known kind, entries that are cut off, or names in quotation marks. Safe on untrusted bytes.
 [[nodiscard]] Result<EnsightCase> read_ensight_case(const std::string& path);
 
-/// Lists the variables of a case but complex ones: as they are, or of a case file. The latter fails as
-/// read_ensight_case.
+/// Lists the variables of a case: as VTK's reader has them, a complex scalar as two components, and a complex vector as
+/// two vectors. The second function reads a case file, and fails as read_ensight_case.
 [[nodiscard]] std::vector<ArrayShape> ensight_arrays(const EnsightCase& files);
 [[nodiscard]] Result<std::vector<ArrayShape>> ensight_arrays(const std::string& path);
 

@@ -490,7 +490,7 @@ class VariableWalk : public EnsightWalk {
         variable_(variable),
         values_{.variable = variable.variable,
                 .per_element = variable.per_element,
-                .is_complex = variable.is_complex,
+                .complex_part = variable.complex_part,
                 .components = variable.components} {}
 
   /// What was found of the step that is wanted.
@@ -687,8 +687,9 @@ class CaseFiles {
       if (!file) return findings_;  // VTK's reader tells
       SPLATVOL_TRY(check_geometry(folder_ / geometry_->name, std::move(*file)));
     }
-    if (!layouts_.empty() && std::ranges::all_of(files_.variables(), [&](const EnsightFiles& variable) {
-          return !is_wanted(variable) || (can_follow(variable) && !variable.is_complex);
+    if (!layouts_.empty() && !files_.has_others() &&
+        std::ranges::all_of(files_.variables(), [&](const EnsightFiles& variable) {
+          return !is_wanted(variable) || can_follow(variable);
         })) {
       findings_.geometry = geometry_;
       findings_.is_binary = encoding_.binary;

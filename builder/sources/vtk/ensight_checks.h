@@ -25,8 +25,8 @@ struct EnsightValues {
   };
   std::string variable;
   bool per_element;
-  bool is_complex;         // these are the real or the imaginary parts
-  std::size_t components;  // of a value
+  std::optional<std::size_t> complex_part;  // as in EnsightFiles
+  std::size_t components;                   // of a value
   std::vector<Gap> gaps = {};
 
   std::set<std::size_t> parts = {};  // that the file has values of

@@ -72,7 +72,7 @@ class EnSightReader final : public BlockReader {
     if (files_.has_materials()) changes_.losses.insert(path + ": the materials of cells are left out");
     if (findings_.geometry) return {};
     constexpr const char* needed =
-        "it is needed where a case is not EnSight Gold, and for complex values, ranges of blocks and ghosts of blocks";
+        "it is needed where a case is not EnSight Gold, and for measured points, and ranges or ghosts of blocks";
     if (!files_.unknown_line().empty())
       return fail(ErrorCode::unsupported, "{}: the line \"{}\" is of no kind that VTK's reader of EnSight knows; {}",
                   path, files_.unknown_line().substr(0, 80), needed);
@@ -123,11 +123,9 @@ class EnSightReader final : public BlockReader {
     const std::size_t part = index_of(data);
     if (part < findings_.part_numbers.size()) declared.part = fmt::format("part {}", findings_.part_numbers[part]);
     for (const EnsightValues& values : findings_.variables) {
-      ArrayShape shape{values.variable, static_cast<int>(values.components), values.per_element};
-      if (values.is_complex) shape.components *= 2;
-      if (values.parts.contains(part) &&
-          (declared.arrays.empty() || declared.arrays.back().name != shape.name || !values.is_complex))
-        declared.arrays.push_back(std::move(shape));
+      const int components = values.complex_part ? 2 : static_cast<int>(values.components);
+      if (values.parts.contains(part) && values.complex_part != 1)
+        declared.arrays.push_back({values.variable, components, values.per_element});
     }
     declared.arrays.insert(declared.arrays.end(), undelivered_.begin(), undelivered_.end());
     return declared;
@@ -228,12 +226,20 @@ class EnSightReader final : public BlockReader {
     if (values.size() != static_cast<std::size_t>(count) * variable.components)
       throw ReaderError("\"{}\" has values of {} {} instead of {}", variable.variable,
                         values.size() / variable.components, variable.per_element ? "cells" : "points", count);
-    const vtkNew<vtkFloatArray> array;
-    array->SetName(variable.variable.c_str());
-    array->SetNumberOfComponents(static_cast<int>(variable.components));
-    array->SetNumberOfTuples(count);
-    std::ranges::copy(values, array->GetPointer(0));
-    arrays_of(*part, variable.per_element).AddArray(array);
+    vtkDataSetAttributes& arrays = arrays_of(*part, variable.per_element);
+    auto array =
+        vtkSmartPointer<vtkFloatArray>(vtkFloatArray::SafeDownCast(arrays.GetArray(variable.variable.c_str())));
+    if (!variable.complex_part || !array) {
+      array = vtkSmartPointer<vtkFloatArray>::New();
+      array->SetName(variable.variable.c_str());
+      array->SetNumberOfComponents(variable.complex_part ? 2 : static_cast<int>(variable.components));
+      array->SetNumberOfTuples(count);
+      array->Fill(missing_value);
+      arrays.AddArray(array);
+    }
+    const std::size_t stride = variable.complex_part ? 2 : 1;
+    for (std::size_t i = 0; i < values.size(); ++i)
+      array->GetPointer(0)[i * stride + variable.complex_part.value_or(0)] = values[i];
   }
 
   static std::size_t component_count(vtkDataArray& array) {
