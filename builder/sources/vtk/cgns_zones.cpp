@@ -19,6 +19,7 @@
 #include <cstdint>
 #include <limits>
 #include <map>
+#include <numeric>
 #include <set>
 #include <span>
 #include <string_view>
@@ -547,31 +548,39 @@ class ZoneReader {
   std::array<cgsize_t, 3> points_ = {1, 1, 1}, cells_ = {1, 1, 1};  // along each axis
 };
 
-/// Goes to what a base states of its steps. Returns whether there is such a node.
-bool go_to_steps(int file, int base) {
+/// Goes to what a base states of its steps. Returns their number; 0 if there is no such node.
+int go_to_steps(int file, int base) {
   Name name{};
   int steps = 0;
-  return cg_biter_read(file, base, name.data(), &steps) == CG_OK &&
-         cg_goto(file, base, "BaseIterativeData_t", 1, "end") == CG_OK;
+  const bool told = cg_biter_read(file, base, name.data(), &steps) == CG_OK &&
+                    cg_goto(file, base, "BaseIterativeData_t", 1, "end") == CG_OK;
+  return told ? steps : 0;
 }
 
-/// The times of a base's steps; empty if it has none.
+/// The times of a base's steps, or the numbers that it has instead; empty if it has no steps.
 std::vector<double> times_of(int file, int base) {
-  if (!go_to_steps(file, base)) return {};
-  for (const NodeArray& array : node_arrays()) {
-    if (array.name != "TimeValues" || array.size.size() != 1 || array.size[0] < 1 || array.size[0] > most_entries)
+  constexpr int most_steps = 1 << 20;  // if only their number is told
+  const int steps = go_to_steps(file, base);
+  if (steps < 1) return {};
+  const std::vector<NodeArray> arrays = node_arrays();
+  for (const char* name : {"TimeValues", "IterationValues"}) {
+    const auto array = std::ranges::find(arrays, name, &NodeArray::name);
+    if (array == arrays.end() || array->size.size() != 1 || array->size[0] < 1 || array->size[0] > most_entries)
       continue;
-    std::vector<double> times(static_cast<std::size_t>(array.size[0]));
-    check(cg_array_read_as(array.number, CGNS_ENUMV(RealDouble), times.data()));
+    std::vector<double> times(static_cast<std::size_t>(array->size[0]));
+    check(cg_array_read_as(array->number, CGNS_ENUMV(RealDouble), times.data()));
     return times;
   }
-  return {};
+  if (steps > most_steps) throw ReaderError("CGNS: {} steps without times: damaged", steps);
+  std::vector<double> numbers(static_cast<std::size_t>(steps));
+  std::iota(numbers.begin(), numbers.end(), 0.0);
+  return numbers;
 }
 
 /// The zones that a base names for each of its steps; empty if it names none: then all zones belong to all steps.
 std::vector<std::set<std::string>> zones_of_steps(int file, int base) {
   std::vector<std::set<std::string>> zones;
-  if (!go_to_steps(file, base)) return zones;
+  if (go_to_steps(file, base) < 1) return zones;
   for (const NodeArray& array : node_arrays()) {
     if (array.name != "ZonePointers" || array.size.size() != 3) continue;
     const std::vector<std::string> names = read_names(array);
@@ -616,8 +625,10 @@ CgnsZones::CgnsZones(const std::string& path) : path_(path) {
       for (std::size_t step = 0; is_named && step < zones_of_each.size(); ++step)
         if (!zones_of_each[step].contains(reader.name())) zones_.back().not_at.insert(step);
     }
-    if (times_.empty()) times_ = times;
+    times_.insert(times_.end(), times.begin(), times.end());
   }
+  std::ranges::sort(times_);
+  times_.erase(std::ranges::unique(times_).begin(), times_.end());
 }
 
 int CgnsZones::file() {

@@ -58,6 +58,7 @@ class CgnsZones {
   static void close_file();
 
   [[nodiscard]] int count() const { return static_cast<int>(zones_.size()); }
+  /// Those of all bases, sorted.
   [[nodiscard]] const std::vector<double>& times() const { return times_; }
   [[nodiscard]] const std::string& name_of(int zone) const { return zones_[static_cast<std::size_t>(zone)].name; }
 

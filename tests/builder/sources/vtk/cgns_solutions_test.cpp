@@ -92,6 +92,12 @@ class CgnsWriter {
     EXPECT_EQ(cg_rind_write(planes.data()), 0) << cg_get_error();
   }
 
+  void steps_without_times(const std::vector<int>& iterations) const {
+    cg_biter_write(file_, base_, "Steps", 2);
+    cg_goto(file_, base_, "BaseIterativeData_t", 1, "end");
+    const auto count = static_cast<cgsize_t>(iterations.size());
+    if (count > 0) cg_array_write("IterationValues", CGNS_ENUMV(Integer), 1, &count, iterations.data());
+  }
   void times(const std::vector<double>& times) const {
     cg_biter_write(file_, base_, "Steps", static_cast<int>(times.size()));
     cg_goto(file_, base_, "BaseIterativeData_t", 1, "end");
@@ -230,16 +236,33 @@ TEST_F(CgnsSolutionsTest, WithoutPointersBelongToTimesByTheirOrder) {
   EXPECT_THAT(read(0).census.losses, ElementsAre(HasSubstr("zone One: 3 solutions of points that no FlowSolution")));
 }
 
+TEST_F(CgnsSolutionsTest, StepsWithoutTimesHaveNumbers) {
+  for (const bool iterations : {false, true}) {
+    {
+      const CgnsWriter file(path("a.cgns"));
+      file.steps_without_times(iterations ? std::vector<int>{100, 250} : std::vector<int>{});
+      const int zone = file.zone("One");
+      file.field(zone, file.solution(zone, "Flow1", vertex), "T", points_up);
+      file.field(zone, file.solution(zone, "Flow2", vertex), "T", points_down);
+    }
+    const Input input = read(iterations ? 240 : 0.9);
+    ASSERT_TRUE(input.step.has_value());
+    EXPECT_EQ(input.step->time, iterations ? 250 : 1);
+    EXPECT_EQ(values(input, "T"), points_down);
+  }
+}
+
 TEST_F(CgnsSolutionsTest, ThoseThatNoPointerNamesBelongToAllTimes) {
   {
     const CgnsWriter file(path("a.cgns"));
-    file.times({0, 1});
+    file.times({1, 0});
     const int zone = file.zone("One");
     file.field(zone, file.solution(zone, "Late", vertex), "T", points_down);
     file.field(zone, file.solution(zone, "Early", vertex), "T", points_up);
     file.field(zone, file.solution(zone, "Mean", vertex), "m", points_up);
-    file.solutions_of_steps(zone, {"Early", "Late"});
+    file.solutions_of_steps(zone, {"Late", "Early"});
   }
+  EXPECT_THAT(read(0).step->times, ElementsAre(0, 1));
   EXPECT_EQ(values(read(0), "T"), points_up);
   EXPECT_EQ(values(read(1), "T"), points_down);
   EXPECT_EQ(values(read(0), "m"), points_up);
