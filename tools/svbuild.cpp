@@ -561,9 +561,10 @@ void add_format_options(CommandLine& app, Options& options) {
                "Store positions and values as they are given, values in single precision: without it, a position may "
                "move by 1/64 of the smallest deviation of the splats around, and a value by 1/16 of theirs. The file "
                "becomes larger, pictures stay the same");
-  app.add_flag("--strict", options.strict,
-               "Write nothing if the file would not be the input as it is: cells or points left out, merged unlike or "
-               "inverted, numbers taken as fill values, detail lost far from the origin or beside large values");
+  app.add_flag(
+      "--strict", options.strict,
+      "Write nothing if the file would not be the input as it is: arrays, cells or points left out, merged unlike or "
+      "inverted, numbers taken as fill values, detail lost far from the origin or beside large values");
   app.add_option("--up", options.up,
                  "The axis that points upwards in pictures; kept in the file (default: z for OpenFOAM; else none is "
                  "kept, and pictures take y)")

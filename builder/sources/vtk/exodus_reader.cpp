@@ -469,6 +469,7 @@ class ExodusReader final : public BlockReader {
                             const HasValues& has_values) {
     for (const ExodusArray& of_file : known) {
       vtkDataArray* array = arrays.GetArray(of_file.vtk_name.c_str());
+      if (!array) array = arrays.GetArray(of_file.name.c_str());  // VTK's reader may give an array again
       if (!array) continue;
       for (int c = 0; c < of_file.components && c < array->GetNumberOfComponents(); ++c)
         if (!has_values(of_file.variable + c)) array->FillComponent(c, missing_value);
