@@ -71,6 +71,8 @@ class EnsightReader {
   /// For a file that lacks something.
   void end() { ended_ = true; }
 
+  [[nodiscard]] std::uint64_t size() const { return words_.size(); }
+
   /// A line as it is; empty at the end of the file.
   std::string line() {
     if (words_.at_end()) return {};
@@ -561,9 +563,12 @@ class VariableWalk : public EnsightWalk {
     return line;
   }
 
-  /// Notes that a part of so many points or cells has values.
+  /// Notes that a part of so many points or cells has values. A geometry of a few bytes may have any number of them,
+  /// and a file of values a few partial ones.
   void note_part(const Part& part, std::uint64_t count) {
+    constexpr std::uint64_t most_per_byte = 8;
     if (!is_wanted_) return;
+    if (count > most_per_byte * file_.size()) return file_.end();
     values_.parts.insert(part.index);
     if (reads_values_)
       values_.of_parts[part.index].resize(count * variable_.components, std::numeric_limits<float>::quiet_NaN());

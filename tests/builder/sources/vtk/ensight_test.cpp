@@ -637,6 +637,24 @@ TEST_F(EnsightTest, SectionsAndListsThatVtkDoesNotKnow) {
   EXPECT_THAT(error_of({path("a.case")}), HasSubstr("the line \"SURPRISE\" is of no kind"));
 }
 
+TEST_F(EnsightTest, BlocksOfMorePointsThanValuesAreRefused) {
+  for (const Encoding encoding : {Encoding::text, Encoding::binary}) {
+    EnsightText geometry(encoding), values(encoding);
+    geometry.kind();
+    for (const char* line : {"a", "b", "node id assign", "element id assign", "part"}) geometry.line(line);
+    geometry.ints({1});
+    for (const char* line : {"a part", "block uniform"}) geometry.line(line);
+    geometry.ints({1048575, 1048575, 1048575}, 3);
+    for (const double first : {0.0, 1.0}) geometry.floats(3, [&](std::size_t) { return first; });
+    values.line("T");
+    put_values_of(values, 1, "block", 8, 0);
+    write("geo", geometry.bytes);
+    write("T", values.bytes);
+    write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: T T\n");
+    EXPECT_THAT(error_of({path("a.case")}), HasSubstr("T: the file is cut off, or damaged: it ends within part 1"));
+  }
+}
+
 TEST_F(EnsightTest, VariablesOfOneName) {
   write("geo", one_hexahedron(Encoding::text));
   for (const char* name : {"a", "b"}) write(name, one_value(Encoding::text, 0));
