@@ -680,7 +680,7 @@ Status check_lines(const std::string& path, std::unique_ptr<ByteSource> file, st
 class CaseFiles {
  public:
   CaseFiles(const std::string& path, const EnsightCase& files, const SourceOptions& options)
-      : folder_(std::filesystem::path(path).parent_path()), files_(files), options_(options) {
+      : path_(path), folder_(std::filesystem::path(path).parent_path()), files_(files), options_(options) {
     const auto step = choose_step(files.times(), options.time);
     if (step) time_ = step->time;
     if (files.geometry()) geometry_ = files.file_at(*files.geometry(), time_);
@@ -740,6 +740,11 @@ class CaseFiles {
 
   Status check_variable(const EnsightFiles& variable) {
     const auto values = files_.file_at(variable, time_);
+    if (!values && is_wanted(variable))
+      return fail(
+          ErrorCode::invalid_data,
+          "{}: the case does not tell which file has {}: its time set, its file set or a number of it is missing",
+          path_, variable.variable);
     const std::string path = values ? folder_ / values->name : folder_;
     auto file = open_file(path);
     const bool is_read = findings_.geometry && is_wanted(variable);
@@ -756,6 +761,7 @@ class CaseFiles {
     return {};
   }
 
+  const std::string& path_;
   std::filesystem::path folder_;
   const EnsightCase& files_;
   const SourceOptions& options_;

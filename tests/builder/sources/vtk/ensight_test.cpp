@@ -597,6 +597,9 @@ TEST_F(EnsightTest, VariablesOfSeveralTimeSets) {
   write_case("1 2");
   EXPECT_THAT(first_values(0), Pair(0, IsNan())) << "b begins later";
   EXPECT_THAT(first_values(1), Pair(10, 1000));
+  std::string text = read_text_file(path("a.case")).value();
+  write("a.case", text.replace(text.find("2 b b*"), 1, "3"));
+  EXPECT_THAT(error_of({path("a.case")}), HasSubstr("a.case: the case does not tell which file has b"));
 }
 
 // VTK 9.1 looks for steps in a geometry that has none, without an end.
