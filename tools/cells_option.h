@@ -1,4 +1,4 @@
-// The option --cells of programs that read meshes.
+// Options of programs that read meshes.
 #pragma once
 
 #include <string>
@@ -19,6 +19,13 @@ inline void add_cells_option(CommandLine& app, std::string& cells, const std::st
          "Values of cells: averaged (to the points, by the volumes of the cells round each) or own (" + own + ")")
       ->one_of({"averaged", "own"})
       ->capture_default_str();
+}
+
+inline void add_displacements_option(CommandLine& app, bool& without) {
+  app.add_flag(
+      "--no-displacements", without,
+      "Leave the points of an Exodus file where its coordinates are: without it, a vector of the points that is "
+      "called disp, displ or displacement moves them");
 }
 
 }  // namespace splatvol

@@ -49,6 +49,7 @@ struct Options {
   bool gradients = false;
   bool exact = false;
   bool strict = false;
+  bool no_displacements = false;
   bool boundary = false;
   bool drop_cells = false;
   std::uint64_t boundary_triangles = 0;  // 0: the default, if there is a boundary
@@ -264,7 +265,8 @@ SourceOptions source_options_of(const Options& options) {
           options.missing,
           options.boundary || options.boundary_triangles > 0,
           false,
-          !options.exact};
+          !options.exact,
+          !options.no_displacements};
 }
 
 InputReader input_reader(ReaderProcess& reader) {
@@ -561,6 +563,7 @@ void add_format_options(CommandLine& app, Options& options) {
                  "(default: the last)")
       ->type_name("T")
       ->check(check_finite);
+  add_displacements_option(app, options.no_displacements);
   app.add_flag("--gradients", options.gradients,
                "Keep the direction of each attribute's gradient at the points, about 3 bytes each: svrender --kernel "
                "octant needs it for scenes with lighting");
@@ -568,9 +571,10 @@ void add_format_options(CommandLine& app, Options& options) {
                "Store positions and values as they are given, values in single precision: without it, a position may "
                "move by 1/64 of the smallest deviation of the splats around, and a value by 1/16 of theirs. The file "
                "becomes larger, pictures stay the same");
-  app.add_flag("--strict", options.strict,
-               "Write nothing if the file would not be the input as it is: cells or points left out, merged unlike or "
-               "inverted, numbers taken as fill values, detail lost far from the origin or beside large values");
+  app.add_flag(
+      "--strict", options.strict,
+      "Write nothing if the file would not be the input as it is: arrays, cells or points left out, merged unlike or "
+      "inverted, numbers taken as fill values, detail lost far from the origin or beside large values");
   app.add_option("--up", options.up,
                  "The axis that points upwards in pictures; kept in the file (default: z for OpenFOAM; else none is "
                  "kept, and pictures take y)")

@@ -33,6 +33,7 @@ struct Options {
   std::string size;
   std::string cells = "averaged";
   std::vector<double> missing;
+  bool no_displacements = false;
   unsigned threads = 0;
   int repeat = 1;
   ReadingOptions reading;
@@ -200,7 +201,8 @@ Status draw(const Options& options) {
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
-  SourceOptions source_options{.cells = cell_values_of(options.cells), .missing = options.missing};
+  SourceOptions source_options{
+      .cells = cell_values_of(options.cells), .missing = options.missing, .displacements = !options.no_displacements};
   source_options.patches = std::ranges::any_of(
       scene.surfaces, [](const SceneSurface& surface) { return surface.shown && !surface.boundary.empty(); });
   std::optional<BoundaryFaces> faces;
@@ -258,6 +260,7 @@ int main(int argc, char** argv) {
       ->type_name("WxH")
       ->check(check_of(parse_image_size));
   add_cells_option(app, options.cells, "draw constant cells, as 'svbuild --cells own' has them");
+  add_displacements_option(app, options.no_displacements);
   app.add_option("--missing", options.missing, "As in svbuild: a number that stands for no value; repeatable")
       ->type_name("V")
       ->allow_extra_args(false);

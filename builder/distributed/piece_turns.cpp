@@ -42,6 +42,8 @@ void put(ByteWriter& out, const CellCensus& cells) {
     out.put(std::vector<char>(name.begin(), name.end()));
     out.put(count);
   }
+  out.put(std::uint64_t{cells.losses.size()});
+  for (const std::string& line : cells.losses) out.put(std::vector<char>(line.begin(), line.end()));
 }
 
 void get(ByteReader& in, CellCensus& cells) {
@@ -53,6 +55,12 @@ void get(ByteReader& in, CellCensus& cells) {
     std::vector<char> name;
     in.get(name);
     in.get(cells.cells[std::string(name.begin(), name.end())]);
+  }
+  std::uint64_t losses = 0;
+  in.get(losses);
+  for (std::vector<char> line; losses > 0; --losses) {
+    in.get(line);
+    cells.losses.emplace(line.begin(), line.end());
   }
 }
 

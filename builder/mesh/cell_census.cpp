@@ -14,6 +14,7 @@ CellCensus& CellCensus::operator+=(const CellCensus& other) {
       [&](auto&... sums) { std::apply([&](const auto&... numbers) { ((sums += numbers), ...); }, numbers_of(other)); },
       numbers_of(*this));
   rounded_by = std::max(rounded_by, other.rounded_by);
+  losses.insert(other.losses.begin(), other.losses.end());
   return *this;
 }
 

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <map>
+#include <set>
 #include <string>
 #include <tuple>
 
@@ -26,6 +27,7 @@ struct CellCensus {
   std::uint64_t left_out = 0;                  // cells of blocks that are surfaces, of which nothing is kept
   std::uint64_t unwritten = 0;                 // values that a text file has stars for, which are missing
   std::uint64_t open_ends = 0;                 // text files that end with a number: it may be cut off
+  std::set<std::string> losses;                // lines that name what the input has and its reader did not give
 
   // Only of cells whose corners a reader has rounded to single precision (measure_single_precision).
   std::uint64_t bent = 0;       // tetrahedra that this may have bent
@@ -38,7 +40,7 @@ struct CellCensus {
   CellCensus& operator+=(const CellCensus& other);
 };
 
-/// All numbers but those by type that add up, by reference.
+/// All numbers but those by type that add up, by reference. Without the losses.
 template <class Census>
 [[nodiscard]] auto numbers_of(Census& census) {
   return std::tie(census.tetrahedra, census.inverted, census.flat, census.without_volume, census.surfaces, census.lines,

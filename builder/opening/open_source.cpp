@@ -1,7 +1,12 @@
 #include "builder/opening/open_source.h"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
 #include <array>
 #include <filesystem>
+#include <iterator>
 #include <map>
 #include <optional>
 #include <set>
@@ -72,9 +77,10 @@ class KnownFiles {
       SPLATVOL_TRY_ASSIGN(blocks, block_files(path));
       return names_[file] = std::move(blocks);
     }
-    SPLATVOL_TRY_ASSIGN(pieces, parallel_pieces(path));
+    SPLATVOL_TRY_ASSIGN(parallel, read_parallel_file(path));
     std::vector<BlockFile> files;
-    for (const std::string& piece : pieces) files.push_back({piece});
+    for (const std::string& piece : parallel.pieces) files.push_back({piece});
+    if (!parallel.arrays.empty()) declared_.push_back({path, std::move(parallel.arrays)});
     return names_[file] = std::move(files);
   }
 
@@ -92,7 +98,9 @@ class KnownFiles {
     return known->second = sum;
   }
 
- private:
+  /// The arrays that parallel files among them declare, once.
+  std::vector<DeclaredArrays> take_declared() { return std::exchange(declared_, {}); }
+
   /// Returns the one path of a file that may have many, by links and "..". The file itself may be a link: what it names
   /// lies where the link does.
   std::string canonical(const std::string& path) {
@@ -104,10 +112,12 @@ class KnownFiles {
     return known->second / given.filename();
   }
 
+ private:
   std::map<std::string, std::filesystem::path> folders_;
   std::map<std::string, FileHeader> headers_;
   std::map<std::string, std::vector<BlockFile>> names_;
   std::map<std::string, double> counts_;
+  std::vector<DeclaredArrays> declared_;
 };
 
 /// Appends a file to those for VTK's readers. `nesting`: how many files name each other on the way to it.
@@ -218,6 +228,44 @@ Status append_file(const std::string& path, std::vector<VtkFile>& files, KnownFi
   return openers[static_cast<std::size_t>(*header.format)].append(path, header, files, known, nesting);
 }
 
+/// Files that a list names, each once.
+class ListedFiles {
+ public:
+  explicit ListedFiles(KnownFiles& known) : known_(known) {}
+
+  /// Whether a file is named for the first time.
+  bool add(const std::string& path) {
+    const bool is_new = seen_.insert(known_.canonical(path)).second;
+    if (!is_new) twice_.insert(std::filesystem::path(path).filename().string());
+    return is_new;
+  }
+
+  /// Leaves out files and blocks that were named before.
+  void keep_new(std::vector<VtkFile>& files) {
+    std::erase_if(files, [&](VtkFile& file) {
+      if (file.kind != VtkFile::Kind::composite) return !add(file.path);
+      keep_new(file.blocks);
+      return file.blocks.empty();
+    });
+  }
+
+  /// Adds a line on the files that `list` names several times, if there are any.
+  void tell(const std::string& list, std::vector<std::string>& notes) const {
+    constexpr std::size_t most_names = 5;
+    if (twice_.empty()) return;
+    std::vector<std::string> names(twice_.begin(), twice_.end());
+    if (names.size() > most_names) {
+      names.resize(most_names);
+      names.push_back(fmt::format("{} more", twice_.size() - most_names));
+    }
+    notes.push_back(fmt::format("{}: names files more than once, which count once: {}", list, fmt::join(names, ", ")));
+  }
+
+ private:
+  KnownFiles& known_;
+  std::set<std::string> seen_, twice_;
+};
+
 std::string normal_path(const VtkFile& file) { return std::filesystem::path(file.path).lexically_normal().string(); }
 
 void collect_blocks(const VtkFile& file, std::set<std::string>& paths) {
@@ -264,6 +312,7 @@ Result<std::optional<TimeStep>> expand_pvd(std::vector<std::string>& paths, cons
 struct VtkInput {
   std::vector<VtkFile> files;
   std::optional<TimeStep> step;
+  VtkLists lists = {};
 };
 
 /// `paths`: `inputs` with the files of folders; `first`: the header of the first.
@@ -274,16 +323,30 @@ Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<st
   SPLATVOL_TRY_ASSIGN(step, expand_pvd(paths, first, options.time, known));
   SPLATVOL_TRY(check_count(paths, known));
   input.step = step;
+  if (step) {
+    ListedFiles listed(known);
+    std::erase_if(paths, [&](const std::string& path) { return !listed.add(path); });
+    listed.tell(inputs[0], input.lists.notes);
+  }
   for (std::size_t i = 0; i < paths.size(); ++i) {
-    SPLATVOL_TRY(append_file(paths[i], input.files, known));
+    std::vector<VtkFile> files;
+    SPLATVOL_TRY(append_file(paths[i], files, known));
+    ListedFiles listed(known);
+    listed.keep_new(files);
+    listed.tell(paths[i], input.lists.notes);
+    std::ranges::move(files, std::back_inserter(input.files));
     // A .csv behind an SU2 mesh holds its values.
     if (input.files.back().kind == VtkFile::Kind::su2 && i + 1 < paths.size() &&
         format_of_name(paths[i + 1]) == InputFormat::table)
       input.files.back().values = paths[++i];
   }
   if (paths != inputs) drop_repeated(input.files);
+  ListedFiles listed(known);  // several lists may name one file
+  listed.keep_new(input.files);
+  listed.tell(inputs[0], input.lists.notes);
   if (input.files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
   for (VtkFile& file : input.files) file.patches = options.patches;
+  input.lists.declared = known.take_declared();
   return input;
 }
 
@@ -312,7 +375,7 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
         paths[0]);
   }
   SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));
-  return open_vtk_files(std::move(input.files), options, input.step);
+  return open_vtk_files(std::move(input.files), options, input.step, std::move(input.lists));
 }
 
 }  // namespace

@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
+#include <set>
 #include <utility>
 
 namespace splatvol {
@@ -110,6 +112,11 @@ std::vector<std::string> warning_lines(const BuildReport& report) {
         fmt::format("no line end follows the last number of {}: it may be cut off; if it is whole, add a "
                     "line end",
                     files == 1 ? "a file" : fmt::format("{} files", files)));
+  constexpr std::size_t most_losses = 20;  // a file may have thousands of parts
+  const std::set<std::string>& losses = report.cells.losses;
+  const std::size_t told = losses.size() > most_losses ? most_losses - 1 : losses.size();
+  lines.insert(lines.end(), losses.begin(), std::next(losses.begin(), static_cast<std::ptrdiff_t>(told)));
+  if (told < losses.size()) lines.push_back(fmt::format("{} more of this kind", losses.size() - told));
   return lines;
 }
 

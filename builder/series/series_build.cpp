@@ -411,6 +411,7 @@ void add_report(SeriesReport& series, const BuildReport& steps, const std::vecto
   } else {
     all.cells.unwritten += steps.cells.unwritten;
     all.cells.open_ends += steps.cells.open_ends;
+    all.cells.losses.insert(steps.cells.losses.begin(), steps.cells.losses.end());
   }
   add_counts(steps.missing, all.missing);
   add_counts(steps.fills, all.fills);

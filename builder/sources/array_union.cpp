@@ -3,6 +3,8 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
+#include <utility>
 
 #include "base/names.h"
 
@@ -15,6 +17,18 @@ std::unordered_set<std::string> names_of_both(std::span<const ArrayShape> arrays
   for (const ArrayShape& array : arrays)
     if (!seen.insert(array.name).second) both.insert(array.name);
   return both;
+}
+
+/// Fails if two arrays at the points, or in the cells, have the same name: only one of them could be read.
+Status check_names(const std::string& part, std::span<const ArrayShape> arrays) {
+  std::array<std::vector<std::string>, 2> names;
+  for (const ArrayShape& array : arrays)
+    if (array.of_cells) names[*array.of_cells ? 1 : 0].push_back(array.name);
+  for (const std::size_t of_cells : {0u, 1u})
+    if (const auto duplicate = find_duplicate(std::move(names[of_cells])))
+      return fail(ErrorCode::invalid_data, "{}: two arrays of its {} are called \"{}\": rename one", part,
+                  of_cells == 0 ? "points" : "cells", *duplicate);
+  return {};
 }
 
 }  // namespace
@@ -40,6 +54,7 @@ Status ArrayUnion::check_components(const std::string& part, const ArrayShape& a
 }
 
 Status ArrayUnion::add(const std::string& part, std::span<const ArrayShape> arrays) {
+  SPLATVOL_TRY(check_names(part, arrays));
   const std::unordered_set<std::string> both = names_of_both(arrays);
   for (const ArrayShape& array : arrays) {
     if (array.of_cells.value_or(false)) of_cells_.insert(array.name);

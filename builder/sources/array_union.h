@@ -28,8 +28,8 @@ struct ArrayShape {
 /// points, and another part in its cells.
 class ArrayUnion {
  public:
-  /// Adds the arrays of one part. Fails if an array has another number of components than in a part before; `part`
-  /// begins the message.
+  /// Adds the arrays of one part. Fails if two arrays at its points, or in its cells, have the same name, or if an
+  /// array has another number of components than in a part before; `part` begins the message.
   [[nodiscard]] Status add(const std::string& part, std::span<const ArrayShape> arrays);
 
   /// Fails if a part has an array that no part has that was added, or one with another number of components.

@@ -35,7 +35,7 @@ constexpr std::array<FormatRow, input_format_count> rows = {{
     {InputFormat::cgns, "CGNS", ".cgns", "", "HDF5, ADF", "a zone", "`--time`", "as VTK",
      "sections of surfaces and boundary conditions without `--boundary`; flat zones; values of faces and edges"},
     {InputFormat::ensight, "EnSight", ".case .encas", "", "6, Gold; ascii, binary", "the whole mesh", "`--time`",
-     "as VTK", "ghosts; parts with surfaces only, without `--boundary`"},
+     "as VTK", "ghosts; materials; parts with surfaces only, without `--boundary`"},
     {InputFormat::openfoam, "OpenFOAM", ".foam", "a case's folder or .foam",
      "or a case's folder, also decomposed or collated; ascii, binary, `.gz`",
      "the mesh of a time step; decomposed: a processor, and all points on the outsides of processors", "`--time`",

@@ -213,6 +213,7 @@ struct SourceOptions {
   bool patches = false;              // pieces bring the patches that the input names
   bool may_lack = false;             // values of selected attributes that are not there are missing
   bool may_round = false;            // coordinates of OpenFOAM lose noise in their last bits (PointRounding)
+  bool displacements = true;         // of Exodus: they move the points
 };
 
 /// Opens an input. Contract as open_source (builder/opening/open_source.h).

@@ -133,6 +133,7 @@ Status StepGroup::add(std::size_t step, std::unique_ptr<Piece> other, Piece& pie
   append(piece.fills, other->fills);
   piece.census.unwritten += other->census.unwritten;
   piece.census.open_ends += other->census.open_ends;
+  piece.census.losses.merge(other->census.losses);
   if (!piece.material) return {};
   append(piece.material->value_moments, other->material->value_moments);
   append(piece.material->gradients, other->material->gradients);

@@ -38,9 +38,9 @@ struct Plane {
   Mask is_steep;
 };
 
-/// Returns the plane through three corners, in the order of their ranks. A face is steep if it is narrower on the screen
-/// than a few roundings of its corners' places, or so nearly edge-on that rounding changes its slope by 1 %: cells that
-/// have one are precise. Both cells of a face find the same.
+/// Returns the plane through three corners, in the order of their ranks. A face is steep if it is narrower on the
+/// screen than a few roundings of its corners' places, or so nearly edge-on that rounding changes its slope by 1 %:
+/// cells that have one are precise. Both cells of a face find the same.
 HWY_INLINE Plane plane_through(const Corner& p, const Corner& q, const Corner& r, float slack) {
   const Float qx = q.x - p.x, qy = q.y - p.y, rx = r.x - p.x, ry = r.y - p.y;
   const Float product = qy * rx, area = fma(qx, ry, -product), size = abs(qx * ry) + abs(product);
@@ -150,7 +150,8 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
     const auto least = [&](auto member) HWY_ATTR { return min(min(p.*member, q.*member), min(r.*member, s.*member)); };
     const auto most = [&](auto member) HWY_ATTR { return max(max(p.*member, q.*member), max(r.*member, s.*member)); };
     const Float left = max(hn::Ceil((least(&Corner::x) + (middle_x - rounding)).v), 0.0F);
-    const Float right = min(hn::Floor((most(&Corner::x) + (middle_x + rounding)).v), static_cast<float>(view.width - 1));
+    const Float right =
+        min(hn::Floor((most(&Corner::x) + (middle_x + rounding)).v), static_cast<float>(view.width - 1));
     const Float bottom = max(hn::Ceil((least(&Corner::y) + (middle_y - rounding)).v), 0.0F);
     const Float top = min(hn::Floor((most(&Corner::y) + (middle_y + rounding)).v), static_cast<float>(view.height - 1));
     const Mask is_far_out = hn::Not(is_zero(far_out));
@@ -167,8 +168,8 @@ void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setu
     const auto largest = [](Float a, Float b, Float c, Float d)
                              HWY_ATTR { return max(max(abs(a), abs(b)), max(abs(c), abs(d))); };
     // Each depth is rounded by 6e-8 of its size: 3 % of this thickness.
-    const Float least_volume = largest(p.d, q.d, r.d, s.d) *
-                               largest(planes[0].size, planes[1].size, planes[2].size, planes[3].size) * 2e-6F;
+    const Float least_volume =
+        largest(p.d, q.d, r.d, s.d) * largest(planes[0].size, planes[1].size, planes[2].size, planes[3].size) * 2e-6F;
     Mask is_precise = either(is_far_out, hn::Not(abs(volume) > least_volume));
     for (const Plane& plane : planes) is_precise = either(is_precise, plane.is_steep);
 

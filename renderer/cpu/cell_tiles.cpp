@@ -462,7 +462,7 @@ HWY_NOINLINE void add_with_events(const CellTile& t, const CellWithEvents& c, co
 /// Where a segment's cell stands, and what it has besides.
 struct CellToAdd {
   const CellOnScreen& cell;
-  const CellShading* shading;   // null: the frame has no shades, nor events
+  const CellShading* shading;  // null: the frame has no shades, nor events
   const EventsOfCell* events;  // null: the cell has none
 };
 
@@ -498,18 +498,18 @@ HWY_NOINLINE void add_precise_cell(const CellTile& t, const CellToAdd& c, const 
     const Float near_d = min(lanes(ways.enter.d), Float(t.nearest_d) - rise), far_d = min(lanes(ways.leave.d), near_d);
     const Float lighting =
         has_shades && t.frame.lighting ? light_at<orthographic>(t, *t.frame.lighting, *c.shading, x, y) : Float(1.0F);
-    const WholeSegments whole{{max(-(near_d + key_offset), t.first_key), lanes(ways.length),
-                               clamp(lanes(ways.enter.u), c.cell.low, c.cell.high),
-                               clamp(lanes(ways.leave.u), c.cell.low, c.cell.high), lighting, lanes(ways.enter.o),
-                               lanes(ways.leave.o)},
-                              near_d,
-                              far_d,
-                              lanes(ways.enter.z),
-                              lanes(ways.leave.z),
-                              rise + t.w,
-                              key_offset,
-                              pixel,
-                              hit};
+    const WholeSegments whole{
+        {max(-(near_d + key_offset), t.first_key), lanes(ways.length),
+         clamp(lanes(ways.enter.u), c.cell.low, c.cell.high), clamp(lanes(ways.leave.u), c.cell.low, c.cell.high),
+         lighting, lanes(ways.enter.o), lanes(ways.leave.o)},
+        near_d,
+        far_d,
+        lanes(ways.enter.z),
+        lanes(ways.leave.z),
+        rise + t.w,
+        key_offset,
+        pixel,
+        hit};
     const RaysInCell rays{x, y, truncate(lanes(ways.enter.face)), truncate(lanes(ways.leave.face))};
     add_found<orthographic, has_shades, has_events>(t, c, whole, rays, tile);
     if (tile.is_full) return;

@@ -39,8 +39,8 @@ Box box_in_view(const View& view, const Box& box) {
   return result;
 }
 
-/// The unit of length in which a picture is drawn, in world units: a power of two, so that it rounds nothing. All that is
-/// in view has coordinates up to about 1 then, whatever the data's units are: single precision has room for them.
+/// The unit of length in which a picture is drawn, in world units: a power of two, so that it rounds nothing. All that
+/// is in view has coordinates up to about 1 then, whatever the data's units are: single precision has room for them.
 double unit_of(const CellSource& source, const View& view) {
   double reach = 0;
   for (const CellSource::Chunk& chunk : source.chunks())
@@ -636,8 +636,8 @@ void CellSweep::begin_limits(const CellTileArea& area, TileScratch& scratch) con
   for (int y = area.bottom + area.pixels.y0; y <= area.bottom + area.pixels.y1; ++y)
     for (int x = area.left + area.pixels.x0; x <= area.left + area.pixels.x1; ++x) {
       const std::size_t pixel = CellTileArea::number_of(x - area.left, y - area.bottom);
-      const VisibleDepths visible =
-          clipped_depths(world_view_, (x - frame_.middle_x) / world_view_.focal, (y - frame_.middle_y) / world_view_.focal);
+      const VisibleDepths visible = clipped_depths(world_view_, (x - frame_.middle_x) / world_view_.focal,
+                                                   (y - frame_.middle_y) / world_view_.focal);
       const double end = opaque_depth(x, y), from = nearness(visible.from / unit_);
       const double to = std::min(from, nearness(std::min(visible.to / unit_, end)));
       scratch.limits.front()[pixel] = from;

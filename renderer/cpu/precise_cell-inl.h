@@ -56,10 +56,10 @@ struct alignas(64) PreciseWays {
   Lanes length;  // as a difference of depths
 };
 
-/// Finds where rays enter and leave a precise cell, as CellCrosser (renderer/reference/cell.h) does for one ray: rays are
-/// not moved. Corners are offsets (u, w) from the ray at their depths. The ray's sides of the edges, u_i w_j - u_j w_i,
-/// depend on the edge alone, so all cells round it agree. The ray meets a face if the sides of its edges agree. They are
-/// also the weights of the corners there: so depth and value stay within those of the face.
+/// Finds where rays enter and leave a precise cell, as CellCrosser (renderer/reference/cell.h) does for one ray: rays
+/// are not moved. Corners are offsets (u, w) from the ray at their depths. The ray's sides of the edges, u_i w_j - u_j
+/// w_i, depend on the edge alone, so all cells round it agree. The ray meets a face if the sides of its edges agree.
+/// They are also the weights of the corners there: so depth and value stay within those of the face.
 class PreciseRays {
  public:
   /// `origin`: of the chunk's depths.
@@ -82,7 +82,8 @@ class PreciseRays {
  private:
   static constexpr std::array<std::array<std::size_t, 2>, 6> edges = {{{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}}};
   /// Edges ab, ac and bc of the faces in face_corners.
-  static constexpr std::array<std::array<std::size_t, 3>, 4> face_edges = {{{0, 1, 3}, {0, 2, 4}, {1, 2, 5}, {3, 4, 5}}};
+  static constexpr std::array<std::array<std::size_t, 3>, 4> face_edges = {
+      {{0, 1, 3}, {0, 2, 4}, {1, 2, 5}, {3, 4, 5}}};
 
   struct Corner {
     Double u, w, zeta;  // zeta: the depth; 1 in orthographic projection
@@ -140,9 +141,8 @@ class PreciseRays {
     const auto [a, b, c, opposite] = face_corners[face];
     const auto [ab, ac, bc] = face_edges[face];
     const Double of_a = sides.size[bc], of_b = Double(0.0) - sides.size[ac], of_c = sides.size[ab];
-    const auto weighted = [&](double at_a, double at_b, double at_c) HWY_ATTR {
-      return fma(of_a, at_a, fma(of_b, at_b, of_c * Double(at_c)));
-    };
+    const auto weighted = [&](double at_a, double at_b, double at_c)
+                              HWY_ATTR { return fma(of_a, at_a, fma(of_b, at_b, of_c * Double(at_c))); };
     const double z = cell_.corners[0].z;
     Place place;
     place.depth = weighted(cell_.corners[a].z - z, cell_.corners[b].z - z, cell_.corners[c].z - z);
@@ -179,8 +179,8 @@ class PreciseRays {
     std::array<DoubleMask, 4> met;
     for (std::size_t face = 0; face < 4; ++face) {
       const auto [ab, ac, bc] = face_edges[face];
-      met[face] = hn::AndNot(hn::Xor(sides.is_above[ab], sides.is_above[bc]),
-                             hn::Xor(sides.is_above[ab], sides.is_above[ac]));
+      met[face] =
+          hn::AndNot(hn::Xor(sides.is_above[ab], sides.is_above[bc]), hn::Xor(sides.is_above[ab], sides.is_above[ac]));
     }
     if (!any_lane(hn::Or(hn::Or(met[0], met[1]), hn::Or(met[2], met[3])))) return 0;
 

@@ -37,7 +37,7 @@ void check_ensight(std::span<const std::byte> bytes) {
   const EnsightCase fixed(
       "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: " + geometry.path().substr(geometry.path().find_last_of('/') + 1) +
       "\nVARIABLE\nscalar per node: p " + geometry.path().substr(geometry.path().find_last_of('/') + 1) + "\n");
-  static_cast<void>(check_ensight_files(geometry.path(), fixed, std::nullopt));
+  static_cast<void>(check_ensight_files(geometry.path(), fixed, {}));
 
   // The bytes as values of elements, of which one is a ghost.
   static const fuzz::NamedBytes ghosts(std::as_bytes(std::span(ghost_geometry)));
@@ -49,7 +49,7 @@ void check_ensight(std::span<const std::byte> bytes) {
         check_ensight_files(geometry.path(),
                             EnsightCase("FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: " + name_of(ghosts) +
                                         "\nVARIABLE\n" + kind + " per element: q " + name_of(geometry) + "\n"),
-                            std::nullopt));
+                            {}));
 }
 
 // A grid of PLOT3D and its solution, halves of the input.

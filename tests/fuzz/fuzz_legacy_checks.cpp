@@ -4,6 +4,6 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const splatvol::fuzz::NamedBytes file(splatvol::fuzz::bytes_of(data, size));
-  static_cast<void>(splatvol::check_legacy(file.path()));
+  static_cast<void>(splatvol::legacy_arrays(file.path()));
   return 0;
 }

@@ -493,7 +493,8 @@ TEST_F(FileCellsOf, LatticesAlongWhichRaysGraze) {
   for (const double move : {0.0, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8})
     for (const bool is_exact : {false, true})
       for (const bool orthographic : {false, true}) {
-        SCOPED_TRACE(testing::Message() << move << (is_exact ? ", exact" : "") << (orthographic ? ", orthographic" : ""));
+        SCOPED_TRACE(testing::Message() << move << (is_exact ? ", exact" : "")
+                                        << (orthographic ? ", orthographic" : ""));
         BuildOptions options = exact();
         options.exact = {.positions = is_exact, .values = is_exact};
         test::build_mesh(test::jittered(8, move), test::waves, path("mesh.svol"), options);

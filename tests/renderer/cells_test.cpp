@@ -372,9 +372,18 @@ Mesh cells_along_axes(std::mt19937& random, double move) {
   std::array<Cells, 3> shapes = {{{{0, 1, 3, 7}, {0, 3, 2, 7}, {0, 2, 6, 7}, {0, 6, 4, 7}, {0, 4, 5, 7}, {0, 5, 1, 7}},
                                   {{0, 1, 2, 6}, {0, 1, 6, 5}, {0, 4, 5, 6}},
                                   {}}};
-  constexpr std::array<std::array<std::uint32_t, 3>, 12> triangles = {
-      {{0, 1, 3}, {0, 3, 2}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4}, {2, 3, 7}, {2, 7, 6}, {0, 2, 6}, {0, 6, 4},
-       {1, 3, 7}, {1, 7, 5}}};
+  constexpr std::array<std::array<std::uint32_t, 3>, 12> triangles = {{{0, 1, 3},
+                                                                       {0, 3, 2},
+                                                                       {4, 5, 7},
+                                                                       {4, 7, 6},
+                                                                       {0, 1, 5},
+                                                                       {0, 5, 4},
+                                                                       {2, 3, 7},
+                                                                       {2, 7, 6},
+                                                                       {0, 2, 6},
+                                                                       {0, 6, 4},
+                                                                       {1, 3, 7},
+                                                                       {1, 7, 5}}};
   for (const auto& [a, b, c] : triangles) shapes[2].push_back({a, b, c, 8});  // a polyhedron from a point within
   std::uniform_int_distribution<int> length(1, 9), shape(0, 2);
   std::uniform_real_distribution<double> any(-1, 1);
@@ -426,8 +435,8 @@ TEST(Cells, AlongWhichRaysGraze) {
     }
     for (std::size_t i = 0; i < picture.pixels.size(); ++i)
       for (int c = 0; c < 4; ++c) {
-        const auto [low, high] = std::ranges::minmax(
-            truths, {}, [&](const Image& image) { return image.pixels[i][c]; });
+        const auto [low, high] =
+            std::ranges::minmax(truths, {}, [&](const Image& image) { return image.pixels[i][c]; });
         ASSERT_GE(picture.pixels[i][c], low.pixels[i][c] - 0.02) << i % 27 << " " << i / 27;
         ASSERT_LE(picture.pixels[i][c], high.pixels[i][c] + 0.02) << i % 27 << " " << i / 27;
       }

@@ -14,7 +14,7 @@ namespace splatvol {
 template <class Options>
 auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Options>, SourceOptions> {
   return std::tie(options.selection, options.columns, options.time, options.cells, options.missing, options.patches,
-                  options.may_lack, options.may_round);
+                  options.may_lack, options.may_round, options.displacements);
 }
 
 template <class Step>
@@ -74,6 +74,23 @@ std::string cut(const std::string& line) {
 Status get_line(Channel& channel, std::string& line) {
   SPLATVOL_TRY(channel.get(line, most_line_bytes));
   line = one_line(line);
+  return {};
+}
+
+Status put_lines(Channel& channel, const auto& lines) {
+  SPLATVOL_TRY(channel.put(std::uint64_t{lines.size()}));
+  for (const std::string& line : lines) SPLATVOL_TRY(channel.put(cut(line)));
+  return {};
+}
+
+template <class Add>
+Status get_lines(Channel& channel, const Add& add) {
+  std::uint64_t count = 0;
+  SPLATVOL_TRY(channel.get(count));
+  for (std::string line; count > 0; --count) {
+    SPLATVOL_TRY(get_line(channel, line));
+    add(line);
+  }
   return {};
 }
 
@@ -214,16 +231,12 @@ Status get(Channel& channel, SourceOptions& options) { return channel.get(option
 
 Status put(Channel& channel, const SourceState& state) {
   SPLATVOL_TRY(channel.put(state));
-  SPLATVOL_TRY(channel.put(std::uint64_t{state.conversions.size()}));
-  for (const std::string& line : state.conversions) SPLATVOL_TRY(channel.put(cut(line)));
-  return {};
+  return put_lines(channel, state.conversions);
 }
 
 Status get(Channel& channel, SourceState& state) {
-  std::uint64_t conversions = 0;
-  SPLATVOL_TRY(channel.get_all(state, conversions));
-  for (std::uint64_t i = 0; i < conversions; ++i) SPLATVOL_TRY(get_line(channel, state.conversions.emplace_back()));
-  return {};
+  SPLATVOL_TRY(channel.get(state));
+  return get_lines(channel, [&](std::string line) { state.conversions.push_back(std::move(line)); });
 }
 
 Status put(Channel& channel, const std::optional<std::vector<ArrayShape>>& arrays) { return channel.put(arrays); }
@@ -245,6 +258,7 @@ Status get(Channel& channel, TriangleMesh& mesh) {
 Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attributes) {
   const std::size_t points = piece->points.size();
   SPLATVOL_TRY(channel.put_all(piece->block, piece->census, piece->fills, piece->lent != nullptr));
+  SPLATVOL_TRY(put_lines(channel, piece->census.losses));
   SPLATVOL_TRY(put_away(channel, piece->points));
   SPLATVOL_TRY(put_away(channel, piece->tetrahedra));
   SPLATVOL_TRY(put_away(channel, piece->whole_cells));
@@ -259,8 +273,9 @@ Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attribute
 
 Status get(Channel& channel, Piece& piece, std::size_t attributes) {
   bool is_lent = false;
-  SPLATVOL_TRY(channel.get_all(piece.block, piece.census, piece.fills, is_lent, piece.points, piece.tetrahedra,
-                               piece.whole_cells, piece.values));
+  SPLATVOL_TRY(channel.get_all(piece.block, piece.census, piece.fills, is_lent));
+  SPLATVOL_TRY(get_lines(channel, [&](std::string line) { piece.census.losses.insert(std::move(line)); }));
+  SPLATVOL_TRY(channel.get_all(piece.points, piece.tetrahedra, piece.whole_cells, piece.values));
   if (is_lent) {
     std::vector<PackedColumn> columns;
     for (std::size_t a = 0; a < attributes; ++a) {

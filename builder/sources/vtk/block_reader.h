@@ -23,8 +23,8 @@ class BlockReader {
   virtual ~BlockReader() = default;
 
   /// Checks a file and those that it names before open() sees them, as VTK's readers print, hang or end the program if
-  /// a file is damaged. `time`: that is wanted, if one is. Not inside run_vtk. Safe on untrusted bytes.
-  virtual Status check(const std::string& /*path*/, std::optional<double> /*time*/) { return {}; }
+  /// a file is damaged. Not inside run_vtk. Safe on untrusted bytes.
+  virtual Status check(const std::string& /*path*/, const SourceOptions& /*options*/) { return {}; }
 
   /// Opens a file. Returns VTK's reader; null if it is one of our own, which has times() and output().
   virtual vtkMultiBlockDataSetAlgorithm* open(const std::string& path) = 0;
@@ -55,6 +55,9 @@ class BlockReader {
   /// of it. `path`: as for patch_name().
   [[nodiscard]] virtual std::string block_name(const std::vector<std::string>& path) const;
 
+  /// As VtkDataSets::declared(), for a data set of the output.
+  [[nodiscard]] virtual DeclaredArrays declared(vtkDataSet& /*data*/) { return {}; }
+
   /// Returns patches that are no surfaces of the output, once.
   virtual std::vector<Patch> take_patches() { return {}; }
 
@@ -76,6 +79,9 @@ class BlockReader {
 
   /// Whether the file has more digits. Reads its points.
   virtual bool has_finer_points(std::optional<double> /*time*/) { return false; }
+
+  /// As VtkDataSets::notes().
+  [[nodiscard]] virtual std::set<std::string> notes() const { return {}; }
 
   /// As VtkDataSets::left_out_arrays().
   [[nodiscard]] virtual std::set<std::string> left_out_arrays() const { return {}; }

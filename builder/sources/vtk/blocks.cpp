@@ -63,7 +63,7 @@ class BlockDataSets final : public VtkDataSets {
       : file_(std::move(file)), options_(options), missing_(options.missing), reader_(make_block_reader(file_.kind)) {}
 
   Status open() {
-    SPLATVOL_TRY(reader_->check(file_.path, options_.time));
+    SPLATVOL_TRY(reader_->check(file_.path, options_));
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm_ = reader_->open(file_.path);
       if (file_.patches) reader_->want_patches();
@@ -92,8 +92,10 @@ class BlockDataSets final : public VtkDataSets {
   std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
+  std::set<std::string> notes() const override { return reader_->notes(); }
   std::set<std::string> left_out_arrays() const override { return reader_->left_out_arrays(); }
   std::uint64_t block() const override { return returned_block_.number; }
+  DeclaredArrays declared() const override { return returned_block_.declared; }
   std::size_t blocks() const override { return file_.kind == VtkFile::Kind::openfoam ? 1 : count(); }
   std::string block_word() const override { return file_.kind == VtkFile::Kind::ensight ? "part" : "block"; }
   std::size_t block_in_file() const override {
@@ -137,6 +139,7 @@ class BlockDataSets final : public VtkDataSets {
     vtkSmartPointer<vtkDataSet> data;
     std::string name;          // of the top block that holds it
     std::uint64_t number = 0;  // as Piece::block
+    DeclaredArrays declared = {};
   };
 
   /// Reads all portions once, for the values at the points that several have.
@@ -209,7 +212,7 @@ class BlockDataSets final : public VtkDataSets {
       }
       std::vector<std::string> path;
       const std::uint64_t number = numbers.next(find_path(tree, *data, path) ? reader_->block_name(path) : "");
-      blocks_.push_back({copy_sharing_arrays(*data), name_of_top(tree, *data), number});
+      blocks_.push_back({copy_sharing_arrays(*data), name_of_top(tree, *data), number, reader_->declared(*data)});
     }
   }
 

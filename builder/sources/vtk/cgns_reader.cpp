@@ -1,13 +1,18 @@
 // CGNS, through VTK's reader, and by our own where that one fails.
+#include <fmt/format.h>
 #include <vtkCGNSReader.h>
+#include <vtkCompositeDataIterator.h>
+#include <vtkDataSet.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkMultiBlockDataSetAlgorithm.h>
 #include <vtkNew.h>
 #include <vtkObjectFactory.h>
+#include <vtkSmartPointer.h>
 #include <vtk_cgns.h>
 
 #include <algorithm>
 #include <array>
+#include <cstdint>
 #include <map>
 #include <optional>
 #include <string_view>
@@ -20,6 +25,7 @@
 #include "builder/sources/time_steps.h"
 #include "builder/sources/units.h"
 #include "builder/sources/vtk/block_reader.h"
+#include "builder/sources/vtk/cell_counts.h"
 #include "builder/sources/vtk/cgns_links.h"
 #include "builder/sources/vtk/cgns_patches.h"
 #include "builder/sources/vtk/cgns_zones.h"
@@ -145,11 +151,8 @@ std::string cgns_unit(const CgnsField& field, const std::string& name) {
   return unit_text(powers);
 }
 
-/// The fields of all zones, sorted; VTK's reader lists only those of the first zone. Adds their units. Fields of
-/// neither points nor cells go to `left_out`.
-std::vector<std::string> cgns_fields(const std::string& path, std::map<std::string, std::string>& units,
-                                     std::set<std::string>& left_out) {
-  std::vector<std::string> names;
+/// Finds the units of the fields of all zones. Fields of neither points nor cells go to `left_out`.
+void read_fields(const std::string& path, std::map<std::string, std::string>& units, std::set<std::string>& left_out) {
   int file = 0, bases = 0;
   if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK) throw ReaderError("CGNS: {}", cg_get_error());
   cg_nbases(file, &bases);
@@ -174,17 +177,13 @@ std::vector<std::string> cgns_fields(const std::string& path, std::map<std::stri
             left_out.insert(name.data());
             continue;
           }
-          names.emplace_back(name.data());
-          const std::string unit = cgns_unit({file, base, zone, solution, field}, names.back());
-          if (!unit.empty()) units.emplace(names.back(), unit);
+          const std::string unit = cgns_unit({file, base, zone, solution, field}, name.data());
+          if (!unit.empty()) units.emplace(name.data(), unit);
         }
       }
     }
   }
   cg_close(file);
-  std::ranges::sort(names);
-  names.erase(std::ranges::unique(names).begin(), names.end());
-  return names;
 }
 
 /// Holds the zones that CgnsZones reads. VTK's pipeline has no part in it.
@@ -201,7 +200,7 @@ vtkStandardNewMacro(ZoneTree);
 
 class CgnsReader final : public BlockReader {
  public:
-  Status check(const std::string& path, std::optional<double> /*time*/) override {
+  Status check(const std::string& path, const SourceOptions& /*options*/) override {
     SPLATVOL_TRY_ASSIGN(start, read_text(path, 64));
     if (!is_hdf5(start) && start.find("ADF Database") == std::string::npos)
       return fail(ErrorCode::invalid_data, "{}: not a CGNS file (neither HDF5 nor ADF)", path);
@@ -209,19 +208,21 @@ class CgnsReader final : public BlockReader {
   }
 
   vtkMultiBlockDataSetAlgorithm* open(const std::string& path) override {
+    CgnsZones::close_file();
     cgio_error_abort(0);  // keeps the library from ending the program at an error
     begin_cgns_file();
     check_hdf5_file(path, Hdf5Arrays::all);
     path_ = path;
-    fields_ = cgns_fields(path, units_, left_out_);  // throws where VTK's reader would end the program
+    read_fields(path, units_, left_out_);  // throws where VTK's reader would end the program
     left_out_.insert(hidden_cgns_arrays().begin(), hidden_cgns_arrays().end());
     zones_.emplace(path);
-    if (zones_->defeats_vtk()) {
-      portions_ = zones_->count();
+    portions_ = zones_->count();
+    reads_meshes_ = zones_->reads_meshes();
+    CgnsZones::close_file();
+    if (reads_meshes_) {
       tree_->UpdateDataObject();
       return tree_;
     }
-    zones_.reset();
     reader_->SetFileName(path.c_str());
     reader_->DoublePrecisionMeshOn();
     reader_->LoadBndPatchOff();
@@ -229,65 +230,105 @@ class CgnsReader final : public BlockReader {
   }
 
   /// VTK 9.1 gives neither sections of surfaces nor boundary conditions.
-  void want_patches() override { patches_ = read_cgns_patches(path_); }
+  void want_patches() override {
+    CgnsZones::close_file();
+    patches_ = read_cgns_patches(path_);
+  }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
 
-  /// Selects by VTK's names of arrays, including those of zones after the first.
+  /// VTK 9.1 takes one solution for each location, and all points for those that it names. So it reads meshes only.
   void select(const std::vector<std::string>& selection) override {
     selection_ = selection;
     reader_->EnableAllBases();
-    for (const ArrayShape& shape : arrays({})) {
-      const bool wanted = wants_array(selection, shape.name);
-      reader_->SetPointArrayStatus(shape.name.c_str(), wanted);
-      reader_->SetCellArrayStatus(shape.name.c_str(), wanted);
-    }
+    reader_->DisableAllPointArrays();
+    reader_->DisableAllCellArrays();
   }
 
-  std::vector<ArrayShape> arrays(std::optional<double> /*time*/) override {
-    std::vector<ArrayShape> shapes = merge_cgns_vectors(fields_);
+  std::vector<ArrayShape> arrays(std::optional<double> time) override {
+    std::vector<ArrayShape> shapes = zones_->arrays(time);
     for (ArrayShape& shape : shapes) shape.unit = unit(shape.name);
     return shapes;
   }
 
+  DeclaredArrays declared(vtkDataSet& /*data*/) override {
+    return {fmt::format("zone {}", zones_->name_of(portion_)), zones_->arrays_of(portion_)};
+  }
+
   std::string unit(const std::string& array) const override {
+    const std::string field = array.substr(0, array.find(" ("));  // without the name of a solution
     for (const char* end : {"", "X", "_x"})
-      if (const auto found = units_.find(array + end); found != units_.end()) return found->second;
+      if (const auto found = units_.find(field + end); found != units_.end()) return found->second;
     return {};
   }
 
   std::set<std::string> left_out_arrays() const override { return left_out_; }
-  std::vector<double> times() const override { return zones_ ? zones_->times() : std::vector<double>(); }
+  std::vector<double> times() const override { return reads_meshes_ ? zones_->times() : std::vector<double>(); }
   int portions() override { return portions_; }
+
+  CellCensus take_changes() override {
+    CellCensus changes;
+    changes.losses = zones_->losses();
+    return changes;
+  }
 
   /// VTK's reader divides the zones among the pieces that it is asked for: with enough pieces, each is one zone.
   void read(int portion, std::optional<double> time) override {
-    if (zones_) {
-      const auto step = choose_step(zones_->times(), time);
-      zones_->read(portion, step ? std::optional(step->index) : std::nullopt, selection_, *tree_->GetOutput());
-      return;
+    portion_ = portion;
+    vtkMultiBlockDataSet* output = reads_meshes_ ? tree_->GetOutput() : reader_->GetOutput();
+    if (output) output->Initialize();
+    if (!zones_->is_there(portion, time)) return;
+    const CgnsValues values = take_arrays(portion, time);
+    if (reads_meshes_) {
+      zones_->read(portion, time, *output);
+    } else {
+      CgnsZones::close_file();
+      update(*reader_, time, portion, many);
+      output = reader_->GetOutput();
     }
-    update(*reader_, time, portion, many);
-    int zones = 0;
-    vtkMultiBlockDataSet* bases = reader_->GetOutput();
-    for (unsigned int i = 0; bases && i < bases->GetNumberOfBlocks(); ++i)
-      if (auto* base = vtkMultiBlockDataSet::SafeDownCast(bases->GetBlock(i)))
-        zones += static_cast<int>(base->GetNumberOfBlocks());
-    portions_ = std::max(portions_, zones);
+    const auto entry = vtkSmartPointer<vtkCompositeDataIterator>::Take(output->NewIterator());
+    for (entry->InitTraversal(); !entry->IsDoneWithTraversal(); entry->GoToNextItem())
+      if (auto* data = vtkDataSet::SafeDownCast(entry->GetCurrentDataObject()); data && !is_surface(*data))
+        add_arrays(values, *data);
   }
 
  private:
   static constexpr int many = 1 << 24;
+  static constexpr std::uint64_t ahead_bytes = std::uint64_t{64} << 20;
+
+  /// Returns the arrays of a zone. To open a file takes long, and VTK's reader opens it for each zone: so arrays of the
+  /// next zones are read before.
+  CgnsValues take_arrays(int zone, std::optional<double> time) {
+    std::uint64_t bytes = 0;
+    const int end = ahead_.contains(zone) ? zone : reads_meshes_ ? zone + 1 : portions_;
+    for (int next = zone; next < end && bytes < ahead_bytes; ++next) {
+      CgnsValues& values = ahead_[next] = zones_->read_arrays(next, time, selection_);
+      for (const auto& [of_cells, array] : values) bytes += 1024 * std::uint64_t{array->GetActualMemorySize()};
+    }
+    return std::move(ahead_.extract(zone).mapped());
+  }
+
+  void add_arrays(const CgnsValues& values, vtkDataSet& data) const {
+    for (const auto& [of_cells, array] : values) {
+      const vtkIdType there = of_cells ? data.GetNumberOfCells() : data.GetNumberOfPoints();
+      if (there != array->GetNumberOfTuples())
+        throw ReaderError("CGNS: the zone {} has {} {}, and {} values of {}", zones_->name_of(portion_), there,
+                          of_cells ? "cells" : "points", array->GetNumberOfTuples(), array->GetName());
+      arrays_of(data, of_cells).AddArray(array);
+    }
+  }
 
   vtkNew<vtkCGNSReader> reader_;
-  std::optional<CgnsZones> zones_;  // in place of reader_, if VTK's reader would fail
-  vtkNew<ZoneTree> tree_;           // of zones_
+  std::optional<CgnsZones> zones_;
+  bool reads_meshes_ = false;  // zones_, as VTK's reader would fail
+  vtkNew<ZoneTree> tree_;      // of zones_
   std::vector<std::string> selection_;
-  std::vector<std::string> fields_;
+  int portion_ = 0;                           // that was read last
+  std::map<int, CgnsValues> ahead_;           // arrays of zones to come
   std::set<std::string> left_out_;            // fields of faces
-  std::map<std::string, std::string> units_;  // of fields_
+  std::map<std::string, std::string> units_;  // of fields
   std::string path_;
   std::vector<Patch> patches_;  // not taken yet
-  int portions_ = 1;            // the number of zones, once one has been read
+  int portions_ = 1;            // the number of zones
 };
 
 }  // namespace

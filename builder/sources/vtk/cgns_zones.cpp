@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/cgns_zones.h"
 
+#include <fmt/format.h>
 #include <vtkCellData.h>
 #include <vtkCellType.h>
 #include <vtkDoubleArray.h>
@@ -17,11 +18,16 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <map>
+#include <numeric>
 #include <set>
 #include <span>
 #include <string_view>
+#include <utility>
 
 #include "builder/sources/read_text.h"
+#include "builder/sources/time_steps.h"
+#include "builder/sources/vtk/cgns_links.h"
 #include "builder/sources/vtk/messages.h"
 #include VTK_CGNS(cgnslib.h)
 
@@ -48,6 +54,56 @@ using Type = CGNS_ENUMT(ElementType_t);
 void check(int result) {
   if (result != CG_OK) throw ReaderError("CGNS: {}", cg_get_error());
 }
+
+constexpr std::string_view own_grid = "GridCoordinates";  // of a zone; others belong to steps
+constexpr cgsize_t most_entries = cgsize_t{1} << 30;      // of an array that tells of steps
+
+/// An array of the current node.
+struct NodeArray {
+  int number;
+  std::string name;
+  CGNS_ENUMT(DataType_t) type;
+  std::vector<cgsize_t> size;
+};
+
+std::vector<NodeArray> node_arrays() {
+  std::vector<NodeArray> arrays;
+  int count = 0;
+  if (cg_narrays(&count) != CG_OK) return arrays;
+  for (int number = 1; number <= count; ++number) {
+    Name name{};
+    CGNS_ENUMT(DataType_t) type{};
+    int dimensions = 0;
+    std::array<cgsize_t, 12> size{};
+    check(cg_array_info(number, name.data(), &type, &dimensions, size.data()));
+    arrays.push_back({number, name.data(), type, {size.begin(), size.begin() + std::clamp(dimensions, 0, 12)}});
+  }
+  return arrays;
+}
+
+/// Reads the names in an array of the current node, 32 characters each. Empty: it names nothing.
+std::vector<std::string> read_names(const NodeArray& array) {
+  constexpr cgsize_t length = 32;
+  cgsize_t count = 1;
+  for (std::size_t i = 1; i < array.size.size(); ++i) {
+    if (array.size[i] < 1 || array.size[i] > most_entries / count) throw ReaderError("CGNS: {} is damaged", array.name);
+    count *= array.size[i];
+  }
+  if (array.type != CGNS_ENUMV(Character) || array.size.size() < 2 || array.size[0] != length)
+    throw ReaderError("CGNS: {} is damaged", array.name);
+  std::string text(static_cast<std::size_t>(length * count), ' ');
+  check(cg_array_read(array.number, text.data()));
+  std::vector<std::string> names;
+  for (std::size_t at = 0; at < text.size(); at += static_cast<std::size_t>(length)) {
+    const std::string_view entry = std::string_view(text).substr(at, static_cast<std::size_t>(length));
+    const std::string_view name = trimmed(entry.substr(0, entry.find('\0')));
+    names.emplace_back(name == "Null" ? std::string_view() : name);
+  }
+  return names;
+}
+
+/// A name without the number at its end.
+std::string_view stem_of(std::string_view name) { return name.substr(0, name.find_last_not_of("0123456789") + 1); }
 
 /// A type of elements: its type in VTK, its dimension, and where VTK's points stand among those of CGNS. Empty: in the
 /// same order.
@@ -141,7 +197,7 @@ class ZoneReader {
     return has_polygons || !has_cells || next == cells_[0] + 1;
   }
 
-  vtkSmartPointer<vtkDataSet> read(const std::vector<std::string>& selection, std::optional<std::size_t> step) const {
+  vtkSmartPointer<vtkDataSet> read(std::optional<std::size_t> step) const {
     if (!is_structured() && type_ != CGNS_ENUMV(Unstructured)) throw ReaderError("CGNS: a zone of no known type");
     vtkSmartPointer<vtkDataSet> data;
     if (is_structured()) {
@@ -152,8 +208,123 @@ class ZoneReader {
     } else {
       data = read_elements();
     }
-    if (!is_flat()) read_solutions(*data, selection, step);
+    if (step && moves()) throw ReaderError("CGNS: a zone that moves, and whose surfaces are numbered before its cells");
     return data;
+  }
+
+  /// Whether read() knows all elements, as far as their sections tell.
+  [[nodiscard]] bool has_known_elements() const {
+    const std::vector<Section> all = sections();
+    return std::ranges::all_of(all, [](const Section& section) {
+      return std::ranges::find(element_kinds(), section.type, &ElementKind::type) != element_kinds().end();
+    });
+  }
+
+  /// Whether the points are not the same in all steps.
+  [[nodiscard]] bool moves() const {
+    const auto grids = pointers("GridCoordinates");
+    return std::ranges::any_of(grids, [](const std::vector<std::string>& of_steps) {
+      return std::ranges::any_of(of_steps, [](const std::string& grid) { return !grid.empty() && grid != own_grid; });
+    });
+  }
+
+  /// Fails unless the zone has cartesian coordinates.
+  void check_coordinates() const {
+    int count = 0;
+    check(cg_ncoords(file_, base_, zone_, &count));
+    std::string names;
+    for (int number = 1; number <= count; ++number) {
+      Name name{};
+      CGNS_ENUMT(DataType_t) type{};
+      check(cg_coord_info(file_, base_, zone_, number, &type, name.data()));
+      if (std::string_view(name.data()) == "CoordinateX") return;
+      names += fmt::format("{}{}", names.empty() ? "" : ", ", name.data());
+    }
+    if (count == 0) return;
+    throw ReaderError(
+        "CGNS: the zone {} has the coordinates {}, and not CoordinateX, CoordinateY and CoordinateZ, which are read: "
+        "write these, and vectors by their components along x, y and z",
+        name(), names);
+  }
+
+  /// The solutions with values of points or of cells that belong to a step, the one with number `step` of `steps`. With
+  /// several steps, the file names those of each by pointers. Solutions without a pointer belong to the steps by their
+  /// order, if there are as many at their location; else to all steps. Names what is not as it should be in `losses`.
+  [[nodiscard]] std::vector<CgnsSolution> solutions_at(std::optional<std::size_t> step, std::size_t steps,
+                                                       std::set<std::string>& losses) const {
+    std::vector<CgnsSolution> all = solutions();
+    if (!step) return all;
+    std::set<std::string> named, wanted;
+    for (const std::vector<std::string>& of_steps : pointers("FlowSolution")) {
+      if (of_steps.size() < steps) throw ReaderError("CGNS: the FlowSolutionPointers of {} are damaged", this->name());
+      named.insert(of_steps.begin(), of_steps.end());
+      if (!of_steps[*step].empty()) wanted.insert(of_steps[*step]);
+    }
+    for (const std::string& name : wanted)
+      if (std::ranges::find(all, name, &CgnsSolution::name) == all.end() && !is_hidden(name))
+        losses.insert(fmt::format("zone {}: the solution {} of this time is not there", this->name(), name));
+    for (const bool of_cells : {false, true}) {
+      std::vector<CgnsSolution> free;
+      for (const CgnsSolution& solution : all)
+        if (solution.of_cells == of_cells && !named.contains(solution.name)) free.push_back(solution);
+      if (steps > 1 && free.size() == steps) {
+        sort_by_number(free);
+        const CgnsSolution& of_step = free[*step];
+        std::erase_if(all, [&](const CgnsSolution& solution) {
+          return solution.number != of_step.number &&
+                 std::ranges::find(free, solution.number, &CgnsSolution::number) != free.end();
+        });
+        std::ranges::find(all, of_step.number, &CgnsSolution::number)->label = stem_of(of_step.name);
+      } else if (steps > 1 && free.size() > 1) {
+        losses.insert(fmt::format(
+            "zone {}: {} solutions of {} that no FlowSolutionPointers name, for {} time steps: taken at each of them",
+            this->name(), free.size(), of_cells ? "cells" : "points", steps));
+      }
+    }
+    std::erase_if(all, [&](const CgnsSolution& solution) {
+      return named.contains(solution.name) && !wanted.contains(solution.name);
+    });
+    // Those that the file names come last: their fields keep their names.
+    std::ranges::stable_partition(all, [&](const CgnsSolution& solution) { return !wanted.contains(solution.name); });
+    for (CgnsSolution& solution : all)
+      if (steps > 1 && wanted.contains(solution.name)) solution.label = stem_of(solution.name);
+    return all;
+  }
+
+  /// The names of a solution's arrays of numbers, sorted.
+  [[nodiscard]] std::vector<std::string> fields_of(int solution) const {
+    std::vector<std::string> names;
+    int fields = 0;
+    check(cg_nfields(file_, base_, zone_, solution, &fields));
+    for (int field = 1; field <= fields; ++field) {
+      Name name{};
+      CGNS_ENUMT(DataType_t) type{};
+      check(cg_field_info(file_, base_, zone_, solution, field, &type, name.data()));
+      if (type != CGNS_ENUMV(Character)) names.emplace_back(name.data());
+    }
+    std::ranges::sort(names);
+    return names;
+  }
+
+  /// Reads an array for all points or cells of the zone.
+  [[nodiscard]] vtkSmartPointer<vtkDataArray> read_array(const CgnsArray& array) const {
+    const std::array<cgsize_t, 3>& size = array.solution.of_cells ? cells_ : points_;
+    const auto values = vtkSmartPointer<vtkDoubleArray>::New();
+    values->SetName(array.shape.name.c_str());
+    values->SetNumberOfComponents(array.shape.components);
+    const std::uint64_t count = count_of(size);
+    const std::optional<std::vector<vtkIdType>> places = places_of(array.solution);
+    std::vector<std::string> fields = {array.field};
+    if (array.shape.components > 1) {
+      const auto components = cgns_components(fields_of(array.solution.number), array.field);
+      fields.assign(components->begin(), components->end());
+    }
+    check_sizes(array.solution, fields, places ? places->size() : count);
+    values->SetNumberOfTuples(static_cast<vtkIdType>(count));
+    if (places) values->Fill(missing_value);
+    for (std::size_t c = 0; c < fields.size(); ++c)
+      read_component(array.solution.number, fields[c], size, places, *values, static_cast<int>(c));
+    return values;
   }
 
  private:
@@ -176,13 +347,19 @@ class ZoneReader {
     return all;
   }
 
-  [[nodiscard]] vtkSmartPointer<vtkPoints> read_points() const {
+  /// The points or cells of the zone.
+  [[nodiscard]] std::uint64_t count_of(const std::array<cgsize_t, 3>& size) const {
     std::uint64_t count = 1;
-    for (const cgsize_t points : points_) {
-      if (points < 1 || static_cast<std::uint64_t>(points) > std::numeric_limits<std::uint32_t>::max() / count)
-        throw ReaderError("CGNS: the zone {} has no points, or more than 2^32", name());
-      count *= static_cast<std::uint64_t>(points);
+    for (const cgsize_t along : size) {
+      if (along < 1 || static_cast<std::uint64_t>(along) > std::numeric_limits<std::uint32_t>::max() / count)
+        throw ReaderError("CGNS: the zone {} has no points or cells, or more than 2^32", name());
+      count *= static_cast<std::uint64_t>(along);
     }
+    return count;
+  }
+
+  [[nodiscard]] vtkSmartPointer<vtkPoints> read_points() const {
+    const std::uint64_t count = count_of(points_);
     auto points = vtkSmartPointer<vtkPoints>::New();
     points->SetDataTypeToDouble();
     points->SetNumberOfPoints(static_cast<vtkIdType>(count));
@@ -245,91 +422,122 @@ class ZoneReader {
     grid.InsertNextCell(kind.vtk_type, static_cast<vtkIdType>(numbers.size()), cell.data());
   }
 
-  /// The names of the solutions of a step; none: those of all steps.
-  [[nodiscard]] std::vector<std::string> solutions_of(std::optional<std::size_t> step) const {
-    constexpr std::size_t length = 32;
-    std::vector<std::string> names;
-    Name ignored{};
-    int arrays = 0;
-    if (!step || cg_ziter_read(file_, base_, zone_, ignored.data()) != CG_OK ||
-        cg_goto(file_, base_, "Zone_t", zone_, "ZoneIterativeData_t", 1, "end") != CG_OK ||
-        cg_narrays(&arrays) != CG_OK)
-      return names;
-    for (int array = 1; array <= arrays; ++array) {
-      Name name{};
-      CGNS_ENUMT(DataType_t) type{};
-      int dimensions = 0;
-      std::array<cgsize_t, 12> size{};
-      check(cg_array_info(array, name.data(), &type, &dimensions, size.data()));
-      const std::string_view view = name.data();
-      const bool is_grid = view.starts_with("GridCoordinates"), is_solution = view.starts_with("FlowSolution");
-      if (!(is_grid || is_solution) || !view.ends_with("Pointers")) continue;
-      if (type != CGNS_ENUMV(Character) || dimensions != 2 || size[0] != cgsize_t{length} ||
-          size[1] <= static_cast<cgsize_t>(*step) || size[1] > (cgsize_t{1} << 30))
-        throw ReaderError("CGNS: {} is damaged", view);
-      std::string text(length * static_cast<std::size_t>(size[1]), ' ');
-      check(cg_array_read(array, text.data()));
-      const std::string_view entry = trimmed(std::string_view(text).substr(length * *step, length));
-      if (is_grid && entry != "GridCoordinates")
-        throw ReaderError("CGNS: a zone that moves, and whose surfaces are numbered before its cells");
-      if (is_solution) names.emplace_back(entry.substr(0, entry.find('\0')));
+  /// Fails if a field has fewer than `count` values. It may have more: those beyond the zone.
+  void check_sizes(const CgnsSolution& solution, const std::vector<std::string>& fields, std::uint64_t count) const {
+    check(cg_goto(file_, base_, "Zone_t", zone_, "FlowSolution_t", solution.number, "end"));
+    for (const NodeArray& array : node_arrays()) {
+      double values = 1;
+      for (const cgsize_t along : array.size) values *= static_cast<double>(along);
+      if (std::ranges::find(fields, array.name) != fields.end() && values < static_cast<double>(count))
+        throw ReaderError("CGNS: {} of the zone {} has {} values instead of {}", array.name, name(), values, count);
     }
+  }
+
+  /// All solutions with values of points or of cells.
+  [[nodiscard]] std::vector<CgnsSolution> solutions() const {
+    std::vector<CgnsSolution> all;
+    int count = 0;
+    check(cg_nsols(file_, base_, zone_, &count));
+    for (int number = 1; number <= count; ++number) {
+      Name name{};
+      CGNS_ENUMT(GridLocation_t) location{};
+      check(cg_sol_info(file_, base_, zone_, number, name.data(), &location));
+      if (location == CGNS_ENUMV(Vertex) || location == CGNS_ENUMV(CellCenter))
+        all.push_back({number, name.data(), location == CGNS_ENUMV(CellCenter), name.data()});
+    }
+    return all;
+  }
+
+  /// Whether there is a solution of this name that belongs to neither points nor cells.
+  [[nodiscard]] bool is_hidden(const std::string& solution) const {
+    int count = 0;
+    check(cg_nsols(file_, base_, zone_, &count));
+    for (int number = 1; number <= count; ++number) {
+      Name name{};
+      CGNS_ENUMT(GridLocation_t) location{};
+      check(cg_sol_info(file_, base_, zone_, number, name.data(), &location));
+      if (solution == name.data()) return true;
+    }
+    return !hidden_cgns_arrays().empty();
+  }
+
+  /// Sorts solutions whose names differ by the numbers at their ends only: files may not keep the order in which they
+  /// were written.
+  static void sort_by_number(std::vector<CgnsSolution>& solutions) {
+    const auto number = [](const CgnsSolution& solution) {
+      return number_of<std::uint64_t>(std::string_view(solution.name).substr(stem_of(solution.name).size()));
+    };
+    const std::string_view stem = stem_of(solutions.front().name);
+    if (std::ranges::all_of(solutions, [&](const CgnsSolution& s) { return stem_of(s.name) == stem && number(s); }))
+      std::ranges::stable_sort(solutions, {}, [&](const CgnsSolution& solution) { return *number(solution); });
+  }
+
+  /// What the arrays of pointers of a kind, "GridCoordinates" or "FlowSolution", name for each step; empty: nothing.
+  [[nodiscard]] std::vector<std::vector<std::string>> pointers(std::string_view kind) const {
+    std::vector<std::vector<std::string>> names;
+    Name ignored{};
+    if (cg_ziter_read(file_, base_, zone_, ignored.data()) != CG_OK ||
+        cg_goto(file_, base_, "Zone_t", zone_, "ZoneIterativeData_t", 1, "end") != CG_OK)
+      return names;
+    for (const NodeArray& array : node_arrays())
+      if (array.name.starts_with(kind) && array.name.ends_with("Pointers")) names.push_back(read_names(array));
     return names;
   }
 
-  void read_solutions(vtkDataSet& data, const std::vector<std::string>& selection,
-                      std::optional<std::size_t> step) const {
-    const std::vector<std::string> wanted = solutions_of(step);
-    int solutions = 0;
-    check(cg_nsols(file_, base_, zone_, &solutions));
-    for (int solution = 1; solution <= solutions; ++solution) {
-      Name name{};
-      CGNS_ENUMT(GridLocation_t) location{};
-      check(cg_sol_info(file_, base_, zone_, solution, name.data(), &location));
-      if (!wanted.empty() && std::ranges::find(wanted, name.data()) == wanted.end()) continue;
-      if (location == CGNS_ENUMV(Vertex)) read_fields(solution, points_, *data.GetPointData(), selection);
-      if (location != CGNS_ENUMV(CellCenter)) continue;
-      if (!is_structured() && data.GetNumberOfCells() != cells_[0])
-        throw ReaderError("CGNS: the zone {} has {} cells, and values of {}", this->name(), data.GetNumberOfCells(),
-                          cells_[0]);
-      read_fields(solution, cells_, *data.GetCellData(), selection);
+  /// The points or cells that a solution has values of; none: all.
+  [[nodiscard]] std::optional<std::vector<vtkIdType>> places_of(const CgnsSolution& solution) const {
+    CGNS_ENUMT(PointSetType_t) type{};
+    cgsize_t count = 0;
+    if (cg_sol_ptset_info(file_, base_, zone_, solution.number, &type, &count) != CG_OK ||
+        type == CGNS_ENUMV(PointSetTypeNull))
+      return std::nullopt;
+    const std::array<cgsize_t, 3>& size = solution.of_cells ? cells_ : points_;
+    const auto most = static_cast<cgsize_t>(count_of(size));
+    const bool is_range = type == CGNS_ENUMV(PointRange);
+    if ((!is_range && type != CGNS_ENUMV(PointList)) || count < 1 || count > most || (is_range && count != 2))
+      throw ReaderError("CGNS: the PointList or PointRange of the solution {} is damaged", solution.name);
+    if (solution.of_cells && !is_structured() && !has_cells_first())
+      throw ReaderError("CGNS: the solution {} has values of some cells, and surfaces are numbered before these",
+                        solution.name);
+    std::vector<cgsize_t> numbers(static_cast<std::size_t>(count * axes_));
+    check(cg_sol_ptset_read(file_, base_, zone_, solution.number, numbers.data()));
+    std::vector<std::array<cgsize_t, 3>> indices;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
+      std::array<cgsize_t, 3> index = {1, 1, 1};
+      for (std::size_t axis = 0; axis < static_cast<std::size_t>(axes_); ++axis) {
+        index[axis] = numbers[i * static_cast<std::size_t>(axes_) + axis];
+        if (index[axis] < 1 || index[axis] > size[axis])
+          throw ReaderError("CGNS: the solution {} names a point or cell that is not there", solution.name);
+      }
+      indices.push_back(index);
     }
+    std::vector<vtkIdType> places;
+    const auto add = [&](cgsize_t i, cgsize_t j, cgsize_t k) {
+      places.push_back(static_cast<vtkIdType>(i - 1 + size[0] * (j - 1 + size[1] * (k - 1))));
+    };
+    if (!is_range) {
+      for (const auto& [i, j, k] : indices) add(i, j, k);
+      return places;
+    }
+    for (cgsize_t k = indices[0][2]; k <= indices[1][2]; ++k)
+      for (cgsize_t j = indices[0][1]; j <= indices[1][1]; ++j)
+        for (cgsize_t i = indices[0][0]; i <= indices[1][0]; ++i) add(i, j, k);
+    return places;
   }
 
-  /// `size`: values along each axis.
-  void read_fields(int solution, const std::array<cgsize_t, 3>& size, vtkDataSetAttributes& attributes,
-                   const std::vector<std::string>& selection) const {
-    std::vector<std::string> names;
-    int fields = 0;
-    check(cg_nfields(file_, base_, zone_, solution, &fields));
-    for (int field = 1; field <= fields; ++field) {
-      Name name{};
-      CGNS_ENUMT(DataType_t) type{};
-      check(cg_field_info(file_, base_, zone_, solution, field, &type, name.data()));
-      names.emplace_back(name.data());
-    }
-    std::ranges::sort(names);
-    for (const ArrayShape& shape : merge_cgns_vectors(names)) {
-      if (!wants_array(selection, shape.name) || attributes.HasArray(shape.name.c_str())) continue;
-      const vtkNew<vtkDoubleArray> array;
-      array->SetName(shape.name.c_str());
-      array->SetNumberOfComponents(shape.components);
-      array->SetNumberOfTuples(size[0] * size[1] * size[2]);
-      const auto components = cgns_components(names, shape.name);
-      for (int c = 0; c < shape.components; ++c)
-        read_component(solution, shape.components == 1 ? shape.name : components->at(static_cast<std::size_t>(c)), size,
-                       *array, c);
-      attributes.AddArray(array);
-    }
-  }
-
-  void read_component(int solution, const std::string& name, const std::array<cgsize_t, 3>& size, vtkDoubleArray& array,
-                      int component) const {
-    std::vector<double> values(static_cast<std::size_t>(array.GetNumberOfTuples()));
+  /// `size`: values along each axis, unless there are `places`.
+  void read_component(int solution, const std::string& field, const std::array<cgsize_t, 3>& size,
+                      const std::optional<std::vector<vtkIdType>>& places, vtkDoubleArray& array, int component) const {
+    std::vector<double> values(places ? places->size() : static_cast<std::size_t>(array.GetNumberOfTuples()));
     const std::array<cgsize_t, 3> first = {1, 1, 1};
-    check(cg_field_read(file_, base_, zone_, solution, name.c_str(), CGNS_ENUMV(RealDouble), first.data(), size.data(),
+    const std::array<cgsize_t, 3> last =
+        places ? std::array<cgsize_t, 3>{static_cast<cgsize_t>(values.size()), 1, 1} : size;
+    check(cg_field_read(file_, base_, zone_, solution, field.c_str(), CGNS_ENUMV(RealDouble), first.data(), last.data(),
                         values.data()));
-    for (std::size_t i = 0; i < values.size(); ++i) array.SetComponent(static_cast<vtkIdType>(i), component, values[i]);
+    const auto components = static_cast<std::size_t>(array.GetNumberOfComponents());
+    double* out = array.GetPointer(0) + component;
+    for (std::size_t i = 0; i < values.size(); ++i)
+      out[(places ? static_cast<std::size_t>((*places)[i]) : i) * components] = values[i];
   }
 
   int file_, base_, zone_;
@@ -340,25 +548,48 @@ class ZoneReader {
   std::array<cgsize_t, 3> points_ = {1, 1, 1}, cells_ = {1, 1, 1};  // along each axis
 };
 
-/// The times of a base's steps; empty if it has none.
-std::vector<double> times_of(int file, int base) {
+/// Goes to what a base states of its steps. Returns their number; 0 if there is no such node.
+int go_to_steps(int file, int base) {
   Name name{};
-  int steps = 0, arrays = 0;
-  if (cg_biter_read(file, base, name.data(), &steps) != CG_OK ||
-      cg_goto(file, base, "BaseIterativeData_t", 1, "end") != CG_OK || cg_narrays(&arrays) != CG_OK)
-    return {};
-  for (int array = 1; array <= arrays; ++array) {
-    CGNS_ENUMT(DataType_t) type{};
-    int dimensions = 0;
-    std::array<cgsize_t, 12> size{};
-    check(cg_array_info(array, name.data(), &type, &dimensions, size.data()));
-    if (std::string_view(name.data()) != "TimeValues" || dimensions != 1 || size[0] < 1 || size[0] > (1 << 30))
+  int steps = 0;
+  const bool told = cg_biter_read(file, base, name.data(), &steps) == CG_OK &&
+                    cg_goto(file, base, "BaseIterativeData_t", 1, "end") == CG_OK;
+  return told ? steps : 0;
+}
+
+/// The times of a base's steps, or the numbers that it has instead; empty if it has no steps.
+std::vector<double> times_of(int file, int base) {
+  constexpr int most_steps = 1 << 20;  // if only their number is told
+  const int steps = go_to_steps(file, base);
+  if (steps < 1) return {};
+  const std::vector<NodeArray> arrays = node_arrays();
+  for (const char* name : {"TimeValues", "IterationValues"}) {
+    const auto array = std::ranges::find(arrays, name, &NodeArray::name);
+    if (array == arrays.end() || array->size.size() != 1 || array->size[0] < 1 || array->size[0] > most_entries)
       continue;
-    std::vector<double> times(static_cast<std::size_t>(size[0]));
-    check(cg_array_read_as(array, CGNS_ENUMV(RealDouble), times.data()));
+    std::vector<double> times(static_cast<std::size_t>(array->size[0]));
+    check(cg_array_read_as(array->number, CGNS_ENUMV(RealDouble), times.data()));
     return times;
   }
-  return {};
+  if (steps > most_steps) throw ReaderError("CGNS: {} steps without times: damaged", steps);
+  std::vector<double> numbers(static_cast<std::size_t>(steps));
+  std::iota(numbers.begin(), numbers.end(), 0.0);
+  return numbers;
+}
+
+/// The zones that a base names for each of its steps; empty if it names none: then all zones belong to all steps.
+std::vector<std::set<std::string>> zones_of_steps(int file, int base) {
+  std::vector<std::set<std::string>> zones;
+  if (go_to_steps(file, base) < 1) return zones;
+  for (const NodeArray& array : node_arrays()) {
+    if (array.name != "ZonePointers" || array.size.size() != 3) continue;
+    const std::vector<std::string> names = read_names(array);
+    const auto of_step = static_cast<std::size_t>(array.size[1]);
+    zones.resize(names.size() / of_step);
+    for (std::size_t i = 0; i < names.size(); ++i)
+      if (!names[i].empty()) zones[i / of_step].insert(names[i]);
+  }
+  return zones;
 }
 
 }  // namespace
@@ -378,38 +609,151 @@ std::vector<ArrayShape> merge_cgns_vectors(const std::vector<std::string>& names
 }
 
 CgnsZones::CgnsZones(const std::string& path) : path_(path) {
-  check(cg_open(path.c_str(), CG_MODE_READ, &file_));
   int bases = 0;
-  check(cg_nbases(file_, &bases));
+  check(cg_nbases(file(), &bases));
   for (int base = 1; base <= bases; ++base) {
     int zones = 0;
-    check(cg_nzones(file_, base, &zones));
-    for (int zone = 1; zone <= zones; ++zone) zones_.push_back({base, zone});
-    if (times_.empty()) times_ = times_of(file_, base);
+    check(cg_nzones(file(), base, &zones));
+    const std::vector<double> times = times_of(file(), base);
+    const auto zones_of_each = zones_of_steps(file(), base);
+    for (int zone = 1; zone <= zones; ++zone) {
+      const ZoneReader reader(file(), base, zone);
+      reader.check_coordinates();
+      zones_.push_back({.base = base, .zone = zone, .name = reader.name(), .times = times, .not_at = {}});
+      const bool is_named =
+          std::ranges::any_of(zones_of_each, [&](const auto& names) { return names.contains(reader.name()); });
+      for (std::size_t step = 0; is_named && step < zones_of_each.size(); ++step)
+        if (!zones_of_each[step].contains(reader.name())) zones_.back().not_at.insert(step);
+    }
+    times_.insert(times_.end(), times.begin(), times.end());
   }
+  std::ranges::sort(times_);
+  times_.erase(std::ranges::unique(times_).begin(), times_.end());
 }
 
-CgnsZones::~CgnsZones() { cg_close(file_); }
+int CgnsZones::file() {
+  if (open_ != this) {
+    close_file();
+    check(cg_open(path_.c_str(), CG_MODE_READ, &file_));
+    open_ = this;
+  }
+  return file_;
+}
 
-bool CgnsZones::defeats_vtk() const {
+void CgnsZones::close_file() {
+  if (open_) cg_close(open_->file_);
+  open_ = nullptr;
+}
+
+CgnsZones::~CgnsZones() {
+  if (open_ == this) close_file();
+}
+
+bool CgnsZones::reads_meshes() {
   float version = 0;
-  check(cg_version(file_, &version));
+  check(cg_version(file(), &version));
   if (version > 2.99F && version < 3.05F) return true;  // its numbers of element types are not those of all others
-  return std::ranges::any_of(zones_, [&](const Zone& of) {
-    const ZoneReader zone(file_, of.base, of.zone);
+  const auto defeats_vtk = [&](const Zone& of) {
+    const ZoneReader zone(file(), of.base, of.zone);
     return zone.is_flat() || !zone.has_cells_first();
-  });
+  };
+  const auto is_known = [&](const Zone& of) {
+    const ZoneReader zone(file(), of.base, of.zone);
+    return zone.has_known_elements() && !zone.moves();
+  };
+  return std::ranges::any_of(zones_, defeats_vtk) || std::ranges::all_of(zones_, is_known);
 }
 
-void CgnsZones::read(int zone, std::optional<std::size_t> step, const std::vector<std::string>& selection,
-                     vtkMultiBlockDataSet& tree) const {
-  const auto [base, number] = zones_[static_cast<std::size_t>(zone)];
+std::optional<std::size_t> CgnsZones::step_of(const Zone& zone, std::optional<double> time) {
+  const auto step = choose_step(zone.times, time);
+  return step ? std::optional(step->index) : std::nullopt;
+}
+
+bool CgnsZones::is_there(int zone, std::optional<double> time) const {
+  const Zone& of = zones_[static_cast<std::size_t>(zone)];
+  const auto step = step_of(of, time);
+  return !step || !of.not_at.contains(*step);
+}
+
+void CgnsZones::find_arrays(std::optional<double> time) {
+  if (has_arrays_ && time == arrays_at_) return;
+  has_arrays_ = true;
+  arrays_at_ = time;
+  losses_.clear();
+  using Key = std::pair<bool, std::string>;  // of cells, field
+  std::map<Key, std::string> owners;         // of names that several solutions of a zone have: the last in the file
+  for (Zone& zone : zones_) {
+    zone.arrays.clear();
+    const ZoneReader reader(file(), zone.base, zone.zone);
+    if (reader.is_flat()) continue;
+    std::map<Key, std::size_t> counts;
+    for (const CgnsSolution& solution : reader.solutions_at(step_of(zone, time), zone.times.size(), losses_)) {
+      for (ArrayShape& shape : merge_cgns_vectors(reader.fields_of(solution.number))) {
+        shape.of_cells = solution.of_cells;
+        const std::string field = shape.name;
+        if (++counts[{solution.of_cells, field}] > 1) owners[{solution.of_cells, field}] = solution.label;
+        zone.arrays.push_back({solution, field, std::move(shape)});
+      }
+    }
+  }
+  for (Zone& zone : zones_)
+    for (CgnsArray& array : zone.arrays)
+      if (const auto owner = owners.find({array.solution.of_cells, array.field});
+          owner != owners.end() && owner->second != array.solution.label)
+        array.shape.name = fmt::format("{} ({})", array.field, array.solution.label);
+}
+
+std::vector<ArrayShape> CgnsZones::arrays(std::optional<double> time) {
+  find_arrays(time);
+  std::vector<ArrayShape> all;
+  std::set<std::string> in_both;  // of a zone
+  for (const Zone& zone : zones_)
+    for (const CgnsArray& array : zone.arrays) {
+      const ArrayShape& shape = array.shape;
+      const auto is_twin = [&](const CgnsArray& other) {
+        return other.shape.name == shape.name && other.shape.of_cells != shape.of_cells;
+      };
+      if (std::ranges::any_of(zone.arrays, is_twin)) in_both.insert(shape.name);
+    }
+  for (const Zone& zone : zones_)
+    for (const CgnsArray& array : zone.arrays) {
+      const bool is_apart = in_both.contains(array.shape.name);
+      const auto known = std::ranges::find_if(all, [&](const ArrayShape& shape) {
+        return shape.name == array.shape.name && (!is_apart || shape.of_cells == array.shape.of_cells);
+      });
+      if (known == all.end())
+        all.push_back(array.shape);
+      else if (known->of_cells != array.shape.of_cells)
+        known->of_cells.reset();
+    }
+  return all;
+}
+
+std::vector<ArrayShape> CgnsZones::arrays_of(int zone) const {
+  std::vector<ArrayShape> shapes;
+  for (const CgnsArray& array : zones_[static_cast<std::size_t>(zone)].arrays) shapes.push_back(array.shape);
+  return shapes;
+}
+
+CgnsValues CgnsZones::read_arrays(int zone, std::optional<double> time, const std::vector<std::string>& selection) {
+  find_arrays(time);
+  CgnsValues values;
+  const Zone& of = zones_[static_cast<std::size_t>(zone)];
+  const ZoneReader reader(file(), of.base, of.zone);
+  for (const CgnsArray& array : of.arrays)
+    if (wants_array(selection, array.shape.name))
+      values.emplace_back(array.solution.of_cells, reader.read_array(array));
+  return values;
+}
+
+void CgnsZones::read(int zone, std::optional<double> time, vtkMultiBlockDataSet& tree) {
+  const Zone& of = zones_[static_cast<std::size_t>(zone)];
   Name name{};
   int cell_dimension = 0, dimension = 0;
-  check(cg_base_read(file_, base, name.data(), &cell_dimension, &dimension));
-  const ZoneReader reader(file_, base, number);
+  check(cg_base_read(file(), of.base, name.data(), &cell_dimension, &dimension));
+  const ZoneReader reader(file(), of.base, of.zone);
   const vtkNew<vtkMultiBlockDataSet> block;
-  block->SetBlock(0, reader.read(selection, step));
+  block->SetBlock(0, reader.read(step_of(of, time)));
   block->GetMetaData(0u)->Set(vtkCompositeDataSet::NAME(), reader.name());
   tree.Initialize();
   tree.SetBlock(0, block);

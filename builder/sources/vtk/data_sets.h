@@ -47,6 +47,19 @@ struct VtkFile {
   std::uint64_t block = 0;           // of a composite file: as Piece::block
 };
 
+/// The arrays that a file declares for a part of it. An array that may be empty in its part counts as declared only
+/// where the file has values of it.
+struct DeclaredArrays {
+  std::string part;  // in words: "zone 3"; empty: the whole file
+  std::vector<ArrayShape> arrays;
+};
+
+/// What is known of an input from the files that name its files.
+struct VtkLists {
+  std::vector<std::string> notes = {};        // lines for Source::conversions()
+  std::vector<DeclaredArrays> declared = {};  // by parallel files, for all of their pieces; the part is the file
+};
+
 /// The data sets of an input, one after the other. Not thread-safe.
 class VtkDataSets {
  public:
@@ -62,6 +75,10 @@ class VtkDataSets {
   /// before the second next(). An array that it does not add fails when it
   /// turns up later (ArrayUnion::check).
   [[nodiscard]] virtual Status announce(ArrayUnion& /*arrays*/) { return {}; }
+
+  /// What the file declares for the last data set: the reader must give all of these arrays. Also those that are not
+  /// selected.
+  [[nodiscard]] virtual DeclaredArrays declared() const { return {}; }
 
   /// As Source::part_sizes() and Source::select(): parts are files. A data set that was returned already stays.
   [[nodiscard]] virtual std::vector<std::uint64_t> part_sizes() const { return {}; }
@@ -94,6 +111,9 @@ class VtkDataSets {
   /// Counts the cells of blocks that were left out so far, because they are surfaces; CellCensus::left_out: those that
   /// are no patches.
   [[nodiscard]] virtual CellCensus left_out() const { return {}; }
+
+  /// Lines on what the files opened so far make of the input, for Source::conversions().
+  [[nodiscard]] virtual std::set<std::string> notes() const { return {}; }
 
   /// The names of arrays in the files opened so far that belong to neither points nor cells, and are left out.
   [[nodiscard]] virtual std::set<std::string> left_out_arrays() const { return {}; }

@@ -8,6 +8,8 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <filesystem>
+#include <utility>
 
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/file_words.h"
@@ -16,6 +18,9 @@ namespace splatvol {
 namespace {
 
 constexpr std::uint64_t largest_case = 16 << 20;  // a line for each variable, a number for each time step
+
+/// Sections of the format that tell nothing about points and values.
+bool is_left_out(std::string_view section) { return is_one_of(section, {"MATERIAL", "SCRIPTS"}); }
 
 std::optional<double> number_in(std::string_view word) {
   if (word.starts_with('+')) word.remove_prefix(1);
@@ -65,10 +70,11 @@ class CaseChecker {
       section_ = line;
       return start_steps(1);  // until the section gives a number
     }
-    if (is_one_of(line, {"FORMAT", "GEOMETRY", "VARIABLE", "FILE"})) {
+    if (is_one_of(line, {"FORMAT", "GEOMETRY", "VARIABLE", "FILE"}) || is_left_out(line)) {
       section_ = line;
       return {};
     }
+    if (is_left_out(section_)) return {};
     if (line.find('"') != std::string_view::npos)
       return fail(ErrorCode::unsupported,
                   "{}: VTK's reader takes no names in quotation marks; remove them: sed 's/\"//g' {} > NEW.case", path_,
@@ -148,8 +154,9 @@ std::string_view take_case_word(std::string_view& line) {
   return word;
 }
 
-EnsightCase::EnsightCase(std::string_view text)
-    : open_end_(!text.empty() && std::isdigit(static_cast<unsigned char>(text.back())) != 0) {
+EnsightCase::EnsightCase(std::string_view text, std::string unknown_line)
+    : unknown_line_(std::move(unknown_line)),
+      open_end_(!text.empty() && std::isdigit(static_cast<unsigned char>(text.back())) != 0) {
   while (!text.empty()) {
     const std::string_view line = bare_case_line(take_line(text));
     const std::size_t colon = line.find(':');
@@ -162,6 +169,8 @@ EnsightCase::EnsightCase(std::string_view text)
     if (colon == std::string_view::npos) {
       section_ = line;
       set_ = 1;
+      if (is_left_out(line)) unknown_line_ = line;
+      has_materials_ = has_materials_ || line == "MATERIAL";
     } else {
       read_line(bare_case_line(line.substr(0, colon)), bare_case_line(line.substr(colon + 1)));
     }
@@ -173,6 +182,7 @@ void EnsightCase::read_line(std::string_view key, std::string_view value) {
   if (section_ == "TIME") read_time(key, value);
   if (section_ == "FILE") read_file_set(key, value);
   if (section_ == "VARIABLE") read_variable(key, value);
+  has_others_ = has_others_ || (section_ == "GEOMETRY" && key == "measured");
   if (section_ != "GEOMETRY" || key != "model") return;
   const std::string_view all = value;
   geometry_ = take_sets(value);
@@ -207,8 +217,9 @@ void EnsightCase::read_variable(std::string_view key, std::string_view value) {
     std::size_t components;
     std::size_t files;
   };
-  constexpr std::array<Kind, 6> kinds = {{{"scalar per ", 1, 1},
+  constexpr std::array<Kind, 7> kinds = {{{"scalar per ", 1, 1},
                                           {"vector per ", 3, 1},
+                                          {"tensor per ", 6, 1},
                                           {"tensor symm per ", 6, 1},
                                           {"tensor asym per ", 9, 1},
                                           {"complex scalar per ", 1, 2},
@@ -216,20 +227,25 @@ void EnsightCase::read_variable(std::string_view key, std::string_view value) {
   for (const Kind& kind : kinds) {
     if (!key.starts_with(kind.key)) continue;
     const std::string_view where = key.substr(kind.key.size());
-    if (where != "node" && where != "element") return;
+    if (where != "node" && where != "element") break;
     const std::string_view all = value;
     EnsightFiles files = take_sets(value);
     files.variable = take_case_word(value);
     files.components = kind.components;
     files.per_element = where == "element";
+    const std::string name = files.variable;
     for (std::size_t i = 0; i < kind.files && !value.empty(); ++i) {
       files.name = take_case_word(value);
+      if (kind.files > 1 && kind.components == 1) files.complex_part = i;
+      if (kind.files > 1 && kind.components > 1) files.variable = name + (i == 0 ? "_r" : "_i");
       variables_.push_back(files);
     }
     // The frequency of a complex value may follow.
     const bool frequency = kind.files > 1 && value.find(' ') == std::string_view::npos;
     if (files.name.empty() || (!value.empty() && !frequency)) wrong_line_ = fmt::format("{}: {}", key, all);
+    return;
   }
+  has_others_ = has_others_ || !key.starts_with("constant ");
 }
 
 std::size_t EnsightCase::most_steps() const {
@@ -242,6 +258,16 @@ std::vector<double> EnsightCase::times() const {
   std::vector<double> times;
   for (const auto& [number, set] : time_sets_) times.insert(times.end(), set.times.begin(), set.times.end());
   return times;
+}
+
+bool EnsightCase::mixes_file_sets() const {
+  const auto has_none = [](const EnsightFiles& files) { return files.file_set == 0; };
+  return !file_sets_.empty() && ((geometry_ && has_none(*geometry_)) || std::ranges::any_of(variables_, has_none));
+}
+
+bool EnsightCase::begins_after(const EnsightFiles& files, std::optional<double> time) const {
+  const TimeSet* set = time_set_of(files);
+  return time && set && !set->times.empty() && std::ranges::min(set->times) > *time;
 }
 
 const EnsightCase::TimeSet* EnsightCase::time_set_of(const EnsightFiles& files) const {
@@ -273,25 +299,60 @@ std::optional<EnsightFile> EnsightCase::file_at(const EnsightFiles& files, std::
                      step};
 }
 
+namespace {
+
+/// Lines that name a file of numbers, and those with the numbers themselves.
+constexpr std::array<std::array<std::string_view, 2>, 2> lists_in_files = {
+    {{"time values file:", "time values:"}, {"filename numbers file:", "filename numbers:"}}};
+
+/// Puts the numbers of files in the place of the lines that name them.
+Status insert_lists(const std::string& path, std::string& text, std::string& first_line) {
+  std::string whole;
+  for (std::string_view rest = text; !rest.empty();) {
+    const std::string_view line = take_line(rest), bare = bare_case_line(line);
+    const auto list =
+        std::ranges::find_if(lists_in_files, [&](const auto& names) { return bare.starts_with(names[0]); });
+    if (list == lists_in_files.end()) {
+      whole += line;
+      whole += '\n';
+      continue;
+    }
+    if (first_line.empty()) first_line = bare;
+    const std::string name(bare_case_line(bare.substr((*list)[0].size())));
+    SPLATVOL_TRY_ASSIGN(numbers, read_text(std::filesystem::path(path).parent_path() / name, largest_case));
+    whole += fmt::format("{}\n{}\n", (*list)[1], numbers);
+  }
+  if (!first_line.empty()) text = std::move(whole);
+  return {};
+}
+
+}  // namespace
+
 Result<EnsightCase> read_ensight_case(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text(path, largest_case));
+  std::string unknown_line;
+  SPLATVOL_TRY(insert_lists(path, text, unknown_line));
   std::string_view whole = text;
   if (whole.find("FORMAT") == std::string_view::npos || whole.find("ensight") == std::string_view::npos)
     return fail(ErrorCode::invalid_data, "{}: not an EnSight case (no FORMAT with a type of ensight)", path);
   CaseChecker checker(path);
   while (!whole.empty()) SPLATVOL_TRY(checker.add(bare_case_line(take_line(whole))));
   SPLATVOL_TRY(checker.finish());
-  return EnsightCase(text);
+  return EnsightCase(text, unknown_line);
+}
+
+std::vector<ArrayShape> ensight_arrays(const EnsightCase& files) {
+  std::vector<ArrayShape> shapes;
+  for (const EnsightFiles& variable : files.variables())
+    if (variable.complex_part != 1)
+      shapes.push_back(
+          {variable.variable, variable.complex_part ? 2 : static_cast<int>(variable.components), variable.per_element});
+  return shapes;
 }
 
 Result<std::vector<ArrayShape>> ensight_arrays(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(files, read_ensight_case(path));
-  const std::vector<EnsightFiles>& variables = files.variables();
-  std::vector<ArrayShape> shapes;
-  for (const EnsightFiles& of_variable : variables)
-    if (std::ranges::count(variables, of_variable.variable, &EnsightFiles::variable) == 1)
-      shapes.push_back({of_variable.variable, static_cast<int>(of_variable.components), of_variable.per_element});
-  return shapes;
+  return ensight_arrays(files);
 }
 
 }  // namespace splatvol

@@ -21,6 +21,7 @@ struct EnsightFiles {
   std::string variable;        // empty: the geometry
   std::size_t components = 0;  // of a value; 0: the geometry
   bool per_element = false;
+  std::optional<std::size_t> complex_part;  // of complex scalars: the file has the real (0) or the imaginary parts (1)
 };
 
 /// One file, and the number of time steps that it must hold.
@@ -33,8 +34,8 @@ struct EnsightFile {
 
 class EnsightCase {
  public:
-  /// Reads the lines that tell files and times; skips all others.
-  explicit EnsightCase(std::string_view text);
+  /// Reads the lines that tell files and times; skips all others. `unknown_line`: as unknown_line(), if one is known.
+  explicit EnsightCase(std::string_view text, std::string unknown_line = {});
 
   [[nodiscard]] bool is_gold() const { return gold_; }
   [[nodiscard]] const std::optional<EnsightFiles>& geometry() const { return geometry_; }
@@ -51,6 +52,21 @@ class EnsightCase {
 
   /// The times of all time sets, without order.
   [[nodiscard]] std::vector<double> times() const;
+
+  /// Whether all steps of `files` come after a time.
+  [[nodiscard]] bool begins_after(const EnsightFiles& files, std::optional<double> time) const;
+
+  /// Whether there are sets of files, and a line of GEOMETRY or VARIABLE names none. VTK's reader takes the first then.
+  [[nodiscard]] bool mixes_file_sets() const;
+
+  /// Whether it has measured points, or variables of another kind than those here. VTK's reader may know them.
+  [[nodiscard]] bool has_others() const { return has_others_; }
+
+  /// Whether the cells have materials.
+  [[nodiscard]] bool has_materials() const { return has_materials_; }
+
+  /// A line that VTK's reader does not know, though all that is needed can be read without it; empty if there is none.
+  [[nodiscard]] const std::string& unknown_line() const { return unknown_line_; }
 
   /// The file that holds the last step of `files` not after `time`, else the first step. Nothing if the case does not
   /// tell.
@@ -75,10 +91,11 @@ class EnsightCase {
   void read_variable(std::string_view key, std::string_view value);
   [[nodiscard]] const TimeSet* time_set_of(const EnsightFiles& files) const;
 
-  bool gold_ = false, open_end_ = false;
+  bool gold_ = false;
   std::optional<EnsightFiles> geometry_;
   std::vector<EnsightFiles> variables_;
-  std::string wrong_line_;
+  std::string wrong_line_, unknown_line_;
+  bool open_end_, has_materials_ = false, has_others_ = false;
   std::map<int, TimeSet> time_sets_;
   std::map<int, FileSet> file_sets_;
 
@@ -88,11 +105,13 @@ class EnsightCase {
   std::vector<double>* list_ = nullptr;  // that lines of numbers go on with
 };
 
-/// Reads a case file. Fails if it is none, and if it has lines on which VTK 9.1 never ends: unknown sections, entries
-/// that are cut off, or names in quotation marks. Safe on untrusted bytes.
+/// Reads a case file, and the lists of times and of numbers in files that it names. Fails if it is none, and if it has
+/// sections or lines of no known kind, entries that are cut off, or names in quotation marks. Safe on untrusted bytes.
 [[nodiscard]] Result<EnsightCase> read_ensight_case(const std::string& path);
 
-/// Lists the variables of a case, but complex ones, which have two files. Fails as read_ensight_case.
+/// Lists the variables of a case: as VTK's reader has them, a complex scalar as two components, and a complex vector as
+/// two vectors. The second function reads a case file, and fails as read_ensight_case.
+[[nodiscard]] std::vector<ArrayShape> ensight_arrays(const EnsightCase& files);
 [[nodiscard]] Result<std::vector<ArrayShape>> ensight_arrays(const std::string& path);
 
 /// Removes the comment and the white space round a line of a case.

@@ -19,6 +19,7 @@
 #include "base/file.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/time_steps.h"
+#include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/file_words.h"
 
 namespace splatvol {
@@ -69,6 +70,8 @@ class EnsightReader {
 
   /// For a file that lacks something.
   void end() { ended_ = true; }
+
+  [[nodiscard]] std::uint64_t size() const { return words_.size(); }
 
   /// A line as it is; empty at the end of the file.
   std::string line() {
@@ -487,12 +490,15 @@ class VariableWalk : public EnsightWalk {
                const EnsightFiles& variable)
       : EnsightWalk(std::move(path), std::move(file), encoding),
         variable_(variable),
-        gaps_{variable.variable, variable.per_element, variable.components, {}} {}
+        values_{.variable = variable.variable,
+                .per_element = variable.per_element,
+                .complex_part = variable.complex_part,
+                .components = variable.components} {}
 
-  /// The values that are not written, of the step that is wanted.
-  EnsightGaps take_gaps() { return std::move(gaps_); }
+  /// What was found of the step that is wanted.
+  EnsightValues take_values() { return std::move(values_); }
 
-  /// Reads the values of cells, too: for variables of elements, of which some are ghosts.
+  /// Reads the values of this step, too.
   void read_values() { reads_values_ = true; }
 
   /// `layouts`: of each step, or one for all.
@@ -505,8 +511,6 @@ class VariableWalk : public EnsightWalk {
       SPLATVOL_TRY(walk_step(layouts[std::min(found, layouts.size() - 1)], stated.marked));
     }
     SPLATVOL_TRY(finish());
-    if (!stopped_ && parts_ == 0)
-      return fail(ErrorCode::invalid_data, "{}: the file is cut off: it has values of no part", path_);
     return check_steps(found, stated.steps);
   }
 
@@ -519,6 +523,7 @@ class VariableWalk : public EnsightWalk {
     if (marked && !mark) return fail_mark();
     if (mark) line = file_.keyword();
     line = file_.keyword();  // after a line of description
+    parts_ = 0;
     while (goes_on() && line == "part") {
       const std::uint64_t number = file_.part_number();
       where_ = fmt::format("part {}", number);
@@ -531,7 +536,9 @@ class VariableWalk : public EnsightWalk {
       line = walk_part(part->second);
     }
     SPLATVOL_TRY(check_last_line(line));
-    return finish();
+    SPLATVOL_TRY(finish());
+    if (stopped_ || parts_ > 0) return {};
+    return fail(ErrorCode::invalid_data, "{}: the file is cut off: it has values of no part", path_);
   }
 
   /// Returns the line after the part.
@@ -540,6 +547,7 @@ class VariableWalk : public EnsightWalk {
     if (!variable_.per_element) {
       const std::string_view word = first_word(line);
       if (word != "coordinates" && word != "block") return line;
+      note_part(part, part.nodes);
       walk_values(line, part, part.nodes);
       return file_.keyword();
     }
@@ -548,14 +556,26 @@ class VariableWalk : public EnsightWalk {
       const auto elements = part.elements.find(first_word(line));
       if (elements == part.elements.end()) break;
       where_ += fmt::format(", {}", elements->first);
+      note_part(part, part.cells());
       walk_values(line, part, elements->second);
     }
     if (line.empty() && types < part.elements.size()) file_.end();
     return line;
   }
 
+  /// Notes that a part of so many points or cells has values. A geometry of a few bytes may have any number of them,
+  /// and a file of values a few partial ones.
+  void note_part(const Part& part, std::uint64_t count) {
+    constexpr std::uint64_t most_per_byte = 8;
+    if (!is_wanted_) return;
+    if (count > most_per_byte * file_.size()) return file_.end();
+    values_.parts.insert(part.index);
+    if (reads_values_)
+      values_.of_parts[part.index].resize(count * variable_.components, std::numeric_limits<float>::quiet_NaN());
+  }
+
   void walk_values(std::string_view header, const Part& part, std::uint64_t count) {
-    if (reads_values_ && is_wanted_) return read_elements(header, part, count);
+    if (reads_values_ && is_wanted_) return read_part(header, part, count);
     if (has_word(header, "undef")) file_.skip_numbers(1);
     if (has_word(header, "partial")) {
       count = file_.count();
@@ -566,14 +586,13 @@ class VariableWalk : public EnsightWalk {
     for (std::size_t c = 0; c < variable_.components; ++c)
       for (const std::uint64_t i : file_.skip_values(count))
         if (is_wanted_)
-          gaps_.gaps.push_back({part.index, c, variable_.per_element ? part.index_of(first_word(header), i) : i});
+          values_.gaps.push_back({part.index, c, variable_.per_element ? part.index_of(first_word(header), i) : i});
   }
 
-  /// Reads the values of `count` elements of a type.
-  void read_elements(std::string_view header, const Part& part, std::uint64_t count) {
+  /// Reads the values of `count` points, or of as many elements of a type.
+  void read_part(std::string_view header, const Part& part, std::uint64_t count) {
     const std::string_view type = first_word(header);
-    std::vector<float>& values = gaps_.values[part.index];
-    if (values.empty()) values.assign(part.cells() * variable_.components, std::numeric_limits<float>::quiet_NaN());
+    std::vector<float>& values = values_.of_parts[part.index];
     std::vector<std::uint64_t> elements, unwritten;
     const std::vector<float> undefined = has_word(header, "undef") ? file_.values(1, unwritten) : std::vector<float>();
     const bool is_partial = has_word(header, "partial");
@@ -582,35 +601,61 @@ class VariableWalk : public EnsightWalk {
       unwritten.clear();
       const std::vector<float> read = file_.values(count, unwritten);
       if (type.starts_with("g_") || (is_partial && elements.size() < read.size())) continue;
-      const auto index_of = [&](std::size_t i) { return part.index_of(type, is_partial ? elements[i] - 1 : i); };
+      const auto index_of = [&](std::size_t i) {
+        const std::uint64_t number = is_partial ? elements[i] - 1 : i;
+        return variable_.per_element ? part.index_of(type, number) : number;
+      };
       // VTK has the last two components of a symmetric tensor in the other order.
       const std::size_t component = variable_.components == 6 && c >= 4 ? 9 - c : c;
       for (std::size_t i = 0; i < read.size(); ++i)
-        if (const std::uint64_t at = index_of(i) * variable_.components + component;
-            at < values.size() && (undefined.empty() || read[i] != undefined[0]))
+        if (const std::uint64_t index = index_of(i), at = index * variable_.components + component;
+            index < values.size() / variable_.components && (undefined.empty() || read[i] != undefined[0]))
           values[at] = read[i];
-      for (const std::uint64_t i : unwritten) gaps_.gaps.push_back({part.index, component, index_of(i)});
+      for (const std::uint64_t i : unwritten) values_.gaps.push_back({part.index, component, index_of(i)});
     }
   }
 
   const EnsightFiles& variable_;
   bool reads_values_ = false;
   bool is_wanted_ = false;  // the current step
-  EnsightGaps gaps_;
-  std::size_t parts_ = 0;
+  EnsightValues values_;
+  std::size_t parts_ = 0;  // of the current step
 };
+
+/// Counts how often a text of up to 32 bytes stands in a file.
+Result<std::size_t> count_in(ByteSource& file, std::string_view word) {
+  constexpr std::uint64_t at_once = 1 << 20;
+  std::size_t count = 0;
+  for (std::uint64_t offset = 0; offset < file.size(); offset += at_once) {
+    SPLATVOL_TRY_ASSIGN(text, read_text(file, offset, at_once + word.size() - 1));
+    for (std::size_t at = text.find(word); at < std::min<std::size_t>(text.size(), at_once);
+         at = text.find(word, at + 1))
+      ++count;
+  }
+  return count;
+}
 
 /// VTK 9.1 gives such blocks of EnSight 6 coordinates by chance.
 Status check_blocks_of_6(const std::string& path, ByteSource& file) {
-  constexpr std::uint64_t at_once = 1 << 20, overlap = 32;
-  for (std::uint64_t offset = 0; offset < file.size(); offset += at_once - overlap) {
-    SPLATVOL_TRY_ASSIGN(text, read_text(file, offset, at_once));
-    for (const std::string_view block : {"block rectilinear", "block uniform"})
-      if (has_word(text, block))
-        return fail(ErrorCode::unsupported,
-                    "{}: VTK's reader cannot read a \"{}\" of EnSight 6: write the case as EnSight Gold", path, block);
+  for (const std::string_view block : {"block rectilinear", "block uniform"}) {
+    SPLATVOL_TRY_ASSIGN(count, count_in(file, block));
+    if (count > 0)
+      return fail(ErrorCode::unsupported,
+                  "{}: VTK's reader cannot read a \"{}\" of EnSight 6: write the case as EnSight Gold", path, block);
   }
   return {};
+}
+
+/// VTK's reader looks for the mark of a step without an end.
+Status check_marks(const std::string& path, ByteSource& file, const EnsightFile& stated) {
+  if (!stated.marked) return {};
+  SPLATVOL_TRY_ASSIGN(begins, count_in(file, "BEGIN TIME STEP"));
+  SPLATVOL_TRY_ASSIGN(ends, count_in(file, "END TIME STEP"));
+  const std::size_t found = std::min(begins, ends);
+  if (found >= stated.steps) return {};
+  return fail(ErrorCode::invalid_data,
+              "{}: has {} of the {} time steps that the case states, between \"BEGIN TIME STEP\" and \"END TIME STEP\"",
+              path, found, stated.steps);
 }
 
 /// Checks a text file of which only the first lines are known, `titles` of them: VTK's reader takes zeros for numbers
@@ -634,9 +679,9 @@ Status check_lines(const std::string& path, std::unique_ptr<ByteSource> file, st
 /// The files of a case at a time.
 class CaseFiles {
  public:
-  CaseFiles(const std::string& path, const EnsightCase& files, std::optional<double> time)
-      : folder_(std::filesystem::path(path).parent_path()), files_(files) {
-    const auto step = choose_step(files.times(), time);
+  CaseFiles(const std::string& path, const EnsightCase& files, const SourceOptions& options)
+      : path_(path), folder_(std::filesystem::path(path).parent_path()), files_(files), options_(options) {
+    const auto step = choose_step(files.times(), options.time);
     if (step) time_ = step->time;
     if (files.geometry()) geometry_ = files.file_at(*files.geometry(), time_);
   }
@@ -647,6 +692,13 @@ class CaseFiles {
       if (!file) return findings_;  // VTK's reader tells
       SPLATVOL_TRY(check_geometry(folder_ / geometry_->name, std::move(*file)));
     }
+    if (!layouts_.empty() && !files_.has_others() &&
+        std::ranges::all_of(files_.variables(), [&](const EnsightFiles& variable) {
+          return !is_wanted(variable) || can_follow(variable);
+        })) {
+      findings_.geometry = geometry_;
+      findings_.is_binary = encoding_.binary;
+    }
     for (const EnsightFiles& variable : files_.variables()) SPLATVOL_TRY(check_variable(variable));
     return std::move(findings_);
   }
@@ -654,38 +706,65 @@ class CaseFiles {
  private:
   Status check_geometry(const std::string& path, std::unique_ptr<ByteSource> file) {
     if (!files_.is_gold()) SPLATVOL_TRY(check_blocks_of_6(path, *file));
+    if (!files_.is_gold()) SPLATVOL_TRY(check_marks(path, *file, *geometry_));
     GeometryWalk walk(path, std::move(file), {});
     SPLATVOL_TRY_ASSIGN(layouts, files_.is_gold() ? walk.walk(*geometry_) : walk.encoding_only());
     layouts_ = std::move(layouts);
     encoding_ = walk.encoding();
-    if (!layouts_.empty())
-      for (const auto& [number, part] : layouts_[std::min(geometry_->step, layouts_.size() - 1)])
+    if (!layouts_.empty()) {
+      const Layout& layout = layouts_[std::min(geometry_->step, layouts_.size() - 1)];
+      findings_.part_numbers.resize(layout.size());
+      for (const auto& [number, part] : layout) {
+        if (part.index < layout.size()) findings_.part_numbers[part.index] = number;
         if (const std::uint64_t ghosts = part.ghosts(); ghosts > 0) findings_.ghosts[part.index] = ghosts;
+      }
+    }
     if (!layouts_.empty() || encoding_.binary) return {};
     SPLATVOL_TRY_ASSIGN(text, open_file(path));
     return check_lines(path, std::move(text), 2);
   }
 
+  [[nodiscard]] bool is_wanted(const EnsightFiles& variable) const {
+    return wants_array(options_.selection, variable.variable);
+  }
+
+  /// Whether it is known what a variable has at each step of its file. Without the geometry of all steps, a file of
+  /// several steps cannot be followed.
+  [[nodiscard]] bool can_follow(const EnsightFiles& variable) const {
+    if (layouts_.empty()) return false;
+    const auto values = files_.file_at(variable, time_);
+    const bool moves = geometry_ && files_.geometry()->name.find('*') != std::string::npos;
+    if (!values) return false;
+    return layouts_.size() > 1 ? values->steps == layouts_.size() : !(moves && values->steps > 1);
+  }
+
   Status check_variable(const EnsightFiles& variable) {
     const auto values = files_.file_at(variable, time_);
+    if (!values && is_wanted(variable))
+      return fail(
+          ErrorCode::invalid_data,
+          "{}: the case does not tell which file has {}: its time set, its file set or a number of it is missing",
+          path_, variable.variable);
     const std::string path = values ? folder_ / values->name : folder_;
     auto file = open_file(path);
+    const bool is_read = findings_.geometry && is_wanted(variable);
+    if (is_read && !file) return tl::unexpected(file.error());
     if (!values || !file) return {};
-    // Without the geometry of all steps, a file of several steps cannot be followed.
-    const bool moves = geometry_ && files_.geometry()->name.find('*') != std::string::npos;
-    const bool known =
-        layouts_.size() > 1 ? values->steps == layouts_.size() : !layouts_.empty() && !(moves && values->steps > 1);
-    if (!known) return encoding_.binary ? Status{} : check_lines(path, std::move(*file), 1);
+    if (!can_follow(variable)) SPLATVOL_TRY(check_marks(path, **file, *values));
+    if (!can_follow(variable)) return encoding_.binary ? Status{} : check_lines(path, std::move(*file), 1);
     VariableWalk walk(path, std::move(*file), encoding_, variable);
-    if (variable.per_element && !findings_.ghosts.empty()) walk.read_values();
+    if (is_read) walk.read_values();
     SPLATVOL_TRY(walk.walk(layouts_, *values));
-    EnsightGaps gaps = walk.take_gaps();
-    if (!gaps.gaps.empty() || !gaps.values.empty()) findings_.gaps.push_back(std::move(gaps));
+    EnsightValues of_variable = walk.take_values();
+    if (files_.begins_after(variable, time_)) of_variable.parts.clear(), of_variable.of_parts.clear();
+    findings_.variables.push_back(std::move(of_variable));
     return {};
   }
 
+  const std::string& path_;
   std::filesystem::path folder_;
   const EnsightCase& files_;
+  const SourceOptions& options_;
   std::optional<double> time_;
   std::optional<EnsightFile> geometry_;
   std::vector<Layout> layouts_;  // none: what the geometry holds is not known
@@ -696,8 +775,8 @@ class CaseFiles {
 }  // namespace
 
 Result<EnsightFindings> check_ensight_files(const std::string& path, const EnsightCase& files,
-                                            std::optional<double> time) {
-  if (files.wrong_line().empty()) return CaseFiles(path, files, time).check();
+                                            const SourceOptions& options) {
+  if (files.wrong_line().empty()) return CaseFiles(path, files, options).check();
   return fail(ErrorCode::invalid_data, "{}: the line \"{}\" has too few or too many words", path,
               files.wrong_line().substr(0, 80));
 }

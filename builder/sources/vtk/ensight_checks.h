@@ -5,16 +5,18 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
+#include "builder/sources/source.h"
 #include "builder/sources/vtk/ensight_case.h"
 
 namespace splatvol {
 
-/// Values of a variable that VTK's reader reads wrongly, or not at all.
-struct EnsightGaps {
+/// The values of a variable.
+struct EnsightValues {
   /// A value that its text file has stars for: VTK's reader gives 0.
   struct Gap {
     std::size_t part;  // in the order of the geometry
@@ -23,17 +25,24 @@ struct EnsightGaps {
   };
   std::string variable;
   bool per_element;
-  std::size_t components;  // of a value
-  std::vector<Gap> gaps;
+  std::optional<std::size_t> complex_part;  // as in EnsightFiles
+  std::size_t components;                   // of a value
+  std::vector<Gap> gaps = {};
 
-  /// All values of cells, of each part: [cell][component], in VTK's order of components. VTK's reader fails at values
-  /// of ghosts, so they are read here; empty if there are no ghosts.
-  std::map<std::size_t, std::vector<float>> values = {};
+  std::set<std::size_t> parts = {};  // that the file has values of
+
+  /// All values of each part: [point or cell][component], in VTK's order of components. Cells without ghosts.
+  std::map<std::size_t, std::vector<float>> of_parts = {};
 };
 
 struct EnsightFindings {
-  std::vector<EnsightGaps> gaps;
+  std::vector<EnsightValues> variables;         // those that can be followed
   std::map<std::size_t, std::uint64_t> ghosts;  // parts that have some, and how many. VTK's reader leaves them out
+  std::vector<std::uint64_t> part_numbers;      // in the order of the geometry; empty if that cannot be followed
+
+  /// Set if all is known: then `variables` have the values, and VTK's reader is needed for this geometry only.
+  std::optional<EnsightFile> geometry;
+  bool is_binary = false;
 };
 
 /// Walks through the geometry and all variables of a case at a time step, text or binary. Fails if a file ends before
@@ -44,10 +53,13 @@ struct EnsightFindings {
 /// files.
 ///
 /// A file of values may lack parts. One that is cut right before a part is whole by the rules of the format: then the
-/// part has no values.
+/// part has no values. A variable that begins after the time has no values at all.
 ///
-/// `path`: of the case. `time`: the one asked for; without it, the last.
+/// Reads the values too, of the variables that the options select, if all of them can be followed: VTK 9.1 loses those
+/// behind a part without points and of other time sets, fails at ghosts, and does not end at some sets of files.
+///
+/// `path`: of the case.
 [[nodiscard]] Result<EnsightFindings> check_ensight_files(const std::string& path, const EnsightCase& files,
-                                                          std::optional<double> time);
+                                                          const SourceOptions& options);
 
 }  // namespace splatvol

@@ -1,14 +1,19 @@
 // EnSight, through VTK's reader.
+#include <fmt/format.h>
 #include <vtkCellData.h>
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>
 #include <vtkDataSetAttributes.h>
+#include <vtkEnSightGoldBinaryReader.h>
+#include <vtkEnSightGoldReader.h>
 #include <vtkFloatArray.h>
 #include <vtkGenericEnSightReader.h>
 #include <vtkIdList.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkNew.h>
+#include <vtkObjectFactory.h>
 #include <vtkPointData.h>
+#include <vtkSmartPointer.h>
 #include <vtkUnsignedCharArray.h>
 
 #include <algorithm>
@@ -44,13 +49,37 @@ bool has_finer_points_at(const std::string& path, const EnsightCase& files, std:
   return false;
 }
 
+/// One of VTK's two readers of EnSight Gold, of text or binary, for a geometry alone.
+template <class Reader>
+class GeometryReader final : public Reader {
+ public:
+  static GeometryReader* New() { VTK_STANDARD_NEW_BODY(GeometryReader); }
+
+  void read(const std::string& path, const EnsightFile& file, vtkMultiBlockDataSet& parts) {
+    this->SetUseFileSets(file.marked ? 1 : 0);
+    if (!this->ReadGeometryFile(path.c_str(), static_cast<int>(file.step) + 1, &parts))
+      throw ReaderError("VTK's reader cannot read the geometry {}", path);
+  }
+};
+
 class EnSightReader final : public BlockReader {
  public:
-  Status check(const std::string& path, std::optional<double> time) override {
+  Status check(const std::string& path, const SourceOptions& options) override {
     SPLATVOL_TRY_SET(files_, read_ensight_case(path));
-    SPLATVOL_TRY_SET(findings_, check_ensight_files(path, files_, time));
+    SPLATVOL_TRY_SET(findings_, check_ensight_files(path, files_, options));
     changes_.open_ends += files_.has_open_end() ? 1 : 0;
     path_ = path;
+    if (files_.has_materials()) changes_.losses.insert(path + ": the materials of cells are left out");
+    if (findings_.geometry) return {};
+    constexpr const char* needed =
+        "it is needed where a case is not EnSight Gold, and for measured points, and ranges or ghosts of blocks";
+    if (!files_.unknown_line().empty())
+      return fail(ErrorCode::unsupported, "{}: the line \"{}\" is of no kind that VTK's reader of EnSight knows; {}",
+                  path, files_.unknown_line().substr(0, 80), needed);
+    if (files_.mixes_file_sets())
+      return fail(ErrorCode::unsupported,
+                  "{}: a line of GEOMETRY or VARIABLE names no file set, and VTK's reader takes the first; {}", path,
+                  needed);
     return {};
   }
 
@@ -63,9 +92,21 @@ class EnSightReader final : public BlockReader {
   }
 
   vtkMultiBlockDataSetAlgorithm* open(const std::string& path) override {
+    if (findings_.geometry) return nullptr;
     reader_->SetCaseFileName(path.c_str());
     return reader_;
   }
+  vtkMultiBlockDataSet* output() override { return parts_; }
+
+  std::vector<double> times() const override {
+    std::vector<double> times;
+    if (findings_.geometry) times = files_.times();
+    std::ranges::sort(times);
+    times.erase(std::ranges::unique(times).begin(), times.end());
+    return times;
+  }
+
+  std::vector<ArrayShape> arrays(std::optional<double> /*time*/) override { return ensight_arrays(files_); }
 
   void select(const std::vector<std::string>& selection) override {
     for (int i = 0; i < reader_->GetNumberOfPointArrays(); ++i)
@@ -73,24 +114,37 @@ class EnSightReader final : public BlockReader {
                                    wants_array(selection, reader_->GetPointArrayName(i)));
     for (int i = 0; i < reader_->GetNumberOfCellArrays(); ++i)
       reader_->SetCellArrayStatus(reader_->GetCellArrayName(i), wants_array(selection, reader_->GetCellArrayName(i)));
-    // Those that are read here.
-    std::erase_if(findings_.gaps, [&](const EnsightGaps& gaps) {
-      if (!gaps.values.empty()) reader_->SetCellArrayStatus(gaps.variable.c_str(), 0);
-      return !wants_array(selection, gaps.variable);
-    });
+    std::erase_if(findings_.variables,
+                  [&](const EnsightValues& values) { return !wants_array(selection, values.variable); });
+  }
+
+  DeclaredArrays declared(vtkDataSet& data) override {
+    DeclaredArrays declared;
+    const std::size_t part = index_of(data);
+    if (part < findings_.part_numbers.size()) declared.part = fmt::format("part {}", findings_.part_numbers[part]);
+    for (const EnsightValues& values : findings_.variables) {
+      const int components = values.complex_part ? 2 : static_cast<int>(values.components);
+      if (values.parts.contains(part) && values.complex_part != 1)
+        declared.arrays.push_back({values.variable, components, values.per_element});
+    }
+    declared.arrays.insert(declared.arrays.end(), undelivered_.begin(), undelivered_.end());
+    return declared;
   }
 
   CellCensus take_changes() override { return std::exchange(changes_, {}); }
 
   void read(int, std::optional<double> time) override {
-    update(*reader_, time, 0, 1);
+    if (findings_.geometry)
+      read_geometry(*findings_.geometry);
+    else
+      read_by_vtk(time);
     for (const auto& [part, ghosts] : findings_.ghosts) {
       changes_.hidden += ghosts;
       if (vtkDataSet* data = part_of(part)) hide_loose_points(*data);
     }
-    for (const EnsightGaps& of_variable : findings_.gaps) {
-      for (const auto& [part, values] : of_variable.values) add_values(of_variable, part, values);
-      for (const EnsightGaps::Gap& gap : of_variable.gaps) leave_out(of_variable, gap);
+    for (EnsightValues& of_variable : findings_.variables) {
+      for (auto& [part, values] : of_variable.of_parts) add_values(of_variable, part, std::move(values));
+      for (const EnsightValues::Gap& gap : of_variable.gaps) leave_out(of_variable, gap);
     }
   }
 
@@ -98,8 +152,35 @@ class EnSightReader final : public BlockReader {
   bool has_finer_points(std::optional<double> time) override { return has_finer_points_at(path_, files_, time); }
 
  private:
+  void read_by_vtk(std::optional<double> time) {
+    update(*reader_, time, 0, 1);
+    parts_ = reader_->GetOutput();
+    undelivered_ = ensight_arrays(files_);
+    std::erase_if(undelivered_, [&](const ArrayShape& shape) {
+      const auto is_variable = [&](const EnsightValues& values) { return values.variable == shape.name; };
+      return std::ranges::any_of(findings_.variables, is_variable) || is_anywhere(shape);
+    });
+  }
+
+  /// Whether a part has an array.
+  bool is_anywhere(const ArrayShape& shape) {
+    for (std::size_t part = 0; parts_ && part < parts_->GetNumberOfBlocks(); ++part)
+      if (vtkDataSet* data = part_of(part); data && arrays_of(*data, *shape.of_cells).HasArray(shape.name.c_str()))
+        return true;
+    return false;
+  }
+
+  void read_geometry(const EnsightFile& file) {
+    const std::string path = std::filesystem::path(path_).parent_path() / file.name;
+    parts_ = vtkSmartPointer<vtkMultiBlockDataSet>::New();
+    if (findings_.is_binary)
+      vtkNew<GeometryReader<vtkEnSightGoldBinaryReader>>()->read(path, file, *parts_);
+    else
+      vtkNew<GeometryReader<vtkEnSightGoldReader>>()->read(path, file, *parts_);
+  }
+
   /// Replaces a value by a missing one, if its variable was read. VTK may order the components of tensors anew.
-  void leave_out(const EnsightGaps& variable, const EnsightGaps::Gap& gap) {
+  void leave_out(const EnsightValues& variable, const EnsightValues::Gap& gap) {
     vtkDataSet* part = part_of(gap.part);
     vtkDataArray* array = part ? arrays_of(*part, variable.per_element).GetArray(variable.variable.c_str()) : nullptr;
     const auto index = static_cast<vtkIdType>(gap.index);
@@ -112,10 +193,16 @@ class EnSightReader final : public BlockReader {
 
   /// Null if VTK's reader gives no such part.
   vtkDataSet* part_of(std::size_t index) {
-    vtkMultiBlockDataSet* parts = reader_->GetOutput();
-    return parts && index < parts->GetNumberOfBlocks()
-               ? vtkDataSet::SafeDownCast(parts->GetBlock(static_cast<unsigned>(index)))
+    return parts_ && index < parts_->GetNumberOfBlocks()
+               ? vtkDataSet::SafeDownCast(parts_->GetBlock(static_cast<unsigned>(index)))
                : nullptr;
+  }
+
+  /// The number of parts if it is none of them.
+  [[nodiscard]] std::size_t index_of(const vtkDataSet& data) {
+    std::size_t index = 0;
+    while (parts_ && index < parts_->GetNumberOfBlocks() && part_of(index) != &data) ++index;
+    return index;
   }
 
   /// Flags the points that no cell uses as copies: ghosts used them.
@@ -132,18 +219,27 @@ class EnSightReader final : public BlockReader {
     part.GetPointData()->AddArray(flags);
   }
 
-  void add_values(const EnsightGaps& variable, std::size_t index, const std::vector<float>& values) {
+  void add_values(const EnsightValues& variable, std::size_t index, std::vector<float> values) {
     vtkDataSet* part = part_of(index);
     if (!part) return;
-    if (values.size() != static_cast<std::size_t>(part->GetNumberOfCells()) * variable.components)
-      throw ReaderError("\"{}\" has values of {} cells instead of {}", variable.variable,
-                        values.size() / variable.components, part->GetNumberOfCells());
-    const vtkNew<vtkFloatArray> array;
-    array->SetName(variable.variable.c_str());
-    array->SetNumberOfComponents(static_cast<int>(variable.components));
-    array->SetNumberOfTuples(part->GetNumberOfCells());
-    std::ranges::copy(values, array->GetPointer(0));
-    part->GetCellData()->AddArray(array);
+    const vtkIdType count = variable.per_element ? part->GetNumberOfCells() : part->GetNumberOfPoints();
+    if (values.size() != static_cast<std::size_t>(count) * variable.components)
+      throw ReaderError("\"{}\" has values of {} {} instead of {}", variable.variable,
+                        values.size() / variable.components, variable.per_element ? "cells" : "points", count);
+    vtkDataSetAttributes& arrays = arrays_of(*part, variable.per_element);
+    auto array =
+        vtkSmartPointer<vtkFloatArray>(vtkFloatArray::SafeDownCast(arrays.GetArray(variable.variable.c_str())));
+    if (!variable.complex_part || !array) {
+      array = vtkSmartPointer<vtkFloatArray>::New();
+      array->SetName(variable.variable.c_str());
+      array->SetNumberOfComponents(variable.complex_part ? 2 : static_cast<int>(variable.components));
+      array->SetNumberOfTuples(count);
+      array->Fill(missing_value);
+      arrays.AddArray(array);
+    }
+    const std::size_t stride = variable.complex_part ? 2 : 1;
+    for (std::size_t i = 0; i < values.size(); ++i)
+      array->GetPointer(0)[i * stride + variable.complex_part.value_or(0)] = values[i];
   }
 
   static std::size_t component_count(vtkDataArray& array) {
@@ -152,8 +248,10 @@ class EnSightReader final : public BlockReader {
 
   std::string path_;
   EnsightCase files_{""};
-  vtkNew<vtkGenericEnSightReader> reader_;
+  vtkNew<vtkGenericEnSightReader> reader_;       // unless `findings_` has all but the geometry
+  vtkSmartPointer<vtkMultiBlockDataSet> parts_;  // that were read last
   EnsightFindings findings_;
+  std::vector<ArrayShape> undelivered_;  // variables that cannot be followed, and of which VTK's reader gave nothing
   CellCensus changes_;
 };
 

@@ -4,12 +4,14 @@
 #include <fmt/format.h>
 #include <vtkCellArray.h>
 #include <vtkCellData.h>
+#include <vtkCompositeDataIterator.h>
 #include <vtkDataArray.h>
 #include <vtkExodusIIReader.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkNew.h>
 #include <vtkObjectFactory.h>
 #include <vtkPointData.h>
+#include <vtkPointSet.h>
 #include <vtkPoints.h>
 #include <vtkSmartPointer.h>
 #include <vtkUnstructuredGrid.h>
@@ -26,6 +28,7 @@
 #include <set>
 #include <string_view>
 
+#include "base/printable.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/source.h"
 #include "builder/sources/vtk/cell_counts.h"
@@ -47,7 +50,9 @@ struct ExodusHeader {
   std::vector<double> times;     // of the steps, if the file leaves their number open (count_open_records)
   std::map<int, Block> blocks;   // by id
   std::set<std::string> values;  // the names of NetCDF's variables with values of Exodus's variables
-  bool in_one_array = false;     // an older file: one of them has the values of all variables of the points
+  std::vector<std::string> nodal, of_elements;  // names of variables
+  bool has_steps = false;
+  bool in_one_array = false;  // an older file: one of them has the values of all variables of the points
 
   /// Whether a variable that is declared has values: of the points, or of a block's cells.
   [[nodiscard]] bool has_nodal_values(int variable) const {
@@ -95,6 +100,23 @@ class ExodusFile {
         names.emplace(name.data());
     return names;
   }
+
+  /// The names of the variables of a kind. VTK's reader replaces letters that are not of ASCII.
+  [[nodiscard]] std::vector<std::string> variable_names(ex_entity_type type) const {
+    int count = 0;
+    if (ex_get_variable_param(id_, type, &count) < 0 || count < 1 || static_cast<std::uintmax_t>(count) > bytes_)
+      return {};
+    ex_set_max_name_length(id_, NC_MAX_NAME);
+    std::vector<std::array<char, NC_MAX_NAME + 1>> texts(static_cast<std::size_t>(count));
+    std::vector<char*> pointers;
+    for (auto& text : texts) pointers.push_back(text.data());
+    if (ex_get_variable_names(id_, type, count, pointers.data()) < 0) return {};
+    std::vector<std::string> names;
+    for (const auto& text : texts) names.push_back(as_utf8(trimmed(text.data())));
+    return names;
+  }
+
+  [[nodiscard]] bool has_steps() const { return ex_inquire_int(id_, EX_INQ_TIME) > 0; }
 
   /// Whether coordinates, and the values of all variables of the points, lie in one array each.
   [[nodiscard]] bool has_old_model() const { return ex_large_model(id_) == 0; }
@@ -196,6 +218,9 @@ ExodusHeader read_exodus_header(const std::string& path) {
   if (*records) check_open_records(header, **records);
   if (*records) header.times = file.times(static_cast<std::size_t>(**records));
   if (*records && header.times.empty()) header.values.clear();
+  header.nodal = file.variable_names(EX_NODAL);
+  header.of_elements = file.variable_names(EX_ELEM_BLOCK);
+  header.has_steps = !header.times.empty() || file.has_steps();
   return header;
 }
 
@@ -240,9 +265,24 @@ class PrecisePoints {
   vtkSmartPointer<PointsFactory> factory_ = vtkSmartPointer<PointsFactory>::New();
 };
 
+/// Whether an array is called a displacement; the longer the word, the surer it is. 0: it is not.
+std::size_t displacement_word(std::string_view array) {
+  std::string word(array.substr(0, array.find_last_not_of("_ .") + 1));  // what is left of "disp_x"
+  for (char& c : word) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return is_one_of(word, {"disp", "displ", "displacement", "displacements"}) ? word.size() : 0;
+}
+
+/// An array of VTK's reader: a variable, or the components of a vector.
+struct ExodusArray {
+  std::string vtk_name, name;
+  int components = 1;
+  int variable = 0;  // the first
+};
+
 class ExodusReader final : public BlockReader {
  public:
-  Status check(const std::string& path, std::optional<double> /*time*/) override {
+  Status check(const std::string& path, const SourceOptions& options) override {
+    moves_points_ = options.displacements;
     SPLATVOL_TRY_ASSIGN(start, read_text(path, 64));
     if (!is_hdf5(start) && !is_netcdf(start))
       return fail(ErrorCode::invalid_data, "{}: not an Exodus file (neither NetCDF nor HDF5)", path);
@@ -254,13 +294,25 @@ class ExodusReader final : public BlockReader {
     header_ = read_exodus_header(path);
     reader_->SetFileName(path.c_str());
     reader_->GenerateObjectIdCellArrayOff();
+    reader_->ApplyDisplacementsOff();  // VTK's reader takes all that begins with "dis"
     return reader_;
   }
 
+  /// A file without a step yet has no values of its variables.
   void select(const std::vector<std::string>& selection) override {
-    for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
-      for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
-        reader_->SetObjectArrayStatus(type, i, wants_array(selection, reader_->GetObjectArrayName(type, i)));
+    nodal_ = list_arrays(vtkExodusIIReader::NODAL, header_.nodal);
+    of_elements_ = list_arrays(vtkExodusIIReader::ELEM_BLOCK, header_.of_elements);
+    if (moves_points_) find_displacements();
+    for (std::size_t i = 0; i < nodal_.size(); ++i)
+      reader_->SetObjectArrayStatus(
+          vtkExodusIIReader::NODAL, static_cast<int>(i),
+          header_.has_steps && (wants_array(selection, nodal_[i].name) || displacements_ == i));
+    for (std::size_t i = 0; i < of_elements_.size(); ++i)
+      reader_->SetObjectArrayStatus(vtkExodusIIReader::ELEM_BLOCK, static_cast<int>(i),
+                                    header_.has_steps && wants_array(selection, of_elements_[i].name));
+    // VTK's reader does not list these then.
+    if (!header_.has_steps && of_elements_.empty())
+      for (const std::string& name : header_.of_elements) of_elements_.push_back({.vtk_name = name, .name = name});
     select_others(false);
   }
 
@@ -268,11 +320,27 @@ class ExodusReader final : public BlockReader {
 
   std::vector<ArrayShape> arrays(std::optional<double> /*time*/) override {
     std::vector<ArrayShape> shapes;
-    for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
-      for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
-        shapes.push_back({reader_->GetObjectArrayName(type, i), reader_->GetNumberOfObjectArrayComponents(type, i),
-                          type == vtkExodusIIReader::ELEM_BLOCK});
+    for (const ExodusArray& array : nodal_) shapes.push_back({array.name, array.components, false});
+    for (const ExodusArray& array : of_elements_) shapes.push_back({array.name, array.components, true});
     return shapes;
+  }
+
+  DeclaredArrays declared(vtkDataSet& /*data*/) override {
+    const int id = reader_->GetObjectId(vtkExodusIIReader::ELEM_BLOCK, portion_);
+    DeclaredArrays declared{fmt::format("block {}", id), {}};
+    const auto block = header_.blocks.find(id);
+    if (block == header_.blocks.end() || !header_.has_steps) return declared;
+    for (const ExodusArray& array : nodal_)
+      if (header_.has_nodal_values(array.variable)) declared.arrays.push_back({array.name, array.components, false});
+    for (const ExodusArray& array : of_elements_)
+      if (header_.has_element_values(block->second.number, array.variable))
+        declared.arrays.push_back({array.name, array.components, true});
+    return declared;
+  }
+
+  std::set<std::string> notes() const override {
+    if (!displacements_) return {};
+    return {nodal_[*displacements_].name + ": displacements, by which the points are moved (--no-displacements)"};
   }
 
   std::vector<double> times() const override { return header_.times; }
@@ -299,6 +367,7 @@ class ExodusReader final : public BlockReader {
       update(*reader_, time, 0, 1);
     }
     if (auto* block = block_of(reader_->GetOutput())) finish(*block, portion);
+    if (displacements_) move_points(*reader_->GetOutput());
   }
 
  private:
@@ -327,10 +396,57 @@ class ExodusReader final : public BlockReader {
     const auto block = header_.blocks.find(id);
     if (block == header_.blocks.end()) return;
     check_nodes(grid, id, block->second);
-    remove_missing(vtkExodusIIReader::NODAL, *grid.GetPointData(),
-                   [&](int variable) { return header_.has_nodal_values(variable); });
-    remove_missing(vtkExodusIIReader::ELEM_BLOCK, *grid.GetCellData(),
-                   [&](int variable) { return header_.has_element_values(block->second.number, variable); });
+    finish_arrays(nodal_, *grid.GetPointData(), [&](int variable) { return header_.has_nodal_values(variable); });
+    finish_arrays(of_elements_, *grid.GetCellData(),
+                  [&](int variable) { return header_.has_element_values(block->second.number, variable); });
+  }
+
+  /// Lists the arrays of a kind. Each has the next variables as its components.
+  [[nodiscard]] std::vector<ExodusArray> list_arrays(int type, const std::vector<std::string>& variables) const {
+    std::vector<ExodusArray> arrays;
+    for (int i = 0, variable = 0; i < reader_->GetNumberOfObjectArrays(type); ++i) {
+      const std::string vtk_name = reader_->GetObjectArrayName(type, i);
+      const int components = reader_->GetNumberOfObjectArrayComponents(type, i);
+      const auto number = static_cast<std::size_t>(variable);
+      const bool is_known = components == 1 && number < variables.size() && !variables[number].empty();
+      arrays.push_back({vtk_name, is_known ? variables[number] : vtk_name, components, variable});
+      variable += components;
+    }
+    return arrays;
+  }
+
+  void find_displacements() {
+    std::size_t longest = 0;
+    for (std::size_t i = 0; i < nodal_.size(); ++i) {
+      const ExodusArray& array = nodal_[i];
+      const std::size_t length = displacement_word(array.name);
+      bool has_values = header_.has_steps;
+      for (int c = 0; c < array.components; ++c)
+        has_values = has_values && header_.has_nodal_values(array.variable + c);
+      if (array.components != 3 || !has_values || length <= longest) continue;
+      displacements_ = i;
+      longest = length;
+    }
+  }
+
+  /// Moves the points of all blocks. They are not changed in place: VTK's reader may keep them for the next time.
+  void move_points(vtkMultiBlockDataSet& tree) const {
+    const auto entry = vtkSmartPointer<vtkCompositeDataIterator>::Take(tree.NewIterator());
+    for (entry->InitTraversal(); !entry->IsDoneWithTraversal(); entry->GoToNextItem()) {
+      auto* grid = vtkPointSet::SafeDownCast(entry->GetCurrentDataObject());
+      vtkDataArray* moves = grid ? grid->GetPointData()->GetArray(nodal_[*displacements_].name.c_str()) : nullptr;
+      if (!moves) continue;
+      const vtkNew<vtkPoints> points;
+      points->SetDataType(grid->GetPoints()->GetDataType());
+      points->DeepCopy(grid->GetPoints());
+      for (vtkIdType i = 0; i < points->GetNumberOfPoints(); ++i) {
+        std::array<double, 3> at{}, move{};
+        points->GetPoint(i, at.data());
+        moves->GetTuple(i, move.data());
+        points->SetPoint(i, at[0] + move[0], at[1] + move[1], at[2] + move[2]);
+      }
+      grid->SetPoints(points);
+    }
   }
 
   /// Throws if VTK's reader takes some nodes of the cells only: then it also takes them from the wrong cells. Surfaces
@@ -346,21 +462,26 @@ class ExodusReader final : public BlockReader {
         id, block.nodes, block.type.substr(0, 32), taken);
   }
 
-  /// Takes out the values of variables that the file declares and does not hold. VTK's reader returns leftover memory
-  /// for them. Each of its arrays has the next variables as its components.
+  /// Gives arrays the names of their variables. Takes out the values of variables that the file declares and does not
+  /// hold: VTK's reader returns leftover memory for them.
   template <class HasValues>
-  void remove_missing(int type, vtkDataSetAttributes& arrays, const HasValues& has_values) {
-    for (int i = 0, variable = 0; i < reader_->GetNumberOfObjectArrays(type); ++i) {
-      vtkDataArray* array = arrays.GetArray(reader_->GetObjectArrayName(type, i));
-      for (int c = 0; c < reader_->GetNumberOfObjectArrayComponents(type, i); ++c, ++variable)
-        if (array && c < array->GetNumberOfComponents() && !has_values(variable))
-          array->FillComponent(c, missing_value);
+  static void finish_arrays(const std::vector<ExodusArray>& known, vtkDataSetAttributes& arrays,
+                            const HasValues& has_values) {
+    for (const ExodusArray& of_file : known) {
+      vtkDataArray* array = arrays.GetArray(of_file.vtk_name.c_str());
+      if (!array) array = arrays.GetArray(of_file.name.c_str());  // VTK's reader may give an array again
+      if (!array) continue;
+      for (int c = 0; c < of_file.components && c < array->GetNumberOfComponents(); ++c)
+        if (!has_values(of_file.variable + c)) array->FillComponent(c, missing_value);
+      array->SetName(of_file.name.c_str());
     }
   }
 
-  bool wants_patches_ = false;
+  bool wants_patches_ = false, moves_points_ = true;
   int portion_ = 0;  // that was read last
   ExodusHeader header_;
+  std::vector<ExodusArray> nodal_, of_elements_;
+  std::optional<std::size_t> displacements_;  // among nodal_
   vtkNew<vtkExodusIIReader> reader_;
 };
 

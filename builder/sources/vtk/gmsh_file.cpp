@@ -10,6 +10,7 @@
 #include <map>
 #include <span>
 #include <string_view>
+#include <tuple>
 #include <utility>
 
 #include "builder/sources/read_text.h"
@@ -158,6 +159,8 @@ class GmshReader {
       if (in_.failed())
         return fail(ErrorCode::invalid_data, "{}: the section ${} is damaged or cut off", path_, section.substr(0, 40));
     }
+    SPLATVOL_TRY(check_views());
+    tell_steps_apart();
     name_groups();
     return std::move(file_);
   }
@@ -426,13 +429,55 @@ class GmshReader {
     std::uint64_t count = 0;
     for (std::uint64_t i = 0; i < integers && !in_.failed(); ++i) {
       const auto integer = in_.text<std::int64_t>();
+      if (i == 0) view.step = integer;
       if (i == 1) view.components = static_cast<std::size_t>(integer);
       if (i == 2) count = static_cast<std::uint64_t>(integer);
     }
     if (in_.binary()) in_.line();
-    if (view.components < 1 || view.components > 9 || integers < 3 || count > in_.left() / 4) in_.fail();
+    if (!std::isfinite(view.time) || view.components < 1 || view.components > 9 || integers < 3 ||
+        count > in_.left() / 4)
+      in_.fail();
     for (std::uint64_t i = 0; i < count && !headers_only_ && !in_.failed(); ++i) read_view_values(view);
-    file_.views.push_back(std::move(view));
+    const auto [known, is_new] =
+        sections_.try_emplace({view.at, view.name, view.components, view.step, view.time}, file_.views.size());
+    is_new ? file_.views.push_back(std::move(view)) : append(view, file_.views[known->second]);
+  }
+
+  /// Appends a section of a view to the sections before.
+  static void append(const GmshView& part, GmshView& view) {
+    view.tags.insert(view.tags.end(), part.tags.begin(), part.tags.end());
+    view.counts.insert(view.counts.end(), part.counts.begin(), part.counts.end());
+    view.values.insert(view.values.end(), part.values.begin(), part.values.end());
+  }
+
+  /// Fails if two views have the same name: one that has values twice for a node or element, or of different forms.
+  Status check_views() const {
+    std::map<std::pair<GmshView::At, std::string_view>, std::size_t> components;
+    for (const GmshView& view : file_.views) {
+      std::vector<std::uint64_t> tags = view.tags;
+      std::ranges::sort(tags);
+      const auto twice = std::ranges::adjacent_find(tags);
+      if (twice != tags.end())
+        return fail(ErrorCode::invalid_data,
+                    "{}: two views are called \"{}\": both have values of {} {} at time {}; rename one", path_,
+                    view.name, view.at == GmshView::At::nodes ? "node" : "element", *twice, view.time);
+      const auto [known, is_new] = components.try_emplace({view.at, view.name}, view.components);
+      if (known->second != view.components)
+        return fail(ErrorCode::invalid_data,
+                    "{}: two views are called \"{}\": one has {} components, and one {}; rename one", path_, view.name,
+                    known->second, view.components);
+    }
+    return {};
+  }
+
+  /// Some programs write the same time for all steps of a view: then their numbers are the times.
+  void tell_steps_apart() {
+    std::map<std::tuple<GmshView::At, std::string_view, double>, std::int64_t> steps;
+    bool told = true;
+    for (const GmshView& view : file_.views)
+      told = told && steps.try_emplace({view.at, view.name, view.time}, view.step).first->second == view.step;
+    if (told) return;
+    for (GmshView& view : file_.views) view.time = static_cast<double>(view.step);
   }
 
   void read_view_values(GmshView& view) {
@@ -456,6 +501,8 @@ class GmshReader {
   std::map<std::int64_t, std::vector<std::size_t>> elements_of_group_;  // by the group's tag
   std::map<int, std::vector<std::int64_t>> groups_of_surface_;          // version 4.1: by the surface's tag
   std::map<int, int> material_of_volume_;                               // version 4.1: by the volume's tag
+  std::map<std::tuple<GmshView::At, std::string, std::size_t, std::int64_t, double>, std::size_t>
+      sections_;  // of views: their indices in file_
   GmshFile file_;
 };
 

@@ -11,12 +11,13 @@
 
 namespace splatvol {
 
-/// Values of a view for some nodes or elements.
+/// Values of a step of a view for some nodes or elements.
 struct GmshView {
   enum class At { nodes, elements, element_nodes };
   At at = At::nodes;
   std::string name;
   double time = 0;
+  std::int64_t step = 0;
   std::size_t components = 1;
   std::vector<std::uint64_t> tags;    // of the nodes or elements
   std::vector<std::uint32_t> counts;  // [tag]: of an element's nodes, for element_nodes
@@ -43,7 +44,7 @@ struct GmshFile {
   std::vector<std::uint64_t> node_tags;
   std::vector<dvec3> points;
   GmshElements elements;
-  std::vector<GmshView> views;
+  std::vector<GmshView> views;    // a step may be in several sections
   std::vector<GmshGroup> groups;  // by their names, each with an element at least; only if they are asked for
   bool may_repeat = false;        // version 2.2 repeats an element for each of its physical groups
 };

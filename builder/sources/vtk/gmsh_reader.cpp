@@ -13,8 +13,10 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <map>
 #include <set>
 #include <span>
+#include <string_view>
 #include <tuple>
 #include <unordered_map>
 #include <utility>
@@ -288,16 +290,26 @@ std::optional<TimeStep> choose_step(const GmshFile& file, std::optional<double> 
   return splatvol::choose_step(times, time);
 }
 
-/// Whether another view of this name is nearer to the step, or as near and later in the file.
-bool is_superseded(const GmshFile& file, std::size_t index, double time) {
-  const GmshView& view = file.views[index];
-  for (std::size_t i = 0; i < file.views.size(); ++i) {
-    const GmshView& other = file.views[i];
-    if (i == index || other.name != view.name || other.at != view.at) continue;
-    const double mine = std::abs(view.time - time), others = std::abs(other.time - time);
-    if (others < mine || (others == mine && i > index)) return true;
+/// Of the views of each name and place, the one that is nearest to a time; of two, the later one. In the order in which
+/// the names come in the file: it is the same at all times.
+std::vector<const GmshView*> views_at(std::span<const GmshView> views, double time) {
+  std::map<std::pair<GmshView::At, std::string_view>, std::size_t> indices;
+  std::vector<const GmshView*> nearest;
+  for (const GmshView& view : views) {
+    const auto [known, is_new] = indices.try_emplace({view.at, view.name}, nearest.size());
+    if (is_new)
+      nearest.push_back(&view);
+    else if (std::abs(view.time - time) <= std::abs(nearest[known->second]->time - time))
+      nearest[known->second] = &view;
   }
-  return false;
+  return nearest;
+}
+
+std::vector<ArrayShape> shapes_of(std::span<const GmshView> views) {
+  std::vector<ArrayShape> shapes;
+  for (const GmshView* view : views_at(views, 0))
+    shapes.push_back({view->name, static_cast<int>(view->components), view->at == GmshView::At::elements});
+  return shapes;
 }
 
 }  // namespace
@@ -310,27 +322,20 @@ Result<std::unique_ptr<VtkDataSets>> open_gmsh(const VtkFile& file, const Source
   std::vector<Patch> patches;
   SPLATVOL_TRY(run_vtk(file.path, [&] {
     GridMaker maker(gmsh);
-    for (std::size_t i = 0; i < gmsh.views.size(); ++i) {
-      const bool used =
-          wants_array(options.selection, gmsh.views[i].name) && !is_superseded(gmsh, i, step ? step->time : 0);
-      if (used) maker.add_view(gmsh.views[i]);
-    }
+    for (const GmshView* view : views_at(gmsh.views, step ? step->time : 0))
+      if (wants_array(options.selection, view->name)) maker.add_view(*view);
     data = maker.grid();
     patches = maker.patches();
   }));
-  return std::make_unique<GmshDataSets>(file.path, data, step, std::move(patches), std::move(gmsh.elements));
+  std::vector<ArrayShape> shapes = shapes_of(gmsh.views);
+  auto data_sets = std::make_unique<GmshDataSets>(file.path, data, step, std::move(patches), std::move(gmsh.elements));
+  data_sets->declare(std::move(shapes));
+  return data_sets;
 }
 
 Result<std::vector<ArrayShape>> gmsh_arrays(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(views, read_gmsh_views(path));
-  std::vector<ArrayShape> shapes;
-  for (const GmshView& view : views) {
-    const ArrayShape shape{view.name, static_cast<int>(view.components), view.at == GmshView::At::elements};
-    const bool known = std::ranges::any_of(
-        shapes, [&](const ArrayShape& other) { return other.name == shape.name && other.of_cells == shape.of_cells; });
-    if (!known) shapes.push_back(shape);
-  }
-  return shapes;
+  return shapes_of(views);
 }
 
 }  // namespace splatvol

@@ -509,11 +509,6 @@ class LegacyFile {
 
 }  // namespace
 
-Status check_legacy(const std::string& path) {
-  SPLATVOL_TRY(legacy_arrays(path));
-  return {};
-}
-
 Result<std::vector<ArrayShape>> legacy_arrays(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   LegacyFile legacy(std::move(file));

@@ -29,6 +29,10 @@ class LoadedDataSets : public VtkDataSets {
   CellCensus take_changes() override { return std::exchange(changes_, {}); }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
   Result<vtkSmartPointer<vtkDataSet>> next() override;
+  DeclaredArrays declared() const override { return declared_; }
+
+  /// All data sets must have these.
+  void declare(std::vector<ArrayShape> arrays) { declared_.arrays = std::move(arrays); }
 
  private:
   std::string path_;
@@ -37,6 +41,7 @@ class LoadedDataSets : public VtkDataSets {
   std::optional<TimeStep> step_;
   std::vector<Patch> patches_;
   CellCensus changes_;
+  DeclaredArrays declared_;
 };
 
 }  // namespace splatvol

@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/reader.h"
 
+#include <fmt/format.h>
 #include <vtkDataSet.h>
 #include <vtkDataSetReader.h>
 #include <vtkNew.h>
@@ -59,6 +60,11 @@ class FileDataSets final : public VtkDataSets {
     if (blocks_) all += blocks_->left_out();
     return all;
   }
+  std::set<std::string> notes() const override {
+    std::set<std::string> all = notes_;
+    if (blocks_) all.merge(blocks_->notes());
+    return all;
+  }
   std::set<std::string> left_out_arrays() const override {
     std::set<std::string> all = left_out_arrays_;
     if (blocks_) all.merge(blocks_->left_out_arrays());
@@ -107,6 +113,8 @@ class FileDataSets final : public VtkDataSets {
 
   Source::PieceNumber number() const override { return {static_cast<std::uint32_t>(file_ - 1), in_file_ - 1}; }
 
+  DeclaredArrays declared() const override { return blocks_ ? blocks_->declared() : declared_; }
+
   std::uint64_t block() const override { return inner_block(files_[file_ - 1].block, blocks_ ? blocks_->block() : 0); }
 
   std::size_t blocks() const override {
@@ -145,8 +153,10 @@ class FileDataSets final : public VtkDataSets {
 
   Status announce_file(const VtkFile& file, ArrayUnion& arrays) const {
     if (is_xml(file.kind)) {
-      SPLATVOL_TRY_ASSIGN(pieces, xml_arrays(file.path, file.is_block));
-      for (std::vector<ArrayShape>& piece : pieces) SPLATVOL_TRY(arrays.add(file.path, wanted(std::move(piece))));
+      SPLATVOL_TRY_ASSIGN(pieces, xml_arrays(file.path));
+      for (XmlPiece& piece : pieces)
+        if (piece.has_points && !(file.is_block && piece.is_surface))
+          SPLATVOL_TRY(arrays.add(file.path, wanted(std::move(piece.arrays))));
       return {};
     }
     if (file.kind == VtkFile::Kind::legacy) return add(file.path, legacy_arrays(file.path), arrays);
@@ -200,6 +210,7 @@ class FileDataSets final : public VtkDataSets {
       if (block) return block;
       extra_pieces_ += std::max<std::size_t>(blocks_->count(), 1) - 1;
       left_out_ += blocks_->left_out();
+      notes_.merge(blocks_->notes());
       left_out_arrays_.merge(blocks_->left_out_arrays());
       changes_ += blocks_->take_changes();
       std::ranges::move(blocks_->take_patches(), std::back_inserter(patches_));
@@ -239,7 +250,7 @@ class FileDataSets final : public VtkDataSets {
   }
 
   Status open_xml(VtkFile::Kind kind) {
-    SPLATVOL_TRY(check_xml(path_));
+    SPLATVOL_TRY_SET(declared_of_pieces_, check_xml(path_));
     auto reader = make_xml_reader(kind);
     SPLATVOL_TRY(run_vtk(path_, [&] {
       reader->SetFileName(path_.c_str());
@@ -275,13 +286,22 @@ class FileDataSets final : public VtkDataSets {
         output->ReleaseData();
       }
     }));
+    declare_piece(static_cast<std::size_t>(piece_));
     if (++piece_ == pieces_) reader_ = nullptr;
     if (!data) return fail(ErrorCode::invalid_data, "{}: VTK's reader gave no data", path_);
     return data;
   }
 
+  void declare_piece(std::size_t piece) {
+    declared_ = {};
+    if (piece >= declared_of_pieces_.size()) return;
+    if (pieces_ > 1) declared_.part = fmt::format("piece {}", piece + 1);
+    declared_.arrays = std::move(declared_of_pieces_[piece].arrays);
+  }
+
   Result<vtkSmartPointer<vtkDataSet>> read_legacy() {
-    SPLATVOL_TRY(check_legacy(path_));
+    declared_ = {};
+    SPLATVOL_TRY_SET(declared_.arrays, legacy_arrays(path_));
     vtkSmartPointer<vtkDataSet> data;
     SPLATVOL_TRY(run_vtk(path_, [&] {
       const vtkNew<vtkDataSetReader> reader;
@@ -310,11 +330,13 @@ class FileDataSets final : public VtkDataSets {
   std::size_t extra_pieces_ = 0;                        // of opened files, besides one for each
   std::string path_;                                    // of the current file
   CellCensus left_out_;                                 // of the files before the current one
-  std::set<std::string> left_out_arrays_;               // of these files
+  std::set<std::string> notes_, left_out_arrays_;       // of these files
   CellCensus changes_;                                  // of these files, not taken yet
   std::vector<Patch> patches_;                          // of these files, not taken yet
   std::unique_ptr<VtkDataSets> blocks_;                 // of the current file, while it has blocks left
   vtkSmartPointer<vtkXMLReader> reader_;                // of the current file, while it has pieces left
+  std::vector<XmlPiece> declared_of_pieces_;            // of the current file
+  DeclaredArrays declared_;                             // of the last data set, if the current file has no blocks_
   int piece_ = 0;                                       // the next one
   int pieces_ = 0;
 };
@@ -342,21 +364,22 @@ std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, const So
   return std::make_unique<FileDataSets>(std::move(files), options);
 }
 
-Result<std::vector<std::string>> parallel_pieces(const std::string& path) {
+Result<ParallelFile> read_parallel_file(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
-  std::vector<std::string> pieces;
+  ParallelFile file;
   vtkXMLDataElement* grid = nullptr;
   for (const char* name : {"PUnstructuredGrid", "PImageData", "PRectilinearGrid", "PStructuredGrid"})
     if (!grid) grid = parser->GetRootElement()->FindNestedElementWithName(name);
   const auto folder = std::filesystem::path(path).parent_path();
   for (int i = 0; grid && i < grid->GetNumberOfNestedElements(); ++i) {
     vtkXMLDataElement* element = grid->GetNestedElement(i);
-    const char* file = element->GetAttribute("Source");
-    if (element->GetName() == std::string("Piece") && file) pieces.push_back((folder / file).string());
+    const char* piece = element->GetAttribute("Source");
+    if (element->GetName() == std::string("Piece") && piece) file.pieces.push_back((folder / piece).string());
+    add_arrays(*element, file.arrays);
   }
-  if (pieces.empty()) return fail(ErrorCode::invalid_data, "{}: damaged, or names no pieces", path);
+  if (file.pieces.empty()) return fail(ErrorCode::invalid_data, "{}: damaged, or names no pieces", path);
   SPLATVOL_TRY(check_parallel_pieces(path, *grid));
-  return pieces;
+  return file;
 }
 
 }  // namespace splatvol

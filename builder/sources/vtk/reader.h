@@ -24,8 +24,13 @@ namespace splatvol {
 /// damage to these arrays like VTK's own errors.
 [[nodiscard]] vtkSmartPointer<vtkXMLReader> make_unstructured_reader();
 
-/// The files that a .pvtu, .pvti, .pvtr or .pvts names, relative to its own folder, in its order. Fails if the pieces
-/// of a structured grid do not fill it.
-[[nodiscard]] Result<std::vector<std::string>> parallel_pieces(const std::string& path);
+/// What a .pvtu, .pvti, .pvtr or .pvts states.
+struct ParallelFile {
+  std::vector<std::string> pieces;  // files, in its order
+  std::vector<ArrayShape> arrays;   // of all pieces; a file need not tell
+};
+
+/// Reads such a file. Fails if the pieces of a structured grid do not fill it.
+[[nodiscard]] Result<ParallelFile> read_parallel_file(const std::string& path);
 
 }  // namespace splatvol

@@ -49,12 +49,13 @@ class VtkSource final : public Source {
  public:
   /// `read_again`: makes the data sets once more; may be empty if they tell no blocks apart.
   VtkSource(std::unique_ptr<VtkDataSets> data_sets, const SourceOptions& options, std::optional<TimeStep> step = {},
-            std::function<std::unique_ptr<VtkDataSets>()> read_again = {})
+            std::function<std::unique_ptr<VtkDataSets>()> read_again = {}, VtkLists lists = {})
       : data_sets_(std::move(data_sets)),
         read_again_(std::move(read_again)),
         options_(options),
         own_cells_(options.cells == CellValues::own),
         missing_(options.missing),
+        lists_(std::move(lists)),
         step_(std::move(step)) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
@@ -74,7 +75,9 @@ class VtkSource final : public Source {
     time_ = time_in_fields(*pending_);
     const std::string path = data_sets_->path();
     SPLATVOL_TRY(arrays_.add(path, array_shapes(*pending_)));
+    SPLATVOL_TRY(arrays_.add(path, wanted(pending_declared_.arrays)));
     SPLATVOL_TRY(data_sets_->announce(arrays_));
+    find_declared_by_lists();
     SPLATVOL_TRY_ASSIGN(all, arrays_.attributes(path, options_.cells));
     if (all.empty()) SPLATVOL_TRY_SET(all, make_attribute());
     available_ = names_of(all);
@@ -95,6 +98,7 @@ class VtkSource final : public Source {
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
     number_ = pending_number_;
+    const DeclaredArrays declared = std::exchange(pending_declared_, {});
     const std::uint64_t block = data_sets_->block();
     if (numbers_blocks_) add_block_number(*data);
     SPLATVOL_TRY(arrays_.check(data_sets_->path(), wanted(array_shapes(*data))));
@@ -110,7 +114,7 @@ class VtkSource final : public Source {
     piece->census += data_sets_->take_changes();
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
-    note_differences(*data);
+    note_differences(*data, note_losses(*data, declared, piece->census.losses));
     return piece;
   }
 
@@ -136,14 +140,13 @@ class VtkSource final : public Source {
   std::uint64_t left_out_cells() const override { return data_sets_->left_out().left_out; }
 
   std::vector<std::string> conversions() const override {
-    std::vector<std::string> lines;
+    std::vector<std::string> lines = lists_.notes;
     if (!made_.empty()) lines.push_back(made_);
+    for (const std::string& note : data_sets_->notes()) lines.push_back(note);
     if (!converted_.empty())
       lines.push_back(fmt::format("{}: of {}", fmt::join(in_order(converted_), ", "),
                                   own_cells_ ? "points, averaged to cells" : "cells, averaged to points"));
     if (!lacking_.empty()) lines.push_back(describe_lacking(in_order(lacking_)));
-    if (const auto arrays = data_sets_->left_out_arrays(); !arrays.empty())
-      lines.push_back(fmt::format("{}: left out, of neither points nor cells", fmt::join(arrays, ", ")));
     return lines;
   }
 
@@ -220,7 +223,9 @@ class VtkSource final : public Source {
 
   /// Those that the selection needs. Some readers read all.
   [[nodiscard]] std::vector<ArrayShape> wanted(std::vector<ArrayShape> shapes) const {
-    std::erase_if(shapes, [&](const ArrayShape& shape) { return !wants_array(options_.selection, shape.name); });
+    std::erase_if(shapes, [&](const ArrayShape& shape) {
+      return is_bookkeeping(shape.name) || !wants_array(options_.selection, shape.name);
+    });
     return shapes;
   }
 
@@ -232,19 +237,48 @@ class VtkSource final : public Source {
   }
 
   /// Notes the attributes whose values are those of cells instead of points, or the other way round, and those that a
-  /// piece lacks. A vector's components go with its magnitude.
-  void note_differences(vtkDataSet& data) {
+  /// piece lacks, but not those of `undelivered` arrays. A vector's components go with its magnitude.
+  void note_differences(vtkDataSet& data, const std::set<std::string>& undelivered) {
     std::set<std::string> vectors;
     for (const ArrayAttribute& attribute : attributes_) {
       if (attribute.is_volume && !own_cells_) converted_.insert(attribute.name);
       if (attribute.is_volume) continue;
       const auto values = find_values({}, data, attribute);
       if (!values || (values->array && values->of_cells == own_cells_)) continue;
+      if (!values->array && undelivered.contains(attribute.array)) continue;
       if (attribute.component == ArrayAttribute::magnitude) vectors.insert(attribute.array);
       if (attribute.components == 1 || attribute.component == ArrayAttribute::magnitude ||
           !vectors.contains(attribute.array))
         (values->array ? converted_ : lacking_).insert(attribute.name);
     }
+  }
+
+  /// Names the arrays that a parallel file declares for its pieces, and none of them has.
+  void find_declared_by_lists() {
+    for (const DeclaredArrays& list : lists_.declared)
+      for (const ArrayShape& array : wanted(list.arrays))
+        if (std::ranges::find(arrays_.arrays(), array.name, &ArrayShape::name) == arrays_.arrays().end())
+          losses_of_lists_.insert(fmt::format("{}: declares {}, which no piece has", list.part, array.name));
+  }
+
+  /// Returns the arrays that the file declares and the reader did not give, and tells of them and of those that are
+  /// left out.
+  std::set<std::string> note_losses(vtkDataSet& data, const DeclaredArrays& declared, std::set<std::string>& losses) {
+    std::set<std::string> undelivered;
+    const std::string& path = data_sets_->path();
+    for (const ArrayShape& array : wanted(declared.arrays)) {
+      const auto has = [&](bool of_cells) { return arrays_of(data, of_cells).HasArray(array.name.c_str()) != 0; };
+      if (array.of_cells ? has(*array.of_cells) : has(false) || has(true)) continue;
+      undelivered.insert(array.name);
+      losses.insert(declared.part.empty()
+                        ? fmt::format("the reader did not deliver {} of {}", array.name, path)
+                        : fmt::format("the reader did not deliver {} of {} of {}", array.name, declared.part, path));
+    }
+    losses.merge(losses_of_lists_);
+    for (const std::string& array : data_sets_->left_out_arrays())
+      if (wants_array(options_.selection, array))
+        losses.insert(fmt::format("{}: left out, of neither points nor cells", array));
+    return undelivered;
   }
 
   /// Sets pending_ to the next data set that has points, or to null.
@@ -253,6 +287,7 @@ class VtkSource final : public Source {
       SPLATVOL_TRY_ASSIGN(data, data_sets_->next());
       pending_ = data;
       pending_number_ = data_sets_->number();
+      pending_declared_ = data_sets_->declared();
     } while (pending_ && pending_->GetNumberOfPoints() == 0);
     return {};
   }
@@ -266,10 +301,12 @@ class VtkSource final : public Source {
   MissingValues missing_;
   std::uint64_t points_ = 0;                   // of the pieces so far
   std::set<std::string> converted_, lacking_;  // attributes
-  std::string made_;                           // what is said of an attribute that the source made; empty: it made none
-  bool numbers_blocks_ = false;                // in an array of the cells
-  std::optional<TimeStep> step_;               // instead of that of data_sets_
-  ArrayUnion arrays_;                          // of all pieces
+  VtkLists lists_;
+  std::set<std::string> losses_of_lists_;  // not told yet
+  std::string made_;                       // what is said of an attribute that the source made; empty: it made none
+  bool numbers_blocks_ = false;            // in an array of the cells
+  std::optional<TimeStep> step_;           // instead of that of data_sets_
+  ArrayUnion arrays_;                      // of all pieces
   std::vector<ArrayAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
   std::vector<std::string> units_;      // of attributes_
@@ -277,6 +314,7 @@ class VtkSource final : public Source {
   std::optional<double> time_;          // that the first piece states
   vtkSmartPointer<vtkDataSet> pending_;
   PieceNumber pending_number_, number_;  // of pending_, and of the last piece
+  DeclaredArrays pending_declared_;      // for pending_
   bool selects_ = false;                 // some files
   RepeatedPieces repeats_;
 };
@@ -322,9 +360,10 @@ Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const 
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const SourceOptions& options,
-                                               const std::optional<TimeStep>& step) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, options), options, step,
-                                            [files, options] { return read_vtk_files(files, options); });
+                                               const std::optional<TimeStep>& step, VtkLists lists) {
+  auto source = std::make_unique<VtkSource>(
+      read_vtk_files(files, options), options, step, [files, options] { return read_vtk_files(files, options); },
+      std::move(lists));
   std::string missing;
   SPLATVOL_TRY(source->start(missing));
   if (missing.empty() || options.may_lack) return source;

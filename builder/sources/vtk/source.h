@@ -16,7 +16,8 @@ namespace splatvol {
 /// an array that no header announced. Contract as open_source; `files` must not be empty. `step`: the step that the
 /// files are, if they are one.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const SourceOptions& options,
-                                                             const std::optional<TimeStep>& step = {});
+                                                             const std::optional<TimeStep>& step = {},
+                                                             VtkLists lists = {});
 
 /// Lists the arrays that the headers of files announce, as list_arrays (builder/opening/open_source.h) does.
 [[nodiscard]] Result<std::vector<ArrayShape>> list_vtk_arrays(const std::vector<VtkFile>& files,

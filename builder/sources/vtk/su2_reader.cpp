@@ -345,8 +345,11 @@ Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file, const std::ve
     data = grid;
   }));
   if (!added) return tl::unexpected(added.error());
-  return std::make_unique<LoadedDataSets>(file.path, std::vector{data}, std::nullopt, make_patches(mesh),
-                                          std::move(*added));
+  auto data_sets = std::make_unique<LoadedDataSets>(file.path, std::vector{data}, std::nullopt, make_patches(mesh),
+                                                    std::move(*added));
+  SPLATVOL_TRY_ASSIGN(arrays, su2_arrays(file));
+  data_sets->declare(std::move(arrays));
+  return data_sets;
 }
 
 Result<std::vector<ArrayShape>> su2_arrays(const VtkFile& file) {

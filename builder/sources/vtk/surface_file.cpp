@@ -65,7 +65,7 @@ Result<LastLine> check_file(const std::string& path) {
   if (has_extension(path, ".ply")) return check_ply(path);
   if (has_extension(path, ".stl")) SPLATVOL_TRY(check_stl(path));
   if (has_extension(path, ".vtp")) SPLATVOL_TRY(check_xml(path));
-  if (has_extension(path, ".vtk")) SPLATVOL_TRY(check_legacy(path));
+  if (has_extension(path, ".vtk")) SPLATVOL_TRY(legacy_arrays(path));
   if (is_gltf(path)) SPLATVOL_TRY(check_gltf(path));
   return LastLine::ended;
 }

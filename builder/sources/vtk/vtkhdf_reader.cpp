@@ -425,15 +425,24 @@ class HdfDataSets final : public VtkDataSets {
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     vtkSmartPointer<vtkDataSet> data;
-    if (next_ < file_->count()) SPLATVOL_TRY(run_vtk(path_, [&] { data = file_->read(next_++); }));
+    if (next_ == file_->count()) return data;
+    SPLATVOL_TRY(run_vtk(path_, [&] {
+      data = file_->read(next_++);
+      declared_.part = file_->count() > 1 ? fmt::format("partition {}", next_) : std::string();
+      declared_.arrays = file_->arrays();
+      if (data->GetNumberOfCells() == 0)
+        std::erase_if(declared_.arrays, [](const ArrayShape& shape) { return *shape.of_cells; });
+    }));
     return data;
   }
+  DeclaredArrays declared() const override { return declared_; }
 
  private:
   std::string path_;
   std::vector<std::string> selection_;
   std::unique_ptr<HdfFile> file_;
   std::size_t next_ = 0;
+  DeclaredArrays declared_;  // for the last data set
 };
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <string_view>
 
+#include "builder/sources/read_text.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/xml_file.h"
 
@@ -28,8 +29,22 @@ std::string unit_of(vtkXMLDataElement& array) {
   return {};
 }
 
-/// Adds the arrays of PointData or CellData.
-void add_arrays(vtkXMLDataElement& data, bool of_cells, std::vector<ArrayShape>& arrays) {
+bool has_any(vtkXMLDataElement& piece, const char* count) {
+  double number = 0;
+  return piece.GetScalarAttribute(count, number) != 0 && number > 0;
+}
+
+/// Pieces of structured grids state no number of points.
+bool has_points(vtkXMLDataElement& piece) {
+  return text_of(piece, "NumberOfPoints").empty() || has_any(piece, "NumberOfPoints");
+}
+
+}  // namespace
+
+void add_arrays(vtkXMLDataElement& data, std::vector<ArrayShape>& arrays) {
+  const std::string_view element = data.GetName();
+  const bool of_cells = element.ends_with("CellData");
+  if (!is_one_of(element, {"PointData", "CellData", "PPointData", "PCellData"})) return;
   for (int i = 0; i < data.GetNumberOfNestedElements(); ++i) {
     vtkXMLDataElement& array = *data.GetNestedElement(i);
     const std::string_view name = text_of(array, "Name");
@@ -40,37 +55,26 @@ void add_arrays(vtkXMLDataElement& data, bool of_cells, std::vector<ArrayShape>&
   }
 }
 
-bool has_any(vtkXMLDataElement& piece, const char* count) {
-  double number = 0;
-  return piece.GetScalarAttribute(count, number) != 0 && number > 0;
-}
-
-/// Whether a piece counts: pieces of structured grids state no number of points.
-bool is_used(vtkXMLDataElement& piece, bool but_surfaces) {
-  if (but_surfaces && (has_any(piece, "NumberOfPolys") || has_any(piece, "NumberOfStrips"))) return false;
-  return text_of(piece, "NumberOfPoints").empty() || has_any(piece, "NumberOfPoints");
-}
-
-}  // namespace
-
-Result<std::vector<std::vector<ArrayShape>>> xml_arrays(const std::string& path, bool but_surfaces) {
-  SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
-  std::vector<std::vector<ArrayShape>> pieces;
-  vtkXMLDataElement& root = *parser->GetRootElement();
+std::vector<XmlPiece> pieces_of(vtkXMLDataElement& root) {
+  std::vector<XmlPiece> pieces;
   for (int g = 0; g < root.GetNumberOfNestedElements(); ++g) {
     vtkXMLDataElement& grid = *root.GetNestedElement(g);
     for (int p = 0; p < grid.GetNumberOfNestedElements(); ++p) {
-      vtkXMLDataElement& piece = *grid.GetNestedElement(p);
-      if (piece.GetName() != std::string_view("Piece") || !is_used(piece, but_surfaces)) continue;
-      std::vector<ArrayShape>& arrays = pieces.emplace_back();
-      for (int i = 0; i < piece.GetNumberOfNestedElements(); ++i) {
-        vtkXMLDataElement& data = *piece.GetNestedElement(i);
-        const std::string_view name = data.GetName();
-        if (name == "PointData" || name == "CellData") add_arrays(data, name == "CellData", arrays);
-      }
+      vtkXMLDataElement& element = *grid.GetNestedElement(p);
+      if (element.GetName() != std::string_view("Piece")) continue;
+      XmlPiece& piece = pieces.emplace_back();
+      piece.has_points = has_points(element);
+      piece.is_surface = has_any(element, "NumberOfPolys") || has_any(element, "NumberOfStrips");
+      for (int i = 0; i < element.GetNumberOfNestedElements(); ++i)
+        add_arrays(*element.GetNestedElement(i), piece.arrays);
     }
   }
   return pieces;
+}
+
+Result<std::vector<XmlPiece>> xml_arrays(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
+  return pieces_of(*parser->GetRootElement());
 }
 
 }  // namespace splatvol

@@ -512,7 +512,7 @@ Status check_parallel_pieces(const std::string& path, vtkXMLDataElement& grid) {
   return check_pieces(path, grid, *whole);
 }
 
-Status check_xml(const std::string& path) {
+Result<std::vector<XmlPiece>> check_xml(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
   vtkXMLDataElement* root = parser->GetRootElement();
   SPLATVOL_TRY(check_types(path, *root));
@@ -524,8 +524,10 @@ Status check_xml(const std::string& path) {
   SPLATVOL_TRY(check_alike(path, *root));
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   SPLATVOL_TRY_ASSIGN(text, open_file(path));
-  return Arrays(path, *file, std::move(text), *root, static_cast<std::uint64_t>(parser->GetAppendedDataPosition()))
-      .check(*root);
+  SPLATVOL_TRY(
+      Arrays(path, *file, std::move(text), *root, static_cast<std::uint64_t>(parser->GetAppendedDataPosition()))
+          .check(*root));
+  return pieces_of(*root);
 }
 
 }  // namespace splatvol

@@ -106,6 +106,52 @@ TEST_F(PartsTest, PiecesOfAPvtuWhateverItDeclares) {
                                    "GhostLevel=\"0\""))});
 }
 
+TEST_F(PartsTest, PiecesThatAreNamedTwiceCountOnce) {
+  write("a.vtu", vtu(piece(0, {{"s", one}})));
+  write("b.vtu", vtu(piece(1, {{"s", two}})));
+  const auto expect_once = [&](const std::vector<std::string>& paths, const std::string& told) {
+    SCOPED_TRACE(paths[0]);
+    EXPECT_EQ(value_of(read_input(paths)).points, 8u);
+    auto source = value_of(open_source(paths, {}));
+    EXPECT_THAT(source->conversions(), ElementsAre(EndsWith(told)));
+  };
+  const std::string once = ": names files more than once, which count once: a.vtu";
+  const std::string pieces = "<Piece Source=\"a.vtu\"/><Piece Source=\"b.vtu\"/><Piece Source=\"./a.vtu\"/>";
+  const std::string pvtu = write("all.pvtu", vtk_file("PUnstructuredGrid", pieces, "GhostLevel=\"0\""));
+  expect_once({pvtu}, "all.pvtu" + once);
+  write("b.pvtu", vtk_file("PUnstructuredGrid", "<Piece Source=\"b.vtu\"/>", "GhostLevel=\"0\""));
+  expect_once({write("in.vtm", vtk_file("vtkMultiBlockDataSet",
+                                        "<Block index=\"0\"><DataSet index=\"0\" file=\"a.vtu\"/></Block>"
+                                        "<Block index=\"1\"><DataSet index=\"0\" file=\"a.vtu\"/>"
+                                        "<DataSet index=\"1\" file=\"b.pvtu\"/></Block>"))},
+              "in.vtm" + once);
+  expect_once({write("at.pvd", vtk_file("Collection",
+                                        "<DataSet timestep=\"0\" part=\"0\" file=\"a.vtu\"/>"
+                                        "<DataSet timestep=\"0\" part=\"1\" file=\"b.vtu\"/>"
+                                        "<DataSet timestep=\"0\" part=\"2\" file=\"a.vtu\"/>"))},
+              "at.pvd" + once);
+  // A piece beside a list that names it.
+  write("two.pvtu",
+        vtk_file("PUnstructuredGrid", "<Piece Source=\"a.vtu\"/><Piece Source=\"b.vtu\"/>", "GhostLevel=\"0\""));
+  expect_once({path("two.pvtu"), path("a.vtu")}, "two.pvtu" + once);
+}
+
+TEST_F(PartsTest, ArraysThatNoPieceHasAreNamed) {
+  write("a.vtu", vtu(piece(0, {{"s", one}})));
+  write("b.vtu", vtu(piece(1, {{"s", two}, {"t", one}})));
+  const std::string content =
+      "<PPointData><PDataArray type=\"Float64\" Name=\"s\"/><PDataArray type=\"Float64\" Name=\"t\"/><PDataArray "
+      "type=\"Float64\" Name=\"u\"/></PPointData><Piece Source=\"a.vtu\"/><Piece Source=\"b.vtu\"/>";
+  const auto losses_of = [&](const std::string& file, const std::vector<std::string>& selection = {}) {
+    return value_of(read_input({path(file)}, {selection})).census.losses;
+  };
+  write("all.pvtu", vtk_file("PUnstructuredGrid", content, "GhostLevel=\"0\""));
+  EXPECT_THAT(losses_of("all.pvtu"), ElementsAre(EndsWith("all.pvtu: declares u, which no piece has")));
+  EXPECT_THAT(losses_of("all.pvtu", {"t"}), IsEmpty());
+  write("in.vtm", vtm_file({"all.pvtu"}));
+  EXPECT_THAT(losses_of("in.vtm"), ElementsAre(EndsWith("all.pvtu: declares u, which no piece has")));
+}
+
 TEST_F(PartsTest, BlocksAtAnyDepth) {
   write("a.vtu", vtu(piece(0, {{"s", one}})));
   write("b.vtu", vtu(piece(1, {{"s", two}, {"t", one}})));
@@ -160,8 +206,9 @@ TEST_F(PartsTest, BlocksAreToldApartByTheirPlaces) {
   EXPECT_EQ(partitioned[0], partitioned[1]);
 
   write("inner.vtm", vtk_file(multi_block, set("1", "name=\"a\"") + set("2", "name=\"b\"")));
-  const std::string inner = "file=\"inner.vtm\"/>";
-  const auto nested = blocks_of(multi_block, "<DataSet name=\"a\" " + inner + "<DataSet name=\"b\" " + inner);
+  write("other.vtm", vtk_file(multi_block, set("3", "name=\"a\"") + set("4", "name=\"b\"")));
+  const auto nested =
+      blocks_of(multi_block, "<DataSet name=\"a\" file=\"inner.vtm\"/><DataSet name=\"b\" file=\"other.vtm\"/>");
   EXPECT_EQ((std::set<std::uint64_t>(nested.begin(), nested.end()).size()), 4u);
 
   const auto files = value_of(read_input({path("1.vtu"), path("2.vtu")}));

@@ -43,6 +43,7 @@ struct ExodusMesh {
   std::vector<std::pair<std::string, CellValue>> of_cells = {};  // of the last block
   std::vector<int> node_numbers = {};                            // names of the points in a map of the file
   std::vector<ExodusSideSet> side_sets = {};                     // numbered from 7
+  std::size_t steps = times.size();
   int real_bytes = 8;
   int mode = EX_CLOBBER;
 
@@ -104,7 +105,7 @@ struct ExodusMesh {
   void put_variables(int id) const {
     put_names(id, EX_NODAL, nodal);
     put_names(id, EX_ELEM_BLOCK, of_cells);
-    for (std::size_t step = 0; step < times.size(); ++step) {
+    for (std::size_t step = 0; step < steps; ++step) {
       const int number = static_cast<int>(step) + 1;
       ex_put_time(id, number, &times[step]);
       for (std::size_t v = 0; v < nodal.size(); ++v) {

@@ -124,6 +124,78 @@ TEST_F(ExodusTest, AddsDisplacementsInDoublePrecision) {
   }
 }
 
+/// Adds a vector of the points; its components are all of this size.
+void add_vector(Mesh& mesh, const std::string& name, double size) {
+  for (const char* axis : {"x", "y", "z"}) mesh.nodal.emplace_back(name + axis, [=](dvec3, double) { return size; });
+}
+
+// VTK's reader takes all that begins with "dis".
+TEST_F(ExodusTest, OnlyDisplacementsMovePoints) {
+  struct Case {
+    std::vector<std::string> vectors;
+    std::size_t moving;  // the number of vectors: none
+    std::string told;
+  };
+  for (const auto& [vectors, moving, told] :
+       {Case{{"discharge_", "dissipation", "dispersion_", "displaced"}, 4, ""}, Case{{"disp_"}, 0, "disp_"},
+        Case{{"DISPL"}, 0, "DISPL"}, Case{{"disp_", "Displacement_", "displ_"}, 1, "Displacement_"}}) {
+    Mesh mesh = cube(2, 1, dvec3(0));
+    for (std::size_t v = 0; v < vectors.size(); ++v) add_vector(mesh, vectors[v], static_cast<double>(v + 1));
+    mesh.write(path("mesh.e"));
+    const double moved = moving < vectors.size() ? static_cast<double>(moving + 1) : 0;
+    SCOPED_TRACE(vectors[0]);
+    for (const bool displacements : {true, false}) {
+      SourceOptions options{.displacements = displacements};
+      const auto input = value_of(read_input({path("mesh.e")}, options));
+      EXPECT_EQ(input.pieces.at(0).points[0], dvec3(displacements ? moved : 0));
+      auto source = value_of(open_source({path("mesh.e")}, options));
+      EXPECT_THAT(source->conversions(),
+                  displacements && !told.empty()
+                      ? Matcher<std::vector<std::string>>(ElementsAre(HasSubstr(told + ": displacements, by which")))
+                      : Matcher<std::vector<std::string>>(IsEmpty()));
+    }
+    // The vector need not be selected.
+    EXPECT_EQ(value_of(read_input({path("mesh.e")}, {{"f"}})).pieces.at(0).points[0], dvec3(moved));
+  }
+}
+
+// As long as no step is written, there are no values.
+TEST_F(ExodusTest, WithoutStepsItsVariablesAreMissing) {
+  for (const int mode : {EX_CLOBBER, EX_CLOBBER | EX_NETCDF4}) {
+    Mesh mesh = cube(2, 1, dvec3(0));
+    mesh.of_cells = {{"g", [](std::size_t, double) { return 1.0; }}};
+    add_vector(mesh, "disp_", 1);
+    mesh.steps = 0;
+    mesh.mode = mode;
+    mesh.write(path("mesh.e"));
+    const auto input = value_of(read_input({path("mesh.e")}));
+    EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "g", "disp_", "disp_[0]", "disp_[1]", "disp_[2]"));
+    EXPECT_NEAR(input.volume, 1, 1e-12);
+    for (const auto& values : input.pieces.at(0).values) EXPECT_THAT(values, Each(IsNan()));
+    EXPECT_THAT(input.census.losses, IsEmpty());
+  }
+}
+
+TEST_F(ExodusTest, NamesOfOtherAlphabets) {
+  Mesh mesh = cube(2, 1, dvec3(0));
+  mesh.nodal.emplace_back("\u00e9", field);
+  mesh.nodal.emplace_back("\u6e29\u5ea6", field);
+  mesh.nodal.emplace_back("\xe9_1", field);  // Latin-1
+  mesh.of_cells = {{"\u00f1", [](std::size_t cell, double) { return static_cast<double>(cell); }}};
+  mesh.write(path("mesh.e"));
+  const auto input = value_of(read_input({path("mesh.e")}));
+  EXPECT_THAT(input.attributes, ElementsAre("f", "\u00e9", "\u6e29\u5ea6", "\u00e9_1", "\u00f1"));
+  EXPECT_EQ(input.pieces.at(0).values.at(1), input.pieces.at(0).values.at(0));
+  EXPECT_THAT(value_of(read_input({path("mesh.e")}, {{"\u00f1"}})).attributes, ElementsAre("\u00f1"));
+}
+
+TEST_F(ExodusTest, VariablesOfOneNameAreRefused) {
+  Mesh mesh = cube(2, 1, dvec3(0));
+  mesh.nodal.emplace_back("f", field);
+  mesh.write(path("mesh.e"));
+  EXPECT_THAT(error_of({path("mesh.e")}), HasSubstr("two arrays of its points are called \"f\""));
+}
+
 TEST_F(ExodusTest, PatchesFitCellsOfDoublePrecision) {
   Mesh mesh = cube(3, 1.2, far_away);
   mesh.side_sets = {{"lid", {}}};

@@ -320,9 +320,10 @@ class GmshText {
 };
 
 void put_view(GmshText& out, const std::string& section, const std::string& name, double time,
-              const std::vector<int>& tags, int components, const std::function<void(int tag, GmshText& out)>& values) {
+              const std::vector<int>& tags, int components, const std::function<void(int tag, GmshText& out)>& values,
+              int step = 0) {
   out.line("$" + section);
-  out.line(fmt::format("1\n\"{}\"\n1\n{}\n3\n0\n{}\n{}", name, time, components, tags.size()));
+  out.line(fmt::format("1\n\"{}\"\n1\n{}\n3\n{}\n{}\n{}", name, time, step, components, tags.size()));
   for (const int tag : tags) {
     out.integer(tag);
     values(tag, out);
@@ -590,6 +591,70 @@ GmshMesh gmsh_cube(bool version4, const std::vector<GmshSurface>& surfaces, cons
     for (const int group : version4 || surfaces[s].groups.empty() ? std::vector<int>{0} : surfaces[s].groups)
       mesh.elements.push_back({3, surfaces[s].nodes, 2, static_cast<int>(s) + 11, group});
   return mesh;
+}
+
+const auto its_tag = [](int tag, GmshText& to) { to.real(tag); };
+
+/// A cube of one cell.
+GmshMesh gmsh_with(void (*put_values)(GmshText& out, const GmshMesh& mesh)) {
+  return {.points = cube_corners, .elements = {{5, {1, 2, 3, 4, 5, 6, 7, 8}}}, .put_values = put_values};
+}
+
+TEST_F(FormatsTest, SectionsOfAViewInGmshAreItsParts) {
+  for (const bool binary : {false, true}) {
+    write("a.msh", gmsh_4(binary, gmsh_with([](GmshText& out, const GmshMesh&) {
+                            put_view(out, "NodeData", "T", 0, {1, 2, 3, 8}, 1, its_tag);
+                            put_view(out, "NodeData", "T", 0, {4, 5, 6, 7}, 1, its_tag);
+                          })));
+    const Input input = value_of(read_input({path("a.msh")}));
+    EXPECT_THAT(input.attributes, ElementsAre("T"));
+    EXPECT_THAT(input.pieces.at(0).values.at(0), ElementsAre(1, 2, 3, 4, 5, 6, 7, 8));
+    EXPECT_THAT(input.census.losses, IsEmpty());
+  }
+}
+
+TEST_F(FormatsTest, ViewsOfOneNameInGmshAreRefused) {
+  const auto error_with = [&](void (*put_values)(GmshText & out, const GmshMesh& mesh)) {
+    write("a.msh", gmsh_4(false, gmsh_with(put_values)));
+    return test::error_of({path("a.msh")});
+  };
+  EXPECT_THAT(error_with([](GmshText& out, const GmshMesh&) {
+                put_view(out, "NodeData", "T", 0, {1, 2, 3}, 1, its_tag);
+                put_view(out, "NodeData", "T", 0, {3, 4}, 1, its_tag);
+              }),
+              HasSubstr("two views are called \"T\": both have values of node 3 at time 0"));
+  EXPECT_THAT(error_with([](GmshText& out, const GmshMesh&) {
+                put_view(out, "NodeData", "T", 0, {1, 2, 3}, 1, its_tag);
+                put_view(out, "NodeData", "T", 1, {}, 3, its_tag);
+              }),
+              HasSubstr("two views are called \"T\": one has 1 components, and one 3"));
+  EXPECT_THAT(error_with([](GmshText& out, const GmshMesh&) {
+                put_view(out, "NodeData", "T", 0, {1, 2, 3}, 1, its_tag);
+                put_view(out, "ElementNodeData", "T", 0, {}, 1, its_tag);
+              }),
+              HasSubstr("two arrays of its points are called \"T\""));
+}
+
+TEST_F(FormatsTest, StepsOfViewsInGmshHaveTheSameAttributes) {
+  // The same order at each time, and numbers of steps where all have one time.
+  for (const bool one_time : {false, true}) {
+    SCOPED_TRACE(one_time);
+    static double second = 0;
+    second = one_time ? 0 : 0.5;
+    write("a.msh", gmsh_4(false, gmsh_with([](GmshText& out, const GmshMesh&) {
+                            put_view(out, "NodeData", "T", 0, {1, 2, 3, 4, 5, 6, 7, 8}, 1, its_tag);
+                            put_view(out, "NodeData", "p", 0, {1, 2, 3, 4, 5, 6, 7, 8}, 1, its_tag);
+                            put_view(
+                                out, "NodeData", "T", second, {1, 2, 3, 4, 5, 6, 7, 8}, 1,
+                                [](int tag, GmshText& to) { to.real(10 * tag); }, 1);
+                          })));
+    for (const double time : {0.0, 1.0}) {
+      const Input input = value_of(read_input({path("a.msh")}, {{}, {}, time}));
+      EXPECT_THAT(input.attributes, ElementsAre("T", "p"));
+      EXPECT_EQ(input.pieces.at(0).values.at(0).at(7), time == 0 ? 8 : 80);
+      EXPECT_EQ(input.pieces.at(0).values.at(1).at(7), 8);
+    }
+  }
 }
 
 TEST_F(FormatsTest, GroupsOfGmshArePatches) {
