@@ -258,7 +258,8 @@ class ListedFiles {
       names.resize(most_names);
       names.push_back(fmt::format("{} more", twice_.size() - most_names));
     }
-    notes.push_back(fmt::format("{}: names files more than once, which count once: {}", list, fmt::join(names, ", ")));
+    notes.push_back(
+        fmt::format("{}: files that are named more than once count once: {}", list, fmt::join(names, ", ")));
   }
 
  private:
@@ -343,7 +344,7 @@ Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<st
   if (paths != inputs) drop_repeated(input.files);
   ListedFiles listed(known);  // several lists may name one file
   listed.keep_new(input.files);
-  listed.tell(inputs[0], input.lists.notes);
+  listed.tell("the inputs", input.lists.notes);
   if (input.files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
   for (VtkFile& file : input.files) file.patches = options.patches;
   input.lists.declared = known.take_declared();

@@ -304,6 +304,19 @@ TEST_F(SourceTest, ArraysWithoutANameAreRefused) {
   EXPECT_THAT(error_of({write("a.vtu", mesh.file())}), HasSubstr("an array of its PointData has no name"));
 }
 
+// VTK gives memory that nobody wrote for arrays of other time steps than the first.
+TEST_F(SourceTest, TimeStepsWithinAFileAreRefused) {
+  const auto with_step = [](const std::string& step) {
+    std::string text = hexahedron_mesh().file();
+    const std::size_t at = text.find("<DataArray", text.find("<PointData")) + std::string("<DataArray").size();
+    return text.insert(at, " TimeStep=\"" + step + "\"")
+        .replace(text.find("<UnstructuredGrid"), 17, "<UnstructuredGrid TimeValues=\"0 1\"");
+  };
+  for (const char* step : {"1", "0 1"})
+    EXPECT_THAT(error_of({write("a.vtu", with_step(step))}), HasSubstr("has time steps in one file"));
+  EXPECT_GT(value_of(read_input({write("a.vtu", with_step("0"))})).points, 0u);
+}
+
 TEST_F(SourceTest, TagsOfAnyLengthAreRead) {
   std::string text = hexahedron_mesh().file();
   const std::string before = "<DataArray ", spaces(10000, ' ');

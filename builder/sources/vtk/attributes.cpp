@@ -10,6 +10,8 @@
 
 #include <algorithm>
 
+#include "base/printable.h"
+
 namespace splatvol {
 namespace {
 
@@ -51,6 +53,14 @@ bool wants_array(const std::vector<std::string>& selection, const std::string& a
     return rest.empty() || rest.starts_with("[");
   };
   return selection.empty() || std::ranges::any_of(selection, is_array);
+}
+
+void name_in_utf8(vtkDataSet& data) {
+  for (const bool of_cells : {false, true}) {
+    vtkDataSetAttributes& arrays = arrays_of(data, of_cells);
+    for (int i = 0; i < arrays.GetNumberOfArrays(); ++i)
+      if (const char* name = arrays.GetArrayName(i)) arrays.GetAbstractArray(i)->SetName(as_utf8(name).c_str());
+  }
 }
 
 std::vector<ArrayShape> array_shapes(vtkDataSet& data) {

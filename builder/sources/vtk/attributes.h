@@ -34,6 +34,9 @@ namespace splatvol {
 /// The arrays of the cells of a data set, or of its points.
 [[nodiscard]] vtkDataSetAttributes& arrays_of(vtkDataSet& data, bool of_cells);
 
+/// Makes the names of a data set's arrays UTF-8, by as_utf8 (base/printable.h).
+void name_in_utf8(vtkDataSet& data);
+
 /// Lists the arrays of a data set that give attributes. Strings, ghost flags and ids give none.
 [[nodiscard]] std::vector<ArrayShape> array_shapes(vtkDataSet& data);
 

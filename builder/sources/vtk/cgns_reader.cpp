@@ -151,7 +151,31 @@ std::string cgns_unit(const CgnsField& field, const std::string& name) {
   return unit_text(powers);
 }
 
-/// Finds the units of the fields of all zones. Fields of neither points nor cells go to `left_out`.
+/// Appends the arrays of the current node to `names`.
+void add_arrays_here(std::set<std::string>& names) {
+  int arrays = 0;
+  if (cg_narrays(&arrays) != CG_OK) return;
+  for (int array = 1; array <= arrays; ++array) {
+    std::array<char, 64> name{};  // 32 at most
+    CGNS_ENUMT(DataType_t) type{};
+    int dimensions = 0;
+    std::array<cgsize_t, 12> size{};
+    if (cg_array_info(array, name.data(), &type, &dimensions, size.data()) == CG_OK) names.insert(name.data());
+  }
+}
+
+/// Adds the arrays of a zone that are no solutions: of discrete data, and of regions in it.
+void find_others(int file, int base, int zone, std::set<std::string>& left_out) {
+  int discrete = 0, regions = 0;
+  cg_ndiscrete(file, base, zone, &discrete);
+  for (int data = 1; data <= discrete; ++data)
+    if (cg_goto(file, base, "Zone_t", zone, "DiscreteData_t", data, "end") == CG_OK) add_arrays_here(left_out);
+  cg_nsubregs(file, base, zone, &regions);
+  for (int region = 1; region <= regions; ++region)
+    if (cg_goto(file, base, "Zone_t", zone, "ZoneSubRegion_t", region, "end") == CG_OK) add_arrays_here(left_out);
+}
+
+/// Finds the units of the fields of all zones. Arrays that are no solutions of points or cells go to `left_out`.
 void read_fields(const std::string& path, std::map<std::string, std::string>& units, std::set<std::string>& left_out) {
   int file = 0, bases = 0;
   if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK) throw ReaderError("CGNS: {}", cg_get_error());
@@ -160,6 +184,7 @@ void read_fields(const std::string& path, std::map<std::string, std::string>& un
     int zones = 0;
     cg_nzones(file, base, &zones);
     for (int zone = 1; zone <= zones; ++zone) {
+      find_others(file, base, zone, left_out);
       int solutions = 0;
       cg_nsols(file, base, zone, &solutions);
       for (int solution = 1; solution <= solutions; ++solution) {
@@ -324,7 +349,7 @@ class CgnsReader final : public BlockReader {
   std::vector<std::string> selection_;
   int portion_ = 0;                           // that was read last
   std::map<int, CgnsValues> ahead_;           // arrays of zones to come
-  std::set<std::string> left_out_;            // fields of faces
+  std::set<std::string> left_out_;            // arrays that are no solutions of points or cells
   std::map<std::string, std::string> units_;  // of fields
   std::string path_;
   std::vector<Patch> patches_;  // not taken yet

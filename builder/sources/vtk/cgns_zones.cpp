@@ -515,6 +515,9 @@ class ZoneReader {
     const auto add = [&](cgsize_t i, cgsize_t j, cgsize_t k) {
       places.push_back(static_cast<vtkIdType>(i - 1 + size[0] * (j - 1 + size[1] * (k - 1))));
     };
+    for (std::size_t axis = 0; is_range && axis < 3; ++axis)
+      if (indices[0][axis] > indices[1][axis])
+        throw ReaderError("CGNS: the PointRange of the solution {} ends before it begins", solution.name);
     if (!is_range) {
       for (const auto& [i, j, k] : indices) add(i, j, k);
       return places;

@@ -115,7 +115,7 @@ class VtkDataSets {
   /// Lines on what the files opened so far make of the input, for Source::conversions().
   [[nodiscard]] virtual std::set<std::string> notes() const { return {}; }
 
-  /// The names of arrays in the files opened so far that belong to neither points nor cells, and are left out.
+  /// The names of arrays in the files opened so far that are no solutions of points or of cells, and are left out.
   [[nodiscard]] virtual std::set<std::string> left_out_arrays() const { return {}; }
 
   /// Counts what the data sets since the last call have otherwise than their files: CellCensus::open_ends, unwritten.

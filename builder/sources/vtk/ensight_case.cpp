@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <utility>
 
+#include "base/printable.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/file_words.h"
 
@@ -230,7 +231,7 @@ void EnsightCase::read_variable(std::string_view key, std::string_view value) {
     if (where != "node" && where != "element") break;
     const std::string_view all = value;
     EnsightFiles files = take_sets(value);
-    files.variable = take_case_word(value);
+    files.variable = as_utf8(take_case_word(value));
     files.components = kind.components;
     files.per_element = where == "element";
     const std::string name = files.variable;

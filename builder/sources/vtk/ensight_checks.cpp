@@ -411,6 +411,8 @@ class GeometryWalk : public EnsightWalk {
       where_ = fmt::format("part {}", number);
       file_.line();  // its description
       const std::size_t index = layout.size();
+      if (layout.contains(number) && !file_.ended())
+        return fail(ErrorCode::invalid_data, "{}: two parts have the number {}: give each its own", path_, number);
       Part& part = layout[number];
       part.index = index;
       line = walk_part(part);
@@ -523,7 +525,7 @@ class VariableWalk : public EnsightWalk {
     if (marked && !mark) return fail_mark();
     if (mark) line = file_.keyword();
     line = file_.keyword();  // after a line of description
-    parts_ = 0;
+    std::set<std::uint64_t> parts;
     while (goes_on() && line == "part") {
       const std::uint64_t number = file_.part_number();
       where_ = fmt::format("part {}", number);
@@ -532,12 +534,13 @@ class VariableWalk : public EnsightWalk {
         return fail(ErrorCode::invalid_data,
                     "{}: values of part {}, which the geometry lacks: damaged, or of another mesh", path_, number);
       if (file_.ended()) break;
-      ++parts_;
+      if (!parts.insert(number).second)
+        return fail(ErrorCode::invalid_data, "{}: values of part {} twice: leave out one", path_, number);
       line = walk_part(part->second);
     }
     SPLATVOL_TRY(check_last_line(line));
     SPLATVOL_TRY(finish());
-    if (stopped_ || parts_ > 0) return {};
+    if (stopped_ || !parts.empty()) return {};
     return fail(ErrorCode::invalid_data, "{}: the file is cut off: it has values of no part", path_);
   }
 
@@ -619,7 +622,6 @@ class VariableWalk : public EnsightWalk {
   bool reads_values_ = false;
   bool is_wanted_ = false;  // the current step
   EnsightValues values_;
-  std::size_t parts_ = 0;  // of the current step
 };
 
 /// Counts how often a text of up to 32 bytes stands in a file.

@@ -21,6 +21,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/printable.h"
 #include "builder/sources/reader_error.h"
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/block_reader.h"
@@ -111,9 +112,10 @@ class EnSightReader final : public BlockReader {
   void select(const std::vector<std::string>& selection) override {
     for (int i = 0; i < reader_->GetNumberOfPointArrays(); ++i)
       reader_->SetPointArrayStatus(reader_->GetPointArrayName(i),
-                                   wants_array(selection, reader_->GetPointArrayName(i)));
+                                   wants_array(selection, as_utf8(reader_->GetPointArrayName(i))));
     for (int i = 0; i < reader_->GetNumberOfCellArrays(); ++i)
-      reader_->SetCellArrayStatus(reader_->GetCellArrayName(i), wants_array(selection, reader_->GetCellArrayName(i)));
+      reader_->SetCellArrayStatus(reader_->GetCellArrayName(i),
+                                  wants_array(selection, as_utf8(reader_->GetCellArrayName(i))));
     std::erase_if(findings_.variables,
                   [&](const EnsightValues& values) { return !wants_array(selection, values.variable); });
   }
@@ -155,6 +157,8 @@ class EnSightReader final : public BlockReader {
   void read_by_vtk(std::optional<double> time) {
     update(*reader_, time, 0, 1);
     parts_ = reader_->GetOutput();
+    for (std::size_t part = 0; parts_ && part < parts_->GetNumberOfBlocks(); ++part)
+      if (vtkDataSet* data = part_of(part)) name_in_utf8(*data);
     undelivered_ = ensight_arrays(files_);
     std::erase_if(undelivered_, [&](const ArrayShape& shape) {
       const auto is_variable = [&](const EnsightValues& values) { return values.variable == shape.name; };

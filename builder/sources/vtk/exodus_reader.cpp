@@ -1,11 +1,12 @@
 // Exodus, through VTK's reader.
 #include "builder/sources/vtk/block_reader.h"
 
-#include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <vtkCellArray.h>
 #include <vtkCellData.h>
 #include <vtkCompositeDataIterator.h>
 #include <vtkDataArray.h>
+#include <vtkDoubleArray.h>
 #include <vtkExodusIIReader.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkNew.h>
@@ -27,6 +28,7 @@
 #include <optional>
 #include <set>
 #include <string_view>
+#include <utility>
 
 #include "base/printable.h"
 #include "builder/sources/read_text.h"
@@ -51,7 +53,7 @@ struct ExodusHeader {
   std::map<int, Block> blocks;   // by id
   std::set<std::string> values;  // the names of NetCDF's variables with values of Exodus's variables
   std::vector<std::string> nodal, of_elements;  // names of variables
-  bool has_steps = false;
+  bool has_nodes = false, has_steps = false;
   bool in_one_array = false;  // an older file: one of them has the values of all variables of the points
 
   /// Whether a variable that is declared has values: of the points, or of a block's cells.
@@ -220,6 +222,7 @@ ExodusHeader read_exodus_header(const std::string& path) {
   if (*records && header.times.empty()) header.values.clear();
   header.nodal = file.variable_names(EX_NODAL);
   header.of_elements = file.variable_names(EX_ELEM_BLOCK);
+  header.has_nodes = ex_inquire_int(file.id(), EX_INQ_NODES) > 0;
   header.has_steps = !header.times.empty() || file.has_steps();
   return header;
 }
@@ -313,6 +316,12 @@ class ExodusReader final : public BlockReader {
     // VTK's reader does not list these then.
     if (!header_.has_steps && of_elements_.empty())
       for (const std::string& name : header_.of_elements) of_elements_.push_back({.vtk_name = name, .name = name});
+    if (header_.has_steps) {
+      find_without_values(selection);
+    } else {
+      for (std::vector<ExodusArray>* arrays : {&nodal_, &of_elements_})
+        std::erase_if(*arrays, [&](const ExodusArray& array) { return !wants_array(selection, array.name); });
+    }
     select_others(false);
   }
 
@@ -339,8 +348,22 @@ class ExodusReader final : public BlockReader {
   }
 
   std::set<std::string> notes() const override {
-    if (!displacements_) return {};
-    return {nodal_[*displacements_].name + ": displacements, by which the points are moved (--no-displacements)"};
+    std::set<std::string> notes;
+    if (displacements_)
+      notes.insert(nodal_[*displacements_].name +
+                   ": displacements, by which the points are moved (--no-displacements)");
+    std::vector<std::string> names;
+    for (const std::vector<ExodusArray>* arrays : {&nodal_, &of_elements_})
+      for (const ExodusArray& array : *arrays) names.push_back(array.name);
+    if (!header_.has_steps && !names.empty())
+      notes.insert(fmt::format("{}: missing, as the file has no time step yet", fmt::join(names, ", ")));
+    return notes;
+  }
+
+  CellCensus take_changes() override {
+    CellCensus changes;
+    changes.losses = std::exchange(without_values_, {});
+    return changes;
   }
 
   std::vector<double> times() const override { return header_.times; }
@@ -371,6 +394,27 @@ class ExodusReader final : public BlockReader {
   }
 
  private:
+  /// Notes the variables of points that are wanted and have no values. Blocks of cells may lack variables, as the file
+  /// tells.
+  void find_without_values(const std::vector<std::string>& selection) {
+    for (const ExodusArray& array : nodal_)
+      for (int c = 0; c < array.components; ++c)
+        if (header_.has_nodes && wants_array(selection, array.name) && !header_.has_nodal_values(array.variable + c))
+          without_values_.insert(fmt::format("{}: declared, and the file has no values of it", array.name));
+  }
+
+  /// Adds arrays of missing values.
+  static void add_missing(const std::vector<ExodusArray>& arrays, vtkDataSetAttributes& to, vtkIdType count) {
+    for (const ExodusArray& array : arrays) {
+      const vtkNew<vtkDoubleArray> values;
+      values->SetName(array.name.c_str());
+      values->SetNumberOfComponents(array.components);
+      values->SetNumberOfTuples(count);
+      values->Fill(missing_value);
+      to.AddArray(values);
+    }
+  }
+
   /// Chooses among all but the blocks of cells: the side sets, or nothing.
   void select_others(bool side_sets) {
     for (const int type : {vtkExodusIIReader::EDGE_BLOCK, vtkExodusIIReader::FACE_BLOCK, vtkExodusIIReader::NODE_SET,
@@ -396,9 +440,25 @@ class ExodusReader final : public BlockReader {
     const auto block = header_.blocks.find(id);
     if (block == header_.blocks.end()) return;
     check_nodes(grid, id, block->second);
+    if (!header_.has_steps) {
+      add_missing(nodal_, *grid.GetPointData(), grid.GetNumberOfPoints());
+      add_missing(of_elements_, *grid.GetCellData(), grid.GetNumberOfCells());
+    }
     finish_arrays(nodal_, *grid.GetPointData(), [&](int variable) { return header_.has_nodal_values(variable); });
     finish_arrays(of_elements_, *grid.GetCellData(),
                   [&](int variable) { return header_.has_element_values(block->second.number, variable); });
+  }
+
+  /// The name of an array: of a vector, what the names of its components have in common.
+  [[nodiscard]] static std::string name_of(const std::string& vtk_name, const std::vector<std::string>& variables,
+                                           std::size_t first, int components) {
+    if (first + static_cast<std::size_t>(components) > variables.size()) return vtk_name;
+    std::string name = variables[first];
+    const auto is_ascii = [](char c) { return static_cast<unsigned char>(c) < 0x80; };
+    if (components > 1 && std::ranges::all_of(name, is_ascii)) return vtk_name;
+    for (std::size_t i = first; i < first + static_cast<std::size_t>(components); ++i)
+      name.erase(std::ranges::mismatch(name, variables[i]).in1, name.end());
+    return name.empty() ? vtk_name : name;
   }
 
   /// Lists the arrays of a kind. Each has the next variables as its components.
@@ -408,8 +468,7 @@ class ExodusReader final : public BlockReader {
       const std::string vtk_name = reader_->GetObjectArrayName(type, i);
       const int components = reader_->GetNumberOfObjectArrayComponents(type, i);
       const auto number = static_cast<std::size_t>(variable);
-      const bool is_known = components == 1 && number < variables.size() && !variables[number].empty();
-      arrays.push_back({vtk_name, is_known ? variables[number] : vtk_name, components, variable});
+      arrays.push_back({vtk_name, name_of(vtk_name, variables, number, components), components, variable});
       variable += components;
     }
     return arrays;
@@ -482,6 +541,7 @@ class ExodusReader final : public BlockReader {
   ExodusHeader header_;
   std::vector<ExodusArray> nodal_, of_elements_;
   std::optional<std::size_t> displacements_;  // among nodal_
+  std::set<std::string> without_values_;      // lines on variables, not taken yet
   vtkNew<vtkExodusIIReader> reader_;
 };
 

@@ -13,6 +13,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/printable.h"
 #include "builder/sources/read_text.h"
 
 namespace splatvol {
@@ -418,7 +419,7 @@ class GmshReader {
     in_.line();
     for (std::uint64_t i = 0; i < strings && !in_.failed(); ++i) {
       const std::string text = in_.name();
-      if (i == 0) view.name = text;
+      if (i == 0) view.name = as_utf8(text);
     }
     const auto reals = in_.text<std::uint64_t>();
     for (std::uint64_t i = 0; i < reals && !in_.failed(); ++i) {
@@ -454,6 +455,8 @@ class GmshReader {
   Status check_views() const {
     std::map<std::pair<GmshView::At, std::string_view>, std::size_t> components;
     for (const GmshView& view : file_.views) {
+      if (view.name.empty())
+        return splatvol::fail(ErrorCode::invalid_data, "{}: a view has no name: give it one", path_);
       std::vector<std::uint64_t> tags = view.tags;
       std::ranges::sort(tags);
       const auto twice = std::ranges::adjacent_find(tags);

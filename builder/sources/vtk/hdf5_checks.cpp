@@ -142,7 +142,8 @@ void forbid_hdf5_plugins() { H5PLset_loading_state(0); }
 bool holds_numbers(const Hdf5Handle& object, const std::string& name) {
   if (!object.is_open())
     throw ReaderError("\"{}\" is a link that leads nowhere, or damaged: a file or a part of one is missing", name);
-  if (H5Iget_type(object.id()) != H5I_DATASET) return false;
+  if (H5Iget_type(object.id()) != H5I_DATASET)
+    throw ReaderError("\"{}\" is a group, and no array: name the others by --attribute", name);
   const Hdf5Handle type(H5Dget_type(object.id()), H5Tclose);
   const H5T_class_t kind = H5Tget_class(type.id());
   if (kind == H5T_INTEGER || kind == H5T_FLOAT) return true;

@@ -28,8 +28,8 @@ class Hdf5Handle {
 /// called before a file is read.
 void forbid_hdf5_plugins();
 
-/// Whether an array holds numbers. False for texts, groups and types. Throws a ReaderError if `object` is not open,
-/// because its link leads nowhere, and if it holds something else. `name`: for messages.
+/// Whether an array holds numbers. False for texts. Throws a ReaderError if `object` is not open, because its link
+/// leads nowhere, if it is no array, and if it holds something else. `name`: for messages.
 [[nodiscard]] bool holds_numbers(const Hdf5Handle& object, const std::string& name);
 
 /// Throws a ReaderError unless the file has every value of an array: files of raw data must be long enough. A part that

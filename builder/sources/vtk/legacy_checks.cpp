@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/printable.h"
 #include "builder/sources/array_attributes.h"
 #include "builder/sources/array_union.h"
 #include "builder/sources/read_text.h"
@@ -393,7 +394,7 @@ class LegacyFile {
   /// Notes the shape of an array of the points or cells that may give attributes. Returns true.
   bool note_shape(const std::string& name, std::uint64_t parts, const std::string& type) {
     if (of_cells_ && !is_text(type))
-      shapes_.push_back({decoded(name), static_cast<int>(std::max<std::uint64_t>(parts, 1)), *of_cells_});
+      shapes_.push_back({as_utf8(decoded(name)), static_cast<int>(std::max<std::uint64_t>(parts, 1)), *of_cells_});
     return true;
   }
 

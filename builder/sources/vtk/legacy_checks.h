@@ -17,8 +17,8 @@ namespace splatvol {
 /// White space must follow the last number of a text file, which may be cut otherwise. A file that is cut right before
 /// a section that nothing declares is whole by the rules of the format.
 ///
-/// Returns the arrays of points and of cells that hold numbers and are no ids: names as VTK's reader gives them. Skips
-/// over the numbers of a binary file; those of a text file have to be walked through.
+/// Returns the arrays of points and of cells that hold numbers and are no ids: names as VTK's reader gives them, in
+/// UTF-8. Skips over the numbers of a binary file; those of a text file have to be walked through.
 [[nodiscard]] Result<std::vector<ArrayShape>> legacy_arrays(const std::string& path);
 
 }  // namespace splatvol

@@ -315,6 +315,7 @@ class FileDataSets final : public VtkDataSets {
       reader->ReadAllFieldsOn();
       reader->Update();
       data = reader->GetOutput();
+      if (data) name_in_utf8(*data);
     }));
     if (!data) return fail(ErrorCode::invalid_data, "{}: holds no data set", path_);
     return data;

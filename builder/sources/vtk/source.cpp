@@ -277,7 +277,7 @@ class VtkSource final : public Source {
     losses.merge(losses_of_lists_);
     for (const std::string& array : data_sets_->left_out_arrays())
       if (wants_array(options_.selection, array))
-        losses.insert(fmt::format("{}: left out, of neither points nor cells", array));
+        losses.insert(fmt::format("{}: left out, no solution of points or of cells", array));
     return undelivered;
   }
 
@@ -328,6 +328,11 @@ void collect_blocks(vtkMultiBlockDataSet& tree, std::vector<vtkSmartPointer<vtkD
   }
 }
 
+/// The arrays that every solution gives.
+std::vector<ArrayShape> plot3d_arrays() {
+  return {{"Density", 1, false}, {"Momentum", 3, false}, {"StagnationEnergy", 1, false}, {"Pressure", 1, false}};
+}
+
 /// Reads the blocks of a PLOT3D grid with its solution (binary, any variant). The format interleaves the blocks by
 /// quantity, so all are read here.
 Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const std::string& solution) {
@@ -354,7 +359,9 @@ Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const 
     if (reader->GetOutput()) collect_blocks(*reader->GetOutput(), blocks);
   }));
   if (blocks.empty()) return fail(ErrorCode::invalid_data, "{}: the PLOT3D grid has no blocks", grid);
-  return std::make_unique<LoadedDataSets>(grid, std::move(blocks));
+  auto data_sets = std::make_unique<LoadedDataSets>(grid, std::move(blocks));
+  data_sets->declare(plot3d_arrays());
+  return data_sets;
 }
 
 }  // namespace

@@ -21,6 +21,7 @@
 #include <set>
 #include <utility>
 
+#include "base/printable.h"
 #include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/hdf5_checks.h"
@@ -210,7 +211,7 @@ class HdfFile {
         if (is_bookkeeping(name)) continue;
         const std::uint64_t components = components_of(data, name);
         if (components > 0 && components <= most_components)
-          shapes.push_back({name, static_cast<int>(components), of_cells});
+          shapes.push_back({as_utf8(name), static_cast<int>(components), of_cells});
       }
     }
     return shapes;
@@ -302,7 +303,7 @@ class HdfFile {
   [[nodiscard]] std::vector<std::string> wanted_in(const std::string& data) const {
     std::vector<std::string> names = group_.names_in(data);
     std::erase_if(names, [&](const std::string& name) {
-      const bool wanted = is_ghost_array(name) || wants_array(selection_, name);
+      const bool wanted = is_ghost_array(name) || wants_array(selection_, as_utf8(name));
       return !wanted || !group_.holds_numbers(fmt::format("{}/{}", data, name));
     });
     return names;
@@ -338,7 +339,7 @@ class HdfFile {
     const auto components = static_cast<int>(values.size() / count);
     vtkSmartPointer<vtkDataArray> array = vtkSmartPointer<vtkDoubleArray>::New();
     if (is_ghost_array(name)) array = vtkSmartPointer<vtkUnsignedCharArray>::New();
-    array->SetName(name.c_str());
+    array->SetName(as_utf8(name).c_str());
     array->SetNumberOfComponents(components);
     array->SetNumberOfTuples(static_cast<vtkIdType>(count));
     for (std::size_t i = 0; i < values.size(); ++i)

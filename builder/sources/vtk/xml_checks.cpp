@@ -48,6 +48,17 @@ Status check_types(const std::string& path, vtkXMLDataElement& element) {
   return fail(ErrorCode::invalid_data, "{}: an array of unknown type \"{}\"", path, type);
 }
 
+/// VTK gives arrays of other time steps than the first without their values.
+Status check_time_steps(const std::string& path, vtkXMLDataElement& element) {
+  for (int i = 0; i < element.GetNumberOfNestedElements(); ++i)
+    SPLATVOL_TRY(check_time_steps(path, *element.GetNestedElement(i)));
+  const char* step = element.GetAttribute("TimeStep");
+  if (!step || trimmed(step) == "0") return {};
+  return fail(ErrorCode::unsupported,
+              "{}: the array \"{}\" has time steps in one file, which cannot be read: write a file for each step", path,
+              name_of(element));
+}
+
 /// VTK makes one array for each name, but fills one for each element: if two have the same name, it fills a wrong one.
 /// It finds the coordinates of a rectilinear grid by their order.
 Status check_names(const std::string& path, vtkXMLDataElement& element) {
@@ -516,6 +527,7 @@ Result<std::vector<XmlPiece>> check_xml(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
   vtkXMLDataElement* root = parser->GetRootElement();
   SPLATVOL_TRY(check_types(path, *root));
+  SPLATVOL_TRY(check_time_steps(path, *root));
   SPLATVOL_TRY(check_names(path, *root));
   ArrayCount count;
   SPLATVOL_TRY(check_components(path, *root, count));

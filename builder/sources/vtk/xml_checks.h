@@ -11,11 +11,11 @@ class vtkXMLDataElement;
 
 namespace splatvol {
 
-/// Checks the elements of the file at `path`. Fails if an array has an unknown type, or if two neighbouring arrays have
-/// the same name. Fails if pieces of a structured grid or of a surface have other arrays than the first. Fails if the
-/// header of a compressed array is damaged (builder/sources/vtk/compression.h), or if the file ends before an array
-/// does. Fails if memory cannot hold the cells and points of a piece. Returns what xml_arrays does. Safe on untrusted
-/// files.
+/// Checks the elements of the file at `path`. Fails if an array has an unknown type or belongs to another time step
+/// than the first, or if two neighbouring arrays have the same name. Fails if pieces of a structured grid or of a
+/// surface have other arrays than the first. Fails if the header of a compressed array is damaged
+/// (builder/sources/vtk/compression.h), or if the file ends before an array does. Fails if memory cannot hold the cells
+/// and points of a piece. Returns what xml_arrays does. Safe on untrusted files.
 [[nodiscard]] Result<std::vector<XmlPiece>> check_xml(const std::string& path);
 
 /// Checks that the pieces that a parallel file of a structured grid names fill its extent. Pieces with ghosts overlap,

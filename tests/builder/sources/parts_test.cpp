@@ -115,7 +115,7 @@ TEST_F(PartsTest, PiecesThatAreNamedTwiceCountOnce) {
     auto source = value_of(open_source(paths, {}));
     EXPECT_THAT(source->conversions(), ElementsAre(EndsWith(told)));
   };
-  const std::string once = ": names files more than once, which count once: a.vtu";
+  const std::string once = ": files that are named more than once count once: a.vtu";
   const std::string pieces = "<Piece Source=\"a.vtu\"/><Piece Source=\"b.vtu\"/><Piece Source=\"./a.vtu\"/>";
   const std::string pvtu = write("all.pvtu", vtk_file("PUnstructuredGrid", pieces, "GhostLevel=\"0\""));
   expect_once({pvtu}, "all.pvtu" + once);
@@ -133,7 +133,7 @@ TEST_F(PartsTest, PiecesThatAreNamedTwiceCountOnce) {
   // A piece beside a list that names it.
   write("two.pvtu",
         vtk_file("PUnstructuredGrid", "<Piece Source=\"a.vtu\"/><Piece Source=\"b.vtu\"/>", "GhostLevel=\"0\""));
-  expect_once({path("two.pvtu"), path("a.vtu")}, "two.pvtu" + once);
+  expect_once({path("two.pvtu"), path("a.vtu")}, "the inputs" + once);
 }
 
 TEST_F(PartsTest, ArraysThatNoPieceHasAreNamed) {
@@ -256,6 +256,17 @@ TEST_F(PartsTest, LegacyFiles) {
   expect_union_in_both_orders("a.vtk", "b.vtk");
   write("b.vtu", vtu(piece(1, {{"s", two}, {"t", one}})));
   expect_union_in_both_orders("a.vtk", "b.vtu");
+}
+
+// Programs of Windows write names so.
+TEST_F(PartsTest, NamesInLatin1) {
+  write("a.vtk", legacy(0, "POINT_DATA 4\nSCALARS \xe9 double\nLOOKUP_TABLE default\n1 2 3 4\n"));
+  write("b.vtu", vtu(piece(1, {{"\u00e9", two}})));
+  for (const std::vector<std::string>& selection : {std::vector<std::string>{}, {"\u00e9"}}) {
+    const auto input = value_of(read_input({path("a.vtk"), path("b.vtu")}, {selection}));
+    EXPECT_THAT(input.attributes, ElementsAre("\u00e9"));
+    EXPECT_THAT(values_of(input, "\u00e9"), AreDoubles(joined(one, two)));
+  }
 }
 
 // Each way to write an array is known by its header alone.

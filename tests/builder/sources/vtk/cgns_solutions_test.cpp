@@ -87,6 +87,29 @@ class CgnsWriter {
         << cg_get_error();
   }
 
+  /// Writes an array into a node of a zone.
+  void array_in(int zone, const char* label, int number, const char* name, const std::vector<double>& values,
+                const std::vector<cgsize_t>& size) const {
+    cg_goto(file_, base_, "Zone_t", zone, label, number, "end");
+    EXPECT_EQ(cg_array_write(name, CGNS_ENUMV(RealDouble), static_cast<int>(size.size()), size.data(), values.data()),
+              0)
+        << cg_get_error();
+  }
+  void discrete(int zone, const char* array, const std::vector<double>& values) const {
+    int number = 0;
+    EXPECT_EQ(cg_discrete_write(file_, base_, zone, "Discrete", &number), 0) << cg_get_error();
+    array_in(zone, "DiscreteData_t", number, array, values, {3, 2, 2});
+  }
+  void region(int zone, const char* array, const std::vector<double>& values) const {
+    int number = 0;
+    const std::array<cgsize_t, 6> range = {1, 1, 1, 3, 2, 2};
+    EXPECT_EQ(cg_subreg_ptset_write(file_, base_, zone, "Region", 3, vertex, CGNS_ENUMV(PointRange), 2, range.data(),
+                                    &number),
+              0)
+        << cg_get_error();
+    array_in(zone, "ZoneSubRegion_t", number, array, values, {12});
+  }
+
   void rind(int zone, int solution, const std::array<int, 6>& planes) const {
     cg_goto(file_, base_, "Zone_t", zone, "FlowSolution_t", solution, "end");
     EXPECT_EQ(cg_rind_write(planes.data()), 0) << cg_get_error();
@@ -307,6 +330,20 @@ TEST_F(CgnsSolutionsTest, FieldsOfTheNamedSolutionKeepTheirNames) {
   }
   EXPECT_EQ(values(read(), "T"), points_up);
   EXPECT_EQ(values(read(), "T (Start)"), points_down);
+}
+
+TEST_F(CgnsSolutionsTest, ArraysThatAreNoSolutionsAreNamed) {
+  {
+    const CgnsWriter file(path("a.cgns"));
+    const int zone = file.zone("One");
+    file.field(zone, file.solution(zone, "Up", vertex), "T", points_up);
+    file.discrete(zone, "residual", points_up);
+    file.region(zone, "heat", points_down);
+  }
+  const Input input = read();
+  EXPECT_THAT(input.attributes, ElementsAre("T"));
+  EXPECT_THAT(input.census.losses, ElementsAre("heat: left out, no solution of points or of cells",
+                                               "residual: left out, no solution of points or of cells"));
 }
 
 TEST_F(CgnsSolutionsTest, OtherCoordinatesAreRefused) {

@@ -666,6 +666,35 @@ TEST_F(EnsightTest, VariablesOfOneName) {
   EXPECT_THAT(error_of({path("a.case")}), HasSubstr("two arrays of its points are called \"T\""));
 }
 
+TEST_F(EnsightTest, PartsOfOneNumber) {
+  for (const Encoding encoding : {Encoding::text, Encoding::binary}) {
+    EnsightText values(encoding), geometry(encoding);
+    values.line("T");
+    for (const double first : {0.0, 10.0}) put_values_of(values, 1, "coordinates", 8, first);
+    write("geo", one_hexahedron(encoding));
+    write("T", values.bytes);
+    write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: T T\n");
+    EXPECT_THAT(error_of({path("a.case")}), HasSubstr("T: values of part 1 twice"));
+    geometry.kind();
+    for (const char* line : {"two parts", "", "node id assign", "element id assign"}) geometry.line(line);
+    for (const double x : {0.0, 2.0}) put_hexahedron(geometry, 1, x);
+    write("geo", geometry.bytes);
+    write("T", one_value(encoding, 0));
+    EXPECT_THAT(error_of({path("a.case")}), HasSubstr("geo: two parts have the number 1"));
+  }
+}
+
+TEST_F(EnsightTest, NamesInLatin1) {
+  write("geo", one_hexahedron(Encoding::text));
+  write("T", one_value(Encoding::text, 0));
+  write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: \xe9 T\n");
+  for (const std::vector<std::string>& selection : {std::vector<std::string>{}, {"\u00e9"}}) {
+    const Input input = value_of(read_input({path("a.case")}, {selection}));
+    EXPECT_THAT(input.attributes, ElementsAre("\u00e9"));
+    EXPECT_THAT(input.pieces.at(0).values.at(0), ElementsAre(0, 1, 2, 3, 4, 5, 6, 7));
+  }
+}
+
 const std::string geometry_of_6 =
     "a\nb\nnode id assign\nelement id assign\ncoordinates\n       4\n 0.00000e+00 0.00000e+00 0.00000e+00\n"
     " 1.00000e+00 0.00000e+00 0.00000e+00\n 0.00000e+00 1.00000e+00 0.00000e+00\n 0.00000e+00 0.00000e+00 "
@@ -679,6 +708,14 @@ TEST_F(EnsightTest, NumbersOfEnsight6) {
   write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
   const auto input = value_of(read_input({path("a.case")}));
   EXPECT_THAT(input.pieces.at(0).values.at(0), ElementsAre(1, 2, 3, 4));
+  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: \xe9 f\n");
+  for (const std::vector<std::string>& selection : {std::vector<std::string>{}, {"\u00e9"}}) {
+    const auto in_latin = value_of(read_input({path("a.case")}, {selection}));
+    EXPECT_THAT(in_latin.attributes, ElementsAre("\u00e9"));
+    EXPECT_THAT(in_latin.pieces.at(0).values.at(0), ElementsAre(1, 2, 3, 4));
+    EXPECT_THAT(in_latin.census.losses, IsEmpty());
+  }
+  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
   const auto error_with = [&](const std::string& file, std::string text, const std::string& from,
                               const std::string& to) {
     const std::string whole = text;

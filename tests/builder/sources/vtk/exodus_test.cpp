@@ -173,6 +173,15 @@ TEST_F(ExodusTest, WithoutStepsItsVariablesAreMissing) {
     EXPECT_NEAR(input.volume, 1, 1e-12);
     for (const auto& values : input.pieces.at(0).values) EXPECT_THAT(values, Each(IsNan()));
     EXPECT_THAT(input.census.losses, IsEmpty());
+    auto source = value_of(open_source({path("mesh.e")}, {}));
+    while (value_of(source->next())) {
+    }
+    EXPECT_THAT(source->conversions(), ElementsAre("f, disp_, g: missing, as the file has no time step yet", _));
+    EXPECT_THAT(source->conversions().at(1), StartsWith("g: of cells, averaged"));
+    const auto selected = value_of(read_input({path("mesh.e")}, {{"g"}}));
+    EXPECT_THAT(selected.attributes, ElementsAre("g"));
+    EXPECT_EQ(value_of(open_source({path("mesh.e")}, {{"g"}}))->conversions().at(0),
+              "g: missing, as the file has no time step yet");
   }
 }
 
@@ -187,6 +196,18 @@ TEST_F(ExodusTest, NamesOfOtherAlphabets) {
   EXPECT_THAT(input.attributes, ElementsAre("f", "\u00e9", "\u6e29\u5ea6", "\u00e9_1", "\u00f1"));
   EXPECT_EQ(input.pieces.at(0).values.at(1), input.pieces.at(0).values.at(0));
   EXPECT_THAT(value_of(read_input({path("mesh.e")}, {{"\u00f1"}})).attributes, ElementsAre("\u00f1"));
+}
+
+TEST_F(ExodusTest, VectorsOfOtherAlphabets) {
+  Mesh mesh = cube(2, 1, dvec3(0));
+  mesh.nodal.clear();
+  add_vector(mesh, "\u00fc_", 1);
+  add_vector(mesh, "\u00f6_", 2);
+  mesh.write(path("mesh.e"));
+  const auto input = value_of(read_input({path("mesh.e")}));
+  EXPECT_THAT(input.attributes, UnorderedElementsAre("\u00fc_", "\u00fc_[0]", "\u00fc_[1]", "\u00fc_[2]", "\u00f6_",
+                                                     "\u00f6_[0]", "\u00f6_[1]", "\u00f6_[2]"));
+  for (const double value : input.pieces.at(0).values.at(input.index_of("\u00f6_[0]"))) EXPECT_EQ(value, 2);
 }
 
 TEST_F(ExodusTest, VariablesOfOneNameAreRefused) {
@@ -234,6 +255,8 @@ TEST_F(ExodusTest, VariablesWithoutValuesAreMissing) {
       EXPECT_EQ(input.pieces[0].values.at(input.index_of(name))[i], field(input.pieces[0].points[i], 2)) << name;
   for (const double value : input.pieces[0].values.at(input.index_of("p"))) EXPECT_FALSE(std::isnan(value));
   EXPECT_THAT(lines_of("mesh.e"), AllOf(Contains("27 missing values: g"), Not(Contains(HasSubstr("values: f")))));
+  EXPECT_THAT(input.census.losses, ElementsAre("g: declared, and the file has no values of it",
+                                               "u_: declared, and the file has no values of it"));
 }
 
 /// Opens a file of NetCDF, so that it can be changed.

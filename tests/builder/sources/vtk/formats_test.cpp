@@ -613,6 +613,13 @@ TEST_F(FormatsTest, SectionsOfAViewInGmshAreItsParts) {
   }
 }
 
+TEST_F(FormatsTest, NamesOfGmshInLatin1) {
+  write("a.msh", gmsh_4(false, gmsh_with([](GmshText& out, const GmshMesh&) {
+                          put_view(out, "NodeData", "\xe9", 0, {1, 2, 3, 4, 5, 6, 7, 8}, 1, its_tag);
+                        })));
+  EXPECT_THAT(value_of(read_input({path("a.msh")}, {{"\u00e9"}})).pieces.at(0).values.at(0), Contains(8));
+}
+
 TEST_F(FormatsTest, ViewsOfOneNameInGmshAreRefused) {
   const auto error_with = [&](void (*put_values)(GmshText & out, const GmshMesh& mesh)) {
     write("a.msh", gmsh_4(false, gmsh_with(put_values)));
@@ -623,6 +630,8 @@ TEST_F(FormatsTest, ViewsOfOneNameInGmshAreRefused) {
                 put_view(out, "NodeData", "T", 0, {3, 4}, 1, its_tag);
               }),
               HasSubstr("two views are called \"T\": both have values of node 3 at time 0"));
+  EXPECT_THAT(error_with([](GmshText& out, const GmshMesh&) { put_view(out, "NodeData", "", 0, {1}, 1, its_tag); }),
+              HasSubstr("a view has no name"));
   EXPECT_THAT(error_with([](GmshText& out, const GmshMesh&) {
                 put_view(out, "NodeData", "T", 0, {1, 2, 3}, 1, its_tag);
                 put_view(out, "NodeData", "T", 1, {}, 3, its_tag);
@@ -974,6 +983,24 @@ TEST_F(FormatsTest, VtkHdf) {
   }
   expect_series(path("a.vtkhdf"), folder_, 2);
   expect_refused_or_equal("a.vtkhdf", "a.vtkhdf", 401);
+}
+
+TEST_F(FormatsTest, NamesAndGroupsOfVtkHdf) {
+  write_vtkhdf(path("a.vtkhdf"));
+  hid_t file = H5Fopen(path("a.vtkhdf").c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  ASSERT_GE(H5Lmove(file, "VTKHDF/CellData/c", file, "VTKHDF/CellData/\xe9", H5P_DEFAULT, H5P_DEFAULT), 0);
+  H5Fclose(file);
+  for (const std::vector<std::string>& selection : {std::vector<std::string>{}, {"\u00e9"}}) {
+    const auto input = value_of(read_input({path("a.vtkhdf")}, {selection}));
+    EXPECT_EQ(input.pieces[1].values[input.index_of("\u00e9")][0], 4) << "Latin-1";
+  }
+  file = H5Fopen(path("a.vtkhdf").c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  const hid_t data = H5Gopen2(file, "VTKHDF/PointData", H5P_DEFAULT);
+  H5Gclose(make_group(data, "Inner"));
+  H5Gclose(data);
+  H5Fclose(file);
+  EXPECT_THAT(test::error_of({path("a.vtkhdf")}), HasSubstr("\"PointData/Inner\" is a group, and no array"));
+  EXPECT_THAT(value_of(read_input({path("a.vtkhdf")}, {{"f"}})).attributes, ElementsAre("f"));
 }
 
 // The arrays of each format are known by its header.
