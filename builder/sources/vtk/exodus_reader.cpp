@@ -378,6 +378,7 @@ class ExodusReader final : public BlockReader {
     portion_ = portion;
     for (int block = 0; block < portions(); ++block)
       reader_->SetObjectStatus(vtkExodusIIReader::ELEM_BLOCK, block, block == portion);
+    check_components(portion);
     select_others(wants_patches_ && portion == 0);
     if (time && !header_.times.empty()) {
       reader_->SetTimeStep(static_cast<int>(std::ranges::find(header_.times, *time) - header_.times.begin()));
@@ -394,6 +395,22 @@ class ExodusReader final : public BlockReader {
   }
 
  private:
+  /// Throws if a block has some components of a vector only: VTK's reader would crash.
+  void check_components(int portion) const {
+    const int id = reader_->GetObjectId(vtkExodusIIReader::ELEM_BLOCK, portion);
+    const auto block = header_.blocks.find(id);
+    for (std::size_t i = 0; block != header_.blocks.end() && i < of_elements_.size(); ++i) {
+      const ExodusArray& array = of_elements_[i];
+      int with_values = 0;
+      for (int c = 0; c < array.components; ++c)
+        with_values += header_.has_element_values(block->second.number, array.variable + c) ? 1 : 0;
+      const bool is_read = reader_->GetObjectArrayStatus(vtkExodusIIReader::ELEM_BLOCK, static_cast<int>(i)) != 0;
+      if (is_read && with_values > 0 && with_values < array.components)
+        throw ReaderError("Exodus: block {} has values of {} of the {} components of {}: choose others by --attribute",
+                          id, with_values, array.components, array.name);
+    }
+  }
+
   /// Notes the variables of points that are wanted and have no values. Blocks of cells may lack variables, as the file
   /// tells.
   void find_without_values(const std::vector<std::string>& selection) {

@@ -259,6 +259,17 @@ TEST_F(ExodusTest, VariablesWithoutValuesAreMissing) {
                                                "u_: declared, and the file has no values of it"));
 }
 
+// VTK's reader crashes.
+TEST_F(ExodusTest, VectorsOfSomeComponentsAreRefused) {
+  Mesh mesh = cube(2, 1, dvec3(0));
+  mesh.of_cells = {{"u_x", cell_number}, {"u_y", cell_number}, {"u_z", cell_number}, {"q", cell_number}};
+  mesh.write(path("mesh.e"));
+  replace("mesh.e", "vals_elem_var2eb1", "gone_elem_var2eb1");
+  EXPECT_THAT(error_of({path("mesh.e")}),
+              HasSubstr("block 10 has values of 2 of the 3 components of u_: choose others"));
+  EXPECT_THAT(value_of(read_input({path("mesh.e")}, {{"q"}})).attributes, ElementsAre("q"));
+}
+
 /// Opens a file of NetCDF, so that it can be changed.
 int open_netcdf(const std::string& path) {
   int file = -1;
