@@ -17,6 +17,7 @@
 #include <array>
 #include <cstdint>
 #include <map>
+#include <set>
 #include <span>
 #include <utility>
 
@@ -220,6 +221,11 @@ class OpenFoamReader final : public BlockReader {
   }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
   void select(const std::vector<std::string>& selection) override { selection_ = selection; }
+  CellCensus take_changes() override {
+    CellCensus changes;
+    changes.losses = std::exchange(losses_, {});
+    return changes;
+  }
 
   /// Each processor has a part of each region.
   std::string block_name(const std::vector<std::string>& path) const override { return path.front(); }
@@ -256,6 +262,8 @@ class OpenFoamReader final : public BlockReader {
       const std::string name = alone ? "internalMesh" : region.empty() ? "defaultRegion" : region;
       tree_->GetMetaData(block++)->Set(vtkCompositeDataSet::NAME(), name.c_str());
     }
+    losses_.merge(case_->left_out(static_cast<std::size_t>(portion), time,
+                                  [&](const std::string& name) { return wants_array(selection_, name); }));
     has_read_ = true;
   }
 
@@ -265,9 +273,10 @@ class OpenFoamReader final : public BlockReader {
   }
 
   [[nodiscard]] std::vector<FoamFieldFile> fields(int part, const std::string& region,
-                                                  std::optional<double> time) const {
-    return case_->fields(static_cast<std::size_t>(part), region, time,
-                         [&](const std::string& name) { return wants_array(selection_, name); });
+                                                  std::optional<double> time) {
+    return case_->fields(
+        static_cast<std::size_t>(part), region, time,
+        [&](const std::string& name) { return wants_array(selection_, name); }, &losses_);
   }
 
   vtkSmartPointer<vtkUnstructuredGrid> read_region(int part, const std::string& region, std::optional<double> time) {
@@ -328,6 +337,7 @@ class OpenFoamReader final : public BlockReader {
   vtkNew<vtkMultiBlockDataSet> tree_;
   std::map<std::string, std::string> units_;
   std::vector<Patch> patches_;  // not taken yet
+  std::set<std::string> losses_;  // CellCensus::losses, not taken yet
 };
 
 }  // namespace
