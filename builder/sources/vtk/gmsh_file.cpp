@@ -21,7 +21,7 @@ namespace {
 /// Reads numbers, as text or as bytes. A number that is not there sets a failure, and reads as 0.
 class Scanner {
  public:
-  explicit Scanner(std::string_view bytes) : bytes_(bytes) {}
+  explicit Scanner(std::string_view bytes) : bytes_(without_byte_order_mark(bytes)) {}
 
   void set_binary(bool binary) { binary_ = binary; }
   [[nodiscard]] bool binary() const { return binary_; }
