@@ -558,9 +558,8 @@ void add_format_options(CommandLine& app, Options& options) {
       ->type_name("NAME,...");
   add_cells_option(app, options.cells, "each cell is a point of its own, with one value in all of it");
   app.add_option("--time", options.time,
-                 "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS, .pvd, ...): take the step nearest to "
-                 "this time "
-                 "(default: the last)")
+                 "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS, .pvd, .series, ...): take the step "
+                 "nearest to this time (default: the last)")
       ->type_name("T")
       ->check(check_finite);
   add_displacements_option(app, options.no_displacements);
