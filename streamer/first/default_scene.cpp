@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "format/cell_reader.h"
+#include "format/mesh_box.h"
 #include "pictures/contrast.h"
 #include "streamer/first/first_attribute.h"
 #include "streamer/first/first_camera.h"
@@ -153,12 +153,8 @@ struct Framing {
 // Returns the box round the cells that the file keeps, or else round the splats. These are taken for boxes: those of
 // tetrahedra reach farther.
 Result<Box> box_of_material(const format::Volume& volume, const std::vector<SurveySplat>& splats) {
-  SPLATVOL_TRY_ASSIGN(cells, format::CellReader::open(volume));
-  if (!cells || cells->pages().empty()) return bounds_of(splats);
-  Box box;
-  for (const format::CellPageRef& page : cells->pages())
-    box.include({{page.low[0], page.low[1], page.low[2]}, {page.high[0], page.high[1], page.high[2]}});
-  return box;
+  SPLATVOL_TRY_ASSIGN(box, format::box_of_cells(volume));
+  return box ? *box : bounds_of(splats);
 }
 
 // A sheet across the axis that points upwards is seen from above: there another axis of the picture's plane is up. A
