@@ -24,6 +24,7 @@ struct Header {
   std::vector<std::uint64_t> functions;   // of each block, in a file of functions
   std::uint64_t bytes = 0;
   bool more_variables = false;  // Overflow's solutions: the header has two more numbers
+  std::uint64_t variables = 0;  // the first of these
 };
 
 /// Reads the numbers of a header one by one; all are 0 past the end.
@@ -73,7 +74,7 @@ std::optional<Header> read_header(ByteSource& file, const Plot3dFormat& format, 
     header.functions.push_back(reader.next());
     if (header.functions.back() == 0 || header.functions.back() > AttributeCount::most) return std::nullopt;
   }
-  if (header.more_variables) reader.next(), reader.next();
+  if (header.more_variables) header.variables = reader.next(), reader.next();
   if (!record(mark)) return std::nullopt;
   header.bytes = reader.offset();
   return header;
@@ -109,10 +110,20 @@ std::vector<Plot3dFormat> variants() {
   return all;
 }
 
+/// Whether a solution of Overflow's has room for its variables. VTK's reader does not check their number.
+bool holds_variables(ByteSource& solution, const Header& header, const Plot3dFormat& format) {
+  if (header.variables < static_cast<std::uint64_t>(format.dimensions) + 2 || header.variables > AttributeCount::most)
+    return false;
+  std::uint64_t bytes = header.bytes;
+  for (const std::uint64_t points : header.points)
+    bytes += points * header.variables * static_cast<std::uint64_t>(format.precision);
+  return bytes <= solution.size();
+}
+
 bool solution_agrees(ByteSource& solution, const Header& grid_header, const Plot3dFormat& format) {
   const auto header = read_header(solution, format);
   if (!header || header->dimensions != grid_header.dimensions) return false;
-  if (header->more_variables) return true;
+  if (header->more_variables) return holds_variables(solution, *header, format);
   const std::uint64_t expected = solution_bytes(*header, format);
   return fits(solution.size(), expected, false) || fits(solution.size(), expected, true);
 }
