@@ -212,6 +212,13 @@ format::Attribute Session::attribute() const {
   return shown;
 }
 
+format::Attribute Session::bar_attribute() const {
+  format::Attribute shown =
+      info().attributes[static_cast<std::size_t>(info().find_attribute(bar_colors_of(used_scene_).attribute))];
+  if (!scene.scalar_bar.unit.empty()) shown.unit = scene.scalar_bar.unit;
+  return shown;
+}
+
 std::optional<format::Attribute> Session::opacity_attribute() const {
   if (!used_scene_.opacity) return {};
   return info().attributes[static_cast<std::size_t>(info().find_attribute(used_scene_.opacity->attribute))];
@@ -886,8 +893,9 @@ Result<Image> Session::page(const PageText& text, bool transparent) const {
   SPLATVOL_TRY_ASSIGN(image, player_->image());
   const dvec3 ink = ink_on(used_scene_.background);
   if (used_scene_.outline) draw_outline(image, view(), bounds_, transparent ? ink_on_any() : ink);
-  SPLATVOL_TRY_ASSIGN(page, lay_out_round(image.width, image.height, text, used_scene_.transfer_function));
-  return compose_page(page, std::move(image), text, used_scene_.transfer_function, ink, transparent);
+  const TransferFunction function = bar_colors_of(used_scene_).function;
+  SPLATVOL_TRY_ASSIGN(page, lay_out_round(image.width, image.height, text, function));
+  return compose_page(page, std::move(image), text, function, ink, transparent);
 }
 
 // Contours may show where the volume does not.

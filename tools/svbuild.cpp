@@ -135,6 +135,7 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
   if (notes.step)
     document["time_step"] = {
         {"time", notes.step->time}, {"number", notes.step->index + 1}, {"of", notes.step->times.size()}};
+  if (notes.step && options.time) document["time_step"]["asked"] = *options.time;
   if (!notes.times.empty()) document["times"] = notes.times;
   if (const auto& boundary = report.boundary) {
     document["boundary"] = {{"triangles", boundary->triangles},
@@ -184,6 +185,8 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
             static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
   if (notes.step)
     print_out("  {:>12} time (step {} of {})\n", notes.step->time, notes.step->index + 1, notes.step->times.size());
+  if (notes.step && options.time && *options.time != notes.step->time)
+    print_out("  time {} is the nearest to {}\n", notes.step->time, *options.time);
   if (!notes.times.empty())
     print_out("  {:>12} steps {}, times {} to {}\n", notes.times.size(), options.append ? "appended" : "written",
               notes.times.front(), notes.times.back());

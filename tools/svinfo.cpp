@@ -381,6 +381,7 @@ Status verify(const format::Steps& steps) {
 Status show(const Options& options) {
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.file));
   SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step));
+  tell_nearest(steps, options.step, step);
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   Survey survey;
   if (options.verify) {

@@ -46,6 +46,7 @@ using Chooser = std::function<TransferFunction(const std::vector<SurveySplat>&)>
 Result<Chooser> chooser_for(const format::Volume& volume, int index) {
   const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
   SPLATVOL_TRY_ASSIGN(kind, kind_of_numbers(volume, index));
+  SPLATVOL_TRY_ASSIGN(least_range, least_relative_range(volume, index));
   // svbuild gives it to a mesh without values: the shape is worth a look, whatever the cells.
   if (volume.info().attributes.size() == 1 && attribute.name == "cell_volume")
     return Chooser([](const auto& splats) {
@@ -54,7 +55,9 @@ Result<Chooser> chooser_for(const format::Volume& volume, int index) {
       return function;
     });
   if (kind != NumberKind::labels)
-    return Chooser([kind](const auto& splats) { return choose_transfer_function(splats, kind == NumberKind::whole); });
+    return Chooser([kind, least_range](const auto& splats) {
+      return choose_transfer_function(splats, kind == NumberKind::whole, least_range);
+    });
   return Chooser([least = attribute.min, most = attribute.max](const auto&) { return label_function(least, most); });
 }
 
