@@ -99,7 +99,14 @@ double round_offset(double low, double high, std::string& text) {
   const double middle = 0.5 * low + 0.5 * high;
   const int digits = static_cast<int>(std::ceil(std::log10(std::abs(middle)) - std::log10(high - low)));
   text = fmt::format("{:.{}g}", middle, std::clamp(digits, 1, 17));
-  return std::strtod(text.c_str(), nullptr);
+  const double offset = std::strtod(text.c_str(), nullptr), size = std::abs(offset);
+  if (!(size >= 1e-3 && size < 1e15)) return offset;
+  // Without an exponent.
+  const int decimals = std::max(digits - 1 - static_cast<int>(std::floor(std::log10(size))), 0);
+  text = fmt::format("{:.{}f}", offset, decimals);
+  if (decimals > 0) text.resize(text.find_last_not_of('0') + 1);
+  if (text.ends_with('.')) text.pop_back();
+  return offset;
 }
 
 // Values far from zero, next to each other, have the same first digits: the labels lack these.
@@ -108,8 +115,8 @@ Ticks ticks_by_offset(double low, double high, int most) {
   const double offset = round_offset(low, high, text);
   Ticks ticks = ticks_between(low - offset, high - offset, most);
   for (Tick& tick : ticks.list) tick.value = std::clamp(offset + tick.value, low, high);
-  ticks.factor += fmt::format("{}{} {}", ticks.factor.empty() ? "" : " ", offset < 0 ? "−" : "+",
-                              text.substr(offset < 0 ? 1 : 0));
+  ticks.factor +=
+      fmt::format("{}{} {}", ticks.factor.empty() ? "" : " ", offset < 0 ? "−" : "+", text.substr(offset < 0 ? 1 : 0));
   return ticks;
 }
 

@@ -21,7 +21,8 @@ struct Ticks {
 };
 
 /// Returns at most `most` + 1 ticks at round values in [low, high], at least two. Works for any finite numbers, of any
-/// size: a power of ten that all have in common is the factor, and digits that all have in common are the offset. Requires low < high, most >= 2.
+/// size: a power of ten that all have in common is the factor, and digits that all have in common are the offset.
+/// Requires low < high, most >= 2.
 [[nodiscard]] Ticks ticks_between(double low, double high, int most);
 
 /// Returns ticks for the domain of a transfer function, on its axis. On a bent axis these are powers of ten (and their

@@ -47,7 +47,7 @@ struct Survey {
   IndexSize index;
   format::Histograms histograms;
   std::unique_ptr<const format::CellReader> cells;  // null: the file keeps none
-  Box box;  // round the mesh
+  Box box;                                          // round the mesh
   bool verified = false;
 };
 

@@ -44,10 +44,10 @@ struct CellCensus {
 /// All numbers but those by type that add up, by reference. Without the losses.
 template <class Census>
 [[nodiscard]] auto numbers_of(Census& census) {
-  return std::tie(census.tetrahedra, census.inverted, census.upright, census.flat, census.without_volume, census.surfaces, census.lines,
-                  census.hidden, census.hidden_points, census.more_nodes, census.left_out_flat, census.non_finite,
-                  census.not_star_shaped, census.left_out, census.unwritten, census.open_ends, census.bent,
-                  census.flattened, census.bent_volume, census.measured_volume);
+  return std::tie(census.tetrahedra, census.inverted, census.upright, census.flat, census.without_volume,
+                  census.surfaces, census.lines, census.hidden, census.hidden_points, census.more_nodes,
+                  census.left_out_flat, census.non_finite, census.not_star_shaped, census.left_out, census.unwritten,
+                  census.open_ends, census.bent, census.flattened, census.bent_volume, census.measured_volume);
 }
 
 /// Describes an input whose cells are surfaces and lines, or none of whose cells has a volume: "only surface cells

@@ -292,10 +292,10 @@ Status check_count(const std::vector<std::string>& paths, KnownFiles& known) {
               most_files);
 }
 
-/// Replaces a series of files by those of its step nearest to `time`, without a time the last. Returns the step, or nothing if
-/// the input is no series of files.
+/// Replaces a series of files by those of its step nearest to `time`, without a time the last. Returns the step, or
+/// nothing if the input is no series of files.
 Result<std::optional<TimeStep>> expand_series(std::vector<std::string>& paths, const FileHeader& first,
-                                           std::optional<double> time, KnownFiles& known) {
+                                              std::optional<double> time, KnownFiles& known) {
   if (first.format != InputFormat::vtk_series || paths.size() != 1) return std::optional<TimeStep>();
   SPLATVOL_TRY_ASSIGN(steps, collection_steps(paths[0]));
   std::vector<double> times;

@@ -191,9 +191,7 @@ Status add_numbers(const ByteSource& file, const std::string& type, std::uint64_
 
 }  // namespace
 
-bool is_transposed(std::uint64_t rows, std::uint64_t columns) {
-  return rows >= 3 && rows <= 16 && columns > 4 * rows;
-}
+bool is_transposed(std::uint64_t rows, std::uint64_t columns) { return rows >= 3 && rows <= 16 && columns > 4 * rows; }
 
 tl::unexpected<Error> fail_transposed(const std::string& path, std::uint64_t rows, std::uint64_t columns) {
   return fail(ErrorCode::invalid_data,

@@ -86,8 +86,7 @@ Result<std::unique_ptr<StepGroup>> StepGroup::open(std::vector<SeriesStep> steps
                                                    std::vector<std::string> attributes) {
   SPLATVOL_TRY_ASSIGN(first, steps.front().open());
   if (attributes.empty()) attributes = first->attributes();
-  SPLATVOL_TRY_ASSIGN(order,
-                      match_attributes(steps.front().name, first->attributes(), "the steps before", attributes));
+  SPLATVOL_TRY_ASSIGN(order, match_attributes(steps.front().name, first->attributes(), "the steps before", attributes));
   return std::unique_ptr<StepGroup>(
       new StepGroup(std::move(steps), std::move(first), blocks_apart, std::move(attributes), std::move(order)));
 }

@@ -16,7 +16,7 @@ namespace {
 // Better classes first.
 enum class Interest { main, other, component, mostly_missing, whole_numbers, constant, no_values };
 
-constexpr std::uint64_t enough_points = 5000;  // to tell ids from quantities
+constexpr std::uint64_t enough_points = 5000;                            // to tell ids from quantities
 constexpr double rounding_of_single = 1e-6, rounding_of_double = 1e-12;  // of the largest value, of some steps
 constexpr std::size_t most_labels = 64;
 constexpr std::array<std::string_view, 5> id_endings = {"Id", "ID", "Ids", "IDs", "_id"};

@@ -729,11 +729,11 @@ TEST_F(SourceTest, Plot3dFunctions) {
 // An axis may descend, and a left-handed grid is a grid. Where some of its cells are inverted, these are counted.
 TEST_F(SourceTest, MirroredGridsAreNotInverted) {
   const auto image = [&](const std::string& attributes) {
-    return value_of(read_input({write(
-        "a.vti", vtk_file("ImageData",
-                          "<Piece Extent=\"0 2 0 1 0 1\"><PointData><DataArray type=\"Float64\" Name=\"s\" "
-                          "format=\"ascii\">0 1 2 3 4 5 6 7 8 9 10 11</DataArray></PointData></Piece>",
-                          "WholeExtent=\"0 2 0 1 0 1\" Origin=\"0 0 0\" " + attributes))}));
+    return value_of(read_input(
+        {write("a.vti", vtk_file("ImageData",
+                                 "<Piece Extent=\"0 2 0 1 0 1\"><PointData><DataArray type=\"Float64\" Name=\"s\" "
+                                 "format=\"ascii\">0 1 2 3 4 5 6 7 8 9 10 11</DataArray></PointData></Piece>",
+                                 "WholeExtent=\"0 2 0 1 0 1\" Origin=\"0 0 0\" " + attributes))}));
   };
   for (const char* attributes : {"Spacing=\"1 1 1\"", "Spacing=\"-1 1 1\"", "Spacing=\"-1 -1 -1\"",
                                  "Spacing=\"1 1 1\" Direction=\"0 1 0 1 0 0 0 0 1\""}) {
@@ -742,11 +742,12 @@ TEST_F(SourceTest, MirroredGridsAreNotInverted) {
     EXPECT_DOUBLE_EQ(input.volume, 2) << attributes;
   }
   const auto structured = [&](const std::string& points) {
-    return value_of(read_input({write(
-        "a.vts", vtk_file("StructuredGrid",
-                          "<Piece Extent=\"0 3 0 1 0 1\"><PointData/><Points><DataArray type=\"Float64\" "
-                          "NumberOfComponents=\"3\" format=\"ascii\">" + points + "</DataArray></Points></Piece>",
-                          "WholeExtent=\"0 3 0 1 0 1\""))}));
+    return value_of(read_input(
+        {write("a.vts", vtk_file("StructuredGrid",
+                                 "<Piece Extent=\"0 3 0 1 0 1\"><PointData/><Points><DataArray type=\"Float64\" "
+                                 "NumberOfComponents=\"3\" format=\"ascii\">" +
+                                     points + "</DataArray></Points></Piece>",
+                                 "WholeExtent=\"0 3 0 1 0 1\""))}));
   };
   const auto points_at = [](const std::vector<double>& x) {
     std::string points;

@@ -35,11 +35,14 @@ TEST(Ticks, AreRoundNumbers) {
 
 // Values far from zero and close together differ in their last digits: the others are the offset.
 TEST(Ticks, HaveAnOffsetForValuesFarFromZero) {
-  EXPECT_EQ(labels(101324.999, 101325.001), (std::vector<std::string>{"-1.0", "-0.5", "0.0", "0.5", "1.0"}));
-  EXPECT_EQ(ticks_between(101324.999, 101325.001, 5).factor, "× 10⁻³ + 101325");
-  EXPECT_EQ(labels(1000000, 1000005), (std::vector<std::string>{"-5", "-4", "-3", "-2", "-1", "0"}));
-  EXPECT_EQ(ticks_between(1000000, 1000005, 5).factor, "+ 1000005");
-  EXPECT_EQ(ticks_between(-300.0001, -300, 5).factor, "× 10⁻⁵ − 300");
+  EXPECT_EQ(labels(101324.999, 101325.001),
+            (std::vector<std::string>{"-0.0010", "-0.0005", "0.0000", "0.0005", "0.0010"}));
+  EXPECT_EQ(ticks_between(101324.999, 101325.001, 5).factor, "+ 101325");
+  EXPECT_EQ(ticks_between(101324.9999, 101325.0001, 5).factor, "× 10⁻⁴ + 101325");
+  EXPECT_EQ(labels(1000000, 1000005), (std::vector<std::string>{"0", "1", "2", "3", "4", "5"}));
+  EXPECT_EQ(ticks_between(1000000, 1000005, 5).factor, "+ 1000000");
+  EXPECT_EQ(ticks_between(-300.0002, -300, 5).factor, "× 10⁻⁴ − 300.0001");
+  EXPECT_EQ(ticks_between(1e30, 1e30 * (1 + 1e-7), 5).factor, "× 10²³ + 1e+30");
   for (const double size : {-1e-300, -1.0, 1e-40, 1e-3, 1.0, 1e7, 1e300})
     for (const double share : {1e-6, 1e-9, 1e-13}) {
       const double low = std::min(size, size * (1 + share)), high = std::max(size, size * (1 + share));

@@ -149,8 +149,8 @@ TEST_F(RendererTestFirstPicture, TheMaterialIsNeitherFogNorAWall) {
 // A range far narrower than its distance from zero is a range, unless it is the rounding of single precision.
 TEST_F(RendererTestFirstPicture, ANarrowRangeIsShown) {
   const auto wave = [](const dvec3& p) { return 1e-3 * std::sin(5 * p.x) * std::cos(4 * p.y + p.z); };
-  const Scene scene = scene_of({12, 12, 12}, box(dvec3(0), dvec3(1)),
-                               {{"p", [&](const dvec3& p) { return 101325 + wave(p); }}});
+  const Scene scene =
+      scene_of({12, 12, 12}, box(dvec3(0), dvec3(1)), {{"p", [&](const dvec3& p) { return 101325 + wave(p); }}});
   EXPECT_GT(scene.transfer_function.lo, 101325 - 1.1e-3);
   EXPECT_LT(scene.transfer_function.hi, 101325 + 1.1e-3);
   EXPECT_GT(scene.transfer_function.hi - scene.transfer_function.lo, 1e-3);

@@ -145,9 +145,8 @@ bool is_put_aside(std::string_view name) {
 /// or one value in all.
 bool is_of_others(std::string_view class_name) {
   return class_name.find("Field") != std::string_view::npos &&
-         std::ranges::any_of(
-             std::array<std::string_view, 4>{"surface", "area", "edge", "uniformDimensioned"},
-             [&](std::string_view start) { return class_name.starts_with(start); });
+         std::ranges::any_of(std::array<std::string_view, 4>{"surface", "area", "edge", "uniformDimensioned"},
+                             [&](std::string_view start) { return class_name.starts_with(start); });
 }
 
 /// The name of a field, which a packed file has without its ".gz".
@@ -360,7 +359,9 @@ std::set<std::string> FoamCase::left_out(std::size_t part, std::optional<double>
 void FoamCase::tell_homeless_fields(const Part& part, const std::string& step, const Wants& wants,
                                     std::set<std::string>& left_out) const {
   const std::string inner = joined(folders_[part.folder].name, step);
-  const auto has_mesh = [&](const std::string& region) { return std::ranges::find(regions_, region) != regions_.end(); };
+  const auto has_mesh = [&](const std::string& region) {
+    return std::ranges::find(regions_, region) != regions_.end();
+  };
   const Entries entries = entries_of(path_of(inner));
   for (const auto& [file, fault] : entries.others)
     if (!has_mesh("") && is_wanted(file, wants))

@@ -272,8 +272,7 @@ class OpenFoamReader final : public BlockReader {
     if (!std::exchange(is_checked_, true)) case_->check_parts(time);
   }
 
-  [[nodiscard]] std::vector<FoamFieldFile> fields(int part, const std::string& region,
-                                                  std::optional<double> time) {
+  [[nodiscard]] std::vector<FoamFieldFile> fields(int part, const std::string& region, std::optional<double> time) {
     return case_->fields(
         static_cast<std::size_t>(part), region, time,
         [&](const std::string& name) { return wants_array(selection_, name); }, &losses_);
@@ -336,7 +335,7 @@ class OpenFoamReader final : public BlockReader {
   double rounded_by_ = 0;                  // not taken yet
   vtkNew<vtkMultiBlockDataSet> tree_;
   std::map<std::string, std::string> units_;
-  std::vector<Patch> patches_;  // not taken yet
+  std::vector<Patch> patches_;    // not taken yet
   std::set<std::string> losses_;  // CellCensus::losses, not taken yet
 };
 

@@ -188,8 +188,8 @@ Result<std::vector<double>> read_plot3d_function(ByteSource& file, const Plot3dF
                                                  std::size_t function) {
   const Plot3dFormat::Functions& functions = format.functions[block];
   const auto bytes = static_cast<std::size_t>(format.precision);
-  SPLATVOL_TRY_ASSIGN(text, read_text(file, functions.offset + function * functions.points * bytes,
-                                      functions.points * bytes));
+  SPLATVOL_TRY_ASSIGN(
+      text, read_text(file, functions.offset + function * functions.points * bytes, functions.points * bytes));
   std::vector<double> values;
   values.reserve(functions.points);
   for (std::string_view rest = text; rest.size() >= bytes; rest.remove_prefix(bytes)) {

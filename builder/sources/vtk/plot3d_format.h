@@ -28,9 +28,9 @@ struct Plot3dFormat {
 };
 
 /// Finds the variant whose headers make sense, agree in both files, and give the files' exact sizes. `values`: a
-/// solution or functions; one that is called .q or .sol is a solution. Padding to whole sectors of 512 bytes may follow.
-/// Overflow's solutions have more variables; only their headers must agree, and their sizes suffice. Safe on untrusted
-/// bytes.
+/// solution or functions; one that is called .q or .sol is a solution. Padding to whole sectors of 512 bytes may
+/// follow. Overflow's solutions have more variables; only their headers must agree, and their sizes suffice. Safe on
+/// untrusted bytes.
 [[nodiscard]] Result<Plot3dFormat> detect_plot3d(ByteSource& grid, ByteSource& values);
 
 /// The names of the functions in the file at `path`: those in the file NAME.nam beside it, one in each line before a

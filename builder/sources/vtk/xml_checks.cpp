@@ -162,7 +162,8 @@ std::optional<Extent> extent_in(vtkXMLDataElement& element, const char* name) {
 
 /// Whether a piece is stated to have no points.
 bool is_empty_piece(vtkXMLDataElement& piece) {
-  if (piece.GetAttribute("NumberOfPoints")) return integers_in(piece, "NumberOfPoints", 1) == std::vector{std::int64_t{0}};
+  if (piece.GetAttribute("NumberOfPoints"))
+    return integers_in(piece, "NumberOfPoints", 1) == std::vector{std::int64_t{0}};
   const auto extent = integers_in(piece, "Extent", 6);
   for (std::size_t axis = 0; extent && axis < 3; ++axis)
     if ((*extent)[2 * axis + 1] < (*extent)[2 * axis]) return true;

@@ -443,15 +443,14 @@ TEST_F(OpenFoam, FieldsThatAreNotReadAreNamed) {
   write("linked", field);
   std::filesystem::create_symlink(path("linked"), path("0.5/q"));
   const Read read = read_case();
-  EXPECT_THAT(read.left_out,
-              UnorderedElementsAre(HasSubstr("0.5/headless: left out: it has no header"),
-                                   HasSubstr("0.5/misspelt: left out: its class \"volScalarFeild\""),
-                                   HasSubstr("phi: left out: surfaceScalarField"),
-                                   HasSubstr("0.5/solid/T: left out: its region has no mesh"),
-                                   HasSubstr("lagrangian: left out: particles"),
-                                   HasSubstr("0.5/pipe: left out: not a regular file"),
-                                   HasSubstr("0.5/dangling: left out: a link that leads nowhere"),
-                                   HasSubstr("1: a time step, left out: a link that leads nowhere")));
+  EXPECT_THAT(read.left_out, UnorderedElementsAre(HasSubstr("0.5/headless: left out: it has no header"),
+                                                  HasSubstr("0.5/misspelt: left out: its class \"volScalarFeild\""),
+                                                  HasSubstr("phi: left out: surfaceScalarField"),
+                                                  HasSubstr("0.5/solid/T: left out: its region has no mesh"),
+                                                  HasSubstr("lagrangian: left out: particles"),
+                                                  HasSubstr("0.5/pipe: left out: not a regular file"),
+                                                  HasSubstr("0.5/dangling: left out: a link that leads nowhere"),
+                                                  HasSubstr("1: a time step, left out: a link that leads nowhere")));
   EXPECT_TRUE(read.values.contains("q"));
   std::set<std::string> left_out;
   const FoamCase foam(path("case.foam"));
@@ -480,15 +479,16 @@ TEST_F(OpenFoam, ZonesAndSetsAreNamed) {
                                       "stator { type cellZone; cellLabels List<label> 1(1); })\n"));
   write(mesh + "pointZones", foam_file("regIOobject", "0()\n"));
   write(mesh + "sets/inlet.gz", gzipped(foam_file("faceSet", "1(0)")));
-  EXPECT_THAT(read_case().left_out, ElementsAre(HasSubstr("cellZones (rotor, stator): left out"),
-                                                HasSubstr("sets/inlet: left out")));
+  EXPECT_THAT(read_case().left_out,
+              ElementsAre(HasSubstr("cellZones (rotor, stator): left out"), HasSubstr("sets/inlet: left out")));
   write(mesh + "cellZones", std::string(100, '\0'));
   write(mesh + "faceZones", foam_file("regIOobject", "1(baffle { type"));
   std::filesystem::create_symlink(path("gone"), path(mesh + "sets/outlet"));
-  EXPECT_THAT(read_case().left_out,
-              UnorderedElementsAre(HasSubstr(mesh + "cellZones: the file is damaged: it begins with zeros"),
-                                   HasSubstr(mesh + "faceZones: the file is cut off"), HasSubstr("sets/inlet: left out"),
-                                   AllOf(HasSubstr("sets/outlet"), HasSubstr("left out"))));
+  EXPECT_THAT(
+      read_case().left_out,
+      UnorderedElementsAre(HasSubstr(mesh + "cellZones: the file is damaged: it begins with zeros"),
+                           HasSubstr(mesh + "faceZones: the file is cut off"), HasSubstr("sets/inlet: left out"),
+                           AllOf(HasSubstr("sets/outlet"), HasSubstr("left out"))));
 }
 
 // The mesh of an earlier step must not stand for one that cannot be read.

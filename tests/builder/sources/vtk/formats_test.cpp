@@ -165,8 +165,8 @@ TEST_F(FormatsTest, GmshTagsThatAreTooLargeAreNamed) {
         "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n3000000001 0 0 0\n3000000002 1 0 0\n3000000003 0 1 0\n"
         "3000000004 0 0 1\n$EndNodes\n$Elements\n1\n1 4 2 0 1 3000000001 3000000002 3000000003 3000000004\n"
         "$EndElements\n");
-  EXPECT_THAT(error_of("a.msh"), AllOf(HasSubstr("a.msh: the number 3000000001 in the section $Nodes"),
-                                       HasSubstr("below 2^31")));
+  EXPECT_THAT(error_of("a.msh"),
+              AllOf(HasSubstr("a.msh: the number 3000000001 in the section $Nodes"), HasSubstr("below 2^31")));
 }
 
 TEST_F(FormatsTest, PiecesOfEmptyGrids) {
