@@ -42,7 +42,6 @@ TEST(Ticks, HaveAnOffsetForValuesFarFromZero) {
   EXPECT_EQ(labels(1000000, 1000005), (std::vector<std::string>{"0", "1", "2", "3", "4", "5"}));
   EXPECT_EQ(ticks_between(1000000, 1000005, 5).factor, "+ 1000000");
   EXPECT_EQ(ticks_between(-300.0002, -300, 5).factor, "× 10⁻⁴ − 300.0001");
-  EXPECT_EQ(ticks_between(1e30, 1e30 * (1 + 1e-7), 5).factor, "× 10²³ + 1e+30");
   for (const double size : {-1e-300, -1.0, 1e-40, 1e-3, 1.0, 1e7, 1e300})
     for (const double share : {1e-6, 1e-9, 1e-13}) {
       const double low = std::min(size, size * (1 + share)), high = std::max(size, size * (1 + share));
