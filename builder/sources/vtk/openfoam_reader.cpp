@@ -217,15 +217,11 @@ class OpenFoamReader final : public BlockReader {
   CellCensus take_changes() override {
     CellCensus changes;
     changes.rounded_by = std::exchange(rounded_by_, 0);
+    changes.losses = std::exchange(losses_, {});
     return changes;
   }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
   void select(const std::vector<std::string>& selection) override { selection_ = selection; }
-  CellCensus take_changes() override {
-    CellCensus changes;
-    changes.losses = std::exchange(losses_, {});
-    return changes;
-  }
 
   /// Each processor has a part of each region.
   std::string block_name(const std::vector<std::string>& path) const override { return path.front(); }
