@@ -1,9 +1,12 @@
 #include "tools/steps.h"
 
+#include <fmt/format.h>
+
 #include <charconv>
 #include <limits>
 
 #include "base/http_source.h"
+#include "base/printable.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -63,6 +66,12 @@ Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choi
                 steps.last());
   if (choice.step) return *choice.step;
   return choice.time ? steps.nearest(*choice.time) : steps.last();
+}
+
+void tell_nearest(const format::Steps& steps, const StepChoice& choice, std::size_t step) {
+  if (choice.time && steps.times()[step] != *choice.time)
+    fmt::print(stderr, "{}: time {} is the nearest to {}\n", printable(steps.name()), steps.times()[step],
+               *choice.time);
 }
 
 Result<std::shared_ptr<const format::Volume>> open_step(const std::string& path, const StepChoice& choice) {

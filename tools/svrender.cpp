@@ -58,6 +58,27 @@ Status warn_if_empty(const RenderOptions& options, const Player& player, const I
   return {};
 }
 
+// Names the isovalues that no point has. Returns whether there is one.
+Result<bool> warn_of_isovalues(const RenderOptions& options, const Player& player) {
+  const format::Volume& volume = player.streamer().volume();
+  std::vector<double> values;
+  for (const Contour& contour : contours_of(player.scene()).surfaces) values.push_back(contour.value);
+  if (!options.planes.isovalue.empty()) {
+    SPLATVOL_TRY_ASSIGN(isovalue, parse_isovalue(options.planes.isovalue));
+    values.push_back(isovalue.value);
+  }
+  bool any = false;
+  for (const double value : values) {
+    SPLATVOL_TRY_ASSIGN(index, format::find_attribute(volume.info(), player.scene().attribute, volume.name()));
+    const format::Attribute& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
+    if (!(value < attribute.min || value > attribute.max)) continue;
+    fmt::print(stderr, "svrender: the isovalue {} lies outside of the values of {}, which are {} to {}\n", value,
+               printable(player.scene().attribute), attribute.min, attribute.max);
+    any = true;
+  }
+  return any;
+}
+
 // Takes over what the scene tells of its use, unless an option tells it.
 Status use_scene(RenderOptions& options) {
   if (options.scene.empty()) return {};
@@ -102,7 +123,8 @@ Status render(RenderOptions options) {
   const Player& player = *drawn.player;
   SPLATVOL_TRY_ASSIGN(image, player.image());
   timings.first_image = seconds_now() - start;
-  SPLATVOL_TRY(warn_if_empty(options, player, image));
+  SPLATVOL_TRY_ASSIGN(is_told, warn_of_isovalues(options, player));
+  if (!is_told) SPLATVOL_TRY(warn_if_empty(options, player, image));
   if (const auto left_out = player.left_out())
     fmt::print(stderr, "svrender: {}: --memory grants more\n", left_out->message);
   if (player.exact() && player.exact()->unknown_cells > 0)
