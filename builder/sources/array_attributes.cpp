@@ -125,6 +125,17 @@ Result<std::vector<std::size_t>> match_attributes(const std::string& name, const
               lacks, lacks.empty() || has.empty() ? "" : ", and ", has);
 }
 
+bool wants_array(const std::vector<std::string>& selection, const std::string& array) {
+  const auto is_array = [&](const std::string& name) {
+    if (!name.starts_with(array)) return false;
+    std::string_view rest = std::string_view(name).substr(array.size());
+    for (const std::string_view suffix : {cells_suffix, points_suffix})
+      if (rest.starts_with(suffix)) rest.remove_prefix(suffix.size());
+    return rest.empty() || rest.starts_with("[");
+  };
+  return selection.empty() || std::ranges::any_of(selection, is_array);
+}
+
 std::vector<ArrayAttribute> select_attributes(const std::vector<ArrayAttribute>& all,
                                               const std::vector<std::string>& selection, CellValues cells,
                                               std::string& missing, bool may_lack) {
