@@ -1,12 +1,9 @@
 #include "tools/steps.h"
 
-#include <fmt/format.h>
-
 #include <charconv>
 #include <limits>
 
 #include "base/http_source.h"
-#include "base/printable.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -68,10 +65,9 @@ Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choi
   return choice.time ? steps.nearest(*choice.time) : steps.last();
 }
 
-void tell_nearest(const format::Steps& steps, const StepChoice& choice, std::size_t step) {
+void tell_nearest(const std::string& name, const format::Steps& steps, const StepChoice& choice, std::size_t step) {
   if (choice.time && steps.times()[step] != *choice.time)
-    fmt::print(stderr, "{}: time {} is the nearest to {}\n", printable(steps.name()), steps.times()[step],
-               *choice.time);
+    print_out("{}: time {} is the nearest to {}\n", name, steps.times()[step], *choice.time);
 }
 
 Result<std::shared_ptr<const format::Volume>> open_step(const std::string& path, const StepChoice& choice) {

@@ -231,7 +231,6 @@ Status run_export(const Options& options) {
   SPLATVOL_TRY(check_outputs({options.output}, {options.file}, options.replace));
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.file));
   SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step));
-  tell_nearest(steps, options.step, step);
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   Box box = format::SplatSelection().box;
   if (!options.box.empty())
@@ -246,8 +245,10 @@ Status run_export(const Options& options) {
   report["seconds"] = seconds_now() - start;
   if (options.json)
     fmt::print("{}\n", json_text(report, 1));
-  else
+  else {
     print_text(report);
+    tell_nearest(options.output, steps, options.step, step);
+  }
   return {};
 }
 

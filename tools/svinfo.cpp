@@ -381,7 +381,6 @@ Status verify(const format::Steps& steps) {
 Status show(const Options& options) {
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.file));
   SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step));
-  tell_nearest(steps, options.step, step);
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   Survey survey;
   if (options.verify) {
@@ -400,8 +399,10 @@ Status show(const Options& options) {
   survey.histograms = std::move(histograms);
   if (options.json)
     fmt::print("{}\n", json_text(to_json(*volume, steps, step, survey), 1));
-  else
+  else {
     print_text(*volume, steps, step, survey);
+    tell_nearest(options.file, steps, options.step, step);
+  }
   return {};
 }
 

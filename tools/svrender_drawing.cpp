@@ -198,7 +198,6 @@ Result<Drawn> prepare(const RenderOptions& options, const Scene& scene) {
   if (!options.steps.empty() && steps.times().empty())
     return fail(ErrorCode::invalid_argument, "{}: no time series, so it has no steps", steps.name());
   SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step));
-  tell_nearest(steps, options.step, step);
 
   Drawn drawn{.chosen = {quality}};
   SPLATVOL_TRY(store(Player::open(std::move(steps), step, scene, setup), drawn.player));

@@ -10,6 +10,7 @@
 
 #include "base/json.h"
 #include "player/statistics.h"
+#include "tools/steps.h"
 
 namespace splatvol {
 namespace {
@@ -161,6 +162,7 @@ std::string statistics_text(const RenderOptions& options, const Drawn& drawn, co
 }
 
 void print_summary(const RenderOptions& options, const Drawn& drawn, const Timings& timings) {
+  tell_nearest(options.written(), drawn.player->steps(), options.step, drawn.player->step());
   if (!timings.rungs.empty()) print_out("{}: the picture of {}\n", options.written(), options_of(timings.rungs.back()));
   const Scene& scene = drawn.player->scene();
   const Streamer& streamer = drawn.player->streamer();

@@ -91,6 +91,10 @@ Status check_fields(const std::string& step, const Attributes& attributes, const
   for (const std::string& name : series)
     if (const std::string vector = vector_of(name); !has(names, name) && has(names, vector)) {
       const auto own = std::ranges::find(attributes, vector, &ArrayAttribute::name);
+      if (own->components == 1)
+        return fail(ErrorCode::invalid_data,
+                    "{}: \"{}\" is a number, and the series has a vector of it, with \"{}\": rename or remove it", step,
+                    vector, name);
       return fail(ErrorCode::invalid_data, "{}: \"{}\" is {}, and {} in the series: rename or remove it", step, vector,
                   components_text(own->components), components_text(components_in_series(vector)));
     }

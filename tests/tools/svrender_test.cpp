@@ -145,7 +145,7 @@ TEST_F(Svrender, DrawsCellsExactly) {
   scene_["contours"] = {{{"values", {99}}}};
   write_scene();
   EXPECT_THAT(run("mesh.svol --scene s.json -o empty.png").text,
-              HasSubstr("the isovalue 99 lies outside of the values of value"));
+              HasSubstr("no contour is in the picture: the isovalue 99 lies outside of the values of value"));
 
   scene_ = plain;
   scene_["exact"] = true;
