@@ -18,24 +18,18 @@ namespace {
 constexpr std::size_t most_samples = std::size_t{1} << 18, least_samples = 1024;
 
 template <class Ranges>
-auto members_of(Ranges& ranges)
-  requires std::is_same_v<std::remove_const_t<Ranges>, PointRanges>
-{
+auto members_of(Ranges& ranges) requires std::is_same_v<std::remove_const_t<Ranges>, PointRanges> {
   return std::tie(ranges.box, ranges.low, ranges.high, ranges.least);
 }
 
 template <class Print>
-auto members_of(Print& print)
-  requires std::is_same_v<std::remove_const_t<Print>, RepeatedPieces::Fingerprint>
-{
+auto members_of(Print& print) requires std::is_same_v<std::remove_const_t<Print>, RepeatedPieces::Fingerprint> {
   return std::tie(print.points, print.positions, print.box, print.tetrahedra);  // the file goes as its number
 }
 
 // Those that need no function of their own.
 template <class Facts>
-auto members_of(Facts& facts)
-  requires std::is_same_v<std::remove_const_t<Facts>, InputFacts>
-{
+auto members_of(Facts& facts) requires std::is_same_v<std::remove_const_t<Facts>, InputFacts> {
   return std::tie(facts.fills, facts.brings_value_moments, facts.census, facts.has_material, facts.most_piece_bytes,
                   facts.deviation);
 }

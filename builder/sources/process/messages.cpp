@@ -12,68 +12,50 @@
 namespace splatvol {
 
 template <class Options>
-auto members_of(Options& options)
-  requires std::is_same_v<std::remove_const_t<Options>, SourceOptions>
-{
+auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Options>, SourceOptions> {
   return std::tie(options.selection, options.columns, options.time, options.cells, options.missing, options.patches,
                   options.may_lack, options.may_round, options.displacements);
 }
 
 template <class Step>
-auto members_of(Step& step)
-  requires std::is_same_v<std::remove_const_t<Step>, TimeStep>
-{
+auto members_of(Step& step) requires std::is_same_v<std::remove_const_t<Step>, TimeStep> {
   return std::tie(step.time, step.index, step.times);
 }
 
 template <class State>
-auto members_of(State& state)
-  requires std::is_same_v<std::remove_const_t<State>, SourceState>
-{
+auto members_of(State& state) requires std::is_same_v<std::remove_const_t<State>, SourceState> {
   return std::tie(state.attributes, state.units, state.components, state.pieces, state.number, state.points, state.step,
                   state.time, state.left_out_cells, state.copies, state.averages_by_piece, state.may_have_cells,
                   state.brings_material, state.single_precision);
 }
 
 template <class Shape>
-auto members_of(Shape& array)
-  requires std::is_same_v<std::remove_const_t<Shape>, ArrayShape>
-{
+auto members_of(Shape& array) requires std::is_same_v<std::remove_const_t<Shape>, ArrayShape> {
   return std::tie(array.name, array.components, array.of_cells, array.unit);
 }
 
 template <class Census>
-auto members_of(Census& census)
-  requires std::is_same_v<std::remove_const_t<Census>, CellCensus>
-{
+auto members_of(Census& census) requires std::is_same_v<std::remove_const_t<Census>, CellCensus> {
   return std::tuple_cat(std::tie(census.cells, census.rounded_by), numbers_of(census));
 }
 
 template <class Material>
-auto members_of(Material& material)
-  requires std::is_same_v<std::remove_const_t<Material>, PointMaterial>
-{
+auto members_of(Material& material) requires std::is_same_v<std::remove_const_t<Material>, PointMaterial> {
   return std::tie(material.moments, material.value_moments, material.gradients, material.planes);
 }
 
 template <class Cells>
-auto members_of(Cells& cells)
-  requires std::is_same_v<std::remove_const_t<Cells>, PointCells>
-{
+auto members_of(Cells& cells) requires std::is_same_v<std::remove_const_t<Cells>, PointCells> {
   return std::tie(cells.corners, cells.tetrahedra, cells.points, cells.moments);
 }
 
 template <class Mesh>
-auto members_of(Mesh& mesh)
-  requires std::is_same_v<std::remove_const_t<Mesh>, TriangleMesh>
-{
+auto members_of(Mesh& mesh) requires std::is_same_v<std::remove_const_t<Mesh>, TriangleMesh> {
   return std::tie(mesh.points, mesh.triangles, mesh.open_end);
 }
 
 template <class OfPatch>
-auto members_of(OfPatch& patch)
-  requires std::is_same_v<std::remove_const_t<OfPatch>, Patch>
-{
+auto members_of(OfPatch& patch) requires std::is_same_v<std::remove_const_t<OfPatch>, Patch> {
   return std::tie(patch.name, patch.mesh);
 }
 

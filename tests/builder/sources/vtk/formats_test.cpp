@@ -728,7 +728,7 @@ TEST_F(FormatsTest, SectionsOfAViewInGmshAreItsParts) {
 }
 
 TEST_F(FormatsTest, ViewsOfOneNameInGmshAreRefused) {
-  const auto error_with = [&](void (*put_values)(GmshText& out, const GmshMesh& mesh)) {
+  const auto error_with = [&](void (*put_values)(GmshText & out, const GmshMesh& mesh)) {
     write("a.msh", gmsh_4(false, gmsh_with(put_values)));
     return test::error_of({path("a.msh")});
   };
