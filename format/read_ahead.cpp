@@ -1,6 +1,7 @@
 #include "format/read_ahead.h"
 
 #include <algorithm>
+#include <iterator>
 #include <mutex>
 #include <utility>
 
@@ -52,8 +53,25 @@ std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges) {
 Status CountedSource::read(std::uint64_t offset, std::span<std::byte> out) {
   if (holds_any_ && take_held(offset, out)) return {};
   SPLATVOL_TRY(source_->read(offset, out));
-  bytes_read_ += out.size();
+  count(offset, out.size());
   return {};
+}
+
+void CountedSource::count(std::uint64_t offset, std::uint64_t bytes) {
+  bytes_read_ += bytes;
+  const std::lock_guard lock(count_mutex_);
+  std::uint64_t begin = offset, end = offset + bytes, known = 0;
+  // Joins the range with those that it meets.
+  auto next = ranges_.upper_bound(begin);
+  if (next != ranges_.begin() && std::prev(next)->second >= begin) --next;
+  while (next != ranges_.end() && next->first <= end) {
+    known += std::min(next->second, offset + bytes) - std::min(std::max(next->first, offset), offset + bytes);
+    begin = std::min(begin, next->first);
+    end = std::max(end, next->second);
+    next = ranges_.erase(next);
+  }
+  ranges_.emplace(begin, end);
+  bytes_read_again_ += known;
 }
 
 bool CountedSource::take_held(std::uint64_t offset, std::span<std::byte> out) const {
@@ -71,7 +89,7 @@ bool CountedSource::take_held(std::uint64_t offset, std::span<std::byte> out) co
 Result<bool> CountedSource::read_parts(std::span<const ByteSource::Part> parts) {
   SPLATVOL_TRY_ASSIGN(read, source_->read_parts(parts));
   if (read)
-    for (const ByteSource::Part& part : parts) bytes_read_ += part.out.size();
+    for (const ByteSource::Part& part : parts) count(part.offset, part.out.size());
   return read;
 }
 

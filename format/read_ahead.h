@@ -3,7 +3,9 @@
 
 #include <atomic>
 #include <cstdint>
+#include <map>
 #include <memory>
+#include <mutex>
 #include <shared_mutex>
 #include <span>
 #include <vector>
@@ -36,6 +38,9 @@ class CountedSource {
   [[nodiscard]] const ByteSource& source() const { return *source_; }
   [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
 
+  /// Of these, those that had been read before.
+  [[nodiscard]] std::uint64_t bytes_read_again() const { return bytes_read_again_; }
+
   /// As ByteSource::read. Takes bytes that were read ahead from memory.
   [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out);
 
@@ -49,9 +54,12 @@ class CountedSource {
     Bytes bytes;
   };
   [[nodiscard]] bool take_held(std::uint64_t offset, std::span<std::byte> out) const;
+  void count(std::uint64_t offset, std::uint64_t bytes);
 
   std::unique_ptr<ByteSource> source_;
-  std::atomic<std::uint64_t> bytes_read_ = 0;
+  std::atomic<std::uint64_t> bytes_read_ = 0, bytes_read_again_ = 0;
+  std::mutex count_mutex_;
+  std::map<std::uint64_t, std::uint64_t> ranges_;  // that were read, apart from each other: ends by begins
   std::atomic<bool> holds_any_ = false;
   mutable std::shared_mutex mutex_;
   std::vector<const Held*> held_;

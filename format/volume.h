@@ -97,6 +97,9 @@ class Volume {
   /// Returns how many bytes were read from the source so far, at all steps.
   [[nodiscard]] std::uint64_t bytes_read() const { return source_->bytes_read(); }
 
+  /// Returns how many of these had been read before.
+  [[nodiscard]] std::uint64_t bytes_read_again() const { return source_->bytes_read_again(); }
+
   /// Reads the page with the root node, and its summaries of these attributes.
   [[nodiscard]] Result<IndexPage> read_index_root(const SummaryAttributes& attributes) const;
 

@@ -1,10 +1,13 @@
 #include "splatvol/file.h"
 
 #include <algorithm>
+#include <mutex>
+#include <optional>
 #include <utility>
 
 #include "base/http_source.h"
 #include "base/interruption.h"
+#include "format/mesh_box.h"
 #include "format/splat_reader.h"
 #include "format/steps.h"
 #include "sampler/cell_line.h"
@@ -76,11 +79,14 @@ struct File::Contents {
   std::size_t step = 0;
   std::shared_ptr<const format::Volume> volume = nullptr;
   std::vector<Attribute> attributes = {};
+  std::mutex mutex = {};
+  std::optional<Box> bounds = {};  // once they are asked for
 
   Status show(std::size_t number) {
     SPLATVOL_TRY_ASSIGN(opened, steps.volume(number));
     volume = std::move(opened);
     step = number;
+    if (steps.are_files()) bounds.reset();  // each may have a mesh of its own
     attributes = attributes_of(volume->info());
     return {};
   }
@@ -93,7 +99,7 @@ File::~File() = default;
 
 Result<File> File::open(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(path, open_file_or_url));
-  auto contents = std::make_unique<Contents>(Contents{std::move(steps)});
+  auto contents = std::unique_ptr<Contents>(new Contents{std::move(steps)});
   SPLATVOL_TRY(contents->show(contents->steps.last()));
   return File(std::move(contents));
 }
@@ -104,8 +110,12 @@ const std::vector<std::uint64_t>& File::resolution_counts() const {
   return contents_->volume->info().resolution_counts;
 }
 Box File::bounds() const {
-  const Cube& cube = contents_->volume->info().cube;
-  return {cube.origin, cube.origin + cube.edge};
+  const std::lock_guard lock(contents_->mutex);
+  if (!contents_->bounds) {
+    const Cube& cube = contents_->volume->info().cube;
+    contents_->bounds = format::mesh_box(*contents_->volume).value_or(Box{cube.origin, cube.origin + cube.edge});
+  }
+  return *contents_->bounds;
 }
 const std::vector<double>& File::times() const { return contents_->steps.times(); }
 std::size_t File::step() const { return contents_->step; }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <initializer_list>
 
 namespace splatvol {
@@ -91,7 +92,39 @@ Ticks ticks_of(const TransferFunction& function, int most) {
   return ticks.list.size() < 2 ? ticks_between(low, high, most) : ticks;
 }
 
+namespace {
+
+// A round number near both ends, with as few digits as that takes.
+double round_offset(double low, double high, std::string& text) {
+  const double middle = 0.5 * low + 0.5 * high;
+  const int digits = static_cast<int>(std::ceil(std::log10(std::abs(middle)) - std::log10(high - low)));
+  text = fmt::format("{:.{}g}", middle, std::clamp(digits, 1, 17));
+  const double offset = std::strtod(text.c_str(), nullptr), size = std::abs(offset);
+  if (!(size >= 1e-3 && size < 1e15)) return offset;
+  // Without an exponent.
+  const int decimals = std::max(digits - 1 - static_cast<int>(std::floor(std::log10(size))), 0);
+  text = fmt::format("{:.{}f}", offset, decimals);
+  if (decimals > 0) text.resize(text.find_last_not_of('0') + 1);
+  if (text.ends_with('.')) text.pop_back();
+  return offset;
+}
+
+// Values far from zero, next to each other, have the same first digits: the labels lack these.
+Ticks ticks_by_offset(double low, double high, int most) {
+  std::string text;
+  const double offset = round_offset(low, high, text);
+  Ticks ticks = ticks_between(low - offset, high - offset, most);
+  for (Tick& tick : ticks.list) tick.value = std::clamp(offset + tick.value, low, high);
+  ticks.factor +=
+      fmt::format("{}{} {}", ticks.factor.empty() ? "" : " ", offset < 0 ? "−" : "+", text.substr(offset < 0 ? 1 : 0));
+  return ticks;
+}
+
+}  // namespace
+
 Ticks ticks_between(double low, double high, int most) {
+  constexpr double least_share = 1e-5;  // of the largest value; below, labels would have more than six digits
+  if (high - low < least_share * std::max(std::abs(low), std::abs(high))) return ticks_by_offset(low, high, most);
   Ticks ticks;
   const double largest = std::max(std::abs(low), std::abs(high));
   const int exponent = common_exponent(largest);

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "format/mesh_box.h"
 #include "pictures/contrast.h"
 #include "player/camera_control.h"
 #include "player/choice.h"
@@ -58,6 +59,8 @@ Result<SessionFile> with_data(SessionFile read, bool must_fit, bool fits_opacity
   }
   SPLATVOL_TRY_ASSIGN(bounds, find_domain(streamer));
   read.bounds = bounds;
+  SPLATVOL_TRY_ASSIGN(of_cells, format::box_of_cells(streamer.volume()));
+  read.mesh_box = of_cells.value_or(bounds);
   read.fitting = scene;
   if (read.fits) return read;
   auto fitting = default_scene(streamer.volume(), scene.attribute, {512, 512, scene.background});
@@ -179,6 +182,7 @@ Result<std::unique_ptr<Session>> Session::open(SessionFile file, SessionHost& ho
   session->histogram_ = file.histogram;
   session->opacity_histogram_ = file.opacity_histogram;
   session->bounds_ = file.bounds;
+  session->mesh_box_ = file.mesh_box;
   session->fitting_ = std::move(file.fitting);
   SPLATVOL_TRY_ASSIGN(player, Player::open(std::move(file.file)));
   session->player_ = std::move(player);
@@ -197,11 +201,20 @@ Status Session::use_step() {
   if (!player_->steps().are_files()) return {};
   SPLATVOL_TRY_ASSIGN(bounds, player_->find_domain());  // a file may have another mesh
   bounds_ = bounds;
+  SPLATVOL_TRY_ASSIGN(of_cells, format::box_of_cells(player_->streamer().volume()));
+  mesh_box_ = of_cells.value_or(bounds);
   return {};
 }
 
 format::Attribute Session::attribute() const {
   format::Attribute shown = info().attributes[static_cast<std::size_t>(info().find_attribute(used_scene_.attribute))];
+  if (!scene.scalar_bar.unit.empty()) shown.unit = scene.scalar_bar.unit;
+  return shown;
+}
+
+format::Attribute Session::bar_attribute() const {
+  format::Attribute shown =
+      info().attributes[static_cast<std::size_t>(info().find_attribute(bar_colors_of(used_scene_).attribute))];
   if (!scene.scalar_bar.unit.empty()) shown.unit = scene.scalar_bar.unit;
   return shown;
 }
@@ -474,6 +487,7 @@ Status Session::take_change(Result<SessionFile> change, const Scene& without_cha
     }
     if (taken && has_step) {
       bounds_ = change->bounds;
+      mesh_box_ = change->mesh_box;
       await_step();
     }
   } else {
@@ -879,8 +893,9 @@ Result<Image> Session::page(const PageText& text, bool transparent) const {
   SPLATVOL_TRY_ASSIGN(image, player_->image());
   const dvec3 ink = ink_on(used_scene_.background);
   if (used_scene_.outline) draw_outline(image, view(), bounds_, transparent ? ink_on_any() : ink);
-  SPLATVOL_TRY_ASSIGN(page, lay_out_round(image.width, image.height, text, used_scene_.transfer_function));
-  return compose_page(page, std::move(image), text, used_scene_.transfer_function, ink, transparent);
+  const TransferFunction function = bar_colors_of(used_scene_).function;
+  SPLATVOL_TRY_ASSIGN(page, lay_out_round(image.width, image.height, text, function));
+  return compose_page(page, std::move(image), text, function, ink, transparent);
 }
 
 // Contours may show where the volume does not.

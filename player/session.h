@@ -57,6 +57,7 @@ struct SessionFile {
   ViewSettings settings = {};
   PlayerFile file;
   Box bounds = {};                                     // of the material
+  Box mesh_box = {};                                   // as bounds, if the file keeps no cells
   std::array<std::uint64_t, 64> histogram{};           // of the scene's attribute
   Scene fitting = {};                                  // fits the scene's attribute, on the scene's background
   std::array<std::uint64_t, 64> opacity_histogram{};   // of the opacity attribute, if there is one
@@ -205,6 +206,9 @@ class Session {
   /// Returns the attribute that is drawn, with the unit that the scene tells.
   [[nodiscard]] format::Attribute attribute() const;
 
+  /// Returns the attribute by whose values the picture is coloured (bar_colors_of), with the unit of the scalar bar.
+  [[nodiscard]] format::Attribute bar_attribute() const;
+
   /// Returns the opacity attribute of the picture, if there is one.
   [[nodiscard]] std::optional<format::Attribute> opacity_attribute() const;
   [[nodiscard]] const std::array<std::uint64_t, 64>& histogram() const { return histogram_; }
@@ -224,6 +228,9 @@ class Session {
 
   /// Returns a box round the material of the coarsest splats.
   [[nodiscard]] const Box& bounds() const { return bounds_; }
+
+  /// Returns the box round the mesh's cells; as bounds() if the file keeps none.
+  [[nodiscard]] const Box& mesh_box() const { return mesh_box_; }
 
   /// Returns the splats of the last draw; while `is_drawing`, those of the draw before, without their list. Null before
   /// the first.
@@ -352,7 +359,7 @@ class Session {
   bool encoded_is_shown_ = true;
 
   std::array<std::uint64_t, 64> histogram_{}, opacity_histogram_{};
-  Box bounds_;
+  Box bounds_, mesh_box_;
   Scene fitting_;  // fits the attribute that is drawn
 
   // The settings, scene and view of the last draw.

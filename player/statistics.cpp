@@ -27,7 +27,8 @@ json statistics_of_exact(const Player& player) {
           {"chunks", player.exact()->chunks},
           {"unknown_cells", player.exact()->unknown_cells},
           {"file_bytes", volume.file_bytes()},
-          {"bytes_read", volume.bytes_read()}};
+          {"bytes_read", volume.bytes_read()},
+          {"bytes_read_again", volume.bytes_read_again()}};
 }
 
 }  // namespace
@@ -52,6 +53,7 @@ json statistics_of(const Player& player) {
           {"splats_by_resolution", frame.splats_by_resolution},
           {"file_bytes", player.streamer().volume().file_bytes()},
           {"bytes_read", statistics.bytes_read},
+          {"bytes_read_again", statistics.bytes_read_again},
           {"bytes_resident_peak", statistics.bytes_resident_peak},
           {"gpu_bytes", player.rasterizer().device_bytes()},
           {"complete", frame.progress.complete},

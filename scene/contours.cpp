@@ -45,4 +45,13 @@ Contours contours_of(const Scene& scene) {
   return all;
 }
 
+BarColors bar_colors_of(const Scene& scene) {
+  Contours contours = contours_of(scene);
+  const bool has_volume = std::ranges::any_of(scene.transfer_function.densities,
+                                              [](const auto& density) { return density.extinction > 0; });
+  const bool has_slices = std::ranges::any_of(scene.slices, &SceneSlice::shown);
+  if (contours.attribute.empty() || has_volume || has_slices) return {scene.attribute, scene.transfer_function};
+  return {std::move(contours.attribute), std::move(contours.colors)};
+}
+
 }  // namespace splatvol

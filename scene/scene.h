@@ -78,6 +78,16 @@ struct Contours {
 /// Returns the contours of a scene that are shown and not wholly transparent. Requires check_contours.
 [[nodiscard]] Contours contours_of(const Scene& scene);
 
+/// What a scalar bar tells: the attribute by whose values a picture is coloured, and its function.
+struct BarColors {
+  std::string attribute;
+  TransferFunction function;
+};
+
+/// Returns what colours the contours of a scene, if another attribute does and nothing else is shown: no density, and
+/// no slice. Else returns what colours the volume. Requires check_contours.
+[[nodiscard]] BarColors bar_colors_of(const Scene& scene);
+
 /// A plane in world units.
 struct Plane {
   dvec3 point;

@@ -234,7 +234,8 @@ std::vector<DrawnNode> Streamer::drawn_nodes() const {
 }
 
 StreamerStatistics Streamer::statistics() const {
-  return {volume_->bytes_read(), budget_.used(), budget_.peak(), cut_seconds_, fetch_seconds_};
+  return {volume_->bytes_read(), budget_.used(), budget_.peak(),
+          cut_seconds_,          fetch_seconds_, volume_->bytes_read_again()};
 }
 
 }  // namespace splatvol

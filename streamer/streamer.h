@@ -92,6 +92,7 @@ struct StreamerStatistics {
   std::uint64_t bytes_resident_peak = 0;  // the most that were ever in use
   double cut_seconds = 0;                 // of the last request
   double fetch_seconds = 0;
+  std::uint64_t bytes_read_again = 0;  // of bytes_read: those that had been read before
 };
 
 /// An open file, seen through one attribute, and perhaps an opacity attribute. All its memory counts against

@@ -65,6 +65,11 @@ Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choi
   return choice.time ? steps.nearest(*choice.time) : steps.last();
 }
 
+void tell_nearest(const std::string& name, const format::Steps& steps, const StepChoice& choice, std::size_t step) {
+  if (choice.time && steps.times()[step] != *choice.time)
+    print_out("{}: time {} is the nearest to {}\n", name, steps.times()[step], *choice.time);
+}
+
 Result<std::shared_ptr<const format::Volume>> open_step(const std::string& path, const StepChoice& choice) {
   SPLATVOL_TRY_ASSIGN(steps, open_steps(path));
   SPLATVOL_TRY_ASSIGN(step, find_step(steps, choice));

@@ -43,6 +43,9 @@ void add_step_options(CommandLine& app, StepChoice& choice);
 /// step.
 [[nodiscard]] Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choice);
 
+/// If the chosen step does not have the time that was asked for, prints that it is the nearest. `name` begins the line.
+void tell_nearest(const std::string& name, const format::Steps& steps, const StepChoice& choice, std::size_t step);
+
 /// Opens the chosen step of a file or an index.
 [[nodiscard]] Result<std::shared_ptr<const format::Volume>> open_step(const std::string& path,
                                                                       const StepChoice& choice);

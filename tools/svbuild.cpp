@@ -135,6 +135,7 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
   if (notes.step)
     document["time_step"] = {
         {"time", notes.step->time}, {"number", notes.step->index + 1}, {"of", notes.step->times.size()}};
+  if (notes.step && options.time) document["time_step"]["asked"] = *options.time;
   if (!notes.times.empty()) document["times"] = notes.times;
   if (const auto& boundary = report.boundary) {
     document["boundary"] = {{"triangles", boundary->triangles},
@@ -184,6 +185,8 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
             static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
   if (notes.step)
     print_out("  {:>12} time (step {} of {})\n", notes.step->time, notes.step->index + 1, notes.step->times.size());
+  if (notes.step && options.time && *options.time != notes.step->time)
+    print_out("  time {} is the nearest to {}\n", notes.step->time, *options.time);
   if (!notes.times.empty())
     print_out("  {:>12} steps {}, times {} to {}\n", notes.times.size(), options.append ? "appended" : "written",
               notes.times.front(), notes.times.back());
@@ -558,9 +561,8 @@ void add_format_options(CommandLine& app, Options& options) {
       ->type_name("NAME,...");
   add_cells_option(app, options.cells, "each cell is a point of its own, with one value in all of it");
   app.add_option("--time", options.time,
-                 "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS, .pvd, ...): take the step nearest to "
-                 "this time "
-                 "(default: the last)")
+                 "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS, .pvd, .series, ...): take the step "
+                 "nearest to this time (default: the last)")
       ->type_name("T")
       ->check(check_finite);
   add_displacements_option(app, options.no_displacements);

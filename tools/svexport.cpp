@@ -229,7 +229,9 @@ void print_text(const json& report) {
 Status run_export(const Options& options) {
   const double start = seconds_now();
   SPLATVOL_TRY(check_outputs({options.output}, {options.file}, options.replace));
-  SPLATVOL_TRY_ASSIGN(volume, open_step(options.file, options.step));
+  SPLATVOL_TRY_ASSIGN(steps, open_steps(options.file));
+  SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step));
+  SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   Box box = format::SplatSelection().box;
   if (!options.box.empty())
     box = {{options.box[0], options.box[1], options.box[2]}, {options.box[3], options.box[4], options.box[5]}};
@@ -243,8 +245,10 @@ Status run_export(const Options& options) {
   report["seconds"] = seconds_now() - start;
   if (options.json)
     fmt::print("{}\n", json_text(report, 1));
-  else
+  else {
     print_text(report);
+    tell_nearest(options.output, steps, options.step, step);
+  }
   return {};
 }
 

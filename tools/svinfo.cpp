@@ -9,6 +9,7 @@
 
 #include "base/json.h"
 #include "format/cell_reader.h"
+#include "format/mesh_box.h"
 #include "format/volume.h"
 #include "streamer/first/default_scene.h"
 #include "tools/steps.h"
@@ -46,6 +47,7 @@ struct Survey {
   IndexSize index;
   format::Histograms histograms;
   std::unique_ptr<const format::CellReader> cells;  // null: the file keeps none
+  Box box;                                          // round the mesh
   bool verified = false;
 };
 
@@ -220,6 +222,8 @@ json to_json(const Volume& volume, const format::Steps& steps, std::size_t step,
   document["points"] = info.point_count();
   document["bytes_per_point"] = per(volume.file_bytes(), info.point_count());
   document["resolution_counts"] = info.resolution_counts;
+  document["bounds"] = {{"low", {survey.box.low.x, survey.box.low.y, survey.box.low.z}},
+                        {"high", {survey.box.high.x, survey.box.high.y, survey.box.high.z}}};
   document["cube"] = {{"origin", {info.cube.origin.x, info.cube.origin.y, info.cube.origin.z}},
                       {"edge", info.cube.edge}};
   document["points_per_chunk"] = info.points_per_chunk;
@@ -341,12 +345,12 @@ void print_steps(const Volume& volume, const format::Steps& steps, std::size_t s
 
 void print_text(const Volume& volume, const format::Steps& steps, std::size_t step, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
-  const dvec3& origin = info.cube.origin;
   print_out("{}: {} points, {} ({:.1f} bytes a point)\n", volume.name(), info.point_count(),
             readable_bytes(volume.file_bytes()), per(volume.file_bytes(), info.point_count()));
   print_out("{:<24} {} ({})\n", "resolutions", info.resolutions(), fmt::join(info.resolution_counts, ", "));
-  print_out("{:<24} origin ({:.6g}, {:.6g}, {:.6g}), edge {:.6g}\n", "cube", origin.x, origin.y, origin.z,
-            info.cube.edge);
+  const auto& [low, high] = survey.box;
+  print_out("{:<24} ({:.6g}, {:.6g}, {:.6g}) to ({:.6g}, {:.6g}, {:.6g})\n", "bounds", low.x, low.y, low.z, high.x,
+            high.y, high.z);
   print_out("{:<24} {:.3g} of a coordinate\n", "largest error", info.position_error);
   if (info.up >= 0) print_out("{:<24} {}\n", "up", "xyz"[info.up]);
   print_out("{:<24} {}\n", "preamble", readable_bytes(volume.preamble_bytes()));
@@ -389,13 +393,16 @@ Status show(const Options& options) {
   SPLATVOL_TRY_ASSIGN(index, survey_index(*volume));
   SPLATVOL_TRY_ASSIGN(histograms, volume->read_histograms());
   SPLATVOL_TRY_SET(survey.cells, format::CellReader::open(*volume));
+  SPLATVOL_TRY_SET(survey.box, format::mesh_box(*volume));
   survey.columns = std::move(columns);
   survey.index = index;
   survey.histograms = std::move(histograms);
   if (options.json)
     fmt::print("{}\n", json_text(to_json(*volume, steps, step, survey), 1));
-  else
+  else {
     print_text(*volume, steps, step, survey);
+    tell_nearest(options.file, steps, options.step, step);
+  }
   return {};
 }
 

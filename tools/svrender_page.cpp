@@ -57,14 +57,15 @@ Result<std::string> label_of(const format::Volume& volume, const std::string& na
 
 Status add_bar(const format::Volume& volume, Composition& composition) {
   const ScalarBar& bar = composition.scene.scalar_bar;
-  SPLATVOL_TRY(store(label_of(volume, composition.scene.attribute, bar.unit), composition.text.bar));
+  SPLATVOL_TRY(store(label_of(volume, bar_colors_of(composition.scene).attribute, bar.unit), composition.text.bar));
   composition.text.ticks = bar.ticks;
   return {};
 }
 
 // Lays out the page, and gives the scene the size that is left.
 Status lay_out(Composition& composition, std::array<int, 2> size) {
-  SPLATVOL_TRY_ASSIGN(page, lay_out_page(size[0], size[1], composition.text, composition.scene.transfer_function));
+  SPLATVOL_TRY_ASSIGN(page,
+                      lay_out_page(size[0], size[1], composition.text, bar_colors_of(composition.scene).function));
   composition.page = page;
   composition.scene.width = page.picture_width;
   composition.scene.height = page.picture_height;
@@ -152,8 +153,8 @@ Status write_page(const Composition& composition, const View& view, Image image,
   const dvec3 ink = ink_on(scene.background);
   const bool transparent = composition.transparent;
   if (composition.outline) draw_outline(image, view, *composition.outline, transparent ? ink_on_any() : ink);
-  SPLATVOL_TRY_ASSIGN(page, compose_page(composition.page, std::move(image), composition.text, scene.transfer_function,
-                                         ink, transparent));
+  SPLATVOL_TRY_ASSIGN(page, compose_page(composition.page, std::move(image), composition.text,
+                                         bar_colors_of(scene).function, ink, transparent));
   return write_image(path, page, scene.background, provenance, composition.transparent);
 }
 

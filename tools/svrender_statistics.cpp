@@ -10,6 +10,7 @@
 
 #include "base/json.h"
 #include "player/statistics.h"
+#include "tools/steps.h"
 
 namespace splatvol {
 namespace {
@@ -125,6 +126,13 @@ void print_estimate_of_all(const RenderOptions& options, const Drawn& drawn) {
         options.written(), error);
 }
 
+// "5 of 9 bytes read", and how many were read more than once.
+std::string bytes_read_text(const format::Volume& volume) {
+  const std::uint64_t again = volume.bytes_read_again();
+  return fmt::format("{} of {} bytes read{}", volume.bytes_read() - again, volume.file_bytes(),
+                     again > 0 ? fmt::format(" ({} more again)", again) : "");
+}
+
 // Says how near the picture comes to the goal.
 void print_goal(const RenderOptions& options, const Drawn& drawn) {
   const FrameSplats& frame = *drawn.player->frame();
@@ -154,22 +162,22 @@ std::string statistics_text(const RenderOptions& options, const Drawn& drawn, co
 }
 
 void print_summary(const RenderOptions& options, const Drawn& drawn, const Timings& timings) {
+  tell_nearest(options.written(), drawn.player->steps(), options.step, drawn.player->step());
   if (!timings.rungs.empty()) print_out("{}: the picture of {}\n", options.written(), options_of(timings.rungs.back()));
   const Scene& scene = drawn.player->scene();
   const Streamer& streamer = drawn.player->streamer();
   if (const auto& exact = drawn.player->exact()) {
     const int spacing = drawn.player->sample_spacing();
     const std::string samples = spacing > 1 ? fmt::format("samples {} pixels apart", spacing) : "exact";
-    print_out("{}: {} x {} pixels, {}, {} segments in {} chunks of cells, {} of {} bytes read, {:.3f} s\n",
-              options.written(), scene.width, scene.height, samples, exact->segments, exact->chunks,
-              streamer.volume().bytes_read(), streamer.volume().file_bytes(), timings.first_image);
+    print_out("{}: {} x {} pixels, {}, {} segments in {} chunks of cells, {}, {:.3f} s\n", options.written(),
+              scene.width, scene.height, samples, exact->segments, exact->chunks, bytes_read_text(streamer.volume()),
+              timings.first_image);
     if (drawn.search) print_estimate(options, drawn);
     return;
   }
   const FrameSplats& frame = *drawn.player->frame();
-  print_out("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n", options.written(),
-            scene.width, scene.height, frame.splats, frame.nodes, streamer.statistics().bytes_read,
-            streamer.volume().file_bytes(), timings.first_image);
+  print_out("{}: {} x {} pixels, {} splats in {} nodes, {}, {:.3f} s\n", options.written(), scene.width, scene.height,
+            frame.splats, frame.nodes, bytes_read_text(streamer.volume()), timings.first_image);
   if (drawn.chosen.too_many_segments > 0)
     print_out("{}: splats, as the file's cells make about {:.0f} million segments: --exact draws them\n",
               options.written(), static_cast<double>(drawn.chosen.too_many_segments) / 1e6);

@@ -214,7 +214,7 @@ Result<std::array<int, 2>> parse_image_size(const std::string& text) {
   const bool complete = std::sscanf(text.c_str(), "%5dx%5d%n", &width, &height, &end) == 2 &&
                         static_cast<std::size_t>(end) == text.size();
   if (!complete || width < 1 || height < 1 || width > 16384 || height > 16384)
-    return fail(ErrorCode::invalid_argument, "'{}' is not a size such as 640x480", text);
+    return fail(ErrorCode::invalid_argument, "'{}' is not a size such as 640x480, with sides from 1 to 16384", text);
   return std::array{width, height};
 }
 

@@ -60,7 +60,9 @@ void draw_hud(ViewerState& viewer, double frame_seconds) {
   const std::string device = session.device_text(), name = device.substr(0, device.find(','));
   const bool is_open = name.find('(') != std::string::npos && name.find(')') == std::string::npos;
   text += session.exact() ? "drawn by the processor\n" : fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
-  text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session.file_bytes()));
+  const std::uint64_t again = statistics.bytes_read_again;
+  text += fmt::format("{} of {} read{}\n", bytes(statistics.bytes_read - again), bytes(session.file_bytes()),
+                      again > 0 ? fmt::format(", {} again", bytes(again)) : "");
   text += fmt::format("{} parts pending ({})", progress.missing_rows + progress.missing_pages,
                       bytes(progress.missing_bytes));
   const std::vector<double>& times = session.times();

@@ -120,7 +120,7 @@ std::optional<std::string> Panel::draw_sections() {
     detail_.draw(session);
     draw_lighting_controls(session.scene);
     draw_camera_controls(viewer_);
-    draw_clip_box_controls(session.scene, session.bounds());
+    draw_clip_box_controls(session.scene, session.mesh_box());
     draw_surface_controls(session);
     draw_shown_controls(session.scene, viewer_.shown);
   }

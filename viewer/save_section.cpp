@@ -189,7 +189,7 @@ Status SaveSection::write_picture(const std::string& path) const {
   const Scene& scene = viewer_.session->scene;
   PageText text;
   text.title = title_.text();
-  if (saves_bar_) text.bar = label_of(viewer_.session->attribute());
+  if (saves_bar_) text.bar = label_of(viewer_.session->bar_attribute());
   text.ticks = scene.scalar_bar.ticks;
   const bool data = path.ends_with(".exr");
   SPLATVOL_TRY_ASSIGN(image, data ? viewer_.session->image() : viewer_.session->page(text, saves_transparent_));

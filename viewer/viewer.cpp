@@ -315,8 +315,8 @@ void Viewer::draw_overlays() {
   panel_.planes.draw_handles(session->scene, view, session->bounds(), area, state_.steering.pointer());
   if (shown.axes) draw_axes(view, area);
   if (shown.scalar_bar)
-    draw_scalar_bar(session->drawn_scene().transfer_function, session->attribute(), session->scene.scalar_bar.ticks,
-                    ink_on(session->scene.background), area);
+    draw_scalar_bar(bar_colors_of(session->drawn_scene()).function, session->bar_attribute(),
+                    session->scene.scalar_bar.ticks, ink_on(session->scene.background), area);
   if (const std::string reason = session->explain(); !reason.empty()) draw_message(reason, area);
   if (shown.hud) draw_hud(state_, frame_seconds_);
   const bool is_at_rest = !state_.steering.is_dragging() && !panel_.planes.is_held() && !is_busy();

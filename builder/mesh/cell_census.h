@@ -14,6 +14,7 @@ struct CellCensus {
   std::map<std::string, std::uint64_t> cells;  // by type name: "tetrahedron", "hexahedron", "polyhedron", ...
   std::uint64_t tetrahedra = 0;                // after splitting
   std::uint64_t inverted = 0;                  // tetrahedra whose volume is negative in their cell's order
+  std::uint64_t upright = 0;                   // tetrahedra whose volume is positive in their cell's order
   std::uint64_t flat = 0;                      // tetrahedra with volume exactly 0
   std::uint64_t without_volume = 0;            // vertices, lines and surface cells: only their points are kept
   std::uint64_t surfaces = 0;                  // of these: triangles, polygons and other cells with an area
@@ -43,10 +44,10 @@ struct CellCensus {
 /// All numbers but those by type that add up, by reference. Without the losses.
 template <class Census>
 [[nodiscard]] auto numbers_of(Census& census) {
-  return std::tie(census.tetrahedra, census.inverted, census.flat, census.without_volume, census.surfaces, census.lines,
-                  census.hidden, census.hidden_points, census.more_nodes, census.left_out_flat, census.non_finite,
-                  census.not_star_shaped, census.left_out, census.unwritten, census.open_ends, census.bent,
-                  census.flattened, census.bent_volume, census.measured_volume);
+  return std::tie(census.tetrahedra, census.inverted, census.upright, census.flat, census.without_volume,
+                  census.surfaces, census.lines, census.hidden, census.hidden_points, census.more_nodes,
+                  census.left_out_flat, census.non_finite, census.not_star_shaped, census.left_out, census.unwritten,
+                  census.open_ends, census.bent, census.flattened, census.bent_volume, census.measured_volume);
 }
 
 /// Describes an input whose cells are surfaces and lines, or none of whose cells has a volume: "only surface cells

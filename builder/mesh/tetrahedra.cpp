@@ -458,6 +458,7 @@ void TetrahedronSplitter::emit_tetrahedron(const Tetrahedron& tetrahedron, doubl
   ++census_.tetrahedra;
   if (oriented_volume == 0) ++census_.flat;
   if (oriented_volume < -rounding) ++census_.inverted;
+  if (oriented_volume > rounding) ++census_.upright;
 }
 
 }  // namespace splatvol

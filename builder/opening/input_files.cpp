@@ -6,6 +6,7 @@
 #include <cctype>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <iterator>
 #include <map>
 #include <optional>
@@ -60,6 +61,22 @@ struct Folder {
   std::vector<std::string> others;
 };
 
+/// A series names the files beside it, and tells their times: they are left to it if it is the only one of its kind.
+/// ParaView writes a .series for each kind of files: several of these are no inputs.
+void keep_series(Folder& folder) {
+  const auto is_json = [](const std::string& name) { return is_file_series(name); };
+  const auto is_series = [](const std::string& name) { return format_of_name(name) == InputFormat::vtk_series; };
+  const bool has_pvd = std::ranges::any_of(
+      folder.inputs, [&](const std::string& name) { return is_series(name) && !is_file_series(name); });
+  if (has_pvd || std::ranges::count_if(folder.inputs, is_json) > 1) {
+    const auto others = std::ranges::stable_partition(folder.inputs, std::not_fn(is_json));
+    if (!has_pvd) folder.others.insert(folder.others.end(), others.begin(), others.end());
+    folder.inputs.erase(others.begin(), others.end());
+  }
+  if (std::ranges::count_if(folder.inputs, is_series) == 1)
+    folder = {{*std::ranges::find_if(folder.inputs, is_series)}, {}};
+}
+
 Result<Folder> list_folder(const std::string& path) {
   std::error_code error;
   Folder folder;
@@ -68,9 +85,7 @@ Result<Folder> list_folder(const std::string& path) {
     if (!name.starts_with('.')) (is_known(name) ? folder.inputs : folder.others).push_back(name);
   }
   if (error) return fail(ErrorCode::io, "{}: {}", path, error.message());
-  // A .pvd names the files beside it, and tells their times.
-  const auto is_pvd = [](const std::string& name) { return has_extension(name, ".pvd"); };
-  if (std::ranges::count_if(folder.inputs, is_pvd) == 1) folder = {{*std::ranges::find_if(folder.inputs, is_pvd)}, {}};
+  keep_series(folder);
   // Names that differ only in leading zeros are compared by their bytes.
   for (std::vector<std::string>* names : {&folder.inputs, &folder.others})
     std::ranges::sort(*names, [](const std::string& a, const std::string& b) {

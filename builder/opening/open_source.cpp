@@ -183,7 +183,7 @@ Status append_as(const std::string& path, const FileHeader& /*header*/, std::vec
 
 Status refuse_series(const std::string& path, const FileHeader& /*header*/, std::vector<VtkFile>& /*files*/,
                      KnownFiles& /*known*/, int /*nesting*/) {
-  return fail(ErrorCode::invalid_argument, "{}: a .pvd must be the only input", path);
+  return fail(ErrorCode::invalid_argument, "{}: a series of files must be the only input", path);
 }
 
 Status refuse_among_meshes(const std::string& path, const FileHeader& header, std::vector<VtkFile>& /*files*/,
@@ -293,12 +293,12 @@ Status check_count(const std::vector<std::string>& paths, KnownFiles& known) {
               most_files);
 }
 
-/// Replaces a .pvd by the files of its step nearest to `time`, without a time the last. Returns the step, or nothing if
-/// the input is no .pvd.
-Result<std::optional<TimeStep>> expand_pvd(std::vector<std::string>& paths, const FileHeader& first,
-                                           std::optional<double> time, KnownFiles& known) {
+/// Replaces a series of files by those of its step nearest to `time`, without a time the last. Returns the step, or
+/// nothing if the input is no series of files.
+Result<std::optional<TimeStep>> expand_series(std::vector<std::string>& paths, const FileHeader& first,
+                                              std::optional<double> time, KnownFiles& known) {
   if (first.format != InputFormat::vtk_series || paths.size() != 1) return std::optional<TimeStep>();
-  SPLATVOL_TRY_ASSIGN(steps, pvd_steps(paths[0]));
+  SPLATVOL_TRY_ASSIGN(steps, collection_steps(paths[0]));
   std::vector<double> times;
   for (const auto& of_collection : steps) times.push_back(of_collection.time);
   std::optional<TimeStep> step = choose_step(times, time);
@@ -321,7 +321,7 @@ Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<st
                             const FileHeader& first, const SourceOptions& options) {
   VtkInput input;
   KnownFiles known;
-  SPLATVOL_TRY_ASSIGN(step, expand_pvd(paths, first, options.time, known));
+  SPLATVOL_TRY_ASSIGN(step, expand_series(paths, first, options.time, known));
   SPLATVOL_TRY(check_count(paths, known));
   input.step = step;
   if (step) {
@@ -372,7 +372,7 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
     return fail(
         ErrorCode::invalid_argument,
         "{}: its format is not known ('svbuild --help' lists those that are read); a table needs the names of its "
-        "columns (--columns x,y,z,...), a PLOT3D grid its solution as the second of two files",
+        "columns (--columns x,y,z,...), a PLOT3D grid its solution or functions as the second of two files",
         paths[0]);
   }
   SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));

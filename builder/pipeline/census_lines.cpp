@@ -48,15 +48,24 @@ void warn_of_rounding(const InputSummary& input, std::vector<PrecisionWarning>& 
                                       bent ? cells.bent : 0, cells.flattened)});
 }
 
-void warn_of_values(const InputSummary& input, std::vector<PrecisionWarning>& warnings) {
+// The file has numbers of single precision. Near 0 they have fewer digits, and less than half of the least is 0.
+// Rounded values lose those with fewer digits, too.
+void warn_of_values(const InputSummary& input, bool exact, std::vector<PrecisionWarning>& warnings) {
+  using Stored = std::numeric_limits<float>;
+  const double least_stored = exact ? 0.5 * double{Stored::denorm_min()} : double{Stored::min()};
+  std::string names;
+  double most_lost = 0, largest = 0;
   for (std::size_t a = 0; a < input.attributes.size(); ++a) {
     const format::Attribute& attribute = input.attributes[a];
-    const double least_stored = attribute.scale * std::numeric_limits<float>::min();
-    if (attribute.offset != 0 || !(input.least[a] < least_stored)) continue;
-    warnings.push_back(
-        {attribute.name, fmt::format("values nearer to 0 than {:.2g} are stored as 0 beside the largest, {:.2g}",
-                                     least_stored, std::max(std::abs(attribute.min), std::abs(attribute.max)))});
+    const double lost = attribute.scale * least_stored;
+    if (attribute.offset != 0 || !(input.least[a] < lost)) continue;
+    names += (names.empty() ? "" : ", ") + attribute.name;
+    most_lost = std::max(most_lost, lost);
+    largest = std::max({largest, std::abs(attribute.min), std::abs(attribute.max)});
   }
+  if (names.empty()) return;
+  warnings.push_back({names, fmt::format("values nearer to 0 than {:.2g} are stored as 0 beside the largest, {:.2g}",
+                                         most_lost, largest)});
 }
 
 }  // namespace
@@ -95,11 +104,11 @@ std::vector<CensusLine> census_lines(const BuildReport& report) {
   return lines;
 }
 
-std::vector<PrecisionWarning> precision_warnings(const InputSummary& input) {
+std::vector<PrecisionWarning> precision_warnings(const InputSummary& input, bool exact) {
   std::vector<PrecisionWarning> warnings;
   warn_of_positions(input, warnings);
   warn_of_rounding(input, warnings);
-  warn_of_values(input, warnings);
+  warn_of_values(input, exact, warnings);
   return warnings;
 }
 

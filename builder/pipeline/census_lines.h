@@ -22,8 +22,8 @@ struct CensusLine {
 [[nodiscard]] std::vector<CensusLine> census_lines(const BuildReport& report);
 
 /// Finds numbers that lose their detail: positions far from the origin for the distance between them, and values too
-/// small beside the largest.
-[[nodiscard]] std::vector<PrecisionWarning> precision_warnings(const InputSummary& input);
+/// small beside the largest. `exact`: values are stored as they are, in single precision.
+[[nodiscard]] std::vector<PrecisionWarning> precision_warnings(const InputSummary& input, bool exact);
 
 /// The warnings of a report, each in a line.
 [[nodiscard]] std::vector<std::string> warning_lines(const BuildReport& report);

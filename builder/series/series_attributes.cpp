@@ -67,11 +67,20 @@ Status check_fields(const std::string& step, const Attributes& attributes, const
   const auto has = [](const auto& names, const std::string& name) {
     return std::ranges::find(names, name) != names.end();
   };
+  const auto components_in_series = [&](const std::string& vector) {
+    int components = 0;
+    while (has(series, fmt::format("{}[{}]", vector, components))) ++components;
+    return std::max(components, 1);
+  };
   const std::vector<std::string> names = names_of(attributes);
   const std::string choice = fmt::format("{}", fmt::join(series, " --attribute "));
   for (const ArrayAttribute& attribute : attributes) {
     if (has(series, attribute.name)) continue;
-    if (const std::string vector = vector_of(attribute.name); has(series, vector))
+    const std::string vector = vector_of(attribute.name);
+    if (const int components = components_in_series(vector); has(series, vector) && components > 1)
+      return fail(ErrorCode::invalid_data, "{}: \"{}\" is {}, and {} in the series: rename or remove it", step, vector,
+                  components_text(attribute.components), components_text(components));
+    if (has(series, vector))
       return fail(ErrorCode::invalid_data,
                   "{}: \"{}\" is {}, and a number in the series: append its magnitude by --attribute {}", step, vector,
                   components_text(attribute.components), choice);
@@ -80,10 +89,15 @@ Status check_fields(const std::string& step, const Attributes& attributes, const
                 attribute.name, choice);
   }
   for (const std::string& name : series)
-    if (const std::string vector = vector_of(name); !has(names, name) && has(names, vector))
-      return fail(ErrorCode::invalid_data,
-                  "{}: \"{}\" is a number, and the series has a vector of it, with \"{}\": rename or remove it", step,
-                  vector, name);
+    if (const std::string vector = vector_of(name); !has(names, name) && has(names, vector)) {
+      const auto own = std::ranges::find(attributes, vector, &ArrayAttribute::name);
+      if (own->components == 1)
+        return fail(ErrorCode::invalid_data,
+                    "{}: \"{}\" is a number, and the series has a vector of it, with \"{}\": rename or remove it", step,
+                    vector, name);
+      return fail(ErrorCode::invalid_data, "{}: \"{}\" is {}, and {} in the series: rename or remove it", step, vector,
+                  components_text(own->components), components_text(components_in_series(vector)));
+    }
   return {};
 }
 

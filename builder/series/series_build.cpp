@@ -16,6 +16,7 @@
 #include "builder/pipeline/reduce_source.h"
 #include "builder/pipeline/store_boundary.h"
 #include "builder/pipeline/store_cells.h"
+#include "builder/sources/array_attributes.h"
 #include "format/cell_reader.h"
 #include "format/directory_writer.h"
 #include "format/series_writer.h"
@@ -89,6 +90,13 @@ class RowParts {
   std::vector<Part> parts_;
 };
 
+// The attributes of a series.
+std::vector<std::string> names_of(const VolumeInfo& info) {
+  std::vector<std::string> names;
+  for (const format::SeriesAttribute& attribute : *info.series) names.push_back(attribute.name);
+  return names;
+}
+
 // Describes what all steps share. Names are as they will be read.
 Result<VolumeInfo> describe_series(const VolumeInfo& group, std::span<const std::string> names,
                                    const std::string& provenance) {
@@ -128,6 +136,7 @@ struct Target {
   std::vector<std::unique_ptr<StepWriter>> steps = {};
   std::optional<TempFile> section = std::nullopt;             // of the cells of a new file
   std::unique_ptr<const format::CellReader> cells = nullptr;  // once they are known; null: the series keeps none
+  std::optional<double> last_time = std::nullopt;             // of the step before; none: there is none
 };
 
 class SeriesBuild {
@@ -181,7 +190,8 @@ class SeriesBuild {
   };
 
   Result<BuiltGroup> run_group() {
-    SPLATVOL_TRY_ASSIGN(source, StepGroup::open(group_, blocks_apart_));
+    SPLATVOL_TRY_ASSIGN(source, StepGroup::open(group_, blocks_apart_,
+                                                target_.info ? names_of(*target_.info) : std::vector<std::string>()));
     if (target_.file) {
       SPLATVOL_TRY_ASSIGN(faces, start_boundary(*source, options_, folder_));
       faces_ = std::move(faces);
@@ -340,7 +350,12 @@ class SeriesBuild {
     if (*has_times_ != time.has_value())
       return fail(ErrorCode::invalid_data, "{}: {}", group_[s].name,
                   time ? "states a time, and earlier steps do not" : "states no time, and earlier steps do");
-    return time ? *time : number_++;
+    const double number = time ? *time : number_++;
+    if (target_.last_time && !(number > *target_.last_time))
+      return fail(ErrorCode::invalid_data, "{}: the time {} is not behind {}, the time of the step before",
+                  group_[s].name, number, *target_.last_time);
+    target_.last_time = number;
+    return number;
   }
 
   Status write_rows(ReducedSource& reduced, std::vector<std::unique_ptr<StepWriter>>& writers,
@@ -392,10 +407,8 @@ class SeriesBuild {
 // Fails if the steps would not have the attributes of the series, in any order.
 Status check_attributes(const format::Volume& volume, const SeriesStep& step) {
   SPLATVOL_TRY_ASSIGN(source, step.open());
-  std::vector<std::string> names;
-  for (const format::SeriesAttribute& attribute : *volume.file_info().series) names.push_back(attribute.name);
-  if (source->attributes() == names) return {};
-  return fail(ErrorCode::invalid_data, "{}: its attributes are not those of {}", step.name, volume.name());
+  SPLATVOL_TRY(match_attributes(step.name, source->attributes(), volume.name(), names_of(volume.file_info())));
+  return {};
 }
 
 }  // namespace
@@ -409,6 +422,9 @@ void add_report(SeriesReport& series, const BuildReport& steps, const std::vecto
     all.warnings.clear();
     series.conversions = conversions;
   } else {
+    for (const std::string& line : conversions)
+      if (std::ranges::none_of(series.conversions, [&](const std::string& known) { return line.ends_with(known); }))
+        series.conversions.push_back(line);
     all.cells.unwritten += steps.cells.unwritten;
     all.cells.open_ends += steps.cells.open_ends;
     all.cells.losses.insert(steps.cells.losses.begin(), steps.cells.losses.end());
@@ -457,7 +473,8 @@ Result<SeriesReport> append_to_series(std::vector<SeriesStep> steps, const std::
   Target target{.info = info, .geometry = geometry};
   options.keep_cells = info.cells.has_value();
   SPLATVOL_TRY_SET(target.cells, format::CellReader::open(*volume));
-  const double next_number = std::floor(volume->series()->steps.back().time) + 1;
+  target.last_time = volume->series()->steps.back().time;
+  const double next_number = std::floor(*target.last_time) + 1;
   SPLATVOL_TRY_ASSIGN(
       report, SeriesBuild(options, temp_folder_of(path, options), progress, target, next_number).run(std::move(steps)));
   SPLATVOL_TRY_ASSIGN(appended, format::append_steps(path, *volume, target.steps));

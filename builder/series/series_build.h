@@ -13,7 +13,7 @@ namespace splatvol {
 struct SeriesReport {
   BuildReport build;                          // of the first steps, but for what add_report adds, and the file's size
   std::vector<double> times;                  // of the steps that were written
-  std::vector<std::string> conversions = {};  // Source::conversions() of the first steps
+  std::vector<std::string> conversions = {};  // Source::conversions() of all steps, each line once
   std::vector<std::string> warnings = {};     // about the file or the files, not about the input
 };
 

@@ -78,15 +78,19 @@ Result<double> next_time(const SeriesIndex& index, const std::string& input, con
               last);
 }
 
+template <class Attribute>
+std::vector<std::string> names_of(const std::vector<Attribute>& attributes) {
+  std::vector<std::string> names;
+  for (const Attribute& attribute : attributes) names.push_back(attribute.name);
+  return names;
+}
+
 // An index lists the attributes that all steps have, their units, and their ranges over all steps.
 Status add_ranges(SeriesIndex& index, const std::vector<format::Attribute>& attributes, const std::string& input) {
   if (index.steps.empty())
     for (const format::Attribute& attribute : attributes)
       index.attributes.push_back({attribute.name, attribute.unit, {attribute.min, attribute.max}});
-  if (!std::ranges::is_permutation(attributes, index.attributes, {}, &format::Attribute::name,
-                                   &SeriesIndex::Attribute::name))
-    return fail(ErrorCode::invalid_data,
-                "{}: its attributes are not those of the steps before: choose common ones by --attribute", input);
+  SPLATVOL_TRY(match_attributes(input, names_of(attributes), "the steps before", names_of(index.attributes)));
   for (SeriesIndex::Attribute& attribute : index.attributes) {
     const format::Attribute& of_step = *std::ranges::find(attributes, attribute.name, &format::Attribute::name);
     if (of_step.unit != attribute.unit)

@@ -1,6 +1,6 @@
 #include "builder/sources/array_attributes.h"
 
-#include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -102,6 +102,38 @@ Status check_components(const std::string& name, const std::vector<std::string>&
                   "{}: \"{}\" is {}, and {} in {}: choose attributes that are the same by --attribute", name,
                   attributes[a], components_text(components[a]), components_text(expected[a]), other);
   return {};
+}
+
+Result<std::vector<std::size_t>> match_attributes(const std::string& name, const std::vector<std::string>& attributes,
+                                                  const std::string& other, const std::vector<std::string>& expected) {
+  std::unordered_map<std::string_view, std::size_t> numbers;
+  for (std::size_t a = 0; a < attributes.size(); ++a) numbers.emplace(attributes[a], a);
+  std::vector<std::size_t> order;
+  std::vector<std::string_view> lacking, more;
+  for (const std::string& attribute : expected)
+    if (const auto node = numbers.extract(attribute))
+      order.push_back(node.mapped());
+    else
+      lacking.push_back(attribute);
+  for (const std::string& attribute : attributes)
+    if (numbers.contains(attribute)) more.push_back(attribute);
+  if (lacking.empty() && more.empty()) return order;
+  const std::string lacks = lacking.empty() ? "" : fmt::format("lacks {}", fmt::join(lacking, ", ")),
+                    has = more.empty() ? "" : fmt::format("has {} besides", fmt::join(more, ", "));
+  return fail(ErrorCode::invalid_data,
+              "{}: its attributes are not those of {}: it {}{}{}: choose common ones by --attribute", name, other,
+              lacks, lacks.empty() || has.empty() ? "" : ", and ", has);
+}
+
+bool wants_array(const std::vector<std::string>& selection, const std::string& array) {
+  const auto is_array = [&](const std::string& name) {
+    if (!name.starts_with(array)) return false;
+    std::string_view rest = std::string_view(name).substr(array.size());
+    for (const std::string_view suffix : {cells_suffix, points_suffix})
+      if (rest.starts_with(suffix)) rest.remove_prefix(suffix.size());
+    return rest.empty() || rest.starts_with("[");
+  };
+  return selection.empty() || std::ranges::any_of(selection, is_array);
 }
 
 std::vector<ArrayAttribute> select_attributes(const std::vector<ArrayAttribute>& all,

@@ -85,6 +85,17 @@ inline constexpr std::size_t most_vtk_arrays = 16384;
                                       const std::vector<int>& components, const std::string& other,
                                       const std::vector<int>& expected);
 
+/// Finds each of the `expected` attributes of `other` among those of an input, which may have them in any order: the
+/// numbers of these. Fails if the input lacks one or has another, with their names; `name` begins the message.
+[[nodiscard]] Result<std::vector<std::size_t>> match_attributes(const std::string& name,
+                                                                const std::vector<std::string>& attributes,
+                                                                const std::string& other,
+                                                                const std::vector<std::string>& expected);
+
+/// Whether a selection of attributes needs an array: by its name, or by the name of one of its components, also where
+/// both points and cells have an array of this name.
+[[nodiscard]] bool wants_array(const std::vector<std::string>& selection, const std::string& array);
+
 /// Returns those of `all` that a selection names, in its order; all if it is empty. The array that takes an attribute's
 /// name may not have been read, so full names count too; a selection that has both names has both attributes. Sets
 /// `missing` to the first name that is not there. With `may_lack`, such names too are in the result, for arrays that

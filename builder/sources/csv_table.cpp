@@ -43,7 +43,7 @@ char find_separator(std::string_view line) {
 /// The lines at the beginning of a file that are not empty.
 class Heading {
  public:
-  explicit Heading(std::string_view text) : text_(text), at_(text.starts_with("\xEF\xBB\xBF") ? 3 : 0) {}
+  explicit Heading(std::string_view text) : text_(text), at_(text.size() - without_byte_order_mark(text).size()) {}
 
   /// Returns the next line that is not empty; nothing after the last.
   std::optional<std::string_view> next() {
@@ -64,7 +64,7 @@ class Heading {
 
  private:
   std::string_view text_;
-  std::size_t at_;  // behind the mark of UTF-8
+  std::size_t at_;
   std::size_t line_offset_ = 0;
   std::uint64_t line_ = 0;
 };

@@ -24,11 +24,13 @@ constexpr std::array<FormatRow, input_format_count> rows = {{
     {InputFormat::vtk_legacy, "legacy VTK", ".vtk", "", "to version 5.1", "the file", "", "as `.vtu`", "as `.vtu`"},
     {InputFormat::vtk_blocks, "VTK blocks", ".vtm .vtpd .vtpc", "", "nested; paths relative to the file",
      "a piece of a block", "", "as `.vtu`", "blocks with surfaces only"},
-    {InputFormat::vtk_series, "VTK series", ".pvd", "", "", "a piece", "`--time`", "as its files", "other steps"},
+    {InputFormat::vtk_series, "VTK series", ".pvd .series", "", "`NAME.vtu.series` and others of ParaView", "a piece",
+     "`--time`", "as its files", "other steps"},
     {InputFormat::vtkhdf, "VTKHDF", ".vtkhdf .hdf", "", "versions 1 and 2: unstructured grids, images", "a partition",
      "`--time`", "all of `.vtu` but polyhedra", "other types"},
-    {InputFormat::plot3d, "PLOT3D", "", "a grid and its solution", "a binary grid and its solution", "all grids", "",
-     "hexahedra", "blanked cells"},
+    {InputFormat::plot3d, "PLOT3D", "", "a grid and its solution or functions",
+     "a binary grid and its solution, or functions on it; their names in a `.nam` file", "all grids", "", "hexahedra",
+     "blanked cells"},
     {InputFormat::exodus, "Exodus", ".e .exo .exii .ex2 .g .gen", "", "also `.e-s002` and `.e.4.0`",
      "a block, and the arrays of all points", "`--time`", "as VTK",
      "node sets, edge and face blocks; side sets without `--boundary`"},
@@ -219,6 +221,13 @@ bool is_utf16(std::string_view text) {
 
 }  // namespace
 
+tl::unexpected<Error> fail_byte_order_mark(const std::string& path) {
+  return fail(ErrorCode::invalid_data,
+              "{}: a byte order mark stands in front of the text, and VTK's reader takes it for a word: remove it by "
+              "sed '1s/^\\xef\\xbb\\xbf//' {} > OUT",
+              path, path);
+}
+
 Result<FileHeader> read_header(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text(path, 65536));
   if (text.starts_with(std::string_view("\xec\x2b\x08\x00", 4)))
@@ -233,6 +242,7 @@ Result<FileHeader> read_header(const std::string& path) {
     return fail(ErrorCode::invalid_data, "{}: a text in UTF-16: save it as UTF-8, or iconv -f UTF-16 -t UTF-8 {} > OUT",
                 path, path);
   const std::optional<InputFormat> named = format_of_name(path);
+  if (is_file_series(path)) return FileHeader{.format = InputFormat::vtk_series};
   if (text.starts_with(npy_magic)) return FileHeader{.format = InputFormat::numpy};
   const bool is_text = has_extension(path, ".txt");  // of any format
   if (named == InputFormat::numpy || (named == InputFormat::table && !is_text)) return FileHeader{.format = named};
@@ -240,6 +250,9 @@ Result<FileHeader> read_header(const std::string& path) {
   // Exodus files in NetCDF's own format may have any name. Others have no dimension of this name.
   if (is_netcdf(text) && (!is_foreign(path) || text.find("num_nodes") != std::string::npos))
     return FileHeader{.format = InputFormat::exodus};
+  if (text.starts_with(byte_order_mark) &&
+      (named == InputFormat::ensight || without_byte_order_mark(text).starts_with(legacy_start)))
+    return fail_byte_order_mark(path);
   if (named && is_known_by_name(*named) && !is_text) return FileHeader{.format = named};
   if (text.starts_with(legacy_start)) return read_legacy_header(path, text);
   const std::size_t tag = text.find("<VTKFile");
@@ -247,6 +260,8 @@ Result<FileHeader> read_header(const std::string& path) {
     return is_text || (!is_foreign(path) && is_table(path)) ? FileHeader{.format = InputFormat::table} : FileHeader{};
   return read_xml_header(path, text.substr(tag, text.find('>', tag) - tag));
 }
+
+bool is_file_series(std::string_view path) { return in_lower_case(std::string(path)).ends_with(".series"); }
 
 bool is_table(const std::string& path) {
   const auto file = open_file(path);

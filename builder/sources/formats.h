@@ -69,6 +69,12 @@ struct FileHeader {
 /// known. Fails if the file cannot be read, or its version is no number.
 [[nodiscard]] Result<FileHeader> read_header(const std::string& path);
 
+/// The error of a text with a byte order mark, where a reader of VTK's would take the mark for a word.
+[[nodiscard]] tl::unexpected<Error> fail_byte_order_mark(const std::string& path);
+
+/// Whether a name is that of a series of files as ParaView writes it, in JSON.
+[[nodiscard]] bool is_file_series(std::string_view path);
+
 /// Whether a file is a table, whatever its name is.
 [[nodiscard]] bool is_table(const std::string& path);
 

@@ -180,7 +180,9 @@ Status add_numbers(const ByteSource& file, const std::string& type, std::uint64_
   const auto number = parse_type(type);
   if (!number || number->kind == NpyColumn::Kind::other) return fail_type(file, type);
   if (count > max_columns)
-    return fail(ErrorCode::unsupported, "{}: {} columns; at most {} are read", file.name(), count, max_columns);
+    return is_transposed(table.rows, count)
+               ? fail_transposed(file.name(), table.rows, count)
+               : fail(ErrorCode::unsupported, "{}: {} columns; at most {} are read", file.name(), count, max_columns);
   table.columns.assign(count, *number);
   table.columns_apart = fortran_order;
   table.stride = number->bytes * (fortran_order ? 1 : count);
@@ -188,6 +190,15 @@ Status add_numbers(const ByteSource& file, const std::string& type, std::uint64_
 }
 
 }  // namespace
+
+bool is_transposed(std::uint64_t rows, std::uint64_t columns) { return rows >= 3 && rows <= 16 && columns > 4 * rows; }
+
+tl::unexpected<Error> fail_transposed(const std::string& path, std::uint64_t rows, std::uint64_t columns) {
+  return fail(ErrorCode::invalid_data,
+              "{}: {} points with {} columns each: if these are the points, transpose the array (numpy.save(OUT, "
+              "a.T)); if not, name the columns by --columns",
+              path, rows, columns);
+}
 
 Result<NpyTable> read_npy_header(ByteSource& file) {
   NpyTable table;

@@ -40,4 +40,8 @@ struct NpyTable {
 /// MiB.
 [[nodiscard]] Result<NpyTable> read_npy_header(ByteSource& file);
 
+/// Whether an array is more likely one with a row for each column: it has few rows, and far more columns.
+[[nodiscard]] bool is_transposed(std::uint64_t rows, std::uint64_t columns);
+[[nodiscard]] tl::unexpected<Error> fail_transposed(const std::string& path, std::uint64_t rows, std::uint64_t columns);
+
 }  // namespace splatvol

@@ -229,6 +229,8 @@ Status name_columns(const std::string& path, const std::vector<std::string>& nam
   const std::size_t count = table.columns.size();
   if (!names.empty() && names.size() != count)
     return fail(ErrorCode::invalid_argument, "{}: {} columns, but {} names for them", path, count, names.size());
+  if (names.empty() && !table.structured && is_transposed(table.rows, count))
+    return fail_transposed(path, table.rows, count);
   for (std::size_t i = 0; i < count; ++i) {
     std::string& name = table.columns[i].name;
     if (!names.empty())

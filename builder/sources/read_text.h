@@ -22,6 +22,14 @@ namespace splatvol {
 [[nodiscard]] Result<std::string> read_text(const std::string& path,
                                             std::uint64_t most = std::numeric_limits<std::uint64_t>::max());
 
+/// Stands in front of a text that a program has written as UTF-8 with a mark, and means nothing there.
+inline constexpr std::string_view byte_order_mark = "\xef\xbb\xbf";
+
+[[nodiscard]] inline std::string_view without_byte_order_mark(std::string_view text) {
+  if (text.starts_with(byte_order_mark)) text.remove_prefix(byte_order_mark.size());
+  return text;
+}
+
 [[nodiscard]] bool is_white_space(char c);
 
 /// Returns a text without the white space round it.

@@ -43,15 +43,36 @@ void append(std::vector<T>& all, std::vector<T>& more) {
   std::ranges::move(more, std::back_inserter(all));
 }
 
+/// What is there for each attribute of a source, in another order. Nothing stays nothing.
+template <class T>
+std::vector<T> in_order(std::vector<T> values, const std::vector<std::size_t>& order) {
+  if (values.empty()) return values;
+  std::vector<T> ordered;
+  for (const std::size_t attribute : order) ordered.push_back(std::move(values[attribute]));
+  return ordered;
+}
+
+void put_in_order(Piece& piece, const std::vector<std::size_t>& order) {
+  if (std::ranges::is_sorted(order)) return;
+  piece.values = in_order(std::move(piece.values), order);
+  piece.fills = in_order(std::move(piece.fills), order);
+  if (!piece.material) return;
+  piece.material->value_moments = in_order(std::move(piece.material->value_moments), order);
+  piece.material->gradients = in_order(std::move(piece.material->gradients), order);
+}
+
 }  // namespace
 
-StepGroup::StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first, bool blocks_apart)
+StepGroup::StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first, bool blocks_apart,
+                     std::vector<std::string> attributes, std::vector<std::size_t> order)
     : steps_(std::move(steps)),
       first_(std::move(first)),
       others_(steps_.size()),
       finished_(steps_.size()),
-      step_attributes_(first_->attributes()),
-      units_(first_->units()),
+      step_attributes_(std::move(attributes)),
+      orders_(steps_.size(), order),
+      units_(in_order(first_->units(), order)),
+      components_(in_order(first_->components(), order)),
       copies_(copies_of(*first_, blocks_apart)),
       blocks_(steps_.size()),
       first_blocks_(steps_.size()),
@@ -61,9 +82,13 @@ StepGroup::StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> firs
   stated_times_[0] = first_->stated_time();
 }
 
-Result<std::unique_ptr<StepGroup>> StepGroup::open(std::vector<SeriesStep> steps, bool blocks_apart) {
+Result<std::unique_ptr<StepGroup>> StepGroup::open(std::vector<SeriesStep> steps, bool blocks_apart,
+                                                   std::vector<std::string> attributes) {
   SPLATVOL_TRY_ASSIGN(first, steps.front().open());
-  return std::unique_ptr<StepGroup>(new StepGroup(std::move(steps), std::move(first), blocks_apart));
+  if (attributes.empty()) attributes = first->attributes();
+  SPLATVOL_TRY_ASSIGN(order, match_attributes(steps.front().name, first->attributes(), "the steps before", attributes));
+  return std::unique_ptr<StepGroup>(
+      new StepGroup(std::move(steps), std::move(first), blocks_apart, std::move(attributes), std::move(order)));
 }
 
 std::vector<std::string> StepGroup::units() const {
@@ -73,15 +98,21 @@ std::vector<std::string> StepGroup::units() const {
 }
 
 std::vector<int> StepGroup::components() const {
-  const std::vector<int> of_step = first_->components();
   std::vector<int> components;
   for (std::size_t step = 0; step < steps_.size(); ++step)
-    components.insert(components.end(), of_step.begin(), of_step.end());
+    components.insert(components.end(), components_.begin(), components_.end());
   return components;
+}
+
+std::vector<std::string> StepGroup::conversions() const {
+  std::vector<std::string> all = first_->conversions();
+  all.insert(all.end(), conversions_.begin(), conversions_.end());
+  return all;
 }
 
 Result<std::unique_ptr<Piece>> StepGroup::next() {
   SPLATVOL_TRY_ASSIGN(piece, first_->next());
+  if (piece) put_in_order(*piece, orders_[0]);
   for (std::size_t step = 1; step < steps_.size(); ++step) {
     if (!others_[step] && !finished_[step]) SPLATVOL_TRY(open_other(step));
     std::unique_ptr<Piece> other;
@@ -93,7 +124,9 @@ Result<std::unique_ptr<Piece>> StepGroup::next() {
       return fail(ErrorCode::invalid_data, "{}: it has {} pieces than {}: {}", steps_[step].name,
                   piece ? "fewer" : "more", steps_[0].name, series_of_files_hint);
     if (!piece) continue;
+    put_in_order(*other, orders_[step]);
     SPLATVOL_TRY(add(step, std::move(other), *piece));
+    note_conversions(step);
     SPLATVOL_TRY(close_finished(step));
   }
   return piece;
@@ -102,19 +135,29 @@ Result<std::unique_ptr<Piece>> StepGroup::next() {
 Status StepGroup::open_other(std::size_t step) {
   const std::string& name = steps_[step].name;
   SPLATVOL_TRY_ASSIGN(source, steps_[step].open());
-  if (source->attributes() != step_attributes_)
-    return fail(ErrorCode::invalid_data, "{}: its attributes are not those of {}: choose common ones by --attribute",
-                name, steps_[0].name);
-  SPLATVOL_TRY(check_components(name, step_attributes_, source->components(), steps_[0].name, first_->components()));
+  SPLATVOL_TRY_SET(orders_[step], match_attributes(name, source->attributes(), steps_[0].name, step_attributes_));
+  SPLATVOL_TRY(check_components(name, step_attributes_, in_order(source->components(), orders_[step]), steps_[0].name,
+                                components_));
   if ((first_->single_precision() && !source->single_precision()) ||
       source->brings_material() != first_->brings_material())
     return fail(ErrorCode::invalid_data, "{}: its numbers are of another kind than those of {}", name, steps_[0].name);
   stated_times_[step] = source->stated_time();
-  const std::vector<std::string> units = source->units();
+  const std::vector<std::string> units = in_order(source->units(), orders_[step]);
   for (std::size_t a = 0; a < units_.size(); ++a)
     if (units_[a].empty()) units_[a] = units[a];
   others_[step] = std::move(source);
   return {};
+}
+
+// Tells what a step has otherwise than its input where the steps before do not: values of cells where these have values
+// of points, for one.
+void StepGroup::note_conversions(std::size_t step) {
+  const std::vector<std::string> of_first = first_->conversions();
+  for (const std::string& line : others_[step]->conversions()) {
+    const auto same = [&](const std::string& known) { return known.ends_with(line); };
+    if (std::ranges::none_of(of_first, same) && std::ranges::none_of(conversions_, same))
+      conversions_.push_back(fmt::format("{}: {}", steps_[step].name, line));
+  }
 }
 
 // Whether the pieces of a step are in the blocks of the first step. Blocks may have other names there.

@@ -22,8 +22,8 @@ struct SeriesStep {
 };
 
 /// The attributes of several steps, one step after another, as attributes of one source. The mesh is that of the first
-/// step; next() fails if another step has other points, cells or attributes. Holds a piece of each step, and its source
-/// if it has several pieces.
+/// step; next() fails if another step has other points, cells or attributes. Steps may have their attributes in any
+/// order. Holds a piece of each step, and its source if it has several pieces.
 ///
 /// The copies of a vertex are the same at all steps, whatever the values. Points of one position are copies if the
 /// input has several pieces. They are none if values of cells are averaged in each piece by itself. If blocks are to
@@ -31,7 +31,9 @@ struct SeriesStep {
 class StepGroup final : public Source {
  public:
   /// Opens the first step. Requires a step. `blocks_apart`: whether vertices of different blocks are no copies.
-  [[nodiscard]] static Result<std::unique_ptr<StepGroup>> open(std::vector<SeriesStep> steps, bool blocks_apart);
+  /// `attributes`: of each step, in the order of step_attributes(); empty: those of the first step.
+  [[nodiscard]] static Result<std::unique_ptr<StepGroup>> open(std::vector<SeriesStep> steps, bool blocks_apart,
+                                                               std::vector<std::string> attributes = {});
 
   [[nodiscard]] const std::vector<std::string>& step_attributes() const { return step_attributes_; }
 
@@ -45,7 +47,7 @@ class StepGroup final : public Source {
   [[nodiscard]] Result<std::unique_ptr<Piece>> next() override;
   [[nodiscard]] Result<std::optional<Box>> bounds() override { return first_->bounds(); }
   [[nodiscard]] std::optional<std::uint64_t> point_count() const override { return first_->point_count(); }
-  [[nodiscard]] std::vector<std::string> conversions() const override { return first_->conversions(); }
+  [[nodiscard]] std::vector<std::string> conversions() const override;
   [[nodiscard]] std::uint64_t left_out_cells() const override { return first_->left_out_cells(); }
   [[nodiscard]] VertexCopies copies() const override { return copies_; }
   void tell_whole_cells() override { first_->tell_whole_cells(); }
@@ -54,7 +56,9 @@ class StepGroup final : public Source {
   [[nodiscard]] bool single_precision() const override { return first_->single_precision(); }
 
  private:
-  StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first, bool blocks_apart);
+  StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first, bool blocks_apart,
+            std::vector<std::string> attributes, std::vector<std::size_t> order);
+  void note_conversions(std::size_t step);
   [[nodiscard]] Status open_other(std::size_t step);
   [[nodiscard]] Status add(std::size_t step, std::unique_ptr<Piece> other, Piece& piece);
   [[nodiscard]] bool has_same_block(std::size_t step, std::uint64_t first, std::uint64_t other);
@@ -65,7 +69,10 @@ class StepGroup final : public Source {
   std::vector<std::unique_ptr<Source>> others_;  // [step]; null: not open yet, or finished
   std::vector<bool> finished_;                   // [step]
   std::vector<std::string> step_attributes_, attributes_;
-  std::vector<std::string> units_;  // of the attributes of a step; of the first one that tells
+  std::vector<std::vector<std::size_t>> orders_;  // [step][attribute]: its number in the source of the step
+  std::vector<std::string> units_;                // of the attributes of a step; of the first one that tells
+  std::vector<int> components_;                   // of the attributes of a step
+  std::vector<std::string> conversions_;          // of other steps, without those that a step before has
   VertexCopies copies_;
   std::vector<std::map<std::uint64_t, std::uint64_t>> blocks_, first_blocks_;  // [step]: by the first step's, and back
   std::vector<std::optional<double>> stated_times_;

@@ -81,7 +81,9 @@ class SPLATVOL_EXPORT File {
   [[nodiscard]] const std::vector<std::uint64_t>& resolution_counts() const;
   [[nodiscard]] std::uint64_t point_count() const { return resolution_counts().back(); }
 
-  /// Returns a cube round all points.
+  /// Returns the box round the mesh: round its cells, if the file keeps them, else round its points; of more than 2^20
+  /// points round those of a coarser resolution. Reads it from the file at the first call. Where that fails, the box is
+  /// a cube round all points.
   [[nodiscard]] Box bounds() const;
 
   /// Returns the times of the steps, which rise; none if the file is no time series.

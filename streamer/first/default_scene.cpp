@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "format/cell_reader.h"
+#include "format/mesh_box.h"
 #include "pictures/contrast.h"
 #include "streamer/first/first_attribute.h"
 #include "streamer/first/first_camera.h"
@@ -46,6 +46,7 @@ using Chooser = std::function<TransferFunction(const std::vector<SurveySplat>&)>
 Result<Chooser> chooser_for(const format::Volume& volume, int index) {
   const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
   SPLATVOL_TRY_ASSIGN(kind, kind_of_numbers(volume, index));
+  SPLATVOL_TRY_ASSIGN(least_range, least_relative_range(volume, index));
   // svbuild gives it to a mesh without values: the shape is worth a look, whatever the cells.
   if (volume.info().attributes.size() == 1 && attribute.name == "cell_volume")
     return Chooser([](const auto& splats) {
@@ -54,7 +55,9 @@ Result<Chooser> chooser_for(const format::Volume& volume, int index) {
       return function;
     });
   if (kind != NumberKind::labels)
-    return Chooser([kind](const auto& splats) { return choose_transfer_function(splats, kind == NumberKind::whole); });
+    return Chooser([kind, least_range](const auto& splats) {
+      return choose_transfer_function(splats, kind == NumberKind::whole, least_range);
+    });
   return Chooser([least = attribute.min, most = attribute.max](const auto&) { return label_function(least, most); });
 }
 
@@ -153,12 +156,8 @@ struct Framing {
 // Returns the box round the cells that the file keeps, or else round the splats. These are taken for boxes: those of
 // tetrahedra reach farther.
 Result<Box> box_of_material(const format::Volume& volume, const std::vector<SurveySplat>& splats) {
-  SPLATVOL_TRY_ASSIGN(cells, format::CellReader::open(volume));
-  if (!cells || cells->pages().empty()) return bounds_of(splats);
-  Box box;
-  for (const format::CellPageRef& page : cells->pages())
-    box.include({{page.low[0], page.low[1], page.low[2]}, {page.high[0], page.high[1], page.high[2]}});
-  return box;
+  SPLATVOL_TRY_ASSIGN(box, format::box_of_cells(volume));
+  return box ? *box : bounds_of(splats);
 }
 
 // A sheet across the axis that points upwards is seen from above: there another axis of the picture's plane is up. A

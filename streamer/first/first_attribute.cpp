@@ -16,8 +16,8 @@ namespace {
 // Better classes first.
 enum class Interest { main, other, component, mostly_missing, whole_numbers, constant, no_values };
 
-constexpr std::uint64_t enough_points = 5000;  // to tell ids from quantities
-constexpr double least_relative_range = 1e-6;  // of the largest value; below, an attribute counts as constant
+constexpr std::uint64_t enough_points = 5000;                            // to tell ids from quantities
+constexpr double rounding_of_single = 1e-6, rounding_of_double = 1e-12;  // of the largest value, of some steps
 constexpr std::size_t most_labels = 64;
 constexpr std::array<std::string_view, 5> id_endings = {"Id", "ID", "Ids", "IDs", "_id"};
 
@@ -51,7 +51,8 @@ Result<Interest> interest_of(const format::Volume& volume, int index) {
   const auto& attribute = info.attributes[static_cast<std::size_t>(index)];
   if (std::isnan(attribute.min)) return Interest::no_values;
   const double largest = std::max(std::abs(attribute.min), std::abs(attribute.max));
-  if (!(attribute.max - attribute.min > least_relative_range * largest)) return Interest::constant;
+  SPLATVOL_TRY_ASSIGN(least_range, least_relative_range(volume, index));
+  if (!(attribute.max - attribute.min > least_range * largest)) return Interest::constant;
   SPLATVOL_TRY_ASSIGN(kind, kind_of_numbers(volume, index));
   if (kind != NumberKind::other || is_id_name(attribute.name)) return Interest::whole_numbers;
   if (attribute.missing > info.point_count() / 2) return Interest::mostly_missing;
@@ -76,6 +77,17 @@ Result<NumberKind> kind_of_numbers(const format::Volume& volume, int index) {
   }
   if (labels > 1 && labels <= most_labels) return NumberKind::labels;
   return all_whole ? NumberKind::whole : NumberKind::other;
+}
+
+Result<double> least_relative_range(const format::Volume& volume, int index) {
+  const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
+  const double largest = std::max(std::abs(attribute.min), std::abs(attribute.max));
+  if (!(attribute.max - attribute.min <= rounding_of_single * largest)) return rounding_of_single;
+  SPLATVOL_TRY_ASSIGN(values, survey_values(volume, index, enough_points));
+  const double error = attribute.error + rounding_of_double * largest;
+  const bool is_double = std::ranges::any_of(
+      values, [&](double value) { return std::abs(value - double{static_cast<float>(value)}) > error; });
+  return is_double ? rounding_of_double : rounding_of_single;
 }
 
 Result<int> choose_first_attribute(const format::Volume& volume) {

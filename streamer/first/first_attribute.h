@@ -21,6 +21,10 @@ enum class NumberKind { labels, whole, other };
 /// Returns the kind of an attribute's values, by a sample of them. Fails if the file cannot be read.
 [[nodiscard]] Result<NumberKind> kind_of_numbers(const format::Volume& volume, int index);
 
+/// Returns the range, as a share of the largest value, from which on an attribute is no constant: of values that are
+/// numbers of single precision less than 1e-6 is their rounding. Fails if the file cannot be read.
+[[nodiscard]] Result<double> least_relative_range(const format::Volume& volume, int index);
+
 /// Returns the first attributes of the file, at most `most`, that are quantities and no components: those that a user
 /// of the first picture will look at next. `first` is left out.
 [[nodiscard]] Result<std::vector<int>> other_quantities(const format::Volume& volume, int first, std::size_t most);

@@ -279,12 +279,12 @@ TransferFunction constant_function(double value) {
 
 }  // namespace
 
-TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats, bool whole) {
+TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats, bool whole, double least_range) {
   const Axis axis = choose_axis(splats, whole);
   const Values values = values_of(splats, [&](double value) { return axis.position(value); });
   const Findings findings = study(values, axis.kind == ValueAxis::log);
   const double largest = std::max(std::abs(findings.range.low), std::abs(findings.range.high));
-  if (!(findings.range.width() > 1e-6 * largest)) return constant_function(axis.value(quantile(values, 0.5)));
+  if (!(findings.range.width() > least_range * largest)) return constant_function(axis.value(quantile(values, 0.5)));
 
   TransferFunction function;
   const bool round_zero = axis.kind != ValueAxis::log && findings.clear.low <= 0 && findings.clear.high >= 0;

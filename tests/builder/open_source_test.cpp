@@ -651,7 +651,7 @@ struct Plot3dFiles {
   bool big_endian = false;
   bool blanking = false;
   bool wide = false;
-  std::string grid, solution;
+  std::string grid, solution, functions;  // two: 10 i and 10 i + 1 at point i
 
   template <class T>
   std::string raw(T value) const {
@@ -673,6 +673,9 @@ struct Plot3dFiles {
     std::string dimensions;
     for (const int n : {3, 2, 2, 2, 2, 2}) dimensions += integer(n);
     grid = solution = record(integer(2)) + record(dimensions);
+    std::string with_count;
+    for (const int n : {3, 2, 2, 2, 2, 2, 2, 2}) with_count += integer(n);
+    functions = record(integer(2)) + record(with_count);
     for (const int block : {0, 1}) {
       const int width = 3 - block;
       const int count = width * 4;
@@ -687,6 +690,10 @@ struct Plot3dFiles {
         for (int i = 0; i < count; ++i) values += real(value);
       grid += record(points);
       solution += record(flow) + record(values);
+      std::string of_block;
+      for (const int function : {0, 1})
+        for (int i = 0; i < count; ++i) of_block += real(10 * i + function);
+      functions += record(of_block);
     }
   }
 };
@@ -694,7 +701,7 @@ struct Plot3dFiles {
 TEST_F(SourceTest, Plot3dOfEveryVariant) {
   for (unsigned flags = 0; flags < 16; ++flags) {
     SCOPED_TRACE(flags);
-    Plot3dFiles files{(flags & 1) != 0, (flags & 2) != 0, (flags & 4) != 0, (flags & 8) != 0, "", ""};
+    Plot3dFiles files{(flags & 1) != 0, (flags & 2) != 0, (flags & 4) != 0, (flags & 8) != 0, "", "", ""};
     files.make();
     const auto input = value_of(read_input({write("a.xyz", files.grid), write("a.q", files.solution)}));
     EXPECT_THAT(input.attributes, ElementsAre("Density", "Momentum", "Momentum[0]", "Momentum[1]", "Momentum[2]",
@@ -709,6 +716,62 @@ TEST_F(SourceTest, Plot3dOfEveryVariant) {
     // p = (gamma - 1) (e - |m|^2 / (2 rho)) = 0.4 (12.25 - 25 / 4)
     EXPECT_NEAR(input.pieces[1].values[6][5], 2.4, 1e-6);
   }
+}
+
+TEST_F(SourceTest, Plot3dFunctions) {
+  for (unsigned flags = 0; flags < 16; ++flags) {
+    SCOPED_TRACE(flags);
+    Plot3dFiles files{(flags & 1) != 0, (flags & 2) != 0, (flags & 4) != 0, (flags & 8) != 0, "", "", ""};
+    files.make();
+    const std::string grid = write("a.xyz", files.grid), functions = write("a.f", files.functions);
+    const auto input = value_of(read_input({grid, functions}));
+    EXPECT_THAT(input.attributes, ElementsAre("f1", "f2"));
+    ASSERT_EQ(input.pieces.size(), 2u);
+    EXPECT_EQ(input.pieces[1].values[0][5], 50);
+    EXPECT_EQ(input.pieces[1].values[1][5], 51);
+    write("a.nam", "\xef\xbb\xbfMach number\r\nU ; velocity\n");
+    EXPECT_THAT(value_of(read_input({grid, functions})).attributes, ElementsAre("Mach number", "U"));
+    write("a.nam", "T\n");
+    EXPECT_THAT(error_of({grid, functions}), HasSubstr("a.nam: names 1 functions, and "));
+    std::filesystem::remove(path("a.nam"));
+    for (std::size_t size = 0; size < files.functions.size(); size += 3)
+      EXPECT_NE(error_of({grid, write("cut.f", files.functions.substr(0, size))}), "(no error)") << size;
+  }
+}
+
+// An axis may descend, and a left-handed grid is a grid. Where some of its cells are inverted, these are counted.
+TEST_F(SourceTest, MirroredGridsAreNotInverted) {
+  const auto image = [&](const std::string& attributes) {
+    return value_of(read_input(
+        {write("a.vti", vtk_file("ImageData",
+                                 "<Piece Extent=\"0 2 0 1 0 1\"><PointData><DataArray type=\"Float64\" Name=\"s\" "
+                                 "format=\"ascii\">0 1 2 3 4 5 6 7 8 9 10 11</DataArray></PointData></Piece>",
+                                 "WholeExtent=\"0 2 0 1 0 1\" Origin=\"0 0 0\" " + attributes))}));
+  };
+  for (const char* attributes : {"Spacing=\"1 1 1\"", "Spacing=\"-1 1 1\"", "Spacing=\"-1 -1 -1\"",
+                                 "Spacing=\"1 1 1\" Direction=\"0 1 0 1 0 0 0 0 1\""}) {
+    const auto input = image(attributes);
+    EXPECT_EQ(input.census.inverted, 0u) << attributes;
+    EXPECT_DOUBLE_EQ(input.volume, 2) << attributes;
+  }
+  const auto structured = [&](const std::string& points) {
+    return value_of(read_input(
+        {write("a.vts", vtk_file("StructuredGrid",
+                                 "<Piece Extent=\"0 3 0 1 0 1\"><PointData/><Points><DataArray type=\"Float64\" "
+                                 "NumberOfComponents=\"3\" format=\"ascii\">" +
+                                     points + "</DataArray></Points></Piece>",
+                                 "WholeExtent=\"0 3 0 1 0 1\""))}));
+  };
+  const auto points_at = [](const std::vector<double>& x) {
+    std::string points;
+    for (int k = 0; k < 2; ++k)
+      for (int j = 0; j < 2; ++j)
+        for (const double value : x) points += fmt::format("{} {} {} ", value, j, k);
+    return points;
+  };
+  EXPECT_EQ(structured(points_at({0, 1, 2, 3})).census.inverted, 0u);
+  EXPECT_EQ(structured(points_at({3, 2, 1, 0})).census.inverted, 0u);
+  EXPECT_EQ(structured(points_at({3, 2, 1, 4})).census.inverted, 6u) << "one cell of three goes back";
 }
 
 TEST_F(SourceTest, BadPlot3dIsOneClearLine) {

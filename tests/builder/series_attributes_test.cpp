@@ -144,6 +144,9 @@ TEST_F(SeriesAttributes, OtherNumbersOfComponentsAreRefused) {
               HasSubstr("a: \"U\" is a vector of 3 components, and a number in the series"));
   EXPECT_THAT(message_of(make_steps({number}, {"U", "U[0]", "U[1]", "U[2]"})),
               HasSubstr("b: \"U\" is a number, and the series has a vector of it, with \"U[0]\""));
+  const StepInput tensor = step_with("c", {{"U", 9, false}}, opened);
+  EXPECT_THAT(message_of(make_steps({tensor}, {"U", "U[0]", "U[1]", "U[2]"})),
+              HasSubstr("c: \"U\" is a vector of 9 components, and a vector of 3 components in the series"));
 }
 
 TEST_F(SeriesAttributes, StepsOfTheSameArraysAreOpenedAsTheyWere) {

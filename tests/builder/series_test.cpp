@@ -21,6 +21,7 @@
 namespace splatvol::test {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
 
 using Series = FolderTest;
@@ -223,7 +224,45 @@ TEST_F(Series, TimesMustRise) {
   std::vector<SeriesStep> list = steps(0, 2);
   list[1].time = 0.0;
   EXPECT_THAT(message_of(build_series(std::move(list), path("series.svol"), {}, silent)),
-              HasSubstr("the time 0 is not behind 0"));
+              HasSubstr("step 1: the time 0 is not behind 0"));
+  build_or_fail(steps(0, 2), path("series.svol"));
+  list = steps(2, 3);
+  list[0].time = 0.25;
+  EXPECT_THAT(message_of(append_to_series(std::move(list), path("series.svol"), {}, silent)),
+              HasSubstr("step 2: the time 0.25 is not behind 0.5"));
+}
+
+// Writers put arrays into any order. The first step tells that of the series, also where memory takes a step at a time.
+TEST_F(Series, StepsMayHaveTheirAttributesInAnyOrder) {
+  const auto of_two = [&](std::size_t step, bool swapped) {
+    std::vector<Piece> pieces = pieces_of(step, 8, 2);
+    for (Piece& piece : pieces) {
+      piece.values.emplace_back(piece.points.size(), static_cast<double>(step));
+      if (swapped) std::swap(piece.values[0], piece.values[1]);
+    }
+    const std::vector<std::string> names = {"f", "n"}, other = {"n", "f"};
+    return step_of(step, std::move(pieces), {.attributes = swapped ? other : names});
+  };
+  for (const BuildOptions& options : {BuildOptions{}, little}) {
+    build_or_fail({of_two(0, false), of_two(1, false), of_two(2, false)}, path("same.svol"), options);
+    build_or_fail({of_two(0, false), of_two(1, true)}, path("other.svol"), options);
+    ASSERT_EQ(message_of(append_to_series({of_two(2, true)}, path("other.svol"), options, silent)), "");
+    for (std::size_t step = 0; step < 3; ++step)
+      EXPECT_EQ(bytes_of_step(path("other.svol"), step), bytes_of_step(path("same.svol"), step)) << step;
+  }
+  build_or_fail({of_two(0, true), of_two(1, false)}, path("other.svol"));
+  EXPECT_EQ(open(path("other.svol"))->info().attributes[0].name, "n");
+}
+
+TEST_F(Series, AttributesThatDifferAreNamed) {
+  const auto with = [&](std::size_t step, const std::string& name) {
+    return step_of(step, pieces_of(step, 4, 1), {.attributes = {name}});
+  };
+  EXPECT_THAT(message_of(build_series({with(0, "p"), with(1, "q")}, path("series.svol"), {}, silent)),
+              HasSubstr("step 1: its attributes are not those of step 0: it lacks p, and has q besides"));
+  build_or_fail({with(0, "p")}, path("series.svol"));
+  EXPECT_THAT(message_of(append_to_series({with(1, "q")}, path("series.svol"), {}, silent)),
+              AllOf(HasSubstr("step 1"), HasSubstr("it lacks p, and has q besides")));
 }
 
 TEST_F(Series, StepsWithoutTimesAreNumbered) {

@@ -46,6 +46,24 @@ TEST(JoinRanges, ToFew) {
   }
 }
 
+TEST(CountedSource, TellsWhatIsReadAgain) {
+  const Bytes all(1000);
+  CountedSource source(memory_source(all, "counted"));
+  const auto read = [&](std::uint64_t offset, std::size_t count) {
+    Bytes bytes(count);
+    EXPECT_TRUE(source.read(offset, bytes));
+  };
+  read(100, 100), read(300, 100), read(200, 100);
+  EXPECT_EQ(source.bytes_read_again(), 0U);
+  read(100, 300);
+  EXPECT_EQ(source.bytes_read_again(), 300U);
+  read(50, 100), read(390, 20), read(0, 0), read(900, 100);
+  EXPECT_EQ(source.bytes_read_again(), 360U);
+  read(0, 1000);
+  EXPECT_EQ(source.bytes_read_again(), 360U + 350 + 10 + 100);
+  EXPECT_EQ(source.bytes_read(), 300U + 300 + 220 + 1000);
+}
+
 TEST(BytesAhead, AreTakenFromMemoryWhileTheyLive) {
   Bytes all(1 << 20);
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = static_cast<std::byte>(i % 251);

@@ -109,7 +109,7 @@ Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings&
   StreamerOptions options{.memory_bytes = std::uint64_t{64} << 20,
                           .attribute = attribute.name,
                           .kernel = settings.kernel & 1 ? KernelKind::octant : KernelKind::moments,
-                          .gradients = settings.light & 1,
+                          .gradients = (settings.light & 1) != 0,
                           .threads = 1};
   const bool fades = settings.drawing & 32;
   const format::Attribute& opacity = info.attributes[((settings.attribute & 127) + 1) % info.attributes.size()];

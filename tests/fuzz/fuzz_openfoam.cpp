@@ -1,6 +1,7 @@
 // A case of OpenFOAM: files, each behind a line "==> NAME". Its folders, meshes and fields, and a text as dimensions.
 #include <filesystem>
 #include <fstream>
+#include <set>
 #include <string_view>
 
 #include "builder/sources/openfoam/foam_case.h"
@@ -39,7 +40,9 @@ void read_region(const FoamCase& foam, std::size_t part, const std::string& regi
   const LabelLists cells = faces_of_cells(mesh);
   fuzz::require(cells.size() == mesh.cell_count, "a cell has faces");
   for (const std::uint32_t point : mesh.faces.values) fuzz::require(point < mesh.points.size(), "a corner is a point");
-  for (const FoamFieldFile& file : foam.fields(part, region, time, [](const std::string&) { return true; })) {
+  const auto all = [](const std::string&) { return true; };
+  std::set<std::string> left_out = foam.left_out(part, time, all);
+  for (const FoamFieldFile& file : foam.fields(part, region, time, all, &left_out)) {
     const std::uint64_t count = file.kind.of_cells ? mesh.cell_count : mesh.points.size();
     const FoamField field = read_foam_field(file.place, file.kind, count);
     fuzz::require(field.values.size() == count * static_cast<std::size_t>(file.kind.components), "a cell has values");

@@ -36,7 +36,8 @@ TEST_F(OpenFile, TellsWhatItHolds) {
   EXPECT_EQ(file.attributes()[0].low, 0);
   EXPECT_EQ(file.attributes()[0].high, 6);
   EXPECT_TRUE(file.times().empty());
-  EXPECT_GE(file.bounds().extent().x, 1);
+  EXPECT_EQ(file.bounds().low, dvec3(0));
+  EXPECT_EQ(file.bounds().high, dvec3(1));
   EXPECT_TRUE(file.verify());
 }
 

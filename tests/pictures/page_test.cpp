@@ -33,6 +33,28 @@ TEST(Ticks, AreRoundNumbers) {
   EXPECT_EQ(labels(0.9990, 1.0010).size(), 5u);
 }
 
+// Values far from zero and close together differ in their last digits: the others are the offset.
+TEST(Ticks, HaveAnOffsetForValuesFarFromZero) {
+  EXPECT_EQ(labels(101324.999, 101325.001),
+            (std::vector<std::string>{"-0.0010", "-0.0005", "0.0000", "0.0005", "0.0010"}));
+  EXPECT_EQ(ticks_between(101324.999, 101325.001, 5).factor, "+ 101325");
+  EXPECT_EQ(ticks_between(101324.9999, 101325.0001, 5).factor, "× 10⁻⁴ + 101325");
+  EXPECT_EQ(labels(1000000, 1000005), (std::vector<std::string>{"0", "1", "2", "3", "4", "5"}));
+  EXPECT_EQ(ticks_between(1000000, 1000005, 5).factor, "+ 1000000");
+  EXPECT_EQ(ticks_between(-300.0002, -300, 5).factor, "× 10⁻⁴ − 300.0001");
+  for (const double size : {-1e-300, -1.0, 1e-40, 1e-3, 1.0, 1e7, 1e300})
+    for (const double share : {1e-6, 1e-9, 1e-13}) {
+      const double low = std::min(size, size * (1 + share)), high = std::max(size, size * (1 + share));
+      const Ticks ticks = ticks_between(low, high, 5);
+      ASSERT_GE(ticks.list.size(), 2u) << size << " " << share;
+      for (const Tick& tick : ticks.list) {
+        EXPECT_GE(tick.value, low);
+        EXPECT_LE(tick.value, high);
+        EXPECT_LE(tick.label.size(), 9u) << tick.label;
+      }
+    }
+}
+
 TEST(Ticks, HaveAFactorForValuesOfAnySize) {
   EXPECT_EQ(ticks_between(0, 3, 5).factor, "");
   EXPECT_EQ(ticks_between(1e51, 5e51, 5).factor, "× 10⁵¹");

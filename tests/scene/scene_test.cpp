@@ -162,6 +162,22 @@ TEST(ParseScene, ContoursAreReadAndWrittenBack) {
   EXPECT_EQ(shown.colors.axis, ValueAxis::log);
 }
 
+// The scalar bar of a picture of contours alone tells what colours them.
+TEST(BarColors, AreThoseOfContoursThatAreShownAlone) {
+  const json coloring = {{"attribute", "T"}, {"domain", {1, 100}}, {"colors", {{0, 0, 0, 1}}}};
+  Scene scene = value_of(parse_scene(changed("/contours", {{{"values", {3}}, {"color_by", coloring}}})));
+  EXPECT_EQ(bar_colors_of(scene).attribute, scene.attribute) << "the volume is shown, too";
+  EXPECT_EQ(bar_colors_of(scene).function, scene.transfer_function);
+  scene.transfer_function.densities = {{0, 0}};
+  EXPECT_EQ(bar_colors_of(scene).attribute, "T");
+  EXPECT_EQ(bar_colors_of(scene).function.hi, 100);
+  scene.slices = {SceneSlice{}};
+  EXPECT_EQ(bar_colors_of(scene).attribute, scene.attribute);
+  scene.slices[0].shown = false;
+  scene.contours[0].shown = false;
+  EXPECT_EQ(bar_colors_of(scene).attribute, scene.attribute);
+}
+
 TEST(ParseScene, NamesTheWrongPartOfAContour) {
   const auto refuses = [](const json& contours, const std::string& message) {
     EXPECT_THAT(error_of(changed("/contours", contours)), StartsWith(message));

@@ -146,6 +146,18 @@ TEST_F(RendererTestFirstPicture, TheMaterialIsNeitherFogNorAWall) {
     }
 }
 
+// A range far narrower than its distance from zero is a range, unless it is the rounding of single precision.
+TEST_F(RendererTestFirstPicture, ANarrowRangeIsShown) {
+  const auto wave = [](const dvec3& p) { return 1e-3 * std::sin(5 * p.x) * std::cos(4 * p.y + p.z); };
+  const Scene scene =
+      scene_of({12, 12, 12}, box(dvec3(0), dvec3(1)), {{"p", [&](const dvec3& p) { return 101325 + wave(p); }}});
+  EXPECT_GT(scene.transfer_function.lo, 101325 - 1.1e-3);
+  EXPECT_LT(scene.transfer_function.hi, 101325 + 1.1e-3);
+  EXPECT_GT(scene.transfer_function.hi - scene.transfer_function.lo, 1e-3);
+  const auto rounded = [&](const dvec3& p) { return double{static_cast<float>(101325 + 10 * wave(p))}; };
+  EXPECT_GT(scene_of({12, 12, 12}, box(dvec3(0), dvec3(1)), {{"p", rounded}}).transfer_function.hi, 101330);
+}
+
 TEST_F(RendererTestFirstPicture, AThinVesselIsSeen) {
   const Scene scene = scene_of({4, 12, 300}, helix, {{"p", [](const dvec3& p) { return 100 - 50 * p.z; }}}, {400, 400});
   const auto found = opacities(draw(scene));

@@ -131,6 +131,7 @@ TEST_F(Svexport, WritesLines) {
                                                        "[0-9.]+,0,0.1,0.05,[0-9.e-]+\n[0-9.]+,3,0.2,0,nan\n"));
   expect_refusal("svexport in.svol -o none.csv --line 0,0,0:1,0,0", "keeps no cells");
   expect_refusal("svexport mesh.svol -o none.csv --line 1,0,0:1,0,0", "the line has no length");
+  expect_refusal("svexport mesh.svol -o none.csv --line 5,5,5:6,6,6", "the line has no values");
 }
 
 TEST_F(Svexport, WritesCells) {

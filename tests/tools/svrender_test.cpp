@@ -144,7 +144,8 @@ TEST_F(Svrender, DrawsCellsExactly) {
   scene_["transfer_function"]["density"] = {{0, 0}};
   scene_["contours"] = {{{"values", {99}}}};
   write_scene();
-  EXPECT_THAT(run("mesh.svol --scene s.json -o empty.png").text, HasSubstr("no contour is in the picture"));
+  EXPECT_THAT(run("mesh.svol --scene s.json -o empty.png").text,
+              HasSubstr("no contour is in the picture: the isovalue 99 lies outside of the values of value"));
 
   scene_ = plain;
   scene_["exact"] = true;
@@ -204,6 +205,10 @@ TEST_F(Svrender, SlicesClipPlanesAndIsovaluesAreOptions) {
   EXPECT_GT(compare_images(picture("--clip-plane 0.5,0.5,0.5:0.1,0,1"), plain)->rmse, 0.01);
   EXPECT_GT(compare_images(picture("--isovalue 0.5"), plain)->rmse, 0.01);
   EXPECT_GT(compare_images(picture("--isovalue 0.5:0.2"), picture("--isovalue 0.5:0.01"))->rmse, 1e-3);
+  for (const char* value : {"-7", "5e9"}) {
+    const Outcome outcome = run(std::string("v.svol --scene s.json -o out.png --isovalue=") + value);
+    EXPECT_THAT(outcome.err, HasSubstr(fmt::format("the isovalue {} lies outside of the values of", std::stod(value))));
+  }
   for (const char* options :
        {"--slice 1,2:0,0,1", "--slice 1,2,3", "--slice 1,2,3:0,0,0", "--slice 1,2,3:0,0,nan", "--slice 1,2,3:0,0,1,",
         "--clip-plane a,b,c:0,0,1", "--clip-plane 1,2,2e100:0,0,1", "--isovalue x", "--isovalue 1:0", "--isovalue 1:"})

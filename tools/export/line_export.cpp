@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "base/names.h"
+#include "format/mesh_box.h"
 #include "sampler/cell_line.h"
 #include "sampler/cell_tetrahedra.h"
 
@@ -47,6 +48,12 @@ double length_inside(const LineRows& rows) {
   return length;
 }
 
+bool has_values(const LineRows& rows) {
+  return std::ranges::any_of(rows.values, [](const std::vector<double>& values) {
+    return std::ranges::any_of(values, [](double value) { return !std::isnan(value); });
+  });
+}
+
 Status write_rows(AtomicFile& file, const LineRows& rows) {
   std::string text;
   const auto flush = [&] {
@@ -76,6 +83,13 @@ Result<LineReport> export_line(const format::Volume& volume, const std::string& 
   if (!cells) return fail_without_cells(volume);
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, replace));
   SPLATVOL_TRY_ASSIGN(rows, follow_line(*cells, start, end));
+  if (!has_values(rows)) {
+    SPLATVOL_TRY_ASSIGN(box, format::mesh_box(volume));
+    return fail(ErrorCode::invalid_argument,
+                "{}: the line has no values: no cell is on it, or these lack them; the mesh reaches from "
+                "({:.6g}, {:.6g}, {:.6g}) to ({:.6g}, {:.6g}, {:.6g})",
+                volume.name(), box.low.x, box.low.y, box.low.z, box.high.x, box.high.y, box.high.z);
+  }
   LineReport report{.length = rows.arc_lengths.back(), .inside = length_inside(rows)};
   if (samples) rows = in_equal_steps(rows, start, end, *samples);
   report.rows = rows.arc_lengths.size();

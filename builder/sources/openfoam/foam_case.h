@@ -5,6 +5,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -44,11 +45,17 @@ class FoamCase {
   [[nodiscard]] FoamPlace mesh_file(std::size_t part, const std::string& region, std::optional<double> time,
                                     const std::string& name) const;
 
-  /// The fields of a region at a time, by their names, whose names `wants` accepts. Throws if a file is empty, or is
-  /// cut off within its header.
+  using Wants = std::function<bool(const std::string&)>;
+
+  /// The fields of a region at a time, by their names, whose names `wants` accepts. Throws if a file is empty, begins
+  /// with zeros, or is cut off within its header. `left_out` receives a line for each other file, if it is not null.
   [[nodiscard]] std::vector<FoamFieldFile> fields(std::size_t part, const std::string& region,
-                                                  std::optional<double> time,
-                                                  const std::function<bool(const std::string&)>& wants) const;
+                                                  std::optional<double> time, const Wants& wants,
+                                                  std::set<std::string>* left_out = nullptr) const;
+
+  /// A line for each file that lies beside the fields and meshes of all regions, if `wants` accepts its name: fields of
+  /// regions without a mesh, zones and sets, and time steps that lead nowhere.
+  [[nodiscard]] std::set<std::string> left_out(std::size_t part, std::optional<double> time, const Wants& wants) const;
 
  private:
   /// A folder with time steps: the case's, or that of some processors.
@@ -65,6 +72,10 @@ class FoamCase {
   void add_collated(const std::vector<std::string>& names);
   void add_folder(const std::string& name);
   void find_regions();
+  void tell_homeless_fields(const Part& part, const std::string& step, const Wants& wants,
+                            std::set<std::string>& left_out) const;
+  void tell_groups(const Part& part, const std::string& mesh, const Wants& wants,
+                   std::set<std::string>& left_out) const;
   [[nodiscard]] std::string path_of(const std::string& name) const;
   [[nodiscard]] FoamPlace place_of(const Part& part, const std::string& name) const;
   [[nodiscard]] std::string find_file(const Folder& folder, const std::string& name) const;

@@ -313,6 +313,8 @@ bool has_foam_header(const FoamPlace& place) {
   if (stream.peek() < 0) throw ReaderError("{}: the file is empty", place.name);
   if (place.path.ends_with(".gz") && !stream.is_packed())
     throw ReaderError("{}: the file is cut off, or not packed by gzip", place.name);
+  if (stream.ahead(8).find_first_not_of('\0') == std::string_view::npos)
+    throw ReaderError("{}: the file is damaged: it begins with zeros in place of its header", place.name);
   skip_space_of(stream);
   return std::string_view("FoamFile").starts_with(stream.ahead(8));
 }

@@ -106,8 +106,8 @@ class FoamReader {
   bool follows_includes_ = true, inner_is_binary_ = false;
 };
 
-/// Whether a file begins with a header, or ends before it could: then FoamReader tells. Throws if it is empty, or
-/// cannot be read.
+/// Whether a file begins with a header, or ends before it could: then FoamReader tells. Throws if it is empty, begins
+/// with zeros, or cannot be read.
 [[nodiscard]] bool has_foam_header(const FoamPlace& place);
 
 }  // namespace splatvol

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "builder/sources/read_text.h"
 #include "builder/sources/reader_error.h"
 
 namespace splatvol {
@@ -44,6 +45,7 @@ FoamStream::FoamStream(const std::string& path, std::string name)
   if (file_->size() >= start.size() && file_->read(0, start) &&
       is_gzip({reinterpret_cast<const char*>(start.data()), start.size()}))
     unpacker_ = std::make_unique<Unpacker>();
+  if (ahead(byte_order_mark.size()) == byte_order_mark) take(byte_order_mark.size());
 }
 
 FoamStream::~FoamStream() = default;

@@ -9,9 +9,8 @@ namespace splatvol {
 
 /// Returns the bytes of the files that a reader of these inputs may read, each file once; 0 where it cannot tell:
 /// - a folder: all files in it and in its folders. A file of OpenFOAM stands for the folder of its case;
-/// - a file that lists others in a text (.pvd, .pvtu, .pvti, .vtm, .vtpd, .vtpc, .case, .encas, .gltf): it and these,
-/// at any
-///   depth;
+/// - a file that lists others in a text (.pvd, .series, .pvtu, .pvti, .vtm, .vtpd, .vtpc, .case, .encas, .gltf): it and
+///   these, at any depth;
 /// - a part of an Exodus mesh: all parts;
 /// - each other file: the file.
 /// Looks for 2^20 files at most. Safe on untrusted files.

@@ -44,17 +44,6 @@ bool is_bookkeeping(vtkDataSetAttributes& data, int index, const std::string& na
   return is_bookkeeping(name) || role == vtkDataSetAttributes::GLOBALIDS || role == vtkDataSetAttributes::PEDIGREEIDS;
 }
 
-bool wants_array(const std::vector<std::string>& selection, const std::string& array) {
-  const auto is_array = [&](const std::string& name) {
-    if (!name.starts_with(array)) return false;
-    std::string_view rest = std::string_view(name).substr(array.size());
-    for (const std::string_view suffix : {cells_suffix, points_suffix})
-      if (rest.starts_with(suffix)) rest.remove_prefix(suffix.size());
-    return rest.empty() || rest.starts_with("[");
-  };
-  return selection.empty() || std::ranges::any_of(selection, is_array);
-}
-
 void name_in_utf8(vtkDataSet& data) {
   for (const bool of_cells : {false, true}) {
     vtkDataSetAttributes& arrays = arrays_of(data, of_cells);

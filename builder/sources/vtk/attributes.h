@@ -27,10 +27,6 @@ namespace splatvol {
 /// The same for array `index`, of this name, which may also be one of ids.
 [[nodiscard]] bool is_bookkeeping(vtkDataSetAttributes& data, int index, const std::string& name);
 
-/// Whether a selection of attributes needs an array: by its name, or by the name of one of its components, also where
-/// both points and cells have an array of this name.
-[[nodiscard]] bool wants_array(const std::vector<std::string>& selection, const std::string& array);
-
 /// The arrays of the cells of a data set, or of its points.
 [[nodiscard]] vtkDataSetAttributes& arrays_of(vtkDataSet& data, bool of_cells);
 

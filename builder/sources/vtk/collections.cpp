@@ -4,10 +4,12 @@
 #include <cmath>
 #include <filesystem>
 #include <functional>
-#include <tuple>
 #include <utility>
 
+#include "base/file.h"
+#include "base/json.h"
 #include "builder/sources/block_numbers.h"
+#include "builder/sources/formats.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/xml_file.h"
@@ -86,23 +88,53 @@ class BlockTree {
   std::vector<BlockFile> files_;
 };
 
-}  // namespace
+/// A file that a series names.
+struct SeriesEntry {
+  double time = 0, part = 0;
+  std::string file;
+};
 
-Result<std::vector<CollectionStep>> pvd_steps(const std::string& path) {
-  std::vector<std::tuple<double, double, std::string>> entries;  // time, part, file
+Result<std::vector<SeriesEntry>> pvd_entries(const std::string& path) {
+  std::vector<SeriesEntry> entries;
   SPLATVOL_TRY(read_elements(path, [&](vtkXMLDataElement& element) {
     if (!is_data_set(element)) return;
     const std::string file = file_of(element, path);
     if (file.empty()) throw ReaderError("a DataSet names no file");
-    entries.emplace_back(number_in(element, "timestep"), number_in(element, "part"), file);
+    entries.push_back({number_in(element, "timestep"), number_in(element, "part"), file});
   }));
+  return entries;
+}
+
+/// Those of a series of files: {"files": [{"name": "a.vtu", "time": 0}, ...]}. Other members tell of the writer.
+Result<std::vector<SeriesEntry>> json_entries(const std::string& path) {
+  constexpr int most_levels = 8;
+  SPLATVOL_TRY_ASSIGN(text, read_text_file(path));
+  const auto document = parse_shallow_json(text, most_levels);
+  if (!document) return fail_in(path, document.error());
+  const JsonField root(**document), files = root.member("files");
+  const auto entries = files.each([&](const JsonField& file) -> Result<SeriesEntry> {
+    SPLATVOL_TRY_ASSIGN(name, file.member("name").text());
+    SPLATVOL_TRY_ASSIGN(time, file.member("time").number());
+    return SeriesEntry{time, 0, (std::filesystem::path(path).parent_path() / name).string()};
+  });
+  if (!entries) return fail_in(path, entries.error());
+  return *entries;
+}
+
+}  // namespace
+
+Result<std::vector<CollectionStep>> collection_steps(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(entries, is_file_series(path) ? json_entries(path) : pvd_entries(path));
   if (entries.empty()) return fail(ErrorCode::invalid_data, "{}: names no files", path);
-  std::ranges::stable_sort(entries, {},
-                           [](const auto& entry) { return std::pair(std::get<0>(entry), std::get<1>(entry)); });
+  std::ranges::stable_sort(entries, {}, [](const SeriesEntry& entry) { return std::pair(entry.time, entry.part); });
   std::vector<CollectionStep> steps;
-  for (const auto& [time, part, file] : entries) {
-    if (steps.empty() || steps.back().time != time) steps.push_back({time, {}});
-    steps.back().files.push_back(file);
+  for (SeriesEntry& entry : entries) {
+    if (steps.empty() || steps.back().time != entry.time)
+      steps.push_back({entry.time, {}});
+    else if (is_file_series(path))
+      return fail(ErrorCode::invalid_data, "{}: names {} and {}, both for the time {}", path, steps.back().files.back(),
+                  entry.file, entry.time);
+    steps.back().files.push_back(std::move(entry.file));
   }
   return steps;
 }

@@ -1,4 +1,4 @@
-// XML files that name other files: time series (.pvd) and trees of blocks (.vtm).
+// Files that name other files: time series (.pvd, .series) and trees of blocks (.vtm).
 #pragma once
 
 #include <cstdint>
@@ -15,9 +15,10 @@ struct CollectionStep {
   std::vector<std::string> files;
 };
 
-/// Lists the time steps of a .pvd in the order of their times. The files of a step stand in the order of their parts;
-/// their paths are relative to the .pvd's own folder. Fails if the file is damaged or names none.
-[[nodiscard]] Result<std::vector<CollectionStep>> pvd_steps(const std::string& path);
+/// Lists the time steps of a .pvd or .series in the order of their times. The files of a step stand in the order of
+/// their parts; a .series has one for each step. Paths are relative to the file's own folder. Fails if the file is
+/// damaged or names none, and if a .series names two for one time.
+[[nodiscard]] Result<std::vector<CollectionStep>> collection_steps(const std::string& path);
 
 /// A file that a .vtm, .vtpd or .vtpc names, and the number of its block there (builder/sources/block_numbers.h).
 struct BlockFile {

@@ -17,9 +17,9 @@
 #include <vector>
 
 #include "base/file.h"
+#include "builder/sources/array_attributes.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/time_steps.h"
-#include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/file_words.h"
 
 namespace splatvol {

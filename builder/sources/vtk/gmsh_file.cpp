@@ -6,6 +6,7 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <map>
 #include <span>
@@ -22,12 +23,15 @@ namespace {
 /// Reads numbers, as text or as bytes. A number that is not there sets a failure, and reads as 0.
 class Scanner {
  public:
-  explicit Scanner(std::string_view bytes) : bytes_(bytes) {}
+  explicit Scanner(std::string_view bytes) : bytes_(without_byte_order_mark(bytes)) {}
 
   void set_binary(bool binary) { binary_ = binary; }
   [[nodiscard]] bool binary() const { return binary_; }
   [[nodiscard]] bool failed() const { return failed_; }
   [[nodiscard]] std::size_t left() const { return bytes_.size() - at_; }
+
+  /// The first integer that is too large for its kind, which sets a failure; empty: there was none.
+  [[nodiscard]] const std::string& too_large() const { return too_large_; }
   void fail() { failed_ = true; }
 
   /// Reads a number of the file's kind.
@@ -46,6 +50,7 @@ class Scanner {
     // A number at the very end of the file may be cut off.
     failed_ = failed_ || error == std::errc::invalid_argument || end == bytes_.data() + bytes_.size();
     at_ += static_cast<std::size_t>(end - first);
+    if (error == std::errc::result_out_of_range) take_out_of_range(std::string(first, end), value);
     return value;
   }
 
@@ -101,6 +106,17 @@ class Scanner {
   }
 
  private:
+  /// A real number beyond all others is infinite or 0, as its text says.
+  template <class T>
+  void take_out_of_range(const std::string& word, T& value) {
+    if constexpr (std::is_floating_point_v<T>) {
+      value = std::strtod(word.c_str(), nullptr);
+    } else {
+      if (too_large_.empty()) too_large_ = word;
+      failed_ = true;
+    }
+  }
+
   template <class T>
   T raw() {
     T value{};
@@ -121,6 +137,7 @@ class Scanner {
   std::size_t at_ = 0;
   bool binary_ = false;
   bool failed_ = false;
+  std::string too_large_;
 };
 
 struct NodeCount {
@@ -157,6 +174,11 @@ class GmshReader {
         return fail(ErrorCode::invalid_data, "{}: a line stands outside of the sections: damaged", path_);
       const std::string section = name_of_section(line);
       SPLATVOL_TRY(read_section(section));
+      if (!in_.too_large().empty())
+        return fail(ErrorCode::unsupported,
+                    "{}: the number {} in the section ${} is too large: tags of this version are below 2^31, so "
+                    "number nodes and elements anew",
+                    path_, in_.too_large().substr(0, 40), section.substr(0, 40));
       if (in_.failed())
         return fail(ErrorCode::invalid_data, "{}: the section ${} is damaged or cut off", path_, section.substr(0, 40));
     }

@@ -17,6 +17,7 @@
 #include <array>
 #include <cstdint>
 #include <map>
+#include <set>
 #include <span>
 #include <utility>
 
@@ -216,6 +217,7 @@ class OpenFoamReader final : public BlockReader {
   CellCensus take_changes() override {
     CellCensus changes;
     changes.rounded_by = std::exchange(rounded_by_, 0);
+    changes.losses = std::exchange(losses_, {});
     return changes;
   }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
@@ -256,6 +258,8 @@ class OpenFoamReader final : public BlockReader {
       const std::string name = alone ? "internalMesh" : region.empty() ? "defaultRegion" : region;
       tree_->GetMetaData(block++)->Set(vtkCompositeDataSet::NAME(), name.c_str());
     }
+    losses_.merge(case_->left_out(static_cast<std::size_t>(portion), time,
+                                  [&](const std::string& name) { return wants_array(selection_, name); }));
     has_read_ = true;
   }
 
@@ -264,10 +268,10 @@ class OpenFoamReader final : public BlockReader {
     if (!std::exchange(is_checked_, true)) case_->check_parts(time);
   }
 
-  [[nodiscard]] std::vector<FoamFieldFile> fields(int part, const std::string& region,
-                                                  std::optional<double> time) const {
-    return case_->fields(static_cast<std::size_t>(part), region, time,
-                         [&](const std::string& name) { return wants_array(selection_, name); });
+  [[nodiscard]] std::vector<FoamFieldFile> fields(int part, const std::string& region, std::optional<double> time) {
+    return case_->fields(
+        static_cast<std::size_t>(part), region, time,
+        [&](const std::string& name) { return wants_array(selection_, name); }, &losses_);
   }
 
   vtkSmartPointer<vtkUnstructuredGrid> read_region(int part, const std::string& region, std::optional<double> time) {
@@ -327,7 +331,8 @@ class OpenFoamReader final : public BlockReader {
   double rounded_by_ = 0;                  // not taken yet
   vtkNew<vtkMultiBlockDataSet> tree_;
   std::map<std::string, std::string> units_;
-  std::vector<Patch> patches_;  // not taken yet
+  std::vector<Patch> patches_;    // not taken yet
+  std::set<std::string> losses_;  // CellCensus::losses, not taken yet
 };
 
 }  // namespace

@@ -192,6 +192,18 @@ class DataSetOfVtk final : public DataSet {
   vtkNew<vtkIdList> ids_;
 };
 
+bool is_structured(vtkDataSet& data) {
+  const int type = data.GetDataObjectType();
+  return type == VTK_STRUCTURED_GRID || type == VTK_RECTILINEAR_GRID || type == VTK_IMAGE_DATA ||
+         type == VTK_STRUCTURED_POINTS || type == VTK_UNIFORM_GRID;
+}
+
+/// The axes of a structured grid may be left-handed: coordinates that descend, a mirror in a matrix of directions. Its
+/// cells are inverted if they turn the other way than most of them.
+void count_from_most(CellCensus& census) {
+  if (census.inverted > census.upright) std::swap(census.inverted, census.upright);
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
@@ -202,6 +214,7 @@ Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& d
   SPLATVOL_TRY(run_vtk(path, [&] {
     piece = make_piece(path, DataSetOfVtk(data, cells), attributes, cells, missing, change_means, lend, whole_cells);
   }));
+  if (piece && is_structured(data)) count_from_most((*piece)->census);
   return piece;
 }
 

@@ -5,6 +5,7 @@
 #include <vtkDataSetReader.h>
 #include <vtkNew.h>
 #include <vtkSmartPointer.h>
+#include <vtkUnstructuredGrid.h>
 #include <vtkXMLImageDataReader.h>
 #include <vtkXMLPolyDataReader.h>
 #include <vtkXMLRectilinearGridReader.h>
@@ -224,6 +225,8 @@ class FileDataSets final : public VtkDataSets {
     path_ = file.path;
     if (file.kind == VtkFile::Kind::legacy) return read_legacy();
     if (is_xml(file.kind)) {
+      SPLATVOL_TRY_ASSIGN(is_empty, is_empty_xml(path_));
+      if (is_empty) return vtkSmartPointer<vtkDataSet>(vtkSmartPointer<vtkUnstructuredGrid>::New());
       SPLATVOL_TRY(open_xml(file.kind));
       return next_piece();
     }

@@ -9,6 +9,7 @@
 #include <vtkMultiBlockDataSet.h>
 #include <vtkMultiBlockPLOT3DReader.h>
 #include <vtkNew.h>
+#include <vtkPointData.h>
 #include <vtkSmartPointer.h>
 #include <vtkStructuredGrid.h>
 
@@ -333,19 +334,37 @@ std::vector<ArrayShape> plot3d_arrays() {
   return {{"Density", 1, false}, {"Momentum", 3, false}, {"StagnationEnergy", 1, false}, {"Pressure", 1, false}};
 }
 
-/// Reads the blocks of a PLOT3D grid with its solution (binary, any variant). The format interleaves the blocks by
-/// quantity, so all are read here.
-Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const std::string& solution) {
+/// Adds the functions of a PLOT3D file to the blocks of its grid.
+Status add_functions(const std::string& path, ByteSource& file, const Plot3dFormat& format,
+                     std::span<const vtkSmartPointer<vtkDataSet>> blocks) {
+  for (std::size_t block = 0; block < blocks.size(); ++block) {
+    SPLATVOL_TRY_ASSIGN(names, plot3d_function_names(path, format.functions[block].count));
+    for (std::size_t function = 0; function < names.size(); ++function) {
+      SPLATVOL_TRY_ASSIGN(values, read_plot3d_function(file, format, block, function));
+      const vtkNew<vtkDoubleArray> array;
+      array->SetName(names[function].c_str());
+      array->SetNumberOfValues(static_cast<vtkIdType>(values.size()));
+      std::ranges::copy(values, array->GetPointer(0));
+      blocks[block]->GetPointData()->AddArray(array);
+    }
+  }
+  return {};
+}
+
+/// Reads the blocks of a PLOT3D grid with its solution or functions (binary, any variant). The format interleaves the
+/// blocks by quantity, so all are read here.
+Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const std::string& values) {
   // VTK can guess the variant from the grid's size, but it reads past the end of a truncated file's dimensions.
   SPLATVOL_TRY_ASSIGN(grid_file, open_file(grid));
-  SPLATVOL_TRY_ASSIGN(solution_file, open_file(solution));
-  SPLATVOL_TRY_ASSIGN(format, detect_plot3d(*grid_file, *solution_file));
+  SPLATVOL_TRY_ASSIGN(values_file, open_file(values));
+  SPLATVOL_TRY_ASSIGN(format, detect_plot3d(*grid_file, *values_file));
   constexpr int pressure = 110;
+  const bool has_solution = format.functions.empty();
   std::vector<vtkSmartPointer<vtkDataSet>> blocks;
   SPLATVOL_TRY(run_vtk(grid, [&] {
     const vtkNew<vtkMultiBlockPLOT3DReader> reader;
     reader->SetXYZFileName(grid.c_str());
-    reader->SetQFileName(solution.c_str());
+    if (has_solution) reader->SetQFileName(values.c_str());
     reader->SetMultiGrid(format.multi_grid);
     reader->SetHasByteCount(format.record_marks);
     reader->SetByteOrder(format.big_endian ? vtkMultiBlockPLOT3DReader::FILE_BIG_ENDIAN
@@ -354,13 +373,17 @@ Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const 
     reader->SetTwoDimensionalGeometry(format.dimensions == 2);
     reader->SetDoublePrecision(format.precision == 8);
     reader->ForceReadOn();
-    reader->AddFunction(pressure);
+    if (has_solution) reader->AddFunction(pressure);
     reader->Update();
     if (reader->GetOutput()) collect_blocks(*reader->GetOutput(), blocks);
   }));
   if (blocks.empty()) return fail(ErrorCode::invalid_data, "{}: the PLOT3D grid has no blocks", grid);
+  if (!has_solution && blocks.size() != format.functions.size())
+    return fail(ErrorCode::invalid_data, "{}: VTK's reader finds {} of its {} blocks", grid, blocks.size(),
+                format.functions.size());
+  if (!has_solution) SPLATVOL_TRY(add_functions(values, *values_file, format, blocks));
   auto data_sets = std::make_unique<LoadedDataSets>(grid, std::move(blocks));
-  data_sets->declare(plot3d_arrays());
+  if (has_solution) data_sets->declare(plot3d_arrays());
   return data_sets;
 }
 

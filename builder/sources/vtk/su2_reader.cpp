@@ -83,7 +83,7 @@ class Su2Reader {
  public:
   /// `markers`: they are wanted.
   Su2Reader(const std::string& path, std::string_view text, bool markers)
-      : path_(path), text_(text), wants_markers_(markers) {}
+      : path_(path), text_(without_byte_order_mark(text)), wants_markers_(markers) {}
 
   Result<Su2Mesh> read() {
     std::string_view line;

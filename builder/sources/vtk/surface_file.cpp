@@ -21,9 +21,9 @@
 #include <limits>
 #include <span>
 
-#include "base/file.h"
 #include "base/replaceable.h"
 #include "builder/mesh/usable_numbers.h"
+#include "builder/sources/formats.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/gltf_checks.h"
 #include "builder/sources/vtk/legacy_checks.h"
@@ -60,7 +60,8 @@ vtkSmartPointer<vtkAlgorithm> reader_of(const std::string& path) {
 }
 
 Result<LastLine> check_file(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(file, open_file(path));  // whose errors name the reason
+  SPLATVOL_TRY_ASSIGN(start, read_text(path, byte_order_mark.size()));  // whose errors name the reason
+  if (start == byte_order_mark && !has_extension(path, ".vtp")) return fail_byte_order_mark(path);
   if (has_extension(path, ".obj")) return check_obj(path);
   if (has_extension(path, ".ply")) return check_ply(path);
   if (has_extension(path, ".stl")) SPLATVOL_TRY(check_stl(path));

@@ -31,6 +31,13 @@ class UnstructuredReader final : public vtkXMLUnstructuredGridReader {
     this->CellDataArraySelection->SetUnknownArraySetting(1);
   }
 
+  /// Reads no piece without points: VTK's writer gives it no element of points, which VTK's reader asks for.
+  void SetupOutputTotals() override {
+    this->Superclass::SetupOutputTotals();
+    if (this->EndPiece == this->StartPiece + 1 && this->NumberOfPoints[this->StartPiece] == 0)
+      this->EndPiece = this->StartPiece;
+  }
+
   /// Makes the arrays of the piece that is read. VTK makes those of the first piece for all, and fills them by their
   /// order. Requires that one piece is read at once.
   void SetupOutputData() override {

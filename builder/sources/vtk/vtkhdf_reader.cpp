@@ -193,8 +193,10 @@ class HdfFile {
     if (group_.attribute("Version")[0] > 2) throw ReaderError("a VTKHDF version above 2, which cannot be read");
     type_ = group_.text_attribute("Type");
     if (type_ != "UnstructuredGrid" && type_ != "ImageData")
-      throw ReaderError("a VTKHDF file of type \"{}\"; only UnstructuredGrid and ImageData can be read",
-                        type_.substr(0, 40));
+      throw ReaderError(
+          "a VTKHDF file of type \"{}\"; only UnstructuredGrid and ImageData can be read: open it in ParaView, "
+          "and save the data as .vtm",
+          type_.substr(0, 40));
     if (group_.has("Steps")) choose_step(time);
     if (type_ == "UnstructuredGrid") find_partitions();
   }

@@ -171,6 +171,16 @@ std::optional<Extent> extent_in(vtkXMLDataElement& element, const char* name) {
   return extent;
 }
 
+/// Whether a piece is stated to have no points.
+bool is_empty_piece(vtkXMLDataElement& piece) {
+  if (piece.GetAttribute("NumberOfPoints"))
+    return integers_in(piece, "NumberOfPoints", 1) == std::vector{std::int64_t{0}};
+  const auto extent = integers_in(piece, "Extent", 6);
+  for (std::size_t axis = 0; extent && axis < 3; ++axis)
+    if ((*extent)[2 * axis + 1] < (*extent)[2 * axis]) return true;
+  return false;
+}
+
 std::array<double, 3> sides_of(const Extent& extent) {
   std::array<double, 3> sides{};
   for (std::size_t axis = 0; axis < 3; ++axis)
@@ -253,6 +263,7 @@ Result<std::vector<Extent>> extents_of_pieces(const std::string& path, vtkXMLDat
   for (int i = 0; i < grid.GetNumberOfNestedElements(); ++i) {
     vtkXMLDataElement& piece = *grid.GetNestedElement(i);
     if (piece.GetName() != std::string_view("Piece")) continue;
+    if (is_empty_piece(piece)) continue;
     const bool stated = piece.GetAttribute("Extent") != nullptr;
     const auto extent = stated ? extent_in(piece, "Extent") : whole;
     if (!extent) return fail(ErrorCode::invalid_data, "{}: the Extent of a piece is damaged", path);
@@ -521,6 +532,23 @@ Status check_parallel_pieces(const std::string& path, vtkXMLDataElement& grid) {
   const auto whole = extent_in(grid, "WholeExtent");
   if (!whole) return fail(ErrorCode::invalid_data, "{}: the WholeExtent of its {} is damaged", path, grid.GetName());
   return check_pieces(path, grid, *whole);
+}
+
+Result<bool> is_empty_xml(const std::string& path) {
+  constexpr std::uint64_t largest = 1 << 20;  // all else has points
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  if (file->size() > largest) return false;
+  SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
+  vtkXMLDataElement& root = *parser->GetRootElement();
+  std::size_t pieces = 0, empty = 0;
+  for (int g = 0; g < root.GetNumberOfNestedElements(); ++g)
+    for (int p = 0; p < root.GetNestedElement(g)->GetNumberOfNestedElements(); ++p) {
+      vtkXMLDataElement& piece = *root.GetNestedElement(g)->GetNestedElement(p);
+      if (piece.GetName() != std::string_view("Piece")) continue;
+      ++pieces;
+      empty += is_empty_piece(piece) ? 1 : 0;
+    }
+  return pieces > 0 && pieces == empty;
 }
 
 Result<std::vector<XmlPiece>> check_xml(const std::string& path) {

@@ -18,6 +18,10 @@ namespace splatvol {
 /// and points of a piece. Returns what xml_arrays does. Safe on untrusted files.
 [[nodiscard]] Result<std::vector<XmlPiece>> check_xml(const std::string& path);
 
+/// Whether all pieces of a file are stated to have no points, as VTK writes those of empty grids. check_xml() and VTK's
+/// readers refuse such files. Safe on untrusted files.
+[[nodiscard]] Result<bool> is_empty_xml(const std::string& path);
+
 /// Checks that the pieces that a parallel file of a structured grid names fill its extent. Pieces with ghosts overlap,
 /// and pass. `grid`: the element of the grid; other kinds have no extent, and pass.
 [[nodiscard]] Status check_parallel_pieces(const std::string& path, vtkXMLDataElement& grid);

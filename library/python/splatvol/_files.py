@@ -124,7 +124,7 @@ class File:
 
     @property
     def bounds(self) -> Tuple[Vector, Vector]:
-        """The low and the high corner of a cube round all points, in world units."""
+        """The low and the high corner of the box round the mesh, in world units: round its cells, else its points."""
         return self._file.bounds()
 
     @property

@@ -10,7 +10,8 @@ from conftest import linear
 
 def test_what_a_file_tells(ball_file, ball_mesh):
     low, high = ball_file.bounds
-    assert all(l <= -1 and h >= 1 for l, h in zip(low, high))
+    assert low == pytest.approx(ball_mesh[0].min(axis=0), abs=1e-3)
+    assert high == pytest.approx(ball_mesh[0].max(axis=0), abs=1e-3)
     assert ball_file.point_count == len(ball_mesh[0]) == ball_file.resolution_counts[-1]
     assert ball_file.times == [] and ball_file.step == 0
     assert ball_file.attributes[0].low == pytest.approx(linear(ball_mesh[0]).min(), rel=1e-6)

@@ -298,6 +298,23 @@ TEST_F(NpyTest, BadFilesAreOneClearLine) {
   EXPECT_THAT(refusal(header("<f4", std::uint64_t{1} << 62, 4), ""), HasSubstr("0 bytes of data, and not 46116860"));
 }
 
+// NumPy's users keep x, y, z and values in rows.
+TEST_F(NpyTest, TransposedArraysAreRefused) {
+  for (const std::size_t columns : {27, 1000, 5000}) {
+    const std::string data = numbers<double>(std::vector<double>(4 * columns, 1));
+    EXPECT_THAT(
+        error_of({write("a.npy", npy(header("<f8", 4, columns), data))}),
+        AllOf(HasSubstr("a.npy"), HasSubstr(fmt::format("4 points with {} columns", columns)), HasSubstr("transpose")));
+  }
+  std::vector<double> few = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1};
+  std::vector<double> values;
+  for (std::size_t row = 0; row < 4; ++row) {
+    values.insert(values.end(), few.begin() + 3 * row, few.begin() + 3 * row + 3);
+    values.resize(values.size() + 12, 5);
+  }
+  EXPECT_EQ(error_of({write("b.npy", npy(header("<f8", 4, 15), numbers<double>(values)))}), "(no error)");
+}
+
 TEST_F(NpyTest, WrongShapesAndHeadersAreOneClearLine) {
   const auto refusal = [&](const std::string& text) {
     return error_of({write("a.npy", npy(text, numbers<float>(rows)))});

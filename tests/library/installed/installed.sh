@@ -149,6 +149,14 @@ test_page() {
   while IFS= read -r line; do
     grep -qxF -- "${line#  }" <(sed 's/^  //' "$source"/library/examples/*) || fail "docs/library.md shows what no example has: $line"
   done < "$work/shown.txt"
+  # Its CMakeLists.txt is a project as it stands.
+  rm -rf "$work/pasted"
+  mkdir "$work/pasted"
+  sed -n '/^```cmake/,/^```$/{/^```/d;p}' "$source/docs/library.md" > "$work/pasted/CMakeLists.txt"
+  cp "$source/library/examples/read.cpp" "$work/pasted"
+  cmake -S "$work/pasted" -B "$work/pasted/out" -D CMAKE_PREFIX_PATH="$prefix" > "$work/pasted/configure.txt" ||
+    fail "the CMakeLists.txt of docs/library.md does not work"
+  cmake --build "$work/pasted/out" > "$work/pasted/build.txt" || { cat "$work/pasted/build.txt" >&2; exit 1; }
 }
 
 # The examples, configured as a project of somebody else.

@@ -1,12 +1,14 @@
 // Our reader of OpenFOAM: every layout of its files, and what it refuses.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <limits>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -29,6 +31,7 @@ struct Read {
   std::map<std::string, std::vector<double>> values;
   std::map<std::string, std::string> units;
   std::map<std::string, std::uint64_t> patches;  // faces
+  std::set<std::string> left_out;                // lines
 };
 
 /// The volume of a mesh, by its faces.
@@ -104,7 +107,9 @@ class OpenFoam : public FolderTest {
     read.volume += volume_of(mesh);
     for (const FoamPatch& patch : patches)
       if (!patch.is_between_processors()) read.patches[patch.name] += patch.face_count;
-    for (const FoamFieldFile& file : foam.fields(part, region, time, [](const std::string&) { return true; })) {
+    const auto all = [](const std::string&) { return true; };
+    read.left_out.merge(foam.left_out(part, time, all));
+    for (const FoamFieldFile& file : foam.fields(part, region, time, all, &read.left_out)) {
       const std::uint64_t count = file.kind.of_cells ? mesh.cell_count : mesh.points.size();
       const FoamField field = read_foam_field(file.place, file.kind, count);
       std::vector<double>& values = read.values[file.name];
@@ -419,6 +424,90 @@ TEST_F(OpenFoam, OtherFilesOfAStepAreLeftOut) {
   std::vector<std::string> names;
   for (const auto& [name, values] : read_case().values) names.push_back(name);
   EXPECT_THAT(names, ElementsAre("S", "U", "h", "p"));
+}
+
+// A field that is there is read, refused or named.
+TEST_F(OpenFoam, FieldsThatAreNotReadAreNamed) {
+  write_case({});
+  EXPECT_THAT(read_case().left_out, IsEmpty());
+  const std::string field = read("0.5/p");
+  write("0.5/headless", field.substr(field.find("internalField")));
+  write("0.5/misspelt", foam_file("volScalarFeild", "internalField uniform 1;\n"));
+  write("0.5/phi", foam_file("surfaceScalarField", "internalField uniform 1;\n"));
+  write("0.5/settings", foam_file("dictionary", "a 1;\n"));
+  write("0.5/solid/T", field);
+  write("0.5/lagrangian/cloud/d", "");
+  ASSERT_EQ(::mkfifo(path("0.5/pipe").c_str(), 0600), 0);
+  std::filesystem::create_symlink(path("gone"), path("0.5/dangling"));
+  std::filesystem::create_symlink(path("gone"), path("1"));
+  write("linked", field);
+  std::filesystem::create_symlink(path("linked"), path("0.5/q"));
+  const Read read = read_case();
+  EXPECT_THAT(read.left_out, UnorderedElementsAre(HasSubstr("0.5/headless: left out: it has no header"),
+                                                  HasSubstr("0.5/misspelt: left out: its class \"volScalarFeild\""),
+                                                  HasSubstr("phi: left out: surfaceScalarField"),
+                                                  HasSubstr("0.5/solid/T: left out: its region has no mesh"),
+                                                  HasSubstr("lagrangian: left out: particles"),
+                                                  HasSubstr("0.5/pipe: left out: not a regular file"),
+                                                  HasSubstr("0.5/dangling: left out: a link that leads nowhere"),
+                                                  HasSubstr("1: a time step, left out: a link that leads nowhere")));
+  EXPECT_TRUE(read.values.contains("q"));
+  std::set<std::string> left_out;
+  const FoamCase foam(path("case.foam"));
+  const auto only_p = [](const std::string& name) { return name == "p"; };
+  EXPECT_EQ(foam.fields(0, "", 0.5, only_p, &left_out).size(), 1u);
+  EXPECT_THAT(left_out, IsEmpty());
+}
+
+// What a disk leaves of a file that was not written to its end.
+TEST_F(OpenFoam, FilesOfZerosAreRefused) {
+  write_case({});
+  std::string zeros = read("0.5/p");
+  zeros.replace(0, 64, 64, '\0');
+  write("0.5/p", zeros);
+  EXPECT_THAT(refusal(), AllOf(HasSubstr("0.5/p: "), HasSubstr("begins with zeros")));
+  std::filesystem::remove(path("0.5/p"));
+  write("0.5/p.gz", gzipped(std::string(1000, '\0')));
+  EXPECT_THAT(refusal(), AllOf(HasSubstr("0.5/p.gz: "), HasSubstr("begins with zeros")));
+}
+
+TEST_F(OpenFoam, ZonesAndSetsAreNamed) {
+  const std::string mesh = "constant/polyMesh/";
+  write_case({});
+  write(mesh + "cellZones", foam_file("regIOobject",
+                                      "2(rotor { type cellZone; cellLabels List<label> 1(0); }\n"
+                                      "stator { type cellZone; cellLabels List<label> 1(1); })\n"));
+  write(mesh + "pointZones", foam_file("regIOobject", "0()\n"));
+  write(mesh + "sets/inlet.gz", gzipped(foam_file("faceSet", "1(0)")));
+  EXPECT_THAT(read_case().left_out,
+              ElementsAre(HasSubstr("cellZones (rotor, stator): left out"), HasSubstr("sets/inlet: left out")));
+  write(mesh + "cellZones", std::string(100, '\0'));
+  write(mesh + "faceZones", foam_file("regIOobject", "1(baffle { type"));
+  std::filesystem::create_symlink(path("gone"), path(mesh + "sets/outlet"));
+  EXPECT_THAT(
+      read_case().left_out,
+      UnorderedElementsAre(HasSubstr(mesh + "cellZones: the file is damaged: it begins with zeros"),
+                           HasSubstr(mesh + "faceZones: the file is cut off"), HasSubstr("sets/inlet: left out"),
+                           AllOf(HasSubstr("sets/outlet"), HasSubstr("left out"))));
+}
+
+// The mesh of an earlier step must not stand for one that cannot be read.
+TEST_F(OpenFoam, MeshFilesThatLeadNowhereAreRefused) {
+  write_case({});
+  for (const char* name : {"p", "U", "S", "h"}) write(std::string("1/") + name, read(std::string("0.5/") + name));
+  std::filesystem::create_directories(path("1/polyMesh"));
+  std::filesystem::create_symlink(path("gone"), path("1/polyMesh/points"));
+  EXPECT_THAT(refusal(), HasSubstr("1/polyMesh/points"));
+  std::filesystem::remove_all(path("1/polyMesh"));
+  std::filesystem::create_symlink(path("gone"), path("1/polyMesh"));
+  EXPECT_THAT(refusal(), HasSubstr("1/polyMesh: a link that leads nowhere"));
+}
+
+TEST_F(OpenFoam, AByteOrderMarkMeansNothing) {
+  write_case({});
+  for (const char* name : {"0.5/p", "constant/polyMesh/boundary"}) write(name, "\xef\xbb\xbf" + read(name));
+  EXPECT_EQ(read_case().values.at("p").size(), foam_cells);
+  EXPECT_THAT(read_case().left_out, IsEmpty());
 }
 
 // A mesh that moves has new points in its steps, one that changes has all its files there.

@@ -1015,6 +1015,13 @@ TEST_F(BlocksTest, OpenFoam) {
   EXPECT_THAT(patches_of("case.foam"), UnorderedElementsAre(Pair("walls", 108)));
 }
 
+TEST_F(BlocksTest, OpenFoamFieldsThatAreNotRead) {
+  write_openfoam(*this);
+  EXPECT_EQ(strict_error_of("case.foam"), "(no error)");
+  write("2/phi", "FoamFile { version 2.0; format ascii; class surfaceScalarField; }\ninternalField uniform 1;\n");
+  EXPECT_THAT(strict_error_of("case.foam"), HasSubstr("phi: left out: surfaceScalarField"));
+}
+
 TEST_F(BlocksTest, OpenFoamUnits) {
   write_openfoam(*this);
   const auto source = value_of(open_source({path("case.foam")}, {{"f", "U", "U[2]"}, {}, {}}));

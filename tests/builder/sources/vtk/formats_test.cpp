@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "builder/opening/input_files.h"
 #include "builder/sources/vtk/collections.h"
 #include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/patches_of.h"
@@ -104,6 +105,119 @@ struct FormatsTest : FolderTest {
   }
 };
 
+// Series of files, as ParaView writes them.
+
+TEST_F(FormatsTest, SeriesInJson) {
+  const auto series = [](const std::string& files) {
+    return "{\"file-series-version\": \"1.0\", \"files\": [" + files + "]}\n";
+  };
+  write_tetrahedron("data/a.vtu", 0, "f");
+  write_tetrahedron("data/b.vtu", 0, "f", 10);
+  write("s.vtu.series", series(R"({"name": "data/b.vtu", "time": 1.5}, {"name": "data/a.vtu", "time": 0})"));
+  for (const auto& [asked, step] : {std::pair<std::optional<double>, std::size_t>{std::nullopt, 1}, {0.6, 0}}) {
+    const auto input = value_of(read_input({path("s.vtu.series")}, {{}, {}, asked}));
+    ASSERT_TRUE(input.step);
+    EXPECT_THAT(input.step->times, ElementsAre(0, 1.5));
+    EXPECT_LT(largest_error(input, "f", step == 0 ? 1 : 10), 1e-5);
+  }
+  expect_series(path("s.vtu.series"), folder_, 2);
+  expect_refused_or_equal("s.vtu.series", "s.vtu.series", 1);
+  // A folder: the series alone, if there is one; none of several.
+  EXPECT_EQ(value_of(read_input({folder_})).step->times.size(), 2u);
+  std::filesystem::copy(path("s.vtu.series"), path("data/one.vtu.series"));
+  std::filesystem::copy(path("s.vtu.series"), path("data/two.vtp.series"));
+  std::filesystem::remove(path("data/b.vtu"));
+  EXPECT_EQ(value_of(read_input({path("data")})).points, 4u);
+  EXPECT_EQ(files_left_out({path("data")}).size(), 2u);
+  const auto error_with = [&](const std::string& text) {
+    write("bad.vtk.series", text);
+    return error_of("bad.vtk.series");
+  };
+  EXPECT_THAT(error_with(series("")), HasSubstr("names no files"));
+  EXPECT_THAT(error_with(series(R"({"name": "a.vtu"})")), HasSubstr("files[0].time"));
+  EXPECT_THAT(error_with(series(R"({"name": "a.vtu", "time": 1}, {"name": "b.vtu", "time": 1})")),
+              AllOf(HasSubstr("a.vtu"), HasSubstr("b.vtu, both for the time 1")));
+  EXPECT_THAT(error_with("<xml/>"), HasSubstr("bad.vtk.series"));
+  EXPECT_THAT(test::error_of({path("data/a.vtu"), path("s.vtu.series")}), HasSubstr("must be the only input"));
+}
+
+// Windows's editors put a mark in front of a text in UTF-8.
+TEST_F(FormatsTest, ByteOrderMarks) {
+  const std::string mark = "\xef\xbb\xbf";
+  write("a.vtu", mark + tetrahedron_at(0, {{"s", {1, 2, 3, 4}}}).file());
+  EXPECT_EQ(value_of(read_input({path("a.vtu")})).points, 4u);
+  write("a.su2", mark + "NDIME= 3\nNELEM= 1\n10 0 1 2 3\nNPOIN= 4\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n");
+  EXPECT_EQ(value_of(read_input({path("a.su2")})).points, 4u);
+  write("a.msh", mark +
+                     "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n"
+                     "$EndNodes\n$Elements\n1\n1 4 2 0 1 1 2 3 4\n$EndElements\n");
+  EXPECT_EQ(value_of(read_input({path("a.msh")})).points, 4u);
+  write("s.vtu.series", mark + R"({"files": [{"name": "a.vtu", "time": 0}]})");
+  EXPECT_EQ(value_of(read_input({path("s.vtu.series")})).points, 4u);
+  // VTK's readers take the mark for a word.
+  write("a.vtk", mark + "# vtk DataFile Version 3.0\n");
+  write("a.case", mark + "FORMAT\ntype: ensight gold\n");
+  for (const char* name : {"a.vtk", "a.case"}) EXPECT_THAT(error_of(name), HasSubstr("a byte order mark")) << name;
+}
+
+TEST_F(FormatsTest, GmshTagsThatAreTooLargeAreNamed) {
+  write("a.msh",
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n3000000001 0 0 0\n3000000002 1 0 0\n3000000003 0 1 0\n"
+        "3000000004 0 0 1\n$EndNodes\n$Elements\n1\n1 4 2 0 1 3000000001 3000000002 3000000003 3000000004\n"
+        "$EndElements\n");
+  EXPECT_THAT(error_of("a.msh"),
+              AllOf(HasSubstr("a.msh: the number 3000000001 in the section $Nodes"), HasSubstr("below 2^31")));
+}
+
+TEST_F(FormatsTest, PiecesOfEmptyGrids) {
+  const std::string empty =
+      "<Piece NumberOfPoints=\"0\" NumberOfCells=\"0\"><PointData></PointData><CellData></CellData><Points></Points>"
+      "<Cells><DataArray type=\"Int64\" Name=\"connectivity\" format=\"ascii\"></DataArray>"
+      "<DataArray type=\"Int64\" Name=\"offsets\" format=\"ascii\"></DataArray>"
+      "<DataArray type=\"UInt8\" Name=\"types\" format=\"ascii\"></DataArray></Cells></Piece>";
+  const VtuMesh tetrahedron = tetrahedron_at(0, {{"s", {1, 2, 3, 4}}});
+  write("full.vtu", tetrahedron.file());
+  write("empty.vtu", vtk_file("UnstructuredGrid", empty));
+  for (const char* pieces : {"<Piece Source=\"empty.vtu\"/><Piece Source=\"full.vtu\"/>",
+                             "<Piece Source=\"full.vtu\"/><Piece Source=\"empty.vtu\"/>"}) {
+    write("all.pvtu", vtk_file("PUnstructuredGrid", pieces, "GhostLevel=\"0\""));
+    EXPECT_EQ(value_of(read_input({path("all.pvtu")})).points, 4u) << pieces;
+  }
+  write("all.vtm", vtm_file({"empty.vtu", "full.vtu"}));
+  EXPECT_EQ(value_of(read_input({path("all.vtm")})).points, 4u);
+  for (const std::string& pieces : {empty + tetrahedron.piece(), tetrahedron.piece() + empty}) {
+    write("pieces.vtu", vtk_file("UnstructuredGrid", pieces));
+    EXPECT_EQ(value_of(read_input({path("pieces.vtu")})).points, 4u);
+  }
+  EXPECT_THAT(error_of("empty.vtu"), HasSubstr("no points"));
+
+  const std::string image = "Origin=\"0 0 0\" Spacing=\"1 1 1\"";
+  write("full.vti", vtk_file("ImageData",
+                             "<Piece Extent=\"0 1 0 1 0 1\"><PointData><DataArray type=\"Float64\" Name=\"s\" "
+                             "format=\"ascii\">0 1 2 3 4 5 6 7</DataArray></PointData></Piece>",
+                             "WholeExtent=\"0 1 0 1 0 1\" " + image));
+  write("empty.vti", vtk_file("ImageData", "<Piece Extent=\"0 -1 0 -1 0 -1\"><PointData></PointData></Piece>",
+                              "WholeExtent=\"0 -1 0 -1 0 -1\" " + image));
+  write("all.pvti", vtk_file("PImageData",
+                             "<Piece Extent=\"0 -1 0 -1 0 -1\" Source=\"empty.vti\"/>"
+                             "<Piece Extent=\"0 1 0 1 0 1\" Source=\"full.vti\"/>",
+                             "GhostLevel=\"0\" WholeExtent=\"0 1 0 1 0 1\" " + image));
+  EXPECT_EQ(value_of(read_input({path("all.pvti")})).points, 8u);
+}
+
+// VTK writes the range of an array beside it, and does not read "inf" there.
+TEST_F(FormatsTest, RangesThatAreInfinite) {
+  const std::string key =
+      "<InformationKey name=\"L2_NORM_RANGE\" location=\"vtkDataArray\" length=\"2\"><Value index=\"0\">0</Value>"
+      "<Value index=\"1\">inf</Value></InformationKey>";
+  std::string file = tetrahedron_at(0, {{"s", {1, 2, 3, 4}}}).file();
+  const std::size_t array = file.find("Name=\"s\""), end = file.find("</DataArray>", array);
+  file.insert(end, key);
+  write("a.vtu", file);
+  const auto input = value_of(read_input({path("a.vtu")}));
+  EXPECT_THAT(input.pieces[0].values[0], ElementsAre(1, 2, 3, 4));
+}
+
 // .pvd: two steps of two parts.
 
 TEST_F(FormatsTest, Pvd) {
@@ -116,7 +230,7 @@ TEST_F(FormatsTest, Pvd) {
   write_tetrahedron("data/b.vtu", 2, "f");
   write_tetrahedron("data/c.vtu", 0, "f", 10);
   write_tetrahedron("data/d.vtu", 2, "f", 10);
-  const auto steps = value_of(pvd_steps(path("series.pvd")));
+  const auto steps = value_of(collection_steps(path("series.pvd")));
   ASSERT_EQ(steps.size(), 2u);
   EXPECT_EQ(steps[0].time, 0.5);
   EXPECT_THAT(steps[1].files, ElementsAre(path("data/c.vtu"), path("data/d.vtu")));

@@ -1,4 +1,5 @@
 // HDF5 files whose values are elsewhere, or nowhere: the library reads zeros, or drops the array.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <sys/stat.h>
 
@@ -40,6 +41,16 @@ struct Hdf5Test : FolderTest {
     return path(name);
   }
 
+  /// Writes a file of another type, without data.
+  std::string write_type(const std::string& name, const std::string& type) const {
+    const hid_t file = H5Fcreate(path(name).c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT),
+                root = make_group(file, "VTKHDF");
+    put_type(root, type);
+    H5Gclose(root);
+    H5Fclose(file);
+    return path(name);
+  }
+
   /// Expects that an array "p" at the points is refused by its name, unless it is not wanted.
   void expect_refused(const std::string& reason, const std::function<void(hid_t points)>& put_p) const {
     const std::string mesh = write_mesh("a.vtkhdf", put_p);
@@ -61,6 +72,12 @@ struct Hdf5Test : FolderTest {
     return plan;
   }
 };
+
+TEST_F(Hdf5Test, OtherTypesOfVtkhdfAreRefusedWithTheWayOut) {
+  for (const char* type : {"MultiBlockDataSet", "PartitionedDataSetCollection", "OverlappingAMR", "PolyData"})
+    EXPECT_THAT(error_of({write_type("a.vtkhdf", type)}),
+                AllOf(HasSubstr(fmt::format("of type \"{}\"", type)), HasSubstr("save the data as .vtm")));
+}
 
 TEST_F(Hdf5Test, RawDataThatIsCutOff) {
   const auto put_p = [&](hid_t points) { put_array<double>(points, "p", values, {}, raw_plan()); };
