@@ -35,7 +35,8 @@ constexpr std::array<FormatRow, input_format_count> rows = {{
      "a block, and the arrays of all points", "`--time`", "as VTK",
      "node sets, edge and face blocks; side sets without `--boundary`"},
     {InputFormat::cgns, "CGNS", ".cgns", "", "HDF5, ADF", "a zone", "`--time`", "as VTK",
-     "sections of surfaces and boundary conditions without `--boundary`; flat zones; values of faces and edges"},
+     "sections of surfaces and boundary conditions without `--boundary`; flat zones; values of faces, edges and "
+     "regions, discrete data"},
     {InputFormat::ensight, "EnSight", ".case .encas", "", "6, Gold; ascii, binary", "the whole mesh", "`--time`",
      "as VTK", "ghosts; materials; parts with surfaces only, without `--boundary`"},
     {InputFormat::openfoam, "OpenFOAM", ".foam", "a case's folder or .foam",

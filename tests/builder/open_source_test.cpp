@@ -731,6 +731,8 @@ TEST_F(SourceTest, Plot3dFunctions) {
     EXPECT_EQ(input.pieces[1].values[1][5], 51);
     write("a.nam", "\xef\xbb\xbfMach number\r\nU ; velocity\n");
     EXPECT_THAT(value_of(read_input({grid, functions})).attributes, ElementsAre("Mach number", "U"));
+    write("a.nam", "T\nT\n");
+    EXPECT_THAT(error_of({grid, functions}), HasSubstr("a.nam: two functions are called \"T\""));
     write("a.nam", "T\n");
     EXPECT_THAT(error_of({grid, functions}), HasSubstr("a.nam: names 1 functions, and "));
     std::filesystem::remove(path("a.nam"));

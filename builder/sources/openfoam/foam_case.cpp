@@ -325,7 +325,11 @@ std::vector<FoamFieldFile> FoamCase::fields(std::size_t part, const std::string&
     tell("lagrangian", "particles");
   for (const std::string& file : entries.files) {
     const std::string name = without_gz(file);
-    if (!is_wanted(file, wants) || (!fields.empty() && fields.back().name == name)) continue;
+    if (!is_wanted(file, wants)) continue;
+    if (file != name && std::ranges::find(entries.files, name) != entries.files.end()) {
+      tell(joined(inner, file), fmt::format("there is a file {}, too", name));
+      continue;
+    }
     const FoamPlace place = place_of(parts_[part], joined(inner, file));
     if (!has_foam_header(place)) {
       tell(place.name, "it has no header (FoamFile) to tell whether it is a field");

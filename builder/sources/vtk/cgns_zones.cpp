@@ -520,6 +520,10 @@ class ZoneReader {
         throw ReaderError("CGNS: the PointRange of the solution {} ends before it begins", solution.name);
     if (!is_range) {
       for (const auto& [i, j, k] : indices) add(i, j, k);
+      std::vector<vtkIdType> sorted = places;
+      std::ranges::sort(sorted);
+      if (std::ranges::adjacent_find(sorted) != sorted.end())
+        throw ReaderError("CGNS: the solution {} has two values of a point or cell", solution.name);
       return places;
     }
     for (cgsize_t k = indices[0][2]; k <= indices[1][2]; ++k)

@@ -8,6 +8,8 @@
 #include <string_view>
 #include <system_error>
 
+#include "base/names.h"
+#include "base/printable.h"
 #include "base/replaceable.h"
 #include "builder/sources/array_attributes.h"
 #include "builder/sources/read_text.h"
@@ -178,8 +180,10 @@ Result<std::vector<std::string>> plot3d_function_names(const std::string& path, 
   SPLATVOL_TRY_ASSIGN(text, read_text_file(of_names));
   for (std::string_view rest = without_byte_order_mark(text); !rest.empty();) {
     const std::string_view line = take_line(rest), name = trimmed(line.substr(0, line.find(';')));
-    if (!name.empty()) names.emplace_back(name);
+    if (!name.empty()) names.push_back(as_utf8(name));
   }
+  if (const auto duplicate = find_duplicate(names))
+    return fail(ErrorCode::invalid_data, "{}: two functions are called \"{}\": rename one", of_names, *duplicate);
   if (names.size() == count) return names;
   return fail(ErrorCode::invalid_data, "{}: names {} functions, and {} has {}", of_names, names.size(), path, count);
 }

@@ -440,11 +440,13 @@ TEST_F(OpenFoam, FieldsThatAreNotReadAreNamed) {
   ASSERT_EQ(::mkfifo(path("0.5/pipe").c_str(), 0600), 0);
   std::filesystem::create_symlink(path("gone"), path("0.5/dangling"));
   std::filesystem::create_symlink(path("gone"), path("1"));
+  write("0.5/U.gz", gzipped(field));
   write("linked", field);
   std::filesystem::create_symlink(path("linked"), path("0.5/q"));
   const Read read = read_case();
   EXPECT_THAT(read.left_out, UnorderedElementsAre(HasSubstr("0.5/headless: left out: it has no header"),
                                                   HasSubstr("0.5/misspelt: left out: its class \"volScalarFeild\""),
+                                                  HasSubstr("0.5/U.gz: left out: there is a file U, too"),
                                                   HasSubstr("phi: left out: surfaceScalarField"),
                                                   HasSubstr("0.5/solid/T: left out: its region has no mesh"),
                                                   HasSubstr("lagrangian: left out: particles"),

@@ -214,12 +214,13 @@ TEST_F(CgnsSolutionsTest, SeveralAtOneLocationOfPolyhedra) {
 }
 
 TEST_F(CgnsSolutionsTest, ValuesOfSomePointsOrCells) {
-  const auto write = [&](cgsize_t point) {
+  const auto write = [&](cgsize_t point, const std::vector<cgsize_t>& other = {3, 2, 2}) {
     const CgnsWriter file(path("a.cgns"));
     const int zone = file.zone("One");
     // Numbers of points along each axis.
-    file.field(zone, file.solution_at(zone, "List", vertex, CGNS_ENUMV(PointList), 2, {point, 1, 1, 3, 2, 2}), "list",
-               {5, 6});
+    std::vector<cgsize_t> list = {point, 1, 1};
+    list.insert(list.end(), other.begin(), other.end());
+    file.field(zone, file.solution_at(zone, "List", vertex, CGNS_ENUMV(PointList), 2, list), "list", {5, 6});
     file.field(zone, file.solution_at(zone, "Range", vertex, CGNS_ENUMV(PointRange), 2, {2, 1, 2, 3, 2, 2}), "range",
                {1, 2, 3, 4});
     file.field(zone, file.solution_at(zone, "Cell", cell_center, CGNS_ENUMV(PointRange), 2, {2, 1, 1, 2, 1, 1}), "cell",
@@ -236,6 +237,8 @@ TEST_F(CgnsSolutionsTest, ValuesOfSomePointsOrCells) {
   EXPECT_THAT(input.census.losses, IsEmpty());
   write(4);
   EXPECT_THAT(error_of({path("a.cgns")}), HasSubstr("the solution List names a point or cell that is not there"));
+  write(1, {1, 1, 1});
+  EXPECT_THAT(error_of({path("a.cgns")}), HasSubstr("the solution List has two values of a point or cell"));
 }
 
 TEST_F(CgnsSolutionsTest, WithoutPointersBelongToTimesByTheirOrder) {
