@@ -313,15 +313,7 @@ class ExodusReader final : public BlockReader {
     for (std::size_t i = 0; i < of_elements_.size(); ++i)
       reader_->SetObjectArrayStatus(vtkExodusIIReader::ELEM_BLOCK, static_cast<int>(i),
                                     header_.has_steps && wants_array(selection, of_elements_[i].name));
-    // VTK's reader does not list these then.
-    if (!header_.has_steps && of_elements_.empty())
-      for (const std::string& name : header_.of_elements) of_elements_.push_back({.vtk_name = name, .name = name});
-    if (header_.has_steps) {
-      find_without_values(selection);
-    } else {
-      for (std::vector<ExodusArray>* arrays : {&nodal_, &of_elements_})
-        std::erase_if(*arrays, [&](const ExodusArray& array) { return !wants_array(selection, array.name); });
-    }
+    header_.has_steps ? find_without_values(selection) : keep_wanted(selection);
     select_others(false);
   }
 
@@ -399,7 +391,8 @@ class ExodusReader final : public BlockReader {
   void check_components(int portion) const {
     const int id = reader_->GetObjectId(vtkExodusIIReader::ELEM_BLOCK, portion);
     const auto block = header_.blocks.find(id);
-    for (std::size_t i = 0; block != header_.blocks.end() && i < of_elements_.size(); ++i) {
+    if (block == header_.blocks.end() || !header_.has_steps) return;
+    for (std::size_t i = 0; i < of_elements_.size(); ++i) {
       const ExodusArray& array = of_elements_[i];
       int with_values = 0;
       for (int c = 0; c < array.components; ++c)
@@ -418,6 +411,14 @@ class ExodusReader final : public BlockReader {
       for (int c = 0; c < array.components; ++c)
         if (header_.has_nodes && wants_array(selection, array.name) && !header_.has_nodal_values(array.variable + c))
           without_values_.insert(fmt::format("{}: declared, and the file has no values of it", array.name));
+  }
+
+  /// Keeps the arrays that are wanted, for a file without steps. VTK's reader may not list those of cells.
+  void keep_wanted(const std::vector<std::string>& selection) {
+    if (of_elements_.empty())
+      for (const std::string& name : header_.of_elements) of_elements_.push_back({.vtk_name = name, .name = name});
+    for (std::vector<ExodusArray>* arrays : {&nodal_, &of_elements_})
+      std::erase_if(*arrays, [&](const ExodusArray& array) { return !wants_array(selection, array.name); });
   }
 
   /// Adds arrays of missing values.
