@@ -660,13 +660,31 @@ Status check_marks(const std::string& path, ByteSource& file, const EnsightFile&
               path, found, stated.steps);
 }
 
+/// The number of the part that begins in a line of EnSight 6, if one does.
+std::optional<std::uint64_t> part_in(std::string_view line) {
+  constexpr std::string_view part = "part ";
+  return line.starts_with(part) ? number_of<std::uint64_t>(trimmed(line.substr(part.size()))) : std::nullopt;
+}
+
 /// Checks a text file of which only the first lines are known, `titles` of them: VTK's reader takes zeros for numbers
-/// that it cannot read, and in EnSight 6 for the others of their line.
+/// that it cannot read, and in EnSight 6 for the others of their line. It takes the last of several parts of one number
+/// there.
 Status check_lines(const std::string& path, std::unique_ptr<ByteSource> file, std::uint64_t titles) {
   FileWords words(std::move(file));
-  (void)words.skip_lines(titles);
+  constexpr std::string_view mark = "BEGIN TIME STEP";
+  (void)words.skip_lines(words.line().starts_with(mark) ? titles : titles - 1);
+  std::set<std::uint64_t> parts;  // of a step
   while (!words.at_end()) {
     const std::string line = words.line();
+    if (line.starts_with(mark)) {
+      parts.clear();
+      (void)words.skip_lines(titles);
+    } else if (const auto part = part_in(line)) {
+      if (!parts.insert(*part).second)
+        return fail(ErrorCode::invalid_data, "{}: two parts have the number {}: leave out one, or give it another",
+                    path, *part);
+      (void)words.skip_lines(1);  // its description, or the type of its elements
+    }
     const bool of_numbers = line.find_first_not_of("0123456789+-.eE*, \t\r") == std::string::npos;
     if (of_numbers && line.find_first_of("*,") != std::string::npos)
       return fail(ErrorCode::invalid_data,

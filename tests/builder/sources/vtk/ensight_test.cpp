@@ -730,6 +730,23 @@ TEST_F(EnsightTest, NumbersOfEnsight6) {
   EXPECT_THAT(error_with("f", values, "+00\n", "+00"), HasSubstr("f: no line end follows"));
 }
 
+TEST_F(EnsightTest, PartsOfOneNumberInEnsight6) {
+  const std::string cell = "tetra4\n       1\n       1       2       3       4\n";
+  const std::string points = geometry_of_6.substr(0, geometry_of_6.find("part"));
+  const std::string values = "part 1\ntetra4\n 1.00000e+00\n";
+  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per element: q q\n");
+  write("geo", geometry_of_6);
+  write("q", "part 1\n" + values);  // a description that looks like a part
+  EXPECT_THAT(value_of(read_input({path("a.case")})).pieces.at(0).values.at(0), Each(1));
+  write("q", "q\n" + values + values);
+  EXPECT_THAT(error_of({path("a.case")}), HasSubstr("q: two parts have the number 1"));
+  write("q", "q\n" + values);
+  write("geo", points + "part 1\npart 1\n" + cell);
+  EXPECT_EQ(value_of(read_input({path("a.case")})).pieces.size(), 1u);
+  write("geo", points + "part 1\na\n" + cell + "part 1\nb\n" + cell);
+  EXPECT_THAT(error_of({path("a.case")}), HasSubstr("geo: two parts have the number 1"));
+}
+
 // VTK's reader leaves out the variable of the other time set.
 TEST_F(EnsightTest, VariablesOfEnsight6ThatAreNotDeliveredAreNamed) {
   write("geo", geometry_of_6);
