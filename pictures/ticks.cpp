@@ -77,6 +77,12 @@ Ticks signed_powers(double low, double high, double width, int stride) {
 
 }  // namespace
 
+int digits_of_range(double low, double high) {
+  const double largest = std::max(std::abs(low), std::abs(high));
+  if (!(high > low) || !std::isfinite(largest)) return 5;
+  return static_cast<int>(std::clamp(std::ceil(std::log10(largest / (high - low))) + 4, 5.0, 17.0));
+}
+
 Ticks ticks_of(const TransferFunction& function, int most) {
   const double low = function.lo, high = function.hi;
   Ticks ticks;

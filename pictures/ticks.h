@@ -25,6 +25,9 @@ struct Ticks {
 /// Requires low < high, most >= 2.
 [[nodiscard]] Ticks ticks_between(double low, double high, int most);
 
+/// Returns how many significant digits tell values of a range apart, to some thousandths of it: 5 to 17.
+[[nodiscard]] int digits_of_range(double low, double high);
+
 /// Returns ticks for the domain of a transfer function, on its axis. On a bent axis these are powers of ten (and their
 /// negatives, and 0), evenly thinned out to about `most`; twice and five times these too where a domain has fewer than
 /// two. Requires lo < hi, most >= 2.

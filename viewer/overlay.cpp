@@ -101,10 +101,11 @@ void draw_scalar_bar(const TransferFunction& function, const format::Attribute& 
     canvas().AddLine({low.x + width, y(t)}, {low.x + width + 4 * u, y(t)}, color, u);
     write({low.x + width + 7 * u, y(t) - half_line}, tick.label);
   }
-  if (!ticks.factor.empty()) write({low.x, low.y + height + 3 * u}, ticks.factor);
-  const std::string title = label_of(attribute);
-  const float text_width = ImGui::CalcTextSize(title.c_str()).x;
-  write({std::min(low.x, right - text_width - 8 * u), low.y - 22 * u}, title);
+  const auto write_within = [&](float at_y, const std::string& text) {
+    write({std::min(low.x, right - ImGui::CalcTextSize(text.c_str()).x - 8 * u), at_y}, text);
+  };
+  if (!ticks.factor.empty()) write_within(low.y + height + 3 * u, ticks.factor);
+  write_within(low.y - 22 * u, label_of(attribute));
 }
 
 void draw_message(const std::string& text, const PictureArea& area) {

@@ -8,19 +8,21 @@
 #include <limits>
 #include <utility>
 
+#include "pictures/ticks.h"
 #include "viewer/window/gui_units.h"
 #include "viewer/window/presenter.h"
 
 namespace splatvol {
 namespace {
 
-std::string with_unit(double value, const std::string& unit) {
-  return fmt::format("{:.5g}{}{}", value, unit.empty() ? "" : " ", unit);
+std::string with_unit(double value, const format::Attribute& attribute) {
+  return fmt::format("{:.{}g}{}{}", value, digits_of_range(attribute.min, attribute.max),
+                     attribute.unit.empty() ? "" : " ", attribute.unit);
 }
 
 std::string words_of(const Probe& probe, const format::Attribute& attribute) {
   return fmt::format("{} {}\nat {:.5g}, {:.5g}, {:.5g}\nopacity {:.0f} %", attribute.name,
-                     with_unit(probe.value, attribute.unit), probe.position.x, probe.position.y, probe.position.z,
+                     with_unit(probe.value, attribute), probe.position.x, probe.position.y, probe.position.z,
                      100 * probe.opacity);
 }
 
@@ -63,10 +65,11 @@ void draw_plot(const Probe& probe, const format::Attribute& attribute) {
     const Probe::Sample& sample =
         probe.samples[static_cast<std::size_t>(std::clamp(std::round(share * last), 0.0, last))];
     ImGui::SetTooltip("distance %.5g\n%s %s\nopacity up to here %.0f %%", sample.distance, attribute.name.c_str(),
-                      std::isnan(sample.value) ? "none" : with_unit(sample.value, attribute.unit).c_str(),
+                      std::isnan(sample.value) ? "none" : with_unit(sample.value, attribute).c_str(),
                       100 * sample.opacity);
   }
-  const std::string range = fmt::format("{:.4g} to {}", low, with_unit(high, attribute.unit));
+  const std::string range =
+      fmt::format("{:.{}g} to {}", low, digits_of_range(attribute.min, attribute.max), with_unit(high, attribute));
   const std::string distances =
       fmt::format("distance {:.4g} to {:.4g}", probe.samples.front().distance, probe.samples.back().distance);
   ImGui::TextUnformatted((low <= high ? range : "no values").c_str());

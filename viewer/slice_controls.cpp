@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 
+#include "pictures/ticks.h"
 #include "scene/isovalue.h"
 #include "viewer/window/gui_units.h"
 
@@ -223,7 +224,9 @@ void SliceControls::draw_isovalue(Scene& scene, const TransferFunction& fitting,
   const double least = function.lo, most = function.hi, narrowest = 1e-4 * (most - least), widest = most - least;
   Isovalue changed = *isovalue;
   const auto flags = ImGuiSliderFlags_AlwaysClamp;
-  const bool moved = ImGui::SliderScalar("value", ImGuiDataType_Double, &changed.value, &least, &most, "%.5g", flags);
+  const std::string number = fmt::format("%.{}g", digits_of_range(least, most));
+  const bool moved =
+      ImGui::SliderScalar("value", ImGuiDataType_Double, &changed.value, &least, &most, number.c_str(), flags);
   hint("In the attribute's unit, within the range.\nControl click: type a number.");
   const bool widened = ImGui::SliderScalar("width", ImGuiDataType_Double, &changed.width, &narrowest, &widest, "%.3g",
                                            flags | ImGuiSliderFlags_Logarithmic);

@@ -1,10 +1,12 @@
 #include "viewer/transfer_editor.h"
 
+#include <fmt/format.h>
 #include <imgui.h>
 
 #include <algorithm>
 #include <cmath>
 
+#include "pictures/ticks.h"
 #include "scene/color_maps.h"
 #include "scene/transfer_edits.h"
 #include "viewer/window/gui_units.h"
@@ -154,16 +156,17 @@ void TransferEditor::edit_range(TransferFunction& function, const format::Attrib
   const double span = std::max(attribute.max - attribute.min, 1e-30);
   const double narrowest = 1e-6 * span;
   double range[2] = {function.lo, function.hi};
+  const std::string number = fmt::format("%.{}g", digits_of_range(function.lo, function.hi));
   if (function.axis == ValueAxis::linear) {
     const float speed = static_cast<float>(span / 400);
-    if (ImGui::DragScalarN("range", ImGuiDataType_Double, range, 2, speed, nullptr, nullptr, "%.5g") &&
+    if (ImGui::DragScalarN("range", ImGuiDataType_Double, range, 2, speed, nullptr, nullptr, number.c_str()) &&
         range[1] - range[0] > narrowest)
       function.lo = range[0], function.hi = range[1];
     range_hint(attribute, "Drag, or control click: type a number.");
     return;
   }
   // Steps of a drag would be too long for the small values.
-  const bool changed = ImGui::InputScalarN("range", ImGuiDataType_Double, range, 2, nullptr, nullptr, "%.5g",
+  const bool changed = ImGui::InputScalarN("range", ImGuiDataType_Double, range, 2, nullptr, nullptr, number.c_str(),
                                            ImGuiInputTextFlags_EnterReturnsTrue);
   range_hint(attribute, "Type a number, and Enter.");
   if (changed && range[0] < range[1]) function = with_domain(function, function.axis, range[0], range[1]);
@@ -223,8 +226,9 @@ void TransferEditor::edit_densities(TransferFunction& function, const format::At
     points[*density_].extinction = area.pointer_density();
   }
   if (area.hovered && !area.active)
-    ImGui::SetTooltip("%.5g %s\n%s %.3g%s\nclick: add or drag, right click: remove",
-                      function.value_at(area.pointer_t()), attribute.unit.c_str(), name, area.pointer_density(), unit);
+    ImGui::SetTooltip("%.*g %s\n%s %.3g%s\nclick: add or drag, right click: remove",
+                      digits_of_range(function.lo, function.hi), function.value_at(area.pointer_t()),
+                      attribute.unit.c_str(), name, area.pointer_density(), unit);
 }
 
 void TransferEditor::pick_color(TransferFunction& function) const {

@@ -55,6 +55,14 @@ TEST(Ticks, HaveAnOffsetForValuesFarFromZero) {
     }
 }
 
+TEST(Ticks, DigitsTellValuesOfARangeApart) {
+  EXPECT_EQ(digits_of_range(0, 1), 5);
+  EXPECT_EQ(digits_of_range(-3e20, 1), 5);
+  EXPECT_EQ(digits_of_range(101325, 101325.001), 13);
+  EXPECT_EQ(digits_of_range(1, 1 + 1e-15), 17);
+  EXPECT_EQ(digits_of_range(2, 2), 5);
+}
+
 TEST(Ticks, HaveAFactorForValuesOfAnySize) {
   EXPECT_EQ(ticks_between(0, 3, 5).factor, "");
   EXPECT_EQ(ticks_between(1e51, 5e51, 5).factor, "× 10⁵¹");
