@@ -11,6 +11,7 @@
 #include "format/cell_reader.h"
 #include "format/mesh_box.h"
 #include "format/volume.h"
+#include "pictures/ticks.h"
 #include "streamer/first/default_scene.h"
 #include "tools/steps.h"
 #include "tools/tool.h"
@@ -258,8 +259,10 @@ void print_attributes(const Volume& volume, const Survey& survey) {
     std::uint64_t bytes = 0;
     for (std::size_t c = 0; c < info.columns.size(); ++c)
       if (info.columns[c].attribute == static_cast<int>(a)) bytes += survey.columns[c].packed;
-    print_out("{:<24} {:>13.6g} {:>13.6g} {:>10.3g} {:>10} {:>12.2f}  {}\n", attribute.name, attribute.min,
-              attribute.max, attribute.error, attribute.missing, per(bytes, info.point_count()), attribute.unit);
+    const int digits = std::max(digits_of_range(attribute.min, attribute.max), 6);
+    print_out("{:<24} {:>13.{}g} {:>13.{}g} {:>10.3g} {:>10} {:>12.2f}  {}\n", attribute.name, attribute.min, digits,
+              attribute.max, digits, attribute.error, attribute.missing, per(bytes, info.point_count()),
+              attribute.unit);
   }
   for (const format::Alias& alias : info.aliases)
     print_out("{:<24} the same as {}\n", alias.name, info.attributes[static_cast<std::size_t>(alias.attribute)].name);
@@ -334,7 +337,8 @@ void print_steps(const Volume& volume, const format::Steps& steps, std::size_t s
   print_out("\n{:<24} {:>13} {:>13}\n", "all steps", "min", "max");
   for (const format::Attribute& attribute : volume.info().attributes) {
     const format::StepRange range = steps.range_of(attribute.name);
-    print_out("{:<24} {:>13.6g} {:>13.6g}\n", attribute.name, range.min, range.max);
+    const int digits = std::max(digits_of_range(range.min, range.max), 6);
+    print_out("{:<24} {:>13.{}g} {:>13.{}g}\n", attribute.name, range.min, digits, range.max, digits);
   }
   print_out("\n{:<24} {:>13} {:>13}\n", "step", "time", volume.series() ? "bytes" : "");
   for (std::size_t step = 0; step < steps.times().size(); ++step) {
