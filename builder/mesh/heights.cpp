@@ -38,14 +38,15 @@ double least_height(const dvec3& a, const dvec3& b, const dvec3& c, const dvec3&
 
 std::vector<double> least_heights(std::span<const dvec3> points, std::span<const Tetrahedron> tetrahedra) {
   std::vector<double> heights(points.size(), no_height);
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, tetrahedra.size(), 4096), [&](const auto& range) {
-    for (std::size_t t = range.begin(); t < range.end(); ++t) {
-      const auto& [a, b, c, d] = tetrahedra[t];
-      const double height = least_height(points[a], points[b], points[c], points[d]);
-      if (height > 0)
-        for (const std::uint32_t corner : tetrahedra[t]) lower(heights[corner], height);
-    }
-  });
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, tetrahedra.size(), 4096),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t t = range.begin(); t < range.end(); ++t) {
+                        const auto& [a, b, c, d] = tetrahedra[t];
+                        const double height = least_height(points[a], points[b], points[c], points[d]);
+                        if (height > 0)
+                          for (const std::uint32_t corner : tetrahedra[t]) lower(heights[corner], height);
+                      }
+                    });
   return heights;
 }
 

@@ -64,7 +64,7 @@ void put_in_order(Piece& piece, const std::vector<std::size_t>& order) {
 }  // namespace
 
 StepGroup::StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first, bool blocks_apart,
-                     std::vector<std::string> attributes, std::vector<std::size_t> order)
+                     std::vector<std::string> attributes, const std::vector<std::size_t>& order)
     : steps_(std::move(steps)),
       first_(std::move(first)),
       others_(steps_.size()),
@@ -88,7 +88,7 @@ Result<std::unique_ptr<StepGroup>> StepGroup::open(std::vector<SeriesStep> steps
   if (attributes.empty()) attributes = first->attributes();
   SPLATVOL_TRY_ASSIGN(order, match_attributes(steps.front().name, first->attributes(), "the steps before", attributes));
   return std::unique_ptr<StepGroup>(
-      new StepGroup(std::move(steps), std::move(first), blocks_apart, std::move(attributes), std::move(order)));
+      new StepGroup(std::move(steps), std::move(first), blocks_apart, std::move(attributes), order));
 }
 
 std::vector<std::string> StepGroup::units() const {

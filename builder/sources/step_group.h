@@ -57,7 +57,7 @@ class StepGroup final : public Source {
 
  private:
   StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first, bool blocks_apart,
-            std::vector<std::string> attributes, std::vector<std::size_t> order);
+            std::vector<std::string> attributes, const std::vector<std::size_t>& order);
   void note_conversions(std::size_t step);
   [[nodiscard]] Status open_other(std::size_t step);
   [[nodiscard]] Status add(std::size_t step, std::unique_ptr<Piece> other, Piece& piece);

@@ -3,6 +3,7 @@
 #include <vtkCGNSReader.h>
 #include <vtkCompositeDataIterator.h>
 #include <vtkDataSet.h>
+#include <vtkDataSetAttributes.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkMultiBlockDataSetAlgorithm.h>
 #include <vtkNew.h>

@@ -54,7 +54,7 @@ bool has_finer_points_at(const std::string& path, const EnsightCase& files, std:
 template <class Reader>
 class GeometryReader final : public Reader {
  public:
-  static GeometryReader* New() { VTK_STANDARD_NEW_BODY(GeometryReader); }
+  static GeometryReader* New() { VTK_STANDARD_NEW_BODY(GeometryReader); }  // NOLINT(readability-identifier-naming)
 
   void read(const std::string& path, const EnsightFile& file, vtkMultiBlockDataSet& parts) {
     this->SetUseFileSets(file.marked ? 1 : 0);
