@@ -74,6 +74,7 @@ class Scanner {
   /// Reads the name that ends a line. It may stand between quotation marks.
   std::string name() {
     skip_space();
+    if (left() == 0) failed_ = true;
     std::string_view name = line();
     if (name.starts_with('"')) {
       if (name.size() < 2 || name.back() != '"') failed_ = true;

@@ -636,6 +636,15 @@ TEST_F(FormatsTest, GmshOrders) {
   }
 }
 
+// A view that states 2^64 - 1 strings once took as many steps.
+TEST_F(FormatsTest, GmshViewsWithMoreStringsThanTheFile) {
+  const std::string head = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$NodeData\n";
+  for (const std::string strings : {"18446744073709551615", "3"}) {
+    write("a.msh", head + strings + "\n\"f\"\n");
+    EXPECT_THAT(message_of(read_input({path("a.msh")})), HasSubstr("is damaged or cut off"));
+  }
+}
+
 // Such files once exhausted the stack.
 TEST_F(FormatsTest, RefusesDeeplyNestedXml) {
   constexpr int levels = 200'000;
