@@ -509,7 +509,7 @@ Status build(const Options& options) {
                                        : Status(fail_in(options.inputs[0], report.error()));
   }
   if (!notes.work.tells) return {};
-  if (!left_out.empty()) report->warnings.push_back({"", left_out});
+  if (!left_out.empty()) report->warnings.push_back(left_out);
   const double seconds = seconds_now() - start;
   options.json ? print_json(options, notes, *report, seconds) : print_text(options, notes, *report, seconds);
   return {};

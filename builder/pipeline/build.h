@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -44,10 +45,11 @@ struct BuildOptions {
   bool keep_cells = false;  // the file keeps the mesh's cells, or Delaunay tetrahedra, if there are any
 };
 
-/// Numbers that lose their detail in the file.
-struct PrecisionWarning {
-  std::string attribute;  // empty: the positions
-  std::string words;
+/// Values so near to 0 that the file has 0 for them.
+struct LostValues {
+  std::set<std::string> attributes;
+  double below = 0;    // the largest that may be lost, in size
+  double largest = 0;  // of all values of these attributes, in size
 };
 
 /// The boundary that a file holds.
@@ -71,7 +73,8 @@ struct BuildReport {
   std::vector<std::pair<std::string, std::string>> aliases = {};    // attribute of the input, the same one in the file
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
   std::vector<std::pair<std::string, std::uint64_t>> fills = {};    // attribute, fill values among the numbers read
-  std::vector<PrecisionWarning> warnings = {};                      // precision_warnings()
+  std::vector<std::string> warnings = {};                           // lines: precision_warnings(), and others
+  LostValues lost = {};
   std::optional<BoundaryReport> boundary = {};
   std::optional<CellReport> kept_cells = {};
 };

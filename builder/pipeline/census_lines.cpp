@@ -21,7 +21,7 @@ double step_at(double number) {
   return std::nextafter(std::abs(number), std::numeric_limits<double>::infinity()) - std::abs(number);
 }
 
-void warn_of_positions(const InputSummary& input, std::vector<PrecisionWarning>& warnings) {
+void warn_of_positions(const InputSummary& input, std::vector<std::string>& warnings) {
   const dvec3 extent = input.box.high - input.box.low;
   const double edge = std::max({extent.x, extent.y, extent.z});
   const double spacing = edge / std::cbrt(static_cast<double>(std::max<std::uint64_t>(input.census.read, 1)));
@@ -30,42 +30,21 @@ void warn_of_positions(const InputSummary& input, std::vector<PrecisionWarning>&
     farthest = std::max({farthest, std::abs(input.box.low[axis]), std::abs(input.box.high[axis])});
   if (edge == 0 || step_at(farthest) * fewest_steps <= spacing) return;
   warnings.push_back(
-      {"",
-       fmt::format("coordinates reach {:g}, where double precision has steps of {:.2g}, and points lie about {:.2g} "
-                   "apart: subtract an offset from the coordinates before they are written",
-                   farthest, step_at(farthest), spacing)});
+      fmt::format("coordinates reach {:g}, where double precision has steps of {:.2g}, and points lie about {:.2g} "
+                  "apart: subtract an offset from the coordinates before they are written",
+                  farthest, step_at(farthest), spacing));
 }
 
 // A reader gave coordinates of single precision, though the file has more digits.
-void warn_of_rounding(const InputSummary& input, std::vector<PrecisionWarning>& warnings) {
+void warn_of_rounding(const InputSummary& input, std::vector<std::string>& warnings) {
   constexpr double bent_share = 1e-6;
   const CellCensus& cells = input.cells;
   const bool bent = cells.bent_volume > bent_share * cells.measured_volume;
   if (!bent && cells.flattened == 0) return;
-  warnings.push_back({"", fmt::format("the reader rounds coordinates to single precision: that bends {} tetrahedra by "
-                                      "more than 1/64 of their heights and makes {} flat: subtract an offset from the "
-                                      "coordinates before they are written",
-                                      bent ? cells.bent : 0, cells.flattened)});
-}
-
-// The file has numbers of single precision. Near 0 they have fewer digits, and less than half of the least is 0.
-// Rounded values lose those with fewer digits, too.
-void warn_of_values(const InputSummary& input, bool exact, std::vector<PrecisionWarning>& warnings) {
-  using Stored = std::numeric_limits<float>;
-  const double least_stored = exact ? 0.5 * double{Stored::denorm_min()} : double{Stored::min()};
-  std::string names;
-  double most_lost = 0, largest = 0;
-  for (std::size_t a = 0; a < input.attributes.size(); ++a) {
-    const format::Attribute& attribute = input.attributes[a];
-    const double lost = attribute.scale * least_stored;
-    if (attribute.offset != 0 || !(input.least[a] < lost)) continue;
-    names += (names.empty() ? "" : ", ") + attribute.name;
-    most_lost = std::max(most_lost, lost);
-    largest = std::max({largest, std::abs(attribute.min), std::abs(attribute.max)});
-  }
-  if (names.empty()) return;
-  warnings.push_back({names, fmt::format("values nearer to 0 than {:.2g} are stored as 0 beside the largest, {:.2g}",
-                                         most_lost, largest)});
+  warnings.push_back(
+      fmt::format("the reader rounds coordinates to single precision: that bends {} tetrahedra by more than 1/64 of "
+                  "their heights and makes {} flat: subtract an offset from the coordinates before they are written",
+                  bent ? cells.bent : 0, cells.flattened));
 }
 
 }  // namespace
@@ -104,18 +83,39 @@ std::vector<CensusLine> census_lines(const BuildReport& report) {
   return lines;
 }
 
-std::vector<PrecisionWarning> precision_warnings(const InputSummary& input, bool exact) {
-  std::vector<PrecisionWarning> warnings;
+std::vector<std::string> precision_warnings(const InputSummary& input) {
+  std::vector<std::string> warnings;
   warn_of_positions(input, warnings);
   warn_of_rounding(input, warnings);
-  warn_of_values(input, exact, warnings);
   return warnings;
 }
 
+// The file has numbers of single precision. Near 0 they have fewer digits, and less than half of the least is 0.
+// Rounded values lose those with fewer digits, too.
+LostValues lost_values(const InputSummary& input, bool exact) {
+  using Stored = std::numeric_limits<float>;
+  const double least_stored = exact ? 0.5 * double{Stored::denorm_min()} : double{Stored::min()};
+  LostValues lost;
+  for (std::size_t a = 0; a < input.attributes.size(); ++a) {
+    const format::Attribute& attribute = input.attributes[a];
+    const double below = attribute.scale * least_stored;
+    if (attribute.offset == 0 && input.least[a] < below)
+      add_lost({{attribute.name}, below, std::max(std::abs(attribute.min), std::abs(attribute.max))}, lost);
+  }
+  return lost;
+}
+
+void add_lost(const LostValues& more, LostValues& lost) {
+  lost.attributes.insert(more.attributes.begin(), more.attributes.end());
+  lost.below = std::max(lost.below, more.below);
+  lost.largest = std::max(lost.largest, more.largest);
+}
+
 std::vector<std::string> warning_lines(const BuildReport& report) {
-  std::vector<std::string> lines;
-  for (const auto& [attribute, words] : report.warnings)
-    lines.push_back(attribute.empty() ? words : fmt::format("{}: {}", attribute, words));
+  std::vector<std::string> lines = report.warnings;
+  if (const LostValues& lost = report.lost; !lost.attributes.empty())
+    lines.push_back(fmt::format("{}: values nearer to 0 than {:.2g} are stored as 0 beside the largest, {:.2g}",
+                                fmt::join(lost.attributes, ", "), lost.below, lost.largest));
   if (const std::uint64_t files = report.cells.open_ends; files > 0)
     lines.push_back(
         fmt::format("no line end follows the last number of {}: it may be cut off; if it is whole, add a "

@@ -21,9 +21,15 @@ struct CensusLine {
 /// The counts that are not 0.
 [[nodiscard]] std::vector<CensusLine> census_lines(const BuildReport& report);
 
-/// Finds numbers that lose their detail: positions far from the origin for the distance between them, and values too
-/// small beside the largest. `exact`: values are stored as they are, in single precision.
-[[nodiscard]] std::vector<PrecisionWarning> precision_warnings(const InputSummary& input, bool exact);
+/// Returns a line if positions lose their detail: far from the origin for the distance between them, or in a reader.
+[[nodiscard]] std::vector<std::string> precision_warnings(const InputSummary& input);
+
+/// Returns the attributes with values too small beside the largest. `exact`: values are stored as they are, in single
+/// precision.
+[[nodiscard]] LostValues lost_values(const InputSummary& input, bool exact);
+
+/// Adds those of other steps.
+void add_lost(const LostValues& more, LostValues& lost);
 
 /// The warnings of a report, each in a line.
 [[nodiscard]] std::vector<std::string> warning_lines(const BuildReport& report);

@@ -185,7 +185,8 @@ BuildReport complete_description(const BuildOptions& options, const InputSummary
                      .uncertain = facts.uncertain,
                      .disputed = facts.disputed,
                      .least_memory = facts.least_memory,
-                     .warnings = precision_warnings(input, options.exact.values)};
+                     .warnings = precision_warnings(input),
+                     .lost = lost_values(input, options.exact.values)};
   for (std::size_t a = 0; a < info.attributes.size(); ++a) {
     info.attributes[a].missing = facts.stored.values[a].missing;
     info.attributes[a].error = facts.stored.values[a].error * info.attributes[a].scale;

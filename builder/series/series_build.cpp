@@ -10,6 +10,7 @@
 #include "base/temp_file.h"
 #include "builder/cells/cell_section.h"
 #include "builder/cells/step_summaries.h"
+#include "builder/pipeline/census_lines.h"
 #include "builder/pipeline/checking.h"
 #include "builder/pipeline/describe.h"
 #include "builder/pipeline/memory_plan.h"
@@ -46,10 +47,9 @@ void add_counts(const Counts& more, Counts& counts) {
   }
 }
 
-void add_warnings(const std::vector<PrecisionWarning>& more, std::vector<PrecisionWarning>& warnings) {
-  for (const PrecisionWarning& warning : more)
-    if (std::ranges::find(warnings, warning.attribute, &PrecisionWarning::attribute) == warnings.end())
-      warnings.push_back(warning);
+void add_warnings(const std::vector<std::string>& more, std::vector<std::string>& warnings) {
+  for (const std::string& warning : more)
+    if (std::ranges::find(warnings, warning) == warnings.end()) warnings.push_back(warning);
 }
 
 // The chunks of a row, by what they belong to: the file, or one of the steps.
@@ -420,6 +420,7 @@ void add_report(SeriesReport& series, const BuildReport& steps, const std::vecto
     all.missing.clear();
     all.fills.clear();
     all.warnings.clear();
+    all.lost = {};
     series.conversions = conversions;
   } else {
     for (const std::string& line : conversions)
@@ -432,6 +433,7 @@ void add_report(SeriesReport& series, const BuildReport& steps, const std::vecto
   add_counts(steps.missing, all.missing);
   add_counts(steps.fills, all.fills);
   add_warnings(steps.warnings, all.warnings);
+  add_lost(steps.lost, all.lost);
   all.points.unlike = std::max(all.points.unlike, steps.points.unlike);
 }
 

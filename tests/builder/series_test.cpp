@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "builder/pipeline/census_lines.h"
 #include "builder/series/series_build.h"
 #include "builder/series/series_files.h"
 #include "builder/series/series_inputs.h"
@@ -304,8 +305,10 @@ TEST_F(Series, ReportsAttributesOnceWhateverTheMemory) {
     const auto report = value_of(build_series(std::move(list), path("series.svol"), {.memory = memory}, silent));
     ASSERT_EQ(report.build.missing.size(), 1U);
     EXPECT_EQ(report.build.missing[0].second, 5U) << "one in each step";
-    ASSERT_EQ(report.build.warnings.size(), 1U);
-    EXPECT_THAT(report.build.warnings[0].words, HasSubstr("nearer to 0"));
+    EXPECT_THAT(report.build.lost.attributes, testing::SizeIs(1));
+    const std::vector<std::string> lines = warning_lines(report.build);
+    ASSERT_EQ(lines.size(), 1U);
+    EXPECT_THAT(lines[0], testing::StartsWith(report.build.missing[0].first + ": values nearer to 0"));
   }
 }
 

@@ -109,7 +109,7 @@ TEST_F(Programs, StrictBuildsRefuseEveryChange) {
   write("small.csv", diagonal(0, "21,21,21,1e-40\n"));
   expect_warning("small.csv", "heat: values nearer to 0 than 1.2e-38 are stored as 0 beside the largest, 19");
   write("twice.csv", "x,y,z,heat,cold\n" + std::string("0,0,0,1,2\n1,0,0,2,1e-50\n0,1,0,1e-60,3\n0,0,1,3,4\n"));
-  expect_warning("twice.csv", "heat, cold: values nearer to 0 than 1.2e-38");
+  expect_warning("twice.csv", "cold, heat: values nearer to 0 than 1.2e-38");
   expect_done("svbuild --strict --exact small.csv" + to);  // it keeps them, with fewer digits
   fs::remove(path("out.svol"));
   write("cut.csv", diagonal(0, "21,21,21,1"));
