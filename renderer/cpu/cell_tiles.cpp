@@ -101,7 +101,7 @@ struct Crossing {
   Float d, n, u;  // depth; the value is u + n z
 };
 
-/// The same on a face whose number matters: in CellOnScreen::faces; 4: the eye's plane.
+/// The same on a face whose number matters: in CellOnScreen::faces.
 struct CrossingOfFace : Crossing {
   Int face;
 };
@@ -307,7 +307,7 @@ struct CellWithEvents {
   const EventsOfCell& events;
 };
 
-/// Pixels, and by which faces their rays enter and leave a cell.
+/// Pixels, and by which faces their rays enter and leave a cell; 4: the eye's plane.
 struct RaysInCell {
   Float x, y;
   Int enter, leave;
@@ -459,7 +459,7 @@ HWY_NOINLINE void add_with_events(const CellTile& t, const CellWithEvents& c, co
     add_between_slices<orthographic, has_shades>(t, whole, c.events.slices, tile);
 }
 
-/// Where a segment's cell stands, and what it has besides.
+/// A cell, and what it has besides.
 struct CellToAdd {
   const CellOnScreen& cell;
   const CellShading* shading;  // null: the frame has no shades, nor events
