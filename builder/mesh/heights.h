@@ -25,8 +25,8 @@ inline constexpr double flat_height = 1e-6;
 inline constexpr double no_height = std::numeric_limits<double>::infinity();
 
 /// No coordinate of a corner may move by more than this share of its height. The corner then moves by at most 1/256 of
-/// the height. So no tetrahedron is turned inside out, and none loses more than 1/64 of its least height: over the
-/// largest face, each corner of this face moves the foot of the apex by at most its own move.
+/// the height. The least height stands on the largest face: its four corners change it by at most their four moves. So
+/// no tetrahedron is turned inside out, and none loses more than 1/64 of its least height.
 inline constexpr double error_per_height = 1 / (256 * 1.7320508075688772);
 
 }  // namespace splatvol

@@ -84,8 +84,8 @@ class KnownFiles {
     return names_[file] = std::move(files);
   }
 
-  /// Counts a file and those that it names, at any depth, as often as they are named. What cannot be read counts as one
-  /// file. A few files that name each other can stand for more files than anybody can read.
+  /// Counts a file and those that it names, at any depth, as often as they are named. A file that cannot be read counts
+  /// as one. A few files that name each other can stand for more files than anybody can read.
   double count(const std::string& path, int nesting = 0) {
     const auto [known, is_new] = counts_.try_emplace(canonical(path), 1.0);
     if (!is_new || nesting == deepest_nesting) return known->second;

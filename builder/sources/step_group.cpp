@@ -43,7 +43,7 @@ void append(std::vector<T>& all, std::vector<T>& more) {
   std::ranges::move(more, std::back_inserter(all));
 }
 
-/// What is there for each attribute of a source, in another order. Nothing stays nothing.
+/// Returns the values of attributes in another order. An empty list stays empty.
 template <class T>
 std::vector<T> in_order(std::vector<T> values, const std::vector<std::size_t>& order) {
   if (values.empty()) return values;
@@ -149,8 +149,8 @@ Status StepGroup::open_other(std::size_t step) {
   return {};
 }
 
-// Tells what a step has otherwise than its input where the steps before do not: values of cells where these have values
-// of points, for one.
+// Names the conversions of a step that the first step does not need. One is a mean over cells, where the first step has
+// values of points.
 void StepGroup::note_conversions(std::size_t step) {
   const std::vector<std::string> of_first = first_->conversions();
   for (const std::string& line : others_[step]->conversions()) {

@@ -262,7 +262,8 @@ class CgnsReader final : public BlockReader {
   }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
 
-  /// VTK 9.1 takes one solution for each location, and all points for those that it names. So it reads meshes only.
+  /// VTK 9.1 takes one solution for each location, and all points for those that it names. So VTK reads meshes here,
+  /// and our code the values.
   void select(const std::vector<std::string>& selection) override {
     selection_ = selection;
     reader_->EnableAllBases();

@@ -472,7 +472,8 @@ class ZoneReader {
       std::ranges::stable_sort(solutions, {}, [&](const CgnsSolution& solution) { return *number(solution); });
   }
 
-  /// What the arrays of pointers of a kind, "GridCoordinates" or "FlowSolution", name for each step; empty: nothing.
+  /// Returns the arrays of pointers of a kind, "GridCoordinates" or "FlowSolution": a name for each step, or an empty
+  /// one.
   [[nodiscard]] std::vector<std::vector<std::string>> pointers(std::string_view kind) const {
     std::vector<std::vector<std::string>> names;
     Name ignored{};

@@ -54,7 +54,7 @@ struct DeclaredArrays {
   std::vector<ArrayShape> arrays;
 };
 
-/// What is known of an input from the files that name its files.
+/// Facts from the files that name an input's files.
 struct VtkLists {
   std::vector<std::string> notes = {};        // lines for Source::conversions()
   std::vector<DeclaredArrays> declared = {};  // by parallel files, for all of their pieces; the part is the file
@@ -76,8 +76,8 @@ class VtkDataSets {
   /// turns up later (ArrayUnion::check).
   [[nodiscard]] virtual Status announce(ArrayUnion& /*arrays*/) { return {}; }
 
-  /// What the file declares for the last data set: the reader must give all of these arrays. Also those that are not
-  /// selected.
+  /// Returns the arrays that the file declares for the last data set, selected or not. The reader must give all of
+  /// them.
   [[nodiscard]] virtual DeclaredArrays declared() const { return {}; }
 
   /// As Source::part_sizes() and Source::select(): parts are files. A data set that was returned already stays.
