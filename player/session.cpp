@@ -601,7 +601,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   if (moves) options.sample_spacing = rung.sample_spacing;
   SPLATVOL_TRY(player_->draw(options));
   took_seconds_ = host_.now() - start;
-  note_drawn();
+  note_drawn(moves);
   if (moves) {
     const PlayerTimes& times = player_->times();
     pacer_.add(player_->counted(rung), choices, times.draw.fragments, took_seconds_ - times.surfaces);
@@ -626,10 +626,17 @@ bool Session::has_surfaces() const {
   return std::ranges::any_of(used_scene_.surfaces, &SceneSurface::shown) || !used_scene_.slices.empty();
 }
 
-void Session::note_drawn() {
+void Session::note_drawn(bool moves) {
   encoded_is_old_ = picture_is_whole_ = true;
   draw_seconds_ = took_seconds_;
   device_bytes_ = player_->rasterizer().device_bytes();
+  ++shown_number_;
+  if (!settings.on_picture) return;
+  const DevicePicture picture = player_->picture();
+  if (const auto* image = std::get_if<const Image*>(&picture)) {
+    const Rung rung{player_->exact() ? 0 : std::max<std::uint64_t>(frame()->splats, 1), player_->sample_spacing()};
+    settings.on_picture({shown_number_, **image, player_->scene(), player_->step(), moves, rung, draw_seconds_});
+  }
 }
 
 bool Session::can_draw_aside() const { return settings.hurries && draws_aside(); }
@@ -738,7 +745,7 @@ bool Session::draw_moving_exact(const Rung& rung, const Choices& choices) {
   const double start = host_.now();
   if (!player_->draw_exact({}, rung.sample_spacing)) return false;
   took_seconds_ = host_.now() - start;
-  note_drawn();
+  note_drawn(true);
   pacer_.add(rung, choices, 0, draw_seconds_);
   moving_is_drawn_ = true;
   return true;
@@ -789,7 +796,7 @@ Status Session::finish_exact(const Status& drawn) {
     exact_spacing_ = 0;
     is_to_make_ready_ = false;
   } else if (exact_spacing_ > 0) {
-    note_drawn();
+    note_drawn(false);
     if (player_->holds_cells()) {  // else its time is that of reading
       SPLATVOL_TRY_ASSIGN(choices, player_->choices(true));
       if (choices.cells) pacer_.add({0, player_->sample_spacing()}, choices, 0, draw_seconds_);
@@ -817,7 +824,7 @@ Status Session::end_drawing(bool is_busy) {
   if (!drawn && drawn.error().code == ErrorCode::cancelled) return {};
   SPLATVOL_TRY(drawn);
   note_frame();
-  note_drawn();
+  note_drawn(false);
   return frame()->progress.settled ? finish_picture(std::move(image)) : Status{};
 }
 

@@ -30,6 +30,17 @@ namespace splatvol {
 /// After this time without a change, in seconds, the picture becomes finer.
 inline constexpr double pause_seconds = 0.15;
 
+/// A picture that is complete, before it is shown.
+struct CompletePicture {
+  std::uint64_t number;  // of the session's pictures, from 1 on
+  const Image& image;    // linear and premultiplied; valid during the call
+  const Scene& scene;
+  std::size_t step;
+  bool moves;  // drawn while something moved
+  Rung rung;
+  double seconds;  // that drawing took
+};
+
 /// How the file is to be shown, named like svrender's options.
 struct ViewSettings {
   std::uint64_t memory = std::uint64_t{512} << 20;
@@ -48,6 +59,10 @@ struct ViewSettings {
 
   // Segments that a picture at rest may have to be exact, unless `quality` asks for an exact one; 0: splats.
   std::uint64_t most_exact_segments = splatvol::most_exact_segments;
+
+  // Called with each picture of the processor, one at a time, on the thread that drew it. Of what is measured, the time
+  // of the call is a part.
+  std::function<void(const CompletePicture&)> on_picture = {};
 };
 
 /// What a session reads of a file. Made on any thread (Session::read).
@@ -253,6 +268,9 @@ class Session {
   /// Returns the picture of the last draw, valid until the next one.
   [[nodiscard]] Result<ShownPicture> shown_picture();
 
+  /// Returns the number of the picture that is shown, as CompletePicture has it. 0: none yet.
+  [[nodiscard]] std::uint64_t shown_number() const { return shown_number_; }
+
   /// Returns the picture of the last draw if only splats are in it: its alpha is the volume's opacity. Must not be
   /// called while `is_drawing`.
   [[nodiscard]] std::optional<DevicePicture> volume_picture() const;
@@ -332,7 +350,7 @@ class Session {
   void interrupt_drawing();
   void note_frame();
   void stop_drawing();
-  void note_drawn();
+  void note_drawn(bool moves);
   [[nodiscard]] Status finish_picture(std::optional<Image> drawn);
   [[nodiscard]] Status encode_picture();
 
@@ -399,6 +417,7 @@ class Session {
   std::vector<std::string> troubles_;
 
   // Of the last picture.
+  std::uint64_t shown_number_ = 0;
   double took_seconds_ = 0;  // also by a job, until it ends
   double draw_seconds_ = 0;
   std::uint64_t device_bytes_ = 0;
