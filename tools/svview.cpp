@@ -225,7 +225,7 @@ Status replay(const Options& options) {
   const double start = seconds_now();
   SPLATVOL_TRY_ASSIGN(inputs, load_inputs(options));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
-  setup.settings.reads_aside = false;  // the next event may need it
+  setup.settings.works_aside = false;  // the next event may need it
   SPLATVOL_TRY_ASSIGN(stage, Stage::create(options.in_window, *last_size(inputs.front())));
   setup.window = *last_size(inputs.front());
   SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
