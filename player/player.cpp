@@ -591,11 +591,16 @@ Result<DrawnPicture> Player::draw_picture(const Quality& quality, const std::fun
   DrawnPicture drawn{{quality}};
   if (is_default) SPLATVOL_TRY_SET(drawn.chosen, default_quality());
   if (drawn.chosen.quality.exact) {
+    motion_.rest();
     SPLATVOL_TRY(draw_exact(progress));
     return drawn;
   }
   const Quality& splats = drawn.chosen.quality;
-  if (splats.milliseconds)
+  const bool is_of_motion = splats.milliseconds && splats.max_error;
+  if (!is_of_motion) motion_.rest();
+  if (is_of_motion)
+    SPLATVOL_TRY(draw_moving({*splats.max_error, 1e-3 * *splats.milliseconds}));
+  else if (splats.milliseconds)
     SPLATVOL_TRY(draw_within(1e-3 * *splats.milliseconds));
   else if (splats.max_error)
     SPLATVOL_TRY_SET(drawn.search, draw_to_error(*splats.max_error, is_default));
@@ -697,16 +702,34 @@ Rung Player::counted(const Rung& rung) const {
 }
 
 Status Player::draw_within(double seconds) {
-  const auto start = Clock::now();
   if (pacer_.seconds() != drawing_share * seconds) pacer_.leap();
   pacer_.set_seconds(drawing_share * seconds);
   const int widest_spacing = options_.drawing.sample_spacing.value_or(widest_samples_in_a_time);
   SPLATVOL_TRY_ASSIGN(choices, this->choices(may_draw_cells() && holds_cells(), widest_spacing));
   const Rung rung = pacer_.next(choices);
+  SPLATVOL_TRY_ASSIGN(drawn, draw_rung(rung, seconds));
+  pacer_.add(drawn.rung, choices, drawn.fragments, drawn.seconds);
+  return {};
+}
+
+// The first picture waits for cells, so that those after it need not read.
+Status Player::draw_moving(const MotionLimits& limits) {
+  motion_.set_limits(limits);
+  if (may_draw_cells())
+    if (const auto read = cells_reader()) SPLATVOL_TRY(read());
+  SPLATVOL_TRY_ASSIGN(choices, moving_choices(may_draw_cells()));
+  if (has_layers()) choices.widest_spacing = choices.finest_spacing = 1;
+  SPLATVOL_TRY_ASSIGN(drawn, draw_rung(motion_.next(choices), limits.seconds));
+  motion_.add(drawn, choices);
+  return {};
+}
+
+// Draws a rung. Splats are of parts that are there or come in time.
+Result<MotionControl::Outcome> Player::draw_rung(const Rung& rung, double seconds) {
+  const auto start = Clock::now();
   if (rung.is_exact()) {
     SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
-    pacer_.add(rung, choices, 0, times_.frame);
-    return {};
+    return MotionControl::Outcome{.rung = rung, .seconds = times_.frame};
   }
   FrameRequest request{.detail = detail_of(rung), .wait_seconds = 0};
   SPLATVOL_TRY(choose(request));
@@ -717,8 +740,8 @@ Status Player::draw_within(double seconds) {
   }
   const auto draw_start = Clock::now();
   SPLATVOL_TRY(draw({.sample_spacing = rung.sample_spacing}));
-  pacer_.add(counted(rung), choices, times_.draw.fragments, seconds_since(draw_start));
-  return {};
+  const auto model = frame_->progress.complete ? std::optional(frame_->goal_error) : std::nullopt;
+  return MotionControl::Outcome{counted(rung), times_.draw.fragments, seconds_since(draw_start), model};
 }
 
 // Draws exact rays through some pixels: what errors of pictures are measured by. None, if that may be much work, or

@@ -204,6 +204,8 @@ class Player {
   /// - Milliseconds: draws the rung of Pacer's ladder that the device has time for. Cells are drawn only if they are
   ///   held. Splats are of parts that are there or come in time. Learns the device's speed from call to call, so that
   ///   the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time.
+  /// - Milliseconds and an error: draws what MotionControl chooses. The first call reads all cells of a near file, if
+  ///   memory has room for them.
   /// - Else: waits for all parts, and fails if one cannot be read.
   ///
   /// `progress` is called with the share of an exact picture that is done, in [0, 1]. Fails as check_quality and
@@ -324,6 +326,8 @@ class Player {
   [[nodiscard]] std::vector<Surface> surfaces_of_all_steps() const;
   [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
   [[nodiscard]] Status draw_within(double seconds);
+  [[nodiscard]] Status draw_moving(const MotionLimits& limits);
+  [[nodiscard]] Result<MotionControl::Outcome> draw_rung(const Rung& rung, double seconds);
   [[nodiscard]] bool may_draw_cells() const;
 
   // Exact rays, and the work of an exact picture.
@@ -377,6 +381,7 @@ class Player {
   int sample_spacing_ = 1;
   PlayerTimes times_;
   Pacer pacer_{1};
+  MotionControl motion_;
 
   std::mutex stop_mutex_;
   std::stop_source stop_;  // of the call in progress
