@@ -20,8 +20,8 @@ constexpr double too_long = 1.5, too_short = 0.4;
 // are about the largest.
 constexpr double cells_error = 0.0006, cells_growth = 1.4;
 
-// The same of splats: the error of n splats goes by n^-decay.
-constexpr double splats_error = 0.37, decay = 0.45;
+// The same of splats: the error of n splats goes by n^-decay. The file's model may be several times too small.
+constexpr double splats_error = 0.75, decay = 0.45;
 
 // A number of splats is near enough to one whose error was measured.
 constexpr double near_by = 1.5;
@@ -51,7 +51,7 @@ MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Ch
     return {cells_error * std::pow(0.5 * rung.sample_spacing, cells_growth)};
   }
   const double number = by_count(rung.splats);
-  if (splat_errors_.empty()) return {model_.value_or(splats_error) / number + choices.added_error};
+  if (splat_errors_.empty()) return {std::max(model_.value_or(0), splats_error) / number + choices.added_error};
   auto known = splat_errors_.lower_bound(rung.splats);
   const auto ratio_to = [&](const auto& other) {
     return std::abs(std::log(static_cast<double>(other->first) / static_cast<double>(rung.splats)));
