@@ -14,12 +14,13 @@
 #include "pictures/image.h"
 #include "player/camera_path.h"
 #include "renderer/gl/context.h"
-#include "renderer/gl/target.h"
 #include "tools/reading.h"
 #include "tools/scene_options.h"
 #include "tools/tool.h"
 #include "tools/version.h"
+#include "viewer/frame_loop.h"
 #include "viewer/viewer.h"
+#include "viewer/window/byte_target.h"
 #include "viewer/window/window.h"
 
 namespace splatvol {
@@ -97,20 +98,12 @@ Status look(const Options& options) {
     SPLATVOL_TRY_ASSIGN(file, RecordingFile::create(options.record));
     recording.emplace(std::move(file));
   }
-  double skipped_seconds = 0;  // while a picture was awaited
+  const auto record = [&](const FrameInput& input) { return recording ? recording->add(input) : Status{}; };
+  FrameLoop loop(*viewer, {.take_input = [&](double seconds) { return window->take_input(seconds); },
+                           .begin = record,
+                           .show = [&] { window->swap(); }});
   while (!window->should_close() && !viewer->wants_to_close()) {
-    FrameInput input = window->take_input(viewer->is_settled()       ? 1
-                                          : viewer->awaits_picture() ? picture_wait_seconds
-                                                                     : 0);
-    if (input.events.empty() && viewer->is_settled()) continue;
-    if (input.events.empty() && viewer->awaits_picture()) {
-      skipped_seconds += input.seconds;
-      continue;
-    }
-    input.seconds += std::exchange(skipped_seconds, 0);
-    if (recording) SPLATVOL_TRY(recording->add(input));
-    SPLATVOL_TRY(viewer->frame(input));
-    window->swap();
+    SPLATVOL_TRY(loop.step());
     if (viewer->title() != title) window->set_title(title = viewer->title());
   }
   return {};
@@ -137,16 +130,16 @@ class Stage {
     target_->use();
     return {};
   }
-  void end() {
+  void end(const Viewer& viewer) {
     if (!window_) return;
-    window_->swap();
+    if (viewer.has_drawn()) window_->swap();
     static_cast<void>(window_->take_input(0));  // dropped: only the recording's events count
   }
 
  private:
   std::unique_ptr<HeadlessContext> context_;
   std::unique_ptr<Window> window_;
-  std::optional<Target> target_;
+  std::optional<ByteTarget> target_;
 };
 
 const WindowResized* last_size(const FrameInput& input) {
@@ -193,7 +186,7 @@ Result<WindowResized> draw_inputs(const std::vector<FrameInput>& inputs, double 
     const FrameSplats* drawn = viewer.session() ? viewer.session()->frame() : nullptr;
     times.splats.push_back(drawn ? drawn->splats : 0);
     if (times.first_picture == 0) times.first_picture = seconds_now() - start;
-    stage.end();
+    stage.end(viewer);
   }
   viewer.end_loop();
   const FrameInput idle{1, {}};  // seconds: longer than any change takes
@@ -204,10 +197,12 @@ Result<WindowResized> draw_inputs(const std::vector<FrameInput>& inputs, double 
       std::this_thread::sleep_for(std::chrono::duration<double>(picture_wait_seconds));
       continue;
     }
-    stage.end();
+    stage.end(viewer);
     SPLATVOL_TRY(draw(idle));
   }
   times.rest = seconds_now() - rest_start;
+  viewer.redraw();  // a window that was swapped has lost the frame
+  SPLATVOL_TRY(draw({0, {}}));
   return size;
 }
 

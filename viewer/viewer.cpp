@@ -12,6 +12,7 @@
 #include "scene/color_map_file.h"
 #include "viewer/hud.h"
 #include "viewer/overlay.h"
+#include "viewer/window/frame_composer.h"
 
 namespace splatvol {
 namespace {
@@ -26,6 +27,8 @@ Viewer::Viewer(const ViewerOptions& options)
   state_.window = options.window;
 }
 
+Viewer::~Viewer() = default;
+
 // The file is read while the interface is prepared.
 Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
   std::unique_ptr<Viewer> viewer(new Viewer(options));
@@ -36,8 +39,10 @@ Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
   }
   SPLATVOL_TRY_ASSIGN(gui, Gui::create(options.window.content_scale, options.clipboard));
   SPLATVOL_TRY_ASSIGN(presenter, Presenter::create());
+  SPLATVOL_TRY_ASSIGN(composer, FrameComposer::create());
   viewer->gui_ = std::move(gui);
   viewer->presenter_ = std::move(presenter);
+  viewer->composer_ = std::make_unique<FrameComposer>(std::move(composer));
   SPLATVOL_TRY(viewer->take_opened(longest_first_wait));
   return viewer;
 }
@@ -128,15 +133,27 @@ bool Viewer::is_settled() const {
   const Session* session = state_.session.get();
   if (state_.is_minimised()) return true;
   if (state_.steering.is_moving() || panel_.is_saving()) return false;
-  if (opening_ || probes_.is_busy()) return false;
+  if (opening_ || probes_.is_busy() || composer_->waiting_seconds()) return false;
   return events_.is_empty() && !is_busy() && state_.pending_frames == 0 && !panel_.path.is_playing() &&
          !state_.steering.flies_on() && (!session || (session->is_settled() && !session->is_playing()));
 }
 
-bool Viewer::awaits_picture() const {
+bool Viewer::awaits_picture(double seconds) const {
   const Session* session = state_.session.get();
-  return session && session->awaits_picture() && events_.is_empty() && state_.pending_frames == 0 && !is_busy() &&
-         !opening_ && !probes_.is_busy() && !session->is_reading() && !state_.steering.is_moving();
+  if (!session || !session->awaits_picture()) return false;
+  if (!events_.is_empty() || state_.pending_frames > 0) return false;
+  if (opening_ || probes_.is_busy() || session->is_reading()) return false;
+  const bool ends_pause = is_busy() && idle_seconds_ + seconds >= pause_seconds;
+  const std::optional<double> waiting = composer_->waiting_seconds();
+  return !ends_pause && !(waiting && seconds >= *waiting);
+}
+
+double Viewer::patience() const {
+  constexpr double for_events = 1, for_picture = 0.002, for_change = 0.004;
+  if (is_settled()) return for_events;
+  if (awaits_picture()) return for_picture;
+  const bool goes_on = has_drawn_ || !events_.is_empty() || state_.pending_frames > 0;
+  return goes_on ? 0 : for_change;
 }
 
 // Controls take what is over them, and then handles of planes. The rest is for the hand at the picture.
@@ -197,7 +214,11 @@ void Viewer::play(double seconds) {
 }
 
 Status Viewer::frame(const FrameInput& given) {
+  const double start = state_.host.now();
+  picture_seconds_ = 0;
+  has_drawn_ = false;
   SPLATVOL_TRY(draw_frame(given));
+  window_seconds_ = state_.host.now() - start - picture_seconds_;
   return {};
 }
 
@@ -207,7 +228,6 @@ void Viewer::take_events(const FrameInput& input) {
   idle_seconds_ = input.events.empty() ? idle_seconds_ + input.seconds : 0;
   if (!input.events.empty()) state_.pending_frames = 3;
   state_.pending_frames = std::max(0, state_.pending_frames - 1);
-  frame_seconds_ = 0.9 * frame_seconds_ + 0.1 * input.seconds;
   for (const Event& event : input.events) handle(event);
   if (probes_.take_answer()) state_.pending_frames = 3;  // a new tooltip appears a frame later
   opening_seconds_ += input.seconds;
@@ -229,7 +249,7 @@ void Viewer::draw_controls() {
 
 Status Viewer::draw_frame(const FrameInput& given) {
   for (const Event& event : given.events)
-    if (const auto* resized = std::get_if<WindowResized>(&event)) state_.window = *resized;
+    if (const auto* resized = std::get_if<WindowResized>(&event)) state_.window = *resized, is_frame_lost_ = true;
   events_.add(given.events);
   if (state_.is_minimised()) return {};
   const FrameInput input{given.seconds, events_.take_frame()};
@@ -247,39 +267,67 @@ Status Viewer::draw_frame(const FrameInput& given) {
     if (!session->is_drawing() && !(was_settled && session->is_settled())) state_.pending_frames = 2;
     state_.steering.remember(*session, taken(false));
   }
+  note_picture(input.seconds);
   draw_overlays();
-  SPLATVOL_TRY(gui_->draw());
-  if (state_.session && state_.session->draws_aside()) Presenter::finish();
-  return {};
+  return present(input.seconds);
 }
 
 Status Viewer::draw_picture(double seconds) {
   presenter_.begin();
-  ShownPicture picture;
-  dvec3 background(0.02);
-  const PictureArea area = state_.picture_area();
+  picture_ = {};
+  Session* session = state_.session.get();
+  if (!session) return {};
+  const double start = state_.host.now();
   const auto [width, height] = state_.picture_size();
-  if (Session* session = state_.session.get()) {
-    const double start = state_.host.now();
-    const auto& saving = panel_.save.saving();
-    const auto& filming = panel_.movie.filming();
-    // A picture that is saved in another size fills the window until it is there.
-    if (saving)
-      state_.drawn = session->draw(saving->width, saving->height, seconds);
-    else if (filming)
-      state_.drawn = session->draw(filming->width, filming->height, pause_seconds);
-    else
-      state_.drawn = session->draw(width, height, seconds, is_busy());
-    picture_seconds_ = state_.host.now() - start;
-    if (state_.drawn) {
-      SPLATVOL_TRY_ASSIGN(shown, session->shown_picture());
-      picture = shown;
-      background = session->scene.background;
-    } else {
-      state_.message = state_.drawn.error().message;
-    }
+  const auto& saving = panel_.save.saving();
+  const auto& filming = panel_.movie.filming();
+  // A picture that is saved in another size fills the window until it is there.
+  if (saving)
+    state_.drawn = session->draw(saving->width, saving->height, seconds);
+  else if (filming)
+    state_.drawn = session->draw(filming->width, filming->height, pause_seconds);
+  else
+    state_.drawn = session->draw(width, height, seconds, is_busy());
+  picture_seconds_ = state_.host.now() - start;
+  if (state_.drawn)
+    SPLATVOL_TRY_SET(picture_, session->shown_picture());
+  else
+    state_.message = state_.drawn.error().message;
+  return {};
+}
+
+// The mean time between pictures that follow each other.
+void Viewer::note_picture(double seconds) {
+  constexpr double longest = 1;  // seconds: then nothing has moved
+  unchanged_seconds_ += seconds;
+  if (!picture_.is_new) return;
+  if (const double since = std::exchange(unchanged_seconds_, 0); since <= longest)
+    frame_seconds_ = 0.9 * frame_seconds_ + 0.1 * since;
+}
+
+// A picture of a graphics card is drawn in each frame.
+Status Viewer::present(double seconds) {
+  gui_->end();
+  const PictureArea area = state_.picture_area();
+  const int left = static_cast<int>(area.left / area.unit_x), width = state_.picture_size()[0];
+  if (!picture_.encoded) {
+    has_drawn_ = is_frame_lost_ = true;
+    const dvec3 background = state_.session ? state_.session->scene.background : dvec3(0.02);
+    SPLATVOL_TRY(presenter_.show(picture_.texture, background, left, width, state_.window));
+    return gui_->draw();
   }
-  return presenter_.show(picture, background, static_cast<int>(area.left / area.unit_x), width, state_.window);
+  const FrameParts parts{.picture = picture_.encoded,
+                         .is_new = picture_.is_new,
+                         .left = left,
+                         .width = width,
+                         .pixel_width = state_.window.pixel_width,
+                         .pixel_height = state_.window.pixel_height,
+                         .is_lost = is_frame_lost_,
+                         .seconds = seconds};
+  SPLATVOL_TRY_SET(has_drawn_, composer_->compose(parts, *gui_, presenter_.framebuffer()));
+  is_frame_lost_ = false;
+  if (has_drawn_) Presenter::finish();
+  return {};
 }
 
 void Viewer::draw_overlays() {
@@ -290,6 +338,9 @@ void Viewer::draw_overlays() {
   if (const auto& saving = panel_.save.saving()) return draw_message(saving->path + " is being drawn", area);
   if (panel_.movie.filming()) return panel_.movie.draw_progress();
   const View& view = session->view();
+  ImDrawList& canvas = *ImGui::GetBackgroundDrawList();
+  canvas.PushClipRect({static_cast<float>(area.left), 0},
+                      {static_cast<float>(area.left + area.width), static_cast<float>(area.height)});
   if (shown.cut && session->frame()) draw_cut(view, session->drawn_nodes(), session->info().resolutions(), area);
   if (session->scene.outline) draw_box(view, session->bounds(), {150, 150, 150}, area);
   if (session->scene.clip_box) draw_box(view, *session->scene.clip_box, {255, 210, 80}, area);
@@ -299,6 +350,7 @@ void Viewer::draw_overlays() {
     draw_scalar_bar(bar_colors_of(session->drawn_scene()).function, session->bar_attribute(),
                     session->scene.scalar_bar.ticks, ink_on(session->scene.background), area);
   if (const std::string reason = session->explain(); !reason.empty()) draw_message(reason, area);
+  canvas.PopClipRect();
   if (shown.hud) draw_hud(state_, frame_seconds_);
   const bool is_at_rest = !state_.steering.is_dragging() && !panel_.planes.is_held() && !is_busy();
   if (shown.probe) probes_.draw(is_at_rest, !gui_->has_pointer());

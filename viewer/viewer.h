@@ -18,6 +18,8 @@
 
 namespace splatvol {
 
+class FrameComposer;
+
 struct ViewerOptions {
   std::string volume = {};  // empty: none yet, or the one that the scene names
   std::string scene = {};   // path or text; empty: one that fits the data
@@ -35,16 +37,34 @@ class Viewer {
   /// appear in the window.
   [[nodiscard]] static Result<std::unique_ptr<Viewer>> create(const ViewerOptions& options);
 
-  /// Draws a frame into the framebuffer that is bound, of the size of the last WindowResized. The first input must have
-  /// one. Other events may wait for the next frames.
+  Viewer(const Viewer&) = delete;
+  Viewer& operator=(const Viewer&) = delete;
+  ~Viewer();
+
+  /// Takes the events of a frame, and draws it into the framebuffer that is bound, of the size of the last
+  /// WindowResized. The first input must have one. Other events may wait for the next frames. Draws nothing if the
+  /// framebuffer would look the same: see has_drawn().
   [[nodiscard]] Status frame(const FrameInput& input);
+
+  /// Returns whether the last frame was drawn. If not, the framebuffer is untouched: what the window shows is right,
+  /// and must not be swapped with another one. What is drawn is a whole frame.
+  [[nodiscard]] bool has_drawn() const { return has_drawn_; }
+
+  /// Lets the next frame be drawn in any case: the framebuffer's contents are lost. WindowResized does the same.
+  void redraw() { is_frame_lost_ = true; }
+
+  /// Returns the seconds that the last frame took besides Session::draw.
+  [[nodiscard]] double window_seconds() const { return window_seconds_; }
 
   /// Returns whether a frame without events would be the same. If not, the next frame should come soon.
   [[nodiscard]] bool is_settled() const;
 
-  /// Returns whether a frame without events would be the same until a thread has drawn a picture. Frames would only
-  /// take the thread's time.
-  [[nodiscard]] bool awaits_picture() const;
+  /// Returns whether a frame without events, `seconds` after the last one, would be the same until a thread has drawn a
+  /// picture. Frames would only take the thread's time.
+  [[nodiscard]] bool awaits_picture(double seconds = 0) const;
+
+  /// Returns how long to wait for events before the next frame, in seconds.
+  [[nodiscard]] double patience() const;
 
   /// Returns the error of the last picture, if it could not be drawn.
   [[nodiscard]] const Status& drawn() const { return state_.drawn; }
@@ -76,13 +96,15 @@ class Viewer {
   void draw_controls();
   [[nodiscard]] Status draw_picture(double seconds);
   void draw_overlays();
-  void note_window_seconds(double seconds);
+  void note_picture(double seconds);
+  [[nodiscard]] Status present(double seconds);
   [[nodiscard]] bool is_busy() const { return idle_seconds_ < pause_seconds; }
 
   ViewerState state_;
   ViewSettings settings_;
   std::unique_ptr<Gui> gui_;
   Presenter presenter_;
+  std::unique_ptr<FrameComposer> composer_;
   std::unique_ptr<Opening> opening_;  // of the file that is to replace the session's
   double opening_seconds_ = 0;
   double reading_seconds_ = 0;  // since a change was asked for that is being read
@@ -92,11 +114,14 @@ class Viewer {
   Probes probes_;
 
   EventQueue events_;
-  double idle_seconds_ = 0;     // since the last event
-  double frame_seconds_ = 0;    // from one frame to the next
-  double window_seconds_ = 0;   // of a frame, besides its picture
-  int window_frames_ = 0;       // of these, up to the first ones
-  double picture_seconds_ = 0;  // of the picture of this frame
+  double idle_seconds_ = 0;       // since the last event
+  double unchanged_seconds_ = 0;  // since the last new picture
+  double frame_seconds_ = 0;      // from one new picture to the next
+  double window_seconds_ = 0;     // of the last frame, besides its picture
+  double picture_seconds_ = 0;    // of the picture of this frame
+  ShownPicture picture_;          // of this frame
+  bool has_drawn_ = false;        // this frame
+  bool is_frame_lost_ = true;     // the framebuffer does not show the frame before
   bool closing_ = false;
 };
 

@@ -20,26 +20,18 @@ Result<vec4> read_pixel(const DevicePicture& picture, int x, int y) {
 }
 
 Status PictureTexture::upload(const Image& image) {
-  return upload(image.width, image.height, GL_RGBA32F, GL_FLOAT, image.pixels.data());
-}
-
-Status PictureTexture::upload(int width, int height, std::span<const std::uint8_t> bytes) {
-  return upload(width, height, GL_RGBA8, GL_UNSIGNED_BYTE, bytes.data());
-}
-
-Status PictureTexture::upload(int width, int height, GLenum stored_format, GLenum type, const void* pixels) {
-  if (width != width_ || height != height_ || stored_format != stored_format_) {
+  if (image.width != width_ || image.height != height_) {
     texture_ = {};
     GLuint name = 0;
     glCreateTextures(GL_TEXTURE_2D, 1, &name);
     texture_ = Texture(name);
-    glTextureStorage2D(name, 1, stored_format, width, height);
-    width_ = width, height_ = height, stored_format_ = stored_format;
+    glTextureStorage2D(name, 1, GL_RGBA32F, image.width, image.height);
+    width_ = image.width, height_ = image.height;
   }
   glBindBuffer(GL_PIXEL_UNPACK_BUFFER, 0);
   glPixelStorei(GL_UNPACK_ROW_LENGTH, 0);
   glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
-  glTextureSubImage2D(texture_.name(), 0, 0, 0, width, height, GL_RGBA, type, pixels);
+  glTextureSubImage2D(texture_.name(), 0, 0, 0, width_, height_, GL_RGBA, GL_FLOAT, image.pixels.data());
   return check_gl("a texture for a picture of the processor");
 }
 

@@ -1,9 +1,6 @@
 // Pictures in textures.
 #pragma once
 
-#include <cstdint>
-#include <span>
-
 #include "base/error.h"
 #include "pictures/image.h"
 #include "renderer/gl/gl_objects.h"
@@ -21,17 +18,11 @@ class PictureTexture {
   /// Replaces the picture. The texture's first row is the image's.
   [[nodiscard]] Status upload(const Image& image);
 
-  /// The same from the sRGB bytes of red, green, blue and alpha. Requires bytes.size() == 4 * width * height.
-  [[nodiscard]] Status upload(int width, int height, std::span<const std::uint8_t> bytes);
-
   [[nodiscard]] GLuint name() const { return texture_.name(); }
 
  private:
-  [[nodiscard]] Status upload(int width, int height, GLenum stored_format, GLenum type, const void* pixels);
-
   Texture texture_;
   int width_ = 0, height_ = 0;
-  GLenum stored_format_ = 0;
 };
 
 }  // namespace splatvol

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "pictures/font_data.h"
+#include "viewer/window/gui_lists.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
@@ -19,12 +20,13 @@ layout(location = 0) in vec2 position;
 layout(location = 1) in vec2 font_position;
 layout(location = 2) in vec4 tint;
 layout(location = 0) uniform vec2 display;
+layout(location = 1) uniform float up;  // 1 or -1
 out vec2 at;
 out vec4 color;
 void main() {
   at = font_position;
   color = tint;
-  gl_Position = vec4(2 * position.x / display.x - 1, 1 - 2 * position.y / display.y, 0, 1);
+  gl_Position = vec4(2 * position.x / display.x - 1, up * (1 - 2 * position.y / display.y), 0, 1);
 }
 )";
 
@@ -187,30 +189,59 @@ bool Gui::has_pointer() const { return ImGui::GetIO().WantCaptureMouse; }
 
 bool Gui::has_keyboard() const { return ImGui::GetIO().WantTextInput; }
 
-Status Gui::upload(const ImDrawData& data) {
-  SPLATVOL_TRY(vertices_.reserve(static_cast<std::size_t>(data.TotalVtxCount) * sizeof(ImDrawVert)));
-  SPLATVOL_TRY(indices_.reserve(static_cast<std::size_t>(data.TotalIdxCount) * sizeof(ImDrawIdx)));
-  std::size_t vertex = 0, index = 0;
-  for (int l = 0; l < data.CmdListsCount; ++l) {
-    const ImDrawList& list = *data.CmdLists[l];
-    glNamedBufferSubData(vertices_.object(), static_cast<GLintptr>(vertex * sizeof(ImDrawVert)),
-                         static_cast<GLsizeiptr>(list.VtxBuffer.size_in_bytes()), list.VtxBuffer.Data);
-    glNamedBufferSubData(indices_.object(), static_cast<GLintptr>(index * sizeof(ImDrawIdx)),
-                         static_cast<GLsizeiptr>(list.IdxBuffer.size_in_bytes()), list.IdxBuffer.Data);
-    vertex += static_cast<std::size_t>(list.VtxBuffer.Size);
-    index += static_cast<std::size_t>(list.IdxBuffer.Size);
+void Gui::end() { ImGui::Render(); }
+
+Gui::Lists Gui::lists() const {
+  const ImDrawData& data = *ImGui::GetDrawData();
+  return {data.CmdLists, static_cast<std::size_t>(data.CmdListsCount)};
+}
+
+// Dear ImGui draws the list of overlays first, unless it is empty.
+Gui::Lists Gui::overlays() const {
+  const Lists all = lists();
+  return all.first(!all.empty() && all.front() == ImGui::GetBackgroundDrawList() ? 1 : 0);
+}
+
+Gui::Lists Gui::windows() const { return lists().subspan(overlays().size()); }
+
+dvec2 Gui::pixels_of_unit() const {
+  const ImVec2 scale = ImGui::GetDrawData()->FramebufferScale;
+  return {scale.x, scale.y};
+}
+
+Status Gui::upload(Lists lists) {
+  std::size_t vertices = 0, indices = 0;
+  for (const ImDrawList* list : lists) {
+    vertices += static_cast<std::size_t>(list->VtxBuffer.size_in_bytes());
+    indices += static_cast<std::size_t>(list->IdxBuffer.size_in_bytes());
+  }
+  SPLATVOL_TRY(vertices_.reserve(vertices));
+  SPLATVOL_TRY(indices_.reserve(indices));
+  std::size_t vertex = 0, index = 0;  // bytes
+  const auto write = [](const Buffer& buffer, std::size_t& offset, const auto& items) {
+    const auto bytes = static_cast<std::size_t>(items.size_in_bytes());
+    glNamedBufferSubData(buffer.object(), static_cast<GLintptr>(offset), static_cast<GLsizeiptr>(bytes), items.Data);
+    offset += bytes;
+  };
+  for (const ImDrawList* list : lists) {
+    write(vertices_, vertex, list->VtxBuffer);
+    write(indices_, index, list->IdxBuffer);
   }
   return {};
 }
 
-void Gui::set_state(const ImDrawData& data, int width, int height) const {
+void Gui::set_state(int width, int height, bool top_first) const {
+  const ImVec2 display = ImGui::GetDrawData()->DisplaySize;
   glViewport(0, 0, width, height);
   glEnable(GL_BLEND);
   glBlendEquation(GL_FUNC_ADD);
   glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ONE, GL_ONE_MINUS_SRC_ALPHA);
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_CULL_FACE);
   glEnable(GL_SCISSOR_TEST);
   glUseProgram(program_.name());
-  glUniform2f(0, data.DisplaySize.x, data.DisplaySize.y);
+  glUniform2f(0, display.x, display.y);
+  glUniform1f(1, top_first ? -1.0F : 1.0F);
   glBindTextureUnit(0, font_.name());
   glVertexArrayVertexBuffer(vertex_array_.name(), 0, vertices_.object(), 0, sizeof(ImDrawVert));
   glVertexArrayElementBuffer(vertex_array_.name(), indices_.object());
@@ -218,32 +249,37 @@ void Gui::set_state(const ImDrawData& data, int width, int height) const {
 }
 
 Status Gui::draw() {
-  ImGui::Render();
   const ImDrawData& data = *ImGui::GetDrawData();
-  const int width = static_cast<int>(data.DisplaySize.x * data.FramebufferScale.x);
-  const int height = static_cast<int>(data.DisplaySize.y * data.FramebufferScale.y);
-  if (width <= 0 || height <= 0 || data.TotalVtxCount == 0) return {};
-  SPLATVOL_TRY(upload(data));
+  const PixelRect all{0, 0, static_cast<int>(data.DisplaySize.x * data.FramebufferScale.x),
+                      static_cast<int>(data.DisplaySize.y * data.FramebufferScale.y)};
+  return draw(lists(), {&all, 1}, false);
+}
 
-  set_state(data, width, height);
-  std::size_t vertex = 0, index = 0;
-  for (int l = 0; l < data.CmdListsCount; ++l) {
-    const ImDrawList& list = *data.CmdLists[l];
-    for (const ImDrawCmd& command : list.CmdBuffer) {
-      const ImVec2 scale = data.FramebufferScale;
-      const int left = static_cast<int>(command.ClipRect.x * scale.x),
-                top = static_cast<int>(command.ClipRect.y * scale.y);
-      const int right = static_cast<int>(command.ClipRect.z * scale.x),
-                bottom = static_cast<int>(command.ClipRect.w * scale.y);
-      if (right <= left || bottom <= top) continue;
-      glScissor(left, height - bottom, right - left, bottom - top);
-      glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(command.ElemCount),
-                               sizeof(ImDrawIdx) == 2 ? GL_UNSIGNED_SHORT : GL_UNSIGNED_INT,
-                               reinterpret_cast<const void*>((index + command.IdxOffset) * sizeof(ImDrawIdx)),
-                               static_cast<GLint>(vertex + command.VtxOffset));
+Status Gui::draw(Lists lists, std::span<const PixelRect> within, bool top_first) {
+  const ImDrawData& data = *ImGui::GetDrawData();
+  const dvec2 scale = pixels_of_unit();
+  const int width = static_cast<int>(data.DisplaySize.x * scale.x),
+            height = static_cast<int>(data.DisplaySize.y * scale.y);
+  if (width <= 0 || height <= 0 || lists.empty() || within.empty()) return {};
+  SPLATVOL_TRY(upload(lists));
+
+  set_state(width, height, top_first);
+  for (const PixelRect& part : within) {
+    std::size_t vertex = 0, index = 0;
+    for (const ImDrawList* list : lists) {
+      for (const ImDrawCmd& command : list->CmdBuffer) {
+        const PixelRect clip = intersection(clip_of(command, scale), part);
+        if (clip.is_empty()) continue;
+        glScissor(clip.left, top_first ? clip.top : height - clip.bottom, clip.right - clip.left,
+                  clip.bottom - clip.top);
+        glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(command.ElemCount),
+                                 sizeof(ImDrawIdx) == 2 ? GL_UNSIGNED_SHORT : GL_UNSIGNED_INT,
+                                 reinterpret_cast<const void*>((index + command.IdxOffset) * sizeof(ImDrawIdx)),
+                                 static_cast<GLint>(vertex + command.VtxOffset));
+      }
+      vertex += static_cast<std::size_t>(list->VtxBuffer.Size);
+      index += static_cast<std::size_t>(list->IdxBuffer.Size);
     }
-    vertex += static_cast<std::size_t>(list.VtxBuffer.Size);
-    index += static_cast<std::size_t>(list.IdxBuffer.Size);
   }
   glDisable(GL_SCISSOR_TEST);
   glDisable(GL_BLEND);

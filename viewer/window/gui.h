@@ -3,14 +3,17 @@
 
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <utility>
 
 #include "base/error.h"
+#include "base/math.h"
 #include "player/events.h"
 #include "renderer/gl/gl_objects.h"
+#include "viewer/window/pixel_rect.h"
 
-struct ImDrawData;
+struct ImDrawList;
 struct ImGuiContext;
 
 namespace splatvol {
@@ -24,18 +27,35 @@ struct Clipboard {
 /// Holds the interface's state and draws it. One at a time; needs the context that was current at `create`.
 class Gui {
  public:
+  using Lists = std::span<const ImDrawList* const>;
+
   /// `scale`: of the first window's content, for which the font is made.
   [[nodiscard]] static Result<std::unique_ptr<Gui>> create(double scale, Clipboard clipboard = {});
   Gui(const Gui&) = delete;
   Gui& operator=(const Gui&) = delete;
   ~Gui();
 
-  /// Begins a frame of this window, in a light or a dark theme. Between `begin` and `draw` Dear ImGui's functions may
+  /// Begins a frame of this window, in a light or a dark theme. Between `begin` and `end` Dear ImGui's functions may
   /// be called.
   [[nodiscard]] Status begin(const FrameInput& input, const WindowResized& window, bool light = false);
 
-  /// Draws the frame over the framebuffer that is bound, which has the window's size in pixels.
+  /// Ends the frame. Draws nothing.
+  void end();
+
+  /// Draws the frame over the framebuffer that is bound, which has the window's size in pixels. Requires `end`.
   [[nodiscard]] Status draw();
+
+  /// The two parts of the frame, valid until the next one begins: what lies over the picture, and the windows over
+  /// that.
+  [[nodiscard]] Lists overlays() const;
+  [[nodiscard]] Lists windows() const;
+
+  /// Returns the pixels of a window unit in this frame.
+  [[nodiscard]] dvec2 pixels_of_unit() const;
+
+  /// Draws lists of the frame as `draw` does, within some rectangles. `top_first`: the first row of the framebuffer is
+  /// the highest one.
+  [[nodiscard]] Status draw(Lists lists, std::span<const PixelRect> within, bool top_first);
 
   /// Return whether the pointer's or the keyboard's events are meant for the interface and not for the picture.
   [[nodiscard]] bool has_pointer() const;
@@ -45,8 +65,9 @@ class Gui {
   Gui() = default;
   [[nodiscard]] Status make_font(double scale);
   static void set_style(double scale, bool light);
-  [[nodiscard]] Status upload(const ImDrawData& data);
-  void set_state(const ImDrawData& data, int width, int height) const;
+  [[nodiscard]] Lists lists() const;
+  [[nodiscard]] Status upload(Lists lists);
+  void set_state(int width, int height, bool top_first) const;
 
   ImGuiContext* context_ = nullptr;
   Clipboard clipboard_;

@@ -10,12 +10,10 @@ namespace {
 constexpr std::string_view version = "#version 450 core\n";
 
 constexpr std::string_view vertex_source = R"(
-layout(location = 1) uniform float top_first;  // 1 or 0
 out vec2 at;
 void main() {
   at = vec2(2 * (gl_VertexID & 1), gl_VertexID & 2);
   gl_Position = vec4(2 * at - 1, 0, 1);
-  at.y = mix(at.y, 1 - at.y, top_first);
 }
 )";
 
@@ -32,14 +30,7 @@ void main() {
 }
 )";
 
-constexpr std::string_view copy_source = R"(
-in vec2 at;
-layout(binding = 0) uniform sampler2D picture;
-layout(location = 0) out vec4 result;
-void main() { result = texture(picture, at); }
-)";
-
-// For the columns beside the picture. A processor would take 2 ms to clear all.
+// For the columns beside the picture.
 void clear_columns(int begin, int end, int height) {
   if (begin >= end) return;
   glEnable(GL_SCISSOR_TEST);
@@ -53,14 +44,9 @@ void clear_columns(int begin, int end, int height) {
 
 Result<Presenter> Presenter::create() {
   Presenter presenter;
-  const auto build = [](std::string_view fragments) {
-    return build_program("screen",
-                         {{GL_VERTEX_SHADER, {version, vertex_source}}, {GL_FRAGMENT_SHADER, {version, fragments}}});
-  };
-  SPLATVOL_TRY_ASSIGN(encode, build(encode_source));
-  SPLATVOL_TRY_ASSIGN(copy, build(copy_source));
+  SPLATVOL_TRY_ASSIGN(encode, build_program("screen", {{GL_VERTEX_SHADER, {version, vertex_source}},
+                                                       {GL_FRAGMENT_SHADER, {version, encode_source}}}));
   presenter.encode_ = std::move(encode);
-  presenter.copy_ = std::move(copy);
   GLuint name = 0;
   glCreateVertexArrays(1, &name);
   presenter.vertex_array_ = VertexArray(name);
@@ -69,12 +55,8 @@ Result<Presenter> Presenter::create() {
 
 void Presenter::begin() { glGetIntegerv(GL_DRAW_FRAMEBUFFER_BINDING, &frame_); }
 
-Status Presenter::show(const ShownPicture& picture, dvec3 background, int left, int width,
+Status Presenter::show(const TexturePicture& picture, dvec3 background, int left, int width,
                        const WindowResized& window) {
-  const EncodedPicture* encoded = picture.encoded;
-  if (encoded && encoded->width == 0) uploaded_ = {};
-  if (encoded && encoded->width > 0 && picture.is_new)
-    SPLATVOL_TRY(uploaded_.upload(encoded->width, encoded->height, encoded->bytes));
   glBindFramebuffer(GL_FRAMEBUFFER, static_cast<GLuint>(frame_));
   clear_columns(0, left, window.pixel_height);
   clear_columns(left + width, window.pixel_width, window.pixel_height);
@@ -84,10 +66,9 @@ Status Presenter::show(const ShownPicture& picture, dvec3 background, int left, 
   glDisable(GL_CULL_FACE);
   glDisable(GL_SCISSOR_TEST);
   const auto b = vec3(background);
-  glUseProgram(encoded ? copy_.name() : encode_.name());
-  if (!encoded) glUniform3f(0, b.r, b.g, b.b);
-  glUniform1f(1, encoded ? 1.0F : 0.0F);
-  glBindTextureUnit(0, encoded ? uploaded_.name() : picture.texture.name);
+  glUseProgram(encode_.name());
+  glUniform3f(0, b.r, b.g, b.b);
+  glBindTextureUnit(0, picture.name);
   glBindVertexArray(vertex_array_.name());
   glDrawArrays(GL_TRIANGLES, 0, 3);
   glBindVertexArray(0);

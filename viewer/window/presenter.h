@@ -1,4 +1,4 @@
-// The place of all calls of OpenGL for the picture in the window: over a background, with the sRGB curve.
+// Pictures of a graphics card in the window: over a background, with the sRGB curve.
 #pragma once
 
 #include <optional>
@@ -21,18 +21,21 @@ class Presenter {
   /// Begins a frame in the framebuffer that is bound. Drawing a picture may bind others.
   void begin();
 
+  /// Returns the framebuffer of the frame.
+  [[nodiscard]] GLuint framebuffer() const { return static_cast<GLuint>(frame_); }
+
   /// Fills `width` columns of the frame with a picture, from `left` on, and the others with a dark colour. Stretches a
-  /// picture of another size. The result looks like a PNG file of the picture.
-  [[nodiscard]] Status show(const ShownPicture& picture, dvec3 background, int left, int width,
+  /// picture of another size. The result looks like a PNG file of the picture. A picture without a name is the
+  /// background.
+  [[nodiscard]] Status show(const TexturePicture& picture, dvec3 background, int left, int width,
                             const WindowResized& window);
 
   /// Waits for the frame.
   static void finish();
 
  private:
-  Program encode_, copy_;
+  Program encode_;
   VertexArray vertex_array_;
-  PictureTexture uploaded_;
   GLint frame_ = 0;
 };
 

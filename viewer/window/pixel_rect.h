@@ -1,0 +1,22 @@
+// Parts of the window.
+#pragma once
+
+#include <vector>
+
+namespace splatvol {
+
+/// A part of the framebuffer, in pixels from the upper left corner.
+struct PixelRect {
+  int left = 0, top = 0, right = 0, bottom = 0;
+
+  [[nodiscard]] bool is_empty() const { return right <= left || bottom <= top; }
+  friend bool operator==(const PixelRect&, const PixelRect&) = default;
+};
+
+/// Returns what is in both; an empty rectangle if that is nothing.
+[[nodiscard]] PixelRect intersection(const PixelRect& a, const PixelRect& b);
+
+/// Returns rectangles that cover those given, none of which overlap: what overlaps becomes one. Leaves out empty ones.
+[[nodiscard]] std::vector<PixelRect> disjoint(std::vector<PixelRect> rects);
+
+}  // namespace splatvol
