@@ -200,7 +200,9 @@ Status Viewer::frame(const FrameInput& given) {
   const auto start = std::chrono::steady_clock::now();
   picture_seconds_ = 0;
   SPLATVOL_TRY(draw_frame(given));
-  note_window_seconds(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  frame_window_seconds_ = seconds - picture_seconds_;
+  note_window_seconds(seconds);
   return {};
 }
 

@@ -55,6 +55,10 @@ class Viewer {
   /// Lets steps that play end at the last one, so that the viewer settles.
   void end_loop();
   [[nodiscard]] const Session* session() const { return state_.session.get(); }
+  [[nodiscard]] Session* session() { return state_.session.get(); }
+
+  /// Returns the seconds of the last frame besides those of Session::draw.
+  [[nodiscard]] double window_seconds() const { return frame_window_seconds_; }
 
  private:
   explicit Viewer(const ViewerOptions& options);
@@ -96,6 +100,7 @@ class Viewer {
   double frame_seconds_ = 0;    // from one frame to the next
   double window_seconds_ = 0;   // of a frame, besides its picture
   int window_frames_ = 0;       // of these, up to the first ones
+  double frame_window_seconds_ = 0;
   double picture_seconds_ = 0;  // of the picture of this frame
   bool closing_ = false;
 };
