@@ -1,7 +1,7 @@
 // What a person sees while a hand moves: moving FILE --scene SCENE.json -o OUT.json
 // Uses the viewer without a window, by a real clock: events come when a hand would make them, whatever the viewer does
-// meanwhile. Keeps the pictures that were shown, and compares them with exact ones afterwards. bench/svbench moving runs
-// it on several views, and judges what it wrote.
+// meanwhile. Keeps the pictures that were shown, and compares them with exact ones afterwards. bench/svbench moving
+// runs it on several views, and judges what it wrote.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -218,9 +218,9 @@ void choose_compared(std::vector<KeptPicture>& pictures, int most) {
 }
 
 ordered_json json_of(const KeptPicture& picture, const std::vector<Asked>& asked) {
-  ordered_json json = {{"number", picture.number},         {"shown", *picture.shown},
-                       {"moves", picture.moves},           {"step", picture.step},
-                       {"splats", picture.rung.splats},    {"spacing", picture.rung.sample_spacing},
+  ordered_json json = {{"number", picture.number},      {"shown", *picture.shown},
+                       {"moves", picture.moves},        {"step", picture.step},
+                       {"splats", picture.rung.splats}, {"spacing", picture.rung.sample_spacing},
                        {"seconds", picture.seconds}};
   const auto is_its = [&](const Asked& scene) {
     return scene.time <= *picture.shown && scene.camera == picture.scene.camera &&
@@ -286,6 +286,7 @@ Result<ordered_json> json_of(const Record& record, ExactPictures& exact, const O
                       {"motions", motions},
                       {"is_steady", record.script.is_steady},
                       {"came_to_rest", record.came_to_rest},
+                      {"has_cells", exact.has_cells()},
                       {"pictures", pictures},
                       {"frames", frames}};
 }
@@ -328,13 +329,13 @@ int main(int argc, char** argv) {
   Options options;
   app.add_option("volume", options.volume, "The .svol file")->required();
   app.add_option("--scene", options.scene, "The view; default: one that fits the data");
-  app.add_option("-o,--output", options.output, "Where to write what happened")
-      ->required()
-      ->check(check_json_path);
+  app.add_option("-o,--output", options.output, "Where to write what happened")->required()->check(check_json_path);
   app.add_option("--scripts", options.scripts, "What the hand does; default: all")
       ->one_of(script_names())
       ->delimiter(',');
-  app.add_option("--size", options.size, "Size of the window")->capture_default_str()->check(check_of(parse_image_size));
+  app.add_option("--size", options.size, "Size of the window")
+      ->capture_default_str()
+      ->check(check_of(parse_image_size));
   app.add_option("--memory", options.memory, "As svview's")->capture_default_str()->check(check_of(parse_bytes));
   app.add_option("--exact-memory", options.exact_memory, "Memory to draw exact pictures")
       ->capture_default_str()

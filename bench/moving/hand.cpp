@@ -19,9 +19,7 @@ constexpr int notches = 20;
 dvec2 center_of(const PicturePlace& picture) { return {picture.left + picture.width / 2, picture.height / 2}; }
 
 // The share of a way that is done after a share of its time: a hand gathers speed, and slows down.
-double eased(double share) {
-  return share - std::sin(2 * std::numbers::pi * share) / (2 * std::numbers::pi);
-}
+double eased(double share) { return share - std::sin(2 * std::numbers::pi * share) / (2 * std::numbers::pi); }
 
 // A drag with the left button, relative to the picture's middle. `from` and `to` are its ends.
 Script drag(const std::string& name, const PicturePlace& picture, const dvec2& from, const dvec2& to) {
@@ -37,12 +35,13 @@ Script drag(const std::string& name, const PicturePlace& picture, const dvec2& f
   return script;
 }
 
-// The wheel beside the picture's middle. `direction`: 1 to a detail, -1 back.
+// Two fingers beside the picture's middle: a wheel's notches in small parts. `direction`: 1 to a detail, -1 back.
 Script zoom(const std::string& name, const PicturePlace& picture, int direction) {
   const dvec2 at = center_of(picture) + 0.05 * picture.height * dvec2(1, -1);
   Script script{name, {{0, PointerMoved{at.x, at.y}}}, {{0, zoom_seconds}}};
-  for (int i = 1; i <= notches; ++i)
-    script.acts.push_back({zoom_seconds * i / notches, Scrolled{0, static_cast<double>(direction)}});
+  const int steps = static_cast<int>(zoom_seconds * pointer_rate);
+  for (int i = 1; i <= steps; ++i)
+    script.acts.push_back({zoom_seconds * i / steps, Scrolled{0, static_cast<double>(direction * notches) / steps}});
   return script;
 }
 
@@ -65,7 +64,8 @@ Script slide_opacity(const std::string& name) {
   for (int i = 1; i <= steps; ++i) {
     const double share = static_cast<double>(i) / steps;
     const double wave = std::sin(2 * std::numbers::pi * share);
-    script.acts.push_back({drag_seconds * share, PointerMoved{100 + 60 * wave, 300}, std::pow(wave < 0 ? 3 : 1 / 0.3, -wave)});
+    script.acts.push_back(
+        {drag_seconds * share, PointerMoved{100 + 60 * wave, 300}, std::pow(wave < 0 ? 3 : 1 / 0.3, -wave)});
   }
   return script;
 }

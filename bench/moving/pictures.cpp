@@ -44,8 +44,7 @@ Scene sampled_scene(Scene scene) {
   const double share = static_cast<double>(SampledPixels::spacing * pixels.height) / scene.height;
   constexpr double half_degree = std::numbers::pi / 360;
   Camera& camera = scene.camera;
-  camera.vertical_fov_degrees =
-      std::atan(share * std::tan(half_degree * camera.vertical_fov_degrees)) / half_degree;
+  camera.vertical_fov_degrees = std::atan(share * std::tan(half_degree * camera.vertical_fov_degrees)) / half_degree;
   camera.parallel_height *= share;
   scene.width = pixels.width;
   scene.height = pixels.height;

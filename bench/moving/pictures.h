@@ -37,9 +37,9 @@ struct KeptPicture {
   std::size_t step;
   bool moves;
   Rung rung;
-  double seconds;                       // that drawing took
-  std::optional<double> shown = {};     // when it was first seen; none: never
-  Image sample = {};                    // empty: it is not compared
+  double seconds;                        // that drawing took
+  std::optional<double> shown = {};      // when it was first seen; none: never
+  Image sample = {};                     // empty: it is not compared
   std::vector<std::uint8_t> bytes = {};  // of all pixels, as EncodedPicture; empty unless they are asked for
 };
 
@@ -62,8 +62,8 @@ class PictureKeeper {
 
 /// How a picture differs from the exact one.
 struct Differences {
-  double rmse;                 // of linear premultiplied RGB
-  double srgb_rmse;            // over the scene's background, as on a screen
+  double rmse;                         // of linear premultiplied RGB
+  double srgb_rmse;                    // over the scene's background, as on a screen
   std::optional<double> light, alpha;  // sum over that of the exact picture; none: that is about 0
 };
 [[nodiscard]] Differences compare(const Image& exact, const Image& picture, dvec3 background);
@@ -72,6 +72,8 @@ struct Differences {
 class ExactPictures {
  public:
   [[nodiscard]] static Result<ExactPictures> open(const std::string& file, const Scene& scene, std::uint64_t memory);
+
+  [[nodiscard]] bool has_cells() const { return player_->has_cells(); }
 
   /// Returns the sampled pixels of a scene's exact picture. Valid until the next call.
   [[nodiscard]] Result<const Image*> sample_of(const Scene& scene, std::size_t step);
