@@ -96,13 +96,13 @@ class Viewer {
   Probes probes_;
 
   EventQueue events_;
-  double idle_seconds_ = 0;    // since the last event
-  double frame_seconds_ = 0;   // from one frame to the next
-  double window_seconds_ = 0;  // of a frame, besides its picture
-  int window_frames_ = 0;      // of these, up to the first ones
-  double frame_window_seconds_ = 0;
+  double idle_seconds_ = 0;     // since the last event
+  double frame_seconds_ = 0;    // from one frame to the next
+  double window_seconds_ = 0;   // of a frame, besides its picture
+  int window_frames_ = 0;       // of these, up to the first ones
   double picture_seconds_ = 0;  // of the picture of this frame
   bool closing_ = false;
+  double frame_window_seconds_ = 0;  // of the last frame
 };
 
 }  // namespace splatvol
