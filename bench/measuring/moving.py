@@ -378,7 +378,15 @@ def measured_runs(options):
                 measure(options, programs, view, runs[label])
         rows = tables({label: {view.name: run[view.name]} for label, run in runs.items()}, False)[2:-2]
         print("\n".join(rows), flush=True)
+        keep(options, runs)
     return runs
+
+
+def keep(options, runs):
+    """Writes what has been measured so far: a long run may be ended."""
+    if options.out:
+        machine = {"processor": processor(), "cores": os.cpu_count(), "size": options.size}
+        options.out.write_text(json.dumps({"machine": machine, "runs": runs}) + "\n")
 
 
 def read_runs(paths):
@@ -394,6 +402,3 @@ def run(options):
     if not options.read:
         print(f"\n{os.cpu_count()} cores of {processor()}, window {options.size}")
     print("\n".join(["", explain(), "", *tables(runs, options.by_script)]))
-    if options.out:
-        machine = {"processor": processor(), "cores": os.cpu_count(), "size": options.size}
-        options.out.write_text(json.dumps({"machine": machine, "runs": runs}) + "\n")
