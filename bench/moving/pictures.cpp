@@ -88,7 +88,7 @@ Differences compare(const Image& exact, const Image& picture, dvec3 background) 
   }
   const auto count = static_cast<double>(exact.pixels.size());
   const auto ratio = [count](double sum, double exact_sum) {
-    constexpr double nothing = 1e-4;  // of a pixel, in the mean
+    constexpr double nothing = 1e-3;  // of a pixel, in the mean
     return exact_sum > nothing * count ? std::optional(sum / exact_sum) : std::nullopt;
   };
   return {std::sqrt(squares / (3 * count)), std::sqrt(srgb_squares / (3 * count)), ratio(light, exact_light),
