@@ -206,10 +206,10 @@ Result<Record> Bench::run(const std::string& name) {
 
 // Keeps the pixels of some pictures only: of an even choice of those that moved, and of all others.
 void choose_compared(std::vector<KeptPicture>& pictures, int most) {
-  const auto moving = std::ranges::count_if(pictures, &KeptPicture::moves);
+  const auto moving = std::ranges::count_if(pictures, [](const KeptPicture& picture) { return picture.recipe.moves; });
   std::ptrdiff_t number = 0;
   for (KeptPicture& picture : pictures) {
-    if (!picture.moves) continue;
+    if (!picture.recipe.moves) continue;
     const std::ptrdiff_t i = number++;
     if (moving <= most || (i + 1) * most / moving > i * most / moving) continue;
     picture.sample = {};
@@ -218,10 +218,14 @@ void choose_compared(std::vector<KeptPicture>& pictures, int most) {
 }
 
 ordered_json json_of(const KeptPicture& picture, const std::vector<Asked>& asked) {
-  ordered_json json = {{"number", picture.number},      {"shown", *picture.shown},
-                       {"moves", picture.moves},        {"step", picture.step},
-                       {"splats", picture.rung.splats}, {"spacing", picture.rung.sample_spacing},
+  ordered_json json = {{"number", picture.number},
+                       {"shown", *picture.shown},
+                       {"moves", picture.recipe.moves},
+                       {"step", picture.step},
+                       {"splats", picture.recipe.rung.splats},
+                       {"spacing", picture.recipe.rung.sample_spacing},
                        {"seconds", picture.seconds}};
+  if (picture.recipe.moves) json["told_error"] = picture.recipe.error;
   const auto is_its = [&](const Asked& scene) {
     return scene.time <= *picture.shown && scene.camera == picture.scene.camera &&
            scene.function == picture.scene.transfer_function;
@@ -267,7 +271,7 @@ Result<ordered_json> judged(const Record& record, ExactPictures& exact, const Op
       json["srgb_rmse"] = differences.srgb_rmse;
       if (differences.light) json["light"] = *differences.light;
       if (differences.alpha) json["alpha"] = *differences.alpha;
-      if (picture.moves && differences.rmse >= most) worst = &picture, most = differences.rmse;
+      if (picture.recipe.moves && differences.rmse >= most) worst = &picture, most = differences.rmse;
     }
     pictures.push_back(std::move(json));
   }

@@ -68,6 +68,7 @@ class KeptCells {
 
   /// Reads all cells, unless memory lacks the room for them.
   [[nodiscard]] Status hold_all() const;
+  [[nodiscard]] bool may_hold_all() const { return holds_all_; }
 
   /// Whether all are held: nothing will be read.
   [[nodiscard]] bool are_held() const { return are_held_; }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <tuple>
 #include <utility>
 
 #include "base/http_source.h"
@@ -36,6 +37,9 @@ constexpr double drawing_share = 0.7;
 // With surfaces or slices, a picture in a time has at least so many splats. Fewer are no faster: each is larger, and
 // surfaces are compared with each of its pixels.
 constexpr std::uint64_t least_among_surfaces = std::uint64_t{1} << 15;
+
+// Expected of splats where the scene shows contours: they have none.
+constexpr double error_without_contours = 0.05;
 
 Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& streamer) {
   const Status set = rasterizer.set_transfer_function(transfer_of(scene), streamer.units());
@@ -213,8 +217,8 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
     if (streamer_) streamer->share_shapes(*streamer_);
     frame_ = nullptr;
     is_lost_ = false;
-    kept_cells_.reset();
-    cells_.reset();
+    drop_cells();
+    cells_ahead_.reset();
     streamer_ = std::move(streamer);
   }
   if (other) {
@@ -274,11 +278,20 @@ Status Player::change_step(std::size_t step) {
     SPLATVOL_TRY(read_boundary_of(*volume));
   }
   is_lost_ = true;
-  kept_cells_.reset();
-  cells_.reset();
+  drop_cells();
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
   is_lost_ = false;
+  if (const auto ahead = std::move(cells_ahead_); ahead && ahead->step() == step) {
+    auto [of, kept] = ahead->take();
+    kept_volume_ = std::move(of), kept_cells_ = std::move(kept);
+  }
   return {};
+}
+
+void Player::drop_cells() {
+  cells_.reset();
+  kept_cells_.reset();
+  kept_volume_.reset();
 }
 
 // The files of a series have boundaries of their own.
@@ -299,15 +312,20 @@ Status Player::read_boundary_of(const format::Volume& volume) {
   return {};
 }
 
-void Player::read_ahead(std::size_t step) {
+void Player::read_ahead(std::size_t step, bool with_cells) {
   if (step >= steps_.times().size() || step == step_) return;
+  const bool are_ahead = cells_ahead_ && cells_ahead_->step() == step;
+  if (with_cells && !are_ahead && has_cells() && !streamer_->volume().is_far())
+    cells_ahead_ = std::make_unique<StepCells>(steps_, step, scene_, options_.memory / 2);
   if (!steps_.are_files()) return streamer_->prefetch_step(step);
   if (ahead_ && ahead_->step() == step) return;
   // Only its preamble: another mesh has other parts in view.
   ahead_ = std::make_unique<StepAhead>(steps_, step);
 }
 
-bool Player::is_reading_ahead() const { return (ahead_ && !ahead_->is_done()) || streamer_->is_prefetching(); }
+bool Player::is_reading_ahead() const {
+  return (ahead_ && !ahead_->is_done()) || (cells_ahead_ && !cells_ahead_->is_done()) || streamer_->is_prefetching();
+}
 
 std::uint64_t Player::device_splats() const {
   return std::min(rasterizer_->plan_picture(scene_.width, scene_.height), room_);
@@ -357,7 +375,7 @@ Status Player::set_draw_list() {
 Status Player::draw(const DrawOptions& options) {
   if (!frame_) return fail(ErrorCode::invalid_argument, "{}: no splats are chosen to be drawn", steps_.name());
   draw_options_ = options;
-  if (!options.leaves_out_contours && shows_contours()) return fail_without_contours();
+  if (shows_contours()) return fail_without_contours();
   const auto start = Clock::now();
   const double chosen_in = times_.frame;
   exact_.reset();
@@ -453,8 +471,11 @@ bool Player::has_cells() const { return !is_lost_ && format::CellReader::has_cel
 
 Result<std::shared_ptr<const KeptCells>> Player::kept_cells() {
   if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
-  if (kept_cells_ && kept_cells_->color_attribute() != contours_of(scene_).attribute) kept_cells_.reset();
-  if (!kept_cells_) SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(streamer_->volume(), scene_, options_.memory / 2));
+  if (kept_cells_ && kept_cells_->color_attribute() != contours_of(scene_).attribute) drop_cells();
+  if (!kept_cells_) {
+    kept_volume_ = streamer_->shared_volume();
+    SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(*kept_volume_, scene_, options_.memory / 2));
+  }
   return kept_cells_;
 }
 
@@ -462,6 +483,13 @@ Status Player::hold_cells() {
   const Call call(*this);
   SPLATVOL_TRY_ASSIGN(kept, kept_cells());
   return kept->hold_all();
+}
+
+std::function<Status()> Player::cells_reader() {
+  if (!has_cells() || streamer_->volume().is_far() || holds_cells()) return {};
+  const auto kept = kept_cells();
+  if (!kept || !(*kept)->may_hold_all()) return {};
+  return [volume = kept_volume_, cells = *kept] { return cells->hold_all(); };
 }
 
 bool Player::holds_cells() const {
@@ -563,11 +591,16 @@ Result<DrawnPicture> Player::draw_picture(const Quality& quality, const std::fun
   DrawnPicture drawn{{quality}};
   if (is_default) SPLATVOL_TRY_SET(drawn.chosen, default_quality());
   if (drawn.chosen.quality.exact) {
+    motion_.rest();
     SPLATVOL_TRY(draw_exact(progress));
     return drawn;
   }
   const Quality& splats = drawn.chosen.quality;
-  if (splats.milliseconds)
+  const bool is_of_motion = splats.milliseconds && splats.max_error;
+  if (!is_of_motion) motion_.rest();
+  if (is_of_motion)
+    SPLATVOL_TRY(draw_moving({*splats.max_error, 1e-3 * *splats.milliseconds}));
+  else if (splats.milliseconds)
     SPLATVOL_TRY(draw_within(1e-3 * *splats.milliseconds));
   else if (splats.max_error)
     SPLATVOL_TRY_SET(drawn.search, draw_to_error(*splats.max_error, is_default));
@@ -625,22 +658,78 @@ Result<Choices> Player::choices(bool with_cells, int widest_spacing) {
   return choices;
 }
 
+Result<Choices> Player::moving_choices(bool with_cells) {
+  constexpr int widest_spacing = 8;
+  Choices choices{.points = std::clamp<std::uint64_t>(info().point_count(), 1, device_splats()),
+                  .least_splats = has_layers() ? least_among_surfaces : 1,
+                  .finest_spacing = options_.drawing.sample_spacing.value_or(1),
+                  .pixels = static_cast<double>(scene_.width) * scene_.height};
+  choices.widest_spacing = std::max(choices.finest_spacing, widest_spacing);
+  if (shows_contours()) choices.added_error = error_without_contours;
+  if (!with_cells || !holds_cells()) return choices;
+  SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
+  if (estimate.unknown_cells == 0)
+    choices.cells = {static_cast<double>(estimate.tetrahedra), static_cast<double>(estimate.segments)};
+  return choices;
+}
+
+Result<std::optional<MotionControl::Outcome>> Player::try_splats(const Rung& rung) {
+  constexpr double wait_seconds = 0.1;
+  const Call call(*this);
+  if (!exact_ || !picture_) return fail(ErrorCode::invalid_argument, "{}: no exact picture is there", steps_.name());
+  // Drawing replaces what is known of the last picture.
+  Image exact = *std::exchange(picture_, std::nullopt);
+  const auto before = std::tuple(exact_, sample_spacing_, times_);
+  const auto drawn = [&]() -> Result<std::optional<MotionControl::Outcome>> {
+    SPLATVOL_TRY(choose({.detail = detail_of(rung), .wait_seconds = wait_seconds}));
+    if (!frame_->progress.settled) return std::nullopt;
+    const auto start = Clock::now();
+    SPLATVOL_TRY(draw({.sample_spacing = rung.sample_spacing}));
+    MotionControl::Outcome outcome{counted(rung), times_.draw.fragments, seconds_since(start), frame_->goal_error};
+    SPLATVOL_TRY_ASSIGN(picture, image());
+    SPLATVOL_TRY_ASSIGN(difference, compare_images(picture, exact));
+    outcome.error = difference.rmse;
+    return outcome;
+  }();
+  picture_ = std::move(exact);
+  std::tie(exact_, sample_spacing_, times_) = before;
+  return drawn;
+}
+
 Rung Player::counted(const Rung& rung) const {
   if (frame_->progress.settled) return rung;
   return {std::max<std::uint64_t>(frame_->splats, 1), rung.sample_spacing};
 }
 
 Status Player::draw_within(double seconds) {
-  const auto start = Clock::now();
   if (pacer_.seconds() != drawing_share * seconds) pacer_.leap();
   pacer_.set_seconds(drawing_share * seconds);
   const int widest_spacing = options_.drawing.sample_spacing.value_or(widest_samples_in_a_time);
   SPLATVOL_TRY_ASSIGN(choices, this->choices(may_draw_cells() && holds_cells(), widest_spacing));
   const Rung rung = pacer_.next(choices);
+  SPLATVOL_TRY_ASSIGN(drawn, draw_rung(rung, seconds));
+  pacer_.add(drawn.rung, choices, drawn.fragments, drawn.seconds);
+  return {};
+}
+
+// The first picture waits for cells, so that those after it need not read.
+Status Player::draw_moving(const MotionLimits& limits) {
+  motion_.set_limits(limits);
+  if (may_draw_cells())
+    if (const auto read = cells_reader()) SPLATVOL_TRY(read());
+  SPLATVOL_TRY_ASSIGN(choices, moving_choices(may_draw_cells()));
+  if (has_layers()) choices.widest_spacing = choices.finest_spacing = 1;
+  SPLATVOL_TRY_ASSIGN(drawn, draw_rung(motion_.next(choices), limits.seconds));
+  motion_.add(drawn, choices);
+  return {};
+}
+
+// Draws a rung. Splats are of parts that are there or come in time.
+Result<MotionControl::Outcome> Player::draw_rung(const Rung& rung, double seconds) {
+  const auto start = Clock::now();
   if (rung.is_exact()) {
     SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
-    pacer_.add(rung, choices, 0, times_.frame);
-    return {};
+    return MotionControl::Outcome{.rung = rung, .seconds = times_.frame};
   }
   FrameRequest request{.detail = detail_of(rung), .wait_seconds = 0};
   SPLATVOL_TRY(choose(request));
@@ -651,8 +740,8 @@ Status Player::draw_within(double seconds) {
   }
   const auto draw_start = Clock::now();
   SPLATVOL_TRY(draw({.sample_spacing = rung.sample_spacing}));
-  pacer_.add(counted(rung), choices, times_.draw.fragments, seconds_since(draw_start));
-  return {};
+  const auto model = frame_->progress.complete ? std::optional(frame_->goal_error) : std::nullopt;
+  return MotionControl::Outcome{counted(rung), times_.draw.fragments, seconds_since(draw_start), model};
 }
 
 // Draws exact rays through some pixels: what errors of pictures are measured by. None, if that may be much work, or

@@ -15,6 +15,7 @@
 #include "base/error.h"
 #include "format/steps.h"
 #include "player/error_control.h"
+#include "player/motion_control.h"
 #include "player/pacer.h"
 #include "renderer/cpu/cells.h"
 #include "renderer/device/device.h"
@@ -30,6 +31,7 @@ namespace splatvol {
 class FileCells;
 class KeptCells;
 class StepAhead;
+class StepCells;
 
 struct PlayerOptions {
   std::uint64_t memory = std::uint64_t{512} << 20;    // bytes that the streamer may hold; patches: a quarter besides
@@ -51,8 +53,7 @@ struct PlayerOptions {
 
 /// Of one frame.
 struct DrawOptions {
-  int sample_spacing = 0;            // as in Drawing, whose number it replaces; 0: that of PlayerOptions::drawing
-  bool leaves_out_contours = false;  // else splats are not drawn of a scene that shows contours: they have none
+  int sample_spacing = 0;  // as in Drawing, whose number it replaces; 0: that of PlayerOptions::drawing
 };
 
 /// What a frame is made of.
@@ -177,8 +178,9 @@ class Player {
   /// Changes to another step. If it fails, the step before stays.
   [[nodiscard]] Status show_step(std::size_t step);
 
-  /// Begins to read another step on a thread of its own, for `show_step`. Does nothing if there is no such step.
-  void read_ahead(std::size_t step);
+  /// Begins to read another step on threads of their own, for `show_step`. Does nothing if there is no such step.
+  /// `with_cells`: also all cells, where memory has room for them and the file is near.
+  void read_ahead(std::size_t step, bool with_cells = false);
 
   /// Whether `show_step` would wait for what `read_ahead` reads.
   [[nodiscard]] bool is_reading_ahead() const;
@@ -186,7 +188,8 @@ class Player {
   /// Chooses the splats of the next frame, and reads them. Draws nothing. The budgets may make it coarser than asked.
   [[nodiscard]] Status choose(const FrameRequest& request);
 
-  /// Draws the chosen splats. If the device has no room for them, chooses fewer.
+  /// Draws the chosen splats. If the device has no room for them, chooses fewer. Fails if the scene shows contours:
+  /// splats have none.
   [[nodiscard]] Status draw(const DrawOptions& options = {});
 
   /// Chooses and draws.
@@ -201,6 +204,8 @@ class Player {
   /// - Milliseconds: draws the rung of Pacer's ladder that the device has time for. Cells are drawn only if they are
   ///   held. Splats are of parts that are there or come in time. Learns the device's speed from call to call, so that
   ///   the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time.
+  /// - Milliseconds and an error: draws what MotionControl chooses. The first call reads all cells of a near file, if
+  ///   memory has room for them.
   /// - Else: waits for all parts, and fails if one cannot be read.
   ///
   /// `progress` is called with the share of an exact picture that is done, in [0, 1]. Fails as check_quality and
@@ -220,6 +225,14 @@ class Player {
   /// Returns what the view has for Pacer. `with_cells`: estimates cells, and offers them if they can be drawn.
   /// `widest_spacing`: of samples, unless PlayerOptions::drawing has a wider one. With surfaces or slices it is 1.
   [[nodiscard]] Result<Choices> choices(bool with_cells, int widest_spacing = widest_samples_in_a_time);
+
+  /// Returns what the view has for MotionControl, with cells if they are held. Where surfaces or slices show, samples
+  /// farther apart than pixels mean a smaller picture.
+  [[nodiscard]] Result<Choices> moving_choices(bool with_cells);
+
+  /// Draws splats beside the last exact picture, which stays, and measures their error against it. Returns nothing if
+  /// parts of the file are missing. Chooses splats anew. Requires a rasterizer of the processor.
+  [[nodiscard]] Result<std::optional<MotionControl::Outcome>> try_splats(const Rung& rung);
 
   /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. `progress` is
   /// called with the share that is done, in [0, 1]. `sample_spacing`: as in DrawOptions; with surfaces 1. Fails if the
@@ -241,6 +254,10 @@ class Player {
 
   /// Whether they are held.
   [[nodiscard]] bool holds_cells() const;
+
+  /// Returns what reads all cells, on any thread and beside other calls: then they are held. Empty if they are, if
+  /// there are none or no room, and if the file is far.
+  [[nodiscard]] std::function<Status()> cells_reader();
 
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
   [[nodiscard]] Status draw_again();
@@ -305,9 +322,12 @@ class Player {
                                  const View& view);
   [[nodiscard]] Status open_again(std::size_t step);
   [[nodiscard]] Status change_step(std::size_t step);
+  void drop_cells();
   [[nodiscard]] std::vector<Surface> surfaces_of_all_steps() const;
   [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
   [[nodiscard]] Status draw_within(double seconds);
+  [[nodiscard]] Status draw_moving(const MotionLimits& limits);
+  [[nodiscard]] Result<MotionControl::Outcome> draw_rung(const Rung& rung, double seconds);
   [[nodiscard]] bool may_draw_cells() const;
 
   // Exact rays, and the work of an exact picture.
@@ -333,7 +353,8 @@ class Player {
 
   format::Steps steps_;
   std::size_t step_;
-  std::unique_ptr<StepAhead> ahead_;  // of a series of files
+  std::unique_ptr<StepAhead> ahead_;        // of a series of files
+  std::unique_ptr<StepCells> cells_ahead_;  // of a series
   PlayerOptions options_;
   Scene scene_;
   View view_;
@@ -342,7 +363,8 @@ class Player {
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> rasterizer_;
   CellRasterizer cell_rasterizer_;
-  std::shared_ptr<const KeptCells> kept_cells_;          // of the streamer's volume; null: none was needed yet
+  std::shared_ptr<const format::Volume> kept_volume_;    // of the cells
+  std::shared_ptr<const KeptCells> kept_cells_;          // of the streamer's step; null: none was needed yet
   std::shared_ptr<const FileCells> cells_;               // of these, in the view that asked last
   std::shared_ptr<const SurfaceDepths> surface_depths_;  // of another program
   std::vector<Surface> surfaces_;                        // of the scene
@@ -359,6 +381,7 @@ class Player {
   int sample_spacing_ = 1;
   PlayerTimes times_;
   Pacer pacer_{1};
+  MotionControl motion_;
 
   std::mutex stop_mutex_;
   std::stop_source stop_;  // of the call in progress

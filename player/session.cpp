@@ -123,28 +123,6 @@ FrameSplats without_list(const FrameSplats& frame) {
           frame.progress};
 }
 
-// Surfaces and slices need a sample for each pixel: while they move, there are fewer pixels.
-Scene half_as_large(Scene scene) {
-  scene.width = (scene.width + 1) / 2;
-  scene.height = (scene.height + 1) / 2;
-  return scene;
-}
-
-// Duration of a change of resolution.
-constexpr double fade_seconds = 0.2;
-
-// The first picture at rest for an error has at least so many splats: it costs little.
-constexpr std::uint64_t least_first_splats = std::uint64_t{1} << 13;
-
-// Pixels between samples of the first exact picture at rest.
-constexpr int coarsest_exact_spacing = 4;
-
-// Longest time that the picture of the step before stays. Then the new one is drawn as coarse as it is.
-constexpr double longest_wait_seconds = 2;
-
-// Longest wait of one frame for the first picture of a step.
-constexpr double step_wait_seconds = 0.02;
-
 }  // namespace
 
 Result<std::unique_ptr<Session>> Session::open(const std::string& path, const std::string& scene_path,
@@ -191,6 +169,7 @@ Result<std::unique_ptr<Session>> Session::open(SessionFile file, SessionHost& ho
 
 Session::~Session() {
   stop_drawing();
+  end_holding_cells();
   end_reading();
   end_fitting();
 }
@@ -226,7 +205,7 @@ std::optional<format::Attribute> Session::opacity_attribute() const {
 
 void Session::show_all() {
   end_fitting();
-  const bool is_aside = settings.reads_aside && settings.hurries;
+  const bool is_aside = settings.works_aside && settings.hurries;
   fitting_camera_.emplace(FittingCamera{scene.camera, {}, {}});
   const auto fit = [steps = player_->steps(), step = player_->step(), attribute = scene.attribute,
                     picture = FirstPicture{scene.width, scene.height},
@@ -396,6 +375,8 @@ void Session::await_step() {
   read_ahead_.reset();
   still_seconds_ = awaited_seconds_ = 0;
   awaits_step_ = true;
+  cells_fail_ = false;
+  end_holding_cells();
 }
 
 // Returns the scene as it can be drawn until what a change needs has been read. Other edits show.
@@ -438,7 +419,7 @@ Status Session::read_change() {
   if (reading_ &&
       (reading_->step != asked_step_ || !need_the_same(reading_->scene, reading_->settings, scene, settings)))
     end_reading();
-  const bool is_aside = settings.reads_aside && settings.hurries;
+  const bool is_aside = settings.works_aside && settings.hurries;
   if (!reading_) {
     const Player::Reader reader = player_->reader(scene, player_options(settings), asked_step_);
     if (!reader) {
@@ -480,6 +461,8 @@ Status Session::take_change(Result<SessionFile> change, const Scene& without_cha
     file.scene = scene;
     taken = player_->replace(std::move(file));
     if (taken && is_whole) {
+      cells_fail_ = false;
+      end_holding_cells();
       picture_is_whole_ = false;  // another rasterizer may have none
       histogram_ = change->histogram;
       opacity_histogram_ = change->opacity_histogram;
@@ -516,12 +499,16 @@ Status Session::apply() {
                     settings.quality == used_settings_.quality &&
                     settings.most_exact_segments == used_settings_.most_exact_segments &&
                     have_same_picture(drawn, used_scene_);
+  Scene seen_alike = drawn;
+  seen_alike.camera = used_scene_.camera;
+  const bool is_other_picture = !have_same_picture(seen_alike, used_scene_);
   view_ = player_->view();
   used_scene_ = std::move(drawn);
   used_settings_ = settings;
   used_settings_.memory = player_->options().memory;
   used_settings_.drawing = drawing;
   if (same) return {};
+  if (is_other_picture) motion_.forget_errors();
   still_seconds_ = 0;
   settled_ = moving_is_drawn_ = false;
   refinement_.reset();
@@ -550,11 +537,13 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   scene.height = height;
   SPLATVOL_TRY(fit_camera());
   take_fitted();
+  if (holding_cells_.is_begun() && holding_cells_.wait()) cells_fail_ = !holding_cells_.take() || cells_fail_;
   SPLATVOL_TRY(make_view(scene));
   still_seconds_ += seconds;
   undrawn_seconds_ += seconds;
   if (is_drawing()) {
-    if (asked_step_ || !have_same_picture(scene_without_change(), used_scene_)) interrupt_drawing();
+    const bool is_old = asked_step_ || !have_same_picture(scene_without_change(), used_scene_);
+    if (is_old && work_ != Work::moving) interrupt_drawing();
     SPLATVOL_TRY(end_drawing(is_busy));
     if (is_drawing()) return {};     // the picture stays
     SPLATVOL_TRY(encode_picture());  // the next one may begin before this one is shown
@@ -565,49 +554,11 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   if (is_busy && refinement_ && !awaits_step_) return {};  // the picture stays
 
   const bool moves = settings.hurries && (is_busy || still_seconds_ < pause_seconds);
-  if (moves && moving_is_drawn_ && !awaits_step_) return {};  // the picture stays
-  if (!moves && asked_step_) return {};                       // the picture stays
-  if (!moves && !refinement_) begin_rest();
-  if (!moves && refinement_->is_done()) return exact_spacing_ > 0 ? begin_exact() : begin_making_ready();
-  Choices choices;
-  Rung rung;
-  if (moves) {
-    if (has_surfaces()) SPLATVOL_TRY(player_->set_scene(half_as_large(used_scene_)));
-    SPLATVOL_TRY_SET(choices, moving_choices());
-    rung = pacer_.next(choices);
-    if (rung.is_exact()) {
-      if (draw_moving_exact(rung, choices)) return {};
-      choices.cells.reset();
-      rung = pacer_.next(choices);
-    }
-  }
-  FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
-                       .change = moves ? 1 : std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
-  if (moves)
-    request.detail.goal = ErrorGoal{0, rung.splats};
-  else
-    request.detail = refinement_->detail();
-  DrawOptions options{.leaves_out_contours = true};  // they come at rest
-  if (!moves && !awaits_step_ && can_draw_aside())
-    return draw_aside([this, request, options] { return draw_splats(request, options); });
-
-  const double start = host_.now();
-  SPLATVOL_TRY(player_->choose(request));
-  note_frame();
-  awaited_seconds_ += seconds;
-  awaits_step_ = awaits_step_ && !frame()->progress.settled && awaited_seconds_ < longest_wait_seconds;
-  if (awaits_step_) return {};  // the picture stays
-  undrawn_seconds_ = 0;
-  if (moves) options.sample_spacing = rung.sample_spacing;
-  SPLATVOL_TRY(player_->draw(options));
-  took_seconds_ = host_.now() - start;
-  note_drawn(moves);
-  if (moves) {
-    const PlayerTimes& times = player_->times();
-    pacer_.add(player_->counted(rung), choices, times.draw.fragments, took_seconds_ - times.surfaces);
-  }
-  moving_is_drawn_ = moves && frame()->progress.settled;
-  return moves || !frame()->progress.settled ? Status{} : finish_picture({});
+  if (moves) return moving_is_drawn_ && !awaits_step_ ? Status{} : begin_moving(seconds);
+  if (asked_step_) return {};  // the picture stays
+  if (!refinement_) begin_rest();
+  if (!refinement_->is_done()) return begin_splats(seconds);
+  return exact_spacing_ > 0 ? begin_exact() : begin_making_ready();
 }
 
 // Keeps the errors of parts of the frame that was chosen.
@@ -615,33 +566,27 @@ void Session::note_frame() {
   for (const Error& error : player_->frame()->progress.errors) troubles_.push_back(error.message);
 }
 
-void Session::set_window_seconds(double seconds) {
-  constexpr double frame_seconds = 1.0 / 60, reserve = 0.001, shortest = 0.004;
-  pacer_.set_seconds(std::max(frame_seconds - reserve - seconds, shortest));
-}
-
-// Whether surfaces were in the last picture. An exact one does not tell.
-bool Session::has_surfaces() const {
-  if (!player_->exact()) return player_->has_drawn_surfaces();
-  return std::ranges::any_of(used_scene_.surfaces, &SceneSurface::shown) || !used_scene_.slices.empty();
-}
-
-void Session::note_drawn(bool moves) {
+void Session::note_drawn(const ShownRecipe& recipe) {
   encoded_is_old_ = picture_is_whole_ = true;
   draw_seconds_ = took_seconds_;
   device_bytes_ = player_->rasterizer().device_bytes();
+  undrawn_seconds_ = 0;
   ++shown_number_;
+  shown_view_ = view_;
+  shown_recipe_ = recipe;
+  if (!encoded_aside_.bytes.empty()) {
+    std::swap(encoded_, encoded_aside_);
+    encoded_aside_.bytes.clear();
+    encoded_background_ = used_scene_.background;
+    encoded_is_old_ = encoded_is_shown_ = false;
+  }
   if (!settings.on_picture) return;
   const DevicePicture picture = player_->picture();
-  if (const auto* image = std::get_if<const Image*>(&picture)) {
-    const Rung rung{player_->exact() ? 0 : std::max<std::uint64_t>(frame()->splats, 1), player_->sample_spacing()};
-    settings.on_picture({shown_number_, **image, player_->scene(), player_->step(), moves, rung, draw_seconds_});
-  }
+  if (const auto* image = std::get_if<const Image*>(&picture))
+    settings.on_picture({shown_number_, **image, used_scene_, player_->step(), recipe, draw_seconds_});
 }
 
-bool Session::can_draw_aside() const { return settings.hurries && draws_aside(); }
-
-Status Session::draw_aside(std::function<Status()> draw) {
+Status Session::draw_aside(Work work, std::function<Status()> draw) {
   before_ = {{},
              player_->exact(),
              player_->streamer().drawn_nodes(),
@@ -650,182 +595,36 @@ Status Session::draw_aside(std::function<Status()> draw) {
              player_->left_out()};
   if (const FrameSplats* frame = player_->frame()) before_.frame = without_list(*frame);
   undrawn_seconds_ = 0;
+  work_ = work;
   stop_ = std::stop_source();
   const auto draw_interruptibly = [draw = std::move(draw), stop = stop_.get_token()]() -> Status {
     const Interruptible interruptible(stop);
     return draw();
   };
-  drawing_ = {host_, draw_interruptibly, SessionHost::Priority::low};
-  return end_drawing(false);
-}
-
-// Chooses splats and draws them, in a job.
-Status Session::draw_splats(const FrameRequest& request, const DrawOptions& options) {
-  const double start = host_.now();
-  SPLATVOL_TRY(player_->choose(request));
-  SPLATVOL_TRY(player_->draw(options));
-  took_seconds_ = host_.now() - start;
-  if (!request.detail.goal || !player_->frame()->progress.settled) return {};
-  // What `finish_picture` compares. It is copied here, where nobody waits for it.
-  SPLATVOL_TRY_ASSIGN(drawn, player_->image());
-  drawn_aside_ = std::move(drawn);
-  return {};
-}
-
-// All points of a small file are soon there: nobody measures their error.
-Quality Session::quality_of_splats() const {
-  if (asks_for_splats(used_settings_.quality)) return used_settings_.quality;
-  const Quality usual = default_splats(info().point_count());
-  return usual.max_error && used_settings_.quality.max_error ? used_settings_.quality : usual;
-}
-
-// Returns how many segments an exact picture may have.
-std::uint64_t Session::most_segments() const {
-  return used_settings_.quality.exact ? std::numeric_limits<std::uint64_t>::max() : used_settings_.most_exact_segments;
-}
-
-// Returns the least spacing of samples in any picture.
-int Session::finest_spacing() const { return used_settings_.drawing.sample_spacing.value_or(1); }
-
-// Where nobody looks at coarser pictures, there are none. 0: splats are wanted, or there is nothing else. Splats have
-// no contours.
-int Session::first_exact_spacing() const {
-  const ViewSettings& used = used_settings_;
-  const bool wants_splats =
-      asks_for_splats(used.quality) || kernel_of(used.drawing) == KernelKind::octant || most_segments() == 0;
-  if ((wants_splats && !player_->shows_contours()) || !player_->has_cells()) return 0;
-  return used.hurries ? std::max(coarsest_exact_spacing, finest_spacing()) : finest_spacing();
-}
-
-// Returns the spacing of the exact picture after the last one; 0: that was the finest.
-int Session::finer_exact_spacing() const {
-  const int last = player_->sample_spacing();
-  return last > finest_spacing() ? std::max(last / 2, finest_spacing()) : 0;
-}
-
-// Begins the next exact picture. Until it is there, the window shows a copy of the one before.
-Status Session::begin_exact() {
-  SPLATVOL_TRY(encode_picture());
-  if (settings.hurries) return draw_aside([this] { return draw_exact(); });
-  return finish_exact(draw_exact());
-}
-
-// Draws it, unless it is too much work: then none follows. Needs no context of OpenGL.
-Status Session::draw_exact() {
-  if (!player_->exact()) {
-    SPLATVOL_TRY_ASSIGN(estimate, player_->estimate_exact());
-    if (estimate.unknown_cells > 0)
-      return fail(ErrorCode::unsupported, "{}: {} of its cells have shapes that only a newer svview knows", path_,
-                  estimate.unknown_cells);
-    if (estimate.segments > most_segments() && !player_->shows_contours()) {
-      exact_spacing_ = 0;
-      is_to_make_ready_ = false;
-      return {};
-    }
-  }
-  const double start = host_.now();
-  Status drawn = player_->draw_exact({}, exact_spacing_);
-  took_seconds_ = host_.now() - start;
-  return drawn;
-}
-
-// Returns what can be drawn while something moves. Cells only if they need not be read; a step's first picture is of
-// splats.
-Result<Choices> Session::moving_choices() {
-  const bool may_be_exact = !awaits_step_ && first_exact_spacing() > 0 && player_->holds_cells();
-  SPLATVOL_TRY_ASSIGN(choices, player_->choices(may_be_exact));
-  if (choices.cells && choices.cells->segments > static_cast<double>(most_segments())) choices.cells.reset();
-  return choices;
-}
-
-// Draws an exact picture of something that moves. Returns false if it cannot: then splats move, and at rest the reason
-// is told.
-bool Session::draw_moving_exact(const Rung& rung, const Choices& choices) {
-  undrawn_seconds_ = 0;
-  const double start = host_.now();
-  if (!player_->draw_exact({}, rung.sample_spacing)) return false;
-  took_seconds_ = host_.now() - start;
-  note_drawn(true);
-  pacer_.add(rung, choices, 0, draw_seconds_);
-  moving_is_drawn_ = true;
-  return true;
-}
-
-// Begins what makes it possible.
-Status Session::begin_making_ready() {
-  SPLATVOL_TRY(encode_picture());
-  return draw_aside([this] { return make_ready(); });
-}
-
-// Reads all cells if there is time to draw them while something moves. Probes need the splats of this view.
-Status Session::make_ready() {
-  SPLATVOL_TRY_ASSIGN(choices, player_->choices(true));
-  if (choices.cells && pacer_.fits({0, choices.widest_spacing}, choices)) SPLATVOL_TRY(player_->hold_cells());
-  if (!skips_splats_) return {};
-  const double expected_error = quality_of_splats().max_error.value_or(0);
-  return player_->choose({.detail = {.goal = ErrorGoal{expected_error, player_->device_splats()}}});
-}
-
-Status Session::finish_making_ready(const Status& made) {
-  if (!made && made.error().code == ErrorCode::cancelled) {
-    refinement_.reset();
-    return {};
-  }
-  if (!made) troubles_.push_back(made.error().message);
-  is_to_make_ready_ = false;
-  settle();
-  return {};
-}
-
-// Says once why there is no exact picture.
-void Session::tell_of_splats(const std::string& reason) {
-  const std::string trouble = reason + ": splats are shown, no exact picture";
-  if (std::ranges::find(troubles_, trouble) == troubles_.end()) troubles_.push_back(trouble);
-}
-
-// Goes on to finer samples. If the picture cannot be drawn, splats are. After an interruption all begins anew.
-Status Session::finish_exact(const Status& drawn) {
-  if (!drawn && drawn.error().code == ErrorCode::cancelled) {
-    refinement_.reset();
-    return {};
-  }
-  if (!drawn) {
-    tell_of_splats(drawn.error().message);
-    const bool shows_splats = !skips_splats_ && exact_spacing_ == first_exact_spacing() && frame();
-    if (!shows_splats) begin_rest();
-    exact_spacing_ = 0;
-    is_to_make_ready_ = false;
-  } else if (exact_spacing_ > 0) {
-    note_drawn(false);
-    if (player_->holds_cells()) {  // else its time is that of reading
-      SPLATVOL_TRY_ASSIGN(choices, player_->choices(true));
-      if (choices.cells) pacer_.add({0, player_->sample_spacing()}, choices, 0, draw_seconds_);
-    }
-    exact_spacing_ = finer_exact_spacing();
-  }
-  settle();
-  return {};
-}
-
-// Whether the last picture is there.
-void Session::settle() {
-  settled_ = refinement_->is_done() && exact_spacing_ == 0 && !is_to_make_ready_;
-  if (settled_) read_ahead(step() + 1);
+  const auto priority = work == Work::moving ? SessionHost::Priority::usual : SessionHost::Priority::low;
+  drawing_ = {host_, draw_interruptibly, priority};
+  return end_drawing(work == Work::moving);
 }
 
 // Takes over the picture if it is there, or comes soon.
 Status Session::end_drawing(bool is_busy) {
   constexpr double patience = 0.008;  // seconds: half of a frame at 60 frames a second
   if (!drawing_.wait(is_busy ? 0 : patience)) return {};
-  const Status drawn = drawing_.take();
-  std::optional<Image> image = std::exchange(drawn_aside_, std::nullopt);
-  if (refinement_->is_done())
-    return exact_spacing_ == 0 && is_to_make_ready_ ? finish_making_ready(drawn) : finish_exact(drawn);
-  if (!drawn && drawn.error().code == ErrorCode::cancelled) return {};
-  SPLATVOL_TRY(drawn);
-  note_frame();
-  note_drawn(false);
-  return frame()->progress.settled ? finish_picture(std::move(image)) : Status{};
+  return finish(drawing_.take());
+}
+
+Status Session::finish(const Status& done) {
+  switch (work_) {
+    case Work::moving:
+      return finish_moving(done);
+    case Work::splats:
+      return finish_splats(done);
+    case Work::exact:
+      return finish_exact(done);
+    case Work::making_ready:
+      return finish_making_ready(done);
+  }
+  return {};
 }
 
 // Ends a picture that nobody will see.
@@ -834,39 +633,13 @@ void Session::stop_drawing() {
   interrupt_drawing();
   static_cast<void>(drawing_.take());
   drawn_aside_.reset();
+  encoded_aside_.bytes.clear();
 }
 
 void Session::interrupt_drawing() {
   picture_is_whole_ = false;
   stop_.request_stop();
   player_->cancel();  // of choosing the splats
-}
-
-// Begins with a picture like the last one of the movement. Rounds its splats, which depend on the machine's load.
-void Session::begin_rest() {
-  std::uint64_t first_splats = 0;
-  if (settings.hurries && frame()) first_splats = std::bit_floor(std::max(frame()->splats, least_first_splats));
-  refinement_.emplace(quality_of_splats(), first_splats);
-  exact_spacing_ = first_exact_spacing();
-  if (player_->shows_contours() && !player_->has_cells())
-    tell_of_splats(path_ + ": it keeps no cells, and only these have contours");
-  else if (settings.quality.exact && !player_->has_cells())
-    tell_of_splats(path_ + ": it keeps no cells");
-  is_to_make_ready_ = exact_spacing_ > 0 && can_draw_aside();
-  skips_splats_ = moving_is_drawn_ && player_->exact();
-  if (!skips_splats_) return;
-  refinement_->skip();
-  exact_spacing_ = finer_exact_spacing();
-}
-
-// Goes on to a finer picture, unless this one is the last. `drawn`: this one, unless the player still has to copy it.
-Status Session::finish_picture(std::optional<Image> drawn) {
-  SPLATVOL_TRY(refinement_->add(*frame(), [&]() -> Result<Image> {
-    if (drawn) return *std::move(drawn);
-    return player_->image();
-  }));
-  settle();
-  return {};
 }
 
 Result<ShownPicture> Session::shown_picture() {
@@ -876,6 +649,16 @@ Result<ShownPicture> Session::shown_picture() {
     SPLATVOL_TRY(encode_picture());
   }
   return ShownPicture{.encoded = &encoded_, .is_new = !std::exchange(encoded_is_shown_, true)};
+}
+
+// Lays the processor's picture over the background where nobody waits for it.
+Status Session::encode_aside() {
+  const DevicePicture picture = player_->picture();
+  const auto* image = std::get_if<const Image*>(&picture);
+  if (!image) return {};
+  encode_srgb(**image, used_scene_.background, encoded_aside_.bytes);
+  encoded_aside_.width = (*image)->width, encoded_aside_.height = (*image)->height;
+  return {};
 }
 
 // Lays the processor's picture over the background, unless that is done. Needs no context.

@@ -17,7 +17,7 @@
 #include "format/volume.h"
 #include "pictures/page.h"
 #include "player/history.h"
-#include "player/pacer.h"
+#include "player/motion_control.h"
 #include "player/player.h"
 #include "player/progressive_refinement.h"
 #include "player/session_host.h"
@@ -30,14 +30,21 @@ namespace splatvol {
 /// After this time without a change, in seconds, the picture becomes finer.
 inline constexpr double pause_seconds = 0.15;
 
+/// What a picture is made of, and what is known of its error.
+struct ShownRecipe {
+  Rung rung = {};            // as it was drawn
+  bool moves = false;        // drawn while something moved
+  double error = 0;          // of one that moves; root mean square of linear RGB
+  bool is_measured = false;  // the error, in about this view; else it is expected
+};
+
 /// A picture that is complete, before it is shown.
 struct CompletePicture {
   std::uint64_t number;  // of the session's pictures, from 1 on
   const Image& image;    // linear and premultiplied; valid during the call
   const Scene& scene;
   std::size_t step;
-  bool moves;  // drawn while something moved
-  Rung rung;
+  const ShownRecipe& recipe;
   double seconds;  // that drawing took
 };
 
@@ -50,18 +57,19 @@ struct ViewSettings {
   Quality quality = {};             // at rest, without milliseconds; a small file shows all points instead of an error
   Drawing drawing = {};             // at rest
   bool hurries = true;              // coarser pictures while something moves; false: nobody waits
+  MotionLimits moving = {};         // how good these are
   ReadSurface read_surface = {};    // as in PlayerOptions
   FirstPicture first_picture = {};  // as in PlayerOptions; its size may turn out to be another
 
   // Whether a thread reads what another attribute, kernel or memory, or surfaces need, while pictures are drawn without
-  // the change. Else it is read by the next draw.
-  bool reads_aside = true;
+  // the change, and draws what moves. Else the next draw does both.
+  bool works_aside = true;
 
-  // Segments that a picture at rest may have to be exact, unless `quality` asks for an exact one; 0: splats.
+  // Segments that a picture may have to be of cells, in all of its samples, unless `quality` asks for an exact one; 0:
+  // splats.
   std::uint64_t most_exact_segments = splatvol::most_exact_segments;
 
-  // Called with each picture of the processor, one at a time, on the thread that drew it. Of what is measured, the time
-  // of the call is a part.
+  // Called by `draw` with each picture of the processor that will be shown.
   std::function<void(const CompletePicture&)> on_picture = {};
 };
 
@@ -114,18 +122,17 @@ class Session {
   /// Reads nothing, and nor does the first picture.
   [[nodiscard]] static Result<std::unique_ptr<Session>> open(SessionFile file, SessionHost& host);
 
-  /// Updates the picture for `scene` and `settings`, as well as one frame has time for: coarse while they change, finer
-  /// from call to call at rest, and exact in the end if the file keeps cells. `seconds`: since the last call. A picture
-  /// that cannot be drawn is tried again after a change; until then, each call fails alike. While `is_busy`, somebody
-  /// uses the interface, and would wait for a finer picture: none is drawn.
+  /// Updates the picture for `scene` and `settings`. While they change, pictures are as good as `settings.moving` says.
+  /// At rest they become finer from call to call, and exact in the end if the file keeps cells. `seconds`: since the
+  /// last call. A picture that cannot be drawn is tried again after a change; until then, each call fails alike. While
+  /// `is_busy`, somebody uses the interface, and would wait for a finer picture: none is drawn.
+  ///
+  /// Where jobs draw, a picture of what moves begins with the newest scene, and is shown by a later call, whatever has
+  /// changed by then. A picture at rest ends with a change.
   [[nodiscard]] Status draw(int width, int height, double seconds, bool is_busy = false);
 
-  /// Tells how long the window takes for a frame besides its picture. While something moves, both together take a
-  /// sixtieth of a second.
-  void set_window_seconds(double seconds);
-
-  /// Whether a job draws a picture at rest: calls of `draw` do not wait for it long. Then `image` and `page` must not
-  /// be called; `shown_picture` is the one before.
+  /// Whether a job draws a picture: calls of `draw` do not wait for it long. Then `image` and `page` must not be
+  /// called; `shown_picture` is the one before.
   [[nodiscard]] bool is_drawing() const { return drawing_.is_begun(); }
 
   /// Whether it is still at work.
@@ -200,7 +207,7 @@ class Session {
   /// Begins to read another step of a series. Does nothing if there is no such step.
   void read_ahead(std::size_t step) {
     if (is_drawing()) return;
-    player_->read_ahead(step);
+    player_->read_ahead(step, first_exact_spacing() > 0);
     read_ahead_ = step;
   }
 
@@ -262,8 +269,11 @@ class Session {
     return is_drawing() ? before_.nodes : player_->streamer().drawn_nodes();
   }
 
-  /// Returns the view of the last draw, in the size of the window's picture.
-  [[nodiscard]] const View& view() const { return view_; }
+  /// Returns the view of the picture that is shown, in the size of the window's picture.
+  [[nodiscard]] const View& view() const { return shown_number_ > 0 ? shown_view_ : view_; }
+
+  /// Returns what the picture that is shown is made of.
+  [[nodiscard]] const ShownRecipe& shown_recipe() const { return shown_recipe_; }
 
   /// Returns the picture of the last draw, valid until the next one.
   [[nodiscard]] Result<ShownPicture> shown_picture();
@@ -275,7 +285,7 @@ class Session {
   /// called while `is_drawing`.
   [[nodiscard]] std::optional<DevicePicture> volume_picture() const;
 
-  /// Whether pictures at rest may be drawn by a job.
+  /// Whether pictures of splats may be drawn by a job.
   [[nodiscard]] bool draws_aside() const { return player_->rasterizer().capabilities().any_thread; }
 
   /// Returns the device that draws, in words.
@@ -314,6 +324,9 @@ class Session {
 
  private:
   explicit Session(SessionHost& host) : host_(host) {}
+  // What a job does.
+  enum class Work { moving, splats, exact, making_ready };
+
   [[nodiscard]] Status draw_next(int width, int height, double seconds, bool is_busy);
   [[nodiscard]] Status use_step();
   void await_step();
@@ -326,33 +339,52 @@ class Session {
   void take_back(const Scene& without_change);
   [[nodiscard]] Scene scene_without_change() const;
   [[nodiscard]] Status fit_camera();
+  [[nodiscard]] Status draw_aside(Work work, std::function<Status()> draw);
+  [[nodiscard]] Status end_drawing(bool is_busy);
+  [[nodiscard]] Status finish(const Status& done);
+  void interrupt_drawing();
+  void stop_drawing();
+  void note_drawn(const ShownRecipe& recipe);
+  void note_frame();
+  [[nodiscard]] Status encode_picture();
+  [[nodiscard]] Status encode_aside();
+  [[nodiscard]] Status choose_splats(const FrameRequest& request, double seconds);
+
+  // While something moves (session_moving.cpp).
+  [[nodiscard]] Status begin_moving(double seconds);
+  [[nodiscard]] Status choose_moving();
+  [[nodiscard]] Status draw_moving(double seconds);
+  [[nodiscard]] Status draw_moving_splats(const Rung& rung, double seconds);
+  [[nodiscard]] Status finish_moving(const Status& drawn);
+  [[nodiscard]] bool has_layers() const;
+  void begin_holding_cells();
+  void end_holding_cells();
+  void keep_last_moving();
+  [[nodiscard]] Status learn_errors();
+  [[nodiscard]] Status learn_time();
+
+  // At rest (session_rest.cpp).
   void begin_rest();
   [[nodiscard]] bool can_draw_aside() const;
-  [[nodiscard]] Status draw_aside(std::function<Status()> draw);
-  [[nodiscard]] Status draw_splats(const FrameRequest& request, const DrawOptions& options);
-  [[nodiscard]] bool draw_moving_exact(const Rung& rung, const Choices& choices);
-  [[nodiscard]] Result<Choices> moving_choices();
+  [[nodiscard]] bool has_quick_cells() const;
+  [[nodiscard]] Status begin_splats(double seconds);
+  [[nodiscard]] Status draw_splats(const FrameRequest& request, double seconds);
+  [[nodiscard]] Status finish_splats(const Status& drawn);
   [[nodiscard]] Quality quality_of_splats() const;
   [[nodiscard]] std::uint64_t most_segments() const;
   [[nodiscard]] int finest_spacing() const;
   [[nodiscard]] int first_exact_spacing() const;
+  [[nodiscard]] int finest_exact_spacing(double segments) const;
   [[nodiscard]] int finer_exact_spacing() const;
   [[nodiscard]] Status begin_exact();
+  [[nodiscard]] Status draw_exact();
+  [[nodiscard]] Status finish_exact(const Status& drawn);
   [[nodiscard]] Status begin_making_ready();
   [[nodiscard]] Status make_ready();
   [[nodiscard]] Status finish_making_ready(const Status& made);
-  [[nodiscard]] Status draw_exact();
-  [[nodiscard]] Status finish_exact(const Status& drawn);
   void tell_of_splats(const std::string& reason);
   void settle();
-  [[nodiscard]] bool has_surfaces() const;
-  [[nodiscard]] Status end_drawing(bool is_busy);
-  void interrupt_drawing();
-  void note_frame();
-  void stop_drawing();
-  void note_drawn(bool moves);
   [[nodiscard]] Status finish_picture(std::optional<Image> drawn);
-  [[nodiscard]] Status encode_picture();
 
   void restore(const Scene& before);
 
@@ -364,6 +396,7 @@ class Session {
   std::optional<std::size_t> asked_step_;  // still to be read
   std::optional<std::size_t> read_ahead_;  // by the player, since the step changed
   bool awaits_step_ = false;               // no picture of the step yet
+  bool still_awaits_step_ = false;         // after the last splats were chosen
   double awaited_seconds_ = 0;             // since the step was asked for
   bool picture_is_whole_ = false;          // the rasterizer's: not interrupted
 
@@ -371,7 +404,7 @@ class Session {
   std::optional<double> step_seconds_;      // while steps play: since the last change
   std::optional<std::size_t> played_step_;  // a file that is read meanwhile
 
-  EncodedPicture encoded_;
+  EncodedPicture encoded_, encoded_aside_;  // shown; by a job
   dvec3 encoded_background_{0};
   bool encoded_is_old_ = true;
   bool encoded_is_shown_ = true;
@@ -409,24 +442,46 @@ class Session {
   bool moving_is_drawn_ = false;  // the picture of a movement is that of the present scene, and complete
   Status failure_;                // of the last draw
   double still_seconds_ = 0;      // since the scene changed last
-  Pacer pacer_{0.011};            // of pictures while something moves
-  std::optional<ProgressiveRefinement> refinement_;  // at rest
+
+  // While something moves.
+  MotionControl motion_;
+  struct Moving {
+    Choices choices = {};
+    Rung rung = {};
+    bool is_drawn = false;
+    bool has_failed = false;  // cells cannot be drawn
+  };
+  Moving moving_;            // of the last picture
+  bool cells_fail_ = false;  // since the last change of the file's parts
+  std::stop_source stop_holding_;
+  Task<Status> holding_cells_;  // reads them; beside all else
+  struct LastMoving {
+    Image picture;
+    Rung rung;
+  };
+  std::optional<LastMoving> last_moving_;  // of splats, until the picture at rest tells its error
+
+  // At rest.
+  std::optional<ProgressiveRefinement> refinement_;
   int exact_spacing_ = 0;          // of samples in the next exact picture, after splats; 0: there is none
   bool skips_splats_ = false;      // exact pictures follow those of the movement
-  bool is_to_make_ready_ = false;  // for exact pictures while something moves; after those at rest
+  bool is_to_make_ready_ = false;  // for what moves, and for probes; after the last picture
   std::vector<std::string> troubles_;
 
   // Of the last picture.
   std::uint64_t shown_number_ = 0;
+  View shown_view_;
+  ShownRecipe shown_recipe_;
   double took_seconds_ = 0;  // also by a job, until it ends
   double draw_seconds_ = 0;
   std::uint64_t device_bytes_ = 0;
 
-  // A picture at rest, by a job. Until it ends, nothing else changes the player.
+  // A picture by a job. Until it ends, nothing else changes the player.
+  Work work_ = Work::moving;
   double undrawn_seconds_ = 0;  // since the last picture began
   std::stop_source stop_;
   Task<Status> drawing_;
-  std::optional<Image> drawn_aside_;  // by drawing_
+  std::optional<Image> drawn_aside_;  // a copy of its picture, if that will be compared
 
   // What is told meanwhile.
   struct Before {

@@ -3,12 +3,15 @@
 
 #include <chrono>
 #include <cstddef>
+#include <cstdint>
 #include <future>
 #include <memory>
 #include <stop_token>
 
 #include "base/interruption.h"
 #include "format/steps.h"
+#include "player/file_cells.h"
+#include "scene/scene.h"
 
 namespace splatvol {
 
@@ -37,6 +40,50 @@ class StepAhead {
   std::size_t step_;
   std::stop_source stop_;
   std::future<Result<std::shared_ptr<const format::Volume>>> volume_;
+};
+
+/// The cells of a step, read on a thread of its own. What cannot be read is left out: whoever shows the step meets the
+/// error.
+class StepCells {
+ public:
+  /// `memory`: as in KeptCells::open.
+  StepCells(const format::Steps& steps, std::size_t step, const Scene& scene, std::uint64_t memory)
+      : step_(step),
+        cells_(std::async(std::launch::async | std::launch::deferred,
+                          [steps, step, scene, memory, stop = stop_.get_token()]() -> Cells {
+                            const Interruptible interruptible(stop);
+                            const auto volume = steps.volume(step);
+                            if (!volume || (*volume)->is_far()) return {};
+                            const auto kept = KeptCells::open(**volume, scene, memory);
+                            if (!kept) return {};
+                            static_cast<void>((*kept)->hold_all());
+                            return {*volume, *kept};
+                          })) {}
+  StepCells(const StepCells&) = delete;
+  StepCells& operator=(const StepCells&) = delete;
+
+  /// Waits for the chunk that is being read.
+  ~StepCells() { stop_.request_stop(); }
+
+  [[nodiscard]] std::size_t step() const { return step_; }
+  [[nodiscard]] bool is_done() const { return cells_.wait_for(std::chrono::seconds(0)) != std::future_status::timeout; }
+
+  /// The cells belong to the volume. Null: they cannot be read.
+  struct Cells {
+    std::shared_ptr<const format::Volume> volume = {};
+    std::shared_ptr<const KeptCells> kept = {};
+  };
+
+  /// Waits for the chunk that is being read. Returns what was read. Called once, at the end.
+  [[nodiscard]] Cells take() {
+    stop_.request_stop();
+    return cells_.get();
+  }
+
+ private:
+  std::size_t step_;
+  std::stop_source stop_;
+  std::future<Cells> cells_;
 };
 
 }  // namespace splatvol

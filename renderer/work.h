@@ -43,10 +43,15 @@ struct CellCounts {
   double segments = 0;  // of a picture with a sample in each pixel
 };
 
-/// Returns the same of an exact picture of cells that are held.
+/// Returns the segments of a picture with fewer samples.
+[[nodiscard]] inline double sampled_segments(const CellCounts& cells, int sample_spacing) {
+  return cells.segments / (sample_spacing * sample_spacing);
+}
+
+/// Returns the estimated work of an exact picture of cells that are held, in nanoseconds.
 [[nodiscard]] inline double work_of_cells(const CellCounts& cells, double pixels, int sample_spacing) {
   const double interpolated = sample_spacing > 1 ? pixels : 0;
-  const double sampled = cells.segments / (sample_spacing * sample_spacing);
+  const double sampled = sampled_segments(cells, sample_spacing);
   const double rows = std::sqrt(cells.tetrahedra * sampled);  // n samples of a tetrahedron lie in about sqrt(n) rows
   return nanoseconds::of_tetrahedron * cells.tetrahedra + nanoseconds::of_row * rows +
          nanoseconds::of_segment * sampled + nanoseconds::of_interpolated_pixel * interpolated;

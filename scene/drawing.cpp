@@ -8,9 +8,12 @@ Status check_quality(const Quality& quality) {
   const int told = quality.max_error.has_value() + quality.max_splats.has_value() +
                    quality.tolerance_percent.has_value() + quality.resolution.has_value() +
                    quality.milliseconds.has_value() + (quality.exact ? 1 : 0);
-  if (told > 1)
+  const bool is_of_motion = told == 2 && quality.max_error && quality.milliseconds;
+  if (told > 1 && !is_of_motion)
     return fail(ErrorCode::invalid_argument,
-                "give one of max_error, splats, tolerance, resolution, milliseconds and exact, not {}", told);
+                "give one of max_error, splats, tolerance, resolution, milliseconds and exact, or max_error with "
+                "milliseconds, not {}",
+                told);
   if (quality.max_error && !(*quality.max_error > 0 && std::isfinite(*quality.max_error)))
     return fail(ErrorCode::invalid_argument, "an error of {}: take one above 0", *quality.max_error);
   if (quality.max_splats && *quality.max_splats == 0)

@@ -185,6 +185,7 @@ class Streamer {
   [[nodiscard]] KernelKind kernel() const { return kernel_; }
   [[nodiscard]] const format::VolumeInfo& info() const { return volume_->info(); }
   [[nodiscard]] const format::Volume& volume() const { return *volume_; }
+  [[nodiscard]] std::shared_ptr<const format::Volume> shared_volume() const { return volume_; }
   [[nodiscard]] StreamerStatistics statistics() const;
 
  private:

@@ -36,6 +36,8 @@ struct Options {
   std::optional<std::size_t> step;
   std::string kernel;
   Quality quality;
+  MotionLimits moving;
+  double moving_milliseconds = default_moving_milliseconds;
   std::string record;      // file; empty: none
   std::string replay;      // file
   std::string screenshot;  // file
@@ -57,6 +59,7 @@ Result<ViewerOptions> viewer_options(const Options& options) {
   setup.settings.memory = memory;
   setup.settings.gpu_memory = gpu_memory;
   setup.settings.device = device;
+  setup.settings.moving = {options.moving.max_error, 1e-3 * options.moving_milliseconds};
   setup.use = {.file = options.volume,
                .step = options.step,
                .quality = options.quality,
@@ -225,7 +228,7 @@ Status replay(const Options& options) {
   const double start = seconds_now();
   SPLATVOL_TRY_ASSIGN(inputs, load_inputs(options));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
-  setup.settings.reads_aside = false;  // the next event may need it
+  setup.settings.works_aside = false;  // the next event may need it
   SPLATVOL_TRY_ASSIGN(stage, Stage::create(options.in_window, *last_size(inputs.front())));
   setup.window = *last_size(inputs.front());
   SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
@@ -319,6 +322,16 @@ void add_view_options(CommandLine& app, Options& options) {
       ->range(0.0, 100.0)
       ->check(check_finite)
       ->excludes(max_error);
+  app.add_option("--moving-error", options.moving.max_error,
+                 "Error that pictures may have while something moves; for less error, they come more slowly")
+      ->type_name("RMSE")
+      ->check(check_positive)
+      ->capture_default_str();
+  app.add_option("--moving-milliseconds", options.moving_milliseconds,
+                 "Longest time of one of these pictures; twice that where its error would show as a false colour")
+      ->type_name("T")
+      ->check(check_positive)
+      ->capture_default_str();
   add_device_option(app, options.device, "OpenGL if it runs on a graphics card, else the processor");
   app.add_option("--kernel", options.kernel, "Shape of a splat, as in svrender")
       ->one_of({"moments", "octant"})

@@ -13,7 +13,8 @@ std::string drawn_text(const Session& session) {
   if (const auto& exact = session.exact())
     return fmt::format("{} segments of rays, in {} chunks of cells\n", exact->segments, exact->chunks);
   const FrameSplats& frame = *session.frame();
-  std::string text = fmt::format("{} points as {} splats\n", session.info().point_count(), frame.splats);
+  std::string text =
+      fmt::format("{} points as {} splats\n", session.info().point_count(), session.shown_recipe().rung.splats);
   for (std::size_t r = 0; r < frame.splats_by_resolution.size(); ++r)
     if (frame.splats_by_resolution[r] > 0)
       text += fmt::format("  resolution {}: {} splats in {} nodes\n", r, frame.splats_by_resolution[r],
@@ -21,12 +22,24 @@ std::string drawn_text(const Session& session) {
   return text;
 }
 
-// Tells how fine the picture is, and why it is not finer.
+std::string error_text(const ShownRecipe& recipe) {
+  return fmt::format("error {:.1g} {}", recipe.error, recipe.is_measured ? "measured" : "expected");
+}
+
+// Tells how fine the picture is that is shown, and why it is not finer.
 std::string detail_text(const Session& session) {
-  if (session.exact()) return session.is_settled() ? "exact" : "exact, with fewer samples than pixels: it sharpens";
+  const ShownRecipe& shown = session.shown_recipe();
+  if (shown.rung.is_exact()) {
+    const int spacing = shown.rung.sample_spacing;
+    if (spacing == 1) return "exact";
+    const std::string text = fmt::format("exact, samples {} apart", spacing);
+    if (shown.moves) return text + ", " + error_text(shown);
+    return session.is_settled() ? text : text + ": it sharpens";
+  }
   const FrameSplats& frame = *session.frame();
   const auto& refinement = session.refinement();
-  if (!refinement) return fmt::format("coarse while it moves, an error of about {:.1g}", frame.expected_error);
+  if (shown.moves) return error_text(shown);
+  if (!refinement) return "it moves";
   const Detail& asked = refinement->detail();
   if (asked.resolution) return fmt::format("resolution {}", frame.detail.resolution.value_or(*asked.resolution));
   if (!asked.goal) {
@@ -59,7 +72,8 @@ void draw_hud(ViewerState& viewer, double frame_seconds) {
                       bytes(session.settings.memory), bytes(session.device_bytes()));
   const std::string device = session.device_text(), name = device.substr(0, device.find(','));
   const bool is_open = name.find('(') != std::string::npos && name.find(')') == std::string::npos;
-  text += session.exact() ? "drawn by the processor\n" : fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
+  text += session.shown_recipe().rung.is_exact() ? "drawn by the processor\n"
+                                                 : fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
   const std::uint64_t again = statistics.bytes_read_again;
   text += fmt::format("{} of {} read{}\n", bytes(statistics.bytes_read - again), bytes(session.file_bytes()),
                       again > 0 ? fmt::format(", {} again", bytes(again)) : "");

@@ -52,7 +52,7 @@ void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path) {
 
 // Shows the file that is being opened if it is there in time.
 Status Viewer::take_opened(double wait_seconds) {
-  if (!opening_ || (settings_.reads_aside && !opening_->wait(wait_seconds))) return {};
+  if (!opening_ || (settings_.works_aside && !opening_->wait(wait_seconds))) return {};
   const std::unique_ptr<Opening> opening = std::move(opening_);
   SPLATVOL_TRY_ASSIGN(file, opening->take());
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file), state_.host));
@@ -197,29 +197,11 @@ void Viewer::play(double seconds) {
 }
 
 Status Viewer::frame(const FrameInput& given) {
-  const auto start = std::chrono::steady_clock::now();
+  const double start = state_.host.now();
   picture_seconds_ = 0;
   SPLATVOL_TRY(draw_frame(given));
-  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  frame_window_seconds_ = seconds - picture_seconds_;
-  note_window_seconds(seconds);
+  window_seconds_ = state_.host.now() - start - picture_seconds_;
   return {};
-}
-
-// Where the processor draws the window too, it is not drawn before somebody waits for it. The first frames compile
-// shaders and upload fonts: the shortest of them counts, and then a moving average.
-void Viewer::note_window_seconds(double seconds) {
-  if (!state_.session || !state_.session->draws_aside()) return;
-  constexpr int first_frames = 8;
-  const double measured = seconds - picture_seconds_;
-  if (window_frames_ < first_frames) {
-    window_seconds_ = window_frames_ == 0 ? measured : std::min(window_seconds_, measured);
-    ++window_frames_;
-  } else {
-    constexpr double most = 2;  // times the average: what is longer was something else
-    window_seconds_ = 0.9 * window_seconds_ + 0.1 * std::min(measured, most * window_seconds_);
-  }
-  state_.session->set_window_seconds(window_seconds_);
 }
 
 // Takes the events of a frame, and what jobs have brought.

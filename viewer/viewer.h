@@ -58,7 +58,7 @@ class Viewer {
   [[nodiscard]] Session* session() { return state_.session.get(); }
 
   /// Returns the seconds of the last frame besides those of Session::draw.
-  [[nodiscard]] double window_seconds() const { return frame_window_seconds_; }
+  [[nodiscard]] double window_seconds() const { return window_seconds_; }
 
  private:
   explicit Viewer(const ViewerOptions& options);
@@ -98,11 +98,9 @@ class Viewer {
   EventQueue events_;
   double idle_seconds_ = 0;     // since the last event
   double frame_seconds_ = 0;    // from one frame to the next
-  double window_seconds_ = 0;   // of a frame, besides its picture
-  int window_frames_ = 0;       // of these, up to the first ones
   double picture_seconds_ = 0;  // of the picture of this frame
+  double window_seconds_ = 0;   // of this frame besides
   bool closing_ = false;
-  double frame_window_seconds_ = 0;  // of the last frame
 };
 
 }  // namespace splatvol

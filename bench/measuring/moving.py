@@ -148,6 +148,7 @@ class Told:
         rests = [rest_of(script) for script in scripts if script["name"] != "play"]
         self.apart = max((apart for apart, _ in rests), default=0)
         self.whole = max((whole for _, whole in rests), default=0)
+        self.told = [p["told_error"] / p["rmse"] for p in self.compared if "told_error" in p and p["rmse"] > TRUE_ERROR]
         self.worse = sum(is_worse_at_rest(script) for script in scripts)
 
     def cells(self, bars):
@@ -172,6 +173,7 @@ class Told:
             (seconds_text(self.apart), self.apart <= bars.rest),
             (seconds_text(self.whole), True),
             (f"{self.worse}", self.worse == 0),
+            (f"{percentile(self.told, 5):.1f} to {percentile(self.told, 95):.1f}" if self.told else "", True),
         ]
         misses = sum(not met for _, met in judged)
         return [str(len(self.shown)), *(text if met else f"{text}!" for text, met in judged), str(misses)], misses
@@ -188,6 +190,7 @@ class Told:
 
 TITLES = ["pictures", "RMSE", "95 %", "most", "sRGB, most", "light", "pictures/s", "95 %"]
 TITLES += ["latency ms: median, 95 %, most", "late %", "rungs", "window ms", "rest: apart s", "every pixel s", "worse"]
+TITLES += ["error told / true, 5 to 95 %"]
 
 
 def seconds_text(seconds):

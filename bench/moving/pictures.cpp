@@ -52,7 +52,7 @@ Scene sampled_scene(Scene scene) {
 }
 
 void PictureKeeper::add(const CompletePicture& picture) {
-  KeptPicture kept{picture.number, picture.scene, picture.step, picture.moves, picture.rung, picture.seconds};
+  KeptPicture kept{picture.number, picture.scene, picture.step, picture.recipe, picture.seconds};
   kept.scene.width = picture.image.width;
   kept.scene.height = picture.image.height;
   kept.sample = sampled(picture.image);

@@ -35,8 +35,7 @@ struct KeptPicture {
   std::uint64_t number;
   Scene scene;
   std::size_t step;
-  bool moves;
-  Rung rung;
+  ShownRecipe recipe;
   double seconds;                        // that drawing took
   std::optional<double> shown = {};      // when it was first seen; none: never
   Image sample = {};                     // empty: it is not compared

@@ -10,6 +10,9 @@ namespace splatvol {
 /// The error of a picture for which nothing is asked.
 inline constexpr double default_max_error = 0.002;
 
+/// While something moves: the error that pictures are expected to have, and the longest time for one of that error.
+inline constexpr double default_moving_error = 0.005, default_moving_milliseconds = 100;
+
 /// If nothing is asked, all points of a file with up to so many are drawn.
 inline constexpr std::uint64_t most_points_at_once = std::uint64_t{1} << 19;
 
@@ -17,7 +20,7 @@ inline constexpr std::uint64_t most_points_at_once = std::uint64_t{1} << 19;
 /// second's work of two cores. Work is counted, and no clock decides, so a picture does not depend on the machine.
 inline constexpr std::uint64_t most_exact_segments = 60'000'000;
 
-/// How fine a picture is to be: at most one of these.
+/// How fine a picture is to be: at most one of these, or `max_error` with `milliseconds`.
 ///
 /// None of them: the cells of a file that keeps them, exactly, if they make at most `most_exact_segments`. Else all
 /// points of a file of up to `most_points_at_once`. Of a larger file, finer and finer pictures, until one has an error
@@ -32,6 +35,10 @@ struct Quality {
   bool exact = false;
 
   /// The best picture that can be there by then. How fast the device is, is learned from picture to picture.
+  ///
+  /// With `max_error`: for what moves. If the best picture within 1/60 s is expected to have more error, it is the
+  /// quickest that has no more, within `milliseconds`. If there is none, it is the best in that time, or in twice that
+  /// time if its error is large. Cells are drawn, too, and are held in memory if there is room.
   std::optional<double> milliseconds = {};
 
   [[nodiscard]] bool operator==(const Quality&) const = default;

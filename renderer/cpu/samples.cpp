@@ -114,12 +114,13 @@ HWY_EXPORT(fill_rows);
 
 namespace {
 
-SampledAxis axis_of(int pixels, int samples, int spacing) {
+// `shift`: pixels by which samples lie before those of the sampled_view.
+SampledAxis axis_of(int pixels, int samples, int spacing, float shift) {
   SampledAxis axis;
   int last = -2;
   for (int pixel = 0; pixel < pixels; ++pixel) {
     const float at =
-        (static_cast<float>(pixel) + 0.5F - 0.5F * static_cast<float>(pixels)) / static_cast<float>(spacing) +
+        (static_cast<float>(pixel) + 0.5F - 0.5F * static_cast<float>(pixels) + shift) / static_cast<float>(spacing) +
         0.5F * static_cast<float>(samples) - 0.5F;
     const float before = std::floor(at);
     axis.places.push_back(at - before);
@@ -135,16 +136,16 @@ SampledAxis axis_of(int pixels, int samples, int spacing) {
 
 }  // namespace
 
-void interpolate(const Image& samples, int spacing, Image& rows, Image& picture) {
+void interpolate(const Image& samples, int spacing, Image& rows, Image& picture, const SampleShift& shift) {
   rows.width = picture.width;
   rows.height = samples.height;
   rows.pixels.resize(static_cast<std::size_t>(rows.width) * static_cast<std::size_t>(rows.height));
   // Pictures begin with the upper row, samples count from the lower left corner: the middle is common to both.
-  const SampledAxis across = axis_of(picture.width, samples.width, spacing);
+  const SampledAxis across = axis_of(picture.width, samples.width, spacing, shift.left);
   tbb::parallel_for(0, samples.height, [&](int y) {
     HWY_DYNAMIC_DISPATCH(fill_along_row)(&samples.at(0, y), across, &rows.at(0, y));
   });
-  const SampledAxis up = axis_of(picture.height, samples.height, spacing);
+  const SampledAxis up = axis_of(picture.height, samples.height, spacing, shift.up);
   tbb::parallel_for(std::size_t{0}, up.gaps.size(), [&](std::size_t i) {
     const SampledAxis::Gap& gap = up.gaps[i];
     const auto at = [&](std::size_t k) { return &std::as_const(rows).at(0, gap.samples[k]); };

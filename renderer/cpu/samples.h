@@ -26,8 +26,13 @@ struct SampledAxis {
   }
 };
 
+/// Pixels by which samples lie left of those of the sampled_view, and above.
+struct SampleShift {
+  float left = 0, up = 0;
+};
+
 /// Makes a picture of this size from `samples`, a picture of its sampled_view: by cubics that do not overshoot, so that
-/// thin bright lines keep their light, one axis after the other. `rows`: scratch memory.
-void interpolate(const Image& samples, int spacing, Image& rows, Image& picture);
+/// thin bright lines keep their light, one axis after the other. `rows`: scratch memory. `shift`: at most half a pixel.
+void interpolate(const Image& samples, int spacing, Image& rows, Image& picture, const SampleShift& shift = {});
 
 }  // namespace splatvol::tiles

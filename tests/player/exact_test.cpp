@@ -349,7 +349,6 @@ TEST_F(ExactPictures, AloneHaveContours) {
   const auto plain = open("plain.svol");
   ASSERT_EQ(test::message_of(plain->set_scene(with)), "");
   EXPECT_THAT(test::message_of(plain->draw_frame({})), HasSubstr("plain.svol: it keeps no cells, and only these have"));
-  EXPECT_EQ(test::message_of(plain->draw_frame({}, {.leaves_out_contours = true})), "");
 
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");

@@ -30,7 +30,7 @@ struct ExactAtRest : FolderTest {
     build_mesh(mesh, waves, path, {.exact = {.positions = true, .values = true}, .keep_cells = keeps_cells});
   }
   static ViewSettings on_processor() {
-    return {.device = Device::cpu, .in_current_context = false, .reads_aside = false};
+    return {.device = Device::cpu, .in_current_context = false, .works_aside = false};
   }
   [[nodiscard]] std::unique_ptr<Session> open(const ViewSettings& settings, const std::string& name = "m.svol") const {
     return value_of(Session::open(path(name), "", settings, host));
@@ -111,7 +111,6 @@ TEST_F(ExactAtRest, MovesExactly) {
   const Mesh mesh = jittered(24, 0.2);  // of several nodes
   build(mesh, path("m.svol"));
   const auto session = open(on_processor());
-  session->set_window_seconds(-2);  // a loaded machine has time for a picture, too
   settled(*session);
   const std::uint64_t serial = session->frame()->serial;
   const auto light_of = [](const Image& picture) {

@@ -34,12 +34,12 @@ struct ViewerTest : test::ViewerFixture {
     ViewerFixture::SetUp();
     write_two_attributes("v.svol");
     resize(width, height);
-    open({.volume = path("v.svol"), .settings = {.reads_aside = false}});
+    open({.volume = path("v.svol"), .settings = {.works_aside = false}});
   }
 
   // Opens the file again, with a clipboard that `copied` holds.
   void open_with_clipboard(std::string& copied, const std::string& scene_text = "") {
-    ViewerOptions options{.volume = path("v.svol"), .scene = scene_text, .settings = {.reads_aside = false}};
+    ViewerOptions options{.volume = path("v.svol"), .scene = scene_text, .settings = {.works_aside = false}};
     options.clipboard.copy = [&](const std::string& text) { copied = text; };
     open(options);
   }

@@ -18,8 +18,9 @@ from ._renderers import DEFAULT_MEMORY, Renderer
 from ._scenes import Scene, SceneLike, read_scene, with_size
 from .errors import Error
 
-# For a picture while the mouse moves, and between pictures while the file loads.
-_MOVING_MILLISECONDS = 60
+# The error that a picture is to have while the mouse moves, and its longest time. Between pictures while the file loads.
+_MOVING_ERROR = 0.005
+_MOVING_MILLISECONDS = 100
 _LOADING_SECONDS = 0.2
 
 
@@ -38,7 +39,8 @@ class Viewer(anywidget.AnyWidget):
     """A file's picture in a notebook.
 
     The left button turns, the right one (or Shift) moves, the wheel zooms, and a double click goes back to the first
-    view. While the mouse moves, a picture takes about 60 ms; at rest it becomes complete. ``scene`` is what is shown.
+    view. While the mouse moves, pictures have an error of about .005, and take at most 100 ms for it; at rest the picture
+    becomes complete. ``scene`` is what is shown.
     """
 
     _esm = pathlib.Path(__file__).with_name("widget.js")
@@ -86,12 +88,16 @@ class Viewer(anywidget.AnyWidget):
 
     def _send_moving(self) -> None:
         self._renderer.set_scene(self._scene)
-        self._send_picture(self._renderer.render({"milliseconds": _MOVING_MILLISECONDS}), is_moving=True, is_settled=False)
+        quality = {"max_error": _MOVING_ERROR, "milliseconds": _MOVING_MILLISECONDS}
+        self._send_picture(self._renderer.render(quality), is_moving=True, is_settled=False)
 
     def _send_resting(self) -> None:
         self._renderer.set_scene(self._scene)
         picture = self._renderer.render_now(_LOADING_SECONDS)
-        self._send_picture(picture, is_moving=False, is_settled=self._renderer.statistics().is_settled)
+        is_settled = self._renderer.statistics().is_settled
+        if is_settled:
+            picture = self._renderer.render()
+        self._send_picture(picture, is_moving=False, is_settled=is_settled)
 
     def _send_picture(self, picture: NDArray[np.float32], is_moving: bool, is_settled: bool) -> None:
         pixels = to_srgb8(picture, self._scene.get("background", (0, 0, 0)))

@@ -1,0 +1,53 @@
+#include "player/drawing_times.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace splatvol {
+namespace {
+
+// The part of a deviation, in logarithms, that a picture changes what is known of the machine. A deviation has bounds:
+// a picture may take long for other reasons.
+constexpr double learning = 0.5;
+constexpr double most_deviation = 4, most_ratio = 2;
+
+// What is known of other kinds of rungs is forgotten slowly, so that they are tried again.
+constexpr double remembered = 0.999;
+
+}  // namespace
+
+double DrawingTimes::work(const Rung& rung, const Choices& choices) const {
+  if (rung.is_exact())  // of no cells, too
+    return std::max(work_of_cells(*choices.cells, choices.pixels, rung.sample_spacing), nanoseconds::of_picture);
+  const auto splats = static_cast<double>(rung.splats);
+  const double samples = choices.pixels / (rung.sample_spacing * rung.sample_spacing);
+  return work_of_splats(splats, fragments_of_splats(layers_, splats, samples), choices.pixels, rung.sample_spacing);
+}
+
+double DrawingTimes::predict(const Rung& rung, const Choices& choices) const {
+  const auto ratio = ratios_.find(kind_of(rung));
+  return machine_ * (ratio == ratios_.end() ? 1 : ratio->second) * work(rung, choices);
+}
+
+void DrawingTimes::add(const Rung& rung, const Choices& choices, double fragments, double seconds) {
+  if (!(seconds > 0)) return;
+  if (fragments > 0) {
+    const double samples = choices.pixels / (rung.sample_spacing * rung.sample_spacing);
+    layers_ = layers_of_one_splat(fragments, static_cast<double>(rung.splats), samples);
+  }
+  const Kind kind = kind_of(rung);
+  for (auto& [other, ratio] : ratios_)
+    if (other != kind) ratio = std::pow(ratio, remembered);
+  const double deviation = seconds / (machine_ * work(rung, choices));
+  if (!kind_)
+    machine_ *= deviation;
+  else if (kind != *kind_)
+    ratios_[kind] = std::clamp(deviation, 1 / most_ratio, most_ratio);
+  else
+    machine_ *=
+        std::pow(std::clamp(deviation / ratios_.try_emplace(kind, 1).first->second, 1 / most_deviation, most_deviation),
+                 learning);
+  kind_ = kind;
+}
+
+}  // namespace splatvol

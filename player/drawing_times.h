@@ -1,0 +1,41 @@
+// How long a rung takes on this machine.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <utility>
+
+#include "player/rung.h"
+
+namespace splatvol {
+
+/// Predicts the time of a rung: its counted work (renderer/work.h) times factors of the machine, learned from picture
+/// to picture.
+class DrawingTimes {
+ public:
+  /// Returns the counted work, in nanoseconds of the machine of renderer/work.h.
+  [[nodiscard]] double work(const Rung& rung, const Choices& choices) const;
+
+  /// Returns seconds.
+  [[nodiscard]] double predict(const Rung& rung, const Choices& choices) const;
+
+  /// Adds the time of a rung that was drawn with all of its parts. `fragments`: as FrameTimes counts them; of cells 0.
+  /// Ignores times of 0 or less.
+  void add(const Rung& rung, const Choices& choices, double fragments, double seconds);
+
+  /// Whether a time was added.
+  [[nodiscard]] bool is_measured() const { return kind_.has_value(); }
+
+ private:
+  using Kind = std::pair<bool, int>;  // is exact; the spacing of samples
+  static Kind kind_of(const Rung& rung) { return {rung.is_exact(), rung.sample_spacing}; }
+
+  double layers_ = 2;      // layers_of_one_splat
+  double machine_ = 1e-9;  // seconds of a unit of work
+
+  // The factors of kinds of rungs. Each is learned by the first picture of its kind after one of another kind.
+  std::map<Kind, double> ratios_;
+  std::optional<Kind> kind_;  // of the last picture
+};
+
+}  // namespace splatvol

@@ -1,0 +1,145 @@
+#include "player/motion_control.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+namespace splatvol {
+namespace {
+
+// A picture that takes no longer is smooth.
+constexpr double smooth_seconds = 1.0 / 60;
+
+// A larger error shows as a false colour, so that the picture may take longer.
+constexpr double false_color_error = 0.03, longer = 2;
+
+// A rung stays if it takes neither more nor less of its time.
+constexpr double too_long = 1.5, too_short = 0.4;
+
+// Until errors are measured: those of cells, with samples 2 pixels apart, and how they grow. On the shared views, these
+// are about the largest.
+constexpr double cells_error = 0.0006, cells_growth = 1.4;
+
+// The same of splats: the error of n splats goes by n^-decay.
+constexpr double splats_error = 0.37, decay = 0.45;
+
+// A number of splats is near enough to one whose error was measured.
+constexpr double near_by = 1.5;
+
+constexpr int widest_spacing = 8;  // of cells
+
+double by_count(std::uint64_t splats) { return std::pow(static_cast<double>(splats), decay); }
+
+}  // namespace
+
+std::vector<Rung> MotionControl::rungs(const Choices& choices) {
+  std::vector<Rung> rungs = rungs_of_splats(choices);
+  if (!choices.cells) return rungs;
+  for (int usual = widest_spacing; usual >= 1; usual /= 2) {
+    const Rung rung{0, std::clamp(usual, choices.finest_spacing, choices.widest_spacing)};
+    if (sampled_segments(*choices.cells, rung.sample_spacing) > choices.most_segments) continue;
+    if (rungs.back() != rung) rungs.push_back(rung);
+  }
+  return rungs;
+}
+
+MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Choices& choices) const {
+  if (rung.is_exact()) {
+    if (rung.sample_spacing == 1) return {0, true};
+    if (const auto known = cell_errors_.find(rung.sample_spacing); known != cell_errors_.end())
+      return {known->second, true};
+    return {cells_error * std::pow(0.5 * rung.sample_spacing, cells_growth)};
+  }
+  const double number = by_count(rung.splats);
+  if (splat_errors_.empty()) return {model_.value_or(splats_error) / number + choices.added_error};
+  auto known = splat_errors_.lower_bound(rung.splats);
+  const auto ratio_to = [&](const auto& other) {
+    return std::abs(std::log(static_cast<double>(other->first) / static_cast<double>(rung.splats)));
+  };
+  if (known == splat_errors_.end() || (known != splat_errors_.begin() && ratio_to(std::prev(known)) < ratio_to(known)))
+    --known;
+  return {known->second * by_count(known->first) / number, ratio_to(known) <= std::log(near_by)};
+}
+
+MotionControl::Chosen MotionControl::choose(const Choices& choices) const {
+  const std::vector<Rung> all = rungs(choices);
+  struct Candidate {
+    Rung rung;
+    double error, seconds;
+  };
+  const auto best_of = [&](double most_error, double most_seconds, auto is_better) {
+    std::optional<Candidate> best;
+    for (const Rung& rung : all) {
+      const Candidate candidate{rung, expected_error(rung, choices).error, times_.predict(rung, choices)};
+      if (candidate.error <= most_error && candidate.seconds <= most_seconds && (!best || is_better(candidate, *best)))
+        best = candidate;
+    }
+    return best;
+  };
+  const auto has_less_error = [](const Candidate& a, const Candidate& b) {
+    return a.error != b.error ? a.error < b.error : a.seconds < b.seconds;
+  };
+  const auto is_quicker = [](const Candidate& a, const Candidate& b) { return a.seconds < b.seconds; };
+  constexpr double any = std::numeric_limits<double>::infinity();
+
+  const double smooth = std::min(smooth_seconds, limits_.seconds), longest = longer * limits_.seconds;
+  if (const auto best = best_of(limits_.max_error, smooth, has_less_error))
+    return {best->rung, too_long * smooth, too_short * smooth};
+  if (const auto best = best_of(limits_.max_error, limits_.seconds, is_quicker))
+    return {best->rung, too_long * limits_.seconds, too_short * smooth};
+  if (const auto best = best_of(std::max(false_color_error, limits_.max_error), limits_.seconds, has_less_error))
+    return {best->rung, too_long * limits_.seconds, too_short * limits_.seconds};
+  if (const auto best = best_of(any, longest, has_less_error))
+    return {best->rung, too_long * longest, too_short * longest};
+  return {best_of(any, any, is_quicker)->rung, any, too_short * longest};
+}
+
+std::vector<Rung> MotionControl::unmeasured(const Choices& choices) const {
+  const Rung chosen = choose(choices).rung;
+  const double smooth = std::min(smooth_seconds, limits_.seconds);
+  if (chosen.is_exact() && times_.predict(chosen, choices) <= smooth) return {};
+  std::vector<Rung> unmeasured;
+  for (const double seconds : {smooth, limits_.seconds}) {
+    std::optional<Rung> finest;
+    for (const Rung& rung : rungs_of_splats(choices))
+      if (times_.predict(rung, choices) <= seconds) finest = rung;
+    const bool is_new = finest && (unmeasured.empty() || unmeasured.back() != *finest);
+    if (is_new && !expected_error(*finest, choices).is_measured) unmeasured.push_back(*finest);
+  }
+  return unmeasured;
+}
+
+Rung MotionControl::next(const Choices& choices) {
+  const std::vector<Rung> all = rungs(choices);
+  const bool has_cells = all.back().is_exact();
+  const Chosen chosen = choose(choices);
+  const bool may_stay = rung_ && has_cells == had_cells_ && std::ranges::find(all, rung_->rung) != all.end();
+  had_cells_ = has_cells;
+  if (may_stay) {
+    const double seconds = times_.predict(rung_->rung, choices), other = times_.predict(chosen.rung, choices);
+    const bool is_quicker = seconds > rung_->too_long && other < seconds;
+    const bool is_finer = seconds < rung_->too_short &&
+                          expected_error(chosen.rung, choices).error < expected_error(rung_->rung, choices).error;
+    if (!is_quicker && !is_finer) return rung_->rung;
+  }
+  rung_ = chosen;
+  return chosen.rung;
+}
+
+void MotionControl::add(const Outcome& outcome, const Choices& choices) {
+  times_.add(outcome.rung, choices, outcome.fragments, outcome.seconds);
+  const Rung& rung = outcome.rung;
+  if (!rung.is_exact() && outcome.model_error) model_ = *outcome.model_error * by_count(rung.splats);
+  if (!outcome.error) return;
+  if (rung.is_exact())
+    cell_errors_[rung.sample_spacing] = *outcome.error;
+  else
+    splat_errors_[rung.splats] = *outcome.error;
+}
+
+void MotionControl::forget_errors() {
+  cell_errors_.clear();
+  splat_errors_.clear();
+}
+
+}  // namespace splatvol

@@ -1,0 +1,207 @@
+#include "player/motion_control.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace splatvol {
+namespace {
+
+constexpr double smooth = 1.0 / 60;
+
+constexpr Choices points = {.points = 1'000'000, .widest_spacing = 8, .pixels = 1'000'000};
+
+Choices with_cells(double tetrahedra, double segments) {
+  Choices choices = points;
+  choices.cells = CellCounts{tetrahedra, segments};
+  return choices;
+}
+
+// A machine of its own, and the true errors of a view.
+struct Machine {
+  double factor = 1;
+  double splats_error = 0.37;   // times n^-.45
+  double cells_error = 0.0002;  // with samples 2 pixels apart; 4 apart twice that, and so on
+
+  [[nodiscard]] static double fragments(const Rung& rung, const Choices& choices) {
+    return 3 * std::cbrt(static_cast<double>(rung.splats)) * choices.pixels /
+           (rung.sample_spacing * rung.sample_spacing);
+  }
+  [[nodiscard]] double seconds(const Rung& rung, const Choices& choices) const {
+    if (rung.is_exact()) return factor * 1e-9 * work_of_cells(*choices.cells, choices.pixels, rung.sample_spacing);
+    return factor * 1e-9 *
+           work_of_splats(static_cast<double>(rung.splats), fragments(rung, choices), choices.pixels,
+                          rung.sample_spacing);
+  }
+  [[nodiscard]] double error(const Rung& rung) const {
+    if (rung.is_exact()) return rung.sample_spacing == 1 ? 0 : 0.5 * cells_error * rung.sample_spacing;
+    return splats_error * std::pow(static_cast<double>(rung.splats), -0.45);
+  }
+  Rung draw(MotionControl& control, const Choices& choices, double jitter = 1) const {
+    const Rung rung = control.next(choices);
+    control.add({.rung = rung,
+                 .fragments = rung.is_exact() ? 0 : fragments(rung, choices),
+                 .seconds = jitter * seconds(rung, choices)},
+                choices);
+    return rung;
+  }
+  void teach(MotionControl& control, const Choices& choices) const {
+    for (const Rung& rung : MotionControl::rungs(choices)) {
+      if (rung.is_exact() || rung.splats == 23170) control.add({.rung = rung, .error = error(rung)}, choices);
+    }
+  }
+};
+
+// The best of what the rule allows, by true times and errors.
+Rung best_by_the_rule(const Machine& machine, const Choices& choices, const MotionLimits& limits) {
+  const std::vector<Rung> all = MotionControl::rungs(choices);
+  const auto least_error = [&](double seconds) {
+    std::optional<Rung> best;
+    for (const Rung& rung : all)
+      if (machine.seconds(rung, choices) <= seconds && (!best || machine.error(rung) < machine.error(*best)))
+        best = rung;
+    return best;
+  };
+  if (const auto best = least_error(smooth); best && machine.error(*best) <= limits.max_error) return *best;
+  std::optional<Rung> quickest;
+  for (const Rung& rung : all)
+    if (machine.error(rung) <= limits.max_error && machine.seconds(rung, choices) <= limits.seconds &&
+        (!quickest || machine.seconds(rung, choices) < machine.seconds(*quickest, choices)))
+      quickest = rung;
+  if (quickest) return *quickest;
+  if (const auto best = least_error(limits.seconds); best && machine.error(*best) <= 0.03) return *best;
+  if (const auto best = least_error(2 * limits.seconds)) return *best;
+  return *std::ranges::min_element(all, {}, [&](const Rung& rung) { return machine.seconds(rung, choices); });
+}
+
+TEST(MotionControl, FindsTheRungOfItsRule) {
+  const MotionLimits limits;
+  for (const double factor : {0.2, 1.0, 3.0, 20.0})
+    for (const Choices& choices : {points, with_cells(2e5, 2e7), with_cells(2e6, 3e7), with_cells(3e7, 3e8)})
+      for (const double splats_error : {0.2, 0.8, 5.0}) {
+        const Machine machine{.factor = factor, .splats_error = splats_error};
+        MotionControl control;
+        machine.teach(control, choices);
+        // Each movement learns the times of what it draws.
+        for (int movement = 0; movement < 12; ++movement) {
+          static_cast<void>(machine.draw(control, choices));
+          control.rest();
+        }
+        const Rung found = control.next(choices), wanted = best_by_the_rule(machine, choices, limits);
+        const double seconds = machine.seconds(found, choices), error = machine.error(found);
+        EXPECT_LE(seconds, 1.5 * std::max(machine.seconds(wanted, choices), smooth)) << factor << ' ' << splats_error;
+        EXPECT_LE(error, 1.3 * std::max(machine.error(wanted), limits.max_error)) << factor << ' ' << splats_error;
+      }
+}
+
+TEST(MotionControl, DrawsNoFalseColorForAFrame) {
+  const Choices choices = with_cells(2e5, 3e7);
+  const Machine machine{.factor = 2, .splats_error = 3};  // splats are poor here
+  MotionControl control;
+  machine.teach(control, choices);
+  const Rung rung = machine.draw(control, choices);
+  EXPECT_TRUE(rung.is_exact());
+  EXPECT_GT(machine.seconds(rung, choices), smooth);
+  EXPECT_LE(machine.seconds(rung, choices), 0.1);
+}
+
+// Right after opening, nothing is measured.
+TEST(MotionControl, PrefersCellsAtFirst) {
+  MotionControl control;
+  EXPECT_TRUE(control.next(with_cells(2e5, 2e7)).is_exact());
+  EXPECT_FALSE(control.next(points).is_exact());
+  EXPECT_FALSE(control.expected_error({0, 4}, with_cells(2e5, 2e7)).is_measured);
+}
+
+TEST(MotionControl, KeepsARungWithinAMovement) {
+  for (const Choices& choices : {points, with_cells(2e5, 2e7), with_cells(2e6, 3e7)}) {
+    const Machine machine;
+    MotionControl control;
+    machine.teach(control, choices);
+    for (int picture = 0; picture < 5; ++picture) static_cast<void>(machine.draw(control, choices));
+    const Rung rung = control.next(choices);
+    for (const double jitter : {1.3, 0.8, 1.4, 0.7, 1.2, 0.6, 1.0})
+      EXPECT_EQ(machine.draw(control, choices, jitter), rung) << jitter;
+  }
+}
+
+TEST(MotionControl, FollowsAMachineThatChanges) {
+  Machine machine{.splats_error = 0.2};
+  MotionControl control;
+  machine.teach(control, points);
+  for (int picture = 0; picture < 10; ++picture) static_cast<void>(machine.draw(control, points));
+  const Rung before = control.next(points);
+  machine.factor = 30;
+  for (int picture = 0; picture < 10; ++picture) static_cast<void>(machine.draw(control, points));
+  const Rung slower = control.next(points);
+  EXPECT_LT(machine.seconds(slower, points), machine.seconds(before, points));
+  machine.factor = 1;
+  for (int picture = 0; picture < 10; ++picture) static_cast<void>(machine.draw(control, points));
+  EXPECT_GT(control.next(points).splats, slower.splats);
+}
+
+TEST(MotionControl, TakesCellsWhenTheyCome) {
+  Choices choices = with_cells(1e5, 5e6);
+  choices.cells.reset();
+  const Machine machine;
+  MotionControl control;
+  EXPECT_FALSE(machine.draw(control, choices).is_exact());
+  choices.cells = CellCounts{1e5, 5e6};
+  EXPECT_TRUE(machine.draw(control, choices).is_exact());
+  choices.cells.reset();
+  EXPECT_FALSE(machine.draw(control, choices).is_exact());
+}
+
+TEST(MotionControl, CellsHaveNoMoreSegmentsThanTheyMay) {
+  Choices choices = with_cells(1e6, 115e6);
+  choices.most_segments = 60e6;
+  std::vector<Rung> rungs = MotionControl::rungs(choices);
+  EXPECT_EQ(rungs.back(), (Rung{0, 2}));
+  choices.most_segments = 1e6;
+  rungs = MotionControl::rungs(choices);
+  EXPECT_FALSE(rungs.back().is_exact());
+}
+
+TEST(MotionControl, SplatsThatLackContoursGiveWayToCells) {
+  Choices choices = with_cells(1e6, 2e7);
+  const Machine machine{.factor = 3, .splats_error = 0.1};
+  MotionControl control;
+  machine.teach(control, choices);
+  EXPECT_FALSE(control.next(choices).is_exact());
+  control.rest();
+  control.forget_errors();
+  choices.added_error = 0.05;
+  EXPECT_TRUE(control.next(choices).is_exact());
+}
+
+TEST(MotionControl, ExpectsWhatWasMeasuredNearby) {
+  MotionControl control;
+  control.add({.rung = {1000, 4}, .model_error = 0.02}, points);
+  EXPECT_NEAR(control.expected_error({1000, 4}, points).error, 0.02, 1e-9);
+  EXPECT_NEAR(control.expected_error({4000, 4}, points).error, 0.02 * std::pow(4, -0.45), 1e-9);
+  control.add({.rung = {1000, 4}, .error = 0.01}, points);
+  EXPECT_NEAR(control.expected_error({1000, 4}, points).error, 0.01, 1e-9);
+  EXPECT_TRUE(control.expected_error({1400, 4}, points).is_measured);
+  EXPECT_FALSE(control.expected_error({4000, 4}, points).is_measured);
+  control.forget_errors();
+  EXPECT_FALSE(control.expected_error({1000, 4}, points).is_measured);
+  EXPECT_EQ(control.expected_error({0, 1}, points).error, 0);
+}
+
+TEST(MotionControl, AsksForErrorsWhereSplatsMayServe) {
+  const Machine machine;
+  MotionControl control;
+  const Choices few = with_cells(1e4, 1e6);
+  machine.teach(control, few);
+  EXPECT_TRUE(control.unmeasured(few).empty()) << "cells are smooth";
+  const Choices many = with_cells(3e6, 5e7);
+  control.forget_errors();
+  const std::vector<Rung> asked = control.unmeasured(many);
+  ASSERT_FALSE(asked.empty());
+  for (const Rung& rung : asked) control.add({.rung = rung, .error = machine.error(rung)}, many);
+  EXPECT_TRUE(control.unmeasured(many).empty());
+}
+
+}  // namespace
+}  // namespace splatvol
