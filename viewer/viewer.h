@@ -75,6 +75,10 @@ class Viewer {
   /// Lets steps that play end at the last one, so that the viewer settles.
   void end_loop();
   [[nodiscard]] const Session* session() const { return state_.session.get(); }
+  [[nodiscard]] Session* session() { return state_.session.get(); }
+
+  /// Returns the seconds of the last frame besides those of Session::draw.
+  [[nodiscard]] double window_seconds() const { return window_seconds_; }
 
  private:
   explicit Viewer(const ViewerOptions& options);
