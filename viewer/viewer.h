@@ -77,9 +77,6 @@ class Viewer {
   [[nodiscard]] const Session* session() const { return state_.session.get(); }
   [[nodiscard]] Session* session() { return state_.session.get(); }
 
-  /// Returns the seconds of the last frame besides those of Session::draw.
-  [[nodiscard]] double window_seconds() const { return window_seconds_; }
-
  private:
   explicit Viewer(const ViewerOptions& options);
   void open(const std::string& path);
