@@ -7,14 +7,13 @@
 
 #include "player/drawing_times.h"
 #include "player/rung.h"
-#include "splatvol/quality.h"
 
 namespace splatvol {
 
 /// How good pictures are to be while something moves.
 struct MotionLimits {
-  double max_error = default_moving_error;                  // root mean square of linear RGB; expected
-  double seconds = 1e-3 * default_moving_milliseconds;      // that a picture of this error may take
+  double max_error = 0.002;  // root mean square of linear RGB; expected
+  double seconds = 0.1;      // that a picture of this error may take
 
   [[nodiscard]] bool operator==(const MotionLimits&) const = default;
 };

@@ -366,7 +366,7 @@ class Session {
   // At rest (session_rest.cpp).
   void begin_rest();
   [[nodiscard]] bool can_draw_aside() const;
-  [[nodiscard]] bool has_quick_cells() const;
+  [[nodiscard]] int quick_spacing() const;
   [[nodiscard]] Status begin_splats(double seconds);
   [[nodiscard]] Status draw_splats(const FrameRequest& request, double seconds);
   [[nodiscard]] Status finish_splats(const Status& drawn);

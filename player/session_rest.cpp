@@ -44,18 +44,27 @@ void Session::begin_rest() {
     tell_of_splats(path_ + ": it keeps no cells");
   is_to_make_ready_ = can_draw_aside() && (exact_spacing_ > 0 || last_moving_);
   const bool follows_cells = moving_is_drawn_ && player_->exact();
-  skips_splats_ = exact_spacing_ > 0 && settings.hurries && (follows_cells || has_quick_cells());
+  const int quick_spacing = exact_spacing_ > 0 ? this->quick_spacing() : 0;
+  skips_splats_ = exact_spacing_ > 0 && settings.hurries && (follows_cells || quick_spacing > 0);
   if (!skips_splats_) return;
   refinement_->skip();
   // With surfaces, the last picture may be a small one.
-  if (follows_cells && !has_layers()) exact_spacing_ = finer_exact_spacing();
+  if (follows_cells && !has_layers())
+    exact_spacing_ = finer_exact_spacing();
+  else if (quick_spacing > 0)
+    exact_spacing_ = quick_spacing;
 }
 
-// Whether cells that are held are soon drawn.
-bool Session::has_quick_cells() const {
+// Returns the widest spacing of samples of cells that are held, soon drawn, and no worse than the last picture of the
+// movement; 0: there is none.
+int Session::quick_spacing() const {
   const Choices& choices = moving_.choices;
-  return moving_is_drawn_ && choices.cells && player_->holds_cells() &&
-         motion_.expected_seconds({0, exact_spacing_}, choices) < quick_cells;
+  if (!moving_is_drawn_ || !choices.cells || !player_->holds_cells()) return 0;
+  for (int spacing = std::max(widest_spacing, finest_spacing()); spacing >= finest_spacing(); spacing /= 2)
+    if (motion_.expected_seconds({0, spacing}, choices) < quick_cells &&
+        motion_.expected_error({0, spacing}, choices).error <= shown_recipe_.error)
+      return spacing;
+  return 0;
 }
 
 // Begins a finer picture of splats.

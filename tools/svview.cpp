@@ -38,7 +38,7 @@ struct Options {
   std::string kernel;
   Quality quality;
   MotionLimits moving;
-  double moving_milliseconds = default_moving_milliseconds;
+  double moving_milliseconds = 1e3 * MotionLimits().seconds;
   std::string record;      // file; empty: none
   std::string replay;      // file
   std::string screenshot;  // file

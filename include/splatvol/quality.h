@@ -10,9 +10,6 @@ namespace splatvol {
 /// The error of a picture for which nothing is asked.
 inline constexpr double default_max_error = 0.002;
 
-/// While something moves: the error that pictures are expected to have, and the longest time for one of that error.
-inline constexpr double default_moving_error = 0.005, default_moving_milliseconds = 100;
-
 /// If nothing is asked, all points of a file with up to so many are drawn.
 inline constexpr std::uint64_t most_points_at_once = std::uint64_t{1} << 19;
 

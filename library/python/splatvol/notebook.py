@@ -19,7 +19,7 @@ from ._scenes import Scene, SceneLike, read_scene, with_size
 from .errors import Error
 
 # The error that a picture is to have while the mouse moves, and its longest time. Between pictures while the file loads.
-_MOVING_ERROR = 0.005
+_MOVING_ERROR = 0.002
 _MOVING_MILLISECONDS = 100
 _LOADING_SECONDS = 0.2
 
@@ -39,7 +39,7 @@ class Viewer(anywidget.AnyWidget):
     """A file's picture in a notebook.
 
     The left button turns, the right one (or Shift) moves, the wheel zooms, and a double click goes back to the first
-    view. While the mouse moves, pictures have an error of about .005, and take at most 100 ms for it; at rest the picture
+    view. While the mouse moves, pictures have an error of about .002, and take at most 100 ms for it; at rest the picture
     becomes complete. ``scene`` is what is shown.
     """
 

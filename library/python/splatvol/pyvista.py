@@ -16,7 +16,7 @@ from ._scenes import Scene, SceneLike, read_scene
 from .errors import UnsupportedError
 
 # The quality of a picture while the mouse moves.
-_MOVING = {"max_error": 0.005, "milliseconds": 100}
+_MOVING = {"max_error": 0.002, "milliseconds": 100}
 
 
 def read(
@@ -172,7 +172,7 @@ def add_volume(
     plotter: pv.BasePlotter, file: File, scene: Optional[SceneLike] = None, **quality: Any
 ) -> VolumeOverlay:
     """Shows a volume among the surfaces of a plotter. When the mouse has moved the camera, draws the picture anew, and
-    coarser while it moves: with an error of about .005, in at most 100 ms.
+    coarser while it moves: with an error of about .002, in at most 100 ms.
 
     Arguments as for ``composite``. Call ``update`` of the result after other changes of the plotter, and once after
     ``show(auto_close=False, interactive_update=True)`` or ``render``. Bars and texts of the plotter lie below.
