@@ -133,7 +133,7 @@ bool Viewer::is_settled() const {
   const Session* session = state_.session.get();
   if (state_.is_minimised()) return true;
   if (state_.steering.is_moving() || panel_.is_saving()) return false;
-  if (opening_ || probes_.is_busy() || composer_->waiting_seconds()) return false;
+  if (opening_ || probes_.is_busy() || windows_wait_seconds()) return false;
   return events_.is_empty() && !is_busy() && state_.pending_frames == 0 && !panel_.path.is_playing() &&
          !state_.steering.flies_on() && (!session || (session->is_settled() && !session->is_playing()));
 }
@@ -144,8 +144,13 @@ bool Viewer::awaits_picture(double seconds) const {
   if (!events_.is_empty() || state_.pending_frames > 0) return false;
   if (opening_ || probes_.is_busy() || session->is_reading()) return false;
   const bool ends_pause = is_busy() && idle_seconds_ + seconds >= pause_seconds;
-  const std::optional<double> waiting = composer_->waiting_seconds();
+  const std::optional<double> waiting = windows_wait_seconds();
   return !ends_pause && !(waiting && seconds >= *waiting);
+}
+
+// None, too, of a picture that a graphics card draws.
+std::optional<double> Viewer::windows_wait_seconds() const {
+  return picture_.encoded ? composer_->waiting_seconds() : std::nullopt;
 }
 
 double Viewer::patience() const {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "base/error.h"
@@ -98,6 +99,7 @@ class Viewer {
   [[nodiscard]] Status draw_picture(double seconds);
   void draw_overlays();
   void note_picture(double seconds);
+  [[nodiscard]] std::optional<double> windows_wait_seconds() const;
   [[nodiscard]] Status present(double seconds);
   [[nodiscard]] bool is_busy() const { return idle_seconds_ < pause_seconds; }
 

@@ -164,7 +164,7 @@ TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
 TEST_F(SessionAtRest, AFrameFollowsTheLastPicture) {
   constexpr int width = 400, height = 300;
   ASSERT_TRUE(shared_context());
-  Target target;
+  ByteTarget target;
   ASSERT_TRUE(target.resize(width, height));
   ViewerOptions options{.volume = path(), .settings = {.device = Device::cpu}};
   options.settings.quality.tolerance_percent = 0;

@@ -9,12 +9,12 @@
 #include <utility>
 #include <vector>
 
-#include "renderer/gl/target.h"
 #include "tests/renderer/shared_context.h"
 #include "tests/support/temp_folder.h"
 #include "tests/support/test_volume.h"
 #include "viewer/thread_host.h"
 #include "viewer/viewer.h"
+#include "viewer/window/byte_target.h"
 
 namespace splatvol::test {
 
@@ -86,7 +86,7 @@ class ViewerFixture : public FolderTest {
   const Scene& scene() const { return viewer->session()->scene; }
 
   double frame_seconds = long_time;
-  Target target;
+  ByteTarget target;
   std::unique_ptr<Viewer> viewer;
 
  private:

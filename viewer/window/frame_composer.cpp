@@ -47,7 +47,8 @@ Result<FrameComposer> FrameComposer::create() {
 }
 
 std::optional<double> FrameComposer::waiting_seconds() const {
-  return is_layer_old_ ? std::optional(std::max(0.0, layer_period - layer_seconds_)) : std::nullopt;
+  if (!is_layer_old_) return {};
+  return std::max(0.0, layer_period - std::max(layer_seconds_, still_seconds_));
 }
 
 Result<bool> FrameComposer::compose(const FrameParts& parts, Gui& gui, GLuint framebuffer) {
@@ -57,8 +58,9 @@ Result<bool> FrameComposer::compose(const FrameParts& parts, Gui& gui, GLuint fr
   const bool is_other = parts.is_lost || area != area_ || parts.pixel_width != width_ || top_first != top_first_;
   if (is_other) SPLATVOL_TRY(begin(parts, top_first));
   layer_seconds_ += parts.seconds;
+  still_seconds_ = parts.is_new ? 0 : still_seconds_ + parts.seconds;
   is_layer_old_ = is_other || windows_.differ(gui.windows());
-  const bool updates = is_layer_old_ && (is_other || !parts.is_new || layer_seconds_ >= layer_period);
+  const bool updates = is_layer_old_ && (is_other || waiting_seconds() == 0.0);
   if (!is_other && !parts.is_new && !updates && !overlays_.differ(gui.overlays())) return false;
 
   if (updates) SPLATVOL_TRY(update_layer(gui));

@@ -33,8 +33,8 @@ class FrameComposer {
   [[nodiscard]] static Result<FrameComposer> create();
 
   /// Draws a frame into `framebuffer`, unless it would look like the last one. Returns whether it has drawn. Requires
-  /// that the interface's frame has ended. Beside a new picture, changes of the interface's windows may wait for one of
-  /// the next frames.
+  /// that the interface's frame has ended. While pictures follow each other, changes of the interface's windows wait
+  /// for one of the next frames.
   [[nodiscard]] Result<bool> compose(const FrameParts& parts, Gui& gui, GLuint framebuffer);
 
   /// Returns how many seconds after the last frame another one would draw changes of the interface's windows that
@@ -62,6 +62,7 @@ class FrameComposer {
   bool is_layer_lost_ = false;  // all of it is to be drawn
   bool is_layer_old_ = false;   // the windows have changed
   double layer_seconds_ = 0;    // since the windows were drawn
+  double still_seconds_ = 0;    // since the picture was new
 };
 
 }  // namespace splatvol
