@@ -15,6 +15,7 @@
 #include <hwy/foreach_target.h>
 
 #include "renderer/cpu/precise_cell-inl.h"
+#include "renderer/cpu/segment-inl.h"
 #include "renderer/cpu/vector-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -22,14 +23,6 @@ namespace splatvol::tiles::HWY_NAMESPACE {
 namespace {
 
 constexpr float closed = 1e-5F;  // transmittance behind which nothing can be seen
-
-/// 1/a with a relative error of 1e-7. Requires a normal number.
-HWY_INLINE Float reciprocal(Float a) {
-  const Float guess = hn::ApproximateReciprocal(a.v);
-  const Float better = guess * fnma(a, guess, 2.0F);
-  // Two steps for instruction sets with a rough guess; the second changes next to nothing elsewhere.
-  return lane_count() == most_lanes ? better : better * fnma(a, better, 2.0F);
-}
 
 /// Where a tile's pixels lie, from the picture's middle.
 struct TileCorner {
@@ -96,19 +89,11 @@ HWY_INLINE int list_covered(const CellOnScreen& cell, const TileCorner& tile, fl
   return count;
 }
 
-/// Where rays enter or leave.
-struct Crossing {
-  Float d, n, u;  // depth; the value is u + n z
-};
-
 /// The same on a face whose number matters: in CellOnScreen::faces.
 struct CrossingOfFace : Crossing {
   Int face;
 };
 
-HWY_INLINE Crossing select(Mask mask, const Crossing& yes, const Crossing& no) {
-  return {select(mask, yes.d, no.d), select(mask, yes.n, no.n), select(mask, yes.u, no.u)};
-}
 HWY_INLINE CrossingOfFace select(Mask mask, const CrossingOfFace& yes, const CrossingOfFace& no) {
   return {select(mask, static_cast<const Crossing&>(yes), static_cast<const Crossing&>(no)),
           select_int(mask, yes.face, no.face)};
@@ -187,15 +172,6 @@ struct WholeSegments {
   Int pixel;
   Mask hit;
 };
-
-/// 1/z, or 1 in orthographic projection, that turns values linear in the pixel into values.
-template <bool orthographic>
-HWY_INLINE Float z_at(Float d, Float w) {
-  return orthographic ? Float(1.0F) : reciprocal(d + w);
-}
-HWY_INLINE Float depth_between(Float near_d, Float near_z, Float far_d, Float far_z) {
-  return (near_d - far_d) * near_z * far_z;
-}
 
 /// Adds the parts of segments between each two limits. In front of a layer, and behind it, the order stays that of
 /// whole cells.
@@ -594,6 +570,22 @@ HWY_INLINE void add_cell(const CellTile& t, const CellToAdd& c, TileSegments& ti
   }
 }
 
+/// Adds segments that were found before. They lie in front of the eye.
+void add_found_before(std::span<const FoundSegment> all, const TileCorner& corner, float first_key,
+                      TileSegments& tile) {
+  const PixelRectangle& drawn = corner.pixels;
+  for (const FoundSegment& found : all) {
+    const int x = found.x - corner.left, y = found.y - corner.bottom;
+    if (x < drawn.x0 || x > drawn.x1 || y < drawn.y0 || y > drawn.y1) continue;
+    const std::size_t pixel = CellTileArea::number_of(x, y);
+    if (tile.counts[pixel] >= tile.room && !tile.make_room()) return;
+    CellSegment& to = tile.segments[tile.begin_of(pixel) + static_cast<std::size_t>(tile.counts[pixel]++)];
+    to = found.segment;
+    to.key = std::max(to.key, first_key);
+    ++tile.added;
+  }
+}
+
 template <bool orthographic, bool has_shades>
 void add_all(const CellTile& t, std::span<const std::uint32_t> numbers, TileSegments& tile) {
   const CellsOnScreen& screen = t.screen;
@@ -601,13 +593,20 @@ void add_all(const CellTile& t, std::span<const std::uint32_t> numbers, TileSegm
     const auto* bytes = reinterpret_cast<const char*>(&all);
     for (std::size_t at = 0; at < sizeof(all); at += 64) hwy::Prefetch(bytes + at);
   };
-  const auto cell_at = [&](std::size_t i) HWY_ATTR -> const CellOnScreen& {
-    return screen.cells[numbers[std::min(i, numbers.size() - 1)]];
-  };
+  const auto number_at = [&](std::size_t i) { return numbers[std::min(i, numbers.size() - 1)]; };
   for (std::size_t i = 0; i < numbers.size(); ++i) {
-    prefetch(cell_at(i + 6));
-    if (!screen.precise.empty() && cell_at(i + 3).precise >= 0)
-      prefetch(screen.precise[static_cast<std::size_t>(cell_at(i + 3).precise)]);
+    // Not in functions of their own: GCC drops those that only prefetch.
+    const std::uint32_t next = number_at(i + 6), soon = number_at(i + 3);
+    if (CellsOnScreen::has_found(next))
+      hwy::Prefetch(&screen.found[screen.found_begins[next & ~CellsOnScreen::found_bit]]);
+    else
+      prefetch(screen.cells[next]);
+    if (!screen.precise.empty() && !CellsOnScreen::has_found(soon) && screen.cells[soon].precise >= 0)
+      prefetch(screen.precise[static_cast<std::size_t>(screen.cells[soon].precise)]);
+    if (CellsOnScreen::has_found(numbers[i])) {
+      add_found_before(screen.found_of(numbers[i]), t.corner, t.first_key, tile);
+      continue;
+    }
     const CellOnScreen& cell = screen.cells[numbers[i]];
     if (!cell.shows_matter && !cell.has_events) continue;
     const bool has_events = cell.has_events;
