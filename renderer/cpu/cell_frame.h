@@ -18,6 +18,7 @@
 #include "renderer/cell_source.h"
 #include "renderer/cpu/cell_function.h"
 #include "renderer/cpu/frame.h"
+#include "renderer/cpu/samples.h"
 #include "scene/scene.h"
 #include "scene/tile_grid.h"
 
@@ -55,6 +56,8 @@ struct CellFrame {
   double farthest_nearness = 0;        // 1/z of all chunks' farthest depth, or -z: keys count from there
   float widest = 0;                    // pixels from the middle at which a corner is far out
   float slack = 0;                     // pixels by which outlines are widened
+
+  const DifferingBlocks* blocks = nullptr;  // only pixels in these are drawn; null: all
 
   // What segments have besides: null, and false, if there is none.
   const Lighting* lighting = nullptr;
@@ -339,8 +342,10 @@ static_assert(sizeof(SegmentShade) == sizeof(CellSegment));
 /// Where a tile lies, and which of its pixels are drawn: some rows, or a part of one.
 struct CellTileArea {
   int left, bottom;
-  PixelRectangle pixels;  // from the tile's corner
+  PixelRectangle pixels;                    // from the tile's corner
+  const std::uint8_t* is_wanted = nullptr;  // [pixel]: whether it is drawn, 0 or 1; null: all are
 
+  [[nodiscard]] bool wants(std::size_t pixel) const { return !is_wanted || is_wanted[pixel] != 0; }
   [[nodiscard]] PixelRectangle in_picture() const {
     return {left + pixels.x0, left + pixels.x1, bottom + pixels.y0, bottom + pixels.y1};
   }

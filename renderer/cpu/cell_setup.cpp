@@ -137,6 +137,27 @@ HWY_INLINE void load_fours(const Fours& fours, Float& a, Float& b, Float& c, Flo
   hn::LoadInterleaved4(FloatTag(), fours.data(), a.v, b.v, c.v, d.v);
 }
 
+/// Tells which of the cells may cover a pixel that is drawn, in a picture of some blocks. `bits`: which of them to look
+/// at.
+HWY_INLINE std::uint32_t meet_blocks(const DifferingBlocks& blocks, const PixelBounds& bounds, std::uint32_t bits) {
+  alignas(64) std::array<std::array<std::int32_t, most_lanes>, 4> sides;
+  store(truncate(bounds.left), sides[0].data());
+  store(truncate(bounds.right), sides[1].data());
+  store(truncate(bounds.bottom), sides[2].data());
+  store(truncate(bounds.top), sides[3].data());
+  std::uint32_t meeting = 0;
+  for (; bits != 0; bits &= bits - 1) {
+    const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
+    const bool meets = blocks.meet({sides[0][lane], sides[1][lane], sides[2][lane], sides[3][lane]});
+    meeting |= static_cast<std::uint32_t>(meets) << lane;
+  }
+  return meeting;
+}
+
+HWY_INLINE Mask mask_of_bits(std::uint32_t bits) {
+  return hn::Not(is_zero(Int(static_cast<std::int32_t>(bits)) & Int(hn::Shl(Int(1).v, lane_indices().v))));
+}
+
 /// Drops the cells that lie between samples or outside of the picture. The others then fill whole vectors.
 void drop_uncovering(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
   const hn::FixedTag<float, 4> tag;
@@ -160,7 +181,9 @@ void drop_uncovering(const CellFrame& frame, const DrawnCells& cells, CellSetup&
     load_fours(most, most_x, most_y, unused, unused);
     PixelBounds bounds;
     bounds.set(frame, least_x, most_x, least_y, most_y);
-    const Mask in = either(bounds.has_some(), are_far_out(cells, setup, numbers));
+    Mask in = bounds.has_some();
+    if (frame.blocks) in = mask_of_bits(meet_blocks(*frame.blocks, bounds, mask_bits(in)));
+    in = either(in, are_far_out(cells, setup, numbers));
     const Mask valid = hn::FirstN(FloatTag(), std::min(lanes, count - first));
     kept += hn::CompressStore(load(numbers).v, hn::RebindMask(IntTag(), both(in, valid)), IntTag(),
                               setup.seen.data() + kept);

@@ -29,6 +29,7 @@ struct TileCorner {
   int left, bottom;
   PixelRectangle pixels;  // of the tile, that are drawn
   float x, y;
+  const std::uint8_t* is_wanted;  // as CellTileArea's
 };
 
 /// [width - 1][i]: pixel i of a rectangle of this width in a tile, from its first pixel on.
@@ -87,6 +88,19 @@ HWY_INLINE int list_covered(const CellOnScreen& cell, const TileCorner& tile, fl
     count += std::max(width, 0);
   }
   return count;
+}
+
+/// The same without pixels that are not wanted.
+HWY_INLINE int list_wanted(const CellOnScreen& cell, const TileCorner& tile, float slack,
+                           std::int32_t* HWY_RESTRICT covered) {
+  const int count = list_covered(cell, tile, slack, covered);
+  if (!tile.is_wanted) return count;
+  int kept = 0;
+  for (int i = 0; i < count; ++i) {
+    covered[kept] = covered[i];
+    kept += tile.is_wanted[covered[i]];
+  }
+  return kept;
 }
 
 /// The same on a face whose number matters: in CellOnScreen::faces.
@@ -456,7 +470,7 @@ HWY_INLINE void add_found(const CellTile& t, const CellToAdd& c, const WholeSegm
 template <bool orthographic, bool has_shades, bool has_events>
 HWY_NOINLINE void add_precise_cell(const CellTile& t, const CellToAdd& c, const PreciseCell& precise,
                                    TileSegments& tile) {
-  const int count = list_covered(c.cell, t.corner, precise.slack, tile.covered.data());
+  const int count = list_wanted(c.cell, t.corner, precise.slack, tile.covered.data());
   if (count == 0) return;
   const PreciseRays rays_of_cell(t.frame, t.screen.origin, precise);
   PreciseWays ways;
@@ -500,7 +514,7 @@ HWY_INLINE void add_cell(const CellTile& t, const CellToAdd& c, TileSegments& ti
   const CellsOnScreen& screen = t.screen;
   const TileCorner& corner = t.corner;
   const auto& references = cell.corners;
-  const int count = list_covered(cell, corner, t.frame.slack, tile.covered.data());
+  const int count = list_wanted(cell, corner, t.frame.slack, tile.covered.data());
   for (int first = 0; first < count; first += lane_count()) {
     const Int pixel = load(tile.covered.data() + first);
     const Float x = to_float(pixel & Int(cell_tile_side - 1)) + corner.x,
@@ -578,6 +592,7 @@ void add_found_before(std::span<const FoundSegment> all, const TileCorner& corne
     const int x = found.x - corner.left, y = found.y - corner.bottom;
     if (x < drawn.x0 || x > drawn.x1 || y < drawn.y0 || y > drawn.y1) continue;
     const std::size_t pixel = CellTileArea::number_of(x, y);
+    if (corner.is_wanted && corner.is_wanted[pixel] == 0) continue;
     if (tile.counts[pixel] >= tile.room && !tile.make_room()) return;
     CellSegment& to = tile.segments[tile.begin_of(pixel) + static_cast<std::size_t>(tile.counts[pixel]++)];
     to = found.segment;
@@ -634,7 +649,7 @@ void add_cells(const CellFrame& frame, const CellsOnScreen& screen, std::span<co
   const CellTile t = {frame,
                       screen,
                       {area.left, area.bottom, area.pixels, static_cast<float>(area.left - frame.middle_x),
-                       static_cast<float>(area.bottom - frame.middle_y)},
+                       static_cast<float>(area.bottom - frame.middle_y), area.is_wanted},
                       first_key,
                       slack - first_key - screen.key_offset,
                       static_cast<float>(1 / frame.view->focal),
