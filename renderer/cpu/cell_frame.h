@@ -18,6 +18,7 @@
 #include "renderer/cell_source.h"
 #include "renderer/cpu/cell_function.h"
 #include "renderer/cpu/frame.h"
+#include "renderer/cpu/samples.h"
 #include "scene/scene.h"
 #include "scene/tile_grid.h"
 
@@ -55,6 +56,8 @@ struct CellFrame {
   double farthest_nearness = 0;        // 1/z of all chunks' farthest depth, or -z: keys count from there
   float widest = 0;                    // pixels from the middle at which a corner is far out
   float slack = 0;                     // pixels by which outlines are widened
+
+  const DifferingBlocks* blocks = nullptr;  // only pixels in these are drawn; null: all
 
   // What segments have besides: null, and false, if there is none.
   const Lighting* lighting = nullptr;
@@ -124,6 +127,21 @@ struct CellShading {
   bool has_color;  // else values are missing
 };
 
+/// A piece of a ray in a cell, or an event: then `length` is its number below 0, `u_enter` the value
+/// that colours it, and `u_leave` its light.
+struct CellSegment {
+  float key;     // rises with the depth at which the ray enters the cell
+  float length;  // as a difference of depths
+  float u_enter, u_leave;
+};
+static_assert(sizeof(CellSegment) == 16);
+
+/// A segment that was found while its cell was set up, at a pixel from the picture's lower left corner.
+struct FoundSegment {
+  CellSegment segment;
+  std::int16_t x, y;
+};
+
 /// What rays may meet in a cell.
 struct EventsOfCell {
   std::int32_t first, end;                       // contours
@@ -191,6 +209,17 @@ struct CellsOnScreen {
   std::vector<ContourInCell> contours;
   std::uint64_t slices = 0;  // that cut a cell; a bit for each
 
+  // Cells that cover few pixels have these instead: those of one after the other.
+  std::vector<FoundSegment> found;                                    // and room for more
+  std::vector<std::uint32_t> found_begins = {0};                      // [cell]: into found; one more than cells
+  static constexpr std::uint32_t found_bit = std::uint32_t{1} << 31;  // of the numbers of such cells
+
+  [[nodiscard]] static bool has_found(std::uint32_t number) { return (number & found_bit) != 0; }
+  [[nodiscard]] std::span<const FoundSegment> found_of(std::uint32_t number) const {
+    const std::size_t cell = number & ~found_bit;
+    return std::span(found).subspan(found_begins[cell], found_begins[cell + 1] - found_begins[cell]);
+  }
+
   // The cells of each tile in a rectangle of tiles, nearest first.
   int tiles_left = 0, tiles_bottom = 0, tiles_across = 0, tiles_up = 0;
   std::vector<std::uint32_t> begins;   // [row][column]: into numbers; one more than tiles
@@ -209,14 +238,20 @@ struct CellsOnScreen {
     shadings.clear();
     events.clear();
     contours.clear();
+    found_begins.assign(1, 0);
     slices = 0;
     tiles_across = tiles_up = 0;
   }
 };
 
 struct PointsOnScreen {
-  std::vector<float> x, y, d, w, u;
+  struct Place {
+    float x, y, d, w;
+  };
+  std::vector<Place> places;
+  std::vector<float> u;
   std::vector<std::int32_t> is_far_out;
+  bool has_far_out = false;  // one of the points is
 };
 
 /// The first and the last tiles that a cell may cover, across and up.
@@ -228,12 +263,13 @@ struct TileBounds {
 struct CellSetup {
   std::vector<dvec3> in_view;
   PointsOnScreen points;
-  std::vector<std::int32_t> seen;     // numbers of tetrahedra
-  std::vector<std::uint8_t> is_used;  // [point]: whether one of these has it
-  std::vector<std::int32_t> numbers;  // of screen.cells: the tetrahedron
-  std::vector<TileBounds> tiles;      // of screen.cells
-  std::vector<float> opacities;       // as points.u
-  std::vector<float> colors;          // as points.u, of the attribute that colours contours
+  std::vector<std::int32_t> seen;       // numbers of tetrahedra
+  std::vector<std::uint8_t> is_used;    // [point]: whether one of these has it
+  std::vector<std::int32_t> numbers;    // of screen.cells: the tetrahedron
+  std::vector<TileBounds> tiles;        // of screen.cells
+  std::vector<TileBounds> found_tiles;  // of cells whose segments are found
+  std::vector<float> opacities;         // as points.u
+  std::vector<float> colors;            // as points.u, of the attribute that colours contours
 
   // Slices: bits of those that a point is on one side of, or on both if it is on the slice.
   struct Sides {
@@ -271,8 +307,8 @@ void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup&
 void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup,
                   CellsOnScreen& screen);
 
-/// Sets them up: screen.cells, screen.precise and setup.keys. Requires setup.in_view, setup.points, and what
-/// `screen` has of depths.
+/// Sets them up: screen.cells, screen.precise, screen.found and setup.keys. Drops those that cover no pixel from
+/// setup.seen. Requires setup.in_view, setup.points, and what `screen` has of depths.
 void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen);
 
 /// The faces of a cell: that of corners 0, 1, 2; of 0, 1, 3; of 0, 2, 3; of 1, 2, 3.
@@ -295,15 +331,6 @@ void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetu
 /// Lists the cells of each tile, nearest first.
 void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen);
 
-/// A piece of a ray in a cell, or an event: then `length` is its number below 0, `u_enter` the value
-/// that colours it, and `u_leave` its light.
-struct CellSegment {
-  float key;     // rises with the depth at which the ray enters the cell
-  float length;  // as a difference of depths
-  float u_enter, u_leave;
-};
-static_assert(sizeof(CellSegment) == 16);
-
 /// What a segment has besides if the frame has shades.
 struct SegmentShade {
   float lighting;          // factor on colours
@@ -315,8 +342,10 @@ static_assert(sizeof(SegmentShade) == sizeof(CellSegment));
 /// Where a tile lies, and which of its pixels are drawn: some rows, or a part of one.
 struct CellTileArea {
   int left, bottom;
-  PixelRectangle pixels;  // from the tile's corner
+  PixelRectangle pixels;                    // from the tile's corner
+  const std::uint8_t* is_wanted = nullptr;  // [pixel]: whether it is drawn, 0 or 1; null: all are
 
+  [[nodiscard]] bool wants(std::size_t pixel) const { return !is_wanted || is_wanted[pixel] != 0; }
   [[nodiscard]] PixelRectangle in_picture() const {
     return {left + pixels.x0, left + pixels.x1, bottom + pixels.y0, bottom + pixels.y1};
   }

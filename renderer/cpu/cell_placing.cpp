@@ -223,19 +223,22 @@ void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cell
   screen.key_offset = static_cast<float>(origin.w - frame.farthest_nearness);
 
   PointsOnScreen& points = setup.points;
-  for (auto* numbers : {&points.x, &points.y, &points.d, &points.w}) numbers->resize(count);
+  points.places.resize(count);
   points.is_far_out.resize(count);
+  points.has_far_out = false;
   for (std::size_t i = 0; i < count; ++i) {
     if (setup.is_used[i] == 0) continue;
     const dvec3& p = setup.in_view[i];
     const double inverse = 1 / p.z, scale = view.orthographic ? view.focal : view.focal * inverse;
     const double x = p.x * scale, y = p.y * scale;
-    points.x[i] = static_cast<float>(x);
-    points.y[i] = static_cast<float>(y);
-    points.d[i] = static_cast<float>((view.orthographic ? -p.z : inverse) - origin.w - origin.rise(x, y));
-    points.w[i] = static_cast<float>(view.orthographic ? 1 : inverse);
-    const bool is_near = std::abs(points.x[i]) <= frame.widest && std::abs(points.y[i]) <= frame.widest;
+    PointsOnScreen::Place& place = points.places[i];
+    place.x = static_cast<float>(x);
+    place.y = static_cast<float>(y);
+    place.d = static_cast<float>((view.orthographic ? -p.z : inverse) - origin.w - origin.rise(x, y));
+    place.w = static_cast<float>(view.orthographic ? 1 : inverse);
+    const bool is_near = std::abs(place.x) <= frame.widest && std::abs(place.y) <= frame.widest;
     points.is_far_out[i] = is_near && p.z > frame.nearest ? 0 : 1;
+    points.has_far_out = points.has_far_out || points.is_far_out[i] != 0;
   }
 }
 
@@ -285,11 +288,20 @@ void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetu
 
 void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
   sort_keys(setup.keys, setup.sorted);
-  if (setup.tiles.empty()) return;
-  TileBounds all = setup.tiles[0];
-  for (const TileBounds& own : setup.tiles)
+  if (setup.keys.empty()) return;
+  const auto tiles_of = [&](std::uint32_t number) -> const TileBounds& {
+    const bool has_found = CellsOnScreen::has_found(number);
+    return has_found ? setup.found_tiles[number & ~CellsOnScreen::found_bit] : setup.tiles[number];
+  };
+  const auto visit_all = [&](const auto& use) {
+    for (const auto* tiles : {&setup.tiles, &setup.found_tiles})
+      for (const TileBounds& own : *tiles) use(own);
+  };
+  TileBounds all = tiles_of(static_cast<std::uint32_t>(setup.keys[0]));
+  visit_all([&](const TileBounds& own) {
     all = {std::min(all.left, own.left), std::max(all.right, own.right), std::min(all.bottom, own.bottom),
            std::max(all.top, own.top)};
+  });
   screen.tiles_left = all.left, screen.tiles_bottom = all.bottom;
   screen.tiles_across = all.right - all.left + 1, screen.tiles_up = all.top - all.bottom + 1;
   const auto visit = [&](const TileBounds& own, const auto& use) {
@@ -299,13 +311,13 @@ void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen) {
   };
   screen.begins.assign(static_cast<std::size_t>(screen.tiles_across) * static_cast<std::size_t>(screen.tiles_up) + 1,
                        0);
-  for (const TileBounds& own : setup.tiles) visit(own, [&](std::size_t tile) { ++screen.begins[tile + 1]; });
+  visit_all([&](const TileBounds& own) { visit(own, [&](std::size_t tile) { ++screen.begins[tile + 1]; }); });
   std::partial_sum(screen.begins.begin(), screen.begins.end(), screen.begins.begin());
   screen.numbers.resize(screen.begins.back());
   setup.next.assign(screen.begins.begin(), screen.begins.end() - 1);
   for (const std::uint64_t key : setup.keys) {
     const auto number = static_cast<std::uint32_t>(key);
-    visit(setup.tiles[number], [&](std::size_t tile) { screen.numbers[setup.next[tile]++] = number; });
+    visit(tiles_of(number), [&](std::size_t tile) { screen.numbers[setup.next[tile]++] = number; });
   }
 }
 

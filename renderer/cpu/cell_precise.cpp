@@ -96,7 +96,8 @@ bool set_up_precise(const CellFrame& frame, const std::array<std::uint32_t, 4>& 
     precise.corners[k] = setup.in_view[corner];
     precise.is_behind = precise.is_behind || precise.corners[k].z <= frame.nearest;
     is_far_out = is_far_out || setup.points.is_far_out[corner] != 0;
-    const float distance = std::max(std::abs(setup.points.x[corner]), std::abs(setup.points.y[corner]));
+    const PointsOnScreen::Place& place = setup.points.places[corner];
+    const float distance = std::max(std::abs(place.x), std::abs(place.y));
     precise.slack = std::max(precise.slack, 1e-6F * distance);  // as its places are rounded
   }
   if (precise.is_behind) precise.slack = std::numeric_limits<float>::infinity();

@@ -15,6 +15,7 @@
 #include <hwy/foreach_target.h>
 
 #include "renderer/cpu/precise_cell-inl.h"
+#include "renderer/cpu/segment-inl.h"
 #include "renderer/cpu/vector-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -23,19 +24,12 @@ namespace {
 
 constexpr float closed = 1e-5F;  // transmittance behind which nothing can be seen
 
-/// 1/a with a relative error of 1e-7. Requires a normal number.
-HWY_INLINE Float reciprocal(Float a) {
-  const Float guess = hn::ApproximateReciprocal(a.v);
-  const Float better = guess * fnma(a, guess, 2.0F);
-  // Two steps for instruction sets with a rough guess; the second changes next to nothing elsewhere.
-  return lane_count() == most_lanes ? better : better * fnma(a, better, 2.0F);
-}
-
 /// Where a tile's pixels lie, from the picture's middle.
 struct TileCorner {
   int left, bottom;
   PixelRectangle pixels;  // of the tile, that are drawn
   float x, y;
+  const std::uint8_t* is_wanted;  // as CellTileArea's
 };
 
 /// [width - 1][i]: pixel i of a rectangle of this width in a tile, from its first pixel on.
@@ -96,19 +90,24 @@ HWY_INLINE int list_covered(const CellOnScreen& cell, const TileCorner& tile, fl
   return count;
 }
 
-/// Where rays enter or leave.
-struct Crossing {
-  Float d, n, u;  // depth; the value is u + n z
-};
+/// The same without pixels that are not wanted.
+HWY_INLINE int list_wanted(const CellOnScreen& cell, const TileCorner& tile, float slack,
+                           std::int32_t* HWY_RESTRICT covered) {
+  const int count = list_covered(cell, tile, slack, covered);
+  if (!tile.is_wanted) return count;
+  int kept = 0;
+  for (int i = 0; i < count; ++i) {
+    covered[kept] = covered[i];
+    kept += tile.is_wanted[covered[i]];
+  }
+  return kept;
+}
 
 /// The same on a face whose number matters: in CellOnScreen::faces.
 struct CrossingOfFace : Crossing {
   Int face;
 };
 
-HWY_INLINE Crossing select(Mask mask, const Crossing& yes, const Crossing& no) {
-  return {select(mask, yes.d, no.d), select(mask, yes.n, no.n), select(mask, yes.u, no.u)};
-}
 HWY_INLINE CrossingOfFace select(Mask mask, const CrossingOfFace& yes, const CrossingOfFace& no) {
   return {select(mask, static_cast<const Crossing&>(yes), static_cast<const Crossing&>(no)),
           select_int(mask, yes.face, no.face)};
@@ -187,15 +186,6 @@ struct WholeSegments {
   Int pixel;
   Mask hit;
 };
-
-/// 1/z, or 1 in orthographic projection, that turns values linear in the pixel into values.
-template <bool orthographic>
-HWY_INLINE Float z_at(Float d, Float w) {
-  return orthographic ? Float(1.0F) : reciprocal(d + w);
-}
-HWY_INLINE Float depth_between(Float near_d, Float near_z, Float far_d, Float far_z) {
-  return (near_d - far_d) * near_z * far_z;
-}
 
 /// Adds the parts of segments between each two limits. In front of a layer, and behind it, the order stays that of
 /// whole cells.
@@ -480,7 +470,7 @@ HWY_INLINE void add_found(const CellTile& t, const CellToAdd& c, const WholeSegm
 template <bool orthographic, bool has_shades, bool has_events>
 HWY_NOINLINE void add_precise_cell(const CellTile& t, const CellToAdd& c, const PreciseCell& precise,
                                    TileSegments& tile) {
-  const int count = list_covered(c.cell, t.corner, precise.slack, tile.covered.data());
+  const int count = list_wanted(c.cell, t.corner, precise.slack, tile.covered.data());
   if (count == 0) return;
   const PreciseRays rays_of_cell(t.frame, t.screen.origin, precise);
   PreciseWays ways;
@@ -524,7 +514,7 @@ HWY_INLINE void add_cell(const CellTile& t, const CellToAdd& c, TileSegments& ti
   const CellsOnScreen& screen = t.screen;
   const TileCorner& corner = t.corner;
   const auto& references = cell.corners;
-  const int count = list_covered(cell, corner, t.frame.slack, tile.covered.data());
+  const int count = list_wanted(cell, corner, t.frame.slack, tile.covered.data());
   for (int first = 0; first < count; first += lane_count()) {
     const Int pixel = load(tile.covered.data() + first);
     const Float x = to_float(pixel & Int(cell_tile_side - 1)) + corner.x,
@@ -594,6 +584,23 @@ HWY_INLINE void add_cell(const CellTile& t, const CellToAdd& c, TileSegments& ti
   }
 }
 
+/// Adds segments that were found before. They lie in front of the eye.
+void add_found_before(std::span<const FoundSegment> all, const TileCorner& corner, float first_key,
+                      TileSegments& tile) {
+  const PixelRectangle& drawn = corner.pixels;
+  for (const FoundSegment& found : all) {
+    const int x = found.x - corner.left, y = found.y - corner.bottom;
+    if (x < drawn.x0 || x > drawn.x1 || y < drawn.y0 || y > drawn.y1) continue;
+    const std::size_t pixel = CellTileArea::number_of(x, y);
+    if (corner.is_wanted && corner.is_wanted[pixel] == 0) continue;
+    if (tile.counts[pixel] >= tile.room && !tile.make_room()) return;
+    CellSegment& to = tile.segments[tile.begin_of(pixel) + static_cast<std::size_t>(tile.counts[pixel]++)];
+    to = found.segment;
+    to.key = std::max(to.key, first_key);
+    ++tile.added;
+  }
+}
+
 template <bool orthographic, bool has_shades>
 void add_all(const CellTile& t, std::span<const std::uint32_t> numbers, TileSegments& tile) {
   const CellsOnScreen& screen = t.screen;
@@ -601,13 +608,20 @@ void add_all(const CellTile& t, std::span<const std::uint32_t> numbers, TileSegm
     const auto* bytes = reinterpret_cast<const char*>(&all);
     for (std::size_t at = 0; at < sizeof(all); at += 64) hwy::Prefetch(bytes + at);
   };
-  const auto cell_at = [&](std::size_t i) HWY_ATTR -> const CellOnScreen& {
-    return screen.cells[numbers[std::min(i, numbers.size() - 1)]];
-  };
+  const auto number_at = [&](std::size_t i) { return numbers[std::min(i, numbers.size() - 1)]; };
   for (std::size_t i = 0; i < numbers.size(); ++i) {
-    prefetch(cell_at(i + 6));
-    if (!screen.precise.empty() && cell_at(i + 3).precise >= 0)
-      prefetch(screen.precise[static_cast<std::size_t>(cell_at(i + 3).precise)]);
+    // Not in functions of their own: GCC drops those that only prefetch.
+    const std::uint32_t next = number_at(i + 6), soon = number_at(i + 3);
+    if (CellsOnScreen::has_found(next))
+      hwy::Prefetch(&screen.found[screen.found_begins[next & ~CellsOnScreen::found_bit]]);
+    else
+      prefetch(screen.cells[next]);
+    if (!screen.precise.empty() && !CellsOnScreen::has_found(soon) && screen.cells[soon].precise >= 0)
+      prefetch(screen.precise[static_cast<std::size_t>(screen.cells[soon].precise)]);
+    if (CellsOnScreen::has_found(numbers[i])) {
+      add_found_before(screen.found_of(numbers[i]), t.corner, t.first_key, tile);
+      continue;
+    }
     const CellOnScreen& cell = screen.cells[numbers[i]];
     if (!cell.shows_matter && !cell.has_events) continue;
     const bool has_events = cell.has_events;
@@ -635,7 +649,7 @@ void add_cells(const CellFrame& frame, const CellsOnScreen& screen, std::span<co
   const CellTile t = {frame,
                       screen,
                       {area.left, area.bottom, area.pixels, static_cast<float>(area.left - frame.middle_x),
-                       static_cast<float>(area.bottom - frame.middle_y)},
+                       static_cast<float>(area.bottom - frame.middle_y), area.is_wanted},
                       first_key,
                       slack - first_key - screen.key_offset,
                       static_cast<float>(1 / frame.view->focal),

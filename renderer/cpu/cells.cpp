@@ -101,8 +101,9 @@ struct Tile {
   std::uint64_t segments = 0;  // drawn
   float end_key = behind_all;  // no segment behind it is seen
   bool is_open = true;
-  bool is_full = false;  // it has more segments than fit into memory
-  bool is_left = false;  // for another sweep
+  bool is_full = false;                                              // it has more segments than fit into memory
+  bool is_left = false;                                              // for another sweep
+  alignas(64) std::array<std::uint8_t, cell_tile_pixels> is_wanted;  // of a picture of some blocks
 
   void begin(const CellTileArea& drawn) {
     area = drawn;
@@ -119,7 +120,10 @@ struct Tile {
   void begin_light() {
     light = {};
     for (int y = area.pixels.y0; y <= area.pixels.y1; ++y)
-      for (int x = area.pixels.x0; x <= area.pixels.x1; ++x) light.transmittance[CellTileArea::number_of(x, y)] = 1;
+      for (int x = area.pixels.x0; x <= area.pixels.x1; ++x) {
+        const std::size_t pixel = CellTileArea::number_of(x, y);
+        light.transmittance[pixel] = area.wants(pixel) ? 1 : 0;
+      }
   }
   void leave() {
     is_left = true;
@@ -189,7 +193,9 @@ namespace {
 /// The picture of cells: in one sweep over the chunks, or in one for each part of the picture.
 class CellSweep {
  public:
-  CellSweep(const CellSource& source, const CellDrawing& drawing, const View& view, CellWorkspace& workspace)
+  /// `blocks`: the pixels to draw; null: all.
+  CellSweep(const CellSource& source, const CellDrawing& drawing, const View& view, CellWorkspace& workspace,
+            const DifferingBlocks* blocks = nullptr)
       : source_(source),
         drawing_(drawing),
         world_view_(view),
@@ -199,6 +205,7 @@ class CellSweep {
         workspace_(workspace) {
     const TransferFunction& function = drawing.transfer.function;
     frame_.view = &view_;
+    frame_.blocks = blocks;
     frame_.function = &function_;
     frame_.low = function.lo;
     frame_.inverse_domain = 1 / (function.hi - function.lo);
@@ -219,7 +226,7 @@ class CellSweep {
     order_chunks();
   }
 
-  /// `memory`: as that of CellRasterizer::draw.
+  /// `memory`: as that of CellRasterizer::draw; the picture whose blocks are drawn.
   Result<CellPicture> draw(Image memory);
 
  private:
@@ -233,6 +240,7 @@ class CellSweep {
 
   Status draw_area(const PixelRectangle& area);
   void begin_tiles();
+  void choose_pixels(Tile& tile) const;
   void choose_batch(std::uint32_t first);
   [[nodiscard]] bool shows(const Chunk& chunk) const;
   Status read_batch();
@@ -406,7 +414,9 @@ Result<CellPicture> CellSweep::draw(Image memory) {
   picture_.image = std::move(memory);
   picture_.image.width = view_.width;
   picture_.image.height = view_.height;
-  picture_.image.pixels.assign(static_cast<std::size_t>(view_.width) * static_cast<std::size_t>(view_.height), vec4(0));
+  if (!frame_.blocks)
+    picture_.image.pixels.assign(static_cast<std::size_t>(view_.width) * static_cast<std::size_t>(view_.height),
+                                 vec4(0));
   left_ = {{0, view_.width - 1, 0, view_.height - 1}};
   while (!left_.empty()) {
     PixelRectangle area = left_.back();
@@ -459,6 +469,7 @@ void CellSweep::begin_tiles() {
     const auto [x0, x1] = within(area_.x0, area_.x1, left);
     const auto [y0, y1] = within(area_.y0, area_.y1, bottom);
     tile.begin({left, bottom, {x0, x1, y0, y1}});
+    if (frame_.blocks) choose_pixels(tile);
     if (frame_.layers == 0) return;
     tile.end_key = -farthest;
     for (int y = y0; y <= y1; ++y)
@@ -467,13 +478,25 @@ void CellSweep::begin_tiles() {
   for (std::uint32_t number = 0; number < chunks_.size(); ++number)
     visit_tiles(chunks_[number].tiles, [&](int column, int row, Tile& tile) {
       const float key = first_key(chunks_[number], column, row);
-      if (key < tile.end_key) tile.chunks.push_back({number, key, farthest});
+      if (tile.is_open && key < tile.end_key) tile.chunks.push_back({number, key, farthest});
     });
   for_each_tile([&](int, int, Tile& tile) {
     for (std::size_t i = tile.chunks.size(); i-- > 1;)
       tile.chunks[i - 1].later_key = std::min(tile.chunks[i].first_key, tile.chunks[i].later_key);
     if (has_light(tile)) tile.begin_light();
   });
+}
+
+// Closes tiles without pixels to draw.
+void CellSweep::choose_pixels(Tile& tile) const {
+  const PixelRectangle area = tile.area.in_picture();
+  tile.is_open = frame_.blocks->meet(area);
+  if (!tile.is_open) return;
+  for (int y = area.y0; y <= area.y1; ++y)
+    for (int x = area.x0; x <= area.x1; ++x)
+      tile.is_wanted[CellTileArea::number_of(x - tile.area.left, y - tile.area.bottom)] =
+          frame_.blocks->has(x, view_.height - 1 - y) ? 1 : 0;
+  tile.area.is_wanted = tile.is_wanted.data();
 }
 
 void CellSweep::choose_batch(std::uint32_t first) {
@@ -772,6 +795,7 @@ void CellSweep::finish_tile(const Tile& tile) {
   for (int y = area.y0; y <= area.y1; ++y)
     for (int x = area.x0; x <= area.x1; ++x) {
       const std::size_t pixel = CellTileArea::number_of(x - tile.area.left, y - tile.area.bottom);
+      if (!tile.area.wants(pixel)) continue;
       const auto& color = tile.light.color;
       vec4 light(color[0][pixel], color[1][pixel], color[2][pixel], tile.light.transmittance[pixel]);
       // Layers of tiles without cells.
@@ -794,7 +818,10 @@ Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDra
   // Wider samples would blur the outlines of surfaces.
   const int spacing = drawing.layers.empty() ? drawing.sample_spacing : 1;
   const View view = spacing > 1 ? sampled_view(drawing.view, spacing) : drawing.view;
-  CellSweep sweep(source, drawing, view, *workspace_);
+  const bool refines = spacing > 1 && drawing.refined_difference > 0;
+  CellDrawing samples = drawing;
+  if (refines && drawing.progress) samples.progress = [&](double share) { drawing.progress(0.5 * share); };
+  CellSweep sweep(source, samples, view, *workspace_);
   if (spacing <= 1) return sweep.draw(std::move(memory));
   SPLATVOL_TRY_ASSIGN(picture, sweep.draw(std::move(samples_)));
   memory.width = drawing.view.width;
@@ -802,7 +829,22 @@ Result<CellPicture> CellRasterizer::draw(const CellSource& source, const CellDra
   memory.pixels.resize(static_cast<std::size_t>(memory.width) * static_cast<std::size_t>(memory.height));
   interpolate(picture.image, spacing, sample_rows_, memory);
   samples_ = std::exchange(picture.image, std::move(memory));
+  if (refines) SPLATVOL_TRY(refine(source, drawing, picture));
   return picture;
+}
+
+// Draws the blocks of pixels whose samples differ.
+Status CellRasterizer::refine(const CellSource& source, const CellDrawing& drawing, CellPicture& picture) {
+  const DifferingBlocks blocks(samples_, drawing.sample_spacing, {}, drawing.view.width, drawing.view.height,
+                               drawing.refined_difference);
+  if (blocks.is_empty()) return {};
+  CellDrawing rest = drawing;
+  if (drawing.progress) rest.progress = [&](double share) { drawing.progress(0.5 + 0.5 * share); };
+  SPLATVOL_TRY_ASSIGN(refined,
+                      CellSweep(source, rest, drawing.view, *workspace_, &blocks).draw(std::move(picture.image)));
+  picture.image = std::move(refined.image);
+  picture.segments += refined.segments;
+  return {};
 }
 
 void tiles::TileSegments::begin(const CellTileArea& area, bool has_shades) {

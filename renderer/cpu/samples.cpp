@@ -134,7 +134,40 @@ SampledAxis axis_of(int pixels, int samples, int spacing, float shift) {
   return axis;
 }
 
+std::vector<std::int32_t> blocks_of(const SampledAxis& axis) {
+  std::vector<std::int32_t> blocks;
+  for (std::size_t i = 0; i < axis.gaps.size(); ++i)
+    blocks.insert(blocks.end(), static_cast<std::size_t>(axis.gaps[i].end - axis.gaps[i].begin),
+                  static_cast<std::int32_t>(i));
+  return blocks;
+}
+
+bool differ(const std::array<vec4, 4>& corners, float most) {
+  const auto& [a, b, c, d] = corners;
+  const vec4 change = glm::max(glm::max(a, b), glm::max(c, d)) - glm::min(glm::min(a, b), glm::min(c, d));
+  return std::max({change.r, change.g, change.b, change.a}) > most;
+}
+
 }  // namespace
+
+DifferingBlocks::DifferingBlocks(const Image& samples, int spacing, const SampleShift& shift, int width, int height,
+                                 float most) {
+  const SampledAxis across = axis_of(width, samples.width, spacing, shift.left);
+  const SampledAxis down = axis_of(height, samples.height, spacing, shift.up);
+  columns_ = blocks_of(across);
+  lines_ = blocks_of(down);
+  stride_ = across.gaps.size() + 1;
+  sums_.assign(stride_ * (down.gaps.size() + 1), 0);
+  for (std::size_t j = 0; j < down.gaps.size(); ++j)
+    for (std::size_t i = 0; i < across.gaps.size(); ++i) {
+      const auto at = [&](std::size_t right, std::size_t below) {
+        return samples.at(across.gaps[i].samples[1 + right], down.gaps[j].samples[1 + below]);
+      };
+      const int column = static_cast<int>(i), line = static_cast<int>(j);
+      sum(column + 1, line + 1) = sum(column, line + 1) + sum(column + 1, line) - sum(column, line) +
+                                  (differ({at(0, 0), at(1, 0), at(0, 1), at(1, 1)}, most) ? 1 : 0);
+    }
+}
 
 void interpolate(const Image& samples, int spacing, Image& rows, Image& picture, const SampleShift& shift) {
   rows.width = picture.width;

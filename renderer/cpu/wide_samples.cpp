@@ -52,7 +52,7 @@ Image samples_of(const Image& exact, const SampledPixels& across, const SampledP
 
 }  // namespace
 
-Image with_wide_samples(const Image& exact, int spacing, Image memory) {
+Image with_wide_samples(const Image& exact, int spacing, float refined_difference, Image memory) {
   memory.width = exact.width;
   memory.height = exact.height;
   if (spacing <= 1 || exact.pixels.empty()) {
@@ -61,8 +61,16 @@ Image with_wide_samples(const Image& exact, int spacing, Image memory) {
   }
   memory.pixels.resize(exact.pixels.size());
   const SampledPixels across(exact.width, spacing), down(exact.height, spacing);
+  const tiles::SampleShift shift{across.shift, down.shift};
+  const Image samples = samples_of(exact, across, down, spacing);
   Image rows;
-  tiles::interpolate(samples_of(exact, across, down, spacing), spacing, rows, memory, {across.shift, down.shift});
+  tiles::interpolate(samples, spacing, rows, memory, shift);
+  if (refined_difference <= 0) return memory;
+  const tiles::DifferingBlocks blocks(samples, spacing, shift, exact.width, exact.height, refined_difference);
+  tbb::parallel_for(0, exact.height, [&](int y) {
+    for (int x = 0; x < exact.width; ++x)
+      if (blocks.has(x, y)) memory.at(x, y) = exact.at(x, y);
+  });
   return memory;
 }
 

@@ -13,8 +13,8 @@ namespace splatvol {
 /// left or above stand for them: that is so on an axis of an even number of pixels if the spacing is even. Samples
 /// beyond the picture's ends go on as the two before them.
 ///
-/// Requires spacing >= 1. `memory`: an image that is needed no more, whose memory the picture takes. Runs on all
-/// threads.
-[[nodiscard]] Image with_wide_samples(const Image& exact, int spacing, Image memory = {});
+/// `refined_difference`: as CellDrawing's. Requires spacing >= 1. `memory`: an image that is needed no more, whose
+/// memory the picture takes. Runs on all threads.
+[[nodiscard]] Image with_wide_samples(const Image& exact, int spacing, float refined_difference = 0, Image memory = {});
 
 }  // namespace splatvol

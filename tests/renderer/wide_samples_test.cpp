@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <initializer_list>
 
 #include "renderer/cpu/samples.h"
 #include "renderer/sampled_view.h"
@@ -103,6 +104,75 @@ TEST(WideSamples, HaveTheErrorOfThoseThatAreDrawnBetweenCentres) {
     EXPECT_GT(error, 0);
     EXPECT_NEAR(difference(with_wide_samples(exact, spacing), exact).rmse / error, 1, 0.1);
   }
+}
+
+bool is_same(const vec4& a, const vec4& b) { return std::memcmp(&a, &b, sizeof(vec4)) == 0; }
+
+/// How many pixels of a refined picture are exact. The others are those of the picture without.
+std::size_t count_refined(const Image& refined, const Image& plain, const Image& exact) {
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < refined.pixels.size(); ++i) {
+    if (is_same(refined.pixels[i], plain.pixels[i])) continue;
+    EXPECT_TRUE(is_same(refined.pixels[i], exact.pixels[i])) << "pixel " << i;
+    ++count;
+  }
+  return count;
+}
+
+TEST(WideSamples, AreExactInBlocksThatDiffer) {
+  Drawn drawn = bent_box_of(256, 230), lit = drawn, cut = drawn;
+  lit.scene.lighting = Lighting{0.2, 0.7};
+  cut.scene.clip_planes = {{{0.5, 0.5, 0.5}, {1, -0.6, 0.3}, true}};
+  for (const Drawn* each : std::initializer_list<const Drawn*>{&drawn, &lit, &cut})
+    for (const int spacing : {4, 8}) {
+      SCOPED_TRACE(testing::Message() << spacing);
+      const MeshSource source(each->view(), 300);
+      CellDrawing drawing = each->drawing();
+      const Image exact = draw(source, drawing);
+      drawing.sample_spacing = spacing;
+      const Image plain = draw(source, drawing);
+      drawing.refined_difference = 0.05F;
+      const Image refined = draw(source, drawing);
+      const std::size_t count = count_refined(refined, plain, exact);
+      EXPECT_GT(count, 0);
+      EXPECT_LT(count, exact.pixels.size() / 2);
+      EXPECT_LT(difference(refined, exact).rmse, 0.5 * difference(plain, exact).rmse);
+      drawing.memory = std::uint64_t{1} << 12;  // many sweeps
+      EXPECT_EQ(count_refined(draw(source, drawing), refined, refined), 0);
+    }
+}
+
+TEST(WideSamples, AreRefinedAsThoseThatAreDrawn) {
+  const Drawn drawn = bent_box_of(133, 121);
+  const MeshSource source(drawn.view(), 1000);
+  CellDrawing drawing = drawn.drawing();
+  const Image exact = draw(source, drawing);
+  for (const int spacing : {4, 8}) {
+    drawing.sample_spacing = spacing;
+    drawing.refined_difference = 0.05F;
+    const Image drawn_so = draw(source, drawing), made = with_wide_samples(exact, spacing, 0.05F);
+    EXPECT_LE(most_beyond(made, drawn_so, spacing + spacing / 2), 1e-4);
+  }
+}
+
+TEST(WideSamples, MayBeFartherApartThanThePictureIsWide) {
+  for (const int width : {1, 2, 5, 17, 40})
+    for (int spacing = 1; spacing <= 16; ++spacing) {
+      SCOPED_TRACE(testing::Message() << width << " pixels, samples " << spacing << " apart");
+      const Drawn drawn = bent_box_of(width, std::max(1, width / 2));
+      const MeshSource source(drawn.view(), 300);
+      CellDrawing drawing = drawn.drawing();
+      const Image exact = draw(source, drawing);
+      drawing.sample_spacing = spacing;
+      const Image plain = draw(source, drawing);
+      for (const vec4& pixel : plain.pixels) {
+        EXPECT_GE(std::min({pixel.r, pixel.g, pixel.b}), 0);
+        EXPECT_LE(std::max({pixel.r, pixel.g, pixel.b}), pixel.a + 1e-6F);
+        EXPECT_LE(pixel.a, 1 + 1e-6F);
+      }
+      drawing.refined_difference = 1e-9F;
+      count_refined(draw(source, drawing), plain, exact);
+    }
 }
 
 }  // namespace
