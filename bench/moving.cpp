@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
@@ -13,11 +14,12 @@
 #include "bench/moving/pictures.h"
 #include "renderer/cpu/srgb_bytes.h"
 #include "renderer/gl/context.h"
-#include "renderer/gl/gl_objects.h"
 #include "scene/srgb.h"
 #include "tools/command_line.h"
 #include "tools/tool.h"
+#include "viewer/frame_loop.h"
 #include "viewer/viewer.h"
+#include "viewer/window/byte_target.h"
 
 namespace splatvol {
 namespace {
@@ -31,25 +33,6 @@ struct Options {
   bool has_panel = true;
   int compared = 16;  // moving pictures of a script
   double longest_rest = 8;
-};
-
-// The framebuffer of a window: 8 bits for each channel.
-class WindowFramebuffer {
- public:
-  WindowFramebuffer(int width, int height) {
-    GLuint name = 0;
-    glCreateTextures(GL_TEXTURE_2D, 1, &name);
-    color_ = Texture(name);
-    glTextureStorage2D(name, 1, GL_RGBA8, width, height);
-    glCreateFramebuffers(1, &name);
-    framebuffer_ = Framebuffer(name);
-    glNamedFramebufferTexture(name, GL_COLOR_ATTACHMENT0, color_.name(), 0);
-  }
-  void use() const { glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.name()); }
-
- private:
-  Texture color_;
-  Framebuffer framebuffer_;
 };
 
 struct DrawnFrame {
@@ -84,18 +67,18 @@ class Bench {
 
  private:
   explicit Bench(const Options& options, const WindowResized& size)
-      : options_(options), size_(size), keeper_(!options.dump.empty()), framebuffer_(size.width, size.height) {}
+      : options_(options), size_(size), keeper_(!options.dump.empty()) {}
   [[nodiscard]] PicturePlace place() const;
   [[nodiscard]] Session& session() const { return *viewer_->session(); }
-  [[nodiscard]] Status frame(const FrameInput& input, Record& record, Hand& hand);
-  [[nodiscard]] Result<bool> follow(Record& record, Hand& hand);
+  [[nodiscard]] Status note_frame(double begin, Record& record, const Hand& hand);
+  [[nodiscard]] Result<bool> follow(Record& record, Hand& hand, const std::function<bool()>& is_done);
   [[nodiscard]] FrameInput input_of(const std::vector<Act>& acts);
   [[nodiscard]] Status put_back();
 
   const Options& options_;
   WindowResized size_;
   PictureKeeper keeper_;
-  WindowFramebuffer framebuffer_;
+  ByteTarget framebuffer_;  // laid out like a window's
   std::unique_ptr<Viewer> viewer_;
   double last_input_ = 0;
   std::optional<TransferFunction> function_;  // at the script's start
@@ -107,6 +90,7 @@ Result<std::unique_ptr<Bench>> Bench::open(const Options& options) {
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
   const WindowResized window{size[0], size[1], size[0], size[1], 1};
   std::unique_ptr<Bench> bench(new Bench(options, window));
+  SPLATVOL_TRY(bench->framebuffer_.resize(window.width, window.height));
   ViewerOptions setup{.volume = options.volume, .scene = options.scene, .window = window};
   setup.settings.memory = memory;
   setup.settings.device = Device::cpu;
@@ -120,11 +104,11 @@ Result<std::unique_ptr<Bench>> Bench::open(const Options& options) {
   FrameInput input{0, {window}};
   if (!options.has_panel)
     input.events.insert(input.events.end(), {KeyChanged{key::tab, true}, KeyChanged{key::tab, false}});
-  SPLATVOL_TRY(bench->frame(input, dropped, idle));
-  while (!bench->viewer_->session() || bench->session().shown_number() == 0) {
-    if (bench->viewer_->is_settled()) return fail(ErrorCode::invalid_data, "{}: shows nothing", options.volume);
-    SPLATVOL_TRY(bench->frame(bench->input_of(idle.take(0.002)), dropped, idle));
-  }
+  bench->framebuffer_.use();
+  SPLATVOL_TRY(bench->viewer_->frame(input));
+  const auto has_picture = [&] { return bench->viewer_->session() && bench->session().shown_number() > 0; };
+  SPLATVOL_TRY_ASSIGN(shows, bench->follow(dropped, idle, has_picture));
+  if (!shows) return fail(ErrorCode::invalid_data, "{}: shows nothing", options.volume);
   return bench;
 }
 
@@ -140,6 +124,7 @@ FrameInput Bench::input_of(const std::vector<Act>& acts) {
   for (const Act& act : acts) {
     if (act.event) input.events.push_back(*act.event);
     if (!act.opacity) continue;
+    input.events.emplace_back(PointerMoved{0.5 * ViewerState::panel_width, 300 * *act.opacity / 3});
     session().scene.transfer_function = *function_;
     for (auto& density : session().scene.transfer_function.densities) density.extinction *= *act.opacity;
   }
@@ -147,11 +132,8 @@ FrameInput Bench::input_of(const std::vector<Act>& acts) {
   return input;
 }
 
-Status Bench::frame(const FrameInput& input, Record& record, Hand& hand) {
-  framebuffer_.use();
-  const double begin = hand.seconds();
-  SPLATVOL_TRY(viewer_->frame(input));
-  glFinish();
+// Notes a frame that began at a time.
+Status Bench::note_frame(double begin, Record& record, const Hand& hand) {
   const double end = hand.seconds();
   if (!viewer_->session()) return {};
   SPLATVOL_TRY(viewer_->drawn());
@@ -165,16 +147,22 @@ Status Bench::frame(const FrameInput& input, Record& record, Hand& hand) {
   return {};
 }
 
-// Follows the hand, and then waits for rest, as svview's window does. Returns whether rest came in time.
-Result<bool> Bench::follow(Record& record, Hand& hand) {
-  constexpr double picture_wait_seconds = 0.002;
+// Follows the hand by svview's loop, until the end of a time or until `is_done`. Returns whether that came.
+Result<bool> Bench::follow(Record& record, Hand& hand, const std::function<bool()>& is_done) {
   const double end = options_.longest_rest + (record.script.acts.empty() ? 0 : record.script.acts.back().seconds);
+  std::optional<double> begin;
+  FrameLoop loop(*viewer_, {.take_input = [&](double seconds) { return input_of(hand.take(seconds)); },
+                            .begin =
+                                [&](const FrameInput&) {
+                                  framebuffer_.use();
+                                  begin = hand.seconds();
+                                  return Status();
+                                },
+                            .show = [] {}});
   while (hand.seconds() < end) {
-    const bool is_settled = viewer_->is_settled(), awaits = viewer_->awaits_picture();
-    if (is_settled && hand.is_done()) return true;
-    const std::vector<Act> acts = hand.take(is_settled ? 1 : awaits ? picture_wait_seconds : 0);
-    if (acts.empty() && (is_settled || awaits)) continue;
-    SPLATVOL_TRY(frame(input_of(acts), record, hand));
+    if (is_done()) return true;
+    SPLATVOL_TRY(loop.step());
+    if (begin) SPLATVOL_TRY(note_frame(*std::exchange(begin, {}), record, hand));
   }
   return false;
 }
@@ -186,8 +174,9 @@ Status Bench::put_back() {
   scene.transfer_function = session().first_scene().transfer_function;
   Hand idle({});
   Record dropped;
-  SPLATVOL_TRY(frame(input_of({}), dropped, idle));
-  return follow(dropped, idle).map([](bool) {});
+  viewer_->redraw();
+  SPLATVOL_TRY(viewer_->frame(input_of({})));
+  return follow(dropped, idle, [this] { return viewer_->is_settled(); }).map([](bool) {});
 }
 
 Result<Record> Bench::run(const std::string& name) {
@@ -198,7 +187,7 @@ Result<Record> Bench::run(const std::string& name) {
   asked_time_ = 0;
   Hand hand(record.script.acts);
   last_input_ = seconds_now();
-  SPLATVOL_TRY_ASSIGN(came_to_rest, follow(record, hand));
+  SPLATVOL_TRY_ASSIGN(came_to_rest, follow(record, hand, [&] { return hand.is_done() && viewer_->is_settled(); }));
   record.came_to_rest = came_to_rest;
   record.pictures = keeper_.take_shown();
   return record;

@@ -56,8 +56,7 @@ MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Ch
   const auto ratio_to = [&](const auto& other) {
     return std::abs(std::log(static_cast<double>(other->first) / static_cast<double>(rung.splats)));
   };
-  if (known == splat_errors_.end() ||
-      (known != splat_errors_.begin() && ratio_to(std::prev(known)) < ratio_to(known)))
+  if (known == splat_errors_.end() || (known != splat_errors_.begin() && ratio_to(std::prev(known)) < ratio_to(known)))
     --known;
   return {known->second * by_count(known->first) / number, ratio_to(known) <= std::log(near_by)};
 }
@@ -119,8 +118,8 @@ Rung MotionControl::next(const Choices& choices) {
   if (may_stay) {
     const double seconds = times_.predict(rung_->rung, choices), other = times_.predict(chosen.rung, choices);
     const bool is_quicker = seconds > rung_->too_long && other < seconds;
-    const bool is_finer = seconds < rung_->too_short && expected_error(chosen.rung, choices).error <
-                                                            expected_error(rung_->rung, choices).error;
+    const bool is_finer = seconds < rung_->too_short &&
+                          expected_error(chosen.rung, choices).error < expected_error(rung_->rung, choices).error;
     if (!is_quicker && !is_finer) return rung_->rung;
   }
   rung_ = chosen;

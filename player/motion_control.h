@@ -18,9 +18,9 @@ struct MotionLimits {
   [[nodiscard]] bool operator==(const MotionLimits&) const = default;
 };
 
-/// Draws at 60 pictures a second if the best of these has the wanted error. Else it draws the quickest that has it, down
-/// to `seconds` a picture. If there is none, it draws the best in `seconds`, and in twice that time if its error would
-/// show as a false colour. Within a movement a rung stays, unless it takes much more or less time than it may.
+/// Draws at 60 pictures a second if the best of these has the wanted error. Else it draws the quickest that has it,
+/// down to `seconds` a picture. If there is none, it draws the best in `seconds`, and in twice that time if its error
+/// would show as a false colour. Within a movement a rung stays, unless it takes much more or less time than it may.
 ///
 /// Expects errors by what was learned at rest, and until then by a rough model. Expects times by DrawingTimes.
 class MotionControl {
@@ -36,10 +36,10 @@ class MotionControl {
   /// What came of a picture, at rest or while something moves.
   struct Outcome {
     Rung rung;
-    double fragments = 0;                      // as DrawingTimes::add
-    double seconds = 0;                        // 0: not known, as some parts were read or are missing
-    std::optional<double> model_error = {};    // of splats: what the file's index tells of the error
-    std::optional<double> error = {};          // measured
+    double fragments = 0;                    // as DrawingTimes::add
+    double seconds = 0;                      // 0: not known, as some parts were read or are missing
+    std::optional<double> model_error = {};  // of splats: what the file's index tells of the error
+    std::optional<double> error = {};        // measured
   };
   void add(const Outcome& outcome, const Choices& choices);
 
@@ -78,9 +78,9 @@ class MotionControl {
   std::optional<Chosen> rung_;  // of this movement
   bool had_cells_ = false;      // to choose from, then
 
-  std::map<int, double> cell_errors_;              // [sample spacing]
-  std::map<std::uint64_t, double> splat_errors_;   // [splats]
-  std::optional<double> model_;                    // of the last splats: their error times their number^decay
+  std::map<int, double> cell_errors_;             // [sample spacing]
+  std::map<std::uint64_t, double> splat_errors_;  // [splats]
+  std::optional<double> model_;                   // of the last splats: their error times their number^decay
 };
 
 }  // namespace splatvol

@@ -47,7 +47,8 @@ Rung Pacer::next(const Choices& choices) {
   const auto finest_of = [&](std::ptrdiff_t begin, std::ptrdiff_t last, double seconds) {
     begin = std::max<std::ptrdiff_t>(begin, 0);
     for (std::ptrdiff_t i = std::min(last, std::ssize(rungs) - 1); i > begin; --i)
-      if (times_.predict(rungs[static_cast<std::size_t>(i)], choices) <= seconds) return rungs[static_cast<std::size_t>(i)];
+      if (times_.predict(rungs[static_cast<std::size_t>(i)], choices) <= seconds)
+        return rungs[static_cast<std::size_t>(i)];
     return rungs[static_cast<std::size_t>(begin)];
   };
   if (!rung_) {

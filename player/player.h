@@ -255,8 +255,8 @@ class Player {
   /// Whether they are held.
   [[nodiscard]] bool holds_cells() const;
 
-  /// Returns what reads all cells, on any thread and beside other calls: then they are held. Empty if they are, if there
-  /// are none or no room, and if the file is far.
+  /// Returns what reads all cells, on any thread and beside other calls: then they are held. Empty if they are, if
+  /// there are none or no room, and if the file is far.
   [[nodiscard]] std::function<Status()> cells_reader();
 
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.

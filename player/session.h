@@ -32,10 +32,10 @@ inline constexpr double pause_seconds = 0.15;
 
 /// What a picture is made of, and what is known of its error.
 struct ShownRecipe {
-  Rung rung = {};               // as it was drawn
-  bool moves = false;           // drawn while something moved
-  double error = 0;             // of one that moves; root mean square of linear RGB
-  bool is_measured = false;     // the error, in about this view; else it is expected
+  Rung rung = {};            // as it was drawn
+  bool moves = false;        // drawn while something moved
+  double error = 0;          // of one that moves; root mean square of linear RGB
+  bool is_measured = false;  // the error, in about this view; else it is expected
 };
 
 /// A picture that is complete, before it is shown.
@@ -131,8 +131,8 @@ class Session {
   /// changed by then. A picture at rest ends with a change.
   [[nodiscard]] Status draw(int width, int height, double seconds, bool is_busy = false);
 
-  /// Whether a job draws a picture: calls of `draw` do not wait for it long. Then `image` and `page` must not be called;
-  /// `shown_picture` is the one before.
+  /// Whether a job draws a picture: calls of `draw` do not wait for it long. Then `image` and `page` must not be
+  /// called; `shown_picture` is the one before.
   [[nodiscard]] bool is_drawing() const { return drawing_.is_begun(); }
 
   /// Whether it is still at work.
@@ -451,10 +451,10 @@ class Session {
     bool is_drawn = false;
     bool has_failed = false;  // cells cannot be drawn
   };
-  Moving moving_;                 // of the last picture
-  bool cells_fail_ = false;       // since the last change of the file's parts
+  Moving moving_;            // of the last picture
+  bool cells_fail_ = false;  // since the last change of the file's parts
   std::stop_source stop_holding_;
-  Task<Status> holding_cells_;    // reads them; beside all else
+  Task<Status> holding_cells_;  // reads them; beside all else
   struct LastMoving {
     Image picture;
     Rung rung;

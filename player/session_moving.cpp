@@ -58,8 +58,7 @@ Status Session::choose_moving() {
 // A picture that cannot be drawn of cells is drawn of splats, by the next call. At rest the reason is told.
 Status Session::draw_moving(double seconds) {
   const bool is_small = has_layers() && moving_.rung.sample_spacing > 1;
-  if (is_small)
-    SPLATVOL_TRY(player_->set_scene(scaled(used_scene_, moving_.rung.sample_spacing)));
+  if (is_small) SPLATVOL_TRY(player_->set_scene(scaled(used_scene_, moving_.rung.sample_spacing)));
   const Rung drawn{moving_.rung.splats, is_small ? 1 : moving_.rung.sample_spacing};
   const double start = host_.now();
   if (!drawn.is_exact()) {

@@ -72,7 +72,8 @@ Status Session::begin_splats(double seconds) {
   const FrameRequest request{.detail = refinement_->detail(),
                              .wait_seconds = 0,
                              .change = std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
-  if (can_draw_aside()) return draw_aside(Work::splats, [this, request, seconds] { return draw_splats(request, seconds); });
+  if (can_draw_aside())
+    return draw_aside(Work::splats, [this, request, seconds] { return draw_splats(request, seconds); });
   return finish_splats(draw_splats(request, seconds));
 }
 

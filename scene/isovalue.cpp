@@ -124,7 +124,8 @@ Scene with_shells(const Scene& scene, double size) {
   constexpr double usual_passes = 10;  // of the domain, over the data
   std::vector<Contour> contours = contours_of(scene).surfaces;
   const TransferFunction& function = scene.transfer_function;
-  if (function.axis == ValueAxis::log) std::erase_if(contours, [](const Contour& contour) { return !(contour.value > 0); });
+  if (function.axis == ValueAxis::log)
+    std::erase_if(contours, [](const Contour& contour) { return !(contour.value > 0); });
   Scene shown = scene;
   shown.contours.clear();
   if (contours.empty()) return shown;

@@ -33,9 +33,9 @@ struct Isovalue {
 /// Shows a shell, lit. The domain grows to hold its values. Fails with invalid_argument if the axis does not have them.
 [[nodiscard]] Status show_isovalue(Scene& scene, double value, std::optional<double> width, double size);
 
-/// Returns a scene that shows its contours as shells of the volume: for splats, which have no contours. Where values run
-/// through the domain ten times over the data's `size`, in world units, a translucent shell has about the opacity of its
-/// contour. Contours that are coloured by another attribute have the colour of the transfer function.
+/// Returns a scene that shows its contours as shells of the volume: for splats, which have no contours. Where values
+/// run through the domain ten times over the data's `size`, in world units, a translucent shell has about the opacity
+/// of its contour. Contours that are coloured by another attribute have the colour of the transfer function.
 [[nodiscard]] Scene with_shells(const Scene& scene, double size);
 
 }  // namespace splatvol

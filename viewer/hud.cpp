@@ -72,7 +72,8 @@ void draw_hud(ViewerState& viewer, double frame_seconds) {
                       bytes(session.settings.memory), bytes(session.device_bytes()));
   const std::string device = session.device_text(), name = device.substr(0, device.find(','));
   const bool is_open = name.find('(') != std::string::npos && name.find(')') == std::string::npos;
-  text += session.shown_recipe().rung.is_exact() ? "drawn by the processor\n" : fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
+  text += session.shown_recipe().rung.is_exact() ? "drawn by the processor\n"
+                                                 : fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
   const std::uint64_t again = statistics.bytes_read_again;
   text += fmt::format("{} of {} read{}\n", bytes(statistics.bytes_read - again), bytes(session.file_bytes()),
                       again > 0 ? fmt::format(", {} again", bytes(again)) : "");

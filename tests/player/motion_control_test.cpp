@@ -21,15 +21,15 @@ Choices with_cells(double tetrahedra, double segments) {
 // A machine of its own, and the true errors of a view.
 struct Machine {
   double factor = 1;
-  double splats_error = 0.37;                    // times n^-.45
-  double cells_error = 0.0002;                   // with samples 2 pixels apart; 4 apart twice that, and so on
+  double splats_error = 0.37;   // times n^-.45
+  double cells_error = 0.0002;  // with samples 2 pixels apart; 4 apart twice that, and so on
 
   [[nodiscard]] static double fragments(const Rung& rung, const Choices& choices) {
-    return 3 * std::cbrt(static_cast<double>(rung.splats)) * choices.pixels / (rung.sample_spacing * rung.sample_spacing);
+    return 3 * std::cbrt(static_cast<double>(rung.splats)) * choices.pixels /
+           (rung.sample_spacing * rung.sample_spacing);
   }
   [[nodiscard]] double seconds(const Rung& rung, const Choices& choices) const {
-    if (rung.is_exact())
-      return factor * 1e-9 * work_of_cells(*choices.cells, choices.pixels, rung.sample_spacing);
+    if (rung.is_exact()) return factor * 1e-9 * work_of_cells(*choices.cells, choices.pixels, rung.sample_spacing);
     return factor * 1e-9 *
            work_of_splats(static_cast<double>(rung.splats), fragments(rung, choices), choices.pixels,
                           rung.sample_spacing);
