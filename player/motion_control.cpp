@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <limits>
 
 namespace splatvol {
 namespace {
@@ -26,7 +27,17 @@ constexpr double splats_error = 0.75, decay = 0.45;
 // A number of splats is near enough to one whose error was measured.
 constexpr double near_by = 1.5;
 
-constexpr int widest_spacing = 8;  // of cells
+// Cells that are as quick as this are drawn without looking at splats.
+constexpr double quick_cells = 1.0 / 15;
+
+// A view that shows so many times the segments of another one, or fewer, may have other errors.
+constexpr double another_view = 1.5;
+
+// Errors that were measured of a picture with other colours or opacities may be larger by this.
+constexpr double doubt = 2;
+
+// Of cells, for each pixel between samples: even where nothing of it was seen, closer samples are better.
+constexpr double least_cells_error = 1e-5;
 
 double by_count(std::uint64_t splats) { return std::pow(static_cast<double>(splats), decay); }
 
@@ -35,7 +46,7 @@ double by_count(std::uint64_t splats) { return std::pow(static_cast<double>(spla
 std::vector<Rung> MotionControl::rungs(const Choices& choices) {
   std::vector<Rung> rungs = rungs_of_splats(choices);
   if (!choices.cells) return rungs;
-  for (int usual = widest_spacing; usual >= 1; usual /= 2) {
+  for (int usual = widest_moving_samples; usual >= 1; usual /= 2) {
     const Rung rung{0, std::clamp(usual, choices.finest_spacing, choices.widest_spacing)};
     if (sampled_segments(*choices.cells, rung.sample_spacing) > choices.most_segments) continue;
     if (rungs.back() != rung) rungs.push_back(rung);
@@ -43,13 +54,20 @@ std::vector<Rung> MotionControl::rungs(const Choices& choices) {
   return rungs;
 }
 
+MotionControl::Expected MotionControl::expected_of_cells(int sample_spacing, const Choices& choices) const {
+  if (sample_spacing == 1) return {0, true};
+  const double by_model = cells_error * std::pow(0.5 * sample_spacing, cells_growth);
+  const auto known = cell_errors_.find(sample_spacing);
+  if (known == cell_errors_.end()) return {by_model};
+  const double least = least_cells_error * sample_spacing;
+  const double change =
+      choices.cells && measured_segments_ > 0 ? std::max(choices.cells->segments, 1.0) / measured_segments_ : 1;
+  if (change > another_view || change < 1 / another_view) return {std::max({known->second, by_model, least})};
+  return {std::max((are_doubted_ ? doubt : 1) * known->second, least), !are_doubted_};
+}
+
 MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Choices& choices) const {
-  if (rung.is_exact()) {
-    if (rung.sample_spacing == 1) return {0, true};
-    if (const auto known = cell_errors_.find(rung.sample_spacing); known != cell_errors_.end())
-      return {known->second, true};
-    return {cells_error * std::pow(0.5 * rung.sample_spacing, cells_growth)};
-  }
+  if (rung.is_exact()) return expected_of_cells(rung.sample_spacing, choices);
   const double number = by_count(rung.splats);
   if (splat_errors_.empty()) return {std::max(model_.value_or(0), splats_error) / number + choices.added_error};
   auto known = splat_errors_.lower_bound(rung.splats);
@@ -58,7 +76,9 @@ MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Ch
   };
   if (known == splat_errors_.end() || (known != splat_errors_.begin() && ratio_to(std::prev(known)) < ratio_to(known)))
     --known;
-  return {known->second * by_count(known->first) / number, ratio_to(known) <= std::log(near_by)};
+  const double error = known->second * by_count(known->first) / number;
+  return {(are_doubted_ ? doubt : 1) * error + choices.added_error,
+          !are_doubted_ && ratio_to(known) <= std::log(near_by)};
 }
 
 MotionControl::Chosen MotionControl::choose(const Choices& choices) const {
@@ -67,9 +87,11 @@ MotionControl::Chosen MotionControl::choose(const Choices& choices) const {
     Rung rung;
     double error, seconds;
   };
+  bool has_splats = false;
   const auto best_of = [&](double most_error, double most_seconds, auto is_better) {
     std::optional<Candidate> best;
     for (const Rung& rung : all) {
+      if (!has_splats && !rung.is_exact()) continue;
       const Candidate candidate{rung, expected_error(rung, choices).error, times_.predict(rung, choices)};
       if (candidate.error <= most_error && candidate.seconds <= most_seconds && (!best || is_better(candidate, *best)))
         best = candidate;
@@ -83,10 +105,14 @@ MotionControl::Chosen MotionControl::choose(const Choices& choices) const {
   constexpr double any = std::numeric_limits<double>::infinity();
 
   const double smooth = std::min(smooth_seconds, limits_.seconds), longest = longer * limits_.seconds;
-  if (const auto best = best_of(limits_.max_error, smooth, has_less_error))
-    return {best->rung, too_long * smooth, too_short * smooth};
-  if (const auto best = best_of(limits_.max_error, limits_.seconds, is_quicker))
-    return {best->rung, too_long * limits_.seconds, too_short * smooth};
+  const double quick = std::min(quick_cells, limits_.seconds);
+  for (const double seconds : {quick, limits_.seconds}) {
+    if (const auto best = best_of(limits_.max_error, smooth, has_less_error))
+      return {best->rung, too_long * smooth, too_short * smooth};
+    if (const auto best = best_of(limits_.max_error, seconds, is_quicker))
+      return {best->rung, too_long * seconds, too_short * smooth};
+    has_splats = true;
+  }
   if (const auto best = best_of(std::max(false_color_error, limits_.max_error), limits_.seconds, has_less_error))
     return {best->rung, too_long * limits_.seconds, too_short * limits_.seconds};
   if (const auto best = best_of(any, longest, has_less_error))
@@ -97,7 +123,7 @@ MotionControl::Chosen MotionControl::choose(const Choices& choices) const {
 std::vector<Rung> MotionControl::unmeasured(const Choices& choices) const {
   const Rung chosen = choose(choices).rung;
   const double smooth = std::min(smooth_seconds, limits_.seconds);
-  if (chosen.is_exact() && times_.predict(chosen, choices) <= smooth) return {};
+  if (chosen.is_exact() && expected_error(chosen, choices).error <= limits_.max_error) return {};
   std::vector<Rung> unmeasured;
   for (const double seconds : {smooth, limits_.seconds}) {
     std::optional<Rung> finest;
@@ -131,15 +157,18 @@ void MotionControl::add(const Outcome& outcome, const Choices& choices) {
   const Rung& rung = outcome.rung;
   if (!rung.is_exact() && outcome.model_error) model_ = *outcome.model_error * by_count(rung.splats);
   if (!outcome.error) return;
-  if (rung.is_exact())
+  if (are_doubted_) forget_errors();
+  if (rung.is_exact()) {
     cell_errors_[rung.sample_spacing] = *outcome.error;
-  else
-    splat_errors_[rung.splats] = *outcome.error;
+    if (choices.cells) measured_segments_ = choices.cells->segments;
+  }
+  if (!rung.is_exact()) splat_errors_[rung.splats] = *outcome.error;
 }
 
 void MotionControl::forget_errors() {
   cell_errors_.clear();
   splat_errors_.clear();
+  are_doubted_ = false;
 }
 
 }  // namespace splatvol

@@ -18,11 +18,13 @@ struct MotionLimits {
   [[nodiscard]] bool operator==(const MotionLimits&) const = default;
 };
 
-/// Draws at 60 pictures a second if the best of these has the wanted error. Else it draws the quickest that has it,
-/// down to `seconds` a picture. If there is none, it draws the best in `seconds`, and in twice that time if its error
-/// would show as a false colour. Within a movement a rung stays, unless it takes much more or less time than it may.
+/// Draws cells if some distance of samples has the wanted error at 15 pictures a second: the finest at 60 a second, or
+/// else the quickest. If none has, splats may be drawn, too: the finest at 60 a second, or the quickest in `seconds`,
+/// that has the error. If there is none, draws what has the least error in `seconds`, or in twice that time if its
+/// error would show as a false colour. Within a movement a rung stays, unless it takes much more or less time than it
+/// may.
 ///
-/// Expects errors by what was learned at rest, and until then by a rough model. Expects times by DrawingTimes.
+/// Expects errors by what was measured at rest, and until then by a rough model. Expects times by DrawingTimes.
 class MotionControl {
  public:
   explicit MotionControl(const MotionLimits& limits = {}) : limits_(limits) {}
@@ -46,7 +48,10 @@ class MotionControl {
   /// Ends a movement: the next rung may be any.
   void rest() { rung_.reset(); }
 
-  /// Forgets measured errors: the next pictures differ by more than their view.
+  /// Tells that pictures differ by more than their view from now on: measured errors hold roughly.
+  void doubt_errors() { are_doubted_ = true; }
+
+  /// Tells that they show something else.
   void forget_errors();
 
   struct Expected {
@@ -72,6 +77,7 @@ class MotionControl {
     double too_long, too_short;  // seconds
   };
   [[nodiscard]] Chosen choose(const Choices& choices) const;
+  [[nodiscard]] Expected expected_of_cells(int sample_spacing, const Choices& choices) const;
 
   MotionLimits limits_;
   DrawingTimes times_;
@@ -80,6 +86,8 @@ class MotionControl {
 
   std::map<int, double> cell_errors_;             // [sample spacing]
   std::map<std::uint64_t, double> splat_errors_;  // [splats]
+  double measured_segments_ = 0;                  // of cells, in the view of cell_errors_
+  bool are_doubted_ = false;                      // the measured errors
   std::optional<double> model_;                   // of the last splats: their error times their number^decay
 };
 

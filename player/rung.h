@@ -13,6 +13,9 @@ namespace splatvol {
 /// The most pixels from one sample to the next in a picture of a wanted time.
 inline constexpr int widest_samples_in_a_time = 4;
 
+/// The same while something moves, and its error is measured.
+inline constexpr int widest_moving_samples = 16;
+
 /// What is drawn: a number of splats, or the cells that a file keeps, and the distance of samples. Its picture does not
 /// depend on how it was found.
 struct Rung {

@@ -502,13 +502,17 @@ Status Session::apply() {
   Scene seen_alike = drawn;
   seen_alike.camera = used_scene_.camera;
   const bool is_other_picture = !have_same_picture(seen_alike, used_scene_);
+  const bool is_other_attribute = drawn.attribute != used_scene_.attribute;
   view_ = player_->view();
   used_scene_ = std::move(drawn);
   used_settings_ = settings;
   used_settings_.memory = player_->options().memory;
   used_settings_.drawing = drawing;
   if (same) return {};
-  if (is_other_picture) motion_.forget_errors();
+  if (is_other_attribute)
+    motion_.forget_errors();
+  else if (is_other_picture)
+    motion_.doubt_errors();
   still_seconds_ = 0;
   settled_ = moving_is_drawn_ = false;
   refinement_.reset();

@@ -18,7 +18,7 @@ constexpr double fade_seconds = 0.2;
 // The first picture at rest for an error has at least so many splats: it costs little.
 constexpr std::uint64_t least_first_splats = std::uint64_t{1} << 13;
 
-// Pixels between samples of the first exact picture at rest, and of any.
+// Pixels between samples of the first exact picture at rest, unless it follows one of cells or has many segments.
 constexpr int first_spacing = 4, widest_spacing = 8;
 
 // No splats come before cells that are as quick as this, in seconds.
@@ -60,7 +60,7 @@ void Session::begin_rest() {
 int Session::quick_spacing() const {
   const Choices& choices = moving_.choices;
   if (!moving_is_drawn_ || !choices.cells || !player_->holds_cells()) return 0;
-  for (int spacing = std::max(widest_spacing, finest_spacing()); spacing >= finest_spacing(); spacing /= 2)
+  for (int spacing = std::max(widest_moving_samples, finest_spacing()); spacing >= finest_spacing(); spacing /= 2)
     if (motion_.expected_seconds({0, spacing}, choices) < quick_cells &&
         motion_.expected_error({0, spacing}, choices).error <= shown_recipe_.error)
       return spacing;
@@ -142,7 +142,7 @@ int Session::finest_exact_spacing(double segments) const {
 // Returns the spacing of the exact picture after the last one; 0: that was the finest. With surfaces, all are.
 int Session::finer_exact_spacing() const {
   const int last = player_->sample_spacing();
-  return last > finest_spacing() ? std::max(last / 2, finest_spacing()) : 0;
+  return last > finest_spacing() ? std::max(std::min(last / 2, first_spacing), finest_spacing()) : 0;
 }
 
 // Begins the next exact picture. Until it is there, the window shows a copy of the one before.

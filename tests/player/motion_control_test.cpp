@@ -56,23 +56,26 @@ struct Machine {
 // The best of what the rule allows, by true times and errors.
 Rung best_by_the_rule(const Machine& machine, const Choices& choices, const MotionLimits& limits) {
   const std::vector<Rung> all = MotionControl::rungs(choices);
-  const auto least_error = [&](double seconds) {
+  const auto best_of = [&](bool has_splats, double most_error, double most_seconds, const auto& is_better) {
     std::optional<Rung> best;
     for (const Rung& rung : all)
-      if (machine.seconds(rung, choices) <= seconds && (!best || machine.error(rung) < machine.error(*best)))
+      if ((has_splats || rung.is_exact()) && machine.error(rung) <= most_error &&
+          machine.seconds(rung, choices) <= most_seconds && (!best || is_better(rung, *best)))
         best = rung;
     return best;
   };
-  if (const auto best = least_error(smooth); best && machine.error(*best) <= limits.max_error) return *best;
-  std::optional<Rung> quickest;
-  for (const Rung& rung : all)
-    if (machine.error(rung) <= limits.max_error && machine.seconds(rung, choices) <= limits.seconds &&
-        (!quickest || machine.seconds(rung, choices) < machine.seconds(*quickest, choices)))
-      quickest = rung;
-  if (quickest) return *quickest;
-  if (const auto best = least_error(limits.seconds); best && machine.error(*best) <= 0.03) return *best;
-  if (const auto best = least_error(2 * limits.seconds)) return *best;
-  return *std::ranges::min_element(all, {}, [&](const Rung& rung) { return machine.seconds(rung, choices); });
+  const auto is_finer = [&](const Rung& a, const Rung& b) { return machine.error(a) < machine.error(b); };
+  const auto is_quicker = [&](const Rung& a, const Rung& b) {
+    return machine.seconds(a, choices) < machine.seconds(b, choices);
+  };
+  for (const bool has_splats : {false, true}) {
+    if (const auto best = best_of(has_splats, limits.max_error, smooth, is_finer)) return *best;
+    const double seconds = has_splats ? limits.seconds : 1.0 / 15;
+    if (const auto best = best_of(has_splats, limits.max_error, seconds, is_quicker)) return *best;
+  }
+  if (const auto best = best_of(true, 0.03, limits.seconds, is_finer)) return *best;
+  if (const auto best = best_of(true, 1, 2 * limits.seconds, is_finer)) return *best;
+  return *best_of(true, 1, 1e9, is_quicker);
 }
 
 TEST(MotionControl, FindsTheRungOfItsRule) {
@@ -164,8 +167,8 @@ TEST(MotionControl, CellsHaveNoMoreSegmentsThanTheyMay) {
 }
 
 TEST(MotionControl, SplatsThatLackContoursGiveWayToCells) {
-  Choices choices = with_cells(1e6, 2e7);
-  const Machine machine{.factor = 3, .splats_error = 0.1};
+  Choices choices = with_cells(5e5, 6e7);
+  const Machine machine{.splats_error = 0.1, .cells_error = 0.01};
   MotionControl control;
   machine.teach(control, choices);
   EXPECT_FALSE(control.next(choices).is_exact());
@@ -184,9 +187,23 @@ TEST(MotionControl, ExpectsWhatWasMeasuredNearby) {
   EXPECT_NEAR(control.expected_error({1000, 4}, points).error, 0.01, 1e-9);
   EXPECT_TRUE(control.expected_error({1400, 4}, points).is_measured);
   EXPECT_FALSE(control.expected_error({4000, 4}, points).is_measured);
+  control.doubt_errors();
+  EXPECT_GT(control.expected_error({1000, 4}, points).error, 0.01);
+  EXPECT_FALSE(control.expected_error({1000, 4}, points).is_measured);
   control.forget_errors();
   EXPECT_FALSE(control.expected_error({1000, 4}, points).is_measured);
   EXPECT_EQ(control.expected_error({0, 1}, points).error, 0);
+}
+
+// Where nothing was seen, closer samples had no less error. Elsewhere they have.
+TEST(MotionControl, DoesNotTrustTheErrorsOfAnotherView) {
+  const Choices near = with_cells(1e3, 1e4), far = with_cells(1e3, 1e5);
+  MotionControl control;
+  for (const int spacing : {2, 4, 8, 16}) control.add({.rung = {0, spacing}, .error = 0}, near);
+  EXPECT_TRUE(control.expected_error({0, 8}, near).is_measured);
+  EXPECT_EQ(control.next(near), (Rung{0, 1})) << "all are quick";
+  EXPECT_FALSE(control.expected_error({0, 8}, far).is_measured);
+  EXPECT_GT(control.expected_error({0, 8}, far).error, 0.002);
 }
 
 TEST(MotionControl, AsksForErrorsWhereSplatsMayServe) {
@@ -195,7 +212,7 @@ TEST(MotionControl, AsksForErrorsWhereSplatsMayServe) {
   const Choices few = with_cells(1e4, 1e6);
   machine.teach(control, few);
   EXPECT_TRUE(control.unmeasured(few).empty()) << "cells are smooth";
-  const Choices many = with_cells(3e6, 5e7);
+  const Choices many = with_cells(2e7, 1e8);
   control.forget_errors();
   const std::vector<Rung> asked = control.unmeasured(many);
   ASSERT_FALSE(asked.empty());
