@@ -1,7 +1,9 @@
 #include "player/drawing_times.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdlib>
 
 namespace splatvol {
 namespace {
@@ -24,9 +26,21 @@ double DrawingTimes::work(const Rung& rung, const Choices& choices) const {
   return work_of_splats(splats, fragments_of_splats(layers_, splats, samples), choices.pixels, rung.sample_spacing);
 }
 
+// A kind that was never drawn is like that with about as wide samples.
+double DrawingTimes::ratio_of(const Kind& kind) const {
+  const auto [is_exact, spacing] = kind;
+  std::optional<double> nearest;
+  int least = 0;
+  for (const auto& [other, ratio] : ratios_) {
+    const int distance = std::abs(static_cast<int>(std::bit_width(static_cast<unsigned>(other.second))) -
+                                  static_cast<int>(std::bit_width(static_cast<unsigned>(spacing))));
+    if (other.first == is_exact && (!nearest || distance < least)) nearest = ratio, least = distance;
+  }
+  return nearest.value_or(1);
+}
+
 double DrawingTimes::predict(const Rung& rung, const Choices& choices) const {
-  const auto ratio = ratios_.find(kind_of(rung));
-  return machine_ * (ratio == ratios_.end() ? 1 : ratio->second) * work(rung, choices);
+  return machine_ * ratio_of(kind_of(rung)) * work(rung, choices);
 }
 
 void DrawingTimes::add(const Rung& rung, const Choices& choices, double fragments, double seconds) {

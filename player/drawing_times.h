@@ -28,6 +28,7 @@ class DrawingTimes {
 
  private:
   using Kind = std::pair<bool, int>;  // is exact; the spacing of samples
+  [[nodiscard]] double ratio_of(const Kind& kind) const;
   static Kind kind_of(const Rung& rung) { return {rung.is_exact(), rung.sample_spacing}; }
 
   double layers_ = 2;      // layers_of_one_splat

@@ -543,7 +543,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   take_fitted();
   if (holding_cells_.is_begun() && holding_cells_.wait()) cells_fail_ = !holding_cells_.take() || cells_fail_;
   SPLATVOL_TRY(make_view(scene));
-  still_seconds_ += seconds;
+  if (!awaits_step_) still_seconds_ += seconds;
   undrawn_seconds_ += seconds;
   if (is_drawing()) {
     const bool is_old = asked_step_ || !have_same_picture(scene_without_change(), used_scene_);
@@ -557,7 +557,8 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
 
   if (is_busy && refinement_ && !awaits_step_) return {};  // the picture stays
 
-  const bool moves = settings.hurries && (is_busy || still_seconds_ < pause_seconds);
+  const bool plays_on = is_playing() && playback.steps_per_second > 2;
+  const bool moves = settings.hurries && (is_busy || plays_on || still_seconds_ < pause_seconds);
   if (moves) return moving_is_drawn_ && !awaits_step_ ? Status{} : begin_moving(seconds);
   if (asked_step_) return {};  // the picture stays
   if (!refinement_) begin_rest();
