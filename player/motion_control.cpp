@@ -81,7 +81,8 @@ MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Ch
           !are_doubted_ && ratio_to(known) <= std::log(near_by)};
 }
 
-MotionControl::Chosen MotionControl::choose(const Choices& choices) const {
+// `patience`: for pictures that should be smooth, a factor on their time.
+MotionControl::Chosen MotionControl::choose(const Choices& choices, double patience) const {
   const std::vector<Rung> all = rungs(choices);
   struct Candidate {
     Rung rung;
@@ -107,7 +108,7 @@ MotionControl::Chosen MotionControl::choose(const Choices& choices) const {
   const double smooth = std::min(smooth_seconds, limits_.seconds), longest = longer * limits_.seconds;
   const double quick = std::min(quick_cells, limits_.seconds);
   for (const double seconds : {quick, limits_.seconds}) {
-    if (const auto best = best_of(limits_.max_error, smooth, has_less_error))
+    if (const auto best = best_of(limits_.max_error, patience * smooth, has_less_error))
       return {best->rung, too_long * smooth, too_short * smooth};
     if (const auto best = best_of(limits_.max_error, seconds, is_quicker))
       return {best->rung, too_long * seconds, too_short * smooth};
@@ -138,7 +139,7 @@ std::vector<Rung> MotionControl::unmeasured(const Choices& choices) const {
 Rung MotionControl::next(const Choices& choices) {
   const std::vector<Rung> all = rungs(choices);
   const bool has_cells = all.back().is_exact();
-  const Chosen chosen = choose(choices);
+  Chosen chosen = choose(choices);
   const bool may_stay = rung_ && has_cells == had_cells_ && std::ranges::find(all, rung_->rung) != all.end();
   had_cells_ = has_cells;
   if (may_stay) {

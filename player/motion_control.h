@@ -46,7 +46,10 @@ class MotionControl {
   void add(const Outcome& outcome, const Choices& choices);
 
   /// Ends a movement: the next rung may be any.
-  void rest() { rung_.reset(); }
+  void rest() {
+    rung_.reset();
+    has_tried_ = false;
+  }
 
   /// Tells that pictures differ by more than their view from now on: measured errors hold roughly.
   void doubt_errors() { are_doubted_ = true; }
@@ -76,13 +79,14 @@ class MotionControl {
     Rung rung;
     double too_long, too_short;  // seconds
   };
-  [[nodiscard]] Chosen choose(const Choices& choices) const;
+  [[nodiscard]] Chosen choose(const Choices& choices, double patience = 1) const;
   [[nodiscard]] Expected expected_of_cells(int sample_spacing, const Choices& choices) const;
 
   MotionLimits limits_;
   DrawingTimes times_;
   std::optional<Chosen> rung_;  // of this movement
   bool had_cells_ = false;      // to choose from, then
+  bool has_tried_ = false;      // a rung that was expected to take too long, in this movement
 
   std::map<int, double> cell_errors_;             // [sample spacing]
   std::map<std::uint64_t, double> splat_errors_;  // [splats]

@@ -221,7 +221,7 @@ struct FramesTest : ViewerFixture {
     ViewerFixture::SetUp();
     write_two_attributes("v.svol");
     resize(1000, 600);
-    open({.volume = path("v.svol"), .settings = {.device = Device::cpu, .reads_aside = false}});
+    open({.volume = path("v.svol"), .settings = {.device = Device::cpu, .works_aside = false}});
     settle();
   }
 };
