@@ -514,7 +514,7 @@ Result<ExactPicture> Player::estimate_exact() {
 }
 
 // The parts of the file and the pieces of rays that wait take half of the memory each.
-Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing) {
+Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing, float refined_difference) {
   const Call call(*this);
   exact_.reset();
   const auto start = Clock::now();
@@ -541,6 +541,7 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
                                       .contours = contours_of(scene_),
                                       .layers = std::move(layers),
                                       .sample_spacing = sample_spacing_,
+                                      .refined_difference = refined_difference,
                                       .memory = options_.memory / 2,
                                       .progress = progress},
                                      std::exchange(spare_picture_, {}));

@@ -226,8 +226,7 @@ class Player {
   /// `widest_spacing`: of samples, unless PlayerOptions::drawing has a wider one. With surfaces or slices it is 1.
   [[nodiscard]] Result<Choices> choices(bool with_cells, int widest_spacing = widest_samples_in_a_time);
 
-  /// Returns what the view has for MotionControl, with cells if they are held. Where surfaces or slices show, samples
-  /// farther apart than pixels mean a smaller picture.
+  /// Returns what the view has for MotionControl, with cells if they are held.
   [[nodiscard]] Result<Choices> moving_choices(bool with_cells);
 
   /// Draws splats beside the last exact picture, which stays, and measures their error against it. Returns nothing if
@@ -235,9 +234,10 @@ class Player {
   [[nodiscard]] Result<std::optional<MotionControl::Outcome>> try_splats(const Rung& rung);
 
   /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. `progress` is
-  /// called with the share that is done, in [0, 1]. `sample_spacing`: as in DrawOptions; with surfaces 1. Fails if the
-  /// file keeps no cells, and as CellRasterizer::draw.
-  [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 0);
+  /// called with the share that is done, in [0, 1]. `sample_spacing`: as in DrawOptions; with surfaces 1.
+  /// `refined_difference`: as CellDrawing's. Fails if the file keeps no cells, and as CellRasterizer::draw.
+  [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 0,
+                                  float refined_difference = 0);
 
   /// Tells of `draw_exact` how many chunks and about how many pieces of rays it draws. Reads what chunks the file has.
   /// Fails if it keeps no cells.

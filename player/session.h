@@ -356,7 +356,9 @@ class Session {
   [[nodiscard]] Status draw_moving(double seconds);
   [[nodiscard]] Status draw_moving_splats(const Rung& rung, double seconds);
   [[nodiscard]] Status finish_moving(const Status& drawn);
-  [[nodiscard]] bool has_layers() const;
+  [[nodiscard]] bool shows_surfaces() const;
+  [[nodiscard]] bool has_layers() const { return shows_surfaces() || !player_->view().slices.empty(); }
+  [[nodiscard]] float refined_difference() const;
   void begin_holding_cells();
   void end_holding_cells();
   void keep_last_moving();

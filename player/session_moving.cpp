@@ -20,7 +20,8 @@ constexpr double longest_wait_seconds = 2;
 // Longest wait of one frame for the first picture of a step.
 constexpr double step_wait_seconds = 0.02;
 
-// Surfaces and slices need a sample for each pixel. So where they show, wide samples are pixels of a smaller picture.
+// Surfaces need a sample for each pixel, and so do slices among splats: there, wide samples are pixels of a smaller
+// picture.
 Scene scaled(Scene scene, int sample_spacing) {
   scene.width = (scene.width + sample_spacing - 1) / sample_spacing;
   scene.height = (scene.height + sample_spacing - 1) / sample_spacing;
@@ -57,13 +58,14 @@ Status Session::choose_moving() {
 
 // A picture that cannot be drawn of cells is drawn of splats, by the next call. At rest the reason is told.
 Status Session::draw_moving(double seconds) {
-  const bool is_small = has_layers() && moving_.rung.sample_spacing > 1;
+  const bool is_small = moving_.rung.sample_spacing > 1 && (moving_.rung.is_exact() ? shows_surfaces() : has_layers());
   if (is_small) SPLATVOL_TRY(player_->set_scene(scaled(used_scene_, moving_.rung.sample_spacing)));
   const Rung drawn{moving_.rung.splats, is_small ? 1 : moving_.rung.sample_spacing};
+  const float refined = refined_difference();
   const double start = host_.now();
   if (!drawn.is_exact()) {
     SPLATVOL_TRY(draw_moving_splats(drawn, seconds));
-  } else if (const Status exact = player_->draw_exact({}, drawn.sample_spacing); exact) {
+  } else if (const Status exact = player_->draw_exact({}, drawn.sample_spacing, refined); exact) {
     moving_.is_drawn = true;
     still_awaits_step_ = false;
   } else if (exact.error().code == ErrorCode::cancelled) {
@@ -122,9 +124,12 @@ Status Session::finish_moving(const Status& drawn) {
   return {};
 }
 
-// Whether surfaces or slices stand in the picture.
-bool Session::has_layers() const {
-  return std::ranges::any_of(used_scene_.surfaces, &SceneSurface::shown) || !used_scene_.slices.empty();
+bool Session::shows_surfaces() const { return std::ranges::any_of(used_scene_.surfaces, &SceneSurface::shown); }
+
+// Contours and slices have sharp edges, where wide samples show steps.
+float Session::refined_difference() const {
+  constexpr float visible = 0.1F;
+  return player_->shows_contours() || !player_->view().slices.empty() ? visible : 0;
 }
 
 // Cells can only move once they are in memory. They are read beside the pictures.
@@ -164,7 +169,7 @@ Status Session::learn_time() {
 
 // The picture at rest tells the errors of other ways to draw its view.
 Status Session::learn_errors() {
-  if (has_layers() || !draws_aside()) return {};
+  if (shows_surfaces() || !draws_aside()) return {};
   SPLATVOL_TRY_ASSIGN(choices, player_->moving_choices(first_exact_spacing() > 0));
   Image copy;
   SPLATVOL_TRY_ASSIGN(rest, player_->image_or_copy(copy));
@@ -179,8 +184,8 @@ Status Session::learn_errors() {
   last_moving_.reset();
   if (!player_->exact()) return {};
   for (int spacing = choices.widest_spacing; spacing > player_->sample_spacing(); spacing /= 2)
-    SPLATVOL_TRY(learn({0, spacing}, with_wide_samples(*rest, spacing)));
-  if (player_->shows_contours()) return {};
+    SPLATVOL_TRY(learn({0, spacing}, with_wide_samples(*rest, spacing, refined_difference())));
+  if (player_->shows_contours() || has_layers()) return {};
   for (const Rung& rung : motion_.unmeasured(choices)) {
     SPLATVOL_TRY(check_interruption());
     SPLATVOL_TRY_ASSIGN(outcome, player_->try_splats(rung));

@@ -49,7 +49,7 @@ void Session::begin_rest() {
   if (!skips_splats_) return;
   refinement_->skip();
   // With surfaces, the last picture may be a small one.
-  if (follows_cells && !has_layers())
+  if (follows_cells && !shows_surfaces())
     exact_spacing_ = finer_exact_spacing();
   else if (quick_spacing > 0)
     exact_spacing_ = quick_spacing;
@@ -159,7 +159,7 @@ Status Session::draw_exact() {
     return fail(ErrorCode::unsupported, "{}: {} of its cells have shapes that only a newer svview knows", path_,
                 estimate.unknown_cells);
   const int finest = finest_exact_spacing(static_cast<double>(estimate.segments));
-  const bool is_there = player_->exact() && !has_layers() && player_->sample_spacing() <= finest;
+  const bool is_there = player_->exact() && !shows_surfaces() && player_->sample_spacing() <= finest;
   if (finest == 0 || is_there) {
     exact_spacing_ = 0;
     is_to_make_ready_ = is_to_make_ready_ && is_there;
@@ -167,7 +167,7 @@ Status Session::draw_exact() {
   }
   exact_spacing_ = std::max(exact_spacing_, finest);
   const double start = host_.now();
-  SPLATVOL_TRY(player_->draw_exact({}, exact_spacing_));
+  SPLATVOL_TRY(player_->draw_exact({}, exact_spacing_, refined_difference()));
   took_seconds_ = host_.now() - start;
   return encode_aside();
 }
