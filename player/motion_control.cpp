@@ -35,7 +35,7 @@ constexpr double quick_cells = 1.0 / 15;
 constexpr double another_view = 1.5;
 
 // So many times as much or as little in view asks for another rung.
-constexpr double much_more = 4;
+constexpr double much_more = 2;
 
 // Errors that were measured of a picture with other colours or opacities may be larger by this.
 constexpr double doubt = 2;
@@ -45,6 +45,8 @@ constexpr int very_wide = 16;
 
 // Of cells, for each pixel between samples: even where nothing of it was seen, closer samples are better.
 constexpr double least_cells_error = 1e-5;
+
+double cells_by_model(int sample_spacing) { return cells_error * std::pow(0.5 * sample_spacing, cells_growth); }
 
 double by_count(std::uint64_t splats) { return std::pow(static_cast<double>(splats), decay); }
 
@@ -61,15 +63,20 @@ std::vector<Rung> MotionControl::rungs(const Choices& choices) {
   return rungs;
 }
 
+// Whether errors were measured in a view that shows much more or less.
+bool MotionControl::is_another_view(const Choices& choices) const {
+  if (!choices.cells || measured_segments_ == 0) return false;
+  const double change = std::max(choices.cells->segments, 1.0) / measured_segments_;
+  return change > another_view || change < 1 / another_view;
+}
+
 MotionControl::Expected MotionControl::expected_of_cells(int sample_spacing, const Choices& choices) const {
   if (sample_spacing == 1) return {0, true};
-  const double by_model = cells_error * std::pow(0.5 * sample_spacing, cells_growth);
+  const double by_model = model_factor_ * cells_by_model(sample_spacing);
   const auto known = cell_errors_.find(sample_spacing);
   if (known == cell_errors_.end()) return {by_model};
   const double least = least_cells_error * sample_spacing;
-  const double change =
-      choices.cells && measured_segments_ > 0 ? std::max(choices.cells->segments, 1.0) / measured_segments_ : 1;
-  if (change > another_view || change < 1 / another_view) return {std::max({known->second, by_model, least})};
+  if (is_another_view(choices)) return {std::max({known->second, by_model, least})};
   const double factor = (are_doubted_ ? doubt : 1) * (sample_spacing >= very_wide ? 2 : 1);
   return {std::max(factor * known->second, least), !are_doubted_};
 }
@@ -77,7 +84,8 @@ MotionControl::Expected MotionControl::expected_of_cells(int sample_spacing, con
 MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Choices& choices) const {
   if (rung.is_exact()) return expected_of_cells(rung.sample_spacing, choices);
   const double number = by_count(rung.splats);
-  if (splat_errors_.empty()) return {std::max(model_.value_or(0), splats_error) / number + choices.added_error};
+  const double by_model = std::max(model_.value_or(0), splats_error) / number + choices.added_error;
+  if (splat_errors_.empty() || is_another_view(choices)) return {by_model};
   auto known = splat_errors_.lower_bound(rung.splats);
   const auto ratio_to = [&](const auto& other) {
     return std::abs(std::log(static_cast<double>(other->first) / static_cast<double>(rung.splats)));
@@ -177,18 +185,26 @@ void MotionControl::add(const Outcome& outcome, const Choices& choices) {
   const Rung& rung = outcome.rung;
   if (!rung.is_exact() && outcome.model_error) model_ = *outcome.model_error * by_count(rung.splats);
   if (!outcome.error) return;
-  if (are_doubted_) forget_errors();
+  if (are_doubted_) forget_view();
   if (rung.is_exact()) {
     cell_errors_[rung.sample_spacing] = *outcome.error;
+    if (rung.sample_spacing > 1)
+      model_factor_ = std::max(model_factor_, *outcome.error / cells_by_model(rung.sample_spacing));
     if (choices.cells) measured_segments_ = choices.cells->segments;
   }
   if (!rung.is_exact()) splat_errors_[rung.splats] = *outcome.error;
 }
 
-void MotionControl::forget_errors() {
+void MotionControl::forget_view() {
   cell_errors_.clear();
   splat_errors_.clear();
+  measured_segments_ = 0;
   are_doubted_ = false;
+}
+
+void MotionControl::forget_errors() {
+  forget_view();
+  model_factor_ = 1;
 }
 
 }  // namespace splatvol

@@ -54,7 +54,10 @@ class MotionControl {
   /// Tells that pictures differ by more than their view from now on: measured errors hold roughly.
   void doubt_errors() { are_doubted_ = true; }
 
-  /// Tells that they show something else.
+  /// Forgets measured errors: others will be added.
+  void forget_view();
+
+  /// Forgets all that is known of errors: pictures show something else.
   void forget_errors();
 
   struct Expected {
@@ -81,6 +84,7 @@ class MotionControl {
   };
   [[nodiscard]] Chosen choose(const Choices& choices, double patience = 1) const;
   [[nodiscard]] bool may_stay(const Choices& choices) const;
+  [[nodiscard]] bool is_another_view(const Choices& choices) const;
   [[nodiscard]] Expected expected_of_cells(int sample_spacing, const Choices& choices) const;
 
   MotionLimits limits_;
@@ -92,6 +96,7 @@ class MotionControl {
   std::map<int, double> cell_errors_;             // [sample spacing]
   std::map<std::uint64_t, double> splat_errors_;  // [splats]
   double measured_segments_ = 0;                  // of cells, in the view of cell_errors_
+  double model_factor_ = 1;                       // the largest by which errors of cells exceeded the model
   bool are_doubted_ = false;                      // the measured errors
   std::optional<double> model_;                   // of the last splats: their error times their number^decay
 };

@@ -178,7 +178,7 @@ Status Session::learn_errors() {
     motion_.add({.rung = rung, .error = difference.rmse}, choices);
     return check_interruption();
   };
-  motion_.forget_errors();
+  motion_.forget_view();
   if (last_moving_ && last_moving_->picture.width == rest->width && last_moving_->picture.height == rest->height)
     SPLATVOL_TRY(learn(last_moving_->rung, last_moving_->picture));
   last_moving_.reset();

@@ -206,6 +206,17 @@ TEST(MotionControl, DoesNotTrustTheErrorsOfAnotherView) {
   EXPECT_GT(control.expected_error({0, 8}, far).error, 0.002);
 }
 
+// A narrow function has larger errors than most, in other views, too.
+TEST(MotionControl, RemembersThatErrorsAreLarge) {
+  const Choices near = with_cells(1e3, 1e4), far = with_cells(1e3, 1e5);
+  MotionControl control;
+  control.add({.rung = {0, 4}, .error = 0.02}, near);
+  EXPECT_GE(control.expected_error({0, 4}, far).error, 0.02);
+  EXPECT_GT(control.expected_error({0, 2}, far).error, 0.005);
+  control.forget_errors();
+  EXPECT_LT(control.expected_error({0, 4}, far).error, 0.005);
+}
+
 TEST(MotionControl, AsksForErrorsWhereSplatsMayServe) {
   const Machine machine;
   MotionControl control;
