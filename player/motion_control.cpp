@@ -4,6 +4,7 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <utility>
 
 namespace splatvol {
 namespace {
@@ -33,8 +34,14 @@ constexpr double quick_cells = 1.0 / 15;
 // A view that shows so many times the segments of another one, or fewer, may have other errors.
 constexpr double another_view = 1.5;
 
+// So many times as much or as little in view asks for another rung.
+constexpr double much_more = 4;
+
 // Errors that were measured of a picture with other colours or opacities may be larger by this.
 constexpr double doubt = 2;
+
+// Samples as wide as this show steps at outlines, which few pixels have: their error counts twice.
+constexpr int very_wide = 16;
 
 // Of cells, for each pixel between samples: even where nothing of it was seen, closer samples are better.
 constexpr double least_cells_error = 1e-5;
@@ -63,7 +70,8 @@ MotionControl::Expected MotionControl::expected_of_cells(int sample_spacing, con
   const double change =
       choices.cells && measured_segments_ > 0 ? std::max(choices.cells->segments, 1.0) / measured_segments_ : 1;
   if (change > another_view || change < 1 / another_view) return {std::max({known->second, by_model, least})};
-  return {std::max((are_doubted_ ? doubt : 1) * known->second, least), !are_doubted_};
+  const double factor = (are_doubted_ ? doubt : 1) * (sample_spacing >= very_wide ? 2 : 1);
+  return {std::max(factor * known->second, least), !are_doubted_};
 }
 
 MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Choices& choices) const {
@@ -136,20 +144,31 @@ std::vector<Rung> MotionControl::unmeasured(const Choices& choices) const {
   return unmeasured;
 }
 
-Rung MotionControl::next(const Choices& choices) {
+// Whether the rung of this movement may be drawn again.
+bool MotionControl::may_stay(const Choices& choices) const {
   const std::vector<Rung> all = rungs(choices);
-  const bool has_cells = all.back().is_exact();
+  if (!rung_ || std::ranges::find(all, rung_->rung) == all.end()) return false;
+  if (!all.back().is_exact() || !had_segments_) return all.back().is_exact() == had_segments_.has_value();
+  const double change = std::max(choices.cells->segments, 1.0) / std::max(*had_segments_, 1.0);
+  return change < much_more && change > 1 / much_more;
+}
+
+Rung MotionControl::next(const Choices& choices) {
   Chosen chosen = choose(choices);
-  const bool may_stay = rung_ && has_cells == had_cells_ && std::ranges::find(all, rung_->rung) != all.end();
-  had_cells_ = has_cells;
-  if (may_stay) {
-    const double seconds = times_.predict(rung_->rung, choices), other = times_.predict(chosen.rung, choices);
-    const bool is_quicker = seconds > rung_->too_long && other < seconds;
-    const bool is_finer = seconds < rung_->too_short &&
-                          expected_error(chosen.rung, choices).error < expected_error(rung_->rung, choices).error;
+  if (may_stay(choices)) {
+    const auto error_of = [&](const Chosen& other) { return expected_error(other.rung, choices).error; };
+    const double seconds = times_.predict(rung_->rung, choices);
+    const bool is_quicker = seconds > rung_->too_long && times_.predict(chosen.rung, choices) < seconds;
+    bool is_finer = seconds < rung_->too_short && error_of(chosen) < error_of(*rung_);
+    // What is expected to take a little too long may not. It is tried once.
+    if (seconds < rung_->too_short && !is_finer && !std::exchange(has_tried_, true)) {
+      chosen = choose(choices, 2);
+      is_finer = error_of(chosen) < error_of(*rung_);
+    }
     if (!is_quicker && !is_finer) return rung_->rung;
   }
   rung_ = chosen;
+  had_segments_ = rungs(choices).back().is_exact() ? std::optional(choices.cells->segments) : std::nullopt;
   return chosen.rung;
 }
 

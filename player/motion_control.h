@@ -22,7 +22,7 @@ struct MotionLimits {
 /// else the quickest. If none has, splats may be drawn, too: the finest at 60 a second, or the quickest in `seconds`,
 /// that has the error. If there is none, draws what has the least error in `seconds`, or in twice that time if its
 /// error would show as a false colour. Within a movement a rung stays, unless it takes much more or less time than it
-/// may.
+/// may, or much more or less is in view.
 ///
 /// Expects errors by what was measured at rest, and until then by a rough model. Expects times by DrawingTimes.
 class MotionControl {
@@ -80,13 +80,14 @@ class MotionControl {
     double too_long, too_short;  // seconds
   };
   [[nodiscard]] Chosen choose(const Choices& choices, double patience = 1) const;
+  [[nodiscard]] bool may_stay(const Choices& choices) const;
   [[nodiscard]] Expected expected_of_cells(int sample_spacing, const Choices& choices) const;
 
   MotionLimits limits_;
   DrawingTimes times_;
-  std::optional<Chosen> rung_;  // of this movement
-  bool had_cells_ = false;      // to choose from, then
-  bool has_tried_ = false;      // a rung that was expected to take too long, in this movement
+  std::optional<Chosen> rung_;          // of this movement
+  std::optional<double> had_segments_;  // of cells, then; none: there were no cells to choose from
+  bool has_tried_ = false;              // a rung that was expected to take too long, in this movement
 
   std::map<int, double> cell_errors_;             // [sample spacing]
   std::map<std::uint64_t, double> splat_errors_;  // [splats]
