@@ -29,7 +29,7 @@ constexpr double splats_error = 0.75, decay = 0.45;
 constexpr double near_by = 1.5;
 
 // Cells that are as quick as this are drawn without looking at splats.
-constexpr double quick_cells = 1.0 / 15;
+constexpr double quick_cells = 1.0 / 12;
 
 // A view that shows so many times the segments of another one, or fewer, may have other errors.
 constexpr double another_view = 1.5;

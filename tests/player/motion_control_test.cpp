@@ -70,7 +70,7 @@ Rung best_by_the_rule(const Machine& machine, const Choices& choices, const Moti
   };
   for (const bool has_splats : {false, true}) {
     if (const auto best = best_of(has_splats, limits.max_error, smooth, is_finer)) return *best;
-    const double seconds = has_splats ? limits.seconds : 1.0 / 15;
+    const double seconds = has_splats ? limits.seconds : 1.0 / 12;
     if (const auto best = best_of(has_splats, limits.max_error, seconds, is_quicker)) return *best;
   }
   if (const auto best = best_of(true, 0.03, limits.seconds, is_finer)) return *best;
