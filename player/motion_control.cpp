@@ -28,9 +28,6 @@ constexpr double splats_error = 0.75, decay = 0.45;
 // A number of splats is near enough to one whose error was measured.
 constexpr double near_by = 1.5;
 
-// Cells that are as quick as this are drawn without looking at splats.
-constexpr double quick_cells = 1.0 / 12;
-
 // A view that shows so many times the segments of another one, or fewer, may have other errors.
 constexpr double another_view = 1.5;
 
@@ -40,8 +37,9 @@ constexpr double much_more = 2;
 // Errors that were measured of a picture with other colours or opacities may be larger by this.
 constexpr double doubt = 2;
 
-// Samples as wide as this show steps at outlines, which few pixels have: their error counts twice.
+// Samples as wide as this show steps at outlines, which few pixels have: their error counts more.
 constexpr int very_wide = 16;
+constexpr double of_very_wide = 2;
 
 // Of cells, for each pixel between samples: even where nothing of it was seen, closer samples are better.
 constexpr double least_cells_error = 1e-5;
@@ -77,8 +75,7 @@ MotionControl::Expected MotionControl::expected_of_cells(int sample_spacing, con
   if (known == cell_errors_.end()) return {by_model};
   const double least = least_cells_error * sample_spacing;
   if (is_another_view(choices)) return {std::max({known->second, by_model, least})};
-  const double factor = (are_doubted_ ? doubt : 1) * (sample_spacing >= very_wide ? 2 : 1);
-  return {std::max(factor * known->second, least), !are_doubted_};
+  return {std::max((are_doubted_ ? doubt : 1) * known->second, least), !are_doubted_};
 }
 
 MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Choices& choices) const {
@@ -109,7 +106,8 @@ MotionControl::Chosen MotionControl::choose(const Choices& choices, double patie
     std::optional<Candidate> best;
     for (const Rung& rung : all) {
       if (!has_splats && !rung.is_exact()) continue;
-      const Candidate candidate{rung, expected_error(rung, choices).error, times_.predict(rung, choices)};
+      const double shows = rung.is_exact() && rung.sample_spacing >= very_wide ? of_very_wide : 1;
+      const Candidate candidate{rung, shows * expected_error(rung, choices).error, times_.predict(rung, choices)};
       if (candidate.error <= most_error && candidate.seconds <= most_seconds && (!best || is_better(candidate, *best)))
         best = candidate;
     }
@@ -122,7 +120,7 @@ MotionControl::Chosen MotionControl::choose(const Choices& choices, double patie
   constexpr double any = std::numeric_limits<double>::infinity();
 
   const double smooth = std::min(smooth_seconds, limits_.seconds), longest = longer * limits_.seconds;
-  const double quick = std::min(quick_cells, limits_.seconds);
+  const double quick = std::min(choices.first_cells_seconds, limits_.seconds);
   for (const double seconds : {quick, limits_.seconds}) {
     if (const auto best = best_of(limits_.max_error, patience * smooth, has_less_error))
       return {best->rung, too_long * smooth, too_short * smooth};
@@ -183,8 +181,9 @@ Rung MotionControl::next(const Choices& choices) {
 void MotionControl::add(const Outcome& outcome, const Choices& choices) {
   times_.add(outcome.rung, choices, outcome.fragments, outcome.seconds);
   const Rung& rung = outcome.rung;
-  if (!rung.is_exact() && outcome.model_error) model_ = *outcome.model_error * by_count(rung.splats);
-  if (!outcome.error) return;
+  if (!rung.is_exact() && outcome.model_error && std::isfinite(*outcome.model_error))
+    model_ = *outcome.model_error * by_count(rung.splats);
+  if (!outcome.error || !std::isfinite(*outcome.error)) return;
   if (are_doubted_) forget_view();
   if (rung.is_exact()) {
     cell_errors_[rung.sample_spacing] = *outcome.error;

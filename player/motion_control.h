@@ -18,7 +18,7 @@ struct MotionLimits {
   [[nodiscard]] bool operator==(const MotionLimits&) const = default;
 };
 
-/// Draws cells if some distance of samples has the wanted error at 15 pictures a second: the finest at 60 a second, or
+/// Draws cells if some distance of samples has the wanted error at 12 pictures a second: the finest at 60 a second, or
 /// else the quickest. If none has, splats may be drawn, too: the finest at 60 a second, or the quickest in `seconds`,
 /// that has the error. If there is none, draws what has the least error in `seconds`, or in twice that time if its
 /// error would show as a false colour. Within a movement a rung stays, unless it takes much more or less time than it

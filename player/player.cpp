@@ -719,6 +719,7 @@ Status Player::draw_moving(const MotionLimits& limits) {
     if (const auto read = cells_reader()) SPLATVOL_TRY(read());
   SPLATVOL_TRY_ASSIGN(choices, moving_choices(may_draw_cells()));
   if (has_layers()) choices.widest_spacing = choices.finest_spacing = 1;
+  choices.most_segments = most_exact_segments;
   SPLATVOL_TRY_ASSIGN(drawn, draw_rung(motion_.next(choices), limits.seconds));
   motion_.add(drawn, choices);
   return {};

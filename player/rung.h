@@ -35,7 +35,8 @@ struct Choices {
   std::optional<CellCounts> cells = {};  // none: they cannot be drawn
 
   double most_segments = std::numeric_limits<double>::infinity();  // of cells, in all samples
-  double added_error = 0;                                          // expected of splats, as they lack something
+  double first_cells_seconds = 1.0 / 12;  // cells that have the wanted error in this time come before splats
+  double added_error = 0;                 // expected of splats, as they lack something
 };
 
 /// Returns rungs of splats, from few to all points. Each has sqrt(2) times the splats of the one below it.

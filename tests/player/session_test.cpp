@@ -216,5 +216,183 @@ TEST_F(RecordedSession, ASlowerMachineKeepsTheError) {
   EXPECT_LE(session->draw_seconds(), 3 * settings.moving.seconds);
 }
 
+// Its jobs end when they are told to.
+class HoldingHost final : public InlineHost {
+ public:
+  [[nodiscard]] std::unique_ptr<Job> begin(std::function<void()> work, Priority priority) override {
+    if (!holds) return InlineHost::begin(std::move(work), priority);
+    held_.push_back(std::make_shared<Held>(Held{std::move(work)}));
+    return std::make_unique<HeldJob>(held_.back());
+  }
+  void end_all() {
+    for (const auto& held : std::exchange(held_, {})) held->run();
+  }
+
+  bool holds = false;
+
+ private:
+  struct Held {
+    std::function<void()> work;
+    bool has_ended = false;
+
+    void run() {
+      if (!std::exchange(has_ended, true)) work();
+    }
+  };
+  struct HeldJob final : Job {
+    explicit HeldJob(std::shared_ptr<Held> of) : held(std::move(of)) {}
+    ~HeldJob() override { held->run(); }
+    [[nodiscard]] bool wait(double seconds) const override {
+      if (!std::isfinite(seconds)) held->run();
+      return held->has_ended;
+    }
+    std::shared_ptr<Held> held;
+  };
+  std::vector<std::shared_ptr<Held>> held_;
+};
+
+class MovingSession : public test::FolderTest {
+ protected:
+  [[nodiscard]] std::unique_ptr<Session> open(bool keeps_cells = true) {
+    test::build_mesh(test::lattice(12), [](dvec3 p) { return std::sin(5 * p.x) + p.y; }, path("m.svol"),
+                     {.keep_cells = keeps_cells});
+    ViewSettings settings;
+    settings.device = Device::cpu;
+    settings.in_current_context = false;
+    settings.on_picture = [this](const CompletePicture& picture) {
+      shown.push_back({picture.scene.camera, picture.recipe});
+      light = 0;
+      for (const vec4& pixel : picture.image.pixels) light += pixel.r + pixel.g + pixel.b;
+    };
+    auto session = test::value_of(Session::open(path("m.svol"), "", settings, host));
+    rest(*session);
+    return session;
+  }
+  static void draw(Session& session, double seconds = 0.016) {
+    EXPECT_EQ(test::message_of(session.draw(width, height, seconds)), "");
+  }
+  static void rest(Session& session) {
+    do draw(session, 1);
+    while (!session.is_settled());
+  }
+
+  struct Shown {
+    Camera camera;
+    ShownRecipe recipe;
+  };
+  HoldingHost host;
+  std::vector<Shown> shown;
+  double light = 0;  // of the last picture
+};
+
+// A newer camera ends no picture of what moves, and none queue. What is shown has the camera that is told.
+TEST_F(MovingSession, ShowsEachPictureThatItBegan) {
+  const auto session = open();
+  const dvec3 at_rest = session->view().eye;
+  shown.clear();
+  host.holds = true;
+  std::vector<Camera> cameras;
+  const auto turn = [&] {
+    session->scene.camera.position += dvec3(0.05, 0, 0);
+    cameras.push_back(session->scene.camera);
+    draw(*session);
+  };
+  turn();
+  EXPECT_TRUE(session->is_drawing());
+  turn();
+  turn();
+  EXPECT_TRUE(shown.empty());
+  EXPECT_EQ(session->view().eye, at_rest);
+  host.end_all();
+  draw(*session);
+  ASSERT_EQ(shown.size(), 1U);
+  EXPECT_EQ(shown[0].camera, cameras[0]);
+  EXPECT_EQ(session->view().eye, cameras[0].position);
+  EXPECT_TRUE(session->is_drawing()) << "the newest";
+  host.end_all();
+  draw(*session);
+  ASSERT_EQ(shown.size(), 2U);
+  EXPECT_EQ(shown[1].camera, cameras[2]);
+  EXPECT_EQ(session->view().eye, cameras[2].position);
+  for (const Shown& picture : shown) EXPECT_TRUE(picture.recipe.moves);
+  host.end_all();
+}
+
+// Pictures only become finer when the hand rests.
+TEST_F(MovingSession, RestsWithoutAWorsePicture) {
+  const auto session = open();
+  for (int turns = 0; turns < 3; ++turns) {
+    session->scene.camera.position += dvec3(0.1, 0, 0);
+    draw(*session);
+    shown.erase(shown.begin(), shown.end() - 1);
+    ASSERT_TRUE(shown[0].recipe.moves);
+    ASSERT_TRUE(shown[0].recipe.rung.is_exact());
+    rest(*session);
+    for (std::size_t i = 1; i < shown.size(); ++i) {
+      EXPECT_TRUE(shown[i].recipe.rung.is_exact()) << "no splats between";
+      EXPECT_LT(shown[i].recipe.rung.sample_spacing, shown[i - 1].recipe.rung.sample_spacing);
+    }
+    EXPECT_EQ(shown.back().recipe.rung, (Rung{0, 1}));
+  }
+}
+
+TEST_F(MovingSession, LeavesOutNoContours) {
+  for (const bool keeps_cells : {true, false}) {
+    const auto session = open(keeps_cells);
+    session->scene.transfer_function.densities = {{0, 0}};
+    rest(*session);
+    session->scene.contours = {{.values = {0.5}, .color = dvec3(1)}};
+    session->scene.camera.position += dvec3(0.1, 0, 0);
+    light = 0;
+    draw(*session);
+    EXPECT_TRUE(shown.back().recipe.moves);
+    EXPECT_EQ(shown.back().recipe.rung.is_exact(), keeps_cells);
+    EXPECT_GT(light, 100) << keeps_cells;
+    EXPECT_EQ(session->scene.contours.size(), 1U);
+  }
+}
+
+// Errors of moving pictures are those that the picture at rest has told.
+TEST_F(MovingSession, LearnsErrorsAtRest) {
+  const auto session = open();
+  session->settings.drawing.sample_spacing = 4;
+  rest(*session);
+  session->settings.drawing.sample_spacing.reset();
+  rest(*session);
+  session->settings.moving.max_error = 1;
+  for (int turns = 0; turns < 3; ++turns) {
+    session->scene.camera.position += dvec3(0.001, 0, 0);
+    draw(*session);
+    EXPECT_TRUE(shown.back().recipe.is_measured);
+  }
+}
+
+TEST_F(RecordedSession, StepsThatPlayHaveTheirCells) {
+  ViewSettings settings;
+  settings.device = Device::cpu;
+  settings.in_current_context = false;
+  std::vector<std::pair<std::size_t, Rung>> shown;
+  settings.on_picture = [&](const CompletePicture& picture) { shown.emplace_back(picture.step, picture.recipe.rung); };
+  InlineHost host;
+  const auto session = test::value_of(Session::open(path("s.svol"), "", settings, host));
+  const auto frame = [&](double seconds) {
+    EXPECT_EQ(test::message_of(session->play(seconds)), "");
+    EXPECT_EQ(test::message_of(session->draw(width, height, seconds)), "");
+  };
+  do frame(1);
+  while (!session->is_settled());
+  session->choose_step(0);
+  do frame(1);
+  while (!session->is_settled());
+  shown.clear();
+  session->toggle_playing();
+  while (session->is_playing()) frame(0.05);  // ends by the test's time limit
+  for (const std::size_t step : {1U, 2U}) {
+    const auto first = std::ranges::find(shown, step, &std::pair<std::size_t, Rung>::first);
+    ASSERT_NE(first, shown.end()) << step;
+    EXPECT_TRUE(first->second.is_exact()) << step;
+  }
+}
+
 }  // namespace
 }  // namespace splatvol

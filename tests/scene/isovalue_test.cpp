@@ -108,5 +108,48 @@ TEST(Isovalue, NamesTheWrongPart) {
   EXPECT_THAT(error_of(7), HasSubstr("not an object"));
 }
 
+Scene with_contours(ValueAxis axis) {
+  Scene scene = scene_with(axis);
+  scene.transfer_function.densities = {{0, 0}};
+  scene.contours = {{.values = {10, 30}, .opacity = 0.5}, {.values = {200}, .color = dvec3(0, 0, 1)}};
+  return scene;
+}
+
+TEST(Shells, StandForContours) {
+  for (const ValueAxis axis : {ValueAxis::linear, ValueAxis::log, ValueAxis::asinh}) {
+    const Scene scene = with_contours(axis);
+    const TransferFunction shells = with_shells(scene, 10).transfer_function;
+    EXPECT_TRUE(with_shells(scene, 10).contours.empty());
+    for (const double value : {10.0, 30.0, 200.0}) EXPECT_GT(shells.extinction(value), 0) << value;
+    EXPECT_GT(shells.extinction(200), shells.extinction(10)) << "opaque";
+    for (const double value : {1.0, 18.0, 80.0}) EXPECT_EQ(shells.extinction(value), 0) << value;
+    EXPECT_EQ(shells.color(200), dvec3(0, 0, 1));
+    for (const double value : {10.0, 30.0, 80.0})
+      EXPECT_NEAR(shells.color(value).r, scene.transfer_function.color(value).r, 1e-9) << value;
+  }
+}
+
+TEST(Shells, LeaveTheVolumeAsItIs) {
+  Scene scene = with_contours(ValueAxis::linear);
+  scene.transfer_function.densities = {{0, 1}, {1, 2}};
+  const TransferFunction shells = with_shells(scene, 10).transfer_function;
+  for (const double value : {-1.0, 20.0, 50.0, 99.0, 150.0})
+    EXPECT_NEAR(shells.extinction(value), scene.transfer_function.extinction(value), 1e-9) << value;
+  scene.contours.clear();
+  EXPECT_EQ(with_shells(scene, 10), scene);
+}
+
+// Two shells share what lies between them. A logarithmic axis has no negative values.
+TEST(Shells, OfHardContours) {
+  Scene scene = with_contours(ValueAxis::linear);
+  scene.contours = {{.values = {50, 50.001, -2, 100}}};
+  const TransferFunction shells = with_shells(scene, 10).transfer_function;
+  EXPECT_TRUE(std::ranges::is_sorted(shells.densities, {}, &TransferFunction::Density::t));
+  for (const double value : {50.0, 50.001, -2.0, 100.0}) EXPECT_GT(shells.extinction(value), 0) << value;
+  Scene logarithmic = with_contours(ValueAxis::log);
+  logarithmic.contours = {{.values = {-5}}};
+  EXPECT_EQ(with_shells(logarithmic, 10).transfer_function, logarithmic.transfer_function);
+}
+
 }  // namespace
 }  // namespace splatvol
