@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <utility>
 
 namespace splatvol {
 namespace {
@@ -32,6 +33,19 @@ struct Shell {
   std::optional<dvec3> color;  // none: that of the function
   double density;
 };
+
+// Returns a domain in which two values have room for shells.
+std::pair<double, double> domain_with(const TransferFunction& function, double low, double high) {
+  const double lo = std::min(function.lo, low), hi = std::max(function.hi, high);
+  const bool is_log = function.axis == ValueAxis::log;
+  const double room = is_log ? std::pow(hi / lo, usual_width) : usual_width * (hi - lo);
+  return {low > function.lo ? lo
+          : is_log          ? lo / room
+                            : lo - room,
+          high < function.hi ? hi
+          : is_log           ? hi * room
+                             : hi + room};
+}
 
 // The same function over a domain that has more values.
 TransferFunction over_domain(const TransferFunction& function, double lo, double hi) {
@@ -131,7 +145,7 @@ Scene with_shells(const Scene& scene, double size) {
   if (contours.empty()) return shown;
 
   const double half = 0.5 * usual_width;
-  const double lo = std::min(function.lo, contours.front().value), hi = std::max(function.hi, contours.back().value);
+  const auto [lo, hi] = domain_with(function, contours.front().value, contours.back().value);
   TransferFunction& wider = shown.transfer_function = over_domain(function, lo, hi);
   for (std::size_t i = 0; i < contours.size(); ++i) {
     const auto middle_to = [&](std::size_t other) {

@@ -368,13 +368,15 @@ TEST_F(MovingSession, LearnsErrorsAtRest) {
 }
 
 TEST_F(RecordedSession, StepsThatPlayHaveTheirCells) {
+  ASSERT_TRUE(build_series({step_at(0), step_at(1), step_at(2)}, path("cells.svol"), {.keep_cells = true},
+                           [](const char*, double) {}));
   ViewSettings settings;
   settings.device = Device::cpu;
   settings.in_current_context = false;
   std::vector<std::pair<std::size_t, Rung>> shown;
   settings.on_picture = [&](const CompletePicture& picture) { shown.emplace_back(picture.step, picture.recipe.rung); };
   InlineHost host;
-  const auto session = test::value_of(Session::open(path("s.svol"), "", settings, host));
+  const auto session = test::value_of(Session::open(path("cells.svol"), "", settings, host));
   const auto frame = [&](double seconds) {
     EXPECT_EQ(test::message_of(session->play(seconds)), "");
     EXPECT_EQ(test::message_of(session->draw(width, height, seconds)), "");
