@@ -34,8 +34,9 @@ TEST(Golden, EachFileIsDrawnAsBefore) {
     const auto stored = value_of(read_text_file(beside.replace_extension(".picture")));
     const std::vector<std::string> now = words_of(picture), then = words_of(stored);
     ASSERT_EQ(now.size(), then.size()) << path;
-    // 1e-4; 1e-3 with sanitizers: that code is clang's, for one instruction set, and rounds otherwise.
-    constexpr int most = is_sanitized ? 66 : 7;
+    // 2e-4, as the stored pictures are by AVX-512, and AVX2 rounds otherwise; 1e-3 with sanitizers: that code is
+    // clang's, for one instruction set.
+    constexpr int most = is_sanitized ? 66 : 13;
     for (std::size_t i = 0; i < now.size(); ++i) {
       if (now[i] == then[i]) continue;
       ASSERT_LE(std::abs(std::stoi(now[i], nullptr, 16) - std::stoi(then[i], nullptr, 16)), most)

@@ -348,7 +348,7 @@ TEST(ParseScene, RefusesWrongUse) {
   EXPECT_THAT(error_of(both.dump()), StartsWith("give one of max_error, splats, tolerance"));
   both.erase("tolerance");
   both.update({{"exact", true}});
-  EXPECT_THAT(error_of(both.dump()), HasSubstr("and exact, not 2"));
+  EXPECT_THAT(error_of(both.dump()), HasSubstr("with milliseconds, not 2"));
 }
 
 TEST(ParseScene, RefusesWrongSurfaces) {
