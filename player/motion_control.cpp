@@ -31,7 +31,7 @@ constexpr double near_by = 1.5;
 // A view that shows so many times the segments of another one, or fewer, may have other errors.
 constexpr double another_view = 1.5;
 
-// So many times as much or as little in view asks for another rung.
+// Where so many times as much or as little comes into view, another rung is chosen.
 constexpr double much_more = 2;
 
 // Errors that were measured of a picture with other colours or opacities may be larger by this.
