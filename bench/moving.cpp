@@ -1,6 +1,6 @@
-// What a person sees while a hand moves: moving FILE --scene SCENE.json -o OUT.json
-// Uses the viewer without a window, by a real clock: events come when a hand would make them, whatever the viewer does
-// meanwhile. Keeps the pictures that were shown, and compares them with exact ones afterwards. bench/svbench moving
+// Measures the pictures that a person sees while a hand moves: moving FILE --scene SCENE.json -o OUT.json
+// Uses the viewer without a window, by a real clock. Events come when a hand would make them, however long the viewer
+// draws. Keeps the pictures that were shown, and compares them with exact ones afterwards. bench/svbench moving
 // runs it on several views, and judges what it wrote.
 #include <fmt/format.h>
 
@@ -48,7 +48,7 @@ struct Asked {
   double time;
 };
 
-// What happened in a script. Times are seconds since its start.
+// The frames and pictures of a script. Times are seconds since its start.
 struct Record {
   Script script;
   std::vector<DrawnFrame> frames = {};

@@ -13,7 +13,7 @@ namespace {
 constexpr double learning = 0.5;
 constexpr double most_deviation = 4, most_ratio = 2;
 
-// What is known of other kinds of rungs is forgotten slowly, so that they are tried again.
+// Factors of other kinds of rungs go back to 1 slowly, so that these rungs are tried again.
 constexpr double remembered = 0.999;
 
 }  // namespace

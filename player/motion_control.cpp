@@ -166,7 +166,7 @@ Rung MotionControl::next(const Choices& choices) {
     const double seconds = times_.predict(rung_->rung, choices);
     const bool is_quicker = seconds > rung_->too_long && times_.predict(chosen.rung, choices) < seconds;
     bool is_finer = seconds < rung_->too_short && error_of(chosen) < error_of(*rung_);
-    // What is expected to take a little too long may not. It is tried once.
+    // The next finer rung may be quicker than expected. It is tried once.
     if (seconds < rung_->too_short && !is_finer && !std::exchange(has_tried_, true)) {
       chosen = choose(choices, 2);
       is_finer = error_of(chosen) < error_of(*rung_);

@@ -499,10 +499,13 @@ Status Session::apply() {
                     settings.quality == used_settings_.quality &&
                     settings.most_exact_segments == used_settings_.most_exact_segments &&
                     have_same_picture(drawn, used_scene_);
-  Scene seen_alike = drawn;
-  seen_alike.camera = used_scene_.camera;
-  const bool is_other_picture = !have_same_picture(seen_alike, used_scene_);
   const bool is_other_attribute = drawn.attribute != used_scene_.attribute;
+  const auto differs_by_camera_only = [&] {
+    Scene turned = drawn;
+    turned.camera = used_scene_.camera;
+    return have_same_picture(turned, used_scene_);
+  };
+  const bool is_other_picture = !same && !differs_by_camera_only();
   view_ = player_->view();
   used_scene_ = std::move(drawn);
   used_settings_ = settings;

@@ -207,10 +207,12 @@ Status Session::begin_making_ready() {
 Status Session::make_ready() {
   SPLATVOL_TRY(learn_errors());
   if (!player_->exact()) return {};
-  SPLATVOL_TRY_ASSIGN(choices, player_->choices(true, widest_spacing));
-  if (choices.cells && player_->streamer().volume().is_far() &&
-      motion_.expected_seconds({0, widest_spacing}, choices) <= 2 * used_settings_.moving.seconds)
-    SPLATVOL_TRY(player_->hold_cells());
+  if (player_->streamer().volume().is_far()) {
+    SPLATVOL_TRY_ASSIGN(choices, player_->choices(true, widest_spacing));
+    const bool has_time =
+        choices.cells && motion_.expected_seconds({0, widest_spacing}, choices) <= 2 * used_settings_.moving.seconds;
+    if (has_time) SPLATVOL_TRY(player_->hold_cells());
+  }
   const double expected_error = quality_of_splats().max_error.value_or(0);
   return player_->choose({.detail = {.goal = ErrorGoal{expected_error, player_->device_splats()}}});
 }

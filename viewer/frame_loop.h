@@ -9,7 +9,7 @@
 
 namespace splatvol {
 
-/// What a loop of frames needs of a window, or of what stands in for one.
+/// A window, or its stand-in, for a loop of frames.
 struct FrameStage {
   std::function<FrameInput(double seconds)> take_input;  // waits for events up to a time; all since the last call
   std::function<Status(const FrameInput&)> begin;        // before a frame: binds its framebuffer

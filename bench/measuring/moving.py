@@ -58,7 +58,7 @@ def percentile(numbers, percent):
     return ordered[max(0, math.ceil(len(ordered) * percent / 100) - 1)] if ordered else 0
 
 
-# What is measured: files and views.
+# Files and views to measure.
 
 
 def write_step(path, step):

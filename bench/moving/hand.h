@@ -1,4 +1,4 @@
-// What a hand does at the viewer, by the clock.
+// Scripts of a hand at the viewer, by the clock.
 #pragma once
 
 #include <cstddef>

@@ -16,7 +16,7 @@ struct PixelRect {
 /// Returns what is in both; an empty rectangle if that is nothing.
 [[nodiscard]] PixelRect intersection(const PixelRect& a, const PixelRect& b);
 
-/// Returns rectangles that cover those given, none of which overlap: what overlaps becomes one. Leaves out empty ones.
+/// Joins rectangles that overlap: the result covers those given, and no two overlap. Leaves out empty ones.
 [[nodiscard]] std::vector<PixelRect> disjoint(std::vector<PixelRect> rects);
 
 }  // namespace splatvol

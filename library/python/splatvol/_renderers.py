@@ -18,6 +18,9 @@ from .errors import InvalidArgumentError
 
 DEFAULT_MEMORY = 512 << 20  # bytes
 
+#: The quality of pictures while a mouse moves: that of svview.
+MOVING_QUALITY: Quality = {"max_error": 0.002, "milliseconds": 100}
+
 
 @dataclass(frozen=True)
 class Statistics:
@@ -37,8 +40,9 @@ class Statistics:
 
 
 class Quality(TypedDict, total=False):
-    """How fine a picture is to be: at most one of these. Without one, it is exact if the file keeps cells and that is
-    about a second's work. Else it has all points of a small file, or an error of .002."""
+    """How fine a picture is to be: at most one of these, or ``max_error`` with ``milliseconds``, for what moves.
+    Without one, it is exact if the file keeps cells and that is about a second's work. Else it has all points of a
+    small file, or an error of .002."""
 
     max_error: Optional[float]  #: root mean square of linear RGB, against the exact picture
     splats: Optional[int]  #: their number

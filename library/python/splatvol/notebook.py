@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 from . import _camera
 from ._files import File
 from ._pictures import encode_png, to_srgb8
-from ._renderers import DEFAULT_MEMORY, Renderer
+from ._renderers import DEFAULT_MEMORY, MOVING_QUALITY, Renderer
 from ._scenes import Scene, SceneLike, read_scene, with_size
 from .errors import Error
 
-# The error that a picture is to have while the mouse moves, and its longest time. Between pictures while the file loads.
-_MOVING_ERROR = 0.002
-_MOVING_MILLISECONDS = 100
+# Between pictures while the file loads.
 _LOADING_SECONDS = 0.2
 
 
@@ -88,8 +86,7 @@ class Viewer(anywidget.AnyWidget):
 
     def _send_moving(self) -> None:
         self._renderer.set_scene(self._scene)
-        quality = {"max_error": _MOVING_ERROR, "milliseconds": _MOVING_MILLISECONDS}
-        self._send_picture(self._renderer.render(quality), is_moving=True, is_settled=False)
+        self._send_picture(self._renderer.render(MOVING_QUALITY), is_moving=True, is_settled=False)
 
     def _send_resting(self) -> None:
         self._renderer.set_scene(self._scene)

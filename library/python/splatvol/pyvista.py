@@ -12,11 +12,9 @@ from vtkmodules.vtkRenderingCore import vtkActor2D, vtkImageMapper, vtkWindowToI
 
 from ._files import File, open
 from ._pictures import to_srgb8
+from ._renderers import MOVING_QUALITY
 from ._scenes import Scene, SceneLike, read_scene
 from .errors import UnsupportedError
-
-# The quality of a picture while the mouse moves.
-_MOVING = {"max_error": 0.002, "milliseconds": 100}
 
 
 def read(
@@ -141,7 +139,7 @@ class VolumeOverlay:
         interactor = getattr(plotter, "iren", None)
         if interactor is not None:
             self._observers = [
-                interactor.add_observer("InteractionEvent", lambda *_: self.update(**_MOVING)),
+                interactor.add_observer("InteractionEvent", lambda *_: self.update(**MOVING_QUALITY)),
                 interactor.add_observer("EndInteractionEvent", lambda *_: self.update()),
             ]
 
