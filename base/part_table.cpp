@@ -1,0 +1,91 @@
+#include "base/part_table.h"
+
+namespace splatvol {
+
+PartTable::PartTable(MemoryBudget& budget) : budget_(budget) {
+  budget_.set_yield([this] { return drop_oldest(); });
+}
+
+PartTable::~PartTable() { budget_.set_yield({}); }
+
+bool PartTable::holds(const PartKey& key) const {
+  const std::scoped_lock lock(mutex_);
+  return slots_.contains(key);
+}
+
+std::shared_ptr<const void> PartTable::find_any(const PartKey& key) {
+  const std::scoped_lock lock(mutex_);
+  const auto found = slots_.find(key);
+  return found == slots_.end() ? nullptr : hold(found->second);
+}
+
+std::shared_ptr<const void> PartTable::insert_any(const PartKey& key, std::shared_ptr<const void> part,
+                                                  Reservation reservation) {
+  const std::scoped_lock lock(mutex_);
+  const auto [at, is_new] = slots_.try_emplace(key);
+  Slot& slot = at->second;
+  if (is_new) {
+    slot.key = key;
+    slot.part = std::move(part);
+    slot.reservation = std::move(reservation);
+    return hold(slot);
+  }
+  reservation = Reservation();
+  if (auto held = hold(slot)) return held;
+  return part;
+}
+
+// Requires the lock.
+std::shared_ptr<const void> PartTable::hold(Slot& slot) {
+  if (!slot.reservation.fasten()) return nullptr;
+  if (slot.spare) spare_.erase(*std::exchange(slot.spare, std::nullopt));
+  ++slot.holders;
+  return {slot.part.get(), [this, &slot](const void* /*part*/) { let_go(slot); }};
+}
+
+void PartTable::let_go(Slot& slot) {
+  const std::scoped_lock lock(mutex_);
+  if (--slot.holders > 0) return;
+  slot.reservation.loosen();
+  spare_.push_front(slot.key);
+  slot.spare = spare_.begin();
+}
+
+void PartTable::clear() {
+  while (drop_oldest()) {
+  }
+}
+
+bool PartTable::drop_oldest() {
+  const std::scoped_lock lock(mutex_);
+  if (spare_.empty()) return false;
+  slots_.erase(spare_.back());
+  spare_.pop_back();
+  return true;
+}
+
+Result<Reservation> PartTable::reserve(MemoryShare& share, std::uint64_t bytes) {
+  auto reservation = share.reserve(bytes);
+  if (!reservation)
+    return fail(ErrorCode::out_of_budget, "a part of {} bytes does not fit into memory: give more", bytes);
+  return *std::move(reservation);
+}
+
+PartTable::Turn::Turn(PartTable& table, const PartKey& key) : table_(table), key_(key) {
+  {
+    const std::scoped_lock lock(table.mutex_);
+    auto& turn = table.turns_[key];
+    if (!turn) turn = std::make_shared<std::mutex>();
+    mutex_ = turn;
+  }
+  lock_ = std::unique_lock(*mutex_);
+}
+
+// The last one that knows the mutex, besides the table, removes it.
+PartTable::Turn::~Turn() {
+  lock_.unlock();
+  const std::scoped_lock lock(table_.mutex_);
+  if (mutex_.use_count() == 2) table_.turns_.erase(key_);
+}
+
+}  // namespace splatvol

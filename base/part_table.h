@@ -1,0 +1,115 @@
+// Decoded parts of files that several threads use.
+#pragma once
+
+#include <compare>
+#include <cstdint>
+#include <functional>
+#include <list>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <utility>
+
+#include "base/error.h"
+#include "base/memory_budget.h"
+
+namespace splatvol {
+
+/// Names a part. Parts of one kind have one type.
+struct PartKey {
+  int kind;
+  std::uint64_t number;
+  int column = -1;
+  std::uint64_t step = 0;
+
+  [[nodiscard]] auto operator<=>(const PartKey&) const = default;
+};
+
+/// Holds parts in a budget, each with a reservation for what it takes in memory. A part that somebody holds stays, and
+/// counts for its share. Others are spare: those that were let go of longest ago go first, whatever their share. Each
+/// part is read once while it is there, whoever asks for it first. Thread-safe.
+class PartTable {
+ public:
+  /// The budget must outlive the table, and the table the parts that it has given. A budget has one table.
+  explicit PartTable(MemoryBudget& budget);
+  PartTable(const PartTable&) = delete;
+  PartTable& operator=(const PartTable&) = delete;
+  ~PartTable();
+
+  /// Returns the part; null if it is not there, or its share has no room for it.
+  template <class Part>
+  [[nodiscard]] std::shared_ptr<const Part> find(const PartKey& key) {
+    return std::static_pointer_cast<const Part>(find_any(key));
+  }
+
+  /// Whether the part is there.
+  [[nodiscard]] bool holds(const PartKey& key) const;
+
+  /// Adds a part, with the reservation for its bytes. Returns it, or the part of this key that is there.
+  template <class Part>
+  std::shared_ptr<const Part> insert(const PartKey& key, Part part, Reservation reservation) {
+    return std::static_pointer_cast<const Part>(
+        insert_any(key, std::make_shared<const Part>(std::move(part)), std::move(reservation)));
+  }
+
+  /// Returns a part that is there, or reads it: read() returns Result<Part>, and bytes_of(part) the bytes that it
+  /// takes. `bytes`: what these are about. Other threads wait for a part that is being read. Fails with `out_of_budget`
+  /// if the share has no room.
+  template <class Part, class Read, class BytesOf>
+  [[nodiscard]] Result<std::shared_ptr<const Part>> get(const PartKey& key, MemoryShare& share, std::uint64_t bytes,
+                                                        const Read& read, const BytesOf& bytes_of) {
+    if (auto part = find<Part>(key)) return part;
+    const Turn turn(*this, key);
+    if (auto part = find<Part>(key)) return part;
+    SPLATVOL_TRY_ASSIGN(reservation, reserve(share, bytes));
+    SPLATVOL_TRY_ASSIGN(part, read());
+    const std::uint64_t taken = bytes_of(part);
+    if (taken > bytes) {
+      SPLATVOL_TRY_ASSIGN(more, reserve(share, taken - bytes));
+      reservation.add(std::move(more));
+    }
+    reservation.shrink(taken);
+    return insert(key, std::move(part), std::move(reservation));
+  }
+
+  /// Drops the parts that nobody holds.
+  void clear();
+
+ private:
+  struct Slot {
+    PartKey key;
+    std::shared_ptr<const void> part;
+    Reservation reservation;
+    std::uint64_t holders = 0;
+    std::optional<std::list<PartKey>::iterator> spare = {};  // if nobody holds it
+  };
+  // While it lives, other threads wait for their turn with the part.
+  class Turn {
+   public:
+    Turn(PartTable& table, const PartKey& key);
+    Turn(const Turn&) = delete;
+    Turn& operator=(const Turn&) = delete;
+    ~Turn();
+
+   private:
+    PartTable& table_;
+    const PartKey& key_;
+    std::shared_ptr<std::mutex> mutex_;
+    std::unique_lock<std::mutex> lock_;
+  };
+  [[nodiscard]] static Result<Reservation> reserve(MemoryShare& share, std::uint64_t bytes);
+  [[nodiscard]] std::shared_ptr<const void> find_any(const PartKey& key);
+  std::shared_ptr<const void> insert_any(const PartKey& key, std::shared_ptr<const void> part, Reservation reservation);
+  [[nodiscard]] std::shared_ptr<const void> hold(Slot& slot);
+  void let_go(Slot& slot);
+  [[nodiscard]] bool drop_oldest();
+
+  MemoryBudget& budget_;
+  mutable std::mutex mutex_;
+  std::list<PartKey> spare_;  // parts that nobody holds, last used first
+  std::map<PartKey, Slot> slots_;
+  std::map<PartKey, std::shared_ptr<std::mutex>> turns_;
+};
+
+}  // namespace splatvol
