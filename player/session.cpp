@@ -577,6 +577,7 @@ void Session::note_frame() {
 void Session::note_drawn(const ShownRecipe& recipe) {
   encoded_is_old_ = picture_is_whole_ = true;
   draw_seconds_ = took_seconds_;
+  const double made_in = std::max(std::exchange(job_seconds_, 0), took_seconds_);
   device_bytes_ = player_->rasterizer().device_bytes();
   undrawn_seconds_ = 0;
   ++shown_number_;
@@ -591,7 +592,7 @@ void Session::note_drawn(const ShownRecipe& recipe) {
   if (!settings.on_picture) return;
   const DevicePicture picture = player_->picture();
   if (const auto* image = std::get_if<const Image*>(&picture))
-    settings.on_picture({shown_number_, **image, used_scene_, player_->step(), recipe, draw_seconds_});
+    settings.on_picture({shown_number_, **image, used_scene_, player_->step(), recipe, made_in});
 }
 
 Status Session::draw_aside(Work work, std::function<Status()> draw) {
@@ -605,9 +606,12 @@ Status Session::draw_aside(Work work, std::function<Status()> draw) {
   undrawn_seconds_ = 0;
   work_ = work;
   stop_ = std::stop_source();
-  const auto draw_interruptibly = [draw = std::move(draw), stop = stop_.get_token()]() -> Status {
+  const auto draw_interruptibly = [this, draw = std::move(draw), start = host_.now(),
+                                   stop = stop_.get_token()]() -> Status {
     const Interruptible interruptible(stop);
-    return draw();
+    Status drawn = draw();
+    job_seconds_ = host_.now() - start;
+    return drawn;
   };
   const auto priority = work == Work::moving ? SessionHost::Priority::usual : SessionHost::Priority::low;
   drawing_ = {host_, draw_interruptibly, priority};

@@ -168,7 +168,7 @@ Status Session::draw_exact() {
   }
   exact_spacing_ = std::max(exact_spacing_, finest);
   const double start = host_.now();
-  SPLATVOL_TRY(player_->draw_exact({}, exact_spacing_, refined_difference()));
+  SPLATVOL_TRY(player_->draw_exact({}, exact_spacing_));
   took_seconds_ = host_.now() - start;
   return encode_aside();
 }

@@ -106,11 +106,14 @@ Status TileRasterizer::set_transfer_function(const Transfer& transfer, const Dra
   units_ = units;
   frame_.axis = stored_axis(function, units.value_offset, units.value_scale);
   ordered_view_.reset();
-  set_tables(function);
+  new_function_ = std::move(function);
   return {};
 }
 
-void TileRasterizer::set_tables(const TransferFunction& function) {
+// Makes the tables of a new function where splats are drawn: a picture of cells needs none.
+void TileRasterizer::prepare_tables() {
+  if (!new_function_) return;
+  const TransferFunction function = *std::exchange(new_function_, std::nullopt);
   const TableSize size = table_size(kernel_);
   const TransferTable table = make_transfer_table(function, size.columns, size.rows);
   table_ = PackedTable(table);
@@ -172,10 +175,12 @@ Status TileRasterizer::prepare_surfaces(const View& view) {
 }
 
 Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sample_spacing) {
-  if (frame_.table.columns == 0) return fail(ErrorCode::invalid_argument, "no transfer function has been set");
+  if (!new_function_ && frame_.table.columns == 0)
+    return fail(ErrorCode::invalid_argument, "no transfer function has been set");
   SPLATVOL_TRY(check_drawing(capabilities(), view, sample_spacing));
   FrameTimes times;
   Stopwatch stopwatch;
+  prepare_tables();
   SPLATVOL_TRY(prepare_surfaces(view));
   times.upload = stopwatch.lap();
   if (sample_spacing == 1 || frame_.surfaces) {
