@@ -134,8 +134,8 @@ int Session::first_exact_spacing() const {
 int Session::finest_exact_spacing(double segments) const {
   const int finest = finest_spacing();
   if (player_->shows_contours()) return finest;
-  const bool is_far = player_->streamer().volume().is_far();  // reading is most of the work
-  for (int spacing = finest; spacing <= (is_far ? finest : std::max(finest, widest_spacing)); spacing *= 2)
+  const bool must_read = player_->streamer().volume().is_far() && !player_->holds_cells();  // most of the work
+  for (int spacing = finest; spacing <= (must_read ? finest : std::max(finest, widest_spacing)); spacing *= 2)
     if (sampled_segments({0, segments}, spacing) <= static_cast<double>(most_segments())) return spacing;
   return 0;
 }
