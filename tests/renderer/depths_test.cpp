@@ -346,7 +346,7 @@ TEST(Depths, AreInWorldUnits) {
     const double unit = std::ldexp(1, 40);
     std::vector<MomentsSplat> far = splats;
     DrawList list;
-    append(list, pack_row(std::span(std::as_const(far)), dvec3(0), unit), 0, static_cast<std::uint32_t>(far.size()), 1);
+    append(list, pack_row(std::span(std::as_const(far)), dvec3(0), unit), 0, static_cast<std::uint32_t>(far.size()));
     View large = view;
     large.eye *= unit;
     SurfaceDepths scaled = depths;
