@@ -350,7 +350,7 @@ Status Player::choose(const FrameRequest& request) {
     return fail(ErrorCode::out_of_budget, "{} bytes of GPU memory are too few for a picture of {} x {} pixels",
                 options_.gpu_memory, scene_.width, scene_.height);
   auto chosen = request.wait_seconds
-                    ? streamer_->advance(view_now(), transfer_of(scene_), detail, *request.wait_seconds, request.change)
+                    ? streamer_->advance(view_now(), transfer_of(scene_), detail, *request.wait_seconds)
                     : streamer_->request(view_now(), transfer_of(scene_), detail);
   SPLATVOL_TRY(call.check());
   if (!chosen) return tl::unexpected(chosen.error());

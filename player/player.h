@@ -63,8 +63,6 @@ struct FrameRequest {
   /// How long to wait for parts of the file, in seconds. Until they come, their places are drawn coarser. None: waits
   /// for all, and fails if one cannot be read.
   std::optional<double> wait_seconds = std::nullopt;
-
-  double change = 1;  // as in Streamer::advance; with wait_seconds
 };
 
 /// Seconds of the last frame.

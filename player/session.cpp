@@ -547,7 +547,6 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   if (holding_cells_.is_begun() && holding_cells_.wait()) cells_fail_ = !holding_cells_.take() || cells_fail_;
   SPLATVOL_TRY(make_view(scene));
   if (!awaits_step_) still_seconds_ += seconds;
-  undrawn_seconds_ += seconds;
   if (is_drawing()) {
     const bool is_old = asked_step_ || !have_same_picture(scene_without_change(), used_scene_);
     if (is_old && work_ != Work::moving) interrupt_drawing();
@@ -579,7 +578,6 @@ void Session::note_drawn(const ShownRecipe& recipe) {
   draw_seconds_ = took_seconds_;
   const double made_in = std::max(std::exchange(job_seconds_, 0), took_seconds_);
   device_bytes_ = player_->rasterizer().device_bytes();
-  undrawn_seconds_ = 0;
   ++shown_number_;
   shown_view_ = view_;
   shown_recipe_ = recipe;
@@ -603,7 +601,6 @@ Status Session::draw_aside(Work work, std::function<Status()> draw) {
              player_->is_reading_ahead(),
              player_->left_out()};
   if (const FrameSplats* frame = player_->frame()) before_.frame = without_list(*frame);
-  undrawn_seconds_ = 0;
   work_ = work;
   stop_ = std::stop_source();
   const auto draw_interruptibly = [this, draw = std::move(draw), start = host_.now(),

@@ -480,7 +480,6 @@ class Session {
 
   // A picture by a job. Until it ends, nothing else changes the player.
   Work work_ = Work::moving;
-  double undrawn_seconds_ = 0;  // since the last picture began
   std::stop_source stop_;
   Task<Status> drawing_;
   std::optional<Image> drawn_aside_;  // a copy of its picture, if that will be compared

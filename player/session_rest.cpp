@@ -12,9 +12,6 @@
 namespace splatvol {
 namespace {
 
-// Duration of a change of resolution.
-constexpr double fade_seconds = 0.2;
-
 // The first picture at rest for an error has at least so many splats: it costs little.
 constexpr std::uint64_t least_first_splats = std::uint64_t{1} << 13;
 
@@ -69,9 +66,7 @@ int Session::quick_spacing() const {
 
 // Begins a finer picture of splats.
 Status Session::begin_splats(double seconds) {
-  const FrameRequest request{.detail = refinement_->detail(),
-                             .wait_seconds = 0,
-                             .change = std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
+  const FrameRequest request{.detail = refinement_->detail(), .wait_seconds = 0};
   if (can_draw_aside())
     return draw_aside(Work::splats, [this, request, seconds] { return draw_splats(request, seconds); });
   return finish_splats(draw_splats(request, seconds));

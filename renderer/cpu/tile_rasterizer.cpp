@@ -42,9 +42,8 @@ RangeInView make_range(const DrawRange& range, std::uint32_t first) {
   result.first = first;
   result.count = range.count;
   result.step = nearest_float(range.row.shapes->blocks()[range.block].step);
-  result.weight = range.weight;
   constexpr double by_coverage = 1.0 / 255;
-  result.mass_scale = nearest_float(range.row.shapes->mass_scale() * static_cast<double>(range.weight) * by_coverage);
+  result.mass_scale = nearest_float(range.row.shapes->mass_scale() * by_coverage);
   result.deviation_scale = nearest_float(range.row.shapes->deviation_scale());
   result.value_deviation_scale = nearest_float(range.row.values->deviation_scale());
   return result;
@@ -129,10 +128,7 @@ void TileRasterizer::set_lighting(const std::optional<Lighting>& lighting) { lig
 Status TileRasterizer::set_draw_list(const DrawList& list) {
   if (list.ranges == list_.ranges) return {};
   ordered_view_.reset();
-  const bool same_splats = std::ranges::equal(list.ranges, list_.ranges, [](const DrawRange& a, const DrawRange& b) {
-    return a.row == b.row && a.block == b.block && a.begin == b.begin && a.count == b.count;
-  });
-  if (!same_splats) axis_orders_ = {};
+  axis_orders_ = {};
   list_ = {};
   ranges_.clear();
   first_ranges_.clear();
