@@ -57,7 +57,7 @@ DrawList random_list(std::size_t count, double deviation) {
       splat.value_deviation = 0.05;
       splat.correlations = dvec3(0.5, 0.3, 0.2);
     }
-    append(list, pack_row(splats, corner, 1), 0, static_cast<std::uint32_t>(splats.size()), 1);
+    append(list, pack_row(splats, corner, 1), 0, static_cast<std::uint32_t>(splats.size()));
   }
   return list;
 }

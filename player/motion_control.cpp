@@ -9,8 +9,8 @@
 namespace splatvol {
 namespace {
 
-// A picture that takes no longer is smooth.
-constexpr double smooth_seconds = 1.0 / 60;
+// A picture that takes no longer is smooth. Where no errors were measured, it may take longer, to be sure.
+constexpr double smooth_seconds = 1.0 / 60, unmeasured_patience = 2;
 
 // A larger error shows as a false colour, so that the picture may take longer.
 constexpr double false_color_error = 0.03, longer = 2;
@@ -40,6 +40,9 @@ constexpr double doubt = 2;
 // Samples as wide as this show steps at outlines, which few pixels have: their error counts more.
 constexpr int very_wide = 16;
 constexpr double of_very_wide = 2;
+
+// Splats lack some of the light, and wide samples do not: among pictures of about one error, cells are better.
+constexpr double of_splats = 1.5;
 
 // Of cells, for each pixel between samples: even where nothing of it was seen, closer samples are better.
 constexpr double least_cells_error = 1e-5;
@@ -94,12 +97,18 @@ MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Ch
           !are_doubted_ && ratio_to(known) <= std::log(near_by)};
 }
 
+// Whether errors of cells were measured in about this view, and of this picture.
+bool MotionControl::are_errors_known(const Choices& choices) const {
+  return !choices.cells || (!cell_errors_.empty() && !are_doubted_ && !is_another_view(choices));
+}
+
 // `patience`: for pictures that should be smooth, a factor on their time.
 MotionControl::Chosen MotionControl::choose(const Choices& choices, double patience) const {
   const std::vector<Rung> all = rungs(choices);
   struct Candidate {
     Rung rung;
     double error, seconds;
+    [[nodiscard]] double loss() const { return rung.is_exact() ? error : of_splats * error; }
   };
   bool has_splats = false;
   const auto best_of = [&](double most_error, double most_seconds, auto is_better) {
@@ -114,12 +123,13 @@ MotionControl::Chosen MotionControl::choose(const Choices& choices, double patie
     return best;
   };
   const auto has_less_error = [](const Candidate& a, const Candidate& b) {
-    return a.error != b.error ? a.error < b.error : a.seconds < b.seconds;
+    return a.loss() != b.loss() ? a.loss() < b.loss() : a.seconds < b.seconds;
   };
   const auto is_quicker = [](const Candidate& a, const Candidate& b) { return a.seconds < b.seconds; };
   constexpr double any = std::numeric_limits<double>::infinity();
 
-  const double smooth = std::min(smooth_seconds, limits_.seconds), longest = longer * limits_.seconds;
+  const double usual = are_errors_known(choices) ? smooth_seconds : unmeasured_patience * smooth_seconds;
+  const double smooth = std::min(usual, limits_.seconds), longest = longer * limits_.seconds;
   const double quick = std::min(choices.first_cells_seconds, limits_.seconds);
   for (const double seconds : {quick, limits_.seconds}) {
     if (const auto best = best_of(limits_.max_error, patience * smooth, has_less_error))

@@ -18,8 +18,8 @@ struct MotionLimits {
   [[nodiscard]] bool operator==(const MotionLimits&) const = default;
 };
 
-/// Draws cells if some distance of samples has the wanted error at 12 pictures a second: the finest at 60 a second, or
-/// else the quickest. If none has, splats may be drawn, too: the finest at 60 a second, or the quickest in `seconds`,
+/// Draws cells if some distance of samples has the wanted error at 12 pictures a second: the finest at 60 a second (30
+/// where no error was measured), or else the quickest. If none has, splats may be drawn, too: the finest at 60 a second, or the quickest in `seconds`,
 /// that has the error. If there is none, draws what has the least error in `seconds`, or in twice that time if its
 /// error would show as a false colour. Within a movement a rung stays, unless it takes much more or less time than it
 /// may, or much more or less is in view.
@@ -85,6 +85,7 @@ class MotionControl {
   [[nodiscard]] Chosen choose(const Choices& choices, double patience = 1) const;
   [[nodiscard]] bool may_stay(const Choices& choices) const;
   [[nodiscard]] bool is_another_view(const Choices& choices) const;
+  [[nodiscard]] bool are_errors_known(const Choices& choices) const;
   [[nodiscard]] Expected expected_of_cells(int sample_spacing, const Choices& choices) const;
 
   MotionLimits limits_;

@@ -350,7 +350,7 @@ Status Player::choose(const FrameRequest& request) {
     return fail(ErrorCode::out_of_budget, "{} bytes of GPU memory are too few for a picture of {} x {} pixels",
                 options_.gpu_memory, scene_.width, scene_.height);
   auto chosen = request.wait_seconds
-                    ? streamer_->advance(view_now(), transfer_of(scene_), detail, *request.wait_seconds, request.change)
+                    ? streamer_->advance(view_now(), transfer_of(scene_), detail, *request.wait_seconds)
                     : streamer_->request(view_now(), transfer_of(scene_), detail);
   SPLATVOL_TRY(call.check());
   if (!chosen) return tl::unexpected(chosen.error());
@@ -513,8 +513,14 @@ Result<ExactPicture> Player::estimate_exact() {
                       cells->unknown_cells()};
 }
 
+// Contours and slices have sharp edges, where wide samples show steps.
+float Player::refined_difference() const {
+  constexpr float visible = 0.1F;
+  return shows_contours() || !view_.slices.empty() ? visible : 0;
+}
+
 // The parts of the file and the pieces of rays that wait take half of the memory each.
-Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing, float refined_difference) {
+Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing) {
   const Call call(*this);
   exact_.reset();
   const auto start = Clock::now();
@@ -541,7 +547,7 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
                                       .contours = contours_of(scene_),
                                       .layers = std::move(layers),
                                       .sample_spacing = sample_spacing_,
-                                      .refined_difference = refined_difference,
+                                      .refined_difference = refined_difference(),
                                       .memory = options_.memory / 2,
                                       .progress = progress},
                                      std::exchange(spare_picture_, {}));

@@ -63,8 +63,6 @@ struct FrameRequest {
   /// How long to wait for parts of the file, in seconds. Until they come, their places are drawn coarser. None: waits
   /// for all, and fails if one cannot be read.
   std::optional<double> wait_seconds = std::nullopt;
-
-  double change = 1;  // as in Streamer::advance; with wait_seconds
 };
 
 /// Seconds of the last frame.
@@ -234,10 +232,13 @@ class Player {
   [[nodiscard]] Result<std::optional<MotionControl::Outcome>> try_splats(const Rung& rung);
 
   /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. `progress` is
-  /// called with the share that is done, in [0, 1]. `sample_spacing`: as in DrawOptions; with surfaces 1.
-  /// `refined_difference`: as CellDrawing's. Fails if the file keeps no cells, and as CellRasterizer::draw.
-  [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 0,
-                                  float refined_difference = 0);
+  /// called with the share that is done, in [0, 1]. `sample_spacing`: as in DrawOptions; with surfaces 1. Fails if the
+  /// file keeps no cells, and as CellRasterizer::draw.
+  [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 0);
+
+  /// Returns from which difference on wide samples of cells are refined in the present scene, as CellDrawing's. 0:
+  /// never.
+  [[nodiscard]] float refined_difference() const;
 
   /// Tells of `draw_exact` how many chunks and about how many pieces of rays it draws. Reads what chunks the file has.
   /// Fails if it keeps no cells.

@@ -547,7 +547,6 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   if (holding_cells_.is_begun() && holding_cells_.wait()) cells_fail_ = !holding_cells_.take() || cells_fail_;
   SPLATVOL_TRY(make_view(scene));
   if (!awaits_step_) still_seconds_ += seconds;
-  undrawn_seconds_ += seconds;
   if (is_drawing()) {
     const bool is_old = asked_step_ || !have_same_picture(scene_without_change(), used_scene_);
     if (is_old && work_ != Work::moving) interrupt_drawing();
@@ -577,8 +576,8 @@ void Session::note_frame() {
 void Session::note_drawn(const ShownRecipe& recipe) {
   encoded_is_old_ = picture_is_whole_ = true;
   draw_seconds_ = took_seconds_;
+  const double made_in = std::max(std::exchange(job_seconds_, 0), took_seconds_);
   device_bytes_ = player_->rasterizer().device_bytes();
-  undrawn_seconds_ = 0;
   ++shown_number_;
   shown_view_ = view_;
   shown_recipe_ = recipe;
@@ -591,7 +590,7 @@ void Session::note_drawn(const ShownRecipe& recipe) {
   if (!settings.on_picture) return;
   const DevicePicture picture = player_->picture();
   if (const auto* image = std::get_if<const Image*>(&picture))
-    settings.on_picture({shown_number_, **image, used_scene_, player_->step(), recipe, draw_seconds_});
+    settings.on_picture({shown_number_, **image, used_scene_, player_->step(), recipe, made_in});
 }
 
 Status Session::draw_aside(Work work, std::function<Status()> draw) {
@@ -602,12 +601,14 @@ Status Session::draw_aside(Work work, std::function<Status()> draw) {
              player_->is_reading_ahead(),
              player_->left_out()};
   if (const FrameSplats* frame = player_->frame()) before_.frame = without_list(*frame);
-  undrawn_seconds_ = 0;
   work_ = work;
   stop_ = std::stop_source();
-  const auto draw_interruptibly = [draw = std::move(draw), stop = stop_.get_token()]() -> Status {
+  const auto draw_interruptibly = [this, draw = std::move(draw), start = host_.now(),
+                                   stop = stop_.get_token()]() -> Status {
     const Interruptible interruptible(stop);
-    return draw();
+    Status drawn = draw();
+    job_seconds_ = host_.now() - start;
+    return drawn;
   };
   const auto priority = work == Work::moving ? SessionHost::Priority::usual : SessionHost::Priority::low;
   drawing_ = {host_, draw_interruptibly, priority};

@@ -45,7 +45,7 @@ struct CompletePicture {
   const Scene& scene;
   std::size_t step;
   const ShownRecipe& recipe;
-  double seconds;  // that drawing took
+  double seconds;  // from its beginning until it can be shown
 };
 
 /// How the file is to be shown, named like svrender's options.
@@ -358,7 +358,6 @@ class Session {
   [[nodiscard]] Status finish_moving(const Status& drawn);
   [[nodiscard]] bool shows_surfaces() const;
   [[nodiscard]] bool has_layers() const { return shows_surfaces() || !player_->view().slices.empty(); }
-  [[nodiscard]] float refined_difference() const;
   void begin_holding_cells();
   void end_holding_cells();
   void keep_last_moving();
@@ -474,13 +473,13 @@ class Session {
   std::uint64_t shown_number_ = 0;
   View shown_view_;
   ShownRecipe shown_recipe_;
-  double took_seconds_ = 0;  // also by a job, until it ends
+  double took_seconds_ = 0;  // of drawing; also by a job, until it ends
+  double job_seconds_ = 0;   // of the last job; by it, until it ends
   double draw_seconds_ = 0;
   std::uint64_t device_bytes_ = 0;
 
   // A picture by a job. Until it ends, nothing else changes the player.
   Work work_ = Work::moving;
-  double undrawn_seconds_ = 0;  // since the last picture began
   std::stop_source stop_;
   Task<Status> drawing_;
   std::optional<Image> drawn_aside_;  // a copy of its picture, if that will be compared

@@ -51,6 +51,7 @@ Status Session::choose_moving() {
   const bool may_be_exact = first_exact_spacing() > 0 && !cells_fail_;
   SPLATVOL_TRY_ASSIGN(choices, player_->moving_choices(may_be_exact));
   if (!player_->shows_contours()) choices.most_segments = static_cast<double>(most_segments());
+  if (choices.cells && finest_exact_spacing(choices.cells->segments) == 0) choices.cells.reset();  // it rests as splats
   if (!draws_aside()) choices.first_cells_seconds = 1.0 / 60;  // a graphics card draws as many pictures of splats
   moving_ = {.choices = choices, .rung = motion_.next(choices)};
   still_awaits_step_ = awaits_step_;
@@ -62,11 +63,10 @@ Status Session::draw_moving(double seconds) {
   const bool is_small = moving_.rung.sample_spacing > 1 && (moving_.rung.is_exact() ? shows_surfaces() : has_layers());
   if (is_small) SPLATVOL_TRY(player_->set_scene(scaled(used_scene_, moving_.rung.sample_spacing)));
   const Rung drawn{moving_.rung.splats, is_small ? 1 : moving_.rung.sample_spacing};
-  const float refined = refined_difference();
   const double start = host_.now();
   if (!drawn.is_exact()) {
     SPLATVOL_TRY(draw_moving_splats(drawn, seconds));
-  } else if (const Status exact = player_->draw_exact({}, drawn.sample_spacing, refined); exact) {
+  } else if (const Status exact = player_->draw_exact({}, drawn.sample_spacing); exact) {
     moving_.is_drawn = true;
     still_awaits_step_ = false;
   } else if (exact.error().code == ErrorCode::cancelled) {
@@ -127,12 +127,6 @@ Status Session::finish_moving(const Status& drawn) {
 
 bool Session::shows_surfaces() const { return std::ranges::any_of(used_scene_.surfaces, &SceneSurface::shown); }
 
-// Contours and slices have sharp edges, where wide samples show steps.
-float Session::refined_difference() const {
-  constexpr float visible = 0.1F;
-  return player_->shows_contours() || !player_->view().slices.empty() ? visible : 0;
-}
-
 // Cells can only move once they are in memory. They are read beside the pictures.
 void Session::begin_holding_cells() {
   if (holding_cells_.is_begun() || !settings.hurries || cells_fail_ || first_exact_spacing() == 0) return;
@@ -185,7 +179,7 @@ Status Session::learn_errors() {
   last_moving_.reset();
   if (!player_->exact()) return {};
   for (int spacing = choices.widest_spacing; spacing > player_->sample_spacing(); spacing /= 2)
-    SPLATVOL_TRY(learn({0, spacing}, with_wide_samples(*rest, spacing, refined_difference())));
+    SPLATVOL_TRY(learn({0, spacing}, with_wide_samples(*rest, spacing, player_->refined_difference())));
   if (player_->shows_contours() || has_layers()) return {};
   for (const Rung& rung : motion_.unmeasured(choices)) {
     SPLATVOL_TRY(check_interruption());

@@ -12,9 +12,6 @@
 namespace splatvol {
 namespace {
 
-// Duration of a change of resolution.
-constexpr double fade_seconds = 0.2;
-
 // The first picture at rest for an error has at least so many splats: it costs little.
 constexpr std::uint64_t least_first_splats = std::uint64_t{1} << 13;
 
@@ -69,9 +66,7 @@ int Session::quick_spacing() const {
 
 // Begins a finer picture of splats.
 Status Session::begin_splats(double seconds) {
-  const FrameRequest request{.detail = refinement_->detail(),
-                             .wait_seconds = 0,
-                             .change = std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
+  const FrameRequest request{.detail = refinement_->detail(), .wait_seconds = 0};
   if (can_draw_aside())
     return draw_aside(Work::splats, [this, request, seconds] { return draw_splats(request, seconds); });
   return finish_splats(draw_splats(request, seconds));
@@ -134,8 +129,8 @@ int Session::first_exact_spacing() const {
 int Session::finest_exact_spacing(double segments) const {
   const int finest = finest_spacing();
   if (player_->shows_contours()) return finest;
-  const bool is_far = player_->streamer().volume().is_far();  // reading is most of the work
-  for (int spacing = finest; spacing <= (is_far ? finest : std::max(finest, widest_spacing)); spacing *= 2)
+  const bool must_read = player_->streamer().volume().is_far() && !player_->holds_cells();  // most of the work
+  for (int spacing = finest; spacing <= (must_read ? finest : std::max(finest, widest_spacing)); spacing *= 2)
     if (sampled_segments({0, segments}, spacing) <= static_cast<double>(most_segments())) return spacing;
   return 0;
 }
@@ -168,7 +163,7 @@ Status Session::draw_exact() {
   }
   exact_spacing_ = std::max(exact_spacing_, finest);
   const double start = host_.now();
-  SPLATVOL_TRY(player_->draw_exact({}, exact_spacing_, refined_difference()));
+  SPLATVOL_TRY(player_->draw_exact({}, exact_spacing_));
   took_seconds_ = host_.now() - start;
   return encode_aside();
 }

@@ -83,8 +83,8 @@ class Rasterizer {
 
   /// Draws the splats as `view` sees them, on transparent black. Fails if the picture is larger than the device allows,
   /// or has another size than the depths of the surfaces. Fails with ErrorCode::cancelled if it is interrupted
-  /// (Capabilities). A splat draws nothing if its value is NaN, or if its weight or extinction is
-  /// 0. A splat of `octant` draws nothing either if its centre is not in front of the eye.
+  /// (Capabilities). A splat draws nothing if its value is NaN, or if its extinction is 0. A splat of `octant` draws
+  /// nothing either if its centre is not in front of the eye.
   ///
   /// `sample_spacing`: pixels from one sample to the next, 1 to max_sample_spacing. The pixels between are
   /// interpolated. Wide samples lose no detail of large splats, whose drawing time goes by samples.

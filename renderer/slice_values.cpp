@@ -103,7 +103,7 @@ class SliceDrawing {
 
  private:
   void find_splats(const DrawRange& range, std::vector<SplatOnPlane>& found) const;
-  void add_splat(const MomentsSplat& splat, const dvec3& origin, float weight, std::vector<SplatOnPlane>& found) const;
+  void add_splat(const MomentsSplat& splat, const dvec3& origin, std::vector<SplatOnPlane>& found) const;
   [[nodiscard]] bool find_rows(const dmat3& to_ball, const dvec3& center, SplatOnPlane& found) const;
   void draw_rows(const SplatOnPlane& splat, int first, int last);
 
@@ -127,14 +127,13 @@ MomentsSplat material_of(const OctantSplat& splat) {
 }
 
 void SliceDrawing::find_splats(const DrawRange& range, std::vector<SplatOnPlane>& found) const {
-  if (!(range.weight > 0)) return;
   const ShapeRow& row = *range.row.shapes;
   const RecordBlock& block = row.blocks()[range.block];
   const auto visit = [&](const auto& shapes, const auto& reach, const auto& unpack_one) {
     for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
       const dvec3 center = block.origin + units_.length * block.step * dvec3(shapes[i].position.offset());
       if (std::abs(plane_.distance(center)) <= units_.length * reach(shapes[i]))
-        add_splat(unpack_one(range.row, i), block.origin, range.weight, found);
+        add_splat(unpack_one(range.row, i), block.origin, found);
     }
   };
   if (const auto* octants = std::get_if<std::vector<OctantShape>>(&row.records()))
@@ -149,8 +148,7 @@ void SliceDrawing::find_splats(const DrawRange& range, std::vector<SplatOnPlane>
 }
 
 // Adds a splat if it meets the plane.
-void SliceDrawing::add_splat(const MomentsSplat& m, const dvec3& origin, float weight,
-                             std::vector<SplatOnPlane>& found) const {
+void SliceDrawing::add_splat(const MomentsSplat& m, const dvec3& origin, std::vector<SplatOnPlane>& found) const {
   const SplatShape shape = with_thickness(m);
   const Ellipsoid ellipsoid = ellipsoid_of(m.center, shape);
   if (!(ellipsoid.peak > 0)) return;
@@ -164,7 +162,7 @@ void SliceDrawing::add_splat(const MomentsSplat& m, const dvec3& origin, float w
   splat.value = field.at(ellipsoid.center);
   splat.gradient = field.slope * from_ball(shape);
   splat.outwards = ellipsoid.outward;
-  splat.density = weight * ellipsoid.peak;
+  splat.density = ellipsoid.peak;
   found.push_back(splat);
 }
 

@@ -175,11 +175,11 @@ std::uint32_t block_of(const ShapeRow& row, std::uint32_t record) {
   return static_cast<std::uint32_t>(found - row.blocks().begin());
 }
 
-void append(DrawList& list, const RecordRow& row, std::uint32_t begin, std::uint32_t count, float weight) {
+void append(DrawList& list, const RecordRow& row, std::uint32_t begin, std::uint32_t count) {
   const std::uint32_t end = begin + count;
   for (std::uint32_t block = count > 0 ? block_of(*row.shapes, begin) : 0; begin < end; ++block) {
     const std::uint32_t part_end = std::min(end, row.shapes->blocks()[block].end);
-    list.ranges.push_back({row, block, begin, part_end - begin, weight});
+    list.ranges.push_back({row, block, begin, part_end - begin});
     begin = part_end;
   }
   list.splats += count;

@@ -173,12 +173,11 @@ struct RecordRow {
   [[nodiscard]] bool operator==(const RecordRow&) const = default;
 };
 
-/// Consecutive records of one block that are drawn with one weight.
+/// Consecutive records of one block.
 struct DrawRange {
   RecordRow row;
   std::uint32_t block = 0;
   std::uint32_t begin = 0, count = 0;  // records of the row
-  float weight = 1;  // [0, 1]: factor on the splats' mass, and so on their optical depth; 0 draws nothing
 
   [[nodiscard]] bool operator==(const DrawRange&) const = default;
 };
@@ -190,7 +189,7 @@ struct DrawList {
 };
 
 /// Appends records [begin, begin + count) of a row, one range for each block.
-void append(DrawList& list, const RecordRow& row, std::uint32_t begin, std::uint32_t count, float weight);
+void append(DrawList& list, const RecordRow& row, std::uint32_t begin, std::uint32_t count);
 
 /// Consecutive points in blocks.
 struct BlockedPositions {

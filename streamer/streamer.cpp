@@ -95,7 +95,7 @@ void Streamer::share_shapes(const Streamer& other) {
 // The parts of rows of the step that the frame consists of, in the order of their keys.
 std::vector<PartLoad> Streamer::step_rows_of_frame() {
   std::vector<PartLoad> rows;
-  const auto plan = reader_->plan(frame_->fading.cut, frame_->visibility);
+  const auto plan = reader_->plan(frame_->cut, frame_->visibility);
   if (!plan) return rows;
   std::set<CacheKey> keys;
   for (const RowPart& part : *plan)
@@ -202,7 +202,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& t
       return tl::unexpected(choice.error());
     }
     const Detail chosen = choice->detail;
-    const bool same = shows(visibility) && frame_->fading.cut == choice->cut && frame_->fading.fades.empty();
+    const bool same = shows(visibility) && frame_->cut == choice->cut;
     if (!same) {
       const auto fetch_start = std::chrono::steady_clock::now();
       const Status fetched = fetch(std::move(choice->cut), visibility);
@@ -227,7 +227,7 @@ std::vector<DrawnNode> Streamer::drawn_nodes() const {
   std::vector<DrawnNode> nodes;
   if (!frame_) return nodes;
   for (const std::uint32_t i : frame_->drawn_items) {
-    const CutItem& item = frame_->fading.cut.items[i];
+    const CutItem& item = frame_->cut.items[i];
     nodes.push_back({item.cube, item.resolution});
   }
   return nodes;

@@ -22,7 +22,6 @@
 #include "streamer/clip.h"
 #include "streamer/cut.h"
 #include "streamer/detail.h"
-#include "streamer/fade.h"
 #include "streamer/occlusion.h"
 #include "streamer/paged_volume.h"
 #include "streamer/pager.h"
@@ -47,9 +46,8 @@ struct StreamerOptions {
 
 /// How far a frame is from the picture that its view asks for.
 struct FrameProgress {
-  bool complete = true;      // it is the frame of `request` for its `detail`
-  bool settled = true;       // it will not change: complete, except for parts that cannot be read or held
-  std::uint64_t fading = 0;  // regions that fade
+  bool complete = true;  // it is the frame of `request` for its `detail`
+  bool settled = true;   // it will not change: complete, except for parts that cannot be read or held
 
   // Parts of the file that are needed.
   std::uint64_t missing_rows = 0;   // shapes or values of rows, whose locations are known
@@ -65,7 +63,7 @@ struct FrameProgress {
 struct FrameSplats {
   DrawList list;
   DrawList sliced;           // the splats near the view's slices, some perhaps not in `list`; not clipped
-  std::uint64_t serial = 0;  // changes when the list changes, besides its weights
+  std::uint64_t serial = 0;  // changes when the list changes
 
   // The chosen cut. A coarser detail than the one asked for is what the budget allows.
   std::uint64_t nodes = 0;
@@ -131,18 +129,13 @@ class Streamer {
   /// volume. Calls with the same view end in a frame that is `complete`, which is the frame of `request` for the same
   /// detail: both lose as much detail for the budget.
   ///
-  /// `change`, (0, 1]: the share of a change of resolution that this call makes; 1: all at once. With less, a region
-  /// whose resolution changes fades: it is drawn both as it was and as it will be. The weights of the two move by
-  /// `change` in each call, and the frame is not `complete` before they end. A region changes at once if there are too
-  /// few splats or bytes left for both.
-  ///
   /// The first call waits for the root of the index and the coarsest resolution, which are held from then on. An error
   /// of a part is reported once, and the part is not asked for again; its nodes are drawn coarser. Fails if the parts
   /// of the first call cannot be read, and if not even the coarsest picture fits.
   ///
   /// The result stays valid until the next call or request.
   [[nodiscard]] Result<const FrameSplats*> advance(const View& view, const Transfer& transfer, const Detail& detail,
-                                                   double wait_seconds = 0, double change = 1);
+                                                   double wait_seconds = 0);
 
   /// Changes to another step of a time series. Parts that all steps share stay in memory, and so do parts of other
   /// steps while there is room. The last result is no longer valid. Fails if there is no such step, if it is damaged,
@@ -224,12 +217,11 @@ class Streamer {
   void drop_frame();
   [[nodiscard]] Status fetch(Cut cut, const ValueVisibility& visibility);
   [[nodiscard]] bool shows(const ValueVisibility& visibility) const;
-  [[nodiscard]] Status assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation);
+  [[nodiscard]] Status assemble(Cut cut, const ValueVisibility& visibility, Reservation reservation);
   void add_ranges(Frame& frame, std::span<const RowPart> plan, const HeldRows& rows) const;
   void clip_ranges(Frame& frame, std::map<RangeName, ClippedRange> before) const;
   void count_splats(Frame& frame);
   void add_sliced(Frame& frame) const;
-  void set_weights(FadingCut fading);
 
   // Steps (streamer.cpp).
   [[nodiscard]] std::vector<PartLoad> step_rows_of_frame();
@@ -245,9 +237,8 @@ class Streamer {
   [[nodiscard]] bool holds_target();
   [[nodiscard]] Result<Cut> choose_resident(Detail& detail);
   [[nodiscard]] Result<Cut> choose_coarsest();
-  [[nodiscard]] std::uint64_t fading_splats(const Cut& cut) const;
-  [[nodiscard]] Status show_resident(double change);
-  [[nodiscard]] Status make_resident_frame(FadingCut fading, Detail detail);
+  [[nodiscard]] Status show_resident();
+  [[nodiscard]] Status make_resident_frame(Cut cut, Detail detail);
   [[nodiscard]] Status make_coarsest_frame();
   [[nodiscard]] FrameProgress extract_progress();
 

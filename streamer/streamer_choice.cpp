@@ -13,7 +13,7 @@ namespace {
 constexpr std::uint64_t choice_share = 32;  // of the budget: one part in 32 is for choosing cuts by expected error
 
 // Bytes in a frame, besides the cut itself: of an item; and of a part of a row, while the list is made.
-constexpr std::uint64_t item_bytes = sizeof(FadingCut::Role) + sizeof(std::uint32_t);
+constexpr std::uint64_t item_bytes = sizeof(std::uint32_t);
 constexpr std::uint64_t part_bytes = sizeof(RowPart) + sizeof(DrawRange) + sizeof(std::uint32_t) +
                                      2 * sizeof(Cache::Pointer) + sizeof(HeldRow) + 4 * sizeof(void*);
 
@@ -75,8 +75,8 @@ std::uint64_t Streamer::list_bytes(const Cut& cut) const {
     for (std::size_t s = 0; s < ranges.size(); ++s)
       if (ranges[s].count > 0) parts += ranges[s].count / info().points_per_chunk[s] + 2;
   }
-  const std::uint64_t each = part_bytes + (clip_.is_all() ? 0 : clipped_entry_bytes) +
-                             (slices_.empty() ? 0 : sizeof(DrawRange) + sizeof(std::uint32_t));
+  const std::uint64_t each =
+      part_bytes + (clip_.is_all() ? 0 : clipped_entry_bytes) + (slices_.empty() ? 0 : sizeof(DrawRange));
   return cut.memory_bytes() + cut.items.size() * item_bytes + parts * each;
 }
 
@@ -96,7 +96,7 @@ std::uint64_t Streamer::clipped_bytes(const Cut& cut) const {
 std::uint64_t Streamer::coarsest_frame_bytes() const {
   return info().resolution_counts[0] *
          (sizeof(CutItem) + sizeof(PointRange) + item_bytes + part_bytes + clipped_entry_bytes +
-          most_clipped_bytes(kernel_, 1, reader_->has_opacity()) + sizeof(DrawRange) + sizeof(std::uint32_t));
+          most_clipped_bytes(kernel_, 1, reader_->has_opacity()) + sizeof(DrawRange));
 }
 
 // Returns a bound on what select_cut counts of a cut of resolution 0 alone.

@@ -24,14 +24,14 @@ Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
   drop_frame();
   auto reservation = cache_.reserve(frame_bytes(cut));
   if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut.splats);
-  return assemble({{}, std::move(cut), {}, {}}, visibility, std::move(*reservation));
+  return assemble(std::move(cut), visibility, std::move(*reservation));
 }
 
-Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation) {
-  SPLATVOL_TRY_ASSIGN(plan, reader_->plan(fading.cut, visibility));
+Status Streamer::assemble(Cut cut, const ValueVisibility& visibility, Reservation reservation) {
+  SPLATVOL_TRY_ASSIGN(plan, reader_->plan(cut, visibility));
   SPLATVOL_TRY_ASSIGN(rows, reader_->hold(plan));
   auto frame = std::make_unique<Frame>(
-      Frame{std::move(fading), visibility, clip_, slices_, std::move(reservation), {}, {}, {}, {}, {}, {}});
+      Frame{std::move(cut), visibility, clip_, slices_, std::move(reservation), {}, {}, {}, {}, {}});
   for (const auto& [number, row] : rows) {
     frame->rows.push_back(row.shapes);
     frame->rows.push_back(row.values);
@@ -51,7 +51,7 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
 void Streamer::add_ranges(Frame& frame, std::span<const RowPart> plan, const HeldRows& rows) const {
   DrawList& list = frame.splats.list;
   for (const RowPart& part : plan) {
-    append(list, rows.at(part.row.number()).row(), part.begin, part.count, frame.fading.weight_of(part.item));
+    append(list, rows.at(part.row.number()).row(), part.begin, part.count);
     frame.range_items.resize(list.ranges.size(), part.item);
   }
 }
@@ -60,11 +60,9 @@ void Streamer::add_ranges(Frame& frame, std::span<const RowPart> plan, const Hel
 void Streamer::add_sliced(Frame& frame) const {
   const DrawList& list = frame.splats.list;
   for (std::size_t i = 0; i < list.ranges.size(); ++i) {
-    const std::uint32_t item = frame.range_items[i];
-    if (!frame.fading.cut.items[item].sliced) continue;
+    if (!frame.cut.items[frame.range_items[i]].sliced) continue;
     frame.splats.sliced.ranges.push_back(list.ranges[i]);
     frame.splats.sliced.splats += list.ranges[i].count;
-    frame.sliced_items.push_back(item);
   }
 }
 
@@ -75,7 +73,7 @@ void Streamer::clip_ranges(Frame& frame, std::map<RangeName, ClippedRange> befor
   std::vector<ClippedRange*> clipped(whole.size());
   std::vector<std::size_t> unknown;
   for (std::size_t i = 0; i < whole.size(); ++i) {
-    const auto& [row, block, begin, count, weight] = whole[i];
+    const auto& [row, block, begin, count] = whole[i];
     const RangeName name{row.shapes->id(), row.values->id(), begin, count};
     auto known = before.extract(name);
     if (known)
@@ -96,14 +94,14 @@ void Streamer::clip_ranges(Frame& frame, std::map<RangeName, ClippedRange> befor
       list.ranges.push_back(range);
       list.splats += range.count;
     } else if (clipped[i]->part == ClippedRange::Part::some) {
-      append(list, clipped[i]->row, 0, range.count, range.weight);
+      append(list, clipped[i]->row, 0, range.count);
     }
     frame.range_items.resize(list.ranges.size(), items[i]);
   }
 }
 
 void Streamer::count_splats(Frame& frame) {
-  const Cut& cut = frame.fading.cut;
+  const Cut& cut = frame.cut;
   FrameSplats& splats = frame.splats;
   splats.serial = next_serial_++;
   splats.expected_error = std::sqrt(cut.squared_error);
@@ -122,21 +120,10 @@ void Streamer::count_splats(Frame& frame) {
   }
 }
 
-// Sets the weights of a frame whose splats stay the same.
-void Streamer::set_weights(FadingCut fading) {
-  frame_->fading = std::move(fading);
-  for (std::size_t i = 0; i < frame_->range_items.size(); ++i)
-    frame_->splats.list.ranges[i].weight = frame_->fading.weight_of(frame_->range_items[i]);
-  for (std::size_t i = 0; i < frame_->sliced_items.size(); ++i)
-    frame_->splats.sliced.ranges[i].weight = frame_->fading.weight_of(frame_->sliced_items[i]);
-}
-
 std::uint64_t Streamer::Frame::memory_bytes() const {
-  std::uint64_t bytes =
-      fading.cut.memory_bytes() + fading.roles.size() * sizeof(FadingCut::Role) + fading.fades.size() * sizeof(Fade) +
-      rows.size() * sizeof(Cache::Pointer) +
-      (splats.list.ranges.size() + splats.sliced.ranges.size()) * (sizeof(DrawRange) + sizeof(std::uint32_t)) +
-      drawn_items.size() * sizeof(std::uint32_t);
+  std::uint64_t bytes = cut.memory_bytes() + rows.size() * sizeof(Cache::Pointer) +
+                        splats.list.ranges.size() * (sizeof(DrawRange) + sizeof(std::uint32_t)) +
+                        splats.sliced.ranges.size() * sizeof(DrawRange) + drawn_items.size() * sizeof(std::uint32_t);
   for (const auto& [name, range] : clipped) {
     bytes += sizeof(name) + sizeof(range) + 4 * sizeof(void*);
     if (range.part == ClippedRange::Part::some) bytes += held_bytes(*range.row.shapes) + held_bytes(*range.row.values);

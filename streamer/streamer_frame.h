@@ -11,7 +11,7 @@
 namespace splatvol {
 
 struct Streamer::Frame {
-  FadingCut fading;
+  Cut cut;
   ValueVisibility visibility;
   ClipRegion clip;
   std::vector<Slice> slices;
@@ -19,7 +19,6 @@ struct Streamer::Frame {
   std::vector<Cache::Pointer> rows;           // held
   std::map<RangeName, ClippedRange> clipped;  // with a clip region: of all ranges in or near it
   std::vector<std::uint32_t> range_items;     // [range of the list]: of the cut
-  std::vector<std::uint32_t> sliced_items;    // [range of FrameSplats::sliced]: of the cut
   std::vector<std::uint32_t> drawn_items;     // items that have splats
   FrameSplats splats;
 
@@ -33,7 +32,6 @@ struct Streamer::TargetCut {
   ValueVisibility visibility;
   Detail asked;
   Choice choice;
-  std::uint64_t bytes;  // that the choice costs
 };
 
 }  // namespace splatvol

@@ -30,11 +30,10 @@ Status Streamer::start_paging() {
 }
 
 Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& transfer, const Detail& detail,
-                                             double wait_seconds, double change) {
+                                             double wait_seconds) {
   SPLATVOL_TRY(check_detail(detail));
   clip_ = view.clip;
   slices_ = view.slices;
-  if (!(change > 0 && change <= 1)) return fail(ErrorCode::invalid_argument, "{} is no share of a change", change);
   const auto start = std::chrono::steady_clock::now();
   const auto deadline = start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
                                     std::chrono::duration<double>(std::min(wait_seconds, 1e6)));
@@ -49,7 +48,7 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& t
 
   for (Pager::Arrivals arrived = pager_->accept_arrivals();;) {
     if (!target_ || arrived.pages) SPLATVOL_TRY(choose_target(view, visibility, detail));
-    const bool rests = steady && !arrived && frame_ && frame_->fading.fades.empty();
+    const bool rests = steady && !arrived && frame_;
     if (!steady || arrived || !pager_->is_reading()) pager_->ask(rests);
     if (pager_->missing().settled() || std::chrono::steady_clock::now() >= deadline) break;
     pager_->wait_until(deadline);
@@ -61,7 +60,7 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& t
     view_before_.reset();
   }
   cut_seconds_ = seconds_since(start);
-  SPLATVOL_TRY(show_resident(change));
+  SPLATVOL_TRY(show_resident());
   fetch_seconds_ = seconds_since(start) - cut_seconds_;
   return &frame_->splats;
 }
@@ -70,7 +69,6 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& t
 // again, but never finer than before: otherwise two choices might alternate.
 Status Streamer::choose_target(const View& view, const ValueVisibility& visibility, const Detail& detail) {
   Pager::Pages pages;
-  std::uint64_t target_bytes = 0;
   const auto try_cut = [&](const Detail& tried) -> Result<Cut> {
     if (target_ && is_finer(tried, target_->choice.detail))
       return fail(ErrorCode::out_of_budget, "the view needed more than {} bytes", cut_limit());
@@ -78,7 +76,6 @@ Status Streamer::choose_target(const View& view, const ValueVisibility& visibili
     SPLATVOL_TRY_ASSIGN(cut, select(*pager_, nullptr, view, visibility, cut_options(tried, cut_limit())));
     SPLATVOL_TRY(check_fits(cut, pager_->pages().index_bytes, tried));
     pages = pager_->pages();
-    target_bytes = cut_bytes(cut, pages.index_bytes);
     return cut;
   };
   auto choice = choose_finest(first_detail(detail), try_cut);
@@ -91,7 +88,7 @@ Status Streamer::choose_target(const View& view, const ValueVisibility& visibili
   pager_->forget(visibility);
   pager_->keep_pages(std::move(pages));
   pager_->want(choice->cut, 0);
-  target_ = std::make_unique<TargetCut>(TargetCut{view, visibility, detail, std::move(*choice), target_bytes});
+  target_ = std::make_unique<TargetCut>(TargetCut{view, visibility, detail, std::move(*choice)});
   if (!holds_target()) want_stages(view, visibility);
   return {};
 }
@@ -174,29 +171,12 @@ Result<Cut> Streamer::choose_coarsest() {
                              cut_options(detail, coarsest_cut_bytes()));
 }
 
-// Returns how many splats fades may draw besides those of a cut. The target cut and the parts that are being read leave
-// memory for them. Their rows have other splats too.
-std::uint64_t Streamer::fading_splats(const Cut& cut) const {
-  const std::uint64_t most_bytes = free_bytes() / 8 * 7;
-  const std::uint64_t bytes = most_bytes - std::min(target_->bytes, most_bytes);
-  const std::uint64_t splats = target_->choice.detail.device_splats;
-  return std::min(bytes / (2 * record_bytes(kernel_)), splats - std::min(cut.splats, splats));
-}
-
-Status Streamer::show_resident(double change) {
+Status Streamer::show_resident() {
   Detail detail = target_->choice.detail;
   auto cut = choose_resident(detail);
   if (!cut) return tl::unexpected(cut.error());
-  const bool same_values = shows(target_->visibility);
-  FadingCut fading{target_->view, std::move(*cut), {}, {}};
-  if (same_values) {
-    const FadeOptions options{change, fading_splats(fading.cut)};
-    fading = fade(info().cube, target_->view, frame_->fading, std::move(fading.cut), *pager_, options);
-  }
-  if (same_values && frame_->fading.cut == fading.cut)
-    set_weights(std::move(fading));
-  else
-    SPLATVOL_TRY(make_resident_frame(std::move(fading), detail));
+  const bool same = shows(target_->visibility) && frame_->cut == *cut;
+  if (!same) SPLATVOL_TRY(make_resident_frame(std::move(*cut), detail));
   frame_->splats.detail = target_->choice.detail;
   frame_->splats.progress = extract_progress();
   if (frame_->splats.progress.complete) {
@@ -207,28 +187,21 @@ Status Streamer::show_resident(double change) {
   return {};
 }
 
-// Makes the frame, or a simpler one if memory is short: first without fades, then after letting go of substitutes, last
-// the coarsest.
-Status Streamer::make_resident_frame(FadingCut fading, Detail detail) {
+// Makes the frame, or a simpler one if memory is short: first after letting go of substitutes, last the coarsest.
+Status Streamer::make_resident_frame(Cut cut, Detail detail) {
   drop_frame();
   if (!coarsest_frame_) coarsest_frame_ = cache_.reserve(coarsest_frame_bytes());
-  const auto reserve = [&] { return cache_.reserve(frame_bytes(fading.cut)); };
+  const auto reserve = [&] { return cache_.reserve(frame_bytes(cut)); };
   auto reservation = reserve();
-  if (!reservation && !fading.fades.empty()) {
-    SPLATVOL_TRY_ASSIGN(at_once, choose_resident(detail));
-    fading = {target_->view, std::move(at_once), {}, {}};
-    reservation = reserve();
-  }
   if (!reservation) {
     // If even this does not suffice, parts that are no longer wanted are still being read.
     pager_->hold_wanted();
     static_cast<void>(reserve());
-    SPLATVOL_TRY_ASSIGN(of_wanted, choose_resident(detail));
-    fading = {target_->view, std::move(of_wanted), {}, {}};
+    SPLATVOL_TRY_SET(cut, choose_resident(detail));
     reservation = reserve();
   }
   if (!reservation) return make_coarsest_frame();
-  Status assembled = assemble(std::move(fading), target_->visibility, std::move(*reservation));
+  Status assembled = assemble(std::move(cut), target_->visibility, std::move(*reservation));
   if (!assembled && assembled.error().code == ErrorCode::out_of_budget) return make_coarsest_frame();
   return assembled;
 }
@@ -237,7 +210,7 @@ Status Streamer::make_coarsest_frame() {
   SPLATVOL_TRY_ASSIGN(coarsest, choose_coarsest());
   auto reservation = std::exchange(coarsest_frame_, std::nullopt);
   if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for a frame", volume_->name());
-  return assemble({target_->view, std::move(coarsest), {}, {}}, target_->visibility, std::move(*reservation));
+  return assemble(std::move(coarsest), target_->visibility, std::move(*reservation));
 }
 
 // Tells how far the frame is from the target cut, and moves the errors out of the pager.
@@ -245,11 +218,8 @@ FrameProgress Streamer::extract_progress() {
   const Pager::Missing& missing = pager_->missing();
   const Cut& target = target_->choice.cut;
   FrameProgress progress;
-  progress.complete = target.complete && missing.rows + missing.pages == 0 && frame_->fading.fades.empty() &&
-                      frame_->fading.cut == target;
-  progress.fading = frame_->fading.fades.size();
-  progress.settled =
-      missing.settled() && progress.fading == 0 && (progress.complete || missing.failed > 0 || !pager_->is_reading());
+  progress.complete = target.complete && missing.rows + missing.pages == 0 && frame_->cut == target;
+  progress.settled = missing.settled() && (progress.complete || missing.failed > 0 || !pager_->is_reading());
   progress.missing_rows = missing.rows;
   progress.missing_pages = missing.pages;
   progress.missing_bytes = missing.bytes;

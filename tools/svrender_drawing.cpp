@@ -23,7 +23,7 @@ bool is_default(const RenderOptions& options) { return options.quality == Qualit
 
 // A frame of a moving camera has all of its splats; one of a picture that is being read has those that are there.
 FrameRequest request_of(const RenderOptions& options, const Drawn& drawn) {
-  FrameRequest request{.detail = drawn.detail, .change = 1.0 / options.fade};
+  FrameRequest request{.detail = drawn.detail};
   if (options.moves())
     request.wait_seconds = 1e6;
   else if (options.progresses())
@@ -95,8 +95,7 @@ CameraMotion motion_of(const RenderOptions& options, const Composition& composit
           .center = std::nullopt};
 }
 
-// Draws the frames of a moving camera, each with all of its splats, and measures the change from each to the next.
-// Returns the errors of parts that could not be read.
+// Draws the frames of a moving camera, each with all of its splats. Returns the errors of parts that could not be read.
 Result<std::vector<Error>> draw_path(const RenderOptions& options, const Composition& composition, Drawn& drawn,
                                      Timings& timings) {
   std::optional<Movie> movie;
@@ -105,24 +104,17 @@ Result<std::vector<Error>> draw_path(const RenderOptions& options, const Composi
   }
   const CameraMotion motion = motion_of(options, composition);
   Scene scene = composition.scene;
-  Image last;
   std::vector<Error> errors;
   ProgressBar bar("draw");
   for (int number = 0; number < motion.frames; ++number) {
     scene.camera = camera_at(composition.scene.camera, motion, number);
     SPLATVOL_TRY(drawn.player->set_scene(scene));
     SPLATVOL_TRY(draw_frame(options, drawn, timings));
-    SPLATVOL_TRY_ASSIGN(image, drawn.player->image());
-    double change = 0;
-    if (number > 0) {
-      SPLATVOL_TRY_ASSIGN(difference, compare_images(last, image));
-      change = difference.rmse;
+    std::ranges::copy(splats_of(*drawn.player).progress.errors, std::back_inserter(errors));
+    if (movie) {
+      SPLATVOL_TRY_ASSIGN(image, drawn.player->image());
+      SPLATVOL_TRY(write_frame(options, composition, drawn, movie->frame_path(number), std::move(image)));
     }
-    const FrameSplats& frame = splats_of(*drawn.player);
-    std::ranges::copy(frame.progress.errors, std::back_inserter(errors));
-    timings.path.push_back({frame.splats, frame.progress.fading, change});
-    if (movie) SPLATVOL_TRY(write_frame(options, composition, drawn, movie->frame_path(number), image));
-    last = std::move(image);
     bar.update((number + 1.0) / motion.frames);
   }
   if (movie) SPLATVOL_TRY(movie->finish(0, motion.frames));

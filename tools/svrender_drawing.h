@@ -18,12 +18,6 @@ struct ProgressFrame {
   std::uint64_t splats, bytes_read, missing_bytes;
 };
 
-/// A frame of --path.
-struct PathFrame {
-  std::uint64_t splats, fading;
-  double change;  // RMSE against the frame before
-};
-
 /// A frame of --steps.
 struct StepFrame {
   std::size_t step;
@@ -35,7 +29,6 @@ struct StepFrame {
 /// Times in seconds. `fetch` and `upload` are those of the first picture; the vectors hold a number for each frame.
 struct Timings {
   std::vector<ProgressFrame> progress;
-  std::vector<PathFrame> path;
   std::vector<StepFrame> steps;
   std::vector<Rung> rungs;  // that --milliseconds tried; at the end that of the picture
   double first_image = 0;

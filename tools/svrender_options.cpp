@@ -176,7 +176,7 @@ void add_frame_options(CommandLine& app, RenderOptions& options) {
   app.add_option(
          "--path", options.path,
          "Draw FRAMES frames of a camera that turns round its focal point by DEGREES in all, while its distance "
-         "is multiplied by FACTOR; --progress-frames or --movie takes the frames, --stats the changes between them")
+         "is multiplied by FACTOR; --progress-frames or --movie takes the frames, --stats their times")
       ->type_name("FRAMES,DEGREES,FACTOR")
       ->excludes(milliseconds)
       ->delimiter(',')
@@ -204,11 +204,6 @@ void add_frame_options(CommandLine& app, RenderOptions& options) {
     if (!options.sampling.empty() && options.sampling != "auto")
       options.drawing.sample_spacing = std::atoi(options.sampling.c_str());
   });
-  app.add_option("--fade", options.fade,
-                 "With --path or --progress-frames: how many frames a change of resolution takes")
-      ->range(1, 1000000)
-      ->capture_default_str()
-      ->group(for_measurements);
   app.add_option("--stats", options.stats, "Write statistics as JSON to this file, - for the terminal")
       ->type_name("OUT.json|-")
       ->check(check_json_path);

@@ -36,7 +36,6 @@ struct RenderOptions {
   std::optional<int> ticks;         // of the scalar bar
   std::optional<std::string> unit;  // in place of the attribute's
   bool transparent = false;
-  int fade = 1;  // frames that a change of resolution takes
   std::string memory = default_memory(512);
   std::string gpu_memory = "1G";
   std::string device = "auto";

@@ -48,8 +48,6 @@ void add_frames(const Timings& timings, json& document) {
                                        {"seconds", drawn.seconds},
                                        {"splats", drawn.splats},
                                        {"bytes_read", drawn.bytes_read}});
-  for (const PathFrame& drawn : timings.path)
-    document["path_frames"].push_back({{"splats", drawn.splats}, {"fading", drawn.fading}, {"step", drawn.change}});
 }
 
 // The options that draw the picture of a rung again.

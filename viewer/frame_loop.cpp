@@ -6,7 +6,7 @@
 namespace splatvol {
 
 bool FrameLoop::needs_frame() const {
-  constexpr double shortest = 1.0 / 60;  // between frames beside a picture that is drawn
+  constexpr double shortest = 1.0 / 30;  // between frames beside a picture that is drawn
   const Session* session = viewer_.session();
   if (session && session->awaits_picture() && input_.seconds < shortest) return false;
   if (!input_.events.empty()) return true;
@@ -15,7 +15,7 @@ bool FrameLoop::needs_frame() const {
 
 Result<bool> FrameLoop::step() {
   const Session* session = viewer_.session();
-  constexpr double picture_patience = 0.002;
+  constexpr double picture_patience = 0.001;
   const bool waits = !input_.events.empty() && session && session->awaits_picture();
   FrameInput taken = stage_.take_input(waits ? picture_patience : viewer_.patience());
   input_.seconds += taken.seconds;

@@ -96,7 +96,7 @@ void add_depth(SplatChord& chord, const Extinctions& extinctions) {
 }
 
 std::optional<SplatChord> chord_of(const MomentsSplat& splat, const dvec3& origin, const DrawingUnits& units,
-                                   float weight, const Looking& looking) {
+                                   const Looking& looking) {
   if (std::isnan(splat.value)) return {};
   // In drawing units from the block's origin; distances along the ray are those of the world.
   const dvec3 eye = (looking.ray.origin - origin) / units.length, direction = looking.ray.direction / units.length;
@@ -110,7 +110,6 @@ std::optional<SplatChord> chord_of(const MomentsSplat& splat, const dvec3& origi
   if (!chord || !(chord->end > 0)) return {};
   SplatChord result{*chord};
   result.begin = std::max(result.begin, 0.0);
-  result.peak *= static_cast<double>(weight);
   const LinearField field = field_of(splat.center, shape, value_of(splat), variance);
   result.value = units.value(field.at(eye + result.middle * direction));
   result.slope = units.value_scale * glm::dot(field.slope, direction);
@@ -120,7 +119,7 @@ std::optional<SplatChord> chord_of(const MomentsSplat& splat, const dvec3& origi
 
 // A ball whose centre is as opaque as the splat's.
 std::optional<SplatChord> chord_of(const OctantSplat& splat, const dvec3& origin, const DrawingUnits& units,
-                                   float weight, const Looking& looking) {
+                                   const Looking& looking) {
   const double size = units.length * static_cast<double>(splat.size), deviation = octant_deviation * size;
   if (!(size > 0) || std::isnan(splat.value)) return {};
   const dvec3 from = looking.ray.origin - origin - units.length * dvec3(splat.position);
@@ -135,7 +134,7 @@ std::optional<SplatChord> chord_of(const OctantSplat& splat, const dvec3& origin
   chord.begin = std::max(nearest - gaussian_reach * deviation, 0.0);
   chord.end = nearest + gaussian_reach * deviation;
   if (!(chord.begin < chord.end)) return {};
-  chord.peak = static_cast<double>(weight) * size / (deviation * std::sqrt(2 * std::numbers::pi)) * std::exp(-far / 2);
+  chord.peak = size / (deviation * std::sqrt(2 * std::numbers::pi)) * std::exp(-far / 2);
   chord.value = units.value(static_cast<double>(splat.value));
   return chord;
 }
@@ -247,8 +246,8 @@ std::optional<Probe> ProbedFrame::probe(const Transfer& transfer, const Looking&
     const RecordBlock& block = range.row.shapes->blocks()[range.block];
     const bool is_octant = std::holds_alternative<std::vector<OctantShape>>(range.row.shapes->records());
     for (std::uint32_t i = chunk.begin; i < chunk.begin + chunk.count; ++i) {
-      auto chord = is_octant ? chord_of(unpack_octant(range.row, i), block.origin, units_, range.weight, looking)
-                             : chord_of(unpack(range.row, i), block.origin, units_, range.weight, looking);
+      auto chord = is_octant ? chord_of(unpack_octant(range.row, i), block.origin, units_, looking)
+                             : chord_of(unpack(range.row, i), block.origin, units_, looking);
       if (!chord) continue;
       if (factors) chord->factor = factor_of(*factors, *range.row.values, i, units_);
       add_depth(*chord, extinctions);

@@ -56,7 +56,7 @@ class ProbedFrame {
   /// Looks at all splats once, for balls round some hundred neighbours each. `units`: of the splats.
   ProbedFrame(DrawList list, const DrawingUnits& units);
 
-  /// Follows a ray. Splats, boundary planes, weights and the spread of values count as in the picture, besides what the
+  /// Follows a ray. Splats, boundary planes and the spread of values count as in the picture, besides what the
   /// rasterizers round; a splat of the kernel octant is a round Gaussian. Where octants are flat, the `opacity` of the
   /// picture tells how much all optical depths are to be scaled. None if the ray meets nothing visible.
   [[nodiscard]] std::optional<Probe> probe(const Transfer& transfer, const Looking& looking,

@@ -168,7 +168,7 @@ void Probes::pin(const dvec2& position) {
 void Probes::draw(bool is_at_rest, bool over_picture) {
   const FrameSplats* frame = viewer_.session->frame();
   if (!frame || viewer_.session->is_drawing()) return draw_pinned();
-  is_at_rest = is_at_rest && frame->progress.fading == 0 && !viewer_.session->is_reading();
+  is_at_rest = is_at_rest && !viewer_.session->is_reading();
   if (!is_at_rest) forget();
   if (pin_ && is_at_rest) {
     const Question question = question_about(pin_->looking);

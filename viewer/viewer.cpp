@@ -154,7 +154,7 @@ std::optional<double> Viewer::windows_wait_seconds() const {
 }
 
 double Viewer::patience() const {
-  constexpr double for_events = 1, for_picture = 0.002, for_change = 0.004;
+  constexpr double for_events = 1, for_picture = 0.001, for_change = 0.004;
   if (is_settled()) return for_events;
   if (awaits_picture()) return for_picture;
   const bool goes_on = has_drawn_ || !events_.is_empty() || state_.pending_frames > 0;

@@ -84,8 +84,7 @@ struct RangeInView {
   std::uint32_t count = 0;
   float x = 0, y = 0, z = 0;  // origin of its block, view coordinates
   float step = 0;
-  float weight = 1;
-  float mass_scale = 0;  // with the weight and the unit of coverage
+  float mass_scale = 0;  // with the unit of coverage
   float deviation_scale = 0;
   float value_deviation_scale = 0;
   float opacity_deviation_scale = 0;
@@ -169,11 +168,10 @@ static_assert(sizeof(NearSplat) == 176);
 struct GaussianSplat {
   float x, y;     // centre, pixels
   float scale;    // a pixel in half widths at half maximum
-  float weight;   // of the splat's optical depth, in each pixel
   float r, g, b;  // premultiplied, at the centre
   float alpha;
 };
-static_assert(sizeof(GaussianSplat) == 32);
+static_assert(sizeof(GaussianSplat) == 28);
 
 enum class Form : std::uint8_t {
   none,

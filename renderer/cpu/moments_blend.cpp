@@ -484,7 +484,7 @@ struct BoxBlender {
     set_spread(frame, splat, chord, ray, sample);
     const TableRow table = table_row(frame.table, sample.spread);
     const Float column = column_of(frame, sample.mean, table.columns);
-    const Material material = look_up_rows(frame.table, max(table.row, Int(0)), column, inside);
+    const Material material = look_up_rows(frame.table, table.row, column, inside);
     blend_near_sample(sample, sample.light, material, inside, pixels);
   }
 };

@@ -52,8 +52,7 @@ struct Distance {
 
 HWY_INLINE Distance distance_to_eye(const FrameConstants& frame, const Records& records, Vector3 center) {
   const Float size = records.number(2), value = records.number(3);
-  Mask drawn = both(size > Float(0.0F), hn::Eq(value.v, value.v));
-  drawn = both(drawn, both(load(records.ranges.weight.data()) > Float(0.0F), center.z > Float(0.0F)));
+  const Mask drawn = both(both(size > Float(0.0F), hn::Eq(value.v, value.v)), center.z > Float(0.0F));
   return {frame.orthographic ? center.z : max(length(center), center.z), drawn};
 }
 
@@ -128,7 +127,6 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   const std::array<Float, sizeof(GaussianSplat) / 4> fields{fma(center.x, by_pixel, 0.5F * frame.width),
                                                             fma(center.y, by_pixel, 0.5F * frame.height),
                                                             scale,
-                                                            load(records.ranges.weight.data()),
                                                             lit * material.r,
                                                             lit * material.g,
                                                             lit * material.b,
@@ -188,15 +186,6 @@ HWY_INLINE Float exp2_of_minus(Float x) {
   return fma(f, p, 1.0F) * bits_as_float(shift_left<23>(n + Int(127)));
 }
 
-/// Returns the share of alpha that a part `weight` of the optical depth draws: (1 - (1 - alpha)^weight) / alpha. Uses
-/// the binomial series where the subtraction would cancel.
-HWY_INLINE Float weighted_share(Float alpha, float weight) {
-  const float rest = 1.0F - weight;
-  const Float series = fma(alpha * (0.5F * rest), fma(alpha, (1.0F + rest) / 3, 1.0F), 1.0F) * weight;
-  const Float depth = -natural_log(max(Float(1.0F) - alpha, 1e-30F));
-  return select(alpha < Float(0.01F), series, opacity(depth * weight) / max(alpha, 1e-30F));
-}
-
 /// `surfaces`: null, or those that hide the splat where they are not behind `depth`.
 template <bool partial>
 HWY_INLINE void blend_splat(const GaussianSplat& splat, const PixelBounds& bounds, const TileArea& area,
@@ -221,7 +210,6 @@ HWY_INLINE void blend_splat(const GaussianSplat& splat, const PixelBounds& bound
   for (int y = bottom; y < top; ++y)
     for (int x = left; x < right; x += lanes) {
       Float alpha = load(by_column.data() + x) * by_row[y];
-      if (splat.weight < 1) alpha = alpha * weighted_share(alpha, splat.weight);
       if constexpr (partial) alpha = only(load(surfaces->at(area.left + x, area.bottom + y)) > Float(depth), alpha);
       blend(alpha, 1.0F, material, pixels.values.data() + y * TilePixels::row_stride + x);
     }

@@ -18,14 +18,13 @@ namespace splatvol::tiles::HWY_NAMESPACE {
 
 /// Properties that records have from their ranges; one record in each lane.
 struct RangesInLanes {
-  alignas(64) std::array<float, most_lanes> x, y, z, step, weight, mass_scale, deviation_scale, value_deviation_scale;
+  alignas(64) std::array<float, most_lanes> x, y, z, step, mass_scale, deviation_scale, value_deviation_scale;
 
   void set(int lane, const RangeInView& range) {
     x[lane] = range.x;
     y[lane] = range.y;
     z[lane] = range.z;
     step[lane] = range.step;
-    weight[lane] = range.weight;
     mass_scale[lane] = range.mass_scale;
     deviation_scale[lane] = range.deviation_scale;
     value_deviation_scale[lane] = range.value_deviation_scale;

@@ -42,9 +42,8 @@ RangeInView make_range(const DrawRange& range, std::uint32_t first) {
   result.first = first;
   result.count = range.count;
   result.step = nearest_float(range.row.shapes->blocks()[range.block].step);
-  result.weight = range.weight;
   constexpr double by_coverage = 1.0 / 255;
-  result.mass_scale = nearest_float(range.row.shapes->mass_scale() * static_cast<double>(range.weight) * by_coverage);
+  result.mass_scale = nearest_float(range.row.shapes->mass_scale() * by_coverage);
   result.deviation_scale = nearest_float(range.row.shapes->deviation_scale());
   result.value_deviation_scale = nearest_float(range.row.values->deviation_scale());
   return result;
@@ -106,11 +105,14 @@ Status TileRasterizer::set_transfer_function(const Transfer& transfer, const Dra
   units_ = units;
   frame_.axis = stored_axis(function, units.value_offset, units.value_scale);
   ordered_view_.reset();
-  set_tables(function);
+  new_function_ = std::move(function);
   return {};
 }
 
-void TileRasterizer::set_tables(const TransferFunction& function) {
+// Makes the tables of a new function where splats are drawn: a picture of cells needs none.
+void TileRasterizer::prepare_tables() {
+  if (!new_function_) return;
+  const TransferFunction function = *std::exchange(new_function_, std::nullopt);
   const TableSize size = table_size(kernel_);
   const TransferTable table = make_transfer_table(function, size.columns, size.rows);
   table_ = PackedTable(table);
@@ -126,10 +128,7 @@ void TileRasterizer::set_lighting(const std::optional<Lighting>& lighting) { lig
 Status TileRasterizer::set_draw_list(const DrawList& list) {
   if (list.ranges == list_.ranges) return {};
   ordered_view_.reset();
-  const bool same_splats = std::ranges::equal(list.ranges, list_.ranges, [](const DrawRange& a, const DrawRange& b) {
-    return a.row == b.row && a.block == b.block && a.begin == b.begin && a.count == b.count;
-  });
-  if (!same_splats) axis_orders_ = {};
+  axis_orders_ = {};
   list_ = {};
   ranges_.clear();
   first_ranges_.clear();
@@ -172,10 +171,12 @@ Status TileRasterizer::prepare_surfaces(const View& view) {
 }
 
 Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sample_spacing) {
-  if (frame_.table.columns == 0) return fail(ErrorCode::invalid_argument, "no transfer function has been set");
+  if (!new_function_ && frame_.table.columns == 0)
+    return fail(ErrorCode::invalid_argument, "no transfer function has been set");
   SPLATVOL_TRY(check_drawing(capabilities(), view, sample_spacing));
   FrameTimes times;
   Stopwatch stopwatch;
+  prepare_tables();
   SPLATVOL_TRY(prepare_surfaces(view));
   times.upload = stopwatch.lap();
   if (sample_spacing == 1 || frame_.surfaces) {

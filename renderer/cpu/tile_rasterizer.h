@@ -79,7 +79,7 @@ class TileRasterizer final : public Rasterizer {
       return order ? order[at] : static_cast<std::uint32_t>(at);
     }
   };
-  void set_tables(const TransferFunction& function);
+  void prepare_tables();
   void set_view(const View& view);
   [[nodiscard]] Status prepare_surfaces(const View& view);
   void draw_samples(const View& view, SortMode sort, Image& target, FrameTimes& times);
@@ -97,6 +97,7 @@ class TileRasterizer final : public Rasterizer {
   DrawingUnits units_;
   std::optional<Lighting> lighting_;
   tiles::FrameConstants frame_;
+  std::optional<TransferFunction> new_function_;  // until splats are drawn with it
   tiles::PackedTable table_;
   OpacityTable opacity_;
   std::vector<float> peaks_;

@@ -206,7 +206,8 @@ HWY_INLINE Vector3 select(Mask mask, Vector3 yes, Vector3 no) {
 }
 
 /// Returns the row of the transfer table for a spread (moments_common.glsl), and the columns that a unit of the mean
-/// takes there. A spread beyond the last row uses this row on a larger scale.
+/// takes there. A spread beyond the last row uses this row on a larger scale. NaN, of a lane that is not drawn, has a
+/// row, too.
 struct TableRow {
   Int row;
   Float columns;
@@ -216,7 +217,7 @@ HWY_INLINE TableRow table_row(const Table& table, Float spread) {
   constexpr float rows_per_octave = 1.0F / 9.00281502F;  // 1 / log2(513)
   const int last = table.rows - 1;
   const Float share = min(log2(fma(spread, 64.0F, 1.0F)) * rows_per_octave, 1.0F);
-  const Int row = min(truncate(fma(share, static_cast<float>(last), 0.5F)), Int(last));
+  const Int row = max(min(truncate(fma(share, static_cast<float>(last), 0.5F)), Int(last)), Int(0));
   const Float row_spread = gather(table.row_spreads, row);
   const Mask is_last = mask_of(hn::Eq(row.v, Int(last).v));
   const Float used = select(is_last, max(spread, row_spread), row_spread);

@@ -218,10 +218,7 @@ void GlRasterizer::forget_list() {
 }
 
 Status GlRasterizer::set_draw_list(const DrawList& list) {
-  if (std::ranges::equal(list.ranges, range_keys_, {}, key_of)) {
-    set_weights(list);
-    return {};
-  }
+  if (std::ranges::equal(list.ranges, range_keys_, {}, key_of)) return {};
   forget_list();
   for (const DrawRange& range : list.ranges) SPLATVOL_TRY(check_range(range, kernel_.kind));
   // The share of the pages is the same for all lists: pages do not shrink.
@@ -240,14 +237,6 @@ Status GlRasterizer::set_draw_list(const DrawList& list) {
   return uploaded;
 }
 
-void GlRasterizer::set_weights(const DrawList& list) {
-  for (std::size_t i = 0; i < ranges_.size(); ++i)
-    if (const float weight = list.ranges[i].weight; ranges_[i].origin.w != weight) {
-      ranges_[i].origin.w = weight;
-      ordered_view_.reset();  // the order leaves out splats that are too faint to be drawn
-    }
-}
-
 void GlRasterizer::add_ranges(const DrawList& list) {
   std::vector<std::size_t> counts(pages_.page_count());
   for (const DrawRange& range : list.ranges) {
@@ -256,7 +245,7 @@ void GlRasterizer::add_ranges(const DrawList& list) {
     const auto number = static_cast<std::uint32_t>(ranges_.size());
     range_keys_.push_back(key_of(range));
     range_origins_.push_back(block.origin);
-    ranges_.push_back({vec4(0, 0, 0, range.weight), nearest_float(block.step), nearest_float(shapes.mass_scale()),
+    ranges_.push_back({vec3(0), nearest_float(block.step), nearest_float(shapes.mass_scale()),
                        nearest_float(shapes.deviation_scale()), nearest_float(range.row.values->deviation_scale()),
                        nearest_float(range.row.values->opacity().deviation_scale)});
     if (range.count > 0)
@@ -400,7 +389,7 @@ Status GlRasterizer::upload_frame(const View& view) {
 
   // Subtracted in double: far from the world's origin, only differences fit into single precision.
   for (std::size_t i = 0; i < ranges_.size(); ++i)
-    ranges_[i].origin = vec4(vec3(view.to_view(range_origins_[i]) / units_.length), ranges_[i].origin.w);
+    ranges_[i].origin = vec3(view.to_view(range_origins_[i]) / units_.length);
   range_buffer_.write(ranges_.data(), ranges_.size() * sizeof(Range));
 
   frame_.bind(GL_UNIFORM_BUFFER, 0);

@@ -67,11 +67,11 @@ class GlRasterizer : public Rasterizer {
     std::uint32_t first, count_and_page, range;
   };
   struct Range {
-    vec4 origin;
+    vec3 origin;
     float step, mass_scale, deviation_scale, value_scale, opacity_scale;
-    std::array<float, 3> unused = {};  // std430 aligns to vec4
   };
-  // A range of the list without its weight. Rows of other ids are other rows.
+  static_assert(sizeof(Range) == 32);  // std430 aligns vec3 to vec4
+  // A range of the list. Rows of other ids are other rows.
   struct RangeKey {
     std::uint64_t shapes, values;
     std::uint32_t block, begin, count;
@@ -79,7 +79,6 @@ class GlRasterizer : public Rasterizer {
   };
   [[nodiscard]] static RangeKey key_of(const DrawRange& range);
   void forget_list();
-  void set_weights(const DrawList& list);
   void add_ranges(const DrawList& list);
   [[nodiscard]] Status upload_entries();
   [[nodiscard]] std::uint64_t fixed_bytes() const;

@@ -25,13 +25,11 @@ constexpr SurfaceSources with_surfaces{"#define SURFACES\n", surface_depths_glsl
 
 Result<std::vector<Program>> make_octant_forms(const SurfaceSources& surfaces) {
   std::vector<Program> forms;
-  for (const std::string_view fragment : {octant_frag, octant_weighted_frag}) {
-    SPLATVOL_TRY_ASSIGN(
-        form, build_program("octant's quads",
-                            {{GL_VERTEX_SHADER, {frame_glsl, surfaces.define, octant_quad_glsl, octant_vert}},
-                             {GL_FRAGMENT_SHADER, {frame_glsl, surfaces.define, surfaces.depths, fragment}}}));
-    forms.push_back(std::move(form));
-  }
+  SPLATVOL_TRY_ASSIGN(
+      form, build_program("octant's quads",
+                          {{GL_VERTEX_SHADER, {frame_glsl, surfaces.define, octant_quad_glsl, octant_vert}},
+                           {GL_FRAGMENT_SHADER, {frame_glsl, surfaces.define, surfaces.depths, octant_frag}}}));
+  forms.push_back(std::move(form));
   return forms;
 }
 

@@ -97,7 +97,7 @@ Result<const FrameSplats*> frame_of(Streamer& streamer, const View& view, const 
   const Detail detail = detail_of(settings);
   if (!(settings.kernel & 2)) return streamer.request(view, transfer, detail);
   for (int call = 0;; ++call) {
-    SPLATVOL_TRY_ASSIGN(frame, streamer.advance(view, transfer, detail, 0.005, settings.kernel & 4 ? 0.5 : 1));
+    SPLATVOL_TRY_ASSIGN(frame, streamer.advance(view, transfer, detail, 0.005));
     if (frame->progress.settled || call == 8) return frame;
   }
 }

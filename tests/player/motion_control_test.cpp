@@ -117,6 +117,34 @@ TEST(MotionControl, PrefersCellsAtFirst) {
   EXPECT_FALSE(control.expected_error({0, 4}, with_cells(2e5, 2e7)).is_measured);
 }
 
+// A narrow function may have a much larger error than the model says.
+TEST(MotionControl, DrawsFinerCellsUntilErrorsAreMeasured) {
+  const Choices choices = with_cells(1e5, 4e6);
+  const Machine machine{.cells_error = 1e-3};
+  MotionControl control;
+  const Rung first = machine.draw(control, choices);
+  ASSERT_TRUE(first.is_exact());
+  EXPECT_GT(machine.seconds(first, choices), smooth);
+  EXPECT_LE(machine.seconds(first, choices), 2 * smooth);
+  machine.teach(control, choices);
+  control.rest();
+  const Rung second = machine.draw(control, choices);
+  EXPECT_GT(second.sample_spacing, first.sample_spacing);
+  EXPECT_LE(machine.seconds(second, choices), smooth);
+}
+
+// Both have more than the wanted error.
+TEST(MotionControl, CellsComeBeforeSplatsOfAboutTheirError) {
+  const Choices choices = with_cells(1e6, 2e7);
+  const MotionLimits limits{.max_error = 1e-4};
+  for (const double advantage : {1.2, 3.0}) {
+    MotionControl control(limits);
+    for (const Rung& rung : MotionControl::rungs(choices))
+      control.add({.rung = rung, .error = rung.is_exact() ? 0.002 * rung.sample_spacing : 0.004 / advantage}, choices);
+    EXPECT_EQ(control.next(choices).is_exact(), advantage < 1.5) << advantage;
+  }
+}
+
 TEST(MotionControl, KeepsARungWithinAMovement) {
   for (const Choices& choices : {points, with_cells(2e5, 2e7), with_cells(2e6, 3e7)}) {
     const Machine machine;

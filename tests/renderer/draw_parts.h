@@ -8,11 +8,10 @@
 
 namespace splatvol::test {
 
-/// Consecutive splats that are drawn with one origin and one weight.
+/// Consecutive splats that are drawn with one origin.
 struct DrawPart {
   dvec3 origin;
   std::size_t first, count;
-  float weight = 1;
 };
 
 /// Packs a row for each part. Splats are MomentsSplat or OctantSplat, in world units.
@@ -21,18 +20,8 @@ DrawList make_list(const std::vector<Splat>& splats, const std::vector<DrawPart>
   DrawList list;
   for (const DrawPart& part : parts)
     append(list, pack_row(std::span(splats).subspan(part.first, part.count), part.origin, 1), 0,
-           static_cast<std::uint32_t>(part.count), part.weight);
+           static_cast<std::uint32_t>(part.count));
   return list;
-}
-
-/// Gives the ranges of `make_list` the weights of other parts.
-inline void set_weights(DrawList& list, const std::vector<DrawPart>& parts) {
-  std::size_t range = 0;
-  for (const DrawPart& part : parts)
-    for (std::size_t count = 0; count < part.count; ++range) {
-      list.ranges[range].weight = part.weight;
-      count += list.ranges[range].count;
-    }
 }
 
 }  // namespace splatvol::test

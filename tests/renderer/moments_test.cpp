@@ -794,26 +794,6 @@ TEST_P(MomentsTest, WhatDrawsNothing) {
   }
 }
 
-TEST_P(MomentsTest, AWeightIsAFactorOnTheMass) {
-  const std::vector<MomentsSplat> splats = materials_of(cloud(200));
-  for (const View& view :
-       {perspective_view(65, 65, {0, 0, 4}), perspective_view(), orthographic_view(3, 65, 65, {0, 0, 4})}) {
-    const Image whole = picture(splats, view, lively(3));
-    for (const float weight : {0.5F, 0.15F}) {
-      std::vector<MomentsSplat> lighter = splats;
-      for (MomentsSplat& splat : lighter) splat.mass *= weight;
-      const Image expected = picture(lighter, view, lively(3));
-      const DrawPart part{dvec3(0), 0, splats.size(), weight};
-      ASSERT_TRUE(renderer_->set_draw_list(make_list(splats, {part})));
-      EXPECT_LT(largest_difference(redraw(view), expected), 1e-6);
-
-      // A fainter splat loses more of its rim; the rest takes over the light.
-      ASSERT_TRUE(renderer_->set_draw_list(make_list(splats, {part, {dvec3(0), 0, splats.size(), 1 - weight}})));
-      EXPECT_LT(rmse(redraw(view), whole), 1e-4) << "weight " << weight;
-    }
-  }
-}
-
 TEST_P(MomentsTest, RefusesSplatsOfTheOtherKernel) {
   const DrawList octant = make_list(std::vector<OctantSplat>(1), {{dvec3(0), 0, 1}});
   const DrawList moments = make_list(std::vector<MomentsSplat>(3), {{dvec3(0), 0, 3}});

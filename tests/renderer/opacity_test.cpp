@@ -45,7 +45,7 @@ template <class Splat>
 DrawList list_of(const std::vector<Splat>& splats, std::vector<OpacityValue> values, double deviation_scale = 0) {
   DrawList list;
   append(list, pack_row(std::span(splats), dvec3(0), 1, {std::move(values), deviation_scale}), 0,
-         static_cast<std::uint32_t>(splats.size()), 1);
+         static_cast<std::uint32_t>(splats.size()));
   return list;
 }
 
@@ -217,9 +217,9 @@ TEST(Opacity, HoldsWhileListsChange) {
   for (std::size_t i = 0; i < rows; ++i) {
     const RecordRow row = pack_row(std::span(splats), dvec3(0.05 * static_cast<double>(i)), 1,
                                    {same(each, static_cast<float>(i) / rows), 0});
-    append(all, row, 0, each, 1);
-    if (i < rows / 4) append(first, row, 0, each, 1);
-    append(without, pack_row(std::span(splats), dvec3(0), 1), 0, each, 1);
+    append(all, row, 0, each);
+    if (i < rows / 4) append(first, row, 0, each);
+    append(without, pack_row(std::span(splats), dvec3(0), 1), 0, each);
   }
   for (const Way& way : all_ways()) {
     SCOPED_TRACE(way.name);

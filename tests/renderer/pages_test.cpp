@@ -82,12 +82,11 @@ TEST_F(RendererTestPages, OnlyNewRecordsGoUp) {
   EXPECT_EQ(all, 5'000 * record_bytes(KernelKind::octant));
   const Image expected = draw(*renderer_);
 
-  // Another view of the same rows: some are left out, one comes in part, another has another weight.
+  // Another view of the same rows: some are left out, one comes in part.
   DrawList part = list;
   part.ranges.erase(part.ranges.begin() + 3);
   part.ranges[5].begin += 17;
   part.ranges[5].count -= 17;
-  part.ranges[0].weight = 0.5F;
   ASSERT_TRUE(renderer_->set_draw_list(part));
   EXPECT_GT(rmse(draw(*renderer_), expected), 1e-4);
   ASSERT_TRUE(renderer_->set_draw_list(list));
@@ -148,10 +147,10 @@ TEST_F(RendererTestPages, MoreSplatsThanABufferHolds) {
     const RecordRow row{
         std::make_shared<ShapeRow>(missing.shapes->records(), std::vector<RecordBlock>(blocks.begin(), blocks.end())),
         missing.values};
-    append(list, row, 0, static_cast<std::uint32_t>(splats.size()), 1);
+    append(list, row, 0, static_cast<std::uint32_t>(splats.size()));
   }
   splats.back().value = 0;
-  append(list, pack_row(splats, dvec3(0), 1), 0, static_cast<std::uint32_t>(splats.size()), 1);
+  append(list, pack_row(splats, dvec3(0), 1), 0, static_cast<std::uint32_t>(splats.size()));
   ASSERT_TRUE(renderer_->set_draw_list(list));
   EXPECT_GT(renderer_->device_bytes(), static_cast<std::uint64_t>(limit));
   ASSERT_TRUE(renderer_->set_transfer_function(ramp(1), {}));

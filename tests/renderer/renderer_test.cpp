@@ -524,55 +524,6 @@ TEST_P(RendererTest, SamplesHaveTheMiddleOfThePicture) {
   }
 }
 
-TEST_P(RendererTest, WeightsShareOutTheOpticalDepthOfEachPixel) {
-  // From faint to almost opaque, one over the other.
-  std::vector<Splat> splats;
-  for (int i = 0; i < 12; ++i)
-    splats.push_back({{5.0F * static_cast<float>(i - 6), 3, -20.0F - static_cast<float>(i)},
-                      static_cast<float>(i % 4),
-                      std::exp2(0.8F * static_cast<float>(i))});
-  const View view = orthographic_view(64, 64);
-  const std::uint64_t count = splats.size();
-  const Image whole = picture(splats, view, four_colors(0.05));
-  for (const float weight : {0.5F, 0.1F, 0.999F}) {
-    // A splat's two parts have the same distance, and follow each other.
-    ASSERT_TRUE(set_splats(splats, {{dvec3(0), 0, count, weight}, {dvec3(0), 0, count, 1 - weight}}));
-    const Image parts = redraw(view);
-    expect_sane(parts);
-    EXPECT_LT(rmse(parts, whole), 2e-6) << "rounding at weight " << weight;
-  }
-
-  const Image one = picture({{{0, 0, -5}, 1, 30}}, view, four_colors(0.1));
-  ASSERT_TRUE(set_splats({{{0, 0, -5}, 1, 30}}, {{dvec3(0), 0, 1, 0.3F}}));
-  const Image part = redraw(view);
-  for (std::size_t i = 0; i < one.pixels.size(); ++i)
-    ASSERT_NEAR(part.pixels[i].a, -std::expm1(0.3 * std::log1p(-static_cast<double>(one.pixels[i].a))), 1e-6);
-}
-
-TEST_P(RendererTest, WeightsChangeWhileSplatsStay) {
-  const std::vector<Splat> splats = {{{-8, 0, -5}, 0, 10}, {{8, 0, -9}, 1, 10}};
-  const View view = orthographic_view(48, 32);
-  const Image whole = picture(splats, view, four_colors(1));
-  const auto batches = [](float first, float second) {
-    return std::vector<DrawPart>{{dvec3(0), 0, 1, first}, {dvec3(0), 1, 1, second}};
-  };
-  DrawList list = list_of(splats, batches(1, 1));
-  ASSERT_TRUE(renderer_->set_draw_list(list));
-  EXPECT_EQ(rmse(redraw(view), whole), 0);
-  for (const auto& [first, second] :
-       {std::pair(0.5F, 0.25F), std::pair(0.0F, 1.0F), std::pair(1e-6F, 0.0F), std::pair(0.9F, 0.0F)}) {
-    set_weights(list, batches(first, second));
-    ASSERT_TRUE(renderer_->set_draw_list(list));
-    const Image changed = redraw(view);
-    ASSERT_TRUE(set_splats(splats, batches(first, second)));
-    EXPECT_EQ(rmse(redraw(view), changed), 0);
-    EXPECT_EQ(total_alpha(changed) > 0, first > 0 || second > 0);
-  }
-  set_weights(list, batches(1, 1));
-  ASSERT_TRUE(renderer_->set_draw_list(list));
-  EXPECT_EQ(rmse(redraw(view), whole), 0);
-}
-
 // The picture where the device has it, and its copy.
 TEST_P(RendererTest, PixelsAreReadWhereThePictureIs) {
   EXPECT_FALSE(read_pixel(renderer_->picture(), 0, 0)) << "before the first picture";

@@ -95,11 +95,11 @@ TEST(RecordRow, SplitsIntoBlocksForSmallSplats) {
   EXPECT_LT(glm::distance(world(3), dvec3(2)), 1e-5);
 
   DrawList list;
-  append(list, row, 1, 2, 0.5F);
+  append(list, row, 1, 2);
   ASSERT_EQ(list.ranges.size(), 2U);
   EXPECT_EQ(list.splats, 2U);
-  EXPECT_EQ(list.ranges[0], (DrawRange{row, 0, 1, 1, 0.5F}));
-  EXPECT_EQ(list.ranges[1], (DrawRange{row, 1, 2, 1, 0.5F}));
+  EXPECT_EQ(list.ranges[0], (DrawRange{row, 0, 1, 1}));
+  EXPECT_EQ(list.ranges[1], (DrawRange{row, 1, 2, 1}));
 }
 
 TEST(RecordRow, HoldsOctantSplats) {

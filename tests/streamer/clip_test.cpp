@@ -163,7 +163,7 @@ TEST(Clip, RangesAreDrawnWholeOrNotAtAllOrAsClippedRows) {
   const dvec3 origin(1e6, 5, -3);
   const double length = 0.5;
   DrawList list;
-  append(list, pack_row(splats, origin, length), 0, 100, 0.25f);
+  append(list, pack_row(splats, origin, length), 0, 100);
   ASSERT_EQ(list.ranges.size(), 1u);
   const auto box = [&](double low, double high) {
     return ClipRegion{Box{origin + length * low, origin + length * high}, {}};
@@ -183,7 +183,7 @@ TEST(Clip, RangesAreDrawnWholeOrNotAtAllOrAsClippedRows) {
 
   const std::vector<OctantSplat> points = {{{0, 0, 0}, 1, 1, 0}, {{2, 0, 0}, 1, 1, 0}};
   DrawList octants;
-  append(octants, pack_row(points, origin, length), 0, 2, 1);
+  append(octants, pack_row(points, origin, length), 0, 2);
   EXPECT_EQ(clip(octants.ranges[0], box(-3, 3), length).part, Part::all);
   EXPECT_EQ(clip(octants.ranges[0], box(3, 4), length).part, Part::none);
   const auto beyond = [&](double at) {

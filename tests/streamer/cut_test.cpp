@@ -191,7 +191,7 @@ TEST(Cut, CullingLosesNoVisibleSplat) {
   for (int trial = 0; trial < 80; ++trial) {
     const View view = random_view(bench.random);
     const Cut cut = bench.cut(view, tolerance(trial % 2 == 0 ? 0 : std::exp2(trial % 9 - 3)));
-    const std::vector<double> covered = coverage(bench.volume, cut);
+    const std::vector<int> covered = coverage(bench.volume, cut);
     for (std::size_t i = 0; i < covered.size(); ++i) {
       ASSERT_LE(covered[i], 1);
       if (covered[i] == 1) continue;
@@ -359,10 +359,10 @@ TEST(Cut, LeavesOutWhatTheTransferFunctionHides) {
   options.moments = false;  // with moments, their material counts
   Bench bench(sample_volume(4000, 12, options), 12, function);
   const Cut cut = bench.cut(view_of_all(bench.random), tolerance(0));
-  const std::vector<double> covered = coverage(bench.volume, cut);
+  const std::vector<int> covered = coverage(bench.volume, cut);
   for (std::size_t i = 0; i < covered.size(); ++i) {
     const bool visible = function.extinction(static_cast<double>(bench.volume.stored[1][i])) > 0;
-    ASSERT_GE(covered[i], visible ? 1.0 : 0.0);
+    ASSERT_GE(covered[i], visible ? 1 : 0);
   }
   EXPECT_GT(cut.splats, 0u);
   EXPECT_LT(cut.splats, 2000u);

@@ -74,13 +74,12 @@ View view_of_all(std::mt19937& random) {
   return checked_view(camera, 200, 150);
 }
 
-std::vector<double> coverage(const TestVolume& volume, const Cut& cut,
-                             const std::function<double(std::size_t)>& weight) {
-  std::vector<std::map<std::uint64_t, double>> drawn(volume.info.resolutions());
-  for (std::size_t i = 0; i < cut.items.size(); ++i)
-    for (const PointRange& range : cut.ranges_of(cut.items[i]))
-      for (std::uint64_t k = 0; k < range.count; ++k) drawn[cut.items[i].resolution][range.begin + k] += weight(i);
-  std::vector<double> result(volume.positions.size());
+std::vector<int> coverage(const TestVolume& volume, const Cut& cut) {
+  std::vector<std::map<std::uint64_t, int>> drawn(volume.info.resolutions());
+  for (const CutItem& item : cut.items)
+    for (const PointRange& range : cut.ranges_of(item))
+      for (std::uint64_t k = 0; k < range.count; ++k) ++drawn[item.resolution][range.begin + k];
+  std::vector<int> result(volume.positions.size());
   for (std::size_t point = 0; point < result.size(); ++point)
     for (std::size_t r = 0; r < drawn.size(); ++r) {
       const auto found = drawn[r].find(volume.representatives[r][point]);
@@ -133,8 +132,7 @@ std::vector<std::byte> bytes_of(const DrawList& list) {
 double mass_of(const DrawList& list) {
   double mass = 0;
   for (const DrawRange& range : list.ranges)
-    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i)
-      mass += static_cast<double>(range.weight) * unpack(range.row, i).mass;
+    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) mass += unpack(range.row, i).mass;
   return mass;
 }
 

@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <functional>
 #include <memory>
 #include <mutex>
 #include <random>
@@ -38,10 +37,8 @@ namespace splatvol::test {
 /// Returns a camera that sees the whole unit cube, and its splats.
 [[nodiscard]] View view_of_all(std::mt19937& random);
 
-/// Returns the sum of the weights of the drawn splats that stand for each point. `weight`: of an item of the cut.
-[[nodiscard]] std::vector<double> coverage(
-    const TestVolume& volume, const Cut& cut,
-    const std::function<double(std::size_t)>& weight = [](std::size_t) { return 1.0; });
+/// Returns how many of the drawn splats stand for each point.
+[[nodiscard]] std::vector<int> coverage(const TestVolume& volume, const Cut& cut);
 
 /// Returns the mass of all material of a volume.
 [[nodiscard]] double mass_of(const TestVolume& volume);
@@ -57,10 +54,10 @@ namespace splatvol::test {
 /// Whether something in `a` may be in front of something in `b`, if no part of one is in the other.
 [[nodiscard]] bool may_hide(const View& view, const Cube& a, const Cube& b);
 
-/// Returns the bytes of a list's records in order, with their origins and scales, without ids and weights.
+/// Returns the bytes of a list's records in order, with their origins and scales, without ids.
 [[nodiscard]] std::vector<std::byte> bytes_of(const DrawList& list);
 
-/// Returns the sum of the masses of a list's splats, by their weights. Requires the kernel moments.
+/// Returns the sum of the masses of a list's splats. Requires the kernel moments.
 [[nodiscard]] double mass_of(const DrawList& list);
 
 /// A source in memory that records reads, and fails on demand. Thread-safe.

@@ -84,14 +84,13 @@ struct Paging : testing::TestWithParam<KernelKind> {
                                  const std::string& attribute = "a1") {
     return Streamer::open(source_of(bytes), {memory, attribute, GetParam()}).value();
   }
-  static const FrameSplats& advance(Streamer& streamer, const View& view, double tolerance, double seconds = 0,
-                                    double change = 1) {
-    return *streamer.advance(view, opaque(), percent(tolerance), seconds, change).value();
+  static const FrameSplats& advance(Streamer& streamer, const View& view, double tolerance, double seconds = 0) {
+    return *streamer.advance(view, opaque(), percent(tolerance), seconds).value();
   }
   // Returns the frame when it is settled.
-  static const FrameSplats& settle(Streamer& streamer, const View& view, double tolerance, double change = 1) {
+  static const FrameSplats& settle(Streamer& streamer, const View& view, double tolerance) {
     for (int calls = 1;; ++calls) {
-      const FrameSplats& frame = advance(streamer, view, tolerance, long_enough, change);
+      const FrameSplats& frame = advance(streamer, view, tolerance, long_enough);
       if (frame.progress.settled) return frame;
       if (calls < most_calls) continue;
       ADD_FAILURE() << "missing: " << frame.progress.missing_rows << " parts of rows and "
@@ -128,45 +127,6 @@ TEST_P(Paging, EndsInTheSynchronousFrame) {
   }
 }
 
-TEST_P(Paging, AChangeFadesFromCallToCall) {
-  const auto streamer = open();
-  const auto synchronous = open();
-  settle(*streamer, far_view(), 10);
-  settle(*streamer, far_view(), 2);  // everything is resident
-  settle(*streamer, far_view(), 10);
-  std::uint64_t serial = 0;
-  for (const double share : {0.25, 0.5, 0.75}) {
-    const FrameSplats& frame = advance(*streamer, far_view(), 2, long_enough, 0.25);
-    EXPECT_GT(frame.progress.fading, 0u);
-    EXPECT_FALSE(frame.progress.complete || frame.progress.settled);
-    for (const DrawRange& range : frame.list.ranges)
-      EXPECT_TRUE(std::abs(range.weight - share) < 1e-6 || std::abs(range.weight - (1 - share)) < 1e-6 ||
-                  range.weight == 1)
-          << range.weight << " at " << share;
-    EXPECT_TRUE(serial == 0 || serial == frame.serial) << "only weights change";
-    serial = frame.serial;
-  }
-  const FrameSplats& frame = advance(*streamer, far_view(), 2, long_enough, 0.25);
-  EXPECT_TRUE(frame.progress.complete);
-  EXPECT_EQ(bytes_of(frame), bytes_of(*synchronous->request(far_view(), opaque(), percent(2)).value()));
-  for (const DrawRange& range : frame.list.ranges) EXPECT_EQ(range.weight, 1);
-
-  for (const double share : {0.0, -1.0, 1.5, std::nan("")})
-    EXPECT_EQ(streamer->advance(far_view(), opaque(), percent(2), 0, share).error().code, ErrorCode::invalid_argument);
-}
-
-TEST_P(Paging, AChangeForWhichThereIsNoRoomDoesNotFade) {
-  const auto streamer = open();
-  const std::uint64_t splats = settle(*streamer, far_view(), 2).splats;
-  settle(*streamer, far_view(), 10);
-  Detail detail = percent(2);
-  detail.device_splats = splats;
-  const FrameSplats& frame = *streamer->advance(far_view(), opaque(), detail, long_enough, 0.1).value();
-  EXPECT_EQ(frame.splats, splats);
-  EXPECT_EQ(frame.progress.fading, 0u);
-  EXPECT_TRUE(frame.progress.complete);
-}
-
 TEST_P(Paging, ASteadyViewCostsNothing) {
   const auto streamer = open();
   const FrameSplats& first = settle(*streamer, far_view(), 1);
@@ -195,7 +155,6 @@ TEST(PagingMass, IsThatOfTheVolumeInEveryFrame) {
   const auto streamer =
       Streamer::open(memory_source(volume_bytes(), "test.svol"), {plenty, "a1", KernelKind::moments}).value();
   std::set<std::uint64_t> numbers;
-  std::size_t fading = 0;
   std::mt19937 random(33);
   for (int view = 0; view < 12; ++view) {
     const View seen = view_of_all(random);
@@ -204,16 +163,13 @@ TEST(PagingMass, IsThatOfTheVolumeInEveryFrame) {
     for (bool complete = false; !complete;) {
       ASSERT_LT(++calls, 1000 * most_calls);
       const FrameSplats& frame =
-          *streamer->advance(seen, opaque(), percent(tolerance), calls % 2 == 0 ? 0 : 1e-4, view % 2 == 0 ? 1 : 0.15)
-               .value();
+          *streamer->advance(seen, opaque(), percent(tolerance), calls % 2 == 0 ? 0 : 1e-4).value();
       ASSERT_LE(mass_of(frame), total * log_code_error);
       ASSERT_GE(mass_of(frame), total / log_code_error);
       numbers.insert(frame.splats);
-      fading += frame.progress.fading;
       complete = frame.progress.complete;
     }
   }
-  EXPECT_GT(fading, 30u);
   EXPECT_GT(numbers.size(), 6u) << "the views have as many cuts, and there are those on the way to them";
 }
 
@@ -283,28 +239,6 @@ TEST_P(Paging, GivesTheDetailOfARequestForTheSameBudget) {
     }
   }
   EXPECT_GT(numbers.size(), 10u);
-}
-
-TEST_P(Paging, AWalkThatFadesStaysWithinItsBudget) {
-  const std::uint64_t memory = small_budget();
-  const auto streamer = open(memory, large_volume_bytes(), "value");
-  const auto synchronous = open(plenty, large_volume_bytes(), "value");
-  std::mt19937 random(36);
-  std::uniform_real_distribution<double> uniform(-1, 1);
-  std::uint64_t fading = 0;
-  for (int step = 0; step < 200; ++step) {
-    const dvec3 at(0.3 * uniform(random), 0.3 * uniform(random), 0);
-    const View view = view_from({at.x, at.y, 4 + 2 * std::sin(0.1 * step)}, at);
-    const FrameSplats& frame = advance(*streamer, view, step % 50 < 25 ? 4 : 0.1, step % 10 == 0 ? 0.01 : 0, 0.2);
-    ASSERT_LE(streamer->statistics().bytes_resident, memory);
-    fading += frame.progress.fading;
-    if (step % 50 != 49) continue;
-    const FrameSplats& last = settle(*streamer, view, 0.1, 0.2);
-    EXPECT_TRUE(last.progress.complete);
-    EXPECT_EQ(bytes_of(last), bytes_of(*synchronous->request(view, opaque(), last.detail).value()));
-  }
-  EXPECT_LE(streamer->statistics().bytes_resident_peak, memory);
-  EXPECT_GT(fading, 50u);
 }
 
 TEST_P(Paging, TooLittleMemorySaysHowMuchWouldDo) {

@@ -394,7 +394,6 @@ TEST_P(StreamerOf, RangesAreTheFrame) {
   const bool moments = GetParam() == KernelKind::moments;
   for (const DrawRange& range : frame.list.ranges) {
     EXPECT_GT(range.count, 0u);
-    EXPECT_EQ(range.weight, 1);
     EXPECT_EQ(range.row.shapes->size(), range.row.values->size());
     EXPECT_LE(range.begin + range.count, range.row.shapes->blocks()[range.block].end);
     EXPECT_EQ(std::holds_alternative<std::vector<MomentsShape>>(range.row.shapes->records()), moments);

@@ -163,9 +163,9 @@ TEST_F(Svrender, DrawsCellsExactly) {
 
 TEST_F(Svrender, DrawsCellsOfAMovingCameraExactly) {
   expect_done("svbuild gen:mesh:cells=5000 -o mesh.svol");
-  expect_done("svrender mesh.svol --exact --size 40x30 --turntable 3 --progress-frames . --stats stats.json -o a.exr");
-  EXPECT_EQ(statistics().at("path_frames").size(), 3u);
-  EXPECT_GT(statistics().at("path_frames")[1].at("step"), 0);
+  expect_done("svrender mesh.svol --exact --size 40x30 --turntable 3 --progress-frames . -o a.exr");
+  EXPECT_NE(read("frame-0000.png"), read("frame-0001.png"));
+  EXPECT_NE(read("frame-0001.png"), read("frame-0002.png"));
 }
 
 // The machine's speed chooses the picture. All machines draw the same when told which.
@@ -276,14 +276,6 @@ TEST_F(Svrender, BothKernelsDrawAndAreLit) {
     const Image diffuse = picture({{"ambient", 0}, {"diffuse", 1}});
     EXPECT_LT(diffuse.at(32, 24).r, unlit.at(32, 24).r) << kernel;
   }
-}
-
-TEST_F(Svrender, AlongAPathItMeasuresTheSteps) {
-  expect_done("svrender v.svol --scene s.json -o out.exr --path 6,10,0.8 --fade 3 --stats stats.json");
-  const auto frames = statistics().at("path_frames");
-  ASSERT_EQ(frames.size(), 6u);
-  EXPECT_EQ(frames[0].at("step"), 0.0);
-  for (std::size_t i = 1; i < frames.size(); ++i) EXPECT_GT(frames[i].at("step"), 0.0);
 }
 
 TEST_F(Svrender, FramesNeedATaker) {

@@ -37,7 +37,7 @@ std::optional<Probe> probe(const DrawList& list, const TransferFunction& functio
 template <class Splat>
 DrawList list_of(const std::vector<Splat>& splats) {
   DrawList list;
-  append(list, pack_row(splats, {1e6, 0, 0}, 1), 0, static_cast<std::uint32_t>(splats.size()), 1);
+  append(list, pack_row(splats, {1e6, 0, 0}, 1), 0, static_cast<std::uint32_t>(splats.size()));
   return list;
 }
 
@@ -73,7 +73,7 @@ TEST(Probe, KnowsTheOpacityOfAnotherAttribute) {
   factors.densities = {{0, 0}, {1, 1}};
   const DrawingUnits units{.opacity_offset = 1, .opacity_scale = 2};
   DrawList list;
-  append(list, pack_row(std::span(splats), {1e6, 0, 0}, 1, {{{0.75F, 0, 255}}, 0}), 0, 1, 1);  // 2.5: a factor of 1/4
+  append(list, pack_row(std::span(splats), {1e6, 0, 0}, 1, {{{0.75F, 0, 255}}, 0}), 0, 1);  // 2.5: a factor of 1/4
   const TransferFunction function = constant(8), weaker = constant(2);
   const Looking looking = looking_through(view_along_z(true), 100, 50);
   const auto found = ProbedFrame(list, units).probe({function, &factors}, looking);

@@ -3,7 +3,7 @@
 
 struct Splat {
   vec3 position;     // view coordinates
-  float mass;        // times its weight
+  float mass;
   vec3 deviations;   // along the principal axes
   vec4 orientation;  // unit quaternion
   float value, value_deviation;
@@ -85,7 +85,7 @@ Splat read_splat(uint number) {
 
   Splat splat;
   splat.position = position_of(shape, range);
-  splat.mass = log_number(mass_word & 0xffffu, range.mass_scale) * range.origin.w;
+  splat.mass = log_number(mass_word & 0xffffu, range.mass_scale);
   splat.mass *= float((value_word >> 16) & 0xffu) / 255.0 * opacity_factor(number);
   splat.deviations = vec3(log_number(mass_word >> 16, range.deviation_scale),
                           log_number(deviation_word & 0xffffu, range.deviation_scale),

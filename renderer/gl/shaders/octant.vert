@@ -1,6 +1,5 @@
 // Corner gl_VertexID % 4 of quad gl_VertexID / 4.
 flat out vec4 color;
-flat out float weight;
 #ifdef SURFACES
 flat out float depth;
 #endif
@@ -13,7 +12,6 @@ void main() {
   uvec2 corner = uvec2((gl_VertexID & 1) == 0 ? first.x : end.x, (gl_VertexID & 2) == 0 ? first.y : end.y);
 
   color = quad.color;
-  weight = quad.weight;
 #ifdef SURFACES
   depth = quad.depth;
 #endif

@@ -51,8 +51,7 @@ bool project(uint number, out Quad quad, out float distance_to_eye, out vec2 dep
   float size = uintBitsToFloat(shape_words[shape_size * record + 2u]);
   float value = uintBitsToFloat(value_words[value_size * record]);
   uint gradient = value_words[value_size * record + 1u];
-  float weight = range_of(number).origin.w;
-  if (is_nan(value) || !(size > 0.0) || !(weight > 0.0)) return false;
+  if (is_nan(value) || !(size > 0.0)) return false;
 
   vec3 centre = position_in_view(number);
   bool orthographic = frame.orthographic != 0.0;
@@ -73,7 +72,6 @@ bool project(uint number, out Quad quad, out float distance_to_eye, out vec2 dep
   if (!set_rectangle(centre, cut, pixel_size, half_width_per_sigma * sigma, quad)) return false;
   float light = light_on(rotate_to_view(unpackSnorm4x8(gradient).xyz), centre, distance_to_eye);
   quad.color = vec4(material.rgb * (alpha * light), alpha);
-  quad.weight = weight;
   quad.depth = centre.z;
   depths = vec2(centre.z);
   return true;

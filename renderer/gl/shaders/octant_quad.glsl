@@ -6,12 +6,11 @@ struct Quad {
   float pixel;   // size of a pixel
   uint columns;  // the first | the one after the last << 16
   uint rows;
-  float weight;  // of the splat's optical depth, in each pixel
-  float depth;   // of its centre
+  float depth;  // of its centre
 };
 
 layout(std430, binding = 4) restrict buffer QuadBlock { Quad quads[]; };
 
-uint form_of(Quad quad) { return quad.weight < 1.0 ? 1u : 0u; }
+uint form_of(Quad quad) { return 0u; }
 
-Quad empty_quad() { return Quad(vec4(0.0), vec2(0.0), 0.0, 0u, 0u, 1.0, 0.0); }
+Quad empty_quad() { return Quad(vec4(0.0), vec2(0.0), 0.0, 0u, 0u, 0.0); }

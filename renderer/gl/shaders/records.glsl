@@ -9,9 +9,9 @@ struct Entry {
   uint range;
 };
 
-// Records with one origin, one weight and the same scales.
+// Records with one origin and the same scales.
 struct Range {
-  vec4 origin;            // view coordinates; w: weight
+  vec3 origin;            // view coordinates
   float step;             // of positions, drawing units
   float mass_scale;       // of log codes, drawing units
   float deviation_scale;  //
@@ -44,7 +44,7 @@ float log_number(uint code, float scale) {
 vec3 position_of(uint at, Range range) {
   uint low = shape_words[at], high = shape_words[at + 1u];
   ivec3 biased = ivec3(low & 0x1fffffu, (low >> 21) | ((high & 0x3ffu) << 11), (high >> 10) & 0x1fffffu);
-  return range.origin.xyz + rotate_to_view(range.step * vec3(biased - 1048576));
+  return range.origin + rotate_to_view(range.step * vec3(biased - 1048576));
 }
 
 // Returns the factor on a splat's extinction: the mean over its values of the opacity attribute.
