@@ -27,21 +27,27 @@ Reservation& Reservation::operator=(Reservation&& other) noexcept {
   return *this;
 }
 
-Reservation::~Reservation() { shrink(0); }
-
-void Reservation::shrink(std::uint64_t bytes) {
-  if (share_ == nullptr || bytes >= bytes_) return;
-  MemoryBudget& budget = share_->budget_;
-  const std::scoped_lock lock(budget.mutex_);
-  budget.used_ -= bytes_ - bytes;
-  if (!is_spare_) share_->used_ -= bytes_ - bytes;
-  bytes_ = bytes;
+Reservation::~Reservation() {
+  if (share_ != nullptr) give_back(bytes_);
 }
 
-void Reservation::add(Reservation&& other) {
-  if (share_ == nullptr) share_ = other.share_;
-  bytes_ += std::exchange(other.bytes_, 0);
-  other.share_ = nullptr;
+void Reservation::give_back(std::uint64_t bytes) {
+  MemoryBudget& budget = share_->budget_;
+  const std::scoped_lock lock(budget.mutex_);
+  budget.used_ -= bytes;
+  if (!is_spare_) share_->used_ -= bytes;
+  bytes_ -= bytes;
+}
+
+bool Reservation::resize(std::uint64_t bytes) {
+  if (bytes > bytes_) {
+    auto more = share_->reserve(bytes - bytes_);
+    if (!more) return false;
+    bytes_ += std::exchange(more->bytes_, 0);
+  } else {
+    give_back(bytes_ - bytes);
+  }
+  return true;
 }
 
 void Reservation::loosen() {

@@ -55,11 +55,9 @@ class Reservation {
   [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
   [[nodiscard]] MemoryShare* share() const { return share_; }
 
-  /// Gives back all but so many bytes.
-  void shrink(std::uint64_t bytes);
-
-  /// Takes over the bytes of another one. Requires that both are of one share, and neither is spare.
-  void add(Reservation&& other);
+  /// Makes it one of so many bytes. Returns false, and changes nothing, if the share has no room for them. Requires
+  /// that it is of a share and not spare.
+  [[nodiscard]] bool resize(std::uint64_t bytes);
 
   /// Makes it spare.
   void loosen();
@@ -70,6 +68,8 @@ class Reservation {
  private:
   friend class MemoryBudget;
   Reservation(MemoryShare* share, std::uint64_t bytes) : share_(share), bytes_(bytes) {}
+
+  void give_back(std::uint64_t bytes);
 
   MemoryShare* share_ = nullptr;
   std::uint64_t bytes_ = 0;

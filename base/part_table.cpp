@@ -51,9 +51,15 @@ void PartTable::let_go(Slot& slot) {
   slot.spare = spare_.begin();
 }
 
-void PartTable::clear() {
-  while (drop_oldest()) {
-  }
+void PartTable::clear(std::uint64_t file) {
+  const std::scoped_lock lock(mutex_);
+  for (auto slot = slots_.lower_bound({file, 0, 0}); slot != slots_.end() && slot->first.file == file;)
+    if (slot->second.holders > 0) {
+      ++slot;
+    } else {
+      spare_.erase(*slot->second.spare);
+      slot = slots_.erase(slot);
+    }
 }
 
 bool PartTable::drop_oldest() {
@@ -62,13 +68,6 @@ bool PartTable::drop_oldest() {
   slots_.erase(spare_.back());
   spare_.pop_back();
   return true;
-}
-
-Result<Reservation> PartTable::reserve(MemoryShare& share, std::uint64_t bytes) {
-  auto reservation = share.reserve(bytes);
-  if (!reservation)
-    return fail(ErrorCode::out_of_budget, "a part of {} bytes does not fit into memory: give more", bytes);
-  return *std::move(reservation);
 }
 
 PartTable::Turn::Turn(PartTable& table, const PartKey& key) : table_(table), key_(key) {

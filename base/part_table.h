@@ -1,6 +1,7 @@
 // Decoded parts of files that several threads use.
 #pragma once
 
+#include <atomic>
 #include <compare>
 #include <cstdint>
 #include <functional>
@@ -16,8 +17,9 @@
 
 namespace splatvol {
 
-/// Names a part. Parts of one kind have one type.
+/// Names a part of a file. Parts of one kind have one type.
 struct PartKey {
+  std::uint64_t file;
   int kind;
   std::uint64_t number;
   int column = -1;
@@ -54,27 +56,27 @@ class PartTable {
   }
 
   /// Returns a part that is there, or reads it: read() returns Result<Part>, and bytes_of(part) the bytes that it
-  /// takes. `bytes`: what these are about. Other threads wait for a part that is being read. Fails with `out_of_budget`
-  /// if the share has no room.
+  /// takes. `bytes`: what these are about. Other threads wait for a part that is being read. Without room in the share
+  /// the part is the caller's alone, and not held.
   template <class Part, class Read, class BytesOf>
   [[nodiscard]] Result<std::shared_ptr<const Part>> get(const PartKey& key, MemoryShare& share, std::uint64_t bytes,
                                                         const Read& read, const BytesOf& bytes_of) {
     if (auto part = find<Part>(key)) return part;
     const Turn turn(*this, key);
     if (auto part = find<Part>(key)) return part;
-    SPLATVOL_TRY_ASSIGN(reservation, reserve(share, bytes));
+    auto reservation = share.reserve(bytes);
     SPLATVOL_TRY_ASSIGN(part, read());
     const std::uint64_t taken = bytes_of(part);
-    if (taken > bytes) {
-      SPLATVOL_TRY_ASSIGN(more, reserve(share, taken - bytes));
-      reservation.add(std::move(more));
-    }
-    reservation.shrink(taken);
-    return insert(key, std::move(part), std::move(reservation));
+    if (reservation && !reservation->resize(taken)) reservation.reset();
+    if (!reservation) return std::make_shared<const Part>(std::move(part));
+    return insert(key, std::move(part), std::move(*reservation));
   }
 
-  /// Drops the parts that nobody holds.
-  void clear();
+  /// Returns a number that names one file, or one of several ways to decode it.
+  [[nodiscard]] std::uint64_t add_file() { return ++files_; }
+
+  /// Drops the parts of a file that nobody holds.
+  void clear(std::uint64_t file);
 
  private:
   struct Slot {
@@ -98,7 +100,6 @@ class PartTable {
     std::shared_ptr<std::mutex> mutex_;
     std::unique_lock<std::mutex> lock_;
   };
-  [[nodiscard]] static Result<Reservation> reserve(MemoryShare& share, std::uint64_t bytes);
   [[nodiscard]] std::shared_ptr<const void> find_any(const PartKey& key);
   std::shared_ptr<const void> insert_any(const PartKey& key, std::shared_ptr<const void> part, Reservation reservation);
   [[nodiscard]] std::shared_ptr<const void> hold(Slot& slot);
@@ -106,10 +107,31 @@ class PartTable {
   [[nodiscard]] bool drop_oldest();
 
   MemoryBudget& budget_;
+  std::atomic<std::uint64_t> files_ = 0;
   mutable std::mutex mutex_;
   std::list<PartKey> spare_;  // parts that nobody holds, last used first
   std::map<PartKey, Slot> slots_;
   std::map<PartKey, std::shared_ptr<std::mutex>> turns_;
+};
+
+/// Where the parts of a file are held.
+struct PartRoom {
+  PartTable* table;
+  MemoryShare* share;
+  std::uint64_t file;
+};
+
+/// A table for one file, with a budget of its own.
+class OwnParts {
+ public:
+  explicit OwnParts(std::uint64_t memory) : budget_(memory), share_(budget_, memory), table_(budget_) {}
+
+  [[nodiscard]] PartRoom room() { return {&table_, &share_, 0}; }
+
+ private:
+  MemoryBudget budget_;
+  MemoryShare share_;
+  PartTable table_;
 };
 
 }  // namespace splatvol

@@ -4,7 +4,7 @@
 #include <string>
 #include <utility>
 
-#include "format/held_parts.h"
+#include "format/part_kinds.h"
 #include "format/volume_chunks.h"
 
 namespace splatvol::format {
@@ -25,49 +25,61 @@ RankTable table_of(RankPage page) {
   return table;
 }
 
-// Kinds of parts; from first_values on: values of attributes.
-enum Kind : int { rank_page, positions_of_group, first_values };
-
-// The share of the memory for pages of the directory.
-constexpr std::uint64_t directory_share = 16;
+template <class Number>
+std::uint64_t bytes_of(const std::vector<Number>& numbers) {
+  return numbers.capacity() * sizeof(Number);
+}
 
 }  // namespace
 
 struct RankedPoints::Held {
+  std::unique_ptr<OwnParts> own;  // before what uses it
+  PartRoom room;
   std::shared_ptr<const ChunkSource> chunks;
   ReadRankPage read_rank_page;
-  HeldParts parts;
   const CellReader* cells = nullptr;  // of a file
   const VolumeChunks* chunks_of_file = nullptr;
 
-  [[nodiscard]] Result<std::shared_ptr<const RankTable>> table(std::size_t page) {
+  [[nodiscard]] PartKey key_of_rank_page(std::size_t page) const { return {room.file, rank_page, page}; }
+  [[nodiscard]] PartKey key_of_positions(std::uint64_t group) const { return {room.file, group_positions, group}; }
+  [[nodiscard]] PartKey key_of_values(int attribute, std::uint64_t group) const {
+    const bool is_of_step = cells && cells->volume().series();
+    return {room.file, group_values, group, attribute, is_of_step ? cells->volume().step() + 1 : 0};
+  }
+
+  [[nodiscard]] Result<std::shared_ptr<const RankTable>> table(std::size_t page) const {
     constexpr std::uint64_t bytes = rank_page_points * (sizeof(std::uint8_t) + sizeof(std::uint16_t));
-    return parts.get<RankTable>({rank_page, page}, bytes, [&]() -> Result<RankTable> {
-      SPLATVOL_TRY_ASSIGN(read, read_rank_page(page));
-      return table_of(std::move(read));
+    const auto read = [&]() -> Result<RankTable> {
+      SPLATVOL_TRY_ASSIGN(packed, read_rank_page(page));
+      return table_of(std::move(packed));
+    };
+    return room.table->get<RankTable>(key_of_rank_page(page), *room.share, bytes, read, [](const RankTable& table) {
+      return bytes_of(table.segments) + bytes_of(table.numbers) + bytes_of(table.before);
     });
   }
 
-  [[nodiscard]] Result<std::shared_ptr<const std::vector<dvec3>>> positions_of(std::uint64_t group) {
+  [[nodiscard]] Result<std::shared_ptr<const std::vector<dvec3>>> positions_of(std::uint64_t group) const {
     const std::uint32_t count = chunks->rows().group(group).count;
-    return parts.get<std::vector<dvec3>>(
-        {positions_of_group, group}, count * sizeof(dvec3), [&]() -> Result<std::vector<dvec3>> {
-          SPLATVOL_TRY_ASSIGN(chunk, chunks->read_chunk(ColumnKind::position, -1, group));
-          std::vector<dvec3> read(count);
-          SPLATVOL_TRY(unpack_positions(chunk.entry, chunk.bytes, read, chunks->info().cube, what("positions")));
-          return read;
-        });
+    const auto read = [&]() -> Result<std::vector<dvec3>> {
+      SPLATVOL_TRY_ASSIGN(chunk, chunks->read_chunk(ColumnKind::position, -1, group));
+      std::vector<dvec3> positions(count);
+      SPLATVOL_TRY(unpack_positions(chunk.entry, chunk.bytes, positions, chunks->info().cube, what("positions")));
+      return positions;
+    };
+    return room.table->get<std::vector<dvec3>>(key_of_positions(group), *room.share, count * sizeof(dvec3), read,
+                                               bytes_of<dvec3>);
   }
 
-  [[nodiscard]] Result<std::shared_ptr<const std::vector<float>>> values_of(int attribute, std::uint64_t group) {
+  [[nodiscard]] Result<std::shared_ptr<const std::vector<float>>> values_of(int attribute, std::uint64_t group) const {
     const std::uint32_t count = chunks->rows().group(group).count;
-    return parts.get<std::vector<float>>(
-        {first_values + attribute, group}, count * sizeof(float), [&]() -> Result<std::vector<float>> {
-          SPLATVOL_TRY_ASSIGN(chunk, chunks->read_chunk(ColumnKind::value, attribute, group));
-          std::vector<float> read(count);
-          SPLATVOL_TRY(unpack_values(chunk.entry, chunk.bytes, read, what("values")));
-          return read;
-        });
+    const auto read = [&]() -> Result<std::vector<float>> {
+      SPLATVOL_TRY_ASSIGN(chunk, chunks->read_chunk(ColumnKind::value, attribute, group));
+      std::vector<float> values(count);
+      SPLATVOL_TRY(unpack_values(chunk.entry, chunk.bytes, values, what("values")));
+      return values;
+    };
+    return room.table->get<std::vector<float>>(key_of_values(attribute, group), *room.share, count * sizeof(float),
+                                               read, bytes_of<float>);
   }
 
   [[nodiscard]] std::string what(const char* numbers) const {
@@ -97,14 +109,26 @@ struct RankedPoints::Held {
   }
 };
 
-RankedPoints::RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page, std::uint64_t memory)
-    : held_(new Held{std::move(chunks), std::move(read_rank_page), HeldParts(memory)}) {}
+RankedPoints::RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page,
+                           std::uint64_t memory) {
+  auto own = std::make_unique<OwnParts>(memory);
+  const PartRoom room = own->room();
+  held_.reset(new Held{std::move(own), room, std::move(chunks), std::move(read_rank_page)});
+}
 
 RankedPoints::RankedPoints(const CellReader& cells, std::uint64_t memory) {
-  auto chunks = std::make_shared<const VolumeChunks>(cells.volume(), memory / directory_share);
+  auto own = std::make_unique<OwnParts>(memory);
+  const PartRoom room = own->room();
+  open(cells, std::move(own), room);
+}
+
+RankedPoints::RankedPoints(const CellReader& cells, const PartRoom& room) { open(cells, nullptr, room); }
+
+void RankedPoints::open(const CellReader& cells, std::unique_ptr<OwnParts> own, const PartRoom& room) {
+  auto chunks = std::make_shared<const VolumeChunks>(cells.volume(), room);
   const VolumeChunks* const of_file = chunks.get();
-  held_.reset(new Held{std::move(chunks), [&cells](std::size_t page) { return cells.read_rank_page(page); },
-                       HeldParts(memory - memory / directory_share), &cells, of_file});
+  held_.reset(new Held{std::move(own), room, std::move(chunks),
+                       [&cells](std::size_t page) { return cells.read_rank_page(page); }, &cells, of_file});
 }
 
 RankedPoints::~RankedPoints() = default;
@@ -160,16 +184,16 @@ Result<std::shared_ptr<const BytesAhead>> RankedPoints::read_ahead(std::span<con
   pages.erase(std::ranges::unique(pages).begin(), pages.end());
   std::vector<ByteRange> ranges;
   for (const std::uint64_t page : pages)
-    if (!held_->parts.holds({rank_page, page})) ranges.push_back(held_->cells->range_of_rank_page(page));
+    if (!held_->room.table->holds(held_->key_of_rank_page(page))) ranges.push_back(held_->cells->range_of_rank_page(page));
   SPLATVOL_TRY_ASSIGN(rank_pages, volume.read_ahead(std::move(ranges), memory));
   std::vector<Place> places;
   SPLATVOL_TRY(find(ranks, places));
   std::vector<ChunkName> chunks;
   for (const std::uint64_t group : groups_of(places)) {
-    if (positions && !held_->parts.holds({positions_of_group, group}))
+    if (positions && !held_->room.table->holds(held_->key_of_positions(group)))
       chunks.push_back({ColumnKind::position, -1, group});
     for (const int attribute : attributes)
-      if (!held_->parts.holds({first_values + attribute, group}))
+      if (!held_->room.table->holds(held_->key_of_values(attribute, group)))
         chunks.push_back({ColumnKind::value, attribute, group});
   }
   SPLATVOL_TRY_ASSIGN(bytes, held_->chunks_of_file->ranges_of(chunks, memory));
@@ -177,12 +201,20 @@ Result<std::shared_ptr<const BytesAhead>> RankedPoints::read_ahead(std::span<con
 }
 
 struct CellVertices::Held {
+  std::unique_ptr<OwnParts> own;
+  PartRoom room;
   ReadPage read_page;
-  HeldParts pages;
 };
 
-CellVertices::CellVertices(ReadPage read_page, std::uint64_t memory)
-    : held_(new Held{std::move(read_page), HeldParts(memory)}) {}
+CellVertices::CellVertices(ReadPage read_page, std::uint64_t memory) {
+  auto own = std::make_unique<OwnParts>(memory);
+  const PartRoom room = own->room();
+  held_.reset(new Held{std::move(own), room, std::move(read_page)});
+}
+
+CellVertices::CellVertices(ReadPage read_page, const PartRoom& room)
+    : held_(new Held{nullptr, room, std::move(read_page)}) {}
+
 CellVertices::~CellVertices() = default;
 
 Status CellVertices::read_positions(std::span<const std::uint64_t> vertices, std::vector<dvec3>& positions) const {
@@ -192,9 +224,10 @@ Status CellVertices::read_positions(std::span<const std::uint64_t> vertices, std
   for (std::size_t i = 0; i < vertices.size(); ++i) {
     const std::uint64_t number = vertices[i] / vertex_page_points;
     if (!page || number != present) {
-      const auto read = [&] { return held_->read_page(number); };
-      SPLATVOL_TRY_SET(page,
-                       held_->pages.get<std::vector<dvec3>>({0, number}, vertex_page_points * sizeof(dvec3), read));
+      const PartRoom& room = held_->room;
+      SPLATVOL_TRY_SET(page, room.table->get<std::vector<dvec3>>(
+                                 {room.file, vertex_page, number}, *room.share, vertex_page_points * sizeof(dvec3),
+                                 [&] { return held_->read_page(number); }, bytes_of<dvec3>));
       present = number;
     }
     positions[i] = (*page)[vertices[i] % vertex_page_points];

@@ -9,13 +9,13 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "base/part_table.h"
 #include "format/cell_reader.h"
 #include "format/chunk_source.h"
 
 namespace splatvol::format {
 
-/// Reads attributes of points that are named by their ranks. Holds parts of the file that were used last, decoded: what
-/// several threads need is read once. Thread-safe.
+/// Reads attributes of points that are named by their ranks. Holds parts of the file, decoded. Thread-safe.
 class RankedPoints {
  public:
   using ReadRankPage = std::function<Result<RankPage>(std::size_t page)>;
@@ -24,8 +24,9 @@ class RankedPoints {
   /// it needs must outlive this.
   RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page, std::uint64_t memory);
 
-  /// The same for a file, at its step. The reader must outlive this.
+  /// The same for a file, at its step; with memory of its own, or in a room. The reader must outlive this.
   RankedPoints(const CellReader& cells, std::uint64_t memory);
+  RankedPoints(const CellReader& cells, const PartRoom& room);
   ~RankedPoints();
 
   /// A point of the file: its number in a group.
@@ -53,10 +54,12 @@ class RankedPoints {
 
  private:
   struct Held;
+  void open(const CellReader& cells, std::unique_ptr<OwnParts> own, const PartRoom& room);
+
   std::unique_ptr<Held> held_;
 };
 
-/// Reads positions of vertices of cells. Holds pages that were used last. Thread-safe.
+/// Reads positions of vertices of cells. Holds pages. Thread-safe.
 class CellVertices {
  public:
   using ReadPage = std::function<Result<std::vector<dvec3>>(std::size_t page)>;
@@ -64,6 +67,7 @@ class CellVertices {
   /// `memory`: bytes to hold, besides pages in use. `read_page` is called by several threads; what it needs must
   /// outlive this.
   CellVertices(ReadPage read_page, std::uint64_t memory);
+  CellVertices(ReadPage read_page, const PartRoom& room);
   ~CellVertices();
 
   /// Requires vertices that are there; ascending ones are faster.

@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "format/part_kinds.h"
+
 namespace splatvol::format {
 
 Result<PackedChunk> VolumeChunks::read_chunk(ColumnKind kind, int attribute, std::uint64_t group) const {
@@ -17,8 +19,7 @@ Result<std::vector<ByteRange>> VolumeChunks::ranges_of(std::span<const ChunkName
   for (const ChunkName& chunk : chunks) {
     SPLATVOL_TRY_ASSIGN(entry, find(chunk));
     entries.push_back(entry);
-    const std::scoped_lock lock(mutex_);
-    if (!pages_.find(entry.page)) pages.push_back(volume_.range_of_directory_page(entry.page));
+    if (!room_.table->holds(key_of(entry.page))) pages.push_back(volume_.range_of_directory_page(entry.page));
   }
   SPLATVOL_TRY_ASSIGN(ahead, volume_.read_ahead(std::move(pages), memory));
   for (const Entry& entry : entries) {
@@ -41,17 +42,14 @@ Result<ChunkLocation> VolumeChunks::locate(const Entry& entry) const {
   return volume_.find_chunk(*page, entry.row, entry.column);
 }
 
+PartKey VolumeChunks::key_of(std::uint64_t page) const {
+  return {room_.file, directory_page, page, -1, volume_.is_page_of_step(page) ? volume_.step() + 1 : 0};
+}
+
 Result<VolumeChunks::Page> VolumeChunks::page(std::uint64_t number) const {
-  {
-    const std::scoped_lock lock(mutex_);
-    if (const Page* held = pages_.find(number)) return *held;
-  }
-  SPLATVOL_TRY_ASSIGN(read, volume_.read_directory_page(number));
-  const std::uint64_t bytes = read.memory_bytes();
-  auto page = std::make_shared<const DirectoryPage>(std::move(read));
-  const std::scoped_lock lock(mutex_);
-  if (!pages_.find(number)) pages_.add(number, page, bytes, memory_);
-  return page;
+  return room_.table->get<DirectoryPage>(
+      key_of(number), *room_.share, sizeof(DirectoryPage), [&] { return volume_.read_directory_page(number); },
+      [](const DirectoryPage& page) { return page.memory_bytes(); });
 }
 
 }  // namespace splatvol::format

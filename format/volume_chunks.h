@@ -3,10 +3,11 @@
 
 #include <cstdint>
 #include <memory>
-#include <mutex>
+#include <span>
+#include <vector>
 
+#include "base/part_table.h"
 #include "format/chunk_source.h"
-#include "format/last_used.h"
 #include "format/volume.h"
 
 namespace splatvol::format {
@@ -18,11 +19,10 @@ struct ChunkName {
   std::uint64_t group;
 };
 
-/// Holds directory pages that were used last.
 class VolumeChunks final : public ChunkSource {
  public:
-  /// `memory`: bytes to hold, besides a page. The volume must outlive this.
-  VolumeChunks(const Volume& volume, std::uint64_t memory) : volume_(volume), memory_(memory) {}
+  /// `room`: for directory pages. The volume must outlive this.
+  VolumeChunks(const Volume& volume, const PartRoom& room) : volume_(volume), room_(room) {}
 
   [[nodiscard]] const VolumeInfo& info() const override { return volume_.info(); }
   [[nodiscard]] const RowLayout& rows() const override { return volume_.rows(); }
@@ -43,10 +43,10 @@ class VolumeChunks final : public ChunkSource {
   [[nodiscard]] Result<ChunkLocation> locate(const Entry& entry) const;
   [[nodiscard]] Result<Page> page(std::uint64_t number) const;
 
+  [[nodiscard]] PartKey key_of(std::uint64_t page) const;
+
   const Volume& volume_;
-  std::uint64_t memory_;
-  mutable std::mutex mutex_;
-  mutable LastUsed<std::uint64_t, Page> pages_;
+  PartRoom room_;
 };
 
 }  // namespace splatvol::format

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "format/part_kinds.h"
 #include "scene/box_in_view.h"
 #include "scene/clipped_depths.h"
 #include "streamer/frustum.h"
@@ -18,9 +19,6 @@
 
 namespace splatvol {
 namespace {
-
-// Kinds of held parts.
-constexpr int chunk_part = 0, page_part = 1;
 
 // Tetrahedra of a cell; about.
 std::size_t tetrahedra_of(format::CellShape shape) {
@@ -147,7 +145,7 @@ bool ShownInCells::has_contour(double low, double high) const {
 }
 
 Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& volume, const Scene& scene,
-                                                         std::uint64_t memory) {
+                                                         const PartRoom& room) {
   const format::VolumeInfo& info = volume.info();
   format::SummaryAttributes attributes;
   SPLATVOL_TRY_SET(attributes.values, format::find_attribute(info, scene.attribute, volume.name()));
@@ -160,7 +158,7 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
     SPLATVOL_TRY_ASSIGN(color, format::find_attribute(info, contours.attribute, volume.name()));
     shown.push_back(static_cast<std::size_t>(color));
   }
-  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, std::move(shown), memory));
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, std::move(shown), room));
   if (!cells)
     return fail(ErrorCode::invalid_argument,
                 "{}: it keeps no cells, and only these are drawn exactly: build it from a mesh, or from points by "
@@ -171,33 +169,63 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
     return fail(ErrorCode::invalid_argument,
                 "{}: contours: each cell has one value, and so nothing passes another: build it without --cells own",
                 volume.name());
-  return std::shared_ptr<const KeptCells>(new KeptCells(std::move(cells), attributes, contours.attribute, memory));
+  return std::shared_ptr<const KeptCells>(new KeptCells(std::move(cells), attributes, contours.attribute, room));
 }
 
-// Points take less memory than the cells. So half of the memory has room for them if it has for all cells.
+// Points take less memory than the cells. So half of the share has room for them if it has for all cells. Decoded cells
+// have values of these attributes only, so their keys are of no other cells.
 KeptCells::KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
-                     std::string color_name, std::uint64_t memory)
+                     std::string color_name, const PartRoom& room)
     : cells_(std::move(cells)),
       attributes_(attributes),
       color_name_(std::move(color_name)),
-      holds_all_(decoded_bytes(cells_->reader()) <= memory / 2),
-      parts_(memory) {}
+      room_{room.table, room.share, room.table->add_file()},
+      holds_all_(decoded_bytes(cells_->reader()) <= room.share->capacity() / 2) {}
+
+KeptCells::~KeptCells() {
+  chunks_.clear();
+  pages_.clear();
+  room_.table->clear(room_.file);
+}
+
+PartKey KeptCells::key_of(const format::CellChunkEntry& entry) const {
+  return {room_.file, format::cell_chunk, entry.offset};
+}
+
+PartKey KeptCells::key_of_page(std::size_t page) const { return {room_.file, format::cell_page, page}; }
 
 Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, DrawnCells& scratch) const {
-  const auto read = [&] { return decode(entry); };
   if (!holds_all_) {
-    SPLATVOL_TRY_SET(scratch, read());
+    SPLATVOL_TRY_SET(scratch, decode(entry));
     return &scratch;
   }
-  SPLATVOL_TRY_ASSIGN(cells, parts_.get<DrawnCells>({chunk_part, entry.offset}, 0, read));  // 0 bytes: it stays
-  return cells.get();
+  {
+    const std::scoped_lock lock(held_mutex_);
+    if (const auto held = chunks_.find(entry.offset); held != chunks_.end()) return held->second.get();
+  }
+  SPLATVOL_TRY_ASSIGN(cells, room_.table->get<DrawnCells>(
+                                 key_of(entry), *room_.share, 0, [&] { return decode(entry); },
+                                 [](const DrawnCells& decoded) { return decoded.memory_bytes(); }));
+  if (!room_.table->holds(key_of(entry))) {  // it takes more than it was thought to
+    scratch = *cells;
+    return &scratch;
+  }
+  const std::scoped_lock lock(held_mutex_);
+  return chunks_.try_emplace(entry.offset, std::move(cells)).first->second.get();
 }
 
 Result<std::shared_ptr<const format::CellPage>> KeptCells::read_page(std::size_t page) const {
-  const auto read = [&] { return reader().read_page(page, attributes_); };
-  if (holds_all_) return parts_.get<format::CellPage>({page_part, page}, 0, read);
-  SPLATVOL_TRY_ASSIGN(entries, read());
-  return std::make_shared<const format::CellPage>(std::move(entries));
+  const auto bytes_of = [](const format::CellPage& entries) {
+    return entries.chunks.capacity() * sizeof(format::CellChunkEntry) +
+           (entries.summaries.capacity() + entries.opacity_summaries.capacity()) * sizeof(format::ValueSummary);
+  };
+  SPLATVOL_TRY_ASSIGN(entries, room_.table->get<format::CellPage>(
+                                   key_of_page(page), *room_.share, 0,
+                                   [&] { return reader().read_page(page, attributes_); }, bytes_of));
+  if (!holds_all_) return entries;
+  const std::scoped_lock lock(held_mutex_);
+  pages_.resize(reader().pages().size());
+  return pages_[page] = entries;
 }
 
 Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, const ShownInCells& shown) const {
@@ -218,15 +246,19 @@ Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, c
 Status KeptCells::hold_all() const {
   if (!holds_all_ || are_held_) return {};
   DrawnCells scratch;
+  std::size_t known = 0;
   for (std::size_t number = 0; number < reader().pages().size(); ++number) {
     SPLATVOL_TRY_ASSIGN(page, read_page(number));
     SPLATVOL_TRY_ASSIGN(ahead, read_ahead(page->chunks));
     for (const format::CellChunkEntry& entry : page->chunks) {
       SPLATVOL_TRY(check_interruption());
-      if (format::is_known(entry.shape, entry.field)) SPLATVOL_TRY(read(entry, scratch));
+      if (!format::is_known(entry.shape, entry.field)) continue;
+      SPLATVOL_TRY(read(entry, scratch));
+      ++known;
     }
   }
-  are_held_ = true;
+  const std::scoped_lock lock(held_mutex_);
+  are_held_ = chunks_.size() == known;
   return {};
 }
 
@@ -248,7 +280,7 @@ Result<format::CellsAhead> KeptCells::read_ahead(std::span<const format::CellChu
   if (!reader().volume().is_far()) return format::CellsAhead{};
   std::vector<format::CellChunkEntry> missing;
   std::ranges::copy_if(entries, std::back_inserter(missing), [&](const format::CellChunkEntry& entry) {
-    return !holds_all_ || !parts_.holds({chunk_part, entry.offset});
+    return !room_.table->holds(key_of(entry));
   });
   return cells_->read_ahead(missing);
 }
@@ -256,7 +288,7 @@ Result<format::CellsAhead> KeptCells::read_ahead(std::span<const format::CellChu
 Result<format::CellsAhead> KeptCells::read_pages_ahead(std::span<const std::size_t> pages) const {
   std::vector<std::size_t> missing;
   std::ranges::copy_if(pages, std::back_inserter(missing), [&](std::size_t page) {
-    return !holds_all_ || !parts_.holds({page_part, page});
+    return !room_.table->holds(key_of_page(page));
   });
   return cells_->read_pages_ahead(missing);
 }

@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/part_table.h"
 #include "format/cell_reader.h"
-#include "format/held_parts.h"
 #include "format/volume.h"
 #include "renderer/cell_source.h"
 #include "sampler/cell_tetrahedra.h"
@@ -41,14 +41,16 @@ struct ShownFaces {
   dmat3 normals{1.0 / 3};  // [i][j]: the mean of n_i n_j for their normals n, by areas
 };
 
-/// The cells that a file keeps, with the values of a scene's attributes. Holds what was read last, for the next
-/// picture. Thread-safe.
+/// The cells that a file keeps, with the values of a scene's attributes. Thread-safe.
 class KeptCells {
  public:
-  /// Of a series, the cells have the values of the volume's step. `memory`: bytes to hold. The volume must outlive the
-  /// cells. Fails if the file keeps none.
+  /// Of a series, the cells have the values of the volume's step. `room`: for parts of the file, and for decoded cells.
+  /// The volume must outlive the cells. Fails if the file keeps none.
   [[nodiscard]] static Result<std::shared_ptr<const KeptCells>> open(const format::Volume& volume, const Scene& scene,
-                                                                     std::uint64_t memory);
+                                                                     const PartRoom& room);
+  KeptCells(const KeptCells&) = delete;
+  KeptCells& operator=(const KeptCells&) = delete;
+  ~KeptCells();
 
   [[nodiscard]] const format::CellReader& reader() const { return cells_->reader(); }
   [[nodiscard]] std::uint64_t unknown_cells() const { return cells_->unknown_cells(); }
@@ -79,15 +81,22 @@ class KeptCells {
 
  private:
   KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
-            std::string color_name, std::uint64_t memory);
+            std::string color_name, const PartRoom& room);
   [[nodiscard]] Result<DrawnCells> decode(const format::CellChunkEntry& entry) const;
+  [[nodiscard]] PartKey key_of(const format::CellChunkEntry& entry) const;
+  [[nodiscard]] PartKey key_of_page(std::size_t page) const;
 
   std::unique_ptr<const CellTetrahedra> cells_;  // with the values, those of the opacity and those of colours
   format::SummaryAttributes attributes_;
   std::string color_name_;
-  bool holds_all_;                   // memory has room for all cells, decoded
-  mutable format::HeldParts parts_;  // pages and chunks that were read, if it holds all
+  PartRoom room_;
+  bool holds_all_;  // the share has room for all cells, decoded
   mutable std::atomic<bool> are_held_ = false;
+
+  // What was read, if it holds all. These chunks and pages stay.
+  mutable std::mutex held_mutex_;
+  mutable std::unordered_map<std::uint64_t, std::shared_ptr<const DrawnCells>> chunks_;  // [CellChunkEntry::offset]
+  mutable std::vector<std::shared_ptr<const format::CellPage>> pages_;
 
   mutable std::mutex faces_mutex_;
   mutable ShownInCells faces_of_;

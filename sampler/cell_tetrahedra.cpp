@@ -27,24 +27,40 @@ tl::unexpected<Error> fail_without_cells(const format::Volume& volume) {
 
 Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
                                                                    std::vector<std::size_t> attributes,
+                                                                   const PartRoom& room) {
+  return open(volume, std::move(attributes), room, nullptr);
+}
+
+Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
+                                                                   std::vector<std::size_t> attributes,
                                                                    std::uint64_t memory) {
+  auto own = std::make_unique<OwnParts>(memory);
+  const PartRoom room = own->room();
+  return open(volume, std::move(attributes), room, std::move(own));
+}
+
+Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
+                                                                   std::vector<std::size_t> attributes,
+                                                                   const PartRoom& room,
+                                                                   std::unique_ptr<OwnParts> own) {
   for (const std::size_t a : attributes)
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
       return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
                   volume.info().attributes[a].name);
   SPLATVOL_TRY_ASSIGN(reader, format::CellReader::open(volume));
   if (!reader) return nullptr;
-  return std::unique_ptr<const CellTetrahedra>(new CellTetrahedra(std::move(reader), std::move(attributes), memory));
+  return std::unique_ptr<const CellTetrahedra>(
+      new CellTetrahedra(std::move(reader), std::move(attributes), room, std::move(own)));
 }
 
 CellTetrahedra::CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
-                               std::uint64_t memory)
-    : reader_(std::move(reader)),
+                               const PartRoom& room, std::unique_ptr<OwnParts> own)
+    : own_(std::move(own)),
+      reader_(std::move(reader)),
       attributes_(std::move(attributes)),
-      ahead_memory_(reader_->volume().is_far() ? memory / 4 : 0),
-      vertex_memory_(reader_->vertex_count() > 0 ? memory / 4 : 0),
-      points_(*reader_, memory - ahead_memory_ - vertex_memory_),
-      vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, vertex_memory_),
+      ahead_memory_(reader_->volume().is_far() ? room.share->capacity() / 4 : 0),
+      points_(*reader_, room),
+      vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, room),
       moved_(1.01 * std::sqrt(3.0) * reader_->volume().info().position_error),
       rounding_(std::max(rounding_of(reader_->volume().info().cube.origin),
                          rounding_of(reader_->volume().info().cube.origin + reader_->volume().info().cube.edge))) {}

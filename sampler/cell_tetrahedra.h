@@ -13,6 +13,7 @@
 
 #include "base/error.h"
 #include "base/interruption.h"
+#include "base/part_table.h"
 #include "format/cell_reader.h"
 #include "format/cells_ahead.h"
 #include "format/ranked_points.h"
@@ -61,8 +62,11 @@ template <class Entry>
 /// Reads tetrahedra with their values. Of a series, at the volume's step. Thread-safe.
 class CellTetrahedra {
  public:
-  /// `attributes`: indices into VolumeInfo::attributes. `memory`: bytes to hold of the file. The volume must outlive
-  /// the result. Returns null if the file keeps no cells.
+  /// `attributes`: indices into VolumeInfo::attributes. `room`: for parts of the file; or `memory`: bytes to hold of
+  /// it. The volume must outlive the result. Returns null if the file keeps no cells.
+  [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(const format::Volume& volume,
+                                                                          std::vector<std::size_t> attributes,
+                                                                          const PartRoom& room);
   [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(const format::Volume& volume,
                                                                           std::vector<std::size_t> attributes,
                                                                           std::uint64_t memory);
@@ -126,13 +130,18 @@ class CellTetrahedra {
 
  private:
   CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
-                 std::uint64_t memory);
+                 const PartRoom& room, std::unique_ptr<OwnParts> own);
+  [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(const format::Volume& volume,
+                                                                          std::vector<std::size_t> attributes,
+                                                                          const PartRoom& room,
+                                                                          std::unique_ptr<OwnParts> own);
   [[nodiscard]] static std::size_t count_at_once(std::span<const format::CellChunkEntry> entries);
   [[nodiscard]] Status read_values(std::span<const std::uint64_t> ranks, bool positions, Tetrahedra& tetrahedra) const;
 
+  std::unique_ptr<OwnParts> own_;  // before what uses it
   std::unique_ptr<const format::CellReader> reader_;
   std::vector<std::size_t> attributes_;
-  std::uint64_t ahead_memory_, vertex_memory_;
+  std::uint64_t ahead_memory_;
   format::RankedPoints points_;
   format::CellVertices vertices_;
   double moved_, rounding_;  // most that a corner is away from that of the input; of computed positions

@@ -35,9 +35,11 @@ TEST(MemoryBudget, ReservationsGiveTheirBytesBackOnce) {
     Reservation c;
     c = std::move(b);
     EXPECT_EQ(budget.used(), 70u);
-    c.add(*all.reserve(20));
+    EXPECT_TRUE(c.resize(90));
     EXPECT_EQ(c.bytes(), 90u);
-    c.shrink(30);
+    EXPECT_FALSE(c.resize(101));
+    EXPECT_EQ(budget.used(), 90u);
+    EXPECT_TRUE(c.resize(30));
     EXPECT_EQ(budget.used(), 30u);
     EXPECT_EQ(all.used(), 30u);
   }
