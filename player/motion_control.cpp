@@ -28,8 +28,9 @@ constexpr double splats_error = 0.75, decay = 0.45;
 // A number of splats is near enough to one whose error was measured.
 constexpr double near_by = 1.5;
 
-// A view that shows so many times the segments of another one, or fewer, may have other errors.
-constexpr double another_view = 1.5;
+// A view that shows so many times the segments of another one, or fewer, may have other errors. So may one in another
+// direction, by the cosine of this angle: along an axis, the outlines of a mesh lie along rows of samples.
+constexpr double another_view = 1.5, same_direction = 0.94;
 
 // Where so many times as much or as little comes into view, another rung is chosen.
 constexpr double much_more = 2;
@@ -64,11 +65,12 @@ std::vector<Rung> MotionControl::rungs(const Choices& choices) {
   return rungs;
 }
 
-// Whether errors were measured in a view that shows much more or less.
+// Whether errors were measured in a view that shows much more or less, or from elsewhere.
 bool MotionControl::is_another_view(const Choices& choices) const {
   if (!choices.cells || measured_segments_ == 0) return false;
   const double change = std::max(choices.cells->segments, 1.0) / measured_segments_;
-  return change > another_view || change < 1 / another_view;
+  return change > another_view || change < 1 / another_view ||
+         glm::dot(choices.direction, measured_direction_) < same_direction;
 }
 
 MotionControl::Expected MotionControl::expected_of_cells(int sample_spacing, const Choices& choices) const {
@@ -200,6 +202,7 @@ void MotionControl::add(const Outcome& outcome, const Choices& choices) {
     if (rung.sample_spacing > 1)
       model_factor_ = std::max(model_factor_, *outcome.error / cells_by_model(rung.sample_spacing));
     if (choices.cells) measured_segments_ = choices.cells->segments;
+    measured_direction_ = choices.direction;
   }
   if (!rung.is_exact()) splat_errors_[rung.splats] = *outcome.error;
 }

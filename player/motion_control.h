@@ -97,6 +97,7 @@ class MotionControl {
   std::map<int, double> cell_errors_;             // [sample spacing]
   std::map<std::uint64_t, double> splat_errors_;  // [splats]
   double measured_segments_ = 0;                  // of cells, in the view of cell_errors_
+  dvec3 measured_direction_ = {0, 0, 1};          // of that view
   double model_factor_ = 1;                       // the largest by which errors of cells exceeded the model
   bool are_doubted_ = false;                      // the measured errors
   std::optional<double> model_;                   // of the last splats: their error times their number^decay

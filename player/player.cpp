@@ -669,7 +669,8 @@ Result<Choices> Player::moving_choices(bool with_cells) {
   Choices choices{.points = std::clamp<std::uint64_t>(info().point_count(), 1, device_splats()),
                   .least_splats = has_layers() ? least_among_surfaces : 1,
                   .finest_spacing = options_.drawing.sample_spacing.value_or(1),
-                  .pixels = static_cast<double>(scene_.width) * scene_.height};
+                  .pixels = static_cast<double>(scene_.width) * scene_.height,
+                  .direction = view_.forward};
   choices.widest_spacing = std::max(choices.finest_spacing, widest_moving_samples);
   if (shows_contours()) choices.added_error = error_without_contours;
   if (!with_cells || !holds_cells()) return choices;

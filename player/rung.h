@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/math.h"
 #include "renderer/work.h"
 
 namespace splatvol {
@@ -37,6 +38,7 @@ struct Choices {
   double most_segments = std::numeric_limits<double>::infinity();  // of cells, in all samples
   double first_cells_seconds = 1.0 / 12;  // cells that have the wanted error in this time come before splats
   double added_error = 0;                 // expected of splats, as they lack something
+  dvec3 direction = {0, 0, 1};            // of the view
 };
 
 /// Returns rungs of splats, from few to all points. Each has sqrt(2) times the splats of the one below it.

@@ -235,6 +235,20 @@ TEST(MotionControl, DoesNotTrustTheErrorsOfAnotherView) {
 }
 
 // A narrow function has larger errors than most, in other views, too.
+// A key shows the data from another side.
+TEST(MotionControl, DoesNotTrustTheErrorsOfAnotherDirection) {
+  Choices choices = with_cells(2e5, 2e7);
+  const Machine machine{.cells_error = 1e-5};
+  MotionControl control;
+  machine.teach(control, choices);
+  const double measured = control.expected_error({0, 8}, choices).error;
+  choices.direction = glm::normalize(dvec3(0.2, 0, 1));
+  EXPECT_TRUE(control.expected_error({0, 8}, choices).is_measured);
+  choices.direction = {1, 0, 0};
+  EXPECT_GT(control.expected_error({0, 8}, choices).error, 10 * measured);
+  EXPECT_FALSE(control.expected_error({0, 8}, choices).is_measured);
+}
+
 TEST(MotionControl, RemembersThatErrorsAreLarge) {
   const Choices near = with_cells(1e3, 1e4), far = with_cells(1e3, 1e5);
   MotionControl control;
