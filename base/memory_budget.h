@@ -25,6 +25,8 @@ class MemoryShare {
   /// Returns the bytes that are in use. Spare reservations are not.
   [[nodiscard]] std::uint64_t used() const;
 
+  [[nodiscard]] const MemoryBudget& budget() const { return budget_; }
+
   /// Whether its user may have so many bytes more.
   [[nodiscard]] bool has_room(std::uint64_t bytes) const;
 

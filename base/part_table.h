@@ -124,14 +124,16 @@ struct PartRoom {
 /// A table for one file, with a budget of its own.
 class OwnParts {
  public:
-  explicit OwnParts(std::uint64_t memory) : budget_(memory), share_(budget_, memory), table_(budget_) {}
+  explicit OwnParts(std::uint64_t memory)
+      : budget_(memory), share_(budget_, memory), table_(budget_), file_(table_.add_file()) {}
 
-  [[nodiscard]] PartRoom room() { return {&table_, &share_, 0}; }
+  [[nodiscard]] PartRoom room() { return {&table_, &share_, file_}; }
 
  private:
   MemoryBudget budget_;
   MemoryShare share_;
   PartTable table_;
+  std::uint64_t file_;
 };
 
 }  // namespace splatvol

@@ -145,7 +145,8 @@ bool ShownInCells::has_contour(double low, double high) const {
 }
 
 Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& volume, const Scene& scene,
-                                                         const PartRoom& room) {
+                                                         PartTable& table, MemoryShare& share) {
+  const PartRoom room{&table, &share, table.add_file()};
   const format::VolumeInfo& info = volume.info();
   format::SummaryAttributes attributes;
   SPLATVOL_TRY_SET(attributes.values, format::find_attribute(info, scene.attribute, volume.name()));
@@ -172,15 +173,14 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
   return std::shared_ptr<const KeptCells>(new KeptCells(std::move(cells), attributes, contours.attribute, room));
 }
 
-// Points take less memory than the cells. So half of the share has room for them if it has for all cells. Decoded cells
-// have values of these attributes only, so their keys are of no other cells.
+// Points take less memory than the cells, so a third of the share is enough for them.
 KeptCells::KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
                      std::string color_name, const PartRoom& room)
     : cells_(std::move(cells)),
       attributes_(attributes),
       color_name_(std::move(color_name)),
-      room_{room.table, room.share, room.table->add_file()},
-      holds_all_(decoded_bytes(cells_->reader()) <= room.share->capacity() / 2) {}
+      room_(room),
+      holds_all_(decoded_bytes(cells_->reader()) <= room.share->capacity() / 3 * 2) {}
 
 KeptCells::~KeptCells() {
   chunks_.clear();

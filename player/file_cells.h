@@ -44,10 +44,10 @@ struct ShownFaces {
 /// The cells that a file keeps, with the values of a scene's attributes. Thread-safe.
 class KeptCells {
  public:
-  /// Of a series, the cells have the values of the volume's step. `room`: for parts of the file, and for decoded cells.
-  /// The volume must outlive the cells. Fails if the file keeps none.
+  /// Of a series, the cells have the values of the volume's step. `share`: for parts of the file, and for decoded
+  /// cells. The volume must outlive the cells. Fails if the file keeps none.
   [[nodiscard]] static Result<std::shared_ptr<const KeptCells>> open(const format::Volume& volume, const Scene& scene,
-                                                                     const PartRoom& room);
+                                                                     PartTable& table, MemoryShare& share);
   KeptCells(const KeptCells&) = delete;
   KeptCells& operator=(const KeptCells&) = delete;
   ~KeptCells();
@@ -55,6 +55,8 @@ class KeptCells {
   [[nodiscard]] const format::CellReader& reader() const { return cells_->reader(); }
   [[nodiscard]] std::uint64_t unknown_cells() const { return cells_->unknown_cells(); }
   [[nodiscard]] const format::SummaryAttributes& attributes() const { return attributes_; }
+
+  [[nodiscard]] const MemoryShare& share() const { return *room_.share; }
 
   /// The attribute that colours contours; empty: none.
   [[nodiscard]] const std::string& color_attribute() const { return color_name_; }

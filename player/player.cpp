@@ -104,7 +104,7 @@ Result<std::unique_ptr<Player>> Player::open(const std::string& path, const std:
 
 Result<std::unique_ptr<Player>> Player::open(format::Steps steps, std::size_t step, const std::optional<Scene>& scene,
                                              const PlayerOptions& options) {
-  SPLATVOL_TRY_ASSIGN(file, read(std::move(steps), step, scene, options));
+  SPLATVOL_TRY_ASSIGN(file, read(std::move(steps), step, scene, options, {}));
   return open(std::move(file));
 }
 
@@ -115,19 +115,28 @@ Result<std::unique_ptr<Player>> Player::open(PlayerFile file) {
 }
 
 Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std::optional<Scene>& scene,
-                                const PlayerOptions& options, std::span<const Surface> before) {
+                                const PlayerOptions& options, const Held& held) {
   if (scene) SPLATVOL_TRY(make_view(*scene));
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   SPLATVOL_TRY_ASSIGN(used, scene ? Result<Scene>(*scene) : default_scene(*volume, "", options.first_picture));
-  SPLATVOL_TRY_ASSIGN(surfaces,
-                      read_scene_surfaces(used.surfaces, *volume, options.read_surface, options.memory, before));
-  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {.memory_bytes = options.memory,
-                                                                   .attribute = used.attribute,
-                                                                   .kernel = kernel_of(options.drawing),
-                                                                   .gradients = used.lighting.has_value(),
-                                                                   .on_data = options.on_data,
-                                                                   .opacity_attribute = opacity_attribute_of(used)}));
-  return PlayerFile{std::move(steps), step, std::move(used), options, std::move(streamer), std::move(surfaces)};
+  auto memory = held.memory
+                    ? held.memory
+                    : std::make_shared<PlayerMemory>(options.memory, *volume, !steps.times().empty(), options.draws);
+  SPLATVOL_TRY_ASSIGN(surfaces, read_scene_surfaces(used.surfaces, *volume, options.read_surface,
+                                                    memory->patches.capacity(), held.surfaces));
+  SPLATVOL_TRY_ASSIGN(streamer,
+                      Streamer::open(std::move(volume),
+                                     {.attribute = used.attribute,
+                                      .kernel = kernel_of(options.drawing),
+                                      .gradients = used.lighting.has_value(),
+                                      .on_data = options.on_data,
+                                      .opacity_attribute = opacity_attribute_of(used),
+                                      .room = PartRoom{&memory->table, &memory->splats, memory->table.add_file()},
+                                      .shapes = held.shapes}));
+  return PlayerFile{std::move(steps),  step,
+                    std::move(used),   options,
+                    std::move(memory), std::move(streamer),
+                    std::move(surfaces)};
 }
 
 Result<Scene> Player::fitting_scene(const std::string& attribute, const FirstPicture& picture) const {
@@ -156,16 +165,20 @@ Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
       step != step_ || options.memory != options_.memory || kernel_of(options.drawing) != kernel_of(options_.drawing) ||
       scene.attribute != scene_.attribute || opacity_attribute_of(scene) != opacity_attribute_of(scene_) ||
       (scene.lighting && !scene_.lighting && kernel_of(options.drawing) == KernelKind::octant);
-  if (other_parts)
-    return [=, steps = steps_, before = step == step_ ? surfaces_ : surfaces_of_all_steps()] {
-      return read(steps, step, scene, options, before);
-    };
+  if (other_parts) {
+    Held held{step == step_ ? surfaces_ : surfaces_of_all_steps()};
+    if (options.memory == options_.memory) held.memory = memory_;
+    const bool same_file = step == step_ || !steps_.are_files();
+    if (held.memory && same_file && kernel_of(options.drawing) == kernel_of(options_.drawing))
+      held.shapes = streamer_->shapes();
+    return [=, steps = steps_, held = std::move(held)] { return read(steps, step, scene, options, held); };
+  }
   if (scene.surfaces == scene_.surfaces) return {};
-  return [=, steps = steps_, before = surfaces_]() -> Result<PlayerFile> {
+  return [=, steps = steps_, memory = memory_, before = surfaces_]() -> Result<PlayerFile> {
     SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
-    SPLATVOL_TRY_ASSIGN(surfaces,
-                        read_scene_surfaces(scene.surfaces, *volume, options.read_surface, options.memory, before));
-    return PlayerFile{steps, step, scene, options, nullptr, std::move(surfaces)};
+    SPLATVOL_TRY_ASSIGN(surfaces, read_scene_surfaces(scene.surfaces, *volume, options.read_surface,
+                                                      memory->patches.capacity(), before));
+    return PlayerFile{steps, step, scene, options, memory, nullptr, std::move(surfaces)};
   };
 }
 
@@ -180,7 +193,7 @@ Status Player::use(const Scene& scene, const PlayerOptions& options) {
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   SPLATVOL_TRY(check_surfaces(scene, view));
   const Reader reader = this->reader(scene, options);
-  if (!reader) return take_over(scene, options, nullptr, view);
+  if (!reader) return take_over({steps_, step_, scene, options, memory_, nullptr, {}}, view);
   SPLATVOL_TRY_ASSIGN(file, reader());
   return replace(std::move(file));
 }
@@ -188,19 +201,22 @@ Status Player::use(const Scene& scene, const PlayerOptions& options) {
 Status Player::replace(PlayerFile file) {
   SPLATVOL_TRY_ASSIGN(view, make_view(file.scene));
   SPLATVOL_TRY(check_surfaces(file.scene, view));
-  const bool is_read = file.streamer != nullptr;
-  SPLATVOL_TRY(take_over(file.scene, file.options, std::move(file.streamer), view));
-  if (is_read) step_ = file.step;
+  const std::size_t step = file.streamer ? file.step : step_;
+  std::vector<Surface> surfaces = std::move(file.surfaces);
+  SPLATVOL_TRY(take_over(std::move(file), view));
+  step_ = step;
   const auto is_same = [](const Surface& a, const Surface& b) { return a.style == b.style && a.mesh == b.mesh; };
-  if (std::ranges::equal(surfaces_, file.surfaces, is_same)) return {};
-  surfaces_ = std::move(file.surfaces);
+  if (std::ranges::equal(surfaces_, surfaces, is_same)) return {};
+  surfaces_ = std::move(surfaces);
   surfaces_view_.reset();
   return {};
 }
 
-// Takes over a scene, options and a streamer that fits both; null: the streamer stays. Surfaces stay.
-Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::unique_ptr<Streamer> streamer,
-                         const View& view) {
+// Takes over a scene, options and a streamer that fits both; null: the streamer stays. Step and surfaces stay.
+Status Player::take_over(PlayerFile file, const View& view) {
+  const Scene& scene = file.scene;
+  const PlayerOptions& options = file.options;
+  std::unique_ptr<Streamer>& streamer = file.streamer;
   std::unique_ptr<Rasterizer> other;
   if (!rasterizer_ || kernel_of(options.drawing) != kernel_of(options_.drawing)) {
     SPLATVOL_TRY_ASSIGN(made, make_rasterizer(options.device, {.kernel = kernel_of(options.drawing),
@@ -214,19 +230,20 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
     SPLATVOL_TRY(set_function(rasterizer, scene, streamer ? *streamer : *streamer_));
   rasterizer.set_lighting(scene.lighting);
   if (streamer) {
-    if (streamer_) streamer->share_shapes(*streamer_);
     frame_ = nullptr;
     is_lost_ = false;
     drop_cells();
     cells_ahead_.reset();
+    sweep_room_ = {};
     streamer_ = std::move(streamer);
+    memory_ = std::move(file.memory);
   }
   if (other) {
     rasterizer_ = std::move(other);
     room_ = std::numeric_limits<std::uint64_t>::max();
   }
-  scene_ = scene;
-  options_ = options;
+  scene_ = std::move(file.scene);
+  options_ = std::move(file.options);
   view_ = view;
   is_nudged_ = false;
   return {};
@@ -234,7 +251,7 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
 
 // Opens a step as if none were open.
 Status Player::open_again(std::size_t step) {
-  SPLATVOL_TRY_ASSIGN(file, read(steps_, step, scene_, options_, surfaces_of_all_steps()));
+  SPLATVOL_TRY_ASSIGN(file, read(steps_, step, scene_, options_, {surfaces_of_all_steps(), memory_, 0}));
   return replace(std::move(file));
 }
 
@@ -306,7 +323,8 @@ std::vector<Surface> Player::surfaces_of_all_steps() const {
 Status Player::read_boundary_of(const format::Volume& volume) {
   const std::vector<Surface> kept = surfaces_of_all_steps();
   if (kept.size() == surfaces_.size()) return {};
-  SPLATVOL_TRY_ASSIGN(read, read_scene_surfaces(scene_.surfaces, volume, options_.read_surface, options_.memory, kept));
+  SPLATVOL_TRY_ASSIGN(read, read_scene_surfaces(scene_.surfaces, volume, options_.read_surface,
+                                                memory_->patches.capacity(), kept));
   surfaces_ = std::move(read);
   surfaces_view_.reset();
   return {};
@@ -315,8 +333,12 @@ Status Player::read_boundary_of(const format::Volume& volume) {
 void Player::read_ahead(std::size_t step, bool with_cells) {
   if (step >= steps_.times().size() || step == step_) return;
   const bool are_ahead = cells_ahead_ && cells_ahead_->step() == step;
-  if (with_cells && !are_ahead && has_cells() && !streamer_->volume().is_far())
-    cells_ahead_ = std::make_unique<StepCells>(steps_, step, scene_, options_.memory / 2);
+  if (with_cells && !are_ahead && has_cells() && !streamer_->volume().is_far()) {
+    cells_ahead_.reset();
+    const bool is_other = kept_cells_ && &kept_cells_->share() == &memory_->next_cells;
+    MemoryShare& share = is_other ? memory_->cells : memory_->next_cells;
+    cells_ahead_ = std::make_unique<StepCells>(steps_, step, scene_, memory_->table, share);
+  }
   if (!steps_.are_files()) return streamer_->prefetch_step(step);
   if (ahead_ && ahead_->step() == step) return;
   // Only its preamble: another mesh has other parts in view.
@@ -474,7 +496,9 @@ Result<std::shared_ptr<const KeptCells>> Player::kept_cells() {
   if (kept_cells_ && kept_cells_->color_attribute() != contours_of(scene_).attribute) drop_cells();
   if (!kept_cells_) {
     kept_volume_ = streamer_->shared_volume();
-    SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(*kept_volume_, scene_, options_.memory / 2));
+    const bool is_taken = cells_ahead_ && &cells_ahead_->share() == &memory_->cells;
+    MemoryShare& share = is_taken ? memory_->next_cells : memory_->cells;
+    SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(*kept_volume_, scene_, memory_->table, share));
   }
   return kept_cells_;
 }
@@ -489,7 +513,7 @@ std::function<Status()> Player::cells_reader() {
   if (!has_cells() || streamer_->volume().is_far() || holds_cells()) return {};
   const auto kept = kept_cells();
   if (!kept || !(*kept)->may_hold_all()) return {};
-  return [volume = kept_volume_, cells = *kept] { return cells->hold_all(); };
+  return [memory = memory_, volume = kept_volume_, cells = *kept] { return cells->hold_all(); };
 }
 
 bool Player::holds_cells() const {
@@ -519,7 +543,13 @@ float Player::refined_difference() const {
   return shows_contours() || !view_.slices.empty() ? visible : 0;
 }
 
-// The parts of the file and the pieces of rays that wait take half of the memory each.
+// What waits while cells are drawn has its share from the first time on: the memory stays between pictures.
+std::uint64_t Player::sweep_memory() {
+  if (sweep_room_.bytes() == 0)
+    if (auto room = memory_->sweep.reserve(memory_->sweep.capacity())) sweep_room_ = std::move(*room);
+  return sweep_room_.bytes();
+}
+
 Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing) {
   const Call call(*this);
   exact_.reset();
@@ -548,7 +578,7 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
                                       .layers = std::move(layers),
                                       .sample_spacing = sample_spacing_,
                                       .refined_difference = refined_difference(),
-                                      .memory = options_.memory / 2,
+                                      .memory = sweep_memory(),
                                       .progress = progress},
                                      std::exchange(spare_picture_, {}));
   SPLATVOL_TRY(call.check());
@@ -763,7 +793,7 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
   const View view = view_of_rays(view_, spacing);
   auto drawn = cell_rasterizer_.draw(
       *cells,
-      {.view = view, .transfer = transfer_of(scene_), .lighting = scene_.lighting, .memory = options_.memory / 2});
+      {.view = view, .transfer = transfer_of(scene_), .lighting = scene_.lighting, .memory = sweep_memory()});
   // A ray has too many cells: finer pictures tell the error.
   if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));

@@ -17,6 +17,7 @@
 #include "player/error_control.h"
 #include "player/motion_control.h"
 #include "player/pacer.h"
+#include "player/player_memory.h"
 #include "renderer/cpu/cells.h"
 #include "renderer/device/device.h"
 #include "renderer/rasterizer.h"
@@ -34,7 +35,8 @@ class StepAhead;
 class StepCells;
 
 struct PlayerOptions {
-  std::uint64_t memory = std::uint64_t{512} << 20;    // bytes that the streamer may hold; patches: a quarter besides
+  std::uint64_t memory = std::uint64_t{512} << 20;    // bytes to hold of what is read, and while it is drawn
+  DrawnParts draws = DrawnParts::any;                 // then the memory is for these alone
   std::uint64_t gpu_memory = std::uint64_t{1} << 30;  // bytes that OpenGL may take
   Device device = Device::automatic;
   bool in_current_context = false;  // of OpenGL; else the rasterizer makes a context of its own if it needs one
@@ -110,8 +112,9 @@ struct PlayerFile {
   std::size_t step;
   Scene scene;
   PlayerOptions options;
-  std::unique_ptr<Streamer> streamer;  // of `step`; null: that of the player stays
-  std::vector<Surface> surfaces;       // of `scene`
+  std::shared_ptr<PlayerMemory> memory;  // of what follows
+  std::unique_ptr<Streamer> streamer;    // of `step`; null: that of the player stays
+  std::vector<Surface> surfaces;         // of `scene`
 };
 
 /// An open file, its scene and a device that draws it. Errors name the file. All calls come from one thread, besides
@@ -129,10 +132,16 @@ class Player {
                                                             const std::optional<Scene>& scene,
                                                             const PlayerOptions& options);
 
-  /// The same in two parts, for a thread that reads while another one draws: `open` reads nothing. `before`: surfaces
-  /// that need not be read again.
+  /// What a player of the file holds, and need not be read again.
+  struct Held {
+    std::vector<Surface> surfaces = {};
+    std::shared_ptr<PlayerMemory> memory = {};  // of options.memory bytes; null: none
+    std::uint64_t shapes = 0;                   // Streamer::shapes
+  };
+
+  /// The same in two parts, for a thread that reads while another one draws: `open` reads nothing.
   [[nodiscard]] static Result<PlayerFile> read(format::Steps steps, std::size_t step, const std::optional<Scene>& scene,
-                                               const PlayerOptions& options, std::span<const Surface> before = {});
+                                               const PlayerOptions& options, const Held& held);
   [[nodiscard]] static Result<std::unique_ptr<Player>> open(PlayerFile file);
   Player(const Player&) = delete;
   Player& operator=(const Player&) = delete;
@@ -319,8 +328,7 @@ class Player {
   Player(format::Steps steps, std::size_t step);
   [[nodiscard]] Status use(const Scene& scene, const PlayerOptions& options);
   [[nodiscard]] Status check_surfaces(const Scene& scene, const View& view) const;
-  [[nodiscard]] Status take_over(const Scene& scene, const PlayerOptions& options, std::unique_ptr<Streamer> streamer,
-                                 const View& view);
+  [[nodiscard]] Status take_over(PlayerFile file, const View& view);
   [[nodiscard]] Status open_again(std::size_t step);
   [[nodiscard]] Status change_step(std::size_t step);
   void drop_cells();
@@ -344,6 +352,7 @@ class Player {
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
   void lay_surfaces(const View& view, bool has_slices);
+  [[nodiscard]] std::uint64_t sweep_memory();
   [[nodiscard]] Result<std::shared_ptr<const KeptCells>> kept_cells();
   [[nodiscard]] Result<std::shared_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
@@ -354,6 +363,8 @@ class Player {
 
   format::Steps steps_;
   std::size_t step_;
+  std::shared_ptr<PlayerMemory> memory_;  // before what lies in it
+  Reservation sweep_room_;                // once cells were drawn
   std::unique_ptr<StepAhead> ahead_;        // of a series of files
   std::unique_ptr<StepCells> cells_ahead_;  // of a series
   PlayerOptions options_;

@@ -13,9 +13,6 @@
 namespace splatvol {
 namespace {
 
-// The share of memory that patches may take is one in so many.
-constexpr std::uint64_t memory_per_patches = 4;
-
 constexpr std::size_t most_names = 4;  // in a message
 
 // Bytes of triangles while they are drawn: their points are there twice (draw_surfaces).
@@ -91,9 +88,8 @@ std::vector<Surface> reusable(std::span<const Surface> before, const PatchChoice
 }  // namespace
 
 Result<std::vector<Surface>> read_scene_surfaces(std::span<const SceneSurface> styles, const format::Volume& volume,
-                                                 const ReadSurface& read_file, std::uint64_t memory,
+                                                 const ReadSurface& read_file, std::uint64_t room,
                                                  std::span<const Surface> before) {
-  std::uint64_t room = memory / memory_per_patches;
   SPLATVOL_TRY_ASSIGN(choices, choose_patches(styles, volume, room));
   const auto boundary = [&](const std::string& pattern) { return volume.read_boundary(choices[pattern].patches); };
   SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(styles, {read_file, boundary}, reusable(before, choices, room)));
@@ -101,6 +97,14 @@ Result<std::vector<Surface>> read_scene_surfaces(std::span<const SceneSurface> s
     if (const auto chosen = choices.find(surface.style.boundary); chosen != choices.end())
       surface.left_out = chosen->second.left_out;
   return surfaces;
+}
+
+std::uint64_t bytes_of_patches(const format::Volume& volume) {
+  std::uint64_t bytes = 0;
+  if (volume.info().boundary)
+    for (const format::PatchInfo& patch : volume.info().boundary->patches)
+      bytes += drawn_bytes(patch.points, patch.triangles);
+  return bytes;
 }
 
 std::optional<Error> left_out_error(std::span<const Surface> surfaces, const std::string& file) {

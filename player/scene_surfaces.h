@@ -16,12 +16,15 @@
 namespace splatvol {
 
 /// Returns the surfaces of a scene, and reads those that are shown (read_surfaces): files by `read_file`, patches of
-/// the boundary from `volume`. The patches may take a quarter of `memory`, by the counts in the metadata. Those that
-/// would take more are not read, the largest first (Surface::left_out).
+/// the boundary from `volume`. The patches may take `room` bytes, by the counts in the metadata. Those that would take
+/// more are not read, the largest first (Surface::left_out).
 [[nodiscard]] Result<std::vector<Surface>> read_scene_surfaces(std::span<const SceneSurface> styles,
                                                                const format::Volume& volume,
-                                                               const ReadSurface& read_file, std::uint64_t memory,
+                                                               const ReadSurface& read_file, std::uint64_t room,
                                                                std::span<const Surface> before);
+
+/// Returns the bytes that all patches of a file's boundary take.
+[[nodiscard]] std::uint64_t bytes_of_patches(const format::Volume& volume);
 
 /// Returns an error with ErrorCode::out_of_budget that names the patches that shown surfaces lack; none if they lack
 /// none. `file` begins the message.

@@ -147,7 +147,7 @@ Result<SessionFile> Session::read(const SceneUse& asked, const std::string& scen
   const std::size_t step = use.step.value_or(steps.last());
   if (step > steps.last()) return fail_no_step(steps, step);
   const ViewSettings used = with_use(settings, use);
-  SPLATVOL_TRY_ASSIGN(file, Player::read(std::move(steps), step, scene, player_options(used)));
+  SPLATVOL_TRY_ASSIGN(file, Player::read(std::move(steps), step, scene, player_options(used), {}));
   return with_data({.path = use.file, .fits = !scene, .settings = used, .file = std::move(file)}, false);
 }
 

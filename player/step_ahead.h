@@ -46,15 +46,16 @@ class StepAhead {
 /// error.
 class StepCells {
  public:
-  /// `memory`: as in KeptCells::open.
-  StepCells(const format::Steps& steps, std::size_t step, const Scene& scene, std::uint64_t memory)
+  /// `share`: for the cells, which belong to no other share then.
+  StepCells(const format::Steps& steps, std::size_t step, const Scene& scene, PartTable& table, MemoryShare& share)
       : step_(step),
+        share_(share),
         cells_(std::async(std::launch::async | std::launch::deferred,
-                          [steps, step, scene, memory, stop = stop_.get_token()]() -> Cells {
+                          [steps, step, scene, &table, &share, stop = stop_.get_token()]() -> Cells {
                             const Interruptible interruptible(stop);
                             const auto volume = steps.volume(step);
                             if (!volume || (*volume)->is_far()) return {};
-                            const auto kept = KeptCells::open(**volume, scene, memory);
+                            const auto kept = KeptCells::open(**volume, scene, table, share);
                             if (!kept) return {};
                             static_cast<void>((*kept)->hold_all());
                             return {*volume, *kept};
@@ -66,6 +67,7 @@ class StepCells {
   ~StepCells() { stop_.request_stop(); }
 
   [[nodiscard]] std::size_t step() const { return step_; }
+  [[nodiscard]] const MemoryShare& share() const { return share_; }
   [[nodiscard]] bool is_done() const { return cells_.wait_for(std::chrono::seconds(0)) != std::future_status::timeout; }
 
   /// The cells belong to the volume. Null: they cannot be read.
@@ -82,6 +84,7 @@ class StepCells {
 
  private:
   std::size_t step_;
+  MemoryShare& share_;
   std::stop_source stop_;
   std::future<Cells> cells_;
 };

@@ -3,16 +3,14 @@
 
 #include <compare>
 #include <cstdint>
-#include <list>
-#include <map>
 #include <memory>
 #include <optional>
 #include <variant>
 
+#include "base/part_table.h"
 #include "format/octree.h"
 #include "format/volume.h"
 #include "splat/record.h"
-#include "streamer/budget.h"
 
 namespace splatvol {
 
@@ -32,51 +30,50 @@ struct CacheKey {
 using CacheData = std::variant<format::IndexPage, format::DirectoryPage, std::shared_ptr<const ShapeRow>,
                                std::shared_ptr<const ValueRow>>;
 
-/// Parts of a file, each with its reservation. When the budget is spent, drops the parts whose last use is longest ago,
-/// except parts that somebody holds. Not thread-safe; the parts may be read from any thread.
+/// The parts of a file as one attribute and one kernel show it, in a table that others use, too. Thread-safe.
 class Cache {
  public:
   using Pointer = std::shared_ptr<const CacheData>;
 
-  explicit Cache(MemoryBudget& budget) : budget_(budget) {}
+  /// `shapes`: those of another cache that shows the same file by the same kernel in this room; 0: none.
+  explicit Cache(const PartRoom& room, std::uint64_t shapes = 0)
+      : room_(room), shapes_(shapes > 0 ? shapes : room.table->add_file()) {}
+  Cache(const Cache&) = delete;
+  Cache& operator=(const Cache&) = delete;
+  ~Cache() { room_.table->clear(room_.file); }
+
+  [[nodiscard]] const MemoryShare& share() const { return *room_.share; }
+
+  /// Names the shapes that it holds.
+  [[nodiscard]] std::uint64_t shapes() const { return shapes_; }
 
   /// Returns the part, or null if it is not held.
-  [[nodiscard]] Pointer find(const CacheKey& key);
+  [[nodiscard]] Pointer find(const CacheKey& key) { return room_.table->find<CacheData>(part_of(key)); }
 
   /// Adds a part, with the reservation for its bytes. Returns it, or the held part if there is one of this key.
-  Pointer insert(const CacheKey& key, CacheData data, Reservation reservation);
+  Pointer insert(const CacheKey& key, CacheData data, Reservation reservation) {
+    return room_.table->insert(part_of(key), std::move(data), std::move(reservation));
+  }
 
   /// Reserves bytes, and drops parts as needed. Returns nullopt if even this does not suffice.
-  [[nodiscard]] std::optional<Reservation> reserve(std::uint64_t bytes);
+  [[nodiscard]] std::optional<Reservation> reserve(std::uint64_t bytes) { return room_.share->reserve(bytes); }
 
   /// Makes a reservation at least this large. Returns false, and gives it back, if the bytes do not fit.
   [[nodiscard]] bool extend(Reservation& reservation, std::uint64_t bytes);
 
   /// Reserves bytes without dropping parts. Returns nullopt if they do not fit.
-  [[nodiscard]] std::optional<Reservation> reserve_spare(std::uint64_t bytes) { return budget_.reserve(bytes); }
+  [[nodiscard]] std::optional<Reservation> reserve_spare(std::uint64_t bytes) {
+    return room_.share->reserve_free(bytes);
+  }
 
-  /// Drops all parts that nobody holds.
+  /// Forgets all parts: the next ones are of another file.
   void clear();
 
-  /// Adds the shapes of rows that another cache of the same file holds, those used last first, while there is room: the
-  /// other cache keeps them, too.
-  void add_shapes_of(const Cache& other);
-
  private:
-  struct Entry {
-    CacheData data;
-    Reservation reservation;
-  };
-  struct Slot {
-    std::shared_ptr<const Entry> entry;
-    std::list<CacheKey>::iterator use;
-  };
-  [[nodiscard]] bool drop_oldest();
-  [[nodiscard]] static Pointer data_of(const std::shared_ptr<const Entry>& entry) { return {entry, &entry->data}; }
+  [[nodiscard]] PartKey part_of(const CacheKey& key) const;
 
-  MemoryBudget& budget_;
-  std::list<CacheKey> uses_;  // last used first
-  std::map<CacheKey, Slot> slots_;
+  PartRoom room_;
+  std::uint64_t shapes_;
 };
 
 }  // namespace splatvol

@@ -15,8 +15,8 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/memory_budget.h"
 #include "format/volume.h"
-#include "streamer/budget.h"
 #include "streamer/cache.h"
 
 namespace splatvol {

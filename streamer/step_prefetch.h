@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/memory_budget.h"
 #include "format/volume.h"
-#include "streamer/budget.h"
 #include "streamer/loader.h"
 
 namespace splatvol {

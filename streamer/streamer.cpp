@@ -38,8 +38,8 @@ Streamer::Streamer(std::shared_ptr<const format::Volume> volume, const format::S
       threads_(std::max(options.threads, 1U)),
       hide_(options.hide),
       on_data_(options.on_data),
-      budget_(options.memory_bytes),
-      cache_(budget_),
+      own_(options.room ? nullptr : std::make_unique<OwnParts>(options.memory_bytes)),
+      cache_(options.room ? *options.room : own_->room(), options.shapes),
       paged_(*volume_, attributes, cache_) {}
 
 Streamer::~Streamer() = default;
@@ -86,10 +86,6 @@ Status Streamer::set_step(std::size_t step) {
 
 void Streamer::take_prefetched(StepPrefetch::Result result) {
   for (PartLoad& part : result.parts) cache_.insert(part.key, std::move(*part.data), std::move(part.decoded));
-}
-
-void Streamer::share_shapes(const Streamer& other) {
-  if (other.kernel_ == kernel_ && volume_->is_same_file(*other.volume_)) cache_.add_shapes_of(other.cache_);
 }
 
 // The parts of rows of the step that the frame consists of, in the order of their keys.
@@ -234,8 +230,9 @@ std::vector<DrawnNode> Streamer::drawn_nodes() const {
 }
 
 StreamerStatistics Streamer::statistics() const {
-  return {volume_->bytes_read(), budget_.used(), budget_.peak(),
-          cut_seconds_,          fetch_seconds_, volume_->bytes_read_again()};
+  const MemoryBudget& budget = cache_.share().budget();
+  return {volume_->bytes_read(), budget.used(), budget.peak(), cut_seconds_, fetch_seconds_,
+          volume_->bytes_read_again()};
 }
 
 }  // namespace splatvol

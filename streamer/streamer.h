@@ -17,7 +17,6 @@
 #include "scene/scene.h"
 #include "splat/record.h"
 #include "splat/splat.h"
-#include "streamer/budget.h"
 #include "streamer/cache.h"
 #include "streamer/clip.h"
 #include "streamer/cut.h"
@@ -42,6 +41,12 @@ struct StreamerOptions {
   std::function<void()> on_data = {};
 
   std::string opacity_attribute = {};  // whose values give a factor on the extinction; empty: none
+
+  // Memory that others use, too: then `memory_bytes` does not count. PartRoom::file is ours alone.
+  std::optional<PartRoom> room = {};
+
+  // Of a streamer that shows the same file by the same kernel in the same room (Streamer::shapes); 0: none.
+  std::uint64_t shapes = 0;
 };
 
 /// How far a frame is from the picture that its view asks for.
@@ -145,9 +150,8 @@ class Streamer {
   /// The same for a step that is open. If it is in another file, nothing of the file before stays in memory.
   [[nodiscard]] Status set_step(std::shared_ptr<const format::Volume> volume);
 
-  /// Takes over the shapes that a streamer of the same file, step and kernel holds, for another attribute, while there
-  /// is room. They need not be read again, nor sent to a device. Does nothing if the file is another.
-  void share_shapes(const Streamer& other);
+  /// Names the shapes that it holds: another streamer may share them.
+  [[nodiscard]] std::uint64_t shapes() const { return cache_.shapes(); }
 
   /// Begins to read what the last frame shows of another step of the same series, on a thread of its own, while memory
   /// is free: nothing gives way to it. `set_step` then finds it in memory. Does nothing without a frame, for a file
@@ -196,6 +200,8 @@ class Streamer {
   [[nodiscard]] std::uint64_t choice_bytes() const;
   [[nodiscard]] std::uint64_t fixed_bytes() const;
   [[nodiscard]] std::uint64_t budget_for(std::uint64_t bytes) const;
+  [[nodiscard]] std::uint64_t granted(std::uint64_t bytes) const;
+  [[nodiscard]] std::uint64_t opening_bytes() const;
   [[nodiscard]] std::uint64_t free_bytes() const;
   [[nodiscard]] std::uint64_t cut_limit() const { return free_bytes() / 4 * 3; }
   [[nodiscard]] std::uint64_t list_bytes(const Cut& cut) const;
@@ -247,7 +253,7 @@ class Streamer {
   unsigned threads_;
   bool hide_;
   std::function<void()> on_data_;
-  MemoryBudget budget_;
+  std::unique_ptr<OwnParts> own_;  // before what uses it
   std::uint64_t working_bytes_ = 0;
   std::uint64_t coarsest_bytes_ = 0;  // of what `advance` always holds: the root, the coarsest rows and their frame
   Reservation fixed_;

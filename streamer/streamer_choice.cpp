@@ -1,5 +1,6 @@
 // How much detail fits: one rule for `request` and `advance`.
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "streamer/frustum.h"
@@ -42,13 +43,13 @@ Status Streamer::set_memory_aside() {
   auto fixed = cache_.reserve(fixed_bytes());
   if (!fixed || cut_limit() == 0)
     return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even opening it needs {}",
-                volume_->name(), budget_.capacity(), budget_for(1));
+                volume_->name(), granted(cache_.share().capacity()), granted(budget_for(1)));
   fixed_ = std::move(*fixed);
   return {};
 }
 
 // Returns the most bytes for choosing a cut by expected error.
-std::uint64_t Streamer::choice_bytes() const { return budget_.capacity() / choice_share; }
+std::uint64_t Streamer::choice_bytes() const { return cache_.share().capacity() / choice_share; }
 
 std::uint64_t Streamer::fixed_bytes() const {
   const std::uint64_t occlusion_bytes = filled_.any() ? sizeof(KeptOcclusion) + Occlusion::most_memory_bytes : 0;
@@ -57,14 +58,26 @@ std::uint64_t Streamer::fixed_bytes() const {
 
 // Returns the least budget under which a cut of so many bytes fits.
 std::uint64_t Streamer::budget_for(std::uint64_t bytes) const {
-  const std::uint64_t others = fixed_bytes() + working_bytes_ + coarsest_bytes_ + bytes + bytes / 3 + 8;
+  const std::uint64_t others = opening_bytes() + bytes + bytes / 3 + 8;
   return others + others / (choice_share - 1) + 1;
 }
 
-// Returns what the fixed parts leave of the budget.
+// Returns the memory that somebody has to grant so that the share has so many bytes.
+std::uint64_t Streamer::granted(std::uint64_t bytes) const {
+  const MemoryShare& share = cache_.share();
+  const double of_one = static_cast<double>(share.budget().capacity()) / static_cast<double>(share.capacity());
+  return static_cast<std::uint64_t>(std::ceil(of_one * static_cast<double>(bytes)));
+}
+
+// Returns what a streamer needs besides a cut. In a room that others use, another one may open beside this one.
+std::uint64_t Streamer::opening_bytes() const {
+  return (own_ ? 1 : 2) * (fixed_bytes() + working_bytes_ + coarsest_bytes_);
+}
+
+// Returns what the fixed parts leave of the share.
 std::uint64_t Streamer::free_bytes() const {
-  const std::uint64_t fixed = fixed_bytes() + working_bytes_ + choice_bytes() + coarsest_bytes_;
-  return budget_.capacity() > fixed ? budget_.capacity() - fixed : 0;
+  const std::uint64_t fixed = choice_bytes() + opening_bytes(), all = cache_.share().capacity();
+  return all > fixed ? all - fixed : 0;
 }
 
 // Returns about the bytes of a frame's list and of what makes it.
@@ -174,13 +187,14 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
   if (!coarsest && coarsest.error().code == ErrorCode::out_of_budget)
     return fail(ErrorCode::out_of_budget,
                 "{}: {} bytes of memory are too few for the index of this view: grant more, such as {}",
-                volume_->name(), budget_.capacity(), 2 * budget_.capacity());
+                volume_->name(), granted(cache_.share().capacity()), granted(2 * cache_.share().capacity()));
   if (!coarsest) return tl::unexpected(coarsest.error());
   if (coarsest->splats > detail.device_splats)
     return fail(ErrorCode::out_of_budget, "{}: even the coarsest picture has {} splats, and the device holds {}",
                 volume_->name(), coarsest->splats, detail.device_splats);
   return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even the coarsest picture needs {}",
-              volume_->name(), budget_.capacity(), budget_for(cut_bytes(*coarsest, paged_.used().bytes)));
+              volume_->name(), granted(cache_.share().capacity()),
+              granted(budget_for(cut_bytes(*coarsest, paged_.used().bytes))));
 }
 
 }  // namespace splatvol

@@ -245,6 +245,7 @@ class CellSweep {
   [[nodiscard]] bool shows(const Chunk& chunk) const;
   Status read_batch();
   Status read(const Chunk& chunk, CellsOnScreen& screen);
+  [[nodiscard]] std::size_t tiles_at_once() const;
   Status leave_what_does_not_fit();
   Status leave(Tile& tile);
   void leave_half();
@@ -280,7 +281,11 @@ class CellSweep {
   // Visits all tiles of the area, in parallel.
   template <class Visit>
   void for_each_tile(const Visit& visit) {
-    tbb::parallel_for(std::size_t{0}, workspace_.tiles.size(), [&](std::size_t i) {
+    for_each_tile(0, workspace_.tiles.size(), visit);
+  }
+  template <class Visit>
+  void for_each_tile(std::size_t begin, std::size_t end, const Visit& visit) {
+    tbb::parallel_for(begin, end, [&](std::size_t i) {
       visit(tiles_.x0 + static_cast<int>(i) % across(), tiles_.y0 + static_cast<int>(i) / across(),
             workspace_.tiles[i]);
     });
@@ -441,11 +446,14 @@ Status CellSweep::draw_area(const PixelRectangle& area) {
     SPLATVOL_TRY(check_interruption());
     choose_batch(first);
     SPLATVOL_TRY(read_batch());
-    for_each_tile([&](int column, int row, Tile& tile) {
-      if (!stop.stop_requested()) draw_tile(column, row, tile);
-    });
-    SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY(leave_what_does_not_fit());
+    const std::size_t tiles = workspace_.tiles.size(), at_once = tiles_at_once();
+    for (std::size_t begin = 0; begin < tiles; begin += at_once) {
+      for_each_tile(begin, std::min(begin + at_once, tiles), [&](int column, int row, Tile& tile) {
+        if (!stop.stop_requested()) draw_tile(column, row, tile);
+      });
+      SPLATVOL_TRY(check_interruption());
+      SPLATVOL_TRY(leave_what_does_not_fit());
+    }
     report(static_cast<double>(batch_.end()) / static_cast<double>(chunks_.size()));
   }
   for_each_tile([&](int, int, const Tile& tile) {
@@ -504,7 +512,7 @@ void CellSweep::choose_batch(std::uint32_t first) {
   const std::uint64_t bytes_of_cell =
       sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t) +
       (frame_.events ? sizeof(CellShading) + sizeof(EventsOfCell) + sizeof(ContourInCell) : 0);
-  const std::uint64_t most = std::min<std::uint64_t>(drawing_.memory / 4, std::uint64_t{128} << 20);
+  const std::uint64_t most = std::min<std::uint64_t>(drawing_.memory / 8 * 3, std::uint64_t{128} << 20);
   batch_.first = first;
   batch_.chunks.clear();
   batch_.slots.clear();
@@ -564,6 +572,13 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   return {};
 }
 
+// After so many tiles it is looked whether what waits fits into memory. Nothing waits after the last batch.
+std::size_t CellSweep::tiles_at_once() const {
+  constexpr std::size_t least = 64, of_thread = 16;
+  if (batch_.end() == chunks_.size()) return workspace_.tiles.size();
+  return std::max(least, of_thread * static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()));
+}
+
 // Leaves parts of the area to other sweeps, so that memory holds the rest.
 Status CellSweep::leave_what_does_not_fit() {
   for (Tile& tile : workspace_.tiles)
@@ -571,7 +586,7 @@ Status CellSweep::leave_what_does_not_fit() {
   for (;;) {
     const std::uint64_t bytes = waiting_bytes(workspace_.tiles);
     const bool is_one_tile = tile_of(area_.x0) == tile_of(area_.x1) && tile_of(area_.y0) == tile_of(area_.y1);
-    if (bytes <= drawing_.memory / 2 || (is_one_tile && bytes <= least_room)) return {};
+    if (bytes <= drawing_.memory / 8 * 3 || (is_one_tile && bytes <= least_room)) return {};
     if (is_one_tile)
       SPLATVOL_TRY(leave(tile_at(tile_of(area_.x0), tile_of(area_.y0))));
     else

@@ -9,6 +9,7 @@
 #include <atomic>
 #include <cmath>
 #include <fstream>
+#include <list>
 #include <map>
 #include <string>
 #include <thread>
@@ -115,7 +116,9 @@ class FileCellsOf : public test::FolderTest {
 
   [[nodiscard]] static std::unique_ptr<const FileCells> open(const std::shared_ptr<const format::Volume>& volume,
                                                              const Scene& scene, std::uint64_t bytes = memory) {
-    const auto kept = test::value_of(KeptCells::open(*volume, scene, bytes));
+    static std::list<OwnParts> parts;  // they outlive the cells
+    const PartRoom room = parts.emplace_back(bytes).room();
+    const auto kept = test::value_of(KeptCells::open(*volume, scene, *room.table, *room.share));
     return test::value_of(FileCells::open(kept, scene, make_view(scene).value()));
   }
 
@@ -203,7 +206,9 @@ TEST_F(FileCellsOf, EveryShapeWithValuesOfItsOwn) {
     EXPECT_NEAR(volumes[static_cast<double>(cell)], volumes_of_shapes[cell], 1e-12) << cell;
 
   scene.contours = {{.values = {2}}};
-  EXPECT_THAT(test::message_of(KeptCells::open(*kept, scene, 0)), HasSubstr("contours: each cell has one value"));
+  OwnParts none(0);
+  EXPECT_THAT(test::message_of(KeptCells::open(*kept, scene, *none.room().table, *none.room().share)),
+              HasSubstr("contours: each cell has one value"));
 }
 
 TEST_F(FileCellsOf, AMeshAreAllOfItsCells) {
@@ -412,11 +417,12 @@ TEST_F(FileCellsOf, AFileWithoutCellsAreRefused) {
   test::build_mesh(
       test::lattice(4), [](dvec3 p) { return p.x; }, path("plain.svol"));
   const auto plain = open_volume("plain.svol");
-  const auto refused = KeptCells::open(*plain, scene_of_all(), 0);
+  OwnParts none(0);
+  const auto refused = KeptCells::open(*plain, scene_of_all(), *none.room().table, *none.room().share);
   EXPECT_THAT(test::message_of(refused), HasSubstr("without --drop-cells"));
   Scene other = scene_of_all();
   other.attribute = "no such";
-  const auto unknown = KeptCells::open(*plain, other, 0);
+  const auto unknown = KeptCells::open(*plain, other, *none.room().table, *none.room().share);
   EXPECT_THAT(test::message_of(unknown), HasSubstr("no such"));
 }
 

@@ -42,7 +42,7 @@ class SceneSurfaces : public testing::Test {
   // `room`: of the triangles.
   [[nodiscard]] std::vector<Surface> read(const std::vector<SceneSurface>& styles, std::uint64_t room,
                                           std::span<const Surface> before = {}) const {
-    auto surfaces = read_scene_surfaces(styles, *volume_, {}, 4 * room * triangle_bytes, before);
+    auto surfaces = read_scene_surfaces(styles, *volume_, {}, room * triangle_bytes, before);
     EXPECT_TRUE(surfaces) << surfaces.error().message;
     return surfaces.value();
   }

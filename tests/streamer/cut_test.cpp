@@ -39,8 +39,8 @@ struct Bench {
   KernelKind kernel;
   TestVolume volume;
   std::shared_ptr<const format::Volume> opened;
-  MemoryBudget budget{1u << 30};
-  Cache cache{budget};
+  OwnParts parts{1u << 30};
+  Cache cache{parts.room()};
   PagedVolume paged;
   ValueVisibility visibility;
 };

@@ -131,8 +131,8 @@ struct OpaqueMesh : FolderTest {
   }
 
   std::shared_ptr<const format::Volume> volume_;
-  MemoryBudget budget_{1u << 30};
-  Cache cache_{budget_};
+  OwnParts parts_{1u << 30};
+  Cache cache_{parts_.room()};
   std::unique_ptr<PagedVolume> paged_;
   FilledNodes filled_;
 };

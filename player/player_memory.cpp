@@ -1,0 +1,44 @@
+#include "player/player_memory.h"
+
+#include <algorithm>
+
+#include "format/cell_reader.h"
+#include "player/scene_surfaces.h"
+
+namespace splatvol {
+namespace {
+
+// Of the memory, patches have at most one part in so many.
+constexpr std::uint64_t memory_per_patches = 4;
+
+}  // namespace
+
+// The rest is divided in 32 parts. Where cells are drawn, splats only stand in for them.
+PlayerMemory::Sizes PlayerMemory::sizes_of(std::uint64_t bytes, const format::Volume& volume, bool has_steps,
+                                           DrawnParts drawn) {
+  Sizes sizes;
+  sizes.patches = std::min(bytes / memory_per_patches, bytes_of_patches(volume));
+  const std::uint64_t rest = bytes - sizes.patches;
+  if (drawn != DrawnParts::splats && format::CellReader::has_cells(volume)) {
+    const bool only_cells = drawn == DrawnParts::cells;
+    sizes.sweep = rest / 32 * (only_cells ? 14 : 10);
+    sizes.cells = rest / 32 * (has_steps ? (only_cells ? 8 : 7) : (only_cells ? 16 : 12));
+    sizes.next_cells = has_steps ? sizes.cells : 0;
+  }
+  sizes.splats = rest - sizes.sweep - sizes.cells - sizes.next_cells;
+  return sizes;
+}
+
+PlayerMemory::PlayerMemory(std::uint64_t bytes, const format::Volume& volume, bool has_steps, DrawnParts drawn)
+    : PlayerMemory(bytes, sizes_of(bytes, volume, has_steps, drawn)) {}
+
+PlayerMemory::PlayerMemory(std::uint64_t bytes, const Sizes& sizes)
+    : budget(bytes),
+      splats(budget, sizes.splats),
+      cells(budget, sizes.cells),
+      next_cells(budget, sizes.next_cells),
+      sweep(budget, sizes.sweep),
+      patches(budget, sizes.patches),
+      table(budget) {}
+
+}  // namespace splatvol
