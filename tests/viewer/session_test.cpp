@@ -98,13 +98,13 @@ TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
   EXPECT_TRUE(session->frame()->detail.goal);
 
   // The first picture at rest is not the finest: a user who moves again does not wait for it.
-  while (session->is_drawing()) draw(*session, 0.01);
+  while (session->is_drawing()) draw(*session, 0.0001);
   draw(*session, long_time);
   ASSERT_TRUE(session->refinement());
   EXPECT_FALSE(session->is_settled());
   EXPECT_LT(session->frame()->splats, finest / 4);
   session->scene.camera.position += 0.1 * (session->scene.camera.position - session->scene.camera.focal_point);
-  do draw(*session, 0.01);
+  do draw(*session, 0.0001);
   while (session->is_drawing());  // the picture that is given up
   EXPECT_FALSE(session->refinement());
   settled(*session);
