@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <thread>
 
 #include "splatvol/build.h"
@@ -160,6 +161,40 @@ TEST_F(DrawFile, ScenesThatShowAPatchNeedABoundary) {
   Scene scene = renderer.scene();
   scene.surfaces = {{.boundary = "outer"}};
   EXPECT_THAT(renderer.set_scene(scene).error().message, HasSubstr("holds no boundary, and so no patch \"outer\""));
+}
+
+// The cells have one of many corners near each corner of another cell: most rays that meet one of them meet all.
+TEST_F(DrawFile, AfterAPictureThatNeedsTooMuchTheNextOneIsDrawn) {
+  constexpr std::int64_t count = 24;
+  std::vector<double> points, values;
+  for (int corner = 0; corner < 4; ++corner)
+    for (int i = 0; i < count; ++i)
+      for (int axis = 0; axis < 3; ++axis) points.push_back((axis == corner ? 1 : 0) + 0.1 * std::sin(i * (axis + 2)));
+  for (std::size_t i = 0; i < points.size(); i += 3) values.push_back(points[i] + points[i + 1]);
+  std::vector<std::int64_t> connectivity, offsets = {0};
+  for (std::int64_t cell = 0; cell < count * count * count * count; ++cell) {
+    for (std::int64_t corner = 0, rest = cell; corner < 4; ++corner, rest /= count)
+      connectivity.push_back(corner * count + rest % count);
+    offsets.push_back(4 * (cell + 1));
+  }
+  const std::vector<std::uint8_t> types(offsets.size() - 1, 10);
+  const std::string path = folder_.path("heap.svol");
+  ASSERT_EQ(message_of(build({.points = std::span<const double>(points),
+                              .connectivity = connectivity,
+                              .offsets = offsets,
+                              .types = types,
+                              .point_values = {{.name = "v", .values = std::span<const double>(values)}}},
+                             path)),
+            "");
+  Renderer renderer = Renderer::open(path, std::nullopt, {.memory = 4 << 20}).value();
+  Scene scene = renderer.fitting_scene("", 1, 1).value();
+  ASSERT_TRUE(renderer.set_scene(scene));
+  EXPECT_THAT(renderer.render({.exact = true}),
+              FailsWith(ErrorCode::out_of_budget, testing::MatchesRegex("[^\n]*heap.svol: [^\n]*memory[^\n]*")));
+  EXPECT_GT(largest_alpha(renderer.render({.tolerance_percent = 0}).value()), 0);
+  scene.clip_box = Box{{2, 2, 2}, {3, 3, 3}};
+  ASSERT_TRUE(renderer.set_scene(scene));
+  EXPECT_EQ(largest_alpha(renderer.render({.exact = true}).value()), 0) << "the box has no cells";
 }
 
 TEST_F(DrawFile, CallsComeFromAnyThread) {

@@ -1,9 +1,5 @@
 // The memory of a process that draws a file much larger than its budget.
-#include <fcntl.h>
 #include <gtest/gtest.h>
-#include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -14,6 +10,7 @@
 
 #include "base/file.h"
 #include "pictures/image.h"
+#include "tests/support/measured_process.h"
 #include "tests/support/require.h"
 #include "tests/support/temp_folder.h"
 
@@ -23,48 +20,22 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr std::uint64_t mebibyte = 1u << 20;
 constexpr std::uint64_t budget = 4 * mebibyte;
 
 // Allowed besides the budget: code, stacks, memory that the allocator keeps, and the renderer's copy of the splats,
 // which with a software rasterizer is memory of the process too.
 constexpr std::uint64_t overhead = 64 * mebibyte;
 
-struct Outcome {
-  int code;  // -1 if a signal ended the process
-  std::uint64_t peak_rss;
-};
-
-// Runs a program of this project. `address_space`: its limit in bytes; 0: none.
-Outcome run(std::vector<std::string> words, std::uint64_t address_space = 0) {
-  words[0] = SPLATVOL_BIN "/" + words[0];
-  const pid_t child = ::fork();
-  if (child == 0) {
-    const int null = ::open("/dev/null", O_RDWR);
-    for (const int stream : {0, 1, 2}) ::dup2(null, stream);
-    // With one arena, address space counts used memory, not the reserves of each thread.
-    ::setenv("MALLOC_ARENA_MAX", "1", 1);
-    const rlimit limit{address_space, address_space};
-    if (address_space > 0) ::setrlimit(RLIMIT_AS, &limit);
-    std::vector<char*> arguments;
-    for (std::string& word : words) arguments.push_back(word.data());
-    arguments.push_back(nullptr);
-    ::execv(arguments[0], arguments.data());
-    ::_exit(127);
-  }
-  int status = 0;
-  rusage usage{};
-  ::wait4(child, &status, 0, &usage);
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, static_cast<std::uint64_t>(usage.ru_maxrss) * 1024};
-}
-
 struct MemoryBounds : testing::Test {
   static void SetUpTestSuite() {
+    // Of the programs. With one arena, address space counts used memory, not the reserves of each thread.
+    ::setenv("MALLOC_ARENA_MAX", "1", 1);
     folder.emplace();
     for (const auto& [name, source] : {std::pair<std::string, std::string>{"small", "gen:points:count=1000"},
                                        {"large", "gen:points:count=3e6,distribution=vortex"}}) {
-      require(run({"svbuild", source, "-o", path(name + ".svol"), "--connectivity", "boxes"}).code == 0, source);
-      require(run({"svinfo", path(name + ".svol"), "--scene", path(name + ".json")}).code == 0, source);
+      require(run_measured({"svbuild", source, "-o", path(name + ".svol"), "--connectivity", "boxes"}).code == 0,
+              source);
+      require(run_measured({"svinfo", path(name + ".svol"), "--scene", path(name + ".json")}).code == 0, source);
     }
     require(fs::file_size(path("large.svol")) >= 20 * budget, "the large file is too small");
   }
@@ -72,12 +43,12 @@ struct MemoryBounds : testing::Test {
 
   static std::string path(const std::string& name = "") { return folder->path(name); }
 
-  static Outcome render(const std::string& volume, const std::string& output, std::vector<std::string> options,
-                        std::uint64_t address_space = 0) {
+  static Measured render(const std::string& volume, const std::string& output, std::vector<std::string> options,
+                         std::uint64_t address_space = 0) {
     std::vector<std::string> words = {"svrender", path(volume + ".svol"), "--scene", path(volume + ".json"),
                                       "-o",       path(output + ".exr"),  "--stats", path(output + ".json")};
     words.insert(words.end(), options.begin(), options.end());
-    return run(words, address_space);
+    return run_measured(words, address_space);
   }
   static json statistics(const std::string& output) { return json::parse(*read_text_file(path(output + ".json"))); }
 
@@ -97,8 +68,8 @@ struct MemoryBounds : testing::Test {
 const std::vector<std::string> bounded = {"--memory", "4M", "--tolerance", "15"};
 
 TEST_F(MemoryBounds, AProcessTakesItsBudgetAndLittleMore) {
-  const Outcome alone = render("small", "small-picture", bounded);
-  const Outcome large = render("large", "bounded", bounded);
+  const Measured alone = render("small", "small-picture", bounded);
+  const Measured large = render("large", "bounded", bounded);
   ASSERT_EQ(alone.code, 0);
   ASSERT_EQ(large.code, 0);
   EXPECT_LE(large.peak_rss, alone.peak_rss + budget + overhead);
@@ -117,8 +88,8 @@ TEST_F(MemoryBounds, AnExportTakesItsMemoryAndLittleMore) {
   constexpr std::uint64_t granted = 200 * mebibyte;
   bool was_refused = false;
   for (const char* voxel : {"0.02", "0.005", "0.001"}) {
-    const Outcome outcome =
-        run({"svexport", path("large.svol"), "-o", path("out.vdb"), "--voxel", voxel, "--memory", "200M"});
+    const Measured outcome =
+        run_measured({"svexport", path("large.svol"), "-o", path("out.vdb"), "--voxel", voxel, "--memory", "200M"});
     EXPECT_TRUE(outcome.code == 0 || outcome.code == 1) << voxel;
     EXPECT_LE(outcome.peak_rss, granted + 2 * overhead) << voxel;
     was_refused = was_refused || outcome.code == 1;
