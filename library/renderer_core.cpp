@@ -51,8 +51,8 @@ void RendererCore::add_left_out() {
 }
 
 void RendererCore::take_exact_statistics(double start) {
-  statistics_ = {};
-  statistics_.bytes_read = player_->streamer().volume().bytes_read();
+  const StreamerStatistics read = player_->streamer().statistics();
+  statistics_ = {.bytes_read = read.bytes_read, .bytes_held = read.bytes_resident_peak};
   statistics_.seconds = seconds_now() - start;
   add_left_out();
 }

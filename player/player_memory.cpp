@@ -22,7 +22,7 @@ PlayerMemory::Sizes PlayerMemory::sizes_of(std::uint64_t bytes, const format::Vo
   if (drawn != DrawnParts::splats && format::CellReader::has_cells(volume)) {
     const bool only_cells = drawn == DrawnParts::cells;
     sizes.sweep = rest / 32 * (only_cells ? 14 : 10);
-    sizes.cells = rest / 32 * (has_steps ? (only_cells ? 8 : 7) : (only_cells ? 16 : 12));
+    sizes.cells = rest / 32 * (only_cells ? 14 : 12) / (has_steps ? 2 : 1);
     sizes.next_cells = has_steps ? sizes.cells : 0;
   }
   sizes.splats = rest - sizes.sweep - sizes.cells - sizes.next_cells;

@@ -28,7 +28,8 @@ json statistics_of_exact(const Player& player) {
           {"unknown_cells", player.exact()->unknown_cells},
           {"file_bytes", volume.file_bytes()},
           {"bytes_read", volume.bytes_read()},
-          {"bytes_read_again", volume.bytes_read_again()}};
+          {"bytes_read_again", volume.bytes_read_again()},
+          {"bytes_resident_peak", player.streamer().statistics().bytes_resident_peak}};
 }
 
 }  // namespace

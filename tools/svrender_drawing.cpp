@@ -184,6 +184,8 @@ Result<Drawn> prepare(const RenderOptions& options, const Scene& scene) {
   SPLATVOL_TRY(store(parse_bytes(options.gpu_memory), setup.gpu_memory));
   SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
   setup.device = device == Device::automatic ? Device::cpu : device;
+  if (quality.exact) setup.draws = DrawnParts::cells;
+  if (asks_for_splats(quality)) setup.draws = DrawnParts::splats;
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
   setup.read_surface = surface_reader(reader_options);
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));

@@ -179,6 +179,7 @@ class CellArray {
   void clear() { size_ = 0; }
 
   [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] std::uint64_t memory_bytes() const { return capacity_ * sizeof(CellOnScreen); }
   [[nodiscard]] CellOnScreen& operator[](std::size_t i) { return cells_[i]; }
   [[nodiscard]] const CellOnScreen& operator[](std::size_t i) const { return cells_[i]; }
   [[nodiscard]] const CellOnScreen* begin() const { return cells_.get(); }
@@ -231,6 +232,12 @@ struct CellsOnScreen {
     const std::size_t tile =
         static_cast<std::size_t>(row) * static_cast<std::size_t>(tiles_across) + static_cast<std::size_t>(column);
     return std::span(numbers).subspan(begins[tile], begins[tile + 1] - begins[tile]);
+  }
+  /// Returns what it takes, with the memory that stays for other cells.
+  [[nodiscard]] std::uint64_t memory_bytes() const {
+    const auto bytes_of = [](const auto& all) { return all.capacity() * sizeof(all[0]); };
+    return cells.memory_bytes() + bytes_of(precise) + bytes_of(shadings) + bytes_of(events) + bytes_of(contours) +
+           bytes_of(found) + bytes_of(found_begins) + bytes_of(begins) + bytes_of(numbers);
   }
   void clear() {
     cells.clear();

@@ -5,6 +5,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cmath>
 #include <limits>
@@ -79,8 +80,15 @@ struct Batch {
   std::uint32_t first = 0;            // in the order of chunks
   std::vector<std::int32_t> slots;    // [number in the order, less first]: index of `chunks`; -1: it shows nothing
   std::vector<std::uint32_t> chunks;  // numbers in the order
+  bool is_small = false;              // it surely fits into memory
 
   [[nodiscard]] std::uint32_t end() const { return first + static_cast<std::uint32_t>(slots.size()); }
+
+  // Ends after so many chunks.
+  void cut(std::size_t count) {
+    chunks.resize(count);
+    slots.resize(chunks.back() - first + 1);
+  }
 };
 
 /// Gives back the memory. Assigning {} would keep it.
@@ -125,6 +133,9 @@ struct Tile {
         light.transmittance[pixel] = area.wants(pixel) ? 1 : 0;
       }
   }
+  [[nodiscard]] std::uint64_t waiting_bytes() const {
+    return waiting.capacity() * sizeof(CellSegment) + shades.capacity() * sizeof(SegmentShade);
+  }
   void leave() {
     is_left = true;
     is_open = false;
@@ -135,7 +146,7 @@ struct Tile {
 
 std::uint64_t waiting_bytes(std::span<const Tile> tiles) {
   std::uint64_t bytes = 0;
-  for (const Tile& tile : tiles) bytes += (tile.waiting.capacity() + tile.shades.capacity()) * sizeof(CellSegment);
+  for (const Tile& tile : tiles) bytes += tile.waiting_bytes();
   return bytes;
 }
 
@@ -245,7 +256,9 @@ class CellSweep {
   [[nodiscard]] bool shows(const Chunk& chunk) const;
   Status read_batch();
   Status read(const Chunk& chunk, CellsOnScreen& screen);
-  [[nodiscard]] std::size_t tiles_at_once() const;
+  [[nodiscard]] std::uint64_t most_in_batch() const;
+  [[nodiscard]] Status read_chunks(std::size_t begin, std::size_t end);
+  [[nodiscard]] std::uint64_t most_waiting() const;
   Status leave_what_does_not_fit();
   Status leave(Tile& tile);
   void leave_half();
@@ -259,7 +272,7 @@ class CellSweep {
   void draw_tile(int column, int row, Tile& tile);
   void add_chunks(int column, int row, Tile& tile, TileScratch& scratch);
   void restore_waiting(const Tile& tile, TileSegments& segments) const;
-  void keep_waiting(const TileSegments& segments, Tile& tile) const;
+  void keep_waiting(const TileSegments& segments, Tile& tile);
   [[nodiscard]] bool has_light(const Tile& tile) const { return !tile.chunks.empty() || frame_.layers > 0; }
   void finish_tile(const Tile& tile);
 
@@ -281,11 +294,7 @@ class CellSweep {
   // Visits all tiles of the area, in parallel.
   template <class Visit>
   void for_each_tile(const Visit& visit) {
-    for_each_tile(0, workspace_.tiles.size(), visit);
-  }
-  template <class Visit>
-  void for_each_tile(std::size_t begin, std::size_t end, const Visit& visit) {
-    tbb::parallel_for(begin, end, [&](std::size_t i) {
+    tbb::parallel_for(std::size_t{0}, workspace_.tiles.size(), [&](std::size_t i) {
       visit(tiles_.x0 + static_cast<int>(i) % across(), tiles_.y0 + static_cast<int>(i) / across(),
             workspace_.tiles[i]);
     });
@@ -312,6 +321,8 @@ class CellSweep {
   PixelRectangle area_{}, tiles_{};                  // of this sweep: what it still draws; all of its tiles
   int most_rows_ = std::numeric_limits<int>::max();  // of tiles, that fit into memory
   Batch batch_;
+  std::atomic<std::uint64_t> waiting_ = 0;     // bytes of segments
+  std::atomic<bool> has_too_many_ = false;  // memory lacks the room: what waits is looked at first
   std::int64_t finished_pixels_ = 0;
   double reported_ = 0;
   CellPicture picture_;
@@ -446,14 +457,14 @@ Status CellSweep::draw_area(const PixelRectangle& area) {
     SPLATVOL_TRY(check_interruption());
     choose_batch(first);
     SPLATVOL_TRY(read_batch());
-    const std::size_t tiles = workspace_.tiles.size(), at_once = tiles_at_once();
-    for (std::size_t begin = 0; begin < tiles; begin += at_once) {
-      for_each_tile(begin, std::min(begin + at_once, tiles), [&](int column, int row, Tile& tile) {
-        if (!stop.stop_requested()) draw_tile(column, row, tile);
+    do {
+      has_too_many_ = false;
+      for_each_tile([&](int column, int row, Tile& tile) {
+        if (!has_too_many_ && !stop.stop_requested()) draw_tile(column, row, tile);
       });
       SPLATVOL_TRY(check_interruption());
       SPLATVOL_TRY(leave_what_does_not_fit());
-    }
+    } while (has_too_many_);
     report(static_cast<double>(batch_.end()) / static_cast<double>(chunks_.size()));
   }
   for_each_tile([&](int, int, const Tile& tile) {
@@ -468,6 +479,8 @@ Status CellSweep::draw_area(const PixelRectangle& area) {
 }
 
 void CellSweep::begin_tiles() {
+  waiting_ = 0;
+  has_too_many_ = false;
   workspace_.tiles.resize(static_cast<std::size_t>(across()) * static_cast<std::size_t>(tiles_.y1 - tiles_.y0 + 1));
   for_each_tile([&](int column, int row, Tile& tile) {
     const int left = column * cell_tile_side, bottom = row * cell_tile_side;
@@ -507,17 +520,21 @@ void CellSweep::choose_pixels(Tile& tile) const {
   tile.area.is_wanted = tile.is_wanted.data();
 }
 
+std::uint64_t CellSweep::most_in_batch() const {
+  return std::min<std::uint64_t>(drawing_.memory / 8 * 3, std::uint64_t{128} << 20);
+}
+
+// Chooses about as many chunks as fit into memory.
 void CellSweep::choose_batch(std::uint32_t first) {
   // A cell has about one contour, or none.
   const std::uint64_t bytes_of_cell =
       sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t) +
       (frame_.events ? sizeof(CellShading) + sizeof(EventsOfCell) + sizeof(ContourInCell) : 0);
-  const std::uint64_t most = std::min<std::uint64_t>(drawing_.memory / 8 * 3, std::uint64_t{128} << 20);
   batch_.first = first;
   batch_.chunks.clear();
   batch_.slots.clear();
   std::uint64_t bytes = 0;
-  while (batch_.end() < chunks_.size() && (bytes < most || batch_.chunks.empty())) {
+  while (batch_.end() < chunks_.size() && (bytes < most_in_batch() || batch_.chunks.empty())) {
     const std::uint32_t next = batch_.end();
     const bool is_shown = shows(chunks_[next]);
     batch_.slots.push_back(is_shown ? static_cast<std::int32_t>(batch_.chunks.size()) : -1);
@@ -525,6 +542,8 @@ void CellSweep::choose_batch(std::uint32_t first) {
     batch_.chunks.push_back(next);
     bytes += chunks_[next].source.tetrahedra * bytes_of_cell;
   }
+  // Even if cells cover many tiles.
+  batch_.is_small = 4 * bytes <= most_in_batch();
 }
 
 bool CellSweep::shows(const Chunk& chunk) const {
@@ -535,17 +554,38 @@ bool CellSweep::shows(const Chunk& chunk) const {
   return is_shown;
 }
 
+// Reads the chunks of the batch. It ends where they have more memory than it may: cells that cover many tiles do.
 Status CellSweep::read_batch() {
   std::vector<std::uint64_t> numbers;
   for (const std::uint32_t chunk : batch_.chunks) numbers.push_back(chunks_[chunk].source.number);
   SPLATVOL_TRY_ASSIGN(ahead, source_.read_ahead(numbers));
   // What an earlier batch had stays for its memory.
-  if (workspace_.screens.size() < batch_.chunks.size()) workspace_.screens.resize(batch_.chunks.size());
-  for (CellsOnScreen& screen : workspace_.screens) screen.clear();
+  std::vector<CellsOnScreen>& screens = workspace_.screens;
+  screens.resize(batch_.chunks.size());
+  for (CellsOnScreen& screen : screens) screen.clear();
+  const std::size_t most_at_once = 4 * static_cast<std::size_t>(tbb::this_task_arena::max_concurrency());
+  std::uint64_t bytes = 0, largest = 0;
+  for (std::size_t begin = 0, end = 0; begin < batch_.chunks.size(); begin = end) {
+    const std::uint64_t fitting = largest > 0 ? (most_in_batch() - bytes) / largest : 1;
+    end = batch_.is_small ? batch_.chunks.size()
+                          : std::min<std::uint64_t>(begin + std::clamp<std::uint64_t>(fitting, 1, most_at_once),
+                                                    batch_.chunks.size());
+    SPLATVOL_TRY(read_chunks(begin, end));
+    for (std::size_t i = begin; i < end; ++i) {
+      bytes += screens[i].memory_bytes();
+      largest = std::max(largest, screens[i].memory_bytes());
+    }
+    if (bytes >= most_in_batch() && end < batch_.chunks.size()) batch_.cut(end);
+  }
+  screens.resize(batch_.chunks.size());
+  return {};
+}
+
+Status CellSweep::read_chunks(std::size_t begin, std::size_t end) {
   const std::stop_token stop = stop_of_thread();
   std::mutex mutex;
   Status status;
-  tbb::parallel_for(std::size_t{0}, batch_.chunks.size(), [&](std::size_t i) {
+  tbb::parallel_for(begin, end, [&](std::size_t i) {
     const Interruptible heeds_stop(stop);
     if (is_interrupted()) return;
     Status read_one = read(chunks_[batch_.chunks[i]], workspace_.screens[i]);
@@ -572,21 +612,16 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   return {};
 }
 
-// After so many tiles it is looked whether what waits fits into memory. Nothing waits after the last batch.
-std::size_t CellSweep::tiles_at_once() const {
-  constexpr std::size_t least = 64, of_thread = 16;
-  if (batch_.end() == chunks_.size()) return workspace_.tiles.size();
-  return std::max(least, of_thread * static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()));
-}
+std::uint64_t CellSweep::most_waiting() const { return drawing_.memory / 8 * 3; }
 
 // Leaves parts of the area to other sweeps, so that memory holds the rest.
 Status CellSweep::leave_what_does_not_fit() {
   for (Tile& tile : workspace_.tiles)
     if (tile.is_full && !tile.is_left) SPLATVOL_TRY(leave(tile));
   for (;;) {
-    const std::uint64_t bytes = waiting_bytes(workspace_.tiles);
+    waiting_ = waiting_bytes(workspace_.tiles);
     const bool is_one_tile = tile_of(area_.x0) == tile_of(area_.x1) && tile_of(area_.y0) == tile_of(area_.y1);
-    if (bytes <= drawing_.memory / 8 * 3 || (is_one_tile && bytes <= least_room)) return {};
+    if (waiting_ <= most_waiting() || (is_one_tile && waiting_ <= least_room)) return {};
     if (is_one_tile)
       SPLATVOL_TRY(leave(tile_at(tile_of(area_.x0), tile_of(area_.y0))));
     else
@@ -777,23 +812,20 @@ void CellSweep::restore_waiting(const Tile& tile, TileSegments& segments) const 
   std::ranges::copy(tile.counts, segments.counts.begin());
 }
 
-void CellSweep::keep_waiting(const TileSegments& segments, Tile& tile) const {
-  const std::uint64_t count = segments.count();
+void CellSweep::keep_waiting(const TileSegments& segments, Tile& tile) {
+  const std::uint64_t count = tile.is_open ? segments.count() : 0, before = tile.waiting_bytes();
   tile.waiting.clear();
   tile.shades.clear();
   tile.counts.clear();
-  if (!tile.is_open || count == 0) {
-    release(tile.waiting);
-    release(tile.shades);
-    return;
-  }
-  tile.counts.assign(segments.counts.begin(), segments.counts.end());
-  const auto make_room = [&](auto& waiting) {
+  const auto make_room = [count](auto& waiting) {
     if (waiting.capacity() > 2 * count) release(waiting);
     waiting.reserve(count);
   };
   make_room(tile.waiting);
   if (frame_.has_shades()) make_room(tile.shades);
+  if ((waiting_ += tile.waiting_bytes() - before) > most_waiting()) has_too_many_ = true;
+  if (count == 0) return;
+  tile.counts.assign(segments.counts.begin(), segments.counts.end());
   for (std::size_t pixel = 0; pixel < cell_tile_pixels; ++pixel) {
     if (segments.counts[pixel] == 0) continue;
     const auto keep = [&](const auto& all, auto& waiting) {
