@@ -135,8 +135,8 @@ void add_drawing_options(CommandLine& app, RenderOptions& options) {
 void add_budget_options(CommandLine& app, RenderOptions& options) {
   add_device_option(app, options.device, "the processor, so that all machines draw the same picture");
   app.add_option("--memory", options.memory,
-                 "Bytes that the streamer may hold, such as 512M; a picture that would need more is drawn coarser. "
-                 "Patches of the boundary may take a quarter as much besides: the largest are left out, and named")
+                 "Bytes to hold of what is read, and while it is drawn, such as 512M; splats that would need more are "
+                 "coarser. Patches of the boundary may take a quarter of it: the largest are left out, and named")
       ->type_name("SIZE")
       ->check(check_of(parse_bytes))
       ->capture_default_str();

@@ -20,7 +20,7 @@
 namespace splatvol {
 
 struct RendererOptions {
-  std::uint64_t memory = std::uint64_t{512} << 20;    // bytes to hold of the file
+  std::uint64_t memory = std::uint64_t{512} << 20;    // bytes to hold of what is read, and while it is drawn
   std::uint64_t gpu_memory = std::uint64_t{1} << 30;  // bytes that OpenGL may take
   Device device = Device::automatic;                  // the processor, unless a GlRenderer draws
 
@@ -37,7 +37,7 @@ struct RenderStatistics {
   bool is_settled = true;           // it will not change: what is missing cannot be read or held
   std::uint64_t missing_bytes = 0;  // of the file, still to be read for the picture
   std::uint64_t bytes_read = 0;     // of the file, since it was opened
-  std::uint64_t bytes_held = 0;     // of the file, the most at any time
+  std::uint64_t bytes_held = 0;     // of RendererOptions::memory, the most at any time
   double seconds = 0;
 
   /// Errors of parts that could not be read, each once: their places are drawn coarser. ErrorCode::out_of_budget: the

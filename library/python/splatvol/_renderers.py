@@ -32,7 +32,7 @@ class Statistics:
     is_settled: bool  #: it will not change: what is missing cannot be read or held
     missing_bytes: int  #: of the file, still to be read for the picture
     bytes_read: int  #: of the file, since it was opened for drawing
-    bytes_held: int  #: of the file, the most at any time
+    bytes_held: int  #: of ``memory``, the most at any time
     seconds: float
     #: errors of parts that could not be read: their places are drawn coarser. Also of patches of the boundary that are
     #: left out: they need more than a quarter of the memory
