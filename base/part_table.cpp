@@ -14,41 +14,45 @@ bool PartTable::holds(const PartKey& key) const {
 }
 
 std::shared_ptr<const void> PartTable::find_any(const PartKey& key) {
+  auto holder = std::make_shared<Holder>(*this);
   const std::scoped_lock lock(mutex_);
   const auto found = slots_.find(key);
-  return found == slots_.end() ? nullptr : hold(found->second);
+  return found == slots_.end() ? nullptr : hold(found->second, std::move(holder));
 }
 
 std::shared_ptr<const void> PartTable::insert_any(const PartKey& key, std::shared_ptr<const void> part,
                                                   Reservation reservation) {
+  auto holder = std::make_shared<Holder>(*this);
+  std::list<PartKey> place{key};
   const std::scoped_lock lock(mutex_);
   const auto [at, is_new] = slots_.try_emplace(key);
   Slot& slot = at->second;
   if (is_new) {
-    slot.key = key;
     slot.part = std::move(part);
     slot.reservation = std::move(reservation);
-    return hold(slot);
+    slot.place = place.begin();
+    spare_.splice(spare_.begin(), place);
+    return hold(slot, std::move(holder));
   }
   reservation = Reservation();
-  if (auto held = hold(slot)) return held;
+  if (auto held = hold(slot, std::move(holder))) return held;
   return part;
 }
 
 // Requires the lock.
-std::shared_ptr<const void> PartTable::hold(Slot& slot) {
+std::shared_ptr<const void> PartTable::hold(Slot& slot, std::shared_ptr<Holder> holder) {
   if (!slot.reservation.fasten()) return nullptr;
-  if (slot.spare) spare_.erase(*std::exchange(slot.spare, std::nullopt));
-  ++slot.holders;
-  return {slot.part.get(), [this, &slot](const void* /*part*/) { let_go(slot); }};
+  if (slot.holders++ == 0) held_.splice(held_.begin(), spare_, slot.place);
+  holder->slot = &slot;
+  const void* const part = slot.part.get();
+  return {std::move(holder), part};
 }
 
 void PartTable::let_go(Slot& slot) {
   const std::scoped_lock lock(mutex_);
   if (--slot.holders > 0) return;
   slot.reservation.loosen();
-  spare_.push_front(slot.key);
-  slot.spare = spare_.begin();
+  spare_.splice(spare_.begin(), held_, slot.place);
 }
 
 void PartTable::clear(std::uint64_t file) {
@@ -57,7 +61,7 @@ void PartTable::clear(std::uint64_t file) {
     if (slot->second.holders > 0) {
       ++slot;
     } else {
-      spare_.erase(*slot->second.spare);
+      spare_.erase(slot->second.place);
       slot = slots_.erase(slot);
     }
 }

@@ -9,7 +9,6 @@
 #include <map>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <utility>
 
 #include "base/error.h"
@@ -80,11 +79,22 @@ class PartTable {
 
  private:
   struct Slot {
-    PartKey key;
     std::shared_ptr<const void> part;
     Reservation reservation;
     std::uint64_t holders = 0;
-    std::optional<std::list<PartKey>::iterator> spare = {};  // if nobody holds it
+    std::list<PartKey>::iterator place = {};  // in held_ or spare_
+  };
+  // Holds a part. Made before the lock is taken, as memory may fail.
+  struct Holder {
+    PartTable& table;
+    Slot* slot = nullptr;
+
+    explicit Holder(PartTable& of) : table(of) {}
+    Holder(const Holder&) = delete;
+    Holder& operator=(const Holder&) = delete;
+    ~Holder() {
+      if (slot) table.let_go(*slot);
+    }
   };
   // While it lives, other threads wait for their turn with the part.
   class Turn {
@@ -102,14 +112,14 @@ class PartTable {
   };
   [[nodiscard]] std::shared_ptr<const void> find_any(const PartKey& key);
   std::shared_ptr<const void> insert_any(const PartKey& key, std::shared_ptr<const void> part, Reservation reservation);
-  [[nodiscard]] std::shared_ptr<const void> hold(Slot& slot);
+  [[nodiscard]] std::shared_ptr<const void> hold(Slot& slot, std::shared_ptr<Holder> holder);
   void let_go(Slot& slot);
   [[nodiscard]] bool drop_oldest();
 
   MemoryBudget& budget_;
   std::atomic<std::uint64_t> files_ = 0;
   mutable std::mutex mutex_;
-  std::list<PartKey> spare_;  // parts that nobody holds, last used first
+  std::list<PartKey> held_, spare_;  // spare: parts that nobody holds, last used first
   std::map<PartKey, Slot> slots_;
   std::map<PartKey, std::shared_ptr<std::mutex>> turns_;
 };

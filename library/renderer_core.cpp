@@ -52,7 +52,9 @@ void RendererCore::add_left_out() {
 
 void RendererCore::take_exact_statistics(double start) {
   const StreamerStatistics read = player_->streamer().statistics();
-  statistics_ = {.bytes_read = read.bytes_read, .bytes_held = read.bytes_resident_peak};
+  statistics_ = {};
+  statistics_.bytes_read = read.bytes_read;
+  statistics_.bytes_held = read.bytes_resident_peak;
   statistics_.seconds = seconds_now() - start;
   add_left_out();
 }

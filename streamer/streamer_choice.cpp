@@ -69,9 +69,12 @@ std::uint64_t Streamer::granted(std::uint64_t bytes) const {
   return static_cast<std::uint64_t>(std::ceil(of_one * static_cast<double>(bytes)));
 }
 
-// Returns what a streamer needs besides a cut. In a room that others use, another one may open beside this one.
+// Returns what a streamer needs besides a cut. In a room that others use, another one may open beside this one, unless
+// that takes much of the share.
 std::uint64_t Streamer::opening_bytes() const {
-  return (own_ ? 1 : 2) * (fixed_bytes() + working_bytes_ + coarsest_bytes_);
+  constexpr std::uint64_t little = 16;  // a part in so many
+  const std::uint64_t bytes = fixed_bytes() + working_bytes_ + coarsest_bytes_;
+  return own_ || bytes > cache_.share().capacity() / little ? bytes : 2 * bytes;
 }
 
 // Returns what the fixed parts leave of the share.
