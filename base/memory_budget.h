@@ -55,7 +55,6 @@ class Reservation {
   ~Reservation();
 
   [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
-  [[nodiscard]] MemoryShare* share() const { return share_; }
 
   /// Makes it one of so many bytes. Returns false, and changes nothing, if the share has no room for them. Requires
   /// that it is of a share and not spare.

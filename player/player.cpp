@@ -205,11 +205,19 @@ Status Player::replace(PlayerFile file) {
   std::vector<Surface> surfaces = std::move(file.surfaces);
   SPLATVOL_TRY(take_over(std::move(file), view));
   step_ = step;
-  const auto is_same = [](const Surface& a, const Surface& b) { return a.style == b.style && a.mesh == b.mesh; };
-  if (std::ranges::equal(surfaces_, surfaces, is_same)) return {};
-  surfaces_ = std::move(surfaces);
-  surfaces_view_.reset();
+  take_surfaces(std::move(surfaces));
   return {};
+}
+
+// Patches have their share while there are some.
+void Player::take_surfaces(std::vector<Surface> surfaces) {
+  const auto is_same = [](const Surface& a, const Surface& b) { return a.style == b.style && a.mesh == b.mesh; };
+  if (!std::ranges::equal(surfaces_, surfaces, is_same)) surfaces_view_.reset();
+  surfaces_ = std::move(surfaces);
+  const auto is_patch = [](const Surface& surface) { return surface.mesh && !surface.style.boundary.empty(); };
+  patches_room_ = {};
+  if (std::ranges::none_of(surfaces_, is_patch)) return;
+  if (auto room = memory_->patches.reserve(memory_->patches.capacity())) patches_room_ = std::move(*room);
 }
 
 // Takes over a scene, options and a streamer that fits both; null: the streamer stays. Step and surfaces stay.
@@ -235,6 +243,7 @@ Status Player::take_over(PlayerFile file, const View& view) {
     drop_cells();
     cells_ahead_.reset();
     sweep_room_ = {};
+    patches_room_ = {};
     streamer_ = std::move(streamer);
     memory_ = std::move(file.memory);
   }
@@ -325,8 +334,7 @@ Status Player::read_boundary_of(const format::Volume& volume) {
   if (kept.size() == surfaces_.size()) return {};
   SPLATVOL_TRY_ASSIGN(read, read_scene_surfaces(scene_.surfaces, volume, options_.read_surface,
                                                 memory_->patches.capacity(), kept));
-  surfaces_ = std::move(read);
-  surfaces_view_.reset();
+  take_surfaces(std::move(read));
   return {};
 }
 

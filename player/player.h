@@ -353,6 +353,7 @@ class Player {
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
   void lay_surfaces(const View& view, bool has_slices);
   [[nodiscard]] std::uint64_t sweep_memory();
+  void take_surfaces(std::vector<Surface> surfaces);
   [[nodiscard]] Result<std::shared_ptr<const KeptCells>> kept_cells();
   [[nodiscard]] Result<std::shared_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
@@ -365,6 +366,7 @@ class Player {
   std::size_t step_;
   std::shared_ptr<PlayerMemory> memory_;  // before what lies in it
   Reservation sweep_room_;                // once cells were drawn
+  Reservation patches_room_;              // while surfaces are patches
   std::unique_ptr<StepAhead> ahead_;        // of a series of files
   std::unique_ptr<StepCells> cells_ahead_;  // of a series
   PlayerOptions options_;
