@@ -81,6 +81,7 @@ struct Batch {
   std::vector<std::int32_t> slots;    // [number in the order, less first]: index of `chunks`; -1: it shows nothing
   std::vector<std::uint32_t> chunks;  // numbers in the order
   bool is_small = false;              // it surely fits into memory
+  std::uint64_t largest_chunk = 0;    // bytes, if its cells cover many tiles; estimated
 
   [[nodiscard]] std::uint32_t end() const { return first + static_cast<std::uint32_t>(slots.size()); }
 
@@ -521,11 +522,12 @@ void CellSweep::choose_pixels(Tile& tile) const {
 }
 
 std::uint64_t CellSweep::most_in_batch() const {
-  return std::min<std::uint64_t>(drawing_.memory / 8 * 3, std::uint64_t{128} << 20);
+  return std::min<std::uint64_t>(drawing_.memory / 16 * 7, std::uint64_t{128} << 20);
 }
 
 // Chooses about as many chunks as fit into memory.
 void CellSweep::choose_batch(std::uint32_t first) {
+  constexpr std::uint64_t of_many_tiles = 4;  // a factor on the bytes of cells that cover many
   // A cell has about one contour, or none.
   const std::uint64_t bytes_of_cell =
       sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t) +
@@ -533,6 +535,7 @@ void CellSweep::choose_batch(std::uint32_t first) {
   batch_.first = first;
   batch_.chunks.clear();
   batch_.slots.clear();
+  batch_.largest_chunk = 0;
   std::uint64_t bytes = 0;
   while (batch_.end() < chunks_.size() && (bytes < most_in_batch() || batch_.chunks.empty())) {
     const std::uint32_t next = batch_.end();
@@ -540,10 +543,11 @@ void CellSweep::choose_batch(std::uint32_t first) {
     batch_.slots.push_back(is_shown ? static_cast<std::int32_t>(batch_.chunks.size()) : -1);
     if (!is_shown) continue;
     batch_.chunks.push_back(next);
-    bytes += chunks_[next].source.tetrahedra * bytes_of_cell;
+    const std::uint64_t of_chunk = chunks_[next].source.tetrahedra * bytes_of_cell;
+    bytes += of_chunk;
+    batch_.largest_chunk = std::max(batch_.largest_chunk, of_many_tiles * of_chunk);
   }
-  // Even if cells cover many tiles.
-  batch_.is_small = 4 * bytes <= most_in_batch();
+  batch_.is_small = of_many_tiles * bytes <= most_in_batch();
 }
 
 bool CellSweep::shows(const Chunk& chunk) const {
@@ -563,13 +567,13 @@ Status CellSweep::read_batch() {
   std::vector<CellsOnScreen>& screens = workspace_.screens;
   screens.resize(batch_.chunks.size());
   for (CellsOnScreen& screen : screens) screen.clear();
-  const std::size_t most_at_once = 4 * static_cast<std::size_t>(tbb::this_task_arena::max_concurrency());
-  std::uint64_t bytes = 0, largest = 0;
+  std::uint64_t bytes = 0, largest = batch_.largest_chunk;
   for (std::size_t begin = 0, end = 0; begin < batch_.chunks.size(); begin = end) {
-    const std::uint64_t fitting = largest > 0 ? (most_in_batch() - bytes) / largest : 1;
-    end = batch_.is_small ? batch_.chunks.size()
-                          : std::min<std::uint64_t>(begin + std::clamp<std::uint64_t>(fitting, 1, most_at_once),
-                                                    batch_.chunks.size());
+    // Half of what fits if no other chunk is larger than those so far.
+    const std::uint64_t fitting = (most_in_batch() - bytes) / std::max(largest, std::uint64_t{1}) / 2;
+    const std::uint64_t left = batch_.chunks.size() - begin;
+    end = begin + (batch_.is_small ? left : std::clamp(fitting, std::uint64_t{1}, left));
+    if (begin == 0) largest = 0;
     SPLATVOL_TRY(read_chunks(begin, end));
     for (std::size_t i = begin; i < end; ++i) {
       bytes += screens[i].memory_bytes();
@@ -612,7 +616,7 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   return {};
 }
 
-std::uint64_t CellSweep::most_waiting() const { return drawing_.memory / 8 * 3; }
+std::uint64_t CellSweep::most_waiting() const { return drawing_.memory / 16 * 5; }
 
 // Leaves parts of the area to other sweeps, so that memory holds the rest.
 Status CellSweep::leave_what_does_not_fit() {
