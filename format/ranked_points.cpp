@@ -184,7 +184,8 @@ Result<std::shared_ptr<const BytesAhead>> RankedPoints::read_ahead(std::span<con
   pages.erase(std::ranges::unique(pages).begin(), pages.end());
   std::vector<ByteRange> ranges;
   for (const std::uint64_t page : pages)
-    if (!held_->room.table->holds(held_->key_of_rank_page(page))) ranges.push_back(held_->cells->range_of_rank_page(page));
+    if (!held_->room.table->holds(held_->key_of_rank_page(page)))
+      ranges.push_back(held_->cells->range_of_rank_page(page));
   SPLATVOL_TRY_ASSIGN(rank_pages, volume.read_ahead(std::move(ranges), memory));
   std::vector<Place> places;
   SPLATVOL_TRY(find(ranks, places));

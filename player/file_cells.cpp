@@ -279,17 +279,15 @@ Result<DrawnCells> KeptCells::decode(const format::CellChunkEntry& entry) const 
 Result<format::CellsAhead> KeptCells::read_ahead(std::span<const format::CellChunkEntry> entries) const {
   if (!reader().volume().is_far()) return format::CellsAhead{};
   std::vector<format::CellChunkEntry> missing;
-  std::ranges::copy_if(entries, std::back_inserter(missing), [&](const format::CellChunkEntry& entry) {
-    return !room_.table->holds(key_of(entry));
-  });
+  std::ranges::copy_if(entries, std::back_inserter(missing),
+                       [&](const format::CellChunkEntry& entry) { return !room_.table->holds(key_of(entry)); });
   return cells_->read_ahead(missing);
 }
 
 Result<format::CellsAhead> KeptCells::read_pages_ahead(std::span<const std::size_t> pages) const {
   std::vector<std::size_t> missing;
-  std::ranges::copy_if(pages, std::back_inserter(missing), [&](std::size_t page) {
-    return !room_.table->holds(key_of_page(page));
-  });
+  std::ranges::copy_if(pages, std::back_inserter(missing),
+                       [&](std::size_t page) { return !room_.table->holds(key_of_page(page)); });
   return cells_->read_pages_ahead(missing);
 }
 

@@ -19,10 +19,10 @@ struct MotionLimits {
 };
 
 /// Draws cells if some distance of samples has the wanted error at 12 pictures a second: the finest at 60 a second (30
-/// where no error was measured), or else the quickest. If none has, splats may be drawn, too: the finest at 60 a second, or the quickest in `seconds`,
-/// that has the error. If there is none, draws what has the least error in `seconds`, or in twice that time if its
-/// error would show as a false colour. Within a movement a rung stays, unless it takes much more or less time than it
-/// may, or much more or less is in view.
+/// where no error was measured), or else the quickest. If none has, splats may be drawn, too: the finest at 60 a
+/// second, or the quickest in `seconds`, that has the error. If there is none, draws what has the least error in
+/// `seconds`, or in twice that time if its error would show as a false colour. Within a movement a rung stays, unless
+/// it takes much more or less time than it may, or much more or less is in view.
 ///
 /// Expects errors by what was measured at rest, and until then by a rough model. Expects times by DrawingTimes.
 class MotionControl {

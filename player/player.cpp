@@ -124,18 +124,16 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
                     : std::make_shared<PlayerMemory>(options.memory, *volume, !steps.times().empty(), options.draws);
   SPLATVOL_TRY_ASSIGN(surfaces, read_scene_surfaces(used.surfaces, *volume, options.read_surface,
                                                     memory->patches.capacity(), held.surfaces));
-  SPLATVOL_TRY_ASSIGN(streamer,
-                      Streamer::open(std::move(volume),
-                                     {.attribute = used.attribute,
-                                      .kernel = kernel_of(options.drawing),
-                                      .gradients = used.lighting.has_value(),
-                                      .on_data = options.on_data,
-                                      .opacity_attribute = opacity_attribute_of(used),
-                                      .room = PartRoom{&memory->table, &memory->splats, memory->table.add_file()},
-                                      .shapes = held.shapes}));
-  return PlayerFile{std::move(steps),  step,
-                    std::move(used),   options,
-                    std::move(memory), std::move(streamer),
+  SPLATVOL_TRY_ASSIGN(
+      streamer,
+      Streamer::open(std::move(volume), {.attribute = used.attribute,
+                                         .kernel = kernel_of(options.drawing),
+                                         .gradients = used.lighting.has_value(),
+                                         .on_data = options.on_data,
+                                         .opacity_attribute = opacity_attribute_of(used),
+                                         .room = PartRoom{&memory->table, &memory->splats, memory->table.add_file()},
+                                         .shapes = held.shapes}));
+  return PlayerFile{std::move(steps),   step, std::move(used), options, std::move(memory), std::move(streamer),
                     std::move(surfaces)};
 }
 
@@ -332,8 +330,8 @@ std::vector<Surface> Player::surfaces_of_all_steps() const {
 Status Player::read_boundary_of(const format::Volume& volume) {
   const std::vector<Surface> kept = surfaces_of_all_steps();
   if (kept.size() == surfaces_.size()) return {};
-  SPLATVOL_TRY_ASSIGN(read, read_scene_surfaces(scene_.surfaces, volume, options_.read_surface,
-                                                memory_->patches.capacity(), kept));
+  SPLATVOL_TRY_ASSIGN(
+      read, read_scene_surfaces(scene_.surfaces, volume, options_.read_surface, memory_->patches.capacity(), kept));
   take_surfaces(std::move(read));
   return {};
 }
@@ -800,8 +798,7 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
   const int spacing = spacing_of_rays(view_.width, view_.height);
   const View view = view_of_rays(view_, spacing);
   auto drawn = cell_rasterizer_.draw(
-      *cells,
-      {.view = view, .transfer = transfer_of(scene_), .lighting = scene_.lighting, .memory = sweep_memory()});
+      *cells, {.view = view, .transfer = transfer_of(scene_), .lighting = scene_.lighting, .memory = sweep_memory()});
   // A ray has too many cells: finer pictures tell the error.
   if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));

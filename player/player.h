@@ -364,9 +364,9 @@ class Player {
 
   format::Steps steps_;
   std::size_t step_;
-  std::shared_ptr<PlayerMemory> memory_;  // before what lies in it
-  Reservation sweep_room_;                // once cells were drawn
-  Reservation patches_room_;              // while surfaces are patches
+  std::shared_ptr<PlayerMemory> memory_;    // before what lies in it
+  Reservation sweep_room_;                  // once cells were drawn
+  Reservation patches_room_;                // while surfaces are patches
   std::unique_ptr<StepAhead> ahead_;        // of a series of files
   std::unique_ptr<StepCells> cells_ahead_;  // of a series
   PlayerOptions options_;

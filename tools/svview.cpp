@@ -297,8 +297,7 @@ void add_view_options(CommandLine& app, Options& options) {
       ->capture_default_str()
       ->check(check_of(parse_image_size));
   for (const auto& [name, value, what] :
-       {std::tuple{"--memory", &options.memory,
-                   "Memory for what is read of the file, and while it is drawn"},
+       {std::tuple{"--memory", &options.memory, "Memory for what is read of the file, and while it is drawn"},
         std::tuple{"--gpu-memory", &options.gpu_memory, "Memory of the graphics card for splats and picture"}})
     app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check(check_of(parse_bytes));
   add_reading_options(app, options.reading);

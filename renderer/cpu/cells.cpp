@@ -322,7 +322,7 @@ class CellSweep {
   PixelRectangle area_{}, tiles_{};                  // of this sweep: what it still draws; all of its tiles
   int most_rows_ = std::numeric_limits<int>::max();  // of tiles, that fit into memory
   Batch batch_;
-  std::atomic<std::uint64_t> waiting_ = 0;     // bytes of segments
+  std::atomic<std::uint64_t> waiting_ = 0;  // bytes of segments
   std::atomic<bool> has_too_many_ = false;  // memory lacks the room: what waits is looked at first
   std::int64_t finished_pixels_ = 0;
   double reported_ = 0;

@@ -24,7 +24,8 @@ TEST(TableRow, LiesInTheTable) {
   for (std::size_t row = 0; row < spreads.size(); ++row) spreads[row] = static_cast<float>(row);
   const Rows table{static_cast<int>(spreads.size()), spreads.data()};
   constexpr float infinity = std::numeric_limits<float>::infinity(), nan = std::numeric_limits<float>::quiet_NaN();
-  for (const float spread : {0.0F, 0.1F, 8.0F, 1e30F, infinity, -0.01F, -1.0F, -infinity, nan, std::copysign(nan, -1.0F)}) {
+  for (const float spread :
+       {0.0F, 0.1F, 8.0F, 1e30F, infinity, -0.01F, -1.0F, -infinity, nan, std::copysign(nan, -1.0F)}) {
     std::array<std::int32_t, HWY_MAX_BYTES / 4> rows{};
     store(table_row(table, Float(spread)).row, rows.data());
     EXPECT_GE(rows[0], 0) << spread;

@@ -89,8 +89,7 @@ TEST(Cache, SharesShapesWithAnother) {
   Cache cache(room);
   room.file = room.table->add_file();
   Cache other(room, cache.shapes());
-  for (const Kind kind : {Kind::shapes, Kind::values})
-    cache.insert({kind, 1}, numbers(1), *cache.reserve(10));
+  for (const Kind kind : {Kind::shapes, Kind::values}) cache.insert({kind, 1}, numbers(1), *cache.reserve(10));
   EXPECT_TRUE(other.find({Kind::shapes, 1}));
   EXPECT_FALSE(other.find({Kind::values, 1}));
   cache.clear();
