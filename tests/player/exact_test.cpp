@@ -97,7 +97,7 @@ TEST_F(ExactPictures, AreThoseOfTheReference) {
 
 TEST_F(ExactPictures, DoNotDependOnMemory) {
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
-  EXPECT_EQ(compare_images(drawn(*open("m.svol", {.memory = std::uint64_t{3} << 20})), drawn(*open("m.svol")))->max, 0);
+  EXPECT_EQ(compare_images(drawn(*open("m.svol", {.memory = std::uint64_t{4} << 20})), drawn(*open("m.svol")))->max, 0);
 }
 
 TEST_F(ExactPictures, EndAtSurfaces) {
