@@ -191,7 +191,7 @@ Status Player::use(const Scene& scene, const PlayerOptions& options) {
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   SPLATVOL_TRY(check_surfaces(scene, view));
   const Reader reader = this->reader(scene, options);
-  if (!reader) return take_over({steps_, step_, scene, options, memory_, nullptr, {}}, view);
+  if (!reader) return take_over(scene, options, nullptr, memory_, view);
   SPLATVOL_TRY_ASSIGN(file, reader());
   return replace(std::move(file));
 }
@@ -199,11 +199,10 @@ Status Player::use(const Scene& scene, const PlayerOptions& options) {
 Status Player::replace(PlayerFile file) {
   SPLATVOL_TRY_ASSIGN(view, make_view(file.scene));
   SPLATVOL_TRY(check_surfaces(file.scene, view));
-  const std::size_t step = file.streamer ? file.step : step_;
-  std::vector<Surface> surfaces = std::move(file.surfaces);
-  SPLATVOL_TRY(take_over(std::move(file), view));
-  step_ = step;
-  take_surfaces(std::move(surfaces));
+  const bool is_read = file.streamer != nullptr;
+  SPLATVOL_TRY(take_over(file.scene, file.options, std::move(file.streamer), file.memory, view));
+  if (is_read) step_ = file.step;
+  take_surfaces(std::move(file.surfaces));
   return {};
 }
 
@@ -218,11 +217,9 @@ void Player::take_surfaces(std::vector<Surface> surfaces) {
   if (auto room = memory_->patches.reserve(memory_->patches.capacity())) patches_room_ = std::move(*room);
 }
 
-// Takes over a scene, options and a streamer that fits both; null: the streamer stays. Step and surfaces stay.
-Status Player::take_over(PlayerFile file, const View& view) {
-  const Scene& scene = file.scene;
-  const PlayerOptions& options = file.options;
-  std::unique_ptr<Streamer>& streamer = file.streamer;
+// Takes over a scene, options and a streamer that fits both, in its memory; null: the streamer stays. Surfaces stay.
+Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::unique_ptr<Streamer> streamer,
+                         const std::shared_ptr<PlayerMemory>& memory, const View& view) {
   std::unique_ptr<Rasterizer> other;
   if (!rasterizer_ || kernel_of(options.drawing) != kernel_of(options_.drawing)) {
     SPLATVOL_TRY_ASSIGN(made, make_rasterizer(options.device, {.kernel = kernel_of(options.drawing),
@@ -243,14 +240,14 @@ Status Player::take_over(PlayerFile file, const View& view) {
     sweep_room_ = {};
     patches_room_ = {};
     streamer_ = std::move(streamer);
-    memory_ = std::move(file.memory);
+    memory_ = memory;
   }
   if (other) {
     rasterizer_ = std::move(other);
     room_ = std::numeric_limits<std::uint64_t>::max();
   }
-  scene_ = std::move(file.scene);
-  options_ = std::move(file.options);
+  scene_ = scene;
+  options_ = options;
   view_ = view;
   is_nudged_ = false;
   return {};

@@ -36,7 +36,7 @@ class StepCells;
 
 struct PlayerOptions {
   std::uint64_t memory = std::uint64_t{512} << 20;    // bytes to hold of what is read, and while it is drawn
-  DrawnParts draws = DrawnParts::any;                 // then the memory is for these alone
+  DrawnParts draws = DrawnParts::any;                 // what will be drawn: it has all of the memory
   std::uint64_t gpu_memory = std::uint64_t{1} << 30;  // bytes that OpenGL may take
   Device device = Device::automatic;
   bool in_current_context = false;  // of OpenGL; else the rasterizer makes a context of its own if it needs one
@@ -328,7 +328,8 @@ class Player {
   Player(format::Steps steps, std::size_t step);
   [[nodiscard]] Status use(const Scene& scene, const PlayerOptions& options);
   [[nodiscard]] Status check_surfaces(const Scene& scene, const View& view) const;
-  [[nodiscard]] Status take_over(PlayerFile file, const View& view);
+  [[nodiscard]] Status take_over(const Scene& scene, const PlayerOptions& options, std::unique_ptr<Streamer> streamer,
+                                 const std::shared_ptr<PlayerMemory>& memory, const View& view);
   [[nodiscard]] Status open_again(std::size_t step);
   [[nodiscard]] Status change_step(std::size_t step);
   void drop_cells();

@@ -8,7 +8,7 @@
 namespace splatvol {
 namespace {
 
-// Of the memory, patches have at most one part in so many.
+// Patches have at most one part in so many.
 constexpr std::uint64_t memory_per_patches = 4;
 
 }  // namespace
