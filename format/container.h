@@ -9,11 +9,11 @@
 #include <string_view>
 #include <vector>
 
+#include "base/byte_ranges.h"
 #include "base/error.h"
 #include "base/file.h"
 #include "format/codec.h"
 #include "format/layout.h"
-#include "format/read_ahead.h"
 
 namespace splatvol::format {
 

@@ -10,7 +10,7 @@
 #include <optional>
 
 #include "base/interruption.h"
-#include "format/run_tasks.h"
+#include "base/run_tasks.h"
 #include "format/series_index.h"
 #include "format/verify_cells.h"
 #include "format/volume.h"

@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "base/interruption.h"
+#include "base/run_tasks.h"
 #include "format/cell_reader.h"
 #include "format/ranked_points.h"
-#include "format/run_tasks.h"
 
 namespace splatvol::format {
 namespace {

@@ -14,10 +14,10 @@
 #include "base/error.h"
 #include "base/interruption.h"
 #include "base/part_table.h"
+#include "base/run_tasks.h"
 #include "format/cell_reader.h"
 #include "format/cells_ahead.h"
 #include "format/ranked_points.h"
-#include "format/run_tasks.h"
 #include "format/volume.h"
 #include "sampler/tetrahedron.h"
 
@@ -121,7 +121,7 @@ class CellTetrahedra {
         SPLATVOL_TRY_ASSIGN(tetrahedra, read(entries[i]));
         return work(entries[i], tetrahedra, parts[i]);
       };
-      SPLATVOL_TRY(format::run_tasks(count, std::max(1u, std::thread::hardware_concurrency()), run));
+      SPLATVOL_TRY(run_tasks(count, std::max(1u, std::thread::hardware_concurrency()), run));
       for (std::size_t i = 0; i < count; ++i) SPLATVOL_TRY(take(entries[i], parts[i]));
       entries = entries.subspan(count);
     }

@@ -12,9 +12,9 @@ namespace {
 using Count = std::shared_ptr<std::atomic<std::uint64_t>>;
 
 // Counts the bytes that are read of a file.
-class CountedSource final : public ByteSource {
+class CountingSource final : public ByteSource {
  public:
-  CountedSource(std::unique_ptr<ByteSource> source, Count count)
+  CountingSource(std::unique_ptr<ByteSource> source, Count count)
       : source_(std::move(source)), count_(std::move(count)) {}
   [[nodiscard]] std::uint64_t size() const override { return source_->size(); }
   [[nodiscard]] std::uint64_t cheap_gap() const override { return source_->cheap_gap(); }
@@ -42,7 +42,7 @@ Opening::Opening(SessionHost& host, const SceneUse& asked, const std::string& sc
     : path_(asked.file.empty() ? scene_path : asked.file) {
   const auto open_counted = [count = bytes_read_](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
     SPLATVOL_TRY_ASSIGN(source, open_file_or_url(file));
-    return std::make_unique<CountedSource>(std::move(source), count);
+    return std::make_unique<CountingSource>(std::move(source), count);
   };
   const auto read = [=, stop = stop_.get_token()] {
     const Interruptible interruptible(stop);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -12,9 +13,8 @@
 
 #include "base/error.h"
 #include "base/file.h"
-#include "format/codec.h"
 
-namespace splatvol::format {
+namespace splatvol {
 
 /// Bytes of a file, from `begin` up to `end`.
 struct ByteRange {
@@ -51,7 +51,7 @@ class CountedSource {
   friend class BytesAhead;
   struct Held {
     std::uint64_t begin;
-    Bytes bytes;
+    std::vector<std::byte> bytes;
   };
   [[nodiscard]] bool take_held(std::uint64_t offset, std::span<std::byte> out) const;
   void count(std::uint64_t offset, std::uint64_t bytes);
@@ -86,4 +86,4 @@ class BytesAhead {
   std::vector<CountedSource::Held> held_;
 };
 
-}  // namespace splatvol::format
+}  // namespace splatvol

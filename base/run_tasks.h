@@ -10,7 +10,7 @@
 #include "base/error.h"
 #include "base/interruption.h"
 
-namespace splatvol::format {
+namespace splatvol {
 
 /// Calls task(number, thread) for the numbers under `tasks`, in order, on this thread, whose number is 0, and others.
 /// Returns the failure of the first task that failed. Later ones may not have been called.
@@ -37,4 +37,4 @@ template <class Task>
   return {};
 }
 
-}  // namespace splatvol::format
+}  // namespace splatvol

@@ -1,9 +1,12 @@
-#include "format/read_ahead.h"
+#include "base/byte_ranges.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstddef>
+#include <memory>
 #include <random>
+#include <vector>
 
 #include "tests/support/fault_source.h"
 #include "tests/support/results.h"
@@ -11,7 +14,7 @@
 namespace splatvol::test {
 namespace {
 
-using namespace format;
+using Bytes = std::vector<std::byte>;
 using Ranges = std::vector<ByteRange>;
 constexpr std::uint64_t kib = 1024;
 

@@ -1,13 +1,13 @@
-#include "format/read_ahead.h"
+#include "base/byte_ranges.h"
 
 #include <algorithm>
 #include <iterator>
 #include <mutex>
 #include <utility>
 
-#include "format/run_tasks.h"
+#include "base/run_tasks.h"
 
-namespace splatvol::format {
+namespace splatvol {
 namespace {
 
 constexpr std::size_t requests_at_once = 6;  // as browsers have to a server
@@ -116,7 +116,7 @@ bool BytesAhead::make_room(std::span<const ByteRange> ranges, std::uint64_t memo
   std::uint64_t bytes = 0;
   for (const ByteRange& range : ranges) bytes += range.end - range.begin;
   if (bytes > memory) return false;
-  for (const ByteRange& range : ranges) held_.push_back({range.begin, Bytes(range.end - range.begin)});
+  for (const ByteRange& range : ranges) held_.push_back({range.begin, std::vector<std::byte>(range.end - range.begin)});
   return true;
 }
 
@@ -151,4 +151,4 @@ BytesAhead::~BytesAhead() {
   source_->holds_any_ = !source_->held_.empty();
 }
 
-}  // namespace splatvol::format
+}  // namespace splatvol
