@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <limits>
 #include <mutex>
 #include <utility>
 
@@ -15,11 +16,6 @@ constexpr std::size_t requests_at_once = 6;  // as browsers have to a server
 // What a request costs, in bytes, if it has one range; and how many are for nothing, as they are under way together.
 constexpr std::uint64_t bytes_of_request = std::uint64_t{256} << 10;
 constexpr std::size_t free_requests = 2;
-
-// Of a request for many ranges: what a range costs, in bytes, and the most of both. Servers refuse requests with more.
-constexpr std::uint64_t bytes_of_part = 256;
-constexpr std::size_t most_parts = 100;
-constexpr std::uint64_t most_part_bytes = std::uint64_t{1} << 20;
 
 }  // namespace
 
@@ -45,7 +41,8 @@ std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges) {
   }
   std::ranges::sort(gaps);
   std::size_t closed = 0;
-  while (closed < gaps.size() && ranges.size() - closed > free_requests + bytes / bytes_of_request)
+  while (closed < gaps.size() && gaps[closed] <= bytes_of_request &&
+         ranges.size() - closed > free_requests + bytes / bytes_of_request)
     bytes += gaps[closed++];
   return closed == 0 ? ranges : join_ranges(std::move(ranges), gaps[closed - 1]);
 }
@@ -98,17 +95,37 @@ Result<std::shared_ptr<const BytesAhead>> BytesAhead::read(std::shared_ptr<Count
   std::shared_ptr<BytesAhead> ahead(new BytesAhead(std::move(source)));
   if (!ahead->make_room(join_ranges(ranges, bytes_of_part), memory)) return nullptr;
   SPLATVOL_TRY_ASSIGN(is_read, ahead->read_parts());
-  CountedSource& from = *ahead->source_;
   if (!is_read) {
     if (!ahead->make_room(join_to_few(std::move(ranges)), memory)) return nullptr;
-    SPLATVOL_TRY(run_tasks(ahead->held_.size(), requests_at_once, [&](std::size_t i, std::size_t /*thread*/) {
-      return from.read(ahead->held_[i].begin, ahead->held_[i].bytes);
-    }));
+    SPLATVOL_TRY(ahead->read_singly(requests_at_once));
   }
-  const std::unique_lock lock(from.mutex_);
-  for (const CountedSource::Held& held : ahead->held_) from.held_.push_back(&held);
-  from.holds_any_ = !from.held_.empty();
+  ahead->give_to_source();
   return ahead;
+}
+
+Result<std::shared_ptr<const BytesAhead>> BytesAhead::read_together(std::shared_ptr<CountedSource> source,
+                                                                    std::vector<ByteRange> ranges, std::uint64_t gap) {
+  const bool may_join = source->source().may_read_parts();
+  std::shared_ptr<BytesAhead> ahead(new BytesAhead(std::move(source)));
+  static_cast<void>(ahead->make_room(join_ranges(std::move(ranges), may_join ? bytes_of_part : gap),
+                                     std::numeric_limits<std::uint64_t>::max()));
+  bool is_read = false;
+  if (may_join) SPLATVOL_TRY_SET(is_read, ahead->read_parts());
+  if (!is_read) SPLATVOL_TRY(ahead->read_singly(may_join ? requests_at_once : 1));
+  ahead->give_to_source();
+  return ahead;
+}
+
+Status BytesAhead::read_singly(std::size_t at_once) {
+  return run_tasks(held_.size(), at_once, [&](std::size_t i, std::size_t /*thread*/) {
+    return source_->read(held_[i].begin, held_[i].bytes);
+  });
+}
+
+void BytesAhead::give_to_source() const {
+  const std::unique_lock lock(source_->mutex_);
+  for (const CountedSource::Held& held : held_) source_->held_.push_back(&held);
+  source_->holds_any_ = !source_->held_.empty();
 }
 
 bool BytesAhead::make_room(std::span<const ByteRange> ranges, std::uint64_t memory) {

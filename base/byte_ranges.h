@@ -23,11 +23,16 @@ struct ByteRange {
   [[nodiscard]] bool operator==(const ByteRange&) const = default;
 };
 
+/// Of a request for many ranges: what a range costs, in bytes, and the most of both. Servers refuse requests with more.
+inline constexpr std::uint64_t bytes_of_part = 256;
+inline constexpr std::size_t most_parts = 100;
+inline constexpr std::uint64_t most_part_bytes = std::uint64_t{1} << 20;
+
 /// Joins ranges between which there are at most `gap` bytes. Returns them in ascending order, without overlap.
 [[nodiscard]] std::vector<ByteRange> join_ranges(std::vector<ByteRange> ranges, std::uint64_t gap);
 
-/// Joins ranges as if a request cost as much as 256 KiB: over the smallest gaps, until two ranges are left, and one
-/// more for each 256 KiB of all.
+/// Joins ranges as if a request cost as much as 256 KiB: over the smallest gaps that are no larger, until two ranges
+/// are left, and one more for each 256 KiB of all.
 [[nodiscard]] std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges);
 
 /// The bytes of a file, with a count of those that were read. Thread-safe.
@@ -73,6 +78,12 @@ class BytesAhead {
   [[nodiscard]] static Result<std::shared_ptr<const BytesAhead>> read(std::shared_ptr<CountedSource> source,
                                                                       std::vector<ByteRange> ranges,
                                                                       std::uint64_t memory);
+
+  /// Reads ranges joined over gaps of at most `gap` bytes: by requests for many ranges if the source can, else one by
+  /// one. Always takes about the memory of the ranges.
+  [[nodiscard]] static Result<std::shared_ptr<const BytesAhead>> read_together(std::shared_ptr<CountedSource> source,
+                                                                               std::vector<ByteRange> ranges,
+                                                                               std::uint64_t gap);
   BytesAhead(const BytesAhead&) = delete;
   BytesAhead& operator=(const BytesAhead&) = delete;
   ~BytesAhead();
@@ -81,6 +92,8 @@ class BytesAhead {
   explicit BytesAhead(std::shared_ptr<CountedSource> source) : source_(std::move(source)) {}
   [[nodiscard]] bool make_room(std::span<const ByteRange> ranges, std::uint64_t memory);
   [[nodiscard]] Result<bool> read_parts();
+  [[nodiscard]] Status read_singly(std::size_t at_once);
+  void give_to_source() const;
 
   std::shared_ptr<CountedSource> source_;
   std::vector<CountedSource::Held> held_;

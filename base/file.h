@@ -41,6 +41,9 @@ class ByteSource {
   /// Fills several parts by one request to a server. Requires ascending parts that do not overlap, in the file. Returns
   /// false if the source cannot do so: then each is to be read by itself.
   [[nodiscard]] virtual Result<bool> read_parts(std::span<const Part> /*parts*/) { return false; }
+
+  /// Whether read_parts may do so.
+  [[nodiscard]] virtual bool may_read_parts() const { return false; }
 };
 
 /// Fails with invalid_data unless the source has the bytes [offset, offset + count).

@@ -453,6 +453,8 @@ class HttpSource final : public ByteSource {
     return out.empty() ? Status{} : fetch(offset, out);
   }
 
+  bool may_read_parts() const override { return knows_parts_; }
+
   // A server that does not know several ranges of a request, or does not want them, is not asked again.
   Result<bool> read_parts(std::span<const Part> parts) override {
     if (!knows_parts_) return false;

@@ -60,6 +60,9 @@ class Reservation {
   /// that it is of a share and not spare.
   [[nodiscard]] bool resize(std::uint64_t bytes);
 
+  /// As resize, but never makes it smaller.
+  [[nodiscard]] bool grow(std::uint64_t bytes) { return bytes <= bytes_ || resize(bytes); }
+
   /// Makes it spare.
   void loosen();
 

@@ -21,7 +21,7 @@ struct PartKey {
   std::uint64_t file;
   int kind;
   std::uint64_t number;
-  int column = -1;
+  std::int64_t column = -1;
   std::uint64_t step = 0;
 
   [[nodiscard]] auto operator<=>(const PartKey&) const = default;
@@ -129,21 +129,55 @@ struct PartRoom {
   PartTable* table;
   MemoryShare* share;
   std::uint64_t file;
+
+  /// As those of the table, for its file.
+  template <class Part>
+  [[nodiscard]] std::shared_ptr<const Part> find(const PartKey& key) const {
+    return table->find<Part>(key);
+  }
+  [[nodiscard]] bool holds(const PartKey& key) const { return table->holds(key); }
+  template <class Part>
+  std::shared_ptr<const Part> insert(const PartKey& key, Part part, Reservation reservation) const {
+    return table->insert(key, std::move(part), std::move(reservation));
+  }
+};
+
+/// The parts of one file in a table, whoever reads them. The last owner drops them.
+class FileParts {
+ public:
+  /// The table must outlive it.
+  explicit FileParts(PartTable& table) : table_(table), file_(table.add_file()) {}
+  FileParts(const FileParts&) = delete;
+  FileParts& operator=(const FileParts&) = delete;
+  ~FileParts() { table_.clear(file_); }
+
+  /// `share`: of the table's budget.
+  [[nodiscard]] PartRoom room(MemoryShare& share) const { return {&table_, &share, file_}; }
+
+  [[nodiscard]] PartTable& table() const { return table_; }
+
+ private:
+  PartTable& table_;
+  std::uint64_t file_;
 };
 
 /// A table for one file, with a budget of its own.
 class OwnParts {
  public:
   explicit OwnParts(std::uint64_t memory)
-      : budget_(memory), share_(budget_, memory), table_(budget_), file_(table_.add_file()) {}
+      : budget_(memory), share_(budget_, memory), table_(budget_), parts_(std::make_shared<const FileParts>(table_)) {}
 
-  [[nodiscard]] PartRoom room() { return {&table_, &share_, file_}; }
+  [[nodiscard]] PartRoom room() { return parts_->room(share_); }
+  [[nodiscard]] MemoryShare& share() { return share_; }
+
+  /// Must not outlive it.
+  [[nodiscard]] const std::shared_ptr<const FileParts>& parts() const { return parts_; }
 
  private:
   MemoryBudget budget_;
   MemoryShare share_;
   PartTable table_;
-  std::uint64_t file_;
+  std::shared_ptr<const FileParts> parts_;
 };
 
 }  // namespace splatvol

@@ -15,7 +15,7 @@
 
 #include "base/file.h"
 #include "format/volume.h"
-#include "streamer/decode.h"
+#include "streamer/store/decode.h"
 
 namespace splatvol {
 namespace {

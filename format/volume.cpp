@@ -13,8 +13,9 @@ namespace splatvol::format {
 namespace {
 
 // An index page up to this size is read at once. Of a larger page, only the structure and the part of one attribute are
-// read.
+// read. A server takes about as long for another read as for these bytes.
 constexpr std::uint64_t one_read_bytes = 4u << 10;
+constexpr std::uint64_t one_read_bytes_from_server = 16u << 10;
 
 // Several patches are read at once up to this size.
 constexpr std::uint64_t most_patch_bytes = 4u << 20;
@@ -205,12 +206,22 @@ bool Volume::is_far() const { return cheap_gap() >= std::uint64_t{16} << 10; }
 Result<std::shared_ptr<const BytesAhead>> Volume::read_ahead(std::vector<ByteRange> ranges,
                                                              std::uint64_t memory) const {
   if (!is_far()) return nullptr;
+  erase_held(ranges);
+  return ranges.empty() ? nullptr : BytesAhead::read(source_, std::move(ranges), memory);
+}
+
+Result<std::shared_ptr<const BytesAhead>> Volume::read_together(std::vector<ByteRange> ranges) const {
+  erase_held(ranges);
+  return ranges.empty() ? nullptr : BytesAhead::read_together(source_, std::move(ranges), cheap_gap());
+}
+
+// Leaves out what the preambles hold.
+void Volume::erase_held(std::vector<ByteRange>& ranges) const {
   std::erase_if(ranges, [&](const ByteRange& range) {
     const std::uint64_t count = range.end - range.begin;
     return file_->holds(range.begin, count) || (step_part_ && range.begin >= step_part_->begin() &&
                                                 step_part_->holds(range.begin - step_part_->begin(), count));
   });
-  return ranges.empty() ? nullptr : BytesAhead::read(source_, std::move(ranges), memory);
 }
 
 Status Volume::read_directory_root(Directory directory) {
@@ -268,7 +279,7 @@ Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offse
                                     std::uint64_t links_end, const SummaryAttributes& attributes) const {
   const std::string what = name() + ": index page";
   const bool in_page = attributes.values >= 0 && !series_;
-  const bool whole = in_page && ref.page_bytes <= one_read_bytes;
+  const bool whole = in_page && reads_at_once(ref.page_bytes);
   SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(offset, whole ? ref.page_bytes : ref.front_bytes));
   const auto front = std::span<const std::byte>(bytes).first(ref.front_bytes);
   SPLATVOL_TRY_ASSIGN(page, unpack_index_page(ref, front, node_shape(), top_nodes, links_end, what));
@@ -291,6 +302,34 @@ Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offse
   return page;
 }
 
+std::uint64_t Volume::index_page_offset(const IndexPageRef& ref) const {
+  return file_->find_section(SectionKind::index_pages)->offset + ref.offset;
+}
+
+ByteRange Volume::range_of_index_page(const IndexPageRef& ref) const {
+  const std::uint64_t begin = index_page_offset(ref);
+  return {begin, begin + (!series_ && reads_at_once(ref.page_bytes) ? ref.page_bytes : ref.front_bytes)};
+}
+
+// Of the step.
+std::uint64_t Volume::summary_page_offset(std::uint32_t number) const {
+  const bool root = number + 1 == summaries_.size();
+  const SectionEntry& section = *step_part_->find_section(root ? SectionKind::index_root : SectionKind::index_pages);
+  return section.offset + summaries_[number].offset;
+}
+
+ByteRange Volume::range_of_summaries(const IndexPage& page) const {
+  if (page.number >= summaries_.size()) return {};
+  const SummaryPageRef& ref = summaries_[page.number];
+  const std::uint64_t begin = step_part_->begin() + summary_page_offset(page.number);
+  return {begin, begin + (reads_at_once(ref.page_bytes) ? ref.page_bytes : 0)};
+}
+
+// Whether a page is read as a whole, and not its front and then the summaries that are needed.
+bool Volume::reads_at_once(std::uint64_t page_bytes) const {
+  return page_bytes <= (is_far() ? one_read_bytes_from_server : one_read_bytes);
+}
+
 Status Volume::add_step_summaries(const SummaryAttributes& attributes, IndexPage& page) const {
   if (attributes.values < 0) return {};
   SPLATVOL_TRY_ASSIGN(values, read_step_summaries(page, static_cast<std::size_t>(attributes.values)));
@@ -308,11 +347,9 @@ Result<std::vector<ValueSummary>> Volume::read_step_summaries(const IndexPage& p
   if (number >= summaries_.size() || summaries_[number].node_count != page.nodes.size())
     return fail(ErrorCode::invalid_data, "{}: not there [R20]", what);
   const SummaryPageRef& ref = summaries_[number];
-  const bool root = number + 1 == summaries_.size();
-  const SectionEntry& section = *step_part_->find_section(root ? SectionKind::index_root : SectionKind::index_pages);
-  const std::uint64_t offset = section.offset + ref.offset;
+  const std::uint64_t offset = summary_page_offset(number);
   const std::uint64_t table_bytes = info_.attributes.size() * sizeof(IndexPagePart);
-  const bool whole = ref.page_bytes <= one_read_bytes;
+  const bool whole = reads_at_once(ref.page_bytes);
   SPLATVOL_TRY_ASSIGN(bytes, step_part_->read_bytes(offset, whole ? ref.page_bytes : table_bytes));
   if (hash_bytes(std::span(bytes).first(table_bytes)) != ref.hash)
     return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
@@ -353,7 +390,7 @@ Result<IndexPage> Volume::read_index_root(const SummaryAttributes& attributes) c
 Result<IndexPage> Volume::read_index_page(const IndexPageRef& ref, std::uint8_t child_mask,
                                           std::span<const std::uint64_t> parent_counts,
                                           const SummaryAttributes& attributes) const {
-  const std::uint64_t offset = file_->find_section(SectionKind::index_pages)->offset + ref.offset;
+  const std::uint64_t offset = index_page_offset(ref);
   const auto children = static_cast<std::uint32_t>(std::popcount(child_mask));
   SPLATVOL_TRY_ASSIGN(page, read_page(ref, offset, children, ref.offset, attributes));
   SPLATVOL_TRY(check_top_counts(page, parent_counts));

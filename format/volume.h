@@ -154,6 +154,17 @@ class Volume {
   [[nodiscard]] Result<std::shared_ptr<const BytesAhead>> read_ahead(std::vector<ByteRange> ranges,
                                                                      std::uint64_t memory) const;
 
+  /// Whether one request to the file's server may serve many ranges.
+  [[nodiscard]] bool may_join_requests() const { return source_->source().may_read_parts(); }
+
+  /// Reads ranges that are needed together, by few reads. While the result lives, all reads of them take them from
+  /// memory.
+  [[nodiscard]] Result<std::shared_ptr<const BytesAhead>> read_together(std::vector<ByteRange> ranges) const;
+
+  /// Return the bytes that are read first of an index page, and of its summaries at the step of a series.
+  [[nodiscard]] ByteRange range_of_index_page(const IndexPageRef& ref) const;
+  [[nodiscard]] ByteRange range_of_summaries(const IndexPage& page) const;
+
   /// Reads the counts of values for each attribute. Returns none if the file has no such section.
   [[nodiscard]] Result<Histograms> read_histograms() const;
 
@@ -221,12 +232,15 @@ class Volume {
   [[nodiscard]] const Directory& directory_of(int column) const { return directories_[is_of_step(column) ? 1 : 0]; }
   [[nodiscard]] const Container& values() const { return step_part_ ? *step_part_ : *file_; }
   [[nodiscard]] IndexPageRef root_ref() const;
+  [[nodiscard]] std::uint64_t index_page_offset(const IndexPageRef& ref) const;
+  [[nodiscard]] std::uint64_t summary_page_offset(std::uint32_t number) const;
+  [[nodiscard]] bool reads_at_once(std::uint64_t page_bytes) const;
+  void erase_held(std::vector<ByteRange>& ranges) const;
   [[nodiscard]] Result<IndexPage> read_page(const IndexPageRef& ref, std::uint64_t offset, std::uint32_t top_nodes,
                                             std::uint64_t links_end, const SummaryAttributes& attributes) const;
   [[nodiscard]] Status add_step_summaries(const SummaryAttributes& attributes, IndexPage& page) const;
   [[nodiscard]] Result<std::vector<ValueSummary>> read_step_summaries(const IndexPage& page,
                                                                       std::size_t attribute) const;
-  [[nodiscard]] Result<std::uint64_t> summary_page_offset(std::uint32_t number, const SummaryPageRef& ref) const;
   [[nodiscard]] Status check_top_counts(const IndexPage& page, std::span<const std::uint64_t> expected) const;
   [[nodiscard]] std::vector<std::uint64_t> segment_counts() const;
   [[nodiscard]] NodeShape node_shape() const;

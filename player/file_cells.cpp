@@ -145,8 +145,7 @@ bool ShownInCells::has_contour(double low, double high) const {
 }
 
 Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& volume, const Scene& scene,
-                                                         PartTable& table, MemoryShare& share) {
-  const PartRoom room{&table, &share, table.add_file()};
+                                                         std::shared_ptr<const FileParts> parts, MemoryShare& share) {
   const format::VolumeInfo& info = volume.info();
   format::SummaryAttributes attributes;
   SPLATVOL_TRY_SET(attributes.values, format::find_attribute(info, scene.attribute, volume.name()));
@@ -159,7 +158,7 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
     SPLATVOL_TRY_ASSIGN(color, format::find_attribute(info, contours.attribute, volume.name()));
     shown.push_back(static_cast<std::size_t>(color));
   }
-  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, std::move(shown), room));
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, std::move(shown), parts->room(share)));
   if (!cells)
     return fail(ErrorCode::invalid_argument,
                 "{}: it keeps no cells, and only these are drawn exactly: build it from a mesh, or from points by "
@@ -170,29 +169,35 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
     return fail(ErrorCode::invalid_argument,
                 "{}: contours: each cell has one value, and so nothing passes another: build it without --cells own",
                 volume.name());
-  return std::shared_ptr<const KeptCells>(new KeptCells(std::move(cells), attributes, contours.attribute, room));
+  return std::shared_ptr<const KeptCells>(
+      new KeptCells(std::move(cells), attributes, contours.attribute, std::move(parts), share));
 }
 
 // Points take less memory than the cells, so a third of the share is enough for them.
 KeptCells::KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
-                     std::string color_name, const PartRoom& room)
+                     std::string color_name, std::shared_ptr<const FileParts> parts, MemoryShare& share)
     : cells_(std::move(cells)),
       attributes_(attributes),
       color_name_(std::move(color_name)),
-      room_(room),
-      holds_all_(decoded_bytes(cells_->reader()) <= room.share->capacity() / 3 * 2) {}
-
-KeptCells::~KeptCells() {
-  chunks_.clear();
-  pages_.clear();
-  room_.table->clear(room_.file);
-}
+      parts_(std::move(parts)),
+      room_(parts_->room(share)),
+      holds_all_(decoded_bytes(cells_->reader()) <= room_.share->capacity() / 3 * 2) {}
 
 PartKey KeptCells::key_of(const format::CellChunkEntry& entry) const {
-  return {room_.file, format::cell_chunk, entry.offset};
+  const int color = color_name_.empty() ? -1 : static_cast<int>(cells_->attributes().back());
+  const std::array of_values{attributes_.values, attributes_.opacity, color};
+  return {room_.file, format::cell_chunk, entry.offset, format::columns_key(of_values), step_key()};
 }
 
-PartKey KeptCells::key_of_page(std::size_t page) const { return {room_.file, format::cell_page, page}; }
+PartKey KeptCells::key_of_page(std::size_t page) const {
+  const std::array of_summaries{attributes_.values, attributes_.opacity};
+  return {room_.file, format::cell_page, page, format::columns_key(of_summaries), step_key()};
+}
+
+std::uint64_t KeptCells::step_key() const {
+  const format::Volume& volume = reader().volume();
+  return volume.series() ? volume.step() + 1 : 0;
+}
 
 Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, DrawnCells& scratch) const {
   if (!holds_all_) {

@@ -44,13 +44,13 @@ struct ShownFaces {
 /// The cells that a file keeps, with the values of a scene's attributes. Thread-safe.
 class KeptCells {
  public:
-  /// Of a series, the cells have the values of the volume's step. `share`: for parts of the file, and for decoded
-  /// cells. The volume must outlive the cells. Fails if the file keeps none.
+  /// Of a series, the cells have the values of the volume's step. `parts`: of the file. `share`: for them, and for
+  /// decoded cells. The volume must outlive the cells. Fails if the file keeps none.
   [[nodiscard]] static Result<std::shared_ptr<const KeptCells>> open(const format::Volume& volume, const Scene& scene,
-                                                                     PartTable& table, MemoryShare& share);
+                                                                     std::shared_ptr<const FileParts> parts,
+                                                                     MemoryShare& share);
   KeptCells(const KeptCells&) = delete;
   KeptCells& operator=(const KeptCells&) = delete;
-  ~KeptCells();
 
   [[nodiscard]] const format::CellReader& reader() const { return cells_->reader(); }
   [[nodiscard]] std::uint64_t unknown_cells() const { return cells_->unknown_cells(); }
@@ -83,14 +83,16 @@ class KeptCells {
 
  private:
   KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
-            std::string color_name, const PartRoom& room);
+            std::string color_name, std::shared_ptr<const FileParts> parts, MemoryShare& share);
   [[nodiscard]] Result<DrawnCells> decode(const format::CellChunkEntry& entry) const;
   [[nodiscard]] PartKey key_of(const format::CellChunkEntry& entry) const;
   [[nodiscard]] PartKey key_of_page(std::size_t page) const;
+  [[nodiscard]] std::uint64_t step_key() const;
 
   std::unique_ptr<const CellTetrahedra> cells_;  // with the values, those of the opacity and those of colours
   format::SummaryAttributes attributes_;
   std::string color_name_;
+  std::shared_ptr<const FileParts> parts_;
   PartRoom room_;
   bool holds_all_;  // the share has room for all cells, decoded
   mutable std::atomic<bool> are_held_ = false;

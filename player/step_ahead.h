@@ -46,16 +46,17 @@ class StepAhead {
 /// error.
 class StepCells {
  public:
-  /// `share`: for the cells, which belong to no other share then.
-  StepCells(const format::Steps& steps, std::size_t step, const Scene& scene, PartTable& table, MemoryShare& share)
+  /// `parts`: of the step's file. `share`: for the cells, which belong to no other share then.
+  StepCells(const format::Steps& steps, std::size_t step, const Scene& scene, std::shared_ptr<const FileParts> parts,
+            MemoryShare& share)
       : step_(step),
         share_(share),
         cells_(std::async(std::launch::async | std::launch::deferred,
-                          [steps, step, scene, &table, &share, stop = stop_.get_token()]() -> Cells {
+                          [steps, step, scene, parts = std::move(parts), &share, stop = stop_.get_token()]() -> Cells {
                             const Interruptible interruptible(stop);
                             const auto volume = steps.volume(step);
                             if (!volume || (*volume)->is_far()) return {};
-                            const auto kept = KeptCells::open(**volume, scene, table, share);
+                            const auto kept = KeptCells::open(**volume, scene, parts, share);
                             if (!kept) return {};
                             static_cast<void>((*kept)->hold_all());
                             return {*volume, *kept};

@@ -16,27 +16,14 @@ constexpr std::size_t most_failures = 1000;  // then the disk is gone
 
 constexpr int before_all_stages = std::numeric_limits<int>::max();
 
-// Large load runs cost less a byte; small ones let more urgent reads pass earlier.
 constexpr std::uint64_t smallest_run_bytes = 16u << 10;
 constexpr std::uint64_t largest_run_bytes = 512u << 10;
 
-LoadRun page_run(const CacheKey& key, auto what) {
-  LoadRun run;
-  run.push_back({key, std::move(what), {}, {}, CacheData()});
-  return run;
-}
-
-template <class Page>
-std::shared_ptr<const Page> typed(const Cache::Pointer& page) {
-  return {page, &std::get<Page>(*page)};
-}
-
 }  // namespace
 
-Pager::Pager(PagedVolume& paged, Cache& cache, const RowReader& reader, std::uint64_t bytes_in_flight, unsigned threads,
+Pager::Pager(PagedVolume& paged, RowReader& reader, std::uint64_t bytes_in_flight, unsigned threads,
              std::function<void()> on_data)
     : paged_(paged),
-      cache_(cache),
       reader_(reader),
       most_in_flight_(bytes_in_flight),
       loader_(paged.volume(), paged.attributes(), threads, std::move(on_data)) {}
@@ -45,34 +32,22 @@ Status Pager::pin_coarsest() {
   SPLATVOL_TRY(paged_.root());
   const format::Volume& volume = paged_.volume();
   const std::uint64_t groups = volume.rows().group_at(0, volume.info().resolution_counts[0] - 1) + 1;
-  for (std::uint64_t group = 0; group < groups; ++group)
-    for (const CacheKey& key : reader_.keys({0, group})) SPLATVOL_TRY(pin_part({0, group}, key));
+  SPLATVOL_TRY(pin_rows(groups));
   SPLATVOL_TRY(pin_directory_pages(groups));
   return pin_root();
 }
 
-Status Pager::pin_part(const RowName& name, const CacheKey& key) {
-  Cache::Pointer held = cache_.find(key);
-  if (!held) {
-    const format::Volume& volume = paged_.volume();
-    LoadRun run;
-    run.push_back(reader_.load_of(name, key));
-    for (ChunkLoad& chunk : std::get<RowLoad>(run.front().what).chunks) {
-      SPLATVOL_TRY_ASSIGN(location, paged_.find_chunk(chunk.row, chunk.column));
-      chunk.location = location;
-    }
-    auto decoded = cache_.reserve(decoded_bytes(run.front()));
-    const auto working = cache_.reserve(working_bytes(volume, run.front()));
-    const auto too_little = [&] {
-      return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume.name());
-    };
-    if (!decoded || !working) return too_little();
-    read_run(volume, paged_.attributes(), run);
-    SPLATVOL_TRY_ASSIGN(data, std::move(run.front().data));
-    if (!cache_.extend(*decoded, held_bytes(data))) return too_little();
-    held = cache_.insert(key, std::move(data), std::move(*decoded));
+Status Pager::pin_rows(std::uint64_t groups) {
+  std::vector<RowPart> rows;
+  for (std::uint64_t group = 0; group < groups; ++group) rows.push_back({{0, group}, 0, 0, 0});
+  const auto held = reader_.hold(rows);
+  if (!held && held.error().code == ErrorCode::out_of_budget)
+    return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", paged_.volume().name());
+  if (!held) return tl::unexpected(held.error());
+  for (const auto& [number, row] : *held) {
+    pinned_.push_back(row.shapes);
+    pinned_.push_back(row.values);
   }
-  pinned_.push_back(std::move(held));
   return {};
 }
 
@@ -80,12 +55,12 @@ Status Pager::pin_part(const RowName& name, const CacheKey& key) {
 Status Pager::pin_directory_pages(std::uint64_t groups) {
   std::set<std::uint64_t> pages;
   for (std::uint64_t group = 0; group < groups; ++group)
-    for (const CacheKey& key : reader_.keys({0, group}))
+    for (const PartKey& key : reader_.keys({0, group}))
       for (const auto& [row, column] : reader_.chunks({0, group}, key.kind)) {
         const std::uint64_t page = paged_.volume().directory_page_of_row(row, column);
         if (!pages.insert(page).second) continue;
         SPLATVOL_TRY(paged_.find_chunk(row, column));
-        pinned_.push_back(cache_.find(paged_.directory_key(page)));
+        pinned_.push_back(room().find<void>(paged_.directory_key(page)));
       }
   return {};
 }
@@ -93,7 +68,7 @@ Status Pager::pin_directory_pages(std::uint64_t groups) {
 Status Pager::pin_root() {
   SPLATVOL_TRY_ASSIGN(root, paged_.root());
   largest_index_page_ = 4 * root->memory_bytes();
-  pinned_.push_back(cache_.find(paged_.root_key()));
+  pinned_.push_back(room().find<void>(paged_.root_key()));
   return {};
 }
 
@@ -110,34 +85,31 @@ void Pager::keep_pages_and_ask_ahead(Pages pages) {
   for (const auto& [key, load] : pages_.missing) pages_ahead_.erase(key);
 }
 
-Cache::Pointer Pager::find_page(const CacheKey& key) {
+PartPointer Pager::find_page(const PartKey& key) {
   const auto held = pages_.held.find(key);
   if (held != pages_.held.end()) return held->second;
-  Cache::Pointer page = cache_.find(key);
+  PartPointer page = room().find<void>(key);
   if (!page) return page;
-  if (const auto* index = std::get_if<IndexPage>(page.get())) pages_.index_bytes += index->memory_bytes();
+  if (key.kind != format::directory_page) pages_.index_bytes += part_as<IndexPage>(page)->memory_bytes();
   pages_.held.emplace(key, page);
   return page;
 }
 
-Result<std::shared_ptr<const IndexPage>> Pager::root() { return typed<IndexPage>(find_page(paged_.root_key())); }
+Result<std::shared_ptr<const IndexPage>> Pager::root() { return part_as<IndexPage>(find_page(paged_.root_key())); }
 
 Result<std::shared_ptr<const IndexPage>> Pager::linked(const IndexPage& page, std::uint32_t node) {
   const format::IndexPageRef& ref = page.pages[page.links[node]];
-  const CacheKey key = paged_.index_key(ref.offset);
+  const PartKey key = paged_.index_key(ref.offset);
   if (!pages_.held.contains(key) && !pages_.missing.contains(key)) pages_.packed_bytes += ref.front_bytes;
-  const Cache::Pointer found = find_page(key);
-  if (found) return typed<IndexPage>(found);
-  const auto counts = page.nodes.counts_of(node);
-  pages_.missing.try_emplace(
-      key, IndexPageLoad{ref, page.nodes.child_masks[node], {counts.begin(), counts.end()}, paged_.structure_of(key)});
-  return nullptr;
+  const PartPointer found = find_page(key);
+  if (!found && !pages_.missing.contains(key)) pages_.missing.insert(paged_.load_of_linked(page, node));
+  return part_as<IndexPage>(found);
 }
 
 const DirectoryPage* Pager::find_directory_page(const RowReader::ChunkName& chunk) {
   const std::uint64_t number = paged_.volume().directory_page_of_row(chunk.row, chunk.column);
-  const Cache::Pointer page = find_page(paged_.directory_key(number));
-  return page ? &std::get<DirectoryPage>(*page) : nullptr;
+  const PartPointer page = find_page(paged_.directory_key(number));
+  return part_as<DirectoryPage>(page).get();
 }
 
 bool Pager::holds(std::span<const PointRange> ranges) {
@@ -171,9 +143,9 @@ void Pager::look_up(const RowName& name, Row& row) {
   row.state = State::hidden;
   if (!visibility_->shows_row({values, opacity ? &*opacity : nullptr})) return;
 
-  row.held = {cache_.find(reader_.shapes_key(name)), cache_.find(reader_.values_key(name))};
+  row.held = {room().find<void>(reader_.shapes_key(name)), room().find<void>(reader_.values_key(name))};
   row.state = row.held.is_whole() ? State::ready : State::missing;
-  for (const CacheKey::Kind kind : {CacheKey::Kind::shapes, CacheKey::Kind::values})
+  for (const int kind : {format::row_shapes, format::row_values})
     for (const RowReader::ChunkName& chunk : reader_.chunks(name, kind))
       if (!find_directory_page(chunk)) row.state = State::missing;
 }
@@ -195,7 +167,7 @@ void Pager::want(const Cut& cut, int stage) {
 
 void Pager::hold_wanted() {
   rows_.clear();
-  std::erase_if(pages_.held, [](const auto& page) { return page.first.kind == CacheKey::Kind::directory_page; });
+  std::erase_if(pages_.held, [](const auto& page) { return page.first.kind == format::directory_page; });
   for (const auto& [number, want] : wants_)
     if (want.stage >= 0) static_cast<void>(state_of(want.row));
 }
@@ -209,23 +181,28 @@ void Pager::ask(bool is_final) {
     }
   hold_wanted();
   for (Request& request : requests()) {
-    const CacheKey first = request.run.front().key;
+    const PartKey first = request.run.front().key;
     if (submit(std::move(request.run), request.stage >= 0)) continue;
     if (!is_final || is_reading() || request.stage < 0) break;
     note_too_large(first);
   }
 }
 
-bool Pager::has_failed(const CacheKey& key) const {
+bool Pager::has_failed(const PartKey& key) const {
   return failed_.contains(key) || too_large_.contains(key) || failed_.size() >= most_failures;
 }
 
-void Pager::note_too_large(const CacheKey& key) {
+void Pager::note_too_large(const PartKey& key) {
   too_large_.insert(key);
   if (!told_.insert(key).second) return;
-  const bool of_row = key.kind == CacheKey::Kind::shapes || key.kind == CacheKey::Kind::values;
   errors_.push_back({ErrorCode::out_of_budget, fmt::format("{}: no memory for {} {}", paged_.volume().name(),
-                                                           of_row ? "row" : "page", key.number)});
+                                                           is_of_row(key) ? "row" : "page", key.number)});
+}
+
+// Large load runs cost less a byte; small ones let more urgent reads pass earlier.
+std::uint64_t Pager::most_run_bytes() const {
+  if (paged_.volume().may_join_requests()) return std::clamp(most_in_flight_ / 8, smallest_run_bytes, most_part_bytes);
+  return std::clamp(most_in_flight_ / 32, smallest_run_bytes, largest_run_bytes);
 }
 
 // Returns requests for all missing parts, those needed most first. Skips intermediate pictures once the final one is
@@ -235,29 +212,32 @@ std::vector<Pager::Request> Pager::requests() {
   needed_bytes_ = pages_.packed_bytes;
   Collected collected;
   for (const auto& [number, want] : wants_) add_row(want, collected);
-  std::vector<Request> requests;
-  add_pages(collected.directory_pages, requests);
-
-  const bool is_there = missing_.rows + missing_.pages == 0;
   std::map<int, std::vector<PartLoad>> parts_by_stage;
+  add_pages(collected.directory_pages, parts_by_stage[before_all_stages]);
+  const bool is_there = missing_.rows + missing_.pages == 0;
   for (auto& [key, staged] : collected.parts)
     if (!is_there || staged.stage <= 0) parts_by_stage[staged.stage].push_back(std::move(staged.part));
-  const std::uint64_t run_bytes = std::clamp(most_in_flight_ / 32, smallest_run_bytes, largest_run_bytes);
-  for (auto& [stage, parts] : parts_by_stage)
-    for (LoadRun& run : runs_of(paged_.volume(), std::move(parts), run_bytes)) {
+  for (const auto& [key, load] : pages_ahead_) {
+    if (!can_ask(key)) continue;
+    parts_by_stage[ahead].push_back(load_part(key, load));
+    parts_by_stage[ahead].back().error = 1;
+  }
+  std::vector<Request> requests;
+  for (auto& [stage, parts] : parts_by_stage) {
+    std::ranges::stable_sort(parts, std::greater<>(), &PartLoad::error);
+    for (LoadRun& run : runs_of(paged_.volume(), std::move(parts), most_run_bytes())) {
       const float error = std::ranges::max_element(run, {}, &PartLoad::error)->error;
       requests.push_back({stage, error, std::move(run)});
     }
-  for (const auto& [key, load] : pages_ahead_)
-    if (can_ask(key)) requests.push_back({ahead, 1, page_run(key, load)});
+  }
   std::ranges::stable_sort(requests, std::greater<>(),
                            [](const Request& request) { return std::tuple(request.stage, request.error); });
   return requests;
 }
 
-void Pager::add_pages(const std::set<std::uint64_t>& directory_pages, std::vector<Request>& requests) {
-  const auto add = [&](const CacheKey& key, auto what) {
-    if (can_ask(key)) requests.push_back({before_all_stages, 0, page_run(key, std::move(what))});
+void Pager::add_pages(const std::set<std::uint64_t>& directory_pages, std::vector<PartLoad>& pages) {
+  const auto add = [&](const PartKey& key, auto what) {
+    if (can_ask(key)) pages.push_back(load_part(key, std::move(what)));
   };
   for (const auto& [key, what] : pages_.missing) {
     miss(key, missing_.pages);
@@ -271,13 +251,13 @@ void Pager::add_pages(const std::set<std::uint64_t>& directory_pages, std::vecto
 void Pager::add_row(const Want& want, Collected& collected) {
   const State state = state_of(want.row);
   if (state == State::hidden) return;
-  for (const CacheKey& key : reader_.keys(want.row)) add_part(want, key, state == State::ready, collected);
+  for (const PartKey& key : reader_.keys(want.row)) add_part(want, key, state == State::ready, collected);
 }
 
-void Pager::add_part(const Want& want, const CacheKey& key, bool is_there, Collected& collected) {
+void Pager::add_part(const Want& want, const PartKey& key, bool is_there, Collected& collected) {
   const format::Volume& volume = paged_.volume();
   PartLoad part = reader_.load_of(want.row, key);
-  const bool missing = !is_there && !cache_.find(key);
+  const bool missing = !is_there && !room().find<void>(key);
   const bool first = want.needed && collected.needed.insert(key).second;
   bool located = true;
   for (ChunkLoad& chunk : std::get<RowLoad>(part.what).chunks) {
@@ -309,7 +289,7 @@ void Pager::miss_page(std::uint64_t number, bool needed, Collected& collected) {
   missing_.bytes += paged_.directory_page_chunks(number) * sizeof(format::ChunkEntry);
 }
 
-void Pager::miss(const CacheKey& key, std::uint64_t& parts) {
+void Pager::miss(const PartKey& key, std::uint64_t& parts) {
   ++parts;
   missing_.failed += has_failed(key) && !in_flight_.contains(key) ? 1 : 0;
 }
@@ -331,7 +311,7 @@ bool Pager::submit(LoadRun run, bool may_evict) {
 
 bool Pager::reserve(PartLoad& part, bool may_evict) {
   std::uint64_t decoded = 0, working = 0;
-  if (part.key.kind == CacheKey::Kind::directory_page) {
+  if (part.key.kind == format::directory_page) {
     decoded = paged_.directory_page_bytes(part.key.number);
     working = paged_.directory_page_chunks(part.key.number) * sizeof(format::ChunkEntry);
   } else if (const auto* page = std::get_if<IndexPageLoad>(&part.what)) {
@@ -343,9 +323,9 @@ bool Pager::reserve(PartLoad& part, bool may_evict) {
     working = working_bytes(paged_.volume(), part);
   }
   if (bytes_in_flight_ > 0 && bytes_in_flight_ + decoded + working > most_in_flight_) return false;
-  auto data_bytes = may_evict ? cache_.reserve(decoded) : cache_.reserve_spare(decoded);
+  auto data_bytes = may_evict ? room().share->reserve(decoded) : room().share->reserve_free(decoded);
   if (!data_bytes) return false;
-  auto working_memory = may_evict ? cache_.reserve(working) : cache_.reserve_spare(working);
+  auto working_memory = may_evict ? room().share->reserve(working) : room().share->reserve_free(working);
   if (!working_memory) return false;
   part.decoded = std::move(*data_bytes);
   part.working = std::move(*working_memory);
@@ -363,7 +343,7 @@ void Pager::arrive(PartLoad& part, Arrivals& arrivals) {
   const auto found = in_flight_.find(part.key);
   bytes_in_flight_ -= found->second;
   in_flight_.erase(found);
-  const bool of_row = part.key.kind == CacheKey::Kind::shapes || part.key.kind == CacheKey::Kind::values;
+  const bool of_row = is_of_row(part.key);
   (of_row ? arrivals.rows : arrivals.pages) = true;
   if (!part.data) {
     failed_.insert(part.key);
@@ -374,16 +354,16 @@ void Pager::arrive(PartLoad& part, Arrivals& arrivals) {
     const std::uint64_t bytes = page->memory_bytes();
     largest_index_page_ = std::max(largest_index_page_, bytes);
     part.decoded = Reservation();
-    auto reservation = cache_.reserve(bytes);
+    auto reservation = room().share->reserve(bytes);
     if (!reservation) return;
     part.decoded = std::move(*reservation);
-  } else if (of_row && !cache_.extend(part.decoded, held_bytes(*part.data))) {
+  } else if (of_row && !part.decoded.grow(held_bytes(*part.data))) {
     failed_.insert(part.key);
     errors_.push_back({ErrorCode::out_of_budget, fmt::format("{}: no memory for row {}, which has many blocks",
                                                              paged_.volume().name(), part.key.number)});
     return;
   }
-  cache_.insert(part.key, std::move(*part.data), std::move(part.decoded));
+  insert(room(), std::move(part));
 }
 
 }  // namespace splatvol

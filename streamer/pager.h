@@ -14,11 +14,11 @@
 
 #include "base/error.h"
 #include "format/volume.h"
-#include "streamer/cache.h"
 #include "streamer/cut.h"
-#include "streamer/loader.h"
 #include "streamer/paged_volume.h"
 #include "streamer/row_reader.h"
+#include "streamer/store/loader.h"
+#include "streamer/store/parts.h"
 #include "streamer/visibility.h"
 
 namespace splatvol {
@@ -27,13 +27,13 @@ namespace splatvol {
 /// wait for the file.
 ///
 /// To select parts: call `begin_selection`, choose cuts, perhaps call `keep_pages`; then call `want` for each cut that
-/// should be read, and `ask`. The cache keeps parts while they are wanted. It keeps the parts that `holds` was asked
+/// should be read, and `ask`. Parts are held while they are wanted. So are the parts that `holds` was asked
 /// about until the next `ask`. Not thread-safe.
 class Pager final : public IndexPages, public Residency {
  public:
   /// `bytes_in_flight`: most bytes for parts that are being read and decoded, with their data; if this is too little
   /// for one part, one is read at a time. Keeps references to its arguments.
-  Pager(PagedVolume& paged, Cache& cache, const RowReader& reader, std::uint64_t bytes_in_flight, unsigned threads,
+  Pager(PagedVolume& paged, RowReader& reader, std::uint64_t bytes_in_flight, unsigned threads,
         std::function<void()> on_data);
 
   /// Reads the root of the index and all rows of resolution 0, with their directory pages. Holds them from then on.
@@ -41,8 +41,8 @@ class Pager final : public IndexPages, public Residency {
 
   /// Pages that the choice of cuts has used, and references to those that were not there.
   struct Pages {
-    std::map<CacheKey, Cache::Pointer> held;
-    std::map<CacheKey, IndexPageLoad> missing;
+    std::map<PartKey, PartPointer> held;
+    std::map<PartKey, IndexPageLoad> missing;
     std::uint64_t index_bytes = 0;   // held
     std::uint64_t packed_bytes = 0;  // of index pages, there or not: a lower bound
   };
@@ -92,7 +92,7 @@ class Pager final : public IndexPages, public Residency {
 
     [[nodiscard]] explicit operator bool() const { return pages || rows; }
   };
-  /// Adds the parts that have been read to the cache, and notes those that failed.
+  /// Takes over the parts that have been read, and notes those that failed.
   Arrivals accept_arrivals();
   void wait_until(std::chrono::steady_clock::time_point deadline) { loader_.wait_until(deadline); }
 
@@ -131,54 +131,55 @@ class Pager final : public IndexPages, public Residency {
     float error;
     LoadRun run;
   };
-  [[nodiscard]] Status pin_part(const RowName& name, const CacheKey& key);
+  [[nodiscard]] const PartRoom& room() const { return paged_.room(); }
+  [[nodiscard]] Status pin_rows(std::uint64_t groups);
   [[nodiscard]] Status pin_directory_pages(std::uint64_t groups);
   [[nodiscard]] Status pin_root();
-  [[nodiscard]] Cache::Pointer find_page(const CacheKey& key);
+  [[nodiscard]] PartPointer find_page(const PartKey& key);
   [[nodiscard]] const format::DirectoryPage* find_directory_page(const RowReader::ChunkName& chunk);
   [[nodiscard]] State state_of(const RowName& name);
   void look_up(const RowName& name, Row& row);
   [[nodiscard]] std::vector<Request> requests();
-  void add_pages(const std::set<std::uint64_t>& directory_pages, std::vector<Request>& requests);
+  void add_pages(const std::set<std::uint64_t>& directory_pages, std::vector<PartLoad>& pages);
+  [[nodiscard]] std::uint64_t most_run_bytes() const;
   struct StagedPart {
     int stage;
     PartLoad part;
   };
   // What `requests` collects.
   struct Collected {
-    std::map<CacheKey, StagedPart> parts;
-    std::set<CacheKey> needed;
+    std::map<PartKey, StagedPart> parts;
+    std::set<PartKey> needed;
     std::set<std::pair<std::uint64_t, int>> needed_chunks, missing_chunks;  // row and column
     std::set<std::uint64_t> directory_pages;
   };
   void add_row(const Want& want, Collected& collected);
-  void add_part(const Want& want, const CacheKey& key, bool is_there, Collected& collected);
+  void add_part(const Want& want, const PartKey& key, bool is_there, Collected& collected);
   void miss_page(std::uint64_t number, bool needed, Collected& collected);
-  void miss(const CacheKey& key, std::uint64_t& parts);
-  [[nodiscard]] bool can_ask(const CacheKey& key) const { return !in_flight_.contains(key) && !has_failed(key); }
-  [[nodiscard]] bool has_failed(const CacheKey& key) const;
-  void note_too_large(const CacheKey& key);
+  void miss(const PartKey& key, std::uint64_t& parts);
+  [[nodiscard]] bool can_ask(const PartKey& key) const { return !in_flight_.contains(key) && !has_failed(key); }
+  [[nodiscard]] bool has_failed(const PartKey& key) const;
+  void note_too_large(const PartKey& key);
   [[nodiscard]] bool submit(LoadRun run, bool may_evict);
   [[nodiscard]] bool reserve(PartLoad& part, bool may_evict);
   void arrive(PartLoad& part, Arrivals& arrivals);
 
   PagedVolume& paged_;
-  Cache& cache_;
-  const RowReader& reader_;
+  RowReader& reader_;
   const std::uint64_t most_in_flight_;
   std::optional<ValueVisibility> visibility_;
-  std::vector<Cache::Pointer> pinned_;
+  std::vector<PartPointer> pinned_;
 
   Pages pages_;
-  std::map<CacheKey, IndexPageLoad> pages_ahead_;  // pages that the next view may need
+  std::map<PartKey, IndexPageLoad> pages_ahead_;  // pages that the next view may need
   std::unordered_map<std::uint64_t, Row> rows_;
   std::unordered_map<std::uint64_t, Want> wants_;
-  std::map<CacheKey, std::uint64_t> in_flight_;  // bytes of each
+  std::map<PartKey, std::uint64_t> in_flight_;  // bytes of each
   std::uint64_t bytes_in_flight_ = 0;
   std::uint64_t largest_index_page_ = 0;  // bytes in memory, so far
-  std::set<CacheKey> failed_;
-  std::set<CacheKey> too_large_;  // for what memory is left
-  std::set<CacheKey> told_;       // of these, those whose errors have been told
+  std::set<PartKey> failed_;
+  std::set<PartKey> too_large_;  // for what memory is left
+  std::set<PartKey> told_;       // of these, those whose errors have been told
   std::vector<Error> errors_;
   Missing missing_;
   std::uint64_t needed_bytes_ = 0;

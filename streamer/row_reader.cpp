@@ -3,7 +3,7 @@
 #include <iterator>
 #include <unordered_set>
 
-#include "streamer/row_bytes.h"
+#include "streamer/store/row_bytes.h"
 
 namespace splatvol {
 
@@ -11,8 +11,8 @@ using format::ColumnKind;
 
 namespace {
 
-// Enough rows for every processor to decode, and small against any budget.
-constexpr std::uint64_t wave_bytes = 16u << 20;
+// Enough rows for every processor to decode, and small against any budget. From a server, what several requests bring.
+constexpr std::uint64_t wave_bytes = 16u << 20, wave_bytes_from_server = 64u << 20;
 constexpr std::uint64_t run_bytes = 512u << 10;
 
 // The most bytes that the payload of a chunk can have.
@@ -38,11 +38,11 @@ std::uint64_t largest_payload(ColumnKind kind, std::uint64_t points) {
 struct RowReader::Wave {
   std::vector<RowName> rows;
   std::vector<PartLoad> missing;
-  std::map<CacheKey, Cache::Pointer> held;  // null: the part is missing
+  std::map<PartKey, PartPointer> held;  // null: the part is missing
   std::uint64_t bytes = 0;
 };
 
-Result<RowReader> RowReader::create(PagedVolume& volume, Cache& cache, KernelKind kernel, bool gradients) {
+Result<RowReader> RowReader::create(PagedVolume& volume, KernelKind kernel, bool gradients) {
   const format::VolumeInfo& info = volume.volume().info();
   const auto [attribute, opacity] = volume.attributes();
   const std::string& file = volume.volume().name();
@@ -59,7 +59,7 @@ Result<RowReader> RowReader::create(PagedVolume& volume, Cache& cache, KernelKin
                     "draws without",
                     file, name_of(shown));
     }
-    return RowReader(volume, cache, kernel, false, shapes, std::move(values));
+    return RowReader(volume, kernel, false, shapes, std::move(values));
   }
   const std::vector<int> shapes{info.find_column(ColumnKind::position), info.find_column(ColumnKind::octant)};
   std::vector<int> values;
@@ -77,7 +77,7 @@ Result<RowReader> RowReader::create(PagedVolume& volume, Cache& cache, KernelKin
         "{}: no gradients of '{}' in it, which --kernel octant needs for lighting: svbuild --gradients keeps them",
         file, name_of(attribute));
   if (opacity >= 0) SPLATVOL_TRY(add_values(opacity));
-  return RowReader(volume, cache, kernel, gradients, shapes, std::move(values));
+  return RowReader(volume, kernel, gradients, shapes, std::move(values));
 }
 
 const format::Column& RowReader::column(int index) const {
@@ -95,27 +95,30 @@ RowReader::ChunkName RowReader::chunk_name(const RowName& name, int column_index
   return {row_of(name, column_index), column_index};
 }
 
-CacheKey RowReader::shapes_key(const RowName& name) const {
-  return volume_->row_key(CacheKey::Kind::shapes, row_of(name, shape_columns_.back()), shape_columns_);
+PartKey RowReader::shapes_key(const RowName& name) const {
+  return volume_->row_key(format::row_shapes, row_of(name, shape_columns_.back()), shape_columns_);
 }
 
-CacheKey RowReader::values_key(const RowName& name) const {
-  return volume_->row_key(CacheKey::Kind::values, row_of(name, value_columns_.front()), value_columns_);
+PartKey RowReader::values_key(const RowName& name) const {
+  return volume_->row_key(format::row_values, row_of(name, value_columns_.front()), value_columns_);
 }
 
-std::vector<RowReader::ChunkName> RowReader::chunks(const RowName& name, CacheKey::Kind kind) const {
+std::vector<RowReader::ChunkName> RowReader::chunks(const RowName& name, int kind) const {
   std::vector<ChunkName> names;
   for (const int column : columns(kind)) names.push_back(chunk_name(name, column));
   return names;
 }
 
-PartLoad RowReader::load_of(const RowName& name, const CacheKey& key) const {
+PartLoad RowReader::load_of(const RowName& name, const PartKey& key) const {
   RowLoad load{kernel_, volume_->volume().rows().group(name.group).count, has_opacity(), {}};
   for (const ChunkName& chunk : chunks(name, key.kind)) load.chunks.push_back({chunk.row, chunk.column, {}});
-  return row_load(key, std::move(load));
+  return load_part(key, std::move(load));
 }
 
 Result<std::vector<RowPart>> RowReader::plan(const Cut& cut, const ValueVisibility& visibility) {
+  std::set<std::uint64_t> pages;
+  visit_rows(cut, [&](const RowName& name, std::uint64_t /*points*/) { add_directory_pages(name, pages); });
+  SPLATVOL_TRY(volume_->read_directory_pages(pages));
   std::vector<RowPart> parts;
   std::unordered_map<std::uint64_t, bool> shown;  // [RowName::number]
   const auto shows = [&](const RowName& name) -> Result<bool> {
@@ -151,7 +154,7 @@ Result<std::vector<RowPart>> RowReader::plan(const Cut& cut, const ValueVisibili
 std::uint64_t RowReader::working_bytes() const {
   const std::uint64_t points = volume_->volume().info().largest_group();
   std::uint64_t bytes = 0;
-  for (const CacheKey::Kind kind : {CacheKey::Kind::shapes, CacheKey::Kind::values}) {
+  for (const int kind : {format::row_shapes, format::row_values}) {
     RowLoad load{kernel_, static_cast<std::uint32_t>(points), has_opacity(), {}};
     for (const int index : columns(kind)) {
       ChunkLoad chunk{0, index, {}};
@@ -159,28 +162,42 @@ std::uint64_t RowReader::working_bytes() const {
       chunk.location.entry.packed_bytes = chunk.location.entry.unpacked_bytes = payload;
       load.chunks.push_back(chunk);
     }
-    const PartLoad part = row_load({kind, 0}, std::move(load));
+    const PartLoad part = load_part({0, kind, 0}, std::move(load));
     bytes += decoded_bytes(part) + splatvol::working_bytes(volume_->volume(), part);
   }
   return bytes;
 }
 
-std::uint64_t RowReader::row_bytes(const Cut& cut) const {
+// Calls visit(name, points) for each row of a cut.
+template <class Visit>
+void RowReader::visit_rows(const Cut& cut, const Visit& visit) const {
   const format::Volume& volume = volume_->volume();
-  std::unordered_set<std::uint64_t> rows, values, pages;
-  std::uint64_t bytes = 0;
+  std::unordered_set<std::uint64_t> rows;
   for (const CutItem& item : cut.items)
     visit_groups(volume, cut.ranges_of(item), [&](const GroupPart& part) {
       const RowName name{item.resolution, part.group};
-      if (!rows.insert(name.number()).second) return true;
-      const std::uint64_t points = volume.rows().group(part.group).count;
-      bytes += shape_row_bytes(kernel_, points);
-      if (values.insert(row_of(name, value_columns_.front())).second)
-        bytes += value_row_bytes(kernel_, points, has_opacity());
-      for (const CacheKey::Kind kind : {CacheKey::Kind::shapes, CacheKey::Kind::values})
-        for (const int index : columns(kind)) pages.insert(volume.directory_page_of_row(row_of(name, index), index));
+      if (rows.insert(name.number()).second) visit(name, volume.rows().group(part.group).count);
       return true;
     });
+}
+
+// Adds the pages that name the chunks of a row.
+void RowReader::add_directory_pages(const RowName& name, std::set<std::uint64_t>& pages) const {
+  for (const int kind : {format::row_shapes, format::row_values})
+    for (const int index : columns(kind))
+      pages.insert(volume_->volume().directory_page_of_row(row_of(name, index), index));
+}
+
+std::uint64_t RowReader::row_bytes(const Cut& cut) const {
+  std::unordered_set<std::uint64_t> values;
+  std::set<std::uint64_t> pages;
+  std::uint64_t bytes = 0;
+  visit_rows(cut, [&](const RowName& name, std::uint64_t points) {
+    bytes += shape_row_bytes(kernel_, points);
+    if (values.insert(row_of(name, value_columns_.front())).second)
+      bytes += value_row_bytes(kernel_, points, has_opacity());
+    add_directory_pages(name, pages);
+  });
   for (const std::uint64_t page : pages) bytes += volume_->directory_page_bytes(page);
   return bytes;
 }
@@ -199,16 +216,20 @@ Result<HeldRows> RowReader::hold(std::span<const RowPart> plan) {
   for (const RowPart& part : plan) {
     const auto [row, added] = held.try_emplace(part.row.number());
     if (!added) continue;
-    row->second = {cache_->find(shapes_key(part.row)), cache_->find(values_key(part.row))};
+    row->second = {room().find<void>(shapes_key(part.row)), room().find<void>(values_key(part.row))};
     if (!row->second.is_whole()) missing.push_back(part.row);
   }
+  std::set<std::uint64_t> pages;
+  for (const RowName& name : missing) add_directory_pages(name, pages);
+  SPLATVOL_TRY(volume_->read_directory_pages(pages));
   const bool by_resolution = kernel_ == KernelKind::moments;
   std::ranges::sort(missing, {}, [&](const RowName& name) {
     return std::tuple(by_resolution ? name.resolution : 0, name.group, name.resolution);
   });
+  const std::uint64_t most_bytes = volume_->volume().is_far() ? wave_bytes_from_server : wave_bytes;
   for (std::size_t next = 0; next < missing.size();) {
     Wave wave;
-    while (next < missing.size() && wave.bytes < wave_bytes) {
+    while (next < missing.size() && wave.bytes < most_bytes) {
       const Status added = add_row(missing[next], wave);
       if (!added && added.error().code == ErrorCode::out_of_budget && !wave.rows.empty()) break;
       SPLATVOL_TRY(added);
@@ -222,10 +243,10 @@ Result<HeldRows> RowReader::hold(std::span<const RowPart> plan) {
 // Adds the parts of a row that are missing. Fails with out_of_budget, and adds none, if they do not fit.
 Status RowReader::add_row(const RowName& name, Wave& wave) {
   std::vector<PartLoad> missing;
-  std::map<CacheKey, Cache::Pointer> held;
-  for (const CacheKey& key : keys(name)) {
+  std::map<PartKey, PartPointer> held;
+  for (const PartKey& key : keys(name)) {
     if (wave.held.contains(key)) continue;
-    if ((held[key] = cache_->find(key))) continue;
+    if ((held[key] = room().find<void>(key))) continue;
     PartLoad part = load_of(name, key);
     for (ChunkLoad& chunk : std::get<RowLoad>(part.what).chunks) {
       SPLATVOL_TRY_ASSIGN(location, volume_->find_chunk(chunk.row, chunk.column));
@@ -237,8 +258,8 @@ Status RowReader::add_row(const RowName& name, Wave& wave) {
   // Reserved only now: reserving may drop the directory pages that were used above.
   std::uint64_t bytes = 0;
   for (PartLoad& part : missing) {
-    auto decoded = cache_->reserve(decoded_bytes(part));
-    auto working = cache_->reserve(splatvol::working_bytes(volume_->volume(), part));
+    auto decoded = room().share->reserve(decoded_bytes(part));
+    auto working = room().share->reserve(splatvol::working_bytes(volume_->volume(), part));
     if (!decoded || !working)
       return fail(ErrorCode::out_of_budget, "{}: no memory to decode {} points", volume_->volume().name(),
                   part.row().points);
@@ -255,7 +276,8 @@ Status RowReader::add_row(const RowName& name, Wave& wave) {
 
 // Reads and decodes the missing parts, in load runs.
 Status RowReader::load(Wave& wave, HeldRows& rows) {
-  std::vector<LoadRun> runs = runs_of(volume_->volume(), std::move(wave.missing), run_bytes);
+  const std::uint64_t most_bytes = volume_->volume().is_far() ? most_part_bytes : run_bytes;
+  std::vector<LoadRun> runs = runs_of(volume_->volume(), std::move(wave.missing), most_bytes);
   read_runs(volume_->volume(), volume_->attributes(), runs);
 
   // Of several failures, reports the first in file order, so that the message does not depend on threads.
@@ -264,10 +286,10 @@ Status RowReader::load(Wave& wave, HeldRows& rows) {
   for (LoadRun& run : runs)
     for (PartLoad& part : run) {
       part.working = Reservation();
-      if (!cache_->extend(part.decoded, held_bytes(*part.data)))
+      if (!part.decoded.grow(held_bytes(*part.data)))
         return fail(ErrorCode::out_of_budget, "{}: no memory to decode {} points", volume_->volume().name(),
                     part.row().points);
-      wave.held[part.key] = cache_->insert(part.key, std::move(*part.data), std::move(part.decoded));
+      wave.held[part.key] = insert(room(), std::move(part));
     }
   for (const RowName& name : wave.rows)
     rows[name.number()] = {wave.held.at(shapes_key(name)), wave.held.at(values_key(name))};

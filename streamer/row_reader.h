@@ -1,20 +1,20 @@
-// From a cut to rows of records: finds the rows of its nodes, and reads those that are not in the cache.
+// From a cut to rows of records: finds the rows of its nodes, and reads those that are not there.
 #pragma once
 
 #include <algorithm>
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <span>
 #include <unordered_map>
 #include <vector>
 
 #include "base/error.h"
 #include "format/volume.h"
-#include "streamer/cache.h"
 #include "streamer/cut.h"
-#include "streamer/loader.h"
 #include "streamer/paged_volume.h"
+#include "streamer/store/parts.h"
 #include "streamer/visibility.h"
 
 namespace splatvol {
@@ -61,14 +61,12 @@ struct RowPart {
   std::uint32_t item;
 };
 
-/// A row in the cache. The cache keeps it as long as somebody holds this.
+/// A row that is there, as long as somebody holds this.
 struct HeldRow {
-  Cache::Pointer shapes, values;
+  PartPointer shapes, values;
 
   [[nodiscard]] bool is_whole() const { return shapes && values; }
-  [[nodiscard]] RecordRow row() const {
-    return {std::get<std::shared_ptr<const ShapeRow>>(*shapes), std::get<std::shared_ptr<const ValueRow>>(*values)};
-  }
+  [[nodiscard]] RecordRow row() const { return {*part_as<ShapePart>(shapes), *part_as<ValuePart>(values)}; }
 };
 using HeldRows = std::unordered_map<std::uint64_t, HeldRow>;  // [RowName::number]
 
@@ -78,13 +76,13 @@ class RowReader {
  public:
   /// `gradients`: reads gradients too, for the kernel octant. Fails with unsupported if the file lacks a column that is
   /// needed.
-  [[nodiscard]] static Result<RowReader> create(PagedVolume& volume, Cache& cache, KernelKind kernel, bool gradients);
+  [[nodiscard]] static Result<RowReader> create(PagedVolume& volume, KernelKind kernel, bool gradients);
 
   /// Returns the parts of rows that a cut draws, item after item. Leaves out rows in which nothing is visible. Reads
-  /// directory pages only.
+  /// directory pages only, all together.
   [[nodiscard]] Result<std::vector<RowPart>> plan(const Cut& cut, const ValueVisibility& visibility);
 
-  /// Returns the rows of a plan. Reads and decodes those that the cache does not hold. Errors name the file and the
+  /// Returns the rows of a plan. Reads and decodes those that are not there. Errors name the file and the
   /// chunk. Fails with out_of_budget if they do not fit.
   [[nodiscard]] Result<HeldRows> hold(std::span<const RowPart> plan);
 
@@ -104,10 +102,10 @@ class RowReader {
   };
 
   /// The parts of a row: keys, and the names of the chunks.
-  [[nodiscard]] CacheKey shapes_key(const RowName& name) const;
-  [[nodiscard]] CacheKey values_key(const RowName& name) const;
-  [[nodiscard]] std::array<CacheKey, 2> keys(const RowName& name) const { return {shapes_key(name), values_key(name)}; }
-  [[nodiscard]] std::vector<ChunkName> chunks(const RowName& name, CacheKey::Kind kind) const;
+  [[nodiscard]] PartKey shapes_key(const RowName& name) const;
+  [[nodiscard]] PartKey values_key(const RowName& name) const;
+  [[nodiscard]] std::array<PartKey, 2> keys(const RowName& name) const { return {shapes_key(name), values_key(name)}; }
+  [[nodiscard]] std::vector<ChunkName> chunks(const RowName& name, int kind) const;
 
   /// The chunks that tell whether anything of a row is visible. The second one is of the opacity attribute.
   [[nodiscard]] ChunkName value_chunk(const RowName& name) const { return chunk_name(name, value_columns_.front()); }
@@ -116,21 +114,23 @@ class RowReader {
   }
 
   /// Returns a part of a row, without reservations and without the locations of its chunks.
-  [[nodiscard]] PartLoad load_of(const RowName& name, const CacheKey& key) const;
+  [[nodiscard]] PartLoad load_of(const RowName& name, const PartKey& key) const;
 
   [[nodiscard]] KernelKind kernel() const { return kernel_; }
   [[nodiscard]] bool has_gradients() const { return gradients_; }
   [[nodiscard]] bool has_opacity() const { return volume_->attributes().opacity >= 0; }
-  [[nodiscard]] const std::vector<int>& columns(CacheKey::Kind kind) const {
-    return kind == CacheKey::Kind::shapes ? shape_columns_ : value_columns_;
+  [[nodiscard]] const std::vector<int>& columns(int kind) const {
+    return kind == format::row_shapes ? shape_columns_ : value_columns_;
   }
 
  private:
   struct Wave;
-  RowReader(PagedVolume& volume, Cache& cache, KernelKind kernel, bool gradients, std::vector<int> shapes,
-            std::vector<int> values)
+  [[nodiscard]] const PartRoom& room() const { return volume_->room(); }
+  template <class Visit>
+  void visit_rows(const Cut& cut, const Visit& visit) const;
+  void add_directory_pages(const RowName& name, std::set<std::uint64_t>& pages) const;
+  RowReader(PagedVolume& volume, KernelKind kernel, bool gradients, std::vector<int> shapes, std::vector<int> values)
       : volume_(&volume),
-        cache_(&cache),
         kernel_(kernel),
         gradients_(gradients),
         shape_columns_(std::move(shapes)),
@@ -142,7 +142,6 @@ class RowReader {
   [[nodiscard]] Status load(Wave& wave, HeldRows& rows);
 
   PagedVolume* volume_;
-  Cache* cache_;
   KernelKind kernel_;
   bool gradients_;
   std::vector<int> shape_columns_;  // position, octant; or centroid, moments

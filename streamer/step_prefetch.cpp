@@ -66,11 +66,11 @@ void StepPrefetch::read_pages() {
     if (const auto* index = std::get_if<IndexPageLoad>(&part.what)) {
       auto page = result_.volume->with_summaries(*index->structure, attributes_);
       if (!page || page->memory_bytes() > part.decoded.bytes()) continue;
-      part.data = CacheData(std::move(*page));
+      part.data = PartData(std::move(*page));
     } else {
       auto page = result_.volume->read_directory_page(part.key.number);
       if (!page || page->memory_bytes() > part.decoded.bytes()) continue;
-      part.data = CacheData(std::move(*page));
+      part.data = PartData(std::move(*page));
     }
     result_.parts.push_back(std::move(part));
   }
@@ -78,7 +78,7 @@ void StepPrefetch::read_pages() {
 
 const DirectoryPage* StepPrefetch::find_page(std::uint64_t number) const {
   for (const PartLoad& part : result_.parts)
-    if (part.key.kind == CacheKey::Kind::directory_page && part.key.number == number)
+    if (part.key.kind == format::directory_page && part.key.number == number)
       return &std::get<DirectoryPage>(*part.data);
   return nullptr;
 }

@@ -11,7 +11,7 @@
 #include "base/error.h"
 #include "base/memory_budget.h"
 #include "format/volume.h"
-#include "streamer/loader.h"
+#include "streamer/store/parts.h"
 
 namespace splatvol {
 

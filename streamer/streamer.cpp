@@ -6,7 +6,7 @@
 #include <system_error>
 #include <utility>
 
-#include "streamer/row_bytes.h"
+#include "streamer/store/row_bytes.h"
 #include "streamer/streamer_frame.h"
 
 namespace splatvol {
@@ -38,9 +38,10 @@ Streamer::Streamer(std::shared_ptr<const format::Volume> volume, const format::S
       threads_(std::max(options.threads, 1U)),
       hide_(options.hide),
       on_data_(options.on_data),
-      own_(options.room ? nullptr : std::make_unique<OwnParts>(options.memory_bytes)),
-      cache_(options.room ? *options.room : own_->room(), options.shapes),
-      paged_(*volume_, attributes, cache_) {}
+      own_(options.share ? nullptr : std::make_unique<OwnParts>(options.memory_bytes)),
+      parts_(options.share ? options.parts : own_->parts()),
+      share_(options.share ? *options.share : own_->share()),
+      paged_(*volume_, attributes, parts_->room(share_)) {}
 
 Streamer::~Streamer() = default;
 
@@ -53,7 +54,7 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::shared_ptr<const format::V
                                                  const StreamerOptions& options) {
   SPLATVOL_TRY_ASSIGN(attributes, find_attributes(*volume, options.attribute, options.opacity_attribute));
   std::unique_ptr<Streamer> streamer(new Streamer(std::move(volume), attributes, options));
-  SPLATVOL_TRY_ASSIGN(reader, RowReader::create(streamer->paged_, streamer->cache_, options.kernel, options.gradients));
+  SPLATVOL_TRY_ASSIGN(reader, RowReader::create(streamer->paged_, options.kernel, options.gradients));
   streamer->reader_ = std::move(reader);
   SPLATVOL_TRY(streamer->set_memory_aside());
   return streamer;
@@ -85,7 +86,7 @@ Status Streamer::set_step(std::size_t step) {
 }
 
 void Streamer::take_prefetched(StepPrefetch::Result result) {
-  for (PartLoad& part : result.parts) cache_.insert(part.key, std::move(*part.data), std::move(part.decoded));
+  for (PartLoad& part : result.parts) insert(room(), std::move(part));
 }
 
 // The parts of rows of the step that the frame consists of, in the order of their keys.
@@ -93,9 +94,9 @@ std::vector<PartLoad> Streamer::step_rows_of_frame() {
   std::vector<PartLoad> rows;
   const auto plan = reader_->plan(frame_->cut, frame_->visibility);
   if (!plan) return rows;
-  std::set<CacheKey> keys;
+  std::set<PartKey> keys;
   for (const RowPart& part : *plan)
-    for (const CacheKey& key : reader_->keys(part.row))
+    for (const PartKey& key : reader_->keys(part.row))
       if (key.step > 0 && keys.insert(key).second) rows.push_back(reader_->load_of(part.row, key));
   std::ranges::sort(rows, {}, &PartLoad::key);
   return rows;
@@ -103,18 +104,18 @@ std::vector<PartLoad> Streamer::step_rows_of_frame() {
 
 // Adds the index pages from which the frame was chosen, as at another step. Without memory for a page, it stops.
 void Streamer::add_index_pages(std::size_t step, std::vector<PartLoad>& pages) {
-  std::set<CacheKey> keys = paged_.used().keys;
+  std::set<PartKey> keys = paged_.used().keys;
   if (pager_)
     for (const auto& [key, held] : pager_->pages().held) keys.insert(key);
-  for (CacheKey key : keys) {
-    if (key.kind == CacheKey::Kind::directory_page) continue;
-    const Cache::Pointer held = cache_.find(key);
+  for (PartKey key : keys) {
+    if (key.kind == format::directory_page) continue;
+    const auto structure = room().find<format::IndexPage>(key);
     key.step = step + 1;
-    if (!held || cache_.find(key)) continue;
-    const std::shared_ptr<const format::IndexPage> structure(held, &std::get<format::IndexPage>(*held));
-    auto room = cache_.reserve_spare(structure->memory_bytes());
+    if (!structure || room().holds(key)) continue;
+    auto room = share_.reserve_free(structure->memory_bytes());
     if (!room) return;
-    pages.push_back({key, IndexPageLoad{{}, 0, {}, structure}, std::move(*room), {}, CacheData()});
+    pages.push_back(load_part(key, IndexPageLoad{{}, 0, {}, structure}));
+    pages.back().decoded = std::move(*room);
   }
 }
 
@@ -122,11 +123,12 @@ void Streamer::add_index_pages(std::size_t step, std::vector<PartLoad>& pages) {
 bool Streamer::add_directory_pages(std::size_t step, const PartLoad& row, std::vector<PartLoad>& pages) {
   for (const ChunkLoad& chunk : row.row().chunks) {
     const std::uint64_t number = volume_->directory_page_of_row(chunk.row, chunk.column);
-    const CacheKey key{CacheKey::Kind::directory_page, number, -1, step + 1};
+    const PartKey key{room().file, format::directory_page, number, -1, step + 1};
     if (std::ranges::find(pages, key, &PartLoad::key) != pages.end()) continue;
-    auto room = cache_.reserve_spare(paged_.directory_page_bytes(number));
+    auto room = share_.reserve_free(paged_.directory_page_bytes(number));
     if (!room) return false;
-    pages.push_back({key, DirectoryPageLoad(), std::move(*room), {}, CacheData()});
+    pages.push_back(load_part(key, DirectoryPageLoad()));
+    pages.back().decoded = std::move(*room);
   }
   return true;
 }
@@ -135,16 +137,16 @@ void Streamer::prefetch_step(std::size_t step) {
   if (!frame_ || !volume_->series() || step >= volume_->series()->steps.size()) return;
   if (step == volume_->step() || (prefetch_ && prefetch_->step() == step)) return;
   prefetch_.reset();
-  auto working = cache_.reserve_spare(format::max_preamble_bytes + StepPrefetch::run_bytes + reader_->working_bytes());
+  auto working = share_.reserve_free(format::max_preamble_bytes + StepPrefetch::run_bytes + reader_->working_bytes());
   if (!working) return;
 
   std::vector<PartLoad> pages, rows;
   add_index_pages(step, pages);
   for (PartLoad& row : step_rows_of_frame()) {
     row.key.step = step + 1;
-    if (cache_.find(row.key)) continue;
+    if (room().holds(row.key)) continue;
     if (!add_directory_pages(step, row, pages)) break;
-    auto room = cache_.reserve_spare(decoded_bytes(row));
+    auto room = share_.reserve_free(decoded_bytes(row));
     if (!room) break;
     row.decoded = std::move(*room);
     rows.push_back(std::move(row));
@@ -158,7 +160,7 @@ void Streamer::prefetch_step(std::size_t step) {
 }
 
 // The pager, the frame and what hides others belong to the step before.
-Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
+Status Streamer::set_step(std::shared_ptr<const format::Volume> volume, std::shared_ptr<const FileParts> parts) {
   const auto [values, opacity] = shown_attributes();
   SPLATVOL_TRY_ASSIGN(attributes, find_attributes(*volume, values.name, opacity ? opacity->name : ""));
   const bool gradients = reader_->has_gradients();
@@ -170,10 +172,10 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
   occlusion_.reset();
   filled_ = {};
   view_before_.reset();
-  if (!volume->is_same_file(*volume_)) cache_.clear();
+  if (!volume->is_same_file(*volume_)) parts_ = parts ? std::move(parts) : std::make_shared<FileParts>(parts_->table());
   const auto before = std::exchange(volume_, std::move(volume));  // paged_ and reader_ still refer to it
-  paged_.set_step(*volume_, attributes);
-  SPLATVOL_TRY_ASSIGN(reader, RowReader::create(paged_, cache_, kernel_, gradients));
+  paged_.set_step(*volume_, attributes, parts_->room(share_));
+  SPLATVOL_TRY_ASSIGN(reader, RowReader::create(paged_, kernel_, gradients));
   reader_ = std::move(reader);
   fixed_ = Reservation();
   return set_memory_aside();
@@ -230,7 +232,7 @@ std::vector<DrawnNode> Streamer::drawn_nodes() const {
 }
 
 StreamerStatistics Streamer::statistics() const {
-  const MemoryBudget& budget = cache_.share().budget();
+  const MemoryBudget& budget = share_.budget();
   return {volume_->bytes_read(), budget.used(),  budget.peak(),
           cut_seconds_,          fetch_seconds_, volume_->bytes_read_again()};
 }

@@ -17,7 +17,6 @@
 #include "scene/scene.h"
 #include "splat/record.h"
 #include "splat/splat.h"
-#include "streamer/cache.h"
 #include "streamer/clip.h"
 #include "streamer/cut.h"
 #include "streamer/detail.h"
@@ -42,11 +41,9 @@ struct StreamerOptions {
 
   std::string opacity_attribute = {};  // whose values give a factor on the extinction; empty: none
 
-  // Memory that others use, too: then `memory_bytes` does not count. PartRoom::file is ours alone.
-  std::optional<PartRoom> room = {};
-
-  // Of a streamer that shows the same file by the same kernel in the same room (Streamer::shapes); 0: none.
-  std::uint64_t shapes = 0;
+  // The parts of the file that others use, too, and a share of their memory: then `memory_bytes` does not count.
+  std::shared_ptr<const FileParts> parts = {};
+  MemoryShare* share = nullptr;
 };
 
 /// How far a frame is from the picture that its view asks for.
@@ -147,11 +144,10 @@ class Streamer {
   /// or if it does not fit the budget; then only destruction is allowed.
   [[nodiscard]] Status set_step(std::size_t step);
 
-  /// The same for a step that is open. If it is in another file, nothing of the file before stays in memory.
-  [[nodiscard]] Status set_step(std::shared_ptr<const format::Volume> volume);
-
-  /// Names the shapes that it holds: another streamer may share them.
-  [[nodiscard]] std::uint64_t shapes() const { return cache_.shapes(); }
+  /// The same for a step that is open. If it is in another file, nothing of the file before stays in memory. `parts`:
+  /// of that file, if others use them, too.
+  [[nodiscard]] Status set_step(std::shared_ptr<const format::Volume> volume,
+                                std::shared_ptr<const FileParts> parts = {});
 
   /// Begins to read what the last frame shows of another step of the same series, on a thread of its own, while memory
   /// is free: nothing gives way to it. `set_step` then finds it in memory. Does nothing without a frame, for a file
@@ -183,6 +179,9 @@ class Streamer {
   [[nodiscard]] const format::VolumeInfo& info() const { return volume_->info(); }
   [[nodiscard]] const format::Volume& volume() const { return *volume_; }
   [[nodiscard]] std::shared_ptr<const format::Volume> shared_volume() const { return volume_; }
+
+  /// The parts of its file that are held.
+  [[nodiscard]] const std::shared_ptr<const FileParts>& parts() const { return parts_; }
   [[nodiscard]] StreamerStatistics statistics() const;
 
  private:
@@ -194,6 +193,8 @@ class Streamer {
   Streamer(std::shared_ptr<const format::Volume> volume, const format::SummaryAttributes& attributes,
            const StreamerOptions& options);
   [[nodiscard]] ValueVisibility visibility_of(const Transfer& transfer, const View& view) const;
+
+  [[nodiscard]] const PartRoom& room() const { return paged_.room(); }
 
   // Budget and choice (streamer_choice.cpp).
   [[nodiscard]] Status set_memory_aside();
@@ -215,6 +216,7 @@ class Streamer {
   [[nodiscard]] CutOptions cut_options(const Detail& detail, std::uint64_t max_bytes);
   [[nodiscard]] Result<Cut> select(IndexPages& index, Residency* residency, const View& view,
                                    const ValueVisibility& visibility, const CutOptions& options);
+  [[nodiscard]] Status read_index_ahead(const View& view, const ValueVisibility& visibility, const Detail& detail);
   [[nodiscard]] Result<Choice> choose(const View& view, const ValueVisibility& visibility, const Detail& detail);
   [[nodiscard]] tl::unexpected<Error> fail_for_memory(const View& view, const ValueVisibility& visibility,
                                                       const Detail& detail);
@@ -259,7 +261,8 @@ class Streamer {
   Reservation fixed_;
   FilledNodes filled_;
   std::optional<KeptOcclusion> occlusion_;
-  Cache cache_;
+  std::shared_ptr<const FileParts> parts_;
+  MemoryShare& share_;
   PagedVolume paged_;
   std::optional<RowReader> reader_;
   std::unique_ptr<Pager> pager_;  // while frames come from `advance`

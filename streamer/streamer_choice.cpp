@@ -2,9 +2,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <set>
 
 #include "streamer/frustum.h"
-#include "streamer/row_bytes.h"
+#include "streamer/store/row_bytes.h"
 #include "streamer/streamer.h"
 #include "streamer/streamer_frame.h"
 
@@ -16,7 +18,7 @@ constexpr std::uint64_t choice_share = 32;  // of the budget: one part in 32 is 
 // Bytes in a frame, besides the cut itself: of an item; and of a part of a row, while the list is made.
 constexpr std::uint64_t item_bytes = sizeof(std::uint32_t);
 constexpr std::uint64_t part_bytes = sizeof(RowPart) + sizeof(DrawRange) + sizeof(std::uint32_t) +
-                                     2 * sizeof(Cache::Pointer) + sizeof(HeldRow) + 4 * sizeof(void*);
+                                     2 * sizeof(PartPointer) + sizeof(HeldRow) + 4 * sizeof(void*);
 
 // Bytes of a range's entry in the map of clipped ranges.
 constexpr std::uint64_t clipped_entry_bytes = 64 + sizeof(ClippedRange) + 4 * sizeof(void*);
@@ -40,16 +42,16 @@ Status Streamer::set_memory_aside() {
   working_bytes_ = reader_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
   coarsest_bytes_ = reader_->coarsest_row_bytes() + root.memory_bytes() + coarsest_frame_bytes();
   if (kernel_ == KernelKind::moments && hide_) filled_ = FilledNodes::find(*volume_, root, paged_.attributes());
-  auto fixed = cache_.reserve(fixed_bytes());
+  auto fixed = share_.reserve(fixed_bytes());
   if (!fixed || cut_limit() == 0)
     return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even opening it needs {}",
-                volume_->name(), granted(cache_.share().capacity()), granted(budget_for(1)));
+                volume_->name(), granted(share_.capacity()), granted(budget_for(1)));
   fixed_ = std::move(*fixed);
   return {};
 }
 
 // Returns the most bytes for choosing a cut by expected error.
-std::uint64_t Streamer::choice_bytes() const { return cache_.share().capacity() / choice_share; }
+std::uint64_t Streamer::choice_bytes() const { return share_.capacity() / choice_share; }
 
 std::uint64_t Streamer::fixed_bytes() const {
   const std::uint64_t occlusion_bytes = filled_.any() ? sizeof(KeptOcclusion) + Occlusion::most_memory_bytes : 0;
@@ -64,8 +66,7 @@ std::uint64_t Streamer::budget_for(std::uint64_t bytes) const {
 
 // Returns the memory that somebody has to grant so that the share has so many bytes.
 std::uint64_t Streamer::granted(std::uint64_t bytes) const {
-  const MemoryShare& share = cache_.share();
-  const double of_one = static_cast<double>(share.budget().capacity()) / static_cast<double>(share.capacity());
+  const double of_one = static_cast<double>(share_.budget().capacity()) / static_cast<double>(share_.capacity());
   return static_cast<std::uint64_t>(std::ceil(of_one * static_cast<double>(bytes)));
 }
 
@@ -74,12 +75,12 @@ std::uint64_t Streamer::granted(std::uint64_t bytes) const {
 std::uint64_t Streamer::opening_bytes() const {
   constexpr std::uint64_t little = 16;  // a part in so many
   const std::uint64_t bytes = fixed_bytes() + working_bytes_ + coarsest_bytes_;
-  return own_ || bytes > cache_.share().capacity() / little ? bytes : 2 * bytes;
+  return own_ || bytes > share_.capacity() / little ? bytes : 2 * bytes;
 }
 
 // Returns what the fixed parts leave of the share.
 std::uint64_t Streamer::free_bytes() const {
-  const std::uint64_t fixed = choice_bytes() + opening_bytes(), all = cache_.share().capacity();
+  const std::uint64_t fixed = choice_bytes() + opening_bytes(), all = share_.capacity();
   return all > fixed ? all - fixed : 0;
 }
 
@@ -159,14 +160,53 @@ CutOptions Streamer::cut_options(const Detail& detail, std::uint64_t max_bytes) 
 Result<Cut> Streamer::select(IndexPages& index, Residency* residency, const View& view,
                              const ValueVisibility& visibility, const CutOptions& options) {
   std::optional<Reservation> room;
-  if (options.detail.goal && !(room = cache_.reserve(choice_bytes())))
+  if (options.detail.goal && !(room = share_.reserve(choice_bytes())))
     return fail(ErrorCode::out_of_budget, "{}: no memory to choose by expected error", volume_->name());
   return residency ? select_resident_cut(info(), index, *residency, view, visibility, options)
                    : select_cut(info(), index, view, visibility, options);
 }
 
+namespace {
+
+// Index pages that are there, and what is missing of those that were asked for.
+class HeldPages final : public IndexPages {
+ public:
+  explicit HeldPages(PagedVolume& paged) : paged_(paged) {}
+
+  [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> root() override { return paged_.root(); }
+  [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
+                                                                        std::uint32_t node) override {
+    auto [key, load] = paged_.load_of_linked(page, node);
+    auto held = paged_.room().find<format::IndexPage>(key);
+    if (!held) missing.emplace(key, std::move(load));
+    return held;
+  }
+
+  std::map<PartKey, IndexPageLoad> missing = {};
+
+ private:
+  PagedVolume& paged_;
+};
+
+}  // namespace
+
+// Reads the index pages from which a cut will be chosen: those of a level together. Ends if memory does not hold them.
+Status Streamer::read_index_ahead(const View& view, const ValueVisibility& visibility, const Detail& detail) {
+  CutOptions options = cut_options(first_detail(detail), cut_limit());
+  options.kept_occlusion = nullptr;
+  for (std::set<PartKey> read;;) {
+    HeldPages pages(paged_);
+    if (!select(pages, nullptr, view, visibility, options)) return {};
+    const std::size_t before = read.size();
+    for (const auto& [key, load] : pages.missing) read.insert(key);
+    if (read.size() == before) return {};
+    SPLATVOL_TRY(paged_.read_index_pages(std::move(pages.missing)));
+  }
+}
+
 // Chooses for `request`, which waits for index pages.
 Result<Choice> Streamer::choose(const View& view, const ValueVisibility& visibility, const Detail& detail) {
+  if (volume_->is_far()) SPLATVOL_TRY(read_index_ahead(view, visibility, detail));
   PagedVolume::Used used;
   auto choice = choose_finest(first_detail(detail), [&](const Detail& tried) -> Result<Cut> {
     paged_.forget_used();
@@ -190,13 +230,13 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
   if (!coarsest && coarsest.error().code == ErrorCode::out_of_budget)
     return fail(ErrorCode::out_of_budget,
                 "{}: {} bytes of memory are too few for the index of this view: grant more, such as {}",
-                volume_->name(), granted(cache_.share().capacity()), granted(2 * cache_.share().capacity()));
+                volume_->name(), granted(share_.capacity()), granted(2 * share_.capacity()));
   if (!coarsest) return tl::unexpected(coarsest.error());
   if (coarsest->splats > detail.device_splats)
     return fail(ErrorCode::out_of_budget, "{}: even the coarsest picture has {} splats, and the device holds {}",
                 volume_->name(), coarsest->splats, detail.device_splats);
   return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even the coarsest picture needs {}",
-              volume_->name(), granted(cache_.share().capacity()),
+              volume_->name(), granted(share_.capacity()),
               granted(budget_for(cut_bytes(*coarsest, paged_.used().bytes))));
 }
 

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <utility>
 
-#include "streamer/row_bytes.h"
+#include "streamer/store/row_bytes.h"
 
 namespace splatvol {
 // Whether the frame was made for these visible values, and for the present clip region and slices.
@@ -22,7 +22,7 @@ void Streamer::drop_frame() {
 
 Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
   drop_frame();
-  auto reservation = cache_.reserve(frame_bytes(cut));
+  auto reservation = share_.reserve(frame_bytes(cut));
   if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut.splats);
   return assemble(std::move(cut), visibility, std::move(*reservation));
 }
@@ -41,7 +41,7 @@ Status Streamer::assemble(Cut cut, const ValueVisibility& visibility, Reservatio
   if (!slices_.empty()) add_sliced(*frame);
   if (!clip_.is_all()) clip_ranges(*frame, std::move(before));
   const std::uint64_t bytes = frame->memory_bytes();
-  if (!cache_.extend(frame->reservation, bytes))
+  if (!frame->reservation.grow(bytes))
     return fail(ErrorCode::out_of_budget, "{}: no memory for a list of {} bytes", volume_->name(), bytes);
   count_splats(*frame);
   frame_ = std::move(frame);
@@ -121,7 +121,7 @@ void Streamer::count_splats(Frame& frame) {
 }
 
 std::uint64_t Streamer::Frame::memory_bytes() const {
-  std::uint64_t bytes = cut.memory_bytes() + rows.size() * sizeof(Cache::Pointer) +
+  std::uint64_t bytes = cut.memory_bytes() + rows.size() * sizeof(PartPointer) +
                         splats.list.ranges.size() * (sizeof(DrawRange) + sizeof(std::uint32_t)) +
                         splats.sliced.ranges.size() * sizeof(DrawRange) + drawn_items.size() * sizeof(std::uint32_t);
   for (const auto& [name, range] : clipped) {

@@ -16,7 +16,7 @@ struct Streamer::Frame {
   ClipRegion clip;
   std::vector<Slice> slices;
   Reservation reservation;
-  std::vector<Cache::Pointer> rows;           // held
+  std::vector<PartPointer> rows;              // held
   std::map<RangeName, ClippedRange> clipped;  // with a clip region: of all ranges in or near it
   std::vector<std::uint32_t> range_items;     // [range of the list]: of the cut
   std::vector<std::uint32_t> drawn_items;     // items that have splats

@@ -7,7 +7,7 @@ set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources
                   builder/sources/openfoam builder/sources/vtk builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
                   builder/pipeline builder/series)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
-set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed streamer streamer/first
+set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed streamer/store streamer streamer/first
            ${renderer_rooms} renderer/surfaces renderer/reference player library library/python library/examples viewer/window
            viewer tools/export tools tests/support tests/fuzz bench)
 
@@ -36,7 +36,8 @@ set(builder/pipeline_knows base format builder/sorting builder/mesh builder/scat
                            builder/output builder/cells builder/points builder/reduction)
 set(builder/series_knows base format builder/sources builder/boundary builder/cells builder/opening builder/pipeline)
 set(builder/distributed_knows base format ${builder_rooms})
-set(streamer_knows base scene splat format)
+set(streamer/store_knows base splat format)
+set(streamer_knows base scene splat format streamer/store)
 set(streamer/first_knows base scene pictures format streamer)
 set(renderer_knows base scene pictures splat)
 set(renderer/cpu_knows base scene pictures splat renderer)
@@ -44,8 +45,8 @@ set(renderer/gl_knows base scene pictures splat renderer)
 set(renderer/device_knows base scene pictures splat renderer renderer/cpu renderer/gl)
 set(renderer/surfaces_knows base scene pictures)
 set(renderer/reference_knows base scene pictures)
-set(player_knows base scene pictures splat format sampler streamer streamer/first ${renderer_rooms} renderer/surfaces)
-set(library_knows base scene pictures splat format sampler ${builder_rooms} streamer streamer/first ${renderer_rooms} player)
+set(player_knows base scene pictures splat format sampler streamer/store streamer streamer/first ${renderer_rooms} renderer/surfaces)
+set(library_knows base scene pictures splat format sampler ${builder_rooms} streamer/store streamer streamer/first ${renderer_rooms} player)
 set(library/python_knows ${library_knows} library)
 set(library/examples_knows)
 set(viewer/window_knows base scene pictures renderer renderer/gl player)

@@ -223,6 +223,7 @@ Result<Framing> choose_framing(const format::Volume& volume, int first, const st
   framing.core = visible_of(core_splats, choose(core_splats));
   SPLATVOL_TRY_ASSIGN(others, other_quantities(volume, first, most_others));
   if (others.empty()) return framing;
+  SPLATVOL_TRY_ASSIGN(ahead, read_survey_ahead(volume, others, enough_of_others));
   SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_of_others));
   const Box core = box_of(framing.core);
   std::vector<Result<std::vector<SurveySplat>>> found(others.size());
@@ -259,6 +260,7 @@ TransferFunction fit_to_picture(const std::vector<SurveySplat>& splats, const Ch
 Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute, const FirstPicture& picture) {
   SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, attribute));
   SPLATVOL_TRY_ASSIGN(first, choose_first_attribute(volume));
+  SPLATVOL_TRY_ASSIGN(ahead, read_survey_ahead(volume, {first, index}, enough_splats));
   SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_splats));
   SPLATVOL_TRY_ASSIGN(first_splats, survey(volume, first, shapes));
   SPLATVOL_TRY_ASSIGN(choose, chooser_for(volume, first));
@@ -306,6 +308,7 @@ void show_opacity(Scene& scene, FittingOpacity fitting) {
 
 Result<dvec3> middle_of_visible(const format::Volume& volume, const Scene& scene) {
   SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, scene.attribute));
+  SPLATVOL_TRY_ASSIGN(ahead, read_survey_ahead(volume, {index}, enough_splats));
   SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_splats));
   SPLATVOL_TRY_ASSIGN(splats, survey(volume, index, shapes));
   return middle_of(visible_of(within(framed_ball(splats, scene.width, scene.height), splats), scene.transfer_function));

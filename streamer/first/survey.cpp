@@ -1,7 +1,9 @@
 #include "streamer/first/survey.h"
 
 #include <algorithm>
+#include <map>
 #include <span>
+#include <utility>
 
 namespace splatvol {
 namespace {
@@ -59,6 +61,43 @@ tl::unexpected<Error> no_moments(const format::Volume& volume) {
 }
 
 }  // namespace
+
+Result<SurveyBytes> read_survey_ahead(const format::Volume& volume, const std::vector<int>& attributes,
+                                      std::uint64_t most_splats) {
+  using format::ColumnKind;
+  SurveyBytes bytes;
+  if (!volume.is_far()) return bytes;
+  const format::VolumeInfo& info = volume.info();
+  std::vector<int> columns{info.find_column(ColumnKind::centroid), info.find_column(ColumnKind::moments)};
+  for (const int attribute : attributes) columns.push_back(info.find_column(ColumnKind::value_moments, attribute));
+  if (std::ranges::min(columns) < 0) return no_moments(volume);
+  const std::size_t resolution = survey_resolution(info, most_splats);
+  std::vector<std::pair<std::uint64_t, int>> chunks;  // rows and columns
+  std::map<std::uint64_t, format::DirectoryPage> pages;
+  for (std::uint64_t group = 0, points = 0; points < info.resolution_counts[resolution]; ++group) {
+    points += volume.rows().group(group).count;
+    for (const int column : columns) {
+      chunks.emplace_back(volume.rows().row(resolution, group), column);
+      pages.try_emplace(volume.directory_page_of_row(chunks.back().first, column));
+    }
+  }
+  const auto read = [&](std::vector<ByteRange> ranges) -> Status {
+    SPLATVOL_TRY_ASSIGN(together, volume.read_together(std::move(ranges)));
+    bytes.push_back(std::move(together));
+    return {};
+  };
+  std::vector<ByteRange> ranges;
+  for (const auto& [number, page] : pages) ranges.push_back(volume.range_of_directory_page(number));
+  SPLATVOL_TRY(read(std::exchange(ranges, {})));
+  for (auto& [number, page] : pages) SPLATVOL_TRY_SET(page, volume.read_directory_page(number));
+  for (const auto& [row, column] : chunks) {
+    const auto& page = pages.at(volume.directory_page_of_row(row, column));
+    const format::ChunkLocation& location = volume.find_chunk(page, row, column);
+    ranges.push_back({location.offset, location.offset + location.entry.packed_bytes});
+  }
+  SPLATVOL_TRY(read(std::move(ranges)));
+  return bytes;
+}
 
 Result<SurveyShapes> survey_shapes(const format::Volume& volume, std::uint64_t most_splats) {
   using format::ColumnKind;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <memory>
 #include <numbers>
 #include <vector>
 
@@ -34,6 +35,14 @@ struct SurveySplat {
 
 /// Returns the finest resolution with at most `most_splats` splats, or the coarsest if all have more.
 [[nodiscard]] std::size_t survey_resolution(const format::VolumeInfo& info, std::uint64_t most_splats);
+
+/// Bytes that a survey needs. While they live, it takes them from memory.
+using SurveyBytes = std::vector<std::shared_ptr<const BytesAhead>>;
+
+/// Reads what a survey needs of the shapes and of the values of these attributes together, if the file is far
+/// (format::Volume::is_far). Fails if it cannot be read.
+[[nodiscard]] Result<SurveyBytes> read_survey_ahead(const format::Volume& volume, const std::vector<int>& attributes,
+                                                    std::uint64_t most_splats);
 
 /// The shapes of the splats of a survey, which all attributes have in common.
 struct SurveyShapes {

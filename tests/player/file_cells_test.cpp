@@ -117,8 +117,8 @@ class FileCellsOf : public test::FolderTest {
   [[nodiscard]] static std::unique_ptr<const FileCells> open(const std::shared_ptr<const format::Volume>& volume,
                                                              const Scene& scene, std::uint64_t bytes = memory) {
     static std::list<OwnParts> parts;  // they outlive the cells
-    const PartRoom room = parts.emplace_back(bytes).room();
-    const auto kept = test::value_of(KeptCells::open(*volume, scene, *room.table, *room.share));
+    OwnParts& own = parts.emplace_back(bytes);
+    const auto kept = test::value_of(KeptCells::open(*volume, scene, own.parts(), own.share()));
     return test::value_of(FileCells::open(kept, scene, make_view(scene).value()));
   }
 
@@ -207,7 +207,7 @@ TEST_F(FileCellsOf, EveryShapeWithValuesOfItsOwn) {
 
   scene.contours = {{.values = {2}}};
   OwnParts none(0);
-  EXPECT_THAT(test::message_of(KeptCells::open(*kept, scene, *none.room().table, *none.room().share)),
+  EXPECT_THAT(test::message_of(KeptCells::open(*kept, scene, none.parts(), none.share())),
               HasSubstr("contours: each cell has one value"));
 }
 
@@ -418,11 +418,11 @@ TEST_F(FileCellsOf, AFileWithoutCellsAreRefused) {
       test::lattice(4), [](dvec3 p) { return p.x; }, path("plain.svol"));
   const auto plain = open_volume("plain.svol");
   OwnParts none(0);
-  const auto refused = KeptCells::open(*plain, scene_of_all(), *none.room().table, *none.room().share);
+  const auto refused = KeptCells::open(*plain, scene_of_all(), none.parts(), none.share());
   EXPECT_THAT(test::message_of(refused), HasSubstr("without --drop-cells"));
   Scene other = scene_of_all();
   other.attribute = "no such";
-  const auto unknown = KeptCells::open(*plain, other, *none.room().table, *none.room().share);
+  const auto unknown = KeptCells::open(*plain, other, none.parts(), none.share());
   EXPECT_THAT(test::message_of(unknown), HasSubstr("no such"));
 }
 

@@ -27,7 +27,7 @@ struct Bench {
         kernel(kind),
         volume(std::move(made)),
         opened(format::Volume::open(source_of(volume)).value()),
-        paged(*opened, {1}, cache),
+        paged(*opened, {1}, parts.room()),
         visibility(function, volume.info.attributes[1]) {}
 
   Cut cut(const View& view, CutOptions options) {
@@ -40,7 +40,6 @@ struct Bench {
   TestVolume volume;
   std::shared_ptr<const format::Volume> opened;
   OwnParts parts{1u << 30};
-  Cache cache{parts.room()};
   PagedVolume paged;
   ValueVisibility visibility;
 };

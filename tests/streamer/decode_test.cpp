@@ -6,7 +6,7 @@
 #include <random>
 
 #include "format/columns.h"
-#include "streamer/decode.h"
+#include "streamer/store/decode.h"
 #include "tests/support/random.h"
 
 namespace splatvol::test {

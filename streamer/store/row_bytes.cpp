@@ -1,4 +1,4 @@
-#include "streamer/row_bytes.h"
+#include "streamer/store/row_bytes.h"
 
 #include "format/columns.h"
 

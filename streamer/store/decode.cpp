@@ -7,7 +7,7 @@
 
 #include "format/codes.h"
 #include "format/columns.h"
-#include "streamer/decode.h"
+#include "streamer/store/decode.h"
 
 namespace splatvol {
 namespace {
