@@ -129,6 +129,7 @@ struct PartRoom {
   PartTable* table;
   MemoryShare* share;
   std::uint64_t file;
+  std::shared_ptr<const void> owner = {};  // of the table, if it lives as long as its rooms
 };
 
 /// A table for one file, with a budget of its own.
@@ -145,5 +146,13 @@ class OwnParts {
   PartTable table_;
   std::uint64_t file_;
 };
+
+/// Returns a room in a table of its own, which lives as long as copies of the room do.
+[[nodiscard]] inline PartRoom own_room(std::uint64_t memory) {
+  const auto parts = std::make_shared<OwnParts>(memory);
+  PartRoom room = parts->room();
+  room.owner = parts;
+  return room;
+}
 
 }  // namespace splatvol

@@ -28,35 +28,18 @@ tl::unexpected<Error> fail_without_cells(const format::Volume& volume) {
 Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
                                                                    std::vector<std::size_t> attributes,
                                                                    const PartRoom& room) {
-  return open(volume, std::move(attributes), room, nullptr);
-}
-
-Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
-                                                                   std::vector<std::size_t> attributes,
-                                                                   std::uint64_t memory) {
-  auto own = std::make_unique<OwnParts>(memory);
-  const PartRoom room = own->room();
-  return open(volume, std::move(attributes), room, std::move(own));
-}
-
-Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
-                                                                   std::vector<std::size_t> attributes,
-                                                                   const PartRoom& room,
-                                                                   std::unique_ptr<OwnParts> own) {
   for (const std::size_t a : attributes)
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
       return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
                   volume.info().attributes[a].name);
   SPLATVOL_TRY_ASSIGN(reader, format::CellReader::open(volume));
   if (!reader) return nullptr;
-  return std::unique_ptr<const CellTetrahedra>(
-      new CellTetrahedra(std::move(reader), std::move(attributes), room, std::move(own)));
+  return std::unique_ptr<const CellTetrahedra>(new CellTetrahedra(std::move(reader), std::move(attributes), room));
 }
 
 CellTetrahedra::CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
-                               const PartRoom& room, std::unique_ptr<OwnParts> own)
-    : own_(std::move(own)),
-      reader_(std::move(reader)),
+                               const PartRoom& room)
+    : reader_(std::move(reader)),
       attributes_(std::move(attributes)),
       ahead_memory_(reader_->volume().is_far() ? room.share->capacity() / 4 : 0),
       points_(*reader_, room),

@@ -62,14 +62,11 @@ template <class Entry>
 /// Reads tetrahedra with their values. Of a series, at the volume's step. Thread-safe.
 class CellTetrahedra {
  public:
-  /// `attributes`: indices into VolumeInfo::attributes. `room`: for parts of the file; or `memory`: bytes to hold of
-  /// it. The volume must outlive the result. Returns null if the file keeps no cells.
+  /// `attributes`: indices into VolumeInfo::attributes. `room`: for parts of the file. The volume must outlive the
+  /// result. Returns null if the file keeps no cells.
   [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(const format::Volume& volume,
                                                                           std::vector<std::size_t> attributes,
                                                                           const PartRoom& room);
-  [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(const format::Volume& volume,
-                                                                          std::vector<std::size_t> attributes,
-                                                                          std::uint64_t memory);
 
   [[nodiscard]] const format::CellReader& reader() const { return *reader_; }
   [[nodiscard]] const std::vector<std::size_t>& attributes() const { return attributes_; }
@@ -130,15 +127,10 @@ class CellTetrahedra {
 
  private:
   CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
-                 const PartRoom& room, std::unique_ptr<OwnParts> own);
-  [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(const format::Volume& volume,
-                                                                          std::vector<std::size_t> attributes,
-                                                                          const PartRoom& room,
-                                                                          std::unique_ptr<OwnParts> own);
+                 const PartRoom& room);
   [[nodiscard]] static std::size_t count_at_once(std::span<const format::CellChunkEntry> entries);
   [[nodiscard]] Status read_values(std::span<const std::uint64_t> ranks, bool positions, Tetrahedra& tetrahedra) const;
 
-  std::unique_ptr<OwnParts> own_;  // before what uses it
   std::unique_ptr<const format::CellReader> reader_;
   std::vector<std::size_t> attributes_;
   std::uint64_t ahead_memory_;

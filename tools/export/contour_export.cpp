@@ -179,7 +179,8 @@ Result<ContourReport> export_contour(const format::Volume& volume, const std::st
                                      const format::SplatSelection& selection, double value, std::uint64_t memory,
                                      const std::function<void(double)>& progress, Replace replace) {
   SPLATVOL_TRY(check_vtu_names(volume.name(), selection.names));
-  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, selection.attributes, std::min(memory / 2, most_held_bytes)));
+  SPLATVOL_TRY_ASSIGN(
+      cells, CellTetrahedra::open(volume, selection.attributes, own_room(std::min(memory / 2, most_held_bytes))));
   if (!cells) return fail_without_cells(volume);
   if (cells->has_constant())
     return fail(ErrorCode::unsupported,
