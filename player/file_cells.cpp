@@ -37,14 +37,6 @@ std::size_t tetrahedra_of(format::CellShape shape) {
   return 1;
 }
 
-// Gives each tetrahedron the value of its cell.
-std::vector<double> spread(const std::vector<double>& values, std::span<const std::uint32_t> cells) {
-  std::vector<double> spread;
-  spread.reserve(cells.size());
-  for (const std::uint32_t cell : cells) spread.push_back(values[cell]);
-  return spread;
-}
-
 // A rectangle of the picture, in pixels.
 struct Rectangle {
   dvec2 low, high;
@@ -88,12 +80,12 @@ double faces_on_rays(const Box& box, const dmat3& normals, const View& view) {
 }
 
 // Looks at some of many cells.
-ShownFaces shown_faces_of(const DrawnCells& cells, const ShownInCells& shown) {
+ShownFaces shown_faces_of(const Tetrahedra& cells, const ShownInCells& shown) {
   constexpr std::size_t looked_at = 256;
   // Whether the values of a tetrahedron are visible, none of which may be missing.
   const auto shows = [&](std::size_t number, const std::vector<double>& values, const auto& is_visible) {
     double low = std::numeric_limits<double>::infinity(), high = -low;
-    for (const std::uint32_t corner : cells.tetrahedra[number]) {
+    for (const std::uint32_t corner : cells.corners[number]) {
       const double value = values[cells.constant ? number : corner];
       if (std::isnan(value)) return false;
       low = std::min(low, value), high = std::max(high, value);
@@ -105,17 +97,17 @@ ShownFaces shown_faces_of(const DrawnCells& cells, const ShownInCells& shown) {
   };
   double all = 0, seen = 0;
   dmat3 normals(0);
-  const std::size_t step = 1 + cells.tetrahedra.size() / looked_at;
-  for (std::size_t number = 0; number < cells.tetrahedra.size(); number += step) {
-    const auto& [a, b, c, d] = cells.tetrahedra[number];
+  const std::size_t step = 1 + cells.size() / looked_at;
+  for (std::size_t number = 0; number < cells.size(); number += step) {
+    const auto& [a, b, c, d] = cells.corners[number];
     const dvec3 p = cells.points[a], q = cells.points[b] - p, r = cells.points[c] - p, s = cells.points[d] - p;
     const std::array<dvec3, 4> faces = {glm::cross(q, r), glm::cross(q, s), glm::cross(r, s),
                                         glm::cross(r - q, s - q)};  // normals, as long as their areas
     for (const dvec3& face : faces) all += glm::length(face);
-    const bool has_matter = shows(number, cells.values, by(shown.function)) &&
-                            (!shown.opacity || shows(number, cells.opacity_values, by(shown.opacity->function)));
+    const bool has_matter = shows(number, cells.values[0], by(shown.function)) &&
+                            (!shown.opacity || shows(number, cells.values[1], by(shown.opacity->function)));
     if (has_matter ||
-        shows(number, cells.values, [&](double low, double high) { return shown.has_contour(low, high); }))
+        shows(number, cells.values[0], [&](double low, double high) { return shown.has_contour(low, high); }))
       for (const dvec3& face : faces) {
         const double area = glm::length(face);
         seen += area;
@@ -194,7 +186,7 @@ PartKey KeptCells::key_of(const format::CellChunkEntry& entry) const {
 
 PartKey KeptCells::key_of_page(std::size_t page) const { return {room_.file, format::cell_page, page}; }
 
-Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, DrawnCells& scratch) const {
+Result<const Tetrahedra*> KeptCells::read(const format::CellChunkEntry& entry, Tetrahedra& scratch) const {
   if (!holds_all_) {
     SPLATVOL_TRY_SET(scratch, decode(entry));
     return &scratch;
@@ -203,9 +195,9 @@ Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, D
     const std::scoped_lock lock(held_mutex_);
     if (const auto held = chunks_.find(entry.offset); held != chunks_.end()) return held->second.get();
   }
-  SPLATVOL_TRY_ASSIGN(cells, room_.table->get<DrawnCells>(
+  SPLATVOL_TRY_ASSIGN(cells, room_.table->get<Tetrahedra>(
                                  key_of(entry), *room_.share, 0, [&] { return decode(entry); },
-                                 [](const DrawnCells& decoded) { return decoded.memory_bytes(); }));
+                                 [](const Tetrahedra& decoded) { return decoded.memory_bytes(); }));
   if (!room_.table->holds(key_of(entry))) {  // it takes more than it was thought to
     scratch = *cells;
     return &scratch;
@@ -236,7 +228,7 @@ Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, c
   }
   const auto known = faces_.find(entry.offset);
   if (known != faces_.end()) return known->second;
-  DrawnCells scratch;
+  Tetrahedra scratch;
   SPLATVOL_TRY_ASSIGN(cells, read(entry, scratch));
   const ShownFaces faces = shown_faces_of(*cells, shown);
   faces_.emplace(entry.offset, faces);
@@ -245,7 +237,7 @@ Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, c
 
 Status KeptCells::hold_all() const {
   if (!holds_all_ || are_held_) return {};
-  DrawnCells scratch;
+  Tetrahedra scratch;
   std::size_t known = 0;
   for (std::size_t number = 0; number < reader().pages().size(); ++number) {
     SPLATVOL_TRY_ASSIGN(page, read_page(number));
@@ -262,17 +254,10 @@ Status KeptCells::hold_all() const {
   return {};
 }
 
-Result<DrawnCells> KeptCells::decode(const format::CellChunkEntry& entry) const {
-  SPLATVOL_TRY_ASSIGN(read, cells_->read(entry));
-  if (read.constant)
-    for (std::vector<double>& values : read.values) values = spread(values, read.cells);
-  DrawnCells cells;
-  cells.points = std::move(read.points);
-  cells.values = std::move(read.values.front());
-  cells.constant = read.constant;
-  cells.tetrahedra = std::move(read.corners);
-  if (attributes_.opacity >= 0) cells.opacity_values = std::move(read.values[1]);
-  if (!color_name_.empty()) cells.color_values = std::move(read.values.back());
+Result<Tetrahedra> KeptCells::decode(const format::CellChunkEntry& entry) const {
+  SPLATVOL_TRY_ASSIGN(cells, cells_->read(entry));
+  cells.ranks = std::vector<std::uint64_t>();  // drawing needs no names
+  cells.cells = std::vector<std::uint32_t>();
   return cells;
 }
 

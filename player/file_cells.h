@@ -62,7 +62,7 @@ class KeptCells {
   [[nodiscard]] const std::string& color_attribute() const { return color_name_; }
 
   /// As CellSource::read.
-  [[nodiscard]] Result<const DrawnCells*> read(const format::CellChunkEntry& entry, DrawnCells& scratch) const;
+  [[nodiscard]] Result<const Tetrahedra*> read(const format::CellChunkEntry& entry, Tetrahedra& scratch) const;
 
   /// As CellReader::read_page, of these attributes.
   [[nodiscard]] Result<std::shared_ptr<const format::CellPage>> read_page(std::size_t page) const;
@@ -84,7 +84,7 @@ class KeptCells {
  private:
   KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
             std::string color_name, const PartRoom& room);
-  [[nodiscard]] Result<DrawnCells> decode(const format::CellChunkEntry& entry) const;
+  [[nodiscard]] Result<Tetrahedra> decode(const format::CellChunkEntry& entry) const;
   [[nodiscard]] PartKey key_of(const format::CellChunkEntry& entry) const;
   [[nodiscard]] PartKey key_of_page(std::size_t page) const;
 
@@ -97,7 +97,7 @@ class KeptCells {
 
   // What was read, if it holds all. These chunks and pages stay.
   mutable std::mutex held_mutex_;
-  mutable std::unordered_map<std::uint64_t, std::shared_ptr<const DrawnCells>> chunks_;  // [CellChunkEntry::offset]
+  mutable std::unordered_map<std::uint64_t, std::shared_ptr<const Tetrahedra>> chunks_;  // [CellChunkEntry::offset]
   mutable std::vector<std::shared_ptr<const format::CellPage>> pages_;
 
   mutable std::mutex faces_mutex_;
@@ -118,7 +118,7 @@ class FileCells final : public CellSource {
   }
 
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
-  [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
+  [[nodiscard]] Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& scratch) const override {
     return kept_->read(entries_[chunk.number], scratch);
   }
   [[nodiscard]] Result<std::shared_ptr<const void>> read_ahead(std::span<const std::uint64_t> numbers) const override;

@@ -1,7 +1,10 @@
 #include "sampler/cell_tetrahedra.h"
 
+#include <array>
 #include <cmath>
 #include <utility>
+
+#include "sampler/tetrahedron.h"
 
 namespace splatvol {
 namespace {
@@ -14,6 +17,14 @@ std::array<std::uint32_t, 4> sorted(std::array<std::uint32_t, 4> corners) {
   };
   order(0, 1), order(2, 3), order(0, 2), order(1, 3), order(1, 2);
   return corners;
+}
+
+// Gives each tetrahedron the value of its cell.
+std::vector<double> spread(const std::vector<double>& values, std::span<const std::uint32_t> cells) {
+  std::vector<double> spread;
+  spread.reserve(cells.size());
+  for (const std::uint32_t cell : cells) spread.push_back(values[cell]);
+  return spread;
 }
 
 }  // namespace
@@ -115,14 +126,14 @@ Result<Tetrahedra> CellTetrahedra::read(const format::CellChunkEntry& entry) con
   }
   tetrahedra.ranks = std::move(local.ranks);
   if (tetrahedra.constant) SPLATVOL_TRY(vertices_.read_positions(tetrahedra.ranks, tetrahedra.points));
-  SPLATVOL_TRY(read_values(tetrahedra.constant ? cells.points : tetrahedra.ranks, !tetrahedra.constant, tetrahedra));
+  SPLATVOL_TRY(read_values(tetrahedra.constant ? cells.points : tetrahedra.ranks, tetrahedra));
   return tetrahedra;
 }
 
-Status CellTetrahedra::read_values(std::span<const std::uint64_t> ranks, bool positions, Tetrahedra& tetrahedra) const {
+Status CellTetrahedra::read_values(std::span<const std::uint64_t> ranks, Tetrahedra& tetrahedra) const {
   std::vector<format::RankedPoints::Place> places;
   SPLATVOL_TRY(points_.find(ranks, places));
-  if (positions) SPLATVOL_TRY(points_.read_positions(places, tetrahedra.points));
+  if (!tetrahedra.constant) SPLATVOL_TRY(points_.read_positions(places, tetrahedra.points));
   std::vector<float> stored;
   for (const std::size_t a : attributes_) {
     SPLATVOL_TRY(points_.read_values(places, static_cast<int>(a), stored));
@@ -130,6 +141,7 @@ Status CellTetrahedra::read_values(std::span<const std::uint64_t> ranks, bool po
     std::vector<double>& values = tetrahedra.values.emplace_back();
     values.reserve(stored.size());
     for (const float value : stored) values.push_back(attribute.value(double{value}));
+    if (tetrahedra.constant) values = spread(values, tetrahedra.cells);
   }
   return {};
 }

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -15,40 +14,13 @@
 #include "base/interruption.h"
 #include "base/part_table.h"
 #include "base/run_tasks.h"
+#include "base/tetrahedra.h"
 #include "format/cell_reader.h"
 #include "format/cells_ahead.h"
 #include "format/ranked_points.h"
 #include "format/volume.h"
-#include "sampler/tetrahedron.h"
 
 namespace splatvol {
-
-/// The tetrahedra of a chunk of cells, in the order of the cells.
-struct Tetrahedra {
-  std::vector<std::uint64_t> ranks;                   // [point]: ascending; of cells of their own, numbers of vertices
-  std::vector<dvec3> points;                          // world coordinates
-  std::vector<std::array<std::uint32_t, 4>> corners;  // [tetrahedron]: points, ascending
-  std::vector<std::uint32_t> cells;                   // [tetrahedron]: the number of its cell in the chunk, if constant
-  bool constant = false;                              // a value holds in all of a cell
-
-  /// [attribute][point], or [attribute][cell] if constant. NaN: missing. A tetrahedron with a missing value at a corner
-  /// has no values.
-  std::vector<std::vector<double>> values;
-
-  [[nodiscard]] std::size_t size() const { return corners.size(); }
-  [[nodiscard]] TetrahedronCorners corners_of(std::size_t tetrahedron) const {
-    const auto& [a, b, c, d] = corners[tetrahedron];
-    return {points[a], points[b], points[c], points[d]};
-  }
-  /// Returns the values at the corners; equal ones if constant.
-  [[nodiscard]] std::array<double, 4> values_of(std::size_t tetrahedron, std::size_t attribute) const {
-    const std::vector<double>& all = values[attribute];
-    const auto& [a, b, c, d] = corners[tetrahedron];
-    if (!constant) return {all[a], all[b], all[c], all[d]};
-    const double value = all[cells[tetrahedron]];
-    return {value, value, value, value};
-  }
-};
 
 /// The failure of what needs cells and finds none.
 [[nodiscard]] tl::unexpected<Error> fail_without_cells(const format::Volume& volume);
@@ -129,7 +101,7 @@ class CellTetrahedra {
   CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
                  const PartRoom& room);
   [[nodiscard]] static std::size_t count_at_once(std::span<const format::CellChunkEntry> entries);
-  [[nodiscard]] Status read_values(std::span<const std::uint64_t> ranks, bool positions, Tetrahedra& tetrahedra) const;
+  [[nodiscard]] Status read_values(std::span<const std::uint64_t> ranks, Tetrahedra& tetrahedra) const;
 
   std::unique_ptr<const format::CellReader> reader_;
   std::vector<std::size_t> attributes_;
