@@ -151,7 +151,7 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
     SPLATVOL_TRY_ASSIGN(color, format::find_attribute(info, contours.attribute, volume.name()));
     shown.push_back(static_cast<std::size_t>(color));
   }
-  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, std::move(shown), room));
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, std::move(shown), room, attributes));
   if (!cells)
     return fail(ErrorCode::invalid_argument,
                 "{}: it keeps no cells, and only these are drawn exactly: build it from a mesh, or from points by "
@@ -162,14 +162,12 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
     return fail(ErrorCode::invalid_argument,
                 "{}: contours: each cell has one value, and so nothing passes another: build it without --cells own",
                 volume.name());
-  return std::shared_ptr<const KeptCells>(new KeptCells(std::move(cells), attributes, contours.attribute, room));
+  return std::shared_ptr<const KeptCells>(new KeptCells(std::move(cells), contours.attribute, room));
 }
 
 // Points take less memory than the cells, so a third of the share is enough for them.
-KeptCells::KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
-                     std::string color_name, const PartRoom& room)
+KeptCells::KeptCells(std::unique_ptr<const CellTetrahedra> cells, std::string color_name, const PartRoom& room)
     : cells_(std::move(cells)),
-      attributes_(attributes),
       color_name_(std::move(color_name)),
       room_(room),
       holds_all_(decoded_bytes(cells_->reader()) <= room.share->capacity() / 3 * 2) {}
@@ -183,8 +181,6 @@ KeptCells::~KeptCells() {
 PartKey KeptCells::key_of(const format::CellChunkEntry& entry) const {
   return {room_.file, format::cell_chunk, entry.offset};
 }
-
-PartKey KeptCells::key_of_page(std::size_t page) const { return {room_.file, format::cell_page, page}; }
 
 Result<const Tetrahedra*> KeptCells::read(const format::CellChunkEntry& entry, Tetrahedra& scratch) const {
   if (!holds_all_) {
@@ -206,20 +202,6 @@ Result<const Tetrahedra*> KeptCells::read(const format::CellChunkEntry& entry, T
   return chunks_.try_emplace(entry.offset, std::move(cells)).first->second.get();
 }
 
-Result<std::shared_ptr<const format::CellPage>> KeptCells::read_page(std::size_t page) const {
-  const auto bytes_of = [](const format::CellPage& entries) {
-    return entries.chunks.capacity() * sizeof(format::CellChunkEntry) +
-           (entries.summaries.capacity() + entries.opacity_summaries.capacity()) * sizeof(format::ValueSummary);
-  };
-  SPLATVOL_TRY_ASSIGN(entries, room_.table->get<format::CellPage>(
-                                   key_of_page(page), *room_.share, 0,
-                                   [&] { return reader().read_page(page, attributes_); }, bytes_of));
-  if (!holds_all_) return entries;
-  const std::scoped_lock lock(held_mutex_);
-  pages_.resize(reader().pages().size());
-  return pages_[page] = entries;
-}
-
 Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, const ShownInCells& shown) const {
   const std::scoped_lock lock(faces_mutex_);
   if (faces_of_ != shown) {
@@ -239,8 +221,10 @@ Status KeptCells::hold_all() const {
   if (!holds_all_ || are_held_) return {};
   Tetrahedra scratch;
   std::size_t known = 0;
+  std::vector<std::shared_ptr<const format::CellPage>> pages;
   for (std::size_t number = 0; number < reader().pages().size(); ++number) {
-    SPLATVOL_TRY_ASSIGN(page, read_page(number));
+    SPLATVOL_TRY_ASSIGN(page, cells_->read_page(number));
+    pages.push_back(page);
     SPLATVOL_TRY_ASSIGN(ahead, read_ahead(page->chunks));
     for (const format::CellChunkEntry& entry : page->chunks) {
       SPLATVOL_TRY(check_interruption());
@@ -250,6 +234,7 @@ Status KeptCells::hold_all() const {
     }
   }
   const std::scoped_lock lock(held_mutex_);
+  pages_ = std::move(pages);
   are_held_ = chunks_.size() == known;
   return {};
 }
@@ -269,13 +254,6 @@ Result<format::CellsAhead> KeptCells::read_ahead(std::span<const format::CellChu
   return cells_->read_ahead(missing);
 }
 
-Result<format::CellsAhead> KeptCells::read_pages_ahead(std::span<const std::size_t> pages) const {
-  std::vector<std::size_t> missing;
-  std::ranges::copy_if(pages, std::back_inserter(missing),
-                       [&](std::size_t page) { return !room_.table->holds(key_of_page(page)); });
-  return cells_->read_pages_ahead(missing);
-}
-
 Result<std::shared_ptr<const void>> FileCells::read_ahead(std::span<const std::uint64_t> numbers) const {
   std::vector<format::CellChunkEntry> entries;
   for (const std::uint64_t number : numbers) entries.push_back(entries_[number]);
@@ -291,35 +269,22 @@ Result<std::unique_ptr<const FileCells>> FileCells::open(std::shared_ptr<const K
 }
 
 Status FileCells::read_entries() {
-  const format::CellReader& reader = kept_->reader();
-  const format::SummaryAttributes& attributes = kept_->attributes();
-  const std::vector<format::Attribute>& all = reader.volume().info().attributes;
+  const format::SummaryAttributes& attributes = kept_->cells().summaries();
+  const std::vector<format::Attribute>& all = kept_->reader().volume().info().attributes;
   const format::Attribute* const opacity =
       attributes.opacity < 0 ? nullptr : &all[static_cast<std::size_t>(attributes.opacity)];
   const Transfer transfer(shown_.function, shown_.opacity ? &shown_.opacity->function : nullptr);
   const ValueVisibility visibility(transfer, {all[static_cast<std::size_t>(attributes.values)], opacity});
+  const auto shows = [&](const format::CellPage& page, std::size_t chunk) {
+    const format::ValueSummary& values = page.summaries[chunk];
+    return visibility.shows({values, opacity ? &page.opacity_summaries[chunk] : nullptr}) ||
+           may_meet_event(box_of_cells(page.chunks[chunk]), values);
+  };
   const Frustum frustum(view_, 0);
-  std::vector<std::size_t> numbers;
-  for (std::size_t number = 0; number < reader.pages().size(); ++number) {
-    const format::CellPageRef& ref = reader.pages()[number];
-    if (frustum.touches(box_of_cells(ref))) numbers.push_back(number);
-  }
-  SPLATVOL_TRY_ASSIGN(ahead, kept_->read_pages_ahead(numbers));
-  for (const std::size_t number : numbers) {
-    SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY_ASSIGN(page, kept_->read_page(number));
-    for (std::size_t i = 0; i < page->chunks.size(); ++i) {
-      const format::CellChunkEntry& entry = page->chunks[i];
-      const Box box = box_of_cells(entry);
-      const format::ValueSummary& values = page->summaries[i];
-      if (!format::is_known(entry.shape, entry.field) || !frustum.touches(box) ||
-          (!visibility.shows({values, opacity ? &page->opacity_summaries[i] : nullptr}) &&
-           !may_meet_event(box, values)))
-        continue;
-      const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
-      chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
-      entries_.push_back(entry);
-    }
+  SPLATVOL_TRY_SET(entries_, kept_->cells().chunks([&](const Box& box) { return frustum.touches(box); }, shows));
+  for (const format::CellChunkEntry& entry : entries_) {
+    const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
+    chunks_.push_back({box_of_cells(entry), static_cast<std::uint32_t>(tetrahedra), chunks_.size()});
   }
   return {};
 }
@@ -327,7 +292,7 @@ Status FileCells::read_entries() {
 // Whether rays may meet a contour or a slice in a chunk. Missing values have an empty range.
 bool FileCells::may_meet_event(const Box& box, const format::ValueSummary& values) const {
   if (!(values.min <= values.max)) return false;
-  const auto number = static_cast<std::size_t>(kept_->attributes().values);
+  const auto number = static_cast<std::size_t>(kept_->cells().summaries().values);
   const format::Attribute& attribute = kept_->reader().volume().info().attributes[number];
   if (shown_.has_contour(attribute.value(double{values.min}), attribute.value(double{values.max}))) return true;
   const dvec3 middle = 0.5 * (box.low + box.high), half = 0.5 * box.extent();

@@ -54,7 +54,9 @@ class KeptCells {
 
   [[nodiscard]] const format::CellReader& reader() const { return cells_->reader(); }
   [[nodiscard]] std::uint64_t unknown_cells() const { return cells_->unknown_cells(); }
-  [[nodiscard]] const format::SummaryAttributes& attributes() const { return attributes_; }
+
+  /// The cells, with summaries of the attribute and of the opacity's.
+  [[nodiscard]] const CellTetrahedra& cells() const { return *cells_; }
 
   [[nodiscard]] const MemoryShare& share() const { return *room_.share; }
 
@@ -63,9 +65,6 @@ class KeptCells {
 
   /// As CellSource::read.
   [[nodiscard]] Result<const Tetrahedra*> read(const format::CellChunkEntry& entry, Tetrahedra& scratch) const;
-
-  /// As CellReader::read_page, of these attributes.
-  [[nodiscard]] Result<std::shared_ptr<const format::CellPage>> read_page(std::size_t page) const;
 
   /// Reads a chunk, and remembers its faces for the last `shown`.
   [[nodiscard]] Result<ShownFaces> shown_faces(const format::CellChunkEntry& entry, const ShownInCells& shown) const;
@@ -79,23 +78,19 @@ class KeptCells {
 
   /// As CellTetrahedra::read_ahead, without what is held.
   [[nodiscard]] Result<format::CellsAhead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
-  [[nodiscard]] Result<format::CellsAhead> read_pages_ahead(std::span<const std::size_t> pages) const;
 
  private:
-  KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
-            std::string color_name, const PartRoom& room);
+  KeptCells(std::unique_ptr<const CellTetrahedra> cells, std::string color_name, const PartRoom& room);
   [[nodiscard]] Result<Tetrahedra> decode(const format::CellChunkEntry& entry) const;
   [[nodiscard]] PartKey key_of(const format::CellChunkEntry& entry) const;
-  [[nodiscard]] PartKey key_of_page(std::size_t page) const;
 
   std::unique_ptr<const CellTetrahedra> cells_;  // with the values, those of the opacity and those of colours
-  format::SummaryAttributes attributes_;
   std::string color_name_;
   PartRoom room_;
   bool holds_all_;  // the share has room for all cells, decoded
   mutable std::atomic<bool> are_held_ = false;
 
-  // What was read, if it holds all. These chunks and pages stay.
+  // If it holds all: the chunks that were read, and all pages once they were. They stay.
   mutable std::mutex held_mutex_;
   mutable std::unordered_map<std::uint64_t, std::shared_ptr<const Tetrahedra>> chunks_;  // [CellChunkEntry::offset]
   mutable std::vector<std::shared_ptr<const format::CellPage>> pages_;

@@ -38,20 +38,24 @@ tl::unexpected<Error> fail_without_cells(const format::Volume& volume) {
 
 Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
                                                                    std::vector<std::size_t> attributes,
-                                                                   const PartRoom& room) {
+                                                                   const PartRoom& room,
+                                                                   const format::SummaryAttributes& summaries) {
   for (const std::size_t a : attributes)
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
       return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
                   volume.info().attributes[a].name);
   SPLATVOL_TRY_ASSIGN(reader, format::CellReader::open(volume));
   if (!reader) return nullptr;
-  return std::unique_ptr<const CellTetrahedra>(new CellTetrahedra(std::move(reader), std::move(attributes), room));
+  return std::unique_ptr<const CellTetrahedra>(
+      new CellTetrahedra(std::move(reader), std::move(attributes), room, summaries));
 }
 
 CellTetrahedra::CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
-                               const PartRoom& room)
+                               const PartRoom& room, const format::SummaryAttributes& summaries)
     : reader_(std::move(reader)),
       attributes_(std::move(attributes)),
+      summaries_(summaries),
+      room_(room),
       ahead_memory_(reader_->volume().is_far() ? room.share->capacity() / 4 : 0),
       points_(*reader_, room),
       vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, room),
@@ -72,23 +76,35 @@ bool CellTetrahedra::has_constant() const {
 }
 
 Result<std::vector<format::CellChunkEntry>> CellTetrahedra::chunks(
-    const std::function<bool(const Box&)>& meets, const std::function<bool(const format::ValueSummary&)>& shows) const {
-  std::vector<std::size_t> numbers;
-  for (std::size_t number = 0; number < reader_->pages().size(); ++number)
-    if (meets(box_of_cells(reader_->pages()[number]))) numbers.push_back(number);
-  SPLATVOL_TRY_ASSIGN(ahead, read_pages_ahead(numbers));
+    const std::function<bool(const Box&)>& meets,
+    const std::function<bool(const format::CellPage&, std::size_t)>& shows) const {
+  std::vector<std::size_t> numbers, missing;
+  for (std::size_t number = 0; number < reader_->pages().size(); ++number) {
+    if (!meets(box_of_cells(reader_->pages()[number]))) continue;
+    numbers.push_back(number);
+    if (!room_.table->holds(key_of_page(number))) missing.push_back(number);
+  }
+  SPLATVOL_TRY_ASSIGN(ahead, reader_->read_pages_ahead(missing, ahead_memory_));
   std::vector<format::CellChunkEntry> chunks;
   for (const std::size_t number : numbers) {
     SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY_ASSIGN(page, reader_->read_page(number, {.values = shows ? static_cast<int>(attributes_[0]) : -1}));
-    for (std::size_t i = 0; i < page.chunks.size(); ++i) {
-      const format::CellChunkEntry& entry = page.chunks[i];
-      if (format::is_known(entry.shape, entry.field) && meets(box_of_cells(entry)) &&
-          (!shows || shows(page.summaries[i])))
+    SPLATVOL_TRY_ASSIGN(page, read_page(number));
+    for (std::size_t i = 0; i < page->chunks.size(); ++i) {
+      const format::CellChunkEntry& entry = page->chunks[i];
+      if (format::is_known(entry.shape, entry.field) && meets(box_of_cells(entry)) && (!shows || shows(*page, i)))
         chunks.push_back(entry);
     }
   }
   return chunks;
+}
+
+Result<std::shared_ptr<const format::CellPage>> CellTetrahedra::read_page(std::size_t page) const {
+  const auto bytes_of = [](const format::CellPage& entries) {
+    return entries.chunks.capacity() * sizeof(format::CellChunkEntry) +
+           (entries.summaries.capacity() + entries.opacity_summaries.capacity()) * sizeof(format::ValueSummary);
+  };
+  return room_.table->get<format::CellPage>(
+      key_of_page(page), *room_.share, 0, [&] { return reader_->read_page(page, summaries_); }, bytes_of);
 }
 
 // Returns how many chunks are read together: all threads have work, and the tetrahedra take little memory.
@@ -104,11 +120,6 @@ std::size_t CellTetrahedra::count_at_once(std::span<const format::CellChunkEntry
 Result<format::CellsAhead> CellTetrahedra::read_ahead(std::span<const format::CellChunkEntry> entries) const {
   const std::vector<int> attributes(attributes_.begin(), attributes_.end());
   return format::read_cells_ahead(*reader_, points_, entries, attributes, ahead_memory_);
-}
-
-Result<format::CellsAhead> CellTetrahedra::read_pages_ahead(std::span<const std::size_t> pages) const {
-  SPLATVOL_TRY_ASSIGN(bytes, reader_->read_pages_ahead(pages, ahead_memory_));
-  return format::CellsAhead{std::move(bytes)};
 }
 
 Result<Tetrahedra> CellTetrahedra::read(const format::CellChunkEntry& entry) const {
