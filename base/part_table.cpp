@@ -84,6 +84,39 @@ PartTable::Turn::Turn(PartTable& table, const PartKey& key) : table_(table), key
   lock_ = std::unique_lock(*mutex_);
 }
 
+namespace {
+
+// The parts of a file.
+struct FileParts {
+  PartTable& table;
+  const std::uint64_t file;
+
+  explicit FileParts(PartTable& of) : table(of), file(of.add_file()) {}
+  FileParts(const FileParts&) = delete;
+  FileParts& operator=(const FileParts&) = delete;
+  ~FileParts() { table.clear(file); }
+};
+
+struct OwnParts {
+  MemoryBudget budget;
+  MemoryShare share;
+  PartTable table;
+
+  explicit OwnParts(std::uint64_t memory) : budget(memory), share(budget, memory), table(budget) {}
+};
+
+}  // namespace
+
+PartRoom room_in(PartTable& table, MemoryShare& share) {
+  const auto parts = std::make_shared<const FileParts>(table);
+  return {&table, &share, parts->file, parts};
+}
+
+PartRoom own_room(std::uint64_t memory) {
+  const auto own = std::make_shared<OwnParts>(memory);
+  return {&own->table, &own->share, own->table.add_file(), own};
+}
+
 // The last one that knows the mutex, besides the table, removes it.
 PartTable::Turn::~Turn() {
   lock_.unlock();

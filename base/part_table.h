@@ -124,13 +124,17 @@ class PartTable {
   std::map<PartKey, std::shared_ptr<std::mutex>> turns_;
 };
 
-/// Where the parts of a file are held.
+/// Where the parts of a file are held. The last copy drops them.
 struct PartRoom {
   PartTable* table;
   MemoryShare* share;
   std::uint64_t file;
+  std::shared_ptr<const void> owner;
 
-  /// As those of the table, for its file.
+  /// The same file, in another share of the table's budget.
+  [[nodiscard]] PartRoom in(MemoryShare& other) const { return {table, &other, file, owner}; }
+
+  /// As those of the table.
   template <class Part>
   [[nodiscard]] std::shared_ptr<const Part> find(const PartKey& key) const {
     return table->find<Part>(key);
@@ -142,42 +146,10 @@ struct PartRoom {
   }
 };
 
-/// The parts of one file in a table, whoever reads them. The last owner drops them.
-class FileParts {
- public:
-  /// The table must outlive it.
-  explicit FileParts(PartTable& table) : table_(table), file_(table.add_file()) {}
-  FileParts(const FileParts&) = delete;
-  FileParts& operator=(const FileParts&) = delete;
-  ~FileParts() { table_.clear(file_); }
+/// Returns a room for another file. The table must outlive its copies.
+[[nodiscard]] PartRoom room_in(PartTable& table, MemoryShare& share);
 
-  /// `share`: of the table's budget.
-  [[nodiscard]] PartRoom room(MemoryShare& share) const { return {&table_, &share, file_}; }
-
-  [[nodiscard]] PartTable& table() const { return table_; }
-
- private:
-  PartTable& table_;
-  std::uint64_t file_;
-};
-
-/// A table for one file, with a budget of its own.
-class OwnParts {
- public:
-  explicit OwnParts(std::uint64_t memory)
-      : budget_(memory), share_(budget_, memory), table_(budget_), parts_(std::make_shared<const FileParts>(table_)) {}
-
-  [[nodiscard]] PartRoom room() { return parts_->room(share_); }
-  [[nodiscard]] MemoryShare& share() { return share_; }
-
-  /// Must not outlive it.
-  [[nodiscard]] const std::shared_ptr<const FileParts>& parts() const { return parts_; }
-
- private:
-  MemoryBudget budget_;
-  MemoryShare share_;
-  PartTable table_;
-  std::shared_ptr<const FileParts> parts_;
-};
+/// Returns a room in a table of its own, which lives as long as copies of the room do.
+[[nodiscard]] PartRoom own_room(std::uint64_t memory);
 
 }  // namespace splatvol

@@ -13,7 +13,7 @@ Result<Box> box_of_points(const Volume& volume) {
   SplatSelection selection;
   while (selection.resolution + 1 < counts.size() && counts[selection.resolution + 1] <= most_points)
     ++selection.resolution;
-  const SplatReader reader(volume, selection);
+  const SplatReader reader(volume, selection, own_room(splat_reader_bytes));
   Box box;
   for (std::uint64_t g = 0; g < reader.group_count(); ++g) {
     SPLATVOL_TRY_ASSIGN(group, reader.read(g, {.positions = true}));

@@ -1,7 +1,11 @@
 // A column's payload to and from a chunk. Internal to format.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "format/codec.h"
@@ -26,6 +30,35 @@ std::span<const std::byte> take_planes(std::span<const std::byte> planes, std::v
   numbers.resize(count);
   read_planes<T>(planes, numbers, width);
   return planes.subspan(width * count);
+}
+
+/// Codes of all points, for each of `fields` fields.
+template <class Code, int fields>
+class PlanesOf {
+ public:
+  explicit PlanesOf(std::size_t count) : count_(count), codes_(fields * count) {}
+
+  Code* operator[](int field) { return codes_.data() + static_cast<std::size_t>(field) * count_; }
+  void append_to(Bytes& payload) {
+    for (int k = 0; k < fields; ++k) append_planes<Code>(payload, std::span<const Code>((*this)[k], count_));
+  }
+
+ private:
+  std::size_t count_;
+  std::vector<Code> codes_;
+};
+
+/// Reads the record that a payload begins with.
+template <class Header>
+Result<Header> read_header(std::span<const std::byte> payload, std::string_view what) {
+  if (payload.size() < sizeof(Header)) return fail(ErrorCode::invalid_data, "{}: payload too short [R17]", what);
+  return read_record<Header>(payload, 0);
+}
+
+[[nodiscard]] inline bool is_scale(double number) { return number >= 0 && std::isfinite(number); }
+
+[[nodiscard]] inline bool all_zero(std::span<const std::uint8_t> bytes) {
+  return std::ranges::all_of(bytes, [](std::uint8_t byte) { return byte == 0; });
 }
 
 /// Maps signed numbers to unsigned ones, small to small: 0, -1, 1, -2 ... become 0, 1, 2, 3 ...

@@ -33,7 +33,6 @@ std::uint64_t bytes_of(const std::vector<Number>& numbers) {
 }  // namespace
 
 struct RankedPoints::Held {
-  std::unique_ptr<OwnParts> own;  // before what uses it
   PartRoom room;
   std::shared_ptr<const ChunkSource> chunks;
   ReadRankPage read_rank_page;
@@ -43,8 +42,7 @@ struct RankedPoints::Held {
   [[nodiscard]] PartKey key_of_rank_page(std::size_t page) const { return {room.file, rank_page, page}; }
   [[nodiscard]] PartKey key_of_positions(std::uint64_t group) const { return {room.file, group_positions, group}; }
   [[nodiscard]] PartKey key_of_values(int attribute, std::uint64_t group) const {
-    const bool is_of_step = cells && cells->volume().series();
-    return {room.file, group_values, group, attribute, is_of_step ? cells->volume().step() + 1 : 0};
+    return {room.file, group_values, group, attribute, cells ? cells->volume().step_key() : 0};
   }
 
   [[nodiscard]] Result<std::shared_ptr<const RankTable>> table(std::size_t page) const {
@@ -109,26 +107,14 @@ struct RankedPoints::Held {
   }
 };
 
-RankedPoints::RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page,
-                           std::uint64_t memory) {
-  auto own = std::make_unique<OwnParts>(memory);
-  const PartRoom room = own->room();
-  held_.reset(new Held{std::move(own), room, std::move(chunks), std::move(read_rank_page)});
-}
+RankedPoints::RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page, const PartRoom& room)
+    : held_(new Held{room, std::move(chunks), std::move(read_rank_page)}) {}
 
-RankedPoints::RankedPoints(const CellReader& cells, std::uint64_t memory) {
-  auto own = std::make_unique<OwnParts>(memory);
-  const PartRoom room = own->room();
-  open(cells, std::move(own), room);
-}
-
-RankedPoints::RankedPoints(const CellReader& cells, const PartRoom& room) { open(cells, nullptr, room); }
-
-void RankedPoints::open(const CellReader& cells, std::unique_ptr<OwnParts> own, const PartRoom& room) {
+RankedPoints::RankedPoints(const CellReader& cells, const PartRoom& room) {
   auto chunks = std::make_shared<const VolumeChunks>(cells.volume(), room);
   const VolumeChunks* const of_file = chunks.get();
-  held_.reset(new Held{std::move(own), room, std::move(chunks),
-                       [&cells](std::size_t page) { return cells.read_rank_page(page); }, &cells, of_file});
+  held_.reset(new Held{room, std::move(chunks), [&cells](std::size_t page) { return cells.read_rank_page(page); },
+                       &cells, of_file});
 }
 
 RankedPoints::~RankedPoints() = default;
@@ -202,19 +188,11 @@ Result<std::shared_ptr<const BytesAhead>> RankedPoints::read_ahead(std::span<con
 }
 
 struct CellVertices::Held {
-  std::unique_ptr<OwnParts> own;
   PartRoom room;
   ReadPage read_page;
 };
 
-CellVertices::CellVertices(ReadPage read_page, std::uint64_t memory) {
-  auto own = std::make_unique<OwnParts>(memory);
-  const PartRoom room = own->room();
-  held_.reset(new Held{std::move(own), room, std::move(read_page)});
-}
-
-CellVertices::CellVertices(ReadPage read_page, const PartRoom& room)
-    : held_(new Held{nullptr, room, std::move(read_page)}) {}
+CellVertices::CellVertices(ReadPage read_page, const PartRoom& room) : held_(new Held{room, std::move(read_page)}) {}
 
 CellVertices::~CellVertices() = default;
 

@@ -20,12 +20,11 @@ class RankedPoints {
  public:
   using ReadRankPage = std::function<Result<RankPage>(std::size_t page)>;
 
-  /// `memory`: bytes to hold, besides what calls in progress need. `read_rank_page` is called by several threads; what
+  /// `room`: for what is held besides what calls in progress need. `read_rank_page` is called by several threads; what
   /// it needs must outlive this.
-  RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page, std::uint64_t memory);
+  RankedPoints(std::shared_ptr<const ChunkSource> chunks, ReadRankPage read_rank_page, const PartRoom& room);
 
-  /// The same for a file, at its step; with memory of its own, or in a room. The reader must outlive this.
-  RankedPoints(const CellReader& cells, std::uint64_t memory);
+  /// The same for a file, at its step. The reader must outlive this.
   RankedPoints(const CellReader& cells, const PartRoom& room);
   ~RankedPoints();
 
@@ -54,7 +53,6 @@ class RankedPoints {
 
  private:
   struct Held;
-  void open(const CellReader& cells, std::unique_ptr<OwnParts> own, const PartRoom& room);
 
   std::unique_ptr<Held> held_;
 };
@@ -64,9 +62,8 @@ class CellVertices {
  public:
   using ReadPage = std::function<Result<std::vector<dvec3>>(std::size_t page)>;
 
-  /// `memory`: bytes to hold, besides pages in use. `read_page` is called by several threads; what it needs must
+  /// `room`: for pages that are held besides those in use. `read_page` is called by several threads; what it needs must
   /// outlive this.
-  CellVertices(ReadPage read_page, std::uint64_t memory);
   CellVertices(ReadPage read_page, const PartRoom& room);
   ~CellVertices();
 

@@ -8,12 +8,6 @@
 
 namespace splatvol::format {
 
-namespace {
-
-constexpr std::size_t held_pages = 8;
-
-}  // namespace
-
 Result<SplatSelection> select_splats(const Volume& volume, std::optional<std::size_t> resolution,
                                      const std::vector<std::string>& attributes, const Box& box) {
   const VolumeInfo& info = volume.info();
@@ -45,25 +39,10 @@ std::uint64_t SplatReader::group_count() const {
   return rows.first_row(selection_.resolution + 1) - rows.first_row(selection_.resolution);
 }
 
-Result<SplatReader::Page> SplatReader::page_of(std::uint64_t row, int column) const {
-  const std::uint64_t number = volume_.directory_page_of_row(row, column);
-  const std::scoped_lock lock(mutex_);
-  auto found = std::ranges::find(pages_, number, &HeldPage::number);
-  if (found == pages_.end()) {
-    SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
-    if (pages_.size() == held_pages) pages_.erase(pages_.begin());
-    pages_.push_back({number, std::make_shared<const DirectoryPage>(std::move(page))});
-    return pages_.back().page;
-  }
-  std::rotate(found, found + 1, pages_.end());
-  return pages_.back().page;
-}
-
 template <class Unpack>
 Status SplatReader::read_chunk(std::uint64_t row, ColumnKind kind, int attribute, const Unpack& unpack) const {
   const int column = volume_.info().find_column(kind, attribute);
-  SPLATVOL_TRY_ASSIGN(page, page_of(row, column));
-  const ChunkLocation& location = volume_.find_chunk(*page, row, column);
+  SPLATVOL_TRY_ASSIGN(location, chunks_.locate(row, column));
   SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(location.offset, location.entry.packed_bytes));
   return unpack(location.entry, bytes, fmt::format("{}: chunk at {}", volume_.name(), location.offset));
 }

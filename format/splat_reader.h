@@ -4,15 +4,14 @@
 #include <algorithm>
 #include <cstdint>
 #include <limits>
-#include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
 #include "base/math.h"
-#include "format/volume.h"
+#include "base/part_table.h"
+#include "format/volume_chunks.h"
 
 namespace splatvol::format {
 
@@ -47,11 +46,15 @@ struct SplatGroup {
   [[nodiscard]] std::size_t size() const { return std::max(positions.size(), centroids.size()); }
 };
 
-/// Reads the groups of a resolution. Holds a few directory pages. Thread-safe.
+/// Memory for the directory pages that reading group by group uses again.
+inline constexpr std::uint64_t splat_reader_bytes = std::uint64_t{16} << 20;
+
+/// Reads the groups of a resolution. Thread-safe.
 class SplatReader {
  public:
-  /// Both arguments must outlive the reader.
-  SplatReader(const Volume& volume, const SplatSelection& selection) : volume_(volume), selection_(selection) {}
+  /// The volume and the selection must outlive the reader. `room`: for directory pages.
+  SplatReader(const Volume& volume, const SplatSelection& selection, const PartRoom& room)
+      : volume_(volume), selection_(selection), chunks_(volume, room) {}
 
   [[nodiscard]] std::uint64_t group_count() const;
 
@@ -62,21 +65,13 @@ class SplatReader {
   [[nodiscard]] Result<SplatGroup> read(std::uint64_t group, Parts parts) const;
 
  private:
-  using Page = std::shared_ptr<const DirectoryPage>;
-  struct HeldPage {
-    std::uint64_t number;
-    Page page;
-  };
-  [[nodiscard]] Result<Page> page_of(std::uint64_t row, int column) const;
-
   /// Reads and unpacks a chunk of a row with unpack(entry, bytes, what).
   template <class Unpack>
   [[nodiscard]] Status read_chunk(std::uint64_t row, ColumnKind kind, int attribute, const Unpack& unpack) const;
 
   const Volume& volume_;
   const SplatSelection& selection_;
-  mutable std::mutex mutex_;
-  mutable std::vector<HeldPage> pages_;  // last used last
+  VolumeChunks chunks_;
 };
 
 }  // namespace splatvol::format

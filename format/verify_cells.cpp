@@ -57,8 +57,8 @@ class CellVerifier {
         info_(volume_.info()),
         progress_(progress),
         threads_(std::max<std::size_t>(threads, 1)),
-        points_(cells, threads_ * held_bytes),
-        vertices_([&cells](std::size_t page) { return cells.read_vertex_page(page); }, threads_ * held_bytes),
+        points_(cells, own_room(threads_ * held_bytes)),
+        vertices_([&cells](std::size_t page) { return cells.read_vertex_page(page); }, own_room(threads_ * held_bytes)),
         ends_(cells.pages().size()),
         kinds_(threads_) {
     // Summaries of a series are in its steps.

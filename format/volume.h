@@ -79,6 +79,9 @@ class Volume {
   [[nodiscard]] std::size_t step() const { return step_; }
   [[nodiscard]] double time() const { return series_->steps[step_].time; }
 
+  /// Returns PartKey::step of what the file holds once for each step: the step's number + 1; 0 unless it is a series.
+  [[nodiscard]] std::uint64_t step_key() const { return series_ ? step_ + 1 : 0; }
+
   /// Opens the same series at another step; shares what was read. Fails if there is no such step, or it is damaged.
   [[nodiscard]] Result<std::shared_ptr<const Volume>> at_step(std::size_t step) const;
 

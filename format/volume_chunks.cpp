@@ -8,7 +8,7 @@ namespace splatvol::format {
 
 Result<PackedChunk> VolumeChunks::read_chunk(ColumnKind kind, int attribute, std::uint64_t group) const {
   SPLATVOL_TRY_ASSIGN(entry, find({kind, attribute, group}));
-  SPLATVOL_TRY_ASSIGN(location, locate(entry));
+  SPLATVOL_TRY_ASSIGN(location, locate(entry.row, entry.column));
   SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(location.offset, location.entry.packed_bytes));
   return PackedChunk{location.entry, std::move(bytes)};
 }
@@ -19,11 +19,12 @@ Result<std::vector<ByteRange>> VolumeChunks::ranges_of(std::span<const ChunkName
   for (const ChunkName& chunk : chunks) {
     SPLATVOL_TRY_ASSIGN(entry, find(chunk));
     entries.push_back(entry);
-    if (!room_.table->holds(key_of(entry.page))) pages.push_back(volume_.range_of_directory_page(entry.page));
+    const std::uint64_t page = volume_.directory_page_of_row(entry.row, entry.column);
+    if (!room_.table->holds(key_of(page))) pages.push_back(volume_.range_of_directory_page(page));
   }
   SPLATVOL_TRY_ASSIGN(ahead, volume_.read_ahead(std::move(pages), memory));
   for (const Entry& entry : entries) {
-    SPLATVOL_TRY_ASSIGN(location, locate(entry));
+    SPLATVOL_TRY_ASSIGN(location, locate(entry.row, entry.column));
     ranges.push_back({location.offset, location.offset + location.entry.packed_bytes});
   }
   return ranges;
@@ -33,23 +34,20 @@ Result<VolumeChunks::Entry> VolumeChunks::find(const ChunkName& chunk) const {
   const int column = volume_.info().find_column(chunk.kind, chunk.attribute);
   if (column < 0)
     return fail(ErrorCode::invalid_argument, "{}: attribute {} has no values", volume_.name(), chunk.attribute);
-  const std::uint64_t row = volume_.rows().row(volume_.rows().group(chunk.group).segment, chunk.group);
-  return Entry{column, row, volume_.directory_page_of_row(row, column)};
+  return Entry{volume_.rows().row(volume_.rows().group(chunk.group).segment, chunk.group), column};
 }
 
-Result<ChunkLocation> VolumeChunks::locate(const Entry& entry) const {
-  SPLATVOL_TRY_ASSIGN(page, this->page(entry.page));
-  return volume_.find_chunk(*page, entry.row, entry.column);
+Result<ChunkLocation> VolumeChunks::locate(std::uint64_t row, int column) const {
+  const std::uint64_t number = volume_.directory_page_of_row(row, column);
+  SPLATVOL_TRY_ASSIGN(page, room_.table->get<DirectoryPage>(
+                                key_of(number), *room_.share, sizeof(DirectoryPage),
+                                [&] { return volume_.read_directory_page(number); },
+                                [](const DirectoryPage& read) { return read.memory_bytes(); }));
+  return volume_.find_chunk(*page, row, column);
 }
 
 PartKey VolumeChunks::key_of(std::uint64_t page) const {
-  return {room_.file, directory_page, page, -1, volume_.is_page_of_step(page) ? volume_.step() + 1 : 0};
-}
-
-Result<VolumeChunks::Page> VolumeChunks::page(std::uint64_t number) const {
-  return room_.table->get<DirectoryPage>(
-      key_of(number), *room_.share, sizeof(DirectoryPage), [&] { return volume_.read_directory_page(number); },
-      [](const DirectoryPage& page) { return page.memory_bytes(); });
+  return {room_.file, directory_page, page, -1, volume_.is_page_of_step(page) ? volume_.step_key() : 0};
 }
 
 }  // namespace splatvol::format

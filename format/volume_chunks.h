@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <span>
 #include <vector>
 
@@ -28,21 +27,18 @@ class VolumeChunks final : public ChunkSource {
   [[nodiscard]] const RowLayout& rows() const override { return volume_.rows(); }
   [[nodiscard]] Result<PackedChunk> read_chunk(ColumnKind kind, int attribute, std::uint64_t group) const override;
 
+  /// Returns where the chunk of a row is in the file. Thread-safe.
+  [[nodiscard]] Result<ChunkLocation> locate(std::uint64_t row, int column) const;
+
   /// Returns where chunks are in the file, in the same order. Reads pages of the directory ahead (Volume::read_ahead).
   [[nodiscard]] Result<std::vector<ByteRange>> ranges_of(std::span<const ChunkName> chunks, std::uint64_t memory) const;
 
  private:
-  using Page = std::shared_ptr<const DirectoryPage>;
-  // Where a chunk stands in the directory.
   struct Entry {
-    int column;
     std::uint64_t row;
-    std::uint64_t page;
+    int column;
   };
   [[nodiscard]] Result<Entry> find(const ChunkName& chunk) const;
-  [[nodiscard]] Result<ChunkLocation> locate(const Entry& entry) const;
-  [[nodiscard]] Result<Page> page(std::uint64_t number) const;
-
   [[nodiscard]] PartKey key_of(std::uint64_t page) const;
 
   const Volume& volume_;

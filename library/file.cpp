@@ -147,7 +147,7 @@ Result<Points> File::points(const PointsRequest& request) const {
   points.values.resize(selection.names.size());
   if (request.material) points.means = points.deviations = points.values;
 
-  const format::SplatReader reader(volume, selection);
+  const format::SplatReader reader(volume, selection, own_room(format::splat_reader_bytes));
   for (std::uint64_t g = 0; g < reader.group_count(); ++g) {
     SPLATVOL_TRY(check_interruption());
     SPLATVOL_TRY_ASSIGN(group, reader.read(g, {.positions = true}));
@@ -169,12 +169,12 @@ Result<std::vector<double>> File::sample(std::span<const dvec3> positions, const
   const format::Volume& volume = *contents_->volume;
   if (!resolution) {
     SPLATVOL_TRY_ASSIGN(number, format::find_attribute(volume.info(), attribute, name()));
-    SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, {static_cast<std::size_t>(number)}, held_bytes));
+    SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, {static_cast<std::size_t>(number)}, own_room(held_bytes)));
     if (cells && cells->unknown_cells() == 0) return sample_cells(*cells, positions);
   }
   SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, resolution, {attribute}, format::SplatSelection().box));
   SplatSampler sampler(positions);
-  const format::SplatReader reader(volume, selection);
+  const format::SplatReader reader(volume, selection, own_room(format::splat_reader_bytes));
   for (std::uint64_t g = 0; g < reader.group_count(); ++g) {
     SPLATVOL_TRY(check_interruption());
     SPLATVOL_TRY_ASSIGN(group, reader.read(g, {.material = true}));
@@ -191,7 +191,7 @@ Result<LineSamples> File::sample_line(const dvec3& start, const dvec3& end, cons
   if (samples && *samples < 2) return fail(ErrorCode::invalid_argument, "{}: a line has two samples or more", name());
   const format::Volume& volume = *contents_->volume;
   SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, {}, attributes, format::SplatSelection().box));
-  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, selection.attributes, held_bytes));
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, selection.attributes, own_room(held_bytes)));
   if (!cells) return fail_without_cells(volume);
   SPLATVOL_TRY_ASSIGN(rows, follow_line(*cells, start, end));
   if (samples) rows = in_equal_steps(rows, start, end, *samples);

@@ -37,14 +37,6 @@ std::size_t tetrahedra_of(format::CellShape shape) {
   return 1;
 }
 
-// Gives each tetrahedron the value of its cell.
-std::vector<double> spread(const std::vector<double>& values, std::span<const std::uint32_t> cells) {
-  std::vector<double> spread;
-  spread.reserve(cells.size());
-  for (const std::uint32_t cell : cells) spread.push_back(values[cell]);
-  return spread;
-}
-
 // A rectangle of the picture, in pixels.
 struct Rectangle {
   dvec2 low, high;
@@ -88,12 +80,12 @@ double faces_on_rays(const Box& box, const dmat3& normals, const View& view) {
 }
 
 // Looks at some of many cells.
-ShownFaces shown_faces_of(const DrawnCells& cells, const ShownInCells& shown) {
+ShownFaces shown_faces_of(const Tetrahedra& cells, const ShownInCells& shown) {
   constexpr std::size_t looked_at = 256;
   // Whether the values of a tetrahedron are visible, none of which may be missing.
   const auto shows = [&](std::size_t number, const std::vector<double>& values, const auto& is_visible) {
     double low = std::numeric_limits<double>::infinity(), high = -low;
-    for (const std::uint32_t corner : cells.tetrahedra[number]) {
+    for (const std::uint32_t corner : cells.corners[number]) {
       const double value = values[cells.constant ? number : corner];
       if (std::isnan(value)) return false;
       low = std::min(low, value), high = std::max(high, value);
@@ -105,17 +97,17 @@ ShownFaces shown_faces_of(const DrawnCells& cells, const ShownInCells& shown) {
   };
   double all = 0, seen = 0;
   dmat3 normals(0);
-  const std::size_t step = 1 + cells.tetrahedra.size() / looked_at;
-  for (std::size_t number = 0; number < cells.tetrahedra.size(); number += step) {
-    const auto& [a, b, c, d] = cells.tetrahedra[number];
+  const std::size_t step = 1 + cells.size() / looked_at;
+  for (std::size_t number = 0; number < cells.size(); number += step) {
+    const auto& [a, b, c, d] = cells.corners[number];
     const dvec3 p = cells.points[a], q = cells.points[b] - p, r = cells.points[c] - p, s = cells.points[d] - p;
     const std::array<dvec3, 4> faces = {glm::cross(q, r), glm::cross(q, s), glm::cross(r, s),
                                         glm::cross(r - q, s - q)};  // normals, as long as their areas
     for (const dvec3& face : faces) all += glm::length(face);
-    const bool has_matter = shows(number, cells.values, by(shown.function)) &&
-                            (!shown.opacity || shows(number, cells.opacity_values, by(shown.opacity->function)));
+    const bool has_matter = shows(number, cells.values[0], by(shown.function)) &&
+                            (!shown.opacity || shows(number, cells.values[1], by(shown.opacity->function)));
     if (has_matter ||
-        shows(number, cells.values, [&](double low, double high) { return shown.has_contour(low, high); }))
+        shows(number, cells.values[0], [&](double low, double high) { return shown.has_contour(low, high); }))
       for (const dvec3& face : faces) {
         const double area = glm::length(face);
         seen += area;
@@ -145,7 +137,7 @@ bool ShownInCells::has_contour(double low, double high) const {
 }
 
 Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& volume, const Scene& scene,
-                                                         std::shared_ptr<const FileParts> parts, MemoryShare& share) {
+                                                         const PartRoom& room) {
   const format::VolumeInfo& info = volume.info();
   format::SummaryAttributes attributes;
   SPLATVOL_TRY_SET(attributes.values, format::find_attribute(info, scene.attribute, volume.name()));
@@ -158,7 +150,7 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
     SPLATVOL_TRY_ASSIGN(color, format::find_attribute(info, contours.attribute, volume.name()));
     shown.push_back(static_cast<std::size_t>(color));
   }
-  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, std::move(shown), parts->room(share)));
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, std::move(shown), room, attributes));
   if (!cells)
     return fail(ErrorCode::invalid_argument,
                 "{}: it keeps no cells, and only these are drawn exactly: build it from a mesh, or from points by "
@@ -169,37 +161,24 @@ Result<std::shared_ptr<const KeptCells>> KeptCells::open(const format::Volume& v
     return fail(ErrorCode::invalid_argument,
                 "{}: contours: each cell has one value, and so nothing passes another: build it without --cells own",
                 volume.name());
-  return std::shared_ptr<const KeptCells>(
-      new KeptCells(std::move(cells), attributes, contours.attribute, std::move(parts), share));
+  return std::shared_ptr<const KeptCells>(new KeptCells(std::move(cells), contours.attribute, room));
 }
 
 // Points take less memory than the cells, so a third of the share is enough for them.
-KeptCells::KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
-                     std::string color_name, std::shared_ptr<const FileParts> parts, MemoryShare& share)
+KeptCells::KeptCells(std::unique_ptr<const CellTetrahedra> cells, std::string color_name, const PartRoom& room)
     : cells_(std::move(cells)),
-      attributes_(attributes),
       color_name_(std::move(color_name)),
-      parts_(std::move(parts)),
-      room_(parts_->room(share)),
+      room_(room),
       holds_all_(decoded_bytes(cells_->reader()) <= room_.share->capacity() / 3 * 2) {}
 
 PartKey KeptCells::key_of(const format::CellChunkEntry& entry) const {
   const int color = color_name_.empty() ? -1 : static_cast<int>(cells_->attributes().back());
-  const std::array of_values{attributes_.values, attributes_.opacity, color};
-  return {room_.file, format::cell_chunk, entry.offset, format::columns_key(of_values), step_key()};
+  const auto [values, opacity] = cells_->summaries();
+  const std::array of_values{values, opacity, color};
+  return {room_.file, format::cell_chunk, entry.offset, format::columns_key(of_values), reader().volume().step_key()};
 }
 
-PartKey KeptCells::key_of_page(std::size_t page) const {
-  const std::array of_summaries{attributes_.values, attributes_.opacity};
-  return {room_.file, format::cell_page, page, format::columns_key(of_summaries), step_key()};
-}
-
-std::uint64_t KeptCells::step_key() const {
-  const format::Volume& volume = reader().volume();
-  return volume.series() ? volume.step() + 1 : 0;
-}
-
-Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, DrawnCells& scratch) const {
+Result<const Tetrahedra*> KeptCells::read(const format::CellChunkEntry& entry, Tetrahedra& scratch) const {
   if (!holds_all_) {
     SPLATVOL_TRY_SET(scratch, decode(entry));
     return &scratch;
@@ -208,29 +187,15 @@ Result<const DrawnCells*> KeptCells::read(const format::CellChunkEntry& entry, D
     const std::scoped_lock lock(held_mutex_);
     if (const auto held = chunks_.find(entry.offset); held != chunks_.end()) return held->second.get();
   }
-  SPLATVOL_TRY_ASSIGN(cells, room_.table->get<DrawnCells>(
+  SPLATVOL_TRY_ASSIGN(cells, room_.table->get<Tetrahedra>(
                                  key_of(entry), *room_.share, 0, [&] { return decode(entry); },
-                                 [](const DrawnCells& decoded) { return decoded.memory_bytes(); }));
+                                 [](const Tetrahedra& decoded) { return decoded.memory_bytes(); }));
   if (!room_.table->holds(key_of(entry))) {  // it takes more than it was thought to
     scratch = *cells;
     return &scratch;
   }
   const std::scoped_lock lock(held_mutex_);
   return chunks_.try_emplace(entry.offset, std::move(cells)).first->second.get();
-}
-
-Result<std::shared_ptr<const format::CellPage>> KeptCells::read_page(std::size_t page) const {
-  const auto bytes_of = [](const format::CellPage& entries) {
-    return entries.chunks.capacity() * sizeof(format::CellChunkEntry) +
-           (entries.summaries.capacity() + entries.opacity_summaries.capacity()) * sizeof(format::ValueSummary);
-  };
-  SPLATVOL_TRY_ASSIGN(entries, room_.table->get<format::CellPage>(
-                                   key_of_page(page), *room_.share, 0,
-                                   [&] { return reader().read_page(page, attributes_); }, bytes_of));
-  if (!holds_all_) return entries;
-  const std::scoped_lock lock(held_mutex_);
-  pages_.resize(reader().pages().size());
-  return pages_[page] = entries;
 }
 
 Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, const ShownInCells& shown) const {
@@ -241,7 +206,7 @@ Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, c
   }
   const auto known = faces_.find(entry.offset);
   if (known != faces_.end()) return known->second;
-  DrawnCells scratch;
+  Tetrahedra scratch;
   SPLATVOL_TRY_ASSIGN(cells, read(entry, scratch));
   const ShownFaces faces = shown_faces_of(*cells, shown);
   faces_.emplace(entry.offset, faces);
@@ -250,10 +215,12 @@ Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, c
 
 Status KeptCells::hold_all() const {
   if (!holds_all_ || are_held_) return {};
-  DrawnCells scratch;
+  Tetrahedra scratch;
   std::size_t known = 0;
+  std::vector<std::shared_ptr<const format::CellPage>> pages;
   for (std::size_t number = 0; number < reader().pages().size(); ++number) {
-    SPLATVOL_TRY_ASSIGN(page, read_page(number));
+    SPLATVOL_TRY_ASSIGN(page, cells_->read_page(number));
+    pages.push_back(page);
     SPLATVOL_TRY_ASSIGN(ahead, read_ahead(page->chunks));
     for (const format::CellChunkEntry& entry : page->chunks) {
       SPLATVOL_TRY(check_interruption());
@@ -263,21 +230,15 @@ Status KeptCells::hold_all() const {
     }
   }
   const std::scoped_lock lock(held_mutex_);
+  pages_ = std::move(pages);
   are_held_ = chunks_.size() == known;
   return {};
 }
 
-Result<DrawnCells> KeptCells::decode(const format::CellChunkEntry& entry) const {
-  SPLATVOL_TRY_ASSIGN(read, cells_->read(entry));
-  if (read.constant)
-    for (std::vector<double>& values : read.values) values = spread(values, read.cells);
-  DrawnCells cells;
-  cells.points = std::move(read.points);
-  cells.values = std::move(read.values.front());
-  cells.constant = read.constant;
-  cells.tetrahedra = std::move(read.corners);
-  if (attributes_.opacity >= 0) cells.opacity_values = std::move(read.values[1]);
-  if (!color_name_.empty()) cells.color_values = std::move(read.values.back());
+Result<Tetrahedra> KeptCells::decode(const format::CellChunkEntry& entry) const {
+  SPLATVOL_TRY_ASSIGN(cells, cells_->read(entry));
+  cells.ranks = std::vector<std::uint64_t>();  // drawing needs no names
+  cells.cells = std::vector<std::uint32_t>();
   return cells;
 }
 
@@ -287,13 +248,6 @@ Result<format::CellsAhead> KeptCells::read_ahead(std::span<const format::CellChu
   std::ranges::copy_if(entries, std::back_inserter(missing),
                        [&](const format::CellChunkEntry& entry) { return !room_.table->holds(key_of(entry)); });
   return cells_->read_ahead(missing);
-}
-
-Result<format::CellsAhead> KeptCells::read_pages_ahead(std::span<const std::size_t> pages) const {
-  std::vector<std::size_t> missing;
-  std::ranges::copy_if(pages, std::back_inserter(missing),
-                       [&](std::size_t page) { return !room_.table->holds(key_of_page(page)); });
-  return cells_->read_pages_ahead(missing);
 }
 
 Result<std::shared_ptr<const void>> FileCells::read_ahead(std::span<const std::uint64_t> numbers) const {
@@ -311,35 +265,22 @@ Result<std::unique_ptr<const FileCells>> FileCells::open(std::shared_ptr<const K
 }
 
 Status FileCells::read_entries() {
-  const format::CellReader& reader = kept_->reader();
-  const format::SummaryAttributes& attributes = kept_->attributes();
-  const std::vector<format::Attribute>& all = reader.volume().info().attributes;
+  const format::SummaryAttributes& attributes = kept_->cells().summaries();
+  const std::vector<format::Attribute>& all = kept_->reader().volume().info().attributes;
   const format::Attribute* const opacity =
       attributes.opacity < 0 ? nullptr : &all[static_cast<std::size_t>(attributes.opacity)];
   const Transfer transfer(shown_.function, shown_.opacity ? &shown_.opacity->function : nullptr);
   const ValueVisibility visibility(transfer, {all[static_cast<std::size_t>(attributes.values)], opacity});
+  const auto shows = [&](const format::CellPage& page, std::size_t chunk) {
+    const format::ValueSummary& values = page.summaries[chunk];
+    return visibility.shows({values, opacity ? &page.opacity_summaries[chunk] : nullptr}) ||
+           may_meet_event(box_of_cells(page.chunks[chunk]), values);
+  };
   const Frustum frustum(view_, 0);
-  std::vector<std::size_t> numbers;
-  for (std::size_t number = 0; number < reader.pages().size(); ++number) {
-    const format::CellPageRef& ref = reader.pages()[number];
-    if (frustum.touches(box_of_cells(ref))) numbers.push_back(number);
-  }
-  SPLATVOL_TRY_ASSIGN(ahead, kept_->read_pages_ahead(numbers));
-  for (const std::size_t number : numbers) {
-    SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY_ASSIGN(page, kept_->read_page(number));
-    for (std::size_t i = 0; i < page->chunks.size(); ++i) {
-      const format::CellChunkEntry& entry = page->chunks[i];
-      const Box box = box_of_cells(entry);
-      const format::ValueSummary& values = page->summaries[i];
-      if (!format::is_known(entry.shape, entry.field) || !frustum.touches(box) ||
-          (!visibility.shows({values, opacity ? &page->opacity_summaries[i] : nullptr}) &&
-           !may_meet_event(box, values)))
-        continue;
-      const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
-      chunks_.push_back({box, static_cast<std::uint32_t>(tetrahedra), entries_.size()});
-      entries_.push_back(entry);
-    }
+  SPLATVOL_TRY_SET(entries_, kept_->cells().chunks([&](const Box& box) { return frustum.touches(box); }, shows));
+  for (const format::CellChunkEntry& entry : entries_) {
+    const std::size_t tetrahedra = entry.cells * tetrahedra_of(entry.shape);
+    chunks_.push_back({box_of_cells(entry), static_cast<std::uint32_t>(tetrahedra), chunks_.size()});
   }
   return {};
 }
@@ -347,7 +288,7 @@ Status FileCells::read_entries() {
 // Whether rays may meet a contour or a slice in a chunk. Missing values have an empty range.
 bool FileCells::may_meet_event(const Box& box, const format::ValueSummary& values) const {
   if (!(values.min <= values.max)) return false;
-  const auto number = static_cast<std::size_t>(kept_->attributes().values);
+  const auto number = static_cast<std::size_t>(kept_->cells().summaries().values);
   const format::Attribute& attribute = kept_->reader().volume().info().attributes[number];
   if (shown_.has_contour(attribute.value(double{values.min}), attribute.value(double{values.max}))) return true;
   const dvec3 middle = 0.5 * (box.low + box.high), half = 0.5 * box.extent();

@@ -44,17 +44,18 @@ struct ShownFaces {
 /// The cells that a file keeps, with the values of a scene's attributes. Thread-safe.
 class KeptCells {
  public:
-  /// Of a series, the cells have the values of the volume's step. `parts`: of the file. `share`: for them, and for
-  /// decoded cells. The volume must outlive the cells. Fails if the file keeps none.
+  /// Of a series, the cells have the values of the volume's step. `room`: of the file. The volume must outlive the
+  /// cells. Fails if the file keeps none.
   [[nodiscard]] static Result<std::shared_ptr<const KeptCells>> open(const format::Volume& volume, const Scene& scene,
-                                                                     std::shared_ptr<const FileParts> parts,
-                                                                     MemoryShare& share);
+                                                                     const PartRoom& room);
   KeptCells(const KeptCells&) = delete;
   KeptCells& operator=(const KeptCells&) = delete;
 
   [[nodiscard]] const format::CellReader& reader() const { return cells_->reader(); }
   [[nodiscard]] std::uint64_t unknown_cells() const { return cells_->unknown_cells(); }
-  [[nodiscard]] const format::SummaryAttributes& attributes() const { return attributes_; }
+
+  /// The cells, with summaries of the attribute and of the opacity's.
+  [[nodiscard]] const CellTetrahedra& cells() const { return *cells_; }
 
   [[nodiscard]] const MemoryShare& share() const { return *room_.share; }
 
@@ -62,10 +63,7 @@ class KeptCells {
   [[nodiscard]] const std::string& color_attribute() const { return color_name_; }
 
   /// As CellSource::read.
-  [[nodiscard]] Result<const DrawnCells*> read(const format::CellChunkEntry& entry, DrawnCells& scratch) const;
-
-  /// As CellReader::read_page, of these attributes.
-  [[nodiscard]] Result<std::shared_ptr<const format::CellPage>> read_page(std::size_t page) const;
+  [[nodiscard]] Result<const Tetrahedra*> read(const format::CellChunkEntry& entry, Tetrahedra& scratch) const;
 
   /// Reads a chunk, and remembers its faces for the last `shown`.
   [[nodiscard]] Result<ShownFaces> shown_faces(const format::CellChunkEntry& entry, const ShownInCells& shown) const;
@@ -79,27 +77,21 @@ class KeptCells {
 
   /// As CellTetrahedra::read_ahead, without what is held.
   [[nodiscard]] Result<format::CellsAhead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
-  [[nodiscard]] Result<format::CellsAhead> read_pages_ahead(std::span<const std::size_t> pages) const;
 
  private:
-  KeptCells(std::unique_ptr<const CellTetrahedra> cells, const format::SummaryAttributes& attributes,
-            std::string color_name, std::shared_ptr<const FileParts> parts, MemoryShare& share);
-  [[nodiscard]] Result<DrawnCells> decode(const format::CellChunkEntry& entry) const;
+  KeptCells(std::unique_ptr<const CellTetrahedra> cells, std::string color_name, const PartRoom& room);
+  [[nodiscard]] Result<Tetrahedra> decode(const format::CellChunkEntry& entry) const;
   [[nodiscard]] PartKey key_of(const format::CellChunkEntry& entry) const;
-  [[nodiscard]] PartKey key_of_page(std::size_t page) const;
-  [[nodiscard]] std::uint64_t step_key() const;
 
   std::unique_ptr<const CellTetrahedra> cells_;  // with the values, those of the opacity and those of colours
-  format::SummaryAttributes attributes_;
   std::string color_name_;
-  std::shared_ptr<const FileParts> parts_;
   PartRoom room_;
   bool holds_all_;  // the share has room for all cells, decoded
   mutable std::atomic<bool> are_held_ = false;
 
-  // What was read, if it holds all. These chunks and pages stay.
+  // If it holds all: the chunks that were read, and all pages once they were. They stay.
   mutable std::mutex held_mutex_;
-  mutable std::unordered_map<std::uint64_t, std::shared_ptr<const DrawnCells>> chunks_;  // [CellChunkEntry::offset]
+  mutable std::unordered_map<std::uint64_t, std::shared_ptr<const Tetrahedra>> chunks_;  // [CellChunkEntry::offset]
   mutable std::vector<std::shared_ptr<const format::CellPage>> pages_;
 
   mutable std::mutex faces_mutex_;
@@ -120,7 +112,7 @@ class FileCells final : public CellSource {
   }
 
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
-  [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
+  [[nodiscard]] Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& scratch) const override {
     return kept_->read(entries_[chunk.number], scratch);
   }
   [[nodiscard]] Result<std::shared_ptr<const void>> read_ahead(std::span<const std::uint64_t> numbers) const override;

@@ -125,14 +125,13 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
   SPLATVOL_TRY_ASSIGN(surfaces, read_scene_surfaces(used.surfaces, *volume, options.read_surface,
                                                     memory->patches.capacity(), held.surfaces));
   SPLATVOL_TRY_ASSIGN(
-      streamer, Streamer::open(std::move(volume),
-                               {.attribute = used.attribute,
-                                .kernel = kernel_of(options.drawing),
-                                .gradients = used.lighting.has_value(),
-                                .on_data = options.on_data,
-                                .opacity_attribute = opacity_attribute_of(used),
-                                .parts = held.parts ? held.parts : std::make_shared<const FileParts>(memory->table),
-                                .share = &memory->splats}));
+      streamer,
+      Streamer::open(std::move(volume), {.attribute = used.attribute,
+                                         .kernel = kernel_of(options.drawing),
+                                         .gradients = used.lighting.has_value(),
+                                         .on_data = options.on_data,
+                                         .opacity_attribute = opacity_attribute_of(used),
+                                         .room = held.room ? *held.room : room_in(memory->table, memory->splats)}));
   return PlayerFile{std::move(steps),   step, std::move(used), options, std::move(memory), std::move(streamer),
                     std::move(surfaces)};
 }
@@ -166,7 +165,7 @@ Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
   if (other_parts) {
     Held held{step == step_ ? surfaces_ : surfaces_of_all_steps()};
     if (options.memory == options_.memory) held.memory = memory_;
-    if (held.memory && !steps_.are_files()) held.parts = streamer_->parts();
+    if (held.memory && !steps_.are_files()) held.room = streamer_->room();
     return [=, steps = steps_, held = std::move(held)] { return read(steps, step, scene, options, held); };
   }
   if (scene.surfaces == scene_.surfaces) return {};
@@ -338,8 +337,8 @@ void Player::read_ahead(std::size_t step, bool with_cells) {
     cells_ahead_.reset();
     const bool is_other = kept_cells_ && &kept_cells_->share() == &memory_->next_cells;
     MemoryShare& share = is_other ? memory_->cells : memory_->next_cells;
-    auto parts = steps_.are_files() ? std::make_shared<const FileParts>(memory_->table) : streamer_->parts();
-    cells_ahead_ = std::make_unique<StepCells>(steps_, step, scene_, std::move(parts), share);
+    const PartRoom room = steps_.are_files() ? room_in(memory_->table, share) : streamer_->room().in(share);
+    cells_ahead_ = std::make_unique<StepCells>(steps_, step, scene_, room);
   }
   if (!steps_.are_files()) return streamer_->prefetch_step(step);
   if (ahead_ && ahead_->step() == step) return;
@@ -500,7 +499,7 @@ Result<std::shared_ptr<const KeptCells>> Player::kept_cells() {
     kept_volume_ = streamer_->shared_volume();
     const bool is_taken = cells_ahead_ && &cells_ahead_->share() == &memory_->cells;
     MemoryShare& share = is_taken ? memory_->next_cells : memory_->cells;
-    SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(*kept_volume_, scene_, streamer_->parts(), share));
+    SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(*kept_volume_, scene_, streamer_->room().in(share)));
   }
   return kept_cells_;
 }

@@ -46,17 +46,16 @@ class StepAhead {
 /// error.
 class StepCells {
  public:
-  /// `parts`: of the step's file. `share`: for the cells, which belong to no other share then.
-  StepCells(const format::Steps& steps, std::size_t step, const Scene& scene, std::shared_ptr<const FileParts> parts,
-            MemoryShare& share)
+  /// `room`: of the step's file, in a share that belongs to no other cells then.
+  StepCells(const format::Steps& steps, std::size_t step, const Scene& scene, const PartRoom& room)
       : step_(step),
-        share_(share),
+        share_(*room.share),
         cells_(std::async(std::launch::async | std::launch::deferred,
-                          [steps, step, scene, parts = std::move(parts), &share, stop = stop_.get_token()]() -> Cells {
+                          [steps, step, scene, room, stop = stop_.get_token()]() -> Cells {
                             const Interruptible interruptible(stop);
                             const auto volume = steps.volume(step);
                             if (!volume || (*volume)->is_far()) return {};
-                            const auto kept = KeptCells::open(**volume, scene, parts, share);
+                            const auto kept = KeptCells::open(**volume, scene, room);
                             if (!kept) return {};
                             static_cast<void>((*kept)->hold_all());
                             return {*volume, *kept};

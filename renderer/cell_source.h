@@ -1,36 +1,18 @@
 // Cells of a mesh, as the processor draws them exactly: it pulls them chunk by chunk while it draws.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <memory>
 #include <span>
-#include <vector>
 
 #include "base/error.h"
 #include "base/math.h"
+#include "base/tetrahedra.h"
 
 namespace splatvol {
 
-/// Tetrahedra whose values are linear, or constant, in each.
-struct DrawnCells {
-  std::vector<dvec3> points;           // world coordinates
-  std::vector<double> values;          // [point], or [tetrahedron] if constant; NaN: missing
-  std::vector<double> opacity_values;  // as values, of the scene's opacity; empty: none
-  std::vector<double> color_values;    // as values, of the attribute that colours contours; empty: none
-  bool constant = false;
-
-  /// [tetrahedron]: points in ascending order of numbers. The same points of two chunks have numbers in the same order.
-  std::vector<std::array<std::uint32_t, 4>> tetrahedra;
-
-  [[nodiscard]] std::uint64_t memory_bytes() const {
-    return points.capacity() * sizeof(dvec3) +
-           (values.capacity() + opacity_values.capacity() + color_values.capacity()) * sizeof(double) +
-           tetrahedra.capacity() * sizeof(tetrahedra[0]);
-  }
-};
-
-/// Cells in chunks.
+/// Cells in chunks. Their values: of the scene's attribute, then of its opacity's if it has one, and last of the one
+/// that colours contours if there is one.
 class CellSource {
  public:
   struct Chunk {
@@ -53,7 +35,7 @@ class CellSource {
 
   /// Reads a chunk: into `scratch`, whose memory it keeps, unless it holds the cells itself. Returns where they are
   /// until the next call with this scratch. Thread-safe.
-  [[nodiscard]] virtual Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const = 0;
+  [[nodiscard]] virtual Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& scratch) const = 0;
 };
 
 }  // namespace splatvol

@@ -8,6 +8,8 @@
 #include <string>
 #include <utility>
 
+#include "sampler/tetrahedron.h"
+
 namespace splatvol {
 namespace {
 

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "sampler/position_tree.h"
+#include "sampler/tetrahedron.h"
 
 namespace splatvol {
 namespace {

@@ -1,7 +1,10 @@
 #include "sampler/cell_tetrahedra.h"
 
+#include <array>
 #include <cmath>
 #include <utility>
+
+#include "sampler/tetrahedron.h"
 
 namespace splatvol {
 namespace {
@@ -16,6 +19,14 @@ std::array<std::uint32_t, 4> sorted(std::array<std::uint32_t, 4> corners) {
   return corners;
 }
 
+// Gives each tetrahedron the value of its cell.
+std::vector<double> spread(const std::vector<double>& values, std::span<const std::uint32_t> cells) {
+  std::vector<double> spread;
+  spread.reserve(cells.size());
+  for (const std::uint32_t cell : cells) spread.push_back(values[cell]);
+  return spread;
+}
+
 }  // namespace
 
 tl::unexpected<Error> fail_without_cells(const format::Volume& volume) {
@@ -27,22 +38,8 @@ tl::unexpected<Error> fail_without_cells(const format::Volume& volume) {
 
 Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
                                                                    std::vector<std::size_t> attributes,
-                                                                   const PartRoom& room) {
-  return open(volume, std::move(attributes), room, nullptr);
-}
-
-Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
-                                                                   std::vector<std::size_t> attributes,
-                                                                   std::uint64_t memory) {
-  auto own = std::make_unique<OwnParts>(memory);
-  const PartRoom room = own->room();
-  return open(volume, std::move(attributes), room, std::move(own));
-}
-
-Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format::Volume& volume,
-                                                                   std::vector<std::size_t> attributes,
                                                                    const PartRoom& room,
-                                                                   std::unique_ptr<OwnParts> own) {
+                                                                   const format::SummaryAttributes& summaries) {
   for (const std::size_t a : attributes)
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
       return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
@@ -50,14 +47,15 @@ Result<std::unique_ptr<const CellTetrahedra>> CellTetrahedra::open(const format:
   SPLATVOL_TRY_ASSIGN(reader, format::CellReader::open(volume));
   if (!reader) return nullptr;
   return std::unique_ptr<const CellTetrahedra>(
-      new CellTetrahedra(std::move(reader), std::move(attributes), room, std::move(own)));
+      new CellTetrahedra(std::move(reader), std::move(attributes), room, summaries));
 }
 
 CellTetrahedra::CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
-                               const PartRoom& room, std::unique_ptr<OwnParts> own)
-    : own_(std::move(own)),
-      reader_(std::move(reader)),
+                               const PartRoom& room, const format::SummaryAttributes& summaries)
+    : reader_(std::move(reader)),
       attributes_(std::move(attributes)),
+      summaries_(summaries),
+      room_(room),
       ahead_memory_(reader_->volume().is_far() ? room.share->capacity() / 4 : 0),
       points_(*reader_, room),
       vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, room),
@@ -78,23 +76,40 @@ bool CellTetrahedra::has_constant() const {
 }
 
 Result<std::vector<format::CellChunkEntry>> CellTetrahedra::chunks(
-    const std::function<bool(const Box&)>& meets, const std::function<bool(const format::ValueSummary&)>& shows) const {
-  std::vector<std::size_t> numbers;
-  for (std::size_t number = 0; number < reader_->pages().size(); ++number)
-    if (meets(box_of_cells(reader_->pages()[number]))) numbers.push_back(number);
-  SPLATVOL_TRY_ASSIGN(ahead, read_pages_ahead(numbers));
+    const std::function<bool(const Box&)>& meets,
+    const std::function<bool(const format::CellPage&, std::size_t)>& shows) const {
+  std::vector<std::size_t> numbers, missing;
+  for (std::size_t number = 0; number < reader_->pages().size(); ++number) {
+    if (!meets(box_of_cells(reader_->pages()[number]))) continue;
+    numbers.push_back(number);
+    if (!room_.table->holds(key_of_page(number))) missing.push_back(number);
+  }
+  SPLATVOL_TRY_ASSIGN(ahead, reader_->read_pages_ahead(missing, ahead_memory_));
   std::vector<format::CellChunkEntry> chunks;
   for (const std::size_t number : numbers) {
     SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY_ASSIGN(page, reader_->read_page(number, {.values = shows ? static_cast<int>(attributes_[0]) : -1}));
-    for (std::size_t i = 0; i < page.chunks.size(); ++i) {
-      const format::CellChunkEntry& entry = page.chunks[i];
-      if (format::is_known(entry.shape, entry.field) && meets(box_of_cells(entry)) &&
-          (!shows || shows(page.summaries[i])))
+    SPLATVOL_TRY_ASSIGN(page, read_page(number));
+    for (std::size_t i = 0; i < page->chunks.size(); ++i) {
+      const format::CellChunkEntry& entry = page->chunks[i];
+      if (format::is_known(entry.shape, entry.field) && meets(box_of_cells(entry)) && (!shows || shows(*page, i)))
         chunks.push_back(entry);
     }
   }
   return chunks;
+}
+
+PartKey CellTetrahedra::key_of_page(std::size_t page) const {
+  const std::array of_summaries{summaries_.values, summaries_.opacity};
+  return {room_.file, format::cell_page, page, format::columns_key(of_summaries), reader_->volume().step_key()};
+}
+
+Result<std::shared_ptr<const format::CellPage>> CellTetrahedra::read_page(std::size_t page) const {
+  const auto bytes_of = [](const format::CellPage& entries) {
+    return entries.chunks.capacity() * sizeof(format::CellChunkEntry) +
+           (entries.summaries.capacity() + entries.opacity_summaries.capacity()) * sizeof(format::ValueSummary);
+  };
+  return room_.table->get<format::CellPage>(
+      key_of_page(page), *room_.share, 0, [&] { return reader_->read_page(page, summaries_); }, bytes_of);
 }
 
 // Returns how many chunks are read together: all threads have work, and the tetrahedra take little memory.
@@ -112,11 +127,6 @@ Result<format::CellsAhead> CellTetrahedra::read_ahead(std::span<const format::Ce
   return format::read_cells_ahead(*reader_, points_, entries, attributes, ahead_memory_);
 }
 
-Result<format::CellsAhead> CellTetrahedra::read_pages_ahead(std::span<const std::size_t> pages) const {
-  SPLATVOL_TRY_ASSIGN(bytes, reader_->read_pages_ahead(pages, ahead_memory_));
-  return format::CellsAhead{std::move(bytes)};
-}
-
 Result<Tetrahedra> CellTetrahedra::read(const format::CellChunkEntry& entry) const {
   SPLATVOL_TRY_ASSIGN(cells, reader_->read_chunk(entry));
   format::LocalCells local = format::number_corners(cells.corners);
@@ -132,14 +142,14 @@ Result<Tetrahedra> CellTetrahedra::read(const format::CellChunkEntry& entry) con
   }
   tetrahedra.ranks = std::move(local.ranks);
   if (tetrahedra.constant) SPLATVOL_TRY(vertices_.read_positions(tetrahedra.ranks, tetrahedra.points));
-  SPLATVOL_TRY(read_values(tetrahedra.constant ? cells.points : tetrahedra.ranks, !tetrahedra.constant, tetrahedra));
+  SPLATVOL_TRY(read_values(tetrahedra.constant ? cells.points : tetrahedra.ranks, tetrahedra));
   return tetrahedra;
 }
 
-Status CellTetrahedra::read_values(std::span<const std::uint64_t> ranks, bool positions, Tetrahedra& tetrahedra) const {
+Status CellTetrahedra::read_values(std::span<const std::uint64_t> ranks, Tetrahedra& tetrahedra) const {
   std::vector<format::RankedPoints::Place> places;
   SPLATVOL_TRY(points_.find(ranks, places));
-  if (positions) SPLATVOL_TRY(points_.read_positions(places, tetrahedra.points));
+  if (!tetrahedra.constant) SPLATVOL_TRY(points_.read_positions(places, tetrahedra.points));
   std::vector<float> stored;
   for (const std::size_t a : attributes_) {
     SPLATVOL_TRY(points_.read_values(places, static_cast<int>(a), stored));
@@ -147,6 +157,7 @@ Status CellTetrahedra::read_values(std::span<const std::uint64_t> ranks, bool po
     std::vector<double>& values = tetrahedra.values.emplace_back();
     values.reserve(stored.size());
     for (const float value : stored) values.push_back(attribute.value(double{value}));
+    if (tetrahedra.constant) values = spread(values, tetrahedra.cells);
   }
   return {};
 }

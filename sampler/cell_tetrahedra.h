@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -15,40 +14,14 @@
 #include "base/interruption.h"
 #include "base/part_table.h"
 #include "base/run_tasks.h"
+#include "base/tetrahedra.h"
 #include "format/cell_reader.h"
 #include "format/cells_ahead.h"
+#include "format/part_kinds.h"
 #include "format/ranked_points.h"
 #include "format/volume.h"
-#include "sampler/tetrahedron.h"
 
 namespace splatvol {
-
-/// The tetrahedra of a chunk of cells, in the order of the cells.
-struct Tetrahedra {
-  std::vector<std::uint64_t> ranks;                   // [point]: ascending; of cells of their own, numbers of vertices
-  std::vector<dvec3> points;                          // world coordinates
-  std::vector<std::array<std::uint32_t, 4>> corners;  // [tetrahedron]: points, ascending
-  std::vector<std::uint32_t> cells;                   // [tetrahedron]: the number of its cell in the chunk, if constant
-  bool constant = false;                              // a value holds in all of a cell
-
-  /// [attribute][point], or [attribute][cell] if constant. NaN: missing. A tetrahedron with a missing value at a corner
-  /// has no values.
-  std::vector<std::vector<double>> values;
-
-  [[nodiscard]] std::size_t size() const { return corners.size(); }
-  [[nodiscard]] TetrahedronCorners corners_of(std::size_t tetrahedron) const {
-    const auto& [a, b, c, d] = corners[tetrahedron];
-    return {points[a], points[b], points[c], points[d]};
-  }
-  /// Returns the values at the corners; equal ones if constant.
-  [[nodiscard]] std::array<double, 4> values_of(std::size_t tetrahedron, std::size_t attribute) const {
-    const std::vector<double>& all = values[attribute];
-    const auto& [a, b, c, d] = corners[tetrahedron];
-    if (!constant) return {all[a], all[b], all[c], all[d]};
-    const double value = all[cells[tetrahedron]];
-    return {value, value, value, value};
-  }
-};
 
 /// The failure of what needs cells and finds none.
 [[nodiscard]] tl::unexpected<Error> fail_without_cells(const format::Volume& volume);
@@ -62,17 +35,15 @@ template <class Entry>
 /// Reads tetrahedra with their values. Of a series, at the volume's step. Thread-safe.
 class CellTetrahedra {
  public:
-  /// `attributes`: indices into VolumeInfo::attributes. `room`: for parts of the file; or `memory`: bytes to hold of
-  /// it. The volume must outlive the result. Returns null if the file keeps no cells.
-  [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(const format::Volume& volume,
-                                                                          std::vector<std::size_t> attributes,
-                                                                          const PartRoom& room);
-  [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(const format::Volume& volume,
-                                                                          std::vector<std::size_t> attributes,
-                                                                          std::uint64_t memory);
+  /// `attributes`: indices into VolumeInfo::attributes. `room`: for parts of the file. `summaries`: those that chunks()
+  /// shows. The volume must outlive the result. Returns null if the file keeps no cells.
+  [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(
+      const format::Volume& volume, std::vector<std::size_t> attributes, const PartRoom& room,
+      const format::SummaryAttributes& summaries = {});
 
   [[nodiscard]] const format::CellReader& reader() const { return *reader_; }
   [[nodiscard]] const std::vector<std::size_t>& attributes() const { return attributes_; }
+  [[nodiscard]] const format::SummaryAttributes& summaries() const { return summaries_; }
 
   /// Cells of shapes and fields that this program does not know. They are left out.
   [[nodiscard]] std::uint64_t unknown_cells() const;
@@ -91,20 +62,21 @@ class CellTetrahedra {
   /// The part of it that is due to computed positions.
   [[nodiscard]] double rounding() const { return rounding_; }
 
-  /// Returns chunks in the order of the file: those whose boxes `meets` accepts, and whose ranges of the first
-  /// attribute `shows` accepts. Reads the pages of chunks whose boxes are accepted. A chunk takes 96 bytes.
+  /// Returns chunks of known cells in the order of the file: those whose boxes `meets` accepts, and that
+  /// shows(page, number in the page) accepts. Reads the pages of chunks whose boxes are accepted. A chunk takes 96
+  /// bytes.
   [[nodiscard]] Result<std::vector<format::CellChunkEntry>> chunks(
       const std::function<bool(const Box&)>& meets,
-      const std::function<bool(const format::ValueSummary&)>& shows = {}) const;
+      const std::function<bool(const format::CellPage&, std::size_t)>& shows = {}) const;
+
+  /// Returns a page of chunks with its summaries.
+  [[nodiscard]] Result<std::shared_ptr<const format::CellPage>> read_page(std::size_t page) const;
 
   [[nodiscard]] Result<Tetrahedra> read(const format::CellChunkEntry& entry) const;
 
   /// Reads what these chunks need ahead: of a file that is far (format::Volume::is_far) and only so much as fits into
   /// memory.
   [[nodiscard]] Result<format::CellsAhead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
-
-  /// The same for pages of chunks.
-  [[nodiscard]] Result<format::CellsAhead> read_pages_ahead(std::span<const std::size_t> pages) const;
 
   /// Reads chunks on several threads: calls work(entry, tetrahedra, part) with a new `Part` for each, and then
   /// take(entry, part) in the order of `entries`, on this thread. Holds a few chunks and parts at a time. Both return a
@@ -130,17 +102,15 @@ class CellTetrahedra {
 
  private:
   CellTetrahedra(std::unique_ptr<const format::CellReader> reader, std::vector<std::size_t> attributes,
-                 const PartRoom& room, std::unique_ptr<OwnParts> own);
-  [[nodiscard]] static Result<std::unique_ptr<const CellTetrahedra>> open(const format::Volume& volume,
-                                                                          std::vector<std::size_t> attributes,
-                                                                          const PartRoom& room,
-                                                                          std::unique_ptr<OwnParts> own);
+                 const PartRoom& room, const format::SummaryAttributes& summaries);
+  [[nodiscard]] PartKey key_of_page(std::size_t page) const;
   [[nodiscard]] static std::size_t count_at_once(std::span<const format::CellChunkEntry> entries);
-  [[nodiscard]] Status read_values(std::span<const std::uint64_t> ranks, bool positions, Tetrahedra& tetrahedra) const;
+  [[nodiscard]] Status read_values(std::span<const std::uint64_t> ranks, Tetrahedra& tetrahedra) const;
 
-  std::unique_ptr<OwnParts> own_;  // before what uses it
   std::unique_ptr<const format::CellReader> reader_;
   std::vector<std::size_t> attributes_;
+  format::SummaryAttributes summaries_;
+  PartRoom room_;
   std::uint64_t ahead_memory_;
   format::RankedPoints points_;
   format::CellVertices vertices_;

@@ -98,7 +98,7 @@ class PagedVolume final : public IndexPages {
       const PartKey& key, Result<std::shared_ptr<const format::IndexPage>> page);
   [[nodiscard]] Result<std::shared_ptr<const format::DirectoryPage>> directory_page(std::uint64_t number);
   [[nodiscard]] Status read_pages(std::vector<PartLoad> pages);
-  [[nodiscard]] std::uint64_t step_key() const { return volume_->series() ? volume_->step() + 1 : 0; }
+  [[nodiscard]] std::uint64_t step_key() const { return volume_->step_key(); }
   [[nodiscard]] std::int64_t summaries_key() const {
     return format::columns_key(std::array{attributes_.values, attributes_.opacity});
   }

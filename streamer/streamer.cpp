@@ -38,10 +38,8 @@ Streamer::Streamer(std::shared_ptr<const format::Volume> volume, const format::S
       threads_(std::max(options.threads, 1U)),
       hide_(options.hide),
       on_data_(options.on_data),
-      own_(options.share ? nullptr : std::make_unique<OwnParts>(options.memory_bytes)),
-      parts_(options.share ? options.parts : own_->parts()),
-      share_(options.share ? *options.share : own_->share()),
-      paged_(*volume_, attributes, parts_->room(share_)) {}
+      own_(options.room ? std::nullopt : std::optional(own_room(options.memory_bytes))),
+      paged_(*volume_, attributes, options.room ? *options.room : *own_) {}
 
 Streamer::~Streamer() = default;
 
@@ -112,7 +110,7 @@ void Streamer::add_index_pages(std::size_t step, std::vector<PartLoad>& pages) {
     const auto structure = room().find<format::IndexPage>(key);
     key.step = step + 1;
     if (!structure || room().holds(key)) continue;
-    auto room = share_.reserve_free(structure->memory_bytes());
+    auto room = share().reserve_free(structure->memory_bytes());
     if (!room) return;
     pages.push_back(load_part(key, IndexPageLoad{{}, 0, {}, structure}));
     pages.back().decoded = std::move(*room);
@@ -125,7 +123,7 @@ bool Streamer::add_directory_pages(std::size_t step, const PartLoad& row, std::v
     const std::uint64_t number = volume_->directory_page_of_row(chunk.row, chunk.column);
     const PartKey key{room().file, format::directory_page, number, -1, step + 1};
     if (std::ranges::find(pages, key, &PartLoad::key) != pages.end()) continue;
-    auto room = share_.reserve_free(paged_.directory_page_bytes(number));
+    auto room = share().reserve_free(paged_.directory_page_bytes(number));
     if (!room) return false;
     pages.push_back(load_part(key, DirectoryPageLoad()));
     pages.back().decoded = std::move(*room);
@@ -137,7 +135,7 @@ void Streamer::prefetch_step(std::size_t step) {
   if (!frame_ || !volume_->series() || step >= volume_->series()->steps.size()) return;
   if (step == volume_->step() || (prefetch_ && prefetch_->step() == step)) return;
   prefetch_.reset();
-  auto working = share_.reserve_free(format::max_preamble_bytes + StepPrefetch::run_bytes + reader_->working_bytes());
+  auto working = share().reserve_free(format::max_preamble_bytes + StepPrefetch::run_bytes + reader_->working_bytes());
   if (!working) return;
 
   std::vector<PartLoad> pages, rows;
@@ -146,7 +144,7 @@ void Streamer::prefetch_step(std::size_t step) {
     row.key.step = step + 1;
     if (room().holds(row.key)) continue;
     if (!add_directory_pages(step, row, pages)) break;
-    auto room = share_.reserve_free(decoded_bytes(row));
+    auto room = share().reserve_free(decoded_bytes(row));
     if (!room) break;
     row.decoded = std::move(*room);
     rows.push_back(std::move(row));
@@ -160,7 +158,7 @@ void Streamer::prefetch_step(std::size_t step) {
 }
 
 // The pager, the frame and what hides others belong to the step before.
-Status Streamer::set_step(std::shared_ptr<const format::Volume> volume, std::shared_ptr<const FileParts> parts) {
+Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
   const auto [values, opacity] = shown_attributes();
   SPLATVOL_TRY_ASSIGN(attributes, find_attributes(*volume, values.name, opacity ? opacity->name : ""));
   const bool gradients = reader_->has_gradients();
@@ -172,9 +170,10 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume, std::sha
   occlusion_.reset();
   filled_ = {};
   view_before_.reset();
-  if (!volume->is_same_file(*volume_)) parts_ = parts ? std::move(parts) : std::make_shared<FileParts>(parts_->table());
+  const bool is_same_file = volume->is_same_file(*volume_);
+  if (own_ && !is_same_file) own_->table->clear(own_->file);
   const auto before = std::exchange(volume_, std::move(volume));  // paged_ and reader_ still refer to it
-  paged_.set_step(*volume_, attributes, parts_->room(share_));
+  paged_.set_step(*volume_, attributes, is_same_file ? room() : room_in(*room().table, share()));
   SPLATVOL_TRY_ASSIGN(reader, RowReader::create(paged_, kernel_, gradients));
   reader_ = std::move(reader);
   fixed_ = Reservation();
@@ -232,7 +231,7 @@ std::vector<DrawnNode> Streamer::drawn_nodes() const {
 }
 
 StreamerStatistics Streamer::statistics() const {
-  const MemoryBudget& budget = share_.budget();
+  const MemoryBudget& budget = share().budget();
   return {volume_->bytes_read(), budget.used(),  budget.peak(),
           cut_seconds_,          fetch_seconds_, volume_->bytes_read_again()};
 }

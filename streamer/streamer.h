@@ -41,9 +41,8 @@ struct StreamerOptions {
 
   std::string opacity_attribute = {};  // whose values give a factor on the extinction; empty: none
 
-  // The parts of the file that others use, too, and a share of their memory: then `memory_bytes` does not count.
-  std::shared_ptr<const FileParts> parts = {};
-  MemoryShare* share = nullptr;
+  // The room of the file, if others use its memory, too: then `memory_bytes` does not count.
+  std::optional<PartRoom> room = {};
 };
 
 /// How far a frame is from the picture that its view asks for.
@@ -144,10 +143,8 @@ class Streamer {
   /// or if it does not fit the budget; then only destruction is allowed.
   [[nodiscard]] Status set_step(std::size_t step);
 
-  /// The same for a step that is open. If it is in another file, nothing of the file before stays in memory. `parts`:
-  /// of that file, if others use them, too.
-  [[nodiscard]] Status set_step(std::shared_ptr<const format::Volume> volume,
-                                std::shared_ptr<const FileParts> parts = {});
+  /// The same for a step that is open. If it is in another file, nothing of the file before stays in memory.
+  [[nodiscard]] Status set_step(std::shared_ptr<const format::Volume> volume);
 
   /// Begins to read what the last frame shows of another step of the same series, on a thread of its own, while memory
   /// is free: nothing gives way to it. `set_step` then finds it in memory. Does nothing without a frame, for a file
@@ -180,8 +177,8 @@ class Streamer {
   [[nodiscard]] const format::Volume& volume() const { return *volume_; }
   [[nodiscard]] std::shared_ptr<const format::Volume> shared_volume() const { return volume_; }
 
-  /// The parts of its file that are held.
-  [[nodiscard]] const std::shared_ptr<const FileParts>& parts() const { return parts_; }
+  /// Where the parts of its file are held.
+  [[nodiscard]] const PartRoom& room() const { return paged_.room(); }
   [[nodiscard]] StreamerStatistics statistics() const;
 
  private:
@@ -192,9 +189,8 @@ class Streamer {
   using RangeName = std::tuple<std::uint64_t, std::uint64_t, std::uint32_t, std::uint32_t>;
   Streamer(std::shared_ptr<const format::Volume> volume, const format::SummaryAttributes& attributes,
            const StreamerOptions& options);
+  [[nodiscard]] MemoryShare& share() const { return *room().share; }
   [[nodiscard]] ValueVisibility visibility_of(const Transfer& transfer, const View& view) const;
-
-  [[nodiscard]] const PartRoom& room() const { return paged_.room(); }
 
   // Budget and choice (streamer_choice.cpp).
   [[nodiscard]] Status set_memory_aside();
@@ -255,14 +251,12 @@ class Streamer {
   unsigned threads_;
   bool hide_;
   std::function<void()> on_data_;
-  std::unique_ptr<OwnParts> own_;  // before what uses it
+  std::optional<PartRoom> own_;  // of the first file
   std::uint64_t working_bytes_ = 0;
   std::uint64_t coarsest_bytes_ = 0;  // of what `advance` always holds: the root, the coarsest rows and their frame
   Reservation fixed_;
   FilledNodes filled_;
   std::optional<KeptOcclusion> occlusion_;
-  std::shared_ptr<const FileParts> parts_;
-  MemoryShare& share_;
   PagedVolume paged_;
   std::optional<RowReader> reader_;
   std::unique_ptr<Pager> pager_;  // while frames come from `advance`

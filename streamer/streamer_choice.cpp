@@ -42,16 +42,16 @@ Status Streamer::set_memory_aside() {
   working_bytes_ = reader_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
   coarsest_bytes_ = reader_->coarsest_row_bytes() + root.memory_bytes() + coarsest_frame_bytes();
   if (kernel_ == KernelKind::moments && hide_) filled_ = FilledNodes::find(*volume_, root, paged_.attributes());
-  auto fixed = share_.reserve(fixed_bytes());
+  auto fixed = share().reserve(fixed_bytes());
   if (!fixed || cut_limit() == 0)
     return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even opening it needs {}",
-                volume_->name(), granted(share_.capacity()), granted(budget_for(1)));
+                volume_->name(), granted(share().capacity()), granted(budget_for(1)));
   fixed_ = std::move(*fixed);
   return {};
 }
 
 // Returns the most bytes for choosing a cut by expected error.
-std::uint64_t Streamer::choice_bytes() const { return share_.capacity() / choice_share; }
+std::uint64_t Streamer::choice_bytes() const { return share().capacity() / choice_share; }
 
 std::uint64_t Streamer::fixed_bytes() const {
   const std::uint64_t occlusion_bytes = filled_.any() ? sizeof(KeptOcclusion) + Occlusion::most_memory_bytes : 0;
@@ -66,7 +66,7 @@ std::uint64_t Streamer::budget_for(std::uint64_t bytes) const {
 
 // Returns the memory that somebody has to grant so that the share has so many bytes.
 std::uint64_t Streamer::granted(std::uint64_t bytes) const {
-  const double of_one = static_cast<double>(share_.budget().capacity()) / static_cast<double>(share_.capacity());
+  const double of_one = static_cast<double>(share().budget().capacity()) / static_cast<double>(share().capacity());
   return static_cast<std::uint64_t>(std::ceil(of_one * static_cast<double>(bytes)));
 }
 
@@ -75,12 +75,12 @@ std::uint64_t Streamer::granted(std::uint64_t bytes) const {
 std::uint64_t Streamer::opening_bytes() const {
   constexpr std::uint64_t little = 16;  // a part in so many
   const std::uint64_t bytes = fixed_bytes() + working_bytes_ + coarsest_bytes_;
-  return own_ || bytes > share_.capacity() / little ? bytes : 2 * bytes;
+  return own_ || bytes > share().capacity() / little ? bytes : 2 * bytes;
 }
 
 // Returns what the fixed parts leave of the share.
 std::uint64_t Streamer::free_bytes() const {
-  const std::uint64_t fixed = choice_bytes() + opening_bytes(), all = share_.capacity();
+  const std::uint64_t fixed = choice_bytes() + opening_bytes(), all = share().capacity();
   return all > fixed ? all - fixed : 0;
 }
 
@@ -160,7 +160,7 @@ CutOptions Streamer::cut_options(const Detail& detail, std::uint64_t max_bytes) 
 Result<Cut> Streamer::select(IndexPages& index, Residency* residency, const View& view,
                              const ValueVisibility& visibility, const CutOptions& options) {
   std::optional<Reservation> room;
-  if (options.detail.goal && !(room = share_.reserve(choice_bytes())))
+  if (options.detail.goal && !(room = share().reserve(choice_bytes())))
     return fail(ErrorCode::out_of_budget, "{}: no memory to choose by expected error", volume_->name());
   return residency ? select_resident_cut(info(), index, *residency, view, visibility, options)
                    : select_cut(info(), index, view, visibility, options);
@@ -230,13 +230,13 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
   if (!coarsest && coarsest.error().code == ErrorCode::out_of_budget)
     return fail(ErrorCode::out_of_budget,
                 "{}: {} bytes of memory are too few for the index of this view: grant more, such as {}",
-                volume_->name(), granted(share_.capacity()), granted(2 * share_.capacity()));
+                volume_->name(), granted(share().capacity()), granted(2 * share().capacity()));
   if (!coarsest) return tl::unexpected(coarsest.error());
   if (coarsest->splats > detail.device_splats)
     return fail(ErrorCode::out_of_budget, "{}: even the coarsest picture has {} splats, and the device holds {}",
                 volume_->name(), coarsest->splats, detail.device_splats);
   return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even the coarsest picture needs {}",
-              volume_->name(), granted(share_.capacity()),
+              volume_->name(), granted(share().capacity()),
               granted(budget_for(cut_bytes(*coarsest, paged_.used().bytes))));
 }
 

@@ -22,7 +22,7 @@ void Streamer::drop_frame() {
 
 Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
   drop_frame();
-  auto reservation = share_.reserve(frame_bytes(cut));
+  auto reservation = share().reserve(frame_bytes(cut));
   if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut.splats);
   return assemble(std::move(cut), visibility, std::move(*reservation));
 }

@@ -23,7 +23,7 @@ Status Streamer::start_paging() {
   drop_frame();
   auto pager = std::make_unique<Pager>(paged_, *reader_, free_bytes() / 8, threads_, on_data_);
   SPLATVOL_TRY(pager->pin_coarsest());
-  coarsest_frame_ = share_.reserve(coarsest_frame_bytes());
+  coarsest_frame_ = share().reserve(coarsest_frame_bytes());
   if (!coarsest_frame_) return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume_->name());
   pager_ = std::move(pager);
   return {};
@@ -190,8 +190,8 @@ Status Streamer::show_resident() {
 // Makes the frame, or a simpler one if memory is short: first after letting go of substitutes, last the coarsest.
 Status Streamer::make_resident_frame(Cut cut, Detail detail) {
   drop_frame();
-  if (!coarsest_frame_) coarsest_frame_ = share_.reserve(coarsest_frame_bytes());
-  const auto reserve = [&] { return share_.reserve(frame_bytes(cut)); };
+  if (!coarsest_frame_) coarsest_frame_ = share().reserve(coarsest_frame_bytes());
+  const auto reserve = [&] { return share().reserve(frame_bytes(cut)); };
   auto reservation = reserve();
   if (!reservation) {
     // If even this does not suffice, parts that are no longer wanted are still being read.

@@ -1,5 +1,6 @@
 # Fails if a source includes a header of a layer that its own layer may not know. The layers stand in order, lowest first:
-# a layer may know only layers before it, so that no arrow runs back. Fails too if OpenGL is called where it may not be.
+# a layer may know only layers before it, so that no arrow runs back. Fails too if OpenGL is called where it may not be,
+# or if a layer has threads that may not.
 # Run: cmake -D ROOT=... -P layers.cmake
 cmake_minimum_required(VERSION 3.25)
 
@@ -62,6 +63,9 @@ set(gl_folders epoxy EGL GL GLES3 GLFW)
 set(gl_layers renderer/gl viewer/window library/examples)
 set(vtk_layers builder/sources/vtk tests/fuzz)
 set(mpi_layers builder/distributed)
+# These layers have no threads and no locks: whoever uses them brings both (base/run_tasks.h, base/part_table.h).
+set(thread_headers condition_variable future mutex shared_mutex thread)
+set(threadless_layers format)
 # Only these layers and files may call OpenGL.
 set(gl_callers renderer/gl viewer/window library/examples tools/svview.cpp)
 
@@ -118,6 +122,10 @@ foreach(searched IN LISTS layers)
       if(folder IN_LIST gl_folders)
         if(NOT layer IN_LIST gl_layers)
           list(APPEND broken "${source} includes ${header}: ${layer} may not know OpenGL")
+        endif()
+      elseif(quote STREQUAL "<" AND header IN_LIST thread_headers)
+        if(layer IN_LIST threadless_layers)
+          list(APPEND broken "${source} includes ${header}: ${layer} may have no threads and no locks")
         endif()
       elseif(quote STREQUAL "<" AND header MATCHES "^vtk[A-Za-z0-9_]*\\.h$")
         if(NOT layer IN_LIST vtk_layers)

@@ -287,7 +287,7 @@ Result<std::shared_ptr<const ProbedCells>> ProbedCells::open(const format::Steps
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   if (volume->is_far()) return nullptr;
   SPLATVOL_TRY_ASSIGN(number, format::find_attribute(volume->info(), attribute, volume->name()));
-  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(*volume, {static_cast<std::size_t>(number)}, held_bytes));
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(*volume, {static_cast<std::size_t>(number)}, own_room(held_bytes)));
   if (!cells || cells->unknown_cells() > 0) return nullptr;
   return std::shared_ptr<const ProbedCells>(new ProbedCells(std::move(volume), std::move(cells)));
 }

@@ -277,10 +277,10 @@ class ChunkPipeline {
         progress_(progress),
         threads_(static_cast<std::size_t>(tbb::this_task_arena::max_concurrency())),
         points_(
-            chunks, [&ranks](std::size_t page) { return ranks.read(page); }, memory),
+            chunks, [&ranks](std::size_t page) { return ranks.read(page); }, own_room(memory)),
         vertices_([vertices = cells.vertices(),
                    &cube = chunks->info().cube](std::size_t page) { return vertices->read(page, cube); },
-                  memory / 2),
+                  own_room(memory / 2)),
         makers_([this, &info = chunks->info()] { return ChunkMaker(info, points_, vertices_); }) {}
 
   Result<CellReport> run() {

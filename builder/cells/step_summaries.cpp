@@ -47,7 +47,7 @@ Status write_step_summaries(const format::CellReader& cells, const std::shared_p
   std::vector<format::ValueBins> bins;
   for (const format::Attribute& attribute : attributes) bins.push_back(format::bins_of(attribute));
   const format::RankedPoints points(
-      values, [&](std::size_t page) { return cells.read_rank_page(page); }, memory);
+      values, [&](std::size_t page) { return cells.read_rank_page(page); }, own_room(memory));
   tbb::enumerable_thread_specific<ChunkSummarizer> summarizers([&] { return ChunkSummarizer(cells, points); });
   format::Bytes refs;
   std::uint64_t offset = 0;

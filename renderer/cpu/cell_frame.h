@@ -300,23 +300,23 @@ inline float u_of(double value, double low, double inverse_domain, double origin
 }
 
 /// Finds the tetrahedra that slices cut: setup.sides and setup.is_cut. `box`: round the chunk, in world coordinates.
-void cut_by_slices(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup);
+void cut_by_slices(const CellFrame& frame, const Box& box, const Tetrahedra& cells, CellSetup& setup);
 
 /// Set setup.points.u, setup.opacities and setup.colors.
-void place_values(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup);
+void place_values(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup);
 
 /// Lists the cells of a chunk with a visible value, or with an event: setup.seen. Requires setup.points.u and
 /// setup.is_cut.
-void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup);
+void list_seen_cells(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup);
 
 /// Places the points of these: setup.in_view, the rest of setup.points, and what `screen` has of depths. `box`: round
 /// the chunk, in view coordinates.
-void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup,
+void place_points(const CellFrame& frame, const Box& box, const Tetrahedra& cells, CellSetup& setup,
                   CellsOnScreen& screen);
 
 /// Sets them up: screen.cells, screen.precise, screen.found and setup.keys. Drops those that cover no pixel from
 /// setup.seen. Requires setup.in_view, setup.points, and what `screen` has of depths.
-void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen);
+void set_up_cells(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup, CellsOnScreen& screen);
 
 /// The faces of a cell: that of corners 0, 1, 2; of 0, 1, 3; of 0, 2, 3; of 1, 2, 3.
 inline constexpr std::array<std::array<std::uint8_t, 4>, 4> face_corners = {
@@ -333,7 +333,7 @@ ContourInCell contour_in(const CellFrame& frame, const std::array<std::uint32_t,
                          const CellOnScreen& cell, const std::array<float, 4>& u);
 
 /// Sets screen.shadings and screen.events, and what cells show.
-void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen);
+void shade_cells(const CellFrame& frame, const Tetrahedra& cells, const CellSetup& setup, CellsOnScreen& screen);
 
 /// Lists the cells of each tile, nearest first.
 void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen);

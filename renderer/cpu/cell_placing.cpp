@@ -136,9 +136,9 @@ std::uint64_t slices_through(const CellSetup& setup, const std::array<std::uint3
 }
 
 // Lists what rays may meet in a cell.
-EventsOfCell list_events(const CellFrame& frame, const DrawnCells& cells, std::size_t number, const CellSetup& setup,
+EventsOfCell list_events(const CellFrame& frame, const Tetrahedra& cells, std::size_t number, const CellSetup& setup,
                          const CellOnScreen& cell, CellsOnScreen& screen) {
-  const std::array<std::uint32_t, 4>& corners = cells.tetrahedra[number];
+  const std::array<std::uint32_t, 4>& corners = cells.corners[number];
   EventsOfCell events{0, 0, static_cast<std::uint32_t>(screen.contours.size()), slices_through(setup, corners), {}};
   for (std::size_t at = 0; at < 4 && events.slices != 0; ++at) {
     const auto& of_face = face_corners[cell.order >> (2 * at) & 3U];
@@ -151,7 +151,7 @@ EventsOfCell list_events(const CellFrame& frame, const DrawnCells& cells, std::s
   if (cells.constant) return events;
   const std::vector<double>& values = frame.events->values;
   std::array<double, 4> own{};
-  for (std::size_t k = 0; k < 4; ++k) own[k] = cells.values[corners[k]];
+  for (std::size_t k = 0; k < 4; ++k) own[k] = cells.values[0][corners[k]];
   const auto [low, high] = std::ranges::minmax(own);
   events.first = static_cast<std::int32_t>(std::ranges::upper_bound(values, low) - values.begin());
   for (events.end = events.first; events.end < frame.events->contours(); ++events.end) {
@@ -166,7 +166,7 @@ EventsOfCell list_events(const CellFrame& frame, const DrawnCells& cells, std::s
 
 }  // namespace
 
-void cut_by_slices(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup) {
+void cut_by_slices(const CellFrame& frame, const Box& box, const Tetrahedra& cells, CellSetup& setup) {
   setup.sides.clear();
   setup.is_cut.clear();
   const std::vector<Slice>& slices = frame.view->slices;
@@ -183,36 +183,35 @@ void cut_by_slices(const CellFrame& frame, const Box& box, const DrawnCells& cel
     }
   }
   if (setup.sides.empty()) return;
-  setup.is_cut.assign(cells.tetrahedra.size() + most_lanes, 0);
-  for (std::size_t i = 0; i < cells.tetrahedra.size(); ++i)
-    setup.is_cut[i] = slices_through(setup, cells.tetrahedra[i]) != 0 ? 1 : 0;
+  setup.is_cut.assign(cells.size() + most_lanes, 0);
+  for (std::size_t i = 0; i < cells.size(); ++i) setup.is_cut[i] = slices_through(setup, cells.corners[i]) != 0 ? 1 : 0;
 }
 
-void place_values(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
+void place_values(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup) {
   const auto to_u = [](const std::vector<double>& values, double low, double inverse, double origin,
                        std::vector<float>& all) {
     all.resize(values.size());
     for (std::size_t i = 0; i < values.size(); ++i) all[i] = u_of(values[i], low, inverse, origin);
   };
   std::vector<float>& u = setup.points.u;
-  to_u(cells.values, frame.low, frame.inverse_domain, frame.function->origin, u);
+  to_u(cells.values[0], frame.low, frame.inverse_domain, frame.function->origin, u);
   if (frame.contour_colors)
-    to_u(cells.color_values, frame.contour_low, frame.contour_inverse, frame.contour_colors->origin, setup.colors);
+    to_u(cells.values.back(), frame.contour_low, frame.contour_inverse, frame.contour_colors->origin, setup.colors);
   if (!frame.opacity) return;
-  to_u(cells.opacity_values, frame.opacity_low, frame.opacity_inverse, frame.opacity->origin, setup.opacities);
+  to_u(cells.values[1], frame.opacity_low, frame.opacity_inverse, frame.opacity->origin, setup.opacities);
   // Slices show values whatever the opacity is.
   for (std::size_t i = 0; i < u.size() && frame.view->slices.empty(); ++i)
     if (std::isnan(setup.opacities[i])) u[i] = setup.opacities[i];
 }
 
 // Only points of cells that are seen: often they are few.
-void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cells, CellSetup& setup,
+void place_points(const CellFrame& frame, const Box& box, const Tetrahedra& cells, CellSetup& setup,
                   CellsOnScreen& screen) {
   const View& view = *frame.view;
   const std::size_t count = cells.points.size();
   setup.is_used.assign(count, 0);
   for (const std::int32_t cell : setup.seen)
-    for (const std::uint32_t point : cells.tetrahedra[static_cast<std::size_t>(cell)]) setup.is_used[point] = 1;
+    for (const std::uint32_t point : cells.corners[static_cast<std::size_t>(cell)]) setup.is_used[point] = 1;
   setup.in_view.resize(count);
   for (std::size_t i = 0; i < count; ++i)
     if (setup.is_used[i] != 0) setup.in_view[i] = view.to_view(cells.points[i]);
@@ -243,14 +242,14 @@ void place_points(const CellFrame& frame, const Box& box, const DrawnCells& cell
 }
 
 // In double precision, as everything cancels where the eye is far away.
-void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetup& setup, CellsOnScreen& screen) {
+void shade_cells(const CellFrame& frame, const Tetrahedra& cells, const CellSetup& setup, CellsOnScreen& screen) {
   screen.shadings.resize(screen.cells.size());
   if (frame.events) screen.events.resize(screen.cells.size());
   for (std::size_t i = 0; i < screen.cells.size(); ++i) {
     const auto number = static_cast<std::size_t>(setup.numbers[i]);
     const auto of_corners = [&](const auto& all) {
       std::array<typename std::remove_cvref_t<decltype(all)>::value_type, 4> values{};
-      for (std::size_t k = 0; k < 4; ++k) values[k] = all[cells.constant ? number : cells.tetrahedra[number][k]];
+      for (std::size_t k = 0; k < 4; ++k) values[k] = all[cells.constant ? number : cells.corners[number][k]];
       return values;
     };
     bool has_contours = false;
@@ -266,7 +265,7 @@ void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetu
     }
     if (!frame.has_shades() && !has_contours) continue;
     CellInSpace cell;
-    for (std::size_t k = 0; k < 4; ++k) cell.corners[k] = setup.in_view[cells.tetrahedra[number][k]];
+    for (std::size_t k = 0; k < 4; ++k) cell.corners[k] = setup.in_view[cells.corners[number][k]];
     const auto in_double = [&](const std::vector<float>& all) {
       const std::array<float, 4> values = of_corners(all);
       return std::array<double, 4>{values[0], values[1], values[2], values[3]};
@@ -275,7 +274,7 @@ void shade_cells(const CellFrame& frame, const DrawnCells& cells, const CellSetu
     shading = {};
     const std::optional<dvec3> reference = set_reference(frame, cell, screen.origin, shading);
     if (frame.lighting || has_contours)
-      set_light(*frame.view, cell.gradient(of_corners(cells.values)), reference, shading);
+      set_light(*frame.view, cell.gradient(of_corners(cells.values[0])), reference, shading);
     const auto field = [&](const std::vector<float>& all) {
       return field_in(*frame.view, cell, in_double(all), reference, screen.origin);
     };

@@ -53,9 +53,9 @@ HWY_INLINE void set_plane(const Corner& p, const Corner& q, const Corner& r, flo
 }
 
 /// Lists the tetrahedra with a visible value.
-void list_seen(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
+void list_seen(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup) {
   const FunctionPieces& function = *frame.function;
-  const std::size_t count = cells.tetrahedra.size();
+  const std::size_t count = cells.size();
   const auto lanes = static_cast<std::size_t>(lane_count());
   const IntTag tag;
   setup.seen.resize(count + lanes);
@@ -66,10 +66,10 @@ void list_seen(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup
   std::size_t seen = 0;
   for (std::size_t first = 0; first < count; first += lanes) {
     alignas(64) std::array<std::array<std::uint32_t, 4>, most_lanes> last;
-    const std::array<std::uint32_t, 4>* corners = cells.tetrahedra.data() + first;
+    const std::array<std::uint32_t, 4>* corners = cells.corners.data() + first;
     if (first + lanes > count) {
-      last.fill(cells.tetrahedra[first]);
-      std::copy(corners, cells.tetrahedra.data() + count, last.begin());
+      last.fill(cells.corners[first]);
+      std::copy(corners, cells.corners.data() + count, last.begin());
       corners = last.data();
     }
     Float low, high;
@@ -122,10 +122,10 @@ struct PixelBounds {
 };
 
 /// Tells which of some cells have a corner that is far out.
-HWY_INLINE Mask are_far_out(const DrawnCells& cells, const CellSetup& setup, const std::int32_t* numbers) {
+HWY_INLINE Mask are_far_out(const Tetrahedra& cells, const CellSetup& setup, const std::int32_t* numbers) {
   alignas(64) std::array<std::int32_t, most_lanes> far_out{};
   for (std::size_t i = 0; i < static_cast<std::size_t>(lane_count()) && setup.points.has_far_out; ++i)
-    for (const std::uint32_t point : cells.tetrahedra[static_cast<std::size_t>(numbers[i])])
+    for (const std::uint32_t point : cells.corners[static_cast<std::size_t>(numbers[i])])
       far_out[i] |= setup.points.is_far_out[point];
   return hn::Not(is_zero(load(far_out.data())));
 }
@@ -159,7 +159,7 @@ HWY_INLINE Mask mask_of_bits(std::uint32_t bits) {
 }
 
 /// Drops the cells that lie between samples or outside of the picture. The others then fill whole vectors.
-void drop_uncovering(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
+void drop_uncovering(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup) {
   const hn::FixedTag<float, 4> tag;
   const auto lanes = static_cast<std::size_t>(lane_count());
   const std::size_t count = setup.seen.size();
@@ -170,7 +170,7 @@ void drop_uncovering(const CellFrame& frame, const DrawnCells& cells, CellSetup&
     const std::int32_t* const numbers = setup.seen.data() + first;
     alignas(64) Fours least, most;
     for (std::size_t i = 0; i < lanes; ++i) {
-      const auto& [p, q, r, s] = cells.tetrahedra[static_cast<std::size_t>(numbers[i])];
+      const auto& [p, q, r, s] = cells.corners[static_cast<std::size_t>(numbers[i])];
       const auto at = [&](std::size_t point) HWY_ATTR { return hn::LoadU(tag, places + 4 * point); };
       const auto on_p = at(p), on_q = at(q), on_r = at(r), on_s = at(s);
       hn::Store(hn::Min(hn::Min(on_p, on_q), hn::Min(on_r, on_s)), tag, &least[4 * i]);
@@ -289,7 +289,7 @@ HWY_INLINE Mask cover_few(const PixelBounds& bounds) {
 /// Sets up the cells of a chunk, as many at once as there are lanes.
 class CellsSetUp {
  public:
-  CellsSetUp(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen)
+  CellsSetUp(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup, CellsOnScreen& screen)
       : frame_(frame),
         cells_(cells),
         setup_(setup),
@@ -341,7 +341,7 @@ class CellsSetUp {
     alignas(64) std::array<Fours, 4> places;
     alignas(64) std::array<std::array<std::int32_t, most_lanes>, 4> of_values;
     for (std::size_t i = 0; i < static_cast<std::size_t>(lane_count()); ++i) {
-      const std::array<std::uint32_t, 4>& corners = cells_.tetrahedra[static_cast<std::size_t>(numbers[i])];
+      const std::array<std::uint32_t, 4>& corners = cells_.corners[static_cast<std::size_t>(numbers[i])];
       for (std::size_t k = 0; k < 4; ++k) {
         std::memcpy(&places[k][4 * i], &setup_.points.places[corners[k]], sizeof(PointsOnScreen::Place));
         of_values[k][i] = cells_.constant ? numbers[i] : static_cast<std::int32_t>(corners[k]);
@@ -445,7 +445,7 @@ class CellsSetUp {
   }
 
   [[nodiscard]] bool make_precise(std::size_t number, CellOnScreen& cell) const {
-    const std::array<std::uint32_t, 4>& corners = cells_.tetrahedra[number];
+    const std::array<std::uint32_t, 4>& corners = cells_.corners[number];
     std::array<float, 4> u, opacities{};
     for (std::size_t k = 0; k < 4; ++k) {
       const std::size_t at = cells_.constant ? number : corners[k];
@@ -486,7 +486,7 @@ class CellsSetUp {
   }
 
   const CellFrame& frame_;
-  const DrawnCells& cells_;
+  const Tetrahedra& cells_;
   CellSetup& setup_;
   CellsOnScreen& screen_;
   bool finds_segments_;
@@ -499,7 +499,7 @@ class CellsSetUp {
   std::size_t made_ = 0, kept_ = 0, keys_ = 0;  // cells; cells whose segments are found; both
 };
 
-void set_up_all(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) {
+void set_up_all(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup, CellsOnScreen& screen) {
   drop_uncovering(frame, cells, setup);
   const auto lanes = static_cast<std::size_t>(lane_count());
   const std::size_t count = setup.seen.size();
@@ -521,11 +521,11 @@ namespace splatvol::tiles {
 HWY_EXPORT(list_seen);
 HWY_EXPORT(set_up_all);
 
-void list_seen_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup) {
+void list_seen_cells(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup) {
   HWY_DYNAMIC_DISPATCH(list_seen)(frame, cells, setup);
 }
 
-void set_up_cells(const CellFrame& frame, const DrawnCells& cells, CellSetup& setup, CellsOnScreen& screen) {
+void set_up_cells(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup, CellsOnScreen& screen) {
   HWY_DYNAMIC_DISPATCH(set_up_all)(frame, cells, setup, screen);
 }
 

@@ -152,7 +152,7 @@ std::uint64_t waiting_bytes(std::span<const Tile> tiles) {
 }
 
 struct SetupScratch {
-  DrawnCells cells;
+  Tetrahedra cells;
   CellSetup setup;
 };
 
@@ -603,8 +603,8 @@ Status CellSweep::read_chunks(std::size_t begin, std::size_t end) {
 Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   auto& [memory, setup] = workspace_.scratches.local();
   SPLATVOL_TRY_ASSIGN(held, source_.read(chunk.source, memory));
-  const DrawnCells& cells = *held;
-  if (cells.tetrahedra.empty()) return {};
+  const Tetrahedra& cells = *held;
+  if (cells.corners.empty()) return {};
   place_values(frame_, cells, setup);
   cut_by_slices(frame_, chunk.source.box, cells, setup);
   list_seen_cells(frame_, cells, setup);

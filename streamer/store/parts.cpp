@@ -139,8 +139,8 @@ std::vector<LoadRun> neighbours_of(const format::Volume& volume, std::vector<Par
         added += range.end - range.begin;
     }
     const std::uint64_t begin = ranges.front().begin;
-    const bool joins =
-        !runs.empty() && begin <= end + volume.cheap_gap() && bytes + added + std::max(new_end, end) - end <= run_bytes;
+    const bool joins = !runs.empty() && is_of_row(part->key) && is_of_row(runs.back().back().key) &&
+                       begin <= end + volume.cheap_gap() && bytes + added + std::max(new_end, end) - end <= run_bytes;
     if (!joins) {
       runs.emplace_back();
       bytes = 0;

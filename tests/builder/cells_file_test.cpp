@@ -82,7 +82,7 @@ KeptCells read_cells(const Volume& volume, const std::vector<std::string>& names
   KeptCells kept;
   kept.values.resize(names.size());
   const auto cells = value_of(CellReader::open(volume));
-  format::RankedPoints points(*cells, std::uint64_t{8} << 20);
+  format::RankedPoints points(*cells, own_room(std::uint64_t{8} << 20));
   for (const auto& chunk : chunks_of(*cells)) {
     const auto& corners = chunk.corners;
     kept.ranks.insert(kept.ranks.end(), corners.begin(), corners.end());

@@ -74,8 +74,8 @@ TEST_F(KeptCells, OfTheirOwnHaveOneValueAndTheMeshsCorners) {
     EXPECT_EQ(cells->kinds()[0].field, CellField::constant);
     EXPECT_EQ(cells->kinds()[0].cells, static_cast<std::uint64_t>(n * n * n));
     EXPECT_EQ(cells->vertex_count(), static_cast<std::uint64_t>((n + 1) * (n + 1) * (n + 1)));
-    format::RankedPoints points(*cells, 1 << 20);
-    format::CellVertices vertices([&](std::size_t page) { return cells->read_vertex_page(page); }, 1 << 20);
+    format::RankedPoints points(*cells, own_room(1 << 20));
+    format::CellVertices vertices([&](std::size_t page) { return cells->read_vertex_page(page); }, own_room(1 << 20));
     std::set<int> found;
     for (const format::CellChunk& chunk : chunks_of(*cells)) {
       std::vector<format::RankedPoints::Place> places;
@@ -141,7 +141,7 @@ TEST_F(KeptCells, OfEachShapeFillWhatTheyFill) {
   }
   EXPECT_EQ(kinds, (std::multiset<CellShape>{CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge,
                                              CellShape::hexahedron}));
-  format::RankedPoints points(*cells, 1 << 20);
+  format::RankedPoints points(*cells, own_room(1 << 20));
   const std::map<CellShape, double> volumes = {
       {CellShape::hexahedron, 1}, {CellShape::pyramid, 1.0 / 3}, {CellShape::wedge, 0.5}};
   for (const format::CellChunk& chunk : chunks_of(*cells)) {
@@ -230,8 +230,8 @@ std::string lattice_of_polyhedra(int n, bool turn = false, int doubled = 0) {
 // Calls visit(chunk, cell, corners) for all cells.
 template <class Visit>
 void for_each_cell(const CellReader& cells, const Visit& visit) {
-  format::RankedPoints points(cells, 1 << 20);
-  format::CellVertices vertices([&](std::size_t page) { return cells.read_vertex_page(page); }, 1 << 20);
+  format::RankedPoints points(cells, own_room(1 << 20));
+  format::CellVertices vertices([&](std::size_t page) { return cells.read_vertex_page(page); }, own_room(1 << 20));
   for (const format::CellChunk& chunk : chunks_of(cells))
     for (std::size_t cell = 0; cell < chunk.size(); ++cell) {
       std::vector<format::RankedPoints::Place> places;
@@ -494,7 +494,7 @@ constexpr std::uint64_t body_points = 7 * 7 * 7, seam_points = 7 * 7;
 // Expects that each cell of the file has the values of its own block.
 void expect_own_values(const format::Volume& volume, std::size_t step) {
   const auto cells = value_of(CellReader::open(volume));
-  format::RankedPoints points(*cells, 1 << 20);
+  format::RankedPoints points(*cells, own_room(1 << 20));
   std::size_t right = 0, all = 0;
   for (const format::CellChunk& chunk : chunks_of(*cells)) {
     std::vector<format::RankedPoints::Place> places;

@@ -284,7 +284,7 @@ TEST(CellsOfAFile, RanksNameTheirPoints) {
   const std::vector<std::uint64_t> ranks = ranks_of(volume);
   // A memory of nothing holds one group at a time.
   for (const std::uint64_t memory : {0, 1 << 20}) {
-    RankedPoints points(*cells, memory);
+    RankedPoints points(*cells, own_room(memory));
     std::vector<RankedPoints::Place> places;
     std::vector<dvec3> positions;
     std::vector<float> values;
@@ -359,7 +359,7 @@ TEST(CellsOfAFile, AttributesMayLackValues) {
   ASSERT_FALSE(file.empty());
   const auto opened = open(file).value();
   const auto cells = value_of(CellReader::open(*opened));
-  RankedPoints points(*cells, 1 << 20);
+  RankedPoints points(*cells, own_room(1 << 20));
   const std::uint64_t rank = 3;
   std::vector<RankedPoints::Place> places;
   std::vector<float> values;

@@ -29,8 +29,7 @@ Result<Image> draw(Streamer& streamer, const Scene& scene) {
 
 Result<Image> draw_cells(const format::Volume& volume, const Scene& scene) {
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
-  OwnParts parts(std::uint64_t{1} << 24);
-  SPLATVOL_TRY_ASSIGN(kept, KeptCells::open(volume, scene, parts.parts(), parts.share()));
+  SPLATVOL_TRY_ASSIGN(kept, KeptCells::open(volume, scene, own_room(std::uint64_t{1} << 24)));
   SPLATVOL_TRY_ASSIGN(cells, FileCells::open(std::move(kept), scene, view));
   SPLATVOL_TRY_ASSIGN(drawn, CellRasterizer().draw(*cells, {.view = view, .transfer = transfer_of(scene)}));
   return std::move(drawn.image);

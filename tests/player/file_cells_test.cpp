@@ -9,7 +9,6 @@
 #include <atomic>
 #include <cmath>
 #include <fstream>
-#include <list>
 #include <map>
 #include <string>
 #include <thread>
@@ -38,7 +37,7 @@ constexpr std::uint64_t memory = std::uint64_t{16} << 20;
 
 // A corner, with its values.
 using Corner = std::array<double, 5>;
-using Tetrahedra = std::vector<std::array<Corner, 4>>;
+using Found = std::vector<std::array<Corner, 4>>;
 
 double volume_of(const std::array<Corner, 4>& tetrahedron) {
   const auto at = [&](std::size_t k) { return dvec3(tetrahedron[k][0], tetrahedron[k][1], tetrahedron[k][2]); };
@@ -46,29 +45,29 @@ double volume_of(const std::array<Corner, 4>& tetrahedron) {
 }
 
 // Adds tetrahedra with their corners in the order of positions.
-void add(const DrawnCells& cells, Tetrahedra& all) {
-  ASSERT_EQ(cells.values.size(), cells.constant ? cells.tetrahedra.size() : cells.points.size());
-  ASSERT_TRUE(cells.opacity_values.empty() || cells.opacity_values.size() == cells.values.size());
-  for (std::size_t t = 0; t < cells.tetrahedra.size(); ++t) {
-    ASSERT_TRUE(std::ranges::is_sorted(cells.tetrahedra[t]));
+void add(const Tetrahedra& cells, Found& all) {
+  ASSERT_LE(cells.values.size(), 2U);
+  for (const std::vector<double>& values : cells.values)
+    ASSERT_EQ(values.size(), cells.constant ? cells.size() : cells.points.size());
+  for (std::size_t t = 0; t < cells.size(); ++t) {
+    ASSERT_TRUE(std::ranges::is_sorted(cells.corners[t]));
     std::array<Corner, 4> tetrahedron;
     for (std::size_t k = 0; k < 4; ++k) {
-      const std::uint32_t point = cells.tetrahedra[t][k];
+      const std::uint32_t point = cells.corners[t][k];
       const std::size_t value = cells.constant ? t : point;
       const dvec3& p = cells.points[point];
-      tetrahedron[k] = {p.x, p.y, p.z, cells.values[value],
-                        cells.opacity_values.empty() ? 0 : cells.opacity_values[value]};
+      tetrahedron[k] = {p.x, p.y, p.z, cells.values[0][value], cells.values.size() < 2 ? 0 : cells.values[1][value]};
     }
     std::ranges::sort(tetrahedron);
     all.push_back(tetrahedron);
   }
 }
 
-Tetrahedra cells_of(const CellSource& source) {
-  Tetrahedra all;
-  DrawnCells scratch;
+Found cells_of(const CellSource& source) {
+  Found all;
+  Tetrahedra scratch;
   for (const CellSource::Chunk& chunk : source.chunks()) {
-    const DrawnCells& cells = *test::value_of(source.read(chunk, scratch));
+    const Tetrahedra& cells = *test::value_of(source.read(chunk, scratch));
     add(cells, all);
     for (const dvec3& p : cells.points) EXPECT_EQ(squared_distance(chunk.box, p), 0);
   }
@@ -76,16 +75,15 @@ Tetrahedra cells_of(const CellSource& source) {
   return all;
 }
 
-Tetrahedra cells_of(const Piece& piece) {
-  DrawnCells cells;
+Found cells_of(const Piece& piece) {
+  Tetrahedra cells;
   cells.points = piece.points;
-  cells.values = piece.values[0];
-  if (piece.values.size() > 1) cells.opacity_values = piece.values[1];
+  cells.values = piece.values;
   for (auto corners : piece.tetrahedra) {
     std::ranges::sort(corners);
-    cells.tetrahedra.push_back(corners);
+    cells.corners.push_back(corners);
   }
-  Tetrahedra all;
+  Found all;
   add(cells, all);
   std::ranges::sort(all);
   return all;
@@ -93,19 +91,23 @@ Tetrahedra cells_of(const Piece& piece) {
 
 // The exact picture of the cells of a source.
 ReferencePicture picture_of(const CellSource& source, const Scene& scene) {
-  DrawnCells all, scratch;
+  Tetrahedra all, scratch;
+  all.values.resize(1);
   for (const CellSource::Chunk& chunk : source.chunks()) {
-    const DrawnCells& cells = *test::value_of(source.read(chunk, scratch));
+    const Tetrahedra& cells = *test::value_of(source.read(chunk, scratch));
     const auto first = static_cast<std::uint32_t>(all.points.size());
-    for (auto corners : cells.tetrahedra) {
+    for (auto corners : cells.corners) {
       for (std::uint32_t& corner : corners) corner += first;
-      all.tetrahedra.push_back(corners);
+      all.corners.push_back(corners);
     }
     all.points.insert(all.points.end(), cells.points.begin(), cells.points.end());
-    all.values.insert(all.values.end(), cells.values.begin(), cells.values.end());
-    all.opacity_values.insert(all.opacity_values.end(), cells.opacity_values.begin(), cells.opacity_values.end());
+    all.values.resize(cells.values.size());
+    for (std::size_t a = 0; a < all.values.size(); ++a)
+      all.values[a].insert(all.values[a].end(), cells.values[a].begin(), cells.values[a].end());
   }
-  return test::value_of(render_reference({all.points, all.values, all.tetrahedra, false, all.opacity_values}, scene));
+  TetMesh mesh{all.points, all.values[0], all.corners};
+  if (all.values.size() > 1) mesh.opacity_values = all.values[1];
+  return test::value_of(render_reference(mesh, scene));
 }
 
 class FileCellsOf : public test::FolderTest {
@@ -116,9 +118,7 @@ class FileCellsOf : public test::FolderTest {
 
   [[nodiscard]] static std::unique_ptr<const FileCells> open(const std::shared_ptr<const format::Volume>& volume,
                                                              const Scene& scene, std::uint64_t bytes = memory) {
-    static std::list<OwnParts> parts;  // they outlive the cells
-    OwnParts& own = parts.emplace_back(bytes);
-    const auto kept = test::value_of(KeptCells::open(*volume, scene, own.parts(), own.share()));
+    const auto kept = test::value_of(KeptCells::open(*volume, scene, own_room(bytes)));
     return test::value_of(FileCells::open(kept, scene, make_view(scene).value()));
   }
 
@@ -206,14 +206,13 @@ TEST_F(FileCellsOf, EveryShapeWithValuesOfItsOwn) {
     EXPECT_NEAR(volumes[static_cast<double>(cell)], volumes_of_shapes[cell], 1e-12) << cell;
 
   scene.contours = {{.values = {2}}};
-  OwnParts none(0);
-  EXPECT_THAT(test::message_of(KeptCells::open(*kept, scene, none.parts(), none.share())),
+  EXPECT_THAT(test::message_of(KeptCells::open(*kept, scene, own_room(0))),
               HasSubstr("contours: each cell has one value"));
 }
 
 TEST_F(FileCellsOf, AMeshAreAllOfItsCells) {
   const Piece piece = lattice();
-  const Tetrahedra expected = cells_of(piece);
+  const Found expected = cells_of(piece);
   const auto volume = build(piece);
   for (const std::uint64_t bytes : {memory, std::uint64_t{1} << 16, std::uint64_t{0}}) {
     const auto cells = open(volume, scene_of_all(), bytes);
@@ -228,15 +227,15 @@ TEST_F(FileCellsOf, AMeshAreAllOfItsCells) {
 // With all memory, each part of the file is read once.
 TEST_F(FileCellsOf, AMeshAreReadByThreadsOnce) {
   const Piece piece = lattice();
-  const Tetrahedra expected = cells_of(piece);
+  const Found expected = cells_of(piece);
   const auto alone = build(piece), shared = open_volume("mesh.svol");
   const auto first = open(alone, scene_of_all()), second = open(shared, scene_of_all());
   static_cast<void>(cells_of(*first));
-  std::vector<Tetrahedra> found(4);
+  std::vector<Found> found(4);
   std::vector<std::thread> threads;
   for (std::size_t t = 0; t < found.size(); ++t)
     threads.emplace_back([&, t] {
-      DrawnCells scratch;
+      Tetrahedra scratch;
       for (std::size_t i = t; i < second->chunks().size(); i += found.size()) {
         const auto cells = second->read(second->chunks()[i], scratch);
         ASSERT_EQ(test::message_of(cells), "");
@@ -244,8 +243,8 @@ TEST_F(FileCellsOf, AMeshAreReadByThreadsOnce) {
       }
     });
   for (std::thread& thread : threads) thread.join();
-  Tetrahedra all;
-  for (const Tetrahedra& part : found) all.insert(all.end(), part.begin(), part.end());
+  Found all;
+  for (const Found& part : found) all.insert(all.end(), part.begin(), part.end());
   std::ranges::sort(all);
   EXPECT_TRUE(all == expected);
   EXPECT_EQ(shared->bytes_read(), alone->bytes_read());
@@ -302,7 +301,7 @@ TEST_F(FileCellsOf, AFarFileAreReadByFewRequests) {
     for (const Scene& scene : {all, boxed, own}) {
       const std::string file = path(scene.attribute == "number" ? "own.svol" : "mesh.svol");
       const auto near = test::value_of(format::Volume::open(*open_file(file)));
-      const Tetrahedra expected = cells_of(*open(near, scene));
+      const Found expected = cells_of(*open(near, scene));
       const auto counts = std::make_shared<FarFile::Counts>();
       const auto far = test::value_of(format::Volume::open(std::make_unique<FarFile>(file, knows_parts, counts)));
       const auto cells = open(far, scene);
@@ -417,17 +416,16 @@ TEST_F(FileCellsOf, AFileWithoutCellsAreRefused) {
   test::build_mesh(
       test::lattice(4), [](dvec3 p) { return p.x; }, path("plain.svol"));
   const auto plain = open_volume("plain.svol");
-  OwnParts none(0);
-  const auto refused = KeptCells::open(*plain, scene_of_all(), none.parts(), none.share());
+  const auto refused = KeptCells::open(*plain, scene_of_all(), own_room(0));
   EXPECT_THAT(test::message_of(refused), HasSubstr("without --drop-cells"));
   Scene other = scene_of_all();
   other.attribute = "no such";
-  const auto unknown = KeptCells::open(*plain, other, none.parts(), none.share());
+  const auto unknown = KeptCells::open(*plain, other, own_room(0));
   EXPECT_THAT(test::message_of(unknown), HasSubstr("no such"));
 }
 
 // The pieces of rays in tetrahedra with a visible value whose middle is in the clip region.
-double segments_of(const Tetrahedra& tetrahedra, Scene scene) {
+double segments_of(const Found& tetrahedra, Scene scene) {
   const ClipRegion clip = make_view(scene).value().clip;
   scene.clip_box.reset();
   scene.clip_planes.clear();

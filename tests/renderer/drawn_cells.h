@@ -159,7 +159,7 @@ inline Drawn with_values_of_cells(Drawn drawn) {
 
 struct CountingSource final : MeshSource {
   using MeshSource::MeshSource;
-  [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& scratch) const override {
+  [[nodiscard]] Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& scratch) const override {
     ++reads;
     return MeshSource::read(chunk, scratch);
   }

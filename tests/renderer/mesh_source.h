@@ -28,7 +28,7 @@ class MeshSource : public CellSource {
 
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
 
-  [[nodiscard]] Result<const DrawnCells*> read(const Chunk& chunk, DrawnCells& /*scratch*/) const override {
+  [[nodiscard]] Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& /*scratch*/) const override {
     return &cells_[chunk.number];
   }
 
@@ -52,7 +52,7 @@ class MeshSource : public CellSource {
   }
 
   void add(std::span<const std::uint32_t> numbers) {
-    DrawnCells cells;
+    Tetrahedra cells;
     std::vector<std::uint32_t> points;
     for (const std::uint32_t cell : numbers)
       points.insert(points.end(), mesh_.tetrahedra[cell].begin(), mesh_.tetrahedra[cell].end());
@@ -64,10 +64,10 @@ class MeshSource : public CellSource {
       chunk.box.include(mesh_.points[point]);
     }
     const auto& of_values = mesh_.constant ? std::vector<std::uint32_t>(numbers.begin(), numbers.end()) : points;
-    for (const std::uint32_t number : of_values) {
-      cells.values.push_back(mesh_.values[number]);
-      if (!mesh_.opacity_values.empty()) cells.opacity_values.push_back(mesh_.opacity_values[number]);
-      if (!mesh_.color_values.empty()) cells.color_values.push_back(mesh_.color_values[number]);
+    for (const std::span<const double> all : {mesh_.values, mesh_.opacity_values, mesh_.color_values}) {
+      if (all.empty()) continue;
+      std::vector<double>& values = cells.values.emplace_back();
+      for (const std::uint32_t number : of_values) values.push_back(all[number]);
     }
     cells.constant = mesh_.constant;
     for (const std::uint32_t cell : numbers) {
@@ -75,7 +75,7 @@ class MeshSource : public CellSource {
       for (std::uint32_t& corner : corners)
         corner = static_cast<std::uint32_t>(std::ranges::lower_bound(points, corner) - points.begin());
       std::ranges::sort(corners);
-      cells.tetrahedra.push_back(corners);
+      cells.corners.push_back(corners);
     }
     chunks_.push_back(chunk);
     cells_.push_back(std::move(cells));
@@ -83,7 +83,7 @@ class MeshSource : public CellSource {
 
   TetMesh mesh_;
   std::vector<Chunk> chunks_;
-  std::vector<DrawnCells> cells_;
+  std::vector<Tetrahedra> cells_;
 };
 
 }  // namespace splatvol::test

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <fstream>
 
+#include "sampler/tetrahedron.h"
 #include "tests/sampler/sampled_cells.h"
 
 namespace splatvol::test {

@@ -38,7 +38,7 @@ struct SampledCells : FolderTest {
   void open(const std::string& name) { volume_ = value_of(format::Volume::open(*open_file(path(name)))); }
 
   [[nodiscard]] std::unique_ptr<const CellTetrahedra> cells(std::uint64_t memory = 1 << 24) const {
-    return value_of(CellTetrahedra::open(*volume_, {0}, memory));
+    return value_of(CellTetrahedra::open(*volume_, {0}, own_room(memory)));
   }
   [[nodiscard]] std::vector<double> sample(const std::vector<dvec3>& positions, std::uint64_t memory = 1 << 24) const {
     return value_of(sample_cells(*cells(memory), positions));

@@ -27,7 +27,7 @@ struct Bench {
         kernel(kind),
         volume(std::move(made)),
         opened(format::Volume::open(source_of(volume)).value()),
-        paged(*opened, {1}, parts.room()),
+        paged(*opened, {1}, own_room(1U << 30)),
         visibility(function, volume.info.attributes[1]) {}
 
   Cut cut(const View& view, CutOptions options) {
@@ -39,7 +39,6 @@ struct Bench {
   KernelKind kernel;
   TestVolume volume;
   std::shared_ptr<const format::Volume> opened;
-  OwnParts parts{1u << 30};
   PagedVolume paged;
   ValueVisibility visibility;
 };

@@ -110,7 +110,7 @@ struct OpaqueMesh : FolderTest {
   void SetUp() override {
     build_input(input(), path("m.svol"));
     volume_ = format::Volume::open(open_file(path("m.svol")).value()).value();
-    paged_ = std::make_unique<PagedVolume>(*volume_, format::SummaryAttributes{0}, parts_.room());
+    paged_ = std::make_unique<PagedVolume>(*volume_, format::SummaryAttributes{0}, own_room(1U << 30));
     filled_ = FilledNodes::find(*volume_, *paged_->root().value(), {0});
   }
   virtual const char* input() const { return "gen:mesh:cells=2e5"; }
@@ -131,7 +131,6 @@ struct OpaqueMesh : FolderTest {
   }
 
   std::shared_ptr<const format::Volume> volume_;
-  OwnParts parts_{1u << 30};
   std::unique_ptr<PagedVolume> paged_;
   FilledNodes filled_;
 };

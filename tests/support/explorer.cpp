@@ -65,7 +65,7 @@ class Explorer {
     const CellReader& reader = **cells;
     require(reader.memory_bytes() <= volume_.file_bytes(), "a root takes no more memory than bytes");
     require(reader.directory_bytes() + reader.rank_bytes() <= reader.section_bytes(), "parts are in the section");
-    RankedPoints points(reader, std::uint64_t{1} << 20);
+    RankedPoints points(reader, own_room(std::uint64_t{1} << 20));
     std::uint64_t chunks = 0;
     for (std::size_t page = 0; page < std::min<std::size_t>(reader.rank_page_count(), most_rows); ++page)
       note(reader.read_rank_page(page).has_value());

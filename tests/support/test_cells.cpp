@@ -64,7 +64,8 @@ class SectionOfCells {
         info_(chunks->info()),
         rank_pages_(rank_pages(cells, info_.resolutions())),
         points_(
-            std::move(chunks), [this](std::size_t page) -> Result<RankPage> { return rank_pages_[page]; }, 1 << 20) {
+            std::move(chunks), [this](std::size_t page) -> Result<RankPage> { return rank_pages_[page]; },
+            own_room(1 << 20)) {
     page_.summaries.resize(info_.attributes.size());
   }
 

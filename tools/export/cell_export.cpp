@@ -260,8 +260,8 @@ class CellExport {
         progress_(progress),
         used_(field == CellField::constant ? cells.vertex_count() : cells.volume().info().resolution_counts.back()),
         points_(std::move(points)),
-        held_points_(cells, field == CellField::constant ? held_bytes / 2 : held_bytes),
-        held_vertices_([&cells](std::size_t page) { return cells.read_vertex_page(page); }, held_bytes / 2),
+        held_points_(cells, own_room(field == CellField::constant ? held_bytes / 2 : held_bytes)),
+        held_vertices_([&cells](std::size_t page) { return cells.read_vertex_page(page); }, own_room(held_bytes / 2)),
         readers_([this, &cells, field, &selection] {
           return PartReader(cells, field, selection, held_points_, held_vertices_);
         }) {

@@ -79,7 +79,8 @@ class ContourExport {
 
   Result<ContourReport> run() {
     const format::Attribute& attribute = cells_.reader().volume().info().attributes[selection_.attributes[0]];
-    const auto shows = [&](const format::ValueSummary& summary) {
+    const auto shows = [&](const format::CellPage& page, std::size_t chunk) {
+      const format::ValueSummary& summary = page.summaries[chunk];
       return attribute.value(double{summary.min}) < value_ && attribute.value(double{summary.max}) >= value_;
     };
     SPLATVOL_TRY_ASSIGN(chunks, cells_.chunks([&](const Box& box) { return meets(box, selection_.box); }, shows));
@@ -179,7 +180,9 @@ Result<ContourReport> export_contour(const format::Volume& volume, const std::st
                                      const format::SplatSelection& selection, double value, std::uint64_t memory,
                                      const std::function<void(double)>& progress, Replace replace) {
   SPLATVOL_TRY(check_vtu_names(volume.name(), selection.names));
-  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, selection.attributes, std::min(memory / 2, most_held_bytes)));
+  SPLATVOL_TRY_ASSIGN(
+      cells, CellTetrahedra::open(volume, selection.attributes, own_room(std::min(memory / 2, most_held_bytes)),
+                                  {.values = static_cast<int>(selection.attributes[0])}));
   if (!cells) return fail_without_cells(volume);
   if (cells->has_constant())
     return fail(ErrorCode::unsupported,

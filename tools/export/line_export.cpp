@@ -79,7 +79,7 @@ Result<LineReport> export_line(const format::Volume& volume, const std::string& 
                                std::optional<std::size_t> samples, Replace replace) {
   if (const auto duplicate = find_duplicate(selection.names))
     return fail(ErrorCode::invalid_argument, "{}: attribute \"{}\" is selected twice", volume.name(), *duplicate);
-  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, selection.attributes, held_bytes));
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, selection.attributes, own_room(held_bytes)));
   if (!cells) return fail_without_cells(volume);
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, replace));
   SPLATVOL_TRY_ASSIGN(rows, follow_line(*cells, start, end));

@@ -152,7 +152,8 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
     const Status added = sums.add(splats);
     return added ? added : Status(fail_in(volume.name(), added.error()));
   };
-  SPLATVOL_TRY(for_each_group(format::SplatReader(volume, selection), {.material = true}, add_group, progress));
+  SPLATVOL_TRY(for_each_group(format::SplatReader(volume, selection, own_room(format::splat_reader_bytes)),
+                              {.material = true}, add_group, progress));
 
   GridBuilder grids(volume, selection, frame);
   sums.drain([&](const VoxelSums::BrickIndex& index, std::span<const double> brick) {

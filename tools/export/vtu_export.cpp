@@ -162,7 +162,8 @@ Result<std::uint64_t> count_points(const format::Volume& volume, const format::S
         std::ranges::count_if(group.positions, [&](const dvec3& p) { return is_inside(selection.box, p); }));
     return {};
   };
-  SPLATVOL_TRY(for_each_group(format::SplatReader(volume, selection), {.positions = true}, count_group, progress));
+  SPLATVOL_TRY(for_each_group(format::SplatReader(volume, selection, own_room(format::splat_reader_bytes)),
+                              {.positions = true}, count_group, progress));
   if (points == 0) return fail(ErrorCode::invalid_argument, "{}: no points in the box", volume.name());
   return points;
 }
@@ -190,7 +191,7 @@ Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& pa
     report.points += columns[0].size() / 3;
     return {};
   };
-  SPLATVOL_TRY(for_each_group(format::SplatReader(volume, selection),
+  SPLATVOL_TRY(for_each_group(format::SplatReader(volume, selection, own_room(format::splat_reader_bytes)),
                               {.positions = true, .values = true, .material = true, .directions = true}, write_group,
                               [&](double done) { progress(0.25 + 0.75 * done); }));
   SPLATVOL_TRY(file.commit());

@@ -621,8 +621,8 @@ std::string mixed_cells() {
 std::multiset<Cell> tetrahedra_of(const format::Volume& volume) {
   std::multiset<Cell> tetrahedra;
   const auto cells = value_of(format::CellReader::open(volume));
-  format::RankedPoints points(*cells, 1 << 20);
-  format::CellVertices vertices([&](std::size_t page) { return cells->read_vertex_page(page); }, 1 << 20);
+  format::RankedPoints points(*cells, own_room(1 << 20));
+  format::CellVertices vertices([&](std::size_t page) { return cells->read_vertex_page(page); }, own_room(1 << 20));
   for (std::size_t page = 0; page < cells->pages().size(); ++page)
     for (const format::CellChunkEntry& entry : value_of(cells->read_page(page, {})).chunks) {
       const format::CellChunk chunk = value_of(cells->read_chunk(entry));

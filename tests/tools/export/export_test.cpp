@@ -83,7 +83,8 @@ double mass_of(const format::Volume& volume, std::size_t resolution) {
     for (const SplatShape& shape : group.shapes) mass += shape.mass;
     return {};
   };
-  EXPECT_TRUE(for_each_group(format::SplatReader(volume, selection), {.material = true}, add, no_progress));
+  EXPECT_TRUE(for_each_group(format::SplatReader(volume, selection, own_room(format::splat_reader_bytes)),
+                             {.material = true}, add, no_progress));
   return mass;
 }
 
@@ -384,7 +385,7 @@ TEST_F(Export, VtkReadsThePoints) {
       }
       return {};
     };
-    const format::SplatReader reader(*volume, selection);
+    const format::SplatReader reader(*volume, selection, own_room(format::splat_reader_bytes));
     EXPECT_TRUE(for_each_group(reader, {.positions = true, .values = true, .material = true}, compare, no_progress));
     EXPECT_EQ(i, report.points);
   }
@@ -455,7 +456,8 @@ void expect_slope(const format::Volume& volume, std::size_t resolution, const Ex
     return {};
   };
   const auto selection = selected(volume, resolution);
-  EXPECT_TRUE(for_each_group(format::SplatReader(volume, selection), {.material = true}, compare, no_progress));
+  EXPECT_TRUE(for_each_group(format::SplatReader(volume, selection, own_room(format::splat_reader_bytes)),
+                             {.material = true}, compare, no_progress));
   EXPECT_EQ(i, gradients.size());
   EXPECT_LT(std::sqrt(squares / static_cast<double>(i)), 0.06 * glm::length(slope));
 }

@@ -1,4 +1,4 @@
-// The columns of the material of each splat: `moments`, `value_moments`, `gradient`.
+// The column of the shape of each splat: `moments`.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -217,141 +217,6 @@ std::array<double, 256> make_densities() {
   return densities;
 }
 
-// In steps. Rounding moves a mean by at most 0.5; the rest is rounding of double precision.
-constexpr double rounding_error = 0.51;
-
-// --- Values: a mean in steps as long as a share of its own deviation, from the mean before it.
-
-constexpr std::uint8_t form_steps = 1;
-constexpr std::uint8_t form_exact = 2;
-constexpr double steps_per_deviation = 8;
-constexpr double most_steps = 1 << 23;  // codes then have three bytes
-constexpr int codes_per_octave_of_value = 8;
-constexpr double correlation_scale = 15;
-
-// How far some of the material's values may be from its mean (spec R22): the standard deviation, a code of it, and half
-// a step of the mean; besides, a share of the mean.
-constexpr double deviations_of_interval = 1.16;
-constexpr double interval_rounding = 1e-6;
-
-// Deviations of values: 0 if the code is 0, else scale 2^((1 - code) / 8).
-class ValueDeviations {
- public:
-  static constexpr unsigned largest_code = 65535;
-
-  explicit ValueDeviations(double scale) : scale_(scale), shares_(scaled(scale)) {}
-
-  [[nodiscard]] unsigned encode(double deviation) const {
-    if (!(deviation > 0)) return 0;
-    const double octaves = std::log2(scale_) - std::log2(deviation);
-    return 1 + static_cast<unsigned>(
-                   std::clamp<std::int64_t>(nearest_integer(codes_per_octave_of_value * octaves), 0, largest_code - 1));
-  }
-  [[nodiscard]] double operator()(unsigned code) const {
-    if (code == 0) return 0;
-    constexpr unsigned exponent_bias = 1023, mantissa_bits = 52;
-    const unsigned below = code - 1, octaves = below / codes_per_octave_of_value;
-    const double share = shares_[below % codes_per_octave_of_value];
-    if (octaves >= exponent_bias) return std::ldexp(share, -static_cast<int>(octaves));
-    return share * std::bit_cast<double>(std::uint64_t{exponent_bias - octaves} << mantissa_bits);
-  }
-
- private:
-  using Shares = std::array<double, codes_per_octave_of_value>;
-  static Shares make_shares() {
-    Shares shares;
-    for (int k = 0; k < codes_per_octave_of_value; ++k) shares[k] = std::exp2(-k / double{codes_per_octave_of_value});
-    return shares;
-  }
-  static Shares scaled(double scale) {
-    static const Shares shares = make_shares();
-    Shares result;
-    for (int k = 0; k < codes_per_octave_of_value; ++k) result[k] = scale * shares[k];
-    return result;
-  }
-
-  double scale_;
-  Shares shares_;
-};
-
-double step_of(const ValueMomentsHeader& header, double deviation) {
-  return std::max(header.least_step, deviation / steps_per_deviation);
-}
-
-// Encodes each mean as the number of steps from the mean before it, as a reader decodes that one. Returns false, and
-// then leaves anything in `codes`, if the means are too far from each other for their steps.
-bool encode_steps(std::span<const SplatValue> values, std::span<const double> deviations, ValueMomentsHeader& header,
-                  std::span<std::uint32_t> codes) {
-  const auto first = std::ranges::find_if(values, [](const SplatValue& value) { return value.coverage > 0; });
-  header.form = form_steps;
-  header.origin = first == values.end() ? 0 : first->mean;
-  double last = header.origin;
-  std::uint32_t all_bits = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    codes[i] = 0;
-    if (!(values[i].coverage > 0)) continue;
-    const double rise = values[i].mean - last;
-    if (rise == 0) continue;
-    const double step = step_of(header, deviations[i]);
-    const double steps = rise / step;
-    if (!(std::abs(steps) < most_steps)) return false;
-    const std::int64_t number = nearest_integer(steps);
-    last += step * static_cast<double>(number);
-    if (!(std::abs(values[i].mean - last) <= rounding_error * step)) return false;
-    codes[i] = static_cast<std::uint32_t>(zigzag(number));
-    all_bits |= codes[i];
-  }
-  header.width = static_cast<std::uint8_t>((std::bit_width(all_bits) + 7) / 8);
-  return true;
-}
-
-// Encodes means in single precision, so that they come back as near as values do.
-void encode_exact(std::span<const SplatValue> values, ValueMomentsHeader& header, std::span<std::uint32_t> codes) {
-  header.form = form_exact;
-  header.origin = 0;
-  header.width = sizeof(float);
-  for (std::size_t i = 0; i < values.size(); ++i)
-    codes[i] = values[i].coverage > 0 ? std::bit_cast<std::uint32_t>(static_cast<float>(values[i].mean)) : 0;
-}
-
-// --- Planes.
-
-bool is_scale(double number) { return number >= 0 && std::isfinite(number); }
-
-bool all_zero(std::span<const std::uint8_t> bytes) {
-  return std::ranges::all_of(bytes, [](std::uint8_t byte) { return byte == 0; });
-}
-
-std::int8_t signed_code(double number) { return static_cast<std::int8_t>(nearest_integer(127 * number)); }
-
-std::int8_t correlation_code(double number) {
-  return static_cast<std::int8_t>(nearest_integer(correlation_scale * number));
-}
-
-std::uint8_t share_code(double number) { return static_cast<std::uint8_t>(nearest_integer(255 * number)); }
-
-// Codes of all points, for each of `fields` fields.
-template <class Code, int fields>
-class PlanesOf {
- public:
-  explicit PlanesOf(std::size_t count) : count_(count), codes_(fields * count) {}
-
-  Code* operator[](int field) { return codes_.data() + static_cast<std::size_t>(field) * count_; }
-  void append_to(Bytes& payload) {
-    for (int k = 0; k < fields; ++k) append_planes<Code>(payload, std::span<const Code>((*this)[k], count_));
-  }
-
- private:
-  std::size_t count_;
-  std::vector<Code> codes_;
-};
-
-template <class Header>
-Result<Header> read_header(std::span<const std::byte> payload, std::string_view what) {
-  if (payload.size() < sizeof(Header)) return fail(ErrorCode::invalid_data, "{}: payload too short [R17]", what);
-  return read_record<Header>(payload, 0);
-}
-
 // Encodes orientations with the fewest bytes each that keep all of them within the tolerance. Returns the bytes.
 int encode_all_orientations(std::span<const SplatShape> shapes, std::span<std::uint64_t> orientations) {
   int width = min_orientation_width;
@@ -384,42 +249,6 @@ PlanesOf<std::uint16_t, 4> encode_sizes(std::span<const SplatShape> shapes, cons
   return sizes;
 }
 
-// Returns the length of the range of values; 0 if there is none. No deviation and no least step is larger.
-double length_of(float min, float max) { return min <= max ? double{max} - double{min} : 0; }
-
-// Leaves out the values of material without a value, and moves means into the range of `summary`: otherwise rounding
-// could put a mean where a transfer function is not expected to show it. Bounds deviations by the length of the range.
-std::vector<SplatValue> within(const ValueSummary& summary, std::span<const SplatValue> values) {
-  std::vector<SplatValue> present(values.begin(), values.end());
-  for (SplatValue& value : present) {
-    if (!(value.coverage > 0)) value = {};
-    if (!(value.coverage > 0)) continue;
-    value.mean = std::max(double{summary.min}, std::min(value.mean, double{summary.max}));
-    value.deviation = std::min(value.deviation, length_of(summary.min, summary.max));
-  }
-  return present;
-}
-
-// Encodes deviations. Fills `decoded` with the deviations as they come back.
-std::vector<std::uint16_t> encode_deviations(std::span<const SplatValue> values, ValueMomentsHeader& header,
-                                             std::span<double> decoded) {
-  for (const SplatValue& value : values) header.deviation_scale = std::max(header.deviation_scale, value.deviation);
-  const ValueDeviations deviation(header.deviation_scale);
-  std::vector<std::uint16_t> codes(values.size());
-  unsigned largest = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    codes[i] = static_cast<std::uint16_t>(deviation.encode(values[i].deviation));
-    decoded[i] = deviation(codes[i]);
-    largest = std::max<unsigned>(largest, codes[i]);
-  }
-  header.deviation_width = largest > 255 ? 2 : largest > 0 ? 1 : 0;
-  return codes;
-}
-
-}  // namespace
-
-namespace {
-
 // Returns the shape within the bounds of a file.
 SplatShape within(SplatShape shape, double edge) {
   shape.mass = std::min(shape.mass, largest_mass * edge * edge * edge);
@@ -428,77 +257,6 @@ SplatShape within(SplatShape shape, double edge) {
   if (foot > largest_foot) shape.boundary *= largest_foot / foot;
   return shape;
 }
-
-}  // namespace
-
-PackedChunk pack_moments(std::span<const SplatShape> all_shapes, double edge) {
-  std::vector<SplatShape> shapes(all_shapes.begin(), all_shapes.end());
-  for (SplatShape& shape : shapes) shape = within(shape, edge);
-  MomentsHeader header{};
-  for (const SplatShape& shape : shapes) {
-    header.mass_scale = std::max(header.mass_scale, shape.mass);
-    header.deviation_scale = std::max(header.deviation_scale, shape.deviations[0]);
-  }
-  std::vector<std::uint64_t> orientations(shapes.size());
-  const int width = encode_all_orientations(shapes, orientations);
-  header.orientation_width = static_cast<std::uint8_t>(width);
-  PlanesOf<std::uint16_t, 4> sizes = encode_sizes(shapes, header);
-  PlanesOf<std::int16_t, 3> boundaries(shapes.size());
-  PlanesOf<std::uint8_t, 1> densities(shapes.size());
-  for (std::size_t i = 0; i < shapes.size(); ++i) {
-    if (shapes[i].boundary != dvec3(0))
-      for (int k = 0; k < 3; ++k) boundaries[k][i] = boundary_code(shapes[i].boundary[k]);
-    densities[0][i] = density_code(shapes[i].density);
-  }
-
-  Bytes payload;
-  append_record(payload, header);
-  sizes.append_to(payload);
-  append_planes<std::uint64_t>(payload, orientations, static_cast<std::size_t>(width));
-  boundaries.append_to(payload);
-  densities.append_to(payload);
-  return pack_payload(payload, shapes.size());
-}
-
-PackedChunk pack_value_moments(std::span<const SplatValue> values, double least_step, const ValueSummary& summary) {
-  const std::vector<SplatValue> present = within(summary, values);
-  ValueMomentsHeader header{};
-  header.least_step = std::min(least_step, length_of(summary.min, summary.max));
-  std::vector<double> decoded(present.size());
-  const std::vector<std::uint16_t> deviations = encode_deviations(present, header, decoded);
-  std::vector<std::uint32_t> means(present.size());
-  if (!encode_steps(present, decoded, header, means)) encode_exact(present, header, means);
-  PlanesOf<std::int8_t, 3> correlations(present.size());
-  PlanesOf<std::uint8_t, 1> coverages(present.size());
-  for (std::size_t i = 0; i < present.size(); ++i) {
-    const SplatValue& value = present[i];
-    for (int k = 0; k < 3; ++k) correlations[k][i] = correlation_code(value.correlation[k]);
-    coverages[0][i] = std::max(share_code(value.coverage), static_cast<std::uint8_t>(value.coverage > 0));
-  }
-
-  Bytes payload;
-  append_record(payload, header);
-  append_planes<std::uint32_t>(payload, means, header.width);
-  append_planes<std::uint16_t>(payload, deviations, header.deviation_width);
-  correlations.append_to(payload);
-  coverages.append_to(payload);
-  return pack_payload(payload, present.size(), summary);
-}
-
-PackedChunk pack_gradients(std::span<const vec3> directions) {
-  PlanesOf<std::int8_t, 3> codes(directions.size());
-  for (std::size_t i = 0; i < directions.size(); ++i) {
-    const dvec3 d(directions[i]);  // squares of floats may overflow or vanish in single precision
-    const double length = glm::length(d);
-    if (!(length > 0 && std::isfinite(length))) continue;
-    for (int k = 0; k < 3; ++k) codes[k][i] = signed_code(d[k] / length);
-  }
-  Bytes payload;
-  codes.append_to(payload);
-  return pack_payload(payload, directions.size());
-}
-
-namespace {
 
 // The feet of boundaries, in deviations along the principal axes.
 dvec3 foot_of(const MomentCodes& codes, std::size_t i) {
@@ -557,6 +315,35 @@ Status check_shapes(const MomentCodes& codes, double edge, std::string_view what
 
 }  // namespace
 
+PackedChunk pack_moments(std::span<const SplatShape> all_shapes, double edge) {
+  std::vector<SplatShape> shapes(all_shapes.begin(), all_shapes.end());
+  for (SplatShape& shape : shapes) shape = within(shape, edge);
+  MomentsHeader header{};
+  for (const SplatShape& shape : shapes) {
+    header.mass_scale = std::max(header.mass_scale, shape.mass);
+    header.deviation_scale = std::max(header.deviation_scale, shape.deviations[0]);
+  }
+  std::vector<std::uint64_t> orientations(shapes.size());
+  const int width = encode_all_orientations(shapes, orientations);
+  header.orientation_width = static_cast<std::uint8_t>(width);
+  PlanesOf<std::uint16_t, 4> sizes = encode_sizes(shapes, header);
+  PlanesOf<std::int16_t, 3> boundaries(shapes.size());
+  PlanesOf<std::uint8_t, 1> densities(shapes.size());
+  for (std::size_t i = 0; i < shapes.size(); ++i) {
+    if (shapes[i].boundary != dvec3(0))
+      for (int k = 0; k < 3; ++k) boundaries[k][i] = boundary_code(shapes[i].boundary[k]);
+    densities[0][i] = density_code(shapes[i].density);
+  }
+
+  Bytes payload;
+  append_record(payload, header);
+  sizes.append_to(payload);
+  append_planes<std::uint64_t>(payload, orientations, static_cast<std::size_t>(width));
+  boundaries.append_to(payload);
+  densities.append_to(payload);
+  return pack_payload(payload, shapes.size());
+}
+
 Status unpack_moment_codes(const ChunkEntry& entry, std::span<const std::byte> packed, std::size_t points, double edge,
                            std::string_view what, MomentCodes& out) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
@@ -593,125 +380,6 @@ Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed
               orientation_of(codes.orientations[i], codes.component_bits), foot_of(codes, i),
               densities[codes.densities[i]]};
   }
-  return {};
-}
-
-namespace {
-
-bool is_valid(const ValueMomentsHeader& header, const ChunkEntry& entry, std::size_t payload_bytes,
-              std::size_t points) {
-  const double length = length_of(entry.min, entry.max);
-  const bool steps = header.form == form_steps && header.width <= 3;
-  const bool exact = header.form == form_exact && header.width == sizeof(float);
-  return (steps || exact) && header.deviation_width <= 2 && header.least_step <= length &&
-         header.deviation_scale <= length && std::isfinite(header.origin) && is_scale(header.least_step) &&
-         is_scale(header.deviation_scale) && all_zero(header.zero) &&
-         payload_bytes == sizeof(ValueMomentsHeader) + points * (header.width + header.deviation_width + 4U);
-}
-
-// Whether a mean lies in [low, high], but for the error of its form.
-bool is_bounded(double mean, double low, double high, double error) {
-  return std::isfinite(mean) && low - mean <= error && mean - high <= error;
-}
-
-// Decodes the means, one after the other. Returns whether they are within [min, max] of the chunk.
-bool decode_means(const ValueMomentsHeader& header, const ChunkEntry& entry, std::span<const std::uint32_t> codes,
-                  ValueMomentCodes& out) {
-  const auto low = static_cast<double>(entry.min), high = static_cast<double>(entry.max);
-  const ValueDeviations deviation(header.deviation_scale);
-  double last = header.origin;
-  bool valid = true;
-  for (std::size_t i = 0; i < codes.size(); ++i) {
-    double error = 0;
-    if (header.form == form_exact) {
-      last = double{std::bit_cast<float>(codes[i])};
-    } else {
-      const double step = step_of(header, deviation(out.deviations[i]));
-      last += step * static_cast<double>(unzigzag(codes[i]));
-      error = rounding_error * step;
-    }
-    out.means[i] = last;
-    valid = valid && std::isfinite(last) && (out.coverages[i] == 0 || is_bounded(last, low, high, error));
-  }
-  return valid;
-}
-
-bool are_correlations(const ValueMomentCodes& codes) {
-  int largest = 0;
-  for (const std::vector<std::int8_t>& axis : codes.correlations)
-    for (const std::int8_t code : axis) largest = std::max(largest, std::abs(int{code}));
-  return largest <= static_cast<int>(correlation_scale);
-}
-
-}  // namespace
-
-Status unpack_value_moment_codes(const ChunkEntry& entry, std::span<const std::byte> packed, std::size_t points,
-                                 std::string_view what, ValueMomentCodes& out) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
-  SPLATVOL_TRY_ASSIGN(header, read_header<ValueMomentsHeader>(payload, what));
-  if (!is_valid(header, entry, payload.size(), points))
-    return fail(ErrorCode::invalid_data, "{}: bad header of value moments [R17]", what);
-  out.deviation_scale = header.deviation_scale;
-  out.least_step = header.form == form_steps ? header.least_step : 0;
-  thread_local std::vector<std::uint32_t> means;
-  auto planes = take_planes(payload.subspan(sizeof(ValueMomentsHeader)), means, points, header.width);
-  planes = take_planes(planes, out.deviations, points, header.deviation_width);
-  for (std::vector<std::int8_t>& correlations : out.correlations) planes = take_planes(planes, correlations, points);
-  take_planes(planes, out.coverages, points);
-  out.means.resize(points);
-  if (!decode_means(header, entry, means, out) || !are_correlations(out))
-    return fail(ErrorCode::invalid_data, "{}: a mean or a correlation is out of range [R17]", what);
-  return {};
-}
-
-Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatValue> out,
-                            std::string_view what) {
-  ValueMomentCodes codes;
-  SPLATVOL_TRY(unpack_value_moment_codes(entry, packed, out.size(), what, codes));
-  const ValueDeviations deviation(codes.deviation_scale);
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    const auto& c = codes.correlations;
-    const dvec3 correlation = dvec3(c[0][i], c[1][i], c[2][i]) / correlation_scale;
-    out[i] = {codes.means[i], deviation(codes.deviations[i]), correlation,
-              std::sqrt(std::max(0.0, 1 - squared_length(correlation))), static_cast<double>(codes.coverages[i]) / 255};
-  }
-  return {};
-}
-
-Status unpack_value_intervals(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<ValueInterval> out,
-                              std::string_view what) {
-  ValueMomentCodes codes;
-  SPLATVOL_TRY(unpack_value_moment_codes(entry, packed, out.size(), what, codes));
-  const ValueDeviations deviation(codes.deviation_scale);
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    out[i] = {};
-    if (codes.coverages[i] == 0) continue;
-    const double mean = codes.means[i];
-    const double reach = deviations_of_interval * deviation(codes.deviations[i]) + rounding_error * codes.least_step +
-                         interval_rounding * std::abs(mean);
-    out[i] = {static_cast<float>(std::max(mean - reach, double{entry.min})),
-              static_cast<float>(std::min(mean + reach, double{entry.max}))};
-  }
-  return {};
-}
-
-Status unpack_gradient_codes(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<std::uint32_t> out,
-                             std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
-  if (payload.size() != 3 * out.size()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
-  if (std::ranges::find(payload, std::byte{0x80}) != payload.end())  // -128
-    return fail(ErrorCode::invalid_data, "{}: a gradient is out of range [R17]", what);
-  read_planes<std::uint32_t>(payload, out, 3);
-  return {};
-}
-
-Status unpack_gradients(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<vec3> out,
-                        std::string_view what) {
-  std::vector<std::uint32_t> codes(out.size());
-  SPLATVOL_TRY(unpack_gradient_codes(entry, packed, codes, what));
-  const auto component = [](std::uint32_t code, int k) { return static_cast<std::int8_t>(code >> 8 * k); };
-  for (std::size_t i = 0; i < out.size(); ++i)
-    out[i] = vec3(component(codes[i], 0), component(codes[i], 1), component(codes[i], 2)) / 127.0F;
   return {};
 }
 
