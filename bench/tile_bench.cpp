@@ -15,7 +15,7 @@
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 
 namespace splatvol {
 namespace {

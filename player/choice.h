@@ -4,7 +4,7 @@
 #include <cstdint>
 
 #include "splatvol/quality.h"
-#include "streamer/detail.h"
+#include "streamer/splats/detail.h"
 
 namespace splatvol {
 

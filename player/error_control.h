@@ -12,7 +12,7 @@
 #include "pictures/image.h"
 #include "player/rays.h"
 #include "renderer/work.h"
-#include "streamer/cut.h"
+#include "streamer/splats/cut.h"
 
 namespace splatvol {
 

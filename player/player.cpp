@@ -11,13 +11,13 @@
 #include "base/http_source.h"
 #include "base/interruption.h"
 #include "player/choice.h"
-#include "player/file_cells.h"
 #include "player/sampling.h"
 #include "player/scene_surfaces.h"
 #include "player/step_ahead.h"
 #include "renderer/depth_pyramid.h"
 #include "renderer/slice_values.h"
-#include "streamer/domain.h"
+#include "streamer/cells/file_cells.h"
+#include "streamer/splats/domain.h"
 
 namespace splatvol {
 namespace {

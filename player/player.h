@@ -25,7 +25,7 @@
 #include "renderer/surfaces/surface.h"
 #include "scene/scene.h"
 #include "streamer/first/default_scene.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 
 namespace splatvol {
 

@@ -9,7 +9,7 @@
 #include "pictures/image.h"
 #include "player/error_control.h"
 #include "splatvol/quality.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 
 namespace splatvol {
 

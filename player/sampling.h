@@ -5,7 +5,7 @@
 
 #include "renderer/rasterizer.h"
 #include "scene/scene.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 
 namespace splatvol {
 

@@ -16,8 +16,8 @@
 #include "player/camera_control.h"
 #include "player/choice.h"
 #include "renderer/cpu/srgb_bytes.h"
-#include "streamer/domain.h"
 #include "streamer/first/explain.h"
+#include "streamer/splats/domain.h"
 
 namespace splatvol {
 namespace {

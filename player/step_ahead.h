@@ -10,8 +10,8 @@
 
 #include "base/interruption.h"
 #include "format/steps.h"
-#include "player/file_cells.h"
 #include "scene/scene.h"
+#include "streamer/cells/file_cells.h"
 
 namespace splatvol {
 

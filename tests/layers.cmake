@@ -8,8 +8,8 @@ set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources
                   builder/sources/openfoam builder/sources/vtk builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
                   builder/pipeline builder/series)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
-set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed streamer/store streamer streamer/first
-           ${renderer_rooms} renderer/surfaces renderer/reference player library library/python library/examples viewer/window
+set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed streamer/store streamer/splats streamer/first
+           ${renderer_rooms} streamer/cells renderer/surfaces renderer/reference player library library/python library/examples viewer/window
            viewer tools/export tools tests/support tests/fuzz bench)
 
 # What each layer may include, besides itself and the public face. That is include/splatvol/, and knows none of them.
@@ -38,16 +38,18 @@ set(builder/pipeline_knows base format builder/sorting builder/mesh builder/scat
 set(builder/series_knows base format builder/sources builder/boundary builder/cells builder/opening builder/pipeline)
 set(builder/distributed_knows base format ${builder_rooms})
 set(streamer/store_knows base splat format)
-set(streamer_knows base scene splat format streamer/store)
-set(streamer/first_knows base scene pictures format streamer)
+set(streamer/splats_knows base scene splat format streamer/store)
+set(streamer/first_knows base scene pictures format streamer/splats)
+set(streamer/cells_knows base scene splat format sampler streamer/splats renderer)
 set(renderer_knows base scene pictures splat)
 set(renderer/cpu_knows base scene pictures splat renderer)
 set(renderer/gl_knows base scene pictures splat renderer)
 set(renderer/device_knows base scene pictures splat renderer renderer/cpu renderer/gl)
 set(renderer/surfaces_knows base scene pictures)
 set(renderer/reference_knows base scene pictures)
-set(player_knows base scene pictures splat format sampler streamer/store streamer streamer/first ${renderer_rooms} renderer/surfaces)
-set(library_knows base scene pictures splat format sampler ${builder_rooms} streamer/store streamer streamer/first ${renderer_rooms} player)
+set(streamer_rooms streamer/store streamer/splats streamer/first streamer/cells)
+set(player_knows base scene pictures splat format sampler ${streamer_rooms} ${renderer_rooms} renderer/surfaces)
+set(library_knows base scene pictures splat format sampler ${builder_rooms} ${streamer_rooms} ${renderer_rooms} player)
 set(library/python_knows ${library_knows} library)
 set(library/examples_knows)
 set(viewer/window_knows base scene pictures renderer renderer/gl player)

@@ -113,14 +113,15 @@ Status render(RenderOptions options) {
   SPLATVOL_TRY(use_scene(options));
   SPLATVOL_TRY(check_exact(options));
   SPLATVOL_TRY(check_outputs({options.output, options.stats, options.movie}, {options.volume, options.scene}));
-  SPLATVOL_TRY_ASSIGN(composition, compose(options));
+  SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));
+  SPLATVOL_TRY_ASSIGN(composition, compose(options, steps));
   const Scene& scene = composition.scene;
   if (!options.progress_frames.empty() && !std::filesystem::is_directory(options.progress_frames))
     return fail(ErrorCode::io, "{}: no such folder", options.progress_frames);
   SPLATVOL_TRY_ASSIGN(statistics_file, create_statistics(options.stats));
   if (const auto view = make_view(scene); !view)
     return fail_in(options.scene.empty() ? options.volume : options.scene, view.error());
-  SPLATVOL_TRY_ASSIGN(drawn, prepare(options, scene));
+  SPLATVOL_TRY_ASSIGN(drawn, prepare(options, std::move(steps), scene));
 
   Timings timings;
   SPLATVOL_TRY_ASSIGN(unreadable, draw_pictures(options, composition, drawn, timings, start));

@@ -177,7 +177,7 @@ void Timings::add(const PlayerTimes& times) {
   upload = times.draw.upload;
 }
 
-Result<Drawn> prepare(const RenderOptions& options, const Scene& scene) {
+Result<Drawn> prepare(const RenderOptions& options, format::Steps steps, const Scene& scene) {
   const Quality& quality = options.quality;
   PlayerOptions setup{.drawing = options.drawing};
   SPLATVOL_TRY(store(parse_bytes(options.memory), setup.memory));
@@ -188,7 +188,6 @@ Result<Drawn> prepare(const RenderOptions& options, const Scene& scene) {
   if (asks_for_splats(quality)) setup.draws = DrawnParts::splats;
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
   setup.read_surface = surface_reader(reader_options);
-  SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));
   if (!options.steps.empty() && steps.times().empty())
     return fail(ErrorCode::invalid_argument, "{}: no time series, so it has no steps", steps.name());
   SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step));

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "format/steps.h"
 #include "player/player.h"
 #include "tools/svrender_options.h"
 #include "tools/svrender_page.h"
@@ -50,8 +51,8 @@ struct Drawn {
   std::optional<ErrorSearch> search = {};  // of an error, for the view that it was measured at
 };
 
-/// Opens the volume and sets up the renderer. Errors name the file or the option.
-[[nodiscard]] Result<Drawn> prepare(const RenderOptions& options, const Scene& scene);
+/// Opens a player for the step that the options name. Errors name the file or the option.
+[[nodiscard]] Result<Drawn> prepare(const RenderOptions& options, format::Steps steps, const Scene& scene);
 
 /// Draws the frames that the options ask for, up to the picture, and adds their times to `timings`. `start`: the
 /// program's, by seconds_now. Returns the parts of the file that could not be read and were drawn coarser.

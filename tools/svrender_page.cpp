@@ -111,7 +111,7 @@ Result<dvec3> parse_color(const std::string& text) {
   return dvec3(channel(16), channel(8), channel(0));
 }
 
-Result<Composition> compose(const RenderOptions& options) {
+Result<Composition> compose(const RenderOptions& options, const format::Steps& steps) {
   Composition composition;
   composition.data = options.output.ends_with(".exr") || options.output.ends_with(".EXR");
   composition.transparent = options.transparent;
@@ -124,7 +124,8 @@ Result<Composition> compose(const RenderOptions& options) {
                             options.turntable > 0 || (composition.scene.outline && !composition.data);
   std::shared_ptr<const format::Volume> volume;
   if (needs_volume) {
-    SPLATVOL_TRY(store(open_step(options.volume, options.step), volume));
+    SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step));
+    SPLATVOL_TRY(store(steps.volume(step), volume));
   }
   if (options.scene.empty()) {
     SPLATVOL_TRY(fit_scene(options, *volume, composition));

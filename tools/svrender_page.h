@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include "format/steps.h"
 #include "format/volume_info.h"
 #include "pictures/page.h"
 #include "scene/scene.h"
@@ -24,7 +25,7 @@ struct Composition {
 
 /// Reads the scene that the options name, or makes one that fits the data, and lays out the page. Reads only the
 /// preamble and coarse parts of the volume.
-[[nodiscard]] Result<Composition> compose(const RenderOptions& options);
+[[nodiscard]] Result<Composition> compose(const RenderOptions& options, const format::Steps& steps);
 
 /// Writes a picture of `view` as a page (.png) or as it is (.exr).
 [[nodiscard]] Status write_page(const Composition& composition, const View& view, Image image, const std::string& path,

@@ -7,7 +7,7 @@
 
 #include "format/volume_info.h"
 #include "scene/scene.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 
 namespace splatvol {
 

@@ -3,7 +3,7 @@
 
 #include "format/volume.h"
 #include "scene/scene.h"
-#include "streamer/visibility.h"
+#include "streamer/splats/visibility.h"
 
 namespace splatvol {
 

@@ -13,7 +13,7 @@
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/slice_values.h"
 #include "streamer/first/default_scene.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/svol_mutator.h"
 

@@ -9,10 +9,10 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "player/file_cells.h"
 #include "renderer/cpu/cells.h"
 #include "renderer/cpu/tile_rasterizer.h"
-#include "streamer/streamer.h"
+#include "streamer/cells/file_cells.h"
+#include "streamer/splats/streamer.h"
 
 namespace splatvol::test {
 namespace {

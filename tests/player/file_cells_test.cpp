@@ -1,5 +1,5 @@
 // The cells of files, as views show them.
-#include "player/file_cells.h"
+#include "streamer/cells/file_cells.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -19,7 +19,7 @@
 #include "renderer/cpu/cells.h"
 #include "renderer/reference/reference.h"
 #include "streamer/first/default_scene.h"
-#include "streamer/visibility.h"
+#include "streamer/splats/visibility.h"
 #include "tests/builder/support/built_input.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/builder/support/mesh_of_shapes.h"

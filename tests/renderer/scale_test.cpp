@@ -19,7 +19,7 @@
 #include "renderer/gl/gl_rasterizer.h"
 #include "renderer/reference/reference.h"
 #include "streamer/first/default_scene.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 #include "tests/support/long.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"

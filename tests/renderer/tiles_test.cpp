@@ -16,7 +16,7 @@
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/renderer/random_splats.h"
 #include "tests/support/results.h"

@@ -1,5 +1,5 @@
 // Clipping splats at the faces of a box.
-#include "streamer/clip.h"
+#include "streamer/splats/clip.h"
 
 #include <gtest/gtest.h>
 

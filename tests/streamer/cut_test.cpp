@@ -1,4 +1,4 @@
-#include "streamer/cut.h"
+#include "streamer/splats/cut.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 #include <set>
 
 #include "splat/splat.h"
-#include "streamer/paged_volume.h"
+#include "streamer/splats/paged_volume.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/random.h"
 #include "tests/support/results.h"

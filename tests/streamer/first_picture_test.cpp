@@ -13,7 +13,7 @@
 #include "renderer/device/device.h"
 #include "streamer/first/default_scene.h"
 #include "streamer/first/first_attribute.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"

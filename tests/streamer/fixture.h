@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "scene/scene.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 #include "tests/support/long.h"
 #include "tests/support/test_volume.h"
 

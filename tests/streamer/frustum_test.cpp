@@ -1,4 +1,4 @@
-#include "streamer/frustum.h"
+#include "streamer/splats/frustum.h"
 
 #include <gtest/gtest.h>
 

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "renderer/device/device.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 #include "tests/builder/support/built_input.h"
 #include "tests/support/temp_folder.h"
 

@@ -1,4 +1,4 @@
-#include "streamer/occlusion.h"
+#include "streamer/splats/occlusion.h"
 
 #include <gtest/gtest.h>
 
@@ -12,8 +12,8 @@
 #include <utility>
 #include <vector>
 
-#include "streamer/cut.h"
-#include "streamer/paged_volume.h"
+#include "streamer/splats/cut.h"
+#include "streamer/splats/paged_volume.h"
 #include "tests/builder/support/built_input.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/random.h"

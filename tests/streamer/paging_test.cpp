@@ -5,7 +5,7 @@
 #include <cmath>
 #include <thread>
 
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 #include "tests/builder/support/built_input.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/fault_source.h"

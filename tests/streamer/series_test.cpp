@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "builder/series/series_build.h"
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/fault_source.h"

@@ -1,4 +1,4 @@
-#include "streamer/streamer.h"
+#include "streamer/splats/streamer.h"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>

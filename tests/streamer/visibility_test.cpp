@@ -1,4 +1,4 @@
-#include "streamer/visibility.h"
+#include "streamer/splats/visibility.h"
 
 #include <gtest/gtest.h>
 
