@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <iterator>
-#include <limits>
 #include <mutex>
 #include <utility>
 
@@ -49,6 +48,7 @@ std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges) {
 
 Status CountedSource::read(std::uint64_t offset, std::span<std::byte> out) {
   if (holds_any_ && take_held(offset, out)) return {};
+  ++requests_;
   SPLATVOL_TRY(source_->read(offset, out));
   count(offset, out.size());
   return {};
@@ -85,18 +85,19 @@ bool CountedSource::take_held(std::uint64_t offset, std::span<std::byte> out) co
 
 Result<bool> CountedSource::read_parts(std::span<const ByteSource::Part> parts) {
   SPLATVOL_TRY_ASSIGN(read, source_->read_parts(parts));
-  if (read)
-    for (const ByteSource::Part& part : parts) count(part.offset, part.out.size());
-  return read;
+  if (!read) return false;
+  ++requests_;
+  for (const ByteSource::Part& part : parts) count(part.offset, part.out.size());
+  return true;
 }
 
 Result<std::shared_ptr<const BytesAhead>> BytesAhead::read(std::shared_ptr<CountedSource> source,
-                                                           std::vector<ByteRange> ranges, std::uint64_t memory) {
+                                                           std::vector<ByteRange> ranges, MemoryShare& share) {
   std::shared_ptr<BytesAhead> ahead(new BytesAhead(std::move(source)));
-  if (!ahead->make_room(join_ranges(ranges, bytes_of_part), memory)) return nullptr;
+  if (!ahead->reserve(join_ranges(ranges, bytes_of_part), share)) return nullptr;
   SPLATVOL_TRY_ASSIGN(is_read, ahead->read_parts());
   if (!is_read) {
-    if (!ahead->make_room(join_to_few(std::move(ranges)), memory)) return nullptr;
+    if (!ahead->reserve(join_to_few(std::move(ranges)), share)) return nullptr;
     SPLATVOL_TRY(ahead->read_singly(requests_at_once));
   }
   ahead->give_to_source();
@@ -107,8 +108,7 @@ Result<std::shared_ptr<const BytesAhead>> BytesAhead::read_together(std::shared_
                                                                     std::vector<ByteRange> ranges, std::uint64_t gap) {
   const bool may_join = source->source().may_read_parts();
   std::shared_ptr<BytesAhead> ahead(new BytesAhead(std::move(source)));
-  static_cast<void>(ahead->make_room(join_ranges(std::move(ranges), may_join ? bytes_of_part : gap),
-                                     std::numeric_limits<std::uint64_t>::max()));
+  ahead->make_room(join_ranges(std::move(ranges), may_join ? bytes_of_part : gap));
   bool is_read = false;
   if (may_join) SPLATVOL_TRY_SET(is_read, ahead->read_parts());
   if (!is_read) SPLATVOL_TRY(ahead->read_singly(may_join ? requests_at_once : 1));
@@ -128,13 +128,21 @@ void BytesAhead::give_to_source() const {
   source_->holds_any_ = !source_->held_.empty();
 }
 
-bool BytesAhead::make_room(std::span<const ByteRange> ranges, std::uint64_t memory) {
+bool BytesAhead::reserve(std::span<const ByteRange> ranges, MemoryShare& share) {
   held_.clear();
+  reservation_ = Reservation();
   std::uint64_t bytes = 0;
   for (const ByteRange& range : ranges) bytes += range.end - range.begin;
-  if (bytes > memory) return false;
-  for (const ByteRange& range : ranges) held_.push_back({range.begin, std::vector<std::byte>(range.end - range.begin)});
+  if (bytes > share.capacity() / 4) return false;
+  auto reservation = share.reserve(bytes);
+  if (!reservation) return false;
+  reservation_ = std::move(*reservation);
+  make_room(ranges);
   return true;
+}
+
+void BytesAhead::make_room(std::span<const ByteRange> ranges) {
+  for (const ByteRange& range : ranges) held_.push_back({range.begin, std::vector<std::byte>(range.end - range.begin)});
 }
 
 // Returns false if the source knows no requests for many ranges.

@@ -13,6 +13,7 @@
 
 #include "base/error.h"
 #include "base/file.h"
+#include "base/memory_budget.h"
 
 namespace splatvol {
 
@@ -35,13 +36,14 @@ inline constexpr std::uint64_t most_part_bytes = std::uint64_t{1} << 20;
 /// are left, and one more for each 256 KiB of all.
 [[nodiscard]] std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges);
 
-/// The bytes of a file, with a count of those that were read. Thread-safe.
+/// The bytes of a file, with a count of those that were read, and of the requests for them. Thread-safe.
 class CountedSource {
  public:
   explicit CountedSource(std::unique_ptr<ByteSource> source) : source_(std::move(source)) {}
 
   [[nodiscard]] const ByteSource& source() const { return *source_; }
   [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
+  [[nodiscard]] std::uint64_t requests() const { return requests_; }
 
   /// Of these, those that had been read before.
   [[nodiscard]] std::uint64_t bytes_read_again() const { return bytes_read_again_; }
@@ -62,7 +64,7 @@ class CountedSource {
   void count(std::uint64_t offset, std::uint64_t bytes);
 
   std::unique_ptr<ByteSource> source_;
-  std::atomic<std::uint64_t> bytes_read_ = 0, bytes_read_again_ = 0;
+  std::atomic<std::uint64_t> requests_ = 0, bytes_read_ = 0, bytes_read_again_ = 0;
   std::mutex count_mutex_;
   std::map<std::uint64_t, std::uint64_t> ranges_;  // that were read, apart from each other: ends by begins
   std::atomic<bool> holds_any_ = false;
@@ -74,13 +76,13 @@ class CountedSource {
 class BytesAhead {
  public:
   /// Reads ranges, by few requests, several at once: by requests for many ranges if the source can, else joined to few.
-  /// Returns null if they would take more than `memory` bytes.
+  /// Reserves their bytes. Returns null, and reads nothing, if a quarter of the share has no room for them.
   [[nodiscard]] static Result<std::shared_ptr<const BytesAhead>> read(std::shared_ptr<CountedSource> source,
                                                                       std::vector<ByteRange> ranges,
-                                                                      std::uint64_t memory);
+                                                                      MemoryShare& share);
 
   /// Reads ranges joined over gaps of at most `gap` bytes: by requests for many ranges if the source can, else one by
-  /// one. Always takes about the memory of the ranges.
+  /// one. The caller has memory for them.
   [[nodiscard]] static Result<std::shared_ptr<const BytesAhead>> read_together(std::shared_ptr<CountedSource> source,
                                                                                std::vector<ByteRange> ranges,
                                                                                std::uint64_t gap);
@@ -90,12 +92,14 @@ class BytesAhead {
 
  private:
   explicit BytesAhead(std::shared_ptr<CountedSource> source) : source_(std::move(source)) {}
-  [[nodiscard]] bool make_room(std::span<const ByteRange> ranges, std::uint64_t memory);
+  [[nodiscard]] bool reserve(std::span<const ByteRange> ranges, MemoryShare& share);
+  void make_room(std::span<const ByteRange> ranges);
   [[nodiscard]] Result<bool> read_parts();
   [[nodiscard]] Status read_singly(std::size_t at_once);
   void give_to_source() const;
 
   std::shared_ptr<CountedSource> source_;
+  Reservation reservation_;
   std::vector<CountedSource::Held> held_;
 };
 

@@ -263,7 +263,7 @@ ByteRange CellReader::range_of(const CellChunkEntry& entry) const {
 }
 
 Result<std::shared_ptr<const BytesAhead>> CellReader::read_pages_ahead(std::span<const std::size_t> pages,
-                                                                       std::uint64_t memory) const {
+                                                                       MemoryShare& share) const {
   std::vector<ByteRange> ranges;
   const auto add = [&](const Tail& tail, std::uint64_t begin, std::uint64_t offset, std::uint64_t count) {
     if (!tail.holds(offset, count)) ranges.push_back({begin + offset, begin + offset + count});
@@ -272,7 +272,7 @@ Result<std::shared_ptr<const BytesAhead>> CellReader::read_pages_ahead(std::span
     add(tail_, begin_, pages_[page].offset, pages_[page].page_bytes);
     if (!step_pages_.empty()) add(step_tail_, step_offset_, step_pages_[page].offset, step_pages_[page].page_bytes);
   }
-  return volume_->read_ahead(std::move(ranges), memory);
+  return volume_->read_ahead(std::move(ranges), share);
 }
 
 Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes& attributes) const {

@@ -64,7 +64,7 @@ class CellReader {
 
   /// Reads pages ahead (Volume::read_ahead). Requires a reader of a file.
   [[nodiscard]] Result<std::shared_ptr<const BytesAhead>> read_pages_ahead(std::span<const std::size_t> pages,
-                                                                           std::uint64_t memory) const;
+                                                                           MemoryShare& share) const;
 
   /// Whether a step has summaries. Without, its chunks count as visible.
   [[nodiscard]] bool has_step_summaries() const { return !step_pages_.empty(); }

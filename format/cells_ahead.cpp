@@ -10,11 +10,11 @@ namespace splatvol::format {
 // beside what a server takes to answer.
 Result<CellsAhead> read_cells_ahead(const CellReader& cells, const RankedPoints& points,
                                     std::span<const CellChunkEntry> entries, std::span<const int> attributes,
-                                    std::uint64_t memory) {
+                                    MemoryShare& share) {
   CellsAhead ahead;
   if (!cells.volume().is_far()) return ahead;
   const auto add = [&](std::vector<ByteRange> ranges) -> Status {
-    SPLATVOL_TRY_ASSIGN(bytes, cells.volume().read_ahead(std::move(ranges), memory));
+    SPLATVOL_TRY_ASSIGN(bytes, cells.volume().read_ahead(std::move(ranges), share));
     ahead.push_back(std::move(bytes));
     return {};
   };
@@ -36,7 +36,7 @@ Result<CellsAhead> read_cells_ahead(const CellReader& cells, const RankedPoints&
     ranks.insert(ranks.end(), of_chunk.begin(), of_chunk.end());
   }
   SPLATVOL_TRY(add(std::move(vertices)));
-  SPLATVOL_TRY_ASSIGN(bytes, points.read_ahead(ranks, attributes, has_positions, memory));
+  SPLATVOL_TRY_ASSIGN(bytes, points.read_ahead(ranks, attributes, has_positions));
   ahead.push_back(std::move(bytes));
   return ahead;
 }

@@ -16,9 +16,9 @@ namespace splatvol::format {
 using CellsAhead = std::vector<std::shared_ptr<const BytesAhead>>;
 
 /// Reads chunks of cells ahead, with the positions of their corners and their values of `attributes`: of a file that is
-/// far (Volume::is_far), in several steps of at most `memory` bytes each. `points`: of the reader.
+/// far (Volume::is_far), in several steps, each in a quarter of the share at most. `points`: of the reader.
 [[nodiscard]] Result<CellsAhead> read_cells_ahead(const CellReader& cells, const RankedPoints& points,
                                                   std::span<const CellChunkEntry> entries,
-                                                  std::span<const int> attributes, std::uint64_t memory);
+                                                  std::span<const int> attributes, MemoryShare& share);
 
 }  // namespace splatvol::format

@@ -159,8 +159,8 @@ Status RankedPoints::read_values(std::span<const Place> places, int attribute, s
 }
 
 Result<std::shared_ptr<const BytesAhead>> RankedPoints::read_ahead(std::span<const std::uint64_t> ranks,
-                                                                   std::span<const int> attributes, bool positions,
-                                                                   std::uint64_t memory) const {
+                                                                   std::span<const int> attributes,
+                                                                   bool positions) const {
   if (!held_->cells || !held_->cells->volume().is_far()) return nullptr;
   const Volume& volume = held_->cells->volume();
   std::vector<std::uint64_t> pages;
@@ -172,7 +172,7 @@ Result<std::shared_ptr<const BytesAhead>> RankedPoints::read_ahead(std::span<con
   for (const std::uint64_t page : pages)
     if (!held_->room.table->holds(held_->key_of_rank_page(page)))
       ranges.push_back(held_->cells->range_of_rank_page(page));
-  SPLATVOL_TRY_ASSIGN(rank_pages, volume.read_ahead(std::move(ranges), memory));
+  SPLATVOL_TRY_ASSIGN(rank_pages, volume.read_ahead(std::move(ranges), *held_->room.share));
   std::vector<Place> places;
   SPLATVOL_TRY(find(ranks, places));
   std::vector<ChunkName> chunks;
@@ -183,8 +183,8 @@ Result<std::shared_ptr<const BytesAhead>> RankedPoints::read_ahead(std::span<con
       if (!held_->room.table->holds(held_->key_of_values(attribute, group)))
         chunks.push_back({ColumnKind::value, attribute, group});
   }
-  SPLATVOL_TRY_ASSIGN(bytes, held_->chunks_of_file->ranges_of(chunks, memory));
-  return volume.read_ahead(std::move(bytes), memory);
+  SPLATVOL_TRY_ASSIGN(bytes, held_->chunks_of_file->ranges_of(chunks));
+  return volume.read_ahead(std::move(bytes), *held_->room.share);
 }
 
 struct CellVertices::Held {

@@ -48,8 +48,8 @@ class RankedPoints {
   /// Reads the bytes that these points need ahead (Volume::read_ahead), with pages of ranks and of the directory, for
   /// `attributes` and, if `positions`, for positions. Returns null if nothing is read.
   [[nodiscard]] Result<std::shared_ptr<const BytesAhead>> read_ahead(std::span<const std::uint64_t> ranks,
-                                                                     std::span<const int> attributes, bool positions,
-                                                                     std::uint64_t memory) const;
+                                                                     std::span<const int> attributes,
+                                                                     bool positions) const;
 
  private:
   struct Held;

@@ -7,8 +7,6 @@
 #include <cmath>
 #include <numeric>
 
-#include "format/boundary.h"
-
 namespace splatvol::format {
 namespace {
 
@@ -16,9 +14,6 @@ namespace {
 // read. A server takes about as long for another read as for these bytes.
 constexpr std::uint64_t one_read_bytes = 4u << 10;
 constexpr std::uint64_t one_read_bytes_from_server = 16u << 10;
-
-// Several patches are read at once up to this size.
-constexpr std::uint64_t most_patch_bytes = 4u << 20;
 
 constexpr const char* untiled = "the summary pages do not tile their section [R20]";
 
@@ -203,11 +198,10 @@ Result<Bytes> Volume::read_bytes(std::uint64_t offset, std::uint64_t count) cons
 
 bool Volume::is_far() const { return cheap_gap() >= std::uint64_t{16} << 10; }
 
-Result<std::shared_ptr<const BytesAhead>> Volume::read_ahead(std::vector<ByteRange> ranges,
-                                                             std::uint64_t memory) const {
+Result<std::shared_ptr<const BytesAhead>> Volume::read_ahead(std::vector<ByteRange> ranges, MemoryShare& share) const {
   if (!is_far()) return nullptr;
   erase_held(ranges);
-  return ranges.empty() ? nullptr : BytesAhead::read(source_, std::move(ranges), memory);
+  return ranges.empty() ? nullptr : BytesAhead::read(source_, std::move(ranges), share);
 }
 
 Result<std::shared_ptr<const BytesAhead>> Volume::read_together(std::vector<ByteRange> ranges) const {
@@ -504,76 +498,6 @@ Result<Histograms> Volume::read_histograms() const {
   SPLATVOL_TRY_ASSIGN(raw, values().read_section(*section));
   std::ranges::copy(raw, out.begin());
   return histograms;
-}
-
-// The parts follow the table without gaps.
-Result<std::vector<PatchPart>> Volume::read_patch_table() const {
-  const std::vector<PatchInfo>& patches = info_.boundary->patches;
-  const SectionEntry& section = *file_->find_section(SectionKind::boundary);
-  const std::uint64_t bytes = sizeof(std::uint64_t) + patches.size() * sizeof(PatchPart);
-  if (bytes > section.packed_bytes) return broken("the boundary is too short [R21]");
-  SPLATVOL_TRY_ASSIGN(table, file_->read_bytes(section.offset, bytes));
-  if (hash_bytes(std::span(table).subspan(sizeof(std::uint64_t))) != read_record<std::uint64_t>(table, 0))
-    return broken("table of patches: checksum mismatch [R21]");
-  std::vector<PatchPart> parts;
-  std::uint64_t left = section.packed_bytes - bytes;
-  for (std::size_t i = 0; i < patches.size(); ++i) {
-    const auto part = read_record<PatchPart>(table, sizeof(std::uint64_t) + i * sizeof(PatchPart));
-    if (part.packed_bytes > part.unpacked_bytes || part.unpacked_bytes != payload_bytes(patches[i]))
-      return broken("a patch has the wrong length [R21]");
-    SPLATVOL_TRY(check_ratio(part.packed_bytes, part.unpacked_bytes, what_patch(i)));
-    if (part.packed_bytes > left) return broken("the patches do not tile their section [R21]");
-    left -= part.packed_bytes;
-    parts.push_back(part);
-  }
-  if (left > 0) return broken("the patches do not tile their section [R21]");
-  return parts;
-}
-
-std::string Volume::what_patch(std::size_t patch) const {
-  return fmt::format("{}: patch \"{}\"", name(), info_.boundary->patches[patch].name);
-}
-
-// Calls visit(patch, its part, its packed bytes) for patches, in their order. Patches that follow each other are one
-// read: from a server, each has a price.
-template <class Visit>
-Status Volume::visit_patches(std::span<const PatchPart> parts, std::span<const std::size_t> patches,
-                             const Visit& visit) const {
-  std::vector<std::uint64_t> offsets = {file_->find_section(SectionKind::boundary)->offset + sizeof(std::uint64_t) +
-                                        parts.size() * sizeof(PatchPart)};
-  for (const PatchPart& part : parts) offsets.push_back(offsets.back() + part.packed_bytes);
-  for (std::size_t begin = 0, end = 0; begin < patches.size(); begin = end) {
-    const std::uint64_t first = offsets[patches[begin]];
-    for (end = begin + 1; end < patches.size() && patches[end] == patches[end - 1] + 1; ++end)
-      if (offsets[patches[end] + 1] - first > most_patch_bytes) break;
-    SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(first, offsets[patches[end - 1] + 1] - first));
-    for (std::size_t i = begin; i < end; ++i) {
-      const PatchPart& part = parts[patches[i]];
-      SPLATVOL_TRY(visit(patches[i], part, std::span(bytes).subspan(offsets[patches[i]] - first, part.packed_bytes)));
-    }
-  }
-  return {};
-}
-
-Result<TriangleMesh> Volume::read_boundary(std::span<const std::size_t> patches) const {
-  const std::size_t count = info_.boundary ? info_.boundary->patches.size() : 0;
-  for (const std::size_t patch : patches)
-    if (patch >= count) return fail(ErrorCode::invalid_argument, "{}: no patch {}", name(), patch);
-  TriangleMesh mesh;
-  if (patches.empty()) return mesh;
-  SPLATVOL_TRY_ASSIGN(parts, read_patch_table());
-  std::uint64_t points = 0, triangles = 0;
-  for (const std::size_t patch : patches) {
-    points += info_.boundary->patches[patch].points;
-    triangles += info_.boundary->patches[patch].triangles;
-  }
-  mesh.points.reserve(points);
-  mesh.triangles.reserve(triangles);
-  SPLATVOL_TRY(visit_patches(
-      parts, patches, [&](std::size_t patch, const PatchPart& part, std::span<const std::byte> packed) -> Status {
-        return append_patch(*info_.boundary, patch, part, packed, mesh, what_patch(patch));
-      }));
-  return mesh;
 }
 
 Status Volume::check_boundary() const {

@@ -100,7 +100,10 @@ class Volume {
   /// Returns how many bytes were read from the source so far, at all steps.
   [[nodiscard]] std::uint64_t bytes_read() const { return source_->bytes_read(); }
 
-  /// Returns how many of these had been read before.
+  /// Returns how many reads these were; from a server, requests.
+  [[nodiscard]] std::uint64_t requests() const { return source_->requests(); }
+
+  /// Returns how many bytes had been read before.
   [[nodiscard]] std::uint64_t bytes_read_again() const { return source_->bytes_read_again(); }
 
   /// Reads the page with the root node, and its summaries of these attributes.
@@ -153,9 +156,9 @@ class Volume {
 
   /// Reads ranges of the file before they are needed, joined and several at once. While the result lives, all reads of
   /// them take them from memory. Returns null and reads nothing if the file is not far, if it has read them already,
-  /// or if they would take more than `memory` bytes.
+  /// or if a quarter of the share has no room for them.
   [[nodiscard]] Result<std::shared_ptr<const BytesAhead>> read_ahead(std::vector<ByteRange> ranges,
-                                                                     std::uint64_t memory) const;
+                                                                     MemoryShare& share) const;
 
   /// Whether one request to the file's server may serve many ranges.
   [[nodiscard]] bool may_join_requests() const { return source_->source().may_read_parts(); }

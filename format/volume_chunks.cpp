@@ -13,7 +13,7 @@ Result<PackedChunk> VolumeChunks::read_chunk(ColumnKind kind, int attribute, std
   return PackedChunk{location.entry, std::move(bytes)};
 }
 
-Result<std::vector<ByteRange>> VolumeChunks::ranges_of(std::span<const ChunkName> chunks, std::uint64_t memory) const {
+Result<std::vector<ByteRange>> VolumeChunks::ranges_of(std::span<const ChunkName> chunks) const {
   std::vector<Entry> entries;
   std::vector<ByteRange> pages, ranges;
   for (const ChunkName& chunk : chunks) {
@@ -22,7 +22,7 @@ Result<std::vector<ByteRange>> VolumeChunks::ranges_of(std::span<const ChunkName
     const std::uint64_t page = volume_.directory_page_of_row(entry.row, entry.column);
     if (!room_.table->holds(key_of(page))) pages.push_back(volume_.range_of_directory_page(page));
   }
-  SPLATVOL_TRY_ASSIGN(ahead, volume_.read_ahead(std::move(pages), memory));
+  SPLATVOL_TRY_ASSIGN(ahead, volume_.read_ahead(std::move(pages), *room_.share));
   for (const Entry& entry : entries) {
     SPLATVOL_TRY_ASSIGN(location, locate(entry.row, entry.column));
     ranges.push_back({location.offset, location.offset + location.entry.packed_bytes});

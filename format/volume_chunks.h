@@ -31,7 +31,7 @@ class VolumeChunks final : public ChunkSource {
   [[nodiscard]] Result<ChunkLocation> locate(std::uint64_t row, int column) const;
 
   /// Returns where chunks are in the file, in the same order. Reads pages of the directory ahead (Volume::read_ahead).
-  [[nodiscard]] Result<std::vector<ByteRange>> ranges_of(std::span<const ChunkName> chunks, std::uint64_t memory) const;
+  [[nodiscard]] Result<std::vector<ByteRange>> ranges_of(std::span<const ChunkName> chunks) const;
 
  private:
   struct Entry {

@@ -38,6 +38,7 @@ void RendererCore::take_statistics(double start, double error) {
                  .missing_bytes = frame.progress.missing_bytes,
                  .bytes_read = read.bytes_read,
                  .bytes_held = read.bytes_resident_peak,
+                 .requests = read.requests,
                  .seconds = seconds_now() - start,
                  .unreadable = frame.progress.errors};
   add_left_out();
@@ -55,6 +56,7 @@ void RendererCore::take_exact_statistics(double start) {
   statistics_ = {};
   statistics_.bytes_read = read.bytes_read;
   statistics_.bytes_held = read.bytes_resident_peak;
+  statistics_.requests = read.requests;
   statistics_.seconds = seconds_now() - start;
   add_left_out();
 }

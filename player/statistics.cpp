@@ -29,6 +29,7 @@ json statistics_of_exact(const Player& player) {
           {"file_bytes", volume.file_bytes()},
           {"bytes_read", volume.bytes_read()},
           {"bytes_read_again", volume.bytes_read_again()},
+          {"requests", volume.requests()},
           {"bytes_resident_peak", player.streamer().statistics().bytes_resident_peak}};
 }
 
@@ -55,6 +56,7 @@ json statistics_of(const Player& player) {
           {"file_bytes", player.streamer().volume().file_bytes()},
           {"bytes_read", statistics.bytes_read},
           {"bytes_read_again", statistics.bytes_read_again},
+          {"requests", statistics.requests},
           {"bytes_resident_peak", statistics.bytes_resident_peak},
           {"gpu_bytes", player.rasterizer().device_bytes()},
           {"complete", frame.progress.complete},

@@ -56,7 +56,6 @@ CellTetrahedra::CellTetrahedra(std::unique_ptr<const format::CellReader> reader,
       attributes_(std::move(attributes)),
       summaries_(summaries),
       room_(room),
-      ahead_memory_(reader_->volume().is_far() ? room.share->capacity() / 4 : 0),
       points_(*reader_, room),
       vertices_([this](std::size_t page) { return reader_->read_vertex_page(page); }, room),
       moved_(1.01 * std::sqrt(3.0) * reader_->volume().info().position_error),
@@ -84,7 +83,7 @@ Result<std::vector<format::CellChunkEntry>> CellTetrahedra::chunks(
     numbers.push_back(number);
     if (!room_.table->holds(key_of_page(number))) missing.push_back(number);
   }
-  SPLATVOL_TRY_ASSIGN(ahead, reader_->read_pages_ahead(missing, ahead_memory_));
+  SPLATVOL_TRY_ASSIGN(ahead, reader_->read_pages_ahead(missing, *room_.share));
   std::vector<format::CellChunkEntry> chunks;
   for (const std::size_t number : numbers) {
     SPLATVOL_TRY(check_interruption());
@@ -124,7 +123,7 @@ std::size_t CellTetrahedra::count_at_once(std::span<const format::CellChunkEntry
 
 Result<format::CellsAhead> CellTetrahedra::read_ahead(std::span<const format::CellChunkEntry> entries) const {
   const std::vector<int> attributes(attributes_.begin(), attributes_.end());
-  return format::read_cells_ahead(*reader_, points_, entries, attributes, ahead_memory_);
+  return format::read_cells_ahead(*reader_, points_, entries, attributes, *room_.share);
 }
 
 Result<Tetrahedra> CellTetrahedra::read(const format::CellChunkEntry& entry) const {

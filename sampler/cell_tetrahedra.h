@@ -111,7 +111,6 @@ class CellTetrahedra {
   std::vector<std::size_t> attributes_;
   format::SummaryAttributes summaries_;
   PartRoom room_;
-  std::uint64_t ahead_memory_;
   format::RankedPoints points_;
   format::CellVertices vertices_;
   double moved_, rounding_;  // most that a corner is away from that of the input; of computed positions

@@ -75,8 +75,9 @@ void draw_hud(ViewerState& viewer, double frame_seconds) {
   text += session.shown_recipe().rung.is_exact() ? "drawn by the processor\n"
                                                  : fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
   const std::uint64_t again = statistics.bytes_read_again;
-  text += fmt::format("{} of {} read{}\n", bytes(statistics.bytes_read - again), bytes(session.file_bytes()),
-                      again > 0 ? fmt::format(", {} again", bytes(again)) : "");
+  text +=
+      fmt::format("{} of {} read{}, {} requests\n", bytes(statistics.bytes_read - again), bytes(session.file_bytes()),
+                  again > 0 ? fmt::format(", {} again", bytes(again)) : "", statistics.requests);
   text += fmt::format("{} parts pending ({})", progress.missing_rows + progress.missing_pages,
                       bytes(progress.missing_bytes));
   const std::vector<double>& times = session.times();

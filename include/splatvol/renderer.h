@@ -38,6 +38,7 @@ struct RenderStatistics {
   std::uint64_t missing_bytes = 0;  // of the file, still to be read for the picture
   std::uint64_t bytes_read = 0;     // of the file, since it was opened
   std::uint64_t bytes_held = 0;     // of RendererOptions::memory, the most at any time
+  std::uint64_t requests = 0;       // reads of the file, since it was opened; from a server, requests
   double seconds = 0;
 
   /// Errors of parts that could not be read, each once: their places are drawn coarser. ErrorCode::out_of_budget: the

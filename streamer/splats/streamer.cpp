@@ -232,8 +232,8 @@ std::vector<DrawnNode> Streamer::drawn_nodes() const {
 
 StreamerStatistics Streamer::statistics() const {
   const MemoryBudget& budget = share().budget();
-  return {volume_->bytes_read(), budget.used(),  budget.peak(),
-          cut_seconds_,          fetch_seconds_, volume_->bytes_read_again()};
+  return {volume_->bytes_read(),       budget.used(),      budget.peak(), cut_seconds_, fetch_seconds_,
+          volume_->bytes_read_again(), volume_->requests()};
 }
 
 }  // namespace splatvol

@@ -92,6 +92,7 @@ struct StreamerStatistics {
   double cut_seconds = 0;                 // of the last request
   double fetch_seconds = 0;
   std::uint64_t bytes_read_again = 0;  // of bytes_read: those that had been read before
+  std::uint64_t requests = 0;          // reads of the file; from a server, requests
 };
 
 /// An open file, seen through one attribute, and perhaps an opacity attribute. All its memory counts against

@@ -77,7 +77,10 @@ TEST(BytesAhead, AreTakenFromMemoryWhileTheyLive) {
     EXPECT_TRUE(source->read(offset, bytes));
     for (const std::byte byte : bytes) EXPECT_EQ(byte, static_cast<std::byte>(offset++ % 251));
   };
-  auto ahead = value_of(BytesAhead::read(source, {{100, 200}, {5000, 6000}}, 2000));
+  const PartRoom large = own_room(8000), small = own_room(4000);
+  auto ahead = value_of(BytesAhead::read(source, {{100, 200}, {5000, 6000}}, *large.share));
+  EXPECT_EQ(large.share->used(), 1100U);
+  EXPECT_EQ(source->requests(), 2U);
   EXPECT_EQ(faults->reads(), 2U);
   EXPECT_EQ(source->bytes_read(), 1100U);
   read(100, 100), read(150, 50), read(5999, 1), read(5000, 1000);
@@ -85,10 +88,29 @@ TEST(BytesAhead, AreTakenFromMemoryWhileTheyLive) {
   read(99, 2), read(199, 2), read(4999, 1), read(6000, 1), read(150, 5000);
   EXPECT_EQ(faults->reads(), 7U);
   ahead.reset();
+  EXPECT_EQ(large.share->used(), 0U);
   read(150, 10);
   EXPECT_EQ(faults->reads(), 8U);
-  EXPECT_EQ(value_of(BytesAhead::read(source, {{100, 200}, {5000, 6000}}, 1000)), nullptr) << "too much";
+  EXPECT_EQ(value_of(BytesAhead::read(source, {{100, 200}, {5000, 6000}}, *small.share)), nullptr) << "too much";
   EXPECT_EQ(faults->reads(), 8U);
+}
+
+// Where requests cannot be joined, what lies far apart stays apart.
+TEST(JoinToFew, ReadsNoLargeGaps) {
+  const std::uint64_t far = std::uint64_t{1} << 30;
+  const std::vector<ByteRange> ranges{{0, 10}, {far, far + 10}, {2 * far, 2 * far + 10}};
+  EXPECT_EQ(join_to_few(ranges), ranges);
+}
+
+TEST(BytesAhead, AreReadTogetherOverSmallGaps) {
+  const Bytes all(1 << 20);
+  const auto source = std::make_shared<CountedSource>(memory_source(all, "near"));
+  const auto together = value_of(BytesAhead::read_together(source, {{0, 100}, {150, 200}, {900, 1000}}, 64));
+  EXPECT_EQ(source->requests(), 2U);
+  EXPECT_EQ(source->bytes_read(), 300U);
+  Bytes bytes(50);
+  EXPECT_TRUE(source->read(150, bytes));
+  EXPECT_EQ(source->requests(), 2U) << "they are there";
 }
 
 }  // namespace

@@ -131,5 +131,30 @@ TEST_F(PartTableTest, HoldsAgainstManyThreads) {
   EXPECT_EQ(budget.used(), 0u);
 }
 
+TEST_F(PartTableTest, TheLastRoomOfAFileDropsItsParts) {
+  MemoryShare other(budget, 0);
+  std::optional<PartRoom> room = room_in(table, share);
+  std::optional<PartRoom> copy = room->in(other);
+  const PartKey key{room->file, 0, 1};
+  room->insert(key, std::uint64_t{1}, *share.reserve(10));
+  EXPECT_TRUE(copy->holds(key)) << "the file is the same";
+  EXPECT_FALSE(copy->find<std::uint64_t>({copy->file, 0, 2}));
+  EXPECT_NE(room_in(table, share).file, room->file);
+  room.reset();
+  EXPECT_TRUE(table.holds(key));
+  copy.reset();
+  EXPECT_FALSE(table.holds(key));
+  EXPECT_EQ(budget.used(), 0u);
+}
+
+TEST(OwnRoom, LivesAsLongAsACopy) {
+  std::optional<PartRoom> room = own_room(10);
+  const PartRoom copy = *room;
+  room.reset();
+  const auto part = copy.insert({copy.file, 0, 1}, std::uint64_t{7}, *copy.share->reserve(10));
+  EXPECT_EQ(*part, 7u);
+  EXPECT_FALSE(copy.share->reserve(1));
+}
+
 }  // namespace
 }  // namespace splatvol

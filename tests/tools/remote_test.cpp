@@ -126,5 +126,15 @@ TEST_F(ProgramsOnUrl, DrawCellsByFewRequests) {
   EXPECT_LT(sent, std::filesystem::file_size(path("mesh.svol")) / 6);
 }
 
+// Index pages of a level come together, and so do rows.
+TEST_F(ProgramsOnUrl, DrawSplatsByFewRequests) {
+  expect_done("svbuild gen:mesh:cells=1e6 -o mesh.svol");
+  const std::uint64_t bytes_before = sent_bytes(), before = requests();
+  expect_done(fmt::format("svrender {} --splats 100000 -o far.exr --size 256x256", nginx_->url("mesh.svol")));
+  EXPECT_LE(requests() - before, 20 + (sent_bytes() - bytes_before) / (std::uint64_t{512} << 10));
+  expect_done("svrender mesh.svol --splats 100000 -o near.exr --size 256x256");
+  EXPECT_EQ(read_exr(path("far.exr")).value().pixels, read_exr(path("near.exr")).value().pixels);
+}
+
 }  // namespace
 }  // namespace splatvol::test

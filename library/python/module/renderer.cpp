@@ -74,8 +74,8 @@ nb::dict statistics_of(const SharedRenderer& renderer) {
   for (const Error& error : statistics.unreadable) unreadable.append(text_of(error.message));
   return dict_of("splats", statistics.splats, "error", statistics.error, "is_complete", statistics.is_complete,
                  "is_settled", statistics.is_settled, "missing_bytes", statistics.missing_bytes, "bytes_read",
-                 statistics.bytes_read, "bytes_held", statistics.bytes_held, "seconds", statistics.seconds,
-                 "unreadable", unreadable);
+                 statistics.bytes_read, "bytes_held", statistics.bytes_held, "requests", statistics.requests, "seconds",
+                 statistics.seconds, "unreadable", unreadable);
 }
 
 }  // namespace

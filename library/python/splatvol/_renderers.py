@@ -33,6 +33,7 @@ class Statistics:
     missing_bytes: int  #: of the file, still to be read for the picture
     bytes_read: int  #: of the file, since it was opened for drawing
     bytes_held: int  #: of ``memory``, the most at any time
+    requests: int  #: reads of the file; from a server, requests
     seconds: float
     #: errors of parts that could not be read: their places are drawn coarser. Also of patches of the boundary that are
     #: left out: they need more than a quarter of the memory
