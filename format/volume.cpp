@@ -305,6 +305,22 @@ ByteRange Volume::range_of_index_page(const IndexPageRef& ref) const {
   return {begin, begin + (!series_ && reads_at_once(ref.page_bytes) ? ref.page_bytes : ref.front_bytes)};
 }
 
+// The table of parts is not checked yet: whoever uses these bytes checks it.
+std::vector<ByteRange> Volume::ranges_behind(const IndexPageRef& ref, const SummaryAttributes& attributes) const {
+  std::vector<ByteRange> ranges;
+  if (series_ || reads_at_once(ref.page_bytes)) return ranges;
+  const std::uint64_t begin = index_page_offset(ref);
+  const auto front = file_->read_bytes(begin, ref.front_bytes);
+  if (!front || front->size() < index_table_bytes(node_shape().attributes)) return ranges;
+  for (const int attribute : {attributes.values, attributes.opacity}) {
+    if (attribute < 0) continue;
+    const auto [offset, part] = find_summary_part(*front, static_cast<std::size_t>(attribute), node_shape());
+    if (offset + part.packed_bytes <= ref.page_bytes)
+      ranges.push_back({begin + offset, begin + offset + part.packed_bytes});
+  }
+  return ranges;
+}
+
 // Of the step.
 std::uint64_t Volume::summary_page_offset(std::uint32_t number) const {
   const bool root = number + 1 == summaries_.size();
@@ -498,17 +514,6 @@ Result<Histograms> Volume::read_histograms() const {
   SPLATVOL_TRY_ASSIGN(raw, values().read_section(*section));
   std::ranges::copy(raw, out.begin());
   return histograms;
-}
-
-Status Volume::check_boundary() const {
-  if (!info_.boundary) return {};
-  SPLATVOL_TRY_ASSIGN(parts, read_patch_table());
-  std::vector<std::size_t> patches(parts.size());
-  std::iota(patches.begin(), patches.end(), std::size_t{0});
-  return visit_patches(parts, patches,
-                       [&](std::size_t patch, const PatchPart& part, std::span<const std::byte> packed) -> Status {
-                         return check_patch(*info_.boundary, patch, part, packed, what_patch(patch));
-                       });
 }
 
 Result<std::uint64_t> Volume::geometry_hash() const {

@@ -1,6 +1,8 @@
 // The boundary of a volume.
 #include <fmt/format.h>
 
+#include <numeric>
+
 #include "format/boundary.h"
 #include "format/volume.h"
 
@@ -80,6 +82,17 @@ Result<TriangleMesh> Volume::read_boundary(std::span<const std::size_t> patches)
         return append_patch(*info_.boundary, patch, part, packed, mesh, what_patch(patch));
       }));
   return mesh;
+}
+
+Status Volume::check_boundary() const {
+  if (!info_.boundary) return {};
+  SPLATVOL_TRY_ASSIGN(parts, read_patch_table());
+  std::vector<std::size_t> patches(parts.size());
+  std::iota(patches.begin(), patches.end(), std::size_t{0});
+  return visit_patches(parts, patches,
+                       [&](std::size_t patch, const PatchPart& part, std::span<const std::byte> packed) -> Status {
+                         return check_patch(*info_.boundary, patch, part, packed, what_patch(patch));
+                       });
 }
 
 }  // namespace splatvol::format

@@ -74,27 +74,37 @@ Result<format::ChunkLocation> PagedVolume::find_chunk(std::uint64_t row, int col
 Status PagedVolume::read_directory_pages(const std::set<std::uint64_t>& numbers) {
   std::vector<PartLoad> pages;
   for (const std::uint64_t number : numbers)
-    if (!room_.holds(directory_key(number))) pages.push_back(load_part(directory_key(number), DirectoryPageLoad()));
+    if (!room_.holds(directory_key(number)))
+      add_page(load_part(directory_key(number), DirectoryPageLoad()), directory_page_bytes(number), pages);
   return read_pages(std::move(pages));
 }
 
+// About the bytes of an unpacked page.
 Status PagedVolume::read_index_pages(std::map<PartKey, IndexPageLoad> missing) {
+  constexpr std::uint64_t unpacked = 4;
   std::vector<PartLoad> pages;
-  for (auto& [key, load] : missing) pages.push_back(load_part(key, std::move(load)));
+  for (auto& [key, load] : missing) {
+    const std::uint64_t bytes = unpacked * load.ref.page_bytes;
+    add_page(load_part(key, std::move(load)), bytes, pages);
+  }
   return read_pages(std::move(pages));
 }
 
-// Their bytes are reserved once they are known. A page for which there is no room is read again when it is needed.
+// A page for which there is no room is read when it is needed.
+void PagedVolume::add_page(PartLoad page, std::uint64_t bytes, std::vector<PartLoad>& pages) const {
+  auto reservation = room_.share->reserve(bytes);
+  if (!reservation) return;
+  page.decoded = std::move(*reservation);
+  pages.push_back(std::move(page));
+}
+
 Status PagedVolume::read_pages(std::vector<PartLoad> pages) {
   std::vector<LoadRun> runs = runs_of(*volume_, std::move(pages), most_part_bytes);
   read_runs(*volume_, attributes_, runs);
   for (LoadRun& run : runs)
     for (PartLoad& part : run) {
       SPLATVOL_TRY(part.data);
-      auto reservation = room_.share->reserve(held_bytes(*part.data));
-      if (!reservation) return {};
-      part.decoded = std::move(*reservation);
-      insert(room_, std::move(part));
+      if (part.decoded.grow(held_bytes(*part.data))) insert(room_, std::move(part));
     }
   return {};
 }

@@ -97,6 +97,7 @@ class PagedVolume final : public IndexPages {
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> note_used(
       const PartKey& key, Result<std::shared_ptr<const format::IndexPage>> page);
   [[nodiscard]] Result<std::shared_ptr<const format::DirectoryPage>> directory_page(std::uint64_t number);
+  void add_page(PartLoad page, std::uint64_t bytes, std::vector<PartLoad>& pages) const;
   [[nodiscard]] Status read_pages(std::vector<PartLoad> pages);
   [[nodiscard]] std::uint64_t step_key() const { return volume_->step_key(); }
   [[nodiscard]] std::int64_t summaries_key() const {

@@ -46,8 +46,9 @@ void StepPrefetch::read_step() {
   if (!opened) return;
   result_.volume = std::move(*opened);
   if (!has_same_layout()) return;
-  read_pages();
-  read_rows();
+  read_parts(std::move(pages_));
+  std::erase_if(rows_, [&](PartLoad& row) { return !find_locations(row); });
+  read_parts(std::move(rows_));
   working_ = Reservation();
 }
 
@@ -60,19 +61,12 @@ bool StepPrefetch::has_same_layout() const {
          from_->directory_page_count() == result_.volume->directory_page_count();
 }
 
-void StepPrefetch::read_pages() {
-  for (PartLoad& part : pages_) {
+void StepPrefetch::read_parts(std::vector<PartLoad> parts) {
+  for (LoadRun& run : runs_of(*result_.volume, std::move(parts), run_bytes)) {
     if (stop_.stop_requested()) return;
-    if (const auto* index = std::get_if<IndexPageLoad>(&part.what)) {
-      auto page = result_.volume->with_summaries(*index->structure, attributes_);
-      if (!page || page->memory_bytes() > part.decoded.bytes()) continue;
-      part.data = PartData(std::move(*page));
-    } else {
-      auto page = result_.volume->read_directory_page(part.key.number);
-      if (!page || page->memory_bytes() > part.decoded.bytes()) continue;
-      part.data = PartData(std::move(*page));
-    }
-    result_.parts.push_back(std::move(part));
+    read_run(*result_.volume, attributes_, run);
+    for (PartLoad& part : run)
+      if (part.data && held_bytes(*part.data) <= part.decoded.bytes()) result_.parts.push_back(std::move(part));
   }
 }
 
@@ -91,17 +85,6 @@ bool StepPrefetch::find_locations(PartLoad& row) const {
     chunk.location = volume.find_chunk(*page, chunk.row, chunk.column);
   }
   return true;
-}
-
-void StepPrefetch::read_rows() {
-  std::erase_if(rows_, [&](PartLoad& row) { return !find_locations(row); });
-  std::vector<LoadRun> runs = runs_of(*result_.volume, std::move(rows_), run_bytes);
-  for (LoadRun& run : runs) {
-    if (stop_.stop_requested()) return;
-    read_run(*result_.volume, attributes_, run);
-    for (PartLoad& part : run)
-      if (part.data && held_bytes(*part.data) <= part.decoded.bytes()) result_.parts.push_back(std::move(part));
-  }
 }
 
 }  // namespace splatvol

@@ -50,8 +50,7 @@ class StepPrefetch {
  private:
   void run();
   void read_step();
-  void read_pages();
-  void read_rows();
+  void read_parts(std::vector<PartLoad> parts);
   [[nodiscard]] bool has_same_layout() const;
   [[nodiscard]] bool find_locations(PartLoad& row) const;
   [[nodiscard]] const format::DirectoryPage* find_page(std::uint64_t number) const;

@@ -51,7 +51,7 @@ std::string describe(const format::Volume& volume, const PartLoad& part) {
     for (const ChunkLoad& chunk : std::span(row->chunks).subspan(1)) text += " or " + name_of(volume, chunk);
     return text;
   }
-  const bool of_index = part.key.kind == format::index_page;
+  const bool of_index = part.key.kind != format::directory_page;
   return fmt::format("{}: {} page {}", volume.name(), of_index ? "index" : "directory", part.key.number);
 }
 
@@ -116,7 +116,11 @@ Result<PartData> read_part(const format::Volume& volume, const format::SummaryAt
 void read_parts(const format::Volume& volume, const format::SummaryAttributes& attributes, LoadRun& run) {
   std::vector<ByteRange> ranges;
   for (const PartLoad& part : run) std::ranges::copy(ranges_of(volume, part), std::back_inserter(ranges));
-  const auto together = volume.read_together(std::move(ranges));
+  const auto together = volume.read_together(std::exchange(ranges, {}));
+  for (const PartLoad& part : run)
+    if (const auto* page = std::get_if<IndexPageLoad>(&part.what); page && !page->structure)
+      std::ranges::copy(volume.ranges_behind(page->ref, attributes), std::back_inserter(ranges));
+  const auto behind = volume.read_together(std::move(ranges));
   for (PartLoad& part : run)
     part.data = together || !volume.is_far() ? read_part(volume, attributes, part)
                                              : fail_in_part(volume, part, together.error());

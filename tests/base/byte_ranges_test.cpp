@@ -8,6 +8,7 @@
 #include <random>
 #include <vector>
 
+#include "base/part_table.h"
 #include "tests/support/fault_source.h"
 #include "tests/support/results.h"
 
