@@ -73,14 +73,17 @@ void CountedSource::count(std::uint64_t offset, std::uint64_t bytes) {
 
 bool CountedSource::take_held(std::uint64_t offset, std::span<std::byte> out) const {
   const std::shared_lock lock(mutex_);
-  for (const Held* held : held_) {
-    if (offset < held->begin || offset - held->begin > held->bytes.size() ||
-        out.size() > held->bytes.size() - (offset - held->begin))
-      continue;
-    std::ranges::copy(std::span(held->bytes).subspan(offset - held->begin, out.size()), out.begin());
-    return true;
-  }
-  return false;
+  const std::byte* const held = find_held({offset, offset + out.size()});
+  if (held != nullptr) std::copy_n(held, out.size(), out.begin());
+  return held != nullptr;
+}
+
+// Requires the lock.
+const std::byte* CountedSource::find_held(const ByteRange& range) const {
+  for (const Held* held : held_)
+    if (range.begin >= held->begin && range.end <= held->begin + held->bytes.size() && range.begin <= range.end)
+      return held->bytes.data() + (range.begin - held->begin);
+  return nullptr;
 }
 
 Result<bool> CountedSource::read_parts(std::span<const ByteSource::Part> parts) {

@@ -42,11 +42,17 @@ class CountedSource {
   explicit CountedSource(std::unique_ptr<ByteSource> source) : source_(std::move(source)) {}
 
   [[nodiscard]] const ByteSource& source() const { return *source_; }
-  [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
   [[nodiscard]] std::uint64_t requests() const { return requests_; }
+  [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
 
-  /// Of these, those that had been read before.
+  /// Of these bytes, those that had been read before.
   [[nodiscard]] std::uint64_t bytes_read_again() const { return bytes_read_again_; }
+
+  /// Whether these bytes were read ahead.
+  [[nodiscard]] bool holds(const ByteRange& range) const {
+    const std::shared_lock lock(mutex_);
+    return find_held(range) != nullptr;
+  }
 
   /// As ByteSource::read. Takes bytes that were read ahead from memory.
   [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out);
@@ -61,6 +67,7 @@ class CountedSource {
     std::vector<std::byte> bytes;
   };
   [[nodiscard]] bool take_held(std::uint64_t offset, std::span<std::byte> out) const;
+  [[nodiscard]] const std::byte* find_held(const ByteRange& range) const;
   void count(std::uint64_t offset, std::uint64_t bytes);
 
   std::unique_ptr<ByteSource> source_;

@@ -176,12 +176,16 @@ Result<std::shared_ptr<const BytesAhead>> RankedPoints::read_ahead(std::span<con
   std::vector<Place> places;
   SPLATVOL_TRY(find(ranks, places));
   std::vector<ChunkName> chunks;
+  const auto add = [&](ColumnKind kind, int attribute, std::uint64_t group, const PartKey& key) -> Status {
+    if (held_->room.holds(key)) return {};
+    SPLATVOL_TRY_ASSIGN(chunk, held_->chunks_of_file->find(kind, attribute, group));
+    chunks.push_back(chunk);
+    return {};
+  };
   for (const std::uint64_t group : groups_of(places)) {
-    if (positions && !held_->room.table->holds(held_->key_of_positions(group)))
-      chunks.push_back({ColumnKind::position, -1, group});
+    if (positions) SPLATVOL_TRY(add(ColumnKind::position, -1, group, held_->key_of_positions(group)));
     for (const int attribute : attributes)
-      if (!held_->room.table->holds(held_->key_of_values(attribute, group)))
-        chunks.push_back({ColumnKind::value, attribute, group});
+      SPLATVOL_TRY(add(ColumnKind::value, attribute, group, held_->key_of_values(attribute, group)));
   }
   SPLATVOL_TRY_ASSIGN(bytes, held_->chunks_of_file->ranges_of(chunks));
   return volume.read_ahead(std::move(bytes), *held_->room.share);

@@ -42,7 +42,7 @@ std::uint64_t SplatReader::group_count() const {
 template <class Unpack>
 Status SplatReader::read_chunk(std::uint64_t row, ColumnKind kind, int attribute, const Unpack& unpack) const {
   const int column = volume_.info().find_column(kind, attribute);
-  SPLATVOL_TRY_ASSIGN(location, chunks_.locate(row, column));
+  SPLATVOL_TRY_ASSIGN(location, chunks_.locate({row, column}));
   SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(location.offset, location.entry.packed_bytes));
   return unpack(location.entry, bytes, fmt::format("{}: chunk at {}", volume_.name(), location.offset));
 }

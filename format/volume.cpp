@@ -209,12 +209,13 @@ Result<std::shared_ptr<const BytesAhead>> Volume::read_together(std::vector<Byte
   return ranges.empty() ? nullptr : BytesAhead::read_together(source_, std::move(ranges), cheap_gap());
 }
 
-// Leaves out what the preambles hold.
+// Leaves out what the preambles hold, and what was read ahead.
 void Volume::erase_held(std::vector<ByteRange>& ranges) const {
   std::erase_if(ranges, [&](const ByteRange& range) {
     const std::uint64_t count = range.end - range.begin;
-    return file_->holds(range.begin, count) || (step_part_ && range.begin >= step_part_->begin() &&
-                                                step_part_->holds(range.begin - step_part_->begin(), count));
+    return source_->holds(range) || file_->holds(range.begin, count) ||
+           (step_part_ && range.begin >= step_part_->begin() &&
+            step_part_->holds(range.begin - step_part_->begin(), count));
   });
 }
 

@@ -172,7 +172,8 @@ class Volume {
   [[nodiscard]] ByteRange range_of_summaries(const IndexPage& page) const;
 
   /// Returns the bytes that are read next, as the first ones tell. None if these cannot be read.
-  [[nodiscard]] std::vector<ByteRange> ranges_behind(const IndexPageRef& ref, const SummaryAttributes& attributes) const;
+  [[nodiscard]] std::vector<ByteRange> ranges_behind(const IndexPageRef& ref,
+                                                     const SummaryAttributes& attributes) const;
 
   /// Reads the counts of values for each attribute. Returns none if the file has no such section.
   [[nodiscard]] Result<Histograms> read_histograms() const;

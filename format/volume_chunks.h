@@ -11,11 +11,10 @@
 
 namespace splatvol::format {
 
-/// The chunk of a group in the row of the resolution that adds it.
+/// Names a chunk.
 struct ChunkName {
-  ColumnKind kind;
-  int attribute;  // -1: none
-  std::uint64_t group;
+  std::uint64_t row;
+  int column;  // index into VolumeInfo::columns
 };
 
 class VolumeChunks final : public ChunkSource {
@@ -27,18 +26,17 @@ class VolumeChunks final : public ChunkSource {
   [[nodiscard]] const RowLayout& rows() const override { return volume_.rows(); }
   [[nodiscard]] Result<PackedChunk> read_chunk(ColumnKind kind, int attribute, std::uint64_t group) const override;
 
-  /// Returns where the chunk of a row is in the file. Thread-safe.
-  [[nodiscard]] Result<ChunkLocation> locate(std::uint64_t row, int column) const;
+  /// Returns the chunk of a group in the row of the resolution that adds it. `attribute`: -1: none. Fails if there is
+  /// no such column.
+  [[nodiscard]] Result<ChunkName> find(ColumnKind kind, int attribute, std::uint64_t group) const;
+
+  /// Returns where a chunk is in the file. Thread-safe.
+  [[nodiscard]] Result<ChunkLocation> locate(const ChunkName& chunk) const;
 
   /// Returns where chunks are in the file, in the same order. Reads pages of the directory ahead (Volume::read_ahead).
   [[nodiscard]] Result<std::vector<ByteRange>> ranges_of(std::span<const ChunkName> chunks) const;
 
  private:
-  struct Entry {
-    std::uint64_t row;
-    int column;
-  };
-  [[nodiscard]] Result<Entry> find(const ChunkName& chunk) const;
   [[nodiscard]] PartKey key_of(std::uint64_t page) const;
 
   const Volume& volume_;

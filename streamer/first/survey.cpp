@@ -1,28 +1,26 @@
 #include "streamer/first/survey.h"
 
 #include <algorithm>
-#include <map>
+#include <set>
 #include <span>
 #include <utility>
+
+#include "format/volume_chunks.h"
 
 namespace splatvol {
 namespace {
 
-// Reads chunks of one row after another. Consecutive rows share a page of the directory.
+constexpr std::uint64_t room_for_pages = std::uint64_t{1} << 20;
+
+// Reads chunks of one row after another.
 class RowReader {
  public:
-  explicit RowReader(const format::Volume& volume) : volume_(volume) {}
+  explicit RowReader(const format::Volume& volume) : volume_(volume), chunks_(volume, own_room(room_for_pages)) {}
 
   // Appends a column of a row to `all`. `unpack` is one of format's functions for it.
   template <class Element, class Unpack>
   Status append(std::uint64_t row, std::uint32_t count, int column, const Unpack& unpack, std::vector<Element>& all) {
-    const std::uint64_t number = volume_.directory_page_of_row(row, column);
-    if (page_.chunks.empty() || number != page_number_) {
-      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
-      page_ = std::move(page);
-      page_number_ = number;
-    }
-    const format::ChunkLocation& location = volume_.find_chunk(page_, row, column);
+    SPLATVOL_TRY_ASSIGN(location, chunks_.locate({row, column}));
     SPLATVOL_TRY_ASSIGN(packed, volume_.read_bytes(location.offset, location.entry.packed_bytes));
     all.resize(all.size() + count);
     return unpack(location.entry, packed, std::span(all).last(count), volume_.name());
@@ -30,8 +28,7 @@ class RowReader {
 
  private:
   const format::Volume& volume_;
-  format::DirectoryPage page_;
-  std::uint64_t page_number_ = 0;
+  const format::VolumeChunks chunks_;
 };
 
 SurveySplat splat_of(const dvec3& centroid, const SplatShape& shape, const SplatValue& value,
@@ -65,38 +62,27 @@ tl::unexpected<Error> no_moments(const format::Volume& volume) {
 Result<SurveyBytes> read_survey_ahead(const format::Volume& volume, const std::vector<int>& attributes,
                                       std::uint64_t most_splats) {
   using format::ColumnKind;
-  SurveyBytes bytes;
-  if (!volume.is_far()) return bytes;
+  if (!volume.is_far()) return SurveyBytes();
   const format::VolumeInfo& info = volume.info();
   std::vector<int> columns{info.find_column(ColumnKind::centroid), info.find_column(ColumnKind::moments)};
   for (const int attribute : attributes) columns.push_back(info.find_column(ColumnKind::value_moments, attribute));
   if (std::ranges::min(columns) < 0) return no_moments(volume);
   const std::size_t resolution = survey_resolution(info, most_splats);
-  std::vector<std::pair<std::uint64_t, int>> chunks;  // rows and columns
-  std::map<std::uint64_t, format::DirectoryPage> pages;
+  std::vector<format::ChunkName> chunks;
+  std::set<std::uint64_t> pages;
   for (std::uint64_t group = 0, points = 0; points < info.resolution_counts[resolution]; ++group) {
     points += volume.rows().group(group).count;
     for (const int column : columns) {
-      chunks.emplace_back(volume.rows().row(resolution, group), column);
-      pages.try_emplace(volume.directory_page_of_row(chunks.back().first, column));
+      chunks.push_back({volume.rows().row(resolution, group), column});
+      pages.insert(volume.directory_page_of_row(chunks.back().row, column));
     }
   }
-  const auto read = [&](std::vector<ByteRange> ranges) -> Status {
-    SPLATVOL_TRY_ASSIGN(together, volume.read_together(std::move(ranges)));
-    bytes.push_back(std::move(together));
-    return {};
-  };
-  std::vector<ByteRange> ranges;
-  for (const auto& [number, page] : pages) ranges.push_back(volume.range_of_directory_page(number));
-  SPLATVOL_TRY(read(std::exchange(ranges, {})));
-  for (auto& [number, page] : pages) SPLATVOL_TRY_SET(page, volume.read_directory_page(number));
-  for (const auto& [row, column] : chunks) {
-    const auto& page = pages.at(volume.directory_page_of_row(row, column));
-    const format::ChunkLocation& location = volume.find_chunk(page, row, column);
-    ranges.push_back({location.offset, location.offset + location.entry.packed_bytes});
-  }
-  SPLATVOL_TRY(read(std::move(ranges)));
-  return bytes;
+  std::vector<ByteRange> of_pages;
+  for (const std::uint64_t page : pages) of_pages.push_back(volume.range_of_directory_page(page));
+  SPLATVOL_TRY_ASSIGN(page_bytes, volume.read_together(std::move(of_pages)));
+  SPLATVOL_TRY_ASSIGN(ranges, format::VolumeChunks(volume, own_room(room_for_pages)).ranges_of(chunks));
+  SPLATVOL_TRY_ASSIGN(chunk_bytes, volume.read_together(std::move(ranges)));
+  return SurveyBytes{std::move(page_bytes), std::move(chunk_bytes)};
 }
 
 Result<SurveyShapes> survey_shapes(const format::Volume& volume, std::uint64_t most_splats) {
