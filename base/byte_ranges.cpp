@@ -87,9 +87,10 @@ const std::byte* CountedSource::find_held(const ByteRange& range) const {
 }
 
 Result<bool> CountedSource::read_parts(std::span<const ByteSource::Part> parts) {
+  if (source_->may_read_parts()) ++requests_;
   SPLATVOL_TRY_ASSIGN(read, source_->read_parts(parts));
   if (!read) return false;
-  ++requests_;
+  has_read_parts_ = true;
   for (const ByteSource::Part& part : parts) count(part.offset, part.out.size());
   return true;
 }
@@ -111,10 +112,15 @@ Result<std::shared_ptr<const BytesAhead>> BytesAhead::read_together(std::shared_
                                                                     std::vector<ByteRange> ranges, std::uint64_t gap) {
   const bool may_join = source->source().may_read_parts();
   std::shared_ptr<BytesAhead> ahead(new BytesAhead(std::move(source)));
-  ahead->make_room(join_ranges(std::move(ranges), may_join ? bytes_of_part : gap));
   bool is_read = false;
-  if (may_join) SPLATVOL_TRY_SET(is_read, ahead->read_parts());
-  if (!is_read) SPLATVOL_TRY(ahead->read_singly(may_join ? requests_at_once : 1));
+  if (may_join) {
+    ahead->make_room(join_ranges(ranges, bytes_of_part));
+    SPLATVOL_TRY_SET(is_read, ahead->read_parts());
+  }
+  if (!is_read) {
+    ahead->make_room(join_ranges(std::move(ranges), gap));
+    SPLATVOL_TRY(ahead->read_singly(may_join ? requests_at_once : 1));
+  }
   ahead->give_to_source();
   return ahead;
 }
@@ -132,7 +138,7 @@ void BytesAhead::give_to_source() const {
 }
 
 bool BytesAhead::reserve(std::span<const ByteRange> ranges, MemoryShare& share) {
-  held_.clear();
+  held_.clear();  // before its memory is given back
   reservation_ = Reservation();
   std::uint64_t bytes = 0;
   for (const ByteRange& range : ranges) bytes += range.end - range.begin;
@@ -145,6 +151,7 @@ bool BytesAhead::reserve(std::span<const ByteRange> ranges, MemoryShare& share) 
 }
 
 void BytesAhead::make_room(std::span<const ByteRange> ranges) {
+  held_.clear();
   for (const ByteRange& range : ranges) held_.push_back({range.begin, std::vector<std::byte>(range.end - range.begin)});
 }
 

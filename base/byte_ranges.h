@@ -42,6 +42,9 @@ class CountedSource {
   explicit CountedSource(std::unique_ptr<ByteSource> source) : source_(std::move(source)) {}
 
   [[nodiscard]] const ByteSource& source() const { return *source_; }
+  /// Whether one request has served many ranges, so that others will.
+  [[nodiscard]] bool has_read_parts() const { return has_read_parts_; }
+
   [[nodiscard]] std::uint64_t requests() const { return requests_; }
   [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
 
@@ -74,7 +77,7 @@ class CountedSource {
   std::atomic<std::uint64_t> requests_ = 0, bytes_read_ = 0, bytes_read_again_ = 0;
   std::mutex count_mutex_;
   std::map<std::uint64_t, std::uint64_t> ranges_;  // that were read, apart from each other: ends by begins
-  std::atomic<bool> holds_any_ = false;
+  std::atomic<bool> holds_any_ = false, has_read_parts_ = false;
   mutable std::shared_mutex mutex_;
   std::vector<const Held*> held_;
 };
@@ -88,8 +91,8 @@ class BytesAhead {
                                                                       std::vector<ByteRange> ranges,
                                                                       MemoryShare& share);
 
-  /// Reads ranges joined over gaps of at most `gap` bytes: by requests for many ranges if the source can, else one by
-  /// one. The caller has memory for them.
+  /// Reads ranges: by requests for many ranges if the source can, else one by one, joined over gaps of at most `gap`
+  /// bytes. The caller has memory for them, and for the gaps unless the source has_read_parts().
   [[nodiscard]] static Result<std::shared_ptr<const BytesAhead>> read_together(std::shared_ptr<CountedSource> source,
                                                                                std::vector<ByteRange> ranges,
                                                                                std::uint64_t gap);

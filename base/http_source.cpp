@@ -459,6 +459,17 @@ class HttpSource final : public ByteSource {
   Result<bool> read_parts(std::span<const Part> parts) override {
     if (!knows_parts_) return false;
     for (const Part& part : parts) SPLATVOL_TRY(check_range(*this, part.offset, part.out.size()));
+    if (has_tried_parts_) return try_parts(parts);
+    // One is enough to find out: who does not know them may answer with the whole file.
+    const std::scoped_lock lock(first_parts_mutex_);
+    if (!knows_parts_) return false;
+    auto read = try_parts(parts);
+    has_tried_parts_ = true;
+    return read;
+  }
+
+ private:
+  Result<bool> try_parts(std::span<const Part> parts) {
     bool passed = false;
     const Status got = transfer([&](const Connection& connection) {
       auto failure = PartsExchange(connection, parts, content_).run();
@@ -471,7 +482,6 @@ class HttpSource final : public ByteSource {
     return false;
   }
 
- private:
   // After a failure, goes on behind the bytes that have come.
   Status fetch(std::uint64_t offset, std::span<std::byte> out) {
     return transfer([&](const Connection& connection) {
@@ -566,7 +576,8 @@ class HttpSource final : public ByteSource {
   const HttpOptions options_;
   std::optional<Content> content_;  // constant once open
   std::vector<std::byte> head_;     // the file's first bytes
-  std::atomic<bool> knows_parts_ = true;
+  std::atomic<bool> knows_parts_ = true, has_tried_parts_ = false;
+  std::mutex first_parts_mutex_;
   std::mutex mutex_;
   std::vector<Connection> idle_;
   std::string address_;

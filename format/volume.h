@@ -163,6 +163,9 @@ class Volume {
   /// Whether one request to the file's server may serve many ranges.
   [[nodiscard]] bool may_join_requests() const { return source_->source().may_read_parts(); }
 
+  /// Returns the largest gap between ranges that read_together may read, too.
+  [[nodiscard]] std::uint64_t read_gap() const { return source_->has_read_parts() ? bytes_of_part : cheap_gap(); }
+
   /// Reads ranges that are needed together, by few reads. While the result lives, all reads of them take them from
   /// memory.
   [[nodiscard]] Result<std::shared_ptr<const BytesAhead>> read_together(std::vector<ByteRange> ranges) const;

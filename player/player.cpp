@@ -117,7 +117,8 @@ Result<std::unique_ptr<Player>> Player::open(PlayerFile file) {
 Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std::optional<Scene>& scene,
                                 const PlayerOptions& options, const Held& held) {
   if (scene) SPLATVOL_TRY(make_view(*scene));
-  SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
+  SPLATVOL_TRY_ASSIGN(volume,
+                      held.volume ? Result<std::shared_ptr<const format::Volume>>(held.volume) : steps.volume(step));
   SPLATVOL_TRY_ASSIGN(used, scene ? Result<Scene>(*scene) : default_scene(*volume, "", options.first_picture));
   auto memory = held.memory
                     ? held.memory
@@ -165,7 +166,8 @@ Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
   if (other_parts) {
     Held held{step == step_ ? surfaces_ : surfaces_of_all_steps()};
     if (options.memory == options_.memory) held.memory = memory_;
-    if (held.memory && !steps_.are_files()) held.room = streamer_->room();
+    if (step == step_ && !is_lost_) held.volume = streamer_->shared_volume();
+    if (held.memory && (held.volume || !steps_.are_files())) held.room = streamer_->room();
     return [=, steps = steps_, held = std::move(held)] { return read(steps, step, scene, options, held); };
   }
   if (scene.surfaces == scene_.surfaces) return {};

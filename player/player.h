@@ -135,8 +135,9 @@ class Player {
   /// What a player of the file holds, and need not be read again.
   struct Held {
     std::vector<Surface> surfaces = {};
-    std::shared_ptr<PlayerMemory> memory = {};  // of options.memory bytes; null: none
-    std::optional<PartRoom> room = {};          // of the same file, in this memory
+    std::shared_ptr<PlayerMemory> memory = {};          // of options.memory bytes; null: none
+    std::shared_ptr<const format::Volume> volume = {};  // at the step; null: to be opened
+    std::optional<PartRoom> room = {};                  // of the same file, in this memory
   };
 
   /// The same in two parts, for a thread that reads while another one draws: `open` reads nothing.

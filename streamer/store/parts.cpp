@@ -190,7 +190,7 @@ std::uint64_t decoded_bytes(const PartLoad& part) {
 
 std::uint64_t working_bytes(const format::Volume& volume, const PartLoad& part) {
   const RowLoad& row = part.row();
-  const std::uint64_t gap = volume.may_join_requests() ? bytes_of_part : volume.cheap_gap();
+  const std::uint64_t gap = volume.read_gap();
   std::uint64_t unpacked = 0, packed = 0;
   for (const ChunkLoad& chunk : row.chunks) {
     unpacked += chunk.location.entry.unpacked_bytes;
