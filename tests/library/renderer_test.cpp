@@ -44,6 +44,7 @@ TEST_F(DrawFile, DrawsASceneThatFits) {
   EXPECT_TRUE(renderer.statistics().is_complete);
   EXPECT_EQ(renderer.statistics().splats, 0) << "the cells are drawn";
   EXPECT_GT(renderer.statistics().bytes_read, 0);
+  EXPECT_GT(renderer.statistics().requests, 0);
   ASSERT_TRUE(renderer.render({.tolerance_percent = 0}));
   EXPECT_EQ(renderer.statistics().splats, 9261);
 }

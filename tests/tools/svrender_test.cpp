@@ -92,6 +92,7 @@ TEST_F(Svrender, DrawsAPictureAndItsStatistics) {
   EXPECT_GT(stats.at("nodes"), 0);
   EXPECT_GT(stats.at("bytes_read"), 0);
   EXPECT_GT(stats.at("bytes_resident_peak"), 2000 * 52);
+  EXPECT_GT(stats.at("requests"), 0);
   EXPECT_EQ(stats.at("effective_tolerance"), 0);
   EXPECT_EQ(stats.at("lighting"), false);
   EXPECT_FALSE(stats.at("resolution_histogram").empty());
