@@ -155,8 +155,10 @@ Status add_volume(Seeds& seeds, const std::string& path) {
   const auto leave = [](test::Part, std::size_t, Bytes&) {};
   for (const Bytes& bytes : {Bytes(raw.begin(), raw.end()), file->assemble(leave, test::Packing::raw)}) {
     SPLATVOL_TRY(seeds.add("fuzz_svol", bytes));
+    // Splats; cells; splats and cells from a server.
     for (const std::uint64_t settings :
-         {0x0000'0000'0000'0000ULL, 0x0003'0400'0310'0100ULL, 0x0107'1400'0905'0001ULL}) {
+         {0x0000'0000'0000'0000ULL, 0x0003'0400'0310'0100ULL, 0x0107'1400'0905'0001ULL, 0x4000'0100'0A10'0000ULL,
+          0x0000'4400'0A10'0200ULL, 0x2001'C100'0A10'0000ULL}) {
       Bytes seed;
       format::append_record(seed, settings);
       seed.insert(seed.end(), bytes.begin(), bytes.end());
