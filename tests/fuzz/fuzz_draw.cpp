@@ -163,7 +163,7 @@ Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings&
   const format::VolumeInfo& info = volume->info();
   if (info.attributes.empty()) return {};
   const format::Attribute& attribute = info.attributes[(settings.attribute & 127) % info.attributes.size()];
-  StreamerOptions options{.memory_bytes = std::uint64_t{64} << 20,
+  StreamerOptions options{.memory_bytes = std::uint64_t{1} << (settings.step & 128 ? 21 : 26),
                           .attribute = attribute.name,
                           .kernel = settings.kernel & 1 ? KernelKind::octant : KernelKind::moments,
                           .gradients = (settings.light & 1) != 0,
