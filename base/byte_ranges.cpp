@@ -97,9 +97,13 @@ Result<bool> CountedSource::read_parts(std::span<const ByteSource::Part> parts) 
 
 Result<std::shared_ptr<const BytesAhead>> BytesAhead::read(std::shared_ptr<CountedSource> source,
                                                            std::vector<ByteRange> ranges, MemoryShare& share) {
+  const bool may_join = source->source().may_read_parts();
   std::shared_ptr<BytesAhead> ahead(new BytesAhead(std::move(source)));
-  if (!ahead->reserve(join_ranges(ranges, bytes_of_part), share)) return nullptr;
-  SPLATVOL_TRY_ASSIGN(is_read, ahead->read_parts());
+  bool is_read = false;
+  if (may_join) {
+    if (!ahead->reserve(join_ranges(ranges, bytes_of_part), share)) return nullptr;
+    SPLATVOL_TRY_SET(is_read, ahead->read_parts());
+  }
   if (!is_read) {
     if (!ahead->reserve(join_to_few(std::move(ranges)), share)) return nullptr;
     SPLATVOL_TRY(ahead->read_singly(requests_at_once));

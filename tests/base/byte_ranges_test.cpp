@@ -96,6 +96,19 @@ TEST(BytesAhead, AreTakenFromMemoryWhileTheyLive) {
   EXPECT_EQ(faults->reads(), 8U);
 }
 
+// A range by itself is one request. Others beside it are joined only if the source can.
+TEST(BytesAhead, AreReadOnceFromASourceThatKnowsNoParts) {
+  constexpr std::uint64_t mib = 1024 * kib;
+  const Bytes all(8 * mib);
+  const auto source = std::make_shared<CountedSource>(memory_source(all, "plain"));
+  const PartRoom room = own_room(32 * mib);
+  const auto ahead =
+      value_of(BytesAhead::read(source, {{0, 2 * mib}, {5 * mib, 5 * mib + 9}, {7 * mib, 7 * mib + 9}}, *room.share));
+  EXPECT_EQ(source->requests(), 3U);
+  EXPECT_EQ(source->bytes_read(), 2 * mib + 18);
+  EXPECT_EQ(source->bytes_read_again(), 0U);
+}
+
 // Where requests cannot be joined, what lies far apart stays apart.
 TEST(JoinToFew, ReadsNoLargeGaps) {
   const std::uint64_t far = std::uint64_t{1} << 30;

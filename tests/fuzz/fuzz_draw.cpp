@@ -1,5 +1,5 @@
-// A whole .svol file, drawn by the processor. The first bytes of an input choose kernel, camera and detail; the file
-// follows.
+// A whole .svol file, from the disk or from a server, drawn by the processor: as splats, or exactly as cells. The first
+// bytes of an input choose kernel, camera and detail; the file follows.
 #include <oneapi/tbb/global_control.h>
 
 #include <algorithm>
@@ -10,8 +10,11 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/part_table.h"
+#include "renderer/cpu/cells.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/slice_values.h"
+#include "streamer/cells/file_cells.h"
 #include "streamer/first/default_scene.h"
 #include "streamer/splats/streamer.h"
 #include "tests/fuzz/fuzz.h"
@@ -28,6 +31,41 @@ struct Settings {
   std::uint8_t attribute, kernel, direction, distance, detail, drawing, light, step;
 };
 static_assert(sizeof(Settings) == 8);
+
+// Bytes as on a web server: bytes are read ahead, and joined.
+class FarBytes final : public ByteSource {
+ public:
+  // `knows_parts`: whether a request may name several ranges.
+  FarBytes(std::span<const std::byte> bytes, bool knows_parts)
+      : near_(memory_source(bytes, "fuzz")), knows_parts_(knows_parts) {}
+  [[nodiscard]] std::uint64_t size() const override { return near_->size(); }
+  [[nodiscard]] const std::string& name() const override { return near_->name(); }
+  [[nodiscard]] std::uint64_t cheap_gap() const override { return std::uint64_t{64} << 10; }
+  [[nodiscard]] bool may_read_parts() const override { return knows_parts_; }
+  [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out) override {
+    return near_->read(offset, out);
+  }
+  [[nodiscard]] Result<bool> read_parts(std::span<const Part> parts) override {
+    if (!knows_parts_) return false;
+    std::uint64_t end = 0;
+    for (const Part& part : parts) {
+      require(part.offset >= end, "parts of a request ascend");
+      end = part.offset + part.out.size();
+      require(end <= size(), "parts of a request are in the file");
+      SPLATVOL_TRY(near_->read(part.offset, part.out));
+    }
+    return true;
+  }
+
+ private:
+  std::unique_ptr<ByteSource> near_;
+  bool knows_parts_;
+};
+
+std::unique_ptr<ByteSource> source_of(const Settings& settings, std::span<const std::byte> bytes) {
+  if (settings.drawing & 64) return std::make_unique<FarBytes>(bytes, (settings.drawing & 128) != 0);
+  return memory_source(bytes, "fuzz");
+}
 
 Camera camera_of(const Settings& settings, const Cube& cube) {
   Camera camera;
@@ -102,11 +140,30 @@ Result<const FrameSplats*> frame_of(Streamer& streamer, const View& view, const 
   }
 }
 
+Status draw_cells(const format::Volume& volume, const Settings& settings, Scene scene, const View& view) {
+  if (settings.step & 64) scene.contours = {{.values = {0, 0.3 * scene.transfer_function.hi}, .opacity = 0.5}};
+  const PartRoom room = own_room(std::uint64_t{1} << (settings.step & 128 ? 14 : 24));
+  SPLATVOL_TRY_ASSIGN(kept, KeptCells::open(volume, scene, room));
+  if (settings.step & 32) SPLATVOL_TRY(kept->hold_all());
+  SPLATVOL_TRY_ASSIGN(cells, FileCells::open(std::move(kept), scene, view));
+  SPLATVOL_TRY_ASSIGN(segments, cells->estimate_segments());
+  require(segments >= 0, "estimates are numbers");
+  CellDrawing drawing{.view = view, .transfer = transfer_of(scene)};
+  if (settings.light & 1) drawing.lighting = Lighting{};
+  drawing.contours = contours_of(scene);
+  drawing.sample_spacing = 1 + (settings.drawing >> 3 & 3);
+  drawing.refined_difference = settings.drawing & 2 ? 0.01F : 0;
+  drawing.memory = std::uint64_t{1} << (settings.drawing & 4 ? 16 : 26);
+  SPLATVOL_TRY_ASSIGN(drawn, CellRasterizer().draw(*cells, drawing));
+  require(is_number(drawn.image), "pixels of cells are numbers");
+  return {};
+}
+
 Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings& settings) {
   const format::VolumeInfo& info = volume->info();
   if (info.attributes.empty()) return {};
   const format::Attribute& attribute = info.attributes[(settings.attribute & 127) % info.attributes.size()];
-  StreamerOptions options{.memory_bytes = std::uint64_t{64} << 20,
+  StreamerOptions options{.memory_bytes = std::uint64_t{1} << (settings.step & 128 ? 21 : 26),
                           .attribute = attribute.name,
                           .kernel = settings.kernel & 1 ? KernelKind::octant : KernelKind::moments,
                           .gradients = (settings.light & 1) != 0,
@@ -114,8 +171,8 @@ Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings&
   const bool fades = settings.drawing & 32;
   const format::Attribute& opacity = info.attributes[((settings.attribute & 127) + 1) % info.attributes.size()];
   if (fades) options.opacity_attribute = opacity.name;
-  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(volume, options));
   Scene scene = common_scene(settings, info, attribute);
+  scene.attribute = attribute.name;
   if (fades) {
     scene.opacity = SceneOpacity{opacity.name, common_scene(settings, info, opacity).transfer_function};
     scene.opacity->function.densities = {{0, 0.1}, {0.5, 1}, {0.5, 0}, {1, 0.7}};
@@ -134,7 +191,9 @@ Status draw(const std::shared_ptr<const format::Volume>& volume, const Settings&
     scene.clip_planes = {{middle, {1, 0.25, 0}}};
   }
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
+  if (settings.drawing & 1) return draw_cells(*volume, settings, scene, view);
 
+  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(volume, options));
   SPLATVOL_TRY_ASSIGN(frame, frame_of(*streamer, view, transfer_of(scene), settings));
   for (const Slice& slice : view.slices) {
     const std::vector<double> depths(static_cast<std::size_t>(view.width) * view.height, info.cube.edge);
@@ -161,7 +220,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   static const oneapi::tbb::global_control one_thread(oneapi::tbb::global_control::max_allowed_parallelism, 1);
   fuzz::Input input(fuzz::bytes_of(data, size));
   const auto settings = input.take<Settings>();
-  auto volume = format::Volume::open(memory_source(input.rest(), "fuzz"));
+  auto volume = format::Volume::open(source_of(settings, input.rest()));
   if (!volume) return 0;
   if (const format::Series* series = (*volume)->series()) {
     auto at_step = (*volume)->at_step(settings.step % series->steps.size());

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <initializer_list>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
@@ -145,6 +146,20 @@ Status add_lies(Seeds& seeds, const test::Dissected& file) {
   return seeds.add("fuzz_svol", huge);
 }
 
+// Settings of fuzz_draw.
+constexpr std::uint64_t exact = 0x4000'0100'0A10'0000, exact_from_server = 0x2001'C100'0A10'0000,
+                        splats_from_server = 0x0000'4400'0A10'0300;
+
+Status add_drawn(Seeds& seeds, const Bytes& file, std::initializer_list<std::uint64_t> all_settings) {
+  for (const std::uint64_t settings : all_settings) {
+    Bytes seed;
+    format::append_record(seed, settings);
+    seed.insert(seed.end(), file.begin(), file.end());
+    SPLATVOL_TRY(seeds.add("fuzz_draw", seed));
+  }
+  return {};
+}
+
 Status add_volume(Seeds& seeds, const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text_file(path));
   const auto raw = std::as_bytes(std::span(text));
@@ -155,13 +170,8 @@ Status add_volume(Seeds& seeds, const std::string& path) {
   const auto leave = [](test::Part, std::size_t, Bytes&) {};
   for (const Bytes& bytes : {Bytes(raw.begin(), raw.end()), file->assemble(leave, test::Packing::raw)}) {
     SPLATVOL_TRY(seeds.add("fuzz_svol", bytes));
-    for (const std::uint64_t settings :
-         {0x0000'0000'0000'0000ULL, 0x0003'0400'0310'0100ULL, 0x0107'1400'0905'0001ULL}) {
-      Bytes seed;
-      format::append_record(seed, settings);
-      seed.insert(seed.end(), bytes.begin(), bytes.end());
-      SPLATVOL_TRY(seeds.add("fuzz_draw", seed));
-    }
+    SPLATVOL_TRY(add_drawn(seeds, bytes, {0x0000'0000'0000'0000, 0x0003'0400'0310'0100, 0x0107'1400'0905'0001}));
+    SPLATVOL_TRY(add_drawn(seeds, bytes, {exact, exact_from_server, splats_from_server}));
   }
   SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(memory_source(raw, path)));
   SPLATVOL_TRY(add_columns(seeds, *volume));
@@ -176,11 +186,12 @@ Status add_volume(Seeds& seeds, const std::string& path) {
   return {};
 }
 
-// Files with cells: none, some, and in many chunks and pages.
+// Files with cells: none, some, and in many chunks and pages. One is larger than what is read first: the rest of it can
+// be read ahead.
 Status add_cells(Seeds& seeds) {
   const auto leave = [](test::Part, std::size_t, Bytes&) {};
   for (const auto& [points, attributes, cells] :
-       {std::tuple{4, 1, 1}, {40, 0, 0}, {60, 1, 30}, {200, 2, 300}, {300, 0, 400}}) {
+       {std::tuple{4, 1, 1}, {40, 0, 0}, {60, 1, 30}, {200, 2, 300}, {300, 0, 400}, {600, 1, 200}}) {
     const auto count = static_cast<std::size_t>(points);
     std::vector<std::vector<double>> values(static_cast<std::size_t>(attributes), std::vector<double>(count));
     for (std::size_t a = 0; a < values.size(); ++a)
@@ -193,8 +204,11 @@ Status add_cells(Seeds& seeds) {
     const Bytes file = test::test_volume_bytes(volume);
     const auto parts = test::Dissected::take_apart(file);
     if (!parts) return fail(ErrorCode::invalid_data, "a file with cells cannot be taken apart");
-    for (const Bytes& bytes : {file, parts->assemble(leave, test::Packing::raw)})
+    for (const Bytes& bytes : {file, parts->assemble(leave, test::Packing::raw)}) {
       SPLATVOL_TRY(seeds.add("fuzz_svol", bytes));
+      if (bytes.size() > format::min_first_read_bytes)
+        SPLATVOL_TRY(add_drawn(seeds, bytes, {exact_from_server, splats_from_server}));
+    }
   }
   return {};
 }

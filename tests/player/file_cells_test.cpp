@@ -269,6 +269,7 @@ class FarFile final : public ByteSource {
     counts_->bytes += out.size();
     return file_->read(offset, out);
   }
+  [[nodiscard]] bool may_read_parts() const override { return knows_parts_; }
   [[nodiscard]] Result<bool> read_parts(std::span<const Part> parts) override {
     if (!knows_parts_) return false;
     ++counts_->requests;
