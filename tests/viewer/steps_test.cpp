@@ -110,10 +110,10 @@ TEST_F(ViewerSteps, StayWhileAllFilesAreAway) {
     EXPECT_EQ(series->step(), 1u);
     EXPECT_EQ(compare_images(settled(*series), last)->max, 0);
   }
-  // Neither kernel can be opened again.
+  // Another kernel reads the file that is open.
   series->settings.drawing.kernel = KernelKind::octant;
-  EXPECT_EQ(compare_images(settled(*series), last)->max, 0);
-  EXPECT_EQ(series->troubles().size(), 1u);
+  EXPECT_GT(compare_images(settled(*series), last)->max, 0);
+  EXPECT_TRUE(series->troubles().empty());
 
   std::filesystem::rename(folder_ + "g-0000.svol.away", folder_ + "g-0000.svol");
   EXPECT_TRUE(series->show_step(0));
