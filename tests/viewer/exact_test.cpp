@@ -110,7 +110,9 @@ TEST_F(ExactAtRest, ProbesHaveTheMeshsOwnValues) {
 TEST_F(ExactAtRest, MovesExactly) {
   const Mesh mesh = jittered(24, 0.2);  // of several nodes
   build(mesh, path("m.svol"));
-  const auto session = open(on_processor());
+  ViewSettings settings = on_processor();
+  settings.moving.seconds = 10;  // however slow the machine is at the moment
+  const auto session = open(settings);
   settled(*session);
   const std::uint64_t serial = session->frame()->serial;
   const auto light_of = [](const Image& picture) {
