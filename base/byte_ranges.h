@@ -42,6 +42,7 @@ class CountedSource {
   explicit CountedSource(std::unique_ptr<ByteSource> source) : source_(std::move(source)) {}
 
   [[nodiscard]] const ByteSource& source() const { return *source_; }
+
   /// Whether one request has served many ranges, so that others will.
   [[nodiscard]] bool has_read_parts() const { return has_read_parts_; }
 
