@@ -26,8 +26,8 @@ struct ProgramFiles {
 /// its exit code; `no_program` if there is none, 126 if a signal ended it.
 [[nodiscard]] int run_program(const std::vector<std::string>& words, const ProgramFiles& files = {});
 
-/// A program that runs beside this one. Its input is a pipe that stays open, its stderr is dropped. SIGINT ends it, also
-/// if this program ignores that. Not thread-safe.
+/// A program that runs beside this one. Its input is a pipe that stays open, its stderr is dropped. SIGINT ends it,
+/// also if this program ignores that. Not thread-safe.
 class RunningProgram {
  public:
   /// Starts a program that PATH finds, without a shell. `words`: its name and its arguments.

@@ -19,10 +19,10 @@ struct ConversionRequest {
 
 /// How far a conversion is.
 struct ConversionProgress {
-  std::string stage = {};                      // a word for people
-  double share = 0;                            // of all, 0 to 1
-  std::optional<double> seconds_left = {};     // none: not known
-  bool has_preview = false;                    // the file of the request is there
+  std::string stage = {};                   // a word for people
+  double share = 0;                         // of all, 0 to 1
+  std::optional<double> seconds_left = {};  // none: not known
+  bool has_preview = false;                 // the file of the request is there
 };
 
 struct ConvertedFile {
@@ -40,8 +40,8 @@ struct ConvertedFile {
 /// Returns the path of svbuild: beside this program if it is there, else its name, which PATH finds.
 [[nodiscard]] std::string usual_svbuild();
 
-/// Converts an input, or finds it in the cache. `tell`, if there is one, is called on this thread. Heeds an Interruptible: svbuild is
-/// interrupted then, and leaves nothing. Fails if there is no svbuild, and as it does.
+/// Converts an input, or finds it in the cache. `tell`, if there is one, is called on this thread. Heeds an
+/// Interruptible: svbuild is interrupted then, and leaves nothing. Fails if there is no svbuild, and as it does.
 [[nodiscard]] Result<ConvertedFile> convert(const ConversionRequest& request,
                                             const std::function<void(const ConversionProgress&)>& tell,
                                             const std::string& svbuild = usual_svbuild());

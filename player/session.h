@@ -84,7 +84,7 @@ struct SessionFile {
   std::string path;
   std::vector<std::string> pieces = {};         // of the mesh
   std::optional<ConvertedFile> converted = {};  // from a mesh
-  bool fits = false;  // the scene is one that fits the data
+  bool fits = false;                            // the scene is one that fits the data
   ViewSettings settings = {};
   PlayerFile file;
   Box bounds = {};                                     // of the material

@@ -318,11 +318,11 @@ Result<Box> read_clip_box(const JsonField& field) {
 
 Result<Scene> read_scene(const JsonField& field) {
   if (!field.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
-  SPLATVOL_TRY(field.check_names({"file",        "pieces",     "step",       "exact",      "max_error", "tolerance",
-                                  "kernel",      "splats",     "resolution", "sort",      "sampling",
-                                  "camera",      "image",      "background", "attribute", "transfer_function",
-                                  "clip_box",    "lighting",   "outline",    "surfaces",  "slices",
-                                  "clip_planes", "scalar_bar", "opacity",    "contours"}));
+  SPLATVOL_TRY(field.check_names(
+      {"file",       "pieces",   "step",     "exact",    "max_error", "tolerance",   "kernel",     "splats",
+       "resolution", "sort",     "sampling", "camera",   "image",     "background",  "attribute",  "transfer_function",
+       "clip_box",   "lighting", "outline",  "surfaces", "slices",    "clip_planes", "scalar_bar", "opacity",
+       "contours"}));
   Scene scene;
   SPLATVOL_TRY_SET(scene.camera, read_camera(field.member("camera")));
   SPLATVOL_TRY(read_size(field.member("image"), scene));

@@ -142,8 +142,7 @@ Status render(RenderOptions options) {
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));
   SPLATVOL_TRY_ASSIGN(composition, compose(options, steps));
   const Scene& scene = composition.scene;
-  if (!options.progress_frames.empty() && !std::filesystem::is_directory(options.progress_frames))
-    return fail(ErrorCode::io, "{}: no such folder", options.progress_frames);
+  if (!options.progress_frames.empty()) SPLATVOL_TRY(make_folder(options.progress_frames));
   SPLATVOL_TRY_ASSIGN(statistics_file, create_statistics(options.stats));
   if (const auto view = make_view(scene); !view)
     return fail_in(options.scene.empty() ? options.volume : options.scene, view.error());
@@ -174,7 +173,7 @@ Status render(RenderOptions options) {
     SPLATVOL_TRY(write_statistics(statistics_file, statistics_text(options, drawn, timings)));
   }
   const bool terminal_holds_statistics = !options.stats.empty() && !statistics_file;
-  if (!terminal_holds_statistics) print_summary(options, drawn, timings);
+  if (!terminal_holds_statistics) print_summary(options, composition.written_size(), drawn, timings);
   return failure_of(unreadable);
 }
 

@@ -33,12 +33,13 @@ class ConversionTest : public FolderTest {
     return program;
   }
   [[nodiscard]] std::string result(bool is_temporary) const {
-    return "echo '{\"result\":{\"file\":\"" + path("kept.svol") + "\",\"built\":true,\"temporary\":" +
-           (is_temporary ? "true" : "false") + ",\"seconds\":1,\"notes\":[\"a note\"]}}'\n";
+    return "echo '{\"result\":{\"file\":\"" + path("kept.svol") +
+           "\",\"built\":true,\"temporary\":" + (is_temporary ? "true" : "false") +
+           ",\"seconds\":1,\"notes\":[\"a note\"]}}'\n";
   }
   Result<ConvertedFile> converted(const std::string& lines) {
-    return convert({{"a b.vtu", "c.vtu"}}, [&](const ConversionProgress& progress) { told_.push_back(progress); },
-                   script(lines));
+    return convert(
+        {{"a b.vtu", "c.vtu"}}, [&](const ConversionProgress& progress) { told_.push_back(progress); }, script(lines));
   }
   [[nodiscard]] bool has(const std::string& name) const { return std::filesystem::exists(path(name)); }
 
@@ -54,10 +55,11 @@ class ConversionTest : public FolderTest {
 };
 
 TEST_F(ConversionTest, TellsProgressAndKeepsTheFile) {
-  auto file = value_of(converted("echo '{\"stage\":\"read\",\"share\":0.25,\"seconds_left\":null}'\n"
-                                 "echo '{\"preview\":\"p.svol\"}'\n"
-                                 "echo '{\"stage\":\"sort\",\"share\":0.5,\"seconds_left\":3}'\n" +
-                                 result(false) + "cat > rest\ntouch ended\n"));
+  auto file =
+      value_of(converted("echo '{\"stage\":\"read\",\"share\":0.25,\"seconds_left\":null}'\n"
+                         "echo '{\"preview\":\"p.svol\"}'\n"
+                         "echo '{\"stage\":\"sort\",\"share\":0.5,\"seconds_left\":3}'\n" +
+                         result(false) + "cat > rest\ntouch ended\n"));
   EXPECT_EQ(file.path, path("kept.svol"));
   EXPECT_TRUE(file.was_built);
   EXPECT_FALSE(file.is_temporary);
@@ -79,7 +81,8 @@ TEST_F(ConversionTest, TellsProgressAndKeepsTheFile) {
 }
 
 TEST_F(ConversionTest, SvbuildStaysWithATemporaryFile) {
-  auto file = value_of(converted(result(true) + "trap 'touch ended; exit 1' INT\nwhile read word; do :; done\ntouch ended\n"));
+  auto file =
+      value_of(converted(result(true) + "trap 'touch ended; exit 1' INT\nwhile read word; do :; done\ntouch ended\n"));
   EXPECT_TRUE(file.is_temporary);
   EXPECT_FALSE(has("ended"));
   file.lease.reset();
@@ -89,8 +92,7 @@ TEST_F(ConversionTest, SvbuildStaysWithATemporaryFile) {
 TEST_F(ConversionTest, AsksForStepsAndAPreview) {
   const std::string program = script(result(false));
   static_cast<void>(value_of(convert({{"-a.vtu"}, true, "p.svol"}, {}, program)));
-  EXPECT_EQ(read("arguments"),
-            "--cached --progress --times all --preview p.svol -- -a.vtu\n");
+  EXPECT_EQ(read("arguments"), "--cached --progress --times all --preview p.svol -- -a.vtu\n");
 }
 
 TEST_F(ConversionTest, FailsAsSvbuildDoes) {
@@ -120,7 +122,8 @@ TEST_F(ConversionTest, AnInterruptionEndsSvbuild) {
       "trap 'touch interrupted; exit 1' INT\n"
       "echo '{\"stage\":\"read\",\"share\":0,\"seconds_left\":null}'\n"
       "while read word; do :; done\n");
-  const auto file = convert({{"a.vtu"}}, [&](const ConversionProgress&) { stop.request_stop(); }, program);
+  const auto file = convert(
+      {{"a.vtu"}}, [&](const ConversionProgress&) { stop.request_stop(); }, program);
   ASSERT_FALSE(file);
   EXPECT_EQ(file.error().code, ErrorCode::cancelled);
   EXPECT_TRUE(has("interrupted"));
