@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
+#include "base/input_formats.h"
 #include "base/json.h"
 #include "base/memory_limit.h"
 #include "base/printable.h"
@@ -24,7 +25,6 @@
 #include "builder/series/series_build.h"
 #include "builder/series/series_files.h"
 #include "builder/series/series_inputs.h"
-#include "builder/sources/formats.h"
 #include "format/steps.h"
 #include "tools/cells_option.h"
 #include "tools/reading.h"
