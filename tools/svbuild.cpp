@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
+#include "base/input_formats.h"
 #include "base/json.h"
 #include "base/printable.h"
 #include "base/temp_file.h"
@@ -23,7 +24,6 @@
 #include "builder/series/series_build.h"
 #include "builder/series/series_files.h"
 #include "builder/series/series_inputs.h"
-#include "builder/sources/formats.h"
 #include "format/steps.h"
 #include "tools/cells_option.h"
 #include "tools/reading.h"
