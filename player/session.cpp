@@ -93,7 +93,7 @@ tl::unexpected<Error> fail_no_step(const format::Steps& steps, std::size_t step)
 }
 
 // Converts a mesh, or one that is in several pieces; none for another file.
-Result<std::optional<ConvertedFile>> converted(const SceneUse& use, const ViewSettings& settings) {
+Result<std::optional<ConvertedFile>> convert_mesh(const SceneUse& use, const ViewSettings& settings) {
   ConversionRequest request{{use.file}, settings.all_steps || use.step, settings.preview};
   request.inputs.insert(request.inputs.end(), use.pieces.begin(), use.pieces.end());
   if (!needs_conversion(request.inputs)) return std::optional<ConvertedFile>();
@@ -151,15 +151,15 @@ Result<SessionFile> Session::read(const SceneUse& asked, const std::string& scen
       return fail(ErrorCode::invalid_argument, "{}: names no file: open a .svol file or a mesh, and then this scene",
                   scene_path.starts_with('{') ? "the scene" : scene_path);
   }
-  SPLATVOL_TRY_ASSIGN(converted_file, converted(use, settings));
-  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(converted_file ? converted_file->path : use.file, open_file));
+  SPLATVOL_TRY_ASSIGN(converted, convert_mesh(use, settings));
+  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(converted ? converted->path : use.file, open_file));
   const std::size_t step = use.step.value_or(steps.last());
   if (step > steps.last()) return fail_no_step(steps, step);
   const ViewSettings used = with_use(settings, use);
   SPLATVOL_TRY_ASSIGN(file, Player::read(std::move(steps), step, scene, player_options(used), {}));
   return with_data({.path = use.file,
                     .pieces = use.pieces,
-                    .converted = std::move(converted_file),
+                    .converted = std::move(converted),
                     .fits = !scene,
                     .settings = used,
                     .file = std::move(file)},
