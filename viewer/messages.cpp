@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::size_t most_toasts = 3;  // of messages
 constexpr int most_lines = 5;           // of a toast: the list has the rest
-constexpr float gap = 4;                // between toasts, at scale 1
+constexpr float gap = 4, bar = 6;       // between toasts, and height of the bar of work, at scale 1
 constexpr unsigned error_color = IM_COL32(225, 70, 60, 255), note_color = IM_COL32(80, 150, 240, 255);
 
 std::string with_times(const Messages::Message& message) {
@@ -130,12 +130,12 @@ Messages::Layout Messages::lay_out(const Work& work) const {
     layout.buttons += style.ItemSpacing.x + ImGui::CalcTextSize(button.c_str()).x + 2 * style.FramePadding.x;
   const float besides = layout.buttons + 2 * style.WindowPadding.x;
   layout.text_width = std::floor(std::max(widest - besides, 40 * unit));
-  layout.text = cut_off(work.text, layout.text_width);
+  layout.text = cut_off(work.text, layout.text_width) + (work.share ? "\n" + words_of_bar(work) : "");
   const ImVec2 text = ImGui::CalcTextSize(layout.text.c_str(), nullptr, false, layout.text_width);
   layout.size = {text.x + besides, text.y + 2 * style.WindowPadding.y};
   if (work.share) {
     layout.size.x = std::max(layout.size.x, std::min(widest, 240 * unit));
-    layout.size.y += style.ItemSpacing.y + ImGui::GetFrameHeight();
+    layout.size.y += style.ItemSpacing.y + bar * unit;
   }
   layout.size.y = std::max(layout.size.y, style.WindowMinSize.y);
   return layout;
@@ -171,8 +171,11 @@ std::optional<std::size_t> Messages::draw(const Work& work, unsigned color) {
     if (ImGui::SmallButton(work.buttons[i].c_str())) pressed = i;
     x += ImGui::GetItemRectSize().x;
   }
-  if (work.share)
-    ImGui::ProgressBar(static_cast<float>(std::clamp(*work.share, 0.0, 1.0)), {-1, 0}, words_of_bar(work).c_str());
+  if (work.share) {
+    ImGui::PushStyleColor(ImGuiCol_PlotHistogram, color);
+    ImGui::ProgressBar(static_cast<float>(std::clamp(*work.share, 0.0, 1.0)), {-1, bar * unit}, "");
+    ImGui::PopStyleColor();
+  }
   ImGui::End();
   bottom_ = at.y - gap * unit;
   has_toast_ = true;

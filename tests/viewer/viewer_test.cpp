@@ -390,6 +390,9 @@ TEST_F(ViewerTest, FilmsATurn) {
   for (int i = 0; i < 10; ++i) frame({});
   EXPECT_TRUE(fs::exists("v.mp4.frames/frame-0000.png"));
   EXPECT_NE(scene().camera, before);
+  press(key::f1);
+  press(key::escape);
+  EXPECT_TRUE(fs::exists("v.mp4.frames")) << "the list of keys began after it";
   press(key::escape);
   settle();
   EXPECT_EQ(scene().camera, before);
