@@ -169,7 +169,7 @@ Panel::Wishes Panel::draw() {
   if (viewer_.session) {
     wishes.file = draw_sections();
   } else {
-    ImGui::TextWrapped("Drop a .svol file on this window, or open one.");
+    ImGui::TextWrapped("Drop a mesh or a .svol file on this window, or open one.");
   }
   ImGui::PopItemWidth();
   ImGui::End();

@@ -38,8 +38,12 @@ std::string scene_text(const std::string& path, const Session& session) {
   UsedScene used = session.used_scene();
   std::error_code error;
   const auto folder = std::filesystem::absolute(path, error).parent_path().lexically_normal();
-  const auto relative = std::filesystem::path(used.use.file).lexically_relative(folder);
-  if (!is_url(used.use.file) && !relative.empty() && *relative.begin() != "..") used.use.file = relative.string();
+  const auto make_relative = [&](std::string& file) {
+    const auto relative = std::filesystem::path(file).lexically_relative(folder);
+    if (!is_url(file) && !relative.empty() && *relative.begin() != "..") file = relative.string();
+  };
+  make_relative(used.use.file);
+  std::ranges::for_each(used.use.pieces, make_relative);
   return to_json(used);
 }
 
@@ -76,8 +80,9 @@ std::optional<std::string> SaveSection::draw() {
 
 void SaveSection::copy_command() {
   UsedScene used = viewer_.session->used_scene();
-  const std::string file = std::exchange(used.use.file, "");
-  ImGui::SetClipboardText(fmt::format("svview {} --scene {}", quoted(file), quoted(to_json(used, -1))).c_str());
+  std::string files = quoted(std::exchange(used.use.file, ""));
+  for (const std::string& piece : std::exchange(used.use.pieces, {})) files += " " + quoted(piece);
+  ImGui::SetClipboardText(fmt::format("svview {} --scene {}", files, quoted(to_json(used, -1))).c_str());
   viewer_.messages.note("copied a command");
 }
 

@@ -4,10 +4,13 @@
 #include <imgui.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <system_error>
 #include <utility>
 
 #include "base/byte_text.h"
 #include "base/file.h"
+#include "base/input_formats.h"
 #include "pictures/contrast.h"
 #include "scene/color_map_file.h"
 #include "viewer/hud.h"
@@ -56,30 +59,78 @@ void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path) {
   opening_ = std::make_unique<Opening>(state_.host, use, scene_path, settings);
 }
 
-// Shows the file that is being opened if it is there in time.
+// Shows the file that is being opened if it is there in time, and before that some of its points.
 Status Viewer::take_opened(double wait_seconds) {
-  if (!opening_ || (settings_.works_aside && !opening_->wait(wait_seconds))) return {};
+  if (!opening_) return {};
+  if (settings_.works_aside && !opening_->wait(wait_seconds)) return take_preview();
+  preview_.reset();
   const std::unique_ptr<Opening> opening = std::move(opening_);
   SPLATVOL_TRY_ASSIGN(file, opening->take());
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file), state_.host));
-  recent_files_.add(session->path());
+  if (previewed_) take_over_preview(*session);
+  if (opening->asked().pieces.empty()) recent_files_.add(session->path());
+  show(std::move(session));
+  if (const auto& converted = state_.session->converted())
+    for (const std::string& note : converted->notes) state_.messages.note(note);
+  return {};
+}
+
+// Without the preview, the whole file comes nevertheless.
+Status Viewer::take_preview() {
+  if (!preview_) preview_ = opening_->open_preview(state_.host);
+  if (!preview_ || !preview_->wait(0)) return {};
+  auto file = preview_->take();
+  preview_.reset();
+  if (!file) return {};
+  file->path = opening_->path();
+  file->pieces = opening_->asked().pieces;
+  SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(*file), state_.host));
+  const Scene first = session->scene;
+  show(std::move(session));
+  previewed_ = first;
+  return {};
+}
+
+// The camera of a preview stays, and so does all that was changed meanwhile.
+void Viewer::take_over_preview(Session& whole) const {
+  const Session& preview = *state_.session;
+  Scene unchanged = *previewed_;
+  unchanged.camera = preview.scene.camera;
+  unchanged.width = preview.scene.width;
+  unchanged.height = preview.scene.height;
+  if (preview.scene == unchanged)
+    whole.scene.camera = preview.scene.camera;
+  else
+    whole.scene = preview.scene;
+  whole.settings = preview.settings;
+}
+
+void Viewer::show(std::unique_ptr<Session> session) {
   if (state_.session) session->playback = state_.session->playback;
   end_session();
   state_.session = std::move(session);
   state_.steering.take_up_axis(*state_.session);
   panel_.begin();
-  return {};
 }
 
 void Viewer::close() {
   end_session();
+  end_opening();
+}
+
+void Viewer::end_opening() {
+  preview_.reset();
   opening_.reset();
+  if (previewed_)
+    state_.messages.note(
+        fmt::format("{}: what you see is some of its points: open it again for all", state_.session->path()));
 }
 
 // Lets go of the file, and of all that belongs to it.
 void Viewer::end_session() {
   panel_.end();
   state_.session.reset();
+  previewed_.reset();
   told_troubles_ = 0;
   probes_.end();
 }
@@ -94,8 +145,33 @@ void Viewer::end_recording() {
   state_.messages.hold();
 }
 
-// A .json file is a scene for the volume that is open, or colours for it. Any other file is a volume.
+// Several meshes that are dropped at once are pieces of one.
+void Viewer::drop(const std::vector<std::string>& paths) {
+  SceneUse mesh;
+  for (const std::string& path : paths) {
+    const bool is_piece = paths.size() > 1 && !is_surface_file(path) && is_convertible(path);
+    if (!is_piece)
+      open(path);
+    else if (mesh.file.empty())
+      mesh.file = path;
+    else
+      mesh.pieces.push_back(path);
+  }
+  if (!mesh.file.empty()) begin_opening(mesh, "");
+}
+
+// A surface file is drawn with the volume that is open.
+void Viewer::add_surface(const std::string& path) {
+  if (!state_.session)
+    return state_.messages.error(fmt::format("{}: is a surface: open the volume first that it belongs to", path));
+  std::error_code error;
+  const std::string file = std::filesystem::absolute(path, error).lexically_normal().string();
+  state_.session->scene.surfaces.push_back({.file = file});
+}
+
+// A .json file is a scene for the volume that is open, or colours for it. Any other file is a volume or a surface.
 void Viewer::open(const std::string& path) {
+  if (is_surface_file(path)) return add_surface(path);
   if (state_.session && path.ends_with(".json")) {
     const auto text = read_text_file(path);
     const bool is_map = text && is_color_map_text(*text);
@@ -135,12 +211,13 @@ bool Viewer::is_note_over(double seconds) const {
   return left && seconds >= *left;
 }
 
-bool Viewer::is_settled(double seconds) const {
+bool Viewer::is_settled(double seconds) const { return state_.is_minimised() || (!opening_ && rests(seconds)); }
+
+bool Viewer::rests(double seconds) const {
   const Session* session = state_.session.get();
-  if (state_.is_minimised()) return true;
   if (is_note_over(seconds)) return false;
   if (state_.steering.is_moving() || panel_.is_saving()) return false;
-  if (opening_ || probes_.is_busy() || windows_wait_seconds()) return false;
+  if (probes_.is_busy() || windows_wait_seconds()) return false;
   return events_.is_empty() && !is_busy() && state_.pending_frames == 0 && !panel_.path.is_playing() &&
          !state_.steering.flies_on() && (!session || (session->is_settled() && !session->is_playing()));
 }
@@ -161,21 +238,21 @@ std::optional<double> Viewer::windows_wait_seconds() const {
 }
 
 double Viewer::patience(double seconds) const {
-  constexpr double for_events = 1, for_picture = 0.001, for_change = 0.004;
+  constexpr double for_events = 1, for_picture = 0.001, for_change = 0.004, for_progress = 0.05;
   if (state_.is_minimised()) return for_events;
   if (is_settled()) {
     const std::optional<double> note = state_.messages.seconds_to_change();
     return note ? std::clamp(*note - seconds, 0.0, for_events) : for_events;
   }
   if (awaits_picture()) return for_picture;
+  if (opening_ && opening_->conversion() && rests(seconds)) return for_progress;
   const bool goes_on = has_drawn_ || !events_.is_empty() || state_.pending_frames > 0;
   return goes_on ? 0 : for_change;
 }
 
 // Controls take what is over them, and then handles of planes. The rest is for the hand at the picture.
 void Viewer::handle(const Event& event) {
-  if (const auto* dropped = std::get_if<FilesDropped>(&event))
-    for (const std::string& path : dropped->paths) open(path);
+  if (const auto* dropped = std::get_if<FilesDropped>(&event)) drop(dropped->paths);
   Session* session = state_.session.get();
   const PictureArea area = state_.picture_area();
   const SteeredPicture picture{area.left, {area.width, area.height}, state_.window.content_scale};
@@ -217,7 +294,7 @@ void Viewer::note_beginnings() {
 void Viewer::end(std::size_t thing) {
   if (thing == Ending::help) state_.shown.help = false;
   if (thing == Ending::list) state_.messages.toggle_list();
-  if (thing == Ending::opening) opening_.reset();
+  if (thing == Ending::opening) end_opening();
   if (thing == Ending::reading) state_.session->cancel_reading();
   if (thing == Ending::pin) probes_.unpin();
   if (thing == Ending::movie) panel_.movie.end(false);
@@ -397,7 +474,8 @@ void Viewer::draw_overlays() {
   const Session* session = state_.session.get();
   const Shown& shown = state_.shown;
   hud_bottom_ = 0;
-  if (!session) return opening_ ? void() : draw_message("Drop a .svol file here, or open one (control O)", area);
+  if (!session)
+    return opening_ ? void() : draw_message("Drop a mesh or a .svol file here, or open one (control O)", area);
   if (const auto& saving = panel_.save.saving()) return draw_message(saving->path + " is being drawn", area);
   if (panel_.movie.filming()) return;
   const View& view = session->view();
@@ -433,6 +511,13 @@ void Viewer::draw_opening() {
   if (opening_)
     work.text = fmt::format("opening {}\n{} read in {:.0f} s", opening_->path(),
                             byte_text(static_cast<double>(opening_->bytes_read())), opening_seconds_);
+  const auto conversion = opening_ ? opening_->conversion() : std::nullopt;
+  if (conversion) {
+    work.text = fmt::format("converting {}: {}{}", opening_->path(), conversion->stage,
+                            previewed_ ? "\nwhat you see is some of its points" : "");
+    work.share = conversion->share;
+    work.seconds_left = conversion->seconds_left;
+  }
   const bool is_slow = opening_ ? opening_seconds_ >= patience || !state_.session : reading_seconds_ > patience;
   if (is_slow && state_.messages.draw(work)) end(opening_ ? Ending::opening : Ending::reading);
 }

@@ -85,8 +85,14 @@ class Viewer {
  private:
   explicit Viewer(const ViewerOptions& options);
   void open(const std::string& path);
+  void drop(const std::vector<std::string>& paths);
+  void add_surface(const std::string& path);
   void begin_opening(const SceneUse& use, const std::string& scene_path);
   [[nodiscard]] Status take_opened(double wait_seconds);
+  [[nodiscard]] Status take_preview();
+  void take_over_preview(Session& whole) const;
+  void show(std::unique_ptr<Session> session);
+  void end_opening();
   void draw_toasts();
   void draw_opening();
   void close();
@@ -112,6 +118,7 @@ class Viewer {
   [[nodiscard]] Status present(double seconds);
   [[nodiscard]] bool is_busy() const { return idle_seconds_ < pause_seconds; }
   [[nodiscard]] bool is_note_over(double seconds) const;
+  [[nodiscard]] bool rests(double seconds) const;  // but for a file that is being opened
 
   // What Esc ends, besides dialogs and errors.
   struct Ending {
@@ -124,6 +131,8 @@ class Viewer {
   Presenter presenter_;
   std::unique_ptr<FrameComposer> composer_;
   std::unique_ptr<Opening> opening_;  // of the file that is to replace the session's
+  std::unique_ptr<Opening> preview_;  // of some of its points
+  std::optional<Scene> previewed_;    // the session shows these: its first scene
   double opening_seconds_ = 0;
   double reading_seconds_ = 0;  // since a change was asked for that is being read
   FileDialog dialog_;
