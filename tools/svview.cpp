@@ -1,6 +1,7 @@
 // svview: a .svol file in a window.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -291,9 +292,7 @@ void add_view_options(CommandLine& app, Options& options) {
                  "The .svol file, the index of a series of files (.svols), or its address (https://...); a scene that "
                  "names one; or a mesh or points, in one file, several files or a folder, which svbuild converts and "
                  "keeps in its cache")
-      ->type_name("FILE.svol|URL|S.json|MESH..."); or a scene "
-                 "that names one")
-      ->type_name("FILE.svol|URL|S.json");
+      ->type_name("FILE.svol|URL|S.json|MESH...");
   app.add_option("--scene", options.scene,
                  "Scene to begin with (docs/scene.md), as a file or as its text; default: one that fits the data")
       ->type_name("S.json|TEXT");
