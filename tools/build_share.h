@@ -8,10 +8,20 @@
 
 namespace splatvol {
 
+/// What takes the time of a build.
+enum class BuildKind {
+  mesh,    // cells of the input
+  joined,  // points that tetrahedra join
+  points   // points without either
+};
+
 /// The share of a build that is done, and the time that is left. Thread-safe.
 class BuildShare {
  public:
   BuildShare();
+
+  /// Called before the first stage; without this, it is a mesh.
+  void set_kind(BuildKind kind);
 
   /// A series has so many steps; a build of one step needs no call.
   void set_steps(std::size_t steps);
@@ -38,6 +48,7 @@ class BuildShare {
   std::string stage_ = "reading";
   double start_;
   double share_ = 0;
+  BuildKind kind_ = BuildKind::mesh;
   double bytes_ = 0;         // read, of the bytes of the inputs
   bool has_reader_ = false;  // that tells of them
   double fraction_ = 0;      // of the stage

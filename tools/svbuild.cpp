@@ -103,6 +103,8 @@ class Stages {
     show_(share_.state());
   }
 
+  void set_kind(BuildKind kind) { share_.set_kind(kind); }
+
   // Lets each step tell when it is opened.
   void watch(std::vector<SeriesStep>& steps) {
     share_.set_steps(steps.size());
@@ -340,12 +342,24 @@ Result<BuildReport> build_steps(const Options& options, const BuildOptions& buil
   return report->build;
 }
 
+BuildKind kind_of(const Source& source, const BuildOptions& options) {
+  const bool may_join =
+      options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::delaunay;
+  if (options.connectivity == Connectivity::mesh || (may_join && source.may_have_cells())) return BuildKind::mesh;
+  return may_join && source.point_count().value_or(0) <= options.held_points ? BuildKind::joined : BuildKind::points;
+}
+
 Result<BuildReport> build_one(const Options& options, const BuildOptions& build_options, const OpenSource& open,
                               Stages& stages, InputNotes& notes) {
   std::unique_ptr<Source> source;
-  auto report = build_in_ranks([&] { return open(options.inputs, source_options_of(options)); }, source, options.output,
-                               build_options,
-                               [&](const char* stage, double fraction) { stages.update(stage, fraction); }, notes.work);
+  const auto open_input = [&]() -> Result<std::unique_ptr<Source>> {
+    SPLATVOL_TRY_ASSIGN(opened, open(options.inputs, source_options_of(options)));
+    stages.set_kind(kind_of(*opened, build_options));
+    return opened;
+  };
+  auto report = build_in_ranks(
+      open_input, source, options.output, build_options,
+      [&](const char* stage, double fraction) { stages.update(stage, fraction); }, notes.work);
   if (!source) return report;
   notes.stages = stages.times();
   notes.step = source->time_step();
@@ -584,7 +598,8 @@ std::string cached_name(const Options& options) {
   std::filesystem::path path(options.inputs[0]);
   if (path.filename() == "controlDict") path = path.parent_path().parent_path();
   if (!path.has_filename() || path.filename() == "." || path.filename() == "..") path = canonical_input(path);
-  const std::string name = path.stem().string();
+  // Lines of JSON hold the name, and file systems take 255 bytes.
+  const std::string name = one_line(path.stem().string().substr(0, 200));
   return (name.empty() ? "mesh" : name) + (options.series_of_files ? ".svols" : ".svol");
 }
 
@@ -613,13 +628,11 @@ Status run(const Options& options) {
   return options.estimate ? print_estimate(options) : build(options);
 }
 
-// How one of the commands on the cache is called.
+// Ends the program if a command on the cache is called wrongly.
 void check_cache_options(const Options& options) {
   const CacheOptions& cache = options.cache;
   if (static_cast<int>(cache.cached) + cache.list + cache.forget > 1)
     wrong_option("--cached", "goes with neither --cache nor --forget");
-  if (!cache.cached && cache.progress) wrong_option("--progress", "goes with --cached");
-  if (!cache.cached && !cache.preview.empty()) wrong_option("--preview", "goes with --cached");
   if (!options.output.empty()) wrong_option("--output", "goes with no file of the cache");
   if (options.append) wrong_option("--append", "goes with no file of the cache");
   if (options.estimate) wrong_option("--estimate", "goes with no file of the cache");
@@ -793,6 +806,8 @@ int main(int argc, char** argv) {
   app.callback([&options] {
     const CacheOptions& cache = options.cache;
     if (options.inputs.empty() && !cache.list && !cache.forget) missing_option("inputs");
+    if (!cache.cached && cache.progress) wrong_option("--progress", "goes with --cached");
+    if (!cache.cached && !cache.preview.empty()) wrong_option("--preview", "goes with --cached");
     if (cache.cached || cache.list || cache.forget) return check_cache_options(options);
     if (options.output.empty() && options.estimate) return;
     if (options.output.empty()) missing_option("--output");

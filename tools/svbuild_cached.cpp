@@ -214,7 +214,7 @@ class CachedRun {
       fmt::print("{}\n", json_text(result, 1));
     } else {
       fmt::print("{}\n", file());
-      for (const std::string& note : notes_) fmt::print(stderr, "{}\n", printable(note));
+      for (const std::string& note : notes_) fmt::print(stderr, "warning: {}\n", one_line(note));
     }
     return {};
   }

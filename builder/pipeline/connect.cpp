@@ -162,7 +162,8 @@ Result<Connection> connect_many(const BuildOptions& options, PointStream& points
 }
 
 // Joins all points at once.
-Result<Connection> connect_held(const BuildOptions& options, PointStream& points, MeshCells* cells) {
+Result<Connection> connect_held(const BuildOptions& options, PointStream& points, MeshCells* cells,
+                                const std::function<void(double)>& progress) {
   const std::uint64_t needed =
       points.count() * (joined_point_bytes + joined_value_bytes * points.summary().attributes.size());
   if (needed > options.memory && points.count() > always_joined)
@@ -172,7 +173,7 @@ Result<Connection> connect_held(const BuildOptions& options, PointStream& points
   SPLATVOL_TRY_ASSIGN(all, hold_all(points));
   Connection connection{.used = Connectivity::none, .next = {}, .points = all.size(), .least_memory = needed};
   if (options.connectivity != Connectivity::none) {
-    SPLATVOL_TRY_ASSIGN(tetrahedra, delaunay_tetrahedra(all.positions));
+    SPLATVOL_TRY_ASSIGN(tetrahedra, delaunay_tetrahedra(all.positions, progress));
     if (tetrahedra.empty() && options.connectivity == Connectivity::delaunay)
       return fail(
           ErrorCode::invalid_data,
@@ -198,7 +199,7 @@ bool is_joined_by_cells(const InputSummary& input) {
 }
 
 Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder,
-                           MeshCells* cells) {
+                           MeshCells* cells, const std::function<void(double)>& progress) {
   const std::string no_volume = describe_no_volume(points.summary().cells);
   if (is_joined_by_cells(points.summary())) return connect_mesh(points);
   if (options.connectivity == Connectivity::mesh)
@@ -211,7 +212,7 @@ Result<Connection> connect(const BuildOptions& options, PointStream& points, con
                 no_volume);
   if (points.count() > options.held_points || options.connectivity == Connectivity::boxes)
     return connect_many(options, points, folder, cells);
-  return connect_held(options, points, cells);
+  return connect_held(options, points, cells, progress);
 }
 
 }  // namespace splatvol

@@ -37,8 +37,9 @@ struct Connection {
 /// Joins the points as `options` ask for. The way depends on the number of points and not on memory, because the result
 /// must not. `points` must outlive the result. `folder`: for points that do not fit into memory. Fails if cells are
 /// asked for and there are none, or if memory is too little to join scattered points. `cells`: gets the tetrahedra that
-/// join scattered points, until the points end; null if no one asks for them. Fails if it would get none.
+/// join scattered points, until the points end; null if no one asks for them. Fails if it would get none. `progress`
+/// gets the share that is done, in [0, 1].
 [[nodiscard]] Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder,
-                                         MeshCells* cells = nullptr);
+                                         MeshCells* cells, const std::function<void(double)>& progress);
 
 }  // namespace splatvol

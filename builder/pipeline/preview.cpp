@@ -61,6 +61,7 @@ class Sampler {
 
   // Returns the sample as a piece. Called once.
   std::unique_ptr<Piece> take() {
+    keep(Preview::most_points - std::min(extremes_.size(), Preview::most_points / 2));
     for (const Extreme& extreme : extremes_)
       if (extreme.point) points_.push_back(*extreme.point);
     keep(points_.size());

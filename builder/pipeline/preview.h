@@ -11,9 +11,9 @@
 
 namespace splatvol {
 
-/// Writes a preview of the first source that is read to its end. The preview has the attributes of the source, the same
-/// box and ranges of values, and some of the points, which are joined as boxes. The points do not depend on the order
-/// in which they are read. Holds a few times most_points points. Outlives its sources. Not thread-safe.
+/// Writes a preview of the first source that is read to its end: a file with its attributes, the same box and ranges of
+/// values, and some of its points, which are joined as boxes. The points do not depend on the order in which they are
+/// read. Holds about twice most_points points meanwhile. Outlives its sources. Not thread-safe.
 class Preview {
  public:
   static constexpr std::size_t most_points = 50'000;

@@ -165,9 +165,10 @@ Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, R
 Result<BuildReport> reduce_points(PointStream stream, const BuildOptions& options, RowFiles& files,
                                   const std::string& folder, const BuildProgress& progress, const WriteReduced& write,
                                   MeshCells* cells) {
-  progress("connecting", 0);
+  const auto joined = [&](double fraction) { progress("connecting", fraction); };
+  joined(0);
   std::optional<PointStream> points(std::move(stream));
-  SPLATVOL_TRY_ASSIGN(connection, connect(options, *points, folder, cells));
+  SPLATVOL_TRY_ASSIGN(connection, connect(options, *points, folder, cells, joined));
   if (connection.used == Connectivity::none || connection.used == Connectivity::boxes) cells = nullptr;
   return Reducer(options, points, std::move(connection), folder, progress, cells).run(files, write);
 }

@@ -26,7 +26,8 @@ constexpr std::uint64_t point_bytes = 1200;
 
 // CGAL decides between cospherical points by a symbolic perturbation, so there is only one triangulation: the order in
 // which the threads insert does not matter.
-Result<std::vector<Tetrahedron>> triangulate(std::span<const dvec3> positions) {
+Result<std::vector<Tetrahedron>> triangulate(std::span<const dvec3> positions,
+                                             const std::function<void(double)>& progress) {
   std::vector<std::pair<Kernel::Point_3, std::uint32_t>> points;
   CGAL::Bbox_3 box;
   for (const std::uint32_t i : distinct_points(positions)) {
@@ -41,7 +42,7 @@ Result<std::vector<Tetrahedron>> triangulate(std::span<const dvec3> positions) {
   constexpr int locks_per_axis = 50;
   Triangulation::Lock_data_structure locks(box, locks_per_axis);
   Triangulation triangulation(Kernel(), is_scarce ? nullptr : &locks);
-  SPLATVOL_TRY(insert_in_rounds(std::move(points), triangulation));
+  SPLATVOL_TRY(insert_in_rounds(std::move(points), triangulation, progress));
   std::vector<Tetrahedron> tetrahedra;
   if (triangulation.dimension() < 3) return tetrahedra;
   tetrahedra.reserve(triangulation.number_of_finite_cells());
@@ -68,11 +69,12 @@ void trim(std::span<const dvec3> positions, std::vector<Tetrahedron>& tetrahedra
 
 }  // namespace
 
-Result<std::vector<Tetrahedron>> delaunay_tetrahedra(std::span<const dvec3> positions) {
+Result<std::vector<Tetrahedron>> delaunay_tetrahedra(std::span<const dvec3> positions,
+                                                     const std::function<void(double)>& progress) {
   // There are about seven times as many tetrahedra, and their numbers must fit too.
   if (positions.size() > std::numeric_limits<std::uint32_t>::max() / 8)
     return fail(ErrorCode::unsupported, "{} points are too many for a Delaunay triangulation", positions.size());
-  SPLATVOL_TRY_ASSIGN(tetrahedra, triangulate(positions));
+  SPLATVOL_TRY_ASSIGN(tetrahedra, triangulate(positions, progress));
   SPLATVOL_TRY(check_interruption());
   trim(positions, tetrahedra);
   if (is_flat(positions, tetrahedra)) tetrahedra.clear();

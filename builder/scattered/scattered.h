@@ -31,8 +31,9 @@ enum class Connectivity {
 /// are in ascending order, tetrahedra in lexicographic order, for any number of threads. The first of coincident points
 /// takes part, the others have no tetrahedra. Empty if no four points span a volume; an estimate still shows such
 /// points. Fails with more points than an index can name, and if this thread's stop is requested. Looks for
-/// one about once a second. Requires finite positions.
-[[nodiscard]] Result<std::vector<Tetrahedron>> delaunay_tetrahedra(std::span<const dvec3> positions);
+/// one about once a second, and tells `progress` then, in [0, 1]; it may be empty. Requires finite positions.
+[[nodiscard]] Result<std::vector<Tetrahedron>> delaunay_tetrahedra(std::span<const dvec3> positions,
+                                                                   const std::function<void(double)>& progress = {});
 
 /// Moments without a triangulation: each point stands for its Voronoi cell, which is found from the points around it.
 /// Masses add up to the volume of the domain, which ends at its outer points, as with delaunay_tetrahedra. Points on

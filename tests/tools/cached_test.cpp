@@ -198,6 +198,26 @@ TEST_F(Cached, ProgressGrowsAndEndsWithTheResult) {
   EXPECT_TRUE(stages.contains("reading"));
 }
 
+TEST_F(Cached, ThePreviewComesBeforeTheResult) {
+  const std::string input = "gen:points:count=200000,distribution=vortex";
+  const Outcome outcome = run("svbuild " + input + " --connectivity boxes --cached --progress --preview p.svol");
+  EXPECT_EQ(outcome.code, 0) << outcome.text;
+  const std::vector<json> lines = lines_of(outcome.out);
+  const auto is_preview = [](const json& line) { return line.contains("preview"); };
+  EXPECT_EQ(std::ranges::count_if(lines, is_preview), 1);
+  EXPECT_EQ((*std::ranges::find_if(lines, is_preview))["preview"], "p.svol");
+  const auto of = [&](const std::string& file) { return document_of(run("svinfo --json " + file)); };
+  const json preview = of("p.svol"), whole = of(lines.back()["result"]["file"]);
+  for (const char* end : {"low", "high"})
+    for (int axis = 0; axis < 3; ++axis)
+      EXPECT_NEAR(preview["bounds"][end][axis].get<double>(), whole["bounds"][end][axis].get<double>(), 1e-3);
+  for (const char* end : {"min", "max"})
+    EXPECT_NEAR(preview["attributes"][0][end].get<double>(), whole["attributes"][0][end].get<double>(), 1e-3);
+  EXPECT_EQ(preview["attributes"].size(), whole["attributes"].size());
+  expect_done("svbuild " + input + " --connectivity boxes --cached --preview q.svol > /dev/null");
+  EXPECT_FALSE(fs::exists(path("q.svol"))) << "the file is there already";
+}
+
 TEST_F(Cached, ErrorsAreALineOfJson) {
   const Outcome outcome = run("svbuild no.vtu --cached --progress");
   EXPECT_EQ(outcome.code, 1);

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <sys/wait.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <filesystem>
 #include <fstream>
@@ -115,6 +116,37 @@ TEST_F(ReaderProcessTest, NoProcessIsLeft) {
   (void)error_of(options_with("/bin/sleep"), sound_mesh());
   EXPECT_EQ(::waitpid(-1, nullptr, WNOHANG), -1);
   EXPECT_EQ(errno, ECHILD);
+}
+
+// VTK opens some of them by itself, and our own readers ask the system not to wait.
+TEST_F(ReaderProcessTest, TellsOfAllFilesThatWereOpened) {
+  const std::string mesh = sound_mesh(), collection = write("all.pvd",
+                                                            "<VTKFile type=\"Collection\"><Collection>"
+                                                            "<DataSet timestep=\"0\" file=\"sound.vtu\"/>"
+                                                            "</Collection></VTKFile>");
+  ReaderProcess reader(reader_options());
+  auto source = value_of(reader.open({collection}, {}));
+  while (value_of(source->next())) {
+  }
+  EXPECT_THAT(reader.files().opened, IsSupersetOf({collection, mesh}));
+  EXPECT_TRUE(reader.files().are_all);
+  EXPECT_FALSE(reader.open({path("none.vtu")}, {}));
+  source = value_of(reader.open({mesh}, {}));
+  EXPECT_THAT(reader.files().missing, Contains(path("none.vtu")));
+}
+
+TEST_F(ReaderProcessTest, TellsHowMuchWasRead) {
+  std::vector<double> shares;
+  ReaderProcessOptions options = reader_options();
+  options.progress = [&](double share) { shares.push_back(share); };
+  ReaderProcess reader(options);
+  auto source = value_of(reader.open({sound_mesh()}, {}));
+  while (value_of(source->next())) {
+  }
+  ASSERT_FALSE(shares.empty());
+  EXPECT_TRUE(std::ranges::is_sorted(shares));
+  EXPECT_GE(shares.front(), 0);
+  EXPECT_LE(shares.back(), 1);
 }
 
 TEST_F(ReaderProcessTest, SourcesOutliveTheReaderAndItsOtherSources) {
