@@ -102,6 +102,10 @@ std::vector<std::string> command_of(const ConversionRequest& request, const std:
   return words;
 }
 
+tl::unexpected<Error> fail_no_svbuild(const std::string& input, const std::string& reason) {
+  return fail(ErrorCode::io, "{}: svbuild converts meshes; {}: install it, or name its folder in PATH", input, reason);
+}
+
 }  // namespace
 
 bool needs_conversion(const std::vector<std::string>& files) { return files.size() > 1 || is_convertible(files.at(0)); }
@@ -115,9 +119,7 @@ std::string usual_svbuild() {
 Result<ConvertedFile> convert(const ConversionRequest& request,
                               const std::function<void(const ConversionProgress&)>& tell, const std::string& svbuild) {
   auto started = RunningProgram::start(command_of(request, svbuild));
-  if (!started)
-    return fail(started.error().code, "{}: svbuild converts meshes; {}: install it, or name its folder in PATH",
-                request.inputs[0], started.error().message);
+  if (!started) return fail_no_svbuild(request.inputs[0], started.error().message);
   std::unique_ptr<RunningProgram> program = std::move(*started);
   ConversionProgress progress;
   while (!program->is_silent()) {
@@ -134,6 +136,16 @@ Result<ConvertedFile> convert(const ConversionRequest& request,
     if (tell) tell(progress);
   }
   return fail_early_end(request.inputs[0], *program);
+}
+
+Status forget_converted(const std::vector<std::string>& inputs, const std::string& svbuild) {
+  std::vector<std::string> words = {svbuild, "--forget", "--"};
+  words.insert(words.end(), inputs.begin(), inputs.end());
+  const int code = run_program(words);
+  if (code == no_program) return fail_no_svbuild(inputs[0], "cannot start " + svbuild);
+  return code == 0
+             ? Status{}
+             : fail(ErrorCode::io, "{}: the cache still has it: svbuild --forget {} tells why", inputs[0], inputs[0]);
 }
 
 }  // namespace splatvol

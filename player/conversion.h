@@ -46,4 +46,9 @@ struct ConvertedFile {
                                             const std::function<void(const ConversionProgress&)>& tell,
                                             const std::string& svbuild = usual_svbuild());
 
+/// Removes what the cache has of an input, unless somebody has its file open. Fails if there is no svbuild, or it
+/// fails.
+[[nodiscard]] Status forget_converted(const std::vector<std::string>& inputs,
+                                      const std::string& svbuild = usual_svbuild());
+
 }  // namespace splatvol

@@ -283,6 +283,13 @@ UsedScene Session::used_scene() const {
   return used;
 }
 
+Status Session::forget_converted() {
+  std::vector<std::string> files = {path_};
+  files.insert(files.end(), pieces_.begin(), pieces_.end());
+  converted_.reset();
+  return splatvol::forget_converted(files);
+}
+
 Status Session::use(const SceneUse& use) {
   if (use.step && *use.step > player_->steps().last()) return fail_no_step(player_->steps(), *use.step);
   settings = with_use(settings, use);

@@ -248,6 +248,9 @@ class Session {
 
   /// Returns the file that a mesh became, if it is one.
   [[nodiscard]] const std::optional<ConvertedFile>& converted() const { return converted_; }
+
+  /// Removes that file from the cache. It stays open, and is none that a mesh became any more.
+  [[nodiscard]] Status forget_converted();
   [[nodiscard]] std::uint64_t file_bytes() const { return player_->streamer().volume().file_bytes(); }
   [[nodiscard]] const Scene& first_scene() const { return first_scene_; }
 

@@ -49,10 +49,12 @@ void draw_panel_button(ViewerState& viewer) {
 }  // namespace
 
 void Panel::begin() {
-  const std::string stem = std::filesystem::path(viewer_.session->path()).stem().string();
+  const std::filesystem::path file = viewer_.session->path();
+  const std::string stem = (file.has_filename() ? file : file.parent_path()).stem().string();  // of a folder, too
   save.begin(stem);
   path.begin(stem);
   movie.begin(stem);
+  mesh.begin(stem);
   planes.reset();
 }
 
@@ -168,6 +170,7 @@ Panel::Wishes Panel::draw() {
   if (ImGui::SmallButton("hide (Tab)")) viewer_.panel() = false;
   if (viewer_.session) {
     wishes.file = draw_sections();
+    if (viewer_.session->converted() && ImGui::CollapsingHeader("mesh")) wishes.all_steps = mesh.draw();
   } else {
     ImGui::TextWrapped("Drop a mesh or a .svol file on this window, or open one.");
   }

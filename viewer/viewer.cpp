@@ -52,11 +52,24 @@ Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
 
 void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path) {
   ViewSettings settings = state_.session ? state_.session->settings : settings_;
+  settings.all_steps = false;
+  begin_opening(use, scene_path, std::move(settings));
+}
+
+void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path, ViewSettings settings) {
   const auto [width, height] = state_.picture_size();
   if (!state_.is_minimised()) settings.first_picture = {.width = width, .height = height};
   opening_seconds_ = 0;
   began_[Ending::opening] = 0;
   opening_ = std::make_unique<Opening>(state_.host, use, scene_path, settings);
+}
+
+// The scene stays, at the step that was the only one.
+void Viewer::open_all_steps() {
+  const UsedScene used = state_.session->used_scene();
+  ViewSettings settings = state_.session->settings;
+  settings.all_steps = true;
+  begin_opening({.file = state_.session->path(), .pieces = used.use.pieces}, to_json(used), settings);
 }
 
 // Shows the file that is being opened if it is there in time, and before that some of its points.
@@ -217,7 +230,7 @@ bool Viewer::rests(double seconds) const {
   const Session* session = state_.session.get();
   if (is_note_over(seconds)) return false;
   if (state_.steering.is_moving() || panel_.is_saving()) return false;
-  if (probes_.is_busy() || windows_wait_seconds()) return false;
+  if (probes_.is_busy() || panel_.mesh.is_saving() || windows_wait_seconds()) return false;
   return events_.is_empty() && !is_busy() && state_.pending_frames == 0 && !panel_.path.is_playing() &&
          !state_.steering.flies_on() && (!session || (session->is_settled() && !session->is_playing()));
 }
@@ -368,6 +381,7 @@ void Viewer::draw_controls() {
   const Panel::Wishes wishes = panel_.draw();
   if (wishes.opens_dialog) dialog_.open(state_.session ? state_.session->path() : "");
   if (wishes.file) open(*wishes.file);
+  if (wishes.all_steps) open_all_steps();
   if (state_.shown.help) draw_keys(state_);
   panel_.save.draw_question();
   if (const auto chosen = dialog_.draw(state_.window, recent_files_.paths())) open(*chosen);
@@ -501,6 +515,7 @@ void Viewer::draw_toasts() {
   state_.messages.begin(state_.picture_area(), state_.session && state_.shown.axes, hud_bottom_);
   draw_opening();
   panel_.movie.draw_progress();
+  panel_.mesh.draw_progress();
   state_.messages.draw();
 }
 

@@ -88,6 +88,8 @@ class Viewer {
   void drop(const std::vector<std::string>& paths);
   void add_surface(const std::string& path);
   void begin_opening(const SceneUse& use, const std::string& scene_path);
+  void begin_opening(const SceneUse& use, const std::string& scene_path, ViewSettings settings);
+  void open_all_steps();
   [[nodiscard]] Status take_opened(double wait_seconds);
   [[nodiscard]] Status take_preview();
   void take_over_preview(Session& whole) const;
