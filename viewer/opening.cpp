@@ -67,12 +67,18 @@ Opening::Opening(SessionHost& host, const SceneUse& asked, const std::string& sc
 
 Opening::~Opening() {
   stop_.request_stop();
-  if (preview_.empty()) return;
   // svbuild may be about to give the file its name.
-  if (file_.is_begun()) static_cast<void>(file_.wait(std::numeric_limits<double>::infinity()));
+  if (!preview_.empty() && file_.is_begun())
+    static_cast<void>(file_.wait(std::numeric_limits<double>::infinity()));
+  end_preview();
+}
+
+// A file that is open needs no name.
+void Opening::end_preview() {
+  if (preview_.empty()) return;
   std::error_code ignored;
   std::filesystem::remove(preview_, ignored);
-  forget_temporary(preview_);
+  forget_temporary(std::exchange(preview_, ""));
 }
 
 std::optional<ConversionProgress> Opening::conversion() const {
@@ -82,8 +88,8 @@ std::optional<ConversionProgress> Opening::conversion() const {
 
 std::unique_ptr<Opening> Opening::open_preview(SessionHost& host) {
   const std::optional<ConversionProgress> told = conversion();
-  if (preview_.empty() || !told || !told->has_preview || is_preview_open_) return nullptr;
-  is_preview_open_ = true;
+  if (preview_.empty() || !told || !told->has_preview || is_preview_begun_) return nullptr;
+  is_preview_begun_ = true;
   SceneUse use = asked_;
   use.file = preview_;
   use.pieces.clear();

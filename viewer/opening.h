@@ -38,6 +38,9 @@ class Opening {
   /// the first call that returns it.
   [[nodiscard]] std::unique_ptr<Opening> open_preview(SessionHost& host);
 
+  /// Removes that file, once it is open or not wanted.
+  void end_preview();
+
   /// Waits for the end up to a time. Returns whether it has ended.
   [[nodiscard]] bool wait(double seconds) const { return file_.wait(seconds); }
 
@@ -55,8 +58,8 @@ class Opening {
   SceneUse asked_;
   std::string scene_path_;
   ViewSettings settings_;
-  std::string preview_;  // the path of its file; empty: none is wanted
-  bool is_preview_open_ = false;
+  std::string preview_;  // the path of its file; empty: there is none
+  bool is_preview_begun_ = false;
   std::shared_ptr<Told> told_ = std::make_shared<Told>();
   std::shared_ptr<std::atomic<std::uint64_t>> bytes_read_ = std::make_shared<std::atomic<std::uint64_t>>(0);
   std::stop_source stop_;

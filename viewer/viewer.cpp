@@ -94,6 +94,7 @@ Status Viewer::take_preview() {
   if (!preview_ || !preview_->wait(0)) return {};
   auto file = preview_->take();
   preview_.reset();
+  opening_->end_preview();
   if (!file) return {};
   file->path = opening_->path();
   file->pieces = opening_->asked().pieces;
