@@ -137,10 +137,7 @@ Status CellReader::read_root() {
   if (root > left) return broken("the root of the cells has the wrong length");
   vertex_count_ = tail.vertices;
   root_bytes_ = root + sizeof(CellsTail);
-  if (root_bytes_ > bytes.size()) {
-    SPLATVOL_TRY_ASSIGN(whole, read_(section - root_bytes_, root_bytes_));
-    bytes = std::move(whole);
-  }
+  if (root_bytes_ > bytes.size()) SPLATVOL_TRY_SET(bytes, read_(section - root_bytes_, root_bytes_));
   SPLATVOL_TRY(take_root(std::span<const std::byte>(bytes).last(root_bytes_), tail));
   tail_.begin = section - bytes.size();
   bytes.resize(bytes.size() - root_bytes_);

@@ -109,9 +109,8 @@ class CellVerifier {
     if (mask == 0) return check_leaf(page.nodes.counts_of(node));
     std::optional<IndexPage> linked;
     if (page.links[node] != IndexPage::no_node) {
-      SPLATVOL_TRY_ASSIGN(read,
-                          volume_.read_index_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), {}));
-      linked = std::move(read);
+      SPLATVOL_TRY_SET(linked,
+                       volume_.read_index_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), {}));
       SPLATVOL_TRY(check_interruption());
     }
     const IndexPage& below = linked ? *linked : page;

@@ -83,8 +83,7 @@ struct File::Contents {
   std::optional<Box> bounds = {};  // once they are asked for
 
   Status show(std::size_t number) {
-    SPLATVOL_TRY_ASSIGN(opened, steps.volume(number));
-    volume = std::move(opened);
+    SPLATVOL_TRY_SET(volume, steps.volume(number));
     step = number;
     if (steps.are_files()) bounds.reset();  // each may have a mesh of its own
     attributes = attributes_of(volume->info());

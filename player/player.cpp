@@ -221,10 +221,9 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
                          const std::shared_ptr<PlayerMemory>& memory, const View& view) {
   std::unique_ptr<Rasterizer> other;
   if (!rasterizer_ || kernel_of(options.drawing) != kernel_of(options_.drawing)) {
-    SPLATVOL_TRY_ASSIGN(made, make_rasterizer(options.device, {.kernel = kernel_of(options.drawing),
-                                                               .gpu_bytes = options.gpu_memory,
-                                                               .in_current_context = options.in_current_context}));
-    other = std::move(made);
+    SPLATVOL_TRY_SET(other, make_rasterizer(options.device, {.kernel = kernel_of(options.drawing),
+                                                             .gpu_bytes = options.gpu_memory,
+                                                             .in_current_context = options.in_current_context}));
     SPLATVOL_TRY(other->set_surface_depths(surface_depths_));
   }
   Rasterizer& rasterizer = other ? *other : *rasterizer_;
@@ -293,8 +292,7 @@ Status Player::change_step(std::size_t step) {
     const bool is_ahead = ahead_ && ahead_->step() == step;
     auto opened = is_ahead ? ahead_->volume() : steps_.volume(step);
     ahead_.reset();
-    SPLATVOL_TRY_ASSIGN(file, std::move(opened));
-    volume = std::move(file);
+    SPLATVOL_TRY_SET(volume, std::move(opened));
     SPLATVOL_TRY(read_boundary_of(*volume));
   }
   is_lost_ = true;

@@ -559,10 +559,7 @@ std::string to_json(const UsedScene& used, int indent) {
 Result<UsedScene> load_used_scene(const std::string& path_or_json) {
   const bool is_text = path_or_json.starts_with('{');
   std::string text = path_or_json;
-  if (!is_text) {
-    SPLATVOL_TRY_ASSIGN(read, read_text_file(path_or_json));
-    text = std::move(read);
-  }
+  if (!is_text) SPLATVOL_TRY_SET(text, read_text_file(path_or_json));
   auto used = parse_used_scene(text);
   if (!used) return fail_in(is_text ? "the scene" : path_or_json, used.error());
   std::error_code error;

@@ -52,8 +52,7 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::shared_ptr<const format::V
                                                  const StreamerOptions& options) {
   SPLATVOL_TRY_ASSIGN(attributes, find_attributes(*volume, options.attribute, options.opacity_attribute));
   std::unique_ptr<Streamer> streamer(new Streamer(std::move(volume), attributes, options));
-  SPLATVOL_TRY_ASSIGN(reader, RowReader::create(streamer->paged_, options.kernel, options.gradients));
-  streamer->reader_ = std::move(reader);
+  SPLATVOL_TRY_SET(streamer->reader_, RowReader::create(streamer->paged_, options.kernel, options.gradients));
   SPLATVOL_TRY(streamer->set_memory_aside());
   return streamer;
 }
@@ -174,8 +173,7 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
   if (own_ && !is_same_file) own_->table->clear(own_->file);
   const auto before = std::exchange(volume_, std::move(volume));  // paged_ and reader_ still refer to it
   paged_.set_step(*volume_, attributes, is_same_file ? room() : room_in(*room().table, share()));
-  SPLATVOL_TRY_ASSIGN(reader, RowReader::create(paged_, kernel_, gradients));
-  reader_ = std::move(reader);
+  SPLATVOL_TRY_SET(reader_, RowReader::create(paged_, kernel_, gradients));
   fixed_ = Reservation();
   return set_memory_aside();
 }
