@@ -431,8 +431,7 @@ Status Player::fail_without_contours() const {
 Result<FrameTimes> Player::draw_volume(const View& view) {
   picture_.reset();
   if (surface_depths_) sample_spacing_ = 1;
-  SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, sort_, sample_spacing_));
-  return times;
+  return rasterizer_->draw(view, sort_, sample_spacing_);
 }
 
 // Finds the layers of surfaces, and of slices unless cells have their values.

@@ -55,10 +55,9 @@ Result<SessionFile> with_data(SessionFile read, bool must_fit, bool fits_opacity
   if (fits_opacity)
     SPLATVOL_TRY_SET(read.fitting_opacity, splatvol::fitting_opacity(streamer.volume(), scene.opacity->attribute,
                                                                      {512, 512, scene.background}));
-  SPLATVOL_TRY_ASSIGN(bounds, find_domain(streamer));
-  read.bounds = bounds;
+  SPLATVOL_TRY_SET(read.bounds, find_domain(streamer));
   SPLATVOL_TRY_ASSIGN(of_cells, format::box_of_cells(streamer.volume()));
-  read.mesh_box = of_cells.value_or(bounds);
+  read.mesh_box = of_cells.value_or(read.bounds);
   read.fitting = scene;
   if (read.fits) return read;
   auto fitting = default_scene(streamer.volume(), scene.attribute, {512, 512, scene.background});

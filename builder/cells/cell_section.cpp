@@ -361,8 +361,7 @@ Result<CellReport> write_cells(MeshCells& cells, const std::shared_ptr<const for
   }
   SPLATVOL_TRY_ASSIGN(report, ChunkPipeline(cells, chunks, ranks, memory, writer, progress).run());
   report.collapsed = cells.collapsed();
-  SPLATVOL_TRY_ASSIGN(bytes, writer.finish());
-  report.bytes = bytes;
+  SPLATVOL_TRY_SET(report.bytes, writer.finish());
   return report;
 }
 

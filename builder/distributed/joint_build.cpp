@@ -89,14 +89,10 @@ class JointBuild {
   Status read() {
     std::optional<Box> bounds;
     // Without material, the box of the points is known as soon as they have been read.
-    if (layout_.has_material()) {
-      SPLATVOL_TRY_ASSIGN(found, ranks_.agree_on(source_.bounds()));
-      bounds = found;
-    }
+    if (layout_.has_material()) SPLATVOL_TRY_SET(bounds, ranks_.agree_on(source_.bounds()));
     SPLATVOL_TRY(pieces_.read([&](double fraction) { progress_("reading", fraction); }));
     leaves_out_ = !bounds;
-    SPLATVOL_TRY_ASSIGN(cube, bounding_cube(bounds.value_or(pieces_.reader().box())));
-    cube_ = cube;
+    SPLATVOL_TRY_SET(cube_, bounding_cube(bounds.value_or(pieces_.reader().box())));
     summary_ = pieces_.reader().summary(joined_attributes(options_));
     if (estimates() && joins_by_boxes()) cells_ = nullptr;
     return {};
@@ -282,9 +278,8 @@ class JointBuild {
                               .stored = stored},
                              reduction.info());
     if (options_.strict) SPLATVOL_TRY(check_unchanged(report));
-    SPLATVOL_TRY_ASSIGN(bytes, write_joint_file(ranks_, std::move(file), reduction, counts.size(), stored.histograms(),
-                                                folder_, progress_, cells_));
-    report.file_bytes = bytes;
+    SPLATVOL_TRY_SET(report.file_bytes, write_joint_file(ranks_, std::move(file), reduction, counts.size(),
+                                                         stored.histograms(), folder_, progress_, cells_));
     if (cells_) report.kept_cells = cells_->report();
     return report;
   }

@@ -325,8 +325,7 @@ class SeriesBuild {
     const std::size_t attributes = source.step_attributes().size();
     for (std::size_t s = 0; s < group_.size(); ++s) {
       format::StepInfo step = describe_step(reduced.info, *target_.info, s);
-      SPLATVOL_TRY_ASSIGN(time, time_of(s, source.stated_times()[s]));
-      step.time = time;
+      SPLATVOL_TRY_SET(step.time, time_of(s, source.stated_times()[s]));
       step.provenance = describe_step_provenance(options_.builder, group_[s].name);
       const auto histograms = std::span(reduced.histograms).subspan(s * attributes, attributes);
       SPLATVOL_TRY_ASSIGN(
