@@ -13,7 +13,6 @@
 #include "player/choice.h"
 #include "player/sampling.h"
 #include "player/scene_surfaces.h"
-#include "player/step_ahead.h"
 #include "renderer/depth_pyramid.h"
 #include "renderer/slice_values.h"
 #include "streamer/cells/file_cells.h"
@@ -63,6 +62,16 @@ Detail detail_of(const ErrorControl::Request& request, std::uint32_t resolutions
   else
     detail.goal = request.goal;
   return detail;
+}
+
+// What cannot be read is left out: whoever shows the step meets the error.
+StepCells read_cells(const format::Steps& steps, std::size_t step, const Scene& scene, const PartRoom& room) {
+  const auto volume = steps.volume(step);
+  if (!volume || (*volume)->is_far()) return {};
+  const auto kept = KeptCells::open(**volume, scene, room);
+  if (!kept) return {};
+  static_cast<void>((*kept)->hold_all());
+  return {*volume, *kept};
 }
 
 }  // namespace
@@ -290,7 +299,7 @@ Status Player::change_step(std::size_t step) {
   std::shared_ptr<const format::Volume> volume;
   if (steps_.are_files()) {
     const bool is_ahead = ahead_ && ahead_->step() == step;
-    auto opened = is_ahead ? ahead_->volume() : steps_.volume(step);
+    auto opened = is_ahead ? ahead_->take() : steps_.volume(step);
     ahead_.reset();
     SPLATVOL_TRY_SET(volume, std::move(opened));
     SPLATVOL_TRY(read_boundary_of(*volume));
@@ -300,6 +309,7 @@ Status Player::change_step(std::size_t step) {
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
   is_lost_ = false;
   if (const auto ahead = std::move(cells_ahead_); ahead && ahead->step() == step) {
+    ahead->stop();
     auto [of, kept] = ahead->take();
     kept_volume_ = std::move(of), kept_cells_ = std::move(kept);
   }
@@ -338,12 +348,14 @@ void Player::read_ahead(std::size_t step, bool with_cells) {
     const bool is_other = kept_cells_ && &kept_cells_->share() == &memory_->next_cells;
     MemoryShare& share = is_other ? memory_->cells : memory_->next_cells;
     const PartRoom room = steps_.are_files() ? room_in(memory_->table, share) : streamer_->room().in(share);
-    cells_ahead_ = std::make_unique<StepCells>(steps_, step, scene_, room);
+    cells_ahead_share_ = &share;
+    cells_ahead_ = std::make_unique<StepAhead<StepCells>>(
+        step, [steps = steps_, step, scene = scene_, room] { return read_cells(steps, step, scene, room); });
   }
   if (!steps_.are_files()) return streamer_->prefetch_step(step);
   if (ahead_ && ahead_->step() == step) return;
   // Only its preamble: another mesh has other parts in view.
-  ahead_ = std::make_unique<StepAhead>(steps_, step);
+  ahead_ = std::make_unique<VolumeAhead>(step, [steps = steps_, step] { return steps.volume(step); });
 }
 
 bool Player::is_reading_ahead() const {
@@ -496,7 +508,7 @@ Result<std::shared_ptr<const KeptCells>> Player::kept_cells() {
   if (kept_cells_ && kept_cells_->color_attribute() != contours_of(scene_).attribute) drop_cells();
   if (!kept_cells_) {
     kept_volume_ = streamer_->shared_volume();
-    const bool is_taken = cells_ahead_ && &cells_ahead_->share() == &memory_->cells;
+    const bool is_taken = cells_ahead_ && cells_ahead_share_ == &memory_->cells;
     MemoryShare& share = is_taken ? memory_->next_cells : memory_->cells;
     SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(*kept_volume_, scene_, streamer_->room().in(share)));
   }

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <set>
-#include <system_error>
 #include <utility>
 
 #include "streamer/splats/streamer_frame.h"
@@ -70,20 +69,13 @@ ValueVisibility Streamer::visibility_of(const Transfer& transfer, const View& vi
 
 Status Streamer::set_step(std::size_t step) {
   if (prefetch_ && prefetch_->step() == step) {
-    StepPrefetch::Result read = prefetch_->extract();
+    StepParts read = prefetch_->take();
     prefetch_.reset();
-    if (read.volume) {
-      std::shared_ptr<const format::Volume> volume = read.volume;
-      take_prefetched(std::move(read));
-      return set_step(std::move(volume));
-    }
+    for (PartLoad& part : read.parts) insert(room(), std::move(part));
+    if (read.volume) return set_step(std::move(read.volume));
   }
   SPLATVOL_TRY_ASSIGN(volume, volume_->at_step(step));
   return set_step(std::move(volume));
-}
-
-void Streamer::take_prefetched(StepPrefetch::Result result) {
-  for (PartLoad& part : result.parts) insert(room(), std::move(part));
 }
 
 // The parts of rows of the step that the frame consists of, in the order of their keys.
@@ -134,7 +126,7 @@ void Streamer::prefetch_step(std::size_t step) {
   if (!frame_ || !volume_->series() || step >= volume_->series()->steps.size()) return;
   if (step == volume_->step() || (prefetch_ && prefetch_->step() == step)) return;
   prefetch_.reset();
-  auto working = share().reserve_free(format::max_preamble_bytes + StepPrefetch::run_bytes + reader_->working_bytes());
+  auto working = share().reserve_free(format::max_preamble_bytes + step_run_bytes + reader_->working_bytes());
   if (!working) return;
 
   std::vector<PartLoad> pages, rows;
@@ -148,12 +140,11 @@ void Streamer::prefetch_step(std::size_t step) {
     row.decoded = std::move(*room);
     rows.push_back(std::move(row));
   }
-  try {
-    prefetch_ = std::make_unique<StepPrefetch>(volume_, step, paged_.attributes(), std::move(pages), std::move(rows),
-                                               std::move(*working));
-  } catch (const std::system_error&) {
-    // No thread starts: the step is read when it is shown.
-  }
+  prefetch_ = std::make_unique<StepAhead<StepParts>>(
+      step, [from = volume_, step, attributes = paged_.attributes(), pages = std::move(pages), rows = std::move(rows),
+             working = std::move(*working)]() mutable {
+        return read_step_parts(*from, step, attributes, std::move(pages), std::move(rows), std::move(working));
+      });
 }
 
 // The pager, the frame and what hides others belong to the step before.
