@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <numeric>
 
 namespace splatvol::format {
 namespace {
@@ -253,12 +252,6 @@ NodeShape Volume::node_shape() const {
   return {info_.resolutions(), info_.size_bounds.size(), file_info_.attributes.size()};
 }
 
-std::vector<std::uint64_t> Volume::segment_counts() const {
-  std::vector<std::uint64_t> counts = info_.resolution_counts;
-  std::adjacent_difference(counts.begin(), counts.end(), counts.begin());
-  return counts;
-}
-
 Status Volume::check_top_counts(const IndexPage& page, std::span<const std::uint64_t> expected) const {
   for (std::size_t s = 0; s < info_.resolutions(); ++s) {
     std::uint64_t sum = 0;
@@ -389,7 +382,7 @@ Result<IndexPage> Volume::read_index_root(const SummaryAttributes& attributes) c
   const std::uint64_t links_end = file_->find_section(SectionKind::index_pages)->packed_bytes;
   SPLATVOL_TRY_ASSIGN(
       page, read_page(root_ref(), file_->find_section(SectionKind::index_root)->offset, 1, links_end, attributes));
-  SPLATVOL_TRY(check_top_counts(page, segment_counts()));
+  SPLATVOL_TRY(check_top_counts(page, info_.segment_counts()));
   return page;
 }
 
