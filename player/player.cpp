@@ -1,13 +1,13 @@
 #include "player/player.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <iterator>
 #include <limits>
 #include <tuple>
 #include <utility>
 
+#include "base/clock.h"
 #include "base/http_source.h"
 #include "base/interruption.h"
 #include "player/choice.h"
@@ -20,10 +20,6 @@
 
 namespace splatvol {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 Status check_time(double seconds) {
   if (seconds > 0 && std::isfinite(seconds)) return {};

@@ -1,22 +1,14 @@
 #include "streamer/splats/streamer.h"
 
 #include <algorithm>
-#include <chrono>
 #include <set>
 #include <utility>
 
+#include "base/clock.h"
 #include "streamer/splats/streamer_frame.h"
 #include "streamer/store/row_bytes.h"
 
 namespace splatvol {
-namespace {
-
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-}  // namespace
-
 namespace {
 
 // Finds the attributes by their names; `opacity` empty: none.
@@ -179,7 +171,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& t
   cut_seconds_ = fetch_seconds_ = 0;
   const ValueVisibility visibility = visibility_of(transfer, view);
   for (Detail tried = detail;;) {
-    const auto cut_start = std::chrono::steady_clock::now();
+    const auto cut_start = Clock::now();
     auto choice = choose(view, visibility, tried);
     cut_seconds_ += seconds_since(cut_start);
     if (!choice) {
@@ -190,7 +182,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& t
     const Detail chosen = choice->detail;
     const bool same = shows(visibility) && frame_->cut == choice->cut;
     if (!same) {
-      const auto fetch_start = std::chrono::steady_clock::now();
+      const auto fetch_start = Clock::now();
       const Status fetched = fetch(std::move(choice->cut), visibility);
       fetch_seconds_ += seconds_since(fetch_start);
       if (!fetched) {
