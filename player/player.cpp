@@ -148,12 +148,6 @@ Result<Scene> Player::fitting_scene(const std::string& attribute, const FirstPic
 
 Status Player::set_scene(const Scene& scene) { return use(scene, options_); }
 
-Status Player::set_memory(std::uint64_t bytes) {
-  PlayerOptions options = options_;
-  options.memory = bytes;
-  return use(scene_, options);
-}
-
 Status Player::set_drawing(const Drawing& drawing) {
   if (drawing == options_.drawing) return {};
   PlayerOptions options = options_;

@@ -168,8 +168,7 @@ class Player {
   [[nodiscard]] const Scene& scene() const { return scene_; }
   [[nodiscard]] const View& view() const { return view_; }
 
-  /// Change an option. For another memory or kernel, the file is opened anew. If it fails, all stays as it was.
-  [[nodiscard]] Status set_memory(std::uint64_t bytes);
+  /// Changes an option. For another kernel, the file is opened anew. If it fails, all stays as it was.
   [[nodiscard]] Status set_drawing(const Drawing& drawing);
 
   /// Hides what lies behind opaque surfaces (Rasterizer::set_surface_depths), in all pictures until the next call: they
