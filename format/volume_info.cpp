@@ -388,6 +388,11 @@ int VolumeInfo::find_attribute(const std::string& name) const {
   return alias == aliases.end() ? -1 : alias->attribute;
 }
 
+std::size_t VolumeInfo::finest_within(std::uint64_t most_points) const {
+  const auto finer = std::ranges::upper_bound(resolution_counts, most_points);
+  return finer == resolution_counts.begin() ? 0 : static_cast<std::size_t>(finer - resolution_counts.begin()) - 1;
+}
+
 std::vector<std::uint64_t> VolumeInfo::segment_counts() const {
   std::vector<std::uint64_t> counts = resolution_counts;
   std::adjacent_difference(counts.begin(), counts.end(), counts.begin());
