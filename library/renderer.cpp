@@ -36,7 +36,8 @@ Result<Renderer> Renderer::open(const std::string& path, const std::optional<Sce
                                 const RendererOptions& options) {
   auto contents = std::make_unique<Contents>();
   SPLATVOL_TRY(contents->worker.run([&]() -> Status {
-    SPLATVOL_TRY_SET(contents->core, RendererCore::open(path, scene, options, false));
+    SPLATVOL_TRY_ASSIGN(core, RendererCore::open(path, scene, options, false));
+    contents->core = std::move(core);
     return {};
   }));
   return Renderer(std::move(contents));
