@@ -29,11 +29,6 @@ std::vector<Attribute> attributes_of(const format::VolumeInfo& info) {
   return attributes;
 }
 
-std::size_t finest_within(const std::vector<std::uint64_t>& counts, std::uint64_t most) {
-  const auto above = std::ranges::upper_bound(counts, most);
-  return above == counts.begin() ? 0 : static_cast<std::size_t>(above - counts.begin()) - 1;
-}
-
 // Of parts of the file that were read.
 constexpr std::uint64_t held_bytes = std::uint64_t{128} << 20;
 
@@ -83,8 +78,7 @@ struct File::Contents {
   std::optional<Box> bounds = {};  // once they are asked for
 
   Status show(std::size_t number) {
-    SPLATVOL_TRY_ASSIGN(opened, steps.volume(number));
-    volume = std::move(opened);
+    SPLATVOL_TRY_SET(volume, steps.volume(number));
     step = number;
     if (steps.are_files()) bounds.reset();  // each may have a mesh of its own
     attributes = attributes_of(volume->info());
@@ -138,7 +132,7 @@ Status File::show_step(std::size_t step) {
 
 Result<Points> File::points(const PointsRequest& request) const {
   const format::Volume& volume = *contents_->volume;
-  const std::size_t resolution = request.resolution.value_or(finest_within(resolution_counts(), request.max_points));
+  const std::size_t resolution = request.resolution.value_or(volume.info().finest_within(request.max_points));
   const Box box = request.box.value_or(format::SplatSelection().box);
   SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, resolution, request.attributes, box));
   Points points;

@@ -52,15 +52,12 @@ Result<SessionFile> with_data(SessionFile read, bool must_fit, bool fits_opacity
   Streamer& streamer = *read.file.streamer;
   const Scene& scene = read.file.scene;
   SPLATVOL_TRY(read_histograms(streamer.volume(), scene, read.histogram, read.opacity_histogram));
-  if (fits_opacity) {
-    SPLATVOL_TRY_ASSIGN(fitting_opacity, splatvol::fitting_opacity(streamer.volume(), scene.opacity->attribute,
-                                                                   {512, 512, scene.background}));
-    read.fitting_opacity = std::move(fitting_opacity);
-  }
-  SPLATVOL_TRY_ASSIGN(bounds, find_domain(streamer));
-  read.bounds = bounds;
+  if (fits_opacity)
+    SPLATVOL_TRY_SET(read.fitting_opacity, splatvol::fitting_opacity(streamer.volume(), scene.opacity->attribute,
+                                                                     {512, 512, scene.background}));
+  SPLATVOL_TRY_SET(read.bounds, find_domain(streamer));
   SPLATVOL_TRY_ASSIGN(of_cells, format::box_of_cells(streamer.volume()));
-  read.mesh_box = of_cells.value_or(bounds);
+  read.mesh_box = of_cells.value_or(read.bounds);
   read.fitting = scene;
   if (read.fits) return read;
   auto fitting = default_scene(streamer.volume(), scene.attribute, {512, 512, scene.background});
@@ -179,8 +176,7 @@ Result<std::unique_ptr<Session>> Session::open(SessionFile file, SessionHost& ho
   session->bounds_ = file.bounds;
   session->mesh_box_ = file.mesh_box;
   session->fitting_ = std::move(file.fitting);
-  SPLATVOL_TRY_ASSIGN(player, Player::open(std::move(file.file)));
-  session->player_ = std::move(player);
+  SPLATVOL_TRY_SET(session->player_, Player::open(std::move(file.file)));
   return session;
 }
 

@@ -83,8 +83,7 @@ Status Session::draw_splats(const FrameRequest& request, double seconds) {
   SPLATVOL_TRY(encode_aside());
   if (!request.detail.goal || !player_->frame()->progress.settled) return {};
   // What `finish_picture` compares. It is copied here, where nobody waits for it.
-  SPLATVOL_TRY_ASSIGN(drawn, player_->image());
-  drawn_aside_ = std::move(drawn);
+  SPLATVOL_TRY_SET(drawn_aside_, player_->image());
   return {};
 }
 

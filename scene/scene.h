@@ -16,9 +16,8 @@ namespace splatvol {
 
 class JsonField;
 
-/// Reads or writes the object `camera` of a scene file. parse_camera fails if make_view would, read_camera does not.
+/// Reads or writes the object `camera` of a scene file. Also reads cameras that make_view refuses.
 [[nodiscard]] Result<Camera> read_camera(const JsonField& json);
-[[nodiscard]] Result<Camera> parse_camera(const std::string& json);
 [[nodiscard]] std::string camera_to_json(const Camera& camera);
 
 /// How a scene is used. Its file may tell it: the volume, and how the volume is drawn.

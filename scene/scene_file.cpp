@@ -467,13 +467,6 @@ std::string text_of(const nlohmann::ordered_json& document, int indent = 1) {
   return json_text(document, indent) + (indent < 0 ? "" : "\n");
 }
 
-template <class Read>
-auto parse(const std::string& text, const Read& read) -> std::invoke_result_t<Read, JsonField> try {
-  return read_json(text, read);
-} catch (const std::exception& error) {
-  return fail(ErrorCode::out_of_budget, "cannot hold the scene: {}", error.what());
-}
-
 }  // namespace
 
 Result<Camera> read_camera(const JsonField& json) {
@@ -488,17 +481,15 @@ Result<Camera> read_camera(const JsonField& json) {
 }
 
 // Both read all fields: a field that one of them refuses would be lost by the other.
-Result<UsedScene> parse_used_scene(const std::string& text) { return parse(text, &read_used_scene); }
+Result<UsedScene> parse_used_scene(const std::string& text) try {
+  return read_json(text, &read_used_scene);
+} catch (const std::exception& error) {
+  return fail(ErrorCode::out_of_budget, "cannot hold the scene: {}", error.what());
+}
 
 Result<Scene> parse_scene(const std::string& text) {
   SPLATVOL_TRY_ASSIGN(used, parse_used_scene(text));
   return std::move(used.scene);
-}
-
-Result<Camera> parse_camera(const std::string& text) {
-  SPLATVOL_TRY_ASSIGN(camera, parse(text, read_camera));
-  SPLATVOL_TRY(make_view(camera, 1, 1));
-  return camera;
 }
 
 std::string camera_to_json(const Camera& camera) { return text_of(json_of(camera)); }
@@ -564,10 +555,7 @@ std::string to_json(const UsedScene& used, int indent) {
 Result<UsedScene> load_used_scene(const std::string& path_or_json) {
   const bool is_text = path_or_json.starts_with('{');
   std::string text = path_or_json;
-  if (!is_text) {
-    SPLATVOL_TRY_ASSIGN(read, read_text_file(path_or_json));
-    text = std::move(read);
-  }
+  if (!is_text) SPLATVOL_TRY_SET(text, read_text_file(path_or_json));
   auto used = parse_used_scene(text);
   if (!used) return fail_in(is_text ? "the scene" : path_or_json, used.error());
   std::error_code error;
