@@ -144,7 +144,8 @@ void draw_keys(ViewerState& viewer) {
     }
     ImGui::EndTable();
   }
-  ImGui::TextUnformatted("Drop a mesh or a .svol file to open it,\na scene or ParaView's colour maps (.json) to apply them.");
+  ImGui::TextUnformatted(
+      "Drop a mesh or a .svol file to open it,\na scene or ParaView's colour maps (.json) to apply them.");
   ImGui::End();
 }
 

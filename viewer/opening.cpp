@@ -68,8 +68,7 @@ Opening::Opening(SessionHost& host, const SceneUse& asked, const std::string& sc
 Opening::~Opening() {
   stop_.request_stop();
   // svbuild may be about to give the file its name.
-  if (!preview_.empty() && file_.is_begun())
-    static_cast<void>(file_.wait(std::numeric_limits<double>::infinity()));
+  if (!preview_.empty() && file_.is_begun()) static_cast<void>(file_.wait(std::numeric_limits<double>::infinity()));
   end_preview();
 }
 
