@@ -284,6 +284,7 @@ TEST_F(Svrender, BothKernelsDrawAndAreLit) {
 struct SvrenderOfMeshes : Svrender {
   void SetUp() override {
     ::setenv("SPLATVOL_CACHE", path("cache").c_str(), 1);
+    std::filesystem::create_directory(path("cache"));
     ProgramTest::expect_done("svgen mesh --cells 3000 --pieces 2 -o mesh");
   }
   void TearDown() override { ::unsetenv("SPLATVOL_CACHE"); }
