@@ -89,6 +89,12 @@ std::string folder_of(const std::string& path) {
   return folder.empty() ? "." : folder;
 }
 
+Status make_folder(const std::string& path) {
+  std::error_code error;
+  if (std::filesystem::create_directories(path, error) || std::filesystem::is_directory(path)) return {};
+  return fail(ErrorCode::io, "{}: cannot make this folder: {}", path, error ? error.message() : "a file has its name");
+}
+
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
   // The system would end the name there, and open another file.
   if (path.find('\0') != std::string::npos)

@@ -56,6 +56,9 @@ class ByteSource {
 
 [[nodiscard]] std::string folder_of(const std::string& path);
 
+/// Makes a folder, and those that it lies in, unless it is there.
+[[nodiscard]] Status make_folder(const std::string& path);
+
 /// Opens a regular file for positional reads.
 [[nodiscard]] Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
 

@@ -16,6 +16,7 @@
 #include "format/steps.h"
 #include "format/volume.h"
 #include "pictures/page.h"
+#include "player/conversion.h"
 #include "player/history.h"
 #include "player/motion_control.h"
 #include "player/player.h"
@@ -69,6 +70,11 @@ struct ViewSettings {
   // splats.
   std::uint64_t most_exact_segments = splatvol::most_exact_segments;
 
+  // Called while a mesh is converted, on the thread that reads.
+  std::function<void(const ConversionProgress&)> on_conversion = {};
+  std::string preview = {};  // a file that a conversion writes first, of some of the points; empty: none
+  bool all_steps = false;    // of a mesh; else the last one, unless a step is asked for
+
   // Called by `draw` with each picture of the processor that will be shown.
   std::function<void(const CompletePicture&)> on_picture = {};
 };
@@ -76,7 +82,9 @@ struct ViewSettings {
 /// What a session reads of a file. Made on any thread (Session::read).
 struct SessionFile {
   std::string path;
-  bool fits = false;  // the scene is one that fits the data
+  std::vector<std::string> pieces = {};         // of the mesh
+  std::optional<ConvertedFile> converted = {};  // from a mesh
+  bool fits = false;                            // the scene is one that fits the data
   ViewSettings settings = {};
   PlayerFile file;
   Box bounds = {};                                     // of the material
@@ -236,6 +244,9 @@ class Session {
   [[nodiscard]] const std::array<std::uint64_t, 64>& histogram() const { return histogram_; }
   [[nodiscard]] const std::array<std::uint64_t, 64>& opacity_histogram() const { return opacity_histogram_; }
   [[nodiscard]] const std::string& path() const { return path_; }
+
+  /// Returns the file that a mesh became, if it is one.
+  [[nodiscard]] const std::optional<ConvertedFile>& converted() const { return converted_; }
   [[nodiscard]] std::uint64_t file_bytes() const { return player_->streamer().volume().file_bytes(); }
   [[nodiscard]] const Scene& first_scene() const { return first_scene_; }
 
@@ -391,6 +402,8 @@ class Session {
 
   SessionHost& host_;
   std::string path_;
+  std::vector<std::string> pieces_;
+  std::optional<ConvertedFile> converted_;
   Scene first_scene_;
   bool fits_ = false;  // the first scene is one that fits the data, and its camera shall fit the first picture's size
   std::unique_ptr<Player> player_;

@@ -23,7 +23,8 @@ class JsonField;
 
 /// How a scene is used. Its file may tell it: the volume, and how the volume is drawn.
 struct SceneUse {
-  std::string file = {};                 // path or address of the volume; empty: not told
+  std::string file = {};                 // path or address of the volume, or of its mesh; empty: not told
+  std::vector<std::string> pieces = {};  // paths of the mesh's other files
   std::optional<std::size_t> step = {};  // of a time series
   Quality quality = {};                  // without milliseconds: a scene shows the same on every machine
   Drawing drawing = {};

@@ -318,11 +318,11 @@ Result<Box> read_clip_box(const JsonField& field) {
 
 Result<Scene> read_scene(const JsonField& field) {
   if (!field.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
-  SPLATVOL_TRY(field.check_names({"file",        "step",       "exact",      "max_error", "tolerance",
-                                  "kernel",      "splats",     "resolution", "sort",      "sampling",
-                                  "camera",      "image",      "background", "attribute", "transfer_function",
-                                  "clip_box",    "lighting",   "outline",    "surfaces",  "slices",
-                                  "clip_planes", "scalar_bar", "opacity",    "contours"}));
+  SPLATVOL_TRY(field.check_names(
+      {"file",       "pieces",   "step",     "exact",    "max_error", "tolerance",   "kernel",     "splats",
+       "resolution", "sort",     "sampling", "camera",   "image",     "background",  "attribute",  "transfer_function",
+       "clip_box",   "lighting", "outline",  "surfaces", "slices",    "clip_planes", "scalar_bar", "opacity",
+       "contours"}));
   Scene scene;
   SPLATVOL_TRY_SET(scene.camera, read_camera(field.member("camera")));
   SPLATVOL_TRY(read_size(field.member("image"), scene));
@@ -393,6 +393,10 @@ Result<Drawing> read_drawing(const JsonField& field) {
 Result<SceneUse> read_use(const JsonField& field) {
   SceneUse use;
   if (field.has("file")) SPLATVOL_TRY_SET(use.file, name(field.member("file")));
+  if (const JsonField pieces = field.member("pieces"); pieces.exists()) {
+    if (use.file.empty()) return pieces.wrong("pieces of no file: name the first one as \"file\"");
+    SPLATVOL_TRY_SET(use.pieces, pieces.each(name));
+  }
   SPLATVOL_TRY(read_count(field.member("step"), 0, use.step));
   SPLATVOL_TRY_SET(use.quality, read_quality(field));
   SPLATVOL_TRY_SET(use.drawing, read_drawing(field));
@@ -505,6 +509,7 @@ std::string to_json(const UsedScene& used, int indent) {
   const auto& [scene, use] = used;
   nlohmann::ordered_json document;
   if (!use.file.empty()) document["file"] = use.file;
+  if (!use.pieces.empty()) document["pieces"] = use.pieces;
   if (use.step) document["step"] = *use.step;
   add_quality(use.quality, document);
   add_drawing(use.drawing, document);
@@ -572,6 +577,7 @@ Result<UsedScene> load_used_scene(const std::string& path_or_json) {
   for (SceneSurface& surface : used->scene.surfaces)
     if (surface.boundary.empty()) make_absolute(surface.file);
   if (!used->use.file.empty() && !is_url(used->use.file)) make_absolute(used->use.file);
+  for (std::string& piece : used->use.pieces) make_absolute(piece);
   return used;
 }
 

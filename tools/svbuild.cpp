@@ -12,8 +12,8 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
+#include "base/input_formats.h"
 #include "base/json.h"
-#include "base/memory_limit.h"
 #include "base/printable.h"
 #include "base/temp_file.h"
 #include "builder/opening/input_files.h"
@@ -24,7 +24,6 @@
 #include "builder/series/series_build.h"
 #include "builder/series/series_files.h"
 #include "builder/series/series_inputs.h"
-#include "builder/sources/formats.h"
 #include "format/steps.h"
 #include "tools/cells_option.h"
 #include "tools/reading.h"
@@ -62,7 +61,7 @@ struct Options {
   bool append = false;
   bool estimate = false;
   std::vector<std::string> units;
-  unsigned threads = 0;
+  unsigned threads = default_threads();
   ReadingOptions reading;
   bool json = false;
 };
@@ -219,10 +218,8 @@ Result<BuildOptions> build_options_of(const Options& options) {
         options.boundary_triangles > 0 ? options.boundary_triangles : usual_boundary_triangles;
   build_options.connectivity = parse_connectivity(options.connectivity).value();
   build_options.builder = "svbuild " SPLATVOL_VERSION;
-  build_options.memory = memory_limit() / 4 / processes_here();
-  if (!options.memory.empty()) {
-    SPLATVOL_TRY(store(parse_bytes(options.memory), build_options.memory));
-  }
+  SPLATVOL_TRY_SET(build_options.memory, memory_or_quarter(options.memory));
+  if (options.memory.empty()) build_options.memory /= processes_here();
   build_options.temp_folder = options.temp_folder;
   build_options.up = options.up.empty() ? usual_up(options.inputs) : options.up[0] - 'x';
   for (const std::string& unit : options.units) {

@@ -8,7 +8,6 @@
 #include <nlohmann/json.hpp>
 
 #include "base/json.h"
-#include "base/memory_limit.h"
 #include "tools/export/cell_export.h"
 #include "tools/export/contour_export.h"
 #include "tools/export/line_export.h"
@@ -86,14 +85,9 @@ std::function<void(double)> show_progress() {
   return [bar = std::make_shared<ProgressBar>("exporting")](double fraction) { bar->update(fraction); };
 }
 
-Result<std::uint64_t> memory_of(const Options& options) {
-  if (options.memory.empty()) return memory_limit() / 4;
-  return parse_bytes(options.memory);
-}
-
 Result<json> export_voxels(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
-  SPLATVOL_TRY_ASSIGN(memory, memory_of(options));
+  SPLATVOL_TRY_ASSIGN(memory, memory_or_quarter(options.memory));
   const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(report,
                       export_vdb(volume, options.output, selection, options.voxel, memory, progress, options.replace));
@@ -133,7 +127,7 @@ Result<json> export_surface(const format::Volume& volume, const format::SplatSel
     return fail(ErrorCode::invalid_argument,
                 "{}: has several attributes: --attribute chooses that of the contour, of {}", volume.name(),
                 fmt::join(selection.names, ", "));
-  SPLATVOL_TRY_ASSIGN(memory, memory_of(options));
+  SPLATVOL_TRY_ASSIGN(memory, memory_or_quarter(options.memory));
   const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(
       report, export_contour(volume, options.output, selection, *options.contour, memory, progress, options.replace));

@@ -251,7 +251,7 @@ Status play(const Options& options) {
   SPLATVOL_TRY_ASSIGN(path, load_camera_path(options.play));
   SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
-  if (!std::filesystem::is_directory(options.frames)) return fail(ErrorCode::io, "{}: no such folder", options.frames);
+  SPLATVOL_TRY(make_folder(options.frames));
   setup.settings.in_current_context = false;
   setup.settings.hurries = false;
   SPLATVOL_TRY_ASSIGN(file, Session::read(setup.use, setup.scene, setup.settings));

@@ -15,6 +15,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/input_formats.h"
 #include "base/replaceable.h"
 #include "builder/sources/formats.h"
 #include "builder/sources/read_text.h"
@@ -41,9 +42,6 @@ bool name_before(std::string_view a, std::string_view b) {
   }
   return a.size() < b.size();
 }
-
-/// Whether a folder's file is an input. A .txt may be any text.
-bool is_known(const std::string& name) { return format_of_name(name) && !has_extension(name, ".txt"); }
 
 /// Whether a file that no name tells to be an input holds data nevertheless. Parallel files of VTK's only name others.
 bool holds_data(const std::string& path) {
@@ -82,7 +80,7 @@ Result<Folder> list_folder(const std::string& path) {
   Folder folder;
   for (std::filesystem::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename();
-    if (!name.starts_with('.')) (is_known(name) ? folder.inputs : folder.others).push_back(name);
+    if (!name.starts_with('.')) (is_input_in_folder(name) ? folder.inputs : folder.others).push_back(name);
   }
   if (error) return fail(ErrorCode::io, "{}: {}", path, error.message());
   keep_series(folder);
@@ -145,8 +143,7 @@ Status check_exodus_pieces(std::span<const std::string> paths) {
 /// Whether an input stands for the files in it.
 bool is_plain_folder(const std::string& input) {
   std::error_code error;
-  return std::filesystem::is_directory(input, error) &&
-         !std::filesystem::exists(std::filesystem::path(input) / "system" / "controlDict", error);
+  return std::filesystem::is_directory(input, error) && !is_openfoam_case(input);
 }
 
 }  // namespace
@@ -185,11 +182,8 @@ std::vector<std::string> files_left_out(const std::vector<std::string>& inputs) 
 }
 
 int usual_up(const std::vector<std::string>& inputs) {
-  std::error_code ignored;
   for (const std::string& input : inputs)
-    if (format_of_name(input) == InputFormat::openfoam ||
-        std::filesystem::exists(std::filesystem::path(input) / "system" / "controlDict", ignored))
-      return 2;
+    if (format_of_name(input) == InputFormat::openfoam || is_openfoam_case(input)) return 2;
   return -1;
 }
 

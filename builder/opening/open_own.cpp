@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <set>
 
+#include "base/input_formats.h"
 #include "builder/opening/input_files.h"
 #include "builder/sources/csv_source.h"
 #include "builder/sources/formats.h"

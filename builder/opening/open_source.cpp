@@ -13,6 +13,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/input_formats.h"
 #include "base/printable.h"
 #include "builder/opening/input_files.h"
 #include "builder/opening/open_own.h"

@@ -454,28 +454,6 @@ TEST_F(SourceTest, NamesOfAnyCaseAreKnown) {
     EXPECT_EQ(read_header(write(name, "x"))->format, std::nullopt) << name;
 }
 
-TEST(InputFormats, ThePageHasTheirTable) {
-  const auto page = value_of(read_text_file(SPLATVOL_FORMATS_PAGE));
-  EXPECT_NE(page.find(input_formats_for_page()), std::string::npos) << "its table should be:\n"
-                                                                    << input_formats_for_page();
-}
-
-TEST(InputFormats, EachExtensionIsOfOneFormat) {
-  std::vector<std::string_view> all;
-  for (const FormatRow& row : input_formats()) {
-    std::string_view rest = row.extensions;
-    while (!rest.empty()) {
-      const std::string_view extension = rest.substr(0, rest.find(' '));
-      rest.remove_prefix(std::min(extension.size() + 1, rest.size()));
-      EXPECT_EQ(format_of_name("a" + std::string(extension)), row.format) << extension;
-      EXPECT_FALSE(is_foreign("a" + std::string(extension))) << extension;
-      all.push_back(extension);
-    }
-  }
-  std::ranges::sort(all);
-  EXPECT_EQ(std::ranges::adjacent_find(all), all.end());
-}
-
 TEST_F(SourceTest, FormatsThatAreNotReadNameTheWayOut) {
   const std::string mesh = write("mesh.vtu", hexahedron_mesh().file());
   for (const char* name :

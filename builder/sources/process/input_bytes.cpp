@@ -7,8 +7,8 @@
 #include <system_error>
 
 #include "base/file.h"
+#include "base/input_formats.h"
 #include "base/names.h"
-#include "builder/sources/formats.h"
 #include "builder/sources/read_text.h"
 
 namespace splatvol {

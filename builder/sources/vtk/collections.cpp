@@ -7,9 +7,9 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/input_formats.h"
 #include "base/json.h"
 #include "builder/sources/block_numbers.h"
-#include "builder/sources/formats.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/xml_file.h"
