@@ -14,7 +14,6 @@
 #include "extractor/used_ranks.h"
 #include "format/ranked_points.h"
 #include "sampler/cell_tetrahedra.h"
-#include "tools/export/vtu_file.h"
 
 namespace splatvol {
 namespace {
@@ -475,7 +474,7 @@ class MemoryOutput final : public CellOutput {
   explicit MemoryOutput(const CellExtraction& extraction)
       : arrays_(extraction.has_cell_values() ? mesh_.cell_values : mesh_.point_values) {
     for (const OutputArray& array : extraction.arrays())
-      arrays_.push_back({array.name, array.unit, array.components()});
+      arrays_.push_back({array.name, array.unit, array.components(), {}});
     are_of_cells_ = extraction.has_cell_values();
   }
 

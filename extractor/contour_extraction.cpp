@@ -180,7 +180,8 @@ class Writer {
 class MemoryOutput final : public SurfaceOutput {
  public:
   explicit MemoryOutput(std::span<const OutputArray> arrays) {
-    for (const OutputArray& array : arrays) mesh_.point_values.push_back({array.name, array.unit, array.components()});
+    for (const OutputArray& array : arrays)
+      mesh_.point_values.push_back({array.name, array.unit, array.components(), {}});
   }
 
   Status write(const SurfacePart& part) override {

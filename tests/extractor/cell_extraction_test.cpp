@@ -81,7 +81,9 @@ TEST_F(Extraction, CellsOfTheirOwnHaveValues) {
   ASSERT_THAT(mesh.cell_values[0].numbers, SizeIs(mesh.types.size()));
   const std::map<int, double> numbers = {{12, 0}, {14, 1}, {13, 2}};
   for (std::size_t cell = 0; cell < mesh.types.size(); ++cell)
-    if (numbers.contains(mesh.types[cell])) EXPECT_EQ(mesh.cell_values[0].numbers[cell], numbers.at(mesh.types[cell]));
+    if (const auto number = numbers.find(mesh.types[cell]); number != numbers.end()) {
+      EXPECT_EQ(mesh.cell_values[0].numbers[cell], number->second);
+    }
 }
 
 TEST_F(Extraction, DoesNotDependOnThreadsAndTakesWhatMeetsABox) {
@@ -145,10 +147,11 @@ TEST_F(Extraction, VectorsAreArraysOfThreeComponents) {
     for (std::size_t i = 0; i < points.size(); ++i)
       for (std::size_t axis = 0; axis < 3; ++axis) {
         const double number = array.numbers[3 * i + axis];
-        if (axis != 1 || points[i].z < 0.6)
+        if (axis != 1 || points[i].z < 0.6) {
           EXPECT_NEAR(number, points[i][static_cast<int>(axis)], 1e-6) << i;
-        else if (points[i].z > 0.99)
+        } else if (points[i].z > 0.99) {
           EXPECT_TRUE(std::isnan(number)) << i;
+        }
       }
   };
   const CellMesh cells = value_of(extract_cells(*volume_, select()));

@@ -26,6 +26,6 @@ from .errors import (
 __all__ = [
     "Attribute", "BuildReport", "CancelledError", "DeviceError", "Error", "File", "FileError", "Frame",
     "InvalidArgumentError", "InvalidDataError", "LineSamples", "MissingFileError", "OutOfBudgetError", "Points",
-    "Statistics", "Step", "UnsupportedError", "__version__", "build", "build_mesh", "build_series", "check_scene", "open",
-    "save", "show", "to_srgb8",
+    "Statistics", "Step", "UnsupportedError", "__version__", "build", "build_mesh", "build_series", "check_scene",
+    "open", "save", "show", "to_srgb8",
 ]

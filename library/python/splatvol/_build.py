@@ -252,11 +252,12 @@ _OPTIONS = {
 }
 
 
-def _core_options(options: Mapping[str, Any]) -> Any:
+def _core_options(options: Mapping[str, Any], name: str) -> Any:
     if len(options.get("up") or "") > 1:
         raise InvalidArgumentError(f"up {options['up']!r}: take x, y or z")
     refuse_unknown("the build", options, _OPTIONS | {"units", "progress"})
     core_options = _core.BuildOptions()
+    core_options.name = name
     for name, value in options.items():
         if value is None:
             continue
@@ -276,8 +277,9 @@ def build_steps(
     options: Dict[str, Any],
     append: bool,
     progress: Optional[Progress],
+    name: str = "arrays",
 ) -> BuildReport:
-    """As ``build_series``. The values of the mesh itself are not those of a step."""
+    """As ``build_series``. ``name``: of the mesh, for messages. The mesh's own values do not count."""
     units = options.pop("units", {})
     for step in steps:
         _check_units(units, step.values, step.cell_values)
@@ -286,15 +288,19 @@ def build_steps(
         for step in steps
     ]
     shared = _core_mesh(mesh._replace(point_values={}, cell_values={}), units)
-    report = _core.build_series(shared, named, os.fsencode(path), _core_options(options), append, progress)
+    report = _core.build_series(shared, named, os.fsencode(path), _core_options(options, name), append, progress)
     return _report(report, path)
 
 
 def build_arrays(
-    mesh: MeshArrays, path: Union[str, "os.PathLike[str]"], options: Dict[str, Any], progress: Optional[Progress]
+    mesh: MeshArrays,
+    path: Union[str, "os.PathLike[str]"],
+    options: Dict[str, Any],
+    progress: Optional[Progress],
+    name: str = "arrays",
 ) -> BuildReport:
-    """As ``build`` and ``build_mesh``."""
+    """As ``build`` and ``build_mesh``. ``name``: of the mesh, for messages."""
     units = options.pop("units", {})
     _check_units(units, mesh.point_values, mesh.cell_values)
-    report = _core.build(_core_mesh(mesh, units), os.fsencode(path), _core_options(options), progress)
+    report = _core.build(_core_mesh(mesh, units), os.fsencode(path), _core_options(options, name), progress)
     return _report(report, path)

@@ -13,7 +13,7 @@ from typing import Any, Iterable, List, Optional, Sequence, Tuple
 from . import _core
 from ._build import Progress, Step, build_arrays, build_steps
 from ._vtk_arrays import MeshArrays, arrays_of_mesh
-from .errors import InvalidDataError, MissingFileError, UnsupportedError
+from .errors import Error, InvalidArgumentError, InvalidDataError, MissingFileError, UnsupportedError
 
 _OPTIONS = {"boundary_triangles": 200_000}  # as svbuild keeps them, if nothing else is said
 
@@ -26,8 +26,8 @@ def is_mesh(paths: Sequence[str]) -> bool:
 
 
 def convert(paths: List[str], all_steps: bool, progress: Optional[Progress]) -> Tuple[str, Any]:
-    """Converts a mesh by svbuild, which keeps the file in its cache. Without it, PyVista reads the mesh, and a temporary
-    file is built. Returns the path of the .svol file, and what keeps the file until it is released.
+    """Converts a mesh by svbuild, which keeps the file in its cache. Without it, PyVista reads the mesh, and a
+    temporary file is built. Returns the path of the .svol file, and what keeps the file until it is released.
 
     ``all_steps``: of a mesh with time steps; else the last one.
     """
@@ -70,13 +70,14 @@ def _convert_by_pyvista(paths: List[str], all_steps: bool, progress: Optional[Pr
     folder = _TemporaryFolder()
     try:
         output = os.path.join(folder.path, "mesh.svol")
+        name = os.fsencode(paths[0]).decode("utf-8", "backslashreplace")
         steps = _read_steps(pyvista, paths, all_steps)
         if len(steps) == 1:
-            report = build_arrays(steps[0][1], output, dict(_OPTIONS), progress)
+            report = build_arrays(steps[0][1], output, dict(_OPTIONS), progress, name)
         else:
             _check_same_mesh(paths[0], [mesh for _, mesh in steps])
             values = [Step(time, mesh.point_values, mesh.cell_values) for time, mesh in steps]
-            report = build_steps(steps[0][1], values, output, dict(_OPTIONS), False, progress)
+            report = build_steps(steps[0][1], values, output, dict(_OPTIONS), False, progress, name)
     except BaseException:
         folder.release()
         raise
@@ -98,7 +99,7 @@ def _read_steps(pv: Any, paths: List[str], all_steps: bool) -> List[Tuple[float,
             reader.set_active_time_value(time)
             steps.append((time, _arrays(pv, paths[0], reader.read())))
         return steps
-    except (InvalidDataError, KeyboardInterrupt):
+    except Error:
         raise
     except Exception as error:  # of any kind: PyVista's, VTK's, or those of other packages that PyVista calls
         words = " ".join(str(error).split()) or type(error).__name__
@@ -108,12 +109,10 @@ def _read_steps(pv: Any, paths: List[str], all_steps: bool) -> List[Tuple[float,
 
 
 def _arrays(pv: Any, path: str, data: Any) -> MeshArrays:
-    if isinstance(data, pv.MultiBlock):
-        data = data.combine()
-    mesh = arrays_of_mesh(data, None)
-    if len(mesh.points) == 0:
-        raise InvalidDataError(f"{path}: PyVista reads no points of it: svbuild may: name its folder in PATH")
-    return mesh
+    try:
+        return arrays_of_mesh(data.combine() if isinstance(data, pv.MultiBlock) else data)
+    except InvalidArgumentError as error:
+        raise InvalidDataError(f"{path}: as PyVista reads it, {error}: svbuild may: name its folder in PATH") from error
 
 
 def _check_same_mesh(path: str, meshes: List[MeshArrays]) -> None:

@@ -17,7 +17,9 @@ def import_pyvista(call: str) -> Any:
     try:
         import pyvista
     except ImportError:
-        raise UnsupportedError(f"{call} returns a data set of PyVista, which is not installed: pip install pyvista") from None
+        raise UnsupportedError(
+            f"{call} returns a data set of PyVista, which is not installed: pip install pyvista"
+        ) from None
     return pyvista
 
 
@@ -64,4 +66,6 @@ def _add(data: Any, arrays: Iterable[Tuple[str, NDArray[Any]]]) -> None:
 
 def _tell_left_out(mesh: Dict[str, Any], name: str) -> None:
     if mesh["left_out"]:
-        warnings.warn(f"{name}: {mesh['left_out']} cells are left out: this version does not know their shape", stacklevel=4)
+        warnings.warn(
+            f"{name}: {mesh['left_out']} cells are left out: this version does not know their shape", stacklevel=4
+        )

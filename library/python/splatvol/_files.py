@@ -77,6 +77,12 @@ class Frame(NamedTuple):
 _DRAWING = {"scene", "size", "attribute", "memory"}
 
 
+def _paths(path: Union[Path, Sequence[Path]]) -> List[str]:
+    if isinstance(path, (str, bytes, os.PathLike)):
+        return [os.fsdecode(path)]
+    return [os.fsdecode(one) for one in path]
+
+
 def _corner(corner: Sequence[float]) -> Vector:
     x, y, z = corner
     return float(x), float(y), float(z)
@@ -91,8 +97,8 @@ def _names(attributes: Optional[Sequence[str]]) -> List[str]:
 
 
 class File:
-    """An open .svol file, or an index of files (.svols); of a time series, at one of its steps. Of a mesh, the file that
-    it was converted to.
+    """An open .svol file, or an index of files (.svols); of a time series, at one of its steps. Of a mesh, the file
+    that it was converted to.
 
     Each byte is checked before it is used. All calls may come from any thread: others go on while one reads or draws.
     Pictures are drawn one after another. Ctrl-C ends a call.
@@ -109,7 +115,7 @@ class File:
         """As ``open``."""
         if step is not None and time is not None:
             raise InvalidArgumentError("a step is chosen by its number or by its time, not by both")
-        paths = [os.fsdecode(one) for one in (path if isinstance(path, (list, tuple)) else [path])]
+        paths = _paths(path)
         if not paths:
             raise InvalidArgumentError("no path: give that of a file")
         self._path, self._keeper = paths[0], None
@@ -312,8 +318,8 @@ class File:
         attributes: Optional[Sequence[str]] = None,
         box: Optional[Tuple[Sequence[float], Sequence[float]]] = None,
     ) -> pv.UnstructuredGrid:
-        """Returns the cells that the file keeps, as a data set of PyVista with the values of attributes (None: all). Its
-        arrays are those that were read, not copies.
+        """Returns the cells that the file keeps, as a data set of PyVista with the values of attributes (None: all).
+        Its arrays are those that were read, not copies.
 
         Hexahedra, pyramids, wedges and tetrahedra are what they were; polyhedra are split into their tetrahedra. A
         vector is an array (n, 3), without its magnitude. Values are at the points, or in the cells where they have
@@ -383,9 +389,9 @@ class File:
     ) -> NDArray[np.float32]:
         """Draws the complete picture: (height, width, 4), linear premultiplied RGBA, row 0 at the top.
 
-        ``scene``: a dictionary or the path of a scene file (docs/scene.md); None: one that fits the data. ``attribute``:
-        without a scene, what to show; None: the one with most to see. ``size``: width and height, instead of the
-        scene's. The background is not applied: ``to_srgb8`` and ``save`` do that.
+        ``scene``: a dictionary or the path of a scene file (docs/scene.md); None: one that fits the data.
+        ``attribute``: without a scene, what to show; None: the one with most to see. ``size``: width and height,
+        instead of the scene's. The background is not applied: ``to_srgb8`` and ``save`` do that.
 
         ``quality``: at most one of these says how fine the picture is to be. Without one, it is exact if the file keeps
         cells and that is about a second's work. Else it has all points of a small file, or an error of .002.
@@ -476,8 +482,8 @@ def open(
     time: Optional[float] = None,
     progress: Optional[Progress] = None,
 ) -> File:
-    """Opens a .svol file, or an index of files (.svols), by its path or address (http:// or https://); or a mesh, by the
-    path of its file or folder, or by a list of paths: pieces, or a grid of PLOT3D and its solution.
+    """Opens a .svol file, or an index of files (.svols), by its path or address (http:// or https://); or a mesh, by
+    the path of its file or folder, or by a list of paths: pieces, or a grid of PLOT3D and its solution.
 
     Of a time series, shows the step of a number from 0, the step nearest to a time, or the last one. Of a .svol file,
     reads the preamble only.

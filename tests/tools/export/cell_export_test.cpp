@@ -118,6 +118,25 @@ struct VtkMesh {
   vtkIdType points = 0, cells = 0;
 };
 
+// The values of an attribute in an array of VTK: a component or the magnitude of a vector, or a number.
+struct VtkValues {
+  vtkDataArray* array = nullptr;
+  int component = -1;
+
+  static VtkValues find(vtkPointData* data, const std::string& name) {
+    if (vtkDataArray* array = data->GetArray(name.c_str())) return {array};
+    const std::size_t bracket = name.rfind('[');
+    if (bracket == std::string::npos) return {};
+    return {data->GetArray(name.substr(0, bracket).c_str()), name[bracket + 1] - '0'};
+  }
+  [[nodiscard]] double at(vtkIdType point) const {
+    if (component >= 0) return array->GetComponent(point, component);
+    if (array->GetNumberOfComponents() == 1) return array->GetComponent(point, 0);
+    const double* v = array->GetTuple3(point);
+    return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+  }
+};
+
 VtkMesh read_by_vtk(const std::string& path, const std::vector<std::string>& attributes) {
   vtkNew<vtkXMLUnstructuredGridReader> reader;
   reader->SetFileName(path.c_str());
@@ -126,13 +145,15 @@ VtkMesh read_by_vtk(const std::string& path, const std::vector<std::string>& att
   VtkMesh mesh;
   mesh.points = grid->GetNumberOfPoints();
   mesh.cells = grid->GetNumberOfCells();
-  EXPECT_EQ(grid->GetPointData()->GetNumberOfArrays(), static_cast<int>(attributes.size()));
-  std::vector<vtkDataArray*> arrays;
+  std::vector<VtkValues> arrays;
+  std::set<vtkDataArray*> different;
   for (const std::string& name : attributes) {
-    arrays.push_back(grid->GetPointData()->GetArray(name.c_str()));
-    EXPECT_NE(arrays.back(), nullptr) << name;
-    if (!arrays.back()) return mesh;
+    arrays.push_back(VtkValues::find(grid->GetPointData(), name));
+    EXPECT_NE(arrays.back().array, nullptr) << name;
+    if (!arrays.back().array) return mesh;
+    different.insert(arrays.back().array);
   }
+  EXPECT_EQ(grid->GetPointData()->GetNumberOfArrays(), static_cast<int>(different.size()));
   vtkNew<vtkIdList> ids;
   for (vtkIdType i = 0; i < mesh.cells; ++i) {
     EXPECT_EQ(grid->GetCellType(i), VTK_TETRA);
@@ -144,7 +165,7 @@ VtkMesh read_by_vtk(const std::string& path, const std::vector<std::string>& att
       dvec3 position;
       grid->GetPoint(ids->GetId(k), &position.x);
       std::vector<double> values;
-      for (vtkDataArray* array : arrays) values.push_back(array->GetTuple1(ids->GetId(k)));
+      for (const VtkValues& array : arrays) values.push_back(array.at(ids->GetId(k)));
       cell.push_back(corner_of(position, values));
     }
     EXPECT_GE(volume_of(cell), 0);
