@@ -21,8 +21,9 @@ PlayerMemory::Sizes PlayerMemory::sizes_of(std::uint64_t bytes, const format::Vo
   const std::uint64_t rest = bytes - sizes.patches;
   if (drawn != DrawnParts::splats && format::CellReader::has_cells(volume)) {
     const bool only_cells = drawn == DrawnParts::cells;
-    sizes.sweep = rest / 32 * (only_cells ? 14 : 12);
-    sizes.cells = rest / 32 * (only_cells ? 14 : 12) / (has_steps ? 2 : 1);
+    // One picture takes most cells once: what waits needs more room than they. Pictures that follow need them again.
+    sizes.sweep = rest / 32 * (only_cells ? 18 : 12);
+    sizes.cells = rest / 32 * (only_cells ? 10 : 12) / (has_steps ? 2 : 1);
     sizes.next_cells = has_steps ? sizes.cells : 0;
   }
   sizes.splats = rest - sizes.sweep - sizes.cells - sizes.next_cells;

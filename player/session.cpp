@@ -589,9 +589,14 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   return exact_spacing_ > 0 ? begin_exact() : begin_making_ready();
 }
 
+// Keeps a trouble that comes back with each frame.
+void Session::tell_once(const std::string& trouble) {
+  if (told_once_.insert(trouble).second) troubles_.push_back(trouble);
+}
+
 // Keeps the errors of parts of the frame that was chosen.
 void Session::note_frame() {
-  for (const Error& error : player_->frame()->progress.errors) troubles_.push_back(error.message);
+  for (const Error& error : player_->frame()->progress.errors) tell_once(error.message);
 }
 
 void Session::note_drawn(const ShownRecipe& recipe) {

@@ -8,6 +8,7 @@
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <unordered_set>
 #include <utility>
 #include <vector>
 
@@ -318,7 +319,8 @@ class Session {
   [[nodiscard]] std::uint64_t device_bytes() const { return device_bytes_; }
   [[nodiscard]] DrawingUnits units() const { return player_->streamer().units(); }
 
-  /// Returns the errors of parts that could not be read, the newest last.
+  /// Returns the errors so far, the newest last. One that comes back with each picture, as of a part that cannot be
+  /// read, is told once.
   [[nodiscard]] const std::vector<std::string>& troubles() const { return troubles_; }
 
   /// As Player::left_out.
@@ -395,6 +397,7 @@ class Session {
   [[nodiscard]] Status make_ready();
   [[nodiscard]] Status finish_making_ready(const Status& made);
   void tell_of_splats(const std::string& reason);
+  void tell_once(const std::string& trouble);
   void settle();
   [[nodiscard]] Status finish_picture(std::optional<Image> drawn);
 
@@ -481,6 +484,7 @@ class Session {
   bool skips_splats_ = false;      // exact pictures follow those of the movement
   bool is_to_make_ready_ = false;  // for what moves, and for probes; after the last picture
   std::vector<std::string> troubles_;
+  std::unordered_set<std::string> told_once_;  // of them
 
   // Of the last picture.
   std::uint64_t shown_number_ = 0;

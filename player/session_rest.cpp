@@ -224,10 +224,7 @@ Status Session::finish_making_ready(const Status& made) {
 }
 
 // Says once why there is no exact picture.
-void Session::tell_of_splats(const std::string& reason) {
-  const std::string trouble = reason + ": splats are shown, no exact picture";
-  if (std::ranges::find(troubles_, trouble) == troubles_.end()) troubles_.push_back(trouble);
-}
+void Session::tell_of_splats(const std::string& reason) { tell_once(reason + ": splats are shown, no exact picture"); }
 
 // Whether the last picture is there.
 void Session::settle() {

@@ -6,7 +6,7 @@ cmake_minimum_required(VERSION 3.25)
 
 set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process
                   builder/sources/openfoam builder/sources/vtk builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
-                  builder/pipeline builder/series)
+                  builder/pipeline builder/series builder/cache)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
 set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed extractor streamer/store streamer/splats streamer/first
            ${renderer_rooms} streamer/cells renderer/surfaces renderer/reference player library library/python library/examples viewer/window
@@ -36,6 +36,7 @@ set(builder/opening_knows base format builder/mesh builder/sources builder/sourc
 set(builder/pipeline_knows base format builder/sorting builder/mesh builder/scattered builder/sources builder/boundary
                            builder/output builder/cells builder/points builder/reduction)
 set(builder/series_knows base format builder/sources builder/boundary builder/cells builder/opening builder/pipeline)
+set(builder/cache_knows base format builder/sources builder/sources/process builder/opening)
 set(builder/distributed_knows base format ${builder_rooms})
 set(extractor_knows base splat format builder/mesh sampler)
 set(streamer/store_knows base splat format)

@@ -1,15 +1,21 @@
 #include "tools/ending.h"
 
+#include <poll.h>
+#include <sys/prctl.h>
+#include <sys/syscall.h>
 #include <sys/uio.h>
 #include <unistd.h>
 
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <csignal>
 #include <cstdlib>
+#include <cstring>
 #include <exception>
 #include <new>
 #include <system_error>
+#include <thread>
 
 #include "base/temporary_names.h"
 
@@ -48,10 +54,15 @@ constexpr std::array ending_signals = {SIGHUP,
 };
 
 pid_t owner = 0;  // of the temporary files: not a child that has yet to start its program
+std::atomic<const char*> last_line = nullptr;
 
 void clean_up(int signal) {
   const int error = errno;
-  if (::getpid() == owner) remove_temporaries();
+  if (::getpid() == owner) {
+    remove_temporaries();
+    const char* const line = last_line;
+    if (signal == SIGINT && line) (void)!::write(STDOUT_FILENO, line, std::strlen(line));
+  }
   errno = error;
   ::raise(signal);  // its action is the default one again
 }
@@ -100,6 +111,24 @@ void clean_up_at_signals() {
   owner = ::getpid();
   for (const int signal : ending_signals) clean_up_at(signal);
   for (int signal = SIGRTMIN; signal <= SIGRTMAX; ++signal) clean_up_at(signal);
+}
+
+void say_when_interrupted(const char* line) { last_line = line; }
+
+// A handle on the parent tells of its end. PR_SET_PDEATHSIG would tell of the end of one of its threads, if that one
+// started this process; it serves older kernels.
+void end_with_parent() {
+  const pid_t parent = ::getppid();
+  const int handle = static_cast<int>(::syscall(SYS_pidfd_open, parent, 0));
+  if (handle < 0) ::prctl(PR_SET_PDEATHSIG, SIGTERM);
+  if (::getppid() != parent) std::raise(SIGTERM);  // it has ended meanwhile
+  if (handle < 0) return;
+  std::thread([handle] {
+    pollfd of_parent{handle, POLLIN, 0};
+    while (::poll(&of_parent, 1, -1) < 0) {
+    }
+    ::kill(::getpid(), SIGTERM);
+  }).detach();
 }
 
 void say(std::string_view name, std::string_view message) noexcept {

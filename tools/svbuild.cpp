@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
@@ -16,17 +17,21 @@
 #include "base/json.h"
 #include "base/printable.h"
 #include "base/temp_file.h"
+#include "builder/cache/input_state.h"
 #include "builder/opening/input_files.h"
 #include "builder/opening/open_own.h"
 #include "builder/pipeline/build.h"
 #include "builder/pipeline/census_lines.h"
 #include "builder/pipeline/estimate.h"
+#include "builder/pipeline/preview.h"
 #include "builder/series/series_build.h"
 #include "builder/series/series_files.h"
 #include "builder/series/series_inputs.h"
 #include "format/steps.h"
+#include "tools/build_share.h"
 #include "tools/cells_option.h"
 #include "tools/reading.h"
+#include "tools/svbuild_cached.h"
 #include "tools/svbuild_ranks.h"
 #include "tools/tool.h"
 #include "tools/version.h"
@@ -50,6 +55,7 @@ struct Options {
   bool strict = false;
   bool no_displacements = false;
   bool boundary = false;
+  bool boundary_if_any = false;
   bool drop_cells = false;
   std::uint64_t boundary_triangles = 0;  // 0: the default, if there is a boundary
   std::string cells = "averaged";
@@ -64,6 +70,7 @@ struct Options {
   unsigned threads = default_threads();
   ReadingOptions reading;
   bool json = false;
+  CacheOptions cache;
 };
 
 constexpr std::uint64_t usual_boundary_triangles = 200000;
@@ -72,19 +79,39 @@ constexpr double most_turned_volume = 1e-4;    // of the mesh's volume, without 
 
 using StageTimes = std::vector<std::pair<std::string, double>>;  // seconds of each stage
 
-class StageBar {
+// Follows a build, and shows how far it is. Thread-safe.
+class Stages {
  public:
-  explicit StageBar(std::uint64_t points) : points_(points) {}
+  explicit Stages(ShowShare show) : show_(std::move(show)) {}
+
   void update(const char* stage, double fraction) {
+    const std::lock_guard lock(mutex_);
     if (stage_ != stage) {
       note_time();
-      bar_ = std::make_unique<ProgressBar>(stage_ = stage, points_);
+      stage_ = stage;
       scalable_allocation_command(TBBMALLOC_CLEAN_ALL_BUFFERS,
                                   nullptr);  // the last stage's memory is of no use to this
     }
-    bar_->update(fraction);
+    share_.update(stage, fraction);
+    show_(share_.state());
   }
-  void clear() { bar_.reset(); }
+
+  // The reader process has read this share of its inputs.
+  void read(double share) {
+    const std::lock_guard lock(mutex_);
+    share_.read(share);
+    show_(share_.state());
+  }
+
+  // Lets each step tell when it is opened.
+  void watch(std::vector<SeriesStep>& steps) {
+    share_.set_steps(steps.size());
+    for (std::size_t i = 0; i < steps.size(); ++i)
+      steps[i].open = [this, i, open = std::move(steps[i].open)] {
+        share_.open_step(i);
+        return open();
+      };
+  }
 
   [[nodiscard]] StageTimes times() {
     note_time();
@@ -98,12 +125,21 @@ class StageBar {
     start_ = now;
   }
 
-  std::uint64_t points_;
+  std::mutex mutex_;
+  ShowShare show_;
+  BuildShare share_;
   std::string stage_;
-  std::unique_ptr<ProgressBar> bar_;
   double start_ = 0;
   StageTimes times_;
 };
+
+// Shows a bar on the terminal until the last copy is gone.
+ShowShare terminal_bar() {
+  return [bar = std::make_shared<ProgressBar>("reading")](const BuildShare::State& state) {
+    bar->rename(state.stage);
+    bar->update(state.share);
+  };
+}
 
 // Notes on the input that the report repeats.
 struct InputNotes {
@@ -216,6 +252,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
   if (options.boundary || options.boundary_triangles > 0)
     build_options.boundary_triangles =
         options.boundary_triangles > 0 ? options.boundary_triangles : usual_boundary_triangles;
+  build_options.boundary_if_any = options.boundary_if_any;
   build_options.connectivity = parse_connectivity(options.connectivity).value();
   build_options.builder = "svbuild " SPLATVOL_VERSION;
   SPLATVOL_TRY_SET(build_options.memory, memory_or_quarter(options.memory));
@@ -288,15 +325,14 @@ Result<std::vector<SeriesStep>> steps_of(const Options& options, const InputRead
 }
 
 Result<BuildReport> build_steps(const Options& options, const BuildOptions& build_options, const InputReader& reader,
-                                InputNotes& notes) {
+                                Stages& stages, InputNotes& notes) {
   SPLATVOL_TRY_ASSIGN(steps, steps_of(options, reader));
-  StageBar bar(0);
-  const BuildProgress progress = [&](const char* stage, double fraction) { bar.update(stage, fraction); };
+  stages.watch(steps);
+  const BuildProgress progress = [&](const char* stage, double fraction) { stages.update(stage, fraction); };
   const auto report = options.series_of_files
                           ? build_series_of_files(steps, options.output, options.append, build_options, progress)
                       : options.append ? append_to_series(std::move(steps), options.output, build_options, progress)
                                        : build_series(std::move(steps), options.output, build_options, progress);
-  bar.clear();
   if (!report) return tl::unexpected(report.error());
   notes.times = report->times;
   notes.conversions = report->conversions;
@@ -305,19 +341,13 @@ Result<BuildReport> build_steps(const Options& options, const BuildOptions& buil
 }
 
 Result<BuildReport> build_one(const Options& options, const BuildOptions& build_options, const OpenSource& open,
-                              InputNotes& notes) {
+                              Stages& stages, InputNotes& notes) {
   std::unique_ptr<Source> source;
-  std::optional<StageBar> bar;
-  const auto open_input = [&]() -> Result<std::unique_ptr<Source>> {
-    SPLATVOL_TRY_ASSIGN(opened, open(options.inputs, source_options_of(options)));
-    bar.emplace(opened->point_count().value_or(0));
-    return opened;
-  };
-  auto report = build_in_ranks(
-      open_input, source, options.output, build_options,
-      [&](const char* stage, double fraction) { bar->update(stage, fraction); }, notes.work);
+  auto report = build_in_ranks([&] { return open(options.inputs, source_options_of(options)); }, source, options.output,
+                               build_options,
+                               [&](const char* stage, double fraction) { stages.update(stage, fraction); }, notes.work);
   if (!source) return report;
-  notes.stages = bar->times();
+  notes.stages = stages.times();
   notes.step = source->time_step();
   notes.conversions = source->conversions();
   return report;
@@ -351,9 +381,8 @@ Result<std::pair<InputSize, std::size_t>> measure(const Options& options, const 
   }
   const bool use_cells =
       build_options.connectivity == Connectivity::automatic || build_options.connectivity == Connectivity::mesh;
-  StageBar bar(0);
-  SPLATVOL_TRY_ASSIGN(size,
-                      measure_input(*source, use_cells, [&](double fraction) { bar.update("reading", fraction); }));
+  ProgressBar bar("reading");
+  SPLATVOL_TRY_ASSIGN(size, measure_input(*source, use_cells, [&](double fraction) { bar.update(fraction); }));
   return std::pair(size, steps);
 }
 
@@ -389,13 +418,7 @@ Result<Estimate> make_estimate(const Options& options) {
   return estimate;
 }
 
-std::string bytes_text(double bytes) {
-  constexpr std::array<const char*, 5> units = {"B", "KiB", "MiB", "GiB", "TiB"};
-  std::size_t unit = 0;
-  for (; bytes >= 1000 && unit + 1 < units.size(); ++unit) bytes /= 1024;
-  return fmt::format("{:.{}f} {}", bytes, bytes < 10 && unit > 0 ? 1 : 0, units[unit]);
-}
-std::string bytes_text(const Range& range) {
+std::string range_text(const Range& range) {
   return fmt::format("{} to {}", bytes_text(range.low), bytes_text(range.high));
 }
 
@@ -413,10 +436,10 @@ void print_estimate(const Options& options, const Estimate& estimate) {
   print_out("  {}\n", input.was_read ? "counted by reading all of it: it does not declare how much it holds"
                                      : "as it declares; nothing else was read");
   const BuildEstimate& build = estimate.build;
-  print_out("  {:>24} the file, with connectivity {}{}\n", bytes_text(build.file),
+  print_out("  {:>24} the file, with connectivity {}{}\n", range_text(build.file),
             connectivity_name(build.connectivity), build.keeps_cells ? ", cells kept" : "");
-  print_out("  {:>24} of disk while it is built, the file included\n", bytes_text(build.disk));
-  print_out("  {:>24} of memory, of which --memory grants {}\n", bytes_text(build.memory),
+  print_out("  {:>24} of disk while it is built, the file included\n", range_text(build.disk));
+  print_out("  {:>24} of memory, of which --memory grants {}\n", range_text(build.memory),
             bytes_text(static_cast<double>(estimate.memory)));
   if (estimate.reader_bytes > 0)
     print_out("  {:>24} of memory more, to read the input: so much was held just now\n",
@@ -474,8 +497,16 @@ unsigned threads_of_process() {
   return here > 1 && !is_bound ? std::max(cores / here, 1u) : 0;
 }
 
-Status build(const Options& options) {
-  const double start = seconds_now();
+// A file that was built, and what there is to say about it.
+struct BuiltFile {
+  BuildReport report;
+  InputNotes notes;
+  ReadFiles read = {};
+};
+
+// `show_preview`: gets the path of the preview, if the options ask for one.
+Result<BuiltFile> build_file(const Options& options, const ShowShare& show,
+                             const std::function<void(const std::string&)>& show_preview = {}) {
   std::unique_ptr<tbb::global_control> limit;
   if (const unsigned threads = options.threads > 0 ? options.threads : threads_of_process())
     limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, threads);
@@ -484,6 +515,7 @@ Status build(const Options& options) {
   if (is_series(options)) SPLATVOL_TRY(require_one_rank("a time series"));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
+  Stages stages(show);
   InputNotes notes;
   notes.memory = build_options.memory;
   // No process knows the corners of the others' cells, and these are no points.
@@ -492,33 +524,113 @@ Status build(const Options& options) {
     notes.warnings.emplace_back("the file does not keep cells of their own: only one process alone can do so");
   }
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
+  reader_options.progress = [&](double share) { stages.read(share); };
   ReaderProcess reader(reader_options);
   const std::string left_out = describe_left_out(options.inputs);
   if (options.strict && !left_out.empty()) return fail(ErrorCode::invalid_data, "{}", left_out);
-  const InputReader inputs = input_reader(reader);
-  auto report = is_series(options) ? build_steps(options, build_options, inputs, notes)
-                                   : build_one(options, build_options, inputs.open, notes);
+  InputReader inputs = input_reader(reader);
+  Preview preview(options.cache.preview, build_options, show_preview);
+  if (!options.cache.preview.empty())
+    inputs.open = [&preview, open = inputs.open](const std::vector<std::string>& paths, const SourceOptions& how) {
+      return open(paths, how).map([&](std::unique_ptr<Source> source) { return preview.watch(std::move(source)); });
+    };
+  auto report = is_series(options) ? build_steps(options, build_options, inputs, stages, notes)
+                                   : build_one(options, build_options, inputs.open, stages, notes);
   if (!report) {
     // Errors of the output name the output; errors of the data still need the input's name.
     const bool named = report.error().message.starts_with(one_line(options.output)) ||
                        report.error().message.find(one_line(options.inputs[0])) != std::string::npos;
-    return named || is_series(options) ? Status(tl::unexpected(report.error()))
-                                       : Status(fail_in(options.inputs[0], report.error()));
+    return named || is_series(options) ? tl::unexpected(report.error()) : fail_in(options.inputs[0], report.error());
   }
-  if (!notes.work.tells) return {};
   if (!left_out.empty()) report->warnings.push_back(left_out);
+  return BuiltFile{std::move(*report), std::move(notes), reader.files()};
+}
+
+Status build(const Options& options) {
+  const double start = seconds_now();
+  SPLATVOL_TRY_ASSIGN(built, build_file(options, terminal_bar()));
+  if (!built.notes.work.tells) return {};
   const double seconds = seconds_now() - start;
-  options.json ? print_json(options, notes, *report, seconds) : print_text(options, notes, *report, seconds);
+  options.json ? print_json(options, built.notes, built.report, seconds)
+               : print_text(options, built.notes, built.report, seconds);
   return {};
+}
+
+// The options that the bytes of a file depend on.
+std::string choices_of(const Options& options) {
+  return json_text(nlohmann::ordered_json{{"attributes", options.attributes},
+                                          {"reduction", options.reduction},
+                                          {"leaf", options.leaf},
+                                          {"connectivity", options.connectivity},
+                                          {"columns", options.columns},
+                                          {"time", options.time ? fmt::format("{}", *options.time) : ""},
+                                          {"gradients", options.gradients},
+                                          {"exact", options.exact},
+                                          {"strict", options.strict},
+                                          {"no_displacements", options.no_displacements},
+                                          {"drop_cells", options.drop_cells},
+                                          {"boundary_triangles", options.boundary_triangles},
+                                          {"cells", options.cells},
+                                          {"up", options.up},
+                                          {"missing", fmt::format("{}", fmt::join(options.missing, " "))},
+                                          {"times", options.times},
+                                          {"series", options.series},
+                                          {"series_of_files", options.series_of_files},
+                                          {"units", options.units}});
+}
+
+// The file's name in the cache: that of the input.
+std::string cached_name(const Options& options) {
+  std::filesystem::path path(options.inputs[0]);
+  if (path.filename() == "controlDict") path = path.parent_path().parent_path();
+  if (!path.has_filename() || path.filename() == "." || path.filename() == "..") path = canonical_input(path);
+  const std::string name = path.stem().string();
+  return (name.empty() ? "mesh" : name) + (options.series_of_files ? ".svols" : ".svol");
+}
+
+Status build_for_cache(const Options& given) {
+  SPLATVOL_TRY(require_one_rank("--cached"));
+  Options options = given;
+  options.boundary = options.boundary_if_any = true;
+  const auto build_it =
+      [options](const std::string& output, const ShowShare& show,
+                const std::function<void(const std::string&)>& show_preview) -> Result<CachedBuild::Outcome> {
+    Options of_output = options;
+    of_output.output = output;
+    SPLATVOL_TRY_ASSIGN(built, build_file(of_output, show, show_preview));
+    std::vector<std::string> notes = warning_lines(built.report);
+    notes.insert(notes.end(), built.notes.warnings.begin(), built.notes.warnings.end());
+    return CachedBuild::Outcome{std::move(notes), std::move(built.read)};
+  };
+  return build_cached(options.cache,
+                      {options.inputs, choices_of(options), cached_name(options), options.json, build_it});
+}
+
+Status run(const Options& options) {
+  if (options.cache.list) return list_cache(options.json);
+  if (options.cache.forget) return forget_in_cache(options.inputs);
+  if (options.cache.cached) return build_for_cache(options);
+  return options.estimate ? print_estimate(options) : build(options);
+}
+
+// How one of the commands on the cache is called.
+void check_cache_options(const Options& options) {
+  const CacheOptions& cache = options.cache;
+  if (static_cast<int>(cache.cached) + cache.list + cache.forget > 1)
+    wrong_option("--cached", "goes with neither --cache nor --forget");
+  if (!cache.cached && cache.progress) wrong_option("--progress", "goes with --cached");
+  if (!cache.cached && !cache.preview.empty()) wrong_option("--preview", "goes with --cached");
+  if (!options.output.empty()) wrong_option("--output", "goes with no file of the cache");
+  if (options.append) wrong_option("--append", "goes with no file of the cache");
+  if (options.estimate) wrong_option("--estimate", "goes with no file of the cache");
 }
 
 void add_input_options(CommandLine& app, Options& options) {
   app.add_option("inputs", options.inputs,
                  "Meshes, voxels and points, or folders of them: " + input_formats_for_help() +
                      "; or points or a mesh to generate, as svgen does (gen:points:count=1e6)")
-      ->required()
       ->type_name("IN...");
-  app.add_option("-o,--output", options.output, "The file to write; needed but with --estimate")
+  app.add_option("-o,--output", options.output, "The file to write; needed but with --estimate and --cached")
       ->type_name("OUT.svol")
       ->check(check_not_empty);
   app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all)")
@@ -677,15 +789,18 @@ int main(int argc, char** argv) {
   add_estimate_option(app, options);
   add_unit_option(app, options);
   add_machine_options(app, options);
+  add_cache_options(app, options.cache);
   app.callback([&options] {
+    const CacheOptions& cache = options.cache;
+    if (options.inputs.empty() && !cache.list && !cache.forget) missing_option("inputs");
+    if (cache.cached || cache.list || cache.forget) return check_cache_options(options);
     if (options.output.empty() && options.estimate) return;
     if (options.output.empty()) missing_option("--output");
     // build_series_of_files() checks the name of an index.
     const std::string wrong = options.series_of_files ? "" : check_svol_path(options.output);
     if (!wrong.empty()) wrong_option("--output", wrong);
   });
-  const int code =
-      run_tool(app, argc, argv, [&] { return options.estimate ? print_estimate(options) : build(options); });
+  const int code = run_tool(app, argc, argv, [&] { return run(options); });
   leave_ranks();
   return code;
 }

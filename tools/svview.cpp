@@ -188,7 +188,7 @@ Result<WindowResized> draw_inputs(const std::vector<FrameInput>& inputs, double 
     if (times.first_picture == 0) times.first_picture = seconds_now() - start;
     stage.end(viewer);
   }
-  viewer.end_loop();
+  viewer.end_recording();
   const FrameInput idle{1, {}};  // seconds: longer than any change takes
   const double rest_start = seconds_now();
   SPLATVOL_TRY(draw(idle));

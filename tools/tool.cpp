@@ -187,11 +187,8 @@ double seconds_now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-ProgressBar::ProgressBar(std::string stage, std::uint64_t points)
-    : stage_(std::move(stage)),
-      points_(static_cast<double>(points)),
-      visible_(::isatty(STDERR_FILENO) == 1),
-      start_(seconds_now()) {}
+ProgressBar::ProgressBar(std::string stage)
+    : stage_(std::move(stage)), visible_(::isatty(STDERR_FILENO) == 1), start_(seconds_now()) {}
 
 ProgressBar::~ProgressBar() {
   if (visible_) fmt::print(stderr, "\r\033[K");
@@ -206,8 +203,6 @@ void ProgressBar::update(double fraction) {
   const double left = fraction > 0 ? (now - start_) * (1 - fraction) / fraction : 0;
   fmt::print(stderr, "\r\033[K{:<10} [{:=>{}}{:>{}}] {:3.0f} %  {:.0f} s left", stage_, "", filled, "", width - filled,
              fraction * 100, left);
-  if (points_ > 0 && now > start_)
-    fmt::print(stderr, "  {:.2f} M points/s", 1e-6 * fraction * points_ / (now - start_));
   std::fflush(stderr);
 }
 
@@ -224,6 +219,13 @@ Result<std::uint64_t> parse_bytes(const std::string& text) {
   if (error != std::errc() || !(bytes >= 0) || bytes >= 0x1p63)
     return fail(ErrorCode::invalid_argument, "'{}' is not a size such as 512M or 2G", text);
   return static_cast<std::uint64_t>(bytes);
+}
+
+std::string bytes_text(double bytes) {
+  constexpr std::array<const char*, 5> units = {"B", "KiB", "MiB", "GiB", "TiB"};
+  std::size_t unit = 0;
+  for (; bytes >= 1000 && unit + 1 < units.size(); ++unit) bytes /= 1024;
+  return fmt::format("{:.{}f} {}", bytes, bytes < 10 && unit > 0 ? 1 : 0, units[unit]);
 }
 
 std::string default_memory(std::uint64_t mebibytes) {

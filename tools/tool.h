@@ -48,8 +48,7 @@ void add_force_option(CommandLine& app, Replace& replace);
 /// Shows a bar and the time left on stderr. Prints nothing unless stderr is a terminal.
 class ProgressBar {
  public:
-  /// `points`: the points of the whole stage, to print a rate; 0: not known.
-  explicit ProgressBar(std::string stage, std::uint64_t points = 0);
+  explicit ProgressBar(std::string stage);
   ~ProgressBar();
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
@@ -57,9 +56,11 @@ class ProgressBar {
   /// Draws at most ten times a second; `fraction` in [0, 1].
   void update(double fraction);
 
+  /// From now on, it shows another stage of the same work.
+  void rename(const std::string& stage) { stage_ = stage; }
+
  private:
   std::string stage_;
-  double points_;
   bool visible_;
   double start_;
   double last_drawn_ = 0;
@@ -67,6 +68,9 @@ class ProgressBar {
 
 /// Reads a number of bytes: "65536", "64K", "1.5G" (powers of 1024; K, M, G, T, with or without iB).
 [[nodiscard]] Result<std::uint64_t> parse_bytes(const std::string& text);
+
+/// Returns a number of bytes in the unit that fits: "1.5 GiB".
+[[nodiscard]] std::string bytes_text(double bytes);
 
 /// A default for --memory: SPLATVOL_MEMORY of the environment; else so many MiB, or half of what this process may have,
 /// if that is less.

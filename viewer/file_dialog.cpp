@@ -30,6 +30,7 @@ void FileDialog::open(const std::string& file) {
   std::string folder = folder_.empty() ? "." : folder_;
   if (!file.empty() && !is_url(file)) folder = folder_of(file);
   is_open_ = is_new_ = true;
+  is_closing_ = false;
   typed_[0] = 0;
   const fs::path absolute = fs::absolute(folder, error).lexically_normal();
   enter(error ? folder : absolute.string());
@@ -129,7 +130,7 @@ std::optional<std::string> FileDialog::draw(const WindowResized& window, std::sp
   ImGui::EndChild();
   if (ImGui::Button("open") && typed_[0]) chosen = typed_.data();
   ImGui::SameLine();
-  if (ImGui::Button("cancel") || ImGui::IsKeyPressed(ImGui::GetKeyIndex(ImGuiKey_Escape))) is_open_ = false;
+  if (ImGui::Button("cancel") || is_closing_) is_open_ = false;
   is_new_ = false;
   std::optional<std::string> file = chosen ? choose(*chosen) : std::nullopt;
   if (!is_open_) ImGui::CloseCurrentPopup();

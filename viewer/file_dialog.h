@@ -18,6 +18,11 @@ class FileDialog {
   /// the working folder.
   void open(const std::string& file);
 
+  [[nodiscard]] bool is_open() const { return is_open_; }
+
+  /// Closes it when it is drawn next.
+  void close() { is_closing_ = true; }
+
   /// Draws the dialog, if it is open. Returns the path or the address that the user has chosen in this frame.
   [[nodiscard]] std::optional<std::string> draw(const WindowResized& window, std::span<const std::string> recent);
 
@@ -34,6 +39,7 @@ class FileDialog {
 
   bool is_open_ = false;
   bool is_new_ = false;  // since the last frame
+  bool is_closing_ = false;
   std::string folder_;
   std::vector<Entry> entries_;
   std::string trouble_;  // why the folder cannot be listed

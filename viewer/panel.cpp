@@ -81,22 +81,29 @@ void Panel::draw_history_buttons() {
   ImGui::SameLine();
 }
 
-// The opacity attribute, and its factors.
+// The opacity attribute, and its factors: their rows stay while values are read.
 void Panel::draw_opacity_controls() {
-  std::optional<SceneOpacity>& opacity = viewer_.session->scene.opacity;
+  Session& session = *viewer_.session;
+  std::optional<SceneOpacity>& opacity = session.scene.opacity;
   if (ImGui::BeginCombo("opacity by", opacity ? opacity->attribute.c_str() : "the same attribute")) {
-    if (ImGui::Selectable("the same attribute", !opacity) && opacity) viewer_.session->show_opacity("");
-    for (const auto& attribute : viewer_.session->info().attributes) {
+    if (ImGui::Selectable("the same attribute", !opacity) && opacity) session.show_opacity("");
+    for (const auto& attribute : session.info().attributes) {
       const bool is_shown = opacity && opacity->attribute == attribute.name;
-      if (ImGui::Selectable(attribute.name.c_str(), is_shown) && !is_shown)
-        viewer_.session->show_opacity(attribute.name);
+      if (ImGui::Selectable(attribute.name.c_str(), is_shown) && !is_shown) session.show_opacity(attribute.name);
     }
     ImGui::EndCombo();
   }
   hint("The attribute that is shown gives the colours.\nAnother one may give the opacity.");
-  const std::optional<format::Attribute> drawn = viewer_.session->opacity_attribute();
-  if (opacity && drawn && drawn->name == opacity->attribute && !viewer_.session->is_reading())
-    opacity_editor_.draw_factors(opacity->function, *drawn, viewer_.session->opacity_histogram());
+  const auto number = opacity ? session.info().find_attribute(opacity->attribute) : -1;
+  if (number < 0) return;
+  const std::optional<format::Attribute> drawn = session.opacity_attribute();
+  const bool is_known = drawn && drawn->name == opacity->attribute && !session.is_reading();
+  ImGui::BeginDisabled(!is_known);
+  if (is_known)
+    opacity_editor_.draw_factors(opacity->function, *drawn, session.opacity_histogram());
+  else
+    opacity_editor_.draw_factors(opacity->function, session.info().attributes[static_cast<std::size_t>(number)], {});
+  ImGui::EndDisabled();
 }
 
 void Panel::draw_transfer_section() {
@@ -147,8 +154,10 @@ Panel::Wishes Panel::draw() {
       std::min(static_cast<float>(ViewerState::panel_width) * scale, static_cast<float>(viewer_.window.width));
   ImGui::SetNextWindowPos({viewer_.shown.panel_right ? static_cast<float>(viewer_.window.width) - width : 0, 0});
   ImGui::SetNextWindowSize({width, static_cast<float>(viewer_.window.height)});
+  // It stays behind toasts and other windows, where they lie over it.
   ImGui::Begin("panel", nullptr,
-               (ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_HorizontalScrollbar);
+               (ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_HorizontalScrollbar |
+                   ImGuiWindowFlags_NoBringToFrontOnFocus);
   ImGui::PushItemWidth(220 * scale);
   if (ImGui::SmallButton("open")) wishes.opens_dialog = true;
   hint("A file, an address, or one of the recent files (control O)");
@@ -161,11 +170,6 @@ Panel::Wishes Panel::draw() {
     wishes.file = draw_sections();
   } else {
     ImGui::TextWrapped("Drop a .svol file on this window, or open one.");
-  }
-  if (!viewer_.message.empty()) ImGui::TextWrapped("%s", viewer_.message.c_str());
-  if (viewer_.session && !viewer_.session->troubles().empty()) {
-    const auto& troubles = viewer_.session->troubles();
-    ImGui::TextWrapped("%zu errors, the last: %s", troubles.size(), troubles.back().c_str());
   }
   ImGui::PopItemWidth();
   ImGui::End();

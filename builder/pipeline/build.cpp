@@ -127,7 +127,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   SPLATVOL_TRY_ASSIGN(
       points, PointStream::create(source, uses_cells(options), options.memory / 2, folder, read, options.gradients,
                                   joined_attributes(options), watch_points(source, options, faces.get(), cells.get())));
-  if (faces) SPLATVOL_TRY(faces->check_any());
+  SPLATVOL_TRY(check_boundary(faces, options));
   return build_from_points(std::move(points), std::move(file), folder, options, progress, faces.get(), cells.get());
 }
 

@@ -42,7 +42,8 @@ struct BuildOptions {
   int up = -1;                                                  // format::VolumeInfo::up
   bool strict = false;                                          // fail if the input would change (check_unchanged)
   std::uint64_t boundary_triangles = 0;                         // most triangles of the mesh's boundary; 0: none
-  bool keep_cells = false;  // the file keeps the mesh's cells, or Delaunay tetrahedra, if there are any
+  bool boundary_if_any = false;  // no failure if the input has no cells, and so no boundary
+  bool keep_cells = false;       // the file keeps the mesh's cells, or Delaunay tetrahedra, if there are any
 };
 
 /// Values so near to 0 that the file has 0 for them.

@@ -13,7 +13,7 @@
 namespace splatvol {
 
 /// Makes an empty boundary for the pieces to come, with a part of the memory; null if the options ask for none. Fails
-/// if the source cannot have cells.
+/// if the source cannot have cells; with BuildOptions::boundary_if_any, that gives null, too.
 [[nodiscard]] Result<std::unique_ptr<BoundaryFaces>> start_boundary(const Source& source, const BuildOptions& options,
                                                                     const std::string& folder);
 
@@ -26,6 +26,10 @@ namespace splatvol {
     return added;
   };
 }
+
+/// Fails if no piece had a face; with BuildOptions::boundary_if_any, makes `faces` null instead. Does nothing for null.
+/// Called after the last piece.
+[[nodiscard]] Status check_boundary(std::unique_ptr<BoundaryFaces>& faces, const BuildOptions& options);
 
 /// A boundary that is ready for the file.
 struct StoredBoundary {

@@ -74,11 +74,15 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
     if (ended && box.low.x <= box.high.x) SPLATVOL_TRY(only(box));
   }
   for (std::size_t pieces = 0; piece; ++pieces) {
-    progress(static_cast<double>(pieces) / static_cast<double>(std::max(source_.piece_count(), pieces + 1)));
+    const auto tell = [&](double of_piece) {
+      progress((static_cast<double>(pieces) + of_piece) /
+               static_cast<double>(std::max(source_.piece_count(), pieces + 1)));
+    };
+    tell(0);
     facts_.most_piece_bytes =
         std::max(facts_.most_piece_bytes, bytes_to_read(*piece) + (second ? bytes_to_read(*second) : 0));
     if (watch_) SPLATVOL_TRY(watch_(*piece));
-    SPLATVOL_TRY(read(*piece, visit));
+    SPLATVOL_TRY(read(*piece, visit, tell));
     piece = std::move(second);
     if (piece || ended) continue;
     SPLATVOL_TRY_ASSIGN(next, source_.next());
@@ -151,7 +155,8 @@ InputSummary PieceReader::summary(const JoinedAttributes& joined) const {
   return summary;
 }
 
-Status PieceReader::read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit) {
+Status PieceReader::read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit,
+                         const std::function<void(double)>& progress) {
   if (piece.tetrahedra.size() > std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::unsupported, "a piece has {} tetrahedra, which is too many: split it",
                 piece.tetrahedra.size());
@@ -170,6 +175,7 @@ Status PieceReader::read(Piece& piece, const std::function<Status(std::span<cons
     make_records(piece, material, std::span(kept).subspan(first, std::min(most, kept.size() - first)));
     SPLATVOL_TRY(visit(records_));
     SPLATVOL_TRY(check_interruption());
+    if (progress) progress(static_cast<double>(first) / static_cast<double>(kept.size()));
   }
   ++piece_;
   const bool has_mesh = material.mesh.has_value();

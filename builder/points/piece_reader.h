@@ -55,14 +55,16 @@ class PieceReader {
         watch_(std::move(watch)),
         facts_(source.attributes().size()) {}
 
-  /// Calls visit(records) for the points of each piece, some at a time, and progress(share of the pieces that are
-  /// done). If the input turns out to be one piece, calls only(box round its points) before the records; `only` may be
-  /// empty. Fails if no point is left.
+  /// Calls visit(records) for the points of each piece, some at a time, and progress(share of the points that are done,
+  /// if all pieces are alike). If the input turns out to be one piece, calls only(box round its points) before the
+  /// records; `only` may be empty. Fails if no point is left.
   [[nodiscard]] Status run(const std::function<void(double)>& progress, const std::function<Status(const Box&)>& only,
                            const std::function<Status(std::span<const std::byte>)>& visit);
 
   /// Calls visit(records) for the points of one piece, some at a time. For callers that choose the pieces themselves.
-  [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit);
+  /// `progress` gets the share of the piece that is done; it may be empty.
+  [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit,
+                            const std::function<void(double)>& progress = {});
 
   /// Numbers the pieces from `first` on, in tags. Without this, from 0.
   void number_pieces(std::uint32_t first) { piece_ = first; }

@@ -216,6 +216,7 @@ class SeriesBuild {
   // Writes what all steps share, or checks that it is the same as before; then the steps of the group.
   Status write(const StepGroup& source, ReducedSource reduced) {
     const std::vector<std::string>& names = source.step_attributes();
+    SPLATVOL_TRY(check_boundary(faces_, options_));
     if (faces_) {
       SPLATVOL_TRY_ASSIGN(boundary, finish_boundary(*faces_, options_, progress_));
       reduced.info.boundary = boundary.packed.info;

@@ -522,7 +522,7 @@ void CellSweep::choose_pixels(Tile& tile) const {
 }
 
 std::uint64_t CellSweep::most_in_batch() const {
-  return std::min<std::uint64_t>(drawing_.memory / 16 * 7, std::uint64_t{128} << 20);
+  return std::min<std::uint64_t>(drawing_.memory / 16 * 7, std::uint64_t{256} << 20);
 }
 
 // Chooses about as many chunks as fit into memory.

@@ -671,6 +671,9 @@ TEST_F(ViewerTest, APictureThatIsTooLargeIsReported) {
   settle();
   ASSERT_FALSE(viewer->drawn());
   EXPECT_THAT(viewer->drawn().error().message, HasSubstr("GPU memory"));
+  ASSERT_EQ(viewer->messages().toasts().size(), 1U);
+  EXPECT_EQ(viewer->messages().toasts()[0].text, viewer->drawn().error().message);
+  EXPECT_EQ(viewer->messages().toasts()[0].times, 1) << "not in each frame";
   EXPECT_EQ(viewer->session()->frame(), nullptr);
   for (const int code : {'R', 'H', 'B', 'L'}) press(code);
   settle();

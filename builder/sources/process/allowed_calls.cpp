@@ -146,10 +146,12 @@ void allow_files(Filter& filter) {
 #ifdef SYS_open  // older calls, which newer architectures lack
   filter.allow({SYS_stat, SYS_lstat, SYS_access, SYS_readlink, SYS_getdents, SYS_dup2});
   filter.hand_over_if(SYS_open, 1, writing | O_NONBLOCK, O_RDONLY);
+  filter.hand_over_if(SYS_open, 1, writing | unasked_open_flags, O_NONBLOCK);
   filter.allow_if(SYS_open, 1, writing, {O_RDONLY});
 #endif
-  // An open that may wait is answered by opened_files.h.
+  // All others are answered, and noted, by opened_files.h.
   filter.hand_over_if(SYS_openat, 2, writing | O_NONBLOCK, O_RDONLY);
+  filter.hand_over_if(SYS_openat, 2, writing | unasked_open_flags, O_NONBLOCK);
   filter.allow_if(SYS_openat, 2, writing, {O_RDONLY});
   // Other programs would wait for a lock. Libraries take this answer for a file system that has none, and go on.
   filter.refuse(SYS_flock, ENOSYS);

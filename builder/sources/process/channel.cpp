@@ -12,7 +12,7 @@ namespace splatvol {
 namespace {
 
 constexpr std::size_t buffer_bytes = std::size_t{1} << 16;
-constexpr int tick_milliseconds = 1000;
+constexpr int tick_milliseconds = 100;
 
 tl::unexpected<Error> fail_ended() { return fail(ErrorCode::io, "the other process has ended"); }
 

@@ -27,7 +27,7 @@ concept HasMembers = requires(T& value) {
 /// the same ones in the same order. After a failure nothing more can be sent or received. Not thread-safe.
 class Channel {
  public:
-  /// Called about once a second while something is awaited, arrives, or is not taken. A failure ends the wait.
+  /// Called some times a second while something is awaited, arrives, or is not taken. A failure ends the wait.
   using Waiting = std::function<Status()>;
 
   /// Takes the descriptor. `most_bytes`: arrays that claim to be larger are refused.

@@ -21,6 +21,7 @@ constexpr std::size_t most_looks = std::size_t{1} << 20;
 class InputFiles {
  public:
   [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+  [[nodiscard]] const std::set<std::string>& paths() const { return seen_; }
 
   /// Adds a file or a folder with all that it stands for, once. Ignores what is not there.
   void add(const fs::path& path) {
@@ -97,6 +98,12 @@ std::uint64_t input_bytes(const std::vector<std::string>& inputs) {
   InputFiles files;
   for (const std::string& input : inputs) files.add(input);
   return files.bytes();
+}
+
+std::vector<std::string> input_files(const std::vector<std::string>& inputs) {
+  InputFiles files;
+  for (const std::string& input : inputs) files.add(input);
+  return {files.paths().begin(), files.paths().end()};
 }
 
 }  // namespace splatvol

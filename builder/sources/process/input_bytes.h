@@ -16,4 +16,7 @@ namespace splatvol {
 /// Looks for 2^20 files at most. Safe on untrusted files.
 [[nodiscard]] std::uint64_t input_bytes(const std::vector<std::string>& inputs);
 
+/// Returns these files.
+[[nodiscard]] std::vector<std::string> input_files(const std::vector<std::string>& inputs);
+
 }  // namespace splatvol

@@ -26,7 +26,8 @@ template <class State>
 auto members_of(State& state) requires std::is_same_v<std::remove_const_t<State>, SourceState> {
   return std::tie(state.attributes, state.units, state.components, state.pieces, state.number, state.points, state.step,
                   state.time, state.left_out_cells, state.copies, state.averages_by_piece, state.may_have_cells,
-                  state.brings_material, state.single_precision);
+                  state.brings_material, state.single_precision, state.files.opened, state.files.missing,
+                  state.files.are_all);
 }
 
 template <class Shape>

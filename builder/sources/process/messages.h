@@ -10,6 +10,7 @@
 #include "base/triangle_mesh.h"
 #include "builder/sources/array_union.h"
 #include "builder/sources/process/channel.h"
+#include "builder/sources/process/opened_files.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
@@ -42,6 +43,7 @@ struct SourceState {
   bool may_have_cells = true;
   bool brings_material = false;
   bool single_precision = false;
+  OpenedFiles files;  // since the last state
 };
 
 [[nodiscard]] SourceState state_of(const Source& source);

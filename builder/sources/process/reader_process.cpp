@@ -69,7 +69,8 @@ auto put_inputs(const std::vector<std::string>& inputs, const SourceOptions& opt
 /// The running process. After a failure it is gone.
 class ReaderProcess::Process {
  public:
-  [[nodiscard]] static Result<std::shared_ptr<Process>> start(const ReaderProcessOptions& options) {
+  [[nodiscard]] static Result<std::shared_ptr<Process>> start(const ReaderProcessOptions& options,
+                                                              std::shared_ptr<ReadFiles> files) {
     std::array<int, 2> sockets{};
     if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sockets.data()) != 0)
       return fail(ErrorCode::io, "socketpair: {}", std::system_category().message(errno));
@@ -79,7 +80,7 @@ class ReaderProcess::Process {
       ::close(sockets[0]);
       return tl::unexpected(spawned.error());
     }
-    return std::shared_ptr<Process>(new Process(options, *spawned, sockets[0]));
+    return std::shared_ptr<Process>(new Process(options, *spawned, sockets[0], std::move(files)));
   }
 
   ~Process() { end(); }
@@ -111,6 +112,13 @@ class ReaderProcess::Process {
   /// Says what the next request reads.
   void add_input(const std::vector<std::string>& inputs) { ++inputs_[inputs].uses; }
 
+  /// Notes what was opened.
+  void note(OpenedFiles files) {
+    files_->opened.insert(files.opened.begin(), files.opened.end());
+    files_->missing.insert(files.missing.begin(), files.missing.end());
+    files_->are_all = files_->are_all && files.are_all;
+  }
+
   /// Says that a source is not used any more.
   void close(std::uint64_t source) {
     if (!channel_) return;
@@ -120,9 +128,10 @@ class ReaderProcess::Process {
   }
 
  private:
-  Process(const ReaderProcessOptions& options, pid_t process, int socket)
+  Process(const ReaderProcessOptions& options, pid_t process, int socket, std::shared_ptr<ReadFiles> files)
       : options_(options),
         process_(process),
+        files_(std::move(files)),
         channel_(std::in_place, socket, options.memory, [this] { return wait(); }) {}
 
   void begin_wait() {
@@ -146,10 +155,16 @@ class ReaderProcess::Process {
     if (const auto bytes = bytes_read_by(process_)) bytes_read_ = *bytes;
     if (bytes_read_ + channel_->received() != bytes_moved_) silence_ = {};
     bytes_moved_ = bytes_read_ + channel_->received();
+    if (options_.progress) tell_progress();
     if (silence_ >= options_.patience)
       return fail(ErrorCode::invalid_data, "nothing comes of reading it for {} s: damaged, or its disk does not answer",
                   options_.patience.count());
     return check_work();
+  }
+
+  void tell_progress() {
+    const double all = bytes_of_inputs();
+    options_.progress(all > 0 ? std::min(1.0, static_cast<double>(bytes_read_) / all) : 0);
   }
 
   /// Bytes and seconds that the process may take for inputs of so many bytes.
@@ -223,6 +238,7 @@ class ReaderProcess::Process {
 
   ReaderProcessOptions options_;
   pid_t process_;
+  std::shared_ptr<ReadFiles> files_;
   std::optional<Channel> channel_;  // none: the process has ended
 
   struct Input {
@@ -307,6 +323,7 @@ class ProcessSource final : public Source {
   Status get_state(Channel& channel) {
     SourceState state;
     SPLATVOL_TRY(get(channel, state));
+    process_->note(std::exchange(state.files, {}));
     const bool is_first = state_.attributes.empty();
     if (state.units.size() != state.attributes.size() || state.components.size() != state.attributes.size() ||
         (!is_first && state.attributes != state_.attributes))
@@ -328,7 +345,7 @@ ReaderProcess::~ReaderProcess() = default;
 
 Status ReaderProcess::start() {
   if (process_ && !process_->has_ended()) return {};
-  SPLATVOL_TRY_ASSIGN(process, Process::start(options_));
+  SPLATVOL_TRY_ASSIGN(process, Process::start(options_, files_));
   process_ = std::move(process);
   return {};
 }

@@ -3,8 +3,10 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -20,6 +22,15 @@ struct ReaderProcessOptions {
   std::chrono::seconds patience{300};  // how long it may read nothing from its files, and send nothing
   double factor = 1;                   // on how much it may read, and on how long it may take
   int threads = 0;                     // most threads; 0: those of the machine
+  /// Gets the share of the bytes of its inputs that the process has read, some times a second while somebody waits for
+  /// it. It may stay below 1: of an input with time steps, one is read.
+  std::function<void(double)> progress = {};
+};
+
+/// The files and folders that a reader process has opened.
+struct ReadFiles {
+  std::set<std::string> opened, missing;  // missing: it looked for them
+  bool are_all = true;
 };
 
 /// Opens sources and reads surfaces in a process of its own, so that a damaged or hostile file does no harm: libraries
@@ -49,6 +60,9 @@ class ReaderProcess {
   /// the process crashes, needs more memory, or does not get on.
   [[nodiscard]] Result<TriangleMesh> read_surface(const std::string& path);
 
+  /// What was read for all sources so far. Empty where the system cannot tell.
+  [[nodiscard]] const ReadFiles& files() const { return *files_; }
+
  private:
   [[nodiscard]] Status start();
 
@@ -58,6 +72,7 @@ class ReaderProcess {
   ReaderProcessOptions options_;
   std::shared_ptr<Process> process_;  // null: not started
   std::uint64_t sources_ = 0;         // opened so far
+  std::shared_ptr<ReadFiles> files_ = std::make_shared<ReadFiles>();
 };
 
 }  // namespace splatvol

@@ -84,7 +84,7 @@ class Server {
     SPLATVOL_TRY(get(channel_, options));
     return answer_with(caught([&] { return open_(inputs, options); }), [&](std::unique_ptr<Source>& source) {
       sources_[number] = std::move(source);
-      return put(channel_, state_of(*sources_[number]));
+      return put_state(*sources_[number]);
     });
   }
 
@@ -103,10 +103,16 @@ class Server {
     if (lends) source.lend_values();
     if (whole_cells) source.tell_whole_cells();
     return answer_with(caught([&] { return source.next(); }), [&](std::unique_ptr<Piece>& piece) -> Status {
-      SPLATVOL_TRY(put(channel_, state_of(source)));
+      SPLATVOL_TRY(put_state(source));
       SPLATVOL_TRY(channel_.put(piece != nullptr));
       return piece ? put(channel_, std::move(piece), source.attributes().size()) : Status{};
     });
+  }
+
+  Status put_state(const Source& source) {
+    SourceState state = state_of(source);
+    state.files = take_opened_files();
+    return put(channel_, state);
   }
 
   Status select(Source& source) {
