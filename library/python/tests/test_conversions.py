@@ -278,7 +278,8 @@ def test_the_real_svbuild(svbuild, mesh_path, tmp_path, monkeypatch):
     with splatvol.open(mesh_path) as file:  # of the cache
         assert (file.path, os.stat(file.path).st_mtime_ns) == first
     monkeypatch.setenv("SPLATVOL_CACHE", "")
-    file = splatvol.open(mesh_path)
+    with pytest.warns(UserWarning, match="the file is temporary"):
+        file = splatvol.open(mesh_path)
     path = file.path
     assert os.path.exists(path) and not path.startswith(str(tmp_path / "cache"))
     file.close()

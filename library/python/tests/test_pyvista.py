@@ -1,5 +1,6 @@
 """With PyVista and its VTK, drawn in software."""
 
+import subprocess
 from importlib.metadata import entry_points
 
 import numpy as np
@@ -182,6 +183,31 @@ def test_a_contour_is_the_exact_one(tmp_path):
         file.contour(7)
     with pytest.raises(TypeError, match="value='r': take a number"):
         file.contour("r")
+
+
+def test_meshes_are_those_of_svexport(ball_file, ball_path, tmp_path, program):
+    svexport = program("svexport")
+
+    def exported(name, *options):
+        subprocess.run([svexport, ball_path, "-o", tmp_path / name, *options], check=True, capture_output=True)
+        return pv.read(tmp_path / name)
+
+    def expect_same(mesh, other):
+        np.testing.assert_array_equal(mesh.points, other.points)
+        assert set(mesh.point_data.keys()) == {"T", "U"} and mesh.point_data["U"].shape == (mesh.n_points, 3)
+        for name in ("T", "U"):
+            np.testing.assert_array_equal(mesh.point_data[name], other.point_data[name])
+
+    cells = exported("cells.vtu", "--cells")
+    expect_same(ball_file.cells(), cells)
+    np.testing.assert_array_equal(ball_file.cells().cells, cells.cells)
+    names = [word for name in ("T", "U", "U[0]", "U[1]", "U[2]") for word in ("--attribute", name)]
+    surface = exported("surface.vtp", "--contour", "1.2", *names)
+    expect_same(ball_file.contour(1.2, "T"), surface)
+    np.testing.assert_array_equal(ball_file.contour(1.2, "T").faces, surface.faces)
+    points = exported("points.vtu")
+    np.testing.assert_allclose(points.point_data["U"][:, 0], points.points[:, 1], atol=1e-6)
+    assert {"U mean", "U[1] mean"} < set(points.point_data.keys()) and "U[1]" not in points.point_data
 
 
 def opaque_scene(density=.5):
