@@ -1,12 +1,15 @@
 #include "splatvol/file.h"
 
 #include <algorithm>
+#include <cmath>
 #include <mutex>
 #include <optional>
 #include <utility>
 
 #include "base/http_source.h"
 #include "base/interruption.h"
+#include "extractor/cell_extraction.h"
+#include "extractor/contour_extraction.h"
 #include "format/mesh_box.h"
 #include "format/splat_reader.h"
 #include "format/steps.h"
@@ -191,6 +194,24 @@ Result<LineSamples> File::sample_line(const dvec3& start, const dvec3& end, cons
   if (samples) rows = in_equal_steps(rows, start, end, *samples);
   return LineSamples{std::move(selection.names), std::move(rows.arc_lengths), std::move(rows.positions),
                      std::move(rows.values)};
+}
+
+Result<CellMesh> File::cells(const MeshRequest& request) const {
+  const format::Volume& volume = *contents_->volume;
+  const Box box = request.box.value_or(format::SplatSelection().box);
+  SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, {}, request.attributes, box));
+  return extract_cells(volume, selection);
+}
+
+Result<ContourMesh> File::contour(double value, const std::string& attribute, const MeshRequest& request) const {
+  if (!std::isfinite(value)) return fail(ErrorCode::invalid_argument, "{}: {} is no value of a contour", name(), value);
+  const format::Volume& volume = *contents_->volume;
+  const Box box = request.box.value_or(format::SplatSelection().box);
+  SPLATVOL_TRY_ASSIGN(others, format::select_splats(volume, {}, request.attributes, box));
+  SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, {}, {attribute}, box));
+  for (std::size_t i = 0; i < others.names.size(); ++i)
+    if (others.names[i] != attribute) selection.add(others.attributes[i], others.names[i]);
+  return extract_contour(volume, selection, value);
 }
 
 Status File::verify(const std::function<void(double)>& progress) const {
