@@ -34,7 +34,7 @@ void draw_step_controls(Session& session) {
   ImGui::SameLine();
   ImGui::Checkbox("loop", &session.playback.loops);
   const double slowest = 0.1, fastest = 60;
-  ImGui::SliderScalar("steps a second", ImGuiDataType_Double, &session.playback.steps_per_second, &slowest, &fastest,
+  ImGui::SliderScalar("steps/s", ImGuiDataType_Double, &session.playback.steps_per_second, &slowest, &fastest,
                       "%.3g", ImGuiSliderFlags_Logarithmic | ImGuiSliderFlags_AlwaysClamp);
   hint("Steps come later if the file is slow.\nControl click: type a number.");
 }
