@@ -131,13 +131,13 @@ class CachedRun {
       }
       reason = cache.error().message;
     }
-    return use_temporary(reason + ": the file is temporary", reason);
+    return use_temporary(without_cache(reason));
   }
 
-  // Without progress, nobody would see a temporary file.
-  Status use_temporary(const std::string& note, const std::string& reason) {
-    if (!options_.progress) return fail(ErrorCode::io, "{}; {}", reason, other_ways);
-    notes_.push_back(note);
+  // Nobody would see a temporary file without progress: that is an error then.
+  Status use_temporary(const std::string& note) {
+    if (!options_.progress) return fail(ErrorCode::io, "{}", note);
+    notes_.push_back("the file is temporary: " + note);
     is_temporary_ = true;
     return {};
   }
@@ -156,8 +156,7 @@ class CachedRun {
         }
         return std::optional(std::move(std::get<BuildCache::Place>(*found)));
       }
-      const std::string reason = found.error().message;
-      SPLATVOL_TRY(use_temporary(reason + ": the file is temporary", reason));
+      SPLATVOL_TRY(use_temporary(without_cache(found.error().message)));
     }
     SPLATVOL_TRY_ASSIGN(folder, BuildCache::open(folder_for_temporaries()));
     SPLATVOL_TRY_ASSIGN(place, folder.make_place(key_));
@@ -178,26 +177,26 @@ class CachedRun {
     bar_.reset();
     notes_.insert(notes_.end(), outcome->notes.begin(), outcome->notes.end());
     const InputState read = state_of_inputs(build_.inputs, outcome->read);
-    if (!outcome->read.are_all || !watch.is_unchanged(read))
-      return keep_temporary(std::move(place), "the input changed while it was read: open it again once it is written");
-    if (is_temporary_) return keep_temporary(std::move(place), "");
-    auto built = cache_->keep(place, key_, build_.name, read, outcome->notes);
-    if (!built) return keep_temporary(std::move(place), built.error().message);
-    built_.emplace(std::move(*built));
+    if (!outcome->read.are_all || !watch.is_unchanged(read)) {
+      SPLATVOL_TRY(use_temporary("the input changed while it was read: open it again once it is written"));
+    } else if (!is_temporary_) {
+      auto built = cache_->keep(place, key_, build_.name, read, outcome->notes);
+      if (built) {
+        built_.emplace(std::move(*built));
+        return {};
+      }
+      SPLATVOL_TRY(use_temporary(without_cache(built.error().message)));
+    }
+    place_.emplace(std::move(place));  // it stays as long as this process
     return {};
   }
 
-  // The file stays as long as this process. `reason`: empty if it is told already.
-  Status keep_temporary(BuildCache::Place place, const std::string& reason) {
-    if (!reason.empty()) SPLATVOL_TRY(use_temporary(fmt::format("{}; {}", reason, other_ways), reason));
-    place_.emplace(std::move(place));
-    return {};
-  }
+  static std::string without_cache(const std::string& reason) { return fmt::format("{}; {}", reason, other_ways); }
 
   // Nobody knows the folder of the cache by heart.
   static Status explain(const BuildCache::Place& place, const Error& error) {
     if (error.message.find(one_line(place.folder())) == std::string::npos) return tl::unexpected(error);
-    return fail(error.code, "{}; {}", error.message, other_ways);
+    return fail(error.code, "{}", without_cache(error.message));
   }
 
   [[nodiscard]] std::string file() const { return built_ ? built_->file : place_->folder() + "/" + build_.name; }

@@ -54,6 +54,16 @@ struct Cached : ProgramTest {
     return lines;
   }
 
+  // Reads what a child prints, up to its result. It still holds the file then.
+  [[nodiscard]] static json wait_for_result(Child& child) {
+    while (const auto line = child.line()) {
+      const json value = json::parse(*line, nullptr, false);
+      if (value.contains("result")) return value["result"];
+    }
+    ADD_FAILURE() << "there is no result";
+    return {};
+  }
+
   // The entries and places in the cache.
   [[nodiscard]] std::vector<std::string> folders_of_cache() const {
     std::vector<std::string> found;
@@ -164,12 +174,8 @@ TEST_F(Cached, OfTwoCallersOneBuilds) {
       b(folder_, "exec svbuild mesh.vtu --cached --progress");
   std::vector<json> results;
   for (Child* child : {&a, &b}) {
-    while (const auto line = child->line()) {
-      const json value = json::parse(*line, nullptr, false);
-      if (!value.contains("result")) continue;
-      results.push_back(value["result"]);
-      child->end_input();
-    }
+    results.push_back(wait_for_result(*child));
+    child->end_input();
     EXPECT_EQ(child->status(), 0);
   }
   ASSERT_THAT(results, SizeIs(2));
@@ -237,15 +243,7 @@ TEST_F(Cached, InputsThatAreNoMeshesAreRefused) {
 TEST_F(Cached, AFileIsHeldUntilTheInputEnds) {
   write("a.csv", "x,y,z,v\n0,0,0,1\n1,0,0,2\n0,1,0,3\n0,0,1,4\n");
   Child child(folder_, "exec svbuild a.csv --cached --progress");
-  json result;
-  for (auto line = child.line(); line && result.is_null(); line = child.line()) {
-    const json value = json::parse(*line, nullptr, false);
-    if (value.contains("result")) {
-      result = value["result"];
-      break;
-    }
-  }
-  ASSERT_FALSE(result.is_null());
+  const json result = wait_for_result(child);
   EXPECT_THAT(run("svbuild --forget").out, StartsWith("is open, and stays: "));
   EXPECT_THAT(run("svbuild --cache").out, HasSubstr(", open: " + result["file"].get<std::string>()));
   child.end_input();
@@ -261,13 +259,7 @@ TEST_F(Cached, WithoutACacheTheFileIsTemporary) {
   fs::create_directory(path("tmp"));
   for (const std::string cache : {"SPLATVOL_CACHE= ", "SPLATVOL_CACHE=file/cache "}) {
     Child child(folder_, cache + "TMPDIR=tmp exec svbuild a.csv --cached --progress");
-    json result;
-    while (result.is_null()) {
-      const auto line = child.line();
-      ASSERT_TRUE(line);
-      const json value = json::parse(*line, nullptr, false);
-      if (value.contains("result")) result = value["result"];
-    }
+    const json result = wait_for_result(child);
     EXPECT_TRUE(result["temporary"]);
     EXPECT_THAT(result["notes"].dump(), HasSubstr("the file is temporary"));
     const std::string file = result["file"];
@@ -287,6 +279,28 @@ TEST_F(Cached, AFullDiskLeavesNothing) {
   EXPECT_EQ(outcome.code, 1);
   EXPECT_THAT(outcome.err, EndsWith("; give -o OUT.svol, or another folder in SPLATVOL_CACHE\n"));
   EXPECT_THAT(folders_of_cache(), IsEmpty());
+}
+
+TEST_F(Cached, AFileThatIsTooLargeForTheCacheIsToldAndTemporary) {
+  if (run("unshare -rm mount -t tmpfs none .").code != 0) GTEST_SKIP() << "needs a file system of its own";
+  make_mesh(20000);
+  const std::uint64_t bytes = fs::file_size(result_of("mesh.vtu")["file"].get<std::string>());
+  // The cache may hold half of its file system.
+  const auto build_on_small_disk = [&](const std::string& options) {
+    return run(
+        fmt::format("unshare -rm sh -c 'mount -t tmpfs -o size={} none cache && svbuild mesh.vtu --cached "
+                    "--temp . {}'",
+                    bytes + bytes / 2, options));
+  };
+  const Outcome plain = build_on_small_disk("");
+  EXPECT_EQ(plain.code, 1);
+  EXPECT_THAT(plain.err, AllOf(HasSubstr(fmt::format("the file has {} bytes, and the cache may hold ", bytes)),
+                               EndsWith("; give -o OUT.svol, or another folder in SPLATVOL_CACHE\n")));
+  const Outcome watched = build_on_small_disk("--progress");
+  EXPECT_EQ(watched.code, 0) << watched.text;
+  const json result = lines_of(watched.out).back()["result"];
+  EXPECT_TRUE(result["temporary"]);
+  EXPECT_THAT(result["notes"].dump(), HasSubstr("the cache may hold"));
 }
 
 // Processes that a process has started, and theirs.
