@@ -700,7 +700,8 @@ void add_format_options(CommandLine& app, Options& options) {
       "Write nothing if the file would not be the input as it is: arrays, cells or points left out, merged unlike or "
       "inverted, numbers taken as fill values, detail lost far from the origin or beside large values");
   app.add_option("--up", options.up,
-                 "The axis that points upwards in pictures; kept in the file (default: z for OpenFOAM; else none is "
+                 "The axis that points upwards in pictures; kept in the file (default: for OpenFOAM that "
+                 "of constant/g, else y with patches of the type empty, else z; for others none is "
                  "kept, and pictures take y)")
       ->one_of({"x", "y", "z"});
   app.add_option("--missing", options.missing,

@@ -75,7 +75,8 @@ class NameList {
     lock();
     char* const names = std::exchange(names_, nullptr);
     const std::size_t size = std::exchange(size_, 0), room = std::exchange(room_, 0);
-    OpenedFiles files{.are_all = std::exchange(are_all_, true)};
+    OpenedFiles files;
+    files.are_all = std::exchange(are_all_, true);
     unlock();
     for (std::size_t at = 0; at < size;) {
       const std::string_view name(names + at + 1);
