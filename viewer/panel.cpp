@@ -34,8 +34,8 @@ void draw_step_controls(Session& session) {
   ImGui::SameLine();
   ImGui::Checkbox("loop", &session.playback.loops);
   const double slowest = 0.1, fastest = 60;
-  ImGui::SliderScalar("steps/s", ImGuiDataType_Double, &session.playback.steps_per_second, &slowest, &fastest,
-                      "%.3g", ImGuiSliderFlags_Logarithmic | ImGuiSliderFlags_AlwaysClamp);
+  ImGui::SliderScalar("steps/s", ImGuiDataType_Double, &session.playback.steps_per_second, &slowest, &fastest, "%.3g",
+                      ImGuiSliderFlags_Logarithmic | ImGuiSliderFlags_AlwaysClamp);
   hint("Steps come later if the file is slow.\nControl click: type a number.");
 }
 
