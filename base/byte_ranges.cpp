@@ -97,33 +97,30 @@ Result<bool> CountedSource::read_parts(std::span<const ByteSource::Part> parts) 
 
 Result<std::shared_ptr<const BytesAhead>> BytesAhead::read(std::shared_ptr<CountedSource> source,
                                                            std::vector<ByteRange> ranges, MemoryShare& share) {
-  const bool may_join = source->source().may_read_parts();
-  std::shared_ptr<BytesAhead> ahead(new BytesAhead(std::move(source)));
-  bool is_read = false;
-  if (may_join) {
-    if (!ahead->reserve(join_ranges(ranges, bytes_of_part), share)) return nullptr;
-    SPLATVOL_TRY_SET(is_read, ahead->read_parts());
-  }
-  if (!is_read) {
-    if (!ahead->reserve(join_to_few(std::move(ranges)), share)) return nullptr;
-    SPLATVOL_TRY(ahead->read_singly(requests_at_once));
-  }
-  ahead->give_to_source();
-  return ahead;
+  return read(std::move(source), ranges, join_to_few(ranges), requests_at_once, &share);
 }
 
 Result<std::shared_ptr<const BytesAhead>> BytesAhead::read_together(std::shared_ptr<CountedSource> source,
                                                                     std::vector<ByteRange> ranges, std::uint64_t gap) {
+  const std::size_t at_once = source->source().may_read_parts() ? requests_at_once : 1;
+  return read(std::move(source), ranges, join_ranges(ranges, gap), at_once, nullptr);
+}
+
+// `joined`: the ranges for requests of one range each.
+Result<std::shared_ptr<const BytesAhead>> BytesAhead::read(std::shared_ptr<CountedSource> source,
+                                                           const std::vector<ByteRange>& ranges,
+                                                           const std::vector<ByteRange>& joined, std::size_t at_once,
+                                                           MemoryShare* share) {
   const bool may_join = source->source().may_read_parts();
   std::shared_ptr<BytesAhead> ahead(new BytesAhead(std::move(source)));
   bool is_read = false;
   if (may_join) {
-    ahead->make_room(join_ranges(ranges, bytes_of_part));
+    if (!ahead->make_room(join_ranges(ranges, bytes_of_part), share)) return nullptr;
     SPLATVOL_TRY_SET(is_read, ahead->read_parts());
   }
   if (!is_read) {
-    ahead->make_room(join_ranges(std::move(ranges), gap));
-    SPLATVOL_TRY(ahead->read_singly(may_join ? requests_at_once : 1));
+    if (!ahead->make_room(joined, share)) return nullptr;
+    SPLATVOL_TRY(ahead->read_singly(at_once));
   }
   ahead->give_to_source();
   return ahead;
@@ -141,22 +138,20 @@ void BytesAhead::give_to_source() const {
   source_->holds_any_ = !source_->held_.empty();
 }
 
-bool BytesAhead::reserve(std::span<const ByteRange> ranges, MemoryShare& share) {
+// Reserves the bytes of ranges, if there is a share. Returns false if a quarter of it has no room for them.
+bool BytesAhead::make_room(std::span<const ByteRange> ranges, MemoryShare* share) {
   held_.clear();  // before its memory is given back
   reservation_ = Reservation();
   std::uint64_t bytes = 0;
   for (const ByteRange& range : ranges) bytes += range.end - range.begin;
-  if (bytes > share.capacity() / 4) return false;
-  auto reservation = share.reserve(bytes);
-  if (!reservation) return false;
-  reservation_ = std::move(*reservation);
-  make_room(ranges);
-  return true;
-}
-
-void BytesAhead::make_room(std::span<const ByteRange> ranges) {
-  held_.clear();
+  if (share) {
+    if (bytes > share->capacity() / 4) return false;
+    auto reservation = share->reserve(bytes);
+    if (!reservation) return false;
+    reservation_ = std::move(*reservation);
+  }
   for (const ByteRange& range : ranges) held_.push_back({range.begin, std::vector<std::byte>(range.end - range.begin)});
+  return true;
 }
 
 // Returns false if the source knows no requests for many ranges.

@@ -103,8 +103,11 @@ class BytesAhead {
 
  private:
   explicit BytesAhead(std::shared_ptr<CountedSource> source) : source_(std::move(source)) {}
-  [[nodiscard]] bool reserve(std::span<const ByteRange> ranges, MemoryShare& share);
-  void make_room(std::span<const ByteRange> ranges);
+  [[nodiscard]] static Result<std::shared_ptr<const BytesAhead>> read(std::shared_ptr<CountedSource> source,
+                                                                      const std::vector<ByteRange>& ranges,
+                                                                      const std::vector<ByteRange>& joined,
+                                                                      std::size_t at_once, MemoryShare* share);
+  [[nodiscard]] bool make_room(std::span<const ByteRange> ranges, MemoryShare* share);
   [[nodiscard]] Result<bool> read_parts();
   [[nodiscard]] Status read_singly(std::size_t at_once);
   void give_to_source() const;

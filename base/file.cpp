@@ -60,22 +60,6 @@ class FileSource final : public ByteSource {
   std::string path_;
 };
 
-class MemorySource final : public ByteSource {
- public:
-  MemorySource(std::span<const std::byte> bytes, std::string name) : bytes_(bytes), name_(std::move(name)) {}
-  std::uint64_t size() const override { return bytes_.size(); }
-  const std::string& name() const override { return name_; }
-  Status read(std::uint64_t offset, std::span<std::byte> out) override {
-    SPLATVOL_TRY(check_range(*this, offset, out.size()));
-    std::ranges::copy(bytes_.subspan(offset, out.size()), out.begin());
-    return {};
-  }
-
- private:
-  std::span<const std::byte> bytes_;
-  std::string name_;
-};
-
 }  // namespace
 
 Status check_range(const ByteSource& source, std::uint64_t offset, std::uint64_t count) {
@@ -87,6 +71,12 @@ Status check_range(const ByteSource& source, std::uint64_t offset, std::uint64_t
 std::string folder_of(const std::string& path) {
   const std::string folder = std::filesystem::path(path).parent_path();
   return folder.empty() ? "." : folder;
+}
+
+Status make_folder(const std::string& path) {
+  std::error_code error;
+  if (std::filesystem::create_directories(path, error) || std::filesystem::is_directory(path)) return {};
+  return fail(ErrorCode::io, "{}: cannot make this folder: {}", path, error ? error.message() : "a file has its name");
 }
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
@@ -102,10 +92,6 @@ Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
     return fail(ErrorCode::io, "{}: not a regular file", path);
   }
   return std::make_unique<FileSource>(descriptor, static_cast<std::uint64_t>(status.st_size), path);
-}
-
-std::unique_ptr<ByteSource> memory_source(std::span<const std::byte> bytes, std::string name) {
-  return std::make_unique<MemorySource>(bytes, std::move(name));
 }
 
 Result<std::string> read_text_file(const std::string& path) {

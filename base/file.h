@@ -56,11 +56,11 @@ class ByteSource {
 
 [[nodiscard]] std::string folder_of(const std::string& path);
 
+/// Makes a folder, and those that it lies in, unless it is there.
+[[nodiscard]] Status make_folder(const std::string& path);
+
 /// Opens a regular file for positional reads.
 [[nodiscard]] Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
-
-/// Makes a source of bytes in memory, which must outlive it. `name` appears in messages.
-[[nodiscard]] std::unique_ptr<ByteSource> memory_source(std::span<const std::byte> bytes, std::string name);
 
 /// Reads a whole file of at most 64 MiB. Fails if it is larger, missing, unreadable or not a regular file.
 [[nodiscard]] Result<std::string> read_text_file(const std::string& path);

@@ -1,8 +1,15 @@
 // Other programs.
 #pragma once
 
+#include <sys/types.h>
+
+#include <chrono>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
+
+#include "base/error.h"
 
 namespace splatvol {
 
@@ -18,5 +25,36 @@ struct ProgramFiles {
 /// Runs a program that PATH finds, without a shell, and waits for its end. `words`: its name and its arguments. Returns
 /// its exit code; `no_program` if there is none, 126 if a signal ended it.
 [[nodiscard]] int run_program(const std::vector<std::string>& words, const ProgramFiles& files = {});
+
+/// A program that runs beside this one. Its input is a pipe that stays open, its stderr is dropped. SIGINT ends it,
+/// also if this program ignores that. Not thread-safe.
+class RunningProgram {
+ public:
+  /// Starts a program that PATH finds, without a shell. `words`: its name and its arguments.
+  [[nodiscard]] static Result<std::unique_ptr<RunningProgram>> start(const std::vector<std::string>& words);
+
+  /// Interrupts it if it still runs, and waits for its end.
+  ~RunningProgram();
+  RunningProgram(const RunningProgram&) = delete;
+  RunningProgram& operator=(const RunningProgram&) = delete;
+
+  /// Returns the next whole line of what it prints, without its end; none if there is none yet after `time`, or none
+  /// any more. A line of more than 1 MiB comes in parts.
+  [[nodiscard]] std::optional<std::string> read_line(std::chrono::milliseconds time);
+
+  /// Whether it prints nothing more, and all lines have been read.
+  [[nodiscard]] bool is_silent() const { return output_ < 0 && text_.empty(); }
+
+  /// Ends its input, and waits for its end. Returns its exit code; none if a signal ended it. Called once.
+  [[nodiscard]] std::optional<int> finish();
+
+ private:
+  RunningProgram(pid_t process, int input, int output) : process_(process), input_(input), output_(output) {}
+
+  pid_t process_;  // 0: it has ended
+  int input_;      // -1: closed, as for the output
+  int output_;
+  std::string text_;  // read of the output, and not yet returned
+};
 
 }  // namespace splatvol

@@ -88,8 +88,7 @@ class NumberReader {
     SPLATVOL_TRY(check_packed(part, packed, what));
     NumberReader reader(what);
     if (part.unpacked_bytes <= most_unpacked_at_once) {
-      SPLATVOL_TRY_ASSIGN(payload, unpack(packed, part.unpacked_bytes, what));
-      reader.payload_ = std::move(payload);
+      SPLATVOL_TRY_SET(reader.payload_, unpack(packed, part.unpacked_bytes, what));
       packed = reader.payload_;
     }
     for (std::size_t plane = 0; plane < planes; ++plane) reader.planes_.emplace_back(packed, part.unpacked_bytes, what);

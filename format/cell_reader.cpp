@@ -28,13 +28,6 @@ bool is_within(const CellChunkEntry& entry, const CellPageRef& page) {
 
 bool is_area(double area) { return area >= 0 && std::isfinite(area); }
 
-std::vector<std::uint64_t> segment_counts(const VolumeInfo& info) {
-  std::vector<std::uint64_t> counts;
-  std::uint64_t before = 0;
-  for (const std::uint64_t count : info.resolution_counts) counts.push_back(count - std::exchange(before, count));
-  return counts;
-}
-
 template <class Record>
 std::vector<Record> take_records(std::span<const std::byte>& bytes, std::uint64_t count) {
   std::vector<Record> records;
@@ -51,7 +44,7 @@ CellReader::CellReader(const VolumeInfo& info, std::string name, std::uint64_t b
       bytes_(bytes),
       read_(std::move(read)),
       attributes_(info.series ? 0 : info.attributes.size()),
-      counts_(segment_counts(info)) {}
+      counts_(info.segment_counts()) {}
 
 bool CellReader::has_cells(const Volume& volume) {
   return std::ranges::find(volume.sections(), SectionKind::cells, &SectionEntry::kind) != volume.sections().end();
@@ -137,10 +130,7 @@ Status CellReader::read_root() {
   if (root > left) return broken("the root of the cells has the wrong length");
   vertex_count_ = tail.vertices;
   root_bytes_ = root + sizeof(CellsTail);
-  if (root_bytes_ > bytes.size()) {
-    SPLATVOL_TRY_ASSIGN(whole, read_(section - root_bytes_, root_bytes_));
-    bytes = std::move(whole);
-  }
+  if (root_bytes_ > bytes.size()) SPLATVOL_TRY_SET(bytes, read_(section - root_bytes_, root_bytes_));
   SPLATVOL_TRY(take_root(std::span<const std::byte>(bytes).last(root_bytes_), tail));
   tail_.begin = section - bytes.size();
   bytes.resize(bytes.size() - root_bytes_);

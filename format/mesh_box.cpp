@@ -9,10 +9,8 @@ namespace {
 constexpr std::uint64_t most_points = 1 << 20;
 
 Result<Box> box_of_points(const Volume& volume) {
-  const std::vector<std::uint64_t>& counts = volume.info().resolution_counts;
   SplatSelection selection;
-  while (selection.resolution + 1 < counts.size() && counts[selection.resolution + 1] <= most_points)
-    ++selection.resolution;
+  selection.resolution = volume.info().finest_within(most_points);
   const SplatReader reader(volume, selection, own_room(splat_reader_bytes));
   Box box;
   for (std::uint64_t g = 0; g < reader.group_count(); ++g) {

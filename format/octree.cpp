@@ -288,11 +288,8 @@ Result<PackedIndexPage> IndexPacker::pack_page(const std::vector<const Node*>& o
   append_record(table, emit_summaries_ ? pages_ : std::uint32_t{0});
   std::uint64_t front_bytes = 0;
   for (const Bytes& part : raw) {
-    const Bytes packed = pack(part);
-    append_record(table, IndexPagePart{static_cast<std::uint32_t>(packed.size()),
-                                       static_cast<std::uint32_t>(part.size()), hash_bytes(packed)});
-    parts.insert(parts.end(), packed.begin(), packed.end());
-    if (front_bytes == 0) front_bytes = packed.size();
+    append_part(table, parts, part);
+    if (front_bytes == 0) front_bytes = parts.size();
   }
   PackedIndexPage page{{0, 0, 0, hash_bytes(table)}, table};
   page.bytes.insert(page.bytes.end(), parts.begin(), parts.end());

@@ -112,14 +112,12 @@ class IndexPacker {
   /// Receives the pages in file order: those of children before those of their parents. Offsets begin at 0.
   using Emit = std::function<Status(const PackedIndexPage&)>;
 
-  IndexPacker(NodeShape shape, Emit emit) : shape_(shape), emit_(std::move(emit)) {}
-
   /// Receives the summaries of a page's nodes: of each page after it was emitted, and last of the root page.
   using EmitSummaries = std::function<Status(const PageSummaries&)>;
 
-  /// Makes the pages of a series: they have a number and no summaries, which `emit_summaries` gets instead. How the
-  /// tree is cut does not depend on the number of attributes.
-  IndexPacker(NodeShape shape, Emit emit, EmitSummaries emit_summaries)
+  /// With `emit_summaries` makes the pages of a series: they have a number and no summaries, which `emit_summaries`
+  /// gets instead. How the tree is cut does not depend on the number of attributes.
+  IndexPacker(NodeShape shape, Emit emit, EmitSummaries emit_summaries = {})
       : shape_(shape), emit_(std::move(emit)), emit_summaries_(std::move(emit_summaries)) {}
 
   /// Enters the root, or a child of the node that was entered last and not left. Ignores the octant of the root. Fails

@@ -109,9 +109,8 @@ class CellVerifier {
     if (mask == 0) return check_leaf(page.nodes.counts_of(node));
     std::optional<IndexPage> linked;
     if (page.links[node] != IndexPage::no_node) {
-      SPLATVOL_TRY_ASSIGN(read,
-                          volume_.read_index_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), {}));
-      linked = std::move(read);
+      SPLATVOL_TRY_SET(linked,
+                       volume_.read_index_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), {}));
       SPLATVOL_TRY(check_interruption());
     }
     const IndexPage& below = linked ? *linked : page;
@@ -173,38 +172,24 @@ class CellVerifier {
     if (!is_known(entry.shape, entry.field)) return cells_.check_bytes(entry);
     SPLATVOL_TRY_ASSIGN(cells, cells_.read_chunk(entry));
     SPLATVOL_TRY(check_order(cells, ends));
-    return cells.field == CellField::constant ? check_constant(cells, entry, summary_of)
-                                              : check_linear(cells, entry, summary_of);
-  }
-
-  template <class SummaryOf>
-  Status check_linear(const CellChunk& cells, const CellChunkEntry& entry, const SummaryOf& summary_of) const {
+    const bool is_constant = cells.field == CellField::constant;
     const LocalCells local = number_corners(cells.corners);
-    SPLATVOL_TRY_ASSIGN(places, find_points(local.ranks));
+    std::vector<RankedPoints::Place> places;
     std::vector<dvec3> positions;
-    SPLATVOL_TRY(points_.read_positions(places, positions));
-    SPLATVOL_TRY(check_extent(cells, entry, local, positions));
-    std::vector<float> values;
-    for (std::size_t a = 0; a < bins_.size(); ++a) {
-      if (info_.find_column(ColumnKind::value, static_cast<int>(a)) < 0) continue;
-      SPLATVOL_TRY(points_.read_values(places, static_cast<int>(a), values));
-      SPLATVOL_TRY(check_summary(summarize_cells(cells, local, values, bins_[a]), summary_of(a)));
+    if (is_constant) {
+      SPLATVOL_TRY(vertices_.read_positions(local.ranks, positions));
+    } else {
+      SPLATVOL_TRY_SET(places, find_points(local.ranks));
+      SPLATVOL_TRY(points_.read_positions(places, positions));
     }
-    return {};
-  }
-
-  template <class SummaryOf>
-  Status check_constant(const CellChunk& cells, const CellChunkEntry& entry, const SummaryOf& summary_of) const {
-    const LocalCells local = number_corners(cells.corners);
-    std::vector<dvec3> positions;
-    SPLATVOL_TRY(vertices_.read_positions(local.ranks, positions));
     SPLATVOL_TRY(check_extent(cells, entry, local, positions));
-    SPLATVOL_TRY_ASSIGN(places, find_points(cells.points));
+    if (is_constant) SPLATVOL_TRY_SET(places, find_points(cells.points));
     std::vector<float> values;
     for (std::size_t a = 0; a < bins_.size(); ++a) {
       if (info_.find_column(ColumnKind::value, static_cast<int>(a)) < 0) continue;
       SPLATVOL_TRY(points_.read_values(places, static_cast<int>(a), values));
-      SPLATVOL_TRY(check_summary(bins_[a].summarize(values), summary_of(a)));
+      SPLATVOL_TRY(check_summary(
+          is_constant ? bins_[a].summarize(values) : summarize_cells(cells, local, values, bins_[a]), summary_of(a)));
     }
     return {};
   }

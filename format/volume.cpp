@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <numeric>
 
 namespace splatvol::format {
 namespace {
@@ -28,8 +27,7 @@ Result<std::shared_ptr<const Volume>> Volume::open(std::unique_ptr<ByteSource> s
   std::shared_ptr<Volume> volume(new Volume());
   volume->source_ = std::make_shared<CountedSource>(std::move(source));
   const std::uint64_t size = volume->source_->source().size();
-  SPLATVOL_TRY_ASSIGN(file, Container::open(volume->source_, Container::Kind::file, 0, size, volume->name()));
-  volume->file_ = std::move(file);
+  SPLATVOL_TRY_SET(volume->file_, Container::open(volume->source_, Container::Kind::file, 0, size, volume->name()));
   SPLATVOL_TRY(volume->read_metadata());
   SPLATVOL_TRY(volume->read_directory_root(
       {volume->file_.get(), RowLayout(volume->file_info_), 0, volume->file_info_.rows_per_directory_page, {}}));
@@ -56,8 +54,7 @@ Status Volume::open_step(std::size_t step) {
   step_ = step;
   const StepEntry& entry = series_->steps[step];
   const std::string what = fmt::format("{}: step {}", name(), step);
-  SPLATVOL_TRY_ASSIGN(part, Container::open(source_, Container::Kind::step, entry.offset, entry.bytes, what));
-  step_part_ = std::move(part);
+  SPLATVOL_TRY_SET(step_part_, Container::open(source_, Container::Kind::step, entry.offset, entry.bytes, what));
   if (step_part_->table_hash() != entry.hash) return step_part_->broken("checksum mismatch [R18]");
   SPLATVOL_TRY(read_step_metadata());
   return read_summary_table();
@@ -255,12 +252,6 @@ NodeShape Volume::node_shape() const {
   return {info_.resolutions(), info_.size_bounds.size(), file_info_.attributes.size()};
 }
 
-std::vector<std::uint64_t> Volume::segment_counts() const {
-  std::vector<std::uint64_t> counts = info_.resolution_counts;
-  std::adjacent_difference(counts.begin(), counts.end(), counts.begin());
-  return counts;
-}
-
 Status Volume::check_top_counts(const IndexPage& page, std::span<const std::uint64_t> expected) const {
   for (std::size_t s = 0; s < info_.resolutions(); ++s) {
     std::uint64_t sum = 0;
@@ -289,11 +280,9 @@ Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offse
     SPLATVOL_TRY_ASSIGN(packed, file_->read_bytes(offset + part_offset, part.packed_bytes));
     return unpack_summaries(part, packed, page.nodes.size(), what);
   };
-  SPLATVOL_TRY_ASSIGN(values, read(attributes.values));
-  page.nodes.summaries = std::move(values);
+  SPLATVOL_TRY_SET(page.nodes.summaries, read(attributes.values));
   if (attributes.opacity < 0) return page;
-  SPLATVOL_TRY_ASSIGN(opacity, read(attributes.opacity));
-  page.nodes.opacity_summaries = std::move(opacity);
+  SPLATVOL_TRY_SET(page.nodes.opacity_summaries, read(attributes.opacity));
   return page;
 }
 
@@ -343,11 +332,10 @@ bool Volume::reads_at_once(std::uint64_t page_bytes) const {
 
 Status Volume::add_step_summaries(const SummaryAttributes& attributes, IndexPage& page) const {
   if (attributes.values < 0) return {};
-  SPLATVOL_TRY_ASSIGN(values, read_step_summaries(page, static_cast<std::size_t>(attributes.values)));
-  page.nodes.summaries = std::move(values);
+  SPLATVOL_TRY_SET(page.nodes.summaries, read_step_summaries(page, static_cast<std::size_t>(attributes.values)));
   if (attributes.opacity < 0) return {};
-  SPLATVOL_TRY_ASSIGN(opacity, read_step_summaries(page, static_cast<std::size_t>(attributes.opacity)));
-  page.nodes.opacity_summaries = std::move(opacity);
+  SPLATVOL_TRY_SET(page.nodes.opacity_summaries,
+                   read_step_summaries(page, static_cast<std::size_t>(attributes.opacity)));
   return {};
 }
 
@@ -394,7 +382,7 @@ Result<IndexPage> Volume::read_index_root(const SummaryAttributes& attributes) c
   const std::uint64_t links_end = file_->find_section(SectionKind::index_pages)->packed_bytes;
   SPLATVOL_TRY_ASSIGN(
       page, read_page(root_ref(), file_->find_section(SectionKind::index_root)->offset, 1, links_end, attributes));
-  SPLATVOL_TRY(check_top_counts(page, segment_counts()));
+  SPLATVOL_TRY(check_top_counts(page, info_.segment_counts()));
   return page;
 }
 

@@ -255,7 +255,6 @@ class Volume {
   [[nodiscard]] Result<std::vector<ValueSummary>> read_step_summaries(const IndexPage& page,
                                                                       std::size_t attribute) const;
   [[nodiscard]] Status check_top_counts(const IndexPage& page, std::span<const std::uint64_t> expected) const;
-  [[nodiscard]] std::vector<std::uint64_t> segment_counts() const;
   [[nodiscard]] NodeShape node_shape() const;
 
   class Verifier;

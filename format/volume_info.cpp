@@ -9,6 +9,7 @@
 #include <iterator>
 #include <new>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <set>
 #include <system_error>
 #include <utility>
@@ -385,6 +386,17 @@ int VolumeInfo::find_attribute(const std::string& name) const {
   if (found != attributes.end()) return static_cast<int>(found - attributes.begin());
   const auto alias = std::ranges::find(aliases, name, &Alias::name);
   return alias == aliases.end() ? -1 : alias->attribute;
+}
+
+std::size_t VolumeInfo::finest_within(std::uint64_t most_points) const {
+  const auto finer = std::ranges::upper_bound(resolution_counts, most_points);
+  return finer == resolution_counts.begin() ? 0 : static_cast<std::size_t>(finer - resolution_counts.begin()) - 1;
+}
+
+std::vector<std::uint64_t> VolumeInfo::segment_counts() const {
+  std::vector<std::uint64_t> counts = resolution_counts;
+  std::adjacent_difference(counts.begin(), counts.end(), counts.begin());
+  return counts;
 }
 
 std::uint64_t VolumeInfo::largest_group() const {

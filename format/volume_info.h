@@ -134,6 +134,12 @@ struct VolumeInfo {
   [[nodiscard]] std::size_t resolutions() const { return resolution_counts.size(); }
   [[nodiscard]] std::uint64_t point_count() const { return resolution_counts.back(); }
 
+  /// Returns the finest resolution of at most so many points, or the coarsest if all have more.
+  [[nodiscard]] std::size_t finest_within(std::uint64_t most_points) const;
+
+  /// Returns the number of points of each segment.
+  [[nodiscard]] std::vector<std::uint64_t> segment_counts() const;
+
   /// Returns the most points that a group has.
   [[nodiscard]] std::uint64_t largest_group() const;
 

@@ -19,10 +19,8 @@ namespace {
 
 Result<BuildOptions> build_options_of(const MeshBuildOptions& options) {
   BuildOptions result;
-  SPLATVOL_TRY_ASSIGN(connectivity, parse_connectivity(options.connectivity));
-  result.connectivity = connectivity;
-  SPLATVOL_TRY_ASSIGN(reduction, parse_reduction(options.reduction));
-  result.reduction = reduction;
+  SPLATVOL_TRY_SET(result.connectivity, parse_connectivity(options.connectivity));
+  SPLATVOL_TRY_SET(result.reduction, parse_reduction(options.reduction));
   if (options.up != 0 && (options.up < 'x' || options.up > 'z'))
     return fail(ErrorCode::invalid_argument, "up '{}': take x, y or z", options.up);
   if (options.up != 0) result.up = options.up - 'x';

@@ -1,12 +1,15 @@
 #include "splatvol/file.h"
 
 #include <algorithm>
+#include <cmath>
 #include <mutex>
 #include <optional>
 #include <utility>
 
 #include "base/http_source.h"
 #include "base/interruption.h"
+#include "extractor/cell_extraction.h"
+#include "extractor/contour_extraction.h"
 #include "format/mesh_box.h"
 #include "format/splat_reader.h"
 #include "format/steps.h"
@@ -27,11 +30,6 @@ std::vector<Attribute> attributes_of(const format::VolumeInfo& info) {
   for (const format::Alias& alias : info.aliases)
     add(alias.name, info.attributes[static_cast<std::size_t>(alias.attribute)]);
   return attributes;
-}
-
-std::size_t finest_within(const std::vector<std::uint64_t>& counts, std::uint64_t most) {
-  const auto above = std::ranges::upper_bound(counts, most);
-  return above == counts.begin() ? 0 : static_cast<std::size_t>(above - counts.begin()) - 1;
 }
 
 // Of parts of the file that were read.
@@ -83,8 +81,7 @@ struct File::Contents {
   std::optional<Box> bounds = {};  // once they are asked for
 
   Status show(std::size_t number) {
-    SPLATVOL_TRY_ASSIGN(opened, steps.volume(number));
-    volume = std::move(opened);
+    SPLATVOL_TRY_SET(volume, steps.volume(number));
     step = number;
     if (steps.are_files()) bounds.reset();  // each may have a mesh of its own
     attributes = attributes_of(volume->info());
@@ -138,7 +135,7 @@ Status File::show_step(std::size_t step) {
 
 Result<Points> File::points(const PointsRequest& request) const {
   const format::Volume& volume = *contents_->volume;
-  const std::size_t resolution = request.resolution.value_or(finest_within(resolution_counts(), request.max_points));
+  const std::size_t resolution = request.resolution.value_or(volume.info().finest_within(request.max_points));
   const Box box = request.box.value_or(format::SplatSelection().box);
   SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, resolution, request.attributes, box));
   Points points;
@@ -197,6 +194,24 @@ Result<LineSamples> File::sample_line(const dvec3& start, const dvec3& end, cons
   if (samples) rows = in_equal_steps(rows, start, end, *samples);
   return LineSamples{std::move(selection.names), std::move(rows.arc_lengths), std::move(rows.positions),
                      std::move(rows.values)};
+}
+
+Result<CellMesh> File::cells(const MeshRequest& request) const {
+  const format::Volume& volume = *contents_->volume;
+  const Box box = request.box.value_or(format::SplatSelection().box);
+  SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, {}, request.attributes, box));
+  return extract_cells(volume, selection);
+}
+
+Result<ContourMesh> File::contour(double value, const std::string& attribute, const MeshRequest& request) const {
+  if (!std::isfinite(value)) return fail(ErrorCode::invalid_argument, "{}: {} is no value of a contour", name(), value);
+  const format::Volume& volume = *contents_->volume;
+  const Box box = request.box.value_or(format::SplatSelection().box);
+  SPLATVOL_TRY_ASSIGN(others, format::select_splats(volume, {}, request.attributes, box));
+  SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, {}, {attribute}, box));
+  for (std::size_t i = 0; i < others.names.size(); ++i)
+    if (others.names[i] != attribute) selection.add(others.attributes[i], others.names[i]);
+  return extract_contour(volume, selection, value);
 }
 
 Status File::verify(const std::function<void(double)>& progress) const {

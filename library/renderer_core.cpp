@@ -1,19 +1,11 @@
 #include "library/renderer_core.h"
 
 #include <algorithm>
-#include <chrono>
 #include <utility>
 
 #include "player/choice.h"
 
 namespace splatvol {
-namespace {
-
-double seconds_now() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
-}  // namespace
 
 Result<std::unique_ptr<RendererCore>> RendererCore::open(const std::string& path, const std::optional<Scene>& scene,
                                                          const RendererOptions& options, bool in_current_context) {
@@ -28,54 +20,40 @@ Result<std::unique_ptr<RendererCore>> RendererCore::open(const std::string& path
   return std::unique_ptr<RendererCore>(new RendererCore(std::move(player)));
 }
 
-void RendererCore::take_statistics(double start, double error) {
-  const FrameSplats& frame = *player_->frame();
+void RendererCore::take_statistics(Clock::time_point start, const std::optional<ErrorSearch>& search) {
+  statistics_ = {};
+  if (!player_->exact()) {
+    const FrameSplats& frame = *player_->frame();
+    statistics_ = {.splats = frame.splats,
+                   .error = search ? search->estimate.error : frame.expected_error,
+                   .is_complete = frame.progress.complete,
+                   .is_settled = frame.progress.settled,
+                   .missing_bytes = frame.progress.missing_bytes,
+                   .unreadable = frame.progress.errors};
+  }
   const StreamerStatistics read = player_->streamer().statistics();
-  statistics_ = {.splats = frame.splats,
-                 .error = error,
-                 .is_complete = frame.progress.complete,
-                 .is_settled = frame.progress.settled,
-                 .missing_bytes = frame.progress.missing_bytes,
-                 .bytes_read = read.bytes_read,
-                 .bytes_held = read.bytes_resident_peak,
-                 .requests = read.requests,
-                 .seconds = seconds_now() - start,
-                 .unreadable = frame.progress.errors};
-  add_left_out();
-}
-
-void RendererCore::add_left_out() {
+  statistics_.bytes_read = read.bytes_read;
+  statistics_.bytes_held = read.bytes_resident_peak;
+  statistics_.requests = read.requests;
+  statistics_.seconds = seconds_since(start);
   const auto left_out = player_->left_out();
   if (!left_out) return;
   statistics_.is_complete = false;
   statistics_.unreadable.push_back(*left_out);
 }
 
-void RendererCore::take_exact_statistics(double start) {
-  const StreamerStatistics read = player_->streamer().statistics();
-  statistics_ = {};
-  statistics_.bytes_read = read.bytes_read;
-  statistics_.bytes_held = read.bytes_resident_peak;
-  statistics_.requests = read.requests;
-  statistics_.seconds = seconds_now() - start;
-  add_left_out();
-}
-
 Status RendererCore::draw(const Quality& quality) {
-  const double start = seconds_now();
+  const auto start = Clock::now();
   SPLATVOL_TRY(check_quality(quality));
   if (quality.exact && player_->options().in_current_context)
     return fail(ErrorCode::invalid_argument, "OpenGL draws no exact pictures: take a Renderer, or draw splats");
   SPLATVOL_TRY_ASSIGN(drawn, player_->draw_picture(quality));
-  if (player_->exact())
-    take_exact_statistics(start);
-  else
-    take_statistics(start, drawn.search ? drawn.search->estimate.error : player_->frame()->expected_error);
+  take_statistics(start, drawn.search);
   return {};
 }
 
 Status RendererCore::draw_now(double wait_seconds, const Quality& quality) {
-  const double start = seconds_now();
+  const auto start = Clock::now();
   SPLATVOL_TRY(check_quality(quality));
   if (quality.exact || quality.milliseconds)
     return fail(ErrorCode::invalid_argument, "{} has no frames on the way to it: render the complete one",
@@ -83,7 +61,7 @@ Status RendererCore::draw_now(double wait_seconds, const Quality& quality) {
   const bool is_default = quality == Quality();
   const Detail detail = expected_detail(is_default ? default_splats(player_->info().point_count()) : quality);
   SPLATVOL_TRY(player_->draw_frame({.detail = detail, .wait_seconds = std::max(0.0, wait_seconds)}));
-  take_statistics(start, player_->frame()->expected_error);
+  take_statistics(start, std::nullopt);
   return {};
 }
 

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "base/clock.h"
 #include "player/player.h"
 #include "splatvol/renderer.h"
 
@@ -29,9 +30,8 @@ class RendererCore {
 
  private:
   explicit RendererCore(std::unique_ptr<Player> player) : player_(std::move(player)) {}
-  void take_statistics(double start, double error);
-  void take_exact_statistics(double start);
-  void add_left_out();
+  // `search`: what comparing pictures found out, if they were compared.
+  void take_statistics(Clock::time_point start, const std::optional<ErrorSearch>& search);
 
   std::unique_ptr<Player> player_;
   RenderStatistics statistics_;

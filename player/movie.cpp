@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "base/program.h"
+#include "base/temporary_names.h"
 
 namespace splatvol {
 namespace {
@@ -40,13 +41,14 @@ Movie::Movie(std::string movie, std::string folder, double frames_per_second, bo
 Result<Movie> Movie::create(const std::string& movie, const std::string& folder, double frames_per_second) {
   std::error_code error;
   if (!folder.empty() || movie.empty()) {
-    if (!fs::is_directory(folder, error)) return fail(ErrorCode::io, "{}: no such folder", folder);
+    SPLATVOL_TRY(make_folder(folder));
     return Movie(movie, folder, frames_per_second, false);
   }
   std::string own = movie + ".frames";
   if (!fs::create_directory(own, error))
     return fail(ErrorCode::io, "{}: {}; frames need a new folder, or --progress-frames DIR", own,
                 error ? error.message() : "is there already");
+  note_temporary(own);
   return Movie(movie, std::move(own), frames_per_second, true);
 }
 
@@ -56,14 +58,17 @@ Status Movie::finish(int first, int count) const {
   if (movie_.empty()) return {};
   const std::string part = movie_ + ".part", log = folder_ + "/ffmpeg.log", frames = folder_ + "/frame-%04d.png";
   const std::string rate = fmt::format("{}", frames_per_second_);
+  note_temporary(part);
   // Players want sides of even length and colours that are halved; the last row or column is repeated if need be.
   const int code =
       run_program({"ffmpeg", "-y", "-loglevel", "error", "-framerate", rate, "-start_number", fmt::format("{}", first),
                    "-i", frames, "-frames:v", fmt::format("{}", count), "-vf",
                    "pad=ceil(iw/2)*2:ceil(ih/2)*2,format=yuv420p", "-movflags", "+faststart", "-f", "mp4", part},
                   {.log = log});
+  forget_temporary(part);
   std::error_code error;
   if (code != 0) {
+    if (own_folder_) forget_temporary(folder_);
     const std::string words = last_line(log);
     fs::remove(part, error);
     fs::remove(log, error);
@@ -84,7 +89,9 @@ Status Movie::finish(int first, int count) const {
 void Movie::discard(int first, int count) const {
   std::error_code error;
   for (int i = 0; i < count; ++i) fs::remove(frame_path(first + i), error);
-  if (own_folder_) fs::remove(folder_, error);
+  if (!own_folder_) return;
+  fs::remove(folder_, error);
+  forget_temporary(folder_);
 }
 
 }  // namespace splatvol

@@ -13,8 +13,9 @@ namespace splatvol {
 /// The frames of a movie on their way. Frames are PNG files, written by the caller.
 class Movie {
  public:
-  /// `movie`: the .mp4 to write; empty: frames only. `folder`: where the frames go, which must exist; empty: into
-  /// MOVIE.frames, which must not exist, and is removed when the movie is done.
+  /// `movie`: the .mp4 to write; empty: frames only. `folder`: where the frames go, which is made if it is not there;
+  /// empty: into MOVIE.frames, which must not exist, and is removed when the movie is done or a signal ends the
+  /// program.
   [[nodiscard]] static Result<Movie> create(const std::string& movie, const std::string& folder,
                                             double frames_per_second);
 

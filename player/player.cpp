@@ -1,19 +1,18 @@
 #include "player/player.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <iterator>
 #include <limits>
 #include <tuple>
 #include <utility>
 
+#include "base/clock.h"
 #include "base/http_source.h"
 #include "base/interruption.h"
 #include "player/choice.h"
 #include "player/sampling.h"
 #include "player/scene_surfaces.h"
-#include "player/step_ahead.h"
 #include "renderer/depth_pyramid.h"
 #include "renderer/slice_values.h"
 #include "streamer/cells/file_cells.h"
@@ -21,10 +20,6 @@
 
 namespace splatvol {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 Status check_time(double seconds) {
   if (seconds > 0 && std::isfinite(seconds)) return {};
@@ -63,6 +58,16 @@ Detail detail_of(const ErrorControl::Request& request, std::uint32_t resolutions
   else
     detail.goal = request.goal;
   return detail;
+}
+
+// What cannot be read is left out: whoever shows the step meets the error.
+StepCells read_cells(const format::Steps& steps, std::size_t step, const Scene& scene, const PartRoom& room) {
+  const auto volume = steps.volume(step);
+  if (!volume || (*volume)->is_far()) return {};
+  const auto kept = KeptCells::open(**volume, scene, room);
+  if (!kept) return {};
+  static_cast<void>((*kept)->hold_all());
+  return {*volume, *kept};
 }
 
 }  // namespace
@@ -143,12 +148,6 @@ Result<Scene> Player::fitting_scene(const std::string& attribute, const FirstPic
 
 Status Player::set_scene(const Scene& scene) { return use(scene, options_); }
 
-Status Player::set_memory(std::uint64_t bytes) {
-  PlayerOptions options = options_;
-  options.memory = bytes;
-  return use(scene_, options);
-}
-
 Status Player::set_drawing(const Drawing& drawing) {
   if (drawing == options_.drawing) return {};
   PlayerOptions options = options_;
@@ -221,10 +220,9 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
                          const std::shared_ptr<PlayerMemory>& memory, const View& view) {
   std::unique_ptr<Rasterizer> other;
   if (!rasterizer_ || kernel_of(options.drawing) != kernel_of(options_.drawing)) {
-    SPLATVOL_TRY_ASSIGN(made, make_rasterizer(options.device, {.kernel = kernel_of(options.drawing),
-                                                               .gpu_bytes = options.gpu_memory,
-                                                               .in_current_context = options.in_current_context}));
-    other = std::move(made);
+    SPLATVOL_TRY_SET(other, make_rasterizer(options.device, {.kernel = kernel_of(options.drawing),
+                                                             .gpu_bytes = options.gpu_memory,
+                                                             .in_current_context = options.in_current_context}));
     SPLATVOL_TRY(other->set_surface_depths(surface_depths_));
   }
   Rasterizer& rasterizer = other ? *other : *rasterizer_;
@@ -291,10 +289,9 @@ Status Player::change_step(std::size_t step) {
   std::shared_ptr<const format::Volume> volume;
   if (steps_.are_files()) {
     const bool is_ahead = ahead_ && ahead_->step() == step;
-    auto opened = is_ahead ? ahead_->volume() : steps_.volume(step);
+    auto opened = is_ahead ? ahead_->take() : steps_.volume(step);
     ahead_.reset();
-    SPLATVOL_TRY_ASSIGN(file, std::move(opened));
-    volume = std::move(file);
+    SPLATVOL_TRY_SET(volume, std::move(opened));
     SPLATVOL_TRY(read_boundary_of(*volume));
   }
   is_lost_ = true;
@@ -302,6 +299,7 @@ Status Player::change_step(std::size_t step) {
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
   is_lost_ = false;
   if (const auto ahead = std::move(cells_ahead_); ahead && ahead->step() == step) {
+    ahead->stop();
     auto [of, kept] = ahead->take();
     kept_volume_ = std::move(of), kept_cells_ = std::move(kept);
   }
@@ -340,12 +338,14 @@ void Player::read_ahead(std::size_t step, bool with_cells) {
     const bool is_other = kept_cells_ && &kept_cells_->share() == &memory_->next_cells;
     MemoryShare& share = is_other ? memory_->cells : memory_->next_cells;
     const PartRoom room = steps_.are_files() ? room_in(memory_->table, share) : streamer_->room().in(share);
-    cells_ahead_ = std::make_unique<StepCells>(steps_, step, scene_, room);
+    cells_ahead_share_ = &share;
+    cells_ahead_ = std::make_unique<StepAhead<StepCells>>(
+        step, [steps = steps_, step, scene = scene_, room] { return read_cells(steps, step, scene, room); });
   }
   if (!steps_.are_files()) return streamer_->prefetch_step(step);
   if (ahead_ && ahead_->step() == step) return;
   // Only its preamble: another mesh has other parts in view.
-  ahead_ = std::make_unique<StepAhead>(steps_, step);
+  ahead_ = std::make_unique<VolumeAhead>(step, [steps = steps_, step] { return steps.volume(step); });
 }
 
 bool Player::is_reading_ahead() const {
@@ -433,8 +433,7 @@ Status Player::fail_without_contours() const {
 Result<FrameTimes> Player::draw_volume(const View& view) {
   picture_.reset();
   if (surface_depths_) sample_spacing_ = 1;
-  SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, sort_, sample_spacing_));
-  return times;
+  return rasterizer_->draw(view, sort_, sample_spacing_);
 }
 
 // Finds the layers of surfaces, and of slices unless cells have their values.
@@ -499,7 +498,7 @@ Result<std::shared_ptr<const KeptCells>> Player::kept_cells() {
   if (kept_cells_ && kept_cells_->color_attribute() != contours_of(scene_).attribute) drop_cells();
   if (!kept_cells_) {
     kept_volume_ = streamer_->shared_volume();
-    const bool is_taken = cells_ahead_ && &cells_ahead_->share() == &memory_->cells;
+    const bool is_taken = cells_ahead_ && cells_ahead_share_ == &memory_->cells;
     MemoryShare& share = is_taken ? memory_->next_cells : memory_->cells;
     SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(*kept_volume_, scene_, streamer_->room().in(share)));
   }

@@ -26,13 +26,12 @@
 #include "scene/scene.h"
 #include "streamer/first/default_scene.h"
 #include "streamer/splats/streamer.h"
+#include "streamer/store/step_ahead.h"
 
 namespace splatvol {
 
 class FileCells;
 class KeptCells;
-class StepAhead;
-class StepCells;
 
 struct PlayerOptions {
   std::uint64_t memory = std::uint64_t{512} << 20;    // bytes to hold of what is read, and while it is drawn
@@ -117,6 +116,12 @@ struct PlayerFile {
   std::vector<Surface> surfaces;         // of `scene`
 };
 
+/// The cells of a step that was read ahead. They belong to the volume. Null: they cannot be read.
+struct StepCells {
+  std::shared_ptr<const format::Volume> volume = {};
+  std::shared_ptr<const KeptCells> kept = {};
+};
+
 /// An open file, its scene and a device that draws it. Errors name the file. All calls come from one thread, besides
 /// `cancel`; with a device of OpenGL, its context is current in that thread.
 class Player {
@@ -163,8 +168,7 @@ class Player {
   [[nodiscard]] const Scene& scene() const { return scene_; }
   [[nodiscard]] const View& view() const { return view_; }
 
-  /// Change an option. For another memory or kernel, the file is opened anew. If it fails, all stays as it was.
-  [[nodiscard]] Status set_memory(std::uint64_t bytes);
+  /// Changes an option. For another kernel, the file is opened anew. If it fails, all stays as it was.
   [[nodiscard]] Status set_drawing(const Drawing& drawing);
 
   /// Hides what lies behind opaque surfaces (Rasterizer::set_surface_depths), in all pictures until the next call: they
@@ -366,11 +370,13 @@ class Player {
 
   format::Steps steps_;
   std::size_t step_;
-  std::shared_ptr<PlayerMemory> memory_;    // before what lies in it
-  Reservation sweep_room_;                  // once cells were drawn
-  Reservation patches_room_;                // while surfaces are patches
-  std::unique_ptr<StepAhead> ahead_;        // of a series of files
-  std::unique_ptr<StepCells> cells_ahead_;  // of a series
+  std::shared_ptr<PlayerMemory> memory_;  // before what lies in it
+  Reservation sweep_room_;                // once cells were drawn
+  Reservation patches_room_;              // while surfaces are patches
+  using VolumeAhead = StepAhead<Result<std::shared_ptr<const format::Volume>>>;
+  std::unique_ptr<VolumeAhead> ahead_;                 // of a series of files
+  std::unique_ptr<StepAhead<StepCells>> cells_ahead_;  // of a series
+  const MemoryShare* cells_ahead_share_ = nullptr;     // that belongs to no other cells then
   PlayerOptions options_;
   Scene scene_;
   View view_;

@@ -52,15 +52,12 @@ Result<SessionFile> with_data(SessionFile read, bool must_fit, bool fits_opacity
   Streamer& streamer = *read.file.streamer;
   const Scene& scene = read.file.scene;
   SPLATVOL_TRY(read_histograms(streamer.volume(), scene, read.histogram, read.opacity_histogram));
-  if (fits_opacity) {
-    SPLATVOL_TRY_ASSIGN(fitting_opacity, splatvol::fitting_opacity(streamer.volume(), scene.opacity->attribute,
-                                                                   {512, 512, scene.background}));
-    read.fitting_opacity = std::move(fitting_opacity);
-  }
-  SPLATVOL_TRY_ASSIGN(bounds, find_domain(streamer));
-  read.bounds = bounds;
+  if (fits_opacity)
+    SPLATVOL_TRY_SET(read.fitting_opacity, splatvol::fitting_opacity(streamer.volume(), scene.opacity->attribute,
+                                                                     {512, 512, scene.background}));
+  SPLATVOL_TRY_SET(read.bounds, find_domain(streamer));
   SPLATVOL_TRY_ASSIGN(of_cells, format::box_of_cells(streamer.volume()));
-  read.mesh_box = of_cells.value_or(bounds);
+  read.mesh_box = of_cells.value_or(read.bounds);
   read.fitting = scene;
   if (read.fits) return read;
   auto fitting = default_scene(streamer.volume(), scene.attribute, {512, 512, scene.background});
@@ -74,7 +71,7 @@ Result<SessionFile> with_data(SessionFile read, bool must_fit, bool fits_opacity
 // Returns what `first` tells, and of the rest what `second` tells.
 SceneUse joined(const SceneUse& first, const SceneUse& second) {
   SceneUse use = first;
-  if (use.file.empty()) use.file = second.file;
+  if (use.file.empty()) use.file = second.file, use.pieces = second.pieces;
   if (!use.step) use.step = second.step;
   use.quality = joined(first.quality, second.quality);
   use.drawing = joined(first.drawing, second.drawing);
@@ -90,6 +87,14 @@ ViewSettings with_use(ViewSettings settings, const SceneUse& use) {
 tl::unexpected<Error> fail_no_step(const format::Steps& steps, std::size_t step) {
   return fail(ErrorCode::invalid_argument, "{}: no step {}; {}", steps.name(), step,
               steps.times().empty() ? "the file is no time series" : fmt::format("the last one is {}", steps.last()));
+}
+
+// Converts a mesh, or one that is in several pieces; none for another file.
+Result<std::optional<ConvertedFile>> convert_mesh(const SceneUse& use, const ViewSettings& settings) {
+  ConversionRequest request{{use.file}, settings.all_steps || use.step, settings.preview};
+  request.inputs.insert(request.inputs.end(), use.pieces.begin(), use.pieces.end());
+  if (!needs_conversion(request.inputs)) return std::optional<ConvertedFile>();
+  return convert(request, settings.on_conversion);
 }
 
 // Whether two changes need the same parts of the file.
@@ -140,20 +145,29 @@ Result<SessionFile> Session::read(const SceneUse& asked, const std::string& scen
     scene = std::move(loaded.scene);
     use = joined(asked, loaded.use);
     if (use.file.empty())
-      return fail(ErrorCode::invalid_argument, "{}: names no file: open a .svol file, and then this scene",
+      return fail(ErrorCode::invalid_argument, "{}: names no file: open a .svol file or a mesh, and then this scene",
                   scene_path.starts_with('{') ? "the scene" : scene_path);
   }
-  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(use.file, open_file));
+  SPLATVOL_TRY_ASSIGN(converted, convert_mesh(use, settings));
+  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(converted ? converted->path : use.file, open_file));
   const std::size_t step = use.step.value_or(steps.last());
   if (step > steps.last()) return fail_no_step(steps, step);
   const ViewSettings used = with_use(settings, use);
   SPLATVOL_TRY_ASSIGN(file, Player::read(std::move(steps), step, scene, player_options(used), {}));
-  return with_data({.path = use.file, .fits = !scene, .settings = used, .file = std::move(file)}, false);
+  return with_data({.path = use.file,
+                    .pieces = use.pieces,
+                    .converted = std::move(converted),
+                    .fits = !scene,
+                    .settings = used,
+                    .file = std::move(file)},
+                   false);
 }
 
 Result<std::unique_ptr<Session>> Session::open(SessionFile file, SessionHost& host) {
   std::unique_ptr<Session> session(new Session(host));
   session->path_ = std::move(file.path);
+  session->pieces_ = std::move(file.pieces);
+  session->converted_ = std::move(file.converted);
   session->fits_ = file.fits;
   session->settings = session->used_settings_ = std::move(file.settings);
   session->scene = session->first_scene_ = session->used_scene_ = file.file.scene;
@@ -162,8 +176,7 @@ Result<std::unique_ptr<Session>> Session::open(SessionFile file, SessionHost& ho
   session->bounds_ = file.bounds;
   session->mesh_box_ = file.mesh_box;
   session->fitting_ = std::move(file.fitting);
-  SPLATVOL_TRY_ASSIGN(player, Player::open(std::move(file.file)));
-  session->player_ = std::move(player);
+  SPLATVOL_TRY_SET(session->player_, Player::open(std::move(file.file)));
   return session;
 }
 
@@ -247,9 +260,13 @@ TransferFunction Session::fitting_function() const {
 }
 
 UsedScene Session::used_scene() const {
-  UsedScene used{scene, {.file = path_}};
-  std::error_code error;
-  if (!is_url(path_)) used.use.file = std::filesystem::absolute(path_, error).lexically_normal().string();
+  UsedScene used{scene, {.file = path_, .pieces = pieces_}};
+  const auto make_absolute = [](std::string& path) {
+    std::error_code error;
+    if (!is_url(path)) path = std::filesystem::absolute(path, error).lexically_normal().string();
+  };
+  make_absolute(used.use.file);
+  std::ranges::for_each(used.use.pieces, make_absolute);
   if (times().size() > 1) used.use.step = step();
   if (asks_for_splats(settings.quality))
     used.use.quality = settings.quality;
@@ -260,6 +277,13 @@ UsedScene Session::used_scene() const {
   used.use.drawing = settings.drawing;
   used.use.drawing.kernel = kernel_of(settings.drawing);
   return used;
+}
+
+Status Session::forget_converted() {
+  std::vector<std::string> files = {path_};
+  files.insert(files.end(), pieces_.begin(), pieces_.end());
+  converted_.reset();
+  return splatvol::forget_converted(files);
 }
 
 Status Session::use(const SceneUse& use) {
@@ -568,9 +592,14 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   return exact_spacing_ > 0 ? begin_exact() : begin_making_ready();
 }
 
+// Keeps a trouble that comes back with each frame.
+void Session::tell_once(const std::string& trouble) {
+  if (told_once_.insert(trouble).second) troubles_.push_back(trouble);
+}
+
 // Keeps the errors of parts of the frame that was chosen.
 void Session::note_frame() {
-  for (const Error& error : player_->frame()->progress.errors) troubles_.push_back(error.message);
+  for (const Error& error : player_->frame()->progress.errors) tell_once(error.message);
 }
 
 void Session::note_drawn(const ShownRecipe& recipe) {

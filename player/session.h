@@ -8,6 +8,7 @@
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <unordered_set>
 #include <utility>
 #include <vector>
 
@@ -16,6 +17,7 @@
 #include "format/steps.h"
 #include "format/volume.h"
 #include "pictures/page.h"
+#include "player/conversion.h"
 #include "player/history.h"
 #include "player/motion_control.h"
 #include "player/player.h"
@@ -69,6 +71,11 @@ struct ViewSettings {
   // splats.
   std::uint64_t most_exact_segments = splatvol::most_exact_segments;
 
+  // Called while a mesh is converted, on the thread that reads.
+  std::function<void(const ConversionProgress&)> on_conversion = {};
+  std::string preview = {};  // a file that a conversion writes first, of some of the points; empty: none
+  bool all_steps = false;    // of a mesh; else the last one, unless a step is asked for
+
   // Called by `draw` with each picture of the processor that will be shown.
   std::function<void(const CompletePicture&)> on_picture = {};
 };
@@ -76,7 +83,9 @@ struct ViewSettings {
 /// What a session reads of a file. Made on any thread (Session::read).
 struct SessionFile {
   std::string path;
-  bool fits = false;  // the scene is one that fits the data
+  std::vector<std::string> pieces = {};         // of the mesh
+  std::optional<ConvertedFile> converted = {};  // from a mesh
+  bool fits = false;                            // the scene is one that fits the data
   ViewSettings settings = {};
   PlayerFile file;
   Box bounds = {};                                     // of the material
@@ -236,6 +245,12 @@ class Session {
   [[nodiscard]] const std::array<std::uint64_t, 64>& histogram() const { return histogram_; }
   [[nodiscard]] const std::array<std::uint64_t, 64>& opacity_histogram() const { return opacity_histogram_; }
   [[nodiscard]] const std::string& path() const { return path_; }
+
+  /// Returns the file that a mesh became, if it is one.
+  [[nodiscard]] const std::optional<ConvertedFile>& converted() const { return converted_; }
+
+  /// Removes that file from the cache. It stays open, and is none that a mesh became any more.
+  [[nodiscard]] Status forget_converted();
   [[nodiscard]] std::uint64_t file_bytes() const { return player_->streamer().volume().file_bytes(); }
   [[nodiscard]] const Scene& first_scene() const { return first_scene_; }
 
@@ -307,7 +322,8 @@ class Session {
   [[nodiscard]] std::uint64_t device_bytes() const { return device_bytes_; }
   [[nodiscard]] DrawingUnits units() const { return player_->streamer().units(); }
 
-  /// Returns the errors of parts that could not be read, the newest last.
+  /// Returns the errors so far, the newest last. One that comes back with each picture, as of a part that cannot be
+  /// read, is told once.
   [[nodiscard]] const std::vector<std::string>& troubles() const { return troubles_; }
 
   /// As Player::left_out.
@@ -384,6 +400,7 @@ class Session {
   [[nodiscard]] Status make_ready();
   [[nodiscard]] Status finish_making_ready(const Status& made);
   void tell_of_splats(const std::string& reason);
+  void tell_once(const std::string& trouble);
   void settle();
   [[nodiscard]] Status finish_picture(std::optional<Image> drawn);
 
@@ -391,6 +408,8 @@ class Session {
 
   SessionHost& host_;
   std::string path_;
+  std::vector<std::string> pieces_;
+  std::optional<ConvertedFile> converted_;
   Scene first_scene_;
   bool fits_ = false;  // the first scene is one that fits the data, and its camera shall fit the first picture's size
   std::unique_ptr<Player> player_;
@@ -468,6 +487,7 @@ class Session {
   bool skips_splats_ = false;      // exact pictures follow those of the movement
   bool is_to_make_ready_ = false;  // for what moves, and for probes; after the last picture
   std::vector<std::string> troubles_;
+  std::unordered_set<std::string> told_once_;  // of them
 
   // Of the last picture.
   std::uint64_t shown_number_ = 0;

@@ -83,8 +83,7 @@ Status Session::draw_splats(const FrameRequest& request, double seconds) {
   SPLATVOL_TRY(encode_aside());
   if (!request.detail.goal || !player_->frame()->progress.settled) return {};
   // What `finish_picture` compares. It is copied here, where nobody waits for it.
-  SPLATVOL_TRY_ASSIGN(drawn, player_->image());
-  drawn_aside_ = std::move(drawn);
+  SPLATVOL_TRY_SET(drawn_aside_, player_->image());
   return {};
 }
 
@@ -224,10 +223,7 @@ Status Session::finish_making_ready(const Status& made) {
 }
 
 // Says once why there is no exact picture.
-void Session::tell_of_splats(const std::string& reason) {
-  const std::string trouble = reason + ": splats are shown, no exact picture";
-  if (std::ranges::find(troubles_, trouble) == troubles_.end()) troubles_.push_back(trouble);
-}
+void Session::tell_of_splats(const std::string& reason) { tell_once(reason + ": splats are shown, no exact picture"); }
 
 // Whether the last picture is there.
 void Session::settle() {

@@ -16,14 +16,14 @@ namespace splatvol {
 
 class JsonField;
 
-/// Reads or writes the object `camera` of a scene file. parse_camera fails if make_view would, read_camera does not.
+/// Reads or writes the object `camera` of a scene file. Also reads cameras that make_view refuses.
 [[nodiscard]] Result<Camera> read_camera(const JsonField& json);
-[[nodiscard]] Result<Camera> parse_camera(const std::string& json);
 [[nodiscard]] std::string camera_to_json(const Camera& camera);
 
 /// How a scene is used. Its file may tell it: the volume, and how the volume is drawn.
 struct SceneUse {
-  std::string file = {};                 // path or address of the volume; empty: not told
+  std::string file = {};                 // path or address of the volume, or of its mesh; empty: not told
+  std::vector<std::string> pieces = {};  // paths of the mesh's other files
   std::optional<std::size_t> step = {};  // of a time series
   Quality quality = {};                  // without milliseconds: a scene shows the same on every machine
   Drawing drawing = {};

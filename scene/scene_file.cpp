@@ -318,11 +318,11 @@ Result<Box> read_clip_box(const JsonField& field) {
 
 Result<Scene> read_scene(const JsonField& field) {
   if (!field.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
-  SPLATVOL_TRY(field.check_names({"file",        "step",       "exact",      "max_error", "tolerance",
-                                  "kernel",      "splats",     "resolution", "sort",      "sampling",
-                                  "camera",      "image",      "background", "attribute", "transfer_function",
-                                  "clip_box",    "lighting",   "outline",    "surfaces",  "slices",
-                                  "clip_planes", "scalar_bar", "opacity",    "contours"}));
+  SPLATVOL_TRY(field.check_names(
+      {"file",       "pieces",   "step",     "exact",    "max_error", "tolerance",   "kernel",     "splats",
+       "resolution", "sort",     "sampling", "camera",   "image",     "background",  "attribute",  "transfer_function",
+       "clip_box",   "lighting", "outline",  "surfaces", "slices",    "clip_planes", "scalar_bar", "opacity",
+       "contours"}));
   Scene scene;
   SPLATVOL_TRY_SET(scene.camera, read_camera(field.member("camera")));
   SPLATVOL_TRY(read_size(field.member("image"), scene));
@@ -393,6 +393,10 @@ Result<Drawing> read_drawing(const JsonField& field) {
 Result<SceneUse> read_use(const JsonField& field) {
   SceneUse use;
   if (field.has("file")) SPLATVOL_TRY_SET(use.file, name(field.member("file")));
+  if (const JsonField pieces = field.member("pieces"); pieces.exists()) {
+    if (use.file.empty()) return pieces.wrong("pieces of no file: name the first one as \"file\"");
+    SPLATVOL_TRY_SET(use.pieces, pieces.each(name));
+  }
   SPLATVOL_TRY(read_count(field.member("step"), 0, use.step));
   SPLATVOL_TRY_SET(use.quality, read_quality(field));
   SPLATVOL_TRY_SET(use.drawing, read_drawing(field));
@@ -463,13 +467,6 @@ std::string text_of(const nlohmann::ordered_json& document, int indent = 1) {
   return json_text(document, indent) + (indent < 0 ? "" : "\n");
 }
 
-template <class Read>
-auto parse(const std::string& text, const Read& read) -> std::invoke_result_t<Read, JsonField> try {
-  return read_json(text, read);
-} catch (const std::exception& error) {
-  return fail(ErrorCode::out_of_budget, "cannot hold the scene: {}", error.what());
-}
-
 }  // namespace
 
 Result<Camera> read_camera(const JsonField& json) {
@@ -484,17 +481,15 @@ Result<Camera> read_camera(const JsonField& json) {
 }
 
 // Both read all fields: a field that one of them refuses would be lost by the other.
-Result<UsedScene> parse_used_scene(const std::string& text) { return parse(text, &read_used_scene); }
+Result<UsedScene> parse_used_scene(const std::string& text) try {
+  return read_json(text, &read_used_scene);
+} catch (const std::exception& error) {
+  return fail(ErrorCode::out_of_budget, "cannot hold the scene: {}", error.what());
+}
 
 Result<Scene> parse_scene(const std::string& text) {
   SPLATVOL_TRY_ASSIGN(used, parse_used_scene(text));
   return std::move(used.scene);
-}
-
-Result<Camera> parse_camera(const std::string& text) {
-  SPLATVOL_TRY_ASSIGN(camera, parse(text, read_camera));
-  SPLATVOL_TRY(make_view(camera, 1, 1));
-  return camera;
 }
 
 std::string camera_to_json(const Camera& camera) { return text_of(json_of(camera)); }
@@ -505,6 +500,7 @@ std::string to_json(const UsedScene& used, int indent) {
   const auto& [scene, use] = used;
   nlohmann::ordered_json document;
   if (!use.file.empty()) document["file"] = use.file;
+  if (!use.pieces.empty()) document["pieces"] = use.pieces;
   if (use.step) document["step"] = *use.step;
   add_quality(use.quality, document);
   add_drawing(use.drawing, document);
@@ -559,10 +555,7 @@ std::string to_json(const UsedScene& used, int indent) {
 Result<UsedScene> load_used_scene(const std::string& path_or_json) {
   const bool is_text = path_or_json.starts_with('{');
   std::string text = path_or_json;
-  if (!is_text) {
-    SPLATVOL_TRY_ASSIGN(read, read_text_file(path_or_json));
-    text = std::move(read);
-  }
+  if (!is_text) SPLATVOL_TRY_SET(text, read_text_file(path_or_json));
   auto used = parse_used_scene(text);
   if (!used) return fail_in(is_text ? "the scene" : path_or_json, used.error());
   std::error_code error;
@@ -572,6 +565,7 @@ Result<UsedScene> load_used_scene(const std::string& path_or_json) {
   for (SceneSurface& surface : used->scene.surfaces)
     if (surface.boundary.empty()) make_absolute(surface.file);
   if (!used->use.file.empty() && !is_url(used->use.file)) make_absolute(used->use.file);
+  for (std::string& piece : used->use.pieces) make_absolute(piece);
   return used;
 }
 

@@ -8,7 +8,7 @@ set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources
                   builder/sources/openfoam builder/sources/vtk builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
                   builder/pipeline builder/series builder/cache)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
-set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed streamer/store streamer/splats streamer/first
+set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed extractor streamer/store streamer/splats streamer/first
            ${renderer_rooms} streamer/cells renderer/surfaces renderer/reference player library library/python library/examples viewer/window
            viewer tools/export tools tests/support tests/fuzz bench)
 
@@ -38,6 +38,7 @@ set(builder/pipeline_knows base format builder/sorting builder/mesh builder/scat
 set(builder/series_knows base format builder/sources builder/boundary builder/cells builder/opening builder/pipeline)
 set(builder/cache_knows base format builder/sources builder/sources/process builder/opening)
 set(builder/distributed_knows base format ${builder_rooms})
+set(extractor_knows base splat format builder/mesh sampler)
 set(streamer/store_knows base splat format)
 set(streamer/splats_knows base scene splat format streamer/store)
 set(streamer/first_knows base scene pictures format streamer/splats)
@@ -50,13 +51,13 @@ set(renderer/surfaces_knows base scene pictures)
 set(renderer/reference_knows base scene pictures)
 set(streamer_rooms streamer/store streamer/splats streamer/first streamer/cells)
 set(player_knows base scene pictures splat format sampler ${streamer_rooms} ${renderer_rooms} renderer/surfaces)
-set(library_knows base scene pictures splat format sampler ${builder_rooms} ${streamer_rooms} ${renderer_rooms} player)
+set(library_knows base scene pictures splat format sampler ${builder_rooms} extractor ${streamer_rooms} ${renderer_rooms} player)
 set(library/python_knows ${library_knows} library)
 set(library/examples_knows)
 set(viewer/window_knows base scene pictures renderer renderer/gl player)
 set(viewer_knows ${player_knows} player viewer/window)
-set(tools/export_knows base splat format builder/mesh sampler)
-set(tools_knows ${viewer_knows} viewer ${builder_rooms} builder/distributed renderer/reference tools/export)
+set(tools/export_knows base splat format sampler extractor)
+set(tools_knows ${viewer_knows} viewer ${builder_rooms} extractor builder/distributed renderer/reference tools/export)
 set(tests/support_knows base splat format ${builder_rooms})
 set(tests/fuzz_knows ${tools_knows} tests/support)
 set(bench_knows ${tools_knows} tools)

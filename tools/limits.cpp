@@ -93,7 +93,7 @@ void limit_workers(std::size_t workers) {
 
 }  // namespace
 
-Status heed_limits() {
+Status heed_limits(unsigned most_threads) {
   const std::uint64_t free = free_address_space();
   std::size_t workers = std::max(1u, std::thread::hardware_concurrency()) - 1;
   const std::size_t wanted = workers;
@@ -109,6 +109,7 @@ Status heed_limits() {
     const std::size_t started = startable_threads(workers + other_threads);
     if (started < workers + other_threads) workers = std::min(workers, started / 4);
   }
+  if (most_threads > 0) workers = std::min<std::size_t>(workers, most_threads - 1);
   if (workers < wanted) limit_workers(workers);
   return {};
 }

@@ -15,7 +15,6 @@
 #include "base/file.h"
 #include "base/input_formats.h"
 #include "base/json.h"
-#include "base/memory_limit.h"
 #include "base/printable.h"
 #include "base/temp_file.h"
 #include "builder/cache/input_state.h"
@@ -68,7 +67,7 @@ struct Options {
   bool append = false;
   bool estimate = false;
   std::vector<std::string> units;
-  unsigned threads = 0;
+  unsigned threads = default_threads();
   ReadingOptions reading;
   bool json = false;
   CacheOptions cache;
@@ -258,10 +257,8 @@ Result<BuildOptions> build_options_of(const Options& options) {
   build_options.boundary_if_any = options.boundary_if_any;
   build_options.connectivity = parse_connectivity(options.connectivity).value();
   build_options.builder = "svbuild " SPLATVOL_VERSION;
-  build_options.memory = memory_limit() / 4 / processes_here();
-  if (!options.memory.empty()) {
-    SPLATVOL_TRY(store(parse_bytes(options.memory), build_options.memory));
-  }
+  SPLATVOL_TRY_SET(build_options.memory, memory_or_quarter(options.memory));
+  if (options.memory.empty()) build_options.memory /= processes_here();
   build_options.temp_folder = options.temp_folder;
   build_options.up = options.up.empty() ? usual_up(options.inputs) : options.up[0] - 'x';
   for (const std::string& unit : options.units) {

@@ -22,6 +22,7 @@
 #include "base/json.h"
 #include "base/low_priority.h"
 #include "base/printable.h"
+#include "base/temporary_names.h"
 #include "builder/cache/build_cache.h"
 #include "tools/ending.h"
 #include "tools/reading.h"
@@ -168,6 +169,8 @@ class CachedRun {
     auto outcome = build_.build(
         place.folder() + "/" + build_.name, [this](const BuildShare::State& state) { show(state); },
         [this](const std::string& file) {
+          // Until the whole file is there, it goes with this process.
+          note_temporary(file);
           if (options_.progress) lines_.print({{"preview", file}});
         });
     if (!outcome) return explain(place, outcome.error());
@@ -199,6 +202,7 @@ class CachedRun {
   [[nodiscard]] std::string file() const { return built_ ? built_->file : place_->folder() + "/" + build_.name; }
 
   Status finish() {
+    if (!options_.preview.empty()) forget_temporary(options_.preview);
     if (!was_built_) notes_.insert(notes_.end(), built_->notes.begin(), built_->notes.end());
     const nlohmann::ordered_json result = {{"file", file()},
                                            {"built", was_built_},

@@ -8,7 +8,6 @@
 #include <nlohmann/json.hpp>
 
 #include "base/json.h"
-#include "base/memory_limit.h"
 #include "tools/export/cell_export.h"
 #include "tools/export/contour_export.h"
 #include "tools/export/line_export.h"
@@ -86,14 +85,9 @@ std::function<void(double)> show_progress() {
   return [bar = std::make_shared<ProgressBar>("exporting")](double fraction) { bar->update(fraction); };
 }
 
-Result<std::uint64_t> memory_of(const Options& options) {
-  if (options.memory.empty()) return memory_limit() / 4;
-  return parse_bytes(options.memory);
-}
-
 Result<json> export_voxels(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
-  SPLATVOL_TRY_ASSIGN(memory, memory_of(options));
+  SPLATVOL_TRY_ASSIGN(memory, memory_or_quarter(options.memory));
   const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(report,
                       export_vdb(volume, options.output, selection, options.voxel, memory, progress, options.replace));
@@ -133,7 +127,7 @@ Result<json> export_surface(const format::Volume& volume, const format::SplatSel
     return fail(ErrorCode::invalid_argument,
                 "{}: has several attributes: --attribute chooses that of the contour, of {}", volume.name(),
                 fmt::join(selection.names, ", "));
-  SPLATVOL_TRY_ASSIGN(memory, memory_of(options));
+  SPLATVOL_TRY_ASSIGN(memory, memory_or_quarter(options.memory));
   const auto progress = show_progress();
   SPLATVOL_TRY_ASSIGN(
       report, export_contour(volume, options.output, selection, *options.contour, memory, progress, options.replace));
@@ -261,7 +255,9 @@ void add_file_options(CommandLine& app, Options& options) {
          ".vtu: points with their values, and the mass, centroid and covariance of their material; for each "
          "attribute A, \"A mean\", \"A deviation\", \"A covariance\" and \"A gradient\" of its moments, and "
          "the gradient direction that svbuild --gradients stores for the point, \"A gradient direction\". An "
-         "attribute keeps its name: what svexport calls so becomes \"NAME (splat)\". Positions and values are those of "
+         "attribute keeps its name: what svexport calls so becomes \"NAME (splat)\". In .vtu and .vtp files, the three "
+         "components U[0], U[1] and U[2] of a vector are one array U, without its magnitude. Positions and values are "
+         "those of "
          "the input up to the errors that the result states; svbuild --exact leaves none. .vtp, .stl, .glb: the "
          "triangles "
          "of a contour; .vtp has the values of all attributes of --attribute. .csv: a table of the values along a "

@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/printable.h"
+#include "player/conversion.h"
 #include "streamer/first/default_scene.h"
 #include "streamer/first/explain.h"
 #include "tools/svrender_drawing.h"
@@ -108,16 +110,39 @@ Status check_exact(const RenderOptions& options) {
   return {};
 }
 
+// Converts a mesh by svbuild; none for another file.
+Result<std::optional<ConvertedFile>> convert_mesh(const RenderOptions& options) {
+  if (!needs_conversion(options.inputs)) return std::optional<ConvertedFile>();
+  std::optional<ProgressBar> bar;
+  std::string stage;
+  const auto tell = [&](const ConversionProgress& progress) {
+    if (progress.stage != stage) bar.emplace(stage = progress.stage);
+    bar->update(progress.share);
+  };
+  const bool all_steps = options.step.step || options.step.time || options.plays();
+  auto converted = convert({options.inputs, all_steps}, tell);
+  bar.reset();
+  if (!converted) return tl::unexpected(converted.error());
+  for (const std::string& note : converted->notes) fmt::print(stderr, "svrender: {}\n", one_line(note));
+  if (converted->was_built && !converted->is_temporary)
+    fmt::print(stderr, "svrender: {} is kept for the next picture, as {}; svbuild --forget removes it\n",
+               one_line(options.inputs[0]), one_line(converted->path));
+  return converted;
+}
+
 Status render(RenderOptions options) {
   const double start = seconds_now();
   SPLATVOL_TRY(use_scene(options));
   SPLATVOL_TRY(check_exact(options));
-  SPLATVOL_TRY(check_outputs({options.output, options.stats, options.movie}, {options.volume, options.scene}));
+  std::vector<std::string> read = options.inputs;
+  read.push_back(options.scene);
+  SPLATVOL_TRY(check_outputs({options.output, options.stats, options.movie}, read));
+  SPLATVOL_TRY_ASSIGN(converted, convert_mesh(options));
+  options.volume = converted ? converted->path : options.inputs[0];
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));
   SPLATVOL_TRY_ASSIGN(composition, compose(options, steps));
   const Scene& scene = composition.scene;
-  if (!options.progress_frames.empty() && !std::filesystem::is_directory(options.progress_frames))
-    return fail(ErrorCode::io, "{}: no such folder", options.progress_frames);
+  if (!options.progress_frames.empty()) SPLATVOL_TRY(make_folder(options.progress_frames));
   SPLATVOL_TRY_ASSIGN(statistics_file, create_statistics(options.stats));
   if (const auto view = make_view(scene); !view)
     return fail_in(options.scene.empty() ? options.volume : options.scene, view.error());
@@ -148,7 +173,7 @@ Status render(RenderOptions options) {
     SPLATVOL_TRY(write_statistics(statistics_file, statistics_text(options, drawn, timings)));
   }
   const bool terminal_holds_statistics = !options.stats.empty() && !statistics_file;
-  if (!terminal_holds_statistics) print_summary(options, drawn, timings);
+  if (!terminal_holds_statistics) print_summary(options, composition.written_size(), drawn, timings);
   return failure_of(unreadable);
 }
 

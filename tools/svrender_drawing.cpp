@@ -245,7 +245,9 @@ Provenance provenance_of(const RenderOptions& options, const Drawn& drawn) {
   const FrameSplats& frame = splats_of(player);
   const format::Volume& volume = player.streamer().volume();
   Provenance provenance = {{"software", "svrender " SPLATVOL_VERSION},
-                           {"file", volume.name()},
+                           {"file", options.inputs.size() > 1 || options.volume != options.inputs[0]
+                                        ? fmt::format("{}", fmt::join(options.inputs, " "))
+                                        : volume.name()},
                            {"scene", options.scene.empty() ? "one that fits the data" : options.scene},
                            {"attribute", player.scene().attribute},
                            {"sample_spacing", fmt::format("{}", player.sample_spacing())}};

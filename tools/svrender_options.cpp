@@ -27,10 +27,12 @@ std::string check_sampling(const std::string& text) {
 }
 
 void add_file_options(CommandLine& app, RenderOptions& options) {
-  app.add_option("FILE", options.volume,
-                 "The .svol file, the index of a series of files (.svols), or its address (http:// or https://)")
+  app.add_option(
+         "FILE", options.inputs,
+         "The .svol file, the index of a series of files (.svols), or its address (http:// or https://); or a "
+         "mesh or points, in one file, several files or a folder, which svbuild converts and keeps in its cache")
       ->required()
-      ->type_name("FILE.svol|URL");
+      ->type_name("FILE.svol|URL|MESH...");
   auto* scene = app.add_option("--scene", options.scene, "Scene file (JSON); default: a scene that fits the data")
                     ->type_name("S.json");
   app.add_option("--attribute", options.attribute, "Without a scene: the attribute to show")

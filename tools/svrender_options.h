@@ -15,10 +15,11 @@
 namespace splatvol {
 
 struct RenderOptions {
-  std::string volume;
-  std::string scene;              // empty: one that fits the data
-  std::string attribute;          // without a scene; empty: the best
-  std::string opacity_attribute;  // likewise; empty: the opacity is that of the same attribute
+  std::vector<std::string> inputs;  // the .svol file, or the files of a mesh
+  std::string volume;               // that is drawn: the first of them, or what the mesh became
+  std::string scene;                // empty: one that fits the data
+  std::string attribute;            // without a scene; empty: the best
+  std::string opacity_attribute;    // likewise; empty: the opacity is that of the same attribute
   std::string output;
   std::string size;
   std::string stats;

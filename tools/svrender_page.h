@@ -1,6 +1,7 @@
 // What svrender draws: the scene, and the page round it.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 
@@ -21,6 +22,11 @@ struct Composition {
   std::optional<dvec3> turned_about;  // with --turntable: the middle of what is visible
   bool data = false;                  // the picture is an .exr: data for programs, without words and lines
   bool transparent = false;
+
+  /// Returns the width and the height of the file that write_page writes, in pixels.
+  [[nodiscard]] std::array<int, 2> written_size() const {
+    return data ? std::array{scene.width, scene.height} : std::array{page.width, page.height};
+  }
 };
 
 /// Reads the scene that the options name, or makes one that fits the data, and lays out the page. Reads only the

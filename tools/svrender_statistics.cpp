@@ -159,22 +159,21 @@ std::string statistics_text(const RenderOptions& options, const Drawn& drawn, co
   return json_text(document, 1) + "\n";
 }
 
-void print_summary(const RenderOptions& options, const Drawn& drawn, const Timings& timings) {
+void print_summary(const RenderOptions& options, std::array<int, 2> size, const Drawn& drawn, const Timings& timings) {
   tell_nearest(options.written(), drawn.player->steps(), options.step, drawn.player->step());
   if (!timings.rungs.empty()) print_out("{}: the picture of {}\n", options.written(), options_of(timings.rungs.back()));
-  const Scene& scene = drawn.player->scene();
   const Streamer& streamer = drawn.player->streamer();
   if (const auto& exact = drawn.player->exact()) {
     const int spacing = drawn.player->sample_spacing();
     const std::string samples = spacing > 1 ? fmt::format("samples {} pixels apart", spacing) : "exact";
-    print_out("{}: {} x {} pixels, {}, {} segments in {} chunks of cells, {}, {:.3f} s\n", options.written(),
-              scene.width, scene.height, samples, exact->segments, exact->chunks, bytes_read_text(streamer.volume()),
+    print_out("{}: {} x {} pixels, {}, {} segments in {} chunks of cells, {}, {:.3f} s\n", options.written(), size[0],
+              size[1], samples, exact->segments, exact->chunks, bytes_read_text(streamer.volume()),
               timings.first_image);
     if (drawn.search) print_estimate(options, drawn);
     return;
   }
   const FrameSplats& frame = *drawn.player->frame();
-  print_out("{}: {} x {} pixels, {} splats in {} nodes, {}, {:.3f} s\n", options.written(), scene.width, scene.height,
+  print_out("{}: {} x {} pixels, {} splats in {} nodes, {}, {:.3f} s\n", options.written(), size[0], size[1],
             frame.splats, frame.nodes, bytes_read_text(streamer.volume()), timings.first_image);
   if (drawn.chosen.too_many_segments > 0)
     print_out("{}: splats, as the file's cells make about {:.0f} million segments: --exact draws them\n",

@@ -34,7 +34,7 @@ struct Options {
   std::string cells = "averaged";
   std::vector<double> missing;
   bool no_displacements = false;
-  unsigned threads = 0;
+  unsigned threads = default_threads();
   int repeat = 1;
   ReadingOptions reading;
   bool json = false;

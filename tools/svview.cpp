@@ -1,6 +1,7 @@
 // svview: a .svol file in a window.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -28,6 +29,7 @@ namespace {
 
 struct Options {
   std::string volume;
+  std::vector<std::string> files;  // as given: the volume, or the files of a mesh
   std::string scene;
   std::string size = "1200x800";
   std::string memory = default_memory(512);
@@ -61,10 +63,12 @@ Result<ViewerOptions> viewer_options(const Options& options) {
   setup.settings.gpu_memory = gpu_memory;
   setup.settings.device = device;
   setup.settings.moving = {options.moving.max_error, 1e-3 * options.moving_milliseconds};
-  setup.use = {.file = options.volume,
-               .step = options.step,
-               .quality = options.quality,
-               .drawing = {.kernel = kernel_named(options.kernel)}};
+  setup.use = {
+      .file = options.volume,
+      .pieces = {options.files.begin() + std::min<std::ptrdiff_t>(1, std::ssize(options.files)), options.files.end()},
+      .step = options.step,
+      .quality = options.quality,
+      .drawing = {.kernel = kernel_named(options.kernel)}};
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
   setup.settings.read_surface = surface_reader(reader_options);
   return setup;
@@ -188,7 +192,7 @@ Result<WindowResized> draw_inputs(const std::vector<FrameInput>& inputs, double 
     if (times.first_picture == 0) times.first_picture = seconds_now() - start;
     stage.end(viewer);
   }
-  viewer.end_loop();
+  viewer.end_recording();
   const FrameInput idle{1, {}};  // seconds: longer than any change takes
   const double rest_start = seconds_now();
   SPLATVOL_TRY(draw(idle));
@@ -251,7 +255,7 @@ Status play(const Options& options) {
   SPLATVOL_TRY_ASSIGN(path, load_camera_path(options.play));
   SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
-  if (!std::filesystem::is_directory(options.frames)) return fail(ErrorCode::io, "{}: no such folder", options.frames);
+  SPLATVOL_TRY(make_folder(options.frames));
   setup.settings.in_current_context = false;
   setup.settings.hurries = false;
   SPLATVOL_TRY_ASSIGN(file, Session::read(setup.use, setup.scene, setup.settings));
@@ -273,6 +277,7 @@ Status play(const Options& options) {
 }
 
 Status run(Options options) {
+  if (!options.files.empty()) options.volume = options.files[0];
   if (options.scene.empty() && options.volume.ends_with(".json")) options.scene = std::exchange(options.volume, "");
   if (!options.record.empty()) SPLATVOL_TRY(check_recording(options.record));
   SPLATVOL_TRY(check_outputs({options.record, options.screenshot, options.stats},
@@ -283,10 +288,11 @@ Status run(Options options) {
 }
 
 void add_view_options(CommandLine& app, Options& options) {
-  app.add_option("volume", options.volume,
-                 "The .svol file, the index of a series of files (.svols), or its address (https://...); or a scene "
-                 "that names one")
-      ->type_name("FILE.svol|URL|S.json");
+  app.add_option("volume", options.files,
+                 "The .svol file, the index of a series of files (.svols), or its address (https://...); a scene that "
+                 "names one; or a mesh or points, in one file, several files or a folder, which svbuild converts and "
+                 "keeps in its cache")
+      ->type_name("FILE.svol|URL|S.json|MESH...");
   app.add_option("--scene", options.scene,
                  "Scene to begin with (docs/scene.md), as a file or as its text; default: one that fits the data")
       ->type_name("S.json|TEXT");
@@ -362,8 +368,9 @@ void add_recording_options(CommandLine& app, Options& options) {
 
 int main(int argc, char** argv) {
   using namespace splatvol;
-  CommandLine app("Shows a .svol file in a window: turn, zoom, edit the transfer function. F1 there lists the keys.",
-                  "svview");
+  CommandLine app(
+      "Shows a mesh or a .svol file in a window: turn, zoom, edit the transfer function. F1 there lists the keys.",
+      "svview");
   Options options;
   add_view_options(app, options);
   add_recording_options(app, options);

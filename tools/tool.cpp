@@ -32,6 +32,17 @@ namespace splatvol {
 
 namespace {
 
+// Defaults of options, told by the environment.
+constexpr const char* memory_variable = "SPLATVOL_MEMORY";
+constexpr const char* threads_variable = "SPLATVOL_THREADS";
+constexpr int most_threads = 4096;
+
+// Returns a variable's text; empty: it is not set.
+std::string environment(const char* name) {
+  const char* text = std::getenv(name);
+  return text ? text : "";
+}
+
 // A program that is started without them would write what belongs there into its first files.
 void open_standard_streams() {
   for (int stream = ::open("/dev/null", O_RDWR); stream >= 0; stream = ::dup(stream))
@@ -100,6 +111,16 @@ std::string unknown_option(const CLI::App& app, std::span<char* const> arguments
   return "";
 }
 
+// Fails if a default that the environment tells is none.
+Status check_environment() {
+  if (const std::string memory = environment(memory_variable); !memory.empty())
+    if (const auto bytes = parse_bytes(memory); !bytes) return fail_in(memory_variable, bytes.error());
+  if (const std::string threads = environment(threads_variable); !threads.empty())
+    if (const std::string wrong = check_range(threads, 1, most_threads); !wrong.empty())
+      return fail(ErrorCode::invalid_argument, "{}: {}", threads_variable, wrong);
+  return {};
+}
+
 // May throw what the libraries throw.
 int parse_and_run(CommandLine& app, int argc, char** argv, const std::function<Status()>& body) {
   app.parser().set_version_flag("--version", app.get_name() + " " SPLATVOL_VERSION);
@@ -119,7 +140,9 @@ int parse_and_run(CommandLine& app, int argc, char** argv, const std::function<S
   clean_up_at_signals();
   // At a limit on file sizes, a write is to fail with an error. By default the signal would end the program.
   std::signal(SIGXFSZ, SIG_IGN);
-  Status status = heed_limits();
+  Status status = check_environment();
+  // A program with an option for it heeds the environment there.
+  if (status) status = heed_limits(app.parser().get_option_no_throw("--threads") ? 0 : default_threads());
   if (status) status = body();
   if (status && (std::fflush(stdout) != 0 || std::ferror(stdout) != 0))
     status = fail(ErrorCode::io, "cannot write to the standard output");
@@ -206,7 +229,17 @@ std::string bytes_text(double bytes) {
 }
 
 std::string default_memory(std::uint64_t mebibytes) {
+  if (const std::string chosen = environment(memory_variable); !chosen.empty()) return chosen;
   return fmt::format("{}M", std::min<std::uint64_t>(mebibytes, memory_limit() >> 21));
+}
+
+Result<std::uint64_t> memory_or_quarter(const std::string& text) {
+  const std::string chosen = text.empty() ? environment(memory_variable) : text;
+  return chosen.empty() ? Result<std::uint64_t>(memory_limit() / 4) : parse_bytes(chosen);
+}
+
+unsigned default_threads() {
+  return static_cast<unsigned>(std::strtoul(environment(threads_variable).c_str(), nullptr, 10));
 }
 
 Result<std::array<int, 2>> parse_image_size(const std::string& text) {

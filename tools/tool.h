@@ -72,8 +72,15 @@ class ProgressBar {
 /// Returns a number of bytes in the unit that fits: "1.5 GiB".
 [[nodiscard]] std::string bytes_text(double bytes);
 
-/// A default for --memory: so many MiB, or half of what this process may have, if that is less.
+/// A default for --memory: SPLATVOL_MEMORY of the environment; else so many MiB, or half of what this process may have,
+/// if that is less.
 [[nodiscard]] std::string default_memory(std::uint64_t mebibytes);
+
+/// Reads the text of --memory. Empty: SPLATVOL_MEMORY of the environment, else a quarter of what this process may have.
+[[nodiscard]] Result<std::uint64_t> memory_or_quarter(const std::string& text);
+
+/// A default for --threads: SPLATVOL_THREADS of the environment; else 0: all.
+[[nodiscard]] unsigned default_threads();
 
 /// Reads a picture's size such as "640x480"; sides from 1 to 16384.
 [[nodiscard]] Result<std::array<int, 2>> parse_image_size(const std::string& text);

@@ -10,6 +10,7 @@
 
 #include "base/byte_text.h"
 #include "base/file.h"
+#include "base/input_formats.h"
 #include "base/printable.h"
 #include "viewer/window/gui_units.h"
 
@@ -18,9 +19,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// What the viewer opens: volumes, indices of series, scenes and colour maps.
-bool is_ours(const std::string& name) {
-  return name.ends_with(".svol") || name.ends_with(".svols") || name.ends_with(".json");
+// What the viewer opens: volumes, indices of series, meshes, surfaces, scenes and colour maps.
+bool is_opened(const std::string& name) {
+  return name.ends_with(".svol") || name.ends_with(".svols") || name.ends_with(".json") || is_surface_file(name) ||
+         is_input_in_folder(name);
 }
 
 }  // namespace
@@ -30,6 +32,7 @@ void FileDialog::open(const std::string& file) {
   std::string folder = folder_.empty() ? "." : folder_;
   if (!file.empty() && !is_url(file)) folder = folder_of(file);
   is_open_ = is_new_ = true;
+  is_closing_ = false;
   typed_[0] = 0;
   const fs::path absolute = fs::absolute(folder, error).lexically_normal();
   enter(error ? folder : absolute.string());
@@ -39,13 +42,14 @@ void FileDialog::enter(const std::string& folder) {
   folder_ = folder;
   entries_.clear();
   trouble_.clear();
+  is_mesh_ = is_convertible(folder);
   std::error_code error;
   for (fs::directory_iterator it(folder, fs::directory_options::skip_permission_denied, error), end;
        !error && it != end; it.increment(error)) {
     std::error_code unknown;
     const std::string name = it->path().filename().string();
     const bool is_folder = it->is_directory(unknown);
-    if (name.starts_with('.') || (!is_folder && !is_ours(name))) continue;
+    if (name.starts_with('.') || (!is_folder && !is_opened(name))) continue;
     entries_.push_back({name, is_folder, is_folder ? 0 : it->file_size(unknown)});
     if (unknown) entries_.back().bytes = 0;
   }
@@ -121,17 +125,23 @@ std::optional<std::string> FileDialog::draw(const WindowResized& window, std::sp
   ImGui::PopItemWidth();
   if (ImGui::SmallButton("up")) chosen = "..";
   ImGui::SameLine();
+  ImGui::BeginDisabled(!is_mesh_);
+  const bool takes_folder = ImGui::SmallButton("open the folder as one mesh");
+  ImGui::EndDisabled();
+  ImGui::SameLine();
   ImGui::TextUnformatted(printable(folder_).c_str());
   ImGui::BeginChild("entries", {0, -ImGui::GetFrameHeightWithSpacing()}, true);
   if (!trouble_.empty()) ImGui::TextWrapped("%s", trouble_.c_str());
-  if (trouble_.empty() && entries_.empty()) ImGui::TextUnformatted("no .svol, .svols or .json file here");
+  if (trouble_.empty() && entries_.empty())
+    ImGui::TextUnformatted("nothing here that svview opens; a path above opens any file");
   if (const auto entry = draw_entries()) chosen = entry;
   ImGui::EndChild();
   if (ImGui::Button("open") && typed_[0]) chosen = typed_.data();
   ImGui::SameLine();
-  if (ImGui::Button("cancel") || ImGui::IsKeyPressed(ImGui::GetKeyIndex(ImGuiKey_Escape))) is_open_ = false;
+  if (ImGui::Button("cancel") || is_closing_) is_open_ = false;
   is_new_ = false;
   std::optional<std::string> file = chosen ? choose(*chosen) : std::nullopt;
+  if (takes_folder) file = folder_, is_open_ = false;
   if (!is_open_) ImGui::CloseCurrentPopup();
   ImGui::EndPopup();
   return file;

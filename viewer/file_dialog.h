@@ -18,7 +18,13 @@ class FileDialog {
   /// the working folder.
   void open(const std::string& file);
 
-  /// Draws the dialog, if it is open. Returns the path or the address that the user has chosen in this frame.
+  [[nodiscard]] bool is_open() const { return is_open_; }
+
+  /// Closes it when it is drawn next.
+  void close() { is_closing_ = true; }
+
+  /// Draws the dialog, if it is open. Returns the path, also that of a folder that is a mesh, or the address that the
+  /// user has chosen in this frame.
   [[nodiscard]] std::optional<std::string> draw(const WindowResized& window, std::span<const std::string> recent);
 
  private:
@@ -34,7 +40,9 @@ class FileDialog {
 
   bool is_open_ = false;
   bool is_new_ = false;  // since the last frame
+  bool is_closing_ = false;
   std::string folder_;
+  bool is_mesh_ = false;  // the folder
   std::vector<Entry> entries_;
   std::string trouble_;  // why the folder cannot be listed
   std::array<char, 4096> typed_{};

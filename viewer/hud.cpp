@@ -57,10 +57,10 @@ std::string detail_text(const Session& session) {
 
 }  // namespace
 
-void draw_hud(ViewerState& viewer, double frame_seconds) {
+float draw_hud(ViewerState& viewer, double frame_seconds) {
   const Session& session = *viewer.session;
   const FrameSplats* frame = session.frame();
-  if (!frame) return;
+  if (!frame) return 0;
   const StreamerStatistics statistics = session.statistics();
   const auto bytes = [](std::uint64_t count) { return byte_text(static_cast<double>(count)); };
   const FrameProgress& progress = frame->progress;
@@ -89,8 +89,8 @@ void draw_hud(ViewerState& viewer, double frame_seconds) {
   // Where it would hide most of the picture, or the button of the panel, there are no numbers.
   const ImVec2 size = ImGui::CalcTextSize(text.c_str());
   const float room = static_cast<float>(viewer.picture_area().width) - (viewer.is_narrow() ? 120 : 32) * scale;
-  if (viewer.panel() && viewer.is_narrow()) return;
-  if (size.x > room || size.y > static_cast<float>(viewer.picture_area().height) / 2) return;
+  if (viewer.panel() && viewer.is_narrow()) return 0;
+  if (size.x > room || size.y > static_cast<float>(viewer.picture_area().height) / 2) return 0;
   const float right = static_cast<float>(viewer.picture_area().left + viewer.picture_area().width);
   ImGui::SetNextWindowPos({right - 8 * scale, 8 * scale}, ImGuiCond_Always, {1, 0});
   ImGui::SetNextWindowBgAlpha(0.75f);
@@ -98,14 +98,18 @@ void draw_hud(ViewerState& viewer, double frame_seconds) {
                ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
                    ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav);
   ImGui::TextUnformatted(text.c_str());
+  const float bottom = ImGui::GetWindowPos().y + ImGui::GetWindowHeight();
   ImGui::End();
+  return bottom;
 }
 
 void draw_keys(ViewerState& viewer) {
+  constexpr double widest = 560;  // at scale 1
   const PictureArea area = viewer.picture_area();
-  ImGui::SetNextWindowPos(
-      {static_cast<float>(area.left + area.width / 2), static_cast<float>(viewer.window.height) / 2}, ImGuiCond_Always,
-      {0.5f, 0.5f});
+  const bool fits = area.width >= widest * viewer.window.content_scale;
+  const double middle = fits ? area.left + area.width / 2 : viewer.window.width / 2.0;
+  ImGui::SetNextWindowPos({static_cast<float>(middle), static_cast<float>(viewer.window.height) / 2}, ImGuiCond_Always,
+                          {0.5f, 0.5f});
   ImGui::Begin("keys", &viewer.shown.help, ImGuiWindowFlags_NoCollapse | ImGuiWindowFlags_AlwaysAutoResize);
   constexpr std::pair<const char*, const char*> lines[] = {
       {"left drag", "turn"},
@@ -126,7 +130,8 @@ void draw_keys(ViewerState& viewer) {
       {"control Z", "undo; with shift, or control Y: redo"},
       {"control O, W", "open a file, close it"},
       {"control C", "copy a command that shows the same"},
-      {"Esc", "cancel what is being read"},
+      {"M", "all messages so far"},
+      {"Esc", "end what began last: reading, a movie, a pin, an error, a list"},
       {"F1", "this list"},
       {"control Q", "quit"},
   };
@@ -139,7 +144,8 @@ void draw_keys(ViewerState& viewer) {
     }
     ImGui::EndTable();
   }
-  ImGui::TextUnformatted("Drop a .svol file to open it, a scene or ParaView's colour maps (.json) to apply them.");
+  ImGui::TextUnformatted(
+      "Drop a mesh or a .svol file to open it,\na scene or ParaView's colour maps (.json) to apply them.");
   ImGui::End();
 }
 

@@ -30,7 +30,7 @@ void MovieSection::draw() {
 void MovieSection::save_movie() {
   const std::string path = name_.text();
   if (const std::string wrong = check_movie_path(path); !wrong.empty()) {
-    viewer_.message = wrong;
+    viewer_.messages.error(wrong);
     return;
   }
   const auto size = save_.saved_size();
@@ -38,7 +38,7 @@ void MovieSection::save_movie() {
   save_.save(path, [=, this] {
     auto movie = Movie::create(path, "", frames_per_second_);
     if (!movie) {
-      viewer_.message = movie.error().message;
+      viewer_.messages.error(movie.error().message);
       return;
     }
     const int frames = std::max(1, static_cast<int>(std::lround(path_.path().seconds * frames_per_second_)));
@@ -53,7 +53,7 @@ void MovieSection::film() {
   Filming& film = *filming_;
   if (film.joined.is_begun()) {
     if (!film.joined.wait()) return;
-    viewer_.report(film.path, film.joined.take());
+    viewer_.messages.tell(film.joined.take(), "saved " + film.path);
     filming_.reset();
     return;
   }
@@ -67,7 +67,7 @@ void MovieSection::film() {
   if (is_there || !viewer_.drawn) {
     const Status written = viewer_.drawn ? save_.write_picture(film.movie.frame_path(film.drawn)) : viewer_.drawn;
     if (!written) {
-      viewer_.message = written.error().message;
+      viewer_.messages.error(written.error().message);
       return end(true);
     }
     if (++film.drawn == film.frames) {
@@ -87,18 +87,15 @@ void MovieSection::end(bool waits) {
 }
 
 void MovieSection::draw_progress() {
-  const PictureArea area = viewer_.picture_area();
-  ImGui::SetNextWindowPos({static_cast<float>(area.left + area.width / 2), static_cast<float>(area.height / 2)},
-                          ImGuiCond_Always, {0.5f, 0.5f});
-  ImGui::Begin("movie", nullptr, ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_AlwaysAutoResize);
-  if (filming_->joined.is_begun()) {
-    ImGui::TextUnformatted(fmt::format("{}: ffmpeg joins {} frames", filming_->path, filming_->frames).c_str());
-  } else {
-    ImGui::TextUnformatted(
-        fmt::format("{}: frame {} of {}", filming_->path, filming_->drawn + 1, filming_->frames).c_str());
-    if (ImGui::SmallButton("stop (Esc)")) end(true);
+  if (!filming_) return;
+  Messages::Work work{.name = "movie",
+                      .text = fmt::format("{}: ffmpeg joins {} frames", filming_->path, filming_->frames)};
+  if (can_end()) {
+    work.text = fmt::format("{}: frame {} of {}", filming_->path, filming_->drawn + 1, filming_->frames);
+    work.buttons = {"stop (Esc)"};
+    work.share = static_cast<double>(filming_->drawn) / filming_->frames;
   }
-  ImGui::End();
+  if (viewer_.messages.draw(work)) end(true);
 }
 
 }  // namespace splatvol

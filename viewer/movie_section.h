@@ -36,7 +36,10 @@ class MovieSection {
   /// Gives up a movie that is not complete; if its frames are being joined, only if `waits`.
   void end(bool waits);
 
-  /// Tells over the picture of what is drawn.
+  /// Whether there is a movie that `end` gives up at once.
+  [[nodiscard]] bool can_end() const { return filming_ && !filming_->joined.is_begun(); }
+
+  /// Draws the toast that tells how far it is.
   void draw_progress();
 
   /// Sets the name of the file, without its ending.

@@ -1,10 +1,14 @@
 #include "viewer/opening.h"
 
+#include <filesystem>
+#include <limits>
 #include <span>
+#include <system_error>
 #include <utility>
 
 #include "base/http_source.h"
 #include "base/interruption.h"
+#include "base/temporary_names.h"
 
 namespace splatvol {
 namespace {
@@ -39,16 +43,59 @@ class CountingSource final : public ByteSource {
 }  // namespace
 
 Opening::Opening(SessionHost& host, const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings)
-    : path_(asked.file.empty() ? scene_path : asked.file) {
+    : path_(asked.file.empty() ? scene_path : asked.file), asked_(asked), scene_path_(scene_path), settings_(settings) {
+  settings_.on_conversion = [told = told_](const ConversionProgress& progress) {
+    const std::lock_guard lock(told->mutex);
+    told->conversion = progress;
+  };
+  if (settings.works_aside && settings.preview.empty()) {
+    std::error_code error;
+    const auto folder = std::filesystem::temp_directory_path(error);
+    preview_ = settings_.preview = temporary_name_beside((error ? "/tmp" : folder) / "preview") + ".svol";
+    note_temporary(preview_);
+  }
   const auto open_counted = [count = bytes_read_](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
     SPLATVOL_TRY_ASSIGN(source, open_file_or_url(file));
     return std::make_unique<CountingSource>(std::move(source), count);
   };
-  const auto read = [=, stop = stop_.get_token()] {
+  const auto read = [asked, scene_path, open_counted, settings = settings_, stop = stop_.get_token()] {
     const Interruptible interruptible(stop);
     return Session::read(asked, scene_path, settings, open_counted);
   };
   file_ = {host, read};
+}
+
+Opening::~Opening() {
+  stop_.request_stop();
+  // svbuild may be about to give the file its name.
+  if (!preview_.empty() && file_.is_begun()) static_cast<void>(file_.wait(std::numeric_limits<double>::infinity()));
+  end_preview();
+}
+
+// A file that is open needs no name.
+void Opening::end_preview() {
+  if (preview_.empty()) return;
+  std::error_code ignored;
+  std::filesystem::remove(preview_, ignored);
+  forget_temporary(std::exchange(preview_, ""));
+}
+
+std::optional<ConversionProgress> Opening::conversion() const {
+  const std::lock_guard lock(told_->mutex);
+  return told_->conversion;
+}
+
+std::unique_ptr<Opening> Opening::open_preview(SessionHost& host) {
+  const std::optional<ConversionProgress> told = conversion();
+  if (preview_.empty() || !told || !told->has_preview || is_preview_begun_) return nullptr;
+  is_preview_begun_ = true;
+  SceneUse use = asked_;
+  use.file = preview_;
+  use.pieces.clear();
+  use.step.reset();
+  ViewSettings settings = settings_;
+  settings.preview.clear();
+  return std::make_unique<Opening>(host, use, scene_path_, settings);
 }
 
 }  // namespace splatvol

@@ -49,10 +49,12 @@ void draw_panel_button(ViewerState& viewer) {
 }  // namespace
 
 void Panel::begin() {
-  const std::string stem = std::filesystem::path(viewer_.session->path()).stem().string();
+  const std::filesystem::path file = viewer_.session->path();
+  const std::string stem = (file.has_filename() ? file : file.parent_path()).stem().string();  // of a folder, too
   save.begin(stem);
   path.begin(stem);
   movie.begin(stem);
+  mesh.begin(stem);
   planes.reset();
 }
 
@@ -81,22 +83,29 @@ void Panel::draw_history_buttons() {
   ImGui::SameLine();
 }
 
-// The opacity attribute, and its factors.
+// The opacity attribute, and its factors: their rows stay while values are read.
 void Panel::draw_opacity_controls() {
-  std::optional<SceneOpacity>& opacity = viewer_.session->scene.opacity;
+  Session& session = *viewer_.session;
+  std::optional<SceneOpacity>& opacity = session.scene.opacity;
   if (ImGui::BeginCombo("opacity by", opacity ? opacity->attribute.c_str() : "the same attribute")) {
-    if (ImGui::Selectable("the same attribute", !opacity) && opacity) viewer_.session->show_opacity("");
-    for (const auto& attribute : viewer_.session->info().attributes) {
+    if (ImGui::Selectable("the same attribute", !opacity) && opacity) session.show_opacity("");
+    for (const auto& attribute : session.info().attributes) {
       const bool is_shown = opacity && opacity->attribute == attribute.name;
-      if (ImGui::Selectable(attribute.name.c_str(), is_shown) && !is_shown)
-        viewer_.session->show_opacity(attribute.name);
+      if (ImGui::Selectable(attribute.name.c_str(), is_shown) && !is_shown) session.show_opacity(attribute.name);
     }
     ImGui::EndCombo();
   }
   hint("The attribute that is shown gives the colours.\nAnother one may give the opacity.");
-  const std::optional<format::Attribute> drawn = viewer_.session->opacity_attribute();
-  if (opacity && drawn && drawn->name == opacity->attribute && !viewer_.session->is_reading())
-    opacity_editor_.draw_factors(opacity->function, *drawn, viewer_.session->opacity_histogram());
+  const auto number = opacity ? session.info().find_attribute(opacity->attribute) : -1;
+  if (number < 0) return;
+  const std::optional<format::Attribute> drawn = session.opacity_attribute();
+  const bool is_known = drawn && drawn->name == opacity->attribute && !session.is_reading();
+  ImGui::BeginDisabled(!is_known);
+  if (is_known)
+    opacity_editor_.draw_factors(opacity->function, *drawn, session.opacity_histogram());
+  else
+    opacity_editor_.draw_factors(opacity->function, session.info().attributes[static_cast<std::size_t>(number)], {});
+  ImGui::EndDisabled();
 }
 
 void Panel::draw_transfer_section() {
@@ -147,8 +156,10 @@ Panel::Wishes Panel::draw() {
       std::min(static_cast<float>(ViewerState::panel_width) * scale, static_cast<float>(viewer_.window.width));
   ImGui::SetNextWindowPos({viewer_.shown.panel_right ? static_cast<float>(viewer_.window.width) - width : 0, 0});
   ImGui::SetNextWindowSize({width, static_cast<float>(viewer_.window.height)});
+  // It stays behind toasts and other windows, where they lie over it.
   ImGui::Begin("panel", nullptr,
-               (ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_HorizontalScrollbar);
+               (ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_HorizontalScrollbar |
+                   ImGuiWindowFlags_NoBringToFrontOnFocus);
   ImGui::PushItemWidth(220 * scale);
   if (ImGui::SmallButton("open")) wishes.opens_dialog = true;
   hint("A file, an address, or one of the recent files (control O)");
@@ -159,13 +170,9 @@ Panel::Wishes Panel::draw() {
   if (ImGui::SmallButton("hide (Tab)")) viewer_.panel() = false;
   if (viewer_.session) {
     wishes.file = draw_sections();
+    if (viewer_.session->converted() && ImGui::CollapsingHeader("mesh")) wishes.all_steps = mesh.draw();
   } else {
-    ImGui::TextWrapped("Drop a .svol file on this window, or open one.");
-  }
-  if (!viewer_.message.empty()) ImGui::TextWrapped("%s", viewer_.message.c_str());
-  if (viewer_.session && !viewer_.session->troubles().empty()) {
-    const auto& troubles = viewer_.session->troubles();
-    ImGui::TextWrapped("%zu errors, the last: %s", troubles.size(), troubles.back().c_str());
+    ImGui::TextWrapped("Drop a mesh or a .svol file on this window, or open one.");
   }
   ImGui::PopItemWidth();
   ImGui::End();

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "viewer/mesh_section.h"
 #include "viewer/movie_section.h"
 #include "viewer/path_section.h"
 #include "viewer/save_section.h"
@@ -17,11 +18,13 @@ namespace splatvol {
 
 class Panel {
  public:
-  explicit Panel(ViewerState& viewer) : save(viewer), path(viewer, save), movie(viewer, save, path), viewer_(viewer) {}
+  explicit Panel(ViewerState& viewer)
+      : save(viewer), path(viewer, save), movie(viewer, save, path), mesh(viewer, save), viewer_(viewer) {}
 
   struct Wishes {
     bool opens_dialog = false;
     std::optional<std::string> file = {};  // to be opened
+    bool all_steps = false;                // of the mesh that is open: to be opened
   };
 
   /// Draws the panel, or the button that shows it.
@@ -44,6 +47,7 @@ class Panel {
   SaveSection save;
   PathSection path;
   MovieSection movie;
+  MeshSection mesh;
   SliceControls planes;
 
  private:

@@ -21,7 +21,7 @@ void PathSection::play(double seconds) {
 void PathSection::draw() {
   if (ImGui::SmallButton("add this view")) {
     if (!path_.cameras.empty() && path_.cameras.front().projection != viewer_.session->scene.camera.projection)
-      viewer_.message = "A path has one projection.";
+      viewer_.messages.error("A path has one projection: change it (P), or begin another path");
     else
       path_.cameras.push_back(viewer_.session->scene.camera);
   }
@@ -42,7 +42,7 @@ void PathSection::draw() {
     if (path)
       path_ = std::move(*path);
     else
-      viewer_.message = path.error().message;
+      viewer_.messages.error(path.error().message);
   }
 }
 

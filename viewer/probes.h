@@ -24,6 +24,7 @@ class Probes {
   /// Pins the line of sight at a position in the window.
   void pin(const dvec2& position);
   void unpin() { pin_.reset(); }
+  [[nodiscard]] bool has_pin() const { return pin_.has_value(); }
 
   /// Lets go of the session's splats, and of the pin.
   void end();

@@ -38,8 +38,12 @@ std::string scene_text(const std::string& path, const Session& session) {
   UsedScene used = session.used_scene();
   std::error_code error;
   const auto folder = std::filesystem::absolute(path, error).parent_path().lexically_normal();
-  const auto relative = std::filesystem::path(used.use.file).lexically_relative(folder);
-  if (!is_url(used.use.file) && !relative.empty() && *relative.begin() != "..") used.use.file = relative.string();
+  const auto make_relative = [&](std::string& file) {
+    const auto relative = std::filesystem::path(file).lexically_relative(folder);
+    if (!is_url(file) && !relative.empty() && *relative.begin() != "..") file = relative.string();
+  };
+  make_relative(used.use.file);
+  std::ranges::for_each(used.use.pieces, make_relative);
   return to_json(used);
 }
 
@@ -76,9 +80,10 @@ std::optional<std::string> SaveSection::draw() {
 
 void SaveSection::copy_command() {
   UsedScene used = viewer_.session->used_scene();
-  const std::string file = std::exchange(used.use.file, "");
-  ImGui::SetClipboardText(fmt::format("svview {} --scene {}", quoted(file), quoted(to_json(used, -1))).c_str());
-  viewer_.message = "copied";
+  std::string files = quoted(std::exchange(used.use.file, ""));
+  for (const std::string& piece : std::exchange(used.use.pieces, {})) files += " " + quoted(piece);
+  ImGui::SetClipboardText(fmt::format("svview {} --scene {}", files, quoted(to_json(used, -1))).c_str());
+  viewer_.messages.note("copied a command");
 }
 
 // The same page as svrender's.
@@ -123,13 +128,13 @@ void SaveSection::save(const std::string& path, std::function<void()> write) {
 }
 
 void SaveSection::save_json(const std::string& path, const std::string& text) {
-  save(path, [=, this] { viewer_.report(path, write_json(path, text)); });
+  save(path, [=, this] { viewer_.messages.tell(write_json(path, text), "saved " + path); });
 }
 
 void SaveSection::save_picture() {
   const std::string path = picture_name_.text();
   if (!is_image_path(path)) {
-    viewer_.message = path + ": neither .png nor .exr";
+    viewer_.messages.error(path + ": neither .png nor .exr: give it another ending");
   } else if (const auto size = saved_size()) {
     save(path, [=, this] { saving_ = Saving{path, (*size)[0], (*size)[1]}; });
   }
@@ -139,7 +144,8 @@ std::optional<std::array<int, 2>> SaveSection::saved_size() {
   const Scene& scene = viewer_.session->scene;
   const std::array<int, 2> size = saves_as_shown_ ? std::array{scene.width, scene.height} : saved_size_;
   if (std::ranges::min(size) >= 1 && std::ranges::max(size) <= largest_picture) return size;
-  viewer_.message = fmt::format("{} x {}: sides of pictures have 1 to {} pixels", size[0], size[1], largest_picture);
+  viewer_.messages.error(
+      fmt::format("{} x {}: sides of pictures have 1 to {} pixels", size[0], size[1], largest_picture));
   return {};
 }
 
@@ -148,12 +154,11 @@ void SaveSection::save_drawn_picture() {
   const Status written = viewer_.drawn ? write_picture(saving_->path) : viewer_.drawn;
   if (saving_->is_copied) {
     const Status copied = written ? copy_png(saving_->path) : written;
-    viewer_.message = copied ? "copied" : copied.error().message;
-    viewer_.pending_frames = 3;
+    viewer_.messages.tell(copied, "copied the picture");
     std::error_code error;
     std::filesystem::remove(saving_->path, error);
   } else {
-    viewer_.report(saving_->path, written);
+    viewer_.messages.tell(written, "saved " + saving_->path);
   }
   saving_.reset();
 }
@@ -177,7 +182,7 @@ void SaveSection::draw_question() {
   ImGui::Text("%s is there.", question_->path.c_str());
   const bool replaces = ImGui::Button("replace it");
   ImGui::SameLine();
-  if (replaces || ImGui::Button("keep it") || viewer_.steering.is_down(key::escape)) {
+  if (replaces || ImGui::Button("keep it") || question_->is_kept) {
     ImGui::CloseCurrentPopup();
     if (replaces) question_->write();
     question_.reset();

@@ -33,6 +33,10 @@ class SaveSection {
   /// Draws the question whether a file is to be replaced, if there is one.
   void draw_question();
 
+  /// Keeps the file that the question is about.
+  [[nodiscard]] bool is_asking() const { return question_.has_value(); }
+  void keep_file() { question_->is_kept = true; }
+
   /// Copies a command that shows the same.
   void copy_command();
 
@@ -40,7 +44,7 @@ class SaveSection {
   void save(const std::string& path, std::function<void()> write);
   void save_json(const std::string& path, const std::string& text);
 
-  /// Returns the size of pictures and movies. None if it is impossible, which the message tells.
+  /// Returns the size of pictures and movies. None if it is impossible, which a message tells.
   [[nodiscard]] std::optional<std::array<int, 2>> saved_size();
 
   /// Writes the session's picture, with its words.
@@ -66,6 +70,7 @@ class SaveSection {
   struct Question {
     std::string path;
     std::function<void()> write;
+    bool is_kept = false;  // by Esc
   };
   void draw_picture_controls();
   void draw_scalar_bar_controls();

@@ -124,9 +124,9 @@ std::optional<Plane> SliceControls::plane(const Scene& scene) const {
   return {};
 }
 
-// Draws the controls of one plane. Returns whether it is to be removed.
-bool SliceControls::draw_plane(const Selection& which, dvec3& point, dvec3& normal, bool& shown, const View& view,
-                               const Box& bounds) {
+// Draws the row of one plane. Returns whether it is to be removed.
+bool SliceControls::draw_row(const Selection& which, bool& shown) {
+  ImGui::PushID(static_cast<int>(which.is_slice ? which.index : 1000 + which.index));
   ImGui::Checkbox("##shown", &shown);
   hint(which.is_slice ? "Shows the slice." : "Cuts the data.");
   ImGui::SameLine();
@@ -136,9 +136,17 @@ bool SliceControls::draw_plane(const Selection& which, dvec3& point, dvec3& norm
   hint("Shows its handles: drag the ball in its middle to move it, the one at the arrow's tip to turn it.");
   ImGui::SameLine();
   const bool removed = ImGui::SmallButton("remove");
-  if (selected_ != which) return removed;
+  ImGui::PopID();
+  return removed;
+}
 
-  draw_offset(point, normal, bounds);
+// Draws the controls of the selected plane.
+void SliceControls::draw_selected(Scene& scene, const View& view, const Box& bounds) {
+  const auto plane = selected(scene);
+  if (!plane) return;
+  const bool is_slice = selected_->is_slice;
+  dvec3& normal = *plane->normal;
+  draw_offset(*plane->point, normal, bounds);
   for (int axis = 0; axis < 3; ++axis) {
     dvec3 along(0);
     along[axis] = 1;
@@ -147,7 +155,7 @@ bool SliceControls::draw_plane(const Selection& which, dvec3& point, dvec3& norm
     ImGui::SameLine();
   }
   if (ImGui::SmallButton("flip")) normal = -normal;
-  hint(which.is_slice ? "Turns the normal round." : "Cuts off the other side.");
+  hint(is_slice ? "Turns the normal round." : "Cuts off the other side.");
   ImGui::SameLine();
   if (ImGui::SmallButton("face me")) normal = -view.forward;
   hint("Turns the normal to the eye.");
@@ -158,33 +166,14 @@ bool SliceControls::draw_plane(const Selection& which, dvec3& point, dvec3& norm
     if (std::isfinite(length) && length > 1e-6) normal = changed;
   }
   hint("Of any length.\nDrag, or control click: type a number.");
-  return removed;
+  if (!is_slice) return;
+  double& opacity = scene.slices[selected_->index].opacity;
+  const double clear = 0, opaque = 1;
+  ImGui::SliderScalar("opacity##slice", ImGuiDataType_Double, &opacity, &clear, &opaque, "%.2f");
+  opacity = std::clamp(opacity, clear, opaque);
 }
 
-void SliceControls::draw_panel(Scene& scene, const View& view, const Box& bounds) {
-  for (std::size_t i = 0; i < scene.slices.size(); ++i) {
-    SceneSlice& slice = scene.slices[i];
-    ImGui::PushID(static_cast<int>(i));
-    const bool removed = draw_plane({true, i}, slice.point, slice.normal, slice.shown, view, bounds);
-    if (selected_ == Selection{true, i}) {
-      const double clear = 0, opaque = 1;
-      ImGui::SliderScalar("opacity##slice", ImGuiDataType_Double, &slice.opacity, &clear, &opaque, "%.2f");
-      slice.opacity = std::clamp(slice.opacity, clear, opaque);
-    }
-    ImGui::PopID();
-    if (!removed) continue;
-    scene.slices.erase(scene.slices.begin() + static_cast<std::ptrdiff_t>(i--));
-    reset();
-  }
-  for (std::size_t i = 0; i < scene.clip_planes.size(); ++i) {
-    SceneClipPlane& clip = scene.clip_planes[i];
-    ImGui::PushID(static_cast<int>(1000 + i));
-    const bool removed = draw_plane({false, i}, clip.point, clip.normal, clip.active, view, bounds);
-    ImGui::PopID();
-    if (!removed) continue;
-    scene.clip_planes.erase(scene.clip_planes.begin() + static_cast<std::ptrdiff_t>(i--));
-    reset();
-  }
+void SliceControls::draw_add_buttons(Scene& scene, const View& view, const Box& bounds) {
   ImGui::BeginDisabled(scene.slices.size() >= most_planes);
   if (ImGui::SmallButton("add slice")) add_slice(scene, view, bounds);
   ImGui::EndDisabled();
@@ -197,6 +186,22 @@ void SliceControls::draw_panel(Scene& scene, const View& view, const Box& bounds
   }
   ImGui::EndDisabled();
   hint("Hides all on one side of a plane.");
+}
+
+// A click changes rows below it only.
+void SliceControls::draw_panel(Scene& scene, const View& view, const Box& bounds) {
+  draw_add_buttons(scene, view, bounds);
+  for (std::size_t i = 0; i < scene.slices.size(); ++i) {
+    if (!draw_row({true, i}, scene.slices[i].shown)) continue;
+    scene.slices.erase(scene.slices.begin() + static_cast<std::ptrdiff_t>(i--));
+    reset();
+  }
+  for (std::size_t i = 0; i < scene.clip_planes.size(); ++i) {
+    if (!draw_row({false, i}, scene.clip_planes[i].active)) continue;
+    scene.clip_planes.erase(scene.clip_planes.begin() + static_cast<std::ptrdiff_t>(i--));
+    reset();
+  }
+  draw_selected(scene, view, bounds);
 }
 
 void SliceControls::add_slice(Scene& scene, const View& view, const Box& bounds) {

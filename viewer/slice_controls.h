@@ -58,8 +58,9 @@ class SliceControls {
   [[nodiscard]] std::optional<Plane> plane(const Scene& scene) const;
   [[nodiscard]] std::optional<Handle> handle_at(const Scene& scene, const View& view, const PictureArea& area,
                                                 const dvec2& pointer) const;
-  bool draw_plane(const Selection& which, dvec3& point, dvec3& normal, bool& shown, const View& view,
-                  const Box& bounds);
+  bool draw_row(const Selection& which, bool& shown);
+  void draw_selected(Scene& scene, const View& view, const Box& bounds);
+  void draw_add_buttons(Scene& scene, const View& view, const Box& bounds);
 
   std::optional<Selection> selected_;
   std::optional<Handle> held_;

@@ -20,9 +20,4 @@ std::array<int, 2> ViewerState::picture_size() const {
   return {std::max(1, static_cast<int>(area.width / area.unit_x)), window.pixel_height};
 }
 
-void ViewerState::report(const std::string& path, const Status& saved) {
-  pending_frames = 3;  // the panel, which shows it, has been drawn
-  message = saved ? "saved " + path : saved.error().message;
-}
-
 }  // namespace splatvol

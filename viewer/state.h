@@ -1,12 +1,13 @@
 // What the parts of the viewer share.
 #pragma once
 
+#include <array>
 #include <memory>
-#include <string>
 
 #include "player/events.h"
 #include "player/session.h"
 #include "player/steering.h"
+#include "viewer/messages.h"
 #include "viewer/overlay.h"
 #include "viewer/thread_host.h"
 
@@ -28,7 +29,7 @@ struct ViewerState {
   Steering steering;
   WindowResized window{0, 0, 0, 0, 1};
   Shown shown;
-  std::string message;     // the last error, or the last file saved
+  Messages messages;
   int pending_frames = 0;  // the interface settles a frame after a change
 
   /// Beside the panel, and at least one pixel wide.
@@ -43,9 +44,6 @@ struct ViewerState {
   [[nodiscard]] bool is_narrow() const { return window.width < 1.75 * panel_width * window.content_scale; }
   [[nodiscard]] bool& panel() { return is_narrow() ? shown.covering_panel : shown.panel; }
   [[nodiscard]] bool is_minimised() const { return window.pixel_width <= 0 || window.pixel_height <= 0; }
-
-  /// Tells of a file that was to be saved.
-  void report(const std::string& path, const Status& saved);
 };
 
 }  // namespace splatvol

@@ -126,16 +126,17 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
   ImGui::Checkbox("log opacity", &log_opacity_);
 
   const double fitting_top = largest_extinction(fitting), now = largest_extinction(function);
-  if (fitting_top > 0 && now > 0) {
-    double opacity = now / fitting_top;
-    const double least = 1e-3, most = 1e3;
-    if (ImGui::SliderScalar("opacity", ImGuiDataType_Double, &opacity, &least, &most, "%.3g",
-                            ImGuiSliderFlags_Logarithmic)) {
-      for (auto& density : function.densities) density.extinction *= opacity * fitting_top / now;
-      top_ = 0;
-    }
-    hint("1: the opacity that fits the data.\nControl click: type a number.");
+  const bool scales = fitting_top > 0 && now > 0;
+  double opacity = scales ? now / fitting_top : 0;
+  const double least = 1e-3, most = 1e3;
+  ImGui::BeginDisabled(!scales);
+  if (ImGui::SliderScalar("opacity", ImGuiDataType_Double, &opacity, &least, &most, "%.3g",
+                          ImGuiSliderFlags_Logarithmic)) {
+    for (auto& density : function.densities) density.extinction *= opacity * fitting_top / now;
+    top_ = 0;
   }
+  ImGui::EndDisabled();
+  hint("1: the opacity that fits the data.\nControl click: type a number.");
 }
 
 void TransferEditor::draw_factors(TransferFunction& factors, const format::Attribute& attribute,

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <tuple>
 
 #include "player/choice.h"
 #include "viewer/window/gui_units.h"
@@ -30,14 +31,33 @@ bool draw_row(std::size_t number, const std::string& name, bool& shown) {
   return clicked;
 }
 
-// The patches of the file that no surface of the scene is.
-std::vector<std::string> other_patches(const format::VolumeInfo& info, const std::vector<SceneSurface>& surfaces) {
+// The patches of the file's boundary.
+std::vector<std::string> patches_of(const format::VolumeInfo& info) {
   std::vector<std::string> names;
   if (!info.boundary) return names;
   for (const format::PatchInfo& patch : info.boundary->patches)
-    if (patch.triangles > 0 && std::ranges::find(surfaces, patch.name, &SceneSurface::boundary) == surfaces.end())
-      names.push_back(patch.name);
+    if (patch.triangles > 0) names.push_back(patch.name);
   return names;
+}
+
+// A row of the list of surfaces.
+struct SurfaceRow {
+  std::string name;
+  std::optional<std::size_t> surface = {};  // of the scene; none: a patch that the scene does not have
+};
+
+// Patches have the file's order, so that no row moves when its patch becomes a surface.
+std::vector<SurfaceRow> rows_of(const std::vector<SceneSurface>& surfaces, const std::vector<std::string>& patches) {
+  std::vector<SurfaceRow> rows;
+  for (std::size_t i = 0; i < surfaces.size(); ++i)
+    if (std::ranges::find(patches, surfaces[i].boundary) == patches.end()) rows.push_back({name_of(surfaces[i]), i});
+  for (const std::string& patch : patches) {
+    const std::size_t before = rows.size();
+    for (std::size_t i = 0; i < surfaces.size(); ++i)
+      if (surfaces[i].boundary == patch) rows.push_back({patch, i});
+    if (rows.size() == before) rows.push_back({patch});
+  }
+  return rows;
 }
 
 }  // namespace
@@ -78,13 +98,21 @@ void DetailControls::draw(Session& session) {
     settings.drawing.kernel = kernel == 0 ? KernelKind::moments : KernelKind::octant;
 }
 
+// One row, lit or not: lighting is also switched from below, and by a key.
 void draw_lighting_controls(Scene& scene) {
   bool lit = scene.lighting.has_value();
   if (ImGui::Checkbox("lighting", &lit)) scene.lighting = lit ? std::optional(Lighting()) : std::nullopt;
-  if (!scene.lighting) return;
+  Lighting shown = scene.lighting.value_or(Lighting());
   const double none = 0, full = 1;
-  ImGui::SliderScalar("ambient", ImGuiDataType_Double, &scene.lighting->ambient, &none, &full, "%.2f");
-  ImGui::SliderScalar("diffuse", ImGuiDataType_Double, &scene.lighting->diffuse, &none, &full, "%.2f");
+  ImGui::BeginDisabled(!scene.lighting);
+  for (const auto& [id, format, value] : {std::tuple("##ambient", "ambient %.2f", &shown.ambient),
+                                          std::tuple("##diffuse", "diffuse %.2f", &shown.diffuse)}) {
+    ImGui::SameLine();
+    ImGui::SetNextItemWidth(104 * gui_unit());
+    ImGui::SliderScalar(id, ImGuiDataType_Double, value, &none, &full, format);
+  }
+  ImGui::EndDisabled();
+  if (scene.lighting) scene.lighting = shown;
 }
 
 void draw_camera_controls(ViewerState& viewer) {
@@ -129,18 +157,19 @@ void draw_clip_box_controls(Scene& scene, const Box& bounds) {
 
 void draw_surface_controls(Session& session) {
   std::vector<SceneSurface>& surfaces = session.scene.surfaces;
-  const std::vector<std::string> patches = other_patches(session.info(), surfaces);
-  const std::size_t rows = surfaces.size() + patches.size();
-  if (rows == 0) return;
+  const std::vector<SurfaceRow> rows = rows_of(surfaces, patches_of(session.info()));
+  if (rows.empty()) return;
   ImGui::TextUnformatted("surfaces");
   const float row_height = ImGui::GetFrameHeightWithSpacing();
-  const bool scrolls = rows > most_rows;
+  const bool scrolls = rows.size() > most_rows;
   if (scrolls) ImGui::BeginChild("surfaces", {0, row_height * most_rows}, true);
-  std::size_t number = 0;
-  for (SceneSurface& surface : surfaces) draw_row(number++, name_of(surface), surface.shown);
-  for (const std::string& patch : patches) {
+  for (std::size_t number = 0; number < rows.size(); ++number) {
+    const SurfaceRow& row = rows[number];
     bool shown = false;
-    if (draw_row(number++, patch, shown)) surfaces.push_back({.boundary = patch});
+    if (row.surface)
+      draw_row(number, row.name, surfaces[*row.surface].shown);
+    else if (draw_row(number, row.name, shown))
+      surfaces.push_back({.boundary = row.name});
   }
   if (scrolls) ImGui::EndChild();
   if (const auto left_out = session.left_out())

@@ -4,10 +4,13 @@
 #include <imgui.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <system_error>
 #include <utility>
 
 #include "base/byte_text.h"
 #include "base/file.h"
+#include "base/input_formats.h"
 #include "pictures/contrast.h"
 #include "scene/color_map_file.h"
 #include "viewer/hud.h"
@@ -49,37 +52,100 @@ Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
 
 void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path) {
   ViewSettings settings = state_.session ? state_.session->settings : settings_;
+  settings.all_steps = false;
+  begin_opening(use, scene_path, std::move(settings));
+}
+
+void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path, ViewSettings settings) {
   const auto [width, height] = state_.picture_size();
   if (!state_.is_minimised()) settings.first_picture = {.width = width, .height = height};
   opening_seconds_ = 0;
+  began_[Ending::opening] = 0;
   opening_ = std::make_unique<Opening>(state_.host, use, scene_path, settings);
 }
 
-// Shows the file that is being opened if it is there in time.
+// The scene stays, at the step that was the only one.
+void Viewer::open_all_steps() {
+  const UsedScene used = state_.session->used_scene();
+  ViewSettings settings = state_.session->settings;
+  settings.all_steps = true;
+  begin_opening({.file = state_.session->path(), .pieces = used.use.pieces}, to_json(used), settings);
+}
+
+// Shows the file that is being opened if it is there in time, and before that some of its points.
 Status Viewer::take_opened(double wait_seconds) {
-  if (!opening_ || (settings_.works_aside && !opening_->wait(wait_seconds))) return {};
+  if (!opening_) return {};
+  if (settings_.works_aside && !opening_->wait(wait_seconds)) return take_preview();
+  preview_.reset();
   const std::unique_ptr<Opening> opening = std::move(opening_);
   SPLATVOL_TRY_ASSIGN(file, opening->take());
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file), state_.host));
-  recent_files_.add(session->path());
+  if (previewed_) take_over_preview(*session);
+  if (opening->asked().pieces.empty()) recent_files_.add(session->path());
+  show(std::move(session));
+  if (const auto& converted = state_.session->converted())
+    for (const std::string& note : converted->notes) state_.messages.note(note);
+  return {};
+}
+
+// Without the preview, the whole file comes nevertheless.
+Status Viewer::take_preview() {
+  if (!preview_) preview_ = opening_->open_preview(state_.host);
+  if (!preview_ || !preview_->wait(0)) return {};
+  auto file = preview_->take();
+  preview_.reset();
+  opening_->end_preview();
+  if (!file) return {};
+  file->path = opening_->path();
+  file->pieces = opening_->asked().pieces;
+  SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(*file), state_.host));
+  const Scene first = session->scene;
+  show(std::move(session));
+  previewed_ = first;
+  return {};
+}
+
+// The camera of a preview stays, and so does all that was changed meanwhile.
+void Viewer::take_over_preview(Session& whole) const {
+  const Session& preview = *state_.session;
+  Scene unchanged = *previewed_;
+  unchanged.camera = preview.scene.camera;
+  unchanged.width = preview.scene.width;
+  unchanged.height = preview.scene.height;
+  if (preview.scene == unchanged)
+    whole.scene.camera = preview.scene.camera;
+  else
+    whole.scene = preview.scene;
+  whole.settings = preview.settings;
+}
+
+void Viewer::show(std::unique_ptr<Session> session) {
   if (state_.session) session->playback = state_.session->playback;
   end_session();
   state_.session = std::move(session);
   state_.steering.take_up_axis(*state_.session);
   panel_.begin();
-  return {};
 }
 
 void Viewer::close() {
   end_session();
+  end_opening();
+}
+
+void Viewer::end_opening() {
+  preview_.reset();
   opening_.reset();
-  state_.message.clear();
+  if (previewed_)
+    state_.messages.note(
+        fmt::format("{}: what you see is some of its points: open it again for all", state_.session->path()));
 }
 
 // Lets go of the file, and of all that belongs to it.
 void Viewer::end_session() {
   panel_.end();
   state_.session.reset();
+  previewed_.reset();
+  told_troubles_ = 0;
   probes_.end();
 }
 
@@ -88,18 +154,43 @@ void Viewer::stop_playing() {
   if (state_.session) state_.session->stop_playing();
 }
 
-void Viewer::end_loop() {
+void Viewer::end_recording() {
   if (state_.session) state_.session->playback.loops = false;
+  state_.messages.hold();
 }
 
-// A .json file is a scene for the volume that is open, or colours for it. Any other file is a volume.
+// Several meshes that are dropped at once are pieces of one.
+void Viewer::drop(const std::vector<std::string>& paths) {
+  SceneUse mesh;
+  for (const std::string& path : paths) {
+    const bool is_piece = paths.size() > 1 && !is_surface_file(path) && is_convertible(path);
+    if (!is_piece)
+      open(path);
+    else if (mesh.file.empty())
+      mesh.file = path;
+    else
+      mesh.pieces.push_back(path);
+  }
+  if (!mesh.file.empty()) begin_opening(mesh, "");
+}
+
+// A surface file is drawn with the volume that is open.
+void Viewer::add_surface(const std::string& path) {
+  if (!state_.session)
+    return state_.messages.error(fmt::format("{}: is a surface: open the volume first that it belongs to", path));
+  std::error_code error;
+  const std::string file = std::filesystem::absolute(path, error).lexically_normal().string();
+  state_.session->scene.surfaces.push_back({.file = file});
+}
+
+// A .json file is a scene for the volume that is open, or colours for it. Any other file is a volume or a surface.
 void Viewer::open(const std::string& path) {
-  state_.message.clear();
+  if (is_surface_file(path)) return add_surface(path);
   if (state_.session && path.ends_with(".json")) {
     const auto text = read_text_file(path);
     const bool is_map = text && is_color_map_text(*text);
     if (const Status opened = is_map ? open_color_maps(path) : open_scene(path); !opened)
-      state_.message = opened.error().message;
+      state_.messages.error(opened.error().message);
     return;
   }
   const bool is_scene = path.ends_with(".json");
@@ -129,11 +220,18 @@ Status Viewer::open_color_maps(const std::string& path) {
 
 std::string Viewer::title() const { return state_.session ? state_.session->path() + " - svview" : "svview"; }
 
-bool Viewer::is_settled() const {
+bool Viewer::is_note_over(double seconds) const {
+  const std::optional<double> left = state_.messages.seconds_to_change();
+  return left && seconds >= *left;
+}
+
+bool Viewer::is_settled(double seconds) const { return state_.is_minimised() || (!opening_ && rests(seconds)); }
+
+bool Viewer::rests(double seconds) const {
   const Session* session = state_.session.get();
-  if (state_.is_minimised()) return true;
+  if (is_note_over(seconds)) return false;
   if (state_.steering.is_moving() || panel_.is_saving()) return false;
-  if (opening_ || probes_.is_busy() || windows_wait_seconds()) return false;
+  if (probes_.is_busy() || panel_.mesh.is_saving() || windows_wait_seconds()) return false;
   return events_.is_empty() && !is_busy() && state_.pending_frames == 0 && !panel_.path.is_playing() &&
          !state_.steering.flies_on() && (!session || (session->is_settled() && !session->is_playing()));
 }
@@ -145,7 +243,7 @@ bool Viewer::awaits_picture(double seconds) const {
   if (opening_ || probes_.is_busy() || session->is_reading()) return false;
   const bool ends_pause = is_busy() && idle_seconds_ + seconds >= pause_seconds;
   const std::optional<double> waiting = windows_wait_seconds();
-  return !ends_pause && !(waiting && seconds >= *waiting);
+  return !ends_pause && !is_note_over(seconds) && !(waiting && seconds >= *waiting);
 }
 
 // None, too, of a picture that a graphics card draws.
@@ -153,23 +251,29 @@ std::optional<double> Viewer::windows_wait_seconds() const {
   return picture_.encoded ? composer_->waiting_seconds() : std::nullopt;
 }
 
-double Viewer::patience() const {
-  constexpr double for_events = 1, for_picture = 0.001, for_change = 0.004;
-  if (is_settled()) return for_events;
+double Viewer::patience(double seconds) const {
+  constexpr double for_events = 1, for_picture = 0.001, for_change = 0.004, for_progress = 0.05;
+  if (state_.is_minimised()) return for_events;
+  if (is_settled()) {
+    const std::optional<double> note = state_.messages.seconds_to_change();
+    return note ? std::clamp(*note - seconds, 0.0, for_events) : for_events;
+  }
   if (awaits_picture()) return for_picture;
+  if (opening_ && opening_->conversion() && rests(seconds)) return for_progress;
   const bool goes_on = has_drawn_ || !events_.is_empty() || state_.pending_frames > 0;
   return goes_on ? 0 : for_change;
 }
 
 // Controls take what is over them, and then handles of planes. The rest is for the hand at the picture.
 void Viewer::handle(const Event& event) {
-  if (const auto* dropped = std::get_if<FilesDropped>(&event))
-    for (const std::string& path : dropped->paths) open(path);
+  if (const auto* dropped = std::get_if<FilesDropped>(&event)) drop(dropped->paths);
   Session* session = state_.session.get();
   const PictureArea area = state_.picture_area();
   const SteeredPicture picture{area.left, {area.width, area.height}, state_.window.content_scale};
   SliceControls& planes = panel_.planes;
-  bool is_taken = std::holds_alternative<KeyChanged>(event) ? gui_->has_keyboard() : gui_->has_pointer();
+  const auto* key_event = std::get_if<KeyChanged>(&event);
+  const bool closes_dialog = key_event && key_event->code == key::escape && dialog_.is_open();  // while it takes text
+  bool is_taken = key_event ? gui_->has_keyboard() && !closes_dialog : gui_->has_pointer();
   const auto* button = std::get_if<ButtonChanged>(&event);
   if (button && button->button == 0 && button->down && !is_taken && !state_.steering.is_dragging() && session &&
       session->frame())
@@ -181,9 +285,46 @@ void Viewer::handle(const Event& event) {
   }
   const Steering::Effect effect = state_.steering.handle(event, session, picture, taken(is_taken));
   if (effect.moves_camera) panel_.path.stop();
-  if (effect.clicked) probes_.pin(*effect.clicked);
+  if (effect.clicked) probes_.pin(*effect.clicked), began_[Ending::pin] = 0;
   if (effect.pressed) press_key(*effect.pressed);
   if (button && button->button == 0 && !button->down) planes.release();
+  note_beginnings();
+}
+
+// Gives numbers to what has begun since the last call.
+void Viewer::note_beginnings() {
+  const Session* session = state_.session.get();
+  std::array<bool, Ending::count> there{};
+  there[Ending::help] = state_.shown.help;
+  there[Ending::list] = state_.messages.is_list_open();
+  there[Ending::opening] = opening_ != nullptr;
+  there[Ending::reading] = session && (session->is_reading() || session->is_fitting());
+  there[Ending::pin] = probes_.has_pin();
+  there[Ending::movie] = panel_.movie.can_end();
+  for (std::size_t i = 0; i < Ending::count; ++i)
+    if (!there[i] || began_[i] == 0) began_[i] = there[i] ? state_.messages.take_number() : 0;
+}
+
+void Viewer::end(std::size_t thing) {
+  if (thing == Ending::help) state_.shown.help = false;
+  if (thing == Ending::list) state_.messages.toggle_list();
+  if (thing == Ending::opening) end_opening();
+  if (thing == Ending::reading) state_.session->cancel_reading();
+  if (thing == Ending::pin) probes_.unpin();
+  if (thing == Ending::movie) panel_.movie.end(false);
+}
+
+// Ends one thing: a dialog, which lies over all else, or what began last.
+void Viewer::press_escape() {
+  if (dialog_.is_open()) return dialog_.close();
+  if (panel_.save.is_asking()) return panel_.save.keep_file();
+  note_beginnings();
+  const auto newest = std::ranges::max_element(began_);
+  const std::uint64_t error = state_.messages.newest_error();
+  if (error > *newest)
+    state_.messages.close(error);
+  else if (*newest > 0)
+    end(static_cast<std::size_t>(newest - began_.begin()));
 }
 
 // The keys that do not steer the picture.
@@ -192,16 +333,11 @@ void Viewer::press_key(int code) {
   const bool has_control = state_.steering.has_control();
   Session* session = state_.session.get();
   if (code == key::f1) toggle(state_.shown.help);
-  if (code == key::escape) {
-    state_.shown.help = false;
-    opening_.reset();
-    if (session) session->cancel_reading();
-    probes_.unpin();
-    panel_.movie.end(false);
-  }
+  if (code == key::escape) press_escape();
   if (code == 'Q' && has_control) closing_ = true;
   if (code == 'O' && has_control) dialog_.open(session ? session->path() : "");
   if (code == key::tab) toggle(state_.panel());
+  if (code == 'M' && !has_control) state_.messages.toggle_list();
   if (code == 'W' && has_control) return close();
   if (!session) return;
   if (code == 'C' && has_control) panel_.save.copy_command();
@@ -215,7 +351,7 @@ void Viewer::press_key(int code) {
 void Viewer::play(double seconds) {
   panel_.path.play(seconds);
   if (!state_.session) return;
-  if (const Status played = state_.session->play(seconds); !played) state_.message = played.error().message;
+  if (const Status played = state_.session->play(seconds); !played) state_.messages.error(played.error().message);
 }
 
 Status Viewer::frame(const FrameInput& given) {
@@ -230,6 +366,7 @@ Status Viewer::frame(const FrameInput& given) {
 // Takes the events of a frame, and what jobs have brought.
 void Viewer::take_events(const FrameInput& input) {
   state_.steering.begin_frame(input.seconds);
+  state_.messages.advance(input.seconds);
   idle_seconds_ = input.events.empty() ? idle_seconds_ + input.seconds : 0;
   if (!input.events.empty()) state_.pending_frames = 3;
   state_.pending_frames = std::max(0, state_.pending_frames - 1);
@@ -238,16 +375,16 @@ void Viewer::take_events(const FrameInput& input) {
   opening_seconds_ += input.seconds;
   const bool reads = state_.session && (state_.session->is_reading() || state_.session->is_fitting());
   reading_seconds_ = reads ? reading_seconds_ + input.seconds : 0;
-  if (const Status opened = take_opened(0); !opened) state_.message = opened.error().message;
+  if (const Status opened = take_opened(0); !opened) state_.messages.error(opened.error().message);
 }
 
 void Viewer::draw_controls() {
   const Panel::Wishes wishes = panel_.draw();
   if (wishes.opens_dialog) dialog_.open(state_.session ? state_.session->path() : "");
   if (wishes.file) open(*wishes.file);
+  if (wishes.all_steps) open_all_steps();
   if (state_.shown.help) draw_keys(state_);
   panel_.save.draw_question();
-  draw_opening();
   if (const auto chosen = dialog_.draw(state_.window, recent_files_.paths())) open(*chosen);
   if (panel_.is_saving()) stop_playing();
 }
@@ -273,7 +410,11 @@ Status Viewer::draw_frame(const FrameInput& given) {
     state_.steering.remember(*session, taken(false));
   }
   note_picture(input.seconds);
+  tell_troubles();
+  note_beginnings();
+  if (state_.messages.take_change()) state_.pending_frames = 3;
   draw_overlays();
+  draw_toasts();
   return present(input.seconds);
 }
 
@@ -286,6 +427,7 @@ Status Viewer::draw_picture(double seconds) {
   const auto [width, height] = state_.picture_size();
   const auto& saving = panel_.save.saving();
   const auto& filming = panel_.movie.filming();
+  const std::string told = state_.drawn ? "" : state_.drawn.error().message;
   // A picture that is saved in another size fills the window until it is there.
   if (saving)
     state_.drawn = session->draw(saving->width, saving->height, seconds);
@@ -296,9 +438,16 @@ Status Viewer::draw_picture(double seconds) {
   picture_seconds_ = state_.host.now() - start;
   if (state_.drawn)
     SPLATVOL_TRY_SET(picture_, session->shown_picture());
-  else
-    state_.message = state_.drawn.error().message;
+  else if (state_.drawn.error().message != told)
+    state_.messages.error(state_.drawn.error().message);
   return {};
+}
+
+// Tells what the session could not do since the last call.
+void Viewer::tell_troubles() {
+  if (!state_.session) return;
+  const std::vector<std::string>& troubles = state_.session->troubles();
+  for (; told_troubles_ < troubles.size(); ++told_troubles_) state_.messages.error(troubles[told_troubles_]);
 }
 
 // The mean time between pictures that follow each other.
@@ -339,9 +488,11 @@ void Viewer::draw_overlays() {
   const PictureArea area = state_.picture_area();
   const Session* session = state_.session.get();
   const Shown& shown = state_.shown;
-  if (!session) return opening_ ? void() : draw_message("Drop a .svol file here, or open one (control O)", area);
+  hud_bottom_ = 0;
+  if (!session)
+    return opening_ ? void() : draw_message("Drop a mesh or a .svol file here, or open one (control O)", area);
   if (const auto& saving = panel_.save.saving()) return draw_message(saving->path + " is being drawn", area);
-  if (panel_.movie.filming()) return panel_.movie.draw_progress();
+  if (panel_.movie.filming()) return;
   const View& view = session->view();
   ImDrawList& canvas = *ImGui::GetBackgroundDrawList();
   canvas.PushClipRect({static_cast<float>(area.left), 0},
@@ -356,39 +507,35 @@ void Viewer::draw_overlays() {
                     session->scene.scalar_bar.ticks, ink_on(session->scene.background), area);
   if (const std::string reason = session->explain(); !reason.empty()) draw_message(reason, area);
   canvas.PopClipRect();
-  if (shown.hud) draw_hud(state_, frame_seconds_);
+  if (shown.hud) hud_bottom_ = draw_hud(state_, frame_seconds_);
   const bool is_at_rest = !state_.steering.is_dragging() && !panel_.planes.is_held() && !is_busy();
   if (shown.probe) probes_.draw(is_at_rest, !gui_->has_pointer());
+}
+
+void Viewer::draw_toasts() {
+  state_.messages.begin(state_.picture_area(), state_.session && state_.shown.axes, hud_bottom_);
+  draw_opening();
+  panel_.movie.draw_progress();
+  panel_.mesh.draw_progress();
+  state_.messages.draw();
 }
 
 // Tells of what is being read, and lets the user cancel it.
 void Viewer::draw_opening() {
   constexpr double patience = 0.3;  // seconds: what is there sooner needs no words
-  const bool reads = reading_seconds_ > patience;
-  if (!opening_ && !reads) return;
-  if (opening_ && opening_seconds_ < patience && state_.session) return;
-  const PictureArea area = state_.picture_area();
-  const float scale = state_.scale();
-  ImGui::SetNextWindowPos({static_cast<float>(area.left + area.width / 2), static_cast<float>(area.height / 2)},
-                          ImGuiCond_Always, {0.5f, 0.5f});
-  ImGui::SetNextWindowSizeConstraints({0, 0},
-                                      {std::max(160 * scale, static_cast<float>(area.width) - 16 * scale), 1e6f});
-  ImGui::Begin("opening", nullptr, ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_AlwaysAutoResize);
-  if (opening_) {
-    ImGui::TextUnformatted(fmt::format("opening {}", opening_->path()).c_str());
-    ImGui::TextUnformatted(
-        fmt::format("{} read in {:.0f} s", byte_text(static_cast<double>(opening_->bytes_read())), opening_seconds_)
-            .c_str());
-  } else {
-    ImGui::TextUnformatted("reading what the change needs");
+  Messages::Work work{.name = "opening", .text = "reading what the change needs", .buttons = {"cancel (Esc)"}};
+  if (opening_)
+    work.text = fmt::format("opening {}\n{} read in {:.0f} s", opening_->path(),
+                            byte_text(static_cast<double>(opening_->bytes_read())), opening_seconds_);
+  const auto conversion = opening_ ? opening_->conversion() : std::nullopt;
+  if (conversion) {
+    work.text = fmt::format("converting {}: {}{}", opening_->path(), conversion->stage,
+                            previewed_ ? "\nwhat you see is some of its points" : "");
+    work.share = conversion->share;
+    work.seconds_left = conversion->seconds_left;
   }
-  if (ImGui::SmallButton("cancel (Esc)")) {
-    if (opening_)
-      opening_.reset();
-    else
-      state_.session->cancel_reading();
-  }
-  ImGui::End();
+  const bool is_slow = opening_ ? opening_seconds_ >= patience || !state_.session : reading_seconds_ > patience;
+  if (is_slow && state_.messages.draw(work)) end(opening_ ? Ending::opening : Ending::reading);
 }
 
 }  // namespace splatvol

@@ -1,6 +1,8 @@
 // The viewer without its window: events in, frames out.
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -57,15 +59,16 @@ class Viewer {
   /// Returns the seconds that the last frame took besides Session::draw.
   [[nodiscard]] double window_seconds() const { return window_seconds_; }
 
-  /// Returns whether a frame without events would be the same. If not, the next frame should come soon.
-  [[nodiscard]] bool is_settled() const;
+  /// Returns whether a frame without events, `seconds` after the last one, would be the same. If not, the next frame
+  /// should come soon.
+  [[nodiscard]] bool is_settled(double seconds = 0) const;
 
   /// Returns whether a frame without events, `seconds` after the last one, would be the same until a thread has drawn a
   /// picture. Frames would only take the thread's time.
   [[nodiscard]] bool awaits_picture(double seconds = 0) const;
 
-  /// Returns how long to wait for events before the next frame, in seconds.
-  [[nodiscard]] double patience() const;
+  /// Returns how long to wait for events before the next frame, in seconds, if the last one was `seconds` ago.
+  [[nodiscard]] double patience(double seconds = 0) const;
 
   /// Returns the error of the last picture, if it could not be drawn.
   [[nodiscard]] const Status& drawn() const { return state_.drawn; }
@@ -73,16 +76,26 @@ class Viewer {
   [[nodiscard]] bool wants_to_close() const { return closing_; }
   [[nodiscard]] std::string title() const;
 
-  /// Lets steps that play end at the last one, so that the viewer settles.
-  void end_loop();
+  /// Lets steps that play end at the last one, and notes stay, so that the viewer settles on what a recording leads to.
+  void end_recording();
+  [[nodiscard]] const Messages& messages() const { return state_.messages; }
   [[nodiscard]] const Session* session() const { return state_.session.get(); }
   [[nodiscard]] Session* session() { return state_.session.get(); }
 
  private:
   explicit Viewer(const ViewerOptions& options);
   void open(const std::string& path);
+  void drop(const std::vector<std::string>& paths);
+  void add_surface(const std::string& path);
   void begin_opening(const SceneUse& use, const std::string& scene_path);
+  void begin_opening(const SceneUse& use, const std::string& scene_path, ViewSettings settings);
+  void open_all_steps();
   [[nodiscard]] Status take_opened(double wait_seconds);
+  [[nodiscard]] Status take_preview();
+  void take_over_preview(Session& whole) const;
+  void show(std::unique_ptr<Session> session);
+  void end_opening();
+  void draw_toasts();
   void draw_opening();
   void close();
   void end_session();
@@ -92,6 +105,9 @@ class Viewer {
   void take_events(const FrameInput& given);
   void handle(const Event& event);
   void press_key(int code);
+  void press_escape();
+  void note_beginnings();
+  void end(std::size_t thing);
   [[nodiscard]] Steering::Taken taken(bool event) const { return {event, panel_.holds_scene()}; }
   void play(double seconds);
   [[nodiscard]] Status draw_frame(const FrameInput& input);
@@ -99,9 +115,17 @@ class Viewer {
   [[nodiscard]] Status draw_picture(double seconds);
   void draw_overlays();
   void note_picture(double seconds);
+  void tell_troubles();
   [[nodiscard]] std::optional<double> windows_wait_seconds() const;
   [[nodiscard]] Status present(double seconds);
   [[nodiscard]] bool is_busy() const { return idle_seconds_ < pause_seconds; }
+  [[nodiscard]] bool is_note_over(double seconds) const;
+  [[nodiscard]] bool rests(double seconds) const;  // but for a file that is being opened
+
+  // What Esc ends, besides dialogs and errors.
+  struct Ending {
+    enum : std::size_t { help, list, opening, reading, pin, movie, count };
+  };
 
   ViewerState state_;
   ViewSettings settings_;
@@ -109,6 +133,8 @@ class Viewer {
   Presenter presenter_;
   std::unique_ptr<FrameComposer> composer_;
   std::unique_ptr<Opening> opening_;  // of the file that is to replace the session's
+  std::unique_ptr<Opening> preview_;  // of some of its points
+  std::optional<Scene> previewed_;    // the session shows these: its first scene
   double opening_seconds_ = 0;
   double reading_seconds_ = 0;  // since a change was asked for that is being read
   FileDialog dialog_;
@@ -116,10 +142,13 @@ class Viewer {
   Panel panel_;
   Probes probes_;
 
+  std::array<std::uint64_t, Ending::count> began_{};  // Messages::take_number() when it began; 0: it is not there
+  std::size_t told_troubles_ = 0;                     // of the session's
   EventQueue events_;
   double idle_seconds_ = 0;       // since the last event
   double unchanged_seconds_ = 0;  // since the last new picture
   double frame_seconds_ = 0;      // from one new picture to the next
+  float hud_bottom_ = 0;          // of the numbers of this frame; 0: there are none
   double window_seconds_ = 0;     // of the last frame, besides its picture
   double picture_seconds_ = 0;    // of the picture of this frame
   ShownPicture picture_;          // of this frame

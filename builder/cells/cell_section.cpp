@@ -8,7 +8,6 @@
 #include <array>
 #include <atomic>
 #include <memory>
-#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -40,17 +39,11 @@ struct Item {
   Status status;
 };
 
-std::vector<std::uint64_t> segment_counts(const format::VolumeInfo& info) {
-  std::vector<std::uint64_t> counts = info.resolution_counts;
-  std::adjacent_difference(counts.begin(), counts.end(), counts.begin());
-  return counts;
-}
-
 // The pages of ranks, of which chunks need some again.
 class RankPages {
  public:
   RankPages(const format::VolumeInfo& info, TempFile file)
-      : counts_(segment_counts(info)), points_(info.resolution_counts.back()), file_(std::move(file)) {}
+      : counts_(info.segment_counts()), points_(info.resolution_counts.back()), file_(std::move(file)) {}
 
   // Makes all pages, and calls visit(ref, packed) for each.
   template <class Visit>
@@ -361,8 +354,7 @@ Result<CellReport> write_cells(MeshCells& cells, const std::shared_ptr<const for
   }
   SPLATVOL_TRY_ASSIGN(report, ChunkPipeline(cells, chunks, ranks, memory, writer, progress).run());
   report.collapsed = cells.collapsed();
-  SPLATVOL_TRY_ASSIGN(bytes, writer.finish());
-  report.bytes = bytes;
+  SPLATVOL_TRY_SET(report.bytes, writer.finish());
   return report;
 }
 

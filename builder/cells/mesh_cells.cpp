@@ -178,10 +178,7 @@ std::uint64_t MeshCells::count() const {
 }
 
 Result<std::optional<std::uint64_t>> MeshCells::NumberQueue::next() {
-  if (left_.empty()) {
-    SPLATVOL_TRY_ASSIGN(more, spool_.next());
-    left_ = more;
-  }
+  if (left_.empty()) SPLATVOL_TRY_SET(left_, spool_.next());
   if (left_.empty()) return std::optional<std::uint64_t>();
   const auto number = record_at<std::uint64_t>(left_, 0);
   left_ = left_.subspan(sizeof(number));

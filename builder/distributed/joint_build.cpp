@@ -56,9 +56,8 @@ class JointBuild {
     report.ranks = ranks_.size();
     report.ranges = begins_.size() + 1;
     report.owned = owned_;
-    SPLATVOL_TRY_ASSIGN(built, plan ? build_in_ranges(std::move(file), std::move(corners), *plan)
-                                    : build_on_first(std::move(file), std::move(corners)));
-    report.build = std::move(built);
+    SPLATVOL_TRY_SET(report.build, plan ? build_in_ranges(std::move(file), std::move(corners), *plan)
+                                        : build_on_first(std::move(file), std::move(corners)));
     std::array<std::uint64_t, 1> sent = {ranks_.bytes_sent()};
     ranks_.sum(sent);
     report.sent_bytes = sent[0];
@@ -90,14 +89,10 @@ class JointBuild {
   Status read() {
     std::optional<Box> bounds;
     // Without material, the box of the points is known as soon as they have been read.
-    if (layout_.has_material()) {
-      SPLATVOL_TRY_ASSIGN(found, ranks_.agree_on(source_.bounds()));
-      bounds = found;
-    }
+    if (layout_.has_material()) SPLATVOL_TRY_SET(bounds, ranks_.agree_on(source_.bounds()));
     SPLATVOL_TRY(pieces_.read([&](double fraction) { progress_("reading", fraction); }));
     leaves_out_ = !bounds;
-    SPLATVOL_TRY_ASSIGN(cube, bounding_cube(bounds.value_or(pieces_.reader().box())));
-    cube_ = cube;
+    SPLATVOL_TRY_SET(cube_, bounding_cube(bounds.value_or(pieces_.reader().box())));
     summary_ = pieces_.reader().summary(joined_attributes(options_));
     if (estimates() && joins_by_boxes()) cells_ = nullptr;
     return {};
@@ -144,8 +139,7 @@ class JointBuild {
   Status share_points() {
     progress_("sorting", 0);
     SPLATVOL_TRY(choose_begins());
-    SPLATVOL_TRY_ASSIGN(sorter, ranks_.agree_on(make_sorter(has_range(), true)));
-    sorter_ = std::move(sorter);
+    SPLATVOL_TRY_SET(sorter_, ranks_.agree_on(make_sorter(has_range(), true)));
     const std::uint64_t share = records() / (begins_.size() + 1);
     SPLATVOL_TRY(ranks_.agree(sorter_ ? PointStream::check_room(folder_, share, *sorter_) : Status{}));
     SPLATVOL_TRY(exchange_pieces(ranks_, pieces_, layout_, cube_, begins_, leaves_out_, round_memory(),
@@ -284,9 +278,8 @@ class JointBuild {
                               .stored = stored},
                              reduction.info());
     if (options_.strict) SPLATVOL_TRY(check_unchanged(report));
-    SPLATVOL_TRY_ASSIGN(bytes, write_joint_file(ranks_, std::move(file), reduction, counts.size(), stored.histograms(),
-                                                folder_, progress_, cells_));
-    report.file_bytes = bytes;
+    SPLATVOL_TRY_SET(report.file_bytes, write_joint_file(ranks_, std::move(file), reduction, counts.size(),
+                                                         stored.histograms(), folder_, progress_, cells_));
     if (cells_) report.kept_cells = cells_->report();
     return report;
   }
@@ -331,8 +324,7 @@ Result<JointReport> build_volume_together(Ranks& ranks, const std::function<Resu
     SPLATVOL_TRY(check_units(*opened, options));
     return opened;
   };
-  SPLATVOL_TRY_ASSIGN(opened, ranks.agree_on(open_checked()));
-  source = std::move(opened);
+  SPLATVOL_TRY_SET(source, ranks.agree_on(open_checked()));
   SPLATVOL_TRY_ASSIGN(cells,
                       ranks.agree_on(JointCells::create(ranks, *source, options, temp_folder_of(output, options))));
   return JointBuild(ranks, *source, output, options, progress, cells.get()).run();

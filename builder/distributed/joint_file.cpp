@@ -101,8 +101,7 @@ class JointFile {
       return format::VolumeWriter::create_around(output_.take_file(), places.bytes_before, places.last_bytes,
                                                  std::move(reduction_.info()), std::move(*index), folder_);
     };
-    SPLATVOL_TRY_ASSIGN(writer, ranks_.agree_on(create()));
-    writer_ = std::move(writer);
+    SPLATVOL_TRY_SET(writer_, ranks_.agree_on(create()));
     if (writer_ && cells_) writer_->set_cells(cells_->writer(progress_));
     std::uint64_t first_row = writer_ ? writer_->first_row_offset() : 0;
     ranks_.sum({&first_row, 1});
@@ -152,8 +151,7 @@ class JointFile {
     const auto progress = [&](double fraction) { progress_("checking", fraction); };
     std::shared_ptr<const format::Volume> volume;
     const auto check_own = [&]() -> Result<format::Volume::CheckedValues> {
-      SPLATVOL_TRY_ASSIGN(opened, open_finished());
-      volume = std::move(opened);
+      SPLATVOL_TRY_SET(volume, open_finished());
       return volume->verify_chunks(ranks_.rank(), ranks_.size(), progress);
     };
     auto own = check_own();

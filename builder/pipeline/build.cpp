@@ -100,9 +100,8 @@ Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const
         return {};
       };
     }
-    SPLATVOL_TRY_ASSIGN(written, write(std::move(file), std::move(reduced), boundary ? &*boundary : nullptr,
-                                       std::move(add_cells), folder, progress));
-    bytes = written;
+    SPLATVOL_TRY_SET(bytes, write(std::move(file), std::move(reduced), boundary ? &*boundary : nullptr,
+                                  std::move(add_cells), folder, progress));
     return {};
   };
   SPLATVOL_TRY_ASSIGN(report, reduce_points(std::move(points), options, files, folder, progress, finish, cells));

@@ -186,8 +186,7 @@ Result<Connection> connect_held(const BuildOptions& options, PointStream& points
       return connection;
     }
   }
-  SPLATVOL_TRY_ASSIGN(next, stream_of_cells(std::move(all), options.gradients));
-  connection.next = std::move(next);
+  SPLATVOL_TRY_SET(connection.next, stream_of_cells(std::move(all), options.gradients));
   return connection;
 }
 

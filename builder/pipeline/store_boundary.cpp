@@ -33,8 +33,7 @@ Result<StoredBoundary> finish_boundary(BoundaryFaces& faces, const BuildOptions&
   SPLATVOL_TRY_ASSIGN(boundary, simplified_boundary(faces, options.boundary_triangles));
   StoredBoundary stored;
   stored.held_bytes = boundary.held_bytes;
-  SPLATVOL_TRY_ASSIGN(packed, format::pack_boundary(boundary.patches, boundary.error));
-  stored.packed = std::move(packed);
+  SPLATVOL_TRY_SET(stored.packed, format::pack_boundary(boundary.patches, boundary.error));
   stored.report = {.patches = {},
                    .kept = boundary.kept,
                    .triangles = boundary.triangles,

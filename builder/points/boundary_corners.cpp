@@ -31,8 +31,7 @@ BoundaryCorners::BoundaryCorners(const PointRecords& layout, ExternalSorter corn
 
 Result<bool> BoundaryCorners::peek() {
   if (next_ == read_.keys.size()) {
-    SPLATVOL_TRY_ASSIGN(more, sorted_.next());
-    read_ = more;
+    SPLATVOL_TRY_SET(read_, sorted_.next());
     next_ = 0;
   }
   return !read_.keys.empty();

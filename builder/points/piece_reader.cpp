@@ -67,8 +67,7 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
   std::unique_ptr<Piece> second;
   bool ended = !piece;
   if (piece && only && source_.piece_count() == 1) {
-    SPLATVOL_TRY_ASSIGN(next, source_.next());
-    second = std::move(next);
+    SPLATVOL_TRY_SET(second, source_.next());
     ended = !second;
     const Box box = grown_for_material(box_of(*piece), deviation_of(*piece));
     if (ended && box.low.x <= box.high.x) SPLATVOL_TRY(only(box));
@@ -85,8 +84,7 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
     SPLATVOL_TRY(read(*piece, visit, tell));
     piece = std::move(second);
     if (piece || ended) continue;
-    SPLATVOL_TRY_ASSIGN(next, source_.next());
-    piece = std::move(next);
+    SPLATVOL_TRY_SET(piece, source_.next());
   }
   count_left_out();
   return check_any();

@@ -27,11 +27,9 @@ Result<ListedSteps> list_steps(const std::vector<StepInput>& inputs) {
     ArrayUnion own;
     SPLATVOL_TRY(own.add(input.name, *arrays));
     SPLATVOL_TRY(all.add(input.name, *arrays));
-    SPLATVOL_TRY_ASSIGN(attributes, own.attributes(input.name, input.options.cells));
-    listed.steps.back() = std::move(attributes);
+    SPLATVOL_TRY_SET(listed.steps.back(), own.attributes(input.name, input.options.cells));
   }
-  SPLATVOL_TRY_ASSIGN(attributes, all.attributes(inputs.front().name, inputs.front().options.cells));
-  listed.all = std::move(attributes);
+  SPLATVOL_TRY_SET(listed.all, all.attributes(inputs.front().name, inputs.front().options.cells));
   return listed;
 }
 

@@ -192,12 +192,8 @@ class SeriesBuild {
   Result<BuiltGroup> run_group() {
     SPLATVOL_TRY_ASSIGN(source, StepGroup::open(group_, blocks_apart_,
                                                 target_.info ? names_of(*target_.info) : std::vector<std::string>()));
-    if (target_.file) {
-      SPLATVOL_TRY_ASSIGN(faces, start_boundary(*source, options_, folder_));
-      faces_ = std::move(faces);
-    }
-    SPLATVOL_TRY_ASSIGN(cells, start_cells(*source, options_, folder_));
-    cells_ = std::move(cells);
+    if (target_.file) SPLATVOL_TRY_SET(faces_, start_boundary(*source, options_, folder_));
+    SPLATVOL_TRY_SET(cells_, start_cells(*source, options_, folder_));
     RowFiles files(folder_);
     const auto write_group = [&](ReducedSource reduced) { return write(*source, std::move(reduced)); };
     SPLATVOL_TRY_ASSIGN(report,
@@ -224,10 +220,8 @@ class SeriesBuild {
       faces_.reset();
     }
     SPLATVOL_TRY(find_cells(reduced));
-    if (!target_.info) {
-      SPLATVOL_TRY_ASSIGN(info, describe_series(reduced.info, names, series_provenance(reduced.report)));
-      target_.info = std::move(info);
-    }
+    if (!target_.info)
+      SPLATVOL_TRY_SET(target_.info, describe_series(reduced.info, names, series_provenance(reduced.report)));
     std::vector<format::SummaryWriter> summaries;
     for (std::size_t s = 0; s < group_.size(); ++s) {
       SPLATVOL_TRY_ASSIGN(writer, format::SummaryWriter::create(folder_));
@@ -291,8 +285,7 @@ class SeriesBuild {
   }
 
   Status open_section(std::uint64_t bytes, const format::CellReader::ReadBytes& read) {
-    SPLATVOL_TRY_ASSIGN(cells, format::CellReader::open(*target_.info, "cells of the series", bytes, read));
-    target_.cells = std::move(cells);
+    SPLATVOL_TRY_SET(target_.cells, format::CellReader::open(*target_.info, "cells of the series", bytes, read));
     return {};
   }
 
@@ -333,8 +326,7 @@ class SeriesBuild {
     const std::size_t attributes = source.step_attributes().size();
     for (std::size_t s = 0; s < group_.size(); ++s) {
       format::StepInfo step = describe_step(reduced.info, *target_.info, s);
-      SPLATVOL_TRY_ASSIGN(time, time_of(s, source.stated_times()[s]));
-      step.time = time;
+      SPLATVOL_TRY_SET(step.time, time_of(s, source.stated_times()[s]));
       step.provenance = describe_step_provenance(options_.builder, group_[s].name);
       const auto histograms = std::span(reduced.histograms).subspan(s * attributes, attributes);
       SPLATVOL_TRY_ASSIGN(

@@ -181,8 +181,7 @@ class FilesBuild {
   // Locks the index, and reads it.
   Result<LockedFile> lock_index() {
     SPLATVOL_TRY_ASSIGN(lock, LockedFile::open(output_, LockedFile::IfTaken::wait));
-    SPLATVOL_TRY_ASSIGN(index, read_index(output_));
-    index_ = std::move(index);
+    SPLATVOL_TRY_SET(index_, read_index(output_));
     return lock;
   }
 

@@ -202,10 +202,7 @@ class ExternalSorter::Impl {
 
   // Sorts the records and writes them as a run.
   Status spill(const RecordSpan& records) {
-    if (!file_) {
-      SPLATVOL_TRY_ASSIGN(file, TempFile::create(options_.folder));
-      file_ = std::move(file);
-    }
+    if (!file_) SPLATVOL_TRY_SET(file_, TempFile::create(options_.folder));
     const std::span<std::uint64_t> words = words_.first(records.count);
     sort_by_key(records, options_.key, words);
     Run run{file_->size(), 0};

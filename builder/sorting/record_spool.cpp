@@ -41,10 +41,7 @@ Status RecordSpool::append(std::span<const std::byte> records) {
 }
 
 Status RecordSpool::spill() {
-  if (!file_) {
-    SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
-    file_ = std::move(file);
-  }
+  if (!file_) SPLATVOL_TRY_SET(file_, TempFile::create(folder_));
   for (std::size_t begin = 0; begin < filled_; begin += packet_records_) {
     const auto locate = [&](std::size_t first, std::span<const std::byte*> located) {
       for (std::size_t i = 0; i < located.size(); ++i)

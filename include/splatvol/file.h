@@ -16,6 +16,7 @@
 #include "splatvol/error.h"
 #include "splatvol/export.h"
 #include "splatvol/geometry.h"
+#include "splatvol/meshes.h"
 
 namespace splatvol {
 
@@ -52,6 +53,12 @@ struct Points {
   std::vector<std::array<double, 6>> covariances;  // [point]: xx, yy, zz, xy, yz, xz
   std::vector<std::vector<double>> means;          // [attribute][point]: of the values in the material; NaN: missing
   std::vector<std::vector<double>> deviations;     // [attribute][point]: standard deviations
+};
+
+/// The part of a mesh to read.
+struct MeshRequest {
+  std::vector<std::string> attributes = {};  // empty: all
+  std::optional<Box> box = std::nullopt;     // only cells that meet it
 };
 
 /// Values along a line.
@@ -130,6 +137,21 @@ class SPLATVOL_EXPORT File {
   [[nodiscard]] Result<LineSamples> sample_line(const dvec3& start, const dvec3& end,
                                                 const std::vector<std::string>& attributes = {},
                                                 std::optional<std::size_t> samples = std::nullopt) const;
+
+  /// Returns the cells that the file keeps, with their corners as points, and their values. A cell meets a box if the
+  /// box round its corners does. Corners stand in an order that gives cells a positive volume. Polyhedra come as their
+  /// tetrahedra. So do cells that a reader of rounded positions would split along other diagonals than the file. The
+  /// components `U[0]`, `U[1]` and `U[2]` of a vector are one array `U`, which stands for its magnitude, too. Cells
+  /// that have values of their own have them in `cell_values`, else corners have them in `point_values`. All is held at
+  /// once. Fails if the file keeps no cells, or none meets the box.
+  [[nodiscard]] Result<CellMesh> cells(const MeshRequest& request = {}) const;
+
+  /// Returns the surface on which an attribute has a value, in the cells that the file keeps: that of the linear
+  /// interpolation in each tetrahedron, exact up to rounding. It has the values of the attribute and of those of the
+  /// request, vectors as in `cells`. It ends at the border of the mesh, of the box, and of cells with a missing value.
+  /// Fails if the file keeps no cells, if they have values of their own, or if the attribute has the value nowhere.
+  [[nodiscard]] Result<ContourMesh> contour(double value, const std::string& attribute,
+                                            const MeshRequest& request = {}) const;
 
   /// Checks every byte of the file; of an index, of the files of all steps, and its units and ranges. Calls `progress`
   /// with the share done, in [0, 1].

@@ -99,8 +99,7 @@ TileRasterizer::~TileRasterizer() = default;
 
 Status TileRasterizer::set_transfer_function(const Transfer& transfer, const DrawingUnits& units) {
   SPLATVOL_TRY_ASSIGN(function, in_drawing_units(transfer.function, units));
-  SPLATVOL_TRY_ASSIGN(opacity, make_opacity_table(transfer.opacity, units));
-  opacity_ = std::move(opacity);
+  SPLATVOL_TRY_SET(opacity_, make_opacity_table(transfer.opacity, units));
   if (units.length != units_.length) surfaces_.reset();
   units_ = units;
   frame_.axis = stored_axis(function, units.value_offset, units.value_scale);

@@ -93,8 +93,7 @@ Result<Kernel> make_kernel(KernelKind kind) {
 Status add_surface_forms(Kernel& kernel) {
   if (!kernel.forms_with_surfaces.empty()) return {};
   if (kernel.kind == KernelKind::octant) {
-    SPLATVOL_TRY_ASSIGN(forms, make_octant_forms(with_surfaces));
-    kernel.forms_with_surfaces = std::move(forms);
+    SPLATVOL_TRY_SET(kernel.forms_with_surfaces, make_octant_forms(with_surfaces));
     return {};
   }
   SPLATVOL_TRY_ASSIGN(forms, make_moments_forms());

@@ -42,16 +42,6 @@ SurveySplat splat_of(const dvec3& centroid, const SplatShape& shape, const Splat
   return splat;
 }
 
-}  // namespace
-
-std::size_t survey_resolution(const format::VolumeInfo& info, std::uint64_t most_splats) {
-  const auto& counts = info.resolution_counts;
-  const auto finer = std::ranges::upper_bound(counts, most_splats);
-  return finer == counts.begin() ? 0 : static_cast<std::size_t>(finer - counts.begin()) - 1;
-}
-
-namespace {
-
 tl::unexpected<Error> no_moments(const format::Volume& volume) {
   return fail(ErrorCode::unsupported,
               "{}: has no splat moments, which a first scene needs: build it again with svbuild", volume.name());
@@ -67,7 +57,7 @@ Result<SurveyBytes> read_survey_ahead(const format::Volume& volume, const std::v
   std::vector<int> columns{info.find_column(ColumnKind::centroid), info.find_column(ColumnKind::moments)};
   for (const int attribute : attributes) columns.push_back(info.find_column(ColumnKind::value_moments, attribute));
   if (std::ranges::min(columns) < 0) return no_moments(volume);
-  const std::size_t resolution = survey_resolution(info, most_splats);
+  const std::size_t resolution = info.finest_within(most_splats);
   std::vector<format::ChunkName> chunks;
   std::set<std::uint64_t> pages;
   for (std::uint64_t group = 0, points = 0; points < info.resolution_counts[resolution]; ++group) {
@@ -91,7 +81,7 @@ Result<SurveyShapes> survey_shapes(const format::Volume& volume, std::uint64_t m
   const int centroid = info.find_column(ColumnKind::centroid), moments = info.find_column(ColumnKind::moments);
   if (std::min(centroid, moments) < 0) return no_moments(volume);
   SurveyShapes found;
-  found.resolution = survey_resolution(info, most_splats);
+  found.resolution = info.finest_within(most_splats);
   const auto unpack_centroids = [&](const format::ChunkEntry& entry, const format::Bytes& packed, std::span<dvec3> out,
                                     const std::string& what) {
     return format::unpack_centroids(entry, packed, out, info.cube, what);
@@ -138,7 +128,7 @@ Result<std::vector<double>> survey_values(const format::Volume& volume, int attr
   const format::VolumeInfo& info = volume.info();
   const int column = info.find_column(format::ColumnKind::value, attribute);
   if (column < 0) return fail(ErrorCode::invalid_data, "{}: lacks a column that a scene needs", volume.name());
-  const std::size_t resolution = survey_resolution(info, most_points);
+  const std::size_t resolution = info.finest_within(most_points);
   std::vector<float> stored;
   RowReader reader(volume);
   for (std::uint64_t index = 0; stored.size() < info.resolution_counts[resolution]; ++index) {

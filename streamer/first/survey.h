@@ -33,9 +33,6 @@ struct SurveySplat {
   [[nodiscard]] double longest() const { return reach(axes[0] / std::max(glm::length(axes[0]), 1e-300)); }
 };
 
-/// Returns the finest resolution with at most `most_splats` splats, or the coarsest if all have more.
-[[nodiscard]] std::size_t survey_resolution(const format::VolumeInfo& info, std::uint64_t most_splats);
-
 /// Bytes that a survey needs. While they live, it takes them from memory.
 using SurveyBytes = std::vector<std::shared_ptr<const BytesAhead>>;
 
@@ -51,8 +48,8 @@ struct SurveyShapes {
   std::vector<SplatShape> shapes;
 };
 
-/// Reads the shapes of the splats of survey_resolution: some hundred KiB of any file. Fails if the file cannot be read,
-/// is damaged, or lacks moments.
+/// Reads the shapes of the splats of VolumeInfo::finest_within: some hundred KiB of any file. Fails if the file cannot
+/// be read, is damaged, or lacks moments.
 [[nodiscard]] Result<SurveyShapes> survey_shapes(const format::Volume& volume, std::uint64_t most_splats);
 
 /// Reads the values of an attribute of these splats, which are of the same volume. Fails as survey_shapes does.
@@ -63,7 +60,7 @@ struct SurveyShapes {
 [[nodiscard]] Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, int attribute,
                                                                std::uint64_t most_splats);
 
-/// Reads the values of an attribute at the points of survey_resolution; missing ones are NaN.
+/// Reads the values of an attribute at the points of VolumeInfo::finest_within; missing ones are NaN.
 [[nodiscard]] Result<std::vector<double>> survey_values(const format::Volume& volume, int attribute,
                                                         std::uint64_t most_points);
 

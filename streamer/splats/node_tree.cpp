@@ -63,8 +63,7 @@ Result<std::optional<NodeTree::Children>> NodeTree::children_of(const Node& node
   const bool linked = node.page->links[node.index] != IndexPage::no_node;
   std::shared_ptr<const IndexPage> page = node.page;
   if (linked) {
-    SPLATVOL_TRY_ASSIGN(other, index_.linked(*node.page, node.index));
-    page = std::move(other);
+    SPLATVOL_TRY_SET(page, index_.linked(*node.page, node.index));
     if (!page) return std::nullopt;
   }
   std::uint32_t next = linked ? 0 : node.page->first_children[node.index];

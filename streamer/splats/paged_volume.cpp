@@ -58,12 +58,9 @@ Result<std::shared_ptr<const IndexPage>> PagedVolume::linked(const IndexPage& pa
 }
 
 Result<std::shared_ptr<const DirectoryPage>> PagedVolume::directory_page(std::uint64_t number) {
-  const std::uint64_t bytes = directory_page_chunks(number) * sizeof(format::ChunkEntry) + directory_page_bytes(number);
-  return page<DirectoryPage>(directory_key(number), bytes, [&] { return volume_->read_directory_page(number); });
-}
-
-std::uint64_t PagedVolume::directory_page_chunks(std::uint64_t number) const {
-  return volume_->chunks_of_directory_page(number);
+  const std::uint64_t packed = volume_->chunks_of_directory_page(number) * sizeof(format::ChunkEntry);
+  return page<DirectoryPage>(directory_key(number), packed + directory_page_bytes(number),
+                             [&] { return volume_->read_directory_page(number); });
 }
 
 Result<format::ChunkLocation> PagedVolume::find_chunk(std::uint64_t row, int column) {

@@ -76,10 +76,9 @@ class PagedVolume final : public IndexPages {
     return {room_.file, kind, row, format::columns_key(columns), of_step ? step_key() : 0};
   }
 
-  /// Return the number of chunks of a directory page, and its bytes in memory.
-  [[nodiscard]] std::uint64_t directory_page_chunks(std::uint64_t number) const;
+  /// Returns the bytes of a directory page in memory.
   [[nodiscard]] std::uint64_t directory_page_bytes(std::uint64_t number) const {
-    return sizeof(format::DirectoryPage) + directory_page_chunks(number) * sizeof(format::ChunkLocation);
+    return sizeof(format::DirectoryPage) + volume_->chunks_of_directory_page(number) * sizeof(format::ChunkLocation);
   }
 
   /// Returns the location of a chunk. Requires a column that the row has.

@@ -286,7 +286,7 @@ void Pager::miss_page(std::uint64_t number, bool needed, Collected& collected) {
   collected.directory_pages.insert(number);
   if (!needed || !collected.needed.insert(paged_.directory_key(number)).second) return;
   miss(paged_.directory_key(number), missing_.pages);
-  missing_.bytes += paged_.directory_page_chunks(number) * sizeof(format::ChunkEntry);
+  missing_.bytes += paged_.volume().chunks_of_directory_page(number) * sizeof(format::ChunkEntry);
 }
 
 void Pager::miss(const PartKey& key, std::uint64_t& parts) {
@@ -313,7 +313,7 @@ bool Pager::reserve(PartLoad& part, bool may_evict) {
   std::uint64_t decoded = 0, working = 0;
   if (part.key.kind == format::directory_page) {
     decoded = paged_.directory_page_bytes(part.key.number);
-    working = paged_.directory_page_chunks(part.key.number) * sizeof(format::ChunkEntry);
+    working = paged_.volume().chunks_of_directory_page(part.key.number) * sizeof(format::ChunkEntry);
   } else if (const auto* page = std::get_if<IndexPageLoad>(&part.what)) {
     // The size of a page in memory is known only after unpacking. Pages are about equally large.
     decoded = largest_index_page_;

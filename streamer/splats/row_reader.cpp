@@ -248,10 +248,8 @@ Status RowReader::add_row(const RowName& name, Wave& wave) {
     if (wave.held.contains(key)) continue;
     if ((held[key] = room().find<void>(key))) continue;
     PartLoad part = load_of(name, key);
-    for (ChunkLoad& chunk : std::get<RowLoad>(part.what).chunks) {
-      SPLATVOL_TRY_ASSIGN(location, volume_->find_chunk(chunk.row, chunk.column));
-      chunk.location = location;
-    }
+    for (ChunkLoad& chunk : std::get<RowLoad>(part.what).chunks)
+      SPLATVOL_TRY_SET(chunk.location, volume_->find_chunk(chunk.row, chunk.column));
     missing.push_back(std::move(part));
   }
 

@@ -1,23 +1,14 @@
 #include "streamer/splats/streamer.h"
 
 #include <algorithm>
-#include <chrono>
 #include <set>
-#include <system_error>
 #include <utility>
 
+#include "base/clock.h"
 #include "streamer/splats/streamer_frame.h"
 #include "streamer/store/row_bytes.h"
 
 namespace splatvol {
-namespace {
-
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-}  // namespace
-
 namespace {
 
 // Finds the attributes by their names; `opacity` empty: none.
@@ -52,8 +43,7 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::shared_ptr<const format::V
                                                  const StreamerOptions& options) {
   SPLATVOL_TRY_ASSIGN(attributes, find_attributes(*volume, options.attribute, options.opacity_attribute));
   std::unique_ptr<Streamer> streamer(new Streamer(std::move(volume), attributes, options));
-  SPLATVOL_TRY_ASSIGN(reader, RowReader::create(streamer->paged_, options.kernel, options.gradients));
-  streamer->reader_ = std::move(reader);
+  SPLATVOL_TRY_SET(streamer->reader_, RowReader::create(streamer->paged_, options.kernel, options.gradients));
   SPLATVOL_TRY(streamer->set_memory_aside());
   return streamer;
 }
@@ -71,20 +61,13 @@ ValueVisibility Streamer::visibility_of(const Transfer& transfer, const View& vi
 
 Status Streamer::set_step(std::size_t step) {
   if (prefetch_ && prefetch_->step() == step) {
-    StepPrefetch::Result read = prefetch_->extract();
+    StepParts read = prefetch_->take();
     prefetch_.reset();
-    if (read.volume) {
-      std::shared_ptr<const format::Volume> volume = read.volume;
-      take_prefetched(std::move(read));
-      return set_step(std::move(volume));
-    }
+    for (PartLoad& part : read.parts) insert(room(), std::move(part));
+    if (read.volume) return set_step(std::move(read.volume));
   }
   SPLATVOL_TRY_ASSIGN(volume, volume_->at_step(step));
   return set_step(std::move(volume));
-}
-
-void Streamer::take_prefetched(StepPrefetch::Result result) {
-  for (PartLoad& part : result.parts) insert(room(), std::move(part));
 }
 
 // The parts of rows of the step that the frame consists of, in the order of their keys.
@@ -135,7 +118,7 @@ void Streamer::prefetch_step(std::size_t step) {
   if (!frame_ || !volume_->series() || step >= volume_->series()->steps.size()) return;
   if (step == volume_->step() || (prefetch_ && prefetch_->step() == step)) return;
   prefetch_.reset();
-  auto working = share().reserve_free(format::max_preamble_bytes + StepPrefetch::run_bytes + reader_->working_bytes());
+  auto working = share().reserve_free(format::max_preamble_bytes + step_run_bytes + reader_->working_bytes());
   if (!working) return;
 
   std::vector<PartLoad> pages, rows;
@@ -149,12 +132,11 @@ void Streamer::prefetch_step(std::size_t step) {
     row.decoded = std::move(*room);
     rows.push_back(std::move(row));
   }
-  try {
-    prefetch_ = std::make_unique<StepPrefetch>(volume_, step, paged_.attributes(), std::move(pages), std::move(rows),
-                                               std::move(*working));
-  } catch (const std::system_error&) {
-    // No thread starts: the step is read when it is shown.
-  }
+  prefetch_ = std::make_unique<StepAhead<StepParts>>(
+      step, [from = volume_, step, attributes = paged_.attributes(), pages = std::move(pages), rows = std::move(rows),
+             working = std::move(*working)]() mutable {
+        return read_step_parts(*from, step, attributes, std::move(pages), std::move(rows), std::move(working));
+      });
 }
 
 // The pager, the frame and what hides others belong to the step before.
@@ -174,8 +156,7 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
   if (own_ && !is_same_file) own_->table->clear(own_->file);
   const auto before = std::exchange(volume_, std::move(volume));  // paged_ and reader_ still refer to it
   paged_.set_step(*volume_, attributes, is_same_file ? room() : room_in(*room().table, share()));
-  SPLATVOL_TRY_ASSIGN(reader, RowReader::create(paged_, kernel_, gradients));
-  reader_ = std::move(reader);
+  SPLATVOL_TRY_SET(reader_, RowReader::create(paged_, kernel_, gradients));
   fixed_ = Reservation();
   return set_memory_aside();
 }
@@ -190,7 +171,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& t
   cut_seconds_ = fetch_seconds_ = 0;
   const ValueVisibility visibility = visibility_of(transfer, view);
   for (Detail tried = detail;;) {
-    const auto cut_start = std::chrono::steady_clock::now();
+    const auto cut_start = Clock::now();
     auto choice = choose(view, visibility, tried);
     cut_seconds_ += seconds_since(cut_start);
     if (!choice) {
@@ -201,7 +182,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const Transfer& t
     const Detail chosen = choice->detail;
     const bool same = shows(visibility) && frame_->cut == choice->cut;
     if (!same) {
-      const auto fetch_start = std::chrono::steady_clock::now();
+      const auto fetch_start = Clock::now();
       const Status fetched = fetch(std::move(choice->cut), visibility);
       fetch_seconds_ += seconds_since(fetch_start);
       if (!fetched) {

@@ -25,6 +25,7 @@
 #include "streamer/splats/pager.h"
 #include "streamer/splats/row_reader.h"
 #include "streamer/splats/step_prefetch.h"
+#include "streamer/store/step_ahead.h"
 
 namespace splatvol {
 
@@ -232,7 +233,6 @@ class Streamer {
   [[nodiscard]] std::vector<PartLoad> step_rows_of_frame();
   void add_index_pages(std::size_t step, std::vector<PartLoad>& pages);
   [[nodiscard]] bool add_directory_pages(std::size_t step, const PartLoad& row, std::vector<PartLoad>& pages);
-  void take_prefetched(StepPrefetch::Result result);
 
   // Paging (streamer_paging.cpp).
   [[nodiscard]] Status start_paging();
@@ -268,7 +268,7 @@ class Streamer {
   std::map<RangeName, ClippedRange> clipped_before_;  // of the frame before, while a frame is made
   ClipRegion clip_;                                   // of the view that is asked for
   std::vector<Slice> slices_;                         // of the same view
-  std::unique_ptr<StepPrefetch> prefetch_;
+  std::unique_ptr<StepAhead<StepParts>> prefetch_;
   std::uint64_t next_serial_ = 1;
   double cut_seconds_ = 0;
   double fetch_seconds_ = 0;

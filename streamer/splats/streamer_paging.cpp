@@ -1,20 +1,16 @@
 // Frames while the file is read.
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <utility>
 
+#include "base/clock.h"
 #include "streamer/splats/streamer_frame.h"
 
 namespace splatvol {
 namespace {
 
 constexpr int stages = 3;  // coarser pictures on the way to the target cut
-
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
 
 }  // namespace
 
@@ -34,9 +30,9 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& t
   SPLATVOL_TRY(check_detail(detail));
   clip_ = view.clip;
   slices_ = view.slices;
-  const auto start = std::chrono::steady_clock::now();
-  const auto deadline = start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-                                    std::chrono::duration<double>(std::min(wait_seconds, 1e6)));
+  const auto start = Clock::now();
+  const auto deadline =
+      start + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(std::min(wait_seconds, 1e6)));
   SPLATVOL_TRY(start_paging());
   if (frame_) frame_->splats.progress.errors.clear();
   const ValueVisibility visibility = visibility_of(transfer, view);
@@ -50,7 +46,7 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const Transfer& t
     if (!target_ || arrived.pages) SPLATVOL_TRY(choose_target(view, visibility, detail));
     const bool rests = steady && !arrived && frame_;
     if (!steady || arrived || !pager_->is_reading()) pager_->ask(rests);
-    if (pager_->missing().settled() || std::chrono::steady_clock::now() >= deadline) break;
+    if (pager_->missing().settled() || Clock::now() >= deadline) break;
     pager_->wait_until(deadline);
     arrived = pager_->accept_arrivals();
     if (!arrived) break;

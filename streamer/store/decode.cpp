@@ -234,10 +234,7 @@ Result<ValueRow> decode_values(KernelKind kernel, const ValueChunks& chunks, std
                                std::string_view what) {
   const auto& [values, gradients, opacity_chunk] = chunks;
   OpacityValues opacity;
-  if (opacity_chunk) {
-    SPLATVOL_TRY_ASSIGN(decoded, decode_opacity(kernel, *opacity_chunk, points, what));
-    opacity = std::move(decoded);
-  }
+  if (opacity_chunk) SPLATVOL_TRY_SET(opacity, decode_opacity(kernel, *opacity_chunk, points, what));
   if (kernel == KernelKind::moments) return decode_value_moments(values, std::move(opacity), points, what);
   std::vector<float>& stored = stored_of_thread();
   thread_local std::vector<std::uint32_t> directions;

@@ -10,6 +10,7 @@
 
 #include "base/part_table.h"
 #include "tests/support/fault_source.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 
 namespace splatvol::test {

@@ -4,6 +4,8 @@
 
 #include <thread>
 
+#include "tests/support/memory_source.h"
+
 namespace splatvol::test {
 namespace {
 

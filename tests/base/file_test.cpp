@@ -28,6 +28,7 @@
 #include "base/locked_file.h"
 #include "base/replaceable.h"
 #include "base/temporary_names.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 

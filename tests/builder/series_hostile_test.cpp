@@ -15,6 +15,7 @@
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/series_check.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 #include "tests/support/volume_bytes.h"

@@ -9,6 +9,7 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "tests/format/allocation_counter.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 #include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"

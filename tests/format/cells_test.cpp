@@ -17,6 +17,7 @@
 #include "format/volume.h"
 #include "tests/format/allocation_counter.h"
 #include "tests/support/explorer.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/opened_files.h"
 #include "tests/support/results.h"
 #include "tests/support/sanitizers.h"

@@ -7,6 +7,7 @@
 
 #include "base/file.h"
 #include "format/volume.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
 #include "tests/support/volume_bytes.h"

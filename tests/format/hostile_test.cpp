@@ -13,6 +13,7 @@
 #include "tests/format/allocation_counter.h"
 #include "tests/support/explorer.h"
 #include "tests/support/long.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
 #include "tests/support/volume_bytes.h"

@@ -7,6 +7,7 @@
 #include <map>
 
 #include "format/series_index.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 #include "tests/support/test_volume.h"
 #include "tests/support/volume_bytes.h"

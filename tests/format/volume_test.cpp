@@ -12,6 +12,7 @@
 #include "tests/format/allocation_counter.h"
 #include "tests/support/fault_source.h"
 #include "tests/support/long.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 #include "tests/support/sanitizers.h"
 #include "tests/support/temp_folder.h"

@@ -4,6 +4,7 @@
 #include "builder/sources/csv_table.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/read_source.h"
+#include "tests/support/memory_source.h"
 
 using namespace splatvol;
 using splatvol::fuzz::require;

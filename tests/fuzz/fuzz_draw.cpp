@@ -19,6 +19,7 @@
 #include "streamer/splats/streamer.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/svol_mutator.h"
+#include "tests/support/memory_source.h"
 
 using namespace splatvol;
 using splatvol::fuzz::require;

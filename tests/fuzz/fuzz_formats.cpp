@@ -12,6 +12,7 @@
 #include "builder/sources/vtk/plot3d_format.h"
 #include "builder/sources/vtk/surface_checks.h"
 #include "tests/fuzz/fuzz.h"
+#include "tests/support/memory_source.h"
 
 using namespace splatvol;
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "base/json.h"
 #include "renderer/transfer_table.h"
 #include "scene/color_map_file.h"
 #include "scene/scene.h"
@@ -71,8 +72,8 @@ void check_color_maps(const std::string& text) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string text(reinterpret_cast<const char*>(data), size);
   check_color_maps(text);
-  if (const auto alone = parse_camera(text))
-    require(parse_camera(camera_to_json(*alone)) == *alone, "a camera file comes back");
+  if (const auto alone = read_json(text, read_camera); alone && make_view(*alone, 1, 1))
+    require(read_json(camera_to_json(*alone), read_camera) == *alone, "a camera file comes back");
   const auto used = parse_used_scene(text);
   const auto scene = parse_scene(text);
   require(used.has_value() == scene.has_value(), "a scene's use is part of it");
@@ -86,7 +87,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto used_again = parse_used_scene(to_json(*used, -1));
   require_ok(used_again, "a written use can be read");
   require(used_again->use == used->use && is_same(used_again->scene, *scene), "a scene's use comes back");
-  const auto camera = parse_camera(camera_to_json(scene->camera));
+  const auto camera = read_json(camera_to_json(scene->camera), read_camera);
   require(camera && *camera == scene->camera, "a camera comes back");
 
   const auto view = make_view(*scene);

@@ -17,6 +17,7 @@
 #include "scene/scene.h"
 #include "tests/fuzz/foreign_seeds.h"
 #include "tests/fuzz/fuzz.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
 

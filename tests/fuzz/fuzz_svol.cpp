@@ -4,6 +4,7 @@
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/svol_mutator.h"
 #include "tests/support/explorer.h"
+#include "tests/support/memory_source.h"
 
 using namespace splatvol;
 

@@ -2,6 +2,7 @@
 #include "base/file.h"
 #include "builder/sources/vdb_header.h"
 #include "tests/fuzz/fuzz.h"
+#include "tests/support/memory_source.h"
 
 using namespace splatvol;
 

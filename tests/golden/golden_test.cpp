@@ -11,6 +11,7 @@
 #include "format/volume.h"
 #include "tests/golden/golden_files.h"
 #include "tests/support/long.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 #include "tests/support/surgery.h"
 #include "tests/support/volume_bytes.h"

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <numeric>
+#include <span>
+#include <vector>
 
 #include "splatvol/build.h"
 #include "tests/library/lattice.h"
@@ -115,6 +117,39 @@ TEST_F(OpenFile, FollowsALine) {
   EXPECT_THAT(file.sample_line(start, end, {"w"}).error().message, HasSubstr("no attribute \"w\""));
   ASSERT_TRUE(build(lattice_.mesh(), path_, {.keep_cells = false}));
   EXPECT_THAT(open().sample_line(start, end).error().message, HasSubstr("keeps no cells"));
+}
+
+TEST_F(OpenFile, GivesTheCellsOfTheMesh) {
+  const CellMesh mesh = open().cells().value();
+  EXPECT_EQ(mesh.points.size(), 13 * 13 * 13);
+  ASSERT_EQ(mesh.point_values.size(), 1);
+  EXPECT_EQ(mesh.point_values[0].unit, "m/s");
+  for (std::size_t i = 0; i < mesh.points.size(); ++i) {
+    const dvec3& p = mesh.points[i];
+    EXPECT_EQ(mesh.point_values[0].numbers[i], static_cast<float>(Lattice::field(p.x, p.y, p.z)));
+  }
+  // A mesh of the library again.
+  std::vector<double> positions;
+  for (const dvec3& p : mesh.points) positions.insert(positions.end(), {p.x, p.y, p.z});
+  const MeshArrays arrays{.points = std::span<const double>(positions),
+                          .connectivity = mesh.connectivity,
+                          .offsets = mesh.offsets,
+                          .types = mesh.types,
+                          .point_values = {{"v", std::span<const double>(mesh.point_values[0].numbers)}}};
+  EXPECT_EQ(message_of(build(arrays, folder_.path("again.svol"), {.exact = true})), "");
+  const CellMesh again = File::open(folder_.path("again.svol")).value().cells().value();
+  EXPECT_TRUE(again.points == mesh.points && again.connectivity == mesh.connectivity && again.types == mesh.types);
+  EXPECT_THAT(message_of(open().cells({.box = Box{dvec3(7), dvec3(8)}})), HasSubstr("no cells in the box"));
+}
+
+TEST_F(OpenFile, GivesTheSurfaceOfAValue) {
+  const ContourMesh contour = open().contour(2.5, "v").value();
+  ASSERT_GT(contour.triangles.size(), 100);
+  for (const dvec3& p : contour.points) EXPECT_NEAR(Lattice::field(p.x, p.y, p.z), 2.5, 1e-6);
+  for (const double value : contour.point_values.at(0).numbers) EXPECT_EQ(value, 2.5);
+  EXPECT_THAT(message_of(open().contour(7, "v")), HasSubstr("nowhere 7"));
+  EXPECT_THAT(message_of(open().contour(1, "q")), HasSubstr("attribute"));
+  EXPECT_THAT(message_of(open().contour(std::nan(""), "v")), HasSubstr("no value of a contour"));
 }
 
 TEST_F(OpenFile, TellsWhatIsNotThere) {

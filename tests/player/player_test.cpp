@@ -64,6 +64,13 @@ class PlayerOfALattice : public testing::Test {
     return drawn(player);
   }
 
+  static Status set_memory(Player& player, std::uint64_t bytes) {
+    PlayerOptions options = player.options();
+    options.memory = bytes;
+    SPLATVOL_TRY_ASSIGN(file, player.reader(player.scene(), options)());
+    return player.replace(std::move(file));
+  }
+
   static inline std::optional<test::TempFolder> folder;
 };
 
@@ -90,7 +97,7 @@ TEST_F(PlayerOfALattice, WhatIsRefusedStaysAsItWas) {
   const Status refused = player->set_scene(scene);
   ASSERT_FALSE(refused);
   EXPECT_THAT(refused.error().message, HasSubstr("no such"));
-  EXPECT_FALSE(player->set_memory(1000));
+  EXPECT_FALSE(set_memory(*player, 1000));
   EXPECT_FALSE(player->show_step(0)) << "the file is no series";
   scene = player->scene();
   scene.width = 0;
@@ -114,7 +121,7 @@ TEST_F(PlayerOfALattice, SceneMemoryAndKernelChange) {
   ASSERT_TRUE(player->set_drawing({.kernel = KernelKind::octant}));
   EXPECT_GT(compare_images(drawn(*player), before)->rmse, 1e-4);
   ASSERT_TRUE(player->set_drawing({.kernel = KernelKind::moments}));
-  ASSERT_TRUE(player->set_memory(player->options().memory / 2));
+  ASSERT_TRUE(set_memory(*player, player->options().memory / 2));
   EXPECT_EQ(compare_images(drawn(*player), before)->max, 0);
 }
 

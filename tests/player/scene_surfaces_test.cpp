@@ -6,6 +6,7 @@
 
 #include "base/file.h"
 #include "format/boundary.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol {

@@ -10,6 +10,7 @@
 #include "tests/streamer/fixture.h"
 #include "tests/support/fault_source.h"
 #include "tests/support/long.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/random.h"
 #include "tests/support/temp_folder.h"
 

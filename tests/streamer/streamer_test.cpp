@@ -11,6 +11,7 @@
 #include <set>
 
 #include "tests/streamer/fixture.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 
 namespace splatvol::test {

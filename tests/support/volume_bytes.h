@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "format/volume.h"
+#include "tests/support/memory_source.h"
 
 namespace splatvol::test {
 

@@ -72,6 +72,7 @@ Files open_foam() {
 
 struct Readme : ProgramTest {
   void SetUp() override {
+    ::setenv("SPLATVOL_CACHE", path("cache").c_str(), 1);
     for (const Files& files : {plot3d(), open_foam()})
       for (const auto& [name, content] : files) write(name, content);
     expect_done("svgen mesh --cells 3e4 --pieces 2 -o pieces");
@@ -84,6 +85,8 @@ struct Readme : ProgramTest {
     inputs_ = files_here();
     server_ = Nginx::start(folder_);
   }
+
+  void TearDown() override { ::unsetenv("SPLATVOL_CACHE"); }
 
   [[nodiscard]] Files files_here() const {
     Files files;

@@ -10,6 +10,7 @@
 #include "format/volume.h"
 #include "scene/scene.h"
 #include "streamer/first/default_scene.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/program_json.h"
 #include "tests/support/results.h"
 #include "tests/support/surgery.h"

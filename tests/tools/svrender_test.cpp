@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -277,6 +278,61 @@ TEST_F(Svrender, BothKernelsDrawAndAreLit) {
     const Image diffuse = picture({{"ambient", 0}, {"diffuse", 1}});
     EXPECT_LT(diffuse.at(32, 24).r, unlit.at(32, 24).r) << kernel;
   }
+}
+
+// Meshes, which svbuild converts into a cache of this test.
+struct SvrenderOfMeshes : Svrender {
+  void SetUp() override {
+    ::setenv("SPLATVOL_CACHE", path("cache").c_str(), 1);
+    std::filesystem::create_directory(path("cache"));
+    ProgramTest::expect_done("svgen mesh --cells 3000 --pieces 2 -o mesh");
+  }
+  void TearDown() override { ::unsetenv("SPLATVOL_CACHE"); }
+};
+
+TEST_F(SvrenderOfMeshes, AreConvertedOnce) {
+  for (const std::string& files : {"mesh/piece0.vtu", "mesh/piece0.vtu mesh/piece1.vtu", "mesh"}) {
+    ProgramTest::expect_done("svbuild " + files + " --boundary -o built.svol && svrender built.svol -o built.exr");
+    const Outcome first = run(files + " -o first.exr");
+    EXPECT_EQ(first.code, 0) << first.text;
+    EXPECT_THAT(first.err, HasSubstr("is kept for the next picture"));
+    const Outcome second = run(files + " -o second.exr");
+    EXPECT_EQ(second.code, 0) << second.text;
+    EXPECT_EQ(second.err, "");
+    EXPECT_EQ(compare_images(picture_of("first.exr"), picture_of("built.exr"))->max, 0) << files;
+    EXPECT_EQ(compare_images(picture_of("first.exr"), picture_of("second.exr"))->max, 0) << files;
+  }
+}
+
+TEST_F(SvrenderOfMeshes, HaveAllStepsWhereOneIsAskedFor) {
+  ProgramTest::expect_done("mv mesh/piece0.vtu a_0.vtu && cp a_0.vtu a_1.vtu");
+  write("a.pvd", R"(<VTKFile type="Collection" version="0.1"><Collection><DataSet timestep="1" file="a_0.vtu"/>)"
+                 R"(<DataSet timestep="2" file="a_1.vtu"/></Collection></VTKFile>)");
+  EXPECT_EQ(run("a.pvd --step 0 -o a.exr").code, 0);
+  EXPECT_THAT(run("a.pvd --step 2 -o a.exr").err, HasSubstr("the last"));
+}
+
+TEST_F(SvrenderOfMeshes, FailAsSvbuildDoes) {
+  write("bad.vtu", "nonsense");
+  write("s.json", "{}");
+  expect_refusal("bad.vtu -o no.png", "bad.vtu");
+  expect_refusal("none.vtu -o no.png", "none.vtu");
+  expect_refusal("https://host.invalid/mesh.vtu -o no.png", "download it first");
+  expect_refusal("mesh/piece0.vtu s.json -o no.png", "s.json");
+  ::setenv("SPLATVOL_MEMORY", "much", 1);
+  expect_refusal("mesh/piece0.vtu -o no.png", "SPLATVOL_MEMORY: 'much' is not a size");
+  ::unsetenv("SPLATVOL_MEMORY");
+}
+
+TEST_F(SvrenderOfMeshes, ATemporaryFileDrawsWithoutACache) {
+  ::setenv("SPLATVOL_CACHE", "", 1);
+  ::setenv("TMPDIR", path().c_str(), 1);
+  const Outcome drawn = run("mesh/piece0.vtu -o a.exr");
+  ::unsetenv("TMPDIR");
+  EXPECT_EQ(drawn.code, 0) << drawn.text;
+  EXPECT_THAT(drawn.err, HasSubstr("the file is temporary"));
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(path()))
+    EXPECT_NE(entry.path().extension(), ".svol") << "it goes with svrender";
 }
 
 TEST_F(Svrender, FramesNeedATaker) {

@@ -73,8 +73,13 @@ TEST_F(SlowFilesInAWindow, AServerThatStallsIsGivenUpByAKey) {
   EXPECT_EQ(opened(), path("v.svol")) << "the file before stays";
   EXPECT_GT(compare_images(screen(), before)->rmse, 0.001) << "words tell of it";
 
+  press(key::f1);
+  press(key::escape);
+  frame({});
+  EXPECT_FALSE(viewer->is_settled()) << "the list of keys began after it";
   press(key::escape);
   settle();
+  EXPECT_TRUE(viewer->messages().all().empty());
   EXPECT_EQ(opened(), path("v.svol"));
   EXPECT_EQ(compare_images(screen(), before)->max, 0);
 }
@@ -95,6 +100,8 @@ TEST_F(SlowFilesInAWindow, WhatCannotBeOpenedLeavesTheFileBefore) {
   frame({FilesDropped{{path("no-such.svol")}}});
   settle();
   EXPECT_EQ(opened(), path("v.svol"));
+  ASSERT_EQ(viewer->messages().toasts().size(), 1u);
+  EXPECT_THAT(viewer->messages().toasts()[0].text, HasSubstr("no-such.svol"));
 }
 
 TEST_F(SlowFilesInAWindow, TheDialogOpensAFileByItsPathAndByAClick) {

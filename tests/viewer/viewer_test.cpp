@@ -390,6 +390,9 @@ TEST_F(ViewerTest, FilmsATurn) {
   for (int i = 0; i < 10; ++i) frame({});
   EXPECT_TRUE(fs::exists("v.mp4.frames/frame-0000.png"));
   EXPECT_NE(scene().camera, before);
+  press(key::f1);
+  press(key::escape);
+  EXPECT_TRUE(fs::exists("v.mp4.frames")) << "the list of keys began after it";
   press(key::escape);
   settle();
   EXPECT_EQ(scene().camera, before);
@@ -671,6 +674,9 @@ TEST_F(ViewerTest, APictureThatIsTooLargeIsReported) {
   settle();
   ASSERT_FALSE(viewer->drawn());
   EXPECT_THAT(viewer->drawn().error().message, HasSubstr("GPU memory"));
+  ASSERT_EQ(viewer->messages().toasts().size(), 1U);
+  EXPECT_EQ(viewer->messages().toasts()[0].text, viewer->drawn().error().message);
+  EXPECT_EQ(viewer->messages().toasts()[0].times, 1) << "not in each frame";
   EXPECT_EQ(viewer->session()->frame(), nullptr);
   for (const int code : {'R', 'H', 'B', 'L'}) press(code);
   settle();

@@ -21,21 +21,13 @@ struct CellsReport {
   std::uint64_t file_bytes = 0;
 };
 
-/// Writes the cells that meet the selection's box, in the order of the file, with their corners as points, in the order
-/// of their ranks, and for each selected attribute the values there, in double precision (NaN: missing). A cell meets
-/// the box if the box round its corners does, as they are stored. The corners of a cell stand in an order that gives it
-/// a positive volume. Polyhedra are written as their tetrahedra. So are cells whose positions, as they are stored, make
-/// svbuild choose other diagonals than the file has. The selection's resolution does not matter.
-/// Cells of their own (svbuild --cells own) have values themselves, and their corners have none.
+/// Writes the cells of a CellExtraction with their points and values.
 ///
-/// Reads nothing of chunks of cells and pages outside of the box. Reads each chunk of cells once: ranks of corners go
-/// into the file first, and become numbers of points once all points are known.
-///
-/// Holds about 200 MiB, 2 MiB for each attribute, and 1.25 bits for each point of those pages of ranks that the cells
-/// name. A temporary file beside `path` takes 8 bytes for each cell of its own. The output is of the version 1.0 with
-/// appended raw data, and has the mark of an export (base/replaceable.h). It appears whole or not at all. It does not
-/// depend on threads. Fails if the file keeps no cells, if it has cells of their own and others, if none meets the box,
-/// if the selection has two attributes of one name, or if `path` may not be replaced.
+/// Each chunk of cells is read once: ranks of corners go into the file first, and become numbers of points once all
+/// points are known. A temporary file beside `path` takes 8 bytes for each cell of its own. The output is of the
+/// version 1.0 with appended raw data, and has the mark of an export (base/replaceable.h). It appears whole or not at
+/// all. Fails as CellExtraction does, if the selection has two attributes of one name, or if `path` may not be
+/// replaced.
 [[nodiscard]] Result<CellsReport> export_cells(const format::Volume& volume, const std::string& path,
                                                const format::SplatSelection& selection,
                                                const std::function<void(double)>& progress,

@@ -45,15 +45,14 @@ Result<vec3> in_single_precision(const dvec3& point, const std::string& path) {
 // Header, XML and raw numbers.
 class VtpFile final : public SurfaceFile {
  public:
-  VtpFile(AtomicFile file, std::vector<TempFile> parts, std::span<const Attribute> attributes)
-      : file_(std::move(file)), parts_(std::move(parts)), attributes_(attributes.begin(), attributes.end()) {}
+  VtpFile(AtomicFile file, std::vector<TempFile> parts, std::span<const OutputArray> arrays)
+      : file_(std::move(file)), parts_(std::move(parts)), arrays_(arrays.begin(), arrays.end()) {}
 
   Status write(const SurfacePart& part) override {
     triangles_ += part.triangles.size();
     SPLATVOL_TRY(parts_[0].append(std::as_bytes(part.points)));
     SPLATVOL_TRY(parts_[1].append(std::as_bytes(part.triangles)));
-    for (std::size_t a = 0; a < attributes_.size(); ++a)
-      SPLATVOL_TRY(parts_[2 + a].append(std::as_bytes(part.values[a])));
+    for (std::size_t a = 0; a < arrays_.size(); ++a) SPLATVOL_TRY(parts_[2 + a].append(std::as_bytes(part.values[a])));
     return {};
   }
 
@@ -87,8 +86,8 @@ class VtpFile final : public SurfaceFile {
     const std::string points = array("Float64", "Points", 3, parts_[0].size());
     const std::string connectivity = array("Int64", "connectivity", 1, parts_[1].size());
     std::string values;
-    for (std::size_t a = 0; a < attributes_.size(); ++a)
-      values += array("Float64", attributes_[a].name, 1, parts_[2 + a].size(), attributes_[a].unit);
+    for (std::size_t a = 0; a < arrays_.size(); ++a)
+      values += array("Float64", arrays_[a].name, arrays_[a].components(), parts_[2 + a].size(), arrays_[a].unit);
     const std::string ends = array("Int64", "offsets", 1, triangles_ * sizeof(std::uint64_t));
     return fmt::format(
         "<?xml version=\"1.0\"?>\n{}\n"
@@ -101,8 +100,8 @@ class VtpFile final : public SurfaceFile {
   }
 
   AtomicFile file_;
-  std::vector<TempFile> parts_;  // points, connectivity, then the values of each attribute
-  std::vector<Attribute> attributes_;
+  std::vector<TempFile> parts_;  // points, connectivity, then the values of each array
+  std::vector<OutputArray> arrays_;
 };
 
 // 80 bytes, the number of triangles, and 50 bytes for each.
@@ -221,19 +220,19 @@ class GlbFile final : public SurfaceFile {
 
 }  // namespace
 
-Result<std::unique_ptr<SurfaceFile>> SurfaceFile::create(const std::string& path, std::span<const Attribute> attributes,
+Result<std::unique_ptr<SurfaceFile>> SurfaceFile::create(const std::string& path, std::span<const OutputArray> arrays,
                                                          Replace replace) {
   static_assert(sizeof(vec3) == 3 * sizeof(float), "positions are written as they are");
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, replace));
   if (has_extension(path, ".stl")) return StlFile::begin(std::move(file), path);
   std::vector<TempFile> parts;
-  for (std::size_t i = 0; i < 2 + attributes.size(); ++i) {
+  for (std::size_t i = 0; i < 2 + arrays.size(); ++i) {
     SPLATVOL_TRY_ASSIGN(part, temp_file_beside(path));
     parts.push_back(std::move(part));
   }
   if (has_extension(path, ".glb"))
     return std::make_unique<GlbFile>(std::move(file), std::move(parts[0]), std::move(parts[1]), path);
-  return std::make_unique<VtpFile>(std::move(file), std::move(parts), attributes);
+  return std::make_unique<VtpFile>(std::move(file), std::move(parts), arrays);
 }
 
 }  // namespace splatvol

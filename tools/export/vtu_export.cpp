@@ -10,6 +10,7 @@
 
 #include "base/file.h"
 #include "base/names.h"
+#include "extractor/output_arrays.h"
 #include "tools/export/vtu_file.h"
 
 namespace splatvol {
@@ -44,14 +45,17 @@ dvec3 unit(const vec3& direction) { return direction == vec3(0) ? dvec3(0) : glm
 // The arrays of the file.
 class PointArrays {
  public:
-  PointArrays(const format::Volume& volume, const format::SplatSelection& selection) : selection_(selection) {
+  PointArrays(const format::Volume& volume, const format::SplatSelection& selection)
+      : selection_(selection), arrays_(output_arrays(volume.info(), selection)) {
     vtu_.add({.of = VtuArray::Of::points, .name = "Points", .components = 3});
     const format::VolumeInfo& info = volume.info();
     for (std::size_t i = 0; i < selection.attributes.size(); ++i) {
       attributes_.push_back(info.attributes[selection.attributes[i]]);
       attributes_.back().name = selection.names[i];
-      vtu_.add({.name = attributes_.back().name, .unit = attributes_.back().unit});
-      taken_.insert(escape_xml(selection.names[i]));
+    }
+    for (const OutputArray& array : arrays_) {
+      vtu_.add({.name = array.name, .components = array.components(), .unit = array.unit});
+      taken_.insert(escape_xml(array.name));
     }
     add_own({.name = "mass"});
     add_own({.name = "centroid", .components = 3});
@@ -84,8 +88,11 @@ class PointArrays {
       report.mass += group.shapes[i].mass;
       auto column = columns.begin();
       append(*column++, group.positions[i]);
-      for (std::size_t a = 0; a < attributes_.size(); ++a)
-        (column++)->push_back(attributes_[a].value(static_cast<double>(group.values[a][i])));
+      for (const OutputArray& array : arrays_) {
+        for (const std::size_t a : array.members)
+          column->push_back(attributes_[a].value(static_cast<double>(group.values[a][i])));
+        ++column;
+      }
       const SplatShape& shape = group.shapes[i];
       const dmat3 axes = glm::mat3_cast(shape.orientation);
       dmat3 covariance(0);
@@ -144,6 +151,7 @@ class PointArrays {
   }
 
   const format::SplatSelection& selection_;
+  std::vector<OutputArray> arrays_;  // of values
   std::vector<format::Attribute> attributes_;
   std::vector<bool> has_direction_;  // [attribute]
   VtuFile vtu_;
@@ -177,7 +185,7 @@ Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& pa
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
       return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
                   volume.info().attributes[a].name);
-  SPLATVOL_TRY(check_vtu_names(volume.name(), selection.names));
+  SPLATVOL_TRY(check_vtu_names(volume.name(), names_of(output_arrays(volume.info(), selection))));
   PointArrays arrays(volume, selection);
   SPLATVOL_TRY_ASSIGN(points, count_points(volume, selection, [&](double done) { progress(done / 4); }));
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path, AtomicFile::Unnamed::if_possible, replace));

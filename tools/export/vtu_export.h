@@ -21,7 +21,7 @@ struct VtuReport {
 };
 
 /// Writes the points in the box, in file order, as vertices with these arrays in double precision:
-/// - for each selected attribute A, its value (NaN: missing);
+/// - for each selected attribute A, its value (NaN: missing); the components of a vector together (output_arrays);
 /// - "mass", "centroid", "covariance" (XX, YY, ZZ, XY, YZ, XZ) of the point's material at the selection's resolution;
 /// - for each A, over the material that has a value: "A mean", "A deviation" (standard deviation) and "A covariance"
 ///   (with the position), NaN if there is no such material;

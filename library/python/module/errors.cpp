@@ -2,6 +2,9 @@
 
 #include <nanobind/nanobind.h>
 
+#include <cerrno>
+#include <cstring>
+
 #include "library/python/module/text.h"
 
 namespace splatvol::python {
@@ -9,10 +12,11 @@ namespace {
 
 namespace nb = nanobind;
 
-const char* exception_name(ErrorCode code) {
-  switch (code) {
+const char* exception_name(const Error& error) {
+  switch (error.code) {
     case ErrorCode::io:
-      return "FileError";
+      // The system's own words end the message (base/descriptor.h).
+      return error.message.ends_with(std::strerror(ENOENT)) ? "MissingFileError" : "FileError";
     case ErrorCode::invalid_data:
       return "InvalidDataError";
     case ErrorCode::unsupported:
@@ -32,7 +36,7 @@ const char* exception_name(ErrorCode code) {
 }  // namespace
 
 void raise(const Error& error) {
-  const nb::object type = nb::module_::import_("splatvol.errors").attr(exception_name(error.code));
+  const nb::object type = nb::module_::import_("splatvol.errors").attr(exception_name(error));
   PyErr_SetObject(type.ptr(), text_of(error.message).ptr());
   throw nb::python_error();
 }

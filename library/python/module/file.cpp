@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "library/python/module/arrays.h"
+#include "library/python/module/dicts.h"
 #include "library/python/module/errors.h"
 #include "library/python/module/interruptible_call.h"
 #include "library/python/module/module.h"
@@ -107,6 +108,44 @@ OutArray<double> sample(const SharedFile& file,
   return take(file.read([&](const File& opened) { return opened.sample(where, attribute, resolution); }));
 }
 
+// [name, numbers]: (n,), or (n, k) of a vector.
+nb::list arrays_of(std::vector<MeshValues> arrays) {
+  nb::list list;
+  for (MeshValues& array : arrays) {
+    const std::size_t rows = array.numbers.size() / array.components;
+    list.append(nb::make_tuple(array.name, array.components == 1
+                                               ? take(std::move(array.numbers))
+                                               : take<double>(std::move(array.numbers), {rows, array.components})));
+  }
+  return list;
+}
+
+MeshRequest mesh_request(const std::vector<std::string>& attributes,
+                         const std::optional<std::pair<Corner, Corner>>& box) {
+  MeshRequest request{.attributes = attributes};
+  if (box) request.box = Box{vector_of(box->first), vector_of(box->second)};
+  return request;
+}
+
+nb::dict read_cells(const SharedFile& file, const std::vector<std::string>& attributes,
+                    const std::optional<std::pair<Corner, Corner>>& box) {
+  CellMesh mesh = file.read([&](const File& opened) { return opened.cells(mesh_request(attributes, box)); });
+  return dict_of("points", take(std::move(mesh.points)), "connectivity", take(std::move(mesh.connectivity)), "offsets",
+                 take(std::move(mesh.offsets)), "types", take(std::move(mesh.types)), "point_values",
+                 arrays_of(std::move(mesh.point_values)), "cell_values", arrays_of(std::move(mesh.cell_values)),
+                 "left_out", mesh.left_out, "split", mesh.split);
+}
+
+nb::dict read_contour(const SharedFile& file, double value, const std::string& attribute,
+                      const std::vector<std::string>& attributes, const std::optional<std::pair<Corner, Corner>>& box) {
+  ContourMesh mesh =
+      file.read([&](const File& opened) { return opened.contour(value, attribute, mesh_request(attributes, box)); });
+  const std::size_t triangles = mesh.triangles.size();
+  return dict_of("points", take(std::move(mesh.points)), "triangles",
+                 take<std::int64_t>(std::move(mesh.triangles), {triangles, 3}), "point_values",
+                 arrays_of(std::move(mesh.point_values)), "left_out", mesh.left_out);
+}
+
 nb::dict sample_line(const SharedFile& file, const Corner& start, const Corner& end,
                      const std::vector<std::string>& attributes, std::optional<std::size_t> samples) {
   LineSamples line = file.read(
@@ -166,6 +205,8 @@ void add_file(nb::module_& module) {
            "material"_a)
       .def("sample", &sample, "positions"_a.noconvert(), "attribute"_a, "resolution"_a.none())
       .def("sample_line", &sample_line, "start"_a, "end"_a, "attributes"_a, "samples"_a.none())
+      .def("cells", &read_cells, "attributes"_a, "box"_a.none())
+      .def("contour", &read_contour, "value"_a, "attribute"_a, "attributes"_a, "box"_a.none())
       .def("verify", &verify, "progress"_a.none())
       .def("file_bytes", [](const SharedFile& file) { return file.look([](const File& f) { return f.file_bytes(); }); })
       .def("bytes_read",

@@ -8,6 +8,7 @@ NB_MODULE(_core, module) {
   module.doc() = "The C++ part of splatvol. Use the package splatvol instead.";
   module.attr("version") = SPLATVOL_VERSION;
   splatvol::python::add_build(module);
+  splatvol::python::add_conversion(module);
   splatvol::python::add_file(module);
   splatvol::python::add_pictures(module);
   splatvol::python::add_renderer(module);

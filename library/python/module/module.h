@@ -6,6 +6,7 @@
 namespace splatvol::python {
 
 void add_build(nanobind::module_& module);
+void add_conversion(nanobind::module_& module);
 void add_file(nanobind::module_& module);
 void add_pictures(nanobind::module_& module);
 void add_renderer(nanobind::module_& module);

@@ -18,12 +18,14 @@ from .errors import (
     FileError,
     InvalidArgumentError,
     InvalidDataError,
+    MissingFileError,
     OutOfBudgetError,
     UnsupportedError,
 )
 
 __all__ = [
     "Attribute", "BuildReport", "CancelledError", "DeviceError", "Error", "File", "FileError", "Frame",
-    "InvalidArgumentError", "InvalidDataError", "LineSamples", "OutOfBudgetError", "Points", "Statistics", "Step",
-    "UnsupportedError", "__version__", "build", "build_mesh", "build_series", "check_scene", "open", "save", "show", "to_srgb8",
+    "InvalidArgumentError", "InvalidDataError", "LineSamples", "MissingFileError", "OutOfBudgetError", "Points",
+    "Statistics", "Step", "UnsupportedError", "__version__", "build", "build_mesh", "build_series", "check_scene",
+    "open", "save", "show", "to_srgb8",
 ]

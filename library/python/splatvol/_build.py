@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from ._arguments import as_number, refuse_unknown
 from ._vtk_arrays import MeshArrays, arrays_of_mesh
 from .errors import InvalidArgumentError
 
@@ -104,11 +105,14 @@ def _cells(cells: Cells) -> Tuple[NDArray[np.int64], NDArray[np.int64], NDArray[
 def _named(values: Mapping[str, ArrayLike], units: Mapping[str, str], rows: int, what: str) -> List[Any]:
     named = []
     for name, array in values.items():
+        unit = units.get(name, "")
+        if not isinstance(name, str) or not isinstance(unit, str):
+            raise TypeError(f"{name!r} with the unit {unit!r}: names and units are texts")
         numbers = _floats(array)
         if numbers.ndim not in (1, 2) or numbers.shape[0] != rows:
             shapes = f"({rows},) or ({rows}, k)"
             raise InvalidArgumentError(f"{name}: {rows} {what} need the shape {shapes}, not {numbers.shape}")
-        named.append(_core.NamedValues(name, numbers, units.get(name, "")))
+        named.append(_core.NamedValues(name, numbers, unit))
     return named
 
 
@@ -163,7 +167,7 @@ def build(
         strict=strict, memory=memory, temp_folder=temp_folder, up=up,
         boundary_triangles=boundary_triangles, keep_cells=keep_cells,
     )
-    return _build(mesh, path, options, progress)
+    return build_arrays(mesh, path, options, progress)
 
 
 def build_mesh(
@@ -182,7 +186,7 @@ def build_mesh(
 
     Raises ``InvalidArgumentError`` if it is no data set, lacks an array or has ghost cells; else as ``build``.
     """
-    return _build(arrays_of_mesh(mesh, arrays), path, options, progress)
+    return build_arrays(arrays_of_mesh(mesh, arrays), path, options, progress)
 
 
 def build_series(
@@ -210,16 +214,7 @@ def build_series(
     ``InvalidArgumentError`` or ``InvalidDataError`` if times do not rise, steps differ in their names, or the file has
     another mesh.
     """
-    mesh = _mesh(points, cells)
-    units = options.pop("units", {})
-    listed = [Step(*step) for step in steps]
-    for step in listed:
-        _check_units(units, step.values, step.cell_values)
-    named = [_core.Step(step.time, *_both_named(step.values, step.cell_values, units, mesh)) for step in listed]
-    report = _core.build_series(
-        _core_mesh(mesh, units), named, os.fsencode(path), _core_options(options), append, progress
-    )
-    return _report(report, path)
+    return build_steps(_mesh(points, cells), [Step(*step) for step in steps], path, options, append, progress)
 
 
 def _mesh(points: ArrayLike, cells: Cells) -> MeshArrays:
@@ -257,13 +252,13 @@ _OPTIONS = {
 }
 
 
-def _core_options(options: Mapping[str, Any]) -> Any:
+def _core_options(options: Mapping[str, Any], name: str) -> Any:
     if len(options.get("up") or "") > 1:
         raise InvalidArgumentError(f"up {options['up']!r}: take x, y or z")
+    refuse_unknown("the build", options, _OPTIONS | {"units", "progress"})
     core_options = _core.BuildOptions()
+    core_options.name = name
     for name, value in options.items():
-        if name not in _OPTIONS:
-            raise TypeError(f"builds have no option {name!r}")
         if value is None:
             continue
         as_core = {"missing": list, "temp_folder": os.fspath}.get(name)
@@ -275,10 +270,37 @@ def _report(report: Dict[str, Any], path: Union[str, "os.PathLike[str]"]) -> Bui
     return BuildReport(**{**report, "path": os.fsdecode(path), "census": dict(report["census"])})
 
 
-def _build(
-    mesh: MeshArrays, path: Union[str, "os.PathLike[str]"], options: Dict[str, Any], progress: Optional[Progress]
+def build_steps(
+    mesh: MeshArrays,
+    steps: List[Step],
+    path: Union[str, "os.PathLike[str]"],
+    options: Dict[str, Any],
+    append: bool,
+    progress: Optional[Progress],
+    name: str = "arrays",
 ) -> BuildReport:
+    """As ``build_series``. ``name``: of the mesh, for messages. The mesh's own values do not count."""
+    units = options.pop("units", {})
+    for step in steps:
+        _check_units(units, step.values, step.cell_values)
+    named = [
+        _core.Step(as_number("time", step.time), *_both_named(step.values, step.cell_values, units, mesh))
+        for step in steps
+    ]
+    shared = _core_mesh(mesh._replace(point_values={}, cell_values={}), units)
+    report = _core.build_series(shared, named, os.fsencode(path), _core_options(options, name), append, progress)
+    return _report(report, path)
+
+
+def build_arrays(
+    mesh: MeshArrays,
+    path: Union[str, "os.PathLike[str]"],
+    options: Dict[str, Any],
+    progress: Optional[Progress],
+    name: str = "arrays",
+) -> BuildReport:
+    """As ``build`` and ``build_mesh``. ``name``: of the mesh, for messages."""
     units = options.pop("units", {})
     _check_units(units, mesh.point_values, mesh.cell_values)
-    report = _core.build(_core_mesh(mesh, units), os.fsencode(path), _core_options(options), progress)
+    report = _core.build(_core_mesh(mesh, units), os.fsencode(path), _core_options(options, name), progress)
     return _report(report, path)

@@ -12,13 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from ._arguments import as_number, refuse_unknown
+from ._build import Progress
+from ._conversions import convert, is_mesh
+from ._data_sets import cells_data_set, contour_data_set, import_pyvista
 from ._renderers import DEFAULT_MEMORY, Quality, Renderer, Statistics
-from ._scenes import Scene, SceneLike, read_scene, with_size
+from ._scenes import Scene, SceneLike, read_scene, refuse_both, with_size
 from .errors import InvalidArgumentError
 
 if TYPE_CHECKING:
+    import pyvista as pv
     from typing_extensions import Unpack
 
+Path = Union[str, "os.PathLike[str]"]
 Vector = Tuple[float, float, float]
 Floats = NDArray[np.float64]
 
@@ -67,26 +73,56 @@ class Frame(NamedTuple):
     statistics: Statistics
 
 
+#: Options of ``File.render`` and ``File.frames`` that are not of the quality.
+_DRAWING = {"scene", "size", "attribute", "memory"}
+
+
+def _paths(path: Union[Path, Sequence[Path]]) -> List[str]:
+    if isinstance(path, (str, bytes, os.PathLike)):
+        return [os.fsdecode(path)]
+    return [os.fsdecode(one) for one in path]
+
+
 def _corner(corner: Sequence[float]) -> Vector:
     x, y, z = corner
     return float(x), float(y), float(z)
 
 
+def _corners(box: Optional[Tuple[Sequence[float], Sequence[float]]]) -> Optional[Tuple[Vector, Vector]]:
+    return None if box is None else (_corner(box[0]), _corner(box[1]))
+
+
+def _names(attributes: Optional[Sequence[str]]) -> List[str]:
+    return [attributes] if isinstance(attributes, str) else list(attributes or [])
+
+
 class File:
-    """An open .svol file, or an index of files (.svols); of a time series, at one of its steps.
+    """An open .svol file, or an index of files (.svols); of a time series, at one of its steps. Of a mesh, the file
+    that it was converted to.
 
     Each byte is checked before it is used. All calls may come from any thread: others go on while one reads or draws.
     Pictures are drawn one after another. Ctrl-C ends a call.
     """
 
     def __init__(
-        self, path: Union[str, "os.PathLike[str]"], *, step: Optional[int] = None, time: Optional[float] = None
+        self,
+        path: Union[Path, Sequence[Path]],
+        *,
+        step: Optional[int] = None,
+        time: Optional[float] = None,
+        progress: Optional[Progress] = None,
     ) -> None:
         """As ``open``."""
         if step is not None and time is not None:
             raise InvalidArgumentError("a step is chosen by its number or by its time, not by both")
-        self._path = os.fsdecode(path)
-        self._file = _core.File(os.fsencode(path))
+        paths = _paths(path)
+        if not paths:
+            raise InvalidArgumentError("no path: give that of a file")
+        self._path, self._keeper = paths[0], None
+        if is_mesh(paths):
+            self._path, self._keeper = convert(paths, step is not None or time is not None, progress)
+        self._opened: Optional[_core.File] = _core.File(os.fsencode(self._path))
+        self._name = self._opened.name() if self._keeper is None else paths[0]
         self._lock = threading.Lock()
         self._renderer: Optional[Renderer] = None
         if step is not None:
@@ -94,17 +130,42 @@ class File:
         if time is not None:
             self.show_time(time)
 
+    @property
+    def _file(self) -> _core.File:
+        if self._opened is None:
+            raise InvalidArgumentError(f"{self.name}: the file is closed: open it again")
+        return self._opened
+
+    def close(self) -> None:
+        """Gives back what the file holds: memory, and what was made to open it. Later calls raise
+        ``InvalidArgumentError``. Arrays and pictures stay, and so do iterators of ``frames``."""
+        with self._lock:
+            self._renderer = None
+            self._opened = None
+            if self._keeper is not None:
+                self._keeper.release()
+
+    def __enter__(self) -> File:
+        """Returns the file, which the end of a ``with`` block closes."""
+        self._file  # raises if it is closed
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def __repr__(self) -> str:
+        if self._opened is None:
+            return f"splatvol.open({self.name!r}): closed"
         return f"splatvol.open({self.name!r}): {self.point_count} points, {', '.join(a.name for a in self.attributes)}"
 
     @property
     def name(self) -> str:
-        """The name for messages: the path, or the address without user, password and query."""
-        return self._file.name()
+        """The name for messages: the path, or the address without user, password and query; of a mesh, its own path."""
+        return self._name
 
     @property
     def path(self) -> str:
-        """The path or address that was opened."""
+        """The path or address that was opened; of a mesh, the path of the .svol file that it was converted to."""
         return self._path
 
     @property
@@ -197,9 +258,7 @@ class File:
         Raises ``InvalidArgumentError`` if the file lacks the resolution or an attribute, ``FileError`` or
         ``InvalidDataError`` if it cannot be read.
         """
-        names = [attributes] if isinstance(attributes, str) else list(attributes or [])
-        corners = None if box is None else (_corner(box[0]), _corner(box[1]))
-        read = self._file.points(resolution, max_points, names, corners, material)
+        read = self._file.points(resolution, max_points, _names(attributes), _corners(box), material)
         names = read["names"]
         return Points(
             resolution=read["resolution"],
@@ -251,9 +310,48 @@ class File:
 
         Raises ``InvalidArgumentError`` if the file keeps no cells or lacks an attribute, or if the line has no length.
         """
-        names = [attributes] if isinstance(attributes, str) else list(attributes or [])
-        read = self._file.sample_line(_corner(start), _corner(end), names, samples)
+        read = self._file.sample_line(_corner(start), _corner(end), _names(attributes), samples)
         return LineSamples(read["arc_lengths"], read["positions"], dict(zip(read["names"], read["values"])))
+
+    def cells(
+        self,
+        attributes: Optional[Sequence[str]] = None,
+        box: Optional[Tuple[Sequence[float], Sequence[float]]] = None,
+    ) -> pv.UnstructuredGrid:
+        """Returns the cells that the file keeps, as a data set of PyVista with the values of attributes (None: all).
+        Its arrays are those that were read, not copies.
+
+        Hexahedra, pyramids, wedges and tetrahedra are what they were; polyhedra are split into their tetrahedra. A
+        vector is an array (n, 3), without its magnitude. Values are at the points, or in the cells where they have
+        values of their own. ``box``: its low and its high corner: cells whose own boxes meet it, and no others.
+
+        Raises ``InvalidArgumentError`` if the file keeps no cells, lacks an attribute or has nothing in the box;
+        ``UnsupportedError`` without PyVista.
+        """
+        pyvista = import_pyvista("cells()")
+        return cells_data_set(pyvista, self._file.cells(_names(attributes), _corners(box)), self.name)
+
+    def contour(
+        self,
+        value: float,
+        attribute: Optional[str] = None,
+        attributes: Optional[Sequence[str]] = None,
+        box: Optional[Tuple[Sequence[float], Sequence[float]]] = None,
+    ) -> pv.PolyData:
+        """Returns the surface on which an attribute (None: the first) has a value, in the cells that the file keeps: a
+        data set of PyVista with the values of ``attributes`` (None: all). Its arrays are those that were read.
+
+        The surface is that of the linear interpolation in each tetrahedron of the cells, exact up to rounding: closed,
+        but at the border of the mesh, of the ``box``, and of cells with a missing value. Vectors and ``box`` as for
+        ``cells``.
+
+        Raises ``InvalidArgumentError`` if the file keeps no cells, lacks an attribute, or has the value nowhere;
+        ``UnsupportedError`` if cells have values of their own, or without PyVista.
+        """
+        pyvista = import_pyvista("contour()")
+        name = self.attributes[0].name if attribute is None else attribute
+        read = self._file.contour(as_number("value", value), name, _names(attributes), _corners(box))
+        return contour_data_set(pyvista, read, self.name)
 
     def verify(self, progress: Optional[Callable[[float], Any]] = None) -> None:
         """Checks every byte of the file; of an index, of the files of all steps, and its units and ranges.
@@ -275,15 +373,15 @@ class File:
 
         ``attribute``: None: the one with most to see. ``size``: width and height of the picture, in pixels.
         """
-        width, height = size
         with self._lock:
-            return self._get_renderer(memory).fitting_scene(attribute or "", width, height)
+            return self._get_renderer(memory).fitting_scene(attribute, size)
 
     def render(
         self,
         scene: Optional[SceneLike] = None,
         size: Optional[Tuple[int, int]] = None,
         *,
+        attribute: Optional[str] = None,
         seconds: Optional[float] = None,
         depths: Optional[ArrayLike] = None,
         memory: int = DEFAULT_MEMORY,
@@ -291,8 +389,9 @@ class File:
     ) -> NDArray[np.float32]:
         """Draws the complete picture: (height, width, 4), linear premultiplied RGBA, row 0 at the top.
 
-        ``scene``: a dictionary or the path of a scene file (docs/scene.md); None: one that fits the data. ``size``:
-        width and height, instead of the scene's. The background is not applied: ``to_srgb8`` and ``save`` do that.
+        ``scene``: a dictionary or the path of a scene file (docs/scene.md); None: one that fits the data.
+        ``attribute``: without a scene, what to show; None: the one with most to see. ``size``: width and height,
+        instead of the scene's. The background is not applied: ``to_srgb8`` and ``save`` do that.
 
         ``quality``: at most one of these says how fine the picture is to be. Without one, it is exact if the file keeps
         cells and that is about a second's work. Else it has all points of a small file, or an error of .002.
@@ -313,6 +412,7 @@ class File:
         Raises ``InvalidArgumentError`` or ``InvalidDataError`` for a scene with an error, ``FileError`` if a part of
         the file cannot be read.
         """
+        refuse_unknown("render()", quality, _DRAWING | {"depths"} | Quality.__annotations__.keys())
         if seconds is not None:
             warnings.warn("render(seconds=T) is render(milliseconds=1000 * T)", DeprecationWarning, stacklevel=2)
             if any(number is not None for number in quality.values()):
@@ -320,7 +420,7 @@ class File:
             quality = {"milliseconds": 1000 * seconds}
         with self._lock:
             renderer = self._get_renderer(memory)
-            renderer.set_scene(self._scene_for(renderer, scene, size))
+            renderer.set_scene(self._scene_for(renderer, scene, attribute, size))
             with renderer.surfaces(depths):
                 return renderer.render(quality)
 
@@ -329,18 +429,20 @@ class File:
         scene: Optional[SceneLike] = None,
         size: Optional[Tuple[int, int]] = None,
         *,
+        attribute: Optional[str] = None,
         interval: float = 0.1,
         memory: int = DEFAULT_MEMORY,
         **quality: Unpack[Quality],
     ) -> Iterator[Frame]:
         """Draws picture after picture while the file loads; the last one is complete. The first comes at once.
 
-        Arguments as for ``render``, besides ``exact`` and ``milliseconds``. ``interval``: seconds to wait for more of the file before the next
-        picture. Each picture is an array of its own. A part that cannot be read is in ``statistics.unreadable``, and its
-        place drawn coarser.
+        Arguments as for ``render``, besides ``exact`` and ``milliseconds``. ``interval``: seconds to wait for more of
+        the file before the next picture. Each picture is an array of its own. A part that cannot be read is in
+        ``statistics.unreadable``, and its place drawn coarser.
         """
+        refuse_unknown("frames()", quality, _DRAWING | {"interval"} | Quality.__annotations__.keys())
         renderer = Renderer(self._path, memory, self.step)
-        renderer.set_scene(self._scene_for(renderer, scene, size))
+        renderer.set_scene(self._scene_for(renderer, scene, attribute, size))
         wait = 0.0
         while True:
             picture = renderer.render_now(wait, quality)
@@ -364,19 +466,34 @@ class File:
         return self._renderer
 
     @staticmethod
-    def _scene_for(renderer: Renderer, scene: Optional[SceneLike], size: Optional[Tuple[int, int]]) -> Scene:
-        if scene is not None:
-            return with_size(read_scene(scene), size)
-        width, height = size or (512, 512)
-        return renderer.fitting_scene("", width, height)
+    def _scene_for(
+        renderer: Renderer, scene: Optional[SceneLike], attribute: Optional[str], size: Optional[Tuple[int, int]]
+    ) -> Scene:
+        if scene is None:
+            return renderer.fitting_scene(attribute, (512, 512) if size is None else size)
+        refuse_both(scene, attribute)
+        return with_size(read_scene(scene), size)
 
 
 def open(
-    path: Union[str, "os.PathLike[str]"], *, step: Optional[int] = None, time: Optional[float] = None
+    path: Union[Path, Sequence[Path]],
+    *,
+    step: Optional[int] = None,
+    time: Optional[float] = None,
+    progress: Optional[Progress] = None,
 ) -> File:
-    """Opens a .svol file, or an index of files (.svols), by its path or address (http:// or https://).
+    """Opens a .svol file, or an index of files (.svols), by its path or address (http:// or https://); or a mesh, by
+    the path of its file or folder, or by a list of paths: pieces, or a grid of PLOT3D and its solution.
 
-    Of a time series, shows the step of a number from 0, the step nearest to a time, or the last one. Reads the preamble
-    only. Raises ``FileError`` or ``InvalidDataError``; ``InvalidArgumentError`` if there is no such step.
+    Of a time series, shows the step of a number from 0, the step nearest to a time, or the last one. Of a .svol file,
+    reads the preamble only.
+
+    A mesh is converted first, by the program ``svbuild`` if it is on PATH: it reads all formats of docs/formats.md, and
+    keeps the result in its cache for the next call. Of a mesh with time steps, the last one is converted; with ``step``
+    or ``time``, all are. Without svbuild, PyVista reads the mesh, and a file is built that goes with the ``File``.
+    ``progress(stage, share)``: called now and then. What svbuild notes is a warning of Python.
+
+    Raises ``MissingFileError``, ``FileError`` or ``InvalidDataError``; ``InvalidArgumentError`` if there is no such
+    step; ``UnsupportedError`` for a mesh if there is neither svbuild nor PyVista.
     """
-    return File(path, step=step, time=time)
+    return File(path, step=step, time=time, progress=progress)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import json
-import operator
 import os
 from dataclasses import dataclass
-from typing import Iterator, Optional, Tuple, TypedDict
+from typing import Any, Dict, Iterator, Optional, Tuple, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from ._arguments import as_number, as_size, as_whole
 from ._scenes import Scene
 from .errors import InvalidArgumentError
 
@@ -53,10 +53,22 @@ class Quality(TypedDict, total=False):
     milliseconds: Optional[float]  #: the best picture that can be there by then; the speed is learned from call to call
 
 
+_AS = {"max_error": as_number, "splats": as_whole, "tolerance": as_number, "resolution": as_whole,
+       "milliseconds": as_number}
+
+
+def _core_quality(quality: Quality) -> Any:
+    numbers: Dict[str, Any] = {name: value for name, value in quality.items() if value is not None}
+    for name, value in numbers.items():
+        numbers[name] = _AS[name](name, value) if name in _AS else bool(value)
+    return _core.Quality(**numbers)
+
+
 class Renderer:
     """An open file, its scene, and the processor that draws it. One call at a time."""
 
     def __init__(self, path: str, memory: int, step: int) -> None:
+        memory = as_whole("memory", memory)
         if memory <= 0:
             raise InvalidArgumentError(f"a memory of {memory} bytes: take more")
         self.memory = memory
@@ -73,9 +85,9 @@ class Renderer:
     def set_scene(self, scene: Scene) -> None:
         self._renderer.set_scene(json.dumps(scene))
 
-    def fitting_scene(self, attribute: str, width: int, height: int) -> Scene:
-        size = operator.index(width), operator.index(height)
-        return json.loads(self._renderer.fitting_scene(attribute, *size))
+    def fitting_scene(self, attribute: Optional[str], size: Tuple[int, int]) -> Scene:
+        """``attribute``: None: the one with most to see."""
+        return json.loads(self._renderer.fitting_scene(attribute or "", *as_size(size)))
 
     @contextlib.contextmanager
     def surfaces(self, depths: Optional[ArrayLike]) -> Iterator[None]:
@@ -93,10 +105,10 @@ class Renderer:
             self._renderer.set_surface_depths(None)
 
     def render(self, quality: Quality = {}) -> NDArray[np.float32]:
-        return self._renderer.render(_core.Quality(**quality))
+        return self._renderer.render(_core_quality(quality))
 
     def render_now(self, wait_seconds: float, quality: Quality = {}) -> NDArray[np.float32]:
-        return self._renderer.render_now(wait_seconds, _core.Quality(**quality))
+        return self._renderer.render_now(wait_seconds, _core_quality(quality))
 
     def statistics(self) -> Statistics:
         values = self._renderer.statistics()

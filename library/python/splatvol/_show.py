@@ -10,23 +10,31 @@ import tempfile
 from typing import Any, Optional, Tuple
 
 from ._files import File
-from ._scenes import SceneLike, read_scene
+from ._scenes import SceneLike, read_scene, refuse_both
 from .errors import UnsupportedError
 
 
-def show(file: File, scene: Optional[SceneLike] = None, size: Tuple[int, int] = (640, 480)) -> Any:
+def show(
+    file: File,
+    scene: Optional[SceneLike] = None,
+    size: Tuple[int, int] = (640, 480),
+    *,
+    attribute: Optional[str] = None,
+) -> Any:
     """Shows a file. In a notebook, returns a widget whose picture is turned, moved and zoomed by the mouse. Elsewhere,
     starts the program ``svview`` and returns its process (``subprocess.Popen``).
 
-    ``scene``: the first view; None: one that fits the data. ``size``: width and height of the widget, in pixels.
+    ``scene``: the first view; None: one that fits the data. ``attribute``: without a scene, what to show. ``size``:
+    width and height of the widget, in pixels.
 
     Raises ``UnsupportedError`` if there is neither a notebook with anywidget nor an ``svview`` on PATH.
     """
     if _is_in_notebook():
         from .notebook import Viewer
 
-        return Viewer(file, scene, size)
-    return _start_svview(file, scene)
+        return Viewer(file, scene, size, attribute=attribute)
+    refuse_both(scene, attribute)
+    return _start_svview(file, scene if attribute is None else file.scene(attribute))
 
 
 def _is_in_notebook() -> bool:
@@ -48,4 +56,6 @@ def _start_svview(file: File, scene: Optional[SceneLike]) -> "subprocess.Popen[b
         with tempfile.NamedTemporaryFile("w", suffix=".json", prefix="splatvol-", delete=False) as written:
             json.dump(read_scene(scene), written)
         command += ["--scene", written.name]
-    return subprocess.Popen(command)
+    process = subprocess.Popen(command)
+    setattr(process, "file", file)  # of a mesh, the converted file goes with it
+    return process

@@ -9,6 +9,10 @@ class FileError(Error, OSError):
     """The system, or a server, refused: open, read, write, rename."""
 
 
+class MissingFileError(FileError, FileNotFoundError):
+    """There is no file of this name."""
+
+
 class InvalidDataError(Error, ValueError):
     """The bytes of a file, or a mesh, break a rule."""
 

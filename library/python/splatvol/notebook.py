@@ -12,10 +12,11 @@ import traitlets
 from numpy.typing import NDArray
 
 from . import _camera
+from ._arguments import as_size
 from ._files import File
 from ._pictures import encode_png, to_srgb8
 from ._renderers import DEFAULT_MEMORY, MOVING_QUALITY, Renderer
-from ._scenes import Scene, SceneLike, read_scene, with_size
+from ._scenes import Scene, SceneLike, read_scene, refuse_both, with_size
 from .errors import Error
 
 # Between pictures while the file loads.
@@ -44,12 +45,22 @@ class Viewer(anywidget.AnyWidget):
     _esm = pathlib.Path(__file__).with_name("widget.js")
     size = traitlets.List(traitlets.Int(), [640, 480]).tag(sync=True)
 
-    def __init__(self, file: File, scene: Optional[SceneLike] = None, size: Tuple[int, int] = (640, 480)) -> None:
-        """``scene``: the first view; None: one that fits the data. ``size``: width and height, in pixels."""
-        width, height = size
+    def __init__(
+        self,
+        file: File,
+        scene: Optional[SceneLike] = None,
+        size: Tuple[int, int] = (640, 480),
+        *,
+        attribute: Optional[str] = None,
+    ) -> None:
+        """``scene``: the first view; None: one that fits the data. ``attribute``: without a scene, what to show.
+        ``size``: width and height, in pixels."""
+        refuse_both(scene, attribute)
+        self._file = file  # of a mesh, the converted file goes with it
+        width, height = as_size(size)
         self._renderer = Renderer(file.path, DEFAULT_MEMORY, file.step)
         self._first = (
-            self._renderer.fitting_scene("", width, height) if scene is None else with_size(read_scene(scene), size)
+            self._renderer.fitting_scene(attribute, size) if scene is None else with_size(read_scene(scene), size)
         )
         self._scene = self._first
         super().__init__(size=[width, height])

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkRenderingCore import vtkActor2D, vtkImageMapper, vtkWindowToImageFilter
 
+from ._arguments import refuse_unknown
 from ._files import File, open
 from ._pictures import to_srgb8
-from ._renderers import MOVING_QUALITY
+from ._renderers import MOVING_QUALITY, Quality
 from ._scenes import Scene, SceneLike, read_scene
 from .errors import UnsupportedError
 
@@ -135,6 +136,9 @@ class VolumeOverlay:
         self._actor.SetMapper(self._mapper)
         self._actor.VisibilityOff()
         plotter.renderer.AddViewProp(self._actor)
+        self._is_drawing = self._is_removed = False
+        self._drawn: Optional[Tuple[Any, ...]] = None  # what the picture depends on
+        plotter.add_on_render_callback(self._follow)
         self._observers: list[int] = []
         interactor = getattr(plotter, "iren", None)
         if interactor is not None:
@@ -148,19 +152,39 @@ class VolumeOverlay:
 
         ``quality``: as for ``File.render``; by default that of ``add_volume``.
         """
-        self._actor.VisibilityOff()
-        self._plotter.render()
-        picture = self._compositor.picture(self._plotter, **(quality or self._quality))
-        height, width, _ = picture.shape
-        image = pv.ImageData(dimensions=(width, height, 1))
-        image.point_data["picture"] = picture[::-1].reshape(-1, 3)
-        self._mapper.SetInputData(image)
-        self._actor.VisibilityOn()
-        self._plotter.render()
+        self._is_drawing = True
+        try:
+            self._actor.VisibilityOff()
+            self._plotter.render()
+            picture = self._compositor.picture(self._plotter, **(quality or self._quality))
+            height, width, _ = picture.shape
+            image = pv.ImageData(dimensions=(width, height, 1))
+            image.point_data["picture"] = picture[::-1].reshape(-1, 3)
+            self._mapper.SetInputData(image)
+            self._actor.VisibilityOn()
+            self._plotter.render()
+        finally:
+            self._is_drawing = False
+        self._drawn = self._view()
         return picture
+
+    def _follow(self, plotter: pv.BasePlotter) -> None:
+        """Draws the first picture when the plotter does; without a window also those of changes."""
+        window = plotter.render_window
+        if self._is_drawing or self._is_removed or window is None or window.GetNeverRendered():
+            return
+        if self._drawn is None or (window.GetOffScreenRendering() and self._drawn != self._view()):
+            self.update()
+
+    def _view(self) -> Tuple[Any, ...]:
+        """Returns the camera, the size and the state of the surfaces."""
+        surfaces = [prop for prop in self._plotter.renderer.GetViewProps() if prop is not self._actor]
+        changed = max((prop.GetRedrawMTime() for prop in surfaces), default=0)
+        return camera_of(self._plotter), tuple(self._plotter.window_size), len(surfaces), changed
 
     def remove(self) -> None:
         """Takes the volume out of the plotter."""
+        self._is_removed = True
         for observer in self._observers:
             self._plotter.iren.remove_observer(observer)
         self._plotter.renderer.RemoveViewProp(self._actor)
@@ -169,10 +193,12 @@ class VolumeOverlay:
 def add_volume(
     plotter: pv.BasePlotter, file: File, scene: Optional[SceneLike] = None, **quality: Any
 ) -> VolumeOverlay:
-    """Shows a volume among the surfaces of a plotter. When the mouse has moved the camera, draws the picture anew, and
-    coarser while it moves: with an error of about .002, in at most 100 ms.
+    """Shows a volume among the surfaces of a plotter, from its first picture on. When the mouse has moved the camera,
+    draws the picture anew, and coarser while it moves: with an error of about .002, in at most 100 ms. Off-screen, each
+    ``render`` of the plotter draws it anew if the view or the surfaces have changed.
 
-    Arguments as for ``composite``. Call ``update`` of the result after other changes of the plotter, and once after
-    ``show(auto_close=False, interactive_update=True)`` or ``render``. Bars and texts of the plotter lie below.
+    Arguments as for ``composite``. Call ``update`` of the result after other changes of a plotter with a window. Bars
+    and texts of the plotter lie below.
     """
+    refuse_unknown("add_volume()", quality, Quality.__annotations__)
     return VolumeOverlay(plotter, file, scene, quality)

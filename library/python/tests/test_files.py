@@ -1,5 +1,6 @@
 import os
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -69,15 +70,54 @@ def test_a_line_has_all_crossings(ball_file):
         ball_file.sample_line((0, 0, 0), (0, 0, 0))
 
 
+def test_data_sets_need_pyvista(ball_file, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    for call in (ball_file.cells, lambda: ball_file.contour(1)):
+        with pytest.raises(splatvol.UnsupportedError, match="which is not installed: pip install pyvista"):
+            call()
+
+
+def test_cells_are_kept(ball_mesh, tmp_path):
+    pytest.importorskip("pyvista")
+    points, cells = ball_mesh
+    splatvol.build(points, cells, {"T": linear(points)}, tmp_path / "a.svol", keep_cells=False)
+    for call in (splatvol.File.cells, lambda file: file.contour(1)):
+        with pytest.raises(splatvol.InvalidArgumentError, match="keeps no cells"):
+            call(splatvol.open(tmp_path / "a.svol"))
+
+
 def test_verify_tells_its_progress(ball_file):
     shares = []
     ball_file.verify(shares.append)
     assert shares and shares == sorted(shares) and shares[-1] <= 1
 
 
+def test_a_with_block_closes_the_file(ball_path):
+    with splatvol.open(ball_path) as file:
+        points = file.points()
+        assert file.render(size=(8, 8)).any()
+    np.testing.assert_allclose(points.values["T"], linear(points.positions), rtol=1e-5)
+    assert file.name == str(ball_path) and repr(file).endswith("closed")
+    for call in (file.points, file.render, file.scene, lambda: file.attributes, file.__enter__,
+                 lambda: next(file.frames())):
+        with pytest.raises(splatvol.InvalidArgumentError, match="ball.svol: the file is closed"):
+            call()
+    file.close()
+
+
+def test_missing_files_are_pythons(ball_file, tmp_path):
+    absent = tmp_path / "absent.svol"
+    for call in (lambda: splatvol.open(absent), lambda: splatvol.open(tmp_path / "no" / "a.svols"),
+                 lambda: ball_file.render(absent), lambda: splatvol.check_scene(absent)):
+        with pytest.raises(FileNotFoundError, match="No such file") as caught:
+            call()
+        assert isinstance(caught.value, splatvol.MissingFileError) and isinstance(caught.value, splatvol.FileError)
+    with pytest.raises(splatvol.FileError) as caught:
+        splatvol.open(tmp_path)
+    assert not isinstance(caught.value, FileNotFoundError)
+
+
 def test_errors(ball_file, ball_path, tmp_path):
-    with pytest.raises(splatvol.FileError, match="absent.svol"):
-        splatvol.open(tmp_path / "absent.svol")
     with pytest.raises(splatvol.InvalidArgumentError, match="attribute"):
         ball_file.points(attributes=["q"])
     with pytest.raises(splatvol.Error):
@@ -101,8 +141,24 @@ def test_errors(ball_file, ball_path, tmp_path):
 def test_wrong_types_are_type_errors(ball_file):
     with pytest.raises(TypeError):
         ball_file.points(resolution="fine")
-    with pytest.raises(TypeError):
-        ball_file.render(size=(20.5, 10))
+    calls = {
+        "size=800: take the width": lambda: ball_file.render(size=800),
+        "size=.20.5, 10.: take the width": lambda: ball_file.render(size=(20.5, 10)),
+        "size=8: take the width": lambda: ball_file.scene(size=8),
+        "size='ab': take the width": lambda: next(ball_file.frames(size="ab")),
+        "no option 'max_eror': did you mean max_error": lambda: ball_file.render(max_eror=.1),
+        "no option 'sise': did you mean size": lambda: next(ball_file.frames(sise=8)),
+        "no option 'colour': it has attribute, depths, ": lambda: ball_file.render(colour=1),
+        "max_error='low': take a number": lambda: ball_file.render(max_error="low"),
+        "splats=1.5: take a whole number": lambda: ball_file.render(splats=1.5),
+        "memory='1G': take a whole number": lambda: ball_file.render(memory="1G"),
+        "names and units are texts": lambda: splatvol.build([[0, 0, 0]], None, {"p": [1]}, "a", units={"p": 3}),
+        "no option 'strikt': did you mean strict": lambda: splatvol.build_series([[0, 0, 0]], None, [], "a", strikt=1),
+    }
+    for words, call in calls.items():
+        with pytest.raises(TypeError, match=words) as caught:
+            call()
+        assert "__init__" not in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_names_of_any_bytes(ball_path, tmp_path):

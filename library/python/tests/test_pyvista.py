@@ -1,5 +1,6 @@
 """With PyVista and its VTK, drawn in software."""
 
+import subprocess
 from importlib.metadata import entry_points
 
 import numpy as np
@@ -122,6 +123,93 @@ def test_errors_of_meshes(grid, tmp_path):
         splatvol.build_mesh(pv.Sphere(), tmp_path / "a.svol")
 
 
+def test_cells_come_back(tmp_path):
+    points, cells = lattice(4), hexahedra(4)
+    velocity = points * [1, 2, 3]
+    splatvol.build(points, cells, {"T": linear(points), "U": velocity}, tmp_path / "a.svol", exact=True)
+    file = splatvol.open(tmp_path / "a.svol")
+    grid = file.cells()
+    file.close()
+    assert (grid.celltypes == pv.CellType.HEXAHEDRON).all() and grid.n_cells == len(cells)
+    assert grid.volume == pytest.approx(8)
+    assert set(grid.point_data.keys()) == {"T", "U"} and grid.cell_data.keys() == []
+    np.testing.assert_allclose(grid.point_data["U"], grid.points * [1, 2, 3], atol=1e-6)
+    np.testing.assert_allclose(grid.point_data["T"], linear(grid.points), atol=1e-6)
+    assert not grid.point_data["T"].flags.owndata and not grid.points.flags.owndata
+    centers = {tuple(center) for center in np.round(grid.cell_centers().points, 6)}
+    assert centers == {tuple(center) for center in np.round(points[cells].mean(axis=1), 6)}
+    # The way back: the same cells.
+    splatvol.build_mesh(grid, tmp_path / "b.svol", exact=True)
+    again = splatvol.open(tmp_path / "b.svol")
+    assert [a.name for a in again.attributes] == ["T", "U", "U[0]", "U[1]", "U[2]"]
+    np.testing.assert_array_equal(again.cells().points, grid.points)
+
+
+def test_cells_of_a_box_with_an_attribute(ball_file):
+    box = ((0, 0, 0), (1, 1, 1))
+    part = ball_file.cells("U[1]", box)
+    assert part.point_data.keys() == ["U[1]"] and 0 < part.n_cells < ball_file.cells().n_cells / 4
+    with pytest.raises(splatvol.InvalidArgumentError, match="no cells in the box"):
+        ball_file.cells(box=((5, 5, 5), (6, 6, 6)))
+    with pytest.raises(splatvol.InvalidArgumentError, match="attribute"):
+        ball_file.cells("q")
+
+
+def test_values_of_cells_come_back(tmp_path):
+    points, cells = lattice(3), hexahedra(3)
+    numbers = np.arange(len(cells))
+    splatvol.build(points, cells, {}, tmp_path / "a.svol", cell_values={"n": numbers}, own_cells=True, exact=True)
+    file = splatvol.open(tmp_path / "a.svol")
+    grid = file.cells()
+    assert sorted(grid.cell_data["n"]) == list(numbers) and grid.point_data.keys() == []
+    expected = points[cells].mean(axis=1)[grid.cell_data["n"].astype(int)]
+    np.testing.assert_allclose(grid.cell_centers().points, expected, atol=1e-6)
+    with pytest.raises(splatvol.UnsupportedError, match="values of their own"):
+        file.contour(3)
+
+
+def test_a_contour_is_the_exact_one(tmp_path):
+    points, cells = ball(16)
+    radius = np.linalg.norm(points, axis=1)
+    splatvol.build(points, cells, {"r": radius, "U": 2 * points}, tmp_path / "a.svol", exact=True)
+    file = splatvol.open(tmp_path / "a.svol")
+    surface = file.contour(.6)
+    assert surface.n_open_edges == 0 and surface.area == pytest.approx(4 * np.pi * .36, rel=.02)
+    np.testing.assert_allclose(surface.point_data["r"], .6)
+    np.testing.assert_allclose(surface.point_data["U"], 2 * surface.points, atol=1e-6)
+    flat = file.contour(0, "U[2]", attributes=["r"], box=((0, 0, -1), (1, 1, 1)))
+    assert set(flat.point_data.keys()) == {"U[2]", "r"} and np.abs(flat.points[:, 2]).max() < 1e-6
+    with pytest.raises(splatvol.InvalidArgumentError, match="nowhere 7"):
+        file.contour(7)
+    with pytest.raises(TypeError, match="value='r': take a number"):
+        file.contour("r")
+
+
+def test_meshes_are_those_of_svexport(ball_file, ball_path, tmp_path, program):
+    svexport = program("svexport")
+
+    def exported(name, *options):
+        subprocess.run([svexport, ball_path, "-o", tmp_path / name, *options], check=True, capture_output=True)
+        return pv.read(tmp_path / name)
+
+    def expect_same(mesh, other):
+        np.testing.assert_array_equal(mesh.points, other.points)
+        assert set(mesh.point_data.keys()) == {"T", "U"} and mesh.point_data["U"].shape == (mesh.n_points, 3)
+        for name in ("T", "U"):
+            np.testing.assert_array_equal(mesh.point_data[name], other.point_data[name])
+
+    cells = exported("cells.vtu", "--cells")
+    expect_same(ball_file.cells(), cells)
+    np.testing.assert_array_equal(ball_file.cells().cells, cells.cells)
+    names = [word for name in ("T", "U", "U[0]", "U[1]", "U[2]") for word in ("--attribute", name)]
+    surface = exported("surface.vtp", "--contour", "1.2", *names)
+    expect_same(ball_file.contour(1.2, "T"), surface)
+    np.testing.assert_array_equal(ball_file.contour(1.2, "T").faces, surface.faces)
+    points = exported("points.vtu")
+    np.testing.assert_allclose(points.point_data["U"][:, 0], points.points[:, 1], atol=1e-6)
+    assert {"U mean", "U[1] mean"} < set(points.point_data.keys()) and "U[1]" not in points.point_data
+
+
 def opaque_scene(density=.5):
     return {
         "attribute": "T", "background": [0, 0, 0], "image": {"width": 8, "height": 8},
@@ -183,6 +271,31 @@ def test_the_overlay_shows_the_composited_picture(plotter, ball_file):
     overlay.remove()
     plotter.render()
     assert (np.asarray(plotter.screenshot(return_img=True))[..., 0] == 0).all()
+
+
+def test_a_screenshot_has_the_volume(ball_file):
+    plotter = pv.Plotter(off_screen=True, window_size=(60, 50))
+    plotter.background_color = "black"
+    plotter.camera_position = [(0, 0, 10), (0, 0, 0), (0, 1, 0)]
+    overlay = splatvol_pyvista.add_volume(plotter, ball_file, opaque_scene())
+    first = np.asarray(plotter.screenshot())
+    assert first[25, 30].min() > 150 and (first[2, 2] == 0).all()
+    # It follows the camera and the surfaces.
+    plotter.camera.focal_point = (1, 0, 0)
+    plotter.render()
+    second = np.asarray(plotter.screenshot())
+    assert (second != first).mean() > .02
+    plotter.add_mesh(pv.Cube(center=(0, 0, 2)), color="red", lighting=False)
+    plotter.render()
+    third = np.asarray(plotter.screenshot())
+    assert (third == [255, 0, 0]).all(axis=-1).mean() > .01
+    np.testing.assert_allclose(third.astype(int), overlay.update(), atol=1)
+    overlay.remove()
+    plotter.render()
+    assert (np.asarray(plotter.screenshot())[..., 1] == 0).all()
+    plotter.close()
+    with pytest.raises(TypeError, match="did you mean max_error"):
+        splatvol_pyvista.add_volume(plotter, ball_file, max_eror=.1)
 
 
 def test_the_overlay_follows_the_mouse(plotter, ball_file):

@@ -47,6 +47,19 @@ def test_sizes_and_scenes(ball_file, tmp_path):
     assert splatvol.check_scene(scene)["attribute"] == "U"
 
 
+def test_an_attribute_without_a_scene(ball_file):
+    scene = ball_file.scene("U[1]", size=(40, 30))
+    picture = ball_file.render(scene)
+    np.testing.assert_array_equal(ball_file.render(attribute="U[1]", size=(40, 30)), picture)
+    *_, last = ball_file.frames(attribute="U[1]", size=(40, 30), tolerance=0)
+    np.testing.assert_allclose(last.picture, ball_file.render(scene, tolerance=0), atol=1e-6)
+    assert (ball_file.render(attribute="T", size=(40, 30)) != picture).any()
+    with pytest.raises(splatvol.InvalidArgumentError, match="attribute='T': the scene says what to show"):
+        ball_file.render(scene, attribute="T")
+    with pytest.raises(splatvol.InvalidArgumentError, match="no attribute"):
+        ball_file.render(attribute="q")
+
+
 def test_qualities(ball_file):
     scene = constant_scene()
     fine = ball_file.render(scene, tolerance=0)

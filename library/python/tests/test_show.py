@@ -19,6 +19,10 @@ def test_show_starts_svview(ball_file, tmp_path, monkeypatch):
     assert splatvol.show(ball_file, ball_file.scene()).wait() == 0
     words = told.read_text().split()
     assert words[0] == ball_file.path and words[1] == "--scene" and splatvol.check_scene(words[2])
+    assert splatvol.show(ball_file, attribute="U").wait() == 0
+    assert splatvol.check_scene(told.read_text().split()[2])["attribute"] == "U"
+    with pytest.raises(splatvol.InvalidArgumentError, match="the scene says"):
+        splatvol.show(ball_file, ball_file.scene(), attribute="U")
     monkeypatch.setenv("PATH", "")
     with pytest.raises(splatvol.UnsupportedError, match="svview"):
         splatvol.show(ball_file)

@@ -13,6 +13,7 @@
 #include "base/file.h"
 #include "builder/opening/open_own.h"
 #include "builder/sources/npy_header.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 

@@ -24,6 +24,7 @@
 #include "builder/sources/vdb_header.h"
 #include "builder/sources/vdb_library.h"
 #include "format/volume.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 #include "tests/support/whole_points.h"

@@ -1,5 +1,5 @@
 // Contours of the cells of a file: closed, and as large as the mesh's own.
-#include "tools/export/contour.h"
+#include "extractor/contour.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -23,13 +23,13 @@
 #include <vector>
 
 #include "base/file.h"
+#include "extractor/last_boxes.h"
 #include "tests/builder/support/built_input.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/builder/support/mesh_of_shapes.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 #include "tools/export/contour_export.h"
-#include "tools/export/last_boxes.h"
 
 namespace splatvol::test {
 namespace {

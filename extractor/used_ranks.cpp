@@ -1,4 +1,4 @@
-#include "tools/export/used_ranks.h"
+#include "extractor/used_ranks.h"
 
 #include <bit>
 

@@ -1,4 +1,4 @@
-#include "tools/export/contour.h"
+#include "extractor/contour.h"
 
 #include <algorithm>
 #include <bit>

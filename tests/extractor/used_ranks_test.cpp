@@ -1,5 +1,5 @@
 // Ranks that were added get numbers in their order.
-#include "tools/export/used_ranks.h"
+#include "extractor/used_ranks.h"
 
 #include <gtest/gtest.h>
 

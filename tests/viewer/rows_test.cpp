@@ -1,0 +1,119 @@
+// Rows of the panel stay under the pointer: a second click at the same place meets the same control.
+#include <gtest/gtest.h>
+
+#include "format/boundary.h"
+#include "scene/isovalue.h"
+#include "tests/viewer/viewer_fixture.h"
+
+namespace splatvol::test {
+namespace {
+
+struct PanelRows : test::ViewerFixture {
+  void SetUp() override {
+    ViewerFixture::SetUp();
+    write_two_attributes("v.svol");
+    resize(800, 1000);
+    open({.volume = path("v.svol")});
+    settle();
+  }
+  void click_and_settle(double x, double y) {
+    click(x, y);
+    settle();
+  }
+  void open_planes() { click_and_settle(100, 747); }
+
+  // Where the section of the planes begins.
+  static constexpr double add_slice_y = 769, first_row_y = 791, row_height = 25;
+};
+
+TEST_F(PanelRows, TheIsovalueSwitchesLightingOnAboveIt) {
+  open_planes();
+  const auto has_isovalue = [&] { return isovalue_of(scene().transfer_function).has_value(); };
+  for (const bool is_clear : {false, true}) {  // then nothing is opaque, and its slider has nothing to scale
+    Scene& changed = viewer->session()->scene;
+    changed.lighting.reset();
+    if (is_clear)
+      for (auto& density : changed.transfer_function.densities) density.extinction = 0;
+    settle();
+    click_and_settle(17, first_row_y);
+    EXPECT_TRUE(has_isovalue());
+    EXPECT_TRUE(scene().lighting);
+    click_and_settle(17, first_row_y);
+    EXPECT_FALSE(has_isovalue());
+  }
+}
+
+TEST_F(PanelRows, PlanesAreAddedAndSelectedBelowTheClick) {
+  open_planes();
+  click_and_settle(40, add_slice_y);
+  click_and_settle(40, add_slice_y);
+  ASSERT_EQ(scene().slices.size(), 2u);
+  const double third_row_y = first_row_y + 2 * row_height, axes_y = third_row_y + 22;
+  const auto turn_to_x = [&](double row) {
+    click_and_settle(45, row);
+    click_and_settle(14, axes_y);  // the button "x" of the selected one
+  };
+  const dvec3 before = scene().slices[0].normal;
+  ASSERT_NE(before, dvec3(1, 0, 0));
+  turn_to_x(first_row_y);
+  EXPECT_EQ(scene().slices[0].normal, dvec3(1, 0, 0));
+  EXPECT_EQ(scene().slices[1].normal, before);
+  turn_to_x(first_row_y + row_height);
+  EXPECT_EQ(scene().slices[1].normal, dvec3(1, 0, 0));
+  click_and_settle(130, first_row_y);  // "remove"
+  EXPECT_EQ(scene().slices.size(), 1u);
+  click_and_settle(40, add_slice_y);
+  EXPECT_EQ(scene().slices.size(), 2u);
+}
+
+TEST_F(PanelRows, PatchesKeepTheirPlacesWhenTheyBecomeSurfaces) {
+  TriangleMesh triangle;
+  triangle.points = {dvec3(0), dvec3(1, 0, 0), dvec3(0, 1, 0)};
+  triangle.triangles = {{0, 1, 2}};
+  TestVolume volume = make_test_volume(random_points(50, 3), {std::vector<double>(50, 1.0)});
+  const std::vector<Patch> patches = {{"inlet", triangle}, {"wall", triangle}, {"outlet", triangle}};
+  auto packed = format::pack_boundary(patches, 0);
+  volume.info.boundary = packed->info;
+  volume.boundary = packed->section;
+  ASSERT_TRUE(write_test_volume(volume, path("patches.svol")));
+  open({.volume = path("patches.svol")});
+  settle();
+  ASSERT_TRUE(scene().surfaces.empty());
+  const double outlet = 690, inlet = 640;
+  click_and_settle(17, outlet);
+  click_and_settle(17, inlet);
+  ASSERT_EQ(scene().surfaces.size(), 2u);
+  EXPECT_EQ(scene().surfaces[0].boundary, "outlet");
+  EXPECT_EQ(scene().surfaces[1].boundary, "inlet");
+  click_and_settle(17, outlet);
+  EXPECT_FALSE(scene().surfaces[0].shown);
+  EXPECT_TRUE(scene().surfaces[1].shown);
+}
+
+// The factors of the opacity stay while values are read.
+TEST_F(PanelRows, StayWhileValuesAreRead) {
+  viewer->session()->show_opacity("a1");
+  frame({PointerMoved{-1, -1}});
+  settle();
+  const auto rows_below = [&] {
+    std::vector<vec4> pixels;
+    const Image image = screen();
+    for (int y = 560; y < 1000; ++y)
+      for (int x = 0; x < 336; ++x) pixels.push_back(image.at(x, y));
+    return pixels;
+  };
+  const std::vector<vec4> before = rows_below();
+  bool has_read = false;
+  for (int tries = 0; tries < 100 && !has_read; ++tries) {
+    viewer->session()->show_attribute(scene().attribute == "a0" ? "a1" : "a0");
+    frame({});
+    has_read = viewer->session()->is_reading();
+    frame({});  // the panel is drawn before what was read is taken
+    EXPECT_TRUE(rows_below() == before);
+    settle();
+  }
+  EXPECT_TRUE(has_read);
+}
+
+}  // namespace
+}  // namespace splatvol::test
