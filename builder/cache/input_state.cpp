@@ -117,13 +117,6 @@ FolderState state_of_folder(const std::string& path, bool with_folders) {
   return state;
 }
 
-std::int64_t InputState::changed() const {
-  std::int64_t latest = 0;
-  for (const FileState& file : files) latest = std::max({latest, file.written, file.changed});
-  for (const FolderState& folder : folders) latest = std::max(latest, folder.changed);
-  return latest;
-}
-
 bool InputState::is_current() const {
   return std::ranges::all_of(files, [](const FileState& file) { return state_of_file(file.path) == file; }) &&
          std::ranges::all_of(folders, [](const FolderState& folder) {
@@ -143,8 +136,9 @@ InputState state_of_inputs(const std::vector<std::string>& inputs, const ReadFil
   return look.take();
 }
 
-InputWatch::InputWatch(const std::vector<std::string>& inputs) : before_(state_of_inputs(inputs, {})), start_(now()) {
-  if (before_.changed() < start_ - clock_step) return;
+// Whatever was written before this call is older than the start by more than a step then, also files that only a link
+// names.
+InputWatch::InputWatch(const std::vector<std::string>& inputs) : before_(state_of_inputs(inputs, {})) {
   std::this_thread::sleep_for(std::chrono::nanoseconds(2 * clock_step));
   start_ = now();
 }

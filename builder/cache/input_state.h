@@ -43,9 +43,6 @@ struct InputState {
   std::vector<FileState> files;
   std::vector<FolderState> folders;
 
-  /// The latest change of all.
-  [[nodiscard]] std::int64_t changed() const;
-
   /// Whether all files and folders are as they were.
   [[nodiscard]] bool is_current() const;
 };
@@ -61,7 +58,7 @@ struct InputState {
 /// Tells whether inputs stay as they are while they are read.
 class InputWatch {
  public:
-  /// Looks at the inputs. Waits for some milliseconds if one was written just now: the times of files have steps.
+  /// Looks at the inputs, and waits for 20 milliseconds: the times of files go in steps.
   explicit InputWatch(const std::vector<std::string>& inputs);
 
   /// Whether nothing of `state` has changed since then. `state`: state_of_inputs after the read.
