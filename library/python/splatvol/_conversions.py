@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import warnings
 import weakref
-from typing import Any, Iterable, List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 from . import _core
 from ._build import Progress, Step, build_arrays, build_steps
@@ -36,20 +36,18 @@ def convert(paths: List[str], all_steps: bool, progress: Optional[Progress]) -> 
             raise MissingFileError(f"{path}: {os.strerror(errno.ENOENT)}")
     svbuild = _find_svbuild()
     if svbuild is None:
-        return _convert_by_pyvista(paths, all_steps, progress)
-    converted = _core.convert([os.fsencode(path) for path in paths], all_steps, os.fsencode(svbuild), progress)
-    _tell(converted.notes())
-    return os.fsdecode(converted.path()), converted
+        output, keeper, notes = _convert_by_pyvista(paths, all_steps, progress)
+    else:
+        keeper = _core.convert([os.fsencode(path) for path in paths], all_steps, os.fsencode(svbuild), progress)
+        output, notes = os.fsdecode(keeper.path()), keeper.notes()
+    for note in notes:
+        warnings.warn(note, stacklevel=4)  # the caller of open()
+    return output, keeper
 
 
 def _find_svbuild() -> Optional[str]:
     beside = os.fsdecode(_core.usual_svbuild())
     return shutil.which("svbuild") or (beside if os.path.isabs(beside) else None)
-
-
-def _tell(notes: Iterable[str]) -> None:
-    for note in notes:
-        warnings.warn(note, stacklevel=5)  # the caller of open()
 
 
 class _TemporaryFolder:
@@ -60,7 +58,10 @@ class _TemporaryFolder:
         self.release = weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
-def _convert_by_pyvista(paths: List[str], all_steps: bool, progress: Optional[Progress]) -> Tuple[str, Any]:
+def _convert_by_pyvista(
+    paths: List[str], all_steps: bool, progress: Optional[Progress]
+) -> Tuple[str, Any, List[str]]:
+    """Returns what ``convert`` does, and notes for the user."""
     try:
         import pyvista
     except ImportError:
@@ -81,8 +82,7 @@ def _convert_by_pyvista(paths: List[str], all_steps: bool, progress: Optional[Pr
     except BaseException:
         folder.release()
         raise
-    _tell(report.warnings + report.conversions)
-    return output, folder
+    return output, folder, report.warnings + report.conversions
 
 
 def _read_steps(pv: Any, paths: List[str], all_steps: bool) -> List[Tuple[float, MeshArrays]]:
