@@ -187,7 +187,7 @@ TEST_F(Programs, RenderRefusesBadInput) {
   make_small_files();
   const std::string scene = " --scene scene.json", to = " -o out.exr";
   expect_refusal("svrender none.svol" + scene + to, "none.svol");
-  expect_refusal("svrender mesh.vtu" + scene + to, "not a .svol file");
+  expect_refusal("svrender scene.json" + scene + to, "not a .svol file");
   expect_refusal("svrender mesh.svol --scene none.json" + to, "none.json");
   expect_done("svrender mesh.svol" + scene + to);
 }

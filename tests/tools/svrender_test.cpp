@@ -291,7 +291,7 @@ struct SvrenderOfMeshes : Svrender {
 };
 
 TEST_F(SvrenderOfMeshes, AreConvertedOnce) {
-  for (const std::string& files : {"mesh/piece0.vtu", "mesh/piece0.vtu mesh/piece1.vtu", "mesh"}) {
+  for (const std::string files : {"mesh/piece0.vtu", "mesh/piece0.vtu mesh/piece1.vtu", "mesh"}) {
     ProgramTest::expect_done("svbuild " + files + " --boundary -o built.svol && svrender built.svol -o built.exr");
     const Outcome first = run(files + " -o first.exr");
     EXPECT_EQ(first.code, 0) << first.text;
