@@ -79,14 +79,15 @@ Result<Times> open_mesh(const std::vector<std::string>& files) {
   const Session* shown = nullptr;
   for (FrameInput input{0, {setup.window}};; input = {frame_seconds, {}}) {
     const double begin = seconds_now();
-    if (shown && key.is_due(begin)) input.events = key.press(begin);
+    const bool presses = shown && key.is_due(begin);
+    if (presses) input.events = key.press(begin);
     target.use();
     SPLATVOL_TRY(viewer->frame(input));
     times.frames.push_back(viewer->window_seconds());
     const Session* session = viewer->session();
     if (session != shown) key.forget();
     shown = session;
-    if (!input.events.empty() && session && !key.waits()) key.wait_for(session->scene.camera);
+    if (presses && session && !key.waits()) key.wait_for(session->scene.camera);
     const bool has_picture = session && session->shown_number() > 0;
     if (has_picture && times.first_picture == 0) times.first_picture = seconds_now() - start;
     if (has_picture && !session->converted()) times.had_preview = true;
