@@ -81,8 +81,8 @@ TEST_F(ConversionTest, TellsProgressAndKeepsTheFile) {
 }
 
 TEST_F(ConversionTest, SvbuildStaysWithATemporaryFile) {
-  auto file =
-      value_of(converted(result(true) + "trap 'touch ended; exit 1' INT\nwhile read word; do :; done\ntouch ended\n"));
+  auto file = value_of(
+      converted("trap 'touch ended; exit 1' INT\n" + result(true) + "while read word; do :; done\ntouch ended\n"));
   EXPECT_TRUE(file.is_temporary);
   EXPECT_FALSE(has("ended"));
   file.lease.reset();
