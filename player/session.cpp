@@ -90,11 +90,11 @@ tl::unexpected<Error> fail_no_step(const format::Steps& steps, std::size_t step)
 }
 
 // Converts a mesh, or one that is in several pieces; none for another file.
-Result<std::optional<ConvertedFile>> convert_mesh(const SceneUse& use, const ViewSettings& settings) {
-  ConversionRequest request{{use.file}, settings.all_steps || use.step, settings.preview};
+Result<std::optional<ConvertedFile>> convert_mesh(const SceneUse& use, const Conversion& conversion) {
+  ConversionRequest request{{use.file}, conversion.all_steps || use.step, conversion.preview};
   request.inputs.insert(request.inputs.end(), use.pieces.begin(), use.pieces.end());
   if (!needs_conversion(request.inputs)) return std::optional<ConvertedFile>();
-  return convert(request, settings.on_conversion);
+  return convert(request, conversion.tell);
 }
 
 // Whether two changes need the same parts of the file.
@@ -137,7 +137,7 @@ Result<std::unique_ptr<Session>> Session::open(const std::string& path, const st
 }
 
 Result<SessionFile> Session::read(const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings,
-                                  const format::OpenFile& open_file) {
+                                  const format::OpenFile& open_file, const Conversion& conversion) {
   std::optional<Scene> scene;
   SceneUse use = asked;
   if (!scene_path.empty()) {
@@ -148,7 +148,7 @@ Result<SessionFile> Session::read(const SceneUse& asked, const std::string& scen
       return fail(ErrorCode::invalid_argument, "{}: names no file: open a .svol file or a mesh, and then this scene",
                   scene_path.starts_with('{') ? "the scene" : scene_path);
   }
-  SPLATVOL_TRY_ASSIGN(converted, convert_mesh(use, settings));
+  SPLATVOL_TRY_ASSIGN(converted, convert_mesh(use, conversion));
   SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(converted ? converted->path : use.file, open_file));
   const std::size_t step = use.step.value_or(steps.last());
   if (step > steps.last()) return fail_no_step(steps, step);

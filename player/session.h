@@ -71,13 +71,15 @@ struct ViewSettings {
   // splats.
   std::uint64_t most_exact_segments = splatvol::most_exact_segments;
 
-  // Called while a mesh is converted, on the thread that reads.
-  std::function<void(const ConversionProgress&)> on_conversion = {};
-  std::string preview = {};  // a file that a conversion writes first, of some of the points; empty: none
-  bool all_steps = false;    // of a mesh; else the last one, unless a step is asked for
-
   // Called by `draw` with each picture of the processor that will be shown.
   std::function<void(const CompletePicture&)> on_picture = {};
+};
+
+/// How a mesh is converted.
+struct Conversion {
+  std::function<void(const ConversionProgress&)> tell = {};  // called on the thread that reads
+  std::string preview = {};                                  // as in ConversionRequest
+  bool all_steps = false;                                    // else the last one, unless a step is asked for
 };
 
 /// What a session reads of a file. Made on any thread (Session::read).
@@ -127,7 +129,8 @@ class Session {
   /// of its use, and this before `settings`. A scene that tells its file needs no other.
   [[nodiscard]] static Result<SessionFile> read(const SceneUse& asked, const std::string& scene_path,
                                                 const ViewSettings& settings,
-                                                const format::OpenFile& open_file = open_file_or_url);
+                                                const format::OpenFile& open_file = open_file_or_url,
+                                                const Conversion& conversion = {});
   /// Reads nothing, and nor does the first picture.
   [[nodiscard]] static Result<std::unique_ptr<Session>> open(SessionFile file, SessionHost& host);
 

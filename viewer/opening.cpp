@@ -42,25 +42,26 @@ class CountingSource final : public ByteSource {
 
 }  // namespace
 
-Opening::Opening(SessionHost& host, const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings)
+Opening::Opening(SessionHost& host, const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings,
+                 bool all_steps)
     : path_(asked.file.empty() ? scene_path : asked.file), asked_(asked), scene_path_(scene_path), settings_(settings) {
-  settings_.on_conversion = [told = told_](const ConversionProgress& progress) {
+  const auto tell = [told = told_](const ConversionProgress& progress) {
     const std::lock_guard lock(told->mutex);
     told->conversion = progress;
   };
-  if (settings.works_aside && settings.preview.empty()) {
+  if (settings.works_aside) {
     std::error_code error;
     const auto folder = std::filesystem::temp_directory_path(error);
-    preview_ = settings_.preview = temporary_name_beside((error ? "/tmp" : folder) / "preview") + ".svol";
+    preview_ = temporary_name_beside((error ? "/tmp" : folder) / "preview") + ".svol";
     note_temporary(preview_);
   }
   const auto open_counted = [count = bytes_read_](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
     SPLATVOL_TRY_ASSIGN(source, open_file_or_url(file));
     return std::make_unique<CountingSource>(std::move(source), count);
   };
-  const auto read = [asked, scene_path, open_counted, settings = settings_, stop = stop_.get_token()] {
+  const auto read = [=, conversion = Conversion{tell, preview_, all_steps}, stop = stop_.get_token()] {
     const Interruptible interruptible(stop);
-    return Session::read(asked, scene_path, settings, open_counted);
+    return Session::read(asked, scene_path, settings, open_counted, conversion);
   };
   file_ = {host, read};
 }
@@ -93,9 +94,7 @@ std::unique_ptr<Opening> Opening::open_preview(SessionHost& host) {
   use.file = preview_;
   use.pieces.clear();
   use.step.reset();
-  ViewSettings settings = settings_;
-  settings.preview.clear();
-  return std::make_unique<Opening>(host, use, scene_path_, settings);
+  return std::make_unique<Opening>(host, use, scene_path_, settings_);
 }
 
 }  // namespace splatvol

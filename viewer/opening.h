@@ -16,8 +16,9 @@ namespace splatvol {
 
 class Opening {
  public:
-  /// Begins to open a volume, or a mesh, with a scene, as `Session::read`.
-  Opening(SessionHost& host, const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings);
+  /// Begins to open a volume, or a mesh, with a scene, as `Session::read`. `all_steps`: of a mesh.
+  Opening(SessionHost& host, const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings,
+          bool all_steps = false);
   Opening(const Opening&) = delete;
   Opening& operator=(const Opening&) = delete;
 

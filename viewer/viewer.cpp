@@ -50,26 +50,19 @@ Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
   return viewer;
 }
 
-void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path) {
+void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path, bool all_steps) {
   ViewSettings settings = state_.session ? state_.session->settings : settings_;
-  settings.all_steps = false;
-  begin_opening(use, scene_path, std::move(settings));
-}
-
-void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path, ViewSettings settings) {
   const auto [width, height] = state_.picture_size();
   if (!state_.is_minimised()) settings.first_picture = {.width = width, .height = height};
   opening_seconds_ = 0;
   began_[Ending::opening] = 0;
-  opening_ = std::make_unique<Opening>(state_.host, use, scene_path, settings);
+  opening_ = std::make_unique<Opening>(state_.host, use, scene_path, settings, all_steps);
 }
 
 // The scene stays, at the step that was the only one.
 void Viewer::open_all_steps() {
   const UsedScene used = state_.session->used_scene();
-  ViewSettings settings = state_.session->settings;
-  settings.all_steps = true;
-  begin_opening({.file = state_.session->path(), .pieces = used.use.pieces}, to_json(used), settings);
+  begin_opening({.file = state_.session->path(), .pieces = used.use.pieces}, to_json(used), true);
 }
 
 // Shows the file that is being opened if it is there in time, and before that some of its points.

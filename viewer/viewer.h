@@ -87,8 +87,7 @@ class Viewer {
   void open(const std::string& path);
   void drop(const std::vector<std::string>& paths);
   void add_surface(const std::string& path);
-  void begin_opening(const SceneUse& use, const std::string& scene_path);
-  void begin_opening(const SceneUse& use, const std::string& scene_path, ViewSettings settings);
+  void begin_opening(const SceneUse& use, const std::string& scene_path, bool all_steps = false);
   void open_all_steps();
   [[nodiscard]] Status take_opened(double wait_seconds);
   [[nodiscard]] Status take_preview();

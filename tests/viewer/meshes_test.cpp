@@ -116,6 +116,14 @@ TEST_F(MeshesInAWindow, APreviewComesFirstAndWhatIsChangedInItStays) {
   EXPECT_GT(viewer->session()->info().point_count(), 100'000u);
   EXPECT_EQ(scene().camera, changed.camera);
   EXPECT_EQ(scene().transfer_function, changed.transfer_function);
+
+  // Another mesh in the same window has a preview of its own.
+  make_mesh("800000", "other");
+  frame({FilesDropped{{path("other/piece0.vtu")}}});
+  wait_until([this] { return viewer->session()->path() == path("other/piece0.vtu"); });
+  EXPECT_FALSE(viewer->session()->converted());
+  press(key::escape);
+  EXPECT_TRUE(viewer->session()) << "the preview stays";
 }
 
 TEST_F(MeshesInAWindow, EscapeEndsAConversionAndTheFileBeforeStays) {
