@@ -70,8 +70,9 @@ struct FormatRow {
 /// Whether a file in a folder of inputs is one of them, by its name. A .txt may be any text.
 [[nodiscard]] bool is_input_in_folder(const std::string& name);
 
-/// Whether svbuild may turn a path into a .svol file: a mesh or points by the file's name, also of a format that is not
-/// read, so that svbuild says what to do; a case of OpenFOAM, or a folder that holds such files. A surface is none.
+/// Whether svbuild is to be asked to turn a path into a .svol file: a mesh or points by the file's name, a case of
+/// OpenFOAM, or a folder that holds such files. Formats that are not read count, too: svbuild says what to do. Surfaces
+/// do not.
 [[nodiscard]] bool is_convertible(const std::string& path);
 
 /// Whether a file holds a surface to draw, not a volume, by its name: .stl, .obj, .ply, .glb or .gltf.

@@ -19,7 +19,7 @@
 namespace splatvol {
 namespace {
 
-// What keeps a converted file where it is: a shared lock on it, and of a temporary one svbuild itself.
+// Keeps a converted file where it is: by a shared lock on it. A temporary file is kept by svbuild, which runs on.
 class Lease {
  public:
   Lease(int descriptor, std::unique_ptr<RunningProgram> keeper) : descriptor_(descriptor), keeper_(std::move(keeper)) {}

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "base/file.h"
@@ -113,10 +114,9 @@ Status check_exact(const RenderOptions& options) {
 // Converts a mesh by svbuild; none for another file.
 Result<std::optional<ConvertedFile>> convert_mesh(const RenderOptions& options) {
   if (!needs_conversion(options.inputs)) return std::optional<ConvertedFile>();
-  std::optional<ProgressBar> bar;
-  std::string stage;
+  std::optional<ProgressBar> bar(std::in_place, "reading");
   const auto tell = [&](const ConversionProgress& progress) {
-    if (progress.stage != stage) bar.emplace(stage = progress.stage);
+    bar->rename(progress.stage);
     bar->update(progress.share);
   };
   const bool all_steps = options.step.step || options.step.time || options.plays();

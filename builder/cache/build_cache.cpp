@@ -69,7 +69,7 @@ void remove_folder(const std::string& folder) {
   fs::remove_all(folder, ignored);
 }
 
-// What entry.json tells.
+// The contents of entry.json.
 struct Record {
   CacheKey key;
   std::string file;

@@ -18,14 +18,14 @@ namespace splatvol {
 /// Empty: there is to be none.
 [[nodiscard]] std::string usual_cache_folder();
 
-/// What a file is built from and how: the same text, the same file.
+/// Names the inputs and the choices of a build. Equal keys give equal files.
 struct CacheKey {
   std::vector<std::string> inputs = {};  // canonical_input
   std::string choices = {};              // options and program, in any form
 };
 
-/// Built files, each in a folder of its own: the file, those that it names, and `entry.json`, which tells what was
-/// read.
+/// Built files. Each has a folder of its own, with the files that it names. `entry.json` there tells which files the
+/// build has read.
 ///
 /// Several processes use a cache at once. A short lock on `splatvol.lock` guards its names. The folder of an entry that
 /// is being built begins with a dot, and its builder holds a lock on the file `lock` in it; without that lock, it is a
@@ -67,9 +67,9 @@ class BuildCache {
     FileLock lock_;
   };
 
-  /// Returns the file of a key, or a place to build it in: if there is none, if what it was built from has changed, or
-  /// if it is damaged, as far as its size, its times, header and index tell. While another process builds it, calls
-  /// `waits` about ten times a second; its failure ends the wait.
+  /// Returns the file of a key. Returns a place to build it in if there is none, if its inputs have changed, or if it
+  /// is damaged. Its size, its times, header and index tell that. While another process builds it, calls `waits` about
+  /// ten times a second; its failure ends the wait.
   [[nodiscard]] Result<std::variant<Built, Place>> find(const CacheKey& key, const std::function<Status()>& waits);
 
   /// Returns a place for a file that is not kept.

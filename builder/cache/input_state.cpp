@@ -34,7 +34,7 @@ std::int64_t now() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(time).count();
 }
 
-// What the system makes up on each read.
+// Whether the system makes up the file on each read.
 bool is_of_system(std::string_view path) {
   return std::ranges::any_of(std::initializer_list<std::string_view>{"/proc/", "/sys/", "/dev/"},
                              [&](std::string_view folder) { return path.starts_with(folder); });

@@ -147,13 +147,7 @@ TEST_F(Cached, AChangedFileThatALinkNamesIsBuiltAgain) {
   write_values({1, 2, 3, 4});
   const hid_t file = H5Fcreate(path("mesh.vtkhdf").c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT),
               root = make_group(file, "VTKHDF"), points = make_group(root, "PointData");
-  put_type(root, "UnstructuredGrid");
-  put_array<double>(root, "Points", {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, {4, 3});
-  for (const char* count : {"NumberOfPoints", "NumberOfConnectivityIds"}) put_array<std::int64_t>(root, count, {4});
-  put_array<std::int64_t>(root, "NumberOfCells", {1});
-  put_array<std::int64_t>(root, "Connectivity", {0, 1, 2, 3});
-  put_array<std::int64_t>(root, "Offsets", {0, 4});
-  put_array<std::int64_t>(root, "Types", {10});
+  put_tetrahedron(root);
   H5Lcreate_external("values.h5", "/f", points, "f", H5P_DEFAULT, H5P_DEFAULT);
   for (const hid_t group : {points, root}) H5Gclose(group);
   H5Fclose(file);

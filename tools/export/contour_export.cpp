@@ -14,8 +14,7 @@ Result<ContourReport> export_contour(const format::Volume& volume, const std::st
   SPLATVOL_TRY_ASSIGN(file, SurfaceFile::create(path, arrays, replace));
   SPLATVOL_TRY_ASSIGN(report, extract_contour(volume, selection, value, memory, *file, progress));
   SPLATVOL_TRY_ASSIGN(bytes, file->finish());
-  return ContourReport{
-      report.triangles, report.vertices, report.left_out, report.area, report.closed, report.volume, bytes};
+  return ContourReport{report, bytes};
 }
 
 }  // namespace splatvol

@@ -7,18 +7,13 @@
 
 #include "base/error.h"
 #include "base/replaceable.h"
+#include "extractor/contour_extraction.h"
 #include "format/splat_reader.h"
 #include "format/volume.h"
 
 namespace splatvol {
 
-struct ContourReport {
-  std::uint64_t triangles = 0;
-  std::uint64_t vertices = 0;  // 0: the format has no numbers of vertices
-  std::uint64_t left_out = 0;  // cells of the file of a shape or field that this program does not know
-  double area = 0;
-  bool closed = false;  // each edge belongs to an even number of triangles, mostly two
-  double volume = 0;    // inside, if closed; negative if the contour is the border of a hole
+struct ContourReport : ContourExtractionReport {
   std::uint64_t file_bytes = 0;
 };
 

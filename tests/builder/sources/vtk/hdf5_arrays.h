@@ -49,4 +49,15 @@ inline hid_t make_group(hid_t parent, const char* name) {
   return H5Gcreate2(parent, name, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
 }
 
+/// Puts a tetrahedron with four points into the root of a VTKHDF file.
+inline void put_tetrahedron(hid_t root) {
+  put_type(root, "UnstructuredGrid");
+  put_array<double>(root, "Points", {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, {4, 3});
+  for (const char* count : {"NumberOfPoints", "NumberOfConnectivityIds"}) put_array<std::int64_t>(root, count, {4});
+  put_array<std::int64_t>(root, "NumberOfCells", {1});
+  put_array<std::int64_t>(root, "Connectivity", {0, 1, 2, 3});
+  put_array<std::int64_t>(root, "Offsets", {0, 4});
+  put_array<std::int64_t>(root, "Types", {10});
+}
+
 }  // namespace splatvol::test

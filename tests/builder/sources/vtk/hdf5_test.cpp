@@ -27,13 +27,7 @@ struct Hdf5Test : FolderTest {
   std::string write_mesh(const std::string& name, const std::function<void(hid_t points)>& put_more) const {
     const hid_t file = H5Fcreate(path(name).c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT),
                 root = make_group(file, "VTKHDF"), points = make_group(root, "PointData");
-    put_type(root, "UnstructuredGrid");
-    put_array<double>(root, "Points", {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, {4, 3});
-    for (const char* count : {"NumberOfPoints", "NumberOfConnectivityIds"}) put_array<std::int64_t>(root, count, {4});
-    put_array<std::int64_t>(root, "NumberOfCells", {1});
-    put_array<std::int64_t>(root, "Connectivity", {0, 1, 2, 3});
-    put_array<std::int64_t>(root, "Offsets", {0, 4});
-    put_array<std::int64_t>(root, "Types", {10});
+    put_tetrahedron(root);
     put_array<double>(points, "f", values);
     put_more(points);
     for (const hid_t group : {points, root}) H5Gclose(group);
