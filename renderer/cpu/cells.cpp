@@ -57,7 +57,7 @@ View in_units(View view, double unit) {
 }
 
 TransferFunction in_units(TransferFunction function, double unit) {
-  for (TransferFunction::Density& density : function.densities) density.extinction *= unit;
+  function.density_factor *= unit;
   return function;
 }
 

@@ -1,6 +1,7 @@
 // The transfer function of a first picture. Docs: docs/scene.md, "The first picture".
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "scene/scene.h"
@@ -25,6 +26,20 @@ namespace splatvol {
 /// visible.
 [[nodiscard]] double density_factor(const std::vector<SurveySplat>& splats, const TransferFunction& function,
                                     const Camera& camera, double opacity);
+
+/// The ends of a range of t, also beyond [0, 1].
+struct VisibleValues {
+  double low, high;
+};
+
+/// Returns the 2nd to the 98th percentile of the values, as t, weighted by the light that they give in the picture:
+/// what reaches the eye along the rays of density_factor. None if nothing is visible.
+[[nodiscard]] std::optional<VisibleValues> visible_values(const std::vector<SurveySplat>& splats,
+                                                          const TransferFunction& function, const Camera& camera);
+
+/// Returns the function with its colours spread over these values of its domain. A diverging map keeps the value in its
+/// middle. Densities stay. The function stays as it is if the values are hardly more than one.
+[[nodiscard]] TransferFunction with_visible_colors(TransferFunction function, const VisibleValues& visible);
 
 /// Returns the mean opacity of the most opaque quarter of any side of the picture, seen with a perspective camera.
 /// `aspect`: width / height.
