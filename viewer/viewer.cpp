@@ -72,12 +72,12 @@ Status Viewer::take_opened(double wait_seconds) {
   preview_.reset();
   const std::unique_ptr<Opening> opening = std::move(opening_);
   SPLATVOL_TRY_ASSIGN(file, opening->take());
-  const bool shows_first_picture = file.fits && !previewed_;
+  const bool has_no_scene = file.fits;
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file), state_.host));
   if (previewed_) take_over_preview(*session);
   if (opening->asked().pieces.empty()) recent_files_.add(session->path());
   show(std::move(session));
-  if (shows_first_picture && state_.session->converted()) ask_up();
+  if (has_no_scene && state_.session->converted()) ask_up();
   if (const auto& converted = state_.session->converted())
     for (const std::string& note : converted->notes) state_.messages.note(note);
   return {};
