@@ -342,6 +342,7 @@ class Player {
   [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
   [[nodiscard]] Status draw_within(double seconds);
   [[nodiscard]] Status draw_moving(const MotionLimits& limits);
+  [[nodiscard]] Status hold_contours();
   [[nodiscard]] Result<MotionControl::Outcome> draw_rung(const Rung& rung, double seconds);
   [[nodiscard]] bool may_draw_cells() const;
 
@@ -358,6 +359,7 @@ class Player {
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
   void lay_surfaces(const View& view, bool has_slices);
+  [[nodiscard]] Result<std::vector<CellLayer>> lay_cells();
   [[nodiscard]] std::uint64_t sweep_memory();
   void take_surfaces(std::vector<Surface> surfaces);
   [[nodiscard]] Result<std::shared_ptr<const KeptCells>> kept_cells();
