@@ -43,6 +43,13 @@ constexpr double opacity_of_material = 0.65;   // mean along rays, on a dark bac
 // Chooses a transfer function for the values of some splats.
 using Chooser = std::function<TransferFunction(const std::vector<SurveySplat>&)>;
 
+// From 0 to 1, but for rounding: the share of a fluid, or a concentration. Solvers smear it over many decades, which
+// mean nothing.
+bool is_share(const format::Attribute& attribute) {
+  constexpr double rounding = 1e-3;
+  return std::abs(attribute.min) <= rounding && std::abs(attribute.max - 1) <= rounding;
+}
+
 Result<Chooser> chooser_for(const format::Volume& volume, int index) {
   const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
   SPLATVOL_TRY_ASSIGN(kind, kind_of_numbers(volume, index));
@@ -55,8 +62,8 @@ Result<Chooser> chooser_for(const format::Volume& volume, int index) {
       return function;
     });
   if (kind != NumberKind::labels)
-    return Chooser([kind, least_range](const auto& splats) {
-      return choose_transfer_function(splats, kind == NumberKind::whole, least_range);
+    return Chooser([kind, least_range, share = is_share(attribute)](const auto& splats) {
+      return choose_transfer_function(splats, kind == NumberKind::whole, least_range, share);
     });
   return Chooser([least = attribute.min, most = attribute.max](const auto&) { return label_function(least, most); });
 }
@@ -269,8 +276,10 @@ TransferFunction fit_to_picture(const std::vector<SurveySplat>& splats, const Ch
   return seen.size() < fewest_in_picture ? function : choose(seen);
 }
 
-// Surroundings keep their colour: what is near them is thin, and would be dark as well.
+// Surroundings keep their colour: what is near them is thin, and would be dark as well. On a logarithmic axis they are
+// decades away from what is seen.
 VisibleValues with_clear_values(VisibleValues visible, const TransferFunction& function) {
+  if (function.axis == ValueAxis::log) return visible;
   const auto& densities = function.densities;
   for (std::size_t i = 1; i < densities.size(); ++i) {
     if (densities[i - 1].extinction > 0 || densities[i].extinction > 0) continue;

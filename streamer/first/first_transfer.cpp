@@ -281,8 +281,9 @@ TransferFunction constant_function(double value) {
 
 }  // namespace
 
-TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats, bool whole, double least_range) {
-  const Axis axis = choose_axis(splats, whole);
+TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats, bool whole, double least_range,
+                                          bool share) {
+  const Axis axis = share ? Axis{} : choose_axis(splats, whole);
   const Values values = values_of(splats, [&](double value) { return axis.position(value); });
   const Findings findings = study(values, axis.kind == ValueAxis::log);
   const double largest = std::max(std::abs(findings.range.low), std::abs(findings.range.high));

@@ -11,8 +11,9 @@ namespace splatvol {
 
 /// Returns colours and relative densities, at most 1, for the values of a survey of an attribute. At least one splat
 /// must have a value. `whole`: the values are whole numbers, and less than a half is a mean of 0 and others.
+/// `share`: they are shares of a whole, whose axis is linear.
 [[nodiscard]] TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats, bool whole = false,
-                                                        double least_range = 1e-6);
+                                                        double least_range = 1e-6, bool share = false);
 
 /// Returns the same for labels from `least` to `most`: all are as dense, but 0 is not drawn. It stands for none.
 [[nodiscard]] TransferFunction label_function(double least, double most);
