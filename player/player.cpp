@@ -7,8 +7,8 @@
 #include <tuple>
 #include <utility>
 
+#include "base/addresses.h"
 #include "base/clock.h"
-#include "base/http_source.h"
 #include "base/interruption.h"
 #include "player/choice.h"
 #include "player/sampling.h"

@@ -12,8 +12,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/addresses.h"
 #include "base/error.h"
-#include "base/http_source.h"
 #include "format/steps.h"
 #include "format/volume.h"
 #include "pictures/page.h"

@@ -626,6 +626,7 @@ Status run(const Options& options) {
   if (options.cache.list) return list_cache(options.json);
   if (options.cache.forget) return forget_in_cache(options.inputs);
   if (options.cache.cached) return build_for_cache(options);
+  SPLATVOL_TRY(check_no_address(options.inputs));
   return options.estimate ? print_estimate(options) : build(options);
 }
 

@@ -74,8 +74,8 @@ std::string program_text() {
 }
 
 Status check_inputs(const std::vector<std::string>& inputs) {
+  SPLATVOL_TRY(check_no_address(inputs));
   for (const std::string& input : inputs) {
-    if (is_url(input)) return fail(ErrorCode::unsupported, "{}: meshes are read from disks: download it first", input);
     if (has_extension(input, ".svol") || has_extension(input, ".svols"))
       return fail(ErrorCode::invalid_argument, "{}: is built already: open it as it is", input);
   }

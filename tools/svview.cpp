@@ -290,7 +290,8 @@ Status run(Options options) {
 
 void add_view_options(CommandLine& app, Options& options) {
   app.add_option("volume", options.files,
-                 "The .svol file, the index of a series of files (.svols), or its address (https://...); a scene that "
+                 "The .svol file, the index of a series of files (.svols), or its address (https://..., ssh://...); a "
+                 "scene that "
                  "names one; or a mesh or points, in one file, several files or a folder, which svbuild converts and "
                  "keeps in its cache")
       ->type_name("FILE.svol|URL|S.json|MESH...");

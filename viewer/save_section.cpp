@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "base/file.h"
-#include "base/http_source.h"
 #include "base/program.h"
 #include "base/replaceable.h"
 #include "pictures/contrast.h"
