@@ -551,7 +551,7 @@ Result<ExactPicture> Player::estimate_exact() {
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
   SPLATVOL_TRY_ASSIGN(segments, cells->estimate_segments());
   return ExactPicture{static_cast<std::uint64_t>(segments), cells->chunks().size(), cells->tetrahedra(),
-                      cells->unknown_cells()};
+                      cells->unknown_cells(), segment_work(count_pieces(scene_.transfer_function))};
 }
 
 // Contours and slices have sharp edges, where wide samples show steps.
@@ -627,7 +627,8 @@ Result<ChosenQuality> Player::default_quality() {
   if (!may_draw_cells()) return splats;
   if (shows_contours()) return ChosenQuality{{.exact = true}};
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.segments > most_exact_segments) return ChosenQuality{splats.quality, estimate.segments};
+  if (const double segments = estimate.counted_segments(); segments > most_exact_segments)
+    return ChosenQuality{splats.quality, static_cast<std::uint64_t>(segments)};
   if (estimate.unknown_cells > 0) return splats;
   return ChosenQuality{{.exact = true}};
 }
@@ -703,8 +704,7 @@ Result<Choices> Player::choices(bool with_cells, int widest_spacing) {
   choices.widest_spacing = std::max(choices.finest_spacing, widest_spacing);
   if (!with_cells) return choices;
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.unknown_cells == 0 || !choices.has_splats)
-    choices.cells = {static_cast<double>(estimate.tetrahedra), static_cast<double>(estimate.segments)};
+  if (estimate.unknown_cells == 0 || !choices.has_splats) choices.cells = estimate.counts();
   return choices;
 }
 
@@ -718,8 +718,7 @@ Result<Choices> Player::moving_choices(bool with_cells) {
   if (shows_contours()) choices.added_error = error_without_contours;
   if (!with_cells || !holds_cells()) return choices;
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.unknown_cells == 0)
-    choices.cells = {static_cast<double>(estimate.tetrahedra), static_cast<double>(estimate.segments)};
+  if (estimate.unknown_cells == 0) choices.cells = estimate.counts();
   return choices;
 }
 
@@ -773,7 +772,7 @@ Status Player::draw_moving(const MotionLimits& limits) {
   if (has_layers()) choices.widest_spacing = choices.finest_spacing = 1;
   if (shows_contours()) {
     SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-    choices.cells = {static_cast<double>(estimate.tetrahedra), static_cast<double>(estimate.segments)};
+    choices.cells = estimate.counts();
     choices.has_splats = false;
   } else {
     choices.most_segments = most_exact_segments;
@@ -847,7 +846,8 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
   const double of_rays =
       static_cast<double>(view_.width) * view_.height / (static_cast<double>(view.width) * view.height);
   return DrawnRays{{std::move(picture.image), spacing},
-                   {static_cast<double>(cells->tetrahedra()), static_cast<double>(picture.segments) * of_rays}};
+                   {static_cast<double>(cells->tetrahedra()), static_cast<double>(picture.segments) * of_rays,
+                    segment_work(count_pieces(scene_.transfer_function))}};
 }
 
 // Draws picture after picture, until one has the error.

@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "base/file.h"
 #include "base/addresses.h"
+#include "base/file.h"
 #include "base/printable.h"
 #include "player/conversion.h"
 #include "streamer/first/default_scene.h"

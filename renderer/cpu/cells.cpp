@@ -862,6 +862,8 @@ void CellSweep::finish_tile(const Tile& tile) {
 
 }  // namespace
 
+std::size_t count_pieces(const TransferFunction& function) { return tiles::FunctionPieces(function).count; }
+
 CellRasterizer::CellRasterizer() : workspace_(std::make_unique<CellWorkspace>()) {}
 CellRasterizer::~CellRasterizer() = default;
 

@@ -322,6 +322,23 @@ TEST_F(ExactPictures, AreDrawnWhereThereIsMuchTime) {
   EXPECT_FALSE(is_exact(true, {.sort = SortMode::axis}));
 }
 
+// A segment with many pieces is more work, so that less of it is drawn where nobody asks.
+TEST_F(ExactPictures, CountThePiecesOfTheFunction) {
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
+  const auto player = open("m.svol");
+  Scene many = scene();
+  const ExactPicture few = test::value_of(player->estimate_exact());
+  EXPECT_EQ(few.counted_segments(), static_cast<double>(few.segments));
+  many.transfer_function.densities.clear();
+  for (int i = 0; i <= 2000; ++i) many.transfer_function.densities.push_back({i / 2000.0, 1.0 + i % 2});
+  ASSERT_EQ(test::message_of(player->set_scene(many)), "");
+  const ExactPicture estimate = test::value_of(player->estimate_exact());
+  EXPECT_EQ(estimate.segments, few.segments);
+  EXPECT_GT(estimate.counted_segments(), 4 * static_cast<double>(few.segments));
+  const CellCounts counts = estimate.counts();
+  EXPECT_GT(work_of_cells(counts, 1e5, 1), work_of_cells({counts.tetrahedra, counts.segments}, 1e5, 1));
+}
+
 TEST_F(ExactPictures, HaveTheSlicesOfTheMesh) {
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
