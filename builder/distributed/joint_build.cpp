@@ -99,8 +99,7 @@ class JointBuild {
   }
 
   [[nodiscard]] bool joins_by_boxes() const {
-    return options_.connectivity == Connectivity::boxes ||
-           (options_.connectivity == Connectivity::automatic && records() > most_cells);
+    return connectivity_of_points(options_, records()) == Connectivity::boxes;
   }
 
   // Whether what comes after the sort can be done range by range.

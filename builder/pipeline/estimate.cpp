@@ -42,13 +42,6 @@ std::uint64_t tetrahedra_of(const Piece& piece) {
   return piece.tetrahedra.size() + (piece.cells ? piece.cells->tetrahedra.size() : 0);
 }
 
-Connectivity connectivity_of(const InputSize& size, const BuildOptions& options) {
-  if (size.has_material) return Connectivity::mesh;
-  if (options.connectivity != Connectivity::automatic) return options.connectivity;
-  if (size.points <= options.held_points) return Connectivity::delaunay;
-  return size.points > most_cells ? Connectivity::boxes : Connectivity::none;
-}
-
 PointRecords records_of(const InputSize& size, const BuildOptions& options, std::size_t attributes) {
   return {attributes, size.single_precision, size.has_material, size.has_planes, options.gradients};
 }
@@ -84,7 +77,7 @@ Work work_of(const InputSize& size, const BuildOptions& options, Connectivity co
       // Triangulations of few points at a time wait for each other.
       return {(is_held ? Range{11, 18} : Range{18, 32}) + (is_fitted ? Range{9, 16} : Range{}), {.3, 1}, {}};
     default:
-      return {(is_held ? Range{20, 34} : Range{8, 14}) + fit, {.3, 1}, {}};
+      return {Range{8, 14} + fit, {.3, 1}, {}};
   }
 }
 
@@ -177,7 +170,8 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
   const auto points = static_cast<double>(size.points), tetrahedra = static_cast<double>(size.tetrahedra);
   const auto attributes = static_cast<double>(size.attributes);
   const auto count = static_cast<double>(steps);
-  BuildEstimate estimate{.connectivity = connectivity_of(size, options)};
+  BuildEstimate estimate{.connectivity =
+                             size.has_material ? Connectivity::mesh : connectivity_of_points(options, size.points)};
 
   const FileBytes bytes = file_bytes_of(size, options);
   estimate.file = points * (bytes.geometry + count * attributes * bytes.value) + Range{8 * kibi, 40 * kibi};
@@ -191,8 +185,8 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
   const std::size_t values = together * size.attributes;
   const PointRecords records = records_of(size, options, values);
   const double temporary = temporary_bytes(size, options, records);
-  const bool is_stored = estimate.connectivity != Connectivity::mesh && size.points > options.held_points &&
-                         estimate.connectivity != Connectivity::boxes;  // StoredPoints
+  const bool is_stored =
+      estimate.connectivity == Connectivity::none || (are_joined && size.points > options.held_points);  // StoredPoints
   const double stored = is_stored ? points * static_cast<double>(records.bytes()) : 0;
   estimate.disk = {std::max(estimate.file.low, .35 * (temporary + stored)),
                    std::max((steps > 1 ? 2 : 1.4) * estimate.file.high,
@@ -204,7 +198,7 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
                                                                    static_cast<double>(values - size.attributes) *
                                                                    sizeof(double);
   estimate.least_memory = std::max(plan.least, static_cast<std::uint64_t>(piece));
-  if (!size.has_material && size.points <= options.held_points && estimate.connectivity != Connectivity::boxes)
+  if (are_joined && size.points <= options.held_points)
     estimate.least_memory = std::max(
         estimate.least_memory,
         static_cast<std::uint64_t>(points * static_cast<double>(joined_point_bytes + joined_value_bytes * values)));

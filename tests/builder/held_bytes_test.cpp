@@ -119,9 +119,8 @@ TEST(HeldBytes, OfSampledCellsAreBounded) {
   for (const std::uint64_t memory : {std::uint64_t{64} << 20, std::uint64_t{1}}) {
     const auto source = generate_points({is_long() ? 300'000u : 60'000u, Distribution::clusters, 1, false});
     start_counting_allocations();
-    const auto report =
-        value_of(build_volume(*source, path, {.memory = memory, .held_points = 1, .connectivity = Connectivity::none},
-                              [](const char*, double) {}));
+    const auto report = value_of(build_volume(*source, path, {.memory = memory, .connectivity = Connectivity::none},
+                                              [](const char*, double) {}));
     // The sorted points keep a part of the memory, too.
     EXPECT_LE(most_bytes_allocated(), std::max(memory, report.least_memory) + (std::size_t{14} << 20)) << memory;
     if (expected.empty()) expected = *read_text_file(path);
