@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <random>
 #include <string>
 #include <utility>
 #include <vector>
@@ -16,6 +17,7 @@
 #include "builder/sources/generator.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/builder/support/point_sets.h"
 #include "tests/format/allocation_counter.h"
 #include "tests/support/long.h"
 #include "tests/support/results.h"
@@ -110,6 +112,24 @@ TEST(HeldBytes, AreBoundedForAnyNumberOfAttributes) {
         EXPECT_TRUE(*read_text_file(path) == expected) << attributes << " attributes, " << memory << " bytes";
       }
     }
+}
+
+// Thousands of overlapping cells round one vertex: their splats all meet each other.
+TEST(HeldBytes, OfCellsRoundOneVertexAreBounded) {
+  const std::uint32_t count = is_long() ? 330'000 : 33'000;
+  Mesh mesh{uniform_points(static_cast<int>(count)), {}};
+  std::mt19937 random(3);
+  std::uniform_int_distribution<std::uint32_t> other(1, count - 1);
+  while (mesh.tetrahedra.size() < count / 33 * 6) {
+    const Tetrahedron corners{0, other(random), other(random), other(random)};
+    if (corners[1] != corners[2] && corners[2] != corners[3] && corners[3] != corners[1])
+      mesh.tetrahedra.push_back(corners);
+  }
+  const std::vector<Piece> pieces = {mesh_piece(mesh, [](const dvec3& p) { return p.x; })};
+  const std::uint64_t memory = std::uint64_t{256} << 20;
+  const Built built = build(pieces, 1, {.memory = memory, .keep_cells = true}, testing::TempDir() + "held_fan.svol");
+  EXPECT_LE(built.report.least_memory, memory);
+  EXPECT_LE(built.most_bytes, memory + piece_bytes(pieces) + (std::size_t{2} << 20));
 }
 
 // Cells are found in one subdomain at a time if the memory has no room for more.
