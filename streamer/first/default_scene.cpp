@@ -148,7 +148,7 @@ Camera step_back(std::vector<SurveySplat> splats, const Chooser& choose, Camera 
   weigh(splats, camera);
   TransferFunction function = choose(splats);
   for (int step = 0; step < most_steps_back; ++step) {
-    const double factor = density_factor(splats, function, camera, opacity_of_material);
+    const double factor = PictureRays(splats, function, camera).density_factor(opacity_of_material);
     for (auto& density : function.densities) density.extinction *= factor;
     if (border_opacity(splats, function, camera, aspect) < most_at_border) break;
     camera.position = camera.focal_point + step_back_factor * (camera.position - camera.focal_point);
@@ -319,9 +319,10 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
   SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, picture.width, picture.height));
   scene.transfer_function = fit_to_picture(splats, choose, view);
 
-  const double factor = density_factor(splats, scene.transfer_function, scene.camera, opacity_of_material);
+  const PictureRays rays(splats, scene.transfer_function, scene.camera);
+  const double factor = rays.density_factor(opacity_of_material);
   for (auto& density : scene.transfer_function.densities) density.extinction *= factor;
-  if (const auto visible = visible_values(splats, scene.transfer_function, scene.camera))
+  if (const auto visible = rays.visible_values(factor))
     scene.transfer_function =
         with_visible_colors(scene.transfer_function, with_clear_values(*visible, scene.transfer_function));
   adapt_to_background(scene, picture.background);
@@ -363,7 +364,7 @@ Result<TransferFunction> visible_colors(const format::Volume& volume, const Scen
   std::erase_if(splats, [&](const SurveySplat& splat) {
     return !is_in_picture(view, splat.center) || is_clipped(scene, splat.center);
   });
-  const auto visible = visible_values(splats, scene.transfer_function, scene.camera);
+  const auto visible = PictureRays(splats, scene.transfer_function, scene.camera).visible_values();
   return visible ? with_visible_colors(scene.transfer_function, *visible) : scene.transfer_function;
 }
 

@@ -455,30 +455,41 @@ std::vector<Ray> choose_rays(const std::vector<Ellipsoid>& ellipsoids, const Vie
   return chosen;
 }
 
-// Calls `trace` with parts of the rays, on all threads.
-template <class Trace>
-void in_parts(std::vector<Ray>& all, const Trace& trace) {
-  constexpr std::size_t at_once = 64;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, all.size(), at_once),
-                    [&](const auto& range) { trace(std::span(all).subspan(range.begin(), range.size())); });
-}
-
-std::vector<double> optical_depths(const std::vector<Ellipsoid>& ellipsoids, const View& view) {
-  std::vector<Ray> chosen = choose_rays(ellipsoids, view);
-  in_parts(chosen, [&](std::span<Ray> part) { add_depths(ellipsoids, part); });
-  std::vector<double> depths;
-  for (const Ray& ray : chosen)
-    if (ray.depth > 0) depths.insert(depths.end(), ray.count, ray.depth);
-  return depths;
-}
-
 }  // namespace
 
-double density_factor(const std::vector<SurveySplat>& splats, const TransferFunction& function, const Camera& camera,
-                      double opacity) {
+struct PictureRays::Contents {
+  std::vector<SurveySplat> splats;
+  TransferFunction function;
+  std::vector<Ellipsoid> ellipsoids;
+  std::vector<Ray> rays;
+};
+
+PictureRays::PictureRays(const std::vector<SurveySplat>& splats, const TransferFunction& function, const Camera& camera)
+    : contents_(std::make_unique<Contents>(Contents{splats, function, {}, {}})) {
   const auto view = make_view(camera, 512, 512);
-  if (!view) return 1;
-  const std::vector<double> depths = optical_depths(ellipsoids_of(splats, function, *view), *view);
+  if (!view) return;
+  std::vector<Ellipsoid>& ellipsoids = contents_->ellipsoids;
+  std::vector<Ray>& rays = contents_->rays;
+  ellipsoids = ellipsoids_of(splats, function, *view);
+  rays = choose_rays(ellipsoids, *view);
+  constexpr std::size_t at_once = 64;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, rays.size(), at_once), [&](const auto& range) {
+    visit_hits(ellipsoids, std::span(rays).subspan(range.begin(), range.size()),
+               [&](Ray& ray, std::size_t number, double depth) {
+                 ray.depth += depth;
+                 const double along = glm::dot(ellipsoids[number].center - ray.eye, ray.direction);
+                 if (depth > 0 && (view->orthographic || along > 0)) ray.hits.push_back({along, depth, number});
+               });
+  });
+  for (Ray& ray : rays) std::ranges::sort(ray.hits, {}, &Hit::along);
+}
+
+PictureRays::~PictureRays() = default;
+
+double PictureRays::density_factor(double opacity) const {
+  std::vector<double> depths;
+  for (const Ray& ray : contents_->rays)
+    if (ray.depth > 0) depths.insert(depths.end(), ray.count, ray.depth);
   if (depths.empty()) return 1;
   const auto mean_opacity = [&](double factor) {
     double sum = 0;
@@ -495,27 +506,17 @@ double density_factor(const std::vector<SurveySplat>& splats, const TransferFunc
   return std::exp(0.5 * (low + high));
 }
 
-std::optional<VisibleValues> visible_values(const std::vector<SurveySplat>& splats, const TransferFunction& function,
-                                            const Camera& camera) {
+// Dense places have more rays than others of the same area: the light of each counts by the area that it stands for.
+std::optional<VisibleValues> PictureRays::visible_values(double density_factor) const {
   constexpr double left_out = 0.02;  // of the light, at either end
-  const auto view = make_view(camera, 512, 512);
-  if (!view) return {};
-  const std::vector<Ellipsoid> ellipsoids = ellipsoids_of(splats, function, *view);
+  const auto& [splats, function, ellipsoids, rays] = *contents_;
   std::vector<double> lights(splats.size());
-  std::vector<Ray> chosen = choose_rays(ellipsoids, *view);
-  in_parts(chosen, [&](std::span<Ray> part) {
-    visit_hits(ellipsoids, part, [&](Ray& ray, std::size_t number, double depth) {
-      const double along = glm::dot(ellipsoids[number].center - ray.eye, ray.direction);
-      if (depth > 0 && (view->orthographic || along > 0)) ray.hits.push_back({along, depth, number});
-    });
-  });
-  for (Ray& ray : chosen) {
-    std::ranges::sort(ray.hits, {}, &Hit::along);
+  for (const Ray& ray : rays) {
     double density = 0;
     for (const Hit& hit : ray.hits) density += ellipsoids[hit.ellipsoid].density;
     double left = density > 0 ? static_cast<double>(ray.count) / density : 0;
     for (const Hit& hit : ray.hits) {
-      const double light = -left * std::expm1(-hit.depth);
+      const double light = -left * std::expm1(-density_factor * hit.depth);
       lights[ellipsoids[hit.ellipsoid].splat] += light;
       left -= light;
     }
