@@ -37,7 +37,7 @@ struct ProgramsOverSsh : ProgramTest {
 };
 
 TEST_F(ProgramsOverSsh, DrawThePictureOfTheFile) {
-  expect_done("svbuild gen:mesh:cells=4e5 -o mesh.svol");
+  expect_done("svbuild gen:mesh:cells=1e5 -o mesh.svol");
   for (const std::string how : {"--tolerance 0", "--exact"}) {
     expect_done("svrender mesh.svol -o near.exr --size 64x64 " + how);
     expect_far(fmt::format("svrender ssh://me@host:22{} -o far.exr --size 64x64 {} --stats stats.json",
