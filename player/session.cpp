@@ -16,6 +16,7 @@
 #include "player/camera_control.h"
 #include "player/choice.h"
 #include "renderer/cpu/srgb_bytes.h"
+#include "scene/scene_change.h"
 #include "streamer/first/explain.h"
 #include "streamer/splats/domain.h"
 
@@ -102,14 +103,6 @@ bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& 
   return a_settings.memory == b_settings.memory && kernel_of(a_settings.drawing) == kernel_of(b_settings.drawing) &&
          a.attribute == b.attribute && opacity_attribute_of(a) == opacity_attribute_of(b) && a.surfaces == b.surfaces &&
          a.lighting.has_value() == b.lighting.has_value();
-}
-
-// Whether the pictures of two scenes are equal, and at most what is round them differs.
-bool have_same_picture(const Scene& a, Scene b) {
-  b.background = a.background;
-  b.outline = a.outline;
-  b.scalar_bar = a.scalar_bar;
-  return a == b;
 }
 
 // Lists of splats are large, and hold rows.
@@ -546,26 +539,19 @@ Status Session::apply() {
   Drawing drawing = settings.drawing;
   drawing.kernel = player_->options().drawing.kernel;  // until what another one needs is read
   SPLATVOL_TRY(player_->set_drawing(drawing));
+  const SceneChange change = change_between(used_scene_, drawn);
   const bool same = player_->options().memory == used_settings_.memory && drawing == used_settings_.drawing &&
                     settings.quality == used_settings_.quality &&
-                    settings.most_exact_segments == used_settings_.most_exact_segments &&
-                    have_same_picture(drawn, used_scene_);
-  const bool is_other_attribute = drawn.attribute != used_scene_.attribute;
-  const auto differs_by_camera_only = [&] {
-    Scene turned = drawn;
-    turned.camera = used_scene_.camera;
-    return have_same_picture(turned, used_scene_);
-  };
-  const bool is_other_picture = !same && !differs_by_camera_only();
+                    settings.most_exact_segments == used_settings_.most_exact_segments && !change.is_of_picture();
   view_ = player_->view();
   used_scene_ = std::move(drawn);
   used_settings_ = settings;
   used_settings_.memory = player_->options().memory;
   used_settings_.drawing = drawing;
   if (same) return {};
-  if (is_other_attribute)
+  if (change.data)
     motion_.forget_errors();
-  else if (is_other_picture)
+  else if (change.is_beyond_camera())
     motion_.doubt_errors();
   still_seconds_ = 0;
   settled_ = moving_is_drawn_ = false;
@@ -599,7 +585,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   SPLATVOL_TRY(make_view(scene));
   if (!awaits_step_) still_seconds_ += seconds;
   if (is_drawing()) {
-    const bool is_old = asked_step_ || !have_same_picture(scene_without_change(), used_scene_);
+    const bool is_old = asked_step_ || change_between(used_scene_, scene_without_change()).is_of_picture();
     if (is_old && work_ != Work::moving) interrupt_drawing();
     SPLATVOL_TRY(end_drawing(is_busy));
     if (is_drawing()) return {};     // the picture stays
