@@ -528,7 +528,7 @@ TEST_F(RealData, SurfacesAreSortedInAsInTheExactPicture) {
       const Image exact_picture = exact(view, text);
       EXPECT_GT(std::ranges::count(exact_picture.pixels, 1.0F, &vec4::a), 3000) << view;
       for (const char* way : all_ways)
-        EXPECT_LT(error_to(exact_picture, way), 0.0025) << view << ", " << way << ", opacity " << opacity;
+        EXPECT_LT(error_to(exact_picture, way), 0.0035) << view << ", " << way << ", opacity " << opacity;
     }
   }
 }
@@ -572,7 +572,7 @@ TEST_F(RealData, OpacityByAnotherAttributeIsAsInTheExactPicture) {
     json text = json::parse(*read_text_file(scene(of.view)));
     text["opacity"] = {{"attribute", of.attribute}, {"domain", {0, of.most}}, {"factor", {{0, 0.02}, {0.5, 1}}}};
     const Image exact_picture = exact(of.view, text);
-    for (const char* way : all_ways) EXPECT_LT(error_to(exact_picture, way), 0.003) << of.view << ", " << way;
+    for (const char* way : all_ways) EXPECT_LT(error_to(exact_picture, way), 0.0035) << of.view << ", " << way;
   }
 }
 
@@ -659,18 +659,17 @@ TEST_F(RealData, OctantKernelHasTheErrorOfThePaper) {
   }
 }
 
-// With all points, the error is at most 1.1 times that of the design's prototype, and on post half of that of VTK's
-// projected tetrahedra. With about a quarter and a tenth of the points it is at most 1.15 times the prototype's
-// (docs/accuracy.md).
-TEST_F(RealData, MomentsAreAsExactAsTheirPrototype) {
+// With all points, the error is at most 1.1 times that of docs/accuracy.md: on post about half of that of VTK's projected
+// tetrahedra. With about a quarter and a tenth of the points it is at most 1.15 times that of the design's prototype.
+TEST_F(RealData, MomentsAreAsExactAsTheyWere) {
   struct Bound {
     std::string view;
     double all, quarter, tenth;
   };
-  for (const Bound& bound : sample_of<Bound>({{"bluntfin", 0.0036, 0.0076, 0.0102},
+  for (const Bound& bound : sample_of<Bound>({{"bluntfin", 0.0033, 0.0076, 0.0102},
                                               {"bluntfin-close", 0.0065, 0.0100, 0.0132},
                                               {"bluntfin-ortho", 0.0023, 0.0032, 0.0048},
-                                              {"post", 0.0023, 0.0049, 0.0059},
+                                              {"post", 0.0026, 0.0049, 0.0059},
                                               {"post-close", 0.0072, 0.0085, 0.0117},
                                               {"wing", 0.0015, 0.0032, 0.0041},
                                               {"wing-wake", 0.00088, 0.0018, 0.0028}},
