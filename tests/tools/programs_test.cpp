@@ -200,7 +200,7 @@ TEST_F(Programs, InputsAreNeverOverwritten) {
   expect_refusal("svbuild mesh-in-disguise.svol -o ./mesh-in-disguise.svol", "is the input");
   expect_refusal(render + " --stats scene.json", "is the input");
   expect_refusal(render + " --stats no/such.json", "no/such.json");
-  expect_refusal("svdemo -o both.json --scene both.json", "does not end in .vtu", 2);
+  expect_refusal("svgen flow -o both.json --scene both.json", "does not end in .vtu", 2);
   EXPECT_EQ(read("mesh.vtu"), mesh);
   EXPECT_EQ(read("mesh.svol"), volume);
 }
@@ -227,8 +227,8 @@ TEST_F(Programs, FilesOfOtherKindsAreNeverReplaced) {
   keeps("svexport " + volume + " -o ", "points.vtu");
   keeps("svexport " + volume + " --voxel 0.5 -o ", "voxels.vdb");
   keeps("svgen points --count 100 -o ", "points.npy");
-  keeps("svdemo --points 1000 -o ", "demo.vtu");
-  keeps("svdemo --scene ", "demo.json");
+  keeps("svgen flow --points 1000 -o ", "demo.vtu");
+  keeps("svgen flow --scene ", "demo.json");
 
   // A name that cannot be right is a wrong call.
   expect_refusal("svbuild " + mesh + " -o " + mesh, "does not end in .svol", 2);
@@ -255,7 +255,7 @@ TEST_F(Programs, InputsOfTheUserAreReplacedByForceOnly) {
   };
   keeps("svexport mesh.svol -o ", "mesh.vtu");
   keeps("svexport mesh.svol --voxel 0.5 -o ", "voxels.vdb");
-  keeps("svdemo --points 1000 -o ", "mesh.vtu");
+  keeps("svgen flow --points 1000 -o ", "mesh.vtu");
   keeps("svgen points --count 100 -o ", "points.npy");
 
   // What it may not replace by force either.
@@ -264,8 +264,8 @@ TEST_F(Programs, InputsOfTheUserAreReplacedByForceOnly) {
   write("notes.vtu", "My notes of ten years.\n");
   expect_refusal("svexport mesh.svol --force -o notes.vtu", "and is not a VTK file");
 
-  // A mesh that svdemo made is its own, until another program saves it.
-  expect_done("svdemo --points 1000 -o flow.vtu");
+  // A mesh that svgen made is its own, until another program saves it.
+  expect_done("svgen flow --points 1000 -o flow.vtu");
   EXPECT_EQ(run("svexport mesh.svol -o flow.vtu").code, 0);
 }
 
@@ -287,7 +287,7 @@ TEST_F(Programs, InfinityAndNanAreNoNumbersOfOptions) {
       {"svgen points -o a.npy", {"--count", "--seed"}},
       {"svgen mesh -o a", {"--cells", "--pieces"}},
       {"svgen refine a.vtu -o a", {"--levels", "--read-memory", "--read-timeout"}},
-      {"svdemo -o a.vtu", {"--points"}}};
+      {"svgen flow -o a.vtu", {"--points"}}};
   for (const auto& [command, names] : options) {
     if (!fs::exists(fs::path(SPLATVOL_BIN) / command.substr(0, command.find(' ')))) continue;  // svview needs OpenGL
     for (const std::string& name : names)
@@ -403,7 +403,7 @@ TEST_F(Programs, SvdiffTellsRippleAndOutline) {
 }
 
 TEST_F(Programs, DemoEndsInAPicture) {
-  expect_done("svdemo --points 20000 -o flow.vtu --scene flow.json");
+  expect_done("svgen flow --points 20000 -o flow.vtu --scene flow.json");
   expect_done("svbuild flow.vtu -o flow.svol");
   expect_done("svinfo flow.svol --verify");
   expect_done("svinfo flow.svol --scene fit.json");
