@@ -659,8 +659,9 @@ TEST_F(RealData, OctantKernelHasTheErrorOfThePaper) {
   }
 }
 
-// With all points, the error is at most 1.1 times that of docs/accuracy.md: on post about half of that of VTK's projected
-// tetrahedra. With about a quarter and a tenth of the points it is at most 1.15 times that of the design's prototype.
+// With all points, the error is at most 1.1 times that of docs/accuracy.md: on post about half of that of VTK's
+// projected tetrahedra. With about a quarter and a tenth of the points it is at most 1.15 times that of the design's
+// prototype.
 TEST_F(RealData, MomentsAreAsExactAsTheyWere) {
   struct Bound {
     std::string view;
