@@ -73,8 +73,7 @@ Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index,
   if (std::ranges::none_of(shapes.shapes, [](const SplatShape& shape) { return shape.mass > 0; }))
     return fail(
         ErrorCode::invalid_data,
-        "{}: no point has a volume: all cells are flat, or all points lie in a plane; give cells with a volume, or "
-        "build with --connectivity none",
+        "{}: no point has a volume, as all cells are flat: give cells with a volume, or build with --connectivity none",
         volume.name());
   if (std::ranges::none_of(splats, &SurveySplat::has_value))
     return fail(ErrorCode::invalid_data, "{}: '{}' has no values", volume.name(),

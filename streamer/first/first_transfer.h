@@ -27,8 +27,8 @@ struct VisibleValues {
   double low, high;
 };
 
-/// Rays through visible splats, seen with a camera. A splat gets rays by its extinction and its area in a picture of 512
-/// pixels, but by no more than a small part of the picture: so small cells count like large ones.
+/// Rays through visible splats, seen with a camera. A splat gets rays by its extinction and its area in a picture of
+/// 512 pixels, but by no more than a small part of the picture: so small cells count like large ones.
 class PictureRays {
  public:
   PictureRays(const std::vector<SurveySplat>& splats, const TransferFunction& function, const Camera& camera);

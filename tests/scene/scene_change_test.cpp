@@ -38,8 +38,8 @@ TEST(SceneChange, EachMemberChangesOneThing) {
     Scene after = before;
     edits[i].second(after);
     const SceneChange change = change_between(before, after);
-    for (const auto member : {&SceneChange::camera, &SceneChange::size, &SceneChange::look, &SceneChange::parts, &SceneChange::data,
-                              &SceneChange::frame})
+    for (const auto member : {&SceneChange::camera, &SceneChange::size, &SceneChange::look, &SceneChange::parts,
+                              &SceneChange::data, &SceneChange::frame})
       EXPECT_EQ(change.*member, member == edits[i].first);
     EXPECT_EQ(change.is_of_picture(), edits[i].first != &SceneChange::frame);
   }
