@@ -123,8 +123,6 @@ std::size_t steps_together(const InputSize& size, const BuildOptions& options, s
 
 }  // namespace
 
-double Range::middle() const { return std::sqrt(low * high); }
-
 Result<InputSize> measure_input(Source& source, bool use_cells, const std::function<void(double)>& progress) {
   InputSize size{.pieces = source.piece_count(),
                  .attributes = source.attributes().size(),
