@@ -8,6 +8,8 @@
 #include <thread>
 #include <type_traits>
 
+#include "base/clock.h"
+
 namespace splatvol {
 
 /// Runs calls on a thread of its own. What belongs to a thread, as contexts of OpenGL do, stays away from the caller's.
@@ -33,12 +35,12 @@ class Worker {
     std::unique_lock lock(mutex_);
     task_ = &task;
     changed_.notify_all();
-    changed_.wait(lock, [&] { return task_ == nullptr; });
+    changed_.wait_until(lock, no_deadline, [&] { return task_ == nullptr; });
   }
 
   void work(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
-    while (changed_.wait(lock, stop, [&] { return task_ != nullptr; })) {
+    while (changed_.wait_until(lock, stop, no_deadline, [&] { return task_ != nullptr; })) {
       lock.unlock();
       (*task_)();
       lock.lock();

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "base/hypotenuse.h"
 #include "pictures/contrast.h"
 #include "pictures/text.h"
 #include "pictures/ticks.h"
@@ -93,7 +94,7 @@ void add_halo(Image& words, double width, const dvec3& color) {
       if (alpha == 0 || !is_at_edge(words, x, y)) continue;
       for (int v = std::max(y - reach, 0); v <= std::min(y + reach, words.height - 1); ++v)
         for (int u = std::max(x - reach, 0); u <= std::min(x + reach, words.width - 1); ++u) {
-          const double share = std::clamp(width + 1 - std::hypot(u - x, v - y), 0.0, 1.0);
+          const double share = std::clamp(width + 1 - hypotenuse(u - x, v - y), 0.0, 1.0);
           float& most = cover[static_cast<std::size_t>(v) * words.width + u];
           most = std::max(most, static_cast<float>(share) * alpha);
         }

@@ -5,6 +5,8 @@
 #include <tuple>
 #include <utility>
 
+#include "base/hypotenuse.h"
+
 namespace splatvol {
 namespace {
 
@@ -396,7 +398,7 @@ bool ErrorControl::estimate_by_all(double apart) {
   }
   const double file = file_error_.value_or(0);
   const double left = std::sqrt(std::max(0.0, max_error_ * max_error_ - file * file));
-  candidate_->error = std::hypot(apart, file);
+  candidate_->error = hypotenuse(apart, file);
   const double least = std::clamp(share_of_file_error * file, least_share * max_error_, max_error_);
   candidate_->ratio = apart / std::max(left, least);
   return true;
@@ -411,7 +413,7 @@ bool ErrorControl::estimate_by_finer(double apart) {
     candidate_->error = apart / std::sqrt(1 - share * share);
     reference_->error = share * candidate_->error;
   } else if (reference_->error > 0) {
-    candidate_->error = std::hypot(apart, reference_->error);
+    candidate_->error = hypotenuse(apart, reference_->error);
   } else {  // no finer reference is possible
     ask_candidate(times(reference_->splats, 1 / finer), candidate_->spacing);
     if (candidate_->asked != next_->goal.max_splats) return false;

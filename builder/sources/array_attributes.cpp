@@ -3,10 +3,11 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <cmath>
 #include <string_view>
 #include <unordered_map>
 #include <unordered_set>
+
+#include "base/hypotenuse.h"
 
 namespace splatvol {
 namespace {
@@ -174,7 +175,7 @@ std::vector<double> attribute_values(const ArrayAttribute& attribute,
   for (int c = 0; c < attribute.components; ++c) {
     const std::vector<double> next = component(c);
     values.resize(next.size());
-    for (std::size_t i = 0; i < values.size(); ++i) values[i] = std::hypot(values[i], next[i]);
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = hypotenuse(values[i], next[i]);
   }
   return values;
 }

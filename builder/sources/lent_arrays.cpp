@@ -2,8 +2,9 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <utility>
+
+#include "base/hypotenuse.h"
 
 namespace splatvol {
 namespace {
@@ -68,7 +69,7 @@ void LentArrays::get(std::size_t attribute, std::span<const std::uint32_t> point
     std::ranges::fill(part, 0.0);
     for (int c = 0; c < column.array->components(); ++c) {
       read(column, c, of_elements, std::span(component).first(count));
-      for (std::size_t i = 0; i < count; ++i) part[i] = std::hypot(part[i], component[i]);
+      for (std::size_t i = 0; i < count; ++i) part[i] = hypotenuse(part[i], component[i]);
     }
   }
 }

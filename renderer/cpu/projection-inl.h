@@ -142,6 +142,9 @@ HWY_INLINE Float opacity_factor(const FrameConstants& frame, const OpacityInLane
   return only(is_finite(mean), clamp(factor, 0.0F, 1.0F) * to_float(bits_of<16, 8>(codes)) * (1.0F / 255));
 }
 
+/// Returns sqrt(a^2 + b^2). In double precision, squares of floats are exact and have room.
+HWY_INLINE float hypotenuse(double a, double b) { return static_cast<float>(std::sqrt(a * a + b * b)); }
+
 /// Returns where a ball round a point surely has no pixel. Side planes of the picture go through the eye; the raster
 /// widens splats by less than 1.6 pixels.
 HWY_INLINE Mask is_outside(const FrameConstants& frame, Vector3 center, Float radius) {
@@ -150,7 +153,7 @@ HWY_INLINE Mask is_outside(const FrameConstants& frame, Vector3 center, Float ra
     return either(center.z + radius <= Float(0.0F),
                   either((abs(center.x) - radius) * frame.focal > Float(half_width),
                          (abs(center.y) - radius) * frame.focal > Float(half_height)));
-  const float length_x = std::hypot(frame.focal, half_width), length_y = std::hypot(frame.focal, half_height);
+  const float length_x = hypotenuse(frame.focal, half_width), length_y = hypotenuse(frame.focal, half_height);
   const Float beside_x = abs(center.x) * frame.focal - center.z * half_width;
   const Float beside_y = abs(center.y) * frame.focal - center.z * half_height;
   return either(center.z + radius <= Float(0.0F), either(beside_x > radius * length_x, beside_y > radius * length_y));

@@ -5,6 +5,7 @@
 #include <system_error>
 #include <utility>
 
+#include "base/clock.h"
 #include "base/interruption.h"
 #include "base/low_priority.h"
 
@@ -71,7 +72,7 @@ void Loader::work() {
   const Interruptible interruptible(stop_.get_token());
   std::unique_lock lock(mutex_);
   for (;;) {
-    submitted_.wait(lock, [this] { return stop_.stop_requested() || !queue_.empty(); });
+    submitted_.wait_until(lock, no_deadline, [this] { return stop_.stop_requested() || !queue_.empty(); });
     if (stop_.stop_requested()) return;
     std::list<LoadRun> run;
     run.splice(run.begin(), queue_, queue_.begin());
