@@ -49,9 +49,9 @@ class ByteSource {
 /// Fails with invalid_data unless the source has the bytes [offset, offset + count).
 [[nodiscard]] Status check_range(const ByteSource& source, std::uint64_t offset, std::uint64_t count);
 
-/// Whether a file is named by an address (http:// or https://) and not by a path.
+/// Whether a file is named by an address (http://, https:// or ssh://) and not by a path.
 [[nodiscard]] inline bool is_url(std::string_view path_or_url) {
-  return path_or_url.starts_with("http://") || path_or_url.starts_with("https://");
+  return path_or_url.starts_with("http://") || path_or_url.starts_with("https://") || path_or_url.starts_with("ssh://");
 }
 
 [[nodiscard]] std::string folder_of(const std::string& path);

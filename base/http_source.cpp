@@ -588,14 +588,11 @@ class HttpSource final : public ByteSource {
 const char* redirect_protocols(std::string_view url) { return url.starts_with("https:") ? "https" : protocols; }
 
 Result<std::unique_ptr<ByteSource>> open_url(const std::string& url, const HttpOptions& options) {
-  if (!is_url(url)) return fail(ErrorCode::invalid_argument, "not an address that begins with http:// or https://");
+  if (!url.starts_with("http://") && !url.starts_with("https://"))
+    return fail(ErrorCode::invalid_argument, "not an address that begins with http:// or https://");
   auto source = std::make_unique<HttpSource>(url, options);
   SPLATVOL_TRY(source->open());
   return source;
-}
-
-Result<std::unique_ptr<ByteSource>> open_file_or_url(const std::string& path_or_url) {
-  return is_url(path_or_url) ? open_url(path_or_url) : open_file(path_or_url);
 }
 
 }  // namespace splatvol

@@ -38,7 +38,4 @@ struct HttpOptions {
 /// private is not fetched in public.
 [[nodiscard]] const char* redirect_protocols(std::string_view url);
 
-/// Opens the address if it begins with http:// or https://, else the file of this name.
-[[nodiscard]] Result<std::unique_ptr<ByteSource>> open_file_or_url(const std::string& path_or_url);
-
 }  // namespace splatvol

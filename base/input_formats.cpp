@@ -133,20 +133,6 @@ std::string input_formats_for_help() {
   return text;
 }
 
-std::string input_formats_for_page() {
-  std::string text =
-      "| format | extensions | files | held at once | time steps | cells | left out |\n|---|---|---|---|---|---|---|\n";
-  const auto add = [&](std::string_view words) { text += words.empty() ? " |" : fmt::format(" {} |", words); };
-  for (const FormatRow& row : rows) {
-    text += "|";
-    add(row.name);
-    add(row.extensions.empty() ? "any" : fmt::format("`{}`", row.extensions));
-    for (const std::string_view words : {row.files, row.held, row.steps, row.cells, row.left_out}) add(words);
-    text += "\n";
-  }
-  return text;
-}
-
 std::optional<InputFormat> format_of_name(std::string_view path) {
   if (path.ends_with("/system/controlDict")) return InputFormat::openfoam;
   const std::string lower = in_lower_case(std::string(path));

@@ -48,9 +48,6 @@ struct FormatRow {
 /// The formats as the help of programs lists them.
 [[nodiscard]] std::string input_formats_for_help();
 
-/// The table of docs/formats.md.
-[[nodiscard]] std::string input_formats_for_page();
-
 /// Finds a format by the name of a file, in either case. An Exodus file that holds a part of a mesh has a name such as
 /// "mesh.e.4.0", one of a run that went on "mesh.e-s002"; a case of OpenFOAM may be its system/controlDict.
 [[nodiscard]] std::optional<InputFormat> format_of_name(std::string_view path);
@@ -74,6 +71,9 @@ struct FormatRow {
 /// OpenFOAM, or a folder that holds such files. Formats that are not read count, too: svbuild says what to do. Surfaces
 /// do not.
 [[nodiscard]] bool is_convertible(const std::string& path);
+
+/// What to do with a mesh at an address.
+inline constexpr const char* no_far_mesh = "meshes are read from disks: run svbuild there, or download it first";
 
 /// Whether a file holds a surface to draw, not a volume, by its name: .stl, .obj, .ply, .glb or .gltf.
 [[nodiscard]] bool is_surface_file(std::string_view path);

@@ -4,8 +4,10 @@
 #include <sys/types.h>
 
 #include <chrono>
+#include <cstddef>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -55,6 +57,39 @@ class RunningProgram {
   int input_;      // -1: closed, as for the output
   int output_;
   std::string text_;  // read of the output, and not yet returned
+};
+
+/// A program that this one talks to. Its input and output are one socket: no signal SIGPIPE comes of it, and nothing
+/// waits longer than it is told. Not thread-safe, but one thread may send while another receives.
+class ConnectedProgram {
+ public:
+  /// Starts a program that PATH finds, without a shell. `words`: its name and its arguments.
+  [[nodiscard]] static Result<std::unique_ptr<ConnectedProgram>> start(const std::vector<std::string>& words);
+
+  /// Ends it by SIGTERM, or after a second by SIGKILL, and waits for its end.
+  ~ConnectedProgram();
+  ConnectedProgram(const ConnectedProgram&) = delete;
+  ConnectedProgram& operator=(const ConnectedProgram&) = delete;
+
+  /// Sends as many bytes as it takes at once, and removes them from the front.
+  void send(std::string& bytes) const;
+
+  /// Waits for bytes, or until it takes some if `has_more` to send. Returns how many bytes `out` has got, possibly
+  /// none; nothing if there will be no more.
+  [[nodiscard]] std::optional<std::size_t> receive(std::span<std::byte> out, std::chrono::milliseconds time,
+                                                   bool has_more);
+
+  /// After its end: returns the last line that it wrote to stderr. Waits up to a second until it has ended.
+  [[nodiscard]] std::string last_line();
+
+ private:
+  ConnectedProgram(pid_t process, int socket, int errors) : process_(process), socket_(socket), errors_(errors) {}
+  void read_errors();
+
+  pid_t process_;
+  int socket_;
+  int errors_;              // -1: closed
+  std::string error_text_;  // its end
 };
 
 }  // namespace splatvol

@@ -64,8 +64,9 @@ Status measure_cells(Player& player, const std::string& name, double pixels, std
     SPLATVOL_TRY_ASSIGN(nanoseconds, least_nanoseconds(player, [&] { return player.draw_exact({}, spacing); }));
     const double samples = segments / (spacing * spacing);
     measured.push_back({fmt::format("{}, {} tetrahedra, samples {} apart", name, tetrahedra, spacing),
-                        {0, 0, 0, spacing > 1 ? pixels : 0, tetrahedra, std::sqrt(tetrahedra * samples), samples},
-                        work_of_cells({tetrahedra, segments}, pixels, spacing),
+                        {0, 0, 0, spacing > 1 ? pixels : 0, tetrahedra, std::sqrt(tetrahedra * samples),
+                         estimate.segment_work * samples},
+                        work_of_cells(estimate.counts(), pixels, spacing),
                         nanoseconds});
   }
   return {};

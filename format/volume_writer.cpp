@@ -41,12 +41,6 @@ VolumeWriter::VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, 
       directory_(RowLayout(info_), info_.rows_per_directory_page, std::move(directory_tail)),
       index_(std::move(index)) {}
 
-Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(const std::string& path, VolumeInfo info, PackedIndex index,
-                                                           const std::string& temporary_folder) {
-  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
-  return create(std::move(file), 0, std::move(info), std::move(index), temporary_folder);
-}
-
 Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(AtomicFile file, std::uint64_t bytes_before, VolumeInfo info,
                                                            PackedIndex index, const std::string& temporary_folder) {
   SPLATVOL_TRY_ASSIGN(writer, begin(std::move(file), std::move(info), std::move(index), temporary_folder));
@@ -96,16 +90,6 @@ Status VolumeWriter::reserve_front(std::uint64_t bytes_before, std::uint64_t las
                 info_.attributes.size());
   rows_end_ = rows_offset_;
   return {};
-}
-
-Status VolumeWriter::append_row(std::span<const PackedChunk> chunks) {
-  std::vector<ChunkEntry> entries;
-  Bytes bytes;
-  for (const PackedChunk& chunk : chunks) {
-    entries.push_back(chunk.entry);
-    bytes.insert(bytes.end(), chunk.bytes.begin(), chunk.bytes.end());
-  }
-  return append_row(entries, bytes);
 }
 
 Status VolumeWriter::append_row(std::span<const ChunkEntry> entries, std::span<const std::byte> bytes) {

@@ -34,17 +34,13 @@ using WriteCells = std::function<Status(std::shared_ptr<const ChunkSource> chunk
 /// are. Not thread-safe; the chunks may be packed on several threads beforehand.
 class VolumeWriter {
  public:
-  /// Reserves the preamble and chooses info.rows_per_directory_page. Fails if:
-  /// - the file cannot be created, or a temporary file in `temporary_folder`;
+  /// Writes to a file that already holds the bytes of the last rows, and nothing else. The rows before them will have
+  /// `bytes_before` bytes. Moves the bytes of the last rows behind these: without copying them if they are many and the
+  /// file system can do so. The finished file is the same either way. Reserves the preamble and chooses
+  /// info.rows_per_directory_page. Fails if:
+  /// - a temporary file cannot be created in `temporary_folder`;
   /// - `info` breaks a rule of the specification or does not fit `index`;
   /// - metadata, root index page and directory root together pass 1 MiB (thousands of attributes).
-  [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> create(const std::string& path, VolumeInfo info,
-                                                                    PackedIndex index,
-                                                                    const std::string& temporary_folder);
-
-  /// The same for a file that already holds the bytes of the last rows, and nothing else. The rows before them will
-  /// have `bytes_before` bytes. Moves the bytes of the last rows behind these: without copying them if they are many
-  /// and the file system can do so. The finished file is the same either way.
   [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> create(AtomicFile file, std::uint64_t bytes_before,
                                                                     VolumeInfo info, PackedIndex index,
                                                                     const std::string& temporary_folder);
@@ -58,10 +54,7 @@ class VolumeWriter {
                                                                            const std::string& temporary_folder);
   [[nodiscard]] std::uint64_t first_row_offset() const { return rows_offset_; }
 
-  /// Appends the next row: one chunk for each of its columns, in order.
-  [[nodiscard]] Status append_row(std::span<const PackedChunk> chunks);
-
-  /// The same for chunks whose bytes are one after another in `bytes`.
+  /// Appends the next row: one chunk for each of its columns, in order. Their bytes are one after another in `bytes`.
   [[nodiscard]] Status append_row(std::span<const ChunkEntry> entries, std::span<const std::byte> bytes);
 
   /// Adds the entries of the next row, whose bytes were in the file from the beginning.

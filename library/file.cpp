@@ -6,7 +6,7 @@
 #include <optional>
 #include <utility>
 
-#include "base/http_source.h"
+#include "base/addresses.h"
 #include "base/interruption.h"
 #include "extractor/cell_extraction.h"
 #include "extractor/contour_extraction.h"

@@ -153,17 +153,6 @@ Result<Page> lay_out_page(int width, int height, const PageText& text, const Tra
   return page;
 }
 
-Result<Page> lay_out_round(int picture_width, int picture_height, const PageText& text,
-                           const TransferFunction& function) {
-  Page page{picture_width, picture_height, 0,
-            picture_width, picture_height, text_height_for(picture_width, picture_height)};
-  SPLATVOL_TRY_ASSIGN(sides, margins(text, function, page.text_height));
-  page.width += sides[0];
-  page.height += sides[1];
-  page.top = sides[1];
-  return page;
-}
-
 std::optional<ProjectedSegment> project(const View& view, const dvec3& from, const dvec3& to) {
   dvec3 a = view.to_view(from), b = view.to_view(to);
   if (!view.orthographic) {
@@ -179,9 +168,10 @@ std::optional<ProjectedSegment> project(const View& view, const dvec3& from, con
   return ProjectedSegment{pixel(a), pixel(b)};
 }
 
-void draw_outline(Image& image, const View& view, const Box& box, const dvec3& ink) {
+std::vector<OutlineStroke> outline_strokes(const View& view, const Box& box) {
   constexpr double opacity = 0.5;
-  const double width = std::max(1.0, std::min(image.width, image.height) / 700.0);
+  const double width = std::max(1.0, std::min(view.width, view.height) / 700.0);
+  std::vector<OutlineStroke> strokes;
   const auto corner = [&](unsigned c) {
     return dvec3(c & 1 ? box.high.x : box.low.x, c & 2 ? box.high.y : box.low.y, c & 4 ? box.high.z : box.low.z);
   };
@@ -192,12 +182,24 @@ void draw_outline(Image& image, const View& view, const Box& box, const dvec3& i
       if (!line) continue;
       const int u = (axis + 1) % 3, v = (axis + 2) % 3;
       const bool front = faces_eye(view, box, u, c & 1u << u) || faces_eye(view, box, v, c & 1u << v);
-      visit_line(*line, width, image.width, image.height, [&](int x, int y, double share) {
-        vec4& pixel = image.at(x, y);
-        const vec4 stroke = vec4(vec3(ink), 1) * static_cast<float>(opacity * share);
-        pixel = front ? stroke + (1 - stroke.a) * pixel : pixel + (1 - pixel.a) * stroke;
+      visit_line(*line, width, view.width, view.height, [&](int x, int y, double share) {
+        const auto pixel =
+            static_cast<std::size_t>(y) * static_cast<std::size_t>(view.width) + static_cast<std::size_t>(x);
+        strokes.push_back({pixel, static_cast<float>(opacity * share), front});
       });
     }
+  std::ranges::stable_sort(strokes, {}, &OutlineStroke::pixel);
+  return strokes;
+}
+
+vec4 with_stroke(const vec4& pixel, const OutlineStroke& stroke, const dvec3& ink) {
+  const vec4 light = vec4(vec3(ink), 1) * stroke.opacity;
+  return stroke.in_front ? light + (1 - light.a) * pixel : pixel + (1 - pixel.a) * light;
+}
+
+void draw_outline(Image& image, const View& view, const Box& box, const dvec3& ink) {
+  for (const OutlineStroke& stroke : outline_strokes(view, box))
+    image.pixels[stroke.pixel] = with_stroke(image.pixels[stroke.pixel], stroke, ink);
 }
 
 Result<Image> compose_page(const Page& page, Image picture, const PageText& text, const TransferFunction& function,

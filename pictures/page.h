@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "base/error.h"
 #include "base/math.h"
@@ -32,10 +33,6 @@ struct Page {
 /// Lays out a page of this size. Fails if its words leave less than half of each side to the picture.
 [[nodiscard]] Result<Page> lay_out_page(int width, int height, const PageText& text, const TransferFunction& function);
 
-/// Lays out the page round a picture of this size.
-[[nodiscard]] Result<Page> lay_out_round(int picture_width, int picture_height, const PageText& text,
-                                         const TransferFunction& function);
-
 /// Returns the colour of words and lines on a background: black or white.
 [[nodiscard]] dvec3 ink_on(const dvec3& background);
 
@@ -49,6 +46,19 @@ struct ProjectedSegment {
 
 /// Projects a segment, cut off at the eye. None if it lies behind the eye.
 [[nodiscard]] std::optional<ProjectedSegment> project(const View& view, const dvec3& from, const dvec3& to);
+
+/// What a line of an outline covers of a pixel.
+struct OutlineStroke {
+  std::size_t pixel;  // its number in the image
+  float opacity;
+  bool in_front;  // of the volume; else under it
+};
+
+/// Returns the strokes of the edges of a box, in the order of pixels.
+[[nodiscard]] std::vector<OutlineStroke> outline_strokes(const View& view, const Box& box);
+
+/// Returns a pixel, linear and premultiplied, with a stroke.
+[[nodiscard]] vec4 with_stroke(const vec4& pixel, const OutlineStroke& stroke, const dvec3& ink);
 
 /// Draws the edges of a box: those behind the volume under it, the others over it. `view`: of the image.
 void draw_outline(Image& image, const View& view, const Box& box, const dvec3& ink);

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "base/descriptor.h"
+#include "base/file.h"
 #include "base/input_formats.h"
 #include "base/interruption.h"
 #include "base/json.h"
@@ -30,6 +31,25 @@ class Lease {
  private:
   int descriptor_;
   std::unique_ptr<RunningProgram> keeper_;
+};
+
+// A source by another name.
+class NamedSource final : public ByteSource {
+ public:
+  NamedSource(std::unique_ptr<ByteSource> source, std::string name)
+      : source_(std::move(source)), name_(std::move(name)) {}
+  [[nodiscard]] std::uint64_t size() const override { return source_->size(); }
+  [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out) override {
+    return source_->read(offset, out);
+  }
+  [[nodiscard]] std::uint64_t cheap_gap() const override { return source_->cheap_gap(); }
+  [[nodiscard]] const std::string& name() const override { return name_; }
+  [[nodiscard]] Result<bool> read_parts(std::span<const Part> parts) override { return source_->read_parts(parts); }
+  [[nodiscard]] bool may_read_parts() const override { return source_->may_read_parts(); }
+
+ private:
+  std::unique_ptr<ByteSource> source_;
+  std::string name_;
 };
 
 // What a line of svbuild tells.
@@ -136,6 +156,14 @@ Result<ConvertedFile> convert(const ConversionRequest& request,
     if (tell) tell(progress);
   }
   return fail_early_end(request.inputs[0], *program);
+}
+
+format::OpenFile open_as(const std::string& mesh, const ConvertedFile& converted, format::OpenFile open) {
+  return [=, path = converted.path](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
+    SPLATVOL_TRY_ASSIGN(source, open(file));
+    if (file != path) return source;  // one of its steps
+    return std::make_unique<NamedSource>(std::move(source), mesh);
+  };
 }
 
 Status forget_converted(const std::vector<std::string>& inputs, const std::string& svbuild) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "format/steps.h"
 
 namespace splatvol {
 
@@ -45,6 +46,9 @@ struct ConvertedFile {
 [[nodiscard]] Result<ConvertedFile> convert(const ConversionRequest& request,
                                             const std::function<void(const ConversionProgress&)>& tell,
                                             const std::string& svbuild = usual_svbuild());
+
+/// Returns a function that opens the converted file as `open` does, but by the name of the mesh: messages tell that.
+[[nodiscard]] format::OpenFile open_as(const std::string& mesh, const ConvertedFile& converted, format::OpenFile open);
 
 /// Removes what the cache has of an input, unless somebody has its file open. Fails if there is no svbuild, or it
 /// fails.

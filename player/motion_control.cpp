@@ -59,8 +59,9 @@ std::vector<Rung> MotionControl::rungs(const Choices& choices) {
   if (!choices.cells) return rungs;
   for (int usual = widest_moving_samples; usual >= 1; usual /= 2) {
     const Rung rung{0, std::clamp(usual, choices.finest_spacing, choices.widest_spacing)};
-    if (sampled_segments(*choices.cells, rung.sample_spacing) > choices.most_segments) continue;
-    if (rungs.back() != rung) rungs.push_back(rung);
+    const double segments = choices.cells->segment_work * sampled_segments(*choices.cells, rung.sample_spacing);
+    if (segments > choices.most_segments) continue;
+    if (rungs.empty() || rungs.back() != rung) rungs.push_back(rung);
   }
   return rungs;
 }

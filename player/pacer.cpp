@@ -1,6 +1,7 @@
 #include "player/pacer.h"
 
 #include <algorithm>
+#include <limits>
 #include <ranges>
 
 namespace splatvol {
@@ -27,11 +28,13 @@ bool is_finer(const Rung& a, const Rung& b) {
 std::vector<Rung> Pacer::ladder(const Choices& choices) const {
   std::vector<Rung> rungs = rungs_of_splats(choices);
   if (!choices.cells) return rungs;
-  const double most = times_.work(rungs.back(), choices);
+  const bool has_splats = !rungs.empty();
+  const double most = has_splats ? times_.work(rungs.back(), choices) : std::numeric_limits<double>::infinity();
   std::vector<Rung> cells;
   for (const int usual : {4, 2, 1}) {
     const Rung rung{0, std::clamp(usual, choices.finest_spacing, choices.widest_spacing)};
-    const bool is_worth_it = usual <= 2 || (times_.work(rung, choices) < most && has_samples(*choices.cells, usual));
+    const bool is_worth_it =
+        usual <= 2 || !has_splats || (times_.work(rung, choices) < most && has_samples(*choices.cells, usual));
     if (is_worth_it && (cells.empty() || cells.back() != rung)) cells.push_back(rung);
   }
   std::erase_if(rungs, [&, of_cells = times_.predict(cells.front(), choices)](const Rung& rung) {
@@ -53,7 +56,7 @@ Rung Pacer::next(const Choices& choices) {
   };
   if (!rung_) {
     const auto splats = std::ranges::count_if(rungs, [](const Rung& rung) { return !rung.is_exact(); });
-    rung_ = finest_of(0, times_.is_measured() ? std::ssize(rungs) : splats - 1, seconds_);
+    rung_ = finest_of(0, times_.is_measured() ? std::ssize(rungs) : std::max<std::ptrdiff_t>(splats - 1, 0), seconds_);
     return *rung_;
   }
   const auto finer = std::ranges::find_if(rungs, [&](const Rung& rung) { return is_finer(rung, *rung_); });

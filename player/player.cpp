@@ -7,8 +7,8 @@
 #include <tuple>
 #include <utility>
 
+#include "base/addresses.h"
 #include "base/clock.h"
-#include "base/http_source.h"
 #include "base/interruption.h"
 #include "player/choice.h"
 #include "player/sampling.h"
@@ -68,6 +68,21 @@ StepCells read_cells(const format::Steps& steps, std::size_t step, const Scene& 
   if (!kept) return {};
   static_cast<void>((*kept)->hold_all());
   return {*volume, *kept};
+}
+
+// The layers of a picture at the pixels of its rays, whose view this is.
+std::vector<SurfaceLayer> layers_at_rays(const std::vector<CellLayer>& layers, const View& view,
+                                         const std::vector<std::size_t>& pixels) {
+  std::vector<SurfaceLayer> all;
+  for (const CellLayer& layer : layers) {
+    SurfaceLayer& of_rays =
+        all.emplace_back(SurfaceLayer{{view.width, view.height, {}}, {view.width, view.height, {}}});
+    for (const std::size_t pixel : pixels) {
+      of_rays.depths.depths.push_back(layer.depths->depths[pixel]);
+      if (layer.light) of_rays.light.pixels.push_back(layer.light->pixels[pixel]);
+    }
+  }
+  return all;
 }
 
 }  // namespace
@@ -536,7 +551,7 @@ Result<ExactPicture> Player::estimate_exact() {
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
   SPLATVOL_TRY_ASSIGN(segments, cells->estimate_segments());
   return ExactPicture{static_cast<std::uint64_t>(segments), cells->chunks().size(), cells->tetrahedra(),
-                      cells->unknown_cells()};
+                      cells->unknown_cells(), segment_work(count_pieces(scene_.transfer_function))};
 }
 
 // Contours and slices have sharp edges, where wide samples show steps.
@@ -560,16 +575,10 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
   times_ = {seconds_since(start), 0, {}, 0, 0};
 
   const auto surfaces_start = Clock::now();
-  lay_surfaces(view_, false);
+  SPLATVOL_TRY_ASSIGN(layers, lay_cells());
   times_.surfaces = seconds_since(surfaces_start);
 
   const auto draw_start = Clock::now();
-  std::vector<CellLayer> layers;
-  for (const SurfaceLayer& layer : surface_layers_.layers) layers.push_back({&layer.depths, &layer.light});
-  if (layers.empty() && surface_depths_) {
-    SPLATVOL_TRY(check_size(*surface_depths_, view_));
-    layers.push_back({surface_depths_.get()});
-  }
   const int spacing = sample_spacing > 0 ? sample_spacing : options_.drawing.sample_spacing.value_or(1);
   sample_spacing_ = layers.empty() ? spacing : 1;
   auto drawn = cell_rasterizer_.draw(*cells,
@@ -618,7 +627,8 @@ Result<ChosenQuality> Player::default_quality() {
   if (!may_draw_cells()) return splats;
   if (shows_contours()) return ChosenQuality{{.exact = true}};
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.segments > most_exact_segments) return ChosenQuality{splats.quality, estimate.segments};
+  if (const double segments = estimate.counted_segments(); segments > most_exact_segments)
+    return ChosenQuality{splats.quality, static_cast<std::uint64_t>(segments)};
   if (estimate.unknown_cells > 0) return splats;
   return ChosenQuality{{.exact = true}};
 }
@@ -683,17 +693,18 @@ bool Player::may_draw_cells() const {
 Result<Choices> Player::choices(bool with_cells, int widest_spacing) {
   Choices choices{.points = std::clamp<std::uint64_t>(info().point_count(), 1, device_splats()),
                   .pixels = static_cast<double>(scene_.width) * scene_.height};
+  choices.has_splats = !shows_contours();
   if (has_layers()) {
     choices.least_splats = least_among_surfaces;
     choices.widest_spacing = 1;
-    return choices;
+    if (choices.has_splats) return choices;
+    widest_spacing = 1;
   }
   choices.finest_spacing = options_.drawing.sample_spacing.value_or(1);
   choices.widest_spacing = std::max(choices.finest_spacing, widest_spacing);
   if (!with_cells) return choices;
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.unknown_cells == 0)
-    choices.cells = {static_cast<double>(estimate.tetrahedra), static_cast<double>(estimate.segments)};
+  if (estimate.unknown_cells == 0 || !choices.has_splats) choices.cells = estimate.counts();
   return choices;
 }
 
@@ -707,8 +718,7 @@ Result<Choices> Player::moving_choices(bool with_cells) {
   if (shows_contours()) choices.added_error = error_without_contours;
   if (!with_cells || !holds_cells()) return choices;
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.unknown_cells == 0)
-    choices.cells = {static_cast<double>(estimate.tetrahedra), static_cast<double>(estimate.segments)};
+  if (estimate.unknown_cells == 0) choices.cells = estimate.counts();
   return choices;
 }
 
@@ -744,7 +754,8 @@ Status Player::draw_within(double seconds) {
   if (pacer_.seconds() != drawing_share * seconds) pacer_.leap();
   pacer_.set_seconds(drawing_share * seconds);
   const int widest_spacing = options_.drawing.sample_spacing.value_or(widest_samples_in_a_time);
-  SPLATVOL_TRY_ASSIGN(choices, this->choices(may_draw_cells() && holds_cells(), widest_spacing));
+  if (shows_contours()) SPLATVOL_TRY(hold_contours());
+  SPLATVOL_TRY_ASSIGN(choices, this->choices(may_draw_cells() && (holds_cells() || shows_contours()), widest_spacing));
   const Rung rung = pacer_.next(choices);
   SPLATVOL_TRY_ASSIGN(drawn, draw_rung(rung, seconds));
   pacer_.add(drawn.rung, choices, drawn.fragments, drawn.seconds);
@@ -756,11 +767,25 @@ Status Player::draw_moving(const MotionLimits& limits) {
   motion_.set_limits(limits);
   if (may_draw_cells())
     if (const auto read = cells_reader()) SPLATVOL_TRY(read());
+  if (shows_contours()) SPLATVOL_TRY(hold_contours());
   SPLATVOL_TRY_ASSIGN(choices, moving_choices(may_draw_cells()));
   if (has_layers()) choices.widest_spacing = choices.finest_spacing = 1;
-  choices.most_segments = most_exact_segments;
+  if (shows_contours()) {
+    SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
+    choices.cells = estimate.counts();
+    choices.has_splats = false;
+  } else {
+    choices.most_segments = most_exact_segments;
+  }
   SPLATVOL_TRY_ASSIGN(drawn, draw_rung(motion_.next(choices), limits.seconds));
   motion_.add(drawn, choices);
+  return {};
+}
+
+// Only cells have contours, whatever the time: they are read before it counts, if memory has room for them.
+Status Player::hold_contours() {
+  if (!may_draw_cells()) return fail_without_contours();
+  if (const auto read = cells_reader()) SPLATVOL_TRY(read());
   return {};
 }
 
@@ -784,24 +809,45 @@ Result<MotionControl::Outcome> Player::draw_rung(const Rung& rung, double second
   return MotionControl::Outcome{counted(rung), times_.draw.fragments, seconds_since(draw_start), model};
 }
 
+// What other programs and the scene's surfaces hide of the volume, and how. Slices are among the cells.
+Result<std::vector<CellLayer>> Player::lay_cells() {
+  lay_surfaces(view_, false);
+  std::vector<CellLayer> layers;
+  for (const SurfaceLayer& layer : surface_layers_.layers) layers.push_back({&layer.depths, &layer.light});
+  if (layers.empty() && surface_depths_) {
+    SPLATVOL_TRY(check_size(*surface_depths_, view_));
+    layers.push_back({surface_depths_.get()});
+  }
+  return layers;
+}
+
 // Draws exact rays through some pixels: what errors of pictures are measured by. None, if that may be much work, or
 // much reading.
 Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
-  if (!has_cells() || has_layers()) return std::nullopt;
+  if (!has_cells()) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
   const bool is_near = !streamer_->volume().is_far() && cells->tetrahedra() <= most_tetrahedra_for_rays;
   if (cells->unknown_cells() > 0 || !(is_near || holds_cells())) return std::nullopt;
   const int spacing = spacing_of_rays(view_.width, view_.height);
   const View view = view_of_rays(view_, spacing);
-  auto drawn = cell_rasterizer_.draw(
-      *cells, {.view = view, .transfer = transfer_of(scene_), .lighting = scene_.lighting, .memory = sweep_memory()});
+  SPLATVOL_TRY_ASSIGN(layers, lay_cells());
+  const std::vector<SurfaceLayer> at_rays =
+      layers_at_rays(layers, view, pixels_of_rays(view_.width, view_.height, spacing));
+  for (std::size_t i = 0; i < layers.size(); ++i)
+    layers[i] = {&at_rays[i].depths, layers[i].light ? &at_rays[i].light : nullptr};
+  auto drawn = cell_rasterizer_.draw(*cells, {.view = view,
+                                              .transfer = transfer_of(scene_),
+                                              .lighting = scene_.lighting,
+                                              .layers = std::move(layers),
+                                              .memory = sweep_memory()});
   // A ray has too many cells: finer pictures tell the error.
   if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
   const double of_rays =
       static_cast<double>(view_.width) * view_.height / (static_cast<double>(view.width) * view.height);
   return DrawnRays{{std::move(picture.image), spacing},
-                   {static_cast<double>(cells->tetrahedra()), static_cast<double>(picture.segments) * of_rays}};
+                   {static_cast<double>(cells->tetrahedra()), static_cast<double>(picture.segments) * of_rays,
+                    segment_work(count_pieces(scene_.transfer_function))}};
 }
 
 // Draws picture after picture, until one has the error.
@@ -844,9 +890,11 @@ Result<std::vector<Rung>> Player::draw_at_pace(double seconds) {
   std::vector<Rung> drawn;
   while (drawn.size() < most_pictures) {
     // The first picture tells how fast the machine is.
-    SPLATVOL_TRY_ASSIGN(choices, this->choices(may_draw_cells() && !drawn.empty(), widest_spacing));
+    if (shows_contours()) SPLATVOL_TRY(hold_contours());
+    const bool may_be_cells = may_draw_cells() && (shows_contours() || !drawn.empty());
+    SPLATVOL_TRY_ASSIGN(choices, this->choices(may_be_cells, widest_spacing));
     if (choices.cells && pacer.fits({0, choices.widest_spacing}, choices)) SPLATVOL_TRY(hold_cells());
-    if (!holds_cells()) choices.cells.reset();
+    if (!holds_cells() && choices.has_splats) choices.cells.reset();
     if (drawn.size() < most_leaps) pacer.leap();
     const Rung rung = pacer.next(choices);
     if (!drawn.empty() && rung == drawn.back()) break;

@@ -81,6 +81,14 @@ struct ExactPicture {
   std::uint64_t chunks = 0;         // of cells, that are in the view and may be visible
   std::uint64_t tetrahedra = 0;     // in these; about
   std::uint64_t unknown_cells = 0;  // of shapes that this program does not know: they are left out
+  double segment_work = 1;          // of an estimate: as CellCounts has it
+
+  [[nodiscard]] CellCounts counts() const {
+    return {static_cast<double>(tetrahedra), static_cast<double>(segments), segment_work};
+  }
+
+  /// Returns the segments of a function of few pieces that are as much work.
+  [[nodiscard]] double counted_segments() const { return segment_work * static_cast<double>(segments); }
 };
 
 /// What comparing pictures found out (ErrorControl).
@@ -95,7 +103,7 @@ struct ErrorSearch {
 struct ChosenQuality {
   Quality quality = {};
 
-  /// If nothing was asked: the segments of an exact picture, if they are too many for one; else 0.
+  /// If nothing was asked: the counted segments of an exact picture, if they are too many for one; else 0.
   std::uint64_t too_many_segments = 0;
 };
 
@@ -342,6 +350,7 @@ class Player {
   [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
   [[nodiscard]] Status draw_within(double seconds);
   [[nodiscard]] Status draw_moving(const MotionLimits& limits);
+  [[nodiscard]] Status hold_contours();
   [[nodiscard]] Result<MotionControl::Outcome> draw_rung(const Rung& rung, double seconds);
   [[nodiscard]] bool may_draw_cells() const;
 
@@ -358,6 +367,7 @@ class Player {
   [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
   void lay_surfaces(const View& view, bool has_slices);
+  [[nodiscard]] Result<std::vector<CellLayer>> lay_cells();
   [[nodiscard]] std::uint64_t sweep_memory();
   void take_surfaces(std::vector<Surface> surfaces);
   [[nodiscard]] Result<std::shared_ptr<const KeptCells>> kept_cells();

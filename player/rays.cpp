@@ -29,14 +29,23 @@ View view_of_rays(View view, int spacing) {
   return view;
 }
 
+std::vector<std::size_t> pixels_of_rays(int width, int height, int spacing) {
+  const int columns = rays_among(width, spacing), rows = rays_among(height, spacing);
+  const int left = (width - 1 - (columns - 1) * spacing) / 2, top = (height - 1 - (rows - 1) * spacing) / 2;
+  std::vector<std::size_t> pixels;
+  pixels.reserve(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows));
+  for (int y = 0; y < rows; ++y)
+    for (int x = 0; x < columns; ++x)
+      pixels.push_back(static_cast<std::size_t>(top + y * spacing) * static_cast<std::size_t>(width) +
+                       static_cast<std::size_t>(left + x * spacing));
+  return pixels;
+}
+
 std::vector<vec3> at_rays(const Image& picture, const Rays& rays) {
-  const int left = (picture.width - 1 - (rays.image.width - 1) * rays.spacing) / 2;
-  const int top = (picture.height - 1 - (rays.image.height - 1) * rays.spacing) / 2;
   std::vector<vec3> colors;
   colors.reserve(rays.image.pixels.size());
-  for (int y = 0; y < rays.image.height; ++y)
-    for (int x = 0; x < rays.image.width; ++x)
-      colors.emplace_back(picture.at(left + x * rays.spacing, top + y * rays.spacing));
+  for (const std::size_t pixel : pixels_of_rays(picture.width, picture.height, rays.spacing))
+    colors.emplace_back(picture.pixels[pixel]);
   return colors;
 }
 

@@ -1,6 +1,7 @@
 // Exact rays through some pixels of a picture: what its error is measured by.
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 #include "base/math.h"
@@ -24,6 +25,9 @@ struct Rays {
 /// Returns the view whose pixels are every `spacing`-th of `view`: each ray goes through the middle of a pixel.
 /// Requires an odd spacing.
 [[nodiscard]] View view_of_rays(View view, int spacing);
+
+/// Returns the numbers of the pixels of a picture of this size that have rays, in the order of `view_of_rays`.
+[[nodiscard]] std::vector<std::size_t> pixels_of_rays(int width, int height, int spacing);
 
 /// Returns RGB of the pixels of a picture that have rays, in the order of Rays::image.
 [[nodiscard]] std::vector<vec3> at_rays(const Image& picture, const Rays& rays);

@@ -19,6 +19,7 @@ constexpr std::array ends = {std::pair{4, std::uint64_t{23170}}, std::pair{2, st
 
 std::vector<Rung> rungs_of_splats(const Choices& choices) {
   std::vector<Rung> rungs;
+  if (!choices.has_splats) return rungs;
   std::uint64_t before = 0;
   for (int step = 0; rungs.empty() || before < choices.points; ++step) {
     const auto usual = static_cast<std::uint64_t>(std::round(fewest_splats * std::exp2(0.5 * step)));

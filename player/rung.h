@@ -34,6 +34,7 @@ struct Choices {
   int finest_spacing = 1, widest_spacing = widest_samples_in_a_time;
   double pixels = 512 * 512;
   std::optional<CellCounts> cells = {};  // none: they cannot be drawn
+  bool has_splats = true;                // false: cells alone show what there is to see; there must be some
 
   double most_segments = std::numeric_limits<double>::infinity();  // of cells, in all samples
   double first_cells_seconds = 1.0 / 12;  // cells that have the wanted error in this time come before splats
@@ -41,7 +42,8 @@ struct Choices {
   dvec3 direction = {0, 0, 1};            // of the view
 };
 
-/// Returns rungs of splats, from few to all points. Each has sqrt(2) times the splats of the one below it.
+/// Returns rungs of splats, from few to all points. Each has sqrt(2) times the splats of the one below it. None if
+/// splats cannot be drawn.
 [[nodiscard]] std::vector<Rung> rungs_of_splats(const Choices& choices);
 
 }  // namespace splatvol

@@ -16,6 +16,7 @@
 #include "player/camera_control.h"
 #include "player/choice.h"
 #include "renderer/cpu/srgb_bytes.h"
+#include "scene/scene_change.h"
 #include "streamer/first/explain.h"
 #include "streamer/splats/domain.h"
 
@@ -104,14 +105,6 @@ bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& 
          a.lighting.has_value() == b.lighting.has_value();
 }
 
-// Whether the pictures of two scenes are equal, and at most what is round them differs.
-bool have_same_picture(const Scene& a, Scene b) {
-  b.background = a.background;
-  b.outline = a.outline;
-  b.scalar_bar = a.scalar_bar;
-  return a == b;
-}
-
 // Lists of splats are large, and hold rows.
 FrameSplats without_list(const FrameSplats& frame) {
   return {{},
@@ -149,7 +142,8 @@ Result<SessionFile> Session::read(const SceneUse& asked, const std::string& scen
                   scene_path.starts_with('{') ? "the scene" : scene_path);
   }
   SPLATVOL_TRY_ASSIGN(converted, convert_mesh(use, conversion));
-  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(converted ? converted->path : use.file, open_file));
+  SPLATVOL_TRY_ASSIGN(steps, converted ? format::Steps::open(converted->path, open_as(use.file, *converted, open_file))
+                                       : format::Steps::open(use.file, open_file));
   const std::size_t step = use.step.value_or(steps.last());
   if (step > steps.last()) return fail_no_step(steps, step);
   const ViewSettings used = with_use(settings, use);
@@ -175,7 +169,7 @@ Result<std::unique_ptr<Session>> Session::open(SessionFile file, SessionHost& ho
   session->opacity_histogram_ = file.opacity_histogram;
   session->bounds_ = file.bounds;
   session->mesh_box_ = file.mesh_box;
-  session->fitting_ = std::move(file.fitting);
+  session->fitting_scene_ = std::move(file.fitting);
   SPLATVOL_TRY_SET(session->player_, Player::open(std::move(file.file)));
   return session;
 }
@@ -217,44 +211,66 @@ std::optional<format::Attribute> Session::opacity_attribute() const {
 }
 
 void Session::show_all() {
+  const FirstPicture picture{.width = scene.width, .height = scene.height, .up = up};
+  begin_fitting([before = scene, picture](const format::Volume& volume) -> Result<Scene> {
+    SPLATVOL_TRY_ASSIGN(first, default_scene(volume, before.attribute, picture));
+    Scene fitted = before;
+    fitted.camera = first.camera;
+    set_projection(fitted.camera, before.camera.projection);
+    return fitted;
+  });
+}
+
+void Session::show_visible() {
+  begin_fitting([before = scene](const format::Volume& volume) -> Result<Scene> {
+    Scene fitted = before;
+    SPLATVOL_TRY_SET(fitted.transfer_function, visible_colors(volume, before));
+    return fitted;
+  });
+}
+
+void Session::choose_up(int axis) {
+  up = axis;
+  dvec3 direction(0);
+  direction[axis] = 1;
+  if (std::abs(glm::dot(axes_of(scene.camera).forward, direction)) < 0.999) scene.camera.up = direction;
+}
+
+void Session::begin_fitting(std::function<Result<Scene>(const format::Volume&)> fit) {
   end_fitting();
   const bool is_aside = settings.works_aside && settings.hurries;
-  fitting_camera_.emplace(FittingCamera{scene.camera, {}, {}});
-  const auto fit = [steps = player_->steps(), step = player_->step(), attribute = scene.attribute,
-                    picture = FirstPicture{scene.width, scene.height},
-                    stop = fitting_camera_->stop.get_token()]() -> Result<Camera> {
+  fitting_.emplace(Fitting{scene, {}, {}});
+  const auto read = [steps = player_->steps(), step = player_->step(), stop = fitting_->stop.get_token(),
+                     fit = std::move(fit)]() -> Result<Scene> {
     const Interruptible interruptible(stop);
     SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
-    SPLATVOL_TRY_ASSIGN(fitting, default_scene(*volume, attribute, picture));
-    return fitting.camera;
+    return fit(*volume);
   };
-  fitting_camera_->fitted = {host_, fit};
-  if (!is_aside) static_cast<void>(fitting_camera_->fitted.wait(std::numeric_limits<double>::infinity()));
+  fitting_->fitted = {host_, read};
+  if (!is_aside) static_cast<void>(fitting_->fitted.wait(std::numeric_limits<double>::infinity()));
   take_fitted();
 }
 
 // Waits for the thread.
 void Session::end_fitting() {
-  if (fitting_camera_) fitting_camera_->stop.request_stop();
-  fitting_camera_.reset();
+  if (fitting_) fitting_->stop.request_stop();
+  fitting_.reset();
 }
 
-// Takes over the camera that shows all, if it is there.
+// Takes over what was fitted, if it is there. What was changed meanwhile stays.
 void Session::take_fitted() {
-  if (!fitting_camera_ || !fitting_camera_->fitted.wait()) return;
-  Result<Camera> fitted = fitting_camera_->fitted.take();
-  const bool has_moved = scene.camera != fitting_camera_->before;
-  fitting_camera_.reset();
-  if (!fitted) {
-    troubles_.push_back(fitted.error().message);
-  } else if (!has_moved) {
-    set_projection(*fitted, scene.camera.projection);
-    scene.camera = *fitted;
-  }
+  if (!fitting_ || !fitting_->fitted.wait()) return;
+  const Result<Scene> fitted = fitting_->fitted.take();
+  const Scene before = std::move(fitting_->before);
+  fitting_.reset();
+  if (!fitted) return troubles_.push_back(fitted.error().message);
+  if (scene.camera == before.camera) scene.camera = fitted->camera;
+  const bool is_same = scene.attribute == before.attribute && scene.transfer_function == before.transfer_function;
+  if (is_same) scene.transfer_function = fitted->transfer_function;
 }
 
 TransferFunction Session::fitting_function() const {
-  Scene adapted = fitting_;
+  Scene adapted = fitting_scene_;
   if (adapted.background != scene.background) adapt_to_background(adapted, scene.background);
   return adapted.transfer_function;
 }
@@ -301,7 +317,8 @@ void Session::show_attribute(const std::string& name) {
 void Session::show_opacity(const std::string& name) {
   if (name.empty()) {
     scene.opacity.reset();
-    if (scene.transfer_function.densities.size() == 1) scene.transfer_function.densities = fitting_function().densities;
+    TransferFunction& function = scene.transfer_function;
+    if (function.densities.size() == 1) function.densities = fitting_function().densities, function.density_factor = 1;
     return;
   }
   scene.opacity = SceneOpacity{name, {.colors = {{0, dvec3(1)}}, .densities = {{0, 1}}}};
@@ -478,7 +495,10 @@ Status Session::take_change(Result<SessionFile> change, const Scene& without_cha
     const bool is_whole = file.streamer != nullptr;
     if (fits_function_ && is_whole) {
       TransferFunction function = change->fitting.transfer_function;
-      if (scene.opacity) function.densities = scene.transfer_function.densities;
+      if (scene.opacity) {
+        function.densities = scene.transfer_function.densities;
+        function.density_factor = scene.transfer_function.density_factor;
+      }
       scene.transfer_function = std::move(function);
     }
     if (change->fitting_opacity) splatvol::show_opacity(scene, std::move(*change->fitting_opacity));
@@ -490,7 +510,7 @@ Status Session::take_change(Result<SessionFile> change, const Scene& without_cha
       picture_is_whole_ = false;  // another rasterizer may have none
       histogram_ = change->histogram;
       opacity_histogram_ = change->opacity_histogram;
-      fitting_ = std::move(change->fitting);
+      fitting_scene_ = std::move(change->fitting);
     }
     if (taken && has_step) {
       bounds_ = change->bounds;
@@ -519,26 +539,19 @@ Status Session::apply() {
   Drawing drawing = settings.drawing;
   drawing.kernel = player_->options().drawing.kernel;  // until what another one needs is read
   SPLATVOL_TRY(player_->set_drawing(drawing));
+  const SceneChange change = change_between(used_scene_, drawn);
   const bool same = player_->options().memory == used_settings_.memory && drawing == used_settings_.drawing &&
                     settings.quality == used_settings_.quality &&
-                    settings.most_exact_segments == used_settings_.most_exact_segments &&
-                    have_same_picture(drawn, used_scene_);
-  const bool is_other_attribute = drawn.attribute != used_scene_.attribute;
-  const auto differs_by_camera_only = [&] {
-    Scene turned = drawn;
-    turned.camera = used_scene_.camera;
-    return have_same_picture(turned, used_scene_);
-  };
-  const bool is_other_picture = !same && !differs_by_camera_only();
+                    settings.most_exact_segments == used_settings_.most_exact_segments && !change.is_of_picture();
   view_ = player_->view();
   used_scene_ = std::move(drawn);
   used_settings_ = settings;
   used_settings_.memory = player_->options().memory;
   used_settings_.drawing = drawing;
   if (same) return {};
-  if (is_other_attribute)
+  if (change.data)
     motion_.forget_errors();
-  else if (is_other_picture)
+  else if (change.is_beyond_camera())
     motion_.doubt_errors();
   still_seconds_ = 0;
   settled_ = moving_is_drawn_ = false;
@@ -572,7 +585,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   SPLATVOL_TRY(make_view(scene));
   if (!awaits_step_) still_seconds_ += seconds;
   if (is_drawing()) {
-    const bool is_old = asked_step_ || !have_same_picture(scene_without_change(), used_scene_);
+    const bool is_old = asked_step_ || change_between(used_scene_, scene_without_change()).is_of_picture();
     if (is_old && work_ != Work::moving) interrupt_drawing();
     SPLATVOL_TRY(end_drawing(is_busy));
     if (is_drawing()) return {};     // the picture stays
@@ -614,6 +627,7 @@ void Session::note_drawn(const ShownRecipe& recipe) {
     std::swap(encoded_, encoded_aside_);
     encoded_aside_.bytes.clear();
     encoded_background_ = used_scene_.background;
+    encoded_outline_ = used_scene_.outline;
     encoded_is_old_ = encoded_is_shown_ = false;
   }
   if (!settings.on_picture) return;
@@ -694,20 +708,41 @@ Status Session::encode_aside() {
   const DevicePicture picture = player_->picture();
   const auto* image = std::get_if<const Image*>(&picture);
   if (!image) return {};
-  encode_srgb(**image, used_scene_.background, encoded_aside_.bytes);
-  encoded_aside_.width = (*image)->width, encoded_aside_.height = (*image)->height;
+  encode(**image, view_, used_scene_, encoded_aside_);
   return {};
+}
+
+// Lays a picture over the background of `shown`, with its outline.
+void Session::encode(const Image& picture, const View& view, const Scene& shown, EncodedPicture& encoded) const {
+  encode_srgb(picture, shown.background, encoded.bytes);
+  encoded.width = picture.width, encoded.height = picture.height;
+  if (!shown.outline || view.width != picture.width || view.height != picture.height) return;
+  const dvec3 ink = ink_on(shown.background);
+  std::vector<std::size_t> places;
+  Image changed;
+  for (const OutlineStroke& stroke : outline_strokes(view, bounds_)) {
+    if (places.empty() || places.back() != stroke.pixel) {
+      places.push_back(stroke.pixel);
+      changed.pixels.push_back(picture.pixels[stroke.pixel]);
+    }
+    changed.pixels.back() = with_stroke(changed.pixels.back(), stroke, ink);
+  }
+  changed.width = static_cast<int>(places.size()), changed.height = 1;
+  std::vector<std::uint8_t> bytes;
+  encode_srgb(changed, shown.background, bytes);
+  for (std::size_t i = 0; i < places.size(); ++i) std::copy_n(&bytes[4 * i], 4, &encoded.bytes[4 * places[i]]);
 }
 
 // Lays the processor's picture over the background, unless that is done. Needs no context.
 Status Session::encode_picture() {
-  const bool is_encoded = !encoded_is_old_ && encoded_background_ == scene.background;
+  const bool is_encoded =
+      !encoded_is_old_ && encoded_background_ == scene.background && encoded_outline_ == scene.outline;
   if (is_encoded || !picture_is_whole_) return {};
   Image copy;
   SPLATVOL_TRY_ASSIGN(picture, player_->image_or_copy(copy));
-  encode_srgb(*picture, scene.background, encoded_.bytes);
-  encoded_.width = picture->width, encoded_.height = picture->height;
+  encode(*picture, shown_view_, scene, encoded_);
   encoded_background_ = scene.background;
+  encoded_outline_ = scene.outline;
   encoded_is_old_ = encoded_is_shown_ = false;
   return {};
 }
@@ -717,13 +752,11 @@ std::optional<DevicePicture> Session::volume_picture() const {
   return player_->picture();
 }
 
-Result<Image> Session::page(const PageText& text, bool transparent) const {
+Result<Image> Session::page(const Page& page, const PageText& text, bool transparent) const {
   SPLATVOL_TRY_ASSIGN(image, player_->image());
   const dvec3 ink = ink_on(used_scene_.background);
   if (used_scene_.outline) draw_outline(image, view(), bounds_, transparent ? ink_on_any() : ink);
-  const TransferFunction function = bar_colors_of(used_scene_).function;
-  SPLATVOL_TRY_ASSIGN(page, lay_out_round(image.width, image.height, text, function));
-  return compose_page(page, std::move(image), text, function, ink, transparent);
+  return compose_page(page, std::move(image), text, bar_colors_of(used_scene_).function, ink, transparent);
 }
 
 // Contours may show where the volume does not.

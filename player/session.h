@@ -12,8 +12,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/addresses.h"
 #include "base/error.h"
-#include "base/http_source.h"
 #include "format/steps.h"
 #include "format/volume.h"
 #include "pictures/page.h"
@@ -98,8 +98,8 @@ struct SessionFile {
   std::optional<FittingOpacity> fitting_opacity = {};  // if it is to fit
 };
 
-/// A picture of the processor as a screen takes it: sRGB bytes of red, green, blue and alpha over the background, the
-/// highest row first. Its width is 0 before the first.
+/// A picture of the processor as a screen takes it: sRGB bytes of red, green, blue and alpha over the background, with
+/// the scene's outline, the highest row first. Its width is 0 before the first.
 struct EncodedPicture {
   int width = 0, height = 0;
   std::vector<std::uint8_t> bytes = {};
@@ -158,15 +158,23 @@ class Session {
   void cancel_reading();
 
   /// Returns whether another call without a change would draw the same.
-  [[nodiscard]] bool is_settled() const { return settled_ && !reading_ && !asked_step_ && !fitting_camera_; }
+  [[nodiscard]] bool is_settled() const { return settled_ && !reading_ && !asked_step_ && !fitting_; }
 
   /// Returns the transfer function that fits the attribute that is drawn, on the background of `scene`.
   [[nodiscard]] TransferFunction fitting_function() const;
 
-  /// Gives the scene a camera that sees all that the file shows, in the size of the last picture. Coarse splats are
-  /// read for it, by a job where changes are read aside. A camera that moves meanwhile stays.
+  /// Gives the scene a camera that sees all that the file shows, in the size of the last picture, with `up_axis`
+  /// upwards. Coarse splats are read for it, by a job where changes are read aside. A camera that moves meanwhile
+  /// stays.
   void show_all();
-  [[nodiscard]] bool is_fitting() const { return fitting_camera_.has_value(); }
+
+  /// Spreads the colours over the values that are seen (streamer/first/default_scene.h), likewise.
+  void show_visible();
+  [[nodiscard]] bool is_fitting() const { return fitting_.has_value(); }
+
+  /// Chooses the axis that is upwards. The camera turns about its line of sight, unless it looks along the axis.
+  void choose_up(int axis);
+  [[nodiscard]] int up_axis() const { return up.value_or(up_axis_of(info())); }
 
   /// Shows another attribute of the file, with a transfer function that fits it. The camera stays.
   void show_attribute(const std::string& name);
@@ -311,8 +319,9 @@ class Session {
 
   [[nodiscard]] Result<Image> image() const { return player_->image(); }
 
-  /// Returns the last picture with its outline, if the scene has one, and with words round it.
-  [[nodiscard]] Result<Image> page(const PageText& text, bool transparent = false) const;
+  /// Returns the last picture with its outline, if the scene has one, and with words round it. `page`: for a picture of
+  /// this size.
+  [[nodiscard]] Result<Image> page(const Page& page, const PageText& text, bool transparent = false) const;
 
   [[nodiscard]] double draw_seconds() const { return draw_seconds_; }
 
@@ -334,6 +343,7 @@ class Session {
 
   Scene scene;  // the scene to draw; width and height are those of the last draw
   ViewSettings settings;
+  std::optional<int> up;  // the axis that choose_up chose
 
   struct Playback {
     double steps_per_second = 5;  // at most
@@ -352,6 +362,7 @@ class Session {
   [[nodiscard]] Status apply();
   [[nodiscard]] Status read_change();
   void end_reading();
+  void begin_fitting(std::function<Result<Scene>(const format::Volume&)> fit);
   void end_fitting();
   void take_fitted();
   [[nodiscard]] Status take_change(Result<SessionFile> change, const Scene& without_change);
@@ -365,6 +376,7 @@ class Session {
   void stop_drawing();
   void note_drawn(const ShownRecipe& recipe);
   void note_frame();
+  void encode(const Image& picture, const View& view, const Scene& shown, EncodedPicture& encoded) const;
   [[nodiscard]] Status encode_picture();
   [[nodiscard]] Status encode_aside();
   [[nodiscard]] Status choose_splats(const FrameRequest& request, double seconds);
@@ -429,12 +441,13 @@ class Session {
 
   EncodedPicture encoded_, encoded_aside_;  // shown; by a job
   dvec3 encoded_background_{0};
+  bool encoded_outline_ = false;
   bool encoded_is_old_ = true;
   bool encoded_is_shown_ = true;
 
   std::array<std::uint64_t, 64> histogram_{}, opacity_histogram_{};
   Box bounds_, mesh_box_;
-  Scene fitting_;  // fits the attribute that is drawn
+  Scene fitting_scene_;  // fits the attribute that is drawn
 
   // The settings, scene and view of the last draw.
   ViewSettings used_settings_;
@@ -451,13 +464,13 @@ class Session {
   };
   std::optional<Reading> reading_;
 
-  // A camera that is to show all.
-  struct FittingCamera {
-    Camera before;
+  // A camera that is to show all, or colours for what is seen.
+  struct Fitting {
+    Scene before;
     std::stop_source stop;
-    Task<Result<Camera>> fitted;
+    Task<Result<Scene>> fitted;
   };
-  std::optional<FittingCamera> fitting_camera_;
+  std::optional<Fitting> fitting_;
   bool fits_function_ = false;  // the scene's attribute is to get the function that fits it
   bool fits_opacity_ = false;   // the opacity likewise
 

@@ -153,7 +153,7 @@ Status Session::draw_exact() {
   if (estimate.unknown_cells > 0)
     return fail(ErrorCode::unsupported, "{}: {} of its cells have shapes that only a newer svview knows", path_,
                 estimate.unknown_cells);
-  const int finest = finest_exact_spacing(static_cast<double>(estimate.segments));
+  const int finest = finest_exact_spacing(estimate.counted_segments());
   const bool is_there = player_->exact() && !shows_surfaces() && player_->sample_spacing() <= finest;
   if (finest == 0 || is_there) {
     exact_spacing_ = 0;

@@ -133,20 +133,13 @@ void Steering::press_key(int code, Session& session, const Taken& taken) {
   }
 }
 
-void Steering::look_from(Session& session, const dvec3& direction) const {
+void Steering::look_from(Session& session, const dvec3& direction) {
   static constexpr std::array<dvec3, 3> plan_up = {dvec3(0, 0, 1), dvec3(0, 0, -1), dvec3(0, 1, 0)};
-  dvec3 up(0);
-  up[up_] = 1;
-  if (direction[up_] != 0) up = direction[up_] * plan_up[static_cast<std::size_t>(up_)];
-  look_along(session.scene.camera, -direction, up);
-}
-
-void Steering::set_up_axis(Session& session, int axis) {
-  up_ = axis;
+  const int axis = session.up_axis();
   dvec3 up(0);
   up[axis] = 1;
-  Camera& camera = session.scene.camera;
-  if (std::abs(glm::dot(axes_of(camera).forward, up)) < 0.999) camera.up = up;
+  if (direction[axis] != 0) up = direction[axis] * plan_up[static_cast<std::size_t>(axis)];
+  look_along(session.scene.camera, -direction, up);
 }
 
 void Steering::move(double seconds, Session* session, const Taken& taken) {

@@ -45,15 +45,8 @@ class Steering {
   void redo(Session& session, const Taken& taken);
 
   /// Looks at the focal point from an axis's side. From the axis that is up, the picture is a plan: x or y goes right.
-  void look_from(Session& session, const dvec3& direction) const;
+  static void look_from(Session& session, const dvec3& direction);
 
-  /// Turns the camera about its line of sight, unless it looks along the axis.
-  void set_up_axis(Session& session, int axis);
-
-  /// Takes the axis that is up in the session's file.
-  void take_up_axis(const Session& session) { up_ = session.info().up >= 0 ? session.info().up : 1; }
-
-  [[nodiscard]] int up_axis() const { return up_; }
   [[nodiscard]] dvec2 pointer() const { return pointer_; }
   [[nodiscard]] bool is_dragging() const { return drag_.has_value(); }
   [[nodiscard]] bool is_down(int code) const { return keys_[static_cast<std::size_t>(code)]; }
@@ -80,7 +73,6 @@ class Steering {
   std::array<bool, key::count> keys_{};
   std::optional<int> drag_;  // button of a drag that began over the picture
   dvec2 pressed_at_{0};      // where it began
-  int up_ = 1;               // the axis that views along an axis have upwards
 };
 
 }  // namespace splatvol

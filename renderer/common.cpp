@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace splatvol {
 namespace {
@@ -49,8 +50,9 @@ float nearest_float(double number) {
 
 Result<TransferFunction> in_drawing_units(TransferFunction function, const DrawingUnits& units) {
   constexpr double most_extinction = 1e20;
+  const double unit = units.length * std::exchange(function.density_factor, 1);
   for (TransferFunction::Density& density : function.densities)
-    density.extinction = std::min(density.extinction * units.length, most_extinction);
+    density.extinction = std::min(density.extinction * unit, most_extinction);
   SPLATVOL_TRY(check_function(function));
   return function;
 }

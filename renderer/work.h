@@ -1,7 +1,9 @@
 // What pictures cost: counted work times nanoseconds that do not change.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 
 namespace splatvol {
 
@@ -40,12 +42,19 @@ inline constexpr double of_segment = 2.2;
 /// The cells of a view.
 struct CellCounts {
   double tetrahedra = 0;
-  double segments = 0;  // of a picture with a sample in each pixel
+  double segments = 0;      // of a picture with a sample in each pixel
+  double segment_work = 1;  // as the function of this name
 };
 
 /// Returns the segments of a picture with fewer samples.
 [[nodiscard]] inline double sampled_segments(const CellCounts& cells, int sample_spacing) {
   return cells.segments / (sample_spacing * sample_spacing);
+}
+
+/// Returns how many segments of a function of few pieces are as much work as one of a function of so many.
+[[nodiscard]] inline double segment_work(std::size_t pieces) {
+  constexpr double few = 16, of_piece = 0.0017;
+  return 1 + of_piece * std::max(static_cast<double>(pieces) - few, 0.0);
 }
 
 /// Returns the estimated work of an exact picture of cells that are held, in nanoseconds.
@@ -54,7 +63,7 @@ struct CellCounts {
   const double sampled = sampled_segments(cells, sample_spacing);
   const double rows = std::sqrt(cells.tetrahedra * sampled);  // n samples of a tetrahedron lie in about sqrt(n) rows
   return nanoseconds::of_tetrahedron * cells.tetrahedra + nanoseconds::of_row * rows +
-         nanoseconds::of_segment * sampled + nanoseconds::of_interpolated_pixel * interpolated;
+         nanoseconds::of_segment * cells.segment_work * sampled + nanoseconds::of_interpolated_pixel * interpolated;
 }
 
 }  // namespace splatvol

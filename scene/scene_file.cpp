@@ -165,9 +165,11 @@ Result<std::vector<TransferFunction::Color>> read_colors(const JsonField& field)
 }
 
 Result<TransferFunction> read_transfer_function(const JsonField& field) {
-  SPLATVOL_TRY(field.check_names({"domain", "axis", "linear_width", "colors", "density", "isovalue"}));
+  SPLATVOL_TRY(
+      field.check_names({"domain", "axis", "linear_width", "colors", "density", "density_factor", "isovalue"}));
   TransferFunction function;
   SPLATVOL_TRY(read_domain(field, function));
+  if (field.has("density_factor")) SPLATVOL_TRY_SET(function.density_factor, positive(field.member("density_factor")));
   SPLATVOL_TRY_SET(function.colors, read_colors(field.member("colors")));
   if (field.has("isovalue")) {
     if (field.has("density")) return field.wrong("both density and isovalue; leave one of them out");
@@ -518,6 +520,7 @@ std::string to_json(const UsedScene& used, int indent) {
   else
     for (const auto& [t, extinction] : scene.transfer_function.densities)
       function["density"].push_back({t, extinction});
+  if (const double factor = scene.transfer_function.density_factor; factor != 1) function["density_factor"] = factor;
   if (scene.opacity) {
     nlohmann::ordered_json& opacity = document["opacity"];
     opacity["attribute"] = scene.opacity->attribute;

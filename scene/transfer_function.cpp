@@ -57,7 +57,9 @@ double TransferFunction::value_at(double t) const {
 
 dvec3 TransferFunction::color_at(double t) const { return at(colors, &Color::rgb, t); }
 
-double TransferFunction::extinction_at(double t) const { return at(densities, &Density::extinction, t); }
+double TransferFunction::extinction_at(double t) const {
+  return density_factor * at(densities, &Density::extinction, t);
+}
 
 dvec3 TransferFunction::color(double value) const { return std::isnan(value) ? dvec3(0) : color_at(t_of(value)); }
 
@@ -97,6 +99,7 @@ std::vector<LinearPiece> linear_pieces(const TransferFunction& function) {
   constexpr double shortest = 1e-14;
   const std::vector<Color>& colors = function.colors;
   const std::vector<Density>& densities = function.densities;
+  const double factor = function.density_factor;
   const std::vector<double> all = bends(function);
   std::vector<LinearPiece> pieces;
   double begin = 0;
@@ -105,8 +108,9 @@ std::vector<LinearPiece> linear_pieces(const TransferFunction& function) {
     if (end - begin < shortest) continue;
     pieces.push_back(
         {begin, end,
-         dvec4(interpolate(colors, &Color::rgb, after), interpolate(densities, &Density::extinction, after)),
-         dvec4(limit_from_below(colors, &Color::rgb, end), limit_from_below(densities, &Density::extinction, end))});
+         dvec4(interpolate(colors, &Color::rgb, after), factor * interpolate(densities, &Density::extinction, after)),
+         dvec4(limit_from_below(colors, &Color::rgb, end),
+               factor * limit_from_below(densities, &Density::extinction, end))});
     begin = end;
   }
   return pieces;

@@ -16,10 +16,9 @@ struct Stage {
   std::string_view name;
   std::array<double, 3> times;  // [BuildKind]: percent of the build
 };
-constexpr std::array<Stage, 11> stages = {{{"reading", {46, 2, 4}},
+constexpr std::array<Stage, 10> stages = {{{"reading", {46, 2, 4}},
                                            {"connecting", {1, 62, 5}},
                                            {"reducing", {9, 18, 85}},
-                                           {"fitting densities", {20, 6, 1}},
                                            {"indexing", {3, 4, 1}},
                                            {"simplifying the boundary", {1, 0.5, 0.5}},
                                            {"sorting cells", {5, 1, 0.5}},

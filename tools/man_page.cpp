@@ -97,7 +97,7 @@ std::string man_page(const ProgramOptions& program, const std::string& version) 
       "called wrongly.\n.SH SEE ALSO\n";
   std::string others;
   for (const std::string name :
-       {"svbuild", "svdemo", "svdiff", "svexport", "svgen", "svinfo", "svrender", "svserve", "svtruth", "svview"})
+       {"svbuild", "svdiff", "svexport", "svgen", "svinfo", "svrender", "svserve", "svtruth", "svview"})
     if (name != program.name) others += (others.empty() ? ".BR " : " ,\n.BR ") + name + " (1)";
   return page + others + "\n";
 }

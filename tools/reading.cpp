@@ -7,6 +7,8 @@
 #include <memory>
 #include <span>
 
+#include "base/file.h"
+#include "base/input_formats.h"
 #include "base/memory_limit.h"
 #include "base/printable.h"
 #include "builder/opening/input_files.h"
@@ -49,6 +51,12 @@ Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, un
   of_process.factor = options.factor;
   of_process.threads = static_cast<int>(threads);
   return of_process;
+}
+
+Status check_no_address(const std::vector<std::string>& inputs) {
+  for (const std::string& input : inputs)
+    if (is_url(input)) return fail(ErrorCode::unsupported, "{}: {}", input, no_far_mesh);
+  return {};
 }
 
 std::string describe_left_out(const std::vector<std::string>& inputs) {

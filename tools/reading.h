@@ -23,6 +23,9 @@ void add_reading_options(CommandLine& app, ReadingOptions& options);
 /// `threads`: most threads; 0: those of the machine.
 [[nodiscard]] Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, unsigned threads);
 
+/// Fails if an input is named by an address.
+[[nodiscard]] Status check_no_address(const std::vector<std::string>& inputs);
+
 /// Names the files in folders that hold data but are left out (builder/opening/input_files.h), in a line; empty if
 /// there are none.
 [[nodiscard]] std::string describe_left_out(const std::vector<std::string>& inputs);

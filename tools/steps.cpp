@@ -3,7 +3,7 @@
 #include <charconv>
 #include <limits>
 
-#include "base/http_source.h"
+#include "base/addresses.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -36,7 +36,7 @@ std::string check_step_range(const std::string& text) {
 
 void add_file_argument(CommandLine& app, std::string& file) {
   app.add_option("file", file,
-                 "The file, the index of a series of files (.svols), or its address (http:// or https://)")
+                 "The file, the index of a series of files (.svols), or its address (http://, https:// or ssh://)")
       ->required()
       ->type_name("FILE.svol|URL");
 }

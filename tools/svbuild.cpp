@@ -12,6 +12,7 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 
+#include "base/byte_text.h"
 #include "base/file.h"
 #include "base/input_formats.h"
 #include "base/json.h"
@@ -433,7 +434,7 @@ Result<Estimate> make_estimate(const Options& options) {
 }
 
 std::string range_text(const Range& range) {
-  return fmt::format("{} to {}", bytes_text(range.low), bytes_text(range.high));
+  return fmt::format("{} to {}", byte_text(range.low), byte_text(range.high));
 }
 
 std::string seconds_text(double seconds) {
@@ -454,18 +455,18 @@ void print_estimate(const Options& options, const Estimate& estimate) {
             connectivity_name(build.connectivity), build.keeps_cells ? ", cells kept" : "");
   print_out("  {:>24} of disk while it is built, the file included\n", range_text(build.disk));
   print_out("  {:>24} of memory, of which --memory grants {}\n", range_text(build.memory),
-            bytes_text(static_cast<double>(estimate.memory)));
+            byte_text(static_cast<double>(estimate.memory)));
   if (estimate.reader_bytes > 0)
     print_out("  {:>24} of memory more, to read the input: so much was held just now\n",
-              bytes_text(static_cast<double>(estimate.reader_bytes)));
+              byte_text(static_cast<double>(estimate.reader_bytes)));
   print_out("  {:>24} on {} threads\n",
             fmt::format("{} to {}", seconds_text(build.seconds.low), seconds_text(build.seconds.high)),
             estimate.threads);
   if (estimate.memory < build.least_memory)
     print_out("  {:>24} of memory are needed at least, more than --memory grants\n",
-              bytes_text(static_cast<double>(build.least_memory)));
+              byte_text(static_cast<double>(build.least_memory)));
   if (estimate.room && static_cast<double>(*estimate.room) < build.disk.high)
-    print_out("  warning: {} are free in {}\n", bytes_text(static_cast<double>(*estimate.room)), estimate.folder);
+    print_out("  warning: {} are free in {}\n", byte_text(static_cast<double>(*estimate.room)), estimate.folder);
 }
 
 nlohmann::ordered_json json_of(const Range& range) { return {std::round(range.low), std::round(range.high)}; }
@@ -625,6 +626,7 @@ Status run(const Options& options) {
   if (options.cache.list) return list_cache(options.json);
   if (options.cache.forget) return forget_in_cache(options.inputs);
   if (options.cache.cached) return build_for_cache(options);
+  SPLATVOL_TRY(check_no_address(options.inputs));
   return options.estimate ? print_estimate(options) : build(options);
 }
 

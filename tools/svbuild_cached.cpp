@@ -18,6 +18,7 @@
 #include <utility>
 #include <variant>
 
+#include "base/byte_text.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "base/low_priority.h"
@@ -73,8 +74,8 @@ std::string program_text() {
 }
 
 Status check_inputs(const std::vector<std::string>& inputs) {
+  SPLATVOL_TRY(check_no_address(inputs));
   for (const std::string& input : inputs) {
-    if (is_url(input)) return fail(ErrorCode::unsupported, "{}: meshes are read from disks: download it first", input);
     if (has_extension(input, ".svol") || has_extension(input, ".svols"))
       return fail(ErrorCode::invalid_argument, "{}: is built already: open it as it is", input);
   }
@@ -309,7 +310,7 @@ Status list_cache(bool json) {
     return {};
   }
   for (const BuildCache::Entry& entry : entries)
-    print_out("{}\n  {}, used {}{}: {}\n", inputs_text(entry), bytes_text(static_cast<double>(entry.bytes)),
+    print_out("{}\n  {}, used {}{}: {}\n", inputs_text(entry), byte_text(static_cast<double>(entry.bytes)),
               time_text(entry.used), entry.is_open ? ", open" : "", entry.file);
   return {};
 }
@@ -320,7 +321,7 @@ Status forget_in_cache(const std::vector<std::string>& inputs) {
   for (const std::string& input : inputs) canonical.push_back(canonical_input(input));
   SPLATVOL_TRY_ASSIGN(forgotten, cache.forget(canonical));
   for (const BuildCache::Entry& entry : forgotten.removed)
-    print_out("removed: {}, {}\n", inputs_text(entry), bytes_text(static_cast<double>(entry.bytes)));
+    print_out("removed: {}, {}\n", inputs_text(entry), byte_text(static_cast<double>(entry.bytes)));
   for (const BuildCache::Entry& entry : forgotten.open) print_out("is open, and stays: {}\n", inputs_text(entry));
   return {};
 }

@@ -19,6 +19,7 @@
 #include "builder/sources/vtk/writer.h"
 #include "tools/reading.h"
 #include "tools/refined_source.h"
+#include "tools/svgen_flow.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -29,12 +30,14 @@ static_assert(std::endian::native == std::endian::little);
 
 struct Options {
   std::string output;
+  std::string scene;
   std::string count;
   std::string cells;
   std::string pieces;
   std::vector<std::string> meshes;
   std::vector<std::string> attributes;
   int levels = 1;
+  std::size_t flow_points = 100000;
   std::string distribution = "uniform";
   std::uint64_t seed = 1;
   bool float32 = false;
@@ -184,6 +187,12 @@ Status write_refined(const Options& options) {
   return write_pieces(*refined, options.output);
 }
 
+Status write_flow_files(const Options& options) {
+  SPLATVOL_TRY(check_outputs({options.output, options.scene}, {}, options.replace));
+  if (!options.output.empty()) SPLATVOL_TRY(write_flow(options.output, options.flow_points, options.replace));
+  return options.scene.empty() ? Status{} : write_flow_scene(options.scene);
+}
+
 }  // namespace
 }  // namespace splatvol
 
@@ -242,7 +251,27 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   refined->add_option("--attribute", options.attributes, "Attributes to keep (default: all)")->type_name("NAME");
   add_reading_options(*refined, options.reading);
+
+  auto* flow = app.add_subcommand(
+      "flow", "A mesh to try splatvol on: a knotted vortex, fine where the flow varies; and a scene that shows it");
+  flow->add_option("-o,--output", options.output, "The mesh to write (.vtu)")
+      ->type_name("OUT.vtu")
+      ->check([](const std::string& path) {
+        return has_extension(path, ".vtu") ? "" : "'" + path + "' does not end in .vtu";
+      });
+  flow->add_option("--points", options.flow_points, "Approximate number of points")
+      ->range(1000, 100'000'000)
+      ->capture_default_str();
+  flow->add_option("--scene", options.scene, "The scene file to write (.json)")
+      ->type_name("OUT.json")
+      ->check(check_json_path);
+  add_force_option(*flow, options.replace);
+  flow->callback([&] {
+    if (options.output.empty() && options.scene.empty()) missing_option("-o or --scene");
+  });
+
   return run_tool(app, argc, argv, [&] {
+    if (flow->is_given()) return write_flow_files(options);
     if (refined->is_given()) return write_refined(options);
     return points->is_given() ? write_points(options) : write_mesh(options);
   });

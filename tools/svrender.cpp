@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/addresses.h"
 #include "base/file.h"
 #include "base/printable.h"
 #include "player/conversion.h"
@@ -139,13 +140,15 @@ Status render(RenderOptions options) {
   SPLATVOL_TRY(check_outputs({options.output, options.stats, options.movie}, read));
   SPLATVOL_TRY_ASSIGN(converted, convert_mesh(options));
   options.volume = converted ? converted->path : options.inputs[0];
-  SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));
+  SPLATVOL_TRY_ASSIGN(
+      steps, converted ? format::Steps::open(options.volume, open_as(options.inputs[0], *converted, open_file_or_url))
+                       : open_steps(options.volume));
   SPLATVOL_TRY_ASSIGN(composition, compose(options, steps));
   const Scene& scene = composition.scene;
   if (!options.progress_frames.empty()) SPLATVOL_TRY(make_folder(options.progress_frames));
   SPLATVOL_TRY_ASSIGN(statistics_file, create_statistics(options.stats));
   if (const auto view = make_view(scene); !view)
-    return fail_in(options.scene.empty() ? options.volume : options.scene, view.error());
+    return fail_in(options.scene.empty() ? options.inputs[0] : options.scene, view.error());
   SPLATVOL_TRY_ASSIGN(drawn, prepare(options, std::move(steps), scene));
 
   Timings timings;
@@ -158,7 +161,7 @@ Status render(RenderOptions options) {
     fmt::print(stderr, "svrender: {}: --memory grants more\n", left_out->message);
   if (player.exact() && player.exact()->unknown_cells > 0)
     fmt::print(stderr, "svrender: {}: {} cells of shapes that this version does not know are left out\n",
-               options.volume, player.exact()->unknown_cells);
+               options.inputs[0], player.exact()->unknown_cells);
   if (player.has_joined_surfaces())
     fmt::print(stderr,
                "svrender: more than {} translucent surfaces lie one behind the other; the volume between those behind "

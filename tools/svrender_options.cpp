@@ -29,7 +29,7 @@ std::string check_sampling(const std::string& text) {
 void add_file_options(CommandLine& app, RenderOptions& options) {
   app.add_option(
          "FILE", options.inputs,
-         "The .svol file, the index of a series of files (.svols), or its address (http:// or https://); or a "
+         "The .svol file, the index of a series of files (.svols), or its address (http://, https:// or ssh://); or a "
          "mesh or points, in one file, several files or a folder, which svbuild converts and keeps in its cache")
       ->required()
       ->type_name("FILE.svol|URL|MESH...");

@@ -176,7 +176,7 @@ void print_summary(const RenderOptions& options, std::array<int, 2> size, const 
   print_out("{}: {} x {} pixels, {} splats in {} nodes, {}, {:.3f} s\n", options.written(), size[0], size[1],
             frame.splats, frame.nodes, bytes_read_text(streamer.volume()), timings.first_image);
   if (drawn.chosen.too_many_segments > 0)
-    print_out("{}: splats, as the file's cells make about {:.0f} million segments: --exact draws them\n",
+    print_out("{}: splats, as the file's cells are the work of about {:.0f} million segments: --exact draws them\n",
               options.written(), static_cast<double>(drawn.chosen.too_many_segments) / 1e6);
   if (frame.detail.goal) {
     print_goal(options, drawn);

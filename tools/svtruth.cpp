@@ -100,6 +100,7 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene
     return number;
   };
   OtherAttributes others{.opacity = select(opacity_attribute_of(scene)), .color = select(contours_of(scene).attribute)};
+  SPLATVOL_TRY(check_no_address(paths));
   warn_of_left_out(paths);
   ReaderProcess reader(reader_options);
   SPLATVOL_TRY_ASSIGN(source, open_safely(reader, paths, source_options));

@@ -262,12 +262,13 @@ Status play(const Options& options) {
   InlineHost host;
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file), host));
   const int count = std::max(1, static_cast<int>(std::lround(path.seconds * options.fps)));
+  SPLATVOL_TRY_ASSIGN(page, lay_out_page(size[0], size[1], {}, {}));
   ProgressBar bar("draw");
   for (int i = 0; i < count; ++i) {
     session->scene.camera = camera_at(path, count > 1 ? static_cast<double>(i) / (count - 1) : 0);
     do SPLATVOL_TRY(session->draw(size[0], size[1], 1));
     while (!session->is_settled());
-    SPLATVOL_TRY_ASSIGN(image, session->page({}));
+    SPLATVOL_TRY_ASSIGN(image, session->page(page, {}));
     SPLATVOL_TRY(write_image(fmt::format("{}/frame-{:05}.png", options.frames, i), image, session->scene.background,
                              {{"software", "svview " SPLATVOL_VERSION}, {"file", session->path()}}));
     bar.update((i + 1.0) / count);
@@ -289,7 +290,8 @@ Status run(Options options) {
 
 void add_view_options(CommandLine& app, Options& options) {
   app.add_option("volume", options.files,
-                 "The .svol file, the index of a series of files (.svols), or its address (https://...); a scene that "
+                 "The .svol file, the index of a series of files (.svols), or its address (https://..., ssh://...); a "
+                 "scene that "
                  "names one; or a mesh or points, in one file, several files or a folder, which svbuild converts and "
                  "keeps in its cache")
       ->type_name("FILE.svol|URL|S.json|MESH...");

@@ -221,13 +221,6 @@ Result<std::uint64_t> parse_bytes(const std::string& text) {
   return static_cast<std::uint64_t>(bytes);
 }
 
-std::string bytes_text(double bytes) {
-  constexpr std::array<const char*, 5> units = {"B", "KiB", "MiB", "GiB", "TiB"};
-  std::size_t unit = 0;
-  for (; bytes >= 1000 && unit + 1 < units.size(); ++unit) bytes /= 1024;
-  return fmt::format("{:.{}f} {}", bytes, bytes < 10 && unit > 0 ? 1 : 0, units[unit]);
-}
-
 std::string default_memory(std::uint64_t mebibytes) {
   if (const std::string chosen = environment(memory_variable); !chosen.empty()) return chosen;
   return fmt::format("{}M", std::min<std::uint64_t>(mebibytes, memory_limit() >> 21));

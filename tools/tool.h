@@ -69,9 +69,6 @@ class ProgressBar {
 /// Reads a number of bytes: "65536", "64K", "1.5G" (powers of 1024; K, M, G, T, with or without iB).
 [[nodiscard]] Result<std::uint64_t> parse_bytes(const std::string& text);
 
-/// Returns a number of bytes in the unit that fits: "1.5 GiB".
-[[nodiscard]] std::string bytes_text(double bytes);
-
 /// A default for --memory: SPLATVOL_MEMORY of the environment; else so many MiB, or half of what this process may have,
 /// if that is less.
 [[nodiscard]] std::string default_memory(std::uint64_t mebibytes);

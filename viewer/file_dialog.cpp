@@ -118,8 +118,8 @@ std::optional<std::string> FileDialog::draw(const WindowResized& window, std::sp
   std::optional<std::string> chosen;
   ImGui::PushItemWidth(-1);
   if (is_new_) ImGui::SetKeyboardFocusHere();
-  if (ImGui::InputTextWithHint("##path", "a path, or an address: https://...", typed_.data(), typed_.size(),
-                               ImGuiInputTextFlags_EnterReturnsTrue))
+  if (ImGui::InputTextWithHint("##path", "a path, or an address: https://... or ssh://...", typed_.data(),
+                               typed_.size(), ImGuiInputTextFlags_EnterReturnsTrue))
     chosen = typed_.data();
   if (const auto listed = draw_recent(recent)) chosen = listed;
   ImGui::PopItemWidth();

@@ -48,6 +48,8 @@ std::string words_of_bar(const Messages::Work& work) {
 }
 
 Messages::Work toast_of(const Messages::Message& message) {
+  if (!message.buttons.empty())
+    return {.name = "message " + message.text, .text = message.text, .buttons = message.buttons};
   return {.name = "message " + message.text, .text = with_times(message), .buttons = {"x"}};
 }
 
@@ -63,7 +65,16 @@ struct Messages::Layout {
 
 void Messages::tell(const Status& tried, const std::string& done) { tried ? note(done) : error(tried.error().message); }
 
-void Messages::add(const std::string& text, bool is_error) {
+void Messages::ask(const std::string& text, std::vector<std::string> buttons) {
+  end_question();
+  add(text, false).buttons = std::move(buttons);
+}
+
+void Messages::end_question() {
+  has_changed_ |= std::erase_if(toasts_, [](const auto& toast) { return !toast.second->buttons.empty(); }) > 0;
+}
+
+Messages::Message& Messages::add(const std::string& text, bool is_error) {
   Message& message = messages_[text];
   all_.erase(message.number);
   toasts_.erase(message.number);
@@ -74,6 +85,7 @@ void Messages::add(const std::string& text, bool is_error) {
   message.seconds_left = note_seconds;
   all_[message.number] = toasts_[message.number] = &message;
   has_changed_ = true;
+  return message;
 }
 
 std::vector<Messages::Message> Messages::copies_of(const ByNumber& messages) {
@@ -183,7 +195,7 @@ std::optional<std::size_t> Messages::draw(const Work& work, unsigned color) {
 }
 
 // The newest messages that there is room for, the oldest of them lowest: they stay in their places when others come.
-void Messages::draw() {
+std::optional<std::size_t> Messages::draw() {
   const Work more{.name = "more", .text = fmt::format("and {} more", toasts_.size()), .buttons = {"show all (M)"}};
   const auto taken_by = [&](const Work& work) { return lay_out(work).size.y + gap * gui_unit(); };
   float room = bottom_ - top_;
@@ -198,10 +210,16 @@ void Messages::draw() {
   bool shows_all = false;
   if (const std::size_t hidden = toasts_.size() - shown.size(); hidden > 0)
     shows_all = draw({more.name, fmt::format("and {} more", hidden), more.buttons}, note_color).has_value();
-  for (const Message* message : shown | std::views::reverse)
-    if (draw(toast_of(*message), message->is_error ? error_color : note_color)) close(message->number);
+  std::optional<std::size_t> answer;
+  for (const Message* message : shown | std::views::reverse) {
+    const auto pressed = draw(toast_of(*message), message->is_error ? error_color : note_color);
+    if (!pressed) continue;
+    if (!message->buttons.empty()) answer = pressed;
+    close(message->number);
+  }
   if (shows_all) toggle_list();
   if (is_list_open_) draw_list();
+  return answer;
 }
 
 void Messages::draw_list() {

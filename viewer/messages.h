@@ -14,8 +14,8 @@
 
 namespace splatvol {
 
-/// A note has a toast for some seconds, an error until it is closed. Equal messages are one, with a count. Time is that
-/// of frames.
+/// A note has a toast for some seconds, an error until it is closed. Equal messages are one, with a count. A question
+/// is a note with buttons; the next one takes its place. Time is that of frames.
 class Messages {
  public:
   static constexpr double note_seconds = 6;
@@ -23,13 +23,16 @@ class Messages {
   struct Message {
     std::string text;
     bool is_error = false;
-    int times = 0;             // that it was told
-    std::uint64_t number = 0;  // take_number() of the last time
-    double seconds_left = 0;   // of the toast of a note
+    int times = 0;                          // that it was told
+    std::uint64_t number = 0;               // take_number() of the last time
+    double seconds_left = 0;                // of the toast of a note
+    std::vector<std::string> buttons = {};  // of a question
   };
 
   void note(const std::string& text) { add(text, false); }
   void error(const std::string& text) { add(text, true); }
+  void ask(const std::string& text, std::vector<std::string> buttons);
+  void end_question();
 
   /// Tells the error of what was tried, or else a note that it is done.
   void tell(const Status& tried, const std::string& done);
@@ -50,8 +53,9 @@ class Messages {
   /// Draws the toast of work. Returns the number of the button that is pressed.
   [[nodiscard]] std::optional<std::size_t> draw(const Work& work);
 
-  /// Draws the toasts of messages above that, and the list if it is open.
-  void draw();
+  /// Draws the toasts of messages above that, and the list if it is open. Returns the number of the button of the
+  /// question that is pressed.
+  [[nodiscard]] std::optional<std::size_t> draw();
 
   /// Opens the list, in place of the toasts, or closes it.
   void toggle_list();
@@ -86,7 +90,7 @@ class Messages {
   using ByNumber = std::map<std::uint64_t, Message*>;
   struct Layout;
 
-  void add(const std::string& text, bool is_error);
+  Message& add(const std::string& text, bool is_error);
   [[nodiscard]] Layout lay_out(const Work& work) const;
   std::optional<std::size_t> draw(const Work& work, unsigned color);
   void draw_list();

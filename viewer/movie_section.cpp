@@ -33,8 +33,8 @@ void MovieSection::save_movie() {
     viewer_.messages.error(wrong);
     return;
   }
-  const auto size = save_.saved_size();
-  if (!size) return;
+  const auto layout = save_.layout(path);
+  if (!layout) return;
   save_.save(path, [=, this] {
     auto movie = Movie::create(path, "", frames_per_second_);
     if (!movie) {
@@ -42,8 +42,7 @@ void MovieSection::save_movie() {
       return;
     }
     const int frames = std::max(1, static_cast<int>(std::lround(path_.path().seconds * frames_per_second_)));
-    filming_.emplace(Filming{std::move(*movie), path, (*size)[0], (*size)[1], frames, 0, !films_path_,
-                             viewer_.session->scene.camera});
+    filming_.emplace(Filming{std::move(*movie), path, *layout, frames, 0, !films_path_, viewer_.session->scene.camera});
     film();
   });
 }
@@ -62,10 +61,13 @@ void MovieSection::film() {
     if (film.turns) return camera_at(film.first, CameraMotion{film.frames}, frame);
     return camera_at(path_.path(), film.frames > 1 ? static_cast<double>(frame) / (film.frames - 1) : 0);
   };
+  const Scene& scene = viewer_.session->scene;
+  const Page& page = film.layout.page;
   const bool is_there = viewer_.drawn && viewer_.session->is_settled() && camera == camera_of(film.drawn) &&
-                        viewer_.session->scene.width == film.width && viewer_.session->scene.height == film.height;
+                        scene.width == page.picture_width && scene.height == page.picture_height;
   if (is_there || !viewer_.drawn) {
-    const Status written = viewer_.drawn ? save_.write_picture(film.movie.frame_path(film.drawn)) : viewer_.drawn;
+    const Status written =
+        viewer_.drawn ? save_.write_picture(film.movie.frame_path(film.drawn), film.layout) : viewer_.drawn;
     if (!written) {
       viewer_.messages.error(written.error().message);
       return end(true);

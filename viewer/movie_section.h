@@ -22,7 +22,7 @@ class MovieSection {
   struct Filming {
     Movie movie;
     std::string path;
-    int width, height;
+    SaveSection::Layout layout;
     int frames, drawn;
     bool turns;
     Camera first;

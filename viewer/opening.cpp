@@ -6,7 +6,7 @@
 #include <system_error>
 #include <utility>
 
-#include "base/http_source.h"
+#include "base/addresses.h"
 #include "base/interruption.h"
 #include "base/temporary_names.h"
 

@@ -110,11 +110,12 @@ void Panel::draw_opacity_controls() {
 
 void Panel::draw_transfer_section() {
   // The attribute's values are not known while they are read.
-  ImGui::BeginDisabled(viewer_.session->is_reading());
-  TransferFunction drawn = viewer_.session->drawn_scene().transfer_function;
-  editor_.draw(viewer_.session->is_reading() ? drawn : viewer_.session->scene.transfer_function,
-               viewer_.session->fitting_function(), viewer_.session->attribute(), viewer_.session->histogram(),
-               viewer_.session->range_of_all_steps());
+  Session& session = *viewer_.session;
+  ImGui::BeginDisabled(session.is_reading());
+  TransferFunction drawn = session.drawn_scene().transfer_function;
+  if (editor_.draw(session.is_reading() ? drawn : session.scene.transfer_function, session.fitting_function(),
+                   session.attribute(), session.histogram(), session.range_of_all_steps()))
+    session.show_visible();
   ImGui::EndDisabled();
   draw_opacity_controls();
 }

@@ -43,7 +43,8 @@ RecentFiles::RecentFiles(std::string path) : path_(std::move(path)) {
 
 void RecentFiles::add(const std::string& file) {
   std::error_code error;
-  if (is_url(file) && file.find_first_of("@?") != std::string::npos) return;
+  // A password or a token may be in an address of a web server.
+  if (is_url(file) && !file.starts_with("ssh:") && file.find_first_of("@?") != std::string::npos) return;
   const std::string name = is_url(file) ? file : fs::absolute(file, error).lexically_normal().string();
   if (name.empty()) return;
   // Another window may have added files meanwhile.

@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "base/file.h"
-#include "base/http_source.h"
 #include "base/program.h"
 #include "base/replaceable.h"
 #include "pictures/contrast.h"
@@ -135,23 +134,39 @@ void SaveSection::save_picture() {
   const std::string path = picture_name_.text();
   if (!is_image_path(path)) {
     viewer_.messages.error(path + ": neither .png nor .exr: give it another ending");
-  } else if (const auto size = saved_size()) {
-    save(path, [=, this] { saving_ = Saving{path, (*size)[0], (*size)[1]}; });
+  } else if (const auto laid_out = layout(path)) {
+    save(path, [=, this] { saving_ = Saving{path, *laid_out}; });
   }
 }
 
-std::optional<std::array<int, 2>> SaveSection::saved_size() {
-  const Scene& scene = viewer_.session->scene;
-  const std::array<int, 2> size = saves_as_shown_ ? std::array{scene.width, scene.height} : saved_size_;
-  if (std::ranges::min(size) >= 1 && std::ranges::max(size) <= largest_picture) return size;
-  viewer_.messages.error(
-      fmt::format("{} x {}: sides of pictures have 1 to {} pixels", size[0], size[1], largest_picture));
+std::optional<SaveSection::Layout> SaveSection::layout(const std::string& path) {
+  auto laid_out = lay_out(path);
+  if (laid_out) return std::move(*laid_out);
+  viewer_.messages.error(laid_out.error().message);
   return {};
+}
+
+// The size is that of the file, as in svrender. An .exr has no words.
+Result<SaveSection::Layout> SaveSection::lay_out(const std::string& path) const {
+  const Session& session = *viewer_.session;
+  const std::array<int, 2> size = saves_as_shown_ ? std::array{session.scene.width, session.scene.height} : saved_size_;
+  if (std::ranges::min(size) < 1 || std::ranges::max(size) > largest_picture)
+    return fail(ErrorCode::invalid_argument, "{} x {}: sides of pictures have 1 to {} pixels", size[0], size[1],
+                largest_picture);
+  Layout layout{.page = {}, .text = {}, .is_transparent = saves_transparent_};
+  if (!has_extension(path, ".exr")) {
+    layout.text.title = title_.text();
+    if (saves_bar_) layout.text.bar = label_of(session.bar_attribute());
+    layout.text.ticks = session.scene.scalar_bar.ticks;
+  }
+  SPLATVOL_TRY_SET(layout.page,
+                   lay_out_page(size[0], size[1], layout.text, bar_colors_of(session.drawn_scene()).function));
+  return layout;
 }
 
 void SaveSection::save_drawn_picture() {
   if (!saving_ || (viewer_.drawn && !viewer_.session->is_settled())) return;
-  const Status written = viewer_.drawn ? write_picture(saving_->path) : viewer_.drawn;
+  const Status written = viewer_.drawn ? write_picture(saving_->path, saving_->layout) : viewer_.drawn;
   if (saving_->is_copied) {
     const Status copied = written ? copy_png(saving_->path) : written;
     viewer_.messages.tell(copied, "copied the picture");
@@ -164,12 +179,10 @@ void SaveSection::save_drawn_picture() {
 }
 
 void SaveSection::copy_picture() {
-  const auto size = saved_size();
-  if (!size) return;
   std::error_code error;
   const std::string folder = std::filesystem::temp_directory_path(error).string();
   const std::string path = fmt::format("{}/svview-{}.png", error ? "/tmp" : folder, ::getpid());
-  saving_ = Saving{path, (*size)[0], (*size)[1], true};
+  if (const auto laid_out = layout(path)) saving_ = Saving{path, *laid_out, true};
 }
 
 void SaveSection::draw_question() {
@@ -190,17 +203,14 @@ void SaveSection::draw_question() {
   ImGui::EndPopup();
 }
 
-Status SaveSection::write_picture(const std::string& path) const {
-  const Scene& scene = viewer_.session->scene;
-  PageText text;
-  text.title = title_.text();
-  if (saves_bar_) text.bar = label_of(viewer_.session->bar_attribute());
-  text.ticks = scene.scalar_bar.ticks;
-  const bool data = path.ends_with(".exr");
-  SPLATVOL_TRY_ASSIGN(image, data ? viewer_.session->image() : viewer_.session->page(text, saves_transparent_));
-  return write_image(path, image, scene.background,
-                     {{"software", "svview"}, {"file", viewer_.session->path()}, {"attribute", scene.attribute}},
-                     saves_transparent_);
+Status SaveSection::write_picture(const std::string& path, const Layout& layout) const {
+  const Session& session = *viewer_.session;
+  const bool transparent = layout.is_transparent;
+  SPLATVOL_TRY_ASSIGN(
+      image, has_extension(path, ".exr") ? session.image() : session.page(layout.page, layout.text, transparent));
+  return write_image(path, image, session.scene.background,
+                     {{"software", "svview"}, {"file", session.path()}, {"attribute", session.scene.attribute}},
+                     transparent);
 }
 
 }  // namespace splatvol

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "pictures/page.h"
 #include "viewer/state.h"
 
 namespace splatvol {
@@ -44,16 +45,23 @@ class SaveSection {
   void save(const std::string& path, std::function<void()> write);
   void save_json(const std::string& path, const std::string& text);
 
-  /// Returns the size of pictures and movies. None if it is impossible, which a message tells.
-  [[nodiscard]] std::optional<std::array<int, 2>> saved_size();
+  /// The words of a file, and the size that they leave to its picture.
+  struct Layout {
+    Page page;
+    PageText text;
+    bool is_transparent;
+  };
+
+  /// Returns the layout of pictures and movies. None if it is impossible, which a message tells.
+  [[nodiscard]] std::optional<Layout> layout(const std::string& path);
 
   /// Writes the session's picture, with its words.
-  [[nodiscard]] Status write_picture(const std::string& path) const;
+  [[nodiscard]] Status write_picture(const std::string& path, const Layout& layout) const;
 
   /// A picture that is drawn to be saved.
   struct Saving {
     std::string path;
-    int width, height;
+    Layout layout;
     bool is_copied = false;  // to the clipboard, and then removed
   };
   [[nodiscard]] const std::optional<Saving>& saving() const { return saving_; }
@@ -76,6 +84,7 @@ class SaveSection {
   void draw_scalar_bar_controls();
   void save_picture();
   void copy_picture();
+  [[nodiscard]] Result<Layout> lay_out(const std::string& path) const;
 
   ViewerState& viewer_;
   TextField scene_name_, picture_name_, title_;

@@ -105,7 +105,7 @@ void TransferEditor::choose_preset(TransferFunction& function) const {
   ImGui::EndCombo();
 }
 
-void TransferEditor::draw(TransferFunction& function, const TransferFunction& fitting,
+bool TransferEditor::draw(TransferFunction& function, const TransferFunction& fitting,
                           const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram,
                           const format::StepRange& all) {
   choose_preset(function);
@@ -116,6 +116,12 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
 
   edit_range(function, attribute);
   if (ImGui::SmallButton("fit")) function = fitting;
+  hint("Colours and opacity that fit the data");
+  ImGui::SameLine();
+  const bool wants_visible = ImGui::SmallButton("visible");
+  hint(
+      "Spreads the colours over the values that are seen in this picture:\nthe 2nd to the 98th percentile of its "
+      "light");
   ImGui::SameLine();
   if (ImGui::SmallButton("all values") && all.max > all.min)
     function = with_domain(function, function.axis, all.min, all.max);
@@ -125,18 +131,14 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
   ImGui::SameLine();
   ImGui::Checkbox("log opacity", &log_opacity_);
 
-  const double fitting_top = largest_extinction(fitting), now = largest_extinction(function);
-  const bool scales = fitting_top > 0 && now > 0;
-  double opacity = scales ? now / fitting_top : 0;
   const double least = 1e-3, most = 1e3;
-  ImGui::BeginDisabled(!scales);
-  if (ImGui::SliderScalar("opacity", ImGuiDataType_Double, &opacity, &least, &most, "%.3g",
-                          ImGuiSliderFlags_Logarithmic)) {
-    for (auto& density : function.densities) density.extinction *= opacity * fitting_top / now;
-    top_ = 0;
-  }
-  ImGui::EndDisabled();
-  hint("1: the opacity that fits the data.\nControl click: type a number.");
+  double factor = function.density_factor;
+  if (ImGui::SliderScalar("opacity", ImGuiDataType_Double, &factor, &least, &most, "%.3g",
+                          ImGuiSliderFlags_Logarithmic) &&
+      factor > 0)
+    function.density_factor = factor;
+  hint("A factor on the whole curve.\nControl click: type a number.");
+  return wants_visible;
 }
 
 void TransferEditor::draw_factors(TransferFunction& factors, const format::Attribute& attribute,
@@ -229,7 +231,7 @@ void TransferEditor::edit_densities(TransferFunction& function, const format::At
   if (area.hovered && !area.active)
     ImGui::SetTooltip("%.*g %s\n%s %.3g%s\nclick: add or drag, right click: remove",
                       digits_of_range(function.lo, function.hi), function.value_at(area.pointer_t()),
-                      attribute.unit.c_str(), name, area.pointer_density(), unit);
+                      attribute.unit.c_str(), name, function.density_factor * area.pointer_density(), unit);
 }
 
 void TransferEditor::pick_color(TransferFunction& function) const {

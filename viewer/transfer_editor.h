@@ -16,10 +16,11 @@ namespace splatvol {
 /// Holds the editor's state between frames. Draws with Dear ImGui, into the window that is open.
 class TransferEditor {
  public:
-  /// Draws the editor and changes `function`. The button "fit" sets `fitting`, whose opacity counts as 1; "all values"
-  /// sets the range `all`.
-  void draw(TransferFunction& function, const TransferFunction& fitting, const format::Attribute& attribute,
-            const std::array<std::uint64_t, 64>& histogram, const format::StepRange& all);
+  /// Draws the editor and changes `function`. The button "fit" sets `fitting`; "all values" sets the range `all`.
+  /// Returns whether "visible" is pressed.
+  [[nodiscard]] bool draw(TransferFunction& function, const TransferFunction& fitting,
+                          const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram,
+                          const format::StepRange& all);
 
   /// Draws the editor of an opacity's factors, and changes them.
   void draw_factors(TransferFunction& factors, const format::Attribute& attribute,

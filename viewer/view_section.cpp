@@ -131,12 +131,12 @@ void draw_camera_controls(ViewerState& viewer) {
       const std::string name = fmt::format("{}{}", sign > 0 ? '+' : '-', "xyz"[axis]);
       dvec3 direction(0);
       direction[axis] = sign;
-      if (ImGui::SmallButton(name.c_str())) steering.look_from(session, direction);
+      if (ImGui::SmallButton(name.c_str())) Steering::look_from(session, direction);
       ImGui::SameLine();
     }
   ImGui::SetNextItemWidth(45 * viewer.scale());
-  int up = steering.up_axis();
-  if (ImGui::Combo("up", &up, "x\0y\0z\0")) steering.set_up_axis(session, up);
+  int up = session.up_axis();
+  if (ImGui::Combo("up", &up, "x\0y\0z\0")) session.choose_up(up);
 }
 
 void draw_clip_box_controls(Scene& scene, const Box& bounds) {

@@ -72,10 +72,12 @@ Status Viewer::take_opened(double wait_seconds) {
   preview_.reset();
   const std::unique_ptr<Opening> opening = std::move(opening_);
   SPLATVOL_TRY_ASSIGN(file, opening->take());
+  const bool has_no_scene = file.fits;
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file), state_.host));
   if (previewed_) take_over_preview(*session);
   if (opening->asked().pieces.empty()) recent_files_.add(session->path());
   show(std::move(session));
+  if (has_no_scene && state_.session->converted()) ask_up();
   if (const auto& converted = state_.session->converted())
     for (const std::string& note : converted->notes) state_.messages.note(note);
   return {};
@@ -94,6 +96,7 @@ Status Viewer::take_preview() {
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(*file), state_.host));
   const Scene first = session->scene;
   show(std::move(session));
+  ask_up();
   previewed_ = first;
   return {};
 }
@@ -110,13 +113,13 @@ void Viewer::take_over_preview(Session& whole) const {
   else
     whole.scene = preview.scene;
   whole.settings = preview.settings;
+  whole.up = preview.up;
 }
 
 void Viewer::show(std::unique_ptr<Session> session) {
   if (state_.session) session->playback = state_.session->playback;
   end_session();
   state_.session = std::move(session);
-  state_.steering.take_up_axis(*state_.session);
   panel_.begin();
 }
 
@@ -139,6 +142,7 @@ void Viewer::end_session() {
   state_.session.reset();
   previewed_.reset();
   told_troubles_ = 0;
+  state_.messages.end_question();
   probes_.end();
 }
 
@@ -423,9 +427,10 @@ Status Viewer::draw_picture(double seconds) {
   const std::string told = state_.drawn ? "" : state_.drawn.error().message;
   // A picture that is saved in another size fills the window until it is there.
   if (saving)
-    state_.drawn = session->draw(saving->width, saving->height, seconds);
+    state_.drawn = session->draw(saving->layout.page.picture_width, saving->layout.page.picture_height, seconds);
   else if (filming)
-    state_.drawn = session->draw(filming->width, filming->height, pause_seconds);
+    state_.drawn =
+        session->draw(filming->layout.page.picture_width, filming->layout.page.picture_height, pause_seconds);
   else
     state_.drawn = session->draw(width, height, seconds, is_busy());
   picture_seconds_ = state_.host.now() - start;
@@ -491,7 +496,7 @@ void Viewer::draw_overlays() {
   canvas.PushClipRect({static_cast<float>(area.left), 0},
                       {static_cast<float>(area.left + area.width), static_cast<float>(area.height)});
   if (shown.cut && session->frame()) draw_cut(view, session->drawn_nodes(), session->info().resolutions(), area);
-  if (session->scene.outline) draw_box(view, session->bounds(), {150, 150, 150}, area);
+  if (session->scene.outline && !picture_.encoded) draw_box(view, session->bounds(), {150, 150, 150}, area);
   if (session->scene.clip_box) draw_box(view, *session->scene.clip_box, {255, 210, 80}, area);
   panel_.planes.draw_handles(session->scene, view, session->bounds(), area, state_.steering.pointer());
   if (shown.axes) draw_axes(view, area);
@@ -510,7 +515,16 @@ void Viewer::draw_toasts() {
   draw_opening();
   panel_.movie.draw_progress();
   panel_.mesh.draw_progress();
-  state_.messages.draw();
+  if (const auto axis = state_.messages.draw()) {
+    state_.session->choose_up(static_cast<int>(*axis));
+    state_.session->show_all();
+    ask_up();
+  }
+}
+
+// Most meshes do not tell which axis is upwards.
+void Viewer::ask_up() {
+  state_.messages.ask(fmt::format("{} is up", "xyz"[state_.session->up_axis()]), {"x", "y", "z"});
 }
 
 // Tells of what is being read, and lets the user cancel it.

@@ -95,6 +95,7 @@ class Viewer {
   void show(std::unique_ptr<Session> session);
   void end_opening();
   void draw_toasts();
+  void ask_up();
   void draw_opening();
   void close();
   void end_session();

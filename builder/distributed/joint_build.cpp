@@ -99,16 +99,14 @@ class JointBuild {
   }
 
   [[nodiscard]] bool joins_by_boxes() const {
-    return options_.connectivity == Connectivity::boxes ||
-           (options_.connectivity == Connectivity::automatic && records() > most_cells);
+    return connectivity_of_points(options_, records()) == Connectivity::boxes;
   }
 
   // Whether what comes after the sort can be done range by range.
   [[nodiscard]] bool reduces_in_ranges() const {
     const bool refused =
         options_.connectivity == Connectivity::automatic && !describe_no_volume(summary_.cells).empty();
-    return (is_joined_by_cells(summary_) || (joins_by_boxes() && !refused)) &&
-           options_.reduction == Reduction::octree && records() > most_fitted_points;
+    return (is_joined_by_cells(summary_) || (joins_by_boxes() && !refused)) && options_.reduction == Reduction::octree;
   }
 
   // Rank 0 has the samples, and chooses for all.
@@ -153,12 +151,8 @@ class JointBuild {
     return {};
   }
 
-  [[nodiscard]] std::uint64_t sorted_records() const {
-    return std::accumulate(owned_.begin(), owned_.end(), std::uint64_t{0}) / layout_.bytes();
-  }
-
   Result<std::optional<RangePlan>> make_plan() {
-    if (begins_.empty() || sorted_records() <= most_fitted_points) return std::nullopt;
+    if (begins_.empty()) return std::nullopt;
     progress_("counting", 0);
     if (sorter_) points_.emplace(layout_, summary_, std::move(*sorter_), std::nullopt);
     return plan_ranges(ranks_, begins_, points_ ? &*points_ : nullptr, options_, index_leaf_points(options_),

@@ -80,10 +80,10 @@ std::vector<PendingRow> read_rows(std::span<const std::byte> bytes, std::size_t 
 }  // namespace
 
 RangeReduction::Part::Part(ReductionSettings of_part, const format::VolumeInfo& info, const GroupSizes& groups,
-                           const RowPacker& packer, std::size_t memory, const std::string& folder, SharedRows shared,
+                           std::size_t memory, const std::string& folder, SharedRows shared,
                            std::function<Status(const OpenIndexLeaf&)> leaves, std::uint64_t most_open_leaves)
     : settings(std::move(of_part)),
-      rows(info, groups, false, &packer, memory, folder, std::move(shared)),
+      rows(info, groups, memory, folder, std::move(shared)),
       pass(settings, rows, std::move(leaves), most_open_leaves) {}
 
 RangeReduction::RangeReduction(Ranks& ranks, const BuildOptions& options, const InputSummary& input,
@@ -108,7 +108,6 @@ ReductionSettings RangeReduction::settings() const {
   return {.cube = input_.cube,
           .leaf_points = options_.leaf_points,
           .reduces = true,
-          .wants_splats = false,
           .attributes = input_.attributes,
           .packer = &packer_,
           .points_per_chunk = options_.points_per_chunk.of(0),
@@ -130,7 +129,7 @@ Status RangeReduction::reduce(const NextPoints& next, std::uint64_t points, cons
     if (kept_) kept_ = beyond_.append(out.bytes());
   };
   range_ = std::make_unique<Part>(
-      std::move(of_range), info_, options_.points_per_chunk, packer_, memory_.rows, folder_,
+      std::move(of_range), info_, options_.points_per_chunk, memory_.rows, folder_,
       SharedRows{plan_.before, !is_last()},
       [this](const OpenIndexLeaf& leaf) {
         ++leaf_count_;
@@ -202,7 +201,7 @@ Status RangeReduction::reduce_coarse_levels() {
     of_coarse.stays = stays_;
     of_coarse.part.first = plan_.own_levels + 1;
     coarse_ = std::make_unique<Part>(
-        std::move(of_coarse), info_, options_.points_per_chunk, packer_, memory_.rows, folder_, SharedRows{},
+        std::move(of_coarse), info_, options_.points_per_chunk, memory_.rows, folder_, SharedRows{},
         [](const OpenIndexLeaf&) { return Status{}; }, memory_.most_open_leaves);
   }
   SPLATVOL_TRY(ranks_.gather_in_order(

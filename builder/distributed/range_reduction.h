@@ -60,9 +60,9 @@ class RangeReduction {
     ReductionSettings settings;
     RowCollector rows;
     ReductionPass pass;
-    Part(ReductionSettings of_part, const format::VolumeInfo& info, const GroupSizes& groups, const RowPacker& packer,
-         std::size_t memory, const std::string& folder, SharedRows shared,
-         std::function<Status(const OpenIndexLeaf&)> leaves, std::uint64_t most_open_leaves);
+    Part(ReductionSettings of_part, const format::VolumeInfo& info, const GroupSizes& groups, std::size_t memory,
+         const std::string& folder, SharedRows shared, std::function<Status(const OpenIndexLeaf&)> leaves,
+         std::uint64_t most_open_leaves);
   };
 
   [[nodiscard]] bool has_range() const { return ranks_.rank() < plan_.ranges; }

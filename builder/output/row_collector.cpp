@@ -1,8 +1,5 @@
 #include "builder/output/row_collector.h"
 
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
 #include <algorithm>
 #include <span>
 #include <utility>
@@ -19,12 +16,10 @@ bool has_gradients(const format::VolumeInfo& info) {
 
 }  // namespace
 
-RowCollector::RowCollector(const format::VolumeInfo& info, GroupSizes points_per_chunk, bool fits,
-                           const RowPacker* packer, std::size_t memory, std::string folder, SharedRows shared)
+RowCollector::RowCollector(const format::VolumeInfo& info, GroupSizes points_per_chunk, std::size_t memory,
+                           std::string folder, SharedRows shared)
     : attributes_(info.attributes.size()),
       points_per_chunk_(std::move(points_per_chunk)),
-      fits_(fits),
-      packer_(packer),
       memory_(memory),
       folder_(std::move(folder)),
       shared_(std::move(shared)),
@@ -47,7 +42,7 @@ std::vector<RowCollector::Queue>& RowCollector::queues(std::size_t segment) {
 }
 
 bool RowCollector::is_complete(const PendingRow& row) const {
-  return !row.splats || !row.chunks.empty() || size_of(row) == points_per_chunk_.of(row.segment);
+  return !row.splats || size_of(row) == points_per_chunk_.of(row.segment);
 }
 
 // The row that the next splat belongs to.
@@ -95,12 +90,7 @@ void RowCollector::recycle(std::vector<PendingRow>& rows) {
 Status RowCollector::extract(std::vector<PendingRow>& rows, bool at_end) {
   recycle(rows);
   for (std::vector<Queue>& of_segment : queues_)
-    for (std::size_t level = 0; level < of_segment.size(); ++level) {
-      Queue& queue = of_segment[level];
-      if (!at_end && fits_ && level == 0) {
-        SPLATVOL_TRY(pack_waiting(queue));
-        continue;
-      }
+    for (Queue& queue : of_segment)
       while (!queue.empty() && (at_end || is_complete(queue.front()))) {
         PendingRow& row = queue.front();
         const bool shared = is_shared(row);
@@ -108,29 +98,7 @@ Status RowCollector::extract(std::vector<PendingRow>& rows, bool at_end) {
         (!shared ? rows : row.absent > 0 ? ends_.first : ends_.last).push_back(std::move(row));
         queue.pop_front();
       }
-    }
   return at_end ? Status{} : write_out_open_rows();
-}
-
-// Packs the complete rows of level 0 as far as their densities allow.
-Status RowCollector::pack_waiting(Queue& queue) {
-  if (!packer_) return {};
-  std::vector<PendingRow*> rows;
-  for (auto row = queue.rbegin(); row != queue.rend() && row->chunks.empty(); ++row)
-    if (row->splats && is_complete(*row)) rows.push_back(&*row);
-  for (PendingRow* row : rows) SPLATVOL_TRY(read_back(*row));
-  // Without isolation, this thread could take up other stages of the pipeline that calls.
-  tbb::this_task_arena::isolate(
-      [&] { tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t r) { packer_->pack_early(*rows[r]); }); });
-  for (PendingRow* row : rows) {
-    std::uint64_t bytes = 0;
-    for (const format::PackedChunk& chunk : row->chunks) bytes += chunk.bytes.size();
-    if (waiting_bytes_ + bytes > memory_ / 4)
-      SPLATVOL_TRY(write_out_chunks(*row));
-    else
-      waiting_bytes_ += bytes;
-  }
-  return {};
 }
 
 // Writes out the rows that are not complete, if together they take too much memory.
@@ -149,32 +117,17 @@ Status RowCollector::write_out_open_rows() {
   return {};
 }
 
-Status RowCollector::open_spool() {
-  if (spool_) return {};
-  SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
-  spool_ = std::make_unique<TempFile>(std::move(file));
-  return {};
-}
-
 Status RowCollector::write_out(PendingRow& row) {
-  SPLATVOL_TRY(open_spool());
+  if (!spool_) {
+    SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
+    spool_ = std::make_unique<TempFile>(std::move(file));
+  }
   const std::uint64_t offset = spool_->size();
   SPLATVOL_TRY_ASSIGN(bytes, row.splats->write_to(*spool_));
   row.spool = spool_.get();
   row.written.push_back({offset, bytes});
   row.written_splats += row.splats->size();
   row.splats = std::make_unique<SplatColumns>(attributes_);
-  return {};
-}
-
-Status RowCollector::write_out_chunks(PendingRow& row) {
-  SPLATVOL_TRY(open_spool());
-  row.spool = spool_.get();
-  row.chunks_at = spool_->size();
-  for (format::PackedChunk& chunk : row.chunks) {
-    SPLATVOL_TRY(spool_->append(chunk.bytes));
-    format::Bytes().swap(chunk.bytes);  // gives its memory back
-  }
   return {};
 }
 
@@ -185,15 +138,8 @@ Status RowCollector::read_back(PendingRow& row) {
   return {};
 }
 
-void RowCollector::fit() {
-  fit_densities(fitted_);
-  for (std::vector<Queue>& of_segment : queues_)
-    for (PendingRow& row : of_segment[0]) row.fitted = &fitted_;
-}
-
 Result<std::vector<PendingRow>> RowCollector::extract_rest() {
   spare_.clear();
-  if (fits_) fit();
   std::vector<PendingRow> rows;
   SPLATVOL_TRY(extract(rows, true));
   return rows;

@@ -158,42 +158,8 @@ PackedRow RowPacker::pack(const SplatColumns& splats) const {
 Status RowPacker::pack(PendingRow& row) const {
   if (!row.splats) return {};
   SPLATVOL_TRY(read_written(row));
-  std::vector<SplatShape>& shapes = row.splats->splats.shapes;
-  const std::vector<std::uint64_t>& numbers = row.splats->splats.numbers;
-  if (row.fitted) {
-    shapes.resize(numbers.size());
-    for (std::size_t i = 0; i < shapes.size(); ++i) shapes[i] = (*row.fitted)[numbers[i]].shape;
-  }
-  if (row.chunks.empty()) {
-    row.packed = pack(*row.splats);
-    return {};
-  }
-  std::uint64_t offset = row.chunks_at.value_or(0);
-  for (PackedChunk& chunk : row.chunks) {
-    if (!row.chunks_at) break;
-    chunk.bytes.resize(chunk.entry.packed_bytes);
-    SPLATVOL_TRY(row.spool->read(offset, chunk.bytes));
-    offset += chunk.bytes.size();
-  }
-  const std::vector<format::Column>& columns = row.has_points ? all_columns_ : resolution_columns_;
-  for (std::size_t c = 0; c < columns.size(); ++c)
-    if (columns[c].kind == format::ColumnKind::moments)
-      row.chunks[c] = ChunkPacker(*row.splats, *this).pack(columns[c]);
-  row.packed = serialize(row.chunks);
-  row.chunks = {};
+  row.packed = pack(*row.splats);
   return {};
-}
-
-void RowPacker::pack_early(PendingRow& row) const {
-  SplatColumns& splats = *row.splats;
-  ChunkPacker packer(splats, *this);
-  row.has_points = !splats.points.positions.empty();
-  for (const format::Column& column : row.has_points ? all_columns_ : resolution_columns_)
-    row.chunks.push_back(column.kind == format::ColumnKind::moments ? format::PackedChunk{} : packer.pack(column));
-  if (row.has_points) include(packer.row());
-  SplatColumns rest(attributes_.size());
-  rest.splats.numbers = std::move(splats.splats.numbers);
-  splats = std::move(rest);
 }
 
 Status read_written(PendingRow& row) {

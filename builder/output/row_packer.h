@@ -5,12 +5,10 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <vector>
 
 #include "base/error.h"
 #include "base/temp_file.h"
-#include "builder/output/density.h"
 #include "builder/output/splat_columns.h"
 #include "format/codec.h"
 #include "format/volume_info.h"
@@ -34,20 +32,16 @@ struct PendingRow {
   std::size_t segment = 0, level = 0;    // the segment is named by the last level that has its points
   std::unique_ptr<SplatColumns> splats;  // null: packed already
   PackedRow packed;
-  std::vector<format::PackedChunk> chunks = {};  // after pack_early: of all columns, but that of the moments is empty
-  bool has_points = false;                       // after pack_early
-  std::size_t absent = 0;                        // the row's first splats, which are held elsewhere
+  std::size_t absent = 0;  // the row's first splats, which are held elsewhere
 
-  // For rows that wait for their densities.
-  const std::vector<FittedSplat>* fitted = nullptr;  // [number of a splat]; null: rows have their shapes
-  const TempFile* spool = nullptr;                   // holds what was written out
-  std::vector<FilePart> written = {};                // in the spool: the row's first splats
-  std::size_t written_splats = 0;                    // in these parts
-  std::optional<std::uint64_t> chunks_at = {};       // offset in the spool: the bytes of `chunks`
+  const TempFile* spool = nullptr;     // holds what was written out
+  std::vector<FilePart> written = {};  // in the spool: the row's first splats
+  std::size_t written_splats = 0;      // in these parts
 };
 
 /// Reads the splats of a row that were written out, and puts them before the others. Thread-safe for different rows.
 [[nodiscard]] Status read_written(PendingRow& row);
+
 /// Facts about the points of packed rows, as they are stored.
 struct StoredSummary {
   double position_error = 0;                      // the largest that a chunk states, world units
@@ -76,10 +70,6 @@ class RowPacker {
 
   /// Packs a row that is not packed yet. Fails only if it cannot read what was written out.
   [[nodiscard]] Status pack(PendingRow& row) const;
-
-  /// Packs the columns that do not depend on densities, and frees what they were packed from. Before pack(row) only
-  /// the densities may change. Requires a whole row.
-  void pack_early(PendingRow& row) const;
 
   /// Returns the facts about all points that were packed so far.
   [[nodiscard]] StoredSummary summary() const;

@@ -14,7 +14,6 @@ void for_each_array(A& a, B& b, const Visit& visit) {
   visit(a.splats.centroids, b.splats.centroids);
   visit(a.splats.errors, b.splats.errors);
   visit(a.splats.shapes, b.splats.shapes);
-  visit(a.splats.numbers, b.splats.numbers);
   visit(a.splats.depths, b.splats.depths);
   visit(a.splats.counts, b.splats.counts);
   visit(a.points.positions, b.points.positions);
@@ -43,7 +42,6 @@ void SplatColumns::add_splat(const StoredSplat& splat, std::span<const StoredVal
   splats.centroids.push_back(splat.centroid);
   splats.errors.push_back(splat.error);
   splats.shapes.push_back(splat.shape);
-  splats.numbers.push_back(splat.number);
   splats.depths.push_back(splat.depth);
   splats.counts.push_back(splat.count);
   for (std::size_t a = 0; a < values.size(); ++a) {
@@ -130,7 +128,7 @@ std::size_t SplatColumns::append_from(std::span<const std::byte> bytes) {
 }
 
 std::size_t SplatColumns::bytes_of_splat(std::size_t attributes, bool gradients) {
-  const std::size_t splat = sizeof(dvec3) + sizeof(double) + sizeof(SplatShape) + sizeof(std::uint64_t) + 2;
+  const std::size_t splat = sizeof(dvec3) + sizeof(double) + sizeof(SplatShape) + 2;
   const std::size_t point = sizeof(dvec3) + sizeof(double);
   return splat + point + attributes * (sizeof(StoredValue) + sizeof(float) + (gradients ? sizeof(vec3) : 0));
 }

@@ -22,7 +22,6 @@ struct SplatColumns {
     std::vector<dvec3> centroids;
     std::vector<double> errors;  // of the centroids
     std::vector<SplatShape> shapes;
-    std::vector<std::uint64_t> numbers;
     std::vector<std::uint8_t> depths, counts;
   };
   struct Points {

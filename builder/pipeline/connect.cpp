@@ -19,6 +19,9 @@
 namespace splatvol {
 namespace {
 
+// More scattered points have boxes by default: Voronoi cells of a billion points take hours.
+constexpr std::uint64_t most_cells = std::uint64_t{1} << 26;
+
 // Points up to this number are joined whatever the memory.
 constexpr std::uint64_t always_joined = std::uint64_t{1} << 16;
 
@@ -91,24 +94,6 @@ NextPoints stream_of_mesh(std::vector<Tetrahedron> tetrahedra, PointBatch points
       });
 }
 
-// Gives each point its Voronoi cell.
-Result<NextPoints> stream_of_cells(PointBatch points, bool gradients) {
-  SPLATVOL_TRY_ASSIGN(cells, ScatteredEstimate::create(points.positions));
-  const auto material = std::make_shared<const ScatteredEstimate>(std::move(cells));
-  return stream_with_material(std::move(points), [material, gradients](const PointBatch& held, std::size_t begin,
-                                                                       std::size_t end, PointBatch& batch) {
-    const std::size_t first = grow_material(batch, gradients);
-    tbb::parallel_for(begin, end, [&](std::size_t i) {
-      const std::size_t to = first + i - begin;
-      batch.moments[to] = material->spatial()[i];
-      for (std::size_t a = 0; a < held.values.size(); ++a) {
-        batch.value_moments[a][to] = material->value(i, held.values[a]);
-        if (gradients) batch.gradients[a][to] = material->gradient(i, held.values[a]);
-      }
-    });
-  });
-}
-
 // Holds the first vertices of a mesh: so many that merging cannot leave too few to reduce, or all.
 Result<Connection> connect_mesh(PointStream& points) {
   SPLATVOL_TRY_ASSIGN(held, hold_all(next_of(points), points.summary().attributes.size(), coarsest_target));
@@ -134,21 +119,23 @@ Status keep(std::span<const Tetrahedron> tetrahedra, std::span<const dvec3> posi
   return {};
 }
 
+Connection connect_by_boxes(NextPoints next, std::uint64_t count) {
+  return {.used = Connectivity::boxes, .next = std::move(next), .points = count, .needs_estimate = true};
+}
+
+Result<Connection> connect_by_cells(const BuildOptions& options, PointStream& points, const std::string& folder) {
+  SPLATVOL_TRY_ASSIGN(created, CellSubdomains::create(points, options.memory / 2, folder));
+  const auto subdomains = std::make_shared<CellSubdomains>(std::move(created));
+  return Connection{.used = Connectivity::none,
+                    .next = [subdomains](PointBatch& batch) { return subdomains->next(batch); },
+                    .points = points.count(),
+                    .least_memory = subdomains->least_memory(),
+                    .memory = subdomains->memory()};
+}
+
+// Joins points by tetrahedra, subdomain by subdomain.
 Result<Connection> connect_many(const BuildOptions& options, PointStream& points, const std::string& folder,
                                 MeshCells* cells) {
-  const bool choose = options.connectivity == Connectivity::automatic;
-  if (options.connectivity == Connectivity::boxes || (choose && points.count() > most_cells))
-    return Connection{
-        .used = Connectivity::boxes, .next = next_of(points), .points = points.count(), .needs_estimate = true};
-  if (options.connectivity == Connectivity::none || choose) {
-    SPLATVOL_TRY_ASSIGN(created, CellSubdomains::create(points, options.memory / 2, folder));
-    const auto subdomains = std::make_shared<CellSubdomains>(std::move(created));
-    return Connection{.used = Connectivity::none,
-                      .next = [subdomains](PointBatch& batch) { return subdomains->next(batch); },
-                      .points = points.count(),
-                      .least_memory = subdomains->least_memory(),
-                      .memory = subdomains->memory()};
-  }
   TakeTetrahedra take;
   if (cells) take = [cells](std::span<const RankedTetrahedron> tetrahedra) { return cells->add_joined(tetrahedra); };
   SPLATVOL_TRY_ASSIGN(created, DelaunaySubdomains::create(points, options.memory / 2, folder,
@@ -161,7 +148,7 @@ Result<Connection> connect_many(const BuildOptions& options, PointStream& points
                     .subdomains = subdomains};
 }
 
-// Joins all points at once.
+// Joins points by tetrahedra, all at once; by boxes if no four points span a volume.
 Result<Connection> connect_held(const BuildOptions& options, PointStream& points, MeshCells* cells,
                                 const std::function<void(double)>& progress) {
   const std::uint64_t needed =
@@ -171,23 +158,18 @@ Result<Connection> connect_held(const BuildOptions& options, PointStream& points
                 "to join {} scattered points takes about {} bytes of memory, and {} may be held: grant more",
                 points.count(), needed, options.memory);
   SPLATVOL_TRY_ASSIGN(all, hold_all(points));
-  Connection connection{.used = Connectivity::none, .next = {}, .points = all.size(), .least_memory = needed};
-  if (options.connectivity != Connectivity::none) {
-    SPLATVOL_TRY_ASSIGN(tetrahedra, delaunay_tetrahedra(all.positions, progress));
-    if (tetrahedra.empty() && options.connectivity == Connectivity::delaunay)
-      return fail(
-          ErrorCode::invalid_data,
-          "the points lie at one place, on a line or in a plane: no tetrahedron joins them; --connectivity none "
-          "draws them");
-    if (!tetrahedra.empty()) {
-      if (cells) SPLATVOL_TRY(keep(tetrahedra, all.positions, *cells));
-      connection.used = Connectivity::delaunay;
-      connection.next = stream_of_mesh(std::move(tetrahedra), std::move(all), options.gradients);
-      return connection;
-    }
-  }
-  SPLATVOL_TRY_SET(connection.next, stream_of_cells(std::move(all), options.gradients));
-  return connection;
+  SPLATVOL_TRY_ASSIGN(tetrahedra, delaunay_tetrahedra(all.positions, progress));
+  if (tetrahedra.empty() && options.connectivity == Connectivity::delaunay)
+    return fail(ErrorCode::invalid_data,
+                "the points lie at one place, on a line or in a plane: no tetrahedron joins them; --connectivity none "
+                "draws them");
+  const std::uint64_t count = all.size();
+  if (tetrahedra.empty()) return connect_by_boxes(stream_of(std::move(all)), count);
+  if (cells) SPLATVOL_TRY(keep(tetrahedra, all.positions, *cells));
+  return Connection{.used = Connectivity::delaunay,
+                    .next = stream_of_mesh(std::move(tetrahedra), std::move(all), options.gradients),
+                    .points = count,
+                    .least_memory = needed};
 }
 
 }  // namespace
@@ -195,6 +177,12 @@ Result<Connection> connect_held(const BuildOptions& options, PointStream& points
 // Voxels bring their material without tetrahedra.
 bool is_joined_by_cells(const InputSummary& input) {
   return input.has_material && (describe_no_volume(input.cells).empty() || input.cells.tetrahedra == 0);
+}
+
+Connectivity connectivity_of_points(const BuildOptions& options, std::uint64_t count) {
+  if (options.connectivity != Connectivity::automatic) return options.connectivity;
+  if (count <= options.held_points) return Connectivity::delaunay;
+  return count > most_cells ? Connectivity::boxes : Connectivity::none;
 }
 
 Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder,
@@ -209,9 +197,15 @@ Result<Connection> connect(const BuildOptions& options, PointStream& points, con
   if (options.connectivity == Connectivity::automatic && !no_volume.empty())
     return fail(ErrorCode::invalid_data, "{}; splatvol draws volumes; --connectivity delaunay joins the points anyway",
                 no_volume);
-  if (points.count() > options.held_points || options.connectivity == Connectivity::boxes)
-    return connect_many(options, points, folder, cells);
-  return connect_held(options, points, cells, progress);
+  switch (connectivity_of_points(options, points.count())) {
+    case Connectivity::boxes:
+      return connect_by_boxes(next_of(points), points.count());
+    case Connectivity::none:
+      return connect_by_cells(options, points, folder);
+    default:
+      return points.count() > options.held_points ? connect_many(options, points, folder, cells)
+                                                  : connect_held(options, points, cells, progress);
+  }
 }
 
 }  // namespace splatvol

@@ -14,14 +14,15 @@
 
 namespace splatvol {
 
-/// More scattered points have boxes by default: Voronoi cells of a billion points take hours.
-inline constexpr std::uint64_t most_cells = std::uint64_t{1} << 26;
-
-/// Bytes for each scattered point that is joined with all others at once, and for each of its values.
+/// Bytes for each scattered point that tetrahedra join with all others at once, and for each of its values.
 inline constexpr std::uint64_t joined_point_bytes = 900, joined_value_bytes = 16;
 
 /// Whether the input's cells join its points.
 [[nodiscard]] bool is_joined_by_cells(const InputSummary& input);
+
+/// Returns how so many scattered points are joined. Points that no tetrahedron joins then have boxes, unless `options`
+/// ask for tetrahedra.
+[[nodiscard]] Connectivity connectivity_of_points(const BuildOptions& options, std::uint64_t count);
 
 /// The points of an input, joined.
 struct Connection {

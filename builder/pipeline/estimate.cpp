@@ -42,13 +42,6 @@ std::uint64_t tetrahedra_of(const Piece& piece) {
   return piece.tetrahedra.size() + (piece.cells ? piece.cells->tetrahedra.size() : 0);
 }
 
-Connectivity connectivity_of(const InputSize& size, const BuildOptions& options) {
-  if (size.has_material) return Connectivity::mesh;
-  if (options.connectivity != Connectivity::automatic) return options.connectivity;
-  if (size.points <= options.held_points) return Connectivity::delaunay;
-  return size.points > most_cells ? Connectivity::boxes : Connectivity::none;
-}
-
 PointRecords records_of(const InputSize& size, const BuildOptions& options, std::size_t attributes) {
   return {attributes, size.single_precision, size.has_material, size.has_planes, options.gradients};
 }
@@ -73,18 +66,16 @@ struct Work {
   Range point, value, tetrahedron;
 };
 Work work_of(const InputSize& size, const BuildOptions& options, Connectivity connectivity) {
-  const bool is_held = size.points <= options.held_points, is_fitted = size.points <= most_fitted_points;
-  const Range fit = is_fitted ? Range{2, 5} : Range{};
   switch (connectivity) {
     case Connectivity::mesh:
-      return {Range{1.2, 2.8} + fit, {.35, .9}, {.25, .6}};
+      return {{1.2, 2.8}, {.35, .9}, {.25, .6}};
     case Connectivity::boxes:
-      return {Range{.8, 1.7} + fit, {.3, .7}, {}};
+      return {{.8, 1.7}, {.3, .7}, {}};
     case Connectivity::delaunay:
       // Triangulations of few points at a time wait for each other.
-      return {(is_held ? Range{11, 18} : Range{18, 32}) + (is_fitted ? Range{9, 16} : Range{}), {.3, 1}, {}};
+      return {size.points <= options.held_points ? Range{11, 18} : Range{18, 32}, {.3, 1}, {}};
     default:
-      return {(is_held ? Range{20, 34} : Range{8, 14}) + fit, {.3, 1}, {}};
+      return {{8, 14}, {.3, 1}, {}};
   }
 }
 
@@ -110,13 +101,11 @@ double temporary_bytes(const InputSize& size, const BuildOptions& options, const
   return sorted + (waits ? waiting : 0);
 }
 
-BuildShape shape_of(const InputSize& size, const BuildOptions& options, std::size_t attributes,
-                    Connectivity connectivity) {
+BuildShape shape_of(const BuildOptions& options, std::size_t attributes, Connectivity connectivity) {
   return {.attributes = attributes,
           .gradients = options.gradients,
           .estimates = connectivity == Connectivity::boxes,
-          .index_leaf_points = std::max<std::uint64_t>({options.index_leaf_points, options.leaf_points, 255}),
-          .fitted_points = size.points <= most_fitted_points ? size.points : 0};
+          .index_leaf_points = std::max<std::uint64_t>({options.index_leaf_points, options.leaf_points, 255})};
 }
 
 // How many steps of a series are reduced together: as in series_build.cpp.
@@ -126,17 +115,13 @@ std::size_t steps_together(const InputSize& size, const BuildOptions& options, s
   std::size_t together = std::clamp<std::size_t>(options.memory / std::max<std::uint64_t>(values * value_bytes, 1), 1,
                                                  std::min(most, steps));
   const auto least = [&](std::size_t count) {
-    BuildShape shape = shape_of(size, options, count * size.attributes, Connectivity::mesh);
-    shape.fitted_points = 0;
-    return plan_memory(options.memory, shape).least;
+    return plan_memory(options.memory, shape_of(options, count * size.attributes, Connectivity::mesh)).least;
   };
   while (together > 1 && least(together) > options.memory) --together;
   return together;
 }
 
 }  // namespace
-
-double Range::middle() const { return std::sqrt(low * high); }
 
 Result<InputSize> measure_input(Source& source, bool use_cells, const std::function<void(double)>& progress) {
   InputSize size{.pieces = source.piece_count(),
@@ -177,7 +162,8 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
   const auto points = static_cast<double>(size.points), tetrahedra = static_cast<double>(size.tetrahedra);
   const auto attributes = static_cast<double>(size.attributes);
   const auto count = static_cast<double>(steps);
-  BuildEstimate estimate{.connectivity = connectivity_of(size, options)};
+  BuildEstimate estimate{.connectivity =
+                             size.has_material ? Connectivity::mesh : connectivity_of_points(options, size.points)};
 
   const FileBytes bytes = file_bytes_of(size, options);
   estimate.file = points * (bytes.geometry + count * attributes * bytes.value) + Range{8 * kibi, 40 * kibi};
@@ -191,20 +177,20 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
   const std::size_t values = together * size.attributes;
   const PointRecords records = records_of(size, options, values);
   const double temporary = temporary_bytes(size, options, records);
-  const bool is_stored = estimate.connectivity != Connectivity::mesh && size.points > options.held_points &&
-                         estimate.connectivity != Connectivity::boxes;  // StoredPoints
+  const bool is_stored =
+      estimate.connectivity == Connectivity::none || (are_joined && size.points > options.held_points);  // StoredPoints
   const double stored = is_stored ? points * static_cast<double>(records.bytes()) : 0;
   estimate.disk = {std::max(estimate.file.low, .35 * (temporary + stored)),
                    std::max((steps > 1 ? 2 : 1.4) * estimate.file.high,
                             temporary + stored + cells * spooled_tetrahedron_bytes + estimate.file.high)};
 
   // Two parts of memory are bounded by what there is to hold.
-  const MemoryPlan plan = plan_memory(options.memory, shape_of(size, options, values, estimate.connectivity));
+  const MemoryPlan plan = plan_memory(options.memory, shape_of(options, values, estimate.connectivity));
   const double piece = static_cast<double>(size.piece_bytes) + points / static_cast<double>(size.pieces) *
                                                                    static_cast<double>(values - size.attributes) *
                                                                    sizeof(double);
   estimate.least_memory = std::max(plan.least, static_cast<std::uint64_t>(piece));
-  if (!size.has_material && size.points <= options.held_points && estimate.connectivity != Connectivity::boxes)
+  if (are_joined && size.points <= options.held_points)
     estimate.least_memory = std::max(
         estimate.least_memory,
         static_cast<std::uint64_t>(points * static_cast<double>(joined_point_bytes + joined_value_bytes * values)));

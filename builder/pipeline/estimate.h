@@ -33,9 +33,6 @@ struct InputSize {
 /// A number that is not known exactly.
 struct Range {
   double low = 0, high = 0;
-
-  /// Returns the number that is as many times larger than `low` as it is smaller than `high`.
-  [[nodiscard]] double middle() const;
 };
 
 /// The needs of a build, in bytes and seconds.

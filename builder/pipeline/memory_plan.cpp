@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "builder/output/density.h"
 #include "builder/output/index_leaf_spool.h"
 #include "builder/output/member.h"
 #include "builder/output/splat_columns.h"
@@ -56,10 +55,8 @@ std::size_t bytes_of_batch_point(std::size_t attributes, bool gradients) {
 MemoryPlan plan_memory(std::uint64_t memory, const BuildShape& shape) {
   const std::size_t node_points =
       std::max<std::size_t>(shape.estimates ? estimate_node_points : 0, shape.index_leaf_points);
-  const std::uint64_t fitting = shape.fitted_points * sizeof(FittedSplat);
-  const std::uint64_t rest = memory - std::min(memory, fitting);
   const auto fits = [&](std::size_t points, std::size_t count) {
-    return bytes_in_work(shape, {points, node_points}, count) <= rest / 8 * 3;
+    return bytes_in_work(shape, {points, node_points}, count) <= memory / 8 * 3;
   };
   MemoryPlan plan{.batches = {usual_batch_points, node_points}, .most_batches = usual_batches};
   while (plan.batches.points > least_batch_points && !fits(plan.batches.points, plan.most_batches)) {
@@ -71,13 +68,11 @@ MemoryPlan plan_memory(std::uint64_t memory, const BuildShape& shape) {
   }
   if (!fits(plan.batches.points, plan.most_batches)) plan.most_batches = 2;
   const std::uint64_t in_work = bytes_in_work(shape, plan.batches, plan.most_batches);
-  plan.rows = rest > in_work ? std::min<std::uint64_t>(rest / 4, rest - in_work) : 0;
-  plan.most_open_leaves = std::clamp<std::uint64_t>(rest / 16 / bytes_of_leaf(shape), 256, std::uint64_t{1} << 14);
+  plan.rows = memory > in_work ? std::min<std::uint64_t>(memory / 4, memory - in_work) : 0;
+  plan.most_open_leaves = std::clamp<std::uint64_t>(memory / 16 / bytes_of_leaf(shape), 256, std::uint64_t{1} << 14);
 
   const std::uint64_t least_in_work = bytes_in_work(shape, {least_batch_points, node_points}, 2);
-  // The allocator keeps about as much again, at most 1.2 times as much, of what was held before the fit.
-  plan.least = std::max(fitting + least_in_work + least_in_work / 2,
-                        shape.fitted_points * bytes_of_fit / 5 * 11 + least_in_work);
+  plan.least = least_in_work + least_in_work / 2;
   return plan;
 }
 

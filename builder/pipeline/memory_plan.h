@@ -8,16 +8,12 @@
 
 namespace splatvol {
 
-/// Most points whose densities are fitted.
-inline constexpr std::uint64_t most_fitted_points = std::uint64_t{1} << 19;
-
 /// The numbers on which the bytes of a build depend, besides its memory.
 struct BuildShape {
   std::size_t attributes = 0;
   bool gradients = false;
   bool estimates = false;                 // material, by estimate nodes
   std::uint64_t index_leaf_points = 512;  // most in an index leaf
-  std::uint64_t fitted_points = 0;        // whose densities are fitted
 };
 
 /// Bytes for each part of a reduction. The result of a build does not depend on them.

@@ -32,19 +32,16 @@ class Reducer {
         progress_(progress),
         cells_(cells),
         info_(describe_volume(options, input().cube, input().attributes)),
-        fits_(connection_.points <= most_fitted_points),
         plan_(plan_memory(memory(), shape())) {}
 
   Result<BuildReport> run(RowFiles& files, const WriteReduced& write) {
     const RowPacker packer(info_, options_.exact);
-    RowCollector rows(info_, options_.points_per_chunk, fits_, &packer, plan_.rows, folder_);
-    if (fits_) rows.expect_splats(connection_.points);
+    RowCollector rows(info_, options_.points_per_chunk, plan_.rows, folder_);
     IndexLeafSpool leaves(folder_);
     const ReductionSettings settings = reduction_settings(packer);
     ReductionPass pass(
         settings, rows, [&](const OpenIndexLeaf& leaf) { return leaves.append(leaf); }, plan_.most_open_leaves);
     SPLATVOL_TRY(reduce(pass, rows, packer, files));
-    progress_("fitting densities", 0);
     connection_.next = {};  // and what it holds
     input_.census = points_->summary().census;
     points_.reset();
@@ -81,8 +78,7 @@ class Reducer {
     return {.attributes = input().attributes.size(),
             .gradients = options_.gradients,
             .estimates = connection_.needs_estimate,
-            .index_leaf_points = index_leaf_points(options_),
-            .fitted_points = fits_ ? connection_.points : 0};
+            .index_leaf_points = index_leaf_points(options_)};
   }
 
   ReductionSettings reduction_settings(const RowPacker& packer) const {
@@ -92,9 +88,8 @@ class Reducer {
     return {.cube = input().cube,
             .leaf_points = options_.leaf_points,
             .reduces = connection_.points > coarsest_target,
-            .wants_splats = fits_,
             .attributes = input().attributes,
-            .packer = fits_ ? nullptr : &packer,
+            .packer = &packer,
             .points_per_chunk = options_.points_per_chunk.of(0),
             .method = options_.reduction,
             .stays = std::move(stays)};
@@ -119,7 +114,6 @@ class Reducer {
   const BuildProgress& progress_;
   MeshCells* cells_;  // null: no one asks what stays
   format::VolumeInfo info_;
-  bool fits_;  // densities
   MemoryPlan plan_;
 };
 

@@ -12,6 +12,9 @@
 namespace splatvol {
 namespace {
 
+// Points whose box is thinner than this share of the octree's root lie on a plane, up to rounding.
+constexpr double flat_share = 1e-9;
+
 void resize_material(PointBatch& batch, bool with_gradients) {
   batch.moments.resize(batch.size());
   for (auto& moments : batch.value_moments) moments.resize(batch.size());
@@ -49,6 +52,13 @@ void MaterialEstimator::estimate_node(const NodePart& node, PointBatch& batch) {
   const std::span<const dvec3> positions = in_node(batch.positions);
   Box bounds = node_box(batch.keys[node.begin], cube_, node.depth);
   bounds = {glm::max(bounds.low, box_.low), glm::min(bounds.high, box_.high)};
+  // Flat points get the node's thickness; the estimate cuts off what is out of proportion.
+  for (int axis = 0; axis < 3; ++axis) {
+    if (box_.high[axis] - box_.low[axis] > flat_share * cube_.edge) continue;
+    const double middle = box_.low[axis] + (box_.high[axis] - box_.low[axis]) / 2,
+                 half = node_edge(cube_, node.depth) / 2;
+    bounds.low[axis] = middle - half, bounds.high[axis] = middle + half;
+  }
   // Rounding may have put points a little outside.
   for (const dvec3& p : positions) bounds.include(p);
   std::vector<std::span<const double>> values;

@@ -1,4 +1,4 @@
-// The material of scattered points that are too many for Voronoi cells.
+// The material of scattered points by boxes: BoxEstimate.
 #pragma once
 
 #include <tbb/enumerable_thread_specific.h>

@@ -131,7 +131,6 @@ class BatchReducer {
     const dvec3& centroid = columns.splats.centroids.emplace_back(position + moments.centroid);
     const double error = error_of(i, shape);
     columns.splats.errors.push_back(error);
-    columns.splats.numbers.push_back(batch_.first + i);
     columns.splats.depths.push_back(static_cast<std::uint8_t>(depth_));
     columns.splats.counts.push_back(static_cast<std::uint8_t>(count_));
     columns.points.positions.push_back(position);
@@ -148,9 +147,6 @@ class BatchReducer {
     leaf.count(0);
     leaf.splats_at(0).include(centroid, shape, moments, depth_, count_);
     ++finest_;
-    if (settings_.wants_splats)
-      result_.splats.push_back(
-          {centroid, error, shape, batch_.first + i, columns.splats.depths.back(), columns.splats.counts.back()});
     if (settings_.packer && (result_.first_finest + finest_) % settings_.points_per_chunk == 0) close_row();
   }
 
@@ -207,7 +203,6 @@ class BatchReducer {
     member.point = {batch_.positions[kept], point_error(kept, splat.error)};
     // The points of a part that is continued are all finest, and have been added.
     if (!part_.continued) leaf.splats_at(0).include(splat, batch_.moments[kept]);
-    if (!part_.continued && settings_.wants_splats) result_.splats.push_back(splat);
     const auto shift = [&](std::size_t i) { return batch_.positions[i] - batch_.positions[kept]; };
     member.values.resize(attributes());
     member.gradients.resize(batch_.gradients.empty() || batch_.gradients[0].empty() ? 0 : attributes());
@@ -275,7 +270,6 @@ void find_owners(const PointBatch& batch, const ReductionSettings& settings, std
 void ReducedBatch::clear() {
   leaves.clear();
   owners.clear();
-  splats.clear();
   finest.clear();
   packed.clear();
   tail.clear();

@@ -32,7 +32,6 @@ struct ReducedBatch {
   std::vector<Leaf> leaves;           // of the octree over the points
   std::vector<std::uint32_t> owners;  // [point]: the one that it goes with; empty if each leaf keeps one point
   std::uint64_t first_finest = 0;     // number of the first finest point
-  std::vector<StoredSplat> splats;    // of all points; only if they are wanted
 
   // The finest points: up to the end of a row, then whole rows, then the rest; all in the first if none are packed.
   SplatColumns finest;
@@ -56,7 +55,6 @@ struct ReductionSettings {
   Cube cube;
   std::uint32_t leaf_points;  // most in a leaf, from 8 up
   bool reduces;               // false: all points are finest
-  bool wants_splats;          // in ReducedBatch
   std::span<const format::Attribute> attributes;
 
   const RowPacker* packer = nullptr;  // packs whole rows of finest points; null: they are not packed

@@ -48,7 +48,6 @@ void ReductionPass::prepare(const PointBatch& batch, ReducedBatch& result) {
 }
 
 Status ReductionPass::add(const PointBatch& batch, ReducedBatch& reduced) {
-  for (const StoredSplat& splat : reduced.splats) rows_.add_splat(splat);
   rows_.add_finest(reduced.finest);
   for (PackedRow& row : reduced.packed) rows_.add_packed_finest(std::move(row));
   rows_.add_finest(reduced.tail);

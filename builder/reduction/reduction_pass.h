@@ -14,8 +14,8 @@
 
 namespace splatvol {
 
-/// Adds batches to rows and index leaves. Two parts of it grow with the number of points: the finest level's splats, if
-/// their densities are fitted, and the leaves for which splats come late, a few thousandths of all.
+/// Adds batches to rows and index leaves. One part of it grows with the number of points: the leaves for which splats
+/// come late, a few thousandths of all.
 class ReductionPass {
  public:
   /// `leaves` gets the index leaves in Morton order. At most `most_open_leaves` of them wait for coarser splats.

@@ -1,4 +1,4 @@
-// Splat moments of scattered points that are too many for their Voronoi cells: estimate node by estimate node.
+// Splat moments of scattered points that are too many for their Voronoi cells, or lie on a plane or a line.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ struct EstimatedMaterial {
 /// Shares out the volume of an estimate node by a k-d tree over its points: each point has a box, and the boxes tile
 /// the node. A side that is far longer than the usual sides beside it borders on a void, and is cut off; no other
 /// volume is lost. Made for points without direction. Boxes do not follow layers that are not parallel to an axis, so
-/// cells of high aspect ratio need ScatteredEstimate. Keeps its scratch memory. Not thread-safe: use one for each
+/// cells of high aspect ratio need SampledCells. Keeps its scratch memory. Not thread-safe: use one for each
 /// thread.
 class BoxEstimate {
  public:

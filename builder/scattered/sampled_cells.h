@@ -1,4 +1,4 @@
-// Voronoi cells of scattered points that are too many to find each cell exactly.
+// Voronoi cells of scattered points, nearly exact: some times as fast as exact ones.
 #pragma once
 
 #include <array>
@@ -17,8 +17,8 @@ namespace splatvol {
 /// Estimates the Voronoi cells of some thousand points. Samples of the space round them tell which points are
 /// neighbours: the nearest and the second nearest of a sample are, and the nearest of two samples side by side.
 /// Bisectors to a point's neighbours bound its cell. Then the farthest vertex is checked: a point that is nearer to it
-/// is a neighbour too. A cell that goes on and on borders on a void; it is trimmed as ScatteredEstimate trims it. What
-/// may be missed are small faces: cells are larger than the exact ones by about 1 %. Keeps its memory. Not thread-safe.
+/// is a neighbour too. A cell that goes on and on borders on a void; it is trimmed. What may be missed are small faces:
+/// cells are larger than the exact ones by about 1 %. Keeps its memory. Not thread-safe.
 class SampledCells {
  public:
   /// Estimates the cells of the first `own` positions, all finite; the others are those near them. The first of

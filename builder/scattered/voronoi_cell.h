@@ -1,4 +1,4 @@
-// Voronoi cells from known neighbours, their trimming, and their values: for exact and sampled cells alike.
+// Voronoi cells from known neighbours, their trimming, and their values.
 #pragma once
 
 #include <cstdint>

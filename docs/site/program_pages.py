@@ -6,7 +6,7 @@ import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
-PROGRAMS = ("svbuild", "svrender", "svview", "svinfo", "svexport", "svserve", "svtruth", "svdiff", "svgen", "svdemo")
+PROGRAMS = ("svbuild", "svrender", "svview", "svinfo", "svexport", "svserve", "svtruth", "svdiff", "svgen")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 
 

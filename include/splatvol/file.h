@@ -73,8 +73,8 @@ struct LineSamples {
 /// Thread-safe, except for `show_step`.
 class SPLATVOL_EXPORT File {
  public:
-  /// Opens a .svol file, or an index of files (.svols), by its path or its address (http:// or https://). Of a time
-  /// series, the last step is shown. Reads the preamble only.
+  /// Opens a .svol file, or an index of files (.svols), by its path or its address (http://, https:// or ssh://). Of a
+  /// time series, the last step is shown. Reads the preamble only.
   [[nodiscard]] static Result<File> open(const std::string& path);
   File(File&&) noexcept;
   File& operator=(File&&) noexcept;

@@ -39,6 +39,7 @@ struct SPLATVOL_EXPORT TransferFunction {
   std::vector<Density> densities;      // at least one, t not decreasing
   ValueAxis axis = ValueAxis::linear;  // log: lo > 0
   double linear_width = 1;             // > 0; asinh: smaller values are shown about linearly, larger ones by logarithms
+  double density_factor = 1;           // > 0: on all densities
 
   [[nodiscard]] dvec3 color(double value) const;
   [[nodiscard]] double extinction(double value) const;

@@ -38,7 +38,7 @@ struct FunctionPieces {
 
   explicit FunctionPieces(const TransferFunction& function);
 
-  [[nodiscard]] bool fit_registers() const { return count <= in_registers; }
+  [[nodiscard]] bool fit_registers() const { return count < in_registers; }
 };
 
 }  // namespace splatvol::tiles

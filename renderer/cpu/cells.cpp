@@ -57,7 +57,7 @@ View in_units(View view, double unit) {
 }
 
 TransferFunction in_units(TransferFunction function, double unit) {
-  for (TransferFunction::Density& density : function.densities) density.extinction *= unit;
+  function.density_factor *= unit;
   return function;
 }
 
@@ -861,6 +861,8 @@ void CellSweep::finish_tile(const Tile& tile) {
 }
 
 }  // namespace
+
+std::size_t count_pieces(const TransferFunction& function) { return tiles::FunctionPieces(function).count; }
 
 CellRasterizer::CellRasterizer() : workspace_(std::make_unique<CellWorkspace>()) {}
 CellRasterizer::~CellRasterizer() = default;

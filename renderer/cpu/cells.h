@@ -47,6 +47,9 @@ struct CellPicture {
   std::uint64_t segments = 0;  // pieces of rays in a tetrahedron with a visible value, between two layers, and events
 };
 
+/// Returns the pieces on which a function is linear in the value: on a bent axis these are many.
+[[nodiscard]] std::size_t count_pieces(const TransferFunction& function);
+
 /// Draws exact pictures of cells, with contours and the view's slices: as render_reference()
 /// (renderer/reference/reference.h), in single precision where that does not show. Keeps its memory between pictures.
 /// Not thread-safe; it draws on all threads.

@@ -50,11 +50,6 @@ class TileRasterizer final : public Rasterizer {
   TileRasterizer& operator=(const TileRasterizer&) = delete;
   ~TileRasterizer() override;
 
-  /// The same for the list of renderer/device. Cannot fail.
-  [[nodiscard]] static Result<std::unique_ptr<Rasterizer>> make(const RasterizerOptions& options, bool /*automatic*/) {
-    return std::make_unique<TileRasterizer>(options.kernel);
-  }
-
   [[nodiscard]] Status set_transfer_function(const Transfer& transfer, const DrawingUnits& units) override;
   void set_lighting(const std::optional<Lighting>& lighting) override;
   [[nodiscard]] Status set_draw_list(const DrawList& list) override;

@@ -38,7 +38,7 @@ not fit in memory.")
 # libcurl is loaded when a file has an address, OpenGL when it draws.
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_RECOMMENDS
     "ca-certificates, libcurl4, libegl1, libgl1, libegl-mesa0, libgl1-mesa-dri")
-set(CPACK_DEBIAN_RUNTIME_PACKAGE_SUGGESTS "ffmpeg, nginx, wl-clipboard, xclip")
+set(CPACK_DEBIAN_RUNTIME_PACKAGE_SUGGESTS "ffmpeg, nginx, openssh-client, wl-clipboard, xclip")
 
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME ${SPLATVOL_LIBRARY_PACKAGE})
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libs)

@@ -43,6 +43,13 @@ constexpr double opacity_of_material = 0.65;   // mean along rays, on a dark bac
 // Chooses a transfer function for the values of some splats.
 using Chooser = std::function<TransferFunction(const std::vector<SurveySplat>&)>;
 
+// From 0 to 1, but for rounding: the share of a fluid, or a concentration. Solvers smear it over many decades, which
+// mean nothing.
+bool is_share(const format::Attribute& attribute) {
+  constexpr double rounding = 1e-3;
+  return std::abs(attribute.min) <= rounding && std::abs(attribute.max - 1) <= rounding;
+}
+
 Result<Chooser> chooser_for(const format::Volume& volume, int index) {
   const auto& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
   SPLATVOL_TRY_ASSIGN(kind, kind_of_numbers(volume, index));
@@ -55,8 +62,8 @@ Result<Chooser> chooser_for(const format::Volume& volume, int index) {
       return function;
     });
   if (kind != NumberKind::labels)
-    return Chooser([kind, least_range](const auto& splats) {
-      return choose_transfer_function(splats, kind == NumberKind::whole, least_range);
+    return Chooser([kind, least_range, share = is_share(attribute)](const auto& splats) {
+      return choose_transfer_function(splats, kind == NumberKind::whole, least_range, share);
     });
   return Chooser([least = attribute.min, most = attribute.max](const auto&) { return label_function(least, most); });
 }
@@ -66,8 +73,7 @@ Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index,
   if (std::ranges::none_of(shapes.shapes, [](const SplatShape& shape) { return shape.mass > 0; }))
     return fail(
         ErrorCode::invalid_data,
-        "{}: no point has a volume: all cells are flat, or all points lie in a plane; give cells with a volume, or "
-        "build with --connectivity none",
+        "{}: no point has a volume, as all cells are flat: give cells with a volume, or build with --connectivity none",
         volume.name());
   if (std::ranges::none_of(splats, &SurveySplat::has_value))
     return fail(ErrorCode::invalid_data, "{}: '{}' has no values", volume.name(),
@@ -108,7 +114,10 @@ void shorten(TransferFunction& function) {
     const double unit = std::pow(10, std::floor(std::log10(density.extinction)) - 3);
     density.extinction = std::round(density.extinction / unit) * unit;
   }
-  for (auto& color : function.colors) color.rgb = glm::round(1e4 * color.rgb) / 1e4;
+  for (auto& [t, rgb] : function.colors) {
+    t = std::round(1e4 * t) / 1e4;
+    rgb = glm::round(1e4 * rgb) / 1e4;
+  }
 }
 
 Result<int> find_attribute(const format::Volume& volume, const std::string& name) {
@@ -138,7 +147,7 @@ Camera step_back(std::vector<SurveySplat> splats, const Chooser& choose, Camera 
   weigh(splats, camera);
   TransferFunction function = choose(splats);
   for (int step = 0; step < most_steps_back; ++step) {
-    const double factor = density_factor(splats, function, camera, opacity_of_material);
+    const double factor = PictureRays(splats, function, camera).density_factor(opacity_of_material);
     for (auto& density : function.densities) density.extinction *= factor;
     if (border_opacity(splats, function, camera, aspect) < most_at_border) break;
     camera.position = camera.focal_point + step_back_factor * (camera.position - camera.focal_point);
@@ -161,19 +170,20 @@ Result<Box> box_of_material(const format::Volume& volume, const std::vector<Surv
 }
 
 // A sheet across the axis that points upwards is seen from above: there another axis of the picture's plane is up. A
-// turn keeps to the first one.
-int axis_up(const format::VolumeInfo& info, const Box& domain, bool turns) {
-  const int up = info.up < 0 ? 1 : info.up;
+// turn keeps to the first one, and so does a choice.
+int axis_up(const format::VolumeInfo& info, const Box& domain, const FirstPicture& picture) {
+  if (picture.up) return *picture.up;
+  const int up = up_axis_of(info);
   const dvec3 extent = domain.extent();
   const double side = std::min(extent[(up + 1) % 3], extent[(up + 2) % 3]);
-  if (turns || extent[up] > thinnest * side) return up;
+  if (picture.turns || extent[up] > thinnest * side) return up;
   return up == 2 ? 1 : 2;
 }
 
 // If what is visible fills most of the domain, all of the domain is in the picture, with its outline.
 Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySplat>& splats, const Box& domain,
                      const Chooser& choose, const Framing& framing, const FirstPicture& picture) {
-  const int up = axis_up(info, domain, picture.turns);
+  const int up = axis_up(info, domain, picture);
   const double aspect = static_cast<double>(picture.width) / picture.height;
   const auto distance = [](const Camera& camera) { return glm::length(camera.position - camera.focal_point); };
   Camera near = fit_camera(framing.core, up, aspect, info.cube.edge, picture.turns);
@@ -238,8 +248,18 @@ Result<Framing> choose_framing(const format::Volume& volume, int first, const st
 
 bool is_in_picture(const View& view, const dvec3& position) {
   const dvec3 p = view.to_view(position);
-  return p.z > 0 && std::abs(p.x) * view.focal < 0.5 * view.width * p.z &&
-         std::abs(p.y) * view.focal < 0.5 * view.height * p.z;
+  const double depth = view.orthographic ? 1 : p.z;
+  return depth > 0 && std::abs(p.x) * view.focal < 0.5 * view.width * depth &&
+         std::abs(p.y) * view.focal < 0.5 * view.height * depth;
+}
+
+bool is_clipped(const Scene& scene, const dvec3& position) {
+  const auto& box = scene.clip_box;
+  if (box && (glm::any(glm::lessThan(position, box->low)) || glm::any(glm::greaterThan(position, box->high))))
+    return true;
+  return std::ranges::any_of(scene.clip_planes, [&](const SceneClipPlane& plane) {
+    return plane.active && glm::dot(position - plane.point, plane.normal) < 0;
+  });
 }
 
 // If hardly any of what a function shows is in the picture, values are those of the splats that are.
@@ -255,7 +275,22 @@ TransferFunction fit_to_picture(const std::vector<SurveySplat>& splats, const Ch
   return seen.size() < fewest_in_picture ? function : choose(seen);
 }
 
+// Surroundings keep their colour: what is near them is thin, and would be dark as well. On a logarithmic axis they are
+// decades away from what is seen.
+VisibleValues with_clear_values(VisibleValues visible, const TransferFunction& function) {
+  if (function.axis == ValueAxis::log) return visible;
+  const auto& densities = function.densities;
+  for (std::size_t i = 1; i < densities.size(); ++i) {
+    if (densities[i - 1].extinction > 0 || densities[i].extinction > 0) continue;
+    visible.low = std::min(visible.low, densities[i - 1].t);
+    visible.high = std::max(visible.high, densities[i].t);
+  }
+  return visible;
+}
+
 }  // namespace
+
+int up_axis_of(const format::VolumeInfo& info) { return info.up < 0 ? 1 : info.up; }
 
 Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute, const FirstPicture& picture) {
   SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, attribute));
@@ -283,8 +318,12 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
   SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, picture.width, picture.height));
   scene.transfer_function = fit_to_picture(splats, choose, view);
 
-  const double factor = density_factor(splats, scene.transfer_function, scene.camera, opacity_of_material);
+  const PictureRays rays(splats, scene.transfer_function, scene.camera);
+  const double factor = rays.density_factor(opacity_of_material);
   for (auto& density : scene.transfer_function.densities) density.extinction *= factor;
+  if (const auto visible = rays.visible_values(factor))
+    scene.transfer_function =
+        with_visible_colors(scene.transfer_function, with_clear_values(*visible, scene.transfer_function));
   adapt_to_background(scene, picture.background);
   shorten(scene.transfer_function);
   return scene;
@@ -303,7 +342,29 @@ Result<FittingOpacity> fitting_opacity(const format::Volume& volume, const std::
 
 void show_opacity(Scene& scene, FittingOpacity fitting) {
   scene.transfer_function.densities = {{0, fitting.density}};
+  scene.transfer_function.density_factor = 1;
   scene.opacity = std::move(fitting.opacity);
+}
+
+Result<TransferFunction> visible_colors(const format::Volume& volume, const Scene& scene) {
+  SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, scene.attribute));
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, scene.width, scene.height));
+  const int other = scene.opacity ? volume.info().find_attribute(scene.opacity->attribute) : -1;
+  std::vector<int> attributes = {index};
+  if (other >= 0) attributes.push_back(other);
+  SPLATVOL_TRY_ASSIGN(ahead, read_survey_ahead(volume, attributes, enough_splats));
+  SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_splats));
+  SPLATVOL_TRY_ASSIGN(splats, survey(volume, index, shapes));
+  if (other >= 0) {
+    SPLATVOL_TRY_ASSIGN(factors, survey_material(volume, other, shapes));
+    for (std::size_t i = 0; i < splats.size(); ++i)
+      splats[i].factor = mean_extinction(scene.opacity->function, factors[i]);
+  }
+  std::erase_if(splats, [&](const SurveySplat& splat) {
+    return !is_in_picture(view, splat.center) || is_clipped(scene, splat.center);
+  });
+  const auto visible = PictureRays(splats, scene.transfer_function, scene.camera).visible_values();
+  return visible ? with_visible_colors(scene.transfer_function, *visible) : scene.transfer_function;
 }
 
 Result<dvec3> middle_of_visible(const format::Volume& volume, const Scene& scene) {

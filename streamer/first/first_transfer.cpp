@@ -13,7 +13,9 @@
 #include <span>
 #include <utility>
 
+#include "pictures/contrast.h"
 #include "scene/color_maps.h"
+#include "scene/transfer_edits.h"
 
 namespace splatvol {
 namespace {
@@ -279,8 +281,9 @@ TransferFunction constant_function(double value) {
 
 }  // namespace
 
-TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats, bool whole, double least_range) {
-  const Axis axis = choose_axis(splats, whole);
+TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats, bool whole, double least_range,
+                                          bool share) {
+  const Axis axis = share ? Axis{} : choose_axis(splats, whole);
   const Values values = values_of(splats, [&](double value) { return axis.position(value); });
   const Findings findings = study(values, axis.kind == ValueAxis::log);
   const double largest = std::max(std::abs(findings.range.low), std::abs(findings.range.high));
@@ -320,10 +323,17 @@ double mean_extinction(const TransferFunction& function, const SurveySplat& spla
   double extinction = 0;
   for (const Node& node : nodes)
     extinction += node.weight * function.extinction_at(t.mean + node.deviations * t.deviation);
-  return extinction;
+  return splat.factor * extinction;
 }
 
 namespace {
+
+// A diverging colour map is lightest, or darkest, in its middle.
+bool is_diverging(const TransferFunction& function) {
+  const double low = luminance(function.color_at(0)), middle = luminance(function.color_at(0.5)),
+               high = luminance(function.color_at(1));
+  return (middle > low && middle > high) || (middle < low && middle < high);
+}
 
 // A splat as a uniform ellipsoid in which rays have chords.
 struct Ellipsoid {
@@ -332,6 +342,8 @@ struct Ellipsoid {
   double radius;      // of a ball round the ellipsoid
   double extinction;  // of its material, times its density in the ellipsoid
   double weight;      // of the rays through it
+  double density;     // of these rays: the weight over the square of the side
+  std::size_t splat;  // its number
 
   // Returns the optical depth of a ray through `eye` along a unit vector, or of a line if it is orthographic.
   [[nodiscard]] double depth(const dvec3& eye, const dvec3& direction) const {
@@ -353,6 +365,7 @@ std::vector<Ellipsoid> ellipsoids_of(const std::vector<SurveySplat>& splats, con
                                      const View& view) {
   std::vector<Ellipsoid> ellipsoids;
   for (const SurveySplat& splat : splats) {
+    const std::size_t number = static_cast<std::size_t>(&splat - splats.data());
     const double extinction = mean_extinction(function, splat);
     const dvec3 deviations(glm::length(splat.axes[0]), glm::length(splat.axes[1]), glm::length(splat.axes[2]));
     if (!(extinction > 0 && splat.volume > 0 && deviations.x > 0)) continue;
@@ -373,21 +386,30 @@ std::vector<Ellipsoid> ellipsoids_of(const std::vector<SurveySplat>& splats, con
     }
     const double side = std::sqrt(radii.x * radii.y) / pixel / view.height;
     const double weight = extinction * std::pow(std::min(side, largest_share), 2);
-    ellipsoids.push_back({splat.center, to_ball, radii.x, extinction * splat.volume / volume, weight});
+    ellipsoids.push_back(
+        {splat.center, to_ball, radii.x, extinction * splat.volume / volume, weight, weight / (side * side), number});
   }
   return ellipsoids;
 }
+
+struct Hit {
+  double along, depth;    // distance from the eye, optical depth
+  std::size_t ellipsoid;  // its number
+};
 
 // A ray, or a line if it is orthographic. `direction` has length 1.
 struct Ray {
   dvec3 eye, direction;
   std::size_t count = 1;  // of rays that it stands for
   double depth = 0;       // optical
+  std::vector<Hit> hits = {};
 };
 
-// Adds up the optical depths of rays. Most rays miss the balls round most ellipsoids, of which there is a vector for
-// each number, so that compilers make vectors of the loop. Each part of them is tried with all rays while it is near.
-void add_depths(const std::vector<Ellipsoid>& ellipsoids, std::span<Ray> through) {
+// Calls `add(ray, number of the ellipsoid, optical depth)` for the ellipsoids that rays may hit. Most rays miss the
+// balls round most ellipsoids, of which there is a vector for each number, so that compilers make vectors of the loop.
+// Each part of them is tried with all rays while it is near.
+template <class Add>
+void visit_hits(const std::vector<Ellipsoid>& ellipsoids, std::span<Ray> through, const Add& add) {
   constexpr std::size_t at_once = 256;
   std::array<double, at_once> x, y, z, squares;
   std::array<std::uint8_t, at_once> is_hit;
@@ -406,13 +428,17 @@ void add_depths(const std::vector<Ellipsoid>& ellipsoids, std::span<Ray> through
         is_hit[k] = dx * dx + dy * dy + dz * dz - along * along <= squares[k] ? 1 : 0;
       }
       for (std::size_t k = 0; k < count; ++k)
-        if (is_hit[k] != 0) ray.depth += ellipsoids[begin + k].depth(eye, direction);
+        if (is_hit[k] != 0) add(ray, begin + k, ellipsoids[begin + k].depth(eye, direction));
     }
   }
 }
 
-// Optical depths of rays through splats, at equal steps of the weights.
-std::vector<double> optical_depths(const std::vector<Ellipsoid>& ellipsoids, const View& view) {
+void add_depths(const std::vector<Ellipsoid>& ellipsoids, std::span<Ray> through) {
+  visit_hits(ellipsoids, through, [](Ray& ray, std::size_t, double depth) { ray.depth += depth; });
+}
+
+// Rays through splats, at equal steps of the weights.
+std::vector<Ray> choose_rays(const std::vector<Ellipsoid>& ellipsoids, const View& view) {
   double sum = 0;
   for (const Ellipsoid& ellipsoid : ellipsoids) sum += ellipsoid.weight;
   std::vector<Ray> chosen;
@@ -426,23 +452,44 @@ std::vector<double> optical_depths(const std::vector<Ellipsoid>& ellipsoids, con
     const dvec3 direction = view.orthographic ? view.forward : glm::normalize(through.center - view.eye);
     chosen.push_back({view.orthographic ? through.center : view.eye, direction, static_cast<std::size_t>(ray_count)});
   }
-  constexpr std::size_t at_once = 64;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, chosen.size(), at_once), [&](const auto& range) {
-    add_depths(ellipsoids, std::span(chosen).subspan(range.begin(), range.size()));
-  });
-  std::vector<double> depths;
-  for (const Ray& ray : chosen)
-    if (ray.depth > 0) depths.insert(depths.end(), ray.count, ray.depth);
-  return depths;
+  return chosen;
 }
 
 }  // namespace
 
-double density_factor(const std::vector<SurveySplat>& splats, const TransferFunction& function, const Camera& camera,
-                      double opacity) {
+struct PictureRays::Contents {
+  std::vector<SurveySplat> splats;
+  TransferFunction function;
+  std::vector<Ellipsoid> ellipsoids;
+  std::vector<Ray> rays;
+};
+
+PictureRays::PictureRays(const std::vector<SurveySplat>& splats, const TransferFunction& function, const Camera& camera)
+    : contents_(std::make_unique<Contents>(Contents{splats, function, {}, {}})) {
   const auto view = make_view(camera, 512, 512);
-  if (!view) return 1;
-  const std::vector<double> depths = optical_depths(ellipsoids_of(splats, function, *view), *view);
+  if (!view) return;
+  std::vector<Ellipsoid>& ellipsoids = contents_->ellipsoids;
+  std::vector<Ray>& rays = contents_->rays;
+  ellipsoids = ellipsoids_of(splats, function, *view);
+  rays = choose_rays(ellipsoids, *view);
+  constexpr std::size_t at_once = 64;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, rays.size(), at_once), [&](const auto& range) {
+    visit_hits(ellipsoids, std::span(rays).subspan(range.begin(), range.size()),
+               [&](Ray& ray, std::size_t number, double depth) {
+                 ray.depth += depth;
+                 const double along = glm::dot(ellipsoids[number].center - ray.eye, ray.direction);
+                 if (depth > 0 && (view->orthographic || along > 0)) ray.hits.push_back({along, depth, number});
+               });
+  });
+  for (Ray& ray : rays) std::ranges::sort(ray.hits, {}, &Hit::along);
+}
+
+PictureRays::~PictureRays() = default;
+
+double PictureRays::density_factor(double opacity) const {
+  std::vector<double> depths;
+  for (const Ray& ray : contents_->rays)
+    if (ray.depth > 0) depths.insert(depths.end(), ray.count, ray.depth);
   if (depths.empty()) return 1;
   const auto mean_opacity = [&](double factor) {
     double sum = 0;
@@ -457,6 +504,50 @@ double density_factor(const std::vector<SurveySplat>& splats, const TransferFunc
     (mean_opacity(std::exp(middle)) < opacity ? low : high) = middle;
   }
   return std::exp(0.5 * (low + high));
+}
+
+// Dense places have more rays than others of the same area: the light of each counts by the area that it stands for.
+std::optional<VisibleValues> PictureRays::visible_values(double density_factor) const {
+  constexpr double left_out = 0.02;  // of the light, at either end
+  const auto& [splats, function, ellipsoids, rays] = *contents_;
+  std::vector<double> lights(splats.size());
+  for (const Ray& ray : rays) {
+    double density = 0;
+    for (const Hit& hit : ray.hits) density += ellipsoids[hit.ellipsoid].density;
+    double left = density > 0 ? static_cast<double>(ray.count) / density : 0;
+    for (const Hit& hit : ray.hits) {
+      const double light = -left * std::expm1(-density_factor * hit.depth);
+      lights[ellipsoids[hit.ellipsoid].splat] += light;
+      left -= light;
+    }
+  }
+  Values values;
+  for (std::size_t i = 0; i < splats.size(); ++i) {
+    if (!(lights[i] > 0)) continue;
+    const AxisMoments t = function.moments_of(splats[i].value, splats[i].deviation);
+    for (const Node& node : nodes) {
+      const double at = t.mean + node.deviations * t.deviation, extinction = function.extinction_at(at);
+      const double share = node.weight * extinction * splats[i].factor / mean_extinction(function, splats[i]);
+      if (extinction > 0) values.push_back({at, share * lights[i], 0});
+    }
+  }
+  if (values.empty()) return {};
+  std::ranges::sort(values, {}, &WeightedValue::value);
+  return VisibleValues{quantile(values, left_out), quantile(values, 1 - left_out)};
+}
+
+TransferFunction with_visible_colors(TransferFunction function, const VisibleValues& visible) {
+  constexpr double narrowest = 0.01;  // of the domain: fewer values have no colours to show
+  const double first = function.colors.front().t, last = function.colors.back().t;
+  double low = std::clamp(visible.low, 0.0, 1.0), high = std::clamp(visible.high, 0.0, 1.0);
+  if (is_diverging(function)) {
+    const double middle = 0.5 * (first + last), half = std::max(middle - low, high - middle);
+    low = middle - half, high = middle + half;
+  }
+  if (!(last > first) || !(high - low >= narrowest)) return function;
+  for (auto& color : function.colors)
+    color.t = std::clamp(low + (color.t - first) / (last - first) * (high - low), 0.0, 1.0);
+  return function;
 }
 
 double border_opacity(const std::vector<SurveySplat>& splats, const TransferFunction& function, const Camera& camera,

@@ -21,6 +21,7 @@ struct SurveySplat {
   double value = 0;       // mean
   double deviation = 0;   // standard deviation of the value
   bool has_value = true;  // false: value and deviation mean nothing
+  double factor = 1;      // on its extinction, by another attribute
   double weight = 1;      // how much its value counts: the share of a pixel that it covers in a picture, at most 1
 
   /// Returns how far the material reaches from its centre along a unit vector. Exact for a box along the axes of the

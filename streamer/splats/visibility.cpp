@@ -102,7 +102,7 @@ ValueVisibility::ValueVisibility(const Transfer& transfer, const ShownAttributes
   const format::Attribute& attribute = attributes.values;
   if (sliced) {
     TransferFunction opaque = function_;
-    opaque.densities = {{0, 1}};
+    opaque.densities = {{0, 1}}, opaque.density_factor = 1;
     slice_contrast_.emplace(opaque, attribute);
   }
   if (transfer.opacity && attributes.opacity) {
@@ -156,8 +156,9 @@ ValueVisibility::Extinctions ValueVisibility::extinctions(float min, float max) 
   for (const TransferFunction::Density& d : function_.densities) {
     const double value = function_.value_at(d.t);
     if (!(value >= low && value <= high)) continue;
-    result.least = std::min(result.least, d.extinction);
-    result.most = std::max(result.most, d.extinction);
+    const double extinction = function_.density_factor * d.extinction;
+    result.least = std::min(result.least, extinction);
+    result.most = std::max(result.most, extinction);
   }
   return result;
 }
@@ -168,7 +169,7 @@ bool ValueVisibility::operator==(const ValueVisibility& other) const {
   return same_opacity && bins_ == other.bins_ && sliced_ == other.sliced_ && offset_ == other.offset_ &&
          scale_ == other.scale_ && function_.lo == other.function_.lo && function_.hi == other.function_.hi &&
          function_.axis == other.function_.axis && function_.linear_width == other.function_.linear_width &&
-         function_.densities == other.function_.densities;
+         function_.density_factor == other.function_.density_factor && function_.densities == other.function_.densities;
 }
 
 }  // namespace splatvol

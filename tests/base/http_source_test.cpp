@@ -12,6 +12,7 @@
 #include <random>
 #include <thread>
 
+#include "base/addresses.h"
 #include "base/interruption.h"
 #include "tests/support/loopback.h"
 #include "tests/support/nginx.h"

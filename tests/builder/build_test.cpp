@@ -694,7 +694,7 @@ TEST(BuildConnectivity, IsAsAskedForAndSaidInTheReportAndTheFile) {
   EXPECT_EQ(used(points, Connectivity::boxes), "boxes");
   EXPECT_NE(used(points, Connectivity::mesh).find("no cells"), std::string::npos);
   // No four points span a volume.
-  EXPECT_EQ(used(scattered({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}), Connectivity::automatic), "none");
+  EXPECT_EQ(used(scattered({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}), Connectivity::automatic), "boxes");
 }
 
 TEST(BuildConnectivity, SurfacesAreJoinedOnRequestOnly) {
@@ -739,7 +739,30 @@ TEST(BuildConnectivity, PointsInAPlaneHaveNoTetrahedra) {
   EXPECT_THAT(message_of(build({scattered(points)}, path, connected(Connectivity::delaunay))),
               testing::HasSubstr("in a plane"));
   const auto report = value_of(build({scattered(points)}, path));
-  EXPECT_EQ(report.connectivity, Connectivity::none);
+  EXPECT_EQ(report.connectivity, Connectivity::boxes);
+}
+
+TEST(BuildConnectivity, PointsWithoutAVolumeAreDrawn) {
+  const std::string path = temporary_path("flat_points.svol");
+  std::vector<std::vector<dvec3>> inputs;
+  for (int count = 1; count <= 5; ++count) inputs.push_back(random_points(count));
+  inputs.emplace_back(30, dvec3(1, -2, 3));
+  inputs.push_back(random_points(300));
+  for (dvec3& point : inputs.back()) point.z = 1e3;  // on a plane
+  inputs.push_back(random_points(300));
+  for (dvec3& point : inputs.back()) point = {point.x, point.x, -point.x};  // on a line
+  for (const std::vector<dvec3>& points : inputs)
+    for (const Connectivity wanted : {Connectivity::automatic, Connectivity::none, Connectivity::boxes}) {
+      ASSERT_TRUE(build({scattered(points)}, path, connected(wanted))) << points.size();
+      const auto splats = read_all(path).splats.back();
+      double mass = 0;
+      for (const Splat& splat : splats) {
+        ASSERT_TRUE(std::isfinite(splat.shape.mass) && splat.shape.mass >= 0) << points.size();
+        mass += splat.shape.mass * splat.value.coverage;
+      }
+      EXPECT_EQ(splats.size(), points.size());
+      EXPECT_GT(mass, 0) << points.size();
+    }
 }
 
 TEST(BuildConnectivity, WithoutCellsMassesStillFillTheDomain) {

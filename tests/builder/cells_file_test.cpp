@@ -297,7 +297,7 @@ TEST_F(CellsFile, OfAStar) {
   EXPECT_EQ(kept.largest_chunk, std::size_t{format::max_chunk_cells});
 }
 
-// A chunk of all cells would reach nearly all groups of the file. The densities of so many points are not fitted.
+// A chunk of all cells would reach nearly all groups of the file.
 TEST_F(CellsFile, AChunkReachesFewGroups) {
   if (!is_long()) GTEST_SKIP() << "a part of ctest -L long";
   constexpr std::uint32_t points = 530'000;

@@ -117,7 +117,5 @@ TEST(EstimateBuild, SaysWhatIsNeededBeyondTheGrant) {
   EXPECT_GT(estimate.least_memory, std::uint64_t{800} << 20);  // all points are joined at once
 }
 
-TEST(Range, HasItsMiddleByRatio) { EXPECT_DOUBLE_EQ((Range{2, 8}).middle(), 4); }
-
 }  // namespace
 }  // namespace splatvol::test

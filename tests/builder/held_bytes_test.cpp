@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <random>
 #include <string>
 #include <utility>
 #include <vector>
@@ -16,6 +17,7 @@
 #include "builder/sources/generator.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/builder/support/point_sets.h"
 #include "tests/format/allocation_counter.h"
 #include "tests/support/long.h"
 #include "tests/support/results.h"
@@ -112,6 +114,25 @@ TEST(HeldBytes, AreBoundedForAnyNumberOfAttributes) {
     }
 }
 
+// Thousands of overlapping cells round one vertex: their splats all meet each other.
+TEST(HeldBytes, OfCellsRoundOneVertexAreBounded) {
+  const std::uint32_t count = is_long() ? 330'000 : 33'000;
+  Mesh mesh{uniform_points(static_cast<int>(count)), {}};
+  std::mt19937 random(3);
+  std::uniform_int_distribution<std::uint32_t> other(1, count - 1);
+  while (mesh.tetrahedra.size() < count / 33 * 6) {
+    const Tetrahedron corners{0, other(random), other(random), other(random)};
+    if (corners[1] != corners[2] && corners[2] != corners[3] && corners[3] != corners[1])
+      mesh.tetrahedra.push_back(corners);
+  }
+  const std::vector<Piece> pieces = {mesh_piece(mesh, [](const dvec3& p) { return p.x; })};
+  const std::uint64_t memory = std::uint64_t{256} << 20;
+  const Built built = build(pieces, 1, {.memory = memory, .keep_cells = true}, testing::TempDir() + "held_fan.svol");
+  EXPECT_LE(built.report.least_memory, memory);
+  // Kept cells have buffers, too: 5 MiB were measured.
+  EXPECT_LE(built.most_bytes, memory + piece_bytes(pieces) + (std::size_t{8} << 20));
+}
+
 // Cells are found in one subdomain at a time if the memory has no room for more.
 TEST(HeldBytes, OfSampledCellsAreBounded) {
   const std::string path = testing::TempDir() + "held_cells.svol";
@@ -119,9 +140,8 @@ TEST(HeldBytes, OfSampledCellsAreBounded) {
   for (const std::uint64_t memory : {std::uint64_t{64} << 20, std::uint64_t{1}}) {
     const auto source = generate_points({is_long() ? 300'000u : 60'000u, Distribution::clusters, 1, false});
     start_counting_allocations();
-    const auto report =
-        value_of(build_volume(*source, path, {.memory = memory, .held_points = 1, .connectivity = Connectivity::none},
-                              [](const char*, double) {}));
+    const auto report = value_of(build_volume(*source, path, {.memory = memory, .connectivity = Connectivity::none},
+                                              [](const char*, double) {}));
     // The sorted points keep a part of the memory, too.
     EXPECT_LE(most_bytes_allocated(), std::max(memory, report.least_memory) + (std::size_t{14} << 20)) << memory;
     if (expected.empty()) expected = *read_text_file(path);

@@ -435,7 +435,7 @@ TEST(Writer, RefusesWhatDoesNotFit) {
   EXPECT_THAT(folder.names(), testing::IsEmpty());
 
   const auto writer = value_of(create_writer(good, folder.path("bad.svol")));
-  EXPECT_FALSE(writer->append_row({}));
+  EXPECT_FALSE(writer->append_row({}, {}));
 }
 
 TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
@@ -520,7 +520,8 @@ TEST(Writer, HoldsLittleHoweverManyRowsThereAre) {
   const Bytes bytes(2);
 
   start_counting_allocations();
-  const auto writer = value_of(VolumeWriter::create(folder.path("rows.svol"), info, std::move(index), folder.path()));
+  auto file = value_of(AtomicFile::create(folder.path("rows.svol")));
+  const auto writer = value_of(VolumeWriter::create(std::move(file), 0, info, std::move(index), folder.path()));
   for (std::uint64_t row = 0; row < 300'000; ++row) ASSERT_TRUE(writer->append_row(entries, bytes));
   ASSERT_TRUE(writer->finish({}));
   EXPECT_LT(most_bytes_allocated(), 4u << 20);

@@ -18,6 +18,7 @@
 #include "tests/fuzz/foreign_seeds.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/memory_source.h"
+#include "tests/support/sftp_answers.h"
 #include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
 
@@ -244,6 +245,11 @@ Status add_scenes(Seeds& seeds) {
   // Settings, then bytes of control points; settings, then counts of no elements.
   SPLATVOL_TRY(seeds.add("fuzz_transfer_table", std::string(100, '\1')));
   SPLATVOL_TRY(seeds.add("fuzz_transfer_table", std::string(9000, '\5')));
+  const std::string settings("\377\377\40\0\5\40", 6);  // of fuzz_sftp
+  SPLATVOL_TRY(seeds.add("fuzz_sftp", settings + test::opening_answers(1000)));
+  SPLATVOL_TRY(seeds.add("fuzz_sftp", settings + test::data_answer(1, std::string(1000, 'x')) +
+                                          test::status_answer(2, 4, "Failure") + test::data_answer(3, "x") +
+                                          test::data_answer(36, "y")));
   for (const char kind : {'\0', '\1', '\2', '\3', '\4', '\5'})
     SPLATVOL_TRY(seeds.add("fuzz_messages", kind + std::string(400, '\0')));
 

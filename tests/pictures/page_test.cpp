@@ -147,7 +147,6 @@ TEST(Page, LeavesThePictureItsOwnPlace) {
   }
   EXPECT_FALSE(lay_out_page(20, 20, {"t", "p"}, ramp(0, 1)));
   EXPECT_EQ(lay_out_page(64, 48, {}, ramp(0, 1))->picture_width, 64);
-  EXPECT_EQ(lay_out_round(64, 48, {"t", "p"}, ramp(0, 1))->picture_width, 64);
 }
 
 TEST(Page, OutlinesAreBehindAndInFrontOfTheVolume) {

@@ -322,6 +322,23 @@ TEST_F(ExactPictures, AreDrawnWhereThereIsMuchTime) {
   EXPECT_FALSE(is_exact(true, {.sort = SortMode::axis}));
 }
 
+// A segment with many pieces is more work, so that less of it is drawn where nobody asks.
+TEST_F(ExactPictures, CountThePiecesOfTheFunction) {
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
+  const auto player = open("m.svol");
+  Scene many = scene();
+  const ExactPicture few = test::value_of(player->estimate_exact());
+  EXPECT_EQ(few.counted_segments(), static_cast<double>(few.segments));
+  many.transfer_function.densities.clear();
+  for (int i = 0; i <= 2000; ++i) many.transfer_function.densities.push_back({i / 2000.0, 1.0 + i % 2});
+  ASSERT_EQ(test::message_of(player->set_scene(many)), "");
+  const ExactPicture estimate = test::value_of(player->estimate_exact());
+  EXPECT_EQ(estimate.segments, few.segments);
+  EXPECT_GT(estimate.counted_segments(), 4 * static_cast<double>(few.segments));
+  const CellCounts counts = estimate.counts();
+  EXPECT_GT(work_of_cells(counts, 1e5, 1), work_of_cells({counts.tetrahedra, counts.segments}, 1e5, 1));
+}
+
 TEST_F(ExactPictures, HaveTheSlicesOfTheMesh) {
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
@@ -354,6 +371,68 @@ TEST_F(ExactPictures, AloneHaveContours) {
   const auto player = open("m.svol");
   ASSERT_EQ(test::message_of(player->set_scene(with)), "");
   EXPECT_THAT(test::message_of(player->draw_frame({})), HasSubstr("m.svol: splats have no contours: draw it exactly"));
+}
+
+// Whatever the time: then samples are apart.
+TEST_F(ExactPictures, OfContoursInATime) {
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
+  test::build_mesh(mesh_, test::waves, path("plain.svol"), {.keep_cells = false});
+  Scene with = scene();
+  with.contours = {{.values = {0.5}, .color = dvec3(1, 0, 0)}};
+  with.transfer_function.densities = {{0, 0}};
+  const auto of_file = [&](const std::string& file, const PlayerOptions& options = {}) {
+    auto player = open(file, options);
+    EXPECT_EQ(test::message_of(player->set_scene(with)), "");
+    return player;
+  };
+  const auto whole = of_file("m.svol");
+  const Image exact_picture = drawn(*whole);
+  for (const Quality& quality : {Quality{.milliseconds = 1e-6}, Quality{.max_error = 1e-9, .milliseconds = 1e-6}})
+    for (const std::uint64_t memory : {std::uint64_t{64} << 20, std::uint64_t{4} << 20}) {
+      const auto player = of_file("m.svol", {.memory = memory});
+      for (int i = 0; i < 3; ++i) ASSERT_EQ(test::message_of(player->draw_picture(quality)), "");
+      ASSERT_TRUE(player->exact());
+      EXPECT_GT(player->sample_spacing(), 1);
+      EXPECT_LT(rmse(test::value_of(player->image()), exact_picture), 0.1);
+      if (quality.max_error) continue;
+      for (int i = 0; i < 3; ++i) ASSERT_EQ(test::message_of(player->draw_picture({.milliseconds = 1e7})), "");
+      EXPECT_EQ(test::value_of(player->image()).pixels, exact_picture.pixels);
+    }
+  const auto player = of_file("m.svol");
+  EXPECT_TRUE(test::value_of(player->draw_at_pace(1e-9)).back().is_exact());
+  EXPECT_EQ(test::value_of(player->draw_at_pace(1e3)).back(), Rung(0, 1));
+  EXPECT_EQ(test::value_of(player->image()).pixels, exact_picture.pixels);
+  const auto plain = of_file("plain.svol");
+  EXPECT_THAT(test::message_of(plain->draw_at_pace(1)),
+              HasSubstr("plain.svol: it keeps no cells, and only these have"));
+}
+
+// Rays end at surfaces, and cross slices.
+TEST_F(ExactPictures, MeasureErrorsAmongSurfaces) {
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
+  const auto player = open("m.svol");
+  Scene with = scene();
+  with.slices = {{.point = dvec3(0.5), .normal = {1, 0.2, 0.4}, .opacity = 0.5}};
+  ASSERT_EQ(test::message_of(player->set_scene(with)), "");
+  const Image exact_picture = drawn(*player);
+  for (const double error : {0.05, 0.01}) {
+    const auto picture = test::value_of(player->draw_picture({.max_error = error}));
+    ASSERT_TRUE(picture.search);
+    EXPECT_TRUE(picture.search->estimate.measured);
+    EXPECT_TRUE(picture.search->estimate.reached);
+    EXPECT_LE(rmse(test::value_of(player->image()), exact_picture), 1.15 * error);
+  }
+  with.slices.clear();
+  ASSERT_EQ(test::message_of(player->set_scene(with)), "");
+  const int width = with.width, height = with.height;
+  const auto depths = std::make_shared<SurfaceDepths>(
+      SurfaceDepths{width, height, std::vector<float>(static_cast<std::size_t>(width * height))});
+  for (std::size_t i = 0; i < depths->depths.size(); ++i) depths->depths[i] = 2 + 0.01F * static_cast<float>(i % 50);
+  ASSERT_EQ(test::message_of(player->set_surface_depths(depths)), "");
+  const Image hidden = drawn(*player);
+  const auto picture = test::value_of(player->draw_picture({.max_error = 0.01}));
+  EXPECT_TRUE(picture.search->estimate.measured);
+  EXPECT_LE(rmse(test::value_of(player->image()), hidden), 0.0115);
 }
 
 TEST_F(ExactPictures, AreDrawnWhereNothingIsAsked) {

@@ -109,6 +109,20 @@ TEST(Cells, ShowFunctionsOfManyPiecesAndBentAxes) {
   expect_exact(drawn, 2e-5, 1e-3);
 }
 
+// Few pieces are kept in registers. Values lie on both sides of the domain.
+TEST(Cells, ShowFunctionsOfAnyNumberOfPieces) {
+  Drawn drawn{bent_box(4), colored_scene(4)};
+  drawn.scene.width = drawn.scene.height = 32;
+  auto& function = drawn.scene.transfer_function;
+  function.lo = 0.2, function.hi = 0.6;
+  for (int points = 1; points <= 40; ++points) {
+    SCOPED_TRACE(points);
+    function.densities.clear();
+    for (int i = 0; i < points; ++i) function.densities.push_back({i / 50.0, 10.0 * ((7 * i + 3) % 11)});
+    expect_exact(drawn, 2e-5, 1e-3);
+  }
+}
+
 // Each piece that a ray crosses costs time.
 TEST(Cells, TakeFewPiecesOfABentAxis) {
   TransferFunction function = wide_scene(4, {2.3, 1.9, 3.1}, false).transfer_function;

@@ -500,6 +500,16 @@ TEST(ParseScene, ReadsAndWritesTheAxis) {
   EXPECT_THAT(error_of(document.dump()), StartsWith("transfer_function.domain: "));
 }
 
+TEST(ParseScene, TheFactorOfDensitiesIsReadAndWrittenBack) {
+  const std::string field = "/transfer_function/density_factor";
+  const Scene scene = parse_scene(changed(field, 0.25)).value();
+  EXPECT_EQ(scene.transfer_function.density_factor, 0.25);
+  EXPECT_EQ(parse_scene(scene_to_json(scene)).value(), scene);
+  const Scene without = parse_scene(changed(field, 1)).value();
+  EXPECT_EQ(scene_to_json(without).find("density_factor"), std::string::npos);
+  EXPECT_THAT(error_of(changed(field, 0)), StartsWith("transfer_function.density_factor"));
+}
+
 TEST(ParseScene, RefusesWhatIsNoScene) {
   for (const char* text : {"", "{", "[]", "1", "null", "\"scene\"", "{\"camera\": }", "\xff\xfe", "{\"a\": 1e999}"}) {
     const std::string message = error_of(text);

@@ -72,6 +72,20 @@ TEST(TransferFunction, OnePointIsAConstant) {
   }
 }
 
+TEST(TransferFunction, AFactorIsOnAllDensities) {
+  auto scaled = with_jump();
+  scaled.density_factor = 2.5;
+  for (const double value : {5.0, 11.0, 15.0, 18.0, 30.0})
+    EXPECT_EQ(scaled.extinction(value), 2.5 * with_jump().extinction(value));
+  EXPECT_EQ(scaled.color(13), with_jump().color(13));
+  const auto pieces = linear_pieces(scaled), before = linear_pieces(with_jump());
+  ASSERT_EQ(pieces.size(), before.size());
+  for (std::size_t i = 0; i < pieces.size(); ++i) {
+    EXPECT_EQ(pieces[i].at_begin[3], 2.5 * before[i].at_begin[3]);
+    EXPECT_EQ(pieces[i].at_end[3], 2.5 * before[i].at_end[3]);
+  }
+}
+
 TEST(TransferFunction, PiecesEndAtBendsAndJumps) {
   const TransferFunction function = with_jump();
   EXPECT_EQ(bends(function), (std::vector<double>{0, 0.2, 0.5, 0.6, 1}));

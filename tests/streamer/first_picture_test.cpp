@@ -245,6 +245,44 @@ TEST_F(RendererTestFirstPicture, ColoursDivergeOnlyIfThereAreTwoSides) {
   EXPECT_GT(ramp.transfer_function.extinction(1.9), ramp.transfer_function.extinction(1.2));
 }
 
+// Light comes from values that fill the picture, and not from a few dense ones.
+TEST_F(RendererTestFirstPicture, ColoursAreSpreadOverWhatIsSeen) {
+  const auto field = [](const dvec3& p) { return p.z < 0.1 ? 10 * p.x : 4 + p.x; };
+  Scene scene = scene_of({16, 16, 20}, box(dvec3(0), dvec3(1)), {{"a", field}});
+  scene.transfer_function.lo = 0, scene.transfer_function.hi = 10;
+  scene.transfer_function.densities = {{0, 1}};
+  scene.transfer_function.colors = {{0, {0, 0, 0.1}}, {0.5, {0, 0.5, 0.4}}, {1, {1, 1, 0}}};
+  const auto volume = format::Volume::open(open_file(file_).value()).value();
+  const auto ends = [&](const Scene& shown) {
+    const TransferFunction f = visible_colors(*volume, shown).value();
+    EXPECT_EQ(f.densities, shown.transfer_function.densities);
+    return dvec2(f.value_at(f.colors.front().t), f.value_at(f.colors.back().t));
+  };
+  const dvec2 seen = ends(scene);
+  EXPECT_LT(seen.x, 4.1);
+  EXPECT_GT(seen.y, 4.9);
+  EXPECT_LT(seen.y - seen.x, 8);
+  scene.clip_box = Box{{-1, -1, 0.2}, {2, 2, 2}};  // not the layer
+  const dvec2 clipped = ends(scene);
+  EXPECT_NEAR(clipped.x, 4, 0.1);
+  EXPECT_NEAR(clipped.y, 5, 0.1);
+  scene.transfer_function = visible_colors(*volume, scene).value();
+  EXPECT_EQ(ends(scene), clipped) << "a second time changes nothing";
+
+  // A diverging map keeps its middle.
+  scene.transfer_function.colors = {{0, {0, 0, 1}}, {0.5, {1, 1, 1}}, {1, {1, 0, 0}}};
+  const dvec2 diverging = ends(scene);
+  EXPECT_NEAR(diverging.x, 4, 0.1);
+  EXPECT_NEAR(diverging.x + diverging.y, 10, 1e-9);
+
+  // By the opacity of another attribute.
+  scene.opacity = SceneOpacity{"a", {.lo = 4.4, .hi = 4.6, .colors = {{0, dvec3(1)}}, .densities = {{0, 0}, {1, 1}}}};
+  EXPECT_GT(ends(scene).x, 4.35);
+
+  scene.camera.focal_point = scene.camera.position + dvec3(0, 0, 100);  // nothing is in the picture
+  EXPECT_EQ(visible_colors(*volume, scene).value(), scene.transfer_function);
+}
+
 TEST_F(RendererTestFirstPicture, OutliersDoNotFlattenTheRest) {
   const auto field = [](const dvec3& p) { return p == dvec3(0.5) ? 200 : p == dvec3(0.25) ? -150 : 5 + p.x; };
   const Scene scene = scene_of({16, 16, 16}, box(dvec3(0), dvec3(1)), {{"a", field}});

@@ -531,8 +531,9 @@ TestVolume volume_of_x(std::size_t count, std::uint32_t seed) {
 
 Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& volume, const std::string& path) {
   SPLATVOL_TRY_ASSIGN(index, pack_tree(volume.tree));
-  auto writer =
-      format::VolumeWriter::create(path, volume.info, std::move(index), std::filesystem::temp_directory_path());
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
+  auto writer = format::VolumeWriter::create(std::move(file), 0, volume.info, std::move(index),
+                                             std::filesystem::temp_directory_path());
   if (writer) (*writer)->set_boundary(volume.boundary);
   if (writer && volume.cells)
     (*writer)->set_cells(
@@ -545,8 +546,15 @@ Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& vo
 Status write_test_volume(const TestVolume& volume, const std::string& path, format::WriteCells write_cells) {
   SPLATVOL_TRY_ASSIGN(writer, create_writer(volume, path));
   if (write_cells) writer->set_cells(std::move(write_cells));
-  for (std::uint64_t row = 0; row < writer->rows().row_count(); ++row)
-    SPLATVOL_TRY(writer->append_row(pack_row(volume, writer->rows(), row)));
+  for (std::uint64_t row = 0; row < writer->rows().row_count(); ++row) {
+    std::vector<format::ChunkEntry> entries;
+    format::Bytes bytes;
+    for (const format::PackedChunk& chunk : pack_row(volume, writer->rows(), row)) {
+      entries.push_back(chunk.entry);
+      bytes.insert(bytes.end(), chunk.bytes.begin(), chunk.bytes.end());
+    }
+    SPLATVOL_TRY(writer->append_row(entries, bytes));
+  }
   return writer->finish(histograms_of(volume));
 }
 

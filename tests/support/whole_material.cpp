@@ -2,8 +2,6 @@
 
 #include <utility>
 
-#include "builder/output/density.h"
-
 namespace splatvol::test {
 namespace {
 
@@ -60,13 +58,6 @@ std::vector<StoredSplat> splats_of(std::span<const dvec3> positions, const Resol
     splat.count = resolution.counts[m];
   }
   return splats;
-}
-
-void fit_finest_densities(std::span<StoredSplat> splats) {
-  std::vector<FittedSplat> shapes;
-  for (const StoredSplat& splat : splats) shapes.push_back({splat.centroid, splat.shape});
-  fit_densities(shapes);
-  for (std::size_t m = 0; m < shapes.size(); ++m) splats[m].shape.density = shapes[m].shape.density;
 }
 
 }  // namespace splatvol::test

@@ -34,7 +34,4 @@ struct Material {
 [[nodiscard]] std::vector<StoredSplat> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
                                                  const Material& material);
 
-/// Fits the densities of the finest resolution's splats.
-void fit_finest_densities(std::span<StoredSplat> splats);
-
 }  // namespace splatvol::test

@@ -12,8 +12,8 @@ TEST(BuildShare, GrowsFromStageToStage) {
   BuildShare share;
   double before = share.state().share;
   EXPECT_EQ(before, 0);
-  for (const char* stage : {"reading", "connecting", "reducing", "fitting densities", "indexing",
-                            "simplifying the boundary", "sorting cells", "writing", "writing cells", "checking"})
+  for (const char* stage : {"reading", "connecting", "reducing", "indexing", "simplifying the boundary",
+                            "sorting cells", "writing", "writing cells", "checking"})
     for (const double fraction : {0.25, 0.5, 1.0}) {
       share.update(stage, fraction);
       EXPECT_GT(share.state().share, before) << stage;

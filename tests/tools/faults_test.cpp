@@ -97,7 +97,7 @@ TEST_F(Faults, WithoutProcProgramsWork) {
   if (run(without_proc + "true").code != 0) GTEST_SKIP() << "no namespaces here";
   make_inputs();
   for (const std::string use : uses) EXPECT_TRUE(expect_success_or_one_line(without_proc + use)) << run(use).err;
-  EXPECT_TRUE(expect_success_or_one_line(without_proc + "svdemo --points 1000 -o out/d.vtu"));
+  EXPECT_TRUE(expect_success_or_one_line(without_proc + "svgen flow --points 1000 -o out/d.vtu"));
 }
 
 // Memory for a picture of 2^28 pixels is not there.
@@ -126,7 +126,7 @@ TEST_F(Faults, SixteenHandlesAreEnoughForALargeBuild) {
 
 // VTK writes the mesh. Its dumps of objects are no error for a user.
 TEST_F(Faults, AFullDiskIsToldByVtksWriterToo) {
-  for (const std::string use : {"svgen mesh --cells 3000 -o out/m", "svdemo --points 1000 -o out/d.vtu"})
+  for (const std::string use : {"svgen mesh --cells 3000 -o out/m", "svgen flow --points 1000 -o out/d.vtu"})
     for (const char* blocks : {"1", "2", "8", "16"})
       EXPECT_FALSE(expect_success_or_one_line("ulimit -f " + std::string(blocks) + "; " + use)) << use << blocks;
 }

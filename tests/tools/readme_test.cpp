@@ -15,6 +15,7 @@
 #include "tests/support/nginx.h"
 #include "tests/support/openfoam_files.h"
 #include "tests/support/programs.h"
+#include "tests/support/sftp_server.h"
 
 namespace splatvol::test {
 namespace {
@@ -84,6 +85,8 @@ struct Readme : ProgramTest {
     expect_done("svbuild gen:points:count=1000 -o folder/shared.svol");
     inputs_ = files_here();
     server_ = Nginx::start(folder_);
+    write_ssh(*this);
+    ::setenv("PATH", fmt::format("{}bin:{}", folder_, std::getenv("PATH")).c_str(), 1);
   }
 
   void TearDown() override { ::unsetenv("SPLATVOL_CACHE"); }
@@ -119,7 +122,7 @@ struct Readme : ProgramTest {
 TEST_F(Readme, CommandsWorkAndChangeNoInput) {
   const std::vector<std::string> commands = readme_commands();
   ASSERT_GT(commands.size(), 15u) << "the block of commands has another form now";
-  const std::string host = "https://host/";
+  const std::string host = "https://host/", ssh = "ssh://host/";
   const bool has_ffmpeg = run("command -v ffmpeg").code == 0;
   std::string left_out;
   for (std::string command : commands) {
@@ -127,6 +130,8 @@ TEST_F(Readme, CommandsWorkAndChangeNoInput) {
     const std::size_t address = command.find(host);
     if ((program == "svserve" || address != std::string::npos) && !server_) {
       left_out = "no nginx on this machine (package nginx)";
+    } else if (command.find(ssh) != std::string::npos && !has_sftp_server()) {
+      left_out = no_sftp_server;
     } else if (program == "svview" && !fs::exists(SPLATVOL_BIN "/svview")) {
       left_out = "built without OpenGL, so there is no svview";
     } else if (command.find("--movie") != std::string::npos && !has_ffmpeg) {
@@ -137,6 +142,7 @@ TEST_F(Readme, CommandsWorkAndChangeNoInput) {
       expect_serves(command);
     } else {
       if (address != std::string::npos) command.replace(address, host.size(), server_->url(""));
+      if (const std::size_t at = command.find(ssh); at != std::string::npos) command.insert(at + ssh.size(), "~/");
       expect_works(command + (program == "svview" ? " --screenshot window.png" : ""));
     }
   }

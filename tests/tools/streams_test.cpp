@@ -17,7 +17,7 @@ struct Streams : ProgramTest {
     expect_done("svbuild a.csv -o a.svol");
     expect_done("svinfo a.svol --scene a.json");
     expect_done("svrender a.svol --scene a.json --device cpu --size 32x32 -o a.exr");
-    expect_done("svdemo --points 1000 -o mesh.vtu --scene mesh.json");
+    expect_done("svgen flow --points 1000 -o mesh.vtu --scene mesh.json");
   }
 
   int code(const std::string& command, const std::string& streams) const { return run(command + streams).code; }
@@ -36,7 +36,7 @@ constexpr Use uses[] = {
     {"svtruth mesh.vtu --scene mesh.json --size 8x8 -o c.exr", true},
     {"svdiff a.exr a.exr", true},
     {"svgen points --count 100 -o b.npy", false},
-    {"svdemo --points 1000 -o b.vtu", false},
+    {"svgen flow --points 1000 -o b.vtu", false},
 };
 
 TEST_F(Streams, ClosedOnesChangeNothing) {
@@ -58,8 +58,7 @@ TEST_F(Streams, ErrorsNeedNoStandardError) {
 }
 
 TEST_F(Streams, TheVersionIsToldOrItIsAnError) {
-  for (const std::string name :
-       {"svbuild", "svinfo", "svrender", "svexport", "svtruth", "svdiff", "svgen", "svdemo", "svview"}) {
+  for (const std::string name : {"svbuild", "svinfo", "svrender", "svexport", "svtruth", "svdiff", "svgen", "svview"}) {
     if (!fs::exists(fs::path(SPLATVOL_BIN) / name)) continue;  // svview needs OpenGL
     for (const char* option : {" --version", " --help"}) {
       const Outcome told = run(name + option);

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
+#include <set>
 #include <string>
 #include <thread>
 
@@ -81,6 +82,34 @@ TEST_F(MeshesInAWindow, AMeshIsConvertedAndKeepsItsName) {
   wait_for_mesh();
   EXPECT_FALSE(viewer->session()->converted()->was_built);
   EXPECT_THAT(errors(), IsEmpty());
+}
+
+// The toast at the lower left, above the axes, has the buttons x, y and z.
+TEST_F(MeshesInAWindow, AToastAsksWhichAxisIsUp) {
+  make_mesh("5000");
+  frame({FilesDropped{{path("mesh/piece0.vtu")}}});
+  wait_for_mesh();
+  frame_seconds = 0.01;  // the toast stays
+  settle();
+  const auto is_asked = [&] {
+    const auto toasts = viewer->messages().toasts();
+    return !toasts.empty() && toasts.back().buttons.size() == 3;
+  };
+  ASSERT_TRUE(is_asked());
+  const double x = ViewerState::panel_width + 8;
+  std::set<int> chosen;
+  for (double at = x; at < x + 160; at += 6) {
+    click(at, 600 - 114 - 16);
+    settle();
+    EXPECT_TRUE(is_asked()) << "for another one";
+    chosen.insert(viewer->session()->up_axis());
+    dvec3 up(0);
+    up[viewer->session()->up_axis()] = 1;
+    EXPECT_EQ(scene().camera.up, up);
+  }
+  EXPECT_THAT(chosen, ElementsAre(0, 1, 2));
+  frame({}, 7);
+  EXPECT_FALSE(is_asked());
 }
 
 TEST_F(MeshesInAWindow, FilesThatAreDroppedTogetherAreOneMesh) {

@@ -286,7 +286,7 @@ struct WorkToast : testing::Test {
     EXPECT_TRUE(gui->begin({0.1, events}, {width, height, width, height, 1}));
     messages.begin({0, width, height, 1, 1}, false, 0);
     const auto pressed = work ? messages.draw(*work) : std::nullopt;
-    messages.draw();
+    static_cast<void>(messages.draw());
     gui->end();
     return pressed;
   }

@@ -133,9 +133,10 @@ TEST_F(SlowFiles, RecentFilesAreKept) {
     recent.add("https://host/b.svol");
     recent.add("https://user:secret@host/c.svol");
     recent.add("https://host/d.svol?key=secret");
+    recent.add("ssh://user@host/e.svol");
     recent.add("/data/a.svol");
   }
-  EXPECT_THAT(RecentFiles(list).paths(), ElementsAre("/data/a.svol", "https://host/b.svol"));
+  EXPECT_THAT(RecentFiles(list).paths(), ElementsAre("/data/a.svol", "ssh://user@host/e.svol", "https://host/b.svol"));
   RecentFiles recent(list);
   for (int i = 0; i < 100; ++i) recent.add(fmt::format("/data/{}.svol", i));
   EXPECT_EQ(RecentFiles(list).paths().size(), 12U);

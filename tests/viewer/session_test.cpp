@@ -7,10 +7,12 @@
 #include <fstream>
 #include <optional>
 #include <set>
+#include <thread>
 #include <utility>
 
 #include "base/file.h"
 #include "format/volume.h"
+#include "renderer/cpu/srgb_bytes.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/support/results.h"
 #include "tests/viewer/viewer_fixture.h"
@@ -46,6 +48,14 @@ struct SessionAtRest : testing::Test {
     } while (!session.is_settled() && ++frames < 10000);
     EXPECT_TRUE(session.is_settled());
     return session.image().value();
+  }
+
+  // Waits for what a job fits.
+  static void fitted(Session& session) {
+    while (session.is_fitting()) {
+      draw(session);
+      std::this_thread::yield();
+    }
   }
 
   static inline std::optional<TempFolder> folder;
@@ -160,6 +170,63 @@ TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
     EXPECT_TRUE(session->is_settled());
     EXPECT_EQ(session->frame()->serial, serial);
   }
+}
+
+// The window shows the outline as saved pictures do, and as soon as it is switched on.
+TEST_F(SessionAtRest, TheOutlineIsBehindTheVolume) {
+  const auto session = open(on_processor());
+  session->scene.outline = false;
+  for (auto& density : session->scene.transfer_function.densities) density.extinction = 1e6;
+  const Image picture = settled(*session);
+  const std::uint64_t number = session->shown_number();
+  const auto shown = [&] {
+    draw(*session);
+    return session->shown_picture().value().encoded->bytes;
+  };
+  const auto bytes_of = [&](const Image& image) {
+    std::vector<std::uint8_t> bytes;
+    encode_srgb(image, session->scene.background, bytes);
+    return bytes;
+  };
+  EXPECT_EQ(shown(), bytes_of(picture));
+  session->scene.outline = true;
+  const auto with_outline = shown();
+  EXPECT_EQ(session->shown_number(), number) << "the same picture";
+  const Page page = lay_out_page(200, 150, {}, {}).value();
+  EXPECT_EQ(with_outline, bytes_of(session->page(page, {}).value()));
+  EXPECT_NE(with_outline, bytes_of(picture));
+}
+
+TEST_F(SessionAtRest, ColoursAreSpreadAndTakenBack) {
+  const auto session = open(on_processor());
+  settled(*session);
+  Scene& scene = session->scene;
+  scene.transfer_function.lo = -10, scene.transfer_function.hi = 10;
+  scene.transfer_function.colors = {{0, dvec3(0)}, {1, dvec3(1)}};
+  scene.transfer_function.densities = {{0, 1}};
+  settled(*session);
+  session->remember();
+  const TransferFunction before = scene.transfer_function;
+  session->show_visible();
+  fitted(*session);
+  const TransferFunction visible = scene.transfer_function;
+  EXPECT_NE(visible.colors, before.colors);
+  EXPECT_EQ(visible.densities, before.densities);
+  session->undo();
+  EXPECT_EQ(scene.transfer_function, before);
+}
+
+TEST_F(SessionAtRest, TheAxisThatIsUpStays) {
+  const auto session = open(on_processor());
+  settled(*session);
+  EXPECT_EQ(session->up_axis(), 1);
+  session->choose_up(2);
+  EXPECT_EQ(session->scene.camera.up, dvec3(0, 0, 1));
+  session->scene.camera.position += dvec3(3, 1, 2);
+  session->show_all();
+  fitted(*session);
+  EXPECT_EQ(session->scene.camera.up, dvec3(0, 0, 1));
+  EXPECT_EQ(session->up_axis(), 2);
 }
 
 // What the HUD tells of a picture that was drawn aside fits into it a frame after the picture has come.

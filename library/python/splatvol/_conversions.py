@@ -20,7 +20,7 @@ _OPTIONS = {"boundary_triangles": 200_000}  # as svbuild keeps them, if nothing 
 
 def is_mesh(paths: Sequence[str]) -> bool:
     """Whether files are a mesh or points that have to be converted first, by their names."""
-    if len(paths) == 1 and paths[0].startswith(("http://", "https://")):
+    if len(paths) == 1 and paths[0].startswith(("http://", "https://", "ssh://")):
         return False
     return _core.needs_conversion([os.fsencode(path) for path in paths])
 

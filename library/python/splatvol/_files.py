@@ -482,8 +482,8 @@ def open(
     time: Optional[float] = None,
     progress: Optional[Progress] = None,
 ) -> File:
-    """Opens a .svol file, or an index of files (.svols), by its path or address (http:// or https://); or a mesh, by
-    the path of its file or folder, or by a list of paths: pieces, or a grid of PLOT3D and its solution.
+    """Opens a .svol file, or an index of files (.svols), by its path or address (http://, https:// or ssh://); or a
+    mesh, by the path of its file or folder, or by a list of paths: pieces, or a grid of PLOT3D and its solution.
 
     Of a time series, shows the step of a number from 0, the step nearest to a time, or the last one. Of a .svol file,
     reads the preamble only.

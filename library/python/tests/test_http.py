@@ -1,4 +1,4 @@
-"""Files on a web server that answers slowly."""
+"""Files on servers: on a web server that answers slowly, and by ssh."""
 
 import http.server
 import os
@@ -115,3 +115,24 @@ def test_ctrl_c_ends_a_wait_for_a_server(address):
 def test_an_address_without_a_server():
     with pytest.raises(splatvol.FileError):
         splatvol.open("http://127.0.0.1:9/absent.svol")
+
+
+def test_a_file_that_ssh_reaches(large_path, tmp_path, monkeypatch):
+    server = "/usr/lib/openssh/sftp-server"
+    if not os.access(server, os.X_OK):
+        pytest.skip("no sftp-server on this machine (package openssh-sftp-server)")
+    program = tmp_path / "ssh"
+    program.write_text(f"#!/bin/sh\nexec {server}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    file = splatvol.open(f"ssh://me@host{large_path}")
+    np.testing.assert_array_equal(file.points(1).positions, splatvol.open(large_path).points(1).positions)
+    assert 0 < file.bytes_read < file.file_bytes
+    with pytest.raises(splatvol.FileError, match="not found"):
+        splatvol.open(f"ssh://host{large_path}.svol")
+
+
+def test_a_mesh_on_a_server_is_built_there():
+    for scheme in ("http", "https", "ssh"):
+        with pytest.raises(splatvol.UnsupportedError, match="run svbuild there"):
+            splatvol.open(f"{scheme}://host.invalid/mesh.vtu")

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <numeric>
-#include <tuple>
 
 #include "builder/output/index_leaf_spool.h"
 #include "builder/output/row_files.h"
@@ -69,7 +68,7 @@ struct Rows {
   std::vector<std::vector<float>> values;                 // [row]; empty unless the segment is the resolution's own
   std::vector<std::vector<std::uint8_t>> depths, counts;  // [row]
 
-  explicit Rows(bool fits) {
+  Rows() {
     constexpr std::size_t count = 6000;
     WholePoints whole = overlapping_points(count);
     const Cube cube = whole.summary.cube;
@@ -80,8 +79,8 @@ struct Rows {
     AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
     const RowPacker packer(info);
     RowFiles files(testing::TempDir(), finest);
-    RowCollector rows(info, group_sizes, fits);
-    const ReductionSettings settings{cube, leaf_points, true, true, info.attributes};
+    RowCollector rows(info, group_sizes);
+    const ReductionSettings settings{cube, leaf_points, true, info.attributes};
     ReductionPass pass(settings, rows, [](const OpenIndexLeaf&) -> Status { return {}; });
     run(points, 100, pass, rows, packer, files);
     std::vector<PendingRow> rest = *rows.extract_rest();
@@ -164,7 +163,6 @@ std::vector<StoredSplat> splats_in_file_order(const Rows& rows) {
   std::vector<std::vector<StoredSplat>> splats;
   for (std::size_t r = 0; r < rows.resolutions.size(); ++r)
     splats.push_back(splats_of(rows.points.positions, rows.resolutions[r], materials[r]));
-  fit_finest_densities(splats.back());
   const std::vector<std::uint64_t> order = file_order(rows.resolutions);
   std::vector<StoredSplat> all;
   for (std::size_t r = 0; r < rows.resolutions.size(); ++r) {
@@ -185,62 +183,23 @@ std::vector<T> flat(const std::vector<std::vector<T>>& rows) {
 }
 
 TEST(RowFiles, RowsComeInFileOrderEachOnce) {
-  for (const bool fits : {false, true}) {
-    const Rows rows(fits);
-    ASSERT_GE(rows.resolutions.size(), 3u);
-    std::vector<float> order;
-    for (const std::uint64_t i : file_order(rows.resolutions)) order.push_back(static_cast<float>(i));
-    EXPECT_EQ(flat(rows.values), order);
+  const Rows rows;
+  ASSERT_GE(rows.resolutions.size(), 3u);
+  std::vector<float> order;
+  for (const std::uint64_t i : file_order(rows.resolutions)) order.push_back(static_cast<float>(i));
+  EXPECT_EQ(flat(rows.values), order);
 
-    const std::vector<StoredSplat> expected = splats_in_file_order(rows);
-    const auto shapes = flat(rows.shapes);
-    const auto depths = flat(rows.depths), counts = flat(rows.counts);
-    ASSERT_EQ(shapes.size(), expected.size());
-    for (std::size_t k = 0; k < expected.size(); ++k) {
-      ASSERT_EQ(depths[k], expected[k].depth) << k;
-      ASSERT_EQ(counts[k], expected[k].count) << k;
-      // One quantisation step of the log code is 2^(1/128).
-      ASSERT_NEAR(shapes[k].mass, expected[k].shape.mass, 0.01 * expected[k].shape.mass) << k;
-      ASSERT_NEAR(shapes[k].deviations[0], expected[k].shape.deviations[0], 0.01 * expected[k].shape.deviations[0]);
-    }
-  }
-}
-
-// The collector fits the densities that the oracle fits. The rest of the file does not depend on the fit.
-TEST(RowCollector, DensitiesOfTheFinestAreFitted) {
-  const Rows fitted(true), none(false);
-  const std::vector<StoredSplat> expected = splats_in_file_order(fitted);
-  const std::size_t finest = fitted.resolutions.back().size();
-  const auto shapes = flat(fitted.shapes), none_shapes = flat(none.shapes);
-  std::size_t differ = 0;
+  const std::vector<StoredSplat> expected = splats_in_file_order(rows);
+  const auto shapes = flat(rows.shapes);
+  const auto depths = flat(rows.depths), counts = flat(rows.counts);
+  ASSERT_EQ(shapes.size(), expected.size());
   for (std::size_t k = 0; k < expected.size(); ++k) {
-    const SplatShape &a = shapes[k], &b = none_shapes[k];
-    const auto rest = [](const SplatShape& shape) {
-      return std::tuple(shape.mass, shape.deviations, shape.orientation, shape.boundary);
-    };
-    ASSERT_EQ(rest(a), rest(b));
-    ASSERT_EQ(b.density, 1);
-    if (k < expected.size() - finest) {
-      ASSERT_EQ(a.density, 1);
-    }
-    if (a.mass == 0) continue;
-    const double density = std::clamp(expected[k].shape.density, 1.0 / 16, 15.0);  // the file's range
-    ASSERT_NEAR(a.density / density, 1, 0.05) << k;                                // its quantisation step
-    differ += std::abs(a.density - 1) > 0.1;
-  }
-  EXPECT_GT(differ, 100u);
-}
-
-TEST(RowCollector, ColumnsOtherThanMomentsAreTheSameBytes) {
-  const Rows all(true), none(false);
-  ASSERT_EQ(all.packed.size(), none.packed.size());
-  for (std::size_t row = 0; row < all.packed.size(); ++row) {
-    ASSERT_EQ(all.packed[row].size(), none.packed[row].size());
-    const std::size_t moments = all.packed[row].size() == 4 ? 2 : 1;
-    for (std::size_t c = 0; c < all.packed[row].size(); ++c)
-      if (c != moments) {
-        ASSERT_EQ(all.packed[row][c].bytes, none.packed[row][c].bytes) << row << " " << c;
-      }
+    ASSERT_EQ(depths[k], expected[k].depth) << k;
+    ASSERT_EQ(counts[k], expected[k].count) << k;
+    // One quantisation step of the log code is 2^(1/128).
+    ASSERT_NEAR(shapes[k].mass, expected[k].shape.mass, 0.01 * expected[k].shape.mass) << k;
+    ASSERT_NEAR(shapes[k].deviations[0], expected[k].shape.deviations[0], 0.01 * expected[k].shape.deviations[0]);
+    ASSERT_EQ(shapes[k].density, 1) << k;
   }
 }
 
@@ -254,8 +213,8 @@ std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& la
   AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
   const RowPacker packer(info);
   RowFiles files(testing::TempDir(), finest);
-  RowCollector rows(info, {}, false);
-  const ReductionSettings settings{whole.summary.cube, leaf_points, true, true, info.attributes};
+  RowCollector rows(info, {});
+  const ReductionSettings settings{whole.summary.cube, leaf_points, true, info.attributes};
   IndexLeafSpool spool(testing::TempDir());
   ReductionPass pass(
       settings, rows, [&](const OpenIndexLeaf& leaf) { return spool.append(leaf); }, most_open_leaves);

@@ -157,7 +157,6 @@ struct Streamed {
     reduce({.cube = cube,
             .leaf_points = leaf_points,
             .reduces = points.size() > coarsest_target,
-            .wants_splats = true,
             .attributes = std::span(&attribute_, 1),
             .method = method},
            index_leaf_points);
@@ -189,15 +188,23 @@ struct Streamed {
   }
 
   void add(const PointBatch& batch, ReducedBatch& reduced, Cascade& cascade) {
-    levels[0].splats.insert(levels[0].splats.end(), reduced.splats.begin(), reduced.splats.end());
-    for (const float i : reduced.finest.point_values[0].values) ends[static_cast<std::size_t>(i)].push_back(0);
+    std::vector<StoredSplat>& finest = levels[0].splats;
+    finest.resize(batch.first + batch.size());
+    const SplatColumns::Splats& columns = reduced.finest.splats;
+    for (std::size_t k = 0; k < reduced.finest.size(); ++k) {
+      const auto i = static_cast<std::size_t>(reduced.finest.point_values[0].values[k]);
+      finest[i] = {columns.centroids[k], columns.errors[k], columns.shapes[k], i, columns.depths[k], columns.counts[k]};
+      ends[i].push_back(0);
+    }
     std::size_t m = 0;
     for (std::size_t p = 0; p < batch.leaf_parts.size(); ++p)
       for (; m < reduced.leaf_parts[p].members_end; ++m) {
-        if (batch.leaf_parts[p].continued)
+        if (batch.leaf_parts[p].continued) {
           cascade.add_to_last(*reduced.members[m]);
-        else
+        } else {
+          finest[number(*reduced.members[m])] = reduced.members[m]->splats[0];
           cascade.push(std::move(reduced.members[m]));
+        }
       }
     if (batch.first % 2 == 0) cascade.advance();  // now and then: the result does not depend on it
   }

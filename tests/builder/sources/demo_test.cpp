@@ -1,4 +1,4 @@
-// The demo's input: its mesh, its flow, and svdemo, which writes them.
+// The demo's input: its mesh, its flow, and `svgen flow`, which writes them.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -103,10 +103,10 @@ TEST(DemoFlow, VorticityIsTheCurlOfAVelocityWithoutSources) {
 }
 
 int run(const std::string& arguments) {
-  return std::system((std::string(SPLATVOL_BIN) + "/svdemo " + arguments + " 2>/dev/null").c_str());
+  return std::system((std::string(SPLATVOL_BIN) + "/svgen flow " + arguments + " 2>/dev/null").c_str());
 }
 
-TEST(Svdemo, WritesTheSameConformingMeshEveryTime) {
+TEST(SvgenFlow, WritesTheSameConformingMeshEveryTime) {
   const TempFolder folder;
   ASSERT_EQ(run("-o " + folder.path("a.vtu") + " --points 5000 --scene " + folder.path("a.json")), 0);
   ASSERT_EQ(run("-o " + folder.path("b.vtu") + " --points 5000"), 0);

@@ -103,7 +103,7 @@ expect_offers() {
 # Man pages and completions are made of the programs' options.
 test_manual() {
   local program page
-  for program in svbuild svdemo svdiff svexport svgen svinfo svrender svserve svtruth; do
+  for program in svbuild svdiff svexport svgen svinfo svrender svserve svtruth; do
     page=$prefix/share/man/man1/$program.1
     grep -q '^\.SH OPTIONS' "$page" || fail "no man page of $program"
     # A date would make each build another.

@@ -1,4 +1,5 @@
-// svdemo: the demo's input: a knotted vortex on a mesh that is fine where the flow varies, and a scene that shows it.
+#include "tools/svgen_flow.h"
+
 #include <algorithm>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -6,7 +7,6 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "base/replaceable.h"
 #include "builder/sources/vtk/writer.h"
 #include "tools/bisection_mesh.h"
 #include "tools/demo_flow.h"
@@ -82,7 +82,10 @@ Demo make_demo(std::size_t points) {
   return demo;
 }
 
-Status write_mesh(const std::string& path, const Demo& demo, Replace replace) {
+}  // namespace
+
+Status write_flow(const std::string& path, std::size_t points, Replace replace) {
+  const Demo demo = make_demo(points);
   PointArray velocity{"velocity", 3, {}};
   PointArray vorticity{"vorticity", 1, {}};
   PointArray pressure{"pressure", 1, {}};
@@ -99,7 +102,7 @@ Status write_mesh(const std::string& path, const Demo& demo, Replace replace) {
   return write_vtu(path, demo.mesh.points(), tetrahedra, arrays, {.is_export = true, .replace = replace});
 }
 
-Status write_scene(const std::string& path) {
+Status write_flow_scene(const std::string& path) {
   using nlohmann::ordered_json;
   const ordered_json scene = {
       {"camera",
@@ -123,32 +126,4 @@ Status write_scene(const std::string& path) {
   return write_text_file(path, json_text(scene, 1) + "\n");
 }
 
-}  // namespace
 }  // namespace splatvol
-
-int main(int argc, char** argv) {
-  splatvol::CommandLine app("Makes a mesh to try splatvol on: a knotted vortex, fine where the flow varies.", "svdemo");
-  std::string mesh_path;
-  std::string scene_path;
-  std::size_t points = 100000;
-  splatvol::Replace replace = splatvol::Replace::exports;
-  auto* mesh_option = app.add_option("-o,--output", mesh_path, "The mesh to write (.vtu)")
-                          ->type_name("OUT.vtu")
-                          ->check([](const std::string& path) {
-                            return splatvol::has_extension(path, ".vtu") ? "" : "'" + path + "' does not end in .vtu";
-                          });
-  app.add_option("--points", points, "Approximate number of points")->range(1000, 100'000'000)->capture_default_str();
-  auto* scene_option = app.add_option("--scene", scene_path, "The scene file to write (.json)")
-                           ->type_name("OUT.json")
-                           ->check(splatvol::check_json_path);
-  splatvol::add_force_option(app, replace);
-  app.callback([&] {
-    if (!mesh_option->is_given() && !scene_option->is_given()) splatvol::missing_option("-o or --scene");
-  });
-  return splatvol::run_tool(app, argc, argv, [&]() -> splatvol::Status {
-    SPLATVOL_TRY(splatvol::check_outputs({mesh_path, scene_path}, {}, replace));
-    if (mesh_option->is_given()) SPLATVOL_TRY(splatvol::write_mesh(mesh_path, splatvol::make_demo(points), replace));
-    if (scene_option->is_given()) SPLATVOL_TRY(splatvol::write_scene(scene_path));
-    return {};
-  });
-}
